@@ -1,0 +1,54 @@
+"""Freshness of anything that must keep coming. Time is an argument, so tests need no clock."""
+
+import math
+
+
+class Watchdog:
+    """
+    Tells whether something was heard within the last ``timeout`` seconds.
+
+    Never heard is expired, and so is a clock that ran backwards: when in doubt, it is not fresh.
+
+    :param timeout: seconds, above 0 and finite. :raises ValueError: for any other value.
+    """
+
+    __slots__ = ('_last', 'timeout')
+
+    def __init__(self, timeout: float) -> None:
+        if not (math.isfinite(timeout) and timeout > 0.0):
+            raise ValueError(f'a timeout must be above 0 s and finite, not {timeout}')
+        self.timeout = timeout
+        self._last: float | None = None
+
+    def feed(self, now: float) -> None:
+        """Note that it was heard at ``now`` (seconds, monotonic)."""
+        self._last = now
+
+    def reset(self) -> None:
+        """Forget that it was ever heard."""
+        self._last = None
+
+    @property
+    def heard(self) -> bool:
+        """Tell whether it was heard at all since the start or the last reset."""
+        return self._last is not None
+
+    def age(self, now: float) -> float:
+        """Return the seconds since it was heard; infinite if never."""
+        return math.inf if self._last is None else now - self._last
+
+    def expired(self, now: float) -> bool:
+        """Tell whether it is not fresh at ``now``."""
+        return not 0.0 <= self.age(now) <= self.timeout
+
+    @property
+    def deadline(self) -> float:
+        """The moment up to which it is fresh; infinite if there is nothing left to expire."""
+        return math.inf if self._last is None else self._last + self.timeout
+
+    def describe(self, now: float) -> str:
+        """Say the age in words, such as 'last heard 312 ms ago, limit 250 ms'."""
+        limit = f'limit {self.timeout * 1e3:.0f} ms'
+        if self._last is None:
+            return f'never heard, {limit}'
+        return f'last heard {self.age(now) * 1e3:.0f} ms ago, {limit}'
