@@ -1,0 +1,460 @@
+"""
+The common node: parameters, lifecycle, e-stop, link and diagnostics topics, start and shutdown.
+
+What a stop needs is here once, for all bridges: ``~/estop`` is true from construction, published
+at once on change and at ``estop_rate`` always, by the link thread, port or no port, active or not.
+"""
+
+from collections.abc import Callable
+from collections.abc import Sequence
+from dataclasses import asdict
+import math
+import signal
+import sys
+import threading
+import time
+import traceback
+from typing import Any
+from typing import ClassVar
+
+from diagnostic_msgs.msg import DiagnosticArray
+from rcl_interfaces.msg import FloatingPointRange
+from rcl_interfaces.msg import IntegerRange
+from rcl_interfaces.msg import ParameterDescriptor
+from rcl_interfaces.msg import SetParametersResult
+import rclpy
+from rclpy.duration import Duration
+from rclpy.exceptions import ParameterException
+from rclpy.executors import ExternalShutdownException
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.lifecycle import LifecycleNode
+from rclpy.lifecycle import TransitionCallbackReturn
+from rclpy.qos import DurabilityPolicy
+from rclpy.qos import QoSProfile
+from rclpy.signals import SignalHandlerOptions
+from std_msgs.msg import Bool
+
+from bridge_core.diagnostics import ERROR
+from bridge_core.diagnostics import OK
+from bridge_core.diagnostics import Status
+from bridge_core.diagnostics import WARN
+from bridge_core.parameters import Parameter
+from bridge_core.parameters import ParameterError
+from bridge_core.parameters import resolve
+from bridge_core.transports import Transport
+from bridge_core.transports import TransportError
+from bridge_core.transports.link import Link
+from bridge_core.transports.link import Session
+
+MANAGED_PARAMETERS = (
+    Parameter(
+        'autostart',
+        True,
+        'Configure and activate without a lifecycle manager. False leaves both to one.',
+    ),
+)
+BRIDGE_PARAMETERS = (
+    *MANAGED_PARAMETERS,
+    Parameter('hardware_id', '', 'Name of this one device in diagnostics. Empty: the port.'),
+    Parameter('frame_id', '', 'frame_id in the headers of published messages.'),
+    Parameter(
+        'estop_rate',
+        20.0,
+        'How often ~/estop is repeated while nothing changes. Keep its period well below the '
+        'time-out of who listens.',
+        unit='Hz',
+        minimum=5.0,
+        maximum=200.0,
+    ),
+    Parameter(
+        'reconnect_period',
+        1.0,
+        'Longest wait between two tries to open a lost port; the first comes after 0.1 s.',
+        unit='s',
+        minimum=0.1,
+        maximum=2.0,
+    ),
+)
+# ROS declares these by itself; nobody else may use an unknown name.
+_ROS_PARAMETERS = ('use_sim_time', 'start_type_description_service')
+_DIAGNOSTICS_PERIOD = 1.0
+
+
+def latched_qos(deadline: float | None = None) -> QoSProfile:
+    """Return the QoS of a state: reliable, transient local, depth 1, and a deadline in seconds."""
+    qos = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+    if deadline is not None:
+        qos.deadline = Duration(seconds=deadline)
+    return qos
+
+
+class ManagedNode(LifecycleNode):
+    """
+    A lifecycle node with checked parameters.
+
+    :raises ParameterError: at construction, before anything is opened.
+    """
+
+    PARAMETERS: ClassVar[tuple[Parameter, ...]] = MANAGED_PARAMETERS
+
+    def __init__(self, name: str, **options: Any) -> None:
+        # Everything given is declared at first, so that a name nobody knows can be refused.
+        super().__init__(name, automatically_declare_parameters_from_overrides=True, **options)
+        self.active = False
+        self.values: dict[str, Any] = self._declare()
+        self.add_on_set_parameters_callback(self._on_set_parameters)
+
+    def parameter_table(self, given: dict[str, Any]) -> tuple[Parameter, ...]:
+        """Return all parameters; a node whose lists name further ones extends this."""
+        del given
+        return self.PARAMETERS
+
+    def check_parameters(self, values: dict[str, Any]) -> None:
+        """Refuse values that contradict each other. :raises ParameterError: naming both."""
+
+    def shut_down(self) -> None:
+        """Leave the device safe; called on SIGINT and SIGTERM and before the node is destroyed."""
+
+    def autostart(self) -> None:
+        """Configure and activate, unless the parameter leaves that to somebody else."""
+        if self.values['autostart']:
+            self.trigger_configure()
+            self.trigger_activate()
+
+    def _declare(self) -> dict[str, Any]:
+        names = [name for name in self._parameters if not _is_ros_parameter(name)]
+        given = {name: _plain(self.get_parameter(name).value) for name in names}
+        self._table = {p.name: p for p in self.parameter_table(given)}
+        values = resolve(self._table.values(), given)
+        self.check_parameters(values)
+        for name in names:
+            self.undeclare_parameter(name)
+        for name, value in values.items():
+            self.declare_parameter(name, value, _descriptor(self._table[name]), True)
+        return values
+
+    def _on_set_parameters(self, parameters: Sequence[Any]) -> Any:
+        changes = {p.name: _plain(p.value) for p in parameters if p.name in self._table}
+        try:
+            for name, value in changes.items():
+                parameter = self._table[name]
+                if self.active and not parameter.runtime:
+                    raise ParameterError(f'parameter {name}: deactivate the node to change it')
+                changes[name] = parameter.validate(value)
+            values = {**self.values, **changes}
+            self.check_parameters(values)
+        except ParameterError as error:
+            return SetParametersResult(successful=False, reason=str(error))
+        self.values = values
+        return SetParametersResult(successful=True)
+
+    def _transition(self, action: Callable[[], None], what: str) -> TransitionCallbackReturn:
+        try:
+            action()
+        except (ValueError, TransportError) as error:
+            self.get_logger().error(f'cannot {what}: {error}')
+            return TransitionCallbackReturn.FAILURE
+        return TransitionCallbackReturn.SUCCESS
+
+
+class BridgeNode(ManagedNode):
+    """
+    A node that joins one device: the room adds its session, its transport and its topics.
+
+    Callbacks of the executor never touch the session: they post requests to ``self.link``.
+    ``handle`` and ``device_status`` run on the link thread.
+    """
+
+    PARAMETERS: ClassVar[tuple[Parameter, ...]] = BRIDGE_PARAMETERS
+
+    def __init__(self, name: str, **options: Any) -> None:
+        super().__init__(name, **options)
+        period = 1.0 / self.values['estop_rate']
+        qos = latched_qos(deadline=2.0 * period)
+        self._estop_publisher = self.create_publisher(Bool, '~/estop', qos)
+        self._own_estop_publisher = self.create_publisher(Bool, '~/own_estop', qos)
+        self._link_up_publisher = self.create_publisher(Bool, '~/link_up', latched_qos())
+        self._diagnostics_publisher = self.create_publisher(DiagnosticArray, '/diagnostics', 10)
+        self._period = period
+        self._repeat_at = self._diagnose_at = 0.0
+        self._told: tuple[bool, bool, bool] | None = None
+        self._levels: list[bytes] = []
+        self.session: Session | None = None
+        self.link = Link(name, self, reconnect_period=self.values['reconnect_period'])
+        self.create_interfaces()
+        self.link.start()
+
+    # What a room provides.
+
+    def create_interfaces(self) -> None:
+        """Create the room's publishers, subscriptions and services."""
+
+    def make_session(self) -> Any:
+        """Return a new session made from the parameters."""
+        raise NotImplementedError
+
+    def make_transport(self) -> Transport:
+        """Return the transport that the parameters name, not yet open."""
+        raise NotImplementedError
+
+    def handle(self, event: Any) -> None:
+        """Publish one event of the session."""
+
+    def device_status(self, now: float) -> Status:
+        """Return the device's own diagnostic."""
+        raise NotImplementedError
+
+    # The owner's side of the link.
+
+    def pace(self, now: float) -> float:
+        """Publish stop and link states on change and at ``estop_rate``, diagnostics at 1 Hz."""
+        changed = self._state() != self._told
+        if changed or now >= self._repeat_at:
+            self._tell(now, changed)
+        return min(self._repeat_at, self._diagnose_at)
+
+    def link_changed(self, text: str, ok: bool) -> None:
+        """Log a change of the port's state."""
+        (self.get_logger().info if ok else self.get_logger().error)(text)
+
+    def stamp(self) -> Any:
+        """Return the time for a header, in ROS time: it never decides anything."""
+        return self.get_clock().now().to_msg()
+
+    def _state(self) -> tuple[bool, bool, bool]:
+        """Return estop, own_estop and link_up; without an active session all is stopped."""
+        session = self.session
+        if session is None:
+            return True, True, False
+        return session.estop, session.own_estop, session.link_up
+
+    def _tell(self, now: float, changed: bool) -> None:
+        estop, own_estop, link_up = state = self._state()
+        self._estop_publisher.publish(Bool(data=estop))
+        self._own_estop_publisher.publish(Bool(data=own_estop))
+        if self._told is None or link_up != self._told[2]:
+            self._link_up_publisher.publish(Bool(data=link_up))
+        if changed:
+            self._log_stop(estop, now)
+        self._told = state
+        self._repeat_at = now + self._period
+        self._diagnose(now)
+
+    def _log_stop(self, estop: bool, now: float) -> None:
+        if self._told is not None and estop == self._told[0]:
+            return
+        if not estop:
+            self.get_logger().info('no stop demanded any more')
+        else:
+            self.get_logger().warning(f'stop: {"; ".join(self._stop_reasons(now))}')
+
+    def _stop_reasons(self, now: float) -> list[str]:
+        if self.session is None:
+            return ['the node is not active']
+        if not self.link.status.is_open:
+            return [self.link.status.error]
+        return list(self.session.stop_reasons(now))  # type: ignore[attr-defined]
+
+    def _diagnose(self, now: float) -> None:
+        statuses = [self._link_status(now), self._checked_device_status(now)]
+        levels = [status.level for status in statuses]
+        if levels == self._levels and now < self._diagnose_at:
+            return
+        self._levels, self._diagnose_at = levels, now + _DIAGNOSTICS_PERIOD
+        hardware_id = self.values['hardware_id'] or self.hardware_name
+        name = self.get_fully_qualified_name().lstrip('/')
+        array = DiagnosticArray(
+            status=[
+                status.to_msg(f'{name}: {part}', hardware_id)
+                for part, status in zip(('link', 'device'), statuses, strict=True)
+            ]
+        )
+        array.header.stamp = self.stamp()
+        self._diagnostics_publisher.publish(array)
+
+    @property
+    def hardware_name(self) -> str:
+        """The device's name where the user gave none: its port."""
+        return str(self.values.get('port', self.get_name()))
+
+    def _checked_device_status(self, now: float) -> Status:
+        if self.session is None:
+            return Status(WARN, 'the node is not active; ~/estop is true')
+        return self.device_status(now)
+
+    def _link_status(self, now: float) -> Status:
+        port, session = self.link.status, self.session
+        if session is None:
+            return Status(WARN, 'the node is not active', {})
+        if not port.is_open:
+            level, message = ERROR, port.error
+        elif not session.link_up:
+            level, message = ERROR, '; '.join(self._stop_reasons(now))
+        else:
+            level, message = OK, 'ok'
+        counters = session.counters  # type: ignore[attr-defined]
+        values = {key.replace('_', ' '): value for key, value in asdict(counters).items()}
+        age = session.frame_age(now)  # type: ignore[attr-defined]
+        values['age of last frame (s)'] = age if math.isfinite(age) else 'never'
+        values |= {
+            'reconnects': max(0, port.opens - 1),
+            'sent': port.sent,
+            'dropped': port.dropped,
+        }
+        return Status(level, message, values)
+
+    # Lifecycle. Every way out of active leaves the device safe first.
+
+    def on_configure(self, state: Any) -> TransitionCallbackReturn:
+        """Check that session and transport can be made from the parameters."""
+        del state
+
+        def configure() -> None:
+            self.make_session()
+            self.make_transport()
+
+        return self._transition(configure, 'configure')
+
+    def on_activate(self, state: Any) -> TransitionCallbackReturn:
+        """Open the port, and keep it open."""
+
+        def activate() -> None:
+            self.session = self.make_session()
+            self.active = True
+            self.link.activate(self.make_transport(), self.session)
+
+        result = self._transition(activate, 'activate')
+        super().on_activate(state)
+        return result
+
+    def on_deactivate(self, state: Any) -> TransitionCallbackReturn:
+        """Leave the device safe, close the port, demand a stop."""
+        result = self._transition(self._leave_active, 'deactivate')
+        super().on_deactivate(state)
+        return result
+
+    def on_shutdown(self, state: Any) -> TransitionCallbackReturn:
+        """Leave the device safe."""
+        del state
+        return self._transition(self._leave_active, 'shut down')
+
+    def on_error(self, state: Any) -> TransitionCallbackReturn:
+        """Leave the device safe."""
+        del state
+        return self._transition(self._leave_active, 'recover')
+
+    def _leave_active(self) -> None:
+        try:
+            self.link.deactivate()
+        finally:
+            self.active = False
+            self.session = None
+            self.link.post('told', lambda now: None)  # the stop is told at once
+
+    def shut_down(self) -> None:
+        """Leave the device safe, say so, end the thread."""
+        try:
+            self._leave_active()
+        except TransportError as error:
+            self.get_logger().error(f'no farewell: {error}')
+        self.link.stop()
+        self._tell(time.monotonic(), True)
+
+    def destroy_node(self) -> None:
+        """End the link thread before what it publishes on goes away."""
+        self.link.stop()
+        super().destroy_node()
+
+
+def _plain(value: Any) -> Any:
+    """Return an array parameter, which rclpy keeps in several types, as a list."""
+    return value if isinstance(value, bool | int | float | str | None) else list(value)
+
+
+def _is_ros_parameter(name: str) -> bool:
+    return name in _ROS_PARAMETERS or name.startswith('qos_overrides.')
+
+
+def _descriptor(parameter: Parameter) -> Any:
+    """Return the ROS description; the ranges there are inclusive, ours are checked besides."""
+    descriptor = ParameterDescriptor(
+        name=parameter.name,
+        description=parameter.description,
+        additional_constraints=parameter.allowed,
+    )
+    low, high = parameter.minimum, parameter.maximum
+    if low is not None and high is not None:
+        if type(parameter.default) is float:
+            descriptor.floating_point_range = [FloatingPointRange(from_value=low, to_value=high)]
+        elif type(parameter.default) is int:
+            descriptor.integer_range = [
+                IntegerRange(from_value=int(low), to_value=int(high), step=1)
+            ]
+    return descriptor
+
+
+def run(factories: Sequence[Callable[[], ManagedNode]], args: list[str] | None = None) -> int:
+    """
+    Run nodes until SIGINT or SIGTERM, each with an executor and a thread of its own.
+
+    Return the exit status: 0 after a signal, 2 for a bad parameter or argument, 1 for a fault.
+    """
+    stop = threading.Event()
+    try:
+        # With ROS's own handlers the context would be gone before the last stop could be told.
+        rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
+    except Exception as error:  # RCLError and others are not exported; all mean bad arguments
+        print(f'rugged_teleop: {_one_line(error)}', file=sys.stderr)
+        return 2
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda *_: stop.set())
+    nodes: list[ManagedNode] = []
+    try:
+        for factory in factories:
+            nodes.append(factory())
+    except (ParameterError, ParameterException) as error:
+        print(f'rugged_teleop: {_one_line(error)}', file=sys.stderr)
+        _leave(nodes)
+        return 2
+    faults = _spin(nodes, stop)
+    _leave(nodes)
+    return 1 if faults else 0
+
+
+def _spin(nodes: Sequence[ManagedNode], stop: threading.Event) -> list[str]:
+    faults: list[str] = []
+
+    def spin(node: ManagedNode) -> None:
+        executor = SingleThreadedExecutor()
+        executor.add_node(node)
+        try:
+            node.autostart()
+            while not stop.is_set():
+                executor.spin_once(timeout_sec=0.1)
+        except ExternalShutdownException:
+            stop.set()
+        except Exception:
+            faults.append(traceback.format_exc())
+            node.get_logger().fatal(faults[-1])
+            stop.set()
+        executor.shutdown()
+
+    threads = [threading.Thread(target=spin, args=(node,), daemon=True) for node in nodes]
+    for thread in threads:
+        thread.start()
+    stop.wait()
+    for thread in threads:
+        thread.join(timeout=0.5)
+    return faults
+
+
+def _leave(nodes: Sequence[ManagedNode]) -> None:
+    for node in nodes:
+        node.shut_down()
+    for node in nodes:
+        node.destroy_node()
+    rclpy.try_shutdown()
+
+
+def _one_line(error: Exception) -> str:
+    return ' '.join(str(error).split())

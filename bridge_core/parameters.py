@@ -1,0 +1,122 @@
+"""
+Parameters as data: name, default, meaning, unit and range stand in one place.
+
+From the same table come the declaration in ROS, the check before any port opens, the error in one
+line, and the test that the documentation and the annotated YAML files are complete.
+"""
+
+from collections.abc import Callable
+from collections.abc import Iterable
+from collections.abc import Mapping
+from dataclasses import dataclass
+from dataclasses import replace
+import difflib
+import math
+from typing import Any
+
+Value = Any  # bool, int, float, str, or a list of one of the last three
+
+
+class ParameterError(ValueError):
+    """A parameter is unknown, of the wrong type, out of range, or contradicts another one."""
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """
+    One parameter. Its type is that of the default; an int is accepted where a float is meant.
+
+    :param minimum: smallest allowed number, included (of every element, for a list).
+    :param choices: the allowed strings; empty allows any.
+    :param above: the number must be greater than this, for ranges that exclude their lower end.
+    :param check: raises ValueError with what is allowed, for what a range cannot say.
+    :param runtime: may be changed while the node is active.
+    """
+
+    name: str
+    default: Value
+    description: str
+    unit: str = ''
+    minimum: float | None = None
+    maximum: float | None = None
+    above: float | None = None
+    choices: tuple[str, ...] = ()
+    check: Callable[[Any], None] | None = None
+    runtime: bool = False
+
+    def validate(self, value: Value) -> Value:
+        """Return the value in the parameter's own type. :raises ParameterError: not allowed."""
+        items = value if isinstance(self.default, list) else [value]
+        kind = type((self.default or [''])[0] if isinstance(self.default, list) else self.default)
+        if not isinstance(items, list | tuple):
+            raise self.error(value)
+        checked = [self._validate_item(item, kind, value) for item in items]
+        result = checked if isinstance(self.default, list) else checked[0]
+        if self.check is not None:
+            try:
+                self.check(result)
+            except ValueError as error:
+                raise ParameterError(f'parameter {self.name} = {value!r}: {error}') from error
+        return result
+
+    def _validate_item(self, item: Value, kind: type[Any], value: Value) -> Value:
+        if kind is float and type(item) is int:
+            item = float(item)
+        if type(item) is not kind:
+            raise self.error(value)
+        if type(item) in (int, float) and not self._in_range(item):
+            raise self.error(value)
+        if self.choices and item not in self.choices:
+            raise self.error(value)
+        return item
+
+    def _in_range(self, number: float) -> bool:
+        return (
+            math.isfinite(number)
+            and (self.minimum is None or number >= self.minimum)
+            and (self.maximum is None or number <= self.maximum)
+            and (self.above is None or number > self.above)
+        )
+
+    def error(self, value: Value) -> ParameterError:
+        """Make the error that says what is allowed instead of ``value``."""
+        return ParameterError(f'parameter {self.name} = {value!r}: allowed is {self.allowed}')
+
+    @property
+    def allowed(self) -> str:
+        """The allowed values in words, such as 'a number from 0.02 to 10 s'."""
+        if self.choices:
+            return 'one of ' + ', '.join(repr(choice) for choice in self.choices)
+        sample = (self.default or [''])[0] if isinstance(self.default, list) else self.default
+        words = {bool: 'true or false', int: 'a whole number', float: 'a number', str: 'a string'}
+        text = words[type(sample)]
+        if self.above is not None:
+            text += f' above {self.above:g}'
+        if self.minimum is not None:
+            text += f' from {self.minimum:g}'
+        if self.maximum is not None:
+            text += f' to {self.maximum:g}'
+        text += f' {self.unit}' if self.unit and type(sample) in (int, float) else ''
+        return f'a list, each {text}' if isinstance(self.default, list) else text
+
+    def named(self, name: str, default: Value = None) -> 'Parameter':
+        """Return a copy under another name, for what repeats per source, joint or axis."""
+        return replace(self, name=name, default=self.default if default is None else default)
+
+
+def resolve(parameters: Iterable[Parameter], given: Mapping[str, Value]) -> dict[str, Value]:
+    """
+    Return every parameter's value: the given one, checked, or else the default.
+
+    :raises ParameterError: for the first that is not allowed, or that no parameter is named after.
+    """
+    table = {parameter.name: parameter for parameter in parameters}
+    for name in given:
+        if name not in table:
+            near = difflib.get_close_matches(name, table, n=1)
+            hint = f'; did you mean {near[0]}?' if near else ''
+            raise ParameterError(f'parameter {name}: there is no such parameter{hint}')
+    return {
+        name: parameter.validate(given.get(name, parameter.default))
+        for name, parameter in table.items()
+    }

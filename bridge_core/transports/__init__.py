@@ -1,0 +1,37 @@
+"""
+Moving bytes, and nothing else: what they mean is the session's business.
+
+A transport is opened by the link thread, gives a file descriptor to wait on, and is closed and
+opened again for ever. ``close`` may be called twice.
+"""
+
+from typing import Protocol
+
+
+class TransportError(Exception):
+    """The port cannot be opened, is gone, or takes no more bytes; the text says what to do."""
+
+
+class Transport(Protocol):
+    """One port of one device."""
+
+    name: str  # what the user calls the port, for messages
+
+    def open(self) -> None:
+        """Open the port and forget what was received before. :raises TransportError: cannot."""
+
+    def close(self) -> None:
+        """Close the port; what is queued may leave if that takes but an instant."""
+
+    def fileno(self) -> int:
+        """Return the descriptor that becomes readable when something was received or was lost."""
+
+    def receive(self) -> list[bytes]:
+        """Return what is there, without waiting. :raises TransportError: the port is gone."""
+
+    def send(self, frame: bytes) -> bool:
+        """
+        Queue one frame; return False if the line is busy with earlier ones and it was dropped.
+
+        :raises TransportError: the port is gone, or took nothing within its deadline.
+        """
