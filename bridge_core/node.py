@@ -44,7 +44,6 @@ from bridge_core.parameters import resolve
 from bridge_core.transports import Transport
 from bridge_core.transports import TransportError
 from bridge_core.transports.link import Link
-from bridge_core.transports.link import Session
 
 MANAGED_PARAMETERS = (
     Parameter(
@@ -179,7 +178,9 @@ class BridgeNode(ManagedNode):
         self._repeat_at = self._diagnose_at = 0.0
         self._told: tuple[bool, bool, bool] | None = None
         self._levels: list[bytes] = []
-        self.session: Session | None = None
+        self.refused = 0
+        self.refusal = ''
+        self.session: Any = None  # the room's own Session while active
         self.link = Link(name, self, reconnect_period=self.values['reconnect_period'])
         self.create_interfaces()
         self.link.start()
@@ -203,6 +204,34 @@ class BridgeNode(ManagedNode):
     def device_status(self, now: float) -> Status:
         """Return the device's own diagnostic."""
         raise NotImplementedError
+
+    def request(
+        self, key: str, action: Callable[[Any, float], None], *, sticky: bool = False
+    ) -> None:
+        """
+        Have ``action(session, now)`` done on the link thread; of one key the latest wins.
+
+        A ValueError is a refusal of what somebody asked: it is counted and logged, nothing else.
+
+        :param sticky: a stop: nothing that is asked later replaces it.
+        """
+        session = self.session
+        if session is None:
+            return
+
+        def act(now: float) -> None:
+            try:
+                action(session, now)
+            except ValueError as error:
+                self.refuse(f'{key}: {error}')
+
+        self.link.post(key, act, sticky=sticky)
+
+    def refuse(self, text: str) -> None:
+        """Count and log a request that makes no sense."""
+        self.refused += 1
+        self.refusal = text
+        self.get_logger().warning(f'refused {text}', throttle_duration_sec=1.0)
 
     # The owner's side of the link.
 
@@ -253,7 +282,7 @@ class BridgeNode(ManagedNode):
             return ['the node is not active']
         if not self.link.status.is_open:
             return [self.link.status.error]
-        return list(self.session.stop_reasons(now))  # type: ignore[attr-defined]
+        return list(self.session.stop_reasons(now))
 
     def _diagnose(self, now: float) -> None:
         statuses = [self._link_status(now), self._checked_device_status(now)]
@@ -292,14 +321,16 @@ class BridgeNode(ManagedNode):
             level, message = ERROR, '; '.join(self._stop_reasons(now))
         else:
             level, message = OK, 'ok'
-        counters = session.counters  # type: ignore[attr-defined]
+        counters = session.counters
         values = {key.replace('_', ' '): value for key, value in asdict(counters).items()}
-        age = session.frame_age(now)  # type: ignore[attr-defined]
+        age = session.frame_age(now)
         values['age of last frame (s)'] = age if math.isfinite(age) else 'never'
         values |= {
             'reconnects': max(0, port.opens - 1),
             'sent': port.sent,
             'dropped': port.dropped,
+            'refused requests': self.refused,
+            'last refusal': self.refusal or 'none',
         }
         return Status(level, message, values)
 

@@ -18,6 +18,7 @@ import traceback
 from typing import Any
 from typing import Protocol
 
+from bridge_core.framing import Counters
 from bridge_core.transports import Transport
 from bridge_core.transports import TransportError
 
@@ -42,6 +43,16 @@ class Session(Protocol):
     @property
     def link_up(self) -> bool:
         """Valid frames arrive within the link time-out."""
+
+    @property
+    def counters(self) -> Counters:
+        """What was received so far."""
+
+    def frame_age(self, now: float) -> float:
+        """Return the seconds since the last good frame; infinite if there was none."""
+
+    def stop_reasons(self, now: float) -> list[str]:
+        """Say in words why ``estop`` is true, and what to do; empty if it is false."""
 
     def opened(self, now: float) -> Output:
         """Start: the port was opened. Return events and frames to send."""

@@ -1,0 +1,1 @@
+"""The FORT Vehicle Safety Controller (VSC) and its Safe Remote Control (SRC)."""

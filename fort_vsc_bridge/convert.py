@@ -1,0 +1,241 @@
+"""
+Between the VSC's values and ROS messages; pure functions.
+
+NMEA sentences are read here in a few lines: two sentences and six fields do not earn a dependency.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+import math
+
+from builtin_interfaces.msg import Time
+from diagnostic_msgs.msg import KeyValue
+from sensor_msgs.msg import BatteryState
+from sensor_msgs.msg import Joy
+from sensor_msgs.msg import JoyFeedback
+from sensor_msgs.msg import NavSatFix
+from sensor_msgs.msg import NavSatStatus
+from std_msgs.msg import String
+
+from fort_vsc_bridge.protocol import MAX_MAGNITUDE
+from fort_vsc_bridge.protocol import Mode
+from fort_vsc_bridge.protocol import mode_name
+from fort_vsc_bridge.protocol import RemoteStatus
+
+# The device counts X to the right; in ROS left is positive. Y (forward) and Z stay.
+_SIGNS = (-1.0, 1.0, 1.0, -1.0, 1.0, 1.0)
+
+
+def scaled_axis(value: int, full_scale: int = MAX_MAGNITUDE, deadband: float = 0.0) -> float:
+    """
+    Return an axis as -1 to 1, clipped, without a step at the edge of the deadband.
+
+    :param full_scale: the magnitude that is 1. :param deadband: 0 to below 1, of full scale.
+    """
+    magnitude = min(abs(value) / full_scale, 1.0)
+    if magnitude <= deadband:
+        return 0.0
+    return math.copysign((magnitude - deadband) / (1.0 - deadband), value)
+
+
+def joy(
+    axes: Sequence[int],
+    buttons: Sequence[bool],
+    stamp: Time,
+    frame_id: str,
+    *,
+    axis_full_scale: int = MAX_MAGNITUDE,
+    deadband: float = 0.0,
+) -> Joy:
+    """
+    Return a Joy of 6 axes (left X Y Z, right X Y Z) and 8 buttons, in the order of the protocol.
+
+    Left and forward are positive. See scaled_axis for the parameters.
+    """
+    message = Joy()
+    message.header.stamp = stamp
+    message.header.frame_id = frame_id
+    message.axes = [
+        sign * scaled_axis(value, axis_full_scale, deadband) + 0.0  # no -0.0 for people to see
+        for sign, value in zip(_SIGNS, axes, strict=True)
+    ]
+    message.buttons = [int(button) for button in buttons]
+    return message
+
+
+def mode_string(mode: Mode | int | None) -> String:
+    """Return 'Operational' and the like, 'Unknown (0x33)', or 'None' without a fresh heartbeat."""
+    return String(data=mode_name(mode))
+
+
+def battery_state(status: RemoteStatus | None, stamp: Time, frame_id: str) -> BatteryState:
+    """Return the remote's battery; ``present`` is false where nothing is known of it."""
+    message = BatteryState()
+    message.header.stamp = stamp
+    message.header.frame_id = frame_id
+    for field in ('voltage', 'temperature', 'current', 'charge', 'capacity', 'design_capacity'):
+        setattr(message, field, math.nan)  # not measured, by the message's own definition
+    message.percentage = math.nan
+    message.location = 'remote'
+    if status is None:
+        return message
+    message.present = True
+    message.percentage = status.battery_percent / 100.0
+    message.power_supply_status = _supply_status(status)
+    return message
+
+
+def _supply_status(status: RemoteStatus) -> int:
+    if not status.charging:
+        return int(BatteryState.POWER_SUPPLY_STATUS_DISCHARGING)
+    if status.battery_percent == 100:
+        return int(BatteryState.POWER_SUPPLY_STATUS_FULL)
+    return int(BatteryState.POWER_SUPPLY_STATUS_CHARGING)
+
+
+def user_value(key: int, value: int) -> KeyValue:
+    """Return a user value as two decimal numbers in text."""
+    return KeyValue(key=str(key), value=str(value))
+
+
+def key_and_value(message: KeyValue) -> tuple[int, int]:
+    """Return key and value of a request. :raises ValueError: if one is not a whole number."""
+    return _whole(message.key, 'key'), _whole(message.value, 'value')
+
+
+def key_and_text(message: KeyValue) -> tuple[int, str]:
+    """Return key and text of a request. :raises ValueError: if the key is not a whole number."""
+    return _whole(message.key, 'key'), message.value
+
+
+def _whole(text: str, what: str) -> int:
+    try:
+        return int(text)
+    except ValueError:
+        raise ValueError(f'{what} must be a whole number, not {text!r}') from None
+
+
+def rumble_sides(message: JoyFeedback) -> tuple[bool, bool]:
+    """
+    Return whether the left (id 0) and the right (id 1) motor are asked for.
+
+    The motors know only on, for 750 ms: an intensity above 0 is on.
+
+    :raises ValueError: for another type or id, or an intensity that is not 0 to 1.
+    """
+    if message.type != JoyFeedback.TYPE_RUMBLE:
+        raise ValueError(f'only rumble (type {JoyFeedback.TYPE_RUMBLE}), not type {message.type}')
+    if message.id not in (0, 1):
+        raise ValueError(f'the motors are 0 (left) and 1 (right), not {message.id}')
+    if not 0.0 <= message.intensity <= 1.0:
+        raise ValueError(f'intensity must be 0 to 1, not {message.intensity}')
+    on = message.intensity > 0.0
+    return on and message.id == 0, on and message.id == 1
+
+
+# -- NMEA 0183 ------------------------------------------------------------------------------------
+
+_QUALITY = {  # GGA field 6; what is not listed (6 dead reckoning, 7 manual, 8 simulator) is no fix
+    '1': NavSatStatus.STATUS_FIX,
+    '2': NavSatStatus.STATUS_SBAS_FIX,
+    '3': NavSatStatus.STATUS_FIX,
+    '4': NavSatStatus.STATUS_GBAS_FIX,
+    '5': NavSatStatus.STATUS_GBAS_FIX,
+}
+_SERVICES = {
+    'GL': NavSatStatus.SERVICE_GLONASS,
+    'GA': NavSatStatus.SERVICE_GALILEO,
+    'GB': NavSatStatus.SERVICE_COMPASS,
+    'BD': NavSatStatus.SERVICE_COMPASS,
+}
+
+
+def nmea_fields(sentence: str) -> list[str] | None:
+    """
+    Return the fields, the first being talker and type; None for a bad or missing checksum.
+
+    A missing one counts as bad: a sentence that was cut short looks just like that.
+    """
+    body, star, check = sentence.strip().partition('*')
+    if not body.startswith('$') or not star:
+        return None
+    total = 0
+    for character in body[1:]:
+        total ^= ord(character)
+    return body[1:].split(',') if check.upper() == f'{total:02X}' else None
+
+
+def nmea_type(sentence: str) -> str:
+    """Return 'GGA', 'RMC' and the like; empty if it is none. Does not look at the checksum."""
+    return sentence[3:6] if sentence.startswith('$') and sentence[6:7] == ',' else ''
+
+
+def nav_sat_fix(sentence: str, stamp: Time, frame_id: str) -> NavSatFix | None:
+    """
+    Return the position in a GGA or RMC sentence; None for any other or an unsound one.
+
+    Without a fix the status says so and the position is NaN. The altitude is above the ellipsoid,
+    so it needs GGA with height and geoid separation, else it is NaN.
+    """
+    fields = nmea_fields(sentence)
+    if fields is None or len(fields[0]) != 5:
+        return None
+    try:
+        if fields[0].endswith('GGA'):
+            position = _gga(fields)
+        elif fields[0].endswith('RMC'):
+            position = _rmc(fields)
+        else:
+            return None
+    except (ValueError, IndexError):
+        return None
+    message = NavSatFix()
+    message.header.stamp = stamp
+    message.header.frame_id = frame_id
+    message.status.service = _SERVICES.get(fields[0][:2], NavSatStatus.SERVICE_GPS)
+    message.status.status, message.latitude, message.longitude, message.altitude = position
+    message.position_covariance_type = NavSatFix.COVARIANCE_TYPE_UNKNOWN
+    return message
+
+
+_NO_POSITION = (NavSatStatus.STATUS_NO_FIX, math.nan, math.nan, math.nan)
+
+
+def _gga(fields: list[str]) -> tuple[int, float, float, float]:
+    status = _QUALITY.get(fields[6])
+    if status is None:
+        return _NO_POSITION
+    altitude = math.nan
+    if fields[9] and fields[11]:
+        altitude = _number(fields[9]) + _number(fields[11])
+    return (status, *_position(fields[2:6]), altitude)
+
+
+def _rmc(fields: list[str]) -> tuple[int, float, float, float]:
+    if fields[2] != 'A':
+        return _NO_POSITION
+    return (NavSatStatus.STATUS_FIX, *_position(fields[3:7]), math.nan)
+
+
+def _position(fields: list[str]) -> tuple[float, float]:
+    """Return latitude and longitude in degrees from value, N/S, value, E/W."""
+    latitude = _degrees(fields[0], fields[1], 'NS', 90.0)
+    return latitude, _degrees(fields[2], fields[3], 'EW', 180.0)
+
+
+def _degrees(text: str, side: str, sides: str, limit: float) -> float:
+    """Return degrees from (d)ddmm.mmm. :raises ValueError: if it is not one."""
+    point = text.find('.') if '.' in text else len(text)
+    minutes = _number(text[point - 2 :]) if point > 2 else math.inf
+    degrees = _number(text[: point - 2]) + minutes / 60.0
+    if side not in tuple(sides) or minutes >= 60.0 or not 0.0 <= degrees <= limit:
+        raise ValueError(f'not a position: {text} {side}')
+    return degrees if side == sides[0] else -degrees
+
+
+def _number(text: str) -> float:
+    """Return a plain decimal number; Python's inf, nan, 1e5 and 1_0 are none."""
+    if not text or text.strip('0123456789.-'):
+        raise ValueError(f'not a number: {text!r}')
+    return float(text)

@@ -1,0 +1,115 @@
+"""
+FORT packet protocol of the VSC over USB or RS232: manual sections 7.1 to 7.6.
+
+Every frame, multi-byte values little-endian (layout: 7.2; byte order: seen on devices):
+
+======  ====  ==============================================================
+offset  size  content
+======  ====  ==============================================================
+0       2     header, 0x10 then 0x01 on the wire
+2       1     message type
+3       1     length N of the payload, at most 248
+4       N     payload
+N+4     2     Fletcher sum of all before it: sum1, then sum2 (7.6)
+======  ====  ==============================================================
+
+Payloads (offsets count from the payload's first byte):
+
+====  ===  =========  ===========================================================
+type  N    direction  payload
+====  ===  =========  ===========================================================
+0x10  14   from VSC   6 axis words (left X Y Z, right X Y Z), 2 button bytes
+0x12  1+   from VSC   source byte, NMEA 0183 sentence in ASCII
+0x20  6    from VSC   mode, autonomy mode, E-stop indication (uint32)
+0x21  1    to VSC     E-stop indication of the host
+0x22  6    from VSC   battery %, charging, strength at VSC, at SRC, 2 reserved
+0x23  4    to VSC     message type, enabled, interval in ms (uint16)
+0x30  5    both       key 0-99, value (int32)
+0x31  21   to VSC     key 0-99, 20 characters padded with zero
+0x32  1    to VSC     key 0-99
+====  ===  =========  ===========================================================
+"""
+
+from bridge_core.framing import FrameError
+from fort_vsc_bridge.protocol.frames import BAUD
+from fort_vsc_bridge.protocol.frames import build_frame
+from fort_vsc_bridge.protocol.frames import FORMAT
+from fort_vsc_bridge.protocol.frames import HEADER
+from fort_vsc_bridge.protocol.frames import MAX_LENGTH
+from fort_vsc_bridge.protocol.frames import Message
+from fort_vsc_bridge.protocol.frames import MessageType
+from fort_vsc_bridge.protocol.frames import parser
+from fort_vsc_bridge.protocol.frames import payload_of
+from fort_vsc_bridge.protocol.messages import decode
+from fort_vsc_bridge.protocol.messages import Gps
+from fort_vsc_bridge.protocol.messages import Heartbeat
+from fort_vsc_bridge.protocol.messages import HostHeartbeat
+from fort_vsc_bridge.protocol.messages import Joystick
+from fort_vsc_bridge.protocol.messages import MessageControl
+from fort_vsc_bridge.protocol.messages import MESSAGES
+from fort_vsc_bridge.protocol.messages import NAME_SIZE
+from fort_vsc_bridge.protocol.messages import RemoteStatus
+from fort_vsc_bridge.protocol.messages import Unknown
+from fort_vsc_bridge.protocol.messages import UserFeedback
+from fort_vsc_bridge.protocol.messages import UserFeedbackGet
+from fort_vsc_bridge.protocol.messages import UserFeedbackName
+from fort_vsc_bridge.protocol.values import AutonomyMode
+from fort_vsc_bridge.protocol.values import Axis
+from fort_vsc_bridge.protocol.values import AXIS_NAMES
+from fort_vsc_bridge.protocol.values import Button
+from fort_vsc_bridge.protocol.values import BUTTON_NAMES
+from fort_vsc_bridge.protocol.values import estop_sources
+from fort_vsc_bridge.protocol.values import EStopBits
+from fort_vsc_bridge.protocol.values import InputState
+from fort_vsc_bridge.protocol.values import Key
+from fort_vsc_bridge.protocol.values import MAX_MAGNITUDE
+from fort_vsc_bridge.protocol.values import Mode
+from fort_vsc_bridge.protocol.values import mode_name
+from fort_vsc_bridge.protocol.values import PERSISTENT_KEYS
+from fort_vsc_bridge.protocol.values import TEXT_KEYS
+from fort_vsc_bridge.protocol.values import USER_KEYS
+from fort_vsc_bridge.protocol.values import VALUE_RANGES
+from fort_vsc_bridge.protocol.values import VIBRATION_KEYS
+
+__all__ = [
+    'AXIS_NAMES',
+    'BAUD',
+    'BUTTON_NAMES',
+    'FORMAT',
+    'HEADER',
+    'MAX_LENGTH',
+    'MAX_MAGNITUDE',
+    'MESSAGES',
+    'NAME_SIZE',
+    'PERSISTENT_KEYS',
+    'TEXT_KEYS',
+    'USER_KEYS',
+    'VALUE_RANGES',
+    'VIBRATION_KEYS',
+    'AutonomyMode',
+    'Axis',
+    'Button',
+    'EStopBits',
+    'FrameError',
+    'Gps',
+    'Heartbeat',
+    'HostHeartbeat',
+    'InputState',
+    'Joystick',
+    'Key',
+    'Message',
+    'MessageControl',
+    'MessageType',
+    'Mode',
+    'RemoteStatus',
+    'Unknown',
+    'UserFeedback',
+    'UserFeedbackGet',
+    'UserFeedbackName',
+    'build_frame',
+    'decode',
+    'estop_sources',
+    'mode_name',
+    'parser',
+    'payload_of',
+]

@@ -1,0 +1,71 @@
+"""What a session tells the node, in the order in which it happened."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from fort_vsc_bridge.protocol import AXIS_NAMES
+from fort_vsc_bridge.protocol import BUTTON_NAMES
+from fort_vsc_bridge.protocol import Mode
+from fort_vsc_bridge.protocol import RemoteStatus
+
+
+@dataclass(frozen=True, slots=True)
+class StopChanged:
+    """One of the three changed; they are the session's properties at this moment."""
+
+    estop: bool
+    own_estop: bool
+    link_up: bool
+
+
+@dataclass(frozen=True, slots=True)
+class ModeChanged:
+    """The VSC's mode; None: not known, since no heartbeat comes."""
+
+    mode: Mode | int | None
+
+
+@dataclass(frozen=True, slots=True)
+class Sticks:
+    """
+    What the operator asks for.
+
+    :param axes: 6 in the order of AXIS_NAMES, -1023 to 1023, X right and Y forward positive.
+    :param buttons: 8 in the order of BUTTON_NAMES.
+    :param operational: the sticks count; if not, all is neutral.
+    :param faulty: controls that the device reports as broken or absent, such as 'left_x error'.
+        They are 0 or False; without ``tolerate_faulty_axes`` all is neutral then.
+    """
+
+    axes: tuple[int, ...] = (0,) * len(AXIS_NAMES)
+    buttons: tuple[bool, ...] = (False,) * len(BUTTON_NAMES)
+    operational: bool = False
+    faulty: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class RemoteState:
+    """What is known of the remote's battery and radio; None: no remote is connected any more."""
+
+    status: RemoteStatus | None
+
+
+@dataclass(frozen=True, slots=True)
+class GpsSentence:
+    """An NMEA 0183 sentence from the remote's receiver, without its line end; not checked."""
+
+    source: int
+    sentence: str
+
+
+@dataclass(frozen=True, slots=True)
+class UserValue:
+    """A value that the operator set in the remote's menu, or the answer to get_feedback."""
+
+    key: int
+    value: int
+
+
+Event = StopChanged | ModeChanged | Sticks | RemoteState | GpsSentence | UserValue
+Output = tuple[list[Event], list[bytes]]

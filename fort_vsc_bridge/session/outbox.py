@@ -1,0 +1,95 @@
+"""
+What waits to be sent, no faster than the VSC takes it: manual table 17.
+
+A new value for a key replaces the one that waits and keeps its place in the line, so every key
+gets its turn and the line is never longer than there are keys.
+"""
+
+from __future__ import annotations
+
+import math
+
+from fort_vsc_bridge.protocol import Key
+from fort_vsc_bridge.protocol import Message
+from fort_vsc_bridge.protocol import MessageControl
+from fort_vsc_bridge.protocol import MessageType
+from fort_vsc_bridge.protocol import USER_KEYS
+from fort_vsc_bridge.protocol import UserFeedback
+from fort_vsc_bridge.protocol import UserFeedbackGet
+from fort_vsc_bridge.protocol import UserFeedbackName
+
+# Seconds between two frames of a type. The manual gives no rate for message control, which is
+# written to EEPROM: no faster than the others.
+PERIODS = {
+    MessageType.USER_FEEDBACK: 0.05,
+    MessageType.USER_FEEDBACK_NAME: 0.25,
+    MessageType.USER_FEEDBACK_GET: 0.05,
+    MessageType.MESSAGE_CONTROL: 0.25,
+}
+_SHOWN_KEYS = frozenset((*USER_KEYS, Key.DISPLAY_MODE))
+
+
+class Outbox:
+    """The lines of frames to the VSC, one a message type."""
+
+    def __init__(self) -> None:
+        self._lines: dict[MessageType, dict[int, Message]] = {kind: {} for kind in PERIODS}
+        self._free_at = dict.fromkeys(PERIODS, -math.inf)
+        self._shown: dict[tuple[MessageType, int], Message] = {}
+
+    def set_value(self, key: int, value: int) -> None:
+        """Queue a key's value; remember it if the remote shows it."""
+        message = UserFeedback(key, value)
+        self._lines[message.TYPE][key] = message
+        if key in _SHOWN_KEYS:
+            self._shown[message.TYPE, key] = message
+
+    def set_name(self, key: int, name: str) -> None:
+        """Queue and remember a key's name or a line of text."""
+        message = UserFeedbackName(key, name)
+        self._lines[message.TYPE][key] = self._shown[message.TYPE, key] = message
+
+    def get_value(self, key: int) -> None:
+        """Queue a question."""
+        self._lines[MessageType.USER_FEEDBACK_GET][key] = UserFeedbackGet(key)
+
+    def control(self, message: MessageControl) -> None:
+        """Queue a message control, which the VSC writes to EEPROM."""
+        self._lines[message.TYPE][message.message] = message
+
+    def shows(self, key: int) -> bool:
+        """Tell whether a value for this key was ever set to be shown."""
+        return (MessageType.USER_FEEDBACK, key) in self._shown
+
+    def show_again(self) -> None:
+        """Queue all that the remote should show: it may be another one, or have rebooted."""
+        for (kind, key), message in self._shown.items():
+            self._lines[kind].setdefault(key, message)
+
+    def port_closed(self) -> None:
+        """
+        Drop what is of no use later.
+
+        A late rumble would mislead, nobody waits for an old answer, and what wears out an EEPROM
+        is not repeated blindly.
+        """
+        values = self._lines[MessageType.USER_FEEDBACK]
+        for key in [key for key in values if key not in _SHOWN_KEYS]:
+            del values[key]
+        self._lines[MessageType.USER_FEEDBACK_GET].clear()
+        self._lines[MessageType.MESSAGE_CONTROL].clear()
+
+    def take(self, now: float) -> list[bytes]:
+        """Return the frames that may go now, at most one of each type."""
+        frames = []
+        for kind, line in self._lines.items():
+            if line and now >= self._free_at[kind]:
+                frames.append(line.pop(next(iter(line))).to_bytes())
+                self._free_at[kind] = now + PERIODS[kind]
+        return frames
+
+    @property
+    def deadline(self) -> float:
+        """The moment at which the next frame may go; infinite if none waits."""
+        waiting = [self._free_at[kind] for kind, line in self._lines.items() if line]
+        return min(waiting, default=math.inf)

@@ -1,0 +1,78 @@
+"""
+All configured nodes in one process.
+
+``rugged_teleop_stack fort_vsc_bridge safety_mux --ros-args --params-file my.yaml`` runs the nodes
+that are named; without names, those that the parameter files have a section for. Each has its own
+executor and thread, so that none waits for another.
+"""
+
+from collections.abc import Callable
+from collections.abc import Sequence
+import importlib
+import itertools
+from pathlib import Path
+import sys
+
+from rclpy.utilities import remove_ros_args
+import yaml
+
+from bridge_core.node import ManagedNode
+from bridge_core.node import run
+
+# Where each node's class is; modules are imported only when they are wanted.
+NODES = {
+    'fort_vsc_bridge': ('fort_vsc_bridge.node', 'FortVscBridge'),
+    'esi_drive_bridge': ('esi_drive_bridge.node', 'EsiDriveBridge'),
+    'safety_mux': ('safety_mux.node', 'SafetyMux'),
+}
+
+
+def node_factory(name: str) -> Callable[[], ManagedNode]:
+    """Return what makes the node of this name. :raises ValueError: there is no such node."""
+    if name not in NODES:
+        raise ValueError(f'there is no node {name!r}; there are {", ".join(NODES)}')
+    module, class_name = NODES[name]
+    factory: Callable[[], ManagedNode] = getattr(importlib.import_module(module), class_name)
+    return factory
+
+
+def configured_nodes(arguments: Sequence[str]) -> list[str]:
+    """
+    Return the nodes that the parameter files on a command line have a section for, in our order.
+
+    :raises ValueError: a file cannot be read or is not a parameter file.
+    """
+    sections: set[str] = set()
+    for option, value in itertools.pairwise(arguments):
+        if option == '--params-file':
+            sections |= _sections(Path(value))
+    return [name for name in NODES if name in sections]
+
+
+def _sections(path: Path) -> set[str]:
+    try:
+        content = yaml.safe_load(path.read_text())
+    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
+        raise ValueError(f'parameter file {path}: {" ".join(str(error).split())}') from error
+    if not isinstance(content, dict):
+        raise ValueError(f'parameter file {path}: is not a map from node names to parameters')
+    return {str(name).rsplit('/', 1)[-1] for name in content}
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Run the stack; the executable's entry point."""
+    argv = list(sys.argv if arguments is None else arguments)
+    names = remove_ros_args(argv)[1:]
+    try:
+        names = names or configured_nodes(argv)
+        if not names:
+            raise ValueError('name the nodes to run, or give a --params-file with their sections')
+        factories = [node_factory(name) for name in dict.fromkeys(names)]
+    except ValueError as error:
+        print(f'rugged_teleop_stack: {error}', file=sys.stderr)
+        sys.exit(2)
+    sys.exit(run(factories, argv))
+
+
+if __name__ == '__main__':
+    main()

@@ -1,0 +1,323 @@
+"""
+The mux's parameters, and what is made from them.
+
+Three lists name things: ``joints``, ``estop_sources``, ``operators``. Each name brings parameters
+of its own, such as ``operator.fort.topic``. Topics are relative to the mux's namespace, unless they
+begin with a slash.
+"""
+
+from collections.abc import Callable
+from collections.abc import Mapping
+from typing import Any
+from typing import TypeVar
+
+from bridge_core.parameters import Parameter
+from bridge_core.parameters import ParameterError
+from safety_mux.limits import JointLimit
+from safety_mux.mapping import JoyMapping
+from safety_mux.mapping import Stick
+from safety_mux.protocol import Autonomy
+from safety_mux.protocol import EStopSource
+from safety_mux.protocol import MuxConfig
+from safety_mux.protocol import Operator
+
+
+def _seconds(name: str, default: float, description: str, **limits: Any) -> Parameter:
+    limits = {'above': 0.0, 'maximum': 10.0, **limits}
+    return Parameter(name, default, description, unit='s', **limits)
+
+
+GENERAL = (
+    Parameter(
+        'rate',
+        100.0,
+        'How often the mux decides and repeats its outputs; a stop is passed on at once besides.',
+        unit='Hz',
+        minimum=20.0,
+        maximum=500.0,
+    ),
+    Parameter(
+        'interface',
+        'velocity',
+        'What the numbers of ~/command are: its field velocity (rad/s) or effort (N·m). Position '
+        'is not offered, for 0 would be a place and going there motion.',
+        choices=('velocity', 'effort'),
+    ),
+    Parameter('joints', ['left', 'right'], 'Names of the joints in ~/command, in this order.'),
+    Parameter('estop_sources', ['fort', 'drive'], 'Names of the e-stop sources; one or more.'),
+    Parameter('operators', ['fort'], "Names of the operators; [''] for none."),
+    _seconds(
+        'clear_time', 0.5, 'How long all stops must have been clear before a reset is accepted.'
+    ),
+    _seconds(
+        'neutral_time',
+        0.3,
+        'How long an operator must send neutral, deadman released, before the deadman counts.',
+    ),
+    _seconds(
+        'hold_time',
+        0.5,
+        'After a change of owner nobody else takes over for this long.',
+        above=None,
+        minimum=0.0,
+    ),
+    _seconds(
+        'stall_limit',
+        0.1,
+        'A longer gap between two decisions means that this process was frozen: it stops and '
+        'forgets what it heard.',
+        minimum=0.02,
+        maximum=1.0,
+    ),
+    _seconds('stop_time', 0.5, 'A stop of category 1 has reached 0 and disables after this time.'),
+    Parameter('autonomy.topic', '', 'Topic of autonomy. Empty: there is none.'),
+    Parameter(
+        'autonomy.type',
+        'Twist',
+        'Message type of autonomy. JointState must name all joints.',
+        choices=('Twist', 'TwistStamped', 'JointState'),
+    ),
+    _seconds('autonomy.timeout', 0.25, 'Autonomy unheard for longer has lost control: stop.'),
+    Parameter(
+        'autonomy.wheel_separation',
+        0.5,
+        'Distance between left and right wheels, for Twist.',
+        unit='m',
+        above=0.0,
+        maximum=100.0,
+    ),
+    Parameter(
+        'autonomy.wheel_radius',
+        0.1,
+        'Radius of the wheels, for Twist.',
+        unit='m',
+        above=0.0,
+        maximum=10.0,
+    ),
+)
+
+JOINT = (
+    Parameter(
+        'max',
+        10.0,
+        'Greatest absolute value that goes out.',
+        'rad/s or N·m',
+        above=0.0,
+        maximum=1e6,
+    ),
+    Parameter(
+        'acceleration',
+        20.0,
+        'Greatest change per second away from 0.',
+        '1/s',
+        above=0.0,
+        maximum=1e6,
+    ),
+    Parameter(
+        'deceleration',
+        40.0,
+        'Greatest change per second towards 0.',
+        '1/s',
+        above=0.0,
+        maximum=1e6,
+    ),
+)
+
+ESTOP = (
+    Parameter('topic', '', 'Topic of the stop (std_msgs/Bool, true = stop).'),
+    Parameter(
+        'own_topic',
+        '',
+        'Topic of what the source demands by itself, without the echo of our own stop. Empty: as '
+        'topic.',
+    ),
+    _seconds('timeout', 0.25, 'Unheard for longer is a stop. Three of its periods or more.'),
+    Parameter(
+        'counts',
+        'always',
+        'when_owner: counts only while its operator has control, or asks for it.',
+        choices=('always', 'when_owner'),
+    ),
+    Parameter('operator', '', 'The operator that it belongs to; needed for when_owner.'),
+    Parameter(
+        'stop_category',
+        0,
+        '0 disables at once; 1 ramps to 0 first, within stop_time.',
+        minimum=0,
+        maximum=1,
+    ),
+)
+
+OPERATOR = (
+    Parameter('topic', '', 'Topic of the sticks (sensor_msgs/Joy).'),
+    Parameter('priority', 10, 'The higher takes over by its deadman.', minimum=0, maximum=1000),
+    _seconds('timeout', 0.25, 'An owner unheard for longer is lost: stop.'),
+    Parameter(
+        'mixing',
+        'none',
+        'none: one axis a joint. tank: axes left, right. arcade: axes forward, turn.',
+        choices=('none', 'tank', 'arcade'),
+    ),
+    Parameter('axis', [0], 'Index of each axis in the Joy message.', minimum=0, maximum=255),
+    Parameter(
+        'scale',
+        [1.0],
+        'Joint units at full deflection; one for all, or one an axis.',
+        'rad/s or N·m',
+    ),
+    Parameter('inverted', [False], 'Turn the sign of an axis round.'),
+    Parameter('deadband', [0.05], 'Deflection that still is neutral.', minimum=0.0, maximum=0.99),
+    Parameter('expo', [0.0], '0 is straight, 1 cubic.', minimum=0.0, maximum=1.0),
+    Parameter(
+        'deadman_buttons',
+        [0],
+        'Buttons that must be held to move, all of them.',
+        minimum=0,
+        maximum=255,
+    ),
+    Parameter(
+        'pressed_at', 1, 'Least value of a held button, for switches with raw values.', minimum=1
+    ),
+)
+
+# What the names in the default lists mean: a FORT remote, and an ESI drive beside it.
+DEFAULTS: dict[str, Any] = {
+    'estop.fort.topic': 'fort_vsc_bridge/estop',
+    'estop.fort.own_topic': 'fort_vsc_bridge/own_estop',
+    'estop.drive.topic': 'esi_drive_bridge/estop',
+    'operator.fort.topic': 'fort_vsc_bridge/joy',
+    'operator.fort.mixing': 'arcade',
+    'operator.fort.axis': [1, 0],
+    'operator.fort.scale': [10.0],
+}
+
+
+_T = TypeVar('_T')
+
+
+def parameter_table(given: Mapping[str, Any]) -> tuple[Parameter, ...]:
+    """Return all parameters, those of the names in the given (or default) lists included."""
+    table = {parameter.name: parameter for parameter in GENERAL}
+    for list_name, prefix, parameters in (
+        ('joints', 'joint', JOINT),
+        ('estop_sources', 'estop', ESTOP),
+        ('operators', 'operator', OPERATOR),
+    ):
+        names = table[list_name].validate(given.get(list_name, table[list_name].default))
+        for name in filter(None, names):
+            for parameter in parameters:
+                full = f'{prefix}.{name}.{parameter.name}'
+                table[full] = parameter.named(full, DEFAULTS.get(full))
+    return tuple(table.values())
+
+
+def mux_config(values: Mapping[str, Any]) -> MuxConfig:
+    """Return the arbiter's configuration. :raises ParameterError: what it refuses."""
+    return _built(
+        'parameters',
+        lambda: MuxConfig(
+            joints=len(values['joints']),
+            sources=tuple(_source(values, name) for name in _names(values, 'estop_sources')),
+            operators=tuple(
+                Operator(
+                    name,
+                    priority=values[f'operator.{name}.priority'],
+                    timeout=values[f'operator.{name}.timeout'],
+                )
+                for name in _names(values, 'operators')
+            ),
+            autonomy=Autonomy(values['autonomy.timeout']) if values['autonomy.topic'] else None,
+            **{
+                name: values[name]
+                for name in ('clear_time', 'neutral_time', 'hold_time', 'stall_limit', 'stop_time')
+            },
+        ),
+    )
+
+
+def joy_mapping(values: Mapping[str, Any], operator: str) -> JoyMapping:
+    """Return an operator's mapping. :raises ParameterError: it does not fit the joints."""
+    prefix = f'operator.{operator}'
+    axes = values[f'{prefix}.axis']
+
+    def spread(name: str) -> list[Any]:
+        given = values[f'{prefix}.{name}']
+        if len(given) not in (1, len(axes)):
+            raise ValueError(f'{name} must have 1 or {len(axes)} elements, as axis has')
+        return list(given) * (len(axes) if len(given) == 1 else 1)
+
+    def build() -> JoyMapping:
+        columns = (spread(name) for name in ('scale', 'inverted', 'deadband', 'expo'))
+        mapping = JoyMapping(
+            sticks=tuple(Stick(*row) for row in zip(axes, *columns, strict=True)),
+            deadman=tuple(values[f'{prefix}.deadman_buttons']),
+            mixing=values[f'{prefix}.mixing'],
+            pressed_at=values[f'{prefix}.pressed_at'],
+        )
+        if mapping.joints != len(values['joints']):
+            raise ValueError(f'gives {mapping.joints} joints, there are {len(values["joints"])}')
+        return mapping
+
+    return _built(f'{prefix}.*', build)
+
+
+def joint_limits(values: Mapping[str, Any]) -> list[JointLimit]:
+    """Return the limits of each joint, in order. :raises ParameterError: not above 0."""
+
+    def build() -> list[JointLimit]:
+        return [
+            JointLimit(
+                magnitude=values[f'joint.{name}.max'],
+                acceleration=values[f'joint.{name}.acceleration'],
+                deceleration=values[f'joint.{name}.deceleration'],
+            )
+            for name in values['joints']
+        ]
+
+    return _built('joint.*', build)
+
+
+def check(values: Mapping[str, Any]) -> None:
+    """Refuse what contradicts itself. :raises ParameterError: naming it."""
+    for prefix, list_name in (('estop', 'estop_sources'), ('operator', 'operators')):
+        for name in _names(values, list_name):
+            if not values[f'{prefix}.{name}.topic']:
+                raise ParameterError(
+                    f'parameter {prefix}.{name}.topic is empty: give the topic of {name!r}'
+                )
+    if len(set(values['joints'])) < len(values['joints']) or '' in values['joints']:
+        raise ParameterError(
+            f'parameter joints = {values["joints"]}: names must be there and differ'
+        )
+    twist = values['autonomy.type'] != 'JointState'
+    if values['autonomy.topic'] and twist and len(values['joints']) != 2:
+        raise ParameterError('parameter autonomy.type: Twist needs two joints, left and right')
+    if 1.0 / values['rate'] >= values['stall_limit']:
+        raise ParameterError('parameter stall_limit: must be longer than the period of rate')
+    mux_config(values)
+    joint_limits(values)
+    for name in _names(values, 'operators'):
+        joy_mapping(values, name)
+
+
+def _source(values: Mapping[str, Any], name: str) -> EStopSource:
+    prefix = f'estop.{name}'
+    return EStopSource(
+        name,
+        timeout=values[f'{prefix}.timeout'],
+        counts=values[f'{prefix}.counts'],
+        operator=values[f'{prefix}.operator'] or None,
+        stop_category=values[f'{prefix}.stop_category'],
+        own_topic=bool(values[f'{prefix}.own_topic']),
+    )
+
+
+def _names(values: Mapping[str, Any], list_name: str) -> list[str]:
+    return [name for name in values[list_name] if name]
+
+
+def _built(what: str, build: Callable[[], _T]) -> _T:
+    try:
+        return build()
+    except ValueError as error:
+        raise ParameterError(f'{what}: {error}') from error

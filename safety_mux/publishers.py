@@ -1,0 +1,37 @@
+"""
+Telling two live publishers on one topic from one that was restarted.
+
+Discovery counts a dead publisher for up to 20 s, so its count alone would keep a restarted bridge
+out. Sequence numbers tell: those of one publisher only grow, a restart sets them back once, and two
+that are alive interleave, so the numbers go back again and again.
+"""
+
+from collections import deque
+
+UNSUPPORTED = (None, 0, 0xFFFFFFFFFFFFFFFF)  # what a middleware without sequence numbers reports
+
+
+class PublisherWatch:
+    """
+    Watches the publication sequence numbers of one topic.
+
+    :param window: seconds; two steps back within it mean two live publishers, and it takes as long
+        without one until there is but one again.
+    """
+
+    def __init__(self, window: float = 1.0) -> None:
+        self._window = window
+        self._last: int | None = None
+        self._steps_back: deque[float] = deque(maxlen=2)
+
+    def heard(self, sequence_number: int | None, now: float) -> None:
+        """Note the sequence number of a message that arrived at ``now`` (seconds, monotonic)."""
+        if sequence_number is None or sequence_number in UNSUPPORTED:
+            return
+        if self._last is not None and sequence_number <= self._last:
+            self._steps_back.append(now)
+        self._last = sequence_number
+
+    def doubled(self, now: float) -> bool:
+        """Tell whether two live publishers were heard within the last window."""
+        return len(self._steps_back) == 2 and now - self._steps_back[0] <= self._window
