@@ -39,7 +39,8 @@ class FrameFormat:
     :param head_size: bytes, header included, that are needed to know the frame's size.
     :param max_size: bytes of the largest frame.
     :param size_of: from the first ``head_size`` bytes to the whole frame's size in bytes; raises
-        FrameError where type and length cannot be.
+        FrameError where type and length cannot be. A size outside ``head_size`` to ``max_size`` is
+        malformed too.
     :param check: tells from a whole frame whether its checksum is right.
     """
 
@@ -71,7 +72,8 @@ class StreamParser:
         return self._since + self._expire if self._buffer else math.inf
 
     def reset(self) -> None:
-        """Forget a partial frame, as after a port was closed; the counters stay."""
+        """Discard a partial frame, as after a port was closed; the counters stay."""
+        self.counters.discarded_bytes += len(self._buffer)
         self._buffer = b''
         self._in_sync = True
 
@@ -107,9 +109,8 @@ class StreamParser:
                 start = head
             if end - start < fmt.head_size:
                 break
-            try:
-                size = fmt.size_of(buffer[start : start + fmt.head_size])
-            except FrameError:
+            size = self._size(buffer[start : start + fmt.head_size])
+            if size is None:
                 self.counters.malformed += 1
                 self._discard(1)
                 start += 1
@@ -128,6 +129,14 @@ class StreamParser:
                 start += 1
         self._buffer = buffer[start:]
         return frames
+
+    def _size(self, head: bytes) -> int | None:
+        """Return the whole frame's size; None where the head is impossible."""
+        try:
+            size = self._format.size_of(head)
+        except FrameError:
+            return None
+        return size if self._format.head_size <= size <= self._format.max_size else None
 
     def _find_header(self, start: int) -> int:
         """Return where the next header (or at the end the beginning of one) stands, or the end."""

@@ -161,7 +161,7 @@ class BridgeNode(ManagedNode):
     A node that joins one device: the room adds its session, its transport and its topics.
 
     Callbacks of the executor never touch the session: they post requests to ``self.link``.
-    ``handle`` and ``device_status`` run on the link thread.
+    ``on_event`` and ``device_status`` run on the link thread.
     """
 
     PARAMETERS: ClassVar[tuple[Parameter, ...]] = BRIDGE_PARAMETERS
@@ -198,7 +198,7 @@ class BridgeNode(ManagedNode):
         """Return the transport that the parameters name, not yet open."""
         raise NotImplementedError
 
-    def handle(self, event: Any) -> None:
+    def on_event(self, event: Any) -> None:
         """Publish one event of the session."""
 
     def device_status(self, now: float) -> Status:

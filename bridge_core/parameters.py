@@ -24,7 +24,8 @@ class ParameterError(ValueError):
 @dataclass(frozen=True)
 class Parameter:
     """
-    One parameter. Its type is that of the default; an int is accepted where a float is meant.
+    One parameter. Its type is that of the default; an int is accepted where a float is meant, and
+    a single value where a list is.
 
     :param minimum: smallest allowed number, included (of every element, for a list).
     :param choices: the allowed strings; empty allows any.
@@ -46,6 +47,8 @@ class Parameter:
 
     def validate(self, value: Value) -> Value:
         """Return the value in the parameter's own type. :raises ParameterError: not allowed."""
+        if isinstance(self.default, list) and not isinstance(value, list | tuple):
+            value = [value]
         items = value if isinstance(self.default, list) else [value]
         kind = type((self.default or [''])[0] if isinstance(self.default, list) else self.default)
         if not isinstance(items, list | tuple):
@@ -86,7 +89,8 @@ class Parameter:
     def allowed(self) -> str:
         """The allowed values in words, such as 'a number from 0.02 to 10 s'."""
         if self.choices:
-            return 'one of ' + ', '.join(repr(choice) for choice in self.choices)
+            text = 'one of ' + ', '.join(repr(choice) for choice in self.choices)
+            return f'a list, each {text}' if isinstance(self.default, list) else text
         sample = (self.default or [''])[0] if isinstance(self.default, list) else self.default
         words = {bool: 'true or false', int: 'a whole number', float: 'a number', str: 'a string'}
         text = words[type(sample)]

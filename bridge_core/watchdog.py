@@ -38,12 +38,14 @@ class Watchdog:
         return math.inf if self._last is None else now - self._last
 
     def expired(self, now: float) -> bool:
-        """Tell whether it is not fresh at ``now``."""
-        return not 0.0 <= self.age(now) <= self.timeout
+        """Tell whether it is not fresh at ``now``; exactly at ``deadline`` it is not any more."""
+        # Compared with the deadline itself, so that who wakes up at the deadline finds it expired
+        # whatever way the sums are rounded.
+        return self._last is None or not self._last <= now < self.deadline
 
     @property
     def deadline(self) -> float:
-        """The moment up to which it is fresh; infinite if there is nothing left to expire."""
+        """The moment at which it expires, even if that is past; infinite if it was never heard."""
         return math.inf if self._last is None else self._last + self.timeout
 
     def describe(self, now: float) -> str:

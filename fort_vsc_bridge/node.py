@@ -75,7 +75,7 @@ class FortVscBridge(BridgeNode):
         """Return the serial port, not yet open."""
         return SerialTransport(self.values['port'], self.values['baud'])
 
-    def handle(self, event: Any) -> None:
+    def on_event(self, event: Any) -> None:
         """Publish one event of the session."""
         if isinstance(event, Sticks):
             self._publish_sticks(event)

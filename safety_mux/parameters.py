@@ -2,8 +2,8 @@
 The mux's parameters, and what is made from them.
 
 Three lists name things: ``joints``, ``estop_sources``, ``operators``. Each name brings parameters
-of its own, such as ``operator.fort.topic``. Topics are relative to the mux's namespace, unless they
-begin with a slash.
+of its own, such as ``operator.fort.topic``. Topics are relative to the mux's namespace unless
+they begin with a slash.
 """
 
 from collections.abc import Callable
@@ -42,6 +42,14 @@ GENERAL = (
         'What the numbers of ~/command are: its field velocity (rad/s) or effort (N·m). Position '
         'is not offered, for 0 would be a place and going there motion.',
         choices=('velocity', 'effort'),
+    ),
+    Parameter(
+        'status_rate',
+        10.0,
+        'How often ~/status is repeated; a change of state is told at once besides.',
+        unit='Hz',
+        minimum=1.0,
+        maximum=100.0,
     ),
     Parameter('joints', ['left', 'right'], 'Names of the joints in ~/command, in this order.'),
     Parameter('estop_sources', ['fort', 'drive'], 'Names of the e-stop sources; one or more.'),

@@ -9,6 +9,7 @@ told without a port too.
 
 from collections.abc import Callable
 from dataclasses import dataclass
+import itertools
 import math
 import os
 import select
@@ -27,6 +28,12 @@ Output = tuple[list[Any], list[bytes]]
 
 BACKOFF_START = 0.1
 _LONGEST_WAIT = 1.0
+# Nobody is called sooner than this again after having been called: who keeps saying "now" is at
+# fault, and must not take the whole processor.
+_SHORTEST_WAIT = 0.0005
+_FAREWELL_TIME = 0.1
+_ACTIVATE_TIME = 2.0
+_ANSWER_TIME = 0.4  # a process has to be gone within a second of its signal
 
 
 class Session(Protocol):
@@ -76,7 +83,7 @@ class Session(Protocol):
 class Owner(Protocol):
     """Who is told, always on the link thread."""
 
-    def handle(self, event: Any) -> None:
+    def on_event(self, event: Any) -> None:
         """Take one event of the session."""
 
     def pace(self, now: float) -> float:
@@ -102,7 +109,8 @@ class Mailbox:
     Requests for the link thread: of one key, the latest wins.
 
     A sticky request (a stop) is not replaced by later ones that are not sticky, and all sticky
-    ones come out first: a stop and a release that arrive together are still a stop.
+    ones come out first. The session is polled after each, so that a stop and a release that
+    arrive together still stop.
     """
 
     def __init__(self) -> None:
@@ -138,11 +146,14 @@ class Link:
         self._reconnect_period = reconnect_period
         self._mailbox = Mailbox()
         self._wake_fd = os.eventfd(0, os.EFD_NONBLOCK | os.EFD_CLOEXEC)
+        self._wake_lock = threading.Lock()
+        self._call_numbers = itertools.count()
         self._transport: Transport | None = None
+        self._opening: Transport | None = None  # a thread is at work in its open()
         self._session: Session | None = None
         self._backoff = BACKOFF_START
         self._open_at = math.inf
-        self._pace_at = 0.0
+        self._pace_at = self._polled_at = self._complain_at = 0.0
         self._quit = False
         self._thread = threading.Thread(target=self._run, name=name, daemon=True)
 
@@ -155,31 +166,14 @@ class Link:
         self._mailbox.put(key, request, sticky=sticky)
         self._wake()
 
-    def activate(self, transport: Transport, session: Session) -> None:
-        """Open the port, now and whenever it was lost, and run the session on it."""
-        self._call(lambda now: self._activate(transport, session, now))
+    def call(self, request: Request, *, timeout: float = _ANSWER_TIME) -> None:
+        """
+        Run a request on the link thread and wait for its end.
 
-    def deactivate(self) -> None:
-        """Send the farewell and close the port; returns when that is done."""
-        self._call(lambda now: self._deactivate(now))
-
-    def stop(self) -> None:
-        """End the thread; may be called twice."""
-        if self._thread.is_alive():
-            self.deactivate()
-            self._quit = True
-            self._wake()
-            self._thread.join(timeout=1.0)
-        if self._wake_fd >= 0 and not self._thread.is_alive():
-            os.close(self._wake_fd)
-            self._wake_fd = -1
-
-    def _wake(self) -> None:
-        if self._wake_fd >= 0:
-            os.eventfd_write(self._wake_fd, 1)
-
-    def _call(self, request: Request) -> None:
-        """Run a request on the link thread and wait for its end."""
+        :raises TransportError: the thread has ended, or does not answer within ``timeout`` s.
+        """
+        if not self._thread.is_alive():
+            raise TransportError('the link thread has ended')
         done = threading.Event()
 
         def call(now: float) -> None:
@@ -188,43 +182,84 @@ class Link:
             finally:
                 done.set()
 
-        self.post('link', call)
-        if not done.wait(timeout=1.0):
+        # A key of its own: a later call must not replace one that somebody waits for.
+        self.post(f'call {next(self._call_numbers)}', call)
+        if not done.wait(timeout=timeout):
             raise TransportError('the link thread does not answer')
+
+    def activate(self, transport: Transport, session: Session) -> None:
+        """Open the port, now and whenever it was lost, and run the session on it."""
+        self.call(lambda now: self._activate(transport, session, now), timeout=_ACTIVATE_TIME)
+
+    def deactivate(self) -> None:
+        """Send the farewell and close the port; returns when that is done."""
+        if self._thread.is_alive():
+            self.call(self._deactivate)
+
+    def stop(self) -> None:
+        """End the thread, farewell included; may be called twice. Raises nothing."""
+        if self._thread.is_alive():
+            self._quit = True
+            self._wake()
+            self._thread.join(timeout=_ANSWER_TIME)
+        if not self._thread.is_alive():
+            with self._wake_lock:
+                if self._wake_fd >= 0:
+                    os.close(self._wake_fd)
+                self._wake_fd = -1
+
+    def _wake(self) -> None:
+        with self._wake_lock:  # a number of a closed descriptor may be somebody else's by now
+            if self._wake_fd >= 0:
+                os.eventfd_write(self._wake_fd, 1)
 
     def _run(self) -> None:
         while not self._quit:
-            try:
-                self._wait_and_step()
-            except Exception:  # a fault of ours: stop, say so, start the link anew, never spin
-                self._survive()
+            self._guarded(self._wait_and_step)
+        self._guarded(lambda: self._deactivate(time.monotonic()))
 
-    def _survive(self) -> None:
+    def _guarded(self, step: Callable[[], None]) -> None:
+        """Survive a fault of ours: stop, say so, start the link anew after a while."""
         try:
-            self._lose(f'internal error: {traceback.format_exc()}', time.monotonic())
-        except Exception:  # not even the owner can be told any more
-            traceback.print_exc()
-            time.sleep(BACKOFF_START)
+            step()
+        except Exception:
+            now = time.monotonic()
+            self._pace_at = now + BACKOFF_START
+            try:
+                self._lose(f'internal error: {traceback.format_exc()}', now)
+            except Exception:  # not even the owner can be told any more
+                self._complain(traceback.print_exc, now)
+
+    def _complain(self, say: Callable[[], None], now: float) -> None:
+        """Say something about a fault that may come again and again, once a second at most."""
+        if now >= self._complain_at:
+            self._complain_at = now + 1.0
+            say()
 
     def _wait_and_step(self) -> None:
         # Anything that a request changes counts at once, so read the clock after the wait.
         readable = self._wait()
         now = time.monotonic()
         for request in self._mailbox.take():
-            request(now)
-        if self._session is not None and self.status.is_open:
+            self._guarded(lambda request=request: self._serve(request, now))  # type: ignore[misc]
+        if self.status.is_open:
             self._exchange(readable, now)
         elif now >= self._open_at:
-            self._open_at = math.inf
-            threading.Thread(target=self._open, args=(self._transport,), daemon=True).start()
-        self._pace_at = self._owner.pace(now)
+            self._start_opening()
+        self._pace_at = max(self._owner.pace(now), now + _SHORTEST_WAIT)
+
+    def _serve(self, request: Request, now: float) -> None:
+        request(now)
+        if self.status.is_open:
+            self._exchange(False, now)
 
     def _wait(self) -> bool:
         """Sleep until something is to be done; tell whether the port has something to say."""
         deadline = min(self._pace_at, self._open_at)
         descriptors = [self._wake_fd]
         if self._session is not None and self._transport is not None and self.status.is_open:
-            deadline = min(deadline, self._session.deadline())
+            due = max(self._session.deadline(), self._polled_at + _SHORTEST_WAIT)
+            deadline = min(deadline, due)
             descriptors.append(self._transport.fileno())
         timeout = min(max(deadline - time.monotonic(), 0.0), _LONGEST_WAIT)
         ready = select.select(descriptors, [], [], timeout)[0]
@@ -240,6 +275,7 @@ class Link:
                 for data in self._transport.receive():
                     self._deliver(self._session.receive(data, now), now)
             self._deliver(self._session.poll(now), now)
+            self._polled_at = now
         except TransportError as error:
             self._lose(str(error), now)
             return
@@ -258,30 +294,48 @@ class Link:
         if events:
             self._owner.pace(now)
             for event in events:
-                self._owner.handle(event)
+                self._owner.on_event(event)
 
     def _activate(self, transport: Transport, session: Session, now: float) -> None:
+        self._deactivate(now)
         self._transport, self._session = transport, session
         self.status = LinkStatus()
         self._backoff = BACKOFF_START
         self._open_at = now
 
     def _deactivate(self, now: float) -> None:
-        transport, session = self._transport, self._session
-        if transport is not None and session is not None and self.status.is_open:
-            try:
-                for frame in session.farewell(now):
-                    transport.send(frame)
-            except TransportError as error:
-                self._owner.link_changed(f'no farewell: {error}', False)
-            events = session.closed(now)
-            transport.close()
-            for event in events:
-                self._owner.handle(event)
-        self._transport = self._session = None
+        transport, session, was_open = self._transport, self._session, self.status.is_open
+        self._transport = self._session = None  # first, so that no fault below opens it again
         self._open_at = math.inf
-        self.status.is_open = False
-        self.status.error = 'the node is not active'
+        self.status.is_open, self.status.error = False, 'the node is not active'
+        if transport is None or session is None or not was_open:
+            return
+        try:
+            self._say_farewell(transport, session.farewell(now))
+            self._tell_closed(session.closed(now), now)
+        finally:
+            transport.close()
+
+    def _say_farewell(self, transport: Transport, frames: list[bytes]) -> None:
+        end = time.monotonic() + _FAREWELL_TIME
+        try:
+            for frame in frames:
+                # A line busy with earlier frames is no reason to leave the device moving.
+                while not transport.send(frame) and time.monotonic() < end:
+                    time.sleep(0.001)
+        except TransportError as error:
+            self._owner.link_changed(f'no farewell: {error}', False)
+
+    def _tell_closed(self, events: list[Any], now: float) -> None:
+        """Tell the stop before the port is closed, which may take a while."""
+        self._owner.pace(now)
+        for event in events:
+            self._owner.on_event(event)
+
+    def _start_opening(self) -> None:
+        assert self._transport is not None
+        self._open_at, self._opening = math.inf, self._transport
+        threading.Thread(target=self._open, args=(self._transport,), daemon=True).start()
 
     def _open(self, transport: Transport) -> None:
         """Open the port, beside the link thread: a URL port may take seconds to refuse."""
@@ -292,9 +346,13 @@ class Link:
             error = str(failure)
         except Exception:  # whatever a driver throws is a port that did not open
             error = f'cannot open {transport.name}: {traceback.format_exc()}'
-        self.post('opened', lambda now: self._opened(transport, error, now))
+        self.post(f'opened {id(transport)}', lambda now: self._opened(transport, error, now))
+        if self._quit:
+            transport.close()
 
     def _opened(self, transport: Transport, error: str, now: float) -> None:
+        if self._opening is transport:
+            self._opening = None
         if transport is not self._transport or self._session is None:
             transport.close()  # deactivated meanwhile
         elif error:
@@ -302,6 +360,7 @@ class Link:
         else:
             self.status.is_open, self.status.error = True, ''
             self.status.opens += 1
+            self._polled_at = now
             self._owner.link_changed(f'{transport.name} opened', True)
             try:
                 self._deliver(self._session.opened(now), now)
@@ -310,21 +369,22 @@ class Link:
 
     def _lose(self, error: str, now: float) -> None:
         """Take the port as gone: forget what was heard, tell, try again later."""
-        if self._transport is None or self._session is None:
-            self._owner.link_changed(error, False)
+        transport, session, was_open = self._transport, self._session, self.status.is_open
+        if transport is None or session is None:
+            self._complain(lambda: self._owner.link_changed(error, False), now)
             return
-        events = self._session.closed(now) if self.status.is_open else []
         self._retry_later(error, now)
-        self._owner.pace(
-            now
-        )  # the stop goes out before the port is closed, which may take a while
-        for event in events:
-            self._owner.handle(event)
-        self._transport.close()
+        try:
+            self._tell_closed(session.closed(now) if was_open else [], now)
+        finally:
+            if self._opening is not transport:
+                transport.close()
 
     def _retry_later(self, error: str, now: float) -> None:
-        if self.status.is_open or self.status.error != error:
-            self._owner.link_changed(error, False)
+        news = self.status.is_open or self.status.error != error
         self.status.is_open, self.status.error = False, error
-        self._open_at = now + self._backoff
+        if self._opening is not self._transport:  # else its end decides what comes next
+            self._open_at = now + self._backoff
         self._backoff = min(2 * self._backoff, self._reconnect_period)
+        if news:
+            self._owner.link_changed(error, False)

@@ -1,13 +1,15 @@
 """
 Serial ports, local ones and pyserial's URLs (``socket://``, ``rfc2217://``, ``loop://``).
 
-pyserial opens and configures the port; reading its descriptor directly is the faster half. URL
-ports have no descriptor to wait on, so two threads carry their bytes to a socket pair that has.
+pyserial opens and configures the port; reading its descriptor directly is the faster half. Some
+URL ports have no descriptor to wait on (``rfc2217://``, ``loop://``), so two threads carry their
+bytes to a socket pair that has.
 """
 
 import contextlib
 import errno
 import fcntl
+import io
 import os
 import select
 import socket
@@ -27,10 +29,16 @@ _HINTS = {
     errno.EAGAIN: 'in use by another program; close that one',
     errno.EBUSY: 'in use by another program; close that one',
     errno.EIO: 'the device does not answer; is it plugged in?',
+    errno.ENXIO: 'the device does not answer; is it plugged in?',
+    errno.ENODEV: 'the device does not answer; is it plugged in?',
 }
 # Frames that wait in the kernel delay a stop behind them: 64 bytes are 5.6 ms at 115200 baud.
 _BACKLOG_LIMIT = 64
 _DRAIN_TIME = 0.05
+# A line that stays busy for so long takes nothing any more (at 9600 baud 64 bytes need 0.07 s).
+_STALL_TIME = 0.5
+_SIOCOUTQNSD = 0x894B  # linux/sockios.h: like TIOCOUTQ, without what is sent but not acknowledged
+_TCP_USER_TIMEOUT_MS = 2000
 
 
 class SerialTransport:
@@ -47,40 +55,55 @@ class SerialTransport:
         self._baud = baud
         self._write_timeout = write_timeout
         self._serial: Any = None
-        self._pump: socket.socket | None = None
+        self._pump: _Pump | None = None
         self._fd = -1
+        self._backlog_request: int | None = None
+        self._busy_since: float | None = None
 
     def open(self) -> None:
         """Open and lock the port. :raises TransportError: with the reason and what to do."""
         self.close()
-        is_url = '://' in self.name
         try:
-            options: dict[str, Any] = {'timeout': 0, 'exclusive': True}
-            if is_url:
-                options = {'timeout': None, 'write_timeout': self._write_timeout}
-            port: Any = serial.serial_for_url(self.name, baudrate=self._baud, **options)
-            self._serial = port
-            if is_url:
-                self._pump = _start_pump(port)
-                self._fd = self._pump.fileno()
-            else:
-                self._fd = port.fileno()
-                self.low_latency = _set_low_latency(port)
-                termios.tcflush(self._fd, termios.TCIOFLUSH)
-        except (OSError, ValueError, termios.error) as error:  # SerialException is an OSError
+            self._serial = self._open_serial()
+            self._prepare(self._serial)
+        except (OSError, ValueError, NotImplementedError, termios.error) as error:
             self.close()
             raise TransportError(_explain_open(self.name, error)) from error
+
+    def _open_serial(self) -> Any:
+        # rfc2217:// refuses any write_timeout; ours holds for all.
+        options: dict[str, Any] = {} if '://' in self.name else {'timeout': 0, 'exclusive': True}
+        return serial.serial_for_url(self.name, baudrate=self._baud, **options)
+
+    def _prepare(self, port: Any) -> None:
+        """Get the descriptor, and rid of what came before the port was opened."""
+        self._busy_since = self._backlog_request = None
+        try:
+            self._fd = port.fileno()
+        except io.UnsupportedOperation:
+            self._pump = _Pump(port)
+            self._fd = self._pump.fileno()
+            return
+        if os.isatty(self._fd):
+            self._backlog_request = termios.TIOCOUTQ
+            self.low_latency = _set_low_latency(port)
+            termios.tcflush(self._fd, termios.TCIOFLUSH)
+        else:
+            self._backlog_request = _SIOCOUTQNSD
+            _set_prompt(self._fd)
 
     def close(self) -> None:
         """Close the port; what is queued gets 50 ms to leave."""
         port, pump, fd = self._serial, self._pump, self._fd
         self._serial, self._pump, self._fd = None, None, -1
         if pump is not None:
-            _quietly(pump.shutdown, socket.SHUT_RDWR)
             pump.close()
-        elif port is not None and fd >= 0:
-            _drain(fd)
-        if port is not None:
+        elif '://' in self.name and port is not None:
+            # pyserial sleeps in there; what was written leaves by itself.
+            threading.Thread(target=_quietly, args=(port.close,), daemon=True).start()
+        elif port is not None:
+            if fd >= 0:
+                _drain(fd)
             _quietly(port.close)
 
     def fileno(self) -> int:
@@ -102,11 +125,24 @@ class SerialTransport:
     def send(self, frame: bytes) -> bool:
         """Queue a frame, or drop it while the line is busy. :raises TransportError: gone."""
         try:
-            if self._pump is None and _backlog(self._fd) > _BACKLOG_LIMIT:
+            if self._is_busy():
                 return False
             self._write(frame)
         except OSError as error:
             raise TransportError(f'{self.name}: cannot write ({error.strerror})') from error
+        return True
+
+    def _is_busy(self) -> bool:
+        """Tell whether the line still has enough to do. :raises TransportError: it stalled."""
+        request = self._backlog_request
+        if request is None or _backlog(self._fd, request) <= _BACKLOG_LIMIT:
+            self._busy_since = None
+            return False
+        now = time.monotonic()
+        if self._busy_since is None:
+            self._busy_since = now
+        elif now - self._busy_since > _STALL_TIME:
+            raise TransportError(f'{self.name}: took no bytes for {_STALL_TIME * 1e3:.0f} ms')
         return True
 
     def _write(self, data: bytes) -> None:
@@ -138,9 +174,16 @@ def _set_low_latency(port: Any) -> bool:
     return True
 
 
-def _backlog(fd: int) -> int:
+def _set_prompt(fd: int) -> None:
+    """Have a TCP connection send small frames at once, and notice a peer that is gone."""
+    with contextlib.suppress(OSError), socket.socket(fileno=os.dup(fd)) as connection:
+        connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, _TCP_USER_TIMEOUT_MS)
+
+
+def _backlog(fd: int, request: int = termios.TIOCOUTQ) -> int:
     """Return how many bytes wait in the kernel to be sent."""
-    (count,) = struct.unpack('i', fcntl.ioctl(fd, termios.TIOCOUTQ, b'\0' * 4))
+    (count,) = struct.unpack('i', fcntl.ioctl(fd, request, b'\0' * 4))
     return int(count)
 
 
@@ -150,7 +193,8 @@ def _drain(fd: int) -> None:
     try:
         while _backlog(fd) and time.monotonic() < end:
             time.sleep(0.001)
-        termios.tcflush(fd, termios.TCOFLUSH)
+        if _backlog(fd):  # on a pty a flush takes away what the other end has not read yet
+            termios.tcflush(fd, termios.TCOFLUSH)
     except (OSError, termios.error):
         pass  # unplugged: there is nothing to drain
 
@@ -160,36 +204,43 @@ def _quietly(function, *args) -> None:  # type: ignore[no-untyped-def]
         function(*args)
 
 
-def _start_pump(port: Any) -> socket.socket:
-    """Carry bytes between a URL port and one end of a socket pair; return the other end."""
-    ours, theirs = socket.socketpair()
-    ours.setblocking(False)
-    # Small buffers: commands that wait are commands that come too late.
-    ours.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, 1)
+class _Pump:
+    """Carries bytes between a URL port and one end of a socket pair; the other end is ours."""
 
-    def inward() -> None:
-        try:
-            while data := port.read(max(1, port.in_waiting)):
-                theirs.sendall(data)
-        except (OSError, TypeError, AttributeError):
-            pass  # pyserial raises these from a port that was closed under it
-        _quietly(theirs.shutdown, socket.SHUT_RDWR)
+    def __init__(self, port: Any) -> None:
+        self._port = port
+        self._ours, self._theirs = socket.socketpair()
+        self._ours.setblocking(False)
+        # Small buffers: commands that wait are commands that come too late.
+        self._ours.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, 1)
+        self._reader = threading.Thread(target=self._inward, daemon=True)
+        self._writer = threading.Thread(target=self._outward, daemon=True)
+        self._reader.start()
+        self._writer.start()
 
-    def outward() -> None:
-        try:
-            while data := theirs.recv(4096):
-                port.write(data)
-        except (OSError, TypeError, AttributeError):
-            pass
-        _quietly(theirs.shutdown, socket.SHUT_RDWR)
+    def fileno(self) -> int:
+        return self._ours.fileno()
 
-    def both() -> None:
-        reader = threading.Thread(target=inward, daemon=True)
-        reader.start()
-        outward()
-        _quietly(port.close)
-        reader.join()
-        theirs.close()
+    def close(self) -> None:
+        """Close both, without waiting; what is queued gets 50 ms to leave."""
+        _quietly(self._ours.shutdown, socket.SHUT_RDWR)
+        self._ours.close()
+        threading.Thread(target=self._finish, daemon=True).start()
 
-    threading.Thread(target=both, name=f'pump {port.portstr}', daemon=True).start()
-    return ours
+    def _finish(self) -> None:
+        self._writer.join(_DRAIN_TIME)
+        _quietly(self._port.close)
+
+    # Whatever a driver raises from a port that was lost, or closed under it, is the end.
+
+    def _inward(self) -> None:
+        with contextlib.suppress(Exception):
+            while data := self._port.read(max(1, self._port.in_waiting)):
+                self._theirs.sendall(data)
+        _quietly(self._theirs.shutdown, socket.SHUT_RDWR)
+
+    def _outward(self) -> None:
+        with contextlib.suppress(Exception):
+            while data := self._theirs.recv(4096):
+                self._port.write(data)
+        _quietly(self._theirs.shutdown, socket.SHUT_RDWR)

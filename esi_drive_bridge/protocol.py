@@ -1,0 +1,419 @@
+"""
+Packets of the ESI servo drive. Source: "Safety Critical RS422 Protocol Specification", section 4.
+
+Both directions: 2 header bytes F0 F0, a body, CRC-16/CCITT-FALSE over the body alone. Values and
+CRC are little-endian. Nothing in a packet tells its kind or length: direction and layout do.
+
+======== ==================  =================================  ==============================
+layout   controller          command (4.2)                      status (4.3)
+======== ==================  =================================  ==============================
+DUAL     dual axis (Nova)    header, A 2-4, B 5-7, CRC 8-9      header, A 2-5, B 6-9, CRC 10-11
+PADDED   single (Stinger)    the same, bytes 5-7 zero           the same, bytes 6-9 zero
+COMPACT  single (Stinger)    header, A 2-4, CRC 5-6             header, A 2-5, CRC 6-7
+======== ==================  =================================  ==============================
+
+The manual's single-axis tables end without a CRC row, hence two readings of them. The header can
+occur inside a body: only the CRC decides.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from enum import Enum
+from enum import IntEnum
+from enum import IntFlag
+import struct
+
+from bridge_core.checksums import crc16_ccitt_false
+from bridge_core.framing import FrameError
+from bridge_core.framing import FrameFormat
+from bridge_core.framing import StreamParser
+
+HEADER = b'\xf0\xf0'
+CHECK_SIZE = 2
+BAUDS = (115200, 230400, 1000000)  # 4.5.2; always 8N1
+BITS_PER_BYTE = 10  # on an 8N1 line
+MAX_COMMAND_RATE = 1000.0  # Hz; the drive polls its port at 1 kHz (4.5.1)
+VALUE_MIN, VALUE_MAX = -32768, 32767  # counts of a command or feedback word
+AXIS_LETTERS = 'AB'
+
+_COMMAND_AXIS = struct.Struct(
+    '<'
+    'B'  # bit 0 enable, 1 clear errors, 2-3 mode, 4-7 unused
+    'h'  # command, counts of the scale configured for the mode (4.4.2)
+)
+_STATUS_AXIS = struct.Struct(
+    '<'
+    'B'  # AxisState
+    'h'  # feedback, counts of the same scale
+    'B'  # MotorError
+)
+_CHECK = struct.Struct('<H')
+assert (_COMMAND_AXIS.size, _STATUS_AXIS.size, _CHECK.size) == (3, 4, CHECK_SIZE)
+
+_COMMAND_ENABLE = 0x01
+_COMMAND_CLEAR = 0x02
+_MODE_SHIFT = 2
+_MODE_MASK = 0x03
+
+
+class Layout(Enum):
+    """How many axes a packet has room for, and how many are used."""
+
+    DUAL = 'dual'
+    PADDED = 'padded'
+    COMPACT = 'compact'
+
+    @property
+    def axes(self) -> int:
+        """Axes in use: 1 or 2."""
+        return 2 if self is Layout.DUAL else 1
+
+    @property
+    def slots(self) -> int:
+        """Axes that the packet has room for: 1 or 2."""
+        return 1 if self is Layout.COMPACT else 2
+
+    @property
+    def command_size(self) -> int:
+        """Bytes of a command packet: 10, or 7 if compact."""
+        return len(HEADER) + self.slots * _COMMAND_AXIS.size + CHECK_SIZE
+
+    @property
+    def status_size(self) -> int:
+        """Bytes of a status packet: 12, or 8 if compact."""
+        return len(HEADER) + self.slots * _STATUS_AXIS.size + CHECK_SIZE
+
+
+def layout_of(axes: int, single_axis_layout: str = 'padded') -> Layout:
+    """
+    Return the layout for 1 or 2 axes.
+
+    :param single_axis_layout: 'padded' or 'compact'; without effect for 2 axes.
+    :raises ValueError: for any other number or word.
+    """
+    if axes not in (1, 2):
+        raise ValueError(f'a drive has 1 or 2 axes, not {axes}')
+    if single_axis_layout not in ('padded', 'compact'):
+        raise ValueError(
+            f"single_axis_layout is 'padded' or 'compact', not {single_axis_layout!r}"
+        )
+    return Layout.DUAL if axes == 2 else Layout(single_axis_layout)
+
+
+class Mode(IntEnum):
+    """Command mode (4.2); 3 does not exist."""
+
+    TORQUE = 0  # current, A
+    VELOCITY = 1  # rpm
+    POSITION = 2  # rad
+
+
+class AxisState(IntFlag):
+    """First byte of an axis in a status packet (4.3). Bit 7 is reserved, and 6 for axis B."""
+
+    ENABLED = 0x01
+    ERROR_CONDITION = 0x02
+    OVERVOLTAGE = 0x04
+    UNDERVOLTAGE = 0x08
+    WARNING = 0x10
+    IPC_CAN_ERROR = 0x20
+    RS422_ERROR = 0x40  # axis A only; it speaks of the link, not of the axis
+
+
+class MotorError(IntFlag):
+    """Last byte of an axis in a status packet (4.3)."""
+
+    OVERCURRENT = 0x01
+    LOSS_OF_FEEDBACK = 0x02
+    OVERSPEED = 0x04
+    MOTOR_TEMPERATURE = 0x08
+    INTERNAL_TEMPERATURE = 0x10
+    BRAKE = 0x20
+    CURRENT_CALIBRATION = 0x40
+    LOGIC_FAULT = 0x80
+
+
+_NO_STATE = AxisState(0)
+_NO_ERROR = MotorError(0)
+_STATE_MASKS = (0x7F, 0x3F)  # of axis A, of axis B
+_STATE_FAULTS = {
+    AxisState.OVERVOLTAGE: 'overvoltage: check the supply, and where braking energy goes',
+    AxisState.UNDERVOLTAGE: 'undervoltage: check supply, fuses and cable for sag under load',
+    AxisState.IPC_CAN_ERROR: 'CAN between the processors of the drive failed: power-cycle the '
+    'drive, and have it repaired if that does not help',
+}
+_RS422_FAULT = (
+    'RS422 packet error or time-out: the drive gets no good command packets; check the '
+    "transmit pair, baud and single_axis_layout, and HiDS's SerialChecksumErrorCount. If they are "
+    'sound and it stays, clear the errors'
+)
+_UNNAMED_FAULT = 'error condition without an error bit: read the cause with HiDS'
+_MOTOR_FAULTS = {
+    MotorError.OVERCURRENT: 'overcurrent: check for a blocked or shorted motor',
+    MotorError.LOSS_OF_FEEDBACK: 'loss of feedback: check encoder or resolver and its cable',
+    MotorError.OVERSPEED: 'overspeed: check the load, the velocity limit and the loop tuning',
+    MotorError.MOTOR_TEMPERATURE: 'motor temperature: let the motor cool, check load and sensor',
+    MotorError.INTERNAL_TEMPERATURE: 'internal temperature: let the drive cool, check cooling',
+    MotorError.BRAKE: 'brake over- or undercurrent: check the brake and its wiring',
+    MotorError.CURRENT_CALIBRATION: 'phase current sensors failed to calibrate: power-cycle the '
+    'drive with the motor at rest',
+    MotorError.LOGIC_FAULT: 'logic voltage out of range: check the logic supply',
+}
+_WARNING = 'the drive reports a warning: read it with HiDS'
+_FAULT_MASK = (
+    AxisState.ERROR_CONDITION
+    | AxisState.OVERVOLTAGE
+    | AxisState.UNDERVOLTAGE
+    | AxisState.IPC_CAN_ERROR
+    | AxisState.RS422_ERROR
+).value
+
+
+def _check_value(value: int, what: str) -> None:
+    if not VALUE_MIN <= value <= VALUE_MAX:
+        raise ValueError(f'{what} must be {VALUE_MIN} to {VALUE_MAX} counts, not {value}')
+
+
+def _wrap(body: bytes) -> bytes:
+    return HEADER + body + _CHECK.pack(crc16_ccitt_false(body))
+
+
+def _has_good_check(frame: bytes) -> bool:
+    body, check = frame[len(HEADER) : -CHECK_SIZE], frame[-CHECK_SIZE:]
+    return check == _CHECK.pack(crc16_ccitt_false(body))
+
+
+def _body_of(frame: bytes, size: int) -> bytes:
+    """Return the body of a packet of ``size`` bytes. :raises FrameError: if it is not one."""
+    if len(frame) != size or not frame.startswith(HEADER):
+        raise FrameError(f'not a packet of {size} bytes: {frame.hex()}')
+    if not _has_good_check(frame):
+        raise FrameError(f'wrong CRC {frame[-CHECK_SIZE:].hex()}')
+    return frame[len(HEADER) : -CHECK_SIZE]
+
+
+@dataclass(frozen=True, slots=True)
+class AxisCommand:
+    """
+    One axis of a command packet; the default disables.
+
+    :param value: counts, -32768 to 32767. :raises ValueError: beyond.
+    """
+
+    enable: bool = False
+    clear_errors: bool = False
+    mode: Mode = Mode.TORQUE
+    value: int = 0
+
+    def __post_init__(self) -> None:
+        _check_value(self.value, 'a command')
+
+    def to_bytes(self) -> bytes:
+        """Return the axis's 3 bytes (4.2)."""
+        flags = self.mode << _MODE_SHIFT
+        flags |= _COMMAND_ENABLE * self.enable | _COMMAND_CLEAR * self.clear_errors
+        return _COMMAND_AXIS.pack(flags, self.value)
+
+    @classmethod
+    def from_bytes(cls, data: bytes) -> AxisCommand:
+        """Read 3 bytes; unused bits are ignored. :raises FrameError: for mode 3."""
+        flags, value = _COMMAND_AXIS.unpack(data)
+        mode = flags >> _MODE_SHIFT & _MODE_MASK
+        if mode == _MODE_MASK:
+            raise FrameError('command mode 3 does not exist')
+        return cls(bool(flags & _COMMAND_ENABLE), bool(flags & _COMMAND_CLEAR), Mode(mode), value)
+
+
+@dataclass(frozen=True, slots=True)
+class Command:
+    """
+    A command packet (4.2), to the drive.
+
+    :param axes: axis A, or axes A and B. :raises ValueError: for any other number.
+    """
+
+    axes: tuple[AxisCommand, ...]
+
+    def __post_init__(self) -> None:
+        _check_axes(len(self.axes))
+
+    def to_bytes(self, layout: Layout) -> bytes:
+        """Return the whole packet. :raises ValueError: if the layout has other axes."""
+        _check_fit(len(self.axes), layout)
+        body = b''.join(axis.to_bytes() for axis in self.axes)
+        return _wrap(body.ljust(layout.slots * _COMMAND_AXIS.size, b'\0'))
+
+    @classmethod
+    def from_bytes(cls, frame: bytes, layout: Layout) -> Command:
+        """Read a whole packet. :raises FrameError: if it is not a sound one."""
+        body = _body_of(frame, layout.command_size)
+        return cls(tuple(map(AxisCommand.from_bytes, _axes_of(body, _COMMAND_AXIS.size, layout))))
+
+
+@dataclass(frozen=True, slots=True)
+class AxisStatus:
+    """
+    One axis of a status packet.
+
+    :param feedback: measured counts: current, rpm or rad over the mode's scale (4.4.2).
+        :raises ValueError: beyond int16.
+    """
+
+    state: AxisState = _NO_STATE
+    feedback: int = 0
+    errors: MotorError = _NO_ERROR
+
+    def __post_init__(self) -> None:
+        _check_value(self.feedback, 'feedback')
+
+    @property
+    def enabled(self) -> bool:
+        """The motor is enabled."""
+        return bool(self.state & AxisState.ENABLED)
+
+    @property
+    def error_condition(self) -> bool:
+        """The drive's own summary; see ``faulty`` for one that overlooks no bit."""
+        return bool(self.state & AxisState.ERROR_CONDITION)
+
+    @property
+    def overvoltage(self) -> bool:
+        """Too much voltage at the processor of this axis."""
+        return bool(self.state & AxisState.OVERVOLTAGE)
+
+    @property
+    def undervoltage(self) -> bool:
+        """Too little voltage at the processor of this axis."""
+        return bool(self.state & AxisState.UNDERVOLTAGE)
+
+    @property
+    def warning(self) -> bool:
+        """Self-test or another configured warning; not an error."""
+        return bool(self.state & AxisState.WARNING)
+
+    @property
+    def ipc_can_error(self) -> bool:
+        """The CAN between the drive's processors failed."""
+        return bool(self.state & AxisState.IPC_CAN_ERROR)
+
+    @property
+    def rs422_error(self) -> bool:
+        """The drive got a bad command packet or none in time; only axis A tells."""
+        return bool(self.state & AxisState.RS422_ERROR)
+
+    @property
+    def faulty(self) -> bool:
+        """Any error bit at all is set, whatever the drive's own summary says."""
+        return bool(self.errors.value or self.state.value & _FAULT_MASK)
+
+    def faults(self) -> list[str]:
+        """Name every error bit, with what to do; empty exactly if not ``faulty``."""
+        texts = [text for flag, text in _MOTOR_FAULTS.items() if self.errors & flag]
+        texts += [text for flag, text in _STATE_FAULTS.items() if self.state & flag]
+        if self.error_condition and not texts and not self.rs422_error:
+            texts.append(_UNNAMED_FAULT)
+        return [*texts, _RS422_FAULT] if self.rs422_error else texts
+
+    def fault_names(self) -> list[str]:
+        """Name every error bit in the manual's words, such as 'overcurrent'."""
+        found = [flag.name for flag in MotorError if self.errors & flag]
+        found += [flag.name for flag in AxisState if self.state.value & flag & _FAULT_MASK]
+        return [str(name).lower() for name in found]
+
+    def to_bytes(self) -> bytes:
+        """Return the axis's 4 bytes (4.3)."""
+        return _STATUS_AXIS.pack(self.state, self.feedback, self.errors)
+
+    @classmethod
+    def from_bytes(cls, data: bytes, state_mask: int = _STATE_MASKS[0]) -> AxisStatus:
+        """Read 4 bytes; the state's bits outside ``state_mask`` are reserved and ignored."""
+        state, feedback, errors = _STATUS_AXIS.unpack(data)
+        return cls(AxisState(state & state_mask), feedback, MotorError(errors))
+
+
+@dataclass(frozen=True, slots=True)
+class Status:
+    """
+    A status packet (4.3), from the drive.
+
+    :param axes: axis A, or axes A and B. :raises ValueError: for any other number, and for an
+        RS422 error on axis B, which has no bit for it.
+    """
+
+    axes: tuple[AxisStatus, ...]
+
+    def __post_init__(self) -> None:
+        _check_axes(len(self.axes))
+        if any(axis.rs422_error for axis in self.axes[1:]):
+            raise ValueError('only axis A reports an RS422 error')
+
+    @property
+    def enabled(self) -> bool:
+        """Every axis is enabled."""
+        return all(axis.enabled for axis in self.axes)
+
+    @property
+    def faulty(self) -> bool:
+        """Any error bit of any axis is set."""
+        return any(axis.faulty for axis in self.axes)
+
+    def faults(self) -> list[str]:
+        """Name every error bit of every axis, with what to do, as 'axis A: overcurrent: ...'."""
+        return [f'axis {name}: {text}' for name, axis in self.lettered() for text in axis.faults()]
+
+    def warnings(self) -> list[str]:
+        """Name the axes that report a warning."""
+        return [f'axis {name}: {_WARNING}' for name, axis in self.lettered() if axis.warning]
+
+    def lettered(self) -> Iterator[tuple[str, AxisStatus]]:
+        """Pair every axis with its letter in the manual."""
+        return zip(AXIS_LETTERS, self.axes, strict=False)
+
+    def to_bytes(self, layout: Layout) -> bytes:
+        """Return the whole packet. :raises ValueError: if the layout has other axes."""
+        _check_fit(len(self.axes), layout)
+        body = b''.join(axis.to_bytes() for axis in self.axes)
+        return _wrap(body.ljust(layout.slots * _STATUS_AXIS.size, b'\0'))
+
+    @classmethod
+    def from_bytes(cls, frame: bytes, layout: Layout) -> Status:
+        """Read a whole packet. :raises FrameError: if it is not a sound one."""
+        parts = _axes_of(_body_of(frame, layout.status_size), _STATUS_AXIS.size, layout)
+        return cls(tuple(map(AxisStatus.from_bytes, parts, _STATE_MASKS)))
+
+
+def _check_axes(count: int) -> None:
+    if count not in (1, 2):
+        raise ValueError(f'a packet has 1 or 2 axes, not {count}')
+
+
+def _check_fit(count: int, layout: Layout) -> None:
+    if count != layout.axes:
+        raise ValueError(f'layout {layout.value} has {layout.axes} axes, not {count}')
+
+
+def _axes_of(body: bytes, size: int, layout: Layout) -> list[bytes]:
+    """Cut the axes in use out of a body; what pads a single axis is ignored."""
+    return [body[start : start + size] for start in range(0, layout.axes * size, size)]
+
+
+def _format(size: int) -> FrameFormat:
+    return FrameFormat(
+        header=HEADER,
+        head_size=len(HEADER),
+        max_size=size,
+        size_of=lambda head: size,
+        check=_has_good_check,
+    )
+
+
+def command_parser(layout: Layout) -> StreamParser:
+    """Return a parser for the direction to the drive."""
+    return StreamParser(_format(layout.command_size))
+
+
+def status_parser(layout: Layout) -> StreamParser:
+    """Return a parser for the direction from the drive."""
+    return StreamParser(_format(layout.status_size))

@@ -1,0 +1,54 @@
+"""
+The link to the drive over time: packets that never stop, and enabling as a sequence.
+
+Packets leave every 1 / ``command_rate`` seconds while the port is open. They say disable and 0,
+unless all of this holds at the same time:
+
+- the status is fresh and shows no error bit;
+- the e-stop input was heard within ``command_timeout`` and is clear;
+- enable was heard within ``command_timeout`` and is true, and it began with an edge: a false heard
+  while nothing else forbade motion, then a true;
+- a command was heard within ``command_timeout``.
+
+=========  ==========================================  ============================================
+phase      packets                                     leaves to
+=========  ==========================================  ============================================
+DISABLED   disable, 0                                  WAITING at an edge of enable; CLEARING
+WAITING    disable, 0                                  ENABLING at a command; else DISABLED
+ENABLING   enable, at rest                             ENABLED when all axes say so; else DISABLED
+ENABLED    enable, newest command since it began       DISABLED
+CLEARING   disable, 0, clear errors                    DISABLED
+=========  ==========================================  ============================================
+
+Every way back to DISABLED needs a new edge, and what was asked before is forgotten. "At rest" is 0
+for torque and velocity. For position it is the measured position: a 0 there would be a journey.
+
+Whether the drive latches its RS422 error bit the manual does not say. Either way ``estop`` is true
+while it is set, and errors are cleared on request only.
+"""
+
+from esi_drive_bridge.session.events import EnabledChanged
+from esi_drive_bridge.session.events import EnableRefused
+from esi_drive_bridge.session.events import ErrorsCleared
+from esi_drive_bridge.session.events import Event
+from esi_drive_bridge.session.events import FaultsChanged
+from esi_drive_bridge.session.events import Feedback
+from esi_drive_bridge.session.events import Stopped
+from esi_drive_bridge.session.session import FAREWELL_PACKETS
+from esi_drive_bridge.session.session import Phase
+from esi_drive_bridge.session.session import Session
+from esi_drive_bridge.session.settings import Settings
+
+__all__ = [
+    'FAREWELL_PACKETS',
+    'EnableRefused',
+    'EnabledChanged',
+    'ErrorsCleared',
+    'Event',
+    'FaultsChanged',
+    'Feedback',
+    'Phase',
+    'Session',
+    'Settings',
+    'Stopped',
+]

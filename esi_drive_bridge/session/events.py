@@ -1,0 +1,53 @@
+"""What a session tells its node."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from esi_drive_bridge.protocol import Status
+
+
+@dataclass(frozen=True, slots=True)
+class Feedback:
+    """A status packet came."""
+
+    status: Status
+
+
+@dataclass(frozen=True, slots=True)
+class EnabledChanged:
+    """What the drive says: every axis is enabled, or not; false too when it cannot be heard."""
+
+    enabled: bool
+
+
+@dataclass(frozen=True, slots=True)
+class FaultsChanged:
+    """The error bits changed: all that are set now, in words. Empty: none is."""
+
+    faults: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Stopped:
+    """Enabling or motion ended, for these reasons; a new edge of enable is needed."""
+
+    reasons: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class EnableRefused:
+    """Enable went true and led to nothing, for these reasons; a new edge is needed."""
+
+    reasons: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class ErrorsCleared:
+    """The answer to ``clear_errors``."""
+
+    success: bool
+    text: str
+
+
+Event = Feedback | EnabledChanged | FaultsChanged | Stopped | EnableRefused | ErrorsCleared

@@ -1,0 +1,465 @@
+"""
+The drive's side of the link, for demos and tests: motors, faults, time-outs. No port, no clock.
+
+Its packets are built and read here, from the manual's tables, with a CRC of its own: a simulator
+that shared the bridge's codec would share its errors.
+
+What the manual leaves undecided is decided like this, on the less helpful side:
+
+- Enable is a level: an axis without errors runs as long as good packets say enable.
+- No good packet for ``command_timeout`` disables all axes and sets the RS422 error bit. The bit
+  clears with the next good packet; with ``latch on``, only with the clear bit.
+- A packet with a wrong CRC is counted and ignored; it does not set the RS422 bit by itself.
+- Errors are latched. The clear bit clears those whose cause has gone. No axis enables with an
+  error, but an error of one axis does not disable the other.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from collections.abc import Iterator
+from dataclasses import dataclass
+from dataclasses import field
+import math
+import struct
+
+_HEADER = b'\xf0\xf0'
+_RPM = 60.0 / (2.0 * math.pi)  # rpm of one rad/s
+_STEP = 0.002  # s, longest step of the motor model
+_LONGEST_GAP = 1.0  # s of motor time that is made up after silence
+_SCALES = (0.001, 1.0, 0.000191753)  # A, rpm, rad a count, by mode (4.2.3 to 4.2.5)
+_TORQUE, _VELOCITY, _POSITION = range(3)
+
+# Names of error bits, from bit 0 up: of the state byte (None: not an error) and of the error byte.
+_STATE_BITS = (None, None, 'overvoltage', 'undervoltage', 'warning', 'ipc_can', 'rs422', None)
+_ERROR_BITS = (
+    'overcurrent',
+    'loss_of_feedback',
+    'overspeed',
+    'motor_temp',
+    'internal_temp',
+    'brake',
+    'current_cal',
+    'logic_fault',
+)
+FAULTS = tuple(name for name in (*_STATE_BITS, *_ERROR_BITS) if name)
+
+HELP = """\
+fault a|b|* NAME on|off|pulse   cause of an error; off leaves it latched. Names: {names}
+load FRACTION                   0 to 1 of what the motors can push
+latch on|off                    the RS422 error bit waits for the clear bit
+refuse a|b|* on|off             never become enabled, without an error
+stuck a|b|* on|off              stay enabled whatever packets say
+trip a|b|*                      drop out of enabled without an error, until enable was false
+mute on|off                     send no status
+deaf on|off                     hear no commands
+drop COUNT                      lose the next status packets
+corrupt COUNT                   flip a bit in each of the next status packets
+delay SECONDS                   send status later; 0 ends it
+stall SECONDS                   do nothing at all, then go on
+reboot [SECONDS]                be off for so long (0.5), come back without errors
+rate HZ                         status packets a second, 1 to 1000""".format(
+    names=', '.join(FAULTS)
+)
+
+
+def _crc(data: bytes) -> int:
+    """CRC-16/CCITT-FALSE, bit by bit: polynomial 0x1021, start 0xFFFF (4.1.3)."""
+    crc = 0xFFFF
+    for byte in data:
+        crc ^= byte << 8
+        for _ in range(8):
+            crc = (crc << 1 ^ 0x1021) & 0xFFFF if crc & 0x8000 else crc << 1
+    return crc
+
+
+@dataclass(slots=True)
+class Motor:
+    """
+    One motor with its loops, at the motor's shaft.
+
+    :param inertia: kg·m². :param friction: N·m per rad/s. :param torque_constant: N·m/A.
+    :param max_current: A. :param loop_time: s, of the velocity loop. :param brake_time: s, in
+        which a disabled motor loses 63 % of its speed.
+    """
+
+    inertia: float = 0.002
+    friction: float = 0.0005
+    torque_constant: float = 0.1
+    max_current: float = 20.0
+    loop_time: float = 0.03
+    brake_time: float = 0.08
+    stiffness: float = 8.0  # 1/s, of the position loop
+    load: float = 0.0  # fraction of the greatest torque
+    rpm: float = 0.0
+    position: float = 0.0  # rad
+    current: float = 0.0  # A
+
+    def step(self, dt: float, mode: int, command: float) -> None:
+        """Run enabled for ``dt`` seconds; the command is A, rpm or rad by mode."""
+        if mode == _TORQUE:
+            self.current = _clamp(command, self.max_current)
+            push = self.current * self.torque_constant
+            drag = math.copysign(self._load_torque, self.rpm or push)
+            rate = (push - drag - self.friction * self.rpm / _RPM) / self.inertia * _RPM
+            reverses = (self.rpm + rate * dt) * (self.rpm or push) < 0.0
+            if reverses and abs(push) <= self._load_torque:
+                rate = -self.rpm / dt  # a load holds, it does not push
+            self._turn(dt, rate)
+            return
+        if mode == _POSITION:
+            command = (command - self.position) * self.stiffness * _RPM
+        wanted = (command - self.rpm) * -math.expm1(-dt / self.loop_time) / dt
+        free = (self.max_current * self.torque_constant - self._load_torque) / self.inertia * _RPM
+        rate = _clamp(wanted, free)
+        self.current = (rate / _RPM * self.inertia + self.friction * self.rpm / _RPM) / (
+            self.torque_constant
+        )
+        self._turn(dt, rate)
+
+    def coast(self, dt: float) -> None:
+        """Run disabled: brake down, with no current."""
+        self.current = 0.0
+        self._turn(dt, self.rpm * math.expm1(-dt / self.brake_time) / dt)
+
+    @property
+    def _load_torque(self) -> float:
+        return self.load * self.max_current * self.torque_constant
+
+    def _turn(self, dt: float, rpm_per_s: float) -> None:
+        before = self.rpm
+        self.rpm += rpm_per_s * dt
+        self.position += (before + self.rpm) / 2.0 / _RPM * dt
+
+
+def _clamp(value: float, limit: float) -> float:
+    return min(max(value, -limit), limit)
+
+
+@dataclass(slots=True)
+class _Axis:
+    motor: Motor = field(default_factory=Motor)
+    enable: bool = False  # as the last good packet said
+    enabled: bool = False
+    mode: int = _VELOCITY
+    command: int = 0  # counts
+    causes: set[str] = field(default_factory=set)
+    latched: set[str] = field(default_factory=set)
+    refuse: bool = False
+    stuck: bool = False
+    tripped: bool = False
+    enable_since: float = math.inf
+
+    @property
+    def errors(self) -> set[str]:
+        return self.latched - {'warning'}
+
+    def restart(self) -> None:
+        self.enable = self.enabled = self.tripped = False
+        self.command, self.enable_since = 0, math.inf
+        self.latched = set(self.causes)
+
+
+class Simulator:
+    """
+    A drive. Feed ``receive``, send what ``poll`` returns, call it at ``deadline``.
+
+    :param axes: 1 or 2. :param compact: the short single-axis packets.
+    :param status_rate: Hz, 1 to 1000. :param command_timeout: s, the drive's own watchdog.
+    :param enable_delay: s from the first enable packet until the axis is enabled.
+    """
+
+    def __init__(
+        self,
+        *,
+        axes: int = 2,
+        compact: bool = False,
+        status_rate: float = 100.0,
+        command_timeout: float = 0.1,
+        enable_delay: float = 0.02,
+        scales: tuple[float, float, float] = _SCALES,
+    ) -> None:
+        if axes not in (1, 2) or (compact and axes == 2):
+            raise ValueError('1 or 2 axes; compact packets have 1')
+        self.command_timeout, self.enable_delay, self.scales = (
+            command_timeout,
+            enable_delay,
+            scales,
+        )
+        self._axes = [_Axis() for _ in range(axes)]
+        self._slots = 1 if compact else 2
+        self._command_size, self._status_size = 4 + 3 * self._slots, 4 + 4 * self._slots
+        self.packets = self.crc_errors = self.sent = self.discarded_bytes = 0
+        self.last_packet = b''
+        self.muted = self.deaf = self.rs422_latched = False
+        self._rs422_error = False
+        self._drop = self._corrupt = 0
+        self._delay = 0.0
+        self._status_period = 1.0 / status_rate
+        self._buffer = b''
+        self._outbox: list[tuple[float, bytes]] = []
+        self._now = -math.inf  # of the last call
+        self._next_status = self._heard = -math.inf
+        self._off_until = self._stalled_until = -math.inf
+
+    # The wire.
+
+    def receive(self, data: bytes, now: float) -> None:
+        """Take what came from the bridge, in any split."""
+        self._advance(now)
+        if self.deaf or now < self._off_until:
+            return
+        self._buffer += data
+        if now >= self._stalled_until:
+            self._read(now)
+
+    def poll(self, now: float) -> list[bytes]:
+        """Let time act; return the packets that are due."""
+        self._advance(now)
+        if now < max(self._stalled_until, self._off_until):
+            return []
+        self._read(now)
+        if now >= self._next_status:
+            following = self._next_status + self._status_period
+            self._next_status = following if following > now else now + self._status_period
+            self._queue_status(now)
+        ready = [packet for due, packet in self._outbox if due <= now]
+        self._outbox = [entry for entry in self._outbox if entry[0] > now]
+        self.sent += len(ready)
+        return ready
+
+    def deadline(self) -> float:
+        """Return when poll wants to be called next."""
+        moments = [self._next_status, *(due for due, _ in self._outbox)]
+        moments += [self._heard + self.command_timeout, *map(self._enable_at, self._axes)]
+        due = min(moment for moment in moments if moment > self._now or moment == -math.inf)
+        return max(due, self._stalled_until, self._off_until)
+
+    def _read(self, now: float) -> None:
+        """Cut packets out of what came; only the CRC tells where one is."""
+        size = self._command_size
+        while True:
+            start = self._buffer.find(_HEADER)
+            if start < 0:
+                start = len(self._buffer) - self._buffer.endswith(_HEADER[:1])
+            self.discarded_bytes += start
+            self._buffer = self._buffer[start:]
+            if len(self._buffer) < size:
+                return
+            packet = self._buffer[:size]
+            if _crc(packet[2:-2]).to_bytes(2, 'little') == packet[-2:]:
+                self._buffer = self._buffer[size:]
+                self._obey(packet, now)
+            else:
+                self.crc_errors += 1
+                self.discarded_bytes += 1
+                self._buffer = self._buffer[1:]
+
+    def _obey(self, packet: bytes, now: float) -> None:
+        self.packets += 1
+        self.last_packet = packet
+        self._heard = now
+        if not self.rs422_latched:
+            self._rs422_error = False
+        for number, axis in enumerate(self._axes):
+            flags, command = struct.unpack_from('<Bh', packet, 2 + 3 * number)
+            axis.enable, axis.mode, axis.command = bool(flags & 1), flags >> 2 & 3, command
+            if flags & 2:
+                axis.latched &= axis.causes
+                self._rs422_error &= number != 0
+            if not axis.enable:
+                axis.enable_since, axis.tripped = math.inf, False
+            elif axis.enable_since == math.inf:
+                axis.enable_since = now
+        self._switch(now)
+
+    def _queue_status(self, now: float) -> None:
+        packet = self._status_packet()
+        if self.muted:
+            return
+        if self._drop:
+            self._drop -= 1
+            return
+        if self._corrupt:
+            self._corrupt -= 1
+            packet = packet[:3] + bytes((packet[3] ^ 0x10,)) + packet[4:]
+        self._outbox.append((now + self._delay, packet))
+
+    def _status_packet(self) -> bytes:
+        body = b''
+        for number, axis in enumerate(self._axes):
+            errors = axis.latched | ({'rs422'} if self._rs422_error and number == 0 else set())
+            state = _bits(_STATE_BITS, errors) | axis.enabled
+            state |= 2 * bool(axis.errors or (self.rs422_latched and 'rs422' in errors))
+            body += struct.pack('<BhB', state, self._feedback(axis), _bits(_ERROR_BITS, errors))
+        body = body.ljust(4 * self._slots, b'\0')
+        return _HEADER + body + struct.pack('<H', _crc(body))
+
+    def _feedback(self, axis: _Axis) -> int:
+        """Measured value over command scale (4.4.2)."""
+        motor = axis.motor
+        value = (motor.current, motor.rpm, motor.position, 0.0)[axis.mode]
+        count = value / (*self.scales, 1.0)[axis.mode]
+        return round(min(max(count, -32768.0), 32767.0))
+
+    # Time.
+
+    def _advance(self, now: float) -> None:
+        """Run motors and watchdog up to ``now``."""
+        if self._now == -math.inf:
+            self._next_status = self._heard = now
+        else:
+            gap = min(max(now - self._now, 0.0), _LONGEST_GAP)
+            steps = math.ceil(gap / _STEP)
+            for axis in self._axes:
+                self._run(axis, gap, steps)
+        self._now = now
+        if now >= max(self._stalled_until, self._heard + self.command_timeout):
+            self._rs422_error = True
+            for axis in self._axes:
+                axis.enable, axis.enable_since = False, math.inf
+        if now >= self._stalled_until:
+            self._switch(now)
+
+    def _run(self, axis: _Axis, gap: float, steps: int) -> None:
+        for _ in range(steps):
+            if axis.enabled and axis.mode < len(self.scales):
+                axis.motor.step(gap / steps, axis.mode, axis.command * self.scales[axis.mode])
+            else:
+                axis.motor.coast(gap / steps)
+
+    def _switch(self, now: float) -> None:
+        """Enable and disable as packets, errors and faults demand."""
+        latched_link = self._rs422_error and self.rs422_latched
+        for axis in self._axes:
+            bad = axis.errors or latched_link or axis.refuse or axis.tripped or axis.mode == 3
+            due = axis.enabled or now >= self._enable_at(axis)
+            axis.enabled = bool((axis.enable and due and not bad) or axis.stuck)
+
+    def _enable_at(self, axis: _Axis) -> float:
+        return axis.enable_since + self.enable_delay
+
+    # What a tester does to it.
+
+    def apply(self, text: str) -> None:
+        """Carry out one line; see HELP. :raises ValueError: with one line that says what fits."""
+        words = text.split()
+        verb, rest = (words[0], words[1:]) if words else ('', [])
+        action = getattr(self, f'_do_{verb}', None) if verb.isalpha() else None
+        if action is None:
+            verbs = ', '.join(line.split()[0] for line in HELP.splitlines())
+            raise ValueError(f'unknown command {text!r}; there are {verbs}')
+        try:
+            action(*rest)
+        except (TypeError, ValueError) as error:
+            usage = next(line for line in HELP.splitlines() if line.startswith(verb))
+            raise ValueError(f'{text!r}: use {" ".join(usage.split())}') from error
+
+    def describe(self) -> dict[str, object]:
+        """Return what can be seen from outside, and what a real drive would show in HiDS."""
+        axes = self._axes
+        return {
+            'enabled': [axis.enabled for axis in axes],
+            'rpm': [axis.motor.rpm for axis in axes],
+            'position_rad': [axis.motor.position for axis in axes],
+            'current_a': [axis.motor.current for axis in axes],
+            'command': [axis.command for axis in axes],
+            'mode': [axis.mode for axis in axes],
+            'errors': [sorted(axis.latched) for axis in axes],
+            'rs422_error': self._rs422_error,
+            'off': self._now < self._off_until,
+            'packets': self.packets,
+            'crc_errors': self.crc_errors,
+            'sent': self.sent,
+            'last_packet': self.last_packet.hex(' '),
+        }
+
+    def _chosen(self, name: str) -> Iterator[_Axis]:
+        letters = 'ab'[: len(self._axes)]
+        if name not in (*letters, '*'):
+            raise ValueError(name)
+        return (
+            axis for letter, axis in zip(letters, self._axes, strict=True) if name in '*' + letter
+        )
+
+    def _do_fault(self, axis: str, name: str, state: str) -> None:
+        if name not in FAULTS or state not in ('on', 'off', 'pulse'):
+            raise ValueError(name)
+        for chosen in self._chosen(axis):
+            if name == 'rs422':
+                self._rs422_error |= state != 'off'
+                continue
+            if state != 'off':
+                chosen.latched.add(name)
+            (chosen.causes.add if state == 'on' else chosen.causes.discard)(name)
+            if name == 'warning' and state == 'off':
+                chosen.latched.discard(name)
+        self._switch(self._now)
+
+    def _do_load(self, fraction: str) -> None:
+        value = _number(fraction, 0.0, 1.0)
+        for axis in self._axes:
+            axis.motor.load = value
+
+    def _do_latch(self, state: str) -> None:
+        self.rs422_latched = _on(state)
+
+    def _do_refuse(self, axis: str, state: str) -> None:
+        self._mark(axis, lambda chosen: setattr(chosen, 'refuse', _on(state)))
+
+    def _do_stuck(self, axis: str, state: str) -> None:
+        self._mark(axis, lambda chosen: setattr(chosen, 'stuck', _on(state)))
+
+    def _do_trip(self, axis: str) -> None:
+        self._mark(axis, lambda chosen: setattr(chosen, 'tripped', True))
+
+    def _mark(self, axis: str, mark: Callable[[_Axis], None]) -> None:
+        for chosen in self._chosen(axis):
+            mark(chosen)
+        self._switch(self._now)
+
+    def _do_mute(self, state: str) -> None:
+        self.muted = _on(state)
+
+    def _do_deaf(self, state: str) -> None:
+        self.deaf = _on(state)
+
+    def _do_drop(self, count: str) -> None:
+        self._drop = int(_number(count, 0, 1e6))
+
+    def _do_corrupt(self, count: str) -> None:
+        self._corrupt = int(_number(count, 0, 1e6))
+
+    def _do_delay(self, seconds: str) -> None:
+        self._delay = _number(seconds, 0.0, 10.0)
+
+    def _do_stall(self, seconds: str) -> None:
+        self._stalled_until = self._now + _number(seconds, 0.0, 60.0)
+
+    def _do_reboot(self, seconds: str = '0.5') -> None:
+        self._off_until = self._now + _number(seconds, 0.0, 60.0)
+        self._buffer, self._outbox = b'', []
+        self._rs422_error = False
+        self._heard = self._off_until
+        for axis in self._axes:
+            axis.restart()
+
+    def _do_rate(self, hertz: str) -> None:
+        self._status_period = 1.0 / _number(hertz, 1.0, 1000.0)
+
+
+def _bits(names: tuple[str | None, ...], present: set[str]) -> int:
+    return sum(1 << bit for bit, name in enumerate(names) if name in present)
+
+
+def _on(state: str) -> bool:
+    if state not in ('on', 'off'):
+        raise ValueError(state)
+    return state == 'on'
+
+
+def _number(text: str, low: float, high: float) -> float:
+    value = float(text)
+    if not low <= value <= high:
+        raise ValueError(text)
+    return value

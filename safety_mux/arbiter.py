@@ -1,0 +1,486 @@
+"""
+The safety mux's decision: who has control, and whether anything may move at all.
+
+A pure state machine. The node tells it what arrived and when (``now``: seconds of a monotonic
+clock, taken at arrival), and calls :meth:`Arbiter.tick` at a fixed rate and at once after a stop.
+Between ticks inputs are only noted; all changes but those that a service makes happen in a tick,
+stops first. So whatever arrives in the same tick as a stop loses against it.
+
+    STOPPED --reset--> READY --deadman, select_autonomy--> ACTIVE(owner) --release--> READY
+    any state --stop--> STOPPED; from ACTIVE by way of STOPPING where only category 1 asks for it
+
+What the rules leave open is settled here:
+
+* A lost owner (stale, invalid) latches STOPPED. A released deadman, or autonomy deselected, goes
+  to READY with zero and drives disabled in the same tick. A takeover stays ACTIVE with the new
+  owner, whose demand counts once the limited output has been zero. So the first output of every
+  owner is not his own, and from READY it is zero.
+* An edge that cannot be used is forgotten: a deadman that goes down too early, during hold_time,
+  under a higher owner or in the tick of a release has to be released, rest and be pressed again.
+* hold_time: after a change of owner no operator takes over from another for that long. Stops and
+  releases are always immediate, and taking over from autonomy is too.
+* Selecting autonomy is its acquire: it needs READY, neutral_time of fresh commands of zero, and
+  all fresh operators at rest (one that holds its deadman could not take over). It is forgotten
+  with any stop, release or takeover.
+* A reset counts once: one that follows another call within clear_time is a held or repeated one.
+* A trip demands a stop of every device until a reset. Where that is wired to devices, their
+  e-stops are then its echo and would refuse the reset for ever. So a reset that meets nothing but
+  echo ends the trip and is refused; the next one, clear_time after the echo is gone, counts.
+* A ``when_owner`` source that is not clear does not hinder a reset; it keeps its operator from
+  acquiring. Once that operator is owner, also during a takeover and on the ramp, it stops.
+* On the ramp of category 1 all that would cut the output in ACTIVE cuts it too: a stop of
+  category 0, a lost owner, a released deadman. A stop that is taken back does not end it.
+* A gap between ticks above stall_limit, or a clock that runs backwards, means that what was heard
+  says nothing of now: STOPPED, and every input counts as never heard.
+"""
+
+from safety_mux.inputs import AutonomyInput
+from safety_mux.inputs import demand_fault
+from safety_mux.inputs import Input
+from safety_mux.inputs import OperatorInput
+from safety_mux.inputs import OwnerInput
+from safety_mux.inputs import SourceInput
+from safety_mux.protocol import AUTONOMY
+from safety_mux.protocol import Decision
+from safety_mux.protocol import Demand
+from safety_mux.protocol import Kind
+from safety_mux.protocol import Limiter
+from safety_mux.protocol import milliseconds
+from safety_mux.protocol import MuxConfig
+from safety_mux.protocol import OperatorSample
+from safety_mux.protocol import Reply
+from safety_mux.protocol import State
+from safety_mux.protocol import Status
+from safety_mux.protocol import Transition
+
+_Stops = list[tuple[str, int]]  # reason in words, stop category
+
+
+class Arbiter:
+    """
+    Decides from all inputs what goes out. Every start is STOPPED.
+
+    Input methods raise KeyError for a name that is not configured and nothing else.
+
+    :param limiter: every output passes through it, here and nowhere else.
+    :raises ValueError: if the limiter has another number of joints than the configuration.
+    """
+
+    def __init__(self, config: MuxConfig, limiter: Limiter, now: float) -> None:
+        if len(limiter.output) != config.joints:
+            raise ValueError(
+                f'the limits are for {len(limiter.output)} joints, not {config.joints}'
+            )
+        self.config = config
+        self._limiter = limiter
+        self._sources = {source.name: SourceInput(source) for source in config.sources}
+        ranked = sorted(config.operators, key=lambda operator: -operator.priority)
+        self._operators = {
+            operator.name: OperatorInput(operator, config.neutral_time) for operator in ranked
+        }
+        self._autonomy: AutonomyInput | None = None
+        if config.autonomy is not None:
+            self._autonomy = AutonomyInput(config.autonomy, config.neutral_time)
+        self._state = State.STOPPED
+        self._owner: OwnerInput | None = None  # not None in ACTIVE and STOPPING only
+        self._through_zero = False  # the owner's demand waits until the output has been zero
+        self._owner_since = 0.0
+        self._stopping_since = 0.0
+        self._clear_since: float | None = None  # in STOPPED: since when no tick found a stop
+        self._reset_asked: float | None = None
+        self._tripped_at: float | None = None  # a trip is active from here to a reset
+        self._trip: str | None = None  # the edge of a trip, until the next tick
+        self._hold: str | None = None
+        self._last_tick: float | None = None
+        self._settled = False  # a tick has shown the present state
+        self._transition = Transition(now, State.STOPPED, State.STOPPED, 'the mux has started')
+
+    # -- what arrives ------------------------------------------------------------------------
+
+    def estop_message(self, name: str, value: bool, now: float) -> None:
+        """Note an e-stop source's message: true demands a stop."""
+        self._sources[name].estop(value, now)
+
+    def own_estop_message(self, name: str, value: bool, now: float) -> None:
+        """Note what a source demands by itself, without the echo of ``stop_demand``."""
+        self._sources[name].own_estop(value, now)
+
+    def operator_sample(self, name: str, sample: OperatorSample, now: float) -> None:
+        """Note an operator's message."""
+        operator = self._operators[name]
+        fault = demand_fault(sample.demand, self.config.joints)
+        if fault is None:
+            operator.sample(sample, now)
+        else:
+            operator.malformed(fault, now)
+
+    def operator_invalid(self, name: str, reason: str, now: float) -> None:
+        """Note an operator's message that makes no sense, until one comes that does."""
+        self._operators[name].malformed(reason, now)
+
+    def autonomy_command(self, demand: Demand, now: float) -> None:
+        """Note a command of autonomy."""
+        autonomy = self._known_autonomy()
+        fault = demand_fault(demand, self.config.joints)
+        if fault is None:
+            autonomy.command(demand, now)
+        else:
+            autonomy.malformed(fault, now)
+
+    def autonomy_invalid(self, reason: str, now: float) -> None:
+        """Note a command of autonomy that makes no sense, until one comes that does."""
+        self._known_autonomy().malformed(reason, now)
+
+    def set_invalid(self, kind: Kind, name: str, cause: str, reason: str | None) -> None:
+        """
+        Call an input invalid for as long as ``cause`` has a reason; None takes that cause back.
+
+        Causes are the caller's words and independent of each other: ``publishers`` (two that live,
+        or none any more), ``qos``. What autonomy is named does not matter.
+        """
+        found: Input
+        if kind == 'e-stop source':
+            found = self._sources[name]
+        elif kind == 'operator':
+            found = self._operators[name]
+        else:
+            found = self._known_autonomy()
+        found.set_fault(cause, reason)
+
+    # -- services ----------------------------------------------------------------------------
+
+    def trip(self, now: float, reason: str = '~/trip was called') -> Reply:
+        """Stop with the next tick, latched; devices are asked to stop too, until a reset."""
+        self._trip = reason
+        self._tripped_at = now
+        return Reply(True, 'tripped: STOPPED until ~/reset')
+
+    def hold(self, reason: str | None) -> None:
+        """Stop for as long as there is a reason, such as a node that is not active."""
+        self._hold = reason
+
+    def reset(self, now: float) -> Reply:
+        """Go from STOPPED to READY if everything is clear. Nothing moves, nothing is queued."""
+        before, self._reset_asked = self._reset_asked, now
+        if self._state is not State.STOPPED:
+            return Reply(False, f'nothing to reset: the mux is {self._state.value}')
+        if before is not None and not now - before >= self.config.clear_time:
+            return Reply(
+                False,
+                'not reset: a held or repeated reset does nothing, this one came '
+                f'{milliseconds(now - before)} after another; wait for '
+                f'{milliseconds(self.config.clear_time)}, then call ~/reset once',
+            )
+        unrest = self._unrest(now)
+        missing = ([reason for reason, _ in self._stops(now)] or self._waiting(now)) + unrest
+        if not missing:
+            return self._reset(now)
+        if not unrest and self._trip_may_end(now):
+            self._tripped_at = None
+            missing.insert(0, 'the trip is ended; call ~/reset again when this has cleared')
+        return Reply(False, 'not reset: ' + '; '.join(missing))
+
+    def select_autonomy(self, select: bool, now: float) -> Reply:
+        """Give autonomy control, in READY, or take it away."""
+        if self._autonomy is None:
+            return Reply(False, 'no autonomy source is configured')
+        if not select:
+            if self._owner is not self._autonomy:
+                return Reply(True, 'autonomy has no control')
+            if not self._stops(now):  # a stop that came first is the tick's to see
+                self._let_go('autonomy was deselected', now)
+            return Reply(True, 'autonomy gives up control')
+        if self._state is not State.READY or not self._settled:
+            return Reply(False, f'not selected: the mux is {self._state.value}, not READY')
+        missing = [reason for reason, _ in self._stops(now)] + self._unrest(now)
+        problem = self._autonomy.problem(now) or self._autonomy.lapse
+        if problem is not None:
+            missing.append(problem)
+        elif not self._autonomy.rested:
+            missing.append(self._autonomy.advice())
+        if missing:
+            return Reply(False, 'not selected: ' + '; '.join(missing))
+        self._take(self._autonomy, now, 'autonomy was selected')
+        return Reply(True, 'autonomy has control')
+
+    # -- what goes out -----------------------------------------------------------------------
+
+    def tick(self, now: float) -> Decision:
+        """Decide. Call it at a fixed rate and at once after a stop arrived."""
+        dt = 0.0 if self._last_tick is None else now - self._last_tick
+        stops = self._stops(now)
+        if self._stalled(now) is not None:
+            for each in self._inputs():
+                each.silence()
+        self._advance(stops, now)
+        demand = self._output(dt, now)
+        stop_demand = self._stop_demand(now)
+        for each in self._inputs():
+            each.ticked()
+        self._trip = None
+        self._last_tick = now
+        self._settled = True
+        return Decision(
+            state=self._state,
+            owner=None if self._owner is None else self._owner.name,
+            enable=self._state in (State.ACTIVE, State.STOPPING),
+            demand=demand,
+            estop=self._state is State.STOPPED,
+            stop_demand=stop_demand,
+        )
+
+    def status(self, now: float) -> Status:
+        """Explain the present state. Costs more than a tick: for ~/status, not for each tick."""
+        return Status(
+            state=self._state,
+            owner=None if self._owner is None else self._owner.name,
+            inhibits=tuple(self._inhibits(now)),
+            ages={each.label: each.watchdog.age(now) for each in self._inputs()},
+            last_transition=self._transition,
+        )
+
+    # -- stops -------------------------------------------------------------------------------
+
+    def _stops(self, now: float) -> _Stops:
+        """Return everything that stops the machine, now or at some moment since the last tick."""
+        found: _Stops = []
+        for reason in (self._stalled(now), self._hold, self._trip):
+            if reason is not None:
+                found.append((reason, 0))
+        for source in self._sources.values():
+            reason = source.stop_reason(now) if self._counts(source) else None
+            if reason is not None:
+                found.append((reason, source.config.stop_category))
+        if self._owner is not None:
+            loss = self._owner.problem(now) or self._owner.lapse
+            if loss is not None:
+                found.append((f'the owner was lost: {loss}', 0))
+        return found
+
+    def _stalled(self, now: float) -> str | None:
+        if self._last_tick is None:
+            return None
+        gap = now - self._last_tick
+        if 0.0 <= gap <= self.config.stall_limit:
+            return None
+        return (
+            f'this process was frozen: {milliseconds(gap)} between two ticks, '
+            f'limit {milliseconds(self.config.stall_limit)}'
+        )
+
+    def _counts(self, source: SourceInput) -> bool:
+        """Tell whether a source counts: always, or its operator is the owner."""
+        if source.config.counts == 'always':
+            return True
+        return self._owner is not None and self._owner.name == source.config.operator
+
+    def _stop(self, stops: _Stops, now: float) -> None:
+        """Stop in the way that the worst of the reasons asks for."""
+        reason = '; '.join(reason for reason, _ in stops)
+        keeps_control = self._owner is not None and self._owner.keeps_control
+        if not keeps_control or any(category == 0 for _, category in stops):
+            self._latch(reason, now)
+        elif self._state is State.ACTIVE and any(self._limiter.output):
+            self._stopping_since = now
+            self._change(State.STOPPING, reason, now)
+        elif self._state is State.ACTIVE:
+            self._latch(reason, now)
+
+    def _latch(self, reason: str, now: float) -> None:
+        """Be STOPPED, and forget all that was asked."""
+        again = self._state is State.STOPPED
+        self._owner = None
+        self._clear_since = None
+        self._forget()
+        if not again or self._trip or self._stalled(now):
+            self._change(State.STOPPED, reason, now)
+
+    def _forget(self) -> None:
+        for each in self._inputs():
+            each.forget()
+        self._through_zero = False
+
+    def _stop_demand(self, now: float) -> dict[str, bool]:
+        demanding = {
+            name
+            for name, source in self._sources.items()
+            if self._counts(source) and source.demands_itself(now)
+        }
+        tripped = self._tripped_at is not None
+        return {name: tripped or bool(demanding - {name}) for name in self._sources}
+
+    # -- reset -------------------------------------------------------------------------------
+
+    def _reset(self, now: float) -> Reply:
+        self._tripped_at = None
+        self._forget()
+        self._change(State.READY, 'it was reset', now)
+        return Reply(True, 'reset: READY; nothing moves until somebody takes control')
+
+    def _waiting(self, now: float) -> list[str]:
+        """Say how much of clear_time is missing; empty if nothing is."""
+        clear = 0.0 if self._clear_since is None else now - self._clear_since
+        if self._clear_since is not None and clear >= self.config.clear_time:
+            return []
+        limit = milliseconds(self.config.clear_time)
+        return [f'all stops have been clear for {milliseconds(clear)} of {limit}']
+
+    def _unrest(self, now: float) -> list[str]:
+        found = (operator.unrest(now) for operator in self._operators.values())
+        return [reason for reason in found if reason is not None]
+
+    def _trip_may_end(self, now: float) -> bool:
+        """Tell whether only the echo of an active trip, or waiting for it, is in the way."""
+        if self._tripped_at is None or self._trip or self._hold or self._stalled(now):
+            return False
+        if not now - self._tripped_at >= self.config.clear_time:
+            return False
+        counting = filter(self._counts, self._sources.values())
+        return not any(source.demands_itself(now) for source in counting)
+
+    # -- owners ------------------------------------------------------------------------------
+
+    def _advance(self, stops: _Stops, now: float) -> None:
+        """Change state: stops first, then what gives control away, then what takes it."""
+        if stops:
+            self._stop(stops, now)
+        elif self._state is State.STOPPED:
+            if self._clear_since is None:
+                self._clear_since = now
+        elif self._owner is not None and not self._owner.keeps_control:
+            self._let_go('the deadman was released', now)
+        elif self._state is not State.STOPPING and self._settled:
+            challenger = self._challenger(now)
+            if challenger is not None:
+                verb = 'took control' if self._owner is None else 'took over'
+                self._take(challenger, now, f'{challenger.label} {verb}')
+
+    def _let_go(self, reason: str, now: float) -> None:
+        """Be at zero at once and hand over to nobody: READY, or STOPPED if on the ramp."""
+        if self._state is State.STOPPING:
+            self._latch(f'{reason} on the ramp of: {self._transition.reason}', now)
+            return
+        if self._owner is not None:
+            self._owner.forget()
+        self._owner = None
+        self._limiter.reset()
+        self._change(State.READY, reason, now)
+
+    def _challenger(self, now: float) -> OperatorInput | None:
+        """Return the highest operator whose deadman went down and who may have control."""
+        for operator in self._operators.values():  # highest first
+            if operator is self._owner:
+                return None
+            if operator.pressed and self._may_take(operator, now):
+                return operator
+        return None
+
+    def _may_take(self, operator: OperatorInput, now: float) -> bool:
+        if operator.problem(now) is not None or self._blocks(operator, now):
+            return False
+        if self._owner is None or self._owner is self._autonomy:
+            return True
+        return now - self._owner_since >= self.config.hold_time
+
+    def _blocks(self, operator: OperatorInput, now: float) -> list[str]:
+        """Return the stops of the sources that count only while this operator has control."""
+        found = (
+            source.stop_reason(now)
+            for source in self._sources.values()
+            if source.config.counts == 'when_owner' and source.config.operator == operator.name
+        )
+        return [reason for reason in found if reason is not None]
+
+    def _take(self, owner: OwnerInput, now: float, reason: str) -> None:
+        if self._owner is not None:
+            self._owner.forget()
+        self._owner = owner
+        self._owner_since = now
+        self._through_zero = True
+        self._change(State.ACTIVE, reason, now)
+
+    def _change(self, state: State, reason: str, now: float) -> None:
+        self._transition = Transition(now, self._state, state, reason)
+        self._state = state
+        self._settled = False
+
+    def _output(self, dt: float, now: float) -> Demand:
+        """Take the output one step further: the one place where anything but zero comes from."""
+        if self._state is State.STOPPING:
+            demand = self._limiter.ramp(dt, self.config.stop_time)
+            in_time = 0.0 <= now - self._stopping_since < self.config.stop_time
+            if in_time and any(demand):
+                return demand
+            self._latch(f'the ramp has ended, after: {self._transition.reason}', now)
+        elif self._state is State.ACTIVE and self._owner is not None:
+            target = (0.0,) * self.config.joints if self._through_zero else self._owner.demand
+            demand = self._limiter.step(target, dt)
+            self._through_zero &= any(demand)
+            return demand
+        self._limiter.reset()
+        return (0.0,) * self.config.joints
+
+    # -- words -------------------------------------------------------------------------------
+
+    def _inhibits(self, now: float) -> list[str]:
+        if self._state is State.ACTIVE:
+            return [reason for reason, _ in self._stops(now)] + self._why_still()
+        if self._state is State.STOPPING:
+            return [f'stopping on a ramp: {self._transition.reason}']
+        why = [reason for reason, _ in self._stops(now)]
+        if self._state is State.STOPPED:
+            age = milliseconds(now - self._transition.at)
+            why.insert(0, f'stopped {age} ago: {self._transition.reason}')
+            why += self._why_no_reset(now)
+        return why + self._why_no_owner(now)
+
+    def _why_still(self) -> list[str]:
+        if self._owner is None:
+            return []
+        if self._through_zero:
+            return [f'{self._owner.label} takes control: the output passes through zero first']
+        if not any(self._owner.demand):
+            return [f'{self._owner.label} has control and asks for zero']
+        return []
+
+    def _why_no_reset(self, now: float) -> list[str]:
+        why = []
+        if self._tripped_at is not None:
+            why.append('a trip is active until ~/reset is called')
+        clearing = [] if self._stops(now) else self._waiting(now)
+        return why + self._unrest(now) + clearing + ['waiting for reset: call ~/reset']
+
+    def _why_no_owner(self, now: float) -> list[str]:
+        why = [
+            f'own e-stop of {source.label}: {source.own_watchdog.describe(now)}; '
+            'other devices are asked to stop'
+            for source in self._sources.values()
+            if source.config.own_topic and source.own_watchdog.expired(now)
+        ]
+        for operator in self._operators.values():
+            why += [
+                f'{operator.label} cannot take control: {r}' for r in self._blocks(operator, now)
+            ]
+            why += self._advice(operator, now)
+        if self._autonomy is not None:
+            why += self._advice(self._autonomy, now)
+        return why
+
+    def _advice(self, each: OperatorInput | AutonomyInput, now: float) -> list[str]:
+        problem = each.problem(now)
+        if problem is not None:
+            return [problem]
+        return [each.advice()] if self._state is State.READY else []
+
+    # -- helpers -----------------------------------------------------------------------------
+
+    def _inputs(self) -> list[Input]:
+        found: list[Input] = [*self._sources.values(), *self._operators.values()]
+        if self._autonomy is not None:
+            found.append(self._autonomy)
+        return found
+
+    def _known_autonomy(self) -> AutonomyInput:
+        if self._autonomy is None:
+            raise KeyError(AUTONOMY)
+        return self._autonomy

@@ -1,0 +1,318 @@
+"""
+What the arbiter remembers of each thing that it listens to. A part of the arbiter.
+
+Messages arrive between ticks, and the arbiter decides in ticks. So what must not get lost in
+between (a stop that came and went, a gap, a released deadman) is kept as ``lapse`` or in a flag
+until the tick has seen it; everything else is simply the newest.
+"""
+
+import math
+
+from bridge_core.watchdog import Watchdog
+from safety_mux.protocol import AUTONOMY
+from safety_mux.protocol import Autonomy
+from safety_mux.protocol import Demand
+from safety_mux.protocol import EStopSource
+from safety_mux.protocol import Operator
+from safety_mux.protocol import OperatorSample
+
+_MESSAGE = 'message'  # the fault of the newest message: a good one takes it back
+
+
+class Input:
+    """
+    Something that has to keep coming, and what is wrong with it.
+
+    :param label: its name in words, such as "e-stop source 'fort'".
+    :param timeout: seconds after which it is stale.
+    """
+
+    __slots__ = ('faults', 'label', 'lapse', 'watchdog')
+
+    def __init__(self, label: str, timeout: float) -> None:
+        self.label = label
+        self.watchdog = Watchdog(timeout)
+        self.faults: dict[str, str] = {}
+        self.lapse: str | None = None  # what went wrong since the last tick, even if it is over
+
+    def hear(self, now: float) -> None:
+        """Note a good message."""
+        self._arrive(now)
+        self.faults.pop(_MESSAGE, None)
+
+    def malformed(self, reason: str, now: float) -> None:
+        """Note a message that makes no sense; it is not silence, but it is no better."""
+        self._arrive(now)
+        self.set_fault(_MESSAGE, reason)
+
+    def set_fault(self, cause: str, reason: str | None) -> None:
+        """Call the input invalid for as long as ``cause`` has a reason; None takes it back."""
+        if reason is None:
+            self.faults.pop(cause, None)
+            return
+        self.faults[cause] = reason
+        self._break(f'{self.label} is invalid: {reason}')
+
+    def problem(self, now: float) -> str | None:
+        """Say why it cannot be relied on at ``now``; None if it can."""
+        if self.faults:
+            return f'{self.label} is invalid: {"; ".join(self.faults.values())}'
+        if self.watchdog.expired(now):
+            how = 'stale' if self.watchdog.heard else 'silent'
+            return f'{self.label} is {how}: {self.watchdog.describe(now)}'
+        return None
+
+    def fresh(self, now: float) -> bool:
+        """Tell whether anything, good or bad, was heard within the timeout."""
+        return not self.watchdog.expired(now)
+
+    def silence(self) -> None:
+        """Forget that it was ever heard."""
+        self.watchdog.reset()
+        self.forget()
+
+    def forget(self) -> None:
+        """Forget what was asked so far; what was heard stays heard."""
+
+    def ticked(self) -> None:
+        """Drop what only had to last until a tick has seen it."""
+        self.lapse = None
+
+    def _arrive(self, now: float) -> None:
+        if self.watchdog.heard and self.watchdog.expired(now):
+            self._break(f'{self.label} was stale: {self.watchdog.describe(now)}')
+        self.watchdog.feed(now)
+
+    def _break(self, reason: str) -> None:
+        self.lapse = reason
+        self.forget()
+
+
+class SourceInput(Input):
+    """An e-stop source: its stop, and the part of it that it demands by itself."""
+
+    __slots__ = ('config', 'own', 'own_lapse', 'own_watchdog', 'value')
+
+    def __init__(self, config: EStopSource) -> None:
+        super().__init__(f"e-stop source '{config.name}'", config.timeout)
+        self.config = config
+        self.value = True
+        self.own = True
+        self.own_watchdog = Watchdog(config.timeout)
+        self.own_lapse = False
+
+    def estop(self, value: bool, now: float) -> None:
+        """Note what the source says."""
+        self.hear(now)
+        self.value = value
+        if value:
+            self.lapse = f'{self.label} demanded a stop'
+        if not self.config.own_topic:
+            self.own_estop(value, now)
+
+    def own_estop(self, value: bool, now: float) -> None:
+        """Note what the source says of itself, without the echo of what it was asked."""
+        self.own_watchdog.feed(now)
+        self.own = value
+        self.own_lapse |= value
+
+    def stop_reason(self, now: float) -> str | None:
+        """Say why it stops the machine; None if it is clear and has been since the last tick."""
+        problem = self.problem(now)
+        if problem is None and self.value:
+            return f'{self.label} demands a stop'
+        return problem or self.lapse
+
+    def demands_itself(self, now: float) -> bool:
+        """Tell whether it demands a stop that is not the echo of ours. Silence is a demand."""
+        if self.problem(now) is not None or self.own_watchdog.expired(now):
+            return True
+        return self.own or self.own_lapse
+
+    def silence(self) -> None:
+        """Forget that it was ever heard."""
+        super().silence()
+        self.own_watchdog.reset()
+
+    def ticked(self) -> None:
+        """Drop what only had to last until a tick has seen it."""
+        super().ticked()
+        self.own_lapse = False
+
+
+class Run:
+    """An unbroken row of samples. It grows with samples only: silence is not neutral."""
+
+    __slots__ = ('since', 'until')
+
+    def __init__(self) -> None:
+        self.since: float | None = None
+        self.until = 0.0
+
+    def extend(self, now: float) -> None:
+        """Add a sample to the row, or begin one."""
+        if self.since is None:
+            self.since = now
+        self.until = now
+
+    def end(self) -> None:
+        """Begin anew with the next sample."""
+        self.since = None
+
+    @property
+    def length(self) -> float:
+        """Seconds from its first sample to its last."""
+        return 0.0 if self.since is None else self.until - self.since
+
+
+class OwnerInput(Input):
+    """What can have control: an operator, or autonomy."""
+
+    __slots__ = ('demand', 'name', 'neutral_time', 'rest')
+
+    def __init__(self, name: str, label: str, timeout: float, neutral_time: float) -> None:
+        super().__init__(label, timeout)
+        self.name = name
+        self.neutral_time = neutral_time
+        self.rest = Run()
+        self.demand: Demand = ()
+
+    @property
+    def rested(self) -> bool:
+        """Tell whether there were ``neutral_time`` of neutral samples up to the last one."""
+        return self.rest.since is not None and self.rest.length >= self.neutral_time
+
+    @property
+    def keeps_control(self) -> bool:
+        """Tell whether, as an owner, it still wants to be one."""
+        raise NotImplementedError
+
+    def forget(self) -> None:
+        """Forget what was asked so far; what was heard stays heard."""
+        self.rest.end()
+
+
+class OperatorInput(OwnerInput):
+    """
+    An operator: how long at rest, and the deadman's edge.
+
+    ``pressed`` is the edge: the deadman went down after a complete rest. It lives for one tick,
+    so an edge that could not be used is forgotten. ``holding`` says that the deadman has been
+    down in every sample since such an edge.
+    """
+
+    __slots__ = ('config', 'holding', 'newest', 'pressed')
+
+    def __init__(self, config: Operator, neutral_time: float) -> None:
+        label = f"operator '{config.name}'"
+        super().__init__(config.name, label, config.timeout, neutral_time)
+        self.config = config
+        self.newest: OperatorSample | None = None
+        self.pressed = False
+        self.holding = False
+
+    def sample(self, sample: OperatorSample, now: float) -> None:
+        """Note a good message."""
+        self.hear(now)
+        self.newest = sample
+        self.demand = sample.demand
+        if self.faults:  # such as a second publisher: nothing that it says counts
+            self.forget()
+            return
+        if sample.deadman:
+            self._press()
+            return
+        self.pressed = self.holding = False
+        if sample.at_rest:
+            self.rest.extend(now)
+        elif not sample.neutral:
+            self.rest.end()  # a deadman that is half down with centred sticks only pauses the rest
+
+    def _press(self) -> None:
+        if self.rested:
+            self.pressed = self.holding = True
+        self.rest.end()
+
+    @property
+    def keeps_control(self) -> bool:
+        """Tell whether the deadman is still held."""
+        return self.holding
+
+    def unrest(self, now: float) -> str | None:
+        """Say why a fresh operator is not at neutral; None for one that is, or is not there."""
+        if not self.fresh(now):
+            return None
+        if self.faults:
+            return self.problem(now)
+        if self.newest is None or not self.newest.at_rest:
+            return f'{self.label} is not at neutral: let go of its sticks and of its deadman'
+        return None
+
+    def advice(self) -> str:
+        """Say what the operator has to do to get control; it is fresh and nothing is wrong."""
+        if self.rested:
+            return f"press the deadman of '{self.name}' to take control"
+        if self.newest is not None and self.newest.deadman:
+            return f'{self.label} held its deadman before it could count: release it'
+        if self.rest.since is None:
+            return f'{self.label} has not been neutral since the last reset or use of its deadman'
+        return (
+            f'{self.label} has been neutral for {self.rest.length * 1e3:.0f} ms '
+            f'of {self.neutral_time * 1e3:.0f} ms'
+        )
+
+    def forget(self) -> None:
+        """Forget what was asked so far; what was heard stays heard."""
+        super().forget()
+        self.pressed = self.holding = False
+
+    def silence(self) -> None:
+        """Forget that it was ever heard."""
+        super().silence()
+        self.newest = None
+
+    def ticked(self) -> None:
+        """Drop what only had to last until a tick has seen it."""
+        super().ticked()
+        self.pressed = False
+
+
+class AutonomyInput(OwnerInput):
+    """The source that is not a person. Its neutral is a command of exactly zero."""
+
+    __slots__ = ()
+
+    def __init__(self, config: Autonomy, neutral_time: float) -> None:
+        super().__init__(AUTONOMY, AUTONOMY, config.timeout, neutral_time)
+
+    def command(self, demand: Demand, now: float) -> None:
+        """Note a good command."""
+        self.hear(now)
+        self.demand = demand
+        if any(demand) or self.faults:
+            self.rest.end()
+        else:
+            self.rest.extend(now)
+
+    @property
+    def keeps_control(self) -> bool:
+        """Autonomy has no deadman: it is selected and deselected."""
+        return True
+
+    def advice(self) -> str:
+        """Say what is missing until autonomy can be selected; it is fresh and nothing is wrong."""
+        if self.rested:
+            return 'call ~/select_autonomy to give autonomy control'
+        return (
+            f'autonomy has asked for zero for {self.rest.length * 1e3:.0f} ms '
+            f'of {self.neutral_time * 1e3:.0f} ms'
+        )
+
+
+def demand_fault(demand: Demand, joints: int) -> str | None:
+    """Say what is wrong with a demand; None if it has a finite number for each joint."""
+    if len(demand) != joints:
+        return f'it has a demand for {len(demand)} joints, not {joints}'
+    if not all(map(math.isfinite, demand)):
+        return f'its demand is not finite: {demand}'
+    return None

@@ -1,0 +1,127 @@
+"""
+Limits of what goes out: how much, how fast it may grow, how fast it may shrink.
+
+The arbiter runs its demand through one limiter as the last step of a tick, so nothing reaches the
+drive past it. Time is an argument here too.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+import math
+
+
+@dataclass(frozen=True, slots=True)
+class JointLimit:
+    """
+    The limits of one joint, in its own unit (rad/s, say) and that unit per second.
+
+    :param magnitude: greatest absolute value. Above 0.
+    :param acceleration: greatest change per second away from zero. Above 0.
+    :param deceleration: greatest change per second towards zero. Above 0.
+    :raises ValueError: for a value that is not finite or not above 0.
+    """
+
+    magnitude: float
+    acceleration: float
+    deceleration: float
+
+    def __post_init__(self) -> None:
+        for name in ('magnitude', 'acceleration', 'deceleration'):
+            value = getattr(self, name)
+            if not (math.isfinite(value) and value > 0.0):
+                raise ValueError(f'{name} must be above 0 and finite, not {value}')
+
+
+class JointLimiter:
+    """
+    Follows a target within the limits; begins at zero.
+
+    A change of sign stops at zero for the rest of that step. A target that is not finite counts
+    as zero.
+
+    :param max_dt: seconds that a step counts at most: after a late step the output goes on from
+        where it was, it does not jump to make up for the time.
+    :raises ValueError: without a joint, or for a max_dt that is not above 0 and finite.
+    """
+
+    __slots__ = ('_limits', '_max_dt', '_ramp', '_values')
+
+    def __init__(self, limits: Sequence[JointLimit], *, max_dt: float = 0.1) -> None:
+        if not limits:
+            raise ValueError('there must be a limit for one joint or more')
+        if not (math.isfinite(max_dt) and max_dt > 0.0):
+            raise ValueError(f'max_dt must be above 0 s and finite, not {max_dt}')
+        self._limits = tuple(limits)
+        self._max_dt = max_dt
+        self._values = (0.0,) * len(self._limits)
+        self._ramp: tuple[float, ...] | None = None
+
+    @property
+    def output(self) -> tuple[float, ...]:
+        """What was put out last, one number a joint."""
+        return self._values
+
+    def reset(self) -> None:
+        """Be at zero, at once."""
+        self._values = (0.0,) * len(self._limits)
+        self._ramp = None
+
+    def step(self, target: Sequence[float], dt: float) -> tuple[float, ...]:
+        """
+        Return the next output on the way to ``target``, ``dt`` seconds after the last.
+
+        A dt below 0 or NaN counts as 0, one beyond ``max_dt`` as ``max_dt``.
+
+        :raises ValueError: if the target has not one number a joint.
+        """
+        if len(target) != len(self._limits):
+            raise ValueError(f'{len(target)} targets for {len(self._limits)} joints')
+        self._ramp = None
+        dt = min(_forward(dt), self._max_dt)
+        self._values = tuple(
+            _follow(value, goal, limit, dt)
+            for value, goal, limit in zip(self._values, target, self._limits, strict=True)
+        )
+        return self._values
+
+    def ramp(self, dt: float, stop_time: float) -> tuple[float, ...]:
+        """
+        Return the next output of a straight ramp to zero.
+
+        The first call in a row settles the slope: the joint's deceleration, or steeper where that
+        would take longer than ``stop_time`` seconds. A late step goes further down, so that the
+        ramp ends in time; a dt below 0 or NaN counts as 0.
+        """
+        if self._ramp is None:
+            self._ramp = tuple(
+                max(limit.deceleration, _slope(value, stop_time))
+                for value, limit in zip(self._values, self._limits, strict=True)
+            )
+        dt = _forward(dt)
+        self._values = tuple(
+            math.copysign(size, value) if (size := abs(value) - slope * dt) > 0.0 else 0.0
+            for value, slope in zip(self._values, self._ramp, strict=True)
+        )
+        return self._values
+
+
+def _forward(dt: float) -> float:
+    return dt if dt > 0.0 else 0.0  # NaN is not above 0 either
+
+
+def _slope(value: float, stop_time: float) -> float:
+    return abs(value) / stop_time if stop_time > 0.0 else math.inf
+
+
+def _follow(value: float, goal: float, limit: JointLimit, dt: float) -> float:
+    """Return ``value`` moved towards ``goal`` for ``dt`` seconds, not across zero."""
+    if not math.isfinite(goal):
+        goal = 0.0
+    goal = max(-limit.magnitude, min(limit.magnitude, goal))
+    if value * goal < 0.0:
+        goal = 0.0
+    grows = abs(goal) > abs(value)
+    most = (limit.acceleration if grows else limit.deceleration) * dt
+    if abs(goal - value) <= most:
+        return goal + 0.0  # turns -0.0 into 0.0
+    return value + math.copysign(most, goal - value)

@@ -1,0 +1,229 @@
+"""
+From what people and planners send to joints: Joy axes and buttons, a twist, named joints.
+
+Numbers come in plain sequences, so that nothing here needs ROS. What a sender does wrong raises
+MalformedInput with the reason in words (rule 9); what the integrator configured wrong raises
+ValueError when the mapping is made.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+import math
+from typing import Literal
+
+from safety_mux.protocol import Demand
+from safety_mux.protocol import MalformedInput
+from safety_mux.protocol import OperatorSample
+
+AXIS_LIMIT = 1.05  # Joy promises -1...1; what little a driver overshoots is forgiven
+Mixing = Literal['none', 'tank', 'arcade']
+
+
+@dataclass(frozen=True, slots=True)
+class Stick:
+    """
+    One axis of a Joy message and what it means.
+
+    :param axis: index in the message. 0 or more.
+    :param scale: joint units (rad/s, say) at full deflection. Finite, not 0.
+    :param inverted: turn the sign round.
+    :param deadband: deflection up to which the stick counts as neutral; what is left of the way is
+        stretched, so that motion begins softly. 0 to below 1.
+    :param expo: 0 is straight, 1 is cubic: fine near the middle, full at the end. 0 to 1.
+    :raises ValueError: for anything out of range.
+    """
+
+    axis: int
+    scale: float = 1.0
+    inverted: bool = False
+    deadband: float = 0.05
+    expo: float = 0.0
+
+    def __post_init__(self) -> None:
+        if self.axis < 0:
+            raise ValueError(f'axis must be 0 or more, not {self.axis}')
+        if not math.isfinite(self.scale) or self.scale == 0.0:
+            raise ValueError(f'scale of axis {self.axis} must be finite and not 0: {self.scale}')
+        if not 0.0 <= self.deadband < 1.0:
+            raise ValueError(
+                f'deadband of axis {self.axis} must be 0 to below 1, not {self.deadband}'
+            )
+        if not 0.0 <= self.expo <= 1.0:
+            raise ValueError(f'expo of axis {self.axis} must be 0 to 1, not {self.expo}')
+
+    def neutral(self, value: float) -> bool:
+        """Tell whether a deflection is within the deadband."""
+        return abs(value) <= self.deadband
+
+    def shape(self, value: float) -> float:
+        """Return the joint value of a deflection of -1.05 to 1.05 (beyond 1 counts as 1)."""
+        if self.neutral(value):
+            return 0.0
+        travel = (min(abs(value), 1.0) - self.deadband) / (1.0 - self.deadband)
+        curved = (1.0 - self.expo) * travel + self.expo * travel**3
+        sign = math.copysign(1.0, value) * (-1.0 if self.inverted else 1.0)
+        return sign * curved * self.scale
+
+
+@dataclass(frozen=True, slots=True)
+class JoyMapping:
+    """
+    From a Joy message to what an operator asks.
+
+    :param sticks: ``none``: one a joint. ``tank``: left, right. ``arcade``: forward, turn.
+    :param deadman: indices of the buttons that must be held, all of them. One or more.
+    :param mixing: ``tank`` and ``arcade`` give two joints, left and right. In ``arcade`` the turn
+        is positive to the left: left = forward - turn, right = forward + turn; where one side
+        would exceed the greater of the two scales both shrink alike, so that the curve stays.
+    :param axes: least number of axes that a message must have; the sticks' indices count too.
+    :param buttons: least number of buttons that a message must have, likewise.
+    :param pressed_at: least value of a held button. Switches with raw values need more than 1;
+        below 0 stands for a switch that is not there, so this is 1 or more.
+    :raises ValueError: for anything out of range.
+    """
+
+    sticks: tuple[Stick, ...]
+    deadman: tuple[int, ...]
+    mixing: Mixing = 'none'
+    axes: int = 0
+    buttons: int = 0
+    pressed_at: int = 1
+
+    def __post_init__(self) -> None:
+        if self.mixing not in ('none', 'tank', 'arcade'):
+            raise ValueError(f"mixing must be 'none', 'tank' or 'arcade', not {self.mixing!r}")
+        if not self.sticks:
+            raise ValueError('there must be one stick or more')
+        if self.mixing != 'none' and len(self.sticks) != 2:
+            raise ValueError(f'{self.mixing} mixing needs two sticks, not {len(self.sticks)}')
+        if not self.deadman:
+            raise ValueError('there must be a deadman button: nothing moves without one')
+        if min(self.deadman) < 0 or len(set(self.deadman)) < len(self.deadman):
+            raise ValueError(f'deadman indices must be 0 or more and differ: {self.deadman}')
+        if self.axes < 0 or self.buttons < 0:
+            raise ValueError('the least number of axes or buttons must be 0 or more')
+        if self.pressed_at < 1:
+            raise ValueError(f'pressed_at must be 1 or more, not {self.pressed_at}')
+
+    @property
+    def joints(self) -> int:
+        """How many numbers a demand has."""
+        return len(self.sticks)
+
+    def sample(self, axes: Sequence[float], buttons: Sequence[int]) -> OperatorSample:
+        """
+        Read one message: axes -1 to 1, buttons 0 or 1 (or a switch's raw value).
+
+        :raises MalformedInput: for too few axes or buttons, and for any axis, used or not, that
+            is not a number or is beyond 1.05.
+        """
+        self._check(axes, buttons)
+        held = [buttons[index] >= self.pressed_at for index in self.deadman]
+        return OperatorSample(
+            neutral=all(stick.neutral(axes[stick.axis]) for stick in self.sticks),
+            deadman=all(held),
+            demand=self._mix(tuple(stick.shape(axes[stick.axis]) for stick in self.sticks)),
+            partial=any(held) and not all(held),
+        )
+
+    def _check(self, axes: Sequence[float], buttons: Sequence[int]) -> None:
+        need = max(self.axes, 1 + max(stick.axis for stick in self.sticks))
+        if len(axes) < need:
+            raise MalformedInput(f'it has {len(axes)} axes, {need} are needed')
+        missing = [index for index in self.deadman if index >= len(buttons)]
+        if missing:
+            raise MalformedInput(
+                f'deadman button {missing[0]} does not exist: it has {len(buttons)} buttons'
+            )
+        if len(buttons) < self.buttons:
+            raise MalformedInput(f'it has {len(buttons)} buttons, {self.buttons} are needed')
+        for index, value in enumerate(axes):
+            if not abs(value) <= AXIS_LIMIT:  # also true for NaN
+                raise MalformedInput(
+                    f'axis {index} is {value}, beyond -{AXIS_LIMIT}...{AXIS_LIMIT}'
+                )
+
+    def _mix(self, values: Demand) -> Demand:
+        if self.mixing != 'arcade':
+            return values
+        forward, turn = values
+        left, right = forward - turn, forward + turn
+        most = max(abs(stick.scale) for stick in self.sticks)
+        shrink = min(1.0, most / max(abs(left), abs(right), most))
+        return left * shrink, right * shrink
+
+
+@dataclass(frozen=True, slots=True)
+class DifferentialDrive:
+    """
+    From a twist to two wheels, left and right, in rad/s.
+
+    :param wheel_separation: metres between the two wheels. Above 0.
+    :param wheel_radius: metres. Above 0.
+    :raises ValueError: for anything out of range.
+    """
+
+    wheel_separation: float
+    wheel_radius: float
+
+    def __post_init__(self) -> None:
+        for name in ('wheel_separation', 'wheel_radius'):
+            value = getattr(self, name)
+            if not (math.isfinite(value) and value > 0.0):
+                raise ValueError(f'{name} must be above 0 m and finite, not {value}')
+
+    @property
+    def joints(self) -> int:
+        """How many numbers a demand has."""
+        return 2
+
+    def demand(self, linear_x: float, angular_z: float) -> Demand:
+        """
+        Return left and right for m/s forward and rad/s to the left.
+
+        :raises MalformedInput: for a number that is not finite.
+        """
+        if not (math.isfinite(linear_x) and math.isfinite(angular_z)):
+            raise MalformedInput(f'the twist is not finite: x {linear_x}, yaw {angular_z}')
+        half = angular_z * self.wheel_separation / 2.0
+        return (linear_x - half) / self.wheel_radius, (linear_x + half) / self.wheel_radius
+
+
+@dataclass(frozen=True, slots=True)
+class NamedJoints:
+    """
+    From a JointState to the joints in our order.
+
+    :param names: of the joints, in the order of a demand. One or more, all different.
+    :raises ValueError: otherwise.
+    """
+
+    names: tuple[str, ...]
+
+    def __post_init__(self) -> None:
+        if not self.names or len(set(self.names)) < len(self.names) or '' in self.names:
+            raise ValueError(f'joint names must be there and differ: {self.names}')
+
+    @property
+    def joints(self) -> int:
+        """How many numbers a demand has."""
+        return len(self.names)
+
+    def demand(self, names: Sequence[str], values: Sequence[float]) -> Demand:
+        """
+        Sort named values into our order.
+
+        :raises MalformedInput: unless each of our joints, and no other, is there once with a
+            finite value.
+        """
+        if len(names) != len(values):
+            raise MalformedInput(f'it has {len(names)} names and {len(values)} values')
+        if sorted(names) != sorted(self.names):
+            raise MalformedInput(
+                f'its joints are {", ".join(names) or "none"}, not {", ".join(self.names)}'
+            )
+        by_name = dict(zip(names, values, strict=True))
+        for name, value in by_name.items():
+            if not math.isfinite(value):
+                raise MalformedInput(f"joint '{name}' is {value}")
+        return tuple(by_name[name] for name in self.names)

@@ -1,0 +1,337 @@
+"""
+The safety mux as a node: it carries messages to the arbiter and its decisions out.
+
+One thread does all of it. Outputs are repeated from construction to the end, in every lifecycle
+state: a mux that is not active says stop, disable and 0.
+"""
+
+from collections.abc import Callable
+from functools import partial
+import time
+from typing import Any
+from typing import ClassVar
+
+from diagnostic_msgs.msg import DiagnosticArray
+from diagnostic_msgs.msg import DiagnosticStatus
+from geometry_msgs.msg import Twist
+from geometry_msgs.msg import TwistStamped
+from rclpy.clock import Clock
+from rclpy.clock import ClockType
+from rclpy.lifecycle import TransitionCallbackReturn
+from rclpy.qos import QoSProfile
+from rclpy.qos import ReliabilityPolicy
+from sensor_msgs.msg import JointState
+from sensor_msgs.msg import Joy
+from std_msgs.msg import Bool
+from std_msgs.msg import String
+from std_srvs.srv import SetBool
+from std_srvs.srv import Trigger
+
+from bridge_core.diagnostics import OK
+from bridge_core.diagnostics import Status as Diagnostic
+from bridge_core.diagnostics import WARN
+from bridge_core.node import latched_qos
+from bridge_core.node import MANAGED_PARAMETERS
+from bridge_core.node import ManagedNode
+from bridge_core.node import run
+from bridge_core.parameters import Parameter
+from safety_mux.arbiter import Arbiter
+from safety_mux.limits import JointLimiter
+from safety_mux.mapping import DifferentialDrive
+from safety_mux.mapping import NamedJoints
+from safety_mux.parameters import check
+from safety_mux.parameters import GENERAL
+from safety_mux.parameters import joint_limits
+from safety_mux.parameters import joy_mapping
+from safety_mux.parameters import mux_config
+from safety_mux.parameters import parameter_table
+from safety_mux.protocol import AUTONOMY
+from safety_mux.protocol import Kind
+from safety_mux.protocol import MalformedInput
+from safety_mux.protocol import State
+from safety_mux.publishers import PublisherWatch
+
+# A stop must not be overwritten by what follows it before it was read, hence the depth.
+ESTOP_QOS = QoSProfile(depth=10)
+# Sticks and velocities may come from a publisher of either kind; the newest is what counts.
+DEMAND_QOS = QoSProfile(depth=5, reliability=ReliabilityPolicy.BEST_EFFORT)
+# Never transient local: an old command must not reach a drive that starts later.
+COMMAND_QOS = QoSProfile(depth=1)
+
+_AUTONOMY_TYPES = {'Twist': Twist, 'TwistStamped': TwistStamped, 'JointState': JointState}
+_LOOK_AROUND_PERIOD = 0.5
+_DIAGNOSTICS_PERIOD = 1.0
+_INACTIVE = 'the mux is not active: activate the node'
+
+
+class SafetyMux(ManagedNode):
+    """Arbitrates between operators and autonomy; see docs/safety_mux.md."""
+
+    PARAMETERS: ClassVar[tuple[Parameter, ...]] = (*MANAGED_PARAMETERS, *GENERAL)
+
+    def __init__(self, **options: Any) -> None:
+        super().__init__('safety_mux', **options)
+        period = 1.0 / self.values['rate']
+        self._command = self.create_publisher(JointState, '~/command', COMMAND_QOS)
+        self._enable = self.create_publisher(Bool, '~/enable', COMMAND_QOS)
+        self._estop = self.create_publisher(Bool, '~/estop', latched_qos(deadline=4.0 * period))
+        self._state = self.create_publisher(String, '~/state', latched_qos())
+        self._status = self.create_publisher(DiagnosticStatus, '~/status', latched_qos())
+        self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', 10)
+        self.create_service(Trigger, '~/reset', self._on_reset)
+        self.create_service(Trigger, '~/trip', self._on_trip)
+        self.create_service(SetBool, '~/select_autonomy', self._on_select_autonomy)
+        self._inputs: list[Any] = []
+        self._stop_demands: dict[str, Any] = {}
+        self._build()
+        # Steady time: ROS time may pause or jump.
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self.create_timer(period, self._tick, clock=steady)
+        self.create_timer(_LOOK_AROUND_PERIOD, self._look_around, clock=steady)
+        self.create_timer(1.0 / self.values['status_rate'], self._publish_status, clock=steady)
+        self.create_timer(_DIAGNOSTICS_PERIOD, self._publish_diagnostics, clock=steady)
+
+    # Parameters and lifecycle.
+
+    def parameter_table(self, given: dict[str, Any]) -> tuple[Parameter, ...]:
+        """Return all parameters, with those of every named joint, source and operator."""
+        return (*MANAGED_PARAMETERS, *parameter_table(given))
+
+    def check_parameters(self, values: dict[str, Any]) -> None:
+        """Refuse what contradicts itself. :raises ParameterError: naming it."""
+        check(values)
+
+    def on_configure(self, state: Any) -> TransitionCallbackReturn:
+        """Take over parameters that were changed since construction."""
+        del state
+        return self._transition(self._rebuild, 'configure')
+
+    def on_activate(self, state: Any) -> TransitionCallbackReturn:
+        """Begin to decide; STOPPED until a reset."""
+        self.active = True
+        self._arbiter.hold(None)
+        return super().on_activate(state)
+
+    def on_deactivate(self, state: Any) -> TransitionCallbackReturn:
+        """Say stop, and go on saying it."""
+        self.shut_down()
+        return super().on_deactivate(state)
+
+    def on_shutdown(self, state: Any) -> TransitionCallbackReturn:
+        """Say stop, and go on saying it."""
+        del state
+        self.shut_down()
+        return TransitionCallbackReturn.SUCCESS
+
+    def on_error(self, state: Any) -> TransitionCallbackReturn:
+        """Say stop, and go on saying it."""
+        return self.on_shutdown(state)
+
+    def shut_down(self) -> None:
+        """Put out the stop at once."""
+        self.active = False
+        self._arbiter.hold(_INACTIVE)
+        self._tick()
+
+    def _build(self) -> None:
+        """Make the arbiter and subscribe to all that it listens to."""
+        values = self._built_from = self.values
+        config = mux_config(values)
+        self._arbiter = Arbiter(config, JointLimiter(joint_limits(values)), time.monotonic())
+        self._arbiter.hold(_INACTIVE)
+        self._last_state: State | None = None
+        self._mappings = {each.name: joy_mapping(values, each.name) for each in config.operators}
+        self._watches: dict[str, tuple[Kind, str, PublisherWatch]] = {}
+        for source in config.sources:
+            self._subscribe_source(source.name)
+            self._stop_demands[source.name] = self.create_publisher(
+                Bool, f'~/stop_demand/{source.name}', latched_qos()
+            )
+        for operator in config.operators:
+            topic = values[f'operator.{operator.name}.topic']
+            on_joy = partial(self._on_joy, operator.name)
+            self._subscribe(Joy, topic, 'operator', operator.name, on_joy, DEMAND_QOS)
+        if config.autonomy is not None:
+            self._subscribe_autonomy()
+
+    def _subscribe_source(self, name: str) -> None:
+        kind = 'e-stop source'
+        topic, own_topic = (self.values[f'estop.{name}.{part}'] for part in ('topic', 'own_topic'))
+        if own_topic:  # first, so that a stop finds it in place
+            own = partial(self._on_own_estop, name)
+            self._subscribe(Bool, own_topic, kind, name, own, ESTOP_QOS)
+        self._subscribe(Bool, topic, kind, name, partial(self._on_estop, name), ESTOP_QOS)
+
+    def _subscribe_autonomy(self) -> None:
+        values = self.values
+        kind, topic = values['autonomy.type'], values['autonomy.topic']
+        self._drive = DifferentialDrive(
+            values['autonomy.wheel_separation'], values['autonomy.wheel_radius']
+        )
+        self._named = NamedJoints(tuple(values['joints']))
+        self._subscribe(
+            _AUTONOMY_TYPES[kind], topic, 'autonomy', AUTONOMY, self._on_autonomy, DEMAND_QOS
+        )
+
+    def _subscribe(
+        self,
+        message_type: Any,
+        topic: str,
+        kind: Any,
+        name: str,
+        callback: Callable[[Any, float], None],
+        qos: QoSProfile,
+    ) -> None:
+        watch = PublisherWatch()
+
+        def on_message(message: Any, info: Any) -> None:
+            now = time.monotonic()
+            watch.heard(info['publication_sequence_number'], now)
+            if watch.doubled(now):
+                self._look_at(subscription.topic_name, now)
+            callback(message, now)
+
+        subscription = self.create_subscription(message_type, topic, on_message, qos)
+        self._inputs.append(subscription)
+        self._watches[subscription.topic_name] = (kind, name, watch)
+
+    def _rebuild(self) -> None:
+        if self.values == self._built_from:
+            return
+        for subscription in self._inputs:
+            self.destroy_subscription(subscription)
+        for publisher in self._stop_demands.values():
+            self.destroy_publisher(publisher)
+        self._inputs, self._stop_demands = [], {}
+        self._build()
+
+    # What arrives.
+
+    def _on_estop(self, name: str, message: Any, now: float) -> None:
+        self._arbiter.estop_message(name, message.data, now)
+        if message.data and self._last_state is not State.STOPPED:
+            self._tick()
+
+    def _on_own_estop(self, name: str, message: Any, now: float) -> None:
+        self._arbiter.own_estop_message(name, message.data, now)
+
+    def _on_joy(self, name: str, message: Any, now: float) -> None:
+        try:
+            sample = self._mappings[name].sample(message.axes, message.buttons)
+        except MalformedInput as error:
+            self._arbiter.operator_invalid(name, str(error), now)
+        else:
+            self._arbiter.operator_sample(name, sample, now)
+
+    def _on_autonomy(self, message: Any, now: float) -> None:
+        try:
+            demand = self._autonomy_demand(message)
+        except MalformedInput as error:
+            self._arbiter.autonomy_invalid(str(error), now)
+        else:
+            self._arbiter.autonomy_command(demand, now)
+
+    def _autonomy_demand(self, message: Any) -> tuple[float, ...]:
+        if isinstance(message, JointState):
+            return self._named.demand(message.name, getattr(message, self.values['interface']))
+        twist = message.twist if isinstance(message, TwistStamped) else message
+        return self._drive.demand(twist.linear.x, twist.angular.z)
+
+    def _look_around(self) -> None:
+        """Find topics with two live publishers, or with one that could never be heard."""
+        now = time.monotonic()
+        for topic in self._watches:
+            self._look_at(topic, now)
+
+    def _look_at(self, topic: str, now: float) -> None:
+        kind, name, watch = self._watches[topic]
+        doubled = f'two live publishers on {topic}: stop one of them'
+        self._arbiter.set_invalid(
+            kind, name, f'publishers of {topic}', doubled if watch.doubled(now) else None
+        )
+        if kind == 'e-stop source':
+            self._arbiter.set_invalid(kind, name, f'QoS of {topic}', self._qos_fault(topic))
+
+    def _qos_fault(self, topic: str) -> str | None:
+        """Name a publisher that promises less than an e-stop needs, so that it is never heard."""
+        for endpoint in self.get_publishers_info_by_topic(topic):
+            if endpoint.topic_type != 'std_msgs/msg/Bool':
+                return f'{endpoint.node_name} publishes {endpoint.topic_type} on {topic}, not Bool'
+            if endpoint.qos_profile.reliability == ReliabilityPolicy.BEST_EFFORT:
+                return f'{endpoint.node_name} publishes {topic} best effort: make it reliable'
+        return None
+
+    def _on_reset(self, request: Any, response: Any) -> Any:
+        del request
+        reply = self._arbiter.reset(time.monotonic())
+        return self._answer(response, 'reset', *reply)
+
+    def _on_trip(self, request: Any, response: Any) -> Any:
+        del request
+        reply = self._arbiter.trip(time.monotonic())
+        self._tick()
+        return self._answer(response, 'trip', *reply)
+
+    def _on_select_autonomy(self, request: Any, response: Any) -> Any:
+        reply = self._arbiter.select_autonomy(request.data, time.monotonic())
+        return self._answer(response, 'select_autonomy', *reply)
+
+    def _answer(self, response: Any, service: str, ok: bool, message: str) -> Any:
+        response.success, response.message = ok, message
+        self.get_logger().info(f'~/{service}: {message}')
+        return response
+
+    # What goes out.
+
+    def _tick(self) -> None:
+        now = time.monotonic()
+        decision = self._arbiter.tick(now)
+        # The stop first, then what makes it true, then words.
+        self._estop.publish(Bool(data=decision.estop))
+        self._enable.publish(Bool(data=decision.enable))
+        command = JointState(name=self.values['joints'])
+        setattr(command, self.values['interface'], list(decision.demand))
+        command.header.stamp = self.get_clock().now().to_msg()
+        self._command.publish(command)
+        for name, demanded in decision.stop_demand.items():
+            self._stop_demands[name].publish(Bool(data=demanded))
+        self._state.publish(String(data=decision.state.value))
+        if decision.state is not self._last_state:
+            self._last_state = decision.state
+            self.get_logger().info(
+                f'{decision.state.value}: {self._arbiter.status(now).last_transition.reason}'
+            )
+            self._publish_status()
+
+    def _publish_status(self) -> None:
+        self._status.publish(self._status_message())
+
+    def _publish_diagnostics(self) -> None:
+        array = DiagnosticArray(status=[self._status_message()])
+        array.header.stamp = self.get_clock().now().to_msg()
+        self._diagnostics.publish(array)
+
+    def _status_message(self) -> Any:
+        """Return the whole answer to 'why does it not move?'."""
+        now = time.monotonic()
+        status = self._arbiter.status(now)
+        last = status.last_transition
+        still = status.state in (State.STOPPED, State.STOPPING)
+        values: dict[str, Any] = {'state': status.state.value, 'owner': status.owner or 'none'}
+        values |= {f'inhibit {n}': text for n, text in enumerate(status.inhibits, 1)}
+        values |= {f'age of {name} (s)': age for name, age in status.ages.items()}
+        values['last transition'] = (
+            f'{last.before.value} to {last.after.value}, {now - last.at:.1f} s ago: {last.reason}'
+        )
+        message = '; '.join(status.inhibits) or f'{status.owner} has control'
+        diagnostic = Diagnostic(WARN if still else OK, message, values)
+        return diagnostic.to_msg(self.get_fully_qualified_name().lstrip('/'), '')
+
+
+def main() -> None:
+    """Run the node; the executable's entry point."""
+    raise SystemExit(run([SafetyMux]))
+
+
+if __name__ == '__main__':
+    main()

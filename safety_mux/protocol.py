@@ -1,0 +1,280 @@
+"""
+The words of the mux: what it is configured with, what it is told, and what it decides.
+
+Nothing here acts. The arbiter, the mappings and the limits all speak in these terms and need not
+know each other. Seconds are those of a monotonic clock; a demand is one number a joint, in the
+joint's own unit (rad/s, rad or N·m, as the drive's mode says).
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from enum import Enum
+import math
+import re
+from typing import Literal
+from typing import NamedTuple
+from typing import Protocol
+
+AUTONOMY = 'autonomy'  # the owner's name while no person steers
+_NAME = re.compile(r'[A-Za-z][A-Za-z0-9_]*')  # names become parts of topics: ~/stop_demand/<name>
+
+Demand = tuple[float, ...]
+Kind = Literal['e-stop source', 'operator', 'autonomy']
+
+
+class MalformedInput(ValueError):  # noqa: N818 - the words of rule 9
+    """A message that cannot be what its topic promises: the sender's fault, not ours."""
+
+
+class State(Enum):
+    """Where the mux stands. Only ACTIVE and STOPPING enable the drives."""
+
+    STOPPED = 'STOPPED'  # latched: only a reset leads out
+    STOPPING = 'STOPPING'  # stop category 1: on the ramp to zero, then STOPPED
+    READY = 'READY'  # reset, drives disabled, nobody has control
+    ACTIVE = 'ACTIVE'  # the owner's demand moves the machine
+
+
+@dataclass(frozen=True, slots=True)
+class EStopSource:
+    """
+    One topic that can stop the machine.
+
+    :param timeout: seconds after which it is stale. Above 0.
+    :param counts: ``always``, or ``when_owner``: only while ``operator`` has control; it then also
+        keeps that operator from getting control.
+    :param operator: whom a ``when_owner`` source belongs to.
+    :param stop_category: 0 cuts at once, 1 ramps to zero first.
+    :param own_topic: whether ``own_estop_message`` comes too. Without it the e-stop counts as the
+        source's own, which deadlocks a device that is stopped through ``stop_demand``.
+    :raises ValueError: for anything out of these ranges.
+    """
+
+    name: str
+    timeout: float = 0.25
+    counts: Literal['always', 'when_owner'] = 'always'
+    operator: str | None = None
+    stop_category: int = 0
+    own_topic: bool = False
+
+    def __post_init__(self) -> None:
+        where = f"e-stop source '{self.name}'"
+        _check_name(where, self.name)
+        _check_seconds(f'timeout of {where}', self.timeout)
+        if self.counts not in ('always', 'when_owner'):
+            raise ValueError(f"{where} counts 'always' or 'when_owner', not {self.counts!r}")
+        if self.counts == 'when_owner' and self.operator is None:
+            raise ValueError(f'{where} counts when_owner: name the operator that it belongs to')
+        if self.stop_category not in (0, 1):
+            raise ValueError(f'stop_category of {where} is 0 or 1, not {self.stop_category!r}')
+
+
+@dataclass(frozen=True, slots=True)
+class Operator:
+    """
+    A person with sticks. The greater ``priority`` takes over from the smaller one.
+
+    :param timeout: seconds after which the operator is stale. Above 0.
+    :raises ValueError: for anything out of range.
+    """
+
+    name: str
+    priority: int
+    timeout: float = 0.25
+
+    def __post_init__(self) -> None:
+        _check_name(f"operator '{self.name}'", self.name)
+        if self.name == AUTONOMY:
+            raise ValueError(f"an operator cannot be named '{AUTONOMY}'")
+        _check_seconds(f"timeout of operator '{self.name}'", self.timeout)
+
+
+@dataclass(frozen=True, slots=True)
+class Autonomy:
+    """
+    The one source that is not a person; below every operator.
+
+    :param timeout: seconds after which it is stale. Above 0.
+    """
+
+    timeout: float = 0.25
+
+    def __post_init__(self) -> None:
+        _check_seconds('timeout of autonomy', self.timeout)
+
+
+@dataclass(frozen=True, slots=True)
+class MuxConfig:
+    """
+    Everything that the arbiter is told once.
+
+    :param joints: how many numbers a demand has. 1 or more.
+    :param clear_time: seconds that all stops must have been clear before a reset. Above 0.
+    :param neutral_time: seconds of fresh neutral samples before a deadman counts. Above 0.
+    :param hold_time: seconds after a change of owner without another takeover. 0 or more.
+    :param stall_limit: seconds between two ticks beyond which this process was frozen. Above 0.
+    :param stop_time: seconds after which the ramp of stop category 1 has ended. Above 0.
+    :raises ValueError: for anything out of range, twice the same name or priority, an unknown
+        operator, no e-stop source, or an owner whom no e-stop source would stop.
+    """
+
+    joints: int
+    sources: tuple[EStopSource, ...]
+    operators: tuple[Operator, ...] = ()
+    autonomy: Autonomy | None = None
+    clear_time: float = 0.5
+    neutral_time: float = 0.3
+    hold_time: float = 0.5
+    stall_limit: float = 0.1
+    stop_time: float = 0.5
+
+    def __post_init__(self) -> None:
+        if self.joints < 1:
+            raise ValueError(f'joints must be 1 or more, not {self.joints}')
+        for name in ('clear_time', 'neutral_time', 'stall_limit', 'stop_time'):
+            _check_seconds(name, getattr(self, name))
+        if not (math.isfinite(self.hold_time) and self.hold_time >= 0.0):
+            raise ValueError(f'hold_time must be 0 s or more and finite, not {self.hold_time}')
+        self._check_names()
+        self._check_owners()
+
+    def _check_names(self) -> None:
+        if not self.sources:
+            raise ValueError('there is no e-stop source: a mux without one is refused')
+        _check_unique('e-stop sources', [source.name for source in self.sources])
+        _check_unique('operators', [operator.name for operator in self.operators])
+        _check_unique('priorities', [operator.priority for operator in self.operators])
+        known = {operator.name for operator in self.operators}
+        for source in self.sources:
+            if source.operator is not None and source.operator not in known:
+                raise ValueError(
+                    f"e-stop source '{source.name}' belongs to operator '{source.operator}', "
+                    f'which does not exist'
+                )
+
+    def _check_owners(self) -> None:
+        owners = [operator.name for operator in self.operators]
+        if self.autonomy is not None:
+            owners.append(AUTONOMY)
+        if not owners:
+            raise ValueError('there is neither an operator nor autonomy: nobody could drive')
+        if any(source.counts == 'always' for source in self.sources):
+            return
+        for owner in owners:
+            if not any(source.operator == owner for source in self.sources):
+                raise ValueError(f"no e-stop source would stop '{owner}': let one count always")
+
+
+@dataclass(frozen=True, slots=True)
+class OperatorSample:
+    """
+    What one message of an operator says.
+
+    :param neutral: all sticks that are used are within their deadband.
+    :param deadman: the deadman is held: all of its buttons.
+    :param demand: one number a joint.
+    :param partial: some of the deadman's buttons are held, not all: on the way to either side.
+    """
+
+    neutral: bool
+    deadman: bool
+    demand: Demand
+    partial: bool = False
+
+    @property
+    def at_rest(self) -> bool:
+        """Sticks at neutral and every deadman button released."""
+        return self.neutral and not self.deadman and not self.partial
+
+
+class Limiter(Protocol):
+    """What the arbiter needs of the limits. :class:`safety_mux.limits.JointLimiter` has it."""
+
+    @property
+    def output(self) -> Demand:
+        """What was put out last."""
+
+    def step(self, target: Demand, dt: float) -> Demand:
+        """Return the next output on the way to ``target``, ``dt`` seconds after the last."""
+
+    def ramp(self, dt: float, stop_time: float) -> Demand:
+        """Return the next output of a ramp that ends at zero within ``stop_time`` seconds."""
+
+    def reset(self) -> None:
+        """Be at zero, at once."""
+
+
+class Reply(NamedTuple):
+    """The answer to a service."""
+
+    ok: bool
+    message: str
+
+
+@dataclass(frozen=True, slots=True)
+class Decision:
+    """
+    What goes out after one tick.
+
+    :param owner: an operator's name or ``autonomy``; None unless ACTIVE or STOPPING.
+    :param enable: true in ACTIVE and STOPPING only.
+    :param demand: one number a joint, already limited.
+    :param estop: the latched sum of all stops: true in STOPPED. It is false in STOPPING, since a
+        drive that hears it true disables, and there would be no ramp.
+    :param stop_demand: by source, whether any other source demands a stop by itself or a trip is
+        active. Not latched.
+    """
+
+    state: State
+    owner: str | None
+    enable: bool
+    demand: Demand
+    estop: bool
+    stop_demand: Mapping[str, bool]
+
+
+@dataclass(frozen=True, slots=True)
+class Transition:
+    """A change of state or of owner, at ``at`` seconds."""
+
+    at: float
+    before: State
+    after: State
+    reason: str
+
+
+@dataclass(frozen=True, slots=True)
+class Status:
+    """
+    The full answer to "why does it not move?".
+
+    :param inhibits: each thing that keeps the machine from moving, in words; empty when it moves.
+    :param ages: seconds since each input was heard, by its name in words; infinite if never.
+    """
+
+    state: State
+    owner: str | None
+    inhibits: tuple[str, ...]
+    ages: Mapping[str, float]
+    last_transition: Transition
+
+
+def milliseconds(seconds: float) -> str:
+    """Write a duration in whole milliseconds."""
+    return f'{seconds * 1e3:.0f} ms'
+
+
+def _check_name(where: str, name: str) -> None:
+    if not _NAME.fullmatch(name):
+        raise ValueError(f'{where}: a name has letters, digits and _ and begins with a letter')
+
+
+def _check_seconds(what: str, value: float) -> None:
+    if not (math.isfinite(value) and value > 0.0):
+        raise ValueError(f'{what} must be above 0 s and finite, not {value}')
+
+
+def _check_unique(what: str, values: list[str] | list[int]) -> None:
+    twice = sorted({str(value) for value in values if values.count(value) > 1})  # type: ignore[arg-type]
+    if twice:
+        raise ValueError(f'{what} must differ: {", ".join(twice)} is there more than once')
