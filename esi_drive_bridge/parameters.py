@@ -34,8 +34,8 @@ PARAMETERS = (
     Parameter(
         'single_axis_layout',
         'padded',
-        'Packets of a single-axis drive: padded to the dual lengths, or compact. The manual leaves '
-        'it open; try the other if no status is understood.',
+        'Packets of a single-axis drive: padded to the dual lengths, or compact. The manual '
+        'leaves it open; try the other if no status is understood.',
         choices=('padded', 'compact'),
     ),
     Parameter(
@@ -63,7 +63,7 @@ PARAMETERS = (
     Parameter(
         'link_timeout',
         0.25,
-        'Without a status packet for this long, ~/link_up is false.',
+        'As in all bridges; here the shorter of this and status_timeout counts.',
         unit='s',
         minimum=0.02,
         maximum=5.0,
@@ -192,13 +192,12 @@ def settings(values: Mapping[str, Any]) -> Settings:
         layout=layout,
         modes=tuple(axis.mode for axis in joined),
         si_per_count=tuple(axis.si_per_count for axis in joined),
+        status_timeout=min(values['link_timeout'], values['status_timeout']),
         **{
             name: values[name]
             for name in (
                 'command_rate',
                 'command_timeout',
-                'link_timeout',
-                'status_timeout',
                 'enable_timeout',
                 'clear_timeout',
                 'baud',

@@ -3,7 +3,7 @@ All configured nodes in one process.
 
 ``rugged_teleop_stack fort_vsc_bridge safety_mux --ros-args --params-file my.yaml`` runs the nodes
 that are named; without names, those that the parameter files have a section for. Each has its own
-executor and thread, so that none waits for another.
+executor and thread, so that none waits for another. The drive listens to the mux.
 """
 
 from collections.abc import Callable
@@ -25,6 +25,21 @@ NODES = {
     'esi_drive_bridge': ('esi_drive_bridge.node', 'EsiDriveBridge'),
     'safety_mux': ('safety_mux.node', 'SafetyMux'),
 }
+
+# How mux and drive are joined unless the command line says otherwise (its own rules come first).
+WIRING = {
+    'esi_drive_bridge:~/command': 'safety_mux/command',
+    'esi_drive_bridge:~/enable': 'safety_mux/enable',
+    'esi_drive_bridge:~/estop_in': 'safety_mux/estop',
+}
+
+
+def wired(arguments: Sequence[str], names: Sequence[str]) -> list[str]:
+    """Return the command line with the wiring added where mux and drive are both in the stack."""
+    if not {'safety_mux', 'esi_drive_bridge'} <= set(names):
+        return list(arguments)
+    rules = [word for pair in WIRING.items() for word in ('-r', ':='.join(pair))]
+    return [*arguments, '--ros-args', *rules, '--']
 
 
 def node_factory(name: str) -> Callable[[], ManagedNode]:
@@ -71,7 +86,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     except ValueError as error:
         print(f'rugged_teleop_stack: {error}', file=sys.stderr)
         sys.exit(2)
-    sys.exit(run(factories, argv))
+    sys.exit(run(factories, wired(argv, names)))
 
 
 if __name__ == '__main__':

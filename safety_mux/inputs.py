@@ -214,7 +214,7 @@ class OperatorInput(OwnerInput):
     def sample(self, sample: OperatorSample, now: float) -> None:
         """Note a good message."""
         self.hear(now)
-        self.newest = sample
+        before, self.newest = self.newest, sample
         self.demand = sample.demand
         if self.faults:  # such as a second publisher: nothing that it says counts
             self.forget()
@@ -223,10 +223,14 @@ class OperatorInput(OwnerInput):
             self._press()
             return
         self.pressed = self.holding = False
-        if sample.at_rest:
+        # Two buttons never go down in one sample: half a deadman, with centred sticks, keeps a
+        # complete rest for the press that follows. It adds nothing to one.
+        if not sample.neutral or (sample.partial and not self.rested):
+            self.rest.end()
+        elif sample.at_rest:
+            if before is not None and before.partial:
+                self.rest.end()
             self.rest.extend(now)
-        elif not sample.neutral:
-            self.rest.end()  # a deadman that is half down with centred sticks only pauses the rest
 
     def _press(self) -> None:
         if self.rested:

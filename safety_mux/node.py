@@ -81,6 +81,10 @@ class SafetyMux(ManagedNode):
         self.create_service(Trigger, '~/reset', self._on_reset)
         self.create_service(Trigger, '~/trip', self._on_trip)
         self.create_service(SetBool, '~/select_autonomy', self._on_select_autonomy)
+        self._drive_enabled = False
+        if self.values['drive_enabled_topic']:
+            topic = self.values['drive_enabled_topic']
+            self.create_subscription(Bool, topic, self._on_drive_enabled, latched_qos())
         self._inputs: list[Any] = []
         self._stop_demands: dict[str, Any] = {}
         self._build()
@@ -237,6 +241,9 @@ class SafetyMux(ManagedNode):
         twist = message.twist if isinstance(message, TwistStamped) else message
         return self._drive.demand(twist.linear.x, twist.angular.z)
 
+    def _on_drive_enabled(self, message: Any) -> None:
+        self._drive_enabled = message.data
+
     def _look_around(self) -> None:
         """Find topics with two live publishers, or with one that could never be heard."""
         now = time.monotonic()
@@ -315,17 +322,31 @@ class SafetyMux(ManagedNode):
         """Return the whole answer to 'why does it not move?'."""
         now = time.monotonic()
         status = self._arbiter.status(now)
+        inhibits = (*status.inhibits, *self._downstream_inhibits(status, now))
         last = status.last_transition
         still = status.state in (State.STOPPED, State.STOPPING)
         values: dict[str, Any] = {'state': status.state.value, 'owner': status.owner or 'none'}
-        values |= {f'inhibit {n}': text for n, text in enumerate(status.inhibits, 1)}
+        values |= {f'inhibit {n}': text for n, text in enumerate(inhibits, 1)}
         values |= {f'age of {name} (s)': age for name, age in status.ages.items()}
         values['last transition'] = (
             f'{last.before.value} to {last.after.value}, {now - last.at:.1f} s ago: {last.reason}'
         )
-        message = '; '.join(status.inhibits) or f'{status.owner} has control'
+        message = '; '.join(inhibits) or f'{status.owner} has control'
         diagnostic = Diagnostic(WARN if still else OK, message, values)
         return diagnostic.to_msg(self.get_fully_qualified_name().lstrip('/'), '')
+
+    def _downstream_inhibits(self, status: Any, now: float) -> list[str]:
+        """Say what keeps the machine still although the mux lets it move."""
+        if self._command.get_subscription_count() == 0:
+            return ['nobody listens to ~/command: is the drive node running and wired to the mux?']
+        topic = self.values['drive_enabled_topic']
+        waited = now - status.last_transition.at
+        if status.state is not State.ACTIVE or not topic or self._drive_enabled or waited < 0.5:
+            return []
+        return [
+            f'the drive is not enabled ({topic} is false): /diagnostics of the drive says why; '
+            'then release the deadman and press it again'
+        ]
 
 
 def main() -> None:

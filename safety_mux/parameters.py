@@ -51,6 +51,12 @@ GENERAL = (
         minimum=1.0,
         maximum=100.0,
     ),
+    Parameter(
+        'drive_enabled_topic',
+        'esi_drive_bridge/enabled',
+        'Where the drive says that it is enabled (std_msgs/Bool), for ~/status to tell when it is '
+        'not. It decides nothing. Empty: not looked at.',
+    ),
     Parameter('joints', ['left', 'right'], 'Names of the joints in ~/command, in this order.'),
     Parameter('estop_sources', ['fort', 'drive'], 'Names of the e-stop sources; one or more.'),
     Parameter('operators', ['fort'], "Names of the operators; [''] for none."),
