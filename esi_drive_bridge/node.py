@@ -1,5 +1,6 @@
 """The ESI drive bridge: one or two servo axes on RS422 as ROS topics."""
 
+import time
 from typing import Any
 from typing import ClassVar
 
@@ -121,15 +122,13 @@ class EsiDriveBridge(BridgeNode):
             self.get_logger().info('the drive reports no error any more')
 
     def _publish_joint_states(self, event: Feedback) -> None:
-        now = self.get_clock().now()
-        seconds = now.nanoseconds * 1e-9
+        now = time.monotonic()  # ROS time may be paused
         # A small slack, or a drive at just this rate would lose every other message.
-        period = 0.9 / self.values['joint_state_rate']
-        if 0.0 <= seconds - self._joint_states_at < period:
+        if now - self._joint_states_at < 0.9 / self.values['joint_state_rate']:
             return
-        self._joint_states_at = seconds
+        self._joint_states_at = now
         self._joint_states.publish(
-            convert.joint_state(event.status, self._axes, now.to_msg(), self.values['frame_id'])
+            convert.joint_state(event.status, self._axes, self.stamp(), self.values['frame_id'])
         )
 
     # Requests: on the executor's thread, posted to the link thread.
