@@ -43,6 +43,7 @@ class FortVscBridge(BridgeNode):
 
     def __init__(self, **options: Any) -> None:
         self._bad_sentences = 0
+        self._gga_heard = False
         super().__init__('fort_vsc_bridge', **options)
 
     def check_parameters(self, values: dict[str, Any]) -> None:
@@ -157,11 +158,14 @@ class FortVscBridge(BridgeNode):
 
     def _publish_gps(self, gps: GpsSentence) -> None:
         self._nmea.publish(String(data=gps.sentence))
+        kind = convert.nmea_type(gps.sentence)
         fix = convert.nav_sat_fix(gps.sentence, *self._header())
-        if fix is not None:
+        if fix is None:
+            self._bad_sentences += kind in ('GGA', 'RMC')
+            return
+        self._gga_heard = self._gga_heard or kind == 'GGA'
+        if kind == 'GGA' or not self._gga_heard:  # RMC has no altitude: only where it is all
             self._fix.publish(fix)
-        elif convert.nmea_type(gps.sentence) in ('GGA', 'RMC'):
-            self._bad_sentences += 1
 
     # Requests: on the executor's thread, posted to the link thread.
 

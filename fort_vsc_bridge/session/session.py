@@ -47,8 +47,6 @@ from fort_vsc_bridge.session.stops import CONNECTED_MODES
 from fort_vsc_bridge.session.stops import StopJudge
 from fort_vsc_bridge.session.stops import Verdict
 
-# At its deadline a watchdog is still fresh: be called a moment later, not at once again.
-_MOMENT = 1e-6
 _NEUTRAL = Sticks()
 _CLEAR = Verdict(False, False)
 
@@ -162,11 +160,11 @@ class Session:
             return math.inf
         due = [self._heartbeat_due, self._parser.deadline, self._outbox.deadline]
         if self.link_up:
-            due += [self._heartbeat_heard.deadline + _MOMENT, self._settings.deadline]
+            due += [self._heartbeat_heard.deadline, self._settings.deadline]
         if self._streaming:
-            due.append(self._joystick_heard.deadline + _MOMENT)
+            due.append(self._joystick_heard.deadline)
         if self.software_estop_in_use and not self._sent_stop:
-            due.append(self._software_estop_heard.deadline + _MOMENT)
+            due.append(self._software_estop_heard.deadline)
         return min(due)
 
     def farewell(self, now: float) -> list[bytes]:
@@ -414,7 +412,9 @@ class Session:
         stop = self.software_estop_in_use and (self._software_estop or stale or self._leaving)
         if not (at_once or now >= self._heartbeat_due or (stop and not self._sent_stop)):
             return []
-        self._heartbeat_due = now + self._period
+        # Late by a little is made up for, or the rate would sag; late by much is not.
+        slot = min(self._heartbeat_due, now) + self._period
+        self._heartbeat_due = max(slot, now + self._period / 2)
         self._sent_stop = stop
         self._judge.asked(stop, now)
         return [HostHeartbeat(stop).to_bytes()]

@@ -1,0 +1,220 @@
+"""The VSC's values as ROS messages."""
+
+import math
+from typing import Any
+
+from builtin_interfaces.msg import Time
+from diagnostic_msgs.msg import KeyValue
+from hypothesis import given
+from hypothesis import strategies as st
+import pytest
+from sensor_msgs.msg import BatteryState
+from sensor_msgs.msg import JoyFeedback
+from sensor_msgs.msg import NavSatStatus
+
+from fort_vsc_bridge import convert
+from fort_vsc_bridge.protocol import Mode
+from fort_vsc_bridge.protocol import RemoteStatus
+
+STAMP = Time(sec=12, nanosec=34)
+
+
+def joy(axes: Any, buttons: Any = (False,) * 8, **options: Any) -> Any:
+    return convert.joy(axes, buttons, STAMP, 'remote', **options)
+
+
+def test_left_and_forward_are_positive() -> None:
+    message = joy((-1023, 1023, 1023, 1023, -1023, -1023))
+    assert list(message.axes) == [1.0, 1.0, 1.0, -1.0, -1.0, -1.0]
+
+
+def test_buttons_keep_their_order() -> None:
+    pressed = (True, False, False, True, False, True, False, False)
+    message = joy((0,) * 6, pressed)
+    assert list(message.buttons) == [1, 0, 0, 1, 0, 1, 0, 0]
+
+
+def test_stamp_and_frame_are_passed_on() -> None:
+    message = joy((0,) * 6)
+    assert (message.header.stamp, message.header.frame_id) == (STAMP, 'remote')
+
+
+def test_neutral_has_no_negative_zero() -> None:
+    assert all(math.copysign(1.0, axis) == 1.0 for axis in joy((0,) * 6).axes)
+
+
+def test_full_scale_clips() -> None:
+    message = joy((0, 1023, 500, 0, -1023, -500), axis_full_scale=1000)
+    assert list(message.axes) == [0.0, 1.0, 0.5, 0.0, -1.0, -0.5]
+
+
+def test_deadband_has_no_step_at_its_edge() -> None:
+    assert convert.scaled_axis(100, 1000, 0.1) == 0.0
+    assert convert.scaled_axis(-100, 1000, 0.1) == 0.0
+    assert convert.scaled_axis(101, 1000, 0.1) == pytest.approx(0.001 / 0.9)
+    assert convert.scaled_axis(-1000, 1000, 0.1) == -1.0
+
+
+@given(st.integers(-1023, 1023), st.integers(1, 1023), st.floats(0.0, 0.99))
+def test_axis_is_never_beyond_one_and_keeps_its_side(value: int, full: int, band: float) -> None:
+    axis = convert.scaled_axis(value, full, band)
+    assert -1.0 <= axis <= 1.0
+    assert axis * value >= 0.0
+
+
+@pytest.mark.parametrize(
+    ('mode', 'text'), [(Mode.OPERATIONAL, 'Operational'), (0x33, 'Unknown (0x33)'), (None, 'None')]
+)
+def test_mode_in_words(mode: Any, text: str) -> None:
+    assert convert.mode_string(mode).data == text
+
+
+@pytest.mark.parametrize(
+    ('percent', 'charging', 'status'),
+    [
+        (70, False, BatteryState.POWER_SUPPLY_STATUS_DISCHARGING),
+        (70, True, BatteryState.POWER_SUPPLY_STATUS_CHARGING),
+        (100, True, BatteryState.POWER_SUPPLY_STATUS_FULL),
+    ],
+)
+def test_battery(percent: int, charging: bool, status: int) -> None:
+    message = convert.battery_state(RemoteStatus(percent, charging, 2, 2), STAMP, 'remote')
+    assert message.percentage == pytest.approx(percent / 100)
+    assert message.power_supply_status == status
+    assert message.present
+    assert math.isnan(message.voltage)
+
+
+def test_battery_of_no_remote_is_absent_not_empty() -> None:
+    message = convert.battery_state(None, STAMP, 'remote')
+    assert not message.present
+    assert math.isnan(message.percentage)
+
+
+def test_user_values_in_text() -> None:
+    message = convert.user_value(3, -7)
+    assert (message.key, message.value) == ('3', '-7')
+    assert convert.key_and_value(message) == (3, -7)
+    assert convert.key_and_text(KeyValue(key='90', value='hi')) == (90, 'hi')
+
+
+@pytest.mark.parametrize(('key', 'value'), [('', '1'), ('x', '1'), ('1', ''), ('1', '1.5')])
+def test_request_that_is_no_number_is_refused(key: str, value: str) -> None:
+    with pytest.raises(ValueError, match=r'whole number'):
+        convert.key_and_value(KeyValue(key=key, value=value))
+
+
+@pytest.mark.parametrize(
+    ('number', 'intensity', 'sides'),
+    [(0, 1.0, (True, False)), (1, 0.1, (False, True)), (1, 0.0, (False, False))],
+)
+def test_rumble(number: int, intensity: float, sides: tuple[bool, bool]) -> None:
+    message = JoyFeedback(type=JoyFeedback.TYPE_RUMBLE, id=number, intensity=intensity)
+    assert convert.rumble_sides(message) == sides
+
+
+@pytest.mark.parametrize(
+    ('kind', 'number', 'intensity'), [(0, 0, 1.0), (1, 2, 1.0), (1, 0, math.nan), (1, 0, 1.5)]
+)
+def test_bad_rumble_is_refused(kind: int, number: int, intensity: float) -> None:
+    with pytest.raises(ValueError, match=r'not'):
+        convert.rumble_sides(JoyFeedback(type=kind, id=number, intensity=intensity))
+
+
+# -- NMEA 0183: sentences as printed in common references, checksums included ---------------------
+
+GGA = '$GPGGA,092750.000,5321.6802,N,00630.3372,W,1,8,1.03,61.7,M,55.2,M,,*76'
+RMC = '$GPRMC,123519,A,4807.038,N,01131.000,E,022.4,084.4,230394,003.1,W*6A'
+GSV = '$GPGSV,3,1,11,03,03,111,00,04,15,270,00,06,01,010,00,13,06,292,00*74'
+
+
+def checked(body: str) -> str:
+    total = 0
+    for byte in body.encode():
+        total ^= byte
+    return f'${body}*{total:02X}'
+
+
+def fix(sentence: str) -> Any:
+    return convert.nav_sat_fix(sentence, STAMP, 'remote')
+
+
+def test_gga() -> None:
+    message = fix(GGA)
+    assert message.latitude == pytest.approx(53 + 21.6802 / 60)
+    assert message.longitude == pytest.approx(-(6 + 30.3372 / 60))
+    assert message.altitude == pytest.approx(61.7 + 55.2)
+    assert message.status.status == NavSatStatus.STATUS_FIX
+    assert message.status.service == NavSatStatus.SERVICE_GPS
+    assert (message.header.stamp, message.header.frame_id) == (STAMP, 'remote')
+
+
+def test_rmc_has_no_altitude() -> None:
+    message = fix(RMC)
+    assert message.latitude == pytest.approx(48 + 7.038 / 60)
+    assert message.longitude == pytest.approx(11 + 31 / 60)
+    assert math.isnan(message.altitude)
+
+
+def test_no_fix_is_not_the_gulf_of_guinea() -> None:
+    for body in ('GPGGA,092750,,,,,0,00,,,M,,M,,', 'GPRMC,123519,V,,,,,,,230394,,'):
+        message = fix(checked(body))
+        assert message.status.status == NavSatStatus.STATUS_NO_FIX
+        assert math.isnan(message.latitude)
+        assert math.isnan(message.longitude)
+
+
+@pytest.mark.parametrize('quality', ['', '6', '7', '8', '9', 'x'])
+def test_estimated_manual_and_simulated_positions_are_no_fix(quality: str) -> None:
+    message = fix(checked(f'GPGGA,1,5321.6802,N,00630.3372,W,{quality},8,1,61.7,M,55.2,M,,'))
+    assert message.status.status == NavSatStatus.STATUS_NO_FIX
+
+
+def test_altitude_without_geoid_separation_is_unknown() -> None:
+    assert math.isnan(fix(checked('GPGGA,1,5321.6802,N,00630.3372,W,1,8,1,61.7,M,,M,,')).altitude)
+
+
+@pytest.mark.parametrize(
+    'sentence',
+    [
+        '',
+        '$',
+        GGA[:-1],
+        GGA[:-3],  # cut short
+        GGA[1:],
+        GGA.replace('5321', '5322'),
+        GGA[:-2] + '00',
+        GSV,
+        checked('GPGGA'),
+        checked('GPGGA,1,5321.6802,N,00630.3372,W,1'),
+        checked('GPGGA,1,5321.6802,X,00630.3372,W,1,8,1,61.7,M,55.2,M,,'),
+        checked('GPGGA,1,5360.0000,N,00630.3372,W,1,8,1,61.7,M,55.2,M,,'),
+        checked('GPGGA,1,9100.0000,N,00630.3372,W,1,8,1,61.7,M,55.2,M,,'),
+        checked('GPGGA,1,-5321.6802,N,00630.3372,W,1,8,1,61.7,M,55.2,M,,'),
+        checked('GPGGA,1,,N,,W,1,8,1,61.7,M,55.2,M,,'),
+        checked('GPGGA,1,nan.0,N,inf.0,W,1,8,1,61.7,M,55.2,M,,'),
+        checked('GPGGA,1,5321.6802,N,00630.3372,W,1,8,1,1e9,M,55.2,M,,'),
+        checked('GPRMC,123519,A'),
+    ],
+)
+def test_unsound_or_other_sentence_gives_no_fix(sentence: str) -> None:
+    assert fix(sentence) is None
+
+
+def test_line_end_does_not_matter() -> None:
+    assert fix(GGA + '\r\n') is not None
+
+
+def test_sentence_type() -> None:
+    assert [convert.nmea_type(s) for s in (GGA, RMC, GSV, '$GP', '')] == [
+        'GGA',
+        'RMC',
+        'GSV',
+        '',
+        '',
+    ]
+
+
+@given(st.text(max_size=90) | st.text('$GPAR,MC*0123456789.-NSEW', max_size=90).map(checked))
+def test_any_text_raises_nothing(text: str) -> None:
+    fix(text)

@@ -1,0 +1,774 @@
+"""The VSC's session: what counts, what stops, what is sent and when."""
+
+from collections.abc import Callable
+import itertools
+import math
+import random
+import struct
+from typing import Any
+
+from hypothesis import given
+from hypothesis import settings
+from hypothesis import strategies as st
+import pytest
+
+from fort_vsc_bridge.protocol import Mode
+from fort_vsc_bridge.protocol import RemoteStatus
+from fort_vsc_bridge.session import DeviceSettings
+from fort_vsc_bridge.session import Event
+from fort_vsc_bridge.session import GpsSentence
+from fort_vsc_bridge.session import ModeChanged
+from fort_vsc_bridge.session import RemoteState
+from fort_vsc_bridge.session import Session
+from fort_vsc_bridge.session import Sticks
+from fort_vsc_bridge.session import StopChanged
+from fort_vsc_bridge.session import UserValue
+from fort_vsc_bridge.simulator import build_frame
+from fort_vsc_bridge.simulator import Simulator
+
+NEUTRAL = Sticks()
+SRC, VSC, USER = 0x01, 0x04, 0x40
+CLEAR = build_frame(0x21, b'\0')
+STOP = build_frame(0x21, b'\1')
+DEFLECTED = build_frame(0x10, bytes.fromhex('D0FF044A01000100010044004011'))
+CENTRED = build_frame(0x10, b'\1\0' * 6 + b'\0\0')
+LIMIT = 0.25
+
+
+def heartbeat(mode: int = Mode.OPERATIONAL, estop: int = 0) -> bytes:
+    return build_frame(0x20, struct.pack('<BBI', mode, 0, estop))
+
+
+class Bench:
+    """A session and its time."""
+
+    def __init__(self, **options: Any) -> None:
+        self.session = Session(**options)
+        self.now = 100.0
+        self.events: list[Event] = []
+        self.sent: list[tuple[float, bytes]] = []
+
+    def open(self) -> 'Bench':
+        self._keep(self.session.opened(self.now))
+        return self
+
+    def close(self) -> None:
+        self.events += self.session.closed(self.now)
+
+    def hear(self, *frames: bytes) -> list[Event]:
+        """Hear the frames in one read; return the events of that."""
+        before = len(self.events)
+        self._keep(self.session.receive(b''.join(frames), self.now))
+        self._keep(self.session.poll(self.now))
+        return self.events[before:]
+
+    def wait(self, seconds: float) -> list[Event]:
+        """Poll at every deadline, as the link thread does; return the events of that."""
+        before, end = len(self.events), self.now + seconds
+        for _ in range(10_000):
+            due = max(self.session.deadline(), self.now)
+            if due > end:
+                break
+            self.now = due
+            self._keep(self.session.poll(self.now))
+        else:
+            raise AssertionError('the session spins')
+        self.now = end
+        return self.events[before:]
+
+    def run(self, seconds: float, *frames: bytes) -> list[Event]:
+        """Hear the frames every 20 ms."""
+        before = len(self.events)
+        for _ in range(round(seconds / 0.02)):
+            self.hear(*frames)
+            self.wait(0.02)
+        return self.events[before:]
+
+    def frames(self, kind: int) -> list[tuple[float, bytes]]:
+        return [(at, frame) for at, frame in self.sent if frame[2] == kind]
+
+    def _keep(self, output: tuple[list[Event], list[bytes]]) -> None:
+        self.events += output[0]
+        self.sent += [(self.now, frame) for frame in output[1]]
+
+
+def sticks(events: list[Event]) -> list[Sticks]:
+    return [event for event in events if isinstance(event, Sticks)]
+
+
+# -- stop and link --------------------------------------------------------------------------------
+
+
+def test_stop_until_a_clean_heartbeat() -> None:
+    bench = Bench()
+    assert bench.session.estop
+    assert 'not open' in bench.session.stop_reasons(bench.now)[0]
+    bench.open()
+    assert bench.session.estop
+    assert bench.session.own_estop
+    bench.hear(DEFLECTED)
+    assert bench.session.estop
+    assert not bench.session.link_up
+    bench.hear(heartbeat())
+    assert not bench.session.estop
+    assert not bench.session.own_estop
+    assert bench.session.stop_reasons(bench.now) == []
+
+
+def test_silence_is_a_stop_at_the_limit() -> None:
+    bench = Bench().open()
+    bench.hear(heartbeat())
+    bench.wait(LIMIT - 1e-3)
+    assert not bench.session.estop
+    assert bench.wait(1e-3) == [StopChanged(True, True, False), ModeChanged(None)]
+    assert bench.session.stop_reasons(bench.now + 0.062) == [
+        'no heartbeat from the VSC: last heard 312 ms ago, limit 250 ms; check its power and the '
+        'serial cable'
+    ]
+
+
+def test_joystick_messages_alone_are_no_link() -> None:
+    bench = Bench().open()
+    bench.hear(heartbeat())
+    bench.run(1.0, DEFLECTED)
+    assert bench.session.estop
+    assert 'heartbeat message disabled' in bench.session.stop_reasons(bench.now)[0]
+
+
+@pytest.mark.parametrize('bit', range(32))
+def test_any_estop_bit_is_a_stop(bit: int) -> None:
+    bench = Bench().open()
+    bench.hear(heartbeat(estop=1 << bit))
+    assert bench.session.estop
+    assert bench.session.own_estop
+    assert 'VSC reports e-stop' in bench.session.stop_reasons(bench.now)[0]
+
+
+@pytest.mark.parametrize('mode', range(256))
+def test_only_modes_with_a_remote_are_clear(mode: int) -> None:
+    bench = Bench().open()
+    bench.hear(heartbeat(mode))
+    assert bench.session.estop is (mode not in (6, 9, 0xA, 0xB))
+    assert bench.session.own_estop is (mode not in (1, 4, 6, 9, 0xA, 0xB))
+    assert bool(bench.session.stop_reasons(bench.now)) is bench.session.estop
+
+
+def test_lost_port_is_a_stop_and_forgets_the_heartbeat() -> None:
+    bench = Bench().open()
+    bench.hear(heartbeat())
+    bench.close()
+    assert bench.session.estop
+    assert bench.session.deadline() == math.inf
+    bench.open()
+    assert bench.session.estop
+    bench.hear(heartbeat())
+    assert not bench.session.estop
+
+
+def test_stop_is_not_hidden_by_a_clear_heartbeat_in_the_same_read() -> None:
+    bench = Bench().open()
+    bench.hear(heartbeat())
+    bench.hear(heartbeat(estop=SRC), heartbeat())
+    assert bench.session.estop
+    bench.wait(0.04)
+    assert bench.session.estop
+    assert bench.session.stop_reasons(bench.now)
+    bench.hear(heartbeat())
+    assert not bench.session.estop
+
+
+def test_frame_cut_short_by_a_lost_port_is_forgotten() -> None:
+    bench = Bench().open()
+    bench.session.receive(heartbeat()[:8], bench.now)
+    bench.close()
+    bench.open()
+    bench.hear(heartbeat()[8:])
+    assert bench.session.estop
+
+
+# -- the echo of our own stop ---------------------------------------------------------------------
+
+
+def own(bench: Bench, mode: int, estop: int) -> bool:
+    """Hear one heartbeat; the device is stopped, but does it demand that by itself?"""
+    bench.hear(heartbeat(mode, estop))
+    assert bench.session.estop is True
+    return bench.session.own_estop
+
+
+def ask(bench: Bench, value: bool) -> None:
+    bench.session.set_software_estop(value, bench.now)
+    bench.wait(0.06)
+
+
+def test_own_stop_comes_back_as_echo_until_seen_clear() -> None:
+    bench = Bench(software_estop_timeout=60.0).open()
+    bench.hear(heartbeat())
+    ask(bench, True)
+    assert not own(bench, Mode.LOCAL, USER)
+    ask(bench, False)
+    assert not own(bench, Mode.LOCAL, USER)  # held by the VSC until acknowledged
+    bench.run(2.0, heartbeat(Mode.LOCAL, USER))
+    assert not bench.session.own_estop
+    assert not own(bench, Mode.LOCAL, 0)
+    assert own(bench, Mode.LOCAL, USER)  # nobody of us asked for that one
+
+
+def test_device_stop_during_our_own_is_no_echo() -> None:
+    bench = Bench(software_estop_timeout=60.0).open()
+    ask(bench, True)
+    assert own(bench, Mode.LOCAL, USER | SRC)
+    assert own(bench, Mode.LOCAL, VSC)
+    assert not own(bench, Mode.LOCAL, USER)
+    assert own(bench, Mode.ERROR, USER)
+    assert own(bench, 0x33, USER)
+
+
+def test_user_bit_that_stood_before_we_asked_is_not_ours() -> None:
+    bench = Bench(software_estop_timeout=60.0).open()
+    assert own(bench, Mode.LOCAL, USER)
+    ask(bench, True)
+    assert own(bench, Mode.LOCAL, USER)
+    assert not own(bench, Mode.LOCAL, 0)
+    assert not own(bench, Mode.LOCAL, USER)  # now it is
+
+
+def test_echo_that_comes_late_after_a_short_request() -> None:
+    bench = Bench(software_estop_timeout=60.0).open()
+    ask(bench, True)
+    ask(bench, False)
+    bench.hear(heartbeat())  # sent before the VSC took note
+    assert not own(bench, Mode.LOCAL, USER)
+
+
+def test_request_without_any_echo_is_forgotten() -> None:
+    bench = Bench(software_estop_timeout=60.0).open()
+    ask(bench, True)
+    ask(bench, False)
+    bench.run(1.0, heartbeat())
+    assert own(bench, Mode.LOCAL, USER)
+
+
+def test_silent_link_is_an_own_demand_even_while_we_ask() -> None:
+    bench = Bench(software_estop_timeout=60.0).open()
+    ask(bench, True)
+    assert not own(bench, Mode.LOCAL, USER)
+    bench.wait(LIMIT)
+    assert bench.session.own_estop
+
+
+# -- our heartbeat and the software e-stop --------------------------------------------------------
+
+
+def test_heartbeat_goes_at_its_rate_though_nothing_is_heard() -> None:
+    bench = Bench(heartbeat_rate=20.0).open()
+    bench.wait(10.0)
+    assert {frame for _, frame in bench.sent} == {CLEAR}
+    times = [at for at, _ in bench.sent]
+    assert times[0] == 100.0
+    assert len(times) in (200, 201)
+    assert all(b - a == pytest.approx(0.05) for a, b in itertools.pairwise(times))
+
+
+def test_heartbeat_keeps_its_rate_though_polls_come_late() -> None:
+    bench = Bench().open()
+    for _ in range(1000):
+        bench.now += 0.01001
+        bench.hear()
+    assert len(bench.sent) == pytest.approx(200, abs=2)
+    assert max(gaps(bench.sent)) < 0.07
+
+
+def test_software_stop_goes_at_once_and_repeats() -> None:
+    bench = Bench().open()
+    bench.wait(0.01)
+    bench.session.set_software_estop(True, bench.now)
+    assert bench.session.poll(bench.now) == ([], [STOP])
+    bench.wait(1.0)
+    assert {frame for at, frame in bench.sent if at > 100.01} == {STOP}
+
+
+def test_software_stop_that_is_not_repeated_is_a_stop() -> None:
+    bench = Bench(software_estop_timeout=0.2).open()
+    bench.session.set_software_estop(False, bench.now)
+    bench.wait(5.0)
+    assert bench.frames(0x21)[0][1] == CLEAR
+    first_stop = next(at for at, frame in bench.sent if frame == STOP)
+    assert first_stop == pytest.approx(100.2)
+    assert all(frame == (STOP if at >= first_stop else CLEAR) for at, frame in bench.sent)
+
+
+def test_farewell_stops_only_if_software_estop_is_in_use() -> None:
+    bench = Bench().open()
+    assert bench.session.farewell(bench.now) == []
+    bench.session.set_software_estop(False, bench.now)
+    assert bench.session.farewell(bench.now) == [STOP]
+    bench.wait(0.2)
+    assert bench.sent[-1][1] == STOP
+    bench.close()
+    assert bench.session.farewell(bench.now) == []
+    bench.session.set_software_estop(False, bench.now)
+    bench.open()
+    assert bench.sent[-1][1] == CLEAR
+
+
+# -- sticks ---------------------------------------------------------------------------------------
+
+
+def test_sticks_count_in_operational() -> None:
+    bench = Bench().open()
+    bench.hear(heartbeat())
+    (event,) = sticks(bench.hear(DEFLECTED))
+    assert event.axes == (1023, -296, 0, 0, 0, -1)
+    assert event.buttons == (False, False, False, True, True, False, True, False)
+    assert event.operational
+    assert event.faulty == ()
+
+
+@pytest.mark.parametrize('mode', sorted(set(range(256)) - {Mode.OPERATIONAL}))
+def test_sticks_are_neutral_in_any_other_mode(mode: int) -> None:
+    bench = Bench().open()
+    bench.hear(heartbeat(mode))
+    assert sticks(bench.hear(DEFLECTED)) == [NEUTRAL]
+
+
+def test_sticks_are_neutral_with_a_stop_in_operational() -> None:
+    bench = Bench().open()
+    assert sticks(bench.hear(heartbeat(estop=1 << 31), DEFLECTED)) == [NEUTRAL]
+
+
+def test_stop_neutralises_at_once() -> None:
+    bench = Bench().open()
+    bench.hear(heartbeat(), DEFLECTED)
+    assert sticks(bench.hear(heartbeat(estop=SRC))) == [NEUTRAL]
+    assert sticks(bench.hear(heartbeat(estop=SRC))) == []
+
+
+def test_sticks_before_any_heartbeat_are_not_passed_on() -> None:
+    bench = Bench().open()
+    assert bench.hear(DEFLECTED) == []
+
+
+def test_silent_joystick_gives_one_neutral_then_none() -> None:
+    bench = Bench().open()
+    bench.hear(heartbeat(), DEFLECTED)
+    assert sticks(bench.run(2.0, heartbeat())) == [NEUTRAL]
+    assert not bench.session.estop  # the e-stop chain itself is sound
+    assert sticks(bench.hear(DEFLECTED))[0].operational
+
+
+def test_neutral_comes_when_the_sticks_expire_not_with_our_next_heartbeat() -> None:
+    bench = Bench(heartbeat_rate=4.0).open()
+    bench.wait(0.1)
+    bench.hear(heartbeat(), DEFLECTED)
+    bench.wait(0.2)
+    bench.hear(heartbeat())
+    assert sticks(bench.wait(0.049)) == []
+    assert sticks(bench.wait(0.002)) == [NEUTRAL]
+
+
+def test_lost_heartbeat_gives_one_neutral_then_none_until_both_are_fresh() -> None:
+    bench = Bench().open()
+    bench.hear(heartbeat(), DEFLECTED)
+    events = sticks(bench.run(2.0, DEFLECTED))
+    assert events[-1] == NEUTRAL
+    assert NEUTRAL not in events[:-1]
+    assert len(events) <= 14
+    assert sticks(bench.hear(heartbeat())) == []
+    assert sticks(bench.hear(DEFLECTED))[0].operational
+
+
+def test_unplugged_gives_one_neutral() -> None:
+    bench = Bench().open()
+    bench.hear(heartbeat(), DEFLECTED)
+    bench.close()
+    assert bench.events[-1] == NEUTRAL
+    bench.events.clear()
+    bench.open()
+    bench.wait(1.0)
+    assert bench.events == []
+
+
+def test_late_poll_does_not_pass_old_sticks_on() -> None:
+    bench = Bench().open()
+    bench.hear(heartbeat(), DEFLECTED)
+    bench.now += 1.0  # no poll in between
+    assert sticks(bench.hear(DEFLECTED)) == [NEUTRAL]
+
+
+FAULTY = build_frame(0x10, bytes.fromhex('D0FF02000300010001004400 4031'.replace(' ', '')))
+
+
+def test_faulty_stick_makes_all_neutral_and_is_named() -> None:
+    bench = Bench().open()
+    (event,) = sticks(bench.hear(heartbeat(), FAULTY))
+    assert event.axes == NEUTRAL.axes
+    assert event.buttons == NEUTRAL.buttons
+    assert event.faulty == ('left_y error', 'left_z unavailable', 'right_up unavailable')
+    assert bench.session.faulty == event.faulty
+
+
+def test_faulty_stick_alone_is_zero_if_tolerated() -> None:
+    bench = Bench(tolerate_faulty_axes=True).open()
+    (event,) = sticks(bench.hear(heartbeat(), FAULTY))
+    assert event.axes == (1023, 0, 0, 0, 0, -1)
+    assert event.buttons == (False, False, False, True, True, False, False, False)
+    assert len(event.faulty) == 3
+
+
+# -- what else is heard ---------------------------------------------------------------------------
+
+STATUS = build_frame(0x22, bytes((70, 1, 1, 1, 0xC4, 0)))
+
+
+def test_remote_status_is_shown_only_while_a_remote_is_connected() -> None:
+    bench = Bench().open()
+    assert bench.hear(STATUS) == []
+    bench.hear(heartbeat(Mode.LOCAL, SRC))
+    assert bench.hear(STATUS) == []
+    bench.hear(heartbeat(Mode.PAUSE))
+    status = RemoteStatus(70, True, 1, 1, b'\xc4\0')
+    assert bench.hear(STATUS) == [RemoteState(status)]
+    assert bench.session.remote_status == status
+    assert RemoteState(None) in bench.hear(heartbeat(Mode.LOCAL, SRC))
+    bench.hear(heartbeat())
+    assert bench.session.remote_status is None
+
+
+def test_gps_and_user_values_are_handed_on() -> None:
+    bench = Bench().open()
+    assert bench.hear(build_frame(0x12, b'\x01$GPGGA,*56\r\n')) == [GpsSentence(1, '$GPGGA,*56')]
+    assert bench.hear(build_frame(0x30, b'\x03\xff\xff\xff\xff')) == [UserValue(3, -1)]
+
+
+def test_unknown_malformed_and_looped_back_are_counted_and_nothing_is_lost() -> None:
+    bench = Bench().open()
+    bench.hear(
+        build_frame(0x40, b'abc'), build_frame(0x30, b'\x64\0\0\0\0'), CLEAR, b'xx', heartbeat()
+    )
+    counters = bench.session.counters
+    assert (counters.unknown_types, counters.malformed) == (1, 1)
+    assert bench.session.looped_back == 1
+    assert counters.frames == 4
+    assert not bench.session.estop
+
+
+@given(st.lists(st.binary(max_size=40) | st.sampled_from([heartbeat(), DEFLECTED, STATUS])))
+@settings(max_examples=50)
+def test_any_bytes_raise_nothing(pieces: list[bytes]) -> None:
+    bench = Bench().open()
+    for piece in pieces:
+        bench.hear(piece)
+    bench.wait(1.0)
+    assert bench.session.estop
+
+
+# -- what is sent ---------------------------------------------------------------------------------
+
+
+def gaps(sent: list[tuple[float, bytes]]) -> list[float]:
+    return [b - a for (a, _), (b, _) in itertools.pairwise(sent)]
+
+
+def test_rates_hold_and_every_key_gets_its_turn_with_its_latest_value() -> None:
+    bench = Bench().open()
+    for step in range(300):
+        for key in range(1, 10):
+            bench.session.set_feedback(key, step)
+            bench.session.set_name(key, f'value {step}')
+            bench.session.get_feedback(key)
+        bench.session.rumble(left=True, right=False)
+        bench.wait(0.01)
+    for kind, least in (0x30, 0.05), (0x31, 0.25), (0x32, 0.05):
+        assert min(gaps(bench.frames(kind))) >= least - 1e-9, hex(kind)
+    keys = [frame[4] for _, frame in bench.frames(0x30)]
+    assert keys[:20] == [*range(1, 11)] * 2
+    assert len(bench.frames(0x31)) in (12, 13)
+    at, frame = bench.frames(0x30)[-1]
+    assert struct.unpack('<i', frame[5:9])[0] == pytest.approx((at - 100.0) / 0.01, abs=2)
+
+
+def test_texts_and_values_are_shown_again_to_a_new_remote_a_rumble_is_not() -> None:
+    bench = Bench().open()
+    bench.session.set_feedback(1, 7)
+    bench.session.set_name(1, 'speed')
+    bench.wait(1.0)
+    bench.session.rumble(left=True, right=True)
+    bench.close()
+    bench.wait(1.0)
+    bench.session.get_feedback(1)
+    bench.sent.clear()
+    bench.open()
+    bench.wait(1.0)
+    assert not bench.frames(0x30)
+    assert [f[4:5] for _, f in bench.frames(0x32)] == [b'\1']
+    bench.run(1.0, heartbeat())
+    assert [f for _, f in bench.frames(0x30)] == [build_frame(0x30, b'\1\7\0\0\0')]
+    assert [f[5:10] for _, f in bench.frames(0x31)] == [b'speed']
+
+
+def test_display_text_fills_four_lines_and_switches_to_them_once() -> None:
+    bench = Bench().open()
+    bench.session.set_display_text('one\ntwo')
+    bench.wait(2.0)
+    names = [f for _, f in bench.frames(0x31)]
+    assert names == [
+        build_frame(0x31, bytes((90 + line,)) + text.ljust(20, b'\0'))
+        for line, text in enumerate((b'one', b'two', b'', b''))
+    ]
+    assert [f for _, f in bench.frames(0x30)] == [build_frame(0x30, b'\x63\1\0\0\0')]
+    bench.session.set_feedback(99, 3)
+    bench.session.set_display_text('three')
+    bench.wait(2.0)
+    assert [f[5] for _, f in bench.frames(0x30)] == [1, 3]
+
+
+@pytest.mark.parametrize(
+    'request_',
+    [
+        lambda s: s.set_feedback(0, 1),
+        lambda s: s.set_feedback(13, 1),
+        lambda s: s.set_feedback(90, 1),
+        lambda s: s.set_feedback(99, 4),
+        lambda s: s.set_feedback(10, 2),
+        lambda s: s.set_feedback(1, 2**31),
+        lambda s: s.set_feedback(85, 1),
+        lambda s: s.set_feedback(80, 1),
+        lambda s: s.set_name(10, 'x'),
+        lambda s: s.set_name(1, 'x' * 21),
+        lambda s: s.get_feedback(90),
+        lambda s: s.set_display_text('1\n2\n3\n4\n5'),
+        lambda s: s.set_display_text('x' * 21),
+    ],
+)
+def test_bad_request_is_refused_and_sends_nothing(request_: Callable[[Session], None]) -> None:
+    bench = Bench().open()
+    with pytest.raises(ValueError, match=r'\d'):
+        request_(bench.session)
+    bench.wait(1.0)
+    assert {frame for _, frame in bench.sent} == {CLEAR}
+
+
+@pytest.mark.parametrize(
+    'options',
+    [
+        {'heartbeat_rate': 3.9},
+        {'heartbeat_rate': 21.0},
+        {'heartbeat_rate': math.nan},
+        {'link_timeout': 0.0},
+        {'software_estop_timeout': math.inf},
+        {'settings': DeviceSettings(heartbeat_interval_ms=200)},
+        {'settings': DeviceSettings(joystick_interval_ms=126)},
+    ],
+)
+def test_bad_option_is_refused(options: dict[str, Any]) -> None:
+    with pytest.raises(ValueError, match=r'must'):
+        Session(**options)
+
+
+@pytest.mark.parametrize(
+    'options',
+    [
+        {'inactivity_pause_minutes': 0},
+        {'inactivity_pause_minutes': 12},
+        {'joystick_interval_ms': 0},
+        {'heartbeat_interval_ms': 19},
+        {'gps_interval_ms': 65536},
+        {'remote_status_interval_ms': 1},
+    ],
+)
+def test_bad_setting_is_refused(options: dict[str, int]) -> None:
+    with pytest.raises(ValueError, match=next(iter(options))):
+        DeviceSettings(**options)  # type: ignore[arg-type]
+
+
+# -- the device's EEPROM --------------------------------------------------------------------------
+
+WANTED = DeviceSettings(
+    inactivity_pause_minutes=5,
+    auto_off_enable=False,
+    orientation_pause_enable=True,
+    user_estop_timeout=True,
+    gps_interval_ms=1000,
+    remote_status_interval_ms=1000,
+)
+
+
+def converse(bench: Bench, device: Simulator, seconds: float) -> None:
+    """Let session and simulated device talk."""
+    end = bench.now + seconds
+    seen = len(bench.sent)
+    while bench.now < end:
+        bench.now += 0.005
+        bench.hear(*device.poll(bench.now))
+        for _, frame in bench.sent[seen:]:
+            device.receive(frame, bench.now)
+        seen = len(bench.sent)
+
+
+def test_eeprom_is_never_written_without_configure_device() -> None:
+    bench, device = Bench(settings=WANTED).open(), Simulator()
+    bench.session.set_feedback(1, 1)
+    converse(bench, device, 20.0)
+    assert device.eeprom_writes == 0
+    assert bench.session.setting_states == {}
+    assert not bench.frames(0x23)
+
+
+def test_only_settings_that_differ_are_written_and_once() -> None:
+    bench, device = Bench(settings=WANTED, configure_device=True).open(), Simulator()
+    converse(bench, device, 20.0)
+    assert device.eeprom_writes == 4
+    assert device.eeprom == {80: 4, 81: 0, 82: 1, 83: 1, 84: 1, 85: 1}
+    assert device.messages[0x22] == (True, 1.0)
+    assert set(bench.session.setting_states.values()) == {'as wanted'}
+    assert len(bench.session.setting_states) == 6
+    bench.close()
+    bench.open()
+    converse(bench, device, 20.0)
+    assert device.eeprom_writes == 4
+    assert device.too_fast == {0x30: 0, 0x31: 0, 0x32: 0}
+
+
+def test_message_is_switched_off() -> None:
+    wanted = DeviceSettings(gps_interval_ms=0, joystick_interval_ms=40)
+    bench, device = Bench(settings=wanted, configure_device=True).open(), Simulator()
+    converse(bench, device, 15.0)
+    assert device.messages[0x12][0] is False
+    assert device.messages[0x10] == (True, 0.04)
+    assert device.eeprom_writes == 2
+
+
+def test_gps_is_not_judged_without_a_remote() -> None:
+    wanted = DeviceSettings(gps_interval_ms=1000)
+    bench, device = Bench(settings=wanted, configure_device=True).open(), Simulator()
+    device.apply('radio off')
+    converse(bench, device, 20.0)
+    assert device.eeprom_writes == 0
+    assert bench.session.setting_states == {'gps_interval_ms': 'not known yet'}
+
+
+def test_device_that_does_not_take_a_setting_is_not_worn_out() -> None:
+    wanted = DeviceSettings(auto_off_enable=False, remote_status_interval_ms=500)
+    bench = Bench(settings=wanted, configure_device=True)
+    for connection in range(1, 7):
+        bench.open()
+        for _ in range(200):
+            bench.hear(heartbeat(), build_frame(0x30, b'\x51\1\0\0\0'))
+            bench.wait(0.1)
+        assert set(bench.session.setting_states.values()) == {
+            'differs, and the device does not take it'
+        }
+        assert len(bench.frames(0x30)) == min(connection, 3)
+        assert len(bench.frames(0x23)) == min(connection, 3)
+        bench.close()
+
+
+def test_answer_from_before_a_write_does_not_speak_against_it() -> None:
+    wanted = DeviceSettings(auto_off_enable=False)
+    bench = Bench(settings=wanted, configure_device=True).open()
+    old, new = build_frame(0x30, b'\x51\1\0\0\0'), build_frame(0x30, b'\x51\0\0\0\0')
+    bench.hear(heartbeat(), old)
+    assert bench.session.setting_states == {'auto_off_enable': 'not known yet'}
+    bench.hear(old)
+    bench.hear(old)
+    assert bench.session.setting_states == {'auto_off_enable': 'written, not confirmed yet'}
+    bench.run(2.1, heartbeat())
+    bench.hear(new)
+    assert bench.session.setting_states == {'auto_off_enable': 'as wanted'}
+    assert len(bench.frames(0x30)) == 1
+
+
+def test_device_that_does_not_answer_is_not_written_to() -> None:
+    wanted = DeviceSettings(auto_off_enable=False)
+    bench = Bench(settings=wanted, configure_device=True).open()
+    bench.run(10.0, heartbeat())
+    assert not bench.frames(0x30)
+    assert 4 <= len(bench.frames(0x32)) <= 6
+    bench.session.set_feedback(81, 0)  # asked for in so many words
+    bench.wait(0.1)
+    assert len(bench.frames(0x30)) == 1
+
+
+# -- properties over random lives -----------------------------------------------------------------
+
+
+def a_life(seed: int) -> None:
+    """Live 300 random steps beside a plain model of what must hold."""
+    rng = random.Random(seed)
+    bench = Bench(software_estop_timeout=0.3)
+    session = bench.session
+    is_open = False
+    last_heartbeat: tuple[float, int, int] | None = None  # time, mode, e-stop
+    last_joystick = -math.inf
+    neutral_owed = False
+    for _ in range(300):
+        bench.events.clear()
+        action = rng.random()
+        frames: list[bytes] = []
+        if action < 0.02 and is_open:
+            bench.close()
+            is_open, last_heartbeat, last_joystick = False, None, -math.inf
+        elif action < 0.1 and not is_open:
+            bench.open()
+            is_open = True
+        elif action < 0.2:
+            session.set_software_estop(rng.random() < 0.3, bench.now)
+        elif action < 0.3:
+            session.set_feedback(rng.randint(1, 12), 1)
+        elif action < 0.55:
+            mode = rng.choice([*Mode, Mode.OPERATIONAL, Mode.OPERATIONAL, Mode.OPERATIONAL, 0x77])
+            estop = rng.choice([0, 0, 0, 0, 1, 4, 0x40, 1 << 20])
+            frames.append(heartbeat(mode, estop))
+        elif action < 0.85:
+            frames.append(rng.choice([DEFLECTED, DEFLECTED, CENTRED]))
+        elif action < 0.9:
+            frames.append(rng.randbytes(5))
+        bench.hear(*frames)
+        if is_open and frames and frames[0][2] == 0x20 and len(frames[0]) == 12:
+            last_heartbeat = (bench.now, frames[0][4], int.from_bytes(frames[0][6:10], 'little'))
+        if is_open and frames and frames[0][2] == 0x10:
+            last_joystick = bench.now
+        if rng.random() < 0.8:
+            bench.wait(rng.choice([0.0, 0.01, 0.02, 0.05, 0.3]))
+        fresh = last_heartbeat is not None and bench.now < last_heartbeat[0] + LIMIT
+        if not session.estop:
+            assert fresh
+            assert last_heartbeat is not None
+            assert last_heartbeat[1] in (6, 9, 10, 11)
+            assert last_heartbeat[2] == 0
+        assert session.estop or not session.own_estop
+        assert bool(session.stop_reasons(bench.now)) is session.estop
+        for event in sticks(bench.events):
+            if event != NEUTRAL:
+                assert last_heartbeat is not None
+                assert last_heartbeat[1:] == (Mode.OPERATIONAL, 0)
+                neutral_owed = True
+            else:
+                neutral_owed = False
+        joystick_fresh = bench.now < last_joystick + LIMIT
+        if not (fresh and joystick_fresh and not session.estop):
+            assert not neutral_owed
+    assert all(gap >= 0.05 - 1e-9 for gap in gaps(bench.frames(0x30)))
+    assert not bench.frames(0x23)
+    assert not any(80 <= frame[4] <= 85 for _, frame in bench.frames(0x30))
+
+
+@given(st.integers(0, 2**32))
+@settings(max_examples=40, deadline=None)
+def test_what_must_hold_in_any_life(seed: int) -> None:
+    a_life(seed)
+
+
+def test_echo_alone_never_makes_an_own_demand() -> None:
+    """Ask and release at random, acknowledge at random: the device itself demands nothing."""
+    for latch_bits, seed in itertools.product((False, True), range(10)):
+        rng = random.Random(seed)
+        bench, device = Bench(software_estop_timeout=60.0).open(), Simulator(latch_bits=latch_bits)
+        converse(bench, device, 0.2)
+        for _ in range(40):
+            bench.session.set_software_estop(rng.random() < 0.4, bench.now)
+            converse(bench, device, rng.choice([0.01, 0.05, 0.1, 0.3]))
+            assert not bench.session.own_estop, (latch_bits, seed)
+            if rng.random() < 0.5 and not device.host_estop:
+                device.acknowledge()
