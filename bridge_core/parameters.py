@@ -47,14 +47,11 @@ class Parameter:
 
     def validate(self, value: Value) -> Value:
         """Return the value in the parameter's own type. :raises ParameterError: not allowed."""
-        if isinstance(self.default, list) and not isinstance(value, list | tuple):
-            value = [value]
-        items = value if isinstance(self.default, list) else [value]
-        kind = type((self.default or [''])[0] if isinstance(self.default, list) else self.default)
-        if not isinstance(items, list | tuple):
-            raise self.error(value)
+        many = isinstance(self.default, list)
+        items = value if many and isinstance(value, list | tuple) else [value]
+        kind = type((self.default or [''])[0] if many else self.default)
         checked = [self._validate_item(item, kind, value) for item in items]
-        result = checked if isinstance(self.default, list) else checked[0]
+        result = checked if many else checked[0]
         if self.check is not None:
             try:
                 self.check(result)
@@ -95,11 +92,11 @@ class Parameter:
         words = {bool: 'true or false', int: 'a whole number', float: 'a number', str: 'a string'}
         text = words[type(sample)]
         if self.above is not None:
-            text += f' above {self.above:g}'
+            text += f' above {self.above:.12g}'
         if self.minimum is not None:
-            text += f' from {self.minimum:g}'
+            text += f' from {self.minimum:.12g}'
         if self.maximum is not None:
-            text += f' to {self.maximum:g}'
+            text += f' to {self.maximum:.12g}'
         text += f' {self.unit}' if self.unit and type(sample) in (int, float) else ''
         return f'a list, each {text}' if isinstance(self.default, list) else text
 

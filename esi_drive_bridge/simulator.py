@@ -229,10 +229,13 @@ class Simulator:
         return ready
 
     def deadline(self) -> float:
-        """Return when poll wants to be called next."""
+        """Return when poll wants to be called next; at once, before the first call."""
+        if self._now == -math.inf:
+            return -math.inf
         moments = [self._next_status, *(due for due, _ in self._outbox)]
         moments += [self._heard + self.command_timeout, *map(self._enable_at, self._axes)]
-        due = min(moment for moment in moments if moment > self._now or moment == -math.inf)
+        later = (moment for moment in moments if moment > self._now)
+        due = min(later, default=self._now)
         return max(due, self._stalled_until, self._off_until)
 
     def _read(self, now: float) -> None:

@@ -32,6 +32,9 @@ _LONGEST_WAIT = 1.0
 # fault, and must not take the whole processor.
 _SHORTEST_WAIT = 0.0005
 _FAREWELL_TIME = 0.1
+# Waking this much later than meant, this process was frozen: what waits in the port is old news.
+_FROZEN_TIME = 0.2
+_DISCARD_READS = 1000
 _ACTIVATE_TIME = 2.0
 _ANSWER_TIME = 0.4  # a process has to be gone within a second of its signal
 
@@ -238,8 +241,10 @@ class Link:
 
     def _wait_and_step(self) -> None:
         # Anything that a request changes counts at once, so read the clock after the wait.
-        readable = self._wait()
+        meant, readable = self._wait()
         now = time.monotonic()
+        if readable and now - meant > _FROZEN_TIME:
+            readable = self._discard(now)
         for request in self._mailbox.take():
             self._guarded(lambda request=request: self._serve(request, now))  # type: ignore[misc]
         if self.status.is_open:
@@ -253,19 +258,32 @@ class Link:
         if self.status.is_open:
             self._exchange(False, now)
 
-    def _wait(self) -> bool:
-        """Sleep until something is to be done; tell whether the port has something to say."""
+    def _discard(self, now: float) -> bool:
+        """Throw away what was received while this process was frozen; nothing is left to read."""
+        assert self._transport is not None
+        try:
+            for _ in range(_DISCARD_READS):
+                if not select.select([self._transport.fileno()], [], [], 0.0)[0]:
+                    break
+                self._transport.receive()
+        except TransportError as error:
+            self._lose(str(error), now)
+        return False
+
+    def _wait(self) -> tuple[float, bool]:
+        """Sleep until something is due; return until when, and whether the port has to say."""
         deadline = min(self._pace_at, self._open_at)
         descriptors = [self._wake_fd]
         if self._session is not None and self._transport is not None and self.status.is_open:
             due = max(self._session.deadline(), self._polled_at + _SHORTEST_WAIT)
             deadline = min(deadline, due)
             descriptors.append(self._transport.fileno())
-        timeout = min(max(deadline - time.monotonic(), 0.0), _LONGEST_WAIT)
+        now = time.monotonic()
+        timeout = min(max(deadline - now, 0.0), _LONGEST_WAIT)
         ready = select.select(descriptors, [], [], timeout)[0]
         if self._wake_fd in ready:
             os.eventfd_read(self._wake_fd)
-        return len(descriptors) == 2 and descriptors[1] in ready
+        return now + timeout, len(descriptors) == 2 and descriptors[1] in ready
 
     def _exchange(self, readable: bool, now: float) -> None:
         assert self._transport is not None

@@ -87,6 +87,7 @@ class SerialTransport:
         if os.isatty(self._fd):
             self._backlog_request = termios.TIOCOUTQ
             self.low_latency = _set_low_latency(port)
+            _set_vmin(self._fd)
             termios.tcflush(self._fd, termios.TCIOFLUSH)
         else:
             self._backlog_request = _SIOCOUTQNSD
@@ -96,6 +97,7 @@ class SerialTransport:
         """Close the port; what is queued gets 50 ms to leave."""
         port, pump, fd = self._serial, self._pump, self._fd
         self._serial, self._pump, self._fd = None, None, -1
+        self._backlog_request = None
         if pump is not None:
             pump.close()
         elif '://' in self.name and port is not None:
@@ -172,6 +174,13 @@ def _set_low_latency(port: Any) -> bool:
     except (OSError, ValueError, NotImplementedError):
         return False  # ptys and CDC-ACM have no such setting, and need none
     return True
+
+
+def _set_vmin(fd: int) -> None:
+    """Have an empty port say "try again": pyserial leaves it at "0 bytes", as a lost one says."""
+    attributes = termios.tcgetattr(fd)
+    attributes[6][termios.VMIN] = 1
+    termios.tcsetattr(fd, termios.TCSANOW, attributes)
 
 
 def _set_prompt(fd: int) -> None:

@@ -1,0 +1,34 @@
+"""Every test process gets a ROS domain and a log directory of its own, before rclpy can start."""
+
+from collections.abc import Iterator
+import os
+from pathlib import Path
+import shutil
+import tempfile
+
+import pytest
+
+from test.rig import claim_domain
+from test.rig import Observer
+from test.rig import Pty
+
+_LOG_DIR = tempfile.mkdtemp(prefix='rugged_teleop_log_')
+os.environ['ROS_LOG_DIR'] = _LOG_DIR
+claim_domain()
+
+
+def pytest_unconfigure() -> None:
+    shutil.rmtree(_LOG_DIR, ignore_errors=True)
+
+
+@pytest.fixture
+def pty(tmp_path: Path) -> Iterator[Pty]:
+    device = Pty(tmp_path / 'device')
+    yield device
+    device.unplug()
+
+
+@pytest.fixture
+def observer() -> Iterator[Observer]:
+    with Observer() as result:
+        yield result

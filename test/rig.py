@@ -1,0 +1,402 @@
+"""
+What tests share: a ROS domain of their own, a port to unplug, child processes, an observer.
+
+Nothing here sleeps for a fixed time in the hope that it is enough: ``wait_for`` polls a condition
+up to a deadline and says what did not come.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from collections.abc import Iterator
+from collections.abc import Mapping
+from collections.abc import Sequence
+import contextlib
+from dataclasses import dataclass
+from dataclasses import field
+import json
+import os
+from pathlib import Path
+import select
+from signal import SIGCONT
+from signal import SIGTERM
+import socket
+import subprocess
+import sys
+import tempfile
+import time
+import tty
+from types import TracebackType
+from typing import Any
+from typing import TypeVar
+
+ROOT = Path(__file__).resolve().parent.parent
+_POLL = 0.005
+# 101 is the last whose ports are clear of the ephemeral ones, so any order of 1 to 101 will do.
+_DOMAINS = range(1, 102)
+_claim: socket.socket | None = None
+T = TypeVar('T')
+
+
+def claim_domain() -> int:
+    """
+    Give this process, and the children it starts, a ROS domain that no neighbour uses.
+
+    The claim is an abstract socket name: the kernel drops it with the process, however it ends.
+    A domain is also left alone when its first DDS port is taken, by whoever knows no claims.
+    """
+    global _claim
+    if _claim is None:
+        start = os.getpid() % len(_DOMAINS)
+        for domain in (*_DOMAINS[start:], *_DOMAINS[:start]):
+            _claim = _try_domain(domain)
+            if _claim is not None:
+                os.environ['ROS_DOMAIN_ID'] = str(domain)
+                break
+        else:
+            raise RuntimeError('no ROS domain from 1 to 101 is free')
+    os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
+    os.environ.setdefault('ROS_LOG_DIR', tempfile.mkdtemp(prefix='rugged_teleop_log_'))
+    return int(os.environ['ROS_DOMAIN_ID'])
+
+
+def _try_domain(domain: int) -> socket.socket | None:
+    claim = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
+    try:
+        claim.bind(f'\0rugged_teleop_domain_{domain}')
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+            probe.bind(('127.0.0.1', 7400 + 250 * domain + 10))  # unicast discovery, participant 0
+    except OSError:
+        claim.close()
+        return None
+    return claim
+
+
+def wait_for(
+    condition: Callable[[], T],
+    timeout: float = 5.0,
+    what: str | Callable[[], str] = 'the condition',
+    *,
+    idle: Callable[[float], object] = time.sleep,
+) -> T:
+    """
+    Return the first true value of ``condition``. :raises AssertionError: none within ``timeout``.
+
+    :param what: is missing if it does not come; a function is called then.
+    :param idle: passes the time between two tries (seconds), such as by spinning an executor.
+    """
+    end = time.monotonic() + timeout
+    while not (value := condition()):
+        if time.monotonic() > end:
+            text = what() if callable(what) else what
+            raise AssertionError(f'not within {timeout:g} s: {text}')
+        idle(_POLL)
+    return value
+
+
+def holds_for(
+    condition: Callable[[], bool],
+    duration: float,
+    what: str = 'the condition',
+    *,
+    idle: Callable[[float], object] = time.sleep,
+) -> None:
+    """Watch that ``condition`` stays true. :raises AssertionError: as soon as it is not."""
+    end = time.monotonic() + duration
+    while time.monotonic() < end:
+        assert condition(), f'did not hold for {duration:g} s: {what}'
+        idle(_POLL)
+
+
+class Pty:
+    """
+    The device's side of a serial port that can be unplugged.
+
+    :param path: a link that the port is opened by; it is gone while unplugged.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.master = self._slave = -1
+        self.received = b''  # all that was read from the other side so far, over all plugs
+        self.replug()
+
+    def replug(self) -> None:
+        """Come back as a new device under the same name."""
+        assert self.master < 0, 'it is still plugged in'
+        self.master, self._slave = os.openpty()
+        tty.setraw(self._slave)
+        os.set_blocking(self.master, False)
+        self.path.symlink_to(os.ttyname(self._slave))
+
+    def unplug(self) -> None:
+        """Go away as a USB adapter does: the name vanishes, whoever has it open gets an error."""
+        if self.master >= 0:
+            self.path.unlink()
+            os.close(self._slave)
+            os.close(self.master)
+            self.master = self._slave = -1
+
+    def write(self, data: bytes) -> None:
+        """Send to the other side."""
+        os.write(self.master, data)
+
+    def read(self) -> bytes:
+        """Return what came since the last call, without waiting; it is kept in ``received``."""
+        data = b''
+        with contextlib.suppress(BlockingIOError):
+            while select.select([self.master], [], [], 0)[0]:
+                data += os.read(self.master, 65536)
+        self.received += data
+        return data
+
+    def wait_received(self, data: bytes, timeout: float = 2.0) -> None:
+        """Read until ``data`` has come, since the start or the last ``clear``."""
+
+        def found() -> bool:
+            self.read()
+            return data in self.received
+
+        wait_for(found, timeout, lambda: f'{data.hex(" ")} in {self.received[-200:].hex(" ")}')
+
+    def clear(self) -> None:
+        """Forget what was received."""
+        self.read()
+        self.received = b''
+
+
+class NodeProcess:
+    """
+    A child process: a module that runs a node, or ``source`` code. Use it as a context manager.
+
+    :param module: such as ``fort_vsc_bridge.node``.
+    :param parameters: given with ``-p``; the values are written as YAML.
+    :param name: the node's name. :param namespace: such as ``/left``.
+    :param arguments: further ROS arguments, such as ``('--params-file', path)``.
+    """
+
+    def __init__(
+        self,
+        module: str = '',
+        parameters: Mapping[str, Any] | None = None,
+        *,
+        name: str = '',
+        namespace: str = '',
+        arguments: Sequence[str] = (),
+        source: str = '',
+    ) -> None:
+        command = [sys.executable, '-c', source] if source else [sys.executable, '-m', module]
+        command.append('--ros-args')
+        for key, value in (parameters or {}).items():
+            command += ['-p', f'{key}:={as_yaml(value)}']
+        if name:
+            command += ['-r', f'__node:={name}']
+        if namespace:
+            command += ['-r', f'__ns:={namespace}']
+        # A file rather than a pipe: a node that says much must not wait for us to read.
+        self._output = tempfile.TemporaryFile()  # noqa: SIM115 - closed on exit
+        self.process = subprocess.Popen(
+            [*command, *arguments],
+            stdout=self._output,
+            stderr=subprocess.STDOUT,
+            cwd=ROOT,
+            env={**os.environ, 'PYTHONUNBUFFERED': '1'},
+        )
+
+    @property
+    def output(self) -> str:
+        """What it has printed and logged so far."""
+        return os.pread(self._output.fileno(), 1 << 20, 0).decode(errors='replace')
+
+    def wait_output(self, text: str, timeout: float = 15.0) -> None:
+        """Wait until it has printed ``text``."""
+        wait_for(lambda: text in self.output, timeout, lambda: f'{text!r} in:\n{self.output}')
+
+    def wait(self, timeout: float = 15.0) -> int:
+        """Wait for its end; return the exit status, negative after a signal."""
+        wait_for(
+            lambda: self.process.poll() is not None,
+            timeout,
+            lambda: f'the end of {self.process.args!r}:\n{self.output}',
+        )
+        return int(self.process.returncode)
+
+    def signal(self, number: int) -> None:
+        """Send a signal, such as SIGSTOP."""
+        self.process.send_signal(number)
+
+    def end(self, number: int = SIGTERM, timeout: float = 5.0) -> int:
+        """Send a signal that ends it; return the exit status."""
+        self.signal(number)
+        return self.wait(timeout)
+
+    def __enter__(self) -> NodeProcess:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        if self.process.poll() is None:
+            self.process.send_signal(SIGCONT)
+            self.process.terminate()
+            try:
+                self.process.wait(3.0)
+            except subprocess.TimeoutExpired:
+                self.process.kill()
+                self.process.wait()
+        if error is not None:
+            print(f'{self.process.args!r} printed:\n{self.output}')
+        self._output.close()
+
+
+def as_yaml(value: Any) -> str:
+    """Return a parameter's value as ``-p`` wants it: JSON is YAML, but not for all floats."""
+    if isinstance(value, float):
+        text = repr(value)
+        if text in ('nan', 'inf', '-inf'):
+            return text.replace('nan', '.nan').replace('inf', '.inf')
+        return text if '.' in text else text.replace('e', '.0e')  # 1e-05 would be a string
+    if isinstance(value, list | tuple):
+        return '[' + ', '.join(as_yaml(item) for item in value) + ']'
+    return json.dumps(value)
+
+
+@dataclass
+class Record:
+    """What came on a topic: messages and their arrival (seconds, monotonic), oldest first."""
+
+    topic: str
+    messages: list[Any] = field(default_factory=list)
+    times: list[float] = field(default_factory=list)
+
+    @property
+    def last(self) -> Any:
+        """The newest message; None before the first."""
+        return self.messages[-1] if self.messages else None
+
+    @property
+    def data(self) -> list[Any]:
+        """The ``data`` fields, for std_msgs."""
+        return [message.data for message in self.messages]
+
+    def since(self, moment: float) -> Iterator[tuple[float, Any]]:
+        """Return (arrival, message) of those that came after ``moment``."""
+        pairs = zip(self.times, self.messages, strict=True)
+        return ((arrival, message) for arrival, message in pairs if arrival > moment)
+
+    def clear(self) -> None:
+        """Forget all that came."""
+        self.messages.clear()
+        self.times.clear()
+
+
+class Observer:
+    """
+    A node in the test's process, with a context of its own; it only works while it is spun.
+
+    ``wait_for`` spins, so conditions see what has arrived. Use it as a context manager.
+    """
+
+    def __init__(self, name: str = 'observer') -> None:
+        import rclpy
+        from rclpy.context import Context
+        from rclpy.executors import SingleThreadedExecutor
+        from rclpy.node import Node
+
+        claim_domain()
+        self.context = Context()
+        rclpy.init(context=self.context)
+        self.node = Node(name, context=self.context)
+        self.executor = SingleThreadedExecutor(context=self.context)
+        self.executor.add_node(self.node)
+
+    def spin(self, duration: float = 0.0) -> None:
+        """Take what has come; wait at most ``duration`` s for it."""
+        self.executor.spin_once(timeout_sec=duration)
+
+    def wait_for(
+        self,
+        condition: Callable[[], T],
+        timeout: float = 10.0,
+        what: str | Callable[[], str] = 'the condition',
+    ) -> T:
+        """Spin until ``condition`` is true; see the function ``wait_for``."""
+        return wait_for(condition, timeout, what, idle=self.spin)
+
+    def holds_for(
+        self, condition: Callable[[], bool], duration: float, what: str = 'the condition'
+    ) -> None:
+        """Spin and watch that ``condition`` stays true; see the function ``holds_for``."""
+        holds_for(condition, duration, what, idle=self.spin)
+
+    def record(self, kind: Any, topic: str, qos: Any = 10) -> Record:
+        """Subscribe and keep what comes. :param qos: a depth or QoSProfile; ``latched()`` too."""
+        record = Record(topic)
+
+        def keep(message: Any) -> None:
+            record.times.append(time.monotonic())
+            record.messages.append(message)
+
+        self.node.create_subscription(kind, topic, keep, qos)
+        return record
+
+    def publisher(self, kind: Any, topic: str, qos: Any = 10, *, matched: int = 1) -> Any:
+        """Return a publisher that ``matched`` subscriptions have found."""
+        publisher = self.node.create_publisher(kind, topic, qos)
+        self.wait_for(
+            lambda: publisher.get_subscription_count() >= matched, 15.0, f'a subscriber of {topic}'
+        )
+        return publisher
+
+    def call(self, kind: Any, service: str, request: Any = None, timeout: float = 15.0) -> Any:
+        """Call a service and return its response."""
+        client = self.node.create_client(kind, service)
+        self.wait_for(client.service_is_ready, timeout, f'service {service}')
+        future = client.call_async(kind.Request() if request is None else request)
+        self.wait_for(future.done, timeout, f'response of {service}')
+        self.node.destroy_client(client)
+        return future.result()
+
+    def set_parameter(self, node: str, name: str, value: Any) -> tuple[bool, str]:
+        """Set a parameter of another node; return success and reason."""
+        from rcl_interfaces.srv import SetParameters
+        from rclpy.parameter import Parameter
+
+        request = SetParameters.Request(
+            parameters=[Parameter(name, value=value).to_parameter_msg()]
+        )
+        result = self.call(SetParameters, f'{node}/set_parameters', request).results[0]
+        return result.successful, result.reason
+
+    def change_state(self, node: str, transition: str) -> bool:
+        """Put a managed node through ``configure``, ``activate``, ``deactivate``, ``cleanup``."""
+        from lifecycle_msgs.srv import ChangeState
+
+        request = ChangeState.Request()
+        request.transition.id = {'configure': 1, 'cleanup': 2, 'activate': 3, 'deactivate': 4}[
+            transition
+        ]
+        return bool(self.call(ChangeState, f'{node}/change_state', request).success)
+
+    def close(self) -> None:
+        """Leave the graph."""
+        self.executor.shutdown()
+        self.node.destroy_node()
+        self.context.try_shutdown()
+
+    def __enter__(self) -> Observer:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self.close()
+
+
+def latched() -> Any:
+    """Return the QoS that gets the last value of a state topic even by coming late."""
+    from rclpy.qos import DurabilityPolicy
+    from rclpy.qos import QoSProfile
+
+    return QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)

@@ -1,0 +1,62 @@
+"""The checksums, against the plain loops of their definitions."""
+
+from collections.abc import Callable
+import random
+
+import pytest
+
+from bridge_core.checksums import crc16_ccitt_false
+from bridge_core.checksums import fletcher16
+
+LENGTHS = range(601)
+Check = Callable[[bytes], int]
+
+
+def plain_fletcher16(data: bytes) -> int:
+    sum1 = sum2 = 0
+    for byte in data:
+        sum1 = (sum1 + byte) % 256
+        sum2 = (sum2 + sum1) % 256
+    return sum2 << 8 | sum1
+
+
+def plain_crc16(data: bytes) -> int:
+    crc = 0xFFFF
+    for byte in data:
+        crc ^= byte << 8
+        for _ in range(8):
+            crc = (crc << 1 ^ 0x1021 if crc & 0x8000 else crc << 1) & 0xFFFF
+    return crc
+
+
+def samples(length: int) -> list[bytes]:
+    random_data = random.Random(length).randbytes(length)
+    return [random_data, b'\xff' * length, b'\x00' * length, b'\xff' * (length // 2) + random_data]
+
+
+@pytest.mark.parametrize(
+    ('fast', 'plain'), [(fletcher16, plain_fletcher16), (crc16_ccitt_false, plain_crc16)]
+)
+def test_every_length_up_to_600_equals_the_plain_loop(fast: Check, plain: Check) -> None:
+    for length in LENGTHS:
+        for data in samples(length):
+            assert fast(data) == plain(data), (length, data.hex())
+
+
+def test_known_values() -> None:
+    assert crc16_ccitt_false(b'123456789') == 0x29B1
+    assert crc16_ccitt_false(b'') == 0xFFFF
+    assert fletcher16(b'') == 0
+    # Worked out by hand: sums 1, 3, 6 and sums of sums 1, 4, 10.
+    assert fletcher16(b'\x01\x02\x03') == 0x0A06
+    assert fletcher16(b'\xff\x02') == 0x0001  # 255 + 2 = 257, and 255 + 1 = 256: both wrap
+
+
+def test_sums_wrap_at_256_not_255() -> None:
+    assert fletcher16(b'\xff') == 0xFFFF
+    assert fletcher16(b'\x00\xff') == 0xFFFF
+
+
+def test_swapped_bytes_change_both_checks() -> None:
+    assert fletcher16(b'\x10\x20') != fletcher16(b'\x20\x10')
+    assert crc16_ccitt_false(b'\x10\x20') != crc16_ccitt_false(b'\x20\x10')

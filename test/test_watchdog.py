@@ -1,0 +1,83 @@
+"""Freshness: in doubt, not fresh."""
+
+import math
+
+from hypothesis import given
+from hypothesis import strategies as st
+import pytest
+
+from bridge_core.watchdog import Watchdog
+
+MOMENTS = st.floats(0.0, 1e9)
+TIMEOUTS = st.floats(1e-3, 1e3)
+
+
+@pytest.mark.parametrize('timeout', [0.0, -0.0, -1.0, math.nan, math.inf, -math.inf])
+def test_timeout_that_never_or_always_expires_is_refused(timeout: float) -> None:
+    with pytest.raises(ValueError, match='above 0 s and finite'):
+        Watchdog(timeout)
+
+
+def test_never_heard_is_expired_near_time_zero_too() -> None:
+    watchdog = Watchdog(0.25)
+    for now in (0.0, 0.1, 1e9):
+        assert watchdog.expired(now)
+    assert not watchdog.heard
+    assert watchdog.age(0.0) == math.inf
+    assert watchdog.deadline == math.inf
+
+
+def test_fresh_up_to_the_deadline_and_not_at_it() -> None:
+    watchdog = Watchdog(0.25)
+    watchdog.feed(10.0)
+    assert watchdog.heard
+    assert not watchdog.expired(10.0)
+    assert not watchdog.expired(10.2499)
+    assert watchdog.expired(10.25)
+    assert watchdog.expired(11.0)
+
+
+@given(MOMENTS, TIMEOUTS)
+def test_whoever_wakes_at_the_deadline_finds_it_expired(last: float, timeout: float) -> None:
+    watchdog = Watchdog(timeout)
+    watchdog.feed(last)
+    assert watchdog.expired(watchdog.deadline)
+    assert not watchdog.expired(math.nextafter(watchdog.deadline, -math.inf))
+
+
+def test_clock_that_ran_backwards_is_not_fresh() -> None:
+    watchdog = Watchdog(0.25)
+    watchdog.feed(10.0)
+    assert watchdog.expired(9.999)
+
+
+def test_nan_is_not_fresh() -> None:
+    watchdog = Watchdog(0.25)
+    watchdog.feed(10.0)
+    assert watchdog.expired(math.nan)
+    watchdog.feed(math.nan)
+    assert watchdog.expired(10.0)
+
+
+def test_reset_forgets() -> None:
+    watchdog = Watchdog(0.25)
+    watchdog.feed(10.0)
+    watchdog.reset()
+    assert watchdog.expired(10.0)
+    assert watchdog.deadline == math.inf
+
+
+def test_recovers_when_heard_again() -> None:
+    watchdog = Watchdog(0.25)
+    watchdog.feed(10.0)
+    assert watchdog.expired(11.0)
+    watchdog.feed(11.0)
+    assert not watchdog.expired(11.1)
+    assert watchdog.deadline == 11.25
+
+
+def test_age_is_told_in_words() -> None:
+    watchdog = Watchdog(0.25)
+    assert watchdog.describe(1.0) == 'never heard, limit 250 ms'
+    watchdog.feed(1.0)
+    assert watchdog.describe(1.312) == 'last heard 312 ms ago, limit 250 ms'
