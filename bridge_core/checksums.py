@@ -5,6 +5,9 @@ name                definition                                 used by
 ==================  =========================================  ==========================
 fletcher16          two 8-bit sums, modulo 256                 FORT VSC (7.6), SSC (4)
 crc16_ccitt_false   poly 0x1021, start 0xFFFF, not reflected   ESI drive (4.1.3)
+crc32_mpeg2         poly 0x04C11DB7, start 0xFFFFFFFF, not     VM-110 (3.3), one reading
+                    reflected, not inverted at the end
+crc32_iso_hdlc      the same, reflected, inverted at the end   VM-110 (3.3), the other
 ==================  =========================================  ==========================
 """
 
@@ -14,6 +17,10 @@ import zlib
 # zlib.adler32 sums modulo 65521, which equals the plain sums as long as neither reaches it.
 # With both sums carried in below 256, 21 bytes of 0xFF give 255 * (1 + 21 + 231) = 64515.
 _FLETCHER_CHUNK = 21
+
+# Every byte with its bits in reverse: a CRC that is not reflected is a reflected one of mirrored
+# bytes, and only the reflected one is in the standard library.
+_MIRROR = bytes(int(f'{byte:08b}'[::-1], 2) for byte in range(256))
 
 
 def fletcher16(data: bytes) -> int:
@@ -31,3 +38,14 @@ def fletcher16(data: bytes) -> int:
 def crc16_ccitt_false(data: bytes) -> int:
     """Return CRC-16/CCITT-FALSE; ``b'123456789'`` gives 0x29B1. Source: ESI manual 4.1.3."""
     return binascii.crc_hqx(data, 0xFFFF)
+
+
+def crc32_mpeg2(data: bytes) -> int:
+    """Return CRC-32/MPEG-2; ``b'123456789'`` gives 0x0376E6E7. Source: VM-110 manual 3.3."""
+    mirrored = zlib.crc32(data.translate(_MIRROR)) ^ 0xFFFFFFFF
+    return int.from_bytes(mirrored.to_bytes(4, 'big').translate(_MIRROR), 'little')
+
+
+def crc32_iso_hdlc(data: bytes) -> int:
+    """Return Ethernet's CRC-32; ``b'123456789'`` gives 0xCBF43926. Source: VM-110 manual 3.3."""
+    return zlib.crc32(data)

@@ -64,6 +64,7 @@ BRIDGE_PARAMETERS = (
         unit='Hz',
         minimum=5.0,
         maximum=200.0,
+        fixed=True,
     ),
     Parameter(
         'reconnect_period',
@@ -72,6 +73,7 @@ BRIDGE_PARAMETERS = (
         unit='s',
         minimum=0.1,
         maximum=2.0,
+        fixed=True,
     ),
 )
 # ROS declares these by itself; nobody else may use an unknown name.
@@ -97,8 +99,7 @@ class ManagedNode(LifecycleNode):
     PARAMETERS: ClassVar[tuple[Parameter, ...]] = MANAGED_PARAMETERS
 
     def __init__(self, name: str, **options: Any) -> None:
-        # Everything given is declared at first, so that a name nobody knows can be refused.
-        super().__init__(name, automatically_declare_parameters_from_overrides=True, **options)
+        super().__init__(name, **options)
         self.active = False
         self.values: dict[str, Any] = self._declare()
         self.add_on_set_parameters_callback(self._on_set_parameters)
@@ -121,13 +122,15 @@ class ManagedNode(LifecycleNode):
             self.trigger_activate()
 
     def _declare(self) -> dict[str, Any]:
-        names = [name for name in self._parameters if not _is_ros_parameter(name)]
-        given = {name: _plain(self.get_parameter(name).value) for name in names}
+        # rclpy has no public name for what was given, and cannot declare an empty list by itself.
+        given = {
+            name: _plain(parameter.value)
+            for name, parameter in self._parameter_overrides.items()
+            if not _is_ros_parameter(name)
+        }
         self._table = {p.name: p for p in self.parameter_table(given)}
         values = resolve(self._table.values(), given)
         self.check_parameters(values)
-        for name in names:
-            self.undeclare_parameter(name)
         for name, value in values.items():
             self.declare_parameter(name, value, _descriptor(self._table[name]), True)
         return values
@@ -137,6 +140,8 @@ class ManagedNode(LifecycleNode):
         try:
             for name, value in changes.items():
                 parameter = self._table[name]
+                if parameter.fixed:
+                    raise ParameterError(f'parameter {name}: restart the node to change it')
                 if self.active and not parameter.runtime:
                     raise ParameterError(f'parameter {name}: deactivate the node to change it')
                 changes[name] = parameter.validate(value)
@@ -240,20 +245,23 @@ class BridgeNode(ManagedNode):
         changed = self._state() != self._told
         if changed or now >= self._repeat_at:
             self._tell(now, changed)
-        return min(self._repeat_at, self._diagnose_at)
+        return self._repeat_at  # diagnostics go out with one of these
 
     def link_changed(self, text: str, ok: bool) -> None:
         """Log a change of the port's state."""
-        (self.get_logger().info if ok else self.get_logger().error)(text)
+        if ok:  # on a line of its own: rclpy refuses a change of severity within one call site
+            self.get_logger().info(text)
+        else:
+            self.get_logger().error(text)
 
     def stamp(self) -> Any:
         """Return the time for a header, in ROS time: it never decides anything."""
         return self.get_clock().now().to_msg()
 
     def _state(self) -> tuple[bool, bool, bool]:
-        """Return estop, own_estop and link_up; without an active session all is stopped."""
+        """Return estop, own_estop and link_up; without a session or a port all is stopped."""
         session = self.session
-        if session is None:
+        if session is None or not self.link.status.is_open:
             return True, True, False
         return session.estop, session.own_estop, session.link_up
 
@@ -379,8 +387,17 @@ class BridgeNode(ManagedNode):
             self.link.deactivate()
         finally:
             self.active = False
+            self._forget_session()
+
+    def _forget_session(self) -> None:
+        def forget(now: float) -> None:
+            del now
             self.session = None
-            self.link.post('told', lambda now: None)  # the stop is told at once
+
+        try:
+            self.link.call(forget)  # there, as the link thread may be just asking the session
+        except TransportError:
+            self.session = None
 
     def shut_down(self) -> None:
         """Leave the device safe, say so, end the thread."""
@@ -398,8 +415,10 @@ class BridgeNode(ManagedNode):
 
 
 def _plain(value: Any) -> Any:
-    """Return an array parameter, which rclpy keeps in several types, as a list."""
-    return value if isinstance(value, bool | int | float | str | None) else list(value)
+    """Return an array parameter, which rclpy keeps in several types, as a list; so for ``[]``."""
+    if value is None:  # what an empty list and nothing at all are to the YAML parser of ROS
+        return []
+    return value if isinstance(value, bool | int | float | str) else list(value)
 
 
 def _is_ros_parameter(name: str) -> bool:
@@ -412,6 +431,7 @@ def _descriptor(parameter: Parameter) -> Any:
         name=parameter.name,
         description=parameter.description,
         additional_constraints=parameter.allowed,
+        dynamic_typing=isinstance(parameter.default, list),  # an empty list has no type in ROS
     )
     low, high = parameter.minimum, parameter.maximum
     if low is not None and high is not None:

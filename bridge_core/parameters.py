@@ -32,6 +32,7 @@ class Parameter:
     :param above: the number must be greater than this, for ranges that exclude their lower end.
     :param check: raises ValueError with what is allowed, for what a range cannot say.
     :param runtime: may be changed while the node is active.
+    :param fixed: may be changed by a restart only, for what construction is built upon.
     """
 
     name: str
@@ -44,6 +45,7 @@ class Parameter:
     choices: tuple[str, ...] = ()
     check: Callable[[Any], None] | None = None
     runtime: bool = False
+    fixed: bool = False
 
     def validate(self, value: Value) -> Value:
         """Return the value in the parameter's own type. :raises ParameterError: not allowed."""

@@ -90,9 +90,22 @@ class EsiDriveBridge(BridgeNode):
         elif isinstance(event, FaultsChanged):
             self._log_faults(event)
         elif isinstance(event, ErrorsCleared):
-            waiting, self._clearing = self._clearing, []
-            for future in waiting:
-                future.set_result(event)
+            self._answer_clearing(event)
+
+    def link_changed(self, text: str, ok: bool) -> None:
+        """Log a change of the port's state; nobody waits for a drive that is gone."""
+        super().link_changed(text, ok)
+        if not ok:
+            self._answer_clearing(ErrorsCleared(False, text))
+
+    def _leave_active(self) -> None:
+        super()._leave_active()
+        self._answer_clearing(ErrorsCleared(False, 'the node is not active'))
+
+    def _answer_clearing(self, event: ErrorsCleared) -> None:
+        waiting, self._clearing = self._clearing, []
+        for future in waiting:
+            future.set_result(event)
 
     def device_status(self, now: float) -> Status:
         """Return every error bit, why the drive is disabled, and the counters of commands."""
@@ -156,14 +169,17 @@ class EsiDriveBridge(BridgeNode):
     async def _on_clear_errors(self, request: Any, response: Any) -> Any:
         """Answer when the drive has: the executor goes on meanwhile."""
         del request
-        if self.session is None:
-            response.message = 'the node is not active'
+        if self.session is None or not self.link.status.is_open:
+            response.message = '; '.join(self._stop_reasons(time.monotonic()))
             return response
         done = Future(executor=self.executor)
 
         def clear(session: Session, now: float) -> None:
             self._clearing.append(done)
-            session.clear_errors(now)
+            if self.link.status.is_open:
+                session.clear_errors(now)
+            else:
+                self._answer_clearing(ErrorsCleared(False, self.link.status.error))
 
         self.request(f'clear_errors {id(done)}', clear)
         event = await done

@@ -122,7 +122,9 @@ class FortVscBridge(BridgeNode):
                 (ERROR, f'the remote reports {", ".join(session.faulty)}; have it repaired')
             )
         if session.link_up and session.joystick_age(now) > self.values['link_timeout']:
-            problems.append((WARN, 'no joystick messages; enable them with the message control'))
+            problems.append(
+                (WARN, 'no joystick messages; set device.joystick_interval_ms to have them sent')
+            )
         remote = session.remote_status
         if remote and remote.battery_percent <= _LOW_BATTERY_PERCENT and not remote.charging:
             problems.append(

@@ -185,11 +185,8 @@ class Arbiter:
         if self._autonomy is None:
             return Reply(False, 'no autonomy source is configured')
         if not select:
-            if self._owner is not self._autonomy:
-                return Reply(True, 'autonomy has no control')
-            if not self._stops(now):  # a stop that came first is the tick's to see
-                self._let_go('autonomy was deselected', now)
-            return Reply(True, 'autonomy gives up control')
+            self._autonomy.selected = False  # the next tick gives control away, or stops
+            return Reply(True, 'autonomy has no control')
         if self._state is not State.READY or not self._settled:
             return Reply(False, f'not selected: the mux is {self._state.value}, not READY')
         missing = [reason for reason, _ in self._stops(now)] + self._unrest(now)
@@ -200,6 +197,7 @@ class Arbiter:
             missing.append(self._autonomy.advice())
         if missing:
             return Reply(False, 'not selected: ' + '; '.join(missing))
+        self._autonomy.selected = True
         self._take(self._autonomy, now, 'autonomy was selected')
         return Reply(True, 'autonomy has control')
 
@@ -277,8 +275,7 @@ class Arbiter:
     def _stop(self, stops: _Stops, now: float) -> None:
         """Stop in the way that the worst of the reasons asks for."""
         reason = '; '.join(reason for reason, _ in stops)
-        keeps_control = self._owner is not None and self._owner.keeps_control
-        if not keeps_control or any(category == 0 for _, category in stops):
+        if self._given_up() is not None or any(category == 0 for _, category in stops):
             self._latch(reason, now)
         elif self._state is State.ACTIVE and any(self._limiter.output):
             self._stopping_since = now
@@ -347,16 +344,20 @@ class Arbiter:
         elif self._state is State.STOPPED:
             if self._clear_since is None:
                 self._clear_since = now
-        elif self._owner is not None and not self._owner.keeps_control:
-            self._let_go('the deadman was released', now)
+        elif self._owner is not None and self._given_up() is not None:
+            self._let_go(now)
         elif self._state is not State.STOPPING and self._settled:
             challenger = self._challenger(now)
             if challenger is not None:
                 verb = 'took control' if self._owner is None else 'took over'
                 self._take(challenger, now, f'{challenger.label} {verb}')
 
-    def _let_go(self, reason: str, now: float) -> None:
+    def _given_up(self) -> str | None:
+        return 'nobody has control' if self._owner is None else self._owner.given_up
+
+    def _let_go(self, now: float) -> None:
         """Be at zero at once and hand over to nobody: READY, or STOPPED if on the ramp."""
+        reason = f'{self._given_up()}'
         if self._state is State.STOPPING:
             self._latch(f'{reason} on the ramp of: {self._transition.reason}', now)
             return
@@ -437,10 +438,10 @@ class Arbiter:
     def _why_still(self) -> list[str]:
         if self._owner is None:
             return []
-        if self._through_zero:
-            return [f'{self._owner.label} takes control: the output passes through zero first']
-        if not any(self._owner.demand):
+        if not self._through_zero and not any(self._owner.demand):
             return [f'{self._owner.label} has control and asks for zero']
+        if self._through_zero or not any(self._limiter.output):
+            return [f'{self._owner.label} takes control: the output passes through zero first']
         return []
 
     def _why_no_reset(self, now: float) -> list[str]:

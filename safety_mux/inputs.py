@@ -183,8 +183,8 @@ class OwnerInput(Input):
         return self.rest.since is not None and self.rest.length >= self.neutral_time
 
     @property
-    def keeps_control(self) -> bool:
-        """Tell whether, as an owner, it still wants to be one."""
+    def given_up(self) -> str | None:
+        """Say how, as an owner, it gave control up; None while it has not."""
         raise NotImplementedError
 
     def forget(self) -> None:
@@ -238,9 +238,9 @@ class OperatorInput(OwnerInput):
         self.rest.end()
 
     @property
-    def keeps_control(self) -> bool:
-        """Tell whether the deadman is still held."""
-        return self.holding
+    def given_up(self) -> str | None:
+        """Say that the deadman was released; None while it is held."""
+        return None if self.holding else f'{self.label} released its deadman'
 
     def unrest(self, now: float) -> str | None:
         """Say why a fresh operator is not at neutral; None for one that is, or is not there."""
@@ -284,10 +284,11 @@ class OperatorInput(OwnerInput):
 class AutonomyInput(OwnerInput):
     """The source that is not a person. Its neutral is a command of exactly zero."""
 
-    __slots__ = ()
+    __slots__ = ('selected',)
 
     def __init__(self, config: Autonomy, neutral_time: float) -> None:
         super().__init__(AUTONOMY, AUTONOMY, config.timeout, neutral_time)
+        self.selected = False
 
     def command(self, demand: Demand, now: float) -> None:
         """Note a good command."""
@@ -299,9 +300,14 @@ class AutonomyInput(OwnerInput):
             self.rest.extend(now)
 
     @property
-    def keeps_control(self) -> bool:
-        """Autonomy has no deadman: it is selected and deselected."""
-        return True
+    def given_up(self) -> str | None:
+        """Say that it was deselected, for autonomy has no deadman; None while it is selected."""
+        return None if self.selected else f'{self.label} was deselected'
+
+    def forget(self) -> None:
+        """Forget what was asked so far; what was heard stays heard."""
+        super().forget()
+        self.selected = False
 
     def advice(self) -> str:
         """Say what is missing until autonomy can be selected; it is fresh and nothing is wrong."""

@@ -345,7 +345,7 @@ class SafetyMux(ManagedNode):
             return []
         return [
             f'the drive is not enabled ({topic} is false): /diagnostics of the drive says why; '
-            'then release the deadman and press it again'
+            'then give control back and take it anew'
         ]
 
 

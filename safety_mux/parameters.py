@@ -23,7 +23,8 @@ from safety_mux.protocol import Operator
 
 
 def _seconds(name: str, default: float, description: str, **limits: Any) -> Parameter:
-    limits = {'above': 0.0, 'maximum': 10.0, **limits}
+    lower = {} if 'minimum' in limits else {'above': 0.0}
+    limits = {**lower, 'maximum': 10.0, **limits}
     return Parameter(name, default, description, unit='s', **limits)
 
 
@@ -35,6 +36,7 @@ GENERAL = (
         unit='Hz',
         minimum=20.0,
         maximum=500.0,
+        fixed=True,
     ),
     Parameter(
         'interface',
@@ -50,16 +52,22 @@ GENERAL = (
         unit='Hz',
         minimum=1.0,
         maximum=100.0,
+        fixed=True,
     ),
     Parameter(
         'drive_enabled_topic',
         'esi_drive_bridge/enabled',
         'Where the drive says that it is enabled (std_msgs/Bool), for ~/status to tell when it is '
         'not. It decides nothing. Empty: not looked at.',
+        fixed=True,
     ),
-    Parameter('joints', ['left', 'right'], 'Names of the joints in ~/command, in this order.'),
-    Parameter('estop_sources', ['fort', 'drive'], 'Names of the e-stop sources; one or more.'),
-    Parameter('operators', ['fort'], "Names of the operators; [''] for none."),
+    Parameter(
+        'joints', ['left', 'right'], 'Names of the joints in ~/command, in this order.', fixed=True
+    ),
+    Parameter(
+        'estop_sources', ['fort', 'drive'], 'Names of the e-stop sources; one or more.', fixed=True
+    ),
+    Parameter('operators', ['fort'], "Names of the operators; [''] for none.", fixed=True),
     _seconds(
         'clear_time', 0.5, 'How long all stops must have been clear before a reset is accepted.'
     ),
@@ -72,7 +80,6 @@ GENERAL = (
         'hold_time',
         0.5,
         'After a change of owner nobody else takes over for this long.',
-        above=None,
         minimum=0.0,
     ),
     _seconds(

@@ -2,8 +2,8 @@
 Telling two live publishers on one topic from one that was restarted.
 
 Discovery counts a dead publisher for up to 20 s, so its count alone would keep a restarted bridge
-out. Sequence numbers tell: those of one publisher only grow, a restart sets them back once, and two
-that are alive interleave, so the numbers go back again and again.
+out. Sequence numbers tell: those of one publisher only grow, a restart sets them back once, and
+two that are alive interleave, so the numbers go back again and again.
 """
 
 from collections import deque

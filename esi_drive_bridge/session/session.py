@@ -24,7 +24,6 @@ from esi_drive_bridge.session.events import Stopped
 from esi_drive_bridge.session.settings import Settings
 
 FAREWELL_PACKETS = 3  # a lost or flipped one must not leave the motor enabled
-_JUST_AFTER = 1e-6  # s; a watchdog has expired after its deadline, not at it
 
 Output = tuple[list[Event], list[bytes]]
 
@@ -179,15 +178,15 @@ class Session:
             return math.inf
         moments = [self._next_send, self._parser.deadline]
         if self._fresh:
-            moments.append(self._status.deadline + _JUST_AFTER)
+            moments.append(self._status.deadline)
         if self.phase in _ACTIVE:
-            moments += [dog.deadline + _JUST_AFTER for dog in (self._enable, self._estop_in)]
+            moments += [dog.deadline for dog in (self._enable, self._estop_in)]
             # Often enough that a healthy loop is not taken for a stalled one.
             moments.append(self._polled + self.settings.command_timeout / 2)
         if self.phase in _ON_THE_WIRE:
-            moments.append(self._command.deadline + _JUST_AFTER)
+            moments.append(self._command.deadline)
         if self.phase not in (Phase.DISABLED, Phase.ENABLED):
-            moments.append(self._until + _JUST_AFTER)
+            moments.append(self._until)
         return min(moments)
 
     def farewell(self, now: float) -> list[bytes]:
@@ -287,7 +286,7 @@ class Session:
             reasons = self._lost(now)
             if reasons:
                 self._stop(reasons)
-        elif self.phase is Phase.CLEARING and not now <= self._until:
+        elif self.phase is Phase.CLEARING and not now < self._until:
             texts = self.stop_reasons(now) or ['no answer from the drive']
             self._finish_clearing(False, f'errors remain: {"; ".join(texts)}')
 
@@ -297,7 +296,7 @@ class Session:
         gap, limit = now - self._polled, self.settings.command_timeout
         if not 0.0 <= gap <= limit:
             reasons.append(f'this node stalled for {gap * 1e3:.0f} ms, limit {limit * 1e3:.0f} ms')
-        late = now > self._until
+        late = now >= self._until
         if self.phase is not Phase.WAITING or late:
             reasons += self._command_missing(now)
         if self.phase is Phase.ENABLING and late:

@@ -1,4 +1,4 @@
-"""How fast frames are parsed and decided on, without ROS: ``python -m benchmarks.codecs``."""
+"""How fast frames are parsed and decisions made, without ROS or ports."""
 
 from collections.abc import Callable
 import json
