@@ -5,6 +5,7 @@ import os
 from pathlib import Path
 import shutil
 import tempfile
+from typing import Any
 
 import pytest
 
@@ -32,3 +33,15 @@ def pty(tmp_path: Path) -> Iterator[Pty]:
 def observer() -> Iterator[Observer]:
     with Observer() as result:
         yield result
+
+
+@pytest.fixture
+def context() -> Iterator[Any]:
+    """Give an initialised rclpy context, for nodes in the test's own process."""
+    import rclpy
+    from rclpy.context import Context
+
+    result = Context()
+    rclpy.init(context=result)
+    yield result
+    result.try_shutdown()

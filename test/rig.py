@@ -34,6 +34,12 @@ ROOT = Path(__file__).resolve().parent.parent
 _POLL = 0.005
 # 101 is the last whose ports are clear of the ephemeral ones, so any order of 1 to 101 will do.
 _DOMAINS = range(1, 102)
+_TRANSITIONS = {  # lifecycle_msgs/Transition, and the state behind it
+    'configure': (1, 'inactive'),
+    'cleanup': (2, 'unconfigured'),
+    'activate': (3, 'active'),
+    'deactivate': (4, 'inactive'),
+}
 _claim: socket.socket | None = None
 T = TypeVar('T')
 
@@ -56,7 +62,8 @@ def claim_domain() -> int:
         else:
             raise RuntimeError('no ROS domain from 1 to 101 is free')
     os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
-    os.environ.setdefault('ROS_LOG_DIR', tempfile.mkdtemp(prefix='rugged_teleop_log_'))
+    if 'ROS_LOG_DIR' not in os.environ:
+        os.environ['ROS_LOG_DIR'] = tempfile.mkdtemp(prefix='rugged_teleop_log_')
     return int(os.environ['ROS_DOMAIN_ID'])
 
 
@@ -312,6 +319,7 @@ class Observer:
         self.node = Node(name, context=self.context)
         self.executor = SingleThreadedExecutor(context=self.context)
         self.executor.add_node(self.node)
+        self._clients: dict[str, Any] = {}
 
     def spin(self, duration: float = 0.0) -> None:
         """Take what has come; wait at most ``duration`` s for it."""
@@ -351,13 +359,29 @@ class Observer:
         )
         return publisher
 
-    def call(self, kind: Any, service: str, request: Any = None, timeout: float = 15.0) -> Any:
-        """Call a service and return its response."""
-        client = self.node.create_client(kind, service)
+    def call(
+        self, kind: Any, service: str, request: Any = None, timeout: float = 15.0, tries: int = 1
+    ) -> Any:
+        """
+        Call a service and return its response.
+
+        A node that has not discovered us yet drops its response, for ever. Clients are kept, so
+        this can happen to the first call only; more than one of ``tries`` is for services that
+        may be asked twice.
+        """
+        if service not in self._clients:
+            self._clients[service] = self.node.create_client(kind, service)
+        client = self._clients[service]
         self.wait_for(client.service_is_ready, timeout, f'service {service}')
-        future = client.call_async(kind.Request() if request is None else request)
-        self.wait_for(future.done, timeout, f'response of {service}')
-        self.node.destroy_client(client)
+        for remaining in reversed(range(tries)):
+            future = client.call_async(kind.Request() if request is None else request)
+            try:
+                self.wait_for(future.done, timeout / tries, f'response of {service}')
+            except AssertionError:
+                if not remaining:
+                    raise
+            else:
+                break
         return future.result()
 
     def set_parameter(self, node: str, name: str, value: Any) -> tuple[bool, str]:
@@ -368,18 +392,27 @@ class Observer:
         request = SetParameters.Request(
             parameters=[Parameter(name, value=value).to_parameter_msg()]
         )
-        result = self.call(SetParameters, f'{node}/set_parameters', request).results[0]
+        response = self.call(SetParameters, f'{node}/set_parameters', request, tries=10)
+        result = response.results[0]
         return result.successful, result.reason
 
     def change_state(self, node: str, transition: str) -> bool:
         """Put a managed node through ``configure``, ``activate``, ``deactivate``, ``cleanup``."""
         from lifecycle_msgs.srv import ChangeState
 
+        number, state = _TRANSITIONS[transition]
         request = ChangeState.Request()
-        request.transition.id = {'configure': 1, 'cleanup': 2, 'activate': 3, 'deactivate': 4}[
-            transition
-        ]
-        return bool(self.call(ChangeState, f'{node}/change_state', request).success)
+        request.transition.id = number
+        try:
+            return bool(self.call(ChangeState, f'{node}/change_state', request, 3.0).success)
+        except AssertionError:
+            return self.state(node) == state
+
+    def state(self, node: str) -> str:
+        """Return the label of a managed node's state, such as ``active``."""
+        from lifecycle_msgs.srv import GetState
+
+        return str(self.call(GetState, f'{node}/get_state', tries=10).current_state.label)
 
     def close(self) -> None:
         """Leave the graph."""

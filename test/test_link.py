@@ -1,10 +1,11 @@
-"""The link thread with everything around it at fault: port, session, owner, and its own callers."""
+"""The link thread with everything around it at fault: port, session, owner and callers."""
 
 from collections import Counter
 from collections.abc import Callable
 from collections.abc import Iterator
 import contextlib
 import functools
+import itertools
 import math
 import os
 import socket
@@ -170,8 +171,8 @@ class FakeOwner:
 
     def on_event(self, event: Any) -> None:
         self.log.append(f'event {event}')
-        if 'handle' in self.faults:
-            raise RuntimeError('fault in handle')
+        if 'on_event' in self.faults:
+            raise RuntimeError('fault in on_event')
 
     def pace(self, now: float) -> float:
         self.threads.add(threading.get_ident())
@@ -233,6 +234,19 @@ def bench() -> Iterator[Bench]:
     result.link.stop()
 
 
+def fault(now: float) -> None:
+    raise ZeroDivisionError
+
+
+def wait_at(gate: threading.Event, timeout: float = 2.0) -> Callable[[float], None]:
+    """Return a request that keeps the link thread busy until the gate opens."""
+
+    def wait(now: float) -> None:
+        gate.wait(timeout)
+
+    return wait
+
+
 def fails(transport: FakeTransport, name: str, text: str) -> None:
     transport.faults[name] = TransportError(text)
 
@@ -259,7 +273,7 @@ def test_absent_port_is_tried_for_ever_with_growing_pauses(bench: Bench) -> None
     bench.activate()
     wait_for(lambda: len(bench.transport.opens_at) >= 6, 10.0, 'six attempts')
     times = bench.transport.opens_at[:6]
-    pauses = [b - a for a, b in zip(times, times[1:], strict=False)]
+    pauses = [b - a for a, b in itertools.pairwise(times)]
     # A pause may last longer on a busy machine, never shorter.
     for pause, least in zip(pauses, [0.1, 0.2, 0.4, 0.4, 0.4], strict=True):
         assert pause >= least
@@ -361,7 +375,7 @@ def test_new_activation_while_the_old_port_opens_leaks_neither(bench: Bench) -> 
     bench.activate()
     wait_for(lambda: new.openers == 1, 2.0, 'the new one opening')
     hold = threading.Event()
-    bench.link.post('hold', lambda now: hold.wait(2.0) and None)
+    bench.link.post('hold', wait_at(hold))
     # Both come back while the link thread is busy with something else.
     old.gate.set()
     new.gate.set()
@@ -376,7 +390,7 @@ def test_only_one_open_at_a_time_even_after_a_fault(bench: Bench) -> None:
     bench.transport.gate.clear()
     bench.activate()
     wait_for(lambda: bench.transport.openers == 1, 2.0, 'an open in progress')
-    bench.link.post('fault', lambda now: 1 / 0 and None)
+    bench.link.post('fault', fault)
     holds_for(lambda: bench.transport.openers == 1, 0.5, 'a single open')
     bench.transport.gate.set()
     bench.wait_open()
@@ -421,7 +435,7 @@ def test_stop_and_release_that_arrive_together_still_put_the_stop_on_the_wire(
 ) -> None:
     bench.run()
     hold = threading.Event()
-    bench.link.post('hold', lambda now: hold.wait(2.0) and None)
+    bench.link.post('hold', wait_at(hold))
     bench.link.post('estop', lambda now: setattr(bench.session, 'stop', True), sticky=True)
     bench.link.post('estop', lambda now: setattr(bench.session, 'stop', False))
     hold.set()
@@ -476,8 +490,8 @@ def test_fault_in_one_request_does_not_lose_the_others(bench: Bench) -> None:
     bench.run()
     hold = threading.Event()
     seen: list[float] = []
-    bench.link.post('hold', lambda now: hold.wait(2.0) and None)
-    bench.link.post('bad', lambda now: 1 / 0 and None)
+    bench.link.post('hold', wait_at(hold))
+    bench.link.post('bad', fault)
     bench.link.post('good', seen.append)
     hold.set()
     wait_for(lambda: seen, 2.0, 'the request behind the bad one')
@@ -590,7 +604,7 @@ def test_deactivations_from_several_threads_all_return(bench: Bench) -> None:
             errors.append(error)
 
     hold = threading.Event()
-    bench.link.post('hold', lambda now: hold.wait(0.1) and None)
+    bench.link.post('hold', wait_at(hold, 0.1))
     workers = [threading.Thread(target=deactivate) for _ in range(4)]
     for worker in workers:
         worker.start()
@@ -661,9 +675,9 @@ def fault_of_owner(name: str) -> Callable[[Bench], set[str]]:
     'cause',
     [
         *[fault_of_session(name) for name in ('receive', 'poll', 'deadline')],
-        *[fault_of_owner(name) for name in ('handle', 'pace')],
+        *[fault_of_owner(name) for name in ('on_event', 'pace')],
     ],
-    ids=['receive', 'poll', 'deadline', 'handle', 'pace'],
+    ids=['receive', 'poll', 'deadline', 'on_event', 'pace'],
 )
 def test_fault_stops_backs_off_and_recovers(
     bench: Bench, cause: Callable[[Bench], set[str]], capfd: pytest.CaptureFixture[str]
@@ -704,7 +718,7 @@ def test_port_counts_as_closed_before_the_session_can_fail(bench: Bench) -> None
 def test_owner_that_cannot_be_told_anything_makes_no_busy_loop_and_no_flood(
     bench: Bench, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    bench.owner.faults |= {'pace', 'handle', 'link_changed'}
+    bench.owner.faults |= {'pace', 'on_event', 'link_changed'}
     assert bench.steps_within(0.5) < 30
     with contextlib.suppress(TransportError):
         bench.activate()

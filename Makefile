@@ -1,0 +1,47 @@
+# Each target does its own set-up in .venv. Needs python3 (3.10 to 3.13) and make; on Debian and Ubuntu also
+# the package python3-venv. A sourced ROS 2 Jazzy is used as it is; without one, ROS 2 comes as wheels.
+#
+#   make demo              simulators, stack and a live view; ARGS=--once plays the scripted scene
+#   make test              ARGS='-k fort -x' and the like go to pytest
+#   make lint              ruff and mypy
+#   make bench             ARGS go to each benchmark
+#   make clean             remove what these targets made, .venv included
+
+PYTHON ?= python3
+ARGS ?=
+VENV := .venv
+BIN := $(VENV)/bin
+STAMP := $(VENV)/.ready
+
+# The wheels mark an environment that they have set up; ours differs from the caller's.
+unexport _ROS_WHEELS_BOOTSTRAP_COMPLETE
+# A virtual environment that the caller has activated is only where $(PYTHON) comes from.
+unexport VIRTUAL_ENV
+
+.PHONY: demo test lint bench clean
+
+demo: $(STAMP)
+	$(BIN)/rugged_teleop_demo $(ARGS)
+
+test: $(STAMP)
+	$(BIN)/python -m pytest $(ARGS)
+
+lint: $(STAMP)
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+
+bench: $(STAMP)
+	@set -e; for file in benchmarks/bench_*.py; do \
+	    test -e "$$file" || { echo 'there are no benchmarks yet'; break; }; \
+	    echo "$$file $(ARGS)"; $(BIN)/python "$$file" $(ARGS); \
+	done
+
+clean:
+	rm -rf $(VENV) build install log *.egg-info .hypothesis .mypy_cache .pytest_cache .ruff_cache
+	find . -name __pycache__ -type d -prune -exec rm -rf {} +
+
+# Made anew, not mended, whenever what it is made from has changed.
+$(STAMP): requirements.txt requirements-dev.txt setup.py setup.cfg pyproject.toml .ci/make_venv
+	PYTHON='$(PYTHON)' .ci/make_venv $(VENV)
+	@touch $@

@@ -1,0 +1,2 @@
+def live(stage):
+    return True

@@ -1,0 +1,58 @@
+"""Build rugged_teleop, with pip or with colcon."""
+
+from pathlib import Path
+
+from setuptools import find_packages
+from setuptools import setup
+
+PACKAGE = 'rugged_teleop'
+SHARED = ('config', 'docs', 'launch', 'udev')
+
+
+def requirements(prefix: str) -> list[str]:
+    """Return the pinned requirements that start with ``prefix``."""
+    lines = Path('requirements.txt').read_text(encoding='utf-8').splitlines()
+    return [line for line in lines if line.startswith(prefix)]
+
+
+def shared_files() -> list[tuple[str, list[str]]]:
+    """Return what goes to share/, folder by folder, as setuptools wants it."""
+    files: dict[str, list[str]] = {}
+    for top in SHARED:
+        for path in sorted(path for path in Path(top).rglob('*') if path.is_file()):
+            files.setdefault(f'share/{PACKAGE}/{path.parent.as_posix()}', []).append(str(path))
+    return sorted(files.items())
+
+
+setup(
+    name=PACKAGE,
+    version='0.1.0',
+    description='Rugged operator remotes and actuators in ROS 2, with a safety mux between them',
+    author='The rugged_teleop maintainers',
+    maintainer='The rugged_teleop maintainers',
+    maintainer_email='maintainers@rugged-teleop.example',
+    license='Apache-2.0',
+    python_requires='>=3.10',
+    # ROS itself is not listed: where it is installed it must be used as it is, under other names.
+    install_requires=['setuptools', 'pyserial>=3.5', 'PyYAML'],
+    # For a machine without ROS: pip install '.[ros]'
+    extras_require={'ros': requirements('ros-')},
+    packages=find_packages(exclude=('test', 'test.*', 'benchmarks', 'benchmarks.*')),
+    package_data={'': ['py.typed']},
+    zip_safe=False,
+    data_files=[
+        ('share/ament_index/resource_index/packages', [f'resource/{PACKAGE}']),
+        (f'share/{PACKAGE}', ['package.xml']),
+        *shared_files(),
+    ],
+    entry_points={
+        'console_scripts': [
+            'esi_drive_bridge = esi_drive_bridge.node:main',
+            'fort_vsc_bridge = fort_vsc_bridge.node:main',
+            'rugged_teleop_demo = rugged_teleop.demo:main',
+            'rugged_teleop_stack = rugged_teleop.stack:main',
+            'safety_mux = safety_mux.node:main',
+            'simulate = rugged_teleop.simulate:main',
+        ],
+    },
+)

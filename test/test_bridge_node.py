@@ -1,0 +1,444 @@
+"""The common node on a toy room: stop topics, lifecycle, parameters, diagnostics, clean exit."""
+
+import contextlib
+from pathlib import Path
+from signal import SIGCONT
+from signal import SIGINT
+from signal import SIGSTOP
+from signal import SIGTERM
+import socket
+import threading
+import time
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticArray
+from diagnostic_msgs.msg import DiagnosticStatus
+import pytest
+from rclpy.context import Context
+from rclpy.parameter import Parameter
+from std_msgs.msg import Bool
+
+from test.rig import as_yaml
+from test.rig import latched
+from test.rig import NodeProcess
+from test.rig import Observer
+from test.rig import Pty
+from test.rig import Record
+from test.rig import wait_for
+from test.toy_room import make_toy
+from test.toy_room import toy_process as toy
+from test.toy_room import ToyBridge
+
+ESTOP = '/toy_bridge/estop'
+
+
+class Keeper:
+    """Keeps the toy device saying ``k`` whenever the observer spins."""
+
+    def __init__(self, pty: Pty, observer: Observer) -> None:
+        self.pty, self.observer = pty, observer
+        self.talking = True
+        observer.node.create_timer(0.05, self._talk)
+
+    def _talk(self) -> None:
+        if self.talking and self.pty.master >= 0:
+            self.pty.write(b'k')
+            self.pty.read()
+
+    def wait_for(self, condition: Any, what: str, timeout: float = 10.0) -> None:
+        self.observer.wait_for(condition, timeout, what)
+
+
+@pytest.fixture
+def keeper(pty: Pty, observer: Observer) -> Keeper:
+    return Keeper(pty, observer)
+
+
+def wait_value(observer: Observer, record: Record, value: bool, timeout: float = 15.0) -> float:
+    """Wait until a topic says ``value``; return when the first of these came."""
+    start = time.monotonic()
+
+    def first() -> float:
+        for arrival, message in record.since(start):
+            if message.data is value:
+                return arrival
+        return 0.0
+
+    return observer.wait_for(first, timeout, f'{record.topic} says {value}')
+
+
+def wait_repeats(observer: Observer, record: Record, value: bool, count: int = 5) -> None:
+    """Wait for some more messages, all of which must say ``value``."""
+    record.clear()
+    observer.wait_for(lambda: len(record.data) >= count, 5.0, f'{count} more on {record.topic}')
+    assert set(record.data) == {value}
+
+
+# The stop topics.
+
+
+def test_late_joiner_gets_the_stop_of_a_node_without_a_port(
+    tmp_path: Path, observer: Observer
+) -> None:
+    with toy(tmp_path / 'nothing') as node:
+        node.wait_output('cannot open')
+        for topic in ('estop', 'own_estop'):
+            record = observer.record(Bool, f'/toy_bridge/{topic}', latched())
+            wait_value(observer, record, True)
+            wait_repeats(observer, record, True)
+        link_up = observer.record(Bool, '/toy_bridge/link_up', latched())
+        assert wait_value(observer, link_up, False)
+        # Said once, not with every attempt.
+        assert node.output.count('cannot open') == 1
+
+
+def test_default_subscriber_gets_the_stop_too(tmp_path: Path, observer: Observer) -> None:
+    with toy(tmp_path / 'nothing'):
+        record = observer.record(Bool, ESTOP)
+        wait_value(observer, record, True)
+
+
+def test_stop_is_repeated_at_its_rate_in_every_state(keeper: Keeper, observer: Observer) -> None:
+    with toy(keeper.pty.path, autostart=False, estop_rate=50.0) as node:
+        record = observer.record(Bool, ESTOP, latched())
+        wait_value(observer, record, True)
+        wait_repeats(observer, record, True, 20)  # unconfigured
+        assert observer.change_state('/toy_bridge', 'configure')
+        wait_repeats(observer, record, True, 20)  # inactive
+        assert observer.change_state('/toy_bridge', 'activate')
+        wait_value(observer, record, False)
+        wait_repeats(observer, record, False, 20)  # active and healthy
+        span = record.times[-1] - record.times[0]
+        # Never faster than asked for; the other side is for the machine to say.
+        assert len(record.times) - 1 <= span * 50.0 * 1.5 + 2
+        assert observer.change_state('/toy_bridge', 'deactivate')
+        wait_repeats(observer, record, True, 20)  # inactive again
+        assert observer.change_state('/toy_bridge', 'cleanup')
+        wait_repeats(observer, record, True, 20)
+        assert node.process.poll() is None
+
+
+def test_unplugged_says_stop_and_comes_back_by_itself(keeper: Keeper, observer: Observer) -> None:
+    with toy(keeper.pty.path, reconnect_period=0.2):
+        estop = observer.record(Bool, ESTOP, latched())
+        link_up = observer.record(Bool, '/toy_bridge/link_up', latched())
+        for _ in range(2):
+            wait_value(observer, estop, False)
+            observer.wait_for(lambda: link_up.last and link_up.last.data, 5.0, 'the link up')
+            keeper.pty.unplug()
+            wait_value(observer, estop, True)
+            wait_repeats(observer, estop, True)
+            observer.wait_for(lambda: not link_up.last.data, 5.0, 'the link down')
+            keeper.pty.replug()
+        wait_value(observer, estop, False)
+
+
+def test_unplugging_is_told_at_once_and_not_only_by_silence(
+    keeper: Keeper, observer: Observer
+) -> None:
+    # With a time-out of 10 s only the loss of the port itself can be the reason.
+    with toy(keeper.pty.path, link_timeout=10.0):
+        estop = observer.record(Bool, ESTOP, latched())
+        wait_value(observer, estop, False)
+        keeper.pty.unplug()
+        wait_value(observer, estop, True, 5.0)
+
+
+def test_silence_says_stop(keeper: Keeper, observer: Observer) -> None:
+    with toy(keeper.pty.path) as node:
+        estop = observer.record(Bool, ESTOP, latched())
+        wait_value(observer, estop, False)
+        keeper.talking = False
+        wait_value(observer, estop, True)
+        node.wait_output('limit 250 ms')
+        keeper.talking = True
+        wait_value(observer, estop, False)
+
+
+def test_own_stop_leaves_out_what_the_node_itself_asked(
+    keeper: Keeper, observer: Observer
+) -> None:
+    with toy(keeper.pty.path):
+        estop = observer.record(Bool, ESTOP, latched())
+        own = observer.record(Bool, '/toy_bridge/own_estop', latched())
+        wait_value(observer, estop, False)
+        wait_value(observer, own, False)
+        request = observer.publisher(Bool, '/toy_bridge/request_stop')
+        request.publish(Bool(data=True))
+        wait_value(observer, estop, True)
+        wait_repeats(observer, own, False)
+        request.publish(Bool(data=False))
+        wait_value(observer, estop, False)
+
+
+def test_deactivation_says_stop_and_farewell(keeper: Keeper, observer: Observer) -> None:
+    with toy(keeper.pty.path):
+        estop = observer.record(Bool, ESTOP, latched())
+        wait_value(observer, estop, False)
+        assert observer.change_state('/toy_bridge', 'deactivate')
+        wait_value(observer, estop, True)
+        keeper.pty.wait_received(b'BYE')
+        assert keeper.pty.received.endswith(b'BYE')
+        keeper.pty.clear()
+        assert observer.change_state('/toy_bridge', 'activate')
+        wait_value(observer, estop, False)
+
+
+def test_frozen_node_does_not_believe_what_piled_up(keeper: Keeper, observer: Observer) -> None:
+    with toy(keeper.pty.path) as node:
+        estop = observer.record(Bool, ESTOP, latched())
+        wait_value(observer, estop, False)
+        node.signal(SIGSTOP)
+        observer.holds_for(lambda: True, 0.6)  # it is what a frozen process misses
+        keeper.talking = False
+        observer.spin(0.1)
+        estop.clear()
+        node.signal(SIGCONT)
+        observer.wait_for(lambda: estop.data, 5.0, 'the first word after the thaw')
+        wait_value(observer, estop, True)
+        # The device has been silent ever since: nothing may ever have cleared the stop again.
+        assert True in estop.data
+        assert False not in estop.data[estop.data.index(True) :]
+
+
+# A node in this process.
+
+
+def test_node_demands_a_stop_from_construction(context: Context) -> None:
+    node = make_toy(context)
+    try:
+        assert node._state() == (True, True, False)
+    finally:
+        node.shut_down()
+        node.shut_down()  # twice is no fault
+        node.destroy_node()
+        node.destroy_node()
+
+
+def test_pace_never_asks_to_be_called_in_the_past(context: Context) -> None:
+    node = make_toy(context)
+    node.link.stop()
+    now = 100.0
+    for number in range(500):
+        now += 0.013
+        if number % 7 == 0:
+            node._told = None  # a change, which shifts the repeats against the diagnostics
+        assert node.pace(now) > now
+    node.destroy_node()
+
+
+def test_port_that_is_not_open_is_a_stop_whatever_the_session_says(context: Context) -> None:
+    node = make_toy(context)
+    node.link.stop()
+
+    class Healthy:
+        estop = own_estop = False
+        link_up = True
+
+    node.session = Healthy()
+    assert node._state() == (True, True, False)
+    node.link.status.is_open = True
+    assert node._state() == (False, False, True)
+    node.link.status.is_open = False
+    node.session = None
+    node.destroy_node()
+
+
+def test_hundred_activations_cause_no_fault_on_the_link_thread(context: Context, pty: Pty) -> None:
+    class Listening(ToyBridge):
+        def link_changed(self, text: str, ok: bool) -> None:
+            texts.append(text)
+
+    texts: list[str] = []
+    overrides = [Parameter('estop_rate', value=200), Parameter('port', value=str(pty.path))]
+    node = Listening(context=context, parameter_overrides=overrides)
+    node.trigger_configure()
+    for number in range(100):
+        node.trigger_activate()
+        if number % 3 == 0:
+            pty.write(b'k')
+        pty.read()
+        node.trigger_deactivate()
+        assert node.session is None
+    node.shut_down()
+    node.destroy_node()
+    assert not [text for text in texts if 'internal error' in text]
+
+
+# Signals.
+
+
+@pytest.mark.parametrize('number', [SIGINT, SIGTERM], ids=['SIGINT', 'SIGTERM'])
+def test_signal_says_farewell_and_stop_and_exits_0(
+    keeper: Keeper, observer: Observer, number: int
+) -> None:
+    with toy(keeper.pty.path) as node:
+        estop = observer.record(Bool, ESTOP, latched())
+        wait_value(observer, estop, False)
+        assert node.end(number, timeout=5.0) == 0
+        keeper.pty.wait_received(b'BYE')
+        wait_value(observer, estop, True)
+        assert estop.data[-1] is True
+
+
+@pytest.mark.parametrize('number', [SIGINT, SIGTERM], ids=['SIGINT', 'SIGTERM'])
+@pytest.mark.parametrize('trouble', ['blocking port', 'silent server', 'absent', 'full'])
+def test_signal_exits_0_within_a_second_whatever_the_port_does(
+    pty: Pty, tmp_path: Path, number: int, trouble: str
+) -> None:
+    with contextlib.ExitStack() as stack:
+        parameters = {'port': str(pty.path)}
+        if trouble == 'blocking port':
+            parameters['fault'] = trouble
+        elif trouble == 'silent server':  # rfc2217 waits for an answer in open
+            server = stack.enter_context(socket.create_server(('127.0.0.1', 0)))
+            parameters['port'] = f'rfc2217://127.0.0.1:{server.getsockname()[1]}'
+        elif trouble == 'absent':
+            parameters['port'] = str(tmp_path / 'nothing')
+        node = stack.enter_context(NodeProcess('test.toy_room', parameters))
+        node.wait_output('device opened' if trouble == 'full' else 'stop: ')
+        if trouble == 'full':  # nobody reads: the pty fills up in the other direction
+            with contextlib.suppress(BlockingIOError):
+                while True:
+                    pty.write(b'x' * 4096)
+        start = time.monotonic()
+        assert node.end(number) == 0, node.output
+        assert time.monotonic() - start < 1.0 + 0.5  # the requirement, and a busy machine
+        assert 'Traceback' not in node.output
+
+
+def test_second_signal_does_not_break_the_exit(keeper: Keeper, observer: Observer) -> None:
+    with toy(keeper.pty.path) as node:
+        wait_value(observer, observer.record(Bool, ESTOP, latched()), False)
+        node.signal(SIGTERM)
+        node.signal(SIGINT)
+        assert node.end(SIGTERM) == 0
+        keeper.pty.wait_received(b'BYE')
+
+
+# Diagnostics.
+
+
+def statuses(record: Record) -> list[dict[str, Any]]:
+    return [{status.name: status for status in message.status} for message in record.messages]
+
+
+def test_diagnostics_tell_link_and_device_and_change_at_once(
+    keeper: Keeper, observer: Observer
+) -> None:
+    diagnostics = observer.record(DiagnosticArray, '/diagnostics', 50)
+    names = ('toy_bridge: link', 'toy_bridge: device')
+
+    def levels() -> list[bytes]:
+        last = statuses(diagnostics)[-1] if diagnostics.messages else {}
+        return [last[name].level for name in names if name in last]
+
+    with toy(keeper.pty.path, hardware_id='the toy'):
+        good = [DiagnosticStatus.OK, DiagnosticStatus.OK]
+        observer.wait_for(lambda: levels() == good, 15.0, 'all well')
+        link, device = (statuses(diagnostics)[-1][name] for name in names)
+        assert link.hardware_id == device.hardware_id == 'the toy'
+        values = {pair.key: pair.value for pair in link.values}
+        assert {
+            'frames',
+            'bytes',
+            'checksum errors',
+            'unknown types',
+            'resynchronisations',
+            'reconnects',
+            'age of last frame (s)',
+            'sent',
+            'dropped',
+        } <= set(values)
+        assert int(values['sent']) > 0
+        # Steady: once a second.
+        count = len(diagnostics.messages)
+        observer.wait_for(lambda: len(diagnostics.messages) >= count + 3, 10.0, 'three more')
+        gaps = [
+            b - a for a, b in zip(diagnostics.times[-3:], diagnostics.times[-2:], strict=False)
+        ]
+        assert min(gaps) > 0.8
+        # A change does not wait for the next second.
+        changed = time.monotonic()
+        keeper.talking = False
+        keeper.pty.write(b's')
+        observer.wait_for(lambda: levels()[1] == DiagnosticStatus.ERROR, 5.0, 'the stop')
+        assert diagnostics.times[-1] - changed < 0.9
+        keeper.pty.unplug()
+        observer.wait_for(lambda: levels()[0] == DiagnosticStatus.ERROR, 5.0, 'the loss')
+        assert 'no such port' in statuses(diagnostics)[-1][names[0]].message or (
+            'unplugged' in statuses(diagnostics)[-1][names[0]].message
+        )
+        keeper.pty.replug()
+        keeper.talking = True
+        observer.wait_for(lambda: levels() == good, 15.0, 'all well again')
+        values = {pair.key: pair.value for pair in statuses(diagnostics)[-1][names[0]].values}
+        assert values['reconnects'] == '1'
+
+
+def test_log_is_not_flooded_by_an_absent_port(tmp_path: Path, observer: Observer) -> None:
+    with toy(tmp_path / 'nothing', reconnect_period=0.1) as node:
+        estop = observer.record(Bool, ESTOP, latched())
+        wait_value(observer, estop, True)
+        observer.wait_for(lambda: len(estop.messages) > 40, 10.0, 'two seconds of stops')
+        assert len(node.output.splitlines()) < 6, node.output
+
+
+# Several of them.
+
+
+def test_two_nodes_in_one_process_do_not_share_anything(
+    tmp_path: Path, observer: Observer
+) -> None:
+    left, right = Pty(tmp_path / 'left'), Pty(tmp_path / 'right')
+    source = 'from test.toy_room import main_two; main_two()'
+    arguments = [
+        part
+        for name, pty in (('left', left), ('right', right))
+        for part in ('-p', f'{name}:port:={as_yaml(str(pty.path))}')
+    ]
+    keepers = [Keeper(left, observer), Keeper(right, observer)]
+    with NodeProcess('', source=source, arguments=arguments) as node:
+        estops = [observer.record(Bool, f'/{name}/estop', latched()) for name in ('left', 'right')]
+        for estop in estops:
+            wait_value(observer, estop, False)
+        keepers[0].talking = False
+        wait_value(observer, estops[0], True)
+        wait_repeats(observer, estops[1], False, 10)
+        left.unplug()
+        wait_repeats(observer, estops[1], False, 10)
+        assert node.end(SIGINT) == 0
+        right.wait_received(b'BYE')
+        for estop in estops:
+            assert estop.data[-1] is True or wait_value(observer, estop, True)
+    right.unplug()
+
+
+def test_namespace_and_name_make_all_topics(pty: Pty, observer: Observer) -> None:
+    keeper = Keeper(pty, observer)
+    diagnostics = observer.record(DiagnosticArray, '/diagnostics')
+    with NodeProcess(
+        'test.toy_room', {'port': str(keeper.pty.path)}, name='arm', namespace='/left'
+    ) as node:
+        wait_value(observer, observer.record(Bool, '/left/arm/estop', latched()), False)
+        observer.wait_for(lambda: diagnostics.messages, 5.0, 'diagnostics')
+        assert set(statuses(diagnostics)[-1]) == {'left/arm: link', 'left/arm: device'}
+        assert node.end() == 0
+
+
+# The exit status for what is not a parameter's fault.
+
+
+def test_transport_that_cannot_be_made_is_no_silent_wait(tmp_path: Path) -> None:
+    with toy(tmp_path / 'x', fault='no transport') as node:
+        assert node.wait() != 0
+        assert 'there is no such transport' in node.output
+
+
+def test_nothing_is_left_in_the_process_after_a_node(context: Context) -> None:
+    before = threading.active_count()
+    for _ in range(3):
+        node = make_toy(context)
+        node.shut_down()
+        node.destroy_node()
+    wait_for(lambda: threading.active_count() <= before, 5.0, 'the threads gone')

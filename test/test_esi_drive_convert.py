@@ -1,0 +1,179 @@
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+from builtin_interfaces.msg import Time
+from diagnostic_msgs.msg import DiagnosticStatus
+from hypothesis import given
+from hypothesis import strategies as st
+import pytest
+from sensor_msgs.msg import JointState
+
+from esi_drive_bridge.convert import Axis
+from esi_drive_bridge.convert import command_values
+from esi_drive_bridge.convert import DEFAULT_SCALES
+from esi_drive_bridge.convert import diagnostic_values
+from esi_drive_bridge.convert import joint_state
+from esi_drive_bridge.convert import problems
+from esi_drive_bridge.protocol import AxisState
+from esi_drive_bridge.protocol import AxisStatus
+from esi_drive_bridge.protocol import Mode
+from esi_drive_bridge.protocol import MotorError
+from esi_drive_bridge.protocol import Status
+
+VECTORS = json.loads((Path(__file__).parent / 'vectors' / 'esi.json').read_text())
+MODES = {'current': Mode.TORQUE, 'velocity': Mode.VELOCITY, 'position': Mode.POSITION}
+LEFT = Axis('left', Mode.VELOCITY, 1.0)
+RIGHT = Axis('right', Mode.VELOCITY, 1.0, gear_ratio=10.0, inverted=True)
+RPM = 2 * math.pi / 60
+
+
+@pytest.mark.parametrize('entry', VECTORS['command'], ids=lambda entry: entry['hex'])
+def test_scales_of_the_manual(entry: dict[str, Any]) -> None:
+    mode = MODES[entry['mode'][0]]
+    assert DEFAULT_SCALES[mode] == entry['scale']
+    axis = Axis('j', mode, entry['scale'])
+    unit = RPM if mode is Mode.VELOCITY else 1.0
+    for count, value in zip(entry['command'], entry['value'], strict=True):
+        assert count * axis.si_per_count == pytest.approx(value * unit, rel=1e-6)
+
+
+@pytest.mark.parametrize(
+    ('axis', 'expected', 'unit'),
+    [
+        (Axis('j', Mode.VELOCITY, 2.0, gear_ratio=10.0), 0.2 * RPM, 'rad/s'),
+        (Axis('j', Mode.POSITION, 0.5, gear_ratio=10.0), 0.05, 'rad'),
+        (Axis('j', Mode.POSITION, 0.5, inverted=True), -0.5, 'rad'),
+        (Axis('j', Mode.TORQUE, 0.01, gear_ratio=10.0), 0.01, 'A'),
+        (Axis('j', Mode.TORQUE, 0.01, 10.0, 0.2, inverted=True), -0.02, 'N·m'),
+    ],
+)
+def test_gear_torque_constant_and_direction(axis: Axis, expected: float, unit: str) -> None:
+    assert axis.si_per_count == pytest.approx(expected)
+    assert axis.unit == unit
+
+
+@pytest.mark.parametrize(
+    ('changes', 'text'),
+    [
+        ({'joint': ''}, 'name'),
+        ({'command_scale': 0.0}, 'command_scale must be above 0'),
+        ({'command_scale': math.nan}, 'command_scale'),
+        ({'gear_ratio': -1.0}, 'gear_ratio must be above 0'),
+        ({'gear_ratio': math.inf}, 'gear_ratio'),
+        ({'torque_constant': -0.1}, 'torque_constant must be 0 or above'),
+        ({'torque_constant': math.inf}, 'torque_constant'),
+        ({'command_scale': 1e-300, 'gear_ratio': 1e300}, 'a count'),
+    ],
+)
+def test_bad_axes_are_refused(changes: dict[str, Any], text: str) -> None:
+    with pytest.raises(ValueError, match=text):
+        Axis(**{'joint': 'j', 'mode': Mode.VELOCITY, 'command_scale': 1.0, **changes})
+
+
+# Commands.
+
+
+def test_joints_are_found_by_name() -> None:
+    message = JointState(name=['right', 'left'], velocity=[2.0, 1.0])
+    assert command_values(message, (LEFT, RIGHT)) == (1.0, 2.0)
+
+
+def test_without_names_the_order_counts() -> None:
+    assert command_values(JointState(velocity=[1.0, 2.0]), (LEFT, RIGHT)) == (1.0, 2.0)
+
+
+def test_each_axis_reads_the_field_of_its_mode() -> None:
+    axes = (LEFT, Axis('tilt', Mode.POSITION, 0.001))
+    message = JointState(
+        name=['left', 'tilt'], velocity=[3.0, math.nan], position=[math.nan, 0.5], effort=[1.0]
+    )
+    assert command_values(message, axes) == (3.0, 0.5)
+
+
+@pytest.mark.parametrize(
+    ('message', 'text'),
+    [
+        (JointState(name=['left'], velocity=[1.0]), "this drive has \\['left', 'right'\\]"),
+        (JointState(name=['left', 'rihgt'], velocity=[1.0, 1.0]), 'rihgt'),
+        (JointState(name=['left', 'left'], velocity=[1.0, 1.0]), "this drive has"),
+        (JointState(name=['left', 'right', 'x'], velocity=[1.0] * 3), "'x'"),
+        (JointState(name=['left', 'right'], velocity=[1.0]), '1 entries in velocity for 2 joints'),
+        (JointState(name=['left', 'right'], position=[1.0, 1.0]), 'left is commanded in velocity'),
+        (JointState(velocity=[1.0, 2.0, 3.0]), '3 entries'),
+        (JointState(), '0 entries'),
+        (JointState(velocity=[1.0, math.nan]), 'velocity of right is nan'),
+        (JointState(velocity=[-math.inf, 1.0]), 'velocity of left is -inf'),
+    ],
+)  # fmt: skip
+def test_wrong_commands_are_refused_with_the_reason(message: JointState, text: str) -> None:
+    with pytest.raises(ValueError, match=text):
+        command_values(message, (LEFT, RIGHT))
+
+
+# Feedback.
+
+
+def test_only_what_is_measured_is_filled() -> None:
+    status = Status((AxisStatus(feedback=60), AxisStatus(feedback=600)))
+    message = joint_state(status, (LEFT, RIGHT), Time(sec=7), 'base')
+    assert list(message.name) == ['left', 'right']
+    assert list(message.velocity) == pytest.approx([2 * math.pi, -2 * math.pi])
+    assert list(message.position) == list(message.effort) == []
+    assert message.header.stamp.sec == 7
+    assert message.header.frame_id == 'base'
+
+
+def test_mixed_modes_fill_the_rest_with_nan() -> None:
+    axes = (LEFT, Axis('tilt', Mode.POSITION, 0.5))
+    message = joint_state(Status((AxisStatus(), AxisStatus(feedback=2))), axes)
+    assert message.position[1] == 1.0
+    assert math.isnan(message.position[0])
+    assert math.isnan(message.velocity[1])
+
+
+def test_status_with_other_axes_is_our_fault() -> None:
+    with pytest.raises(ValueError, match='zip'):
+        joint_state(Status((AxisStatus(),)), (LEFT, RIGHT))
+
+
+@given(
+    st.integers(-32768, 32767),
+    st.sampled_from(Mode),
+    st.floats(1e-6, 1e3),
+    st.floats(1e-3, 1e4),
+    st.booleans(),
+)
+def test_feedback_sent_back_is_the_same_count(
+    count: int, mode: Mode, scale: float, gear: float, inverted: bool
+) -> None:
+    axis = Axis('j', mode, scale, gear, 0.3, inverted)
+    message = joint_state(Status((AxisStatus(feedback=count),)), (axis,))
+    (value,) = command_values(message, (axis,))
+    assert round(value / axis.si_per_count) == count
+
+
+# Diagnostics.
+
+
+def test_every_bit_has_its_level() -> None:
+    for bit in MotorError:
+        ((level, text),) = problems(Status((AxisStatus(), AxisStatus(errors=bit))))
+        assert level == DiagnosticStatus.ERROR
+        assert text.startswith('axis B: ')
+    ((level, _),) = problems(Status((AxisStatus(AxisState.WARNING),)))
+    assert level == DiagnosticStatus.WARN
+    assert problems(Status((AxisStatus(AxisState.ENABLED),))) == []
+
+
+def test_values_by_joint() -> None:
+    state = AxisState.ENABLED | AxisState.RS422_ERROR
+    errors = MotorError.OVERCURRENT | MotorError.BRAKE
+    status = Status((AxisStatus(state, 60, errors), AxisStatus()))
+    values = diagnostic_values(status, (LEFT, RIGHT))
+    assert values['axis A (left) enabled'] is True
+    assert values['axis A (left) errors'] == 'overcurrent, brake, rs422_error'
+    assert values['axis A (left) velocity (rad/s)'] == pytest.approx(2 * math.pi)
+    assert values['axis B (right) errors'] == 'none'
+    assert values['axis B (right) warning'] is False

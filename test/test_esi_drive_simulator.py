@@ -1,0 +1,303 @@
+"""The simulated drive against packets written by hand and against the session's codec."""
+
+import math
+import struct
+from typing import Any
+
+import pytest
+
+from esi_drive_bridge.protocol import AxisCommand
+from esi_drive_bridge.protocol import Command
+from esi_drive_bridge.protocol import Layout
+from esi_drive_bridge.protocol import Mode
+from esi_drive_bridge.protocol import Status
+from esi_drive_bridge.simulator import FAULTS
+from esi_drive_bridge.simulator import HELP
+from esi_drive_bridge.simulator import Motor
+from esi_drive_bridge.simulator import Simulator
+
+MANUAL_1000_RPM = bytes.fromhex('F0F005E8030518FC55A0')  # 4.2.4
+MANUAL_5_A = bytes.fromhex('F0F00188130178EC5461')  # 4.2.3
+DISABLE = Command((AxisCommand(mode=Mode.VELOCITY),) * 2).to_bytes(Layout.DUAL)
+CLEAR = Command((AxisCommand(clear_errors=True),) * 2).to_bytes(Layout.DUAL)
+
+
+class Bench:
+    """A drive that gets the same packet again and again."""
+
+    def __init__(self, **options: Any) -> None:
+        self.drive = Simulator(**options)
+        self.layout = Layout.DUAL
+        self.now = 10.0
+        self.drive.poll(self.now)
+        self.packets: list[bytes] = []
+
+    def run(self, packet: bytes | None, seconds: float) -> list[bytes]:
+        start = len(self.packets)
+        for _ in range(round(seconds / 0.01)):
+            self.now += 0.01
+            if packet is not None:
+                self.drive.receive(packet, self.now)
+            self.packets += self.drive.poll(self.now)
+        return self.packets[start:]
+
+    @property
+    def status(self) -> Status:
+        return Status.from_bytes(self.packets[-1], self.layout)
+
+    def see(self, key: str) -> Any:
+        return self.drive.describe()[key]
+
+
+@pytest.fixture
+def bench() -> Bench:
+    return Bench()
+
+
+def test_example_of_the_manual_turns_both_motors(bench: Bench) -> None:
+    bench.run(MANUAL_1000_RPM, 1.0)
+    assert bench.see('rpm') == pytest.approx([1000, -1000], rel=0.01)
+    assert bench.status.enabled
+    assert bench.status.axes[1].feedback == pytest.approx(-1000, abs=10)
+    assert not bench.status.faulty
+    assert bench.see('last_packet') == MANUAL_1000_RPM.hex(' ')
+
+
+def test_example_of_the_manual_in_current_mode(bench: Bench) -> None:
+    bench.run(MANUAL_5_A, 0.1)
+    assert bench.see('current_a') == [5.0, -5.0]
+    assert [axis.feedback for axis in bench.status.axes] == [5000, -5000]
+
+
+def test_status_of_an_idle_drive_is_the_vector(bench: Bench) -> None:
+    (packet,) = bench.run(DISABLE, 0.01)
+    assert packet[:10] == bytes.fromhex('F0F0 0000 0000 0000 0000')
+
+
+def test_speed_needs_time_and_a_load_makes_it_longer() -> None:
+    times = []
+    for load in ('0', '0.8'):
+        bench = Bench()
+        bench.drive.apply(f'load {load}')
+        while bench.see('rpm')[0] < 900.0:
+            bench.run(MANUAL_1000_RPM, 0.01)
+        times.append(bench.now - 10.0)
+    assert 0.05 < times[0] < 0.3
+    assert times[1] > 2 * times[0]
+
+
+def test_position_loop_arrives() -> None:
+    bench = Bench()
+    bench.run(bytes.fromhex('F0F0098E3F0972C06B7A'), 3.0)  # 4.2.5
+    assert bench.see('position_rad') == pytest.approx([3.119821, -3.119821], abs=0.01)
+
+
+def test_a_load_stops_a_weak_torque_and_never_turns_the_motor() -> None:
+    motor = Motor(load=0.5)
+    motor.rpm = 100.0
+    for _ in range(500):
+        motor.step(0.002, 0, 1.0)
+    assert motor.rpm == 0.0
+    for _ in range(100):
+        motor.step(0.002, 0, -15.0)
+    assert motor.rpm < -10.0
+
+
+def test_disabled_motor_brakes(bench: Bench) -> None:
+    bench.run(MANUAL_1000_RPM, 1.0)
+    bench.run(DISABLE, 0.01)
+    assert bench.see('enabled') == [False, False]
+    bench.run(DISABLE, 0.5)
+    assert abs(bench.see('rpm')[0]) < 5.0
+
+
+def test_silence_disables_and_sets_the_rs422_bit_until_the_next_packet(bench: Bench) -> None:
+    bench.run(MANUAL_1000_RPM, 0.5)
+    bench.run(None, 0.09)
+    assert bench.status.enabled
+    bench.run(None, 0.03)
+    assert not bench.status.axes[0].enabled
+    assert bench.status.axes[0].rs422_error
+    bench.run(DISABLE, 0.02)
+    assert not bench.status.faulty
+
+
+def test_latched_rs422_bit_waits_for_clear(bench: Bench) -> None:
+    bench.drive.apply('latch on')
+    bench.run(None, 0.2)
+    bench.run(MANUAL_1000_RPM, 0.2)
+    assert bench.status.axes[0].rs422_error
+    assert bench.status.axes[0].error_condition
+    assert not bench.status.axes[0].enabled
+    bench.run(CLEAR, 0.02)
+    assert not bench.status.faulty
+
+
+def test_watchdog_and_enabling_have_deadlines() -> None:
+    drive = Simulator(status_rate=1.0)
+    assert drive.deadline() == -math.inf
+    drive.poll(0.0)
+    drive.receive(MANUAL_1000_RPM, 0.0)
+    assert drive.deadline() == pytest.approx(0.02)
+    drive.poll(drive.deadline())
+    assert drive.describe()['enabled'] == [True, True]
+    assert drive.deadline() == pytest.approx(0.1)
+    drive.poll(drive.deadline())
+    assert drive.describe()['enabled'] == [False, False]
+    assert drive.deadline() == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize('name', FAULTS)
+def test_every_fault_shows_as_its_bit(bench: Bench, name: str) -> None:
+    bench.drive.apply(f'fault a {name} on')
+    bench.run(None, 0.01)
+    body = bench.packets[-1][2:]
+    bits = {'overvoltage': 4, 'undervoltage': 8, 'warning': 16, 'ipc_can': 32, 'rs422': 64}
+    motor = ('overcurrent', 'loss_of_feedback', 'overspeed', 'motor_temp')
+    housing = ('internal_temp', 'brake', 'current_cal', 'logic_fault')
+    if name in motor + housing:
+        assert body[3] == 1 << (motor + housing).index(name)
+    else:
+        assert body[0] & 0x7C == bits[name]
+    assert body[4] == body[7] == 0
+    assert bool(body[0] & 2) == (name not in ('warning', 'rs422'))
+
+
+def test_errors_latch_and_clear_only_without_their_cause(bench: Bench) -> None:
+    bench.drive.apply('fault b overspeed on')
+    bench.run(CLEAR, 0.05)
+    assert bench.see('errors') == [[], ['overspeed']]
+    bench.drive.apply('fault b overspeed off')
+    bench.run(DISABLE, 0.05)
+    assert bench.see('errors') == [[], ['overspeed']]
+    bench.run(MANUAL_1000_RPM, 0.1)
+    assert bench.see('enabled') == [True, False]
+    bench.run(CLEAR, 0.02)
+    assert bench.see('errors') == [[], []]
+
+
+def test_a_warning_disables_nothing(bench: Bench) -> None:
+    bench.drive.apply('fault * warning on')
+    bench.run(MANUAL_1000_RPM, 0.1)
+    assert bench.status.enabled
+    bench.drive.apply('fault * warning off')
+    bench.run(MANUAL_1000_RPM, 0.01)
+    assert not bench.status.warnings()
+
+
+def test_packets_in_any_split_with_noise_between(bench: Bench) -> None:
+    for byte in b'\xf0' + MANUAL_1000_RPM + b'\xf0\xf0\x05' + MANUAL_1000_RPM + DISABLE:
+        bench.drive.receive(bytes((byte,)), bench.now)
+    assert bench.see('packets') == 3
+    assert bench.see('crc_errors') == 2
+
+
+def test_a_bad_crc_is_counted_and_not_obeyed(bench: Bench) -> None:
+    bench.run(MANUAL_1000_RPM[:-1] + b'\0', 0.05)
+    assert bench.see('packets') == 0
+    assert bench.see('crc_errors') >= 4
+    assert bench.see('enabled') == [False, False]
+
+
+@pytest.mark.parametrize(('compact', 'layout'), [(False, Layout.PADDED), (True, Layout.COMPACT)])
+def test_single_axis(compact: bool, layout: Layout) -> None:
+    bench = Bench(axes=1, compact=compact)
+    bench.layout = layout
+    packet = Command((AxisCommand(True, False, Mode.VELOCITY, 300),)).to_bytes(layout)
+    bench.run(packet, 1.0)
+    assert bench.status.axes[0].feedback == pytest.approx(300, abs=3)
+    assert len(bench.packets[-1]) == layout.status_size
+
+
+def test_compact_with_two_axes_is_refused() -> None:
+    with pytest.raises(ValueError, match='compact'):
+        Simulator(axes=2, compact=True)
+
+
+def test_mute_drop_corrupt_delay_and_rate(bench: Bench) -> None:
+    apply = bench.drive.apply
+    apply('mute on')
+    assert bench.run(DISABLE, 0.1) == []
+    apply('mute off')
+    apply('drop 3')
+    assert len(bench.run(DISABLE, 0.1)) == 7
+    apply('corrupt 2')
+    before = bench.run(DISABLE, 0.1)
+    good = [packet for packet in before if struct.unpack('<h', packet[3:5]) == (0,)]
+    assert (len(before), len(good)) == (10, 8)
+    apply('delay 0.045')
+    assert len(bench.run(DISABLE, 0.1)) == 5
+    apply('delay 0')
+    bench.run(DISABLE, 0.1)
+    apply('rate 10')
+    assert len(bench.run(DISABLE, 1.0)) == pytest.approx(10, abs=1)
+
+
+def test_reboot_is_silent_then_disabled_without_errors(bench: Bench) -> None:
+    bench.run(MANUAL_1000_RPM, 0.5)
+    bench.drive.apply('fault a brake pulse')
+    bench.drive.apply('reboot 0.3')
+    assert bench.run(None, 0.29) == []
+    assert bench.see('off')
+    bench.run(None, 0.05)
+    assert bench.packets
+    assert not bench.status.faulty
+    assert not bench.status.axes[0].enabled
+
+
+def test_a_stalled_drive_goes_on_turning_then_times_out(bench: Bench) -> None:
+    bench.run(MANUAL_1000_RPM, 0.5)
+    bench.drive.apply('stall 0.3')
+    assert bench.run(None, 0.29) == []
+    assert bench.see('rpm')[0] > 900.0
+    bench.run(None, 0.03)
+    assert bench.see('enabled') == [False, False]
+
+
+def test_refuse_stuck_and_trip(bench: Bench) -> None:
+    bench.drive.apply('refuse b on')
+    bench.run(MANUAL_1000_RPM, 0.1)
+    assert bench.see('enabled') == [True, False]
+    bench.drive.apply('trip a')
+    bench.run(MANUAL_1000_RPM, 0.1)
+    assert bench.see('enabled') == [False, False]
+    bench.drive.apply('refuse b off')
+    bench.run(DISABLE, 0.02)
+    bench.run(MANUAL_1000_RPM, 0.1)
+    assert bench.see('enabled') == [True, True]
+    bench.drive.apply('stuck * on')
+    bench.run(DISABLE, 0.1)
+    assert bench.see('enabled') == [True, True]
+
+
+@pytest.mark.parametrize(
+    'line',
+    [
+        '',
+        'nonsense',
+        '__init__',
+        'fault',
+        'fault a',
+        'fault c brake on',
+        'fault a gremlin on',
+        'fault a brake maybe',
+        'load 2',
+        'load nan',
+        'load x',
+        'mute',
+        'drop -1',
+        'rate 0',
+        'reboot 1 2',
+        'trip',
+    ],
+)
+def test_a_bad_line_gets_one_line_of_help(bench: Bench, line: str) -> None:
+    with pytest.raises(ValueError, match=r'there are fault|: use ') as caught:
+        bench.drive.apply(line)
+    assert '\n' not in str(caught.value)
+
+
+def test_every_line_of_help_exists() -> None:
+    drive = Simulator()
+    for line in HELP.splitlines():
+        assert callable(getattr(drive, f'_do_{line.split()[0]}'))

@@ -1,0 +1,216 @@
+"""
+Feeding the hardware chains, without a deadlock: mux and devices explored together.
+
+Each device is stopped by its own button or by what the mux asks of it (``~/stop_demand``, wired
+for all of them: the worst case). It reports both as its e-stop, one step late, and the first alone
+as its own. Property: from every reachable state, once no device demands a stop by itself, a reset can
+succeed.
+"""
+
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass
+from dataclasses import field
+import pickle
+from typing import Any
+from typing import cast
+from typing import Literal
+
+import pytest
+
+from safety_mux.arbiter import Arbiter
+from safety_mux.inputs import SourceInput
+from safety_mux.limits import JointLimit
+from safety_mux.limits import JointLimiter
+from safety_mux.protocol import Decision
+from safety_mux.protocol import EStopSource
+from safety_mux.protocol import MuxConfig
+from safety_mux.protocol import Operator
+from safety_mux.protocol import OperatorSample
+from safety_mux.protocol import State
+
+STEP = 0.125
+TIMEOUT = 1.5 * STEP
+CLEAR = 2 * STEP
+PATIENCE = 16  # steps after which a reset must have succeeded
+SAMPLES = {
+    'rest': OperatorSample(neutral=True, deadman=False, demand=(0.0,)),
+    'drive': OperatorSample(neutral=False, deadman=True, demand=(1.0,)),
+}
+EVENTS = (
+    '', 'press vsc', 'press vm110', 'cut vsc', 'cut vm110', 'rest', 'drive', 'trip', 'reset',
+)  # fmt: skip
+
+
+@dataclass
+class Device:
+    """A VSC or a VM-110 with its bridge, as the mux sees it."""
+
+    pressed: bool = False
+    alive: bool = True
+    asked: bool = False
+    stopped: bool = False  # what it was asked has taken effect
+
+    def report(self, arbiter: Arbiter, name: str, now: float) -> None:
+        if self.alive:
+            arbiter.own_estop_message(name, self.pressed, now)
+            arbiter.estop_message(name, self.pressed or self.stopped, now)
+
+
+@dataclass
+class Plant:
+    arbiter: Arbiter
+    now: float = 0.0
+    operator: str = 'rest'
+    devices: dict[str, Device] = field(
+        default_factory=lambda: {'vsc': Device(), 'vm110': Device()}
+    )
+    decision: Decision | None = None
+
+    def step(self, event: str) -> bool:
+        """Let one step pass; tell whether a reset succeeded."""
+        self.now += STEP
+        verb, _, name = event.partition(' ')
+        if verb == 'press':
+            self.devices[name].pressed ^= True
+        elif verb == 'cut':
+            self.devices[name].alive ^= True
+        elif verb in SAMPLES:
+            self.operator = verb
+        for name, device in self.devices.items():
+            device.stopped = device.asked
+            device.report(self.arbiter, name, self.now)
+        self.arbiter.operator_sample('fort', SAMPLES[self.operator], self.now)
+        if verb == 'trip':
+            self.arbiter.trip(self.now)
+        done = verb == 'reset' and self.arbiter.reset(self.now).ok
+        self.decision = self.arbiter.tick(self.now)
+        for name, device in self.devices.items():
+            device.asked = self.decision.stop_demand[name]
+        return done
+
+    def key(self) -> tuple[Any, ...]:
+        a = self.arbiter
+        parts: list[Any] = [a._state, a._through_zero, a._limiter.output, self.operator]
+        for moment in (a._tripped_at, a._reset_asked, a._clear_since):
+            parts.append(None if moment is None else min(self.now - moment, CLEAR))
+        for device in self.devices.values():
+            parts += [device.pressed, device.alive, device.asked, device.stopped]
+        for source in a._sources.values():
+            parts += [source.fresh(self.now), source.value, source.own]
+            parts.append(source.fresh(self.now) and self.now - (source.watchdog._last or 0.0))
+        operator = a._operators['fort']
+        since = operator.rest.since
+        parts += [operator.rested, operator.holding]
+        parts.append(None if since is None else min(self.now - since, CLEAR))
+        return tuple(parts)
+
+    def let_go(self) -> None:
+        """Nobody demands a stop by himself any more."""
+        self.operator = 'rest'
+        for device in self.devices.values():
+            device.pressed, device.alive = False, True
+
+
+def plant(own_topic: bool, counts: Literal['always', 'when_owner']) -> Plant:
+    config = MuxConfig(
+        joints=1,
+        sources=(
+            EStopSource('vsc', TIMEOUT, own_topic=own_topic),
+            EStopSource('vm110', TIMEOUT, counts, 'fort', stop_category=1, own_topic=own_topic),
+        ),
+        operators=(Operator('fort', 1, TIMEOUT),),
+        clear_time=CLEAR,
+        neutral_time=CLEAR,
+        stall_limit=1.5 * STEP,
+    )
+    limit = JointLimit(1.0, 1.0 / STEP, 0.5 / STEP)
+    return Plant(Arbiter(config, JointLimiter([limit], max_dt=1.0), 0.0))
+
+
+def copies(world: Plant) -> Callable[[], Plant]:
+    data = pickle.dumps(world, pickle.HIGHEST_PROTOCOL)
+    return lambda: cast('Plant', pickle.loads(data))
+
+
+def steps_to_ready(world: Plant) -> int:
+    """Return how many steps it takes with a call of ~/reset every now and then."""
+    world.let_go()
+    for step in range(PATIENCE):
+        state = world.decision.state if world.decision else State.STOPPED
+        if state is State.READY or world.step('' if step % 4 else 'reset'):
+            return step
+    raise AssertionError(f'no reset succeeds: {world.arbiter.status(world.now).inhibits}')
+
+
+def explore(start: Plant) -> tuple[int, int, int]:
+    """Return the number of states and steps, and the longest way to READY in steps."""
+    seen = {start.key()}
+    queue = deque([start])
+    steps = longest = 0
+    while queue:
+        here = queue.popleft()
+        copy = copies(here)
+        longest = max(longest, steps_to_ready(copy()))
+        for event in EVENTS:
+            after = copy()
+            after.step(event)
+            steps += 1
+            if after.key() not in seen:
+                seen.add(after.key())
+                queue.append(after)
+    return len(seen), steps, longest
+
+
+@pytest.mark.parametrize('counts', ['always', 'when_owner'])
+def test_no_chain_of_stops_holds_itself(counts: Literal['always', 'when_owner']) -> None:
+    states, steps, longest = explore(plant(True, counts))
+    print(f'chains, {counts}: {states} states, {steps} steps, READY after {longest} at most')
+    assert states > 500
+
+
+def test_a_device_without_an_own_estop_is_held_by_its_echo() -> None:
+    """The property can fail: this is the deadlock that ``~/own_estop`` is there against."""
+    with pytest.raises(AssertionError, match='no reset succeeds'):
+        explore(plant(False, 'always'))
+
+
+def test_a_stop_is_passed_on_to_the_others_and_never_back() -> None:
+    world = plant(True, 'always')
+    world.step('')
+    world.step('press vsc')
+    assert world.decision is not None
+    assert world.decision.stop_demand == {'vsc': False, 'vm110': True}
+    for _ in range(4):
+        world.step('')
+    assert world.decision.stop_demand == {'vsc': False, 'vm110': True}
+    world.step('press vsc')  # let go again
+    assert world.decision.stop_demand == {'vsc': False, 'vm110': False}
+
+
+def test_silence_of_an_own_estop_is_a_demand() -> None:
+    world = plant(True, 'always')
+    world.step('')
+    world.step('cut vm110')
+    world.step('')
+    assert world.decision is not None
+    assert world.decision.stop_demand == {'vsc': True, 'vm110': False}
+    assert isinstance(world.arbiter._sources['vm110'], SourceInput)
+
+
+def test_a_trip_wired_to_devices_takes_two_resets() -> None:
+    """The first ends the trip, whose echo would refuse every reset; the second counts."""
+    world = plant(True, 'always')
+    for _ in range(3):
+        world.step('')
+    world.step('trip')
+    for _ in range(4):
+        world.step('')
+    assert world.decision is not None
+    assert world.decision.stop_demand == {'vsc': True, 'vm110': True}
+    assert not world.step('reset')
+    assert world.decision.stop_demand == {'vsc': False, 'vm110': False}
+    for _ in range(4):
+        world.step('')
+    assert world.decision.state is State.STOPPED, 'ending the trip is no reset'
+    assert world.step('reset')

@@ -1,0 +1,417 @@
+"""
+The spine over real ports: VSC and drive on ptys, bridge, mux and drive node as three processes.
+
+Moments are taken in this process, on the monotonic clock: of a cause when its byte is written (or
+its plug pulled, or its signal sent), of a stop when the first disable packet is read at the drive.
+Run with ``-s`` to see what was measured.
+"""
+
+from collections.abc import Iterator
+from contextlib import ExitStack
+import itertools
+from pathlib import Path
+from signal import SIGCONT
+from signal import SIGINT
+from signal import SIGKILL
+from signal import SIGSTOP
+from signal import SIGTERM
+import time
+
+import pytest
+from std_msgs.msg import Bool
+
+from esi_drive_bridge.simulator import Simulator as DriveSimulator
+from fort_vsc_bridge.simulator import build_frame
+from test.rig import latched
+from test.rig import NodeProcess
+from test.rig import Observer
+from test.rig import Record
+from test.spine import DEADMAN
+from test.spine import DRIVE
+from test.spine import MUX
+from test.spine import Spine
+from test.spine import STICK
+from test.spine import VSC
+
+# Bounds in seconds.
+LINK_TIMEOUT = 0.25  # the VSC bridge's default
+TOLD = LINK_TIMEOUT + 0.05  # a lost VSC is a stop on ~/estop
+MUX_LOST = 0.15  # a mux that is dead or frozen has disabled the drive
+RECOVERED = 2.0  # a device that is plugged in again is heard
+PROMPT = 0.1  # a stop that is heard, at the drive's wire
+GONE = 1.0  # a process that was asked to end
+
+
+@pytest.fixture(scope='module')
+def bench(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Spine]:
+    with Observer() as observer, Spine(tmp_path_factory.mktemp('spine'), observer) as result:
+        yield result
+
+
+@pytest.fixture
+def spine(bench: Spine) -> Spine:
+    bench.rest()
+    return bench
+
+
+def measured(what: str, seconds: float) -> None:
+    print(f'\n  measured: {what}: {seconds * 1e3:.1f} ms')
+
+
+def first_true(spine: Spine, estop: Record, cause: float) -> float:
+    """Return the seconds from ``cause`` to the first true on an e-stop topic."""
+
+    def told() -> float:
+        return next((at for at, message in estop.since(cause) if message.data), 0.0)
+
+    return float(spine.wait(told, f'true on {estop.topic}')) - cause
+
+
+def stays_stopped_until_restarted(spine: Spine, since: float) -> None:
+    """Show that with everything still held nothing moves and no reset is taken; then restart."""
+    spine.holds_still(since)
+    spine.wait(lambda: spine.mux_says('STOPPED'), 'STOPPED')
+    refusal = spine.reset()
+    assert not refusal.success
+    spine.holds_still(since, 0.2)
+    spine.restart_rightly()
+
+
+def test_stick_turns_both_motors_and_release_stops_them(spine: Spine) -> None:
+    spine.moving()
+    spine.wait(lambda: min(spine.joints.last.velocity) > 4.0, 'joint states of 5 rad/s, about')
+    released = spine.vsc.apply(f'button {DEADMAN} 0')
+    measured('deadman released to disable', spine.disabled_after(released, 0.2))
+    spine.wait(lambda: spine.mux_says('READY'), 'READY')
+    spine.wait(lambda: spine.drive.rpm < 1.0, 'standstill')
+
+
+@pytest.mark.parametrize('bits', [0x01, 0x04, 0x40], ids=['SRC', 'VSC', 'USER'])
+def test_one_heartbeat_with_an_estop_bit_among_healthy_ones_stops_and_latches(
+    spine: Spine, bits: int
+) -> None:
+    spine.moving()
+    heartbeat = build_frame(0x20, bytes((0x06, 0, bits, 0, 0, 0)))  # mode Operational (table 12)
+    cause = spine.vsc.write(heartbeat)
+    measured(f'e-stop bit 0x{bits:02X} in to disable packet', spine.disabled_after(cause, PROMPT))
+    stays_stopped_until_restarted(spine, cause + PROMPT)
+
+
+@pytest.mark.parametrize('source', ['remote', 'vsc'])
+def test_estop_pressed_mid_motion_disables_and_release_alone_moves_nothing(
+    spine: Spine, source: str
+) -> None:
+    spine.moving()
+    cause = spine.vsc.apply(f'estop {source} on')
+    measured(f'{source} e-stop pressed to disable packet', spine.disabled_after(cause, 0.15))
+    spine.wait(lambda: spine.mux_says('STOPPED'), 'STOPPED')
+    assert not spine.reset().success
+    released = spine.release()
+    stays_stopped_until_restarted(spine, released)
+
+
+def test_stick_out_of_neutral_refuses_reset(spine: Spine) -> None:
+    since = spine.vsc.apply(f'stick {STICK} 0.3')
+    spine.wait(lambda: 'not at neutral' in spine.status.last.message, 'not at neutral')
+    reply = spine.reset()
+    assert not reply.success
+    assert 'not at neutral' in reply.message
+    spine.holds_still(since, 0.3)
+    assert spine.mux_says('STOPPED')
+
+
+def test_deadman_held_through_reset_refuses_it_and_moves_nothing(spine: Spine) -> None:
+    since = spine.vsc.apply(f'button {DEADMAN} 1')
+    spine.wait(lambda: 'not at neutral' in spine.status.last.message, 'not at neutral')
+    assert not spine.reset().success
+    spine.vsc.apply(f'stick {STICK} 1')
+    spine.holds_still(since)
+    assert spine.mux_says('STOPPED')
+
+
+def test_deadman_pressed_right_after_reset_waits_for_neutral_time(spine: Spine) -> None:
+    spine.wait(spine.may_reset, 'nothing missing but a reset')
+    since = time.monotonic()
+    assert spine.reset().success
+    spine.hold()  # within the neutral_time of 0.3 s that has to follow the reset
+    spine.holds_still(since)
+    assert spine.mux_says('READY')
+    spine.let_go()
+    spine.wait(lambda: 'press the deadman' in spine.status.last.message, 'a rested operator')
+    spine.move()
+
+
+def test_reset_called_over_and_over_counts_once_and_moves_nothing(spine: Spine) -> None:
+    since = time.monotonic()
+    spine.wait(spine.may_reset, 'nothing missing but a reset')
+    replies = [spine.reset().success for _ in range(10)]
+    assert replies == [True] + [False] * 9
+    spine.holds_still(since, 0.3)
+
+
+def test_vsc_unplugged_mid_motion_stops_and_recovers_but_does_not_move(spine: Spine) -> None:
+    pids = {name: node.process.pid for name, node in spine.nodes.items()}
+    spine.moving()
+    cause = spine.vsc.apply('unplug')
+    told = first_true(spine, spine.vsc_estop, cause)
+    measured('VSC unplugged to ~/estop true', told)
+    assert told <= TOLD
+    measured('VSC unplugged to disable packet', spine.disabled_after(cause, TOLD))
+    back = spine.vsc.apply('plug')
+    spine.wait(lambda: any(not m.data for _, m in spine.vsc_estop.since(back)), 'recovered')
+    recovered = next(at for at, m in spine.vsc_estop.since(back) if not m.data) - back
+    measured('VSC plugged in to ~/estop false', recovered)
+    assert recovered <= RECOVERED
+    stays_stopped_until_restarted(spine, back)
+    assert pids == {name: node.process.pid for name, node in spine.nodes.items()}
+
+
+def test_heartbeat_silent_while_sticks_go_on_stops_within_link_timeout(spine: Spine) -> None:
+    spine.moving()
+    spine.vsc.enable_message(0x20, False)
+    cause = spine.vsc.last_sent(0x20)
+    told = first_true(spine, spine.vsc_estop, cause)
+    measured('last heartbeat to ~/estop true', told)
+    assert LINK_TIMEOUT <= told <= TOLD
+    measured('last heartbeat to disable packet', spine.disabled_after(cause, TOLD + 0.05))
+    assert spine.vsc.last_sent(0x10) > cause + told
+    spine.vsc.enable_message(0x20, True)
+    spine.wait(lambda: spine.is_clear(spine.vsc_estop), 'the VSC without a stop')
+    stays_stopped_until_restarted(spine, cause + told + 0.1)
+
+
+def test_sticks_silent_while_heartbeat_goes_on_takes_control_away(spine: Spine) -> None:
+    spine.moving()
+    spine.vsc.enable_message(0x10, False)
+    cause = spine.vsc.last_sent(0x10)
+    measured('last stick message to disable packet', spine.disabled_after(cause, TOLD))
+    spine.vsc.enable_message(0x10, True)  # deadman and stick are still held
+    spine.holds_still(cause + TOLD)
+    assert spine.is_clear(spine.vsc_estop)
+
+
+def test_radio_lost_mid_motion_stops_and_return_moves_nothing(spine: Spine) -> None:
+    spine.moving()
+    cause = spine.vsc.apply('radio off')
+    measured('radio lost to disable packet', spine.disabled_after(cause, 0.15))
+    back = spine.vsc.apply('radio on', 'ack', 'mode operational')
+    stays_stopped_until_restarted(spine, back)
+
+
+@pytest.mark.parametrize('mode', ['pause', 'menu', 'remote'])
+def test_remote_leaves_operational_mid_motion_and_comes_back_held(
+    spine: Spine, mode: str
+) -> None:
+    spine.moving()
+    cause = spine.vsc.apply(f'mode {mode}')
+    measured(f'mode {mode} to disable packet', spine.disabled_after(cause, 0.15))
+    spine.vsc.apply('mode operational')
+    spine.holds_still(cause + 0.15)
+
+
+@pytest.mark.parametrize('number', [SIGKILL, SIGSTOP], ids=['killed', 'frozen'])
+def test_mux_lost_mid_motion_disables_the_drive(spine: Spine, number: int) -> None:
+    spine.moving()
+    cause = time.monotonic()
+    spine.nodes[MUX].signal(number)
+    what = f'mux {"killed" if number == SIGKILL else "frozen"} to disable packet'
+    measured(what, spine.disabled_after(cause, MUX_LOST))
+    spine.holds_still(cause + MUX_LOST)
+    if number == SIGSTOP:
+        spine.nodes[MUX].signal(SIGCONT)
+    else:
+        assert spine.nodes[MUX].wait() == -SIGKILL
+        spine.start(MUX)
+    stays_stopped_until_restarted(spine, cause + MUX_LOST)
+
+
+@pytest.mark.parametrize('number', [SIGKILL, SIGSTOP], ids=['killed', 'frozen'])
+def test_vsc_bridge_lost_mid_motion_disables_the_drive(spine: Spine, number: int) -> None:
+    spine.moving()
+    cause = time.monotonic()
+    spine.nodes[VSC].signal(number)
+    what = f'VSC bridge {"killed" if number == SIGKILL else "frozen"} to disable packet'
+    measured(what, spine.disabled_after(cause, TOLD))  # 250 ms after the last Joy
+    if number == SIGSTOP:
+        spine.nodes[VSC].signal(SIGCONT)
+    else:
+        spine.start(VSC)
+    spine.wait(lambda: spine.is_clear(spine.vsc_estop), 'the VSC without a stop', 15.0)
+    stays_stopped_until_restarted(spine, cause + TOLD)
+
+
+def test_drive_node_frozen_for_long_never_enables_on_waking(spine: Spine) -> None:
+    spine.moving()
+    cause = time.monotonic()
+    spine.nodes[DRIVE].signal(SIGSTOP)
+    spine.wait(lambda: not spine.drive.enabled, "the drive's own command time-out")
+    spine.wait(lambda: spine.mux_says('STOPPED'), 'the mux misses the drive')
+    measured('drive node frozen to mux STOPPED', time.monotonic() - cause)
+    awake = time.monotonic()
+    spine.nodes[DRIVE].signal(SIGCONT)
+    spine.wait(lambda: spine.drive.packets(awake), 'packets again')
+    stays_stopped_until_restarted(spine, awake)
+
+
+def test_drive_node_frozen_briefly_needs_a_new_press_of_the_deadman(spine: Spine) -> None:
+    spine.drive.exchange(DriveSimulator(command_timeout=1.0))  # it would tell of the silence
+    spine.moving()
+    spine.nodes[DRIVE].signal(SIGSTOP)
+    asleep = time.monotonic()
+    spine.wait(lambda: time.monotonic() > asleep + 0.14, '140 ms')  # its limit is 100 ms
+    awake = time.monotonic()
+    spine.nodes[DRIVE].signal(SIGCONT)
+    spine.wait(lambda: spine.drive.packets(awake), 'packets again')
+    spine.holds_still(awake, 0.5)
+    assert spine.mux_says('ACTIVE')
+    said = spine.wait(lambda: 'the drive is not enabled' in spine.status.last.message, 'why')
+    assert said
+    spine.let_go()
+    spine.wait(lambda: 'press the deadman' in spine.status.last.message, 'a rested operator')
+    spine.move()
+
+
+@pytest.mark.parametrize('number', [SIGTERM, SIGINT], ids=['SIGTERM', 'SIGINT'])
+def test_drive_node_ended_mid_motion_leaves_with_disable_packets(
+    spine: Spine, number: int
+) -> None:
+    spine.moving()
+    cause = time.monotonic()
+    assert spine.nodes[DRIVE].end(number) == 0
+    lasted = time.monotonic() - cause
+    measured('drive node asked to end to its end', lasted)
+    assert lasted <= GONE
+    measured('drive node asked to end to disable packet', spine.disabled_after(cause, 0.5))
+    farewell = spine.drive.packets()[-3:]
+    assert not any(packet.enables or any(packet.values) for packet in farewell)
+    spine.wait(lambda: spine.mux_says('STOPPED'), 'the mux hears of it')
+    spine.start(DRIVE)
+    spine.wait(lambda: spine.is_clear(spine.drive_estop), 'the drive without a stop', 15.0)
+    stays_stopped_until_restarted(spine, cause + lasted)
+
+
+@pytest.mark.parametrize('number', [SIGTERM, SIGINT], ids=['SIGTERM', 'SIGINT'])
+@pytest.mark.parametrize('name', [VSC, MUX])
+def test_node_ended_mid_motion_stops_the_drive_and_exits_at_once(
+    spine: Spine, name: str, number: int
+) -> None:
+    spine.moving()
+    cause = time.monotonic()
+    assert spine.nodes[name].end(number) == 0
+    lasted = time.monotonic() - cause
+    measured(f'{name} asked to end to its end', lasted)
+    assert lasted <= GONE
+    bound = MUX_LOST if name == MUX else TOLD
+    measured(f'{name} asked to end to disable packet', spine.disabled_after(cause, bound))
+
+
+def test_drive_fault_mid_motion_stops_until_cleared_and_reset(spine: Spine) -> None:
+    spine.moving()
+    cause = spine.drive.apply('fault a overcurrent on')
+    measured('drive fault to disable packet', spine.disabled_after(cause, PROMPT))
+    spine.wait(lambda: spine.mux_says('STOPPED'), 'STOPPED')
+    refused = spine.call(f'/{DRIVE}/clear_errors')
+    assert not refused.success  # the cause is still there
+    assert 'overcurrent' in refused.message
+    spine.drive.apply('fault a overcurrent off')
+    spine.observer.holds_for(lambda: not spine.is_clear(spine.drive_estop), 0.3, 'latched')
+    reply = spine.call(f'/{DRIVE}/clear_errors')
+    assert reply.success, reply.message
+    spine.wait(lambda: spine.is_clear(spine.drive_estop), 'the drive without a stop')
+    stays_stopped_until_restarted(spine, cause + PROMPT)
+
+
+def test_drive_that_disables_itself_is_not_enabled_again_by_a_held_deadman(spine: Spine) -> None:
+    spine.moving()
+    cause = spine.drive.apply('trip a')
+    measured('axis dropped out to disable packet', spine.disabled_after(cause, PROMPT))
+    spine.holds_still(cause + PROMPT)
+    spine.let_go()
+    spine.wait(lambda: 'press the deadman' in spine.status.last.message, 'a rested operator')
+    spine.move()
+
+
+def test_drive_status_lost_mid_motion_disables_and_stops(spine: Spine) -> None:
+    spine.moving()
+    cause = spine.drive.apply('mute on')
+    measured('drive silent to disable packet', spine.disabled_after(cause, TOLD))
+    told = first_true(spine, spine.drive_estop, cause)
+    measured('drive silent to ~/estop true', told)
+    assert told <= TOLD
+    spine.drive.apply('mute off')
+    stays_stopped_until_restarted(spine, cause + TOLD)
+
+
+def test_drive_unplugged_mid_motion_stops_and_recovers_but_does_not_move(spine: Spine) -> None:
+    spine.moving()
+    pid = spine.nodes[DRIVE].process.pid
+    cause = spine.drive.apply('unplug')
+    told = first_true(spine, spine.drive_estop, cause)
+    measured('drive unplugged to ~/estop true', told)
+    assert told <= TOLD
+    stopped = first_true(spine, spine.mux_estop, cause)
+    measured("drive unplugged to the mux's ~/estop true", stopped)
+    assert stopped <= TOLD
+    back = spine.drive.apply('plug')
+    spine.wait(lambda: any(not m.data for _, m in spine.drive_estop.since(back)), 'recovered')
+    recovered = next(at for at, m in spine.drive_estop.since(back) if not m.data) - back
+    measured('drive plugged in to ~/estop false', recovered)
+    assert recovered <= RECOVERED
+    stays_stopped_until_restarted(spine, back)
+    assert spine.nodes[DRIVE].process.pid == pid
+
+
+def test_noise_on_both_lines_loses_frames_and_stops_nothing(spine: Spine) -> None:
+    spine.moving()
+    since = time.monotonic()
+    for _ in range(5):
+        spine.vsc.write(b'\x10\x01\x20\xff')  # a header that promises 255 bytes
+        spine.drive.apply('corrupt next 1 out')
+        spine.observer.holds_for(lambda: spine.drive.enabled, 0.1, 'motion')
+    assert all(packet.enables for packet in spine.drive.packets(since))
+    assert spine.mux_says('ACTIVE')
+
+
+# Only the neighbours' ends are looked at: how a start loads the processor is another matter.
+_THIRD = """
+import time
+import rclpy
+from rclpy.node import Node
+from std_msgs.msg import Bool
+rclpy.init()
+node = Node('third')
+def watch(topic):
+    def note(message):
+        print(topic, time.monotonic(), flush=True)
+    node.create_subscription(Bool, topic, note, 10)
+for topic in ('/safety_mux/estop', '/fort_vsc_bridge/estop', '/esi_drive_bridge/estop'):
+    watch(topic)
+rclpy.spin(node)
+"""
+
+
+def test_killed_neighbours_leave_no_gap_in_the_stop_topics_of_the_others(spine: Spine) -> None:
+    with ExitStack() as stack:
+        third = stack.enter_context(NodeProcess(source=_THIRD))
+        doomed = [
+            stack.enter_context(
+                NodeProcess('fort_vsc_bridge.node', {'port': '/nowhere'}, namespace=f'/doomed{n}')
+            )
+            for n in range(6)
+        ]
+        for number in range(len(doomed)):
+            topic = f'/doomed{number}/{VSC}/estop'
+            heard = spine.observer.record(Bool, topic, latched())
+            spine.wait(lambda heard=heard: heard.messages, topic, 20.0)
+        third.wait_output(f'/{VSC}/estop')
+        since = time.monotonic()
+        for each in doomed:
+            assert each.end(SIGKILL) == -SIGKILL
+            spine.observer.holds_for(lambda: True, 0.3)
+        lines = [line.split() for line in third.output.splitlines() if line.startswith('/')]
+    for name in (MUX, VSC, DRIVE):
+        topic = f'/{name}/estop'
+        times = [float(line[1]) for line in lines if line[0] == topic and float(line[1]) > since]
+        gap = max(b - a for a, b in itertools.pairwise([since, *times]))
+        measured(f'largest gap of {topic} to a third process during 6 kills', gap)
+        assert gap < LINK_TIMEOUT  # the mux's time-out for an e-stop source, too
