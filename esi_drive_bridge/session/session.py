@@ -139,7 +139,6 @@ class Session:
     def opened(self, now: float) -> Output:
         """Start to send, disabled."""
         self._forget()
-        self._events.clear()
         self._open = True
         self._next_send = self._disabled_since = now
         return self._step(now)

@@ -1,0 +1,150 @@
+"""A session with a drive and a mux around it, built from packets written by hand."""
+
+from collections.abc import Callable
+import struct
+from typing import Any
+
+from esi_drive_bridge.protocol import Layout
+from esi_drive_bridge.protocol import Mode
+from esi_drive_bridge.session import Phase
+from esi_drive_bridge.session import Session
+from esi_drive_bridge.session import Settings
+
+TICK = 0.01
+VELOCITY = (Mode.VELOCITY, Mode.VELOCITY)
+
+
+def crc(data: bytes) -> int:
+    value = 0xFFFF
+    for byte in data:
+        value ^= byte << 8
+        for _ in range(8):
+            value = (value << 1 ^ 0x1021) & 0xFFFF if value & 0x8000 else value << 1
+    return value
+
+
+def status(
+    state_a: int = 0, state_b: int = 0, *, feedback: tuple[int, int] = (0, 0), errors: int = 0
+) -> bytes:
+    """Build a dual-axis status packet from the manual's table 4.3.2."""
+    body = struct.pack('<BhBBhB', state_a, feedback[0], errors, state_b, feedback[1], 0)
+    return b'\xf0\xf0' + body + crc(body).to_bytes(2, 'little')
+
+
+IDLE, RUNNING = status(), status(1, 1)
+DISABLE = bytes.fromhex('F0F0 04 0000 04 0000')  # both axes: mode velocity, disabled, 0
+
+
+def make_settings(**changes: Any) -> Settings:
+    values: dict[str, Any] = {
+        'layout': Layout.DUAL,
+        'modes': VELOCITY,
+        'si_per_count': (1.0, 1.0),
+        'baud': 1000000,
+    }
+    return Settings(**(values | changes))
+
+
+def fields(frame: bytes) -> tuple[tuple[bool, bool, int], ...]:
+    """Read enable, clear and command of both axes, by hand."""
+    assert len(frame) == 10
+    assert frame[:2] == b'\xf0\xf0'
+    assert frame[8:] == crc(frame[2:8]).to_bytes(2, 'little')
+    flags_a, value_a, flags_b, value_b = struct.unpack('<BhBh', frame[2:8])
+    return (
+        (bool(flags_a & 1), bool(flags_a & 2), value_a),
+        (bool(flags_b & 1), bool(flags_b & 2), value_b),
+    )
+
+
+def is_disable(frame: bytes) -> bool:
+    return all(axis == (False, False, 0) for axis in fields(frame))
+
+
+class Rig:
+    """A session with a healthy drive and a healthy mux, both of which a test can make worse."""
+
+    def __init__(self, **changes: Any) -> None:
+        self.session = Session(make_settings(**changes))
+        self.now = 1000.0
+        self.events: list[Any] = []
+        self.frames: list[tuple[float, bytes]] = []
+        self.status: bytes | None = IDLE
+        self.command: tuple[float, float] | None = (0.0, 0.0)
+        self.enable: bool | None = False
+        self.estop: bool | None = False
+        self._take(self.session.opened(self.now))
+
+    def _take(self, output: tuple[list[Any], list[bytes]]) -> list[bytes]:
+        self.events += output[0]
+        self.frames += [(self.now, frame) for frame in output[1]]
+        return output[1]
+
+    def do(self, action: Callable[[], None]) -> list[bytes]:
+        """Carry out a request and poll, as the link thread does."""
+        action()
+        return self._take(self.session.poll(self.now))
+
+    def hear(self, data: bytes) -> list[bytes]:
+        return self._take(self.session.receive(data, self.now))
+
+    def tick(self, count: int = 1) -> list[bytes]:
+        """Let 10 ms pass with everything that the rig's attributes say."""
+        start = len(self.frames)
+        for _ in range(count):
+            self.now += TICK
+            if self.status is not None:
+                self.hear(self.status)
+            if self.estop is not None:
+                self.session.set_estop(self.estop, self.now)
+            if self.command is not None:
+                self.session.set_command(self.command, self.now)
+            if self.enable is not None:
+                self.session.set_enable(self.enable, self.now)
+            self._take(self.session.poll(self.now))
+        return [frame for _, frame in self.frames[start:]]
+
+    def start(self) -> None:
+        """Bring it to ENABLED by the book, with the command 100 on axis A."""
+        self.tick(3)
+        self.enable = True
+        self.tick()
+        assert self.phase() is Phase.ENABLING
+        self.status = RUNNING
+        self.tick()
+        assert self.phase() is Phase.ENABLED
+        self.command = (100.0, -5.0)
+        self.tick(2)
+        assert fields(self.frames[-1][1]) == ((True, False, 100), (True, False, -5))
+
+    def start_slowly(self) -> None:
+        """Bring it to ENABLED where packets are rarer than ticks."""
+        self.tick(3)
+        self.enable = True
+        self.tick()
+        self.status = RUNNING
+        self.tick()
+        assert self.phase() is Phase.ENABLED
+
+    def phase(self) -> Phase:
+        return self.session.phase
+
+    def of(self, kind: type) -> list[Any]:
+        return [event for event in self.events if isinstance(event, kind)]
+
+    def assert_latched(self) -> None:
+        """Everything is healthy and asks for motion, but there was no new edge."""
+        self.status, self.command, self.enable, self.estop = IDLE, (50.0, 50.0), True, False
+        assert all(is_disable(frame) for frame in self.tick(30))
+
+    def assert_restarts_at_zero(self) -> None:
+        self.status, self.command, self.enable, self.estop = IDLE, (77.0, 77.0), False, False
+        assert all(is_disable(frame) for frame in self.tick(3))
+        self.enable = True
+        frames = self.tick(3)
+        self.status = RUNNING
+        self.hear(RUNNING)
+        enabled = [f for f in frames if not is_disable(f)]
+        assert enabled
+        assert all(fields(f) == ((True, False, 0), (True, False, 0)) for f in enabled)
+        assert fields(self.tick(2)[-1])[0] == (True, False, 77)

@@ -1,0 +1,209 @@
+"""The session against packets written by hand: errors, clearing, values, warnings."""
+
+import math
+from typing import Any
+
+import pytest
+
+from esi_drive_bridge.protocol import Mode
+from esi_drive_bridge.session import ErrorsCleared
+from esi_drive_bridge.session import FaultsChanged
+from esi_drive_bridge.session import Phase
+from test.esi_drive_rig import fields
+from test.esi_drive_rig import IDLE
+from test.esi_drive_rig import is_disable
+from test.esi_drive_rig import make_settings
+from test.esi_drive_rig import Rig
+from test.esi_drive_rig import RUNNING
+from test.esi_drive_rig import status
+
+
+@pytest.fixture
+def rig() -> Rig:
+    return Rig()
+
+
+# The e-stop output.
+
+
+@pytest.mark.parametrize('bit', range(8))
+def test_every_motor_error_bit_demands_a_stop(rig: Rig, bit: int) -> None:
+    rig.hear(status(errors=1 << bit))
+    assert rig.session.estop
+    assert len(rig.session.stop_reasons(rig.now)) == 1
+    rig.hear(IDLE)
+    assert not rig.session.estop
+    assert [bool(event.faults) for event in rig.of(FaultsChanged)] == [True, False]
+
+
+@pytest.mark.parametrize('state', [0x02, 0x04, 0x08, 0x20, 0x40])
+def test_every_state_error_bit_demands_a_stop(rig: Rig, state: int) -> None:
+    rig.hear(status(state))
+    assert rig.session.estop
+    assert rig.session.stop_reasons(rig.now)
+
+
+def test_inputs_do_not_echo(rig: Rig) -> None:
+    rig.estop, rig.enable = True, None
+    rig.tick(50)
+    assert not rig.session.estop
+    assert not rig.session.own_estop
+
+
+def test_silent_status_demands_a_stop_in_time(rig: Rig) -> None:
+    rig.hear(IDLE)
+    heard = rig.now
+    while not rig.session.estop:
+        rig.now = rig.session.deadline()
+        rig.do(lambda: None)
+    assert rig.now - heard == pytest.approx(0.25, abs=1e-4)
+    assert 'last heard 250 ms ago, limit 250 ms' in rig.session.stop_reasons(rig.now)[0]
+
+
+# Clearing errors.
+
+
+def test_errors_are_never_cleared_unasked(rig: Rig) -> None:
+    rig.status, rig.enable = status(2, errors=1), False
+    rig.tick(5)
+    rig.enable = True
+    assert not any(fields(frame)[0][1] for frame in rig.tick(30))
+
+
+def test_clear_errors_on_request(rig: Rig) -> None:
+    rig.status = status(2, errors=1)
+    rig.tick(3)
+    frames = rig.do(lambda: rig.session.clear_errors(rig.now))
+    assert fields(frames[0]) == ((False, True, 0), (False, True, 0))
+    assert all(fields(f) == fields(frames[0]) for f in rig.tick(3))
+    rig.status = IDLE
+    rig.tick()
+    assert rig.of(ErrorsCleared) == [ErrorsCleared(True, 'the errors are cleared')]
+    assert all(is_disable(frame) for frame in rig.tick(5))
+    rig.assert_restarts_at_zero()
+
+
+def test_success_is_not_told_before_the_clear_bit_was_sent(rig: Rig) -> None:
+    rig.hear(status(2, errors=1))
+    rig.session.clear_errors(rig.now)
+    assert fields(rig.hear(IDLE)[-1])[0] == (False, True, 0)
+    assert rig.of(ErrorsCleared) == []
+    rig.hear(IDLE)
+    assert rig.of(ErrorsCleared) == [ErrorsCleared(True, 'the errors are cleared')]
+
+
+def test_clearing_never_enables(rig: Rig) -> None:
+    rig.tick(3)
+    rig.status = status(2, errors=1)
+    rig.tick()
+    rig.session.clear_errors(rig.now)
+    rig.enable = True
+    rig.status = IDLE
+    rig.tick(3)
+    rig.assert_latched()
+
+
+def test_clearing_gives_up(rig: Rig) -> None:
+    rig.status = status(2, errors=1)
+    rig.tick(3)
+    rig.session.clear_errors(rig.now)
+    rig.tick(110)
+    (result,) = rig.of(ErrorsCleared)
+    assert not result.success
+    assert 'overcurrent' in result.text
+    assert is_disable(rig.tick()[-1])
+
+
+def test_nothing_to_clear_does_not_disturb_motion(rig: Rig) -> None:
+    rig.start()
+    rig.do(lambda: rig.session.clear_errors(rig.now))
+    assert rig.of(ErrorsCleared) == [ErrorsCleared(True, 'the drive reports no error')]
+    assert rig.phase() is Phase.ENABLED
+
+
+def test_clearing_without_a_drive_fails_with_the_reason(rig: Rig) -> None:
+    rig.do(lambda: rig.session.clear_errors(rig.now))
+    (result,) = rig.of(ErrorsCleared)
+    assert not result.success
+    assert 'no status from the drive' in result.text
+
+
+def test_clearing_with_a_closed_port_answers_when_it_opens(rig: Rig) -> None:
+    rig.session.closed(rig.now)
+    rig.session.clear_errors(rig.now)
+    events, _ = rig.session.opened(rig.now)
+    assert events == [ErrorsCleared(False, 'the port is closed')]
+
+
+def test_a_port_lost_while_clearing_answers(rig: Rig) -> None:
+    rig.status = status(2, errors=1)
+    rig.tick(3)
+    rig.do(lambda: rig.session.clear_errors(rig.now))
+    assert ErrorsCleared(False, 'the port was closed') in rig.session.closed(rig.now)
+
+
+# Values and warnings.
+
+
+def test_values_saturate_and_are_counted() -> None:
+    rig = Rig(si_per_count=(0.5, -1e-300))
+    rig.command = (0.0, 0.0)
+    rig.tick(3)
+    rig.enable = True
+    rig.tick()
+    rig.status = RUNNING
+    rig.tick()
+    rig.command = (-1e308, -1e300)
+    assert [axis[2] for axis in fields(rig.tick(2)[-1])] == [-32768, 32767]
+    assert rig.session.saturations == 4
+    rig.command = (50.0, 0.0)
+    assert [axis[2] for axis in fields(rig.tick(2)[-1])] == [100, 0]
+    assert rig.session.saturations == 4
+
+
+@pytest.mark.parametrize('values', [(1.0,), (1.0, 2.0, 3.0), (math.inf, 0.0), (0.0, math.nan)])
+def test_impossible_commands_are_refused_and_counted(rig: Rig, values: tuple[float, ...]) -> None:
+    with pytest.raises(ValueError, match=r'values for|not finite'):
+        rig.session.set_command(values, rig.now)
+    assert rig.session.refused_commands == 1
+    assert any('command refused' in text for text in rig.session.inhibits(rig.now))
+
+
+def test_status_at_1_khz_does_not_fit_115200() -> None:
+    (text,) = make_settings(baud=115200).line_warnings()
+    assert '12 bytes at 1000 Hz need 120000 bit/s, the line has 115200' in text
+    rig = Rig(baud=115200)
+    assert rig.session.warnings(rig.now) == [text]
+    assert make_settings(baud=115200, command_rate=1000.0, status_rate=900.0).line_warnings() == ()
+    assert make_settings(baud=230400, command_rate=1000.0).line_warnings() == ()
+
+
+def test_a_warning_bit_and_an_axis_that_stays_enabled_are_told(rig: Rig) -> None:
+    rig.status = status(0x10, 0x01)
+    rig.tick(50)
+    assert len(rig.session.warnings(rig.now)) == 1
+    rig.tick(100)
+    warning, disobedience = rig.session.warnings(rig.now)
+    assert warning.startswith('axis A: ')
+    assert disobedience.startswith('axis B is still enabled 1.5 s after disable was sent')
+    assert not rig.session.estop
+
+
+@pytest.mark.parametrize(
+    'changes',
+    [
+        {'modes': (Mode.TORQUE,)},
+        {'si_per_count': (1.0, 0.0)},
+        {'si_per_count': (1.0, math.nan)},
+        {'command_rate': 0.5},
+        {'command_rate': 1001.0},
+        {'command_rate': math.nan},
+        {'command_timeout': 0.0},
+        {'status_timeout': math.inf},
+        {'enable_timeout': -1.0},
+        {'clear_timeout': math.nan},
+    ],
+)
+def test_bad_settings_are_refused(changes: dict[str, Any]) -> None:
+    with pytest.raises(ValueError, match=next(iter(changes))):
+        make_settings(**changes)
