@@ -275,8 +275,11 @@ class Arbiter:
     def _stop(self, stops: _Stops, now: float) -> None:
         """Stop in the way that the worst of the reasons asks for."""
         reason = '; '.join(reason for reason, _ in stops)
-        if self._given_up() is not None or any(category == 0 for _, category in stops):
+        given_up = self._owner.given_up if self._owner is not None else 'nobody had control'
+        if any(category == 0 for _, category in stops):
             self._latch(reason, now)
+        elif given_up is not None:
+            self._latch(f'{reason}; {given_up}', now)
         elif self._state is State.ACTIVE and any(self._limiter.output):
             self._stopping_since = now
             self._change(State.STOPPING, reason, now)
@@ -344,27 +347,21 @@ class Arbiter:
         elif self._state is State.STOPPED:
             if self._clear_since is None:
                 self._clear_since = now
-        elif self._owner is not None and self._given_up() is not None:
-            self._let_go(now)
+        elif self._owner is not None and self._owner.given_up is not None:
+            self._let_go(self._owner, self._owner.given_up, now)
         elif self._state is not State.STOPPING and self._settled:
             challenger = self._challenger(now)
             if challenger is not None:
                 verb = 'took control' if self._owner is None else 'took over'
                 self._take(challenger, now, f'{challenger.label} {verb}')
 
-    def _given_up(self) -> str | None:
-        return 'nobody has control' if self._owner is None else self._owner.given_up
-
-    def _let_go(self, now: float) -> None:
+    def _let_go(self, owner: OwnerInput, reason: str, now: float) -> None:
         """Be at zero at once and hand over to nobody: READY, or STOPPED if on the ramp."""
-        reason = f'{self._given_up()}'
         if self._state is State.STOPPING:
             self._latch(f'{reason} on the ramp of: {self._transition.reason}', now)
             return
-        if self._owner is not None:
-            self._owner.forget()
+        owner.forget()
         self._owner = None
-        self._limiter.reset()
         self._change(State.READY, reason, now)
 
     def _challenger(self, now: float) -> OperatorInput | None:

@@ -102,12 +102,16 @@ class Device:
 
     def write(self, data: bytes) -> float:
         """Send bytes that the simulator knows nothing of; return the moment."""
-        since = self._port.call(lambda _, now: (self._socket.added.append(data), now)[1])
-        return wait_for(
-            lambda: next((chunk.at for chunk in self.sent(since - 1e-9) if chunk.data == data), 0.0),
-            2.0,
-            f'{data.hex()} on the wire',
-        )
+
+        def add(_: Any, now: float) -> float:
+            self._socket.added.append(data)
+            return now
+
+        since = self._port.call(add) - 1e-9
+        def written() -> list[float]:
+            return [chunk.at for chunk in self.sent(since) if chunk.data == data]
+
+        return wait_for(written, 2.0, f'{data.hex()} on the wire')[0]
 
     def received(self, since: float = 0.0) -> list[Chunk]:
         """Return what was read from the node after ``since``."""
@@ -176,7 +180,7 @@ class Drive(Device):
     @property
     def rpm(self) -> float:
         """The greatest speed of a motor."""
-        return max(abs(axis.motor.rpm) for axis in self.simulator._axes)
+        return max(abs(float(axis.motor.rpm)) for axis in self.simulator._axes)
 
     @property
     def enabled(self) -> bool:
@@ -313,10 +317,10 @@ class Spine:
 
         One that follows another within clear_time (0.5 s) counts as repeated, so wait for that.
         """
-        status = self.status.last
-        if time.monotonic() < self._reset_at + 0.52:
+        if time.monotonic() < self._reset_at + 0.52 or not self.mux_says('STOPPED'):
             return False
-        if not self.mux_says('STOPPED') or time.monotonic() - self.status.times[-1] > 0.3:
+        status = self.status.last
+        if status is None or time.monotonic() - self.status.times[-1] > 0.3:
             return False
         inhibits = [value.value for value in status.values if value.key.startswith('inhibit')]
         return len(inhibits) == 2 and inhibits[1].startswith('waiting for reset')

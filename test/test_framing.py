@@ -194,6 +194,16 @@ def test_new_partial_frame_gets_its_full_time() -> None:
     assert parser.feed(frame[5:], 1.08) == [frame]
 
 
+def test_partial_frame_behind_an_expired_one_gets_its_time() -> None:
+    good = long_frame(b'0123456789')
+    parser = StreamParser(LONG, expire=EXPIRE)
+    parser.feed(LONG.header + b'\x01\x28', 1.0)
+    parser.feed(good[:5], 1.04)
+    assert parser.poll(1.05) == []
+    assert parser.deadline == 1.05 + EXPIRE
+    assert parser.feed(good[5:], 1.06) == [good]
+
+
 def test_trickle_cannot_keep_a_partial_frame_alive() -> None:
     parser = StreamParser(LONG, expire=EXPIRE)
     frame = LONG_FRAMES[3]

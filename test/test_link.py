@@ -333,6 +333,17 @@ def test_port_that_dies_at_every_write_backs_off(bench: Bench) -> None:
     assert all(bench.owner.told)
 
 
+def test_port_that_opens_but_never_gets_healthy_backs_off(bench: Bench) -> None:
+    bench.activate()
+    for number in range(1, 5):
+        wait_for(lambda n=number: bench.link.status.opens == n, 5.0, 'an open port')
+        wait_for(lambda: bench.session.calls[-1] == 'poll', 5.0, 'a poll')
+        bench.transport.unplug()
+        wait_for(lambda: not bench.link.status.is_open, 2.0, 'a lost port')
+    times = bench.transport.opens_at
+    assert times[3] - times[0] >= 0.1 + 0.2 + 0.4
+
+
 def test_back_off_starts_anew_only_after_a_healthy_link(bench: Bench) -> None:
     bench.run()
     bench.transport.unplug()
@@ -392,6 +403,7 @@ def test_only_one_open_at_a_time_even_after_a_fault(bench: Bench) -> None:
     wait_for(lambda: bench.transport.openers == 1, 2.0, 'an open in progress')
     bench.link.post('fault', fault)
     holds_for(lambda: bench.transport.openers == 1, 0.5, 'a single open')
+    assert bench.transport.calls['close'] == 0  # not under the feet of the open either
     bench.transport.gate.set()
     bench.wait_open()
     assert bench.transport.most_openers == 1

@@ -205,6 +205,8 @@ def test_close_twice_and_before_open(transport: SerialTransport) -> None:
 def test_open_twice_starts_anew(peer: Peer, transport: SerialTransport) -> None:
     transport.open()
     open_soon(transport)
+    assert transport.send(b'here')  # a server may still talk to the first connection
+    peer.wait_received(b'here')
     peer.write(b'hello')
     assert take(transport, 5) == b'hello'
 

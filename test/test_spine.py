@@ -9,7 +9,6 @@ Run with ``-s`` to see what was measured.
 from collections.abc import Iterator
 from contextlib import ExitStack
 import itertools
-from pathlib import Path
 from signal import SIGCONT
 from signal import SIGINT
 from signal import SIGKILL
@@ -199,9 +198,7 @@ def test_radio_lost_mid_motion_stops_and_return_moves_nothing(spine: Spine) -> N
 
 
 @pytest.mark.parametrize('mode', ['pause', 'menu', 'remote'])
-def test_remote_leaves_operational_mid_motion_and_comes_back_held(
-    spine: Spine, mode: str
-) -> None:
+def test_remote_leaves_operational_mid_motion_and_comes_back_held(spine: Spine, mode: str) -> None:
     spine.moving()
     cause = spine.vsc.apply(f'mode {mode}')
     measured(f'mode {mode} to disable packet', spine.disabled_after(cause, 0.15))

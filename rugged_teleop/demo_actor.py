@@ -1,0 +1,294 @@
+"""What the scene is played with: steering the remote, waiting, and measuring how a stop works."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+import time
+
+from bridge_core.framing import FrameError
+from esi_drive_bridge.protocol import Status
+from fort_vsc_bridge.protocol import decode
+from rugged_teleop.demo_stage import LAYOUT
+from rugged_teleop.demo_stage import Stage
+
+DEADMAN = 'left_down'
+STICK = 'left_y'
+PUSH = 0.6  # of full deflection
+FAST_RPM = 1000.0  # of the motors, in motion
+TOLD_LIMIT = 0.15  # s, for a stop that somebody demands
+SILENT_LIMIT = 0.3  # s, for one that has to be noticed: the link's time-out of 0.25 s and 50 ms
+DEMANDED, HELD = 'demands a stop', 'is not at neutral'  # the mux's words for what hinders a reset
+_WAIT = 5.0
+_POLL = 0.005
+_STILL = 0.4  # s for which it is watched that nothing moves
+_BETWEEN_RESETS = 0.55  # s; one that follows another within clear_time counts as held
+_TRIES = 3
+# How the mux's words begin that explain a stop, and do not stand in the way of a reset.
+_EXPLAIN = ('stopped ', 'a trip is active', 'waiting for reset')
+# Words for a stop for lack of time, on a machine that is too busy.
+_LATE = ('was frozen', 'is stale', 'was lost', 'is not enabled')
+
+
+class Missed(Exception):  # noqa: N818 - an expectation that was missed, not a fault
+    """What was expected did not happen; the text says what did."""
+
+
+@dataclass(frozen=True, slots=True)
+class Reaction:
+    """How long a stop took, in seconds, from its cause to the first packet that disables."""
+
+    cause: str
+    seconds: float
+    limit: float
+
+
+class Actor:
+    """Acts on a stage. Every method that waits raises Missed where it waits in vain."""
+
+    def __init__(self, stage: Stage) -> None:
+        self.stage = stage
+        self.watcher = stage.watcher
+        self.reactions: list[Reaction] = []
+        self._reset_at = -1.0
+        self._late = 0.0  # s, the worst since the last cause of a stop
+
+    # -- waiting ---------------------------------------------------------------------------------
+
+    def wait(
+        self,
+        condition: Callable[[], object],
+        otherwise: Callable[[], str] | None = None,
+        limit: float = _WAIT,
+    ) -> None:
+        """Wait until it is true, at most ``limit`` s; ``otherwise`` says what is the case then."""
+        end = time.monotonic() + limit
+        while not condition():
+            self.stage.check()
+            if time.monotonic() > end:
+                what = otherwise() if otherwise else f'the mux says: {self.watcher.message}'
+                raise Missed(f'not within {limit:g} s; {what}')
+            self._sleep()
+
+    def wait_for_moment(self, find: Callable[[], float], otherwise: str) -> float:
+        """Wait until ``find`` returns a moment other than 0; return it."""
+        found = 0.0
+
+        def is_found() -> bool:
+            nonlocal found
+            found = find()
+            return found > 0.0
+
+        self.wait(is_found, lambda: otherwise)
+        return found
+
+    def wait_for_state(self, state: str) -> None:
+        """Wait until the mux says this state."""
+        self.wait(lambda: self.watcher.state == state, lambda: f'the mux is {self.watcher.state}')
+
+    def still(self, since: float) -> str:
+        """Watch that no packet after ``since`` enables anything, for a while more."""
+        end = time.monotonic() + _STILL
+        while time.monotonic() < end:
+            packets = self.stage.packets(since)
+            if any(packet.enables for packet in packets):
+                raise Missed(f'a packet enables the drive: {self.watcher.message}')
+            self._sleep()
+        if not packets:
+            raise Missed('no packets at all')
+        return f'{len(packets)} packets, all disable'
+
+    def _sleep(self) -> None:
+        """Pass some time; note by how much this process was woken too late."""
+        before = time.monotonic()
+        time.sleep(_POLL)
+        self._late = max(self._late, time.monotonic() - before - _POLL)
+
+    # -- steering --------------------------------------------------------------------------------
+
+    def remote(self, *commands: str) -> float:
+        """Steer the VSC and its remote; return when the last was obeyed."""
+        return [self.stage.vsc.apply(command) for command in commands][-1]
+
+    def push(self) -> float:
+        """Press the deadman, then push the stick; return when the deadman was pressed."""
+        pressed_at = self.remote(f'button {DEADMAN} 1')
+        self.remote(f'stick {STICK} {PUSH}')
+        return pressed_at
+
+    def let_go(self) -> None:
+        """Release stick and deadman."""
+        self.remote(f'stick {STICK} 0', f'button {DEADMAN} 0')
+
+    def reset(self) -> tuple[bool, str]:
+        """Call for a reset; return success and message."""
+        self._reset_at = time.monotonic()
+        return self.watcher.call('reset')
+
+    def accepted_reset(self) -> str:
+        """Let all go, wait until nothing else is missing, reset; return the answer."""
+        self.let_go()
+        self.wait(lambda: self._may_repeat_reset() and self.hindrances() == [])
+        success, message = self.reset()
+        if not success:
+            raise Missed(message)
+        self.wait_for_state('READY')
+        return message.split(';')[0]
+
+    def refused_reset(self, reason: str) -> str:
+        """Call for a reset that must be refused for this reason, and not for being repeated."""
+        self.wait(self._may_repeat_reset)
+        success, message = self.reset()
+        if success:
+            raise Missed(f'it was accepted: {message}')
+        if reason not in message:
+            raise Missed(f'it was refused, but not because something {reason}: {message}')
+        self.wait_for_state('STOPPED')
+        return shortened(message)
+
+    def wait_for_held(self) -> None:
+        """Wait until nothing but what is held on the remote hinders a reset."""
+
+        def only_held() -> bool:
+            hindrances = self.hindrances() or ['']
+            return all(HELD in text for text in hindrances)
+
+        self.wait(only_held)
+
+    def hindrances(self) -> list[str] | None:
+        """
+        Return what the mux's status names that hinders a reset; None if it is not about a stop.
+
+        State and inhibits from the same message: the topic of the state may be ahead of it.
+        """
+        values = self.watcher.values
+        if values.get('state') != 'STOPPED':
+            return None
+        inhibits = [text for name, text in values.items() if name.startswith('inhibit')]
+        return [text for text in inhibits if not text.startswith(_EXPLAIN)]
+
+    def _may_repeat_reset(self) -> bool:
+        return time.monotonic() - self._reset_at > _BETWEEN_RESETS
+
+    # -- motion ----------------------------------------------------------------------------------
+
+    def set_off(self) -> str:
+        """
+        Take control and drive off, from READY; return the speed reached.
+
+        On a machine that is too busy for the stack's time-outs, these rightly stop it again. That
+        is told, and tried again: it is not what this scene is about.
+        """
+        troubles: list[str] = []
+        while True:
+            try:
+                return '; '.join([f'{self._set_off():.0f} rpm', *troubles])
+            except Missed:
+                trouble = self._trouble()
+                if trouble is None or len(troubles) == _TRIES - 1:
+                    raise
+                troubles.append(f'at first: {shortened(trouble)}')
+                self._recover()
+
+    def _set_off(self) -> float:
+        """Rest, then press the deadman, then push the stick; return the speed reached in rpm."""
+        self.let_go()
+        self.wait(self._is_rested)
+        self.push()
+        self.wait(lambda: self._slowest > FAST_RPM)
+        self.wait_for_state('ACTIVE')
+        return self._slowest
+
+    def _is_rested(self) -> bool:
+        is_ready = self.watcher.values.get('state') == 'READY'
+        return is_ready and 'press the deadman' in self.watcher.message
+
+    def _trouble(self) -> str | None:
+        """Return what the mux says of a time-out that has stopped it; None if it is no such."""
+        inhibits = self.watcher.inhibits
+        return next((text for text in inhibits if any(word in text for word in _LATE)), None)
+
+    def _recover(self) -> None:
+        if self.watcher.state == 'STOPPED':
+            self.accepted_reset()
+
+    @property
+    def _slowest(self) -> float:
+        """The speed of the slower motor, in rpm."""
+        rpm: list[float] = self.stage.drive.describe()['rpm']
+        return min(abs(value) for value in rpm)
+
+    def _moving(self) -> bool:
+        packets = self.stage.packets(time.monotonic() - 0.2)
+        return bool(packets) and packets[-1].moves
+
+    # -- stops -----------------------------------------------------------------------------------
+
+    def stopped(
+        self,
+        cause: str,
+        act: Callable[[], float],
+        limit: float = TOLD_LIMIT,
+        state: str = 'STOPPED',
+    ) -> str:
+        """
+        Stop in mid-motion, and measure.
+
+        :param act: causes the stop; returns the moment of the cause (seconds, monotonic).
+        :param limit: s that it may take, and what this machine was late for us besides.
+        :param state: what the mux must be afterwards.
+        """
+        if not self._moving():  # a time-out has stopped it since the step before: see set_off
+            self._recover()
+            self.set_off()
+        self._late = 0.0
+        at = act()
+        first = self.wait_for_moment(lambda: self._first_disable(at), 'no packet disables')
+        self.reactions.append(Reaction(cause, first - at, limit))
+        self.wait_for_state(state)
+        later = sum(packet.enables for packet in self.stage.packets(first))
+        if later:
+            raise Missed(f'{later} packets after the first disable packet enable again')
+        took = f'disabled {(first - at) * 1e3:.1f} ms after the cause'
+        if first - at > limit + self._late:
+            raise Missed(
+                f'{took}, allowed are {limit * 1e3:.0f} ms, and {self._late * 1e3:.0f} ms '
+                'by which this machine was late for us too'
+            )
+        return f'{took}, {state}'
+
+    def _first_disable(self, since: float) -> float:
+        packets = self.stage.packets(since)
+        return next((packet.at for packet in packets if not packet.enables), 0.0)
+
+    def vsc_says(self, since: float, wanted: Callable[[object], bool]) -> float:
+        """Wait for a message of the VSC after ``since``; return when it was written."""
+
+        def written() -> float:
+            return next((at for at, message in self.vsc_said(since) if wanted(message)), 0.0)
+
+        return self.wait_for_moment(written, 'the VSC does not send it')
+
+    def vsc_said(self, since: float) -> list[tuple[float, object]]:
+        """Return the VSC's messages after ``since``, with the moments of writing."""
+        return [(at, decode(frame)) for at, frame in self.stage.vsc.sent(since)]
+
+    def drive_says_fault(self, since: float) -> float:
+        """Wait for a status packet with an error; return when it was written."""
+
+        def written() -> float:
+            return next((at for at, frame in self.stage.drive.sent(since) if _faulty(frame)), 0.0)
+
+        return self.wait_for_moment(written, 'the drive reports no error')
+
+
+def _faulty(frame: bytes) -> bool:
+    try:
+        return Status.from_bytes(frame, LAYOUT).faulty
+    except FrameError:
+        return False
+
+
+def shortened(text: str, length: int = 110) -> str:
+    """Return a text of ``length`` characters at most."""
+    return text if len(text) <= length else text[: length - 1] + '…'

@@ -1,0 +1,218 @@
+"""The frame of the house: metadata, entry points, launch files, udev rules, CI and README agree."""
+
+import ast
+from collections.abc import Iterator
+import importlib
+from pathlib import Path
+import re
+import stat
+import sys
+from xml.etree import ElementTree
+
+import pytest
+
+ROOT = Path(__file__).resolve().parent.parent
+PACKAGE = 'rugged_teleop'
+LAUNCH_FILES = sorted((ROOT / 'launch').glob('*.launch.xml'))
+SHARE = f'$(find-pkg-share {PACKAGE})/'
+# Where the name in an import is not the rosdep key.
+ROSDEP_KEYS = {'can': 'python3-can', 'serial': 'python3-serial', 'yaml': 'python3-yaml'}
+# What rclpy and the message packages bring with them.
+INDIRECT = {'builtin_interfaces'}
+
+
+def text(name: str) -> str:
+    return (ROOT / name).read_text(encoding='utf-8')
+
+
+def manifest() -> ElementTree.Element:
+    return ElementTree.fromstring(text('package.xml'))
+
+
+def field(name: str) -> str:
+    found = manifest().findtext(name)
+    assert found, f'package.xml has no {name}'
+    return found
+
+
+def setup_arguments() -> dict[str, ast.expr]:
+    """Return the keyword arguments of setup(), unevaluated."""
+    for node in ast.walk(ast.parse(text('setup.py'))):
+        if isinstance(node, ast.Call) and isinstance(node.func, ast.Name):
+            if node.func.id == 'setup':
+                return {word.arg: word.value for word in node.keywords if word.arg}
+    raise AssertionError('setup.py does not call setup')
+
+
+def entry_points() -> dict[str, str]:
+    points = ast.literal_eval(setup_arguments()['entry_points'])
+    return dict(point.split(' = ') for point in points['console_scripts'])
+
+
+def production_imports() -> Iterator[str]:
+    """Yield the top-level names that the installed packages import."""
+    for package in (path.parent for path in ROOT.glob('*/__init__.py')):
+        if package.name in ('test', 'benchmarks'):
+            continue
+        for path in package.rglob('*.py'):
+            for node in ast.walk(ast.parse(path.read_text(encoding='utf-8'))):
+                if isinstance(node, ast.Import):
+                    yield from (alias.name.split('.')[0] for alias in node.names)
+                elif isinstance(node, ast.ImportFrom) and node.module and not node.level:
+                    yield node.module.split('.')[0]
+
+
+# Metadata.
+
+
+def test_manifest_is_of_format_3_for_ament_python() -> None:
+    assert manifest().get('format') == '3'
+    assert field('name') == PACKAGE
+    assert field('license') == 'Apache-2.0'
+    assert field('export/build_type') == 'ament_python'
+    assert 'Apache License' in text('LICENSE')
+
+
+def test_malformed_maintainer_address_would_hide_the_package_from_ros() -> None:
+    maintainer = manifest().find('maintainer')
+    assert maintainer is not None
+    address = maintainer.get('email', '')
+    assert re.fullmatch(r'[\w.+-]+@[\w-]+(\.[\w-]+)+', address)
+    assert ast.literal_eval(setup_arguments()['maintainer_email']) == address
+
+
+def test_versions_agree() -> None:
+    version = field('version')
+    assert ast.literal_eval(setup_arguments()['version']) == version
+    newest = re.search(r'^(\d+\.\d+\.\d+) \(\d{4}-\d\d-\d\d\)\n-+$', text('CHANGELOG.rst'), re.M)
+    assert newest is not None
+    assert newest[1] == version
+
+
+def test_every_import_has_its_dependency() -> None:
+    dependencies = {tag.text for tag in manifest() if tag.tag in ('depend', 'exec_depend')}
+    own = {path.parent.name for path in ROOT.glob('*/__init__.py')}
+    foreign = set(production_imports()) - own - set(sys.stdlib_module_names) - INDIRECT
+    assert {ROSDEP_KEYS.get(name, name) for name in foreign} <= dependencies
+
+
+def test_resource_marker_and_type_markers_are_there() -> None:
+    assert (ROOT / 'resource' / PACKAGE).is_file()
+    for init in ROOT.glob('*/__init__.py'):
+        if init.parent.name not in ('test', 'benchmarks'):
+            assert (init.parent / 'py.typed').is_file(), init.parent.name
+
+
+def test_requirements_are_pinned() -> None:
+    for name in ('requirements.txt', 'requirements-dev.txt'):
+        for line in text(name).splitlines():
+            assert line.startswith('#') or re.fullmatch(r'[\w-]+==[\w.]+(; .+)?', line), line
+
+
+# Entry points.
+
+
+@pytest.mark.parametrize('name', sorted(entry_points()))
+def test_entry_point_is_a_function(name: str) -> None:
+    module, function = entry_points()[name].split(':')
+    assert callable(getattr(importlib.import_module(module), function))
+
+
+def test_every_node_of_a_room_has_an_executable() -> None:
+    rooms = {path.parent.name for path in ROOT.glob('*/node.py')} - {'bridge_core'}
+    assert rooms <= set(entry_points())
+
+
+# Launch files. They are checked as text, for ROS's launch is not on every machine.
+
+
+def test_there_is_a_launch_file_for_each_node_and_for_the_three() -> None:
+    names = {path.name.removesuffix('.launch.xml') for path in LAUNCH_FILES}
+    assert {'esi_drive_bridge', 'fort_vsc_bridge', 'safety_mux', 'spine'} <= names
+
+
+@pytest.mark.parametrize('path', LAUNCH_FILES, ids=lambda path: path.name)
+def test_launch_file_names_what_exists(path: Path) -> None:
+    root = ElementTree.parse(path).getroot()
+    assert root.tag == 'launch'
+    for node in root.iter('node'):
+        assert node.get('pkg') == PACKAGE
+        assert node.get('exec') in entry_points()
+        assert node.get('name') == node.get('exec')
+    for value in values(root):
+        if value.startswith(SHARE):
+            assert (ROOT / value.removeprefix(SHARE)).is_file(), value
+
+
+@pytest.mark.parametrize('path', LAUNCH_FILES, ids=lambda path: path.name)
+def test_launch_file_declares_what_it_uses(path: Path) -> None:
+    root = ElementTree.parse(path).getroot()
+    declared = {arg.get('name') for arg in root.findall('arg')}
+    used = {name for value in values(root) for name in re.findall(r'\$\(var (\w+)\)', value)}
+    assert used == declared
+    assert all(arg.get('description') for arg in root.findall('arg'))
+
+
+@pytest.mark.parametrize('path', LAUNCH_FILES, ids=lambda path: path.name)
+def test_included_launch_file_knows_its_arguments(path: Path) -> None:
+    for include in ElementTree.parse(path).getroot().iter('include'):
+        file = include.get('file', '').removeprefix(SHARE)
+        known = {arg.get('name') for arg in ElementTree.parse(ROOT / file).getroot().iter('arg')}
+        assert {arg.get('name') for arg in include.iter('arg')} <= known
+
+
+def values(root: ElementTree.Element) -> list[str]:
+    return [value for element in root.iter() for value in element.attrib.values()]
+
+
+# udev, CI, README.
+
+
+def test_udev_rule_gives_the_vsc_its_name() -> None:
+    rules = text('udev/60-rugged-teleop.rules').splitlines()
+    (rule,) = (line for line in rules if line.startswith('SUBSYSTEM'))
+    for part in (
+        'ATTRS{idVendor}=="2a99"',
+        'ATTRS{idProduct}=="d002"',
+        'SYMLINK+="fort_vsc"',
+        'MODE="0660"',
+        'GROUP="dialout"',
+    ):
+        assert part in rule
+
+
+def targets() -> set[str]:
+    (line,) = re.findall(r'^\.PHONY: (.+)$', text('Makefile'), re.M)
+    return set(line.split())
+
+
+def first_commands(markdown: str) -> list[str]:
+    """Return the commands of a page's first code block, fenced or indented."""
+    block = re.search(r'(?:^(?:    .+)\n)+|(?<=^```)[^\n]*\n(.+?)^```', markdown, re.M | re.S)
+    assert block is not None
+    lines = (block[1] or block[0]).splitlines()
+    return [line.split('#')[0].strip() for line in lines if line.strip()]
+
+
+def test_readme_opens_with_its_two_commands() -> None:
+    readme = text('README.md')
+    commands = first_commands(readme)
+    assert commands == ['make demo ARGS=--once', 'make test']
+    assert readme.index(commands[0]) < readme.index('\n## ')
+    assert {command.split()[1] for command in commands} <= targets()
+
+
+def test_ci_runs_lint_and_the_test_command_of_the_readme() -> None:
+    script = ROOT / '.ci' / 'run'
+    assert script.stat().st_mode & stat.S_IXUSR
+    lines = script.read_text(encoding='utf-8').splitlines()
+    assert 'set -euo pipefail' in lines
+    (command,) = (line.split() for line in lines if line.startswith('make'))
+    assert command == ['make', 'lint', 'test']
+    assert 'make test' in first_commands(text('README.md'))
+
+
+def test_make_has_the_targets_that_the_documents_name() -> None:
+    assert {'demo', 'test', 'lint', 'bench', 'clean'} <= targets()
+    for page in ('README.md', 'CONTRIBUTING.md'):
+        assert set(re.findall(r'`make (\w+)', text(page))) <= targets(), page

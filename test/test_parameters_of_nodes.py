@@ -1,0 +1,368 @@
+"""
+Every bad parameter of the three nodes: exit status 2, one line that names it, no port opened.
+
+Most run in this process through the function that the executables call; a few as processes.
+"""
+
+from collections.abc import Iterator
+from collections.abc import Sequence
+import math
+import os
+from pathlib import Path
+import re
+import signal
+import threading
+from typing import Any
+
+import pytest
+import rclpy
+
+from bridge_core.node import run
+from bridge_core.parameters import Parameter
+from esi_drive_bridge.node import EsiDriveBridge
+from fort_vsc_bridge.node import FortVscBridge
+from safety_mux.node import SafetyMux
+from safety_mux.parameters import parameter_table
+from test.rig import as_yaml
+from test.spine import exit_of
+from test.spine import UntouchedPort
+
+NODES: dict[str, Any] = {'fort': FortVscBridge, 'esi': EsiDriveBridge, 'mux': SafetyMux}
+PARAMETERS: dict[str, dict[str, Parameter]] = {
+    'fort': {parameter.name: parameter for parameter in FortVscBridge.PARAMETERS},
+    'esi': {parameter.name: parameter for parameter in EsiDriveBridge.PARAMETERS},
+    'mux': {
+        parameter.name: parameter
+        for parameter in (*SafetyMux.PARAMETERS, *parameter_table({}))
+    },
+}
+ALL = [(node, name) for node, table in PARAMETERS.items() for name in table]
+# Lists that bring parameters of their own with each name.
+NAMING = ('joints', 'estop_sources', 'operators')
+
+
+@pytest.fixture(scope='module')
+def port() -> Iterator[UntouchedPort]:
+    result = UntouchedPort()
+    yield result
+    result.close()
+
+
+@pytest.fixture(autouse=True)
+def _signals() -> Iterator[None]:
+    """Keep the runner's own handlers, which a node replaces."""
+    kept = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+    yield
+    for number, handler in kept.items():
+        signal.signal(number, handler)
+    rclpy.try_shutdown()
+
+
+def started(node: str, arguments: Sequence[str]) -> int:
+    """Run a node in this process; one that takes what it was given is ended after a while."""
+    rescue = threading.Timer(3.0, os.kill, (os.getpid(), signal.SIGTERM))
+    rescue.start()
+    try:
+        return run([NODES[node]], ['node', '--ros-args', *arguments])
+    finally:
+        rescue.cancel()
+        rescue.join()
+
+
+def overrides(node: str, values: dict[str, Any], port: UntouchedPort) -> list[str]:
+    given = values if node == 'mux' else {'port': port.path, **values}
+    return [word for name, value in given.items() for word in ('-p', f'{name}:={as_yaml(value)}')]
+
+
+def refusal(node: str, values: dict[str, Any], port: UntouchedPort, capfd: Any) -> str:
+    """Show that the node refuses the values as it should; return its one line."""
+    capfd.readouterr()
+    status = started(node, overrides(node, values, port))
+    error = capfd.readouterr().err
+    assert status == 2, f'{values}: {error}'
+    lines = error.splitlines()
+    assert len(lines) == 1, f'{values}: {error}'
+    assert not port.was_opened, f'{values}: opened its port'
+    return str(lines[0])
+
+
+def bad_values(parameter: Parameter) -> Iterator[Any]:
+    """Give one value for each way to be wrong: type, range, not a number, no choice."""
+    many = isinstance(parameter.default, list)
+    kind = type((parameter.default or [''])[0] if many else parameter.default)
+    yield from ([each] if many else each for each in _bad_items(parameter, kind))
+    if not many:
+        good = parameter.default
+        yield [good, good]
+
+
+def _bad_items(parameter: Parameter, kind: type[Any]) -> Iterator[Any]:
+    wrong_types: dict[type[Any], tuple[Any, ...]] = {
+        bool: (1, 'yes please', 0.5),
+        int: (1.5, True, 'seven', math.nan),
+        float: ('fast', True, math.nan, math.inf, -math.inf),
+        str: (5, 2.5, True),
+    }
+    yield from wrong_types[kind]
+    step = 1 if kind is int else 1e-3
+    if parameter.minimum is not None:
+        yield kind(parameter.minimum - step)
+    if parameter.above is not None:
+        yield kind(parameter.above)
+        yield kind(parameter.above - step)
+    if parameter.maximum is not None:
+        yield kind(parameter.maximum + max(step, abs(parameter.maximum) * 1e-6))
+    if parameter.choices:
+        yield 'nonsense'
+        yield ''
+
+
+@pytest.mark.parametrize(('node', 'name'), ALL, ids=[f'{node}-{name}' for node, name in ALL])
+def test_bad_value_of_each_parameter_is_one_line_and_status_2(
+    node: str, name: str, port: UntouchedPort, capfd: Any
+) -> None:
+    parameter = PARAMETERS[node][name]
+    for value in bad_values(parameter):
+        line = refusal(node, {name: value}, port, capfd)
+        assert f'parameter {name} = ' in line, f'{value}: {line}'
+        assert f'allowed is {parameter.allowed}' in line, f'{value}: {line}'
+
+
+@pytest.mark.parametrize(('node', 'name'), ALL, ids=[f'{node}-{name}' for node, name in ALL])
+def test_misspelt_name_of_each_parameter_is_refused_with_the_right_one(
+    node: str, name: str, port: UntouchedPort, capfd: Any
+) -> None:
+    wrong = name[:-1] + 'qq'
+    line = refusal(node, {wrong: PARAMETERS[node][name].default}, port, capfd)
+    assert f'parameter {wrong}: there is no such parameter; did you mean ' in line
+
+
+CONTRADICTIONS: dict[str, tuple[str, dict[str, Any], str]] = {
+    # What is wrong: node, values, what the line must speak of.
+    'two operators of equal priority': (
+        'mux',
+        {'operators': ['fort', 'b'], 'operator.b.topic': 'joy', 'operator.b.mixing': 'arcade'},
+        'priorit',
+    ),
+    'an operator twice': ('mux', {'operators': ['fort', 'fort']}, 'operators'),
+    'an e-stop source twice': ('mux', {'estop_sources': ['fort', 'fort']}, 'e-?stop.sources'),
+    'no e-stop source': ('mux', {'estop_sources': ['']}, 'e-?stop.source'),
+    'nobody to drive': ('mux', {'operators': ['']}, 'operator'),
+    'a source without a topic': (
+        'mux',
+        {'estop_sources': ['fort', 'gate']},
+        r'parameter estop\.gate\.topic',
+    ),
+    'an operator without a topic': (
+        'mux',
+        {'operators': ['fort', 'b']},
+        r'parameter operator\.b\.topic',
+    ),
+    'when_owner without an operator': ('mux', {'estop.fort.counts': 'when_owner'}, 'when_owner'),
+    'a source of an operator that is not there': (
+        'mux',
+        {'estop.fort.operator': 'nobody'},
+        "operator 'nobody'",
+    ),
+    'a twist for three joints': (
+        'mux',
+        {
+            'autonomy.topic': 'cmd_vel',
+            'joints': ['a', 'b', 'c'],
+            'operator.fort.mixing': 'none',
+            'operator.fort.axis': [0, 1, 2],
+        },
+        r'parameter autonomy\.type',
+    ),
+    'three axes to mix': ('mux', {'operator.fort.axis': [0, 1, 2]}, r'operator\.fort.*arcade'),
+    'one axis to mix': ('mux', {'operator.fort.axis': [0]}, r'operator\.fort.*arcade'),
+    'more scales than axes': (
+        'mux',
+        {'operator.fort.scale': [1.0, 1.0, 1.0]},
+        r'operator\.fort.*scale',
+    ),
+    'more inversions than axes': (
+        'mux',
+        {'operator.fort.inverted': [True, False, True]},
+        r'operator\.fort.*inverted',
+    ),
+    'a scale of 0': ('mux', {'operator.fort.scale': [0.0]}, r'operator\.fort.*scale'),
+    'a deadman button twice': (
+        'mux',
+        {'operator.fort.deadman_buttons': [0, 0]},
+        r'operator\.fort.*deadman',
+    ),
+    'a joint twice': ('mux', {'joints': ['a', 'a']}, 'parameter joints'),
+    'a joint without a name': ('mux', {'joints': ['', 'b']}, 'parameter joints'),
+    'more joints than the operator moves': ('mux', {'joints': ['a', 'b', 'c']}, 'joints'),
+    'stalled at every tick': ('mux', {'rate': 20.0, 'stall_limit': 0.02}, 'stall_limit'),
+    'three joints for a drive of two axes': (
+        'esi',
+        {'joint_names': ['a', 'b', 'c']},
+        'parameter joint_names',
+    ),
+    'the drive has a joint twice': ('esi', {'joint_names': ['a', 'a']}, 'parameter joint_names'),
+    "a drive's joint without a name": ('esi', {'joint_names': ['', 'a']}, 'joint'),
+    'more modes than axes': ('esi', {'mode': ['torque'] * 3}, 'parameter mode'),
+    'two ratios for one axis': (
+        'esi',
+        {'joint_names': ['a'], 'gear_ratio': [1.0, 2.0]},
+        'parameter gear_ratio',
+    ),
+    'three inversions for two axes': (
+        'esi',
+        {'inverted': [True, False, True]},
+        'parameter inverted',
+    ),
+    'an interval that makes the link seem lost': (
+        'fort',
+        {'device.heartbeat_interval_ms': 200},
+        r'parameter device\.heartbeat_interval_ms',
+    ),
+    'sticks slower than their time-out': (
+        'fort',
+        {'device.joystick_interval_ms': 126},
+        r'parameter device\.joystick_interval_ms',
+    ),
+    'faster than the VSC sends': (
+        'fort',
+        {'device.joystick_interval_ms': 5},
+        r'parameter device\.joystick_interval_ms',
+    ),
+    'a heartbeat switched off': (
+        'fort',
+        {'device.heartbeat_interval_ms': 0},
+        r'parameter device\.heartbeat_interval_ms',
+    ),
+    'no minutes at all': (
+        'fort',
+        {'device.inactivity_pause_minutes': 0},
+        r'parameter device\.inactivity_pause_minutes',
+    ),
+}
+
+
+@pytest.mark.parametrize('case', CONTRADICTIONS)
+def test_contradiction_is_one_line_and_status_2(
+    case: str, port: UntouchedPort, capfd: Any
+) -> None:
+    node, values, words = CONTRADICTIONS[case]
+    line = refusal(node, values, port, capfd)
+    assert line.startswith('rugged_teleop: ')
+    assert re.search(words, line), line
+
+
+TOPICS = [name for name, each in PARAMETERS['mux'].items() if name.endswith('topic')]
+
+
+@pytest.mark.parametrize('name', TOPICS)
+def test_topic_name_that_ros_forbids_is_one_line_and_status_2(
+    name: str, port: UntouchedPort, capfd: Any
+) -> None:
+    for topic in ('two words', 'a//b', '1st', 'ends/', '~x'):
+        assert name in refusal('mux', {name: topic}, port, capfd), topic
+
+
+def test_one_topic_for_a_stop_and_for_sticks_is_one_line_and_status_2(
+    port: UntouchedPort, capfd: Any
+) -> None:
+    values = {'estop.fort.topic': 'both', 'operator.fort.topic': 'both'}
+    assert 'topic' in refusal('mux', values, port, capfd)
+
+
+def test_one_topic_for_two_estop_sources_is_one_line_and_status_2(
+    port: UntouchedPort, capfd: Any
+) -> None:
+    line = refusal('mux', {'estop.drive.topic': 'fort_vsc_bridge/estop'}, port, capfd)
+    assert 'topic' in line
+
+
+def test_source_name_that_cannot_be_a_topic_is_one_line_and_status_2(
+    tmp_path: Path, capfd: Any
+) -> None:
+    file = tmp_path / 'mux.yaml'
+    file.write_text(
+        'safety_mux:\n  ros__parameters:\n    estop_sources: ["main gate"]\n'
+        '    estop: {"main gate": {topic: gate/estop}}\n'
+    )
+    capfd.readouterr()
+    assert started('mux', ['--params-file', str(file)]) == 2
+    (line,) = capfd.readouterr().err.splitlines()
+    assert 'main gate' in line
+
+
+# As processes.
+
+
+@pytest.mark.parametrize(
+    ('module', 'name', 'value'),
+    [
+        ('fort_vsc_bridge.node', 'link_timeout', '.nan'),
+        ('esi_drive_bridge.node', 'command_rate', '"fast"'),
+        ('safety_mux.node', 'estop.fort.timeout', '0.0'),
+    ],
+)
+def test_process_with_a_bad_parameter_ends_with_status_2_and_one_line(
+    module: str, name: str, value: str
+) -> None:
+    status, error = exit_of(module, '--ros-args', '-p', f'{name}:={value}')
+    assert status == 2
+    (line,) = error.splitlines()
+    assert f'parameter {name} = ' in line
+
+
+def test_process_never_opens_its_port_with_a_bad_parameter() -> None:
+    port = UntouchedPort()
+    try:
+        for module in ('fort_vsc_bridge.node', 'esi_drive_bridge.node'):
+            status, _ = exit_of(
+                module, '--ros-args', '-p', f'port:={port.path}', '-p', 'estop_rate:=0.0'
+            )
+            assert status == 2
+            assert not port.was_opened
+    finally:
+        port.close()
+
+
+def test_bad_value_in_a_parameter_file_is_refused_like_any_other(
+    tmp_path: Path, port: UntouchedPort, capfd: Any
+) -> None:
+    file = tmp_path / 'mux.yaml'
+    file.write_text('safety_mux:\n  ros__parameters:\n    rate: 5.0\n')
+    capfd.readouterr()
+    assert started('mux', ['--params-file', str(file)]) == 2
+    (line,) = capfd.readouterr().err.splitlines()
+    assert 'parameter rate = 5.0: allowed is a number from 20 to 500 Hz' in line
+
+
+@pytest.mark.parametrize(
+    'text',
+    [
+        'safety_mux:\n  ros__parameters:\n    rate: [1.0,\n',
+        'safety_mux:\n  rate: 100.0\n',
+        '\tsafety_mux: {}\n',
+        '- rate\n',
+    ],
+    ids=['no end', 'no ros__parameters', 'a tabulator', 'a list'],
+)
+def test_broken_parameter_file_ends_with_status_2_and_its_name(tmp_path: Path, text: str) -> None:
+    file = tmp_path / 'broken.yaml'
+    file.write_text(text)
+    status, error = exit_of('safety_mux.node', '--ros-args', '--params-file', str(file))
+    assert status == 2
+    assert 'Traceback' not in error
+    last = error.splitlines()[-1]
+    assert last.startswith('rugged_teleop: ')
+    assert 'broken.yaml' in last
+
+
+def test_good_value_at_each_end_of_a_range_is_taken(port: UntouchedPort) -> None:
+    for table in PARAMETERS.values():
+        for parameter in table.values():
+            for end in (parameter.minimum, parameter.maximum):
+                if end is None:
+                    continue
+                many = isinstance(parameter.default, list)
+                kind = type(parameter.default[0] if many else parameter.default)
+                value = [kind(end)] if many else kind(end)
+                assert parameter.validate(value) == value, parameter.name

@@ -1,0 +1,777 @@
+"""The twelve rules, one test or more for each, and the choices that the rules leave open."""
+
+from collections.abc import Callable
+from dataclasses import replace
+import math
+from typing import Any
+
+import pytest
+
+from safety_mux.arbiter import Arbiter
+from safety_mux.limits import JointLimit
+from safety_mux.limits import JointLimiter
+from safety_mux.protocol import Autonomy
+from safety_mux.protocol import Decision
+from safety_mux.protocol import EStopSource
+from safety_mux.protocol import MuxConfig
+from safety_mux.protocol import Operator
+from safety_mux.protocol import OperatorSample
+from safety_mux.protocol import Reply
+from safety_mux.protocol import State
+
+REST = OperatorSample(neutral=True, deadman=False, demand=(0.0, 0.0))
+OFF = OperatorSample(neutral=False, deadman=False, demand=(1.0, 1.0))
+HALF = OperatorSample(neutral=True, deadman=False, demand=(0.0, 0.0), partial=True)
+HELD = OperatorSample(neutral=True, deadman=True, demand=(0.0, 0.0))
+DRIVE = OperatorSample(neutral=False, deadman=True, demand=(1.0, 0.5))
+BACK = OperatorSample(neutral=False, deadman=True, demand=(-1.0, -0.5))
+
+CONFIG = MuxConfig(
+    joints=2,
+    sources=(
+        EStopSource('fort'),
+        EStopSource('gate', stop_category=1),
+        EStopSource('spare', counts='when_owner', operator='senior'),
+    ),
+    operators=(Operator('fort', priority=1), Operator('senior', priority=2)),
+    autonomy=Autonomy(),
+)
+TICK = 0.01
+EVERY = 0.05  # seconds between messages of each input
+
+
+class Bench:
+    """An arbiter with inputs that keep sending what they are set to; None is silence."""
+
+    def __init__(self, config: MuxConfig = CONFIG) -> None:
+        limit = JointLimit(magnitude=1.0, acceleration=10.0, deceleration=10.0)
+        self.arbiter = Arbiter(config, JointLimiter([limit] * config.joints), 0.0)
+        self.now = 0.0
+        self.next_message = 0.0
+        self.estops: dict[str, bool | None] = {source.name: False for source in config.sources}
+        self.samples: dict[str, OperatorSample | None] = {o.name: REST for o in config.operators}
+        self.autonomy: tuple[float, float] | None = (0.0, 0.0)
+        self.decision = self.arbiter.tick(self.now)
+
+    def send(self) -> None:
+        for name, value in self.estops.items():
+            if value is not None:
+                self.arbiter.estop_message(name, value, self.now)
+        for name, sample in self.samples.items():
+            if sample is not None:
+                self.arbiter.operator_sample(name, sample, self.now)
+        if self.autonomy is not None and self.arbiter.config.autonomy is not None:
+            self.arbiter.autonomy_command(self.autonomy, self.now)
+
+    def run(self, seconds: float, check: Callable[[Decision], None] | None = None) -> Decision:
+        """Let time pass; return the last decision."""
+        for _ in range(round(seconds / TICK)):
+            self.now += TICK
+            if self.now >= self.next_message:
+                self.send()
+                self.next_message = self.now + EVERY - TICK / 2
+            self.decision = self.arbiter.tick(self.now)
+            if check is not None:
+                check(self.decision)
+        return self.decision
+
+    def tick(self) -> Decision:
+        """Tick at once, as after a stop that just arrived."""
+        self.decision = self.arbiter.tick(self.now)
+        return self.decision
+
+    def reset(self) -> Reply:
+        return self.arbiter.reset(self.now)
+
+    def ready(self) -> 'Bench':
+        self.run(0.6)
+        assert self.reset().ok
+        self.run(0.4)
+        assert self.decision.state is State.READY
+        return self
+
+    def active(self, owner: str = 'fort') -> 'Bench':
+        self.ready()
+        if owner == 'autonomy':
+            assert self.arbiter.select_autonomy(True, self.now).ok
+            self.autonomy = (1.0, 0.5)
+        else:
+            self.samples[owner] = DRIVE
+        self.run(0.7)
+        assert (self.decision.owner, self.decision.demand) == (owner, (1.0, 0.5))
+        return self
+
+    def why(self) -> str:
+        return '\n'.join(self.arbiter.status(self.now).inhibits)
+
+    def reason(self) -> str:
+        return self.arbiter.status(self.now).last_transition.reason
+
+
+def assert_stopped(decision: Decision) -> None:
+    assert decision.state is State.STOPPED
+    assert decision.estop
+    assert not decision.enable
+    assert decision.demand == (0.0, 0.0)
+    assert decision.owner is None
+
+
+# Rule 1: an e-stop source is clear only if it is fresh, says false, and its QoS matches.
+
+
+def test_source_never_seen_is_a_stop() -> None:
+    bench = Bench()
+    bench.estops['fort'] = None
+    bench.run(2.0)
+    assert "e-stop source 'fort' is silent: never heard, limit 250 ms" in bench.why()
+    assert not bench.reset().ok
+
+
+def test_stale_source_stops_after_its_timeout_and_not_before() -> None:
+    bench = Bench().active()
+    bench.estops['fort'] = None
+    heard = bench.arbiter.status(bench.now).ages["e-stop source 'fort'"]
+    assert bench.run(0.25 - heard - TICK).state is State.ACTIVE
+    assert_stopped(bench.run(3 * TICK))
+    assert "e-stop source 'fort' is stale: last heard" in bench.reason()
+
+
+def test_true_stops_with_the_next_tick() -> None:
+    bench = Bench().active()
+    bench.arbiter.estop_message('fort', True, bench.now)
+    assert_stopped(bench.tick())
+    assert "e-stop source 'fort' demands a stop" in bench.reason()
+
+
+def test_stop_that_came_and_went_between_ticks_is_not_missed() -> None:
+    bench = Bench().active()
+    bench.arbiter.estop_message('fort', True, bench.now)
+    bench.arbiter.estop_message('fort', False, bench.now)
+    assert_stopped(bench.tick())
+
+
+def test_gap_between_ticks_in_a_source_is_not_missed() -> None:
+    bench = Bench(replace(CONFIG, stall_limit=1.0)).active()
+    bench.now += 0.3
+    bench.send()
+    assert_stopped(bench.tick())
+    assert 'was stale: last heard 3' in bench.reason()
+
+
+@pytest.mark.parametrize('cause', ['publishers', 'qos'])
+def test_source_that_node_finds_invalid_stops(cause: str) -> None:
+    bench = Bench().active()
+    bench.arbiter.set_invalid('e-stop source', 'fort', cause, 'best effort was offered')
+    assert_stopped(bench.tick())
+    bench.run(1.0)
+    assert "e-stop source 'fort' is invalid: best effort was offered" in bench.why()
+    assert not bench.reset().ok
+    bench.samples['fort'] = REST
+    bench.arbiter.set_invalid('e-stop source', 'fort', cause, None)
+    bench.run(0.6)
+    assert bench.reset().ok
+
+
+@pytest.mark.parametrize('value', [True, None])
+def test_when_owner_source_counts_only_for_its_operator(value: bool | None) -> None:
+    bench = Bench()
+    bench.estops['spare'] = value
+    bench.active('fort')
+    assert bench.run(0.5).state is State.ACTIVE
+
+
+def test_when_owner_source_keeps_its_operator_from_acquiring() -> None:
+    bench = Bench().ready()
+    bench.estops['spare'] = True
+    bench.run(0.1)
+    assert "operator 'senior' cannot take control: e-stop source 'spare' demands" in bench.why()
+    bench.samples['senior'] = DRIVE
+    assert bench.run(0.5).state is State.READY
+
+
+def test_when_owner_source_stops_its_owner() -> None:
+    bench = Bench().active('senior')
+    bench.arbiter.estop_message('spare', True, bench.now)
+    assert_stopped(bench.tick())
+
+
+# Rules 2 and 3: stop beats everything; reset is an edge.
+
+
+def test_stop_in_the_tick_of_a_reset_ends_the_reset() -> None:
+    bench = Bench()
+    bench.run(0.6)
+    assert bench.reset().ok
+    bench.arbiter.estop_message('gate', True, bench.now)
+    assert_stopped(bench.tick())
+
+
+def test_reset_in_the_tick_of_a_stop_loses() -> None:
+    bench = Bench().active()
+    bench.arbiter.estop_message('fort', True, bench.now)
+    assert not bench.reset().ok
+    assert_stopped(bench.tick())
+
+
+def test_reset_before_clear_time_is_refused_and_not_queued() -> None:
+    bench = Bench().active()
+    bench.samples['fort'] = REST
+    bench.arbiter.estop_message('fort', True, bench.now)
+    bench.tick()
+    bench.run(0.2)
+    reply = bench.reset()
+    assert not reply.ok
+    assert 'of 500 ms' in reply.message
+    assert_stopped(bench.run(2.0))
+    assert bench.reset().ok
+
+
+def test_blip_begins_clear_time_anew() -> None:
+    bench = Bench()
+    bench.run(0.45)
+    bench.arbiter.estop_message('fort', True, bench.now)
+    bench.arbiter.estop_message('fort', False, bench.now)
+    bench.run(0.4)
+    assert not bench.reset().ok
+
+
+@pytest.mark.parametrize('sample', [OFF, HELD, HALF, DRIVE])
+def test_reset_with_a_fresh_operator_not_at_neutral_is_refused(sample: OperatorSample) -> None:
+    bench = Bench()
+    bench.samples['senior'] = sample
+    bench.run(1.0)
+    reply = bench.reset()
+    assert not reply.ok
+    assert "operator 'senior' is not at neutral" in reply.message
+
+
+def test_reset_with_an_operator_who_is_not_there_succeeds() -> None:
+    bench = Bench()
+    bench.samples['senior'] = None
+    bench.run(1.0)
+    assert bench.reset().ok
+
+
+def test_reset_with_an_operator_whose_messages_make_no_sense_is_refused() -> None:
+    bench = Bench()
+    bench.samples['senior'] = replace(REST, demand=(0.0,))
+    bench.run(1.0)
+    assert not bench.reset().ok
+    assert "operator 'senior' is invalid: it has a demand for 1 joints, not 2" in bench.why()
+
+
+def test_held_or_repeated_reset_does_nothing() -> None:
+    bench = Bench()
+    bench.estops['fort'] = True
+    bench.run(0.5)
+    replies = []
+    for step in range(40):
+        if step == 10:
+            bench.estops['fort'] = False
+        bench.run(0.1)
+        replies.append(bench.reset())
+    assert not any(reply.ok for reply in replies)
+    assert 'held or repeated' in replies[-1].message
+    bench.run(0.6)
+    assert bench.reset().ok
+
+
+@pytest.mark.parametrize('arrange', [Bench.ready, Bench.active])
+def test_reset_of_what_is_not_stopped_does_nothing(arrange: Callable[[Bench], Bench]) -> None:
+    bench = arrange(Bench())
+    before = bench.decision
+    assert not bench.reset().ok
+    assert bench.tick() == before
+
+
+def test_restarted_mux_is_stopped() -> None:
+    assert_stopped(Bench().decision)
+    assert_stopped(Bench().run(5.0))
+
+
+# Rule 4: a reset never moves anything; motion needs a new acquire.
+
+
+def test_reset_alone_moves_nothing() -> None:
+    def still(decision: Decision) -> None:
+        assert not decision.enable
+        assert decision.demand == (0.0, 0.0)
+
+    bench = Bench()
+    bench.run(0.6)
+    assert bench.reset().ok
+    assert bench.run(5.0, still).state is State.READY
+
+
+def test_deadman_pressed_before_neutral_time_is_forgotten() -> None:
+    bench = Bench()
+    bench.run(0.6)
+    assert bench.reset().ok
+    bench.run(0.2)
+    bench.samples['fort'] = DRIVE
+    assert bench.run(2.0).state is State.READY
+    assert "operator 'fort' held its deadman before it could count: release it" in bench.why()
+
+
+def test_silence_is_not_neutral() -> None:
+    bench = Bench()
+    bench.samples['fort'] = None
+    bench.ready()
+    bench.run(2.0)
+    bench.arbiter.operator_sample('fort', REST, bench.now)
+    bench.run(0.2)  # within the timeout, but not one more sample
+    bench.samples['fort'] = DRIVE
+    assert bench.run(0.5).state is State.READY
+
+
+def test_stick_off_neutral_before_the_deadman_begins_neutral_time_anew() -> None:
+    bench = Bench().ready()
+    bench.samples['fort'] = OFF
+    bench.run(0.1)
+    assert "operator 'fort' has not been neutral" in bench.why()
+    bench.samples['fort'] = DRIVE
+    assert bench.run(1.0).state is State.READY
+
+
+def test_deadman_of_two_buttons_pressed_one_after_the_other_counts() -> None:
+    bench = Bench().ready()
+    bench.samples['fort'] = HALF
+    bench.run(0.1)
+    bench.samples['fort'] = DRIVE
+    assert bench.run(0.1).state is State.ACTIVE
+
+
+def test_half_a_deadman_is_no_rest() -> None:
+    bench = Bench().ready()
+    bench.samples['fort'] = OFF
+    bench.run(0.1)
+    bench.samples['fort'] = HALF
+    bench.run(2.0)
+    bench.samples['fort'] = REST
+    bench.run(0.1)
+    bench.samples['fort'] = DRIVE
+    assert bench.run(0.5).state is State.READY
+
+
+def test_operator_found_invalid_while_resting_begins_anew() -> None:
+    bench = Bench().ready()
+    bench.arbiter.set_invalid('operator', 'fort', 'publishers', 'two publishers are alive')
+    bench.run(1.0)
+    bench.arbiter.set_invalid('operator', 'fort', 'publishers', None)
+    bench.samples['fort'] = DRIVE
+    assert bench.run(0.5).state is State.READY
+
+
+# Rule 5: what was asked before a stop is forgotten.
+
+
+def test_deadman_held_through_stop_and_reset_moves_nothing() -> None:
+    bench = Bench().active()
+    bench.arbiter.estop_message('fort', True, bench.now)
+    bench.tick()
+    bench.run(1.0)
+    assert not bench.reset().ok  # the operator is not at neutral
+    bench.samples['fort'] = None  # so he holds it and falls silent
+    bench.run(1.0)
+    assert bench.reset().ok
+    bench.samples['fort'] = DRIVE
+    assert bench.run(2.0).state is State.READY
+
+
+def test_first_output_after_a_stop_is_zero_and_ramps_from_there() -> None:
+    bench = Bench().active()
+    bench.arbiter.estop_message('fort', True, bench.now)
+    assert_stopped(bench.tick())
+    bench.samples['fort'] = REST
+    bench.ready()
+    seen: list[Decision] = []
+    bench.samples['fort'] = DRIVE
+    bench.run(0.2, seen.append)
+    active = [decision.demand[0] for decision in seen if decision.enable]
+    assert active[0] == 0.0
+    assert active[1] == pytest.approx(10.0 * TICK)
+
+
+def test_autonomy_is_not_selected_any_more_after_a_stop() -> None:
+    bench = Bench().active('autonomy')
+    bench.arbiter.estop_message('fort', True, bench.now)
+    bench.tick()
+    bench.ready()
+    assert bench.run(1.0).state is State.READY
+
+
+# Rule 6: a lost owner stops the machine.
+
+
+@pytest.mark.parametrize('owner', ['fort', 'senior', 'autonomy'])
+def test_silent_owner_stops_and_hands_over_to_nobody(owner: str) -> None:
+    bench = Bench().active(owner)
+    if owner == 'autonomy':
+        bench.autonomy = None
+    else:
+        bench.samples[owner] = None
+    assert_stopped(bench.run(0.4))
+    assert 'the owner was lost' in bench.reason()
+
+
+def test_owner_with_a_gap_between_ticks_is_lost() -> None:
+    bench = Bench(replace(CONFIG, stall_limit=1.0, operators=(Operator('fort', 1, 0.1),),
+                          sources=CONFIG.sources[:2])).active()  # fmt: skip
+    bench.now += 0.2
+    bench.send()
+    assert_stopped(bench.tick())
+    assert 'the owner was lost' in bench.reason()
+
+
+def test_release_is_zero_and_disabled_at_once_and_hands_over_to_nobody() -> None:
+    bench = Bench().active()
+    bench.arbiter.operator_sample('fort', REST, bench.now)
+    bench.arbiter.operator_sample('fort', DRIVE, bench.now)  # pressed again in the same tick
+    decision = bench.tick()
+    assert decision.state is State.READY
+    assert not decision.enable
+    assert decision.demand == (0.0, 0.0)
+    assert bench.run(1.0).owner is None
+
+
+# Rule 7: takeover.
+
+
+def test_takeover_passes_through_zero_under_the_rate_limit() -> None:
+    bench = Bench().active()
+    values = [bench.decision.demand[0]]
+    bench.samples['senior'] = BACK
+    bench.run(0.5, lambda decision: values.append(decision.demand[0]))
+    assert bench.decision.owner == 'senior'
+    assert values[-1] == -1.0
+    assert 0.0 in values
+    steps = [abs(after - before) for before, after in zip(values, values[1:], strict=False)]
+    assert max(steps) <= 10.0 * TICK + 1e-9
+
+
+def test_takeover_with_the_same_demand_still_reaches_zero() -> None:
+    bench = Bench().active()
+    values: list[float] = []
+    bench.samples['senior'] = DRIVE
+    bench.run(0.5, lambda decision: values.append(decision.demand[0]))
+    assert 0.0 in values
+    assert values[-1] == 1.0
+
+
+def test_releasing_a_takeover_does_not_hand_back() -> None:
+    bench = Bench().active()
+    bench.samples['senior'] = DRIVE
+    bench.run(0.7)
+    bench.samples['senior'] = REST
+    assert bench.run(1.0).state is State.READY  # fort still holds its deadman
+
+
+def test_lower_operator_does_not_take_over() -> None:
+    bench = Bench().active('senior')
+    bench.samples['fort'] = DRIVE
+    assert bench.run(1.0).owner == 'senior'
+
+
+def test_no_takeover_within_hold_time() -> None:
+    bench = Bench().ready()
+    bench.samples['fort'] = DRIVE
+    bench.run(0.2)
+    bench.samples['senior'] = DRIVE
+    assert bench.run(2.0).owner == 'fort'  # the early edge is forgotten, not queued
+    bench.samples['senior'] = REST
+    bench.run(0.5)
+    bench.samples['senior'] = DRIVE
+    assert bench.run(0.1).owner == 'senior'
+
+
+def test_person_takes_over_from_autonomy_at_once() -> None:
+    bench = Bench().ready()
+    assert bench.arbiter.select_autonomy(True, bench.now).ok
+    bench.run(0.05)
+    bench.samples['fort'] = DRIVE
+    assert bench.run(0.1).owner == 'fort'
+    bench.samples['fort'] = REST
+    assert bench.run(1.0).owner is None, 'a release never hands over to autonomy'
+
+
+# Autonomy.
+
+
+def test_autonomy_needs_commands_of_zero_first() -> None:
+    bench = Bench().ready()
+    bench.autonomy = (1.0, 0.0)
+    bench.run(0.2)
+    reply = bench.arbiter.select_autonomy(True, bench.now)
+    assert not reply.ok
+    assert 'autonomy has asked for zero for 0 ms of 300 ms' in reply.message
+
+
+@pytest.mark.parametrize('silent', [True, False])
+def test_autonomy_silent_or_senseless_cannot_be_selected(silent: bool) -> None:
+    bench = Bench().ready()
+    bench.autonomy = None if silent else (math.nan, 0.0)
+    bench.run(0.5)
+    assert not bench.arbiter.select_autonomy(True, bench.now).ok
+
+
+def test_autonomy_is_not_selected_while_stopped_and_not_queued() -> None:
+    bench = Bench()
+    bench.run(0.6)
+    assert not bench.arbiter.select_autonomy(True, bench.now).ok
+    bench.ready()
+    assert bench.run(1.0).state is State.READY
+
+
+def test_autonomy_is_not_selected_while_a_deadman_is_held() -> None:
+    bench = Bench().ready()
+    bench.samples['fort'] = OFF
+    bench.run(0.1)
+    bench.samples['fort'] = HELD
+    bench.run(0.1)
+    assert not bench.arbiter.select_autonomy(True, bench.now).ok
+
+
+def test_deselected_autonomy_is_zero_at_once() -> None:
+    bench = Bench().active('autonomy')
+    assert bench.arbiter.select_autonomy(False, bench.now).ok
+    decision = bench.tick()
+    assert (decision.state, decision.demand) == (State.READY, (0.0, 0.0))
+
+
+def test_without_autonomy_there_is_nothing_to_select() -> None:
+    bench = Bench(replace(CONFIG, autonomy=None)).ready()
+    assert not bench.arbiter.select_autonomy(True, bench.now).ok
+    with pytest.raises(KeyError):
+        bench.arbiter.autonomy_command((0.0, 0.0), bench.now)
+
+
+# Rule 8: time.
+
+
+@pytest.mark.parametrize('gap', [0.11, 3600.0, -0.5, -3600.0])
+def test_frozen_process_stops_and_forgets_what_it_heard(gap: float) -> None:
+    bench = Bench().active()
+    bench.now += gap
+    bench.send()  # what waited in the queues arrives first
+    assert_stopped(bench.tick())
+    assert 'this process was frozen' in bench.reason()
+    assert bench.arbiter.status(bench.now).ages["e-stop source 'fort'"] == math.inf
+    assert not bench.reset().ok
+
+
+def test_services_after_a_freeze_do_not_overtake_the_tick() -> None:
+    bench = Bench().ready()
+    bench.now += 1.0
+    bench.send()
+    assert not bench.arbiter.select_autonomy(True, bench.now).ok
+    assert_stopped(bench.tick())
+
+
+# Rule 9: malformed input.
+
+
+@pytest.mark.parametrize('demand', [(1.0,), (1.0, 1.0, 1.0), (math.nan, 0.0), (0.0, math.inf)])
+def test_senseless_demand_of_the_owner_stops(demand: tuple[float, ...]) -> None:
+    bench = Bench().active()
+    bench.arbiter.operator_sample('fort', replace(DRIVE, demand=demand), bench.now)
+    assert_stopped(bench.tick())
+    assert "operator 'fort' is invalid: it" in bench.reason()
+
+
+def test_malformed_message_followed_by_a_good_one_still_stops() -> None:
+    bench = Bench().active()
+    bench.arbiter.operator_invalid('fort', 'it has 2 axes, 6 are needed', bench.now)
+    bench.arbiter.operator_sample('fort', DRIVE, bench.now)
+    assert_stopped(bench.tick())
+    assert 'it has 2 axes, 6 are needed' in bench.reason()
+
+
+def test_malformed_message_of_somebody_else_stops_nothing() -> None:
+    bench = Bench().active()
+    bench.arbiter.operator_invalid('senior', 'axis 1 is nan', bench.now)
+    bench.arbiter.autonomy_invalid('the twist is not finite', bench.now)
+    assert bench.tick().state is State.ACTIVE
+
+
+@pytest.mark.parametrize(('kind', 'owner'), [('operator', 'fort'), ('autonomy', 'autonomy')])
+def test_second_publisher_of_the_owner_stops(kind: Any, owner: str) -> None:
+    bench = Bench().active(owner)
+    bench.arbiter.set_invalid(kind, owner, 'publishers', 'two publishers are alive')
+    assert_stopped(bench.tick())
+    assert 'two publishers are alive' in bench.reason()
+
+
+# Rule 10: outputs, and stop category 1.
+
+
+def test_category_1_ramps_to_zero_in_time_and_then_disables() -> None:
+    bench = Bench(replace(CONFIG, stop_time=0.05)).active()
+    seen: list[Decision] = []
+    bench.arbiter.estop_message('gate', True, bench.now)
+    bench.run(0.1, seen.append)
+    ramp = [decision for decision in seen if decision.state is State.STOPPING]
+    assert 0 < len(ramp) * TICK < 0.05
+    assert all(decision.enable and not decision.estop for decision in ramp)
+    values = [decision.demand[0] for decision in ramp]
+    assert values == sorted(values, reverse=True)
+    assert_stopped(seen[len(ramp)])
+    assert "the ramp has ended, after: e-stop source 'gate'" in bench.reason()
+
+
+def test_category_0_on_the_ramp_cuts() -> None:
+    bench = Bench().active()
+    bench.arbiter.estop_message('gate', True, bench.now)
+    assert bench.tick().state is State.STOPPING
+    bench.arbiter.estop_message('fort', True, bench.now)
+    assert_stopped(bench.tick())
+
+
+def test_category_0_beats_category_1_in_the_same_tick() -> None:
+    bench = Bench().active()
+    bench.arbiter.estop_message('gate', True, bench.now)
+    bench.arbiter.estop_message('fort', True, bench.now)
+    assert_stopped(bench.tick())
+
+
+def test_release_on_the_ramp_cuts() -> None:
+    bench = Bench().active()
+    bench.arbiter.estop_message('gate', True, bench.now)
+    bench.tick()
+    bench.arbiter.operator_sample('fort', REST, bench.now)
+    assert_stopped(bench.tick())
+    assert "operator 'fort' released its deadman" in bench.reason()
+
+
+def test_stop_taken_back_on_the_ramp_still_ends_stopped() -> None:
+    bench = Bench().active()
+    bench.arbiter.estop_message('gate', True, bench.now)
+    bench.tick()
+    bench.arbiter.estop_message('gate', False, bench.now)
+    assert_stopped(bench.run(0.6))
+
+
+def test_category_1_at_standstill_stops_at_once() -> None:
+    bench = Bench().active()
+    bench.samples['fort'] = HELD
+    bench.run(0.3)
+    bench.arbiter.estop_message('gate', True, bench.now)
+    assert_stopped(bench.tick())
+
+
+def test_hold_stops_for_as_long_as_it_lasts() -> None:
+    bench = Bench().active()
+    bench.samples['fort'] = REST
+    bench.arbiter.hold('the node is not active')
+    assert_stopped(bench.run(1.0))
+    assert 'the node is not active' in bench.reset().message
+    bench.arbiter.hold(None)
+    bench.run(0.6)
+    assert bench.reset().ok
+
+
+def test_trip_is_latched_until_a_reset() -> None:
+    bench = Bench().active()
+    bench.samples['fort'] = REST
+    assert bench.arbiter.trip(bench.now).ok
+    assert_stopped(bench.tick())
+    decision = bench.run(2.0)
+    assert_stopped(decision)
+    assert all(decision.stop_demand.values())
+    assert 'a trip is active until ~/reset is called' in bench.why()
+    bench.ready()
+    assert not any(bench.tick().stop_demand.values())
+
+
+# Rule 12: the full answer.
+
+
+def test_status_of_a_fresh_mux_names_everything() -> None:
+    bench = Bench()
+    why = bench.why()
+    for words in (
+        "e-stop source 'fort' is silent: never heard",
+        "e-stop source 'gate' is silent: never heard",
+        "operator 'fort' is silent: never heard",
+        'autonomy is silent: never heard',
+        'waiting for reset: call ~/reset',
+    ):
+        assert words in why
+
+
+def test_status_follows_the_way_to_motion() -> None:
+    bench = Bench()
+    bench.run(0.3)
+    assert 'all stops have been clear for' in bench.why()
+    bench.run(0.4)
+    bench.reset()
+    bench.run(0.2)
+    assert "operator 'fort' has been neutral for" in bench.why()
+    bench.run(0.3)
+    assert "press the deadman of 'fort' to take control" in bench.why()
+    assert 'call ~/select_autonomy' in bench.why()
+    bench.samples['fort'] = HELD
+    bench.run(0.2)
+    assert "operator 'fort' has control and asks for zero" in bench.why()
+    bench.samples['fort'] = DRIVE
+    bench.run(0.2)
+    assert bench.why() == ''
+    bench.arbiter.estop_message('gate', True, bench.now)
+    bench.tick()
+    assert 'stopping on a ramp' in bench.why()
+    last = bench.arbiter.status(bench.now).last_transition
+    assert (last.before, last.after) == (State.ACTIVE, State.STOPPING)
+
+
+# Configuration.
+
+
+@pytest.mark.parametrize('value', [0.0, -1.0, math.nan, math.inf])
+def test_timeout_that_never_expires_is_refused(value: float) -> None:
+    for make in (
+        lambda: EStopSource('fort', timeout=value),
+        lambda: Operator('fort', 1, timeout=value),
+        lambda: Autonomy(timeout=value),
+        lambda: replace(CONFIG, clear_time=value),
+        lambda: replace(CONFIG, neutral_time=value),
+        lambda: replace(CONFIG, stall_limit=value),
+        lambda: replace(CONFIG, stop_time=value),
+    ):
+        with pytest.raises(ValueError, match='must be above 0 s and finite, not'):
+            make()
+
+
+@pytest.mark.parametrize(
+    ('changes', 'words'),
+    [
+        ({'sources': ()}, 'no e-stop source'),
+        ({'sources': (EStopSource('a'), EStopSource('a'))}, 'e-stop sources must differ: a'),
+        ({'operators': (Operator('a', 1), Operator('b', 1))}, 'priorities must differ: 1'),
+        ({'operators': (Operator('a', 1), Operator('a', 2))}, 'operators must differ: a'),
+        ({'operators': (), 'autonomy': None, 'sources': (EStopSource('a'),)}, 'nobody could'),
+        ({'operators': (Operator('a', 1),)}, "belongs to operator 'senior'"),
+        ({'sources': CONFIG.sources[2:]}, "no e-stop source would stop 'fort'"),
+        ({'hold_time': -0.1}, 'hold_time'),
+        ({'joints': 0}, 'joints'),
+    ],
+)
+def test_contradicting_configuration_is_refused(changes: dict[str, Any], words: str) -> None:
+    with pytest.raises(ValueError, match=words):
+        replace(CONFIG, **changes)
+
+
+def test_senseless_source_or_operator_is_refused() -> None:
+    with pytest.raises(ValueError, match='name the operator'):
+        EStopSource('a', counts='when_owner')
+    with pytest.raises(ValueError, match='counts'):
+        EStopSource('a', counts='sometimes')  # type: ignore[arg-type]
+    with pytest.raises(ValueError, match='stop_category'):
+        EStopSource('a', stop_category=2)
+    with pytest.raises(ValueError, match='begins with a letter'):
+        EStopSource('a/b')
+    with pytest.raises(ValueError, match='cannot be named'):
+        Operator('autonomy', 1)
+
+
+def test_limits_for_other_joints_are_refused() -> None:
+    with pytest.raises(ValueError, match='limits are for 1 joints, not 2'):
+        Arbiter(CONFIG, JointLimiter([JointLimit(1.0, 1.0, 1.0)]), 0.0)

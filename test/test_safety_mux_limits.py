@@ -1,0 +1,145 @@
+"""Rule 10: magnitude, rate, and a ramp with an end."""
+
+import math
+
+from hypothesis import given
+from hypothesis import strategies as st
+import pytest
+
+from safety_mux.limits import JointLimit
+from safety_mux.limits import JointLimiter
+
+LIMIT = JointLimit(magnitude=4.0, acceleration=2.0, deceleration=8.0)
+numbers = st.floats(allow_nan=True, allow_infinity=True)
+
+
+def limiter(*limits: JointLimit, max_dt: float = 1.0) -> JointLimiter:
+    return JointLimiter(limits or (LIMIT,), max_dt=max_dt)
+
+
+def test_growing_keeps_to_the_acceleration_and_shrinking_to_the_deceleration() -> None:
+    limited = limiter()
+    assert [limited.step((4.0,), 0.5) for _ in range(5)] == [
+        (1.0,),
+        (2.0,),
+        (3.0,),
+        (4.0,),
+        (4.0,),
+    ]
+    assert limited.step((0.0,), 0.25) == (2.0,)
+    assert limited.step((1.5,), 0.25) == (1.5,)
+
+
+def test_change_of_sign_stops_at_zero_first() -> None:
+    limited = limiter()
+    limited.step((-4.0,), 1.0)
+    assert limited.output == (-2.0,)
+    assert limited.step((4.0,), 1.0) == (0.0,)
+    assert limited.step((4.0,), 1.0) == (2.0,)
+
+
+def test_joints_are_limited_each_by_its_own() -> None:
+    limited = limiter(LIMIT, JointLimit(0.5, 100.0, 100.0))
+    assert limited.step((4.0, -4.0), 0.5) == (1.0, -0.5)
+
+
+@pytest.mark.parametrize('target', [math.nan, math.inf, -math.inf])
+def test_target_that_is_no_number_counts_as_zero(target: float) -> None:
+    limited = limiter()
+    limited.step((1.0,), 1.0)
+    assert limited.step((target,), 1.0) == (0.0,)
+
+
+@pytest.mark.parametrize('dt', [0.0, -1.0, -math.inf, math.nan])
+def test_time_that_does_not_pass_changes_nothing(dt: float) -> None:
+    limited = limiter()
+    limited.step((1.0,), 1.0)
+    assert limited.step((4.0,), dt) == (1.0,)
+    assert limited.ramp(dt, 0.5) == (1.0,)
+
+
+@pytest.mark.parametrize('dt', [10.0, 1e300, math.inf])
+def test_late_step_does_not_jump(dt: float) -> None:
+    assert limiter(max_dt=0.1).step((4.0,), dt) == (0.2,)
+
+
+def test_reset_is_zero_at_once_and_leaves_no_ramp() -> None:
+    limited = limiter()
+    limited.step((4.0,), 1.0)
+    limited.reset()
+    assert limited.output == (0.0,)
+    assert limited.step((4.0,), 0.5) == (1.0,)
+
+
+def test_ramp_ends_in_time_where_the_deceleration_would_not() -> None:
+    limited = limiter(JointLimit(4.0, 4.0, 1.0))
+    limited.step((4.0,), 1.0)
+    assert [limited.ramp(0.25, 1.0) for _ in range(4)] == [(3.0,), (2.0,), (1.0,), (0.0,)]
+
+
+def test_ramp_ends_sooner_with_the_deceleration() -> None:
+    limited = limiter()
+    limited.step((2.0,), 1.0)
+    assert [limited.ramp(0.125, 1.0) for _ in range(2)] == [(1.0,), (0.0,)]
+
+
+def test_late_step_on_the_ramp_still_ends_it_in_time() -> None:
+    limited = limiter(JointLimit(4.0, 4.0, 1.0))
+    limited.step((-4.0,), 1.0)
+    assert limited.ramp(0.25, 1.0) == (-3.0,)
+    assert limited.ramp(math.inf, 1.0) == (0.0,)
+
+
+@pytest.mark.parametrize('stop_time', [0.0, -1.0])
+def test_ramp_without_time_is_zero_at_once(stop_time: float) -> None:
+    limited = limiter()
+    limited.step((4.0,), 1.0)
+    assert limited.ramp(0.01, stop_time) == (0.0,)
+
+
+@pytest.mark.parametrize('value', [0.0, -1.0, math.nan, math.inf])
+def test_limit_that_limits_nothing_is_refused(value: float) -> None:
+    for limits in ((value, 1.0, 1.0), (1.0, value, 1.0), (1.0, 1.0, value)):
+        with pytest.raises(ValueError, match='must be above 0 and finite'):
+            JointLimit(*limits)
+    with pytest.raises(ValueError, match='max_dt'):
+        limiter(max_dt=value)
+
+
+def test_wrong_number_of_joints_is_refused() -> None:
+    with pytest.raises(ValueError, match='one joint or more'):
+        JointLimiter([])
+    with pytest.raises(ValueError, match='2 targets for 1 joints'):
+        limiter().step((1.0, 1.0), 0.1)
+
+
+@given(st.lists(st.tuples(numbers, numbers)))
+def test_whatever_comes_the_limits_hold(steps: list[tuple[float, float]]) -> None:
+    limited = limiter(max_dt=0.1)
+    for target, dt in steps:
+        was = limited.output[0]
+        (value,) = limited.step((target,), dt)
+        grows = abs(value) > abs(was)
+        assert abs(value) <= LIMIT.magnitude
+        assert was * value >= 0.0
+        rate = LIMIT.acceleration if grows else LIMIT.deceleration
+        assert abs(value - was) <= rate * 0.1 + 1e-9
+
+
+@given(
+    st.floats(-4.0, 4.0),
+    st.lists(st.floats(0.001, 0.1), min_size=1),
+    st.floats(0.01, 2.0),
+)
+def test_every_ramp_falls_and_ends(start: float, steps: list[float], stop_time: float) -> None:
+    limited = limiter(JointLimit(4.0, 100.0, 0.5))
+    limited.step((start,), 1.0)
+    before, passed = limited.output[0], 0.0
+    for dt in steps:
+        (value,) = limited.ramp(dt, stop_time)
+        passed += dt
+        assert abs(value) < abs(before) or value == 0.0
+        assert value * start >= 0.0
+        if passed >= stop_time * (1.0 + 1e-9):
+            assert abs(value) <= 1e-9
+        before = value

@@ -1,0 +1,257 @@
+"""From sticks, twists and named joints to demands; rule 9: what is malformed says so."""
+
+import math
+from typing import Any
+
+from hypothesis import given
+from hypothesis import strategies as st
+import pytest
+
+from safety_mux.mapping import DifferentialDrive
+from safety_mux.mapping import JoyMapping
+from safety_mux.mapping import NamedJoints
+from safety_mux.mapping import Stick
+from safety_mux.protocol import MalformedInput
+from safety_mux.protocol import OperatorSample
+
+STRAIGHT = Stick(0, deadband=0.0)
+PLAIN = JoyMapping((STRAIGHT, Stick(1, deadband=0.0)), deadman=(0,))
+ARCADE = JoyMapping(
+    (Stick(0, scale=10.0, deadband=0.0), Stick(1, scale=5.0, deadband=0.0)),
+    deadman=(0,),
+    mixing='arcade',
+)
+axes = st.lists(st.floats(-1.05, 1.05), min_size=2, max_size=4)
+
+
+# One stick.
+
+
+def test_scale_and_inversion() -> None:
+    assert Stick(0, scale=4.0, deadband=0.0).shape(0.5) == 2.0
+    assert Stick(0, scale=4.0, deadband=0.0, inverted=True).shape(0.5) == -2.0
+
+
+def test_deadband_is_zero_and_the_rest_of_the_way_is_stretched() -> None:
+    stick = Stick(0, deadband=0.2)
+    assert [stick.shape(value) for value in (0.2, -0.2, 0.0)] == [0.0, 0.0, 0.0]
+    assert stick.shape(0.6) == pytest.approx(0.5)
+    assert stick.shape(-1.0) == -1.0
+
+
+def test_expo_is_fine_near_the_middle_and_full_at_the_end() -> None:
+    assert Stick(0, deadband=0.0, expo=1.0).shape(0.5) == 0.125
+    assert Stick(0, deadband=0.0, expo=0.5).shape(-0.5) == -0.3125
+    assert Stick(0, deadband=0.0, expo=0.5).shape(1.0) == 1.0
+
+
+def test_overshoot_counts_as_full() -> None:
+    assert Stick(0, scale=3.0).shape(1.05) == 3.0
+
+
+@given(st.floats(-1.05, 1.05), st.floats(0.0, 0.9), st.floats(0.0, 1.0))
+def test_every_shape_is_odd_and_bounded(value: float, deadband: float, expo: float) -> None:
+    stick = Stick(0, scale=2.0, deadband=deadband, expo=expo)
+    assert abs(stick.shape(value)) <= 2.0 + 1e-9
+    assert stick.shape(-value) == -stick.shape(value)
+    assert stick.neutral(value) <= (stick.shape(value) == 0.0)
+
+
+@pytest.mark.parametrize(
+    'given_values',
+    [
+        {'axis': -1},
+        {'scale': 0.0},
+        {'scale': math.nan},
+        {'deadband': 1.0},
+        {'deadband': -0.1},
+        {'deadband': math.nan},
+        {'expo': 1.1},
+        {'expo': math.nan},
+    ],
+)
+def test_senseless_stick_is_refused(given_values: dict[str, Any]) -> None:
+    with pytest.raises(ValueError, match=next(iter(given_values))):
+        Stick(**({'axis': 0} | given_values))
+
+
+# A whole message.
+
+
+def test_message_becomes_a_sample() -> None:
+    assert PLAIN.sample([0.5, -1.0], [1]) == OperatorSample(
+        neutral=False, deadman=True, demand=(0.5, -1.0)
+    )
+
+
+def test_neutral_looks_at_all_sticks_that_are_used_and_at_no_other() -> None:
+    mapping = JoyMapping((Stick(0), Stick(2)), deadman=(0,))
+    assert mapping.sample([0.05, 1.0, -0.05], [0]).at_rest
+    assert not mapping.sample([0.0, 0.0, 0.06], [0]).at_rest
+
+
+@pytest.mark.parametrize(
+    ('buttons', 'deadman', 'partial'),
+    [([0, 0, 0], False, False), ([1, 1, 0], False, True), ([1, 0, 1], True, False)],
+)
+def test_deadman_needs_all_of_its_buttons(
+    buttons: list[int], deadman: bool, partial: bool
+) -> None:
+    sample = JoyMapping((STRAIGHT,), deadman=(0, 2)).sample([0.0], buttons)
+    assert (sample.deadman, sample.partial) == (deadman, partial)
+    assert sample.at_rest == (not deadman and not partial)
+
+
+@pytest.mark.parametrize(('value', 'held'), [(-1, False), (0, False), (499, False), (500, True)])
+def test_raw_switch_is_held_from_its_threshold_on(value: int, held: bool) -> None:
+    mapping = JoyMapping((STRAIGHT,), deadman=(0,), pressed_at=500)
+    assert mapping.sample([0.0], [value]).deadman is held
+
+
+def test_switch_that_is_not_there_is_not_held() -> None:
+    assert not PLAIN.sample([0.0, 0.0], [-1]).deadman
+
+
+@pytest.mark.parametrize(
+    ('sent', 'buttons', 'words'),
+    [
+        ([0.0], [1], 'it has 1 axes, 2 are needed'),
+        ([], [1], 'it has 0 axes, 2 are needed'),
+        ([0.0, 0.0], [], 'deadman button 0 does not exist: it has 0 buttons'),
+        ([0.0, math.nan], [1], 'axis 1 is nan'),
+        ([math.inf, 0.0], [1], 'axis 0 is inf'),
+        ([0.0, -1.06], [1], 'axis 1 is -1.06, beyond'),
+        ([0.0, 0.0, 2.0], [1], 'axis 2 is 2.0, beyond'),
+    ],
+)
+def test_malformed_message_says_what_is_wrong(
+    sent: list[float], buttons: list[int], words: str
+) -> None:
+    with pytest.raises(MalformedInput, match=words):
+        PLAIN.sample(sent, buttons)
+
+
+def test_message_shorter_than_the_device_s_is_malformed() -> None:
+    mapping = JoyMapping((STRAIGHT,), deadman=(0,), axes=6, buttons=8)
+    assert mapping.sample([0.0] * 6, [0] * 8).at_rest
+    with pytest.raises(MalformedInput, match='it has 5 axes, 6 are needed'):
+        mapping.sample([0.0] * 5, [0] * 8)
+    with pytest.raises(MalformedInput, match='it has 7 buttons, 8 are needed'):
+        mapping.sample([0.0] * 6, [0] * 7)
+
+
+@given(st.lists(st.floats()), st.lists(st.integers(-(2**31), 2**31 - 1)))
+def test_any_message_is_a_finite_sample_or_malformed(
+    sent: list[float], buttons: list[int]
+) -> None:
+    try:
+        sample = ARCADE.sample(sent, buttons)
+    except MalformedInput:
+        return
+    assert all(math.isfinite(value) for value in sample.demand)
+
+
+@pytest.mark.parametrize(
+    ('changes', 'words'),
+    [
+        ({'sticks': ()}, 'one stick or more'),
+        ({'deadman': ()}, 'there must be a deadman'),
+        ({'deadman': (-1,)}, 'deadman indices'),
+        ({'deadman': (1, 1)}, 'deadman indices'),
+        ({'mixing': 'tank'}, 'tank mixing needs two sticks, not 1'),
+        ({'mixing': 'arcade'}, 'arcade mixing needs two sticks, not 1'),
+        ({'mixing': 'swerve'}, 'mixing must be'),
+        ({'axes': -1}, 'least number'),
+        ({'buttons': -1}, 'least number'),
+        ({'pressed_at': 0}, 'pressed_at'),
+    ],
+)
+def test_senseless_mapping_is_refused(changes: dict[str, Any], words: str) -> None:
+    with pytest.raises(ValueError, match=words):
+        JoyMapping(**({'sticks': (STRAIGHT,), 'deadman': (0,)} | changes))
+
+
+# Mixing.
+
+
+def test_tank_gives_each_side_its_stick() -> None:
+    mapping = JoyMapping((Stick(1), Stick(4, scale=2.0)), deadman=(0,), mixing='tank')
+    assert mapping.sample([0.0, 1.0, 0.0, 0.0, -1.0], [1]).demand == (1.0, -2.0)
+
+
+@pytest.mark.parametrize(
+    ('forward', 'turn', 'demand'),
+    [
+        (1.0, 0.0, (10.0, 10.0)),
+        (0.0, 1.0, (-5.0, 5.0)),  # to the left: the right side goes forward
+        (0.5, 0.5, (2.5, 7.5)),
+        (1.0, 1.0, (10.0 / 3.0, 10.0)),  # 5 and 15, shrunk alike
+        (-1.0, 1.0, (-10.0, -10.0 / 3.0)),
+    ],
+)
+def test_arcade_turns_left_with_a_positive_stick(
+    forward: float, turn: float, demand: tuple[float, float]
+) -> None:
+    assert ARCADE.sample([forward, turn], [1]).demand == pytest.approx(demand)
+
+
+@given(axes)
+def test_arcade_never_exceeds_the_greater_scale(sent: list[float]) -> None:
+    assert max(map(abs, ARCADE.sample(sent, [1]).demand)) <= 10.0 + 1e-9
+
+
+# A twist.
+
+
+def test_twist_becomes_wheel_speeds() -> None:
+    drive = DifferentialDrive(wheel_separation=0.5, wheel_radius=0.1)
+    assert drive.demand(1.0, 0.0) == (10.0, 10.0)
+    assert drive.demand(0.0, 2.0) == pytest.approx((-5.0, 5.0))
+    assert drive.demand(1.0, 2.0) == pytest.approx((5.0, 15.0))
+    assert not any(drive.demand(0.0, 0.0))
+
+
+@pytest.mark.parametrize('twist', [(math.nan, 0.0), (0.0, math.inf)])
+def test_twist_that_is_no_number_is_malformed(twist: tuple[float, float]) -> None:
+    with pytest.raises(MalformedInput, match='not finite'):
+        DifferentialDrive(0.5, 0.1).demand(*twist)
+
+
+@pytest.mark.parametrize('value', [0.0, -1.0, math.nan, math.inf])
+def test_wheels_without_size_are_refused(value: float) -> None:
+    with pytest.raises(ValueError, match='wheel_separation'):
+        DifferentialDrive(value, 0.1)
+    with pytest.raises(ValueError, match='wheel_radius'):
+        DifferentialDrive(0.5, value)
+
+
+# Named joints.
+
+
+def test_named_joints_are_sorted_into_our_order() -> None:
+    joints = NamedJoints(('left', 'right'))
+    assert joints.demand(['right', 'left'], [2.0, 1.0]) == (1.0, 2.0)
+
+
+@pytest.mark.parametrize(
+    ('names', 'values', 'words'),
+    [
+        (['left'], [1.0], 'its joints are left, not left, right'),
+        ([], [], 'its joints are none'),
+        (['left', 'right', 'arm'], [1.0, 1.0, 1.0], 'arm'),
+        (['left', 'left'], [1.0, 1.0], 'left, left'),
+        (['left', 'right'], [1.0], '2 names and 1 values'),
+        (['left', 'right'], [1.0, math.nan], "joint 'right' is nan"),
+    ],
+)
+def test_malformed_joints_say_what_is_wrong(
+    names: list[str], values: list[float], words: str
+) -> None:
+    with pytest.raises(MalformedInput, match=words):
+        NamedJoints(('left', 'right')).demand(names, values)
+
+
+@pytest.mark.parametrize('names', [(), ('a', 'a'), ('a', '')])
+def test_senseless_joint_names_are_refused(names: tuple[str, ...]) -> None:
+    with pytest.raises(ValueError, match='joint names'):
+        NamedJoints(names)
