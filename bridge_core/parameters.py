@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from dataclasses import replace
 import difflib
 import math
+import re
 from typing import Any
 
 Value = Any  # bool, int, float, str, or a list of one of the last three
@@ -105,6 +106,15 @@ class Parameter:
     def named(self, name: str, default: Value = None) -> 'Parameter':
         """Return a copy under another name, for what repeats per source, joint or axis."""
         return replace(self, name=name, default=self.default if default is None else default)
+
+
+_TOPIC = re.compile(r'(~/|/)?[A-Za-z_]\w*(/[A-Za-z_]\w*)*', re.ASCII)
+
+
+def check_topic(name: str) -> None:
+    """Let an empty string pass, or a name that ROS takes for a topic. :raises ValueError: else."""
+    if name and not _TOPIC.fullmatch(name):
+        raise ValueError('allowed is a topic name: words of letters, digits and _, with / between')
 
 
 def resolve(parameters: Iterable[Parameter], given: Mapping[str, Value]) -> dict[str, Value]:

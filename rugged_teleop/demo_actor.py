@@ -23,11 +23,12 @@ _WAIT = 5.0
 _POLL = 0.005
 _STILL = 0.4  # s for which it is watched that nothing moves
 _BETWEEN_RESETS = 0.55  # s; one that follows another within clear_time counts as held
-_TRIES = 3
+_TRIES = 5
 # How the mux's words begin that explain a stop, and do not stand in the way of a reset.
 _EXPLAIN = ('stopped ', 'a trip is active', 'waiting for reset')
-# Words for a stop for lack of time, on a machine that is too busy.
-_LATE = ('was frozen', 'is stale', 'was lost', 'is not enabled')
+# Words for a stop that nobody asked for: some time-out, on a machine that is too busy. The two in
+# the devices themselves make these demand a stop.
+_LATE = ('was frozen', 'is stale', 'was lost', 'is not enabled', DEMANDED)
 
 
 class Missed(Exception):  # noqa: N818 - an expectation that was missed, not a fault
@@ -50,6 +51,8 @@ class Actor:
         self.stage = stage
         self.watcher = stage.watcher
         self.reactions: list[Reaction] = []
+        self.time_outs = 0  # stops that nobody asked for
+        self.latest = 0.0  # s by which this process was woken too late, at worst
         self._reset_at = -1.0
         self._late = 0.0  # s, the worst since the last cause of a stop
 
@@ -103,6 +106,7 @@ class Actor:
         before = time.monotonic()
         time.sleep(_POLL)
         self._late = max(self._late, time.monotonic() - before - _POLL)
+        self.latest = max(self.latest, self._late)
 
     # -- steering --------------------------------------------------------------------------------
 
@@ -128,12 +132,13 @@ class Actor:
     def accepted_reset(self) -> str:
         """Let all go, wait until nothing else is missing, reset; return the answer."""
         self.let_go()
-        self.wait(lambda: self._may_repeat_reset() and self.hindrances() == [])
-        success, message = self.reset()
-        if not success:
-            raise Missed(message)
-        self.wait_for_state('READY')
-        return message.split(';')[0]
+        for _ in range(_TRIES):  # a time-out may come between the look and the reset
+            self.wait(lambda: self._may_repeat_reset() and self.hindrances() == [])
+            success, message = self.reset()
+            if success:
+                self.wait_for_state('READY')
+                return message.split(';')[0]
+        raise Missed(message)
 
     def refused_reset(self, reason: str) -> str:
         """Call for a reset that must be refused for this reason, and not for being repeated."""
@@ -179,25 +184,30 @@ class Actor:
         On a machine that is too busy for the stack's time-outs, these rightly stop it again. That
         is told, and tried again: it is not what this scene is about.
         """
-        troubles: list[str] = []
+        told: list[str] = []
         while True:
             try:
-                return '; '.join([f'{self._set_off():.0f} rpm', *troubles])
+                return '; '.join([f'{self._set_off():.0f} rpm', *told])
             except Missed:
                 trouble = self._trouble()
-                if trouble is None or len(troubles) == _TRIES - 1:
+                if trouble is None or len(told) == _TRIES - 1:
                     raise
-                troubles.append(f'at first: {shortened(trouble)}')
+                told.append(f'at first: {shortened(trouble)}')
                 self._recover()
 
     def _set_off(self) -> float:
         """Rest, then press the deadman, then push the stick; return the speed reached in rpm."""
         self.let_go()
-        self.wait(self._is_rested)
+        self.wait(lambda: self._is_rested() or self._has_fallen())
         self.push()
-        self.wait(lambda: self._slowest > FAST_RPM)
+        self.wait(lambda: self._slowest > FAST_RPM or self._has_fallen())
+        if self._has_fallen():
+            raise Missed(f'the mux says: {self.watcher.message}')
         self.wait_for_state('ACTIVE')
         return self._slowest
+
+    def _has_fallen(self) -> bool:
+        return self.watcher.values.get('state') == 'STOPPED'
 
     def _is_rested(self) -> bool:
         is_ready = self.watcher.values.get('state') == 'READY'
@@ -209,7 +219,8 @@ class Actor:
         return next((text for text in inhibits if any(word in text for word in _LATE)), None)
 
     def _recover(self) -> None:
-        if self.watcher.state == 'STOPPED':
+        self.time_outs += 1
+        if self._has_fallen():
             self.accepted_reset()
 
     @property

@@ -91,7 +91,8 @@ class Scene(Actor):
                 self._say(f'FAILED  {expected}: {error}')
                 self._say(
                     f'\n{number} of {len(steps)} expectations held, one did not, '
-                    f'{len(steps) - number - 1} were not tried. The last words of the stack:'
+                    f'{len(steps) - number - 1} were not tried. This machine kept us waiting '
+                    f'{self.latest * 1e3:.0f} ms at worst; the stack stops from 100 ms on.'
                 )
                 self._say(self.stage.output())
                 return False
@@ -106,6 +107,8 @@ class Scene(Actor):
                 f'  {reaction.seconds * 1e3:7.1f} ms  {reaction.cause}'
                 f' (at most {reaction.limit * 1e3:.0f} ms)'
             )
+        if self.time_outs:
+            self._say(f'this machine is busy: time-outs stopped the motors {self.time_outs} times')
 
     # -- starts ----------------------------------------------------------------------------------
 

@@ -25,7 +25,6 @@ from typing import NamedTuple
 
 from diagnostic_msgs.msg import DiagnosticStatus
 import rclpy
-from rclpy.executors import ExternalShutdownException
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.qos import DurabilityPolicy
 from rclpy.qos import QoSProfile
@@ -135,6 +134,7 @@ class Watcher:
         self.message = ''  # of the mux's status
         self.values: dict[str, str] = {}
         self.velocities: dict[str, float] = {}  # rad/s by joint
+        self._closing = False
         self._node = rclpy.create_node('rugged_teleop_demo')
         self._subscribe()
         self._clients = {
@@ -188,14 +188,18 @@ class Watcher:
 
     def close(self) -> None:
         """Leave the graph."""
+        self._closing = True
         self._executor.shutdown()
         self._thread.join(1.0)
         self._node.destroy_node()
         rclpy.try_shutdown()
 
     def _spin(self) -> None:
-        with contextlib.suppress(ExternalShutdownException):
+        try:
             self._executor.spin()
+        except Exception:  # rclpy's own, of handles that are gone
+            if not self._closing:
+                raise
 
     def _subscribe(self) -> None:
         create = self._node.create_subscription

@@ -11,6 +11,7 @@ from collections.abc import Mapping
 from typing import Any
 from typing import TypeVar
 
+from bridge_core.parameters import check_topic
 from bridge_core.parameters import Parameter
 from bridge_core.parameters import ParameterError
 from safety_mux.limits import JointLimit
@@ -59,6 +60,7 @@ GENERAL = (
         'esi_drive_bridge/enabled',
         'Where the drive says that it is enabled (std_msgs/Bool), for ~/status to tell when it is '
         'not. It decides nothing. Empty: not looked at.',
+        check=check_topic,
         fixed=True,
     ),
     Parameter(
@@ -91,7 +93,7 @@ GENERAL = (
         maximum=1.0,
     ),
     _seconds('stop_time', 0.5, 'A stop of category 1 has reached 0 and disables after this time.'),
-    Parameter('autonomy.topic', '', 'Topic of autonomy. Empty: there is none.'),
+    Parameter('autonomy.topic', '', 'Topic of autonomy. Empty: there is none.', check=check_topic),
     Parameter(
         'autonomy.type',
         'Twist',
@@ -145,12 +147,13 @@ JOINT = (
 )
 
 ESTOP = (
-    Parameter('topic', '', 'Topic of the stop (std_msgs/Bool, true = stop).'),
+    Parameter('topic', '', 'Topic of the stop (std_msgs/Bool, true = stop).', check=check_topic),
     Parameter(
         'own_topic',
         '',
         'Topic of what the source demands by itself, without the echo of our own stop. Empty: as '
         'topic.',
+        check=check_topic,
     ),
     _seconds('timeout', 0.25, 'Unheard for longer is a stop. Three of its periods or more.'),
     Parameter(
@@ -170,7 +173,7 @@ ESTOP = (
 )
 
 OPERATOR = (
-    Parameter('topic', '', 'Topic of the sticks (sensor_msgs/Joy).'),
+    Parameter('topic', '', 'Topic of the sticks (sensor_msgs/Joy).', check=check_topic),
     Parameter('priority', 10, 'The higher takes over by its deadman.', minimum=0, maximum=1000),
     _seconds('timeout', 0.25, 'An owner unheard for longer is lost: stop.'),
     Parameter(
@@ -306,6 +309,7 @@ def check(values: Mapping[str, Any]) -> None:
                 raise ParameterError(
                     f'parameter {prefix}.{name}.topic is empty: give the topic of {name!r}'
                 )
+    _check_topics(values)
     if len(set(values['joints'])) < len(values['joints']) or '' in values['joints']:
         raise ParameterError(
             f'parameter joints = {values["joints"]}: names must be there and differ'
@@ -319,6 +323,15 @@ def check(values: Mapping[str, Any]) -> None:
     joint_limits(values)
     for name in _names(values, 'operators'):
         joy_mapping(values, name)
+
+
+def _check_topics(values: Mapping[str, Any]) -> None:
+    """Refuse one topic for two inputs: nobody could say which of them it speaks for."""
+    users: dict[str, str] = {}
+    for name, topic in values.items():
+        is_input = name.endswith(('.topic', '.own_topic')) and topic
+        if is_input and users.setdefault(topic, name) != name:
+            raise ParameterError(f'parameter {name} = {topic!r}: is also that of {users[topic]}')
 
 
 def _source(values: Mapping[str, Any], name: str) -> EStopSource:

@@ -1,4 +1,4 @@
-"""The frame of the house: metadata, entry points, launch files, udev rules, CI and README agree."""
+"""The frame of the house: metadata, entry points, launch files, udev, CI and README agree."""
 
 import ast
 from collections.abc import Iterator
@@ -37,11 +37,9 @@ def field(name: str) -> str:
 
 def setup_arguments() -> dict[str, ast.expr]:
     """Return the keyword arguments of setup(), unevaluated."""
-    for node in ast.walk(ast.parse(text('setup.py'))):
-        if isinstance(node, ast.Call) and isinstance(node.func, ast.Name):
-            if node.func.id == 'setup':
-                return {word.arg: word.value for word in node.keywords if word.arg}
-    raise AssertionError('setup.py does not call setup')
+    calls = (node for node in ast.walk(ast.parse(text('setup.py'))) if isinstance(node, ast.Call))
+    (setup,) = (c for c in calls if isinstance(c.func, ast.Name) and c.func.id == 'setup')
+    return {word.arg: word.value for word in setup.keywords if word.arg}
 
 
 def entry_points() -> dict[str, str]:
@@ -188,10 +186,9 @@ def targets() -> set[str]:
 
 def first_commands(markdown: str) -> list[str]:
     """Return the commands of a page's first code block, fenced or indented."""
-    block = re.search(r'(?:^(?:    .+)\n)+|(?<=^```)[^\n]*\n(.+?)^```', markdown, re.M | re.S)
+    block = re.search(r'^```.*\n((?:(?!```).*\n)+)|^((?: {4}.+\n)+)', markdown, re.M)
     assert block is not None
-    lines = (block[1] or block[0]).splitlines()
-    return [line.split('#')[0].strip() for line in lines if line.strip()]
+    return [line.split('#')[0].strip() for line in (block[1] or block[2]).splitlines()]
 
 
 def test_readme_opens_with_its_two_commands() -> None:

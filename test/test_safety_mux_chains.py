@@ -3,8 +3,8 @@ Feeding the hardware chains, without a deadlock: mux and devices explored togeth
 
 Each device is stopped by its own button or by what the mux asks of it (``~/stop_demand``, wired
 for all of them: the worst case). It reports both as its e-stop, one step late, and the first alone
-as its own. Property: from every reachable state, once no device demands a stop by itself, a reset can
-succeed.
+as its own. Property: from every reachable state, once no device demands a stop by itself, a reset
+can succeed.
 """
 
 from collections import deque

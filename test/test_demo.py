@@ -1,0 +1,455 @@
+from __future__ import annotations
+
+from collections.abc import Callable
+import contextlib
+from dataclasses import replace
+import fcntl
+import os
+from pathlib import Path
+import re
+import signal
+import struct
+import subprocess
+import sys
+import termios
+import time
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from esi_drive_bridge.protocol import AxisCommand
+from esi_drive_bridge.protocol import Command
+from esi_drive_bridge.protocol import Mode
+from rugged_teleop import demo
+from rugged_teleop.demo_actor import Actor
+from rugged_teleop.demo_actor import Missed
+from rugged_teleop.demo_actor import shortened
+from rugged_teleop.demo_scene import Scene
+from rugged_teleop.demo_stage import claim_domain
+from rugged_teleop.demo_stage import demo_config
+from rugged_teleop.demo_stage import Packet
+from rugged_teleop.demo_stage import packets_in
+from rugged_teleop.demo_view import Hands
+from rugged_teleop.demo_view import keys_in
+from rugged_teleop.demo_view import picture
+from rugged_teleop.demo_view import Snapshot
+from rugged_teleop.ptys import Chunk
+from test.rig import ROOT
+from test.rig import wait_for
+
+# By hand from the ESI manual, 4.2; CRC-16/CCITT-FALSE over the six bytes of the body.
+DISABLE = bytes.fromhex('f0f0 040000 040000 71d4')
+STILL = Command((AxisCommand(mode=Mode.VELOCITY), AxisCommand(mode=Mode.VELOCITY)))
+TURN = Command((AxisCommand(True, False, Mode.VELOCITY, 500),) * 2)
+
+
+# Packets on the drive's wire.
+
+
+def test_packet_split_over_reads_counts_from_its_last_byte() -> None:
+    chunks = [Chunk(1.0, DISABLE + DISABLE[:4]), Chunk(1.01, DISABLE[4:])]
+    assert [packet.at for packet in packets_in(chunks, 0.0)] == [1.0, 1.01]
+    assert [packet.at for packet in packets_in(chunks, 1.0)] == [1.01]
+    assert not any(packet.enables for packet in packets_in(chunks, 0.0))
+
+
+def test_corrupt_packet_is_no_disable_packet() -> None:
+    assert packets_in([Chunk(1.0, DISABLE[:-1] + b'\0')], 0.0) == []
+
+
+def test_enabled_axis_at_zero_enables_and_does_not_move() -> None:
+    at_rest = AxisCommand(True, False, Mode.VELOCITY, 0)
+    packet = Packet(0.0, Command((AxisCommand(), at_rest)))
+    assert packet.enables
+    assert not packet.moves
+    assert Packet(0.0, TURN).moves
+
+
+def test_demo_brings_its_own_configuration() -> None:
+    assert demo_config() == ROOT / 'config' / 'demo.yaml'
+
+
+def test_two_demos_get_different_domains(monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in ('ROS_DOMAIN_ID', 'ROS_AUTOMATIC_DISCOVERY_RANGE', 'ROS_STATIC_PEERS'):
+        monkeypatch.setenv(name, 'x')
+    with claim_domain():
+        first = os.environ['ROS_DOMAIN_ID']
+        with claim_domain():
+            assert os.environ['ROS_DOMAIN_ID'] != first
+    assert os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] == 'LOCALHOST'
+    assert 'ROS_STATIC_PEERS' not in os.environ
+
+
+# A scene that can fail: what it must notice.
+
+
+class FakeStage:
+    """A stage where nothing runs: packets and the mux's words are what the test says."""
+
+    def __init__(self, *packets: Packet) -> None:
+        self.all_packets = packets
+        self.watcher = SimpleNamespace(state='STOPPED', message='', inhibits=[], values={})
+
+    def packets(self, since: float) -> list[Packet]:
+        return [packet for packet in self.all_packets if packet.at > since]
+
+    def check(self) -> None:
+        pass
+
+    def output(self) -> str:
+        return 'its last words'
+
+
+def stop_with(delay: float, *, again: bool = False) -> str:
+    """Let the scene measure a stop whose first disable packet comes ``delay`` s after it."""
+    now = time.monotonic()
+    stage = FakeStage(Packet(now - 0.01, TURN))
+    actor: Any = Actor(stage)  # type: ignore[arg-type]
+    actor._sleep = lambda: None  # nobody was late
+
+    def act() -> float:
+        stage.all_packets += (Packet(now + delay, STILL),)
+        if again:
+            stage.all_packets += (Packet(now + delay + 0.01, TURN),)
+        return now
+
+    return str(actor.stopped('a stop', act, 0.15))
+
+
+def test_stop_in_time_is_measured() -> None:
+    assert 'disabled 20.0 ms after' in stop_with(0.02)
+
+
+def test_stop_that_comes_too_late_is_missed() -> None:
+    with pytest.raises(Missed, match=r'disabled 200.0 ms .* allowed are 150 ms'):
+        stop_with(0.2)
+
+
+def test_enable_packet_after_the_stop_is_missed() -> None:
+    with pytest.raises(Missed, match='1 packets after the first disable packet enable again'):
+        stop_with(0.02, again=True)
+
+
+def test_enable_packet_while_nothing_may_move_is_missed() -> None:
+    actor = Actor(FakeStage(Packet(2.0, STILL), Packet(3.0, TURN)))  # type: ignore[arg-type]
+    with pytest.raises(Missed, match='enables the drive'):
+        actor.still(1.0)
+
+
+def test_end_of_all_packets_is_missed() -> None:
+    with pytest.raises(Missed, match='no packets at all'):
+        Actor(FakeStage()).still(1.0)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ('reply', 'expected'),
+    [
+        ((True, 'reset: READY'), 'it was accepted'),
+        ((False, 'not reset: a held or repeated reset does nothing'), 'not because'),
+    ],
+)
+def test_wrong_restart_that_is_not_refused_for_its_reason_is_missed(
+    reply: tuple[bool, str], expected: str
+) -> None:
+    actor: Any = Actor(FakeStage())  # type: ignore[arg-type]
+    actor.watcher.call = lambda service: reply
+    with pytest.raises(Missed, match=expected):
+        actor.refused_reset('is not at neutral')
+
+
+def test_failed_step_ends_the_scene_and_says_so() -> None:
+    lines: list[str] = []
+
+    def fail() -> str:
+        raise Missed('it did not')
+
+    def never() -> str:
+        raise AssertionError('what follows a failed step tells nothing')
+
+    class Short(Scene):
+        @property
+        def steps(self) -> list[tuple[str, Callable[[], str]]]:
+            return [('one', lambda: 'fine'), ('two', fail), ('three', never)]
+
+    assert not Short(FakeStage(), lines.append).play()  # type: ignore[arg-type]
+    assert lines[:2] == ['ok      one: fine', 'FAILED  two: it did not']
+    assert '1 of 3 expectations held, one did not, 1 were not tried' in lines[2]
+    assert lines[-1] == 'its last words'
+
+
+def test_long_reason_fits_a_line() -> None:
+    assert shortened(200 * 'x', 10) == 'xxxxxxxxx…'
+    assert shortened('short') == 'short'
+
+
+# The live view.
+
+
+def hands() -> tuple[Hands, list[tuple[str, str]]]:
+    said: list[tuple[str, str]] = []
+    return Hands(lambda target, command: said.append((target, command))), said
+
+
+def test_arrows_push_the_stick_to_its_stop_and_no_further() -> None:
+    operator, said = hands()
+    for _ in range(7):
+        operator.press('up')
+    assert said[0] == ('vsc', 'stick left_y 0.2')
+    assert said[-1] == ('vsc', 'stick left_y 1.0')
+    operator.press('left')
+    assert said[-1] == ('vsc', 'stick left_x -0.2')
+    operator.press('c')
+    assert said[-2:] == [('vsc', 'stick left_x 0.0'), ('vsc', 'stick left_y 0.0')]
+
+
+@pytest.mark.parametrize(
+    ('key', 'on', 'off'),
+    [
+        ('d', 'button left_down 1', 'button left_down 0'),
+        (' ', 'estop remote on', 'estop remote off'),
+        ('w', 'estop vsc on', 'estop vsc off'),
+        ('u', 'unplug', 'plug'),
+    ],
+)
+def test_key_toggles_and_a_refusal_toggles_nothing(key: str, on: str, off: str) -> None:
+    operator, said = hands()
+    for _ in range(3):
+        operator.press(key)
+    assert said == [('vsc', on), ('vsc', off), ('vsc', on)]
+
+    def refuse(target: str, command: str) -> None:
+        raise ValueError(command)
+
+    operator.say = refuse
+    with pytest.raises(ValueError, match=off):
+        operator.press(key)
+    assert operator.switches[key]
+
+
+def test_keys_call_services_and_faults() -> None:
+    operator, said = hands()
+    for key in 'aretf':
+        operator.press(key)
+    assert said == [
+        ('vsc', 'ack'),
+        ('vsc', 'mode operational'),
+        ('service', 'reset'),
+        ('service', 'clear_errors'),
+        ('service', 'trip'),
+        ('drive', 'fault a overcurrent pulse'),
+    ]
+    operator.press('?')
+    operator.press('')
+    assert len(said) == 6
+    operator.press('q')
+    assert operator.leaving
+
+
+def test_keys_are_told_apart_in_one_read() -> None:
+    assert keys_in(b'\x1b[Ad\x1bOD \x1b[B\x1bOCq') == [
+        'up',
+        'd',
+        'left',
+        ' ',
+        'down',
+        'right',
+        'q',
+    ]
+    assert keys_in(b'\x1b[Z') == ['\x1b', '[', 'Z']
+    assert keys_in(b'\xff') == []
+
+
+SEEN = Snapshot(
+    vsc={
+        'plugged': True,
+        'mode': 'Operational',
+        'remote_estop': False,
+        'wired_estop': False,
+        'sticks': {'left_x': 0.0, 'left_y': 0.6},
+        'buttons': ['left_down'],
+    },
+    drive={'rpm': [1000.0, -2500.0], 'enabled': [True, False], 'errors': [[], ['overcurrent']]},
+    axes=(0.0, 0.6),
+    buttons=(1, 0),
+    estops={'VSC': False, 'drive': True},
+    state='ACTIVE',
+    owner='fort',
+    inhibits=('a reason ' * 30,),
+    velocities={'left': 10.0},
+    to_drive=(DISABLE, TURN),
+    from_drive=b'\xf0\xf0',
+)
+
+
+@pytest.mark.parametrize('width', [20, 80, 200])
+def test_picture_fits_its_width(width: int) -> None:
+    assert max(map(len, picture(SEEN, width))) <= width
+
+
+def test_picture_shows_stops_wire_and_motors() -> None:
+    text = '\n'.join(picture(SEEN))
+    for words in (
+        'deadman HELD',
+        'VSC clear   drive STOP',
+        'ACTIVE, owner fort',
+        'f0 f0 04 00 00 04 00 00 71 d4',
+        'A: enable velocity 500',
+        '+1000 rpm  enabled',
+        '-2500 rpm  disabled overcurrent',
+        'space  e-stop of the remote',
+    ):
+        assert words in text
+
+
+def test_picture_of_nothing_heard_says_so() -> None:
+    nothing = replace(
+        SEEN,
+        vsc={**SEEN.vsc, 'plugged': False},
+        axes=(),
+        estops={'VSC': None},
+        state='',
+        to_drive=(b'', None),
+        from_drive=b'',
+        velocities={},
+    )
+    text = '\n'.join(picture(nothing))
+    for words in ('UNPLUGGED', 'VSC silent (STOP)', 'not heard yet', 'no packets', 'axes none'):
+        assert words in text
+
+
+# The command.
+
+
+def test_live_view_without_a_terminal_is_one_line_and_status_2(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(sys.stdin, 'isatty', lambda: False, raising=False)
+    with pytest.raises(SystemExit) as caught:
+        demo.main([])
+    error = capsys.readouterr().err
+    assert caught.value.code == 2
+    assert error.count('\n') == 1
+    assert '--once' in error
+
+
+def is_alive(pid: int) -> bool:
+    try:
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        return False
+    return True
+
+
+def scratch_environment(tmp_path: Path) -> dict[str, str]:
+    return {**os.environ, 'TMPDIR': str(tmp_path), 'TERM': 'xterm'}
+
+
+def test_scene_holds_and_leaves_nothing_behind(tmp_path: Path) -> None:
+    result = subprocess.run(
+        [sys.executable, '-m', 'rugged_teleop.demo', '--once'],
+        cwd=ROOT,
+        env=scratch_environment(tmp_path),
+        capture_output=True,
+        text=True,
+        timeout=180.0,
+    )
+    assert result.returncode == 0, result.stdout + result.stderr
+    assert 'FAILED' not in result.stdout
+    stops = re.findall(r'^ +[\d.]+ ms  ', result.stdout, re.MULTILINE)
+    assert len(stops) == 7
+    process = re.search(r'in process (\d+)', result.stdout)
+    assert process is not None
+    assert not is_alive(int(process[1]))
+    assert list(tmp_path.iterdir()) == []
+
+
+class Terminal:
+    """The demo on a terminal of its own."""
+
+    def __init__(self, tmp_path: Path) -> None:
+        self.master, slave = os.openpty()
+        fcntl.ioctl(slave, termios.TIOCSWINSZ, struct.pack('HHHH', 40, 120, 0, 0))
+        os.set_blocking(self.master, False)
+        self.process = subprocess.Popen(
+            [sys.executable, '-m', 'rugged_teleop.demo'],
+            cwd=ROOT,
+            env=scratch_environment(tmp_path),
+            stdin=slave,
+            stdout=slave,
+            stderr=slave,
+        )
+        os.close(slave)
+        self.shown = ''
+
+    def read(self) -> str:
+        """Return all that was shown since the last text that was waited for."""
+        with contextlib.suppress(BlockingIOError):
+            self.shown += os.read(self.master, 65536).decode(errors='replace')
+        return self.shown
+
+    def wait(self, text: str) -> None:
+        """Wait until it is shown, after the last that was waited for."""
+
+        wait_for(lambda: text in self.read(), 30.0, lambda: f'{text!r} in {self.shown[-2000:]!r}')
+        self.shown = self.shown.partition(text)[2]
+
+    def press(self, keys: str) -> None:
+        os.write(self.master, keys.encode())
+
+    def press_until(self, key: str, text: str) -> None:
+        """Press a key that may be refused for a while, once a second."""
+        pressed_at = 0.0
+
+        def found() -> bool:
+            nonlocal pressed_at
+            if time.monotonic() - pressed_at > 1.0:
+                pressed_at = time.monotonic()
+                self.press(key)
+            return text in self.read()
+
+        wait_for(found, 30.0, lambda: f'{text!r} in {self.shown[-2000:]!r}')
+
+    def end(self) -> int:
+        """Read on, or it could not write its last words; return its exit status."""
+
+        def ended() -> bool:
+            with contextlib.suppress(OSError):
+                os.read(self.master, 65536)
+            return self.process.poll() is not None
+
+        wait_for(ended, 15.0, 'its end')
+        return self.process.returncode
+
+    def __enter__(self) -> Terminal:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        if self.process.poll() is None:
+            self.process.terminate()
+            self.end()
+        os.close(self.master)
+
+
+def test_keyboard_resets_drives_and_stops(tmp_path: Path) -> None:
+    with Terminal(tmp_path) as terminal:
+        terminal.wait('space  e-stop of the remote')
+        terminal.wait('waiting for reset')
+        terminal.press_until('r', 'press the deadman')
+        terminal.press('d')
+        terminal.wait('ACTIVE')
+        terminal.press('\x1bOA')  # up
+        terminal.wait('enable velocity')
+        terminal.press(' ')
+        terminal.wait('disable velocity')
+        terminal.press('q')
+        assert terminal.end() == 0
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_terminated_demo_leaves_nothing_behind(tmp_path: Path) -> None:
+    with Terminal(tmp_path) as terminal:
+        terminal.wait('mux')
+        terminal.process.send_signal(signal.SIGTERM)
+        assert terminal.end() == 128 + signal.SIGTERM
+    assert list(tmp_path.iterdir()) == []
