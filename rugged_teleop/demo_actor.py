@@ -207,7 +207,8 @@ class Actor:
         return self._slowest
 
     def _has_fallen(self) -> bool:
-        return self.watcher.values.get('state') == 'STOPPED'
+        """Tell whether it is STOPPED, with the status that says why; either may be the later."""
+        return self.watcher.state == self.watcher.values.get('state') == 'STOPPED'
 
     def _is_rested(self) -> bool:
         is_ready = self.watcher.values.get('state') == 'READY'

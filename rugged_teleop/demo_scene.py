@@ -151,18 +151,23 @@ class Scene(Actor):
         return happened
 
     def _vsc_stop(self, command: str) -> float:
-        """Cause a stop at the VSC; return when the first heartbeat that has it was written."""
-        at = self.remote(command)
-        return self.vsc_says(at, lambda m: isinstance(m, Heartbeat) and m.estop != 0)
+        """
+        Cause a stop at the VSC; return when the first frame that tells of it was written.
+
+        That is a heartbeat, or a joystick message before it: in a stop the VSC zeroes the sticks.
+        """
+
+        def tells(message: object) -> bool:
+            stops = isinstance(message, Heartbeat) and message.estop != 0
+            return stops or _is_released(message)
+
+        return self.vsc_says(self.remote(command), tells)
 
     def stop_deadman(self) -> str:
         """Release the deadman, with the stick still pushed."""
 
-        def released(message: object) -> bool:
-            return isinstance(message, Joystick) and message.buttons[0].value is False
-
         def release() -> float:
-            return self.vsc_says(self.remote(f'button {DEADMAN} 0'), released)
+            return self.vsc_says(self.remote(f'button {DEADMAN} 0'), _is_released)
 
         return self.stopped('deadman released', release, state='READY')
 
@@ -264,3 +269,7 @@ class Scene(Actor):
     def deadman_late(self) -> str:
         """Press the deadman now: the stick is not neutral."""
         return self.still(self.remote(f'button {DEADMAN} 1'))
+
+
+def _is_released(message: object) -> bool:
+    return isinstance(message, Joystick) and message.buttons[0].value is False

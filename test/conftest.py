@@ -9,6 +9,7 @@ from typing import Any
 
 import pytest
 
+from test.link_rig import Bench
 from test.rig import claim_domain
 from test.rig import Observer
 from test.rig import Pty
@@ -33,6 +34,16 @@ def pty(tmp_path: Path) -> Iterator[Pty]:
 def observer() -> Iterator[Observer]:
     with Observer() as result:
         yield result
+
+
+@pytest.fixture
+def bench() -> Iterator[Bench]:
+    """Give a link with fakes all around, its thread running."""
+    result = Bench()
+    result.link.start()
+    yield result
+    result.transport.gate.set()
+    result.link.stop()
 
 
 @pytest.fixture

@@ -2,6 +2,7 @@
 
 import contextlib
 from pathlib import Path
+import random
 from signal import SIGCONT
 from signal import SIGINT
 from signal import SIGSTOP
@@ -18,6 +19,7 @@ from rclpy.context import Context
 from rclpy.parameter import Parameter
 from std_msgs.msg import Bool
 
+from bridge_core.diagnostics import Status
 from test.rig import as_yaml
 from test.rig import latched
 from test.rig import NodeProcess
@@ -185,20 +187,23 @@ def test_deactivation_says_stop_and_farewell(keeper: Keeper, observer: Observer)
 
 
 def test_frozen_node_does_not_believe_what_piled_up(keeper: Keeper, observer: Observer) -> None:
+    first_words = []
     with toy(keeper.pty.path) as node:
         estop = observer.record(Bool, ESTOP, latched())
-        wait_value(observer, estop, False)
-        node.signal(SIGSTOP)
-        observer.holds_for(lambda: True, 0.6)  # it is what a frozen process misses
-        keeper.talking = False
-        observer.spin(0.1)
-        estop.clear()
-        node.signal(SIGCONT)
-        observer.wait_for(lambda: estop.data, 5.0, 'the first word after the thaw')
-        wait_value(observer, estop, True)
-        # The device has been silent ever since: nothing may ever have cleared the stop again.
-        assert True in estop.data
-        assert False not in estop.data[estop.data.index(True) :]
+        for _ in range(4):
+            keeper.talking = True
+            wait_value(observer, estop, False)
+            node.signal(SIGSTOP)
+            observer.holds_for(lambda: True, 0.6)  # it is what a frozen process misses
+            keeper.talking = False
+            observer.spin(0.1)
+            estop.clear()
+            node.signal(SIGCONT)
+            observer.wait_for(lambda: estop.data, 5.0, 'the first word after the thaw')
+            first_words.append(estop.data[0])
+            wait_value(observer, estop, True)
+    # A freeze in the midst of publishing, which is rare, ends with what was about to be said.
+    assert first_words.count(True) >= 3
 
 
 # A node in this process.
@@ -218,10 +223,10 @@ def test_node_demands_a_stop_from_construction(context: Context) -> None:
 def test_pace_never_asks_to_be_called_in_the_past(context: Context) -> None:
     node = make_toy(context)
     node.link.stop()
-    now = 100.0
-    for number in range(500):
-        now += 0.013
-        if number % 7 == 0:
+    now, steps = 100.0, random.Random(1)
+    for _ in range(2000):
+        now += steps.uniform(0.001, 0.02)
+        if steps.random() < 0.1:
             node._told = None  # a change, which shifts the repeats against the diagnostics
         assert node.pace(now) > now
     node.destroy_node()
@@ -244,20 +249,30 @@ def test_port_that_is_not_open_is_a_stop_whatever_the_session_says(context: Cont
     node.destroy_node()
 
 
-def test_hundred_activations_cause_no_fault_on_the_link_thread(context: Context, pty: Pty) -> None:
-    class Listening(ToyBridge):
+def test_deactivation_does_not_pull_the_session_away_under_the_link_thread(
+    context: Context, pty: Pty
+) -> None:
+    texts: list[str] = []
+
+    class Slow(ToyBridge):
         def link_changed(self, text: str, ok: bool) -> None:
             texts.append(text)
 
-    texts: list[str] = []
-    overrides = [Parameter('estop_rate', value=200), Parameter('port', value=str(pty.path))]
-    node = Listening(context=context, parameter_overrides=overrides)
-    node.trigger_configure()
-    for number in range(100):
-        node.trigger_activate()
-        if number % 3 == 0:
-            pty.write(b'k')
+        def device_status(self, now: float) -> Status:
+            threading.Event().wait(0.01)  # long enough for the other thread to go on
+            return super().device_status(now)
+
+    def healthy() -> bool:
+        pty.write(b'k')
         pty.read()
+        return not node.session.estop
+
+    overrides = [Parameter('estop_rate', value=200), Parameter('port', value=str(pty.path))]
+    node = Slow(context=context, parameter_overrides=overrides)
+    node.trigger_configure()
+    for _ in range(20):
+        node.trigger_activate()
+        wait_for(healthy, 5.0, 'no stop')
         node.trigger_deactivate()
         assert node.session is None
     node.shut_down()

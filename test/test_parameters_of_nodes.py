@@ -32,13 +32,10 @@ PARAMETERS: dict[str, dict[str, Parameter]] = {
     'fort': {parameter.name: parameter for parameter in FortVscBridge.PARAMETERS},
     'esi': {parameter.name: parameter for parameter in EsiDriveBridge.PARAMETERS},
     'mux': {
-        parameter.name: parameter
-        for parameter in (*SafetyMux.PARAMETERS, *parameter_table({}))
+        parameter.name: parameter for parameter in (*SafetyMux.PARAMETERS, *parameter_table({}))
     },
 }
 ALL = [(node, name) for node, table in PARAMETERS.items() for name in table]
-# Lists that bring parameters of their own with each name.
-NAMING = ('joints', 'estop_sources', 'operators')
 
 
 @pytest.fixture(scope='module')
@@ -128,13 +125,23 @@ def test_bad_value_of_each_parameter_is_one_line_and_status_2(
         assert f'allowed is {parameter.allowed}' in line, f'{value}: {line}'
 
 
-@pytest.mark.parametrize(('node', 'name'), ALL, ids=[f'{node}-{name}' for node, name in ALL])
-def test_misspelt_name_of_each_parameter_is_refused_with_the_right_one(
-    node: str, name: str, port: UntouchedPort, capfd: Any
+@pytest.mark.parametrize(
+    ('node', 'wrong', 'right'),
+    [
+        ('fort', 'prot', 'port'),
+        ('fort', 'device.auto_of_enable', 'device.auto_off_enable'),
+        ('esi', 'comand_rate', 'command_rate'),
+        ('mux', 'rates', 'rate'),
+        ('mux', 'estop.frot.topic', 'estop.fort.topic'),
+        ('mux', 'operator.fort.topc', 'operator.fort.topic'),
+        ('mux', 'joint.left.maximum', 'joint.left.max'),
+    ],
+)
+def test_name_that_nobody_knows_is_refused_with_the_nearest(
+    node: str, wrong: str, right: str, port: UntouchedPort, capfd: Any
 ) -> None:
-    wrong = name[:-1] + 'qq'
-    line = refusal(node, {wrong: PARAMETERS[node][name].default}, port, capfd)
-    assert f'parameter {wrong}: there is no such parameter; did you mean ' in line
+    line = refusal(node, {wrong: 'x'}, port, capfd)
+    assert f'parameter {wrong}: there is no such parameter; did you mean {right}?' in line
 
 
 CONTRADICTIONS: dict[str, tuple[str, dict[str, Any], str]] = {

@@ -156,7 +156,7 @@ class Link:
         self._session: Session | None = None
         self._backoff = BACKOFF_START
         self._open_at = math.inf
-        self._pace_at = self._polled_at = self._complain_at = 0.0
+        self._pace_at = self._polled_at = self._complain_at = self._stepped_at = 0.0
         self._quit = False
         self._thread = threading.Thread(target=self._run, name=name, daemon=True)
 
@@ -217,6 +217,7 @@ class Link:
                 os.eventfd_write(self._wake_fd, 1)
 
     def _run(self) -> None:
+        self._stepped_at = time.monotonic()
         while not self._quit:
             self._guarded(self._wait_and_step)
         self._guarded(lambda: self._deactivate(time.monotonic()))
@@ -245,6 +246,7 @@ class Link:
         now = time.monotonic()
         if readable and now - meant > _FROZEN_TIME:
             readable = self._discard(now)
+        self._stepped_at = now
         for request in self._mailbox.take():
             self._guarded(lambda request=request: self._serve(request, now))  # type: ignore[misc]
         if self.status.is_open:
@@ -271,19 +273,23 @@ class Link:
         return False
 
     def _wait(self) -> tuple[float, bool]:
-        """Sleep until something is due; return until when, and whether the port has to say."""
+        """
+        Sleep until something is due; tell whether the port has to say.
+
+        The other result is when this should be over, counted from the last step: the process may
+        have been frozen in the midst of that one too.
+        """
         deadline = min(self._pace_at, self._open_at)
         descriptors = [self._wake_fd]
         if self._session is not None and self._transport is not None and self.status.is_open:
             due = max(self._session.deadline(), self._polled_at + _SHORTEST_WAIT)
             deadline = min(deadline, due)
             descriptors.append(self._transport.fileno())
-        now = time.monotonic()
-        timeout = min(max(deadline - now, 0.0), _LONGEST_WAIT)
+        timeout = min(max(deadline - time.monotonic(), 0.0), _LONGEST_WAIT)
         ready = select.select(descriptors, [], [], timeout)[0]
         if self._wake_fd in ready:
             os.eventfd_read(self._wake_fd)
-        return now + timeout, len(descriptors) == 2 and descriptors[1] in ready
+        return self._stepped_at + timeout, len(descriptors) == 2 and descriptors[1] in ready
 
     def _exchange(self, readable: bool, now: float) -> None:
         assert self._transport is not None

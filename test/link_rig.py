@@ -1,0 +1,237 @@
+"""Fakes of all that a link has around it: port, session and owner, each of which can fail."""
+
+from collections import Counter
+from collections.abc import Callable
+import math
+import socket
+import threading
+import time
+from typing import Any
+
+from bridge_core.framing import Counters
+from bridge_core.transports import TransportError
+from bridge_core.transports.link import Link
+from bridge_core.transports.link import Output
+from test.rig import holds_for
+from test.rig import wait_for
+
+PACE = 0.02
+
+
+class FakeTransport:
+    """A port on a socket pair; ``faults`` names the methods that fail, and with what."""
+
+    def __init__(self, name: str = 'port') -> None:
+        self.name = name
+        self.faults: dict[str, Exception] = {}
+        self.calls: Counter[str] = Counter()
+        self.opens_at: list[float] = []
+        self.sent: list[bytes] = []
+        self.busy = 0  # sends that find the line busy
+        self.gate = threading.Event()  # open() blocks until it is set
+        self.gate.set()
+        self.openers = self.most_openers = 0
+        self._ours: socket.socket | None = None
+        self.peer: socket.socket | None = None
+
+    def _call(self, name: str) -> None:
+        self.calls[name] += 1
+        if name in self.faults:
+            raise self.faults[name]
+
+    def open(self) -> None:
+        self.opens_at.append(time.monotonic())
+        self.openers += 1
+        self.most_openers = max(self.openers, self.most_openers)
+        try:
+            self.gate.wait(20.0)
+            self._call('open')
+            self._ours, self.peer = socket.socketpair()
+            self._ours.setblocking(False)
+        finally:
+            self.openers -= 1
+
+    def close(self) -> None:
+        self.calls['close'] += 1
+        for end in (self._ours, self.peer):
+            if end is not None:
+                end.close()
+        self._ours = self.peer = None
+
+    @property
+    def is_open(self) -> bool:
+        return self._ours is not None
+
+    def fileno(self) -> int:
+        return -1 if self._ours is None else self._ours.fileno()
+
+    def receive(self) -> list[bytes]:
+        self._call('receive')
+        assert self._ours is not None
+        data = self._ours.recv(4096)
+        if not data:
+            raise TransportError(f'{self.name}: unplugged')
+        return [data]
+
+    def send(self, frame: bytes) -> bool:
+        self._call('send')
+        if self.busy:
+            self.busy -= 1
+            return False
+        self.sent.append(frame)
+        return True
+
+    def unplug(self) -> None:
+        assert self.peer is not None
+        self.peer.close()
+
+    def say(self, data: bytes) -> None:
+        assert self.peer is not None
+        self.peer.send(data)
+
+
+class FakeSession:
+    """Healthy once it has received anything; ``faults`` names the methods that fail."""
+
+    def __init__(self) -> None:
+        self.estop = self.own_estop = True
+        self.link_up = False
+        self.counters = Counters()
+        self.faults: set[str] = set()
+        self.calls: list[str] = []
+        self.received = b''
+        self.due = math.inf
+        self.wanted: list[bytes] = []
+        self.stop = False
+
+    def _call(self, name: str) -> None:
+        self.calls.append(name)
+        if name in self.faults:
+            raise RuntimeError(f'fault in {name}')
+
+    def opened(self, now: float) -> Output:
+        self._call('opened')
+        return ['opened'], [b'hello']
+
+    def closed(self, now: float) -> list[Any]:
+        self.estop = self.own_estop = True
+        self.link_up = False
+        self._call('closed')
+        return ['closed']
+
+    def receive(self, data: bytes, now: float) -> Output:
+        self._call('receive')
+        self.received += data
+        self.estop = self.own_estop = False
+        self.link_up = True
+        return ['heard'], []
+
+    def poll(self, now: float) -> Output:
+        self._call('poll')
+        frames, self.wanted = self.wanted, []
+        if self.stop:
+            frames.append(b'stop')
+        return [], frames
+
+    def deadline(self) -> float:
+        if 'deadline' in self.faults:
+            raise RuntimeError('fault in deadline')
+        return self.due
+
+    def farewell(self, now: float) -> list[bytes]:
+        self._call('farewell')
+        return [b'bye 1', b'bye 2']
+
+    def frame_age(self, now: float) -> float:
+        return math.inf
+
+    def stop_reasons(self, now: float) -> list[str]:
+        return []
+
+
+class FakeOwner:
+    """Notes what it is told; ``told`` is the stop as it would be published."""
+
+    def __init__(self) -> None:
+        self.session: FakeSession | None = None
+        self.faults: set[str] = set()
+        self.paced: list[float] = []
+        self.told: list[bool] = []
+        self.log: list[str] = []  # in the order of the calls
+        self.next: float | None = None
+        self.threads: set[int] = set()
+
+    def on_event(self, event: Any) -> None:
+        self.log.append(f'event {event}')
+        if 'on_event' in self.faults:
+            raise RuntimeError('fault in on_event')
+
+    def pace(self, now: float) -> float:
+        self.threads.add(threading.get_ident())
+        self.paced.append(now)
+        if 'pace' in self.faults:
+            raise RuntimeError('fault in pace')
+        stop = self.session is None or self.session.estop
+        if not self.told or self.told[-1] != stop:
+            self.log.append(f'stop {stop}')
+        self.told.append(stop)
+        return now + PACE if self.next is None else self.next
+
+    def link_changed(self, text: str, ok: bool) -> None:
+        self.log.append(f'{"ok" if ok else "bad"} {text}')
+        if 'link_changed' in self.faults:
+            raise RuntimeError('fault in link_changed')
+
+
+class Bench:
+    """A link with all its fakes, and the number of steps that its thread has made."""
+
+    def __init__(self) -> None:
+        self.owner, self.session, self.transport = FakeOwner(), FakeSession(), FakeTransport()
+        self.link = Link('link', self.owner, reconnect_period=0.4)
+
+    def activate(self) -> None:
+        self.owner.session = self.session
+        self.link.activate(self.transport, self.session)
+
+    def wait_open(self) -> None:
+        wait_for(
+            lambda: self.link.status.is_open and self.session.calls[-1:] == ['poll'],
+            5.0,
+            'an open port',
+        )
+
+    def make_healthy(self) -> None:
+        self.transport.say(b'x')
+        wait_for(lambda: self.owner.told[-1] is False, 2.0, 'no stop')
+
+    def run(self) -> None:
+        self.activate()
+        self.wait_open()
+        self.make_healthy()
+
+    def opened(self, times: int) -> bool:
+        return self.link.status.opens == times
+
+    def steps_within(self, duration: float) -> int:
+        """Count how often the owner was paced: every step of the thread does."""
+        start = len(self.owner.paced)
+        holds_for(lambda: True, duration)
+        return len(self.owner.paced) - start
+
+
+def fault(now: float) -> None:
+    raise ZeroDivisionError
+
+
+def wait_at(gate: threading.Event, timeout: float = 2.0) -> Callable[[float], None]:
+    """Return a request that keeps the link thread busy until the gate opens."""
+
+    def wait(now: float) -> None:
+        gate.wait(timeout)
+
+    return wait
+
+
+def fails(transport: FakeTransport, name: str, text: str) -> None:
+    transport.faults[name] = TransportError(text)

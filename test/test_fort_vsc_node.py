@@ -1,0 +1,429 @@
+"""The FORT VSC bridge as a process on a port: every topic, both ways, on real bytes."""
+
+from collections.abc import Iterator
+import json
+import math
+from pathlib import Path
+from signal import SIGTERM
+import time
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticStatus
+from diagnostic_msgs.msg import KeyValue
+import pytest
+from sensor_msgs.msg import BatteryState
+from sensor_msgs.msg import Joy
+from sensor_msgs.msg import JoyFeedback
+from sensor_msgs.msg import NavSatFix
+from std_msgs.msg import Bool
+from std_msgs.msg import String
+from std_msgs.msg import UInt8
+
+from fort_vsc_bridge.simulator import build_frame
+from fort_vsc_bridge.simulator import build_sentence
+from fort_vsc_bridge.simulator import Simulator
+from test.rig import latched
+from test.rig import NodeProcess
+from test.rig import Observer
+from test.rig import Record
+from test.spine import Device
+from test.spine import Diagnostics
+from test.spine import Talker
+
+NAME = 'fort_vsc_bridge'
+LINK, DEVICE = f'{NAME}: link', f'{NAME}: device'
+LINK_TIMEOUT = 0.25
+HOST_HEARTBEAT_STOP = build_frame(0x21, b'\x01')
+VECTORS = {
+    entry['is']: bytes.fromhex(entry['hex'])
+    for entry in json.loads((Path(__file__).parent / 'vectors/fort_vsc.json').read_text())[
+        'serial'
+    ]
+}  # of several with one name the last
+
+
+class Bench:
+    """One bridge on one simulated VSC."""
+
+    def __init__(self, folder: Path, observer: Observer, **parameters: Any) -> None:
+        self.observer = observer
+        self.vsc = Device(folder / 'vsc', Simulator())
+        self.node = NodeProcess(f'{NAME}.node', {'port': self.vsc.path, **parameters})
+        record = observer.record
+        self.estop = record(Bool, f'/{NAME}/estop', latched())
+        self.own_estop = record(Bool, f'/{NAME}/own_estop', latched())
+        self.joy = record(Joy, f'/{NAME}/joy')
+        self.mode = record(String, f'/{NAME}/mode', latched())
+        self.battery = record(BatteryState, f'/{NAME}/battery', latched())
+        self.fix = record(NavSatFix, f'/{NAME}/fix')
+        self.nmea = record(String, f'/{NAME}/nmea')
+        self.user_values = record(KeyValue, f'/{NAME}/user_values')
+        self.diagnostics = Diagnostics(observer)
+
+    def start_anew(self) -> None:
+        """Have a fresh VSC with an operational remote, and hear that it is well."""
+        self.vsc.exchange(Simulator())
+        self.vsc.apply('mode operational')
+        self.wait(lambda: self.says(self.mode, 'Operational'), 'Operational')
+        self.wait(lambda: self.says(self.estop, False), 'no stop')
+        self.wait(self.joy_since(time.monotonic()), 'sticks')
+
+    def wait(self, condition: Any, what: str, timeout: float = 15.0) -> Any:
+        return self.observer.wait_for(condition, timeout, what)
+
+    @staticmethod
+    def says(record: Record, value: Any) -> bool:
+        return record.last is not None and record.last.data == value
+
+    def joy_since(self, moment: float) -> Any:
+        return lambda: list(self.joy.since(moment))
+
+    def ask(self, kind: Any, topic: str, *messages: Any) -> None:
+        """Publish once each, when the node listens."""
+        publisher = self.observer.publisher(kind, f'/{NAME}/{topic}')
+        for message in messages:
+            publisher.publish(message)
+
+    def close(self) -> None:
+        self.node.__exit__(None, None, None)
+        self.vsc.close()
+
+
+@pytest.fixture(scope='module')
+def shared(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Bench]:
+    with Observer() as observer:
+        result = Bench(tmp_path_factory.mktemp('fort'), observer, frame_id='remote')
+        yield result
+        result.close()
+
+
+@pytest.fixture
+def bench(shared: Bench) -> Bench:
+    shared.start_anew()
+    return shared
+
+
+# From the VSC.
+
+
+def test_joystick_frame_becomes_joy_with_left_and_forward_positive(bench: Bench) -> None:
+    bench.vsc.enable_message(0x10, False)
+    cause = bench.vsc.write(VECTORS['joystick'])  # X right 1023, Y back 296, right Z back 1
+    _, joy = bench.wait(bench.joy_since(cause), 'a Joy')[0]
+    assert list(joy.axes) == pytest.approx([-1.0, -296 / 1023, 0.0, 0.0, 0.0, -1 / 1023])
+    assert list(joy.buttons) == [0, 0, 0, 1, 1, 0, 1, 0]  # left left, right down, right up
+    assert joy.header.frame_id == 'remote'
+    assert joy.header.stamp.sec > 0
+
+
+def test_sticks_count_in_operational_mode_only(bench: Bench) -> None:
+    bench.vsc.enable_message(0x10, False)
+    bench.vsc.apply('mode menu')
+    bench.wait(lambda: bench.says(bench.mode, 'Menu'), 'Menu')
+    cause = bench.vsc.write(VECTORS['joystick'])  # a VSC would not send it
+    _, joy = bench.wait(bench.joy_since(cause), 'a Joy')[0]
+    assert not any(joy.axes)
+    assert not any(joy.buttons)
+
+
+def test_mode_follows_the_remote_and_is_none_without_a_heartbeat(bench: Bench) -> None:
+    for command, mode in (
+        ('mode pause', 'Pause'),
+        ('mode remote', 'Remote'),
+        ('estop remote on', 'Local'),
+    ):
+        bench.vsc.apply(command)
+        bench.wait(lambda mode=mode: bench.says(bench.mode, mode), mode)
+    bench.vsc.enable_message(0x20, False)
+    bench.wait(lambda: bench.says(bench.mode, 'None'), 'None')
+
+
+def test_silence_gives_one_neutral_joy_and_then_none(bench: Bench) -> None:
+    bench.vsc.apply('stick left_y 1')
+    bench.wait(lambda: bench.joy.last.axes[1] == 1.0, 'full deflection')
+    bench.vsc.apply('stall on')
+    bench.wait(lambda: bench.says(bench.estop, True), 'a stop')
+    neutral = bench.wait(lambda: not any(bench.joy.last.axes), 'a neutral Joy')
+    assert neutral
+    count = len(bench.joy.messages)
+    assert any(bench.joy.messages[-2].axes)
+    bench.observer.holds_for(lambda: len(bench.joy.messages) == count, 3 * LINK_TIMEOUT, 'silence')
+    bench.vsc.apply('stall off')
+
+
+def test_faulty_stick_makes_joy_neutral_and_is_named(bench: Bench) -> None:
+    bench.vsc.apply('stick left_y 1', 'button left_down 1')
+    bench.wait(lambda: bench.joy.last.axes[1] == 1.0, 'full deflection')
+    bench.vsc.apply('fault right_z error')
+    bench.wait(lambda: not any(bench.joy.last.axes) and not any(bench.joy.last.buttons), 'neutral')
+    bench.wait(lambda: bench.diagnostics.value(DEVICE, 'faulty controls') != 'none', 'its name')
+    status = bench.diagnostics.status(DEVICE)
+    assert status.level == DiagnosticStatus.ERROR
+    assert 'right_z error' in status.message
+    bench.vsc.apply('fault right_z ok')
+    bench.wait(lambda: bench.joy.last.axes[1] == 1.0, 'the stick back')
+
+
+def test_remote_status_becomes_battery_only_while_a_remote_is_connected(bench: Bench) -> None:
+    bench.vsc.write(VECTORS['remote status'])
+    bench.wait(lambda: bench.battery.last and bench.battery.last.present, 'a battery')
+    battery = bench.battery.last
+    assert battery.percentage == pytest.approx(0.70)
+    assert battery.power_supply_status == BatteryState.POWER_SUPPLY_STATUS_CHARGING
+    assert math.isnan(battery.voltage)
+    bench.vsc.apply('estop remote on')  # Local: no remote vouches for it any more
+    bench.wait(lambda: not bench.battery.last.present, 'no battery')
+
+
+def test_gps_sentence_becomes_fix_and_raw_text(bench: Bench) -> None:
+    # 48 deg 7.038 min north, 11 deg 31.000 min east, 545.4 m above a geoid of 46.9 m.
+    sentence = '$GPGGA,123519,4807.038,N,01131.000,E,1,08,0.9,545.4,M,46.9,M,,*47'
+    cause = bench.vsc.write(build_frame(0x12, b'\x00' + sentence.encode() + b'\r\n'))
+    bench.wait(lambda: sentence in bench.nmea.data, 'the sentence')
+
+    def fixes() -> list[Any]:  # the simulated remote has one of its own
+        found = (fix for _, fix in bench.fix.since(cause))
+        return [fix for fix in found if fix.latitude == pytest.approx(48.1173)]
+
+    (fix,) = bench.wait(fixes, 'the fix')
+    assert fix.longitude == pytest.approx(11.516667)
+    assert fix.altitude == pytest.approx(592.3)
+    assert fix.status.status == fix.status.STATUS_FIX
+    assert fix.header.frame_id == 'remote'
+
+
+def test_gps_sentence_with_a_bad_checksum_is_shown_and_counted_but_no_fix(bench: Bench) -> None:
+    bench.vsc.enable_message(0x12, False)
+    before = int(bench.diagnostics.value(DEVICE, 'bad GPS sentences') or 0)
+    sentence = build_sentence('GPGGA,,1107.038,N,01131.000,E,1,08,0.9,1.0,M,1.0,M,,')
+    wrong = sentence.replace('*', '1*', 1)
+    bench.vsc.write(build_frame(0x12, b'\x00' + wrong.encode()))
+    bench.wait(lambda: wrong.strip() in bench.nmea.data, 'the sentence')
+    bench.wait(
+        lambda: int(bench.diagnostics.value(DEVICE, 'bad GPS sentences')) == before + 1,
+        'the count',
+    )
+    assert not list(bench.fix.since(cause))
+
+
+def test_value_set_in_the_remotes_menu_is_told(bench: Bench) -> None:
+    bench.vsc.write(VECTORS['user feedback'])
+    bench.wait(lambda: bench.user_values.last is not None, 'a value')
+    assert (bench.user_values.last.key, bench.user_values.last.value) == ('3', '-123456')
+
+
+def test_unknown_message_type_is_counted_and_disturbs_nothing(bench: Bench) -> None:
+    bench.vsc.write(build_frame(0x40, b'abc'))
+    bench.wait(lambda: int(bench.diagnostics.value(LINK, 'unknown types') or 0) > 0, 'the count')
+    assert bench.says(bench.estop, False)
+
+
+def test_link_lost_and_found_is_told_with_its_reason(bench: Bench) -> None:
+    bench.vsc.apply('unplug')
+    bench.wait(lambda: bench.says(bench.estop, True), 'a stop')
+    bench.wait(
+        lambda: bench.diagnostics.status(LINK).level == DiagnosticStatus.ERROR, 'an error', 5.0
+    )
+    assert bench.vsc.path in bench.diagnostics.status(LINK).message
+    before = int(bench.diagnostics.value(LINK, 'reconnects'))
+    bench.vsc.apply('plug', 'mode operational')
+    bench.wait(lambda: bench.says(bench.estop, False), 'no stop')
+    bench.wait(
+        lambda: int(bench.diagnostics.value(LINK, 'reconnects')) == before + 1, 'the count', 5.0
+    )
+
+
+# To the VSC.
+
+
+def on_the_wire(bench: Bench, frame: bytes, since: float) -> None:
+    def seen() -> bool:
+        return frame in b''.join(chunk.data for chunk in bench.vsc.received(since))
+
+    bench.wait(seen, f'{frame.hex(" ")} on the wire')
+
+
+def test_host_heartbeat_is_sent_all_the_time(bench: Bench) -> None:
+    since = time.monotonic()
+    on_the_wire(bench, VECTORS['host heartbeat'], since)
+    bench.wait(lambda: bench.vsc.simulator.host_heartbeats > 20, 'many')
+    assert not bench.vsc.simulator.host_estop
+
+
+def test_user_value_is_sent_as_the_manual_says(bench: Bench) -> None:
+    since = time.monotonic()
+    bench.ask(KeyValue, 'set_user_value', KeyValue(key='3', value='-123456'))
+    on_the_wire(bench, VECTORS['user feedback'], since)
+    bench.wait(lambda: bench.vsc.simulator.values.get(3) == -123456, 'the value in the VSC')
+
+
+def test_flood_of_values_goes_out_no_faster_than_the_vsc_takes_it(bench: Bench) -> None:
+    publisher = bench.observer.publisher(KeyValue, f'/{NAME}/set_user_value')
+    for number in range(200):
+        publisher.publish(KeyValue(key='4', value=str(number)))
+        bench.observer.spin()
+    bench.wait(lambda: bench.vsc.simulator.values.get(4) == 199, 'the newest value')
+    assert bench.vsc.simulator.too_fast[0x30] == 0
+
+
+def test_names_and_display_text_arrive_line_by_line(bench: Bench) -> None:
+    bench.ask(KeyValue, 'set_user_name', KeyValue(key='2', value='BOOM'))
+    bench.ask(String, 'display_text', String(data='one\ntwo'))
+    bench.wait(lambda: bench.vsc.simulator.names.get(2) == 'BOOM', 'the name')
+    names = bench.vsc.simulator.names
+    bench.wait(lambda: names.get(90) == 'one' and names.get(91) == 'two', 'two lines')
+    bench.wait(lambda: names.get(93) == '', 'two blank lines')
+    bench.wait(lambda: bench.vsc.simulator.values.get(99) == 1, 'the text display')
+
+
+def test_rumble_left_and_right(bench: Bench) -> None:
+    rumble = JoyFeedback(type=JoyFeedback.TYPE_RUMBLE, id=1, intensity=1.0)
+    bench.ask(JoyFeedback, 'set_feedback', rumble)
+    bench.wait(lambda: bench.vsc.simulator.rumbles, 'a rumble')
+    assert [side for _, side in bench.vsc.simulator.rumbles] == ['right']
+
+
+def test_asked_value_is_answered(bench: Bench) -> None:
+    bench.user_values.clear()
+    bench.ask(UInt8, 'get_user_value', UInt8(data=81))  # Auto Off Enable, 1 as delivered
+    bench.wait(lambda: bench.user_values.last is not None, 'an answer')
+    assert (bench.user_values.last.key, bench.user_values.last.value) == ('81', '1')
+
+
+@pytest.mark.parametrize(
+    ('kind', 'topic', 'message', 'text'),
+    [
+        (KeyValue, 'set_user_value', KeyValue(key='3', value='much'), 'whole number'),
+        (KeyValue, 'set_user_value', KeyValue(key='three', value='1'), 'whole number'),
+        (KeyValue, 'set_user_value', KeyValue(key='13', value='1'), '13'),
+        (KeyValue, 'set_user_value', KeyValue(key='81', value='0'), 'configure_device'),
+        (KeyValue, 'set_user_name', KeyValue(key='10', value='x'), '10'),
+        (KeyValue, 'set_user_name', KeyValue(key='1', value='x' * 21), '20'),
+        (String, 'display_text', String(data='\n'.join('12345')), 'lines'),
+        (String, 'display_text', String(data='grün'), ''),
+        (UInt8, 'get_user_value', UInt8(data=200), '200'),
+        (JoyFeedback, 'set_feedback', JoyFeedback(type=JoyFeedback.TYPE_LED), 'rumble'),
+        (JoyFeedback, 'set_feedback', JoyFeedback(type=1, id=2, intensity=1.0), '2'),
+        (JoyFeedback, 'set_feedback', JoyFeedback(type=1, intensity=math.nan), 'intensity'),
+    ],
+)
+def test_request_that_makes_no_sense_is_counted_and_explained(
+    bench: Bench, kind: Any, topic: str, message: Any, text: str
+) -> None:
+    before = int(bench.diagnostics.value(LINK, 'refused requests') or 0)
+    bench.ask(kind, topic, message)
+    bench.wait(
+        lambda: int(bench.diagnostics.value(LINK, 'refused requests') or 0) == before + 1,
+        f'the count; {bench.diagnostics.value(LINK, "last refusal")}',
+        5.0,
+    )
+    assert text in bench.diagnostics.value(LINK, 'last refusal')
+    assert bench.says(bench.estop, False)
+    assert bench.vsc.simulator.eeprom_writes == 0
+
+
+# The software e-stop changes the node for good, so each has one of its own.
+
+
+@pytest.fixture
+def fresh(tmp_path: Path) -> Iterator[Bench]:
+    with Observer() as observer:
+        result = Bench(tmp_path, observer)
+        result.start_anew()
+        yield result
+        result.close()
+
+
+def test_software_estop_stops_the_vsc_and_is_told_as_an_echo(fresh: Bench) -> None:
+    talker = Talker(fresh.observer, Bool, f'/{NAME}/software_estop', Bool(data=False))
+    fresh.wait(
+        lambda: fresh.diagnostics.value(DEVICE, 'software e-stop in use') == 'true', 'in use'
+    )
+    assert fresh.says(fresh.estop, False)
+    talker.message = Bool(data=True)
+    fresh.wait(lambda: fresh.vsc.simulator.host_estop, 'a stop in our heartbeat')
+    fresh.wait(lambda: fresh.says(fresh.estop, True), 'the stop of the VSC')
+    assert fresh.says(fresh.own_estop, False)
+    talker.message = Bool(data=False)
+    fresh.wait(lambda: not fresh.vsc.simulator.host_estop, 'no stop in our heartbeat')
+    fresh.vsc.apply('ack', 'mode operational')
+    fresh.wait(lambda: fresh.says(fresh.estop, False), 'no stop')
+    talker.pause()  # once in use, silence is a stop
+    fresh.wait(lambda: fresh.vsc.simulator.host_estop, 'a stop in our heartbeat')
+
+
+def test_software_estop_in_use_is_a_stop_when_the_node_ends(fresh: Bench) -> None:
+    Talker(fresh.observer, Bool, f'/{NAME}/software_estop', Bool(data=False))
+    fresh.wait(
+        lambda: fresh.diagnostics.value(DEVICE, 'software e-stop in use') == 'true', 'in use'
+    )
+    since = time.monotonic()
+    fresh.node.signal(SIGTERM)
+    fresh.wait(lambda: fresh.node.process.poll() is not None, 'its end')
+    assert fresh.node.process.returncode == 0
+    assert b''.join(c.data for c in fresh.vsc.received(since)).endswith(HOST_HEARTBEAT_STOP)
+
+
+def test_node_that_is_no_part_of_the_stop_chain_does_not_trip_it_by_ending(fresh: Bench) -> None:
+    assert fresh.node.end(SIGTERM) == 0
+    fresh.wait(lambda: fresh.says(fresh.estop, True), 'its own last stop')
+    assert not fresh.vsc.simulator.host_estop
+    assert HOST_HEARTBEAT_STOP not in b''.join(c.data for c in fresh.vsc.received())
+
+
+# Variants of the parameters.
+
+
+def test_tolerated_fault_leaves_the_sound_controls(tmp_path: Path, observer: Observer) -> None:
+    bench = Bench(tmp_path, observer, tolerate_faulty_axes=True, axis_full_scale=800, deadband=0.2)
+    try:
+        bench.start_anew()
+        bench.vsc.apply('stick left_y 0.5', 'stick left_x 0.1', 'fault right_z unavailable')
+        bench.wait(lambda: any(bench.joy.last.axes), 'a deflection')
+        # round(0.5 * 1023) = 512 of 800, less a dead band of 0.2; 102 of 800 is within it.
+        expected = (512 / 800 - 0.2) / 0.8
+        assert list(bench.joy.last.axes) == pytest.approx([0.0, expected, 0.0, 0.0, 0.0, 0.0])
+        bench.wait(
+            lambda: 'right_z unavailable' in bench.diagnostics.value(DEVICE, 'faulty controls'),
+            'its name',
+        )
+    finally:
+        bench.close()
+
+
+def test_lifecycle_manager_opens_and_closes_the_port(tmp_path: Path, observer: Observer) -> None:
+    bench = Bench(tmp_path, observer, autostart=False)
+    try:
+        bench.vsc.apply('mode operational')
+        bench.wait(lambda: bench.says(bench.estop, True), 'a stop')
+        assert not bench.vsc.received()
+        assert observer.state(f'/{NAME}') == 'unconfigured'
+        assert observer.change_state(f'/{NAME}', 'configure')
+        assert not bench.vsc.received()
+        assert observer.change_state(f'/{NAME}', 'activate')
+        bench.wait(lambda: bench.says(bench.estop, False), 'no stop')
+        assert observer.change_state(f'/{NAME}', 'deactivate')
+        bench.wait(lambda: bench.says(bench.estop, True), 'a stop')
+        moment = time.monotonic()
+        observer.holds_for(lambda: not bench.vsc.received(moment), 0.3, 'a silent wire')
+        observer.holds_for(lambda: bench.says(bench.estop, True), 0.1, 'a stop, repeated')
+        assert list(bench.estop.since(moment))
+        assert observer.change_state(f'/{NAME}', 'activate')
+        bench.wait(lambda: bench.says(bench.estop, False), 'no stop')
+    finally:
+        bench.close()
+
+
+def test_paused_simulated_time_changes_no_stop_and_no_stick(
+    tmp_path: Path, observer: Observer
+) -> None:
+    bench = Bench(tmp_path, observer, use_sim_time=True)  # and nobody publishes /clock
+    try:
+        bench.start_anew()
+        bench.vsc.apply('stick left_y 1')
+        bench.wait(lambda: bench.joy.last.axes[1] == 1.0, 'full deflection')
+        assert bench.joy.last.header.stamp.sec == 0
+        bench.vsc.enable_message(0x20, False)
+        bench.wait(lambda: bench.says(bench.estop, True), 'a stop', 2.0)
+    finally:
+        bench.close()
