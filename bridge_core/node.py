@@ -1,5 +1,5 @@
 """
-The common node: parameters, lifecycle, e-stop, link and diagnostics topics, start and shutdown.
+The common node: parameters, lifecycle, e-stop, link and diagnostics topics.
 
 What a stop needs is here once, for all bridges: ``~/estop`` is true from construction, published
 at once on change and at ``estop_rate`` always, by the link thread, port or no port, active or not.
@@ -9,12 +9,7 @@ from collections.abc import Callable
 from collections.abc import Sequence
 from dataclasses import asdict
 import math
-import os
-import signal
-import sys
-import threading
 import time
-import traceback
 from typing import Any
 from typing import ClassVar
 
@@ -23,16 +18,11 @@ from rcl_interfaces.msg import FloatingPointRange
 from rcl_interfaces.msg import IntegerRange
 from rcl_interfaces.msg import ParameterDescriptor
 from rcl_interfaces.msg import SetParametersResult
-import rclpy
 from rclpy.duration import Duration
-from rclpy.exceptions import ParameterException
-from rclpy.executors import ExternalShutdownException
-from rclpy.executors import SingleThreadedExecutor
 from rclpy.lifecycle import LifecycleNode
 from rclpy.lifecycle import TransitionCallbackReturn
 from rclpy.qos import DurabilityPolicy
 from rclpy.qos import QoSProfile
-from rclpy.signals import SignalHandlerOptions
 from std_msgs.msg import Bool
 
 from bridge_core.diagnostics import ERROR
@@ -118,9 +108,9 @@ class ManagedNode(LifecycleNode):
 
     def autostart(self) -> None:
         """Configure and activate, unless the parameter leaves that to somebody else."""
-        if self.values['autostart']:
-            self.trigger_configure()
-            self.trigger_activate()
+        success = TransitionCallbackReturn.SUCCESS
+        if self.values['autostart'] and self.trigger_configure() == success:
+            self.trigger_activate()  # what went wrong, if anything, was logged
 
     def _declare(self) -> dict[str, Any]:
         # rclpy has no public name for what was given, and cannot declare an empty list by itself.
@@ -364,8 +354,11 @@ class BridgeNode(ManagedNode):
             self.link.activate(self.make_transport(), self.session)
 
         result = self._transition(activate, 'activate')
-        super().on_activate(state)
-        return result
+        if result != TransitionCallbackReturn.SUCCESS:
+            self.active = False
+            self._forget_session()
+            return result
+        return super().on_activate(state)
 
     def on_deactivate(self, state: Any) -> TransitionCallbackReturn:
         """Leave the device safe, close the port, demand a stop."""
@@ -443,94 +436,3 @@ def _descriptor(parameter: Parameter) -> Any:
                 IntegerRange(from_value=int(low), to_value=int(high), step=1)
             ]
     return descriptor
-
-
-class _End:
-    """
-    SIGINT, SIGTERM or a fault, for the main thread to wait for.
-
-    The interpreter itself writes the signal into the pipe, in whichever thread the kernel delivers
-    it. An Event would not do: its set() may interrupt itself, and the thread that waits for it is
-    not woken by a signal that another thread took.
-    """
-
-    def __init__(self) -> None:
-        self._read, self._write = os.pipe()
-        os.set_blocking(self._write, False)
-        signal.set_wakeup_fd(self._write, warn_on_full_buffer=False)
-        for number in (signal.SIGINT, signal.SIGTERM):
-            signal.signal(number, lambda *_: None)
-
-    def tell(self) -> None:
-        os.write(self._write, b'\0')
-
-    def wait(self) -> None:
-        os.read(self._read, 1)
-
-
-def run(factories: Sequence[Callable[[], ManagedNode]], args: list[str] | None = None) -> int:
-    """
-    Run nodes until SIGINT or SIGTERM, each with an executor and a thread of its own.
-
-    Return the exit status: 0 after a signal, 2 for a bad parameter or argument, 1 for a fault.
-    """
-    try:
-        # With ROS's own handlers the context would be gone before the last stop could be told.
-        rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
-    except Exception as error:  # RCLError and others are not exported; all mean bad arguments
-        print(f'rugged_teleop: {_one_line(error)}', file=sys.stderr)
-        return 2
-    end = _End()
-    nodes: list[ManagedNode] = []
-    try:
-        for factory in factories:
-            nodes.append(factory())
-    except (ParameterError, ParameterException) as error:
-        print(f'rugged_teleop: {_one_line(error)}', file=sys.stderr)
-        _leave(nodes)
-        return 2
-    faults = _spin(nodes, end)
-    _leave(nodes)
-    return 1 if faults else 0
-
-
-def _spin(nodes: Sequence[ManagedNode], end: _End) -> list[str]:
-    """Spin until the end; return the faults."""
-    stop = threading.Event()
-    faults: list[str] = []
-
-    def spin(node: ManagedNode) -> None:
-        executor = SingleThreadedExecutor()
-        executor.add_node(node)
-        try:
-            node.autostart()
-            while not stop.is_set():
-                executor.spin_once(timeout_sec=0.1)
-        except ExternalShutdownException:
-            end.tell()
-        except Exception:
-            faults.append(traceback.format_exc())
-            node.get_logger().fatal(faults[-1])
-            end.tell()
-        executor.shutdown()
-
-    threads = [threading.Thread(target=spin, args=(node,), daemon=True) for node in nodes]
-    for thread in threads:
-        thread.start()
-    end.wait()
-    stop.set()
-    for thread in threads:
-        thread.join(timeout=0.5)
-    return faults
-
-
-def _leave(nodes: Sequence[ManagedNode]) -> None:
-    for node in nodes:
-        node.shut_down()
-    for node in nodes:
-        node.destroy_node()
-    rclpy.try_shutdown()
-
-
-def _one_line(error: Exception) -> str:
-    return ' '.join(str(error).split())

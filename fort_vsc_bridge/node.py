@@ -19,9 +19,9 @@ from bridge_core.diagnostics import WARN
 from bridge_core.node import BRIDGE_PARAMETERS
 from bridge_core.node import BridgeNode
 from bridge_core.node import latched_qos
-from bridge_core.node import run
 from bridge_core.parameters import Parameter
 from bridge_core.parameters import ParameterError
+from bridge_core.runner import run
 from bridge_core.transports.serial import SerialTransport
 from fort_vsc_bridge import convert
 from fort_vsc_bridge.parameters import device_settings

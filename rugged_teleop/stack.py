@@ -17,7 +17,7 @@ from rclpy.utilities import remove_ros_args
 import yaml
 
 from bridge_core.node import ManagedNode
-from bridge_core.node import run
+from bridge_core.runner import run
 
 # Where each node's class is; modules are imported only when they are wanted.
 NODES = {

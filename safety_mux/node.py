@@ -33,8 +33,8 @@ from bridge_core.diagnostics import WARN
 from bridge_core.node import latched_qos
 from bridge_core.node import MANAGED_PARAMETERS
 from bridge_core.node import ManagedNode
-from bridge_core.node import run
 from bridge_core.parameters import Parameter
+from bridge_core.runner import run
 from safety_mux.arbiter import Arbiter
 from safety_mux.limits import JointLimiter
 from safety_mux.mapping import DifferentialDrive
@@ -144,6 +144,7 @@ class SafetyMux(ManagedNode):
         self._arbiter = Arbiter(config, JointLimiter(joint_limits(values)), time.monotonic())
         self._arbiter.hold(_INACTIVE)
         self._last_state: State | None = None
+        self._owner: str | None = None
         self._mappings = {each.name: joy_mapping(values, each.name) for each in config.operators}
         self._watches: dict[str, tuple[Kind, str, PublisherWatch]] = {}
         for source in config.sources:
@@ -226,6 +227,8 @@ class SafetyMux(ManagedNode):
             self._arbiter.operator_invalid(name, str(error), now)
         else:
             self._arbiter.operator_sample(name, sample, now)
+            if name == self._owner and not sample.deadman:
+                self._tick()  # a released deadman is a stop too
 
     def _on_autonomy(self, message: Any, now: float) -> None:
         try:
@@ -303,6 +306,7 @@ class SafetyMux(ManagedNode):
         for name, demanded in decision.stop_demand.items():
             self._stop_demands[name].publish(Bool(data=demanded))
         self._state.publish(String(data=decision.state.value))
+        self._owner = decision.owner
         if decision.state is not self._last_state:
             self._last_state = decision.state
             self.get_logger().info(

@@ -49,6 +49,7 @@ SHARED = {
     'transports': (*CORE, 'serial', 'can', 'STDLIB'),
     'diagnostics': ('MESSAGES',),
     'node': ('bridge_core', 'rclpy', 'MESSAGES', 'STDLIB'),
+    'runner': ('bridge_core', 'rclpy', 'STDLIB'),
 }
 # Simulators and what shows them are for the commands that show them, and for nobody else.
 SHOWS = ('rugged_teleop.simulate', 'rugged_teleop.demo')

@@ -17,8 +17,8 @@ from typing import Any
 import pytest
 import rclpy
 
-from bridge_core.node import run
 from bridge_core.parameters import Parameter
+from bridge_core.runner import run
 from esi_drive_bridge.node import EsiDriveBridge
 from fort_vsc_bridge.node import FortVscBridge
 from safety_mux.node import SafetyMux

@@ -21,9 +21,9 @@ from bridge_core.diagnostics import WARN
 from bridge_core.framing import Counters
 from bridge_core.node import BRIDGE_PARAMETERS
 from bridge_core.node import BridgeNode
-from bridge_core.node import run
 from bridge_core.parameters import Parameter
 from bridge_core.parameters import ParameterError
+from bridge_core.runner import run
 from bridge_core.transports.serial import SerialTransport
 from bridge_core.watchdog import Watchdog
 from test.rig import NodeProcess

@@ -1,0 +1,109 @@
+"""Running nodes: start, signals, the exit status, and leaving the devices safe."""
+
+from collections.abc import Callable
+from collections.abc import Sequence
+import os
+import signal
+import sys
+import threading
+import traceback
+
+import rclpy
+from rclpy.exceptions import ParameterException
+from rclpy.executors import ExternalShutdownException
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.signals import SignalHandlerOptions
+
+from bridge_core.node import ManagedNode
+from bridge_core.parameters import ParameterError
+
+
+class _End:
+    """
+    SIGINT, SIGTERM or a fault, for the main thread to wait for.
+
+    The interpreter itself writes the signal into the pipe, in whichever thread the kernel delivers
+    it. An Event would not do: its set() may interrupt itself, and the thread that waits for it is
+    not woken by a signal that another thread took.
+    """
+
+    def __init__(self) -> None:
+        self._read, self._write = os.pipe()
+        os.set_blocking(self._write, False)
+        signal.set_wakeup_fd(self._write, warn_on_full_buffer=False)
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, lambda *_: None)
+
+    def tell(self) -> None:
+        os.write(self._write, b'\0')
+
+    def wait(self) -> None:
+        os.read(self._read, 1)
+
+
+def run(factories: Sequence[Callable[[], ManagedNode]], args: list[str] | None = None) -> int:
+    """
+    Run nodes until SIGINT or SIGTERM, each with an executor and a thread of its own.
+
+    Return the exit status: 0 after a signal, 2 for a bad parameter or argument, 1 for a fault.
+    """
+    try:
+        # With ROS's own handlers the context would be gone before the last stop could be told.
+        rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
+    except Exception as error:  # RCLError and others are not exported; all mean bad arguments
+        print(f'rugged_teleop: {_one_line(error)}', file=sys.stderr)
+        return 2
+    end = _End()
+    nodes: list[ManagedNode] = []
+    try:
+        for factory in factories:
+            nodes.append(factory())
+    except (ParameterError, ParameterException) as error:
+        print(f'rugged_teleop: {_one_line(error)}', file=sys.stderr)
+        _leave(nodes)
+        return 2
+    faults = _spin(nodes, end)
+    _leave(nodes)
+    return 1 if faults else 0
+
+
+def _spin(nodes: Sequence[ManagedNode], end: _End) -> list[str]:
+    """Spin until the end; return the faults."""
+    stop = threading.Event()
+    faults: list[str] = []
+
+    def spin(node: ManagedNode) -> None:
+        executor = SingleThreadedExecutor()
+        executor.add_node(node)
+        try:
+            node.autostart()
+            while not stop.is_set():
+                executor.spin_once(timeout_sec=0.1)
+        except ExternalShutdownException:
+            end.tell()
+        except Exception:
+            faults.append(traceback.format_exc())
+            node.get_logger().fatal(faults[-1])
+            end.tell()
+        executor.shutdown()
+
+    threads = [threading.Thread(target=spin, args=(node,), daemon=True) for node in nodes]
+    for thread in threads:
+        thread.start()
+    end.wait()
+    stop.set()
+    for thread in threads:
+        thread.join(timeout=0.5)
+    return faults
+
+
+def _leave(nodes: Sequence[ManagedNode]) -> None:
+    for node in nodes:
+        node.shut_down()
+    for node in nodes:
+        node.destroy_node()
+    rclpy.try_shutdown()
+
+
+def _one_line(error: Exception) -> str:
+    return ' '.join(str(error).split())
