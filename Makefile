@@ -33,8 +33,8 @@ lint: $(STAMP)
 
 bench: $(STAMP)
 	@set -e; for file in benchmarks/bench_*.py; do \
-	    test -e "$$file" || { echo 'there are no benchmarks yet'; break; }; \
-	    echo "$$file $(ARGS)"; $(BIN)/python "$$file" $(ARGS); \
+	    name=$$(basename "$$file" .py); \
+	    echo "$$name $(ARGS)"; $(BIN)/python -m "benchmarks.$$name" $(ARGS); \
 	done
 
 clean:

@@ -9,12 +9,6 @@ PACKAGE = 'rugged_teleop'
 SHARED = ('config', 'docs', 'launch', 'udev')
 
 
-def requirements(prefix: str) -> list[str]:
-    """Return the pinned requirements that start with ``prefix``."""
-    lines = Path('requirements.txt').read_text(encoding='utf-8').splitlines()
-    return [line for line in lines if line.startswith(prefix)]
-
-
 def shared_files() -> list[tuple[str, list[str]]]:
     """Return what goes to share/, folder by folder, as setuptools wants it."""
     files: dict[str, list[str]] = {}
@@ -33,10 +27,8 @@ setup(
     maintainer_email='maintainers@rugged-teleop.example',
     license='Apache-2.0',
     python_requires='>=3.10',
-    # ROS itself is not listed: where it is installed it must be used as it is, under other names.
+    # ROS is not listed: where it is installed it is used as it is, elsewhere see requirements.txt.
     install_requires=['setuptools', 'pyserial>=3.5', 'PyYAML'],
-    # For a machine without ROS: pip install '.[ros]'
-    extras_require={'ros': requirements('ros-')},
     packages=find_packages(exclude=('test', 'test.*', 'benchmarks', 'benchmarks.*')),
     package_data={'': ['py.typed']},
     zip_safe=False,
@@ -53,6 +45,7 @@ setup(
             'rugged_teleop_stack = rugged_teleop.stack:main',
             'safety_mux = safety_mux.node:main',
             'simulate = rugged_teleop.simulate:main',
+            'vm110_bridge = vm110_bridge.node:main',
         ],
     },
 )

@@ -22,6 +22,7 @@ from bridge_core.runner import run
 # Where each node's class is; modules are imported only when they are wanted.
 NODES = {
     'fort_vsc_bridge': ('fort_vsc_bridge.node', 'FortVscBridge'),
+    'vm110_bridge': ('vm110_bridge.node', 'Vm110Bridge'),
     'esi_drive_bridge': ('esi_drive_bridge.node', 'EsiDriveBridge'),
     'safety_mux': ('safety_mux.node', 'SafetyMux'),
 }

@@ -284,6 +284,7 @@ class SafetyMux(ManagedNode):
 
     def _on_select_autonomy(self, request: Any, response: Any) -> Any:
         reply = self._arbiter.select_autonomy(request.data, time.monotonic())
+        self._tick()
         return self._answer(response, 'select_autonomy', *reply)
 
     def _answer(self, response: Any, service: str, ok: bool, message: str) -> Any:

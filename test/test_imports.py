@@ -151,7 +151,7 @@ def test_module_imports_only_what_the_table_allows(module: str) -> None:
 
 
 def test_every_room_is_walked() -> None:
-    assert {'esi_drive_bridge', 'fort_vsc_bridge', 'safety_mux'} <= set(rooms())
+    assert {'esi_drive_bridge', 'fort_vsc_bridge', 'safety_mux', 'vm110_bridge'} <= set(rooms())
     for room in rooms():
         assert f'{room}.node' in modules() or f'{room}.node.__init__' in modules()
 

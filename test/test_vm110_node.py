@@ -1,0 +1,457 @@
+"""The VM-110 bridge as a process of its own, on real multicast of the loopback interface."""
+
+from collections.abc import Callable
+from collections.abc import Iterator
+from collections.abc import Mapping
+import contextlib
+import re
+import signal
+import struct
+import subprocess
+import sys
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticArray
+from diagnostic_msgs.msg import DiagnosticStatus
+from diagnostic_msgs.msg import KeyValue
+import pytest
+from sensor_msgs.msg import BatteryState
+from sensor_msgs.msg import Joy
+from std_msgs.msg import Bool
+from std_msgs.msg import Int32
+from std_msgs.msg import UInt8MultiArray
+from std_msgs.msg import UInt16
+import yaml
+
+from bridge_core.runner import run
+from test.multicast_rig import free_port
+from test.multicast_rig import LOOPBACK
+from test.multicast_rig import Station
+from test.rig import as_yaml
+from test.rig import latched
+from test.rig import NodeProcess
+from test.rig import Observer
+from test.rig import Record
+from test.rig import ROOT
+from vm110_bridge.node import Vm110Bridge
+from vm110_bridge.protocol import BuState
+from vm110_bridge.simulator import build_packet
+from vm110_bridge.simulator import build_vrpi
+from vm110_bridge.simulator import Simulator
+
+NAME = 'vm110_bridge'
+
+
+class Bench:
+    """A node, its base unit, and what it publishes."""
+
+    def __init__(
+        self,
+        observer: Observer,
+        node: NodeProcess,
+        station: Station,
+        namespace: str = '',
+    ) -> None:
+        self.observer, self.node, self.station = observer, node, station
+        self.prefix = f'{namespace}/{NAME}'
+        self.estop = self._record(Bool, 'estop', latched())
+        self.own_estop = self._record(Bool, 'own_estop', latched())
+        self.link_up = self._record(Bool, 'link_up', latched())
+        self.armed = self._record(Bool, 'armed', latched())
+        self.enabled = self._record(Bool, 'enabled', latched())
+        self.joy = self._record(Joy, 'joy')
+        self.encoder = self._record(Int32, 'encoder', latched())
+        self.battery = self._record(BatteryState, 'battery', latched())
+        self.command = self._record(UInt8MultiArray, 'command')
+        self.result = self._record(KeyValue, 'command_result')
+        self.diagnostics = observer.record(DiagnosticArray, '/diagnostics')
+
+    def _record(self, kind: Any, name: str, qos: Any = 10) -> Record:
+        return self.observer.record(kind, f'{self.prefix}/{name}', qos)
+
+    def wait(self, condition: Callable[[], Any], what: str = 'it', timeout: float = 10.0) -> None:
+        self.observer.wait_for(condition, timeout, lambda: f'{what}\n{self.node.output}')
+
+    def wait_stop(self, stop: bool) -> None:
+        self.wait(lambda: self.estop.last == Bool(data=stop), f'estop {stop}')
+
+    def connect(self) -> 'Bench':
+        """Wait until topics are matched and the link is healthy."""
+        self.wait_stop(False)
+        self.wait(lambda: self.joy.last is not None, 'joy')
+        return self
+
+    def arm(self, *lines: str) -> 'Bench':
+        self.connect()
+        self.wait(lambda: self.station.look(lambda unit: unit.received.get('VRPO')), 'VRPO')
+        self.station.apply('arm 1', *lines)
+        self.wait(lambda: self.enabled.last == Bool(data=True), 'enabled')
+        return self
+
+    def status(self, part: str = 'device') -> Any:
+        """Return the newest diagnostic of ours."""
+        name = f'{self.prefix.lstrip("/")}: {part}'
+        for array in reversed(self.diagnostics.messages):
+            for status in array.status:
+                if status.name == name:
+                    return status
+        return DiagnosticStatus()
+
+    def value(self, key: str, part: str = 'device') -> str:
+        return next((pair.value for pair in self.status(part).values if pair.key == key), '')
+
+
+@contextlib.contextmanager
+def bench_of(
+    observer: Observer,
+    parameters: Mapping[str, Any] | None = None,
+    *,
+    namespace: str = '',
+    station: Station | None = None,
+    port: int | None = None,
+    **unit: Any,
+) -> Iterator[Bench]:
+    """Start a node, and a base unit for it unless there is one."""
+    port = port or free_port()
+    given = {'input_port': port, 'interface_address': LOOPBACK, **(parameters or {})}
+    with contextlib.ExitStack() as stack:
+        if station is None:
+            station = stack.enter_context(Station(Simulator(**unit), port))
+        node = stack.enter_context(NodeProcess('vm110_bridge.node', given, namespace=namespace))
+        yield Bench(observer, node, station, namespace)
+
+
+@pytest.fixture
+def bench(observer: Observer) -> Iterator[Bench]:
+    with bench_of(observer) as bench:
+        yield bench
+
+
+def test_sticks_switches_encoder_and_battery_come_out(bench: Bench) -> None:
+    bench.arm(
+        'stick 1 1 1',
+        'stick 1 2 -0.5',
+        'switch 1 1 -1',
+        'switch 1 8 1000',
+        'push 1 on',
+        'battery 1 42',
+    )
+    bench.wait(lambda: list(bench.joy.last.axes) == [1.0, -0.5, 0.0, 0.0], 'the sticks')
+    assert list(bench.joy.last.buttons) == [-1, 0, 0, 0, 0, 0, 0, 1000, 1]
+    bench.wait(lambda: bench.encoder.last is not None, 'the encoder')
+    bench.station.apply('encoder 1 -3')
+    bench.wait(lambda: bench.encoder.last == Int32(data=-3), 'the encoder turned')
+    bench.wait(lambda: bench.battery.last.percentage == pytest.approx(0.42), 'the battery')
+    assert bench.armed.last == Bool(data=True)
+    assert bench.own_estop.last == Bool(data=False)
+    bench.wait(lambda: bench.value('BU state') == 'Armed', 'the diagnostic')
+    assert bench.status().level == DiagnosticStatus.OK
+    assert bench.value('CRC') == 'mpeg2'
+
+
+def test_disarmed_is_no_stop_but_neutral(bench: Bench) -> None:
+    bench.connect()
+    bench.station.apply('stick 1 1 1')
+    bench.wait(lambda: len(bench.joy.messages) > 3, 'more joy')
+    assert not any(any(message.axes) for message in bench.joy.messages)
+    assert bench.armed.last == Bool(data=False)
+    assert bench.estop.last == Bool(data=False)
+
+
+def test_stop_switch_stops_and_says_what_to_do(bench: Bench) -> None:
+    bench.arm('stick 1 1 1')
+    bench.wait(lambda: bench.joy.last.axes[0] == 1.0, 'the stick')
+    bench.station.apply('stop 1 on')
+    bench.wait_stop(True)
+    bench.wait(lambda: not any(bench.joy.last.axes), 'neutral')
+    bench.wait(lambda: 'release the stop switch' in bench.status().message, 'the hint')
+    bench.station.apply('stop 1 off', 'arm 1')
+    bench.wait_stop(False)
+
+
+def test_blocked_and_tilted_say_what_to_do(bench: Bench) -> None:
+    bench.arm()
+    bench.station.apply('tilt 1 on')
+    bench.wait(lambda: 'disabled due to tilting' in bench.status().message, 'the tilt')
+    assert bench.enabled.last == Bool(data=False)
+    assert bench.estop.last == Bool(data=False)
+    bench.station.apply('radio 1 off')
+    bench.wait_stop(True)
+    bench.wait(lambda: 'turn on the remote and rearm' in bench.status().message, 'the hint')
+
+
+def test_silence_is_a_stop_and_one_neutral_joy(bench: Bench) -> None:
+    bench.arm('stick 1 1 1')
+    bench.wait(lambda: bench.joy.last.axes[0] == 1.0, 'the stick')
+    bench.station.silent = True
+    last = bench.station.sent[-1][0]
+    bench.wait_stop(True)
+    stopped = next(at for at, m in bench.estop.since(last) if m.data)
+    assert stopped - last > 0.4  # not before link_timeout; how soon after is the machine's noise
+    bench.wait(lambda: not any(bench.joy.last.axes), 'neutral')
+    bench.joy.clear()
+    bench.observer.holds_for(lambda: bench.joy.messages == [], 1.0, 'no further joy')
+    bench.wait(lambda: 'no VRPI from the BU' in bench.status('link').message, 'the reason')
+    bench.station.silent = False
+    bench.wait_stop(False)
+
+
+def test_hold_output_opens_the_relays_which_close_only_after_rearming(bench: Bench) -> None:
+    bench.arm()
+    hold = bench.observer.publisher(Bool, f'{bench.prefix}/hold_output')
+
+    def repeat(value: bool) -> Callable[[Callable[[Any], Any]], Callable[[], Any]]:
+        def with_condition(condition: Callable[[Any], Any]) -> Callable[[], Any]:
+            def check() -> Any:
+                hold.publish(Bool(data=value))
+                return bench.station.look(condition)
+
+            return check
+
+        return with_condition
+
+    bench.wait(repeat(True)(lambda unit: not unit.relays_closed), 'open relays')
+    bench.wait_stop(True)
+    assert bench.own_estop.last == Bool(data=False)
+    bench.wait(lambda: 'as hold_output asks' in bench.status().message, 'the reason')
+    before = bench.station.look(lambda unit: unit.received['VRPO'])
+    bench.wait(repeat(False)(lambda unit: unit.received['VRPO'] > before + 3), 'VRPO again')
+    assert not bench.station.look(lambda unit: unit.relays_closed)
+    assert bench.own_estop.last == Bool(data=False)
+    bench.station.apply('arm 1')
+    bench.wait(repeat(False)(lambda unit: unit.relays_closed), 'closed relays')
+    bench.wait_stop(False)
+    # A hold_output that falls silent is a hold.
+    bench.wait(lambda: bench.station.look(lambda unit: not unit.relays_closed), 'open relays')
+
+
+def test_periodic_output_reaches_the_display_in_a_burst(observer: Observer) -> None:
+    with bench_of(observer, output_size=1000) as bench:
+        bench.connect()
+        output = observer.publisher(UInt8MultiArray, f'{bench.prefix}/periodic_output')
+        data = bytes(n % 251 for n in range(1000))
+        output.publish(UInt8MultiArray(data=list(data)))
+        bench.wait(lambda: bench.station.look(lambda unit: unit.display == data), 'the display')
+        assert bench.station.look(lambda unit: unit.machine_lost) == 0
+
+
+def test_commands_both_ways_each_once_though_acknowledgements_are_lost(bench: Bench) -> None:
+    bench.arm()
+    send = bench.observer.publisher(UInt8MultiArray, f'{bench.prefix}/send_command')
+    bench.station.apply('command 0102')
+    bench.wait(lambda: bench.command.messages, 'the command')
+    bench.wait(lambda: bench.station.look(lambda unit: unit.acknowledged == [1]), 'its VRAO')
+    assert bytes(bench.command.last.data) == b'\1\2' + bytes(14)
+    assert bench.command.last.layout.dim[0].label == '1'
+    # The VRAO was lost, so the BU repeats.
+    repeat = struct.pack('<H4x', 1) + b'\1\2' + bytes(14)
+    for _ in range(3):
+        bench.station.look(lambda unit: bench.station._port.send(unit._packet('VRCI', repeat)))
+    bench.wait(lambda: bench.value('commands repeated') == '3', 'the repeats')
+    assert len(bench.command.messages) == 1
+    send.publish(UInt8MultiArray(data=list(range(16))))
+    bench.wait(lambda: bench.result.messages, 'the result')
+    assert bench.result.last.value == 'acknowledged'
+    sent = bench.station.look(lambda unit: list(unit.machine_commands))
+    assert [data for _, _, data in sent] == [bytes(range(16))]
+    assert bench.result.last.key == str(sent[0][1])
+    bench.station.apply('answers off')
+    send.publish(UInt8MultiArray(data=[1] * 16))
+    bench.wait(lambda: len(bench.result.messages) == 2, 'the second result')
+    assert bench.result.last.value == 'not acknowledged within 2 s'
+    send.publish(UInt8MultiArray(data=[1] * 15))
+    bench.wait(lambda: len(bench.result.messages) == 3, 'the refusal')
+    assert bench.result.last.key == 'refused'
+    bench.wait(lambda: bench.value('refused requests', 'link') == '1', 'the count')
+
+
+def test_explicit_acknowledgement(observer: Observer) -> None:
+    with bench_of(observer, {'acknowledge': 'explicit'}) as bench:
+        bench.arm()
+        done = observer.publisher(UInt16, f'{bench.prefix}/command_done')
+        bench.station.apply('command aa')
+        bench.wait(lambda: bench.command.messages, 'the command')
+        bench.wait(lambda: bench.value('commands not acknowledged yet') == '1', 'it waits')
+        assert bench.station.look(lambda unit: unit.acknowledged) == []
+        done.publish(UInt16(data=1))
+        bench.wait(lambda: bench.station.look(lambda unit: unit.acknowledged == [1]), 'its VRAO')
+        assert len(bench.command.messages) == 1
+
+
+def test_iso_hdlc_base_unit_is_understood_and_answered(observer: Observer) -> None:
+    with bench_of(observer, crc='iso_hdlc') as bench:
+        bench.arm()
+        assert bench.station.look(lambda unit: unit.rejected) == 0
+        bench.wait(lambda: bench.value('CRC') == 'iso_hdlc', 'the diagnostic')
+
+
+def test_second_base_unit_on_the_group_is_told_but_never_an_input(observer: Observer) -> None:
+    with bench_of(observer) as bench:
+        bench.arm()
+        for number in range(5):
+            vrpi = build_vrpi(bu_state=1, joysticks=(1000, 0, 0, 0))
+            bench.station.write(build_packet('VRPI', vrpi, 7000 + number, 99))
+        bench.wait(lambda: 'another base unit is on this group: 99' in bench.status().message)
+        assert not any(any(message.axes) for message in bench.joy.messages)
+        bench.observer.holds_for(lambda: not bench.estop.last.data, 0.3, 'no stop')
+
+
+def test_two_bridges_and_two_units_on_one_host_without_cross_talk(observer: Observer) -> None:
+    port = free_port()
+    with (
+        Station(Simulator(7), port) as one,
+        Station(Simulator(8, crc='iso_hdlc'), port) as two,
+        bench_of(observer, {'bu_id': 7}, namespace='/a', station=one, port=port) as left,
+        bench_of(observer, {'bu_id': 8}, namespace='/b', station=two, port=port) as right,
+    ):
+        left.arm('stick 1 1 1')
+        right.arm('stick 1 2 -1')
+        left.wait(lambda: list(left.joy.last.axes) == [1.0, 0.0, 0.0, 0.0], 'the left sticks')
+        right.wait(lambda: list(right.joy.last.axes) == [0.0, -1.0, 0.0, 0.0], 'the right sticks')
+        assert all(message.axes[1] == 0.0 for message in left.joy.messages)
+        assert all(message.axes[0] == 0.0 for message in right.joy.messages)
+        one.apply('stop 1 on')
+        left.wait_stop(True)
+        assert right.estop.last == Bool(data=False)
+
+
+def test_sources_that_are_not_allowed_are_counted(observer: Observer) -> None:
+    with bench_of(observer, {'allowed_sources': ['127.0.0.9']}) as bench:
+        counted = 'datagrams from other sources'
+        bench.wait(lambda: int(bench.value(counted) or 0) > 3, 'the count')
+        assert bench.estop.last == Bool(data=True)
+
+
+def test_wrong_lengths_are_counted(bench: Bench) -> None:
+    bench.connect()
+    for size in (0, 19, 513, 2000):
+        bench.station.write(bytes(size))
+    bench.wait(lambda: bench.value('malformed', 'link') == '4', 'the count')
+    assert bench.estop.last == Bool(data=False)
+
+
+def test_deactivated_is_a_stop_and_comes_back(bench: Bench) -> None:
+    bench.arm('stick 1 1 1')
+    assert bench.observer.change_state(bench.prefix, 'deactivate')
+    bench.wait_stop(True)
+    bench.wait(lambda: not any(bench.joy.last.axes), 'neutral')
+    bench.wait(lambda: bench.armed.last == Bool(data=False), 'not armed')
+    assert bench.observer.change_state(bench.prefix, 'activate')
+    bench.wait_stop(False)
+
+
+def test_ends_with_status_0(bench: Bench) -> None:
+    bench.connect()
+    assert bench.node.end() == 0
+
+
+def test_missing_interface_is_told_and_waited_for(observer: Observer) -> None:
+    with bench_of(observer, {'interface_address': '192.0.2.99'}) as bench:
+        bench.wait(lambda: 'interface_address' in bench.status('link').message, 'the reason')
+        assert bench.estop.last == Bool(data=True)
+        assert bench.node.process.poll() is None
+
+
+BAD = [
+    ('group', '10.0.0.1'),
+    ('group', 'nonsense'),
+    ('input_port', 0),
+    ('input_port', 65534),
+    ('input_port', 'x'),
+    ('ttl', 256),
+    ('interface_address', 'eth0'),
+    ('allowed_sources', ['somebody']),
+    ('bu_id', 65536),
+    ('crc', 'crc32'),
+    ('link_timeout', 0.1),
+    ('link_timeout', float('nan')),
+    ('output_period', 0.01),
+    ('output_period', 0.5),
+    ('periodic_output_size', 100000),
+    ('first_packet_number', 2),
+    ('hold_output_timeout', 0.0),
+    ('acknowledge', 'never'),
+    ('accept_unarmed_commands', 1),
+    ('command_timeout', 0.0),
+    ('axis_inverted', [True, False]),
+    ('deadband', 0.6),
+    ('tolerate_faulty_axes', 'yes'),
+    ('output_priod', 0.1),
+]
+
+
+@pytest.fixture
+def _handlers() -> Iterator[None]:
+    """Keep the runner's own signal handlers, which a node replaces."""
+    kept = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+    yield
+    for number, handler in kept.items():
+        signal.signal(number, handler)
+
+
+@pytest.mark.usefixtures('_handlers')
+@pytest.mark.parametrize(('name', 'value'), BAD, ids=lambda value: str(value))
+def test_bad_parameter_ends_it_with_one_line(
+    name: str, value: Any, capfd: pytest.CaptureFixture[str]
+) -> None:
+    arguments = ['--ros-args', '-p', f'{name}:={as_yaml(value)}']
+    assert run([Vm110Bridge], arguments) == 2
+    (line,) = capfd.readouterr().err.strip().splitlines()
+    assert name in line
+
+
+def test_bad_parameter_of_a_process_is_status_2() -> None:
+    command = [sys.executable, '-m', 'vm110_bridge.node', '--ros-args', '-p', 'crc:=none']
+    result = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=30.0)
+    assert result.returncode == 2
+    assert 'crc' in result.stderr
+
+
+def config() -> dict[str, Any]:
+    content = yaml.safe_load((ROOT / 'config' / f'{NAME}.yaml').read_text())
+    parameters: dict[str, Any] = content[f'/**/{NAME}']['ros__parameters']
+    return parameters
+
+
+def test_annotated_configuration_is_complete_and_has_the_defaults() -> None:
+    assert config() == {p.name: p.default for p in Vm110Bridge.PARAMETERS}
+
+
+def test_page_names_every_parameter_and_topic() -> None:
+    text = (ROOT / 'docs' / 'devices' / 'vm110.md').read_text()
+    text += (ROOT / 'docs' / 'common.md').read_text()
+    for parameter in Vm110Bridge.PARAMETERS:
+        assert f'| `{parameter.name}` |' in text, parameter.name
+    topics = re.findall(r"'(~/\w+)'", (ROOT / NAME / 'node.py').read_text())
+    assert len(topics) == 11
+    for topic in topics:
+        assert f'| `{topic}` |' in text, topic
+
+
+def test_process_with_the_annotated_configuration_stays_up(observer: Observer) -> None:
+    file = ROOT / 'config' / f'{NAME}.yaml'
+    given = {'input_port': free_port(), 'interface_address': LOOPBACK}
+    with NodeProcess('vm110_bridge.node', given, arguments=('--params-file', str(file))) as node:
+        estop = observer.record(Bool, f'/{NAME}/estop', latched())
+        observer.wait_for(lambda: estop.last is not None, 15.0, lambda: node.output)
+        assert node.process.poll() is None
+
+
+def test_stop_on_the_wire_is_told_long_before_any_time_out(
+    bench: Bench, record_property: Callable[[str, object], None]
+) -> None:
+    bench.arm()
+    times = []
+    for _ in range(5):
+        pressed = bench.station.apply('stop 1 on')
+        bench.wait_stop(True)
+        told = next(at for at, message in bench.estop.since(pressed) if message.data)
+        sent = next(
+            at for at, data in bench.station.sent if at > pressed and data[16] == BuState.STOPPED
+        )
+        times.append(told - sent)
+        bench.station.apply('stop 1 off', 'arm 1')
+        bench.wait_stop(False)
+        bench.wait(lambda: bench.enabled.last.data, 'enabled again')
+    record_property('wire_to_estop_ms', [round(1e3 * value, 2) for value in times])
+    assert max(times) < 0.25  # the mux's time-out; what is usual is in the recorded property

@@ -1,0 +1,959 @@
+"""The VM-110's session: what counts, what stops, what is sent and when."""
+
+from collections.abc import Callable
+import itertools
+import math
+import random
+import struct
+from typing import Any
+
+from hypothesis import given
+from hypothesis import settings
+from hypothesis import strategies as st
+import pytest
+
+from vm110_bridge.protocol import Crc
+from vm110_bridge.session import ACKNOWLEDGED
+from vm110_bridge.session import ArmedChanged
+from vm110_bridge.session import Command
+from vm110_bridge.session import CommandResult
+from vm110_bridge.session import EncoderTurned
+from vm110_bridge.session import Event
+from vm110_bridge.session import QUEUE_SIZE
+from vm110_bridge.session import Remote
+from vm110_bridge.session import RemoteState
+from vm110_bridge.session import SerialNumbers
+from vm110_bridge.session import Session
+from vm110_bridge.session import Settings
+from vm110_bridge.session import Sticks
+from vm110_bridge.session import StopChanged
+from vm110_bridge.simulator import build_packet
+from vm110_bridge.simulator import build_vrpi
+
+NEUTRAL = Sticks()
+LIMIT = 0.5
+INITIAL, STOPPED, LINK_ERROR, BLOCKED, FAILED, DISARMED, ARMED = 0, 1, 2, 3, 4, 0x10, 0x11
+ENABLED_RU, STOPPED_RU = 3, 4
+DEFLECTED = build_vrpi(joysticks=(1000, -1000, 1, 0), switches=(1, -1, 1000, 0, 3, 0, 0, 0))
+CENTRED = build_vrpi()
+NOBODY = build_vrpi(bu_state=DISARMED, ru=0, ru_state=0, battery=0, rssi=0)
+EXTERNAL = build_vrpi(bu_state=LINK_ERROR, links=(2, 0, 1))
+
+
+class Bench:
+    """A session and its time; packets come from base unit 7, numbered by themselves."""
+
+    def __init__(self, **options: Any) -> None:
+        self.session = Session(Settings(**options))
+        self.now = 100.0
+        self.serial = 65530  # wraps early
+        self.crc = 'mpeg2'
+        self.events: list[Event] = []
+        self.sent: list[tuple[float, bytes]] = []
+
+    def open(self) -> 'Bench':
+        self._keep(self.session.opened(self.now))
+        return self
+
+    def close(self) -> list[Event]:
+        events = self.session.closed(self.now)
+        self.events += events
+        return events
+
+    def packet(self, kind: str, payload: bytes, origin: int = 7) -> bytes:
+        self.serial = (self.serial + 1) & 0xFFFF
+        return build_packet(kind, payload, self.serial, origin, self.crc)
+
+    def hear(self, payload: bytes = CENTRED, kind: str = 'VRPI') -> list[Event]:
+        return self.datagram(self.packet(kind, payload))
+
+    def datagram(self, data: bytes) -> list[Event]:
+        before = len(self.events)
+        self._keep(self.session.receive(data, self.now))
+        self._keep(self.session.poll(self.now))
+        return self.events[before:]
+
+    def wait(self, seconds: float) -> list[Event]:
+        """Poll at every deadline, as the link thread does; return the events of that."""
+        before, end = len(self.events), self.now + seconds
+        for _ in range(10_000):
+            due = max(self.session.deadline(), self.now)
+            if due > end:
+                break
+            self.now = due
+            self._keep(self.session.poll(self.now))
+        else:
+            raise AssertionError('the session spins')
+        self.now = end
+        return self.events[before:]
+
+    def run(self, seconds: float, payload: bytes = CENTRED) -> list[Event]:
+        """Hear a VRPI every 125 ms."""
+        before = len(self.events)
+        for _ in range(round(seconds / 0.125)):
+            self.hear(payload)
+            self.wait(0.125)
+        return self.events[before:]
+
+    def frames(self, kind: bytes) -> list[tuple[float, bytes]]:
+        """Return (time, payload) of what was sent."""
+        return [(at, frame[16:-4]) for at, frame in self.sent if frame[:4] == kind]
+
+    def _keep(self, output: tuple[list[Event], list[bytes]]) -> None:
+        self.events += output[0]
+        self.sent += [(self.now, frame) for frame in output[1]]
+
+
+def of(kind: Any, events: list[Event]) -> list[Any]:
+    return [event for event in events if isinstance(event, kind)]
+
+
+def armed(**options: Any) -> Bench:
+    bench = Bench(**options).open()
+    bench.hear()
+    return bench
+
+
+# -- stop and link --------------------------------------------------------------------------------
+
+
+def test_stop_until_a_clean_periodic_input() -> None:
+    bench = Bench()
+    assert bench.session.estop
+    assert 'not open' in bench.session.stop_reasons(bench.now)[0]
+    bench.open()
+    assert bench.session.estop
+    assert bench.session.own_estop
+    bench.hear(bytes(22), 'VRCI')
+    assert bench.session.estop
+    assert not bench.session.link_up
+    bench.hear()
+    assert not bench.session.estop
+    assert not bench.session.own_estop
+    assert bench.session.stop_reasons(bench.now) == []
+
+
+def test_silence_is_a_stop_at_the_limit_and_gives_one_neutral() -> None:
+    bench = armed()
+    bench.hear(DEFLECTED)
+    bench.wait(LIMIT - 1e-3)
+    assert not bench.session.estop
+    assert bench.wait(1e-3) == [
+        StopChanged(True, True, False),
+        ArmedChanged(False, False),
+        NEUTRAL,
+        RemoteState(None),
+    ]
+    assert bench.wait(10.0) == []
+    assert bench.session.stop_reasons(bench.now - 9.9)[0].startswith(
+        'no VRPI from the BU: last heard 600 ms ago, limit 500 ms; '
+    )
+
+
+@pytest.mark.parametrize('bu_state', range(256))
+def test_every_bu_state_to_its_stop_and_sticks(bu_state: int) -> None:
+    bench = Bench().open()
+    events = bench.hear(build_vrpi(bu_state=bu_state, joysticks=(500, 0, 0, 0)))
+    assert bench.session.link_up
+    # Below 0x10 the relays are open (4.1.1); above, two states are known, and no other is trusted.
+    assert bench.session.estop == (bu_state not in (DISARMED, ARMED))
+    assert bench.session.own_estop == bench.session.estop
+    assert bool(bench.session.stop_reasons(bench.now)) == bench.session.estop
+    events += bench.hear(build_vrpi(bu_state=bu_state, joysticks=(500, 0, 0, 0)))
+    moved = any(any(sticks.axes) for sticks in of(Sticks, events))
+    assert moved == (bu_state == ARMED)
+
+
+@pytest.mark.parametrize('ru_state', range(256))
+def test_every_ru_state_to_its_stop_and_sticks(ru_state: int) -> None:
+    bench = Bench().open()
+    payload = build_vrpi(ru_state=ru_state, joysticks=(500, 0, 0, 0))
+    events = bench.hear(payload) + bench.hear(payload)
+    assert bench.session.estop == (ru_state >= STOPPED_RU)
+    assert any(any(sticks.axes) for sticks in of(Sticks, events)) == (ru_state == ENABLED_RU)
+    assert bench.session.armed == (ru_state in (2, 3))
+    assert bench.session.enabled == (ru_state == ENABLED_RU)
+
+
+@pytest.mark.parametrize('disabled', [1, 2, 3, 255])
+def test_disabled_remote_moves_nothing_and_stops_nothing(disabled: int) -> None:
+    bench = armed()
+    bench.hear(build_vrpi(flags=(0, 0, disabled), joysticks=(500, 0, 0, 0)))
+    assert of(Sticks, bench.events)[-1] == NEUTRAL
+    assert not bench.session.estop
+    assert bench.session.armed
+    assert not bench.session.enabled
+
+
+def test_stop_neutralises_at_once() -> None:
+    bench = armed()
+    bench.hear(DEFLECTED)
+    events = bench.hear(build_vrpi(bu_state=STOPPED, ru_state=STOPPED_RU, joysticks=(1000,) * 4))
+    assert events[0] == StopChanged(True, True, True)
+    assert set(of(Sticks, events)) == {NEUTRAL}
+    assert bench.session.stop_reasons(bench.now) == [
+        'BU state is Stopped: release the stop switch on the remote, then rearm'
+    ]
+
+
+def test_blocked_says_what_to_do() -> None:
+    bench = armed()
+    bench.hear(build_vrpi(bu_state=BLOCKED, ru=0, ru_state=0))
+    assert bench.session.stop_reasons(bench.now) == [
+        'BU state is Blocked: turn on the remote and rearm'
+    ]
+
+
+def test_lost_port_is_a_stop_and_forgets_the_state() -> None:
+    bench = armed()
+    bench.hear(DEFLECTED)
+    assert bench.close() == [
+        StopChanged(True, True, False),
+        ArmedChanged(False, False),
+        NEUTRAL,
+        RemoteState(None),
+    ]
+    bench.open()
+    assert bench.session.estop
+    assert bench.session.deadline() >= bench.now
+    bench.hear()
+    assert not bench.session.estop
+
+
+# -- sticks ---------------------------------------------------------------------------------------
+
+
+def test_sticks_and_switches_are_passed_on() -> None:
+    bench = armed()
+    events = bench.hear(DEFLECTED)
+    assert of(Sticks, events) == [
+        Sticks((1000, -1000, 1, 0), (1, -1, 1000, 0, 3, 0, 0, 0, 0), enabled=True)
+    ]
+
+
+def test_sticks_of_another_remote_begin_neutral() -> None:
+    bench = armed()
+    bench.hear(DEFLECTED)
+    other = build_vrpi(ru=0x4321, joysticks=(1000, 0, 0, 0))
+    assert of(Sticks, bench.hear(other)) == [NEUTRAL]
+    assert of(Sticks, bench.hear(other))[0].axes == (1000, 0, 0, 0)
+
+
+@pytest.mark.parametrize('tolerate', [False, True])
+def test_joystick_out_of_range_is_zero_and_the_others_count_only_if_tolerated(
+    tolerate: bool,
+) -> None:
+    bench = armed(tolerate_faulty_axes=tolerate)
+    (sticks,) = of(Sticks, bench.hear(build_vrpi(joysticks=(1001, 500, 0, 0))))
+    assert sticks.faulty == ('joystick_1 out of range (1001)',)
+    assert sticks.axes == ((0, 500, 0, 0) if tolerate else (0, 0, 0, 0))
+    assert bench.session.faulty == sticks.faulty
+
+
+def test_encoder_unwraps_both_ways() -> None:
+    bench = armed()
+    for value in (254, 255, 0, 5, 0, 250):
+        bench.hear(build_vrpi(encoder=(value, 0)))
+    # From 0: two back, then 1, 1, 5, -5, -6.
+    assert [event.position for event in of(EncoderTurned, bench.events)] == [
+        0,
+        -2,
+        -1,
+        0,
+        5,
+        0,
+        -6,
+    ]
+
+
+def test_encoder_does_not_count_while_disabled_nor_over_a_change_of_remotes() -> None:
+    bench = armed()
+    bench.hear(build_vrpi(encoder=(10, 0)))
+    bench.hear(build_vrpi(encoder=(40, 0), ru_state=2, flags=(0, 0, 1)))
+    bench.hear(build_vrpi(encoder=(50, 0)))
+    bench.hear(build_vrpi(encoder=(51, 0)))
+    bench.hear(build_vrpi(encoder=(200, 0), ru=0x4321))
+    bench.wait(1.0)
+    bench.hear(build_vrpi(encoder=(0, 0), ru=0x4321))
+    assert [event.position for event in of(EncoderTurned, bench.events)] == [0, 10, 11]
+
+
+def test_remote_is_told_when_it_changes() -> None:
+    bench = armed()
+    bench.hear()
+    bench.hear(build_vrpi(battery=79))
+    bench.hear(NOBODY)
+    assert of(RemoteState, bench.events) == [
+        RemoteState(Remote(0x1234, 80, False)),
+        RemoteState(Remote(0x1234, 79, False)),
+        RemoteState(None),
+    ]
+
+
+# -- serial numbers -------------------------------------------------------------------------------
+
+
+def numbered(serial: int, payload: bytes = CENTRED) -> bytes:
+    return build_packet('VRPI', payload, serial & 0xFFFF, 7)
+
+
+def test_numbers_wrap() -> None:
+    bench = Bench().open()
+    for serial in (65534, 65535, 0, 1):
+        bench.datagram(numbered(serial))
+    packets = bench.session.packets
+    assert (packets['packets lost'], packets['packets repeated']) == (0, 0)
+
+
+def test_lost_repeated_and_reordered_are_told_apart() -> None:
+    bench = Bench().open()
+    for serial in (10, 11, 11, 13, 12, 12, 16, 11):
+        bench.datagram(numbered(serial))
+    packets = bench.session.packets
+    assert packets['packets lost'] == 2  # 14 and 15; 12 was only late
+    assert packets['packets repeated'] == 3
+    assert packets['packets reordered'] == 1
+
+
+@pytest.mark.parametrize('serial', [65535, 99, 50, 100])
+def test_old_packet_neither_refreshes_nor_moves(serial: int) -> None:
+    bench = Bench().open()
+    bench.datagram(numbered(101 if serial != 100 else 100, CENTRED))
+    bench.wait(LIMIT - 0.01)
+    events = bench.datagram(numbered(serial, DEFLECTED))
+    assert of(Sticks, events) == []
+    assert bench.wait(0.01)[0] == StopChanged(True, True, False)
+
+
+def test_old_packets_do_not_release_a_stop() -> None:
+    bench = Bench().open()
+    bench.datagram(numbered(100))
+    bench.datagram(numbered(101, build_vrpi(bu_state=STOPPED, ru_state=STOPPED_RU)))
+    for serial in (100, 99, 98, 101):
+        bench.datagram(numbered(serial))
+        assert bench.session.estop
+
+
+def test_stop_in_an_overtaken_packet_is_not_missed() -> None:
+    bench = Bench().open()
+    bench.datagram(numbered(100))
+    bench.datagram(numbered(102))
+    bench.datagram(numbered(101, build_vrpi(bu_state=STOPPED, ru_state=STOPPED_RU)))
+    assert bench.session.estop
+    bench.datagram(numbered(103))
+    assert not bench.session.estop
+
+
+def test_burst_of_stored_packets_after_a_silence_is_not_believed() -> None:
+    bench = Bench().open()
+    bench.datagram(numbered(100))
+    bench.wait(3.0)
+    for serial in range(40, 101):
+        bench.datagram(numbered(serial))
+    bench.wait(0.3)
+    for serial in range(40, 101):
+        bench.datagram(numbered(serial))
+    assert bench.session.estop
+
+
+def test_restarted_base_unit_is_believed_after_a_second() -> None:
+    bench = Bench().open()
+    for serial in range(30):
+        bench.datagram(numbered(serial))
+        bench.wait(0.125)
+    bench.wait(1.0)
+    start = bench.now
+    for serial in range(20):
+        bench.datagram(numbered(serial))
+        if not bench.session.estop:
+            break
+        assert bench.session.estop
+        bench.wait(0.125)
+    assert 1.0 <= bench.now - start <= 1.2
+    assert bench.session.packets['restarts of the base unit'] == 1
+    assert bench.session.packets['packets lost'] == 0
+
+
+def test_restarted_unit_may_use_a_command_id_again_at_once() -> None:
+    bench = Bench().open()
+    bench.datagram(numbered(30000))
+    bench.datagram(build_packet('VRCI', vrci(1), 30001, 7))
+    bench.wait(0.6)
+    for serial in range(10):
+        bench.datagram(numbered(serial))
+        bench.wait(0.125)
+    bench.datagram(numbered(10))
+    bench.datagram(build_packet('VRCI', vrci(1), 11, 7))
+    assert of(Command, bench.events) == [Command(1, bytes(16))] * 2
+
+
+def test_old_line_of_numbers_is_no_restart_while_the_link_is_not_silent() -> None:
+    numbers = SerialNumbers()
+    numbers.hear(30000, 0.0, silent=False)
+    for serial in range(50):
+        numbers.hear(serial, 0.125 * serial, silent=False)
+    assert numbers.restarts == 0
+
+
+def test_restart_is_named_while_it_is_not_believed() -> None:
+    bench = Bench().open()
+    bench.datagram(numbered(30000))
+    bench.wait(1.0)
+    for serial in (0, 1, 2):
+        bench.datagram(numbered(serial))
+    assert 'was it restarted' in bench.session.stop_reasons(bench.now)[0]
+
+
+def test_gap_of_a_closed_port_is_not_counted_as_lost() -> None:
+    bench = Bench().open()
+    bench.datagram(numbered(100))
+    bench.close()
+    bench.open()
+    bench.datagram(numbered(500))
+    assert bench.session.packets['packets lost'] == 0
+    assert not bench.session.estop
+
+
+@given(st.integers(0, 0xFFFF), st.lists(st.integers(-40, 3), max_size=60))
+def test_lost_is_what_never_came(start: int, steps: list[int]) -> None:
+    numbers = SerialNumbers()
+    newest, came, copies = start, {start}, 0
+    numbers.hear(start & 0xFFFF, 0.0, silent=False)
+    for step in steps:
+        serial = newest + step
+        if serial < start:
+            continue  # from before the first: not to be told from a copy
+        copies += serial in came
+        came.add(serial)
+        newest = max(newest, serial)
+        numbers.hear(serial & 0xFFFF, 0.0, silent=False)
+    assert numbers.lost == newest - start + 1 - len(came)
+    assert numbers.repeated == copies
+
+
+# -- which CRC, which base unit -------------------------------------------------------------------
+
+
+@pytest.mark.parametrize('crc', ['mpeg2', 'iso_hdlc'])
+def test_auto_locks_within_the_first_packet_and_answers_in_kind(crc: str) -> None:
+    bench = Bench().open()
+    bench.crc = crc
+    bench.wait(1.0)
+    assert bench.sent == []
+    bench.hear()
+    assert bench.session.crc is Crc(crc)
+    assert not bench.session.estop
+    bench.wait(0.2)
+    (_, frame) = bench.sent[0]
+    assert frame == build_packet('VRPO', bytes(2), 0, 0, crc)
+
+
+def test_mixture_is_refused_after_the_lock() -> None:
+    bench = armed()
+    bench.crc = 'iso_hdlc'
+    bench.wait(0.4)
+    bench.hear(DEFLECTED)
+    assert of(Sticks, bench.events) == [NEUTRAL]
+    bench.wait(0.1)
+    assert bench.session.estop
+    assert bench.session.packets['packets with the other CRC'] == 1
+    bench.crc = 'mpeg2'
+    bench.hear()
+    assert not bench.session.estop
+
+
+@pytest.mark.parametrize('crc', list(Crc))
+def test_chosen_crc_sends_before_anybody_is_heard_and_refuses_the_other(crc: Crc) -> None:
+    bench = Bench(crc=crc).open()
+    assert bench.sent[0][1] == build_packet('VRPO', bytes(2), 0, 0, crc.value)
+    bench.crc = next(other for other in Crc if other is not crc).value
+    bench.hear()
+    assert bench.session.estop
+    assert 'set crc to auto' in bench.session.stop_reasons(bench.now)[0]
+
+
+def test_first_base_unit_is_locked_to_and_another_is_told_but_not_heard() -> None:
+    bench = armed()
+    assert bench.session.bu_id == 7
+    bench.wait(0.4)
+    bench.datagram(build_packet('VRPI', DEFLECTED, 9000, 8))
+    bench.datagram(build_packet('VRCI', bytes(22), 9001, 8))
+    assert of(Command, bench.events) == []
+    assert not any(any(sticks.axes) for sticks in of(Sticks, bench.events))
+    assert bench.session.other_base_units(bench.now) == [8]
+    assert bench.session.packets['packets lost'] == 0
+    bench.wait(0.1)
+    assert bench.session.estop
+    assert 'base unit 8 is heard, but bu_id is 7' in bench.session.stop_reasons(bench.now)[0]
+    bench.close()
+    bench.open()
+    bench.datagram(build_packet('VRPI', CENTRED, 9002, 8))
+    assert bench.session.estop
+
+
+def test_chosen_base_unit_is_waited_for() -> None:
+    bench = Bench(bu_id=9).open()
+    bench.hear()
+    assert bench.session.estop
+    assert bench.session.crc is None
+    bench.datagram(build_packet('VRPI', CENTRED, 5, 9, 'iso_hdlc'))
+    assert not bench.session.estop
+
+
+def test_origin_zero_is_nobody() -> None:
+    bench = Bench().open()
+    bench.datagram(build_packet('VRPI', CENTRED, 5, 0))
+    assert bench.session.estop
+    assert bench.session.counters.malformed == 1
+
+
+def test_machine_controllers_packets_on_our_port_are_counted() -> None:
+    bench = armed()
+    bench.datagram(build_packet('VRPO', bytes(2), 5))
+    assert bench.session.looped_back == 1
+
+
+# -- VRPO -----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize('period', [0.05, 0.1, 0.2])
+def test_output_goes_at_its_period_whether_or_not_there_is_news(period: float) -> None:
+    bench = Bench(crc=Crc.MPEG2, output_period=period).open()
+    bench.wait(10.0)
+    times = [at for at, _ in bench.frames(b'VRPO')]
+    assert len(times) == pytest.approx(10.0 / period, abs=1.1)
+    assert max(b - a for a, b in itertools.pairwise(times)) < period + 1e-6
+
+
+def test_long_output_goes_as_one_burst_of_full_packets() -> None:
+    bench = Bench(crc=Crc.MPEG2).open()
+    data = bytes(n % 251 for n in range(1000))
+    bench.session.set_periodic_output(data)
+    bench.wait(0.1)
+    packets = bench.frames(b'VRPO')[1:]
+    assert len({at for at, _ in packets}) == 1
+    assert [struct.unpack('<H', payload[:2])[0] for _, payload in packets] == [0, 1, 2]
+    assert [len(payload) - 2 for _, payload in packets] == [488, 488, 24]
+    assert b''.join(payload[2:] for _, payload in packets) == data
+
+
+def test_own_packets_are_numbered_in_one_line_and_wrap() -> None:
+    bench = Bench(crc=Crc.MPEG2, output_period=0.05).open()
+    bench.session._serial = 0xFFFE
+    bench.run(2.0)
+    bench.hear(struct.pack('<H20x', 1), 'VRCI')
+    bench.session.send_command(bytes(16), bench.now)
+    bench.run(1.0)
+    numbers = [struct.unpack_from('<H', frame, 8)[0] for _, frame in bench.sent[1:]]
+    assert numbers[0] == 0xFFFE
+    assert all(b == (a + 1) & 0xFFFF for a, b in itertools.pairwise(numbers))
+    assert all(struct.unpack_from('<H', frame, 6)[0] == 0 for _, frame in bench.sent)
+
+
+def test_configured_size_is_sent_as_zeros_at_first_and_kept_to() -> None:
+    bench = Bench(crc=Crc.MPEG2, periodic_output_size=3).open()
+    assert bench.frames(b'VRPO')[0][1] == bytes(5)
+    for data in (b'', b'12', b'1234'):
+        with pytest.raises(ValueError, match='periodic_output_size is 3'):
+            bench.session.set_periodic_output(data)
+    bench.session.set_periodic_output(b'123')
+    bench.wait(0.1)
+    assert bench.frames(b'VRPO')[-1][1] == b'\0\x00123'
+
+
+def test_hold_withholds_output_and_silence_withholds_it_too() -> None:
+    bench = armed()
+    bench.run(1.0)
+    bench.session.set_hold_output(False, bench.now)
+    bench.wait(0.2)
+    assert bench.sent[-1][0] > bench.now - 0.15
+    before = len(bench.sent)
+    bench.wait(0.06)  # not repeated within 0.25 s: that is a stop
+    bench.run(3.0)
+    assert len(bench.sent) == before
+    bench.session.set_hold_output(False, bench.now)
+    bench.wait(0.1)
+    assert len(bench.sent) == before + 1
+    bench.session.set_hold_output(True, bench.now)
+    bench.wait(1.0)
+    assert len(bench.sent) == before + 1
+
+
+def test_hold_does_not_keep_a_stopped_unit_from_being_rearmed() -> None:
+    bench = armed()
+    bench.run(1.0)
+    before = len(bench.sent)
+    hold(bench, 1.0, build_vrpi(bu_state=STOPPED, ru_state=STOPPED_RU))
+    assert len(bench.sent) - before == pytest.approx(10, abs=2)
+    hold(bench, 0.25)  # rearmed, while the hold is still asked for
+    before = len(bench.sent)
+    hold(bench, 2.0)
+    assert len(bench.sent) == before
+    hold(bench, 1.0, EXTERNAL)
+    assert len(bench.sent) == before
+    assert bench.session.estop
+    assert not bench.session.own_estop
+
+
+# -- whose stop -----------------------------------------------------------------------------------
+
+
+def hold(bench: Bench, seconds: float, payload: bytes = CENTRED) -> None:
+    """Ask for a hold all the time."""
+    for _ in range(round(seconds / 0.125)):
+        bench.session.set_hold_output(True, bench.now)
+        bench.hear(payload)
+        bench.wait(0.125)
+
+
+def release(bench: Bench, seconds: float, payload: bytes) -> None:
+    for _ in range(round(seconds / 0.125)):
+        bench.session.set_hold_output(False, bench.now)
+        bench.hear(payload)
+        bench.wait(0.125)
+
+
+def test_error_from_withheld_output_is_our_echo_until_rearmed() -> None:
+    bench = armed()
+    bench.run(1.0)
+    hold(bench, 2.0)
+    hold(bench, 1.0, EXTERNAL)
+    assert bench.session.estop
+    assert not bench.session.own_estop
+    assert 'as hold_output asks' in bench.session.stop_reasons(bench.now)[0]
+    release(bench, 5.0, EXTERNAL)
+    assert bench.session.estop
+    assert not bench.session.own_estop
+    assert 'rearm' in bench.session.stop_reasons(bench.now)[0]
+    release(bench, 0.25, CENTRED)
+    assert not bench.session.estop
+    release(bench, 0.25, EXTERNAL)  # a new one, which nobody asked for
+    assert bench.session.own_estop
+
+
+def test_error_that_comes_too_soon_to_be_our_echo_is_the_units_own() -> None:
+    bench = armed()
+    bench.run(1.0)
+    hold(bench, 0.5)
+    hold(bench, 3.0, EXTERNAL)
+    assert bench.session.own_estop
+
+
+def test_error_that_stood_before_the_hold_is_the_units_own() -> None:
+    bench = armed()
+    bench.run(1.0, EXTERNAL)
+    hold(bench, 5.0, EXTERNAL)
+    assert bench.session.own_estop
+
+
+def test_echo_that_arrives_just_after_the_hold_ended() -> None:
+    bench = armed()
+    bench.run(1.0)
+    hold(bench, 2.0)
+    release(bench, 0.125, EXTERNAL)
+    assert bench.session.estop
+    assert not bench.session.own_estop
+
+
+@pytest.mark.parametrize(
+    'payload',
+    [
+        build_vrpi(bu_state=STOPPED, ru_state=STOPPED_RU),
+        build_vrpi(bu_state=LINK_ERROR, links=(2, 0, 1), ru_state=STOPPED_RU),
+        build_vrpi(bu_state=LINK_ERROR, links=(2, 2, 1)),
+        build_vrpi(bu_state=LINK_ERROR, links=(4, 0, 1)),
+        build_vrpi(bu_state=BLOCKED, ru=0, ru_state=0),
+        build_vrpi(bu_state=FAILED),
+        build_vrpi(bu_state=INITIAL, ru=0, ru_state=0),
+    ],
+    ids=['stopped', 'ru stopped', 'ec-link', 'interface', 'blocked', 'failed', 'initial'],
+)
+def test_devices_own_stop_is_no_echo_though_output_is_withheld(payload: bytes) -> None:
+    bench = armed()
+    bench.run(1.0)
+    hold(bench, 2.0)
+    hold(bench, 1.0, EXTERNAL)
+    hold(bench, 0.25, payload)
+    assert bench.session.own_estop
+
+
+def test_silent_link_is_an_own_demand_even_while_we_hold() -> None:
+    bench = armed()
+    hold(bench, 2.0)
+    hold(bench, 0.5, EXTERNAL)
+    bench.wait(0.6)
+    assert bench.session.own_estop
+
+
+def test_error_at_start_is_the_units_own_until_rearmed() -> None:
+    bench = Bench().open()
+    bench.run(1.0, EXTERNAL)
+    assert bench.session.own_estop
+    bench.run(0.25)
+    assert not bench.session.own_estop
+
+
+# -- commands -------------------------------------------------------------------------------------
+
+
+def vrci(number: int, data: bytes = bytes(16)) -> bytes:
+    return struct.pack('<H4x', number) + data
+
+
+def test_command_is_delivered_once_and_acknowledged_every_time() -> None:
+    bench = armed()
+    data = bytes(range(16))
+    for _ in range(5):
+        bench.hear(vrci(513, data), 'VRCI')
+        bench.wait(0.1)
+    assert of(Command, bench.events) == [Command(513, data)]
+    assert [payload for _, payload in bench.frames(b'VRAO')] == [b'\x01\x02'] * 5
+    assert bench.session.packets['commands repeated'] == 4
+
+
+def test_acknowledgement_goes_out_with_the_packet_itself() -> None:
+    bench = armed()
+    _, frames = bench.session.receive(bench.packet('VRCI', vrci(1)), bench.now)
+    assert [frame[:4] for frame in frames] == [b'VRAO']
+
+
+def test_command_over_a_lost_port_is_still_known() -> None:
+    bench = armed()
+    bench.hear(vrci(1), 'VRCI')
+    bench.close()
+    bench.wait(0.2)
+    bench.open()
+    bench.hear()
+    bench.hear(vrci(1), 'VRCI')
+    assert len(of(Command, bench.events)) == 1
+    assert len(bench.frames(b'VRAO')) == 2
+
+
+def test_same_id_with_other_data_or_much_later_is_a_new_command() -> None:
+    bench = armed()
+    bench.hear(vrci(1), 'VRCI')
+    bench.hear(vrci(1, b'x' * 16), 'VRCI')
+    bench.run(6.0)
+    bench.hear(vrci(1, b'x' * 16), 'VRCI')
+    assert len(of(Command, bench.events)) == 3
+
+
+def test_explicit_acknowledgement_waits_and_is_repeated_if_it_was_lost() -> None:
+    bench = armed(explicit_acknowledge=True)
+    bench.hear(vrci(7), 'VRCI')
+    bench.hear(vrci(7), 'VRCI')
+    assert bench.frames(b'VRAO') == []
+    with pytest.raises(ValueError, match='ID 8'):
+        bench.session.command_done(8, bench.now)
+    bench.session.command_done(7, bench.now)
+    bench.wait(0.0)
+    bench.datagram(b'')
+    assert [payload for _, payload in bench.frames(b'VRAO')] == [b'\7\0']
+    bench.hear(vrci(7), 'VRCI')
+    assert len(bench.frames(b'VRAO')) == 2
+    assert len(of(Command, bench.events)) == 1
+
+
+@pytest.mark.parametrize(
+    'payload',
+    [NOBODY, build_vrpi(bu_state=STOPPED, ru_state=STOPPED_RU), build_vrpi(ru_state=1)],
+    ids=['disarmed', 'stopped', 'ru disarmed'],
+)
+def test_command_of_an_unarmed_remote_is_dropped_and_not_executed_by_arming(
+    payload: bytes,
+) -> None:
+    bench = Bench().open()
+    bench.hear(payload)
+    bench.hear(vrci(1), 'VRCI')
+    bench.hear()
+    bench.hear(vrci(1), 'VRCI')
+    assert of(Command, bench.events) == []
+    assert bench.frames(b'VRAO') == []
+    bench.hear(vrci(2), 'VRCI')
+    assert len(of(Command, bench.events)) == 1
+
+
+def test_unarmed_commands_are_accepted_if_so_configured() -> None:
+    bench = Bench(accept_unarmed_commands=True).open()
+    bench.hear(NOBODY)
+    bench.hear(vrci(1), 'VRCI')
+    assert of(Command, bench.events) == [Command(1, bytes(16))]
+
+
+def test_command_to_the_remote_is_resent_until_acknowledged() -> None:
+    bench = armed()
+    number = bench.session.send_command(b'0123456789abcdef', bench.now)
+    bench.run(0.25)
+    frames = bench.frames(b'VRCO')
+    assert [payload for _, payload in frames] == [
+        struct.pack('<H4x', number) + b'0123456789abcdef'
+    ] * 3
+    assert [b - a for (a, _), (b, _) in itertools.pairwise(frames)] == pytest.approx([0.1, 0.1])
+    events = bench.hear(struct.pack('<H', number), 'VRAI')
+    assert events == [CommandResult(number, ACKNOWLEDGED)]
+    bench.run(1.0)
+    assert len(bench.frames(b'VRCO')) == 3
+
+
+def test_command_is_given_up_at_its_limit_and_the_next_goes() -> None:
+    bench = armed(command_timeout=2.0)
+    first = bench.session.send_command(bytes(16), bench.now)
+    second = bench.session.send_command(b'\1' * 16, bench.now)
+    assert second == (first + 1) & 0xFFFF
+    start = bench.now
+    events = bench.run(2.125)
+    assert of(CommandResult, events) == [CommandResult(first, 'not acknowledged within 2 s')]
+    times = {
+        number: [at - start for at, payload in bench.frames(b'VRCO') if payload[:2] == tag]
+        for number, tag in ((1, struct.pack('<H', first)), (2, struct.pack('<H', second)))
+    }
+    assert len(times[1]) in (20, 21)  # the last one falls on the limit itself
+    assert times[2][0] == pytest.approx(2.0)
+
+
+def test_queue_is_bounded_and_in_order() -> None:
+    bench = armed()
+    numbers = [bench.session.send_command(bytes(16), bench.now) for _ in range(QUEUE_SIZE + 1)]
+    with pytest.raises(ValueError, match='16 commands wait'):
+        bench.session.send_command(bytes(16), bench.now)
+    for number in numbers:
+        bench.wait(0.0)
+        bench.datagram(b'')
+        bench.hear(struct.pack('<H', number), 'VRAI')
+    assert of(CommandResult, bench.events) == [CommandResult(n, ACKNOWLEDGED) for n in numbers]
+    assert len(bench.frames(b'VRCO')) == len(numbers)
+
+
+def test_stray_acknowledgement_ends_nothing() -> None:
+    bench = armed()
+    number = bench.session.send_command(bytes(16), bench.now)
+    assert bench.hear(struct.pack('<H', (number + 1) & 0xFFFF), 'VRAI') == []
+    assert bench.session.packets['stray acknowledgements'] == 1
+
+
+def test_commands_do_not_wait_for_a_lost_base_unit() -> None:
+    bench = armed()
+    numbers = [bench.session.send_command(bytes(16), bench.now) for _ in range(3)]
+    events = bench.wait(0.5)
+    assert of(CommandResult, events) == [CommandResult(n, 'the link was lost') for n in numbers]
+    with pytest.raises(ValueError, match='no base unit'):
+        bench.session.send_command(bytes(16), bench.now)
+    bench.hear()
+    bench.session.send_command(bytes(16), bench.now)
+    assert of(CommandResult, bench.close())[0].outcome == 'the port was closed'
+
+
+@pytest.mark.parametrize('size', [0, 15, 17])
+def test_command_of_another_size_is_refused(size: int) -> None:
+    with pytest.raises(ValueError, match='16 bytes'):
+        armed().session.send_command(bytes(size), 0.0)
+
+
+@pytest.mark.parametrize(
+    'options',
+    [
+        {'bu_id': -1},
+        {'bu_id': 0x10000},
+        {'link_timeout': 0.1},
+        {'link_timeout': math.nan},
+        {'output_period': 0.04},
+        {'output_period': 0.21},
+        {'periodic_output_size': 20000},
+        {'first_packet_number': 2},
+        {'hold_output_timeout': 0.0},
+        {'command_timeout': 0.0},
+    ],
+)
+def test_bad_setting_is_refused(options: dict[str, Any]) -> None:
+    with pytest.raises(ValueError, match=next(iter(options))):
+        Settings(**options)
+
+
+# -- what must hold whatever comes ----------------------------------------------------------------
+
+
+def mutations(source: random.Random) -> Callable[[bytes], bytes]:
+    """Return one way of spoiling a datagram so that nothing of it is sound any more."""
+
+    def flip(data: bytes) -> bytes:
+        spoilt = bytearray(data)
+        for place in source.sample(range(len(spoilt)), source.randint(1, 4)):
+            spoilt[place] ^= 1 << source.randrange(8)
+        return bytes(spoilt)
+
+    def cut(data: bytes) -> bytes:
+        return data[: source.randrange(len(data))]
+
+    def extend(data: bytes) -> bytes:
+        return data + source.randbytes(source.randint(1, 600))
+
+    def noise(data: bytes) -> bytes:
+        return source.randbytes(len(data))
+
+    def splice(data: bytes) -> bytes:
+        place = source.randrange(1, len(data))
+        return source.randbytes(place) + data[place:]
+
+    return source.choice((flip, cut, extend, noise, splice))
+
+
+def test_ten_thousand_mutated_datagrams_release_no_stop_and_move_nothing() -> None:
+    source = random.Random(42)
+    locked, fresh = Bench().open(), Bench().open()
+    stop = build_vrpi(bu_state=STOPPED, ru_state=STOPPED_RU)
+    locked.hear(stop)
+    for _ in range(10_000):
+        if source.random() < 0.05:
+            locked.hear(stop)
+        kind = source.choice(('VRPI', 'VRPI', 'VRCI', 'VRAI'))
+        payload = {'VRPI': DEFLECTED, 'VRCI': vrci(1), 'VRAI': bytes(2)}[kind]
+        good = locked.packet(kind, payload)
+        locked.serial -= 1  # it does not arrive
+        bad = mutations(source)(good)
+        for bench in (locked, fresh):
+            bench.datagram(bad)
+            bench.wait(source.uniform(0.0, 0.02))
+            assert bench.session.estop
+            assert bench.session.own_estop
+    for bench in (locked, fresh):
+        assert not any(any(sticks.axes) for sticks in of(Sticks, bench.events))
+        assert of(Command, bench.events) == []
+        assert not any(event.armed for event in of(ArmedChanged, bench.events))
+    assert fresh.session.crc is None
+
+
+@given(st.integers(0, 2**32))
+@settings(max_examples=40, deadline=None)
+def test_what_must_hold_in_any_life(seed: int) -> None:
+    source = random.Random(seed)
+    bench = Bench(explicit_acknowledge=source.random() < 0.5)
+    good_at = -math.inf
+    for _ in range(60):
+        act = source.randrange(8)
+        if act == 0:
+            bench.open()
+        elif act == 1:
+            bench.close()
+            good_at = -math.inf
+        elif act in (2, 3):
+            state = source.choice((ARMED, ARMED, DISARMED, STOPPED, LINK_ERROR, BLOCKED))
+            bench.hear(build_vrpi(bu_state=state, joysticks=(900, 0, 0, 0)))
+            good_at = bench.now if state >= DISARMED else -math.inf
+        elif act == 4:
+            bench.hear(vrci(source.randrange(3)), 'VRCI')
+        elif act == 5:
+            bench.session.set_hold_output(source.random() < 0.5, bench.now)
+        elif act == 6:
+            bench.datagram(source.randbytes(66))
+        before = len(bench.events)
+        bench.wait(source.choice((0.0, 0.05, 0.2, 0.7)))
+        session = bench.session
+        assert not (session.own_estop and not session.estop)
+        assert session.estop == bool(session.stop_reasons(bench.now))
+        assert not (session.enabled and (session.estop or not session.armed))
+        if not session.estop:
+            assert session.link_up
+            assert bench.now - good_at < LIMIT
+        if session.estop and of(Sticks, bench.events):
+            assert of(Sticks, bench.events)[-1] == NEUTRAL
+        assert all(sticks == NEUTRAL for sticks in of(Sticks, bench.events[before:]))

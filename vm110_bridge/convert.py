@@ -1,0 +1,108 @@
+"""Between the VM-110's values and ROS messages; pure functions."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+import math
+
+from builtin_interfaces.msg import Time
+from diagnostic_msgs.msg import KeyValue
+from sensor_msgs.msg import BatteryState
+from sensor_msgs.msg import Joy
+from std_msgs.msg import Int32
+from std_msgs.msg import MultiArrayDimension
+from std_msgs.msg import MultiArrayLayout
+from std_msgs.msg import UInt8MultiArray
+
+from vm110_bridge.protocol import AXIS_NAMES
+from vm110_bridge.protocol import DATA_SIZE
+from vm110_bridge.protocol import MAX_PERCENT
+from vm110_bridge.protocol import MAX_POSITION
+
+_AS_SENT = (False,) * len(AXIS_NAMES)
+
+
+def scaled_axis(value: int, full_scale: int = MAX_POSITION, deadband: float = 0.0) -> float:
+    """
+    Return an axis as -1 to 1, clipped, without a step at the edge of the deadband.
+
+    :param full_scale: the position that is 1. :param deadband: 0 to below 1, of full scale.
+    """
+    magnitude = min(abs(value) / full_scale, 1.0)
+    if magnitude <= deadband:
+        return 0.0
+    return math.copysign((magnitude - deadband) / (1.0 - deadband), value)
+
+
+def joy(
+    axes: Sequence[int],
+    buttons: Sequence[int],
+    stamp: Time,
+    frame_id: str,
+    *,
+    axis_inverted: Sequence[bool] = _AS_SENT,
+    deadband: float = 0.0,
+) -> Joy:
+    """
+    Return a Joy of 4 axes and 9 buttons (8 raw switch values, encoder switch).
+
+    :param axis_inverted: one an axis; which way a joystick counts depends on how it is fitted.
+    """
+    message = Joy()
+    message.header.stamp = stamp
+    message.header.frame_id = frame_id
+    message.axes = [
+        (-1.0 if inverted else 1.0) * scaled_axis(value, deadband=deadband) + 0.0  # never -0.0
+        for value, inverted in zip(axes, axis_inverted, strict=True)
+    ]
+    message.buttons = list(buttons)
+    return message
+
+
+def battery_state(
+    percent: int | None, stamp: Time, frame_id: str, *, docked: bool = False
+) -> BatteryState:
+    """
+    Return the armed remote's battery; ``present`` is false where no remote is armed.
+
+    :param percent: 0-100; more is nothing that can be, and not a number.
+    """
+    message = BatteryState()
+    message.header.stamp = stamp
+    message.header.frame_id = frame_id
+    for field in ('voltage', 'temperature', 'current', 'charge', 'capacity', 'design_capacity'):
+        setattr(message, field, math.nan)  # not measured, by the message's own definition
+    message.percentage = math.nan
+    message.location = 'remote'
+    if percent is None:
+        return message
+    message.present = True
+    if percent <= MAX_PERCENT:
+        message.percentage = percent / 100.0
+    if not docked:  # the docking station may charge it, but nothing says so
+        message.power_supply_status = BatteryState.POWER_SUPPLY_STATUS_DISCHARGING
+    return message
+
+
+def encoder(position: int) -> Int32:
+    """Return the position; beyond 32 bits it wraps as an int32 does."""
+    return Int32(data=(position + 0x80000000 & 0xFFFFFFFF) - 0x80000000)
+
+
+def command(command_id: int, data: bytes) -> UInt8MultiArray:
+    """Return 16 bytes, with the Command ID in decimal as the label of their one dimension."""
+    dimension = MultiArrayDimension(label=str(command_id), size=DATA_SIZE, stride=DATA_SIZE)
+    return UInt8MultiArray(layout=MultiArrayLayout(dim=[dimension]), data=list(data))
+
+
+def data_of(message: UInt8MultiArray) -> bytes:
+    """Return the bytes of a request. :raises ValueError: if it has a data_offset beyond them."""
+    data = bytes(message.data)
+    if message.layout.data_offset > len(data):
+        raise ValueError(f'data_offset {message.layout.data_offset}, but {len(data)} bytes')
+    return data[message.layout.data_offset :]
+
+
+def command_result(command_id: int | None, outcome: str) -> KeyValue:
+    """Return ID and outcome; the key is 'refused' for a command that got no ID."""
+    return KeyValue(key='refused' if command_id is None else str(command_id), value=outcome)

@@ -1,0 +1,111 @@
+"""
+UDP EG-Link of the VisionRemote VM-110: manual TS-0006 rev 3, sections 2 to 4.
+
+One packet a datagram, all values little-endian (2.1, layout: 3):
+
+======  ====  ==============================================================
+offset  size  content
+======  ====  ==============================================================
+0       4     packet ID, ASCII
+4       2     revision, 0
+6       2     origin: the BU's ID, 0 from the machine controller
+8       2     serial number, one line of numbers for all packets of a sender
+10      2     size N of the payload, at most 492
+12      4     spare, 0
+16      N     payload
+N+16    4     CRC of all before it (3.3)
+======  ====  ==============================================================
+
+Payloads (offsets count from the payload's first byte):
+
+====  =====  =======  =======================================================
+ID    N      from     payload
+====  =====  =======  =======================================================
+VRPI  46     BU       0 BU state, 1 VLAPs, 2 unarmed RUs, 3 EG-Link, 4
+                      EC-Link, 5 C-Link, 6 armed RU (uint16), 8 RU state, 9
+                      battery %, 10 RSSI %, 11 cable, 12 docked, 13 disabled,
+                      14 joysticks (4 int16), 22 switches (8 int16), 38
+                      encoder, 39 encoder switch, 40 spare
+VRPO  2-490  machine  packet number (uint16), up to 488 bytes of data
+VRCI  22     BU       command ID (uint16), 4 spare, 16 bytes of data
+VRAO  2      machine  command ID (uint16)
+VRCO  22     machine  command ID (uint16), 4 spare, 16 bytes of data
+VRAI  2      BU       command ID (uint16)
+====  =====  =======  =======================================================
+"""
+
+from bridge_core.framing import FrameError
+from vm110_bridge.protocol.frames import Crc
+from vm110_bridge.protocol.frames import Frame
+from vm110_bridge.protocol.frames import HEAD_SIZE
+from vm110_bridge.protocol.frames import MAX_FRAME
+from vm110_bridge.protocol.frames import MAX_LENGTH
+from vm110_bridge.protocol.frames import Message
+from vm110_bridge.protocol.frames import MIN_FRAME
+from vm110_bridge.protocol.frames import PacketId
+from vm110_bridge.protocol.frames import PacketParser
+from vm110_bridge.protocol.frames import parser
+from vm110_bridge.protocol.frames import REVISION
+from vm110_bridge.protocol.messages import AcknowledgeInput
+from vm110_bridge.protocol.messages import AcknowledgeOutput
+from vm110_bridge.protocol.messages import build_frame
+from vm110_bridge.protocol.messages import burst
+from vm110_bridge.protocol.messages import CommandInput
+from vm110_bridge.protocol.messages import CommandOutput
+from vm110_bridge.protocol.messages import DATA_SIZE
+from vm110_bridge.protocol.messages import decode
+from vm110_bridge.protocol.messages import MAX_BURST_DATA
+from vm110_bridge.protocol.messages import MESSAGES
+from vm110_bridge.protocol.messages import PeriodicInput
+from vm110_bridge.protocol.messages import PeriodicOutput
+from vm110_bridge.protocol.messages import Unknown
+from vm110_bridge.protocol.values import AXIS_NAMES
+from vm110_bridge.protocol.values import BuState
+from vm110_bridge.protocol.values import BUTTON_NAMES
+from vm110_bridge.protocol.values import Disabled
+from vm110_bridge.protocol.values import LinkStatus
+from vm110_bridge.protocol.values import MAX_PERCENT
+from vm110_bridge.protocol.values import MAX_POSITION
+from vm110_bridge.protocol.values import RELAYS_CLOSED
+from vm110_bridge.protocol.values import RuState
+from vm110_bridge.protocol.values import state_name
+from vm110_bridge.protocol.values import SWITCH_NAMES
+
+__all__ = [
+    'AXIS_NAMES',
+    'BUTTON_NAMES',
+    'DATA_SIZE',
+    'HEAD_SIZE',
+    'MAX_BURST_DATA',
+    'MAX_FRAME',
+    'MAX_LENGTH',
+    'MAX_PERCENT',
+    'MAX_POSITION',
+    'MESSAGES',
+    'MIN_FRAME',
+    'RELAYS_CLOSED',
+    'REVISION',
+    'SWITCH_NAMES',
+    'AcknowledgeInput',
+    'AcknowledgeOutput',
+    'BuState',
+    'CommandInput',
+    'CommandOutput',
+    'Crc',
+    'Disabled',
+    'Frame',
+    'FrameError',
+    'LinkStatus',
+    'Message',
+    'PacketId',
+    'PacketParser',
+    'PeriodicInput',
+    'PeriodicOutput',
+    'RuState',
+    'Unknown',
+    'build_frame',
+    'burst',
+    'decode',
+    'parser',
+    'state_name',
+]

@@ -1,0 +1,179 @@
+"""The frame around every payload: manual section 3."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum
+import struct
+from typing import ClassVar
+from typing import TypeVar
+
+from bridge_core.checksums import crc32_iso_hdlc
+from bridge_core.checksums import crc32_mpeg2
+from bridge_core.framing import Counters
+from bridge_core.framing import FrameError
+from vm110_bridge.protocol.values import check_range
+
+REVISION = 0  # of the payload layouts that the manual describes
+MAX_LENGTH = 492  # largest payload in bytes
+_HEAD = struct.Struct('<4s4H4x')  # packet ID; revision, origin, serial, size; spare
+_CHECK = struct.Struct('<I')
+HEAD_SIZE = _HEAD.size
+assert (HEAD_SIZE, _CHECK.size) == (16, 4)
+MIN_FRAME = HEAD_SIZE + _CHECK.size
+MAX_FRAME = MIN_FRAME + MAX_LENGTH
+
+
+class PacketId(bytes, Enum):
+    """Section 3.1: kind is P(eriodic), C(ommand) or A(cknowledge); I(nput) comes from the BU."""
+
+    PERIODIC_INPUT = b'VRPI'
+    COMMAND_INPUT = b'VRCI'
+    ACKNOWLEDGE_INPUT = b'VRAI'
+    PERIODIC_OUTPUT = b'VRPO'
+    COMMAND_OUTPUT = b'VRCO'
+    ACKNOWLEDGE_OUTPUT = b'VRAO'
+
+
+class Crc(Enum):
+    """The two readings of section 3.3, which prints no example."""
+
+    MPEG2 = 'mpeg2'
+    ISO_HDLC = 'iso_hdlc'
+
+    def of(self, data: bytes) -> int:
+        """Return the CRC, 32 bits."""
+        return crc32_mpeg2(data) if self is Crc.MPEG2 else crc32_iso_hdlc(data)
+
+    def is_good(self, datagram: bytes) -> bool:
+        """Tell whether the last four bytes are the CRC of all before them."""
+        body, check = datagram[: -_CHECK.size], datagram[-_CHECK.size :]
+        return check == _CHECK.pack(self.of(body))
+
+
+@dataclass(frozen=True, slots=True)
+class Frame:
+    """
+    One packet; a datagram holds exactly one.
+
+    :param kind: four bytes, see PacketId; an unknown one may come. :param serial: 0-65535.
+    :param payload: up to 492 bytes. :param origin: the BU's ID, 0 for the machine controller.
+    :param crc: by which reading of 3.3 it is, or was, checked.
+    """
+
+    kind: bytes
+    serial: int
+    payload: bytes
+    origin: int = 0
+    crc: Crc = Crc.MPEG2
+
+    def __post_init__(self) -> None:
+        check_range('the serial number', self.serial, 0, 0xFFFF)
+        check_range('the origin', self.origin, 0, 0xFFFF)
+        if len(self.kind) != 4 or len(self.payload) > MAX_LENGTH:
+            raise ValueError(
+                f'{self.kind!r} with {len(self.payload)} bytes: an ID has 4 bytes, a payload '
+                f'{MAX_LENGTH} at most'
+            )
+
+    @classmethod
+    def from_bytes(cls, datagram: bytes, crc: Crc) -> Frame:
+        """Read a datagram. :raises FrameError: anything about it is not as section 3 says."""
+        if not MIN_FRAME <= len(datagram) <= MAX_FRAME:
+            raise FrameError(f'{len(datagram)} bytes, but a packet has {MIN_FRAME}-{MAX_FRAME}')
+        if not crc.is_good(datagram):
+            raise FrameError(f'wrong CRC {datagram[-_CHECK.size :].hex()}')
+        kind, revision, origin, serial, size = _HEAD.unpack_from(datagram)
+        if revision != REVISION:
+            raise FrameError(f'revision {revision} is not {REVISION}')
+        if size != len(datagram) - MIN_FRAME:
+            raise FrameError(f'size {size}, but {len(datagram) - MIN_FRAME} bytes of payload')
+        return cls(kind, serial, datagram[HEAD_SIZE : -_CHECK.size], origin, crc)
+
+    def to_bytes(self) -> bytes:
+        """Return the datagram."""
+        sizes = (REVISION, self.origin, self.serial, len(self.payload))
+        body = _HEAD.pack(self.kind, *sizes) + self.payload
+        return body + _CHECK.pack(self.crc.of(body))
+
+
+class PacketParser:
+    """
+    Reads datagrams. Raises nothing: what is wrong is counted.
+
+    :param crc: which reading of 3.3; None leaves it open until ``lock``. Until then only VRPI, of
+        either reading, are read.
+    """
+
+    def __init__(self, crc: Crc | None = None) -> None:
+        self.crc = crc
+        self.counters = Counters()
+        self.before_lock = 0  # packets that could not be checked yet
+        self.other_crc = 0  # packets that the other reading would let pass
+
+    def lock(self, crc: Crc) -> None:
+        """Take this reading, and no other, from now on."""
+        self.crc = crc
+
+    def feed(self, datagram: bytes) -> Frame | None:
+        """Return the packet that a datagram holds; None if it holds none that is sound."""
+        self.counters.bytes += len(datagram)
+        if not MIN_FRAME <= len(datagram) <= MAX_FRAME:
+            self.counters.malformed += 1
+            return None
+        if self.crc is None and not datagram.startswith(PacketId.PERIODIC_INPUT):
+            self.before_lock += 1
+            return None
+        crc = self._good_crc(datagram)
+        if crc is None:
+            self.counters.checksum_errors += 1
+            return None
+        self.counters.frames += 1
+        try:
+            return Frame.from_bytes(datagram, crc)
+        except FrameError:
+            self.counters.malformed += 1
+            return None
+
+    def _good_crc(self, datagram: bytes) -> Crc | None:
+        """Return the allowed reading by which the datagram is sound; None: by none."""
+        good = next((crc for crc in Crc if crc.is_good(datagram)), None)
+        if good is None or self.crc is None or good is self.crc:
+            return good
+        self.other_crc += 1
+        return None
+
+
+def parser(crc: Crc | None = None) -> PacketParser:
+    """Return a parser for one direction of one link."""
+    return PacketParser(crc)
+
+
+_M = TypeVar('_M', bound='Message')
+
+
+class Message:
+    """What all messages share: the payload's place in a frame, and which fault is whose."""
+
+    __slots__ = ()
+    KIND: ClassVar[PacketId]
+
+    @classmethod
+    def from_bytes(cls: type[_M], payload: bytes) -> _M:
+        """Read a payload. :raises FrameError: if it is not a sound one of this packet."""
+        try:
+            return cls._from_payload(payload)
+        except (ValueError, struct.error) as error:
+            # What we must not send ourselves is the peer's fault here.
+            raise FrameError(f'{cls.__name__}: {error}') from error
+
+    def to_bytes(self) -> bytes:
+        """Return the payload."""
+        return self._to_payload()
+
+    @classmethod
+    def _from_payload(cls: type[_M], payload: bytes) -> _M:
+        raise NotImplementedError
+
+    def _to_payload(self) -> bytes:
+        raise NotImplementedError

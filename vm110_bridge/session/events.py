@@ -1,0 +1,91 @@
+"""What a session tells the node, in the order in which it happened."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from vm110_bridge.protocol import AXIS_NAMES
+from vm110_bridge.protocol import BUTTON_NAMES
+
+
+@dataclass(frozen=True, slots=True)
+class StopChanged:
+    """One of the three changed; they are the session's properties at this moment."""
+
+    estop: bool
+    own_estop: bool
+    link_up: bool
+
+
+@dataclass(frozen=True, slots=True)
+class ArmedChanged:
+    """
+    Whether a remote is armed, and whether its movements are allowed.
+
+    :param armed: the BU is armed against an RU that is not stopped. :param enabled: and its
+        sticks count.
+    """
+
+    armed: bool
+    enabled: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Sticks:
+    """
+    What the operator asks for.
+
+    :param axes: 4 in the order of AXIS_NAMES, -1000 to 1000, signs as the device sends them.
+    :param buttons: 9 in the order of BUTTON_NAMES: the raw switch values, then 0 or 1.
+    :param enabled: the sticks count; if not, all is neutral.
+    :param faulty: joysticks that cannot be where they say they are. They are 0; without
+        ``tolerate_faulty_axes`` all is neutral then.
+    """
+
+    axes: tuple[int, ...] = (0,) * len(AXIS_NAMES)
+    buttons: tuple[int, ...] = (0,) * len(BUTTON_NAMES)
+    enabled: bool = False
+    faulty: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Remote:
+    """The armed RU: its ID, its battery (% as it came), whether it is in its docking station."""
+
+    ru: int
+    battery_percent: int
+    docked: bool
+
+
+@dataclass(frozen=True, slots=True)
+class RemoteState:
+    """What is known of the armed remote; None: none is armed any more."""
+
+    status: Remote | None
+
+
+@dataclass(frozen=True, slots=True)
+class EncoderTurned:
+    """The encoder, unwrapped: counts since the first remote was enabled, any whole number."""
+
+    position: int
+
+
+@dataclass(frozen=True, slots=True)
+class Command:
+    """A command of the RU's application, once. :param data: 16 bytes."""
+
+    command_id: int
+    data: bytes
+
+
+@dataclass(frozen=True, slots=True)
+class CommandResult:
+    """What became of a command to the RU's application. :param outcome: in words."""
+
+    command_id: int
+    outcome: str
+
+
+Event = StopChanged | ArmedChanged | Sticks | RemoteState | EncoderTurned | Command | CommandResult
+Output = tuple[list[Event], list[bytes]]

@@ -1,0 +1,92 @@
+"""
+Commands of the RU's application: manual sections 4.3, 4.4 and 5.1.3.
+
+The BU repeats a command until it is acknowledged, for 2 s. An acknowledgement may be lost, so a
+repeat is answered again, and handed on only the first time.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum
+
+from vm110_bridge.protocol import CommandInput
+
+# A command is known by its ID for longer than the BU repeats it, yet not for ever: a BU that was
+# restarted begins to count anew.
+MEMORY = 5.0
+
+
+class _State(Enum):
+    WAITING = 'waiting to be done'
+    DONE = 'done'
+    REFUSED = 'refused'
+
+
+@dataclass(slots=True)
+class _Known:
+    data: bytes
+    heard_at: float
+    state: _State
+
+
+class CommandInbox:
+    """
+    What is known of the latest commands.
+
+    :param explicit: acknowledge when ``done`` says so, not on delivery.
+    """
+
+    def __init__(self, *, explicit: bool) -> None:
+        self.delivered = 0
+        self.repeats = 0
+        self.refused = 0  # from an unarmed remote
+        self._explicit = explicit
+        self._known: dict[int, _Known] = {}  # the one that was heard last is last
+
+    @property
+    def waiting(self) -> int:
+        """How many delivered commands wait for ``done``."""
+        return sum(known.state is _State.WAITING for known in self._known.values())
+
+    def take(self, command: CommandInput, now: float, *, allowed: bool) -> tuple[bool, bool]:
+        """
+        Return whether to deliver it, and whether to acknowledge it.
+
+        A command that was refused stays so: arming later must not set off what was asked before.
+
+        :param allowed: it comes from an armed remote, or need not.
+        """
+        self._forget(now)
+        known = self._known.pop(command.command_id, None)
+        if known is not None and known.data == command.data:
+            self.repeats += 1
+            known.heard_at = now
+            self._known[command.command_id] = known
+            return False, known.state is _State.DONE
+        state = _State.WAITING if self._explicit else _State.DONE
+        self._known[command.command_id] = _Known(
+            command.data, now, state if allowed else _State.REFUSED
+        )
+        self.delivered += allowed
+        self.refused += not allowed
+        return allowed, allowed and not self._explicit
+
+    def done(self, command_id: int, now: float) -> None:
+        """Note that a command was carried out. :raises ValueError: no such one waits."""
+        self._forget(now)
+        known = self._known.get(command_id)
+        if known is None or known.state is _State.REFUSED:
+            raise ValueError(f'no command with ID {command_id} was delivered lately')
+        known.state = _State.DONE
+
+    def restart(self) -> None:
+        """Forget all: the BU counts anew."""
+        self._known.clear()
+
+    def _forget(self, now: float) -> None:
+        while self._known:
+            oldest = next(iter(self._known))
+            if now - self._known[oldest].heard_at < MEMORY:
+                return
+            del self._known[oldest]

@@ -1,0 +1,111 @@
+"""
+Which packet is newer: manual section 3.2, 'Serial'.
+
+A network loses, doubles and reorders datagrams. Only a packet that is newer than all before it
+may say how things are now. Numbers wrap at 65536; a base unit that was restarted begins anew,
+which looks like very old packets, so a new beginning has to last before it is believed.
+"""
+
+from __future__ import annotations
+
+from enum import Enum
+
+_HALF = 0x8000  # further ahead than this is behind
+WINDOW = 64  # how far back a packet is told from its copy
+_ALL_SEEN = (1 << WINDOW) - 1
+RESTART_TIME = 1.0  # seconds that a line of numbers from the past has to go on, in silence
+_RESTART_PACKETS = 4
+_LARGEST_STEP = 64  # within such a line
+
+
+class Arrival(Enum):
+    """How a packet's number relates to those before it."""
+
+    NEW = 'newer than all before'
+    LATE = 'overtaken by a newer one, not seen before'
+    OLD = 'a copy, or too old to tell'
+
+
+class SerialNumbers:
+    """The numbers of one sender."""
+
+    def __init__(self) -> None:
+        self.lost = 0
+        self.repeated = 0
+        self.reordered = 0
+        self.restarts = 0
+        self._newest: int | None = None
+        self._seen = _ALL_SEEN  # bit n: the number n below the newest came; none is lost
+        self._count_gap = True
+        self._run_start = 0.0
+        self._run_newest = 0
+        self._run_length = 0
+
+    @property
+    def restarting(self) -> bool:
+        """A line of numbers from the past is going on: the sender may have restarted."""
+        return self._run_length > 1
+
+    def forgive_gap(self) -> None:
+        """Do not count what was sent while nobody listened."""
+        self._count_gap = False
+        self._run_length = 0
+
+    def hear(self, serial: int, now: float, *, silent: bool) -> Arrival:
+        """
+        Place a packet.
+
+        :param silent: nothing new has come for so long that the link counts as lost.
+        """
+        newest = self._newest
+        ahead = _HALF if newest is None else (serial - newest) & 0xFFFF
+        if newest is None:
+            self._start(serial)
+        elif 0 < ahead < _HALF:
+            self._advance(serial, ahead)
+        elif self._has_restarted(serial, now, silent):
+            self.restarts += 1
+            self._start(serial)
+        else:
+            return self._place_behind((newest - serial) & 0xFFFF)
+        return Arrival.NEW
+
+    def _start(self, serial: int) -> None:
+        self._newest, self._seen = serial, _ALL_SEEN
+        self._run_length, self._count_gap = 0, True
+
+    def _advance(self, serial: int, ahead: int) -> None:
+        if not self._count_gap:
+            self._start(serial)
+            return
+        self.lost += ahead - 1
+        self._seen = (self._seen << ahead | 1) & _ALL_SEEN if ahead < WINDOW else 1
+        self._newest = serial
+        self._run_length = 0
+
+    def _place_behind(self, behind: int) -> Arrival:
+        if behind >= WINDOW:
+            self.reordered += 1
+            return Arrival.OLD
+        bit = 1 << behind
+        if self._seen & bit:
+            self.repeated += 1
+            return Arrival.OLD
+        self._seen |= bit
+        self.lost -= 1  # it was only late
+        self.reordered += 1
+        return Arrival.LATE
+
+    def _has_restarted(self, serial: int, now: float, silent: bool) -> bool:
+        """Follow a line of growing numbers from the past; tell when it is a new beginning."""
+        if not silent:
+            self._run_length = 0
+            return False
+        step = (serial - self._run_newest) & 0xFFFF
+        if self._run_length and step == 0:
+            return False  # a copy neither breaks the line nor carries it on
+        if not (self._run_length and step <= _LARGEST_STEP):
+            self._run_start, self._run_length = now, 0
+        self._run_newest = serial
+        self._run_length += 1
+        return self._run_length >= _RESTART_PACKETS and now - self._run_start >= RESTART_TIME

@@ -1,0 +1,137 @@
+"""
+Is it a stop, and whose: manual 4.1.1, 4.1.3 and 5.1.2.
+
+Withheld VRPO make the BU report an external link error and open its relays. That error is what
+this node asked for. Fed into another device's chain, it would hold both stopped for ever, so it is
+told apart here, from its beginning until the remote is armed again.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+import math
+
+from vm110_bridge.protocol import BuState
+from vm110_bridge.protocol import LinkStatus
+from vm110_bridge.protocol import PeriodicInput
+from vm110_bridge.protocol import RELAYS_CLOSED
+from vm110_bridge.protocol import RuState
+from vm110_bridge.protocol import state_name
+
+# The BU reports the missing VRPO after 2 s (5.1.2). An error that comes sooner is not our doing.
+LEAST_SILENCE = 1.5
+# A VRPI may be on its way when VRPO begin to flow again.
+ECHO_DELAY = 0.5
+# What a BU may say of EG-Link while it gets no VRPO; the others are faults of its own.
+_WITHOUT_OUTPUT = (LinkStatus.OPERATIONAL, LinkStatus.NO_LINK, LinkStatus.DATA_ERROR)
+_EC_IN_ORDER = (LinkStatus.UNUSED, LinkStatus.OPERATIONAL)
+
+_HINTS = {
+    BuState.INITIAL: 'it is still starting; wait, then arm a remote',
+    BuState.STOPPED: 'release the stop switch on the remote, then rearm',
+    BuState.EXTERNAL_LINK_ERROR: 'check the EC-Link and EG-Link cables, then rearm',
+    BuState.BLOCKED: 'turn on the remote and rearm',
+    BuState.FAILED: 'fatal internal error; switch the base unit off and on, else have it repaired',
+}
+
+_VERSION_HINT = 'this manual does not know it; check which version of it your system follows'
+
+
+@dataclass(frozen=True, slots=True)
+class Verdict:
+    """What one VRPI, or several together, mean."""
+
+    estop: bool
+    own_estop: bool
+    reasons: tuple[str, ...] = ()
+
+    def worst(self, other: Verdict) -> Verdict:
+        """Return both together: a stop in either is a stop."""
+        reasons = dict.fromkeys(self.reasons + other.reasons)
+        estop = self.estop or other.estop
+        return Verdict(estop, self.own_estop or other.own_estop, tuple(reasons))
+
+
+class StopJudge:
+    """Judges VRPI, knowing whether VRPO are withheld. :param now: the port was opened then."""
+
+    def __init__(self, now: float = 0.0) -> None:
+        self._holding = False
+        self._output_at = now  # the last VRPO, or when the first one could have gone
+        self._silence = 0.0  # seconds without VRPO when the last hold ended
+        self._released_at = -math.inf
+        self._in_error = False
+        self._echo = False  # the external link error is our doing
+
+    def hold(self, holding: bool, now: float) -> None:
+        """Note whether VRPO are withheld on request from ``now`` on."""
+        if self._holding and not holding:
+            self._silence = now - self._output_at
+            self._released_at = now
+        self._holding = holding
+
+    def output_sent(self, now: float) -> None:
+        """Note that a VRPO went out."""
+        self._output_at = now
+
+    def judge(self, vrpi: PeriodicInput, now: float) -> Verdict:
+        """Return what the newest VRPI means."""
+        in_error = vrpi.bu_state == BuState.EXTERNAL_LINK_ERROR
+        if in_error and not self._in_error:
+            self._echo = self._may_be_ours(now)
+        self._in_error = in_error
+        self._echo = self._echo and in_error
+        return self.judge_late(vrpi)
+
+    def judge_late(self, vrpi: PeriodicInput) -> Verdict:
+        """Return what a VRPI means that a newer one has overtaken: nothing is learnt from it."""
+        in_error = vrpi.bu_state == BuState.EXTERNAL_LINK_ERROR
+        echo = self._echo and in_error and _only_output_missing(vrpi)
+        own = _own_reasons(vrpi, echo=echo)
+        reasons = [self._echo_reason(), *own] if echo else own
+        return Verdict(bool(reasons), bool(own), tuple(reasons))
+
+    def _may_be_ours(self, now: float) -> bool:
+        if self._holding:
+            return now - self._output_at >= LEAST_SILENCE
+        return self._silence >= LEAST_SILENCE and now - self._released_at < ECHO_DELAY
+
+    def _echo_reason(self) -> str:
+        if self._holding:
+            return (
+                'BU state is External link error, as hold_output asks (VRPO are withheld); when '
+                'the cause of that is gone, rearm the remote'
+            )
+        return (
+            'BU state is External link error, still from hold_output, which asks no more; rearm '
+            'the remote'
+        )
+
+
+def _own_reasons(vrpi: PeriodicInput, *, echo: bool) -> list[str]:
+    """Say why BU and RU demand a stop by themselves; a state that nobody knows is one."""
+    reasons = []
+    relays_open = vrpi.bu_state < RELAYS_CLOSED
+    if (relays_open and not echo) or not isinstance(vrpi.bu_state, BuState):
+        reasons.append(_bu_reason(vrpi))
+    if vrpi.ru_state == RuState.STOPPED and vrpi.bu_state != BuState.STOPPED:
+        reasons.append(
+            'the armed remote has stopped (stop switch, free fall, shock or a fatal error); '
+            'release its stop switch, then rearm'
+        )
+    elif not isinstance(vrpi.ru_state, RuState):
+        reasons.append(f'RU state is {state_name(vrpi.ru_state)}: {_VERSION_HINT}')
+    return reasons
+
+
+def _only_output_missing(vrpi: PeriodicInput) -> bool:
+    """Tell whether missing VRPO alone explain an external link error."""
+    return vrpi.eg_link in _WITHOUT_OUTPUT and vrpi.ec_link in _EC_IN_ORDER
+
+
+def _bu_reason(vrpi: PeriodicInput) -> str:
+    state = vrpi.bu_state
+    hint = _HINTS[state] if isinstance(state, BuState) else _VERSION_HINT
+    if state == BuState.EXTERNAL_LINK_ERROR:
+        hint = f'EG-Link {state_name(vrpi.eg_link)}, EC-Link {state_name(vrpi.ec_link)}; {hint}'
+    return f'BU state is {state_name(state)}: {hint}'
