@@ -130,7 +130,7 @@ def main() -> None:
     times = sorted(1e3 * reaction for reaction in reactions if reaction is not None)
     p99 = times[min(len(times) - 1, int(0.99 * len(times)))]
     print(
-        f'from the first frame that tells of an e-stop to the disable packet, {len(times)} of {count} times: '
+        f'first frame that tells of a stop to disable packet, {len(times)} of {count} times: '
         f'median {statistics.median(times):.2f} ms, p99 {p99:.2f} ms, worst {times[-1]:.2f} ms'
     )
 
