@@ -107,10 +107,16 @@ class ManagedNode(LifecycleNode):
         """Leave the device safe; called on SIGINT and SIGTERM and before the node is destroyed."""
 
     def autostart(self) -> None:
-        """Configure and activate, unless the parameter leaves that to somebody else."""
-        success = TransitionCallbackReturn.SUCCESS
-        if self.values['autostart'] and self.trigger_configure() == success:
-            self.trigger_activate()  # what went wrong, if anything, was logged
+        """
+        Configure and activate, unless the parameter leaves that to somebody else.
+
+        :raises ParameterError: what the parameters ask for cannot be made; it was logged.
+        """
+        if not self.values['autostart']:
+            return
+        for trigger in (self.trigger_configure, self.trigger_activate):
+            if trigger() != TransitionCallbackReturn.SUCCESS:
+                raise ParameterError(f'{self.get_name()} cannot start with these parameters')
 
     def _declare(self) -> dict[str, Any]:
         # rclpy has no public name for what was given, and cannot declare an empty list by itself.

@@ -62,15 +62,15 @@ def run(factories: Sequence[Callable[[], ManagedNode]], args: list[str] | None =
         print(f'rugged_teleop: {_one_line(error)}', file=sys.stderr)
         _leave(nodes)
         return 2
-    faults = _spin(nodes, end)
+    status = _spin(nodes, end)
     _leave(nodes)
-    return 1 if faults else 0
+    return status
 
 
-def _spin(nodes: Sequence[ManagedNode], end: _End) -> list[str]:
-    """Spin until the end; return the faults."""
+def _spin(nodes: Sequence[ManagedNode], end: _End) -> int:
+    """Spin until the end; return the exit status."""
     stop = threading.Event()
-    faults: list[str] = []
+    statuses = [0]
 
     def spin(node: ManagedNode) -> None:
         executor = SingleThreadedExecutor()
@@ -81,9 +81,13 @@ def _spin(nodes: Sequence[ManagedNode], end: _End) -> list[str]:
                 executor.spin_once(timeout_sec=0.1)
         except ExternalShutdownException:
             end.tell()
+        except ParameterError as error:
+            print(f'rugged_teleop: {_one_line(error)}', file=sys.stderr)
+            statuses.append(2)
+            end.tell()
         except Exception:
-            faults.append(traceback.format_exc())
-            node.get_logger().fatal(faults[-1])
+            node.get_logger().fatal(traceback.format_exc())
+            statuses.append(1)
             end.tell()
         executor.shutdown()
 
@@ -94,7 +98,7 @@ def _spin(nodes: Sequence[ManagedNode], end: _End) -> list[str]:
     stop.set()
     for thread in threads:
         thread.join(timeout=0.5)
-    return faults
+    return max(statuses)
 
 
 def _leave(nodes: Sequence[ManagedNode]) -> None:
