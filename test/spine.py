@@ -12,6 +12,7 @@ from collections.abc import Iterator
 from collections.abc import Mapping
 from dataclasses import dataclass
 import fcntl
+import itertools
 import os
 from pathlib import Path
 import select
@@ -389,6 +390,25 @@ class Spine:
         self.drive.close()
 
 
+class CpuPressure:
+    """How short of processors this machine is, by the kernel's own account, from now on."""
+
+    def __init__(self) -> None:
+        self._start, self._before = time.monotonic(), self._waited()
+
+    def share(self) -> float:
+        """Return the share of time in which some process waited for one; 0 where not known."""
+        return (self._waited() - self._before) / (time.monotonic() - self._start)
+
+    @staticmethod
+    def _waited() -> float:
+        try:
+            some = Path('/proc/pressure/cpu').read_text().splitlines()[0]
+        except OSError:
+            return 0.0
+        return int(some.rsplit('=', 1)[1]) * 1e-6
+
+
 class UntouchedPort:
     """A serial port that knows whether anybody has ever opened it."""
 
@@ -468,25 +488,34 @@ class Talker:
         self._node.destroy_publisher(self.publisher)
 
 
-class Diagnostics:
-    """The newest statuses on /diagnostics, by name."""
+_namespaces = itertools.count()
 
-    def __init__(self, observer: Observer) -> None:
+
+def namespace() -> str:
+    """Return a namespace that no other node of this run has."""
+    return f'/bench{next(_namespaces)}'
+
+
+class Diagnostics:
+    """The newest statuses of one node. :param node: its full name."""
+
+    def __init__(self, observer: Observer, node: str) -> None:
         from diagnostic_msgs.msg import DiagnosticArray
 
+        self._node = node.lstrip('/')
         self._record = observer.record(DiagnosticArray, '/diagnostics')
 
-    def status(self, name: str) -> Any:
-        """Return the newest status of this name, such as 'fort_vsc_bridge: link'; else None."""
+    def status(self, part: str) -> Any:
+        """Return the newest status of a part, 'link' or 'device'; None before the first."""
         for message in reversed(self._record.messages):
             for status in message.status:
-                if status.name == name:
+                if status.name == f'{self._node}: {part}':
                     return status
         return None
 
-    def value(self, name: str, key: str) -> str:
-        """Return a value of the newest status of this name; empty before the first."""
-        status = self.status(name)
+    def value(self, part: str, key: str) -> str:
+        """Return a value of a part's newest status; empty before the first."""
+        status = self.status(part)
         return '' if status is None else values_of(status).get(key, '')
 
 

@@ -6,8 +6,10 @@ its plug pulled, or its signal sent), of a stop when the first disable packet is
 Run with ``-s`` to see what was measured.
 """
 
+from collections.abc import Callable
 from collections.abc import Iterator
 from contextlib import ExitStack
+import functools
 import itertools
 from signal import SIGCONT
 from signal import SIGINT
@@ -15,6 +17,8 @@ from signal import SIGKILL
 from signal import SIGSTOP
 from signal import SIGTERM
 import time
+from typing import Any
+from typing import TypeVar
 
 import pytest
 from std_msgs.msg import Bool
@@ -25,6 +29,7 @@ from test.rig import latched
 from test.rig import NodeProcess
 from test.rig import Observer
 from test.rig import Record
+from test.spine import CpuPressure
 from test.spine import DEADMAN
 from test.spine import DRIVE
 from test.spine import MUX
@@ -38,7 +43,40 @@ TOLD = LINK_TIMEOUT + 0.05  # a lost VSC is a stop on ~/estop
 MUX_LOST = 0.15  # a mux that is dead or frozen has disabled the drive
 RECOVERED = 2.0  # a device that is plugged in again is heard
 PROMPT = 0.1  # a stop that is heard, at the drive's wire
+BUSY = 0.25  # share of time in which some process waited for a processor
 GONE = 1.0  # a process that was asked to end
+
+
+_Scenario = TypeVar('_Scenario', bound=Callable[..., None])
+
+
+def unless_noisy(scenario: _Scenario) -> _Scenario:
+    """
+    Play a scenario again if it failed while others kept this machine's processors busy.
+
+    The bounds here are tens of milliseconds above what is measured, and a process that waits as
+    long for a processor breaks them. On a machine that was not busy the first failure counts.
+    """
+
+    @functools.wraps(scenario)
+    def play(spine: Spine, **parameters: Any) -> None:
+        for attempts_left in (2, 1, 0):
+            noise = CpuPressure()
+            try:
+                scenario(spine, **parameters)
+            except AssertionError as error:
+                share = noise.share()
+                if not attempts_left or share < BUSY:
+                    raise
+                print(f'\n  once more, processors were short {share:.0%} of the time: {error}')
+                for node in spine.nodes.values():
+                    if node.process.poll() is None:
+                        node.signal(SIGCONT)
+                spine.rest()
+            else:
+                return
+
+    return play  # type: ignore[return-value]
 
 
 @pytest.fixture(scope='module')
@@ -76,6 +114,7 @@ def stays_stopped_until_restarted(spine: Spine, since: float) -> None:
     spine.restart_rightly()
 
 
+@unless_noisy
 def test_stick_turns_both_motors_and_release_stops_them(spine: Spine) -> None:
     spine.moving()
     spine.wait(lambda: min(spine.joints.last.velocity) > 4.0, 'joint states of 5 rad/s, about')
@@ -86,6 +125,7 @@ def test_stick_turns_both_motors_and_release_stops_them(spine: Spine) -> None:
 
 
 @pytest.mark.parametrize('bits', [0x01, 0x04, 0x40], ids=['SRC', 'VSC', 'USER'])
+@unless_noisy
 def test_one_heartbeat_with_an_estop_bit_among_healthy_ones_stops_and_latches(
     spine: Spine, bits: int
 ) -> None:
@@ -97,6 +137,7 @@ def test_one_heartbeat_with_an_estop_bit_among_healthy_ones_stops_and_latches(
 
 
 @pytest.mark.parametrize('source', ['remote', 'vsc'])
+@unless_noisy
 def test_estop_pressed_mid_motion_disables_and_release_alone_moves_nothing(
     spine: Spine, source: str
 ) -> None:
@@ -109,6 +150,7 @@ def test_estop_pressed_mid_motion_disables_and_release_alone_moves_nothing(
     stays_stopped_until_restarted(spine, released)
 
 
+@unless_noisy
 def test_stick_out_of_neutral_refuses_reset(spine: Spine) -> None:
     since = spine.vsc.apply(f'stick {STICK} 0.3')
     spine.wait(lambda: 'not at neutral' in spine.status.last.message, 'not at neutral')
@@ -119,6 +161,7 @@ def test_stick_out_of_neutral_refuses_reset(spine: Spine) -> None:
     assert spine.mux_says('STOPPED')
 
 
+@unless_noisy
 def test_deadman_held_through_reset_refuses_it_and_moves_nothing(spine: Spine) -> None:
     since = spine.vsc.apply(f'button {DEADMAN} 1')
     spine.wait(lambda: 'not at neutral' in spine.status.last.message, 'not at neutral')
@@ -128,6 +171,7 @@ def test_deadman_held_through_reset_refuses_it_and_moves_nothing(spine: Spine) -
     assert spine.mux_says('STOPPED')
 
 
+@unless_noisy
 def test_deadman_pressed_right_after_reset_waits_for_neutral_time(spine: Spine) -> None:
     spine.wait(spine.may_reset, 'nothing missing but a reset')
     since = time.monotonic()
@@ -140,6 +184,7 @@ def test_deadman_pressed_right_after_reset_waits_for_neutral_time(spine: Spine) 
     spine.move()
 
 
+@unless_noisy
 def test_reset_called_over_and_over_counts_once_and_moves_nothing(spine: Spine) -> None:
     since = time.monotonic()
     spine.wait(spine.may_reset, 'nothing missing but a reset')
@@ -148,6 +193,7 @@ def test_reset_called_over_and_over_counts_once_and_moves_nothing(spine: Spine) 
     spine.holds_still(since, 0.3)
 
 
+@unless_noisy
 def test_vsc_unplugged_mid_motion_stops_and_recovers_but_does_not_move(spine: Spine) -> None:
     pids = {name: node.process.pid for name, node in spine.nodes.items()}
     spine.moving()
@@ -165,6 +211,7 @@ def test_vsc_unplugged_mid_motion_stops_and_recovers_but_does_not_move(spine: Sp
     assert pids == {name: node.process.pid for name, node in spine.nodes.items()}
 
 
+@unless_noisy
 def test_heartbeat_silent_while_sticks_go_on_stops_within_link_timeout(spine: Spine) -> None:
     spine.moving()
     spine.vsc.enable_message(0x20, False)
@@ -179,6 +226,7 @@ def test_heartbeat_silent_while_sticks_go_on_stops_within_link_timeout(spine: Sp
     stays_stopped_until_restarted(spine, cause + told + 0.1)
 
 
+@unless_noisy
 def test_sticks_silent_while_heartbeat_goes_on_takes_control_away(spine: Spine) -> None:
     spine.moving()
     spine.vsc.enable_message(0x10, False)
@@ -189,15 +237,18 @@ def test_sticks_silent_while_heartbeat_goes_on_takes_control_away(spine: Spine) 
     assert spine.is_clear(spine.vsc_estop)
 
 
+@unless_noisy
 def test_radio_lost_mid_motion_stops_and_return_moves_nothing(spine: Spine) -> None:
     spine.moving()
     cause = spine.vsc.apply('radio off')
     measured('radio lost to disable packet', spine.disabled_after(cause, 0.15))
+    spine.wait(lambda: spine.mux_says('STOPPED'), 'the e-stop, behind the zeroed sticks')
     back = spine.vsc.apply('radio on', 'ack', 'mode operational')
     stays_stopped_until_restarted(spine, back)
 
 
 @pytest.mark.parametrize('mode', ['pause', 'menu', 'remote'])
+@unless_noisy
 def test_remote_leaves_operational_mid_motion_and_comes_back_held(spine: Spine, mode: str) -> None:
     spine.moving()
     cause = spine.vsc.apply(f'mode {mode}')
@@ -207,6 +258,7 @@ def test_remote_leaves_operational_mid_motion_and_comes_back_held(spine: Spine, 
 
 
 @pytest.mark.parametrize('number', [SIGKILL, SIGSTOP], ids=['killed', 'frozen'])
+@unless_noisy
 def test_mux_lost_mid_motion_disables_the_drive(spine: Spine, number: int) -> None:
     spine.moving()
     cause = time.monotonic()
@@ -223,6 +275,7 @@ def test_mux_lost_mid_motion_disables_the_drive(spine: Spine, number: int) -> No
 
 
 @pytest.mark.parametrize('number', [SIGKILL, SIGSTOP], ids=['killed', 'frozen'])
+@unless_noisy
 def test_vsc_bridge_lost_mid_motion_disables_the_drive(spine: Spine, number: int) -> None:
     spine.moving()
     cause = time.monotonic()
@@ -237,6 +290,7 @@ def test_vsc_bridge_lost_mid_motion_disables_the_drive(spine: Spine, number: int
     stays_stopped_until_restarted(spine, cause + TOLD)
 
 
+@unless_noisy
 def test_drive_node_frozen_for_long_never_enables_on_waking(spine: Spine) -> None:
     spine.moving()
     cause = time.monotonic()
@@ -250,6 +304,7 @@ def test_drive_node_frozen_for_long_never_enables_on_waking(spine: Spine) -> Non
     stays_stopped_until_restarted(spine, awake)
 
 
+@unless_noisy
 def test_drive_node_frozen_briefly_needs_a_new_press_of_the_deadman(spine: Spine) -> None:
     spine.drive.exchange(DriveSimulator(command_timeout=1.0))  # it would tell of the silence
     spine.moving()
@@ -269,6 +324,7 @@ def test_drive_node_frozen_briefly_needs_a_new_press_of_the_deadman(spine: Spine
 
 
 @pytest.mark.parametrize('number', [SIGTERM, SIGINT], ids=['SIGTERM', 'SIGINT'])
+@unless_noisy
 def test_drive_node_ended_mid_motion_leaves_with_disable_packets(
     spine: Spine, number: int
 ) -> None:
@@ -289,6 +345,7 @@ def test_drive_node_ended_mid_motion_leaves_with_disable_packets(
 
 @pytest.mark.parametrize('number', [SIGTERM, SIGINT], ids=['SIGTERM', 'SIGINT'])
 @pytest.mark.parametrize('name', [VSC, MUX])
+@unless_noisy
 def test_node_ended_mid_motion_stops_the_drive_and_exits_at_once(
     spine: Spine, name: str, number: int
 ) -> None:
@@ -302,6 +359,7 @@ def test_node_ended_mid_motion_stops_the_drive_and_exits_at_once(
     measured(f'{name} asked to end to disable packet', spine.disabled_after(cause, bound))
 
 
+@unless_noisy
 def test_drive_fault_mid_motion_stops_until_cleared_and_reset(spine: Spine) -> None:
     spine.moving()
     cause = spine.drive.apply('fault a overcurrent on')
@@ -318,6 +376,7 @@ def test_drive_fault_mid_motion_stops_until_cleared_and_reset(spine: Spine) -> N
     stays_stopped_until_restarted(spine, cause + PROMPT)
 
 
+@unless_noisy
 def test_drive_that_disables_itself_is_not_enabled_again_by_a_held_deadman(spine: Spine) -> None:
     spine.moving()
     cause = spine.drive.apply('trip a')
@@ -328,6 +387,7 @@ def test_drive_that_disables_itself_is_not_enabled_again_by_a_held_deadman(spine
     spine.move()
 
 
+@unless_noisy
 def test_drive_status_lost_mid_motion_disables_and_stops(spine: Spine) -> None:
     spine.moving()
     cause = spine.drive.apply('mute on')
@@ -339,6 +399,7 @@ def test_drive_status_lost_mid_motion_disables_and_stops(spine: Spine) -> None:
     stays_stopped_until_restarted(spine, cause + TOLD)
 
 
+@unless_noisy
 def test_drive_unplugged_mid_motion_stops_and_recovers_but_does_not_move(spine: Spine) -> None:
     spine.moving()
     pid = spine.nodes[DRIVE].process.pid
@@ -358,6 +419,7 @@ def test_drive_unplugged_mid_motion_stops_and_recovers_but_does_not_move(spine: 
     assert spine.nodes[DRIVE].process.pid == pid
 
 
+@unless_noisy
 def test_noise_on_both_lines_loses_frames_and_stops_nothing(spine: Spine) -> None:
     spine.moving()
     since = time.monotonic()
@@ -387,6 +449,7 @@ rclpy.spin(node)
 """
 
 
+@unless_noisy
 def test_killed_neighbours_leave_no_gap_in_the_stop_topics_of_the_others(spine: Spine) -> None:
     with ExitStack() as stack:
         third = stack.enter_context(NodeProcess(source=_THIRD))

@@ -1,0 +1,158 @@
+"""A mux as a process, and in this one all that it listens to: two e-stop sources, one operator."""
+
+from __future__ import annotations
+
+import time
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticStatus
+from sensor_msgs.msg import JointState
+from sensor_msgs.msg import Joy
+from std_msgs.msg import Bool
+from std_msgs.msg import String
+from std_srvs.srv import SetBool
+from std_srvs.srv import Trigger
+
+from test.rig import latched
+from test.rig import NodeProcess
+from test.rig import Observer
+from test.spine import namespace
+from test.spine import Talker
+from test.spine import values_of
+
+# Longer than the defaults: a busy machine is not what these tests are about.
+TIMEOUT = 1.0
+PATIENT = {
+    'stall_limit': TIMEOUT,
+    'estop.fort.timeout': TIMEOUT,
+    'estop.drive.timeout': TIMEOUT,
+    'operator.fort.timeout': TIMEOUT,
+    'autonomy.timeout': TIMEOUT,
+}
+CLEAR_TIME = 0.5  # the mux's default; a reset within it of another counts as repeated
+
+
+def sticks(forward: float = 0.0, *, deadman: bool = False) -> Joy:
+    """Return what a FORT remote sends: axis 1 is forward, button 0 the deadman."""
+    return Joy(axes=[0.0, float(forward), 0.0, 0.0, 0.0, 0.0], buttons=[int(deadman), *[0] * 7])
+
+
+class MuxBench:
+    """The mux with its default sources 'fort' and 'drive' and its operator 'fort'."""
+
+    def __init__(self, observer: Observer, rate: float = 50.0, **parameters: Any) -> None:
+        self.observer = observer
+        self.space = namespace()
+        self.name = f'{self.space}/safety_mux'
+        self._given = PATIENT | {
+            key.replace('__', '.'): value for key, value in parameters.items()
+        }
+        self.start()
+        self.reset_at = 0.0
+        record = observer.record
+        self.estop = record(Bool, f'{self.name}/estop', latched())
+        self.enable = record(Bool, f'{self.name}/enable')
+        self.command = record(JointState, f'{self.name}/command')
+        self.state = record(String, f'{self.name}/state', latched())
+        self.status = record(DiagnosticStatus, f'{self.name}/status', latched())
+        self.stop_demand = {
+            source: record(Bool, f'{self.name}/stop_demand/{source}', latched())
+            for source in ('fort', 'drive')
+        }
+
+        def talker(kind: Any, topic: str, message: Any) -> Talker:
+            return Talker(observer, kind, f'{self.space}/{topic}', message, rate=rate)
+
+        self.fort_estop = talker(Bool, 'fort_vsc_bridge/estop', Bool(data=False))
+        self.fort_own_estop = talker(Bool, 'fort_vsc_bridge/own_estop', Bool(data=False))
+        self.drive_estop = talker(Bool, 'esi_drive_bridge/estop', Bool(data=False))
+        self.joy = talker(Joy, 'fort_vsc_bridge/joy', sticks())
+
+    def start(self) -> None:
+        """Start the mux, or start it again."""
+        self.node = NodeProcess('safety_mux.node', self._given, namespace=self.space)
+
+    def wait(self, condition: Any, what: str, timeout: float = 10.0) -> Any:
+        return self.observer.wait_for(condition, timeout, lambda: f'{what}; {self.story()}')
+
+    def story(self) -> str:
+        status = self.status.last
+        return f'mux: {self.state.last and self.state.last.data}, {status and status.message}'
+
+    def says(self, state: str) -> bool:
+        """Tell whether the newest state is this one, and fresh."""
+        record = self.state
+        return bool(record.times) and (
+            time.monotonic() - record.times[-1] < 0.1 and record.last.data == state
+        )
+
+    def inhibits(self) -> list[str]:
+        """Return what holds now, by a fresh status; not what it was once stopped for."""
+        record = self.status
+        if not record.times or time.monotonic() - record.times[-1] > 0.3:
+            return []
+        values = values_of(record.last)
+        found = [text for key, text in values.items() if key.startswith('inhibit')]
+        return [text for text in found if not text.startswith('stopped ')]
+
+    def explains(self, *texts: str) -> bool:
+        """Tell whether all these texts are among the inhibits."""
+        return all(text in '; '.join(self.inhibits()) for text in texts)
+
+    def is_past(self, text: str) -> bool:
+        """Tell whether there are inhibits, and none has this text."""
+        inhibits = self.inhibits()
+        return bool(inhibits) and not any(text in inhibit for inhibit in inhibits)
+
+    def may_reset(self) -> bool:
+        """Tell whether nothing is missing but the reset, which is not to be a repeated one."""
+        if time.monotonic() < self.reset_at + CLEAR_TIME or not self.says('STOPPED'):
+            return False
+        inhibits = self.inhibits()
+        return len(inhibits) == 1 and inhibits[0].startswith('waiting for reset')
+
+    def reset(self) -> Any:
+        reply = self.observer.call(Trigger, f'{self.name}/reset')
+        self.reset_at = time.monotonic()
+        return reply
+
+    def trip(self) -> Any:
+        return self.observer.call(Trigger, f'{self.name}/trip')
+
+    def select_autonomy(self, select: bool = True) -> Any:
+        request = SetBool.Request(data=select)
+        return self.observer.call(SetBool, f'{self.name}/select_autonomy', request)
+
+    def ready(self) -> None:
+        """Be READY, with a rested operator."""
+        self.wait(self.may_reset, 'nothing missing but a reset')
+        reply = self.reset()
+        assert reply.success, reply.message
+        self.wait(lambda: self.says('READY'), 'READY')
+        self.wait(lambda: self.explains('press the deadman'), 'a rested operator')
+
+    def active(self, forward: float = 0.5) -> None:
+        """Be ACTIVE and in motion."""
+        self.ready()
+        self.joy.message = sticks(deadman=True)
+        self.wait(lambda: self.says('ACTIVE'), 'ACTIVE')
+        self.joy.message = sticks(forward, deadman=True)
+        self.wait(lambda: any(self.command.last.velocity), 'motion')
+
+    def stopped_since(self, cause: float, within: float = TIMEOUT + 0.4) -> None:
+        """See STOPPED in time, and nothing but stop, disable and 0 from then on."""
+        self.wait(lambda: self.says('STOPPED'), 'STOPPED')
+        first = next(at for at, estop in self.estop.since(cause) if estop.data)
+        assert first - cause <= within
+        self.wait(self.is_stopped, 'stop, disable and 0')
+        self.observer.holds_for(self.is_stopped, 0.2)
+
+    def is_stopped(self) -> bool:
+        """Tell whether the newest outputs are stop, disable and 0."""
+        outputs = (self.estop.last.data, self.enable.last.data, any(self.command.last.velocity))
+        return outputs == (True, False, False)
+
+    def close(self) -> None:
+        self.node.__exit__(None, None, None)
+        for talker in (self.fort_estop, self.fort_own_estop, self.drive_estop, self.joy):
+            talker.leave()

@@ -1,0 +1,460 @@
+"""The ESI drive bridge as a process on a port: every topic and service, on real bytes."""
+
+from collections.abc import Iterator
+import json
+import math
+from pathlib import Path
+import time
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticStatus
+import pytest
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Bool
+from std_srvs.srv import Trigger
+
+from esi_drive_bridge.simulator import Simulator
+from test.rig import latched
+from test.rig import NodeProcess
+from test.rig import Observer
+from test.spine import Diagnostics
+from test.spine import Drive
+from test.spine import namespace
+from test.spine import Talker
+
+NAME = 'esi_drive_bridge'
+LINK, DEVICE = 'link', 'device'  # the parts of its diagnostics
+COMMAND_TIMEOUT = 0.1
+STALE = 0.3  # a stale input is acted on well within this
+RPM = 2.0 * math.pi / 60.0  # rad/s
+_FILE = Path(__file__).parent / 'vectors/esi.json'
+VECTORS = json.loads(_FILE.read_text())
+
+
+def command(*values: float, names: tuple[str, ...] = ('left', 'right')) -> JointState:
+    return JointState(name=list(names), velocity=[float(value) for value in values])
+
+
+class Bench:
+    """One bridge on one simulated drive, with the three inputs that a mux would give."""
+
+    def __init__(
+        self,
+        folder: Path,
+        observer: Observer,
+        simulator: Simulator | None = None,
+        **parameters: Any,
+    ) -> None:
+        self.observer = observer
+        self.drive = Drive(folder / 'drive', simulator)
+        space = namespace()
+        self.name = f'{space}/{NAME}'
+        self.node = NodeProcess(
+            f'{NAME}.node', {'port': self.drive.path, **parameters}, namespace=space
+        )
+        self.estop = observer.record(Bool, f'{self.name}/estop', latched())
+        self.enabled = observer.record(Bool, f'{self.name}/enabled', latched())
+        self.joints = observer.record(JointState, f'{self.name}/joint_states')
+        self.diagnostics = Diagnostics(observer, self.name)
+        self.command = Talker(observer, JointState, f'{self.name}/command', command(0, 0))
+        self.enable = Talker(observer, Bool, f'{self.name}/enable')
+        self.estop_in = Talker(observer, Bool, f'{self.name}/estop_in')
+
+    @property
+    def inputs(self) -> tuple[Talker, Talker, Talker]:
+        return self.command, self.enable, self.estop_in
+
+    def start_anew(self) -> None:
+        """Have a fresh drive, disabled, all inputs fresh and clear, and enable false."""
+        self.drive.exchange(Simulator())
+        self.command.message = command(0, 0)
+        self.quiet()
+
+    def quiet(self) -> None:
+        """Have all inputs fresh and clear, enable false, and the drive hear of it."""
+        self.enable.message = self.estop_in.message = Bool(data=False)
+        for talker in self.inputs:
+            talker.resume()
+        self.wait(lambda: self.estop.last is not None and not self.estop.last.data, 'no stop')
+        self.wait(lambda: not self.drive.enabled, 'a disabled drive')
+        # What comes next has to be a new edge of enable, so let this false be heard.
+        self.wait(
+            lambda: all(t.publisher.get_subscription_count() for t in self.inputs), 'a listener'
+        )
+        self.holds(lambda: True, 0.2)
+
+    def wait(self, condition: Any, what: str, timeout: float = 15.0) -> Any:
+        return self.observer.wait_for(condition, timeout, what)
+
+    def holds(self, condition: Any, duration: float) -> None:
+        self.observer.holds_for(condition, duration)
+
+    def enabling(self) -> None:
+        """Give the edge of enable, and see the drive follow."""
+        self.enable.message = Bool(data=True)
+        self.wait(lambda: self.drive.enabled, 'an enabled drive')
+        self.wait(lambda: self.enabled.last.data, 'enabled')
+
+    def commands(self, *counts: int) -> bool:
+        """Tell whether the newest packet enables and has these values."""
+        packet = self.drive.packets(time.monotonic() - 0.1)[-1:]
+        return bool(packet) and packet[0].enables and packet[0].values == counts
+
+    def stopped_since(self, cause: float, within: float = STALE) -> None:
+        """See the first disable packet come in time, with 0, and none that enables after it."""
+        self.wait(lambda: self.drive.first_disable(cause), 'a disable packet')
+        packet = self.drive.first_disable(cause)
+        assert packet is not None
+        assert packet.time - cause <= within
+        assert packet.values == (0, 0)
+        self.holds(lambda: not any(p.enables for p in self.drive.packets(packet.time)), 0.3)
+
+    def value(self, key: str) -> str:
+        return self.diagnostics.value(DEVICE, key)
+
+    def close(self) -> None:
+        self.node.__exit__(None, None, None)
+        self.drive.close()
+
+
+@pytest.fixture(scope='module')
+def shared(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Bench]:
+    with Observer() as observer:
+        result = Bench(tmp_path_factory.mktemp('esi'), observer)
+        yield result
+        result.close()
+
+
+@pytest.fixture
+def bench(shared: Bench) -> Bench:
+    shared.start_anew()
+    return shared
+
+
+# Commands.
+
+
+def test_command_becomes_the_manuals_packet(bench: Bench) -> None:
+    (entry,) = [entry for entry in VECTORS['command'] if entry['unit'] == 'rpm']
+    bench.command.message = command(*(value * RPM for value in entry['value']))
+    bench.enabling()
+    frame = bytes.fromhex(entry['hex'])
+    since = time.monotonic()
+    bench.wait(
+        lambda: frame in b''.join(chunk.data for chunk in bench.drive.received(since)), 'the frame'
+    )
+
+
+def test_joints_are_found_by_name_in_any_order_and_without_names_in_ours(bench: Bench) -> None:
+    bench.command.message = command(10 * RPM, 20 * RPM, names=('right', 'left'))
+    bench.enabling()
+    bench.wait(lambda: bench.commands(20, 10), 'left 20, right 10')
+    bench.command.message = command(30 * RPM, 40 * RPM, names=())
+    bench.wait(lambda: bench.commands(30, 40), 'left 30, right 40')
+
+
+def test_enable_held_from_the_start_enables_nothing(bench: Bench) -> None:
+    for talker in bench.inputs:
+        talker.pause()
+    bench.holds(lambda: True, 2 * COMMAND_TIMEOUT)  # all that was heard is stale
+    since = time.monotonic()
+    bench.enable.message = Bool(data=True)
+    for talker in bench.inputs:
+        talker.resume()
+    bench.holds(lambda: not any(p.enables for p in bench.drive.packets(since)), 0.4)
+    bench.wait(lambda: 'enable must go false' in bench.value('disabled because'), 'why', 5.0)
+
+
+@pytest.mark.parametrize('name', ['command', 'enable', 'estop_in'])
+def test_input_that_falls_silent_disables_and_its_return_does_not_enable(
+    bench: Bench, name: str
+) -> None:
+    bench.enabling()
+    talker: Talker = getattr(bench, name)
+    talker.pause()
+    bench.stopped_since(time.monotonic(), COMMAND_TIMEOUT + STALE)
+    moment = time.monotonic()
+    talker.resume()
+    bench.holds(lambda: not any(p.enables for p in bench.drive.packets(moment)), 0.3)
+    bench.quiet()
+    bench.enabling()
+
+
+def test_estop_in_disables_at_once_and_its_end_does_not_enable(bench: Bench) -> None:
+    bench.enabling()
+    bench.estop_in.message = Bool(data=True)
+    bench.estop_in.say()
+    bench.stopped_since(time.monotonic())
+    moment = time.monotonic()
+    bench.estop_in.message = Bool(data=False)
+    bench.holds(lambda: not any(p.enables for p in bench.drive.packets(moment)), 0.3)
+
+
+def test_estop_in_and_its_release_in_one_breath_still_stop(bench: Bench) -> None:
+    bench.enabling()
+    cause = time.monotonic()
+    bench.estop_in.publisher.publish(Bool(data=True))
+    bench.estop_in.publisher.publish(Bool(data=False))
+    bench.stopped_since(cause)
+
+
+def test_enable_false_and_true_in_one_breath_passes_through_disable(bench: Bench) -> None:
+    bench.command.message = command(10 * RPM, 10 * RPM)
+    bench.enabling()
+    cause = time.monotonic()
+    bench.enable.publisher.publish(Bool(data=False))
+    bench.enable.publisher.publish(Bool(data=True))
+    bench.wait(lambda: bench.drive.first_disable(cause), 'a disable packet')
+    bench.wait(lambda: bench.drive.enabled, 'an enabled drive again')
+
+
+@pytest.mark.parametrize(
+    ('message', 'text'),
+    [
+        (command(1.0, names=('left',)), 'joints'),
+        (command(1.0, 1.0, names=('left', 'middle')), 'middle'),
+        (command(1.0, 1.0, names=('left', 'left')), 'joints'),
+        (command(1.0), 'entries in velocity'),
+        (command(1.0, math.nan), 'nan'),
+        (command(math.inf, 1.0), 'inf'),
+        (JointState(name=['left', 'right'], position=[1.0, 1.0]), 'velocity'),
+        (JointState(), 'velocity'),
+    ],
+    ids=['missing', 'unknown', 'doubled', 'short', 'NaN', 'infinite', 'other field', 'empty'],
+)
+def test_command_that_makes_no_sense_stops_and_is_counted_and_explained(
+    bench: Bench, message: JointState, text: str
+) -> None:
+    bench.enabling()
+    before = int(bench.value('refused commands') or 0)
+    bench.command.message = message
+    bench.stopped_since(time.monotonic())
+    bench.wait(lambda: int(bench.value('refused commands')) > before, 'the count', 5.0)
+    bench.wait(lambda: text in bench.value('disabled because'), f'{text} in the reason', 5.0)
+    bench.command.message = command(0, 0)
+    bench.quiet()
+    bench.enabling()
+
+
+def test_command_beyond_16_bits_is_held_there_and_counted(bench: Bench) -> None:
+    before = int(bench.value('saturated commands') or 0)
+    bench.command.message = command(1e9, -1e9)
+    bench.enabling()
+    bench.wait(lambda: bench.commands(32767, -32768), 'the greatest values')
+    bench.wait(lambda: int(bench.value('saturated commands')) > before, 'the count', 5.0)
+
+
+def test_packets_never_stop_while_the_port_is_open(bench: Bench) -> None:
+    for talker in bench.inputs:
+        talker.pause()
+    for _ in range(5):
+        moment = time.monotonic()
+        bench.wait(lambda moment=moment: len(bench.drive.packets(moment)) > 5, 'packets', 2.0)
+        assert not any(packet.enables for packet in bench.drive.packets(moment))
+
+
+# Feedback.
+
+
+def test_status_packet_becomes_joint_states_in_rad_per_second(bench: Bench) -> None:
+    (entry,) = [e for e in VECTORS['status_derived'] if e.get('feedback') == [1000, -1000]]
+    bench.drive.apply('mute on')
+    frame = bytes.fromhex(entry['hex'])
+
+    def turning() -> list[JointState]:  # one so soon after another is not published
+        bench.drive.write(frame)
+        return [joints for joints in bench.joints.messages[-1:] if any(joints.velocity)]
+
+    joints = bench.wait(turning, 'joint states')[0]
+    assert list(joints.name) == ['left', 'right']
+    assert list(joints.velocity) == pytest.approx([104.7197551, -104.7197551])
+    assert not joints.position
+    assert not joints.effort
+    bench.wait(lambda: bench.enabled.last.data, 'enabled, as the packet says')
+    bench.wait(lambda: not bench.enabled.last.data, 'not enabled, as nothing is heard any more')
+
+
+def test_every_error_bit_is_named_and_a_stop(bench: Bench) -> None:
+    for name, words in (
+        ('overvoltage', 'overvoltage'),
+        ('undervoltage', 'undervoltage'),
+        ('overcurrent', 'overcurrent'),
+        ('loss_of_feedback', 'feedback'),
+        ('overspeed', 'overspeed'),
+        ('motor_temp', 'motor'),
+        ('internal_temp', 'internal'),
+        ('brake', 'brake'),
+        ('current_cal', 'current'),
+        ('logic_fault', 'logic'),
+        ('ipc_can', 'CAN'),
+    ):
+        bench.drive.apply(f'fault b {name} on')
+        bench.wait(lambda: bench.estop.last.data, f'a stop for {name}')
+        bench.wait(
+            lambda words=words: words.lower() in bench.value('axis B (right) errors').lower(),
+            f'{name} in diagnostics: {bench.value("axis B (right) errors")}',
+            5.0,
+        )
+        status = bench.diagnostics.status(DEVICE)
+        assert status.level == DiagnosticStatus.ERROR
+        assert 'axis B' in status.message
+        bench.drive.exchange(Simulator())
+        bench.wait(lambda: not bench.estop.last.data, 'no stop')
+
+
+def test_warning_bit_is_a_warning_and_no_stop(bench: Bench) -> None:
+    bench.enabling()
+    bench.drive.apply('fault a warning on')
+    bench.wait(lambda: bench.value('axis A (left) warning') == 'true', 'the warning', 5.0)
+    assert bench.diagnostics.status(DEVICE).level == DiagnosticStatus.WARN
+    assert bench.drive.enabled
+    assert not bench.estop.last.data
+
+
+# Clearing errors.
+
+
+def test_clear_errors_without_an_error_says_so(bench: Bench) -> None:
+    reply = bench.observer.call(Trigger, f'{bench.name}/clear_errors', tries=5)
+    assert reply.success
+    assert 'no error' in reply.message
+
+
+def test_clear_errors_answers_when_the_drive_has(bench: Bench) -> None:
+    bench.drive.apply('fault a overspeed on')
+    bench.wait(lambda: bench.estop.last.data, 'a stop')
+    refused = bench.observer.call(Trigger, f'{bench.name}/clear_errors')
+    assert not refused.success
+    assert 'overspeed' in refused.message.lower()
+    bench.drive.apply('fault a overspeed off')
+    assert bench.observer.call(Trigger, f'{bench.name}/clear_errors').success
+    bench.wait(lambda: not bench.estop.last.data, 'no stop')
+    assert not bench.drive.enabled
+
+
+def test_clear_errors_never_happens_by_itself(bench: Bench) -> None:
+    bench.drive.apply('fault a overspeed pulse')  # latched, without a cause any more
+    bench.wait(lambda: bench.estop.last.data, 'a stop')
+    bench.enable.message = Bool(data=True)
+    bench.holds(lambda: bench.estop.last.data and not bench.drive.enabled, 0.5)
+    assert not any(packet.flags[0] & 2 for packet in bench.drive.packets())
+
+
+def test_clear_errors_of_a_silent_drive_fails_with_the_reason(bench: Bench) -> None:
+    bench.drive.apply('mute on')
+    bench.wait(lambda: bench.estop.last.data, 'a stop')
+    reply = bench.observer.call(Trigger, f'{bench.name}/clear_errors', tries=3)
+    assert not reply.success
+    assert 'no status from the drive' in reply.message
+
+
+def test_drive_that_stays_enabled_is_called_out(bench: Bench) -> None:
+    bench.enabling()
+    bench.drive.apply('stuck a on')
+    bench.enable.message = Bool(data=False)
+    bench.wait(
+        lambda: 'still enabled' in bench.diagnostics.status(DEVICE).message, 'a warning', 5.0
+    )
+
+
+# Layouts, modes, lifecycle: a node each.
+
+
+@pytest.mark.parametrize('layout', ['padded', 'compact'])
+def test_single_axis_drive_moves_in_both_layouts(
+    tmp_path: Path, observer: Observer, layout: str
+) -> None:
+    simulator = Simulator(axes=1, compact=layout == 'compact')
+    bench = Bench(tmp_path, observer, simulator, joint_names=['winch'], single_axis_layout=layout)
+    bench.command.message = command(100 * RPM, names=('winch',))
+    try:
+        bench.quiet()
+        bench.enabling()
+        bench.wait(lambda: bench.drive.rpm > 50.0, 'motion')
+        bench.wait(lambda: bench.joints.last.velocity[0] > 50.0 * RPM, 'its feedback')
+        assert list(bench.joints.last.name) == ['winch']
+    finally:
+        bench.close()
+
+
+def test_wrong_single_axis_layout_is_a_stop_that_names_the_parameter(
+    tmp_path: Path, observer: Observer
+) -> None:
+    simulator = Simulator(axes=1, compact=True)
+    bench = Bench(tmp_path, observer, simulator, joint_names=['winch'])
+    try:
+        bench.wait(lambda: bench.diagnostics.status(LINK) is not None, 'diagnostics')
+        bench.wait(
+            lambda: 'single_axis_layout' in bench.diagnostics.status(LINK).message, 'the hint', 5.0
+        )
+        assert bench.estop.last.data
+    finally:
+        bench.close()
+
+
+def test_torque_and_position_joints_have_their_fields_and_units(
+    tmp_path: Path, observer: Observer
+) -> None:
+    bench = Bench(
+        tmp_path,
+        observer,
+        mode=['torque', 'position'],
+        torque_constant=[0.1, 0.0],  # N·m/A
+        gear_ratio=[10.0, 2.0],
+        inverted=[False, True],
+    )
+    message = JointState(name=['left', 'right'])
+    # 2 N·m at the joint: 0.2 at the motor, 2 A, 2000 counts of 1 mA.
+    message.effort = [2.0, math.nan]
+    # 0.5 rad at the joint, turned round: -1 rad at the motor, -5215 counts of 0.000191753 rad.
+    message.position = [math.nan, 0.5]
+    bench.command.message = message
+    try:
+        bench.quiet()
+        bench.enabling()
+        bench.wait(lambda: bench.commands(2000, -5215), 'the counts')
+        bench.wait(lambda: bench.joints.last.position[1] > 0.4, 'the place')
+        last = bench.joints.last
+        assert last.effort[0] == pytest.approx(2.0, abs=0.01)
+        assert math.isnan(last.effort[1])
+        assert math.isnan(last.position[0])
+        assert not last.velocity
+    finally:
+        bench.close()
+
+
+def test_deactivation_disables_and_closes_and_activation_needs_a_new_edge(
+    tmp_path: Path, observer: Observer
+) -> None:
+    bench = Bench(tmp_path, observer)
+    try:
+        bench.quiet()
+        bench.enabling()
+        assert observer.state(bench.name) == 'active'
+        moment = time.monotonic()
+        assert observer.change_state(bench.name, 'deactivate')
+        bench.wait(lambda: bench.estop.last.data, 'a stop')
+        last = bench.drive.packets(moment)[-3:]
+        assert not any(packet.enables for packet in last)
+        bench.holds(lambda: True, 0.1)  # what was on its way has come
+        closed = time.monotonic()
+        bench.holds(lambda: not bench.drive.packets(closed), 0.3)
+        reply = observer.call(Trigger, f'{bench.name}/clear_errors', tries=3)
+        assert (reply.success, reply.message) == (False, 'the node is not active')
+        assert observer.change_state(bench.name, 'activate')  # enable is still held
+        bench.wait(lambda: bench.drive.packets(closed), 'packets')
+        bench.holds(lambda: not any(p.enables for p in bench.drive.packets(closed)), 0.4)
+        bench.quiet()
+        bench.enabling()
+    finally:
+        bench.close()
+
+
+def test_line_too_slow_for_its_rates_is_warned_of(tmp_path: Path, observer: Observer) -> None:
+    bench = Bench(tmp_path, observer, command_rate=1000.0, baud=115200)
+    try:
+        bench.wait(lambda: bench.diagnostics.status(DEVICE) is not None, 'diagnostics')
+        # 12 bytes of 10 bits a thousand times a second are 120000 bit/s.
+        bench.wait(lambda: '120000 bit/s' in bench.diagnostics.status(DEVICE).message, 'it', 5.0)
+    finally:
+        bench.close()

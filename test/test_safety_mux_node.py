@@ -1,0 +1,436 @@
+"""The safety mux as a process: topics, services, lifecycle, clocks, and what it refuses."""
+
+from collections.abc import Iterator
+import math
+from signal import SIGINT
+from signal import SIGTERM
+import time
+from typing import Any
+
+from builtin_interfaces.msg import Time
+from diagnostic_msgs.msg import DiagnosticArray
+from diagnostic_msgs.msg import DiagnosticStatus
+from geometry_msgs.msg import Twist
+from geometry_msgs.msg import TwistStamped
+import pytest
+from rclpy.qos import DurabilityPolicy
+from rclpy.qos import QoSProfile
+from rclpy.qos import ReliabilityPolicy
+from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import JointState
+from sensor_msgs.msg import Joy
+from std_msgs.msg import Bool
+from std_msgs.msg import String
+
+from test.mux_talkers import CLEAR_TIME
+from test.mux_talkers import MuxBench
+from test.mux_talkers import sticks
+from test.rig import latched
+from test.rig import NodeProcess
+from test.rig import Observer
+from test.spine import namespace
+from test.spine import Talker
+from test.spine import values_of
+
+
+@pytest.fixture(scope='module')
+def shared() -> Iterator[MuxBench]:
+    with Observer() as observer:
+        result = MuxBench(observer)
+        yield result
+        result.close()
+
+
+@pytest.fixture
+def mux(shared: MuxBench) -> MuxBench:
+    """Give a mux that is STOPPED by a stop that is over, with all inputs fresh and clear."""
+    shared.joy.message = sticks()
+    for talker in (shared.fort_estop, shared.fort_own_estop, shared.drive_estop):
+        talker.message = Bool(data=False)
+        talker.resume()
+    shared.joy.resume()
+    states = ('STOPPED', 'READY', 'ACTIVE')
+    shared.wait(lambda: any(shared.says(state) for state in states), 'a state')
+    if not shared.says('STOPPED'):
+        shared.fort_estop.publisher.publish(Bool(data=True))
+        shared.wait(lambda: shared.says('STOPPED'), 'STOPPED')
+    return shared
+
+
+def test_status_from_the_start_says_what_is_missing(observer: Observer) -> None:
+    mux = MuxBench(observer)
+    try:
+        for talker in (mux.fort_estop, mux.drive_estop, mux.joy):
+            talker.pause()
+        mux.wait(
+            lambda: mux.explains("e-stop source 'fort'", "e-stop source 'drive'", 'call ~/reset'),
+            'the reasons',
+        )
+        assert mux.status.last.level == DiagnosticStatus.WARN
+        assert mux.estop.data[0] is True
+        assert not any(mux.enable.data)
+        values = values_of(mux.status.last)
+        assert values['state'] == 'STOPPED'
+        assert values['owner'] == 'none'
+        assert "age of e-stop source 'fort' (s)" in values
+        assert 'the mux has started' in values['last transition']
+    finally:
+        mux.close()
+
+
+def test_stick_becomes_a_command_with_the_joints_names(mux: MuxBench) -> None:
+    mux.active(0.5)
+    # Dead band 0.05, 10 rad/s at full deflection.
+    expected = (0.5 - 0.05) / 0.95 * 10.0
+    mux.wait(lambda: mux.command.last.velocity[0] == pytest.approx(expected), 'the demand')
+    assert list(mux.command.last.name) == ['left', 'right']
+    assert mux.command.last.velocity[1] == pytest.approx(expected)
+    assert not mux.command.last.position
+    assert mux.enable.last.data
+    mux.joy.message = sticks()
+    mux.wait(lambda: mux.says('READY'), 'READY')
+    mux.wait(lambda: not any(mux.command.last.velocity) and not mux.enable.last.data, 'nothing')
+
+
+def test_command_topics_are_never_transient_local(mux: MuxBench) -> None:
+    for topic in ('command', 'enable'):
+        (endpoint,) = mux.observer.node.get_publishers_info_by_topic(f'{mux.name}/{topic}')
+        assert endpoint.qos_profile.durability == DurabilityPolicy.VOLATILE
+
+
+@pytest.mark.parametrize('source', ['fort', 'drive'])
+def test_stop_of_any_source_stops_and_latches(mux: MuxBench, source: str) -> None:
+    mux.active()
+    talker: Talker = getattr(mux, f'{source}_estop')
+    cause = time.monotonic()
+    talker.publisher.publish(Bool(data=True))  # once, between messages that say false
+    mux.stopped_since(cause)
+    assert f"e-stop source '{source}' demands a stop" in values_of(mux.status.last)['inhibit 1']
+
+
+@pytest.mark.parametrize('source', ['fort', 'drive'])
+def test_silence_of_any_source_stops_with_age_and_limit_in_words(
+    mux: MuxBench, source: str
+) -> None:
+    mux.active()
+    getattr(mux, f'{source}_estop').pause()
+    mux.stopped_since(time.monotonic())
+    mux.wait(lambda: mux.explains(f"e-stop source '{source}' is stale", 'limit 1000 ms'), 'why')
+
+
+def test_silence_of_the_operator_stops(mux: MuxBench) -> None:
+    mux.active()
+    mux.joy.pause()
+    mux.stopped_since(time.monotonic())
+    assert 'the owner was lost' in values_of(mux.status.last)['last transition']
+
+
+@pytest.mark.parametrize(
+    ('message', 'text'),
+    [
+        (Joy(axes=[0.0], buttons=[1]), 'it has 1 axes, 2 are needed'),
+        (Joy(axes=[0.0, 0.5], buttons=[]), 'deadman button 0 does not exist'),
+        (Joy(axes=[0.0, math.nan], buttons=[1]), 'axis 1 is nan'),
+        (Joy(axes=[0.0, 0.5, 1.06], buttons=[1]), 'beyond -1.05...1.05'),
+        (Joy(axes=[0.0, -math.inf], buttons=[1]), 'axis 1 is -inf'),
+    ],
+    ids=['few axes', 'no deadman', 'NaN', 'too far', 'infinite'],
+)
+def test_malformed_sticks_stop_with_the_reason(mux: MuxBench, message: Joy, text: str) -> None:
+    mux.active()
+    mux.joy.message = message
+    mux.stopped_since(time.monotonic())
+    mux.wait(lambda: mux.explains(text), text)
+    assert not mux.reset().success
+    mux.joy.message = sticks()
+    mux.ready()
+
+
+def test_trip_stops_and_asks_all_devices_to_stop_until_a_reset(mux: MuxBench) -> None:
+    mux.active()
+    cause = time.monotonic()
+    assert mux.trip().success
+    mux.stopped_since(cause)
+    assert all(record.last.data for record in mux.stop_demand.values())
+    mux.joy.message = sticks()
+    mux.wait(lambda: mux.explains('a trip is active'), 'the trip')
+    mux.observer.holds_for(lambda: all(r.last.data for r in mux.stop_demand.values()), 0.5)
+    reply = mux.reset()
+    assert reply.success, reply.message
+    mux.wait(lambda: not any(r.last.data for r in mux.stop_demand.values()), 'no stop demand')
+
+
+def test_stop_demand_leaves_out_whose_own_stop_it_is(mux: MuxBench) -> None:
+    mux.wait(lambda: not any(r.last.data for r in mux.stop_demand.values()), 'no stop demand')
+    mux.fort_estop.message = mux.fort_own_estop.message = Bool(data=True)
+    mux.wait(lambda: mux.stop_demand['drive'].last.data, 'the drive is asked')
+    assert not mux.stop_demand['fort'].last.data
+    mux.fort_own_estop.message = Bool(data=False)  # its stop is but the echo of another's
+    mux.wait(lambda: not mux.stop_demand['drive'].last.data, 'the drive is not asked')
+    assert mux.says('STOPPED')
+    mux.fort_own_estop.pause()
+    mux.wait(lambda: mux.stop_demand['drive'].last.data, 'silence is a demand')
+
+
+def test_reset_answers_with_everything_that_is_missing(mux: MuxBench) -> None:
+    mux.drive_estop.message = Bool(data=True)
+    mux.joy.message = sticks(0.4)
+    mux.wait(lambda: mux.explains('not at neutral', "source 'drive' demands a stop"), 'why')
+    mux.wait(lambda: time.monotonic() > mux.reset_at + CLEAR_TIME, 'not a repeated reset')
+    reply = mux.reset()
+    assert not reply.success
+    assert "e-stop source 'drive' demands a stop" in reply.message
+    assert 'not at neutral' in reply.message
+
+
+def test_diagnostics_carry_the_status_too(mux: MuxBench) -> None:
+    arrays = mux.observer.record(DiagnosticArray, '/diagnostics')
+    name = mux.name.lstrip('/')
+
+    def mine() -> list[Any]:
+        return [s for array in arrays.messages for s in array.status if s.name == name]
+
+    status = mux.wait(mine, 'a status')[0]
+    assert values_of(status)['state'] == 'STOPPED'
+
+
+def test_nobody_hears_the_command_is_said(mux: MuxBench) -> None:
+    # The bench listens to ~/command, so this needs a mux that nobody listens to.
+    space = namespace()
+    status = mux.observer.record(DiagnosticStatus, f'{space}/safety_mux/status', latched())
+    with NodeProcess('safety_mux.node', namespace=space):
+        mux.wait(
+            lambda: (
+                status.last is not None and 'nobody listens to ~/command' in status.last.message
+            ),
+            'the hint',
+        )
+
+
+# Publishers that cannot be heard, or that say something else.
+
+
+def test_best_effort_estop_publisher_is_named(mux: MuxBench) -> None:
+    qos = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
+    topic = f'{mux.space}/esi_drive_bridge/estop'
+    mux.active()
+    cause = time.monotonic()
+    weak = Talker(mux.observer, Bool, topic, Bool(data=False), qos=qos)
+    try:
+        mux.stopped_since(cause, 3.0)
+        mux.wait(lambda: mux.explains('observer publishes', 'best effort'), 'its name')
+    finally:
+        weak.leave()
+    mux.joy.message = sticks()
+    mux.wait(lambda: mux.is_past('best effort'), 'it is gone')
+    mux.ready()
+
+
+def test_publisher_of_another_type_on_an_estop_topic_is_named(mux: MuxBench) -> None:
+    with NodeProcess(source=_STRINGS.format(topic=f'{mux.space}/fort_vsc_bridge/estop')):
+        mux.wait(lambda: mux.explains('publishes std_msgs/msg/String', 'not Bool'), 'it')
+    mux.wait(lambda: mux.is_past('std_msgs/msg/String'), 'it is gone', 30.0)
+
+
+_STRINGS = """
+import rclpy
+from rclpy.node import Node
+from std_msgs.msg import String
+rclpy.init()
+node = Node('stranger')
+node.create_publisher(String, '{topic}', 10)
+rclpy.spin(node)
+"""
+
+
+# Autonomy.
+
+
+@pytest.mark.parametrize(
+    ('kind', 'rest', 'motion'),
+    [
+        ('Twist', Twist(), Twist()),
+        ('TwistStamped', TwistStamped(), TwistStamped()),
+        (
+            'JointState',
+            JointState(name=['right', 'left'], velocity=[0.0, 0.0]),
+            JointState(name=['right', 'left'], velocity=[3.0, 1.0]),
+        ),
+    ],
+    ids=['Twist', 'TwistStamped', 'JointState'],
+)
+def test_autonomy_of_each_type_moves_after_it_was_selected(
+    observer: Observer, kind: str, rest: Any, motion: Any
+) -> None:
+    if kind != 'JointState':
+        twist = getattr(motion, 'twist', motion)
+        # 0.2 m/s on wheels of 0.1 m, and 0.4 rad/s to the left with 0.5 m between them.
+        twist.linear.x, twist.angular.z = 0.2, 0.4
+    mux = MuxBench(observer, autonomy__topic='cmd', autonomy__type=kind)
+    autonomy = Talker(observer, type(rest), f'{mux.space}/cmd', rest)
+    try:
+        mux.ready()
+        autonomy.message = motion
+        observer.holds_for(lambda: not any(mux.command.last.velocity), 0.3)
+        refused = mux.select_autonomy()
+        assert not refused.success  # it has to have asked for zero
+        autonomy.message = rest
+        mux.wait(lambda: mux.explains('~/select_autonomy'), 'rested autonomy')
+        assert mux.select_autonomy().success
+        mux.wait(lambda: mux.says('ACTIVE'), 'ACTIVE')
+        autonomy.message = motion
+        expected = [1.0, 3.0]  # left, right
+        mux.wait(lambda: list(mux.command.last.velocity) == pytest.approx(expected), f'{expected}')
+        assert mux.select_autonomy(False).success
+        mux.wait(lambda: mux.says('READY') and not any(mux.command.last.velocity), 'READY')
+    finally:
+        autonomy.leave()
+        mux.close()
+
+
+def test_autonomy_that_falls_silent_or_mad_stops(observer: Observer) -> None:
+    mux = MuxBench(observer, autonomy__topic='cmd_vel')
+    autonomy = Talker(observer, Twist, f'{mux.space}/cmd_vel', Twist())
+    mad = Twist()
+    mad.linear.x = math.nan
+    try:
+        for spoil in (autonomy.pause, lambda: setattr(autonomy, 'message', mad)):
+            mux.ready()
+            mux.wait(lambda: mux.explains('~/select_autonomy'), 'rested autonomy')
+            assert mux.select_autonomy().success
+            autonomy.message = Twist()
+            autonomy.message.linear.x = 0.2
+            mux.wait(lambda: any(mux.command.last.velocity), 'motion')
+            spoil()
+            mux.stopped_since(time.monotonic())
+            autonomy.message = Twist()
+            autonomy.resume()
+    finally:
+        autonomy.leave()
+        mux.close()
+
+
+def test_operator_takes_over_from_autonomy_by_the_deadman(observer: Observer) -> None:
+    mux = MuxBench(observer, autonomy__topic='cmd_vel')
+    autonomy = Talker(observer, Twist, f'{mux.space}/cmd_vel', Twist())
+    try:
+        mux.ready()
+        mux.wait(lambda: mux.explains('~/select_autonomy'), 'rested autonomy')
+        assert mux.select_autonomy().success
+        autonomy.message = Twist()
+        autonomy.message.linear.x = 0.5
+        mux.wait(lambda: mux.command.last.velocity[0] > 4.0, 'motion')
+        mux.joy.message = sticks(-1.0, deadman=True)
+        mux.wait(lambda: mux.command.last.velocity[0] < -1.0, 'backwards')
+        speeds = [command.velocity[0] for command in mux.command.messages]
+        turned = next(i for i, speed in enumerate(speeds) if speed < 0)
+        assert speeds[turned - 1] < 1.5  # no jump, though some samples may not have come here
+        assert values_of(mux.status.last)['owner'] == 'fort'
+        mux.joy.message = sticks()
+        mux.wait(lambda: mux.says('READY'), 'never back to autonomy')
+        mux.wait(lambda: not any(mux.command.last.velocity), 'nothing')
+        mux.observer.holds_for(lambda: not any(mux.command.last.velocity), 0.5)
+    finally:
+        autonomy.leave()
+        mux.close()
+
+
+# Lifecycle, signals, names.
+
+
+def test_inactive_mux_says_stop_all_the_time_and_activation_is_stopped(
+    observer: Observer,
+) -> None:
+    mux = MuxBench(observer, autostart=False)
+    try:
+        mux.wait(lambda: len(mux.estop.messages) > 20 and mux.command.messages, 'outputs')
+        assert mux.is_stopped()
+        mux.wait(lambda: mux.explains('the mux is not active'), 'why')
+        assert observer.state(mux.name) == 'unconfigured'
+        assert observer.change_state(mux.name, 'configure')
+        assert observer.change_state(mux.name, 'activate')
+        mux.active()
+        moment = time.monotonic()
+        assert observer.change_state(mux.name, 'deactivate')
+        mux.stopped_since(moment)
+        assert not mux.reset().success
+        since = time.monotonic()
+        observer.holds_for(mux.is_stopped, 0.3)
+        assert len(list(mux.estop.since(since))) > 10
+        assert len(list(mux.enable.since(since))) > 10
+        assert len(list(mux.command.since(since))) > 10
+        assert observer.change_state(mux.name, 'activate')  # deadman and stick are still held
+        observer.holds_for(mux.is_stopped, 0.5)
+        mux.joy.message = sticks()
+        mux.active()
+    finally:
+        mux.close()
+
+
+@pytest.mark.parametrize('number', [SIGTERM, SIGINT], ids=['SIGTERM', 'SIGINT'])
+def test_signal_mid_motion_puts_out_a_last_stop(observer: Observer, number: int) -> None:
+    mux = MuxBench(observer)
+    try:
+        mux.active()
+        cause = time.monotonic()
+        mux.node.signal(number)
+        mux.wait(lambda: mux.node.process.poll() is not None, 'its end')
+        assert mux.node.process.returncode == 0
+        mux.wait(mux.is_stopped, 'a last stop')
+        assert [e for _, e in mux.estop.since(cause)][-1].data
+    finally:
+        mux.close()
+
+
+def test_restarted_mux_is_stopped_whatever_is_held(observer: Observer) -> None:
+    mux = MuxBench(observer)
+    try:
+        mux.active()
+        assert mux.node.end(SIGTERM) == 0
+        moment = time.monotonic()
+        mux.start()
+        mux.wait(
+            lambda: list(mux.enable.since(moment + 0.1)) and list(mux.command.since(moment + 0.1)),
+            'its outputs',
+        )
+        observer.holds_for(lambda: mux.is_stopped() and mux.state.last.data == 'STOPPED', 0.5)
+        mux.joy.message = sticks()
+        mux.active()
+    finally:
+        mux.close()
+
+
+# ROS time decides nothing.
+
+
+def test_simulated_time_that_stands_or_jumps_changes_no_stop(observer: Observer) -> None:
+    mux = MuxBench(observer, use_sim_time=True)
+    clock = observer.publisher(Clock, '/clock')
+    try:
+        mux.active()  # before there is any clock
+        for seconds in (10_000, 10_000, 6_400, 13_600, 0):  # on, stands, back and on by an hour
+            clock.publish(Clock(clock=Time(sec=seconds)))
+            observer.holds_for(lambda: mux.says('ACTIVE') or not mux.state.times, 0.1)
+        assert any(mux.command.last.velocity)
+        mux.joy.pause()
+        clock.publish(Clock(clock=Time(sec=1)))
+        mux.stopped_since(time.monotonic())
+    finally:
+        mux.close()
+
+
+def test_stamps_from_past_and_future_make_no_difference(mux: MuxBench) -> None:
+    mux.active()
+    for seconds in (0, 2_000_000_000):
+        message = sticks(0.5, deadman=True)
+        message.header.stamp = Time(sec=seconds)
+        mux.joy.message = message
+        mux.observer.holds_for(lambda: mux.enable.last.data, 0.4)
+    assert mux.says('ACTIVE')
+
+
+def test_status_and_state_reach_who_comes_late(mux: MuxBench) -> None:
+    state = mux.observer.record(String, f'{mux.name}/state', latched())
+    status = mux.observer.record(DiagnosticStatus, f'{mux.name}/status', latched())
+    mux.wait(lambda: state.messages and status.messages, 'both')
+    assert state.last.data == 'STOPPED'

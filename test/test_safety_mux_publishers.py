@@ -1,0 +1,133 @@
+"""Two live publishers on one topic are told from one that was restarted or killed."""
+
+from collections.abc import Iterator
+from signal import SIGKILL
+import time
+
+import pytest
+from sensor_msgs.msg import Joy
+from std_msgs.msg import Bool
+
+from safety_mux.publishers import PublisherWatch
+from test.mux_talkers import MuxBench
+from test.mux_talkers import sticks
+from test.rig import NodeProcess
+from test.rig import Observer
+from test.spine import Talker
+
+PERIOD = 0.05  # s between messages
+
+
+def heard(*numbers: int | None, watch: PublisherWatch | None = None, start: float = 100.0) -> bool:
+    """Hear one number each PERIOD; tell whether the last looks like one of two publishers."""
+    watch = watch or PublisherWatch()
+    now = start
+    for number in numbers:
+        now += PERIOD
+        watch.heard(number, now)
+    return watch.doubled(now)
+
+
+def test_one_publisher_is_one() -> None:
+    assert not heard(*range(1, 100))
+
+
+def test_gaps_of_lost_messages_are_no_second_publisher() -> None:
+    assert not heard(1, 2, 5, 6, 40, 41, 1000)
+
+
+def test_restart_sets_the_numbers_back_once() -> None:
+    assert not heard(500, 501, 502, 1, 2, 3, 4, 5)
+
+
+def test_two_restarts_in_one_second_are_not_told_from_two_publishers() -> None:
+    assert heard(500, 501, 1, 2, 1, 2)  # on the safe side
+
+
+def test_two_restarts_far_apart_are_restarts() -> None:
+    watch = PublisherWatch()
+    assert not heard(500, 1, 2, watch=watch)
+    assert not heard(3, 1, 2, watch=watch, start=110.0)
+
+
+@pytest.mark.parametrize('offset', [0, 1, 7, 1000])
+def test_two_that_talk_in_turns_are_found_by_the_third_pair(offset: int) -> None:
+    pairs = [number for n in range(1, 4) for number in (n + offset, n)]
+    assert heard(*pairs)
+
+
+def test_slow_second_publisher_is_found() -> None:
+    numbers = [n if n % 8 else n // 8 for n in range(100, 140)]
+    assert heard(*numbers)
+
+
+def test_one_that_left_is_forgotten_after_the_window() -> None:
+    watch = PublisherWatch(window=1.0)
+    assert heard(100, 1, 101, 2, 102, watch=watch, start=0.0)
+    assert watch.doubled(1.0)
+    assert not watch.doubled(1.3)
+
+
+@pytest.mark.parametrize('number', [None, 0, 0xFFFFFFFFFFFFFFFF])
+def test_middleware_without_sequence_numbers_is_no_second_publisher(number: int | None) -> None:
+    assert not heard(*[number] * 20)
+
+
+# Over real topics.
+
+
+@pytest.fixture
+def mux(observer: Observer) -> Iterator[MuxBench]:
+    result = MuxBench(observer)
+    yield result
+    result.close()
+
+
+@pytest.mark.parametrize('topic', ['fort_vsc_bridge/estop', 'fort_vsc_bridge/joy'])
+def test_second_live_publisher_stops_until_it_is_gone(mux: MuxBench, topic: str) -> None:
+    mux.active()
+    cause = time.monotonic()
+    kind, message = (Joy, sticks(0.5, deadman=True)) if 'joy' in topic else (Bool, Bool())
+    second = Talker(mux.observer, kind, f'{mux.space}/{topic}', message, rate=50.0)
+    mux.stopped_since(cause, 3.0)
+    mux.joy.message = sticks()
+    mux.wait(lambda: mux.explains(f'two live publishers on {mux.space}/{topic}'), 'why')
+    assert not mux.reset().success
+    second.leave()
+    mux.wait(lambda: mux.is_past('two live publishers'), 'only one again')
+    mux.active()
+
+
+def test_second_publisher_that_says_stop_among_clear_ones_latches(mux: MuxBench) -> None:
+    mux.active()
+    cause = time.monotonic()
+    second = mux.observer.publisher(Bool, f'{mux.space}/esi_drive_bridge/estop')
+    second.publish(Bool(data=True))
+    mux.stopped_since(cause, 3.0)
+
+
+_SOURCE = """
+import rclpy
+from rclpy.node import Node
+from std_msgs.msg import Bool
+rclpy.init()
+node = Node('source')
+publisher = node.create_publisher(Bool, '{topic}', 10)
+node.create_timer(0.02, lambda: publisher.publish(Bool()))
+rclpy.spin(node)
+"""
+
+
+def test_killed_source_does_not_keep_its_successor_out(mux: MuxBench) -> None:
+    mux.drive_estop.pause()
+    source = _SOURCE.format(topic=f'{mux.space}/esi_drive_bridge/estop')
+    with NodeProcess(source=source) as first:
+        mux.active()
+        cause = time.monotonic()
+        assert first.end(SIGKILL) == -SIGKILL
+        mux.stopped_since(cause)
+    mux.joy.message = sticks()
+    with NodeProcess(source=source):
+        # Discovery still counts the dead one.
+        mux.active()
+        assert not any('two live' in status.message for status in mux.status.messages)
