@@ -34,7 +34,7 @@ from rugged_teleop.demo_view import Hands
 from rugged_teleop.demo_view import keys_in
 from rugged_teleop.demo_view import picture
 from rugged_teleop.demo_view import Snapshot
-from rugged_teleop.ptys import Chunk
+from rugged_teleop.ports import Chunk
 from test.rig import ROOT
 from test.rig import wait_for
 
@@ -357,7 +357,7 @@ def test_scene_holds_and_leaves_nothing_behind(tmp_path: Path) -> None:
     assert result.returncode == 0, result.stdout + result.stderr
     assert 'FAILED' not in result.stdout
     stops = re.findall(r'^ +[\d.]+ ms  ', result.stdout, re.MULTILINE)
-    assert len(stops) == 7
+    assert len(stops) == 12
     process = re.search(r'in process (\d+)', result.stdout)
     assert process is not None
     assert not is_alive(int(process[1]))
@@ -435,7 +435,7 @@ def test_keyboard_resets_drives_and_stops(tmp_path: Path) -> None:
     with Terminal(tmp_path) as terminal:
         terminal.wait('space  e-stop of the remote')
         terminal.wait('waiting for reset')
-        terminal.press_until('r', 'press the deadman')
+        terminal.press_until('r', "press the deadman of 'fort'")
         terminal.press('d')
         terminal.wait('ACTIVE')
         terminal.press('\x1bOA')  # up
