@@ -196,8 +196,12 @@ class Actor:
     # -- motion ----------------------------------------------------------------------------------
 
     def set_off(self) -> str:
+        """Take control and drive off, from READY; return the speed reached."""
+        return self.persist(lambda: f'{self._set_off():.0f} rpm')
+
+    def persist(self, act: Callable[[], str]) -> str:
         """
-        Take control and drive off, from READY; return the speed reached.
+        Return what ``act`` does, which may start from READY or from motion.
 
         On a machine that is too busy for the stack's time-outs, these rightly stop it again. That
         is told, and tried again: it is not what this scene is about.
@@ -205,7 +209,7 @@ class Actor:
         told: list[str] = []
         while True:
             try:
-                return '; '.join([f'{self._set_off():.0f} rpm', *told])
+                return '; '.join([act(), *told])
             except Missed:
                 trouble = self._trouble()
                 if trouble is None or len(told) == _TRIES - 1:

@@ -48,18 +48,28 @@ class Handover(Actor):
 
     def arm(self) -> str:
         """Arm the VM-110's first remote while FORT drives."""
-        since = self.unit('arm 1')
-        self.unit_says(since, lambda vrpi: vrpi.bu_state == BuState.ARMED)
-        return self.unimpressed(since)
+
+        def arm() -> None:
+            since = self.unit('arm 1')
+            self.unit_says(since, lambda vrpi: vrpi.bu_state == BuState.ARMED)
+
+        return self.persist(lambda: self._keep_fort(arm))
 
     def push_below(self) -> str:
         """Press the lower operator's deadman and push its stick while FORT drives."""
+        return self.persist(lambda: self._keep_fort(self._hold_unit))
+
+    def _hold_unit(self) -> None:
+        """Hold the VM-110's deadman, with its stick pushed the other way than FORT's."""
         since = self.unit(f'{UNIT_DEADMAN} 1', f'{UNIT_STICK} {-PUSH}')
         self.unit_says(since, _is_pushed)
-        return self.unimpressed(since)
 
-    def unimpressed(self, since: float) -> str:
-        """Watch that FORT keeps control; where a time-out has stopped it, let it drive again."""
+    def _keep_fort(self, act: Callable[[], None]) -> str:
+        """Let the VM-110 do something while FORT drives; watch that FORT keeps control."""
+        if not self._moving():
+            self.set_off()
+        since = time.monotonic()
+        act()
         end = time.monotonic() + _WATCHED
         while time.monotonic() < end:
             self._sleep()
@@ -69,12 +79,14 @@ class Handover(Actor):
         values = [axis.value for packet in packets for axis in packet.command.axes]
         if min(values, default=-1) < 0:
             raise Missed(f'no packets, or some as VM-110 asks: {values}')
+        self.wait_for_owner(FORT)
         return f'FORT keeps control, {len(packets)} packets'
 
     def leave_fort(self) -> str:
-        """Release FORT's deadman; the VM-110's is held all the time."""
+        """Release FORT's deadman; the VM-110's is held meanwhile."""
 
         def release() -> float:
+            self._hold_unit()
             return self.vsc_says(self.remote(f'button {DEADMAN} 0'), is_released)
 
         happened = self.stopped('FORT released, to hand over', release, state='READY')
@@ -86,13 +98,21 @@ class Handover(Actor):
         return f'{self.set_off()}, owner {VM110}'
 
     def take_over(self) -> str:
+        """Take over with FORT, while VM-110 drives."""
+        return self.persist(self._take_over)
+
+    def _take_over(self) -> str:
         """
         Press FORT's deadman and push its stick the other way, while VM-110 drives.
 
         Measured is the way down to zero, from FORT's message of its deadman on.
         """
-        self.wait_for_owner(VM110)
-        time.sleep(_WATCHED)  # no takeover within hold_time of the change of owner before
+        self.hand = VM110
+        if not self._moving() or self.watcher.values.get('owner') != VM110:
+            self.set_off()
+        free_at = time.monotonic() + _WATCHED  # not within hold_time of the last change of owner
+        self.wait(lambda: time.monotonic() > free_at)
+        self._late = 0.0
         since = self.remote(f'button {DEADMAN} 1')
         at = self.vsc_says(since, _is_pressed)
         self.remote(f'stick {STICK} {-PUSH}')
