@@ -103,7 +103,10 @@ class Scene(Handover):
         return True
 
     def _summarise(self, count: int) -> None:
-        self._say(f'\nall {count} expectations held. From cause to the first disable packet:')
+        self._say(
+            f'\nall {count} expectations held. From cause to the first disable packet '
+            '(a takeover: to the first of zero):'
+        )
         for reaction in self.reactions:
             self._say(
                 f'  {reaction.seconds * 1e3:7.1f} ms  {reaction.cause}'
