@@ -11,6 +11,10 @@ from esi_drive_bridge.protocol import Status
 from fort_vsc_bridge.protocol import decode
 from rugged_teleop.demo_stage import LAYOUT
 from rugged_teleop.demo_stage import Stage
+from vm110_bridge.protocol import Crc
+from vm110_bridge.protocol import Frame
+from vm110_bridge.protocol import PacketId
+from vm110_bridge.protocol import PeriodicInput
 
 DEADMAN = 'left_down'
 STICK = 'left_y'
@@ -18,6 +22,10 @@ PUSH = 0.6  # of full deflection
 FAST_RPM = 1000.0  # of the motors, in motion
 TOLD_LIMIT = 0.15  # s, for a stop that somebody demands
 SILENT_LIMIT = 0.3  # s, for one that has to be noticed: the link's time-out of 0.25 s and 50 ms
+UNIT_SILENT_LIMIT = 0.55  # s, the same for the VM-110: its link's time-out is 0.5 s
+RAMP_LIMIT = 0.5  # s, for a takeover: 12 rad/s at 40 rad/s a second, and TOLD_LIMIT
+FORT, VM110 = 'fort', 'vm110'  # operators, as the mux names them
+UNIT_DEADMAN, UNIT_STICK = 'switch 1 1', 'stick 1 2'  # of remote 1 of the VM-110
 DEMANDED, HELD = 'demands a stop', 'is not at neutral'  # the mux's words for what hinders a reset
 _WAIT = 5.0
 _POLL = 0.005
@@ -53,6 +61,7 @@ class Actor:
         self.reactions: list[Reaction] = []
         self.time_outs = 0  # stops that nobody asked for
         self.latest = 0.0  # s by which this process was woken too late, at worst
+        self.hand = FORT  # whose remote moves it
         self._reset_at = -1.0
         self._late = 0.0  # s, the worst since the last cause of a stop
 
@@ -114,15 +123,24 @@ class Actor:
         """Steer the VSC and its remote; return when the last was obeyed."""
         return [self.stage.vsc.apply(command) for command in commands][-1]
 
+    def unit(self, *commands: str) -> float:
+        """Steer the VM-110 and its remote 1; return when the last was obeyed."""
+        return [self.stage.unit.apply(command) for command in commands][-1]
+
     def push(self) -> float:
         """Press the deadman, then push the stick; return when the deadman was pressed."""
+        if self.hand == VM110:
+            pressed_at = self.unit(f'{UNIT_DEADMAN} 1')
+            self.unit(f'{UNIT_STICK} {PUSH}')
+            return pressed_at
         pressed_at = self.remote(f'button {DEADMAN} 1')
         self.remote(f'stick {STICK} {PUSH}')
         return pressed_at
 
     def let_go(self) -> None:
-        """Release stick and deadman."""
+        """Release sticks and deadmen of both remotes."""
         self.remote(f'stick {STICK} 0', f'button {DEADMAN} 0')
+        self.unit(f'{UNIT_STICK} 0', f'{UNIT_DEADMAN} 0')
 
     def reset(self) -> tuple[bool, str]:
         """Call for a reset; return success and message."""
@@ -178,8 +196,12 @@ class Actor:
     # -- motion ----------------------------------------------------------------------------------
 
     def set_off(self) -> str:
+        """Take control and drive off, from READY; return the speed reached."""
+        return self.persist(lambda: f'{self._set_off():.0f} rpm')
+
+    def persist(self, act: Callable[[], str]) -> str:
         """
-        Take control and drive off, from READY; return the speed reached.
+        Return what ``act`` does, which may start from READY or from motion.
 
         On a machine that is too busy for the stack's time-outs, these rightly stop it again. That
         is told, and tried again: it is not what this scene is about.
@@ -187,7 +209,7 @@ class Actor:
         told: list[str] = []
         while True:
             try:
-                return '; '.join([f'{self._set_off():.0f} rpm', *told])
+                return '; '.join([act(), *told])
             except Missed:
                 trouble = self._trouble()
                 if trouble is None or len(told) == _TRIES - 1:
@@ -203,8 +225,15 @@ class Actor:
         self.wait(lambda: self._slowest > FAST_RPM or self._has_fallen())
         if self._has_fallen():
             raise Missed(f'the mux says: {self.watcher.message}')
-        self.wait_for_state('ACTIVE')
+        self.wait_for_owner(self.hand)
         return self._slowest
+
+    def wait_for_owner(self, name: str) -> None:
+        """Wait until the mux says that this operator has control."""
+        self.wait(
+            lambda: self.watcher.state == 'ACTIVE' and self.watcher.values.get('owner') == name,
+            lambda: f'the owner is {self.watcher.values.get("owner") or "none"}',
+        )
 
     def _has_fallen(self) -> bool:
         """Tell whether it is STOPPED, with the status that says why; either may be the later."""
@@ -212,7 +241,8 @@ class Actor:
 
     def _is_rested(self) -> bool:
         is_ready = self.watcher.values.get('state') == 'READY'
-        return is_ready and 'press the deadman' in self.watcher.message
+        advice = f"press the deadman of '{self.hand}'"
+        return is_ready and any(advice in text for text in self.watcher.inhibits)
 
     def _trouble(self) -> str | None:
         """Return what the mux says of a time-out that has stopped it; None if it is no such."""
@@ -285,6 +315,15 @@ class Actor:
         """Return the VSC's messages after ``since``, with the moments of writing."""
         return [(at, decode(frame)) for at, frame in self.stage.vsc.sent(since)]
 
+    def unit_says(self, since: float, wanted: Callable[[PeriodicInput], bool]) -> float:
+        """Wait for a VRPI of the VM-110 after ``since``; return when it was written."""
+
+        def written() -> float:
+            sent = self.stage.unit.sent(since)
+            return next((at for at, data in sent if _is_vrpi(data, wanted)), 0.0)
+
+        return self.wait_for_moment(written, 'the VM-110 does not send it')
+
     def drive_says_fault(self, since: float) -> float:
         """Wait for a status packet with an error; return when it was written."""
 
@@ -292,6 +331,13 @@ class Actor:
             return next((at for at, frame in self.stage.drive.sent(since) if _faulty(frame)), 0.0)
 
         return self.wait_for_moment(written, 'the drive reports no error')
+
+
+def _is_vrpi(datagram: bytes, wanted: Callable[[PeriodicInput], bool]) -> bool:
+    frame = Frame.from_bytes(datagram, Crc.MPEG2)
+    return frame.kind == PacketId.PERIODIC_INPUT and wanted(
+        PeriodicInput.from_bytes(frame.payload)
+    )
 
 
 def _faulty(frame: bytes) -> bool:

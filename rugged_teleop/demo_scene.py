@@ -1,5 +1,5 @@
 """
-The scripted scene: a start, seven stops in mid-motion, the wrong ways to go on and the right one.
+The scripted scene: a start, eleven stops in mid-motion, the wrong ways to go on and the right one.
 
 Each step states what is expected, waits for it up to a deadline and prints one line. Reactions run
 from the moment at which the cause was written on a port (or the plug was pulled) to the moment at
@@ -13,8 +13,6 @@ from collections.abc import Callable
 import time
 
 from fort_vsc_bridge.protocol import Heartbeat
-from fort_vsc_bridge.protocol import Joystick
-from rugged_teleop.demo_actor import Actor
 from rugged_teleop.demo_actor import DEADMAN
 from rugged_teleop.demo_actor import DEMANDED
 from rugged_teleop.demo_actor import HELD
@@ -22,14 +20,17 @@ from rugged_teleop.demo_actor import Missed
 from rugged_teleop.demo_actor import PUSH
 from rugged_teleop.demo_actor import SILENT_LIMIT
 from rugged_teleop.demo_actor import STICK
+from rugged_teleop.demo_handover import Handover
+from rugged_teleop.demo_handover import is_released
 from rugged_teleop.demo_stage import DemoError
+from rugged_teleop.demo_stage import ESTOPS
 from rugged_teleop.demo_stage import Stage
 
 RETURN_LIMIT = 2.0  # s, from plugging in to a healthy link
 START_LIMIT = 20.0  # s, for discovery on a busy machine
 
 
-class Scene(Actor):
+class Scene(Handover):
     """
     The scene on a stage. Its steps return what happened; see ``steps`` for what they expect.
 
@@ -45,7 +46,7 @@ class Scene(Actor):
         """What is expected, and what shows it, in order."""
         again = ('reset and a new deadman move it again', self.restart)
         return [
-            ('VSC and drive are found', self.connect),
+            ('VSC, VM-110 and drive are found', self.connect),
             ('a start is a stop: deadman and stick move nothing', self.push_at_start),
             ('a reset with stick and deadman held is refused', self.reset_while_held),
             ('a reset with all let go is accepted and moves nothing', self.reset_rightly),
@@ -74,6 +75,7 @@ class Scene(Actor):
             ('the VSC unplugged stops', self.stop_unplug),
             ('plugged in: healthy in the same process, nothing moves', self.plug),
             again,
+            *self.handover_steps,
             ('the stack ended in mid-motion: its last packets disable', self.end),
         ]
 
@@ -101,7 +103,10 @@ class Scene(Actor):
         return True
 
     def _summarise(self, count: int) -> None:
-        self._say(f'\nall {count} expectations held. From cause to the first disable packet:')
+        self._say(
+            f'\nall {count} expectations held. From cause to the first disable packet '
+            '(a takeover: to the first of zero):'
+        )
         for reaction in self.reactions:
             self._say(
                 f'  {reaction.seconds * 1e3:7.1f} ms  {reaction.cause}'
@@ -113,16 +118,16 @@ class Scene(Actor):
     # -- starts ----------------------------------------------------------------------------------
 
     def connect(self) -> str:
-        """Wait for all three nodes, and for both devices without a stop."""
+        """Wait for all four nodes, and for all devices without a stop."""
         watcher = self.watcher
         self.wait(
-            lambda: watcher.clear('VSC') and watcher.clear('drive') and watcher.values != {},
+            lambda: all(watcher.clear(name) for name in ESTOPS) and watcher.values != {},
             lambda: f'heard e-stops {watcher.estops}, mux {watcher.message or "not heard"}',
             START_LIMIT,
         )
         took = time.monotonic() - self.stage.started_at
         self.wait_for_state('STOPPED')
-        return f'both without a stop after {took:.1f} s, the mux is STOPPED'
+        return f'all without a stop after {took:.1f} s, the mux is STOPPED'
 
     def push_at_start(self) -> str:
         """Behave as if it had been reset."""
@@ -159,7 +164,7 @@ class Scene(Actor):
 
         def tells(message: object) -> bool:
             stops = isinstance(message, Heartbeat) and message.estop != 0
-            return stops or _is_released(message)
+            return stops or is_released(message)
 
         return self.vsc_says(self.remote(command), tells)
 
@@ -167,7 +172,7 @@ class Scene(Actor):
         """Release the deadman, with the stick still pushed."""
 
         def release() -> float:
-            return self.vsc_says(self.remote(f'button {DEADMAN} 0'), _is_released)
+            return self.vsc_says(self.remote(f'button {DEADMAN} 0'), is_released)
 
         return self.stopped('deadman released', release, state='READY')
 
@@ -269,7 +274,3 @@ class Scene(Actor):
     def deadman_late(self) -> str:
         """Press the deadman now: the stick is not neutral."""
         return self.still(self.remote(f'button {DEADMAN} 1'))
-
-
-def _is_released(message: object) -> bool:
-    return isinstance(message, Joystick) and message.buttons[0].value is False

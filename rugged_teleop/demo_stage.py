@@ -41,11 +41,18 @@ from esi_drive_bridge.protocol import command_parser
 from esi_drive_bridge.protocol import Layout
 from esi_drive_bridge.simulator import Simulator as DriveSimulator
 from fort_vsc_bridge.simulator import Simulator as VscSimulator
-from rugged_teleop.ptys import Chunk
+from rugged_teleop.multicasts import free_port
+from rugged_teleop.multicasts import MulticastDevice
+from rugged_teleop.ports import Chunk
 from rugged_teleop.ptys import PtyDevice
+from vm110_bridge.simulator import Simulator as UnitSimulator
 
 LAYOUT = Layout.DUAL
-ESTOPS = {'VSC': '/fort_vsc_bridge/estop', 'drive': '/esi_drive_bridge/estop'}
+ESTOPS = {
+    'VSC': '/fort_vsc_bridge/estop',
+    'VM-110': '/vm110_bridge/estop',
+    'drive': '/esi_drive_bridge/estop',
+}
 SERVICES = {
     'reset': '/safety_mux/reset',
     'trip': '/safety_mux/trip',
@@ -156,7 +163,7 @@ class Watcher:
         return [text for name, text in self.values.items() if name.startswith('inhibit')]
 
     def clear(self, name: str, within: float = 0.3) -> bool:
-        """Tell whether this e-stop ('VSC', 'drive') was heard lately, and said false."""
+        """Tell whether this e-stop ('VSC', 'VM-110', 'drive') was heard lately, and said false."""
         at, value = self.estops.get(name, (-within, True))
         return not value and time.monotonic() - at < within
 
@@ -228,6 +235,14 @@ class Watcher:
         self.velocities = dict(zip(message.name, message.velocity, strict=False))
 
 
+def _base_unit() -> MulticastDevice:
+    """Return a VM-110 on loopback. :raises DemoError: it cannot be there."""
+    try:
+        return MulticastDevice(UnitSimulator(), free_port())
+    except OSError as error:
+        raise DemoError(str(error)) from error
+
+
 class Stage:
     """
     Everything that a demo needs, running from construction to ``close``. A context manager.
@@ -252,6 +267,7 @@ class Stage:
         self.drive = self._cleanup.enter_context(
             PtyDevice(DriveSimulator(), scratch / 'esi_drive')
         )
+        self.unit = self._cleanup.enter_context(_base_unit())
         self._output = scratch / 'output'
         self.stack = self._start_stack()
         self._cleanup.callback(self._end_stack)
@@ -264,6 +280,7 @@ class Stage:
         command += ['--params-file', str(demo_config())]
         command += ['-p', f'fort_vsc_bridge:port:={self.vsc.path}']
         command += ['-p', f'esi_drive_bridge:port:={self.drive.path}']
+        command += ['-p', f'vm110_bridge:input_port:={self.unit.port}']
         with self._output.open('wb') as output:
             return subprocess.Popen(
                 command,

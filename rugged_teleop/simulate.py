@@ -1,6 +1,7 @@
 """
 Simulate a device on a port of its own: ``simulate fort_vsc --port /tmp/fort_vsc``.
 
+The VM-110 is on a multicast group: ``simulate vm110``, on this machine only unless told otherwise.
 Commands come a line each from standard input; ``help`` lists them. It runs until SIGINT or
 SIGTERM, after the end of the input too, and takes its port away when it leaves.
 """
@@ -8,6 +9,7 @@ SIGTERM, after the end of the input too, and takes its port away when it leaves.
 import argparse
 from collections.abc import Callable
 from collections.abc import Iterator
+from collections.abc import Mapping
 from collections.abc import Sequence
 import os
 from pathlib import Path
@@ -20,9 +22,16 @@ from typing import NoReturn
 from esi_drive_bridge.simulator import HELP as ESI_HELP
 from esi_drive_bridge.simulator import Simulator as EsiSimulator
 from fort_vsc_bridge.simulator import Simulator as FortSimulator
-from rugged_teleop.ptys import Device
-from rugged_teleop.ptys import HELP as PORT_HELP
+from rugged_teleop.multicasts import GROUP
+from rugged_teleop.multicasts import INPUT_PORT
+from rugged_teleop.multicasts import LOOPBACK
+from rugged_teleop.multicasts import MulticastDevice
+from rugged_teleop.multicasts import PORT_OFFSET
+from rugged_teleop.ports import Device
+from rugged_teleop.ports import DevicePort
+from rugged_teleop.ports import HELP as PORT_HELP
 from rugged_teleop.ptys import PtyDevice
+from vm110_bridge.simulator import Simulator as Vm110Simulator
 
 _OWN_HELP = """\
 show                            print what can be seen
@@ -31,7 +40,7 @@ _VERBOSE_PERIOD = 0.1
 # They change all the time: of no use where changes are printed.
 _RESTLESS = {
     *('packets', 'sent', 'last_packet', 'host_heartbeats'),
-    *('position_rad', 'current_a', 'lost_bytes'),
+    *('position_rad', 'current_a', 'lost_bytes', 'received', 'displays'),
 }
 
 
@@ -54,14 +63,19 @@ def _esi_drive(options: argparse.Namespace) -> Device:
     )
 
 
-def _fort_vsc_help() -> str:
-    return '\n'.join(f'{name} {usage}' for name, (usage, _) in FortSimulator.commands.items())
+def _vm110(options: argparse.Namespace) -> Device:
+    return Vm110Simulator(options.bu_id, crc=options.crc)
+
+
+def _help(commands: Mapping[str, tuple[str, Any]]) -> Callable[[], str]:
+    return lambda: '\n'.join(f'{name} {usage}'.rstrip() for name, (usage, _) in commands.items())
 
 
 # How each device is made from the options, and what it obeys.
 DEVICES: dict[str, tuple[Callable[[argparse.Namespace], Device], Callable[[], str]]] = {
-    'fort_vsc': (_fort_vsc, _fort_vsc_help),
+    'fort_vsc': (_fort_vsc, _help(FortSimulator.commands)),
     'esi_drive': (_esi_drive, lambda: ESI_HELP),
+    'vm110': (_vm110, _help(Vm110Simulator.commands)),
 }
 
 
@@ -71,16 +85,45 @@ def parser() -> Parser:
     devices = result.add_subparsers(dest='device', required=True, metavar='DEVICE')
     for name in DEVICES:
         device = devices.add_parser(name, allow_abbrev=False, help=f'simulate one {name}')
-        device.add_argument(
-            '--port', type=Path, required=True, help='this path becomes a link to the port'
-        )
+        if name != 'vm110':
+            device.add_argument(
+                '--port', type=Path, required=True, help='this path becomes a link to the port'
+            )
         device.add_argument('--seed', type=int, help='makes drop and corrupt repeat themselves')
         device.add_argument('--verbose', action='store_true', help='print what changes')
     drive = devices.choices['esi_drive']
     drive.add_argument('--axes', type=int, choices=(1, 2), default=2)
     drive.add_argument('--compact', action='store_true', help='short packets, for 1 axis')
     drive.add_argument('--status-rate', type=_rate, default=100.0, help='Hz, 1 to 1000')
+    _add_vm110_options(devices.choices['vm110'])
     return result
+
+
+def _add_vm110_options(unit: argparse.ArgumentParser) -> None:
+    unit.add_argument(
+        '--port', type=_input_port, default=INPUT_PORT, help="UDP, the bridge's input_port"
+    )
+    unit.add_argument('--group', default=GROUP, help='IPv4 multicast address')
+    unit.add_argument(
+        '--interface-address',
+        default=LOOPBACK,
+        help='IPv4 address of the interface; empty: routed',
+    )
+    unit.add_argument('--bu-id', type=_bu_id, default=7, help='of the base unit, 1 to 65535')
+    unit.add_argument('--crc', choices=('mpeg2', 'iso_hdlc'), default='mpeg2')
+
+
+def _plug_in(device: Device, options: argparse.Namespace) -> DevicePort:
+    """Give a device its port. :raises OSError: that cannot be made."""
+    if options.device != 'vm110':
+        return PtyDevice(device, options.port, seed=options.seed)
+    return MulticastDevice(
+        device,
+        options.port,
+        group=options.group,
+        interface_address=options.interface_address,
+        seed=options.seed,
+    )
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -89,13 +132,13 @@ def main(arguments: Sequence[str] | None = None) -> None:
     options = command_line.parse_args(arguments)
     make, help_of = DEVICES[options.device]
     try:
-        device = PtyDevice(make(options), options.port, seed=options.seed)
+        device = _plug_in(make(options), options)
     except (OSError, ValueError) as error:
         command_line.error(str(error))
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: sys.exit(0))
     with device:
-        print(f'{options.device} on {options.port}; type help', flush=True)
+        print(f'{options.device} on {device.name}; type help', flush=True)
         for line in _lines(device, options.verbose):
             _obey(device, line, f'{_OWN_HELP}\n{PORT_HELP}\n\n{options.device}:\n{help_of()}')
 
@@ -107,7 +150,22 @@ def _rate(text: str) -> float:
     return value
 
 
-def _lines(device: PtyDevice, verbose: bool) -> Iterator[str]:
+def _input_port(text: str) -> int:
+    return _whole(text, 0xFFFF - PORT_OFFSET)
+
+
+def _bu_id(text: str) -> int:
+    return _whole(text, 0xFFFF)
+
+
+def _whole(text: str, high: int) -> int:
+    value = int(text) if text.isdecimal() else 0
+    if not 1 <= value <= high:
+        raise argparse.ArgumentTypeError(f'{text} is not within 1 to {high}')
+    return value
+
+
+def _lines(device: DevicePort, verbose: bool) -> Iterator[str]:
     """Yield what is typed, line by line, for ever; print changes meanwhile."""
     descriptors, text, told = [sys.stdin.fileno()], '', seen(device)
     while True:
@@ -121,7 +179,7 @@ def _lines(device: PtyDevice, verbose: bool) -> Iterator[str]:
             told = _tell_changes(device, told)
 
 
-def _tell_changes(device: PtyDevice, told: dict[str, Any]) -> dict[str, Any]:
+def _tell_changes(device: DevicePort, told: dict[str, Any]) -> dict[str, Any]:
     state = seen(device)
     for name, value in state.items():
         if value != told.get(name):
@@ -129,7 +187,7 @@ def _tell_changes(device: PtyDevice, told: dict[str, Any]) -> dict[str, Any]:
     return state
 
 
-def seen(device: PtyDevice) -> dict[str, Any]:
+def seen(device: DevicePort) -> dict[str, Any]:
     """Return what can be seen and does not change all the time; numbers rounded."""
     state = device.describe()
     return {name: _rounded(value) for name, value in state.items() if name not in _RESTLESS}
@@ -145,7 +203,7 @@ def _rounded(value: Any) -> Any:
     return value
 
 
-def _obey(device: PtyDevice, line: str, help_text: str) -> None:
+def _obey(device: DevicePort, line: str, help_text: str) -> None:
     """Obey one line; print the answer, if there is one."""
     words = line.split()
     if not words:
@@ -158,7 +216,7 @@ def _obey(device: PtyDevice, line: str, help_text: str) -> None:
     else:
         try:
             device.apply(line)
-        except ValueError as error:
+        except (OSError, ValueError) as error:
             print(f'not done: {error}', flush=True)
 
 

@@ -26,7 +26,7 @@ from typing import Any
 
 from esi_drive_bridge.simulator import Simulator as DriveSimulator
 from fort_vsc_bridge.simulator import Simulator as VscSimulator
-from rugged_teleop.ptys import Chunk
+from rugged_teleop.ports import Chunk
 from rugged_teleop.ptys import PtyDevice
 from rugged_teleop.stack import WIRING
 from test.rig import latched

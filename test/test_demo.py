@@ -25,6 +25,7 @@ from rugged_teleop import demo
 from rugged_teleop.demo_actor import Actor
 from rugged_teleop.demo_actor import Missed
 from rugged_teleop.demo_actor import shortened
+from rugged_teleop.demo_handover import Handover
 from rugged_teleop.demo_scene import Scene
 from rugged_teleop.demo_stage import claim_domain
 from rugged_teleop.demo_stage import demo_config
@@ -34,7 +35,7 @@ from rugged_teleop.demo_view import Hands
 from rugged_teleop.demo_view import keys_in
 from rugged_teleop.demo_view import picture
 from rugged_teleop.demo_view import Snapshot
-from rugged_teleop.ptys import Chunk
+from rugged_teleop.ports import Chunk
 from test.rig import ROOT
 from test.rig import wait_for
 
@@ -156,6 +157,29 @@ def test_wrong_restart_that_is_not_refused_for_its_reason_is_missed(
     actor.watcher.call = lambda service: reply
     with pytest.raises(Missed, match=expected):
         actor.refused_reset('is not at neutral')
+
+
+def keep_fort(owner: str, *speeds: int) -> str:
+    """Let the scene watch that FORT keeps control, as the mux names this owner."""
+    now = time.monotonic()
+    commands = [Command((AxisCommand(True, False, Mode.VELOCITY, speed),) * 2) for speed in speeds]
+    stage = FakeStage(Packet(now, TURN), *(Packet(now + 60.0, command) for command in commands))
+    stage.watcher = SimpleNamespace(state='ACTIVE', message='', values={'owner': owner})
+    return Handover(stage)._keep_fort(lambda: None)  # type: ignore[arg-type]
+
+
+def test_fort_that_keeps_control_is_told() -> None:
+    assert keep_fort('fort', 500, 500) == 'FORT keeps control, 2 packets'
+
+
+def test_lower_operator_that_takes_control_is_missed() -> None:
+    with pytest.raises(Missed, match='VM-110 has control'):
+        keep_fort('vm110', 500)
+
+
+def test_packet_as_the_lower_operator_asks_is_missed() -> None:
+    with pytest.raises(Missed, match='as VM-110 asks'):
+        keep_fort('fort', 500, -500)
 
 
 def test_failed_step_ends_the_scene_and_says_so() -> None:
@@ -357,7 +381,7 @@ def test_scene_holds_and_leaves_nothing_behind(tmp_path: Path) -> None:
     assert result.returncode == 0, result.stdout + result.stderr
     assert 'FAILED' not in result.stdout
     stops = re.findall(r'^ +[\d.]+ ms  ', result.stdout, re.MULTILINE)
-    assert len(stops) == 7
+    assert len(stops) == 12
     process = re.search(r'in process (\d+)', result.stdout)
     assert process is not None
     assert not is_alive(int(process[1]))
@@ -435,7 +459,7 @@ def test_keyboard_resets_drives_and_stops(tmp_path: Path) -> None:
     with Terminal(tmp_path) as terminal:
         terminal.wait('space  e-stop of the remote')
         terminal.wait('waiting for reset')
-        terminal.press_until('r', 'press the deadman')
+        terminal.press_until('r', "press the deadman of 'fort'")
         terminal.press('d')
         terminal.wait('ACTIVE')
         terminal.press('\x1bOA')  # up

@@ -14,10 +14,10 @@ from bridge_core.transports import multicast
 from bridge_core.transports import TransportError
 from bridge_core.transports.link import Link
 from bridge_core.transports.multicast import MulticastTransport
+from rugged_teleop.multicasts import GROUP
+from rugged_teleop.multicasts import LOOPBACK
 from test.multicast_rig import free_port
-from test.multicast_rig import GROUP
 from test.multicast_rig import in_network_namespace
-from test.multicast_rig import LOOPBACK
 from test.multicast_rig import run_ip
 from test.rig import wait_for
 

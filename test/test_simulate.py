@@ -13,9 +13,14 @@ from typing import Any
 
 import pytest
 
+from bridge_core.transports.multicast import MulticastTransport
 from rugged_teleop import simulate
 from rugged_teleop.faults import FaultyLine
+from rugged_teleop.multicasts import GROUP
+from rugged_teleop.multicasts import LOOPBACK
+from rugged_teleop.multicasts import MulticastDevice
 from rugged_teleop.ptys import PtyDevice
+from test.multicast_rig import free_port
 from test.rig import ROOT
 from test.rig import wait_for
 
@@ -309,6 +314,32 @@ def test_closed_device_says_so(path: Path) -> None:
         device.apply('say hello')
 
 
+# The multicast group.
+
+
+def test_group_carries_both_ways_is_recorded_and_can_be_left() -> None:
+    port = free_port()
+    host = MulticastTransport(GROUP, port, port + 2, interface_address=LOOPBACK)
+    host.open()
+    with MulticastDevice(Echo(), port, seed=1) as device:
+        host.send(b'hello')
+        wait_for(lambda: host.receive() == [b'hello'], 2.0, 'the echo')
+        assert [chunk.data for chunk in device.received()] == [b'hello']
+        device.apply('drop next 1 in')
+        host.send(b'lost')
+        host.send(b'kept')
+        wait_for(lambda: host.receive() == [b'kept'], 2.0, 'the second')
+        device.apply('unplug')
+        assert not device.plugged
+        device.apply('say unheard')
+        device.apply('plug')
+        device.apply('say back')
+        wait_for(lambda: host.receive() == [b'back'], 2.0, 'the word after the plug')
+    host.close()
+    with pytest.raises(RuntimeError, match='closed'):
+        device.apply('say hello')
+
+
 # The command.
 
 
@@ -324,6 +355,11 @@ def test_closed_device_says_so(path: Path) -> None:
         (['esi_drive', '--port', 'x', '--axes', '2', '--compact'], 'compact'),
         (['esi_drive', '--port', 'x', '--status-rate', '0'], 'status-rate'),
         (['fort_vsc', '--port', '/nowhere/port'], '/nowhere/port'),
+        (['vm110', '--port', '/dev/null'], '/dev/null is not within 1 to 65533'),
+        (['vm110', '--port', '65534'], '65534'),
+        (['vm110', '--bu-id', '0'], 'bu-id'),
+        (['vm110', '--group', '10.0.0.1'], '10.0.0.1'),
+        (['vm110', '--interface-address', '192.0.2.1'], '192.0.2.1'),
     ],
 )
 def test_bad_argument_is_one_line_and_status_2(
@@ -383,7 +419,7 @@ class Command:
 
 
 @pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
-@pytest.mark.parametrize('device', simulate.DEVICES)
+@pytest.mark.parametrize('device', ['fort_vsc', 'esi_drive'])
 def test_command_runs_until_a_signal_and_takes_its_port_away(
     path: Path, device: str, number: int
 ) -> None:
@@ -398,6 +434,31 @@ def test_command_runs_until_a_signal_and_takes_its_port_away(
         command.wait('plugged: True')
         assert command.end(number) == 0
     assert not path.is_symlink()
+
+
+def test_command_of_the_vm110_speaks_on_the_group_until_a_signal() -> None:
+    port = free_port()
+    heard = MulticastTransport(GROUP, port, port + 2, interface_address=LOOPBACK)
+    heard.open()
+    with Command('vm110', '--port', str(port)) as command:
+        command.wait(f'vm110 on {GROUP}:{port} at {LOOPBACK}; type help')
+        packets: list[bytes] = []
+
+        def tells() -> bool:
+            packets.extend(heard.receive())
+            return bool(packets)
+
+        wait_for(tells, 5.0, 'a packet of the base unit')
+        assert packets[0].startswith(b'VRPI')
+        command.say('help')
+        command.wait('reboot')
+        command.say('arm 4')
+        command.wait('not done: arm RU:')
+        command.say('unplug')
+        command.say('show')
+        command.wait('plugged: False')
+        assert command.end(signal.SIGTERM) == 0
+    heard.close()
 
 
 def test_command_outlives_the_end_of_its_input(path: Path) -> None:

@@ -24,8 +24,8 @@ from std_msgs.msg import UInt16
 import yaml
 
 from bridge_core.runner import run
+from rugged_teleop.multicasts import LOOPBACK
 from test.multicast_rig import free_port
-from test.multicast_rig import LOOPBACK
 from test.multicast_rig import Station
 from test.rig import as_yaml
 from test.rig import latched
@@ -183,8 +183,8 @@ def test_blocked_and_tilted_say_what_to_do(bench: Bench) -> None:
 def test_silence_is_a_stop_and_one_neutral_joy(bench: Bench) -> None:
     bench.arm('stick 1 1 1')
     bench.wait(lambda: bench.joy.last.axes[0] == 1.0, 'the stick')
-    bench.station.silent = True
-    last = bench.station.sent[-1][0]
+    bench.station.apply('stall on')
+    last = bench.station.sent()[-1].at
     bench.wait_stop(True)
     stopped = next(at for at, m in bench.estop.since(last) if m.data)
     assert stopped - last > 0.4  # not before link_timeout; how soon after is the machine's noise
@@ -192,7 +192,7 @@ def test_silence_is_a_stop_and_one_neutral_joy(bench: Bench) -> None:
     bench.joy.clear()
     bench.observer.holds_for(lambda: bench.joy.messages == [], 1.0, 'no further joy')
     bench.wait(lambda: 'no VRPI from the BU' in bench.status('link').message, 'the reason')
-    bench.station.silent = False
+    bench.station.apply('stall off')
     bench.wait_stop(False)
 
 
@@ -446,9 +446,7 @@ def test_stop_on_the_wire_is_told_long_before_any_time_out(
         pressed = bench.station.apply('stop 1 on')
         bench.wait_stop(True)
         told = next(at for at, message in bench.estop.since(pressed) if message.data)
-        sent = next(
-            at for at, data in bench.station.sent if at > pressed and data[16] == BuState.STOPPED
-        )
+        sent = next(at for at, data in bench.station.sent(pressed) if data[16] == BuState.STOPPED)
         times.append(told - sent)
         bench.station.apply('stop 1 off', 'arm 1')
         bench.wait_stop(False)
