@@ -1,0 +1,173 @@
+"""The stack: all configured nodes in one process, wired, ended together."""
+
+from collections.abc import Iterator
+import contextlib
+from pathlib import Path
+from signal import SIGINT
+from signal import SIGTERM
+import time
+
+import pytest
+from std_msgs.msg import Bool
+from std_msgs.msg import String
+from std_srvs.srv import Trigger
+import yaml
+
+from esi_drive_bridge.simulator import Simulator as DriveSimulator
+from fort_vsc_bridge.simulator import Simulator as VscSimulator
+from rugged_teleop.stack import configured_nodes
+from rugged_teleop.stack import NODES
+from rugged_teleop.stack import wired
+from test.rig import latched
+from test.rig import NodeProcess
+from test.rig import Observer
+from test.spine import Device
+from test.spine import DRIVE
+from test.spine import Drive
+from test.spine import exit_of
+from test.spine import MUX
+from test.spine import VSC
+
+
+@pytest.mark.parametrize(
+    ('arguments', 'words'),
+    [
+        ((), 'name the nodes to run'),
+        (('nobody',), "there is no node 'nobody'"),
+        (('safety_mux', 'nobody'), "there is no node 'nobody'"),
+        (('--ros-args', '--params-file', '/nowhere.yaml'), '/nowhere.yaml'),
+        (('safety_mux', '--ros-args', '-p', 'safety_mux:rate:=5.0'), 'parameter rate = 5.0'),
+    ],
+    ids=['no name', 'unknown', 'one unknown', 'no such file', 'bad parameter'],
+)
+def test_bad_command_line_is_one_line_and_status_2(arguments: tuple[str, ...], words: str) -> None:
+    status, error = exit_of('rugged_teleop.stack', *arguments)
+    assert status == 2
+    line = error.splitlines()[-1]
+    assert words in line
+    assert 'Traceback' not in error
+
+
+@pytest.mark.parametrize(
+    'text',
+    ['- a list\n', 'safety_mux: [1,\n', '\t\n', ''],
+    ids=['a list', 'no end', 'a tab', 'empty'],
+)
+def test_broken_parameter_file_is_one_line_and_status_2(tmp_path: Path, text: str) -> None:
+    file = tmp_path / 'broken.yaml'
+    file.write_text(text)
+    status, error = exit_of('rugged_teleop.stack', '--ros-args', '--params-file', str(file))
+    assert status == 2
+    assert 'broken.yaml' in error.splitlines()[-1]
+    assert 'Traceback' not in error
+
+
+def test_sections_of_all_files_name_the_nodes_in_our_order(tmp_path: Path) -> None:
+    first, second = tmp_path / 'a.yaml', tmp_path / 'b.yaml'
+    first.write_text('/robot/esi_drive_bridge: {ros__parameters: {}}\nsomebody_else: {}\n')
+    second.write_text('fort_vsc_bridge: {ros__parameters: {}}\n')
+    arguments = ['--ros-args', '--params-file', str(first), '--params-file', str(second)]
+    names = configured_nodes(arguments)
+    assert set(names) == {VSC, DRIVE}
+    assert names == [name for name in NODES if name in names]
+
+
+def test_wiring_is_added_only_where_mux_and_drive_are_both_there() -> None:
+    assert wired(['x'], [MUX, VSC]) == ['x']
+    assert wired(['x'], [DRIVE]) == ['x']
+    rules = wired(['x'], [MUX, DRIVE])
+    assert 'esi_drive_bridge:~/estop_in:=safety_mux/estop' in rules
+
+
+class Stack:
+    """The three nodes in one process, on simulated devices."""
+
+    def __init__(self, folder: Path, observer: Observer) -> None:
+        self.observer = observer
+        self.vsc = Device(folder / 'vsc', VscSimulator())
+        self.drive = Drive(folder / 'drive', DriveSimulator())
+        file = folder / 'stack.yaml'
+        sections = {
+            VSC: {'port': self.vsc.path},
+            DRIVE: {'port': self.drive.path},
+            MUX: {'stall_limit': 0.5},
+        }
+        file.write_text(
+            yaml.safe_dump(
+                {name: {'ros__parameters': values} for name, values in sections.items()}
+            )
+        )
+        self.state = observer.record(String, f'/{MUX}/state', latched())
+        self.estops = [
+            observer.record(Bool, f'/{name}/estop', latched()) for name in (VSC, MUX, DRIVE)
+        ]
+        self.process = NodeProcess('rugged_teleop.stack', arguments=('--params-file', str(file)))
+
+    def wait(self, condition: object, what: str, timeout: float = 15.0) -> None:
+        self.observer.wait_for(condition, timeout, what)  # type: ignore[arg-type]
+
+    def moving(self) -> None:
+        """Drive: connected, reset, deadman, stick."""
+        self.vsc.apply('mode operational')
+        vsc, _, drive = self.estops
+        self.wait(lambda: vsc.last and not vsc.last.data, 'the VSC without a stop')
+        self.wait(lambda: drive.last and not drive.last.data, 'the drive without a stop')
+        self.wait(lambda: self.state.last and self.state.last.data == 'STOPPED', 'STOPPED')
+        self.observer.holds_for(lambda: True, 0.8)  # longer than clear_time
+        reply = self.observer.call(Trigger, f'/{MUX}/reset')
+        assert reply.success, reply.message
+        self.observer.holds_for(lambda: True, 0.5)  # longer than neutral_time
+        self.vsc.apply('button left_down 1')
+        self.vsc.apply('stick left_y 0.5')
+        self.wait(lambda: self.drive.enabled and self.drive.rpm > 20.0, 'motion')
+
+    def close(self) -> None:
+        self.process.__exit__(None, None, None)
+        self.vsc.close()
+        self.drive.close()
+
+
+@pytest.fixture
+def stack(tmp_path: Path, observer: Observer) -> Iterator[Stack]:
+    with contextlib.ExitStack() as exits:
+        result = Stack(tmp_path, observer)
+        exits.callback(result.close)
+        yield result
+
+
+@pytest.mark.parametrize('number', [SIGTERM, SIGINT], ids=['SIGTERM', 'SIGINT'])
+def test_stack_turns_the_motor_and_leaves_it_disabled_when_it_is_ended(
+    stack: Stack, number: int
+) -> None:
+    stack.moving()
+    cause = time.monotonic()
+    assert stack.process.end(number) == 0
+    lasted = time.monotonic() - cause
+    print(f'\n  measured: stack asked to end to its end: {lasted * 1e3:.1f} ms')
+    assert lasted <= 1.0
+    assert not any(packet.enables for packet in stack.drive.packets()[-3:])
+    stack.wait(lambda: all(estop.last.data for estop in stack.estops), 'a last stop of each')
+
+
+def test_stack_stops_on_the_remotes_estop(stack: Stack) -> None:
+    stack.moving()
+    cause = stack.vsc.apply('estop remote on')
+    stack.wait(lambda: stack.drive.first_disable(cause), 'a disable packet')
+    packet = stack.drive.first_disable(cause)
+    assert packet is not None
+    print(f'\n  measured: e-stop to disable packet: {(packet.time - cause) * 1e3:.1f} ms')
+    stack.wait(lambda: stack.state.last.data == 'STOPPED', 'STOPPED')
+
+
+def test_stack_says_what_each_node_lacks_without_devices(observer: Observer) -> None:
+    with NodeProcess(
+        'rugged_teleop.stack',
+        arguments=(
+            *('-p', 'fort_vsc_bridge:port:=/nowhere/vsc'),
+            *('-p', 'esi_drive_bridge:port:=/nowhere/drive'),
+            *('--', VSC, MUX, DRIVE),
+        ),
+    ) as process:
+        process.wait_output('cannot open /nowhere/vsc')
+        process.wait_output('cannot open /nowhere/drive')
+        assert process.end(SIGTERM) == 0

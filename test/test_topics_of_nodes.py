@@ -1,0 +1,290 @@
+"""
+``ros2 topic echo`` and ``ros2 topic pub`` with their default options, on every topic.
+
+ros2cli has no wheel, so its rules are followed here. ``pub`` is reliable, volatile, depth 10.
+``echo`` looks at the publishers there are: reliable if all are, transient local if all are, else
+best effort and volatile, depth 5. (ros2cli, branch jazzy: ros2topic/verb/pub.py and echo.py.)
+"""
+
+from collections.abc import Iterator
+import importlib
+import time
+from typing import Any
+
+from geometry_msgs.msg import Twist
+import pytest
+from rclpy.qos import DurabilityPolicy
+from rclpy.qos import QoSPresetProfiles
+from rclpy.qos import QoSProfile
+from rclpy.qos import ReliabilityPolicy
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Bool
+from std_msgs.msg import String
+from std_srvs.srv import SetBool
+from std_srvs.srv import Trigger
+
+from test.mux_talkers import sticks
+from test.rig import latched
+from test.rig import NodeProcess
+from test.rig import Observer
+from test.rig import Record
+from test.spine import DRIVE
+from test.spine import Drive
+from test.spine import MUX
+from test.spine import namespace
+from test.spine import Spine
+from test.spine import Talker
+from test.spine import VSC
+
+PUB_RATE = 20.0  # ros2 topic pub -r 20
+STOP = ('estop', 'own_estop', 'link_up')
+PUBLISHED = {
+    VSC: (*STOP, 'joy', 'mode', 'battery', 'fix', 'nmea', 'user_values'),
+    MUX: (
+        'command',
+        'enable',
+        'estop',
+        'state',
+        'status',
+        'stop_demand/fort',
+        'stop_demand/drive',
+    ),
+    DRIVE: (*STOP, 'joint_states', 'enabled'),
+}
+TAKEN = {
+    VSC: (
+        'software_estop',
+        'set_feedback',
+        'set_user_value',
+        'set_user_name',
+        'display_text',
+        'get_user_value',
+    ),
+    MUX: (),  # its topics belong to others
+    DRIVE: (),  # wired to the mux, see below
+}
+# Of every ROS node, and of every lifecycle node.
+_OF_ROS = ('/rosout', '/parameter_events', '/clock')
+
+
+def message_type(name: str) -> Any:
+    """Return the class of a name in the graph, such as std_msgs/msg/Bool."""
+    package, folder, kind = name.split('/')
+    return getattr(importlib.import_module(f'{package}.{folder}'), kind)
+
+
+def pub_qos() -> QoSProfile:
+    """Return what ros2 topic pub uses without options."""
+    return QoSPresetProfiles.get_from_short_key('default')
+
+
+def echo_qos(observer: Observer, topic: str) -> QoSProfile:
+    """Return what ros2 topic echo chooses for a topic without options."""
+    found = [info.qos_profile for info in observer.node.get_publishers_info_by_topic(topic)]
+    assert found, f'nobody publishes {topic}'
+    reliable = all(qos.reliability == ReliabilityPolicy.RELIABLE for qos in found)
+    lasting = all(qos.durability == DurabilityPolicy.TRANSIENT_LOCAL for qos in found)
+    return QoSProfile(
+        depth=5,
+        reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
+        durability=DurabilityPolicy.TRANSIENT_LOCAL if lasting else DurabilityPolicy.VOLATILE,
+    )
+
+
+def echo(observer: Observer, topic: str) -> Record:
+    """Subscribe as ros2 topic echo does, its type taken from the graph."""
+    types = dict(observer.node.get_topic_names_and_types())
+    (kind,) = types[topic]
+    return observer.record(message_type(kind), topic, echo_qos(observer, topic))
+
+
+def test_pub_is_reliable_and_volatile_by_default() -> None:
+    qos = pub_qos()
+    assert (qos.reliability, qos.durability) == (
+        ReliabilityPolicy.RELIABLE,
+        DurabilityPolicy.VOLATILE,
+    )
+    assert qos.depth == 10
+
+
+@pytest.fixture(scope='module')
+def spine(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Spine]:
+    with Observer() as observer, Spine(tmp_path_factory.mktemp('topics'), observer) as result:
+        result.rest()
+        result.vsc.enable_message(0x22, True)  # the remote's battery
+        yield result
+
+
+def own_topics(found: list[tuple[str, list[str]]], node: str) -> set[str]:
+    prefix = f'/{node}/'
+    return {name.removeprefix(prefix) for name, _ in found if name not in _OF_ROS}
+
+
+@pytest.mark.parametrize('node', PUBLISHED)
+def test_every_topic_is_echoed_with_default_options(spine: Spine, node: str) -> None:
+    observer = spine.observer
+    there = own_topics(observer.node.get_publisher_names_and_types_by_node(node, '/'), node)
+    assert there - {'/diagnostics', 'transition_event'} == set(PUBLISHED[node])
+    records = [echo(observer, f'/{node}/{topic}') for topic in PUBLISHED[node]]
+    records.append(echo(observer, '/diagnostics'))
+    if node == VSC:
+        spine.wait(
+            lambda: observer.node.count_subscribers(f'/{VSC}/user_values') > 0, 'a listener'
+        )
+        spine.vsc.apply('mode menu')
+
+    def all_came() -> bool:
+        if node == VSC and not records[-2].messages:  # said once; the listener may be late
+            spine.vsc.apply('value 3 7')
+        return all(record.messages for record in records)
+
+    spine.wait(all_came, f'not {[record.topic for record in records if not record.messages]}')
+
+
+@pytest.mark.parametrize('node', TAKEN)
+def test_every_subscription_takes_what_pub_sends(spine: Spine, node: str) -> None:
+    observer = spine.observer
+    there = observer.node.get_subscriber_names_and_types_by_node(node, '/')
+    names = {name for name, _ in there if name not in _OF_ROS}
+    assert {f'/{node}/{topic}' for topic in TAKEN[node]} <= names
+    for name, (kind,) in [entry for entry in there if entry[0] in names]:
+        publisher = observer.node.create_publisher(message_type(kind), name, pub_qos())
+        mine = publisher.get_subscription_count
+        listeners = observer.node.count_subscribers(name)
+        spine.wait(lambda mine=mine, n=listeners: mine() >= n, f'all listeners of {name}')
+        observer.node.destroy_publisher(publisher)
+
+
+# Standing in, by hand as it were: a program that says one thing, and another when that has ended.
+
+
+class Pub(Talker):
+    """``ros2 topic pub -r 20`` with default options."""
+
+    def __init__(self, observer: Observer, topic: str, message: Any) -> None:
+        super().__init__(observer, type(message), topic, message, rate=PUB_RATE, qos=pub_qos())
+
+    def instead(self, observer: Observer, message: Any) -> 'Pub':
+        """Interrupt this one and start another that says something else."""
+        topic = self.publisher.topic_name
+        self.leave()
+        return Pub(observer, topic, message)
+
+
+def test_pub_stands_in_for_estop_source_and_operator(observer: Observer) -> None:
+    space = namespace()
+    state = observer.record(String, f'{space}/{MUX}/state', latched())
+    command = observer.record(JointState, f'{space}/{MUX}/command')
+    # Between two programs there is a gap: an operator's and a source's time-out must outlast it.
+    with NodeProcess(
+        'safety_mux.node', {'operator.fort.timeout': 5.0, 'stall_limit': 1.0}, namespace=space
+    ):
+        sources = [
+            Pub(observer, f'{space}/{topic}', Bool(data=False))
+            for topic in (f'{VSC}/estop', f'{VSC}/own_estop', f'{DRIVE}/estop')
+        ]
+        joy = Pub(observer, f'{space}/{VSC}/joy', sticks())
+        _reset(observer, f'{space}/{MUX}')
+        observer.holds_for(lambda: True, 0.5)  # neutral for longer than neutral_time
+        joy = joy.instead(observer, sticks(0.5, deadman=True))
+        observer.wait_for(lambda: state.last.data == 'ACTIVE', 10.0, 'ACTIVE')
+        observer.wait_for(lambda: any(command.last.velocity), 10.0, 'motion')
+        sources[2] = sources[2].instead(observer, Bool(data=True))
+        observer.wait_for(lambda: state.last.data == 'STOPPED', 10.0, 'STOPPED')
+        observer.wait_for(lambda: not any(command.last.velocity), 10.0, 'zero')
+        for pub in (*sources, joy):
+            pub.leave()
+
+
+def test_pub_stands_in_for_autonomy(observer: Observer) -> None:
+    space = namespace()
+    state = observer.record(String, f'{space}/{MUX}/state', latched())
+    command = observer.record(JointState, f'{space}/{MUX}/command')
+    parameters = {
+        'autonomy.topic': 'cmd_vel',
+        'autonomy.timeout': 5.0,
+        'operators': [''],
+        'stall_limit': 1.0,
+    }
+    with NodeProcess('safety_mux.node', parameters, namespace=space):
+        pubs = [
+            Pub(observer, f'{space}/{topic}', Bool(data=False))
+            for topic in (f'{VSC}/estop', f'{VSC}/own_estop', f'{DRIVE}/estop')
+        ]
+        twist = Pub(observer, f'{space}/cmd_vel', Twist())
+        _reset(observer, f'{space}/{MUX}')
+
+        def selected() -> bool:
+            request = SetBool.Request(data=True)
+            return bool(observer.call(SetBool, f'{space}/{MUX}/select_autonomy', request).success)
+
+        observer.wait_for(selected, 10.0, 'selected')
+        forward = Twist()
+        forward.linear.x = 0.2
+        twist = twist.instead(observer, forward)
+        observer.wait_for(lambda: any(command.last.velocity), 10.0, 'motion')
+        assert state.last.data == 'ACTIVE'
+        for pub in (*pubs, twist):
+            pub.leave()
+
+
+def test_pub_moves_the_drive_by_command_enable_and_estop_in(
+    tmp_path: Any, observer: Observer
+) -> None:
+    space = namespace()
+    drive = Drive(tmp_path / 'drive')
+    parameters = {'port': drive.path, 'command_timeout': 2.0}  # outlasts the gap between two
+    with NodeProcess('esi_drive_bridge.node', parameters, namespace=space):
+        command = JointState(name=['left', 'right'], velocity=[5.0, 5.0])
+        pubs = [
+            Pub(observer, f'{space}/{DRIVE}/estop_in', Bool(data=False)),
+            Pub(observer, f'{space}/{DRIVE}/command', command),
+        ]
+        enable = Pub(observer, f'{space}/{DRIVE}/enable', Bool(data=False))
+        estop = observer.record(Bool, f'{space}/{DRIVE}/estop', latched())
+        observer.wait_for(lambda: estop.last is not None and not estop.last.data, 10.0, 'no stop')
+        for pub in (*pubs, enable):
+            observer.wait_for(pub.publisher.get_subscription_count, 10.0, 'a listener')
+        observer.holds_for(lambda: not drive.enabled, 0.3)
+        enable = enable.instead(observer, Bool(data=True))
+        observer.wait_for(lambda: drive.enabled and drive.rpm > 30.0, 10.0, 'motion')
+        pubs[0] = pubs[0].instead(observer, Bool(data=True))
+        observer.wait_for(lambda: not drive.enabled, 10.0, 'a disabled drive')
+        for pub in (*pubs, enable):
+            pub.leave()
+    drive.close()
+
+
+def test_pub_stands_in_for_the_software_estop_of_the_vsc(spine: Spine) -> None:
+    spine.vsc.apply('mode operational')
+    pub = Pub(spine.observer, f'/{VSC}/software_estop', Bool(data=True))
+    spine.wait(lambda: spine.vsc.simulator.host_estop, 'a stop in the host heartbeat')
+    pub = pub.instead(spine.observer, Bool(data=False))
+    spine.wait(lambda: not spine.vsc.simulator.host_estop, 'none any more')
+    pub.leave()
+
+
+def _reset(observer: Observer, mux: str) -> None:
+    """Call reset at a patient pace: one that follows another too soon counts as repeated."""
+    at = [0.0]
+
+    def accepted() -> bool:
+        if time.monotonic() < at[0] + 0.7:
+            return False
+        reply = observer.call(Trigger, f'{mux}/reset')
+        at[0] = time.monotonic()
+        return bool(reply.success)
+
+    observer.wait_for(accepted, 15.0, 'a reset')
+
+
+def test_latched_topics_reach_who_comes_late(spine: Spine) -> None:
+    for topic in (f'/{VSC}/mode', f'/{DRIVE}/enabled', f'/{VSC}/link_up', f'/{DRIVE}/link_up'):
+        late = echo(spine.observer, topic)
+        spine.wait(lambda late=late: late.messages, topic)
+
+
+def test_joy_cannot_be_taken_for_a_latched_topic(spine: Spine) -> None:
+    for topic in (f'/{VSC}/joy', f'/{MUX}/command', f'/{MUX}/enable'):
+        qos = echo_qos(spine.observer, topic)
+        assert qos.durability == DurabilityPolicy.VOLATILE
