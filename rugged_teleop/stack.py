@@ -75,12 +75,19 @@ def _sections(path: Path) -> set[str]:
     return {str(name).rsplit('/', 1)[-1] for name in content}
 
 
+def _node_arguments(arguments: Sequence[str]) -> list[str]:
+    """Return what is no argument of ROS. :raises ValueError: one of ROS is wrong."""
+    try:
+        return list(remove_ros_args(arguments)[1:])
+    except Exception as error:  # RCLError and others are not exported; all mean bad arguments
+        raise ValueError(' '.join(str(error).split())) from error
+
+
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run the stack; the executable's entry point."""
     argv = list(sys.argv if arguments is None else arguments)
-    names = remove_ros_args(argv)[1:]
     try:
-        names = names or configured_nodes(argv)
+        names = _node_arguments(argv) or configured_nodes(argv)
         if not names:
             raise ValueError('name the nodes to run, or give a --params-file with their sections')
         factories = [node_factory(name) for name in dict.fromkeys(names)]
