@@ -105,7 +105,7 @@ class Scene(Handover):
     def _summarise(self, count: int) -> None:
         self._say(
             f'\nall {count} expectations held. From cause to the first disable packet '
-            '(a takeover: to the first of zero):'
+            '(a takeover: to zero or the other direction):'
         )
         for reaction in self.reactions:
             self._say(
