@@ -16,9 +16,9 @@ from std_srvs.srv import Trigger
 from test.rig import latched
 from test.rig import NodeProcess
 from test.rig import Observer
-from test.spine import namespace
-from test.spine import Talker
-from test.spine import values_of
+from test.talkers import namespace
+from test.talkers import Talker
+from test.talkers import values_of
 
 # Longer than the defaults: a busy machine is not what these tests are about.
 TIMEOUT = 1.0

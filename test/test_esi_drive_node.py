@@ -17,10 +17,10 @@ from esi_drive_bridge.simulator import Simulator
 from test.rig import latched
 from test.rig import NodeProcess
 from test.rig import Observer
-from test.spine import Diagnostics
 from test.spine import Drive
-from test.spine import namespace
-from test.spine import Talker
+from test.talkers import Diagnostics
+from test.talkers import namespace
+from test.talkers import Talker
 
 NAME = 'esi_drive_bridge'
 LINK, DEVICE = 'link', 'device'  # the parts of its diagnostics

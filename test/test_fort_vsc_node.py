@@ -27,9 +27,9 @@ from test.rig import NodeProcess
 from test.rig import Observer
 from test.rig import Record
 from test.spine import Device
-from test.spine import Diagnostics
-from test.spine import namespace
-from test.spine import Talker
+from test.talkers import Diagnostics
+from test.talkers import namespace
+from test.talkers import Talker
 
 NAME = 'fort_vsc_bridge'
 LINK, DEVICE = 'link', 'device'  # the parts of its diagnostics

@@ -28,9 +28,9 @@ from test.mux_talkers import sticks
 from test.rig import latched
 from test.rig import NodeProcess
 from test.rig import Observer
-from test.spine import namespace
-from test.spine import Talker
-from test.spine import values_of
+from test.talkers import namespace
+from test.talkers import Talker
+from test.talkers import values_of
 
 
 @pytest.fixture(scope='module')

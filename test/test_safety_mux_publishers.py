@@ -13,7 +13,7 @@ from test.mux_talkers import MuxBench
 from test.mux_talkers import sticks
 from test.rig import NodeProcess
 from test.rig import Observer
-from test.spine import Talker
+from test.talkers import Talker
 
 PERIOD = 0.05  # s between messages
 

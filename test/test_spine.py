@@ -220,7 +220,7 @@ def test_heartbeat_silent_while_sticks_go_on_stops_within_link_timeout(spine: Sp
     measured('last heartbeat to ~/estop true', told)
     assert LINK_TIMEOUT <= told <= TOLD
     measured('last heartbeat to disable packet', spine.disabled_after(cause, TOLD + 0.05))
-    assert spine.vsc.last_sent(0x10) > cause + told
+    spine.wait(lambda: spine.vsc.last_sent(0x10) > cause + told, 'sticks')
     spine.vsc.enable_message(0x20, True)
     spine.wait(lambda: spine.is_clear(spine.vsc_estop), 'the VSC without a stop')
     stays_stopped_until_restarted(spine, cause + told + 0.1)

@@ -31,10 +31,10 @@ from test.rig import Record
 from test.spine import DRIVE
 from test.spine import Drive
 from test.spine import MUX
-from test.spine import namespace
 from test.spine import Spine
-from test.spine import Talker
 from test.spine import VSC
+from test.talkers import namespace
+from test.talkers import Talker
 
 PUB_RATE = 20.0  # ros2 topic pub -r 20
 STOP = ('estop', 'own_estop', 'link_up')
