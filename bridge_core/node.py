@@ -92,7 +92,11 @@ class ManagedNode(LifecycleNode):
     def __init__(self, name: str, **options: Any) -> None:
         super().__init__(name, **options)
         self.active = False
-        self.values: dict[str, Any] = self._declare()
+        try:
+            self.values: dict[str, Any] = self._declare()
+        except BaseException:
+            super().destroy_node()
+            raise
         self.add_on_set_parameters_callback(self._on_set_parameters)
 
     def parameter_table(self, given: dict[str, Any]) -> tuple[Parameter, ...]:

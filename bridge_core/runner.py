@@ -30,15 +30,25 @@ class _End:
     def __init__(self) -> None:
         self._read, self._write = os.pipe()
         os.set_blocking(self._write, False)
-        signal.set_wakeup_fd(self._write, warn_on_full_buffer=False)
-        for number in (signal.SIGINT, signal.SIGTERM):
-            signal.signal(number, lambda *_: None)
+        self._wakeup = signal.set_wakeup_fd(self._write, warn_on_full_buffer=False)
+        self._handlers = {
+            number: signal.signal(number, lambda *_: None)
+            for number in (signal.SIGINT, signal.SIGTERM)
+        }
 
     def tell(self) -> None:
         os.write(self._write, b'\0')
 
     def wait(self) -> None:
         os.read(self._read, 1)
+
+    def close(self) -> None:
+        """Give the signals back to whoever had them."""
+        signal.set_wakeup_fd(self._wakeup)
+        for number, handler in self._handlers.items():
+            signal.signal(number, handler)
+        os.close(self._read)
+        os.close(self._write)
 
 
 def run(factories: Sequence[Callable[[], ManagedNode]], args: list[str] | None = None) -> int:
@@ -58,13 +68,13 @@ def run(factories: Sequence[Callable[[], ManagedNode]], args: list[str] | None =
     try:
         for factory in factories:
             nodes.append(factory())
+        return _spin(nodes, end)
     except (ParameterError, ParameterException) as error:
         print(f'rugged_teleop: {_one_line(error)}', file=sys.stderr)
-        _leave(nodes)
         return 2
-    status = _spin(nodes, end)
-    _leave(nodes)
-    return status
+    finally:
+        _leave(nodes)
+        end.close()
 
 
 def _spin(nodes: Sequence[ManagedNode], end: _End) -> int:

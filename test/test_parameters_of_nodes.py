@@ -6,6 +6,7 @@ Most run in this process through the function that the executables call; a few a
 
 from collections.abc import Iterator
 from collections.abc import Sequence
+import gc
 import math
 import os
 from pathlib import Path
@@ -15,7 +16,6 @@ import threading
 from typing import Any
 
 import pytest
-import rclpy
 
 from bridge_core.parameters import Parameter
 from bridge_core.runner import run
@@ -43,16 +43,6 @@ def port() -> Iterator[UntouchedPort]:
     result = UntouchedPort()
     yield result
     result.close()
-
-
-@pytest.fixture(autouse=True)
-def _signals() -> Iterator[None]:
-    """Keep the runner's own handlers, which a node replaces."""
-    kept = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
-    yield
-    for number, handler in kept.items():
-        signal.signal(number, handler)
-    rclpy.try_shutdown()
 
 
 def started(node: str, arguments: Sequence[str]) -> int:
@@ -373,3 +363,18 @@ def test_good_value_at_each_end_of_a_range_is_taken(port: UntouchedPort) -> None
                 kind = type(parameter.default[0] if many else parameter.default)
                 value = [kind(end)] if many else kind(end)
                 assert parameter.validate(value) == value, parameter.name
+
+
+def test_refused_start_gives_back_every_descriptor_and_signal(
+    port: UntouchedPort, capfd: Any
+) -> None:
+    """Refused 500 times over, a start that kept a pipe came past 1,024 descriptors, and hung."""
+    handlers = [signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)]
+    refusal('esi', {'command_rate': -1.0}, port, capfd)
+    gc.collect()
+    before = len(os.listdir('/proc/self/fd'))
+    for _ in range(10):
+        refusal('esi', {'command_rate': -1.0}, port, capfd)
+    gc.collect()
+    assert len(os.listdir('/proc/self/fd')) <= before
+    assert [signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)] == handlers
