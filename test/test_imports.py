@@ -30,7 +30,7 @@ MESSAGES = re.compile(r'\w+_(msgs|srvs|interfaces)$')
 CORE = ('bridge_core.checksums', 'bridge_core.framing', 'bridge_core.watchdog')
 
 # What a part of a room may import beside itself and the pure standard library.
-LOGIC = ('{room}.protocol', 'bridge_core.watchdog', 'SPLIT OFF')
+LOGIC = ('{room}.protocol', 'bridge_core.watchdog', 'bridge_core.session', 'SPLIT OFF')
 ROOM = {
     '__init__': ('{room}.protocol',),
     'protocol': ('bridge_core.framing', 'bridge_core.checksums'),
@@ -38,7 +38,7 @@ ROOM = {
     'arbiter': LOGIC,
     'mapping': LOGIC,
     'limits': LOGIC,
-    'convert': ('{room}.protocol', 'MESSAGES'),
+    'convert': ('{room}.protocol', 'bridge_core.convert', 'MESSAGES'),
     # The node's parameters, where they have a file of their own: below the node all the same.
     'parameters': ('{room}', 'bridge_core.parameters'),
     'node': ('{room}', 'bridge_core', 'rclpy', 'MESSAGES', 'STDLIB'),

@@ -1,0 +1,52 @@
+"""What simulators share: lines of text that they obey. Production code never imports it."""
+
+from collections.abc import Callable
+from collections.abc import Mapping
+from typing import Any
+
+Commands = Mapping[str, tuple[str, Callable[..., None]]]
+
+
+def obey(simulator: Any, commands: Commands, text: str) -> None:
+    """
+    Carry out one line, such as 'stick left_y 0.8'.
+
+    :param commands: words: usage (one word a parameter), and what obeys, called with the simulator
+        and the words. :raises ValueError: one line that says what fits.
+    """
+    name, *words = text.split() or ['']
+    if name not in commands:
+        raise ValueError(f'unknown command {name!r}; there are: {", ".join(commands)}')
+    usage, act = commands[name]
+    if len(words) != len(usage.split()):
+        raise ValueError(f'usage: {name} {usage}'.rstrip())
+    try:
+        act(simulator, *words)
+    except (KeyError, ValueError) as error:
+        raise ValueError(f'{name} {usage}: {error}') from error
+
+
+def help_text(commands: Commands) -> str:
+    """Return the usage of every command, a line each."""
+    return '\n'.join(f'{name} {usage}'.rstrip() for name, (usage, _) in commands.items())
+
+
+def one_of(names: Mapping[str, Any], name: str) -> str:
+    """Return the name. :raises ValueError: it is none of them."""
+    if name not in names:
+        raise ValueError(f'{name!r} is none of {", ".join(names)}')
+    return name
+
+
+def within(text: str, low: float, high: float) -> float:
+    """Return the number. :raises ValueError: it is none, or out of range."""
+    value = float(text)
+    if not low <= value <= high:
+        raise ValueError(f'{text} is not within {low} to {high}')
+    return value
+
+
+def switch(text: str) -> bool:
+    """Return on or 1 as true, off or 0 as false. :raises ValueError: for anything else."""
+    switches = {'on': True, '1': True, 'off': False, '0': False}
+    return switches[one_of(switches, text)]
