@@ -17,7 +17,7 @@ class StopChanged:
 
 @dataclass(frozen=True, slots=True)
 class Verdict:
-    """What one message of a device, or several together, mean. :param reasons: why it is a stop."""
+    """What one message, or several together, mean. :param reasons: in words, and what to do."""
 
     estop: bool = False
     own_estop: bool = False

@@ -27,13 +27,19 @@ IMPURE = frozenset(
     )
 )
 MESSAGES = re.compile(r'\w+_(msgs|srvs|interfaces)$')
-CORE = ('bridge_core.checksums', 'bridge_core.framing', 'bridge_core.watchdog')
+CORE = (
+    *('bridge_core.checksums', 'bridge_core.framing'),
+    *('bridge_core.watchdog', 'bridge_core.j1939'),
+)
 
 # What a part of a room may import beside itself and the pure standard library.
-LOGIC = ('{room}.protocol', 'bridge_core.watchdog', 'bridge_core.session', 'SPLIT OFF')
+LOGIC = (
+    *('{room}.protocol', 'SPLIT OFF'),
+    *('bridge_core.watchdog', 'bridge_core.session', 'bridge_core.j1939'),
+)
 ROOM = {
     '__init__': ('{room}.protocol',),
-    'protocol': ('bridge_core.framing', 'bridge_core.checksums'),
+    'protocol': ('bridge_core.framing', 'bridge_core.checksums', 'bridge_core.j1939'),
     'session': LOGIC,
     'arbiter': LOGIC,
     'mapping': LOGIC,
