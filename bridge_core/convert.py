@@ -1,6 +1,11 @@
 """Conversions that all rooms share. Pure."""
 
+from collections.abc import Sequence
 import math
+
+from builtin_interfaces.msg import Time
+from sensor_msgs.msg import BatteryState
+from sensor_msgs.msg import Joy
 
 
 def scaled(value: float, full_scale: float, deadband: float = 0.0) -> float:
@@ -13,3 +18,25 @@ def scaled(value: float, full_scale: float, deadband: float = 0.0) -> float:
     if magnitude <= deadband:
         return 0.0
     return math.copysign((magnitude - deadband) / (1.0 - deadband), value)
+
+
+def joy_message(axes: Sequence[float], buttons: Sequence[int], stamp: Time, frame_id: str) -> Joy:
+    """Return a Joy. :param axes: -1 to 1, left and forward positive."""
+    message = Joy()
+    message.header.stamp = stamp
+    message.header.frame_id = frame_id
+    message.axes = [axis + 0.0 for axis in axes]  # no -0.0 for people to see
+    message.buttons = [int(button) for button in buttons]
+    return message
+
+
+def unknown_battery(location: str, stamp: Time, frame_id: str) -> BatteryState:
+    """Return a battery of which nothing is known: not present, every figure not a number."""
+    message = BatteryState()
+    message.header.stamp = stamp
+    message.header.frame_id = frame_id
+    for field in ('voltage', 'temperature', 'current', 'charge', 'capacity', 'design_capacity'):
+        setattr(message, field, math.nan)  # not measured, by the message's own definition
+    message.percentage = math.nan
+    message.location = location
+    return message

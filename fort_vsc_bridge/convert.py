@@ -18,6 +18,9 @@ from sensor_msgs.msg import NavSatFix
 from sensor_msgs.msg import NavSatStatus
 from std_msgs.msg import String
 
+from bridge_core.convert import joy_message
+from bridge_core.convert import scaled
+from bridge_core.convert import unknown_battery
 from fort_vsc_bridge.protocol import MAX_MAGNITUDE
 from fort_vsc_bridge.protocol import Mode
 from fort_vsc_bridge.protocol import mode_name
@@ -25,18 +28,6 @@ from fort_vsc_bridge.protocol import RemoteStatus
 
 # The device counts X to the right; in ROS left is positive. Y (forward) and Z stay.
 _SIGNS = (-1.0, 1.0, 1.0, -1.0, 1.0, 1.0)
-
-
-def scaled_axis(value: int, full_scale: int = MAX_MAGNITUDE, deadband: float = 0.0) -> float:
-    """
-    Return an axis as -1 to 1, clipped, without a step at the edge of the deadband.
-
-    :param full_scale: the magnitude that is 1. :param deadband: 0 to below 1, of full scale.
-    """
-    magnitude = min(abs(value) / full_scale, 1.0)
-    if magnitude <= deadband:
-        return 0.0
-    return math.copysign((magnitude - deadband) / (1.0 - deadband), value)
 
 
 def joy(
@@ -51,17 +42,13 @@ def joy(
     """
     Return a Joy of 6 axes (left X Y Z, right X Y Z) and 8 buttons, in the order of the protocol.
 
-    Left and forward are positive. See scaled_axis for the parameters.
+    Left and forward are positive. See bridge_core.convert.scaled for the parameters.
     """
-    message = Joy()
-    message.header.stamp = stamp
-    message.header.frame_id = frame_id
-    message.axes = [
-        sign * scaled_axis(value, axis_full_scale, deadband) + 0.0  # no -0.0 for people to see
+    values = (
+        sign * scaled(value, axis_full_scale, deadband)
         for sign, value in zip(_SIGNS, axes, strict=True)
-    ]
-    message.buttons = [int(button) for button in buttons]
-    return message
+    )
+    return joy_message(list(values), buttons, stamp, frame_id)
 
 
 def mode_string(mode: Mode | int | None) -> String:
@@ -71,13 +58,7 @@ def mode_string(mode: Mode | int | None) -> String:
 
 def battery_state(status: RemoteStatus | None, stamp: Time, frame_id: str) -> BatteryState:
     """Return the remote's battery; ``present`` is false where nothing is known of it."""
-    message = BatteryState()
-    message.header.stamp = stamp
-    message.header.frame_id = frame_id
-    for field in ('voltage', 'temperature', 'current', 'charge', 'capacity', 'design_capacity'):
-        setattr(message, field, math.nan)  # not measured, by the message's own definition
-    message.percentage = math.nan
-    message.location = 'remote'
+    message = unknown_battery('remote', stamp, frame_id)
     if status is None:
         return message
     message.present = True

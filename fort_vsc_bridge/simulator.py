@@ -14,6 +14,10 @@ import struct
 from typing import Any
 
 from bridge_core.framing import StreamParser
+from bridge_core.simulation import obey
+from bridge_core.simulation import one_of
+from bridge_core.simulation import switch
+from bridge_core.simulation import within
 from fort_vsc_bridge.protocol import AXIS_NAMES
 from fort_vsc_bridge.protocol import BUTTON_NAMES
 from fort_vsc_bridge.protocol import FORMAT
@@ -273,17 +277,7 @@ class Simulator:
 
     def apply(self, text: str) -> None:
         """Obey one line, such as 'stick left_y 0.8'. :raises ValueError: one line of help."""
-        name, *words = text.split() or ['']
-        command = self.commands.get(name)
-        if command is None:
-            raise ValueError(f'unknown command {name!r}; there are: {", ".join(self.commands)}')
-        usage, act = command
-        if len(words) != len(usage.split()):
-            raise ValueError(f'usage: {name} {usage}'.rstrip())
-        try:
-            act(self, *words)
-        except (KeyError, ValueError) as error:
-            raise ValueError(f'{name} {usage}: {error}') from error
+        obey(self, self.commands, text)
         self._watch_stops(self._now)
 
     def describe(self) -> dict[str, Any]:
@@ -311,50 +305,50 @@ class Simulator:
         }
 
     def _set_stick(self, name: str, value: str) -> None:
-        self.sticks[_one_of(self.sticks, name)] = round(1023 * _within(value, -1.0, 1.0))
+        self.sticks[one_of(self.sticks, name)] = round(1023 * within(value, -1.0, 1.0))
 
     def _set_button(self, name: str, value: str) -> None:
-        self.buttons[_one_of(self.buttons, name)] = _switch(value)
+        self.buttons[one_of(self.buttons, name)] = switch(value)
 
     def _set_fault(self, name: str, kind: str) -> None:
-        _one_of({**self.sticks, **self.buttons}, name)
-        status = _FAULTS[_one_of(_FAULTS, kind)]
+        one_of({**self.sticks, **self.buttons}, name)
+        status = _FAULTS[one_of(_FAULTS, kind)]
         self.faults.pop(name, None)
         if status is not None:
             self.faults[name] = status
 
     def _set_estop(self, source: str, value: str) -> None:
         fields = {'remote': 'remote_estop', 'vsc': 'wired_estop'}
-        setattr(self, fields[_one_of(fields, source)], _switch(value))
+        setattr(self, fields[one_of(fields, source)], switch(value))
 
     def _set_mode(self, name: str) -> None:
-        mode = _CHOSEN_MODES[_one_of(_CHOSEN_MODES, name)]
+        mode = _CHOSEN_MODES[one_of(_CHOSEN_MODES, name)]
         if self.unacknowledged:
             raise ValueError('stopped; take the cause away and say ack first')
         self._mode = mode
 
     def _set_radio(self, value: str) -> None:
-        self.radio = _switch(value)
+        self.radio = switch(value)
 
     def _set_battery(self, value: str) -> None:
-        self.battery_percent = round(_within(value, 0, 100))
+        self.battery_percent = round(within(value, 0, 100))
 
     def _set_charging(self, value: str) -> None:
-        self.charging = _switch(value)
+        self.charging = switch(value)
 
     def _set_strength(self, value: str) -> None:
-        self.strength = round(_within(value, 0, 2))
+        self.strength = round(within(value, 0, 2))
 
     def _set_gps(self, latitude: str, longitude: str) -> None:
         known = latitude != 'off'
-        position = (_within(latitude, -90, 90), _within(longitude, -180, 180)) if known else None
+        position = (within(latitude, -90, 90), within(longitude, -180, 180)) if known else None
         self.position = position
 
     def _set_value(self, key: str, value: str) -> None:
         if self.mode != Mode.MENU:
             raise ValueError('values are set in mode menu only')
-        number = int(_within(key, 1, 9))
-        self.values[number] = int(_within(value, -32768, 32767))
+        number = int(within(key, 1, 9))
+        self.values[number] = int(within(value, -32768, 32767))
         self._answer(number)
 
     # Words: usage, and what obeys.
@@ -373,24 +367,6 @@ class Simulator:
         'ack': ('', acknowledge),
         'reboot': ('', reboot),
     }
-
-
-def _one_of(names: dict[str, Any], name: str) -> str:
-    if name not in names:
-        raise ValueError(f'{name!r} is none of {", ".join(names)}')
-    return name
-
-
-def _within(text: str, low: float, high: float) -> float:
-    value = float(text)
-    if not low <= value <= high:
-        raise ValueError(f'{text} is not within {low} to {high}')
-    return value
-
-
-def _switch(text: str) -> bool:
-    switches = {'on': True, '1': True, 'off': False, '0': False}
-    return switches[_one_of(switches, text)]
 
 
 def _degrees_text(degrees: float, digits: int) -> str:

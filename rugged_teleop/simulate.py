@@ -9,7 +9,6 @@ SIGTERM, after the end of the input too, and takes its port away when it leaves.
 import argparse
 from collections.abc import Callable
 from collections.abc import Iterator
-from collections.abc import Mapping
 from collections.abc import Sequence
 import os
 from pathlib import Path
@@ -19,6 +18,7 @@ import sys
 from typing import Any
 from typing import NoReturn
 
+from bridge_core.simulation import help_text
 from esi_drive_bridge.simulator import HELP as ESI_HELP
 from esi_drive_bridge.simulator import Simulator as EsiSimulator
 from fort_vsc_bridge.simulator import Simulator as FortSimulator
@@ -67,15 +67,11 @@ def _vm110(options: argparse.Namespace) -> Device:
     return Vm110Simulator(options.bu_id, crc=options.crc)
 
 
-def _help(commands: Mapping[str, tuple[str, Any]]) -> Callable[[], str]:
-    return lambda: '\n'.join(f'{name} {usage}'.rstrip() for name, (usage, _) in commands.items())
-
-
 # How each device is made from the options, and what it obeys.
 DEVICES: dict[str, tuple[Callable[[argparse.Namespace], Device], Callable[[], str]]] = {
-    'fort_vsc': (_fort_vsc, _help(FortSimulator.commands)),
+    'fort_vsc': (_fort_vsc, lambda: help_text(FortSimulator.commands)),
     'esi_drive': (_esi_drive, lambda: ESI_HELP),
-    'vm110': (_vm110, _help(Vm110Simulator.commands)),
+    'vm110': (_vm110, lambda: help_text(Vm110Simulator.commands)),
 }
 
 

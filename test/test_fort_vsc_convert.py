@@ -48,20 +48,6 @@ def test_full_scale_clips() -> None:
     assert list(message.axes) == [0.0, 1.0, 0.5, 0.0, -1.0, -0.5]
 
 
-def test_deadband_has_no_step_at_its_edge() -> None:
-    assert convert.scaled_axis(100, 1000, 0.1) == 0.0
-    assert convert.scaled_axis(-100, 1000, 0.1) == 0.0
-    assert convert.scaled_axis(101, 1000, 0.1) == pytest.approx(0.001 / 0.9)
-    assert convert.scaled_axis(-1000, 1000, 0.1) == -1.0
-
-
-@given(st.integers(-1023, 1023), st.integers(1, 1023), st.floats(0.0, 0.99))
-def test_axis_is_never_beyond_one_and_keeps_its_side(value: int, full: int, band: float) -> None:
-    axis = convert.scaled_axis(value, full, band)
-    assert -1.0 <= axis <= 1.0
-    assert axis * value >= 0.0
-
-
 @pytest.mark.parametrize(
     ('mode', 'text'), [(Mode.OPERATIONAL, 'Operational'), (0x33, 'Unknown (0x33)'), (None, 'None')]
 )

@@ -53,6 +53,7 @@ ROOM = {
 # The same for bridge_core, which knows no device.
 SHARED = {
     'transports': (*CORE, 'serial', 'can', 'STDLIB'),
+    'convert': ('MESSAGES',),
     'diagnostics': ('MESSAGES',),
     'node': ('bridge_core', 'rclpy', 'MESSAGES', 'STDLIB'),
     'runner': ('bridge_core', 'rclpy', 'STDLIB'),

@@ -4,8 +4,6 @@ import math
 from typing import Any
 
 from builtin_interfaces.msg import Time
-from hypothesis import given
-from hypothesis import strategies as st
 import pytest
 from sensor_msgs.msg import BatteryState
 from std_msgs.msg import UInt8MultiArray
@@ -37,19 +35,6 @@ def test_buttons_are_the_raw_switches_then_the_encoder_switch() -> None:
 def test_stamp_and_frame_are_passed_on() -> None:
     message = joy((0,) * 4)
     assert (message.header.stamp, message.header.frame_id) == (STAMP, 'remote')
-
-
-def test_deadband_has_no_step_at_its_edge() -> None:
-    assert convert.scaled_axis(100, deadband=0.1) == 0.0
-    assert convert.scaled_axis(101, deadband=0.1) == pytest.approx(0.001 / 0.9)
-    assert convert.scaled_axis(-1000, deadband=0.1) == -1.0
-
-
-@given(st.integers(-0x8000, 0x7FFF), st.floats(0.0, 0.99))
-def test_axis_is_never_beyond_one_and_keeps_its_side(value: int, band: float) -> None:
-    axis = convert.scaled_axis(value, deadband=band)
-    assert -1.0 <= axis <= 1.0
-    assert axis * value >= 0.0
 
 
 def test_battery() -> None:

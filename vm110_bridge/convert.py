@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-import math
 
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import KeyValue
@@ -14,24 +13,15 @@ from std_msgs.msg import MultiArrayDimension
 from std_msgs.msg import MultiArrayLayout
 from std_msgs.msg import UInt8MultiArray
 
+from bridge_core.convert import joy_message
+from bridge_core.convert import scaled
+from bridge_core.convert import unknown_battery
 from vm110_bridge.protocol import AXIS_NAMES
 from vm110_bridge.protocol import DATA_SIZE
 from vm110_bridge.protocol import MAX_PERCENT
 from vm110_bridge.protocol import MAX_POSITION
 
 _AS_SENT = (False,) * len(AXIS_NAMES)
-
-
-def scaled_axis(value: int, full_scale: int = MAX_POSITION, deadband: float = 0.0) -> float:
-    """
-    Return an axis as -1 to 1, clipped, without a step at the edge of the deadband.
-
-    :param full_scale: the position that is 1. :param deadband: 0 to below 1, of full scale.
-    """
-    magnitude = min(abs(value) / full_scale, 1.0)
-    if magnitude <= deadband:
-        return 0.0
-    return math.copysign((magnitude - deadband) / (1.0 - deadband), value)
 
 
 def joy(
@@ -48,15 +38,11 @@ def joy(
 
     :param axis_inverted: one an axis; which way a joystick counts depends on how it is fitted.
     """
-    message = Joy()
-    message.header.stamp = stamp
-    message.header.frame_id = frame_id
-    message.axes = [
-        (-1.0 if inverted else 1.0) * scaled_axis(value, deadband=deadband) + 0.0  # never -0.0
+    values = (
+        (-1.0 if inverted else 1.0) * scaled(value, MAX_POSITION, deadband)
         for value, inverted in zip(axes, axis_inverted, strict=True)
-    ]
-    message.buttons = list(buttons)
-    return message
+    )
+    return joy_message(list(values), buttons, stamp, frame_id)
 
 
 def battery_state(
@@ -67,13 +53,7 @@ def battery_state(
 
     :param percent: 0-100; more is nothing that can be, and not a number.
     """
-    message = BatteryState()
-    message.header.stamp = stamp
-    message.header.frame_id = frame_id
-    for field in ('voltage', 'temperature', 'current', 'charge', 'capacity', 'design_capacity'):
-        setattr(message, field, math.nan)  # not measured, by the message's own definition
-    message.percentage = math.nan
-    message.location = 'remote'
+    message = unknown_battery('remote', stamp, frame_id)
     if percent is None:
         return message
     message.present = True

@@ -4,19 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from bridge_core.session import StopChanged
 from fort_vsc_bridge.protocol import AXIS_NAMES
 from fort_vsc_bridge.protocol import BUTTON_NAMES
 from fort_vsc_bridge.protocol import Mode
 from fort_vsc_bridge.protocol import RemoteStatus
-
-
-@dataclass(frozen=True, slots=True)
-class StopChanged:
-    """One of the three changed; they are the session's properties at this moment."""
-
-    estop: bool
-    own_estop: bool
-    link_up: bool
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,6 +9,10 @@ from __future__ import annotations
 
 import math
 
+from bridge_core.session import Pacer
+from bridge_core.session import StickStream
+from bridge_core.session import StopChanged
+from bridge_core.session import Verdict
 from bridge_core.watchdog import Watchdog
 from fort_vsc_bridge.protocol import Axis
 from fort_vsc_bridge.protocol import AXIS_NAMES
@@ -38,17 +42,14 @@ from fort_vsc_bridge.session.events import ModeChanged
 from fort_vsc_bridge.session.events import Output
 from fort_vsc_bridge.session.events import RemoteState
 from fort_vsc_bridge.session.events import Sticks
-from fort_vsc_bridge.session.events import StopChanged
 from fort_vsc_bridge.session.events import UserValue
 from fort_vsc_bridge.session.outbox import Outbox
 from fort_vsc_bridge.session.settings import DeviceSettings
 from fort_vsc_bridge.session.settings import SettingsKeeper
 from fort_vsc_bridge.session.stops import CONNECTED_MODES
 from fort_vsc_bridge.session.stops import StopJudge
-from fort_vsc_bridge.session.stops import Verdict
 
 _NEUTRAL = Sticks()
-_CLEAR = Verdict(False, False)
 
 
 class Session:
@@ -96,15 +97,13 @@ class Session:
         self._software_estop = False
         self._software_estop_heard = Watchdog(software_estop_timeout)
         self._judge = StopJudge()
-        self._verdict = _CLEAR
+        self._verdict = Verdict()
         self._verdict_stands = False  # later heartbeats of the same bytes only make it worse
         self._open = False
         self._leaving = False
-        self._period = 1.0 / heartbeat_rate
-        self._heartbeat_due = math.inf
+        self._pacer = Pacer(1.0 / heartbeat_rate)
         self._sent_stop = False
-        self._streaming = False  # Sticks events go out; the next silence owes a neutral one
-        self._active = False  # the last of them was not forced to neutral
+        self._stream = StickStream()
         self._outbox = Outbox()
         wanted = settings if configure_device else DeviceSettings()
         self._settings = SettingsKeeper(wanted, self._outbox)
@@ -115,7 +114,7 @@ class Session:
         """Begin with a new port: nothing was heard yet, and our heartbeat goes first."""
         self._forget()
         self._open, self._leaving = True, False
-        self._heartbeat_due = now
+        self._pacer.start(now)
         events: list[Event] = []
         self._refresh(now, events)
         return events, self._heartbeat_frames(now)
@@ -124,7 +123,7 @@ class Session:
         """Forget all that was heard."""
         self._forget()
         self._open = False
-        self._heartbeat_due = math.inf
+        self._pacer.stop()
         self._outbox.port_closed()
         events: list[Event] = []
         self._refresh(now, events)
@@ -158,10 +157,10 @@ class Session:
         """Return when poll wants to be called next."""
         if not self._open:
             return math.inf
-        due = [self._heartbeat_due, self._parser.deadline, self._outbox.deadline]
+        due = [self._pacer.due, self._parser.deadline, self._outbox.deadline]
         if self.link_up:
             due += [self._heartbeat_heard.deadline, self._settings.deadline]
-        if self._streaming:
+        if self._stream.streaming:
             due.append(self._joystick_heard.deadline)
         if self.software_estop_in_use and not self._sent_stop:
             due.append(self._software_estop_heard.deadline)
@@ -343,7 +342,7 @@ class Session:
             return
         sticks = self._sticks_of(message)
         self.faulty = sticks.faulty
-        self._streaming, self._active = True, sticks.operational
+        self._stream.told(counts=sticks.operational)
         events.append(sticks)
 
     def _sticks_of(self, message: Joystick) -> Sticks:
@@ -398,23 +397,18 @@ class Session:
 
     def _refresh_sticks(self, now: float, events: list[Event]) -> None:
         """Follow up what was published with a neutral event once it does not hold any more."""
-        lost = self._streaming and (not self.link_up or self._joystick_heard.expired(now))
-        if lost or (self._active and not self.operational):
+        fresh = self.link_up and not self._joystick_heard.expired(now)
+        if self._stream.owes_neutral(fresh=fresh, counts=self.operational):
             self.faulty = ()
-            self._active = False
             events.append(_NEUTRAL)
-        if lost:
-            self._streaming = False
 
     def _heartbeat_frames(self, now: float, *, at_once: bool = False) -> list[bytes]:
         """Return our heartbeat when it is due; a stop does not wait for that."""
         stale = self._software_estop_heard.expired(now)
         stop = self.software_estop_in_use and (self._software_estop or stale or self._leaving)
-        if not (at_once or now >= self._heartbeat_due or (stop and not self._sent_stop)):
+        if not (at_once or self._pacer.is_due(now) or (stop and not self._sent_stop)):
             return []
-        # Late by a little is made up for, or the rate would sag; late by much is not.
-        slot = min(self._heartbeat_due, now) + self._period
-        self._heartbeat_due = max(slot, now + self._period / 2)
+        self._pacer.sent(now)
         self._sent_stop = stop
         self._judge.asked(stop, now)
         return [HostHeartbeat(stop).to_bytes()]

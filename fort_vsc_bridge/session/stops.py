@@ -7,8 +7,7 @@ another device's chain, that echo would hold both stopped for ever, so it is tol
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
+from bridge_core.session import Verdict
 from fort_vsc_bridge.protocol import estop_sources
 from fort_vsc_bridge.protocol import EStopBits
 from fort_vsc_bridge.protocol import Heartbeat
@@ -20,21 +19,6 @@ CONNECTED_MODES = frozenset((Mode.REMOTE, Mode.OPERATIONAL, Mode.MENU, Mode.PAUS
 _MODES_AFTER_A_STOP = frozenset((Mode.LOCAL, Mode.SEARCHING))
 # The VSC may answer our heartbeat with some delay; 500 ms is its own limit for ours (7.3.4).
 ECHO_DELAY = 0.5
-
-
-@dataclass(frozen=True, slots=True)
-class Verdict:
-    """What one heartbeat, or several together, mean."""
-
-    estop: bool
-    own_estop: bool
-    reasons: tuple[str, ...] = ()
-
-    def worst(self, other: Verdict) -> Verdict:
-        """Return both together: a stop in either is a stop."""
-        reasons = dict.fromkeys(self.reasons + other.reasons)
-        estop = self.estop or other.estop
-        return Verdict(estop, self.own_estop or other.own_estop, tuple(reasons))
 
 
 class StopJudge:

@@ -1,5 +1,6 @@
 """The session: what the link means over time, without a clock, a thread or a port."""
 
+from bridge_core.session import StopChanged
 from vm110_bridge.session.events import ArmedChanged
 from vm110_bridge.session.events import Command
 from vm110_bridge.session.events import CommandResult
@@ -9,7 +10,6 @@ from vm110_bridge.session.events import Output
 from vm110_bridge.session.events import Remote
 from vm110_bridge.session.events import RemoteState
 from vm110_bridge.session.events import Sticks
-from vm110_bridge.session.events import StopChanged
 from vm110_bridge.session.outbox import ACKNOWLEDGED
 from vm110_bridge.session.outbox import QUEUE_SIZE
 from vm110_bridge.session.serials import Arrival

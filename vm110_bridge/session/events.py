@@ -4,17 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from bridge_core.session import StopChanged
 from vm110_bridge.protocol import AXIS_NAMES
 from vm110_bridge.protocol import BUTTON_NAMES
-
-
-@dataclass(frozen=True, slots=True)
-class StopChanged:
-    """One of the three changed; they are the session's properties at this moment."""
-
-    estop: bool
-    own_estop: bool
-    link_up: bool
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,6 +9,10 @@ from __future__ import annotations
 
 import math
 
+from bridge_core.session import Pacer
+from bridge_core.session import StickStream
+from bridge_core.session import StopChanged
+from bridge_core.session import Verdict
 from bridge_core.watchdog import Watchdog
 from vm110_bridge.protocol import AcknowledgeInput
 from vm110_bridge.protocol import AcknowledgeOutput
@@ -36,7 +40,6 @@ from vm110_bridge.session.events import Output
 from vm110_bridge.session.events import Remote
 from vm110_bridge.session.events import RemoteState
 from vm110_bridge.session.events import Sticks
-from vm110_bridge.session.events import StopChanged
 from vm110_bridge.session.inbox import CommandInbox
 from vm110_bridge.session.outbox import CommandOutbox
 from vm110_bridge.session.serials import Arrival
@@ -44,10 +47,8 @@ from vm110_bridge.session.serials import SerialNumbers
 from vm110_bridge.session.settings import MAX_OUTPUT
 from vm110_bridge.session.settings import Settings
 from vm110_bridge.session.stops import StopJudge
-from vm110_bridge.session.stops import Verdict
 
 _NEUTRAL = Sticks()
-_CLEAR = Verdict(False, False)
 _MANY = 8  # other base units that are remembered
 _MEMORY = 5.0  # seconds for which another base unit counts as being there
 
@@ -84,14 +85,13 @@ class Session:
         self._hold_heard = Watchdog(self.settings.hold_output_timeout)
         self._others: dict[int, float] = {}  # when another base unit was heard last
         self._judge = StopJudge()
-        self._verdict = _CLEAR
+        self._verdict = Verdict()
         self._open = False
-        self._output_due = math.inf
+        self._pacer = Pacer(self.settings.output_period)
         self._output = bytes(self.settings.periodic_output_size)
         self._serial = 0
         self._acknowledgements: list[int] = []  # to be sent with the next poll
-        self._streaming = False  # Sticks events go out; the next silence owes a neutral one
-        self._active = False  # the last of them was not forced to neutral
+        self._stream = StickStream()
         self._stick_ru = 0  # whose sticks they were
         self._remote: Remote | None = None
         self._encoder = Encoder()
@@ -103,7 +103,7 @@ class Session:
         self._forget()
         self._open = True
         self._judge = StopJudge(now)
-        self._output_due = now
+        self._pacer.start(now)
         events: list[Event] = []
         self._refresh(now, events)
         return events, self._output_frames(now)
@@ -112,7 +112,7 @@ class Session:
         """Forget what was heard; what waits to be sent has failed."""
         self._forget()
         self._open = False
-        self._output_due = math.inf
+        self._pacer.stop()
         events: list[Event] = [*self.outbox.drop('the port was closed')]
         self._refresh(now, events)
         return events
@@ -143,7 +143,7 @@ class Session:
         """Return when poll wants to be called next."""
         if not self._open:
             return math.inf
-        due = min(self._output_due, self.outbox.deadline)
+        due = min(self._pacer.due, self.outbox.deadline)
         return min(due, self._heard.deadline) if self.link_up else due
 
     def farewell(self, now: float) -> list[bytes]:
@@ -348,7 +348,7 @@ class Session:
         self._tell_remote(events)
         self._encoder.take(vrpi.encoder, vrpi.armed_ru if self.enabled else 0, events)
         sticks = self._sticks_of(vrpi)
-        self._streaming, self._active = True, sticks.enabled
+        self._stream.told(counts=sticks.enabled)
         events.append(sticks)
 
     def _sticks_of(self, vrpi: PeriodicInput) -> Sticks:
@@ -407,22 +407,16 @@ class Session:
 
     def _refresh_sticks(self, events: list[Event]) -> None:
         """Follow up what was published with a neutral event once it does not hold any more."""
-        lost = self._streaming and not self.link_up
-        if lost or (self._active and not self.enabled):
-            self._active = False
+        if self._stream.owes_neutral(fresh=self.link_up, counts=self.enabled):
             events.append(_NEUTRAL)
-        if lost:
-            self._streaming = False
 
     def _output_frames(self, now: float) -> list[bytes]:
         """Return the burst of VRPO when it is due, unless it is withheld."""
         held = self.output_held(now)
         self._judge.hold(held, now)
-        if now < self._output_due:
+        if not self._pacer.is_due(now):
             return []
-        # Late by a little is made up for, or the rate would sag; late by much is not.
-        slot = min(self._output_due, now) + self.settings.output_period
-        self._output_due = max(slot, now + self.settings.output_period / 2)
+        self._pacer.sent(now)
         if held or self.crc is None:
             return []
         self._judge.output_sent(now)

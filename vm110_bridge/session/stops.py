@@ -8,9 +8,9 @@ told apart here, from its beginning until the remote is armed again.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 import math
 
+from bridge_core.session import Verdict
 from vm110_bridge.protocol import BuState
 from vm110_bridge.protocol import LinkStatus
 from vm110_bridge.protocol import PeriodicInput
@@ -35,21 +35,6 @@ _HINTS = {
 }
 
 _VERSION_HINT = 'this manual does not know it; check which version of it your system follows'
-
-
-@dataclass(frozen=True, slots=True)
-class Verdict:
-    """What one VRPI, or several together, mean."""
-
-    estop: bool
-    own_estop: bool
-    reasons: tuple[str, ...] = ()
-
-    def worst(self, other: Verdict) -> Verdict:
-        """Return both together: a stop in either is a stop."""
-        reasons = dict.fromkeys(self.reasons + other.reasons)
-        estop = self.estop or other.estop
-        return Verdict(estop, self.own_estop or other.own_estop, tuple(reasons))
 
 
 class StopJudge:

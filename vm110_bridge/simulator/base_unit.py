@@ -9,6 +9,10 @@ import math
 import struct
 from typing import Any
 
+from bridge_core.simulation import obey
+from bridge_core.simulation import one_of
+from bridge_core.simulation import switch
+from bridge_core.simulation import within
 from vm110_bridge.protocol import BuState
 from vm110_bridge.protocol import LinkStatus
 from vm110_bridge.simulator.packets import build_packet
@@ -276,18 +280,7 @@ class Simulator:
 
     def apply(self, text: str) -> None:
         """Obey one line, such as 'stick 1 2 0.8'. :raises ValueError: one line of help."""
-        name, *words = text.split() or ['']
-        command = self.commands.get(name)
-        if command is None:
-            known = ', '.join(self.commands)
-            raise ValueError(f'unknown command {name!r}; there are: {known}')
-        usage, act = command
-        if len(words) != len(usage.split()):
-            raise ValueError(f'usage: {name} {usage}'.rstrip())
-        try:
-            act(self, *words)
-        except (KeyError, ValueError) as error:
-            raise ValueError(f'{name} {usage}: {error}') from error
+        obey(self, self.commands, text)
         self._watch(self._now)
 
     def describe(self) -> dict[str, Any]:
@@ -340,48 +333,48 @@ class Simulator:
         self._remote(name).tripped = self._remote(name) is self.armed
 
     def _remote(self, name: str) -> Remote:
-        return self.remotes[_one_of(self.remotes, name)]
+        return self.remotes[one_of(self.remotes, name)]
 
     def _fail(self) -> None:
         self.failed = True
 
     def _set_stick(self, name: str, number: str, value: str) -> None:
-        place = int(_within(number, 1, 4)) - 1
-        self._remote(name).joysticks[place] = round(1000 * _within(value, -1.0, 1.0))
+        place = int(within(number, 1, 4)) - 1
+        self._remote(name).joysticks[place] = round(1000 * within(value, -1.0, 1.0))
 
     def _set_switch(self, name: str, number: str, value: str) -> None:
-        place = int(_within(number, 1, 8)) - 1
-        self._remote(name).switches[place] = int(_within(value, -1, 1000))
+        place = int(within(number, 1, 8)) - 1
+        self._remote(name).switches[place] = int(within(value, -1, 1000))
 
     def _turn_encoder(self, name: str, steps: str) -> None:
-        self._remote(name).encoder += int(_within(steps, -1000, 1000))
+        self._remote(name).encoder += int(within(steps, -1000, 1000))
 
     def _set_flag(self, field_name: str, name: str, value: str) -> None:
-        setattr(self._remote(name), field_name, _switch(value))
+        setattr(self._remote(name), field_name, switch(value))
 
     def _set_battery(self, name: str, value: str) -> None:
-        self._remote(name).battery = int(_within(value, 0, 100))
+        self._remote(name).battery = int(within(value, 0, 100))
 
     def _set_rssi(self, name: str, value: str) -> None:
-        self._remote(name).rssi = int(_within(value, 0, 100))
+        self._remote(name).rssi = int(within(value, 0, 100))
 
     def _set_vlaps(self, value: str) -> None:
-        self.vlaps = int(_within(value, 0, 3))
+        self.vlaps = int(within(value, 0, 3))
 
     def _set_g_link(self, value: str) -> None:
-        self.g_link = _switch(value)
+        self.g_link = switch(value)
 
     def _set_ec_link(self, value: str) -> None:
-        self.ec_link = int(_within(value, 0, 5))
+        self.ec_link = int(within(value, 0, 5))
 
     def _set_answers(self, value: str) -> None:
-        self.answers = _switch(value)
+        self.answers = switch(value)
 
     def _set_lose(self, count: str) -> None:
-        self.lose = int(_within(count, 0, 1e6))
+        self.lose = int(within(count, 0, 1e6))
 
     def _set_double(self, count: str) -> None:
-        self.double = int(_within(count, 0, 1e6))
+        self.double = int(within(count, 0, 1e6))
 
     def _set_swap(self) -> None:
         self.swap = True
@@ -435,21 +428,3 @@ Simulator.commands |= {
     'radio': _flag('radio'),
     'push': _flag('encoder_switch'),
 }
-
-
-def _one_of(names: dict[str, Any], name: str) -> str:
-    if name not in names:
-        raise ValueError(f'{name!r} is none of {", ".join(names)}')
-    return name
-
-
-def _within(text: str, low: float, high: float) -> float:
-    value = float(text)
-    if not low <= value <= high:
-        raise ValueError(f'{text} is not within {low} to {high}')
-    return value
-
-
-def _switch(text: str) -> bool:
-    switches = {'on': True, '1': True, 'off': False, '0': False}
-    return switches[_one_of(switches, text)]

@@ -1,0 +1,86 @@
+"""What sessions share: verdicts, neutral sticks, pacing."""
+
+import math
+
+from hypothesis import given
+from hypothesis import strategies as st
+
+from bridge_core.session import Pacer
+from bridge_core.session import StickStream
+from bridge_core.session import Verdict
+
+VERDICTS = st.builds(
+    Verdict, st.booleans(), st.booleans(), st.lists(st.sampled_from('abc')).map(tuple)
+)
+
+
+@given(VERDICTS, VERDICTS)
+def test_no_stop_is_lost_in_the_worst_of_two(one: Verdict, other: Verdict) -> None:
+    worst = one.worst(other)
+    assert worst.estop == (one.estop or other.estop)
+    assert worst.own_estop == (one.own_estop or other.own_estop)
+    assert set(worst.reasons) == set(one.reasons + other.reasons)
+    assert len(set(worst.reasons)) == len(worst.reasons)
+
+
+@given(st.lists(st.tuples(st.booleans(), st.booleans(), st.booleans())))
+def test_exactly_one_neutral_follows_sticks_that_do_not_hold_any_more(
+    story: list[tuple[bool, bool, bool]],
+) -> None:
+    """Told at the end of the story is never motion that nothing vouches for."""
+    stream, told = StickStream(), []
+    for tell, fresh, counts in story:
+        if stream.owes_neutral(fresh=fresh, counts=counts):
+            told.append('neutral')
+            assert not stream.owes_neutral(fresh=fresh, counts=counts)
+        assert (told or ['neutral'])[-1] == 'neutral' or (fresh and counts)
+        if tell and fresh:
+            stream.told(counts=counts)
+            told.append('motion' if counts else 'neutral')
+
+
+def test_lost_stream_owes_one_neutral_though_its_last_was_neutral() -> None:
+    stream = StickStream()
+    stream.told(counts=False)
+    assert not stream.owes_neutral(fresh=True, counts=False)
+    assert stream.owes_neutral(fresh=False, counts=False)
+    assert not stream.owes_neutral(fresh=False, counts=False)
+
+
+def test_nothing_is_owed_where_nothing_was_told() -> None:
+    assert not StickStream().owes_neutral(fresh=False, counts=False)
+
+
+def test_stopped_pacer_is_never_due() -> None:
+    pacer = Pacer(0.1)
+    assert not pacer.is_due(1e9)
+    pacer.start(5.0)
+    assert pacer.is_due(5.0)
+    pacer.stop()
+    assert pacer.due == math.inf
+
+
+def test_a_little_late_is_made_up_for() -> None:
+    pacer = Pacer(0.1)
+    pacer.start(0.0)
+    pacer.sent(0.03)
+    assert pacer.due == 0.1
+
+
+def test_long_stall_makes_no_burst() -> None:
+    pacer = Pacer(0.1)
+    pacer.start(0.0)
+    pacer.sent(10.0)
+    assert pacer.due == 10.05
+
+
+@given(st.lists(st.floats(0.0, 0.5), max_size=50))
+def test_two_frames_are_never_closer_than_half_a_period(delays: list[float]) -> None:
+    pacer, sent = Pacer(0.1), []
+    pacer.start(0.0)
+    for delay in delays:
+        now = pacer.due + delay
+        sent.append(now)
+        pacer.sent(now)
+    gaps = [later - earlier for earlier, later in zip(sent, sent[1:])]  # noqa: B905, RUF007
+    assert all(gap >= 0.05 - 1e-9 for gap in gaps)

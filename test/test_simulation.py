@@ -1,0 +1,47 @@
+"""Lines that simulators obey."""
+
+from typing import Any
+
+import pytest
+
+from bridge_core.simulation import help_text
+from bridge_core.simulation import obey
+from bridge_core.simulation import switch
+from bridge_core.simulation import within
+
+COMMANDS: dict[str, tuple[str, Any]] = {
+    'stick': ('-1..1', lambda seen, value: seen.append(within(value, -1, 1))),
+    'radio': ('on|off', lambda seen, value: seen.append(switch(value))),
+    'reboot': ('', lambda seen: seen.append('reboot')),
+}
+
+
+def test_lines_are_obeyed() -> None:
+    seen: list[Any] = []
+    for line in ('stick 0.5', 'radio on', 'reboot'):
+        obey(seen, COMMANDS, line)
+    assert seen == [0.5, True, 'reboot']
+
+
+@pytest.mark.parametrize(
+    ('line', 'says'),
+    [
+        ('', 'unknown command'),
+        ('stik 1', 'there are: stick, radio, reboot'),
+        ('stick', 'usage: stick -1..1'),
+        ('stick 1 2', 'usage: stick -1..1'),
+        ('stick 2', 'not within -1 to 1'),
+        ('stick nan', 'not within -1 to 1'),
+        ('stick fast', 'could not convert'),
+        ('radio maybe', 'none of on, 1, off, 0'),
+    ],
+)
+def test_what_makes_no_sense_says_what_would(line: str, says: str) -> None:
+    seen: list[Any] = []
+    with pytest.raises(ValueError, match=says):
+        obey(seen, COMMANDS, line)
+    assert not seen
+
+
+def test_help_names_every_command() -> None:
+    assert help_text(COMMANDS) == 'stick -1..1\nradio on|off\nreboot'
