@@ -25,6 +25,7 @@ from fort_vsc_bridge.session import StopChanged
 from fort_vsc_bridge.session import UserValue
 from fort_vsc_bridge.simulator import build_frame
 from fort_vsc_bridge.simulator import Simulator
+from test.session_rig import SessionBench
 
 NEUTRAL = Sticks()
 SRC, VSC, USER = 0x01, 0x04, 0x40
@@ -39,42 +40,15 @@ def heartbeat(mode: int = Mode.OPERATIONAL, estop: int = 0) -> bytes:
     return build_frame(0x20, struct.pack('<BBI', mode, 0, estop))
 
 
-class Bench:
-    """A session and its time."""
+class Bench(SessionBench[Session]):
+    """A session that hears frames of a VSC."""
 
     def __init__(self, **options: Any) -> None:
-        self.session = Session(**options)
-        self.now = 100.0
-        self.events: list[Event] = []
-        self.sent: list[tuple[float, bytes]] = []
-
-    def open(self) -> 'Bench':
-        self._keep(self.session.opened(self.now))
-        return self
-
-    def close(self) -> None:
-        self.events += self.session.closed(self.now)
+        super().__init__(Session(**options))
 
     def hear(self, *frames: bytes) -> list[Event]:
-        """Hear the frames in one read; return the events of that."""
-        before = len(self.events)
-        self._keep(self.session.receive(b''.join(frames), self.now))
-        self._keep(self.session.poll(self.now))
-        return self.events[before:]
-
-    def wait(self, seconds: float) -> list[Event]:
-        """Poll at every deadline, as the link thread does; return the events of that."""
-        before, end = len(self.events), self.now + seconds
-        for _ in range(10_000):
-            due = max(self.session.deadline(), self.now)
-            if due > end:
-                break
-            self.now = due
-            self._keep(self.session.poll(self.now))
-        else:
-            raise AssertionError('the session spins')
-        self.now = end
-        return self.events[before:]
+        """Hear the frames in one read."""
+        return self.take(b''.join(frames))
 
     def run(self, seconds: float, *frames: bytes) -> list[Event]:
         """Hear the frames every 20 ms."""
@@ -87,9 +61,11 @@ class Bench:
     def frames(self, kind: int) -> list[tuple[float, bytes]]:
         return [(at, frame) for at, frame in self.sent if frame[2] == kind]
 
-    def _keep(self, output: tuple[list[Event], list[bytes]]) -> None:
-        self.events += output[0]
-        self.sent += [(self.now, frame) for frame in output[1]]
+
+def opened(**options: Any) -> Bench:
+    bench = Bench(**options)
+    bench.open()
+    return bench
 
 
 def sticks(events: list[Event]) -> list[Sticks]:
@@ -116,7 +92,7 @@ def test_stop_until_a_clean_heartbeat() -> None:
 
 
 def test_silence_is_a_stop_at_the_limit() -> None:
-    bench = Bench().open()
+    bench = opened()
     bench.hear(heartbeat())
     bench.wait(LIMIT - 1e-3)
     assert not bench.session.estop
@@ -128,7 +104,7 @@ def test_silence_is_a_stop_at_the_limit() -> None:
 
 
 def test_joystick_messages_alone_are_no_link() -> None:
-    bench = Bench().open()
+    bench = opened()
     bench.hear(heartbeat())
     bench.run(1.0, DEFLECTED)
     assert bench.session.estop
@@ -137,7 +113,7 @@ def test_joystick_messages_alone_are_no_link() -> None:
 
 @pytest.mark.parametrize('bit', range(32))
 def test_any_estop_bit_is_a_stop(bit: int) -> None:
-    bench = Bench().open()
+    bench = opened()
     bench.hear(heartbeat(estop=1 << bit))
     assert bench.session.estop
     assert bench.session.own_estop
@@ -146,7 +122,7 @@ def test_any_estop_bit_is_a_stop(bit: int) -> None:
 
 @pytest.mark.parametrize('mode', range(256))
 def test_only_modes_with_a_remote_are_clear(mode: int) -> None:
-    bench = Bench().open()
+    bench = opened()
     bench.hear(heartbeat(mode))
     assert bench.session.estop is (mode not in (6, 9, 0xA, 0xB))
     assert bench.session.own_estop is (mode not in (1, 4, 6, 9, 0xA, 0xB))
@@ -154,7 +130,7 @@ def test_only_modes_with_a_remote_are_clear(mode: int) -> None:
 
 
 def test_lost_port_is_a_stop_and_forgets_the_heartbeat() -> None:
-    bench = Bench().open()
+    bench = opened()
     bench.hear(heartbeat())
     bench.close()
     assert bench.session.estop
@@ -166,7 +142,7 @@ def test_lost_port_is_a_stop_and_forgets_the_heartbeat() -> None:
 
 
 def test_stop_is_not_hidden_by_a_clear_heartbeat_in_the_same_read() -> None:
-    bench = Bench().open()
+    bench = opened()
     bench.hear(heartbeat())
     bench.hear(heartbeat(estop=SRC), heartbeat())
     assert bench.session.estop
@@ -178,7 +154,7 @@ def test_stop_is_not_hidden_by_a_clear_heartbeat_in_the_same_read() -> None:
 
 
 def test_frame_cut_short_by_a_lost_port_is_forgotten() -> None:
-    bench = Bench().open()
+    bench = opened()
     bench.session.receive(heartbeat()[:8], bench.now)
     bench.close()
     bench.open()
@@ -202,7 +178,7 @@ def ask(bench: Bench, value: bool) -> None:
 
 
 def test_own_stop_comes_back_as_echo_until_seen_clear() -> None:
-    bench = Bench(software_estop_timeout=60.0).open()
+    bench = opened(software_estop_timeout=60.0)
     bench.hear(heartbeat())
     ask(bench, True)
     assert not own(bench, Mode.LOCAL, USER)
@@ -215,7 +191,7 @@ def test_own_stop_comes_back_as_echo_until_seen_clear() -> None:
 
 
 def test_device_stop_during_our_own_is_no_echo() -> None:
-    bench = Bench(software_estop_timeout=60.0).open()
+    bench = opened(software_estop_timeout=60.0)
     ask(bench, True)
     assert own(bench, Mode.LOCAL, USER | SRC)
     assert own(bench, Mode.LOCAL, VSC)
@@ -225,7 +201,7 @@ def test_device_stop_during_our_own_is_no_echo() -> None:
 
 
 def test_user_bit_that_stood_before_we_asked_is_not_ours() -> None:
-    bench = Bench(software_estop_timeout=60.0).open()
+    bench = opened(software_estop_timeout=60.0)
     assert own(bench, Mode.LOCAL, USER)
     ask(bench, True)
     assert own(bench, Mode.LOCAL, USER)
@@ -234,7 +210,7 @@ def test_user_bit_that_stood_before_we_asked_is_not_ours() -> None:
 
 
 def test_echo_that_comes_late_after_a_short_request() -> None:
-    bench = Bench(software_estop_timeout=60.0).open()
+    bench = opened(software_estop_timeout=60.0)
     ask(bench, True)
     ask(bench, False)
     bench.hear(heartbeat())  # sent before the VSC took note
@@ -242,7 +218,7 @@ def test_echo_that_comes_late_after_a_short_request() -> None:
 
 
 def test_request_without_any_echo_is_forgotten() -> None:
-    bench = Bench(software_estop_timeout=60.0).open()
+    bench = opened(software_estop_timeout=60.0)
     ask(bench, True)
     ask(bench, False)
     bench.run(1.0, heartbeat())
@@ -250,7 +226,7 @@ def test_request_without_any_echo_is_forgotten() -> None:
 
 
 def test_silent_link_is_an_own_demand_even_while_we_ask() -> None:
-    bench = Bench(software_estop_timeout=60.0).open()
+    bench = opened(software_estop_timeout=60.0)
     ask(bench, True)
     assert not own(bench, Mode.LOCAL, USER)
     bench.wait(LIMIT)
@@ -261,7 +237,7 @@ def test_silent_link_is_an_own_demand_even_while_we_ask() -> None:
 
 
 def test_heartbeat_goes_at_its_rate_though_nothing_is_heard() -> None:
-    bench = Bench(heartbeat_rate=20.0).open()
+    bench = opened(heartbeat_rate=20.0)
     bench.wait(10.0)
     assert {frame for _, frame in bench.sent} == {CLEAR}
     times = [at for at, _ in bench.sent]
@@ -271,7 +247,7 @@ def test_heartbeat_goes_at_its_rate_though_nothing_is_heard() -> None:
 
 
 def test_heartbeat_keeps_its_rate_though_polls_come_late() -> None:
-    bench = Bench().open()
+    bench = opened()
     for _ in range(1000):
         bench.now += 0.01001
         bench.hear()
@@ -280,7 +256,7 @@ def test_heartbeat_keeps_its_rate_though_polls_come_late() -> None:
 
 
 def test_software_stop_goes_at_once_and_repeats() -> None:
-    bench = Bench().open()
+    bench = opened()
     bench.wait(0.01)
     bench.session.set_software_estop(True, bench.now)
     assert bench.session.poll(bench.now) == ([], [STOP])
@@ -289,7 +265,7 @@ def test_software_stop_goes_at_once_and_repeats() -> None:
 
 
 def test_software_stop_that_is_not_repeated_is_a_stop() -> None:
-    bench = Bench(software_estop_timeout=0.2).open()
+    bench = opened(software_estop_timeout=0.2)
     bench.session.set_software_estop(False, bench.now)
     bench.wait(5.0)
     assert bench.frames(0x21)[0][1] == CLEAR
@@ -299,7 +275,7 @@ def test_software_stop_that_is_not_repeated_is_a_stop() -> None:
 
 
 def test_farewell_stops_only_if_software_estop_is_in_use() -> None:
-    bench = Bench().open()
+    bench = opened()
     assert bench.session.farewell(bench.now) == []
     bench.session.set_software_estop(False, bench.now)
     assert bench.session.farewell(bench.now) == [STOP]
@@ -316,7 +292,7 @@ def test_farewell_stops_only_if_software_estop_is_in_use() -> None:
 
 
 def test_sticks_count_in_operational() -> None:
-    bench = Bench().open()
+    bench = opened()
     bench.hear(heartbeat())
     (event,) = sticks(bench.hear(DEFLECTED))
     assert event.axes == (1023, -296, 0, 0, 0, -1)
@@ -327,30 +303,30 @@ def test_sticks_count_in_operational() -> None:
 
 @pytest.mark.parametrize('mode', sorted(set(range(256)) - {Mode.OPERATIONAL}))
 def test_sticks_are_neutral_in_any_other_mode(mode: int) -> None:
-    bench = Bench().open()
+    bench = opened()
     bench.hear(heartbeat(mode))
     assert sticks(bench.hear(DEFLECTED)) == [NEUTRAL]
 
 
 def test_sticks_are_neutral_with_a_stop_in_operational() -> None:
-    bench = Bench().open()
+    bench = opened()
     assert sticks(bench.hear(heartbeat(estop=1 << 31), DEFLECTED)) == [NEUTRAL]
 
 
 def test_stop_neutralises_at_once() -> None:
-    bench = Bench().open()
+    bench = opened()
     bench.hear(heartbeat(), DEFLECTED)
     assert sticks(bench.hear(heartbeat(estop=SRC))) == [NEUTRAL]
     assert sticks(bench.hear(heartbeat(estop=SRC))) == []
 
 
 def test_sticks_before_any_heartbeat_are_not_passed_on() -> None:
-    bench = Bench().open()
+    bench = opened()
     assert bench.hear(DEFLECTED) == []
 
 
 def test_silent_joystick_gives_one_neutral_then_none() -> None:
-    bench = Bench().open()
+    bench = opened()
     bench.hear(heartbeat(), DEFLECTED)
     assert sticks(bench.run(2.0, heartbeat())) == [NEUTRAL]
     assert not bench.session.estop  # the e-stop chain itself is sound
@@ -358,7 +334,7 @@ def test_silent_joystick_gives_one_neutral_then_none() -> None:
 
 
 def test_neutral_comes_when_the_sticks_expire_not_with_our_next_heartbeat() -> None:
-    bench = Bench(heartbeat_rate=4.0).open()
+    bench = opened(heartbeat_rate=4.0)
     bench.wait(0.1)
     bench.hear(heartbeat(), DEFLECTED)
     bench.wait(0.2)
@@ -368,7 +344,7 @@ def test_neutral_comes_when_the_sticks_expire_not_with_our_next_heartbeat() -> N
 
 
 def test_lost_heartbeat_gives_one_neutral_then_none_until_both_are_fresh() -> None:
-    bench = Bench().open()
+    bench = opened()
     bench.hear(heartbeat(), DEFLECTED)
     events = sticks(bench.run(2.0, DEFLECTED))
     assert events[-1] == NEUTRAL
@@ -379,7 +355,7 @@ def test_lost_heartbeat_gives_one_neutral_then_none_until_both_are_fresh() -> No
 
 
 def test_unplugged_gives_one_neutral() -> None:
-    bench = Bench().open()
+    bench = opened()
     bench.hear(heartbeat(), DEFLECTED)
     bench.close()
     assert bench.events[-1] == NEUTRAL
@@ -390,7 +366,7 @@ def test_unplugged_gives_one_neutral() -> None:
 
 
 def test_late_poll_does_not_pass_old_sticks_on() -> None:
-    bench = Bench().open()
+    bench = opened()
     bench.hear(heartbeat(), DEFLECTED)
     bench.now += 1.0  # no poll in between
     assert sticks(bench.hear(DEFLECTED)) == [NEUTRAL]
@@ -400,7 +376,7 @@ FAULTY = build_frame(0x10, bytes.fromhex('D0FF02000300010001004400 4031'.replace
 
 
 def test_faulty_stick_makes_all_neutral_and_is_named() -> None:
-    bench = Bench().open()
+    bench = opened()
     (event,) = sticks(bench.hear(heartbeat(), FAULTY))
     assert event.axes == NEUTRAL.axes
     assert event.buttons == NEUTRAL.buttons
@@ -409,7 +385,7 @@ def test_faulty_stick_makes_all_neutral_and_is_named() -> None:
 
 
 def test_faulty_stick_alone_is_zero_if_tolerated() -> None:
-    bench = Bench(tolerate_faulty_axes=True).open()
+    bench = opened(tolerate_faulty_axes=True)
     (event,) = sticks(bench.hear(heartbeat(), FAULTY))
     assert event.axes == (1023, 0, 0, 0, 0, -1)
     assert event.buttons == (False, False, False, True, True, False, False, False)
@@ -422,7 +398,7 @@ STATUS = build_frame(0x22, bytes((70, 1, 1, 1, 0xC4, 0)))
 
 
 def test_remote_status_is_shown_only_while_a_remote_is_connected() -> None:
-    bench = Bench().open()
+    bench = opened()
     assert bench.hear(STATUS) == []
     bench.hear(heartbeat(Mode.LOCAL, SRC))
     assert bench.hear(STATUS) == []
@@ -436,13 +412,13 @@ def test_remote_status_is_shown_only_while_a_remote_is_connected() -> None:
 
 
 def test_gps_and_user_values_are_handed_on() -> None:
-    bench = Bench().open()
+    bench = opened()
     assert bench.hear(build_frame(0x12, b'\x01$GPGGA,*56\r\n')) == [GpsSentence(1, '$GPGGA,*56')]
     assert bench.hear(build_frame(0x30, b'\x03\xff\xff\xff\xff')) == [UserValue(3, -1)]
 
 
 def test_unknown_malformed_and_looped_back_are_counted_and_nothing_is_lost() -> None:
-    bench = Bench().open()
+    bench = opened()
     bench.hear(
         build_frame(0x40, b'abc'), build_frame(0x30, b'\x64\0\0\0\0'), CLEAR, b'xx', heartbeat()
     )
@@ -456,7 +432,7 @@ def test_unknown_malformed_and_looped_back_are_counted_and_nothing_is_lost() -> 
 @given(st.lists(st.binary(max_size=40) | st.sampled_from([heartbeat(), DEFLECTED, STATUS])))
 @settings(max_examples=50)
 def test_any_bytes_raise_nothing(pieces: list[bytes]) -> None:
-    bench = Bench().open()
+    bench = opened()
     for piece in pieces:
         bench.hear(piece)
     bench.wait(1.0)
@@ -471,7 +447,7 @@ def gaps(sent: list[tuple[float, bytes]]) -> list[float]:
 
 
 def test_rates_hold_and_every_key_gets_its_turn_with_its_latest_value() -> None:
-    bench = Bench().open()
+    bench = opened()
     for step in range(300):
         for key in range(1, 10):
             bench.session.set_feedback(key, step)
@@ -489,7 +465,7 @@ def test_rates_hold_and_every_key_gets_its_turn_with_its_latest_value() -> None:
 
 
 def test_texts_and_values_are_shown_again_to_a_new_remote_a_rumble_is_not() -> None:
-    bench = Bench().open()
+    bench = opened()
     bench.session.set_feedback(1, 7)
     bench.session.set_name(1, 'speed')
     bench.wait(1.0)
@@ -508,7 +484,7 @@ def test_texts_and_values_are_shown_again_to_a_new_remote_a_rumble_is_not() -> N
 
 
 def test_display_text_fills_four_lines_and_switches_to_them_once() -> None:
-    bench = Bench().open()
+    bench = opened()
     bench.session.set_display_text('one\ntwo')
     bench.wait(2.0)
     names = [f for _, f in bench.frames(0x31)]
@@ -542,7 +518,7 @@ def test_display_text_fills_four_lines_and_switches_to_them_once() -> None:
     ],
 )
 def test_bad_request_is_refused_and_sends_nothing(request_: Callable[[Session], None]) -> None:
-    bench = Bench().open()
+    bench = opened()
     with pytest.raises(ValueError, match=r'\d'):
         request_(bench.session)
     bench.wait(1.0)
@@ -607,7 +583,7 @@ def converse(bench: Bench, device: Simulator, seconds: float) -> None:
 
 
 def test_eeprom_is_never_written_without_configure_device() -> None:
-    bench, device = Bench(settings=WANTED).open(), Simulator()
+    bench, device = opened(settings=WANTED), Simulator()
     bench.session.set_feedback(1, 1)
     converse(bench, device, 20.0)
     assert device.eeprom_writes == 0
@@ -616,7 +592,7 @@ def test_eeprom_is_never_written_without_configure_device() -> None:
 
 
 def test_only_settings_that_differ_are_written_and_once() -> None:
-    bench, device = Bench(settings=WANTED, configure_device=True).open(), Simulator()
+    bench, device = opened(settings=WANTED, configure_device=True), Simulator()
     converse(bench, device, 20.0)
     assert device.eeprom_writes == 4
     assert device.eeprom == {80: 4, 81: 0, 82: 1, 83: 1, 84: 1, 85: 1}
@@ -632,7 +608,7 @@ def test_only_settings_that_differ_are_written_and_once() -> None:
 
 def test_message_is_switched_off() -> None:
     wanted = DeviceSettings(gps_interval_ms=0, joystick_interval_ms=40)
-    bench, device = Bench(settings=wanted, configure_device=True).open(), Simulator()
+    bench, device = opened(settings=wanted, configure_device=True), Simulator()
     converse(bench, device, 15.0)
     assert device.messages[0x12][0] is False
     assert device.messages[0x10] == (True, 0.04)
@@ -641,7 +617,7 @@ def test_message_is_switched_off() -> None:
 
 def test_gps_is_not_judged_without_a_remote() -> None:
     wanted = DeviceSettings(gps_interval_ms=1000)
-    bench, device = Bench(settings=wanted, configure_device=True).open(), Simulator()
+    bench, device = opened(settings=wanted, configure_device=True), Simulator()
     device.apply('radio off')
     converse(bench, device, 20.0)
     assert device.eeprom_writes == 0
@@ -666,7 +642,7 @@ def test_device_that_does_not_take_a_setting_is_not_worn_out() -> None:
 
 def test_answer_from_before_a_write_does_not_speak_against_it() -> None:
     wanted = DeviceSettings(auto_off_enable=False)
-    bench = Bench(settings=wanted, configure_device=True).open()
+    bench = opened(settings=wanted, configure_device=True)
     old, new = build_frame(0x30, b'\x51\1\0\0\0'), build_frame(0x30, b'\x51\0\0\0\0')
     bench.hear(heartbeat(), old)
     assert bench.session.setting_states == {'auto_off_enable': 'not known yet'}
@@ -681,7 +657,7 @@ def test_answer_from_before_a_write_does_not_speak_against_it() -> None:
 
 def test_device_that_does_not_answer_is_not_written_to() -> None:
     wanted = DeviceSettings(auto_off_enable=False)
-    bench = Bench(settings=wanted, configure_device=True).open()
+    bench = opened(settings=wanted, configure_device=True)
     bench.run(10.0, heartbeat())
     assert not bench.frames(0x30)
     assert 4 <= len(bench.frames(0x32)) <= 6
@@ -764,7 +740,7 @@ def test_echo_alone_never_makes_an_own_demand() -> None:
     """Ask and release at random, acknowledge at random: the device itself demands nothing."""
     for latch_bits, seed in itertools.product((False, True), range(10)):
         rng = random.Random(seed)
-        bench, device = Bench(software_estop_timeout=60.0).open(), Simulator(latch_bits=latch_bits)
+        bench, device = opened(software_estop_timeout=60.0), Simulator(latch_bits=latch_bits)
         converse(bench, device, 0.2)
         for _ in range(40):
             bench.session.set_software_estop(rng.random() < 0.4, bench.now)

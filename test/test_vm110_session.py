@@ -12,6 +12,7 @@ from hypothesis import settings
 from hypothesis import strategies as st
 import pytest
 
+from test.session_rig import SessionBench
 from vm110_bridge.protocol import Crc
 from vm110_bridge.session import ACKNOWLEDGED
 from vm110_bridge.session import ArmedChanged
@@ -40,52 +41,20 @@ NOBODY = build_vrpi(bu_state=DISARMED, ru=0, ru_state=0, battery=0, rssi=0)
 EXTERNAL = build_vrpi(bu_state=LINK_ERROR, links=(2, 0, 1))
 
 
-class Bench:
-    """A session and its time; packets come from base unit 7, numbered by themselves."""
+class Bench(SessionBench[Session]):
+    """A session; packets come from base unit 7, numbered by themselves."""
 
     def __init__(self, **options: Any) -> None:
-        self.session = Session(Settings(**options))
-        self.now = 100.0
+        super().__init__(Session(Settings(**options)))
         self.serial = 65530  # wraps early
         self.crc = 'mpeg2'
-        self.events: list[Event] = []
-        self.sent: list[tuple[float, bytes]] = []
-
-    def open(self) -> 'Bench':
-        self._keep(self.session.opened(self.now))
-        return self
-
-    def close(self) -> list[Event]:
-        events = self.session.closed(self.now)
-        self.events += events
-        return events
 
     def packet(self, kind: str, payload: bytes, origin: int = 7) -> bytes:
         self.serial = (self.serial + 1) & 0xFFFF
         return build_packet(kind, payload, self.serial, origin, self.crc)
 
     def hear(self, payload: bytes = CENTRED, kind: str = 'VRPI') -> list[Event]:
-        return self.datagram(self.packet(kind, payload))
-
-    def datagram(self, data: bytes) -> list[Event]:
-        before = len(self.events)
-        self._keep(self.session.receive(data, self.now))
-        self._keep(self.session.poll(self.now))
-        return self.events[before:]
-
-    def wait(self, seconds: float) -> list[Event]:
-        """Poll at every deadline, as the link thread does; return the events of that."""
-        before, end = len(self.events), self.now + seconds
-        for _ in range(10_000):
-            due = max(self.session.deadline(), self.now)
-            if due > end:
-                break
-            self.now = due
-            self._keep(self.session.poll(self.now))
-        else:
-            raise AssertionError('the session spins')
-        self.now = end
-        return self.events[before:]
+        return self.take(self.packet(kind, payload))
 
     def run(self, seconds: float, payload: bytes = CENTRED) -> list[Event]:
         """Hear a VRPI every 125 ms."""
@@ -99,17 +68,19 @@ class Bench:
         """Return (time, payload) of what was sent."""
         return [(at, frame[16:-4]) for at, frame in self.sent if frame[:4] == kind]
 
-    def _keep(self, output: tuple[list[Event], list[bytes]]) -> None:
-        self.events += output[0]
-        self.sent += [(self.now, frame) for frame in output[1]]
-
 
 def of(kind: Any, events: list[Event]) -> list[Any]:
     return [event for event in events if isinstance(event, kind)]
 
 
+def opened(**options: Any) -> Bench:
+    bench = Bench(**options)
+    bench.open()
+    return bench
+
+
 def armed(**options: Any) -> Bench:
-    bench = Bench(**options).open()
+    bench = opened(**options)
     bench.hear()
     return bench
 
@@ -152,7 +123,7 @@ def test_silence_is_a_stop_at_the_limit_and_gives_one_neutral() -> None:
 
 @pytest.mark.parametrize('bu_state', range(256))
 def test_every_bu_state_to_its_stop_and_sticks(bu_state: int) -> None:
-    bench = Bench().open()
+    bench = opened()
     events = bench.hear(build_vrpi(bu_state=bu_state, joysticks=(500, 0, 0, 0)))
     assert bench.session.link_up
     # Below 0x10 the relays are open (4.1.1); above, two states are known, and no other is trusted.
@@ -166,7 +137,7 @@ def test_every_bu_state_to_its_stop_and_sticks(bu_state: int) -> None:
 
 @pytest.mark.parametrize('ru_state', range(256))
 def test_every_ru_state_to_its_stop_and_sticks(ru_state: int) -> None:
-    bench = Bench().open()
+    bench = opened()
     payload = build_vrpi(ru_state=ru_state, joysticks=(500, 0, 0, 0))
     events = bench.hear(payload) + bench.hear(payload)
     assert bench.session.estop == (ru_state >= STOPPED_RU)
@@ -298,17 +269,17 @@ def numbered(serial: int, payload: bytes = CENTRED) -> bytes:
 
 
 def test_numbers_wrap() -> None:
-    bench = Bench().open()
+    bench = opened()
     for serial in (65534, 65535, 0, 1):
-        bench.datagram(numbered(serial))
+        bench.take(numbered(serial))
     packets = bench.session.packets
     assert (packets['packets lost'], packets['packets repeated']) == (0, 0)
 
 
 def test_lost_repeated_and_reordered_are_told_apart() -> None:
-    bench = Bench().open()
+    bench = opened()
     for serial in (10, 11, 11, 13, 12, 12, 16, 11):
-        bench.datagram(numbered(serial))
+        bench.take(numbered(serial))
     packets = bench.session.packets
     assert packets['packets lost'] == 2  # 14 and 15; 12 was only late
     assert packets['packets repeated'] == 3
@@ -317,54 +288,54 @@ def test_lost_repeated_and_reordered_are_told_apart() -> None:
 
 @pytest.mark.parametrize('serial', [65535, 99, 50, 100])
 def test_old_packet_neither_refreshes_nor_moves(serial: int) -> None:
-    bench = Bench().open()
-    bench.datagram(numbered(101 if serial != 100 else 100, CENTRED))
+    bench = opened()
+    bench.take(numbered(101 if serial != 100 else 100, CENTRED))
     bench.wait(LIMIT - 0.01)
-    events = bench.datagram(numbered(serial, DEFLECTED))
+    events = bench.take(numbered(serial, DEFLECTED))
     assert of(Sticks, events) == []
     assert bench.wait(0.01)[0] == StopChanged(True, True, False)
 
 
 def test_old_packets_do_not_release_a_stop() -> None:
-    bench = Bench().open()
-    bench.datagram(numbered(100))
-    bench.datagram(numbered(101, build_vrpi(bu_state=STOPPED, ru_state=STOPPED_RU)))
+    bench = opened()
+    bench.take(numbered(100))
+    bench.take(numbered(101, build_vrpi(bu_state=STOPPED, ru_state=STOPPED_RU)))
     for serial in (100, 99, 98, 101):
-        bench.datagram(numbered(serial))
+        bench.take(numbered(serial))
         assert bench.session.estop
 
 
 def test_stop_in_an_overtaken_packet_is_not_missed() -> None:
-    bench = Bench().open()
-    bench.datagram(numbered(100))
-    bench.datagram(numbered(102))
-    bench.datagram(numbered(101, build_vrpi(bu_state=STOPPED, ru_state=STOPPED_RU)))
+    bench = opened()
+    bench.take(numbered(100))
+    bench.take(numbered(102))
+    bench.take(numbered(101, build_vrpi(bu_state=STOPPED, ru_state=STOPPED_RU)))
     assert bench.session.estop
-    bench.datagram(numbered(103))
+    bench.take(numbered(103))
     assert not bench.session.estop
 
 
 def test_burst_of_stored_packets_after_a_silence_is_not_believed() -> None:
-    bench = Bench().open()
-    bench.datagram(numbered(100))
+    bench = opened()
+    bench.take(numbered(100))
     bench.wait(3.0)
     for serial in range(40, 101):
-        bench.datagram(numbered(serial))
+        bench.take(numbered(serial))
     bench.wait(0.3)
     for serial in range(40, 101):
-        bench.datagram(numbered(serial))
+        bench.take(numbered(serial))
     assert bench.session.estop
 
 
 def test_restarted_base_unit_is_believed_after_a_second() -> None:
-    bench = Bench().open()
+    bench = opened()
     for serial in range(30):
-        bench.datagram(numbered(serial))
+        bench.take(numbered(serial))
         bench.wait(0.125)
     bench.wait(1.0)
     start = bench.now
     for serial in range(20):
-        bench.datagram(numbered(serial))
+        bench.take(numbered(serial))
         if not bench.session.estop:
             break
         assert bench.session.estop
@@ -375,15 +346,15 @@ def test_restarted_base_unit_is_believed_after_a_second() -> None:
 
 
 def test_restarted_unit_may_use_a_command_id_again_at_once() -> None:
-    bench = Bench().open()
-    bench.datagram(numbered(30000))
-    bench.datagram(build_packet('VRCI', vrci(1), 30001, 7))
+    bench = opened()
+    bench.take(numbered(30000))
+    bench.take(build_packet('VRCI', vrci(1), 30001, 7))
     bench.wait(0.6)
     for serial in range(10):
-        bench.datagram(numbered(serial))
+        bench.take(numbered(serial))
         bench.wait(0.125)
-    bench.datagram(numbered(10))
-    bench.datagram(build_packet('VRCI', vrci(1), 11, 7))
+    bench.take(numbered(10))
+    bench.take(build_packet('VRCI', vrci(1), 11, 7))
     assert of(Command, bench.events) == [Command(1, bytes(16))] * 2
 
 
@@ -396,20 +367,20 @@ def test_old_line_of_numbers_is_no_restart_while_the_link_is_not_silent() -> Non
 
 
 def test_restart_is_named_while_it_is_not_believed() -> None:
-    bench = Bench().open()
-    bench.datagram(numbered(30000))
+    bench = opened()
+    bench.take(numbered(30000))
     bench.wait(1.0)
     for serial in (0, 1, 2):
-        bench.datagram(numbered(serial))
+        bench.take(numbered(serial))
     assert 'was it restarted' in bench.session.stop_reasons(bench.now)[0]
 
 
 def test_gap_of_a_closed_port_is_not_counted_as_lost() -> None:
-    bench = Bench().open()
-    bench.datagram(numbered(100))
+    bench = opened()
+    bench.take(numbered(100))
     bench.close()
     bench.open()
-    bench.datagram(numbered(500))
+    bench.take(numbered(500))
     assert bench.session.packets['packets lost'] == 0
     assert not bench.session.estop
 
@@ -436,7 +407,7 @@ def test_lost_is_what_never_came(start: int, steps: list[int]) -> None:
 
 @pytest.mark.parametrize('crc', ['mpeg2', 'iso_hdlc'])
 def test_auto_locks_within_the_first_packet_and_answers_in_kind(crc: str) -> None:
-    bench = Bench().open()
+    bench = opened()
     bench.crc = crc
     bench.wait(1.0)
     assert bench.sent == []
@@ -464,7 +435,7 @@ def test_mixture_is_refused_after_the_lock() -> None:
 
 @pytest.mark.parametrize('crc', list(Crc))
 def test_chosen_crc_sends_before_anybody_is_heard_and_refuses_the_other(crc: Crc) -> None:
-    bench = Bench(crc=crc).open()
+    bench = opened(crc=crc)
     assert bench.sent[0][1] == build_packet('VRPO', bytes(2), 0, 0, crc.value)
     bench.crc = next(other for other in Crc if other is not crc).value
     bench.hear()
@@ -476,8 +447,8 @@ def test_first_base_unit_is_locked_to_and_another_is_told_but_not_heard() -> Non
     bench = armed()
     assert bench.session.bu_id == 7
     bench.wait(0.4)
-    bench.datagram(build_packet('VRPI', DEFLECTED, 9000, 8))
-    bench.datagram(build_packet('VRCI', bytes(22), 9001, 8))
+    bench.take(build_packet('VRPI', DEFLECTED, 9000, 8))
+    bench.take(build_packet('VRCI', bytes(22), 9001, 8))
     assert of(Command, bench.events) == []
     assert not any(any(sticks.axes) for sticks in of(Sticks, bench.events))
     assert bench.session.other_base_units(bench.now) == [8]
@@ -487,29 +458,29 @@ def test_first_base_unit_is_locked_to_and_another_is_told_but_not_heard() -> Non
     assert 'base unit 8 is heard, but bu_id is 7' in bench.session.stop_reasons(bench.now)[0]
     bench.close()
     bench.open()
-    bench.datagram(build_packet('VRPI', CENTRED, 9002, 8))
+    bench.take(build_packet('VRPI', CENTRED, 9002, 8))
     assert bench.session.estop
 
 
 def test_chosen_base_unit_is_waited_for() -> None:
-    bench = Bench(bu_id=9).open()
+    bench = opened(bu_id=9)
     bench.hear()
     assert bench.session.estop
     assert bench.session.crc is None
-    bench.datagram(build_packet('VRPI', CENTRED, 5, 9, 'iso_hdlc'))
+    bench.take(build_packet('VRPI', CENTRED, 5, 9, 'iso_hdlc'))
     assert not bench.session.estop
 
 
 def test_origin_zero_is_nobody() -> None:
-    bench = Bench().open()
-    bench.datagram(build_packet('VRPI', CENTRED, 5, 0))
+    bench = opened()
+    bench.take(build_packet('VRPI', CENTRED, 5, 0))
     assert bench.session.estop
     assert bench.session.counters.malformed == 1
 
 
 def test_machine_controllers_packets_on_our_port_are_counted() -> None:
     bench = armed()
-    bench.datagram(build_packet('VRPO', bytes(2), 5))
+    bench.take(build_packet('VRPO', bytes(2), 5))
     assert bench.session.looped_back == 1
 
 
@@ -518,7 +489,7 @@ def test_machine_controllers_packets_on_our_port_are_counted() -> None:
 
 @pytest.mark.parametrize('period', [0.05, 0.1, 0.2])
 def test_output_goes_at_its_period_whether_or_not_there_is_news(period: float) -> None:
-    bench = Bench(crc=Crc.MPEG2, output_period=period).open()
+    bench = opened(crc=Crc.MPEG2, output_period=period)
     bench.wait(10.0)
     times = [at for at, _ in bench.frames(b'VRPO')]
     assert len(times) == pytest.approx(10.0 / period, abs=1.1)
@@ -526,7 +497,7 @@ def test_output_goes_at_its_period_whether_or_not_there_is_news(period: float) -
 
 
 def test_long_output_goes_as_one_burst_of_full_packets() -> None:
-    bench = Bench(crc=Crc.MPEG2).open()
+    bench = opened(crc=Crc.MPEG2)
     data = bytes(n % 251 for n in range(1000))
     bench.session.set_periodic_output(data)
     bench.wait(0.1)
@@ -538,7 +509,7 @@ def test_long_output_goes_as_one_burst_of_full_packets() -> None:
 
 
 def test_own_packets_are_numbered_in_one_line_and_wrap() -> None:
-    bench = Bench(crc=Crc.MPEG2, output_period=0.05).open()
+    bench = opened(crc=Crc.MPEG2, output_period=0.05)
     bench.session._serial = 0xFFFE
     bench.run(2.0)
     bench.hear(struct.pack('<H20x', 1), 'VRCI')
@@ -551,7 +522,7 @@ def test_own_packets_are_numbered_in_one_line_and_wrap() -> None:
 
 
 def test_configured_size_is_sent_as_zeros_at_first_and_kept_to() -> None:
-    bench = Bench(crc=Crc.MPEG2, periodic_output_size=3).open()
+    bench = opened(crc=Crc.MPEG2, periodic_output_size=3)
     assert bench.frames(b'VRPO')[0][1] == bytes(5)
     for data in (b'', b'12', b'1234'):
         with pytest.raises(ValueError, match='periodic_output_size is 3'):
@@ -686,7 +657,7 @@ def test_silent_link_is_an_own_demand_even_while_we_hold() -> None:
 
 
 def test_error_at_start_is_the_units_own_until_rearmed() -> None:
-    bench = Bench().open()
+    bench = opened()
     bench.run(1.0, EXTERNAL)
     assert bench.session.own_estop
     bench.run(0.25)
@@ -747,7 +718,7 @@ def test_explicit_acknowledgement_waits_and_is_repeated_if_it_was_lost() -> None
         bench.session.command_done(8, bench.now)
     bench.session.command_done(7, bench.now)
     bench.wait(0.0)
-    bench.datagram(b'')
+    bench.take(b'')
     assert [payload for _, payload in bench.frames(b'VRAO')] == [b'\7\0']
     bench.hear(vrci(7), 'VRCI')
     assert len(bench.frames(b'VRAO')) == 2
@@ -762,7 +733,7 @@ def test_explicit_acknowledgement_waits_and_is_repeated_if_it_was_lost() -> None
 def test_command_of_an_unarmed_remote_is_dropped_and_not_executed_by_arming(
     payload: bytes,
 ) -> None:
-    bench = Bench().open()
+    bench = opened()
     bench.hear(payload)
     bench.hear(vrci(1), 'VRCI')
     bench.hear()
@@ -774,7 +745,7 @@ def test_command_of_an_unarmed_remote_is_dropped_and_not_executed_by_arming(
 
 
 def test_unarmed_commands_are_accepted_if_so_configured() -> None:
-    bench = Bench(accept_unarmed_commands=True).open()
+    bench = opened(accept_unarmed_commands=True)
     bench.hear(NOBODY)
     bench.hear(vrci(1), 'VRCI')
     assert of(Command, bench.events) == [Command(1, bytes(16))]
@@ -818,7 +789,7 @@ def test_queue_is_bounded_and_in_order() -> None:
         bench.session.send_command(bytes(16), bench.now)
     for number in numbers:
         bench.wait(0.0)
-        bench.datagram(b'')
+        bench.take(b'')
         bench.hear(struct.pack('<H', number), 'VRAI')
     assert of(CommandResult, bench.events) == [CommandResult(n, ACKNOWLEDGED) for n in numbers]
     assert len(bench.frames(b'VRCO')) == len(numbers)
@@ -899,7 +870,7 @@ def mutations(source: random.Random) -> Callable[[bytes], bytes]:
 
 def test_ten_thousand_mutated_datagrams_release_no_stop_and_move_nothing() -> None:
     source = random.Random(42)
-    locked, fresh = Bench().open(), Bench().open()
+    locked, fresh = opened(), opened()
     stop = build_vrpi(bu_state=STOPPED, ru_state=STOPPED_RU)
     locked.hear(stop)
     for _ in range(10_000):
@@ -911,7 +882,7 @@ def test_ten_thousand_mutated_datagrams_release_no_stop_and_move_nothing() -> No
         locked.serial -= 1  # it does not arrive
         bad = mutations(source)(good)
         for bench in (locked, fresh):
-            bench.datagram(bad)
+            bench.take(bad)
             bench.wait(source.uniform(0.0, 0.02))
             assert bench.session.estop
             assert bench.session.own_estop
@@ -944,7 +915,7 @@ def test_what_must_hold_in_any_life(seed: int) -> None:
         elif act == 5:
             bench.session.set_hold_output(source.random() < 0.5, bench.now)
         elif act == 6:
-            bench.datagram(source.randbytes(66))
+            bench.take(source.randbytes(66))
         before = len(bench.events)
         bench.wait(source.choice((0.0, 0.05, 0.2, 0.7)))
         session = bench.session

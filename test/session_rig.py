@@ -1,0 +1,60 @@
+"""A session and its time, for tests: the link thread's part, without a thread or a port."""
+
+from typing import Any
+from typing import Generic
+from typing import TypeVar
+
+SessionT = TypeVar('SessionT', bound=Any)
+
+
+class SessionBench(Generic[SessionT]):
+    """
+    Drives one session as bridge_core.transports.link does.
+
+    ``events`` and ``sent`` (with the time of each frame) keep all that came out. A room's tests
+    derive from it, and say how its device is heard.
+    """
+
+    def __init__(self, session: SessionT) -> None:
+        self.session = session
+        self.now = 100.0
+        self.events: list[Any] = []
+        self.sent: list[tuple[float, Any]] = []
+
+    def open(self) -> list[Any]:
+        """Open the port; return the events of that, as all of these do."""
+        return self._keep(self.session.opened(self.now))
+
+    def close(self) -> list[Any]:
+        return self._keep((self.session.closed(self.now), []))
+
+    def take(self, *reads: Any) -> list[Any]:
+        """Receive what the transport reads at once, then poll."""
+        before = len(self.events)
+        for data in reads:
+            self._keep(self.session.receive(data, self.now))
+        self.poll()
+        return self.events[before:]
+
+    def poll(self) -> list[Any]:
+        return self._keep(self.session.poll(self.now))
+
+    def wait(self, seconds: float) -> list[Any]:
+        """Poll at every deadline."""
+        before, end = len(self.events), self.now + seconds
+        for _ in range(10_000):
+            due = max(self.session.deadline(), self.now)
+            if due > end:
+                break
+            self.now = due
+            self.poll()
+        else:
+            raise AssertionError('the session spins')
+        self.now = end
+        return self.events[before:]
+
+    def _keep(self, output: tuple[list[Any], list[Any]]) -> list[Any]:
+        events, frames = output
+        self.events += events
+        self.sent += [(self.now, frame) for frame in frames]
+        return events
