@@ -1,0 +1,131 @@
+"""
+The Microbotics SSC's serial messages, in mBin: manual section 4 (February 2, 2007).
+
+Every frame, multi-byte values big-endian (layout: 4.1; byte order: seen on devices):
+
+======  ====  ==============================================================
+offset  size  content
+======  ====  ==============================================================
+0       2     header, 0x81 then 0xA1
+2       1     message ID
+3       1     COUNT, N bytes of payload
+4       N     payload
+N+4     2     Fletcher sums, modulo 256, over ID, COUNT and payload: the plain
+              sum, then the sum of sums
+======  ====  ==============================================================
+
+Payloads, with M pulse inputs and N = 24 - M pulse outputs. Those from the device come at a
+configured rate, and in answer to their own ID with COUNT 0:
+
+===  =======  =========  =======================================================
+ID   bytes    direction  payload
+===  =======  =========  =======================================================
+10   2        from SSC   bits 2-1 command channel state, bit 0 config available
+11   N        from SSC   a byte an output: source, pulse input in the high nibble
+12   2N       from SSC   µs of each output; top bit: invalid
+13   2M       from SSC   µs of each input; top bit: invalid
+14   2 + 2n   from SSC   levels, timer_assign, a word for each of its n bits
+15   14       from SSC   config ID, M, six words of auxiliary functions
+20   2N       to SSC     µs of each output's source SERIAL, 0 to 32000
+21   2 + 2n   to SSC     levels, pulse_assign, a word for each of its n bits
+98   0        to SSC     lock the configuration menus out
+===  =======  =========  =======================================================
+"""
+
+from bridge_core.framing import FrameError
+from ssc_bridge.protocol.frames import BAUD
+from ssc_bridge.protocol.frames import BITS_PER_BYTE
+from ssc_bridge.protocol.frames import build_frame
+from ssc_bridge.protocol.frames import FORMAT
+from ssc_bridge.protocol.frames import HEADER
+from ssc_bridge.protocol.frames import MAX_LENGTH
+from ssc_bridge.protocol.frames import Message
+from ssc_bridge.protocol.frames import MessageType
+from ssc_bridge.protocol.frames import OVERHEAD
+from ssc_bridge.protocol.frames import parser
+from ssc_bridge.protocol.frames import payload_of
+from ssc_bridge.protocol.frames import POLLED
+from ssc_bridge.protocol.messages import AuxInputs
+from ssc_bridge.protocol.messages import AuxOutputs
+from ssc_bridge.protocol.messages import ChannelSource
+from ssc_bridge.protocol.messages import Configuration
+from ssc_bridge.protocol.messages import decode
+from ssc_bridge.protocol.messages import Lockout
+from ssc_bridge.protocol.messages import MESSAGES
+from ssc_bridge.protocol.messages import Poll
+from ssc_bridge.protocol.messages import PulseCommand
+from ssc_bridge.protocol.messages import PulseInputs
+from ssc_bridge.protocol.messages import PulseOutputs
+from ssc_bridge.protocol.messages import Status
+from ssc_bridge.protocol.messages import Unknown
+from ssc_bridge.protocol.values import AUX_CHANNELS
+from ssc_bridge.protocol.values import AuxFunction
+from ssc_bridge.protocol.values import CommandState
+from ssc_bridge.protocol.values import DigitalInput
+from ssc_bridge.protocol.values import DigitalOutput
+from ssc_bridge.protocol.values import function_of
+from ssc_bridge.protocol.values import INVALID_PULSE
+from ssc_bridge.protocol.values import MAX_INPUTS
+from ssc_bridge.protocol.values import MAX_PULSE_COUNTS
+from ssc_bridge.protocol.values import MAX_PULSE_US
+from ssc_bridge.protocol.values import MAX_TIMER_COUNTS
+from ssc_bridge.protocol.values import Measurement
+from ssc_bridge.protocol.values import MEASURING
+from ssc_bridge.protocol.values import PULSE_CHANNELS
+from ssc_bridge.protocol.values import PulseAccumulator
+from ssc_bridge.protocol.values import PulseOutput
+from ssc_bridge.protocol.values import Selection
+from ssc_bridge.protocol.values import Source
+from ssc_bridge.protocol.values import TIME_BASES_US
+from ssc_bridge.protocol.values import TimerInput
+from ssc_bridge.protocol.values import UnknownFunction
+
+__all__ = [
+    'AUX_CHANNELS',
+    'BAUD',
+    'BITS_PER_BYTE',
+    'FORMAT',
+    'HEADER',
+    'INVALID_PULSE',
+    'MAX_INPUTS',
+    'MAX_LENGTH',
+    'MAX_PULSE_COUNTS',
+    'MAX_PULSE_US',
+    'MAX_TIMER_COUNTS',
+    'MEASURING',
+    'MESSAGES',
+    'OVERHEAD',
+    'POLLED',
+    'PULSE_CHANNELS',
+    'TIME_BASES_US',
+    'AuxFunction',
+    'AuxInputs',
+    'AuxOutputs',
+    'ChannelSource',
+    'CommandState',
+    'Configuration',
+    'DigitalInput',
+    'DigitalOutput',
+    'FrameError',
+    'Lockout',
+    'Measurement',
+    'Message',
+    'MessageType',
+    'Poll',
+    'PulseAccumulator',
+    'PulseCommand',
+    'PulseInputs',
+    'PulseOutput',
+    'PulseOutputs',
+    'Selection',
+    'Source',
+    'Status',
+    'TimerInput',
+    'Unknown',
+    'UnknownFunction',
+    'build_frame',
+    'decode',
+    'function_of',
+    'parser',
+    'payload_of',
+]
