@@ -338,6 +338,7 @@ class BridgeNode(ManagedNode):
             'reconnects': max(0, port.opens - 1),
             'sent': port.sent,
             'dropped': port.dropped,
+            **self.link.transport_counts(),
             'refused requests': self.refused,
             'last refusal': self.refusal or 'none',
         }

@@ -9,6 +9,8 @@ from typing import Any
 
 import pytest
 
+from test.can_rig import CanBus
+from test.can_rig import make_bus
 from test.link_rig import Bench
 from test.rig import claim_domain
 from test.rig import Observer
@@ -21,6 +23,13 @@ claim_domain()
 
 def pytest_unconfigure() -> None:
     shutil.rmtree(_LOG_DIR, ignore_errors=True)
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Mark what runs once more on a real CAN interface: all that asks for a bus."""
+    for item in items:
+        if 'can_bus' in getattr(item, 'fixturenames', ()):
+            item.add_marker('can_bus')
 
 
 @pytest.fixture
@@ -44,6 +53,14 @@ def bench() -> Iterator[Bench]:
     yield result
     result.transport.gate.set()
     result.link.stop()
+
+
+@pytest.fixture
+def can_bus() -> Iterator[CanBus]:
+    """Give a CAN bus of the test's own; see can_rig."""
+    result = make_bus()
+    yield result
+    result.close()
 
 
 @pytest.fixture

@@ -62,6 +62,9 @@ class FakeTransport:
     def is_open(self) -> bool:
         return self._ours is not None
 
+    def counts(self) -> dict[str, int | str]:
+        return {}
+
     def fileno(self) -> int:
         return -1 if self._ours is None else self._ours.fileno()
 

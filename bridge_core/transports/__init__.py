@@ -1,11 +1,18 @@
 """
-Moving bytes, and nothing else: what they mean is the session's business.
+Moving bytes or CAN frames, and nothing else: what they mean is the session's business.
 
 A transport is opened by the link thread, gives a file descriptor to wait on, and is closed and
 opened again for ever. ``close`` may be called twice.
 """
 
+from collections.abc import Sequence
+from typing import Any
 from typing import Protocol
+from typing import TypeAlias
+
+# What one port carries: bytes, or bridge_core.j1939.CanFrame. A room joins a session and a
+# transport that have the same.
+Frame: TypeAlias = Any
 
 
 class TransportError(Exception):
@@ -26,10 +33,13 @@ class Transport(Protocol):
     def fileno(self) -> int:
         """Return the descriptor that becomes readable when something was received or was lost."""
 
-    def receive(self) -> list[bytes]:
+    def receive(self) -> Sequence[Frame]:
         """Return what is there, without waiting. :raises TransportError: the port is gone."""
 
-    def send(self, frame: bytes) -> bool:
+    def counts(self) -> dict[str, int | str]:
+        """Return what was received and not handed up, by kind; shown in the link's diagnostic."""
+
+    def send(self, frame: Frame) -> bool:
         """
         Queue one frame; return False if the line is busy with earlier ones and it was dropped.
 

@@ -20,11 +20,12 @@ from typing import Any
 from typing import Protocol
 
 from bridge_core.framing import Counters
+from bridge_core.transports import Frame
 from bridge_core.transports import Transport
 from bridge_core.transports import TransportError
 
 Request = Callable[[float], None]
-Output = tuple[list[Any], list[bytes]]
+Output = tuple[list[Any], list[Frame]]
 
 BACKOFF_START = 0.1
 _LONGEST_WAIT = 1.0
@@ -70,8 +71,8 @@ class Session(Protocol):
     def closed(self, now: float) -> list[Any]:
         """Forget what was heard: the port is gone. Return events."""
 
-    def receive(self, data: bytes, now: float) -> Output:
-        """Take what came. Raises nothing."""
+    def receive(self, data: Frame, now: float) -> Output:
+        """Take what came: some bytes, a datagram or a frame. Raises nothing."""
 
     def poll(self, now: float) -> Output:
         """Do what is due."""
@@ -79,7 +80,7 @@ class Session(Protocol):
     def deadline(self) -> float:
         """Return when poll wants to be called next; infinite for never."""
 
-    def farewell(self, now: float) -> list[bytes]:
+    def farewell(self, now: float) -> list[Frame]:
         """Return the frames that leave the device in its safe state."""
 
 
@@ -198,6 +199,10 @@ class Link:
         """Send the farewell and close the port; returns when that is done."""
         if self._thread.is_alive():
             self.call(self._deactivate)
+
+    def transport_counts(self) -> dict[str, int | str]:
+        """Return what the port has received and not handed up; call it on the link thread."""
+        return {} if self._transport is None else self._transport.counts()
 
     def stop(self) -> None:
         """End the thread, farewell included; may be called twice. Raises nothing."""
@@ -340,7 +345,7 @@ class Link:
         finally:
             transport.close()
 
-    def _say_farewell(self, transport: Transport, frames: list[bytes]) -> None:
+    def _say_farewell(self, transport: Transport, frames: list[Frame]) -> None:
         end = time.monotonic() + _FAREWELL_TIME
         try:
             for frame in frames:

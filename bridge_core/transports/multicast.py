@@ -75,6 +75,13 @@ class MulticastTransport:
         self._netlink: socket.socket | None = None
         self._epoll: select.epoll | None = None
 
+    def counts(self) -> dict[str, int | str]:
+        """Return what came from senders that are not allowed."""
+        return {
+            'datagrams of other senders': self.foreign,
+            'last other sender': self.foreign_source or 'none',
+        }
+
     def open(self) -> None:
         """Join the group. :raises TransportError: with the reason and what to do."""
         self.close()

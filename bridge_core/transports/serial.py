@@ -60,6 +60,10 @@ class SerialTransport:
         self._backlog_request: int | None = None
         self._busy_since: float | None = None
 
+    def counts(self) -> dict[str, int | str]:
+        """Return nothing: every byte is handed up."""
+        return {}
+
     def open(self) -> None:
         """Open and lock the port. :raises TransportError: with the reason and what to do."""
         self.close()

@@ -1,0 +1,180 @@
+"""
+CAN through python-can: extended data frames of classic CAN up, everything else counted.
+
+A bus is lost when its interface goes down, is deleted, or has gone bus-off. Then the port is
+closed and opened anew with the link's back-off, so a bus in trouble costs no processor time, and
+one that has come back, even as a new interface of the same name, is found.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+import errno
+import logging
+import os
+
+import can
+
+from bridge_core.j1939 import CanFrame
+from bridge_core.transports import TransportError
+from bridge_core.transports.can_errors import BUS_OFF
+from bridge_core.transports.can_errors import KINDS
+from bridge_core.transports.can_errors import kinds_of
+from bridge_core.transports.can_ports import BusOffError
+from bridge_core.transports.can_ports import CanPort
+from bridge_core.transports.can_ports import multicast_address
+from bridge_core.transports.can_ports import MulticastPort
+from bridge_core.transports.can_ports import PumpedPort
+from bridge_core.transports.can_ports import SocketCanPort
+
+# Set by whoever brings the interface up, or by nobody.
+_WITHOUT_BITRATE = ('socketcan', 'udp_multicast', 'virtual')
+_COUNTED = (
+    *('standard frames', 'remote frames', 'CAN FD frames', 'malformed', 'error frames'),
+    *KINDS,
+)
+_GONE = (errno.ENODEV, errno.ENXIO)
+_NO_CAN = (errno.EAFNOSUPPORT, errno.EPROTONOSUPPORT)
+_PORT_ERRORS = (can.CanError, OSError, ValueError, NotImplementedError, BusOffError)
+
+# python-can logs at each try what we say once, in better words; without a handler of its own
+# that would land on stderr.
+logging.getLogger('can').addHandler(logging.NullHandler())
+
+
+class CanTransport:
+    """
+    One CAN bus. Several, in one process or many, may share it.
+
+    :param interface: python-can's name of a kind of interface, such as socketcan.
+    :param channel: which one, such as can0, /dev/ttyACM0 (slcan), 239.74.163.2:43113
+        (udp_multicast; the port may be left out).
+    :param bitrate: bits per second, for interfaces that take one. None: as it is set.
+    :param filters: (identifier, mask) pairs of extended frames that pass; empty: all do.
+    :raises ValueError: for what cannot be.
+    """
+
+    def __init__(
+        self,
+        interface: str,
+        channel: str,
+        *,
+        bitrate: int | None = None,
+        filters: Sequence[tuple[int, int]] = (),
+    ) -> None:
+        _check(interface, channel, bitrate)
+        self.name = channel if interface == 'socketcan' else f'{interface} {channel}'
+        self._interface, self._channel, self._bitrate = interface, channel, bitrate
+        self._filters = tuple(filters)
+        self._counts = Counter(dict.fromkeys(_COUNTED, 0))
+        self._port: CanPort | None = None
+
+    def counts(self) -> dict[str, int | str]:
+        """Return what was received but not handed up, by kind, since construction."""
+        return dict(self._counts)
+
+    def open(self) -> None:
+        """Join the bus. :raises TransportError: with the reason and what to do."""
+        self.close()
+        try:
+            self._port = self._open_port()
+        except (*_PORT_ERRORS, TransportError) as error:
+            raise TransportError(f'cannot open {self.name}: {self._explain(error)}') from error
+
+    def _open_port(self) -> CanPort:
+        if self._interface == 'socketcan':
+            return SocketCanPort(self._channel, self._filters)
+        if self._interface == 'udp_multicast':
+            return MulticastPort(self._channel, self._filters, self._counts)
+        options = {'interface': self._interface, 'channel': self._channel}
+        bitrate = {} if self._bitrate is None else {'bitrate': self._bitrate}
+        return PumpedPort({**options, **bitrate}, self._filters, self._counts)
+
+    def close(self) -> None:
+        """Leave the bus."""
+        port, self._port = self._port, None
+        if port is not None:
+            port.close()
+
+    def fileno(self) -> int:
+        """Return the descriptor to wait on; -1 while closed."""
+        return -1 if self._port is None else self._port.fileno()
+
+    def receive(self) -> list[CanFrame]:
+        """Return the extended data frames that are there. :raises TransportError: bus lost."""
+        if self._port is None:
+            raise TransportError(f'{self.name}: not open')
+        try:
+            messages = self._port.read()
+            return [frame for message in messages if (frame := self._sort(message)) is not None]
+        except _PORT_ERRORS as error:
+            raise TransportError(f'{self.name}: {self._explain(error)}') from error
+
+    def send(self, frame: CanFrame) -> bool:
+        """Send a frame, or drop it while the line is busy. :raises TransportError: bus lost."""
+        if self._port is None:
+            raise TransportError(f'{self.name}: not open')
+        message = can.Message(
+            arbitration_id=frame.identifier, data=frame.data, is_extended_id=True
+        )
+        try:
+            return self._port.write(message)
+        except _PORT_ERRORS as error:
+            raise TransportError(f'{self.name}: cannot send, {self._explain(error)}') from error
+
+    def _sort(self, message: can.Message) -> CanFrame | None:
+        """Return what is for the session; count the rest. :raises BusOffError: so says the bus."""
+        if message.is_error_frame:
+            self._take_error(message)
+        elif message.is_remote_frame:
+            self._counts['remote frames'] += 1
+        elif message.is_fd:
+            self._counts['CAN FD frames'] += 1
+        elif not message.is_extended_id:
+            self._counts['standard frames'] += 1
+        else:
+            try:
+                return CanFrame(message.arbitration_id, bytes(message.data))
+            except ValueError:  # only simulated buses can carry such
+                self._counts['malformed'] += 1
+        return None
+
+    def _take_error(self, message: can.Message) -> None:
+        kinds = kinds_of(message.arbitration_id, bytes(message.data))
+        self._counts.update(('error frames', *kinds))
+        if BUS_OFF in kinds:
+            raise BusOffError
+
+    def _explain(self, error: Exception) -> str:
+        """Return the reason and what to do."""
+        up = f'ip link set {self._channel} up type can bitrate 250000 restart-ms 100'
+        if isinstance(error, BusOffError):
+            return (
+                'bus off; check bit rate, wiring and termination, then '
+                f'`ip link set {self._channel} down` and `{up}`'
+            )
+        code = error.errno if isinstance(error, OSError) else getattr(error, 'error_code', None)
+        if code == errno.ENETDOWN:
+            return f'the interface is down; `{up}`'
+        if code in _GONE:
+            return f'there is no CAN interface {self._channel}; plug it in, or set channel'
+        if code in _NO_CAN:
+            return 'this kernel has no CAN; `modprobe can_raw`'
+        return os.strerror(code) if code else str(error) or repr(error)
+
+
+def _check(interface: str, channel: str, bitrate: int | None) -> None:
+    """:raises ValueError: naming what is wrong, and what would be right."""
+    if interface not in can.VALID_INTERFACES:
+        known = ', '.join(sorted(can.VALID_INTERFACES))
+        raise ValueError(f'interface {interface!r} is unknown; known are {known}')
+    if not channel:
+        raise ValueError('channel is empty; it names the bus, such as can0')
+    if interface == 'udp_multicast':
+        multicast_address(channel)
+    if bitrate is not None and interface in _WITHOUT_BITRATE:
+        raise ValueError(
+            f'bitrate cannot be set for {interface}; leave it at 0 and set it where the interface '
+            f'is brought up'
+        )

@@ -1,0 +1,302 @@
+"""
+The three ways to a CAN bus, alike for CanTransport.
+
+SocketCAN has a descriptor to wait on, and filters in the kernel. ``udp_multicast`` is python-can's
+simulated bus of many processes; python-can's own class would hand us back what we send, needs a
+network, and may let joystick commands out into it, so only its wire format is used. Everything
+else that python-can knows (slcan, virtual, pcan ...) may block or has no descriptor: two threads
+carry its frames.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections import deque
+from collections.abc import Sequence
+import contextlib
+import errno
+import fcntl
+import ipaddress
+import os
+import queue
+import socket
+import struct
+import threading
+from typing import Any
+from typing import Protocol
+import uuid
+
+import can
+from can.interfaces.udp_multicast import utils as multicast_wire
+
+from bridge_core.transports import TransportError
+from bridge_core.transports.multicast import MulticastTransport
+
+DEFAULT_PORT = 43113  # python-can's
+# Frames a call: with the bus full of them, a stop must not wait behind more than these.
+READS = 64
+_BUSY = (None, errno.EAGAIN, errno.ENOBUFS)  # None: python-can saw that the socket takes no more
+_SIOCGIFFLAGS = 0x8913  # linux/sockios.h
+_IFF_UP, _IFF_RUNNING = 0x1, 0x40  # linux/if.h
+_BACKLOG_LIMIT = 16  # frames: 8 ms of a bus at 250 kbit/s, and more would delay a stop
+_WAITING_LIMIT = 1024
+_LOOK_UP = 0.1  # seconds after which a reading thread sees that it is to end
+_CLOSE_TIME = 0.5
+
+Filters = Sequence[tuple[int, int]]
+
+
+class BusOffError(Exception):
+    """The controller has left the bus."""
+
+
+class CanPort(Protocol):
+    """An open way to a bus; what it raises is python-can's or OSError."""
+
+    def fileno(self) -> int:
+        """Return the descriptor to wait on."""
+
+    def read(self) -> list[can.Message]:
+        """Return what is there, READS messages at most, without waiting."""
+
+    def write(self, message: can.Message) -> bool:
+        """Send without waiting; False: the line is busy and it was dropped."""
+
+    def close(self) -> None:
+        """Leave the bus; what was written may still go out."""
+
+
+class SocketCanPort:
+    """
+    A CAN interface of the kernel, such as can0.
+
+    :raises OSError: there is none of that name, or it is down. :raises BusOffError: as it says.
+    """
+
+    def __init__(self, channel: str, filters: Filters) -> None:
+        _check_interface(channel)
+        # CAN FD is received only to be counted: such frames are not for us.
+        self._bus = can.Bus(
+            interface='socketcan',
+            channel=channel,
+            fd=True,
+            can_filters=_can_filters(filters),
+            ignore_config=True,
+        )
+
+    def fileno(self) -> int:
+        """Return the socket's descriptor."""
+        return self._bus.fileno()
+
+    def read(self) -> list[can.Message]:
+        """Return what the kernel has let through."""
+        messages: list[can.Message] = []
+        while len(messages) < READS and (message := self._bus.recv(0)) is not None:
+            messages.append(message)
+        return messages
+
+    def write(self, message: can.Message) -> bool:
+        """Hand it to the kernel; drop it while its queue is full."""
+        try:
+            self._bus.send(message)
+        except can.CanOperationError as error:
+            if error.error_code in _BUSY:
+                return False
+            raise
+        return True
+
+    def close(self) -> None:
+        """Close the socket."""
+        with contextlib.suppress(OSError):  # closing what is already gone
+            self._bus.shutdown()
+
+
+class MulticastPort:
+    """
+    A simulated bus on UDP multicast, python-can's ``udp_multicast``; it never leaves this machine.
+
+    :param channel: IPv4 multicast address, ``:port`` may follow. :param counts: of what is wrong.
+    :raises ValueError: for anything else. :raises TransportError: no network, not even loopback.
+    """
+
+    def __init__(self, channel: str, filters: Filters, counts: Counter[str]) -> None:
+        self._filters = filters
+        self._counts = counts
+        self._token = uuid.uuid4().hex  # tells our own frames, which come back, from others'
+        multicast_wire.pack_message(can.Message())  # is msgpack there?
+        self._udp = _open_multicast(*multicast_address(channel))
+
+    def fileno(self) -> int:
+        """Return the descriptor to wait on."""
+        return self._udp.fileno()
+
+    def read(self) -> list[can.Message]:
+        """Return what others have sent and the filters let through."""
+        messages = (self._unpack(datagram) for datagram in self._udp.receive())
+        return [message for message in messages if message is not None]
+
+    def write(self, message: can.Message) -> bool:
+        """Send a datagram."""
+        message.channel = self._token
+        return self._udp.send(multicast_wire.pack_message(message))
+
+    def close(self) -> None:
+        """Leave the group."""
+        self._udp.close()
+
+    def _unpack(self, datagram: bytes) -> can.Message | None:
+        try:
+            message = multicast_wire.unpack_message(datagram, check=True)
+        except Exception:  # whatever msgpack or python-can throw at what is no frame
+            self._counts['malformed'] += 1
+            return None
+        if message.channel == self._token or not _passes(message, self._filters):
+            return None
+        return message
+
+
+class PumpedPort:
+    """
+    A bus of python-can that may block: one thread reads it, another one writes to it.
+
+    :param options: for can.Bus. :param counts: of frames that were lost because nobody read them.
+    """
+
+    def __init__(self, options: dict[str, Any], filters: Filters, counts: Counter[str]) -> None:
+        self._bus = can.Bus(**options, can_filters=_can_filters(filters), ignore_config=True)
+        self._counts = counts
+        self._wake_fd = os.eventfd(0, os.EFD_NONBLOCK | os.EFD_CLOEXEC)
+        self._lock = threading.Lock()
+        self._received: deque[can.Message] = deque()
+        self._outgoing: queue.SimpleQueue[can.Message | None] = queue.SimpleQueue()
+        self._failure: Exception | None = None
+        self._closing = False
+        self._reader = threading.Thread(target=self._inward, daemon=True)
+        self._writer = threading.Thread(target=self._outward, daemon=True)
+        self._reader.start()
+        self._writer.start()
+
+    def fileno(self) -> int:
+        """Return the descriptor that the reading thread makes readable."""
+        return self._wake_fd
+
+    def read(self) -> list[can.Message]:
+        """Return what the reading thread has brought; then raise what has ended it."""
+        with self._lock:
+            with contextlib.suppress(BlockingIOError):
+                os.eventfd_read(self._wake_fd)
+            count = min(READS, len(self._received))
+            messages = [self._received.popleft() for _ in range(count)]
+            if self._received or self._failure:
+                self._wake()
+        if self._failure is not None and not messages:
+            raise self._failure
+        return messages
+
+    def write(self, message: can.Message) -> bool:
+        """Hand it to the writing thread; drop it while that has enough to do."""
+        if self._failure is not None:
+            raise self._failure
+        if self._outgoing.qsize() >= _BACKLOG_LIMIT:
+            return False
+        self._outgoing.put(message)
+        return True
+
+    def close(self) -> None:
+        """Have the threads end; the writing one sends what is queued and closes the bus."""
+        with self._lock:
+            self._closing = True
+            os.close(self._wake_fd)
+        self._outgoing.put(None)
+        self._writer.join(_CLOSE_TIME)  # opened again at once, two would have the same port
+
+    def _inward(self) -> None:
+        try:
+            while not self._closing:
+                message = self._bus.recv(_LOOK_UP)
+                if message is not None:
+                    self._put(message)
+        except Exception as error:  # whatever a driver throws is the end of the port
+            self._fail(error)
+
+    def _outward(self) -> None:
+        try:
+            while (message := self._outgoing.get()) is not None:
+                self._bus.send(message)
+        except Exception as error:
+            self._fail(error)
+            while self._outgoing.get() is not None:
+                pass
+        self._reader.join()
+        with contextlib.suppress(Exception):  # closing what is already gone
+            self._bus.shutdown()
+
+    def _put(self, message: can.Message) -> None:
+        with self._lock:
+            if len(self._received) >= _WAITING_LIMIT:
+                self._received.popleft()
+                self._counts['receive overflows'] += 1
+            self._received.append(message)
+            self._wake()
+
+    def _fail(self, error: Exception) -> None:
+        with self._lock:
+            self._failure = self._failure or error
+            self._wake()
+
+    def _wake(self) -> None:
+        if not self._closing:  # else the number may be somebody else's by now
+            os.eventfd_write(self._wake_fd, 1)
+
+
+def multicast_address(channel: str) -> tuple[str, int]:
+    """Return group and UDP port of a channel. :raises ValueError: it is none."""
+    group, _, port = channel.partition(':')
+    try:
+        is_group = ipaddress.IPv4Address(group).is_multicast
+        number = int(port) if port else DEFAULT_PORT
+    except ValueError:
+        is_group = False
+    if not is_group or not 0 < number < 65536:
+        raise ValueError(
+            f'channel {channel!r} is no IPv4 multicast address, such as 239.74.163.2, with or '
+            f'without a UDP port, such as 239.74.163.2:{DEFAULT_PORT}'
+        )
+    return group, number
+
+
+def _open_multicast(group: str, port: int) -> MulticastTransport:
+    """Open where python-can would, else (without any network) on loopback."""
+    udp = MulticastTransport(group, port, port, ttl=0)
+    try:
+        udp.open()
+    except TransportError:
+        udp = MulticastTransport(group, port, port, ttl=0, interface_address='127.0.0.1')
+        udp.open()
+    return udp
+
+
+def _check_interface(channel: str) -> None:
+    """:raises OSError: no such interface, or it is down. :raises BusOffError: no carrier."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        request = struct.pack('16s240x', channel.encode())
+        (flags,) = struct.unpack_from('H', fcntl.ioctl(probe, _SIOCGIFFLAGS, request), 16)
+    if not flags & _IFF_UP:
+        raise OSError(errno.ENETDOWN, os.strerror(errno.ENETDOWN))
+    if not flags & _IFF_RUNNING:
+        raise BusOffError
+
+
+def _can_filters(filters: Filters) -> Any:
+    """Return python-can's form of filters; None: all frames."""
+    return [
+        {'can_id': identifier, 'can_mask': mask, 'extended': True} for identifier, mask in filters
+    ] or None
+
+
+def _passes(message: can.Message, filters: Filters) -> bool:
+    if not filters:
+        return True
+    return message.is_extended_id and any(
+        not (message.arbitration_id ^ identifier) & mask for identifier, mask in filters
+    )

@@ -1,0 +1,144 @@
+"""
+A CAN bus for tests, and whoever else is on it.
+
+Take the fixture ``can_bus``; it gives every test a bus of its own:
+
+    def test_it(can_bus: CanBus) -> None:
+        node_parameters = {'interface': can_bus.interface, 'channel': can_bus.channel}
+        peer = can_bus.endpoint()           # a python-can bus: send, recv(timeout)
+        peer.send(message(0x18FEF533, b'...'))
+        transport = can_bus.transport()     # a CanTransport, open
+
+Both are closed when the test ends. The bus is python-can's ``udp_multicast``, which reaches other
+processes and stays on this machine, or what the environment names:
+``RUGGED_TELEOP_CAN=socketcan:vcan0``. All tests that take it get the mark ``can_bus``, and run a
+second time inside user-mode-linux on a real ``vcan0`` (test_uml.py), which is slow and has one
+processor: give such tests deadlines of several seconds.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+import os
+import socket
+import struct
+import time
+from typing import Any
+
+import can
+import pytest
+
+from bridge_core.j1939 import CanFrame
+from bridge_core.transports.can import CanTransport
+from test.rig import wait_for
+
+VARIABLE = 'RUGGED_TELEOP_CAN'
+_GROUP = '239.255.42.21'
+_given: set[int] = set()
+
+
+class CanBus:
+    """One bus: ``interface`` and ``channel`` as nodes and python-can want them."""
+
+    def __init__(self, interface: str, channel: str) -> None:
+        self.interface, self.channel = interface, channel
+        self._endpoints: list[can.BusABC] = []
+        self._transports: list[CanTransport] = []
+
+    def endpoint(self, **options: Any) -> can.BusABC:
+        """Return another one on the bus, in python-can's own words. :param options: for can.Bus"""
+        channel, _, port = self.channel.partition(':')
+        if self.interface == 'udp_multicast':
+            options = {'port': int(port), 'hop_limit': 0, **options}
+        bus = can.Bus(interface=self.interface, channel=channel, ignore_config=True, **options)
+        self._endpoints.append(bus)
+        return bus
+
+    def transport(self, filters: Sequence[tuple[int, int]] = ()) -> CanTransport:
+        """Return a transport of ours on the bus, open."""
+        transport = CanTransport(self.interface, self.channel, filters=filters)
+        transport.open()
+        self._transports.append(transport)
+        return transport
+
+    def close(self) -> None:
+        """Close all that was given out."""
+        for port in self._transports:
+            port.close()
+        for bus in self._endpoints:
+            bus.shutdown()
+
+
+def make_bus() -> CanBus:
+    """Return the bus that the environment names, or one that nobody else uses."""
+    chosen = os.environ.get(VARIABLE)
+    if chosen:
+        interface, _, channel = chosen.partition(':')
+        return CanBus(interface, channel)
+    if not _is_routed():
+        pytest.skip(f'python-can finds no network for udp_multicast; set {VARIABLE}')
+    return CanBus('udp_multicast', f'{_GROUP}:{_free_port()}')
+
+
+def message(identifier: int, data: bytes = b'') -> can.Message:
+    """Return python-can's form of an extended data frame."""
+    return can.Message(arbitration_id=identifier, data=data, is_extended_id=True)
+
+
+def frame(received: can.Message) -> CanFrame:
+    """Return ours."""
+    return CanFrame(received.arbitration_id, bytes(received.data))
+
+
+def receive(
+    bus: can.BusABC, identifier: int, mask: int = 0x1FFFFFFF, timeout: float = 5.0
+) -> CanFrame:
+    """Return the next frame with this identifier. :raises AssertionError: none within time."""
+    end = time.monotonic() + timeout
+    while (left := end - time.monotonic()) > 0:
+        received = bus.recv(left)
+        if received is not None and not (received.arbitration_id ^ identifier) & mask:
+            return frame(received)
+    raise AssertionError(f'no frame {identifier:08X} within {timeout} s')
+
+
+def drain(bus: can.BusABC) -> list[CanFrame]:
+    """Return all that is there."""
+    frames = []
+    while (received := bus.recv(0)) is not None:
+        frames.append(frame(received))
+    return frames
+
+
+def wait_frames(transport: CanTransport, count: int, timeout: float = 5.0) -> list[CanFrame]:
+    """Return at least ``count`` frames."""
+    frames: list[CanFrame] = []
+
+    def enough() -> bool:
+        frames.extend(transport.receive())
+        return len(frames) >= count
+
+    wait_for(enough, timeout, lambda: f'{count} frames, not {frames}')
+    return frames
+
+
+def _is_routed() -> bool:
+    """Tell whether some interface takes multicast: without any, python-can does not open."""
+    member = struct.pack('4sI', socket.inet_aton(_GROUP), socket.INADDR_ANY)
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        try:
+            probe.setsockopt(socket.IPPROTO_IP, socket.IP_ADD_MEMBERSHIP, member)
+        except OSError:
+            return False
+    return True
+
+
+def _free_port() -> int:
+    """Return a UDP port that no neighbour and no other test uses."""
+    while True:
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+            probe.bind(('', 0))
+            port = int(probe.getsockname()[1])
+        if port not in _given:
+            _given.add(port)
+            return port
