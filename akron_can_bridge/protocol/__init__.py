@@ -1,0 +1,198 @@
+"""
+Akron Brass 6000 series on CAN: "Style 6000 Series CAN Messaging Reference Manual", revised 5/17.
+
+250 kbit/s, J1939 identifiers of 29 bits. The manual counts bytes from 1 and the bits of a byte
+from 8 (top) to 1. Numbers of more than one byte are high byte first on PGN EF00, whose first byte
+is the message type, and low byte first on the J1939 PGNs.
+
+=====  =====  ==================  ==============================================================
+PGN    bytes  from                data
+=====  =====  ==================  ==============================================================
+64982  8      joystick 33-38      1-2 X, 3-4 Y, 5 detents, 6-8 switches 1-12
+64983  8      joystick 33-38      1-2 grip X, 3-4 grip Y, 5-6 theta, 7 detents, 8 switches 13-16
+59904  3      anyone              1-3 PGN that is asked for
+60928  8      anyone              1-8 NAME
+=====  =====  ==================  ==============================================================
+
+====  =====  ===================  ==============================================================
+type  bytes  from                 data after the type byte
+====  =====  ===================  ==============================================================
+01    8      unit, 100 ms         2-3 rotation, 4-5 elevation, 6-8 hard stops, error, calibration
+02    1 / 7  poll / response      2-5 fault bits, 6-7 pCode error code
+03    1 / 7  poll / response      2-3 fixed boot, 4-5 bootloader, 6-7 system
+04    1 / 7  poll / response      2-3 style, 4-5 subtype, 6-7 version
+05    1 / 7  poll / response      2-5 config type, 6-7 version
+21    1 / 8  poll / response      2-8 voltage, relays, outputs, inputs, joystick
+22    5      response to 21       2-3 rotation, 4-5 elevation
+41    1      request, ack         zero axis positions
+45    1      request              reset controller
+46    1      request, ack         enter setup mode
+81    6      unit, 100 ms         2-3 left, 4-5 right soft limit, 6 oscillation
+82    6      unit, 100 ms         2-3 down, 4-5 up soft limit
+83    3      unit, 100 ms         2-3 digital outputs
+84    3      6033, 100 ms         2-3 digital outputs
+85    2      6039, 100 ms         2 digital inputs
+A1    3      integrator, 100 ms   3 directions that are permitted
+FD    3-8    unit                 2 record type, 3-8 content
+FE    1-8    maker's tool, unit   2-8 characters; none: acknowledgement
+FF    8      unit                 2-8 PIN
+====  =====  ===================  ==============================================================
+
+A two-bit status is 00 off, 01 on, 10 error, 11 not available. A deflection is 16 bits, low byte
+first: 10 of magnitude, then positive, negative and neutral status. A position is 16 bits, high
+byte first: 12 of 0.1 degree, then positive and negative status.
+"""
+
+from akron_can_bridge.protocol.broadcasts import AddressAnnouncement
+from akron_can_bridge.protocol.broadcasts import AsciiPipe
+from akron_can_bridge.protocol.broadcasts import AsciiPipeAcknowledgement
+from akron_can_bridge.protocol.broadcasts import check_pin
+from akron_can_bridge.protocol.broadcasts import DiagnosticData
+from akron_can_bridge.protocol.broadcasts import DigitalInputs
+from akron_can_bridge.protocol.broadcasts import DigitalOutputs
+from akron_can_bridge.protocol.broadcasts import ElevationSoftLimits
+from akron_can_bridge.protocol.broadcasts import MiniOutputs
+from akron_can_bridge.protocol.broadcasts import PERMISSIVE_PERIOD
+from akron_can_bridge.protocol.broadcasts import PERMISSIVE_TIMEOUT
+from akron_can_bridge.protocol.broadcasts import PositionLimit
+from akron_can_bridge.protocol.broadcasts import RotationSoftLimits
+from akron_can_bridge.protocol.broadcasts import SoePermissive
+from akron_can_bridge.protocol.broadcasts import STATUS_PERIOD
+from akron_can_bridge.protocol.flags import Fault
+from akron_can_bridge.protocol.flags import FLAG_NAMES
+from akron_can_bridge.protocol.flags import flag_names
+from akron_can_bridge.protocol.flags import Input
+from akron_can_bridge.protocol.flags import MiniOutput
+from akron_can_bridge.protocol.flags import Output
+from akron_can_bridge.protocol.flags import Permission
+from akron_can_bridge.protocol.flags import Vista
+from akron_can_bridge.protocol.frames import BASIC_JOYSTICK_PGN
+from akron_can_bridge.protocol.frames import EXTENDED_JOYSTICK_PGN
+from akron_can_bridge.protocol.frames import FIELD_REQUEST_PGN
+from akron_can_bridge.protocol.frames import Message
+from akron_can_bridge.protocol.frames import MessageType
+from akron_can_bridge.protocol.frames import NAME_PGN
+from akron_can_bridge.protocol.frames import PROPRIETARY_PGN
+from akron_can_bridge.protocol.frames import Sendable
+from akron_can_bridge.protocol.frames import Writable
+from akron_can_bridge.protocol.joysticks import BasicJoystick
+from akron_can_bridge.protocol.joysticks import ExtendedJoystick
+from akron_can_bridge.protocol.joysticks import JOYSTICK_PERIOD
+from akron_can_bridge.protocol.joysticks import JOYSTICK_TIMEOUT
+from akron_can_bridge.protocol.messages import decode
+from akron_can_bridge.protocol.messages import MESSAGES
+from akron_can_bridge.protocol.messages import Received
+from akron_can_bridge.protocol.messages import Unknown
+from akron_can_bridge.protocol.polls import AKRON_BRASS
+from akron_can_bridge.protocol.polls import ConfigPoll
+from akron_can_bridge.protocol.polls import ConfigVersion
+from akron_can_bridge.protocol.polls import EnterSetup
+from akron_can_bridge.protocol.polls import FaultPoll
+from akron_can_bridge.protocol.polls import FaultStatus
+from akron_can_bridge.protocol.polls import FieldRequest
+from akron_can_bridge.protocol.polls import FirmwarePoll
+from akron_can_bridge.protocol.polls import FirmwareVersion
+from akron_can_bridge.protocol.polls import Name
+from akron_can_bridge.protocol.polls import PcodePoll
+from akron_can_bridge.protocol.polls import PcodeVersion
+from akron_can_bridge.protocol.polls import ResetController
+from akron_can_bridge.protocol.polls import VistaData
+from akron_can_bridge.protocol.polls import VistaPoll
+from akron_can_bridge.protocol.polls import VistaPosition
+from akron_can_bridge.protocol.polls import ZeroPositions
+from akron_can_bridge.protocol.values import Axis
+from akron_can_bridge.protocol.values import AXIS_USAGE
+from akron_can_bridge.protocol.values import BITRATE
+from akron_can_bridge.protocol.values import DEVICE_TYPES
+from akron_can_bridge.protocol.values import FIRST_CLAIMED_ADDRESS
+from akron_can_bridge.protocol.values import FULL_SCALE
+from akron_can_bridge.protocol.values import HARD_STOP_NAMES
+from akron_can_bridge.protocol.values import JOYSTICK_ADDRESSES
+from akron_can_bridge.protocol.values import MAX_MAGNITUDE
+from akron_can_bridge.protocol.values import NEUTRAL
+from akron_can_bridge.protocol.values import PCODE_ERRORS
+from akron_can_bridge.protocol.values import pcode_name
+from akron_can_bridge.protocol.values import Position
+from akron_can_bridge.protocol.values import Status
+from akron_can_bridge.protocol.values import SWITCH_NAMES
+from akron_can_bridge.protocol.values import UNAVAILABLE
+from akron_can_bridge.protocol.values import Version
+from bridge_core.framing import FrameError
+
+__all__ = [
+    'AKRON_BRASS',
+    'AXIS_USAGE',
+    'BASIC_JOYSTICK_PGN',
+    'BITRATE',
+    'DEVICE_TYPES',
+    'EXTENDED_JOYSTICK_PGN',
+    'FIELD_REQUEST_PGN',
+    'FIRST_CLAIMED_ADDRESS',
+    'FLAG_NAMES',
+    'FULL_SCALE',
+    'HARD_STOP_NAMES',
+    'JOYSTICK_ADDRESSES',
+    'JOYSTICK_PERIOD',
+    'JOYSTICK_TIMEOUT',
+    'MAX_MAGNITUDE',
+    'MESSAGES',
+    'NAME_PGN',
+    'NEUTRAL',
+    'PCODE_ERRORS',
+    'PERMISSIVE_PERIOD',
+    'PERMISSIVE_TIMEOUT',
+    'PROPRIETARY_PGN',
+    'STATUS_PERIOD',
+    'SWITCH_NAMES',
+    'UNAVAILABLE',
+    'AddressAnnouncement',
+    'AsciiPipe',
+    'AsciiPipeAcknowledgement',
+    'Axis',
+    'BasicJoystick',
+    'ConfigPoll',
+    'ConfigVersion',
+    'DiagnosticData',
+    'DigitalInputs',
+    'DigitalOutputs',
+    'ElevationSoftLimits',
+    'EnterSetup',
+    'ExtendedJoystick',
+    'Fault',
+    'FaultPoll',
+    'FaultStatus',
+    'FieldRequest',
+    'FirmwarePoll',
+    'FirmwareVersion',
+    'FrameError',
+    'Input',
+    'Message',
+    'MessageType',
+    'MiniOutput',
+    'MiniOutputs',
+    'Name',
+    'Output',
+    'PcodePoll',
+    'PcodeVersion',
+    'Permission',
+    'Position',
+    'PositionLimit',
+    'Received',
+    'ResetController',
+    'RotationSoftLimits',
+    'Sendable',
+    'SoePermissive',
+    'Status',
+    'Unknown',
+    'Version',
+    'Vista',
+    'VistaData',
+    'VistaPoll',
+    'VistaPosition',
+    'Writable',
+    'ZeroPositions',
+    'check_pin',
+    'decode',
+    'flag_names',
+    'pcode_name',
+]

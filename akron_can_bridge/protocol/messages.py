@@ -1,0 +1,100 @@
+"""From a frame to its message: by PGN, type byte and length."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from akron_can_bridge.protocol.broadcasts import AddressAnnouncement
+from akron_can_bridge.protocol.broadcasts import AsciiPipe
+from akron_can_bridge.protocol.broadcasts import AsciiPipeAcknowledgement
+from akron_can_bridge.protocol.broadcasts import DiagnosticData
+from akron_can_bridge.protocol.broadcasts import DigitalInputs
+from akron_can_bridge.protocol.broadcasts import DigitalOutputs
+from akron_can_bridge.protocol.broadcasts import ElevationSoftLimits
+from akron_can_bridge.protocol.broadcasts import MiniOutputs
+from akron_can_bridge.protocol.broadcasts import PositionLimit
+from akron_can_bridge.protocol.broadcasts import RotationSoftLimits
+from akron_can_bridge.protocol.broadcasts import SoePermissive
+from akron_can_bridge.protocol.frames import Message
+from akron_can_bridge.protocol.frames import PROPRIETARY_PGN
+from akron_can_bridge.protocol.joysticks import BasicJoystick
+from akron_can_bridge.protocol.joysticks import ExtendedJoystick
+from akron_can_bridge.protocol.polls import ConfigPoll
+from akron_can_bridge.protocol.polls import ConfigVersion
+from akron_can_bridge.protocol.polls import EnterSetup
+from akron_can_bridge.protocol.polls import FaultPoll
+from akron_can_bridge.protocol.polls import FaultStatus
+from akron_can_bridge.protocol.polls import FieldRequest
+from akron_can_bridge.protocol.polls import FirmwarePoll
+from akron_can_bridge.protocol.polls import FirmwareVersion
+from akron_can_bridge.protocol.polls import Name
+from akron_can_bridge.protocol.polls import PcodePoll
+from akron_can_bridge.protocol.polls import PcodeVersion
+from akron_can_bridge.protocol.polls import ResetController
+from akron_can_bridge.protocol.polls import VistaData
+from akron_can_bridge.protocol.polls import VistaPoll
+from akron_can_bridge.protocol.polls import VistaPosition
+from akron_can_bridge.protocol.polls import ZeroPositions
+from bridge_core.framing import FrameError
+from bridge_core.j1939 import CanFrame
+from bridge_core.j1939 import J1939Id
+
+MESSAGES: tuple[type[Message], ...] = (
+    *(BasicJoystick, ExtendedJoystick, FieldRequest, Name),
+    *(PositionLimit, RotationSoftLimits, ElevationSoftLimits),
+    *(DigitalOutputs, MiniOutputs, DigitalInputs, SoePermissive, AddressAnnouncement),
+    *(FaultPoll, FaultStatus, FirmwarePoll, FirmwareVersion),
+    *(PcodePoll, PcodeVersion, ConfigPoll, ConfigVersion),
+    *(VistaPoll, VistaData, VistaPosition),
+    *(ZeroPositions, ResetController, EnterSetup),
+    *(DiagnosticData, AsciiPipe, AsciiPipeAcknowledgement),
+)
+# A poll and its response share a type; their lengths tell them apart.
+_KINDS: dict[tuple[int, int | None, int], type[Message]] = {
+    (kind.PGN, kind.TYPE, length): kind for kind in MESSAGES for length in kind.LENGTHS
+}
+_KNOWN: set[tuple[int, int | None]] = {(kind.PGN, kind.TYPE) for kind in MESSAGES}
+
+
+@dataclass(frozen=True, slots=True)
+class Unknown:
+    """A frame that this manual does not list. :param type: its first byte, on PGN EF00."""
+
+    pgn: int
+    type: int | None
+    data: bytes
+
+
+@dataclass(frozen=True, slots=True)
+class Received:
+    """What came in one frame, and from whom to whom."""
+
+    message: Message | Unknown
+    id: J1939Id
+
+
+def decode(frame: CanFrame) -> Received:
+    """
+    Read a frame. The priority does not count ("General Message Characteristics").
+
+    PGN EF00 is every maker's own: believe such a message only from a unit's address.
+
+    :raises FrameError: its data cannot be what PGN and type say.
+    """
+    parts, data = J1939Id.from_identifier(frame.identifier), frame.data
+    return Received(_read(parts.pgn, data), parts)
+
+
+def _read(pgn: int, data: bytes) -> Message | Unknown:
+    kind_of_type = None
+    if pgn == PROPRIETARY_PGN:
+        if not data:
+            raise FrameError('a message without its type byte')
+        kind_of_type = data[0]
+    kind = _KINDS.get((pgn, kind_of_type, len(data)))
+    if kind is not None:
+        return kind.from_bytes(data)
+    if (pgn, kind_of_type) in _KNOWN:
+        name = f'type {kind_of_type:02X}' if kind_of_type is not None else f'PGN {pgn}'
+        raise FrameError(f'{name} cannot have {len(data)} bytes')
+    return Unknown(pgn, kind_of_type, data)
