@@ -1,5 +1,8 @@
 """
-FORT packet protocol of the VSC over USB or RS232: manual sections 7.1 to 7.6.
+What the VSC says and is told, on its three wires.
+
+CAN (section 8) is in can.py, HID (section 9) in hid.py, what all have in common in wires.py. The
+FORT packet protocol over USB or RS232, manual sections 7.1 to 7.6:
 
 Every frame, multi-byte values little-endian (layout: 7.2; byte order: seen on devices):
 
@@ -31,6 +34,15 @@ type  N    direction  payload
 """
 
 from bridge_core.framing import FrameError
+from fort_vsc_bridge.protocol.can import BasicJoystick
+from fort_vsc_bridge.protocol.can import CanIds
+from fort_vsc_bridge.protocol.can import decode_data
+from fort_vsc_bridge.protocol.can import encode_frame
+from fort_vsc_bridge.protocol.can import ExtendedJoystick
+from fort_vsc_bridge.protocol.can import FROM_VSC
+from fort_vsc_bridge.protocol.can import MAX_IDENTIFIER
+from fort_vsc_bridge.protocol.can import segments_of
+from fort_vsc_bridge.protocol.can import StringSegment
 from fort_vsc_bridge.protocol.frames import BAUD
 from fort_vsc_bridge.protocol.frames import build_frame
 from fort_vsc_bridge.protocol.frames import FORMAT
@@ -40,6 +52,8 @@ from fort_vsc_bridge.protocol.frames import Message
 from fort_vsc_bridge.protocol.frames import MessageType
 from fort_vsc_bridge.protocol.frames import parser
 from fort_vsc_bridge.protocol.frames import payload_of
+from fort_vsc_bridge.protocol.hid import InputReport
+from fort_vsc_bridge.protocol.hid import REPORT_SIZE
 from fort_vsc_bridge.protocol.messages import decode
 from fort_vsc_bridge.protocol.messages import Gps
 from fort_vsc_bridge.protocol.messages import Heartbeat
@@ -70,30 +84,43 @@ from fort_vsc_bridge.protocol.values import TEXT_KEYS
 from fort_vsc_bridge.protocol.values import USER_KEYS
 from fort_vsc_bridge.protocol.values import VALUE_RANGES
 from fort_vsc_bridge.protocol.values import VIBRATION_KEYS
+from fort_vsc_bridge.protocol.wires import CanWire
+from fort_vsc_bridge.protocol.wires import HidWire
+from fort_vsc_bridge.protocol.wires import SerialWire
+from fort_vsc_bridge.protocol.wires import Wire
 
 __all__ = [
     'AXIS_NAMES',
     'BAUD',
     'BUTTON_NAMES',
     'FORMAT',
+    'FROM_VSC',
     'HEADER',
+    'MAX_IDENTIFIER',
     'MAX_LENGTH',
     'MAX_MAGNITUDE',
     'MESSAGES',
     'NAME_SIZE',
     'PERSISTENT_KEYS',
+    'REPORT_SIZE',
     'TEXT_KEYS',
     'USER_KEYS',
     'VALUE_RANGES',
     'VIBRATION_KEYS',
     'AutonomyMode',
     'Axis',
+    'BasicJoystick',
     'Button',
+    'CanIds',
+    'CanWire',
     'EStopBits',
+    'ExtendedJoystick',
     'FrameError',
     'Gps',
     'Heartbeat',
+    'HidWire',
     'HostHeartbeat',
+    'InputReport',
     'InputState',
     'Joystick',
     'Key',
@@ -102,14 +129,20 @@ __all__ = [
     'MessageType',
     'Mode',
     'RemoteStatus',
+    'SerialWire',
+    'StringSegment',
     'Unknown',
     'UserFeedback',
     'UserFeedbackGet',
     'UserFeedbackName',
+    'Wire',
     'build_frame',
     'decode',
+    'decode_data',
+    'encode_frame',
     'estop_sources',
     'mode_name',
     'parser',
     'payload_of',
+    'segments_of',
 ]

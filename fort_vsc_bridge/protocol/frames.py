@@ -108,6 +108,11 @@ class Message:
         payload = payload_of(frame)
         if frame[2] != cls.TYPE:
             raise FrameError(f'type 0x{frame[2]:02X} is not {cls.__name__}')
+        return cls.from_payload(payload)
+
+    @classmethod
+    def from_payload(cls: type[_M], payload: bytes) -> _M:
+        """Read a payload of this type's length. :raises FrameError: a value that cannot be."""
         try:
             return cls._from_payload(payload)
         except ValueError as error:  # a value that we must not send is the peer's fault here
@@ -115,7 +120,11 @@ class Message:
 
     def to_bytes(self) -> bytes:
         """Return the whole frame."""
-        return build_frame(self.TYPE, self._to_payload())
+        return build_frame(self.TYPE, self.to_payload())
+
+    def to_payload(self) -> bytes:
+        """Return what the frame is around; CAN carries some of these without one."""
+        return self._to_payload()
 
     @classmethod
     def _from_payload(cls: type[_M], payload: bytes) -> _M:

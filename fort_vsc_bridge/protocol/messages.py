@@ -90,17 +90,19 @@ class Heartbeat(Message):
     """
     State of the VSC (7.3.2), 20 Hz. An unknown mode stays a plain int, equal to no known mode.
 
+    :param autonomy: None where the wire does not tell it (HID); there is no frame for that.
     :param estop: E-stop indication, 32 bits; 0 = OK, see EStopBits and estop_sources.
     """
 
     TYPE = MessageType.HEARTBEAT
     mode: Mode | int
-    autonomy: AutonomyMode | int
+    autonomy: AutonomyMode | int | None
     estop: int
 
     def __post_init__(self) -> None:
         check_range('the mode', self.mode, 0, 255)
-        check_range('the autonomy mode', self.autonomy, 0, 255)
+        if self.autonomy is not None:
+            check_range('the autonomy mode', self.autonomy, 0, 255)
         check_range('the E-stop indication', self.estop, 0, 0xFFFFFFFF)
 
     @classmethod

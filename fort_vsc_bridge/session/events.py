@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 from bridge_core.session import StopChanged
 from fort_vsc_bridge.protocol import AXIS_NAMES
@@ -60,4 +61,4 @@ class UserValue:
 
 
 Event = StopChanged | ModeChanged | Sticks | RemoteState | GpsSentence | UserValue
-Output = tuple[list[Event], list[bytes]]
+Output = tuple[list[Event], list[Any]]  # frames as the wire has them

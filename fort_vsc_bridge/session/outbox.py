@@ -1,5 +1,5 @@
 """
-What waits to be sent, no faster than the VSC takes it: manual table 17.
+What waits to be sent, no faster than the VSC takes it: manual tables 17 and 34.
 
 A new value for a key replaces the one that waits and keeps its place in the line, so every key
 gets its turn and the line is never longer than there are keys.
@@ -8,6 +8,7 @@ gets its turn and the line is never longer than there are keys.
 from __future__ import annotations
 
 import math
+from typing import Any
 
 from fort_vsc_bridge.protocol import Key
 from fort_vsc_bridge.protocol import Message
@@ -17,24 +18,23 @@ from fort_vsc_bridge.protocol import USER_KEYS
 from fort_vsc_bridge.protocol import UserFeedback
 from fort_vsc_bridge.protocol import UserFeedbackGet
 from fort_vsc_bridge.protocol import UserFeedbackName
+from fort_vsc_bridge.protocol import Wire
 
-# Seconds between two frames of a type. The manual gives no rate for message control, which is
-# written to EEPROM: no faster than the others.
-PERIODS = {
-    MessageType.USER_FEEDBACK: 0.05,
-    MessageType.USER_FEEDBACK_NAME: 0.25,
-    MessageType.USER_FEEDBACK_GET: 0.05,
-    MessageType.MESSAGE_CONTROL: 0.25,
-}
 _SHOWN_KEYS = frozenset((*USER_KEYS, Key.DISPLAY_MODE))
 
 
 class Outbox:
-    """The lines of frames to the VSC, one a message type."""
+    """
+    The lines of messages to the VSC, one a message type.
 
-    def __init__(self) -> None:
-        self._lines: dict[MessageType, dict[int, Message]] = {kind: {} for kind in PERIODS}
-        self._free_at = dict.fromkeys(PERIODS, -math.inf)
+    A message of several frames is finished before the next of its type begins.
+    """
+
+    def __init__(self, wire: Wire) -> None:
+        self._wire = wire
+        self._lines: dict[MessageType, dict[int, Message]] = {kind: {} for kind in wire.PERIODS}
+        self._begun: dict[MessageType, list[Any]] = {kind: [] for kind in wire.PERIODS}
+        self._free_at = dict.fromkeys(wire.PERIODS, -math.inf)
         self._shown: dict[tuple[MessageType, int], Message] = {}
 
     def set_value(self, key: int, value: int) -> None:
@@ -70,26 +70,31 @@ class Outbox:
         """
         Drop what is of no use later.
 
-        A late rumble would mislead, nobody waits for an old answer, and what wears out an EEPROM
-        is not repeated blindly.
+        A late rumble would mislead, nobody waits for an old answer, what wears out an EEPROM is
+        not repeated blindly, and the rest of a string is no string. What the remote shows waits.
         """
-        values = self._lines[MessageType.USER_FEEDBACK]
-        for key in [key for key in values if key not in _SHOWN_KEYS]:
-            del values[key]
-        self._lines[MessageType.USER_FEEDBACK_GET].clear()
-        self._lines[MessageType.MESSAGE_CONTROL].clear()
+        for kind, line in self._lines.items():
+            for key in [key for key in line if (kind, key) not in self._shown]:
+                del line[key]
+            self._begun[kind].clear()
 
-    def take(self, now: float) -> list[bytes]:
+    def take(self, now: float) -> list[Any]:
         """Return the frames that may go now, at most one of each type."""
         frames = []
         for kind, line in self._lines.items():
-            if line and now >= self._free_at[kind]:
-                frames.append(line.pop(next(iter(line))).to_bytes())
-                self._free_at[kind] = now + PERIODS[kind]
+            begun = self._begun[kind]
+            if now < self._free_at[kind] or not (line or begun):
+                continue
+            if not begun:
+                begun += self._wire.frames(line.pop(next(iter(line))))
+            frames.append(begun.pop(0))
+            self._free_at[kind] = now + self._wire.PERIODS[kind]
         return frames
 
     @property
     def deadline(self) -> float:
         """The moment at which the next frame may go; infinite if none waits."""
-        waiting = [self._free_at[kind] for kind, line in self._lines.items() if line]
+        waiting = [
+            self._free_at[kind] for kind, line in self._lines.items() if line or self._begun[kind]
+        ]
         return min(waiting, default=math.inf)

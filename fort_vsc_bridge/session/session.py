@@ -1,13 +1,15 @@
 """
-What the link to a VSC means over time: manual sections 6 and 7.
+What the link to a VSC means over time: manual sections 6 to 9.
 
-Only a fresh heartbeat of the VSC vouches for anything. Without one there is no remote, no stick
-and no permission, whatever else still comes.
+Only a fresh heartbeat of the VSC vouches for anything (on HID every report is one). Without one
+there is no remote, no stick and no permission, whatever else still comes.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 import math
+from typing import Any
 
 from bridge_core.session import Pacer
 from bridge_core.session import StickStream
@@ -18,24 +20,23 @@ from fort_vsc_bridge.protocol import Axis
 from fort_vsc_bridge.protocol import AXIS_NAMES
 from fort_vsc_bridge.protocol import Button
 from fort_vsc_bridge.protocol import BUTTON_NAMES
-from fort_vsc_bridge.protocol import decode
-from fort_vsc_bridge.protocol import FrameError
 from fort_vsc_bridge.protocol import Gps
 from fort_vsc_bridge.protocol import Heartbeat
 from fort_vsc_bridge.protocol import HostHeartbeat
 from fort_vsc_bridge.protocol import Joystick
 from fort_vsc_bridge.protocol import Key
 from fort_vsc_bridge.protocol import Message
+from fort_vsc_bridge.protocol import MessageType
 from fort_vsc_bridge.protocol import Mode
-from fort_vsc_bridge.protocol import parser
 from fort_vsc_bridge.protocol import PERSISTENT_KEYS
 from fort_vsc_bridge.protocol import RemoteStatus
+from fort_vsc_bridge.protocol import SerialWire
 from fort_vsc_bridge.protocol import TEXT_KEYS
-from fort_vsc_bridge.protocol import Unknown
 from fort_vsc_bridge.protocol import USER_KEYS
 from fort_vsc_bridge.protocol import UserFeedback
 from fort_vsc_bridge.protocol import UserFeedbackName
 from fort_vsc_bridge.protocol import VALUE_RANGES
+from fort_vsc_bridge.protocol import Wire
 from fort_vsc_bridge.session.events import Event
 from fort_vsc_bridge.session.events import GpsSentence
 from fort_vsc_bridge.session.events import ModeChanged
@@ -54,8 +55,9 @@ _NEUTRAL = Sticks()
 
 class Session:
     """
-    One VSC on one serial link; see bridge_core.transports.link.Session for the contract.
+    One VSC on one wire; see bridge_core.transports.link.Session for the contract.
 
+    :param wire: how the VSC is joined; the packet protocol if none is given.
     :param link_timeout: seconds without a heartbeat, or without a joystick message, that count as
         lost. :param heartbeat_rate: Hz of our heartbeat, 4 to 20 (the VSC's own limit is 500 ms).
     :param software_estop_timeout: seconds after which a software e-stop, once in use, counts as
@@ -63,11 +65,13 @@ class Session:
     :param configure_device: allow writes to the device's EEPROM.
     :param tolerate_faulty_axes: let the sound controls count although others are broken.
     :param settings: what to set in the device if ``configure_device``.
-    :raises ValueError: for a value out of range, or settings that would make the link seem lost.
+    :raises ValueError: for a value out of range, or settings that would make the link seem lost
+        or that this wire cannot read.
     """
 
     def __init__(
         self,
+        wire: Wire | None = None,
         *,
         link_timeout: float = 0.25,
         heartbeat_rate: float = 20.0,
@@ -88,8 +92,9 @@ class Session:
         self.faulty: tuple[str, ...] = ()  # controls that the last joystick message calls so
         self.looped_back = 0  # frames that only a host sends: the line echoes
         self.software_estop_in_use = False
-        self._parser = parser()
-        self.counters = self._parser.counters
+        self.software_estop_refused = False  # somebody relies on one that this wire has not
+        self.wire = wire or SerialWire()
+        self.counters = self.wire.counters
         self._configure_device = configure_device
         self._tolerate_faulty_axes = tolerate_faulty_axes
         self._heartbeat_heard = Watchdog(link_timeout)
@@ -98,15 +103,17 @@ class Session:
         self._software_estop_heard = Watchdog(software_estop_timeout)
         self._judge = StopJudge()
         self._verdict = Verdict()
-        self._verdict_stands = False  # later heartbeats of the same bytes only make it worse
+        self._verdict_stands = False  # later heartbeats of the same read only make it worse
         self._open = False
         self._leaving = False
         self._pacer = Pacer(1.0 / heartbeat_rate)
         self._sent_stop = False
         self._stream = StickStream()
-        self._outbox = Outbox()
+        self._outbox = Outbox(self.wire)
         wanted = settings if configure_device else DeviceSettings()
         self._settings = SettingsKeeper(wanted, self._outbox)
+        if not self.wire.carries(MessageType.USER_FEEDBACK_GET):
+            _refuse_settings(self._settings.states, self.wire)
 
     # -- the link thread's side ------------------------------------------------------------------
 
@@ -114,7 +121,8 @@ class Session:
         """Begin with a new port: nothing was heard yet, and our heartbeat goes first."""
         self._forget()
         self._open, self._leaving = True, False
-        self._pacer.start(now)
+        if self.wire.carries(MessageType.HOST_HEARTBEAT):
+            self._pacer.start(now)
         events: list[Event] = []
         self._refresh(now, events)
         return events, self._heartbeat_frames(now)
@@ -129,14 +137,13 @@ class Session:
         self._refresh(now, events)
         return events
 
-    def receive(self, data: bytes, now: float) -> Output:
-        """Take bytes as they came. Frames to send come from poll."""
+    def receive(self, data: Any, now: float) -> Output:
+        """Take bytes or a frame, as they came. Frames to send come from poll."""
         events: list[Event] = []
         if self._open:
-            self._refresh(now, events)  # what went stale before these bytes came
-            self._verdict_stands = False
-            for frame in self._parser.feed(data, now):
-                self._take(frame, now, events)
+            self._refresh(now, events)  # what went stale before this came
+            for message in self.wire.feed(data, now):
+                self._take(message, now, events)
             self._refresh(now, events)
         return events, []
 
@@ -146,8 +153,9 @@ class Session:
         if not self._open:
             return events, []
         self._refresh(now, events)
-        for frame in self._parser.poll(now):
-            self._take(frame, now, events)
+        for message in self.wire.poll(now):
+            self._take(message, now, events)
+        self._verdict_stands = False  # all that was read at once has been taken
         self._refresh(now, events)
         if self.link_up:
             self._settings.poll(now, remote_connected=self.remote_connected)
@@ -157,7 +165,7 @@ class Session:
         """Return when poll wants to be called next."""
         if not self._open:
             return math.inf
-        due = [self._pacer.due, self._parser.deadline, self._outbox.deadline]
+        due = [self._pacer.due, self.wire.deadline, self._outbox.deadline]
         if self.link_up:
             due += [self._heartbeat_heard.deadline, self._settings.deadline]
         if self._stream.streaming:
@@ -166,7 +174,7 @@ class Session:
             due.append(self._software_estop_heard.deadline)
         return min(due)
 
-    def farewell(self, now: float) -> list[bytes]:
+    def farewell(self, now: float) -> list[Any]:
         """
         Return a heartbeat that asks for a stop if the software e-stop is in use, else nothing.
 
@@ -217,21 +225,28 @@ class Session:
             return ['the port to the VSC is not open; plug the VSC in, check the parameter port']
         if self.link_up:
             return list(self._verdict.reasons)
-        text = f'no heartbeat from the VSC: {self._heartbeat_heard.describe(now)}; '
+        text = f'no {self.wire.SIGN_OF_LIFE}: {self._heartbeat_heard.describe(now)}; '
         if not self._joystick_heard.expired(now):
-            return [text + 'joystick messages do come: is its heartbeat message disabled?']
-        return [text + 'check its power and the serial cable']
+            return [f'{text}joystick messages do come: {self.wire.JOYSTICK_ONLY}']
+        return [text + self.wire.SILENCE]
 
     # -- requests --------------------------------------------------------------------------------
 
     def set_software_estop(self, value: bool, now: float) -> None:
-        """Ask the VSC to stop, or not to; from the first call on, silence is a stop too."""
+        """
+        Ask the VSC to stop, or not to; from the first call on, silence is a stop too.
+
+        :raises ValueError: this wire cannot carry it.
+        """
+        self.software_estop_refused = not self.wire.carries(MessageType.HOST_HEARTBEAT)
+        self.wire.require(MessageType.HOST_HEARTBEAT)
         self.software_estop_in_use = True
         self._software_estop = value
         self._software_estop_heard.feed(now)
 
     def check_feedback(self, key: int, value: int) -> None:
         """Raise the ValueError that set_feedback would raise; changes nothing, any thread."""
+        self.wire.require(MessageType.USER_FEEDBACK)
         if key not in VALUE_RANGES:
             raise ValueError(f'key {key} takes no value; keys are 1-12, 80-85, 99')
         if key in PERSISTENT_KEYS and not self._configure_device:
@@ -239,25 +254,26 @@ class Session:
         low, high = VALUE_RANGES[key]
         if not low <= value <= high:
             raise ValueError(f'key {key} takes {low} to {high}, not {value}')
-        UserFeedback(key, value)
+        self.wire.check(UserFeedback(key, value))
 
-    @staticmethod
-    def check_name(key: int, name: str) -> None:
+    def check_name(self, key: int, name: str) -> None:
         """Raise the ValueError that set_name would raise; changes nothing, any thread."""
+        self.wire.require(MessageType.USER_FEEDBACK_NAME)
         if key not in USER_KEYS and key not in TEXT_KEYS:
             raise ValueError(f'key {key} has no name; keys are 1-9, 90-93')
-        UserFeedbackName(key, name)
+        self.wire.check(UserFeedbackName(key, name))
 
-    @staticmethod
-    def check_key(key: int) -> None:
+    def check_key(self, key: int) -> None:
         """Raise the ValueError that get_feedback would raise; changes nothing, any thread."""
+        self.wire.require(MessageType.USER_FEEDBACK_GET)
         if key not in VALUE_RANGES:
             raise ValueError(f'key {key} cannot be asked for; keys are 1-12, 80-85, 99')
 
-    @staticmethod
-    def check_display_text(text: str) -> None:
+    def check_display_text(self, text: str) -> None:
         """Raise the ValueError that set_display_text would raise; changes nothing, any thread."""
-        _text_lines(text)
+        self.wire.require(MessageType.USER_FEEDBACK_NAME)
+        for message in _text_lines(text):
+            self.wire.check(message)
 
     def set_feedback(self, key: int, value: int) -> None:
         """Queue a value for a key. :raises ValueError: key, value, or EEPROM not allowed."""
@@ -271,12 +287,13 @@ class Session:
 
     def set_display_text(self, text: str) -> None:
         """
-        Queue up to 4 lines of up to 20 characters; lines not given are blanked.
+        Queue up to 4 lines of up to 20 characters (CAN: 18); lines not given are blanked.
 
         Switches the remote to its text display unless a display mode (key 99) was set before.
 
         :raises ValueError: for too many lines, or a line too long or not printable ASCII.
         """
+        self.check_display_text(text)
         for message in _text_lines(text):
             self._outbox.set_name(message.key, message.name)
         if not self._outbox.shows(Key.DISPLAY_MODE):
@@ -288,7 +305,12 @@ class Session:
         self._outbox.get_value(key)
 
     def rumble(self, *, left: bool, right: bool) -> None:
-        """Drive the remote's motors for 750 ms; it cannot be ended early (table 24)."""
+        """
+        Drive the remote's motors for 750 ms; it cannot be ended early (table 24).
+
+        :raises ValueError: this wire cannot carry it.
+        """
+        self.wire.require(MessageType.USER_FEEDBACK)
         if left and right:
             self._outbox.set_value(Key.BOTH_VIBRATION, 1)
         elif left or right:
@@ -297,21 +319,14 @@ class Session:
     # -- inside ----------------------------------------------------------------------------------
 
     def _forget(self) -> None:
-        self._parser.reset()
+        self.wire.reset()
+        self._verdict_stands = False
         self._heartbeat_heard.reset()
         self._joystick_heard.reset()
         self._settings.forget()
 
-    def _take(self, frame: bytes, now: float, events: list[Event]) -> None:
-        """Count, and hand each message to whom it concerns."""
-        try:
-            message = decode(frame)
-        except FrameError:
-            self.counters.malformed += 1
-            return
-        if isinstance(message, Unknown):
-            self.counters.unknown_types += 1
-            return
+    def _take(self, message: Message, now: float, events: list[Event]) -> None:
+        """Hand a message to whom it concerns."""
         self._settings.heard(message.TYPE, now)
         if isinstance(message, Joystick):
             self._take_joystick(message, now, events)
@@ -402,7 +417,7 @@ class Session:
             self.faulty = ()
             events.append(_NEUTRAL)
 
-    def _heartbeat_frames(self, now: float, *, at_once: bool = False) -> list[bytes]:
+    def _heartbeat_frames(self, now: float, *, at_once: bool = False) -> list[Any]:
         """Return our heartbeat when it is due; a stop does not wait for that."""
         stale = self._software_estop_heard.expired(now)
         stop = self.software_estop_in_use and (self._software_estop or stale or self._leaving)
@@ -411,7 +426,7 @@ class Session:
         self._pacer.sent(now)
         self._sent_stop = stop
         self._judge.asked(stop, now)
-        return [HostHeartbeat(stop).to_bytes()]
+        return self.wire.frames(HostHeartbeat(stop))
 
 
 def _check_intervals(settings: DeviceSettings, link_timeout: float) -> None:
@@ -421,6 +436,12 @@ def _check_intervals(settings: DeviceSettings, link_timeout: float) -> None:
         if interval is not None and 2e-3 * interval > link_timeout:
             limit = f'half of link_timeout ({link_timeout} s)'
             raise ValueError(f'{name} must not be above {limit}, but is {interval}')
+
+
+def _refuse_settings(wanted: Iterable[str], wire: Wire) -> None:
+    """Refuse what would have to be written blindly."""
+    for name in wanted:
+        raise ValueError(f'{name}: transport {wire.NAME} cannot read it; set it over serial')
 
 
 def _text_lines(text: str) -> list[UserFeedbackName]:

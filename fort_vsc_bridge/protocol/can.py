@@ -1,0 +1,199 @@
+"""
+CAN-J1939 protocol of the VSC: manual section 8. Extended frames, multi-byte values little-endian.
+
+The identifiers are table 34's; the maker's tool can change them. No address is ever claimed.
+
+==========  ========  ================  ====  ====================================================
+identifier  from VSC  message           size  data
+==========  ========  ================  ====  ====================================================
+0CFDD633    ~16 Hz    left_basic        8     X word, Y word, FF, buttons, FF, FF
+0CFDD733    ~16 Hz    left_extended     8     Z word, six FF
+0CFDD834    ~16 Hz    right_basic       8     as left_basic
+0CFDD934    ~16 Hz    right_extended    8     as left_extended
+0CFDE801    10 Hz     heartbeat         6     mode, autonomy mode, E-stop indication (uint32)
+0CFDE861    1 Hz      remote_status     8     battery %, charging, strength at VSC, at SRC, 4 spare
+0CFDE900    to VSC    feedback_value    5     key 0-99, value (int32)
+0CFDEA00    to VSC    feedback_string   8     key 0-99, segment 0-2, 6 characters
+==========  ========  ================  ====  ====================================================
+
+Words and buttons are those of the packet protocol (8.3, 8.4). Longer data than the size is taken
+without its end: on J1939 many senders fill up to 8 bytes.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from dataclasses import fields
+import struct
+from typing import Any
+
+from bridge_core.framing import FrameError
+from bridge_core.j1939 import CanFrame
+from fort_vsc_bridge.protocol.messages import Heartbeat
+from fort_vsc_bridge.protocol.messages import RemoteStatus
+from fort_vsc_bridge.protocol.messages import UserFeedback
+from fort_vsc_bridge.protocol.messages import UserFeedbackName
+from fort_vsc_bridge.protocol.values import Axis
+from fort_vsc_bridge.protocol.values import Button
+from fort_vsc_bridge.protocol.values import check_range
+from fort_vsc_bridge.protocol.values import pack_pad
+from fort_vsc_bridge.protocol.values import PADS
+
+SEGMENTS = 3  # of a string (8.2.8)
+SEGMENT_SIZE = 6  # characters
+MAX_IDENTIFIER = 0x1FFFFFFF
+
+_BASIC = struct.Struct('<2H4B')  # X, Y; not used, buttons, 2 not used
+_EXTENDED = struct.Struct('<H6s')  # Z; not used
+_SEGMENT = struct.Struct(f'<2B{SEGMENT_SIZE}s')  # key, segment, characters padded with zero
+_UNUSED = 0xFF
+assert (_BASIC.size, _EXTENDED.size, _SEGMENT.size) == (8, 8, 8)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CanIds:
+    """
+    The identifiers of the eight messages, 29 bits each.
+
+    :raises ValueError: for more bits, or one identifier for two messages.
+    """
+
+    left_basic: int = 0x0CFDD633
+    left_extended: int = 0x0CFDD733
+    right_basic: int = 0x0CFDD834
+    right_extended: int = 0x0CFDD934
+    heartbeat: int = 0x0CFDE801
+    remote_status: int = 0x0CFDE861
+    feedback_value: int = 0x0CFDE900
+    feedback_string: int = 0x0CFDEA00
+
+    def __post_init__(self) -> None:
+        names: dict[int, str] = {}
+        for name, identifier in self.by_name.items():
+            check_range(name, identifier, 0, MAX_IDENTIFIER)
+            if identifier in names:
+                raise ValueError(f'{name} must not be that of {names[identifier]}: {identifier:X}')
+            names[identifier] = name
+
+    @property
+    def by_name(self) -> dict[str, int]:
+        """Every message's name and identifier."""
+        return {field.name: getattr(self, field.name) for field in fields(self)}
+
+
+FROM_VSC = (
+    *('left_basic', 'left_extended', 'right_basic', 'right_extended'),
+    *('heartbeat', 'remote_status'),
+)
+
+
+@dataclass(frozen=True, slots=True)
+class BasicJoystick:
+    """One side's thumb stick and pad (8.2.1, 8.2.3). :param buttons: down, right, up, left."""
+
+    x: Axis
+    y: Axis
+    buttons: tuple[Button, ...]
+
+    def __post_init__(self) -> None:
+        if len(self.buttons) != 4:
+            raise ValueError(f'a pad has 4 buttons, not {len(self.buttons)}')
+
+    @classmethod
+    def from_payload(cls, data: bytes) -> BasicJoystick:
+        """Read 8 bytes of data."""
+        x, y, _, pad, _, _ = _BASIC.unpack(data)
+        return cls(Axis.from_word(x), Axis.from_word(y), PADS[pad])
+
+    def to_payload(self) -> bytes:
+        """Return 8 bytes of data."""
+        words = (self.x.to_word(), self.y.to_word())
+        return _BASIC.pack(*words, _UNUSED, pack_pad(self.buttons), _UNUSED, _UNUSED)
+
+
+@dataclass(frozen=True, slots=True)
+class ExtendedJoystick:
+    """One side's finger stick (8.2.2, 8.2.4)."""
+
+    z: Axis
+
+    @classmethod
+    def from_payload(cls, data: bytes) -> ExtendedJoystick:
+        """Read 8 bytes of data."""
+        return cls(Axis.from_word(_EXTENDED.unpack(data)[0]))
+
+    def to_payload(self) -> bytes:
+        """Return 8 bytes of data."""
+        return _EXTENDED.pack(self.z.to_word(), bytes((_UNUSED,)) * 6)
+
+
+@dataclass(frozen=True, slots=True)
+class StringSegment:
+    """
+    A third of a name or a line of text (8.2.8).
+
+    :param key: 0-99. :param segment: 0-2. :param text: up to 6 printable ASCII characters.
+    """
+
+    key: int
+    segment: int
+    text: str
+
+    def __post_init__(self) -> None:
+        check_range('a feedback key', self.key, 0, 99)
+        check_range('a segment', self.segment, 0, SEGMENTS - 1)
+        sound = self.text.isascii() and self.text.isprintable()
+        if not sound or len(self.text) > SEGMENT_SIZE:
+            raise ValueError(f'not up to {SEGMENT_SIZE} printable characters: {self.text!r}')
+
+    @classmethod
+    def from_payload(cls, data: bytes) -> StringSegment:
+        """Read 8 bytes of data. :raises ValueError: key, segment or characters that cannot be."""
+        key, segment, text = _SEGMENT.unpack(data)
+        return cls(key, segment, text.rstrip(b'\x00').decode('ascii'))
+
+    def to_payload(self) -> bytes:
+        """Return 8 bytes of data."""
+        return _SEGMENT.pack(self.key, self.segment, self.text.encode('ascii'))
+
+
+CanMessage = (
+    BasicJoystick | ExtendedJoystick | Heartbeat | RemoteStatus | UserFeedback | StringSegment
+)
+# By name: what reads it, bytes of payload, bytes of data; the spare ones between are zero.
+_LAYOUTS: dict[str, tuple[Any, int, int]] = {
+    'left_basic': (BasicJoystick, 8, 8),
+    'left_extended': (ExtendedJoystick, 8, 8),
+    'right_basic': (BasicJoystick, 8, 8),
+    'right_extended': (ExtendedJoystick, 8, 8),
+    'heartbeat': (Heartbeat, 6, 6),
+    'remote_status': (RemoteStatus, 6, 8),
+    'feedback_value': (UserFeedback, 5, 5),
+    'feedback_string': (StringSegment, 8, 8),
+}
+
+
+def decode_data(name: str, data: bytes) -> CanMessage:
+    """Read the data of the message of this name. :raises FrameError: too short, or unsound."""
+    kind, payload_size, size = _LAYOUTS[name]
+    if len(data) < size:
+        raise FrameError(f'{name} has {size} bytes, not {len(data)}')
+    try:
+        message: CanMessage = kind.from_payload(data[:payload_size])
+    except ValueError as error:
+        raise FrameError(f'{name}: {error}') from error
+    return message
+
+
+def encode_frame(name: str, message: CanMessage, ids: CanIds) -> CanFrame:
+    """Return the frame that carries this message under this name."""
+    _, _, size = _LAYOUTS[name]
+    return CanFrame(ids.by_name[name], message.to_payload().ljust(size, b'\x00'))
+
+
+def segments_of(message: UserFeedbackName) -> list[StringSegment]:
+    """Return a string as the three segments that the VSC puts together, in order."""
+    return [
+        StringSegment(message.key, number, message.name[start : start + SEGMENT_SIZE])
+        for number, start in enumerate(range(0, SEGMENTS * SEGMENT_SIZE, SEGMENT_SIZE))
+    ]
