@@ -49,6 +49,9 @@ ROOM = {
     'parameters': ('{room}', 'bridge_core.parameters'),
     'node': ('{room}', 'bridge_core', 'rclpy', 'MESSAGES', 'STDLIB'),
     'simulator': ('{room}.protocol', 'bridge_core'),
+    # What a device keeps, and the dialogue with its menus: pure. Only the command has a port.
+    'config': ('{room}.protocol', 'bridge_core.checksums'),
+    'config.main': ('{room}.protocol', 'bridge_core.transports', 'STDLIB'),
 }
 # The same for bridge_core, which knows no device.
 SHARED = {
@@ -110,6 +113,8 @@ def is_allowed(module: str, name: str) -> bool:
     package = module.split('.')[0]
     if package == 'rugged_teleop':
         return module.startswith(SHOWS) or not (is_show(name) or is_part(name, 'simulator'))
+    if within(name, f'{package}.config.main'):
+        return False  # a command, at the top
     if within(name, f'{package}.{part(module)}'):
         return True  # a part in several files
     if package not in NOT_A_ROOM and part(module) != 'node' and is_part(name, 'node'):
@@ -117,7 +122,7 @@ def is_allowed(module: str, name: str) -> bool:
     if is_part(name, 'simulator'):
         return False
     table, otherwise = (SHARED, CORE) if package == 'bridge_core' else (ROOM, LOGIC)
-    entries = table.get(part(module), otherwise)
+    entries = table.get(module.partition('.')[2]) or table.get(part(module), otherwise)
     return is_pure(name) or any(matches(entry, package, name) for entry in entries)
 
 
@@ -206,6 +211,13 @@ def test_every_room_is_walked() -> None:
         ('new_bridge.simulator', 'from new_bridge.session import Session'),
         ('new_bridge.simulator', 'import time'),
         ('new_bridge.simulator', 'from other_bridge.simulator import Device'),
+        ('new_bridge.config.menus', 'import time'),
+        ('new_bridge.config.menus', 'from bridge_core.transports.serial import SerialTransport'),
+        ('new_bridge.config.menus', 'from new_bridge.config.main import main'),
+        ('new_bridge.config.image', 'import serial'),
+        ('new_bridge.config.main', 'import rclpy'),
+        ('new_bridge.config.main', 'from new_bridge.simulator import Device'),
+        ('new_bridge.simulator', 'from new_bridge.config.image import Image'),
         ('new_bridge.__init__', 'from new_bridge.node import NewBridge'),
         ('bridge_core.transports.serial', 'import rclpy'),
         ('bridge_core.transports.serial', 'from bridge_core.node import BridgeNode'),
@@ -237,6 +249,8 @@ def test_forbidden_import_is_found(module: str, source: str) -> None:
         ('new_bridge.parameters', 'from bridge_core.parameters import Parameter'),
         ('new_bridge.node', 'import rclpy\nimport time\nfrom new_bridge import session'),
         ('new_bridge.simulator', 'from bridge_core.framing import StreamParser'),
+        ('new_bridge.config.menus', 'from new_bridge.config.image import Image'),
+        ('new_bridge.config.main', 'import time\nfrom bridge_core.transports import Transport'),
         ('bridge_core.transports.can', 'import can\nimport select'),
         ('rugged_teleop.stack', 'from new_bridge.node import NewBridge'),
         ('rugged_teleop.demo', 'from new_bridge.simulator import Device'),
