@@ -117,6 +117,7 @@ from akron_can_bridge.protocol.values import Status
 from akron_can_bridge.protocol.values import SWITCH_NAMES
 from akron_can_bridge.protocol.values import UNAVAILABLE
 from akron_can_bridge.protocol.values import Version
+from bridge_core.framing import Counters
 from bridge_core.framing import FrameError
 
 __all__ = [
@@ -152,6 +153,7 @@ __all__ = [
     'BasicJoystick',
     'ConfigPoll',
     'ConfigVersion',
+    'Counters',
     'DiagnosticData',
     'DigitalInputs',
     'DigitalOutputs',
