@@ -1,8 +1,7 @@
 """
-The device's side of the link: a VSC and its remote, without a port or a clock.
+A VSC and its remote, without a port or a clock: what is the same whatever wire it is joined by.
 
-Builds its frames by its own few lines and the manual's own checksum loop (7.6), so that a slip in
-the bridge's codec cannot hide in both.
+Builds what it says by its own few lines, so that a slip in the bridge's codec cannot hide in both.
 """
 
 from __future__ import annotations
@@ -12,17 +11,15 @@ from collections.abc import Callable
 import math
 import struct
 from typing import Any
+from typing import ClassVar
 
-from bridge_core.framing import StreamParser
 from bridge_core.simulation import obey
 from bridge_core.simulation import one_of
 from bridge_core.simulation import switch
 from bridge_core.simulation import within
 from fort_vsc_bridge.protocol import AXIS_NAMES
 from fort_vsc_bridge.protocol import BUTTON_NAMES
-from fort_vsc_bridge.protocol import FORMAT
 from fort_vsc_bridge.protocol import Key
-from fort_vsc_bridge.protocol import MessageType
 from fort_vsc_bridge.protocol import Mode
 
 HOST_TIMEOUT = 0.5  # User E-STOP Timeout (7.3.4)
@@ -35,46 +32,24 @@ _CHOSEN_MODES = {
     'pause': Mode.PAUSE,
 }
 _FAULTS = {'ok': None, 'error': 0b10, 'unavailable': 0b11}
-_GREATEST_RATES = {0x30: 0.05, 0x31: 0.25, 0x32: 0.05}  # seconds between two (table 17)
+_NEUTRAL, _NEGATIVE, _POSITIVE = 0b000001, 0b000100, 0b010000  # tables 30 and 45
 
 
-def build_frame(kind: int, payload: bytes) -> bytes:
-    """Return a frame with the manual's checksum loop (figure 16)."""
-    data = bytes((0x10, 0x01, kind, len(payload))) + payload
-    sum1 = sum2 = 0
-    for byte in data:
-        sum1 = (sum1 + byte) & 255
-        sum2 = (sum2 + sum1) & 255
-    return data + bytes((sum1, sum2))
-
-
-def build_sentence(body: str) -> str:
-    """Return an NMEA 0183 sentence around its body."""
-    total = 0
-    for character in body:
-        total ^= ord(character)
-    return f'${body}*{total:02X}\r\n'
-
-
-class Simulator:
+class Vsc:
     """
-    A VSC with a connected remote in Remote mode.
+    A VSC with a connected remote in Remote mode; what it says and hears, the subclasses know.
 
     :param latch_bits: E-stop bits stay until acknowledged, not only as long as their cause. The
         manual does not say which; the mode stays Local until then in both.
     """
 
+    MESSAGES: ClassVar[dict[int, tuple[bool, float]]]  # enabled, interval in seconds
+    GREATEST_RATES: ClassVar[dict[int, float]] = {}  # seconds between two of a type from the host
+
     def __init__(self, *, latch_bits: bool = True) -> None:
         self.latch_bits = latch_bits
         self.eeprom: dict[int, int] = {80: 0, 81: 1, 82: 1, 83: 1, 84: 1, 85: 0}
-        self.messages: dict[
-            int, tuple[bool, float]
-        ] = {  # enabled, interval in seconds; EEPROM too
-            MessageType.JOYSTICK: (True, 0.02),
-            MessageType.GPS: (True, 1.0),
-            MessageType.HEARTBEAT: (True, 0.05),
-            MessageType.REMOTE_STATUS: (False, 1.0),
-        }
+        self.messages = dict(self.MESSAGES)  # in EEPROM too
         self.eeprom_writes = 0
         self.sticks = dict.fromkeys(AXIS_NAMES, 0)  # -1023 to 1023, X right, Y forward
         self.buttons = dict.fromkeys(BUTTON_NAMES, False)
@@ -87,9 +62,8 @@ class Simulator:
         self.radio = True
         self.remote_estop = False
         self.wired_estop = False
-        self._parser = StreamParser(FORMAT)
         self._due: dict[int, float] = dict.fromkeys(self.messages, 0.0)
-        self._out: list[bytes] = []
+        self._out: list[Any] = []
         self._now = 0.0
         self._boot(0.0)
 
@@ -98,7 +72,7 @@ class Simulator:
         self.values: dict[int, int] = {}
         self.names: dict[int, str] = {}
         self.rumbles: deque[tuple[float, str]] = deque(maxlen=100)  # time, side
-        self.too_fast: dict[int, int] = dict.fromkeys(_GREATEST_RATES, 0)
+        self.too_fast: dict[int, int] = dict.fromkeys(self.GREATEST_RATES, 0)
         self.host_heartbeats = 0
         self.host_estop = False
         self.unacknowledged = False
@@ -108,25 +82,21 @@ class Simulator:
         self._last_of: dict[int, float] = {}
         self._up_at = up_at
         self._out.clear()
-        self._parser.reset()
 
     # -- the link --------------------------------------------------------------------------------
 
-    def receive(self, data: bytes, now: float) -> None:
-        """Take bytes of the host."""
+    def receive(self, data: Any, now: float) -> None:
+        """Take what the host sent."""
         self._now = now
-        if now < self._up_at:
-            return
-        for frame in self._parser.feed(data, now):
-            self._take(frame[2], frame[4:-2], now)
+        if now >= self._up_at:
+            self._hear(data, now)
 
-    def poll(self, now: float) -> list[bytes]:
+    def poll(self, now: float) -> list[Any]:
         """Return the frames that are due."""
         self._now = now
         if now < self._up_at:
             return []
-        for frame in self._parser.poll(now):
-            self._take(frame[2], frame[4:-2], now)
+        self._hear_late(now)
         self._watch_stops(now)
         frames, self._out = self._out, []
         for kind, (enabled, interval) in self.messages.items():
@@ -141,35 +111,36 @@ class Simulator:
         if self._now < self._up_at:
             return self._up_at
         due = [self._due[kind] for kind, (enabled, _) in self.messages.items() if enabled]
-        return min([*due, self._parser.deadline, *([self._now] if self._out else [])])
+        return min([*due, self._late_deadline(), *([self._now] if self._out else [])])
+
+    def _hear(self, data: Any, now: float) -> None:
+        """Take what the host sent."""
+
+    def _hear_late(self, now: float) -> None:
+        """Take what time has completed."""
+
+    def _late_deadline(self) -> float:
+        return math.inf
+
+    def _build(self, kind: int) -> list[Any]:
+        """Return the frames of a message that is due."""
+        raise NotImplementedError
+
+    def _tell_value(self, key: int, value: int) -> None:
+        """Tell the host a value, if the wire can."""
 
     # -- what the host says ----------------------------------------------------------------------
 
-    def _take(self, kind: int, payload: bytes, now: float) -> None:
-        if kind in _GREATEST_RATES:
-            gap = now - self._last_of.get(kind, -math.inf)
-            self.too_fast[kind] += gap < _GREATEST_RATES[kind] - 5e-3  # a port may squeeze gaps
-            self._last_of[kind] = now
-        if kind == MessageType.HOST_HEARTBEAT:
-            self.host_heartbeats += 1
-            self._host_heard = now
-            self.host_estop = payload[0] > 0
-            self._watch_stops(now)
-        elif kind == MessageType.MESSAGE_CONTROL:
-            self._take_control(payload, now)
-        elif kind == MessageType.USER_FEEDBACK:
-            self._take_value(payload, now)
-        elif kind == MessageType.USER_FEEDBACK_NAME:
-            self.names[payload[0]] = payload[1:].rstrip(b'\0').decode('ascii', 'replace')
-        elif kind == MessageType.USER_FEEDBACK_GET:
-            self._answer(payload[0])
+    def _watch_rate(self, kind: int, now: float) -> None:
+        gap = now - self._last_of.get(kind, -math.inf)
+        self.too_fast[kind] += gap < self.GREATEST_RATES[kind] - 5e-3  # a port may squeeze gaps
+        self._last_of[kind] = now
 
-    def _take_control(self, payload: bytes, now: float) -> None:
-        kind, enabled, interval_ms = struct.unpack('<BBH', payload)
-        if kind in self.messages and interval_ms >= 20:
-            self.messages[kind] = (enabled > 0, interval_ms * 1e-3)
-            self._due[kind] = now + interval_ms * 1e-3
-            self.eeprom_writes += 1
+    def _take_heartbeat(self, stop: bool, now: float) -> None:
+        self.host_heartbeats += 1
+        self._host_heard = now
+        self.host_estop = stop
+        self._watch_stops(now)
 
     def _take_value(self, payload: bytes, now: float) -> None:
         key, value = struct.unpack('<Bi', payload)
@@ -182,10 +153,13 @@ class Simulator:
         elif key in range(1, 10) or key == Key.DISPLAY_MODE:
             self.values[key] = value
 
+    def _take_name(self, key: int, text: bytes) -> None:
+        self.names[key] = text.rstrip(b'\0').decode('ascii', 'replace')
+
     def _answer(self, key: int) -> None:
         known = self.eeprom if key in self.eeprom else self.values
         if key in range(1, 10) or key in known:
-            self._out.append(build_frame(0x30, struct.pack('<Bi', key, known.get(key, 0))))
+            self._tell_value(key, known.get(key, 0))
 
     # -- stops and modes -------------------------------------------------------------------------
 
@@ -229,49 +203,31 @@ class Simulator:
 
     # -- what the VSC says -----------------------------------------------------------------------
 
-    def _build(self, kind: int) -> list[bytes]:
-        if kind == MessageType.JOYSTICK:
-            return [build_frame(0x10, self._joystick())]
-        if kind == MessageType.HEARTBEAT:
-            payload = struct.pack('<BBI', self.mode, self.autonomy, self.estop_bits)
-            return [build_frame(0x20, payload)]
-        if kind == MessageType.REMOTE_STATUS:
-            charging, strength = int(self.charging), self.strength
-            payload = bytes((self.battery_percent, charging, strength, strength, 0, 0))
-            return [build_frame(0x22, payload)]
-        return [build_frame(0x12, b'\x00' + s.encode()) for s in self._sentences()]
+    def _heartbeat(self) -> bytes:
+        return struct.pack('<BBI', self.mode, self.autonomy, self.estop_bits)
 
-    def _joystick(self) -> bytes:
-        active = self.mode == Mode.OPERATIONAL
-        words = (self._axis_word(name, active) for name in AXIS_NAMES)
-        pads = (self._pad(BUTTON_NAMES[:4], active), self._pad(BUTTON_NAMES[4:], active))
-        return struct.pack('<6H', *words) + bytes(pads)
+    def _remote_status(self) -> bytes:
+        strengths = (self.strength, self.strength)
+        return bytes((self.battery_percent, int(self.charging), *strengths, 0, 0))
 
-    def _axis_word(self, name: str, active: bool) -> int:
-        value = self.sticks[name] if active else 0
-        if active and name in self.faults:
+    @property
+    def _active(self) -> bool:
+        """Sticks and buttons are not zeroed."""
+        return self.mode == Mode.OPERATIONAL
+
+    def _axis_word(self, name: str) -> int:
+        value = self.sticks[name] if self._active else 0
+        if self._active and name in self.faults:
             return self.faults[name] * 0b010101 | 0xFFC0
-        status = 0b000001 if value == 0 else 0b000100 if value < 0 else 0b010000
+        status = _NEUTRAL if value == 0 else _NEGATIVE if value < 0 else _POSITIVE
         return status | abs(value) << 6
 
-    def _pad(self, names: tuple[str, ...], active: bool) -> int:
+    def _pad(self, names: tuple[str, ...]) -> int:
         pad = 0
         for place, name in enumerate(names):
-            bits = self.faults.get(name, int(self.buttons[name])) if active else 0
+            bits = self.faults.get(name, int(self.buttons[name])) if self._active else 0
             pad |= bits << 2 * place
         return pad
-
-    def _sentences(self) -> list[str]:
-        if not self.radio:
-            return []
-        seconds = int(self._now) % 86400
-        time = f'{seconds // 3600:02}{seconds // 60 % 60:02}{seconds % 60:02}.00'
-        if self.position is None:
-            return [build_sentence(f'GPGGA,{time},,,,,0,00,,,M,,M,,')]
-        latitude, longitude = self.position
-        north = _degrees_text(abs(latitude), 2) + (',N' if latitude >= 0 else ',S')
-        east = _degrees_text(abs(longitude), 3) + (',E' if longitude >= 0 else ',W')
-        return [build_sentence(f'GPGGA,{time},{north},{east},1,08,1.0,12.0,M,17.0,M,,')]
 
     # -- for people and tests --------------------------------------------------------------------
 
@@ -367,9 +323,3 @@ class Simulator:
         'ack': ('', acknowledge),
         'reboot': ('', reboot),
     }
-
-
-def _degrees_text(degrees: float, digits: int) -> str:
-    """Return degrees as (d)ddmm.mmmmm; rounded first, so that minutes never read 60."""
-    minutes = round(degrees * 60.0, 5)
-    return f'{int(minutes // 60):0{digits}}{minutes % 60.0:08.5f}'
