@@ -24,6 +24,7 @@ SETTLE = 0.1
 _KEPT = 16384  # characters; a menu has some 600, an image 500
 # The manual gives <ESC> as 0x27; 27 is its decimal code. Both are taken.
 _ANSI = re.compile(r"[\x1b']\[[0-9;]*[A-Za-z]")
+_MENU_LINE = re.compile(r'\b[A-Z0-9]\) ')
 _END_OF_IMAGE = re.compile(r'\bend\b.{0,8}\bimage\W*-', re.IGNORECASE)
 _PROMPT = 'select:'
 
@@ -132,9 +133,9 @@ class Dialogue:
 
 
 def readable(text: str) -> str:
-    """Return text without cursor movements and what cannot be printed, in one line."""
+    """Return what was said before a menu came, in one line that can be printed."""
     shown = ''.join(sign if sign.isprintable() else ' ' for sign in _ANSI.sub(' ', text))
-    return ' '.join(shown.split())
+    return ' '.join(_MENU_LINE.split(shown)[0].split())
 
 
 def _plain(text: str) -> str:
