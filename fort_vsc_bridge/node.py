@@ -22,10 +22,16 @@ from bridge_core.node import latched_qos
 from bridge_core.parameters import Parameter
 from bridge_core.parameters import ParameterError
 from bridge_core.runner import run
+from bridge_core.transports import Transport
+from bridge_core.transports.hidraw import HidrawTransport
 from bridge_core.transports.serial import SerialTransport
 from fort_vsc_bridge import convert
-from fort_vsc_bridge.parameters import device_settings
+from fort_vsc_bridge.parameters import make_session
+from fort_vsc_bridge.parameters import make_wire
 from fort_vsc_bridge.parameters import PARAMETERS
+from fort_vsc_bridge.protocol import CanWire
+from fort_vsc_bridge.protocol import mode_name
+from fort_vsc_bridge.protocol import REPORT_SIZE
 from fort_vsc_bridge.session import GpsSentence
 from fort_vsc_bridge.session import ModeChanged
 from fort_vsc_bridge.session import RemoteState
@@ -47,11 +53,14 @@ class FortVscBridge(BridgeNode):
         super().__init__('fort_vsc_bridge', **options)
 
     def check_parameters(self, values: dict[str, Any]) -> None:
-        """Refuse device settings that the VSC cannot take. :raises ParameterError: them."""
+        """Refuse what cannot go together. :raises ParameterError: naming it."""
+        make_session(values)
         try:
-            self._new_session(values)
+            _make_transport(values)
         except ValueError as error:
-            raise ParameterError(f'parameter device.{error}') from error
+            raise ParameterError(f'parameter {error}') from error
+        except ImportError as error:
+            raise ParameterError(f"parameter transport = 'can': {error}") from error
 
     def create_interfaces(self) -> None:
         """Create what the manual's messages become."""
@@ -69,12 +78,17 @@ class FortVscBridge(BridgeNode):
         self.create_subscription(UInt8, '~/get_user_value', self._on_get_user_value, 10)
 
     def make_session(self) -> Session:
-        """Return a session for the serial packet protocol."""
-        return self._new_session(self.values)
+        """Return a session for the wire that ``transport`` names."""
+        return make_session(self.values)
 
-    def make_transport(self) -> SerialTransport:
-        """Return the serial port, not yet open."""
-        return SerialTransport(self.values['port'], self.values['baud'])
+    def make_transport(self) -> Transport:
+        """Return the port that ``transport`` names, not yet open."""
+        return _make_transport(self.values)
+
+    @property
+    def hardware_name(self) -> str:
+        """The port, or the CAN channel."""
+        return str(self.values['channel' if self.values['transport'] == 'can' else 'port'])
 
     def on_event(self, event: Any) -> None:
         """Publish one event of the session."""
@@ -97,7 +111,7 @@ class FortVscBridge(BridgeNode):
         values: dict[str, Any] = {
             'mode': convert.mode_string(session.mode).data,
             'e-stop indication': f'0x{heartbeat.estop:08X}' if heartbeat else 'unknown',
-            'autonomy mode': str(heartbeat.autonomy) if heartbeat else 'unknown',
+            'autonomy mode': mode_name(heartbeat.autonomy) if heartbeat else 'unknown',
             'remote connected': session.remote_connected,
             'software e-stop in use': session.software_estop_in_use,
             'faulty controls': ', '.join(session.faulty) or 'none',
@@ -122,27 +136,18 @@ class FortVscBridge(BridgeNode):
                 (ERROR, f'the remote reports {", ".join(session.faulty)}; have it repaired')
             )
         if session.link_up and session.joystick_age(now) > self.values['link_timeout']:
-            problems.append(
-                (WARN, 'no joystick messages; set device.joystick_interval_ms to have them sent')
-            )
+            problems.append((WARN, f'no joystick messages; {session.wire.NO_JOYSTICK}'))
         remote = session.remote_status
         if remote and remote.battery_percent <= _LOW_BATTERY_PERCENT and not remote.charging:
             problems.append(
                 (WARN, f"the remote's battery is at {remote.battery_percent} %; charge it")
             )
+        if session.software_estop_refused:
+            problem = f'transport {session.wire.NAME} cannot carry software_estop, but it comes: '
+            problems.append((ERROR, f'{problem}the VSC does not stop; wire that stop elsewhere'))
         if session.looped_back:
             problems.append((WARN, 'our own frames come back: is RX wired to TX, or echo on?'))
         return problems
-
-    def _new_session(self, values: dict[str, Any]) -> Session:
-        return Session(
-            link_timeout=values['link_timeout'],
-            heartbeat_rate=values['heartbeat_rate'],
-            software_estop_timeout=values['software_estop_timeout'],
-            configure_device=values['configure_device'],
-            tolerate_faulty_axes=values['tolerate_faulty_axes'],
-            settings=device_settings(values),
-        )
 
     def _header(self) -> tuple[Any, str]:
         return self.stamp(), self.values['frame_id']
@@ -200,6 +205,20 @@ class FortVscBridge(BridgeNode):
 
     def _on_get_user_value(self, message: Any) -> None:
         self.request(f'get_user_value {message.data}', lambda s, now: s.get_feedback(message.data))
+
+
+def _make_transport(values: dict[str, Any]) -> Transport:
+    """Return the port, not yet open. :raises ValueError: a parameter that it cannot take."""
+    wire = make_wire(values)
+    if isinstance(wire, CanWire):
+        # Late: who has no CAN need not have python-can.
+        from bridge_core.transports.can import CanTransport
+
+        where, bitrate = (values['interface'], values['channel']), values['bitrate'] or None
+        return CanTransport(*where, bitrate=bitrate, filters=wire.filters)
+    if values['transport'] == 'hid':
+        return HidrawTransport(values['port'], REPORT_SIZE)
+    return SerialTransport(values['port'], values['baud'])
 
 
 def main() -> None:

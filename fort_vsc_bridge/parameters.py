@@ -4,9 +4,17 @@ from collections.abc import Mapping
 from typing import Any
 
 from bridge_core.parameters import Parameter
+from bridge_core.parameters import ParameterError
 from fort_vsc_bridge.protocol import BAUD
+from fort_vsc_bridge.protocol import CanIds
+from fort_vsc_bridge.protocol import CanWire
+from fort_vsc_bridge.protocol import HidWire
+from fort_vsc_bridge.protocol import MAX_IDENTIFIER
 from fort_vsc_bridge.protocol import MAX_MAGNITUDE
+from fort_vsc_bridge.protocol import SerialWire
+from fort_vsc_bridge.protocol import Wire
 from fort_vsc_bridge.session import DeviceSettings
+from fort_vsc_bridge.session import Session
 
 LEAVE = -1  # do not touch this setting of the device
 
@@ -22,12 +30,23 @@ def _setting(name: str, description: str, maximum: int, unit: str = '') -> Param
     )
 
 
+def _identifier(name: str, description: str) -> Parameter:
+    default = CanIds().by_name[name]
+    text = f'CAN identifier, 29 bits: {description}.'
+    return Parameter(f'can.{name}', default, text, minimum=0, maximum=MAX_IDENTIFIER)
+
+
 PARAMETERS = (
     Parameter(
-        'transport', 'serial', 'How the VSC is joined: its USB or RS232 port.', choices=('serial',)
+        'transport',
+        'serial',
+        'How it is joined: serial (USB or RS232), can (J1939), hid (USB game controller).',
+        choices=('serial', 'can', 'hid'),
     ),
     Parameter(
-        'port', '/dev/fort_vsc', 'Device file, or socket://host:port, or rfc2217://host:port.'
+        'port',
+        '/dev/fort_vsc',
+        'serial: device file, or socket://host:port, or rfc2217://host:port. hid: hidraw device.',
     ),
     Parameter(
         'baud',
@@ -37,10 +56,29 @@ PARAMETERS = (
         1200,
         4_000_000,
     ),
+    Parameter('interface', 'socketcan', "can: python-can's name of a kind of interface."),
+    Parameter('channel', 'can0', 'can: which one, such as can0, or /dev/ttyACM0 for slcan.'),
+    Parameter(
+        'bitrate',
+        0,
+        'can: where the interface takes one; 0: as it is set. The VSC has 250000 as a rule (table 6).',
+        unit='bit/s',
+        minimum=0,
+        maximum=1_000_000,
+    ),
+    _identifier('left_basic', 'left thumb stick and pad'),
+    _identifier('left_extended', 'left finger stick'),
+    _identifier('right_basic', 'right thumb stick and pad'),
+    _identifier('right_extended', 'right finger stick'),
+    _identifier('heartbeat', "the VSC's heartbeat"),
+    _identifier('remote_status', 'battery and radio of the remote'),
+    _identifier('feedback_value', 'values to the VSC'),
+    _identifier('feedback_string', 'names and text to the VSC'),
     Parameter(
         'link_timeout',
         0.25,
-        'Without a heartbeat of the VSC for this long, ~/estop is true. It sends one every 50 ms.',
+        'Without a heartbeat of the VSC for this long, ~/estop is true. One comes every 50 ms '
+        '(can: 100 ms; hid: a report every 63 ms).',
         unit='s',
         minimum=0.06,
         maximum=5.0,
@@ -48,7 +86,7 @@ PARAMETERS = (
     Parameter(
         'heartbeat_rate',
         20.0,
-        'How often our heartbeat goes to the VSC; its own limit for it is 500 ms (manual 7.3.4).',
+        'serial: how often our heartbeat goes out; the limit of the VSC is 500 ms (manual 7.3.4).',
         unit='Hz',
         minimum=4.0,
         maximum=20.0,
@@ -56,7 +94,7 @@ PARAMETERS = (
     Parameter(
         'software_estop_timeout',
         0.25,
-        '~/software_estop, once it was heard, counts as true when it is older than this.',
+        'serial: ~/software_estop, once it was heard, counts as true when it is older than this.',
         unit='s',
         minimum=0.05,
         maximum=5.0,
@@ -119,3 +157,42 @@ def device_settings(values: Mapping[str, Any]) -> DeviceSettings:
     return DeviceSettings(
         **{name: bool(value) if name in _SWITCHES else value for name, value in wanted.items()}
     )
+
+
+def make_wire(values: Mapping[str, Any]) -> Wire:
+    """Return the wire that ``transport`` names. :raises ParameterError: it cannot be made."""
+    if values['transport'] == 'hid':
+        return HidWire()
+    if values['transport'] == 'serial':
+        return SerialWire()
+    given = {name: values[f'can.{name}'] for name in CanIds().by_name}
+    try:
+        return CanWire(CanIds(**given), values['link_timeout'])
+    except ValueError as error:
+        raise ParameterError(f'parameter can.{error}') from error
+
+
+def make_session(values: Mapping[str, Any]) -> Session:
+    """Return a new session. :raises ParameterError: values that contradict each other."""
+    wire = make_wire(values)
+    if values['link_timeout'] <= wire.INTERVAL:
+        raise ParameterError(
+            f'parameter link_timeout = {values["link_timeout"]}: allowed is above '
+            f'{wire.INTERVAL} s with transport {wire.NAME}, which gives no sooner sign of life'
+        )
+    if values['configure_device'] and not wire.PERIODS:
+        raise ParameterError(
+            f'parameter configure_device = True: transport {wire.NAME} can write nothing'
+        )
+    try:
+        return Session(
+            wire,
+            link_timeout=values['link_timeout'],
+            heartbeat_rate=values['heartbeat_rate'],
+            software_estop_timeout=values['software_estop_timeout'],
+            configure_device=values['configure_device'],
+            tolerate_faulty_axes=values['tolerate_faulty_axes'],
+            settings=device_settings(values),
+        )
+    except ValueError as error:
+        raise ParameterError(f'parameter device.{error}') from error

@@ -90,11 +90,13 @@ MODES: dict[int, Mode] = {int(mode): mode for mode in Mode}
 AUTONOMY_MODES: dict[int, AutonomyMode] = {int(mode): mode for mode in AutonomyMode}
 
 
-def mode_name(mode: Mode | int | None) -> str:
-    """Return the mode in the manual's word, such as 'Local'; 'Unknown (0x33)'; None: 'None'."""
+def mode_name(mode: Mode | AutonomyMode | int | None) -> str:
+    """Return a mode in the manual's words, such as 'Local'; 'Unknown (0x33)'; None: 'None'."""
     if mode is None:
         return 'None'
-    return mode.name.capitalize() if isinstance(mode, Mode) else f'Unknown (0x{mode:02X})'
+    if isinstance(mode, IntEnum):
+        return mode.name.capitalize().replace('_', ' ')
+    return f'Unknown (0x{mode:02X})'
 
 
 def estop_sources(bits: int) -> list[str]:

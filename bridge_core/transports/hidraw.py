@@ -1,0 +1,125 @@
+"""
+Input reports of a USB HID device, from Linux's hidraw.
+
+A hidraw device gives one report a read. So that no hardware is needed, a FIFO, a pty or a file
+may stand in for it: those give a stream, which is cut into reports. A stream that is not cut at
+its reports' ends cannot be trusted, so a read that is not a whole number of them is handed up as
+it is, for the session to refuse.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import os
+import stat
+import tty
+
+from bridge_core.transports import TransportError
+
+_HINTS = {
+    errno.ENOENT: 'no such device; plug it in, or set the parameter port',
+    errno.EACCES: 'no permission; install the udev rule, or add your user to the group dialout',
+    errno.EISDIR: 'a folder; set the parameter port',
+    errno.ENODEV: 'the device does not answer; is it plugged in?',
+    errno.EIO: 'the device does not answer; is it plugged in?',
+}
+_READS = 64  # a call: as many as the kernel keeps, and a flood must not keep a stop waiting
+_LONGEST_REPORT = 4096  # bytes; longer than any, so that an over-long one is told by its length
+_PTY_MAJORS = range(136, 144)  # linux/major.h
+
+
+class HidrawTransport:
+    """
+    One hidraw device, read only.
+
+    :param path: such as /dev/hidraw0. :param report_size: bytes of a report, its number included
+        where reports are numbered.
+    """
+
+    def __init__(self, path: str, report_size: int) -> None:
+        self.name = path
+        self._report_size = report_size
+        self._fd = -1
+        self._is_stream = False
+
+    def counts(self) -> dict[str, int | str]:
+        """Return nothing: every byte is handed up."""
+        return {}
+
+    def open(self) -> None:
+        """Open it, and forget older reports. :raises TransportError: cannot; says what to do."""
+        self.close()
+        try:
+            self._fd = os.open(self.name, os.O_RDONLY | os.O_NONBLOCK | os.O_NOCTTY | os.O_CLOEXEC)
+            self._prepare(os.fstat(self._fd))
+        except OSError as error:
+            self.close()
+            hint = _HINTS.get(error.errno or 0, error.strerror)
+            raise TransportError(f'cannot open {self.name}: {hint}') from error
+
+    def _prepare(self, status: os.stat_result) -> None:
+        terminal = os.isatty(self._fd)
+        self._is_stream = terminal or not stat.S_ISCHR(status.st_mode)
+        if stat.S_ISDIR(status.st_mode):
+            raise OSError(errno.EISDIR, os.strerror(errno.EISDIR))
+        if terminal:
+            # A report has no checksum: bytes of another protocol, cut up, could pass for some.
+            if os.major(status.st_rdev) not in _PTY_MAJORS:
+                raise OSError(errno.ENOTTY, 'a serial port, not hidraw; set the parameter port')
+            tty.setraw(self._fd)
+        if not stat.S_ISREG(status.st_mode):
+            _discard(self._fd)
+
+    def close(self) -> None:
+        """Close it."""
+        fd, self._fd = self._fd, -1
+        if fd >= 0:
+            with contextlib.suppress(OSError):  # closing what is already gone
+                os.close(fd)
+
+    def fileno(self) -> int:
+        """Return the descriptor to wait on; -1 while closed."""
+        return self._fd
+
+    def receive(self) -> list[bytes]:
+        """Return the reports that are there. :raises TransportError: unplugged."""
+        if self._fd < 0:
+            raise TransportError(f'{self.name}: not open')
+        if self._is_stream:
+            return self._cut(self._read(_READS * self._report_size))
+        reports: list[bytes] = []
+        while len(reports) < _READS and (report := self._read(_LONGEST_REPORT)):
+            reports.append(report)
+        return reports
+
+    def send(self, frame: bytes) -> bool:
+        """Send nothing: it is read only."""
+        del frame
+        return False
+
+    def _read(self, size: int) -> bytes:
+        """Return what is there, or nothing yet. :raises TransportError: unplugged."""
+        try:
+            data = os.read(self._fd, size)
+        except BlockingIOError:
+            return b''
+        except OSError as error:
+            raise TransportError(f'{self.name}: unplugged ({error.strerror})') from error
+        if not data:  # readable, yet nothing to read: the other end is gone
+            raise TransportError(f'{self.name}: unplugged')
+        return data
+
+    def _cut(self, data: bytes) -> list[bytes]:
+        size = self._report_size
+        if len(data) % size:
+            return [data]
+        return [data[start : start + size] for start in range(0, len(data), size)]
+
+
+def _discard(fd: int) -> None:
+    """Throw away what is there, but not for ever: somebody may write all the time."""
+    with contextlib.suppress(BlockingIOError):
+        for _ in range(_READS):
+            if not os.read(fd, _LONGEST_REPORT):
+                break
