@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+from pathlib import Path
 from typing import Any
 
 from hypothesis import strategies as st
@@ -48,6 +50,8 @@ from akron_can_bridge.protocol import Writable
 from akron_can_bridge.protocol import ZeroPositions
 from bridge_core.j1939 import CanFrame
 from bridge_core.j1939 import J1939Id
+
+VECTORS = json.loads((Path(__file__).parent / 'vectors' / 'akron.json').read_text())['frames']
 
 
 def frame_of(identifier: str, data: str) -> CanFrame:

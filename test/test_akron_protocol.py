@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import json
 import math
-from pathlib import Path
 from typing import Any
 
 from hypothesis import given
@@ -61,8 +59,8 @@ from bridge_core.j1939 import J1939Id
 from test.akron_frames import check
 from test.akron_frames import frame_of
 from test.akron_frames import messages
+from test.akron_frames import VECTORS
 
-VECTORS = json.loads((Path(__file__).parent / 'vectors' / 'akron.json').read_text())['frames']
 OFF, ON, ERROR, ABSENT = Status
 
 
