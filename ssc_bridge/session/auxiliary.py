@@ -1,0 +1,160 @@
+"""The six auxiliary channels: what they measured, and what was set. Manual 3.2.3, 4.2.2.2."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+import math
+from typing import TypeVar
+
+from ssc_bridge.protocol import AUX_CHANNELS
+from ssc_bridge.protocol import AuxFunction
+from ssc_bridge.protocol import AuxInputs
+from ssc_bridge.protocol import AuxOutputs
+from ssc_bridge.protocol import DigitalOutput
+from ssc_bridge.protocol import MAX_PULSE_COUNTS
+from ssc_bridge.protocol import Measurement
+from ssc_bridge.protocol import PulseAccumulator
+from ssc_bridge.protocol import PulseOutput
+from ssc_bridge.session.events import AuxChannel
+from ssc_bridge.session.events import AuxReading
+
+_T = TypeVar('_T', DigitalOutput, PulseOutput)
+
+
+def counts_of(seconds: float, time_base_us: int) -> int:
+    """Return a time in counts. :raises ValueError: above 15 bits, or so short that it is 0."""
+    if not (math.isfinite(seconds) and seconds >= 0.0):
+        raise ValueError(f'a time must be 0 or more seconds, not {seconds}')
+    counts = round(seconds * 1e6 / time_base_us)
+    longest = MAX_PULSE_COUNTS * time_base_us * 1e-6
+    if counts > MAX_PULSE_COUNTS or (seconds and not counts):
+        raise ValueError(
+            f'{seconds} s does not fit a time base of {time_base_us} us: {time_base_us * 1e-6:g} '
+            f'to {longest:g} s do'
+        )
+    return counts
+
+
+class AuxInputBook:
+    """Adds up what pulse accumulators count; each message tells what came since the last."""
+
+    def __init__(self) -> None:
+        self._functions: tuple[AuxFunction, ...] = ()
+        self._totals = [0] * AUX_CHANNELS
+        self._overflowed = [False] * AUX_CHANNELS
+
+    def configure(self, functions: tuple[AuxFunction, ...]) -> None:
+        """Take what the channels are; totals begin anew if that is something else than before."""
+        if functions != self._functions:
+            self._functions = functions
+            self._totals = [0] * AUX_CHANNELS
+            self._overflowed = [False] * AUX_CHANNELS
+
+    def take(self, message: AuxInputs) -> AuxReading:
+        """Return the channels' state; the message must fit the configuration."""
+        for place, (function, measured) in enumerate(
+            zip(self._functions, message.measurements, strict=True)
+        ):
+            if isinstance(function, PulseAccumulator) and measured is not None:
+                self._add(place, measured)
+        rows = (
+            self._functions,
+            message.levels,
+            message.measurements,
+            self._totals,
+            self._overflowed,
+        )
+        return AuxReading(tuple(AuxChannel(*row) for row in zip(*rows, strict=True)))
+
+    def _add(self, place: int, measured: Measurement) -> None:
+        self._totals[place] += measured.counts
+        self._overflowed[place] = self._overflowed[place] or measured.over_range
+
+
+class AuxOutputBook:
+    """
+    What was set of the auxiliary outputs, and the messages to be sent.
+
+    A message sets all digital outputs at once, so those that are not meant are sent as they are.
+    """
+
+    def __init__(self) -> None:
+        self._functions: tuple[AuxFunction, ...] = ()
+        self._levels: dict[int, bool] = {}  # by place, 0 to 5, what we have set
+        self._seen: tuple[bool, ...] = ()  # of the pins, as told last
+        self._pulsing: set[int] = set()  # free running outputs that we have set
+        self._queue: list[AuxOutputs] = []
+
+    def configure(self, functions: tuple[AuxFunction, ...]) -> None:
+        """Take what the channels are; what waits is not sent, and the pins have to tell anew."""
+        if functions != self._functions:
+            self._functions = functions
+            self._levels.clear()
+            self._pulsing.clear()
+        self._queue.clear()
+        self._seen = ()
+
+    def seen(self, levels: tuple[bool, ...]) -> None:
+        """Note the pins' levels."""
+        self._seen = levels
+
+    def set_level(self, number: int, high: bool) -> None:
+        """Set a digital output, 1 to 6. :raises ValueError: it is none."""
+        place, _ = self._output(number, DigitalOutput)
+        self._levels[place] = high
+        self._queue.append(AuxOutputs(levels=self._all_levels()))
+
+    def set_pulse(self, number: int, seconds: float) -> None:
+        """Set the pulse time of an output, 1 to 6; starts a one-shot pulse. Else ValueError."""
+        place, output = self._output(number, PulseOutput)
+        self._queue.append(
+            AuxOutputs(counts=_at({place: counts_of(seconds, output.time_base_us)}))
+        )
+        if not output.one_shot:
+            self._pulsing.add(place)
+
+    def set_period(self, number: int, seconds: float) -> None:
+        """Set the period of a free running output, 1 to 6. :raises ValueError: it is none."""
+        place, output = self._output(number, PulseOutput)
+        if output.one_shot:
+            raise ValueError(f'aux {number} is {output.text}: one shot has no period')
+        counts = _at({place: counts_of(seconds, output.time_base_us)})
+        self._queue.append(AuxOutputs(counts=counts, period=True))
+
+    def stop(self) -> None:
+        """Undo all that was ever set: levels as after power-on, no pulses; drop what waits."""
+        self._queue.clear()
+        if self._levels or self._pulsing:
+            self._levels = {
+                place: function.initially_high
+                for place, function in enumerate(self._functions)
+                if isinstance(function, DigitalOutput)
+            }
+            counts = _at(dict.fromkeys(self._pulsing, 0))
+            self._queue.append(AuxOutputs(levels=self._all_levels(), counts=counts))
+
+    def take(self) -> list[bytes]:
+        """Return and forget the messages to be sent."""
+        queue, self._queue = self._queue, []
+        return [message.to_bytes() for message in queue]
+
+    def _all_levels(self) -> tuple[bool, ...]:
+        """Return every digital output's level: as set, else as seen, else as after power-on."""
+        levels = [False] * AUX_CHANNELS
+        for place, function in enumerate(self._functions):
+            if isinstance(function, DigitalOutput):
+                other = self._seen[place] if self._seen else function.initially_high
+                levels[place] = self._levels.get(place, other)
+        return tuple(levels)
+
+    def _output(self, number: int, kind: type[_T]) -> tuple[int, _T]:
+        if not 1 <= number <= AUX_CHANNELS:
+            raise ValueError(f'there is no aux {number}, only 1 to {AUX_CHANNELS}')
+        function = self._functions[number - 1]
+        if not isinstance(function, kind):
+            raise ValueError(f'aux {number} is {function.text}, so it does not take this')
+        return number - 1, function
+
+
+def _at(counts: Mapping[int, int]) -> tuple[int | None, ...]:
+    return tuple(counts.get(place) for place in range(AUX_CHANNELS))

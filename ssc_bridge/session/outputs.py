@@ -1,0 +1,171 @@
+"""
+What goes to the pulse outputs: limits, rates, and the failsafe of each.
+
+A message 20 carries all outputs at once (4.2.2.1), so none can be left out of it. Released means
+no pulse there: 0, as 3.3 has it for constants. Once all outputs are released, a few such messages
+go out and then none. Silence alone would not do: the manual does not say that the SSC ever forgets
+a command.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+import math
+
+from bridge_core.session import Pacer
+from bridge_core.watchdog import Watchdog
+from ssc_bridge.protocol import MAX_PULSE_US
+from ssc_bridge.protocol import PULSE_CHANNELS
+from ssc_bridge.protocol import PulseCommand
+from ssc_bridge.session.settings import Failsafe
+from ssc_bridge.session.settings import Servo
+from ssc_bridge.session.settings import Settings
+
+RELEASE_FRAMES = 3  # one may be lost
+# s from the configuration to the first command, for the device to tell what its outputs do now.
+_LOOK_FIRST = 0.1
+
+
+class Channel:
+    """One pulse output. :param timeout: s after which a command is stale."""
+
+    __slots__ = ('_at', '_target', 'command', 'servo', 'us')
+
+    def __init__(self, servo: Servo, timeout: float) -> None:
+        self.servo = servo
+        self.command = Watchdog(timeout)
+        self.us = 0.0  # what goes out; 0: no pulse
+        self._target = 0.0
+        self._at = 0.0  # where the servo was last, as far as is known; 0: nowhere yet
+
+    @property
+    def driven(self) -> bool:
+        """Something has to be sent for it."""
+        return self.command.heard or self.us > 0.0
+
+    def ask(self, us: float, now: float) -> bool:
+        """Take a command; tell whether it had to be limited."""
+        self._target = self.servo.limited(us)
+        self.command.feed(now)
+        return self._target != us
+
+    def driven_elsewhere(self, us: int) -> None:
+        """Note what the device drives the output with, while that is not our doing."""
+        if not self.us:
+            self._at = self.servo.limited(us)
+
+    def step(self, seconds: float) -> int:
+        """Move on by this much time and return the pulse, µs."""
+        if self.command.heard:
+            self.us = self._towards(self._target, self.servo.rate_us_per_s * seconds)
+        elif self.servo.failsafe is Failsafe.PULSE:
+            self.us = self.servo.failsafe_us
+        elif self.servo.failsafe is Failsafe.RELEASE:
+            self.us = 0.0
+        else:
+            self.us = self.us or self._at
+        self._at = self.us or self._at
+        return round(self.us)
+
+    def _towards(self, target: float, change: float) -> float:
+        if not (target and self._at):
+            return target  # no pulse at all, or the first one ever
+        return self._at + min(max(target - self._at, -change), change)
+
+
+class Outputs:
+    """All pulse outputs of one device."""
+
+    def __init__(self, settings: Settings) -> None:
+        named = {servo.channel: servo for servo in settings.servos}
+        self.servos = {servo.name: servo for servo in settings.servos}
+        self.limited = 0  # commands that were beyond an output's limits
+        self._channels = [
+            Channel(named.get(number) or _unnamed(number, settings), settings.command_timeout)
+            for number in range(1, PULSE_CHANNELS + 1)
+        ]
+        self._pacer = Pacer(1.0 / settings.command_rate)
+        self._stepped = -math.inf
+        self._urgent = False
+        self._in_use = bool(settings.servos)  # outputs are ours: there is something to undo
+        self._releases = 0  # frames without a pulse that are still to be sent
+
+    def begin(self, now: float) -> None:
+        """
+        Begin to send: the device is there, whatever it may have missed.
+
+        What was sent before it went, by this process or one before it, must not stay in force.
+        """
+        self._pacer.start(now + _LOOK_FIRST)
+        self._releases = RELEASE_FRAMES if self._in_use else 0
+
+    def end(self) -> None:
+        """Send no more: the port is closed."""
+        self.forget()
+        self._pacer.stop()
+        self._urgent = False
+
+    def ask(self, number: int, us: float, now: float) -> None:
+        """Command an output, 1 to 24, in µs; 0 is no pulse."""
+        self.limited += self._channels[number - 1].ask(us, now)
+        self._in_use = True
+
+    def forget(self) -> list[str]:
+        """Forget all commands: every output goes to its failsafe; return who was commanded."""
+        return self._drop([channel for channel in self._channels if channel.command.heard])
+
+    def expire(self, now: float) -> list[str]:
+        """Forget commands that are stale; return whose they were."""
+        stale = [channel for channel in self._channels if channel.command.heard]
+        return self._drop([channel for channel in stale if channel.command.expired(now)])
+
+    def _drop(self, channels: Sequence[Channel]) -> list[str]:
+        for channel in channels:
+            channel.command.reset()
+        self._urgent = self._urgent or bool(channels)
+        return [channel.servo.name for channel in channels]
+
+    def driven_elsewhere(self, us: Sequence[int | None]) -> None:
+        """Note what drives the outputs, as the device says."""
+        for channel, pulse in zip(self._channels, us, strict=False):
+            if pulse is not None:
+                channel.driven_elsewhere(pulse)
+
+    def commanded(self) -> dict[int, str]:
+        """Return the outputs with a fresh command: number to name."""
+        numbered = enumerate(self._channels, 1)
+        return {number: chan.servo.name for number, chan in numbered if chan.command.heard}
+
+    def frames(self, now: float, count: int, *, at_once: bool = False) -> list[bytes]:
+        """Return the message 20 for the first ``count`` outputs, if it is due and needed."""
+        if not (at_once or self._urgent or self._pacer.is_due(now)):
+            return []
+        # After a stall a servo must not jump by all the time that was lost.
+        seconds = min(max(now - self._stepped, 0.0), 2.0 * self._pacer.period)
+        self._pacer.sent(now)
+        self._stepped, self._urgent = now, False
+        channels = self._channels[:count]
+        us = tuple(channel.step(seconds) for channel in channels)
+        if any(channel.driven for channel in channels):
+            self._releases = RELEASE_FRAMES
+        elif self._releases:
+            self._releases -= 1
+        else:
+            return []
+        return [PulseCommand(us).to_bytes()]
+
+    def deadline(self) -> float:
+        """Return when something is due or becomes stale."""
+        commands = (chan.command.deadline for chan in self._channels)
+        return min(self._pacer.due, *commands)
+
+
+def _unnamed(number: int, settings: Settings) -> Servo:
+    """Return an output that may be anything the device can do."""
+    return Servo(
+        name=f'output {number}',
+        channel=number,
+        min_us=1,
+        max_us=MAX_PULSE_US,
+        failsafe=settings.failsafe,
+    )

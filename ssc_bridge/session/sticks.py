@@ -1,0 +1,51 @@
+"""From pulse inputs to sticks: what is believed, and what it means for a button."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from ssc_bridge.session.events import Sticks
+from ssc_bridge.session.settings import AxisInput
+from ssc_bridge.session.settings import ButtonInput
+from ssc_bridge.session.settings import Settings
+
+
+def neutral(
+    settings: Settings, *, faulty: tuple[str, ...] = (), operational: bool = False
+) -> Sticks:
+    """Return sticks that ask for nothing."""
+    axes: tuple[int | None, ...] = (None,) * len(settings.axes)
+    return Sticks(axes, (0,) * len(settings.buttons), operational, faulty)
+
+
+def sticks_of(us: Sequence[int | None], settings: Settings) -> Sticks:
+    """
+    Return what the pulses ask for.
+
+    :param us: of the pulse inputs, input 1 first; None: invalid.
+    """
+    controls: tuple[AxisInput | ButtonInput, ...] = (*settings.axes, *settings.buttons)
+    faults = {control.name: _fault(us, control.channel, settings) for control in controls}
+    faulty = tuple(f'{name} {fault}' for name, fault in faults.items() if fault)
+    if faulty and not settings.tolerate_faulty_axes:
+        return neutral(settings, faulty=faulty, operational=True)
+    return Sticks(
+        axes=tuple(None if faults[axis.name] else us[axis.channel - 1] for axis in settings.axes),
+        buttons=tuple(
+            0 if faults[button.name] else button.value(us[button.channel - 1] or 0)
+            for button in settings.buttons
+        ),
+        operational=True,
+        faulty=faulty,
+    )
+
+
+def _fault(us: Sequence[int | None], channel: int, settings: Settings) -> str:
+    """Say why the pulse of an input is not believed; empty if it is."""
+    if channel > len(us):
+        return f'absent (there is no pulse input {channel})'
+    pulse = us[channel - 1]
+    if pulse is None:
+        return f'invalid (pulse input {channel})'
+    low, high = settings.plausible_us
+    return '' if low <= pulse <= high else f'implausible (pulse input {channel}: {pulse} us)'

@@ -1,0 +1,147 @@
+"""A session with an SSC and a mux around it, built from frames written by hand."""
+
+from collections.abc import Callable
+from collections.abc import Sequence
+import struct
+from typing import Any
+
+from ssc_bridge.session import Failsafe
+from ssc_bridge.session import Servo
+from ssc_bridge.session import Session
+from ssc_bridge.session import Settings
+
+TICK = 0.01
+INPUTS = 8
+OUTPUTS = 16
+STATES = {'no signal': 0, '1 ms': 1, '1.5 ms': 2, '2 ms': 3}
+PAN = Servo(name='pan', channel=1, min_us=1000, centre_us=1500, max_us=2000)
+TILT = Servo(
+    name='tilt',
+    channel=3,
+    min_us=900,
+    centre_us=1200,
+    max_us=2100,
+    rate_us_per_s=1000.0,
+    failsafe=Failsafe.PULSE,
+    failsafe_us=1100,
+)
+GRIP = Servo(name='grip', channel=5, failsafe=Failsafe.HOLD)
+
+
+def build_frame(kind: int, payload: bytes) -> bytes:
+    """Build an mBin frame by the manual's own loop (4.1)."""
+    body = bytes((kind, len(payload))) + payload
+    first = second = 0
+    for byte in body:
+        first = (first + byte) & 0xFF
+        second = (second + first) & 0xFF
+    return b'\x81\xa1' + body + bytes((first, second))
+
+
+def words(values: Sequence[int]) -> bytes:
+    return struct.pack(f'>{len(values)}H', *values)
+
+
+def status(state: str = '2 ms', *, available: bool = False) -> bytes:
+    return build_frame(10, bytes((0, STATES[state] << 1 | available)))
+
+
+def configuration(inputs: int = INPUTS, aux: Sequence[int] = (0,) * 6) -> bytes:
+    return build_frame(15, bytes((126, inputs)) + words(aux))
+
+
+class Rig:
+    """A session with a healthy device and a healthy mux, both of which a test can make worse."""
+
+    def __init__(self, **changes: Any) -> None:
+        self.session = Session(Settings(**changes))
+        self.now = 1000.0
+        self.events: list[Any] = []
+        self.sent: list[tuple[float, int, bytes]] = []  # when, ID, payload
+        self.state = '2 ms'
+        self.available = False
+        self.inputs = [1500] * INPUTS
+        self.sources = [3] * OUTPUTS
+        self.outputs = [0x8000] * OUTPUTS
+        self.aux: Sequence[int] = (0,) * 6
+        self.aux_inputs = b'\0\0'
+        self.mute: set[int] = set()  # IDs that are not answered
+        self.estop: bool | None = False  # what the mux says; None: nothing
+        self._opened = False
+
+    def open(self) -> 'Rig':
+        """Open the port, once; the device answers from now on."""
+        if not self._opened:
+            self._opened = True
+            self._take(self.session.opened(self.now))
+        return self
+
+    def answer(self, kind: int) -> bytes:
+        """Return the device's frame with this ID."""
+        if kind == 10:
+            return status(self.state, available=self.available)
+        if kind == 15:
+            return configuration(len(self.inputs), self.aux)
+        payloads = {
+            11: bytes(self.sources),
+            12: words(self.outputs),
+            13: words(self.inputs),
+            14: self.aux_inputs,
+        }
+        return build_frame(kind, payloads[kind])
+
+    def hear(self, data: bytes) -> None:
+        self._take(self.session.receive(data, self.now))
+        self.poll()
+
+    def poll(self) -> None:
+        self._take(self.session.poll(self.now))
+
+    def do(self, action: Callable[[Session, float], None]) -> None:
+        """Carry out a request and poll, as the link thread does."""
+        try:
+            action(self.session, self.now)
+        finally:
+            self.poll()
+
+    def tick(self, count: int = 1, each: Callable[[Session, float], None] | None = None) -> None:
+        """Let ``count`` times 10 ms pass with all that the rig's attributes say."""
+        self.open()
+        for _ in range(count):
+            self.now += TICK
+            if self.estop is not None:
+                self.session.set_estop(self.estop, self.now)
+            if each is not None:
+                each(self.session, self.now)
+            self.poll()
+
+    def start(self) -> 'Rig':
+        """Bring it to health, past the time in which the device's outputs are looked at."""
+        self.tick(15)
+        assert not self.session.estop, self.session.stop_reasons(self.now)
+        return self
+
+    def _take(self, output: tuple[list[Any], list[bytes]]) -> None:
+        events, frames = output
+        self.events += events
+        answers = b''
+        for frame in frames:
+            assert build_frame(frame[2], frame[4:-2]) == frame
+            self.sent.append((self.now, frame[2], frame[4:-2]))
+            if frame[2] in range(10, 16) and frame[2] not in self.mute:
+                answers += self.answer(frame[2])
+        if answers:
+            self._take(self.session.receive(answers, self.now))
+
+    def of(self, kind: type) -> list[Any]:
+        return [event for event in self.events if isinstance(event, kind)]
+
+    def payloads(self, kind: int, since: float = 0.0) -> list[bytes]:
+        return [payload for at, sent, payload in self.sent if sent == kind and at >= since]
+
+    def pulses(self, since: float = 0.0) -> list[tuple[int, ...]]:
+        """Return the pulses of every message 20, µs."""
+        return [struct.unpack(f'>{OUTPUTS}H', data) for data in self.payloads(20, since)]
+
+    def polls(self, kind: int, since: float = 0.0) -> int:
+        return len(self.payloads(kind, since))

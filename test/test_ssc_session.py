@@ -1,0 +1,518 @@
+"""The link to an SSC over time: health, stops, sticks, configuration, polling, lockout."""
+
+from typing import Any
+
+from hypothesis import given
+from hypothesis import settings
+from hypothesis import strategies as st
+import pytest
+
+from bridge_core.session import StopChanged
+from ssc_bridge.protocol import CommandState
+from ssc_bridge.session import AxisInput
+from ssc_bridge.session import ButtonInput
+from ssc_bridge.session import CommandStateChanged
+from ssc_bridge.session import ConfigurationRead
+from ssc_bridge.session import LockoutDone
+from ssc_bridge.session import PulsesIn
+from ssc_bridge.session import PulsesOut
+from ssc_bridge.session import Session
+from ssc_bridge.session import Settings
+from ssc_bridge.session import Sticks
+from test.ssc_rig import build_frame
+from test.ssc_rig import configuration
+from test.ssc_rig import OUTPUTS
+from test.ssc_rig import Rig
+from test.ssc_rig import STATES
+from test.ssc_rig import status
+from test.ssc_rig import TICK
+from test.ssc_rig import words
+
+AXES = (AxisInput('x', 2), AxisInput('y', 3))
+BUTTONS = (ButtonInput('deadman', 4), ButtonInput('mode', 5, (1300, 1700)))
+
+
+def stick_rig(**changes: Any) -> Rig:
+    return Rig(axes=AXES, buttons=BUTTONS, **changes).start()
+
+
+# -- health and stops -----------------------------------------------------------------------------
+
+
+def test_stop_until_status_and_configuration_were_read() -> None:
+    session = Session()
+    assert (session.estop, session.own_estop, session.link_up) == (True, True, False)
+    session.opened(0.0)
+    session.receive(status(), 0.0)
+    assert session.link_up
+    assert session.estop
+    assert 'configuration' in session.stop_reasons(0.0)[0]
+    session.receive(configuration(), 0.01)
+    session.receive(status(), 0.05)
+    assert not session.estop
+    assert session.stop_reasons(0.05) == []
+
+
+def test_silence_is_a_stop_at_the_deadline_and_nothing_is_believed_any_more() -> None:
+    rig = Rig().start()
+    rig.mute = set(range(10, 16))
+    rig.events.clear()
+    rig.tick(30)
+    assert rig.of(StopChanged) == [StopChanged(estop=True, own_estop=True, link_up=False)]
+    assert rig.of(CommandStateChanged) == [CommandStateChanged(None)]
+    assert rig.session.command_state is None
+    assert 'check its power' in rig.session.stop_reasons(rig.now)[0]
+
+
+def test_silence_is_noticed_by_the_promised_deadline() -> None:
+    rig = Rig().start()
+    rig.mute = set(range(10, 16))
+    heard = rig.now
+    for _ in range(200):
+        rig.now = max(rig.session.deadline(), rig.now + 1e-4)
+        rig.session.set_estop(False, rig.now)
+        rig.poll()
+        if rig.session.estop:
+            break
+    assert rig.session.estop
+    assert rig.now <= heard + 0.25 + 1e-3
+
+
+def test_link_lost_needs_the_configuration_again() -> None:
+    rig = Rig().start()
+    rig.mute = set(range(10, 16))
+    rig.tick(30)
+    rig.mute = {15}
+    rig.tick(30)
+    assert rig.session.link_up
+    assert rig.session.estop
+    rig.mute = set()
+    rig.tick(35)
+    assert not rig.session.estop
+    assert len(rig.of(ConfigurationRead)) == 2
+
+
+@pytest.mark.parametrize('state', STATES)
+@pytest.mark.parametrize('stops', [{'no signal'}, {'1.5 ms'}, {'no signal', '1.5 ms'}, set()])
+def test_command_state_is_a_stop_exactly_if_configured(state: str, stops: set[str]) -> None:
+    chosen = frozenset(member for member in CommandState if member.text in stops)
+    rig = Rig(estop_states=chosen)
+    rig.state = state
+    rig.tick(15)
+    assert rig.session.link_up
+    assert rig.session.estop == (state in stops)
+    assert rig.session.own_estop == (state in stops)
+    assert rig.of(CommandStateChanged) == [CommandStateChanged(CommandState(STATES[state]))]
+
+
+def test_receiver_lost_stops_by_default_and_says_what_to_do() -> None:
+    rig = Rig().start()
+    rig.state = 'no signal'
+    rig.tick(6)
+    assert rig.session.estop
+    assert 'no pulses from the RC receiver' in rig.session.stop_reasons(rig.now)[0]
+
+
+def test_lost_link_of_1_5_ms_stops_only_where_configured() -> None:
+    ours = Rig(estop_states=frozenset({CommandState.NO_SIGNAL, CommandState.MS_1_5})).start()
+    others = Rig().start()
+    for rig in (ours, others):
+        rig.state = '1.5 ms'
+        rig.tick(6)
+    assert ours.session.estop
+    assert not others.session.estop
+
+
+def test_stop_and_release_in_one_read_is_still_a_stop() -> None:
+    rig = Rig().start()
+    rig.events.clear()
+    events, _ = rig.session.receive(status('no signal') + status(), rig.now)
+    assert StopChanged(estop=True, own_estop=True, link_up=True) in events
+    assert rig.session.estop
+    rig.tick(9)
+    assert not rig.session.estop
+
+
+def test_reset_of_the_device_between_two_reads_is_a_stop_until_it_is_read_anew() -> None:
+    rig = Rig().start()
+    rig.mute = {15}
+    rig.available = True
+    rig.tick(6)
+    assert rig.session.estop
+    rig.mute = set()
+    rig.tick(40)
+    assert not rig.session.estop
+
+
+def test_closed_port_is_a_stop() -> None:
+    rig = Rig().start()
+    events = rig.session.closed(rig.now)
+    assert StopChanged(estop=True, own_estop=True, link_up=False) in events
+    assert 'port' in rig.session.stop_reasons(rig.now)[0]
+    assert rig.session.poll(rig.now) == ([], [])
+    assert rig.session.receive(status(), rig.now) == ([], [])
+
+
+@given(st.lists(st.binary(max_size=40), max_size=20))
+@settings(max_examples=50)
+def test_garbage_never_releases_nor_raises(noise: list[bytes]) -> None:
+    session = Session()
+    session.opened(0.0)
+    for number, data in enumerate(noise):
+        session.receive(data, 0.01 * number)
+        session.poll(0.01 * number)
+        assert session.estop
+
+
+def test_echoed_frames_are_told_apart_and_vouch_for_nothing() -> None:
+    session = Session()
+    _, frames = session.opened(0.0)
+    session.receive(b''.join(frames) + build_frame(20, bytes(2)) + build_frame(98, b''), 0.0)
+    assert session.looped_back == len(frames) + 2
+    assert not session.link_up
+
+
+def test_unknown_and_malformed_are_counted() -> None:
+    rig = Rig().start()
+    rig.hear(build_frame(99, b'abc') + build_frame(14, b'\0\x01'))
+    assert rig.session.counters.unknown_types == 1
+    assert rig.session.counters.malformed == 1
+
+
+# -- configuration --------------------------------------------------------------------------------
+
+
+def test_nothing_is_believed_before_the_configuration() -> None:
+    rig = Rig(axes=AXES)
+    rig.mute = {15}
+    rig.tick(10)
+    rig.hear(rig.answer(13) + rig.answer(12) + rig.answer(11) + rig.answer(14))
+    assert not rig.of(PulsesIn) + rig.of(PulsesOut) + rig.of(Sticks)
+    assert rig.session.unchecked == 4
+    assert rig.session.source_texts() == []
+
+
+@pytest.mark.parametrize(
+    'frame',
+    [
+        build_frame(11, bytes(OUTPUTS - 1)),
+        build_frame(12, bytes(2 * OUTPUTS + 2)),
+        build_frame(13, words([1500] * 7)),
+        build_frame(14, b'\0\x01\x40\x00'),
+    ],
+    ids=['sources', 'outputs', 'inputs', 'aux'],
+)
+def test_message_that_contradicts_the_configuration_is_a_stop(frame: bytes) -> None:
+    rig = stick_rig()
+    rig.mute = {11, 12, 13, 14}
+    rig.events.clear()
+    asked = rig.polls(15)
+    rig.hear(frame)
+    assert rig.session.estop
+    assert 'contradicts' in rig.session.stop_reasons(rig.now)[0]
+    rig.tick(30)
+    assert rig.polls(15) > asked
+    assert rig.session.estop  # the configuration is read again, but nothing fits it yet
+    assert not rig.of(PulsesIn)
+    assert rig.session.mismatches == 1
+    rig.mute = set()
+    rig.tick(30)
+    assert not rig.session.estop
+
+
+def test_contradiction_and_its_end_in_one_read_is_still_a_stop() -> None:
+    rig = stick_rig()
+    wrong = build_frame(13, words([1500] * 7))
+    rig.session.receive(wrong + b''.join(map(rig.answer, (15, 13, 10))), rig.now)
+    assert rig.session.estop
+
+
+def test_other_configuration_after_a_silence_counts() -> None:
+    rig = Rig().start()
+    rig.mute = set(range(10, 16))
+    rig.tick(30)
+    rig.mute = set()
+    rig.inputs, rig.sources, rig.outputs = [1500] * 2, [3] * 22, [0] * 22
+    rig.tick(40)
+    assert not rig.session.estop
+    assert rig.session.configuration
+    assert rig.session.configuration.outputs == 22
+
+
+# -- polling --------------------------------------------------------------------------------------
+
+
+def test_each_message_is_polled_at_its_rate() -> None:
+    rig = Rig(poll_rates=(20.0, 5.0, 10.0, 50.0, 0.0)).start()
+    since = rig.now
+    rig.tick(200)
+    rates = {kind: rig.polls(kind, since + TICK / 2) / 2.0 for kind in range(10, 16)}
+    assert rates == pytest.approx(
+        {10: 20.0, 11: 5.0, 12: 10.0, 13: 50.0, 14: 0.0, 15: 0.0}, abs=1.0
+    )
+
+
+def test_what_comes_by_itself_is_not_polled() -> None:
+    rig = Rig().start()
+    since = rig.now
+    for _ in range(50):
+        rig.tick()
+        for kind in range(10, 15):
+            rig.hear(rig.answer(kind))
+    # At most the one poll that was out when the first came.
+    assert all(rig.polls(kind, since + TICK / 2) <= 1 for kind in range(10, 16))
+
+
+def test_what_stops_to_come_by_itself_is_polled() -> None:
+    rig = Rig().start()
+    for _ in range(50):
+        rig.tick()
+        rig.hear(rig.answer(13))
+    since = rig.now
+    rig.tick(10)
+    assert rig.polls(13, since) >= 3
+
+
+def test_unanswered_poll_is_repeated_at_its_rate_and_no_faster() -> None:
+    rig = Rig().start()
+    rig.mute = {13}
+    since = rig.now
+    rig.tick(100)
+    assert 45 <= rig.polls(13, since) <= 51
+
+
+def test_only_status_and_configuration_are_polled_at_first() -> None:
+    rig = Rig()
+    rig.mute = {15}
+    rig.tick(100)
+    assert {kind for _, kind, _ in rig.sent} == {10, 15}
+    assert 3 <= rig.polls(15) <= 5
+
+
+# -- sticks ---------------------------------------------------------------------------------------
+
+
+def test_pulses_become_sticks_and_buttons() -> None:
+    rig = stick_rig()
+    rig.inputs = [2000, 1100, 1900, 1600, 1500, 0x8000, 0x8123, 0]
+    rig.tick(3)
+    assert rig.of(PulsesIn)[-1].us == (2000, 1100, 1900, 1600, 1500, None, None, 0)
+    assert rig.of(Sticks)[-1] == Sticks((1100, 1900), (1, 1), True, ())
+
+
+@pytest.mark.parametrize(
+    ('us', 'plain', 'reverse'),
+    [(1300, 0, 2), (1301, 1, 1), (1700, 1, 1), (1701, 2, 0), (700, 0, 2), (2300, 2, 0)],
+)
+def test_button_counts_thresholds(us: int, plain: int, reverse: int) -> None:
+    buttons = (ButtonInput('a', 1, (1300, 1700)), ButtonInput('b', 1, (1300, 1700), reversed=True))
+    rig = Rig(buttons=buttons)
+    rig.inputs[0] = us
+    rig.start()
+    assert rig.of(Sticks)[-1].buttons == (plain, reverse)
+
+
+@pytest.mark.parametrize('word', [0x8000, 0x85DC, 699, 2301, 0, 0x7FFF])
+@pytest.mark.parametrize('place', [1, 3])
+def test_invalid_or_implausible_pulse_makes_the_whole_joy_neutral(word: int, place: int) -> None:
+    rig = stick_rig()
+    rig.inputs = [1900] * 8
+    rig.inputs[place] = word
+    rig.tick(3)
+    sticks = rig.of(Sticks)[-1]
+    assert (sticks.axes, sticks.buttons) == ((None, None), (0, 0))
+    assert sticks.operational
+    assert len(sticks.faulty) == 1
+    assert rig.session.faulty == sticks.faulty
+
+
+def test_tolerated_faulty_axis_leaves_the_others() -> None:
+    rig = stick_rig(tolerate_faulty_axes=True)
+    rig.inputs = [1900] * 8
+    rig.inputs[1] = 0x8000
+    rig.tick(3)
+    sticks = rig.of(Sticks)[-1]
+    assert (sticks.axes, sticks.buttons) == ((None, 1900), (1, 2))
+    assert sticks.faulty == ('x invalid (pulse input 2)',)
+
+
+def test_reversed_button_without_a_pulse_is_not_pressed() -> None:
+    rig = Rig(buttons=(ButtonInput('a', 4, reversed=True),), tolerate_faulty_axes=True)
+    rig.inputs[3] = 0x8000
+    rig.start()
+    assert rig.of(Sticks)[-1].buttons == (0,)
+
+
+def test_axis_on_an_input_that_is_not_there_is_faulty() -> None:
+    rig = Rig(axes=(AxisInput('x', 9),)).start()
+    assert rig.of(Sticks)[-1].faulty == ('x absent (there is no pulse input 9)',)
+
+
+@pytest.mark.parametrize('state', ['no signal', '1.5 ms'])
+def test_stop_state_makes_sticks_neutral_at_once(state: str) -> None:
+    rig = stick_rig(estop_states=frozenset({CommandState.NO_SIGNAL, CommandState.MS_1_5}))
+    rig.inputs = [1900] * 8
+    rig.tick(3)
+    assert rig.of(Sticks)[-1].axes == (1900, 1900)
+    rig.hear(status(state))
+    rig.state = state
+    neutral = Sticks((None, None), (0, 0))
+    assert rig.of(Sticks)[-1] == neutral
+    rig.events.clear()
+    rig.tick(20)
+    assert rig.of(Sticks)
+    assert set(rig.of(Sticks)) == {neutral}
+
+
+def test_inputs_that_stay_away_give_one_neutral_then_none() -> None:
+    rig = stick_rig()
+    rig.inputs = [1900] * 8
+    rig.tick(5)
+    rig.mute = {13}
+    rig.events.clear()
+    rig.tick(60)
+    assert rig.of(Sticks) == [Sticks((None, None), (0, 0))]
+    assert not rig.session.estop  # the operator is lost, not the device
+
+
+def test_silence_gives_one_neutral_then_none() -> None:
+    rig = stick_rig()
+    rig.mute = set(range(10, 16))
+    rig.events.clear()
+    rig.tick(60)
+    assert rig.of(Sticks) == [Sticks((None, None), (0, 0))]
+
+
+def test_without_axes_and_buttons_there_is_no_joy() -> None:
+    rig = Rig().start()
+    assert rig.of(PulsesIn)
+    assert not rig.of(Sticks)
+
+
+# -- lockout --------------------------------------------------------------------------------------
+
+
+def test_lockout_on_start_is_repeated_until_the_status_says_so() -> None:
+    rig = Rig(lockout_on_start=True)
+    rig.available = True
+    rig.tick(30)
+    assert len(rig.payloads(98)) == 2  # at once, and 0.2 s later
+    rig.available = False
+    rig.tick(100)
+    (done,) = rig.of(LockoutDone)
+    assert done.success
+    assert len(rig.payloads(98)) == 2
+
+
+def test_lockout_is_repeated_after_a_reset() -> None:
+    rig = Rig(lockout_on_start=True)
+    rig.tick(30)
+    assert not rig.payloads(98)  # it was locked out already
+    rig.available = True
+    rig.tick(6)
+    assert rig.payloads(98)
+
+
+def test_no_lockout_by_default() -> None:
+    rig = Rig()
+    rig.available = True
+    rig.tick(50)
+    assert not rig.payloads(98)
+
+
+def test_lockout_that_the_device_does_not_obey_says_what_to_do() -> None:
+    rig = Rig().start()
+    rig.available = True
+    rig.tick(40)
+    rig.do(lambda session, now: session.lockout(now))
+    rig.tick(110)
+    (done,) = rig.of(LockoutDone)
+    assert not done.success
+    assert 'On Rcv Msg 98' in done.text
+    sent = len(rig.payloads(98))
+    rig.tick(50)
+    assert len(rig.payloads(98)) == sent
+
+
+def test_lockout_without_a_link_fails_at_once_and_sends_nothing() -> None:
+    rig = Rig()
+    rig.mute = set(range(10, 16))
+    rig.open()
+    rig.do(lambda session, now: session.lockout(now))
+    (done,) = rig.of(LockoutDone)
+    assert not done.success
+    assert 'no status' in done.text
+    assert not rig.payloads(98)
+
+
+def test_lockout_is_told_failed_when_the_port_closes() -> None:
+    rig = Rig()
+    rig.available = True
+    rig.start()
+    rig.do(lambda session, now: session.lockout(now))
+    (done,) = [e for e in rig.session.closed(rig.now) if isinstance(e, LockoutDone)]
+    assert not done.success
+
+
+# -- settings and the line ------------------------------------------------------------------------
+
+
+def warnings_of(**changes: Any) -> list[str]:
+    return Rig(**changes).start().session.warnings()
+
+
+def test_rates_that_fit_the_line_are_no_warning() -> None:
+    assert warnings_of() == []
+    # All that the menu of 3.4 allows: 50 Hz of everything.
+    assert warnings_of(message_rates=(50.0,) * 5) == []
+
+
+def test_rates_beyond_the_line_are_a_warning() -> None:
+    # 100 Hz of 8 + 22 + 38 + 22 + 8 bytes of 10 bits; the other way 5 polls and 38 bytes at 50 Hz.
+    (text,) = warnings_of(poll_rates=(100.0,) * 5, baud=97_999)
+    assert 'messages from the SSC need 98000 bit/s, the line has 97999' in text
+    assert warnings_of(poll_rates=(100.0,) * 5, baud=98_000) == []
+    (text,) = warnings_of(message_rates=(0.0, 0.0, 0.0, 100.0, 0.0), baud=29_000)
+    assert 'from' in text
+
+
+def test_commands_beyond_the_line_are_a_warning() -> None:
+    # 200 Hz of 38 bytes and 95 Hz of 6.
+    (text,) = warnings_of(command_rate=200.0, baud=81_699)
+    assert 'messages to the SSC need 81700 bit/s' in text
+    assert warnings_of(command_rate=200.0, baud=81_700) == []
+
+
+@pytest.mark.parametrize(
+    ('name', 'value'),
+    [
+        ('link_timeout', 0.01),
+        ('link_timeout', float('nan')),
+        ('command_timeout', 0.0),
+        ('command_rate', 0.5),
+        ('command_rate', 201.0),
+        ('poll_rates', (20.0,) * 4),
+        ('poll_rates', (20.0, 0.0, 0.0, 0.0, 101.0)),
+        ('poll_rates', (5.0, 0.0, 0.0, 0.0, 0.0)),  # too rare for the time-out
+        ('message_rates', (-1.0, 0.0, 0.0, 0.0, 0.0)),
+        ('plausible_us', (2000, 1000)),
+        ('first_nibble', 2),
+    ],
+)
+def test_bad_setting_is_refused(name: str, value: Any) -> None:
+    with pytest.raises(ValueError, match=name):
+        Settings(**{name: value})
+
+
+@pytest.mark.parametrize('channel', [0, 17])
+def test_pulse_input_that_cannot_be_is_refused(channel: int) -> None:
+    with pytest.raises(ValueError, match='channel'):
+        AxisInput('x', channel)
+    with pytest.raises(ValueError, match='channel'):
+        ButtonInput('x', channel)
+
+
+@pytest.mark.parametrize('thresholds', [(), (1700, 1300), (1500, 1500)])
+def test_thresholds_that_do_not_rise_are_refused(thresholds: tuple[int, ...]) -> None:
+    with pytest.raises(ValueError, match='thresholds_us'):
+        ButtonInput('x', 1, thresholds)

@@ -1,0 +1,255 @@
+"""Auxiliary channels: what they measure, adding up, and what may be set."""
+
+from collections.abc import Callable
+from typing import Any
+
+from hypothesis import given
+from hypothesis import strategies as st
+import pytest
+
+from ssc_bridge.protocol import DigitalInput
+from ssc_bridge.protocol import Measurement
+from ssc_bridge.protocol import PulseAccumulator
+from ssc_bridge.protocol import TIME_BASES_US
+from ssc_bridge.protocol import TimerInput
+from ssc_bridge.session import AuxReading
+from ssc_bridge.session import counts_of
+from ssc_bridge.session import Session
+from test.ssc_rig import Rig
+
+# Timer of 8 us between rising edges; accumulator of falling edges; digital output, high at start;
+# digital output, low; free running pulses of 2 us; one-shot pulses of 128 us.
+FUNCTIONS = (0x01B1, 0x0002, 0x0013, 0x0003, 0x0014, 0x0174)
+
+
+def aux_rig(**changes: Any) -> Rig:
+    rig = Rig(**changes)
+    rig.aux = FUNCTIONS
+    rig.aux_inputs = bytes.fromhex('04 03 43E8 0005')  # 1000 counts, running; 5 pulses
+    return rig.start()
+
+
+def level(number: int, high: bool) -> Callable[[Session, float], None]:
+    return lambda session, now: session.set_level(number, high, now)
+
+
+def pulse(number: int, seconds: float) -> Callable[[Session, float], None]:
+    return lambda session, now: session.set_pulse(number, seconds, now)
+
+
+def period(number: int, seconds: float) -> Callable[[Session, float], None]:
+    return lambda session, now: session.set_period(number, seconds, now)
+
+
+# -- inputs ---------------------------------------------------------------------------------------
+
+
+def test_every_channel_tells_function_level_and_measurement() -> None:
+    channels = aux_rig().of(AuxReading)[0].channels
+    assert channels[0].function == TimerInput(True, True, 8)
+    assert channels[0].measurement == Measurement(1000, running=True)
+    assert channels[1].function == PulseAccumulator(False)
+    assert [channel.level for channel in channels] == [False, False, True, False, False, False]
+    assert [channel.measurement for channel in channels[2:]] == [None] * 4
+
+
+def test_accumulator_adds_up_what_each_message_tells() -> None:
+    rig = aux_rig()
+    rig.tick(40)
+    readings = rig.of(AuxReading)
+    assert len(readings) >= 4
+    assert [r.channels[1].total for r in readings] == [5 * n for n in range(1, len(readings) + 1)]
+    assert not readings[-1].channels[1].overflowed
+    assert all(r.channels[0].total == 0 for r in readings)  # a timer's counts are no pulses
+
+
+def test_accumulator_over_range_says_for_good_that_there_were_more() -> None:
+    rig = aux_rig()
+    rig.aux_inputs = bytes.fromhex('04 03 43E8 BFFF')
+    rig.hear(rig.answer(14))
+    assert rig.of(AuxReading)[-1].channels[1].overflowed
+    total = rig.of(AuxReading)[-1].channels[1].total
+    rig.aux_inputs = bytes.fromhex('04 03 43E8 0001')
+    rig.tick(20)
+    assert rig.of(AuxReading)[-1].channels[1].overflowed
+    assert rig.of(AuxReading)[-1].channels[1].total > total
+
+
+def test_totals_survive_a_lost_link_but_not_another_configuration() -> None:
+    rig = aux_rig()
+    rig.mute = set(range(10, 16))
+    rig.tick(40)
+    total = rig.of(AuxReading)[-1].channels[1].total
+    rig.mute = set()
+    rig.tick(40)
+    assert rig.of(AuxReading)[-1].channels[1].total > total
+    rig.mute = set(range(10, 16))
+    rig.tick(40)
+    rig.mute, rig.aux, rig.aux_inputs = set(), (0,) * 6, b'\x3f\0'
+    rig.tick(40)
+    last = rig.of(AuxReading)[-1].channels
+    assert [(channel.function, channel.total, channel.level) for channel in last] == [
+        (DigitalInput(), 0, True)
+    ] * 6
+
+
+# -- outputs --------------------------------------------------------------------------------------
+
+
+def test_level_is_set_and_the_other_outputs_keep_what_they_have() -> None:
+    rig = aux_rig()  # the device says that aux 3 is high and aux 4 low
+    rig.do(level(4, True))
+    assert rig.payloads(21) == [b'\x8c\0']
+    rig.do(level(3, False))
+    assert rig.payloads(21)[1:] == [b'\x88\0']
+
+
+def test_level_before_any_message_of_the_pins_uses_the_initial_states() -> None:
+    rig = Rig()
+    rig.aux, rig.mute = FUNCTIONS, {14}
+    rig.start()
+    rig.do(level(4, True))
+    assert rig.payloads(21) == [b'\x8c\0']
+
+
+def test_pulse_time_and_period_are_converted_by_time_base() -> None:
+    rig = aux_rig()
+    rig.do(pulse(5, 0.0015))
+    rig.do(period(5, 0.02))
+    assert rig.payloads(21) == [bytes.fromhex('00 10 02EE'), bytes.fromhex('00 90 2710')]
+
+
+def test_one_shot_is_triggered_once_a_request() -> None:
+    rig = aux_rig()
+    rig.do(pulse(6, 0.128))
+    rig.tick(50)
+    assert rig.payloads(21) == [bytes.fromhex('00 20 03E8')]
+    rig.do(pulse(6, 0.128))
+    assert len(rig.payloads(21)) == 2
+
+
+@pytest.mark.parametrize(
+    ('request_', 'text'),
+    [
+        (level(1, True), 'aux 1 is Timer In'),
+        (level(5, True), 'aux 5 is Pulse Out'),
+        (pulse(3, 0.001), 'aux 3 is Dig Out'),
+        (pulse(2, 0.001), 'aux 2 is PulAcc In'),
+        (period(4, 0.001), 'aux 4 is Dig Out'),
+        (period(6, 0.001), 'one shot has no period'),
+        (level(0, True), 'no aux 0'),
+        (level(7, True), 'no aux 7'),
+        (pulse(5, 0.0656), 'does not fit'),
+        (pulse(5, -1.0), '0 or more'),
+        (pulse(5, float('nan')), '0 or more'),
+        (period(5, float('inf')), '0 or more'),
+        (pulse(6, 1e-6), 'does not fit'),
+    ],
+)
+def test_request_that_the_channel_cannot_do_is_refused(request_: Any, text: str) -> None:
+    rig = aux_rig()
+    with pytest.raises(ValueError, match=text):
+        rig.do(request_)
+    assert not rig.payloads(21)
+
+
+def test_request_before_the_configuration_is_refused() -> None:
+    rig = Rig()
+    rig.mute = {15}
+    rig.tick(10)
+    with pytest.raises(ValueError, match='not told yet'):
+        rig.do(level(3, True))
+
+
+@pytest.mark.parametrize('time_base', TIME_BASES_US)
+def test_times_at_the_limits_of_every_time_base(time_base: int) -> None:
+    second = 1e-6 * time_base
+    assert counts_of(0.0, time_base) == 0
+    assert counts_of(second, time_base) == 1
+    assert counts_of(1000 * second, time_base) == 1000
+    assert counts_of(32767 * second, time_base) == 32767
+    for seconds in (0.4 * second, 32768 * second):
+        with pytest.raises(ValueError, match='does not fit'):
+            counts_of(seconds, time_base)
+
+
+@given(st.floats(0, 10), st.sampled_from(TIME_BASES_US))
+def test_counts_are_the_nearest_or_refused(seconds: float, time_base: int) -> None:
+    try:
+        counts = counts_of(seconds, time_base)
+    except ValueError:
+        assert seconds * 1e6 > 32767 * time_base or seconds * 1e6 <= 0.5 * time_base
+    else:
+        assert abs(counts * time_base - seconds * 1e6) <= 0.5 * time_base + 1e-6
+        assert 0 <= counts <= 32767
+
+
+# -- stops ----------------------------------------------------------------------------------------
+
+
+def set_all(rig: Rig) -> None:
+    for request in (level(3, False), level(4, True), pulse(5, 0.001), pulse(6, 0.1)):
+        rig.do(request)
+    rig.sent.clear()
+
+
+@pytest.mark.parametrize('cause', ['estop', 'receiver', 'farewell'])
+def test_stop_undoes_what_was_set(cause: str) -> None:
+    rig = aux_rig()
+    set_all(rig)
+    if cause == 'farewell':
+        frames = [frame[4:-2] for frame in rig.session.farewell(rig.now) if frame[2] == 21]
+    else:
+        rig.estop = cause == 'estop'
+        rig.state = 'no signal' if cause == 'receiver' else '2 ms'
+        rig.tick(20)
+        frames = rig.payloads(21)
+    # Levels as after power-on; the free running pulses end; the one-shot is not triggered again.
+    assert frames == [bytes.fromhex('84 10 0000')]
+
+
+def test_requests_during_a_stop_are_refused_and_nothing_comes_after() -> None:
+    rig = aux_rig()
+    rig.estop = True
+    rig.tick()
+    with pytest.raises(ValueError, match='stopped: e-stop input is true'):
+        rig.do(pulse(6, 0.1))
+    rig.estop = False
+    rig.tick(20)
+    assert not rig.payloads(21)
+
+
+def test_request_that_waits_when_a_stop_comes_is_dropped() -> None:
+    rig = aux_rig()
+    rig.session.set_pulse(6, 0.1, rig.now)
+    rig.session.set_estop(True, rig.now)
+    rig.poll()
+    assert not rig.payloads(21)
+
+
+def test_kept_outputs_are_left_alone_and_obey_during_a_stop() -> None:
+    rig = aux_rig(keep_aux_outputs=True)
+    set_all(rig)
+    rig.estop = True
+    rig.tick(20)
+    assert not rig.payloads(21)
+    rig.do(level(4, False))
+    assert len(rig.payloads(21)) == 1
+
+
+def test_what_a_dead_line_kept_from_being_undone_is_undone_when_it_is_back() -> None:
+    rig = aux_rig()
+    set_all(rig)
+    rig.mute = set(range(10, 16))
+    rig.tick(40)
+    rig.mute = set()
+    rig.sent.clear()
+    rig.tick(40)
+    assert bytes.fromhex('84 10 0000') in rig.payloads(21)
+
+
+def test_stop_without_anything_set_sends_nothing() -> None:
+    rig = aux_rig()
+    rig.estop = True
+    rig.tick(20)
+    assert not rig.payloads(21)

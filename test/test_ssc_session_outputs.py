@@ -1,0 +1,451 @@
+"""Commands to the pulse outputs: limits, rates, failsafes, and what a stop forgets."""
+
+from collections.abc import Callable
+import itertools
+import math
+import random
+from typing import Any
+
+from hypothesis import given
+from hypothesis import settings
+from hypothesis import strategies as st
+import pytest
+
+from ssc_bridge.session import Failsafe
+from ssc_bridge.session import FailsafeBegun
+from ssc_bridge.session import RELEASE_FRAMES
+from ssc_bridge.session import Servo
+from ssc_bridge.session import Session
+from ssc_bridge.session import Settings
+from test.ssc_rig import GRIP
+from test.ssc_rig import OUTPUTS
+from test.ssc_rig import PAN
+from test.ssc_rig import Rig
+from test.ssc_rig import TILT
+
+
+def servo_rig(**changes: Any) -> Rig:
+    return Rig(servos=(PAN, TILT, GRIP), **changes).start()
+
+
+def servos(**positions: float) -> Callable[[Session, float], None]:
+    return lambda session, now: session.set_servos(positions, now)
+
+
+def pulses(*us: int) -> Callable[[Session, float], None]:
+    return lambda session, now: session.set_pulses(us, now)
+
+
+# -- commands -------------------------------------------------------------------------------------
+
+
+def test_positions_become_pulses_of_the_named_servos() -> None:
+    rig = servo_rig()
+    rig.tick(200, servos(pan=0.5, tilt=-1.0, grip=0.0))
+    assert rig.pulses()[-1] == (1750, 0, 900, 0, 1500, *[0] * 11)
+    rig.tick(200, servos(pan=-0.5, tilt=0.5, grip=1.0))
+    assert rig.pulses()[-1] == (1250, 0, 1650, 0, 2000, *[0] * 11)
+
+
+def test_reversed_servo_turns_round() -> None:
+    servo = Servo(name='a', channel=2, min_us=1000, centre_us=1400, max_us=2000, reversed=True)
+    rig = Rig(servos=(servo,)).start()
+    rig.tick(3, servos(a=1.0))
+    assert rig.pulses()[-1][1] == 1000
+    rig.tick(3, servos(a=-0.5))
+    assert rig.pulses()[-1][1] == 1700
+
+
+def test_pulses_go_to_outputs_1_and_up() -> None:
+    rig = Rig().start()
+    rig.tick(3, pulses(1500, 0, 32000))
+    assert rig.pulses()[-1] == (1500, 0, 32000, *[0] * 13)
+
+
+def test_message_20_comes_at_the_command_rate() -> None:
+    rig = Rig(command_rate=50.0).start()
+    since = rig.now
+    rig.tick(100, pulses(1500))
+    assert 48 <= len(rig.pulses(since)) <= 52
+
+
+def test_pulse_beyond_a_servos_limits_is_limited_and_counted() -> None:
+    rig = servo_rig()
+    rig.tick(3, pulses(32000, 0, 1))
+    assert rig.pulses()[-1][0] == 2000
+    assert rig.session.outputs.limited > 0
+
+
+def test_no_pulse_is_always_allowed_and_never_becomes_the_lower_limit() -> None:
+    rig = servo_rig()
+    rig.tick(3, pulses(1500))
+    rig.tick(3, pulses(0))
+    assert rig.pulses()[-1][0] == 0
+
+
+def test_rate_is_kept_whatever_is_asked() -> None:
+    rig = servo_rig()
+    rig.tick(3)
+    assert rig.pulses()[-1][2] == 1100  # its failsafe
+    since = rig.now
+    rig.tick(50, servos(tilt=1.0))
+    steps = [us[2] for us in rig.pulses(since)]
+    # 1000 us/s at 50 Hz is 20 us a message.
+    assert all(0 <= b - a <= 21 for a, b in itertools.pairwise(steps))
+    assert 1560 <= steps[-1] <= 1620
+    rig.tick(100, servos(tilt=1.0))
+    assert rig.pulses()[-1][2] == 2100
+
+
+def test_stalled_process_does_not_make_up_for_the_lost_time() -> None:
+    rig = servo_rig(command_timeout=5.0, link_timeout=5.0)
+    rig.tick(3, servos(tilt=0.0))
+    before = rig.pulses()[-1][2]
+    rig.now += 3.0
+    rig.do(servos(tilt=1.0))
+    assert rig.pulses()[-1][2] - before <= 41
+
+
+def test_first_pulse_begins_where_the_device_has_the_servo() -> None:
+    slow = Servo(name='slow', channel=2, rate_us_per_s=100.0)
+    rig = Rig(servos=(slow,))
+    rig.outputs[1] = 1800
+    rig.start()
+    rig.tick(3, servos(slow=-1.0))
+    assert 1795 <= rig.pulses()[-1][1] <= 1800
+
+
+@pytest.mark.parametrize(
+    'command',
+    [
+        servos(nobody=0.0),
+        servos(pan=1.06),
+        servos(pan=math.nan),
+        servos(pan=-math.inf),
+        servos(),
+        pulses(),
+        pulses(32001),
+        pulses(-1),
+        pulses(*[1500] * (OUTPUTS + 1)),
+    ],
+)
+def test_command_without_sense_is_refused_and_ends_the_one_before(command: Any) -> None:
+    rig = servo_rig()
+    rig.tick(5, servos(pan=1.0))
+    assert rig.pulses()[-1][0] == 2000
+    with pytest.raises(ValueError, match=r'.'):
+        rig.do(command)
+    assert rig.pulses()[-1][0] == 0
+    assert rig.session.refused_commands == 1
+    assert 'refused' in rig.of(FailsafeBegun)[-1].reasons[0]
+
+
+def test_servo_on_an_output_that_the_device_does_not_have() -> None:
+    rig = Rig(servos=(Servo(name='far', channel=17),)).start()
+    assert 'servo far: there is no output 17' in rig.session.warnings()[0]
+    with pytest.raises(ValueError, match='output 17'):
+        rig.do(servos(far=0.0))
+    assert all(len(us) == OUTPUTS for us in rig.pulses())
+
+
+def test_output_that_is_not_on_serial_is_told_while_it_is_commanded() -> None:
+    rig = servo_rig()
+    rig.sources = [0x30, 3, 3, *[4] * 13]
+    rig.tick(25, servos(pan=0.0, tilt=0.0))
+    (text,) = rig.session.warnings()
+    assert 'pan: output 1 is on PIN 4 (nibble 3), not on SERIAL' in text
+    assert rig.session.source_texts()[:4] == ['PIN 4 (nibble 3)', 'SERIAL', 'SERIAL', 'LAST']
+    rig.tick(30)
+    assert rig.session.warnings() == []
+
+
+# -- failsafe -------------------------------------------------------------------------------------
+
+
+def stale(rig: Rig) -> None:
+    rig.tick(30)
+
+
+def estop_true(rig: Rig) -> None:
+    rig.estop = True
+    rig.tick(1, servos(pan=0.5, tilt=0.5, grip=0.5))
+
+
+def estop_silent(rig: Rig) -> None:
+    rig.estop = None
+    rig.tick(30, servos(pan=0.5, tilt=0.5, grip=0.5))
+
+
+def receiver_lost(rig: Rig) -> None:
+    rig.state = 'no signal'
+    rig.tick(6, servos(pan=0.5, tilt=0.5, grip=0.5))
+
+
+def device_silent(rig: Rig) -> None:
+    rig.mute = set(range(10, 16))
+    rig.tick(30, servos(pan=0.5, tilt=0.5, grip=0.5))
+
+
+each_stop = pytest.mark.parametrize(
+    'stop', [stale, estop_true, estop_silent, receiver_lost, device_silent]
+)
+
+
+@each_stop
+def test_failsafe_of_each_output(stop: Callable[[Rig], None]) -> None:
+    rig = servo_rig()
+    rig.tick(200, servos(pan=0.5, tilt=0.5, grip=0.5))
+    assert rig.pulses()[-1][:5] == (1750, 0, 1650, 0, 1750)
+    stop(rig)
+    # Released, at its own pulse at once, and where it was.
+    assert rig.pulses()[-1] == (0, 0, 1100, 0, 1750, *[0] * 11)
+    (begun,) = rig.of(FailsafeBegun)
+    assert begun.names == ('pan', 'tilt', 'grip')
+
+
+@each_stop
+def test_what_was_asked_before_a_stop_is_forgotten(stop: Callable[[Rig], None]) -> None:
+    rig = servo_rig()
+    rig.tick(200, servos(pan=0.5, tilt=0.5, grip=0.5))
+    stop(rig)
+    rig.estop, rig.state, rig.mute = False, '2 ms', set()
+    since = rig.now + 0.001
+    rig.tick(100)
+    assert not rig.session.estop
+    assert {us for us in rig.pulses(since) if us} == {(0, 0, 1100, 0, 1750, *[0] * 11)}
+    rig.tick(3, servos(pan=-1.0))
+    assert rig.pulses()[-1][0] < 1750
+
+
+def test_true_and_false_in_one_breath_is_still_a_stop() -> None:
+    rig = servo_rig()
+    rig.tick(10, servos(pan=0.5))
+
+    def blink(session: Session, now: float) -> None:
+        session.set_estop(True, now)
+        session.set_estop(False, now)
+
+    rig.do(blink)
+    assert rig.pulses()[-1][0] == 0
+    rig.tick(5)
+    assert rig.pulses()[-1][0] == 0
+
+
+def test_stop_goes_out_at_once_not_at_the_next_slot() -> None:
+    rig = servo_rig(command_rate=1.0)
+    rig.tick(250, servos(pan=0.5))
+    assert rig.pulses()[-1][0] == 1750
+    at = rig.now
+    rig.do(lambda session, now: session.set_estop(True, now))
+    assert rig.pulses(since=at)[-1][0] == 0
+
+
+def test_commands_during_a_stop_are_not_kept_for_later() -> None:
+    rig = servo_rig()
+    rig.estop = True
+    rig.tick(20, servos(pan=1.0))
+    rig.estop = False
+    rig.tick(20)
+    assert all(us[0] == 0 for us in rig.pulses())
+
+
+def test_estop_never_heard_lets_nothing_out() -> None:
+    rig = Rig()
+    rig.estop = None
+    rig.tick(50, pulses(1500))
+    assert not rig.session.estop
+    assert rig.pulses() == []
+    assert any('e-stop input' in text for text in rig.session.inhibits(rig.now))
+
+
+def test_own_estop_does_not_depend_on_the_estop_input() -> None:
+    for value in (True, None):
+        rig = Rig()
+        rig.estop = value
+        rig.tick(50)
+        assert not rig.session.estop
+        assert not rig.session.own_estop
+
+
+def test_staleness_of_one_servo_leaves_the_other() -> None:
+    rig = servo_rig()
+    rig.tick(30, servos(pan=1.0, tilt=1.0))
+    rig.tick(30, servos(pan=1.0))
+    assert rig.pulses()[-1][0] == 2000
+    assert rig.pulses()[-1][2] == 1100
+    assert rig.of(FailsafeBegun)[-1].names == ('tilt',)
+
+
+def test_command_is_stale_at_the_promised_deadline() -> None:
+    rig = servo_rig(link_timeout=5.0)
+    rig.do(servos(pan=1.0))
+    begun = rig.now
+    for _ in range(300):
+        rig.now = max(rig.session.deadline(), rig.now + 1e-4)
+        rig.session.set_estop(False, rig.now)
+        rig.poll()
+        if rig.of(FailsafeBegun):
+            break
+    assert begun + 0.25 <= rig.now <= begun + 0.25 + 1e-3
+
+
+def test_released_means_a_few_messages_without_pulses_and_then_none() -> None:
+    rig = Rig(servos=(PAN,)).start()
+    rig.tick(20)
+    assert rig.pulses() == [(0,) * OUTPUTS] * RELEASE_FRAMES  # what was before us is undone
+    rig.tick(10, servos(pan=0.0))
+    since = rig.now + 0.001
+    rig.tick(100)
+    pulsing = [us for us in rig.pulses(since) if any(us)]
+    assert 11 <= len(pulsing) <= 13  # until the command is stale
+    assert rig.pulses(since)[len(pulsing) :] == [(0,) * OUTPUTS] * RELEASE_FRAMES
+
+
+def test_outputs_that_nobody_named_or_commanded_are_never_touched() -> None:
+    rig = Rig().start()
+    rig.tick(100)
+    assert rig.pulses() == []
+    assert rig.session.farewell(rig.now) == []
+
+
+def test_release_is_repeated_when_the_device_comes_back() -> None:
+    rig = Rig().start()
+    rig.tick(5, pulses(1500))
+    rig.mute = set(range(10, 16))
+    rig.tick(60)
+    rig.mute = set()
+    since = rig.now + 0.001
+    rig.tick(60)
+    assert rig.pulses(since) == [(0,) * OUTPUTS] * RELEASE_FRAMES
+
+
+def test_release_is_repeated_when_the_port_comes_back() -> None:
+    rig = Rig().start()
+    rig.tick(5, pulses(1500))
+    rig.session.closed(rig.now)
+    since = rig.now = rig.now + 1.0
+    rig.session.opened(rig.now)
+    rig.tick(90)
+    assert rig.pulses(since) == [(0,) * OUTPUTS] * RELEASE_FRAMES
+
+
+def test_hold_before_any_command_keeps_what_the_device_has() -> None:
+    rig = Rig(servos=(GRIP,))
+    rig.outputs[4] = 1234
+    rig.tick(50)
+    assert rig.pulses()
+    assert all(us[4] == 1234 for us in rig.pulses())
+
+
+def test_unnamed_outputs_hold_where_configured() -> None:
+    rig = Rig(failsafe=Failsafe.HOLD).start()
+    rig.tick(5, pulses(1500, 1600))
+    rig.tick(60)
+    assert rig.pulses()[-1][:3] == (1500, 1600, 0)
+
+
+def test_farewell_brings_every_output_to_its_failsafe() -> None:
+    rig = servo_rig()
+    rig.tick(100, servos(pan=0.5, tilt=0.5, grip=0.5))
+    frames = rig.session.farewell(rig.now)
+    assert len(frames) == RELEASE_FRAMES
+    for frame in frames:
+        assert frame[4:14] == bytes.fromhex('0000 0000 044C 0000 06D6')
+
+
+def test_nothing_is_sent_to_a_closed_port() -> None:
+    rig = servo_rig()
+    rig.tick(10, servos(pan=0.5))
+    rig.session.closed(rig.now)
+    rig.session.set_estop(False, rig.now)
+    rig.session.set_servos({'pan': 1.0}, rig.now)
+    assert rig.session.poll(rig.now + 1.0)[1] == []
+    assert rig.session.deadline() == math.inf
+
+
+# -- properties -----------------------------------------------------------------------------------
+
+LIMITED = (PAN, TILT, GRIP)
+
+
+def within_limits(us: tuple[int, ...]) -> bool:
+    return all(
+        us[servo.channel - 1] == 0 or servo.min_us <= us[servo.channel - 1] <= servo.max_us
+        for servo in LIMITED
+    )
+
+
+def test_pulses_never_leave_their_limits_under_100_000_random_commands() -> None:
+    rig = servo_rig()
+    chance = random.Random(20)
+    names = [servo.name for servo in LIMITED]
+
+    def ask(session: Session, now: float) -> None:
+        try:
+            if chance.random() < 0.5:
+                position = chance.choice((chance.uniform(-1.1, 1.1), math.nan, 1e300, 0.0))
+                session.set_servos({chance.choice(names): position}, now)
+            else:
+                session.set_pulses([chance.randrange(-5, 33000)] * chance.randrange(18), now)
+        except ValueError:
+            pass
+
+    seen = set()
+    for number in range(100_000):
+        if number % 10 == 0:
+            rig.estop = chance.choice((False,) * 50 + (True, None))
+            rig.state = chance.choice(('2 ms',) * 100 + ('no signal',))
+            rig.tick()
+            seen.update(rig.pulses())
+            rig.sent.clear()
+            rig.events.clear()
+        ask(rig.session, rig.now)
+    assert all(map(within_limits, seen))
+    # The test would be worth nothing if the outputs had not been all over the place.
+    assert len({us[0] for us in seen}) > 300
+    assert {1000, 2000} <= {us[0] for us in seen}
+
+
+@given(st.lists(st.tuples(st.floats(-1, 1), st.floats(0.001, 1.0)), max_size=30))
+@settings(max_examples=50)
+def test_rate_is_never_exceeded(asked: list[tuple[float, float]]) -> None:
+    rig = Rig(servos=(TILT,), command_timeout=5.0, link_timeout=5.0, poll_rates=(20.0, *[0.0] * 4))
+    rig.start()
+    rig.do(servos(tilt=0.0))
+    since = rig.now
+    for position, seconds in asked:
+        rig.now += seconds
+        rig.session.set_estop(False, rig.now)
+        rig.do(servos(tilt=position))
+    track = [(at, data[4] << 8 | data[5]) for at, kind, data in rig.sent if kind == 20]
+    track = [point for point in track if point[0] >= since]
+    for (before, low), (after, high) in itertools.pairwise(track):
+        assert abs(high - low) <= 1000.0 * (after - before) + 1.0
+
+
+@pytest.mark.parametrize(
+    'changes',
+    [
+        {'channel': 0},
+        {'channel': 25},
+        {'min_us': 0},
+        {'min_us': 1600},
+        {'max_us': 32001},
+        {'max_us': 1400},
+        {'rate_us_per_s': 0.0},
+        {'rate_us_per_s': math.nan},
+        {'failsafe': Failsafe.PULSE, 'failsafe_us': 2001},
+        {'failsafe': Failsafe.PULSE, 'failsafe_us': 0},
+    ],
+)
+def test_servo_that_cannot_be_is_refused(changes: dict[str, Any]) -> None:
+    with pytest.raises(ValueError, match=r'servo\.pan'):
+        Servo(**{'name': 'pan', 'channel': 1, **changes})
+
+
+def test_two_servos_of_one_name_or_output_are_refused() -> None:
+    for other in (Servo(name='pan', channel=2), Servo(name='tilt', channel=1)):
+        with pytest.raises(ValueError, match='differ'):
+            Settings(servos=(PAN, other))
+    with pytest.raises(ValueError, match='failsafe'):
+        Settings(failsafe=Failsafe.PULSE)
