@@ -61,7 +61,7 @@ PARAMETERS = (
     Parameter(
         'bitrate',
         0,
-        'can: where the interface takes one; 0: as it is set. The VSC has 250000 as a rule (table 6).',
+        'can: where the interface takes one; 0: as it is set. 250000 as a rule (table 6).',
         unit='bit/s',
         minimum=0,
         maximum=1_000_000,
