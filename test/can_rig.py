@@ -47,9 +47,12 @@ class CanBus:
 
     def endpoint(self, **options: Any) -> can.BusABC:
         """Return another one on the bus, in python-can's own words. :param options: for can.Bus"""
-        channel, _, port = self.channel.partition(':')
+        channel = self.channel
         if self.interface == 'udp_multicast':
+            channel, port = channel.split(':')
             options = {'port': int(port), 'hop_limit': 0, **options}
+        if self.interface == 'virtual':
+            options.pop('fd', None)  # it carries such frames anyway
         bus = can.Bus(interface=self.interface, channel=channel, ignore_config=True, **options)
         self._endpoints.append(bus)
         return bus
@@ -83,6 +86,12 @@ def make_bus() -> CanBus:
 def message(identifier: int, data: bytes = b'') -> can.Message:
     """Return python-can's form of an extended data frame."""
     return can.Message(arbitration_id=identifier, data=data, is_extended_id=True)
+
+
+def error_frame(kind: int, controller: int = 0) -> can.Message:
+    """Return what a driver reports (linux/can/error.h). :param controller: byte 1, for 0x04."""
+    data = bytes((0, controller, 0, 0, 0, 0, 0, 0))
+    return can.Message(arbitration_id=kind, data=data, is_error_frame=True, is_extended_id=False)
 
 
 def frame(received: can.Message) -> CanFrame:

@@ -1,0 +1,292 @@
+"""
+A real CAN interface of the kernel that goes down, vanishes, fills up or leaves the bus.
+
+Runs where the kernel has SocketCAN and we may make interfaces, which is inside user-mode-linux
+(test_uml.py).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+import contextlib
+import fcntl
+import itertools
+import os
+import select
+import struct
+import subprocess
+import termios
+import threading
+import time
+import tty
+from typing import Any
+
+import pytest
+
+from bridge_core.j1939 import CanFrame
+from bridge_core.transports import TransportError
+from bridge_core.transports.can import CanTransport
+from test.can_rig import CanBus
+from test.can_rig import message
+from test.can_rig import receive
+from test.can_rig import wait_frames
+from test.link_rig import Bench
+from test.rig import wait_for
+from test.test_can_link import activate
+from test.test_can_link import CanSession
+
+FRAME = CanFrame(0x0CFDD633, bytes(8))
+_numbers = itertools.count(1)
+
+
+class Interface:
+    """A virtual CAN interface of its own, made by ``ip``."""
+
+    def __init__(self) -> None:
+        self.name = f'vcan{next(_numbers)}'
+        self.bus = CanBus('socketcan', self.name)
+        self.create()
+
+    def create(self) -> None:
+        ip('add', self.name, 'type', 'vcan')
+        self.up()
+
+    def delete(self) -> None:
+        ip('delete', self.name)
+
+    def up(self) -> None:
+        ip('set', self.name, 'up')
+
+    def down(self) -> None:
+        ip('set', self.name, 'down')
+
+
+def ip(*words: str) -> None:
+    subprocess.run(['ip', 'link', *words], check=True, timeout=10.0)
+
+
+@pytest.fixture
+def interface(can_bus: CanBus) -> Iterator[Interface]:
+    if can_bus.interface != 'socketcan':
+        pytest.skip('needs a kernel with CAN; runs inside user-mode-linux')
+    result = Interface()
+    yield result
+    result.bus.close()
+    subprocess.run(['ip', 'link', 'delete', result.name], check=False, capture_output=True)
+
+
+@pytest.fixture
+def session(bench: Bench) -> Iterator[CanSession]:
+    session = CanSession()
+    bench.session = bench.owner.session = session
+    yield session
+    bench.link.stop()
+
+
+def wait_lost(transport: CanTransport) -> TransportError:
+    """Return why the transport is lost; select must have told that it is."""
+    wait_for(lambda: select.select([transport.fileno()], [], [], 0)[0], 5.0, 'a sign')
+    with pytest.raises(TransportError) as caught:
+        transport.receive()
+    return caught.value
+
+
+# The transport alone.
+
+
+def test_interface_that_goes_down_is_lost_with_words_how_to_bring_it_up(
+    interface: Interface,
+) -> None:
+    transport = interface.bus.transport()
+    interface.down()
+    text = f'the interface is down; `ip link set {interface.name} up type can bitrate 250000'
+    assert text in str(wait_lost(transport))
+    with pytest.raises(TransportError, match=r'cannot open .*: the interface is down'):
+        transport.open()
+    interface.up()
+    transport.open()
+    interface.bus.endpoint().send(message(1, b'again'))
+    assert wait_frames(transport, 1) == [CanFrame(1, b'again')]
+
+
+def test_deleted_interface_is_lost_and_found_when_made_again(interface: Interface) -> None:
+    transport = interface.bus.transport()
+    interface.delete()
+    assert f'there is no CAN interface {interface.name}' in str(wait_lost(transport))
+    with pytest.raises(TransportError, match=f'there is no CAN interface {interface.name}'):
+        transport.open()
+    interface.create()
+    transport.open()
+    interface.bus.endpoint().send(message(1, b'new'))
+    assert wait_frames(transport, 1) == [CanFrame(1, b'new')]
+
+
+@pytest.mark.parametrize(
+    ('loss', 'text'), [('down', 'interface is down'), ('delete', 'interface')]
+)
+def test_sending_to_an_interface_that_is_gone_says_so(
+    interface: Interface, loss: str, text: str
+) -> None:
+    transport = interface.bus.transport()
+    getattr(interface, loss)()
+    for _ in range(2):  # a pending error of the socket comes out once only
+        with pytest.raises(TransportError, match=f'cannot send, .*{text}'):
+            transport.send(FRAME)
+
+
+def test_queue_that_is_full_drops_frames_and_goes_on_when_there_is_room(
+    interface: Interface,
+) -> None:
+    peer, transport = interface.bus.endpoint(), interface.bus.transport()
+    # It holds frames back, and no more than 400 bytes of them: then the kernel says ENOBUFS.
+    queue = ('dev', interface.name, 'root', 'plug')
+    subprocess.run(['tc', 'qdisc', 'add', *queue, 'limit', '400'], check=True)
+    sent = [transport.send(FRAME) for _ in range(100)]
+    assert sent[0] is True
+    assert sent[-1] is False
+    assert transport.receive() == []
+    subprocess.run(['tc', 'qdisc', 'delete', *queue], check=True)
+    assert transport.send(CanFrame(1, b'room'))
+    assert receive(peer, 1) == CanFrame(1, b'room')
+
+
+def test_socket_that_takes_no_more_drops_frames_without_waiting(interface: Interface) -> None:
+    transport = interface.bus.transport()
+    queue = ('dev', interface.name, 'root', 'plug')
+    subprocess.run(['tc', 'qdisc', 'add', *queue, 'limit', '100000000'], check=True)
+    begin = time.monotonic()
+    wait_for(lambda: not all(transport.send(FRAME) for _ in range(100)), 20.0, 'a full socket')
+    assert time.monotonic() - begin < 20.0
+    subprocess.run(['tc', 'qdisc', 'delete', *queue], check=True)
+    wait_for(lambda: transport.send(FRAME), 5.0, 'room')
+
+
+def test_kernel_filters_keep_foreign_traffic_from_waking_us(interface: Interface) -> None:
+    peer, transport = interface.bus.endpoint(), interface.bus.transport([(1, 0x1FFFFFFF)])
+    witness = interface.bus.transport()
+    for _ in range(50):
+        peer.send(message(2))
+    wait_frames(witness, 50)
+    assert not select.select([transport.fileno()], [], [], 0)[0]
+    peer.send(message(1))
+    assert wait_frames(transport, 1) == [CanFrame(1, b'')]
+
+
+# With a link around it.
+
+
+@pytest.mark.parametrize('loss', ['down', 'delete'])
+def test_link_tells_the_loss_sleeps_and_comes_back(
+    interface: Interface, bench: Bench, session: CanSession, loss: str
+) -> None:
+    transport = activate(bench, interface.bus)
+    peer = interface.bus.endpoint()
+    peer.send(message(1))
+    wait_for(lambda: not session.estop, 5.0, 'health')
+    getattr(interface, loss)()
+    wait_for(lambda: not bench.link.status.is_open, 5.0, 'the loss')
+    assert session.estop
+    assert bench.steps_within(1.0) < 1.0 / 0.02 + 60
+    assert len([line for line in bench.owner.log if line.startswith('bad')]) <= 2, bench.owner.log
+    interface.create() if loss == 'delete' else interface.up()
+    wait_for(lambda: bench.link.status.is_open, 5.0, 'the bus')
+    assert bench.link.status.opens == 2
+    interface.bus.endpoint().send(message(2, b'back'))
+    wait_for(lambda: CanFrame(2, b'back') in session.heard, 5.0, 'frames')
+    assert transport.fileno() >= 0
+
+
+def test_full_queue_is_counted_as_dropped_and_is_no_loss(
+    interface: Interface, bench: Bench, session: CanSession
+) -> None:
+    activate(bench, interface.bus)
+    queue = ('dev', interface.name, 'root', 'plug')
+    subprocess.run(['tc', 'qdisc', 'add', *queue, 'limit', '100'], check=True)
+    session.wanted = [FRAME] * 50  # type: ignore[list-item]
+    bench.link.post('wake', lambda now: None)
+    status = bench.link.status
+    wait_for(lambda: status.dropped + status.sent == 51, 5.0, lambda: f'51 frames, not {status}')
+    assert status.is_open
+    assert status.dropped > 30
+
+
+# A controller with states, as a serial adapter that the kernel drives (drivers/net/can/slcan).
+
+
+class Controller:
+    """The kernel's slcan driver on a pseudo-terminal; we are the adapter."""
+
+    _LINE_DISCIPLINE = 17  # N_SLCAN, linux/tty.h
+    _GET_NAME = 0x8910  # SIOCGIFNAME, linux/sockios.h
+
+    def __init__(self) -> None:
+        self._master, self._slave = os.openpty()
+        tty.setraw(self._slave)
+        fcntl.ioctl(self._slave, termios.TIOCSETD, struct.pack('i', self._LINE_DISCIPLINE))
+        answer = fcntl.ioctl(self._slave, self._GET_NAME, bytes(16))
+        self.name = answer.rstrip(b'\0').decode()
+        # The driver waits until what it writes was read.
+        self._reader = threading.Thread(target=self._read, daemon=True)
+        self._reader.start()
+        ip('set', self.name, 'type', 'can', 'bitrate', '250000')
+        ip('set', self.name, 'up')
+
+    def say(self, line: str) -> None:
+        os.write(self._master, f'{line}\r'.encode())
+
+    def _read(self) -> None:
+        with contextlib.suppress(OSError):
+            while os.read(self._master, 4096):
+                pass
+
+    def close(self) -> None:
+        ip('set', self.name, 'down')
+        os.close(self._slave)
+        self._reader.join(5.0)
+        os.close(self._master)
+
+
+@pytest.fixture
+def controller(can_bus: CanBus) -> Iterator[Controller]:
+    if can_bus.interface != 'socketcan':
+        pytest.skip('needs a kernel with CAN; runs inside user-mode-linux')
+    result = Controller()
+    yield result
+    result.close()
+
+
+def opened(name: str) -> CanTransport:
+    transport = CanTransport('socketcan', name)
+    transport.open()
+    return transport
+
+
+def counts_of(transport: CanTransport, name: str) -> Any:
+    assert transport.receive() == []
+    return transport.counts()[name]
+
+
+def test_driver_tells_warnings_and_error_passive(controller: Controller) -> None:
+    transport = opened(controller.name)
+    controller.say('sw100000')  # state, 3 digits of receive errors, 3 of transmit errors
+    wait_for(lambda: counts_of(transport, 'error warnings'), 5.0, 'a warning')
+    controller.say('sp130000')
+    wait_for(lambda: counts_of(transport, 'error passive'), 5.0, 'error passive')
+    assert transport.counts()['bus off'] == 0
+    transport.close()
+
+
+def test_controller_off_the_bus_is_lost_until_it_is_brought_up_again(
+    controller: Controller,
+) -> None:
+    transport = opened(controller.name)
+    controller.say('sb000255')
+    wait_lost(transport)
+    with pytest.raises(TransportError, match=f'bus off; .*ip link set {controller.name} down'):
+        transport.open()
+    ip('set', controller.name, 'down')
+    ip('set', controller.name, 'up')
+    transport.open()
+    controller.say('T18FEF53320102')
+    assert wait_frames(transport, 1) == [CanFrame(0x18FEF533, b'\x01\x02')]
+    transport.close()
