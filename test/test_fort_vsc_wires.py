@@ -1,0 +1,147 @@
+"""One remote on three wires: the same Joy, the same stops, whatever joins it."""
+
+from __future__ import annotations
+
+import contextlib
+from typing import Any
+
+from builtin_interfaces.msg import Time
+from hypothesis import given
+from hypothesis import settings
+from hypothesis import strategies as st
+import pytest
+
+from fort_vsc_bridge.convert import joy
+from fort_vsc_bridge.protocol import AXIS_NAMES
+from fort_vsc_bridge.protocol import BUTTON_NAMES
+from fort_vsc_bridge.protocol import CanWire
+from fort_vsc_bridge.protocol import HidWire
+from fort_vsc_bridge.protocol import SerialWire
+from fort_vsc_bridge.session import Session
+from fort_vsc_bridge.session import Sticks
+from fort_vsc_bridge.simulator import CanSimulator
+from fort_vsc_bridge.simulator import HidSimulator
+from fort_vsc_bridge.simulator import Simulator
+from test.session_rig import SessionBench
+
+HID_STEP = 1 / 127
+OPPOSITE = ({'left_up', 'left_down'}, {'left_left', 'left_right'})  # a HID pad has no such
+
+
+class Bench(SessionBench[Session]):
+    """A session and its simulated device, joined by one kind of wire."""
+
+    def __init__(self, device: Any, wire: Any, **options: Any) -> None:
+        super().__init__(Session(wire, **options))
+        self.device = device
+        self.open()
+
+    def run(self, seconds: float) -> None:
+        end = self.now + seconds
+        while (due := max(self.now, min(self.device.deadline(), self.session.deadline()))) < end:
+            self.now = due
+            self.take(*self.device.poll(due))
+            while self.sent:
+                self.device.receive(self.sent.pop(0)[1], due)
+            self.now += 1e-4
+        self.now = end
+
+    def apply(self, *commands: str) -> None:
+        for command in commands:
+            self.device.apply(command)
+
+    @property
+    def joy(self) -> Any:
+        last = [event for event in self.events if isinstance(event, Sticks)][-1]
+        return joy(last.axes, last.buttons, Time(), '')
+
+
+def benches(**options: Any) -> dict[str, Bench]:
+    return {
+        'serial': Bench(Simulator(), SerialWire(), **options),
+        'can': Bench(CanSimulator(), CanWire(), **options),
+        'hid': Bench(HidSimulator(), HidWire(), **options),
+    }
+
+
+@settings(max_examples=30, deadline=None)
+@given(
+    st.lists(st.floats(-1.0, 1.0), min_size=6, max_size=6),
+    st.sets(st.sampled_from(BUTTON_NAMES)).filter(
+        lambda names: not any(pair <= names for pair in OPPOSITE)
+    ),
+)
+def test_sticks_and_buttons_become_the_same_joy(positions: list[float], pressed: set[str]) -> None:
+    joys = {}
+    for name, bench in benches().items():
+        bench.apply('mode operational')
+        bench.apply(*(f'stick {a} {p}' for a, p in zip(AXIS_NAMES, positions, strict=True)))
+        bench.apply(*(f'button {button} 1' for button in pressed))
+        bench.run(0.5)
+        joys[name] = bench.joy
+    assert joys['can'] == joys['serial']
+    assert joys['hid'].axes == pytest.approx(joys['serial'].axes, abs=HID_STEP)
+    assert joys['hid'].buttons == joys['serial'].buttons
+
+
+STEPS = st.sampled_from(
+    [
+        *('estop remote on', 'estop remote off', 'estop vsc on', 'estop vsc off'),
+        *('radio off', 'radio on', 'ack', 'mode operational', 'mode pause', 'mode menu'),
+        *('stick left_y 1', 'stick left_y 0', 'reboot'),
+    ]
+)
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.lists(STEPS, max_size=12))
+def test_stops_modes_and_motion_are_the_same(steps: list[str]) -> None:
+    told: dict[str, list[Any]] = {}
+    for name, bench in benches().items():
+        told[name] = []
+        for step in ['mode operational', *steps]:
+            with contextlib.suppress(ValueError):  # not now, says the device
+                bench.device.apply(step)
+            bench.run(0.6)
+            session = bench.session
+            told[name].append(
+                (
+                    session.estop,
+                    session.own_estop,
+                    session.link_up,
+                    session.mode,
+                    bench.joy.axes[1],
+                )
+            )
+    assert told['can'] == told['serial']
+    assert told['hid'] == told['serial']
+
+
+@pytest.mark.parametrize('name', ['serial', 'can', 'hid'])
+def test_broken_stick_is_named_and_stops_all_sticks(name: str) -> None:
+    bench = benches()[name]
+    bench.apply('mode operational', 'stick left_y 1', 'fault right_x error')
+    bench.run(0.5)
+    assert bench.session.faulty == ('right_x error',)
+    assert not any(bench.joy.axes)
+    bench.apply('fault right_x ok')
+    bench.run(0.2)
+    assert not bench.session.faulty
+    assert bench.joy.axes[1] == 1.0
+
+
+@pytest.mark.parametrize('name', ['serial', 'can', 'hid'])
+@pytest.mark.parametrize('pause', [0.0, 0.26, 5.0])
+def test_link_that_comes_back_is_a_stop_until_the_device_is_heard(name: str, pause: float) -> None:
+    bench = benches()[name]
+    bench.apply('mode operational', 'stick left_y 1')
+    bench.run(0.5)
+    assert not bench.session.estop
+    bench.close()
+    assert bench.session.estop
+    bench.now += pause
+    bench.open()
+    assert bench.session.estop
+    assert not any(bench.joy.axes)
+    bench.run(0.5)
+    assert not bench.session.estop
