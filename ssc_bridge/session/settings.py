@@ -194,6 +194,8 @@ class Settings:
             )
         if not self.plausible_us[0] < self.plausible_us[1]:
             raise ValueError(f'plausible_us = {list(self.plausible_us)}: least and greatest')
+        axes, buttons = [axis.name for axis in self.axes], [b.name for b in self.buttons]
+        _check_different('axes, buttons', axes + buttons)
         _check_different('servos', [servo.name for servo in self.servos])
         _check_different('servo.*.channel', [servo.channel for servo in self.servos])
         if self.failsafe is Failsafe.PULSE:

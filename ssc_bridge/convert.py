@@ -1,0 +1,189 @@
+"""Between the SSC's values and ROS messages; pure functions."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from collections.abc import Sequence
+from dataclasses import dataclass
+import math
+
+from builtin_interfaces.msg import Time
+from diagnostic_msgs.msg import DiagnosticStatus
+from diagnostic_msgs.msg import KeyValue
+from sensor_msgs.msg import JointState
+from sensor_msgs.msg import Joy
+from std_msgs.msg import String
+from std_msgs.msg import UInt16MultiArray
+
+from bridge_core.convert import joy_message
+from bridge_core.convert import scaled
+from ssc_bridge.protocol import AuxFunction
+from ssc_bridge.protocol import CommandState
+from ssc_bridge.protocol import INVALID_PULSE
+from ssc_bridge.protocol import Measurement
+from ssc_bridge.protocol import TimerInput
+
+UNKNOWN = 'unknown'
+_LEVELS = {'high': True, 'low': False, 'true': True, 'false': False, '1': True, '0': False}
+_AUX_KEY = 'a key such as "4.level", "5.pulse" or "5.period" is needed'
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Calibration:
+    """
+    What the pulses of one axis mean.
+
+    :param min_us: pulse of the one end, µs; so ``centre_us`` and ``max_us``, rising.
+    :param reversed: the shorter pulse is the positive end. :param deadband: 0 to below 1.
+    :raises ValueError: for what cannot be.
+    """
+
+    min_us: int = 1000
+    centre_us: int = 1500
+    max_us: int = 2000
+    reversed: bool = False
+    deadband: float = 0.0
+
+    def __post_init__(self) -> None:
+        if not 0 < self.min_us < self.centre_us < self.max_us:
+            pulses = f'{self.min_us}, {self.centre_us}, {self.max_us}'
+            raise ValueError(f'min_us, centre_us, max_us = {pulses}: rising numbers are needed')
+        if not 0.0 <= self.deadband < 1.0:
+            raise ValueError(f'deadband must be 0 to below 1, not {self.deadband}')
+
+    def position(self, us: int | None) -> float:
+        """Return the axis, -1 to 1; 0 where there is no pulse to believe."""
+        if us is None:
+            return 0.0
+        offset = us - self.centre_us
+        end = self.max_us if offset > 0 else self.min_us
+        value = scaled(offset, abs(end - self.centre_us), self.deadband)
+        return -value if self.reversed else value
+
+
+def joy(
+    axes_us: Sequence[int | None],
+    buttons: Sequence[int],
+    calibrations: Sequence[Calibration],
+    stamp: Time,
+    frame_id: str,
+) -> Joy:
+    """Return a Joy. :param axes_us: pulse of each axis; None: it is neutral."""
+    pairs = zip(calibrations, axes_us, strict=True)
+    axes = [calibration.position(us) for calibration, us in pairs]
+    return joy_message(axes, buttons, stamp, frame_id)
+
+
+def pulses(us: Iterable[int | None]) -> UInt16MultiArray:
+    """Return pulses, µs, channel 1 first; an invalid one is 32768, which no pulse can be."""
+    return UInt16MultiArray(data=[INVALID_PULSE if pulse is None else pulse for pulse in us])
+
+
+def command_state(state: CommandState | None) -> String:
+    """Return 'no signal', '1 ms', '1.5 ms', '2 ms', or 'unknown' without a fresh status."""
+    return String(data=UNKNOWN if state is None else state.text)
+
+
+def pulse_command(message: UInt16MultiArray) -> list[int]:
+    """Return the pulses of a request, µs. :raises ValueError: its data_offset is beyond them."""
+    offset = message.layout.data_offset
+    if offset > len(message.data):
+        raise ValueError(f'data_offset {offset}, but there are {len(message.data)} pulses')
+    return list(message.data[offset:])
+
+
+def servo_command(message: JointState, servos: Sequence[str]) -> dict[str, float]:
+    """
+    Return the position of each servo that a request names; without names, of all in order.
+
+    :raises ValueError: for doubled names, none, or another number of positions than names.
+    """
+    names = list(message.name) or list(servos)
+    if len(set(names)) < len(names):
+        raise ValueError(f'a servo is named twice: {names}')
+    if len(message.position) != len(names):
+        raise ValueError(f'{len(message.position)} positions for the servos {names}')
+    return dict(zip(names, map(float, message.position), strict=True))
+
+
+def aux_request(message: KeyValue) -> tuple[int, str, float]:
+    """
+    Return channel, 'level', 'pulse' or 'period', and the value: 1 or 0 for a level, else seconds.
+
+    :raises ValueError: for another key, or a value that is none.
+    """
+    number, dot, what = message.key.partition('.')
+    if not (dot and number.isdecimal() and what in ('level', 'pulse', 'period')):
+        raise ValueError(f'{message.key!r}: {_AUX_KEY}')
+    if what == 'level':
+        if message.value not in _LEVELS:
+            raise ValueError(f'{message.value!r} is no level: high or low is needed')
+        return int(number), what, float(_LEVELS[message.value])
+    try:
+        return int(number), what, float(message.value)
+    except ValueError as error:
+        raise ValueError(f'{message.value!r} is no time in seconds') from error
+
+
+AuxRow = tuple[AuxFunction, bool, Measurement | None, int, bool]
+
+
+def aux_inputs(channels: Iterable[AuxRow], name: str, hardware_id: str) -> DiagnosticStatus:
+    """
+    Return all auxiliary channels in words and SI units.
+
+    :param channels: function, level, measurement, pulses in total, and whether there were more.
+    """
+    values: dict[str, str] = {}
+    lost = []
+    for number, row in enumerate(channels, 1):
+        values |= {f'aux {number} {key}': value for key, value in aux_values(*row).items()}
+        if row[4]:
+            lost.append(f'aux {number} lost pulses: its counter has overflowed; poll it faster')
+    return DiagnosticStatus(
+        level=DiagnosticStatus.WARN if lost else DiagnosticStatus.OK,
+        name=name,
+        message='; '.join(lost) or 'ok',
+        hardware_id=hardware_id,
+        values=[KeyValue(key=key, value=value) for key, value in values.items()],
+    )
+
+
+def aux_values(
+    function: AuxFunction,
+    level: bool,
+    measurement: Measurement | None,
+    total: int,
+    overflowed: bool,
+) -> dict[str, str]:
+    """Return what one auxiliary channel is, what its pin is, and what it has measured."""
+    values = {'function': function.text, 'level': 'high' if level else 'low'}
+    if measurement is None:
+        return values
+    if isinstance(function, TimerInput):
+        return values | _timer_values(function, measurement)
+    return values | {
+        'state': 'over-range' if measurement.over_range else 'counting',
+        'pulses since the last message': str(measurement.counts),
+        'pulses in total': f'{"at least " if overflowed else ""}{total}',
+    }
+
+
+def _timer_values(timer: TimerInput, measurement: Measurement) -> dict[str, str]:
+    """Return state and times; 'unknown' where there is nothing that could be believed."""
+    seconds = measurement.counts * timer.time_base_us * 1e-6
+    state = 'running'
+    if measurement.over_range:
+        state, seconds = 'over-range', math.nan
+    elif not measurement.running:
+        state, seconds = 'stopped', math.nan
+    what = 'period' if timer.measures_period else 'high' if timer.start_rising else 'low'
+    values = {'state': state, f'{what} (s)': _number(seconds, '.6f')}
+    if timer.measures_period:
+        hertz = 1.0 / seconds if seconds else math.nan  # 0 counts: too fast for the time base
+        values |= {'frequency (Hz)': _number(hertz), 'speed (rpm)': _number(60.0 * hertz)}
+    return values
+
+
+def _number(value: float, form: str = '.3f') -> str:
+    return f'{value:{form}}' if math.isfinite(value) else UNKNOWN

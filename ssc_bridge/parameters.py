@@ -1,0 +1,289 @@
+"""
+The parameters of the SSC bridge beside those that all bridges share.
+
+Three lists name things: ``axes`` and ``buttons`` of Joy, and ``servos``. Each name brings
+parameters of its own, such as ``calibration.x.channel`` or ``servo.pan.min_us``.
+"""
+
+from collections.abc import Mapping
+from typing import Any
+
+from bridge_core.parameters import Parameter
+from ssc_bridge.convert import Calibration
+from ssc_bridge.protocol import BAUD
+from ssc_bridge.protocol import CommandState
+from ssc_bridge.protocol import MAX_INPUTS
+from ssc_bridge.protocol import MAX_PULSE_US
+from ssc_bridge.protocol import PULSE_CHANNELS
+from ssc_bridge.session import AxisInput
+from ssc_bridge.session import ButtonInput
+from ssc_bridge.session import Failsafe
+from ssc_bridge.session import REPEATED
+from ssc_bridge.session import Servo
+from ssc_bridge.session import Settings
+
+_STATES = {state.text: state for state in CommandState}
+_RATES = 'One each for status, channel source, pulse outputs, pulse inputs and auxiliary inputs.'
+
+
+def _check_rates(values: list[float]) -> None:
+    if len(values) != len(REPEATED):
+        raise ValueError(f'{len(REPEATED)} numbers are needed, for messages 10 to 14')
+
+
+def _check_plausible(values: list[int]) -> None:
+    if len(values) != 2 or not values[0] < values[1]:
+        raise ValueError('the least and the greatest pulse are needed')
+
+
+def _pulse(name: str, default: int, description: str) -> Parameter:
+    return Parameter(name, default, description, unit='µs', minimum=1, maximum=MAX_PULSE_US)
+
+
+def _channel(description: str, maximum: int) -> Parameter:
+    return Parameter('channel', 1, description, minimum=1, maximum=maximum)
+
+
+GENERAL = (
+    Parameter('port', '/dev/ssc', 'Device file, or socket://host:port, or rfc2217://host:port.'),
+    Parameter(
+        'baud',
+        BAUD,
+        'That of the SSC is fixed (manual 3.4); another only for what stands between.',
+        unit='bit/s',
+        minimum=1200,
+        maximum=4_000_000,
+    ),
+    Parameter(
+        'link_timeout',
+        0.25,
+        'Without a status message for this long, ~/estop is true; without pulse inputs, ~/joy '
+        'becomes neutral.',
+        unit='s',
+        minimum=0.05,
+        maximum=5.0,
+    ),
+    Parameter(
+        'poll_rates',
+        [20.0, 5.0, 10.0, 50.0, 10.0],
+        f'Ask for a message that does not come by itself this often; 0: never ask. {_RATES}',
+        unit='Hz',
+        minimum=0.0,
+        maximum=100.0,
+        check=_check_rates,
+    ),
+    Parameter(
+        'message_rates',
+        [0.0, 0.0, 0.0, 0.0, 0.0],
+        f'Rates in the menu of the SSC, only to warn when the line is too slow. {_RATES}',
+        unit='Hz',
+        minimum=0.0,
+        maximum=50.0,
+        check=_check_rates,
+    ),
+    Parameter(
+        'estop_states',
+        ['no signal'],
+        'Which states of the command channel (pulse input 1) are a stop. With a receiver that '
+        "sends 1.5 ms when its radio link is lost, add '1.5 ms'. [''] for none.",
+        choices=('', *_STATES),
+    ),
+    Parameter(
+        'first_input_nibble',
+        0,
+        'What stands for pulse input 1 in the channel source message; the manual leaves it open. '
+        'Only for texts.',
+        minimum=0,
+        maximum=1,
+    ),
+    Parameter('axes', ['x', 'y'], "Names of the axes of ~/joy, in this order; [''] for none."),
+    Parameter('buttons', ['deadman'], "Names of the buttons of ~/joy; [''] for none."),
+    Parameter(
+        'plausible_us',
+        [700, 2300],
+        'The least and the greatest pulse of an axis or button that is believed; another is '
+        'faulty.',
+        unit='µs',
+        minimum=0,
+        maximum=MAX_PULSE_US,
+        check=_check_plausible,
+    ),
+    Parameter(
+        'tolerate_faulty_axes',
+        False,
+        'Let the sound controls count although one has no believable pulse. False makes the whole '
+        'Joy neutral then.',
+    ),
+    Parameter('servos', [''], "Names of pulse outputs for ~/servo_command; [''] for none."),
+    Parameter(
+        'failsafe',
+        'release',
+        'What outputs without a name do when no command is fresh or allowed: hold the last pulse, '
+        'or release (no pulse).',
+        choices=('hold', 'release'),
+    ),
+    Parameter(
+        'command_rate',
+        50.0,
+        'How often commands to the pulse outputs are sent.',
+        unit='Hz',
+        minimum=1.0,
+        maximum=200.0,
+    ),
+    Parameter(
+        'command_timeout',
+        0.25,
+        'A command or an ~/estop_in older than this brings the outputs to their failsafe.',
+        unit='s',
+        minimum=0.02,
+        maximum=5.0,
+    ),
+    Parameter(
+        'keep_aux_outputs',
+        False,
+        'Leave the auxiliary outputs alone at a stop, and obey during one. False: a stop undoes '
+        'what was set.',
+    ),
+    Parameter(
+        'lockout_on_start',
+        False,
+        'Lock the configuration menus out as soon as the SSC is there (message 98).',
+    ),
+)
+
+CALIBRATION = (
+    _channel('Pulse input of the axis.', MAX_INPUTS),
+    _pulse('min_us', 1000, 'Pulse at the one end.'),
+    _pulse('centre_us', 1500, 'Pulse at rest.'),
+    _pulse('max_us', 2000, 'Pulse at the other end; this one is 1.'),
+    Parameter('reversed', False, 'min_us is 1 instead: left and forward are to be positive.'),
+    Parameter('deadband', 0.05, 'Deflection that still is 0.', minimum=0.0, maximum=0.9),
+)
+
+BUTTON = (
+    _channel('Pulse input of the button or switch.', MAX_INPUTS),
+    Parameter(
+        'thresholds_us',
+        [1500],
+        'The button is the number of these that the pulse is above.',
+        unit='µs',
+        minimum=1,
+        maximum=MAX_PULSE_US,
+    ),
+    Parameter('reversed', False, 'The number that the pulse is not above instead.'),
+)
+
+SERVO = (
+    _channel('Pulse output of the servo.', PULSE_CHANNELS),
+    _pulse('min_us', 1000, 'Pulse of position -1; no shorter one is ever sent.'),
+    _pulse('centre_us', 1500, 'Pulse of position 0.'),
+    _pulse('max_us', 2000, 'Pulse of position 1; no longer one is ever sent.'),
+    Parameter('reversed', False, 'Turn the sign of the position round.'),
+    Parameter(
+        'rate_us_per_s',
+        2000.0,
+        'Greatest change of the pulse; a failsafe acts at once.',
+        unit='µs/s',
+        minimum=1.0,
+        maximum=1e6,
+    ),
+    Parameter(
+        'failsafe',
+        'release',
+        'When no command is fresh or allowed: a pulse of its own, hold the last one, or release '
+        '(no pulse).',
+        choices=('pulse', 'hold', 'release'),
+    ),
+    _pulse('failsafe_us', 1500, 'The pulse, where failsafe is pulse.'),
+)
+
+# What the names in the default lists mean: a stick on inputs 2 and 3, a switch on input 4.
+DEFAULTS: dict[str, Any] = {
+    'calibration.x.channel': 2,
+    'calibration.x.reversed': True,
+    'calibration.y.channel': 3,
+    'button.deadman.channel': 4,
+}
+
+
+def parameter_table(given: Mapping[str, Any]) -> tuple[Parameter, ...]:
+    """Return all parameters, those of the names in the given (or default) lists included."""
+    table = {parameter.name: parameter for parameter in GENERAL}
+    for list_name, prefix, parameters in (
+        ('axes', 'calibration', CALIBRATION),
+        ('buttons', 'button', BUTTON),
+        ('servos', 'servo', SERVO),
+    ):
+        names = table[list_name].validate(given.get(list_name, table[list_name].default))
+        for name in filter(None, names):
+            for parameter in parameters:
+                full = f'{prefix}.{name}.{parameter.name}'
+                table[full] = parameter.named(full, DEFAULTS.get(full))
+    return tuple(table.values())
+
+
+def names_of(values: Mapping[str, Any], list_name: str) -> list[str]:
+    """Return the names in a list."""
+    return [name for name in values[list_name] if name]
+
+
+def calibrations(values: Mapping[str, Any]) -> tuple[Calibration, ...]:
+    """Return one an axis. :raises ValueError: pulses that do not rise, or are implausible."""
+    return tuple(_calibration(values, name) for name in names_of(values, 'axes'))
+
+
+def _calibration(values: Mapping[str, Any], name: str) -> Calibration:
+    prefix = f'calibration.{name}'
+    try:
+        result = Calibration(**_group(values, prefix, 'channel'))
+    except ValueError as error:
+        raise ValueError(f'{prefix}: {error}') from error
+    low, high = values['plausible_us']
+    if not low <= result.min_us < result.max_us <= high:
+        raise ValueError(f'{prefix}: min_us and max_us must be within plausible_us, {low}-{high}')
+    return result
+
+
+def settings(values: Mapping[str, Any]) -> Settings:
+    """Return what the session needs to know. :raises ValueError: what cannot be."""
+    return Settings(
+        poll_rates=tuple(values['poll_rates']),
+        message_rates=tuple(values['message_rates']),
+        estop_states=frozenset(_STATES[text] for text in names_of(values, 'estop_states')),
+        axes=tuple(
+            AxisInput(name, values[f'calibration.{name}.channel'])
+            for name in names_of(values, 'axes')
+        ),
+        buttons=tuple(_button(values, name) for name in names_of(values, 'buttons')),
+        plausible_us=(values['plausible_us'][0], values['plausible_us'][1]),
+        servos=tuple(_servo(values, name) for name in names_of(values, 'servos')),
+        failsafe=Failsafe(values['failsafe']),
+        first_nibble=values['first_input_nibble'],
+        **{
+            name: values[name]
+            for name in (
+                *('link_timeout', 'command_rate', 'command_timeout', 'tolerate_faulty_axes'),
+                *('keep_aux_outputs', 'lockout_on_start', 'baud'),
+            )
+        },
+    )
+
+
+def _button(values: Mapping[str, Any], name: str) -> ButtonInput:
+    group = _group(values, f'button.{name}')
+    return ButtonInput(name, **(group | {'thresholds_us': tuple(group['thresholds_us'])}))
+
+
+def _servo(values: Mapping[str, Any], name: str) -> Servo:
+    group = _group(values, f'servo.{name}')
+    return Servo(name=name, **(group | {'failsafe': Failsafe(group['failsafe'])}))
+
+
+def _group(values: Mapping[str, Any], prefix: str, *without: str) -> dict[str, Any]:
+    """Return the parameters under a prefix by their last word."""
+    named = {
+        name.removeprefix(f'{prefix}.'): value
+        for name, value in values.items()
+        if name.startswith(f'{prefix}.')
+    }
+    return {name: value for name, value in named.items() if name not in without}
