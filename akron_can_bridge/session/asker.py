@@ -1,0 +1,141 @@
+"""
+Questions and requests to the unit, each until its answer or its time-out.
+
+A poll is repeated while the unit does not answer. What acts on the unit is sent once.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from dataclasses import field
+
+from akron_can_bridge.protocol import AddressAnnouncement
+from akron_can_bridge.protocol import ConfigPoll
+from akron_can_bridge.protocol import ConfigVersion
+from akron_can_bridge.protocol import EnterSetup
+from akron_can_bridge.protocol import FaultPoll
+from akron_can_bridge.protocol import FaultStatus
+from akron_can_bridge.protocol import FirmwarePoll
+from akron_can_bridge.protocol import FirmwareVersion
+from akron_can_bridge.protocol import flag_names
+from akron_can_bridge.protocol import Message
+from akron_can_bridge.protocol import pcode_name
+from akron_can_bridge.protocol import PcodePoll
+from akron_can_bridge.protocol import PcodeVersion
+from akron_can_bridge.protocol import ResetController
+from akron_can_bridge.protocol import Sendable
+from akron_can_bridge.protocol import ZeroPositions
+from akron_can_bridge.session.events import Answer
+from akron_can_bridge.session.events import Request
+
+RESEND_PERIOD = 0.25  # of polls
+RESET_TIME = 5.0  # Appendix A: 2 to 3 s from power-up to the address
+
+# What is sent, by the message that answers it.
+_QUESTIONS: dict[Request, dict[type[Message], Sendable]] = {
+    Request.ZERO_POSITIONS: {ZeroPositions: ZeroPositions()},
+    Request.RESET_CONTROLLER: {AddressAnnouncement: ResetController()},
+    Request.ENTER_SETUP: {EnterSetup: EnterSetup()},
+    Request.POLL_FAULTS: {FaultStatus: FaultPoll()},
+    Request.POLL_VERSIONS: {
+        FirmwareVersion: FirmwarePoll(),
+        PcodeVersion: PcodePoll(),
+        ConfigVersion: ConfigPoll(),
+    },
+}
+_POLLS = (Request.POLL_FAULTS, Request.POLL_VERSIONS)
+
+
+@dataclass(slots=True)
+class _Open:
+    """A request under way."""
+
+    missing: dict[type[Message], Sendable]
+    give_up_at: float
+    send_at: float
+    answers: list[Message] = field(default_factory=list)
+
+
+class Asker:
+    """
+    What was asked of the unit and not answered yet; one of a kind at a time.
+
+    :param timeout: seconds after which an answer is given up.
+    """
+
+    def __init__(self, timeout: float) -> None:
+        self._timeout = timeout
+        self._open: dict[Request, _Open] = {}
+
+    def start(self, request: Request, now: float) -> None:
+        """Ask. Who asks the same again before the answer gets that answer, too."""
+        if request not in self._open:
+            timeout = RESET_TIME if request is Request.RESET_CONTROLLER else self._timeout
+            self._open[request] = _Open(dict(_QUESTIONS[request]), now + timeout, now)
+
+    def answered(self, message: Message) -> list[Answer]:
+        """Take what the unit sent; return what it completes."""
+        return [
+            self._end(request, True, '; '.join(map(in_words, question.answers)))
+            for request, question in list(self._open.items())
+            if self._takes(question, message)
+        ]
+
+    def is_open(self, request: Request) -> bool:
+        """Tell whether it was asked and is not answered yet."""
+        return request in self._open
+
+    def poll(self, now: float) -> tuple[list[Answer], list[Sendable]]:
+        """Return the time-outs, and what is to be sent now."""
+        answers = [
+            self._end(request, False, self._silence(request, question))
+            for request, question in list(self._open.items())
+            if now >= question.give_up_at
+        ]
+        messages: list[Sendable] = []
+        for request, question in self._open.items():
+            if now >= question.send_at:
+                messages += question.missing.values()
+                again = now + RESEND_PERIOD
+                question.send_at = again if request in _POLLS else question.give_up_at
+        return answers, messages
+
+    def drop(self, reason: str) -> list[Answer]:
+        """Give up all of them; return what to tell."""
+        return [self._end(request, False, reason) for request in list(self._open)]
+
+    def _takes(self, question: _Open, message: Message) -> bool:
+        """Tell whether this was the last answer that was missing."""
+        if question.missing.pop(type(message), None) is None:
+            return False
+        question.answers.append(message)
+        return not question.missing
+
+    def _end(self, request: Request, success: bool, text: str) -> Answer:
+        del self._open[request]
+        return Answer(request, success, text)
+
+    def _silence(self, request: Request, question: _Open) -> str:
+        if request is Request.RESET_CONTROLLER:
+            return f'the unit did not announce itself within {RESET_TIME:g} s of its reset'
+        types = ', '.join(f'{kind.TYPE:02X}' for kind in question.missing)
+        return f'the unit did not answer type {types} within {self._timeout:g} s'
+
+
+def in_words(message: Message) -> str:
+    """Return what an answer says."""
+    if isinstance(message, FaultStatus):
+        names = ', '.join(flag_names(message.faults)) or 'none'
+        return f'faults: {names}; pCode error code {message.pcode} ({pcode_name(message.pcode)})'
+    if isinstance(message, FirmwareVersion):
+        return (
+            f'fixed boot {message.fixed_boot}, bootloader {message.bootloader}, '
+            f'system {message.system}'
+        )
+    if isinstance(message, PcodeVersion):
+        return f'style {message.style}, subtype {message.subtype}, pCode {message.version}'
+    if isinstance(message, ConfigVersion):
+        return f'config type {message.config_type}, config {message.version}'
+    if isinstance(message, AddressAnnouncement):
+        return f'unit {message.pin} is back'
+    return 'acknowledged'

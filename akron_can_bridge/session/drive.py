@@ -1,0 +1,212 @@
+"""
+What we tell the unit as one of its joysticks: manual Appendix B, and A1 for SOE mode.
+
+Frames leave every 20 ms while the port is open. They are neutral unless all of this holds:
+
+- the session's ``estop`` is false;
+- the e-stop input was heard within ``estop_in_timeout`` and is false;
+- a command was heard within ``command_timeout``;
+- it began with a neutral one, heard while all else held.
+
+Whatever ended it, what was asked before is forgotten, and it takes a neutral command to begin
+anew.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+import math
+
+from akron_can_bridge.protocol import BasicJoystick
+from akron_can_bridge.protocol import ExtendedJoystick
+from akron_can_bridge.protocol import JOYSTICK_PERIOD
+from akron_can_bridge.protocol import NEUTRAL
+from akron_can_bridge.protocol import Permission
+from akron_can_bridge.protocol import PERMISSIVE_PERIOD
+from akron_can_bridge.protocol import SoePermissive
+from akron_can_bridge.session.settings import Settings
+from bridge_core.j1939 import CanFrame
+from bridge_core.session import Pacer
+from bridge_core.watchdog import Watchdog
+
+FAREWELL_FRAMES = 3  # of each kind: a lost one must not leave the unit moving for its 200 ms
+_NOTHING = Permission(0)
+_ALL = Permission.LEFT | Permission.RIGHT | Permission.UP | Permission.DOWN
+
+
+@dataclass(frozen=True, slots=True)
+class Command:
+    """
+    What the unit is to do.
+
+    The neutral grip is one that has no target: 0 would be one, and a stop must start no journey.
+    """
+
+    basic: BasicJoystick
+    extended: ExtendedJoystick
+
+
+REST = Command(BasicJoystick(NEUTRAL, NEUTRAL), ExtendedJoystick())
+
+
+class Drive:
+    """Decides what goes out. Call ``watch`` before anything new is taken in."""
+
+    def __init__(self, settings: Settings) -> None:
+        self.refused = 0
+        self.last_stop: tuple[str, ...] = ()
+        self._settings = settings
+        self._heard = Watchdog(settings.command_timeout)
+        self._estop_in = Watchdog(settings.estop_in_timeout)
+        self._estop_value = True
+        self._refusal = ''
+        self._is_open = False  # what is asked goes out
+        self._command = REST
+        self._pacer = Pacer(JOYSTICK_PERIOD)
+        self._permissive_pacer = Pacer(PERMISSIVE_PERIOD)
+        self._permissive: tuple[int | None, Permission] = (None, _NOTHING)  # as told last
+
+    def opened(self, now: float) -> None:
+        """Begin with neutral frames."""
+        self._forget()
+        self._pacer.start(now)
+
+    def closed(self) -> None:
+        """Send no more, forget what was heard."""
+        self._forget()
+        self._pacer.stop()
+
+    @property
+    def moving(self) -> bool:
+        """Motion is commanded: what goes out is not neutral."""
+        return self._command != REST
+
+    @property
+    def deadline(self) -> float:
+        """The moment at which a frame is due or what goes out goes stale."""
+        return min(self._pacer.due, self._permissive_pacer.due, self._stale_at())
+
+    def watch(self, now: float, stops: Sequence[str]) -> tuple[str, ...]:
+        """
+        Let what expired or came up before ``now`` act; return why the frames became neutral.
+
+        :param stops: why the session demands a stop.
+        """
+        if not self._is_open:
+            return ()
+        reasons = [*self.forbidden(now, stops), *self._missing(now)]
+        return self._shut(reasons, now) if reasons else ()
+
+    def forbidden(self, now: float, stops: Sequence[str]) -> list[str]:
+        """Say what forbids motion, whatever the command is."""
+        reasons = list(stops)
+        if self._estop_in.expired(now):
+            reasons.append(f'e-stop input is stale: {self._estop_in.describe(now)}')
+        elif self._estop_value:
+            reasons.append('e-stop input is true')
+        return reasons
+
+    def inhibits(self, now: float, stops: Sequence[str]) -> list[str]:
+        """Say why nothing but neutral goes out; empty while commands do."""
+        if self._is_open:
+            return []
+        reasons = self.forbidden(now, stops) + self._missing(now)
+        reasons = reasons or ['the command must be neutral once']
+        if self.last_stop:
+            reasons.append(f'last stop: {"; ".join(self.last_stop)}')
+        return reasons
+
+    def set_estop(self, value: bool, now: float) -> tuple[str, ...]:
+        """Take the e-stop input; return why the frames became neutral."""
+        self._estop_in.feed(now)
+        self._estop_value = value
+        if not (value and self._is_open):
+            return ()
+        return self._shut(['e-stop input is true'], now)
+
+    def set_command(self, command: Command, now: float, stops: Sequence[str]) -> None:
+        """Take a command. It counts at once, or once a neutral one has come."""
+        self._heard.feed(now)
+        self._refusal = ''
+        if command == REST and not self.forbidden(now, stops):
+            self._is_open = True
+        if self._is_open:
+            self._command = command
+
+    def refuse_command(self, reason: str, now: float) -> tuple[str, ...]:
+        """Note a command that makes no sense; return why the frames became neutral."""
+        self.refused += 1
+        self._heard.reset()
+        self._refusal = reason
+        return self._shut(self._missing(now), now) if self._is_open else ()
+
+    def joystick_frames(self, now: float) -> list[CanFrame]:
+        """Return the frames of this slot, if it is due."""
+        if not self._pacer.is_due(now):
+            return []
+        self._pacer.sent(now)
+        return self._frames(self._command)
+
+    def permissive_frames(
+        self, now: float, unit: int | None, stops: Sequence[str]
+    ) -> list[CanFrame]:
+        """Return the A1 that is due: periodically, and at once when it changes."""
+        if not self._settings.soe_permissive or unit is None:
+            self._permissive_pacer.stop()
+            self._permissive = (None, _NOTHING)
+            return []
+        permitted = _NOTHING if self.forbidden(now, stops) else _ALL
+        if (unit, permitted) != self._permissive:
+            self._permissive_pacer.start(now)
+        if not self._permissive_pacer.is_due(now):
+            return []
+        self._permissive_pacer.sent(now)
+        self._permissive = (unit, permitted)
+        return [SoePermissive(permitted).to_frame(self._settings.source_address, unit)]
+
+    def farewell(self, unit: int | None, now: float) -> list[CanFrame]:
+        """Return what leaves the unit at rest."""
+        self._shut(['the node leaves'], now)
+        frames = self._frames(REST)
+        if self._settings.soe_permissive and unit is not None:
+            frames += [SoePermissive(_NOTHING).to_frame(self._settings.source_address, unit)]
+        return frames * FAREWELL_FRAMES
+
+    def _frames(self, command: Command) -> list[CanFrame]:
+        source = self._settings.source_address
+        frames = [command.basic.to_frame(source)]
+        if self._settings.extended:
+            frames.append(command.extended.to_frame(source))
+        return frames
+
+    def _missing(self, now: float) -> list[str]:
+        if self._refusal:
+            return [f'command refused: {self._refusal}']
+        if self._heard.expired(now):
+            return [f'command is stale: {self._heard.describe(now)}']
+        return []
+
+    def _stale_at(self) -> float:
+        if self._is_open:
+            return min(self._heard.deadline, self._estop_in.deadline)
+        # Nothing but the permission hangs on it then.
+        return self._estop_in.deadline if self._permissive[1] else math.inf
+
+    def _shut(self, reasons: Sequence[str], now: float) -> tuple[str, ...]:
+        """Forget what was asked, and have a neutral frame go out with the next poll."""
+        self._is_open = False
+        self._command = REST
+        self.last_stop = tuple(reasons)
+        self._pacer.start(now)
+        return self.last_stop
+
+    def _forget(self) -> None:
+        self._heard.reset()
+        self._estop_in.reset()
+        self._estop_value = True
+        self._refusal = ''
+        self._is_open = False
+        self._command = REST
+        self._permissive_pacer.stop()
+        self._permissive = (None, _NOTHING)

@@ -1,0 +1,123 @@
+"""What a session tells the node, in the order in which it happened."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum
+
+from akron_can_bridge.protocol import DigitalInputs
+from akron_can_bridge.protocol import DigitalOutputs
+from akron_can_bridge.protocol import ElevationSoftLimits
+from akron_can_bridge.protocol import MiniOutputs
+from akron_can_bridge.protocol import PositionLimit
+from akron_can_bridge.protocol import RotationSoftLimits
+from bridge_core.j1939 import CanFrame
+from bridge_core.session import StopChanged
+
+
+class Request(Enum):
+    """What may be asked of the unit; the values are the services' names."""
+
+    ZERO_POSITIONS = 'zero_positions'
+    RESET_CONTROLLER = 'reset_controller'
+    ENTER_SETUP = 'enter_setup'
+    POLL_FAULTS = 'poll_faults'
+    POLL_VERSIONS = 'poll_versions'
+
+
+@dataclass(frozen=True, slots=True)
+class Answer:
+    """What became of a request. :param text: what was answered, or why not, in words."""
+
+    request: Request
+    success: bool
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
+class UnitChanged:
+    """The unit was found, has moved to another address, or has lost its own; in words."""
+
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
+class Positions:
+    """Type 01 came. :param rotation: rad, right positive. :param elevation: rad, up positive.
+
+    None: the unit does not vouch for it, or has no sensor.
+    """
+
+    rotation: float | None
+    elevation: float | None
+
+
+@dataclass(frozen=True, slots=True)
+class LimitsChanged:
+    """Hard stops, calibration or soft limits; each None while the unit does not send it."""
+
+    position: PositionLimit | None = None
+    rotation: RotationSoftLimits | None = None
+    elevation: ElevationSoftLimits | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class OutputsChanged:
+    """
+    Digital outputs and inputs; each None while it is not sent.
+
+    :param mini: of our unit if it is a 6033, else of the first 6033 on the bus.
+    :param inputs: of the first 6039 on the bus.
+    """
+
+    outputs: DigitalOutputs | None = None
+    mini: MiniOutputs | None = None
+    inputs: DigitalInputs | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class FaultsChanged:
+    """The faults that the unit answered with, in words; empty: none."""
+
+    faults: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Stopped:
+    """The frames to the unit became neutral, for these reasons; a neutral command is needed."""
+
+    reasons: tuple[str, ...]
+
+
+AXIS_NAMES = ('x', 'y', 'grip_x', 'grip_y', 'theta')
+SWITCHES = 16
+
+
+@dataclass(frozen=True, slots=True)
+class Sticks:
+    """
+    What the joystick at ``joy_source`` asks for.
+
+    :param axes: 5 in the order of AXIS_NAMES, -1023 to 1023 in 0.1 %, right and forward positive.
+    :param switches: 1 to 16.
+    :param faulty: controls that it reports as broken, such as 'x error'. They are 0 or False;
+        without ``tolerate_faulty_axes`` all is neutral then.
+    """
+
+    axes: tuple[int, ...] = (0,) * len(AXIS_NAMES)
+    switches: tuple[bool, ...] = (False,) * SWITCHES
+    faulty: tuple[str, ...] = ()
+
+
+Event = (
+    StopChanged
+    | UnitChanged
+    | Positions
+    | LimitsChanged
+    | OutputsChanged
+    | FaultsChanged
+    | Stopped
+    | Sticks
+    | Answer
+)
+Output = tuple[list[Event], list[CanFrame]]

@@ -1,0 +1,105 @@
+"""
+Which address our unit has: manual Appendix A.
+
+A unit claims its address (J1939-81), may lose it to another device, and announces its PIN from
+each address that it gets. So the PIN is who it is, and the address where it was last. While the
+address is not known, the NAME request has all units announce themselves.
+"""
+
+from __future__ import annotations
+
+import math
+
+from akron_can_bridge.protocol import AddressAnnouncement
+from akron_can_bridge.protocol import AKRON_BRASS
+from akron_can_bridge.protocol import Name
+from akron_can_bridge.session.settings import CONTROLLERS
+from akron_can_bridge.session.settings import Settings
+from bridge_core.j1939 import NULL_ADDRESS
+
+REQUEST_PERIOD = 1.0
+LEAST_REQUEST_PERIOD = 0.1  # somebody who claims on and on must not make us flood the bus
+_MANY = 32  # other devices that are remembered
+
+
+class Finder:
+    """
+    Follows one unit. Which PIN was chosen holds for life, which address until the port closes.
+
+    :param settings: whose ``device_pin`` or ``device_type`` chooses.
+    """
+
+    def __init__(self, settings: Settings) -> None:
+        self.unit: AddressAnnouncement | None = None  # ours, once it was heard
+        self.address: int | None = None
+        self.moves = 0  # to another address
+        self.devices: dict[str, int] = {}  # PIN and last address of every Akron Brass device
+        self.namesake: Name | None = None  # another device that claims our own address
+        self._settings = settings
+        self._asked_at = -math.inf
+        self._due = math.inf
+
+    def opened(self, now: float) -> None:
+        """Begin: ask at once."""
+        self.address = self.namesake = None
+        self.devices.clear()
+        self._asked_at = -math.inf
+        self._due = now
+
+    def announced(self, source: int, device: AddressAnnouncement, now: float) -> str:
+        """Take a type FF; say in words what it changed for our unit, if anything."""
+        if source >= NULL_ADDRESS:
+            return ''
+        if len(self.devices) < _MANY or device.pin in self.devices:
+            self.devices[device.pin] = source
+        if self.unit is None and self._fits(device):
+            self.unit = device
+        if self.unit is None or device.pin != self.unit.pin:
+            return self._lose(now, f'to {device.pin}') if source == self.address else ''
+        before, self.address = self.address, source
+        if before == source:
+            return ''
+        self.moves += before is not None
+        return f'unit {device.pin} is at address {source:02X}'
+
+    def claimed(self, source: int, name: Name, now: float) -> str:
+        """Take a PGN 60928; say in words what it changed for our unit, if anything."""
+        if source == self._settings.source_address:
+            self.namesake = name
+        elif name == self.namesake:
+            self.namesake = None
+        is_ours = (
+            self.unit is not None
+            and name.manufacturer == AKRON_BRASS
+            and name.identity == self.unit.identity
+        )
+        if is_ours == (source == self.address) or self.address is None:
+            return ''
+        return self._lose(now, 'and claims another' if is_ours else 'to another device')
+
+    def request_due(self, now: float, *, heard: bool) -> bool:
+        """Tell whether a NAME request is to go out now. :param heard: our unit is."""
+        if (heard and self.address is not None) or now < self._due:
+            return False
+        self._asked_at, self._due = now, now + REQUEST_PERIOD
+        return True
+
+    def rivals(self) -> list[str]:
+        """Return the PINs that ``device_type`` fits as well as it fits our unit's."""
+        if self.unit is None or self._settings.device_pin:
+            return []
+        others = (pin for pin in self.devices if pin != self.unit.pin)
+        return [pin for pin in others if self._fits(AddressAnnouncement(pin))]
+
+    def _fits(self, device: AddressAnnouncement) -> bool:
+        if self._settings.device_pin:
+            return device.pin == self._settings.device_pin
+        wanted = self._settings.device_type
+        return device.device_type in ((wanted,) if wanted else CONTROLLERS)
+
+    def _lose(self, now: float, to_whom: str) -> str:
+        assert self.unit is not None
+        text = f'unit {self.unit.pin} has lost address {self.address:02X} {to_whom}'
+        self.address = None
+        self._due = max(now, self._asked_at + LEAST_REQUEST_PERIOD)
+        return text

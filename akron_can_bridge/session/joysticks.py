@@ -1,0 +1,146 @@
+"""
+The other joysticks on the bus: manual "Input Messages" and Appendix B.
+
+The unit obeys each joystick at 33 to 38 hex, so one that nobody allowed drives it past the mux.
+Docs: docs/decisions/0009-bus-joysticks.md.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+import math
+
+from akron_can_bridge.protocol import Axis
+from akron_can_bridge.protocol import BasicJoystick
+from akron_can_bridge.protocol import ExtendedJoystick
+from akron_can_bridge.protocol import JOYSTICK_ADDRESSES
+from akron_can_bridge.protocol import JOYSTICK_TIMEOUT
+from akron_can_bridge.protocol import Status
+from akron_can_bridge.session.events import AXIS_NAMES
+from akron_can_bridge.session.events import Sticks
+from akron_can_bridge.session.settings import Settings
+from bridge_core.j1939 import J1939Id
+from bridge_core.session import StickStream
+from bridge_core.watchdog import Watchdog
+
+FOREIGN_HOLD = 1.0  # seconds after its last frame for which a foreign joystick is a stop
+# What FORT's table 34 gives the left joystick of a VSC.
+_VSC_IDENTIFIERS = (0x0CFDD633, 0x0CFDD733)
+_MANUAL_HINT = (
+    'if it is meant to drive the unit beside the mux, list it in allowed_joysticks; else take it '
+    'off this bus'
+)
+_VSC_HINT = (
+    "a FORT VSC's left joystick has this identifier: change the VSC's identifiers with its "
+    'configuration tool, or give the unit a bus of its own'
+)
+_NO_EXTENDED = ExtendedJoystick(switches=(Status.NOT_AVAILABLE,) * 4)
+
+
+class Joysticks:
+    """Who else sends joystick frames, and what the one at ``joy_source`` says."""
+
+    def __init__(self, settings: Settings) -> None:
+        self.faulty: tuple[str, ...] = ()  # controls of joy_source
+        self._settings = settings
+        self._heard: dict[int, tuple[float, int]] = {}  # when, and the whole identifier
+        self._source = Watchdog(JOYSTICK_TIMEOUT)
+        self._extended_heard = Watchdog(JOYSTICK_TIMEOUT)
+        self._extended = _NO_EXTENDED
+        self._stream = StickStream()
+
+    def forget(self) -> None:
+        """Be as if none had been heard."""
+        self._heard.clear()
+        self._source.reset()
+        self._extended_heard.reset()
+        self.faulty = ()
+
+    def take(
+        self, message: BasicJoystick | ExtendedJoystick, sender: J1939Id, now: float
+    ) -> list[Sticks]:
+        """Take a frame; return what to tell of it."""
+        if sender.source not in JOYSTICK_ADDRESSES:
+            return []
+        self._heard[sender.source] = (now, sender.identifier)
+        if sender.source != self._settings.joy_source:
+            return []
+        if isinstance(message, ExtendedJoystick):
+            self._extended = message
+            self._extended_heard.feed(now)
+            return []
+        self._source.feed(now)
+        sticks = self._sticks_of(message, now)
+        self.faulty = sticks.faulty
+        self._stream.told(counts=True)
+        return [sticks]
+
+    def poll(self, now: float) -> list[Sticks]:
+        """Return the one neutral event that is owed once the joystick has fallen silent."""
+        if not self._stream.owes_neutral(fresh=not self._source.expired(now), counts=True):
+            return []
+        self.faulty = ()
+        return [Sticks()]
+
+    @property
+    def deadline(self) -> float:
+        """The moment at which ``poll`` has something to tell; infinite for never."""
+        return self._source.deadline if self._stream.streaming else math.inf
+
+    def foreign(self, now: float) -> list[int]:
+        """Return the addresses of those that nobody allowed, our own among them."""
+        self._heard = {
+            address: (at, identifier)
+            for address, (at, identifier) in self._heard.items()
+            if now < at + FOREIGN_HOLD
+        }
+        return [at for at in self._heard if at not in self._settings.allowed_joysticks]
+
+    def describe(self, addresses: Iterable[int]) -> str:
+        """Say who they are and what to do."""
+        return '; '.join(map(self._describe, addresses))
+
+    def present(self, now: float) -> dict[int, str]:
+        """Return all that are heard by address, with what they count as."""
+        foreign = self.foreign(now)
+        return {at: 'foreign' if at in foreign else 'allowed' for at in sorted(self._heard)}
+
+    def _describe(self, address: int) -> str:
+        identifier = self._heard[address][1]
+        if address == self._settings.source_address:
+            text = 'another sender uses our own source_address'
+        else:
+            text = 'a foreign joystick drives the unit past the mux'
+        hint = _VSC_HINT if identifier in _VSC_IDENTIFIERS else _MANUAL_HINT
+        return f'{text}: address {address:02X}, frame {identifier:08X}; {hint}'
+
+    def _sticks_of(self, basic: BasicJoystick, now: float) -> Sticks:
+        extended = _NO_EXTENDED if self._extended_heard.expired(now) else self._extended
+        axes = (basic.x, basic.y, extended.grip_x, extended.grip_y, extended.theta)
+        switches = basic.switches + extended.switches
+        faulty = (*_faulty_axes(axes), *_faulty_switches(switches))
+        if faulty and not self._settings.tolerate_faulty_axes:
+            return Sticks(faulty=faulty)
+        return Sticks(
+            tuple(axis.value or 0 for axis in axes),
+            tuple(switch is Status.ON for switch in switches),
+            faulty,
+        )
+
+
+def _faulty_axes(axes: tuple[Axis, ...]) -> list[str]:
+    """Name the broken ones. X and Y every joystick has; a grip need not be there."""
+    names = dict(zip(AXIS_NAMES, axes, strict=True))
+    return [
+        f'{name} {"error" if axis.fault is Status.ERROR else "not available"}'
+        for name, axis in names.items()
+        if axis.fault is Status.ERROR or (axis.fault is not None and name in AXIS_NAMES[:2])
+    ]
+
+
+def _faulty_switches(switches: tuple[Status, ...]) -> list[str]:
+    return [
+        f'switch {number} error'
+        for number, status in enumerate(switches, 1)
+        if status is Status.ERROR
+    ]

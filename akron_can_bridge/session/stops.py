@@ -1,0 +1,94 @@
+"""
+Is it a stop: each cause that the manual knows, in words, and what to do.
+
+A stop of the unit is never the echo of what this node asks: a missing SOE permission holds the
+unit still and is no cause here, so ``own_estop`` is always the same as ``estop``.
+"""
+
+from __future__ import annotations
+
+from akron_can_bridge.protocol import DEVICE_TYPES
+from akron_can_bridge.protocol import DigitalOutputs
+from akron_can_bridge.protocol import Fault
+from akron_can_bridge.protocol import flag_names
+from akron_can_bridge.protocol import MiniOutput
+from akron_can_bridge.protocol import MiniOutputs
+from akron_can_bridge.protocol import Output
+from akron_can_bridge.session.finder import Finder
+from akron_can_bridge.session.joysticks import Joysticks
+from akron_can_bridge.session.settings import Cause
+from akron_can_bridge.session.settings import CONTROLLERS
+from akron_can_bridge.session.settings import MINI_UNIVERSAL
+from akron_can_bridge.session.settings import Settings
+from akron_can_bridge.session.unit import Unit
+
+MOTOR_FAULTS = (
+    Fault.MOTOR_AXIS_1
+    | Fault.MOTOR_AXIS_2
+    | Fault.MOTOR_AXIS_3
+    | Fault.MOTOR_AXIS_4
+    | Fault.MOTOR_AXIS_5
+)
+
+
+def causes(
+    settings: Settings, finder: Finder, unit: Unit, joysticks: Joysticks, now: float
+) -> dict[Cause, str]:
+    """Return all causes that there are now, whether they count or not."""
+    found = {}
+    if unit.heard.expired(now):
+        # Nothing else is known then either; said once, whichever of them counts.
+        text = _silence(settings, finder, unit, now)
+        found = dict.fromkeys((Cause.LINK, Cause.ENABLE, Cause.MOTOR_FAULT), text)
+    elif finder.unit is not None:
+        kind = finder.unit.device_type
+        found[Cause.ENABLE] = _enable_missing(unit, now) if kind in CONTROLLERS else ''
+        mini = kind == MINI_UNIVERSAL
+        found[Cause.MOTOR_FAULT] = _mini_faulted(unit, now) if mini else _motor_fault(unit)
+    foreign = joysticks.foreign(now)
+    if foreign:
+        found[Cause.FOREIGN_JOYSTICK] = joysticks.describe(foreign)
+    return {cause: text for cause, text in found.items() if text}
+
+
+def _silence(settings: Settings, finder: Finder, unit: Unit, now: float) -> str:
+    if finder.unit is None:
+        wanted = settings.device_pin or DEVICE_TYPES.get(settings.device_type, 'controller')
+        others = ', '.join(finder.devices)
+        hint = (
+            f'heard instead: {others}; set device_pin or device_type'
+            if others
+            else ("check the unit's power, CAN wiring and termination, 250 kbit/s, channel")
+        )
+        return f'no unit was found (wanted: {wanted}); {hint}'
+    name = finder.unit.pin
+    if finder.address is None:
+        return f'unit {name} has no address at present; it is asked to announce itself'
+    return f'unit {name} is silent: {unit.heard.describe(now)}; check its power and CAN wiring'
+
+
+def _enable_missing(unit: Unit, now: float) -> str:
+    outputs = unit.broadcast(DigitalOutputs, now)
+    if outputs is None:
+        return 'the enable input is not known: no digital outputs (type 83) come'
+    if Output.ENABLE not in outputs.outputs:
+        return 'the enable input is not asserted; check what the unit is enabled by'
+    return ''
+
+
+def _mini_faulted(unit: Unit, now: float) -> str:
+    mini = unit.broadcast(MiniOutputs, now)
+    if mini is None:
+        return 'faults are not known: no digital outputs (type 84) come'
+    if MiniOutput.DEVICE_FAULTED in mini.outputs:
+        return 'the unit reports device faulted; see its reference manual'
+    return ''
+
+
+def _motor_fault(unit: Unit) -> str:
+    if unit.faults is None:
+        return 'faults are not known: the fault status poll (type 02) has no answer'
+    faults = unit.faults.faults & MOTOR_FAULTS
+    if not faults:
+        return ''
+    return f'{", ".join(flag_names(faults))} fault; check that motor, its wiring, what blocks it'

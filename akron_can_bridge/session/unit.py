@@ -1,0 +1,126 @@
+"""What is known of the unit: its broadcasts while they are fresh, and its answers."""
+
+from __future__ import annotations
+
+from typing import TypeVar
+
+from akron_can_bridge.protocol import AsciiPipe
+from akron_can_bridge.protocol import ConfigVersion
+from akron_can_bridge.protocol import DiagnosticData
+from akron_can_bridge.protocol import DigitalInputs
+from akron_can_bridge.protocol import DigitalOutputs
+from akron_can_bridge.protocol import ElevationSoftLimits
+from akron_can_bridge.protocol import FaultStatus
+from akron_can_bridge.protocol import FirmwareVersion
+from akron_can_bridge.protocol import Message
+from akron_can_bridge.protocol import MiniOutputs
+from akron_can_bridge.protocol import PcodeVersion
+from akron_can_bridge.protocol import PositionLimit
+from akron_can_bridge.protocol import RotationSoftLimits
+from akron_can_bridge.protocol import VistaData
+from akron_can_bridge.protocol import VistaPosition
+from akron_can_bridge.session.events import LimitsChanged
+from akron_can_bridge.session.events import OutputsChanged
+from bridge_core.watchdog import Watchdog
+
+_BROADCASTS = (
+    *(PositionLimit, RotationSoftLimits, ElevationSoftLimits),
+    *(DigitalOutputs, MiniOutputs, DigitalInputs),
+)
+# Units of the bus rather than of the monitor: a riser's controller, an I/O module.
+NEIGHBOURS = (MiniOutputs, DigitalInputs)
+VERSIONS = (FirmwareVersion, PcodeVersion, ConfigVersion)
+_KEPT = (*VERSIONS, VistaData, VistaPosition, AsciiPipe, DiagnosticData)
+M = TypeVar('M', bound=Message)
+
+
+class _Broadcast:
+    """The newest message of one type. :param timeout: seconds for which it is fresh."""
+
+    def __init__(self, timeout: float) -> None:
+        self._heard = Watchdog(timeout)
+        self._message: Message | None = None
+        self._source = 0
+
+    def take(self, message: Message, source: int, now: float) -> None:
+        """Keep the message; of neighbours, that of the first while it is fresh."""
+        if isinstance(message, NEIGHBOURS) and source != self._source and self.get(now):
+            return
+        self._message, self._source = message, source
+        self._heard.feed(now)
+
+    def get(self, now: float) -> Message | None:
+        """Return it while it is fresh."""
+        return None if self._heard.expired(now) else self._message
+
+    def forget(self) -> None:
+        """Be as if it had never come."""
+        self._heard.reset()
+
+
+class Unit:
+    """
+    The state of one unit and of its neighbours.
+
+    :param timeout: seconds without a message of a type after which it says nothing any more.
+    """
+
+    def __init__(self, timeout: float) -> None:
+        self.heard = Watchdog(timeout)
+        self.faults: FaultStatus | None = None  # None: not known
+        self._broadcasts: dict[type[Message], _Broadcast] = {
+            kind: _Broadcast(timeout) for kind in _BROADCASTS
+        }
+        self._kept: dict[type[Message], Message] = {}
+
+    def take(self, message: Message, source: int, now: float) -> None:
+        """Keep what a message says."""
+        kind = type(message)
+        if kind in self._broadcasts:
+            self._broadcasts[kind].take(message, source, now)
+        elif kind in _KEPT:
+            self._kept[kind] = message
+
+    def broadcast(self, kind: type[M], now: float) -> M | None:
+        """Return the newest of a broadcast type; None while none is fresh."""
+        message = self._broadcasts[kind].get(now)
+        return message if isinstance(message, kind) else None
+
+    def kept(self, kind: type[M]) -> M | None:
+        """Return the last of a type that is sent once; None if it never came."""
+        message = self._kept.get(kind)
+        return message if isinstance(message, kind) else None
+
+    @property
+    def versions_known(self) -> bool:
+        """All three version polls were answered once."""
+        return all(kind in self._kept for kind in VERSIONS)
+
+    def limits(self, now: float) -> LimitsChanged:
+        """Return what is told of limits."""
+        return LimitsChanged(
+            self.broadcast(PositionLimit, now),
+            self.broadcast(RotationSoftLimits, now),
+            self.broadcast(ElevationSoftLimits, now),
+        )
+
+    def outputs(self, now: float) -> OutputsChanged:
+        """Return what is told of outputs and inputs."""
+        return OutputsChanged(
+            self.broadcast(DigitalOutputs, now),
+            self.broadcast(MiniOutputs, now),
+            self.broadcast(DigitalInputs, now),
+        )
+
+    def lost(self) -> None:
+        """Forget what a unit that is not heard may have changed meanwhile."""
+        self.faults = None
+        for kind in (VistaData, VistaPosition):
+            self._kept.pop(kind, None)
+
+    def forget(self) -> None:
+        """Be as if nothing had been heard, but for its versions."""
+        self.lost()
+        self.heard.reset()
+        for broadcast in self._broadcasts.values():
+            broadcast.forget()

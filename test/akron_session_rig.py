@@ -1,0 +1,130 @@
+"""What tests of the Akron session share: bytes by hand and from the manual, a session's time."""
+
+from __future__ import annotations
+
+from typing import Any
+from typing import TypeVar
+
+from akron_can_bridge.protocol import Axis
+from akron_can_bridge.protocol import BasicJoystick
+from akron_can_bridge.protocol import ExtendedJoystick
+from akron_can_bridge.protocol import Status
+from akron_can_bridge.session import Session
+from akron_can_bridge.session import Settings
+from bridge_core.j1939 import CanFrame
+from test.session_rig import SessionBench
+
+OURS, UNIT = 0x38, 0x80
+PIN = '1032AE100801035'
+SLOT = 0.02
+COMMAND_LIMIT, ESTOP_LIMIT, LINK_LIMIT = 0.15, 0.25, 0.3
+
+
+def ef(data: str, source: int = UNIT, destination: int = 0xFF) -> CanFrame:
+    """Return a message of PGN EF00."""
+    return CanFrame(0x18EF0000 | destination << 8 | source, bytes.fromhex(data))
+
+
+def name(data: str, source: int) -> CanFrame:
+    """Return a claimed address, PGN 60928."""
+    return CanFrame(0x18EEFF00 | source, bytes.fromhex(data))
+
+
+def joystick(data: str = '0100010000000000', source: int = 0x33, pgn: int = 0xFDD6) -> CanFrame:
+    """Return PGN 64982 or 64983; the default is neutral."""
+    return CanFrame(0x0C000000 | pgn << 8 | source, bytes.fromhex(data))
+
+
+# The manual's examples.
+ANNOUNCED = ef('FF83150226021A0B')
+NAME = name('0B1AC22800420090', UNIT)
+POSITION = ef('011D940371000041')
+OUTPUTS = ef('83C051')  # enable is asserted
+# By hand from them.
+OTHER_PIN = '1032AE100801036'
+OTHER_ANNOUNCED = ef('FF83150226021A0C', 0x81)
+NOT_ENABLED = ef('834051')
+OPERATIONAL_ERROR = ef('011D940371000045')
+NO_FAULTS = ef('02000000000000', destination=OURS)
+
+NEUTRAL = bytes.fromhex('0100010000000000')
+NO_TARGETS = bytes.fromhex('FFFFFFFFFFFF0000')
+MOVING = bytes.fromhex('107D046400100000')  # the manual's: 50 % right, 40 % back, switch 2
+REST = (BasicJoystick(Axis.of(0), Axis.of(0)), ExtendedJoystick())
+MOVE = (
+    BasicJoystick(Axis.of(500), Axis.of(-400), (Status.OFF, Status.ON, *(Status.OFF,) * 10)),
+    ExtendedJoystick(),
+)
+E = TypeVar('E')
+
+
+class Bench(SessionBench[Session]):
+    """A session at address 38 with everyone that it hears."""
+
+    def __init__(self, **options: Any) -> None:
+        super().__init__(Session(Settings(**options)))
+
+    def hear_unit(self) -> list[Any]:
+        """Hear what a sound unit broadcasts every 100 ms."""
+        return self.take(OUTPUTS, POSITION)
+
+    def find_unit(self) -> Bench:
+        """Open the port, find the unit, get its faults: no stop any more."""
+        self.open()
+        self.take(ANNOUNCED, OUTPUTS, NO_FAULTS)
+        return self
+
+    def command(self, command: tuple[Any, Any] = REST) -> list[Any]:
+        self.session.set_command(*command, self.now)
+        return self.poll()
+
+    def estop_in(self, value: bool) -> list[Any]:
+        self.session.set_estop(value, self.now)
+        return self.poll()
+
+    def run(
+        self,
+        seconds: float,
+        command: tuple[Any, Any] | None = None,
+        *,
+        estop: bool | None = False,
+        unit: bool = True,
+    ) -> list[Any]:
+        """Let all that keeps coming come every 20 ms; None: it does not."""
+        before = len(self.events)
+        for _ in range(round(seconds / SLOT)):
+            self.wait(SLOT)
+            if unit:
+                self.hear_unit()
+            if estop is not None:
+                self.estop_in(estop)
+            if command is not None:
+                self.command(command)
+        return self.events[before:]
+
+    def moving(self) -> Bench:
+        """Have the unit found and moved."""
+        self.find_unit()
+        self.run(0.1, REST)
+        self.run(0.1, MOVE)
+        assert self.joystick_frames()[-1] == MOVING
+        return self
+
+    def frames(self, identifier: int, since: float = 0.0) -> list[bytes]:
+        """Return the data of what was sent with this identifier."""
+        return [f.data for at, f in self.sent if at >= since and f.identifier == identifier]
+
+    def joystick_frames(self, since: float = 0.0, source: int = OURS) -> list[bytes]:
+        return self.frames(0x0CFDD600 | source, since)
+
+    def asked(self, since: float = 0.0, unit: int = UNIT) -> list[str]:
+        """Return what was sent to the unit on PGN EF00, in hexadecimal."""
+        return [data.hex().upper() for data in self.frames(0x18EF0000 | unit << 8 | OURS, since)]
+
+    def all_neutral(self, since: float) -> bool:
+        """Tell whether all joystick frames from a moment on are neutral, and there are some."""
+        return set(self.joystick_frames(since)) == {NEUTRAL}
+
+
+def of(kind: type[E], events: list[Any]) -> list[E]:
+    return [event for event in events if isinstance(event, kind)]

@@ -1,0 +1,391 @@
+"""What the Akron session sends as a joystick, and all that makes it neutral."""
+
+from collections.abc import Callable
+import itertools
+import random
+from typing import Any
+
+import pytest
+
+from akron_can_bridge.protocol import Axis
+from akron_can_bridge.protocol import ExtendedJoystick
+from akron_can_bridge.protocol import Status
+from akron_can_bridge.session import Stopped
+from bridge_core.j1939 import CanFrame
+from test.akron_session_rig import ANNOUNCED
+from test.akron_session_rig import Bench
+from test.akron_session_rig import COMMAND_LIMIT
+from test.akron_session_rig import ESTOP_LIMIT
+from test.akron_session_rig import joystick
+from test.akron_session_rig import LINK_LIMIT
+from test.akron_session_rig import MOVE
+from test.akron_session_rig import MOVING
+from test.akron_session_rig import NEUTRAL
+from test.akron_session_rig import NO_FAULTS
+from test.akron_session_rig import NO_TARGETS
+from test.akron_session_rig import NOT_ENABLED
+from test.akron_session_rig import OUTPUTS
+from test.akron_session_rig import POSITION
+from test.akron_session_rig import REST
+from test.akron_session_rig import SLOT
+
+GRIPS = (
+    MOVE[0],
+    ExtendedJoystick(
+        Axis.of(500), Axis.of(-400), switches=(*(Status.OFF,) * 2, Status.ON, Status.OFF)
+    ),
+)
+GRIPPING = bytes.fromhex('107D0464FFFF0004')  # the manual's
+
+
+def test_neutral_every_20_ms_from_the_opening_on_with_nobody_there() -> None:
+    bench = Bench()
+    bench.open()
+    bench.wait(1.0)
+    sent = [at for at, frame in bench.sent if frame.identifier == 0x0CFDD638]
+    assert len(sent) == 51
+    assert sent[0] == 100.0
+    assert all(abs(b - a - SLOT) < 1e-9 for a, b in itertools.pairwise(sent))
+    assert set(bench.joystick_frames()) == {NEUTRAL}
+
+
+def test_closed_port_gets_no_frame() -> None:
+    bench = Bench().moving()
+    bench.close()
+    bench.sent.clear()
+    bench.run(0.1, MOVE)
+    assert bench.sent == []
+    assert bench.session.farewell(bench.now) == []
+
+
+@pytest.mark.parametrize('address', range(0x33, 0x39))
+def test_command_becomes_the_manuals_frame_from_every_address(address: int) -> None:
+    bench = Bench(source_address=address)
+    bench.open()
+    bench.take(ANNOUNCED, OUTPUTS, CanFrame(0x18EF0080 | address << 8, NO_FAULTS.data))
+    bench.run(0.1, REST)
+    bench.run(0.1, MOVE)
+    assert bench.joystick_frames(source=address)[-1] == MOVING
+
+
+def test_command_goes_with_the_slots_not_with_its_own_rate() -> None:
+    bench = Bench().moving()
+    start = bench.now
+    for _ in range(100):
+        bench.now += 0.001
+        bench.command(MOVE)
+        bench.wait(0.0)
+    assert len(bench.joystick_frames(start + 1e-9)) == 5
+
+
+def test_held_stick_does_not_start_before_it_was_neutral_once() -> None:
+    bench = Bench().find_unit()
+    bench.run(1.0, MOVE)
+    assert bench.all_neutral(0.0)
+    assert bench.session.inhibits(bench.now) == ['the command must be neutral once']
+    bench.run(SLOT, REST)
+    bench.run(0.1, MOVE)
+    assert bench.joystick_frames()[-1] == MOVING
+    assert bench.session.inhibits(bench.now) == []
+
+
+def test_neutral_heard_during_a_stop_does_not_count() -> None:
+    bench = Bench().find_unit()
+    bench.run(0.2, REST, estop=True)
+    bench.run(0.2, MOVE)
+    assert bench.all_neutral(0.0)
+
+
+def test_stale_command_is_neutral_at_its_limit_and_for_ever() -> None:
+    bench = Bench().moving()
+    start = bench.now
+    bench.run(COMMAND_LIMIT - 0.03)
+    assert set(bench.joystick_frames(start + 1e-9)) == {MOVING}
+    bench.wait(0.03 + 1e-6)
+    assert bench.now == pytest.approx(start + COMMAND_LIMIT)
+    assert bench.sent[-1][1].data == NEUTRAL
+    assert bench.sent[-1][0] == pytest.approx(bench.now)
+    bench.run(2.0)
+    assert bench.all_neutral(start + COMMAND_LIMIT - 1e-9)
+    assert len(bench.joystick_frames(start + COMMAND_LIMIT)) >= 100  # never silence
+    assert 'command is stale' in bench.session.inhibits(bench.now)[0]
+
+
+def test_command_that_comes_back_after_a_gap_needs_neutral() -> None:
+    bench = Bench().moving()
+    bench.run(0.2)
+    start = bench.now
+    bench.run(0.5, MOVE)
+    assert bench.all_neutral(start + 1e-9)
+    bench.run(SLOT, REST)
+    bench.run(SLOT * 2, MOVE)
+    assert bench.joystick_frames()[-1] == MOVING
+
+
+def test_estop_is_neutral_at_once_and_repeats() -> None:
+    bench = Bench().moving()
+    bench.now += 0.001  # within a slot
+    start = bench.now
+    events = bench.estop_in(True)
+    assert bench.sent[-1] == (start, CanFrame(0x0CFDD638, NEUTRAL))
+    assert events == [Stopped(('e-stop input is true',))]
+    bench.run(1.0, MOVE, estop=True)
+    assert bench.all_neutral(start)
+    assert len(bench.joystick_frames(start)) >= 50
+
+
+def test_stop_and_release_before_the_next_poll_is_a_stop() -> None:
+    bench = Bench().moving()
+    bench.session.set_estop(True, bench.now)
+    bench.session.set_estop(False, bench.now)
+    start = bench.now + 1e-9
+    bench.run(0.2, MOVE)
+    assert bench.all_neutral(start)
+
+
+def test_commands_held_during_a_stop_do_not_execute_at_its_release() -> None:
+    bench = Bench().moving()
+    bench.run(0.5, MOVE, estop=True)
+    start = bench.now
+    bench.run(1.0, MOVE)
+    assert bench.all_neutral(start + 1e-9)
+
+
+def test_estop_input_that_falls_silent_is_a_stop_at_its_limit() -> None:
+    bench = Bench().moving()
+    start = bench.now
+    bench.run(ESTOP_LIMIT - 0.03, MOVE, estop=None)
+    assert set(bench.joystick_frames(start + 1e-9)) == {MOVING}
+    bench.wait(0.03 + 1e-6)
+    assert bench.sent[-1][1].data == NEUTRAL
+    bench.run(0.5, MOVE, estop=None)
+    assert bench.all_neutral(start + ESTOP_LIMIT - 1e-9)
+    assert 'e-stop input is stale' in bench.session.inhibits(bench.now)[0]
+
+
+def test_estop_input_never_heard_is_a_stop() -> None:
+    bench = Bench().find_unit()
+    bench.run(0.2, REST, estop=None)
+    bench.run(0.2, MOVE, estop=None)
+    assert bench.all_neutral(0.0)
+
+
+def test_silent_unit_gets_neutral() -> None:
+    bench = Bench().moving()
+    start = bench.now
+    bench.run(LINK_LIMIT + SLOT, MOVE, unit=False)
+    assert bench.session.estop
+    bench.run(0.5, MOVE)
+    assert bench.all_neutral(start + LINK_LIMIT)
+
+
+def test_lost_enable_gets_neutral_though_it_comes_back_in_the_same_read() -> None:
+    bench = Bench().moving()
+    start = bench.now
+    bench.take(NOT_ENABLED, OUTPUTS)
+    assert not bench.session.estop
+    assert bench.sent[-1] == (start, CanFrame(0x0CFDD638, NEUTRAL))
+    bench.run(0.2, MOVE)
+    assert bench.all_neutral(start + 1e-9)
+
+
+def test_refused_command_is_neutral_at_once() -> None:
+    bench = Bench().moving()
+    start = bench.now
+    bench.session.refuse_command('axis 0 is nan', bench.now)
+    bench.poll()
+    assert bench.sent[-1] == (start, CanFrame(0x0CFDD638, NEUTRAL))
+    assert bench.session.inhibits(bench.now)[0] == 'command refused: axis 0 is nan'
+    bench.run(0.2, MOVE)
+    assert bench.all_neutral(start + 1e-9)
+    assert bench.session.drive.refused == 1
+
+
+def test_frozen_process_does_not_go_on_with_what_it_wanted() -> None:
+    bench = Bench().moving()
+    bench.now += 1.0  # nobody called in between
+    start = bench.now
+    bench.session.set_command(*MOVE, bench.now)
+    bench.session.set_estop(False, bench.now)
+    bench.hear_unit()
+    bench.run(0.5, MOVE)
+    assert bench.all_neutral(start)
+
+
+def test_farewell_is_neutral_several_times() -> None:
+    bench = Bench().moving()
+    frames = bench.session.farewell(bench.now)
+    assert frames == [CanFrame(0x0CFDD638, NEUTRAL)] * 3
+
+
+# -- extended -------------------------------------------------------------------------------------
+
+
+def test_extended_is_silent_unless_asked_for() -> None:
+    bench = Bench().find_unit()
+    bench.run(0.2, REST)
+    assert bench.frames(0x0CFDD738) == []
+
+
+def test_extended_carries_targets_and_switches_as_in_the_manual() -> None:
+    bench = Bench(extended=True).find_unit()
+    bench.run(0.1, REST)
+    assert set(bench.frames(0x0CFDD738)) == {NO_TARGETS}
+    bench.run(0.1, GRIPS)
+    assert bench.frames(0x0CFDD738)[-1] == GRIPPING
+    assert bench.joystick_frames()[-1] == MOVING
+
+
+def test_stop_leaves_no_target_to_travel_to() -> None:
+    bench = Bench(extended=True).find_unit()
+    bench.run(0.1, REST)
+    bench.run(0.1, GRIPS)
+    bench.estop_in(True)
+    assert bench.frames(0x0CFDD738)[-1] == NO_TARGETS
+    # Nor does a target count as neutral afterwards, not even one of 0.
+    start = bench.now
+    bench.run(0.2, (REST[0], ExtendedJoystick(grip_x=Axis.of(0))))
+    assert set(bench.frames(0x0CFDD738, start + 1e-9)) == {NO_TARGETS}
+    assert bench.session.farewell(bench.now)[:2] == [
+        CanFrame(0x0CFDD638, NEUTRAL),
+        CanFrame(0x0CFDD738, NO_TARGETS),
+    ]
+
+
+# -- SOE permission -------------------------------------------------------------------------------
+
+A1 = 0x18EF8038
+
+
+def permissions(bench: Bench, since: float = 0.0) -> list[str]:
+    return [data.hex().upper() for data in bench.frames(A1, since) if data[0] == 0xA1]
+
+
+def test_no_permission_is_sent_unless_asked_for() -> None:
+    bench = Bench().moving()
+    assert permissions(bench) == []
+
+
+def test_permission_every_100_ms_to_the_unit_alone() -> None:
+    bench = Bench(soe_permissive=True)
+    bench.open()
+    bench.wait(0.5)
+    assert permissions(bench) == []
+    bench.take(ANNOUNCED, OUTPUTS, NO_FAULTS)
+    assert permissions(bench) == ['A10000']  # no e-stop input yet
+    bench.run(1.0, REST)
+    times = [at for at, frame in bench.sent if frame.identifier == A1 and frame.data[0] == 0xA1]
+    assert permissions(bench)[2:] == ['A1000F'] * (len(times) - 2)
+    assert all(b - a <= 0.1 + SLOT for a, b in itertools.pairwise(times))
+    assert 10 <= len(times) <= 13
+
+
+def test_permission_ends_with_a_stop_at_once_and_comes_back_without_motion() -> None:
+    bench = Bench(soe_permissive=True).moving()
+    start = bench.now
+    bench.estop_in(True)
+    assert permissions(bench, start) == ['A10000']
+    bench.run(0.5, MOVE, estop=True)
+    assert set(permissions(bench, start)) == {'A10000'}
+    assert len(permissions(bench, start)) >= 5
+    start = bench.now + 1e-9
+    bench.run(0.3, MOVE)
+    assert permissions(bench, start)[-1] == 'A1000F'
+    assert bench.all_neutral(start)
+
+
+def test_permission_does_not_wait_for_a_command() -> None:
+    bench = Bench(soe_permissive=True).find_unit()
+    bench.run(0.3)
+    assert permissions(bench)[-1] == 'A1000F'
+
+
+def test_missing_permission_is_no_stop() -> None:
+    bench = Bench().find_unit()
+    soe_active = CanFrame(OUTPUTS.identifier, bytes.fromhex('83C851'))
+    bench.take(soe_active)
+    assert not bench.session.estop
+    assert not bench.session.own_estop
+
+
+def test_permission_of_a_stale_estop_input_ends_without_spinning() -> None:
+    bench = Bench(soe_permissive=True).find_unit()
+    bench.run(0.3)
+    start = bench.now
+    bench.wait(ESTOP_LIMIT)
+    assert permissions(bench, start)[-1] == 'A10000'
+    bench.wait(5.0)  # SessionBench sees to it that this takes few steps
+
+
+def test_farewell_takes_the_permission_away() -> None:
+    bench = Bench(soe_permissive=True).moving()
+    frames = bench.session.farewell(bench.now)
+    assert frames[:2] == [CanFrame(0x0CFDD638, NEUTRAL), CanFrame(A1, bytes.fromhex('A10000'))]
+    assert len(frames) == 6
+
+
+# -- chance ---------------------------------------------------------------------------------------
+
+
+def play(seed: int) -> int:
+    """
+    Play at random; return how many frames moved the unit.
+
+    The oracle: what was heard last, and what went wrong since the last neutral command.
+    """
+    dice = random.Random(seed)
+    bench = Bench(extended=dice.random() < 0.5, soe_permissive=dice.random() < 0.5).find_unit()
+    heard = {'estop': -9.0, 'command': -9.0, 'unit': -9.0}
+    clear = False
+    wrong_at, neutral_at, moved = 0.0, -9.0, 0
+
+    def step(*names: str) -> None:
+        for name in names:
+            heard[name] = bench.now
+
+    for _ in range(1500):
+        before = len(bench.sent)
+        action = dice.choices(range(9), (30, 30, 30, 4, 1, 1, 1, 1, 8))[0]
+        if action == 0:
+            bench.take(OUTPUTS)
+            step('unit')
+        elif action == 1:
+            bench.estop_in(False)
+            clear = True
+            step('estop')
+        elif action == 2:
+            bench.command(MOVE)
+            step('command')
+        elif action == 3:
+            bench.command(REST)
+            neutral_at = bench.now
+            step('command')
+        elif action == 8:
+            bench.take(POSITION, NO_FAULTS)
+            step('unit')
+        else:
+            wrong_at = bench.now
+            actions: dict[int, Callable[[], Any]] = {
+                4: lambda: bench.estop_in(True),
+                5: lambda: bench.session.refuse_command('nonsense', bench.now),
+                6: lambda: bench.take(NOT_ENABLED),
+                7: lambda: bench.take(joystick()),
+            }
+            actions[action]()
+            clear = clear and action != 4
+        bench.wait(dice.choice((0.0, 0.005, 0.01, 0.05, 0.2)))
+        for at, frame in bench.sent[before:]:
+            if frame.identifier != 0x0CFDD638 or frame.data == NEUTRAL:
+                continue
+            moved += 1
+            assert frame.data == MOVING
+            assert clear
+            assert at - heard['estop'] < ESTOP_LIMIT
+            assert at - heard['command'] < COMMAND_LIMIT
+            assert at - heard['unit'] < LINK_LIMIT
+            assert neutral_at >= wrong_at
+    return moved
+
+
+def test_motion_goes_out_only_while_all_conditions_hold() -> None:
+    assert sum(play(seed) for seed in range(30)) > 100  # and then it does

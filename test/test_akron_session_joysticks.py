@@ -1,0 +1,184 @@
+"""Other joysticks on the bus: foreign ones that are a stop, and the one that is an operator."""
+
+import pytest
+
+from akron_can_bridge.session import Sticks
+from akron_can_bridge.session import StopChanged
+from test.akron_session_rig import Bench
+from test.akron_session_rig import joystick
+from test.akron_session_rig import MOVE
+from test.akron_session_rig import of
+from test.akron_session_rig import OURS
+from test.akron_session_rig import REST
+
+# The manual's examples: 50 % right, 40 % back, switch 2; grips alike, switch 15, no theta.
+BASIC, EXTENDED = '107D046400100000', '107D0464FFFF0004'
+HOLD = 1.0
+
+
+def heard(bench: Bench, data: str = BASIC, source: int = 0x33, pgn: int = 0xFDD6) -> list[Sticks]:
+    return of(Sticks, bench.take(joystick(data, source, pgn)))
+
+
+def held(**switches: bool) -> tuple[bool, ...]:
+    """Return 16 switches of which these are on, such as s2."""
+    return tuple(switches.get(f's{number}', False) for number in range(1, 17))
+
+
+# -- foreign --------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize('source', [*range(0x33, 0x38), OURS])
+@pytest.mark.parametrize('pgn', [0xFDD6, 0xFDD7])
+def test_any_other_sender_is_a_stop_even_at_rest(source: int, pgn: int) -> None:
+    bench = Bench().moving()
+    start = bench.now
+    events = bench.take(joystick(source=source, pgn=pgn))
+    assert StopChanged(True, True, True) in events
+    (reason,) = bench.session.stop_reasons(bench.now)
+    assert f'address {source:02X}, frame 0C{pgn:04X}{source:02X}' in reason
+    bench.run(0.2, MOVE)
+    assert bench.all_neutral(start + 1e-9)
+
+
+@pytest.mark.parametrize('pgn', [0xFDD6, 0xFDD7])
+def test_the_trap_of_the_vsc_is_called_by_its_name(pgn: int) -> None:
+    bench = Bench().find_unit()
+    bench.take(joystick(source=0x33, pgn=pgn))
+    (reason,) = bench.session.stop_reasons(bench.now)
+    assert 'drives the unit past the mux' in reason
+    assert "a FORT VSC's left joystick" in reason
+    assert 'bus of its own' in reason
+
+
+def test_somebody_at_our_own_address_is_told_as_such() -> None:
+    bench = Bench().find_unit()
+    bench.take(joystick(source=OURS))
+    assert 'another sender uses our own source_address' in bench.session.stop_reasons(bench.now)[0]
+
+
+def test_stop_lasts_while_it_is_heard_and_ends_after() -> None:
+    bench = Bench().find_unit()
+    bench.run(0.1)
+    for _ in range(20):
+        bench.take(joystick())
+        bench.run(0.1)
+        assert bench.session.estop
+    bench.run(HOLD - 0.2)
+    assert bench.session.estop
+    bench.run(0.2)
+    assert not bench.session.estop
+
+
+def test_senders_that_no_unit_obeys_are_none_of_our_business() -> None:
+    bench = Bench().find_unit()
+    for source in (0x32, 0x39, 0x80, 0xFE):
+        bench.take(joystick(source=source))
+    # The VSC's right joystick has PGNs of its own.
+    bench.take(joystick(source=0x34, pgn=0xFDD8))
+    assert not bench.session.estop
+
+
+def test_any_priority_is_the_same_joystick() -> None:
+    bench = Bench().find_unit()
+    frame = joystick()
+    bench.take(type(frame)(frame.identifier & 0x03FFFFFF | 7 << 26, frame.data))
+    assert '1CFDD633' in bench.session.stop_reasons(bench.now)[0]
+
+
+def test_allowed_joystick_is_no_stop() -> None:
+    bench = Bench(allowed_joysticks=frozenset({0x33})).find_unit()
+    bench.take(joystick())
+    assert not bench.session.estop
+    bench.take(joystick(source=0x34))
+    assert bench.session.estop
+    assert bench.session.joysticks.present(bench.now) == {0x33: 'allowed', 0x34: 'foreign'}
+
+
+# -- the operator ---------------------------------------------------------------------------------
+
+
+def test_joy_source_is_told_and_foreign_all_the_same_unless_it_is_allowed() -> None:
+    bench = Bench(joy_source=0x33).find_unit()
+    assert heard(bench) == [Sticks((500, -400, 0, 0, 0), held(s2=True))]
+    assert bench.session.estop
+    allowed = Bench(joy_source=0x33, allowed_joysticks=frozenset({0x33})).find_unit()
+    assert heard(allowed) == [Sticks((500, -400, 0, 0, 0), held(s2=True))]
+    assert not allowed.session.estop
+
+
+def test_no_joystick_is_told_without_joy_source() -> None:
+    bench = Bench().find_unit()
+    assert heard(bench) == []
+
+
+def test_extended_goes_with_the_next_basic_while_it_is_fresh() -> None:
+    bench = Bench(joy_source=0x33).find_unit()
+    assert heard(bench, EXTENDED, pgn=0xFDD7) == []
+    (sticks,) = heard(bench)
+    assert sticks == Sticks((500, -400, 500, -400, 0), held(s2=True, s15=True))
+    bench.wait(0.2)
+    (sticks,) = heard(bench)
+    assert sticks == Sticks((500, -400, 0, 0, 0), held(s2=True))
+
+
+def test_silent_joystick_gives_one_neutral_after_the_manuals_200_ms() -> None:
+    bench = Bench(joy_source=0x33).find_unit()
+    heard(bench)
+    assert of(Sticks, bench.wait(0.199)) == []
+    assert of(Sticks, bench.wait(0.002)) == [Sticks()]
+    assert of(Sticks, bench.wait(5.0)) == []
+
+
+def test_closed_port_gives_one_neutral() -> None:
+    bench = Bench(joy_source=0x33).find_unit()
+    heard(bench)
+    assert of(Sticks, bench.close()) == [Sticks()]
+
+
+FAULTY = [
+    ('127D046400100000', 'x error'),  # a neutral status of 10
+    ('147D046400100000', 'x error'),  # right and left at once: neither is believed
+    ('FFFF046400100000', 'x not available'),
+    ('107D066400100000', 'y error'),
+    ('107D046400200000', 'switch 2 error'),
+    ('107D046400100002', 'switch 12 error'),
+]
+
+
+@pytest.mark.parametrize(('data', 'text'), FAULTY)
+def test_broken_control_makes_all_neutral_unless_tolerated(data: str, text: str) -> None:
+    bench = Bench(joy_source=0x33).find_unit()
+    assert heard(bench, data) == [Sticks(faulty=(text,))]
+    assert list(bench.session.joysticks.faulty) == [text]
+    tolerant = Bench(joy_source=0x33, tolerate_faulty_axes=True).find_unit()
+    (sticks,) = heard(tolerant, data)
+    assert sticks.faulty == (text,)
+    assert any(sticks.axes) or any(sticks.switches)
+    heard(bench, BASIC)
+    assert list(bench.session.joysticks.faulty) == []
+
+
+def test_switches_and_grips_that_are_not_fitted_are_no_fault() -> None:
+    bench = Bench(joy_source=0x33).find_unit()
+    # As a VSC sends them: bytes 5, 7 and 8 are FF.
+    (sticks,) = heard(bench, '107D0464FF10FFFF')
+    assert sticks == Sticks((500, -400, 0, 0, 0), held(s2=True))
+    heard(bench, 'FFFFFFFFFFFFFFFF', pgn=0xFDD7)
+    (sticks,) = heard(bench)
+    assert sticks.faulty == ()
+
+
+def test_broken_grip_is_a_fault() -> None:
+    bench = Bench(joy_source=0x33).find_unit()
+    heard(bench, '127D0464FFFF0004', pgn=0xFDD7)
+    (sticks,) = heard(bench)
+    assert sticks.faulty == ('grip_x error',)
+
+
+def test_bus_joystick_does_not_command_by_itself() -> None:
+    bench = Bench(joy_source=0x33, allowed_joysticks=frozenset({0x33})).find_unit()
+    for _ in range(50):
+        heard(bench)
+        bench.run(0.02, REST)
+    assert bench.all_neutral(0.0)
