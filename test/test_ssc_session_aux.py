@@ -205,7 +205,10 @@ def test_stop_undoes_what_was_set(cause: str) -> None:
         rig.tick(20)
         frames = rig.payloads(21)
     # Levels as after power-on; the free running pulses end; the one-shot is not triggered again.
-    assert frames == [bytes.fromhex('84 10 0000')]
+    assert frames
+    assert set(frames) == {bytes.fromhex('84 10 0000')}
+    if cause != 'farewell':
+        assert len(frames) == 3  # one may be lost
 
 
 def test_requests_during_a_stop_are_refused_and_nothing_comes_after() -> None:
@@ -246,6 +249,25 @@ def test_what_a_dead_line_kept_from_being_undone_is_undone_when_it_is_back() -> 
     rig.sent.clear()
     rig.tick(40)
     assert bytes.fromhex('84 10 0000') in rig.payloads(21)
+
+
+def test_request_after_a_stop_is_not_undone_by_it() -> None:
+    rig = aux_rig()
+    set_all(rig)
+    rig.do(lambda session, now: session.set_estop(True, now))
+    rig.tick()
+    rig.do(level(4, True))
+    rig.tick(20)
+    assert rig.payloads(21)[-1] == b'\x8c\0'
+
+
+def test_stop_leaves_digital_outputs_alone_that_nobody_set() -> None:
+    rig = aux_rig()
+    rig.do(pulse(5, 0.001))
+    rig.sent.clear()
+    rig.estop = True
+    rig.tick(20)
+    assert set(rig.payloads(21)) == {bytes.fromhex('00 10 0000')}
 
 
 def test_stop_without_anything_set_sends_nothing() -> None:

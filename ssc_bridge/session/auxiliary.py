@@ -6,6 +6,7 @@ from collections.abc import Mapping
 import math
 from typing import TypeVar
 
+from bridge_core.session import Pacer
 from ssc_bridge.protocol import AUX_CHANNELS
 from ssc_bridge.protocol import AuxFunction
 from ssc_bridge.protocol import AuxInputs
@@ -18,6 +19,8 @@ from ssc_bridge.protocol import PulseOutput
 from ssc_bridge.session.events import AuxChannel
 from ssc_bridge.session.events import AuxReading
 
+UNDO_FRAMES = 3  # one may be lost, or find the line busy
+_UNDO_PERIOD = 0.05  # s
 _T = TypeVar('_T', DigitalOutput, PulseOutput)
 
 
@@ -84,6 +87,9 @@ class AuxOutputBook:
         self._seen: tuple[bool, ...] = ()  # of the pins, as told last
         self._pulsing: set[int] = set()  # free running outputs that we have set
         self._queue: list[AuxOutputs] = []
+        self._undo = AuxOutputs()
+        self._undos = Pacer(_UNDO_PERIOD)
+        self._undos_left = 0
 
     def configure(self, functions: tuple[AuxFunction, ...]) -> None:
         """Take what the channels are; what waits is not sent, and the pins have to tell anew."""
@@ -102,14 +108,12 @@ class AuxOutputBook:
         """Set a digital output, 1 to 6. :raises ValueError: it is none."""
         place, _ = self._output(number, DigitalOutput)
         self._levels[place] = high
-        self._queue.append(AuxOutputs(levels=self._all_levels()))
+        self._ask(AuxOutputs(levels=self._all_levels()))
 
     def set_pulse(self, number: int, seconds: float) -> None:
         """Set the pulse time of an output, 1 to 6; starts a one-shot pulse. Else ValueError."""
         place, output = self._output(number, PulseOutput)
-        self._queue.append(
-            AuxOutputs(counts=_at({place: counts_of(seconds, output.time_base_us)}))
-        )
+        self._ask(AuxOutputs(counts=_at({place: counts_of(seconds, output.time_base_us)})))
         if not output.one_shot:
             self._pulsing.add(place)
 
@@ -119,24 +123,40 @@ class AuxOutputBook:
         if output.one_shot:
             raise ValueError(f'aux {number} is {output.text}: one shot has no period')
         counts = _at({place: counts_of(seconds, output.time_base_us)})
-        self._queue.append(AuxOutputs(counts=counts, period=True))
+        self._ask(AuxOutputs(counts=counts, period=True))
 
-    def stop(self) -> None:
+    def stop(self, now: float) -> None:
         """Undo all that was ever set: levels as after power-on, no pulses; drop what waits."""
         self._queue.clear()
-        if self._levels or self._pulsing:
-            self._levels = {
-                place: function.initially_high
-                for place, function in enumerate(self._functions)
-                if isinstance(function, DigitalOutput)
-            }
-            counts = _at(dict.fromkeys(self._pulsing, 0))
-            self._queue.append(AuxOutputs(levels=self._all_levels(), counts=counts))
+        if not (self._levels or self._pulsing):
+            return
+        for place in self._levels:
+            function = self._functions[place]
+            self._levels[place] = isinstance(function, DigitalOutput) and function.initially_high
+        levels = self._all_levels() if self._levels else None
+        self._undo = AuxOutputs(levels, _at(dict.fromkeys(self._pulsing, 0)))
+        self._undos.start(now)
+        self._undos_left = UNDO_FRAMES
 
-    def take(self) -> list[bytes]:
+    def take(self, now: float) -> list[bytes]:
         """Return and forget the messages to be sent."""
         queue, self._queue = self._queue, []
+        if self._undos.is_due(now):
+            queue.append(self._undo)
+            self._undos.sent(now)
+            self._undos_left -= 1
+            if not self._undos_left:
+                self._undos.stop()
         return [message.to_bytes() for message in queue]
+
+    @property
+    def deadline(self) -> float:
+        """When take has something by itself; infinite if never."""
+        return self._undos.due
+
+    def _ask(self, message: AuxOutputs) -> None:
+        self._queue.append(message)
+        self._undos.stop()  # what is asked for now must not be undone
 
     def _all_levels(self) -> tuple[bool, ...]:
         """Return every digital output's level: as set, else as seen, else as after power-on."""

@@ -146,7 +146,9 @@ class Session:
         if not self._open:
             return math.inf
         due = [self._poller.deadline(self._wanted()), self._parser.deadline]
-        due += [self._lockout.deadline, self.outputs.deadline()]
+        due.append(self._lockout.deadline)
+        if self.configuration is not None:
+            due += [self.outputs.deadline(), self._aux_outputs.deadline]
         if self.link_up:
             due.append(self._status_heard.deadline)
         if self._stream.streaming:
@@ -157,7 +159,7 @@ class Session:
 
     def farewell(self, now: float) -> list[bytes]:
         """Return what brings every output to its failsafe, as nobody will command any more."""
-        self._stop(['the node leaves'])
+        self._stop(['the node leaves'], now)
         # As often as releases are sent: one may be lost.
         return [
             frame
@@ -372,7 +374,7 @@ class Session:
         self._aux_inputs.configure(configuration.aux)
         self._aux_outputs.configure(configuration.aux)
         if not self.settings.keep_aux_outputs:
-            self._aux_outputs.stop()
+            self._aux_outputs.stop(now)
         self._rejudge()
         self._events.append(ConfigurationRead(configuration))
 
@@ -456,7 +458,7 @@ class Session:
         self._refresh_sticks(now)
         reasons = self.inhibits(now)
         if reasons:
-            self._stop(reasons)
+            self._stop(reasons, now)
         else:
             self._stopped = False
             self._tell_failsafe(self.outputs.expire(now), ['the command is stale'])
@@ -469,11 +471,11 @@ class Session:
             self.faulty = ()
             self._events.append(neutral(self.settings))
 
-    def _stop(self, reasons: Sequence[str]) -> None:
+    def _stop(self, reasons: Sequence[str], now: float) -> None:
         """Have every output at its failsafe; what was asked is forgotten."""
         self._tell_failsafe(self.outputs.forget(), reasons)
         if not (self._stopped or self.settings.keep_aux_outputs):
-            self._aux_outputs.stop()
+            self._aux_outputs.stop(now)
         self._stopped = True
 
     def _tell_failsafe(self, names: Sequence[str], reasons: Sequence[str]) -> None:
@@ -494,4 +496,4 @@ class Session:
         if self.configuration is None:
             return []
         pulses = self.outputs.frames(now, self.configuration.outputs, at_once=at_once)
-        return pulses + self._aux_outputs.take()
+        return pulses + self._aux_outputs.take(now)
