@@ -52,6 +52,7 @@ from bridge_core.j1939 import CanFrame
 from bridge_core.j1939 import J1939Id
 
 VECTORS = json.loads((Path(__file__).parent / 'vectors' / 'akron.json').read_text())['frames']
+GOLDEN = {vector['is']: (vector['id'], vector['data']) for vector in VECTORS}
 
 
 def frame_of(identifier: str, data: str) -> CanFrame:

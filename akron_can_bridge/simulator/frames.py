@@ -36,8 +36,10 @@ def build_deflection(value: int, status: int = ON) -> bytes:
     """
     Return two bytes of a joystick message. :param value: -1023 to 1023 in 0.1 %.
 
-    :param status: what stands where the direction is on; ERROR and ABSENT spoil all three.
+    :param status: ON, or ERROR in all three statuses, or ABSENT: nothing but ones.
     """
+    if status == ABSENT:
+        return b'\xff\xff'
     signs = (value > 0, value < 0, value == 0)
     statuses = ''.join(number(status if sign or status != ON else OFF, 2) for sign in signs)
     return bits(number(abs(value) & 3, 2) + statuses) + bytes((abs(value) >> 2,))

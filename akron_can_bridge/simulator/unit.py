@@ -143,7 +143,8 @@ class Simulator:
         if self._out:
             return self._now
         moving = self._now + _MOVING if self.motion.moving else math.inf
-        return min(self.claim.deadline(), self._due, moving)
+        due = self._due if self.claim.has(self._now) else math.inf
+        return min(self.claim.deadline(), due, moving)
 
     @property
     def address(self) -> int:
