@@ -1,10 +1,11 @@
 """
 What ``ssc_config`` does in the menus: read the image, or write one, and say how the unit stands.
 
-Two things are dangerous there. The menus obey single keys, and the hex digits E and C are keys: an
-image that goes on after the unit has stopped listening would erase the memory. So digits go one at
-a time, and the first word of the unit ends them. And the entry string, sent once too often, walks
-through the menus (c, i): so it waits longer for an answer than a unit needs for one.
+The menus obey single keys. The hex digit E is the key that erases: digits that go on after the
+unit has stopped listening would do that. So they go one at a time, and the first word of the unit
+ends them. The entry string, sent once too often, walks through the menus (c, i): so there is a
+second between two of them. And whatever a key may have become on the way, a restore ends with a
+restart of the unit and a look at what it has stored.
 """
 
 from __future__ import annotations
@@ -36,7 +37,8 @@ _PROBE = 0.7  # seconds for a menu that may be open already
 _PRINT = 3.0  # seconds for an image, or for a verdict on one
 _REST = 0.3  # seconds, for the end of a sentence
 _WALK = 8  # keys from any menu to any other
-_ENTER = '\r'  # what a terminal sends at the end of a line
+_REDRAW = b'R'  # in any menu (3)
+_ENTER = b'\r'  # what a terminal sends at the end of a line; goes on where any key does
 
 POWER_CYCLE = (
     'Switch the SSC off and on now. In configuration mode it drives no servos: make sure that '
@@ -56,6 +58,11 @@ class Standing(Enum):
         'The SSC was told to save the image, and nobody saw whether it did: it may have the old '
         'configuration stored, the new one or a damaged one. Do not rely on it: restore again.'
     )
+    GARBLED = (
+        'The SSC did not print its image when it was told to. If that key was garbled on the way, '
+        'E for D, it has erased what it had stored: switch it off and on, then dump and compare, '
+        'and restore if it drives nothing.'
+    )
     SPOILT = (
         'The SSC has stored neither the new image nor the one before. Do not rely on it: restore '
         'again.'
@@ -63,17 +70,14 @@ class Standing(Enum):
     STORED = 'The SSC has the new image stored; it was read back after a restart.'
 
 
-_IN_MENUS = (
-    ' It was in configuration mode when last heard, and drives no servos there: switch it off '
-    'and on.'
-)
+_IN_MENUS = ' It may be in configuration mode and drives no servos there: switch it off and on.'
 
 
 class Maintenance:
     """
     One unit under maintenance; run one script of it in a Dialogue.
 
-    :ivar standing: what it holds. :ivar in_menus: it is in configuration mode.
+    :ivar standing: what it holds. :ivar in_menus: it may be in configuration mode.
     :ivar image: what it held at first; None until that was read.
     """
 
@@ -81,6 +85,7 @@ class Maintenance:
         self.standing = Standing.UNCHANGED
         self.in_menus = False
         self.image: Image | None = None
+        self._seen_menus = False  # a menu has shown since it was last told to leave them
 
     @property
     def how_it_stands(self) -> str:
@@ -89,12 +94,8 @@ class Maintenance:
 
     def dump(self) -> Script[Image]:
         """Read the image. :raises MenuError: could not."""
-        try:
-            image = yield from self._read_first()
-        except MenuError as error:
-            yield from self._give_up(error)
-            raise
-        yield from self._leave()
+        image = yield from self._read_first()
+        yield from self._finish()
         return image
 
     def restore(self, image: Image) -> Script[Image]:
@@ -103,68 +104,117 @@ class Maintenance:
 
         :raises MenuError: it failed; ``standing`` says what the unit holds then.
         """
-        try:
-            before = yield from self._read_first()
-            _check_kind(image, before)
-        except MenuError as error:
-            yield from self._give_up(error)
-            raise
+        before = yield from self._read_first(like=image)
         failure: MenuError | None = None
         try:
             yield from self._load(image)
             yield from self._save()
         except MenuError as error:
             failure = error
-        yield from self._judge(image, before, failure)
+        try:
+            yield from self._judge(image, before)
+        except MenuError as error:
+            raise MenuError(f'{failure}; then {error}' if failure else str(error)) from error
+        if failure is not None:
+            raise failure
+        if self.standing is not Standing.STORED:
+            raise MenuError('after its restart the SSC does not hold what was saved')
         return image
+
+    def _read_first(self, like: Image | None = None) -> Script[Image]:
+        """Read what is stored. :raises MenuError: cannot, or it is not of a size with ``like``."""
+        try:
+            yield from self._open()
+            self.image = yield from self._read()
+            _check_kind(like or self.image, self.image)
+        except MenuError as error:
+            yield from self._give_up(error)
+            raise
+        return self.image
+
+    def _judge(self, image: Image, before: Image) -> Script[None]:
+        """Restart the unit, see what it has stored, and let it run. :raises MenuError: cannot."""
+        try:
+            yield from self._open()
+            stored = yield from self._read()
+        except MenuError as error:  # whoever interrupts it, wants to know all the same
+            yield f'Trying again: {error}.'
+            yield from self._open()
+            stored = yield from self._read()
+        known = {before.data: Standing.UNCHANGED, image.data: Standing.STORED}
+        self.standing = known.get(stored.data, Standing.SPOILT)
+        yield from self._finish()
 
     # -- in and out ------------------------------------------------------------------------------
 
-    def _read_first(self) -> Script[Image]:
-        """Enter configuration mode afresh, so that the working memory is what is stored; read."""
-        if (yield Step(b'R', shows_menu, _PROBE)) is not None:
-            self.in_menus = True
-            yield 'It is in its menus already: restarting it.'
-            yield from self._leave()
-            yield from self._enter(RESTART_TRIES)
-        else:
-            yield POWER_CYCLE
-            yield from self._enter(ENTRY_TRIES)
-        self.image = yield from self._read()
-        return self.image
+    def _open(self) -> Script[None]:
+        """Enter configuration mode afresh, so that the working memory is what is stored."""
+        text = yield from self._probe()
+        if text is not None:
+            yield 'Restarting the SSC.'
+            yield from self._leave(text)
+            if (yield from self._call(RESTART_TRIES)):
+                return
+        yield POWER_CYCLE
+        if not (yield from self._call(ENTRY_TRIES)):
+            raise MenuError(
+                f'no menu within {ENTRY_TRIES * ENTRY_PERIOD:.0f} s: is it the right port, was '
+                'the SSC switched off and on, does a host send message 20 or 98 and lock it out?'
+            )
 
-    def _enter(self, tries: int) -> Script[None]:
-        """Enter configuration mode. :raises MenuError: the main menu does not come."""
+    def _call(self, tries: int) -> Script[bool]:
+        """Tell whether the main menu comes. :raises MenuError: another one does."""
+        self.in_menus = True  # it may be from now on
         for _ in range(tries):
             text = yield Step(ENTRY, shows_menu, ENTRY_PERIOD)
-            if text is None:
-                continue
-            self.in_menus = True
-            if screen_of(text) is not Screen.MAIN:
-                raise MenuError('the SSC was called twice and went past its main menu')
-            return
-        raise MenuError(
-            f'no menu within {tries * ENTRY_PERIOD:.0f} s: is it the right port, was the SSC '
-            'switched off and on, is its lockout on (3.6) and a host sending message 20 or 98?'
-        )
+            if text is not None:
+                self._seen_menus = True
+                if screen_of(text) is not Screen.MAIN:
+                    raise MenuError('the SSC was called twice and went past its main menu')
+                return True
+        self.in_menus = False
+        return False
 
-    def _leave(self) -> Script[None]:
+    def _probe(self) -> Script[str | None]:
+        """Return the menu that is open; None: none is."""
+        for keys in (_REDRAW, _ENTER):
+            text = yield Step(keys, shows_menu, _PROBE)
+            if text is not None:
+                self.in_menus = self._seen_menus = True
+                return text
+        return None
+
+    def _leave(self, text: str | None = None) -> Script[None]:
         """Leave by the main menu, which restarts the unit. :raises MenuError: it stays."""
-        yield from self._walk_to(Screen.MAIN)
-        yield Step(b'X', never, _ANSWER)
-        if (yield Step(b'R', shows_menu, _PROBE)) is not None:
+        yield from self._walk_to(Screen.MAIN, text)
+        self._seen_menus = False
+        yield Step(b'X', never, _REST)
+        if (yield Step(_REDRAW, shows_menu, _PROBE)) is not None:
+            self._seen_menus = True
             raise MenuError('the SSC did not leave its menus')
         self.in_menus = False
 
+    def _finish(self) -> Script[None]:
+        """Leave, all work being done. :raises MenuError: it may have stayed in its menus."""
+        try:
+            yield from self._leave()
+        except MenuError as error:
+            yield from self._give_up(error)
+            if self.in_menus:
+                raise
+
     def _give_up(self, error: MenuError) -> Script[None]:
-        """Leave, if that is to be had."""
+        """Leave, if that is to be had; ``in_menus`` tells it."""
         if not self.in_menus:
             return
         yield f'Leaving the menus: {error}.'
         try:
-            yield from self._leave()
+            text = yield from self._probe()
+            self.in_menus = self._seen_menus
+            if text is not None:
+                yield from self._leave(text)
         except MenuError:
-            return  # ``in_menus`` tells it
+            return
 
     def _walk_to(self, wanted: Screen, text: str | None = None) -> Script[None]:
         """
@@ -180,8 +230,8 @@ class Maintenance:
                 keys = b'C'
             elif screen in (Screen.CONFIG, Screen.OTHER):
                 keys = b'0'  # the previous menu
-            else:  # a key to go on, or to draw the menu anew
-                keys = _ENTER.encode() if turn % 2 else b'R'
+            else:
+                keys = _ENTER if turn % 2 else _REDRAW
             text = yield Step(keys, shows_menu, _ANSWER)
         raise MenuError(f'the {wanted.name.lower()} menu does not come')
 
@@ -193,9 +243,12 @@ class Maintenance:
         fault = ''
         for _ in range(2):
             text = yield Step(b'D', has_image, _PRINT)
+            if text is None:
+                self.standing = Standing.GARBLED
+                raise MenuError('the SSC does not print its image')
             yield from self._walk_to(Screen.CONFIG, text)
             try:
-                return image_in(text or '')
+                return image_in(text)
             except ImageError as error:
                 fault = str(error)
         raise MenuError(f'the SSC printed no sound image in two tries: {fault}')
@@ -206,24 +259,28 @@ class Maintenance:
         self.standing = Standing.LOADING
         if (yield Step(b'I', waits_for_image, _ANSWER)) is None:
             raise MenuError('the SSC does not ask for the image')
-        yield f'The SSC says: {readable((yield from self._send(image))) or "nothing"}'
+        said = yield from self._send(image)
+        yield f'The SSC says: {said}'
         if (yield from self._read()) != image:
-            raise MenuError('the SSC did not take the image as it was sent')
+            raise MenuError(f'the SSC did not take the image as it was sent, and says: {said}')
 
     def _send(self, image: Image) -> Script[str]:
         """Send the digits; return what the unit says. :raises MenuError: it says it too early."""
-        signs = _ENTER.join((*image.lines, ''))
         said, sent = None, 0
-        while said is None and sent < len(signs):
-            said = yield Step(signs[sent].encode(), has_words, DIGIT_PERIOD)
-            sent += 1
-            if signs[sent - 1] == _ENTER:
-                yield f'{len(bytes.fromhex(signs[:sent]))} of {len(image.data)} bytes sent'
+        for line in image.lines:
+            for digit in (*line.encode(), *_ENTER):
+                said = yield Step(bytes((digit,)), has_words, DIGIT_PERIOD)
+                sent += bytes((digit,)).isalnum()
+                if said is not None:
+                    break
+            yield f'{sent // 2} of {len(image.data)} bytes sent'
+            if said is not None:
+                break
         rest = yield Step(b'', has_words, _PRINT) if said is None else Step(b'', bool, _REST)
-        said = (said or '') + (rest or '')
-        if signs[sent:].strip():
-            raise MenuError(f'the SSC stopped listening and says: {readable(said)}')
-        return said
+        text = readable((said or '') + (rest or '')) or 'nothing'
+        if sent < 2 * len(image.data):
+            raise MenuError(f'the SSC stopped listening and says: {text}')
+        return text
 
     def _save(self) -> Script[None]:
         """Save the working memory."""
@@ -231,24 +288,6 @@ class Maintenance:
         self.standing = Standing.SAVING
         text = yield Step(b'S', shows_menu, _PRINT)
         yield from self._walk_to(Screen.CONFIG, text)
-
-    def _judge(self, image: Image, before: Image, failure: MenuError | None) -> Script[None]:
-        """Restart the unit, read what it has stored, and let it run."""
-        try:
-            yield from self._leave()
-            yield 'Restarted; reading back what is stored.'
-            yield from self._enter(RESTART_TRIES)
-            stored = yield from self._read()
-            known = {before.data: Standing.UNCHANGED, image.data: Standing.STORED}
-            self.standing = known.get(stored.data, Standing.SPOILT)
-            yield from self._leave()
-        except MenuError as error:
-            yield from self._give_up(error)
-            raise MenuError(f'{failure}; then {error}' if failure else str(error)) from error
-        if failure is not None:
-            raise failure
-        if self.standing is not Standing.STORED:
-            raise MenuError('after its restart the SSC does not hold what was saved')
 
 
 def _check_kind(image: Image, before: Image) -> None:

@@ -11,20 +11,33 @@ from __future__ import annotations
 from collections.abc import Callable
 from collections.abc import Generator
 from collections.abc import Sequence
+import contextlib
 from dataclasses import dataclass
 from typing import TypeVar
 
-from ssc_bridge.simulator.memory import CHANNELS
 from ssc_bridge.simulator.memory import Memory
 from ssc_bridge.simulator.memory import RATES_HZ
 from ssc_bridge.simulator.memory import Settings
 
 T = TypeVar('T')
+
+
+class _Previous(Exception):  # noqa: N818 - what the key 0 asks for, not an error
+    """Back to the previous menu."""
+
+
 Menu = Generator[str, str, T]
+Page = Callable[[Settings], str]
+Act = Callable[[Settings, str], Menu[None]]
 CLEAR = '\x1b[2J\x1b[1;1H'
 _SELECT = '\r\nSelect : '
 _KEYS = '123456789ABCDEFG'  # of the rows on one screen (3)
 _SOURCES = ('PIN', 'PINv', 'CONST', 'SERIAL', 'LAST')
+_BACK = '0) Previous Menu'
+_MESSAGES = (
+    *('Status Message', 'Source Selections', 'Pulse Out Message'),
+    *('Pulse In Message', 'Aux In Message'),
+)
 _COLUMNS = ('0ms', '1ms', '1.5ms', '2ms', 'Const', 'Period')
 
 MAIN = """\
@@ -136,102 +149,31 @@ class Menus:
             return 'Image load successful. Save it to keep it.'
         return 'Image load FAILED: wrong checksum.'
 
-    # -- 3.2 -------------------------------------------------------------------------------------
+    # -- 3.2 to 3.6 ------------------------------------------------------------------------------
+
+    def _edit(self, page: Page, act: Act) -> Menu[None]:
+        """Show a page of settings and let keys change them, until 0."""
+        while (key := (yield _page(page(self.memory.settings)))) != '0':
+            now = self.memory.settings
+            with contextlib.suppress(_Previous):
+                yield from act(now, key)
+                self.memory.working = now.to_image()
 
     def _io(self) -> Menu[None]:
-        while True:
-            now = self.memory.settings
-            rows = [f'{n}) Aux {n} Assign [{_aux_text(w)}]' for n, w in enumerate(now.aux, 1)]
-            head = [
-                f'A) Pulse Input Channels [{now.inputs}]',
-                f'B) User Config ID [{now.config_id}]',
-            ]
-            key = yield _page(
-                '\n'.join(['I/O SETUP', '', *head, '', *rows, '', '0) Previous Menu'])
-            )
-            if key == '0':
-                return
-            if key == 'A':
-                now.inputs = yield from _number('Pulse Input Channels', 1, 16)
-            elif key == 'B':
-                now.config_id = yield from _number('User Config ID', 0, 255)
-            elif key in '123456':
-                now.aux[int(key) - 1] = yield from _aux_word()
-            self._keep(now)
-
-    # -- 3.3 -------------------------------------------------------------------------------------
+        return self._edit(_io_text, _set_io)
 
     def _table(self) -> Menu[None]:
-        column = first = 0
-        while True:
-            now = self.memory.settings
-            shown = range(first, min(first + len(_KEYS), now.outputs))
-            key = yield _page(_table_text(now, shown, column))
-            if key == '0':
-                return
-            if key == 'N':
-                column = (column + 1) % len(_COLUMNS)
-            elif key == 'M':
-                first = len(_KEYS) - first if now.outputs > len(_KEYS) else 0
-            elif key in _KEYS[: len(shown)]:
-                row = shown[_KEYS.index(key)]
-                _set(now, row, column, (yield from _cell(now, column)))
-            elif key == 'X':
-                row = (yield from _number('Channel', 1, now.outputs)) - 1
-                value = yield from _cell(now, 0)
-                for place in range(4):
-                    _set(now, row, place, value)
-            elif key == 'Y':
-                value = yield from _cell(now, column)
-                for row in range(now.outputs):
-                    _set(now, row, column, value)
-            self._keep(now)
-
-    # -- 3.4 to 3.6 ------------------------------------------------------------------------------
+        view = _TableView()
+        return self._edit(view.text, view.act)
 
     def _rates(self) -> Menu[None]:
-        names = ('Status Message', 'Source Selections', 'Pulse Out Message', 'Pulse In Message')
-        while True:
-            now = self.memory.settings
-            lines = [
-                f'{n}) {name} (msg {n + 9}) [{now.rates[n - 1]}Hz]'
-                for n, name in enumerate((*names, 'Aux In Message'), 1)
-            ]
-            key = yield _page('\n'.join(['MESSAGE RATES', *lines, '', '0) Previous Menu']))
-            if key == '0':
-                return
-            if key in '12345':
-                rates = [f'{rate}Hz' for rate in RATES_HZ]
-                now.rates[int(key) - 1] = RATES_HZ[(yield from _choice('RATE', rates))]
-            self._keep(now)
+        return self._edit(_rates_text, _set_rate)
 
     def _primary(self) -> Menu[None]:
-        while True:
-            now = self.memory.settings
-            lines = [f'{n}) Comm {n} [{"X" if n == now.primary else " "}]' for n in (1, 2)]
-            key = yield _page('\n'.join(['PRIMARY COMM', *lines, '', '0) Previous Menu']))
-            if key == '0':
-                return
-            if key in '12':
-                now.primary = int(key)
-            self._keep(now)
+        return self._edit(_primary_text, _set_primary)
 
     def _lockout(self) -> Menu[None]:
-        while True:
-            now = self.memory.settings
-            lines = [
-                f'{n}) On Rcv Msg {message} [{"X" if now.lockouts[n - 1] else " "}]'
-                for n, message in ((1, 98), (2, 20))
-            ]
-            key = yield _page('\n'.join(['CONFIG LOCKOUT', *lines, '', '0) Previous Menu']))
-            if key == '0':
-                return
-            if key in '12':
-                now.lockouts[int(key) - 1] ^= True
-            self._keep(now)
-
-    def _keep(self, settings: Settings) -> None:
-        self.memory.working = settings.to_image()
+        return self._edit(_lockout_text, _set_lockout)
 
 
 def _lines(text: str) -> str:
@@ -246,7 +188,9 @@ def _choice(title: str, options: Sequence[str]) -> Menu[int]:
     """Let one of the options be chosen; return its place."""
     lines = [f'{n}) {option}' for n, option in enumerate(options, 1)]
     while True:
-        key = yield _page('\n'.join([title, '', *lines]))
+        key = yield _page('\n'.join([title, '', *lines, '', _BACK]))
+        if key == '0':
+            raise _Previous
         if key.isdecimal() and 1 <= int(key) <= len(options):
             return int(key) - 1
 
@@ -254,16 +198,31 @@ def _choice(title: str, options: Sequence[str]) -> Menu[int]:
 def _number(title: str, low: int, high: int) -> Menu[int]:
     """Let a number be typed, with Enter behind it; asks again until it is in range."""
     digits = ''
-    text = f'\r\n{title} ({low}-{high}): '
-    while True:
-        key = yield text
-        text = key if key.isdecimal() else ''
-        if key.isdecimal():
-            digits += key
-        elif key == '\r':
-            if digits and low <= int(digits) <= high:
-                return int(digits)
-            digits, text = '', f'\r\n{title} ({low}-{high}): '
+    text = prompt = f'\r\n{title} ({low}-{high}): '
+    while (key := (yield text)) != '\r' or not low <= int(digits or -1) <= high:
+        if key == '\r' and not digits:
+            raise _Previous
+        digits = digits + key if key.isdecimal() else '' if key == '\r' else digits
+        text = prompt if key == '\r' else key
+    return int(digits)
+
+
+# 3.2
+
+
+def _io_text(now: Settings) -> str:
+    rows = [f'{n}) Aux {n} Assign [{_aux_text(word)}]' for n, word in enumerate(now.aux, 1)]
+    head = [f'A) Pulse Input Channels [{now.inputs}]', f'B) User Config ID [{now.config_id}]']
+    return '\n'.join(['I/O SETUP', '', *head, '', *rows, '', _BACK])
+
+
+def _set_io(now: Settings, key: str) -> Menu[None]:
+    if key == 'A':
+        now.inputs = yield from _number('Pulse Input Channels', 1, 16)
+    elif key == 'B':
+        now.config_id = yield from _number('User Config ID', 0, 255)
+    elif key in '123456':
+        now.aux[int(key) - 1] = yield from _aux_word()
 
 
 def _aux_word() -> Menu[int]:
@@ -305,20 +264,54 @@ def _source_text(byte: int) -> str:
     return f'{_SOURCES[source]} {(byte >> 4) + 1}'
 
 
-def _table_text(now: Settings, shown: range, column: int) -> str:
-    """Return the switch table; asterisks mark the active column."""
-    heads = '  '.join(f'{name:<8}' for name in _COLUMNS)
-    marks = '  '.join('********' if place == column else '--------' for place in range(6))
-    rows = [
-        f'{_KEYS[row - shown.start]}) {row + 1:<3}'
-        + '  '.join(f'{_source_text(byte):<8}' for byte in now.table[row])
-        + f'  {now.constants[row]:<8}  {now.periods[row]:<8}'
-        for row in shown
-    ]
-    more = ['M) More Channels'] * (now.outputs > len(_KEYS))
-    keys = ['X) Set All in Row', 'Y) Set All in Column', '', 'N) Select Next Column', *more]
-    head = ['SWITCH TABLE', '', f'   Ch {heads}', f'   -- {marks}']
-    return '\n'.join([*head, *rows, '', *keys, '0) Previous Menu'])
+# 3.3
+
+
+class _TableView:
+    """The switch table as it is shown: the active column, the first row."""
+
+    def __init__(self) -> None:
+        self.column = self.first = 0
+
+    def _rows(self, now: Settings) -> range:
+        return range(self.first, min(self.first + len(_KEYS), now.outputs))
+
+    def text(self, now: Settings) -> str:
+        """Return the page; asterisks mark the active column."""
+        heads = '  '.join(f'{name:<8}' for name in _COLUMNS)
+        marks = '  '.join('********' if n == self.column else '--------' for n in range(6))
+        rows = [
+            f'{key}) {_row_text(now, n)}' for key, n in zip(_KEYS, self._rows(now), strict=False)
+        ]
+        more = ['M) More Channels'] * (now.outputs > len(_KEYS))
+        keys = ['X) Set All in Row', 'Y) Set All in Column', '', 'N) Select Next Column', *more]
+        head = ['SWITCH TABLE', '', f'   Ch {heads}', f'   -- {marks}']
+        return '\n'.join([*head, *rows, '', *keys, _BACK])
+
+    def act(self, now: Settings, key: str) -> Menu[None]:
+        """Obey a key of the page."""
+        rows = self._rows(now)
+        if key == 'N':
+            self.column = (self.column + 1) % len(_COLUMNS)
+        elif key == 'M':
+            self.first = len(_KEYS) - self.first if now.outputs > len(_KEYS) else 0
+        elif key in _KEYS[: len(rows)]:
+            value = yield from _cell(now, self.column)
+            _set(now, rows[_KEYS.index(key)], self.column, value)
+        elif key == 'X':
+            row = (yield from _number('Channel', 1, now.outputs)) - 1
+            value = yield from _cell(now, 0)
+            for column in range(4):
+                _set(now, row, column, value)
+        elif key == 'Y':
+            value = yield from _cell(now, self.column)
+            for row in range(now.outputs):
+                _set(now, row, self.column, value)
+
+
+def _row_text(now: Settings, row: int) -> str:
+    sources = '  '.join(f'{_source_text(byte):<8}' for byte in now.table[row])
+    return f'{row + 1:<3}{sources}  {now.constants[row]:<8}  {now.periods[row]:<8}'
 
 
 def _cell(now: Settings, column: int) -> Menu[int]:
@@ -339,4 +332,42 @@ def _set(now: Settings, row: int, column: int, value: int) -> None:
         (now.constants, now.periods)[column - 4][row] = value
 
 
-assert len(_KEYS) < CHANNELS
+# 3.4 to 3.6
+
+
+def _rates_text(now: Settings) -> str:
+    lines = [
+        f'{n}) {name} (msg {n + 9}) [{now.rates[n - 1]}Hz]' for n, name in enumerate(_MESSAGES, 1)
+    ]
+    return '\n'.join(['MESSAGE RATES', *lines, '', _BACK])
+
+
+def _set_rate(now: Settings, key: str) -> Menu[None]:
+    if key in '12345':
+        place = yield from _choice('RATE', [f'{rate}Hz' for rate in RATES_HZ])
+        now.rates[int(key) - 1] = RATES_HZ[place]
+
+
+def _primary_text(now: Settings) -> str:
+    lines = [f'{n}) Comm {n} [{"X" if n == now.primary else " "}]' for n in (1, 2)]
+    return '\n'.join(['PRIMARY COMM', *lines, '', _BACK])
+
+
+def _set_primary(now: Settings, key: str) -> Menu[None]:
+    if key in '12':
+        now.primary = int(key)
+    yield from ()
+
+
+def _lockout_text(now: Settings) -> str:
+    lines = [
+        f'{n}) On Rcv Msg {message} [{"X" if locks else " "}]'
+        for n, message, locks in zip((1, 2), (98, 20), now.lockouts, strict=True)
+    ]
+    return '\n'.join(['CONFIG LOCKOUT', *lines, '', _BACK])
+
+
+def _set_lockout(now: Settings, key: str) -> Menu[None]:
+    if key in '12':
+        now.lockouts[int(key) - 1] ^= True
+    yield from ()
