@@ -1,0 +1,230 @@
+"""
+Between the unit's values and ROS messages; pure functions.
+
+In Joy left and forward are positive, on the wire right and forward are. Joint positions keep the
+manual's signs, right and up positive, unless ``inverted`` turns them round.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from enum import IntFlag
+import math
+from typing import Any
+
+from builtin_interfaces.msg import Time
+from diagnostic_msgs.msg import DiagnosticStatus
+from diagnostic_msgs.msg import KeyValue
+from sensor_msgs.msg import JointState
+from sensor_msgs.msg import Joy
+
+from akron_can_bridge.protocol import Axis
+from akron_can_bridge.protocol import AXIS_USAGE
+from akron_can_bridge.protocol import BasicJoystick
+from akron_can_bridge.protocol import DigitalInputs
+from akron_can_bridge.protocol import DigitalOutputs
+from akron_can_bridge.protocol import ElevationSoftLimits
+from akron_can_bridge.protocol import ExtendedJoystick
+from akron_can_bridge.protocol import FLAG_NAMES
+from akron_can_bridge.protocol import FULL_SCALE
+from akron_can_bridge.protocol import HARD_STOP_NAMES
+from akron_can_bridge.protocol import Input
+from akron_can_bridge.protocol import MiniOutput
+from akron_can_bridge.protocol import MiniOutputs
+from akron_can_bridge.protocol import Output
+from akron_can_bridge.protocol import Position
+from akron_can_bridge.protocol import PositionLimit
+from akron_can_bridge.protocol import RotationSoftLimits
+from akron_can_bridge.protocol import Status
+from akron_can_bridge.protocol import UNAVAILABLE
+from bridge_core.convert import joy_message
+from bridge_core.convert import scaled
+
+_BEYOND = 1.05  # a Joy axis further out than this is a fault of its sender
+_SIGNS = (-1.0, 1.0, -1.0, 1.0, 1.0)  # x, y, grip_x, grip_y, theta
+_BASIC_AXES, _ALL_AXES = 2, 5
+_BASIC_SWITCHES, _ALL_SWITCHES = 12, 16
+_STATUS_WORDS = {
+    Status.OFF: 'false',
+    Status.ON: 'true',
+    Status.ERROR: 'error',
+    Status.NOT_AVAILABLE: 'not available',
+}
+
+
+def command(message: Joy, *, extended: bool = False) -> tuple[BasicJoystick, ExtendedJoystick]:
+    """
+    Return a Joy as what a joystick sends.
+
+    Axes: x, y, then with ``extended`` the targets grip_x, grip_y and theta; one that is left out
+    is no target. Buttons: switches 1 to 12, with ``extended`` to 16; those left out are off. What
+    lies beyond is not looked at.
+
+    :raises ValueError: fewer than two axes, a value that is not a number or beyond -1.05 to 1.05,
+        a button that is neither 0 nor 1. The text is for the sender.
+    """
+    if len(message.axes) < _BASIC_AXES:
+        raise ValueError(f'{len(message.axes)} axes; x and y are needed')
+    axes = message.axes[: _ALL_AXES if extended else _BASIC_AXES]
+    given = [
+        _deflection(number, sign * value)
+        for number, (sign, value) in enumerate(zip(_SIGNS, axes, strict=False))
+    ]
+    x, y, grip_x, grip_y, theta = given + [UNAVAILABLE] * (_ALL_AXES - len(given))
+    switches = _switches(message.buttons[: _ALL_SWITCHES if extended else _BASIC_SWITCHES])
+    basic = BasicJoystick(x, y, switches[:_BASIC_SWITCHES])
+    return basic, ExtendedJoystick(grip_x, grip_y, theta, switches[_BASIC_SWITCHES:])
+
+
+def _deflection(number: int, value: float) -> Axis:
+    if not abs(value) <= _BEYOND:  # so that NaN does not pass
+        raise ValueError(f'axis {number} is {value:g}; allowed is -1 to 1')
+    return Axis.of(round(max(-1.0, min(1.0, value)) * FULL_SCALE))
+
+
+def _switches(buttons: Sequence[int]) -> tuple[Status, ...]:
+    for number, button in enumerate(buttons):
+        if button not in (0, 1):
+            raise ValueError(f'button {number} is {button}; allowed is 0 or 1')
+    padded = [*buttons, *[0] * (_ALL_SWITCHES - len(buttons))]
+    return tuple(Status(int(button)) for button in padded)
+
+
+def joy(
+    axes: Sequence[int],
+    switches: Sequence[bool],
+    stamp: Time,
+    frame_id: str,
+    *,
+    deadband: float = 0.0,
+) -> Joy:
+    """
+    Return a joystick on the bus as a Joy of 5 axes and 16 buttons.
+
+    :param axes: x, y, grip_x, grip_y, theta in 0.1 %, right and forward positive.
+    """
+    values = (
+        sign * scaled(value, FULL_SCALE, deadband)
+        for sign, value in zip(_SIGNS, axes, strict=True)
+    )
+    return joy_message(list(values), switches, stamp, frame_id)
+
+
+def joint_state(
+    positions: Sequence[float | None],
+    names: Sequence[str],
+    stamp: Time,
+    frame_id: str,
+    *,
+    inverted: Sequence[bool] = (False, False),
+) -> JointState:
+    """
+    Return rotation and elevation in rad; NaN where the unit does not vouch for one.
+
+    :param inverted: left, down are positive instead of right, up.
+    """
+    message = JointState(name=list(names))
+    message.header.stamp = stamp
+    message.header.frame_id = frame_id
+    message.position = [
+        math.nan if value is None else (-value if turned else value) + 0.0
+        for value, turned in zip(positions, inverted, strict=True)
+    ]
+    return message
+
+
+def limits(
+    position: PositionLimit | None,
+    rotation: RotationSoftLimits | None,
+    elevation: ElevationSoftLimits | None,
+    hardware_id: str,
+    device_type: int = 0,
+) -> DiagnosticStatus:
+    """
+    Return hard stops, soft limits in degrees and calibration.
+
+    The level is WARN at a hard stop or in an oscillation, and STALE while nothing is sent.
+    """
+    status = DiagnosticStatus(name='limits', hardware_id=hardware_id)
+    reached, values = [], {}
+    if position is not None:
+        values = _stops(position, device_type)
+        reached = [name for name, text in values.items() if text == 'true']
+        values |= {
+            'calibrated': _STATUS_WORDS[position.calibration],
+            'operational error': _STATUS_WORDS[position.operational_error],
+            'rotation position': _position_text(position.rotation),
+            'elevation position': _position_text(position.elevation),
+        }
+    if rotation is not None:
+        values['left soft limit (deg)'] = f'{rotation.left_deg:g}'
+        values['right soft limit (deg)'] = f'{rotation.right_deg:g}'
+        values['oscillating'] = _bool(rotation.oscillating)
+    if elevation is not None:
+        values['down soft limit (deg)'] = f'{elevation.down_deg:g}'
+        values['up soft limit (deg)'] = f'{elevation.up_deg:g}'
+    return _filled(status, reached, values, 'at a hard stop: ', 'at no hard stop')
+
+
+def _stops(position: PositionLimit, device_type: int) -> dict[str, str]:
+    """Return the hard stops of the axes that the device has, with what its axes are used for."""
+    usage = [way for axis in AXIS_USAGE.get(device_type, ()) for way in axis]
+    names = [
+        f'{name} ({way})' if way else name
+        for name, way in zip(
+            HARD_STOP_NAMES, usage + [''] * (len(HARD_STOP_NAMES) - len(usage)), strict=True
+        )
+    ]
+    stops = zip(names, position.hard_stops, strict=True)
+    return {f'{name} hard stop': _STATUS_WORDS[stop] for name, stop in stops}
+
+
+def outputs(
+    outputs: DigitalOutputs | None,
+    mini: MiniOutputs | None,
+    inputs: DigitalInputs | None,
+    hardware_id: str,
+) -> DiagnosticStatus:
+    """
+    Return the digital outputs of types 83 and 84 and the inputs of 85, each bit by its name.
+
+    The level is WARN where a 6033 reports a fault, and STALE while nothing is sent.
+    """
+    status = DiagnosticStatus(name='outputs', hardware_id=hardware_id)
+    values: dict[str, str] = {}
+    if outputs is not None:
+        values = _bits(outputs.outputs, Output)
+        values['riser command'] = str(outputs.riser)
+    faulted = False
+    if mini is not None:
+        faulted = MiniOutput.DEVICE_FAULTED in mini.outputs
+        values |= {f'6033: {key}': text for key, text in _bits(mini.outputs, MiniOutput).items()}
+    if inputs is not None:
+        values |= {f'6039: {key}': text for key, text in _bits(inputs.inputs, Input).items()}
+    return _filled(status, ['device faulted'] * faulted, values, '6033: ', 'ok')
+
+
+def _filled(
+    status: DiagnosticStatus, found: list[str], values: dict[str, str], lead: str, good: str
+) -> DiagnosticStatus:
+    """Give a status its level, its message and its values."""
+    status.values = [KeyValue(key=key, value=text) for key, text in values.items()]
+    if not values:
+        status.level, status.message = DiagnosticStatus.STALE, 'not sent'
+    elif found:
+        status.level, status.message = DiagnosticStatus.WARN, lead + ', '.join(found)
+    else:
+        status.level, status.message = DiagnosticStatus.OK, good
+    return status
+
+
+def _bits(flags: IntFlag, kind: type[IntFlag]) -> dict[str, str]:
+    return {name: _bool(flag in flags) for flag, name in FLAG_NAMES[kind].items()}
+
+
+def _bool(value: Any) -> str:
+    return 'true' if value else 'false'
+
+
+def _position_text(position: Position) -> str:
+    return 'ok' if position.fault is None else _STATUS_WORDS[position.fault]

@@ -1,0 +1,192 @@
+"""The parameters of the Akron bridge beside those that all bridges share."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from collections.abc import Sequence
+from typing import Any
+
+from akron_can_bridge.session import Cause
+from akron_can_bridge.session import check_joystick
+from akron_can_bridge.session import check_unit
+from akron_can_bridge.session import Settings
+from bridge_core.parameters import Parameter
+from bridge_core.parameters import ParameterError
+
+_FIRST, _LAST = 0x33, 0x38
+
+
+def _check_allowed(addresses: Sequence[int]) -> None:
+    for address in addresses:
+        check_joystick('each', address, none=True)
+
+
+def _check_two(values: Sequence[Any]) -> None:
+    if len(values) != 2:
+        raise ValueError('allowed are two values: rotation, elevation')
+
+
+def _check_names(names: Sequence[str]) -> None:
+    _check_two(names)
+    if not all(names) or len(set(names)) != len(names):
+        raise ValueError('allowed are two different names')
+
+
+def _check_estop_on(causes: Sequence[str]) -> None:
+    known = [cause.value for cause in Cause]
+    if not causes or not set(causes) <= set(known):
+        raise ValueError(f'allowed are one or more of {", ".join(map(repr, known))}')
+
+
+PARAMETERS = (
+    # -- the bus
+    Parameter(
+        'interface',
+        'socketcan',
+        "Kind of CAN interface in python-can's words: socketcan, slcan, udp_multicast ...",
+    ),
+    Parameter('channel', 'can0', 'Which one, such as can0, or /dev/ttyACM0 for slcan.'),
+    Parameter(
+        'bitrate',
+        0,
+        'Where the interface takes one; 0: as it is set. The unit has 250000.',
+        unit='bit/s',
+        minimum=0,
+        maximum=1_000_000,
+    ),
+    Parameter(
+        'source_address',
+        _LAST,
+        'Our address on the bus: which joystick we are. The lower one overrides (Appendix B).',
+        minimum=_FIRST,
+        maximum=_LAST,
+    ),
+    # -- the unit
+    Parameter(
+        'device_pin',
+        '',
+        "The unit's 15-digit PIN; empty: the first unit of device_type.",
+        check=lambda pin: check_unit(pin, 0),
+    ),
+    Parameter(
+        'device_type',
+        1032,
+        'First four digits of the PIN, where device_pin is empty; 0: any monitor controller.',
+        check=lambda kind: check_unit('', kind),
+    ),
+    Parameter(
+        'link_timeout',
+        0.3,
+        'Without a frame of the unit for this long the link is lost. Some come every 100 ms.',
+        unit='s',
+        minimum=0.15,
+        maximum=5.0,
+    ),
+    Parameter(
+        'answer_timeout',
+        1.0,
+        'A poll or request without an answer is given up after this long.',
+        unit='s',
+        minimum=0.2,
+        maximum=10.0,
+    ),
+    Parameter(
+        'vista_rate',
+        0.0,
+        'How often voltage and inputs are polled by the Vista message 21; 0: never.',
+        unit='Hz',
+        minimum=0.0,
+        maximum=10.0,
+    ),
+    Parameter(
+        'estop_on',
+        [cause.value for cause in Cause],
+        'What makes ~/estop true: unit unheard, enable input not asserted, motor axis fault, '
+        'foreign joystick.',
+        check=_check_estop_on,
+    ),
+    # -- driving it
+    Parameter(
+        'command_timeout',
+        0.15,
+        'A ~/cmd_joy older than this is stale: neutral.',
+        unit='s',
+        minimum=0.04,
+        maximum=1.0,
+    ),
+    Parameter(
+        'estop_in_timeout',
+        0.25,
+        'An ~/estop_in older than this counts as true.',
+        unit='s',
+        minimum=0.04,
+        maximum=2.0,
+    ),
+    Parameter(
+        'extended',
+        False,
+        'Also send PGN 64983: Point Aim targets from axes 2 to 4, switches 13 to 16.',
+    ),
+    Parameter(
+        'soe_permissive',
+        False,
+        'Send A1, the permission to move in SOE mode, while no stop is active.',
+    ),
+    # -- other joysticks on the bus
+    Parameter(
+        'joy_source',
+        0,
+        'Address of the joystick that is published as ~/joy; 0: none.',
+        check=lambda address: check_joystick('joy_source', address, none=True),
+    ),
+    Parameter(
+        'allowed_joysticks',
+        [0],
+        'Addresses of joysticks that may send; any other is foreign: see estop_on. [0]: none.',
+        check=_check_allowed,
+    ),
+    Parameter(
+        'deadband',
+        0.0,
+        'Deflection up to which an axis is 0 in ~/joy.',
+        minimum=0.0,
+        maximum=0.5,
+    ),
+    Parameter(
+        'tolerate_faulty_axes',
+        False,
+        'Let the sound controls count although one is broken. False makes ~/joy neutral then.',
+    ),
+    # -- joint states
+    Parameter(
+        'joint_names',
+        ['rotation', 'elevation'],
+        'Names of the two joints in ~/joint_states.',
+        check=_check_names,
+    ),
+    Parameter(
+        'joint_inverted',
+        [False, False],
+        'Turn a sign round: left or down is positive then.',
+        check=_check_two,
+    ),
+)
+
+
+def session_settings(values: Mapping[str, Any]) -> Settings:
+    """Return how the session is to behave. :raises ParameterError: values that contradict."""
+    try:
+        return Settings(
+            allowed_joysticks=frozenset(values['allowed_joysticks']) - {0},
+            estop_on=frozenset(Cause(name) for name in values['estop_on']),
+            **{
+                name: values[name]
+                for name in (
+                    *('source_address', 'device_pin', 'device_type', 'link_timeout'),
+                    *('answer_timeout', 'vista_rate', 'command_timeout', 'estop_in_timeout'),
+                    *('extended', 'soe_permissive', 'joy_source', 'tolerate_faulty_axes'),
+                )
+            },
+        )
+    except ValueError as error:
+        raise ParameterError(f'parameter {error}') from error

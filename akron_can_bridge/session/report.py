@@ -1,0 +1,145 @@
+"""What a session knows, for the diagnostics of its node: sentences and figures."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from akron_can_bridge.protocol import AsciiPipe
+from akron_can_bridge.protocol import DEVICE_TYPES
+from akron_can_bridge.protocol import DiagnosticData
+from akron_can_bridge.protocol import DigitalOutputs
+from akron_can_bridge.protocol import flag_names
+from akron_can_bridge.protocol import Output
+from akron_can_bridge.protocol import PositionLimit
+from akron_can_bridge.protocol import Status
+from akron_can_bridge.protocol import VistaData
+from akron_can_bridge.protocol import VistaPosition
+from akron_can_bridge.session.asker import in_words
+from akron_can_bridge.session.session import Session
+from akron_can_bridge.session.unit import VERSIONS
+
+_SENSORS = ('rotation', 'elevation')
+
+
+def warnings(session: Session, now: float) -> list[str]:
+    """Say what is not a stop but not right either, and what to do."""
+    return [
+        *(f'{text} (no stop: estop_on does not list it)' for text in session.ignored_causes(now)),
+        *_bus_warnings(session),
+        *_soe_warnings(session, now),
+        *_position_warnings(session, now),
+        *_fault_warnings(session),
+    ]
+
+
+def _bus_warnings(session: Session) -> list[str]:
+    finder, texts = session.finder, []
+    if finder.namesake is not None:
+        texts.append(
+            f'another device (NAME {finder.namesake.value:016X}) claims our own address '
+            f'{session.settings.source_address:02X}; change its address or source_address'
+        )
+    rivals = finder.rivals()
+    if rivals and finder.unit is not None:
+        texts.append(
+            f'{", ".join(rivals)} would do as well as {finder.unit.pin}, which was heard first; '
+            'set device_pin'
+        )
+    if session.joysticks.faulty:
+        faulty = ', '.join(session.joysticks.faulty)
+        texts.append(f'the joystick at joy_source reports {faulty}; have it repaired')
+    return texts
+
+
+def _soe_warnings(session: Session, now: float) -> list[str]:
+    outputs = session.unit.broadcast(DigitalOutputs, now)
+    if outputs is None or session.settings.soe_permissive:
+        return []
+    if Output.SOE_MODE_ACTIVE not in outputs.outputs:
+        return []
+    return ['SOE mode is active, so the unit moves only with permission; set soe_permissive']
+
+
+def _position_warnings(session: Session, now: float) -> list[str]:
+    position = session.unit.broadcast(PositionLimit, now)
+    if position is None:
+        return []
+    texts = []
+    if position.calibration in (Status.OFF, Status.ERROR):
+        texts.append('the unit is not calibrated; calibrate it as its reference manual says')
+    for name, sensor in zip(_SENSORS, (position.rotation, position.elevation), strict=True):
+        if sensor.fault is Status.ERROR:
+            texts.append(f'the {name} position is in error; check its sensor')
+    return texts
+
+
+def _fault_warnings(session: Session) -> list[str]:
+    faults = session.unit.faults
+    if faults is None or not (faults.faults or faults.pcode):
+        return []
+    return [f'{in_words(faults)}; see the Error Flash Codes in the reference manual of the device']
+
+
+def values(session: Session, now: float) -> dict[str, Any]:
+    """Return figures by name, in the manual's words."""
+    finder, drive = session.finder, session.drive
+    heard = session.joysticks.present(now).items()
+    known = {
+        'unit': 'not found yet' if finder.unit is None else finder.unit.pin,
+        'type': 'not found yet' if finder.unit is None else _type(finder.unit.pin),
+        'address': 'none' if finder.address is None else f'{finder.address:02X}',
+        'moves to another address': finder.moves,
+        'source address': f'{session.settings.source_address:02X}',
+        'other Akron Brass devices': _others(session) or 'none',
+        'joysticks heard': ', '.join(f'{at:02X} {kind}' for at, kind in heard) or 'none',
+        'motion commanded': drive.moving,
+        'neutral because': '; '.join(session.inhibits(now)) or 'commands go out',
+        'refused commands': drive.refused,
+        'frames of no concern': session.other_frames,
+        'faults': 'not known' if session.unit.faults is None else in_words(session.unit.faults),
+    }
+    return known | _versions(session) | _vista(session) | _maker(session)
+
+
+def _others(session: Session) -> str:
+    unit = session.finder.unit
+    return ', '.join(
+        f'{pin} at {address:02X} ({_type(pin)})'
+        for pin, address in session.finder.devices.items()
+        if unit is None or pin != unit.pin
+    )
+
+
+def _type(pin: str) -> str:
+    return DEVICE_TYPES.get(int(pin[:4]), f'type {pin[:4]}')
+
+
+def _versions(session: Session) -> dict[str, Any]:
+    answers = [session.unit.kept(kind) for kind in VERSIONS]
+    told = '; '.join(in_words(answer) for answer in answers if answer is not None)
+    return {'versions': told or 'not known'}
+
+
+def _vista(session: Session) -> dict[str, Any]:
+    data, position = session.unit.kept(VistaData), session.unit.kept(VistaPosition)
+    figures: dict[str, Any] = {}
+    if data is not None:
+        figures = {
+            'Vista: system voltage (raw)': data.system_voltage,
+            'Vista: joystick X, Y (raw)': f'{data.joystick_x}, {data.joystick_y}',
+            'Vista: on': ', '.join(flag_names(data.bits)) or 'none',
+        }
+    if position is not None:
+        figures['Vista: rotation, elevation (raw)'] = f'{position.rotation}, {position.elevation}'
+    return figures
+
+
+def _maker(session: Session) -> dict[str, Any]:
+    """Return the last of what is for the maker's own tools."""
+    pipe, data = session.unit.kept(AsciiPipe), session.unit.kept(DiagnosticData)
+    figures: dict[str, Any] = {}
+    if pipe is not None:
+        figures['ASCII pipe'] = repr(pipe.text)
+    if data is not None:
+        figures['diagnostic data'] = f'type {data.record_type:02X}: {data.content.hex(" ")}'
+    return figures
