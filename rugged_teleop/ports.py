@@ -1,5 +1,5 @@
 """
-Runs a simulated device: what pseudo-terminals and multicast groups share.
+Runs a simulated device: what pseudo-terminals, multicast groups and CAN buses share.
 
 One thread waits for bytes, for the simulator's next deadline and for requests; it alone touches
 the simulator, so simulators need no locks. The port can be unplugged and the line made bad.
@@ -25,6 +25,7 @@ from typing import NamedTuple
 from typing import Protocol
 from typing import TypeVar
 
+from bridge_core.transports import Frame
 from rugged_teleop.faults import FaultyLine
 
 HELP = """\
@@ -51,10 +52,10 @@ _PortT = TypeVar('_PortT', bound='DevicePort')
 class Device(Protocol):
     """What every room's simulator is: the device's side of the link, without port or clock."""
 
-    def receive(self, data: bytes, now: float) -> None:
-        """Take bytes of the host, in any split."""
+    def receive(self, data: Frame, now: float) -> None:
+        """Take bytes of the host, in any split, or a CAN frame."""
 
-    def poll(self, now: float) -> list[bytes]:
+    def poll(self, now: float) -> list[Frame]:
         """Return the frames that are due."""
 
     def deadline(self) -> float:
@@ -267,6 +268,14 @@ class DevicePort(ABC):
     def _write_port(self, data: bytes) -> int:
         """Say something to the host; return how many bytes the port has taken."""
 
+    def _pack(self, frame: Frame) -> bytes:
+        """Return what the device says as bytes, which lines and records carry."""
+        return bytes(frame)
+
+    def _unpack(self, data: bytes) -> Frame | None:
+        """Return what the device hears; None: nothing of it is left."""
+        return data
+
     def _unplug(self) -> None:
         if not self.plugged:
             return
@@ -300,12 +309,14 @@ class DevicePort(ABC):
     def _exchange(self, now: float) -> None:
         """Let the device hear what has arrived, act and speak."""
         for data in self._lines['in'].take(now):
-            self._device.receive(data, now)
+            frame = self._unpack(data)
+            if frame is not None:
+                self._device.receive(frame, now)
         frames = self._device.poll(now)
         if not self.plugged or self._stalled:
             return  # nobody hears it
         for frame in frames:
-            self._lines['out'].put(frame, now)
+            self._lines['out'].put(self._pack(frame), now)
         for data in self._lines['out'].take(now):
             if self.plugged:  # it may go while it is written to
                 self._write(data)

@@ -30,11 +30,13 @@ import pytest
 
 from bridge_core.j1939 import CanFrame
 from bridge_core.transports.can import CanTransport
+from rugged_teleop.canbuses import free_channel
+from rugged_teleop.canbuses import INTERFACE
 from test.rig import wait_for
 
 VARIABLE = 'RUGGED_TELEOP_CAN'
-_GROUP = '239.255.42.21'
-_given: set[int] = set()
+_ANY_GROUP = '239.255.42.21'
+_given: set[str] = set()
 
 
 class CanBus:
@@ -48,7 +50,7 @@ class CanBus:
     def endpoint(self, **options: Any) -> can.BusABC:
         """Return another one on the bus, in python-can's own words. :param options: for can.Bus"""
         channel = self.channel
-        if self.interface == 'udp_multicast':
+        if self.interface == INTERFACE:
             channel, port = channel.split(':')
             options = {'port': int(port), 'hop_limit': 0, **options}
         if self.interface == 'virtual':
@@ -80,7 +82,7 @@ def make_bus() -> CanBus:
         return CanBus(interface, channel)
     if not _is_routed():
         pytest.skip(f'python-can finds no network for udp_multicast; set {VARIABLE}')
-    return CanBus('udp_multicast', f'{_GROUP}:{_free_port()}')
+    return CanBus(INTERFACE, _free_channel())
 
 
 def message(identifier: int, data: bytes = b'') -> can.Message:
@@ -133,7 +135,7 @@ def wait_frames(transport: CanTransport, count: int, timeout: float = 5.0) -> li
 
 def _is_routed() -> bool:
     """Tell whether some interface takes multicast: without any, python-can does not open."""
-    member = struct.pack('4sI', socket.inet_aton(_GROUP), socket.INADDR_ANY)
+    member = struct.pack('4sI', socket.inet_aton(_ANY_GROUP), socket.INADDR_ANY)
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         try:
             probe.setsockopt(socket.IPPROTO_IP, socket.IP_ADD_MEMBERSHIP, member)
@@ -142,12 +144,9 @@ def _is_routed() -> bool:
     return True
 
 
-def _free_port() -> int:
-    """Return a UDP port that no neighbour and no other test uses."""
-    while True:
-        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-            probe.bind(('', 0))
-            port = int(probe.getsockname()[1])
-        if port not in _given:
-            _given.add(port)
-            return port
+def _free_channel() -> str:
+    """Return a channel that no neighbour and no other test uses."""
+    while (channel := free_channel()) in _given:
+        pass
+    _given.add(channel)
+    return channel

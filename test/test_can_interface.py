@@ -29,11 +29,15 @@ from bridge_core.transports.can import CanTransport
 from test.can_rig import CanBus
 from test.can_rig import message
 from test.can_rig import receive
+from test.can_rig import VARIABLE
 from test.can_rig import wait_frames
 from test.link_rig import Bench
 from test.rig import wait_for
 from test.test_can_link import activate
 from test.test_can_link import CanSession
+
+if not os.environ.get(VARIABLE, '').startswith('socketcan:'):
+    pytest.skip('makes CAN interfaces; runs inside user-mode-linux', allow_module_level=True)
 
 FRAME = CanFrame(0x0CFDD633, bytes(8))
 _numbers = itertools.count(1)
@@ -67,8 +71,6 @@ def ip(*words: str) -> None:
 
 @pytest.fixture
 def interface(can_bus: CanBus) -> Iterator[Interface]:
-    if can_bus.interface != 'socketcan':
-        pytest.skip('needs a kernel with CAN; runs inside user-mode-linux')
     result = Interface()
     yield result
     result.bus.close()
@@ -248,8 +250,6 @@ class Controller:
 
 @pytest.fixture
 def controller(can_bus: CanBus) -> Iterator[Controller]:
-    if can_bus.interface != 'socketcan':
-        pytest.skip('needs a kernel with CAN; runs inside user-mode-linux')
     result = Controller()
     yield result
     result.close()
