@@ -211,6 +211,7 @@ def test_lost_address_is_not_believed_any_more_and_names_are_asked_for(
     assert 'has no address at present' in bench.session.stop_reasons(bench.now)[0]
     bench.take(moved(ANNOUNCED, 0x85), moved(OUTPUTS, 0x85), moved(NO_FAULTS, 0x85))
     assert not bench.session.estop
+    assert bench.session.finder.moves == 1
 
 
 def test_unit_that_defends_its_address_comes_back_by_its_announcement() -> None:

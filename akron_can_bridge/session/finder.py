@@ -36,6 +36,7 @@ class Finder:
         self.devices: dict[str, int] = {}  # PIN and last address of every Akron Brass device
         self.namesake: Name | None = None  # another device that claims our own address
         self._settings = settings
+        self._last: int | None = None  # the address that it had last
         self._asked_at = -math.inf
         self._due = math.inf
 
@@ -59,7 +60,8 @@ class Finder:
         before, self.address = self.address, source
         if before == source:
             return ''
-        self.moves += before is not None
+        self.moves += self._last not in (None, source)
+        self._last = source
         return f'unit {device.pin} is at address {source:02X}'
 
     def claimed(self, source: int, name: Name, now: float) -> str:
