@@ -2,7 +2,7 @@
 The parameters of the SSC bridge beside those that all bridges share.
 
 Three lists name things: ``axes`` and ``buttons`` of Joy, and ``servos``. Each name brings
-parameters of its own, such as ``calibration.x.channel`` or ``servo.pan.min_us``.
+parameters of its own, such as ``calibration.turn.channel`` or ``servo.pan.min_us``.
 """
 
 from collections.abc import Mapping
@@ -96,7 +96,9 @@ GENERAL = (
         minimum=0,
         maximum=1,
     ),
-    Parameter('axes', ['x', 'y'], "Names of the axes of ~/joy, in this order; [''] for none."),
+    Parameter(
+        'axes', ['turn', 'forward'], "Names of the axes of ~/joy, in this order; [''] for none."
+    ),
     Parameter('buttons', ['deadman'], "Names of the buttons of ~/joy; [''] for none."),
     Parameter(
         'plausible_us',
@@ -199,9 +201,9 @@ SERVO = (
 
 # What the names in the default lists mean: a stick on inputs 2 and 3, a switch on input 4.
 DEFAULTS: dict[str, Any] = {
-    'calibration.x.channel': 2,
-    'calibration.x.reversed': True,
-    'calibration.y.channel': 3,
+    'calibration.turn.channel': 2,
+    'calibration.turn.reversed': True,
+    'calibration.forward.channel': 3,
     'button.deadman.channel': 4,
 }
 

@@ -1,5 +1,6 @@
 """The link to an SSC over time: health, stops, sticks, configuration, polling, lockout."""
 
+from collections.abc import Callable
 from typing import Any
 
 from hypothesis import given
@@ -151,6 +152,48 @@ def test_closed_port_is_a_stop() -> None:
     assert 'port' in rig.session.stop_reasons(rig.now)[0]
     assert rig.session.poll(rig.now) == ([], [])
     assert rig.session.receive(status(), rig.now) == ([], [])
+
+
+def nothing(rig: Rig) -> None:
+    rig.tick(30)
+
+
+def mute(rig: Rig) -> None:
+    rig.mute = set(range(10, 16))
+    rig.tick(40)
+
+
+def estop_in_silent(rig: Rig) -> None:
+    rig.estop = None
+    rig.tick(40)
+
+
+def lockout_pending(rig: Rig) -> None:
+    rig.available = True
+    rig.tick(40)
+    rig.do(lambda session, now: session.lockout(now))
+
+
+def contradicted(rig: Rig) -> None:
+    rig.mute = {11, 15}
+    rig.hear(build_frame(11, bytes(3)))
+
+
+def commanded(rig: Rig) -> None:
+    rig.tick(10, lambda session, now: session.set_pulses([1500], now))
+
+
+@pytest.mark.parametrize(
+    'state', [nothing, mute, estop_in_silent, lockout_pending, contradicted, commanded]
+)
+def test_deadline_is_never_past_once_all_was_done(state: Callable[[Rig], None]) -> None:
+    rig = stick_rig()
+    state(rig)
+    for _ in range(50):
+        rig.now = max(rig.session.deadline(), rig.now)
+        rig.poll()
+        rig.poll()  # what the answers have brought
+        assert rig.session.deadline() > rig.now
 
 
 @given(st.lists(st.binary(max_size=40), max_size=20))

@@ -444,8 +444,9 @@ def test_servo_that_cannot_be_is_refused(changes: dict[str, Any]) -> None:
 
 
 def test_two_servos_of_one_name_or_output_are_refused() -> None:
-    for other in (Servo(name='pan', channel=2), Servo(name='tilt', channel=1)):
-        with pytest.raises(ValueError, match='differ'):
-            Settings(servos=(PAN, other))
+    with pytest.raises(ValueError, match='must all differ'):
+        Settings(servos=(PAN, Servo(name='pan', channel=2)))
+    with pytest.raises(ValueError, match=r'servo\.tilt\.channel = 1: is that of pan'):
+        Settings(servos=(PAN, Servo(name='tilt', channel=1)))
     with pytest.raises(ValueError, match='failsafe'):
         Settings(failsafe=Failsafe.PULSE)

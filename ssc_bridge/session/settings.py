@@ -141,6 +141,14 @@ class Servo:
         return min(max(us, self.min_us), self.max_us) if us else 0.0
 
 
+def _check_channels(servos: Sequence[Servo]) -> None:
+    users: dict[int, str] = {}
+    for servo in servos:
+        other = users.setdefault(servo.channel, servo.name)
+        if other != servo.name:
+            raise ValueError(f'servo.{servo.name}.channel = {servo.channel}: is that of {other}')
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Settings:
     """
@@ -197,7 +205,7 @@ class Settings:
         axes, buttons = [axis.name for axis in self.axes], [b.name for b in self.buttons]
         _check_different('axes, buttons', axes + buttons)
         _check_different('servos', [servo.name for servo in self.servos])
-        _check_different('servo.*.channel', [servo.channel for servo in self.servos])
+        _check_channels(self.servos)
         if self.failsafe is Failsafe.PULSE:
             raise ValueError('failsafe: a pulse needs an output with a name, see servos')
 

@@ -1,0 +1,520 @@
+"""The SSC bridge as a process of its own, on a pty with a simulated SSC."""
+
+from collections.abc import Iterator
+import contextlib
+from pathlib import Path
+import signal
+import time
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticStatus
+from diagnostic_msgs.msg import KeyValue
+import pytest
+from sensor_msgs.msg import JointState
+from sensor_msgs.msg import Joy
+from std_msgs.msg import Bool
+from std_msgs.msg import String
+from std_msgs.msg import UInt16MultiArray
+from std_srvs.srv import Trigger
+import yaml
+
+from bridge_core.runner import run
+from rugged_teleop.ptys import PtyDevice
+from ssc_bridge.node import SscBridge
+from ssc_bridge.simulator import Settings
+from ssc_bridge.simulator import Simulator
+from test.rig import as_yaml
+from test.rig import latched
+from test.rig import NodeProcess
+from test.rig import Observer
+from test.rig import Pty
+from test.rig import ROOT
+from test.rig import wait_for
+from test.ssc_rig import build_frame
+from test.ssc_rig import status
+from test.talkers import Diagnostics
+from test.talkers import namespace
+from test.talkers import Talker
+from test.talkers import values_of
+
+NAME = 'ssc_bridge'
+LINK, DEVICE = 'link', 'device'  # the parts of its diagnostics
+SERVOS: dict[str, Any] = {
+    'servos': ['pan', 'tilt'],
+    'servo.pan.channel': 1,
+    'servo.pan.min_us': 1100,
+    'servo.pan.max_us': 1900,
+    'servo.pan.rate_us_per_s': 1e6,
+    'servo.pan.failsafe': 'pulse',
+    'servo.pan.failsafe_us': 1200,
+    'servo.tilt.channel': 2,
+    'servo.tilt.rate_us_per_s': 1e6,
+}
+# Timer of 8 us between rising edges; accumulator; digital output; free running pulses of 2 us;
+# one-shot pulses of 1 us.
+AUX = [0, 0x01B1, 0x0082, 0x0003, 0x0014, 0x0104]
+
+
+def new_simulator(**settings: Any) -> Simulator:
+    """Return an SSC with its switch at 1 ms, which gives all outputs to SERIAL."""
+    simulator = Simulator(Settings(aux=list(AUX), rates=[0] * 5, **settings))
+    simulator.apply('channel 1 1000')
+    return simulator
+
+
+class Bench:
+    """One bridge on one simulated SSC, with a mux that allows everything."""
+
+    def __init__(
+        self, folder: Path, observer: Observer, simulator: Simulator, **parameters: Any
+    ) -> None:
+        self.observer = observer
+        self.port = PtyDevice(simulator, folder / 'ssc')
+        space = namespace()
+        self.name = f'{space}/{NAME}'
+        given = {'port': str(folder / 'ssc'), **parameters}
+        self.node = NodeProcess(f'{NAME}.node', given, namespace=space)
+        self.estop = observer.record(Bool, f'{self.name}/estop', latched())
+        self.own_estop = observer.record(Bool, f'{self.name}/own_estop', latched())
+        self.joy = observer.record(Joy, f'{self.name}/joy')
+        self.inputs = observer.record(UInt16MultiArray, f'{self.name}/pulse_inputs')
+        self.outputs = observer.record(UInt16MultiArray, f'{self.name}/pulse_outputs')
+        self.state = observer.record(String, f'{self.name}/command_state', latched())
+        self.aux = observer.record(DiagnosticStatus, f'{self.name}/aux_inputs')
+        self.diagnostics = Diagnostics(observer, self.name)
+        self.estop_in = Talker(observer, Bool, f'{self.name}/estop_in')
+
+    def wait(self, condition: Any, what: str = 'it', timeout: float = 15.0) -> Any:
+        return self.observer.wait_for(condition, timeout, lambda: f'{what}\n{self.node.output}')
+
+    def wait_stop(self, stop: bool) -> None:
+        self.wait(lambda: self.estop.last == Bool(data=stop), f'estop {stop}')
+
+    def connect(self) -> 'Bench':
+        """Wait until the link is healthy and topics are matched."""
+        self.wait_stop(False)
+        self.wait(lambda: self.inputs.last and self.joy.last, 'pulse inputs')
+        self.wait(self.estop_in.publisher.get_subscription_count, 'a listener')
+        return self
+
+    def seen(self) -> dict[str, Any]:
+        """Return what can be seen of the device."""
+        return self.port.describe()
+
+    def talker(self, kind: Any, topic: str, message: Any) -> Talker:
+        talker = Talker(self.observer, kind, f'{self.name}/{topic}', message)
+        self.wait(talker.publisher.get_subscription_count, 'a listener')
+        return talker
+
+    def value(self, key: str, part: str = DEVICE) -> str:
+        return self.diagnostics.value(part, key)
+
+    def message(self, part: str = DEVICE) -> str:
+        found = self.diagnostics.status(part)
+        return '' if found is None else str(found.message)
+
+    def close(self) -> None:
+        self.node.__exit__(None, None, None)
+        self.port.close()
+
+
+@contextlib.contextmanager
+def bench_of(
+    folder: Path, observer: Observer, simulator: Simulator | None = None, **parameters: Any
+) -> Iterator[Bench]:
+    bench = Bench(folder, observer, simulator or new_simulator(), **parameters)
+    try:
+        yield bench
+    finally:
+        bench.close()
+
+
+@pytest.fixture(scope='module')
+def shared(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Bench]:
+    with (
+        Observer() as observer,
+        bench_of(tmp_path_factory.mktemp('ssc'), observer, **SERVOS) as bench,
+    ):
+        yield bench
+
+
+@pytest.fixture
+def bench(shared: Bench) -> Bench:
+    """Return the shared bench with device and mux as at the beginning."""
+    for line in ('clear', 'mute off', 'receiver on', 'link on', 'channel 1 1000'):
+        shared.port.apply(line)
+    for channel in range(2, 9):
+        shared.port.apply(f'channel {channel} 1500')
+    shared.estop_in.message = Bool(data=False)
+    shared.estop_in.resume()
+    return shared.connect()
+
+
+def position(**positions: float) -> JointState:
+    return JointState(name=list(positions), position=list(positions.values()))
+
+
+@pytest.fixture
+def servo(bench: Bench) -> Iterator[Talker]:
+    """Command both servos, and see them obey."""
+    talker = bench.talker(JointState, 'servo_command', position(pan=0.5, tilt=-1.0))
+    bench.wait(lambda: bench.seen()['outputs_us'][:2] == [1700, 1000], 'the servos')
+    yield talker
+    talker.leave()
+
+
+# -- what comes -----------------------------------------------------------------------------------
+
+
+def test_receiver_becomes_joy_and_raw_pulses(bench: Bench) -> None:
+    for line in ('channel 2 2000', 'channel 3 1750', 'channel 4 1900', 'channel 5 off'):
+        bench.port.apply(line)
+    bench.wait(lambda: list(bench.joy.last.buttons) == [1], 'the deadman')
+    turn, forward = bench.joy.last.axes
+    assert turn == -1.0  # right is negative
+    assert forward == pytest.approx((0.5 - 0.05) / 0.95)
+    bench.wait(lambda: bench.inputs.last.data[4] >= 32768, 'the invalid pulse')
+    assert list(bench.inputs.last.data[:4]) == [1000, 2000, 1750, 1900]
+
+
+def test_invalid_pulse_of_an_axis_makes_the_whole_joy_neutral(bench: Bench) -> None:
+    bench.port.apply('channel 4 1900')
+    bench.wait(lambda: list(bench.joy.last.buttons) == [1], 'the deadman')
+    bench.port.apply('channel 3 off')
+    bench.wait(lambda: list(bench.joy.last.buttons) == [0], 'neutral')
+    assert not any(bench.joy.last.axes)
+    bench.wait(lambda: 'forward invalid' in bench.message(), 'the diagnostic')
+    assert bench.diagnostics.status(DEVICE).level == DiagnosticStatus.ERROR
+
+
+def test_receiver_lost_stops_and_neutralises(bench: Bench) -> None:
+    bench.port.apply('channel 4 1900')
+    bench.wait(lambda: list(bench.joy.last.buttons) == [1], 'the deadman')
+    bench.port.apply('receiver off')
+    bench.wait_stop(True)
+    bench.wait(lambda: bench.own_estop.last == Bool(data=True), 'own_estop')
+    bench.wait(lambda: bench.state.last == String(data='no signal'), 'the state')
+    bench.wait(lambda: list(bench.joy.last.buttons) == [0], 'neutral')
+    bench.wait(lambda: 'no pulses from the RC receiver' in bench.message(), 'the diagnostic')
+    bench.port.apply('receiver on')
+    bench.wait_stop(False)
+
+
+def test_lost_link_of_1_5_ms_is_shown_and_no_stop_by_default(bench: Bench) -> None:
+    bench.port.apply('link off')
+    bench.wait(lambda: bench.state.last == String(data='1.5 ms'), 'the state')
+    bench.observer.holds_for(lambda: not bench.estop.last.data, 0.3, 'no stop')
+
+
+def test_lost_link_of_1_5_ms_stops_where_configured(observer: Observer, tmp_path: Path) -> None:
+    states = ['no signal', '1.5 ms']
+    with bench_of(tmp_path, observer, estop_states=states) as bench:
+        bench.connect()
+        bench.port.apply('link off')
+        bench.wait_stop(True)
+        bench.wait(lambda: bench.state.last == String(data='1.5 ms'), 'the state')
+
+
+def test_configuration_and_sources_are_shown(bench: Bench) -> None:
+    bench.wait(lambda: bench.value('source of output 1') == 'SERIAL', 'the sources')
+    assert bench.value('configuration ID') == '1'
+    assert bench.value('pulse inputs') == '8'
+    assert bench.value('aux 2') == 'Timer In (8us,+,+)'
+    bench.port.apply('channel 1 2000')
+    bench.wait(lambda: bench.value('source of output 2') == 'PIN 2 (nibble 1)', 'the sources')
+    bench.wait(lambda: bench.state.last == String(data='2 ms'), 'the state')
+
+
+def test_auxiliary_inputs_in_si_units(bench: Bench) -> None:
+    bench.port.apply('signal 2 12000 4000')
+    bench.port.apply('pulses 3 42')
+    bench.wait(
+        lambda: values_of(bench.aux.last).get('aux 3 pulses in total') == '42', 'the pulses'
+    )
+    bench.wait(lambda: values_of(bench.aux.last)['aux 2 frequency (Hz)'] == '62.500', 'the timer')
+    values = values_of(bench.aux.last)
+    assert values['aux 2 period (s)'] == '0.016000'
+    assert values['aux 2 speed (rpm)'] == '3750.000'
+    assert values['aux 1 level'] == 'high'
+
+
+# -- what goes ------------------------------------------------------------------------------------
+
+
+def test_servos_obey_within_their_limits(bench: Bench, servo: Talker) -> None:
+    servo.message = position(pan=1.0)
+    bench.wait(lambda: bench.seen()['outputs_us'][0] == 1900, 'the limit')
+    bench.wait(lambda: bench.seen()['outputs_us'][1] == 0, 'tilt is released')
+    bench.wait(lambda: bench.outputs.last.data[0] == 1900, 'message 12')
+
+
+def test_pulse_command_is_limited_by_the_servos(bench: Bench) -> None:
+    talker = bench.talker(
+        UInt16MultiArray, 'pulse_command', UInt16MultiArray(data=[32000, 1300, 700])
+    )
+    bench.wait(lambda: bench.seen()['outputs_us'][:4] == [1900, 1300, 700, 0], 'the pulses')
+    talker.leave()
+    bench.wait(lambda: bench.seen()['outputs_us'][:4] == [1200, 0, 0, 0], 'the failsafe')
+
+
+def test_estop_in_brings_the_failsafe_and_what_was_asked_is_forgotten(
+    bench: Bench, servo: Talker
+) -> None:
+    bench.estop_in.message = Bool(data=True)
+    bench.estop_in.say()
+    bench.wait(lambda: bench.seen()['outputs_us'][:2] == [1200, 0], 'the failsafe')
+    assert bench.estop.last == Bool(data=False)  # it is the mux's stop, not ours
+    servo.pause()
+    bench.estop_in.message = Bool(data=False)
+    bench.observer.holds_for(lambda: bench.seen()['outputs_us'][:2] == [1200, 0], 0.4, 'failsafe')
+    servo.resume()
+    bench.wait(lambda: bench.seen()['outputs_us'][0] == 1700, 'a new command')
+
+
+def test_estop_in_that_falls_silent_brings_the_failsafe(bench: Bench, servo: Talker) -> None:
+    bench.estop_in.pause()
+    bench.wait(lambda: bench.seen()['outputs_us'][:2] == [1200, 0], 'the failsafe')
+    bench.wait(lambda: 'e-stop input is stale' in bench.message(), 'why')
+
+
+def test_command_that_falls_silent_brings_the_failsafe(bench: Bench, servo: Talker) -> None:
+    servo.pause()
+    bench.wait(lambda: bench.seen()['outputs_us'][:2] == [1200, 0], 'the failsafe')
+
+
+def test_receiver_lost_brings_the_failsafe(bench: Bench, servo: Talker) -> None:
+    bench.port.apply('receiver off')
+    # The switch table of the simulator has CONST without a signal: look at what SERIAL would be.
+    bench.wait(lambda: bench.seen()['serial_us'][:2] == [1200, 0], 'the failsafe')
+
+
+def test_output_that_is_not_on_serial_is_a_diagnostic(bench: Bench, servo: Talker) -> None:
+    bench.port.apply('channel 1 2000')
+    text = 'pan: output 1 is on PIN 1 (nibble 0), not on SERIAL'
+    bench.wait(lambda: text in bench.message(), 'the diagnostic')
+    assert bench.diagnostics.status(DEVICE).level == DiagnosticStatus.WARN
+
+
+def test_nonsense_is_refused_told_and_ends_the_command_before(bench: Bench, servo: Talker) -> None:
+    servo.pause()
+    before = int(bench.value('refused requests', LINK) or 0)
+    servo.message = position(nobody=1.0)
+    servo.say()
+    bench.wait(lambda: bench.seen()['outputs_us'][:2] == [1200, 0], 'the failsafe')
+    bench.wait(lambda: int(bench.value('refused requests', LINK)) > before, 'the count')
+    assert 'nobody' in bench.value('last refusal', LINK)
+
+
+def test_auxiliary_outputs_are_set_in_si_units_and_triggered(bench: Bench) -> None:
+    out = bench.observer.publisher(KeyValue, f'{bench.name}/aux_outputs')
+    for key, value in (('4.level', 'high'), ('5.pulse', '0.0015'), ('5.period', '0.02')):
+        out.publish(KeyValue(key=key, value=value))
+    shots = bench.seen()['aux'][5]['shots']
+    for _ in range(2):
+        out.publish(KeyValue(key='6.pulse', value='0.001'))
+
+    def done() -> bool:
+        aux = bench.seen()['aux']
+        pulses = aux[4]['pulse_us'], aux[4]['period_us'], aux[5]['shots'] - shots
+        return bool(aux[3]['pin']) and pulses == (1500, 20000, 2)
+
+    bench.wait(done, 'the outputs')
+    bench.estop_in.message = Bool(data=True)
+    bench.wait(lambda: not bench.seen()['aux'][3]['pin'], 'undone by a stop')
+    assert bench.seen()['aux'][4]['pulse_us'] == 0
+    out.publish(KeyValue(key='4.level', value='high'))
+    bench.wait(lambda: 'stopped' in bench.value('last refusal', LINK), 'the refusal')
+    assert bench.seen()['aux'][5]['shots'] - shots == 2
+
+
+# -- the lockout ----------------------------------------------------------------------------------
+
+
+def test_lockout_on_start_and_by_service(observer: Observer, tmp_path: Path) -> None:
+    simulator = new_simulator(lockouts=[True, False])
+    with bench_of(tmp_path, observer, simulator, lockout_on_start=True) as bench:
+        bench.connect()
+        bench.wait(lambda: not bench.seen()['config_available'], 'the lockout')
+        response = observer.call(Trigger, f'{bench.name}/lockout', tries=3)
+        assert response.success
+        assert 'locked out' in response.message
+
+
+def test_lockout_that_the_ssc_does_not_obey_says_so(observer: Observer, tmp_path: Path) -> None:
+    with bench_of(tmp_path, observer) as bench:
+        bench.connect()
+        bench.port.apply('reboot')  # 5 s of configuration begin anew
+        bench.wait(lambda: bench.value('configuration menus') == 'available', 'a new start')
+        response = observer.call(Trigger, f'{bench.name}/lockout', tries=3)
+        assert not response.success
+        assert 'On Rcv Msg 98' in response.message
+
+
+# -- the link -------------------------------------------------------------------------------------
+
+
+def test_silence_is_a_stop_and_its_end_heals(bench: Bench, servo: Talker) -> None:
+    bench.port.apply('mute on')
+    bench.wait_stop(True)
+    bench.wait(lambda: bench.state.last == String(data='unknown'), 'the state')
+    bench.wait(lambda: bench.seen()['serial_us'][:2] == [1200, 0], 'the failsafe all the same')
+    bench.wait(lambda: 'no status from the SSC' in bench.message(LINK), 'why')
+    servo.pause()
+    bench.port.apply('mute off')
+    bench.wait_stop(False)
+    bench.observer.holds_for(lambda: bench.seen()['serial_us'][:2] == [1200, 0], 0.4, 'failsafe')
+
+
+def test_unplugged_is_a_stop_and_plugged_in_heals(bench: Bench, servo: Talker) -> None:
+    bench.port.apply('unplug')
+    bench.wait_stop(True)
+    servo.pause()
+    bench.wait(lambda: bench.diagnostics.status(LINK).level == DiagnosticStatus.ERROR, 'told')
+    bench.port.apply('plug')
+    bench.wait_stop(False)
+    # The SSC itself has kept the last command; it must not stay in force.
+    bench.wait(lambda: bench.seen()['serial_us'][:2] == [1200, 0], 'the failsafe')
+
+
+def test_restarted_device_is_a_stop_until_it_was_read_anew(bench: Bench) -> None:
+    moment = time.monotonic()
+    bench.port.apply('device reboot')
+    bench.wait(lambda: any(m.data for _, m in bench.estop.since(moment)), 'a stop')
+    bench.wait_stop(False)
+
+
+def test_garbage_is_a_stop_and_counted(observer: Observer, pty: Pty) -> None:
+    given = {'port': str(pty.path)}
+    with NodeProcess(f'{NAME}.node', given) as node:
+        estop = observer.record(Bool, f'/{NAME}/estop', latched())
+        diagnostics = Diagnostics(observer, f'/{NAME}')
+        observer.wait_for(lambda: estop.last is not None, 15.0, lambda: node.output)
+        pty.wait_received(b'\x81\xa1\x0a\x00', 15.0)  # it asks for the status
+        pty.write(b'\x81\xa1\x0a' * 300 + status()[:-1] + b'\0')
+
+        def counted() -> bool:
+            return int(diagnostics.value(LINK, 'malformed') or 0) > 100
+
+        observer.wait_for(counted, 15.0, lambda: node.output)
+        pty.write(status())  # healthy, but what it is set up to be is not known
+        observer.holds_for(lambda: bool(estop.last.data), 0.4, 'the stop')
+        assert node.process.poll() is None
+
+
+def test_message_against_the_configuration_is_a_stop(bench: Bench) -> None:
+    moment = time.monotonic()
+
+    def say(device: Any, now: float) -> None:
+        device._out.append(build_frame(11, bytes(5)))
+
+    bench.port.call(say)
+    bench.wait(lambda: any(m.data for _, m in bench.estop.since(moment)), 'a stop')
+    bench.wait_stop(False)
+    bench.wait(lambda: bench.value('messages against the configuration') != '0', 'the count')
+
+
+def test_absent_device_is_waited_for(observer: Observer, tmp_path: Path) -> None:
+    given = {'port': str(tmp_path / 'ssc')}
+    with NodeProcess(f'{NAME}.node', given) as node:
+        estop = observer.record(Bool, f'/{NAME}/estop', latched())
+        observer.wait_for(lambda: estop.last is not None, 15.0, lambda: node.output)
+        assert estop.last.data
+        with PtyDevice(new_simulator(), tmp_path / 'ssc'):
+            observer.wait_for(lambda: not estop.last.data, 15.0, lambda: node.output)
+        observer.wait_for(lambda: estop.last.data, 15.0, lambda: node.output)
+
+
+def test_deactivated_leaves_the_failsafe(bench: Bench, servo: Talker) -> None:
+    assert bench.observer.change_state(bench.name, 'deactivate')
+    bench.wait_stop(True)
+    bench.wait(lambda: bench.seen()['serial_us'][:2] == [1200, 0], 'the failsafe')
+    assert bench.observer.change_state(bench.name, 'activate')
+    bench.wait_stop(False)
+
+
+def test_ended_leaves_the_failsafe(observer: Observer, tmp_path: Path) -> None:
+    with bench_of(tmp_path, observer, **SERVOS) as bench:
+        bench.connect()
+        bench.talker(JointState, 'servo_command', position(pan=0.5))
+        bench.wait(lambda: bench.seen()['outputs_us'][0] == 1700, 'the servo')
+        assert bench.node.end() == 0
+        wait_for(lambda: bench.seen()['serial_us'][0] == 1200, 2.0, 'the failsafe')
+
+
+# -- parameters -----------------------------------------------------------------------------------
+
+BAD: list[tuple[str, Any]] = [
+    ('baud', 100),
+    ('link_timeout', 0.01),
+    ('link_timeout', float('nan')),
+    ('poll_rates', [20.0]),
+    ('poll_rates', [5.0, 5.0, 5.0, 5.0, 5.0]),
+    ('poll_rates', [20.0, 5.0, 5.0, 5.0, 101.0]),
+    ('message_rates', [51.0, 0.0, 0.0, 0.0, 0.0]),
+    ('estop_states', ['3 ms']),
+    ('first_input_nibble', 2),
+    ('plausible_us', [2300, 700]),
+    ('plausible_us', [1200, 2300]),
+    ('tolerate_faulty_axes', 1),
+    ('axes', ['turn', 'turn']),
+    ('axes', ['deadman']),
+    ('calibration.turn.channel', 17),
+    ('calibration.turn.min_us', 1500),
+    ('calibration.turn.deadband', 1.0),
+    ('calibration.roll.channel', 2),
+    ('button.deadman.thresholds_us', [1700, 1300]),
+    ('failsafe', 'pulse'),
+    ('command_rate', 0.0),
+    ('command_timeout', float('inf')),
+    ('lockout_on_start', 'yes'),
+    ('servo.pan.channel', 1),
+    ('poll_rate', [20.0]),
+]
+BAD_SERVOS: list[tuple[str, Any]] = [
+    ('servo.pan.channel', 0),
+    ('servo.tilt.channel', 1),
+    ('servo.pan.min_us', 1600),
+    ('servo.pan.max_us', 32001),
+    ('servo.pan.rate_us_per_s', 0.0),
+    ('servo.pan.failsafe', 'stay'),
+    ('servo.pan.failsafe_us', 1901),
+]
+
+
+@pytest.fixture
+def _handlers() -> Iterator[None]:
+    """Keep the runner's own signal handlers, which a node replaces."""
+    kept = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+    yield
+    for number, handler in kept.items():
+        signal.signal(number, handler)
+
+
+@pytest.mark.usefixtures('_handlers')
+@pytest.mark.parametrize(
+    ('name', 'value', 'others'),
+    [*((n, v, {}) for n, v in BAD), *((n, v, SERVOS) for n, v in BAD_SERVOS)],
+    ids=str,
+)
+def test_bad_parameter_ends_it_with_one_line(
+    name: str, value: Any, others: dict[str, Any], capfd: pytest.CaptureFixture[str]
+) -> None:
+    arguments = ['--ros-args']
+    for key, given in {**others, name: value}.items():
+        arguments += ['-p', f'{key}:={as_yaml(given)}']
+    assert run([SscBridge], arguments) == 2
+    printed = capfd.readouterr().err.splitlines()
+    (line,) = [text for text in printed if text.startswith('rugged_teleop: ')]
+    assert name in line or f'{name.rpartition(".")[0]}: ' in line
+
+
+def test_annotated_configuration_is_read_by_ros(observer: Observer, tmp_path: Path) -> None:
+    file = ROOT / 'config' / f'{NAME}.yaml'
+    assert yaml.safe_load(file.read_text())
+    with PtyDevice(new_simulator(), tmp_path / 'ssc'):
+        arguments = ('--params-file', str(file), '-p', f'port:={tmp_path / "ssc"}')
+        with NodeProcess(f'{NAME}.node', arguments=arguments) as node:
+            estop = observer.record(Bool, f'/{NAME}/estop', latched())
+            observer.wait_for(
+                lambda: estop.last is not None and not estop.last.data, 15.0, lambda: node.output
+            )
