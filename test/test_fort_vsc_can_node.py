@@ -202,7 +202,7 @@ def test_mode_follows_the_remote_and_its_stop_stops(bench: Bench) -> None:
     bench.vsc.apply('stick left_y 1', 'mode pause')
     bench.wait(lambda: bench.says(bench.mode, 'Pause'), 'Pause')
     bench.wait(lambda: not any(bench.axes()), 'neutral')
-    assert bench.says(bench.estop, False)
+    bench.wait(lambda: bench.says(bench.estop, False), 'no stop')
     bench.vsc.apply('estop remote on')
     bench.wait(lambda: bench.says(bench.estop, True), 'a stop')
     bench.wait(lambda: bench.says(bench.mode, 'Local'), 'Local')
@@ -262,7 +262,7 @@ def test_missing_joystick_frame_makes_joy_neutral_and_is_named(bench: Bench) -> 
     wanted = 'right_z unavailable'
     bench.wait(lambda: bench.diagnostics.value(DEVICE, 'faulty controls') == wanted, 'its name')
     assert bench.diagnostics.status(DEVICE).level == DiagnosticStatus.ERROR
-    assert bench.says(bench.estop, False)
+    bench.wait(lambda: bench.says(bench.estop, False), 'no stop')
     bench.vsc.mute()
     bench.wait(lambda: bench.axes()[1] == 1.0, 'the stick back')
 
@@ -340,7 +340,7 @@ def test_what_can_cannot_carry_is_counted_and_explained(
         'the count',
     )
     assert text in bench.diagnostics.value(LINK, 'last refusal')
-    assert bench.says(bench.estop, False)
+    bench.wait(lambda: bench.says(bench.estop, False), 'no stop')
     assert bench.vsc.heard == []
 
 

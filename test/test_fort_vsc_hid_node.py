@@ -122,7 +122,7 @@ def test_state_and_estop_byte_are_obeyed(bench: PtyBench) -> None:
     bench.remote.apply('stick left_y 1', 'mode pause')
     bench.wait(lambda: bench.says(bench.mode, 'Pause'), 'Pause')
     bench.wait(lambda: not any(bench.axes()), 'neutral')
-    assert bench.says(bench.estop, False)
+    bench.wait(lambda: bench.says(bench.estop, False), 'no stop')
     bench.remote.enable_message(0x10, False)
     cause = bench.remote.write(STOPPED)
     bench.wait(lambda: bench.says(bench.estop, True), 'a stop')
@@ -205,7 +205,7 @@ def test_what_hid_cannot_do_is_refused_with_a_clear_message(
     refusal = bench.diagnostics.value(LINK, 'last refusal')
     assert 'transport hid cannot carry' in refusal
     assert text in refusal
-    assert bench.says(bench.estop, False)
+    bench.wait(lambda: bench.says(bench.estop, False), 'no stop')
     assert not bench.remote.received()
     told = bench.diagnostics.status(DEVICE).message
     assert ('cannot carry software_estop' in told) is (topic == 'software_estop')

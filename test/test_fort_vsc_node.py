@@ -220,7 +220,7 @@ def test_value_set_in_the_remotes_menu_is_told(bench: Bench) -> None:
 def test_unknown_message_type_is_counted_and_disturbs_nothing(bench: Bench) -> None:
     bench.vsc.write(build_frame(0x40, b'abc'))
     bench.wait(lambda: int(bench.diagnostics.value(LINK, 'unknown types') or 0) > 0, 'the count')
-    assert bench.says(bench.estop, False)
+    bench.wait(lambda: bench.says(bench.estop, False), 'no stop')
 
 
 def test_link_lost_and_found_is_told_with_its_reason(bench: Bench) -> None:
@@ -323,7 +323,7 @@ def test_request_that_makes_no_sense_is_counted_and_explained(
         5.0,
     )
     assert text in bench.diagnostics.value(LINK, 'last refusal')
-    assert bench.says(bench.estop, False)
+    bench.wait(lambda: bench.says(bench.estop, False), 'no stop')
     assert bench.vsc.simulator.eeprom_writes == 0
 
 
