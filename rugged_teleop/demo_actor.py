@@ -9,6 +9,8 @@ import time
 from bridge_core.framing import FrameError
 from esi_drive_bridge.protocol import Status
 from fort_vsc_bridge.protocol import decode
+from fort_vsc_bridge.protocol import Heartbeat
+from fort_vsc_bridge.protocol import Joystick
 from rugged_teleop.demo_stage import LAYOUT
 from rugged_teleop.demo_stage import Stage
 from vm110_bridge.protocol import Crc
@@ -26,11 +28,11 @@ UNIT_SILENT_LIMIT = 0.55  # s, the same for the VM-110: its link's time-out is 0
 RAMP_LIMIT = 0.5  # s, for a takeover: 12 rad/s at 40 rad/s a second, and TOLD_LIMIT
 FORT, VM110 = 'fort', 'vm110'  # operators, as the mux names them
 UNIT_DEADMAN, UNIT_STICK = 'switch 1 1', 'stick 1 2'  # of remote 1 of the VM-110
+BETWEEN_RESETS = 0.55  # s; within clear_time of another one, or of a trip, a reset does nothing
 DEMANDED, HELD = 'demands a stop', 'is not at neutral'  # the mux's words for what hinders a reset
 _WAIT = 5.0
 _POLL = 0.005
 _STILL = 0.4  # s for which it is watched that nothing moves
-_BETWEEN_RESETS = 0.55  # s; one that follows another within clear_time counts as held
 _TRIES = 5
 # How the mux's words begin that explain a stop, and do not stand in the way of a reset.
 _EXPLAIN = ('stopped ', 'a trip is active', 'waiting for reset')
@@ -94,9 +96,9 @@ class Actor:
         self.wait(is_found, lambda: otherwise)
         return found
 
-    def wait_for_state(self, state: str) -> None:
-        """Wait until the mux says this state."""
-        self.wait(lambda: self.watcher.state == state, lambda: f'the mux is {self.watcher.state}')
+    def wait_for_state(self, *states: str) -> None:
+        """Wait until the mux says one of these states."""
+        self.wait(lambda: self.watcher.state in states, lambda: f'the mux is {self.watcher.state}')
 
     def still(self, since: float) -> str:
         """Watch that no packet after ``since`` enables anything, for a while more."""
@@ -142,21 +144,57 @@ class Actor:
         self.remote(f'stick {STICK} 0', f'button {DEADMAN} 0')
         self.unit(f'{UNIT_STICK} 0', f'{UNIT_DEADMAN} 0')
 
+    def acknowledge(self) -> float:
+        """Acknowledge on FORT's remote, once nothing else stops the VSC; return when."""
+        return self.wait_for_moment(self._try_to_acknowledge, 'the VSC stays stopped')
+
+    def arm_unit(self) -> float:
+        """Arm the VM-110's remote 1, once nothing else stops the base unit; return when."""
+        return self.wait_for_moment(self._try_to_arm, 'the VM-110 stays stopped')
+
+    def tend(self) -> None:
+        """
+        Acknowledge and rearm where it can be done.
+
+        The stop of one device opens the hardware chains of the others; see CHAINS of the stage.
+        """
+        self._try_to_acknowledge()
+        if self.stage.unit.describe()['state'] == 'External link error':
+            self._try_to_arm()
+
+    def _try_to_acknowledge(self) -> float:
+        return _moment_of(lambda: self.remote('ack', 'mode operational'))
+
+    def _try_to_arm(self) -> float:
+        return _moment_of(lambda: self.unit('arm 1'))
+
     def reset(self) -> tuple[bool, str]:
         """Call for a reset; return success and message."""
         self._reset_at = time.monotonic()
         return self.watcher.call('reset')
 
     def accepted_reset(self) -> str:
-        """Let all go, wait until nothing else is missing, reset; return the answer."""
+        """Let all go, tend to what hinders a reset, then reset; return the answer."""
         self.let_go()
         for _ in range(_TRIES):  # a time-out may come between the look and the reset
-            self.wait(lambda: self._may_repeat_reset() and self.hindrances() == [])
+            self.wait(self._nothing_hinders)
             success, message = self.reset()
             if success:
                 self.wait_for_state('READY')
                 return message.split(';')[0]
         raise Missed(message)
+
+    def _nothing_hinders(self) -> bool:
+        hindrances = self.hindrances()
+        if hindrances:
+            self.tend()
+        return hindrances == [] and self._may_repeat_reset()
+
+    def back_to_ready(self) -> str:
+        """Reset, unless it is READY: there control was given back before the stop was heard."""
+        if self.watcher.state == 'READY':
+            return 'still READY'
+        return self.accepted_reset()
 
     def refused_reset(self, reason: str) -> str:
         """Call for a reset that must be refused for this reason, and not for being repeated."""
@@ -170,10 +208,12 @@ class Actor:
         return shortened(message)
 
     def wait_for_held(self) -> None:
-        """Wait until nothing but what is held on the remote hinders a reset."""
+        """Tend to the devices until nothing but what is held on the remote hinders a reset."""
 
         def only_held() -> bool:
             hindrances = self.hindrances() or ['']
+            if any(DEMANDED in text for text in hindrances):
+                self.tend()
             return all(HELD in text for text in hindrances)
 
         self.wait(only_held)
@@ -191,7 +231,7 @@ class Actor:
         return [text for text in inhibits if not text.startswith(_EXPLAIN)]
 
     def _may_repeat_reset(self) -> bool:
-        return time.monotonic() - self._reset_at > _BETWEEN_RESETS
+        return time.monotonic() - self._reset_at >= BETWEEN_RESETS
 
     # -- motion ----------------------------------------------------------------------------------
 
@@ -271,14 +311,14 @@ class Actor:
         cause: str,
         act: Callable[[], float],
         limit: float = TOLD_LIMIT,
-        state: str = 'STOPPED',
+        states: tuple[str, ...] = ('STOPPED',),
     ) -> str:
         """
         Stop in mid-motion, and measure.
 
         :param act: causes the stop; returns the moment of the cause (seconds, monotonic).
         :param limit: s that it may take, and what this machine was late for us besides.
-        :param state: what the mux must be afterwards.
+        :param states: what the mux must be afterwards, one of these.
         """
         if not self._moving():  # a time-out has stopped it since the step before: see set_off
             self._recover()
@@ -287,7 +327,7 @@ class Actor:
         at = act()
         first = self.wait_for_moment(lambda: self._first_disable(at), 'no packet disables')
         self.reactions.append(Reaction(cause, first - at, limit))
-        self.wait_for_state(state)
+        self.wait_for_state(*states)
         later = sum(packet.enables for packet in self.stage.packets(first))
         if later:
             raise Missed(f'{later} packets after the first disable packet enable again')
@@ -297,7 +337,7 @@ class Actor:
                 f'{took}, allowed are {limit * 1e3:.0f} ms, and {self._late * 1e3:.0f} ms '
                 'by which this machine was late for us too'
             )
-        return f'{took}, {state}'
+        return f'{took}, {self.watcher.state}'
 
     def _first_disable(self, since: float) -> float:
         packets = self.stage.packets(since)
@@ -310,6 +350,19 @@ class Actor:
             return next((at for at, message in self.vsc_said(since) if wanted(message)), 0.0)
 
         return self.wait_for_moment(written, 'the VSC does not send it')
+
+    def vsc_stop(self, command: str) -> float:
+        """
+        Cause a stop at the VSC; return when the first frame that tells of it was written.
+
+        That is a heartbeat, or a joystick message before it: in a stop the VSC zeroes the sticks.
+        """
+
+        def tells(message: object) -> bool:
+            stops = isinstance(message, Heartbeat) and message.estop != 0
+            return stops or is_released(message)
+
+        return self.vsc_says(self.remote(command), tells)
 
     def vsc_said(self, since: float) -> list[tuple[float, object]]:
         """Return the VSC's messages after ``since``, with the moments of writing."""
@@ -331,6 +384,19 @@ class Actor:
             return next((at for at, frame in self.stage.drive.sent(since) if _faulty(frame)), 0.0)
 
         return self.wait_for_moment(written, 'the drive reports no error')
+
+
+def _moment_of(act: Callable[[], float]) -> float:
+    """Return when it was done; 0 if the device refused it."""
+    try:
+        return act()
+    except ValueError:
+        return 0.0
+
+
+def is_released(message: object) -> bool:
+    """Tell whether this is FORT's message of its released deadman."""
+    return isinstance(message, Joystick) and message.buttons[0].value is False
 
 
 def _is_vrpi(datagram: bytes, wanted: Callable[[PeriodicInput], bool]) -> bool:

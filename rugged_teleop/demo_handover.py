@@ -1,4 +1,4 @@
-"""The part of the scene with two operators: FORT and VM-110, one after the other."""
+"""The part of the scene with two operators: FORT and VM-110, one after the other, and together."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from fort_vsc_bridge.protocol import Joystick
 from rugged_teleop.demo_actor import Actor
 from rugged_teleop.demo_actor import DEADMAN
 from rugged_teleop.demo_actor import FORT
+from rugged_teleop.demo_actor import is_released
 from rugged_teleop.demo_actor import Missed
 from rugged_teleop.demo_actor import PUSH
 from rugged_teleop.demo_actor import RAMP_LIMIT
@@ -22,11 +23,18 @@ from rugged_teleop.demo_stage import Packet
 from vm110_bridge.protocol import BuState
 from vm110_bridge.protocol import PeriodicInput
 
+# The neutral Joy that comes with the stop may be heard first. Then VM-110 has given control back,
+# and its source, which counts for the owner only, needs no reset.
+_OWNER_STOPPED = ('STOPPED', 'READY')
 _WATCHED = 0.6  # s: several VRPI, and longer than the mux's hold_time
 
 
 class Handover(Actor):
-    """Hands control over from FORT, which ranks higher, to VM-110 and back, and stops VM-110."""
+    """
+    Hands control over from FORT, which ranks higher, to VM-110 and back, and stops VM-110.
+
+    Then FORT's stop reaches the hardware chain of VM-110, whose relays open.
+    """
 
     @property
     def handover_steps(self) -> list[tuple[str, Callable[[], str]]]:
@@ -40,9 +48,13 @@ class Handover(Actor):
             ('FORT released, VM-110 still held: it stops, and nothing moves', self.leave_fort),
             ("VM-110's sticks let go, then its deadman: it drives", self.drive_unit),
             ("VM-110's stop switch stops", self.stop_unit),
+            ('its stop switch held, deadman and stick again: nothing moves', self.push_stopped),
             ('released, rearmed, reset: a new deadman moves it again', self.rearm),
             ('a VM-110 that falls silent stops', self.stop_unit_silence),
             ('it speaks again, its deadman held: nothing moves', self.end_unit_silence),
+            ('a reset, and FORT drives again', self.return_to_fort),
+            ("FORT's e-stop opens VM-110's relays too, after its 2 s", self.open_relays),
+            ('released and acknowledged: VM-110 must be rearmed to close them', self.close_relays),
             ('a reset, and FORT drives again', self.return_to_fort),
         ]
 
@@ -50,7 +62,7 @@ class Handover(Actor):
         """Arm the VM-110's first remote while FORT drives."""
 
         def arm() -> None:
-            since = self.unit('arm 1')
+            since = self.arm_unit()
             self.unit_says(since, lambda vrpi: vrpi.bu_state == BuState.ARMED)
 
         return self.persist(lambda: self._keep_fort(arm))
@@ -89,7 +101,7 @@ class Handover(Actor):
             self._hold_unit()
             return self.vsc_says(self.remote(f'button {DEADMAN} 0'), is_released)
 
-        happened = self.stopped('FORT released, to hand over', release, state='READY')
+        happened = self.stopped('FORT released, to hand over', release, states=('READY',))
         return f'{happened}; {self.still(time.monotonic())}'
 
     def drive_unit(self) -> str:
@@ -142,12 +154,18 @@ class Handover(Actor):
             since = self.unit('stop 1 on')
             return self.unit_says(since, lambda vrpi: vrpi.bu_state == BuState.STOPPED)
 
-        return self.stopped("VM-110's stop switch", press)
+        return self.stopped("VM-110's stop switch", press, states=_OWNER_STOPPED)
+
+    def push_stopped(self) -> str:
+        """Let deadman and stick go, then press and push them: the stop switch is still pressed."""
+        self.let_go()
+        return self.still(self.push())
 
     def rearm(self) -> str:
         """Go the right way from the stop switch to motion."""
-        self.unit('stop 1 off', 'arm 1')
-        return f'{self.accepted_reset()}; {self.set_off()}'
+        self.unit('stop 1 off')
+        self.arm_unit()
+        return f'{self.back_to_ready()}; {self.set_off()}'
 
     def stop_unit_silence(self) -> str:
         """Let the base unit hang."""
@@ -156,25 +174,47 @@ class Handover(Actor):
             since = self.unit('stall on') - 1.0
             return self.stage.unit.sent(since)[-1].at
 
-        return self.stopped('VM-110 silent, since its last VRPI', hang, UNIT_SILENT_LIMIT)
+        cause = 'VM-110 silent, since its last VRPI'
+        return self.stopped(cause, hang, UNIT_SILENT_LIMIT, _OWNER_STOPPED)
 
     def end_unit_silence(self) -> str:
         """Let the base unit go on, and arm it anew if it has opened its relays meanwhile."""
         since = self.unit('stall off')
-        self.wait(lambda: self.stage.unit.describe()['eg_link'] == 'Operational')
-        self.unit('arm 1')
+        self.arm_unit()
         self.wait(lambda: self.watcher.clear('VM-110'))
         return self.still(since)
 
     def return_to_fort(self) -> str:
         """Reset, and drive with FORT."""
         self.hand = FORT
-        return f'{self.accepted_reset()}; {self.set_off()}, owner {FORT}'
+        return f'{self.back_to_ready()}; {self.set_off()}, owner {FORT}'
 
+    def open_relays(self) -> str:
+        """Press FORT's e-stop and wait for VM-110 to say that its relays are open."""
+        happened = self.stopped(
+            "FORT's e-stop, VM-110 armed", lambda: self.vsc_stop('estop remote on')
+        )
+        since = time.monotonic()
+        opened = self.unit_says(since, lambda vrpi: vrpi.bu_state == BuState.EXTERNAL_LINK_ERROR)
+        if self.stage.unit.describe()['relays_closed']:
+            raise Missed('the relays are closed')
+        last = self.stage.unit.received()[-1].at
+        return f'{happened}; relays open {opened - last:.1f} s after the last VRPO'
 
-def is_released(message: object) -> bool:
-    """Tell whether this is FORT's message of its released deadman."""
-    return isinstance(message, Joystick) and message.buttons[0].value is False
+    def close_relays(self) -> str:
+        """Release and acknowledge on FORT; watch that only rearming closes the relays."""
+        self.remote('estop remote off')
+        self.acknowledge()
+        self.wait(lambda: self.watcher.clear('VSC'))
+        unit = self.stage.unit
+        self.wait(lambda: unit.describe()['eg_link'] == 'Operational')
+        if unit.describe()['relays_closed']:
+            raise Missed('the relays have closed without being rearmed')
+        since = self.arm_unit()
+        self.unit_says(since, lambda vrpi: vrpi.bu_state == BuState.ARMED)
+        if not unit.describe()['relays_closed']:
+            raise Missed('the relays are open')
+        return f'closed by rearming; {self.still(since)}'
 
 
 def _is_pressed(message: object) -> bool:

@@ -1,5 +1,5 @@
 """
-The scripted scene: a start, eleven stops in mid-motion, the wrong ways to go on and the right one.
+The scripted scene: a start, twelve stops in mid-motion, the wrong ways to go on and the right one.
 
 Each step states what is expected, waits for it up to a deadline and prints one line. Reactions run
 from the moment at which the cause was written on a port (or the plug was pulled) to the moment at
@@ -13,15 +13,16 @@ from collections.abc import Callable
 import time
 
 from fort_vsc_bridge.protocol import Heartbeat
+from rugged_teleop.demo_actor import BETWEEN_RESETS
 from rugged_teleop.demo_actor import DEADMAN
 from rugged_teleop.demo_actor import DEMANDED
 from rugged_teleop.demo_actor import HELD
+from rugged_teleop.demo_actor import is_released
 from rugged_teleop.demo_actor import Missed
 from rugged_teleop.demo_actor import PUSH
 from rugged_teleop.demo_actor import SILENT_LIMIT
 from rugged_teleop.demo_actor import STICK
 from rugged_teleop.demo_handover import Handover
-from rugged_teleop.demo_handover import is_released
 from rugged_teleop.demo_stage import DemoError
 from rugged_teleop.demo_stage import ESTOPS
 from rugged_teleop.demo_stage import Stage
@@ -71,6 +72,7 @@ class Scene(Handover):
             ('a reset before the errors are cleared is refused', self.clear_fault),
             again,
             ('~/trip stops', self.stop_trip),
+            ('a first reset only ends the trip, which the VSC was told of', self.end_trip),
             again,
             ('the VSC unplugged stops', self.stop_unplug),
             ('plugged in: healthy in the same process, nothing moves', self.plug),
@@ -120,8 +122,15 @@ class Scene(Handover):
     def connect(self) -> str:
         """Wait for all four nodes, and for all devices without a stop."""
         watcher = self.watcher
+
+        def connected() -> bool:
+            if all(watcher.clear(name) for name in ESTOPS):
+                return watcher.values != {}
+            self.tend()  # until the mux has heard the drive, it asks the VSC to stop
+            return False
+
         self.wait(
-            lambda: all(watcher.clear(name) for name in ESTOPS) and watcher.values != {},
+            connected,
             lambda: f'heard e-stops {watcher.estops}, mux {watcher.message or "not heard"}',
             START_LIMIT,
         )
@@ -131,7 +140,7 @@ class Scene(Handover):
 
     def push_at_start(self) -> str:
         """Behave as if it had been reset."""
-        self.remote('mode operational')
+        self.acknowledge()
         return self.still(self.push())
 
     def reset_rightly(self) -> str:
@@ -147,26 +156,14 @@ class Scene(Handover):
 
     def stop_remote(self) -> str:
         """Press the e-stop on the remote."""
-        return self.stopped('e-stop of the remote', lambda: self._vsc_stop('estop remote on'))
+        return self.stopped('e-stop of the remote', lambda: self.vsc_stop('estop remote on'))
 
     def stop_wired(self) -> str:
         """Open the VSC's wired e-stop input; close and acknowledge it afterwards."""
-        happened = self.stopped('wired e-stop', lambda: self._vsc_stop('estop vsc on'))
-        self.remote('estop vsc off', 'ack', 'mode operational')
+        happened = self.stopped('wired e-stop', lambda: self.vsc_stop('estop vsc on'))
+        self.remote('estop vsc off')
+        self.acknowledge()
         return happened
-
-    def _vsc_stop(self, command: str) -> float:
-        """
-        Cause a stop at the VSC; return when the first frame that tells of it was written.
-
-        That is a heartbeat, or a joystick message before it: in a stop the VSC zeroes the sticks.
-        """
-
-        def tells(message: object) -> bool:
-            stops = isinstance(message, Heartbeat) and message.estop != 0
-            return stops or is_released(message)
-
-        return self.vsc_says(self.remote(command), tells)
 
     def stop_deadman(self) -> str:
         """Release the deadman, with the stick still pushed."""
@@ -174,7 +171,7 @@ class Scene(Handover):
         def release() -> float:
             return self.vsc_says(self.remote(f'button {DEADMAN} 0'), is_released)
 
-        return self.stopped('deadman released', release, state='READY')
+        return self.stopped('deadman released', release, states=('READY',))
 
     def stop_silence(self) -> str:
         """Let the VSC hang, its port still open."""
@@ -217,6 +214,14 @@ class Scene(Handover):
 
         return self.stopped('~/trip, from its call', trip)
 
+    def end_trip(self) -> str:
+        """Reset: the trip ends, and with it what stops the VSC; that has to be acknowledged."""
+        self.let_go()
+        may_end_at = time.monotonic() + BETWEEN_RESETS
+        self.wait(lambda: time.monotonic() > may_end_at)
+        self.wait(lambda: all(HELD not in text for text in self.hindrances() or [HELD]))
+        return self.refused_reset('the trip is ended')
+
     def stop_unplug(self) -> str:
         """Pull the VSC's plug."""
         return self.stopped('VSC unplugged', lambda: self.remote('unplug'), SILENT_LIMIT)
@@ -257,7 +262,7 @@ class Scene(Handover):
 
     def reset_still_held(self) -> str:
         """Acknowledge, with stick and deadman held all the time."""
-        since = self.remote('ack', 'mode operational')
+        since = self.acknowledge()
         self.wait_for_held()
         return f'{self.refused_reset(HELD)}; {self.still(since)}'
 

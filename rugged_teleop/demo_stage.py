@@ -58,6 +58,11 @@ SERVICES = {
     'trip': '/safety_mux/trip',
     'clear_errors': '/esi_drive_bridge/clear_errors',
 }
+# The stop of each remote reaches the hardware chain of the other; see docs/safety_mux.md.
+CHAINS = {
+    'fort_vsc_bridge:~/software_estop': 'safety_mux/stop_demand/fort',
+    'vm110_bridge:~/hold_output': 'safety_mux/stop_demand/vm110',
+}
 _DOMAINS = range(1, 102)  # 101 is the last whose ports are clear of the ephemeral ones
 _LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 _OVERLAP = 0.1  # s of bytes before the wanted ones, for a packet that began there
@@ -281,6 +286,7 @@ class Stage:
         command += ['-p', f'fort_vsc_bridge:port:={self.vsc.path}']
         command += ['-p', f'esi_drive_bridge:port:={self.drive.path}']
         command += ['-p', f'vm110_bridge:input_port:={self.unit.port}']
+        command += [word for rule in CHAINS.items() for word in ('-r', ':='.join(rule))]
         with self._output.open('wb') as output:
             return subprocess.Popen(
                 command,

@@ -1,5 +1,5 @@
 """
-The live view: sticks, e-stops, the mux and its reasons, the drive's wire, the motors; keys steer.
+The live view: remotes, e-stops, the mux and its reasons, the drive's wire, motors; keys steer.
 
 ``Hands`` turns keys into commands and ``picture`` turns a snapshot into lines; neither needs a
 terminal. ``live`` joins them to one.
@@ -25,6 +25,7 @@ from typing import Any
 from esi_drive_bridge.protocol import Command
 from rugged_teleop.demo_stage import packets_in
 from rugged_teleop.demo_stage import Stage
+from rugged_teleop.ports import DevicePort
 
 PERIOD = 0.1
 NUDGE = 0.2  # of full deflection, a key
@@ -32,72 +33,83 @@ _BAR = 20  # characters of a full bar
 _FULL_RPM = 2000.0
 _RECENT = 0.5  # s; older bytes are not shown as the newest
 _KEYS = (
-    'arrows  left stick; c centres it       d  deadman, held or released',
-    'r  reset      e  clear drive errors    space  e-stop of the remote, press or release',
-    't  trip       f  fault in the drive    a  acknowledge a stop on the remote',
-    'u  unplug or plug the VSC              w  wired e-stop of the VSC      q  quit',
+    'FORT    arrows  stick; c centres it     d  deadman    space  e-stop    a  acknowledge',
+    '        w  wired e-stop of the VSC      u  unplug or plug the VSC',
+    'VM-110  i j k l  stick; x centres it    b  deadman    s  stop switch   m  arm   n  disarm',
+    'mux     r  reset      t  trip           drive  f  fault   e  clear errors    q  quit',
 )
+_NUDGES = {  # which stick of whom, and how far
+    'up': ('vsc', 'stick left_y', NUDGE),
+    'down': ('vsc', 'stick left_y', -NUDGE),
+    'left': ('vsc', 'stick left_x', -NUDGE),  # the VSC counts to the right
+    'right': ('vsc', 'stick left_x', NUDGE),
+    'i': ('unit', 'stick 1 2', NUDGE),
+    'k': ('unit', 'stick 1 2', -NUDGE),
+    'j': ('unit', 'stick 1 1', NUDGE),
+    'l': ('unit', 'stick 1 1', -NUDGE),
+}
+_CENTRES = {'c': 'vsc', 'x': 'unit'}
+_SWITCHES = {  # whose, what switches on, what off
+    'd': ('vsc', 'button left_down 1', 'button left_down 0'),
+    ' ': ('vsc', 'estop remote on', 'estop remote off'),
+    'w': ('vsc', 'estop vsc on', 'estop vsc off'),
+    'u': ('vsc', 'unplug', 'plug'),
+    'b': ('unit', 'switch 1 1 1', 'switch 1 1 0'),
+    's': ('unit', 'stop 1 on', 'stop 1 off'),
+}
+_PLAIN = {
+    'a': [('vsc', 'ack'), ('vsc', 'mode operational')],
+    'm': [('unit', 'arm 1')],
+    'n': [('unit', 'disarm')],
+    'f': [('drive', 'fault a overcurrent pulse')],
+    'r': [('service', 'reset')],
+    'e': [('service', 'clear_errors')],
+    't': [('service', 'trip')],
+}
 
 _ARROWS = {'A': 'up', 'B': 'down', 'C': 'right', 'D': 'left'}
 # ANSI control sequences, which every terminal of today knows.
 _ENTER, _LEAVE = '\x1b[?1049h\x1b[?25l', '\x1b[?25h\x1b[?1049l'  # own screen, no cursor
 _HOME, _END_OF_LINE, _BLANK_REST = '\x1b[H', '\x1b[K\r\n', '\x1b[J'
 
-Say = Callable[[str, str], None]  # 'vsc', 'drive' or 'service'; command or name
+Say = Callable[[str, str], None]  # 'vsc', 'unit', 'drive' or 'service'; command or name
 
 
 @dataclass(slots=True)
 class Hands:
     """
-    The operator's hands on a remote without springs: a terminal tells of no key that is let go.
+    The operators' hands on remotes without springs: a terminal tells of no key that is let go.
 
     :param say: where commands go; may raise ValueError.
     """
 
     say: Say
-    sticks: dict[str, float] = field(default_factory=lambda: {'left_x': 0.0, 'left_y': 0.0})
+    sticks: dict[tuple[str, str], float] = field(default_factory=dict)  # that were ever moved
     switches: dict[str, bool] = field(default_factory=dict)
     leaving: bool = False
 
     def press(self, key: str) -> None:
         """Do what the key means. :raises ValueError: what the device answers to it."""
-        nudges = {
-            'up': ('left_y', NUDGE),
-            'down': ('left_y', -NUDGE),
-            'left': ('left_x', -NUDGE),
-            'right': ('left_x', NUDGE),
-        }
-        switches = {
-            'd': ('vsc', 'button left_down 1', 'button left_down 0'),
-            ' ': ('vsc', 'estop remote on', 'estop remote off'),
-            'w': ('vsc', 'estop vsc on', 'estop vsc off'),
-            'u': ('vsc', 'unplug', 'plug'),
-        }
-        plain = {
-            'a': [('vsc', 'ack'), ('vsc', 'mode operational')],
-            'f': [('drive', 'fault a overcurrent pulse')],
-            'r': [('service', 'reset')],
-            'e': [('service', 'clear_errors')],
-            't': [('service', 'trip')],
-        }
-        if key in nudges:
-            self._move(*nudges[key])
-        elif key == 'c':
-            for name in self.sticks:
-                self._move(name, -self.sticks[name])
-        elif key in switches:
-            target, on, off = switches[key]
+        if key in _NUDGES:
+            target, stick, by = _NUDGES[key]
+            self._move(target, stick, self.sticks.get((target, stick), 0.0) + by)
+        elif key in _CENTRES:
+            for target, stick in self.sticks:
+                if target == _CENTRES[key]:
+                    self._move(target, stick, 0.0)
+        elif key in _SWITCHES:
+            target, on, off = _SWITCHES[key]
             self.say(target, off if self.switches.get(key) else on)
             self.switches[key] = not self.switches.get(key)
         elif key == 'q':
             self.leaving = True
-        for target, command in plain.get(key, ()):
+        for target, command in _PLAIN.get(key, ()):
             self.say(target, command)
 
-    def _move(self, name: str, by: float) -> None:
-        value = round(min(max(self.sticks[name] + by, -1.0), 1.0), 2)
-        self.sticks[name] = value
-        self.say('vsc', f'stick {name} {value}')
+    def _move(self, target: str, stick: str, to: float) -> None:
+        value = round(min(max(to, -1.0), 1.0), 2)
+        self.sticks[target, stick] = value
+        self.say(target, f'{stick} {value}')
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,8 +117,9 @@ class Snapshot:
     """Everything that the picture shows, taken at one moment."""
 
     vsc: dict[str, Any]  # as the simulator describes itself
+    unit: dict[str, Any]
     drive: dict[str, Any]
-    axes: tuple[float, ...]  # of Joy
+    axes: tuple[float, ...]  # of FORT's Joy
     buttons: tuple[int, ...]
     estops: dict[str, bool | None]  # None: not heard lately
     state: str
@@ -127,6 +140,7 @@ def take(stage: Stage, note: str = '') -> Snapshot:
     values = watcher.values
     return Snapshot(
         vsc=stage.vsc.describe(),
+        unit=stage.unit.describe(),
         drive=stage.drive.describe(),
         axes=watcher.axes,
         buttons=watcher.buttons,
@@ -147,12 +161,13 @@ def take(stage: Stage, note: str = '') -> Snapshot:
     )
 
 
-def picture(seen: Snapshot, width: int = 100) -> list[str]:
-    """Return the lines of the view, none longer than ``width``."""
+def picture(seen: Snapshot, width: int = 100, height: int = 50) -> list[str]:
+    """Return the lines of the view, none longer than ``width``; tight where there are too many."""
     lines = [
-        'rugged_teleop demo: simulated remote and drive, real nodes',
+        'rugged_teleop demo: simulated remotes and drive, real nodes',
         '',
-        *_remote_lines(seen),
+        *_vsc_lines(seen),
+        *_unit_lines(seen.unit),
         '',
         'e-stops  ' + '   '.join(f'{n} {_estop_word(v)}' for n, v in seen.estops.items()),
         f'mux      {seen.state or "not heard yet"}, owner {seen.owner or "none"}',
@@ -160,20 +175,38 @@ def picture(seen: Snapshot, width: int = 100) -> list[str]:
     for text in seen.inhibits or ('nothing holds it back',):
         lines += textwrap.wrap(text, width, initial_indent='         ', subsequent_indent=13 * ' ')
     lines += ['', *_wire_lines(seen), '', *_motor_lines(seen), '', f'>        {seen.note}', '']
-    return [line[:width] for line in (*lines, *_KEYS)]
+    lines += _KEYS
+    if len(lines) > height:
+        lines = [line for line in lines if line]
+    return [line[:width] for line in lines]
 
 
-def _remote_lines(seen: Snapshot) -> list[str]:
+def _vsc_lines(seen: Snapshot) -> list[str]:
     vsc = seen.vsc
     plugged = 'plugged in' if vsc['plugged'] else 'UNPLUGGED'
-    pressed = [name for name in ('remote', 'wired') if vsc[f'{name}_estop']]
+    pressed = [name for name in ('remote', 'wired', 'host') if vsc[f'{name}_estop']]
+    chain = 'closed' if vsc['master_enable'] else 'OPEN'
     sticks = vsc['sticks']
     held = 'HELD' if 'left_down' in vsc['buttons'] else 'released'
     axes = ' '.join(f'{axis:+.2f}' for axis in seen.axes) or 'none'
     return [
-        f'remote   {plugged}, mode {vsc["mode"]}, e-stop pressed: {", ".join(pressed) or "none"}',
+        f'FORT     {plugged}, mode {vsc["mode"]}, e-stop by {", ".join(pressed) or "none"}, '
+        f'Master Enable {chain}',
         f'         left stick x {sticks["left_x"]:+.2f} y {sticks["left_y"]:+.2f}, deadman {held}',
-        f'Joy      axes {axes}   buttons {"".join(map(str, seen.buttons)) or "none"}',
+        f'         Joy axes {axes}   buttons {"".join(map(str, seen.buttons)) or "none"}',
+    ]
+
+
+def _unit_lines(unit: dict[str, Any]) -> list[str]:
+    remote = unit['remotes']['1']
+    armed = 'armed' if unit['armed'] == '1' else 'not armed'
+    switch = 'PRESSED' if 'stopped' in remote['on'] else 'released'
+    turn, forward = remote['sticks'][:2]
+    held = 'HELD' if remote['switches'][0] else 'released'
+    chain = 'closed' if unit['relays_closed'] else 'OPEN'
+    return [
+        f'VM-110   {unit["state"]}, remote 1 {armed}, stop switch {switch}, relays {chain}',
+        f'         stick x {turn:+.2f} y {forward:+.2f}, deadman {held}',
     ]
 
 
@@ -253,11 +286,10 @@ class _Terminal:
         self._stage = stage
         self._keyboard = keyboard
         self._hands = Hands(self._say)
-        self._note = 'wait until both e-stops are clear, then press r, d and an arrow'
+        self._note = 'press a; when the VSC and the drive are clear, press r, d and an arrow'
 
     def run(self) -> None:
         """Draw and obey until the user leaves. :raises DemoError: the stack has ended."""
-        self._say('vsc', 'mode operational')
         while not self._hands.leaving:
             self._stage.check()
             self._draw()
@@ -274,7 +306,7 @@ class _Terminal:
 
     def _draw(self) -> None:
         width, height = shutil.get_terminal_size()
-        lines = picture(take(self._stage, self._note), width - 1)[: height - 1]
+        lines = picture(take(self._stage, self._note), width - 1, height - 1)[: height - 1]
         text = ''.join(f'{line}{_END_OF_LINE}' for line in lines)
         print(f'{_HOME}{text}{_BLANK_REST}', end='', flush=True)
 
@@ -282,8 +314,13 @@ class _Terminal:
         if target == 'service':
             self._stage.watcher.ask(command, self._on_reply)
             return
-        device = self._stage.vsc if target == 'vsc' else self._stage.drive
-        device.apply(command)
+        stage = self._stage
+        devices: dict[str, DevicePort] = {
+            'vsc': stage.vsc,
+            'unit': stage.unit,
+            'drive': stage.drive,
+        }
+        devices[target].apply(command)
         self._note = f'{target}: {command}'
 
     def _on_reply(self, success: bool, message: str) -> None:

@@ -182,6 +182,36 @@ def test_packet_as_the_lower_operator_asks_is_missed() -> None:
         keep_fort('fort', 500, -500)
 
 
+def rearm(*, closed: bool) -> str:
+    """Let the scene rearm a base unit whose relays are open, or ``closed``, before that."""
+    stage: Any = FakeStage(Packet(time.monotonic() + 60.0, STILL))
+    stage.watcher.clear = lambda name: True
+    seen: dict[str, Any] = {'eg_link': 'Operational', 'relays_closed': closed}
+
+    def apply(command: str) -> float:
+        seen['relays_closed'] |= command == 'arm 1'
+        return 1.0
+
+    stage.vsc = stage.unit = SimpleNamespace(apply=apply, describe=lambda: seen)
+    handover: Any = Handover(stage)
+    handover.unit_says = lambda since, wanted: 1.0
+    return str(handover.close_relays())
+
+
+def test_relays_that_close_without_being_rearmed_are_missed() -> None:
+    assert rearm(closed=False) == 'closed by rearming; 1 packets, all disable'
+    with pytest.raises(Missed, match='without being rearmed'):
+        rearm(closed=True)
+
+
+def test_stop_that_comes_after_control_was_given_back_needs_no_reset() -> None:
+    actor: Any = Actor(FakeStage())  # type: ignore[arg-type]
+    actor.accepted_reset = lambda: 'reset'
+    assert actor.back_to_ready() == 'reset'
+    actor.watcher.state = 'READY'
+    assert actor.back_to_ready() == 'still READY'
+
+
 def test_failed_step_ends_the_scene_and_says_so() -> None:
     lines: list[str] = []
 
@@ -224,23 +254,42 @@ def test_arrows_push_the_stick_to_its_stop_and_no_further() -> None:
     operator.press('left')
     assert said[-1] == ('vsc', 'stick left_x -0.2')
     operator.press('c')
-    assert said[-2:] == [('vsc', 'stick left_x 0.0'), ('vsc', 'stick left_y 0.0')]
+    assert said[-2:] == [('vsc', 'stick left_y 0.0'), ('vsc', 'stick left_x 0.0')]
+
+
+def test_letters_push_the_stick_of_the_vm110_and_centre_no_other() -> None:
+    operator, said = hands()
+    for key in ('up', *'iijl', 'k'):
+        operator.press(key)
+    assert said[1:] == [
+        ('unit', 'stick 1 2 0.2'),
+        ('unit', 'stick 1 2 0.4'),
+        ('unit', 'stick 1 1 0.2'),  # left is positive
+        ('unit', 'stick 1 1 0.0'),
+        ('unit', 'stick 1 2 0.2'),
+    ]
+    operator.press('x')
+    assert said[6:] == [('unit', 'stick 1 2 0.0'), ('unit', 'stick 1 1 0.0')]
 
 
 @pytest.mark.parametrize(
-    ('key', 'on', 'off'),
+    ('key', 'target', 'on', 'off'),
     [
-        ('d', 'button left_down 1', 'button left_down 0'),
-        (' ', 'estop remote on', 'estop remote off'),
-        ('w', 'estop vsc on', 'estop vsc off'),
-        ('u', 'unplug', 'plug'),
+        ('d', 'vsc', 'button left_down 1', 'button left_down 0'),
+        (' ', 'vsc', 'estop remote on', 'estop remote off'),
+        ('w', 'vsc', 'estop vsc on', 'estop vsc off'),
+        ('u', 'vsc', 'unplug', 'plug'),
+        ('b', 'unit', 'switch 1 1 1', 'switch 1 1 0'),
+        ('s', 'unit', 'stop 1 on', 'stop 1 off'),
     ],
 )
-def test_key_toggles_and_a_refusal_toggles_nothing(key: str, on: str, off: str) -> None:
+def test_key_toggles_and_a_refusal_toggles_nothing(
+    key: str, target: str, on: str, off: str
+) -> None:
     operator, said = hands()
     for _ in range(3):
         operator.press(key)
-    assert said == [('vsc', on), ('vsc', off), ('vsc', on)]
+    assert said == [(target, on), (target, off), (target, on)]
 
     def refuse(target: str, command: str) -> None:
         raise ValueError(command)
@@ -253,7 +302,7 @@ def test_key_toggles_and_a_refusal_toggles_nothing(key: str, on: str, off: str) 
 
 def test_keys_call_services_and_faults() -> None:
     operator, said = hands()
-    for key in 'aretf':
+    for key in 'aretfmn':
         operator.press(key)
     assert said == [
         ('vsc', 'ack'),
@@ -262,10 +311,12 @@ def test_keys_call_services_and_faults() -> None:
         ('service', 'clear_errors'),
         ('service', 'trip'),
         ('drive', 'fault a overcurrent pulse'),
+        ('unit', 'arm 1'),
+        ('unit', 'disarm'),
     ]
     operator.press('?')
     operator.press('')
-    assert len(said) == 6
+    assert len(said) == 8
     operator.press('q')
     assert operator.leaving
 
@@ -290,8 +341,16 @@ SEEN = Snapshot(
         'mode': 'Operational',
         'remote_estop': False,
         'wired_estop': False,
+        'host_estop': True,
+        'master_enable': False,
         'sticks': {'left_x': 0.0, 'left_y': 0.6},
         'buttons': ['left_down'],
+    },
+    unit={
+        'state': 'External link error',
+        'armed': '1',
+        'relays_closed': False,
+        'remotes': {'1': {'on': ['radio'], 'sticks': [0.0, 0.4], 'switches': [1]}},
     },
     drive={'rpm': [1000.0, -2500.0], 'enabled': [True, False], 'errors': [[], ['overcurrent']]},
     axes=(0.0, 0.6),
@@ -314,16 +373,27 @@ def test_picture_fits_its_width(width: int) -> None:
 def test_picture_shows_stops_wire_and_motors() -> None:
     text = '\n'.join(picture(SEEN))
     for words in (
-        'deadman HELD',
+        'e-stop by host, Master Enable OPEN',
+        'y +0.60, deadman HELD',
+        'VM-110   External link error, remote 1 armed, stop switch released, relays OPEN',
+        'y +0.40, deadman HELD',
         'VSC clear   drive STOP',
         'ACTIVE, owner fort',
         'f0 f0 04 00 00 04 00 00 71 d4',
         'A: enable velocity 500',
         '+1000 rpm  enabled',
         '-2500 rpm  disabled overcurrent',
-        'space  e-stop of the remote',
+        'space  e-stop',
+        's  stop switch',
     ):
         assert words in text
+
+
+def test_low_terminal_loses_blank_lines_before_any_words() -> None:
+    roomy = picture(replace(SEEN, inhibits=()), height=40)
+    assert '' in roomy
+    assert picture(replace(SEEN, inhibits=()), height=24) == [line for line in roomy if line]
+    assert len(picture(replace(SEEN, inhibits=()), height=24)) <= 24
 
 
 def test_picture_of_nothing_heard_says_so() -> None:
@@ -381,7 +451,7 @@ def test_scene_holds_and_leaves_nothing_behind(tmp_path: Path) -> None:
     assert result.returncode == 0, result.stdout + result.stderr
     assert 'FAILED' not in result.stdout
     stops = re.findall(r'^ +[\d.]+ ms  ', result.stdout, re.MULTILINE)
-    assert len(stops) == 12
+    assert len(stops) == 13
     process = re.search(r'in process (\d+)', result.stdout)
     assert process is not None
     assert not is_alive(int(process[1]))
@@ -457,15 +527,19 @@ class Terminal:
 
 def test_keyboard_resets_drives_and_stops(tmp_path: Path) -> None:
     with Terminal(tmp_path) as terminal:
-        terminal.wait('space  e-stop of the remote')
+        terminal.wait('space  e-stop')
         terminal.wait('waiting for reset')
-        terminal.press_until('r', "press the deadman of 'fort'")
+        terminal.press_until('ar', "press the deadman of 'fort'")
+        terminal.press_until('m', 'remote 1 armed')
         terminal.press('d')
         terminal.wait('ACTIVE')
         terminal.press('\x1bOA')  # up
         terminal.wait('enable velocity')
         terminal.press(' ')
         terminal.wait('disable velocity')
+        terminal.wait('relays OPEN')
+        terminal.press(' ')
+        terminal.press_until('am', 'relays closed')
         terminal.press('q')
         assert terminal.end() == 0
     assert list(tmp_path.iterdir()) == []
