@@ -96,14 +96,19 @@ def servo_command(message: JointState, servos: Sequence[str]) -> dict[str, float
     """
     Return the position of each servo that a request names; without names, of all in order.
 
-    :raises ValueError: for doubled names, none, or another number of positions than names.
+    Taken from the one field that is filled: position, or what a mux sends, velocity or effort.
+
+    :raises ValueError: for doubled names, or another number of values than names.
     """
     names = list(message.name) or list(servos)
     if len(set(names)) < len(names):
         raise ValueError(f'a servo is named twice: {names}')
-    if len(message.position) != len(names):
-        raise ValueError(f'{len(message.position)} positions for the servos {names}')
-    return dict(zip(names, map(float, message.position), strict=True))
+    filled = [field for field in (message.position, message.velocity, message.effort) if field]
+    if len(filled) != 1:
+        raise ValueError(f'one of position, velocity and effort is needed, not {len(filled)}')
+    if len(filled[0]) != len(names):
+        raise ValueError(f'{len(filled[0])} values for the servos {names}')
+    return dict(zip(names, map(float, filled[0]), strict=True))
 
 
 def aux_request(message: KeyValue) -> tuple[int, str, float]:

@@ -124,17 +124,24 @@ def test_servos_by_name_some_of_them_or_all_in_order() -> None:
     }
 
 
+@pytest.mark.parametrize('field', ['position', 'velocity', 'effort'])
+def test_any_one_field_is_a_servo_command(field: str) -> None:
+    message = JointState(name=['pan'], **{field: [0.5]})
+    assert convert.servo_command(message, ['pan', 'tilt']) == {'pan': 0.5}
+
+
 @pytest.mark.parametrize(
     'message',
     [
         JointState(name=['pan', 'pan'], position=[0.0, 0.0]),
         JointState(name=['pan'], position=[0.0, 0.0]),
-        JointState(name=['pan'], velocity=[1.0]),
+        JointState(name=['pan'], position=[0.0], velocity=[0.0]),
+        JointState(name=['pan']),
         JointState(position=[0.0]),
     ],
 )
 def test_servo_command_that_does_not_add_up_is_refused(message: Any) -> None:
-    with pytest.raises(ValueError, match=r'twice|positions'):
+    with pytest.raises(ValueError, match=r'twice|values|one of'):
         convert.servo_command(message, ['pan', 'tilt'])
 
 

@@ -115,6 +115,17 @@ def test_first_pulse_begins_where_the_device_has_the_servo() -> None:
     assert 1795 <= rig.pulses()[-1][1] <= 1800
 
 
+def test_first_pulse_after_a_release_begins_where_the_servo_was() -> None:
+    slow = Servo(name='slow', channel=2, rate_us_per_s=100.0)
+    rig = Rig(servos=(slow,)).start()
+    rig.tick(10, servos(slow=1.0))
+    rig.outputs[1] = 0  # no pulse, says the device
+    rig.tick(60)
+    assert rig.pulses()[-1][1] == 0
+    rig.tick(3, servos(slow=-1.0))
+    assert 1995 <= rig.pulses()[-1][1] <= 2000
+
+
 @pytest.mark.parametrize(
     'command',
     [

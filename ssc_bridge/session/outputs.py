@@ -51,7 +51,7 @@ class Channel:
 
     def driven_elsewhere(self, us: int) -> None:
         """Note what the device drives the output with, while that is not our doing."""
-        if not self.us:
+        if us and not self.us:
             self._at = self.servo.limited(us)
 
     def step(self, seconds: float) -> int:
