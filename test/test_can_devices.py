@@ -62,6 +62,7 @@ def test_frames_go_both_ways_and_are_recorded(can_bus: CanBus, device: CanBusDev
     peer.send(message(0, b'\x01\x02'))
     assert receive(peer, 1) == CanFrame(1, b'\x01\x02')
     assert frames(device.received()) == [CanFrame(0, b'\x01\x02')]
+    wait_for(device.sent, 5.0, 'a record')  # written once it is sent
     assert frames(device.sent()) == [CanFrame(1, b'\x01\x02')]
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from collections.abc import Iterator
+from dataclasses import fields
 import select
 import socket
 import time
@@ -13,6 +14,7 @@ import can
 from can.interfaces.udp_multicast.utils import pack_message
 import pytest
 
+from bridge_core.framing import Counters
 from bridge_core.j1939 import CanFrame
 from bridge_core.transports import TransportError
 from bridge_core.transports.can import CanTransport
@@ -185,6 +187,12 @@ def test_closed_transport_may_be_closed_again_and_neither_sends_nor_receives(bus
             use()
 
 
+def test_counts_hide_none_of_the_session(bus: CanBus) -> None:
+    """Both go into one diagnostic, where of two with one name the second would win."""
+    of_sessions = {field.name.replace('_', ' ') for field in fields(Counters)}
+    assert of_sessions.isdisjoint(bus.transport().counts())
+
+
 def test_nothing_received_is_no_fault(bus: CanBus) -> None:
     transport = bus.transport()
     assert not is_readable(transport)
@@ -284,7 +292,7 @@ def test_datagram_that_is_no_frame_is_counted(can_bus: CanBus) -> None:
             sender.sendto(datagram, (group, int(port)))
     peer.send(message(LAST.identifier, LAST.data))
     assert arrives(transport) == []
-    assert counted(transport) == {'malformed': 4}
+    assert counted(transport) == {'impossible frames': 4}
 
 
 def test_without_any_network_the_simulated_bus_is_on_loopback() -> None:
@@ -334,7 +342,7 @@ def test_frame_that_cannot_be_is_counted() -> None:
     peer.send(can.Message(arbitration_id=1 << 29, is_extended_id=True, check=False))
     peer.send(message(LAST.identifier, LAST.data))
     assert arrives(transport) == []
-    assert counted(transport) == {'malformed': 1}
+    assert counted(transport) == {'impossible frames': 1}
     bus.close()
 
 

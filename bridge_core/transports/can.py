@@ -31,7 +31,7 @@ from bridge_core.transports.can_ports import SocketCanPort
 # Set by whoever brings the interface up, or by nobody.
 _WITHOUT_BITRATE = ('socketcan', 'udp_multicast', 'virtual')
 _COUNTED = (
-    *('standard frames', 'remote frames', 'CAN FD frames', 'malformed', 'error frames'),
+    *('standard frames', 'remote frames', 'CAN FD frames', 'impossible frames', 'error frames'),
     *KINDS,
 )
 _GONE = (errno.ENODEV, errno.ENXIO)
@@ -137,7 +137,7 @@ class CanTransport:
             try:
                 return CanFrame(message.arbitration_id, bytes(message.data))
             except ValueError:  # only simulated buses can carry such
-                self._counts['malformed'] += 1
+                self._counts['impossible frames'] += 1
         return None
 
     def _take_error(self, message: can.Message) -> None:

@@ -152,7 +152,7 @@ class MulticastPort:
         try:
             message = multicast_wire.unpack_message(datagram, check=True)
         except Exception:  # whatever msgpack or python-can throw at what is no frame
-            self._counts['malformed'] += 1
+            self._counts['impossible frames'] += 1
             return None
         if message.channel == self._token or not _passes(message, self._filters):
             return None
