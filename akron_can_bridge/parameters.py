@@ -112,7 +112,7 @@ PARAMETERS = (
         'A ~/cmd_joy older than this is stale: neutral.',
         unit='s',
         minimum=0.04,
-        maximum=1.0,
+        maximum=2.0,
     ),
     Parameter(
         'estop_in_timeout',

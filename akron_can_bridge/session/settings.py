@@ -15,7 +15,7 @@ UNIT_TYPES = (*CONTROLLERS, MINI_UNIVERSAL)
 
 _RANGES = {
     'link_timeout': (0.15, 5.0),
-    'command_timeout': (0.04, 1.0),
+    'command_timeout': (0.04, 2.0),
     'estop_in_timeout': (0.04, 2.0),
     'answer_timeout': (0.2, 10.0),
     'vista_rate': (0.0, 10.0),
