@@ -27,7 +27,8 @@ What the rules leave open is settled here:
   e-stops are then its echo and would refuse the reset for ever. So a reset that meets nothing but
   echo ends the trip and is refused; the next one, clear_time after the echo is gone, counts.
 * A ``when_owner`` source that is not clear does not hinder a reset; it keeps its operator from
-  acquiring. Once that operator is owner, also during a takeover and on the ramp, it stops.
+  acquiring. Once that operator is owner, also during a takeover and on the ramp, it stops; and
+  for its own time-out after that, as who presses a stop lets go of the deadman in the same moment.
 * On the ramp of category 1 all that would cut the output in ACTIVE cuts it too: a stop of
   category 0, a lost owner, a released deadman. A stop that is taken back does not end it.
 * A gap between ticks above stall_limit, or a clock that runs backwards, means that what was heard
@@ -85,6 +86,7 @@ class Arbiter:
         self._owner: OwnerInput | None = None  # not None in ACTIVE and STOPPING only
         self._through_zero = False  # the owner's demand waits until the output has been zero
         self._owner_since = 0.0
+        self._former: tuple[str, float] | None = None  # who had control last, and until when
         self._stopping_since = 0.0
         self._clear_since: float | None = None  # in STOPPED: since when no tick found a stop
         self._reset_asked: float | None = None
@@ -246,7 +248,7 @@ class Arbiter:
             if reason is not None:
                 found.append((reason, 0))
         for source in self._sources.values():
-            reason = source.stop_reason(now) if self._counts(source) else None
+            reason = source.stop_reason(now) if self._counts(source, now) else None
             if reason is not None:
                 found.append((reason, source.config.stop_category))
         if self._owner is not None:
@@ -266,11 +268,14 @@ class Arbiter:
             f'limit {milliseconds(self.config.stall_limit)}'
         )
 
-    def _counts(self, source: SourceInput) -> bool:
-        """Tell whether a source counts: always, or its operator is the owner."""
+    def _counts(self, source: SourceInput, now: float) -> bool:
+        """Tell whether a source counts: always, or its operator has or just had control."""
         if source.config.counts == 'always':
             return True
-        return self._owner is not None and self._owner.name == source.config.operator
+        if self._owner is not None and self._owner.name == source.config.operator:
+            return True
+        former, until = self._former or ('', 0.0)
+        return former == source.config.operator and now - until < source.config.timeout
 
     def _stop(self, stops: _Stops, now: float) -> None:
         """Stop in the way that the worst of the reasons asks for."""
@@ -289,7 +294,7 @@ class Arbiter:
     def _latch(self, reason: str, now: float) -> None:
         """Be STOPPED, and forget all that was asked."""
         again = self._state is State.STOPPED
-        self._owner = None
+        self._end_control(now)
         self._clear_since = None
         self._forget()
         if not again or self._trip or self._stalled(now):
@@ -304,7 +309,7 @@ class Arbiter:
         demanding = {
             name
             for name, source in self._sources.items()
-            if self._counts(source) and source.demands_itself(now)
+            if self._counts(source, now) and source.demands_itself(now)
         }
         tripped = self._tripped_at is not None
         return {name: tripped or bool(demanding - {name}) for name in self._sources}
@@ -335,8 +340,10 @@ class Arbiter:
             return False
         if not now - self._tripped_at >= self.config.clear_time:
             return False
-        counting = filter(self._counts, self._sources.values())
-        return not any(source.demands_itself(now) for source in counting)
+        return not any(
+            self._counts(source, now) and source.demands_itself(now)
+            for source in self._sources.values()
+        )
 
     # -- owners ------------------------------------------------------------------------------
 
@@ -361,7 +368,7 @@ class Arbiter:
             self._latch(f'{reason} on the ramp of: {self._transition.reason}', now)
             return
         owner.forget()
-        self._owner = None
+        self._end_control(now)
         self._change(State.READY, reason, now)
 
     def _challenger(self, now: float) -> OperatorInput | None:
@@ -392,10 +399,16 @@ class Arbiter:
     def _take(self, owner: OwnerInput, now: float, reason: str) -> None:
         if self._owner is not None:
             self._owner.forget()
+        self._end_control(now)
         self._owner = owner
         self._owner_since = now
         self._through_zero = True
         self._change(State.ACTIVE, reason, now)
+
+    def _end_control(self, now: float) -> None:
+        if self._owner is not None:
+            self._former = (self._owner.name, now)
+        self._owner = None
 
     def _change(self, state: State, reason: str, now: float) -> None:
         self._transition = Transition(now, self._state, state, reason)

@@ -105,6 +105,30 @@ def test_when_owner_source_stops_its_owner() -> None:
     assert_stopped(bench.tick())
 
 
+def test_when_owner_source_stops_although_the_released_deadman_overtakes_it() -> None:
+    bench = Bench().active('senior')
+    bench.samples['senior'] = REST
+    assert bench.run(0.1).state is State.READY
+    bench.arbiter.estop_message('spare', True, bench.now)
+    assert_stopped(bench.tick())
+
+
+def test_when_owner_source_of_a_former_owner_does_not_count_after_its_timeout() -> None:
+    bench = Bench().active('senior')
+    bench.samples['senior'] = REST
+    bench.run(0.3)
+    bench.estops['spare'] = True
+    assert bench.run(0.5).state is State.READY
+
+
+def test_stop_of_the_owner_is_demanded_of_the_others_for_its_timeout() -> None:
+    bench = Bench().active('senior')
+    bench.estops['spare'] = True
+    bench.arbiter.estop_message('spare', True, bench.now)
+    assert bench.run(0.2).stop_demand['fort']
+    assert not bench.run(0.2).stop_demand['fort']
+
+
 # Rules 2 and 3: stop beats everything; reset is an edge.
 
 

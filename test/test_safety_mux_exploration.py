@@ -111,6 +111,7 @@ class Memory:
         parts.append(recent(a._reset_asked, now))
         parts.append(age(a._clear_since, now) if a._state is State.STOPPED else None)
         parts += [age(a._owner_since, now) if a._owner else None, a._limiter.output]
+        parts.append(a._former and a._former[0] == 'high' and age(a._former[1], now))
         parts.append(age(a._stopping_since, now) if a._state is State.STOPPING else None)
         for each in a._inputs():
             fresh = each.fresh(now)
@@ -162,6 +163,7 @@ class Book:
     owner_since: float = 0.0
     stopping_since: float = 0.0
     must_reach_zero: bool = False
+    high_until: float = -math.inf  # when high last lost control
 
     def copy(self) -> 'Book':
         return replace(
@@ -264,6 +266,8 @@ class Judge:
         self.lost_or_released()
         self.outputs()
         self.note_calm()
+        if self.before.owner == 'high' != self.after.owner:
+            self.book.high_until = self.book.now
         self.book.decision = self.after
         if self.event.steps > 1:
             self.book.heard = dict.fromkeys(CALM, -math.inf)  # a frozen process heard nothing
@@ -277,7 +281,8 @@ class Judge:
 
     def stops(self, owner: str | None) -> set[str]:
         """Name what stops the machine with this owner; those of category 0 in upper case."""
-        counted = ['always', 'soft'] + (['remote'] if owner == 'high' else [])
+        just_now = self.book.now - self.book.high_until < TIMEOUT
+        counted = ['always', 'soft'] + (['remote'] if owner == 'high' or just_now else [])
         found = {name if name == 'soft' else name.upper() for name in counted if self.unwell(name)}
         if owner is not None and self.unwell(owner):
             found.add('OWNER')
