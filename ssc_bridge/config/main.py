@@ -207,7 +207,7 @@ def compare_files(options: argparse.Namespace) -> Exit:
     differences = compare(load(options.file), load(options.other))
     for one, other in differences:
         say(f'{one.name}: {_with_bytes(one)} / {_with_bytes(other)}')
-    say(f'{len(differences)} differences' if differences else 'no difference')
+    say(f'{len(differences)} difference(s)' if differences else 'no difference')
     return Exit.DIFFERENT if differences else Exit.DONE
 
 

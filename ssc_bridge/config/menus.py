@@ -27,6 +27,7 @@ _ANSI = re.compile(r"[\x1b']\[[0-9;]*[A-Za-z]")
 _MENU_LINE = re.compile(r'\b[A-Z0-9]\) ')
 _END_OF_IMAGE = re.compile(r'\bend\b.{0,8}\bimage\W*-', re.IGNORECASE)
 _PROMPT = 'select:'
+_WORDS = 5  # the main menu has 13
 
 
 class MenuError(Exception):
@@ -158,6 +159,11 @@ def screen_of(text: str) -> Screen | None:
 def shows_menu(text: str) -> bool:
     """Tell whether any menu was shown."""
     return screen_of(text) not in (None, Screen.WAITING)
+
+
+def talks(text: str) -> bool:
+    """Tell whether there is text at all, and no binary messages, which have no words (4)."""
+    return len(set(re.findall('[A-Za-z]{4,}', text))) >= _WORDS
 
 
 def waits_for_image(text: str) -> bool:

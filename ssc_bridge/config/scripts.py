@@ -25,6 +25,7 @@ from ssc_bridge.config.menus import screen_of
 from ssc_bridge.config.menus import Script
 from ssc_bridge.config.menus import shows_menu
 from ssc_bridge.config.menus import Step
+from ssc_bridge.config.menus import talks
 from ssc_bridge.config.menus import waits_for_image
 
 ENTRY = b'ssconfig'  # 3: within 5 s of power-on
@@ -163,21 +164,28 @@ class Maintenance:
             )
 
     def _call(self, tries: int) -> Script[bool]:
-        """Tell whether the main menu comes. :raises MenuError: another one does."""
+        """
+        Tell whether the main menu comes.
+
+        A menu that cannot be read, for a bit was lost, must not be called again, but looked at.
+
+        :raises MenuError: something else comes.
+        """
         self.in_menus = True  # it may be from now on
         for _ in range(tries):
-            text = yield Step(ENTRY, shows_menu, ENTRY_PERIOD)
+            text = yield Step(ENTRY, talks, ENTRY_PERIOD)
             if text is not None:
                 self._seen_menus = True
-                if screen_of(text) is not Screen.MAIN:
-                    raise MenuError('the SSC was called twice and went past its main menu')
+                shown = text if shows_menu(text) else (yield from self._probe())
+                if shown is None or screen_of(shown) is not Screen.MAIN:
+                    raise MenuError('the SSC answers, but not with its main menu')
                 return True
         self.in_menus = False
         return False
 
     def _probe(self) -> Script[str | None]:
         """Return the menu that is open; None: none is."""
-        for keys in (_REDRAW, _ENTER):
+        for keys in (_REDRAW, _ENTER, _REDRAW):  # one may be lost on the way
             text = yield Step(keys, shows_menu, _PROBE)
             if text is not None:
                 self.in_menus = self._seen_menus = True
