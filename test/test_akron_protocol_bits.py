@@ -1,4 +1,4 @@
-"""Akron Brass messages bit by bit, against tables of their own from the manual."""
+"""Akron Brass messages bit by bit, against tables and numbers from the manual."""
 
 from __future__ import annotations
 
@@ -277,3 +277,23 @@ def test_position_counts_only_with_one_sign(
     assert (position.degrees, position.fault) == (degrees, fault)
     assert position.radians == (None if degrees is None else math.radians(degrees))
     assert Position.from_word(position.to_word()) == position
+
+
+# -- numbers of the appendices --------------------------------------------------------------------
+
+
+def test_device_types_are_the_product_numbers_from_1032_on() -> None:
+    assert all(name.startswith(str(5000 + n)) for n, name in protocol.DEVICE_TYPES.items())
+    assert sorted(protocol.DEVICE_TYPES) == [*range(1032, 1038), *range(1040, 1043), 1051, 1052]
+    assert {n: len(axes) for n, axes in protocol.AXIS_USAGE.items()} == {
+        1032: 5,
+        1040: 4,
+        1042: 3,
+        1052: 3,
+    }
+
+
+def test_addresses_and_times_of_appendix_b_and_a1() -> None:
+    assert list(protocol.JOYSTICK_ADDRESSES) == [0x33, 0x34, 0x35, 0x36, 0x37, 0x38]
+    assert (protocol.JOYSTICK_PERIOD, protocol.JOYSTICK_TIMEOUT) == (0.02, 0.2)
+    assert (protocol.PERMISSIVE_PERIOD, protocol.PERMISSIVE_TIMEOUT) == (0.1, 0.3)

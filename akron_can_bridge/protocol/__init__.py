@@ -57,7 +57,6 @@ from akron_can_bridge.protocol.broadcasts import PERMISSIVE_TIMEOUT
 from akron_can_bridge.protocol.broadcasts import PositionLimit
 from akron_can_bridge.protocol.broadcasts import RotationSoftLimits
 from akron_can_bridge.protocol.broadcasts import SoePermissive
-from akron_can_bridge.protocol.broadcasts import STATUS_PERIOD
 from akron_can_bridge.protocol.flags import Fault
 from akron_can_bridge.protocol.flags import FLAG_NAMES
 from akron_can_bridge.protocol.flags import flag_names
@@ -102,9 +101,7 @@ from akron_can_bridge.protocol.polls import VistaPosition
 from akron_can_bridge.protocol.polls import ZeroPositions
 from akron_can_bridge.protocol.values import Axis
 from akron_can_bridge.protocol.values import AXIS_USAGE
-from akron_can_bridge.protocol.values import BITRATE
 from akron_can_bridge.protocol.values import DEVICE_TYPES
-from akron_can_bridge.protocol.values import FIRST_CLAIMED_ADDRESS
 from akron_can_bridge.protocol.values import FULL_SCALE
 from akron_can_bridge.protocol.values import HARD_STOP_NAMES
 from akron_can_bridge.protocol.values import JOYSTICK_ADDRESSES
@@ -114,7 +111,6 @@ from akron_can_bridge.protocol.values import PCODE_ERRORS
 from akron_can_bridge.protocol.values import pcode_name
 from akron_can_bridge.protocol.values import Position
 from akron_can_bridge.protocol.values import Status
-from akron_can_bridge.protocol.values import SWITCH_NAMES
 from akron_can_bridge.protocol.values import UNAVAILABLE
 from akron_can_bridge.protocol.values import Version
 from bridge_core.framing import Counters
@@ -124,11 +120,9 @@ __all__ = [
     'AKRON_BRASS',
     'AXIS_USAGE',
     'BASIC_JOYSTICK_PGN',
-    'BITRATE',
     'DEVICE_TYPES',
     'EXTENDED_JOYSTICK_PGN',
     'FIELD_REQUEST_PGN',
-    'FIRST_CLAIMED_ADDRESS',
     'FLAG_NAMES',
     'FULL_SCALE',
     'HARD_STOP_NAMES',
@@ -143,8 +137,6 @@ __all__ = [
     'PERMISSIVE_PERIOD',
     'PERMISSIVE_TIMEOUT',
     'PROPRIETARY_PGN',
-    'STATUS_PERIOD',
-    'SWITCH_NAMES',
     'UNAVAILABLE',
     'AddressAnnouncement',
     'AsciiPipe',

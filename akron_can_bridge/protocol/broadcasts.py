@@ -22,7 +22,6 @@ from akron_can_bridge.protocol.values import Position
 from akron_can_bridge.protocol.values import Status
 from akron_can_bridge.protocol.values import unpack_statuses
 
-STATUS_PERIOD = 0.1  # of all broadcasts but FD and FF
 PERMISSIVE_PERIOD = 0.1  # A1
 PERMISSIVE_TIMEOUT = 0.3
 

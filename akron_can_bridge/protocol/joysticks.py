@@ -33,9 +33,11 @@ def _check_count(what: str, statuses: tuple[Status, ...], count: int) -> None:
 @dataclass(frozen=True, slots=True)
 class BasicJoystick(Sendable):
     """
-    PGN 64982: X turns, Y back elevates up; switches as in SWITCH_NAMES (Appendix B).
+    PGN 64982: X turns, Y back elevates up (Appendix B).
 
-    :param switches: 1 to 12. :param detents: X, Y; ignored by Akron Brass devices.
+    :param switches: 1 to 12: pattern stream, pattern fog, discharge on, oscillate on / set, flow
+        high, flow low, oscillate pause / resume, deploy, stow, discharge off, CAFS dry, CAFS wet.
+    :param detents: X, Y; ignored by Akron Brass devices.
     """
 
     PGN = BASIC_JOYSTICK_PGN

@@ -9,8 +9,6 @@ import math
 from typing import NamedTuple
 
 JOYSTICK_ADDRESSES = range(0x33, 0x39)  # Appendix B; the first outranks all after it
-FIRST_CLAIMED_ADDRESS = 0x80  # Appendix A; addresses below are fixed ones
-BITRATE = 250_000  # CAN Physical Layer
 FULL_SCALE = 1000  # a deflection of 100.0 %
 MAX_MAGNITUDE = 1023  # ten bits; other makers' sticks read this much at their stop
 
@@ -37,12 +35,6 @@ AXIS_USAGE: dict[int, tuple[tuple[str, str], ...]] = {
     1042: _AIMED,
     1052: _AIMED,
 }
-# Switches 1 to 16 of a joystick (Appendix B).
-SWITCH_NAMES = (
-    *('pattern stream', 'pattern fog', 'discharge on', 'oscillate on / set', 'flow high'),
-    *('flow low', 'oscillate pause / resume', 'deploy', 'stow', 'discharge off'),
-    *('CAFS dry mode', 'CAFS wet mode', 'reserved', 'reserved', 'reserved', 'reserved'),
-)
 HARD_STOP_NAMES = tuple(f'axis {axis} {sign}' for axis in range(1, 6) for sign in '+-')
 PCODE_ERRORS: dict[int, str] = {  # the rest is in the reference manual of the device
     0: 'none',
