@@ -1,9 +1,10 @@
 """
-Every bad parameter of the three nodes: exit status 2, one line that names it, no port opened.
+Every bad parameter of each node: exit status 2, one line that names it, no port opened.
 
 Most run in this process through the function that the executables call; a few as processes.
 """
 
+from collections.abc import Callable
 from collections.abc import Iterator
 from collections.abc import Sequence
 import gc
@@ -12,37 +13,116 @@ import os
 from pathlib import Path
 import re
 import signal
+import sys
 import threading
 from typing import Any
+from typing import Protocol
 
 import pytest
 
+from akron_can_bridge.node import AkronCanBridge
 from bridge_core.parameters import Parameter
 from bridge_core.runner import run
 from esi_drive_bridge.node import EsiDriveBridge
 from fort_vsc_bridge.node import FortVscBridge
+from rugged_teleop.multicasts import free_port
+from rugged_teleop.multicasts import LOOPBACK
 from safety_mux.node import SafetyMux
 from safety_mux.parameters import parameter_table
+from ssc_bridge.node import SscBridge
 from test.rig import as_yaml
 from test.spine import exit_of
 from test.spine import UntouchedPort
+from vm110_bridge.node import Vm110Bridge
 
-NODES: dict[str, Any] = {'fort': FortVscBridge, 'esi': EsiDriveBridge, 'mux': SafetyMux}
-PARAMETERS: dict[str, dict[str, Parameter]] = {
-    'fort': {parameter.name: parameter for parameter in FortVscBridge.PARAMETERS},
-    'esi': {parameter.name: parameter for parameter in EsiDriveBridge.PARAMETERS},
-    'mux': {
-        parameter.name: parameter for parameter in (*SafetyMux.PARAMETERS, *parameter_table({}))
-    },
+
+class Untouched(Protocol):
+    """A port that disturbs nobody and knows whether it was ever opened."""
+
+    values: dict[str, Any]  # the parameters that lead a node there
+
+    @property
+    def was_opened(self) -> bool: ...
+
+    def close(self) -> None: ...
+
+
+class UntouchedSerial(UntouchedPort):
+    """A pseudo-terminal."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.values = {'port': self.path}
+
+
+class UntouchedGroup:
+    """
+    A multicast group at a port that no socket of this process binds to.
+
+    :param values: the parameters that lead there, by the port.
+    """
+
+    def __init__(self, values: Callable[[int], dict[str, Any]]) -> None:
+        self._port = free_port()
+        self.values = values(self._port)
+        self.was_opened = False
+        sys.addaudithook(self._see)
+
+    def _see(self, event: str, arguments: tuple[Any, ...]) -> None:
+        if event == 'socket.bind' and isinstance(arguments[1], tuple):
+            self.was_opened |= arguments[1][1] == self._port
+
+    def close(self) -> None:
+        """Forget the port, for audit hooks stay for ever."""
+        self._port = -1
+
+
+def untouched_network() -> Untouched:
+    return UntouchedGroup(lambda port: {'interface_address': LOOPBACK, 'input_port': port})
+
+
+def untouched_bus() -> Untouched:
+    """Return a CAN bus: python-can has one that is a multicast group."""
+    return UntouchedGroup(
+        lambda port: {'interface': 'udp_multicast', 'channel': f'239.74.163.2:{port}'}
+    )
+
+
+class NoPort:
+    """Of a node without a device."""
+
+    def __init__(self) -> None:
+        self.values: dict[str, Any] = {}
+        self.was_opened = False
+
+    def close(self) -> None:
+        """There is nothing."""
+
+
+# Each node, and what its transport can do no harm with. A further node is a line here.
+NODES: dict[str, tuple[Any, Callable[[], Untouched]]] = {
+    'fort': (FortVscBridge, UntouchedSerial),
+    'vm110': (Vm110Bridge, untouched_network),
+    'akron': (AkronCanBridge, untouched_bus),
+    'ssc': (SscBridge, UntouchedSerial),
+    'esi': (EsiDriveBridge, UntouchedSerial),
+    'mux': (SafetyMux, NoPort),
 }
+PARAMETERS: dict[str, dict[str, Parameter]] = {
+    name: {parameter.name: parameter for parameter in node.PARAMETERS}
+    for name, (node, _) in NODES.items()
+}
+PARAMETERS['mux'] |= {parameter.name: parameter for parameter in parameter_table({})}
 ALL = [(node, name) for node, table in PARAMETERS.items() for name in table]
+Ports = dict[str, Untouched]
 
 
 @pytest.fixture(scope='module')
-def port() -> Iterator[UntouchedPort]:
-    result = UntouchedPort()
+def ports() -> Iterator[Ports]:
+    result = {name: untouched() for name, (_, untouched) in NODES.items()}
     yield result
-    result.close()
+    for port in result.values():
+        port.close()
 
 
 def started(node: str, arguments: Sequence[str]) -> int:
@@ -50,21 +130,22 @@ def started(node: str, arguments: Sequence[str]) -> int:
     rescue = threading.Timer(3.0, os.kill, (os.getpid(), signal.SIGTERM))
     rescue.start()
     try:
-        return run([NODES[node]], ['node', '--ros-args', *arguments])
+        return run([NODES[node][0]], ['node', '--ros-args', *arguments])
     finally:
         rescue.cancel()
         rescue.join()
 
 
-def overrides(node: str, values: dict[str, Any], port: UntouchedPort) -> list[str]:
-    given = values if node == 'mux' else {'port': port.path, **values}
+def overrides(values: dict[str, Any], port: Untouched) -> list[str]:
+    given = {**port.values, **values}
     return [word for name, value in given.items() for word in ('-p', f'{name}:={as_yaml(value)}')]
 
 
-def refusal(node: str, values: dict[str, Any], port: UntouchedPort, capfd: Any) -> str:
+def refusal(node: str, values: dict[str, Any], ports: Ports, capfd: Any) -> str:
     """Show that the node refuses the values as it should; return its one line."""
     capfd.readouterr()
-    status = started(node, overrides(node, values, port))
+    port = ports[node]
+    status = started(node, overrides(values, port))
     error = capfd.readouterr().err
     assert status == 2, f'{values}: {error}'
     lines = error.splitlines()
@@ -101,16 +182,17 @@ def _bad_items(parameter: Parameter, kind: type[Any]) -> Iterator[Any]:
         yield kind(parameter.maximum + max(step, abs(parameter.maximum) * 1e-6))
     if parameter.choices:
         yield 'nonsense'
-        yield ''
+        if '' not in parameter.choices:  # what a list that is empty has to hold for ROS
+            yield ''
 
 
 @pytest.mark.parametrize(('node', 'name'), ALL, ids=[f'{node}-{name}' for node, name in ALL])
 def test_bad_value_of_each_parameter_is_one_line_and_status_2(
-    node: str, name: str, port: UntouchedPort, capfd: Any
+    node: str, name: str, ports: Ports, capfd: Any
 ) -> None:
     parameter = PARAMETERS[node][name]
     for value in bad_values(parameter):
-        line = refusal(node, {name: value}, port, capfd)
+        line = refusal(node, {name: value}, ports, capfd)
         assert f'parameter {name} = ' in line, f'{value}: {line}'
         assert f'allowed is {parameter.allowed}' in line, f'{value}: {line}'
 
@@ -120,6 +202,9 @@ def test_bad_value_of_each_parameter_is_one_line_and_status_2(
     [
         ('fort', 'prot', 'port'),
         ('fort', 'device.auto_of_enable', 'device.auto_off_enable'),
+        ('vm110', 'inputport', 'input_port'),
+        ('akron', 'chanel', 'channel'),
+        ('ssc', 'prot', 'port'),
         ('esi', 'comand_rate', 'command_rate'),
         ('mux', 'rates', 'rate'),
         ('mux', 'estop.frot.topic', 'estop.fort.topic'),
@@ -128,9 +213,9 @@ def test_bad_value_of_each_parameter_is_one_line_and_status_2(
     ],
 )
 def test_name_that_nobody_knows_is_refused_with_the_nearest(
-    node: str, wrong: str, right: str, port: UntouchedPort, capfd: Any
+    node: str, wrong: str, right: str, ports: Ports, capfd: Any
 ) -> None:
-    line = refusal(node, {wrong: 'x'}, port, capfd)
+    line = refusal(node, {wrong: 'x'}, ports, capfd)
     assert f'parameter {wrong}: there is no such parameter; did you mean {right}?' in line
 
 
@@ -211,6 +296,22 @@ CONTRADICTIONS: dict[str, tuple[str, dict[str, Any], str]] = {
         {'inverted': [True, False, True]},
         'parameter inverted',
     ),
+    'a group that is none': ('vm110', {'group': '192.168.1.10'}, 'parameter group.* multicast'),
+    'the name of an interface for its address': (
+        'vm110',
+        {'interface_address': 'eth0'},
+        'parameter interface_address.* IPv4',
+    ),
+    'a source that is no address': (
+        'vm110',
+        {'allowed_sources': ['192.168.1.10', 'bu']},
+        'parameter allowed_sources.* IPv4',
+    ),
+    'inversions for two of four joysticks': (
+        'vm110',
+        {'axis_inverted': [True, False]},
+        'parameter axis_inverted.* 4 axes',
+    ),
     'an interval that makes the link seem lost': (
         'fort',
         {'device.heartbeat_interval_ms': 200},
@@ -240,11 +341,9 @@ CONTRADICTIONS: dict[str, tuple[str, dict[str, Any], str]] = {
 
 
 @pytest.mark.parametrize('case', CONTRADICTIONS)
-def test_contradiction_is_one_line_and_status_2(
-    case: str, port: UntouchedPort, capfd: Any
-) -> None:
+def test_contradiction_is_one_line_and_status_2(case: str, ports: Ports, capfd: Any) -> None:
     node, values, words = CONTRADICTIONS[case]
-    line = refusal(node, values, port, capfd)
+    line = refusal(node, values, ports, capfd)
     assert line.startswith('rugged_teleop: ')
     assert re.search(words, line), line
 
@@ -254,23 +353,23 @@ TOPICS = [name for name, each in PARAMETERS['mux'].items() if name.endswith('top
 
 @pytest.mark.parametrize('name', TOPICS)
 def test_topic_name_that_ros_forbids_is_one_line_and_status_2(
-    name: str, port: UntouchedPort, capfd: Any
+    name: str, ports: Ports, capfd: Any
 ) -> None:
     for topic in ('two words', 'a//b', '1st', 'ends/', '~x'):
-        assert name in refusal('mux', {name: topic}, port, capfd), topic
+        assert name in refusal('mux', {name: topic}, ports, capfd), topic
 
 
 def test_one_topic_for_a_stop_and_for_sticks_is_one_line_and_status_2(
-    port: UntouchedPort, capfd: Any
+    ports: Ports, capfd: Any
 ) -> None:
     values = {'estop.fort.topic': 'both', 'operator.fort.topic': 'both'}
-    assert 'topic' in refusal('mux', values, port, capfd)
+    assert 'topic' in refusal('mux', values, ports, capfd)
 
 
 def test_one_topic_for_two_estop_sources_is_one_line_and_status_2(
-    port: UntouchedPort, capfd: Any
+    ports: Ports, capfd: Any
 ) -> None:
-    line = refusal('mux', {'estop.drive.topic': 'fort_vsc_bridge/estop'}, port, capfd)
+    line = refusal('mux', {'estop.drive.topic': 'fort_vsc_bridge/estop'}, ports, capfd)
     assert 'topic' in line
 
 
@@ -295,6 +394,7 @@ def test_source_name_that_cannot_be_a_topic_is_one_line_and_status_2(
     ('module', 'name', 'value'),
     [
         ('fort_vsc_bridge.node', 'link_timeout', '.nan'),
+        ('vm110_bridge.node', 'output_period', '0.5'),
         ('esi_drive_bridge.node', 'command_rate', '"fast"'),
         ('safety_mux.node', 'estop.fort.timeout', '0.0'),
     ],
@@ -322,7 +422,7 @@ def test_process_never_opens_its_port_with_a_bad_parameter() -> None:
 
 
 def test_bad_value_in_a_parameter_file_is_refused_like_any_other(
-    tmp_path: Path, port: UntouchedPort, capfd: Any
+    tmp_path: Path, ports: Ports, capfd: Any
 ) -> None:
     file = tmp_path / 'mux.yaml'
     file.write_text('safety_mux:\n  ros__parameters:\n    rate: 5.0\n')
@@ -353,28 +453,40 @@ def test_broken_parameter_file_ends_with_status_2_and_its_name(tmp_path: Path, t
     assert 'broken.yaml' in last
 
 
-def test_good_value_at_each_end_of_a_range_is_taken(port: UntouchedPort) -> None:
+@pytest.mark.parametrize('node', [node for node in NODES if node != 'mux'])
+def test_good_parameters_open_the_port(node: str) -> None:
+    """So that a port which stays closed tells something."""
+    port = NODES[node][1]()
+    try:
+        assert started(node, overrides({}, port)) == 0
+        assert port.was_opened
+    finally:
+        port.close()
+
+
+def test_good_value_at_each_end_of_a_range_is_taken() -> None:
+    """Of lists the least goes first and the greatest last: some have to rise."""
     for table in PARAMETERS.values():
         for parameter in table.values():
-            for end in (parameter.minimum, parameter.maximum):
-                if end is None:
-                    continue
-                many = isinstance(parameter.default, list)
-                kind = type(parameter.default[0] if many else parameter.default)
-                value = [kind(end)] if many else kind(end)
+            ends = [end for end in (parameter.minimum, parameter.maximum) if end is not None]
+            for place, end in zip((0, -1), ends, strict=False):
+                value: Any = parameter.default
+                if isinstance(value, list):
+                    value = list(value)
+                    value[place] = type(value[0])(end)
+                else:
+                    value = type(value)(end)
                 assert parameter.validate(value) == value, parameter.name
 
 
-def test_refused_start_gives_back_every_descriptor_and_signal(
-    port: UntouchedPort, capfd: Any
-) -> None:
+def test_refused_start_gives_back_every_descriptor_and_signal(ports: Ports, capfd: Any) -> None:
     """Refused 500 times over, a start that kept a pipe came past 1,024 descriptors, and hung."""
     handlers = [signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)]
-    refusal('esi', {'command_rate': -1.0}, port, capfd)
+    refusal('esi', {'command_rate': -1.0}, ports, capfd)
     gc.collect()
     before = len(os.listdir('/proc/self/fd'))
     for _ in range(10):
-        refusal('esi', {'command_rate': -1.0}, port, capfd)
+        refusal('esi', {'command_rate': -1.0}, ports, capfd)
     gc.collect()
     assert len(os.listdir('/proc/self/fd')) <= before
     assert [signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)] == handlers
