@@ -44,6 +44,7 @@ _BEYOND = 1.05  # a Joy axis further out than this is a fault of its sender
 _SIGNS = (-1.0, 1.0, -1.0, 1.0, 1.0)  # x, y, grip_x, grip_y, theta
 _BASIC_AXES, _ALL_AXES = 2, 5
 _BASIC_SWITCHES, _ALL_SWITCHES = 12, 16
+_STOP = ' hard stop'
 _STATUS_WORDS = {
     Status.OFF: 'false',
     Status.ON: 'true',
@@ -143,13 +144,13 @@ def limits(
     """
     Return hard stops, soft limits in degrees and calibration.
 
-    The level is WARN at a hard stop or in an oscillation, and STALE while nothing is sent.
+    The level is WARN at a hard stop, and STALE while nothing is sent.
     """
     status = DiagnosticStatus(name='limits', hardware_id=hardware_id)
     reached, values = [], {}
     if position is not None:
         values = _stops(position, device_type)
-        reached = [name for name, text in values.items() if text == 'true']
+        reached = [k.removesuffix(_STOP) for k, text in values.items() if text == 'true']
         values |= {
             'calibrated': _STATUS_WORDS[position.calibration],
             'operational error': _STATUS_WORDS[position.operational_error],
@@ -176,7 +177,7 @@ def _stops(position: PositionLimit, device_type: int) -> dict[str, str]:
         )
     ]
     stops = zip(names, position.hard_stops, strict=True)
-    return {f'{name} hard stop': _STATUS_WORDS[stop] for name, stop in stops}
+    return {f'{name}{_STOP}': _STATUS_WORDS[stop] for name, stop in stops}
 
 
 def outputs(

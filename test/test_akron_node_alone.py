@@ -1,0 +1,141 @@
+"""The Akron bridge in processes of their own: ended, with other parameters, with neighbours."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+import signal
+import time
+
+import pytest
+from std_msgs.msg import Bool
+
+from akron_can_bridge.simulator import JoystickSimulator
+from akron_can_bridge.simulator import Simulator
+from test.akron_node_rig import Bench
+from test.akron_node_rig import bench_of
+from test.akron_node_rig import NAME
+from test.akron_node_rig import NEUTRAL
+from test.akron_node_rig import RIGHT
+from test.akron_node_rig import START_LIMIT
+from test.akron_node_rig import Station
+from test.can_rig import CanBus
+from test.rig import NodeProcess
+from test.rig import Observer
+from test.rig import ROOT
+
+
+@pytest.fixture
+def own_unit(can_bus: CanBus) -> Iterator[Station]:
+    """Give a unit to a node of the test's own."""
+    with Station(Simulator(), can_bus) as station:
+        yield station
+
+
+def test_killed_node_leaves_the_unit_to_its_own_watchdog(
+    observer: Observer, can_bus: CanBus, own_unit: Station
+) -> None:
+    with bench_of(observer, can_bus) as bench:
+        bench.connect().drive(own_unit)
+        bench.node.signal(signal.SIGKILL)
+        bench.node.wait()
+        killed = time.monotonic()
+        bench.commanding = False
+        bench.wait(lambda: own_unit.look('cleared')['38'] == 1, 'its own watchdog')
+        assert own_unit.joystick_frames(0x38)[-1] == RIGHT
+        assert time.monotonic() - killed < 5.0
+        bench.wait(lambda: not own_unit.look('moving'), 'rest')
+
+
+def test_ends_with_neutral_and_status_0(
+    observer: Observer, can_bus: CanBus, own_unit: Station
+) -> None:
+    with bench_of(observer, can_bus) as bench:
+        bench.connect().drive(own_unit)
+        assert bench.node.end() == 0
+        assert own_unit.joystick_frames(0x38)[-3:] == [NEUTRAL] * 3
+
+
+def test_soe_permission_holds_the_unit_only_during_a_stop(
+    observer: Observer, can_bus: CanBus, own_unit: Station
+) -> None:
+    own_unit.steer('soe on')
+    with bench_of(observer, can_bus) as bench:
+        bench.connect()
+        bench.wait(lambda: 'SOE mode is active' in bench.status().message, 'the hint')
+    with bench_of(observer, can_bus, {'soe_permissive': True}) as bench:
+        bench.connect().drive(own_unit)
+        bench.stop = True
+        bench.wait(lambda: not own_unit.look('moving'), 'rest')
+        assert bench.estop.last == Bool(data=False)
+
+
+def test_foreign_joystick_is_a_stop_and_an_allowed_one_an_operator(
+    observer: Observer, can_bus: CanBus, own_unit: Station
+) -> None:
+    with Station(JoystickSimulator(0x33), can_bus) as stick:
+        with bench_of(observer, can_bus) as bench:
+            bench.wait(lambda: '0CFDD633' in bench.status().message, 'the trap', START_LIMIT)
+            assert 'FORT VSC' in bench.status().message
+            assert bench.estop.last == Bool(data=True)
+        given = {'joy_source': 0x33, 'allowed_joysticks': [0x33]}
+        with bench_of(observer, can_bus, given) as bench:
+            bench.connect()
+            stick.steer('stick x 1', 'switch 2 on')
+            bench.wait(lambda: bench.joy.last and bench.joy.last.axes[0] == -1.0, 'the stick')
+            assert list(bench.joy.last.buttons[:3]) == [0, 1, 0]
+            bench.wait(lambda: bench.value('joysticks heard') == '33 allowed', 'the diagnostic')
+            stick.steer('mute on')
+            bench.wait(lambda: not any(bench.joy.last.axes), 'neutral')
+
+
+def test_two_units_two_nodes_one_bus(
+    observer: Observer, can_bus: CanBus, own_unit: Station
+) -> None:
+    pins = ('1032AE100801035', '1032AE100801036')
+    with (
+        Station(Simulator(pin=pins[1], address=0x81), can_bus) as other,
+        bench_of(
+            observer,
+            can_bus,
+            {'device_pin': pins[0], 'source_address': 0x37, 'allowed_joysticks': [0x38]},
+            namespace='/a',
+        ) as left,
+        bench_of(
+            observer,
+            can_bus,
+            {'device_pin': pins[1], 'source_address': 0x38, 'allowed_joysticks': [0x37]},
+            namespace='/b',
+        ) as right,
+    ):
+        left.connect()
+        right.connect()
+        own_unit.steer('position 1 20')
+        other.steer('position 1 -20')
+        left.wait(lambda: left.joint_states.last.position[0] > 0.3, 'the one')
+        right.wait(lambda: right.joint_states.last.position[0] < -0.3, 'the other')
+        other.steer('enable off')
+        right.wait_stop(True)
+        assert left.estop.last == Bool(data=False)
+        left.wait(lambda: pins[1] in left.value('other Akron Brass devices'), 'the neighbour')
+
+
+def test_bus_that_is_not_there_is_told_and_waited_for(observer: Observer) -> None:
+    given = {'interface': 'socketcan', 'channel': 'nocan7'}
+    with NodeProcess('akron_can_bridge.node', given) as node:
+        bench = Bench(observer, node)
+        bench.wait(lambda: 'nocan7' in bench.status('link').message, 'the reason')
+        assert bench.estop.last == Bool(data=True)
+        assert node.process.poll() is None
+
+
+def test_process_with_the_annotated_configuration_stays_up(
+    observer: Observer, can_bus: CanBus, own_unit: Station
+) -> None:
+    del own_unit
+    file = ROOT / 'config' / f'{NAME}.yaml'
+    bus = (f'interface:={can_bus.interface}', f'channel:={can_bus.channel}')
+    arguments = ['--params-file', str(file), *(word for rule in bus for word in ('-p', rule))]
+    with NodeProcess('akron_can_bridge.node', arguments=arguments) as node:
+        bench = Bench(observer, node)
+        bench.wait_stop(False)
+        assert node.process.poll() is None

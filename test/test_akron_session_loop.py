@@ -1,0 +1,258 @@
+"""The Akron session on one bus with simulated units, joysticks and a VSC: no clock, no port."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+import math
+from typing import Any
+
+import pytest
+
+from akron_can_bridge.session import Event
+from akron_can_bridge.session import Request
+from akron_can_bridge.session import Session
+from akron_can_bridge.session import Settings
+from akron_can_bridge.simulator import JoystickSimulator
+from akron_can_bridge.simulator import Simulator
+from bridge_core.j1939 import CanFrame
+from fort_vsc_bridge.simulator import CanSimulator
+from test.akron_bus import Bus
+from test.akron_session_rig import MOVE
+from test.akron_session_rig import REST
+
+WATCHDOG = 0.2  # the unit's own, Appendix B
+
+
+class Ours:
+    """
+    The session as a device on the bus; command and e-stop input come every 20 ms.
+
+    :param frozen: it neither hears nor says anything.
+    """
+
+    def __init__(self, **options: Any) -> None:
+        self.session = Session(Settings(**options))
+        self.events: list[Event] = []
+        self.command, self.stop = REST, False
+        self.frozen = False
+        self._opened = False
+        self._due = -math.inf
+
+    def receive(self, frame: CanFrame, now: float) -> None:
+        if not self.frozen:
+            self.events += self.session.receive(frame, now)[0]
+
+    def poll(self, now: float) -> list[CanFrame]:
+        if self.frozen:
+            return []
+        if not self._opened:
+            self._opened = True
+            return self._keep(self.session.opened(now))
+        if now >= self._due:
+            self._due = now + 0.02
+            self.session.set_estop(self.stop, now)
+            self.session.set_command(*self.command, now)
+        return self._keep(self.session.poll(now))
+
+    def deadline(self) -> float:
+        return math.inf if self.frozen else min(self.session.deadline(), self._due)
+
+    def _keep(self, output: tuple[list[Event], list[CanFrame]]) -> list[CanFrame]:
+        events, frames = output
+        self.events += events
+        return frames
+
+
+class Bench(Bus):
+    """One unit, our session, and whoever else."""
+
+    def __init__(self, *others: Any, unit: dict[str, Any] | None = None, **options: Any) -> None:
+        self.unit, self.ours = Simulator(**(unit or {})), Ours(**options)
+        super().__init__(self.unit, self.ours, *others)
+        self.run(1.5)
+
+    @property
+    def session(self) -> Session:
+        return self.ours.session
+
+    @property
+    def reasons(self) -> list[str]:
+        return self.session.stop_reasons(self.now)
+
+    def moved(self, seconds: float) -> float:
+        """Return by how many degrees the unit turns meanwhile."""
+        before = self.unit.motion.degrees(0)
+        self.run(seconds)
+        return self.unit.motion.degrees(0) - before
+
+    def move(self) -> Bench:
+        """Have it turn to the right."""
+        self.ours.command = REST
+        self.run(0.1)
+        self.ours.command = MOVE
+        self.run(0.5)
+        assert self.unit.motion.moving
+        return self
+
+    def wait(self, condition: Callable[[], Any], limit: float = 5.0) -> float:
+        """Run until it is true; return how long that took."""
+        start = self.now
+        while not condition():
+            assert self.now - start < limit
+            self.run(0.005)
+        return self.now - start
+
+
+def test_unit_is_found_and_no_stop_is_left() -> None:
+    bench = Bench()
+    assert bench.reasons == []
+    assert bench.session.unit.versions_known
+    assert bench.unit.rejected == 0
+
+
+@pytest.mark.parametrize('kind', [1032, 1040, 1042, 1052])
+def test_every_controller_moves_and_stops(kind: int) -> None:
+    bench = Bench(unit={'device_type': kind}, device_type=kind).move()
+    assert bench.moved(0.5) > 0.5
+    bench.ours.stop = True
+    bench.wait(lambda: not bench.unit.motion.moving, 1.0)
+    assert abs(bench.moved(1.0)) < 0.01
+
+
+def test_mini_universal_is_watched_too() -> None:
+    bench = Bench(unit={'device_type': 1033}, device_type=1033)
+    assert bench.reasons == []
+    bench.unit.apply('output device_faulted on')
+    bench.run(0.3)
+    assert 'device faulted' in bench.reasons[0]
+
+
+def test_frozen_host_is_stopped_by_the_units_own_watchdog() -> None:
+    bench = Bench().move()
+    bench.ours.frozen = True
+    took = bench.wait(lambda: bench.unit.describe()['cleared']['38'])
+    assert took <= WATCHDOG + 0.01
+    bench.wait(lambda: not bench.unit.motion.moving, 1.0)
+    # Thawed, it does not go on with what it wanted.
+    bench.ours.frozen = False
+    assert abs(bench.moved(1.0)) < 0.01
+
+
+def test_the_trap_between_two_manuals_is_sprung_and_told() -> None:
+    vsc = CanSimulator()
+    bench = Bench(vsc)
+    vsc.apply('mode operational')
+    vsc.apply('stick left_x 1')
+    # The remote turns the unit past the mux, whatever we send ...
+    assert bench.moved(1.0) > 1.0
+    # ... and whoever asks the mux is told.
+    assert bench.session.estop
+    (reason,) = bench.reasons
+    assert '0CFDD633' in reason or '0CFDD733' in reason
+    assert "a FORT VSC's left joystick" in reason
+    bench.ours.command = MOVE
+    bench.run(0.2)
+    assert not bench.session.drive.moving
+
+
+def test_changed_identifiers_are_a_way_out() -> None:
+    changed = {'left_basic': 0x0CFDD601, 'left_extended': 0x0CFDD701}
+    vsc = CanSimulator(changed)
+    bench = Bench(vsc)
+    vsc.apply('mode operational')
+    vsc.apply('stick left_x 1')
+    assert bench.moved(1.0) == 0.0
+    assert bench.reasons == []
+
+
+def test_allowed_joystick_overrides_us_from_a_lower_address() -> None:
+    stick = JoystickSimulator(0x33)
+    bench = Bench(stick, allowed_joysticks=frozenset({0x33})).move()
+    assert bench.moved(0.5) > 0.0
+    stick.apply('stick x -1')
+    bench.run(1.0)
+    assert bench.moved(0.5) < 0.0
+
+
+def test_soe_permission_stops_an_allowed_joystick_with_us() -> None:
+    stick = JoystickSimulator(0x33)
+    bench = Bench(stick, allowed_joysticks=frozenset({0x33}), soe_permissive=True)
+    bench.unit.apply('soe on')
+    stick.apply('stick x -1')
+    bench.run(0.5)
+    assert bench.moved(0.5) < -0.5
+    bench.ours.stop = True
+    bench.wait(lambda: not bench.unit.motion.moving, 1.0)
+    assert abs(bench.moved(1.0)) < 0.01
+    assert bench.reasons == []  # a missing permission never counts
+
+
+def test_unit_in_soe_mode_without_permission_stays_and_is_no_stop() -> None:
+    bench = Bench()
+    bench.unit.apply('soe on')
+    bench.ours.command = MOVE
+    assert bench.moved(1.0) == 0.0
+    assert bench.reasons == []
+
+
+def test_neighbour_that_takes_the_units_address_moves_it_and_we_follow() -> None:
+    # 0.35 s without a frame: with a longer time-out that is no stop.
+    bench = Bench(link_timeout=0.5).move()
+    bench.say('18EEFF80', '0000000000000000')  # the NAME that wins against all
+    start = bench.now
+    for _ in range(100):
+        bench.run(0.01)
+        assert not bench.session.estop
+    assert bench.session.finder.address == bench.unit.address == 0x81
+    assert bench.moved(0.5) > 0.0
+    assert bench.now - start < 2.0
+
+
+def test_neighbour_that_loses_leaves_no_trace() -> None:
+    bench = Bench().move()
+    bench.say('18EEFF80', 'FFFFFFFFFFFFFFFF')
+    for _ in range(50):
+        bench.run(0.01)
+        assert not bench.session.estop
+    assert bench.session.finder.address == 0x80
+
+
+def test_reset_and_setup_end_to_end() -> None:
+    bench = Bench()
+    bench.session.request(Request.RESET_CONTROLLER, bench.now)
+    bench.wait(lambda: bench.session.estop)
+    bench.wait(lambda: not bench.session.estop)
+    bench.session.request(Request.ENTER_SETUP, bench.now)
+    bench.wait(lambda: bench.unit.motion.setup)
+    assert bench.unit.rejected == 0
+
+
+def test_every_fault_of_the_unit_is_told_and_goes() -> None:
+    bench = Bench()
+    for axis in range(1, 6):
+        bench.unit.apply(f'fault axis_{axis} on')
+        bench.run(0.5)
+        assert f'motor axis {axis} fault' in bench.reasons[0]
+        bench.unit.apply(f'fault axis_{axis} off')
+        bench.run(1.5)
+        assert bench.reasons == []
+
+
+def test_two_units_and_two_sessions_on_one_bus() -> None:
+    second = Simulator(pin='1032AE100801036', address=0x81)
+    theirs = Ours(
+        device_pin='1032AE100801036', source_address=0x37, allowed_joysticks=frozenset({0x38})
+    )
+    bench = Bench(
+        second,
+        theirs,
+        device_pin='1032AE100801035',
+        source_address=0x38,
+        allowed_joysticks=frozenset({0x37}),
+    )
+    assert bench.reasons == []
+    assert theirs.session.stop_reasons(bench.now) == []
+    second.apply('enable off')
+    bench.run(0.3)
+    assert bench.reasons == []
+    assert 'enable input' in theirs.session.stop_reasons(bench.now)[0]
