@@ -47,6 +47,7 @@ class Bench(SessionBench[Session]):
         self.now = end
 
     def apply(self, *commands: str) -> None:
+        self.take(*self.device.poll(self.now))  # so that it knows the time
         for command in commands:
             self.device.apply(command)
 
@@ -101,7 +102,7 @@ def test_stops_modes_and_motion_are_the_same(steps: list[str]) -> None:
         told[name] = []
         for step in ['mode operational', *steps]:
             with contextlib.suppress(ValueError):  # not now, says the device
-                bench.device.apply(step)
+                bench.apply(step)
             bench.run(0.6)
             session = bench.session
             told[name].append(
