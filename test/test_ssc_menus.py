@@ -125,6 +125,11 @@ class Bench:
         return b''.join(keys for _, keys in self.sent)
 
     @property
+    def sending(self) -> bool:
+        """The image is being sent: I was pressed last, but for digits."""
+        return b'I' in self.keys.replace(ENTRY, b'') and self.sent[-1][1] != b'I'
+
+    @property
     def drives(self) -> bool:
         self.simulator.poll(self.now + 1.0)
         return self.simulator.operates
@@ -299,6 +304,24 @@ def test_refused_digits_end_the_image_before_one_of_them_becomes_a_key(
     bench = Bench(Simulator(OTHERS, terminal=terminal))
     dialogue = bench.restore()
     assert 'FAILED' in str(dialogue.error)
+    assert (bench.simulator.memory.saves, bench.simulator.memory.erasures) == (0, 0)
+    assert bench.unit.how_it_stands == Standing.UNCHANGED.value
+    bench.assert_truth()
+
+
+@pytest.mark.parametrize('place', [0, 77, 434])
+def test_digit_changed_on_the_way_is_found_before_anything_is_saved(place: int) -> None:
+    digits = 0
+
+    def change(data: bytes) -> bytes:
+        nonlocal digits
+        digits += bench.sending and data.isalnum()
+        return b'B' if digits == place + 1 and data.isalnum() else data
+
+    bench = Bench(to_unit=change)
+    dialogue = bench.restore()
+    assert digits >= place + 1
+    assert 'did not take the image' in str(dialogue.error)
     assert (bench.simulator.memory.saves, bench.simulator.memory.erasures) == (0, 0)
     assert bench.unit.how_it_stands == Standing.UNCHANGED.value
     bench.assert_truth()
