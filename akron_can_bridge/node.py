@@ -18,6 +18,7 @@ from akron_can_bridge import convert
 from akron_can_bridge.parameters import PARAMETERS
 from akron_can_bridge.parameters import session_settings
 from akron_can_bridge.session import Answer
+from akron_can_bridge.session import Cause
 from akron_can_bridge.session import FaultsChanged
 from akron_can_bridge.session import FILTERS
 from akron_can_bridge.session import LimitsChanged
@@ -132,13 +133,18 @@ class AkronCanBridge(BridgeNode):
     def device_status(self, now: float) -> Status:
         """Return stops, warnings, why frames are neutral, and what is known of the unit."""
         session: Session = self.session
-        problems = [(ERROR, text) for text in session.stop_reasons(now)]
-        problems += [(WARN, text) for text in report.warnings(session, now)]
-        level, message = summarise(problems, 'ok')
+        level, message = summarise(self._problems(session, now), 'ok')
         inhibits = session.inhibits(now)
         if inhibits:
             message += f'; neutral: {"; ".join(inhibits)}'
         return Status(level, message, report.values(session, now))
+
+    def _problems(self, session: Session, now: float) -> list[tuple[bytes, str]]:
+        not_enabled = session.causes(now).get(Cause.ENABLE) if session.link_up else None
+        stops = [
+            (WARN if text == not_enabled else ERROR, text) for text in session.stop_reasons(now)
+        ]
+        return stops + [(WARN, text) for text in report.warnings(session, now)]
 
     def link_changed(self, text: str, ok: bool) -> None:
         """Log a change of the port's state; nobody waits for a unit that is gone."""

@@ -343,7 +343,7 @@ def play(seed: int) -> int:
         for name in names:
             heard[name] = bench.now
 
-    for _ in range(1500):
+    for _ in range(1000):
         before = len(bench.sent)
         action = dice.choices(range(9), (30, 30, 30, 4, 1, 1, 1, 1, 8))[0]
         if action == 0:
@@ -388,4 +388,4 @@ def play(seed: int) -> int:
 
 
 def test_motion_goes_out_only_while_all_conditions_hold() -> None:
-    assert sum(play(seed) for seed in range(30)) > 100  # and then it does
+    assert sum(play(seed) for seed in range(8)) > 50  # and then it does

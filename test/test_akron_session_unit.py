@@ -21,6 +21,7 @@ from akron_can_bridge.session import Session
 from akron_can_bridge.session import Settings
 from akron_can_bridge.session import StopChanged
 from akron_can_bridge.session import UnitChanged
+from akron_can_bridge.session.report import warnings
 from bridge_core.j1939 import CanFrame
 from test.akron_session_rig import ANNOUNCED
 from test.akron_session_rig import Bench
@@ -364,7 +365,8 @@ def test_cause_that_is_not_listed_is_no_stop_but_is_known(cause: Cause) -> None:
         return
     assert alone.session.estop
     assert not without.session.estop
-    assert len(without.session.ignored_causes(without.now)) == 1
+    assert list(without.session.causes(without.now)) == [cause]
+    assert 'no stop: estop_on' in warnings(without.session, without.now)[0]
 
 
 def test_unknown_is_a_stop_whichever_cause_counts() -> None:

@@ -24,12 +24,18 @@ _SENSORS = ('rotation', 'elevation')
 def warnings(session: Session, now: float) -> list[str]:
     """Say what is not a stop but not right either, and what to do."""
     return [
-        *(f'{text} (no stop: estop_on does not list it)' for text in session.ignored_causes(now)),
+        *_ignored_causes(session, now),
         *_bus_warnings(session),
         *_soe_warnings(session, now),
         *_position_warnings(session, now),
         *_fault_warnings(session),
     ]
+
+
+def _ignored_causes(session: Session, now: float) -> list[str]:
+    stops = session.stop_reasons(now)
+    ignored = dict.fromkeys(text for text in session.causes(now).values() if text not in stops)
+    return [f'{text} (no stop: estop_on does not list it)' for text in ignored]
 
 
 def _bus_warnings(session: Session) -> list[str]:

@@ -48,6 +48,7 @@ from akron_can_bridge.session.events import Stopped
 from akron_can_bridge.session.events import UnitChanged
 from akron_can_bridge.session.finder import Finder
 from akron_can_bridge.session.joysticks import Joysticks
+from akron_can_bridge.session.settings import Cause
 from akron_can_bridge.session.settings import MINI_UNIVERSAL
 from akron_can_bridge.session.settings import Settings
 from akron_can_bridge.session.stops import causes
@@ -186,17 +187,19 @@ class Session:
         """Say why ``estop`` is true, and what to do; empty if it is false."""
         if not self._open:
             return ['the port is not open']
-        counted = self._causes(now, counted=True)
-        return list(dict.fromkeys(counted))
+        counted = self.settings.estop_on
+        texts = (text for cause, text in self.causes(now).items() if cause in counted)
+        return list(dict.fromkeys(texts))
+
+    def causes(self, now: float) -> dict[Cause, str]:
+        """Say what is a stop where ``estop_on`` lists it, and what to do; nothing while closed."""
+        if not self._open:
+            return {}
+        return causes(self.settings, self.finder, self.unit, self.joysticks, now)
 
     def inhibits(self, now: float) -> list[str]:
         """Say why nothing but neutral goes to the unit; empty while commands do."""
         return self.drive.inhibits(now, [*self.stop_reasons(now), *self._busy()])
-
-    def ignored_causes(self, now: float) -> list[str]:
-        """Say what would be a stop, did ``estop_on`` list it."""
-        ignored = dict.fromkeys(self._causes(now, counted=False))
-        return [text for text in ignored if text not in self.stop_reasons(now)]
 
     # -- requests --------------------------------------------------------------------------------
 
@@ -223,7 +226,7 @@ class Session:
         """
         self._watch(now)
         if not self.link_up or self.finder.address is None:
-            raise ValueError('; '.join(self._causes(now, counted=None)[:1]) or 'no unit is heard')
+            raise ValueError(self.causes(now).get(Cause.LINK, 'no unit is heard at present'))
         if request in _AT_REST and self.drive.moving:
             raise ValueError('motion is commanded; let go of the stick first')
         self._asker.start(request, now)
@@ -254,12 +257,6 @@ class Session:
         self.estop = bool(self._stops)
         if before != (self.estop, self.link_up):
             self._events.append(StopChanged(self.estop, self.own_estop, self.link_up))
-
-    def _causes(self, now: float, *, counted: bool | None) -> list[str]:
-        """Return causes in words. :param counted: only those, or only the others; None: all."""
-        found = causes(self.settings, self.finder, self.unit, self.joysticks, now)
-        on = self.settings.estop_on
-        return [text for cause, text in found.items() if counted in (None, cause in on)]
 
     def _meet(self, now: float) -> None:
         """Ask what is asked of a unit that is heard for the first time, or again."""

@@ -1,0 +1,143 @@
+"""What the diagnostics say: every sentence when its cause is there, and figures by name."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+
+from akron_can_bridge.session.report import values
+from akron_can_bridge.session.report import warnings
+from bridge_core.j1939 import CanFrame
+from test.akron_session_rig import Bench
+from test.akron_session_rig import ef
+from test.akron_session_rig import joystick
+from test.akron_session_rig import MOVE
+from test.akron_session_rig import name
+from test.akron_session_rig import OTHER_ANNOUNCED
+from test.akron_session_rig import OTHER_PIN
+from test.akron_session_rig import OURS
+from test.akron_session_rig import PIN
+from test.akron_session_rig import POSITION
+from test.akron_session_rig import REST
+
+VERSIONS = ('03010B02040206', '040D1C000E0204', '050398690E0204')
+
+
+def told(*frames: CanFrame, **options: Any) -> list[str]:
+    bench = Bench(**options).find_unit()
+    bench.take(*frames)
+    return warnings(bench.session, bench.now)
+
+
+def test_sound_unit_needs_no_word() -> None:
+    assert told(POSITION) == []
+
+
+WARNINGS: dict[str, tuple[list[CanFrame], dict[str, Any]]] = {
+    'another device (NAME 0000000000000001) claims our own address 38': (
+        [name('0100000000000000', OURS)],
+        {},
+    ),
+    f'{OTHER_PIN} would do as well as {PIN}': ([OTHER_ANNOUNCED], {}),
+    'the joystick at joy_source reports x error': (
+        [joystick('127D046400100000')],
+        {'joy_source': 0x33, 'allowed_joysticks': frozenset({0x33})},
+    ),
+    'SOE mode is active': ([ef('83C851')], {}),
+    'the unit is not calibrated': ([ef('011D940371000040')], {}),
+    'the rotation position is in error': ([ef('011D9A0371000041')], {}),
+    'the elevation position is in error': ([ef('011D94037A000041')], {}),
+    'faults: internal fuse blown; pCode error code 11 (rotation sensor error)': (
+        [ef('0200200000000B', destination=OURS)],
+        {},
+    ),
+}
+
+
+@pytest.mark.parametrize('text', WARNINGS)
+def test_each_cause_has_its_sentence(text: str) -> None:
+    frames, options = WARNINGS[text]
+    (warning,) = told(*frames, **options)
+    assert warning.startswith(text)
+
+
+def test_what_is_asked_for_is_no_warning() -> None:
+    assert told(ef('83C851'), soe_permissive=True) == []
+    assert told(OTHER_ANNOUNCED, device_pin=PIN) == []
+    # Not available is not broken: there are units without sensors and calibration.
+    assert told(ef('01000F000F000043')) == []
+
+
+def figures(prepare: Callable[[Bench], Any] = lambda bench: None, **options: Any) -> Any:
+    bench = Bench(**options).find_unit()
+    prepare(bench)
+    return values(bench.session, bench.now)
+
+
+def test_figures_of_a_unit_that_was_found() -> None:
+    found = figures(lambda bench: bench.take(*(ef(v, destination=OURS) for v in VERSIONS)))
+    assert found['unit'] == PIN
+    assert found['type'] == '6032 Universal II'
+    assert (found['address'], found['source address']) == ('80', '38')
+    assert found['faults'] == 'faults: none; pCode error code 0 (none)'
+    assert found['versions'] == (
+        'fixed boot 1.11, bootloader 2.4, system 2.6; style 3356, subtype 14, pCode 2.4; '
+        'config type 60320014, config 2.4'
+    )
+    assert found['motion commanded'] is False
+
+
+def test_figures_before_anything_is_heard() -> None:
+    bench = Bench()
+    bench.open()
+    found = values(bench.session, bench.now)
+    assert (found['unit'], found['address'], found['versions']) == (
+        'not found yet',
+        'none',
+        'not known',
+    )
+
+
+def test_figures_of_neighbours() -> None:
+    found = figures(
+        lambda bench: bench.take(OTHER_ANNOUNCED, joystick(), joystick(source=0x35)),
+        allowed_joysticks=frozenset({0x35}),
+    )
+    assert found['other Akron Brass devices'] == f'{OTHER_PIN} at 81 (6032 Universal II)'
+    assert found['joysticks heard'] == '33 foreign, 35 allowed'
+
+
+def test_figures_of_motion() -> None:
+    bench = Bench().moving()
+    assert values(bench.session, bench.now)['motion commanded'] is True
+    assert values(bench.session, bench.now)['neutral because'] == 'commands go out'
+    bench.estop_in(True)
+    bench.command(MOVE)
+    found = values(bench.session, bench.now)
+    assert found['motion commanded'] is False
+    assert found['neutral because'] == 'e-stop input is true; last stop: e-stop input is true'
+    bench.command(REST)
+
+
+def test_vista_is_shown_raw() -> None:
+    # By hand: voltage 512, digital output 1 and digital input 1 on, X 100, Y 3, all else 0.
+    bits = 512 << 46 | 1 << 41 | 1 << 32 | 100 << 22 | 3 << 6
+    frames = (ef(f'21{bits:014X}', destination=OURS), ef('2212345678', destination=OURS))
+    found = figures(lambda bench: bench.take(*frames))
+    assert found['Vista: system voltage (raw)'] == 512
+    assert found['Vista: joystick X, Y (raw)'] == '100, 3'
+    assert found['Vista: on'] == 'digital output 1, digital input 1'
+    assert found['Vista: rotation, elevation (raw)'] == f'{0x1234}, {0x5678}'
+
+
+def test_messages_for_the_makers_tools_are_shown_and_never_sent() -> None:
+    bench = Bench().find_unit()
+    start = bench.now
+    bench.take(ef('FE413F0D0A', destination=OURS), ef('FD01000000'))
+    found = values(bench.session, bench.now)
+    assert found['ASCII pipe'] == repr('A?\r\n')
+    assert found['diagnostic data'] == 'type 01: 00 00 00'
+    bench.run(1.0)
+    assert not [data for data in bench.asked(start) if data[:2] in ('FE', 'FD')]
