@@ -14,6 +14,7 @@ from ssc_bridge.session import AxisInput
 from ssc_bridge.session import ButtonInput
 from ssc_bridge.session import CommandStateChanged
 from ssc_bridge.session import ConfigurationRead
+from ssc_bridge.session import FailsafeBegun
 from ssc_bridge.session import LockoutDone
 from ssc_bridge.session import PulsesIn
 from ssc_bridge.session import PulsesOut
@@ -65,18 +66,72 @@ def test_silence_is_a_stop_at_the_deadline_and_nothing_is_believed_any_more() ->
     assert 'check its power' in rig.session.stop_reasons(rig.now)[0]
 
 
-def test_silence_is_noticed_by_the_promised_deadline() -> None:
-    rig = Rig().start()
-    rig.mute = set(range(10, 16))
-    heard = rig.now
-    for _ in range(200):
-        rig.now = max(rig.session.deadline(), rig.now + 1e-4)
-        rig.session.set_estop(False, rig.now)
+def run_to(rig: Rig, done: Callable[[], bool], *, estop_in: bool = True) -> float:
+    """Wake only when the session wants to be; return when it is done."""
+    for _ in range(500):
+        rig.now = max(rig.session.deadline(), rig.now + 1e-5)
+        if estop_in:
+            rig.session.set_estop(False, rig.now)
         rig.poll()
-        if rig.session.estop:
-            break
-    assert rig.session.estop
-    assert rig.now <= heard + 0.25 + 1e-3
+        if done():
+            return rig.now
+    raise AssertionError('not done')
+
+
+# Time-outs that are no multiple of any period, so that nothing else wakes the session in time.
+SPARSE: dict[str, Any] = {
+    'link_timeout': 0.237,
+    'command_timeout': 0.237,
+    'command_rate': 1.0,
+    'poll_rates': (20.0, 0.0, 0.0, 20.0, 0.0),
+}
+
+
+def test_silence_is_noticed_at_the_promised_deadline() -> None:
+    rig = Rig(**SPARSE).start()
+    heard = rig.hear_at(10)
+    rig.mute = {10}
+    assert run_to(rig, lambda: rig.session.estop) == pytest.approx(heard + 0.237, abs=1e-4)
+
+
+def test_lost_inputs_are_noticed_at_the_promised_deadline() -> None:
+    rig = Rig(axes=AXES, **SPARSE).start()
+    heard = rig.hear_at(13)
+    rig.mute = {13}
+    rig.events.clear()
+    assert run_to(rig, lambda: bool(rig.of(Sticks))) == pytest.approx(heard + 0.237, abs=1e-4)
+
+
+def test_silent_estop_in_is_noticed_at_the_promised_deadline() -> None:
+    rig = Rig(**SPARSE).start()
+    rig.now += 0.003
+    rig.session.set_estop(False, rig.now)
+    said = rig.now
+
+    def stopped() -> bool:
+        return bool(rig.of(FailsafeBegun))
+
+    for _ in range(23):
+        rig.now += 0.01
+        rig.do(lambda session, now: session.set_pulses([1500], now))
+    assert not stopped()
+    assert run_to(rig, stopped, estop_in=False) == pytest.approx(said + 0.237, abs=1e-4)
+
+
+def test_what_went_stale_is_a_stop_even_if_the_next_read_is_healthy() -> None:
+    rig = Rig().start()
+    rig.now += 0.3
+    events, _ = rig.session.receive(status(), rig.now)
+    assert events[0] == StopChanged(estop=True, own_estop=True, link_up=False)
+    assert rig.session.estop  # the configuration is to be read again
+
+
+def test_port_that_comes_back_is_asked_at_once() -> None:
+    rig = Rig().start()
+    rig.session.closed(rig.now)
+    _, frames = rig.session.opened(rig.now)
+    assert {frame[2] for frame in frames} == {10, 15}
+    assert rig.session.frame_age(rig.now) == float('inf')
 
 
 def test_link_lost_needs_the_configuration_again() -> None:
@@ -140,6 +195,10 @@ def test_reset_of_the_device_between_two_reads_is_a_stop_until_it_is_read_anew()
     rig.available = True
     rig.tick(6)
     assert rig.session.estop
+    rig.events.clear()
+    rig.tick(10)
+    rig.hear(rig.answer(13))
+    assert not rig.of(PulsesIn)  # whatever its channels are now
     rig.mute = set()
     rig.tick(40)
     assert not rig.session.estop
@@ -280,6 +339,13 @@ def test_other_configuration_after_a_silence_counts() -> None:
     assert not rig.session.estop
     assert rig.session.configuration
     assert rig.session.configuration.outputs == 22
+
+
+def test_other_configuration_out_of_the_blue_counts() -> None:
+    rig = Rig().start()
+    rig.hear(configuration(2))
+    assert rig.session.configuration
+    assert rig.session.configuration.inputs == 2
 
 
 # -- polling --------------------------------------------------------------------------------------

@@ -104,6 +104,14 @@ def test_level_is_set_and_the_other_outputs_keep_what_they_have() -> None:
     assert rig.payloads(21)[1:] == [b'\x88\0']
 
 
+def test_level_of_another_output_that_somebody_else_set_stays() -> None:
+    rig = aux_rig()
+    rig.aux_inputs = bytes.fromhex('08 03 43E8 0005')  # aux 3 low and aux 4 high: not as at start
+    rig.tick(12)
+    rig.do(level(3, True))
+    assert rig.payloads(21) == [b'\x8c\0']
+
+
 def test_level_before_any_message_of_the_pins_uses_the_initial_states() -> None:
     rig = Rig()
     rig.aux, rig.mute = FUNCTIONS, {14}
@@ -268,6 +276,19 @@ def test_stop_leaves_digital_outputs_alone_that_nobody_set() -> None:
     rig.estop = True
     rig.tick(20)
     assert set(rig.payloads(21)) == {bytes.fromhex('00 10 0000')}
+
+
+def test_other_configuration_ends_what_was_to_be_undone() -> None:
+    rig = aux_rig()
+    set_all(rig)
+    rig.mute = set(range(10, 16))
+    rig.tick(40)
+    rig.mute, rig.aux, rig.aux_inputs = set(), (0x0003,) * 6, b'\0\0'
+    rig.tick(40)
+    rig.sent.clear()
+    rig.estop = True
+    rig.tick(20)
+    assert not rig.payloads(21)
 
 
 def test_stop_without_anything_set_sends_nothing() -> None:

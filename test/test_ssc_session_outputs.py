@@ -88,6 +88,7 @@ def test_rate_is_kept_whatever_is_asked() -> None:
     rig.tick(3)
     assert rig.pulses()[-1][2] == 1100  # its failsafe
     since = rig.now
+    rig.outputs[2] = 2000  # whatever the switch does with the output meanwhile
     rig.tick(50, servos(tilt=1.0))
     steps = [us[2] for us in rig.pulses(since)]
     # 1000 us/s at 50 Hz is 20 us a message.
@@ -288,16 +289,17 @@ def test_staleness_of_one_servo_leaves_the_other() -> None:
 
 
 def test_command_is_stale_at_the_promised_deadline() -> None:
-    rig = servo_rig(link_timeout=5.0)
+    rig = servo_rig(command_timeout=0.237, command_rate=1.0, poll_rates=(20.0, 0, 0, 0, 0))
+    rig.now += 0.003
     rig.do(servos(pan=1.0))
     begun = rig.now
     for _ in range(300):
-        rig.now = max(rig.session.deadline(), rig.now + 1e-4)
+        rig.now = max(rig.session.deadline(), rig.now + 1e-5)
         rig.session.set_estop(False, rig.now)
         rig.poll()
         if rig.of(FailsafeBegun):
             break
-    assert begun + 0.25 <= rig.now <= begun + 0.25 + 1e-3
+    assert rig.now == pytest.approx(begun + 0.237, abs=1e-4)
 
 
 def test_released_means_a_few_messages_without_pulses_and_then_none() -> None:

@@ -309,7 +309,7 @@ class Session:
             raise ValueError(f'no servo {name!r}; there are {list(self.outputs.servos)}')
         if not abs(position) <= _MAX_POSITION:
             raise ValueError(f'{name}: {position} is not within -1 to 1')
-        return servo.channel, servo.pulse(min(max(position, -1.0), 1.0))
+        return servo.channel, servo.pulse(position)  # its limits hold in Outputs
 
     def _check_outputs(self, us: Mapping[int, float]) -> None:
         if not us:

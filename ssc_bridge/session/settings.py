@@ -131,7 +131,7 @@ class Servo:
             )
 
     def pulse(self, position: float) -> float:
-        """Return the pulse of a position, -1 to 1, in µs."""
+        """Return the pulse of a position, -1 to 1, in µs; not limited."""
         position = -position if self.reversed else position
         end = self.max_us if position > 0.0 else self.min_us
         return self.centre_us + abs(position) * (end - self.centre_us)
