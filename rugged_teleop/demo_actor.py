@@ -96,9 +96,9 @@ class Actor:
         self.wait(is_found, lambda: otherwise)
         return found
 
-    def wait_for_state(self, *states: str) -> None:
-        """Wait until the mux says one of these states."""
-        self.wait(lambda: self.watcher.state in states, lambda: f'the mux is {self.watcher.state}')
+    def wait_for_state(self, state: str) -> None:
+        """Wait until the mux says this state."""
+        self.wait(lambda: self.watcher.state == state, lambda: f'the mux is {self.watcher.state}')
 
     def still(self, since: float) -> str:
         """Watch that no packet after ``since`` enables anything, for a while more."""
@@ -189,12 +189,6 @@ class Actor:
         if hindrances:
             self.tend()
         return hindrances == [] and self._may_repeat_reset()
-
-    def back_to_ready(self) -> str:
-        """Reset, unless it is READY: there control was given back before the stop was heard."""
-        if self.watcher.state == 'READY':
-            return 'still READY'
-        return self.accepted_reset()
 
     def refused_reset(self, reason: str) -> str:
         """Call for a reset that must be refused for this reason, and not for being repeated."""
@@ -311,14 +305,14 @@ class Actor:
         cause: str,
         act: Callable[[], float],
         limit: float = TOLD_LIMIT,
-        states: tuple[str, ...] = ('STOPPED',),
+        state: str = 'STOPPED',
     ) -> str:
         """
         Stop in mid-motion, and measure.
 
         :param act: causes the stop; returns the moment of the cause (seconds, monotonic).
         :param limit: s that it may take, and what this machine was late for us besides.
-        :param states: what the mux must be afterwards, one of these.
+        :param state: what the mux must be afterwards.
         """
         if not self._moving():  # a time-out has stopped it since the step before: see set_off
             self._recover()
@@ -327,7 +321,7 @@ class Actor:
         at = act()
         first = self.wait_for_moment(lambda: self._first_disable(at), 'no packet disables')
         self.reactions.append(Reaction(cause, first - at, limit))
-        self.wait_for_state(*states)
+        self.wait_for_state(state)
         later = sum(packet.enables for packet in self.stage.packets(first))
         if later:
             raise Missed(f'{later} packets after the first disable packet enable again')
@@ -337,7 +331,7 @@ class Actor:
                 f'{took}, allowed are {limit * 1e3:.0f} ms, and {self._late * 1e3:.0f} ms '
                 'by which this machine was late for us too'
             )
-        return f'{took}, {self.watcher.state}'
+        return f'{took}, {state}'
 
     def _first_disable(self, since: float) -> float:
         packets = self.stage.packets(since)

@@ -23,9 +23,6 @@ from rugged_teleop.demo_stage import Packet
 from vm110_bridge.protocol import BuState
 from vm110_bridge.protocol import PeriodicInput
 
-# The neutral Joy that comes with the stop may be heard first. Then VM-110 has given control back,
-# and its source, which counts for the owner only, needs no reset.
-_OWNER_STOPPED = ('STOPPED', 'READY')
 _WATCHED = 0.6  # s: several VRPI, and longer than the mux's hold_time
 
 
@@ -33,7 +30,7 @@ class Handover(Actor):
     """
     Hands control over from FORT, which ranks higher, to VM-110 and back, and stops VM-110.
 
-    Then FORT's stop reaches the hardware chain of VM-110, whose relays open.
+    The stop of either reaches the hardware chain of the other: Master Enables, ES-Link relays.
     """
 
     @property
@@ -48,6 +45,7 @@ class Handover(Actor):
             ('FORT released, VM-110 still held: it stops, and nothing moves', self.leave_fort),
             ("VM-110's sticks let go, then its deadman: it drives", self.drive_unit),
             ("VM-110's stop switch stops", self.stop_unit),
+            ("it opens the VSC's Master Enables too", self.see_enables_open),
             ('its stop switch held, deadman and stick again: nothing moves', self.push_stopped),
             ('released, rearmed, reset: a new deadman moves it again', self.rearm),
             ('a VM-110 that falls silent stops', self.stop_unit_silence),
@@ -101,7 +99,7 @@ class Handover(Actor):
             self._hold_unit()
             return self.vsc_says(self.remote(f'button {DEADMAN} 0'), is_released)
 
-        happened = self.stopped('FORT released, to hand over', release, states=('READY',))
+        happened = self.stopped('FORT released, to hand over', release, state='READY')
         return f'{happened}; {self.still(time.monotonic())}'
 
     def drive_unit(self) -> str:
@@ -154,7 +152,13 @@ class Handover(Actor):
             since = self.unit('stop 1 on')
             return self.unit_says(since, lambda vrpi: vrpi.bu_state == BuState.STOPPED)
 
-        return self.stopped("VM-110's stop switch", press, states=_OWNER_STOPPED)
+        return self.stopped("VM-110's stop switch", press)
+
+    def see_enables_open(self) -> str:
+        """See that the stop of VM-110 has reached the hardware chain of FORT."""
+        vsc = self.stage.vsc
+        self.wait(lambda: not vsc.describe()['master_enable'], lambda: f'{vsc.describe()}')
+        return 'open, until FORT acknowledges'
 
     def push_stopped(self) -> str:
         """Let deadman and stick go, then press and push them: the stop switch is still pressed."""
@@ -165,7 +169,7 @@ class Handover(Actor):
         """Go the right way from the stop switch to motion."""
         self.unit('stop 1 off')
         self.arm_unit()
-        return f'{self.back_to_ready()}; {self.set_off()}'
+        return f'{self.accepted_reset()}; {self.set_off()}'
 
     def stop_unit_silence(self) -> str:
         """Let the base unit hang."""
@@ -174,8 +178,7 @@ class Handover(Actor):
             since = self.unit('stall on') - 1.0
             return self.stage.unit.sent(since)[-1].at
 
-        cause = 'VM-110 silent, since its last VRPI'
-        return self.stopped(cause, hang, UNIT_SILENT_LIMIT, _OWNER_STOPPED)
+        return self.stopped('VM-110 silent, since its last VRPI', hang, UNIT_SILENT_LIMIT)
 
     def end_unit_silence(self) -> str:
         """Let the base unit go on, and arm it anew if it has opened its relays meanwhile."""
@@ -187,7 +190,7 @@ class Handover(Actor):
     def return_to_fort(self) -> str:
         """Reset, and drive with FORT."""
         self.hand = FORT
-        return f'{self.back_to_ready()}; {self.set_off()}, owner {FORT}'
+        return f'{self.accepted_reset()}; {self.set_off()}, owner {FORT}'
 
     def open_relays(self) -> str:
         """Press FORT's e-stop and wait for VM-110 to say that its relays are open."""

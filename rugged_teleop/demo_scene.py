@@ -171,7 +171,7 @@ class Scene(Handover):
         def release() -> float:
             return self.vsc_says(self.remote(f'button {DEADMAN} 0'), is_released)
 
-        return self.stopped('deadman released', release, states=('READY',))
+        return self.stopped('deadman released', release, state='READY')
 
     def stop_silence(self) -> str:
         """Let the VSC hang, its port still open."""

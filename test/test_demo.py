@@ -204,14 +204,6 @@ def test_relays_that_close_without_being_rearmed_are_missed() -> None:
         rearm(closed=True)
 
 
-def test_stop_that_comes_after_control_was_given_back_needs_no_reset() -> None:
-    actor: Any = Actor(FakeStage())  # type: ignore[arg-type]
-    actor.accepted_reset = lambda: 'reset'
-    assert actor.back_to_ready() == 'reset'
-    actor.watcher.state = 'READY'
-    assert actor.back_to_ready() == 'still READY'
-
-
 def test_failed_step_ends_the_scene_and_says_so() -> None:
     lines: list[str] = []
 
