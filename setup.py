@@ -6,7 +6,7 @@ from setuptools import find_packages
 from setuptools import setup
 
 PACKAGE = 'rugged_teleop'
-SHARED = ('config', 'docs', 'launch', 'udev')
+SHARED = ('config', 'dbc', 'docs', 'launch', 'udev')
 
 
 def shared_files() -> list[tuple[str, list[str]]]:
@@ -39,12 +39,15 @@ setup(
     ],
     entry_points={
         'console_scripts': [
+            'akron_can_bridge = akron_can_bridge.node:main',
             'esi_drive_bridge = esi_drive_bridge.node:main',
             'fort_vsc_bridge = fort_vsc_bridge.node:main',
             'rugged_teleop_demo = rugged_teleop.demo:main',
             'rugged_teleop_stack = rugged_teleop.stack:main',
             'safety_mux = safety_mux.node:main',
             'simulate = rugged_teleop.simulate:main',
+            'ssc_bridge = ssc_bridge.node:main',
+            'ssc_config = ssc_bridge.config.main:main',
             'vm110_bridge = vm110_bridge.node:main',
         ],
     },

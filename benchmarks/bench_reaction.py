@@ -28,7 +28,7 @@ from fort_vsc_bridge.protocol import Heartbeat
 from fort_vsc_bridge.protocol import Joystick
 from fort_vsc_bridge.simulator import Simulator as Vsc
 from rugged_teleop.ptys import PtyDevice
-from rugged_teleop.stack import WIRING
+from rugged_teleop.stack import wiring
 
 ROOT = Path(__file__).parent.parent
 
@@ -39,10 +39,11 @@ class Bench:
     def __init__(self, folder: Path) -> None:
         self.vsc = PtyDevice(Vsc(), folder / 'vsc')
         self.drive = PtyDevice(Drive(), folder / 'drive')
-        wiring = [word for rule in WIRING.items() for word in ('-r', ':='.join(rule))]
         self.children = [
             self._start('fort_vsc_bridge', '-p', f'port:={folder}/vsc'),
-            self._start('esi_drive_bridge', '-p', f'port:={folder}/drive', *wiring),
+            self._start(
+                'esi_drive_bridge', '-p', f'port:={folder}/drive', *wiring(['esi_drive_bridge'])
+            ),
             self._start('safety_mux'),
         ]
         self.state = self.why = ''

@@ -14,6 +14,7 @@ from rugged_teleop.ports import DevicePort
 
 INTERFACE = 'udp_multicast'  # a bus of several processes on one machine
 _GROUP = '239.255.42.21'
+CHANNEL = f'{_GROUP}:43113'
 # As the kernel writes an identifier: flags in the three bits above it (linux/can.h). A line that
 # flips one of them leaves no data frame.
 _IDENTIFIER = struct.Struct('>I')

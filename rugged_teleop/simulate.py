@@ -1,7 +1,8 @@
 """
 Simulate a device on a port of its own: ``simulate fort_vsc --port /tmp/fort_vsc``.
 
-The VM-110 is on a multicast group: ``simulate vm110``, on this machine only unless told otherwise.
+The VM-110 is on a multicast group, devices on CAN on a bus of python-can's: ``simulate vm110`` and
+``simulate akron``, on this machine only unless told otherwise.
 Commands come a line each from standard input; ``help`` lists them. It runs until SIGINT or
 SIGTERM, after the end of the input too, and takes its port away when it leaves.
 """
@@ -10,27 +11,37 @@ import argparse
 from collections.abc import Callable
 from collections.abc import Iterator
 from collections.abc import Sequence
+from dataclasses import dataclass
 import os
 from pathlib import Path
 import select
 import signal
 import sys
 from typing import Any
+from typing import Literal
 from typing import NoReturn
 
+from akron_can_bridge.simulator import JoystickSimulator as AkronJoystick
+from akron_can_bridge.simulator import Simulator as AkronSimulator
 from bridge_core.simulation import help_text
 from esi_drive_bridge.simulator import HELP as ESI_HELP
 from esi_drive_bridge.simulator import Simulator as EsiSimulator
+from fort_vsc_bridge.simulator import CanSimulator as FortCanSimulator
+from fort_vsc_bridge.simulator import HidSimulator as FortHidSimulator
 from fort_vsc_bridge.simulator import Simulator as FortSimulator
+from rugged_teleop.canbuses import CanBusDevice
+from rugged_teleop.canbuses import CHANNEL
+from rugged_teleop.canbuses import INTERFACE
 from rugged_teleop.multicasts import GROUP
 from rugged_teleop.multicasts import INPUT_PORT
 from rugged_teleop.multicasts import LOOPBACK
 from rugged_teleop.multicasts import MulticastDevice
 from rugged_teleop.multicasts import PORT_OFFSET
-from rugged_teleop.ports import Device
 from rugged_teleop.ports import DevicePort
 from rugged_teleop.ports import HELP as PORT_HELP
 from rugged_teleop.ptys import PtyDevice
+from ssc_bridge.simulator import Settings as SscSettings
+from ssc_bridge.simulator import Simulator as SscSimulator
 from vm110_bridge.simulator import Simulator as Vm110Simulator
 
 _OWN_HELP = """\
@@ -52,26 +63,51 @@ class Parser(argparse.ArgumentParser):
         self.exit(2, f'{self.prog}: {message}; see {self.prog} --help\n')
 
 
-def _fort_vsc(options: argparse.Namespace) -> Device:
-    del options
-    return FortSimulator()
+@dataclass(frozen=True)
+class Simulated:
+    """How a device is made from the options, what it obeys, and what its port is."""
+
+    make: Callable[[argparse.Namespace], Any]
+    help: str
+    port: Literal['pty', 'multicast', 'can'] = 'pty'
 
 
-def _esi_drive(options: argparse.Namespace) -> Device:
-    return EsiSimulator(
-        axes=options.axes, compact=options.compact, status_rate=options.status_rate
-    )
-
-
-def _vm110(options: argparse.Namespace) -> Device:
-    return Vm110Simulator(options.bu_id, crc=options.crc)
-
-
-# How each device is made from the options, and what it obeys.
-DEVICES: dict[str, tuple[Callable[[argparse.Namespace], Device], Callable[[], str]]] = {
-    'fort_vsc': (_fort_vsc, lambda: help_text(FortSimulator.commands)),
-    'esi_drive': (_esi_drive, lambda: ESI_HELP),
-    'vm110': (_vm110, lambda: help_text(Vm110Simulator.commands)),
+DEVICES = {
+    'fort_vsc': Simulated(lambda _: FortSimulator(), help_text(FortSimulator.commands)),
+    'fort_vsc_can': Simulated(
+        lambda _: FortCanSimulator(), help_text(FortCanSimulator.commands), 'can'
+    ),
+    'fort_vsc_hid': Simulated(lambda _: FortHidSimulator(), help_text(FortHidSimulator.commands)),
+    'vm110': Simulated(
+        lambda options: Vm110Simulator(options.bu_id, crc=options.crc),
+        help_text(Vm110Simulator.commands),
+        'multicast',
+    ),
+    'akron': Simulated(
+        lambda options: AkronSimulator(
+            options.type,
+            pin=options.pin,
+            address=options.address,
+            feedback=not options.no_feedback,
+        ),
+        help_text(AkronSimulator.commands),
+        'can',
+    ),
+    'akron_joystick': Simulated(
+        lambda options: AkronJoystick(options.address, extended=options.extended),
+        help_text(AkronJoystick.commands),
+        'can',
+    ),
+    'esi_drive': Simulated(
+        lambda options: EsiSimulator(
+            axes=options.axes, compact=options.compact, status_rate=options.status_rate
+        ),
+        ESI_HELP,
+    ),
+    'ssc': Simulated(
+        lambda options: SscSimulator(SscSettings(inputs=options.inputs)),
+        help_text(SscSimulator.commands),
+    ),
 }
 
 
@@ -79,40 +115,71 @@ def parser() -> Parser:
     """Return the parser of the command line."""
     result = Parser(prog='simulate', description=__doc__, allow_abbrev=False)
     devices = result.add_subparsers(dest='device', required=True, metavar='DEVICE')
-    for name in DEVICES:
+    for name, simulated in DEVICES.items():
         device = devices.add_parser(name, allow_abbrev=False, help=f'simulate one {name}')
-        if name != 'vm110':
-            device.add_argument(
-                '--port', type=Path, required=True, help='this path becomes a link to the port'
-            )
+        _PORT_OPTIONS[simulated.port](device)
         device.add_argument('--seed', type=int, help='makes drop and corrupt repeat themselves')
         device.add_argument('--verbose', action='store_true', help='print what changes')
+    unit = devices.choices['vm110']
+    unit.add_argument('--bu-id', type=_bu_id, default=7, help='of the base unit, 1 to 65535')
+    unit.add_argument('--crc', choices=('mpeg2', 'iso_hdlc'), default='mpeg2')
+    monitor = devices.choices['akron']
+    monitor.add_argument('--type', type=int, default=1032, help='device type, 1032: a 6032')
+    monitor.add_argument('--pin', default='', help='device PIN; empty: one of that type')
+    monitor.add_argument('--address', type=_address, default=0x80, help='first address, hex')
+    monitor.add_argument('--no-feedback', action='store_true', help='has no position feedback')
+    joystick = devices.choices['akron_joystick']
+    joystick.add_argument('--address', type=_address, default=0x33, help='33 to 38, hex')
+    joystick.add_argument('--extended', action='store_true', help='sends 64983 too')
     drive = devices.choices['esi_drive']
     drive.add_argument('--axes', type=int, choices=(1, 2), default=2)
     drive.add_argument('--compact', action='store_true', help='short packets, for 1 axis')
     drive.add_argument('--status-rate', type=_rate, default=100.0, help='Hz, 1 to 1000')
-    _add_vm110_options(devices.choices['vm110'])
+    controller = devices.choices['ssc']
+    controller.add_argument('--inputs', type=int, choices=range(1, 17), default=8, help='1 to 16')
     return result
 
 
-def _add_vm110_options(unit: argparse.ArgumentParser) -> None:
-    unit.add_argument(
+def _add_pty_options(device: argparse.ArgumentParser) -> None:
+    device.add_argument(
+        '--port', type=Path, required=True, help='this path becomes a link to the port'
+    )
+
+
+def _add_multicast_options(device: argparse.ArgumentParser) -> None:
+    device.add_argument(
         '--port', type=_input_port, default=INPUT_PORT, help="UDP, the bridge's input_port"
     )
-    unit.add_argument('--group', default=GROUP, help='IPv4 multicast address')
-    unit.add_argument(
+    device.add_argument('--group', default=GROUP, help='IPv4 multicast address')
+    device.add_argument(
         '--interface-address',
         default=LOOPBACK,
         help='IPv4 address of the interface; empty: routed',
     )
-    unit.add_argument('--bu-id', type=_bu_id, default=7, help='of the base unit, 1 to 65535')
-    unit.add_argument('--crc', choices=('mpeg2', 'iso_hdlc'), default='mpeg2')
 
 
-def _plug_in(device: Device, options: argparse.Namespace) -> DevicePort:
-    """Give a device its port. :raises OSError: that cannot be made."""
-    if options.device != 'vm110':
+def _add_can_options(device: argparse.ArgumentParser) -> None:
+    device.add_argument('--interface', default=INTERFACE, help="python-can's name of its kind")
+    device.add_argument('--channel', default=CHANNEL, help='such as can0, or a group:port')
+
+
+_PORT_OPTIONS = {
+    'pty': _add_pty_options,
+    'multicast': _add_multicast_options,
+    'can': _add_can_options,
+}
+
+
+def _plug_in(options: argparse.Namespace) -> DevicePort:
+    """Make a device with its port. :raises OSError, ValueError: that cannot be."""
+    simulated = DEVICES[options.device]
+    device = simulated.make(options)
+    if simulated.port == 'pty':
         return PtyDevice(device, options.port, seed=options.seed)
+    if simulated.port == 'can':
+        return CanBusDevice(
+            device, options.channel, interface=options.interface, seed=options.seed
+        )
     return MulticastDevice(
         device,
         options.port,
@@ -126,17 +193,17 @@ def main(arguments: Sequence[str] | None = None) -> None:
     """Run a simulator; the executable's entry point."""
     command_line = parser()
     options = command_line.parse_args(arguments)
-    make, help_of = DEVICES[options.device]
     try:
-        device = _plug_in(make(options), options)
+        device = _plug_in(options)
     except (OSError, ValueError) as error:
         command_line.error(str(error))
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: sys.exit(0))
+    help_lines = f'{_OWN_HELP}\n{PORT_HELP}\n\n{options.device}:\n{DEVICES[options.device].help}'
     with device:
         print(f'{options.device} on {device.name}; type help', flush=True)
         for line in _lines(device, options.verbose):
-            _obey(device, line, f'{_OWN_HELP}\n{PORT_HELP}\n\n{options.device}:\n{help_of()}')
+            _obey(device, line, help_lines)
 
 
 def _rate(text: str) -> float:
@@ -152,6 +219,13 @@ def _input_port(text: str) -> int:
 
 def _bu_id(text: str) -> int:
     return _whole(text, 0xFFFF)
+
+
+def _address(text: str) -> int:
+    value = int(text, 16)
+    if not 0 <= value <= 0xFD:
+        raise argparse.ArgumentTypeError(f'{text} is not within 0 to FD hex')
+    return value
 
 
 def _whole(text: str, high: int) -> int:
@@ -199,13 +273,13 @@ def _rounded(value: Any) -> Any:
     return value
 
 
-def _obey(device: DevicePort, line: str, help_text: str) -> None:
+def _obey(device: DevicePort, line: str, help_lines: str) -> None:
     """Obey one line; print the answer, if there is one."""
     words = line.split()
     if not words:
         return
     if words == ['help']:
-        print(help_text, flush=True)
+        print(help_lines, flush=True)
     elif words == ['show']:
         for name, value in device.describe().items():
             print(f'{name}: {_rounded(value)}', flush=True)

@@ -3,10 +3,11 @@ All configured nodes in one process.
 
 ``rugged_teleop_stack fort_vsc_bridge safety_mux --ros-args --params-file my.yaml`` runs the nodes
 that are named; without names, those that the parameter files have a section for. Each has its own
-executor and thread, so that none waits for another. The drive listens to the mux.
+executor and thread, so that none waits for another. Actuators listen to the mux.
 """
 
 from collections.abc import Callable
+from collections.abc import Iterable
 from collections.abc import Sequence
 import importlib
 import itertools
@@ -23,24 +24,38 @@ from bridge_core.runner import run
 NODES = {
     'fort_vsc_bridge': ('fort_vsc_bridge.node', 'FortVscBridge'),
     'vm110_bridge': ('vm110_bridge.node', 'Vm110Bridge'),
+    'akron_can_bridge': ('akron_can_bridge.node', 'AkronCanBridge'),
+    'ssc_bridge': ('ssc_bridge.node', 'SscBridge'),
     'esi_drive_bridge': ('esi_drive_bridge.node', 'EsiDriveBridge'),
     'safety_mux': ('safety_mux.node', 'SafetyMux'),
 }
 
-# How mux and drive are joined unless the command line says otherwise (its own rules come first).
+# What listens to the mux, and how, unless the command line says otherwise (its rules come first).
 WIRING = {
-    'esi_drive_bridge:~/command': 'safety_mux/command',
-    'esi_drive_bridge:~/enable': 'safety_mux/enable',
-    'esi_drive_bridge:~/estop_in': 'safety_mux/estop',
+    'esi_drive_bridge': {
+        '~/command': 'safety_mux/command',
+        '~/enable': 'safety_mux/enable',
+        '~/estop_in': 'safety_mux/estop',
+    },
+    'akron_can_bridge': {'~/estop_in': 'safety_mux/estop'},
+    'ssc_bridge': {'~/estop_in': 'safety_mux/estop'},
 }
 
 
 def wired(arguments: Sequence[str], names: Sequence[str]) -> list[str]:
-    """Return the command line with the wiring added where mux and drive are both in the stack."""
-    if not {'safety_mux', 'esi_drive_bridge'} <= set(names):
-        return list(arguments)
-    rules = [word for pair in WIRING.items() for word in ('-r', ':='.join(pair))]
-    return [*arguments, '--ros-args', *rules, '--']
+    """Return the command line with the wiring added for who listens to a mux in the stack."""
+    rules = wiring(names) if 'safety_mux' in names else []
+    return [*arguments, '--ros-args', *rules, '--'] if rules else list(arguments)
+
+
+def wiring(names: Iterable[str]) -> list[str]:
+    """Return the remapping rules that join these nodes to a mux, as words of a command line."""
+    return [
+        word
+        for name in names
+        for topic, source in WIRING.get(name, {}).items()
+        for word in ('-r', f'{name}:{topic}:={source}')
+    ]
 
 
 def node_factory(name: str) -> Callable[[], ManagedNode]:

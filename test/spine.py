@@ -27,7 +27,7 @@ from esi_drive_bridge.simulator import Simulator as DriveSimulator
 from fort_vsc_bridge.simulator import Simulator as VscSimulator
 from rugged_teleop.ports import Chunk
 from rugged_teleop.ptys import PtyDevice
-from rugged_teleop.stack import WIRING
+from rugged_teleop.stack import wiring
 from test.rig import latched
 from test.rig import NodeProcess
 from test.rig import Observer
@@ -233,10 +233,7 @@ class Spine:
         device = {VSC: self.vsc, DRIVE: self.drive}.get(name)
         if device is not None:
             parameters['port'] = device.path
-        wiring = [word for pair in WIRING.items() for word in ('-r', ':='.join(pair))]
-        self.nodes[name] = NodeProcess(
-            MODULES[name], parameters, arguments=wiring if name == DRIVE else ()
-        )
+        self.nodes[name] = NodeProcess(MODULES[name], parameters, arguments=wiring([name]))
         return self.nodes[name]
 
     def call(self, name: str) -> Any:

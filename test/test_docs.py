@@ -59,9 +59,11 @@ class Documented:
 
 
 NODES = (
+    Documented('akron_can_bridge', 'AkronCanBridge', 'docs/devices/akron.md'),
     Documented('esi_drive_bridge', 'EsiDriveBridge', 'docs/devices/esi_drive.md'),
     Documented('fort_vsc_bridge', 'FortVscBridge', 'docs/devices/fort_vsc.md'),
     Documented('safety_mux', 'SafetyMux', 'docs/safety_mux.md'),
+    Documented('ssc_bridge', 'SscBridge', 'docs/devices/ssc.md'),
     Documented('vm110_bridge', 'Vm110Bridge', 'docs/devices/vm110.md'),
 )
 each_node = pytest.mark.parametrize('node', NODES, ids=lambda node: node.name)

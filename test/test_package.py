@@ -166,16 +166,17 @@ def values(root: ElementTree.Element) -> list[str]:
 # udev, CI, README.
 
 
-def test_udev_rule_gives_the_vsc_its_name() -> None:
+@pytest.mark.parametrize(
+    ('subsystem', 'parts'),
+    [
+        ('tty', ['ATTRS{idVendor}=="2a99"', 'ATTRS{idProduct}=="d002"', 'SYMLINK+="fort_vsc"']),
+        ('hidraw', ['ATTRS{idVendor}=="2a99"', 'SYMLINK+="fort_vsc_hid"']),
+    ],
+)
+def test_udev_rule_gives_the_vsc_its_name(subsystem: str, parts: list[str]) -> None:
     rules = text('udev/60-rugged-teleop.rules').splitlines()
-    (rule,) = (line for line in rules if line.startswith('SUBSYSTEM'))
-    for part in (
-        'ATTRS{idVendor}=="2a99"',
-        'ATTRS{idProduct}=="d002"',
-        'SYMLINK+="fort_vsc"',
-        'MODE="0660"',
-        'GROUP="dialout"',
-    ):
+    (rule,) = (line for line in rules if line.startswith(f'SUBSYSTEM=="{subsystem}"'))
+    for part in (*parts, 'MODE="0660"', 'GROUP="dialout"'):
         assert part in rule
 
 

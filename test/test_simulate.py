@@ -487,7 +487,7 @@ def test_verbose_command_tells_changes_once(path: Path) -> None:
 
 def test_simulated_devices_speak_as_their_manuals_say(path: Path) -> None:
     with PtyDevice(
-        simulate.DEVICES['fort_vsc'][0](
+        simulate.DEVICES['fort_vsc'].make(
             simulate.parser().parse_args(['fort_vsc', '--port', str(path)])
         ),
         path,
