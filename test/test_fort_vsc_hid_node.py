@@ -64,6 +64,11 @@ class Bench:
     def axes(self) -> list[float]:
         return [] if self.joy.last is None else list(self.joy.last.axes)
 
+    def told(self, part: str) -> str:
+        """Return what the newest diagnostic of a part says."""
+        status = self.diagnostics.status(part)
+        return '' if status is None else str(status.message)
+
     def count(self, key: str) -> int:
         return int(self.diagnostics.value(LINK, key) or 0)
 
@@ -141,7 +146,7 @@ def test_silence_stops_gives_one_neutral_joy_and_ends_by_itself(bench: PtyBench)
     count = len(bench.joy.messages)
     bench.observer.holds_for(lambda: len(bench.joy.messages) == count, 3 * LIMIT, 'silence')
     bench.wait(
-        lambda: 'no report from the remote' in bench.diagnostics.status(DEVICE).message,
+        lambda: 'no report from the remote' in bench.told(DEVICE),
         'the reason',
     )
     bench.remote.apply('stall off')
@@ -154,9 +159,7 @@ def test_unplugged_remote_stops_and_comes_back_by_itself(bench: PtyBench) -> Non
     bench.remote.apply('unplug')
     bench.wait(lambda: bench.says(bench.estop, True), 'a stop')
     bench.wait(lambda: not any(bench.axes()), 'a neutral Joy')
-    bench.wait(
-        lambda: bench.remote.path in bench.diagnostics.status(LINK).message, 'the reason', 5.0
-    )
+    bench.wait(lambda: bench.remote.path in bench.told(LINK), 'the reason', 5.0)
     assert bench.diagnostics.status(LINK).level == DiagnosticStatus.ERROR
     before = bench.count('reconnects')
     bench.remote.apply('plug')
@@ -207,7 +210,7 @@ def test_what_hid_cannot_do_is_refused_with_a_clear_message(
     assert text in refusal
     bench.wait(lambda: bench.says(bench.estop, False), 'no stop')
     assert not bench.remote.received()
-    told = bench.diagnostics.status(DEVICE).message
+    told = bench.told(DEVICE)
     assert ('cannot carry software_estop' in told) is (topic == 'software_estop')
     assert bench.battery.last is None  # nothing of it is known
 

@@ -264,11 +264,14 @@ def test_user_value_is_sent_as_the_manual_says(bench: Bench) -> None:
 
 def test_flood_of_values_goes_out_no_faster_than_the_vsc_takes_it(bench: Bench) -> None:
     publisher = bench.observer.publisher(KeyValue, f'{bench.name}/set_user_value')
+    since = time.monotonic()
     for number in range(200):
         publisher.publish(KeyValue(key='4', value=str(number)))
         bench.observer.spin()
     bench.wait(lambda: bench.vsc.simulator.values.get(4) == 199, 'the newest value')
-    assert bench.vsc.simulator.too_fast[0x30] == 0
+    # A busy machine may hand over several at once, but not more than were due by then.
+    wire = b''.join(chunk.data for chunk in bench.vsc.received(since))
+    assert wire.count(b'\x10\x01\x30') <= (time.monotonic() - since) / 0.05 + 1
 
 
 def test_names_and_display_text_arrive_line_by_line(bench: Bench) -> None:
