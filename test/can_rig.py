@@ -10,18 +10,21 @@ Take the fixture ``can_bus``; it gives every test a bus of its own:
         transport = can_bus.transport()     # a CanTransport, open
 
 Both are closed when the test ends. The bus is python-can's ``udp_multicast``, which reaches other
-processes and stays on this machine, or what the environment names:
-``RUGGED_TELEOP_CAN=socketcan:vcan0``. All tests that take it get the mark ``can_bus``, and run a
-second time inside user-mode-linux on a real ``vcan0`` (test_uml.py), which is slow and has one
-processor: give such tests deadlines of several seconds.
+processes and stays on this machine, or with ``RUGGED_TELEOP_CAN=socketcan`` a virtual interface of
+the kernel. All tests that take it get the mark ``can_bus``, and run a second time on such, inside
+user-mode-linux (test_uml.py). That is slow, and has one processor: wait with ``wait_for``, whose
+deadlines are longer there. A rig of several buses, or for a module, calls ``make_bus``.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+import contextlib
+import itertools
 import os
 import socket
 import struct
+import subprocess
 import time
 from typing import Any
 
@@ -32,11 +35,13 @@ from bridge_core.j1939 import CanFrame
 from bridge_core.transports.can import CanTransport
 from rugged_teleop.canbuses import free_channel
 from rugged_teleop.canbuses import INTERFACE
+from test.multicast_rig import run_ip
 from test.rig import wait_for
 
 VARIABLE = 'RUGGED_TELEOP_CAN'
 _ANY_GROUP = '239.255.42.21'
 _given: set[str] = set()
+_numbers = itertools.count(1)
 
 
 class CanBus:
@@ -74,14 +79,43 @@ class CanBus:
             bus.shutdown()
 
 
+class VirtualInterface(CanBus):
+    """A virtual CAN interface of the kernel, made by ``ip``, as root."""
+
+    def __init__(self) -> None:
+        super().__init__('socketcan', f'vcan{next(_numbers)}')
+        self.create()
+
+    def create(self) -> None:
+        """Make it, up."""
+        run_ip('link', 'add', self.channel, 'type', 'vcan')
+        self.up()
+
+    def delete(self) -> None:
+        """Take it away."""
+        run_ip('link', 'delete', self.channel)
+
+    def up(self) -> None:
+        """Bring it up."""
+        run_ip('link', 'set', self.channel, 'up')
+
+    def down(self) -> None:
+        """Take it down."""
+        run_ip('link', 'set', self.channel, 'down')
+
+    def close(self) -> None:
+        """Take it away, if it is still there."""
+        super().close()
+        with contextlib.suppress(subprocess.CalledProcessError):
+            self.delete()
+
+
 def make_bus() -> CanBus:
-    """Return the bus that the environment names, or one that nobody else uses."""
-    chosen = os.environ.get(VARIABLE)
-    if chosen:
-        interface, _, channel = chosen.partition(':')
-        return CanBus(interface, channel)
+    """Return a bus that nobody else uses, of the kind that the environment names."""
+    if os.environ.get(VARIABLE) == 'socketcan':
+        return VirtualInterface()
     if not _is_routed():
-        pytest.skip(f'python-can finds no network for udp_multicast; set {VARIABLE}')
+        pytest.skip('python-can finds no network for udp_multicast')
     return CanBus(INTERFACE, _free_channel())
 
 

@@ -32,6 +32,8 @@ from typing import TypeVar
 
 ROOT = Path(__file__).resolve().parent.parent
 _POLL = 0.005
+# How many times longer than elsewhere things may take; set where it is slow (test_uml.py).
+_PATIENCE = float(os.environ.get('RUGGED_TELEOP_PATIENCE', '1'))
 # 101 is the last whose ports are clear of the ephemeral ones, so any order of 1 to 101 will do.
 _DOMAINS = range(1, 102)
 _TRANSITIONS = {  # lifecycle_msgs/Transition, and the state behind it
@@ -92,6 +94,7 @@ def wait_for(
     :param what: is missing if it does not come; a function is called then.
     :param idle: passes the time between two tries (seconds), such as by spinning an executor.
     """
+    timeout *= _PATIENCE
     end = time.monotonic() + timeout
     while not (value := condition()):
         if time.monotonic() > end:

@@ -10,7 +10,6 @@ from __future__ import annotations
 from collections.abc import Iterator
 import contextlib
 import fcntl
-import itertools
 import os
 import select
 import struct
@@ -30,51 +29,24 @@ from test.can_rig import CanBus
 from test.can_rig import message
 from test.can_rig import receive
 from test.can_rig import VARIABLE
+from test.can_rig import VirtualInterface
 from test.can_rig import wait_frames
 from test.link_rig import Bench
+from test.multicast_rig import run_ip
 from test.rig import wait_for
 from test.test_can_link import activate
 from test.test_can_link import CanSession
 
-if not os.environ.get(VARIABLE, '').startswith('socketcan:'):
+if os.environ.get(VARIABLE) != 'socketcan':
     pytest.skip('makes CAN interfaces; runs inside user-mode-linux', allow_module_level=True)
 
 FRAME = CanFrame(0x0CFDD633, bytes(8))
-_numbers = itertools.count(1)
-
-
-class Interface:
-    """A virtual CAN interface of its own, made by ``ip``."""
-
-    def __init__(self) -> None:
-        self.name = f'vcan{next(_numbers)}'
-        self.bus = CanBus('socketcan', self.name)
-        self.create()
-
-    def create(self) -> None:
-        ip('add', self.name, 'type', 'vcan')
-        self.up()
-
-    def delete(self) -> None:
-        ip('delete', self.name)
-
-    def up(self) -> None:
-        ip('set', self.name, 'up')
-
-    def down(self) -> None:
-        ip('set', self.name, 'down')
-
-
-def ip(*words: str) -> None:
-    subprocess.run(['ip', 'link', *words], check=True, timeout=10.0)
 
 
 @pytest.fixture
-def interface(can_bus: CanBus) -> Iterator[Interface]:
-    result = Interface()
-    yield result
-    result.bus.close()
-    subprocess.run(['ip', 'link', 'delete', result.name], check=False, capture_output=True)
+def interface(can_bus: CanBus) -> VirtualInterface:
+    assert isinstance(can_bus, VirtualInterface)
+    return can_bus
 
 
 @pytest.fixture
@@ -97,29 +69,29 @@ def wait_lost(transport: CanTransport) -> TransportError:
 
 
 def test_interface_that_goes_down_is_lost_with_words_how_to_bring_it_up(
-    interface: Interface,
+    interface: VirtualInterface,
 ) -> None:
-    transport = interface.bus.transport()
+    transport = interface.transport()
     interface.down()
-    text = f'the interface is down; `ip link set {interface.name} up type can bitrate 250000'
+    text = f'the interface is down; `ip link set {interface.channel} up type can bitrate 250000'
     assert text in str(wait_lost(transport))
     with pytest.raises(TransportError, match=r'cannot open .*: the interface is down'):
         transport.open()
     interface.up()
     transport.open()
-    interface.bus.endpoint().send(message(1, b'again'))
+    interface.endpoint().send(message(1, b'again'))
     assert wait_frames(transport, 1) == [CanFrame(1, b'again')]
 
 
-def test_deleted_interface_is_lost_and_found_when_made_again(interface: Interface) -> None:
-    transport = interface.bus.transport()
+def test_deleted_interface_is_lost_and_found_when_made_again(interface: VirtualInterface) -> None:
+    transport = interface.transport()
     interface.delete()
-    assert f'there is no CAN interface {interface.name}' in str(wait_lost(transport))
-    with pytest.raises(TransportError, match=f'there is no CAN interface {interface.name}'):
+    assert f'there is no CAN interface {interface.channel}' in str(wait_lost(transport))
+    with pytest.raises(TransportError, match=f'there is no CAN interface {interface.channel}'):
         transport.open()
     interface.create()
     transport.open()
-    interface.bus.endpoint().send(message(1, b'new'))
+    interface.endpoint().send(message(1, b'new'))
     assert wait_frames(transport, 1) == [CanFrame(1, b'new')]
 
 
@@ -127,9 +99,9 @@ def test_deleted_interface_is_lost_and_found_when_made_again(interface: Interfac
     ('loss', 'text'), [('down', 'interface is down'), ('delete', 'interface')]
 )
 def test_sending_to_an_interface_that_is_gone_says_so(
-    interface: Interface, loss: str, text: str
+    interface: VirtualInterface, loss: str, text: str
 ) -> None:
-    transport = interface.bus.transport()
+    transport = interface.transport()
     getattr(interface, loss)()
     for _ in range(2):  # a pending error of the socket comes out once only
         with pytest.raises(TransportError, match=f'cannot send, .*{text}'):
@@ -137,11 +109,11 @@ def test_sending_to_an_interface_that_is_gone_says_so(
 
 
 def test_queue_that_is_full_drops_frames_and_goes_on_when_there_is_room(
-    interface: Interface,
+    interface: VirtualInterface,
 ) -> None:
-    peer, transport = interface.bus.endpoint(), interface.bus.transport()
+    peer, transport = interface.endpoint(), interface.transport()
     # It holds frames back, and no more than 400 bytes of them: then the kernel says ENOBUFS.
-    queue = ('dev', interface.name, 'root', 'plug')
+    queue = ('dev', interface.channel, 'root', 'plug')
     subprocess.run(['tc', 'qdisc', 'add', *queue, 'limit', '400'], check=True)
     sent = [transport.send(FRAME) for _ in range(100)]
     assert sent[0] is True
@@ -152,9 +124,11 @@ def test_queue_that_is_full_drops_frames_and_goes_on_when_there_is_room(
     assert receive(peer, 1) == CanFrame(1, b'room')
 
 
-def test_socket_that_takes_no_more_drops_frames_without_waiting(interface: Interface) -> None:
-    transport = interface.bus.transport()
-    queue = ('dev', interface.name, 'root', 'plug')
+def test_socket_that_takes_no_more_drops_frames_without_waiting(
+    interface: VirtualInterface,
+) -> None:
+    transport = interface.transport()
+    queue = ('dev', interface.channel, 'root', 'plug')
     subprocess.run(['tc', 'qdisc', 'add', *queue, 'limit', '100000000'], check=True)
     begin = time.monotonic()
     wait_for(lambda: not all(transport.send(FRAME) for _ in range(100)), 20.0, 'a full socket')
@@ -163,9 +137,9 @@ def test_socket_that_takes_no_more_drops_frames_without_waiting(interface: Inter
     wait_for(lambda: transport.send(FRAME), 5.0, 'room')
 
 
-def test_kernel_filters_keep_foreign_traffic_from_waking_us(interface: Interface) -> None:
-    peer, transport = interface.bus.endpoint(), interface.bus.transport([(1, 0x1FFFFFFF)])
-    witness = interface.bus.transport()
+def test_kernel_filters_keep_foreign_traffic_from_waking_us(interface: VirtualInterface) -> None:
+    peer, transport = interface.endpoint(), interface.transport([(1, 0x1FFFFFFF)])
+    witness = interface.transport()
     for _ in range(50):
         peer.send(message(2))
     wait_frames(witness, 50)
@@ -179,10 +153,10 @@ def test_kernel_filters_keep_foreign_traffic_from_waking_us(interface: Interface
 
 @pytest.mark.parametrize('loss', ['down', 'delete'])
 def test_link_tells_the_loss_sleeps_and_comes_back(
-    interface: Interface, bench: Bench, session: CanSession, loss: str
+    interface: VirtualInterface, bench: Bench, session: CanSession, loss: str
 ) -> None:
-    transport = activate(bench, interface.bus)
-    peer = interface.bus.endpoint()
+    transport = activate(bench, interface)
+    peer = interface.endpoint()
     peer.send(message(1))
     wait_for(lambda: not session.estop, 5.0, 'health')
     getattr(interface, loss)()
@@ -193,16 +167,16 @@ def test_link_tells_the_loss_sleeps_and_comes_back(
     interface.create() if loss == 'delete' else interface.up()
     wait_for(lambda: bench.link.status.is_open, 5.0, 'the bus')
     assert bench.link.status.opens == 2
-    interface.bus.endpoint().send(message(2, b'back'))
+    interface.endpoint().send(message(2, b'back'))
     wait_for(lambda: CanFrame(2, b'back') in session.heard, 5.0, 'frames')
     assert transport.fileno() >= 0
 
 
 def test_full_queue_is_counted_as_dropped_and_is_no_loss(
-    interface: Interface, bench: Bench, session: CanSession
+    interface: VirtualInterface, bench: Bench, session: CanSession
 ) -> None:
-    activate(bench, interface.bus)
-    queue = ('dev', interface.name, 'root', 'plug')
+    activate(bench, interface)
+    queue = ('dev', interface.channel, 'root', 'plug')
     subprocess.run(['tc', 'qdisc', 'add', *queue, 'limit', '100'], check=True)
     session.wanted = [FRAME] * 50  # type: ignore[list-item]
     bench.link.post('wake', lambda now: None)
@@ -230,8 +204,8 @@ class Controller:
         # The driver waits until what it writes was read.
         self._reader = threading.Thread(target=self._read, daemon=True)
         self._reader.start()
-        ip('set', self.name, 'type', 'can', 'bitrate', '250000')
-        ip('set', self.name, 'up')
+        run_ip('link', 'set', self.name, 'type', 'can', 'bitrate', '250000')
+        run_ip('link', 'set', self.name, 'up')
 
     def say(self, line: str) -> None:
         os.write(self._master, f'{line}\r'.encode())
@@ -242,7 +216,7 @@ class Controller:
                 pass
 
     def close(self) -> None:
-        ip('set', self.name, 'down')
+        run_ip('link', 'set', self.name, 'down')
         os.close(self._slave)
         self._reader.join(5.0)
         os.close(self._master)
@@ -284,8 +258,8 @@ def test_controller_off_the_bus_is_lost_until_it_is_brought_up_again(
     wait_lost(transport)
     with pytest.raises(TransportError, match=f'bus off; .*ip link set {controller.name} down'):
         transport.open()
-    ip('set', controller.name, 'down')
-    ip('set', controller.name, 'up')
+    run_ip('link', 'set', controller.name, 'down')
+    run_ip('link', 'set', controller.name, 'up')
     transport.open()
     controller.say('T18FEF53320102')
     assert wait_frames(transport, 1) == [CanFrame(0x18FEF533, b'\x01\x02')]

@@ -29,8 +29,8 @@ from test.rig import ROOT
 _KERNEL = 'linux.uml'
 _MODULES = Path('/usr/lib/uml/modules')
 _INSTALL = 'apt install user-mode-linux iproute2'
-_LONGEST = 900.0  # seconds a file; a single test in there hangs after 120
-_ARGUMENTS = ('-m', 'can_bus', '-p', 'no:cacheprovider', '-o', 'faulthandler_timeout=120')
+_LONGEST = 900.0  # seconds a file; a single test in there hangs after 200
+_ARGUMENTS = ('-m', 'can_bus', '-o', 'faulthandler_timeout=200')
 
 
 def files_with_can_tests() -> list[str]:
@@ -69,7 +69,7 @@ def test_can_tests_pass_on_a_real_interface(file: str, tmp_path: Path) -> None:
     output = (tmp_path / 'output.txt').read_text(encoding='utf-8', errors='replace')
     assert (tmp_path / 'exit').exists(), f'no end within {_LONGEST:g} s\n{console}\n{output}'
     assert (tmp_path / 'exit').read_text(encoding='ascii') == '0', output
-    assert passed_in(tmp_path / 'junit.xml') > 0, output
+    assert sum(passed_in(report) for report in tmp_path.glob('junit*.xml')) > 0, output
 
 
 def run_inside(directory: Path, arguments: list[str]) -> str:

@@ -1,5 +1,5 @@
 """
-What runs as process 1 inside user-mode-linux: makes ``vcan0``, runs tests on it, halts.
+What runs as process 1 inside user-mode-linux: readies the kernel for CAN, runs tests, halts.
 
 The host's files are the root, read-only. Everything written goes to memory, except what is for
 the host, in the directory that the first argument names:
@@ -10,7 +10,7 @@ file           what
 request.json   from the host: environment, directory, arguments for pytest
 booted         the kernel and its CAN modules work
 output.txt     what pytest printed
-junit.xml      what it ran
+junit*.xml     what it ran, the first time and the second time
 exit           its exit code
 =============  =============================================================
 """
@@ -23,6 +23,7 @@ import os
 from pathlib import Path
 import subprocess
 import sys
+from typing import Any
 
 _MODULES = (  # each after those that it needs
     *('kernel/net/can/can', 'kernel/net/can/can-raw', 'kernel/drivers/net/can/dev/can-dev'),
@@ -34,33 +35,35 @@ _POWER_OFF = 0x4321FEDC  # linux/reboot.h
 _MEMORY = Path('/dev/shm')
 _HOST = _MEMORY / 'host'
 _SCRATCH = _MEMORY / 'scratch'
+_FAILED = 1  # pytest's exit code
 _libc = ctypes.CDLL(None, use_errno=True)
 
 
 def main(host_directory: str) -> None:
     mount_all(host_directory)
     load_modules()
-    for words in ('add vcan0 type vcan', 'set vcan0 up', 'set lo up'):
-        run('ip', 'link', *words.split())
+    run('ip', 'link', 'set', 'lo', 'up')
     (_HOST / 'booted').touch()
     request = json.loads((_HOST / 'request.json').read_text(encoding='utf-8'))
-    with (_HOST / 'output.txt').open('wb') as output:
-        done = subprocess.run(
-            [
-                sys.executable,
-                '-m',
-                'pytest',
-                f'--junitxml={_HOST}/junit.xml',
-                *request['arguments'],
-            ],
+    code = run_tests(request, '--junitxml', f'{_HOST}/junit1.xml')
+    if code == _FAILED:
+        # How fast this kernel is depends on what else the host does: once more what failed.
+        code = run_tests(request, '--junitxml', f'{_HOST}/junit2.xml', '--last-failed')
+    (_HOST / 'exit').write_text(str(code), encoding='ascii')
+
+
+def run_tests(request: dict[str, Any], *options: str) -> int:
+    """Run pytest as the host asks; return its exit code."""
+    with (_HOST / 'output.txt').open('ab') as output:
+        return subprocess.run(
+            [sys.executable, '-m', 'pytest', *request['arguments'], *options],
             cwd=request['directory'],
             env={**request['environment'], **own_environment()},
             stdin=subprocess.DEVNULL,
             stdout=output,
             stderr=subprocess.STDOUT,
             check=False,
-        )
-    (_HOST / 'exit').write_text(str(done.returncode), encoding='ascii')
+        ).returncode
 
 
 def mount_all(host_directory: str) -> None:
@@ -90,11 +93,13 @@ def load_modules() -> None:
 
 def own_environment() -> dict[str, str]:
     return {
-        'RUGGED_TELEOP_CAN': 'socketcan:vcan0',
+        'RUGGED_TELEOP_CAN': 'socketcan',
+        'RUGGED_TELEOP_PATIENCE': '4',
         'HOME': str(_SCRATCH),
         'TMPDIR': str(_SCRATCH),
         'HYPOTHESIS_STORAGE_DIRECTORY': str(_SCRATCH / 'hypothesis'),
         'PYTHONDONTWRITEBYTECODE': '1',
+        'PYTEST_ADDOPTS': f'-o cache_dir={_SCRATCH}/cache',
     }
 
 
