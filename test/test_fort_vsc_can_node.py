@@ -187,6 +187,13 @@ def bench(shared: Bench) -> Bench:
     return shared
 
 
+@pytest.fixture
+def other_bus(can_bus: CanBus, shared: Bench) -> CanBus:
+    """Give a bus with no VSC on it; a real interface is the same one for every test."""
+    shared.vsc.apply('unplug')
+    return can_bus
+
+
 # From the VSC.
 
 
@@ -349,9 +356,9 @@ def test_what_can_cannot_carry_is_counted_and_explained(
     assert bench.vsc.heard == []
 
 
-def test_software_estop_is_refused_loudly(can_bus: CanBus, observer: Observer) -> None:
+def test_software_estop_is_refused_loudly(other_bus: CanBus, observer: Observer) -> None:
     """It changes the node for good, so this one has one of its own."""
-    bench = Bench(can_bus, observer)
+    bench = Bench(other_bus, observer)
     try:
         bench.start_anew()
         bench.ask(Bool, 'software_estop', Bool(data=True))
@@ -374,12 +381,12 @@ def test_software_estop_is_refused_loudly(can_bus: CanBus, observer: Observer) -
 
 
 def test_vsc_with_other_identifiers_is_heard_and_one_as_delivered_is_not(
-    can_bus: CanBus, observer: Observer
+    other_bus: CanBus, observer: Observer
 ) -> None:
     changed = {'heartbeat': 0x18FF0001, 'left_basic': 0x18FF0002, 'feedback_value': 0x18FF0003}
-    stranger = Station(can_bus, CanSimulator())
+    stranger = Station(other_bus, CanSimulator())
     stranger.apply('mode operational', 'stick left_y 1')
-    bench = Bench(can_bus, observer, **{f'can.{name}': each for name, each in changed.items()})
+    bench = Bench(other_bus, observer, **{f'can.{name}': each for name, each in changed.items()})
     try:
         bench.node.wait_output('opened')
         bench.observer.holds_for(lambda: not bench.says(bench.estop, False), 2 * LIMIT, 'a stop')
