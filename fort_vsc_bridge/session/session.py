@@ -82,8 +82,6 @@ class Session:
     ) -> None:
         if not 4.0 <= heartbeat_rate <= 20.0:
             raise ValueError(f'heartbeat_rate must be 4 to 20 Hz, not {heartbeat_rate}')
-        settings = settings or DeviceSettings()
-        _check_intervals(settings, link_timeout)
         self.estop = True
         self.own_estop = True
         self.link_up = False
@@ -110,10 +108,16 @@ class Session:
         self._sent_stop = False
         self._stream = StickStream()
         self._outbox = Outbox(self.wire)
-        wanted = settings if configure_device else DeviceSettings()
-        self._settings = SettingsKeeper(wanted, self._outbox)
+        self._settings = self._keeper(settings or DeviceSettings(), link_timeout)
+
+    def _keeper(self, settings: DeviceSettings, link_timeout: float) -> SettingsKeeper:
+        """Return who sets the device. :raises ValueError: settings that cannot be."""
+        _check_intervals(settings, link_timeout)
+        wanted = settings if self._configure_device else DeviceSettings()
+        keeper = SettingsKeeper(wanted, self._outbox)
         if not self.wire.carries(MessageType.USER_FEEDBACK_GET):
-            _refuse_settings(self._settings.states, self.wire)
+            _refuse_settings(keeper.states, self.wire)
+        return keeper
 
     # -- the link thread's side ------------------------------------------------------------------
 
