@@ -1,0 +1,111 @@
+"""
+An Akron bridge and its unit beside a real J1939 stack that claims addresses.
+
+The unit's part in a contention is our simulator's, the neighbour's is can-j1939's: what they agree
+on is J1939-81.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import pytest
+
+from akron_can_bridge.simulator import Simulator
+from test.akron_node_rig import Bench
+from test.akron_node_rig import bench_of
+from test.akron_node_rig import Station
+from test.can_rig import CanBus
+from test.can_rig import make_bus
+from test.neighbour_rig import Neighbour
+from test.rig import Observer
+
+pytestmark = pytest.mark.can_bus  # once more on a real interface
+UNIT, NEXT = 0x80, 0x81  # where the unit begins to claim, and what it takes then
+OURS = 0x38
+
+
+@pytest.fixture(scope='module')
+def shared() -> Iterator[tuple[CanBus, Bench, Station]]:
+    bus = make_bus()
+    with (
+        Observer() as observer,
+        Station(Simulator(), bus) as station,
+        bench_of(observer, bus) as bench,
+    ):
+        yield bus, bench, station
+    bus.close()
+
+
+@pytest.fixture
+def bus(shared: tuple[CanBus, Bench, Station]) -> CanBus:
+    return shared[0]
+
+
+@pytest.fixture
+def unit(shared: tuple[CanBus, Bench, Station]) -> Station:
+    shared[2].exchange(Simulator())
+    return shared[2]
+
+
+@pytest.fixture
+def bench(shared: tuple[CanBus, Bench, Station], unit: Station) -> Bench:
+    result = shared[1].connect()
+    result.wait(lambda: address_of(result) == UNIT, 'the unit at its first address')
+    return result
+
+
+def address_of(bench: Bench) -> int:
+    """Return where the node takes its unit to be; 0: nowhere."""
+    text = bench.value('address')
+    return 0 if text in ('', 'none') else int(text, 16)
+
+
+def test_neighbour_with_an_address_of_its_own_disturbs_nobody(
+    bus: CanBus, bench: Bench, unit: Station
+) -> None:
+    bench.drive(unit)
+    with Neighbour(bus, 0x90, strong=True) as neighbour:
+        neighbour.wait_address(0x90)
+        for _ in range(50):
+            neighbour.talk()
+        neighbour.ask_names()
+        seen = len(bench.diagnostics.messages)
+        bench.wait(lambda: len(bench.diagnostics.messages) > seen + 1, 'newer diagnostics')
+        assert unit.look('moving')
+        assert not bench.estop.last.data
+    assert address_of(bench) == UNIT
+    assert unit.look('address') == f'{UNIT:02X}'
+
+
+def test_stronger_neighbour_moves_the_unit_and_the_node_follows(
+    bus: CanBus, bench: Bench, unit: Station
+) -> None:
+    bench.drive(unit)
+    with Neighbour(bus, UNIT, strong=True) as neighbour:
+        neighbour.wait_address(UNIT)
+        bench.wait(lambda: address_of(bench) == NEXT, 'the unit at its next address')
+        bench.wait_stop(False)
+        bench.drive(unit)
+
+
+def test_weaker_neighbour_moves_on_and_the_unit_stays(
+    bus: CanBus, bench: Bench, unit: Station
+) -> None:
+    bench.drive(unit)
+    with Neighbour(bus, UNIT, strong=False) as neighbour:
+        neighbour.wait_address(NEXT)
+        assert unit.look('address') == f'{UNIT:02X}'
+        bench.wait_stop(False)
+        bench.drive(unit)
+        assert address_of(bench) == UNIT
+
+
+def test_neighbour_at_our_own_address_is_reported_and_we_go_on(
+    bus: CanBus, bench: Bench, unit: Station
+) -> None:
+    with Neighbour(bus, OURS, strong=True) as neighbour:
+        neighbour.wait_address(OURS)
+        bench.wait(lambda: f'{OURS:02X}' in bench.status().message, 'the report')
+        bench.drive(unit)
+        assert len(neighbour.claims) == 1  # nobody contends: our address is fixed
