@@ -2,7 +2,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 import contextlib
-from dataclasses import replace
 import fcntl
 import os
 from pathlib import Path
@@ -31,10 +30,6 @@ from rugged_teleop.demo_stage import claim_domain
 from rugged_teleop.demo_stage import demo_config
 from rugged_teleop.demo_stage import Packet
 from rugged_teleop.demo_stage import packets_in
-from rugged_teleop.demo_view import Hands
-from rugged_teleop.demo_view import keys_in
-from rugged_teleop.demo_view import picture
-from rugged_teleop.demo_view import Snapshot
 from rugged_teleop.ports import Chunk
 from test.rig import ROOT
 from test.rig import wait_for
@@ -227,181 +222,6 @@ def test_failed_step_ends_the_scene_and_says_so() -> None:
 def test_long_reason_fits_a_line() -> None:
     assert shortened(200 * 'x', 10) == 'xxxxxxxxx…'
     assert shortened('short') == 'short'
-
-
-# The live view.
-
-
-def hands() -> tuple[Hands, list[tuple[str, str]]]:
-    said: list[tuple[str, str]] = []
-    return Hands(lambda target, command: said.append((target, command))), said
-
-
-def test_arrows_push_the_stick_to_its_stop_and_no_further() -> None:
-    operator, said = hands()
-    for _ in range(7):
-        operator.press('up')
-    assert said[0] == ('vsc', 'stick left_y 0.2')
-    assert said[-1] == ('vsc', 'stick left_y 1.0')
-    operator.press('left')
-    assert said[-1] == ('vsc', 'stick left_x -0.2')
-    operator.press('c')
-    assert said[-2:] == [('vsc', 'stick left_y 0.0'), ('vsc', 'stick left_x 0.0')]
-
-
-def test_letters_push_the_stick_of_the_vm110_and_centre_no_other() -> None:
-    operator, said = hands()
-    for key in ('up', *'iijl', 'k'):
-        operator.press(key)
-    assert said[1:] == [
-        ('unit', 'stick 1 2 0.2'),
-        ('unit', 'stick 1 2 0.4'),
-        ('unit', 'stick 1 1 0.2'),  # left is positive
-        ('unit', 'stick 1 1 0.0'),
-        ('unit', 'stick 1 2 0.2'),
-    ]
-    operator.press('x')
-    assert said[6:] == [('unit', 'stick 1 2 0.0'), ('unit', 'stick 1 1 0.0')]
-
-
-@pytest.mark.parametrize(
-    ('key', 'target', 'on', 'off'),
-    [
-        ('d', 'vsc', 'button left_down 1', 'button left_down 0'),
-        (' ', 'vsc', 'estop remote on', 'estop remote off'),
-        ('w', 'vsc', 'estop vsc on', 'estop vsc off'),
-        ('u', 'vsc', 'unplug', 'plug'),
-        ('b', 'unit', 'switch 1 1 1', 'switch 1 1 0'),
-        ('s', 'unit', 'stop 1 on', 'stop 1 off'),
-    ],
-)
-def test_key_toggles_and_a_refusal_toggles_nothing(
-    key: str, target: str, on: str, off: str
-) -> None:
-    operator, said = hands()
-    for _ in range(3):
-        operator.press(key)
-    assert said == [(target, on), (target, off), (target, on)]
-
-    def refuse(target: str, command: str) -> None:
-        raise ValueError(command)
-
-    operator.say = refuse
-    with pytest.raises(ValueError, match=off):
-        operator.press(key)
-    assert operator.switches[key]
-
-
-def test_keys_call_services_and_faults() -> None:
-    operator, said = hands()
-    for key in 'aretfmn':
-        operator.press(key)
-    assert said == [
-        ('vsc', 'ack'),
-        ('vsc', 'mode operational'),
-        ('service', 'reset'),
-        ('service', 'clear_errors'),
-        ('service', 'trip'),
-        ('drive', 'fault a overcurrent pulse'),
-        ('unit', 'arm 1'),
-        ('unit', 'disarm'),
-    ]
-    operator.press('?')
-    operator.press('')
-    assert len(said) == 8
-    operator.press('q')
-    assert operator.leaving
-
-
-def test_keys_are_told_apart_in_one_read() -> None:
-    assert keys_in(b'\x1b[Ad\x1bOD \x1b[B\x1bOCq') == [
-        'up',
-        'd',
-        'left',
-        ' ',
-        'down',
-        'right',
-        'q',
-    ]
-    assert keys_in(b'\x1b[Z') == ['\x1b', '[', 'Z']
-    assert keys_in(b'\xff') == []
-
-
-SEEN = Snapshot(
-    vsc={
-        'plugged': True,
-        'mode': 'Operational',
-        'remote_estop': False,
-        'wired_estop': False,
-        'host_estop': True,
-        'master_enable': False,
-        'sticks': {'left_x': 0.0, 'left_y': 0.6},
-        'buttons': ['left_down'],
-    },
-    unit={
-        'state': 'External link error',
-        'armed': '1',
-        'relays_closed': False,
-        'remotes': {'1': {'on': ['radio'], 'sticks': [0.0, 0.4], 'switches': [1]}},
-    },
-    drive={'rpm': [1000.0, -2500.0], 'enabled': [True, False], 'errors': [[], ['overcurrent']]},
-    axes=(0.0, 0.6),
-    buttons=(1, 0),
-    estops={'VSC': False, 'drive': True},
-    state='ACTIVE',
-    owner='fort',
-    inhibits=('a reason ' * 30,),
-    velocities={'left': 10.0},
-    to_drive=(DISABLE, TURN),
-    from_drive=b'\xf0\xf0',
-)
-
-
-@pytest.mark.parametrize('width', [20, 80, 200])
-def test_picture_fits_its_width(width: int) -> None:
-    assert max(map(len, picture(SEEN, width))) <= width
-
-
-def test_picture_shows_stops_wire_and_motors() -> None:
-    text = '\n'.join(picture(SEEN))
-    for words in (
-        'e-stop by host, Master Enable OPEN',
-        'y +0.60, deadman HELD',
-        'VM-110   External link error, remote 1 armed, stop switch released, relays OPEN',
-        'y +0.40, deadman HELD',
-        'VSC clear   drive STOP',
-        'ACTIVE, owner fort',
-        'f0 f0 04 00 00 04 00 00 71 d4',
-        'A: enable velocity 500',
-        '+1000 rpm  enabled',
-        '-2500 rpm  disabled overcurrent',
-        'space  e-stop',
-        's  stop switch',
-    ):
-        assert words in text
-
-
-def test_low_terminal_loses_blank_lines_before_any_words() -> None:
-    roomy = picture(replace(SEEN, inhibits=()), height=40)
-    assert '' in roomy
-    assert picture(replace(SEEN, inhibits=()), height=24) == [line for line in roomy if line]
-    assert len(picture(replace(SEEN, inhibits=()), height=24)) <= 24
-
-
-def test_picture_of_nothing_heard_says_so() -> None:
-    nothing = replace(
-        SEEN,
-        vsc={**SEEN.vsc, 'plugged': False},
-        axes=(),
-        estops={'VSC': None},
-        state='',
-        to_drive=(b'', None),
-        from_drive=b'',
-        velocities={},
-    )
-    text = '\n'.join(picture(nothing))
-    for words in ('UNPLUGGED', 'VSC silent (STOP)', 'not heard yet', 'no packets', 'axes none'):
-        assert words in text
 
 
 # The command.
