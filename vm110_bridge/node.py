@@ -62,7 +62,6 @@ class Vm110Bridge(BridgeNode):
     PARAMETERS: ClassVar[tuple[Parameter, ...]] = (*BRIDGE_PARAMETERS, *PARAMETERS)
 
     def __init__(self, **options: Any) -> None:
-        self._transport: MulticastTransport | None = None
         self._numbers = itertools.count()  # of requests that must not replace each other
         super().__init__('vm110_bridge', **options)
 
@@ -92,7 +91,7 @@ class Vm110Bridge(BridgeNode):
     def make_transport(self) -> MulticastTransport:
         """Return the multicast port, not yet open."""
         port = self.values['input_port']
-        self._transport = MulticastTransport(
+        return MulticastTransport(
             self.values['group'],
             port,
             port + OUTPUT_PORT_OFFSET,
@@ -100,7 +99,6 @@ class Vm110Bridge(BridgeNode):
             interface_address=self.values['interface_address'],
             allowed_sources=[source for source in self.values['allowed_sources'] if source],
         )
-        return self._transport
 
     @property
     def hardware_name(self) -> str:
@@ -126,7 +124,6 @@ class Vm110Bridge(BridgeNode):
         """Return states, links, remote and packets in the manual's words."""
         session: Session = self.session
         level, message = summarise(self._problems(session, now), _good_text(session))
-        transport = self._transport
         values: dict[str, Any] = {
             'base unit (bu_id)': session.bu_id or 'not heard yet',
             'CRC': session.crc.value if session.crc else 'not known yet',
@@ -134,7 +131,6 @@ class Vm110Bridge(BridgeNode):
             'VRPO withheld': session.output_held(now),
             **(_values(session.vrpi) if session.vrpi is not None else {}),
             **session.packets,
-            'datagrams from other sources': transport.foreign if transport else 0,
         }
         return Status(level, message, values)
 
