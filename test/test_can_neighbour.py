@@ -10,12 +10,14 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import pytest
+from std_msgs.msg import Bool
 
 from akron_can_bridge.simulator import Simulator
 from test.akron_node_rig import Bench
 from test.akron_node_rig import bench_of
 from test.akron_node_rig import Station
 from test.can_rig import CanBus
+from test.can_rig import error_frame
 from test.can_rig import make_bus
 from test.neighbour_rig import Neighbour
 from test.rig import Observer
@@ -109,3 +111,25 @@ def test_neighbour_at_our_own_address_is_reported_and_we_go_on(
         bench.wait(lambda: f'{OURS:02X}' in bench.status().message, 'the report')
         bench.drive(unit)
         assert len(neighbour.claims) == 1  # nobody contends: our address is fixed
+
+
+def test_trouble_of_the_bus_is_in_the_diagnostic_of_the_link(
+    bus: CanBus, bench: Bench, unit: Station
+) -> None:
+    before = int(bench.value('error passive', 'link'))
+    bus.endpoint().send(error_frame(0x04, controller=0x20))
+    bench.wait(lambda: int(bench.value('error passive', 'link')) == before + 1, 'the count')
+    assert not bench.estop.last.data
+
+
+def test_bus_off_is_a_stop_in_words_until_the_bus_is_back(
+    bus: CanBus, bench: Bench, unit: Station
+) -> None:
+    bench.drive(unit)
+    seen = len(bench.estop.messages)
+    bus.endpoint().send(error_frame(0x40))
+    bench.wait(lambda: Bool(data=True) in bench.estop.messages[seen:], 'a stop')
+    unit.steer('plug')  # it was off as well
+    bench.wait_stop(False)
+    assert 'bus off; check bit rate, wiring and termination' in bench.node.output
+    bench.drive(unit)

@@ -150,10 +150,10 @@ class CanTransport:
         """Return the reason and what to do."""
         up = f'ip link set {self._channel} up type can bitrate 250000 restart-ms 100'
         if isinstance(error, BusOffError):
-            return (
-                'bus off; check bit rate, wiring and termination, then '
-                f'`ip link set {self._channel} down` and `{up}`'
-            )
+            text = 'bus off; check bit rate, wiring and termination'
+            if self._interface == 'socketcan':
+                text += f', then `ip link set {self._channel} down` and `{up}`'
+            return text
         code = error.errno if isinstance(error, OSError) else getattr(error, 'error_code', None)
         if code == errno.ENETDOWN:
             return f'the interface is down; `{up}`'
