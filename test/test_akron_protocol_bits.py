@@ -247,7 +247,9 @@ def test_neutral_absent_and_broken_are_three_things() -> None:
     assert [axis.fault for axis in (neutral, absent, broken)] == [None, ABSENT, ERROR]
 
 
-@pytest.mark.parametrize(('permille', 'word'), [(0, 0x0001), (1000, 0xFA10), (-1, 0x0044)])
+@pytest.mark.parametrize(
+    ('permille', 'word'), [(0, 0x0001), (1000, 0xFA10), (1, 0x0050), (-1, 0x0044)]
+)
 def test_deflection_known_by_hand(permille: int, word: int) -> None:
     assert Axis.of(permille).to_word() == word
     assert Axis.from_word(word).value == permille
