@@ -10,6 +10,7 @@ import pytest
 from akron_can_bridge.protocol import Axis
 from akron_can_bridge.protocol import ExtendedJoystick
 from akron_can_bridge.protocol import Status
+from akron_can_bridge.session import StopChanged
 from akron_can_bridge.session import Stopped
 from bridge_core.j1939 import CanFrame
 from test.akron_session_rig import ANNOUNCED
@@ -20,14 +21,17 @@ from test.akron_session_rig import joystick
 from test.akron_session_rig import LINK_LIMIT
 from test.akron_session_rig import MOVE
 from test.akron_session_rig import MOVING
+from test.akron_session_rig import name
 from test.akron_session_rig import NEUTRAL
 from test.akron_session_rig import NO_FAULTS
 from test.akron_session_rig import NO_TARGETS
 from test.akron_session_rig import NOT_ENABLED
+from test.akron_session_rig import of
 from test.akron_session_rig import OUTPUTS
 from test.akron_session_rig import POSITION
 from test.akron_session_rig import REST
 from test.akron_session_rig import SLOT
+from test.akron_session_rig import UNIT
 
 GRIPS = (
     MOVE[0],
@@ -91,7 +95,7 @@ def test_held_stick_does_not_start_before_it_was_neutral_once() -> None:
 
 def test_neutral_heard_during_a_stop_does_not_count() -> None:
     bench = Bench().find_unit()
-    bench.run(0.2, REST, estop=True)
+    assert of(Stopped, bench.run(0.2, REST, estop=True)) == []
     bench.run(0.2, MOVE)
     assert bench.all_neutral(0.0)
 
@@ -177,6 +181,16 @@ def test_silent_unit_gets_neutral() -> None:
     assert bench.session.estop
     bench.run(0.5, MOVE)
     assert bench.all_neutral(start + LINK_LIMIT)
+
+
+def test_unit_that_was_silent_too_long_gets_neutral_though_nobody_looked_meanwhile() -> None:
+    bench = Bench(command_timeout=2.0, estop_in_timeout=2.0).moving()
+    bench.now += LINK_LIMIT
+    start = bench.now
+    assert StopChanged(True, True, False) in bench.take(OUTPUTS, NO_FAULTS)
+    assert not bench.session.estop
+    bench.run(0.5, MOVE)
+    assert bench.all_neutral(start)
 
 
 def test_lost_enable_gets_neutral_though_it_comes_back_in_the_same_read() -> None:
@@ -317,6 +331,16 @@ def test_permission_of_a_stale_estop_input_ends_without_spinning() -> None:
     bench.wait(5.0)  # SessionBench sees to it that this takes few steps
 
 
+def test_permission_to_a_unit_that_lost_its_address_ends_without_spinning() -> None:
+    bench = Bench(soe_permissive=True).find_unit()
+    bench.run(0.3)
+    assert permissions(bench)[-1] == 'A1000F'
+    bench.take(name('0100000000000000', UNIT))
+    start = bench.now
+    bench.wait(5.0)
+    assert permissions(bench, start) == []
+
+
 def test_farewell_takes_the_permission_away() -> None:
     bench = Bench(soe_permissive=True).moving()
     frames = bench.session.farewell(bench.now)
@@ -340,8 +364,8 @@ def play(seed: int) -> int:
     wrong_at, neutral_at, moved = 0.0, -9.0, 0
 
     def step(*names: str) -> None:
-        for name in names:
-            heard[name] = bench.now
+        for key in names:
+            heard[key] = bench.now
 
     for _ in range(1000):
         before = len(bench.sent)

@@ -233,9 +233,10 @@ def test_claims_on_and_on_do_not_make_us_flood_the_bus() -> None:
     bench = Bench().find_unit()
     start = bench.now
     for _ in range(1000):
-        bench.take(name(STRANGER, 0x80), ANNOUNCED)
+        bench.take(name(STRANGER, 0x80))
+        bench.take(ANNOUNCED)
         bench.now += 0.001
-    assert 1 <= len(name_requests(bench, start)) <= 11
+    assert 5 <= len(name_requests(bench, start)) <= 11
 
 
 def test_another_device_that_claims_our_own_address_is_told() -> None:

@@ -51,7 +51,7 @@ REST = Command(BasicJoystick(NEUTRAL, NEUTRAL), ExtendedJoystick())
 
 
 class Drive:
-    """Decides what goes out. Call ``watch`` before anything new is taken in."""
+    """Decides what goes out. Call ``watch`` before anything new is taken in, and after it."""
 
     def __init__(self, settings: Settings) -> None:
         self.refused = 0
@@ -117,13 +117,10 @@ class Drive:
             reasons.append(f'last stop: {"; ".join(self.last_stop)}')
         return reasons
 
-    def set_estop(self, value: bool, now: float) -> tuple[str, ...]:
-        """Take the e-stop input; return why the frames became neutral."""
+    def set_estop(self, value: bool, now: float) -> None:
+        """Take the e-stop input."""
         self._estop_in.feed(now)
         self._estop_value = value
-        if not (value and self._is_open):
-            return ()
-        return self._shut(['e-stop input is true'], now)
 
     def set_command(self, command: Command, now: float, stops: Sequence[str]) -> None:
         """Take a command. It counts at once, or once a neutral one has come."""
@@ -134,12 +131,10 @@ class Drive:
         if self._is_open:
             self._command = command
 
-    def refuse_command(self, reason: str, now: float) -> tuple[str, ...]:
-        """Note a command that makes no sense; return why the frames became neutral."""
+    def refuse_command(self, reason: str) -> None:
+        """Note a command that makes no sense: there is none that counts until the next one."""
         self.refused += 1
-        self._heard.reset()
         self._refusal = reason
-        return self._shut(self._missing(now), now) if self._is_open else ()
 
     def joystick_frames(self, now: float) -> list[CanFrame]:
         """Return the frames of this slot, if it is due."""

@@ -211,12 +211,14 @@ class Session:
     def refuse_command(self, reason: str, now: float) -> None:
         """Note a command that makes no sense: there is no fresh one any more."""
         self._watch(now)
-        self._stopped(self.drive.refuse_command(reason, now))
+        self.drive.refuse_command(reason)
+        self._watch(now)
 
     def set_estop(self, value: bool, now: float) -> None:
         """Take the e-stop input; true stops even if false follows before the next poll."""
         self._watch(now)
-        self._stopped(self.drive.set_estop(value, now))
+        self.drive.set_estop(value, now)
+        self._watch(now)
 
     def request(self, request: Request, now: float) -> None:
         """
@@ -236,7 +238,9 @@ class Session:
     def _watch(self, now: float) -> None:
         """Bring all that depends on time up to date, stops first; tell what changed."""
         self._judge(now)
-        self._stopped(self.drive.watch(now, self._holds()))
+        reasons = self.drive.watch(now, self._holds())
+        if reasons:
+            self._events.append(Stopped(reasons))
         self._events += self.joysticks.poll(now)
         limits, outputs = self.unit.limits(now), self.unit.outputs(now)
         if limits != self._limits:
@@ -272,10 +276,6 @@ class Session:
 
     def _busy(self) -> list[str]:
         return [text for request, text in _AT_REST.items() if self._asker.is_open(request)]
-
-    def _stopped(self, reasons: Sequence[str]) -> None:
-        if reasons:
-            self._events.append(Stopped(tuple(reasons)))
 
     def _questions(self, now: float) -> list[CanFrame]:
         """Return the requests and polls that are due."""
