@@ -226,6 +226,24 @@ def test_frozen_process_does_not_go_on_with_what_it_wanted() -> None:
     assert bench.all_neutral(start)
 
 
+def test_gap_in_the_estop_input_that_ends_before_anybody_looked_is_a_stop() -> None:
+    bench = Bench(command_timeout=2.0, link_timeout=2.0).moving()
+    bench.now += ESTOP_LIMIT
+    start = bench.now
+    bench.session.set_estop(False, bench.now)
+    bench.run(0.3, MOVE)
+    assert bench.all_neutral(start)
+
+
+def test_gap_in_the_command_that_ends_before_anybody_looked_is_a_stop() -> None:
+    bench = Bench().moving()
+    bench.now += COMMAND_LIMIT
+    start = bench.now
+    bench.session.set_command(*MOVE, bench.now)
+    bench.run(0.3, MOVE)
+    assert bench.all_neutral(start)
+
+
 def test_farewell_is_neutral_several_times() -> None:
     bench = Bench().moving()
     frames = bench.session.farewell(bench.now)

@@ -51,7 +51,7 @@ REST = Command(BasicJoystick(NEUTRAL, NEUTRAL), ExtendedJoystick())
 
 
 class Drive:
-    """Decides what goes out. Call ``watch`` before anything new is taken in, and after it."""
+    """Decides what goes out. Call ``watch`` before anything new is taken in or sent."""
 
     def __init__(self, settings: Settings) -> None:
         self.refused = 0
@@ -59,7 +59,6 @@ class Drive:
         self._settings = settings
         self._heard = Watchdog(settings.command_timeout)
         self._estop_in = Watchdog(settings.estop_in_timeout)
-        self._estop_value = True
         self._refusal = ''
         self._is_open = False  # what is asked goes out
         self._command = REST
@@ -199,7 +198,6 @@ class Drive:
     def _forget(self) -> None:
         self._heard.reset()
         self._estop_in.reset()
-        self._estop_value = True
         self._refusal = ''
         self._is_open = False
         self._command = REST

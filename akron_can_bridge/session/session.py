@@ -212,13 +212,11 @@ class Session:
         """Note a command that makes no sense: there is no fresh one any more."""
         self._watch(now)
         self.drive.refuse_command(reason)
-        self._watch(now)
 
     def set_estop(self, value: bool, now: float) -> None:
         """Take the e-stop input; true stops even if false follows before the next poll."""
         self._watch(now)
         self.drive.set_estop(value, now)
-        self._watch(now)
 
     def request(self, request: Request, now: float) -> None:
         """
