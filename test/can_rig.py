@@ -83,7 +83,7 @@ class VirtualInterface(CanBus):
     """A virtual CAN interface of the kernel, made by ``ip``, as root."""
 
     def __init__(self) -> None:
-        super().__init__('socketcan', f'vcan{next(_numbers)}')
+        super().__init__('socketcan', f'vcan{os.getpid()}n{next(_numbers)}')
         self.create()
 
     def create(self) -> None:

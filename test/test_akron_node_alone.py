@@ -82,7 +82,7 @@ def test_foreign_joystick_is_a_stop_and_an_allowed_one_an_operator(
             bench.connect()
             stick.steer('stick x 1', 'switch 2 on')
             bench.wait(lambda: bench.joy.last and bench.joy.last.axes[0] == -1.0, 'the stick')
-            assert list(bench.joy.last.buttons[:3]) == [0, 1, 0]
+            bench.wait(lambda: list(bench.joy.last.buttons[:3]) == [0, 1, 0], 'the button')
             bench.wait(lambda: bench.value('joysticks heard') == '33 allowed', 'the diagnostic')
             stick.steer('mute on')
             bench.wait(lambda: not any(bench.joy.last.axes), 'neutral')
