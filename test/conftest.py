@@ -12,13 +12,13 @@ import pytest
 from test.can_rig import CanBus
 from test.can_rig import make_bus
 from test.link_rig import Bench
-from test.rig import claim_domain
 from test.rig import Observer
+from test.rig import own_domain
 from test.rig import Pty
 
 _LOG_DIR = tempfile.mkdtemp(prefix='rugged_teleop_log_')
 os.environ['ROS_LOG_DIR'] = _LOG_DIR
-claim_domain()
+own_domain()
 
 
 def pytest_unconfigure() -> None:

@@ -14,6 +14,7 @@ from collections.abc import Sequence
 import contextlib
 from dataclasses import dataclass
 from dataclasses import field
+import functools
 import json
 import os
 from pathlib import Path
@@ -30,55 +31,27 @@ from types import TracebackType
 from typing import Any
 from typing import TypeVar
 
+from rugged_teleop.domains import claim_domain
+
 ROOT = Path(__file__).resolve().parent.parent
 _POLL = 0.005
 # How many times longer than elsewhere things may take; set where it is slow (test_uml.py).
 _PATIENCE = float(os.environ.get('RUGGED_TELEOP_PATIENCE', '1'))
-# 101 is the last whose ports are clear of the ephemeral ones, so any order of 1 to 101 will do.
-_DOMAINS = range(1, 102)
 _TRANSITIONS = {  # lifecycle_msgs/Transition, and the state behind it
     'configure': (1, 'inactive'),
     'cleanup': (2, 'unconfigured'),
     'activate': (3, 'active'),
     'deactivate': (4, 'inactive'),
 }
-_claim: socket.socket | None = None
 T = TypeVar('T')
 
 
-def claim_domain() -> int:
-    """
-    Give this process, and the children it starts, a ROS domain that no neighbour uses.
-
-    The claim is an abstract socket name: the kernel drops it with the process, however it ends.
-    A domain is also left alone when its first DDS port is taken, by whoever knows no claims.
-    """
-    global _claim
-    if _claim is None:
-        start = os.getpid() % len(_DOMAINS)
-        for domain in (*_DOMAINS[start:], *_DOMAINS[:start]):
-            _claim = _try_domain(domain)
-            if _claim is not None:
-                os.environ['ROS_DOMAIN_ID'] = str(domain)
-                break
-        else:
-            raise RuntimeError('no ROS domain from 1 to 101 is free')
-    os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
+@functools.cache
+def own_domain() -> socket.socket:
+    """Give this process, and the children it starts, a ROS domain and a log directory, once."""
     if 'ROS_LOG_DIR' not in os.environ:
         os.environ['ROS_LOG_DIR'] = tempfile.mkdtemp(prefix='rugged_teleop_log_')
-    return int(os.environ['ROS_DOMAIN_ID'])
-
-
-def _try_domain(domain: int) -> socket.socket | None:
-    claim = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
-    try:
-        claim.bind(f'\0rugged_teleop_domain_{domain}')
-        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-            probe.bind(('127.0.0.1', 7400 + 250 * domain + 10))  # unicast discovery, participant 0
-    except OSError:
-        claim.close()
-        return None
-    return claim
+    return claim_domain()
 
 
 def wait_for(
@@ -316,7 +289,7 @@ class Observer:
         from rclpy.executors import SingleThreadedExecutor
         from rclpy.node import Node
 
-        claim_domain()
+        own_domain()
         self.context = Context()
         rclpy.init(context=self.context)
         self.node = Node(name, context=self.context)

@@ -26,10 +26,10 @@ from rugged_teleop.demo_actor import Missed
 from rugged_teleop.demo_actor import shortened
 from rugged_teleop.demo_handover import Handover
 from rugged_teleop.demo_scene import Scene
-from rugged_teleop.demo_stage import claim_domain
 from rugged_teleop.demo_stage import demo_config
 from rugged_teleop.demo_stage import Packet
 from rugged_teleop.demo_stage import packets_in
+from rugged_teleop.domains import claim_domain
 from rugged_teleop.ports import Chunk
 from test.rig import ROOT
 from test.rig import wait_for

@@ -1,0 +1,40 @@
+"""ROS domains that no neighbour on this machine uses, for demos and tests."""
+
+import os
+import socket
+
+_DOMAINS = range(1, 102)  # 101 is the last whose ports are clear of the ephemeral ones
+_FIRST_PORT, _PORTS = 7400, 250  # of DDS, and how many each domain has
+_UNICAST = 10  # from a domain's first port to that of its first participant's discovery
+
+
+def claim_domain() -> socket.socket:
+    """
+    Set a ROS domain that nobody else uses, on this machine only; keep what is returned.
+
+    The claim is an abstract socket name, which the kernel drops with the process however it ends.
+    A domain is also left alone when its first DDS port is taken, by whoever knows no claims.
+
+    :raises RuntimeError: all are taken.
+    """
+    start = os.getpid() % len(_DOMAINS)
+    for domain in (*_DOMAINS[start:], *_DOMAINS[:start]):
+        claim = _try_domain(domain)
+        if claim is not None:
+            os.environ['ROS_DOMAIN_ID'] = str(domain)
+            os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
+            os.environ.pop('ROS_STATIC_PEERS', None)
+            return claim
+    raise RuntimeError('no ROS domain from 1 to 101 is free')
+
+
+def _try_domain(domain: int) -> socket.socket | None:
+    claim = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
+    try:
+        claim.bind(f'\0rugged_teleop_domain_{domain}')
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+            probe.bind(('127.0.0.1', _FIRST_PORT + _PORTS * domain + _UNICAST))
+    except OSError:
+        claim.close()
+        return None
+    return claim
