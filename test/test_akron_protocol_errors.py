@@ -78,6 +78,7 @@ OFF, ON, ERROR, ABSENT = Status
         lambda: FirmwareVersion(Version(1, 256), Version(0, 0), Version(0, 0)),
         lambda: PcodeVersion(0x10000, 0, Version(0, 0)),
         lambda: PcodeVersion(0, -1, Version(0, 0)),
+        lambda: PcodeVersion(0, 0x10000, Version(0, 0)),
         lambda: ConfigVersion(2**32, Version(0, 0)),
         lambda: VistaData(1024, 0, 0, Vista(0)),
         lambda: VistaPosition(0, 65536),
@@ -95,6 +96,23 @@ def test_own_bad_value_is_refused_when_made(make: Any) -> None:
     with pytest.raises(ValueError, match=r'.') as caught:
         make()
     assert not isinstance(caught.value, FrameError)
+
+
+@pytest.mark.parametrize(
+    'message',
+    [
+        FieldRequest(0),
+        FieldRequest(0xFFFFFF),
+        ConfigVersion(0, Version(0, 255)),
+        ConfigVersion(0xFFFFFFFF, Version(255, 0)),
+        PcodeVersion(0, 0xFFFF, Version(0, 0)),
+        PcodeVersion(0xFFFF, 0, Version(0, 0)),
+        FaultStatus(Fault(0), 0),
+        FaultStatus(Fault(0), 0xFFFF),
+    ],
+)
+def test_least_and_greatest_value_is_good(message: Writable) -> None:
+    assert type(message).from_bytes(message.to_bytes()) == message
 
 
 @pytest.mark.parametrize(
