@@ -28,7 +28,8 @@ def counts_of(seconds: float, time_base_us: int) -> int:
     """Return a time in counts. :raises ValueError: above 15 bits, or so short that it is 0."""
     if not (math.isfinite(seconds) and seconds >= 0.0):
         raise ValueError(f'a time must be 0 or more seconds, not {seconds}')
-    counts = round(seconds * 1e6 / time_base_us)
+    # Limited before it is rounded: the greatest floats would become infinite, which has no round.
+    counts = round(min(seconds * 1e6 / time_base_us, MAX_PULSE_COUNTS + 1))
     longest = MAX_PULSE_COUNTS * time_base_us * 1e-6
     if counts > MAX_PULSE_COUNTS or (seconds and not counts):
         raise ValueError(
@@ -138,10 +139,14 @@ class AuxOutputBook:
         self._undos.start(now)
         self._undos_left = UNDO_FRAMES
 
-    def take(self, now: float) -> list[bytes]:
-        """Return and forget the messages to be sent."""
+    def take(self, now: float, *, at_once: bool = False) -> list[bytes]:
+        """
+        Return and forget the messages to be sent.
+
+        :param at_once: do not wait for the time of one that is to undo something.
+        """
         queue, self._queue = self._queue, []
-        if self._undos.is_due(now):
+        if self._undos_left and (at_once or self._undos.is_due(now)):
             queue.append(self._undo)
             self._undos.sent(now)
             self._undos_left -= 1
@@ -157,6 +162,7 @@ class AuxOutputBook:
     def _ask(self, message: AuxOutputs) -> None:
         self._queue.append(message)
         self._undos.stop()  # what is asked for now must not be undone
+        self._undos_left = 0
 
     def _all_levels(self) -> tuple[bool, ...]:
         """Return every digital output's level: as set, else as seen, else as after power-on."""

@@ -496,4 +496,4 @@ class Session:
         if self.configuration is None:
             return []
         pulses = self.outputs.frames(now, self.configuration.outputs, at_once=at_once)
-        return pulses + self._aux_outputs.take(now)
+        return pulses + self._aux_outputs.take(now, at_once=at_once)
