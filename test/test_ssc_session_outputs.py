@@ -314,9 +314,11 @@ def test_released_means_a_few_messages_without_pulses_and_then_none() -> None:
     assert rig.pulses(since)[len(pulsing) :] == [(0,) * OUTPUTS] * RELEASE_FRAMES
 
 
-def test_outputs_that_nobody_named_or_commanded_are_never_touched() -> None:
-    rig = Rig().start()
-    rig.tick(100)
+@pytest.mark.parametrize('failsafe', [Failsafe.RELEASE, Failsafe.HOLD])
+def test_outputs_that_nobody_named_or_commanded_are_never_touched(failsafe: Failsafe) -> None:
+    rig = Rig(failsafe=failsafe)
+    rig.outputs = [1500] * OUTPUTS  # what the receiver drives them with
+    rig.start().tick(100)
     assert rig.pulses() == []
     assert rig.session.farewell(rig.now) == []
 

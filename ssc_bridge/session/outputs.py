@@ -144,6 +144,8 @@ class Outputs:
         seconds = min(max(now - self._stepped, 0.0), 2.0 * self._pacer.period)
         self._pacer.sent(now)
         self._stepped, self._urgent = now, False
+        if not self._in_use:  # even a hold would be a command, to outputs that are not ours
+            return []
         channels = self._channels[:count]
         us = tuple(channel.step(seconds) for channel in channels)
         if any(channel.driven for channel in channels):
