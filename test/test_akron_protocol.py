@@ -223,6 +223,7 @@ def test_type_02_fault_status_response() -> None:
     check('18EF0580', '0200000000000B', FaultStatus(Fault(0), 11))
     assert protocol.pcode_name(11) == 'rotation sensor error'
     assert protocol.pcode_name(12) == 'error flash code 12'
+    assert protocol.pcode_name(0) == 'none'
 
 
 def test_type_03_firmware_version_poll() -> None:

@@ -190,8 +190,7 @@ def test_from_bytes_refuses_any_other_length(kind: type[Message]) -> None:
 
 
 def test_messages_are_values() -> None:
-    for frame in FRAMES:
-        message = protocol.decode(frame).message
+    for message in [protocol.NEUTRAL, Position(0), *(protocol.decode(f).message for f in FRAMES)]:
         assert not hasattr(message, '__dict__')
         with pytest.raises((AttributeError, TypeError)):
             message.PGN = 0  # type: ignore[union-attr, misc]
