@@ -226,6 +226,7 @@ def test_configuration_and_sources_are_shown(bench: Bench) -> None:
 
 
 def test_auxiliary_inputs_in_si_units(bench: Bench) -> None:
+    bench.wait(lambda: bench.aux.messages, 'any auxiliary inputs')
     bench.port.apply('signal 2 12000 4000')
     bench.port.apply('pulses 3 42')
     bench.wait(
