@@ -304,6 +304,7 @@ def test_type_46_enter_setup_acknowledgement() -> None:
 
 def test_type_fe_ascii_pipe_send() -> None:
     check('18EF80F2', 'FE413F0D0A', AsciiPipe(b'A?\r\n'))
+    check('18EF80F2', 'FE41', AsciiPipe(b'A'))
     assert AsciiPipe(b'A\xff').text == 'A\\xff'
 
 

@@ -82,6 +82,7 @@ OFF, ON, ERROR, ABSENT = Status
         lambda: ConfigVersion(2**32, Version(0, 0)),
         lambda: VistaData(1024, 0, 0, Vista(0)),
         lambda: VistaPosition(0, 65536),
+        lambda: VistaPosition(65536, 0),
         lambda: FieldRequest(2**24),
         lambda: Name(2**21, 0),
         lambda: Name(0, 2**11),
