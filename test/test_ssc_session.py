@@ -148,6 +148,18 @@ def test_link_lost_needs_the_configuration_again() -> None:
     assert len(rig.of(ConfigurationRead)) == 2
 
 
+def test_configuration_without_a_status_does_not_count_for_the_device_that_comes_back() -> None:
+    rig = Rig().start()
+    for mute in (set(range(10, 16)), {10}, set(range(10, 16)), {15}):
+        rig.mute = mute
+        rig.tick(40)
+    assert rig.session.link_up
+    assert rig.session.estop
+    rig.mute = set()
+    rig.tick(40)
+    assert not rig.session.estop
+
+
 @pytest.mark.parametrize('state', STATES)
 @pytest.mark.parametrize('stops', [{'no signal'}, {'1.5 ms'}, {'no signal', '1.5 ms'}, set()])
 def test_command_state_is_a_stop_exactly_if_configured(state: str, stops: set[str]) -> None:

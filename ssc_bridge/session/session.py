@@ -366,8 +366,8 @@ class Session:
 
     def _take_configuration(self, configuration: Configuration, now: float) -> None:
         self._poller.heard(MessageType.CONFIGURATION, now)
-        if self._judge.confirmed and configuration == self.configuration:
-            return  # the late answer to an earlier poll
+        if not self.link_up or (self._judge.confirmed and configuration == self.configuration):
+            return  # nothing vouches for it; or it is the late answer to an earlier poll
         self._judge.confirmed = True
         self.configuration = configuration
         self.outputs.begin(now)
