@@ -139,11 +139,14 @@ class Bench:
         self.wait(lambda: self.estop.last == Bool(data=stop), f'estop {stop}')
 
     def drive(self, station: Station, joy: Joy = MOVE) -> None:
-        """Move, after neutral."""
-        self.asked = Joy(axes=[0.0, 0.0])
-        self.wait(lambda: self.value('neutral because') == 'commands go out', 'the way free')
-        self.asked = joy
-        self.wait(lambda: station.look('moving'), 'motion')
+        """Move, after neutral; anew if a busy machine let the command go stale meanwhile."""
+
+        def moving() -> Any:
+            is_free = self.value('neutral because') == 'commands go out'
+            self.asked = joy if is_free else Joy(axes=[0.0, 0.0])
+            return station.look('moving')
+
+        self.wait(moving, 'motion')
 
     def status(self, part: str = 'device') -> Any:
         """Return the newest diagnostic of ours."""
@@ -181,9 +184,9 @@ def bench_of(
     given = {
         'interface': bus.interface,
         'channel': bus.channel,
-        'command_timeout': 1.0,
+        'command_timeout': 2.0,
         'estop_in_timeout': 2.0,
-        'link_timeout': 1.0,
+        'link_timeout': 3.0,
         **(parameters or {}),
     }
     with NodeProcess('akron_can_bridge.node', given, namespace=namespace) as node:

@@ -17,6 +17,7 @@ from akron_can_bridge.simulator import Simulator
 from test.akron_node_rig import Bench
 from test.akron_node_rig import bench_of
 from test.akron_node_rig import NEUTRAL
+from test.akron_node_rig import RIGHT
 from test.akron_node_rig import Station
 from test.can_rig import make_bus
 from test.rig import Observer
@@ -170,7 +171,8 @@ def test_reset_and_setup_are_refused_in_motion(bench: Bench, unit: Station) -> N
         bench.wait(future.done, 'the answer')
         assert not future.result().success
         assert 'motion is commanded' in future.result().message
-    assert unit.look('moving')
+    assert unit.joystick_frames(0x38)[-1] == RIGHT
+    assert not unit.look('setup')
 
 
 def test_readdressed_in_motion_it_goes_on(bench: Bench, unit: Station) -> None:
