@@ -12,7 +12,9 @@ from fort_vsc_bridge.protocol import decode
 from fort_vsc_bridge.protocol import Heartbeat
 from fort_vsc_bridge.protocol import Joystick
 from rugged_teleop.demo_stage import LAYOUT
+from rugged_teleop.demo_stage import Packet
 from rugged_teleop.demo_stage import Stage
+from rugged_teleop.ports import DevicePort
 from vm110_bridge.protocol import Crc
 from vm110_bridge.protocol import Frame
 from vm110_bridge.protocol import PacketId
@@ -26,7 +28,7 @@ TOLD_LIMIT = 0.15  # s, for a stop that somebody demands
 SILENT_LIMIT = 0.3  # s, for one that has to be noticed: the link's time-out of 0.25 s and 50 ms
 UNIT_SILENT_LIMIT = 0.55  # s, the same for the VM-110: its link's time-out is 0.5 s
 RAMP_LIMIT = 0.5  # s, for a takeover: 12 rad/s at 40 rad/s a second, and TOLD_LIMIT
-FORT, VM110 = 'fort', 'vm110'  # operators, as the mux names them
+FORT, VM110, SSC = 'fort', 'vm110', 'ssc'  # operators, as the mux names them
 UNIT_DEADMAN, UNIT_STICK = 'switch 1 1', 'stick 1 2'  # of remote 1 of the VM-110
 BETWEEN_RESETS = 0.55  # s; within clear_time of another one, or of a trip, a reset does nothing
 DEMANDED, HELD = 'demands a stop', 'is not at neutral'  # the mux's words for what hinders a reset
@@ -54,6 +56,42 @@ class Reaction:
     limit: float
 
 
+@dataclass(frozen=True, slots=True)
+class Grip:
+    """How deadman and stick of a remote are worked."""
+
+    device: str  # of the stage
+    press: str
+    push: str
+    centre: str
+    release: str
+
+
+GRIPS = {
+    FORT: Grip(
+        'vsc',
+        press=f'button {DEADMAN} 1',
+        push=f'stick {STICK} {PUSH}',
+        centre=f'stick {STICK} 0',
+        release=f'button {DEADMAN} 0',
+    ),
+    VM110: Grip(
+        'unit',
+        press=f'{UNIT_DEADMAN} 1',
+        push=f'{UNIT_STICK} {PUSH}',
+        centre=f'{UNIT_STICK} 0',
+        release=f'{UNIT_DEADMAN} 0',
+    ),
+    SSC: Grip(  # 500 us from the centre are full deflection
+        'ssc',
+        press='channel 4 2000',
+        push=f'channel 3 {1500 + round(500 * PUSH)}',
+        centre='channel 3 1500',
+        release='channel 4 1000',
+    ),
+}
+
+
 class Actor:
     """Acts on a stage. Every method that waits raises Missed where it waits in vain."""
 
@@ -64,6 +102,7 @@ class Actor:
         self.time_outs = 0  # stops that nobody asked for
         self.latest = 0.0  # s by which this process was woken too late, at worst
         self.hand = FORT  # whose remote moves it
+        self.caused_at = 0.0  # when the last stop was caused
         self._reset_at = -1.0
         self._late = 0.0  # s, the worst since the last cause of a stop
 
@@ -102,14 +141,16 @@ class Actor:
 
     def still(self, since: float) -> str:
         """Watch that no packet after ``since`` enables anything, for a while more."""
+        packets: list[Packet] = []
         end = time.monotonic() + _STILL
-        while time.monotonic() < end:
-            packets = self.stage.packets(since)
+
+        def seen() -> bool:
+            packets[:] = self.stage.packets(since)
             if any(packet.enables for packet in packets):
                 raise Missed(f'a packet enables the drive: {self.watcher.message}')
-            self._sleep()
-        if not packets:
-            raise Missed('no packets at all')
+            return packets != [] and time.monotonic() > end
+
+        self.wait(seen, lambda: 'no packets at all')
         return f'{len(packets)} packets, all disable'
 
     def _sleep(self) -> None:
@@ -131,18 +172,19 @@ class Actor:
 
     def push(self) -> float:
         """Press the deadman, then push the stick; return when the deadman was pressed."""
-        if self.hand == VM110:
-            pressed_at = self.unit(f'{UNIT_DEADMAN} 1')
-            self.unit(f'{UNIT_STICK} {PUSH}')
-            return pressed_at
-        pressed_at = self.remote(f'button {DEADMAN} 1')
-        self.remote(f'stick {STICK} {PUSH}')
+        grip = GRIPS[self.hand]
+        pressed_at = self._work(grip, grip.press)
+        self._work(grip, grip.push)
         return pressed_at
 
     def let_go(self) -> None:
-        """Release sticks and deadmen of both remotes."""
-        self.remote(f'stick {STICK} 0', f'button {DEADMAN} 0')
-        self.unit(f'{UNIT_STICK} 0', f'{UNIT_DEADMAN} 0')
+        """Release driving sticks and deadmen of all remotes."""
+        for grip in GRIPS.values():
+            self._work(grip, grip.centre, grip.release)
+
+    def _work(self, grip: Grip, *commands: str) -> float:
+        device: DevicePort = getattr(self.stage, grip.device)
+        return [device.apply(command) for command in commands][-1]
 
     def acknowledge(self) -> float:
         """Acknowledge on FORT's remote, once nothing else stops the VSC; return when."""
@@ -233,6 +275,11 @@ class Actor:
         """Take control and drive off, from READY; return the speed reached."""
         return self.persist(lambda: f'{self._set_off():.0f} rpm')
 
+    def return_to_fort(self) -> str:
+        """Reset, and drive with FORT."""
+        self.hand = FORT
+        return f'{self.accepted_reset()}; {self.set_off()}, owner {FORT}'
+
     def persist(self, act: Callable[[], str]) -> str:
         """
         Return what ``act`` does, which may start from READY or from motion.
@@ -318,20 +365,32 @@ class Actor:
             self._recover()
             self.set_off()
         self._late = 0.0
-        at = act()
-        first = self.wait_for_moment(lambda: self._first_disable(at), 'no packet disables')
-        self.reactions.append(Reaction(cause, first - at, limit))
+        self.caused_at = act()
+        took = self.reacts(cause, 'disabled', self._first_disable, limit)
         self.wait_for_state(state)
-        later = sum(packet.enables for packet in self.stage.packets(first))
+        packets = self.stage.packets(self._first_disable(self.caused_at))
+        later = sum(packet.enables for packet in packets)
         if later:
             raise Missed(f'{later} packets after the first disable packet enable again')
-        took = f'disabled {(first - at) * 1e3:.1f} ms after the cause'
-        if first - at > limit + self._late:
+        return f'{took}, {state}'
+
+    def reacts(self, cause: str, what: str, find: Callable[[float], float], limit: float) -> str:
+        """
+        Measure from the last cause of a stop on; return how long it took.
+
+        :param cause: for the summary. :param what: happens then, in a word or two.
+        :param find: finds the first moment of it after another one; 0: not yet.
+        """
+        found = self.wait_for_moment(lambda: find(self.caused_at), f'not {what}')
+        seconds = found - self.caused_at
+        self.reactions.append(Reaction(cause, seconds, limit))
+        took = f'{what} {seconds * 1e3:.1f} ms after the cause'
+        if seconds > limit + self._late:
             raise Missed(
                 f'{took}, allowed are {limit * 1e3:.0f} ms, and {self._late * 1e3:.0f} ms '
                 'by which this machine was late for us too'
             )
-        return f'{took}, {state}'
+        return took
 
     def _first_disable(self, since: float) -> float:
         packets = self.stage.packets(since)

@@ -187,11 +187,6 @@ class Handover(Actor):
         self.wait(lambda: self.watcher.clear('VM-110'))
         return self.still(since)
 
-    def return_to_fort(self) -> str:
-        """Reset, and drive with FORT."""
-        self.hand = FORT
-        return f'{self.accepted_reset()}; {self.set_off()}, owner {FORT}'
-
     def open_relays(self) -> str:
         """Press FORT's e-stop and wait for VM-110 to say that its relays are open."""
         happened = self.stopped(

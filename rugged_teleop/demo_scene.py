@@ -1,5 +1,5 @@
 """
-The scripted scene: a start, twelve stops in mid-motion, the wrong ways to go on and the right one.
+The scripted scene: a start, fourteen stops in mid-motion, wrong ways to go on and the right one.
 
 Each step states what is expected, waits for it up to a deadline and prints one line. Reactions run
 from the moment at which the cause was written on a port (or the plug was pulled) to the moment at
@@ -22,16 +22,17 @@ from rugged_teleop.demo_actor import Missed
 from rugged_teleop.demo_actor import PUSH
 from rugged_teleop.demo_actor import SILENT_LIMIT
 from rugged_teleop.demo_actor import STICK
+from rugged_teleop.demo_further import Further
 from rugged_teleop.demo_handover import Handover
 from rugged_teleop.demo_stage import DemoError
 from rugged_teleop.demo_stage import ESTOPS
 from rugged_teleop.demo_stage import Stage
 
 RETURN_LIMIT = 2.0  # s, from plugging in to a healthy link
-START_LIMIT = 20.0  # s, for discovery on a busy machine
+START_LIMIT = 30.0  # s, for discovery on a busy machine
 
 
-class Scene(Handover):
+class Scene(Handover, Further):
     """
     The scene on a stage. Its steps return what happened; see ``steps`` for what they expect.
 
@@ -47,7 +48,7 @@ class Scene(Handover):
         """What is expected, and what shows it, in order."""
         again = ('reset and a new deadman move it again', self.restart)
         return [
-            ('VSC, VM-110 and drive are found', self.connect),
+            ('VSC, VM-110, SSC, drive and monitor are found', self.connect),
             ('a start is a stop: deadman and stick move nothing', self.push_at_start),
             ('a reset with stick and deadman held is refused', self.reset_while_held),
             ('a reset with all let go is accepted and moves nothing', self.reset_rightly),
@@ -78,6 +79,7 @@ class Scene(Handover):
             ('plugged in: healthy in the same process, nothing moves', self.plug),
             again,
             *self.handover_steps,
+            *self.further_steps,
             ('the stack ended in mid-motion: its last packets disable', self.end),
         ]
 
@@ -107,7 +109,7 @@ class Scene(Handover):
     def _summarise(self, count: int) -> None:
         self._say(
             f'\nall {count} expectations held. From cause to the first disable packet '
-            '(a takeover: to zero or the other direction):'
+            '(a takeover: to zero or the other direction), or to what is named:'
         )
         for reaction in self.reactions:
             self._say(
@@ -120,7 +122,7 @@ class Scene(Handover):
     # -- starts ----------------------------------------------------------------------------------
 
     def connect(self) -> str:
-        """Wait for all four nodes, and for all devices without a stop."""
+        """Wait for all six nodes, and for all devices without a stop."""
         watcher = self.watcher
 
         def connected() -> bool:

@@ -13,7 +13,6 @@ import contextlib
 import os
 from pathlib import Path
 import signal
-import socket
 import subprocess
 import sys
 import tempfile
@@ -35,16 +34,23 @@ from std_msgs.msg import Bool
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
+from akron_can_bridge.simulator import Simulator as MonitorSimulator
 from bridge_core.framing import FrameError
 from esi_drive_bridge.protocol import Command
 from esi_drive_bridge.protocol import command_parser
 from esi_drive_bridge.protocol import Layout
 from esi_drive_bridge.simulator import Simulator as DriveSimulator
 from fort_vsc_bridge.simulator import Simulator as VscSimulator
+from rugged_teleop.canbuses import CanBusDevice
+from rugged_teleop.canbuses import free_channel
+from rugged_teleop.demo_relay import Relay
+from rugged_teleop.domains import claim_domain
 from rugged_teleop.multicasts import free_port
 from rugged_teleop.multicasts import MulticastDevice
 from rugged_teleop.ports import Chunk
 from rugged_teleop.ptys import PtyDevice
+from ssc_bridge.simulator import Settings as SscSettings
+from ssc_bridge.simulator import Simulator as SscSimulator
 from vm110_bridge.simulator import Simulator as UnitSimulator
 
 LAYOUT = Layout.DUAL
@@ -52,6 +58,8 @@ ESTOPS = {
     'VSC': '/fort_vsc_bridge/estop',
     'VM-110': '/vm110_bridge/estop',
     'drive': '/esi_drive_bridge/estop',
+    'monitor': '/akron_can_bridge/estop',
+    'SSC': '/ssc_bridge/estop',
 }
 SERVICES = {
     'reset': '/safety_mux/reset',
@@ -63,10 +71,12 @@ CHAINS = {
     'fort_vsc_bridge:~/software_estop': 'safety_mux/stop_demand/fort',
     'vm110_bridge:~/hold_output': 'safety_mux/stop_demand/vm110',
 }
-_DOMAINS = range(1, 102)  # 101 is the last whose ports are clear of the ephemeral ones
 _LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 _OVERLAP = 0.1  # s of bytes before the wanted ones, for a packet that began there
 _LEAVE_TIME = 3.0
+_SHUT_US = 1000  # the throttle's failsafe; see config/demo.yaml
+# The transmitter's switch at 1 ms, where the table has SERIAL, and its deadman released.
+_AT_HAND = ('channel 1 1000', 'channel 4 1000')
 
 
 class DemoError(Exception):
@@ -111,29 +121,6 @@ def demo_config() -> Path:
     raise DemoError(f'config/demo.yaml is not in {places[0]} nor in share/ of the installation')
 
 
-def claim_domain() -> socket.socket:
-    """
-    Set a ROS domain that nobody else uses, on this machine only; keep what is returned.
-
-    The claim is an abstract socket name, which the kernel drops with the process however it ends.
-    """
-    start = os.getpid() % len(_DOMAINS)
-    for domain in (*_DOMAINS[start:], *_DOMAINS[:start]):
-        claim = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
-        try:
-            claim.bind(f'\0rugged_teleop_domain_{domain}')
-            with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-                probe.bind(('127.0.0.1', 7400 + 250 * domain + 10))  # first participant's port
-        except OSError:
-            claim.close()
-            continue
-        os.environ['ROS_DOMAIN_ID'] = str(domain)
-        os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
-        os.environ.pop('ROS_STATIC_PEERS', None)
-        return claim
-    raise DemoError('no ROS domain from 1 to 101 is free')
-
-
 class Watcher:
     """A node that keeps the newest of what the stack publishes, spun by a thread of its own."""
 
@@ -148,6 +135,7 @@ class Watcher:
         self.velocities: dict[str, float] = {}  # rad/s by joint
         self._closing = False
         self._node = rclpy.create_node('rugged_teleop_demo')
+        self._relay = Relay(self._node)
         self._subscribe()
         self._clients = {
             name: self._node.create_client(Trigger, service) for name, service in SERVICES.items()
@@ -168,7 +156,7 @@ class Watcher:
         return [text for name, text in self.values.items() if name.startswith('inhibit')]
 
     def clear(self, name: str, within: float = 0.3) -> bool:
-        """Tell whether this e-stop ('VSC', 'VM-110', 'drive') was heard lately, and said false."""
+        """Tell whether this e-stop (see ESTOPS) was heard lately, and said false."""
         at, value = self.estops.get(name, (-within, True))
         return not value and time.monotonic() - at < within
 
@@ -223,12 +211,14 @@ class Watcher:
         create(JointState, '/esi_drive_bridge/joint_states', self._on_joints, 10)
 
     def _on_joy(self, message: Any) -> None:
+        self._relay.take_joy(message)
         self.axes, self.buttons = tuple(message.axes), tuple(message.buttons)
 
     def _on_estop(self, name: str, message: Any) -> None:
         self.estops[name] = (time.monotonic(), message.data)
 
     def _on_state(self, message: Any) -> None:
+        self._relay.active = message.data == 'ACTIVE'
         if message.data != self.state:
             self.states.append((time.monotonic(), message.data))
 
@@ -237,15 +227,18 @@ class Watcher:
         self.values = {value.key: value.value for value in message.values}
 
     def _on_joints(self, message: Any) -> None:
+        self._relay.take_joints(message)
         self.velocities = dict(zip(message.name, message.velocity, strict=False))
 
 
-def _base_unit() -> MulticastDevice:
-    """Return a VM-110 on loopback. :raises DemoError: it cannot be there."""
-    try:
-        return MulticastDevice(UnitSimulator(), free_port())
-    except OSError as error:
-        raise DemoError(str(error)) from error
+def _ssc_simulator() -> SscSimulator:
+    """Return an SSC that shuts the throttle by itself when its receiver gives no signal."""
+    settings = SscSettings()
+    settings.constants[0] = _SHUT_US
+    simulator = SscSimulator(settings)
+    for command in _AT_HAND:
+        simulator.apply(command)
+    return simulator
 
 
 class Stage:
@@ -261,18 +254,21 @@ class Stage:
         self._cleanup.callback(self._scratch.cleanup)
         try:
             self._start(Path(self._scratch.name))
-        except BaseException:
+        except BaseException as error:
             self._cleanup.close()
+            if isinstance(error, OSError | RuntimeError):  # no port, no domain
+                raise DemoError(str(error)) from error
             raise
 
     def _start(self, scratch: Path) -> None:
         self._cleanup.enter_context(claim_domain())
         os.environ['ROS_LOG_DIR'] = str(scratch / 'log')
-        self.vsc = self._cleanup.enter_context(PtyDevice(VscSimulator(), scratch / 'fort_vsc'))
-        self.drive = self._cleanup.enter_context(
-            PtyDevice(DriveSimulator(), scratch / 'esi_drive')
-        )
-        self.unit = self._cleanup.enter_context(_base_unit())
+        add = self._cleanup.enter_context
+        self.vsc = add(PtyDevice(VscSimulator(), scratch / 'fort_vsc'))
+        self.drive = add(PtyDevice(DriveSimulator(), scratch / 'esi_drive'))
+        self.unit = add(MulticastDevice(UnitSimulator(), free_port()))
+        self.monitor = add(CanBusDevice(MonitorSimulator(), free_channel()))
+        self.ssc = add(PtyDevice(_ssc_simulator(), scratch / 'ssc'))
         self._output = scratch / 'output'
         self.stack = self._start_stack()
         self._cleanup.callback(self._end_stack)
@@ -286,6 +282,8 @@ class Stage:
         command += ['-p', f'fort_vsc_bridge:port:={self.vsc.path}']
         command += ['-p', f'esi_drive_bridge:port:={self.drive.path}']
         command += ['-p', f'vm110_bridge:input_port:={self.unit.port}']
+        command += ['-p', f'akron_can_bridge:channel:={self.monitor.channel}']
+        command += ['-p', f'ssc_bridge:port:={self.ssc.path}']
         command += [word for rule in CHAINS.items() for word in ('-r', ':='.join(rule))]
         with self._output.open('wb') as output:
             return subprocess.Popen(

@@ -1,5 +1,5 @@
 """
-The live view: remotes, e-stops, the mux and its reasons, the drive's wire, motors; keys steer.
+The live view: remotes, e-stops, the mux and its reasons, the wires, what moves; keys steer.
 
 ``Hands`` turns keys into commands and ``picture`` turns a snapshot into lines; neither needs a
 terminal. ``live`` joins them to one.
@@ -23,6 +23,7 @@ import tty
 from typing import Any
 
 from esi_drive_bridge.protocol import Command
+from rugged_teleop.demo_further import turns_in
 from rugged_teleop.demo_stage import packets_in
 from rugged_teleop.demo_stage import Stage
 from rugged_teleop.ports import DevicePort
@@ -36,6 +37,8 @@ _KEYS = (
     'FORT    arrows  stick; c centres it     d  deadman    space  e-stop    a  acknowledge',
     '        w  wired e-stop of the VSC      u  unplug or plug the VSC',
     'VM-110  i j k l  stick; x centres it    b  deadman    s  stop switch   m  arm   n  disarm',
+    'SSC     4 8 2 6  stick; 5 centres it    0  deadman    9  power of the RC receiver',
+    'monitor g y v h  right stick of FORT; z centres it',
     'mux     r  reset      t  trip           drive  f  fault   e  clear errors    q  quit',
 )
 _NUDGES = {  # which stick of whom, and how far
@@ -47,8 +50,21 @@ _NUDGES = {  # which stick of whom, and how far
     'k': ('unit', 'stick 1 2', -NUDGE),
     'j': ('unit', 'stick 1 1', NUDGE),
     'l': ('unit', 'stick 1 1', -NUDGE),
+    '8': ('ssc', 'channel 3', NUDGE),
+    '2': ('ssc', 'channel 3', -NUDGE),
+    '4': ('ssc', 'channel 2', -NUDGE),  # reversed, as the bridge's defaults have it
+    '6': ('ssc', 'channel 2', NUDGE),
+    'y': ('vsc', 'stick right_y', NUDGE),
+    'v': ('vsc', 'stick right_y', -NUDGE),
+    'g': ('vsc', 'stick right_x', -NUDGE),
+    'h': ('vsc', 'stick right_x', NUDGE),
 }
-_CENTRES = {'c': 'vsc', 'x': 'unit'}
+_CENTRES = {  # whose, and how the words of its sticks begin
+    'c': ('vsc', 'stick left'),
+    'x': ('unit', 'stick'),
+    '5': ('ssc', 'channel'),
+    'z': ('vsc', 'stick right'),
+}
 _SWITCHES = {  # whose, what switches on, what off
     'd': ('vsc', 'button left_down 1', 'button left_down 0'),
     ' ': ('vsc', 'estop remote on', 'estop remote off'),
@@ -56,6 +72,8 @@ _SWITCHES = {  # whose, what switches on, what off
     'u': ('vsc', 'unplug', 'plug'),
     'b': ('unit', 'switch 1 1 1', 'switch 1 1 0'),
     's': ('unit', 'stop 1 on', 'stop 1 off'),
+    '0': ('ssc', 'channel 4 2000', 'channel 4 1000'),
+    '9': ('ssc', 'receiver off', 'receiver on'),
 }
 _PLAIN = {
     'a': [('vsc', 'ack'), ('vsc', 'mode operational')],
@@ -72,7 +90,7 @@ _ARROWS = {'A': 'up', 'B': 'down', 'C': 'right', 'D': 'left'}
 _ENTER, _LEAVE = '\x1b[?1049h\x1b[?25l', '\x1b[?25h\x1b[?1049l'  # own screen, no cursor
 _HOME, _END_OF_LINE, _BLANK_REST = '\x1b[H', '\x1b[K\r\n', '\x1b[J'
 
-Say = Callable[[str, str], None]  # 'vsc', 'unit', 'drive' or 'service'; command or name
+Say = Callable[[str, str], None]  # a device of the stage, or 'service'; command or name
 
 
 @dataclass(slots=True)
@@ -94,8 +112,9 @@ class Hands:
             target, stick, by = _NUDGES[key]
             self._move(target, stick, self.sticks.get((target, stick), 0.0) + by)
         elif key in _CENTRES:
+            whose, words = _CENTRES[key]
             for target, stick in self.sticks:
-                if target == _CENTRES[key]:
+                if target == whose and stick.startswith(words):
                     self._move(target, stick, 0.0)
         elif key in _SWITCHES:
             target, on, off = _SWITCHES[key]
@@ -109,7 +128,7 @@ class Hands:
     def _move(self, target: str, stick: str, to: float) -> None:
         value = round(min(max(to, -1.0), 1.0), 2)
         self.sticks[target, stick] = value
-        self.say(target, f'{stick} {value}')
+        self.say(target, f'{stick} {1500 + round(500 * value) if target == "ssc" else value}')
 
 
 @dataclass(frozen=True, slots=True)
@@ -118,6 +137,9 @@ class Snapshot:
 
     vsc: dict[str, Any]  # as the simulator describes itself
     unit: dict[str, Any]
+    ssc: dict[str, Any]
+    monitor: dict[str, Any]
+    turns: bool | None  # what the monitor was told last; None: nothing lately
     drive: dict[str, Any]
     axes: tuple[float, ...]  # of FORT's Joy
     buttons: tuple[int, ...]
@@ -137,10 +159,14 @@ def take(stage: Stage, note: str = '') -> Snapshot:
     received = stage.drive.received(now - _RECENT)
     packets = packets_in(received, 0.0)
     sent = stage.drive.sent(now - _RECENT)
+    frames = turns_in(stage.monitor.received(now - _RECENT))
     values = watcher.values
     return Snapshot(
         vsc=stage.vsc.describe(),
         unit=stage.unit.describe(),
+        ssc=stage.ssc.describe(),
+        monitor=stage.monitor.describe(),
+        turns=frames[-1][1] if frames else None,
         drive=stage.drive.describe(),
         axes=watcher.axes,
         buttons=watcher.buttons,
@@ -164,18 +190,19 @@ def take(stage: Stage, note: str = '') -> Snapshot:
 def picture(seen: Snapshot, width: int = 100, height: int = 50) -> list[str]:
     """Return the lines of the view, none longer than ``width``; tight where there are too many."""
     lines = [
-        'rugged_teleop demo: simulated remotes and drive, real nodes',
+        'rugged_teleop demo: simulated devices, real nodes',
         '',
         *_vsc_lines(seen),
         *_unit_lines(seen.unit),
+        _ssc_line(seen.ssc),
         '',
         'e-stops  ' + '   '.join(f'{n} {_estop_word(v)}' for n, v in seen.estops.items()),
         f'mux      {seen.state or "not heard yet"}, owner {seen.owner or "none"}',
     ]
     for text in seen.inhibits or ('nothing holds it back',):
         lines += textwrap.wrap(text, width, initial_indent='         ', subsequent_indent=13 * ' ')
-    lines += ['', *_wire_lines(seen), '', *_motor_lines(seen), '', f'>        {seen.note}', '']
-    lines += _KEYS
+    lines += ['', *_wire_lines(seen), '', *_motor_lines(seen), _monitor_line(seen)]
+    lines += ['', f'>        {seen.note}', '', *_KEYS]
     if len(lines) > height:
         lines = [line for line in lines if line]
     return [line[:width] for line in lines]
@@ -208,6 +235,23 @@ def _unit_lines(unit: dict[str, Any]) -> list[str]:
         f'VM-110   {unit["state"]}, remote 1 {armed}, stop switch {switch}, relays {chain}',
         f'         stick x {turn:+.2f} y {forward:+.2f}, deadman {held}',
     ]
+
+
+def _ssc_line(ssc: dict[str, Any]) -> str:
+    turn, forward, deadman = (us or 0 for us in ssc['inputs_us'][1:4])
+    held = 'HELD' if deadman > 1500 else 'released'
+    power = 'on' if ssc['receiver'] else 'OFF'
+    return (
+        f'SSC      receiver {power}, command channel {ssc["command_state"]}, '
+        f'stick x {turn} y {forward}, deadman {held}, throttle {ssc["outputs_us"][0]} us'
+    )
+
+
+def _monitor_line(seen: Snapshot) -> str:
+    told = {True: 'turn', False: 'neutral', None: 'nothing'}[seen.turns]
+    turned, raised = seen.monitor['rotation_deg'], seen.monitor['elevation_deg']
+    moves = 'moves' if seen.monitor['moving'] else 'still'
+    return f'monitor  rotation {turned:+.1f} elevation {raised:+.1f} degrees, told {told}, {moves}'
 
 
 def _wire_lines(seen: Snapshot) -> list[str]:
@@ -314,13 +358,8 @@ class _Terminal:
         if target == 'service':
             self._stage.watcher.ask(command, self._on_reply)
             return
-        stage = self._stage
-        devices: dict[str, DevicePort] = {
-            'vsc': stage.vsc,
-            'unit': stage.unit,
-            'drive': stage.drive,
-        }
-        devices[target].apply(command)
+        device: DevicePort = getattr(self._stage, target)
+        device.apply(command)
         self._note = f'{target}: {command}'
 
     def _on_reply(self, success: bool, message: str) -> None:

@@ -50,6 +50,32 @@ def test_letters_push_the_stick_of_the_vm110_and_centre_no_other() -> None:
     assert said[6:] == [('unit', 'stick 1 2 0.0'), ('unit', 'stick 1 1 0.0')]
 
 
+def test_figures_push_the_rc_stick_in_pulses() -> None:
+    operator, said = hands()
+    for key in '84':
+        operator.press(key)
+    operator.press('5')
+    assert said == [
+        ('ssc', 'channel 3 1600'),  # 500 us are full deflection
+        ('ssc', 'channel 2 1400'),
+        ('ssc', 'channel 3 1500'),
+        ('ssc', 'channel 2 1500'),
+    ]
+
+
+def test_sticks_of_one_remote_are_centred_apart() -> None:
+    operator, said = hands()
+    for key in ('up', 'y', 'g', 'z', 'c'):
+        operator.press(key)
+    assert said[1:] == [
+        ('vsc', 'stick right_y 0.2'),
+        ('vsc', 'stick right_x -0.2'),
+        ('vsc', 'stick right_y 0.0'),
+        ('vsc', 'stick right_x 0.0'),
+        ('vsc', 'stick left_y 0.0'),
+    ]
+
+
 @pytest.mark.parametrize(
     ('key', 'target', 'on', 'off'),
     [
@@ -59,6 +85,8 @@ def test_letters_push_the_stick_of_the_vm110_and_centre_no_other() -> None:
         ('u', 'vsc', 'unplug', 'plug'),
         ('b', 'unit', 'switch 1 1 1', 'switch 1 1 0'),
         ('s', 'unit', 'stop 1 on', 'stop 1 off'),
+        ('0', 'ssc', 'channel 4 2000', 'channel 4 1000'),
+        ('9', 'ssc', 'receiver off', 'receiver on'),
     ],
 )
 def test_key_toggles_and_a_refusal_toggles_nothing(
@@ -130,6 +158,14 @@ SEEN = Snapshot(
         'relays_closed': False,
         'remotes': {'1': {'on': ['radio'], 'sticks': [0.0, 0.4], 'switches': [1]}},
     },
+    ssc={
+        'receiver': True,
+        'command_state': '1 ms',
+        'inputs_us': [1000, 1500, 1800, 2000],
+        'outputs_us': [1650],
+    },
+    monitor={'rotation_deg': 12.34, 'elevation_deg': -3.0, 'moving': True},
+    turns=True,
     drive={'rpm': [1000.0, -2500.0], 'enabled': [True, False], 'errors': [[], ['overcurrent']]},
     axes=(0.0, 0.6),
     buttons=(1, 0),
@@ -155,6 +191,8 @@ def test_picture_shows_stops_wire_and_motors() -> None:
         'y +0.60, deadman HELD',
         'VM-110   External link error, remote 1 armed, stop switch released, relays OPEN',
         'y +0.40, deadman HELD',
+        'receiver on, command channel 1 ms, stick x 1500 y 1800, deadman HELD, throttle 1650 us',
+        'rotation +12.3 elevation -3.0 degrees, told turn, moves',
         'VSC clear   drive STOP',
         'ACTIVE, owner fort',
         'f0 f0 04 00 00 04 00 00 71 d4',
@@ -180,11 +218,22 @@ def test_picture_of_nothing_heard_says_so() -> None:
         vsc={**SEEN.vsc, 'plugged': False},
         axes=(),
         estops={'VSC': None},
+        ssc={
+            'receiver': False,
+            'command_state': 'no signal',
+            'inputs_us': 4 * [None],
+            'outputs_us': [None],
+        },
+        monitor={**SEEN.monitor, 'moving': False},
+        turns=None,
         state='',
         to_drive=(b'', None),
         from_drive=b'',
         velocities={},
     )
     text = '\n'.join(picture(nothing))
-    for words in ('UNPLUGGED', 'VSC silent (STOP)', 'not heard yet', 'no packets', 'axes none'):
+    for words in (
+        *('UNPLUGGED', 'VSC silent (STOP)', 'not heard yet', 'no packets', 'axes none'),
+        *('receiver OFF', 'no signal', 'told nothing, still'),
+    ):
         assert words in text
