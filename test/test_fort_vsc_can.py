@@ -317,6 +317,16 @@ def test_sticks_count_in_operational_only(mode: int) -> None:
     assert set(sticks(bench.run(0.5, heartbeat(mode), *ALL_STICKS))) == {NEUTRAL}
 
 
+def test_joystick_frame_of_before_a_stop_does_not_count_after_it() -> None:
+    bench = opened()
+    bench.run(0.5, heartbeat(), *ALL_STICKS)
+    bench.hear(heartbeat(Mode.LOCAL))
+    bench.wait(0.01)
+    assert sticks(bench.hear(heartbeat(), LEFT_Z)) == []
+    bench.wait(0.01)
+    assert sticks(bench.hear(*ALL_STICKS)) == [DEFLECTED]
+
+
 CONTROLS = {
     LEFT: ('left_x', 'left_y', 'left_down', 'left_right', 'left_up', 'left_left'),
     LEFT_Z: ('left_z',),

@@ -29,6 +29,7 @@ from fort_vsc_bridge.protocol.frames import MessageType
 from fort_vsc_bridge.protocol.frames import parser
 from fort_vsc_bridge.protocol.hid import InputReport
 from fort_vsc_bridge.protocol.messages import decode
+from fort_vsc_bridge.protocol.messages import Heartbeat
 from fort_vsc_bridge.protocol.messages import Joystick
 from fort_vsc_bridge.protocol.messages import Unknown
 from fort_vsc_bridge.protocol.messages import UserFeedback
@@ -37,6 +38,7 @@ from fort_vsc_bridge.protocol.values import Axis
 from fort_vsc_bridge.protocol.values import Button
 from fort_vsc_bridge.protocol.values import InputState
 from fort_vsc_bridge.protocol.values import Key
+from fort_vsc_bridge.protocol.values import Mode
 
 _WORDS = {
     MessageType.HOST_HEARTBEAT: 'a software e-stop',
@@ -187,6 +189,7 @@ class CanWire(Wire):
         self.ids = ids or CanIds()
         self._names = {self.ids.by_name[name]: name for name in FROM_VSC}
         self._sticks = _Sticks(timeout)
+        self._operational = False
 
     @property
     def filters(self) -> list[tuple[int, int]]:
@@ -222,7 +225,15 @@ class CanWire(Wire):
         if isinstance(message, BasicJoystick | ExtendedJoystick):
             return self._sticks.take(name, message, now)
         assert isinstance(message, Message)  # a StringSegment is not among FROM_VSC
+        if isinstance(message, Heartbeat):
+            self._forget_sticks_of_before(message)
         return [message]
+
+    def _forget_sticks_of_before(self, heartbeat: Heartbeat) -> None:
+        """Let no joystick frame of before a stop count once Operational is entered anew."""
+        was, self._operational = self._operational, heartbeat.mode == Mode.OPERATIONAL
+        if self._operational and not was:
+            self._sticks.forget()
 
     def frames(self, message: Message) -> list[Any]:
         """Return one frame, or the three of a string."""
