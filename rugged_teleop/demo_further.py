@@ -14,6 +14,8 @@ import time
 from akron_can_bridge.protocol import BasicJoystick
 from akron_can_bridge.protocol import decode as decode_can
 from akron_can_bridge.protocol import NEUTRAL
+from fort_vsc_bridge.protocol import AXIS_NAMES
+from fort_vsc_bridge.protocol import Joystick
 from rugged_teleop.canbuses import unpack
 from rugged_teleop.demo_actor import Actor
 from rugged_teleop.demo_actor import Missed
@@ -26,6 +28,7 @@ from ssc_bridge.protocol import parser as ssc_parser
 from ssc_bridge.protocol import PulseCommand
 
 MONITOR_STICK = 'right_x'
+_RIGHT_X = AXIS_NAMES.index(MONITOR_STICK)
 IDLE_US, SHUT_US = 1500, 1000  # the throttle: at rest, and its failsafe in config/demo.yaml
 # s, for a receiver without pulses: no signal after 0.1 s, told every 0.05 s, and TOLD_LIMIT.
 RECEIVER_LIMIT = 0.3
@@ -49,7 +52,7 @@ class Further(Actor):
             ("a reset, the monitor's stick still held: nothing moves", self.hold_over_reset),
             ("the SSC's deadman, then its stick: it drives", self.drive_ssc),
             ('the right stick let go, then pushed: the monitor turns again', self.turn),
-            ("the SSC's receiver lost stops all, FORT's stick still pushed", self.stop_receiver),
+            ("the SSC's receiver lost stops all, FORT's right stick pushed", self.stop_receiver),
             ('it is back, deadman and stick held: nothing moves', self.end_receiver),
             ('a reset, and FORT drives again', self.return_to_fort),
         ]
@@ -86,9 +89,18 @@ class Further(Actor):
 
     def stop_receiver(self) -> str:
         """Take the power from the SSC's receiver: no pulses any more."""
-        return self._all_stopped(
+        happened = self._all_stopped(
             "the SSC's receiver lost", lambda: self.receiver('receiver off'), RECEIVER_LIMIT
         )
+        # The mux stops the VSC too, which then zeroes its sticks: a little later, as a rule.
+        word = 'pushed' if self._pushed_at(self._rest(self.caused_at)) else 'zeroed'
+        return f"{happened}; FORT's stick was {word} then"
+
+    def _pushed_at(self, moment: float) -> bool:
+        """Tell whether the VSC's last joystick message before then had the right stick pushed."""
+        said = self.vsc_said(moment - _OVERLAP)
+        words = [message for at, message in said if at < moment and isinstance(message, Joystick)]
+        return bool(words) and bool(words[-1].axes[_RIGHT_X].value)
 
     def _all_stopped(self, cause: str, act: Callable[[], float], limit: float) -> str:
         """Stop motors, monitor and servo in mid-motion, and measure all three."""

@@ -204,6 +204,18 @@ def test_wrong_restart_that_is_not_refused_for_its_reason_is_missed(
         actor.refused_reset('is not at neutral')
 
 
+def test_wrong_restart_that_a_time_out_refuses_first_is_tried_again() -> None:
+    replies = iter(
+        [
+            (False, "not reset: e-stop source 'fort' is silent: never heard, limit 250 ms"),
+            (False, "not reset: operator 'fort' is not at neutral"),
+        ]
+    )
+    actor: Any = Actor(FakeStage())  # type: ignore[arg-type]
+    actor.watcher.call = lambda service: next(replies)
+    assert actor.refused_reset('is not at neutral').endswith('is not at neutral')
+
+
 def keep_fort(owner: str, *speeds: int) -> str:
     """Let the scene watch that FORT keeps control, as the mux names this owner."""
     now = time.monotonic()
@@ -348,6 +360,22 @@ def test_live_view_without_a_terminal_is_one_line_and_status_2(
     assert caught.value.code == 2
     assert error.count('\n') == 1
     assert '--once' in error
+
+
+def test_demo_without_msgpack_names_it_in_one_line(tmp_path: Path) -> None:
+    """ROS brings python-can without it, and the monitor's bus needs it."""
+    (tmp_path / 'msgpack.py').write_text("raise ImportError('there is none')\n")
+    result = subprocess.run(
+        [sys.executable, '-m', 'rugged_teleop.demo', '--once'],
+        cwd=ROOT,
+        env={**os.environ, 'PYTHONPATH': str(tmp_path), 'PYTHONDONTWRITEBYTECODE': '1'},
+        capture_output=True,
+        text=True,
+        timeout=60.0,
+    )
+    assert result.returncode == 1
+    assert result.stderr.count('\n') == 1
+    assert 'msgpack not installed' in result.stderr
 
 
 def is_alive(pid: int) -> bool:
