@@ -106,12 +106,30 @@ def test_two_units_share_a_bus() -> None:
     assert len(set(announced)) == 2
 
 
+def test_robs_nobody_of_an_address_but_the_wanted_one() -> None:
+    unit = Simulator()
+    bus = Bus(unit).run(0.0)
+    bus.say('18EEFF81', 'FFFFFFFFFFFFFFFF').say('18EEFF80', '0000000000000000').run(0.5)
+    assert unit.describe()['address'] == '82'
+    bus.say('18EEFF80', 'FEFFFFFFFFFFFFFF')
+    unit.apply('address 80')
+    assert bus.run(0.5).of('18EFFF80', 'FF')
+
+
+def test_address_that_its_holder_left_is_free_again() -> None:
+    unit = Simulator()
+    bus = Bus(unit).run(0.0)
+    bus.say('18EEFF81', '0100000000000000').say('18EEFF90', '0100000000000000')
+    bus.say('18EEFF80', '0000000000000000').run(0.5)
+    assert unit.describe()['address'] == '81'
+
+
 def test_no_address_left_is_said_and_it_stays_silent() -> None:
     unit = Simulator()
     bus = Bus(unit)
     bus.run(0.0)
     for address in range(0x81, 0xF8):
-        bus.say(f'18EEFF{address:02X}', '0000000000000000')
+        bus.say(f'18EEFF{address:02X}', f'{address:02X}00000000000000')
     bus.say('18EEFF80', '0000000000000000').run(1.0)
     assert bus.of('18EEFFFE') == [GOLDEN['name'][1]]
     assert [heard for heard in bus.heard if heard.sender is unit] == bus.heard[-1:]

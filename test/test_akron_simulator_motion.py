@@ -36,6 +36,13 @@ def test_speed_is_proportional_and_reached_by_acceleration() -> None:
     assert 0 < first < 0.6
 
 
+def test_reversal_begins_at_rest() -> None:
+    bench = Bench().stick(RIGHT)
+    bench.run(1.0)
+    bench.stick(LEFT).run(0.025)
+    assert -0.6 < bench.turn(0.08) < -0.2
+
+
 def test_release_stops_it_at_once() -> None:
     bench = Bench().stick(RIGHT)
     bench.run(1.0)
@@ -282,6 +289,8 @@ def test_grip_is_a_target_only_in_point_aim_mode() -> None:
     bench.apply('pointaim on').run(6.0)
     assert bench.unit.motion.degrees(0) == pytest.approx(87.5, abs=0.1)
     assert bench.unit.motion.degrees(1) == pytest.approx(-45, abs=0.1)
+    bench.repeat(('0CFDD733', '107D107DFFFF0000')).run(6.0)
+    assert bench.unit.motion.degrees(1) == pytest.approx(45, abs=0.1)
     bench.repeat(('0CFDD733', 'FFFFFFFFFFFF0000')).run(0.1)
     assert bench.turn(1.0) == 0  # not available is no target
     bench.repeat(('0CFDD733', '01000100FFFF0000')).run(6.0)

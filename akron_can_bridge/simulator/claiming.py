@@ -58,7 +58,8 @@ class Claim:
         return self.address != NULL_ADDRESS and now >= self._ready_at
 
     def take(self, source: int, name: bytes, now: float) -> None:
-        """Hear another device claim an address."""
+        """Hear another device claim an address; it leaves the one that it had."""
+        self._others = {place: held for place, held in self._others.items() if held != name}
         if source != self.address or source == NULL_ADDRESS:
             self._others[source] = name
         elif self._outranks(name):
