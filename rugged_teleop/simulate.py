@@ -52,6 +52,8 @@ _VERBOSE_PERIOD = 0.1
 _RESTLESS = {
     *('packets', 'sent', 'last_packet', 'host_heartbeats'),
     *('position_rad', 'current_a', 'lost_bytes', 'received', 'displays'),
+    *('rotation_deg', 'elevation_deg', 'axes', 'sources', 'cleared'),
+    *('inputs_us', 'outputs_us', 'serial_us'),
 }
 
 

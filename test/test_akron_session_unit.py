@@ -107,6 +107,8 @@ def test_unit_that_was_not_announced_is_not_believed() -> None:
         ({}, 0x80),
         ({'device_type': 0}, 0x80),
         ({'device_pin': OTHER_PIN}, 0x81),
+        # Its highest bit counted, as the printed example does not: 26021A0B hex.
+        ({'device_pin': '1032AE637671947'}, 0x80),
         ({'device_pin': OTHER_PIN, 'device_type': 1040}, 0x81),
         ({'device_type': 1052}, None),
         ({'device_pin': '1032AE100801037'}, None),

@@ -95,7 +95,7 @@ class Finder:
 
     def _fits(self, device: AddressAnnouncement) -> bool:
         if self._settings.device_pin:
-            return device.pin == self._settings.device_pin
+            return device.matches(self._settings.device_pin)
         wanted = self._settings.device_type
         return device.device_type in ((wanted,) if wanted else CONTROLLERS)
 
