@@ -128,7 +128,8 @@ def test_bus_off_is_a_stop_in_words_until_the_bus_is_back(
     seen = len(bench.estop.messages)
     bus.endpoint().send(error_frame(0x40))
     bench.wait(lambda: Bool(data=True) in bench.estop.messages[seen:], 'a stop')
-    unit.steer('plug')  # it was off as well
+    bench.wait(lambda: not unit.plugged, 'a unit that is off as well')
+    unit.steer('plug')
     bench.wait_stop(False)
     assert 'bus off; check bit rate, wiring and termination' in bench.node.output
     bench.drive(unit)
