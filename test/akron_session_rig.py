@@ -30,6 +30,15 @@ def name(data: str, source: int) -> CanFrame:
     return CanFrame(0x18EEFF00 | source, bytes.fromhex(data))
 
 
+def moved(frame: CanFrame, source: int) -> CanFrame:
+    """Return the same frame from another address."""
+    return CanFrame(frame.identifier & ~0xFF | source, frame.data)
+
+
+def faults(bits: int, pcode: int = 0) -> CanFrame:
+    return ef(f'02{bits:08X}{pcode:04X}', destination=OURS)
+
+
 def joystick(data: str = '0100010000000000', source: int = 0x33, pgn: int = 0xFDD6) -> CanFrame:
     """Return PGN 64982 or 64983; the default is neutral."""
     return CanFrame(0x0C000000 | pgn << 8 | source, bytes.fromhex(data))
@@ -46,6 +55,9 @@ OTHER_ANNOUNCED = ef('FF83150226021A0C', 0x81)
 NOT_ENABLED = ef('834051')
 OPERATIONAL_ERROR = ef('011D940371000045')
 NO_FAULTS = ef('02000000000000', destination=OURS)
+VERSIONS = tuple(
+    ef(data, destination=OURS) for data in ('03010B02040206', '040D1C000E0204', '050398690E0204')
+)
 
 NEUTRAL = bytes.fromhex('0100010000000000')
 NO_TARGETS = bytes.fromhex('FFFFFFFFFFFF0000')

@@ -21,8 +21,7 @@ from test.akron_session_rig import OURS
 from test.akron_session_rig import PIN
 from test.akron_session_rig import POSITION
 from test.akron_session_rig import REST
-
-VERSIONS = ('03010B02040206', '040D1C000E0204', '050398690E0204')
+from test.akron_session_rig import VERSIONS
 
 
 def told(*frames: CanFrame, **options: Any) -> list[str]:
@@ -77,7 +76,7 @@ def figures(prepare: Callable[[Bench], Any] = lambda bench: None, **options: Any
 
 
 def test_figures_of_a_unit_that_was_found() -> None:
-    found = figures(lambda bench: bench.take(*(ef(v, destination=OURS) for v in VERSIONS)))
+    found = figures(lambda bench: bench.take(*VERSIONS))
     assert found['unit'] == PIN
     assert found['type'] == '6032 Universal II'
     assert (found['address'], found['source address']) == ('80', '38')

@@ -1,0 +1,179 @@
+"""Polls and requests of the Akron session, until their answer or its time-out."""
+
+import pytest
+
+from akron_can_bridge.session import Answer
+from akron_can_bridge.session import Request
+from test.akron_session_rig import ANNOUNCED
+from test.akron_session_rig import Bench
+from test.akron_session_rig import ef
+from test.akron_session_rig import faults
+from test.akron_session_rig import MOVE
+from test.akron_session_rig import NO_FAULTS
+from test.akron_session_rig import of
+from test.akron_session_rig import OPERATIONAL_ERROR
+from test.akron_session_rig import OURS
+from test.akron_session_rig import OUTPUTS
+from test.akron_session_rig import PIN
+from test.akron_session_rig import POSITION
+from test.akron_session_rig import REST
+from test.akron_session_rig import VERSIONS
+
+
+def test_operational_error_has_the_faults_polled_at_once_and_every_second() -> None:
+    bench = Bench().find_unit()
+    bench.run(1.5, REST)
+    start = bench.now
+    bench.take(OPERATIONAL_ERROR)
+    assert bench.asked(start) == ['02']
+    bench.take(faults(2))
+    assert bench.session.estop
+    for _ in range(30):
+        bench.wait(0.1)
+        bench.take(OPERATIONAL_ERROR, OUTPUTS, faults(2))
+    assert bench.asked(start).count('02') in (3, 4)
+    bench.take(POSITION)
+    for _ in range(20):
+        bench.wait(0.1)
+        bench.take(POSITION, OUTPUTS, NO_FAULTS)
+    assert not bench.session.estop
+    start = bench.now
+    bench.run(3.0)
+    assert bench.asked(start) == []
+
+
+def test_faults_that_are_not_answered_are_not_known() -> None:
+    bench = Bench().find_unit()
+    bench.take(OPERATIONAL_ERROR)
+    bench.run(1.5, REST)
+    assert 'faults are not known' in bench.session.stop_reasons(bench.now)[0]
+    bench.take(NO_FAULTS)
+    assert not bench.session.estop
+
+
+def test_versions_are_polled_once() -> None:
+    bench = Bench().find_unit()
+    assert of(Answer, bench.take(*VERSIONS)) == [
+        Answer(
+            Request.POLL_VERSIONS,
+            True,
+            'fixed boot 1.11, bootloader 2.4, system 2.6; style 3356, subtype 14, pCode 2.4; '
+            'config type 60320014, config 2.4',
+        )
+    ]
+    start = bench.now + 1e-9
+    bench.run(3.0)
+    bench.wait(1.0)
+    bench.run(1.0)
+    assert {'03', '04', '05'} & set(bench.asked(start)) == set()
+
+
+def test_poll_is_repeated_until_its_answer_and_asks_only_for_what_is_missing() -> None:
+    bench = Bench().find_unit()
+    bench.take(VERSIONS[0])
+    start = bench.now + 1e-9
+    bench.run(0.3)
+    assert sorted(bench.asked(start)) == ['04', '05']
+    (answer,) = of(Answer, bench.run(1.0))
+    assert answer.text == 'the unit did not answer type 04, 05 within 1 s'
+    assert not answer.success
+
+
+ACKNOWLEDGED = {Request.ZERO_POSITIONS: '41', Request.ENTER_SETUP: '46'}
+
+
+@pytest.mark.parametrize(('request_', 'data'), ACKNOWLEDGED.items())
+def test_request_is_sent_once_and_its_acknowledgement_is_the_answer(
+    request_: Request, data: str
+) -> None:
+    bench = Bench().find_unit()
+    bench.run(1.5)
+    start = bench.now
+    bench.session.request(request_, bench.now)
+    bench.poll()
+    bench.run(0.5)
+    assert bench.asked(start) == [data]
+    assert bench.take(ef(data, destination=OURS)) == [Answer(request_, True, 'acknowledged')]
+
+
+@pytest.mark.parametrize(('request_', 'data'), ACKNOWLEDGED.items())
+def test_acknowledgement_to_somebody_else_is_not_ours(request_: Request, data: str) -> None:
+    bench = Bench().find_unit()
+    bench.run(1.5)
+    bench.session.request(request_, bench.now)
+    assert of(Answer, bench.take(ef(data, destination=0x05), ef(data, source=0x81))) == []
+    (answer,) = of(Answer, bench.run(1.1))
+    assert answer.text == f'the unit did not answer type {data} within 1 s'
+
+
+def test_reset_is_answered_by_the_announcement_after_it() -> None:
+    bench = Bench().find_unit()
+    bench.run(1.5, REST)
+    start = bench.now
+    bench.session.request(Request.RESET_CONTROLLER, bench.now)
+    bench.poll()
+    assert bench.asked(start) == ['45']
+    bench.run(2.0, unit=False)
+    assert bench.session.estop
+    (answer,) = of(Answer, bench.take(ANNOUNCED))
+    assert answer == Answer(Request.RESET_CONTROLLER, True, f'unit {PIN} is back')
+
+
+def test_reset_without_a_return_times_out() -> None:
+    bench = Bench().find_unit()
+    bench.session.request(Request.RESET_CONTROLLER, bench.now)
+    bench.wait(4.9)
+    assert [a for a in of(Answer, bench.events) if a.request is Request.RESET_CONTROLLER] == []
+    (answer,) = of(Answer, bench.wait(0.2))
+    assert 'within 5 s of its reset' in answer.text
+
+
+@pytest.mark.parametrize(
+    'request_', [Request.RESET_CONTROLLER, Request.ENTER_SETUP, Request.ZERO_POSITIONS]
+)
+def test_request_is_refused_while_motion_is_commanded(request_: Request) -> None:
+    bench = Bench().moving()
+    start = bench.now
+    with pytest.raises(ValueError, match='motion is commanded'):
+        bench.session.request(request_, bench.now)
+    bench.poll()
+    assert bench.asked(start) == []
+    bench.session.request(Request.POLL_FAULTS, bench.now)
+
+
+def test_no_motion_while_the_unit_is_being_reset() -> None:
+    bench = Bench().find_unit()
+    bench.run(0.1, REST)
+    start = bench.now
+    bench.session.request(Request.RESET_CONTROLLER, bench.now)
+    bench.run(0.5, MOVE)
+    assert bench.all_neutral(start)
+    assert 'the unit is being reset' in bench.session.inhibits(bench.now)
+
+
+@pytest.mark.parametrize('request_', Request)
+def test_request_without_a_unit_is_refused(request_: Request) -> None:
+    bench = Bench()
+    bench.open()
+    with pytest.raises(ValueError, match='no unit was found'):
+        bench.session.request(request_, bench.now)
+    bench.close()
+    with pytest.raises(ValueError, match=r'.'):
+        bench.session.request(request_, bench.now)
+
+
+def test_closing_answers_what_is_open() -> None:
+    bench = Bench().find_unit()
+    bench.run(1.5)
+    bench.session.request(Request.ENTER_SETUP, bench.now)
+    (answer,) = of(Answer, bench.close())
+    assert answer == Answer(Request.ENTER_SETUP, False, 'the port was closed')
+
+
+def test_vista_is_polled_at_its_rate_and_kept() -> None:
+    bench = Bench(vista_rate=2.0).find_unit()
+    bench.run(5.0)
+    assert 9 <= bench.asked().count('21') <= 11
+    off = Bench().find_unit()
+    off.run(5.0)
+    assert '21' not in off.asked()
