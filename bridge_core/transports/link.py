@@ -36,7 +36,7 @@ _FAREWELL_TIME = 0.1
 # Waking this much later than meant, this process was frozen: what waits in the port is old news.
 _FROZEN_TIME = 0.2
 _DISCARD_READS = 1000
-_ACTIVATE_TIME = 2.0
+_ACTIVATE_TIME = 10.0  # a machine that is starved at start-up is no reason to give up
 _ANSWER_TIME = 0.4  # a process has to be gone within a second of its signal
 
 
