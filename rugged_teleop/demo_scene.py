@@ -182,7 +182,12 @@ class Scene(Handover, Further):
             said = self.vsc_said(self.remote('stall on') - 1.0)
             return [at for at, message in said if isinstance(message, Heartbeat)][-1]
 
-        return self.stopped('VSC silent, since its last heartbeat', hang, SILENT_LIMIT)
+        def undo() -> None:
+            self.remote('stall off')
+            self.restart()
+
+        cause = 'VSC silent, since its last heartbeat'
+        return self.repeated(lambda: self.stopped(cause, hang, SILENT_LIMIT), undo)
 
     def end_silence(self) -> str:
         """Let the VSC go on; stick and deadman are still held on the remote."""

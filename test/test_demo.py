@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from collections.abc import Iterator
 import contextlib
 import fcntl
 from functools import partial
@@ -23,6 +24,7 @@ from esi_drive_bridge.protocol import Command
 from esi_drive_bridge.protocol import Mode
 from rugged_teleop import demo
 from rugged_teleop.demo_actor import Actor
+from rugged_teleop.demo_actor import Late
 from rugged_teleop.demo_actor import Missed
 from rugged_teleop.demo_actor import shortened
 from rugged_teleop.demo_handover import Handover
@@ -105,6 +107,25 @@ def test_stop_in_time_is_measured() -> None:
 def test_stop_that_comes_too_late_is_missed() -> None:
     with pytest.raises(Missed, match=r'disabled 200.0 ms .* allowed are 150 ms'):
         stop_with(0.2)
+
+
+def test_late_stop_is_tried_again_and_told_but_not_for_ever() -> None:
+    actor: Any = Actor(FakeStage())  # type: ignore[arg-type]
+    actor.wait_for_state = lambda state: None
+    undone: list[str] = []
+    tries: Iterator[Late | str] = iter([Late('320 ms'), '280 ms'])
+
+    def stop() -> str:
+        happened = next(tries)
+        if isinstance(happened, Late):
+            raise happened
+        return happened
+
+    assert actor.repeated(stop, lambda: undone.append('undone')) == '280 ms; at first: 320 ms'
+    assert undone == ['undone']
+    tries = iter([Late('320 ms')] * 4)
+    with pytest.raises(Late):
+        actor.repeated(stop, lambda: None)
 
 
 def test_enable_packet_after_the_stop_is_missed() -> None:
