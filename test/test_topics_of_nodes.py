@@ -131,8 +131,14 @@ def own_topics(found: list[tuple[str, list[str]]], node: str) -> set[str]:
 @pytest.mark.parametrize('node', PUBLISHED)
 def test_every_topic_is_echoed_with_default_options(spine: Spine, node: str) -> None:
     observer = spine.observer
-    there = own_topics(observer.node.get_publisher_names_and_types_by_node(node, '/'), node)
-    assert there - {'/diagnostics', 'transition_event'} == set(PUBLISHED[node])
+
+    def published() -> set[str]:
+        if (node, '/') not in observer.node.get_node_names_and_namespaces():
+            return set()  # not discovered yet
+        return own_topics(observer.node.get_publisher_names_and_types_by_node(node, '/'), node)
+
+    spine.wait(lambda: set(PUBLISHED[node]) <= published(), 'the topics')
+    assert published() - {'/diagnostics', 'transition_event'} == set(PUBLISHED[node])
     records = [echo(observer, f'/{node}/{topic}') for topic in PUBLISHED[node]]
     records.append(echo(observer, '/diagnostics'))
     if node == VSC:
