@@ -8,6 +8,7 @@ line, and the test that the documentation and the annotated YAML files are compl
 from collections.abc import Callable
 from collections.abc import Iterable
 from collections.abc import Mapping
+from collections.abc import Sequence
 from dataclasses import dataclass
 from dataclasses import replace
 import difflib
@@ -106,6 +107,34 @@ class Parameter:
     def named(self, name: str, default: Value = None) -> 'Parameter':
         """Return a copy under another name, for what repeats per source, joint or axis."""
         return replace(self, name=name, default=self.default if default is None else default)
+
+
+def with_named(
+    general: Iterable[Parameter],
+    groups: Iterable[tuple[str, str, Sequence[Parameter]]],
+    given: Mapping[str, Value],
+    defaults: Mapping[str, Value],
+) -> tuple[Parameter, ...]:
+    """
+    Return all parameters, those of the names in the given (or default) lists included.
+
+    :param groups: each a list's name, the prefix of what it names, and the parameters of each.
+    :param defaults: by full name, such as 'joint.left.max', where they are not the group's own.
+    :raises ParameterError: a list that is none.
+    """
+    table = {parameter.name: parameter for parameter in general}
+    for list_name, prefix, parameters in groups:
+        names = table[list_name].validate(given.get(list_name, table[list_name].default))
+        for name in filter(None, names):
+            for parameter in parameters:
+                full = f'{prefix}.{name}.{parameter.name}'
+                table[full] = parameter.named(full, defaults.get(full))
+    return tuple(table.values())
+
+
+def names_of(values: Mapping[str, Value], list_name: str) -> list[str]:
+    """Return the names in a list; an empty one, as in [""], names nothing."""
+    return [name for name in values[list_name] if name]
 
 
 _TOPIC = re.compile(r'(~/|/)?[A-Za-z_]\w*(/[A-Za-z_]\w*)*', re.ASCII)

@@ -12,8 +12,10 @@ from typing import Any
 from typing import TypeVar
 
 from bridge_core.parameters import check_topic
+from bridge_core.parameters import names_of
 from bridge_core.parameters import Parameter
 from bridge_core.parameters import ParameterError
+from bridge_core.parameters import with_named
 from safety_mux.limits import JointLimit
 from safety_mux.mapping import JoyMapping
 from safety_mux.mapping import Stick
@@ -221,18 +223,12 @@ _T = TypeVar('_T')
 
 def parameter_table(given: Mapping[str, Any]) -> tuple[Parameter, ...]:
     """Return all parameters, those of the names in the given (or default) lists included."""
-    table = {parameter.name: parameter for parameter in GENERAL}
-    for list_name, prefix, parameters in (
+    groups = (
         ('joints', 'joint', JOINT),
         ('estop_sources', 'estop', ESTOP),
         ('operators', 'operator', OPERATOR),
-    ):
-        names = table[list_name].validate(given.get(list_name, table[list_name].default))
-        for name in filter(None, names):
-            for parameter in parameters:
-                full = f'{prefix}.{name}.{parameter.name}'
-                table[full] = parameter.named(full, DEFAULTS.get(full))
-    return tuple(table.values())
+    )
+    return with_named(GENERAL, groups, given, DEFAULTS)
 
 
 def mux_config(values: Mapping[str, Any]) -> MuxConfig:
@@ -241,14 +237,14 @@ def mux_config(values: Mapping[str, Any]) -> MuxConfig:
         'parameters',
         lambda: MuxConfig(
             joints=len(values['joints']),
-            sources=tuple(_source(values, name) for name in _names(values, 'estop_sources')),
+            sources=tuple(_source(values, name) for name in names_of(values, 'estop_sources')),
             operators=tuple(
                 Operator(
                     name,
                     priority=values[f'operator.{name}.priority'],
                     timeout=values[f'operator.{name}.timeout'],
                 )
-                for name in _names(values, 'operators')
+                for name in names_of(values, 'operators')
             ),
             autonomy=Autonomy(values['autonomy.timeout']) if values['autonomy.topic'] else None,
             **{
@@ -304,7 +300,7 @@ def joint_limits(values: Mapping[str, Any]) -> list[JointLimit]:
 def check(values: Mapping[str, Any]) -> None:
     """Refuse what contradicts itself. :raises ParameterError: naming it."""
     for prefix, list_name in (('estop', 'estop_sources'), ('operator', 'operators')):
-        for name in _names(values, list_name):
+        for name in names_of(values, list_name):
             if not values[f'{prefix}.{name}.topic']:
                 raise ParameterError(
                     f'parameter {prefix}.{name}.topic is empty: give the topic of {name!r}'
@@ -321,7 +317,7 @@ def check(values: Mapping[str, Any]) -> None:
         raise ParameterError('parameter stall_limit: must be longer than the period of rate')
     mux_config(values)
     joint_limits(values)
-    for name in _names(values, 'operators'):
+    for name in names_of(values, 'operators'):
         joy_mapping(values, name)
 
 
@@ -344,10 +340,6 @@ def _source(values: Mapping[str, Any], name: str) -> EStopSource:
         stop_category=values[f'{prefix}.stop_category'],
         own_topic=bool(values[f'{prefix}.own_topic']),
     )
-
-
-def _names(values: Mapping[str, Any], list_name: str) -> list[str]:
-    return [name for name in values[list_name] if name]
 
 
 def _built(what: str, build: Callable[[], _T]) -> _T:

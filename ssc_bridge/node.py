@@ -24,13 +24,13 @@ from bridge_core.diagnostics import WARN
 from bridge_core.node import BRIDGE_PARAMETERS
 from bridge_core.node import BridgeNode
 from bridge_core.node import latched_qos
+from bridge_core.parameters import names_of
 from bridge_core.parameters import Parameter
 from bridge_core.parameters import ParameterError
 from bridge_core.runner import run
 from bridge_core.transports.serial import SerialTransport
 from ssc_bridge import convert
 from ssc_bridge.parameters import calibrations
-from ssc_bridge.parameters import names_of
 from ssc_bridge.parameters import parameter_table
 from ssc_bridge.parameters import settings
 from ssc_bridge.session import AuxReading

@@ -8,7 +8,9 @@ parameters of its own, such as ``calibration.turn.channel`` or ``servo.pan.min_u
 from collections.abc import Mapping
 from typing import Any
 
+from bridge_core.parameters import names_of
 from bridge_core.parameters import Parameter
+from bridge_core.parameters import with_named
 from ssc_bridge.convert import Calibration
 from ssc_bridge.protocol import BAUD
 from ssc_bridge.protocol import CommandState
@@ -210,23 +212,12 @@ DEFAULTS: dict[str, Any] = {
 
 def parameter_table(given: Mapping[str, Any]) -> tuple[Parameter, ...]:
     """Return all parameters, those of the names in the given (or default) lists included."""
-    table = {parameter.name: parameter for parameter in GENERAL}
-    for list_name, prefix, parameters in (
+    groups = (
         ('axes', 'calibration', CALIBRATION),
         ('buttons', 'button', BUTTON),
         ('servos', 'servo', SERVO),
-    ):
-        names = table[list_name].validate(given.get(list_name, table[list_name].default))
-        for name in filter(None, names):
-            for parameter in parameters:
-                full = f'{prefix}.{name}.{parameter.name}'
-                table[full] = parameter.named(full, DEFAULTS.get(full))
-    return tuple(table.values())
-
-
-def names_of(values: Mapping[str, Any], list_name: str) -> list[str]:
-    """Return the names in a list."""
-    return [name for name in values[list_name] if name]
+    )
+    return with_named(GENERAL, groups, given, DEFAULTS)
 
 
 def calibrations(values: Mapping[str, Any]) -> tuple[Calibration, ...]:

@@ -7,9 +7,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 import pytest
 
+from bridge_core.parameters import names_of
 from bridge_core.parameters import Parameter
 from bridge_core.parameters import ParameterError
 from bridge_core.parameters import resolve
+from bridge_core.parameters import with_named
 
 RATE = Parameter('rate', 20.0, 'How often.', unit='Hz', minimum=5.0, maximum=200.0)
 TIMEOUT = Parameter('timeout', 0.25, 'How long.', unit='s', above=0.0)
@@ -176,3 +178,37 @@ def test_anything_is_either_taken_or_refused_in_one_line(parameter: Parameter, v
         items = got if isinstance(parameter.default, list) else [got]
         assert type(got) is type(parameter.default)
         assert all(not isinstance(item, float) or math.isfinite(item) for item in items)
+
+
+# Parameters of what lists name.
+
+_GENERAL = (Parameter('joints', ['left'], 'Names.'),)
+_GROUPS = (
+    ('joints', 'joint', (Parameter('max', 1.0, 'Limit.'), Parameter('min', 0.0, 'Limit.'))),
+)
+
+
+@pytest.mark.parametrize(
+    ('given', 'names'),
+    [({}, ['left']), ({'joints': ['a', 'b']}, ['a', 'b']), ({'joints': ['']}, [])],
+)
+def test_each_name_in_a_list_has_the_parameters_of_its_group(
+    given: dict[str, Any], names: list[str]
+) -> None:
+    table = {p.name: p for p in with_named(_GENERAL, _GROUPS, given, {'joint.left.max': 5.0})}
+    assert list(table) == [
+        'joints',
+        *(f'joint.{n}.{what}' for n in names for what in ('max', 'min')),
+    ]
+    assert [table[f'joint.{n}.max'].default for n in names] == [
+        5.0 if n == 'left' else 1.0 for n in names
+    ]
+
+
+def test_list_of_names_that_is_none_is_refused() -> None:
+    with pytest.raises(ParameterError, match='parameter joints = 5'):
+        with_named(_GENERAL, _GROUPS, {'joints': 5}, {})
+
+
+def test_empty_name_is_no_name() -> None:
+    assert names_of({'joints': ['', 'a', '']}, 'joints') == ['a']
