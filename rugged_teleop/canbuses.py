@@ -6,11 +6,9 @@ import socket
 import struct
 
 from bridge_core.j1939 import CanFrame
-from bridge_core.transports import TransportError
-from bridge_core.transports.can import CanTransport
 from rugged_teleop.ports import Chunk
 from rugged_teleop.ports import Device
-from rugged_teleop.ports import DevicePort
+from rugged_teleop.ports import TransportDevice
 
 INTERFACE = 'udp_multicast'  # a bus of several processes on one machine
 _GROUP = '239.255.42.21'
@@ -21,13 +19,12 @@ _IDENTIFIER = struct.Struct('>I')
 _EXTENDED, _FLAGS = 0x80000000, 0xE0000000
 
 
-class CanBusDevice(DevicePort):
+class CanBusDevice(TransportDevice):
     """
     A simulated device on a CAN bus; its ``receive`` and ``poll`` take and give CanFrames.
 
-    Several may share one bus. Unplugged it has left the bus. A bus that is lost unplugs it too.
-    In records a frame is its identifier as four bytes, the highest bit set, and its data; see
-    ``unpack``.
+    Several may share one bus. In records a frame is its identifier as four bytes, the highest bit
+    set, and its data; see ``unpack``.
 
     :param interface: python-can's name of a kind of interface. :param channel: which one.
     :param seed: makes the line's faults repeat themselves. None: they differ from run to run.
@@ -42,36 +39,12 @@ class CanBusDevice(DevicePort):
         interface: str = INTERFACE,
         seed: int | None = None,
     ) -> None:
+        # Late: who simulates nothing on CAN need not have python-can, nor wait for its import.
+        from bridge_core.transports.can import CanTransport
+
         self.interface, self.channel = interface, channel
-        self._port = CanTransport(interface, channel)
-        super().__init__(device, self._port.name, seed=seed)
-
-    def _plug(self) -> None:
-        try:
-            self._port.open()
-        except TransportError as error:
-            raise OSError(str(error)) from error
-
-    def _unplug_port(self) -> None:
-        self._port.close()
-
-    def _descriptor(self) -> int:
-        return self._port.fileno()
-
-    def _read_port(self) -> list[bytes]:
-        try:
-            return [pack(frame) for frame in self._port.receive()]
-        except TransportError:
-            self._unplug()
-            return []
-
-    def _write_port(self, data: bytes) -> int:
-        frame = unpack(data)
-        try:
-            return len(data) if frame is None or self._port.send(frame) else 0
-        except TransportError:
-            self._unplug()
-            return 0
+        transport = CanTransport(interface, channel)
+        super().__init__(device, transport, transport.name, seed=seed)
 
     def _pack(self, frame: CanFrame) -> bytes:
         return pack(frame)

@@ -5,10 +5,9 @@ from __future__ import annotations
 import contextlib
 import socket
 
-from bridge_core.transports import TransportError
 from bridge_core.transports.multicast import MulticastTransport
 from rugged_teleop.ports import Device
-from rugged_teleop.ports import DevicePort
+from rugged_teleop.ports import TransportDevice
 
 LOOPBACK = '127.0.0.1'
 GROUP = '239.255.42.20'  # this and the port: the VM-110's, as delivered (manual 2.2)
@@ -16,11 +15,9 @@ INPUT_PORT = 5825
 PORT_OFFSET = 2  # from the port that the bridge receives at to the one that it sends to
 
 
-class MulticastDevice(DevicePort):
+class MulticastDevice(TransportDevice):
     """
     A simulated device on a multicast group.
-
-    Unplugged it has left the group. A network interface that vanishes unplugs it too.
 
     :param port: UDP port that the bridge receives at (its ``input_port``); the device receives at
         the one 2 higher.
@@ -38,36 +35,11 @@ class MulticastDevice(DevicePort):
         seed: int | None = None,
     ) -> None:
         self.port = port
-        self._port = MulticastTransport(
+        transport = MulticastTransport(
             group, port + PORT_OFFSET, port, interface_address=interface_address
         )
-        super().__init__(device, f'{group}:{port} at {interface_address}', seed=seed)
-
-    def _plug(self) -> None:
-        try:
-            self._port.open()
-        except TransportError as error:
-            raise OSError(str(error)) from error
-
-    def _unplug_port(self) -> None:
-        self._port.close()
-
-    def _descriptor(self) -> int:
-        return self._port.fileno()
-
-    def _read_port(self) -> list[bytes]:
-        try:
-            return self._port.receive()
-        except TransportError:
-            self._unplug()
-            return []
-
-    def _write_port(self, data: bytes) -> int:
-        try:
-            return len(data) if self._port.send(data) else 0
-        except TransportError:
-            self._unplug()
-            return 0
+        name = f'{group}:{port} at {interface_address}'
+        super().__init__(device, transport, name, seed=seed)
 
 
 def free_port() -> int:

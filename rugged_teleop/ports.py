@@ -26,6 +26,8 @@ from typing import Protocol
 from typing import TypeVar
 
 from bridge_core.transports import Frame
+from bridge_core.transports import Transport
+from bridge_core.transports import TransportError
 from rugged_teleop.faults import FaultyLine
 
 HELP = """\
@@ -366,3 +368,46 @@ def _number(text: str, high: float) -> float:
     if not 0.0 <= value <= high:
         raise ValueError(text)
     return value
+
+
+class TransportDevice(DevicePort):
+    """
+    A simulated device on one of the bridges' own transports.
+
+    Unplugged it has left its group or bus. One that is lost unplugs it too.
+
+    :param transport: not open yet.
+    """
+
+    def __init__(
+        self, device: Device, transport: Transport, name: str, *, seed: int | None = None
+    ) -> None:
+        self._transport = transport
+        super().__init__(device, name, seed=seed)
+
+    def _plug(self) -> None:
+        try:
+            self._transport.open()
+        except TransportError as error:
+            raise OSError(str(error)) from error
+
+    def _unplug_port(self) -> None:
+        self._transport.close()
+
+    def _descriptor(self) -> int:
+        return self._transport.fileno()
+
+    def _read_port(self) -> list[bytes]:
+        try:
+            return [self._pack(frame) for frame in self._transport.receive()]
+        except TransportError:
+            self._unplug()
+            return []
+
+    def _write_port(self, data: bytes) -> int:
+        frame = self._unpack(data)
+        try:
+            return len(data) if frame is None or self._transport.send(frame) else 0
+        except TransportError:
+            self._unplug()
+            return 0

@@ -77,4 +77,4 @@ class Station(MulticastDevice):
 
     def write(self, data: bytes) -> None:
         """Send a datagram that the simulator knows nothing of."""
-        self.call(lambda device, now: self._port.send(data))
+        self.call(lambda device, now: self._transport.send(data))

@@ -247,8 +247,9 @@ def test_commands_both_ways_each_once_though_acknowledgements_are_lost(bench: Be
     assert bench.command.last.layout.dim[0].label == '1'
     # The VRAO was lost, so the BU repeats.
     repeat = struct.pack('<H4x', 1) + b'\1\2' + bytes(14)
+    transport = bench.station._transport
     for _ in range(3):
-        bench.station.look(lambda unit: bench.station._port.send(unit._packet('VRCI', repeat)))
+        bench.station.look(lambda unit: transport.send(unit._packet('VRCI', repeat)))
     bench.wait(lambda: bench.value('commands repeated') == '3', 'the repeats')
     assert len(bench.command.messages) == 1
     send.publish(UInt8MultiArray(data=list(range(16))))
