@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from collections.abc import Sequence
+import gc
 import os
 import signal
 import sys
@@ -111,12 +112,15 @@ def _spin(nodes: Sequence[ManagedNode], end: _End) -> int:
     return max(statuses)
 
 
-def _leave(nodes: Sequence[ManagedNode]) -> None:
+def _leave(nodes: list[ManagedNode]) -> None:
     for node in nodes:
         node.shut_down()
-    for node in nodes:
-        node.destroy_node()
+    while nodes:
+        nodes.pop().destroy_node()
     rclpy.try_shutdown()
+    # Nodes are in reference cycles. Left to the collector, the middleware would end some time, in
+    # whichever thread allocates next, and its threads and descriptors would stay until then.
+    gc.collect()
 
 
 def _one_line(error: Exception) -> str:

@@ -1,12 +1,15 @@
 """Every test process gets a ROS domain and a log directory of its own, before rclpy can start."""
 
 from collections.abc import Iterator
+import gc
 import os
 from pathlib import Path
 import shutil
 import tempfile
 from typing import Any
 
+from hypothesis import HealthCheck
+from hypothesis import settings
 import pytest
 
 from test.can_rig import CanBus
@@ -19,6 +22,9 @@ from test.rig import Pty
 _LOG_DIR = tempfile.mkdtemp(prefix='rugged_teleop_log_')
 os.environ['ROS_LOG_DIR'] = _LOG_DIR
 own_domain()
+# No test asserts a speed, and an example that takes long is one on a busy machine.
+settings.register_profile('clockless', deadline=None, suppress_health_check=[HealthCheck.too_slow])
+settings.load_profile('clockless')
 
 
 def pytest_unconfigure() -> None:
@@ -30,6 +36,12 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     for item in items:
         if 'can_bus' in getattr(item, 'fixturenames', ()):
             item.add_marker('can_bus')
+
+
+def pytest_collection_finish() -> None:
+    """Set all that is loaded apart: a node's end has the collector run, which is to be quick."""
+    gc.collect()
+    gc.freeze()
 
 
 @pytest.fixture

@@ -200,6 +200,4 @@ class AnyOrder(RuleBasedStateMachine):
 
 
 TestAnyOrder = AnyOrder.TestCase
-TestAnyOrder.settings = hypothesis_settings(
-    max_examples=120, stateful_step_count=40, deadline=None
-)
+TestAnyOrder.settings = hypothesis_settings(max_examples=120, stateful_step_count=40)

@@ -532,7 +532,7 @@ REQUESTS = st.one_of(
 )
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 @given(st.lists(st.tuples(REQUESTS, st.floats(0.0, 0.4)), max_size=30))
 def test_vsc_gets_the_newest_of_all_whole_and_not_too_fast(
     requests: list[tuple[Any, float]],

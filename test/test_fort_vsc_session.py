@@ -731,7 +731,7 @@ def a_life(seed: int) -> None:
 
 
 @given(st.integers(0, 2**32))
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 def test_what_must_hold_in_any_life(seed: int) -> None:
     a_life(seed)
 

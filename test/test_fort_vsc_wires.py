@@ -65,7 +65,7 @@ def benches(**options: Any) -> dict[str, Bench]:
     }
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(
     st.lists(st.floats(-1.0, 1.0), min_size=6, max_size=6),
     st.sets(st.sampled_from(BUTTON_NAMES)).filter(
@@ -94,7 +94,7 @@ STEPS = st.sampled_from(
 )
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(st.lists(STEPS, max_size=12))
 def test_stops_modes_and_motion_are_the_same(steps: list[str]) -> None:
     told: dict[str, list[Any]] = {}

@@ -12,7 +12,6 @@ import math
 import random
 
 from hypothesis import given
-from hypothesis import settings
 from hypothesis import strategies as st
 import pytest
 
@@ -338,7 +337,6 @@ CUT = st.builds(lambda frame, size: frame[:size], GOOD, st.integers(1, 45))
 STREAMS = st.lists(NOISE | GOOD | CUT, max_size=12).map(b''.join)
 
 
-@settings(deadline=None)
 @given(STREAMS, st.lists(st.integers(0, 400), max_size=8))
 def test_any_split_gives_the_same_frames_and_counts(stream: bytes, cuts: list[int]) -> None:
     places = [0, *sorted(min(cut, len(stream)) for cut in cuts), len(stream)]
@@ -349,7 +347,6 @@ def test_any_split_gives_the_same_frames_and_counts(stream: bytes, cuts: list[in
     assert 0 <= pending(split, frames) < LONG.max_size
 
 
-@settings(deadline=None)
 @given(st.lists(st.tuples(STREAMS, st.floats(0.0, 0.2)), max_size=10))
 def test_every_byte_is_accounted_for_at_any_time(pieces: list[tuple[bytes, float]]) -> None:
     parser, now, frames = StreamParser(LONG), 1.0, list[bytes]()
@@ -364,7 +361,6 @@ def test_every_byte_is_accounted_for_at_any_time(pieces: list[tuple[bytes, float
     assert all(checked(frame) for frame in frames)
 
 
-@settings(deadline=None)
 @given(STREAMS, GOOD)
 def test_after_any_stream_and_a_pause_a_good_frame_comes_through(
     stream: bytes, good: bytes

@@ -327,4 +327,4 @@ class Stories(RuleBasedStateMachine):
 
 
 TestStories = Stories.TestCase
-TestStories.settings = settings(max_examples=100, stateful_step_count=50, deadline=None)
+TestStories.settings = settings(max_examples=100, stateful_step_count=50)

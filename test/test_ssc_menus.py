@@ -373,7 +373,7 @@ def test_unit_locked_out_after_the_restart_leaves_it_uncertain() -> None:
 # Truth, whatever happens.
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(at=st.integers(0, 520), bit=st.integers(0, 7))
 def test_flipped_bit_to_the_unit_is_never_hidden(at: int, bit: int) -> None:
     bench = Bench(to_unit=flip(at, bit))
@@ -381,7 +381,7 @@ def test_flipped_bit_to_the_unit_is_never_hidden(at: int, bit: int) -> None:
     bench.assert_truth()
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(at=st.integers(0, 8000), bit=st.integers(0, 7))
 def test_flipped_bit_from_the_unit_is_never_hidden(at: int, bit: int) -> None:
     bench = Bench(Simulator(Settings(config_id=42, rates=[0] * 5)), from_unit=flip(at, bit))
@@ -389,7 +389,7 @@ def test_flipped_bit_from_the_unit_is_never_hidden(at: int, bit: int) -> None:
     bench.assert_truth()
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(at=st.integers(0, 520))
 def test_lost_byte_to_the_unit_is_never_hidden(at: int) -> None:
     bench = Bench(to_unit=lose(at))
@@ -405,7 +405,7 @@ def test_d_that_becomes_e_is_told() -> None:
     assert bench.unit.standing is Standing.GARBLED
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(at=st.floats(0.0, 19.0))
 def test_unplugged_at_any_moment_is_told_truthfully(at: float) -> None:
     bench = Bench(unplug_at=at)
@@ -422,7 +422,7 @@ def test_unplugged_in_the_middle_of_an_image_may_leave_part_of_it() -> None:
     assert bench.simulator.memory.stored == bench.before
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(at=st.floats(0.0, 19.0))
 def test_interrupted_at_any_moment_ends_outside_the_menus_and_truthfully(at: float) -> None:
     bench = Bench(cancel_at=at)
@@ -434,7 +434,7 @@ def test_interrupted_at_any_moment_ends_outside_the_menus_and_truthfully(at: flo
     assert bench.drives
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 @given(data=st.lists(st.binary(max_size=200), max_size=20))
 def test_garbage_for_an_answer_raises_nothing_and_changes_nothing(data: list[bytes]) -> None:
     dialogue = Dialogue(Maintenance().restore(GOLDEN))

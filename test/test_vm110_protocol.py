@@ -6,7 +6,6 @@ import struct
 from typing import Any
 
 from hypothesis import given
-from hypothesis import settings
 from hypothesis import strategies as st
 import pytest
 
@@ -290,7 +289,6 @@ MESSAGES = st.one_of(
 
 
 @given(MESSAGES, U16, U16, st.sampled_from(Crc))
-@settings(deadline=None)
 def test_round_trip(message: Message, serial: int, origin: int, crc: Crc) -> None:
     frame = Frame.from_bytes(build_frame(message, serial, crc, origin), crc)
     assert (decode(frame), frame.serial, frame.origin) == (message, serial, origin)

@@ -894,7 +894,7 @@ def test_ten_thousand_mutated_datagrams_release_no_stop_and_move_nothing() -> No
 
 
 @given(st.integers(0, 2**32))
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 def test_what_must_hold_in_any_life(seed: int) -> None:
     source = random.Random(seed)
     bench = Bench(explicit_acknowledge=source.random() < 0.5)
