@@ -28,7 +28,7 @@ setup(
     license='Apache-2.0',
     python_requires='>=3.10',
     # ROS is not listed: where it is installed it is used as it is, elsewhere see requirements.txt.
-    install_requires=['setuptools', 'pyserial>=3.5', 'PyYAML'],
+    install_requires=['setuptools', 'pyserial>=3.5', 'python-can>=4.3', 'PyYAML'],
     packages=find_packages(exclude=('test', 'test.*', 'benchmarks', 'benchmarks.*')),
     package_data={'': ['py.typed']},
     zip_safe=False,
