@@ -98,10 +98,15 @@ GRIPS = {
 
 
 class Actor:
-    """Acts on a stage. Every method that waits raises Missed where it waits in vain."""
+    """
+    Acts on a stage. Every method that waits raises Missed where it waits in vain.
 
-    def __init__(self, stage: Stage) -> None:
+    :param patience: what all limits are multiplied by, for a machine that is busy with other work.
+    """
+
+    def __init__(self, stage: Stage, patience: float = 1.0) -> None:
         self.stage = stage
+        self.patience = patience
         self.watcher = stage.watcher
         self.reactions: list[Reaction] = []
         self.time_outs = 0  # stops that nobody asked for
@@ -119,7 +124,8 @@ class Actor:
         otherwise: Callable[[], str] | None = None,
         limit: float = _WAIT,
     ) -> None:
-        """Wait until it is true, at most ``limit`` s; ``otherwise`` says what is the case then."""
+        """Wait until it is true, ``limit`` s at most; ``otherwise`` says what is the case then."""
+        limit *= self.patience
         end = time.monotonic() + limit
         while not condition():
             self.stage.check()
@@ -417,12 +423,16 @@ class Actor:
         seconds = found - self.caused_at
         self.reactions.append(Reaction(cause, seconds, limit))
         took = f'{what} {seconds * 1e3:.1f} ms after the cause'
-        if seconds > limit + self._late:
-            raise Late(
-                f'{took}, allowed are {limit * 1e3:.0f} ms, and {self._late * 1e3:.0f} ms '
-                'by which this machine was late for us too'
-            )
+        self.check_limit(took, seconds, limit)
         return took
+
+    def check_limit(self, took: str, seconds: float, limit: float) -> None:
+        """Raise Late if it took longer than allowed, and than this process was woken too late."""
+        if seconds > limit * self.patience + self._late:
+            raise Late(
+                f'{took}, allowed are {limit * self.patience * 1e3:.0f} ms, and '
+                f'{self._late * 1e3:.0f} ms by which this machine was late for us too'
+            )
 
     def _first_disable(self, since: float) -> float:
         packets = self.stage.packets(since)

@@ -141,8 +141,7 @@ class Handover(Actor):
             raise Missed('it did not pass through zero on a ramp, or was disabled on the way')
         took = zero.at - at
         self.reactions.append(Reaction("FORT's takeover, until zero", took, RAMP_LIMIT))
-        if took > RAMP_LIMIT + self._late:
-            raise Missed(f'at zero only {took * 1e3:.0f} ms after the deadman')
+        self.check_limit(f'at zero {took * 1e3:.0f} ms after the deadman', took, RAMP_LIMIT)
         return f'at zero after {took * 1e3:.1f} ms, then the other way'
 
     def stop_unit(self) -> str:

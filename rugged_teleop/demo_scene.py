@@ -39,8 +39,10 @@ class Scene(Handover, Further):
     :param say: prints a line.
     """
 
-    def __init__(self, stage: Stage, say: Callable[[str], None] = print) -> None:
-        super().__init__(stage)
+    def __init__(
+        self, stage: Stage, say: Callable[[str], None] = print, patience: float = 1.0
+    ) -> None:
+        super().__init__(stage, patience)
         self._say = say
 
     @property

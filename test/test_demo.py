@@ -84,11 +84,11 @@ def test_two_demos_get_different_domains(monkeypatch: pytest.MonkeyPatch) -> Non
 # A scene that can fail: what it must notice.
 
 
-def stop_with(delay: float, *, again: bool = False) -> str:
+def stop_with(delay: float, *, again: bool = False, patience: float = 1.0) -> str:
     """Let the scene measure a stop whose first disable packet comes ``delay`` s after it."""
     now = time.monotonic()
     stage = FakeStage(Packet(now - 0.01, TURN))
-    actor: Any = Actor(stage)  # type: ignore[arg-type]
+    actor: Any = Actor(stage, patience)  # type: ignore[arg-type]
     actor._sleep = lambda: None  # nobody was late
 
     def act() -> float:
@@ -107,6 +107,9 @@ def test_stop_in_time_is_measured() -> None:
 def test_stop_that_comes_too_late_is_missed() -> None:
     with pytest.raises(Missed, match=r'disabled 200.0 ms .* allowed are 150 ms'):
         stop_with(0.2)
+    with pytest.raises(Missed, match=r'disabled 310.0 ms .* allowed are 300 ms'):
+        stop_with(0.31, patience=2.0)
+    assert 'disabled 290.0 ms' in stop_with(0.29, patience=2.0)
 
 
 def test_late_stop_is_tried_again_and_told_but_not_for_ever() -> None:
@@ -259,6 +262,16 @@ def test_live_view_without_a_terminal_is_one_line_and_status_2(
     assert '--once' in error
 
 
+@pytest.mark.parametrize('patience', ['0.5', 'nan', 'much'])
+def test_patience_is_a_factor_of_1_or_more(
+    patience: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit) as caught:
+        demo.main(['--once', '--patience', patience])
+    assert caught.value.code == 2
+    assert '--patience' in capsys.readouterr().err
+
+
 def test_demo_without_msgpack_names_it_in_one_line(tmp_path: Path) -> None:
     """ROS brings python-can without it, and the monitor's bus needs it."""
     (tmp_path / 'msgpack.py').write_text("raise ImportError('there is none')\n")
@@ -289,12 +302,12 @@ def scratch_environment(tmp_path: Path) -> dict[str, str]:
 
 def test_scene_holds_and_leaves_nothing_behind(tmp_path: Path) -> None:
     result = subprocess.run(
-        [sys.executable, '-m', 'rugged_teleop.demo', '--once'],
+        [sys.executable, '-m', 'rugged_teleop.demo', '--once', '--patience', '8'],
         cwd=ROOT,
         env=scratch_environment(tmp_path),
         capture_output=True,
         text=True,
-        timeout=180.0,
+        timeout=280.0,
     )
     assert result.returncode == 0, result.stdout + result.stderr
     assert 'FAILED' not in result.stdout
