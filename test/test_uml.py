@@ -8,6 +8,7 @@ sets it.
 
 from __future__ import annotations
 
+import contextlib
 import faulthandler
 import json
 import os
@@ -29,6 +30,7 @@ from test.rig import ROOT
 _KERNEL = 'linux.uml'
 _MODULES = Path('/usr/lib/uml/modules')
 _INSTALL = 'apt install user-mode-linux iproute2'
+_MEMORY = 1024  # MiB
 _LONGEST = 900.0  # seconds a file; a single test in there hangs after 300
 _ARGUMENTS = ('-m', 'can_bus', '-o', 'faulthandler_timeout=300')
 
@@ -86,7 +88,7 @@ def run_inside(directory: Path, arguments: list[str]) -> str:
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,
         start_new_session=True,
-        env={**os.environ, 'PATH': _path()},
+        env={**os.environ, **memory_file(directory), 'PATH': _path()},
     )
     try:
         console = process.communicate(timeout=_LONGEST)[0]
@@ -107,10 +109,18 @@ def kernel_command(directory: Path) -> list[str]:
     )
     script.chmod(0o755)
     return [
-        *(_KERNEL, 'mem=1024M', f'uml_dir={directory}/', 'quiet'),
+        *(_KERNEL, f'mem={_MEMORY}M', f'uml_dir={directory}/', 'quiet'),
         *('root=/dev/root', 'rootfstype=hostfs', 'rootflags=/', 'ro', f'init={script}'),
         *('con=null', 'con0=null,fd:1'),
     ]
+
+
+def memory_file(directory: Path) -> dict[str, str]:
+    """Return what has the kernel put its memory on disk where /dev/shm is too small for it."""
+    with contextlib.suppress(OSError):
+        if shutil.disk_usage('/dev/shm').free > _MEMORY << 20:
+            return {}
+    return {'TMPDIR': str(directory)}
 
 
 def passed_in(report: Path) -> int:
