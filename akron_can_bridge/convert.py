@@ -168,7 +168,7 @@ def limits(
 
 
 def _stops(position: PositionLimit, device_type: int) -> dict[str, str]:
-    """Return the hard stops of the axes that the device has, with what its axes are used for."""
+    """Return all hard stops, named by what the axes of the device are used for."""
     usage = [way for axis in AXIS_USAGE.get(device_type, ()) for way in axis]
     names = [
         f'{name} ({way})' if way else name

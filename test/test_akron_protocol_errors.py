@@ -72,6 +72,7 @@ OFF, ON, ERROR, ABSENT = Status
         lambda: PositionLimit(Position(0), Position(0), (OFF,) * 10, OFF, 9),  # type: ignore[arg-type]
         lambda: RotationSoftLimits(0.0, 3276.8),
         lambda: RotationSoftLimits(math.nan, 0.0),
+        lambda: RotationSoftLimits(0.0, math.inf),
         lambda: ElevationSoftLimits(-3276.9, 0.0),
         lambda: DigitalOutputs(Output(0), 4),
         lambda: FaultStatus(Fault(0), 0x10000),
@@ -90,7 +91,7 @@ OFF, ON, ERROR, ABSENT = Status
         lambda: AddressAnnouncement('9999AE100801035'),
         lambda: AddressAnnouncement('1032 E100801035'),
         lambda: AddressAnnouncement('1032AE637671947'),
-        lambda: protocol.check_pin('4096AE100801035'),
+        lambda: AddressAnnouncement('4096AE100801035'),
     ],
 )
 def test_own_bad_value_is_refused_when_made(make: Any) -> None:

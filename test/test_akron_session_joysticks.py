@@ -41,6 +41,15 @@ def test_any_other_sender_is_a_stop_even_at_rest(source: int, pgn: int) -> None:
     assert bench.all_neutral(start + 1e-9)
 
 
+@pytest.mark.parametrize('size', range(8))
+@pytest.mark.parametrize('pgn', [0xFDD6, 0xFDD7])
+def test_sender_of_short_frames_is_a_stop_too(pgn: int, size: int) -> None:
+    bench = Bench(joy_source=0x33).find_unit()
+    assert heard(bench, BASIC[: 2 * size], pgn=pgn) == []
+    assert 'foreign joystick' in bench.session.stop_reasons(bench.now)[0]
+    assert bench.session.counters.malformed == 1
+
+
 @pytest.mark.parametrize('pgn', [0xFDD6, 0xFDD7])
 def test_the_trap_of_the_vsc_is_called_by_its_name(pgn: int) -> None:
     bench = Bench().find_unit()

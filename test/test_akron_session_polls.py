@@ -42,6 +42,40 @@ def test_operational_error_has_the_faults_polled_at_once_and_every_second() -> N
     assert bench.asked(start) == []
 
 
+def answered(bench: Bench, seconds: float) -> int:
+    """Have a unit without type 01 answer fault polls; return how many there were."""
+    start = bench.now + 1e-9
+    for _ in range(round(seconds / 0.1)):
+        before = bench.now + 1e-9
+        bench.wait(0.1)
+        bench.take(OUTPUTS, *[NO_FAULTS] * bench.asked(before).count('02'))
+    return bench.asked(start).count('02')
+
+
+def test_faults_of_a_unit_without_type_01_are_polled_every_second() -> None:
+    bench = Bench(device_type=1052)
+    bench.open()
+    bench.take(ef('FF83150726021A0B'), OUTPUTS, NO_FAULTS)  # digits 1-4: 1052 = 41C hex
+    assert answered(bench, 5.0) in (4, 5)
+    assert not bench.session.estop
+    bench.take(faults(2))
+    assert 'motor axis 1 fault' in bench.session.stop_reasons(bench.now)[0]
+
+
+def test_faults_are_polled_again_once_type_01_ceases() -> None:
+    bench = Bench().find_unit()
+    bench.run(2.0)
+    assert answered(bench, 3.0) in (2, 3)
+
+
+def test_faults_told_before_the_error_do_not_delay_the_poll() -> None:
+    bench = Bench().find_unit()
+    bench.run(2.0)
+    start = bench.now
+    bench.take(OPERATIONAL_ERROR, NO_FAULTS)
+    assert bench.asked(start) == ['02']
+
+
 def test_faults_that_are_not_answered_are_not_known() -> None:
     bench = Bench().find_unit()
     bench.take(OPERATIONAL_ERROR)

@@ -224,6 +224,18 @@ def test_mini_universal_as_the_unit_reports_its_fault() -> None:
     assert 'device faulted' in bench.session.stop_reasons(bench.now)[0]
     bench.take(ef('848002', 0x82), ef('848002', 0x81), ef('84C000', 0x82))
     assert not bench.session.estop
+    bench.take(ef('FF83150266021A0B', 0x90), ef('84C000', 0x90))  # from its next address
+    assert bench.session.estop
+
+
+@pytest.mark.parametrize('options', [{'device_type': 1033}, {'device_pin': '1033AE100801035'}])
+def test_another_mini_universal_never_vouches_for_ours(options: dict[str, Any]) -> None:
+    bench = Bench(**options)
+    bench.open()
+    bench.take(ef('848002', 0x82), ef('FF83150266021A0B', 0x81))
+    assert bench.session.estop
+    bench.take(ef('84C000', 0x81))
+    assert 'device faulted' in bench.session.stop_reasons(bench.now)[0]
 
 
 # -- noise ----------------------------------------------------------------------------------------
@@ -288,6 +300,8 @@ def test_mutated_frames_raise_nothing_and_move_nothing() -> None:
         {'allowed_joysticks': frozenset({0x38})},
         {'device_pin': '1032'},
         {'device_pin': 'A032AE100801035'},
+        {'device_pin': '1032\x00\x00100801035'},
+        {'device_pin': '1035AE100801035'},  # a joystick
         {'device_type': 1035},
         {'link_timeout': 0.1},
         {'link_timeout': math.nan},

@@ -46,11 +46,11 @@ byte first: 12 of 0.1 degree, then positive and negative status.
 from akron_can_bridge.protocol.broadcasts import AddressAnnouncement
 from akron_can_bridge.protocol.broadcasts import AsciiPipe
 from akron_can_bridge.protocol.broadcasts import AsciiPipeAcknowledgement
-from akron_can_bridge.protocol.broadcasts import check_pin
 from akron_can_bridge.protocol.broadcasts import DiagnosticData
 from akron_can_bridge.protocol.broadcasts import DigitalInputs
 from akron_can_bridge.protocol.broadcasts import DigitalOutputs
 from akron_can_bridge.protocol.broadcasts import ElevationSoftLimits
+from akron_can_bridge.protocol.broadcasts import is_pin
 from akron_can_bridge.protocol.broadcasts import MiniOutputs
 from akron_can_bridge.protocol.broadcasts import PERMISSIVE_PERIOD
 from akron_can_bridge.protocol.broadcasts import PERMISSIVE_TIMEOUT
@@ -185,8 +185,8 @@ __all__ = [
     'VistaPosition',
     'Writable',
     'ZeroPositions',
-    'check_pin',
     'decode',
     'flag_names',
+    'is_pin',
     'pcode_name',
 ]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+import math
 import re
 import struct
 
@@ -78,6 +79,8 @@ class PositionLimit(Writable):
 
 def _tenths(what: str, degrees: float) -> int:
     """Return an angle in 0.1 degree. :raises ValueError: it does not fit 16 bits."""
+    if not math.isfinite(degrees):
+        raise ValueError(f'{what} must be a number of degrees, not {degrees}')
     tenths = round(degrees * 10)
     check_range(f'{what} (0.1 degree)', tenths, -0x8000, 0x7FFF)
     return tenths
@@ -200,10 +203,9 @@ class SoePermissive(Sendable):
         return _PERMISSIVE.pack(self.permitted)
 
 
-def check_pin(pin: str) -> None:
-    """Let a PIN pass. :raises ValueError: it is not 4 digits, 2 characters and 9 digits."""
-    if not _PIN.fullmatch(pin) or int(pin[:4]) > 0xFFF:
-        raise ValueError(f'a PIN is such as 1032AE100801035, not {pin!r}')
+def is_pin(text: str) -> bool:
+    """Tell whether this is 4 digits up to 4095, 2 characters and 9 digits."""
+    return _PIN.fullmatch(text) is not None and int(text[:4]) <= 0xFFF
 
 
 @dataclass(frozen=True, slots=True)
@@ -223,7 +225,8 @@ class AddressAnnouncement(Writable):
     top_bit: bool = False
 
     def __post_init__(self) -> None:
-        check_pin(self.pin)
+        if not is_pin(self.pin):
+            raise ValueError(f'a PIN is such as 1032AE100801035, not {self.pin!r}')
         check_range('digits 7-15 of a PIN', int(self.pin[6:]), 0, _PIN_TOP_BIT - 1)
 
     @property

@@ -56,14 +56,16 @@ class Joysticks:
         self._extended_heard.reset()
         self.faulty = ()
 
+    def hear(self, sender: J1939Id, now: float) -> None:
+        """Note a sender, be its data sound or not: a unit may be less strict than we are."""
+        if sender.source in JOYSTICK_ADDRESSES:
+            self._heard[sender.source] = (now, sender.identifier)
+
     def take(
-        self, message: BasicJoystick | ExtendedJoystick, sender: J1939Id, now: float
+        self, message: BasicJoystick | ExtendedJoystick, source: int, now: float
     ) -> list[Sticks]:
-        """Take a frame; return what to tell of it."""
-        if sender.source not in JOYSTICK_ADDRESSES:
-            return []
-        self._heard[sender.source] = (now, sender.identifier)
-        if sender.source != self._settings.joy_source:
+        """Take a sound frame; return what to tell of it."""
+        if source != self._settings.joy_source:
             return []
         if isinstance(message, ExtendedJoystick):
             self._extended = message

@@ -110,7 +110,7 @@ class Session:
         self._limits, self._outputs = LimitsChanged(), OutputsChanged()  # as told last
         self._in_error = False  # type 01 says operational error
         self._faults_told: tuple[str, ...] = ()
-        self._faults_due = math.inf
+        self._faults_at = -math.inf  # when they were asked for or told
         self._vista: Pacer | None = None
         if self.settings.vista_rate:
             self._vista = Pacer(1.0 / self.settings.vista_rate)
@@ -262,7 +262,7 @@ class Session:
 
     def _meet(self, now: float) -> None:
         """Ask what is asked of a unit that is heard for the first time, or again."""
-        self._faults_due = now
+        self._faults_at = -math.inf
         if not self.unit.versions_known:
             self._asker.start(Request.POLL_VERSIONS, now)
         if self._vista is not None:
@@ -281,11 +281,11 @@ class Session:
         frames = []
         if self.finder.request_due(now, heard=self.link_up):
             frames.append(FieldRequest().to_frame(source))
-        if self.link_up and now >= self._faults_due:
-            self._faults_due = now + FAULT_PERIOD
+        if self._wants_faults(now):
+            self._faults_at = now
             self._asker.start(Request.POLL_FAULTS, now)
         answers, messages = self._asker.poll(now)
-        self._take_answers(answers, now)
+        self._take_answers(answers)
         if unit is None:
             return frames
         if self._vista is not None and self.link_up and self._vista.is_due(now):
@@ -293,11 +293,17 @@ class Session:
             messages.append(VistaPoll())
         return frames + [message.to_frame(source, unit) for message in messages]
 
-    def _take_answers(self, answers: Sequence[Answer], now: float) -> None:
+    def _wants_faults(self, now: float) -> bool:
+        """Tell whether a fault poll is due: all is not well, or no type 01 would say so."""
+        if not self.link_up or now < self._faults_at + FAULT_PERIOD:
+            return False
+        is_told = self.unit.broadcast(PositionLimit, now) is not None
+        return self._in_error or self.unit.faults != _NO_FAULT or not is_told
+
+    def _take_answers(self, answers: Sequence[Answer]) -> None:
         for answer in answers:
             if answer.request is Request.POLL_FAULTS and not answer.success:
                 self.unit.faults = None
-                self._faults_due = min(self._faults_due, now + FAULT_PERIOD)
         self._events += answers
 
     def _take_events(self) -> list[Event]:
@@ -308,6 +314,8 @@ class Session:
 
     def _take(self, frame: CanFrame, sender: J1939Id, now: float) -> None:
         """Hand each message to whom it concerns; count what is none."""
+        if sender.pgn in _JOYSTICK_PGNS:
+            self.joysticks.hear(sender, now)
         try:
             message = decode(frame).message
         except FrameError:
@@ -316,7 +324,7 @@ class Session:
         if isinstance(message, Unknown):
             self.counters.unknown_types += 1
         elif isinstance(message, BasicJoystick | ExtendedJoystick):
-            self._events += self.joysticks.take(message, sender, now)
+            self._events += self.joysticks.take(message, sender.source, now)
         elif isinstance(message, Name):
             self._unit_changed(self.finder.claimed(sender.source, message, now))
         else:
@@ -335,36 +343,36 @@ class Session:
             self._unit_changed(self.finder.announced(source, message, now))
         if source == self.finder.address:
             self.unit.heard.feed(now)
-            self._take_status(message, source, now)
+            self._take_status(message, now)
         elif isinstance(message, DigitalInputs) or (
             isinstance(message, MiniOutputs) and not self._is_mini
         ):
-            self.unit.take(message, source, now)
+            self.unit.take(message, now, neighbour=source)
 
     @property
     def _is_mini(self) -> bool:
-        return self.finder.unit is not None and self.finder.unit.device_type == MINI_UNIVERSAL
+        return self.settings.unit_type == MINI_UNIVERSAL
 
-    def _take_status(self, message: Message, source: int, now: float) -> None:
+    def _take_status(self, message: Message, now: float) -> None:
         """Take what our unit says."""
-        self.unit.take(message, source, now)
+        self.unit.take(message, now)
         if isinstance(message, PositionLimit):
-            self._take_position(message, now)
+            self._take_position(message)
         elif isinstance(message, FaultStatus):
-            self._take_faults(message)
-        self._take_answers(self._asker.answered(message), now)
+            self._take_faults(message, now)
+        self._take_answers(self._asker.answered(message))
 
-    def _take_position(self, message: PositionLimit, now: float) -> None:
+    def _take_position(self, message: PositionLimit) -> None:
         in_error = message.operational_error in (Status.ON, Status.ERROR)
         if in_error and not self._in_error:
-            self._faults_due = now
+            self._faults_at = -math.inf
         self._in_error = in_error
         self._events.append(Positions(message.rotation.radians, message.elevation.radians))
 
-    def _take_faults(self, message: FaultStatus) -> None:
+    def _take_faults(self, message: FaultStatus, now: float) -> None:
         self.unit.faults = message
-        if message == _NO_FAULT and not self._in_error:
-            self._faults_due = math.inf
+        if not self._in_error:  # or it may be older than the error
+            self._faults_at = now
         faults = () if message == _NO_FAULT else (in_words(message),)
         if faults != self._faults_told:
             self._faults_told = faults

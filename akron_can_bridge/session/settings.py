@@ -7,6 +7,7 @@ from enum import Enum
 import math
 
 from akron_can_bridge.protocol import AXIS_USAGE
+from akron_can_bridge.protocol import is_pin
 from akron_can_bridge.protocol import JOYSTICK_ADDRESSES
 
 CONTROLLERS = tuple(AXIS_USAGE)  # those that obey joysticks (Appendix B) and send type 83
@@ -81,6 +82,11 @@ class Settings:
             raise ValueError('joy_source and allowed_joysticks cannot be our source_address')
         check_unit(self.device_pin, self.device_type)
 
+    @property
+    def unit_type(self) -> int:
+        """The first four digits of the wanted unit's PIN; 0: those of any controller."""
+        return int(self.device_pin[:4]) if self.device_pin else self.device_type
+
 
 def check_joystick(name: str, address: int, *, none: bool = False) -> None:
     """Let a joystick's address pass, and 0 if ``none``. :raises ValueError: for any other."""
@@ -91,10 +97,11 @@ def check_joystick(name: str, address: int, *, none: bool = False) -> None:
 
 def check_unit(pin: str, device_type: int) -> None:
     """Let a PIN and a type pass. :raises ValueError: for one that no unit can have."""
-    if pin and not (len(pin) == 15 and pin.isascii() and (pin[:4] + pin[6:]).isdigit()):
+    known = ', '.join(map(str, UNIT_TYPES))
+    if pin and not (is_pin(pin) and int(pin[:4]) in UNIT_TYPES):
         raise ValueError(
-            f"device_pin must be 15 characters such as '1032AE100801035', not {pin!r}"
+            f"device_pin must be 15 characters such as '1032AE100801035' that begin with one of "
+            f'{known}, not {pin!r}'
         )
     if device_type not in (0, *UNIT_TYPES):
-        known = ', '.join(map(str, UNIT_TYPES))
         raise ValueError(f'device_type must be 0 or one of {known}, not {device_type}')

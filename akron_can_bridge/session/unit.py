@@ -27,8 +27,6 @@ _BROADCASTS = (
     *(PositionLimit, RotationSoftLimits, ElevationSoftLimits),
     *(DigitalOutputs, MiniOutputs, DigitalInputs),
 )
-# Units of the bus rather than of the monitor: a riser's controller, an I/O module.
-NEIGHBOURS = (MiniOutputs, DigitalInputs)
 VERSIONS = (FirmwareVersion, PcodeVersion, ConfigVersion)
 _KEPT = (*VERSIONS, VistaData, VistaPosition, AsciiPipe, DiagnosticData)
 M = TypeVar('M', bound=Message)
@@ -40,13 +38,13 @@ class _Broadcast:
     def __init__(self, timeout: float) -> None:
         self._heard = Watchdog(timeout)
         self._message: Message | None = None
-        self._source = 0
+        self._neighbour: int | None = None
 
-    def take(self, message: Message, source: int, now: float) -> None:
+    def take(self, message: Message, now: float, neighbour: int | None) -> None:
         """Keep the message; of neighbours, that of the first while it is fresh."""
-        if isinstance(message, NEIGHBOURS) and source != self._source and self.get(now):
+        if neighbour not in (None, self._neighbour) and self.get(now):
             return
-        self._message, self._source = message, source
+        self._message, self._neighbour = message, neighbour
         self._heard.feed(now)
 
     def get(self, now: float) -> Message | None:
@@ -73,11 +71,11 @@ class Unit:
         }
         self._kept: dict[type[Message], Message] = {}
 
-    def take(self, message: Message, source: int, now: float) -> None:
-        """Keep what a message says."""
+    def take(self, message: Message, now: float, *, neighbour: int | None = None) -> None:
+        """Keep what a message says. :param neighbour: its sender, where that is not the unit."""
         kind = type(message)
         if kind in self._broadcasts:
-            self._broadcasts[kind].take(message, source, now)
+            self._broadcasts[kind].take(message, now, neighbour)
         elif kind in _KEPT:
             self._kept[kind] = message
 
