@@ -106,6 +106,12 @@ def test_two_units_share_a_bus() -> None:
     assert len(set(announced)) == 2
 
 
+def test_twins_do_not_chase_each_other_round_the_addresses() -> None:
+    bus = Bus(Simulator(), Simulator()).run(1.0)
+    assert len(bus.of('18EEFF80')) == 2
+    assert bus.of('18EEFF81') == []
+
+
 def test_robs_nobody_of_an_address_but_the_wanted_one() -> None:
     unit = Simulator()
     bus = Bus(unit).run(0.0)

@@ -59,6 +59,8 @@ class Claim:
 
     def take(self, source: int, name: bytes, now: float) -> None:
         """Hear another device claim an address; it leaves the one that it had."""
+        if name == self.name.data:
+            return  # a twin or an echo: no rule says who yields, and both would, without end
         self._others = {place: held for place, held in self._others.items() if held != name}
         if source != self.address or source == NULL_ADDRESS:
             self._others[source] = name
