@@ -66,10 +66,10 @@ class AkronCanBridge(BridgeNode):
 
     def create_interfaces(self) -> None:
         """Create what the manual's messages become."""
-        self._joint_states = self.create_publisher(JointState, '~/joint_states', 10)
-        self._joy = self.create_publisher(Joy, '~/joy', 10)
-        self._limits = self.create_publisher(DiagnosticStatus, '~/limits', latched_qos())
-        self._outputs = self.create_publisher(DiagnosticStatus, '~/outputs', latched_qos())
+        self._joint_states = self.publisher(JointState, '~/joint_states', 10)
+        self._joy = self.publisher(Joy, '~/joy', 10)
+        self._limits = self.publisher(DiagnosticStatus, '~/limits', latched_qos())
+        self._outputs = self.publisher(DiagnosticStatus, '~/outputs', latched_qos())
         self.create_subscription(Joy, '~/cmd_joy', self._on_cmd_joy, _COMMAND_QOS)
         self.create_subscription(Bool, '~/estop_in', self._on_estop_in, _STOP_QOS)
         self.create_service(
@@ -124,9 +124,11 @@ class AkronCanBridge(BridgeNode):
         elif isinstance(event, Answer):
             self._answer(event)
         elif isinstance(event, UnitChanged):
-            self.get_logger().info(event.text)
+            self.outbox.post(lambda: self.get_logger().info(event.text))
         elif isinstance(event, Stopped):
-            self.get_logger().warning(f'neutral: {"; ".join(event.reasons)}')
+            self.outbox.post(
+                lambda: self.get_logger().warning(f'neutral: {"; ".join(event.reasons)}')
+            )
         elif isinstance(event, FaultsChanged):
             self._log_faults(event)
 
@@ -167,9 +169,11 @@ class AkronCanBridge(BridgeNode):
 
     def _log_faults(self, event: FaultsChanged) -> None:
         if event.faults:
-            self.get_logger().error(f'the unit reports {"; ".join(event.faults)}')
+            self.outbox.post(
+                lambda: self.get_logger().error(f'the unit reports {"; ".join(event.faults)}')
+            )
         else:
-            self.get_logger().info('the unit reports no fault any more')
+            self.outbox.post(lambda: self.get_logger().info('the unit reports no fault any more'))
 
     def _header(self) -> tuple[Any, str]:
         return self.stamp(), self.values['frame_id']

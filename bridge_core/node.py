@@ -29,6 +29,7 @@ from bridge_core.diagnostics import ERROR
 from bridge_core.diagnostics import OK
 from bridge_core.diagnostics import Status
 from bridge_core.diagnostics import WARN
+from bridge_core.outbox import Outbox
 from bridge_core.parameters import Parameter
 from bridge_core.parameters import ParameterError
 from bridge_core.parameters import resolve
@@ -70,6 +71,7 @@ BRIDGE_PARAMETERS = (
 # ROS declares these by itself; nobody else may use an unknown name.
 _ROS_PARAMETERS = ('use_sim_time', 'start_type_description_service')
 _DIAGNOSTICS_PERIOD = 1.0
+_LAST_WORDS_TIME = 0.3  # s
 
 
 def latched_qos(deadline: float | None = None) -> QoSProfile:
@@ -167,19 +169,21 @@ class BridgeNode(ManagedNode):
     A node that joins one device: the room adds its session, its transport and its topics.
 
     Callbacks of the executor never touch the session: they post requests to ``self.link``.
-    ``on_event`` and ``device_status`` run on the link thread.
+    ``on_event`` and ``device_status`` run on the link thread, which never waits for the
+    middleware: publishers come from ``publisher``, and logs there go by ``self.outbox``.
     """
 
     PARAMETERS: ClassVar[tuple[Parameter, ...]] = BRIDGE_PARAMETERS
 
     def __init__(self, name: str, **options: Any) -> None:
         super().__init__(name, **options)
+        self.outbox = Outbox(f'{name} outbox')
         period = 1.0 / self.values['estop_rate']
         qos = latched_qos(deadline=2.0 * period)
-        self._estop_publisher = self.create_publisher(Bool, '~/estop', qos)
-        self._own_estop_publisher = self.create_publisher(Bool, '~/own_estop', qos)
-        self._link_up_publisher = self.create_publisher(Bool, '~/link_up', latched_qos())
-        self._diagnostics_publisher = self.create_publisher(DiagnosticArray, '/diagnostics', 10)
+        self._estop_publisher = self.publisher(Bool, '~/estop', qos)
+        self._own_estop_publisher = self.publisher(Bool, '~/own_estop', qos)
+        self._link_up_publisher = self.publisher(Bool, '~/link_up', latched_qos())
+        self._diagnostics_publisher = self.publisher(DiagnosticArray, '/diagnostics', 10)
         self._period = period
         self._repeat_at = self._diagnose_at = 0.0
         self._told: tuple[bool, bool, bool] | None = None
@@ -190,6 +194,10 @@ class BridgeNode(ManagedNode):
         self.link = Link(name, self, reconnect_period=self.values['reconnect_period'])
         self.create_interfaces()
         self.link.start()
+
+    def publisher(self, kind: type, topic: str, qos: QoSProfile | int) -> 'OutboxPublisher':
+        """Return a publisher for use on the link thread; parameters as of ``create_publisher``."""
+        return OutboxPublisher(self.create_publisher(kind, topic, qos), self.outbox)
 
     # What a room provides.
 
@@ -237,7 +245,9 @@ class BridgeNode(ManagedNode):
         """Count and log a request that makes no sense."""
         self.refused += 1
         self.refusal = text
-        self.get_logger().warning(f'refused {text}', throttle_duration_sec=1.0)
+        self.outbox.post(
+            lambda: self.get_logger().warning(f'refused {text}', throttle_duration_sec=1.0)
+        )
 
     # The owner's side of the link.
 
@@ -251,9 +261,9 @@ class BridgeNode(ManagedNode):
     def link_changed(self, text: str, ok: bool) -> None:
         """Log a change of the port's state."""
         if ok:  # on a line of its own: rclpy refuses a change of severity within one call site
-            self.get_logger().info(text)
+            self.outbox.post(lambda: self.get_logger().info(text))
         else:
-            self.get_logger().error(text)
+            self.outbox.post(lambda: self.get_logger().error(text))
 
     def stamp(self) -> Any:
         """Return the time for a header, in ROS time: it never decides anything."""
@@ -282,9 +292,10 @@ class BridgeNode(ManagedNode):
         if self._told is not None and estop == self._told[0]:
             return
         if not estop:
-            self.get_logger().info('no stop demanded any more')
+            self.outbox.post(lambda: self.get_logger().info('no stop demanded any more'))
         else:
-            self.get_logger().warning(f'stop: {"; ".join(self._stop_reasons(now))}')
+            text = f'stop: {"; ".join(self._stop_reasons(now))}'
+            self.outbox.post(lambda: self.get_logger().warning(text))
 
     def _stop_reasons(self, now: float) -> list[str]:
         if self.session is None:
@@ -341,6 +352,8 @@ class BridgeNode(ManagedNode):
             **self.link.transport_counts(),
             'refused requests': self.refused,
             'last refusal': self.refusal or 'none',
+            'longest wait for the middleware (s)': round(self.outbox.longest_wait, 3),
+            'not published': self.outbox.lost,
         }
         return Status(level, message, values)
 
@@ -412,11 +425,25 @@ class BridgeNode(ManagedNode):
             self.get_logger().error(f'no farewell: {error}')
         self.link.stop()
         self._tell(time.monotonic(), True)
+        self.outbox.close(_LAST_WORDS_TIME)
 
     def destroy_node(self) -> None:
-        """End the link thread before what it publishes on goes away."""
+        """End the threads before what they publish on goes away."""
         self.link.stop()
+        self.outbox.close(_LAST_WORDS_TIME)
         super().destroy_node()
+
+
+class OutboxPublisher:
+    """A publisher of a node whose messages go out by its outbox."""
+
+    def __init__(self, publisher: Any, outbox: Outbox) -> None:
+        self._publisher = publisher
+        self._outbox = outbox
+
+    def publish(self, message: Any) -> None:
+        """Have it published soon."""
+        self._outbox.post(self._publisher.publish, message)
 
 
 def _plain(value: Any) -> Any:

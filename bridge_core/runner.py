@@ -18,6 +18,13 @@ from rclpy.signals import SignalHandlerOptions
 from bridge_core.node import ManagedNode
 from bridge_core.parameters import ParameterError
 
+# Who has set one of these has chosen the transports of Fast DDS.
+_CHOICES = {
+    'FASTDDS_BUILTIN_TRANSPORTS',
+    'FASTDDS_DEFAULT_PROFILES_FILE',
+    'FASTRTPS_DEFAULT_PROFILES_FILE',
+}
+
 
 class _End:
     """
@@ -58,6 +65,7 @@ def run(factories: Sequence[Callable[[], ManagedNode]], args: list[str] | None =
 
     Return the exit status: 0 after a signal, 2 for a bad parameter or argument, 1 for a fault.
     """
+    _avoid_shared_memory()
     try:
         # With ROS's own handlers the context would be gone before the last stop could be told.
         rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
@@ -76,6 +84,16 @@ def run(factories: Sequence[Callable[[], ManagedNode]], args: list[str] | None =
     finally:
         _leave(nodes)
         end.close()
+
+
+def _avoid_shared_memory() -> None:
+    """
+    Have Fast DDS use UDP, unless the user has chosen: see docs/decisions/0012.
+
+    It has no effect under ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST, nor in other middlewares.
+    """
+    if not _CHOICES & os.environ.keys():
+        os.environ['FASTDDS_BUILTIN_TRANSPORTS'] = 'UDPv4'
 
 
 def _spin(nodes: Sequence[ManagedNode], end: _End) -> int:

@@ -58,8 +58,8 @@ class EsiDriveBridge(BridgeNode):
 
     def create_interfaces(self) -> None:
         """Create what command and status become."""
-        self._joint_states = self.create_publisher(JointState, '~/joint_states', 10)
-        self._enabled = self.create_publisher(Bool, '~/enabled', latched_qos())
+        self._joint_states = self.publisher(JointState, '~/joint_states', 10)
+        self._enabled = self.publisher(Bool, '~/enabled', latched_qos())
         self._enabled.publish(Bool(data=False))
         self.create_subscription(JointState, '~/command', self._on_command, _COMMAND_QOS)
         self.create_subscription(Bool, '~/enable', self._on_enable, _STOP_QOS)
@@ -82,11 +82,12 @@ class EsiDriveBridge(BridgeNode):
         elif isinstance(event, EnabledChanged):
             self._enabled.publish(Bool(data=event.enabled))
         elif isinstance(event, Stopped):
-            self.get_logger().warning(f'disabled: {"; ".join(event.reasons)}')
-        elif isinstance(event, EnableRefused):
-            self.get_logger().warning(
-                f'not enabled: {"; ".join(event.reasons)}', throttle_duration_sec=1.0
+            self.outbox.post(
+                lambda: self.get_logger().warning(f'disabled: {"; ".join(event.reasons)}')
             )
+        elif isinstance(event, EnableRefused):
+            text = f'not enabled: {"; ".join(event.reasons)}'
+            self.outbox.post(lambda: self.get_logger().warning(text, throttle_duration_sec=1.0))
         elif isinstance(event, FaultsChanged):
             self._log_faults(event)
         elif isinstance(event, ErrorsCleared):
@@ -130,9 +131,11 @@ class EsiDriveBridge(BridgeNode):
 
     def _log_faults(self, event: FaultsChanged) -> None:
         if event.faults:
-            self.get_logger().error(f'the drive reports: {"; ".join(event.faults)}')
+            self.outbox.post(
+                lambda: self.get_logger().error(f'the drive reports: {"; ".join(event.faults)}')
+            )
         else:
-            self.get_logger().info('the drive reports no error any more')
+            self.outbox.post(lambda: self.get_logger().info('the drive reports no error any more'))
 
     def _publish_joint_states(self, event: Feedback) -> None:
         now = time.monotonic()  # ROS time may be paused

@@ -64,12 +64,12 @@ class FortVscBridge(BridgeNode):
 
     def create_interfaces(self) -> None:
         """Create what the manual's messages become."""
-        self._joy = self.create_publisher(Joy, '~/joy', 10)
-        self._mode = self.create_publisher(String, '~/mode', latched_qos())
-        self._battery = self.create_publisher(BatteryState, '~/battery', latched_qos())
-        self._fix = self.create_publisher(NavSatFix, '~/fix', 10)
-        self._nmea = self.create_publisher(String, '~/nmea', 10)
-        self._user_values = self.create_publisher(KeyValue, '~/user_values', 10)
+        self._joy = self.publisher(Joy, '~/joy', 10)
+        self._mode = self.publisher(String, '~/mode', latched_qos())
+        self._battery = self.publisher(BatteryState, '~/battery', latched_qos())
+        self._fix = self.publisher(NavSatFix, '~/fix', 10)
+        self._nmea = self.publisher(String, '~/nmea', 10)
+        self._user_values = self.publisher(KeyValue, '~/user_values', 10)
         self.create_subscription(Bool, '~/software_estop', self._on_software_estop, 10)
         self.create_subscription(JoyFeedback, '~/set_feedback', self._on_set_feedback, 10)
         self.create_subscription(KeyValue, '~/set_user_value', self._on_set_user_value, 10)

@@ -45,6 +45,7 @@ from rugged_teleop.canbuses import CanBusDevice
 from rugged_teleop.canbuses import free_channel
 from rugged_teleop.demo_relay import Relay
 from rugged_teleop.domains import claim_domain
+from rugged_teleop.domains import shared
 from rugged_teleop.multicasts import free_port
 from rugged_teleop.multicasts import MulticastDevice
 from rugged_teleop.ports import Chunk
@@ -111,14 +112,11 @@ def packets_in(chunks: list[Chunk], since: float) -> list[Packet]:
 
 
 def demo_config() -> Path:
-    """Return config/demo.yaml: beside this package in the sources, or in share/ once installed."""
-    package = Path(__file__).resolve().parent
-    places = [package.parent / 'config']
-    places += [parent / 'share' / 'rugged_teleop' / 'config' for parent in package.parents]
-    for place in places:
-        if (place / 'demo.yaml').is_file():
-            return place / 'demo.yaml'
-    raise DemoError(f'config/demo.yaml is not in {places[0]} nor in share/ of the installation')
+    """Return the path of the stack's parameters."""
+    try:
+        return shared('config/demo.yaml')
+    except FileNotFoundError as error:
+        raise DemoError(str(error)) from error
 
 
 class Watcher:

@@ -1,6 +1,9 @@
 """ROS domains that no neighbour on this machine uses, for demos and tests."""
 
+from __future__ import annotations
+
 import os
+from pathlib import Path
 import socket
 
 _DOMAINS = range(1, 102)  # 101 is the last whose ports are clear of the ephemeral ones
@@ -22,10 +25,34 @@ def claim_domain() -> socket.socket:
         claim = _try_domain(domain)
         if claim is not None:
             os.environ['ROS_DOMAIN_ID'] = str(domain)
-            os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
-            os.environ.pop('ROS_STATIC_PEERS', None)
+            _stay_on_this_machine()
             return claim
     raise RuntimeError('no ROS domain from 1 to 101 is free')
+
+
+def shared(name: str) -> Path:
+    """
+    Return a file of the package: in the sources, or in share/ once installed.
+
+    :raises FileNotFoundError: naming where it was looked for.
+    """
+    package = Path(__file__).resolve().parent
+    places = [package.parent]
+    places += [parent / 'share' / 'rugged_teleop' for parent in package.parents]
+    for place in places:
+        if (place / name).is_file():
+            return place / name
+    raise FileNotFoundError(f'{name} is not in {places[0]} nor in share/ of the installation')
+
+
+def _stay_on_this_machine() -> None:
+    os.environ.pop('ROS_STATIC_PEERS', None)
+    if os.environ.get('RMW_IMPLEMENTATION', 'rmw_fastrtps_cpp').startswith('rmw_fastrtps'):
+        os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'SYSTEM_DEFAULT'  # as the profile says
+        os.environ['FASTDDS_DEFAULT_PROFILES_FILE'] = str(shared('config/fastdds_loopback.xml'))
+        os.environ['FASTRTPS_DEFAULT_PROFILES_FILE'] = os.environ['FASTDDS_DEFAULT_PROFILES_FILE']
+    else:
+        os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
 
 
 def _try_domain(domain: int) -> socket.socket | None:

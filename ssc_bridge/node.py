@@ -72,11 +72,11 @@ class SscBridge(BridgeNode):
 
     def create_interfaces(self) -> None:
         """Create what the manual's messages become."""
-        self._joy = self.create_publisher(Joy, '~/joy', 10)
-        self._pulse_inputs = self.create_publisher(UInt16MultiArray, '~/pulse_inputs', 10)
-        self._pulse_outputs = self.create_publisher(UInt16MultiArray, '~/pulse_outputs', 10)
-        self._command_state = self.create_publisher(String, '~/command_state', latched_qos())
-        self._aux_inputs = self.create_publisher(DiagnosticStatus, '~/aux_inputs', 10)
+        self._joy = self.publisher(Joy, '~/joy', 10)
+        self._pulse_inputs = self.publisher(UInt16MultiArray, '~/pulse_inputs', 10)
+        self._pulse_outputs = self.publisher(UInt16MultiArray, '~/pulse_outputs', 10)
+        self._command_state = self.publisher(String, '~/command_state', latched_qos())
+        self._aux_inputs = self.publisher(DiagnosticStatus, '~/aux_inputs', 10)
         self._command_state.publish(convert.command_state(None))
         self.create_subscription(
             UInt16MultiArray, '~/pulse_command', self._on_pulse_command, _COMMAND_QOS
@@ -111,10 +111,8 @@ class SscBridge(BridgeNode):
         elif isinstance(event, AuxReading):
             self._publish_aux(event)
         elif isinstance(event, FailsafeBegun):
-            self.get_logger().warning(
-                f'failsafe of {", ".join(event.names)}: {"; ".join(event.reasons)}',
-                throttle_duration_sec=1.0,
-            )
+            text = f'failsafe of {", ".join(event.names)}: {"; ".join(event.reasons)}'
+            self.outbox.post(lambda: self.get_logger().warning(text, throttle_duration_sec=1.0))
         elif isinstance(event, ConfigurationRead):
             self._log_configuration(event)
         elif isinstance(event, LockoutDone):
@@ -175,19 +173,21 @@ class SscBridge(BridgeNode):
 
     def _log_configuration(self, event: ConfigurationRead) -> None:
         told = event.configuration
-        self.get_logger().info(
+        text = (
             f'configuration {told.config_id}: {told.inputs} pulse inputs, {told.outputs} outputs, '
             f'aux: {", ".join(function.text for function in told.aux)}'
         )
+        self.outbox.post(lambda: self.get_logger().info(text))
 
     def _answer_lockouts(self, event: LockoutDone) -> None:
         waiting, self._lockouts = self._lockouts, []
         for future in waiting:
             future.set_result(event)
         if event.success:
-            self.get_logger().info(event.text)
+            self.outbox.post(lambda: self.get_logger().info(event.text))
         elif not waiting and self.link.status.is_open:
-            self.get_logger().warning(f'lockout: {event.text}', throttle_duration_sec=1.0)
+            text = f'lockout: {event.text}'
+            self.outbox.post(lambda: self.get_logger().warning(text, throttle_duration_sec=1.0))
 
     # Requests: on the executor's thread, posted to the link thread.
 

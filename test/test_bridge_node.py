@@ -220,6 +220,38 @@ def test_node_demands_a_stop_from_construction(context: Context) -> None:
         node.destroy_node()
 
 
+def test_a_publish_that_blocks_does_not_hold_up_the_device(
+    context: Context, pty: Pty, observer: Observer
+) -> None:
+    node = make_toy(context, port=str(pty.path))
+    end = threading.Event()
+    publishers = [node._estop_publisher, node._diagnostics_publisher]
+    try:
+        node.autostart()
+        wait_for(lambda: pty.read() != b'', 5.0, 'keep-alives')
+        for publisher in publishers:
+            publisher._publisher = Blocking(end)
+        node.link.call(lambda now: node._tell(now, True))
+        for _ in range(20):
+            wait_for(lambda: pty.read() != b'', 5.0, 'keep-alives while the middleware blocks')
+        assert not end.is_set()
+    finally:
+        end.set()
+        node.shut_down()
+        node.destroy_node()
+
+
+class Blocking:
+    """A publisher of a middleware that is held up."""
+
+    def __init__(self, end: threading.Event) -> None:
+        self._end = end
+
+    def publish(self, message: Any) -> None:
+        del message
+        self._end.wait(30.0)
+
+
 def test_pace_never_asks_to_be_called_in_the_past(context: Context) -> None:
     node = make_toy(context)
     node.link.stop()

@@ -71,13 +71,17 @@ def test_demo_brings_its_own_configuration() -> None:
 
 
 def test_two_demos_get_different_domains(monkeypatch: pytest.MonkeyPatch) -> None:
-    for name in ('ROS_DOMAIN_ID', 'ROS_AUTOMATIC_DISCOVERY_RANGE', 'ROS_STATIC_PEERS'):
+    monkeypatch.delenv('RMW_IMPLEMENTATION', raising=False)
+    names = ('ROS_DOMAIN_ID', 'ROS_AUTOMATIC_DISCOVERY_RANGE', 'ROS_STATIC_PEERS')
+    for name in (*names, 'FASTDDS_DEFAULT_PROFILES_FILE', 'FASTRTPS_DEFAULT_PROFILES_FILE'):
         monkeypatch.setenv(name, 'x')
     with claim_domain():
         first = os.environ['ROS_DOMAIN_ID']
         with claim_domain():
             assert os.environ['ROS_DOMAIN_ID'] != first
-    assert os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] == 'LOCALHOST'
+    assert os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] == 'SYSTEM_DEFAULT'
+    profile = Path(os.environ['FASTDDS_DEFAULT_PROFILES_FILE'])
+    assert '<address>127.0.0.1</address>' in profile.read_text(encoding='utf-8')
     assert 'ROS_STATIC_PEERS' not in os.environ
 
 

@@ -56,6 +56,7 @@ ROOM = {
 # The same for bridge_core, which knows no device.
 SHARED = {
     'transports': (*CORE, 'serial', 'can', 'STDLIB'),
+    'outbox': ('STDLIB',),  # a thread, beside the link's
     'convert': ('MESSAGES',),
     'diagnostics': ('MESSAGES',),
     'node': ('bridge_core', 'rclpy', 'MESSAGES', 'STDLIB'),

@@ -67,13 +67,13 @@ class Vm110Bridge(BridgeNode):
 
     def create_interfaces(self) -> None:
         """Create what the manual's packets become."""
-        self._joy = self.create_publisher(Joy, '~/joy', 10)
-        self._armed = self.create_publisher(Bool, '~/armed', latched_qos())
-        self._enabled = self.create_publisher(Bool, '~/enabled', latched_qos())
-        self._battery = self.create_publisher(BatteryState, '~/battery', latched_qos())
-        self._encoder = self.create_publisher(Int32, '~/encoder', latched_qos())
-        self._command = self.create_publisher(UInt8MultiArray, '~/command', _COMMAND_DEPTH)
-        self._result = self.create_publisher(KeyValue, '~/command_result', _COMMAND_DEPTH)
+        self._joy = self.publisher(Joy, '~/joy', 10)
+        self._armed = self.publisher(Bool, '~/armed', latched_qos())
+        self._enabled = self.publisher(Bool, '~/enabled', latched_qos())
+        self._battery = self.publisher(BatteryState, '~/battery', latched_qos())
+        self._encoder = self.publisher(Int32, '~/encoder', latched_qos())
+        self._command = self.publisher(UInt8MultiArray, '~/command', _COMMAND_DEPTH)
+        self._result = self.publisher(KeyValue, '~/command_result', _COMMAND_DEPTH)
         self.create_subscription(
             UInt8MultiArray, '~/periodic_output', self._on_periodic_output, 10
         )
