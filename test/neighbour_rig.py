@@ -83,5 +83,10 @@ class Neighbour:
     def _read(self) -> None:
         while not self._end.is_set():
             if select.select([self._transport.fileno()], [], [], 0.05)[0]:
+                wait_for(self._listening, what='a stack that listens for a contender')
                 for frame in self._transport.receive():
                     self._ecu.notify(frame.identifier, bytearray(frame.data), 0.0)
+
+    def _listening(self) -> bool:
+        # It sends its first claim before it listens for the answer, in a thread of its own.
+        return not self.claims or self._application.state != j1939.ControllerApplication.State.NONE
