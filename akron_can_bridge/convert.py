@@ -58,15 +58,17 @@ def command(message: Joy, *, extended: bool = False) -> tuple[BasicJoystick, Ext
     Return a Joy as what a joystick sends.
 
     Axes: x, y, then with ``extended`` the targets grip_x, grip_y and theta; one that is left out
-    is no target. Buttons: switches 1 to 12, with ``extended`` to 16; those left out are off. What
-    lies beyond is not looked at.
+    is no target, and neither are all of them at 0: a Joy at rest starts no journey. Buttons:
+    switches 1 to 12, with ``extended`` to 16; those left out are off. What lies beyond is not
+    looked at.
 
     :raises ValueError: fewer than two axes, a value that is not a number or beyond -1.05 to 1.05,
         a button that is neither 0 nor 1. The text is for the sender.
     """
     if len(message.axes) < _BASIC_AXES:
         raise ValueError(f'{len(message.axes)} axes; x and y are needed')
-    axes = message.axes[: _ALL_AXES if extended else _BASIC_AXES]
+    has_target = extended and any(message.axes[_BASIC_AXES:_ALL_AXES])
+    axes = message.axes[: _ALL_AXES if has_target else _BASIC_AXES]
     given = [
         _deflection(number, sign * value)
         for number, (sign, value) in enumerate(zip(_SIGNS, axes, strict=False))

@@ -26,6 +26,7 @@ from akron_can_bridge.session import OutputsChanged
 from akron_can_bridge.session import Positions
 from akron_can_bridge.session import report
 from akron_can_bridge.session import Request
+from akron_can_bridge.session import Resting
 from akron_can_bridge.session import Session
 from akron_can_bridge.session import Sticks
 from akron_can_bridge.session import Stopped
@@ -93,6 +94,10 @@ class AkronCanBridge(BridgeNode):
     def make_session(self) -> Session:
         """Return a session for the unit that the parameters name."""
         return Session(session_settings(self.values))
+
+    def make_resting_session(self) -> Resting:
+        """Return what sends neutral frames while the node is inactive."""
+        return Resting(session_settings(self.values))
 
     def make_transport(self) -> CanTransport:
         """Return the CAN port, not yet open."""

@@ -208,6 +208,10 @@ class BridgeNode(ManagedNode):
         """Return a new session made from the parameters."""
         raise NotImplementedError
 
+    def make_resting_session(self) -> Any:
+        """Return what runs on the port while the node is inactive; None: the port is closed."""
+        return None
+
     def make_transport(self) -> Transport:
         """Return the transport that the parameters name, not yet open."""
         raise NotImplementedError
@@ -334,7 +338,8 @@ class BridgeNode(ManagedNode):
     def _link_status(self, now: float) -> Status:
         port, session = self.link.status, self.session
         if session is None:
-            return Status(WARN, 'the node is not active', {})
+            texts = dict.fromkeys(['the node is not active', *filter(None, [port.error])])
+            return Status(WARN, '; '.join(texts), {})
         if not port.is_open:
             level, message = ERROR, port.error
         elif not session.link_up:
@@ -366,6 +371,7 @@ class BridgeNode(ManagedNode):
         def configure() -> None:
             self.make_session()
             self.make_transport()
+            self._rest()
 
         return self._transition(configure, 'configure')
 
@@ -386,9 +392,19 @@ class BridgeNode(ManagedNode):
 
     def on_deactivate(self, state: Any) -> TransitionCallbackReturn:
         """Leave the device safe, close the port, demand a stop."""
-        result = self._transition(self._leave_active, 'deactivate')
+
+        def deactivate() -> None:
+            self._leave_active()
+            self._rest()
+
+        result = self._transition(deactivate, 'deactivate')
         super().on_deactivate(state)
         return result
+
+    def on_cleanup(self, state: Any) -> TransitionCallbackReturn:
+        """Close what an inactive node may have open."""
+        del state
+        return self._transition(self._leave_active, 'clean up')
 
     def on_shutdown(self, state: Any) -> TransitionCallbackReturn:
         """Leave the device safe."""
@@ -399,6 +415,11 @@ class BridgeNode(ManagedNode):
         """Leave the device safe."""
         del state
         return self._transition(self._leave_active, 'recover')
+
+    def _rest(self) -> None:
+        resting = self.make_resting_session()
+        if resting is not None:
+            self.link.activate(self.make_transport(), resting)
 
     def _leave_active(self) -> None:
         try:

@@ -18,6 +18,8 @@ from akron_can_bridge.protocol import ExtendedJoystick
 from akron_can_bridge.protocol import MiniOutputs
 from akron_can_bridge.protocol import PositionLimit
 from akron_can_bridge.protocol import RotationSoftLimits
+from akron_can_bridge.session.drive import Command
+from akron_can_bridge.session.drive import REST
 from test.rig import ROOT
 
 STAMP = Time(sec=3)
@@ -60,8 +62,15 @@ def test_grips_and_further_switches_are_the_manuals() -> None:
 
 def test_grips_that_are_left_out_are_no_targets() -> None:
     assert sent([0.0, 0.0], extended=True)[1] == NO_TARGETS
-    # A grip of 0 is one.
-    assert sent([0.0, 0.0, 0.0], extended=True)[1] == '0100FFFFFFFF0000'
+    # A grip at 0 is one, if not all are.
+    assert sent([0.0, 0.0, 0.0004], extended=True)[1] == '0100FFFFFFFF0000'
+    assert sent([0.0, 0.0, 0.5, 0.0], extended=True)[1][4:8] == '0100'
+
+
+def test_joy_at_rest_is_neutral_and_no_target() -> None:
+    for axes in range(2, 7):
+        basic, extended = convert.command(Joy(axes=[0.0] * axes), extended=True)
+        assert Command(basic, extended) == REST
 
 
 @pytest.mark.parametrize('number', range(12))

@@ -93,11 +93,33 @@ def test_malformed_command_is_refused_and_stops(bench: Bench, unit: Station) -> 
     bench.wait(lambda: 'command refused' in bench.value('neutral because'), 'the reason')
 
 
-def test_deactivated_node_leaves_neutral_several_times(bench: Bench, unit: Station) -> None:
+def test_deactivated_node_goes_on_saying_neutral(bench: Bench, unit: Station) -> None:
     bench.drive(unit)
     assert bench.observer.change_state(bench.prefix, 'deactivate')
     bench.wait(lambda: not unit.look('moving'), 'rest')
     assert unit.joystick_frames(0x38)[-3:] == [NEUTRAL] * 3
+    bench.wait_stop(True)
+    unit.since = time.monotonic()
+    bench.wait(lambda: len(unit.joystick_frames(0x38)) > 20, 'frames')
+    assert set(unit.joystick_frames(0x38)) == {NEUTRAL}
+    bench.joint_states.clear()
+    bench.wait(lambda: 'not active' in bench.status('link').message, 'the diagnostic')
+    assert not bench.joint_states.messages  # it does not listen
+    assert bench.observer.change_state(bench.prefix, 'activate')
+    bench.wait_stop(False)
+    bench.drive(unit)
+
+
+def test_unconfigured_node_is_silent_and_a_configured_one_says_neutral(
+    bench: Bench, unit: Station
+) -> None:
+    assert bench.observer.change_state(bench.prefix, 'deactivate')
+    assert bench.observer.change_state(bench.prefix, 'cleanup')
+    unit.since = time.monotonic()
+    bench.observer.holds_for(lambda: not unit.joystick_frames(0x38), 0.3, 'silence')
+    assert bench.observer.change_state(bench.prefix, 'configure')
+    bench.wait(lambda: len(unit.joystick_frames(0x38)) > 10, 'frames')
+    assert set(unit.joystick_frames(0x38)) == {NEUTRAL}
     bench.wait_stop(True)
     assert bench.observer.change_state(bench.prefix, 'activate')
     bench.wait_stop(False)

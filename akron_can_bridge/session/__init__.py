@@ -13,6 +13,7 @@ from akron_can_bridge.session.events import Request
 from akron_can_bridge.session.events import Sticks
 from akron_can_bridge.session.events import Stopped
 from akron_can_bridge.session.events import UnitChanged
+from akron_can_bridge.session.resting import Resting
 from akron_can_bridge.session.session import FILTERS
 from akron_can_bridge.session.session import Session
 from akron_can_bridge.session.settings import Cause
@@ -33,6 +34,7 @@ __all__ = [
     'OutputsChanged',
     'Positions',
     'Request',
+    'Resting',
     'Session',
     'Settings',
     'Sticks',

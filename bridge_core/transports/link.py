@@ -145,7 +145,7 @@ class Link:
     """
 
     def __init__(self, name: str, owner: Owner, *, reconnect_period: float = 1.0) -> None:
-        self.status = LinkStatus()
+        self.status = LinkStatus(error='the node is not active')
         self._owner = owner
         self._reconnect_period = reconnect_period
         self._mailbox = Mailbox()
