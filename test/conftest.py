@@ -14,10 +14,13 @@ import pytest
 
 from test.can_rig import CanBus
 from test.can_rig import make_bus
+from test.can_rig import VARIABLE
 from test.link_rig import Bench
 from test.rig import Observer
 from test.rig import own_domain
 from test.rig import Pty
+from test.uml import Kernels
+from test.uml import missing
 
 _LOG_DIR = tempfile.mkdtemp(prefix='rugged_teleop_log_')
 os.environ['ROS_LOG_DIR'] = _LOG_DIR
@@ -42,6 +45,18 @@ def pytest_collection_finish() -> None:
     """Set all that is loaded apart: a node's end has the collector run, which is to be quick."""
     gc.collect()
     gc.freeze()
+
+
+@pytest.fixture(scope='session', autouse=True)
+def kernels(
+    request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
+) -> Iterator[Kernels]:
+    """Run what test_uml is to show, from the first test on."""
+    wanted = [item for item in request.session.items if item.path.name == 'test_uml.py']
+    can_run = not missing() and VARIABLE not in os.environ
+    files = [item.callspec.params['file'] for item in wanted] if can_run else []  # type: ignore[attr-defined]
+    with Kernels(tmp_path_factory.mktemp('kernels'), files) as result:
+        yield result
 
 
 @pytest.fixture
