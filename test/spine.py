@@ -261,7 +261,7 @@ class Spine:
         return (
             f'mux: {self.state.last and self.state.last.data}, {status and status.message}; '
             f'drive enabled {drive["enabled"]}, command {drive["command"]}, '
-            f'rpm {drive["rpm"]}'
+            f'rpm {drive["rpm"]}; the drive node said last:\n{self.nodes[DRIVE].output[-400:]}'
         )
 
     # States.

@@ -1,5 +1,6 @@
 """The stack: all configured nodes in one process, wired, ended together."""
 
+from collections.abc import Callable
 from collections.abc import Iterator
 import contextlib
 from pathlib import Path
@@ -87,10 +88,16 @@ class Stack:
         self.vsc = Device(folder / 'vsc', VscSimulator())
         self.drive = Drive(folder / 'drive', DriveSimulator())
         file = folder / 'stack.yaml'
+        # A busy machine holds a process up for longer than the defaults allow; those: test_spine.
         sections = {
-            VSC: {'port': self.vsc.path},
-            DRIVE: {'port': self.drive.path},
-            MUX: {'stall_limit': 0.5},
+            VSC: {'port': self.vsc.path, 'link_timeout': 1.0},
+            DRIVE: {'port': self.drive.path, 'command_timeout': 1.0},
+            MUX: {
+                'stall_limit': 1.0,
+                'estop.fort.timeout': 1.0,
+                'estop.drive.timeout': 1.0,
+                'operator.fort.timeout': 1.0,
+            },
         }
         file.write_text(
             yaml.safe_dump(
@@ -103,7 +110,9 @@ class Stack:
         ]
         self.process = NodeProcess('rugged_teleop.stack', arguments=('--params-file', str(file)))
 
-    def wait(self, condition: object, what: str, timeout: float = 15.0) -> None:
+    def wait(
+        self, condition: object, what: str | Callable[[], str], timeout: float = 15.0
+    ) -> None:
         self.observer.wait_for(condition, timeout, what)  # type: ignore[arg-type]
 
     def moving(self) -> None:
@@ -119,7 +128,10 @@ class Stack:
         self.observer.holds_for(lambda: True, 0.5)  # longer than neutral_time
         self.vsc.apply('button left_down 1')
         self.vsc.apply('stick left_y 0.5')
-        self.wait(lambda: self.drive.enabled and self.drive.rpm > 20.0, 'motion')
+        self.wait(
+            lambda: self.drive.enabled and self.drive.rpm > 20.0,
+            lambda: f'motion; the stack printed:\n{self.process.output}',
+        )
 
     def close(self) -> None:
         self.process.__exit__(None, None, None)

@@ -175,7 +175,7 @@ def test_blocked_and_tilted_say_what_to_do(bench: Bench) -> None:
     bench.arm()
     bench.station.apply('tilt 1 on')
     bench.wait(lambda: 'disabled due to tilting' in bench.status().message, 'the tilt')
-    assert bench.enabled.last == Bool(data=False)
+    bench.wait(lambda: bench.enabled.last == Bool(data=False), 'the relays open')
     assert bench.estop.last == Bool(data=False)
     bench.station.apply('radio 1 off')
     bench.wait_stop(True)
