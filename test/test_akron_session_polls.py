@@ -8,6 +8,7 @@ from test.akron_session_rig import ANNOUNCED
 from test.akron_session_rig import Bench
 from test.akron_session_rig import ef
 from test.akron_session_rig import faults
+from test.akron_session_rig import joystick
 from test.akron_session_rig import MOVE
 from test.akron_session_rig import NO_FAULTS
 from test.akron_session_rig import of
@@ -173,6 +174,23 @@ def test_request_is_refused_while_motion_is_commanded(request_: Request) -> None
     bench.poll()
     assert bench.asked(start) == []
     bench.session.request(Request.POLL_FAULTS, bench.now)
+
+
+def test_request_is_refused_while_an_allowed_joystick_commands_motion() -> None:
+    bench = Bench(allowed_joysticks=frozenset({0x34})).find_unit()
+    for pushed in ('107D010000000000', '0100046400000000', 'FFFF010000000000'):  # x, y, broken
+        bench.take(joystick(pushed, 0x34))
+        with pytest.raises(ValueError, match='by joystick 34; let go of it'):
+            bench.session.request(Request.ENTER_SETUP, bench.now)
+    bench.wait(0.2)  # after which the unit has forgotten it
+    bench.session.request(Request.ENTER_SETUP, bench.now)
+
+
+def test_joystick_at_rest_forbids_no_request() -> None:
+    bench = Bench(allowed_joysticks=frozenset({0x34})).find_unit()
+    bench.take(joystick('107D010000000000', 0x34))
+    bench.take(joystick(source=0x34))
+    bench.session.request(Request.ZERO_POSITIONS, bench.now)
 
 
 def test_no_motion_while_the_unit_is_being_reset() -> None:

@@ -44,6 +44,7 @@ class Joysticks:
         self.faulty: tuple[str, ...] = ()  # controls of joy_source
         self._settings = settings
         self._heard: dict[int, tuple[float, int]] = {}  # when, and the whole identifier
+        self._deflected: dict[int, float] = {}  # when it was last out of its neutral
         self._source = Watchdog(JOYSTICK_TIMEOUT)
         self._extended_heard = Watchdog(JOYSTICK_TIMEOUT)
         self._extended = _NO_EXTENDED
@@ -52,6 +53,7 @@ class Joysticks:
     def forget(self) -> None:
         """Be as if none had been heard."""
         self._heard.clear()
+        self._deflected.clear()
         self._source.reset()
         self._extended_heard.reset()
         self.faulty = ()
@@ -65,6 +67,10 @@ class Joysticks:
         self, message: BasicJoystick | ExtendedJoystick, source: int, now: float
     ) -> list[Sticks]:
         """Take a sound frame; return what to tell of it."""
+        if isinstance(message, BasicJoystick):
+            self._deflected.pop(source, None)
+            if message.x.value != 0 or message.y.value != 0:
+                self._deflected[source] = now
         if source != self._settings.joy_source:
             return []
         if isinstance(message, ExtendedJoystick):
@@ -88,6 +94,10 @@ class Joysticks:
     def deadline(self) -> float:
         """The moment at which ``poll`` has something to tell; infinite for never."""
         return self._source.deadline if self._stream.streaming else math.inf
+
+    def moving(self, now: float) -> list[int]:
+        """Return the addresses of those that ask the unit to move; ones that are broken may."""
+        return [at for at, said in self._deflected.items() if now < said + JOYSTICK_TIMEOUT]
 
     def foreign(self, now: float) -> list[int]:
         """Return the addresses of those that nobody allowed, our own among them."""

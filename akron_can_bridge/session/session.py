@@ -229,6 +229,9 @@ class Session:
             raise ValueError(self.causes(now).get(Cause.LINK, 'no unit is heard at present'))
         if request in _AT_REST and self.drive.moving:
             raise ValueError('motion is commanded; let go of the stick first')
+        if request in _AT_REST and (others := self.joysticks.moving(now)):
+            names = ', '.join(f'{address:02X}' for address in others)
+            raise ValueError(f'motion is commanded by joystick {names}; let go of it first')
         self._asker.start(request, now)
 
     # -- time ------------------------------------------------------------------------------------
