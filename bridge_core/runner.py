@@ -16,6 +16,8 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.signals import SignalHandlerOptions
 
 from bridge_core.node import ManagedNode
+from bridge_core.parameter_files import check_sections
+from bridge_core.parameter_files import files_of
 from bridge_core.parameters import ParameterError
 
 # Who has set one of these has chosen the transports of Fast DDS.
@@ -75,8 +77,10 @@ def run(factories: Sequence[Callable[[], ManagedNode]], args: list[str] | None =
     end = _End()
     nodes: list[ManagedNode] = []
     try:
+        files = files_of(sys.argv if args is None else args)
         for factory in factories:
             nodes.append(factory())
+            check_sections(nodes[-1].get_fully_qualified_name(), files)
         return _spin(nodes, end)
     except (ParameterError, ParameterException) as error:
         print(f'rugged_teleop: {_one_line(error)}', file=sys.stderr)

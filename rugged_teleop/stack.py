@@ -10,14 +10,13 @@ from collections.abc import Callable
 from collections.abc import Iterable
 from collections.abc import Sequence
 import importlib
-import itertools
-from pathlib import Path
 import sys
 
 from rclpy.utilities import remove_ros_args
-import yaml
 
 from bridge_core.node import ManagedNode
+from bridge_core.parameter_files import files_of
+from bridge_core.parameter_files import sections_of
 from bridge_core.runner import run
 
 # Where each node's class is; modules are imported only when they are wanted.
@@ -73,21 +72,10 @@ def configured_nodes(arguments: Sequence[str]) -> list[str]:
 
     :raises ValueError: a file cannot be read or is not a parameter file.
     """
-    sections: set[str] = set()
-    for option, value in itertools.pairwise(arguments):
-        if option == '--params-file':
-            sections |= _sections(Path(value))
+    sections = {
+        section.rsplit('/', 1)[-1] for file in files_of(arguments) for section in sections_of(file)
+    }
     return [name for name in NODES if name in sections]
-
-
-def _sections(path: Path) -> set[str]:
-    try:
-        content = yaml.safe_load(path.read_text())
-    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
-        raise ValueError(f'parameter file {path}: {" ".join(str(error).split())}') from error
-    if not isinstance(content, dict):
-        raise ValueError(f'parameter file {path}: is not a map from node names to parameters')
-    return {str(name).rsplit('/', 1)[-1] for name in content}
 
 
 def _node_arguments(arguments: Sequence[str]) -> list[str]:

@@ -1,0 +1,80 @@
+"""Parameter files: which sections are for a node, and that none is passed over in silence."""
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+import rclpy
+from rclpy.context import Context
+from rclpy.node import Node
+
+from bridge_core.parameter_files import check_sections
+from bridge_core.parameter_files import files_of
+from bridge_core.parameter_files import sections_of
+from bridge_core.parameters import ParameterError
+from bridge_core.runner import run
+from safety_mux.node import SafetyMux
+
+NODE = '/left/safety_mux'
+FOR_IT = (
+    *('/left/safety_mux', 'left/safety_mux', '/**', '/**/safety_mux', '/left/**', '/*/safety_mux'),
+    *('/left/*', '/**/left/safety_mux'),
+)
+NOT_FOR_IT = ('safety_mux', '/safety_mux', '/right/safety_mux', '/*', '/left/*/safety_mux')
+
+
+def section(name: str) -> str:
+    return f'"{name}": {{ros__parameters: {{rate: 50.0}}}}\n'
+
+
+@pytest.fixture
+def file(tmp_path: Path) -> Path:
+    return tmp_path / 'params.yaml'
+
+
+@pytest.mark.parametrize('name', [*FOR_IT, *NOT_FOR_IT])
+def test_our_idea_of_whom_a_section_is_for_is_that_of_ros(
+    name: str, file: Path, tmp_path: Path
+) -> None:
+    file.write_text(section(name))
+    context = Context()
+    arguments = ['--ros-args', '--params-file', str(file)]
+    rclpy.init(args=arguments, context=context)
+    node = Node('safety_mux', namespace='/left', context=context)
+    try:
+        node.declare_parameter('rate', 100.0)
+        applied = node.get_parameter('rate').value == 50.0
+        assert applied is (name in FOR_IT)
+        assert files_of(arguments) == [file]
+        empty = tmp_path / 'named.yaml'
+        empty.write_text(section('/nowhere/safety_mux'))
+        if applied:
+            check_sections(NODE, [empty, file])
+        else:
+            with pytest.raises(ParameterError, match='not for /left/safety_mux'):
+                check_sections(NODE, [empty, file])
+    finally:
+        node.destroy_node()
+        context.try_shutdown()
+
+
+def test_sections_below_a_namespace_have_their_full_names(file: Path) -> None:
+    file.write_text('left: {' + section('safety_mux').strip() + '}\n' + section('/right/other'))
+    assert sections_of(file) == [NODE, '/right/other']
+    check_sections(NODE, [file])
+
+
+def test_file_that_speaks_of_others_only_is_none_of_our_business(file: Path) -> None:
+    file.write_text(section('somebody_else') + section('/left/another'))
+    check_sections(NODE, [file])
+    check_sections(NODE, [])
+
+
+def test_node_whose_section_ros_passes_over_does_not_start(file: Path, capfd: Any) -> None:
+    file.write_text(section('safety_mux'))
+    arguments = ['node', '--ros-args', '-r', '__ns:=/left', '--params-file', str(file)]
+    assert run([SafetyMux], arguments) == 2
+    line = capfd.readouterr().err.splitlines()[-1]
+    assert line.startswith('rugged_teleop: ')
+    assert 'its section /safety_mux is not for /left/safety_mux' in line
+    assert 'name it /**/safety_mux or /left/safety_mux' in line
