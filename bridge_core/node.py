@@ -9,6 +9,7 @@ from collections.abc import Callable
 from collections.abc import Sequence
 from dataclasses import asdict
 import math
+from pathlib import Path
 import time
 from typing import Any
 from typing import ClassVar
@@ -30,6 +31,7 @@ from bridge_core.diagnostics import OK
 from bridge_core.diagnostics import Status
 from bridge_core.diagnostics import WARN
 from bridge_core.outbox import Outbox
+from bridge_core.parameter_files import check_sections
 from bridge_core.parameters import Parameter
 from bridge_core.parameters import ParameterError
 from bridge_core.parameters import resolve
@@ -86,15 +88,17 @@ class ManagedNode(LifecycleNode):
     """
     A lifecycle node with checked parameters.
 
+    :param parameter_files: those on the command line.
     :raises ParameterError: at construction, before anything is opened.
     """
 
     PARAMETERS: ClassVar[tuple[Parameter, ...]] = MANAGED_PARAMETERS
 
-    def __init__(self, name: str, **options: Any) -> None:
+    def __init__(self, name: str, *, parameter_files: Sequence[Path] = (), **options: Any) -> None:
         super().__init__(name, **options)
         self.active = False
         try:
+            check_sections(self.get_fully_qualified_name(), parameter_files)
             self.values: dict[str, Any] = self._declare()
         except BaseException:
             super().destroy_node()

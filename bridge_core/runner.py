@@ -16,7 +16,6 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.signals import SignalHandlerOptions
 
 from bridge_core.node import ManagedNode
-from bridge_core.parameter_files import check_sections
 from bridge_core.parameter_files import files_of
 from bridge_core.parameters import ParameterError
 
@@ -61,7 +60,7 @@ class _End:
         os.close(self._write)
 
 
-def run(factories: Sequence[Callable[[], ManagedNode]], args: list[str] | None = None) -> int:
+def run(factories: Sequence[Callable[..., ManagedNode]], args: list[str] | None = None) -> int:
     """
     Run nodes until SIGINT or SIGTERM, each with an executor and a thread of its own.
 
@@ -79,8 +78,7 @@ def run(factories: Sequence[Callable[[], ManagedNode]], args: list[str] | None =
     try:
         files = files_of(sys.argv if args is None else args)
         for factory in factories:
-            nodes.append(factory())
-            check_sections(nodes[-1].get_fully_qualified_name(), files)
+            nodes.append(factory(parameter_files=files))
         return _spin(nodes, end)
     except (ParameterError, ParameterException) as error:
         print(f'rugged_teleop: {_one_line(error)}', file=sys.stderr)

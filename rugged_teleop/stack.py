@@ -57,12 +57,12 @@ def wiring(names: Iterable[str]) -> list[str]:
     ]
 
 
-def node_factory(name: str) -> Callable[[], ManagedNode]:
+def node_factory(name: str) -> Callable[..., ManagedNode]:
     """Return what makes the node of this name. :raises ValueError: there is no such node."""
     if name not in NODES:
         raise ValueError(f'there is no node {name!r}; there are {", ".join(NODES)}')
     module, class_name = NODES[name]
-    factory: Callable[[], ManagedNode] = getattr(importlib.import_module(module), class_name)
+    factory: Callable[..., ManagedNode] = getattr(importlib.import_module(module), class_name)
     return factory
 
 

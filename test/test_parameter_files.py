@@ -74,7 +74,7 @@ def test_node_whose_section_ros_passes_over_does_not_start(file: Path, capfd: An
     file.write_text(section('safety_mux'))
     arguments = ['node', '--ros-args', '-r', '__ns:=/left', '--params-file', str(file)]
     assert run([SafetyMux], arguments) == 2
-    line = capfd.readouterr().err.splitlines()[-1]
+    (line,) = capfd.readouterr().err.splitlines()
     assert line.startswith('rugged_teleop: ')
     assert 'its section /safety_mux is not for /left/safety_mux' in line
     assert 'name it /**/safety_mux or /left/safety_mux' in line

@@ -8,6 +8,7 @@ there to be given wrongly.
 
 from __future__ import annotations
 
+from functools import partial
 import threading
 from typing import Any
 from typing import ClassVar
@@ -176,7 +177,7 @@ def main() -> None:
 
 def main_two() -> None:
     """Run two toys in one process; their ports are the parameters of each by name."""
-    raise SystemExit(run([lambda: ToyBridge('left'), lambda: ToyBridge('right')]))
+    raise SystemExit(run([partial(ToyBridge, 'left'), partial(ToyBridge, 'right')]))
 
 
 if __name__ == '__main__':
