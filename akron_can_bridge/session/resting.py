@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 
+from akron_can_bridge.protocol import Counters
 from akron_can_bridge.session.drive import Drive
 from akron_can_bridge.session.settings import Settings
-from bridge_core.framing import Counters
 from bridge_core.j1939 import CanFrame
 from bridge_core.session import StopChanged
 
