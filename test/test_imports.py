@@ -61,6 +61,7 @@ SHARED = {
     'diagnostics': ('MESSAGES',),
     'node': ('bridge_core', 'rclpy', 'MESSAGES', 'STDLIB'),
     'runner': ('bridge_core', 'rclpy', 'STDLIB'),
+    'parameter_files': ('bridge_core.parameters', 'yaml'),
 }
 # Simulators and what shows them are for the commands that show them, and for nobody else.
 SHOWS = ('rugged_teleop.simulate', 'rugged_teleop.demo')

@@ -30,6 +30,9 @@ LONGEST = 900.0  # seconds a file; a single test in there hangs after 300
 _MODULES = Path('/usr/lib/uml/modules')
 _INSTALL = 'apt install user-mode-linux iproute2'
 _MEMORY = 1024  # MiB
+# The lowest priority, and for a session of its own the lowest among sessions, where they have one.
+_LEAST = '{ echo 19 >/proc/self/autogroup; } 2>/dev/null; exec nice -n 19 "$@"'
+_POLITELY = ('sh', '-c', _LEAST, 'sh')
 _ARGUMENTS = ('-m', 'can_bus', '-o', 'faulthandler_timeout=300')
 
 
@@ -69,9 +72,7 @@ class Kernels:
         self._environment = dict(os.environ)
         self._running: set[subprocess.Popen[bytes]] = set()
         self._pool = ThreadPoolExecutor(1)
-        self._results = {
-            file: self._pool.submit(self._run, file, 'nice', '-n', '19') for file in files
-        }
+        self._results = {file: self._pool.submit(self._run, file, *_POLITELY) for file in files}
 
     def result(self, file: str) -> Result:
         """
