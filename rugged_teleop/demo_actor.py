@@ -35,8 +35,9 @@ DEMANDED, HELD = 'demands a stop', 'is not at neutral'  # the mux's words for wh
 _WAIT = 5.0
 _POLL = 0.005
 _STILL = 0.4  # s for which it is watched that nothing moves
+_SEEN = 0.5  # s within which the answer to a reset is the mux's state
 _TRIES = 5
-_LATE_TRIES = 3
+_LATE_TRIES = 5
 # How the mux's words begin that explain a stop, and do not stand in the way of a reset.
 _EXPLAIN = ('stopped ', 'a trip is active', 'waiting for reset')
 # Words for a stop that nobody asked for: some time-out, on a machine that is too busy. The two in
@@ -232,10 +233,15 @@ class Actor:
         for _ in range(_TRIES):  # a time-out may come between the look and the reset
             self.wait(self._nothing_hinders)
             success, message = self.reset()
-            if success:
-                self.wait_for_state('READY')
+            if success and self._is_ready_soon():
                 return message.split(';')[0]
-        raise Missed(message)
+        raise Missed(f'{message}; the mux says: {self.watcher.message}')
+
+    def _is_ready_soon(self) -> bool:
+        """Wait for READY; tell whether it came, for a time-out may have ended it unseen."""
+        end = time.monotonic() + _SEEN * self.patience
+        self.wait(lambda: self.watcher.state == 'READY' or time.monotonic() > end)
+        return self.watcher.state == 'READY'
 
     def _nothing_hinders(self) -> bool:
         hindrances = self.hindrances()
@@ -405,12 +411,21 @@ class Actor:
         self._late = 0.0
         self.caused_at = act()
         took = self.reacts(cause, 'disabled', self._first_disable, limit)
-        self.wait_for_state(state)
+        self._wait_for_stop(state)
         packets = self.stage.packets(self._first_disable(self.caused_at))
         later = sum(packet.enables for packet in packets)
         if later:
             raise Missed(f'{later} packets after the first disable packet enable again')
-        return f'{took}, {state}'
+        return f'{took}, {self.watcher.state}'
+
+    def _wait_for_stop(self, state: str) -> None:
+        """Wait for this state, or for the STOPPED of a time-out, which came on top of it."""
+        self.wait(
+            lambda: (
+                self.watcher.state == state or (self._has_fallen() and self._trouble() is not None)
+            ),
+            lambda: f'the mux is {self.watcher.state}',
+        )
 
     def reacts(self, cause: str, what: str, find: Callable[[float], float], limit: float) -> str:
         """
