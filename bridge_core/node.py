@@ -97,6 +97,7 @@ class ManagedNode(LifecycleNode):
     def __init__(self, name: str, *, parameter_files: Sequence[Path] = (), **options: Any) -> None:
         super().__init__(name, **options)
         self.active = False
+        self.starting = False  # configured to be activated at once
         try:
             check_sections(self.get_fully_qualified_name(), parameter_files)
             self.values: dict[str, Any] = self._declare()
@@ -124,9 +125,11 @@ class ManagedNode(LifecycleNode):
         """
         if not self.values['autostart']:
             return
+        self.starting = True
         for trigger in (self.trigger_configure, self.trigger_activate):
             if trigger() != TransitionCallbackReturn.SUCCESS:
                 raise ParameterError(f'{self.get_name()} cannot start with these parameters')
+        self.starting = False
 
     def _declare(self) -> dict[str, Any]:
         # rclpy has no public name for what was given, and cannot declare an empty list by itself.
@@ -375,7 +378,8 @@ class BridgeNode(ManagedNode):
         def configure() -> None:
             self.make_session()
             self.make_transport()
-            self._rest()
+            if not self.starting:
+                self._rest()
 
         return self._transition(configure, 'configure')
 

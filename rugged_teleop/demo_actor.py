@@ -224,8 +224,9 @@ class Actor:
 
     def reset(self) -> tuple[bool, str]:
         """Call for a reset; return success and message."""
-        self._reset_at = time.monotonic()
-        return self.watcher.call('reset')
+        reply = self.watcher.call('reset')
+        self._reset_at = time.monotonic()  # not before: it may have waited for the mux
+        return reply
 
     def accepted_reset(self) -> str:
         """Let all go, tend to what hinders a reset, then reset; return the answer."""

@@ -5,6 +5,7 @@ from collections.abc import Iterator
 import contextlib
 import fcntl
 from functools import partial
+import itertools
 import os
 from pathlib import Path
 import re
@@ -130,7 +131,7 @@ def test_late_stop_is_tried_again_and_told_but_not_for_ever() -> None:
 
     assert actor.repeated(stop, lambda: undone.append('undone')) == '280 ms; at first: 320 ms'
     assert undone == ['undone']
-    tries = iter([Late('320 ms')] * 4)
+    tries = itertools.repeat(Late('320 ms'))
     with pytest.raises(Late):
         actor.repeated(stop, lambda: None)
 
