@@ -198,9 +198,9 @@ def test_reset_and_setup_are_refused_in_motion(bench: Bench, unit: Station) -> N
 
 
 def test_readdressed_in_motion_it_goes_on(bench: Bench, unit: Station) -> None:
-    bench.drive(unit)
     bench.wait(lambda: bench.value('moves to another address'), 'a diagnostic')
     moves = int(bench.value('moves to another address'))
+    bench.drive(unit)
     unit.steer('address 9A')
     bench.wait(lambda: bench.value('address') == '9A', 'the new address')
     assert int(bench.value('moves to another address')) == moves + 1

@@ -67,6 +67,7 @@ def test_status_from_the_start_says_what_is_missing(observer: Observer) -> None:
             'the reasons',
         )
         assert mux.status.last.level == DiagnosticStatus.WARN
+        mux.wait(lambda: mux.estop.data and mux.enable.data, 'stop and enable')
         assert mux.estop.data[0] is True
         assert not any(mux.enable.data)
         values = values_of(mux.status.last)
