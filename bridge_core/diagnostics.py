@@ -1,4 +1,4 @@
-"""What a node tells on /diagnostics: a level, a sentence with what to do, and numbers."""
+"""What a node publishes on /diagnostics: a level, a sentence with what to do, and numbers."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -8,26 +8,21 @@ from typing import Any
 from diagnostic_msgs.msg import DiagnosticStatus
 from diagnostic_msgs.msg import KeyValue
 
-OK, WARN, ERROR, STALE = (
-    DiagnosticStatus.OK,
-    DiagnosticStatus.WARN,
-    DiagnosticStatus.ERROR,
-    DiagnosticStatus.STALE,
-)
+from bridge_core.session import Level
 
 
 @dataclass
 class Status:
     """One diagnostic: ``level`` of DiagnosticStatus, and ``message`` for a person."""
 
-    level: bytes = OK
+    level: Level = Level.OK
     message: str = 'ok'
     values: dict[str, Any] = field(default_factory=dict)
 
     def to_msg(self, name: str, hardware_id: str) -> Any:
         """Return the DiagnosticStatus under this name."""
         return DiagnosticStatus(
-            level=self.level,
+            level=bytes((self.level,)),
             name=name,
             message=self.message,
             hardware_id=hardware_id,
@@ -35,11 +30,11 @@ class Status:
         )
 
 
-def summarise(problems: Iterable[tuple[bytes, str]], good: str) -> tuple[bytes, str]:
+def summarise(problems: Iterable[tuple[Level, str]], good: str) -> tuple[Level, str]:
     """Return the worst level and all the sentences; (OK, ``good``) where there is no problem."""
     found = list(problems)
     if not found:
-        return OK, good
+        return Level.OK, good
     return max(level for level, _ in found), '; '.join(text for _, text in found)
 
 

@@ -4,16 +4,38 @@ Finding frames in a stream of bytes.
 A serial line loses, doubles and flips bytes. What was sent still has to come out in any split, and
 one bad byte may cost no more than the frame that it is in. So the parser checks what it can before
 it waits for a body, slides by a single byte after a failure (a corrupt length must not hide the
-frames behind it), holds no more than one largest frame, and lets a frame that never ends expire.
+frames behind it), holds no more than one largest frame, and expires a frame that never ends.
 """
+
+from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
 import math
+from typing import Generic
+from typing import TypeVar
+
+MessageT = TypeVar('MessageT')
+FrameT = TypeVar('FrameT')
+
+# Frames found inside an expired one are handed out up to this age, in multiples of ``expire``:
+# they waited behind a corrupt length. Anything older is history, not news.
+_OLDEST = 2.0
 
 
 class FrameError(ValueError):
     """Bytes from the wire are not the frame that they claim to be: the peer's fault, not ours."""
+
+
+class ChecksumError(FrameError):
+    """The check of a frame is wrong: its length may be, too, so the next byte may begin one."""
+
+
+@dataclass(frozen=True, slots=True)
+class Unknown:
+    """A sound frame of a type that this software does not know. :param kind: its number."""
+
+    kind: int
 
 
 @dataclass(slots=True)
@@ -31,7 +53,7 @@ class Counters:
 
 
 @dataclass(frozen=True, slots=True)
-class FrameFormat:
+class FrameFormat(Generic[MessageT]):
     """
     How frames of one protocol are told apart in a stream.
 
@@ -41,94 +63,141 @@ class FrameFormat:
     :param size_of: from the first ``head_size`` bytes to the whole frame's size in bytes; raises
         FrameError where type and length cannot be. A size outside ``head_size`` to ``max_size`` is
         malformed too.
-    :param check: tells from a whole frame whether its checksum is right.
+    :param decode: from a whole frame to its message, Unknown for a type that is not known; raises
+        ChecksumError for a wrong check, FrameError for contents that cannot be.
     """
 
     header: bytes
     head_size: int
     max_size: int
     size_of: Callable[[bytes], int]
-    check: Callable[[bytes], bool]
+    decode: Callable[[bytes], MessageT | Unknown]
 
 
-class StreamParser:
+class Decoder(Generic[FrameT, MessageT]):
     """
-    Cuts a stream into frames. Raises nothing: what is wrong is counted.
+    Turns what was received (bytes, datagrams, CAN frames) into messages, each checked once.
+
+    Raises nothing: what is wrong is counted, and so are messages of an unknown type.
+    """
+
+    def __init__(self) -> None:
+        self.counters = Counters()
+
+    @property
+    def deadline(self) -> float:
+        """The moment at which poll should be called; infinite while nothing is pending."""
+        return math.inf
+
+    def reset(self) -> None:
+        """Discard what was received in part, as after a port was closed; the counters stay."""
+
+    def feed(self, data: FrameT, now: float) -> list[MessageT]:
+        """Return the messages that ``data`` completes, in order."""
+        raise NotImplementedError
+
+    def poll(self, now: float) -> list[MessageT]:
+        """Return the messages found in what has expired."""
+        del now
+        return []
+
+
+class StreamParser(Decoder[bytes, MessageT]):
+    """
+    Decodes a stream of bytes.
 
     :param expire: seconds after which a partial frame is given up.
     """
 
-    def __init__(self, frame_format: FrameFormat, *, expire: float = 0.05) -> None:
-        self.counters = Counters()
+    def __init__(self, frame_format: FrameFormat[MessageT], *, expire: float = 0.05) -> None:
+        super().__init__()
         self._format = frame_format
         self._expire = expire
         self._buffer = b''
-        self._since = 0.0
+        self._arrivals: list[tuple[int, float]] = []  # of the buffer: number of bytes, time
         self._in_sync = True
 
     @property
     def deadline(self) -> float:
         """The moment at which poll should be called; infinite while nothing is pending."""
-        return self._since + self._expire if self._buffer else math.inf
+        return self._arrivals[0][1] + self._expire if self._buffer else math.inf
 
     def reset(self) -> None:
         """Discard a partial frame, as after a port was closed; the counters stay."""
         self.counters.discarded_bytes += len(self._buffer)
         self._buffer = b''
+        self._arrivals.clear()
         self._in_sync = True
 
-    def feed(self, data: bytes, now: float) -> list[bytes]:
-        """Return the whole, checked frames that ``data`` completes, in order."""
+    def feed(self, data: bytes, now: float) -> list[MessageT]:
+        """Return the messages of the frames that ``data`` completes, in order."""
         self.counters.bytes += len(data)
         late = self.poll(now)  # what came before and never ended must not swallow what comes now
-        pending = len(self._buffer)
-        self._buffer += data
-        frames = self._scan(0)
-        if len(self._buffer) < pending + len(data) or not pending:
-            self._since = now  # the frame at the front is a newer one
-        return late + frames
+        if data:
+            self._buffer += data
+            self._arrivals.append((len(data), now))
+        return late + self._scan()
 
-    def poll(self, now: float) -> list[bytes]:
-        """Give up a partial frame that is too old; return the whole frames found inside it."""
-        if now < self.deadline:
-            return []
-        self.counters.expired += 1
-        self._discard(1)
-        frames = self._scan(1)
-        self._since = now
-        return frames
+    def poll(self, now: float) -> list[MessageT]:
+        """Give up a partial frame that is too old; return the messages found inside it."""
+        messages: list[MessageT] = []
+        while now >= self.deadline:
+            self.counters.expired += 1
+            oldest = now - _OLDEST * self._expire
+            stale = max(1, sum(size for size, at in self._arrivals if at < oldest))
+            self._discard(stale)
+            messages += self._scan(stale)
+        return messages
 
-    def _scan(self, start: int) -> list[bytes]:
-        """Cut frames out of the buffer from ``start`` on; keep the partial one at the end."""
-        fmt, buffer, end = self._format, self._buffer, len(self._buffer)
-        frames: list[bytes] = []
-        while start < end:
+    def _scan(self, start: int = 0) -> list[MessageT]:
+        """Decode the frames in the buffer from ``start`` on; keep the partial one at the end."""
+        fmt, counters, buffer = self._format, self.counters, self._buffer
+        messages: list[MessageT] = []
+        while start < len(buffer):
             head = self._find_header(start)
             if head > start:
                 self._discard(head - start)
                 start = head
-            if end - start < fmt.head_size:
+            if len(buffer) - start < fmt.head_size:
                 break
             size = self._size(buffer[start : start + fmt.head_size])
             if size is None:
-                self.counters.malformed += 1
+                counters.malformed += 1
                 self._discard(1)
                 start += 1
                 continue
-            if end - start < size:
+            if len(buffer) - start < size:
                 break
-            frame = buffer[start : start + size]
-            if fmt.check(frame):
-                self.counters.frames += 1
-                self._in_sync = True
-                frames.append(frame)
-                start += size
-            else:
-                self.counters.checksum_errors += 1
+            try:
+                message = fmt.decode(buffer[start : start + size])
+            except ChecksumError:
+                counters.checksum_errors += 1
                 self._discard(1)
                 start += 1
+                continue
+            except FrameError:
+                counters.malformed += 1
+            else:
+                if isinstance(message, Unknown):
+                    counters.unknown_types += 1
+                else:
+                    messages.append(message)
+            counters.frames += 1
+            self._in_sync = True
+            start += size
         self._buffer = buffer[start:]
-        return frames
+        self._forget_arrivals(start)
+        return messages
+
+    def _forget_arrivals(self, count: int) -> None:
+        """Forget when the first ``count`` bytes arrived."""
+        while count:
+            size, at = self._arrivals[0]
+            if size > count:
+                self._arrivals[0] = (size - count, at)
+                return
+            del self._arrivals[0]
+            count -= size
 
     def _size(self, head: bytes) -> int | None:
         """Return the whole frame's size; None where the head is impossible."""
@@ -150,6 +219,7 @@ class StreamParser:
         return len(buffer)
 
     def _discard(self, count: int) -> None:
+        """Count bytes that are no frame."""
         self.counters.discarded_bytes += count
         if self._in_sync:
             self._in_sync = False

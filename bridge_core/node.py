@@ -6,13 +6,18 @@ at once on change and at ``estop_rate`` always, by the link thread, port or no p
 """
 
 from collections.abc import Callable
+from collections.abc import Mapping
 from collections.abc import Sequence
 from dataclasses import asdict
+from functools import partial
+import itertools
 import math
 from pathlib import Path
 import time
 from typing import Any
 from typing import ClassVar
+from typing import Generic
+from typing import TypeVar
 
 from diagnostic_msgs.msg import DiagnosticArray
 from rcl_interfaces.msg import FloatingPointRange
@@ -25,16 +30,22 @@ from rclpy.lifecycle import TransitionCallbackReturn
 from rclpy.qos import DurabilityPolicy
 from rclpy.qos import QoSProfile
 from std_msgs.msg import Bool
+from std_srvs.srv import Trigger
 
-from bridge_core.diagnostics import ERROR
-from bridge_core.diagnostics import OK
 from bridge_core.diagnostics import Status
-from bridge_core.diagnostics import WARN
+from bridge_core.diagnostics import summarise
 from bridge_core.outbox import Outbox
 from bridge_core.parameter_files import check_sections
 from bridge_core.parameters import Parameter
 from bridge_core.parameters import ParameterError
 from bridge_core.parameters import resolve
+from bridge_core.services import Waiting
+from bridge_core.session import Answer
+from bridge_core.session import EventT
+from bridge_core.session import Level
+from bridge_core.session import Session
+from bridge_core.session import StopChanged
+from bridge_core.session import Verdict
 from bridge_core.transports import Transport
 from bridge_core.transports import TransportError
 from bridge_core.transports.link import Link
@@ -74,6 +85,9 @@ BRIDGE_PARAMETERS = (
 _ROS_PARAMETERS = ('use_sim_time', 'start_type_description_service')
 _DIAGNOSTICS_PERIOD = 1.0
 _LAST_WORDS_TIME = 0.3  # s
+_INACTIVE = Verdict.stop('the node is not active', link_up=False)
+
+SessionT = TypeVar('SessionT', bound=Session[Any, Any, Any])
 
 
 def latched_qos(deadline: float | None = None) -> QoSProfile:
@@ -171,13 +185,13 @@ class ManagedNode(LifecycleNode):
         return TransitionCallbackReturn.SUCCESS
 
 
-class BridgeNode(ManagedNode):
+class BridgeNode(ManagedNode, Generic[SessionT, EventT]):
     """
-    A node that joins one device: the room adds its session, its transport and its topics.
+    A node that joins one device: the bridge adds its session, its transport and its topics.
 
-    Callbacks of the executor never touch the session: they post requests to ``self.link``.
-    ``on_event`` and ``device_status`` run on the link thread, which never waits for the
-    middleware: publishers come from ``publisher``, and logs there go by ``self.outbox``.
+    Callbacks of the executor never touch the session: they ask for requests with ``request``.
+    ``on_event`` and what diagnostics need run on the link thread, which never waits for the
+    middleware: publishers come from ``publisher``, and logs there go by ``log``.
     """
 
     PARAMETERS: ClassVar[tuple[Parameter, ...]] = BRIDGE_PARAMETERS
@@ -193,139 +207,226 @@ class BridgeNode(ManagedNode):
         self._diagnostics_publisher = self.publisher(DiagnosticArray, '/diagnostics', 10)
         self._period = period
         self._repeat_at = self._diagnose_at = 0.0
-        self._told: tuple[bool, bool, bool] | None = None
-        self._levels: list[bytes] = []
+        self.verdict = _INACTIVE  # as published last
+        self._levels: list[Level] = []
+        self._logged_at: dict[str, float] = {}
+        self._numbers = itertools.count()  # of requests that must not replace each other
+        self._waiting = Waiting(self)
         self.refused = 0
         self.refusal = ''
-        self.session: Any = None  # the room's own Session while active
-        self.link = Link(name, self, reconnect_period=self.values['reconnect_period'])
+        self.session: SessionT | None = None  # while active
+        self.link: Link[Any] = Link(name, self, reconnect_period=self.values['reconnect_period'])
         self.create_interfaces()
+        self._publish_verdict(_INACTIVE)
+        self.log(Level.WARN, f'stop: {_INACTIVE.reasons[0]}')
+        self._link_up_publisher.publish(Bool(data=False))
         self.link.start()
 
     def publisher(self, kind: type, topic: str, qos: QoSProfile | int) -> 'OutboxPublisher':
         """Return a publisher for use on the link thread; parameters as of ``create_publisher``."""
         return OutboxPublisher(self.create_publisher(kind, topic, qos), self.outbox)
 
-    # What a room provides.
+    def log(self, level: Level, text: str, *, site: str = '') -> None:
+        """
+        Log from the link thread; OK is info.
+
+        :param site: what may come often: of each site at most one line a second.
+        """
+        now = time.monotonic()
+        if site and now < self._logged_at.get(site, -math.inf) + 1.0:
+            return
+        self._logged_at[site] = now
+        self.outbox.post(self._log, level, text)
+
+    def _log(self, level: Level, text: str) -> None:
+        # On lines of their own: rclpy refuses a change of severity within one call site.
+        if level is Level.OK:
+            self.get_logger().info(text)
+        elif level is Level.WARN:
+            self.get_logger().warning(text)
+        else:
+            self.get_logger().error(text)
+
+    # What a bridge provides.
 
     def create_interfaces(self) -> None:
-        """Create the room's publishers, subscriptions and services."""
+        """Create the bridge's publishers, subscriptions and services."""
 
-    def make_session(self) -> Any:
-        """Return a new session made from the parameters."""
+    def make_session(self, values: Mapping[str, Any]) -> SessionT:
+        """Return a new session. :raises ValueError: parameters that contradict each other."""
         raise NotImplementedError
 
-    def make_resting_session(self) -> Any:
+    def make_resting_session(self) -> Session[Any, Any, Any] | None:
         """Return what runs on the port while the node is inactive; None: the port is closed."""
         return None
 
-    def make_transport(self) -> Transport:
-        """Return the transport that the parameters name, not yet open."""
+    def make_transport(self, values: Mapping[str, Any]) -> Transport[Any]:
+        """Return the port, not yet open. :raises ValueError: parameters that it cannot take."""
         raise NotImplementedError
 
-    def on_event(self, event: Any) -> None:
-        """Publish one event of the session."""
+    def on_event(self, event: EventT) -> None:
+        """Publish one event of the session; stops and answers are published by the base."""
 
-    def device_status(self, now: float) -> Status:
-        """Return the device's own diagnostic."""
-        raise NotImplementedError
+    def check_parameters(self, values: dict[str, Any]) -> None:
+        """Refuse what session or transport cannot be made from. :raises ParameterError: it."""
+        try:
+            self.make_session(values)
+            self.make_transport(values)
+        except ParameterError:
+            raise
+        except (ValueError, ImportError) as error:
+            raise ParameterError(f'parameter {error}') from error
+
+    # Requests: from the executor's thread to the link thread.
 
     def request(
-        self, key: str, action: Callable[[Any, float], None], *, sticky: bool = False
-    ) -> None:
+        self,
+        method: Callable[..., Any],
+        *arguments: Any,
+        key: str = '',
+        each: bool = False,
+        sticky: bool = False,
+    ) -> bool:
         """
-        Have ``action(session, now)`` done on the link thread; of one key the latest wins.
+        Have ``method(session, *arguments, now)`` called on the link thread; False: not active.
 
         A ValueError is a refusal of what somebody asked: it is counted and logged, nothing else.
 
+        :param method: of the session's class. :param key: of one key the latest request wins; the
+            method's name if none is given. :param each: no request replaces another.
         :param sticky: a stop: nothing that is asked later replaces it.
         """
         session = self.session
         if session is None:
-            return
+            return False
+        key = key or method.__name__
 
         def act(now: float) -> None:
             try:
-                action(session, now)
+                method(session, *arguments, now)
             except ValueError as error:
                 self.refuse(f'{key}: {error}')
 
-        self.link.post(key, act, sticky=sticky)
+        self.link.post(f'{key} {next(self._numbers)}' if each else key, act, sticky=sticky)
+        return True
 
     def refuse(self, text: str) -> None:
         """Count and log a request that makes no sense."""
         self.refused += 1
         self.refusal = text
-        self.outbox.post(
-            lambda: self.get_logger().warning(f'refused {text}', throttle_duration_sec=1.0)
-        )
+        self.log(Level.WARN, f'refused {text}', site='refused')
+
+    def create_device_service(
+        self, name: str, method: Callable[..., Any], *arguments: Any
+    ) -> None:
+        """
+        Create the Trigger ``~/name``, answered by the session's Answer of that name.
+
+        :param method: as of ``request``.
+        """
+
+        async def serve(request: Any, response: Any) -> Any:
+            """Answer when the device has: the executor goes on meanwhile."""
+            del request
+            answered = self._waiting.future()
+            ask = partial(self._ask, name, answered, method)
+            if not self.request(ask, *arguments, key=name, each=True):
+                response.message = _INACTIVE.reasons[0]
+                return response
+            answer = await answered
+            response.success, response.message = answer.success, answer.text
+            return response
+
+        self.create_service(Trigger, f'~/{name}', serve)
+
+    def _ask(
+        self,
+        name: str,
+        answered: Any,
+        method: Callable[..., Any],
+        session: SessionT,
+        *arguments: Any,
+    ) -> None:
+        if not self.link.status.is_open:
+            answered.set_result(Answer(name, False, self.link.status.error))
+            return
+        self._waiting.add(name, answered)
+        try:
+            method(session, *arguments)
+        except ValueError as error:
+            self._waiting.remove(name, answered, str(error))
+            raise
 
     # The owner's side of the link.
 
+    def on_events(self, events: Sequence[Any], now: float) -> None:
+        """Publish events of the session, each and in order."""
+        for event in events:
+            if isinstance(event, StopChanged):
+                self._change_verdict(event.verdict, now)
+            elif isinstance(event, Answer):
+                self.on_answer(event)
+            else:
+                self.on_event(event)
+
+    def on_answer(self, answer: Answer) -> None:
+        """Answer the services that wait for it; log one that nobody waits for."""
+        if not self._waiting.answer(answer):
+            self.log(
+                Level.OK if answer.success else Level.WARN, f'{answer.request}: {answer.text}'
+            )
+
     def pace(self, now: float) -> float:
-        """Publish stop and link states on change and at ``estop_rate``, diagnostics at 1 Hz."""
-        changed = self._state() != self._told
-        if changed or now >= self._repeat_at:
-            self._tell(now, changed)
+        """Repeat stop and link state at ``estop_rate``, diagnostics at 1 Hz."""
+        if now >= self._repeat_at:
+            self._publish_verdict(self.verdict)
+            self._repeat_at = now + self._period
+            self._diagnose(now)
         return self._repeat_at  # diagnostics go out with one of these
 
     def link_changed(self, text: str, ok: bool) -> None:
-        """Log a change of the port's state."""
-        if ok:  # on a line of its own: rclpy refuses a change of severity within one call site
-            self.outbox.post(lambda: self.get_logger().info(text))
-        else:
-            self.outbox.post(lambda: self.get_logger().error(text))
+        """Log a change of the port's state; a lost port is a stop, and nobody waits for it."""
+        self.log(Level.OK if ok else Level.ERROR, text)
+        if not ok:
+            self._waiting.fail(text)
+            self._change_verdict(Verdict.stop(text, link_up=False), time.monotonic())
 
     def stamp(self) -> Any:
         """Return the time for a header, in ROS time: it never decides anything."""
         return self.get_clock().now().to_msg()
 
-    def _state(self) -> tuple[bool, bool, bool]:
-        """Return estop, own_estop and link_up; without a session or a port all is stopped."""
-        session = self.session
-        if session is None or not self.link.status.is_open:
-            return True, True, False
-        return session.estop, session.own_estop, session.link_up
+    def header(self) -> tuple[Any, str]:
+        """Return stamp and frame_id."""
+        return self.stamp(), self.values['frame_id']
 
-    def _tell(self, now: float, changed: bool) -> None:
-        estop, own_estop, link_up = state = self._state()
-        self._estop_publisher.publish(Bool(data=estop))
-        self._own_estop_publisher.publish(Bool(data=own_estop))
-        if self._told is None or link_up != self._told[2]:
-            self._link_up_publisher.publish(Bool(data=link_up))
-        if changed:
-            self._log_stop(estop, now)
-        self._told = state
+    def _change_verdict(self, verdict: Verdict, now: float) -> None:
+        before, self.verdict = self.verdict, verdict
+        if verdict == before:
+            return
+        self._publish_verdict(verdict)
+        if verdict.link_up != before.link_up:
+            self._link_up_publisher.publish(Bool(data=verdict.link_up))
+        if verdict.estop and not before.estop:
+            self.log(Level.WARN, f'stop: {"; ".join(verdict.reasons)}')
+        elif before.estop and not verdict.estop:
+            self.log(Level.OK, 'no stop demanded any more')
         self._repeat_at = now + self._period
         self._diagnose(now)
 
-    def _log_stop(self, estop: bool, now: float) -> None:
-        if self._told is not None and estop == self._told[0]:
-            return
-        if not estop:
-            self.outbox.post(lambda: self.get_logger().info('no stop demanded any more'))
-        else:
-            text = f'stop: {"; ".join(self._stop_reasons(now))}'
-            self.outbox.post(lambda: self.get_logger().warning(text))
-
-    def _stop_reasons(self, now: float) -> list[str]:
-        if self.session is None:
-            return ['the node is not active']
-        if not self.link.status.is_open:
-            return [self.link.status.error]
-        return list(self.session.stop_reasons(now))
+    def _publish_verdict(self, verdict: Verdict) -> None:
+        self._estop_publisher.publish(Bool(data=verdict.estop))
+        self._own_estop_publisher.publish(Bool(data=verdict.own_estop))
 
     def _diagnose(self, now: float) -> None:
-        statuses = [self._link_status(now), self._checked_device_status(now)]
+        statuses = [self._link_status(now), self._device_status(now)]
         levels = [status.level for status in statuses]
         if levels == self._levels and now < self._diagnose_at:
             return
         self._levels, self._diagnose_at = levels, now + _DIAGNOSTICS_PERIOD
-        hardware_id = self.values['hardware_id'] or self.hardware_name
         name = self.get_fully_qualified_name().lstrip('/')
         array = DiagnosticArray(
             status=[
-                status.to_msg(f'{name}: {part}', hardware_id)
+                status.to_msg(f'{name}: {part}', self.hardware_id)
                 for part, status in zip(('link', 'device'), statuses, strict=True)
             ]
         )
@@ -333,28 +434,42 @@ class BridgeNode(ManagedNode):
         self._diagnostics_publisher.publish(array)
 
     @property
+    def hardware_id(self) -> str:
+        """The device's name in diagnostics: the user's, or else the bridge's."""
+        return str(self.values['hardware_id'] or self.hardware_name)
+
+    @property
     def hardware_name(self) -> str:
         """The device's name where the user gave none: its port."""
         return str(self.values.get('port', self.get_name()))
 
-    def _checked_device_status(self, now: float) -> Status:
-        if self.session is None:
-            return Status(WARN, 'the node is not active; ~/estop is true')
-        return self.device_status(now)
+    def extra_values(self) -> dict[str, Any]:
+        """Return what the node adds to the session's values in the device's diagnostic."""
+        return {}
+
+    def _device_status(self, now: float) -> Status:
+        session = self.session
+        if session is None:
+            return Status(Level.WARN, 'the node is not active; ~/estop is true')
+        level, message = summarise(session.problems(now), session.summary())
+        inhibits = session.inhibits(now)
+        if inhibits:
+            message += f'; {session.HELD}: {"; ".join(inhibits)}'
+        return Status(level, message, {**session.values(now), **self.extra_values()})
 
     def _link_status(self, now: float) -> Status:
         port, session = self.link.status, self.session
         if session is None:
             texts = dict.fromkeys(['the node is not active', *filter(None, [port.error])])
-            return Status(WARN, '; '.join(texts), {})
+            return Status(Level.WARN, '; '.join(texts), {})
         if not port.is_open:
-            level, message = ERROR, port.error
+            level, message = Level.ERROR, port.error
         elif not session.link_up:
-            level, message = ERROR, '; '.join(self._stop_reasons(now))
+            level, message = Level.ERROR, '; '.join(session.stop_reasons(now))
         else:
-            level, message = OK, 'ok'
-        counters = session.counters
-        values = {key.replace('_', ' '): value for key, value in asdict(counters).items()}
+            level, message = Level.OK, 'ok'
+        counters = asdict(session.counters)
+        values = {key.replace('_', ' '): value for key, value in counters.items()}
         age = session.frame_age(now)
         values['age of last frame (s)'] = age if math.isfinite(age) else 'never'
         values |= {
@@ -376,8 +491,8 @@ class BridgeNode(ManagedNode):
         del state
 
         def configure() -> None:
-            self.make_session()
-            self.make_transport()
+            self.make_session(self.values)
+            self.make_transport(self.values)
             if not self.starting:
                 self._rest()
 
@@ -387,9 +502,9 @@ class BridgeNode(ManagedNode):
         """Open the port, and keep it open."""
 
         def activate() -> None:
-            self.session = self.make_session()
+            self.session = self.make_session(self.values)
             self.active = True
-            self.link.activate(self.make_transport(), self.session)
+            self.link.activate(self.make_transport(self.values), self.session)
 
         result = self._transition(activate, 'activate')
         if result != TransitionCallbackReturn.SUCCESS:
@@ -427,7 +542,7 @@ class BridgeNode(ManagedNode):
     def _rest(self) -> None:
         resting = self.make_resting_session()
         if resting is not None:
-            self.link.activate(self.make_transport(), resting)
+            self.link.activate(self.make_transport(self.values), resting)
 
     def _leave_active(self) -> None:
         try:
@@ -438,13 +553,14 @@ class BridgeNode(ManagedNode):
 
     def _forget_session(self) -> None:
         def forget(now: float) -> None:
-            del now
             self.session = None
+            self._waiting.fail(_INACTIVE.reasons[0])
+            self._change_verdict(_INACTIVE, now)
 
         try:
             self.link.call(forget)  # there, as the link thread may be just asking the session
         except TransportError:
-            self.session = None
+            forget(time.monotonic())
 
     def shut_down(self) -> None:
         """Leave the device safe, say so, end the thread."""
@@ -453,7 +569,7 @@ class BridgeNode(ManagedNode):
         except TransportError as error:
             self.get_logger().error(f'no farewell: {error}')
         self.link.stop()
-        self._tell(time.monotonic(), True)
+        self._publish_verdict(self.verdict)
         self.outbox.close(_LAST_WORDS_TIME)
 
     def destroy_node(self) -> None:

@@ -1,40 +1,287 @@
-"""What the sessions of all rooms share: verdicts on stops, neutral sticks, pacing."""
+"""
+What a link means over time: the base of all sessions.
+
+A session is pure: it is given what was received, requests and the time, and returns events and
+frames. What it knows of a stop is its verdict. Every change of the verdict is an event, in the
+order in which things happened, so a stop that comes and goes within one read is never lost.
+"""
 
 from __future__ import annotations
 
+from abc import ABC
+from abc import abstractmethod
+from collections.abc import Sequence
 from dataclasses import dataclass
+from dataclasses import field
+from enum import IntEnum
 import math
+from typing import Any
+from typing import Generic
+from typing import TypeVar
+from typing import Union
+
+from bridge_core.framing import Decoder
+from bridge_core.watchdog import Watchdog
+
+FrameT = TypeVar('FrameT')
+MessageT = TypeVar('MessageT')
+EventT = TypeVar('EventT')
 
 
-@dataclass(frozen=True, slots=True)
-class StopChanged:
-    """An event: one of the three changed; they are the session's properties at this moment."""
+class Level(IntEnum):
+    """Levels of DiagnosticStatus."""
 
-    estop: bool
-    own_estop: bool
-    link_up: bool
+    OK = 0
+    WARN = 1
+    ERROR = 2
+    STALE = 3
 
 
 @dataclass(frozen=True, slots=True)
 class Verdict:
-    """What one message, or several together, mean. :param reasons: in words, and what to do."""
+    """
+    What is known of a device, as far as a stop goes.
+
+    :param estop: the device or its link demands a stop, or has not proved itself healthy yet.
+    :param own_estop: the same, without the echo of what this node itself asked of the device.
+    :param link_up: the device is heard within the link timeout.
+    :param reasons: why ``estop`` is true, in words, and what to do. Verdicts that differ in words
+        only are equal: words contain ages.
+    """
 
     estop: bool = False
     own_estop: bool = False
-    reasons: tuple[str, ...] = ()
+    link_up: bool = True
+    reasons: tuple[str, ...] = field(default=(), compare=False)
 
-    def worst(self, other: Verdict) -> Verdict:
-        """Return both together: a stop in either is a stop."""
-        return Verdict(
-            self.estop or other.estop,
-            self.own_estop or other.own_estop,
-            tuple(dict.fromkeys(self.reasons + other.reasons)),
-        )
+    @classmethod
+    def stop(cls, *reasons: str, link_up: bool = True) -> Verdict:
+        """Return a stop that the device or its link demands by itself."""
+        return cls(True, True, link_up, reasons)
+
+
+@dataclass(frozen=True, slots=True)
+class StopChanged:
+    """An event: a signal of the verdict changed."""
+
+    verdict: Verdict
+
+
+@dataclass(frozen=True, slots=True)
+class Answer:
+    """An event: how a request that waits for the device ended. :param request: its name."""
+
+    request: str
+    success: bool
+    text: str
+
+
+Event = Union[EventT, StopChanged, Answer]  # noqa: UP007 - an alias with a type variable
+Output = tuple[list[Event[EventT]], list[FrameT]]
+
+
+class Session(ABC, Generic[FrameT, MessageT, EventT]):
+    """
+    The base of all sessions; ``now`` is seconds of a monotonic clock.
+
+    Requests (the subclass's public methods that take ``now`` last) begin with
+    ``self._expire(now)``, and end with ``self._refresh(now)`` where they change what the verdict
+    depends on. Frames to send come from the poll that follows each of them.
+
+    :param decoder: from what is received to messages.
+    :param link_timeout: seconds without a sign of life of the device that count as lost.
+    """
+
+    CLOSED = 'the port is not open'  # why there is a stop then, and what to do
+    HELD = 'held'  # what outputs are while inhibits returns anything: disabled, neutral, ...
+
+    def __init__(self, decoder: Decoder[FrameT, MessageT], link_timeout: float) -> None:
+        self.counters = decoder.counters
+        self.verdict = Verdict.stop(self.CLOSED, link_up=False)
+        self._decoder = decoder
+        self._heard = Watchdog(link_timeout)  # the subclass feeds it with signs of life
+        self._events: list[Event[EventT]] = []
+        self._open = False
+        self._stepped_at = -math.inf  # the last receive, poll or request
+        self._interruption = ''  # why what was heard had to be forgotten, and when that was
+        self._interrupted_at = -math.inf
+
+    # -- what is known ---------------------------------------------------------------------------
+
+    @property
+    def estop(self) -> bool:
+        """As of the last call; see Verdict."""
+        return self.verdict.estop
+
+    @property
+    def own_estop(self) -> bool:
+        """As of the last call; see Verdict."""
+        return self.verdict.own_estop
+
+    @property
+    def link_up(self) -> bool:
+        """As of the last call; see Verdict."""
+        return self.verdict.link_up
+
+    def frame_age(self, now: float) -> float:
+        """Return the seconds since the last sign of life; infinite if there was none."""
+        return self._heard.age(now)
+
+    def stop_reasons(self, now: float) -> list[str]:
+        """Return why ``estop`` is true, in words, and what to do; empty if it is false."""
+        return list(self._verdict(now).reasons)
+
+    def inhibits(self, now: float) -> list[str]:
+        """Return why no command reaches the device; empty if they do or there are none."""
+        del now
+        return []
+
+    def problems(self, now: float) -> list[tuple[Level, str]]:
+        """Return all that is wrong with the device, in words, and what to do."""
+        level = Level.WARN if self.link_up else Level.ERROR
+        return [(level, reason) for reason in self.stop_reasons(now)]
+
+    def summary(self) -> str:
+        """Return how things stand where nothing is wrong."""
+        return 'ok'
+
+    def values(self, now: float) -> dict[str, Any]:
+        """Return the key-value pairs of the device's diagnostic."""
+        del now
+        return {}
+
+    # -- the link's side -------------------------------------------------------------------------
+
+    def opened(self, now: float) -> Output[EventT, FrameT]:
+        """Begin: the port was opened and nothing was heard on it. Return events and frames."""
+        self._open = True
+        self._begin(now)
+        return self.poll(now)
+
+    def closed(self, now: float) -> list[Event[EventT]]:
+        """Forget what was heard: the port is gone. Return events."""
+        self._open = False
+        self._forget_all(now, self.CLOSED)
+        return self._take_events()
+
+    def interrupted(self, now: float, reason: str) -> None:
+        """
+        Forget what was heard, and demand a stop: input was discarded that may have held one.
+
+        :param reason: in words. The next poll returns the events.
+        """
+        if self._open:
+            self._interruption, self._interrupted_at = reason, now
+            self._forget_all(now, reason)
+
+    def receive(self, data: FrameT, now: float) -> Output[EventT, FrameT]:
+        """Take what came: some bytes, a datagram or a frame. Frames to send come from poll."""
+        if self._open:
+            self._expire(now)
+            self._take_all(self._decoder.feed(data, now), now)
+        return self._take_events(), []
+
+    def poll(self, now: float) -> Output[EventT, FrameT]:
+        """Do what is due. Return events and frames."""
+        frames: list[FrameT] = []
+        if self._open:
+            self._expire(now)
+            self._take_all(self._decoder.poll(now), now)
+            frames = self._due_frames(now)
+        return self._take_events(), frames
+
+    def deadline(self) -> float:
+        """Return when poll must be called at the latest; infinite while the port is closed."""
+        if not self._open:
+            return math.inf
+        return min(self._decoder.deadline, self._expires_at(), self._sends_at())
+
+    def farewell(self, now: float) -> list[FrameT]:
+        """Return the frames that leave the device in its safe state."""
+        del now
+        return []
+
+    # -- what a subclass provides ----------------------------------------------------------------
+
+    @abstractmethod
+    def _take(self, message: MessageT, now: float) -> None:
+        """Take one message in; a refresh follows."""
+
+    @abstractmethod
+    def _judge(self, now: float) -> Verdict:
+        """Return the verdict while the device is heard; changes nothing."""
+
+    @abstractmethod
+    def _silence(self, now: float) -> str:
+        """Return why the device may not be heard, in words, and what to do."""
+
+    def _begin(self, now: float) -> None:
+        """Start what is sent."""
+
+    def _forget(self, now: float, reason: str) -> None:
+        """Forget what was heard, for this reason; the verdict is a stop already."""
+
+    def _follow(self, now: float) -> None:
+        """Bring up to date what depends on the verdict and on time; emit events."""
+
+    def _expires_at(self) -> float:
+        """Return the first moment at which time alone changes anything."""
+        return self._heard.deadline if self.link_up else math.inf
+
+    def _sends_at(self) -> float:
+        """Return the moment at which a frame is due."""
+        return math.inf
+
+    def _due_frames(self, now: float) -> list[FrameT]:
+        """Return the frames that are due."""
+        del now
+        return []
+
+    # -- the one way of a verdict ----------------------------------------------------------------
+
+    def _refresh(self, now: float) -> None:
+        """Bring the verdict up to date; its change is an event, and comes before what follows."""
+        before, self.verdict = self.verdict, self._verdict(now)
+        if self.verdict != before:
+            self._emit(StopChanged(self.verdict))
+        self._follow(now)
+
+    def _verdict(self, now: float) -> Verdict:
+        if not self._open:
+            return Verdict.stop(self.CLOSED, link_up=False)
+        if not self._heard.expired(now):
+            return self._judge(now)
+        lately = now < self._interrupted_at + self._heard.timeout
+        return Verdict.stop(self._interruption if lately else self._silence(now), link_up=False)
+
+    def _expire(self, now: float) -> None:
+        """Let what has expired by ``now`` take effect, before anything new is taken in."""
+        if not self._stepped_at <= now < self._expires_at():
+            self._refresh(now)
+        self._stepped_at = now
+
+    def _take_all(self, messages: Sequence[MessageT], now: float) -> None:
+        for message in messages:
+            self._take(message, now)
+            self._refresh(now)
+
+    def _forget_all(self, now: float, reason: str) -> None:
+        self._decoder.reset()
+        self._heard.reset()
+        self._refresh(now)  # the stop comes first
+        self._forget(now, reason)
+
+    def _emit(self, event: Event[EventT]) -> None:
+        self._events.append(event)
+
+    def _take_events(self) -> list[Event[EventT]]:
+        events, self._events = self._events, []
+        return events
 
 
 class StickStream:
     """
-    Sees to it that sticks which were told do not outlive what vouched for them.
+    Whether published sticks still hold.
 
     Once they do not count any more, or come no more, one neutral event is owed; then none.
     """
@@ -45,13 +292,13 @@ class StickStream:
         self.streaming = False  # events go out: the next silence owes a neutral one
         self._counted = False
 
-    def told(self, *, counts: bool) -> None:
-        """Note that sticks were told. :param counts: they were not forced to neutral."""
+    def published(self, *, counts: bool) -> None:
+        """Note that sticks were published. :param counts: they were not forced to neutral."""
         self.streaming, self._counted = True, counts
 
     def owes_neutral(self, *, fresh: bool, counts: bool) -> bool:
         """
-        Tell, once, whether a neutral event must follow what was told.
+        Tell, once, whether a neutral event must follow what was published.
 
         :param fresh: sticks still come. :param counts: sticks that came now would count.
         """

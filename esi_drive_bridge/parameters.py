@@ -1,15 +1,7 @@
 """The parameters of the ESI drive bridge beside those that all bridges share."""
 
-from collections.abc import Mapping
-from typing import Any
-
 from bridge_core.parameters import Parameter
-from esi_drive_bridge.convert import Axis
-from esi_drive_bridge.convert import DEFAULT_SCALES
-from esi_drive_bridge.protocol import Layout
 from esi_drive_bridge.protocol import MAX_COMMAND_RATE
-from esi_drive_bridge.protocol import Mode
-from esi_drive_bridge.session import Settings
 
 _EACH = 'One for all axes, or one an axis.'
 _SMALLEST = 1e-9
@@ -63,14 +55,6 @@ PARAMETERS = (
     Parameter(
         'link_timeout',
         0.25,
-        'As in all bridges; here the shorter of this and status_timeout counts.',
-        unit='s',
-        minimum=0.02,
-        maximum=5.0,
-    ),
-    Parameter(
-        'status_timeout',
-        0.25,
         'Without a status packet for this long, ~/estop is true and the drive is disabled.',
         unit='s',
         minimum=0.02,
@@ -110,24 +94,24 @@ PARAMETERS = (
     ),
     Parameter(
         'command_current_scale',
-        [DEFAULT_SCALES[Mode.TORQUE]],
-        f"HiDS's CommandCurrentScale. {_EACH}",
+        [0.001],
+        f"HiDS's CommandCurrentScale (manual 4.2.3). {_EACH}",
         unit='A a count',
         minimum=_SMALLEST,
         maximum=1e3,
     ),
     Parameter(
         'command_velocity_scale',
-        [DEFAULT_SCALES[Mode.VELOCITY]],
-        f"HiDS's CommandVelocityScale. {_EACH}",
+        [1.0],
+        f"HiDS's CommandVelocityScale (4.2.4). {_EACH}",
         unit='rpm a count',
         minimum=_SMALLEST,
         maximum=1e3,
     ),
     Parameter(
         'command_position_scale',
-        [DEFAULT_SCALES[Mode.POSITION]],
-        f"HiDS's CommandPositionScale. {_EACH}",
+        [0.000191753],
+        f"HiDS's CommandPositionScale (4.2.5). {_EACH}",
         unit='rad a count',
         minimum=_SMALLEST,
         maximum=1e3,
@@ -149,59 +133,3 @@ PARAMETERS = (
     ),
     Parameter('inverted', [False], f'The joint turns against its motor. {_EACH}'),
 )
-_SCALES = {
-    Mode.TORQUE: 'command_current_scale',
-    Mode.VELOCITY: 'command_velocity_scale',
-    Mode.POSITION: 'command_position_scale',
-}
-
-
-def axes(values: Mapping[str, Any]) -> tuple[Axis, ...]:
-    """Return what joins each axis to its joint. :raises ValueError: lists that do not fit."""
-    joints = values['joint_names']
-    if len(joints) not in (1, 2) or len(set(joints)) < len(joints):
-        raise ValueError(f'joint_names = {joints}: one or two different names are needed')
-
-    def spread(name: str) -> list[Any]:
-        given = values[name]
-        if len(given) not in (1, len(joints)):
-            raise ValueError(f'{name} = {given}: 1 or {len(joints)} elements are needed')
-        return list(given) * (len(joints) if len(given) == 1 else 1)
-
-    modes = [Mode[name.upper()] for name in spread('mode')]
-    return tuple(
-        Axis(joint, mode, spread(_SCALES[mode])[index], *rest)
-        for index, (joint, mode, *rest) in enumerate(
-            zip(
-                joints,
-                modes,
-                spread('gear_ratio'),
-                spread('torque_constant'),
-                spread('inverted'),
-                strict=True,
-            )
-        )
-    )
-
-
-def settings(values: Mapping[str, Any]) -> Settings:
-    """Return what the session needs to know. :raises ValueError: what cannot be."""
-    joined = axes(values)
-    layout = Layout.DUAL if len(joined) == 2 else Layout(values['single_axis_layout'])
-    return Settings(
-        layout=layout,
-        modes=tuple(axis.mode for axis in joined),
-        si_per_count=tuple(axis.si_per_count for axis in joined),
-        status_timeout=min(values['link_timeout'], values['status_timeout']),
-        **{
-            name: values[name]
-            for name in (
-                'command_rate',
-                'command_timeout',
-                'enable_timeout',
-                'clear_timeout',
-                'baud',
-                'status_rate',
-            )
-        },
-    )

@@ -18,6 +18,7 @@ occur inside a body: only the CRC decides.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from collections.abc import Iterator
 from dataclasses import dataclass
 from enum import Enum
@@ -26,8 +27,10 @@ from enum import IntFlag
 import struct
 
 from bridge_core.checksums import crc16_ccitt_false
+from bridge_core.framing import ChecksumError
 from bridge_core.framing import FrameError
 from bridge_core.framing import FrameFormat
+from bridge_core.framing import MessageT
 from bridge_core.framing import StreamParser
 
 HEADER = b'\xf0\xf0'
@@ -180,18 +183,14 @@ def _wrap(body: bytes) -> bytes:
     return HEADER + body + _CHECK.pack(crc16_ccitt_false(body))
 
 
-def _has_good_check(frame: bytes) -> bool:
-    body, check = frame[len(HEADER) : -CHECK_SIZE], frame[-CHECK_SIZE:]
-    return check == _CHECK.pack(crc16_ccitt_false(body))
-
-
 def _body_of(frame: bytes, size: int) -> bytes:
     """Return the body of a packet of ``size`` bytes. :raises FrameError: if it is not one."""
     if len(frame) != size or not frame.startswith(HEADER):
         raise FrameError(f'not a packet of {size} bytes: {frame.hex()}')
-    if not _has_good_check(frame):
-        raise FrameError(f'wrong CRC {frame[-CHECK_SIZE:].hex()}')
-    return frame[len(HEADER) : -CHECK_SIZE]
+    body, check = frame[len(HEADER) : -CHECK_SIZE], frame[-CHECK_SIZE:]
+    if check != _CHECK.pack(crc16_ccitt_false(body)):
+        raise ChecksumError(f'wrong CRC {check.hex()}')
+    return body
 
 
 @dataclass(frozen=True, slots=True)
@@ -399,21 +398,15 @@ def _axes_of(body: bytes, size: int, layout: Layout) -> list[bytes]:
     return [body[start : start + size] for start in range(0, layout.axes * size, size)]
 
 
-def _format(size: int) -> FrameFormat:
-    return FrameFormat(
-        header=HEADER,
-        head_size=len(HEADER),
-        max_size=size,
-        size_of=lambda head: size,
-        check=_has_good_check,
-    )
-
-
-def command_parser(layout: Layout) -> StreamParser:
+def command_parser(layout: Layout) -> StreamParser[Command]:
     """Return a parser for the direction to the drive."""
-    return StreamParser(_format(layout.command_size))
+    return _parser(layout.command_size, lambda frame: Command.from_bytes(frame, layout))
 
 
-def status_parser(layout: Layout) -> StreamParser:
+def status_parser(layout: Layout) -> StreamParser[Status]:
     """Return a parser for the direction from the drive."""
-    return StreamParser(_format(layout.status_size))
+    return _parser(layout.status_size, lambda frame: Status.from_bytes(frame, layout))
+
+
+def _parser(size: int, decode: Callable[[bytes], MessageT]) -> StreamParser[MessageT]:
+    return StreamParser(FrameFormat(HEADER, len(HEADER), size, lambda head: size, decode))

@@ -105,9 +105,7 @@ def packets_in(chunks: list[Chunk], since: float) -> list[Packet]:
     """Return the command packets that were complete after ``since``."""
     parser, packets = command_parser(LAYOUT), []
     for at, data in chunks:
-        for frame in parser.feed(data, at):
-            with contextlib.suppress(FrameError):
-                packets.append(Packet(at, Command.from_bytes(frame, LAYOUT)))
+        packets += [Packet(at, command) for command in parser.feed(data, at)]
     return [packet for packet in packets if packet.at > since]
 
 

@@ -25,7 +25,6 @@ from typing import NamedTuple
 from typing import Protocol
 from typing import TypeVar
 
-from bridge_core.transports import Frame
 from bridge_core.transports import Transport
 from bridge_core.transports import TransportError
 from rugged_teleop.faults import FaultyLine
@@ -54,10 +53,10 @@ _PortT = TypeVar('_PortT', bound='DevicePort')
 class Device(Protocol):
     """What every room's simulator is: the device's side of the link, without port or clock."""
 
-    def receive(self, data: Frame, now: float) -> None:
+    def receive(self, data: Any, now: float) -> None:
         """Take bytes of the host, in any split, or a CAN frame."""
 
-    def poll(self, now: float) -> list[Frame]:
+    def poll(self, now: float) -> list[Any]:
         """Return the frames that are due."""
 
     def deadline(self) -> float:
@@ -270,11 +269,11 @@ class DevicePort(ABC):
     def _write_port(self, data: bytes) -> int:
         """Say something to the host; return how many bytes the port has taken."""
 
-    def _pack(self, frame: Frame) -> bytes:
+    def _pack(self, frame: Any) -> bytes:
         """Return what the device says as bytes, which lines and records carry."""
         return bytes(frame)
 
-    def _unpack(self, data: bytes) -> Frame | None:
+    def _unpack(self, data: bytes) -> Any:
         """Return what the device hears; None: nothing of it is left."""
         return data
 
@@ -380,7 +379,7 @@ class TransportDevice(DevicePort):
     """
 
     def __init__(
-        self, device: Device, transport: Transport, name: str, *, seed: int | None = None
+        self, device: Device, transport: Transport[Any], name: str, *, seed: int | None = None
     ) -> None:
         self._transport = transport
         super().__init__(device, name, seed=seed)

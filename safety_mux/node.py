@@ -27,14 +27,13 @@ from std_msgs.msg import String
 from std_srvs.srv import SetBool
 from std_srvs.srv import Trigger
 
-from bridge_core.diagnostics import OK
 from bridge_core.diagnostics import Status as Diagnostic
-from bridge_core.diagnostics import WARN
 from bridge_core.node import latched_qos
 from bridge_core.node import MANAGED_PARAMETERS
 from bridge_core.node import ManagedNode
 from bridge_core.parameters import Parameter
 from bridge_core.runner import run
+from bridge_core.session import Level
 from safety_mux.arbiter import Arbiter
 from safety_mux.limits import JointLimiter
 from safety_mux.mapping import DifferentialDrive
@@ -337,7 +336,7 @@ class SafetyMux(ManagedNode):
             f'{last.before.value} to {last.after.value}, {now - last.at:.1f} s ago: {last.reason}'
         )
         message = '; '.join(inhibits) or f'{status.owner} has control'
-        diagnostic = Diagnostic(WARN if still else OK, message, values)
+        diagnostic = Diagnostic(Level.WARN if still else Level.OK, message, values)
         return diagnostic.to_msg(self.get_fully_qualified_name().lstrip('/'), '')
 
     def _downstream_inhibits(self, status: Any, now: float) -> list[str]:

@@ -1,9 +1,11 @@
 """A session with a drive and a mux around it, built from packets written by hand."""
 
 from collections.abc import Callable
+import math
 import struct
 from typing import Any
 
+from esi_drive_bridge.axes import Axis
 from esi_drive_bridge.protocol import Layout
 from esi_drive_bridge.protocol import Mode
 from esi_drive_bridge.session import Phase
@@ -11,7 +13,7 @@ from esi_drive_bridge.session import Session
 from esi_drive_bridge.session import Settings
 
 TICK = 0.01
-VELOCITY = (Mode.VELOCITY, Mode.VELOCITY)
+ONE_COUNT = 60.0 / (2.0 * math.pi)  # command_velocity_scale: a count is 1 rad/s
 
 
 def crc(data: bytes) -> int:
@@ -35,11 +37,20 @@ IDLE, RUNNING = status(), status(1, 1)
 DISABLE = bytes.fromhex('F0F0 04 0000 04 0000')  # both axes: mode velocity, disabled, 0
 
 
+def axes(mode: Mode, si_per_count: float = 1.0) -> tuple[Axis, Axis]:
+    """Return two axes of which a count is ``si_per_count`` rad/s, A or rad."""
+    scale = abs(si_per_count) * (ONE_COUNT if mode is Mode.VELOCITY else 1.0)
+    inverted = si_per_count < 0.0
+    return (
+        Axis('left', mode, scale, inverted=inverted),
+        Axis('right', mode, scale, inverted=inverted),
+    )
+
+
 def make_settings(**changes: Any) -> Settings:
     values: dict[str, Any] = {
         'layout': Layout.DUAL,
-        'modes': VELOCITY,
-        'si_per_count': (1.0, 1.0),
+        'axes': axes(Mode.VELOCITY),
         'baud': 1000000,
     }
     return Settings(**(values | changes))
@@ -86,7 +97,8 @@ class Rig:
         return self._take(self.session.poll(self.now))
 
     def hear(self, data: bytes) -> list[bytes]:
-        return self._take(self.session.receive(data, self.now))
+        frames = self._take(self.session.receive(data, self.now))
+        return frames + self._take(self.session.poll(self.now))
 
     def tick(self, count: int = 1) -> list[bytes]:
         """Let 10 ms pass with everything that the rig's attributes say."""

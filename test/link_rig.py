@@ -2,16 +2,19 @@
 
 from collections import Counter
 from collections.abc import Callable
+from collections.abc import Sequence
 import math
 import socket
 import threading
 import time
 from typing import Any
 
-from bridge_core.framing import Counters
+from bridge_core.framing import Decoder
+from bridge_core.session import Session
+from bridge_core.session import StopChanged
+from bridge_core.session import Verdict
 from bridge_core.transports import TransportError
 from bridge_core.transports.link import Link
-from bridge_core.transports.link import Output
 from test.rig import holds_for
 from test.rig import wait_for
 
@@ -93,19 +96,21 @@ class FakeTransport:
         self.peer.send(data)
 
 
-class FakeSession:
+Output = tuple[list[Any], list[bytes]]
+
+
+class FakeSession(Session[bytes, bytes, str]):
     """Healthy once it has received anything; ``faults`` names the methods that fail."""
 
     def __init__(self) -> None:
-        self.estop = self.own_estop = True
-        self.link_up = False
-        self.counters = Counters()
+        super().__init__(Decoder(), 1.0)
         self.faults: set[str] = set()
         self.calls: list[str] = []
         self.received = b''
         self.due = math.inf
         self.wanted: list[bytes] = []
         self.stop = False
+        self._pending: list[Any] = []
 
     def _call(self, name: str) -> None:
         self.calls.append(name)
@@ -117,24 +122,38 @@ class FakeSession:
         return ['opened'], [b'hello']
 
     def closed(self, now: float) -> list[Any]:
-        self.estop = self.own_estop = True
-        self.link_up = False
         self._call('closed')
-        return ['closed']
+        return [*self._change(Verdict.stop(link_up=False)), 'closed']
+
+    def interrupted(self, now: float, reason: str) -> None:
+        self._call('interrupted')
+        self._pending = self._change(Verdict.stop(reason, link_up=False))
+
+    def _change(self, verdict: Verdict) -> list[Any]:
+        before, self.verdict = self.verdict, verdict
+        return [] if before == verdict else [StopChanged(verdict)]
+
+    def _take(self, message: bytes, now: float) -> None:
+        raise NotImplementedError
+
+    def _judge(self, now: float) -> Verdict:
+        raise NotImplementedError
+
+    def _silence(self, now: float) -> str:
+        raise NotImplementedError
 
     def receive(self, data: bytes, now: float) -> Output:
         self._call('receive')
         self.received += data
-        self.estop = self.own_estop = False
-        self.link_up = True
-        return ['heard'], []
+        return [*self._change(Verdict()), 'heard'], []
 
     def poll(self, now: float) -> Output:
         self._call('poll')
         frames, self.wanted = self.wanted, []
         if self.stop:
             frames.append(b'stop')
-        return [], frames
+        events, self._pending = self._pending, []
+        return events, frames
 
     def deadline(self) -> float:
         if 'deadline' in self.faults:
@@ -156,7 +175,7 @@ class FakeOwner:
     """Notes what it is told; ``told`` is the stop as it would be published."""
 
     def __init__(self) -> None:
-        self.session: FakeSession | None = None
+        self.stop = True
         self.faults: set[str] = set()
         self.paced: list[float] = []
         self.told: list[bool] = []
@@ -164,21 +183,28 @@ class FakeOwner:
         self.next: float | None = None
         self.threads: set[int] = set()
 
-    def on_event(self, event: Any) -> None:
-        self.log.append(f'event {event}')
-        if 'on_event' in self.faults:
-            raise RuntimeError('fault in on_event')
+    def on_events(self, events: Sequence[Any], now: float) -> None:
+        for event in events:
+            if isinstance(event, StopChanged):
+                self._publish(event.verdict.estop)
+            else:
+                self.log.append(f'event {event}')
+        if 'on_events' in self.faults:
+            raise RuntimeError('fault in on_events')
 
     def pace(self, now: float) -> float:
         self.threads.add(threading.get_ident())
         self.paced.append(now)
         if 'pace' in self.faults:
             raise RuntimeError('fault in pace')
-        stop = self.session is None or self.session.estop
+        self._publish(self.stop)
+        return now + PACE if self.next is None else self.next
+
+    def _publish(self, stop: bool) -> None:
         if not self.told or self.told[-1] != stop:
             self.log.append(f'stop {stop}')
+        self.stop = stop
         self.told.append(stop)
-        return now + PACE if self.next is None else self.next
 
     def link_changed(self, text: str, ok: bool) -> None:
         self.log.append(f'{"ok" if ok else "bad"} {text}')
@@ -194,7 +220,6 @@ class Bench:
         self.link = Link('link', self.owner, reconnect_period=0.4)
 
     def activate(self) -> None:
-        self.owner.session = self.session
         self.link.activate(self.transport, self.session)
 
     def wait_open(self) -> None:

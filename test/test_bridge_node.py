@@ -20,6 +20,8 @@ from rclpy.parameter import Parameter
 from std_msgs.msg import Bool
 
 from bridge_core.diagnostics import Status
+from bridge_core.session import StopChanged
+from bridge_core.session import Verdict
 from test.rig import as_yaml
 from test.rig import latched
 from test.rig import NodeProcess
@@ -212,7 +214,7 @@ def test_frozen_node_does_not_believe_what_piled_up(keeper: Keeper, observer: Ob
 def test_node_demands_a_stop_from_construction(context: Context) -> None:
     node = make_toy(context)
     try:
-        assert node._state() == (True, True, False)
+        assert node.verdict == Verdict.stop(link_up=False)
     finally:
         node.shut_down()
         node.shut_down()  # twice is no fault
@@ -231,7 +233,7 @@ def test_a_publish_that_blocks_does_not_hold_up_the_device(
         wait_for(lambda: pty.read() != b'', 5.0, 'keep-alives')
         for publisher in publishers:
             publisher._publisher = Blocking(end)
-        node.link.call(lambda now: node._tell(now, True))
+        node.link.call(lambda now: node.on_events([StopChanged(Verdict())], now))
         for _ in range(20):
             wait_for(lambda: pty.read() != b'', 5.0, 'keep-alives while the middleware blocks')
         assert not end.is_set()
@@ -259,26 +261,46 @@ def test_pace_never_asks_to_be_called_in_the_past(context: Context) -> None:
     for _ in range(2000):
         now += steps.uniform(0.001, 0.02)
         if steps.random() < 0.1:
-            node._told = None  # a change, which shifts the repeats against the diagnostics
+            changed = Verdict.stop() if node.verdict == Verdict() else Verdict()
+            node.on_events([StopChanged(changed)], now)  # shifts the repeats
         assert node.pace(now) > now
     node.destroy_node()
 
 
-def test_port_that_is_not_open_is_a_stop_whatever_the_session_says(context: Context) -> None:
+def test_lost_port_is_a_stop_before_the_session_is_asked(context: Context) -> None:
     node = make_toy(context)
     node.link.stop()
-
-    class Healthy:
-        estop = own_estop = False
-        link_up = True
-
-    node.session = Healthy()
-    assert node._state() == (True, True, False)
-    node.link.status.is_open = True
-    assert node._state() == (False, False, True)
-    node.link.status.is_open = False
-    node.session = None
+    node.on_events([StopChanged(Verdict())], 1.0)
+    assert node.verdict == Verdict()
+    node.link_changed('unplugged', False)
+    assert node.verdict == Verdict.stop(link_up=False)
     node.destroy_node()
+
+
+def test_stop_that_comes_and_goes_in_one_read_is_published(
+    context: Context, pty: Pty, observer: Observer
+) -> None:
+    node = make_toy(context, port=str(pty.path))
+    try:
+        stops = observer.record(Bool, ESTOP, 10)
+        observer.wait_for(lambda: stops.messages, 10.0, 'a match')
+        node.autostart()
+
+        def is_healthy() -> bool:
+            pty.write(b'k')
+            return not stops.messages[-1].data
+
+        observer.wait_for(is_healthy, 10.0, 'no stop')
+        for _ in range(20):
+            before = len(stops.messages)
+            pty.write(b'ksk')
+            observer.wait_for(
+                lambda: any(m.data for m in stops.messages[before:]), 2.0, 'the stop'
+            )
+            observer.wait_for(lambda: not stops.messages[-1].data, 2.0, 'its end')
+    finally:
+        node.shut_down()
+        node.destroy_node()
 
 
 def test_deactivation_does_not_pull_the_session_away_under_the_link_thread(
@@ -290,9 +312,9 @@ def test_deactivation_does_not_pull_the_session_away_under_the_link_thread(
         def link_changed(self, text: str, ok: bool) -> None:
             texts.append(text)
 
-        def device_status(self, now: float) -> Status:
+        def _device_status(self, now: float) -> Status:
             threading.Event().wait(0.01)  # long enough for the other thread to go on
-            return super().device_status(now)
+            return super()._device_status(now)
 
     def healthy() -> bool:
         pty.write(b'k')

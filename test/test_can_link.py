@@ -44,7 +44,7 @@ class CanSession(FakeSession):
 @pytest.fixture
 def session(bench: Bench) -> Iterator[CanSession]:
     session = CanSession()
-    bench.session = bench.owner.session = session
+    bench.session = session
     yield session
     bench.link.stop()
 

@@ -4,35 +4,34 @@ from pathlib import Path
 from typing import Any
 
 from builtin_interfaces.msg import Time
-from diagnostic_msgs.msg import DiagnosticStatus
 from hypothesis import given
 from hypothesis import strategies as st
 import pytest
 from sensor_msgs.msg import JointState
 
-from esi_drive_bridge.convert import Axis
+from esi_drive_bridge.axes import Axis
 from esi_drive_bridge.convert import command_values
-from esi_drive_bridge.convert import DEFAULT_SCALES
-from esi_drive_bridge.convert import diagnostic_values
 from esi_drive_bridge.convert import joint_state
-from esi_drive_bridge.convert import problems
+from esi_drive_bridge.parameters import PARAMETERS
 from esi_drive_bridge.protocol import AxisState
 from esi_drive_bridge.protocol import AxisStatus
 from esi_drive_bridge.protocol import Mode
 from esi_drive_bridge.protocol import MotorError
 from esi_drive_bridge.protocol import Status
+from esi_drive_bridge.session.report import status_values
 
 VECTORS = json.loads((Path(__file__).parent / 'vectors' / 'esi.json').read_text())
 MODES = {'current': Mode.TORQUE, 'velocity': Mode.VELOCITY, 'position': Mode.POSITION}
 LEFT = Axis('left', Mode.VELOCITY, 1.0)
 RIGHT = Axis('right', Mode.VELOCITY, 1.0, gear_ratio=10.0, inverted=True)
+DEFAULTS = {parameter.name: parameter.default for parameter in PARAMETERS}
 RPM = 2 * math.pi / 60
 
 
 @pytest.mark.parametrize('entry', VECTORS['command'], ids=lambda entry: entry['hex'])
 def test_scales_of_the_manual(entry: dict[str, Any]) -> None:
     mode = MODES[entry['mode'][0]]
-    assert DEFAULT_SCALES[mode] == entry['scale']
+    assert DEFAULTS[f'command_{entry["mode"][0]}_scale'] == [entry['scale']]
     axis = Axis('j', mode, entry['scale'])
     unit = RPM if mode is Mode.VELOCITY else 1.0
     for count, value in zip(entry['command'], entry['value'], strict=True):
@@ -157,21 +156,21 @@ def test_feedback_sent_back_is_the_same_count(
 # Diagnostics.
 
 
-def test_every_bit_has_its_level() -> None:
+def test_every_bit_is_a_fault_or_a_warning() -> None:
     for bit in MotorError:
-        ((level, text),) = problems(Status((AxisStatus(), AxisStatus(errors=bit))))
-        assert level == DiagnosticStatus.ERROR
+        (text,) = Status((AxisStatus(), AxisStatus(errors=bit))).faults()
         assert text.startswith('axis B: ')
-    ((level, _),) = problems(Status((AxisStatus(AxisState.WARNING),)))
-    assert level == DiagnosticStatus.WARN
-    assert problems(Status((AxisStatus(AxisState.ENABLED),))) == []
+    warning = Status((AxisStatus(AxisState.WARNING),))
+    assert (len(warning.warnings()), warning.faults()) == (1, [])
+    healthy = Status((AxisStatus(AxisState.ENABLED),))
+    assert (healthy.warnings(), healthy.faults()) == ([], [])
 
 
 def test_values_by_joint() -> None:
     state = AxisState.ENABLED | AxisState.RS422_ERROR
     errors = MotorError.OVERCURRENT | MotorError.BRAKE
     status = Status((AxisStatus(state, 60, errors), AxisStatus()))
-    values = diagnostic_values(status, (LEFT, RIGHT))
+    values = status_values(status, (LEFT, RIGHT))
     assert values['axis A (left) enabled'] is True
     assert values['axis A (left) errors'] == 'overcurrent, brake, rs422_error'
     assert values['axis A (left) velocity (rad/s)'] == pytest.approx(2 * math.pi)

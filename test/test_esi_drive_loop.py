@@ -4,13 +4,14 @@ from typing import Any
 
 import pytest
 
+from bridge_core.session import Answer
 from esi_drive_bridge.protocol import Layout
 from esi_drive_bridge.protocol import Mode
-from esi_drive_bridge.session import ErrorsCleared
 from esi_drive_bridge.session import Feedback
 from esi_drive_bridge.session import Phase
 from esi_drive_bridge.session import Session
 from esi_drive_bridge.simulator import Simulator
+from test.esi_drive_rig import axes as both
 from test.esi_drive_rig import make_settings
 from test.esi_drive_rig import TICK
 
@@ -79,9 +80,7 @@ class Loop:
 )
 def test_motor_turns_and_stops(layout: Layout, compact: bool) -> None:
     axes = layout.axes
-    loop = Loop(
-        compact=compact, layout=layout, modes=(Mode.VELOCITY,) * axes, si_per_count=(1.0,) * axes
-    )
+    loop = Loop(compact=compact, layout=layout, axes=both(Mode.VELOCITY)[:axes])
     loop.drive_at(800.0)
     assert loop.rpm == pytest.approx(800.0, rel=0.01)
     assert loop.session.enabled
@@ -121,7 +120,7 @@ def test_a_fault_of_the_drive_needs_clear_then_a_new_edge() -> None:
     assert not loop.motor_enabled
     loop.session.clear_errors(loop.now)
     loop.run(0.1)
-    assert ErrorsCleared(True, 'the errors are cleared') in loop.events
+    assert Answer('clear_errors', True, 'the errors are cleared') in loop.events
     assert not loop.motor_enabled
     loop.drive_at(800.0)
     assert loop.rpm == pytest.approx(800.0, rel=0.01)
@@ -133,7 +132,7 @@ def test_a_lasting_cause_cannot_be_cleared() -> None:
     loop.run(0.1)
     loop.session.clear_errors(loop.now)
     loop.run(1.5)
-    (result,) = [event for event in loop.events if isinstance(event, ErrorsCleared)]
+    (result,) = [event for event in loop.events if isinstance(event, Answer)]
     assert not result.success
     assert 'axis B: motor temperature' in result.text
 
@@ -187,7 +186,7 @@ def test_a_few_lost_or_corrupt_packets_do_not_stop_anything() -> None:
 
 
 def test_position_does_not_jump_at_enabling() -> None:
-    loop = Loop(modes=(Mode.POSITION,) * 2, si_per_count=(0.000191753,) * 2)
+    loop = Loop(axes=both(Mode.POSITION, 0.000191753))
     loop.drive_at(1.0)
     assert loop.drive.describe()['position_rad'] == pytest.approx([1.0, 1.0], abs=0.01)
     loop.enable = False

@@ -6,6 +6,7 @@ import math
 
 import pytest
 
+from esi_drive_bridge.axes import Axis
 from esi_drive_bridge.protocol import Mode
 from esi_drive_bridge.session import EnabledChanged
 from esi_drive_bridge.session import EnableRefused
@@ -144,7 +145,7 @@ def test_one_axis_enabled_is_not_enabled(rig: Rig) -> None:
 
 
 def test_position_is_held_where_it_is_while_enabling() -> None:
-    rig = Rig(modes=(Mode.POSITION, Mode.TORQUE))
+    rig = Rig(axes=(Axis('left', Mode.POSITION, 1.0), Axis('right', Mode.TORQUE, 1.0)))
     rig.status = status(feedback=(1234, 99))
     rig.tick(3)
     rig.enable = True
@@ -329,7 +330,7 @@ def test_a_lost_port_stops_and_forgets(rig: Rig) -> None:
     rig.events += rig.session.closed(rig.now)
     assert rig.session.estop
     assert rig.session.deadline() == math.inf
-    assert rig.of(Stopped)[-1].reasons == ('the port was closed',)
+    assert rig.of(Stopped)[-1].reasons == ('the port is closed',)
     assert rig.of(EnabledChanged)[-1] == EnabledChanged(False)
     assert rig.session.stop_reasons(rig.now) == ['the port is closed']
     assert rig.session.poll(rig.now) == ([], [])

@@ -5,8 +5,9 @@ from typing import Any
 
 import pytest
 
+from bridge_core.session import Answer
+from esi_drive_bridge.axes import Axis
 from esi_drive_bridge.protocol import Mode
-from esi_drive_bridge.session import ErrorsCleared
 from esi_drive_bridge.session import FaultsChanged
 from esi_drive_bridge.session import Phase
 from test.esi_drive_rig import fields
@@ -78,7 +79,7 @@ def test_clear_errors_on_request(rig: Rig) -> None:
     assert all(fields(f) == fields(frames[0]) for f in rig.tick(3))
     rig.status = IDLE
     rig.tick()
-    assert rig.of(ErrorsCleared) == [ErrorsCleared(True, 'the errors are cleared')]
+    assert rig.of(Answer) == [Answer('clear_errors', True, 'the errors are cleared')]
     assert all(is_disable(frame) for frame in rig.tick(5))
     rig.assert_restarts_at_zero()
 
@@ -87,9 +88,9 @@ def test_success_is_not_told_before_the_clear_bit_was_sent(rig: Rig) -> None:
     rig.hear(status(2, errors=1))
     rig.session.clear_errors(rig.now)
     assert fields(rig.hear(IDLE)[-1])[0] == (False, True, 0)
-    assert rig.of(ErrorsCleared) == []
+    assert rig.of(Answer) == []
     rig.hear(IDLE)
-    assert rig.of(ErrorsCleared) == [ErrorsCleared(True, 'the errors are cleared')]
+    assert rig.of(Answer) == [Answer('clear_errors', True, 'the errors are cleared')]
 
 
 def test_clearing_never_enables(rig: Rig) -> None:
@@ -108,7 +109,7 @@ def test_clearing_gives_up(rig: Rig) -> None:
     rig.tick(3)
     rig.session.clear_errors(rig.now)
     rig.tick(110)
-    (result,) = rig.of(ErrorsCleared)
+    (result,) = rig.of(Answer)
     assert not result.success
     assert 'overcurrent' in result.text
     assert is_disable(rig.tick()[-1])
@@ -117,13 +118,13 @@ def test_clearing_gives_up(rig: Rig) -> None:
 def test_nothing_to_clear_does_not_disturb_motion(rig: Rig) -> None:
     rig.start()
     rig.do(lambda: rig.session.clear_errors(rig.now))
-    assert rig.of(ErrorsCleared) == [ErrorsCleared(True, 'the drive reports no error')]
+    assert rig.of(Answer) == [Answer('clear_errors', True, 'the drive reports no error')]
     assert rig.phase() is Phase.ENABLED
 
 
 def test_clearing_without_a_drive_fails_with_the_reason(rig: Rig) -> None:
     rig.do(lambda: rig.session.clear_errors(rig.now))
-    (result,) = rig.of(ErrorsCleared)
+    (result,) = rig.of(Answer)
     assert not result.success
     assert 'no status from the drive' in result.text
 
@@ -132,21 +133,26 @@ def test_clearing_with_a_closed_port_answers_when_it_opens(rig: Rig) -> None:
     rig.session.closed(rig.now)
     rig.session.clear_errors(rig.now)
     events, _ = rig.session.opened(rig.now)
-    assert events == [ErrorsCleared(False, 'the port is closed')]
+    assert events == [Answer('clear_errors', False, 'the port is closed')]
 
 
 def test_a_port_lost_while_clearing_answers(rig: Rig) -> None:
     rig.status = status(2, errors=1)
     rig.tick(3)
     rig.do(lambda: rig.session.clear_errors(rig.now))
-    assert ErrorsCleared(False, 'the port was closed') in rig.session.closed(rig.now)
+    assert Answer('clear_errors', False, 'the port is closed') in rig.session.closed(rig.now)
 
 
 # Values and warnings.
 
 
 def test_values_saturate_and_are_counted() -> None:
-    rig = Rig(si_per_count=(0.5, -1e-300))
+    rig = Rig(
+        axes=(
+            Axis('left', Mode.TORQUE, 0.5),
+            Axis('right', Mode.TORQUE, 1e-300, inverted=True),
+        )
+    )
     rig.command = (0.0, 0.0)
     rig.tick(3)
     rig.enable = True
@@ -192,14 +198,11 @@ def test_a_warning_bit_and_an_axis_that_stays_enabled_are_told(rig: Rig) -> None
 @pytest.mark.parametrize(
     'changes',
     [
-        {'modes': (Mode.TORQUE,)},
-        {'si_per_count': (1.0, 0.0)},
-        {'si_per_count': (1.0, math.nan)},
         {'command_rate': 0.5},
         {'command_rate': 1001.0},
         {'command_rate': math.nan},
         {'command_timeout': 0.0},
-        {'status_timeout': math.inf},
+        {'link_timeout': math.inf},
         {'enable_timeout': -1.0},
         {'clear_timeout': math.nan},
     ],

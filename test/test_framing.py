@@ -16,6 +16,7 @@ from hypothesis import strategies as st
 import pytest
 
 from bridge_core.checksums import crc16_ccitt_false
+from bridge_core.framing import ChecksumError
 from bridge_core.framing import FrameError
 from bridge_core.framing import FrameFormat
 from bridge_core.framing import StreamParser
@@ -23,8 +24,10 @@ from bridge_core.framing import StreamParser
 EXPIRE = 0.05
 
 
-def checked(frame: bytes) -> bool:
-    return crc16_ccitt_false(frame[2:-2]).to_bytes(2, 'little') == frame[-2:]
+def decode(frame: bytes) -> bytes:
+    if crc16_ccitt_false(frame[2:-2]).to_bytes(2, 'little') != frame[-2:]:
+        raise ChecksumError('wrong check')
+    return frame
 
 
 def size_of(head: bytes) -> int:
@@ -33,9 +36,9 @@ def size_of(head: bytes) -> int:
     return 4 + head[3] + 2
 
 
-LONG = FrameFormat(header=b'\xa5\x5a', head_size=4, max_size=46, size_of=size_of, check=checked)
+LONG = FrameFormat(header=b'\xa5\x5a', head_size=4, max_size=46, size_of=size_of, decode=decode)
 FIXED = FrameFormat(
-    header=b'\xf0\xf0', head_size=2, max_size=10, size_of=lambda head: 10, check=checked
+    header=b'\xf0\xf0', head_size=2, max_size=10, size_of=lambda head: 10, decode=decode
 )
 
 
@@ -66,7 +69,7 @@ BOTH = [(LONG, LONG_FRAMES), (FIXED, FIXED_FRAMES)]
 both_formats = pytest.mark.parametrize(('fmt', 'frames'), BOTH, ids=['long', 'fixed'])
 
 
-def drain(parser: StreamParser) -> list[bytes]:
+def drain(parser: StreamParser[bytes]) -> list[bytes]:
     """Let the line fall idle until nothing is pending."""
     frames: list[bytes] = []
     while parser.deadline < math.inf:
@@ -74,11 +77,11 @@ def drain(parser: StreamParser) -> list[bytes]:
     return frames
 
 
-def parse(parser: StreamParser, pieces: Iterable[bytes], now: float = 1.0) -> list[bytes]:
+def parse(parser: StreamParser[bytes], pieces: Iterable[bytes], now: float = 1.0) -> list[bytes]:
     return [frame for piece in pieces for frame in parser.feed(piece, now)]
 
 
-def pending(parser: StreamParser, frames: list[bytes]) -> int:
+def pending(parser: StreamParser[bytes], frames: list[bytes]) -> int:
     """Return the bytes that are neither in a frame nor discarded: what the parser holds."""
     counters = parser.counters
     assert counters.frames == len(frames)
@@ -91,7 +94,7 @@ def single_bytes(data: bytes) -> Iterator[bytes]:
 
 @both_formats
 def test_whole_and_byte_by_byte_and_every_single_split(
-    fmt: FrameFormat, frames: list[bytes]
+    fmt: FrameFormat[bytes], frames: list[bytes]
 ) -> None:
     data = b''.join(frames)
     assert parse(StreamParser(fmt), [data]) == frames
@@ -102,7 +105,7 @@ def test_whole_and_byte_by_byte_and_every_single_split(
 
 @both_formats
 def test_garbage_before_between_and_behind_costs_no_frame(
-    fmt: FrameFormat, frames: list[bytes]
+    fmt: FrameFormat[bytes], frames: list[bytes]
 ) -> None:
     garbage = b'\x00\x13\x37' + fmt.header[:1] + b'\x42'
     data = garbage + b''.join(frame + garbage for frame in frames)
@@ -114,7 +117,7 @@ def test_garbage_before_between_and_behind_costs_no_frame(
 
 @both_formats
 def test_one_flipped_bit_anywhere_costs_at_most_its_frame(
-    fmt: FrameFormat, frames: list[bytes]
+    fmt: FrameFormat[bytes], frames: list[bytes]
 ) -> None:
     data = b''.join(frames)
     owners = [number for number, frame in enumerate(frames) for _ in frame]
@@ -131,7 +134,7 @@ def test_one_flipped_bit_anywhere_costs_at_most_its_frame(
 
 @both_formats
 def test_one_lost_or_doubled_byte_costs_at_most_its_frame(
-    fmt: FrameFormat, frames: list[bytes]
+    fmt: FrameFormat[bytes], frames: list[bytes]
 ) -> None:
     data = b''.join(frames)
     owners = [number for number, frame in enumerate(frames) for _ in frame]
@@ -199,8 +202,30 @@ def test_partial_frame_behind_an_expired_one_gets_its_time() -> None:
     parser.feed(LONG.header + b'\x01\x28', 1.0)
     parser.feed(good[:5], 1.04)
     assert parser.poll(1.05) == []
-    assert parser.deadline == 1.05 + EXPIRE
+    assert parser.deadline == 1.04 + EXPIRE  # its first bytes came then
     assert parser.feed(good[5:], 1.06) == [good]
+
+
+def test_frozen_process_gets_nothing_old_out_of_an_expired_buffer() -> None:
+    good = long_frame(b'0123456789')
+    claim = LONG.header + b'\x01\x28'  # a corrupt length behind which the good frame waits
+    parser = StreamParser(LONG, expire=EXPIRE)
+    assert parser.feed(claim + good, 1.0) == []
+    assert parser.poll(1.06) == [good]  # on time: only the damaged frame is lost
+    assert parser.feed(claim + good, 2.0) == []
+    assert parser.poll(5.0) == []
+    assert parser.feed(good, 5.1) == [good]
+    assert parser.feed(claim + good, 6.0) == []
+    assert parser.feed(good, 9.0) == [good]  # and the old one not
+
+
+def test_nested_false_headers_do_not_add_their_times() -> None:
+    good = long_frame(b'0123456789')
+    claim = LONG.header + b'\x01\x28'
+    parser = StreamParser(LONG, expire=EXPIRE)
+    assert parser.feed(claim * 3 + good, 1.0) == []
+    assert parser.poll(1.0 + EXPIRE) == [good]
+    assert parser.deadline == math.inf
 
 
 def test_trickle_cannot_keep_a_partial_frame_alive() -> None:
@@ -229,7 +254,7 @@ def test_impossible_head_is_not_waited_for() -> None:
 @pytest.mark.parametrize('size', [-1, 0, 1, 11, 10**9])
 def test_size_beyond_the_format_is_malformed_and_never_waited_for(size: int) -> None:
     fmt = FrameFormat(
-        header=b'\xf0\xf0', head_size=2, max_size=10, size_of=lambda head: size, check=checked
+        header=b'\xf0\xf0', head_size=2, max_size=10, size_of=lambda head: size, decode=decode
     )
     parser = StreamParser(fmt)
     assert parser.feed(FIXED_FRAMES[0], 1.0) == []
@@ -269,7 +294,7 @@ def test_clock_that_runs_backwards_loses_nothing() -> None:
 
 
 class Meter:
-    def __init__(self, fmt: FrameFormat) -> None:
+    def __init__(self, fmt: FrameFormat[bytes]) -> None:
         self.calls = self.checked_bytes = 0
         self._fmt = fmt
         self.format = FrameFormat(
@@ -358,7 +383,7 @@ def test_every_byte_is_accounted_for_at_any_time(pieces: list[tuple[bytes, float
         frames += parser.poll(now)
     frames += drain(parser)
     assert pending(parser, frames) == 0
-    assert all(checked(frame) for frame in frames)
+    assert all(decode(frame) for frame in frames)
 
 
 @given(STREAMS, GOOD)

@@ -34,8 +34,9 @@ CORE = (
 
 # What a part of a room may import beside itself and the pure standard library.
 LOGIC = (
-    *('{room}.protocol', 'SPLIT OFF'),
-    *('bridge_core.watchdog', 'bridge_core.session', 'bridge_core.j1939'),
+    *('{room}.protocol', '{room}.parameters', 'SPLIT OFF'),
+    *('bridge_core.framing', 'bridge_core.watchdog', 'bridge_core.session'),
+    *('bridge_core.settings', 'bridge_core.parameters', 'bridge_core.j1939'),
 )
 ROOM = {
     '__init__': ('{room}.protocol',),
@@ -44,9 +45,9 @@ ROOM = {
     'arbiter': LOGIC,
     'mapping': LOGIC,
     'limits': LOGIC,
-    'convert': ('{room}.protocol', 'bridge_core.convert', 'MESSAGES'),
+    'convert': ('{room}.protocol', 'SPLIT OFF', 'bridge_core.convert', 'MESSAGES'),
     # The node's parameters, where they have a file of their own: below the node all the same.
-    'parameters': ('{room}', 'bridge_core.parameters'),
+    'parameters': ('{room}.protocol', 'SPLIT OFF', 'bridge_core.parameters'),
     'node': ('{room}', 'bridge_core', 'rclpy', 'MESSAGES', 'STDLIB'),
     'simulator': ('{room}.protocol', 'bridge_core'),
     # What a device keeps, and the dialogue with its menus: pure. Only the command has a port.
@@ -55,10 +56,13 @@ ROOM = {
 }
 # The same for bridge_core, which knows no device.
 SHARED = {
-    'transports': (*CORE, 'serial', 'can', 'STDLIB'),
+    'session': ('bridge_core.framing', 'bridge_core.watchdog'),
+    'settings': ('bridge_core.parameters',),
+    'services': ('bridge_core.session', 'rclpy'),
+    'transports': (*CORE, 'bridge_core.session', 'serial', 'can', 'STDLIB'),
     'outbox': ('STDLIB',),  # a thread, beside the link's
     'convert': ('MESSAGES',),
-    'diagnostics': ('MESSAGES',),
+    'diagnostics': ('bridge_core.session', 'MESSAGES'),
     'node': ('bridge_core', 'rclpy', 'MESSAGES', 'STDLIB'),
     'runner': ('bridge_core', 'rclpy', 'STDLIB'),
     'parameter_files': ('bridge_core.parameters', 'yaml'),

@@ -58,9 +58,9 @@ def fault_of_owner(name: str) -> Callable[[Bench], set[str]]:
     'cause',
     [
         *[fault_of_session(name) for name in ('receive', 'poll', 'deadline')],
-        *[fault_of_owner(name) for name in ('on_event', 'pace')],
+        *[fault_of_owner(name) for name in ('on_events', 'pace')],
     ],
-    ids=['receive', 'poll', 'deadline', 'on_event', 'pace'],
+    ids=['receive', 'poll', 'deadline', 'on_events', 'pace'],
 )
 def test_fault_stops_backs_off_and_recovers(
     bench: Bench, cause: Callable[[Bench], set[str]], capfd: pytest.CaptureFixture[str]
@@ -101,7 +101,7 @@ def test_port_counts_as_closed_before_the_session_can_fail(bench: Bench) -> None
 def test_owner_that_cannot_be_told_anything_makes_no_busy_loop_and_no_flood(
     bench: Bench, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    bench.owner.faults |= {'pace', 'on_event', 'link_changed'}
+    bench.owner.faults |= {'pace', 'on_events', 'link_changed'}
     assert bench.steps_within(0.5) < 30
     with contextlib.suppress(TransportError):
         bench.activate()

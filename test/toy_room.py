@@ -8,6 +8,7 @@ there to be given wrongly.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from functools import partial
 import threading
 from typing import Any
@@ -16,17 +17,16 @@ from typing import ClassVar
 from rclpy.parameter import Parameter as RosParameter
 from std_msgs.msg import Bool
 
-from bridge_core.diagnostics import ERROR
-from bridge_core.diagnostics import Status
-from bridge_core.diagnostics import WARN
-from bridge_core.framing import Counters
+from bridge_core.framing import Decoder
 from bridge_core.node import BRIDGE_PARAMETERS
 from bridge_core.node import BridgeNode
 from bridge_core.parameters import Parameter
 from bridge_core.parameters import ParameterError
 from bridge_core.runner import run
+from bridge_core.session import Level
+from bridge_core.session import Session as BaseSession
+from bridge_core.session import Verdict
 from bridge_core.transports.serial import SerialTransport
-from bridge_core.watchdog import Watchdog
 from test.rig import NodeProcess
 
 PERIOD = 0.05
@@ -45,72 +45,60 @@ TOY_PARAMETERS = (
 )
 
 
-class Session:
+class ToyDecoder(Decoder[bytes, str]):
+    """Each ``k`` and ``s`` is a frame."""
+
+    def feed(self, data: bytes, now: float) -> list[str]:
+        self.counters.bytes += len(data)
+        frames = [byte for byte in data.decode('latin1') if byte in 'ks']
+        self.counters.frames += len(frames)
+        return frames
+
+
+class Session(BaseSession[bytes, str, None]):
     """Healthy while ``k`` keeps coming; stopped by ``s`` until the next ``k``."""
 
     def __init__(self, link_timeout: float) -> None:
-        self.counters = Counters()
+        super().__init__(ToyDecoder(), link_timeout)
         self.requested = False  # a stop that this node itself asked of the device
-        self._heard = Watchdog(link_timeout)
         self._stop = True
         self._next = 0.0
-        self._now = 0.0
 
-    def opened(self, now: float) -> tuple[list[Any], list[bytes]]:
-        self._next = now
-        return [], []
-
-    def closed(self, now: float) -> list[Any]:
-        self._heard.reset()
-        self._now = now
-        return []
-
-    def receive(self, data: bytes, now: float) -> tuple[list[Any], list[bytes]]:
-        self.counters.bytes += len(data)
-        for byte in data:
-            if byte in b'ks':
-                self.counters.frames += 1
-                self._stop = byte == ord('s')
-                self._heard.feed(now)
-        self._now = now
-        return [], []
-
-    def poll(self, now: float) -> tuple[list[Any], list[bytes]]:
-        self._now = now
-        if now < self._next:
-            return [], []
-        self._next = now + PERIOD
-        return [], [b'h']
-
-    def deadline(self) -> float:
-        return self._next if self._heard.expired(self._now) else min(self._next, self._due)
-
-    @property
-    def _due(self) -> float:
-        return self._heard.deadline
+    def request_stop(self, value: bool, now: float) -> None:
+        self._expire(now)
+        self.requested = value
+        self._refresh(now)
 
     def farewell(self, now: float) -> list[bytes]:
         return [b'B', b'YE']
 
-    @property
-    def link_up(self) -> bool:
-        return not self._heard.expired(self._now)
+    def _begin(self, now: float) -> None:
+        self._next = now
 
-    @property
-    def own_estop(self) -> bool:
-        return not self.link_up or self._stop
+    def _take(self, message: str, now: float) -> None:
+        self._stop = message == 's'
+        self._heard.feed(now)
 
-    @property
-    def estop(self) -> bool:
-        return self.own_estop or self.requested
+    def _judge(self, now: float) -> Verdict:
+        if not (self._stop or self.requested):
+            return Verdict()
+        return Verdict(True, self._stop, reasons=('toy: stop',))
 
-    def frame_age(self, now: float) -> float:
-        return self._heard.age(now)
+    def _silence(self, now: float) -> str:
+        return f'toy: {self._heard.describe(now)}'
 
-    def stop_reasons(self, now: float) -> list[str]:
-        if not self.estop:
+    def _sends_at(self) -> float:
+        return self._next
+
+    def _due_frames(self, now: float) -> list[bytes]:
+        if now < self._next:
             return []
-        return [f'toy: {self._heard.describe(now)}' if not self.link_up else 'toy: stop']
+        self._next = now + PERIOD
+        return [b'h']
+
+    def problems(self, now: float) -> list[tuple[Level, str]]:
+        level = Level.ERROR if self.link_up else Level.WARN
+        return [(level, text) for text in self.stop_reasons(now)]
 
 
 class BlockedTransport(SerialTransport):
@@ -120,7 +108,7 @@ class BlockedTransport(SerialTransport):
         threading.Event().wait()
 
 
-class ToyBridge(BridgeNode):
+class ToyBridge(BridgeNode[Session, None]):
     """The toy's node; ``~/request_stop`` is its request."""
 
     PARAMETERS: ClassVar[tuple[Parameter, ...]] = (*BRIDGE_PARAMETERS, *TOY_PARAMETERS)
@@ -139,25 +127,16 @@ class ToyBridge(BridgeNode):
         self.create_subscription(Bool, '~/request_stop', self._on_request_stop, 10)
 
     def _on_request_stop(self, message: Any) -> None:
-        def request(session: Any, now: float) -> None:
-            session.requested = message.data
+        self.request(Session.request_stop, message.data, sticky=message.data)
 
-        self.request('request_stop', request, sticky=message.data)
+    def make_session(self, values: Mapping[str, Any]) -> Session:
+        return Session(values['link_timeout'])
 
-    def make_session(self) -> Session:
-        return Session(self.values['link_timeout'])
-
-    def make_transport(self) -> SerialTransport:
-        if self.values['fault'] == 'no transport':
-            raise ValueError('there is no such transport')
-        blocked = self.values['fault'] == 'blocking port'
-        return (BlockedTransport if blocked else SerialTransport)(self.values['port'], 115200)
-
-    def device_status(self, now: float) -> Status:
-        reasons = self.session.stop_reasons(now)
-        if not self.session.link_up:
-            return Status(WARN, '; '.join(reasons))
-        return Status(ERROR, '; '.join(reasons)) if reasons else Status()
+    def make_transport(self, values: Mapping[str, Any]) -> SerialTransport:
+        if values['fault'] == 'no transport':
+            raise ValueError('fault: there is no such transport')
+        blocked = values['fault'] == 'blocking port'
+        return (BlockedTransport if blocked else SerialTransport)(values['port'], 115200)
 
 
 def make_toy(context: Any, **parameters: Any) -> ToyBridge:

@@ -6,20 +6,18 @@ opened again for ever. ``close`` may be called twice.
 """
 
 from collections.abc import Sequence
-from typing import Any
 from typing import Protocol
-from typing import TypeAlias
+from typing import TypeVar
 
-# What one port carries: bytes, or bridge_core.j1939.CanFrame. A room joins a session and a
-# transport that have the same.
-Frame: TypeAlias = Any
+# What one port carries: bytes, or bridge_core.j1939.CanFrame.
+FrameT = TypeVar('FrameT')
 
 
 class TransportError(Exception):
     """The port cannot be opened, is gone, or takes no more bytes; the text says what to do."""
 
 
-class Transport(Protocol):
+class Transport(Protocol[FrameT]):
     """One port of one device."""
 
     name: str  # what the user calls the port, for messages
@@ -33,13 +31,13 @@ class Transport(Protocol):
     def fileno(self) -> int:
         """Return the descriptor that becomes readable when something was received or was lost."""
 
-    def receive(self) -> Sequence[Frame]:
+    def receive(self) -> Sequence[FrameT]:
         """Return what is there, without waiting. :raises TransportError: the port is gone."""
 
     def counts(self) -> dict[str, int | str]:
         """Return what was received and not handed up, by kind; shown in the link's diagnostic."""
 
-    def send(self, frame: Frame) -> bool:
+    def send(self, frame: FrameT) -> bool:
         """
         Queue one frame; return False if the line is busy with earlier ones and it was dropped.
 

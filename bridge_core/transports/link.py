@@ -1,13 +1,14 @@
 """
 The link thread: one a device, and the only one that touches its port and its session.
 
-It waits in the kernel for bytes or for the next deadline, stamps what it reads, lets the session
-think, sends what the session wants sent and hands its events to the owner. Requests from other
-threads go into a mailbox. It lives as long as the node, port or no port, because a stop must be
-told without a port too.
+It waits in the kernel for bytes or for the next deadline, stamps what it reads, gives it to the
+session, sends the frames and hands the events to the owner that the session returns. Requests from
+other threads go into a mailbox. It lives as long as the node, port or no port, because a stop is
+published without a port too.
 """
 
 from collections.abc import Callable
+from collections.abc import Sequence
 from dataclasses import dataclass
 import itertools
 import math
@@ -17,15 +18,15 @@ import threading
 import time
 import traceback
 from typing import Any
+from typing import Generic
 from typing import Protocol
 
-from bridge_core.framing import Counters
-from bridge_core.transports import Frame
+from bridge_core.session import Session
+from bridge_core.transports import FrameT
 from bridge_core.transports import Transport
 from bridge_core.transports import TransportError
 
 Request = Callable[[float], None]
-Output = tuple[list[Any], list[Frame]]
 
 BACKOFF_START = 0.1
 _LONGEST_WAIT = 1.0
@@ -40,58 +41,14 @@ _ACTIVATE_TIME = 10.0  # a machine that is starved at start-up is no reason to g
 _ANSWER_TIME = 0.4  # a process has to be gone within a second of its signal
 
 
-class Session(Protocol):
-    """What a link means over time; every room has one. ``now`` is seconds, monotonic."""
-
-    @property
-    def estop(self) -> bool:
-        """The device or its link demands a stop, or has not proved itself healthy yet."""
-
-    @property
-    def own_estop(self) -> bool:
-        """The same, without the echo of what this node itself asked of the device."""
-
-    @property
-    def link_up(self) -> bool:
-        """Valid frames arrive within the link time-out."""
-
-    @property
-    def counters(self) -> Counters:
-        """What was received so far."""
-
-    def frame_age(self, now: float) -> float:
-        """Return the seconds since the last good frame; infinite if there was none."""
-
-    def stop_reasons(self, now: float) -> list[str]:
-        """Say in words why ``estop`` is true, and what to do; empty if it is false."""
-
-    def opened(self, now: float) -> Output:
-        """Start: the port was opened. Return events and frames to send."""
-
-    def closed(self, now: float) -> list[Any]:
-        """Forget what was heard: the port is gone. Return events."""
-
-    def receive(self, data: Frame, now: float) -> Output:
-        """Take what came: some bytes, a datagram or a frame. Raises nothing."""
-
-    def poll(self, now: float) -> Output:
-        """Do what is due."""
-
-    def deadline(self) -> float:
-        """Return when poll wants to be called next; infinite for never."""
-
-    def farewell(self, now: float) -> list[Frame]:
-        """Return the frames that leave the device in its safe state."""
-
-
 class Owner(Protocol):
-    """Who is told, always on the link thread."""
+    """Who takes events and changes of the port, always on the link thread."""
 
-    def on_event(self, event: Any) -> None:
-        """Take one event of the session."""
+    def on_events(self, events: Sequence[Any], now: float) -> None:
+        """Take events of the session, in their order."""
 
     def pace(self, now: float) -> float:
-        """Publish what has changed or is due; return when to be called next."""
+        """Publish what is due; return when to be called next."""
 
     def link_changed(self, text: str, ok: bool) -> None:
         """Log that the port was opened, lost or could not be opened."""
@@ -137,7 +94,7 @@ class Mailbox:
         return requests
 
 
-class Link:
+class Link(Generic[FrameT]):
     """
     The thread, the port and the mailbox of one device.
 
@@ -152,9 +109,9 @@ class Link:
         self._wake_fd = os.eventfd(0, os.EFD_NONBLOCK | os.EFD_CLOEXEC)
         self._wake_lock = threading.Lock()
         self._call_numbers = itertools.count()
-        self._transport: Transport | None = None
-        self._opening: Transport | None = None  # a thread is at work in its open()
-        self._session: Session | None = None
+        self._transport: Transport[FrameT] | None = None
+        self._opening: Transport[FrameT] | None = None  # a thread is at work in its open()
+        self._session: Session[FrameT, Any, Any] | None = None
         self._backoff = BACKOFF_START
         self._open_at = math.inf
         self._pace_at = self._polled_at = self._complain_at = self._stepped_at = 0.0
@@ -191,7 +148,7 @@ class Link:
         if not done.wait(timeout=timeout):
             raise TransportError('the link thread does not answer')
 
-    def activate(self, transport: Transport, session: Session) -> None:
+    def activate(self, transport: Transport[FrameT], session: Session[FrameT, Any, Any]) -> None:
         """Open the port, now and whenever it was lost, and run the session on it."""
         self.call(lambda now: self._activate(transport, session, now), timeout=_ACTIVATE_TIME)
 
@@ -236,7 +193,7 @@ class Link:
             self._pace_at = now + BACKOFF_START
             try:
                 self._lose(f'internal error: {traceback.format_exc()}', now)
-            except Exception:  # not even the owner can be told any more
+            except Exception:  # the owner fails, too
                 self._complain(traceback.print_exc, now)
 
     def _complain(self, say: Callable[[], None], now: float) -> None:
@@ -249,9 +206,11 @@ class Link:
         # Anything that a request changes counts at once, so read the clock after the wait.
         meant, readable = self._wait()
         now = time.monotonic()
-        if readable and now - meant > _FROZEN_TIME:
-            readable = self._discard(now)
+        frozen = now - meant
         self._stepped_at = now
+        if frozen > _FROZEN_TIME and self.status.is_open:
+            readable = False
+            self._guarded(lambda: self._forget_backlog(frozen, now))
         for request in self._mailbox.take():
             self._guarded(lambda request=request: self._serve(request, now))  # type: ignore[misc]
         if self.status.is_open:
@@ -265,9 +224,10 @@ class Link:
         if self.status.is_open:
             self._exchange(False, now)
 
-    def _discard(self, now: float) -> bool:
-        """Throw away what was received while this process was frozen; nothing is left to read."""
+    def _forget_backlog(self, frozen: float, now: float) -> None:
+        """Discard what waited while this process was frozen: it is old, and it may be a stop."""
         assert self._transport is not None
+        assert self._session is not None
         try:
             for _ in range(_DISCARD_READS):
                 if not select.select([self._transport.fileno()], [], [], 0.0)[0]:
@@ -275,7 +235,11 @@ class Link:
                 self._transport.receive()
         except TransportError as error:
             self._lose(str(error), now)
-        return False
+            return
+        reason = f'this node was held up for {frozen:.1f} s, and discarded what came meanwhile'
+        self._session.interrupted(
+            now, f'{reason}; if it happens again, give the computer less work'
+        )
 
     def _wait(self) -> tuple[float, bool]:
         """
@@ -311,8 +275,8 @@ class Link:
         if self._session.link_up:
             self._backoff = BACKOFF_START
 
-    def _deliver(self, output: Output, now: float) -> None:
-        """Frames first (a stop on the wire), then the stop topics, then everything else."""
+    def _deliver(self, output: tuple[Sequence[Any], Sequence[FrameT]], now: float) -> None:
+        """Frames first (a stop on the wire), then the events."""
         assert self._transport is not None
         events, frames = output
         for frame in frames:
@@ -321,11 +285,11 @@ class Link:
             else:
                 self.status.dropped += 1
         if events:
-            self._owner.pace(now)
-            for event in events:
-                self._owner.on_event(event)
+            self._owner.on_events(events, now)
 
-    def _activate(self, transport: Transport, session: Session, now: float) -> None:
+    def _activate(
+        self, transport: Transport[FrameT], session: Session[FrameT, Any, Any], now: float
+    ) -> None:
         self._deactivate(now)
         self._transport, self._session = transport, session
         self.status = LinkStatus()
@@ -341,11 +305,12 @@ class Link:
             return
         try:
             self._say_farewell(transport, session.farewell(now))
-            self._tell_closed(session.closed(now), now)
+            # The stop is published before the port is closed, which may take a while.
+            self._owner.on_events(session.closed(now), now)
         finally:
             transport.close()
 
-    def _say_farewell(self, transport: Transport, frames: list[Frame]) -> None:
+    def _say_farewell(self, transport: Transport[FrameT], frames: list[FrameT]) -> None:
         end = time.monotonic() + _FAREWELL_TIME
         try:
             for frame in frames:
@@ -355,18 +320,12 @@ class Link:
         except TransportError as error:
             self._owner.link_changed(f'no farewell: {error}', False)
 
-    def _tell_closed(self, events: list[Any], now: float) -> None:
-        """Tell the stop before the port is closed, which may take a while."""
-        self._owner.pace(now)
-        for event in events:
-            self._owner.on_event(event)
-
     def _start_opening(self) -> None:
         assert self._transport is not None
         self._open_at, self._opening = math.inf, self._transport
         threading.Thread(target=self._open, args=(self._transport,), daemon=True).start()
 
-    def _open(self, transport: Transport) -> None:
+    def _open(self, transport: Transport[FrameT]) -> None:
         """Open the port, beside the link thread: a URL port may take seconds to refuse."""
         error = ''
         try:
@@ -379,7 +338,7 @@ class Link:
         if self._quit:
             transport.close()
 
-    def _opened(self, transport: Transport, error: str, now: float) -> None:
+    def _opened(self, transport: Transport[FrameT], error: str, now: float) -> None:
         if self._opening is transport:
             self._opening = None
         if transport is not self._transport or self._session is None:
@@ -397,14 +356,14 @@ class Link:
                 self._lose(str(failure), now)
 
     def _lose(self, error: str, now: float) -> None:
-        """Take the port as gone: forget what was heard, tell, try again later."""
+        """Take the port as gone: forget what was heard, publish that, try again later."""
         transport, session, was_open = self._transport, self._session, self.status.is_open
         if transport is None or session is None:
             self._complain(lambda: self._owner.link_changed(error, False), now)
             return
         self._retry_later(error, now)
         try:
-            self._tell_closed(session.closed(now) if was_open else [], now)
+            self._owner.on_events(session.closed(now) if was_open else [], now)
         finally:
             if self._opening is not transport:
                 transport.close()

@@ -1,4 +1,4 @@
-"""What a session tells its node."""
+"""What a session reports, in the order in which it happened; stops and answers are the base's."""
 
 from __future__ import annotations
 
@@ -42,12 +42,4 @@ class EnableRefused:
     reasons: tuple[str, ...]
 
 
-@dataclass(frozen=True, slots=True)
-class ErrorsCleared:
-    """The answer to ``clear_errors``."""
-
-    success: bool
-    text: str
-
-
-Event = Feedback | EnabledChanged | FaultsChanged | Stopped | EnableRefused | ErrorsCleared
+Event = Feedback | EnabledChanged | FaultsChanged | Stopped | EnableRefused

@@ -5,7 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from enum import Enum
 import math
+from typing import Any
 
+from bridge_core.session import Answer
+from bridge_core.session import Level
+from bridge_core.session import Session as BaseSession
+from bridge_core.session import Verdict
 from bridge_core.watchdog import Watchdog
 from esi_drive_bridge.protocol import AxisCommand
 from esi_drive_bridge.protocol import Command
@@ -16,16 +21,17 @@ from esi_drive_bridge.protocol import VALUE_MAX
 from esi_drive_bridge.protocol import VALUE_MIN
 from esi_drive_bridge.session.events import EnabledChanged
 from esi_drive_bridge.session.events import EnableRefused
-from esi_drive_bridge.session.events import ErrorsCleared
 from esi_drive_bridge.session.events import Event
 from esi_drive_bridge.session.events import FaultsChanged
 from esi_drive_bridge.session.events import Feedback
 from esi_drive_bridge.session.events import Stopped
+from esi_drive_bridge.session.report import status_values
+from esi_drive_bridge.session.report import still_enabled
 from esi_drive_bridge.session.settings import Settings
 
 FAREWELL_PACKETS = 3  # a lost or flipped one must not leave the motor enabled
 
-Output = tuple[list[Event], list[bytes]]
+CLEAR_ERRORS = 'clear_errors'  # the request's name in its Answer
 
 
 class Phase(Enum):
@@ -42,74 +48,45 @@ _ACTIVE = (Phase.WAITING, Phase.ENABLING, Phase.ENABLED)
 _ON_THE_WIRE = (Phase.ENABLING, Phase.ENABLED)  # packets say enable
 
 
-class Session:
-    """
-    One drive on one port. Every ``now`` is seconds of a monotonic clock.
+class Session(BaseSession[bytes, Status, Event]):
+    """One drive on one port; see bridge_core.session."""
 
-    Requests act at once on what the next poll sends; poll after each of them.
-    """
+    CLOSED = 'the port is closed'
+    HELD = 'disabled'
 
     def __init__(self, settings: Settings) -> None:
+        super().__init__(status_parser(settings.layout), settings.link_timeout)
         self.settings = settings
-        self._parser = status_parser(settings.layout)
-        self.counters = self._parser.counters
         self.saturations = 0  # command values cut to what 16 bits hold, one an axis and command
         self.refused_commands = 0
         self.phase = Phase.DISABLED
         self.last_stop: tuple[str, ...] = ()
+        self.enabled = False  # the drive says now that every axis is enabled
         self._period = 1.0 / settings.command_rate
         self._zeros = (0,) * settings.layout.axes
         self._command = Watchdog(settings.command_timeout)
         self._enable = Watchdog(settings.command_timeout)
         self._estop_in = Watchdog(settings.command_timeout)
-        self._status = Watchdog(settings.status_timeout)
-        self._events: list[Event] = []
-        self._open = False
-        self._fresh = False  # the status is; as of the last call
-        self._enabled = False
-        self._enable_value = False
+        self._next_send = -math.inf
+        self._reset()
+
+    def _reset(self) -> None:
+        for watchdog in (self._command, self._enable, self._estop_in):
+            watchdog.reset()
+        self.phase = Phase.DISABLED
+        self.status: Status | None = None  # the newest
+        self._faults: tuple[str, ...] = ()  # of the newest status
         self._armed = False  # a false of enable was heard while nothing else forbade motion
-        self._forget()
+        self._enable_value, self._estop_value = False, True
+        self._refusal = ''  # why the newest command was refused
+        self._counts = self._zeros
+        self._urgent = self._clear_sent = False
+        self._until = self._disabled_since = -math.inf
 
-    # What the node reads.
-
-    @property
-    def estop(self) -> bool:
-        """No port, no fresh status, or an error bit; never the echo of an input of this node."""
-        return not self._fresh or self.status is None or self.status.faulty
-
-    @property
-    def own_estop(self) -> bool:
-        """The same: nothing that this node asks comes back as a stop."""
-        return self.estop
-
-    @property
-    def link_up(self) -> bool:
-        """Status packets arrive within ``status_timeout``."""
-        return self._fresh
-
-    @property
-    def enabled(self) -> bool:
-        """The drive says now that every axis is enabled."""
-        return self._enabled
-
-    def frame_age(self, now: float) -> float:
-        """Return the seconds since the last status packet; infinite if there was none."""
-        return self._status.age(now)
-
-    def stop_reasons(self, now: float) -> list[str]:
-        """Say in words why ``estop`` is true, and what to do; empty when it is false."""
-        if not self._open:
-            return ['the port is closed']
-        if not self._fresh:
-            return [
-                f'no status from the drive: {self._status.describe(now)}; check power, the '
-                "receive pair, baud, single_axis_layout, and HiDS's SerialInterfaceEnable"
-            ]
-        return list(self._faults)
+    # What is known.
 
     def inhibits(self, now: float) -> list[str]:
-        """Say in words why packets say disable; empty when they say enable."""
+        """Return why packets say disable, in words; empty when they say enable."""
         if self.phase in _ON_THE_WIRE:
             return []
         reasons = self._forbidden(now) + self._enable_missing(now) + self._command_missing(now)
@@ -120,73 +97,34 @@ class Session:
         return reasons
 
     def warnings(self, now: float) -> list[str]:
-        """Say what is not a stop but not right either."""
+        """Return what is not a stop but not right either, in words."""
         texts = list(self.settings.line_warnings())
-        if self._fresh and self.status is not None:
+        if self.link_up and self.status is not None:
             texts += self.status.warnings()
             age = now - self._disabled_since
             if self.phase not in _ON_THE_WIRE and age > self.settings.enable_timeout:
-                still = [name for name, axis in self.status.lettered() if axis.enabled]
-                texts += [
-                    f'axis {name} is still enabled {age:.1f} s after disable was sent: cut its '
-                    'power, then check who else commands the drive'
-                    for name in still
-                ]
+                texts += still_enabled(self.status, age)
         return texts
 
-    # What the link thread tells.
+    def problems(self, now: float) -> list[tuple[Level, str]]:
+        """Return warnings, and stops as errors: all of them are faults."""
+        warnings = [(Level.WARN, text) for text in self.warnings(now)]
+        return warnings + [(Level.ERROR, text) for text in self.stop_reasons(now)]
 
-    def opened(self, now: float) -> Output:
-        """Start to send, disabled."""
-        self._forget()
-        self._open = True
-        self._next_send = self._disabled_since = now
-        return self._step(now)
+    def values(self, now: float) -> dict[str, Any]:
+        """Return phase, inhibits, counters and every bit of the status."""
+        values: dict[str, Any] = {
+            'phase': self.phase.value,
+            'enabled': self.enabled,
+            'disabled because': '; '.join(self.inhibits(now)) or 'enabled',
+            'saturated commands': self.saturations,
+            'refused commands': self.refused_commands,
+        }
+        if self.status is not None:
+            values |= status_values(self.status, self.settings.axes)
+        return values
 
-    def closed(self, now: float) -> list[Event]:
-        """Forget what was heard; ``estop`` is true."""
-        del now
-        if self.phase is Phase.CLEARING:
-            self._finish_clearing(False, 'the port was closed')
-        elif self.phase in _ACTIVE:
-            self._stop(['the port was closed'])
-        self._tell_enabled(False)
-        self._open = False
-        self._forget()
-        return self._take_events()
-
-    def receive(self, data: bytes, now: float) -> Output:
-        """Take bytes of any split. Raises nothing."""
-        if not self._open:
-            return [], []
-        self._watch(now)
-        self._take_frames(self._parser.feed(data, now), now)
-        return self._step(now)
-
-    def poll(self, now: float) -> Output:
-        """Let time act, and send what is due."""
-        if not self._open:
-            return self._take_events(), []
-        self._watch(now)
-        self._take_frames(self._parser.poll(now), now)
-        return self._step(now)
-
-    def deadline(self) -> float:
-        """Return when poll must be called at the latest; infinite while the port is closed."""
-        if not self._open:
-            return math.inf
-        moments = [self._next_send, self._parser.deadline]
-        if self._fresh:
-            moments.append(self._status.deadline)
-        if self.phase in _ACTIVE:
-            moments += [dog.deadline for dog in (self._enable, self._estop_in)]
-            # Often enough that a healthy loop is not taken for a stalled one.
-            moments.append(self._polled + self.settings.command_timeout / 2)
-        if self.phase in _ON_THE_WIRE:
-            moments.append(self._command.deadline)
-        if self.phase not in (Phase.DISABLED, Phase.ENABLED):
-            moments.append(self._until)
-        return min(moments)
+    # The link's side; the base has the rest.
 
     def farewell(self, now: float) -> list[bytes]:
         """Return disable packets, as the port closes on purpose."""
@@ -196,6 +134,93 @@ class Session:
         self.phase = Phase.DISABLED
         return [self._packet()] * FAREWELL_PACKETS
 
+    def _begin(self, now: float) -> None:
+        self._next_send = self._disabled_since = now
+
+    def _forget(self, now: float, reason: str) -> None:
+        del now
+        if self.phase is Phase.CLEARING:
+            self._finish_clearing(False, reason)
+        kept = self._disabled_since, self._urgent  # a disable packet may be due
+        self._reset()
+        self._disabled_since, self._urgent = kept
+
+    def _take(self, message: Status, now: float) -> None:
+        self.status = message
+        self._heard.feed(now)
+        self._emit(Feedback(message))
+        self._set_enabled(message.enabled)
+        faults = tuple(message.faults()) if message.faulty else ()
+        if faults != self._faults:
+            self._faults = faults
+            self._emit(FaultsChanged(faults))
+        self._advance(message)
+
+    def _advance(self, status: Status) -> None:
+        """Take the step that the drive's answer allows; faults are the verdict's business."""
+        if self.phase is Phase.CLEARING:
+            if self._clear_sent and not status.faulty:
+                self._finish_clearing(True, 'the errors are cleared')
+        elif self.phase is Phase.ENABLING and not status.faulty:
+            self._counts = self._at_rest()
+            if status.enabled:
+                self.phase = Phase.ENABLED
+        elif self.phase is Phase.ENABLED and not status.enabled and not status.faulty:
+            # It has had its reason; it must not start again by itself once that is gone.
+            self._stop(
+                [f'axis {n} disabled itself' for n, a in status.lettered() if not a.enabled]
+            )
+
+    def _judge(self, now: float) -> Verdict:
+        """Return a stop for an error bit; nothing that this node asks comes back as one."""
+        del now
+        return Verdict.stop(*self._faults) if self._faults else Verdict()
+
+    def _silence(self, now: float) -> str:
+        return (
+            f'no status from the drive: {self._heard.describe(now)}; check power, the '
+            "receive pair, baud, single_axis_layout, and HiDS's SerialInterfaceEnable"
+        )
+
+    def _follow(self, now: float) -> None:
+        if not self.link_up:
+            self._set_enabled(False)
+        if self._armed and (self._enable.expired(now) or self._forbidden(now)):
+            self._armed = False
+        if self.phase in _ACTIVE:
+            reasons = self._lost(now)
+            if reasons:
+                self._stop(reasons)
+        elif self.phase is Phase.CLEARING and not now < self._until:
+            texts = self.stop_reasons(now) or ['no answer from the drive']
+            self._finish_clearing(False, f'errors remain: {"; ".join(texts)}')
+
+    def _expires_at(self) -> float:
+        moments = [super()._expires_at()]
+        if self.phase in _ACTIVE or self._armed:
+            moments += [self._enable.deadline, self._estop_in.deadline]
+        if self.phase in _ACTIVE:
+            # Often enough that a healthy loop is not taken for a stalled one.
+            moments.append(self._stepped_at + self.settings.command_timeout / 2)
+        if self.phase in _ON_THE_WIRE:
+            moments.append(self._command.deadline)
+        if self.phase not in (Phase.DISABLED, Phase.ENABLED):
+            moments.append(self._until)
+        return min(moments)
+
+    def _sends_at(self) -> float:
+        return self._next_send
+
+    def _due_frames(self, now: float) -> list[bytes]:
+        if not (self._urgent or now >= self._next_send):
+            return []
+        following = self._next_send + self._period
+        late = self._urgent or following <= now
+        self._next_send = now + self._period if late else following
+        self._urgent = False
+        self._clear_sent = self.phase is Phase.CLEARING
+        return [self._packet()]
+
     # What the node asks.
 
     def set_command(self, values: Sequence[float], now: float) -> None:
@@ -204,7 +229,7 @@ class Session:
 
         :raises ValueError: for a wrong number of values, NaN or infinity; see refuse_command.
         """
-        self._watch(now)
+        self._expire(now)
         try:
             counts = self._to_counts(values)
         except ValueError as error:
@@ -219,7 +244,7 @@ class Session:
 
     def refuse_command(self, reason: str, now: float) -> None:
         """Note a command that makes no sense: from now on there is no fresh one, so stop."""
-        self._watch(now)
+        self._expire(now)
         self.refused_commands += 1
         self._command.reset()
         self._refusal = reason
@@ -228,7 +253,7 @@ class Session:
 
     def set_enable(self, value: bool, now: float) -> None:
         """Take the enable input; only an edge from false to true, heard both, enables."""
-        self._watch(now)
+        self._expire(now)
         risen = value and not (self._enable_value and not self._enable.expired(now))
         edge = value and self._armed
         self._enable.feed(now)
@@ -243,11 +268,11 @@ class Session:
             self._begin_waiting(now)
         elif risen and self._open and self.phase not in _ACTIVE:
             reasons = forbidden or ['enable was not heard false before, after the last stop']
-            self._events.append(EnableRefused(tuple(reasons)))
+            self._emit(EnableRefused(tuple(reasons)))
 
     def set_estop(self, value: bool, now: float) -> None:
         """Take the e-stop input; a true stops even if a false follows before the next poll."""
-        self._watch(now)
+        self._expire(now)
         self._estop_in.feed(now)
         self._estop_value = value
         if value:
@@ -256,43 +281,24 @@ class Session:
                 self._stop(self._forbidden(now))
 
     def clear_errors(self, now: float) -> None:
-        """Ask the drive, disabled, to clear its errors. ErrorsCleared tells how it went."""
-        self._watch(now)
-        if not self._open or not self._fresh:
-            self._events.append(ErrorsCleared(False, '; '.join(self.stop_reasons(now))))
+        """Ask the drive, disabled, to clear its errors; an Answer follows."""
+        self._expire(now)
+        if not self.link_up:
+            self._emit(Answer(CLEAR_ERRORS, False, '; '.join(self.stop_reasons(now))))
         elif not self.estop:
-            self._events.append(ErrorsCleared(True, 'the drive reports no error'))
+            self._emit(Answer(CLEAR_ERRORS, True, 'the drive reports no error'))
         elif self.phase is not Phase.CLEARING:
             self.phase = Phase.CLEARING
             self._until = now + self.settings.clear_timeout
             self._clear_sent = False
             self._urgent = True
 
-    # Time.
-
-    def _watch(self, now: float) -> None:
-        """
-        Let what expired before ``now`` act.
-
-        Called before anything new is taken in, so that what was stale cannot be made fresh unseen.
-        """
-        if self._fresh and self._status.expired(now):
-            self._fresh = False
-            self._tell_enabled(False)
-        if self._armed and (self._enable.expired(now) or self._forbidden(now)):
-            self._armed = False
-        if self.phase in _ACTIVE:
-            reasons = self._lost(now)
-            if reasons:
-                self._stop(reasons)
-        elif self.phase is Phase.CLEARING and not now < self._until:
-            texts = self.stop_reasons(now) or ['no answer from the drive']
-            self._finish_clearing(False, f'errors remain: {"; ".join(texts)}')
+    # Why not.
 
     def _lost(self, now: float) -> list[str]:
         """Say what ends a phase that leads to motion."""
         reasons = self._forbidden(now) + self._enable_missing(now)
-        gap, limit = now - self._polled, self.settings.command_timeout
+        gap, limit = now - self._stepped_at, self.settings.command_timeout
         if not 0.0 <= gap <= limit:
             reasons.append(f'this node stalled for {gap * 1e3:.0f} ms, limit {limit * 1e3:.0f} ms')
         late = now >= self._until
@@ -330,7 +336,7 @@ class Session:
 
     def _begin_waiting(self, now: float) -> None:
         self.phase = Phase.WAITING
-        self._polled = now
+        self._stepped_at = now
         self._until = now + self.settings.command_timeout
         if not self._command.expired(now):
             self._begin_enabling(now)
@@ -350,98 +356,34 @@ class Session:
         self.last_stop = tuple(reasons)
         if was_on_the_wire:
             self._urgent = True
-            self._disabled_since = self._polled
-        self._events.append((Stopped if was_on_the_wire else EnableRefused)(self.last_stop))
+            self._disabled_since = self._stepped_at
+        self._emit((Stopped if was_on_the_wire else EnableRefused)(self.last_stop))
 
     def _finish_clearing(self, success: bool, text: str) -> None:
         self.phase = Phase.DISABLED
-        self._events.append(ErrorsCleared(success, text))
+        self._emit(Answer(CLEAR_ERRORS, success, text))
 
-    def _forget(self) -> None:
-        """Be as if nothing had ever been heard."""
-        for dog in (self._command, self._enable, self._estop_in, self._status):
-            dog.reset()
-        self._parser.reset()
-        self.phase = Phase.DISABLED
-        self.status: Status | None = None
-        self._faults: tuple[str, ...] = ()
-        self._fresh = self._enabled = self._armed = self._urgent = self._clear_sent = False
-        self._enable_value, self._estop_value = False, True
-        self._refusal = ''
-        self._counts = self._zeros
-        self._next_send = self._until = self._polled = self._disabled_since = -math.inf
+    def _set_enabled(self, enabled: bool) -> None:
+        if enabled != self.enabled:
+            self.enabled = enabled
+            self._emit(EnabledChanged(enabled))
 
-    # Bytes.
-
-    def _take_frames(self, frames: Sequence[bytes], now: float) -> None:
-        for frame in frames:
-            self._take_status(Status.from_bytes(frame, self.settings.layout), now)
-
-    def _take_status(self, status: Status, now: float) -> None:
-        self.status = status
-        self._status.feed(now)
-        self._fresh = True
-        self._events.append(Feedback(status))
-        self._tell_enabled(status.enabled)
-        faults = tuple(status.faults()) if status.faulty else ()
-        if faults != self._faults:
-            self._faults = faults
-            self._events.append(FaultsChanged(faults))
-        self._act_on(status, now)
-
-    def _act_on(self, status: Status, now: float) -> None:
-        if self.phase is Phase.CLEARING:
-            if self._clear_sent and not status.faulty:
-                self._finish_clearing(True, 'the errors are cleared')
-        elif status.faulty:
-            if self.phase in _ACTIVE:
-                self._stop(self._faults)
-        elif self.phase is Phase.ENABLING:
-            self._counts = self._at_rest()
-            if status.enabled:
-                self.phase = Phase.ENABLED
-        elif self.phase is Phase.ENABLED and not status.enabled:
-            # It has had its reason; it must not start again by itself once that is gone.
-            self._stop(
-                [f'axis {n} disabled itself' for n, a in status.lettered() if not a.enabled]
-            )
-
-    def _tell_enabled(self, enabled: bool) -> None:
-        if enabled != self._enabled:
-            self._enabled = enabled
-            self._events.append(EnabledChanged(enabled))
-
-    def _step(self, now: float) -> Output:
-        """Return the events so far and the packet that is due."""
-        self._polled = now
-        frames = []
-        if self._urgent or now >= self._next_send:
-            frames.append(self._packet())
-            following = self._next_send + self._period
-            late = self._urgent or following <= now
-            self._next_send = now + self._period if late else following
-            self._urgent = False
-            self._clear_sent = self.phase is Phase.CLEARING
-        return self._take_events(), frames
-
-    def _take_events(self) -> list[Event]:
-        events, self._events = self._events, []
-        return events
+    # Packets.
 
     def _packet(self) -> bytes:
         enable, clear = self.phase in _ON_THE_WIRE, self.phase is Phase.CLEARING
         counts = self._counts if enable else self._zeros
-        axes = zip(self.settings.modes, counts, strict=True)
+        axes = zip(self.settings.axes, counts, strict=True)
         return Command(
-            tuple(AxisCommand(enable, clear, mode, value) for mode, value in axes)
+            tuple(AxisCommand(enable, clear, axis.mode, value) for axis, value in axes)
         ).to_bytes(self.settings.layout)
 
     def _at_rest(self) -> tuple[int, ...]:
         """Return the counts that ask for no motion."""
         if self.status is None:
             return self._zeros
-        axes = zip(self.settings.modes, self.status.axes, strict=True)
-        return tuple(axis.feedback if mode is Mode.POSITION else 0 for mode, axis in axes)
+        axes = zip(self.settings.axes, self.status.axes, strict=True)
+        return tuple(each.feedback if axis.mode is Mode.POSITION else 0 for axis, each in axes)
 
     def _to_counts(self, values: Sequence[float]) -> tuple[int, ...]:
         """Scale and saturate. :raises ValueError: for a wrong number of values or not finite."""
@@ -449,7 +391,8 @@ class Session:
             raise ValueError(f'{len(values)} values for {self.settings.layout.axes} axes')
         if not all(math.isfinite(value) for value in values):
             raise ValueError(f'not finite: {list(values)}')
-        wanted = [v / scale for v, scale in zip(values, self.settings.si_per_count, strict=True)]
+        axes = zip(values, self.settings.axes, strict=True)
+        wanted = [value / axis.si_per_count for value, axis in axes]
         held = [min(max(count, VALUE_MIN), VALUE_MAX) for count in wanted]
         self.saturations += sum(a != b for a, b in zip(wanted, held, strict=True))
         return tuple(round(count) for count in held)

@@ -2,56 +2,54 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
-import math
+from typing import Any
 
+from bridge_core.settings import CheckedSettings
+from bridge_core.settings import table_of
+from esi_drive_bridge.axes import axes_of
+from esi_drive_bridge.axes import Axis
+from esi_drive_bridge.parameters import PARAMETERS
 from esi_drive_bridge.protocol import BITS_PER_BYTE
 from esi_drive_bridge.protocol import Layout
-from esi_drive_bridge.protocol import MAX_COMMAND_RATE
-from esi_drive_bridge.protocol import Mode
+from esi_drive_bridge.protocol import layout_of
+
+_TABLE = table_of(PARAMETERS)
 
 
-@dataclass(frozen=True, slots=True)
-class Settings:
+@dataclass(frozen=True, kw_only=True)
+class Settings(CheckedSettings):
     """
-    What a session needs to know.
+    What a session needs to know; the fields without comment are parameters.
 
-    :param modes: one an axis.
-    :param si_per_count: one an axis: the joint's rad/s, rad, N·m or A that one count of a command
-        or feedback word is; sign, gear and scale included; see ``convert.Axis``.
-    :param command_rate: Hz, 1 to 1000.
-    :param command_timeout: s, for command, enable and e-stop input alike.
-    :param status_timeout: s without a status packet after which ``estop`` is true.
-    :param enable_timeout: s that the drive may take from the first enable packet to its answer.
-    :param clear_timeout: s that clearing errors may take.
-    :param baud: bit/s of the line, for its budget only.
-    :param status_rate: Hz at which the drive is expected to send, for the budget only (4.5.1).
+    :param axes: one or two; see Axis.
+    :param layout: of the packets.
     :raises ValueError: for what cannot be.
     """
 
+    TABLE = _TABLE
+    axes: tuple[Axis, ...]
     layout: Layout
-    modes: tuple[Mode, ...]
-    si_per_count: tuple[float, ...]
-    command_rate: float = 100.0
-    command_timeout: float = 0.1
-    status_timeout: float = 0.25
-    enable_timeout: float = 1.0
-    clear_timeout: float = 1.0
-    baud: int = 115200
-    status_rate: float = 1000.0
+    baud: int = _TABLE['baud'].default
+    command_rate: float = _TABLE['command_rate'].default
+    command_timeout: float = _TABLE['command_timeout'].default
+    link_timeout: float = _TABLE['link_timeout'].default
+    enable_timeout: float = _TABLE['enable_timeout'].default
+    clear_timeout: float = _TABLE['clear_timeout'].default
+    status_rate: float = _TABLE['status_rate'].default
 
     def __post_init__(self) -> None:
-        axes = self.layout.axes
-        if not len(self.modes) == len(self.si_per_count) == axes:
-            raise ValueError(f'modes and si_per_count need one entry for each of {axes} axes')
-        if not all(math.isfinite(scale) and scale != 0.0 for scale in self.si_per_count):
-            raise ValueError(f'si_per_count must be finite and not 0, not {self.si_per_count}')
-        if not 1.0 <= self.command_rate <= MAX_COMMAND_RATE:
-            raise ValueError(f'command_rate must be 1 to 1000 Hz, not {self.command_rate}')
-        for name in ('command_timeout', 'status_timeout', 'enable_timeout', 'clear_timeout'):
-            value = getattr(self, name)
-            if not (math.isfinite(value) and value > 0.0):
-                raise ValueError(f'{name} must be above 0 s and finite, not {value}')
+        super().__post_init__()
+        if len(self.axes) != self.layout.axes:
+            raise ValueError(f'layout {self.layout.value} has {self.layout.axes} axes')
+
+    @classmethod
+    def from_parameters(cls, values: Mapping[str, Any]) -> Settings:
+        """Return what the parameters say. :raises ValueError: what cannot be."""
+        axes = axes_of(values)
+        layout = layout_of(len(axes), values['single_axis_layout'])
+        return cls(axes=axes, layout=layout, **cls.named(values))
 
     def line_warnings(self) -> tuple[str, ...]:
         """Say which direction asks more of the line than it carries (4.5.1)."""

@@ -1,0 +1,103 @@
+"""
+What joins an axis of the drive to a joint: name, mode, scale and sign.
+
+A word on the wire times the scale configured in HiDS (manual 4.4.2) is A, rpm or rad of the motor.
+
+========  =======================  ==================  ==========================================
+mode      scale                    JointState field    joint value of one count
+========  =======================  ==================  ==========================================
+torque    CommandCurrentScale      effort              A, or N·m = A * torque_constant * gear
+velocity  CommandVelocityScale     velocity            rad/s = rpm * 2 pi / 60 / gear
+position  CommandPositionScale     position            rad = motor rad / gear
+========  =======================  ==================  ==========================================
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+import math
+from typing import Any
+
+from esi_drive_bridge.protocol import Mode
+
+FIELDS = {Mode.TORQUE: 'effort', Mode.VELOCITY: 'velocity', Mode.POSITION: 'position'}
+_SCALES = {
+    Mode.TORQUE: 'command_current_scale',
+    Mode.VELOCITY: 'command_velocity_scale',
+    Mode.POSITION: 'command_position_scale',
+}
+_RAD_PER_S_PER_RPM = 2.0 * math.pi / 60.0
+
+
+@dataclass(frozen=True, slots=True)
+class Axis:
+    """
+    What joins one axis of the drive to one joint.
+
+    :param joint: the joint's name.
+    :param command_scale: A, rpm or rad of the motor a count; above 0.
+    :param gear_ratio: turns of the motor for one of the joint; above 0.
+    :param torque_constant: N·m/A of the motor, or 0: effort is then the motor's current in A.
+    :param inverted: positive counts turn the joint in its negative direction.
+    :raises ValueError: for what cannot be, and for a count too small or large to compute with.
+    """
+
+    joint: str
+    mode: Mode
+    command_scale: float
+    gear_ratio: float = 1.0
+    torque_constant: float = 0.0
+    inverted: bool = False
+
+    def __post_init__(self) -> None:
+        if not self.joint:
+            raise ValueError('a joint needs a name')
+        for name in ('command_scale', 'gear_ratio'):
+            value = getattr(self, name)
+            if not (math.isfinite(value) and value > 0.0):
+                raise ValueError(f'{name} must be above 0 and finite, not {value}')
+        if not (math.isfinite(self.torque_constant) and self.torque_constant >= 0.0):
+            raise ValueError(f'torque_constant must be 0 or above, not {self.torque_constant}')
+        if not (math.isfinite(self.si_per_count) and self.si_per_count != 0.0):
+            raise ValueError(f'scale and gear give {self.si_per_count} a count')
+
+    @property
+    def si_per_count(self) -> float:
+        """The joint's rad/s, rad, N·m or A for one count, with its sign."""
+        scale = -self.command_scale if self.inverted else self.command_scale
+        if self.mode is Mode.VELOCITY:
+            return scale * _RAD_PER_S_PER_RPM / self.gear_ratio
+        if self.mode is Mode.POSITION:
+            return scale / self.gear_ratio
+        return scale * self.torque_constant * self.gear_ratio if self.torque_constant else scale
+
+    @property
+    def field(self) -> str:
+        """The JointState field that the mode commands and measures."""
+        return FIELDS[self.mode]
+
+    @property
+    def unit(self) -> str:
+        """Unit of the joint's value."""
+        if self.mode is Mode.TORQUE:
+            return 'N·m' if self.torque_constant else 'A'
+        return 'rad/s' if self.mode is Mode.VELOCITY else 'rad'
+
+
+def axes_of(values: Mapping[str, Any]) -> tuple[Axis, ...]:
+    """Return the axes from the parameters. :raises ValueError: lists that do not fit."""
+    joints = values['joint_names']
+    if len(joints) not in (1, 2) or len(set(joints)) < len(joints):
+        raise ValueError(f'joint_names = {joints}: one or two different names are needed')
+
+    def spread(name: str) -> list[Any]:
+        given = values[name]
+        if len(given) not in (1, len(joints)):
+            raise ValueError(f'{name} = {given}: 1 or {len(joints)} elements are needed')
+        return list(given) * (len(joints) if len(given) == 1 else 1)
+
+    modes = [Mode[name.upper()] for name in spread('mode')]
+    scales = [spread(_SCALES[mode])[index] for index, mode in enumerate(modes)]
+    rest = (spread(name) for name in ('gear_ratio', 'torque_constant', 'inverted'))
+    return tuple(map(Axis, joints, modes, scales, *rest))
