@@ -31,8 +31,8 @@ from bridge_core.diagnostics import OK
 from bridge_core.diagnostics import Status as Diagnostic
 from bridge_core.diagnostics import WARN
 from bridge_core.node import latched_qos
-from bridge_core.node import MANAGED_PARAMETERS
 from bridge_core.node import ManagedNode
+from bridge_core.parameters import MANAGED_PARAMETERS
 from bridge_core.parameters import Parameter
 from bridge_core.runner import run
 from safety_mux.arbiter import Arbiter

@@ -18,7 +18,7 @@ from typing import Any
 import pytest
 import yaml
 
-from bridge_core.node import BRIDGE_PARAMETERS
+from bridge_core.parameters import BRIDGE_PARAMETERS
 from bridge_core.parameters import Parameter
 from bridge_core.parameters import resolve
 

@@ -20,8 +20,8 @@ from bridge_core.diagnostics import ERROR
 from bridge_core.diagnostics import Status
 from bridge_core.diagnostics import WARN
 from bridge_core.framing import Counters
-from bridge_core.node import BRIDGE_PARAMETERS
 from bridge_core.node import BridgeNode
+from bridge_core.parameters import BRIDGE_PARAMETERS
 from bridge_core.parameters import Parameter
 from bridge_core.parameters import ParameterError
 from bridge_core.runner import run
