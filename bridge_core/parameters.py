@@ -38,7 +38,7 @@ class Parameter:
     :param runtime: may be changed while the node is active.
     :param fixed: may be changed by a restart only, for what construction is built upon.
     :param section: a heading in the annotated file, above this and the ones that follow.
-    :param hex_digits: numbers are written in hexadecimal, with so many digits.
+    :param hex_digits: shown in hexadecimal; the default with so many digits.
     """
 
     name: str
@@ -107,11 +107,12 @@ class Parameter:
             text += f' from {self._number(self.minimum)}'
         if self.maximum is not None:
             text += f' to {self._number(self.maximum)}'
-        text += f' {self.unit}' if self.unit and type(sample) in (int, float) else ''
+        if self.unit and type(sample) in (int, float):
+            text += f' {self.unit}' if text[-1].isdigit() else f' in {self.unit}'
         return f'a list, each {text}' if isinstance(self.default, list) else text
 
     def _number(self, number: float) -> str:
-        return f'0x{int(number):0{self.hex_digits}X}' if self.hex_digits else f'{number:.12g}'
+        return f'0x{int(number):X}' if self.hex_digits else f'{number:.12g}'
 
     def named(self, name: str, default: Value = None) -> 'Parameter':
         """Return a copy under another name, for what repeats per source, joint or axis."""
