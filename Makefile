@@ -6,6 +6,7 @@
 #   make test              ARGS='-k fort -x' and the like go to pytest
 #   make lint              ruff and mypy
 #   make bench             ARGS go to each benchmark
+#   make reference         write config/*.yaml and the parameter tables of docs/ from the tables in the code
 #   make clean             remove what these targets made, .venv included
 
 PYTHON ?= python3
@@ -19,7 +20,7 @@ unexport _ROS_WHEELS_BOOTSTRAP_COMPLETE
 # A virtual environment that the caller has activated is only where $(PYTHON) comes from.
 unexport VIRTUAL_ENV
 
-.PHONY: demo test lint bench clean
+.PHONY: demo test lint bench reference clean
 
 demo: $(STAMP)
 	$(BIN)/rugged_teleop_demo $(ARGS)
@@ -37,6 +38,9 @@ bench: $(STAMP)
 	    name=$$(basename "$$file" .py); \
 	    echo "$$name $(ARGS)"; $(BIN)/python -m "benchmarks.$$name" $(ARGS); \
 	done
+
+reference: $(STAMP)
+	$(BIN)/python -m rugged_teleop.reference
 
 clean:
 	rm -rf $(VENV) build install log *.egg-info .hypothesis .mypy_cache .pytest_cache .ruff_cache

@@ -10,8 +10,10 @@ from akron_can_bridge.session import Cause
 from akron_can_bridge.session import check_joystick
 from akron_can_bridge.session import check_unit
 from akron_can_bridge.session import Settings
+from bridge_core.parameters import DEADBAND
 from bridge_core.parameters import Parameter
 from bridge_core.parameters import ParameterError
+from bridge_core.parameters import TOLERATE_FAULTY_AXES
 
 _FIRST, _LAST = 0x33, 0x38
 
@@ -33,23 +35,27 @@ def _check_names(names: Sequence[str]) -> None:
 
 
 def _check_estop_on(causes: Sequence[str]) -> None:
-    known = [cause.value for cause in Cause]
-    if not causes or not set(causes) <= set(known):
-        raise ValueError(f'allowed are one or more of {", ".join(map(repr, known))}')
+    if not causes:
+        raise ValueError('allowed are one or more')
 
 
 PARAMETERS = (
-    # -- the bus
     Parameter(
         'interface',
         'socketcan',
         "Kind of CAN interface in python-can's words: socketcan, slcan, udp_multicast ...",
+        section='the bus',
     ),
-    Parameter('channel', 'can0', 'Which one, such as can0, or /dev/ttyACM0 for slcan.'),
+    Parameter(
+        'channel',
+        'can0',
+        'Which interface: can0, /dev/ttyACM0 for slcan, group:port for udp_multicast.',
+    ),
     Parameter(
         'bitrate',
         0,
-        'Where the interface takes one; 0: as it is set. The unit has 250000.',
+        'For interfaces that take one, such as slcan; 0: as the interface is set. The unit has '
+        '250000.',
         unit='bit/s',
         minimum=0,
         maximum=1_000_000,
@@ -57,27 +63,32 @@ PARAMETERS = (
     Parameter(
         'source_address',
         _LAST,
-        'Our address on the bus: which joystick we are. The lower one overrides (Appendix B).',
+        'Our address on the bus: which joystick we are. Nobody else may use it. The lower one '
+        'overrides (Appendix B): at 0x38 a person at any other joystick overrides the computer.',
         minimum=_FIRST,
         maximum=_LAST,
+        hex_digits=2,
     ),
-    # -- the unit
     Parameter(
         'device_pin',
         '',
-        "The unit's 15-digit PIN; empty: the first unit of device_type.",
+        "The unit's PIN, 15 characters such as 1032AE100801035; set it where there are two units. "
+        'Empty: the first unit of device_type.',
         check=lambda pin: check_unit(pin, 0),
+        section='the unit',
     ),
     Parameter(
         'device_type',
         1032,
-        'First four digits of the PIN, where device_pin is empty; 0: any monitor controller.',
+        'First four digits of the PIN, where device_pin is empty: 1032 (6032), 1033 (6033), 1040, '
+        '1042, 1052; 0: any monitor controller.',
         check=lambda kind: check_unit('', kind),
     ),
     Parameter(
         'link_timeout',
         0.3,
-        'Without a frame of the unit for this long the link is lost. Some come every 100 ms.',
+        'Without a frame of the unit for this long the link is lost. Some come every 0.1 s, but a '
+        'unit that changes its address may be silent for 0.35 s.',
         unit='s',
         minimum=0.15,
         maximum=5.0,
@@ -93,7 +104,8 @@ PARAMETERS = (
     Parameter(
         'vista_rate',
         0.0,
-        'How often voltage and inputs are polled by the Vista message 21; 0: never.',
+        'How often voltage and inputs of a 6032 are polled for /diagnostics, by the Vista message '
+        '21; 0: never.',
         unit='Hz',
         minimum=0.0,
         maximum=10.0,
@@ -101,18 +113,20 @@ PARAMETERS = (
     Parameter(
         'estop_on',
         [cause.value for cause in Cause],
-        'What makes ~/estop true: unit unheard, enable input not asserted, motor axis fault, '
-        'foreign joystick.',
+        'What makes ~/estop true: unit not heard, enable input not asserted, motor axis fault, '
+        'foreign joystick. One or more; the others are warnings.',
+        choices=tuple(cause.value for cause in Cause),
         check=_check_estop_on,
     ),
-    # -- driving it
     Parameter(
         'command_timeout',
         0.15,
-        'A ~/cmd_joy older than this is stale: neutral.',
+        'A ~/cmd_joy older than this is stale: neutral. The unit itself stops 0.2 s after our '
+        'last frame.',
         unit='s',
         minimum=0.04,
         maximum=2.0,
+        section='driving it',
     ),
     Parameter(
         'estop_in_timeout',
@@ -130,44 +144,37 @@ PARAMETERS = (
     Parameter(
         'soe_permissive',
         False,
-        'Send A1, the permission to move in SOE mode, while no stop is active.',
+        'Send A1, the permission to move in SOE mode, every 0.1 s while no stop is active. Needed '
+        'where the unit is in SOE mode and nobody else sends A1.',
     ),
-    # -- other joysticks on the bus
     Parameter(
         'joy_source',
         0,
-        'Address of the joystick that is published as ~/joy; 0: none.',
+        'Address of the joystick that is published as ~/joy, 0x33 to 0x38; 0: none.',
         check=lambda address: check_joystick('joy_source', address, none=True),
+        section='other joysticks on the bus',
     ),
     Parameter(
         'allowed_joysticks',
         [0],
-        'Addresses of joysticks that may send; any other is foreign: see estop_on. [0]: none.',
+        'Addresses of joysticks that may send, each 0x33 to 0x38; [0]: none. Any other is foreign '
+        '(see estop_on): it drives the unit past the mux.',
         check=_check_allowed,
     ),
-    Parameter(
-        'deadband',
-        0.0,
-        'Deflection up to which an axis is 0 in ~/joy.',
-        minimum=0.0,
-        maximum=0.5,
-    ),
-    Parameter(
-        'tolerate_faulty_axes',
-        False,
-        'Let the sound controls count although one is broken. False makes ~/joy neutral then.',
-    ),
-    # -- joint states
+    DEADBAND,
+    TOLERATE_FAULTY_AXES,
     Parameter(
         'joint_names',
         ['rotation', 'elevation'],
-        'Names of the two joints in ~/joint_states.',
+        "Names of the two joints in ~/joint_states, as in your robot's description: rotation, "
+        'elevation.',
         check=_check_names,
+        section='joint states',
     ),
     Parameter(
         'joint_inverted',
         [False, False],
-        'Turn a sign round: left or down is positive then.',
+        'One for each joint. True turns the sign round: left or down is positive then.',
         check=_check_two,
     ),
 )

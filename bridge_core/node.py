@@ -36,6 +36,8 @@ from bridge_core.diagnostics import Status
 from bridge_core.diagnostics import summarise
 from bridge_core.outbox import Outbox
 from bridge_core.parameter_files import check_sections
+from bridge_core.parameters import BRIDGE_PARAMETERS
+from bridge_core.parameters import MANAGED_PARAMETERS
 from bridge_core.parameters import Parameter
 from bridge_core.parameters import ParameterError
 from bridge_core.parameters import resolve
@@ -50,37 +52,6 @@ from bridge_core.transports import Transport
 from bridge_core.transports import TransportError
 from bridge_core.transports.link import Link
 
-MANAGED_PARAMETERS = (
-    Parameter(
-        'autostart',
-        True,
-        'Configure and activate without a lifecycle manager. False leaves both to one.',
-    ),
-)
-BRIDGE_PARAMETERS = (
-    *MANAGED_PARAMETERS,
-    Parameter('hardware_id', '', 'Name of this one device in diagnostics. Empty: the port.'),
-    Parameter('frame_id', '', 'frame_id in the headers of published messages.'),
-    Parameter(
-        'estop_rate',
-        20.0,
-        'How often ~/estop is repeated while nothing changes. Keep its period well below the '
-        'time-out of who listens.',
-        unit='Hz',
-        minimum=5.0,
-        maximum=200.0,
-        fixed=True,
-    ),
-    Parameter(
-        'reconnect_period',
-        1.0,
-        'Longest wait between two tries to open a lost port; the first comes after 0.1 s.',
-        unit='s',
-        minimum=0.1,
-        maximum=2.0,
-        fixed=True,
-    ),
-)
 # ROS declares these by itself; nobody else may use an unknown name.
 _ROS_PARAMETERS = ('use_sim_time', 'start_type_description_service')
 _DIAGNOSTICS_PERIOD = 1.0

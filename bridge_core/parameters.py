@@ -2,7 +2,7 @@
 Parameters as data: name, default, meaning, unit and range stand in one place.
 
 From the same table come the declaration in ROS, the check before any port opens, the error in one
-line, and the test that the documentation and the annotated YAML files are complete.
+line, and, by ``make reference``, the annotated files of config/ and the tables of docs/.
 """
 
 from collections.abc import Callable
@@ -12,6 +12,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from dataclasses import replace
 import difflib
+import itertools
 import math
 import re
 from typing import Any
@@ -29,12 +30,15 @@ class Parameter:
     One parameter. Its type is that of the default; an int is accepted where a float is meant, and
     a single value where a list is.
 
+    :param description: first what it does, then why.
     :param minimum: smallest allowed number, included (of every element, for a list).
     :param choices: the allowed strings; empty allows any.
     :param above: the number must be greater than this, for ranges that exclude their lower end.
     :param check: raises ValueError with what is allowed, for what a range cannot say.
     :param runtime: may be changed while the node is active.
     :param fixed: may be changed by a restart only, for what construction is built upon.
+    :param section: a heading in the annotated file, above this and the ones that follow.
+    :param hex_digits: shown in hexadecimal; the default with so many digits.
     """
 
     name: str
@@ -48,6 +52,8 @@ class Parameter:
     check: Callable[[Any], None] | None = None
     runtime: bool = False
     fixed: bool = False
+    section: str = ''
+    hex_digits: int = 0
 
     def validate(self, value: Value) -> Value:
         """Return the value in the parameter's own type. :raises ParameterError: not allowed."""
@@ -96,13 +102,17 @@ class Parameter:
         words = {bool: 'true or false', int: 'a whole number', float: 'a number', str: 'a string'}
         text = words[type(sample)]
         if self.above is not None:
-            text += f' above {self.above:.12g}'
+            text += f' above {self._number(self.above)}'
         if self.minimum is not None:
-            text += f' from {self.minimum:.12g}'
+            text += f' from {self._number(self.minimum)}'
         if self.maximum is not None:
-            text += f' to {self.maximum:.12g}'
-        text += f' {self.unit}' if self.unit and type(sample) in (int, float) else ''
+            text += f' to {self._number(self.maximum)}'
+        if self.unit and type(sample) in (int, float):
+            text += f' {self.unit}' if text[-1].isdigit() else f' in {self.unit}'
         return f'a list, each {text}' if isinstance(self.default, list) else text
+
+    def _number(self, number: float) -> str:
+        return f'0x{int(number):X}' if self.hex_digits else f'{number:.12g}'
 
     def named(self, name: str, default: Value = None) -> 'Parameter':
         """Return a copy under another name, for what repeats per source, joint or axis."""
@@ -116,19 +126,23 @@ def with_named(
     defaults: Mapping[str, Value],
 ) -> tuple[Parameter, ...]:
     """
-    Return all parameters, those of the names in the given (or default) lists included.
+    Return all parameters; what a given (or default) list names follows that list.
 
     :param groups: each a list's name, the prefix of what it names, and the parameters of each.
     :param defaults: by full name, such as 'joint.left.max', where they are not the group's own.
     :raises ParameterError: a list that is none.
     """
-    table = {parameter.name: parameter for parameter in general}
-    for list_name, prefix, parameters in groups:
-        names = table[list_name].validate(given.get(list_name, table[list_name].default))
-        for name in filter(None, names):
-            for parameter in parameters:
-                full = f'{prefix}.{name}.{parameter.name}'
-                table[full] = parameter.named(full, defaults.get(full))
+    named = {list_name: (prefix, parameters) for list_name, prefix, parameters in groups}
+    table: dict[str, Parameter] = {}
+    for parameter in general:
+        table[parameter.name] = parameter
+        if parameter.name not in named:
+            continue
+        prefix, members = named[parameter.name]
+        names = parameter.validate(given.get(parameter.name, parameter.default))
+        for name, member in itertools.product(filter(None, names), members):
+            full = f'{prefix}.{name}.{member.name}'
+            table[full] = member.named(full, defaults.get(full))
     return tuple(table.values())
 
 
@@ -162,3 +176,58 @@ def resolve(parameters: Iterable[Parameter], given: Mapping[str, Value]) -> dict
         name: parameter.validate(given.get(name, parameter.default))
         for name, parameter in table.items()
     }
+
+
+MANAGED_PARAMETERS = (
+    Parameter(
+        'autostart',
+        True,
+        'Configure and activate without a lifecycle manager. False leaves both to one.',
+        section='common: docs/common.md',
+    ),
+)
+BRIDGE_PARAMETERS = (
+    *MANAGED_PARAMETERS,
+    Parameter(
+        'hardware_id',
+        '',
+        'Name of this one device in diagnostics. Empty: what the node reaches it by, such as its '
+        'port, channel, group or PIN.',
+    ),
+    Parameter('frame_id', '', 'frame_id in the headers of published messages.'),
+    Parameter(
+        'estop_rate',
+        20.0,
+        'How often ~/estop is repeated while nothing changes. The timeout of each listener '
+        '(0.25 s at the mux) should be three periods or more.',
+        unit='Hz',
+        minimum=5.0,
+        maximum=200.0,
+        fixed=True,
+    ),
+    Parameter(
+        'reconnect_period',
+        1.0,
+        'Longest wait between two tries to open a lost port; the first comes after 0.1 s, and the '
+        'wait doubles.',
+        unit='s',
+        minimum=0.1,
+        maximum=2.0,
+        fixed=True,
+    ),
+)
+# What several bridges with sticks have alike.
+DEADBAND = Parameter(
+    'deadband',
+    0.0,
+    'Deflection up to which an axis is 0 in ~/joy; 1 is full scale. For other listeners than the '
+    'mux, which has its own for each axis.',
+    minimum=0.0,
+    maximum=0.5,
+)
+TOLERATE_FAULTY_AXES = Parameter(
+    'tolerate_faulty_axes',
+    False,
+    'Let the sound controls count although others are broken, absent or out of range; those are '
+    '0. False makes the whole ~/joy neutral then.',
+)

@@ -10,9 +10,9 @@ from rclpy.qos import ReliabilityPolicy
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Bool
 
-from bridge_core.node import BRIDGE_PARAMETERS
 from bridge_core.node import BridgeNode
 from bridge_core.node import latched_qos
+from bridge_core.parameters import BRIDGE_PARAMETERS
 from bridge_core.parameters import Parameter
 from bridge_core.runner import run
 from bridge_core.session import Level

@@ -3,8 +3,10 @@
 from collections.abc import Mapping
 from typing import Any
 
+from bridge_core.parameters import DEADBAND
 from bridge_core.parameters import Parameter
 from bridge_core.parameters import ParameterError
+from bridge_core.parameters import TOLERATE_FAULTY_AXES
 from fort_vsc_bridge.protocol import BAUD
 from fort_vsc_bridge.protocol import CanIds
 from fort_vsc_bridge.protocol import CanWire
@@ -23,70 +25,96 @@ def _setting(name: str, description: str, maximum: int, unit: str = '') -> Param
     return Parameter(
         f'device.{name}',
         LEAVE,
-        f'{description} Needs configure_device; -1 leaves it as it is.',
+        f'serial: {description} -1 leaves it as it is.',
         unit=unit,
         minimum=LEAVE,
         maximum=maximum,
     )
 
 
-def _identifier(name: str, description: str) -> Parameter:
-    default = CanIds().by_name[name]
-    text = f'CAN identifier, 29 bits: {description}.'
-    return Parameter(f'can.{name}', default, text, minimum=0, maximum=MAX_IDENTIFIER)
+def _identifier(name: str, description: str, section: str = '') -> Parameter:
+    return Parameter(
+        f'can.{name}',
+        CanIds().by_name[name],
+        f'can: identifier of {description}',
+        minimum=0,
+        maximum=MAX_IDENTIFIER,
+        section=section,
+        hex_digits=8,
+    )
 
 
 PARAMETERS = (
     Parameter(
         'transport',
         'serial',
-        'How it is joined: serial (USB or RS232), can (J1939), hid (USB game controller).',
+        'How the VSC is joined: serial (USB or RS232, both speak the packet protocol), can '
+        '(J1939), hid (USB game controller). What another one needs is not looked at.',
         choices=('serial', 'can', 'hid'),
+        section='the port',
     ),
     Parameter(
         'port',
         '/dev/fort_vsc',
-        'serial: device file, or socket://host:port, or rfc2217://host:port. hid: hidraw device.',
+        'serial: device file, or socket://host:port, or rfc2217://host:port; the udev rule makes '
+        '/dev/fort_vsc for USB, RS232 is /dev/ttyS0, /dev/ttyUSB0 ... hid: hidraw device; the '
+        'udev rule makes /dev/fort_vsc_hid.',
     ),
     Parameter(
         'baud',
         BAUD,
-        'Of the RS232 port; the VSC has but one (manual 7).',
+        'serial: of the RS232 port; the VSC has but one (manual 7), and USB ignores it.',
         'bit/s',
         1200,
         4_000_000,
     ),
-    Parameter('interface', 'socketcan', "can: python-can's name of a kind of interface."),
+    Parameter(
+        'interface',
+        'socketcan',
+        "can: python-can's name of a kind of interface: socketcan, slcan ...",
+    ),
     Parameter('channel', 'can0', 'can: which one, such as can0, or /dev/ttyACM0 for slcan.'),
     Parameter(
         'bitrate',
         0,
-        'can: where the interface takes one; 0: as it is set. 250000 as a rule (table 6).',
+        'can: for interfaces that take one, such as slcan; 0: as the interface is set. The VSC '
+        'takes 40000 to 1000000, 250000 as a rule (table 6).',
         unit='bit/s',
         minimum=0,
         maximum=1_000_000,
     ),
-    _identifier('left_basic', 'left thumb stick and pad'),
-    _identifier('left_extended', 'left finger stick'),
-    _identifier('right_basic', 'right thumb stick and pad'),
-    _identifier('right_extended', 'right finger stick'),
-    _identifier('heartbeat', "the VSC's heartbeat"),
-    _identifier('remote_status', 'battery and radio of the remote'),
-    _identifier('feedback_value', 'values to the VSC'),
-    _identifier('feedback_string', 'names and text to the VSC'),
+    _identifier(
+        'left_basic',
+        'left X, Y, pad (J1939 basic joystick 1), from the VSC. An Akron monitor on the same bus '
+        'obeys the default, past the mux.',
+        section="CAN identifiers, 29 bits, as set in the VSC with the maker's tool (table 34)",
+    ),
+    _identifier(
+        'left_extended',
+        'left Z (extended joystick 1), from the VSC. An Akron monitor obeys this default, too.',
+    ),
+    _identifier('right_basic', 'right X, Y, pad (basic joystick 2), from the VSC.'),
+    _identifier('right_extended', 'right Z (extended joystick 2), from the VSC.'),
+    _identifier('heartbeat', 'mode, autonomy mode, e-stop indication, from the VSC.'),
+    _identifier('remote_status', 'battery and radio of the remote, from the VSC.'),
+    _identifier('feedback_value', 'values, display mode, rumble, to the VSC.'),
+    _identifier('feedback_string', 'names and text, in three parts of 6 characters, to the VSC.'),
     Parameter(
         'link_timeout',
         0.25,
         'Without a heartbeat of the VSC for this long, ~/estop is true. One comes every 50 ms '
-        '(can: 100 ms; hid: a report every 63 ms).',
+        '(can: 100 ms; hid: a report every 62.5 ms); the limit must be above that. One missing is '
+        'noise, several are a fault.',
         unit='s',
         minimum=0.06,
         maximum=5.0,
+        section='timeouts',
     ),
     Parameter(
         'heartbeat_rate',
         20.0,
-        'serial: how often our heartbeat goes out; the limit of the VSC is 500 ms (manual 7.3.4).',
+        'serial: how often our heartbeat is sent. Where User E-STOP Timeout is on, the VSC stops '
+        'after 500 ms without one (manual 7.3.4): keep several within that.',
         unit='Hz',
         minimum=4.0,
         maximum=20.0,
@@ -94,7 +122,7 @@ PARAMETERS = (
     Parameter(
         'software_estop_timeout',
         0.25,
-        'serial: ~/software_estop, once it was heard, counts as true when it is older than this.',
+        'serial: ~/software_estop, once heard, counts as true when it is older than this.',
         unit='s',
         minimum=0.05,
         maximum=5.0,
@@ -102,38 +130,75 @@ PARAMETERS = (
     Parameter(
         'axis_full_scale',
         MAX_MAGNITUDE,
-        'Magnitude that becomes 1.0 in Joy; a stick held at its stop reads 1023.',
+        'Magnitude that becomes 1.0 in ~/joy; a stick held at its stop reads 1023. Smaller: full '
+        'output before the end of the way.',
         minimum=100,
         maximum=MAX_MAGNITUDE,
+        section='the sticks',
     ),
-    Parameter(
-        'deadband', 0.0, 'Deflection up to which an axis is 0 in Joy.', minimum=0.0, maximum=0.5
-    ),
-    Parameter(
-        'tolerate_faulty_axes',
-        False,
-        'Let the sound controls count although the remote calls others broken or absent. False '
-        'makes the whole Joy neutral then.',
-    ),
+    DEADBAND,
+    TOLERATE_FAULTY_AXES,
     Parameter(
         'configure_device',
         False,
-        'Allow writes to the EEPROM of VSC and remote, where device.* differs from what is there.',
+        'Allow writes to the EEPROM of VSC and remote, where device.* differs from what is there. '
+        'False: nothing in device.* is written, for every write wears it.',
+        section='what VSC and remote keep in EEPROM',
     ),
-    _setting('inactivity_pause_minutes', 'Key 80: pause after this long, 1 to 11.', 11, 'min'),
-    _setting('auto_off_enable', 'Key 81: power off 2 min after an inactivity pause, 0 or 1.', 1),
-    _setting('orientation_pause_enable', 'Key 82: pause when the remote tips over, 0 or 1.', 1),
-    _setting('free_fall_pause_enable', 'Key 83: pause when the remote falls, 0 or 1.', 1),
-    _setting('inactivity_pause_enable', 'Key 84: pause when nobody touches it, 0 or 1.', 1),
-    _setting('user_estop_timeout', 'Key 85: stop without our heartbeat for 500 ms, 0 or 1.', 1),
-    _setting('joystick_interval_ms', 'Interval of the sticks, 20 or more.', 65535, 'ms'),
-    _setting('heartbeat_interval_ms', "Interval of the VSC's heartbeat, 20 or more.", 65535, 'ms'),
     _setting(
-        'gps_interval_ms', 'Interval of the GPS sentences, 20 or more, 0 for off.', 65535, 'ms'
+        'inactivity_pause_minutes',
+        'key 80, time without a touch until an inactivity pause, 1 or more.',
+        11,
+        'min',
+    ),
+    _setting(
+        'auto_off_enable',
+        'key 81, 0 or 1 (as delivered: 1): remote off 2 min after an inactivity pause.',
+        1,
+    ),
+    _setting(
+        'orientation_pause_enable',
+        'key 82, 0 or 1 (as delivered: 1): pause when the remote tips over.',
+        1,
+    ),
+    _setting(
+        'free_fall_pause_enable',
+        'key 83, 0 or 1 (as delivered: 1): pause when the remote falls.',
+        1,
+    ),
+    _setting(
+        'inactivity_pause_enable',
+        'key 84, 0 or 1 (as delivered: 1): pause when nobody touches the remote.',
+        1,
+    ),
+    _setting(
+        'user_estop_timeout',
+        'key 85, User E-STOP Timeout, 0 or 1 (as delivered: 0): stop without our heartbeat for '
+        '500 ms. With 1, ending this node stops the machine.',
+        1,
+    ),
+    _setting(
+        'joystick_interval_ms',
+        'interval of the sticks, 20 to half of link_timeout (as delivered: 20).',
+        65535,
+        'ms',
+    ),
+    _setting(
+        'heartbeat_interval_ms',
+        "interval of the VSC's heartbeat, 20 to half of link_timeout (as delivered: 50).",
+        65535,
+        'ms',
+    ),
+    _setting(
+        'gps_interval_ms',
+        'interval of the GPS sentences, 20 or more (as delivered: about 1000), 0: off.',
+        65535,
+        'ms',
     ),
     _setting(
         'remote_status_interval_ms',
-        'Interval of battery and radio strength, 20 or more, 0 for off (as delivered).',
+        'interval of battery and radio strength, 20 or more, 0: off (as delivered). 1000 will do '
+        'for ~/battery.',
         65535,
         'ms',
     ),

@@ -35,7 +35,6 @@ from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
 from akron_can_bridge.simulator import Simulator as MonitorSimulator
-from bridge_core.framing import FrameError
 from esi_drive_bridge.protocol import Command
 from esi_drive_bridge.protocol import command_parser
 from esi_drive_bridge.protocol import Layout

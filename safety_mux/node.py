@@ -29,8 +29,8 @@ from std_srvs.srv import Trigger
 
 from bridge_core.diagnostics import Status as Diagnostic
 from bridge_core.node import latched_qos
-from bridge_core.node import MANAGED_PARAMETERS
 from bridge_core.node import ManagedNode
+from bridge_core.parameters import MANAGED_PARAMETERS
 from bridge_core.parameters import Parameter
 from bridge_core.runner import run
 from bridge_core.session import Level

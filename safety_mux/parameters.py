@@ -31,15 +31,19 @@ def _seconds(name: str, default: float, description: str, **limits: Any) -> Para
     return Parameter(name, default, description, unit='s', **limits)
 
 
+_EACH = 'One for all axes, or one an axis.'
+
 GENERAL = (
     Parameter(
         'rate',
         100.0,
-        'How often the mux decides and repeats its outputs; a stop is passed on at once besides.',
+        'How often the mux decides and repeats its outputs; a stop is passed on at once besides. '
+        "The drive's command_timeout should be several periods.",
         unit='Hz',
         minimum=20.0,
         maximum=500.0,
         fixed=True,
+        section='what goes out',
     ),
     Parameter(
         'interface',
@@ -51,7 +55,7 @@ GENERAL = (
     Parameter(
         'status_rate',
         10.0,
-        'How often ~/status is repeated; a change of state is told at once besides.',
+        'How often ~/status is repeated; a change of state is published at once besides.',
         unit='Hz',
         minimum=1.0,
         maximum=100.0,
@@ -60,20 +64,16 @@ GENERAL = (
     Parameter(
         'drive_enabled_topic',
         'esi_drive_bridge/enabled',
-        'Where the drive says that it is enabled (std_msgs/Bool), for ~/status to tell when it is '
+        'Where the drive says that it is enabled (std_msgs/Bool), for ~/status to say when it is '
         'not. It decides nothing. Empty: not looked at.',
         check=check_topic,
         fixed=True,
     ),
-    Parameter(
-        'joints', ['left', 'right'], 'Names of the joints in ~/command, in this order.', fixed=True
-    ),
-    Parameter(
-        'estop_sources', ['fort', 'drive'], 'Names of the e-stop sources; one or more.', fixed=True
-    ),
-    Parameter('operators', ['fort'], "Names of the operators; [''] for none.", fixed=True),
     _seconds(
-        'clear_time', 0.5, 'How long all stops must have been clear before a reset is accepted.'
+        'clear_time',
+        0.5,
+        'How long all stops must have been clear before a reset is accepted.',
+        section='times',
     ),
     _seconds(
         'neutral_time',
@@ -83,26 +83,55 @@ GENERAL = (
     _seconds(
         'hold_time',
         0.5,
-        'After a change of owner nobody else takes over for this long.',
+        'After a change of owner no operator takes over from another for this long. Stops, '
+        'releases and taking over from autonomy do not wait.',
         minimum=0.0,
     ),
     _seconds(
         'stall_limit',
         0.1,
         'A longer gap between two decisions means that this process was frozen: it stops and '
-        'forgets what it heard.',
+        'forgets what it heard. Longer than one period of rate.',
         minimum=0.02,
         maximum=1.0,
     ),
     _seconds('stop_time', 0.5, 'A stop of category 1 has reached 0 and disables after this time.'),
-    Parameter('autonomy.topic', '', 'Topic of autonomy. Empty: there is none.', check=check_topic),
+    Parameter(
+        'joints',
+        ['left', 'right'],
+        'Names of the joints in ~/command, in this order, as the drive names them.',
+        fixed=True,
+        section='the joints',
+    ),
+    Parameter(
+        'estop_sources',
+        ['fort', 'drive'],
+        'Names of the e-stop sources; one or more.',
+        fixed=True,
+        section='who can stop the machine',
+    ),
+    Parameter(
+        'operators',
+        ['fort'],
+        "Names of the operators; [''] for none: then autonomy must be there.",
+        fixed=True,
+        section='who can drive',
+    ),
+    Parameter(
+        'autonomy.topic',
+        '',
+        'Topic of autonomy. Empty: there is none.',
+        check=check_topic,
+        section='autonomy, below every operator',
+    ),
     Parameter(
         'autonomy.type',
         'Twist',
-        'Message type of autonomy. JointState must name all joints.',
+        'Message type of autonomy. Twist and TwistStamped need two joints, left and right; '
+        'JointState must name all joints.',
         choices=('Twist', 'TwistStamped', 'JointState'),
     ),
-    _seconds('autonomy.timeout', 0.25, 'Autonomy unheard for longer has lost control: stop.'),
+    _seconds('autonomy.timeout', 0.25, 'Autonomy silent for longer while it drives: stop.'),
     Parameter(
         'autonomy.wheel_separation',
         0.5,
@@ -133,35 +162,39 @@ JOINT = (
     Parameter(
         'acceleration',
         20.0,
-        'Greatest change per second away from 0.',
-        '1/s',
+        'Greatest change away from 0; the default takes 0.5 s to max.',
+        'rad/s² or N·m/s',
         above=0.0,
         maximum=1e6,
     ),
     Parameter(
         'deceleration',
         40.0,
-        'Greatest change per second towards 0.',
-        '1/s',
+        'Greatest change towards 0; by default faster than away from it.',
+        'rad/s² or N·m/s',
         above=0.0,
         maximum=1e6,
     ),
 )
 
 ESTOP = (
-    Parameter('topic', '', 'Topic of the stop (std_msgs/Bool, true = stop).', check=check_topic),
+    Parameter(
+        'topic', '', 'Topic of the stop: std_msgs/Bool, true = stop. Needed.', check=check_topic
+    ),
     Parameter(
         'own_topic',
         '',
-        'Topic of what the source demands by itself, without the echo of our own stop. Empty: as '
-        'topic.',
+        'Topic of what the source demands by itself, without the echo of our own stop, for '
+        '~/stop_demand/<source>. Empty: as topic; the stop of a drive is never that echo.',
         check=check_topic,
     ),
-    _seconds('timeout', 0.25, 'Unheard for longer is a stop. Three of its periods or more.'),
+    _seconds(
+        'timeout', 0.25, 'A source silent for longer is a stop. Three of its periods or more.'
+    ),
     Parameter(
         'counts',
         'always',
-        'when_owner: counts only while its operator has control, or asks for it.',
+        'When this stop counts. when_owner: only while its operator has control, or asks for it.',
         choices=('always', 'when_owner'),
     ),
     Parameter('operator', '', 'The operator that it belongs to; needed for when_owner.'),
@@ -175,34 +208,62 @@ ESTOP = (
 )
 
 OPERATOR = (
-    Parameter('topic', '', 'Topic of the sticks (sensor_msgs/Joy).', check=check_topic),
-    Parameter('priority', 10, 'The higher takes over by its deadman.', minimum=0, maximum=1000),
-    _seconds('timeout', 0.25, 'An owner unheard for longer is lost: stop.'),
+    Parameter('topic', '', 'Topic of the sticks: sensor_msgs/Joy. Needed.', check=check_topic),
+    Parameter(
+        'priority',
+        10,
+        'The higher takes over by its deadman; no two may be alike.',
+        minimum=0,
+        maximum=1000,
+    ),
+    _seconds('timeout', 0.25, 'An owner silent for longer is lost: stop.'),
     Parameter(
         'mixing',
         'none',
         'none: one axis a joint. tank: axes left, right. arcade: axes forward, turn.',
         choices=('none', 'tank', 'arcade'),
     ),
-    Parameter('axis', [0], 'Index of each axis in the Joy message.', minimum=0, maximum=255),
     Parameter(
-        'scale',
-        [1.0],
-        'Joint units at full deflection; one for all, or one an axis.',
-        'rad/s or N·m',
-    ),
-    Parameter('inverted', [False], 'Turn the sign of an axis round.'),
-    Parameter('deadband', [0.05], 'Deflection that still is neutral.', minimum=0.0, maximum=0.99),
-    Parameter('expo', [0.0], '0 is straight, 1 cubic.', minimum=0.0, maximum=1.0),
-    Parameter(
-        'deadman_buttons',
+        'axis',
         [0],
-        'Buttons that must be held to move, all of them.',
+        'Index in Joy of each axis, as mixing has them. Of a FORT remote 1 is left Y, 0 left X.',
         minimum=0,
         maximum=255,
     ),
     Parameter(
-        'pressed_at', 1, 'Least value of a held button, for switches with raw values.', minimum=1
+        'scale',
+        [1.0],
+        f'Joint value at full deflection, not 0. {_EACH}',
+        'rad/s or N·m',
+    ),
+    Parameter('inverted', [False], f'Turns the sign round. {_EACH}'),
+    Parameter(
+        'deadband',
+        [0.05],
+        f'Deflection that still is neutral; the rest of the way is stretched. {_EACH}',
+        minimum=0.0,
+        maximum=0.99,
+    ),
+    Parameter(
+        'expo',
+        [0.0],
+        f'0 is straight, 1 cubic: finer near the middle. {_EACH}',
+        minimum=0.0,
+        maximum=1.0,
+    ),
+    Parameter(
+        'deadman_buttons',
+        [0],
+        'Indices in Joy of the buttons that must be held to move, all of them. Of a FORT remote 0 '
+        'is left pad, down.',
+        minimum=0,
+        maximum=255,
+    ),
+    Parameter(
+        'pressed_at',
+        1,
+        'Least value of a held button; switches with raw values need more than 1.',
+        minimum=1,
     ),
 )
 

@@ -21,9 +21,9 @@ from bridge_core.diagnostics import ERROR
 from bridge_core.diagnostics import Status
 from bridge_core.diagnostics import summarise
 from bridge_core.diagnostics import WARN
-from bridge_core.node import BRIDGE_PARAMETERS
 from bridge_core.node import BridgeNode
 from bridge_core.node import latched_qos
+from bridge_core.parameters import BRIDGE_PARAMETERS
 from bridge_core.parameters import names_of
 from bridge_core.parameters import Parameter
 from bridge_core.parameters import ParameterError

@@ -10,6 +10,7 @@ from typing import Any
 
 from bridge_core.parameters import names_of
 from bridge_core.parameters import Parameter
+from bridge_core.parameters import TOLERATE_FAULTY_AXES
 from bridge_core.parameters import with_named
 from ssc_bridge.convert import Calibration
 from ssc_bridge.protocol import BAUD
@@ -47,7 +48,12 @@ def _channel(description: str, maximum: int) -> Parameter:
 
 
 GENERAL = (
-    Parameter('port', '/dev/ssc', 'Device file, or socket://host:port, or rfc2217://host:port.'),
+    Parameter(
+        'port',
+        '/dev/ssc',
+        'Device file, or socket://host:port, or rfc2217://host:port.',
+        section='the port, and what is asked of the SSC',
+    ),
     Parameter(
         'baud',
         BAUD,
@@ -68,7 +74,8 @@ GENERAL = (
     Parameter(
         'poll_rates',
         [20.0, 5.0, 10.0, 50.0, 10.0],
-        f'Ask for a message that does not come by itself this often; 0: never ask. {_RATES}',
+        f'Ask for a message that does not come by itself this often; 0: never. {_RATES} Status '
+        'must come twice within link_timeout.',
         unit='Hz',
         minimum=0.0,
         maximum=100.0,
@@ -84,13 +91,6 @@ GENERAL = (
         check=_check_rates,
     ),
     Parameter(
-        'estop_states',
-        ['no signal'],
-        'Which states of the command channel (pulse input 1) are a stop. With a receiver that '
-        "sends 1.5 ms when its radio link is lost, add '1.5 ms'. [''] for none.",
-        choices=('', *_STATES),
-    ),
-    Parameter(
         'first_input_nibble',
         0,
         'What stands for pulse input 1 in the channel source message; the manual leaves it open. '
@@ -99,7 +99,25 @@ GENERAL = (
         maximum=1,
     ),
     Parameter(
-        'axes', ['turn', 'forward'], "Names of the axes of ~/joy, in this order; [''] for none."
+        'lockout_on_start',
+        False,
+        'Lock the configuration menus out as soon as the SSC is there (message 98).',
+    ),
+    Parameter(
+        'estop_states',
+        ['no signal'],
+        'Which states of the command channel (pulse input 1) are a stop. With a receiver that '
+        "sends 1.5 ms when it has lost the transmitter add '1.5 ms': else its last sticks count "
+        "on. [''] for none.",
+        choices=('', *_STATES),
+        section='stops',
+    ),
+    Parameter(
+        'axes',
+        ['turn', 'forward'],
+        "Names of the axes of ~/joy, in this order; [''] for none. Left and forward are to be "
+        'positive.',
+        section='~/joy: an RC receiver as operator',
     ),
     Parameter('buttons', ['deadman'], "Names of the buttons of ~/joy; [''] for none."),
     Parameter(
@@ -112,13 +130,13 @@ GENERAL = (
         maximum=MAX_PULSE_US,
         check=_check_plausible,
     ),
+    TOLERATE_FAULTY_AXES,
     Parameter(
-        'tolerate_faulty_axes',
-        False,
-        'Let the sound controls count although one has no believable pulse. False makes the whole '
-        'Joy neutral then.',
+        'servos',
+        [''],
+        "Names of pulse outputs for ~/servo_command; [''] for none.",
+        section='pulse outputs',
     ),
-    Parameter('servos', [''], "Names of pulse outputs for ~/servo_command; [''] for none."),
     Parameter(
         'failsafe',
         'release',
@@ -129,7 +147,7 @@ GENERAL = (
     Parameter(
         'command_rate',
         50.0,
-        'How often commands to the pulse outputs are sent.',
+        'How often commands to the pulse outputs are sent (message 20).',
         unit='Hz',
         minimum=1.0,
         maximum=200.0,
@@ -146,21 +164,17 @@ GENERAL = (
         'keep_aux_outputs',
         False,
         'Leave the auxiliary outputs alone at a stop, and obey during one. False: a stop undoes '
-        'what was set.',
-    ),
-    Parameter(
-        'lockout_on_start',
-        False,
-        'Lock the configuration menus out as soon as the SSC is there (message 98).',
+        'what was set, and requests during one are refused.',
+        section='auxiliary outputs',
     ),
 )
 
 CALIBRATION = (
-    _channel('Pulse input of the axis.', MAX_INPUTS),
+    _channel('Pulse input of the axis; input 1 is the command channel.', MAX_INPUTS),
     _pulse('min_us', 1000, 'Pulse at the one end.'),
     _pulse('centre_us', 1500, 'Pulse at rest.'),
     _pulse('max_us', 2000, 'Pulse at the other end; this one is 1.'),
-    Parameter('reversed', False, 'min_us is 1 instead: left and forward are to be positive.'),
+    Parameter('reversed', False, 'True: min_us is 1 instead.'),
     Parameter('deadband', 0.05, 'Deflection that still is 0.', minimum=0.0, maximum=0.9),
 )
 
@@ -169,17 +183,18 @@ BUTTON = (
     Parameter(
         'thresholds_us',
         [1500],
-        'The button is the number of these that the pulse is above.',
+        'The button is the number of these that the pulse is above. Rising: [1300, 1700] makes 0, '
+        '1, 2 of a switch with three positions.',
         unit='µs',
         minimum=1,
         maximum=MAX_PULSE_US,
     ),
-    Parameter('reversed', False, 'The number that the pulse is not above instead.'),
+    Parameter('reversed', False, 'True: the number that the pulse is not above instead.'),
 )
 
 SERVO = (
     _channel('Pulse output of the servo.', PULSE_CHANNELS),
-    _pulse('min_us', 1000, 'Pulse of position -1; no shorter one is ever sent.'),
+    _pulse('min_us', 1000, 'Pulse of position -1; no shorter one is ever sent but 0, no pulse.'),
     _pulse('centre_us', 1500, 'Pulse of position 0.'),
     _pulse('max_us', 2000, 'Pulse of position 1; no longer one is ever sent.'),
     Parameter('reversed', False, 'Turn the sign of the position round.'),
@@ -198,7 +213,7 @@ SERVO = (
         '(no pulse).',
         choices=('pulse', 'hold', 'release'),
     ),
-    _pulse('failsafe_us', 1500, 'The pulse, where failsafe is pulse.'),
+    _pulse('failsafe_us', 1500, 'The pulse, where failsafe is pulse; from min_us to max_us.'),
 )
 
 # What the names in the default lists mean: a stick on inputs 2 and 3, a switch on input 4.

@@ -20,6 +20,7 @@ from bridge_core.framing import ChecksumError
 from bridge_core.framing import FrameError
 from bridge_core.framing import FrameFormat
 from bridge_core.framing import StreamParser
+from bridge_core.framing import Unknown
 
 EXPIRE = 0.05
 
@@ -297,12 +298,12 @@ class Meter:
     def __init__(self, fmt: FrameFormat[bytes]) -> None:
         self.calls = self.checked_bytes = 0
         self._fmt = fmt
-        self.format = FrameFormat(
+        self.format: FrameFormat[bytes] = FrameFormat(
             header=fmt.header,
             head_size=fmt.head_size,
             max_size=fmt.max_size,
             size_of=self._size_of,
-            check=self._check,
+            decode=self._decode,
         )
 
     def _size_of(self, head: bytes) -> int:
@@ -310,10 +311,10 @@ class Meter:
         assert len(head) == self._fmt.head_size
         return self._fmt.size_of(head)
 
-    def _check(self, frame: bytes) -> bool:
+    def _decode(self, frame: bytes) -> bytes | Unknown:
         self.calls += 1
         self.checked_bytes += len(frame)
-        return self._fmt.check(frame)
+        return self._fmt.decode(frame)
 
 
 FLOODS = {

@@ -5,7 +5,6 @@ from collections.abc import Iterator
 from collections.abc import Mapping
 import contextlib
 import functools
-import re
 import signal
 import struct
 import subprocess
@@ -23,7 +22,6 @@ from std_msgs.msg import Bool
 from std_msgs.msg import Int32
 from std_msgs.msg import UInt8MultiArray
 from std_msgs.msg import UInt16
-import yaml
 
 from bridge_core.runner import run
 from rugged_teleop.multicasts import LOOPBACK
@@ -408,27 +406,6 @@ def test_bad_parameter_of_a_process_is_status_2() -> None:
     result = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=30.0)
     assert result.returncode == 2
     assert 'crc' in result.stderr
-
-
-def config() -> dict[str, Any]:
-    content = yaml.safe_load((ROOT / 'config' / f'{NAME}.yaml').read_text())
-    parameters: dict[str, Any] = content[f'/**/{NAME}']['ros__parameters']
-    return parameters
-
-
-def test_annotated_configuration_is_complete_and_has_the_defaults() -> None:
-    assert config() == {p.name: p.default for p in Vm110Bridge.PARAMETERS}
-
-
-def test_page_names_every_parameter_and_topic() -> None:
-    text = (ROOT / 'docs' / 'devices' / 'vm110.md').read_text()
-    text += (ROOT / 'docs' / 'common.md').read_text()
-    for parameter in Vm110Bridge.PARAMETERS:
-        assert f'| `{parameter.name}` |' in text, parameter.name
-    topics = re.findall(r"'(~/\w+)'", (ROOT / NAME / 'node.py').read_text())
-    assert len(topics) == 11
-    for topic in topics:
-        assert f'| `{topic}` |' in text, topic
 
 
 def test_process_with_the_annotated_configuration_stays_up(observer: Observer) -> None:

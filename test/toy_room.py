@@ -18,8 +18,8 @@ from rclpy.parameter import Parameter as RosParameter
 from std_msgs.msg import Bool
 
 from bridge_core.framing import Decoder
-from bridge_core.node import BRIDGE_PARAMETERS
 from bridge_core.node import BridgeNode
+from bridge_core.parameters import BRIDGE_PARAMETERS
 from bridge_core.parameters import Parameter
 from bridge_core.parameters import ParameterError
 from bridge_core.runner import run

@@ -7,7 +7,9 @@ from collections.abc import Sequence
 import ipaddress
 from typing import Any
 
+from bridge_core.parameters import DEADBAND
 from bridge_core.parameters import Parameter
+from bridge_core.parameters import TOLERATE_FAULTY_AXES
 from vm110_bridge.protocol import AXIS_NAMES
 from vm110_bridge.protocol import Crc
 from vm110_bridge.session import MAX_OUTPUT
@@ -47,29 +49,37 @@ PARAMETERS = (
     Parameter(
         'group',
         '239.255.42.20',
-        'Multicast address, as configured in the BU (manual 2.2).',
+        'IPv4 multicast address, as configured in the base unit, BU (manual 2.2).',
         check=_check_group,
+        section='the network',
     ),
     Parameter(
         'input_port',
         5825,
-        'UDP port that the BU sends to; ours to it is always 2 higher (manual 2.2).',
+        'UDP port that the BU sends to, as configured there; ours to it is always 2 higher '
+        '(manual 2.2).',
         minimum=1,
         maximum=0xFFFF - OUTPUT_PORT_OFFSET,
     ),
-    Parameter('ttl', 1, 'Multicast TTL; 1 stays in this network.', minimum=0, maximum=255),
+    Parameter(
+        'ttl',
+        1,
+        'Multicast TTL; 1 stays in this network, 2 crosses one router, and so on.',
+        minimum=0,
+        maximum=255,
+    ),
     Parameter(
         'interface_address',
         '',
-        'IPv4 address of the network interface to the BU. Empty: the one that the routing table '
-        'names.',
+        "IPv4 address of this computer's interface to the BU; set it where there are two. Empty: "
+        'the one that the routing table names.',
         check=_check_interface,
     ),
     Parameter(
         'allowed_sources',
         [''],
         'IPv4 addresses that are listened to; datagrams from others are counted and dropped. '
-        'Empty: any.',
+        "['']: any.",
         check=_check_sources,
     ),
     Parameter(
@@ -83,34 +93,54 @@ PARAMETERS = (
     Parameter(
         'crc',
         'auto',
-        'How the manual means its CRC (3.3). auto: as in the first VRPI that one of them lets '
-        'pass.',
+        'Which of two readings of the CRC in the manual (3.3) holds. auto: that of the first '
+        'VRPI; nothing is sent until then.',
         choices=('auto', *(crc.value for crc in Crc)),
     ),
     Parameter(
         'link_timeout',
         0.5,
-        'Without a VRPI for this long, ~/estop is true. One comes every 125 ms.',
+        'Without a VRPI for this long, ~/estop is true. One comes every 0.125 s: four missing '
+        'ones are a fault, one is the network.',
         unit='s',
         minimum=0.15,
         maximum=5.0,
+        section='timeouts and periods',
     ),
     Parameter(
         'output_period',
         0.1,
-        'How often VRPO are sent. The BU opens its relays after 2 s without.',
+        'Time between two VRPO (5.1.2 recommends this range). The BU opens its relays after 2 s '
+        'without.',
         unit='s',
         minimum=0.05,
         maximum=0.2,
     ),
     Parameter(
+        'hold_output_timeout',
+        0.25,
+        '~/hold_output, once heard, counts as true when it is older than this.',
+        unit='s',
+        minimum=0.05,
+        maximum=5.0,
+    ),
+    Parameter(
+        'command_timeout',
+        2.0,
+        'A command to the remote unit (VRCO) that is not acknowledged for this long is given up.',
+        unit='s',
+        minimum=0.2,
+        maximum=60.0,
+    ),
+    Parameter(
         'periodic_output_size',
         0,
-        'Bytes of periodic data as configured in the BU; other lengths are refused, and zeros '
+        'Bytes of periodic data as configured in the BU: other lengths are refused, and zeros '
         'sent until the first. 0: whatever ~/periodic_output brings.',
         unit='bytes',
         minimum=0,
         maximum=MAX_OUTPUT,
+        section='what is sent and taken',
     ),
     Parameter(
         'first_packet_number',
@@ -118,14 +148,6 @@ PARAMETERS = (
         'Packet number of the first VRPO of a burst; the manual (4.2) does not say.',
         minimum=0,
         maximum=1,
-    ),
-    Parameter(
-        'hold_output_timeout',
-        0.25,
-        '~/hold_output, once it was heard, counts as true when it is older than this.',
-        unit='s',
-        minimum=0.05,
-        maximum=5.0,
     ),
     Parameter(
         'acknowledge',
@@ -139,29 +161,15 @@ PARAMETERS = (
         'Deliver commands although no remote is armed. False: they are dropped.',
     ),
     Parameter(
-        'command_timeout',
-        2.0,
-        'A command to the RU (VRCO) that is not acknowledged for this long is given up.',
-        unit='s',
-        minimum=0.2,
-        maximum=60.0,
-    ),
-    Parameter(
         'axis_inverted',
         [False],
-        'Turn the sign round, one for all joysticks or one each: left and forward are to be '
-        'positive in Joy.',
+        'Turn the sign round, one for all four joysticks or one each. Left and forward are to be '
+        'positive in ~/joy: turn the stick and look.',
         check=_check_inverted,
+        section='the sticks',
     ),
-    Parameter(
-        'deadband', 0.0, 'Deflection up to which an axis is 0 in Joy.', minimum=0.0, maximum=0.5
-    ),
-    Parameter(
-        'tolerate_faulty_axes',
-        False,
-        'Let the sound controls count although a joystick is out of its range. False makes the '
-        'whole Joy neutral then.',
-    ),
+    DEADBAND,
+    TOLERATE_FAULTY_AXES,
 )
 
 
