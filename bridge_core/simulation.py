@@ -1,6 +1,7 @@
 """What simulators share: lines of text that they obey. Production code never imports it."""
 
 from collections.abc import Callable
+from collections.abc import Collection
 from collections.abc import Mapping
 from typing import Any
 
@@ -26,12 +27,22 @@ def obey(simulator: Any, commands: Commands, text: str) -> None:
         raise ValueError(f'{name} {usage}: {error}') from error
 
 
-def help_text(commands: Commands) -> str:
-    """Return the usage of every command, a line each."""
-    return '\n'.join(f'{name} {usage}'.rstrip() for name, (usage, _) in commands.items())
+def help_text(commands: Commands, **words: Collection[str]) -> str:
+    """
+    Return the usage of every command, a line each, with what its docstring says.
+
+    :param words: of the usages, such as AXIS: what may stand in their place.
+    """
+    lines = [_line(name, *command) for name, command in commands.items()]
+    return '\n'.join([*lines, *(f'{word}: {", ".join(names)}' for word, names in words.items())])
 
 
-def one_of(names: Mapping[str, Any], name: str) -> str:
+def _line(name: str, usage: str, act: Callable[..., None]) -> str:
+    text = (act.__doc__ or '').partition('\n')[0]
+    return f'{f"{name} {usage}":31} {text}'.rstrip()
+
+
+def one_of(names: Collection[str], name: str) -> str:
     """Return the name. :raises ValueError: it is none of them."""
     if name not in names:
         raise ValueError(f'{name!r} is none of {", ".join(names)}')

@@ -16,12 +16,16 @@ What the manual leaves undecided is decided like this, on the less helpful side:
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from collections.abc import Iterator
 from dataclasses import dataclass
 from dataclasses import field
 import math
 import struct
+
+from bridge_core.simulation import Commands
+from bridge_core.simulation import obey
+from bridge_core.simulation import one_of
+from bridge_core.simulation import switch
+from bridge_core.simulation import within
 
 _HEADER = b'\xf0\xf0'
 _RPM = 60.0 / (2.0 * math.pi)  # rpm of one rad/s
@@ -44,23 +48,7 @@ _ERROR_BITS = (
 )
 FAULTS = tuple(name for name in (*_STATE_BITS, *_ERROR_BITS) if name)
 
-HELP = """\
-fault a|b|* NAME on|off|pulse   cause of an error; off leaves it latched. Names: {names}
-load FRACTION                   0 to 1 of what the motors can push
-latch on|off                    the RS422 error bit waits for the clear bit
-refuse a|b|* on|off             never become enabled, without an error
-stuck a|b|* on|off              stay enabled whatever packets say
-trip a|b|*                      drop out of enabled without an error, until enable was false
-mute on|off                     send no status
-deaf on|off                     hear no commands
-drop COUNT                      lose the next status packets
-corrupt COUNT                   flip a bit in each of the next status packets
-delay SECONDS                   send status later; 0 ends it
-stall SECONDS                   do nothing at all, then go on
-reboot [SECONDS]                be off for so long (0.5), come back without errors
-rate HZ                         status packets a second, 1 to 1000""".format(
-    names=', '.join(FAULTS)
-)
+_OFF_TIME = 0.5  # s, of a reboot
 
 
 def _crc(data: bytes) -> int:
@@ -193,11 +181,8 @@ class Simulator:
         self.last_packet = b''
         self.muted = self.deaf = self.rs422_latched = False
         self._rs422_error = False
-        self._drop = self._corrupt = 0
-        self._delay = 0.0
         self._status_period = 1.0 / status_rate
         self._buffer = b''
-        self._outbox: list[tuple[float, bytes]] = []
         self._now = -math.inf  # of the last call
         self._next_status = self._heard = -math.inf
         self._off_until = self._stalled_until = -math.inf
@@ -219,20 +204,20 @@ class Simulator:
         if now < max(self._stalled_until, self._off_until):
             return []
         self._read(now)
-        if now >= self._next_status:
-            following = self._next_status + self._status_period
-            self._next_status = following if following > now else now + self._status_period
-            self._queue_status(now)
-        ready = [packet for due, packet in self._outbox if due <= now]
-        self._outbox = [entry for entry in self._outbox if entry[0] > now]
-        self.sent += len(ready)
-        return ready
+        if now < self._next_status:
+            return []
+        following = self._next_status + self._status_period
+        self._next_status = following if following > now else now + self._status_period
+        if self.muted:
+            return []
+        self.sent += 1
+        return [self._status_packet()]
 
     def deadline(self) -> float:
         """Return when poll wants to be called next; at once, before the first call."""
         if self._now == -math.inf:
             return -math.inf
-        moments = [self._next_status, *(due for due, _ in self._outbox)]
+        moments = [self._next_status]
         moments += [self._heard + self.command_timeout, *map(self._enable_at, self._axes)]
         later = (moment for moment in moments if moment > self._now)
         due = min(later, default=self._now)
@@ -275,18 +260,6 @@ class Simulator:
             elif axis.enable_since == math.inf:
                 axis.enable_since = now
         self._switch(now)
-
-    def _queue_status(self, now: float) -> None:
-        packet = self._status_packet()
-        if self.muted:
-            return
-        if self._drop:
-            self._drop -= 1
-            return
-        if self._corrupt:
-            self._corrupt -= 1
-            packet = packet[:3] + bytes((packet[3] ^ 0x10,)) + packet[4:]
-        self._outbox.append((now + self._delay, packet))
 
     def _status_packet(self) -> bytes:
         body = b''
@@ -345,18 +318,9 @@ class Simulator:
     # What a tester does to it.
 
     def apply(self, text: str) -> None:
-        """Carry out one line; see HELP. :raises ValueError: with one line that says what fits."""
-        words = text.split()
-        verb, rest = (words[0], words[1:]) if words else ('', [])
-        action = getattr(self, f'_do_{verb}', None) if verb.isalpha() else None
-        if action is None:
-            verbs = ', '.join(line.split()[0] for line in HELP.splitlines())
-            raise ValueError(f'unknown command {text!r}; there are {verbs}')
-        try:
-            action(*rest)
-        except (TypeError, ValueError) as error:
-            usage = next(line for line in HELP.splitlines() if line.startswith(verb))
-            raise ValueError(f'{text!r}: use {" ".join(usage.split())}') from error
+        """Obey one line, such as 'fault a brake on'. :raises ValueError: one line of help."""
+        obey(self, self.commands, text)
+        self._switch(self._now)
 
     def describe(self) -> dict[str, object]:
         """Return what can be seen from outside, and what a real drive would show in HiDS."""
@@ -377,17 +341,15 @@ class Simulator:
             'last_packet': self.last_packet.hex(' '),
         }
 
-    def _chosen(self, name: str) -> Iterator[_Axis]:
+    def _chosen(self, name: str) -> list[_Axis]:
         letters = 'ab'[: len(self._axes)]
-        if name not in (*letters, '*'):
-            raise ValueError(name)
-        return (
-            axis for letter, axis in zip(letters, self._axes, strict=True) if name in '*' + letter
-        )
+        one_of((*letters, '*'), name)
+        return self._axes if name == '*' else [self._axes[letters.index(name)]]
 
-    def _do_fault(self, axis: str, name: str, state: str) -> None:
-        if name not in FAULTS or state not in ('on', 'off', 'pulse'):
-            raise ValueError(name)
+    def _set_fault(self, axis: str, name: str, state: str) -> None:
+        """Set the cause of an error; off leaves the error latched."""
+        one_of(FAULTS, name)
+        one_of(('on', 'off', 'pulse'), state)
         for chosen in self._chosen(axis):
             if name == 'rs422':
                 self._rs422_error |= state != 'off'
@@ -397,72 +359,71 @@ class Simulator:
             (chosen.causes.add if state == 'on' else chosen.causes.discard)(name)
             if name == 'warning' and state == 'off':
                 chosen.latched.discard(name)
-        self._switch(self._now)
 
-    def _do_load(self, fraction: str) -> None:
-        value = _number(fraction, 0.0, 1.0)
+    def _set_load(self, fraction: str) -> None:
+        """Brake the motors, by a share of what they can push."""
         for axis in self._axes:
-            axis.motor.load = value
+            axis.motor.load = within(fraction, 0.0, 1.0)
 
-    def _do_latch(self, state: str) -> None:
-        self.rs422_latched = _on(state)
+    def _set_latch(self, state: str) -> None:
+        """Have the RS422 error bit wait for the clear bit."""
+        self.rs422_latched = switch(state)
 
-    def _do_refuse(self, axis: str, state: str) -> None:
-        self._mark(axis, lambda chosen: setattr(chosen, 'refuse', _on(state)))
-
-    def _do_stuck(self, axis: str, state: str) -> None:
-        self._mark(axis, lambda chosen: setattr(chosen, 'stuck', _on(state)))
-
-    def _do_trip(self, axis: str) -> None:
-        self._mark(axis, lambda chosen: setattr(chosen, 'tripped', True))
-
-    def _mark(self, axis: str, mark: Callable[[_Axis], None]) -> None:
+    def _set_refuse(self, axis: str, state: str) -> None:
+        """Never become enabled, without an error."""
         for chosen in self._chosen(axis):
-            mark(chosen)
-        self._switch(self._now)
+            chosen.refuse = switch(state)
 
-    def _do_mute(self, state: str) -> None:
-        self.muted = _on(state)
+    def _set_stuck(self, axis: str, state: str) -> None:
+        """Stay enabled whatever packets say."""
+        for chosen in self._chosen(axis):
+            chosen.stuck = switch(state)
 
-    def _do_deaf(self, state: str) -> None:
-        self.deaf = _on(state)
+    def _trip(self, axis: str) -> None:
+        """Drop out of enabled without an error, until enable was false."""
+        for chosen in self._chosen(axis):
+            chosen.tripped = True
 
-    def _do_drop(self, count: str) -> None:
-        self._drop = int(_number(count, 0, 1e6))
+    def _set_mute(self, state: str) -> None:
+        """Send no status."""
+        self.muted = switch(state)
 
-    def _do_corrupt(self, count: str) -> None:
-        self._corrupt = int(_number(count, 0, 1e6))
+    def _set_deaf(self, state: str) -> None:
+        """Hear no commands."""
+        self.deaf = switch(state)
 
-    def _do_delay(self, seconds: str) -> None:
-        self._delay = _number(seconds, 0.0, 10.0)
+    def _hang(self, seconds: str) -> None:
+        """Do nothing at all, then go on."""
+        self._stalled_until = self._now + within(seconds, 0.0, 60.0)
 
-    def _do_stall(self, seconds: str) -> None:
-        self._stalled_until = self._now + _number(seconds, 0.0, 60.0)
-
-    def _do_reboot(self, seconds: str = '0.5') -> None:
-        self._off_until = self._now + _number(seconds, 0.0, 60.0)
-        self._buffer, self._outbox = b'', []
+    def _reboot(self) -> None:
+        """Be off for half a second, and come back without errors."""
+        self._off_until = self._now + _OFF_TIME
+        self._buffer = b''
         self._rs422_error = False
         self._heard = self._off_until
         for axis in self._axes:
             axis.restart()
 
-    def _do_rate(self, hertz: str) -> None:
-        self._status_period = 1.0 / _number(hertz, 1.0, 1000.0)
+    def _set_rate(self, hertz: str) -> None:
+        """Send so many status packets a second."""
+        self._status_period = 1.0 / within(hertz, 1.0, 1000.0)
+
+    # Words: usage, and what obeys.
+    commands: Commands = {
+        'fault': ('a|b|* FAULT on|off|pulse', _set_fault),
+        'load': ('0..1', _set_load),
+        'latch': ('on|off', _set_latch),
+        'refuse': ('a|b|* on|off', _set_refuse),
+        'stuck': ('a|b|* on|off', _set_stuck),
+        'trip': ('a|b|*', _trip),
+        'mute': ('on|off', _set_mute),
+        'deaf': ('on|off', _set_deaf),
+        'hang': ('SECONDS', _hang),
+        'rate': ('1..1000', _set_rate),
+        'reboot': ('', _reboot),
+    }
 
 
 def _bits(names: tuple[str | None, ...], present: set[str]) -> int:
     return sum(1 << bit for bit, name in enumerate(names) if name in present)
-
-
-def _on(state: str) -> bool:
-    if state not in ('on', 'off'):
-        raise ValueError(state)
-    return state == 'on'
-
-
-def _number(text: str, low: float, high: float) -> float:
-    value = float(text)
-    if not low <= value <= high:
-        raise ValueError(text)
-    return value

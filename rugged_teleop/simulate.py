@@ -24,7 +24,7 @@ from typing import NoReturn
 from akron_can_bridge.simulator import JoystickSimulator as AkronJoystick
 from akron_can_bridge.simulator import Simulator as AkronSimulator
 from bridge_core.simulation import help_text
-from esi_drive_bridge.simulator import HELP as ESI_HELP
+from esi_drive_bridge.simulator import FAULTS
 from esi_drive_bridge.simulator import Simulator as EsiSimulator
 from fort_vsc_bridge.simulator import CanSimulator as FortCanSimulator
 from fort_vsc_bridge.simulator import HidSimulator as FortHidSimulator
@@ -104,7 +104,7 @@ DEVICES = {
         lambda options: EsiSimulator(
             axes=options.axes, compact=options.compact, status_rate=options.status_rate
         ),
-        ESI_HELP,
+        help_text(EsiSimulator.commands, FAULT=FAULTS),
     ),
     'ssc': Simulated(
         lambda options: SscSimulator(SscSettings(inputs=options.inputs)),

@@ -1,6 +1,7 @@
 """The ESI drive bridge as a process on a port: every topic and service, on real bytes."""
 
 from collections.abc import Iterator
+import itertools
 import json
 import math
 from pathlib import Path
@@ -14,6 +15,7 @@ from std_msgs.msg import Bool
 from std_srvs.srv import Trigger
 
 from esi_drive_bridge.simulator import Simulator
+from test.esi_drive_rig import status
 from test.rig import latched
 from test.rig import NodeProcess
 from test.rig import Observer
@@ -300,6 +302,19 @@ def test_every_error_bit_is_named_and_a_stop(bench: Bench) -> None:
         assert 'axis B' in status.message
         bench.drive.exchange(Simulator())
         bench.wait(lambda: not bench.estop.last.data, 'no stop')
+
+
+def test_fault_and_its_end_in_one_read_are_both_published(bench: Bench) -> None:
+    every = bench.observer.record(Bool, f'{bench.name}/estop', 100)
+    bench.wait(lambda: every.data[-1:] == [False], 'no stop')
+    for _ in range(5):
+        cause = bench.drive.write(status(errors=1) + status())
+
+        def changes(cause: float = cause) -> list[bool]:
+            data = [message.data for _, message in every.since(cause)]
+            return [value for value, _ in itertools.groupby(data)]
+
+        bench.wait(lambda: changes()[-2:] == [True, False], 'a stop, and its end')
 
 
 def test_warning_bit_is_a_warning_and_no_stop(bench: Bench) -> None:

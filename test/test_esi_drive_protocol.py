@@ -1,5 +1,6 @@
 """Golden bytes are the manual's examples (4.2.3 to 4.2.5) or done by hand from its tables."""
 
+from collections.abc import Callable
 import json
 import math
 from pathlib import Path
@@ -286,7 +287,7 @@ def test_a_warning_is_not_an_error() -> None:
 STATUS_WIRE = [bytes.fromhex(entry['hex']) for entry in VECTORS['status_derived']]
 COMMAND_WIRE = [bytes.fromhex(entry['hex']) for entry in VECTORS['command']]
 HEADER_INSIDE = packet('F0 F0 F0 00 F0 F0 F0 F0')  # every field full of headers
-STREAMS = {
+STREAMS: dict[str, tuple[Callable[[Layout], StreamParser[Any]], Layout, list[bytes]]] = {
     'dual command': (command_parser, Layout.DUAL, COMMAND_WIRE),
     'dual status': (status_parser, Layout.DUAL, [*STATUS_WIRE, HEADER_INSIDE]),
     'compact command': (

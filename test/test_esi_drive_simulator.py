@@ -1,7 +1,6 @@
 """The simulated drive against packets written by hand and against the session's codec."""
 
 import math
-import struct
 from typing import Any
 
 import pytest
@@ -12,7 +11,6 @@ from esi_drive_bridge.protocol import Layout
 from esi_drive_bridge.protocol import Mode
 from esi_drive_bridge.protocol import Status
 from esi_drive_bridge.simulator import FAULTS
-from esi_drive_bridge.simulator import HELP
 from esi_drive_bridge.simulator import Motor
 from esi_drive_bridge.simulator import Simulator
 
@@ -214,30 +212,19 @@ def test_compact_with_two_axes_is_refused() -> None:
         Simulator(axes=2, compact=True)
 
 
-def test_mute_drop_corrupt_delay_and_rate(bench: Bench) -> None:
-    apply = bench.drive.apply
-    apply('mute on')
+def test_mute_and_rate(bench: Bench) -> None:
+    bench.drive.apply('mute on')
     assert bench.run(DISABLE, 0.1) == []
-    apply('mute off')
-    apply('drop 3')
-    assert len(bench.run(DISABLE, 0.1)) == 7
-    apply('corrupt 2')
-    before = bench.run(DISABLE, 0.1)
-    good = [packet for packet in before if struct.unpack('<h', packet[3:5]) == (0,)]
-    assert (len(before), len(good)) == (10, 8)
-    apply('delay 0.045')
-    assert len(bench.run(DISABLE, 0.1)) == 5
-    apply('delay 0')
-    bench.run(DISABLE, 0.1)
-    apply('rate 10')
+    bench.drive.apply('mute off')
+    bench.drive.apply('rate 10')
     assert len(bench.run(DISABLE, 1.0)) == pytest.approx(10, abs=1)
 
 
 def test_reboot_is_silent_then_disabled_without_errors(bench: Bench) -> None:
     bench.run(MANUAL_1000_RPM, 0.5)
     bench.drive.apply('fault a brake pulse')
-    bench.drive.apply('reboot 0.3')
-    assert bench.run(None, 0.29) == []
+    bench.drive.apply('reboot')
+    assert bench.run(None, 0.49) == []
     assert bench.see('off')
     bench.run(None, 0.05)
     assert bench.packets
@@ -245,9 +232,9 @@ def test_reboot_is_silent_then_disabled_without_errors(bench: Bench) -> None:
     assert not bench.status.axes[0].enabled
 
 
-def test_a_stalled_drive_goes_on_turning_then_times_out(bench: Bench) -> None:
+def test_a_hanging_drive_goes_on_turning_then_times_out(bench: Bench) -> None:
     bench.run(MANUAL_1000_RPM, 0.5)
-    bench.drive.apply('stall 0.3')
+    bench.drive.apply('hang 0.3')
     assert bench.run(None, 0.29) == []
     assert bench.see('rpm')[0] > 900.0
     bench.run(None, 0.03)
@@ -285,19 +272,13 @@ def test_refuse_stuck_and_trip(bench: Bench) -> None:
         'load nan',
         'load x',
         'mute',
-        'drop -1',
+        'mute maybe',
         'rate 0',
-        'reboot 1 2',
+        'reboot 1',
         'trip',
     ],
 )
 def test_a_bad_line_gets_one_line_of_help(bench: Bench, line: str) -> None:
-    with pytest.raises(ValueError, match=r'there are fault|: use ') as caught:
+    with pytest.raises(ValueError, match=r'there are: fault|usage: |^[a-z]+ .*: ') as caught:
         bench.drive.apply(line)
     assert '\n' not in str(caught.value)
-
-
-def test_every_line_of_help_exists() -> None:
-    drive = Simulator()
-    for line in HELP.splitlines():
-        assert callable(getattr(drive, f'_do_{line.split()[0]}'))

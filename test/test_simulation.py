@@ -45,3 +45,12 @@ def test_what_makes_no_sense_says_what_would(line: str, says: str) -> None:
 
 def test_help_names_every_command() -> None:
     assert help_text(COMMANDS) == 'stick -1..1\nradio on|off\nreboot'
+
+
+def test_help_says_what_may_stand_for_a_word_and_what_a_command_does() -> None:
+    def cut(seen: list[Any], wire: str) -> None:
+        """Cut a wire."""
+        seen.append(wire)
+
+    text = help_text({'cut': ('WIRE', cut)}, WIRE=('red', 'blue'))
+    assert text.split() == ['cut', 'WIRE', 'Cut', 'a', 'wire.', 'WIRE:', 'red,', 'blue']
