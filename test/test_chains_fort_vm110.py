@@ -35,6 +35,7 @@ from safety_mux.protocol import Operator
 from safety_mux.protocol import OperatorSample
 from safety_mux.protocol import State
 from vm110_bridge.session import Session as VmSession
+from vm110_bridge.session import Settings as VmSettings
 from vm110_bridge.session import Sticks as VmSticks
 from vm110_bridge.simulator import Simulator as BaseUnit
 
@@ -144,7 +145,7 @@ class Chains:
         self.vsc, self.unit = Vsc(latch_bits=latch_bits), BaseUnit()
         self.vsc.messages[MessageType.JOYSTICK] = (True, 0.1)  # 50 Hz would only cost time
         self.vsc.messages[MessageType.GPS] = (False, 1.0)
-        fort, vm110 = FortSession(), VmSession()
+        fort, vm110 = FortSession(), VmSession(VmSettings())
         self.parties = {
             FORT: Party(FORT, self.vsc, fort, fort.set_software_estop, self._publish),
             VM110: Party(VM110, self.unit, vm110, vm110.set_hold_output, self._publish),

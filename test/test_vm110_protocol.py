@@ -24,7 +24,7 @@ from vm110_bridge.protocol import Disabled
 from vm110_bridge.protocol import Frame
 from vm110_bridge.protocol import LinkStatus
 from vm110_bridge.protocol import Message
-from vm110_bridge.protocol import parser
+from vm110_bridge.protocol import PacketDecoder
 from vm110_bridge.protocol import PeriodicInput
 from vm110_bridge.protocol import PeriodicOutput
 from vm110_bridge.protocol import RuState
@@ -121,42 +121,43 @@ def test_payload_of_another_size_is_malformed(kind: bytes, extra: int) -> None:
 
 
 def test_every_flipped_bit_is_found() -> None:
-    reader = parser(Crc.MPEG2)
+    reader = PacketDecoder(Crc.MPEG2)
     for bit in range(8 * len(GOLDEN[0])):
         flipped = bytearray(GOLDEN[0])
         flipped[bit // 8] ^= 1 << bit % 8
-        assert reader.feed(bytes(flipped)) is None
+        assert reader.feed(bytes(flipped), 0.0) == []
     assert reader.counters.checksum_errors == 8 * len(GOLDEN[0])
-    assert reader.feed(GOLDEN[0]) is not None
+    assert reader.feed(GOLDEN[0], 0.0) != []
 
 
 def test_every_truncation_and_every_tail_is_refused() -> None:
-    reader = parser(Crc.MPEG2)
+    reader = PacketDecoder(Crc.MPEG2)
     for size in range(len(GOLDEN[0])):
-        assert reader.feed(GOLDEN[0][:size]) is None
+        assert reader.feed(GOLDEN[0][:size], 0.0) == []
     for extra in (1, 2, 446, 447, 2000):
-        assert reader.feed(GOLDEN[0] + bytes(extra)) is None
+        assert reader.feed(GOLDEN[0] + bytes(extra), 0.0) == []
     assert reader.counters.malformed == 20 + 2  # shorter than any packet, longer than any
 
 
 def test_size_that_does_not_match_is_malformed_though_the_crc_is_good() -> None:
     body = bytearray(GOLDEN[0][:-4])
     body[10] = 45
-    reader = parser(Crc.MPEG2)
-    assert reader.feed(bytes(body) + struct.pack('<I', Crc.MPEG2.of(bytes(body)))) is None
+    reader = PacketDecoder(Crc.MPEG2)
+    assert reader.feed(bytes(body) + struct.pack('<I', Crc.MPEG2.of(bytes(body))), 0.0) == []
     assert (reader.counters.frames, reader.counters.malformed) == (1, 1)
 
 
 def test_other_revision_is_malformed() -> None:
-    reader = parser(Crc.MPEG2)
-    assert reader.feed(build_packet('VRPI', bytes(46), 0, revision=1)) is None
+    reader = PacketDecoder(Crc.MPEG2)
+    assert reader.feed(build_packet('VRPI', bytes(46), 0, revision=1), 0.0) == []
     assert reader.counters.malformed == 1
 
 
 def test_unknown_id_is_sound_but_unknown() -> None:
-    frame = parser(Crc.MPEG2).feed(build_packet('VRXI', b'abc', 9))
-    assert frame is not None
-    assert decode(frame) == Unknown(b'VRXI', b'abc')
+    reader, data = PacketDecoder(Crc.MPEG2), build_packet('VRXI', b'abc', 9)
+    assert decode(Frame.from_bytes(data, Crc.MPEG2)) == Unknown(0x56525849)
+    assert reader.feed(data, 0.0) == []
+    assert (reader.counters.frames, reader.counters.unknown_types) == (1, 1)
 
 
 def test_spare_bytes_mean_nothing() -> None:
@@ -169,26 +170,25 @@ def test_spare_bytes_mean_nothing() -> None:
 
 @pytest.mark.parametrize('crc', Crc)
 def test_open_parser_reads_the_first_periodic_input_of_either_reading(crc: Crc) -> None:
-    reader = parser()
-    frame = reader.feed(build_packet('VRPI', bytes(46), 5, 7, crc.value))
-    assert frame is not None
-    assert frame.crc is crc
+    reader = PacketDecoder()
+    (packet,) = reader.feed(build_packet('VRPI', bytes(46), 5, 7, crc.value), 0.0)
+    assert (packet.crc, packet.serial, packet.origin) == (crc, 5, 7)
 
 
 @pytest.mark.parametrize('kind', ['VRCI', 'VRAI', 'VRPO', 'VRXX'])
 def test_open_parser_reads_nothing_else(kind: str) -> None:
-    reader = parser()
-    assert reader.feed(build_packet(kind, bytes(22), 5, 7)) is None
+    reader = PacketDecoder()
+    assert reader.feed(build_packet(kind, bytes(22), 5, 7), 0.0) == []
     assert reader.before_lock == 1
 
 
 @pytest.mark.parametrize(('crc', 'other'), [tuple(Crc), tuple(Crc)[::-1]])
 def test_locked_parser_refuses_the_other_reading(crc: Crc, other: Crc) -> None:
-    reader = parser()
+    reader = PacketDecoder()
     reader.lock(crc)
-    assert reader.feed(build_packet('VRPI', bytes(46), 5, 7, other.value)) is None
+    assert reader.feed(build_packet('VRPI', bytes(46), 5, 7, other.value), 0.0) == []
     assert (reader.other_crc, reader.counters.checksum_errors) == (1, 1)
-    assert reader.feed(build_packet('VRPI', bytes(46), 5, 7, crc.value)) is not None
+    assert reader.feed(build_packet('VRPI', bytes(46), 5, 7, crc.value), 0.0) != []
 
 
 # -- values ---------------------------------------------------------------------------------------
@@ -296,8 +296,8 @@ def test_round_trip(message: Message, serial: int, origin: int, crc: Crc) -> Non
 
 @given(st.binary(max_size=600), st.sampled_from([None, *Crc]))
 def test_any_datagram_raises_nothing(data: bytes, crc: Crc | None) -> None:
-    reader = parser(crc)
-    assert reader.feed(data) is None
+    reader = PacketDecoder(crc)
+    assert reader.feed(data, 0.0) == []
     wrong = reader.counters.malformed + reader.counters.checksum_errors + reader.before_lock
     assert (wrong, reader.counters.bytes) == (1, len(data))
 

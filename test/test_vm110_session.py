@@ -12,6 +12,8 @@ from hypothesis import settings
 from hypothesis import strategies as st
 import pytest
 
+from bridge_core.session import StopChanged
+from bridge_core.session import Verdict
 from test.session_rig import SessionBench
 from vm110_bridge.protocol import Crc
 from vm110_bridge.session import ACKNOWLEDGED
@@ -19,7 +21,6 @@ from vm110_bridge.session import ArmedChanged
 from vm110_bridge.session import Command
 from vm110_bridge.session import CommandResult
 from vm110_bridge.session import EncoderTurned
-from vm110_bridge.session import Event
 from vm110_bridge.session import QUEUE_SIZE
 from vm110_bridge.session import Remote
 from vm110_bridge.session import RemoteState
@@ -27,7 +28,6 @@ from vm110_bridge.session import SerialNumbers
 from vm110_bridge.session import Session
 from vm110_bridge.session import Settings
 from vm110_bridge.session import Sticks
-from vm110_bridge.session import StopChanged
 from vm110_bridge.simulator import build_packet
 from vm110_bridge.simulator import build_vrpi
 
@@ -53,10 +53,10 @@ class Bench(SessionBench[Session]):
         self.serial = (self.serial + 1) & 0xFFFF
         return build_packet(kind, payload, self.serial, origin, self.crc)
 
-    def hear(self, payload: bytes = CENTRED, kind: str = 'VRPI') -> list[Event]:
+    def hear(self, payload: bytes = CENTRED, kind: str = 'VRPI') -> list[Any]:
         return self.take(self.packet(kind, payload))
 
-    def run(self, seconds: float, payload: bytes = CENTRED) -> list[Event]:
+    def run(self, seconds: float, payload: bytes = CENTRED) -> list[Any]:
         """Hear a VRPI every 125 ms."""
         before = len(self.events)
         for _ in range(round(seconds / 0.125)):
@@ -69,7 +69,7 @@ class Bench(SessionBench[Session]):
         return [(at, frame[16:-4]) for at, frame in self.sent if frame[:4] == kind]
 
 
-def of(kind: Any, events: list[Event]) -> list[Any]:
+def of(kind: Any, events: list[Any]) -> list[Any]:
     return [event for event in events if isinstance(event, kind)]
 
 
@@ -110,7 +110,7 @@ def test_silence_is_a_stop_at_the_limit_and_gives_one_neutral() -> None:
     bench.wait(LIMIT - 1e-3)
     assert not bench.session.estop
     assert bench.wait(1e-3) == [
-        StopChanged(True, True, False),
+        StopChanged(Verdict(True, True, False)),
         ArmedChanged(False, False),
         NEUTRAL,
         RemoteState(None),
@@ -160,7 +160,7 @@ def test_stop_neutralises_at_once() -> None:
     bench = armed()
     bench.hear(DEFLECTED)
     events = bench.hear(build_vrpi(bu_state=STOPPED, ru_state=STOPPED_RU, joysticks=(1000,) * 4))
-    assert events[0] == StopChanged(True, True, True)
+    assert events[0] == StopChanged(Verdict(True, True, True))
     assert set(of(Sticks, events)) == {NEUTRAL}
     assert bench.session.stop_reasons(bench.now) == [
         'BU state is Stopped: release the stop switch on the remote, then rearm'
@@ -179,7 +179,7 @@ def test_lost_port_is_a_stop_and_forgets_the_state() -> None:
     bench = armed()
     bench.hear(DEFLECTED)
     assert bench.close() == [
-        StopChanged(True, True, False),
+        StopChanged(Verdict(True, True, False)),
         ArmedChanged(False, False),
         NEUTRAL,
         RemoteState(None),
@@ -293,7 +293,7 @@ def test_old_packet_neither_refreshes_nor_moves(serial: int) -> None:
     bench.wait(LIMIT - 0.01)
     events = bench.take(numbered(serial, DEFLECTED))
     assert of(Sticks, events) == []
-    assert bench.wait(0.01)[0] == StopChanged(True, True, False)
+    assert bench.wait(0.01)[0] == StopChanged(Verdict(True, True, False))
 
 
 def test_old_packets_do_not_release_a_stop() -> None:
@@ -312,6 +312,29 @@ def test_stop_in_an_overtaken_packet_is_not_missed() -> None:
     bench.take(numbered(101, build_vrpi(bu_state=STOPPED, ru_state=STOPPED_RU)))
     assert bench.session.estop
     bench.take(numbered(103))
+    assert not bench.session.estop
+
+
+def test_stop_and_its_end_in_one_read_are_both_reported_in_order() -> None:
+    bench = opened()
+    bench.take(numbered(100))
+    events = bench.take(
+        numbered(101, build_vrpi(bu_state=STOPPED, ru_state=STOPPED_RU)), numbered(102)
+    )
+    verdicts = [event.verdict for event in of(StopChanged, events)]
+    assert verdicts == [Verdict(True, True), Verdict()]
+
+
+def test_stop_in_an_overtaken_packet_stays_until_the_next_in_order() -> None:
+    bench = opened()
+    bench.take(numbered(100))
+    bench.take(numbered(103))
+    bench.take(numbered(101, build_vrpi(bu_state=STOPPED, ru_state=STOPPED_RU)))
+    bench.take(numbered(102))
+    bench.wait(0.125)
+    assert bench.session.estop
+    assert 'Stopped' in bench.session.stop_reasons(bench.now)[0]
+    bench.take(numbered(104))
     assert not bench.session.estop
 
 
@@ -435,7 +458,7 @@ def test_mixture_is_refused_after_the_lock() -> None:
 
 @pytest.mark.parametrize('crc', list(Crc))
 def test_chosen_crc_sends_before_anybody_is_heard_and_refuses_the_other(crc: Crc) -> None:
-    bench = opened(crc=crc)
+    bench = opened(crc=crc.value)
     assert bench.sent[0][1] == build_packet('VRPO', bytes(2), 0, 0, crc.value)
     bench.crc = next(other for other in Crc if other is not crc).value
     bench.hear()
@@ -489,7 +512,7 @@ def test_machine_controllers_packets_on_our_port_are_counted() -> None:
 
 @pytest.mark.parametrize('period', [0.05, 0.1, 0.2])
 def test_output_goes_at_its_period_whether_or_not_there_is_news(period: float) -> None:
-    bench = opened(crc=Crc.MPEG2, output_period=period)
+    bench = opened(crc='mpeg2', output_period=period)
     bench.wait(10.0)
     times = [at for at, _ in bench.frames(b'VRPO')]
     assert len(times) == pytest.approx(10.0 / period, abs=1.1)
@@ -497,9 +520,9 @@ def test_output_goes_at_its_period_whether_or_not_there_is_news(period: float) -
 
 
 def test_long_output_goes_as_one_burst_of_full_packets() -> None:
-    bench = opened(crc=Crc.MPEG2)
+    bench = opened(crc='mpeg2')
     data = bytes(n % 251 for n in range(1000))
-    bench.session.set_periodic_output(data)
+    bench.session.set_periodic_output(data, bench.now)
     bench.wait(0.1)
     packets = bench.frames(b'VRPO')[1:]
     assert len({at for at, _ in packets}) == 1
@@ -509,7 +532,7 @@ def test_long_output_goes_as_one_burst_of_full_packets() -> None:
 
 
 def test_own_packets_are_numbered_in_one_line_and_wrap() -> None:
-    bench = opened(crc=Crc.MPEG2, output_period=0.05)
+    bench = opened(crc='mpeg2', output_period=0.05)
     bench.session._serial = 0xFFFE
     bench.run(2.0)
     bench.hear(struct.pack('<H20x', 1), 'VRCI')
@@ -522,12 +545,12 @@ def test_own_packets_are_numbered_in_one_line_and_wrap() -> None:
 
 
 def test_configured_size_is_sent_as_zeros_at_first_and_kept_to() -> None:
-    bench = opened(crc=Crc.MPEG2, periodic_output_size=3)
+    bench = opened(crc='mpeg2', periodic_output_size=3)
     assert bench.frames(b'VRPO')[0][1] == bytes(5)
     for data in (b'', b'12', b'1234'):
         with pytest.raises(ValueError, match='periodic_output_size is 3'):
-            bench.session.set_periodic_output(data)
-    bench.session.set_periodic_output(b'123')
+            bench.session.set_periodic_output(data, bench.now)
+    bench.session.set_periodic_output(b'123', bench.now)
     bench.wait(0.1)
     assert bench.frames(b'VRPO')[-1][1] == b'\0\x00123'
 
@@ -684,8 +707,9 @@ def test_command_is_delivered_once_and_acknowledged_every_time() -> None:
 
 def test_acknowledgement_goes_out_with_the_packet_itself() -> None:
     bench = armed()
-    _, frames = bench.session.receive(bench.packet('VRCI', vrci(1)), bench.now)
-    assert [frame[:4] for frame in frames] == [b'VRAO']
+    sent = len(bench.sent)
+    bench.hear(vrci(1), 'VRCI')
+    assert [frame[:4] for _, frame in bench.sent[sent:]] == [b'VRAO']
 
 
 def test_command_over_a_lost_port_is_still_known() -> None:
@@ -710,7 +734,7 @@ def test_same_id_with_other_data_or_much_later_is_a_new_command() -> None:
 
 
 def test_explicit_acknowledgement_waits_and_is_repeated_if_it_was_lost() -> None:
-    bench = armed(explicit_acknowledge=True)
+    bench = armed(acknowledge='explicit')
     bench.hear(vrci(7), 'VRCI')
     bench.hear(vrci(7), 'VRCI')
     assert bench.frames(b'VRAO') == []
@@ -816,8 +840,9 @@ def test_commands_do_not_wait_for_a_lost_base_unit() -> None:
 
 @pytest.mark.parametrize('size', [0, 15, 17])
 def test_command_of_another_size_is_refused(size: int) -> None:
+    bench = armed()
     with pytest.raises(ValueError, match='16 bytes'):
-        armed().session.send_command(bytes(size), 0.0)
+        bench.session.send_command(bytes(size), bench.now)
 
 
 @pytest.mark.parametrize(
@@ -897,14 +922,14 @@ def test_ten_thousand_mutated_datagrams_release_no_stop_and_move_nothing() -> No
 @settings(max_examples=40)
 def test_what_must_hold_in_any_life(seed: int) -> None:
     source = random.Random(seed)
-    bench = Bench(explicit_acknowledge=source.random() < 0.5)
+    bench = Bench(acknowledge=source.choice(('auto', 'explicit')))
     good_at = -math.inf
     for _ in range(60):
         act = source.randrange(8)
-        if act == 0:
-            bench.open()
-        elif act == 1:
+        if act in (0, 1):
             bench.close()
+            if act == 0:
+                bench.open()
             good_at = -math.inf
         elif act in (2, 3):
             state = source.choice((ARMED, ARMED, DISARMED, STOPPED, LINK_ERROR, BLOCKED))

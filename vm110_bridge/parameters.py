@@ -12,10 +12,10 @@ from bridge_core.parameters import Parameter
 from bridge_core.parameters import TOLERATE_FAULTY_AXES
 from vm110_bridge.protocol import AXIS_NAMES
 from vm110_bridge.protocol import Crc
-from vm110_bridge.session import MAX_OUTPUT
-from vm110_bridge.session import Settings
+from vm110_bridge.protocol import MAX_BURST_DATA
 
 OUTPUT_PORT_OFFSET = 2  # the output port is always input + 2 (manual 2.2)
+MAX_OUTPUT = 32 * MAX_BURST_DATA  # bytes of periodic data: a burst is sent in one go
 
 
 def _check_group(text: str) -> None:
@@ -171,22 +171,6 @@ PARAMETERS = (
     DEADBAND,
     TOLERATE_FAULTY_AXES,
 )
-
-
-def session_settings(values: Mapping[str, Any]) -> Settings:
-    """Return how the session is to behave. :raises ValueError: a value out of range."""
-    return Settings(
-        crc=None if values['crc'] == 'auto' else Crc(values['crc']),
-        explicit_acknowledge=values['acknowledge'] == 'explicit',
-        **{
-            name: values[name]
-            for name in (
-                *('bu_id', 'link_timeout', 'output_period', 'periodic_output_size'),
-                *('first_packet_number', 'hold_output_timeout', 'accept_unarmed_commands'),
-                *('command_timeout', 'tolerate_faulty_axes'),
-            )
-        },
-    )
 
 
 def axis_signs(values: Mapping[str, Any]) -> tuple[bool, ...]:

@@ -35,6 +35,10 @@ VRAI  2      BU       command ID (uint16)
 """
 
 from bridge_core.framing import FrameError
+from bridge_core.framing import Unknown
+from vm110_bridge.protocol.decoder import Input
+from vm110_bridge.protocol.decoder import Packet
+from vm110_bridge.protocol.decoder import PacketDecoder
 from vm110_bridge.protocol.frames import Crc
 from vm110_bridge.protocol.frames import Frame
 from vm110_bridge.protocol.frames import HEAD_SIZE
@@ -43,8 +47,6 @@ from vm110_bridge.protocol.frames import MAX_LENGTH
 from vm110_bridge.protocol.frames import Message
 from vm110_bridge.protocol.frames import MIN_FRAME
 from vm110_bridge.protocol.frames import PacketId
-from vm110_bridge.protocol.frames import PacketParser
-from vm110_bridge.protocol.frames import parser
 from vm110_bridge.protocol.frames import REVISION
 from vm110_bridge.protocol.messages import AcknowledgeInput
 from vm110_bridge.protocol.messages import AcknowledgeOutput
@@ -58,7 +60,6 @@ from vm110_bridge.protocol.messages import MAX_BURST_DATA
 from vm110_bridge.protocol.messages import MESSAGES
 from vm110_bridge.protocol.messages import PeriodicInput
 from vm110_bridge.protocol.messages import PeriodicOutput
-from vm110_bridge.protocol.messages import Unknown
 from vm110_bridge.protocol.values import AXIS_NAMES
 from vm110_bridge.protocol.values import BuState
 from vm110_bridge.protocol.values import BUTTON_NAMES
@@ -95,10 +96,12 @@ __all__ = [
     'Disabled',
     'Frame',
     'FrameError',
+    'Input',
     'LinkStatus',
     'Message',
+    'Packet',
+    'PacketDecoder',
     'PacketId',
-    'PacketParser',
     'PeriodicInput',
     'PeriodicOutput',
     'RuState',
@@ -106,6 +109,5 @@ __all__ = [
     'build_frame',
     'burst',
     'decode',
-    'parser',
     'state_name',
 ]

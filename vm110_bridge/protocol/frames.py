@@ -10,7 +10,7 @@ from typing import TypeVar
 
 from bridge_core.checksums import crc32_iso_hdlc
 from bridge_core.checksums import crc32_mpeg2
-from bridge_core.framing import Counters
+from bridge_core.framing import ChecksumError
 from bridge_core.framing import FrameError
 from vm110_bridge.protocol.values import check_range
 
@@ -77,76 +77,31 @@ class Frame:
             )
 
     @classmethod
-    def from_bytes(cls, datagram: bytes, crc: Crc) -> Frame:
-        """Read a datagram. :raises FrameError: anything about it is not as section 3 says."""
+    def from_bytes(cls, datagram: bytes, crc: Crc | None) -> Frame:
+        """
+        Read a datagram.
+
+        :param crc: the reading of 3.3; None: either. :raises ChecksumError: wrong CRC.
+        :raises FrameError: anything else about it is not as section 3 says.
+        """
         if not MIN_FRAME <= len(datagram) <= MAX_FRAME:
             raise FrameError(f'{len(datagram)} bytes, but a packet has {MIN_FRAME}-{MAX_FRAME}')
-        if not crc.is_good(datagram):
-            raise FrameError(f'wrong CRC {datagram[-_CHECK.size :].hex()}')
+        readings = Crc if crc is None else (crc,)
+        found = next((each for each in readings if each.is_good(datagram)), None)
+        if found is None:
+            raise ChecksumError(f'wrong CRC {datagram[-_CHECK.size :].hex()}')
         kind, revision, origin, serial, size = _HEAD.unpack_from(datagram)
         if revision != REVISION:
             raise FrameError(f'revision {revision} is not {REVISION}')
         if size != len(datagram) - MIN_FRAME:
             raise FrameError(f'size {size}, but {len(datagram) - MIN_FRAME} bytes of payload')
-        return cls(kind, serial, datagram[HEAD_SIZE : -_CHECK.size], origin, crc)
+        return cls(kind, serial, datagram[HEAD_SIZE : -_CHECK.size], origin, found)
 
     def to_bytes(self) -> bytes:
         """Return the datagram."""
         sizes = (REVISION, self.origin, self.serial, len(self.payload))
         body = _HEAD.pack(self.kind, *sizes) + self.payload
         return body + _CHECK.pack(self.crc.of(body))
-
-
-class PacketParser:
-    """
-    Reads datagrams. Raises nothing: what is wrong is counted.
-
-    :param crc: which reading of 3.3; None leaves it open until ``lock``. Until then only VRPI, of
-        either reading, are read.
-    """
-
-    def __init__(self, crc: Crc | None = None) -> None:
-        self.crc = crc
-        self.counters = Counters()
-        self.before_lock = 0  # packets that could not be checked yet
-        self.other_crc = 0  # packets that the other reading would let pass
-
-    def lock(self, crc: Crc) -> None:
-        """Take this reading, and no other, from now on."""
-        self.crc = crc
-
-    def feed(self, datagram: bytes) -> Frame | None:
-        """Return the packet that a datagram holds; None if it holds none that is sound."""
-        self.counters.bytes += len(datagram)
-        if not MIN_FRAME <= len(datagram) <= MAX_FRAME:
-            self.counters.malformed += 1
-            return None
-        if self.crc is None and not datagram.startswith(PacketId.PERIODIC_INPUT):
-            self.before_lock += 1
-            return None
-        crc = self._good_crc(datagram)
-        if crc is None:
-            self.counters.checksum_errors += 1
-            return None
-        self.counters.frames += 1
-        try:
-            return Frame.from_bytes(datagram, crc)
-        except FrameError:
-            self.counters.malformed += 1
-            return None
-
-    def _good_crc(self, datagram: bytes) -> Crc | None:
-        """Return the allowed reading by which the datagram is sound; None: by none."""
-        good = next((crc for crc in Crc if crc.is_good(datagram)), None)
-        if good is None or self.crc is None or good is self.crc:
-            return good
-        self.other_crc += 1
-        return None
-
-
-def parser(crc: Crc | None = None) -> PacketParser:
-    """Return a parser for one direction of one link."""
-    return PacketParser(crc)
 
 
 _M = TypeVar('_M', bound='Message')

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import struct
 from typing import TypeVar
 
+from bridge_core.framing import Unknown
 from vm110_bridge.protocol.frames import Crc
 from vm110_bridge.protocol.frames import Frame
 from vm110_bridge.protocol.frames import Message
@@ -232,14 +233,6 @@ class AcknowledgeInput(_Acknowledge):
     KIND = PacketId.ACKNOWLEDGE_INPUT
 
 
-@dataclass(frozen=True, slots=True)
-class Unknown:
-    """The payload of a sound packet with an ID that the manual does not list."""
-
-    kind: bytes
-    payload: bytes
-
-
 MESSAGES: dict[bytes, type[Message]] = {
     kind.KIND.value: kind
     for kind in (
@@ -256,7 +249,9 @@ MESSAGES: dict[bytes, type[Message]] = {
 def decode(frame: Frame) -> Message | Unknown:
     """Read a packet's payload. :raises FrameError: if it is not as its ID says."""
     kind = MESSAGES.get(frame.kind)
-    return Unknown(frame.kind, frame.payload) if kind is None else kind.from_bytes(frame.payload)
+    if kind is None:
+        return Unknown(int.from_bytes(frame.kind, 'big'))
+    return kind.from_bytes(frame.payload)
 
 
 def build_frame(message: Message, serial: int, crc: Crc, origin: int = 0) -> bytes:

@@ -1,12 +1,16 @@
-"""The session: what the link means over time, without a clock, a thread or a port."""
+"""
+The link to a base unit over time: manual sections 4 and 5.
 
-from bridge_core.session import StopChanged
+Only a fresh VRPI of our own base unit vouches for anything. Without one there is no remote, no
+stick and no permission, whatever else still comes. Which reading of the CRC and which base unit
+were locked to holds for a session's whole life.
+"""
+
 from vm110_bridge.session.events import ArmedChanged
 from vm110_bridge.session.events import Command
 from vm110_bridge.session.events import CommandResult
 from vm110_bridge.session.events import EncoderTurned
 from vm110_bridge.session.events import Event
-from vm110_bridge.session.events import Output
 from vm110_bridge.session.events import Remote
 from vm110_bridge.session.events import RemoteState
 from vm110_bridge.session.events import Sticks
@@ -15,12 +19,10 @@ from vm110_bridge.session.outbox import QUEUE_SIZE
 from vm110_bridge.session.serials import Arrival
 from vm110_bridge.session.serials import SerialNumbers
 from vm110_bridge.session.session import Session
-from vm110_bridge.session.settings import MAX_OUTPUT
 from vm110_bridge.session.settings import Settings
 
 __all__ = [
     'ACKNOWLEDGED',
-    'MAX_OUTPUT',
     'QUEUE_SIZE',
     'ArmedChanged',
     'Arrival',
@@ -28,12 +30,10 @@ __all__ = [
     'CommandResult',
     'EncoderTurned',
     'Event',
-    'Output',
     'Remote',
     'RemoteState',
     'SerialNumbers',
     'Session',
     'Settings',
     'Sticks',
-    'StopChanged',
 ]

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-from vm110_bridge.session.events import EncoderTurned
-from vm110_bridge.session.events import Event
-
 
 class Encoder:
     """
@@ -18,15 +15,15 @@ class Encoder:
         self.position = 0
         self._ru = 0
         self._last = 0
-        self._told = False
+        self._reported = False
 
     def rest(self) -> None:
         """Count from where it stands next time: the link was lost."""
         self._ru = 0
 
-    def take(self, value: int, ru: int, events: list[Event]) -> None:
+    def take(self, value: int, ru: int) -> bool:
         """
-        Follow the counter; tell when the position changes, and once at the beginning.
+        Follow the counter; tell whether the position changed, or is the first to be reported.
 
         :param value: 0-255. :param ru: the enabled remote's ID; 0 for none.
         """
@@ -35,6 +32,6 @@ class Encoder:
             turned = (value - self._last + 0x80 & 0xFF) - 0x80  # the shorter way round
         self._ru, self._last = ru, value
         self.position += turned
-        if turned or (ru and not self._told):
-            self._told = True
-            events.append(EncoderTurned(self.position))
+        news = bool(turned or (ru and not self._reported))
+        self._reported = self._reported or news
+        return news

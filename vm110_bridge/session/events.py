@@ -1,10 +1,9 @@
-"""What a session tells the node, in the order in which it happened."""
+"""What a session reports, in the order in which it happened; stops are the base's."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
-from bridge_core.session import StopChanged
 from vm110_bridge.protocol import AXIS_NAMES
 from vm110_bridge.protocol import BUTTON_NAMES
 
@@ -79,5 +78,4 @@ class CommandResult:
     outcome: str
 
 
-Event = StopChanged | ArmedChanged | Sticks | RemoteState | EncoderTurned | Command | CommandResult
-Output = tuple[list[Event], list[bytes]]
+Event = ArmedChanged | Sticks | RemoteState | EncoderTurned | Command | CommandResult

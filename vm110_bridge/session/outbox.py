@@ -32,7 +32,7 @@ class CommandOutbox:
         self._outstanding: CommandOutput | None = None
         self._waiting: deque[CommandOutput] = deque()
         self._next_id: int | None = None
-        self._send_at = self._give_up_at = math.inf
+        self.sends_at = self.expires_at = math.inf  # the outstanding one's next moments
 
     @property
     def size(self) -> int:
@@ -59,36 +59,33 @@ class CommandOutbox:
             return []
         return [self._end(ACKNOWLEDGED, now)]
 
+    def expire(self, now: float) -> list[CommandResult]:
+        """Give up the command that was not acknowledged in time; return the outcome."""
+        if now < self.expires_at:
+            return []
+        return [self._end(f'not acknowledged within {self._timeout:g} s', now)]
+
     def drop(self, reason: str) -> list[CommandResult]:
         """Give up all of them; return the outcomes."""
         commands = [self._outstanding] if self._outstanding is not None else []
         commands += self._waiting
         self._waiting.clear()
         self._outstanding = None
-        self._send_at = self._give_up_at = math.inf
+        self.sends_at = self.expires_at = math.inf
         return [CommandResult(command.command_id, reason) for command in commands]
 
-    def poll(self, now: float) -> tuple[list[CommandResult], list[CommandOutput]]:
-        """Return outcomes, and what is to be sent now."""
-        results = []
-        if now >= self._give_up_at:
-            text = f'not acknowledged within {self._timeout:g} s'
-            results.append(self._end(text, now))
-        if self._outstanding is None or now < self._send_at:
-            return results, []
-        self._send_at = now + RESEND_PERIOD
-        return results, [self._outstanding]
-
-    @property
-    def deadline(self) -> float:
-        """The moment at which poll has something to do; infinite for never."""
-        return min(self._send_at, self._give_up_at)
+    def due(self, now: float) -> list[CommandOutput]:
+        """Return what is to be sent now."""
+        if self._outstanding is None or now < self.sends_at:
+            return []
+        self.sends_at = now + RESEND_PERIOD
+        return [self._outstanding]
 
     def _end(self, outcome: str, now: float) -> CommandResult:
         assert self._outstanding is not None
         result = CommandResult(self._outstanding.command_id, outcome)
         self._outstanding = None
-        self._send_at = self._give_up_at = math.inf
+        self.sends_at = self.expires_at = math.inf
         self._advance(now)
         return result
 
@@ -96,4 +93,4 @@ class CommandOutbox:
         """Make the next command the outstanding one."""
         if self._outstanding is None and self._waiting:
             self._outstanding = self._waiting.popleft()
-            self._send_at, self._give_up_at = now, now + self._timeout
+            self.sends_at, self.expires_at = now, now + self._timeout

@@ -45,7 +45,8 @@ class StopJudge:
         self._output_at = now  # the last VRPO, or when the first one could have gone
         self._silence = 0.0  # seconds without VRPO when the last hold ended
         self._released_at = -math.inf
-        self._in_error = False
+        self._newest = PeriodicInput()  # Initial, a stop
+        self._late = Verdict()  # the worst of the VRPI that the newest has overtaken
         self._echo = False  # the external link error is our doing
 
     def hold(self, holding: bool, now: float) -> None:
@@ -59,22 +60,25 @@ class StopJudge:
         """Note that a VRPO went out."""
         self._output_at = now
 
-    def judge(self, vrpi: PeriodicInput, now: float) -> Verdict:
-        """Return what the newest VRPI means."""
-        in_error = vrpi.bu_state == BuState.EXTERNAL_LINK_ERROR
-        if in_error and not self._in_error:
-            self._echo = self._may_be_ours(now)
-        self._in_error = in_error
-        self._echo = self._echo and in_error
-        return self.judge_late(vrpi)
+    def take(self, vrpi: PeriodicInput, now: float) -> None:
+        """Take the newest VRPI."""
+        was_in_error, in_error = _in_error(self._newest), _in_error(vrpi)
+        self._echo = in_error and (self._echo if was_in_error else self._may_be_ours(now))
+        self._newest, self._late = vrpi, Verdict()
 
-    def judge_late(self, vrpi: PeriodicInput) -> Verdict:
-        """Return what a VRPI means that a newer one has overtaken: nothing is learnt from it."""
-        in_error = vrpi.bu_state == BuState.EXTERNAL_LINK_ERROR
-        echo = self._echo and in_error and _only_output_missing(vrpi)
+    def take_late(self, vrpi: PeriodicInput) -> None:
+        """Take a VRPI that a newer one has overtaken: only a stop in it counts, until the next."""
+        self._late = max(self._late, self._verdict_of(vrpi), key=_severity)
+
+    def verdict(self) -> Verdict:
+        """Return what the newest VRPI means, with those that it has overtaken."""
+        return max(self._verdict_of(self._newest), self._late, key=_severity)
+
+    def _verdict_of(self, vrpi: PeriodicInput) -> Verdict:
+        echo = self._echo and _in_error(vrpi) and _only_output_missing(vrpi)
         own = _own_reasons(vrpi, echo=echo)
         reasons = [self._echo_reason(), *own] if echo else own
-        return Verdict(bool(reasons), bool(own), tuple(reasons))
+        return Verdict(bool(reasons), bool(own), reasons=tuple(reasons))
 
     def _may_be_ours(self, now: float) -> bool:
         if self._holding:
@@ -91,6 +95,14 @@ class StopJudge:
             'BU state is External link error, still from hold_output, which asks no more; rearm '
             'the remote'
         )
+
+
+def _severity(verdict: Verdict) -> int:
+    return verdict.estop + verdict.own_estop
+
+
+def _in_error(vrpi: PeriodicInput) -> bool:
+    return vrpi.bu_state == BuState.EXTERNAL_LINK_ERROR
 
 
 def _own_reasons(vrpi: PeriodicInput, *, echo: bool) -> list[str]:

@@ -1,0 +1,91 @@
+"""From datagrams to messages, each checked once."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from bridge_core.framing import ChecksumError
+from bridge_core.framing import Decoder
+from bridge_core.framing import FrameError
+from bridge_core.framing import Unknown
+from vm110_bridge.protocol.frames import Crc
+from vm110_bridge.protocol.frames import Frame
+from vm110_bridge.protocol.frames import MAX_FRAME
+from vm110_bridge.protocol.frames import Message
+from vm110_bridge.protocol.frames import MIN_FRAME
+from vm110_bridge.protocol.frames import PacketId
+from vm110_bridge.protocol.messages import AcknowledgeInput
+from vm110_bridge.protocol.messages import CommandInput
+from vm110_bridge.protocol.messages import decode
+from vm110_bridge.protocol.messages import PeriodicInput
+
+Input = PeriodicInput | CommandInput | AcknowledgeInput  # what a base unit sends
+
+
+@dataclass(frozen=True, slots=True)
+class Packet:
+    """A message, and what Frame says of it."""
+
+    message: Message
+    serial: int
+    origin: int
+    crc: Crc
+
+
+class PacketDecoder(Decoder[bytes, Packet]):
+    """
+    Reads datagrams, each of which holds one packet.
+
+    :param crc: which reading of 3.3; None leaves it open until ``lock``. Until then only VRPI, of
+        either reading, are read.
+    """
+
+    def __init__(self, crc: Crc | None = None) -> None:
+        super().__init__()
+        self.crc = crc
+        self.before_lock = 0  # packets that could not be checked yet
+        self.other_crc = 0  # packets that the other reading would let pass
+
+    def lock(self, crc: Crc) -> None:
+        """Take this reading, and no other, from now on."""
+        self.crc = crc
+
+    def feed(self, data: bytes, now: float) -> list[Packet]:
+        """Return the packet that a datagram holds; none if it is not sound."""
+        del now
+        self.counters.bytes += len(data)
+        if not MIN_FRAME <= len(data) <= MAX_FRAME:
+            self.counters.malformed += 1
+        elif self.crc is None and not data.startswith(PacketId.PERIODIC_INPUT):
+            self.before_lock += 1
+        else:
+            return self._decode(data)
+        return []
+
+    def _decode(self, data: bytes) -> list[Packet]:
+        packets = []
+        try:
+            packet = _read(data, self.crc)
+        except ChecksumError:
+            self.counters.checksum_errors += 1
+            self.other_crc += any(crc.is_good(data) for crc in Crc)
+            return []
+        except FrameError:
+            self.counters.malformed += 1
+        else:
+            if isinstance(packet, Unknown):
+                self.counters.unknown_types += 1
+            else:
+                packets.append(packet)
+        self.counters.frames += 1
+        return packets
+
+
+def _read(data: bytes, crc: Crc | None) -> Packet | Unknown:
+    frame = Frame.from_bytes(data, crc)
+    message = decode(frame)
+    if isinstance(message, Unknown):
+        return message
+    if isinstance(message, Input) and frame.origin == 0:
+        raise FrameError('origin 0 is the machine controller (3.2), which sends no input')
+    return Packet(message, frame.serial, frame.origin, frame.crc)
