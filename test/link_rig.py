@@ -217,7 +217,7 @@ class Bench:
 
     def __init__(self) -> None:
         self.owner, self.session, self.transport = FakeOwner(), FakeSession(), FakeTransport()
-        self.link = Link('link', self.owner, reconnect_period=0.4)
+        self.link: Link[bytes] = Link('link', self.owner, reconnect_period=0.4)
 
     def activate(self) -> None:
         self.link.activate(self.transport, self.session)

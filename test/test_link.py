@@ -360,7 +360,7 @@ def test_stop_twice_says_farewell_once_and_ends_the_thread(bench: Bench) -> None
 
 
 def test_stop_without_start() -> None:
-    link = Link('link', FakeOwner())
+    link: Link[bytes] = Link('link', FakeOwner())
     link.stop()
     link.stop()
 

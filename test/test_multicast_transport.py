@@ -9,13 +9,14 @@ from typing import Any
 
 import pytest
 
-from bridge_core.framing import Counters
 from bridge_core.transports import multicast
 from bridge_core.transports import TransportError
 from bridge_core.transports.link import Link
 from bridge_core.transports.multicast import MulticastTransport
 from rugged_teleop.multicasts import GROUP
 from rugged_teleop.multicasts import LOOPBACK
+from test.link_rig import FakeOwner
+from test.link_rig import FakeSession
 from test.multicast_rig import free_port
 from test.multicast_rig import in_network_namespace
 from test.multicast_rig import run_ip
@@ -319,67 +320,23 @@ def test_without_an_address_the_routing_table_decides() -> None:
     in_network_namespace(body)
 
 
-class Listener:
-    """A session that only listens, and the owner of its link."""
-
-    def __init__(self) -> None:
-        self.estop = self.own_estop = False
-        self.link_up = True
-        self.counters = Counters()
-        self.heard: list[bytes] = []
-        self.closed_count = 0
-
-    def frame_age(self, now: float) -> float:
-        return 0.0
-
-    def stop_reasons(self, now: float) -> list[str]:
-        return []
-
-    def opened(self, now: float) -> tuple[list[Any], list[bytes]]:
-        return [], []
-
-    def closed(self, now: float) -> list[Any]:
-        self.closed_count += 1
-        return []
-
-    def receive(self, data: bytes, now: float) -> tuple[list[Any], list[bytes]]:
-        self.heard.append(data)
-        return [], []
-
-    def poll(self, now: float) -> tuple[list[Any], list[bytes]]:
-        return [], []
-
-    def deadline(self) -> float:
-        return float('inf')
-
-    def farewell(self, now: float) -> list[bytes]:
-        return []
-
-    def on_event(self, event: Any) -> None: ...
-
-    def pace(self, now: float) -> float:
-        return now + 1.0
-
-    def link_changed(self, text: str, ok: bool) -> None: ...
-
-
 def test_link_comes_back_by_itself_when_the_interface_does() -> None:
     def body() -> None:
         add_cable()
         ours, theirs = pair(free_port(), '192.0.2.1')
-        listener = Listener()
-        link = Link('test', listener, reconnect_period=0.3)
+        session = FakeSession()
+        link: Link[bytes] = Link('test', FakeOwner(), reconnect_period=0.3)
         link.start()
-        link.activate(ours, listener)
+        link.activate(ours, session)
         wait_for(lambda: link.status.is_open, 2.0, 'the port to open')
         run_ip('link', 'delete', 'near')
-        wait_for(lambda: listener.closed_count == 1, 2.0, 'the loss to be told')
+        wait_for(lambda: 'closed' in session.calls, 2.0, 'the loss')
         assert not link.status.is_open
         add_cable()
         wait_for(lambda: link.status.is_open, 2.0, 'the port to open again')
         theirs.open()
         theirs.send(b'back')
-        wait_for(lambda: listener.heard == [b'back'], 2.0, 'a datagram')
+        wait_for(lambda: session.received == b'back', 2.0, 'a datagram')
         link.stop()
         theirs.close()
 

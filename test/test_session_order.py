@@ -20,13 +20,20 @@ from hypothesis import settings as hypothesis_settings
 from hypothesis import strategies as st
 import pytest
 
+import akron_can_bridge.session
 from bridge_core.session import Session
 from bridge_core.session import StopChanged
+import esi_drive_bridge.session
+import fort_vsc_bridge.session
+import ssc_bridge.session
 from test import akron_session_rig as akron
 from test import esi_drive_rig as esi
 from test import ssc_rig as ssc
 from test import test_fort_vsc_session as fort
 from test import test_vm110_session as vm110
+import vm110_bridge.session
+from vm110_bridge.simulator import build_packet
+from vm110_bridge.simulator import build_vrpi
 
 START = 100.0
 
@@ -55,13 +62,13 @@ def _numbered(payloads: Iterable[Any]) -> list[bytes]:
     for payload in payloads:
         late, data = payload if isinstance(payload, tuple) else (0, payload)
         serial += not late
-        packets.append(vm110.build_packet('VRPI', data, serial - late, 7, 'mpeg2'))
+        packets.append(build_packet('VRPI', data, serial - late, 7, 'mpeg2'))
     return packets
 
 
 PLAYS = {
     'fort_vsc': Play(
-        lambda: fort.Session(fort.Settings()),
+        lambda: fort_vsc_bridge.session.Session(fort_vsc_bridge.session.Settings()),
         (fort.heartbeat(),),
         {
             'healthy': fort.heartbeat(),
@@ -75,22 +82,22 @@ PLAYS = {
         fort.heartbeat(estop=fort.SRC),
     ),
     'vm110': Play(
-        lambda: vm110.Session(vm110.Settings()),
+        lambda: vm110_bridge.session.Session(vm110_bridge.session.Settings()),
         (vm110.CENTRED,),
         {
             'healthy': vm110.CENTRED,
-            'stopped': vm110.build_vrpi(bu_state=vm110.STOPPED),
+            'stopped': build_vrpi(bu_state=vm110.STOPPED),
             'external link error': vm110.EXTERNAL,
-            'remote stopped': vm110.build_vrpi(ru_state=vm110.STOPPED_RU),
+            'remote stopped': build_vrpi(ru_state=vm110.STOPPED_RU),
             'nobody armed': vm110.NOBODY,
             'late': (1, vm110.CENTRED),
-            'late and stopped': (1, vm110.build_vrpi(bu_state=vm110.STOPPED)),
+            'late and stopped': (1, build_vrpi(bu_state=vm110.STOPPED)),
         },
-        vm110.build_vrpi(bu_state=vm110.STOPPED),
+        build_vrpi(bu_state=vm110.STOPPED),
         _numbered,
     ),
     'akron': Play(
-        lambda: akron.Session(akron.Settings()),
+        lambda: akron_can_bridge.session.Session(akron_can_bridge.session.Settings()),
         (akron.ANNOUNCED, akron.OUTPUTS, akron.NO_FAULTS),
         {
             'healthy': akron.OUTPUTS,
@@ -105,7 +112,7 @@ PLAYS = {
         akron.NOT_ENABLED,
     ),
     'esi_drive': Play(
-        lambda: esi.Session(esi.make_settings()),
+        lambda: esi_drive_bridge.session.Session(esi.make_settings()),
         (esi.IDLE,),
         {
             'healthy': esi.IDLE,
@@ -118,7 +125,7 @@ PLAYS = {
         esi.status(2, errors=1),
     ),
     'ssc': Play(
-        lambda: ssc.Session(ssc.Settings()),
+        lambda: ssc_bridge.session.Session(ssc_bridge.session.Settings()),
         (ssc.status(), ssc.configuration()),
         {
             'healthy': ssc.status(),
