@@ -8,7 +8,6 @@ import time
 from esi_drive_bridge.protocol import Layout
 from esi_drive_bridge.protocol import Status
 from esi_drive_bridge.protocol import status_parser
-from fort_vsc_bridge.protocol import decode
 from fort_vsc_bridge.protocol import parser
 from safety_mux.arbiter import Arbiter
 from safety_mux.limits import JointLimit

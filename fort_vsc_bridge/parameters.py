@@ -1,25 +1,38 @@
 """The parameters of the FORT VSC bridge beside those that all bridges share."""
 
-from collections.abc import Mapping
-from typing import Any
+from collections.abc import Callable
 
 from bridge_core.parameters import Parameter
-from bridge_core.parameters import ParameterError
 from fort_vsc_bridge.protocol import BAUD
 from fort_vsc_bridge.protocol import CanIds
-from fort_vsc_bridge.protocol import CanWire
-from fort_vsc_bridge.protocol import HidWire
 from fort_vsc_bridge.protocol import MAX_IDENTIFIER
 from fort_vsc_bridge.protocol import MAX_MAGNITUDE
-from fort_vsc_bridge.protocol import SerialWire
-from fort_vsc_bridge.protocol import Wire
-from fort_vsc_bridge.session import DeviceSettings
-from fort_vsc_bridge.session import Session
 
 LEAVE = -1  # do not touch this setting of the device
 
 
-def _setting(name: str, description: str, maximum: int, unit: str = '') -> Parameter:
+def _minutes(value: int) -> None:
+    if value == 0:
+        raise ValueError('allowed is 1 to 11, or -1')
+
+
+def _interval(value: int) -> None:
+    if value != LEAVE and value < 20:
+        raise ValueError('allowed is 20 to 65535, or -1')
+
+
+def _interval_or_off(value: int) -> None:
+    if value not in (LEAVE, 0) and value < 20:
+        raise ValueError('allowed is 20 to 65535, 0 for off, or -1')
+
+
+def _setting(
+    name: str,
+    description: str,
+    maximum: int,
+    unit: str = '',
+    check: Callable[[int], None] | None = None,
+) -> Parameter:
     return Parameter(
         f'device.{name}',
         LEAVE,
@@ -27,6 +40,7 @@ def _setting(name: str, description: str, maximum: int, unit: str = '') -> Param
         unit=unit,
         minimum=LEAVE,
         maximum=maximum,
+        check=check,
     )
 
 
@@ -120,79 +134,36 @@ PARAMETERS = (
         False,
         'Allow writes to the EEPROM of VSC and remote, where device.* differs from what is there.',
     ),
-    _setting('inactivity_pause_minutes', 'Key 80: pause after this long, 1 to 11.', 11, 'min'),
+    _setting(
+        'inactivity_pause_minutes', 'Key 80: pause after this long, 1 to 11.', 11, 'min', _minutes
+    ),
     _setting('auto_off_enable', 'Key 81: power off 2 min after an inactivity pause, 0 or 1.', 1),
     _setting('orientation_pause_enable', 'Key 82: pause when the remote tips over, 0 or 1.', 1),
     _setting('free_fall_pause_enable', 'Key 83: pause when the remote falls, 0 or 1.', 1),
     _setting('inactivity_pause_enable', 'Key 84: pause when nobody touches it, 0 or 1.', 1),
     _setting('user_estop_timeout', 'Key 85: stop without our heartbeat for 500 ms, 0 or 1.', 1),
-    _setting('joystick_interval_ms', 'Interval of the sticks, 20 or more.', 65535, 'ms'),
-    _setting('heartbeat_interval_ms', "Interval of the VSC's heartbeat, 20 or more.", 65535, 'ms'),
     _setting(
-        'gps_interval_ms', 'Interval of the GPS sentences, 20 or more, 0 for off.', 65535, 'ms'
+        'joystick_interval_ms', 'Interval of the sticks, 20 or more.', 65535, 'ms', _interval
+    ),
+    _setting(
+        'heartbeat_interval_ms',
+        "Interval of the VSC's heartbeat, 20 or more.",
+        65535,
+        'ms',
+        _interval,
+    ),
+    _setting(
+        'gps_interval_ms',
+        'Interval of the GPS sentences, 20 or more, 0 for off.',
+        65535,
+        'ms',
+        _interval_or_off,
     ),
     _setting(
         'remote_status_interval_ms',
         'Interval of battery and radio strength, 20 or more, 0 for off (as delivered).',
         65535,
         'ms',
+        _interval_or_off,
     ),
 )
-_SWITCHES = (
-    'auto_off_enable',
-    'orientation_pause_enable',
-    'free_fall_pause_enable',
-    'inactivity_pause_enable',
-    'user_estop_timeout',
-)
-
-
-def device_settings(values: Mapping[str, Any]) -> DeviceSettings:
-    """Return what the device is to be set to. :raises ValueError: a value that it cannot take."""
-    wanted = {
-        name.removeprefix('device.'): value
-        for name, value in values.items()
-        if name.startswith('device.') and value != LEAVE
-    }
-    return DeviceSettings(
-        **{name: bool(value) if name in _SWITCHES else value for name, value in wanted.items()}
-    )
-
-
-def make_wire(values: Mapping[str, Any]) -> Wire:
-    """Return the wire that ``transport`` names. :raises ParameterError: it cannot be made."""
-    if values['transport'] == 'hid':
-        return HidWire()
-    if values['transport'] == 'serial':
-        return SerialWire()
-    given = {name: values[f'can.{name}'] for name in CanIds().by_name}
-    try:
-        return CanWire(CanIds(**given), values['link_timeout'])
-    except ValueError as error:
-        raise ParameterError(f'parameter can.{error}') from error
-
-
-def make_session(values: Mapping[str, Any]) -> Session:
-    """Return a new session. :raises ParameterError: values that contradict each other."""
-    wire = make_wire(values)
-    if values['link_timeout'] <= wire.INTERVAL:
-        raise ParameterError(
-            f'parameter link_timeout = {values["link_timeout"]}: allowed is above '
-            f'{wire.INTERVAL} s with transport {wire.NAME}, which gives no sooner sign of life'
-        )
-    if values['configure_device'] and not wire.PERIODS:
-        raise ParameterError(
-            f'parameter configure_device = True: transport {wire.NAME} can write nothing'
-        )
-    try:
-        return Session(
-            wire,
-            link_timeout=values['link_timeout'],
-            heartbeat_rate=values['heartbeat_rate'],
-            software_estop_timeout=values['software_estop_timeout'],
-            configure_device=values['configure_device'],
-            tolerate_faulty_axes=values['tolerate_faulty_axes'],
-            settings=device_settings(values),
-        )
-    except ValueError as error:
-        raise ParameterError(f'parameter device.{error}') from error
