@@ -1,27 +1,40 @@
 """The parameters of the FORT VSC bridge beside those that all bridges share."""
 
-from collections.abc import Mapping
-from typing import Any
+from collections.abc import Callable
 
 from bridge_core.parameters import DEADBAND
 from bridge_core.parameters import Parameter
-from bridge_core.parameters import ParameterError
 from bridge_core.parameters import TOLERATE_FAULTY_AXES
 from fort_vsc_bridge.protocol import BAUD
 from fort_vsc_bridge.protocol import CanIds
-from fort_vsc_bridge.protocol import CanWire
-from fort_vsc_bridge.protocol import HidWire
 from fort_vsc_bridge.protocol import MAX_IDENTIFIER
 from fort_vsc_bridge.protocol import MAX_MAGNITUDE
-from fort_vsc_bridge.protocol import SerialWire
-from fort_vsc_bridge.protocol import Wire
-from fort_vsc_bridge.session import DeviceSettings
-from fort_vsc_bridge.session import Session
 
 LEAVE = -1  # do not touch this setting of the device
 
 
-def _setting(name: str, description: str, maximum: int, unit: str = '') -> Parameter:
+def _minutes(value: int) -> None:
+    if value == 0:
+        raise ValueError('allowed is 1 to 11, or -1')
+
+
+def _interval(value: int) -> None:
+    if value != LEAVE and value < 20:
+        raise ValueError('allowed is 20 to 65535, or -1')
+
+
+def _interval_or_off(value: int) -> None:
+    if value not in (LEAVE, 0) and value < 20:
+        raise ValueError('allowed is 20 to 65535, 0 for off, or -1')
+
+
+def _setting(
+    name: str,
+    description: str,
+    maximum: int,
+    unit: str = '',
+    check: Callable[[int], None] | None = None,
+) -> Parameter:
     return Parameter(
         f'device.{name}',
         LEAVE,
@@ -29,6 +42,7 @@ def _setting(name: str, description: str, maximum: int, unit: str = '') -> Param
         unit=unit,
         minimum=LEAVE,
         maximum=maximum,
+        check=check,
     )
 
 
@@ -150,6 +164,7 @@ PARAMETERS = (
         'key 80, time without a touch until an inactivity pause, 1 or more.',
         11,
         'min',
+        _minutes,
     ),
     _setting(
         'auto_off_enable',
@@ -182,18 +197,21 @@ PARAMETERS = (
         'interval of the sticks, 20 to half of link_timeout (as delivered: 20).',
         65535,
         'ms',
+        _interval,
     ),
     _setting(
         'heartbeat_interval_ms',
         "interval of the VSC's heartbeat, 20 to half of link_timeout (as delivered: 50).",
         65535,
         'ms',
+        _interval,
     ),
     _setting(
         'gps_interval_ms',
         'interval of the GPS sentences, 20 or more (as delivered: about 1000), 0: off.',
         65535,
         'ms',
+        _interval_or_off,
     ),
     _setting(
         'remote_status_interval_ms',
@@ -201,63 +219,6 @@ PARAMETERS = (
         'for ~/battery.',
         65535,
         'ms',
+        _interval_or_off,
     ),
 )
-_SWITCHES = (
-    'auto_off_enable',
-    'orientation_pause_enable',
-    'free_fall_pause_enable',
-    'inactivity_pause_enable',
-    'user_estop_timeout',
-)
-
-
-def device_settings(values: Mapping[str, Any]) -> DeviceSettings:
-    """Return what the device is to be set to. :raises ValueError: a value that it cannot take."""
-    wanted = {
-        name.removeprefix('device.'): value
-        for name, value in values.items()
-        if name.startswith('device.') and value != LEAVE
-    }
-    return DeviceSettings(
-        **{name: bool(value) if name in _SWITCHES else value for name, value in wanted.items()}
-    )
-
-
-def make_wire(values: Mapping[str, Any]) -> Wire:
-    """Return the wire that ``transport`` names. :raises ParameterError: it cannot be made."""
-    if values['transport'] == 'hid':
-        return HidWire()
-    if values['transport'] == 'serial':
-        return SerialWire()
-    given = {name: values[f'can.{name}'] for name in CanIds().by_name}
-    try:
-        return CanWire(CanIds(**given), values['link_timeout'])
-    except ValueError as error:
-        raise ParameterError(f'parameter can.{error}') from error
-
-
-def make_session(values: Mapping[str, Any]) -> Session:
-    """Return a new session. :raises ParameterError: values that contradict each other."""
-    wire = make_wire(values)
-    if values['link_timeout'] <= wire.INTERVAL:
-        raise ParameterError(
-            f'parameter link_timeout = {values["link_timeout"]}: allowed is above '
-            f'{wire.INTERVAL} s with transport {wire.NAME}, which gives no sooner sign of life'
-        )
-    if values['configure_device'] and not wire.PERIODS:
-        raise ParameterError(
-            f'parameter configure_device = True: transport {wire.NAME} can write nothing'
-        )
-    try:
-        return Session(
-            wire,
-            link_timeout=values['link_timeout'],
-            heartbeat_rate=values['heartbeat_rate'],
-            software_estop_timeout=values['software_estop_timeout'],
-            configure_device=values['configure_device'],
-            tolerate_faulty_axes=values['tolerate_faulty_axes'],
-            settings=device_settings(values),
-        )
-    except ValueError as error:
-        raise ParameterError(f'parameter device.{error}') from error

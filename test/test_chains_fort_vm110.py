@@ -23,6 +23,7 @@ import pytest
 
 from fort_vsc_bridge.protocol import MessageType
 from fort_vsc_bridge.session import Session as FortSession
+from fort_vsc_bridge.session import Settings as FortSettings
 from fort_vsc_bridge.session import Sticks as FortSticks
 from fort_vsc_bridge.simulator import Simulator as Vsc
 from safety_mux.arbiter import Arbiter
@@ -145,7 +146,7 @@ class Chains:
         self.vsc, self.unit = Vsc(latch_bits=latch_bits), BaseUnit()
         self.vsc.messages[MessageType.JOYSTICK] = (True, 0.1)  # 50 Hz would only cost time
         self.vsc.messages[MessageType.GPS] = (False, 1.0)
-        fort, vm110 = FortSession(), VmSession(VmSettings())
+        fort, vm110 = FortSession(FortSettings()), VmSession(VmSettings())
         self.parties = {
             FORT: Party(FORT, self.vsc, fort, fort.set_software_estop, self._publish),
             VM110: Party(VM110, self.unit, vm110, vm110.set_hold_output, self._publish),

@@ -16,6 +16,8 @@ import pytest
 from bridge_core.framing import FrameError
 from bridge_core.j1939 import CanFrame
 from bridge_core.j1939 import J1939Id
+from bridge_core.session import StopChanged
+from bridge_core.session import Verdict
 from fort_vsc_bridge.protocol import AutonomyMode
 from fort_vsc_bridge.protocol import Axis
 from fort_vsc_bridge.protocol import BasicJoystick
@@ -31,17 +33,17 @@ from fort_vsc_bridge.protocol import RemoteStatus
 from fort_vsc_bridge.protocol import StringSegment
 from fort_vsc_bridge.protocol import UserFeedback
 from fort_vsc_bridge.session import DeviceSettings
-from fort_vsc_bridge.session import Event
 from fort_vsc_bridge.session import ModeChanged
 from fort_vsc_bridge.session import RemoteState
 from fort_vsc_bridge.session import Session
+from fort_vsc_bridge.session import Settings
 from fort_vsc_bridge.session import Sticks
-from fort_vsc_bridge.session import StopChanged
 from fort_vsc_bridge.simulator import build_frame
 from fort_vsc_bridge.simulator import CanSimulator
 from test.session_rig import SessionBench
 
 LIMIT = 0.25
+LOST = StopChanged(Verdict(True, True, False))
 SRC = 0x01
 NEUTRAL = Sticks()
 # Table 34, typed off.
@@ -187,13 +189,13 @@ class Bench(SessionBench[Session]):
     """A session that hears frames of a VSC on CAN."""
 
     def __init__(self, wire: CanWire | None = None, **options: Any) -> None:
-        super().__init__(Session(wire or CanWire(), **options))
+        super().__init__(Session(Settings(wire=wire or CanWire(), **options)))
 
-    def hear(self, *frames: CanFrame) -> list[Event]:
+    def hear(self, *frames: CanFrame) -> list[Any]:
         """Hear frames that the transport read at once."""
         return self.take(*frames)
 
-    def run(self, seconds: float, *frames: CanFrame) -> list[Event]:
+    def run(self, seconds: float, *frames: CanFrame) -> list[Any]:
         """Hear the frames every 62.5 ms, about as the VSC sends them."""
         before = len(self.events)
         for _ in range(round(seconds * 16)):
@@ -211,7 +213,7 @@ def opened(wire: CanWire | None = None, **options: Any) -> Bench:
     return bench
 
 
-def sticks(events: list[Event]) -> list[Sticks]:
+def sticks(events: list[Any]) -> list[Sticks]:
     return [event for event in events if isinstance(event, Sticks)]
 
 
@@ -228,7 +230,7 @@ def test_stop_until_a_clean_heartbeat() -> None:
 
 @pytest.mark.parametrize('mode', range(256))
 def test_every_mode_means_what_it_means_over_serial(mode: int) -> None:
-    bench, serial = opened(), SessionBench(Session())
+    bench, serial = opened(), SessionBench(Session(Settings()))
     serial.open()
     bench.hear(heartbeat(mode))
     serial.take(build_frame(0x20, struct.pack('<BBI', mode, 0, 0)))
@@ -254,7 +256,11 @@ def test_silence_is_a_stop_at_the_limit_and_one_neutral_event() -> None:
     bench.hear(heartbeat(), *ALL_STICKS)
     bench.wait(LIMIT - 1e-3)
     assert not bench.session.estop
-    assert bench.wait(1e-3) == [StopChanged(True, True, False), ModeChanged(None), NEUTRAL]
+    assert bench.wait(1e-3) == [
+        LOST,
+        ModeChanged(None),
+        NEUTRAL,
+    ]
     assert bench.wait(10.0) == []
     assert bench.session.stop_reasons(bench.now) == [
         'no heartbeat from the VSC: last heard 10250 ms ago, limit 250 ms; check its power, the '
@@ -274,11 +280,10 @@ def test_joystick_frames_alone_are_no_link() -> None:
 def test_stop_is_not_hidden_by_a_clear_heartbeat_in_the_same_read() -> None:
     bench = opened()
     bench.hear(heartbeat())
-    bench.hear(heartbeat(estop=SRC), heartbeat(), *ALL_STICKS)
-    assert bench.session.estop
-    bench.wait(0.05)
-    assert bench.session.estop
-    bench.hear(heartbeat())
+    assert bench.hear(heartbeat(estop=SRC), heartbeat()) == [
+        StopChanged(Verdict(True, True)),
+        StopChanged(Verdict()),
+    ]
     assert not bench.session.estop
 
 
@@ -464,9 +469,9 @@ def test_nothing_is_sent_that_nobody_asked_for() -> None:
 
 def test_value_goes_out_as_the_manual_says_and_no_faster_than_10_hz() -> None:
     bench = opened()
-    bench.session.set_feedback(3, -123456)
-    bench.session.rumble(left=True, right=True)
-    bench.session.set_feedback(99, 3)
+    bench.session.set_feedback(3, -123456, bench.now)
+    bench.session.rumble(True, True, bench.now)
+    bench.session.set_feedback(99, 3, bench.now)
     bench.wait(1.0)
     assert [data.hex() for _, data in bench.sent_as('feedback_value')] == [
         '03c01dfeff',
@@ -479,8 +484,8 @@ def test_value_goes_out_as_the_manual_says_and_no_faster_than_10_hz() -> None:
 
 def test_string_goes_out_in_three_segments_in_order_paced_to_10_hz() -> None:
     bench = opened()
-    bench.session.set_name(1, 'HELLO WORLD, 18 CH')
-    bench.session.set_name(2, 'km')
+    bench.session.set_name(1, 'HELLO WORLD, 18 CH', bench.now)
+    bench.session.set_name(2, 'km', bench.now)
     bench.wait(1.0)
     assert [data for _, data in bench.sent_as('feedback_string')] == [
         b'\x01\x00HELLO ',
@@ -497,11 +502,11 @@ def test_string_goes_out_in_three_segments_in_order_paced_to_10_hz() -> None:
 def test_string_set_anew_while_under_way_is_finished_and_then_replaced() -> None:
     bench = opened()
     vsc = CanSimulator()
-    bench.session.set_name(1, 'first')
+    bench.session.set_name(1, 'first', bench.now)
     bench.wait(0.15)
-    bench.session.set_name(1, 'second')
+    bench.session.set_name(1, 'second', bench.now)
     bench.wait(0.1)
-    bench.session.set_name(1, 'third')
+    bench.session.set_name(1, 'third', bench.now)
     bench.wait(2.0)
     for at, sent in bench.sent:
         vsc.receive(sent, at)
@@ -513,7 +518,7 @@ def test_string_set_anew_while_under_way_is_finished_and_then_replaced() -> None
 def test_string_cut_by_a_lost_bus_is_sent_whole_when_the_remote_is_back() -> None:
     bench = opened()
     bench.hear(heartbeat())
-    bench.session.set_name(1, 'HELLO WORLD')
+    bench.session.set_name(1, 'HELLO WORLD', bench.now)
     bench.wait(0.15)
     assert len(bench.sent) == 2
     bench.close()
@@ -542,13 +547,13 @@ def test_vsc_gets_the_newest_of_all_whole_and_not_too_fast(
     names: dict[int, str] = {}
     for (kind, key, content), pause in requests:
         if kind == 'value':
-            bench.session.set_feedback(key, content)
+            bench.session.set_feedback(key, content, bench.now)
             values[key] = content
         elif kind == 'name':
-            bench.session.set_name(key, content)
+            bench.session.set_name(key, content, bench.now)
             names[key] = content
         else:
-            bench.session.set_display_text(content)
+            bench.session.set_display_text(content, bench.now)
             names |= {90: content, 91: '', 92: '', 93: ''}
             values[99] = 1
         bench.wait(pause)
@@ -564,15 +569,21 @@ def test_vsc_gets_the_newest_of_all_whole_and_not_too_fast(
 @pytest.mark.parametrize(
     ('ask', 'words'),
     [
-        (lambda s: s.set_software_estop(True, 0.0), 'transport can cannot carry a software e-st'),
-        (lambda s: s.get_feedback(3), 'transport can cannot carry a question'),
-        (lambda s: s.set_name(1, 'x' * 19), 'transport can carries 18 characters at most'),
-        (lambda s: s.set_display_text('one\n' + 'x' * 19), 'transport can carries 18 characters'),
-        (lambda s: s.set_feedback(85, 1), 'transport can has no key 85'),
-        (lambda s: s.set_feedback(13, 1), 'key 13 takes no value'),
-        (lambda s: s.set_feedback(3, 1 << 31), 'key 3 takes'),
-        (lambda s: s.set_name(10, 'x'), 'key 10 has no name'),
-        (lambda s: s.set_name(1, 'grün'), 'printable ASCII'),
+        (
+            lambda s: s.set_software_estop(True, 100.0),
+            'transport can cannot carry a software e-st',
+        ),
+        (lambda s: s.get_feedback(3, 100.0), 'transport can cannot carry a question'),
+        (lambda s: s.set_name(1, 'x' * 19, 100.0), 'transport can carries 18 characters at most'),
+        (
+            lambda s: s.set_display_text('one\n' + 'x' * 19, 100.0),
+            'transport can carries 18 characters',
+        ),
+        (lambda s: s.set_feedback(85, 1, 100.0), 'transport can has no key 85'),
+        (lambda s: s.set_feedback(13, 1, 100.0), 'key 13 takes no value'),
+        (lambda s: s.set_feedback(3, 1 << 31, 100.0), 'key 3 takes'),
+        (lambda s: s.set_name(10, 'x', 100.0), 'key 10 has no name'),
+        (lambda s: s.set_name(1, 'grün', 100.0), 'printable ASCII'),
     ],
 )
 def test_what_can_cannot_do_is_refused_and_sends_nothing(ask: Any, words: str) -> None:
@@ -596,15 +607,15 @@ def test_refused_software_estop_is_remembered_for_whoever_looks() -> None:
 
 def test_key_in_eeprom_needs_leave_to_configure() -> None:
     with pytest.raises(ValueError, match=r'configure_device'):
-        opened().session.set_feedback(81, 0)
+        opened().session.set_feedback(81, 0, 0.0)
     bench = opened(configure_device=True)
-    bench.session.set_feedback(81, 0)
+    bench.session.set_feedback(81, 0, bench.now)
     bench.wait(1.0)
     assert [data for _, data in bench.sent_as('feedback_value')] == [b'\x51\0\0\0\0']
 
 
 def test_setting_that_cannot_be_read_is_refused_at_the_start() -> None:
-    wanted = DeviceSettings(auto_off_enable=True)
-    with pytest.raises(ValueError, match=r'^auto_off_enable: transport can cannot read it'):
-        Session(CanWire(), configure_device=True, settings=wanted)
-    Session(CanWire(), settings=wanted)  # nothing is asked for
+    wanted = DeviceSettings(auto_off_enable=1)
+    with pytest.raises(ValueError, match=r'^device.auto_off_enable: transport can cannot'):
+        Settings(wire=CanWire(), configure_device=True, device=wanted)
+    Settings(wire=CanWire(), device=wanted)  # nothing is asked for

@@ -9,21 +9,23 @@ from hypothesis import strategies as st
 import pytest
 
 from bridge_core.framing import FrameError
+from bridge_core.session import StopChanged
+from bridge_core.session import Verdict
 from fort_vsc_bridge.protocol import AXIS_NAMES
 from fort_vsc_bridge.protocol import BUTTON_NAMES
 from fort_vsc_bridge.protocol import HidWire
 from fort_vsc_bridge.protocol import InputReport
 from fort_vsc_bridge.protocol import Mode
 from fort_vsc_bridge.session import DeviceSettings
-from fort_vsc_bridge.session import Event
 from fort_vsc_bridge.session import ModeChanged
 from fort_vsc_bridge.session import Session
+from fort_vsc_bridge.session import Settings
 from fort_vsc_bridge.session import Sticks
-from fort_vsc_bridge.session import StopChanged
 from fort_vsc_bridge.simulator import HidSimulator
 from test.session_rig import SessionBench
 
 LIMIT = 0.25
+LOST = StopChanged(Verdict(True, True, False))
 NEUTRAL = Sticks()
 OPERATIONAL = 9
 
@@ -93,9 +95,9 @@ class Bench(SessionBench[Session]):
     """A session that hears reports."""
 
     def __init__(self, **options: Any) -> None:
-        super().__init__(Session(HidWire(), **options))
+        super().__init__(Session(Settings(wire=HidWire(), **options)))
 
-    def hear(self, *reports: bytes) -> list[Event]:
+    def hear(self, *reports: bytes) -> list[Any]:
         """Hear reports that the transport read at once."""
         return self.take(*reports)
 
@@ -110,7 +112,7 @@ def opened(**options: Any) -> Bench:
     return bench
 
 
-def sticks(events: list[Event]) -> list[Sticks]:
+def sticks(events: list[Any]) -> list[Sticks]:
     return [event for event in events if isinstance(event, Sticks)]
 
 
@@ -128,7 +130,7 @@ def test_report_gives_stop_mode_and_sticks_at_once() -> None:
         operational=True,
     )
     assert bench.hear(ALL_OUT) == [
-        StopChanged(False, False, True),
+        StopChanged(Verdict()),
         ModeChanged(Mode.OPERATIONAL),
         event,
     ]
@@ -150,7 +152,7 @@ def test_any_estop_value_above_zero_is_a_stop_of_the_remote(value: int) -> None:
     bench = opened()
     bench.hear(ALL_OUT)
     events = bench.hear(report('7F7F7F818181', 0x91, OPERATIONAL, value))
-    assert events[0] == StopChanged(True, True, True)
+    assert events[0] == StopChanged(Verdict(True, True))
     assert set(sticks(events)) == {NEUTRAL}
     assert 'SRC (remote)' in bench.session.stop_reasons(bench.now)[0]
 
@@ -159,7 +161,11 @@ def test_silence_is_a_stop_at_the_limit_and_one_neutral_event() -> None:
     bench = opened()
     bench.hear(ALL_OUT)
     assert bench.wait(LIMIT - 1e-3) == []
-    assert bench.wait(1e-3) == [StopChanged(True, True, False), ModeChanged(None), NEUTRAL]
+    assert bench.wait(1e-3) == [
+        LOST,
+        ModeChanged(None),
+        NEUTRAL,
+    ]
     assert bench.wait(10.0) == []
     assert bench.session.stop_reasons(bench.now) == [
         'no report from the remote: last heard 10250 ms ago, limit 250 ms; check its power, its '
@@ -171,9 +177,11 @@ def test_stop_is_not_hidden_by_a_clear_report_in_the_same_read() -> None:
     bench = opened()
     bench.hear(ALL_OUT)
     events = bench.hear(report(estop=1), ALL_OUT)
-    assert bench.session.estop
-    assert set(sticks(events)) == {NEUTRAL}
-    bench.hear(ALL_OUT)
+    assert [event for event in events if isinstance(event, StopChanged)] == [
+        StopChanged(Verdict(True, True)),
+        StopChanged(Verdict()),
+    ]
+    assert sticks(events)[0] == NEUTRAL
     assert not bench.session.estop
 
 
@@ -290,13 +298,16 @@ def test_10_000_damaged_reports_release_and_move_nothing() -> None:
 @pytest.mark.parametrize(
     ('ask', 'words'),
     [
-        (lambda s: s.set_software_estop(True, 0.0), 'transport hid cannot carry a software e-sto'),
-        (lambda s: s.rumble(left=True, right=False), 'transport hid cannot carry values, setting'),
-        (lambda s: s.set_feedback(3, 1), 'transport hid cannot carry values'),
-        (lambda s: s.set_feedback(81, 1), 'transport hid cannot carry values, settings'),
-        (lambda s: s.set_name(3, 'x'), 'transport hid cannot carry names or text'),
-        (lambda s: s.set_display_text('x'), 'transport hid cannot carry names or text'),
-        (lambda s: s.get_feedback(3), 'transport hid cannot carry a question'),
+        (
+            lambda s: s.set_software_estop(True, 100.0),
+            'transport hid cannot carry a software e-sto',
+        ),
+        (lambda s: s.rumble(True, False, 100.0), 'transport hid cannot carry values, setting'),
+        (lambda s: s.set_feedback(3, 1, 100.0), 'transport hid cannot carry values'),
+        (lambda s: s.set_feedback(81, 1, 100.0), 'transport hid cannot carry values, settings'),
+        (lambda s: s.set_name(3, 'x', 100.0), 'transport hid cannot carry names or text'),
+        (lambda s: s.set_display_text('x', 100.0), 'transport hid cannot carry names or text'),
+        (lambda s: s.get_feedback(3, 100.0), 'transport hid cannot carry a question'),
     ],
 )
 def test_what_hid_cannot_do_is_refused_and_sends_nothing(ask: Any, words: str) -> None:
@@ -314,8 +325,8 @@ def test_what_hid_cannot_do_is_refused_and_sends_nothing(ask: Any, words: str) -
 
 
 def test_settings_are_refused_at_the_start() -> None:
-    with pytest.raises(ValueError, match=r'^gps_interval_ms: transport hid cannot read it'):
-        Session(HidWire(), configure_device=True, settings=DeviceSettings(gps_interval_ms=0))
+    with pytest.raises(ValueError, match=r'^configure_device = True: transport hid can write'):
+        Settings(wire=HidWire(), configure_device=True, device=DeviceSettings(gps_interval_ms=0))
 
 
 # -- the simulated remote -------------------------------------------------------------------------

@@ -9,17 +9,16 @@ from typing import Any
 import pytest
 import yaml
 
-from bridge_core.parameters import ParameterError
 from bridge_core.parameters import resolve
 from bridge_core.runner import run
 from fort_vsc_bridge.node import FortVscBridge
-from fort_vsc_bridge.parameters import make_session
-from fort_vsc_bridge.parameters import make_wire
 from fort_vsc_bridge.parameters import PARAMETERS
 from fort_vsc_bridge.protocol import CanIds
 from fort_vsc_bridge.protocol import CanWire
 from fort_vsc_bridge.protocol import HidWire
 from fort_vsc_bridge.protocol import SerialWire
+from fort_vsc_bridge.session import Settings
+from fort_vsc_bridge.session import wire_of
 from test.rig import as_yaml
 
 CONFIG = Path(__file__).parent.parent / 'config' / 'fort_vsc_bridge.yaml'
@@ -34,7 +33,7 @@ def values(**given: Any) -> dict[str, Any]:
     ('transport', 'kind'), [('serial', SerialWire), ('can', CanWire), ('hid', HidWire)]
 )
 def test_defaults_make_a_session_for_each_transport(transport: str, kind: type) -> None:
-    assert isinstance(make_session(values(transport=transport)).wire, kind)
+    assert isinstance(Settings.from_parameters(values(transport=transport)).wire, kind)
 
 
 def test_identifiers_of_the_annotated_file_are_those_of_the_manual() -> None:
@@ -43,7 +42,7 @@ def test_identifiers_of_the_annotated_file_are_those_of_the_manual() -> None:
 
 
 def test_given_identifiers_reach_the_wire() -> None:
-    wire = make_wire(values(transport='can', **{'can.right_basic': 0x18FF0001}))
+    wire = wire_of(values(transport='can', **{'can.right_basic': 0x18FF0001}))
     assert isinstance(wire, CanWire)
     assert wire.ids == CanIds(right_basic=0x18FF0001)
 
@@ -58,7 +57,7 @@ def test_given_identifiers_reach_the_wire() -> None:
     ],
 )
 def test_what_another_transport_needs_is_not_looked_at(given: dict[str, Any]) -> None:
-    make_session(values(**given))
+    Settings.from_parameters(values(**given))
 
 
 REFUSED = [
@@ -72,8 +71,8 @@ REFUSED = [
 
 @pytest.mark.parametrize(('given', 'words'), REFUSED)
 def test_what_cannot_go_together_is_refused(given: dict[str, Any], words: str) -> None:
-    with pytest.raises(ParameterError, match=re.escape(f'parameter {words}')):
-        make_session(values(**given))
+    with pytest.raises(ValueError, match=re.escape(words)):
+        Settings.from_parameters(values(**given))
 
 
 AT_START = [

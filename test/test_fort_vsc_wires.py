@@ -18,6 +18,7 @@ from fort_vsc_bridge.protocol import CanWire
 from fort_vsc_bridge.protocol import HidWire
 from fort_vsc_bridge.protocol import SerialWire
 from fort_vsc_bridge.session import Session
+from fort_vsc_bridge.session import Settings
 from fort_vsc_bridge.session import Sticks
 from fort_vsc_bridge.simulator import CanSimulator
 from fort_vsc_bridge.simulator import HidSimulator
@@ -32,7 +33,7 @@ class Bench(SessionBench[Session]):
     """A session and its simulated device, joined by one kind of wire."""
 
     def __init__(self, device: Any, wire: Any, **options: Any) -> None:
-        super().__init__(Session(wire, **options))
+        super().__init__(Session(Settings(wire=wire, **options)))
         self.device = device
         self.open()
 

@@ -40,7 +40,10 @@ LOGIC = (
 )
 ROOM = {
     '__init__': ('{room}.protocol',),
-    'protocol': ('bridge_core.framing', 'bridge_core.checksums', 'bridge_core.j1939'),
+    'protocol': (
+        *('bridge_core.framing', 'bridge_core.checksums'),
+        *('bridge_core.packets', 'bridge_core.j1939'),
+    ),
     'session': LOGIC,
     'arbiter': LOGIC,
     'mapping': LOGIC,

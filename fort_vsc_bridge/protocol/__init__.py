@@ -33,25 +33,17 @@ type  N    direction  payload
 ====  ===  =========  ===========================================================
 """
 
-from bridge_core.framing import FrameError
 from fort_vsc_bridge.protocol.can import BasicJoystick
 from fort_vsc_bridge.protocol.can import CanIds
 from fort_vsc_bridge.protocol.can import decode_data
 from fort_vsc_bridge.protocol.can import encode_frame
 from fort_vsc_bridge.protocol.can import ExtendedJoystick
-from fort_vsc_bridge.protocol.can import FROM_VSC
 from fort_vsc_bridge.protocol.can import MAX_IDENTIFIER
-from fort_vsc_bridge.protocol.can import segments_of
 from fort_vsc_bridge.protocol.can import StringSegment
 from fort_vsc_bridge.protocol.frames import BAUD
-from fort_vsc_bridge.protocol.frames import build_frame
-from fort_vsc_bridge.protocol.frames import FORMAT
-from fort_vsc_bridge.protocol.frames import HEADER
-from fort_vsc_bridge.protocol.frames import MAX_LENGTH
 from fort_vsc_bridge.protocol.frames import Message
 from fort_vsc_bridge.protocol.frames import MessageType
-from fort_vsc_bridge.protocol.frames import parser
-from fort_vsc_bridge.protocol.frames import payload_of
+from fort_vsc_bridge.protocol.frames import PACKETS
 from fort_vsc_bridge.protocol.hid import InputReport
 from fort_vsc_bridge.protocol.hid import REPORT_SIZE
 from fort_vsc_bridge.protocol.messages import decode
@@ -60,10 +52,8 @@ from fort_vsc_bridge.protocol.messages import Heartbeat
 from fort_vsc_bridge.protocol.messages import HostHeartbeat
 from fort_vsc_bridge.protocol.messages import Joystick
 from fort_vsc_bridge.protocol.messages import MessageControl
-from fort_vsc_bridge.protocol.messages import MESSAGES
-from fort_vsc_bridge.protocol.messages import NAME_SIZE
+from fort_vsc_bridge.protocol.messages import parser
 from fort_vsc_bridge.protocol.messages import RemoteStatus
-from fort_vsc_bridge.protocol.messages import Unknown
 from fort_vsc_bridge.protocol.messages import UserFeedback
 from fort_vsc_bridge.protocol.messages import UserFeedbackGet
 from fort_vsc_bridge.protocol.messages import UserFeedbackName
@@ -72,6 +62,7 @@ from fort_vsc_bridge.protocol.values import Axis
 from fort_vsc_bridge.protocol.values import AXIS_NAMES
 from fort_vsc_bridge.protocol.values import Button
 from fort_vsc_bridge.protocol.values import BUTTON_NAMES
+from fort_vsc_bridge.protocol.values import CONNECTED_MODES
 from fort_vsc_bridge.protocol.values import estop_sources
 from fort_vsc_bridge.protocol.values import EStopBits
 from fort_vsc_bridge.protocol.values import InputState
@@ -79,12 +70,13 @@ from fort_vsc_bridge.protocol.values import Key
 from fort_vsc_bridge.protocol.values import MAX_MAGNITUDE
 from fort_vsc_bridge.protocol.values import Mode
 from fort_vsc_bridge.protocol.values import mode_name
+from fort_vsc_bridge.protocol.values import MODES_AFTER_A_STOP
 from fort_vsc_bridge.protocol.values import PERSISTENT_KEYS
 from fort_vsc_bridge.protocol.values import TEXT_KEYS
 from fort_vsc_bridge.protocol.values import USER_KEYS
 from fort_vsc_bridge.protocol.values import VALUE_RANGES
-from fort_vsc_bridge.protocol.values import VIBRATION_KEYS
 from fort_vsc_bridge.protocol.wires import CanWire
+from fort_vsc_bridge.protocol.wires import Frame
 from fort_vsc_bridge.protocol.wires import HidWire
 from fort_vsc_bridge.protocol.wires import SerialWire
 from fort_vsc_bridge.protocol.wires import Wire
@@ -93,20 +85,16 @@ __all__ = [
     'AXIS_NAMES',
     'BAUD',
     'BUTTON_NAMES',
-    'FORMAT',
-    'FROM_VSC',
-    'HEADER',
+    'CONNECTED_MODES',
     'MAX_IDENTIFIER',
-    'MAX_LENGTH',
     'MAX_MAGNITUDE',
-    'MESSAGES',
-    'NAME_SIZE',
+    'MODES_AFTER_A_STOP',
+    'PACKETS',
     'PERSISTENT_KEYS',
     'REPORT_SIZE',
     'TEXT_KEYS',
     'USER_KEYS',
     'VALUE_RANGES',
-    'VIBRATION_KEYS',
     'AutonomyMode',
     'Axis',
     'BasicJoystick',
@@ -115,7 +103,7 @@ __all__ = [
     'CanWire',
     'EStopBits',
     'ExtendedJoystick',
-    'FrameError',
+    'Frame',
     'Gps',
     'Heartbeat',
     'HidWire',
@@ -131,18 +119,14 @@ __all__ = [
     'RemoteStatus',
     'SerialWire',
     'StringSegment',
-    'Unknown',
     'UserFeedback',
     'UserFeedbackGet',
     'UserFeedbackName',
     'Wire',
-    'build_frame',
     'decode',
     'decode_data',
     'encode_frame',
     'estop_sources',
     'mode_name',
     'parser',
-    'payload_of',
-    'segments_of',
 ]

@@ -27,15 +27,20 @@ from dataclasses import fields
 import struct
 from typing import Any
 
+from bridge_core.framing import Decoder
 from bridge_core.framing import FrameError
 from bridge_core.j1939 import CanFrame
+from fort_vsc_bridge.protocol.frames import Message
 from fort_vsc_bridge.protocol.messages import Heartbeat
+from fort_vsc_bridge.protocol.messages import Joystick
 from fort_vsc_bridge.protocol.messages import RemoteStatus
 from fort_vsc_bridge.protocol.messages import UserFeedback
 from fort_vsc_bridge.protocol.messages import UserFeedbackName
 from fort_vsc_bridge.protocol.values import Axis
 from fort_vsc_bridge.protocol.values import Button
 from fort_vsc_bridge.protocol.values import check_range
+from fort_vsc_bridge.protocol.values import InputState
+from fort_vsc_bridge.protocol.values import Mode
 from fort_vsc_bridge.protocol.values import pack_pad
 from fort_vsc_bridge.protocol.values import PADS
 
@@ -197,3 +202,98 @@ def segments_of(message: UserFeedbackName) -> list[StringSegment]:
         StringSegment(message.key, number, message.name[start : start + SEGMENT_SIZE])
         for number, start in enumerate(range(0, SEGMENTS * SEGMENT_SIZE, SEGMENT_SIZE))
     ]
+
+
+class CanDecoder(Decoder[CanFrame, Message]):
+    """
+    Takes one frame at a time; a joystick frame gives all sticks as known by then.
+
+    :param timeout: seconds after which one of the four joystick frames counts as missing while
+        others come: its controls are not available then.
+    """
+
+    def __init__(self, ids: CanIds, timeout: float) -> None:
+        super().__init__()
+        self._names = {ids.by_name[name]: name for name in FROM_VSC}
+        self._sticks = _Sticks(timeout)
+        self._operational = False
+
+    def reset(self) -> None:
+        """Forget the sticks."""
+        self._sticks.forget()
+
+    def feed(self, data: CanFrame, now: float) -> list[Message]:
+        """Return the message in a frame."""
+        self.counters.frames += 1
+        self.counters.bytes += len(data.data)
+        name = self._names.get(data.identifier)
+        if name is None:
+            self.counters.unknown_types += 1
+            return []
+        try:
+            message = decode_data(name, data.data)
+        except FrameError:
+            self.counters.malformed += 1
+            return []
+        if isinstance(message, BasicJoystick | ExtendedJoystick):
+            return self._sticks.take(name, message, now)
+        assert isinstance(message, Message)  # a StringSegment is not among FROM_VSC
+        if isinstance(message, Heartbeat):
+            self._forget_sticks_of_before(message)
+        return [message]
+
+    def _forget_sticks_of_before(self, heartbeat: Heartbeat) -> None:
+        """Let no joystick frame of before a stop count once Operational is entered anew."""
+        was, self._operational = self._operational, heartbeat.mode == Mode.OPERATIONAL
+        if self._operational and not was:
+            self._sticks.forget()
+
+
+_PARTS = ('left_basic', 'left_extended', 'right_basic', 'right_extended')
+_NO_AXIS = Axis(None, InputState.UNAVAILABLE)
+_NO_BUTTON = Button(None, InputState.UNAVAILABLE)
+_NO_BASIC = BasicJoystick(_NO_AXIS, _NO_AXIS, (_NO_BUTTON,) * 4)
+_NO_EXTENDED = ExtendedJoystick(_NO_AXIS)
+
+
+class _Sticks:
+    """
+    Puts the four joystick frames of CAN together.
+
+    Every frame counts at once, with the newest of the others. One that does not come any more is
+    not at its last position: it is not available.
+    """
+
+    def __init__(self, timeout: float) -> None:
+        self._timeout = timeout
+        self._heard: dict[str, tuple[float, BasicJoystick | ExtendedJoystick]] = {}
+        self._since = 0.0  # when the first frame came after a silence
+
+    def forget(self) -> None:
+        self._heard.clear()
+
+    def take(
+        self, name: str, message: BasicJoystick | ExtendedJoystick, now: float
+    ) -> list[Message]:
+        """Return all sticks; nothing while the others still have time to come."""
+        self._heard = {
+            part: heard
+            for part, heard in self._heard.items()
+            if 0.0 <= now - heard[0] < self._timeout
+        }
+        if not self._heard:
+            self._since = now
+        self._heard[name] = (now, message)
+        if len(self._heard) < len(_PARTS) and now - self._since < self._timeout:
+            return []
+        return [self._joystick()]
+
+    def _joystick(self) -> Joystick:
+        left, right = self._part('left_basic', _NO_BASIC), self._part('right_basic', _NO_BASIC)
+        left_z = self._part('left_extended', _NO_EXTENDED).z
+        right_z = self._part('right_extended', _NO_EXTENDED).z
+        axes = (left.x, left.y, left_z, right.x, right.y, right_z)
+        return Joystick(axes, left.buttons + right.buttons)
+
+    def _part(self, name: str, missing: Any) -> Any:
+        return self._heard[name][1] if name in self._heard else missing

@@ -21,7 +21,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 import struct
 
+from bridge_core.framing import Decoder
 from bridge_core.framing import FrameError
+from fort_vsc_bridge.protocol.frames import Message
 from fort_vsc_bridge.protocol.messages import Heartbeat
 from fort_vsc_bridge.protocol.messages import Joystick
 from fort_vsc_bridge.protocol.values import Axis
@@ -113,3 +115,19 @@ def _pad(hat: int) -> tuple[Button, ...]:
     if hat > HAT_NOT_SET:
         return (_BROKEN,) * 4
     return tuple(Button(bool(pressed)) for pressed in _PRESSED_BY_HAT[hat])
+
+
+class HidDecoder(Decoder[bytes, Message]):
+    """Takes one report at a time."""
+
+    def feed(self, data: bytes, now: float) -> list[Message]:
+        """Return what a report means: a heartbeat first, so that sticks go by its state."""
+        del now
+        self.counters.bytes += len(data)
+        try:
+            report = InputReport.from_bytes(data)
+        except FrameError:
+            self.counters.malformed += 1
+            return []
+        self.counters.frames += 1
+        return [report.heartbeat, report.joystick]

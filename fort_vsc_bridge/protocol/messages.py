@@ -5,11 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 import struct
 
-from fort_vsc_bridge.protocol.frames import build_frame
+from bridge_core.framing import StreamParser
+from bridge_core.framing import Unknown
 from fort_vsc_bridge.protocol.frames import MAX_LENGTH
 from fort_vsc_bridge.protocol.frames import Message
 from fort_vsc_bridge.protocol.frames import MessageType
-from fort_vsc_bridge.protocol.frames import payload_of
+from fort_vsc_bridge.protocol.frames import PACKETS
 from fort_vsc_bridge.protocol.values import AUTONOMY_MODES
 from fort_vsc_bridge.protocol.values import AutonomyMode
 from fort_vsc_bridge.protocol.values import Axis
@@ -256,18 +257,6 @@ class UserFeedbackGet(Message):
         return bytes((self.key,))
 
 
-@dataclass(frozen=True, slots=True)
-class Unknown:
-    """A sound frame of a type that the manual does not list (such exist on devices)."""
-
-    type: int
-    payload: bytes
-
-    def to_bytes(self) -> bytes:
-        """Return the whole frame."""
-        return build_frame(self.type, self.payload)
-
-
 MESSAGES: dict[int, type[Message]] = {
     kind.TYPE: kind
     for kind in (
@@ -286,7 +275,15 @@ MESSAGES: dict[int, type[Message]] = {
 
 def decode(frame: bytes) -> Message | Unknown:
     """Read a whole frame of any type. :raises FrameError: if its frame or contents are unsound."""
-    kind = MESSAGES.get(frame[2]) if len(frame) > 2 else None
-    if kind is None:
-        return Unknown(frame[2] if len(frame) > 2 else 0, payload_of(frame))
-    return kind.from_bytes(frame)
+    payload = PACKETS.payload_of(frame)
+    return _decode(frame[2], payload)
+
+
+def parser() -> StreamParser[Message]:
+    """Return a parser for one direction of one link."""
+    return PACKETS.parser(_decode)
+
+
+def _decode(kind: int, payload: bytes) -> Message | Unknown:
+    message = MESSAGES.get(kind)
+    return Unknown(kind) if message is None else message.from_payload(payload)

@@ -20,6 +20,11 @@ class Mode(IntEnum):
     PAUSE = 0x0B
 
 
+CONNECTED_MODES = frozenset((Mode.REMOTE, Mode.OPERATIONAL, Mode.MENU, Mode.PAUSE))
+# What the VSC goes back to after every stop, one that we asked for too (6.6).
+MODES_AFTER_A_STOP = frozenset((Mode.LOCAL, Mode.SEARCHING))
+
+
 class AutonomyMode(IntEnum):
     """Table 19."""
 

@@ -1,27 +1,30 @@
-"""The session: what the link means over time, without a clock, a thread or a port."""
+"""
+The link to a VSC over time: manual sections 6 to 9.
 
-from bridge_core.session import StopChanged
+Only a fresh heartbeat of the VSC vouches for anything (on HID every report is one). Without one
+there is no remote, no stick and no permission, whatever else still comes.
+"""
+
 from fort_vsc_bridge.session.events import Event
 from fort_vsc_bridge.session.events import GpsSentence
 from fort_vsc_bridge.session.events import ModeChanged
-from fort_vsc_bridge.session.events import Output
 from fort_vsc_bridge.session.events import RemoteState
 from fort_vsc_bridge.session.events import Sticks
 from fort_vsc_bridge.session.events import UserValue
 from fort_vsc_bridge.session.session import Session
 from fort_vsc_bridge.session.settings import DeviceSettings
-from fort_vsc_bridge.session.stops import CONNECTED_MODES
+from fort_vsc_bridge.session.settings import Settings
+from fort_vsc_bridge.session.settings import wire_of
 
 __all__ = [
-    'CONNECTED_MODES',
     'DeviceSettings',
     'Event',
     'GpsSentence',
     'ModeChanged',
-    'Output',
     'RemoteState',
     'Session',
+    'Settings',
     'Sticks',
-    'StopChanged',
     'UserValue',
+    'wire_of',
 ]

@@ -1,11 +1,9 @@
-"""What a session tells the node, in the order in which it happened."""
+"""What a session reports, in the order in which it happened; stops are the base's."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
-from bridge_core.session import StopChanged
 from fort_vsc_bridge.protocol import AXIS_NAMES
 from fort_vsc_bridge.protocol import BUTTON_NAMES
 from fort_vsc_bridge.protocol import Mode
@@ -60,5 +58,4 @@ class UserValue:
     value: int
 
 
-Event = StopChanged | ModeChanged | Sticks | RemoteState | GpsSentence | UserValue
-Output = tuple[list[Event], list[Any]]  # frames as the wire has them
+Event = ModeChanged | Sticks | RemoteState | GpsSentence | UserValue

@@ -1,252 +1,123 @@
-"""
-Settings that the VSC and the remote keep in EEPROM: manual 7.3.5 and table 24.
-
-An EEPROM wears out with every write. So nothing is written unless the user wants it configured,
-the present setting is known, and it differs; then once a connection, and never more than
-MAX_WRITES times in this session's life, whatever the device answers.
-"""
+"""What a session needs to know, checked, and what the device is to be set to."""
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+from collections.abc import Mapping
+from dataclasses import asdict
 from dataclasses import dataclass
-import math
+from dataclasses import field
+from typing import Any
 
-from fort_vsc_bridge.protocol import Key
-from fort_vsc_bridge.protocol import MessageControl
+from bridge_core.settings import CheckedSettings
+from bridge_core.settings import table_of
+from fort_vsc_bridge.parameters import LEAVE
+from fort_vsc_bridge.parameters import PARAMETERS
+from fort_vsc_bridge.protocol import CanIds
+from fort_vsc_bridge.protocol import CanWire
+from fort_vsc_bridge.protocol import HidWire
 from fort_vsc_bridge.protocol import MessageType
-from fort_vsc_bridge.session.outbox import Outbox
+from fort_vsc_bridge.protocol import SerialWire
+from fort_vsc_bridge.protocol import Wire
 
-MAX_WRITES = 3
-_ASK_PERIOD = 2.0  # seconds between two questions, and from a write to the look at its effect
-_SHORTEST_WATCH = 3.0  # seconds to watch how often a message comes
-_WATCHED_INTERVALS = 4
-_TOLERANCE = 0.2  # of an interval, for a schedule of the device that is not ours
-
-UNKNOWN = 'not known yet'
-AS_WANTED = 'as wanted'
-WRITTEN = 'written, not confirmed yet'
-REFUSED = 'differs, and the device does not take it'
+_TABLE = table_of(PARAMETERS)
+_DEVICE = 'device.'
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class DeviceSettings:
+@dataclass(frozen=True, kw_only=True)
+class DeviceSettings(CheckedSettings):
+    """What the device is to be set to: the parameters ``device.*``; -1 leaves as it is."""
+
+    TABLE = {
+        name.removeprefix(_DEVICE): parameter
+        for name, parameter in _TABLE.items()
+        if name.startswith(_DEVICE)
+    }
+    inactivity_pause_minutes: int = LEAVE
+    auto_off_enable: int = LEAVE
+    orientation_pause_enable: int = LEAVE
+    free_fall_pause_enable: int = LEAVE
+    inactivity_pause_enable: int = LEAVE
+    user_estop_timeout: int = LEAVE
+    joystick_interval_ms: int = LEAVE
+    heartbeat_interval_ms: int = LEAVE
+    gps_interval_ms: int = LEAVE
+    remote_status_interval_ms: int = LEAVE
+
+    @property
+    def wanted(self) -> dict[str, int]:
+        """The settings that are not to be left alone, by name."""
+        return {name: value for name, value in asdict(self).items() if value != LEAVE}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Settings(CheckedSettings):
     """
-    What the device should be set to; None leaves alone.
+    What a session needs to know; the fields without comment are parameters.
 
-    Intervals are in ms, 20 to 65535; 0 switches the message off (GPS and remote status only: the
-    manual advises against it for the others, and without them nothing works).
-
-    :raises ValueError: for a value out of range.
+    :param wire: how the VSC is joined.
+    :param device: what to set in the device if ``configure_device``.
+    :raises ValueError: for what cannot be, or would make the link seem lost.
     """
 
-    inactivity_pause_minutes: int | None = None  # 1 to 11; the key carries minutes - 1
-    inactivity_pause_enable: bool | None = None
-    auto_off_enable: bool | None = None
-    orientation_pause_enable: bool | None = None
-    free_fall_pause_enable: bool | None = None
-    user_estop_timeout: bool | None = None  # the VSC stops without a host heartbeat for 500 ms
-    joystick_interval_ms: int | None = None
-    heartbeat_interval_ms: int | None = None
-    gps_interval_ms: int | None = None
-    remote_status_interval_ms: int | None = None
+    TABLE = _TABLE
+    wire: Wire = field(default_factory=SerialWire)
+    device: DeviceSettings = field(default_factory=DeviceSettings)
+    link_timeout: float = _TABLE['link_timeout'].default
+    heartbeat_rate: float = _TABLE['heartbeat_rate'].default
+    software_estop_timeout: float = _TABLE['software_estop_timeout'].default
+    tolerate_faulty_axes: bool = _TABLE['tolerate_faulty_axes'].default
+    configure_device: bool = _TABLE['configure_device'].default
 
     def __post_init__(self) -> None:
-        minutes = self.inactivity_pause_minutes
-        if minutes is not None and not 1 <= minutes <= 11:
-            raise ValueError(f'inactivity_pause_minutes must be 1 to 11, not {minutes}')
-        for name, kind in _INTERVALS.items():
-            interval: int | None = getattr(self, name)
-            may_be_off = kind in (MessageType.GPS, MessageType.REMOTE_STATUS)
-            if interval is None or 20 <= interval <= 0xFFFF or (interval == 0 and may_be_off):
-                continue
-            off = ', or 0 for off' if may_be_off else ''
-            raise ValueError(f'{name} must be 20 to 65535{off}, not {interval}')
-
-
-_SWITCHES = {
-    'inactivity_pause_enable': Key.INACTIVITY_PAUSE_ENABLE,
-    'auto_off_enable': Key.AUTO_OFF_ENABLE,
-    'orientation_pause_enable': Key.ORIENTATION_PAUSE_ENABLE,
-    'free_fall_pause_enable': Key.FREE_FALL_PAUSE_ENABLE,
-    'user_estop_timeout': Key.USER_ESTOP_TIMEOUT,
-}
-_INTERVALS = {
-    'joystick_interval_ms': MessageType.JOYSTICK,
-    'heartbeat_interval_ms': MessageType.HEARTBEAT,
-    'gps_interval_ms': MessageType.GPS,
-    'remote_status_interval_ms': MessageType.REMOTE_STATUS,
-}
-
-
-class _Setting:
-    """One setting: what is wanted, and how far we are."""
-
-    needs_remote = False  # it can only be found out while a remote is connected
-
-    def __init__(self, outbox: Outbox) -> None:
-        self.state = UNKNOWN
-        self.due = math.inf
-        self._outbox = outbox
-        self._writes = 0
-
-    @property
-    def is_open(self) -> bool:
-        """Tell whether there is still something to find out."""
-        return self.state in (UNKNOWN, WRITTEN)
-
-    def forget(self) -> None:
-        """Begin again: the port was opened."""
-        self.state = UNKNOWN
-        self.due = math.inf
-
-    def _found(self, same: bool) -> bool:
-        """Take the device's setting; return whether it is to be written now."""
-        if same or self.state == WRITTEN or self._writes >= MAX_WRITES:
-            self.state = AS_WANTED if same else REFUSED
-            self.due = math.inf
-            return False
-        self.state = WRITTEN
-        self._writes += 1
-        return True
-
-
-class _KeySetting(_Setting):
-    """A setting that can be read back with 0x32."""
-
-    def __init__(self, outbox: Outbox, key: int, value: int) -> None:
-        super().__init__(outbox)
-        self._key = key
-        self._value = value
-        self._asked = False
-
-    def start(self, now: float) -> None:
-        """Ask at once: the link came up."""
-        self._asked = False
-        self.due = now
-
-    def poll(self, now: float) -> None:
-        """Ask, and ask again."""
-        if now >= self.due:
-            self._outbox.get_value(self._key)
-            self._asked = True
-            self.due = now + _ASK_PERIOD
-
-    def answered(self, key: int, value: int, now: float) -> None:
-        """Compare; an answer to what was asked before a write is not looked at."""
-        if key == self._key and self.is_open and self._asked and self._found(value == self._value):
-            self._outbox.set_value(self._key, self._value)
-            self._asked = False
-            self.due = now + _ASK_PERIOD
-
-
-class _IntervalSetting(_Setting):
-    """A message's interval, which cannot be read: it is watched."""
-
-    def __init__(self, outbox: Outbox, kind: MessageType, interval_ms: int) -> None:
-        super().__init__(outbox)
-        self.kind = kind
-        self.needs_remote = kind is MessageType.GPS  # the receiver is in the remote
-        self._wanted = interval_ms * 1e-3
-        self._interval_ms = interval_ms
-        self._count = 0
-        self._since = self._first = self._last = 0.0
-
-    def start(self, now: float) -> None:
-        """Begin to watch."""
-        self._count = 0
-        self._since = now
-        self.due = now + max(_SHORTEST_WATCH, _WATCHED_INTERVALS * self._wanted)
-
-    def heard(self, now: float) -> None:
-        """Count a message; several at once (the sentences of one position) count as one."""
-        early = self._count and now - self._last < _TOLERANCE * self._wanted
-        if now < self._since or early:
-            return
-        if not self._count:
-            self._first = now
-        self._count += 1
-        self._last = now
-
-    def poll(self, now: float) -> None:
-        """Compare at the end of the watch."""
-        if now < self.due:
-            return
-        if self._found(self._matches()):
-            enabled, interval = self._interval_ms > 0, self._interval_ms or 1000
-            self._outbox.control(MessageControl(self.kind, enabled, interval))
-            self.start(now + _ASK_PERIOD)
-
-    def _matches(self) -> bool:
-        if not self._interval_ms:
-            return self._count == 0
-        if self._count < 2:
-            return False
-        seen = (self._last - self._first) / (self._count - 1)
-        return abs(seen - self._wanted) <= _TOLERANCE * self._wanted
-
-
-class SettingsKeeper:
-    """Sees to it that the device is set as wanted, with the least of writing."""
-
-    def __init__(self, wanted: DeviceSettings, outbox: Outbox) -> None:
-        self._keys: dict[str, _KeySetting] = {}
-        if wanted.inactivity_pause_minutes is not None:
-            setting = _KeySetting(
-                outbox, Key.INACTIVITY_PAUSE, wanted.inactivity_pause_minutes - 1
+        super().__post_init__()
+        if self.link_timeout <= self.wire.INTERVAL:
+            raise ValueError(
+                f'link_timeout = {self.link_timeout}: allowed is above {self.wire.INTERVAL} s '
+                f'with transport {self.wire.NAME}, which gives no sooner sign of life'
             )
-            self._keys['inactivity_pause_minutes'] = setting
-        for name, key in _SWITCHES.items():
-            if getattr(wanted, name) is not None:
-                self._keys[name] = _KeySetting(outbox, key, int(getattr(wanted, name)))
-        self._intervals = {
-            name: _IntervalSetting(outbox, kind, getattr(wanted, name))
-            for name, kind in _INTERVALS.items()
-            if getattr(wanted, name) is not None
-        }
-        self._all: list[_KeySetting | _IntervalSetting] = [
-            *self._keys.values(),
-            *self._intervals.values(),
-        ]
+        if self.configure_device and not self.wire.PERIODS:
+            raise ValueError(
+                f'configure_device = True: transport {self.wire.NAME} can write nothing'
+            )
+        self._check_intervals()
+        if not self.wire.carries(MessageType.USER_FEEDBACK_GET):
+            self._refuse(self.to_configure)
 
     @property
-    def states(self) -> dict[str, str]:
-        """Name and state in words of every setting that is wanted."""
-        return {name: s.state for name, s in {**self._keys, **self._intervals}.items()}
+    def to_configure(self) -> dict[str, int]:
+        """What the device is to be set to, by name."""
+        return self.device.wanted if self.configure_device else {}
 
-    def forget(self) -> None:
-        """Begin again: the port was opened or closed."""
-        for setting in self._all:
-            setting.forget()
+    @classmethod
+    def from_parameters(cls, values: Mapping[str, Any]) -> Settings:
+        """Return what the parameters say. :raises ValueError: what cannot be."""
+        device = {name: values[_DEVICE + name] for name in DeviceSettings.TABLE}
+        return cls(wire=wire_of(values), device=DeviceSettings(**device), **cls.named(values))
 
-    def link_changed(self, link_up: bool, now: float) -> None:
-        """Begin to ask and watch when the link comes up; wait while it is down."""
-        for setting in self._all:
-            if setting.is_open:
-                setting.due = math.inf
-                if link_up:
-                    setting.start(now)
+    def _check_intervals(self) -> None:
+        """Refuse what would make the link seem lost: one missing message must not be a stop."""
+        for name in ('joystick_interval_ms', 'heartbeat_interval_ms'):
+            interval = getattr(self.device, name)
+            if 2e-3 * interval > self.link_timeout:
+                limit = f'half of link_timeout ({self.link_timeout} s)'
+                raise ValueError(f'{_DEVICE}{name} must not be above {limit}, but is {interval}')
 
-    def answered(self, key: int, value: int, now: float) -> None:
-        """Take a key's value from the device."""
-        for setting in self._keys.values():
-            setting.answered(key, value, now)
+    def _refuse(self, wanted: Iterable[str]) -> None:
+        """Refuse what would have to be written blindly."""
+        for name in wanted:
+            raise ValueError(
+                f'{_DEVICE}{name}: transport {self.wire.NAME} cannot read it; set it over serial'
+            )
 
-    def heard(self, kind: MessageType, now: float) -> None:
-        """Take note that a message came."""
-        for setting in self._intervals.values():
-            if setting.kind is kind:
-                setting.heard(now)
 
-    def poll(self, now: float, *, remote_connected: bool) -> None:
-        """Queue what is due."""
-        for setting in self._all:
-            if not setting.is_open:
-                continue
-            if setting.needs_remote and not remote_connected:
-                setting.start(now)  # nothing to watch yet
-            setting.poll(now)
-
-    @property
-    def deadline(self) -> float:
-        """The moment at which poll has something to do; infinite for never."""
-        return min((setting.due for setting in self._all), default=math.inf)
+def wire_of(values: Mapping[str, Any]) -> Wire:
+    """Return the wire that ``transport`` names. :raises ValueError: it cannot be made."""
+    if values['transport'] == 'hid':
+        return HidWire()
+    if values['transport'] == 'serial':
+        return SerialWire()
+    try:
+        return CanWire(CanIds(**{name: values[f'can.{name}'] for name in CanIds().by_name}))
+    except ValueError as error:
+        raise ValueError(f'can.{error}') from error

@@ -8,15 +8,12 @@ another device's chain, that echo would hold both stopped for ever, so it is tol
 from __future__ import annotations
 
 from bridge_core.session import Verdict
-from fort_vsc_bridge.protocol import estop_sources
+from fort_vsc_bridge.protocol import CONNECTED_MODES
 from fort_vsc_bridge.protocol import EStopBits
 from fort_vsc_bridge.protocol import Heartbeat
-from fort_vsc_bridge.protocol import Mode
-from fort_vsc_bridge.protocol import mode_name
+from fort_vsc_bridge.protocol import MODES_AFTER_A_STOP
+from fort_vsc_bridge.session.report import stop_reasons
 
-CONNECTED_MODES = frozenset((Mode.REMOTE, Mode.OPERATIONAL, Mode.MENU, Mode.PAUSE))
-# What the VSC goes back to after every stop, ours too (6.6), so no demand of its own.
-_MODES_AFTER_A_STOP = frozenset((Mode.LOCAL, Mode.SEARCHING))
 # The VSC may answer our heartbeat with some delay; 500 ms is its own limit for ours (7.3.4).
 ECHO_DELAY = 0.5
 
@@ -40,19 +37,9 @@ class StopJudge:
             self._released_at = now
         self._asked = stop
 
-    def judge(self, heartbeat: Heartbeat, now: float) -> Verdict:
-        """Return what this heartbeat means."""
-        user = bool(heartbeat.estop & EStopBits.USER)
-        self._follow_echo(user, now)
-        strange = heartbeat.mode not in CONNECTED_MODES | _MODES_AFTER_A_STOP
-        others = bool(heartbeat.estop & ~int(EStopBits.USER))
-        own = others or strange or (user and not self._echo)
-        estop = heartbeat.estop != 0 or heartbeat.mode not in CONNECTED_MODES
-        return Verdict(estop, own, tuple(self._reasons(heartbeat)) if estop else ())
-
-    def _follow_echo(self, user: bool, now: float) -> None:
+    def heard(self, heartbeat: Heartbeat, now: float) -> None:
         """Keep USER bits ours until they are seen clear: the VSC may hold them for a while."""
-        if user:
+        if heartbeat.estop & EStopBits.USER:
             self._echo_heard = self._echo_heard or self._echo
             self._foreign = not self._echo
             return
@@ -62,35 +49,13 @@ class StopJudge:
         elif self._echo_heard or now - self._released_at >= ECHO_DELAY:
             self._echo = False
 
-    def _reasons(self, heartbeat: Heartbeat) -> list[str]:
-        reasons = []
-        if heartbeat.estop & ~int(EStopBits.USER):
-            sources = ', '.join(estop_sources(heartbeat.estop & ~int(EStopBits.USER)))
-            reasons.append(
-                f'VSC reports e-stop: {sources}; release it there (SRC: button, or remote out of '
-                'reach; VSC: both wired loops), then acknowledge it on the remote'
-            )
-        if heartbeat.estop & EStopBits.USER:
-            reasons.append(f'VSC reports e-stop: USER (this computer), {self._whose()}')
-        if heartbeat.mode not in CONNECTED_MODES:
-            reasons.append(f'mode is {mode_name(heartbeat.mode)}: {_hint(heartbeat.mode)}')
-        return reasons
-
-    def _whose(self) -> str:
-        if self._asked:
-            return 'as software_estop asks; it goes when the cause of that is gone'
-        if self._echo:
-            return 'not asked any more; acknowledge it on the remote'
-        return (
-            'not asked by this node; did its heartbeats fail (User E-STOP Timeout), or an earlier '
-            'one leave it set? acknowledge it on the remote'
-        )
-
-
-def _hint(mode: Mode | int) -> str:
-    if mode in _MODES_AFTER_A_STOP:
-        return (
-            'no remote connected, or a stop not acknowledged yet; switch the remote on, bring it '
-            'into reach, acknowledge on it'
-        )
-    return 'the VSC does not say that it works; restart it, see its LED, check its firmware'
+    def judge(self, heartbeat: Heartbeat) -> Verdict:
+        """Return what the newest heartbeat means; it was heard."""
+        user = bool(heartbeat.estop & EStopBits.USER)
+        strange = heartbeat.mode not in CONNECTED_MODES | MODES_AFTER_A_STOP
+        others = bool(heartbeat.estop & ~int(EStopBits.USER))
+        if heartbeat.estop == 0 and heartbeat.mode in CONNECTED_MODES:
+            return Verdict()
+        own = others or strange or (user and not self._echo)
+        reasons = stop_reasons(heartbeat, asked=self._asked, echo=self._echo)
+        return Verdict(True, own, reasons=tuple(reasons))

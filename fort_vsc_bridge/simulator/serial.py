@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import struct
 
-from bridge_core.framing import StreamParser
 from fort_vsc_bridge.protocol import AXIS_NAMES
 from fort_vsc_bridge.protocol import BUTTON_NAMES
-from fort_vsc_bridge.protocol import FORMAT
 from fort_vsc_bridge.protocol import MessageType
+from fort_vsc_bridge.protocol import PACKETS
 from fort_vsc_bridge.simulator.vsc import Vsc
 
 
@@ -30,6 +29,10 @@ def build_sentence(body: str) -> str:
     return f'${body}*{total:02X}\r\n'
 
 
+def _as_they_came(kind: int, payload: bytes) -> tuple[int, bytes]:
+    return kind, payload
+
+
 class Simulator(Vsc):
     """A VSC on its USB or RS232 port: bytes in any split."""
 
@@ -42,7 +45,7 @@ class Simulator(Vsc):
     GREATEST_RATES = {0x30: 0.05, 0x31: 0.25, 0x32: 0.05}
 
     def __init__(self, *, latch_bits: bool = True) -> None:
-        self._parser = StreamParser(FORMAT)
+        self._parser = PACKETS.parser(_as_they_came)
         super().__init__(latch_bits=latch_bits)
 
     def _boot(self, up_at: float) -> None:
@@ -50,12 +53,12 @@ class Simulator(Vsc):
         self._parser.reset()
 
     def _hear(self, data: bytes, now: float) -> None:
-        for frame in self._parser.feed(data, now):
-            self._take(frame[2], frame[4:-2], now)
+        for kind, payload in self._parser.feed(data, now):
+            self._take(kind, payload, now)
 
     def _hear_late(self, now: float) -> None:
-        for frame in self._parser.poll(now):
-            self._take(frame[2], frame[4:-2], now)
+        for kind, payload in self._parser.poll(now):
+            self._take(kind, payload, now)
 
     def _late_deadline(self) -> float:
         return self._parser.deadline

@@ -8,8 +8,8 @@ gets its turn and the line is never longer than there are keys.
 from __future__ import annotations
 
 import math
-from typing import Any
 
+from fort_vsc_bridge.protocol import Frame
 from fort_vsc_bridge.protocol import Key
 from fort_vsc_bridge.protocol import Message
 from fort_vsc_bridge.protocol import MessageControl
@@ -23,7 +23,7 @@ from fort_vsc_bridge.protocol import Wire
 _SHOWN_KEYS = frozenset((*USER_KEYS, Key.DISPLAY_MODE))
 
 
-class Outbox:
+class SendQueue:
     """
     The lines of messages to the VSC, one a message type.
 
@@ -33,7 +33,7 @@ class Outbox:
     def __init__(self, wire: Wire) -> None:
         self._wire = wire
         self._lines: dict[MessageType, dict[int, Message]] = {kind: {} for kind in wire.PERIODS}
-        self._begun: dict[MessageType, list[Any]] = {kind: [] for kind in wire.PERIODS}
+        self._begun: dict[MessageType, list[Frame]] = {kind: [] for kind in wire.PERIODS}
         self._free_at = dict.fromkeys(wire.PERIODS, -math.inf)
         self._shown: dict[tuple[MessageType, int], Message] = {}
 
@@ -66,9 +66,9 @@ class Outbox:
         for (kind, key), message in self._shown.items():
             self._lines[kind].setdefault(key, message)
 
-    def port_closed(self) -> None:
+    def drop_passing(self) -> None:
         """
-        Drop what is of no use later.
+        Drop what is of no use later: the link is interrupted.
 
         A late rumble would mislead, nobody waits for an old answer, what wears out an EEPROM is
         not repeated blindly, and the rest of a string is no string. What the remote shows waits.
@@ -78,9 +78,9 @@ class Outbox:
                 del line[key]
             self._begun[kind].clear()
 
-    def take(self, now: float) -> list[Any]:
+    def take(self, now: float) -> list[Frame]:
         """Return the frames that may go now, at most one of each type."""
-        frames = []
+        frames: list[Frame] = []
         for kind, line in self._lines.items():
             begun = self._begun[kind]
             if now < self._free_at[kind] or not (line or begun):
