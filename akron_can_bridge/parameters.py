@@ -2,25 +2,53 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from collections.abc import Sequence
+from enum import Enum
 from typing import Any
 
-from akron_can_bridge.session import Cause
-from akron_can_bridge.session import check_joystick
-from akron_can_bridge.session import check_unit
-from akron_can_bridge.session import Settings
+from akron_can_bridge.protocol import AXIS_USAGE
+from akron_can_bridge.protocol import is_pin
+from akron_can_bridge.protocol import JOYSTICK_ADDRESSES
 from bridge_core.parameters import DEADBAND
 from bridge_core.parameters import Parameter
-from bridge_core.parameters import ParameterError
 from bridge_core.parameters import TOLERATE_FAULTY_AXES
 
-_FIRST, _LAST = 0x33, 0x38
+CONTROLLERS = tuple(AXIS_USAGE)  # those that obey joysticks (Appendix B) and send type 83
+MINI_UNIVERSAL = 1033
+UNIT_TYPES = (*CONTROLLERS, MINI_UNIVERSAL)
+_FIRST, _LAST = JOYSTICK_ADDRESSES[0], JOYSTICK_ADDRESSES[-1]
+
+
+class Cause(Enum):
+    """What can make ``estop`` true; the values are those of the parameter ``estop_on``."""
+
+    LINK = 'link'
+    ENABLE = 'enable'
+    MOTOR_FAULT = 'motor_fault'
+    FOREIGN_JOYSTICK = 'foreign_joystick'
+
+
+def _check_joystick(address: int) -> None:
+    if address not in (0, *JOYSTICK_ADDRESSES):
+        raise ValueError('allowed are 0x33 to 0x38, or 0')
+
+
+def _check_pin(pin: str) -> None:
+    if pin and not (is_pin(pin) and int(pin[:4]) in UNIT_TYPES):
+        raise ValueError(
+            "allowed are 15 characters such as '1032AE100801035' that begin with one of "
+            f'{", ".join(map(str, UNIT_TYPES))}'
+        )
+
+
+def _check_type(number: int) -> None:
+    if number not in (0, *UNIT_TYPES):
+        raise ValueError(f'allowed are 0 and {", ".join(map(str, UNIT_TYPES))}')
 
 
 def _check_allowed(addresses: Sequence[int]) -> None:
     for address in addresses:
-        check_joystick('each', address, none=True)
+        _check_joystick(address)
 
 
 def _check_two(values: Sequence[Any]) -> None:
@@ -74,7 +102,7 @@ PARAMETERS = (
         '',
         "The unit's PIN, 15 characters such as 1032AE100801035; set it where there are two units. "
         'Empty: the first unit of device_type.',
-        check=lambda pin: check_unit(pin, 0),
+        check=_check_pin,
         section='the unit',
     ),
     Parameter(
@@ -82,7 +110,7 @@ PARAMETERS = (
         1032,
         'First four digits of the PIN, where device_pin is empty: 1032 (6032), 1033 (6033), 1040, '
         '1042, 1052; 0: any monitor controller.',
-        check=lambda kind: check_unit('', kind),
+        check=_check_type,
     ),
     Parameter(
         'link_timeout',
@@ -151,7 +179,7 @@ PARAMETERS = (
         'joy_source',
         0,
         'Address of the joystick that is published as ~/joy, 0x33 to 0x38; 0: none.',
-        check=lambda address: check_joystick('joy_source', address, none=True),
+        check=_check_joystick,
         section='other joysticks on the bus',
     ),
     Parameter(
@@ -178,22 +206,3 @@ PARAMETERS = (
         check=_check_two,
     ),
 )
-
-
-def session_settings(values: Mapping[str, Any]) -> Settings:
-    """Return how the session is to behave. :raises ParameterError: values that contradict."""
-    try:
-        return Settings(
-            allowed_joysticks=frozenset(values['allowed_joysticks']) - {0},
-            estop_on=frozenset(Cause(name) for name in values['estop_on']),
-            **{
-                name: values[name]
-                for name in (
-                    *('source_address', 'device_pin', 'device_type', 'link_timeout'),
-                    *('answer_timeout', 'vista_rate', 'command_timeout', 'estop_in_timeout'),
-                    *('extended', 'soe_permissive', 'joy_source', 'tolerate_faulty_axes'),
-                )
-            },
-        )
-    except ValueError as error:
-        raise ParameterError(f'parameter {error}') from error

@@ -34,7 +34,6 @@ from akron_can_bridge.protocol import PositionLimit
 from akron_can_bridge.protocol import RotationSoftLimits
 from akron_can_bridge.protocol import Sendable
 from akron_can_bridge.protocol import Status
-from akron_can_bridge.protocol import Unknown
 from akron_can_bridge.protocol import Version
 from akron_can_bridge.protocol import Vista
 from akron_can_bridge.protocol import VistaData
@@ -42,6 +41,7 @@ from akron_can_bridge.protocol import VistaPosition
 from akron_can_bridge.protocol import Writable
 from akron_can_bridge.protocol import ZeroPositions
 from bridge_core.framing import FrameError
+from bridge_core.framing import Unknown
 from bridge_core.j1939 import CanFrame
 from bridge_core.j1939 import J1939Id
 from test.akron_frames import frame_of
@@ -215,11 +215,11 @@ def test_pin_with_unprintable_letters_is_the_peers_fault() -> None:
 @pytest.mark.parametrize(
     ('identifier', 'data', 'expected'),
     [
-        ('18EFFF80', '06', Unknown(0xEF00, 6, b'\x06')),
-        ('18EFFF80', '00', Unknown(0xEF00, 0, b'\x00')),
-        ('18FEF180', '', Unknown(0xFEF1, None, b'')),
-        ('1AEFFF80', '02', Unknown(0x2EF00, None, b'\x02')),  # extended data page
-        ('19EFFF80', '02', Unknown(0x1EF00, None, b'\x02')),  # data page
+        ('18EFFF80', '06', Unknown(6)),
+        ('18EFFF80', '00', Unknown(0)),
+        ('18FEF180', '', Unknown(0xFEF1)),
+        ('1AEFFF80', '02', Unknown(0x2EF00)),  # extended data page
+        ('19EFFF80', '02', Unknown(0x1EF00)),  # data page
     ],
 )
 def test_what_the_manual_does_not_list_is_unknown(

@@ -10,9 +10,10 @@ import pytest
 from akron_can_bridge.protocol import Axis
 from akron_can_bridge.protocol import ExtendedJoystick
 from akron_can_bridge.protocol import Status
-from akron_can_bridge.session import StopChanged
 from akron_can_bridge.session import Stopped
 from bridge_core.j1939 import CanFrame
+from bridge_core.session import StopChanged
+from bridge_core.session import Verdict
 from test.akron_session_rig import ANNOUNCED
 from test.akron_session_rig import Bench
 from test.akron_session_rig import COMMAND_LIMIT
@@ -187,7 +188,7 @@ def test_unit_that_was_silent_too_long_gets_neutral_though_nobody_looked_meanwhi
     bench = Bench(command_timeout=2.0, estop_in_timeout=2.0).moving()
     bench.now += LINK_LIMIT
     start = bench.now
-    assert StopChanged(True, True, False) in bench.take(OUTPUTS, NO_FAULTS)
+    assert StopChanged(Verdict(True, True, False)) in bench.take(OUTPUTS, NO_FAULTS)
     assert not bench.session.estop
     bench.run(0.5, MOVE)
     assert bench.all_neutral(start)

@@ -5,9 +5,10 @@ from typing import Any
 import pytest
 
 from akron_can_bridge.session import Positions
-from akron_can_bridge.session import StopChanged
 from akron_can_bridge.session import UnitChanged
 from bridge_core.j1939 import CanFrame
+from bridge_core.session import StopChanged
+from bridge_core.session import Verdict
 from test.akron_session_rig import ANNOUNCED
 from test.akron_session_rig import Bench
 from test.akron_session_rig import ef
@@ -66,7 +67,7 @@ def test_announcement_makes_the_unit_known_and_the_polls_go_to_its_address() -> 
     assert bench.session.estop  # enable and faults are not known
     bench.take(OUTPUTS)
     assert bench.session.estop
-    assert StopChanged(False, False, True) in bench.take(NO_FAULTS)
+    assert StopChanged(Verdict(False, False, True)) in bench.take(NO_FAULTS)
     assert not bench.session.estop
     assert bench.session.stop_reasons(bench.now) == []
 
@@ -78,7 +79,7 @@ def test_unit_that_was_not_announced_is_not_believed() -> None:
     assert bench.session.estop
     assert not bench.session.link_up
     assert of(Positions, bench.events) == []
-    assert bench.session.other_frames == 3
+    assert bench.session.decoder.other_frames == 3
 
 
 @pytest.mark.parametrize(

@@ -3,7 +3,8 @@
 import pytest
 
 from akron_can_bridge.session import Sticks
-from akron_can_bridge.session import StopChanged
+from bridge_core.session import StopChanged
+from bridge_core.session import Verdict
 from test.akron_session_rig import Bench
 from test.akron_session_rig import joystick
 from test.akron_session_rig import MOVE
@@ -34,7 +35,7 @@ def test_any_other_sender_is_a_stop_even_at_rest(source: int, pgn: int) -> None:
     bench = Bench().moving()
     start = bench.now
     events = bench.take(joystick(source=source, pgn=pgn))
-    assert StopChanged(True, True, True) in events
+    assert StopChanged(Verdict(True, True, True)) in events
     (reason,) = bench.session.stop_reasons(bench.now)
     assert f'address {source:02X}, frame 0C{pgn:04X}{source:02X}' in reason
     bench.run(0.2, MOVE)

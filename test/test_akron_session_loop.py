@@ -8,7 +8,6 @@ from typing import Any
 
 import pytest
 
-from akron_can_bridge.session import Event
 from akron_can_bridge.session import Request
 from akron_can_bridge.session import Session
 from akron_can_bridge.session import Settings
@@ -32,7 +31,7 @@ class Ours:
 
     def __init__(self, **options: Any) -> None:
         self.session = Session(Settings(**options))
-        self.events: list[Event] = []
+        self.events: list[Any] = []
         self.command, self.stop = REST, False
         self.frozen = False
         self._opened = False
@@ -57,7 +56,7 @@ class Ours:
     def deadline(self) -> float:
         return math.inf if self.frozen else min(self.session.deadline(), self._due)
 
-    def _keep(self, output: tuple[list[Event], list[CanFrame]]) -> list[CanFrame]:
+    def _keep(self, output: tuple[list[Any], list[CanFrame]]) -> list[CanFrame]:
         events, frames = output
         self.events += events
         return frames

@@ -2,8 +2,8 @@
 
 import pytest
 
-from akron_can_bridge.session import Answer
 from akron_can_bridge.session import Request
+from bridge_core.session import Answer
 from test.akron_session_rig import ANNOUNCED
 from test.akron_session_rig import Bench
 from test.akron_session_rig import ef
@@ -47,9 +47,9 @@ def answered(bench: Bench, seconds: float) -> int:
     """Have a unit without type 01 answer fault polls; return how many there were."""
     start = bench.now + 1e-9
     for _ in range(round(seconds / 0.1)):
-        before = bench.now + 1e-9
+        before = len(bench.asked())
         bench.wait(0.1)
-        bench.take(OUTPUTS, *[NO_FAULTS] * bench.asked(before).count('02'))
+        bench.take(OUTPUTS, *[NO_FAULTS] * bench.asked()[before:].count('02'))
     return bench.asked(start).count('02')
 
 
@@ -88,9 +88,10 @@ def test_faults_that_are_not_answered_are_not_known() -> None:
 
 def test_versions_are_polled_once() -> None:
     bench = Bench().find_unit()
+    bench.session.request(Request.POLL_VERSIONS, bench.now)  # joins what is under way
     assert of(Answer, bench.take(*VERSIONS)) == [
         Answer(
-            Request.POLL_VERSIONS,
+            Request.POLL_VERSIONS.value,
             True,
             'fixed boot 1.11, bootloader 2.4, system 2.6; style 3356, subtype 14, pCode 2.4; '
             'config type 60320014, config 2.4',
@@ -105,6 +106,7 @@ def test_versions_are_polled_once() -> None:
 
 def test_poll_is_repeated_until_its_answer_and_asks_only_for_what_is_missing() -> None:
     bench = Bench().find_unit()
+    bench.session.request(Request.POLL_VERSIONS, bench.now)
     bench.take(VERSIONS[0])
     start = bench.now + 1e-9
     bench.run(0.3)
@@ -128,7 +130,7 @@ def test_request_is_sent_once_and_its_acknowledgement_is_the_answer(
     bench.poll()
     bench.run(0.5)
     assert bench.asked(start) == [data]
-    assert bench.take(ef(data, destination=OURS)) == [Answer(request_, True, 'acknowledged')]
+    assert bench.take(ef(data, destination=OURS)) == [Answer(request_.value, True, 'acknowledged')]
 
 
 @pytest.mark.parametrize(('request_', 'data'), ACKNOWLEDGED.items())
@@ -151,14 +153,16 @@ def test_reset_is_answered_by_the_announcement_after_it() -> None:
     bench.run(2.0, unit=False)
     assert bench.session.estop
     (answer,) = of(Answer, bench.take(ANNOUNCED))
-    assert answer == Answer(Request.RESET_CONTROLLER, True, f'unit {PIN} is back')
+    assert answer == Answer(Request.RESET_CONTROLLER.value, True, f'unit {PIN} is back')
 
 
 def test_reset_without_a_return_times_out() -> None:
     bench = Bench().find_unit()
     bench.session.request(Request.RESET_CONTROLLER, bench.now)
     bench.wait(4.9)
-    assert [a for a in of(Answer, bench.events) if a.request is Request.RESET_CONTROLLER] == []
+    assert [
+        a for a in of(Answer, bench.events) if a.request == Request.RESET_CONTROLLER.value
+    ] == []
     (answer,) = of(Answer, bench.wait(0.2))
     assert 'within 5 s of its reset' in answer.text
 
@@ -219,7 +223,7 @@ def test_closing_answers_what_is_open() -> None:
     bench.run(1.5)
     bench.session.request(Request.ENTER_SETUP, bench.now)
     (answer,) = of(Answer, bench.close())
-    assert answer == Answer(Request.ENTER_SETUP, False, 'the port was closed')
+    assert answer == Answer(Request.ENTER_SETUP.value, False, 'the port is not open')
 
 
 def test_vista_is_polled_at_its_rate_and_kept() -> None:

@@ -7,8 +7,6 @@ from typing import Any
 
 import pytest
 
-from akron_can_bridge.session.report import values
-from akron_can_bridge.session.report import warnings
 from bridge_core.j1939 import CanFrame
 from test.akron_session_rig import Bench
 from test.akron_session_rig import ef
@@ -27,7 +25,7 @@ from test.akron_session_rig import VERSIONS
 def told(*frames: CanFrame, **options: Any) -> list[str]:
     bench = Bench(**options).find_unit()
     bench.take(*frames)
-    return warnings(bench.session, bench.now)
+    return bench.session.warnings(bench.now)
 
 
 def test_sound_unit_needs_no_word() -> None:
@@ -72,7 +70,7 @@ def test_what_is_asked_for_is_no_warning() -> None:
 def figures(prepare: Callable[[Bench], Any] = lambda bench: None, **options: Any) -> Any:
     bench = Bench(**options).find_unit()
     prepare(bench)
-    return values(bench.session, bench.now)
+    return bench.session.values(bench.now)
 
 
 def test_figures_of_a_unit_that_was_found() -> None:
@@ -91,7 +89,7 @@ def test_figures_of_a_unit_that_was_found() -> None:
 def test_figures_before_anything_is_heard() -> None:
     bench = Bench()
     bench.open()
-    found = values(bench.session, bench.now)
+    found = bench.session.values(bench.now)
     assert (found['unit'], found['address'], found['versions']) == (
         'not found yet',
         'none',
@@ -110,11 +108,11 @@ def test_figures_of_neighbours() -> None:
 
 def test_figures_of_motion() -> None:
     bench = Bench().moving()
-    assert values(bench.session, bench.now)['motion commanded'] is True
-    assert values(bench.session, bench.now)['neutral because'] == 'commands go out'
+    assert bench.session.values(bench.now)['motion commanded'] is True
+    assert bench.session.values(bench.now)['neutral because'] == 'commands go out'
     bench.estop_in(True)
     bench.command(MOVE)
-    found = values(bench.session, bench.now)
+    found = bench.session.values(bench.now)
     assert found['motion commanded'] is False
     assert found['neutral because'] == 'e-stop input is true; last stop: e-stop input is true'
     bench.command(REST)
@@ -135,7 +133,7 @@ def test_messages_for_the_makers_tools_are_shown_and_never_sent() -> None:
     bench = Bench().find_unit()
     start = bench.now
     bench.take(ef('FE413F0D0A', destination=OURS), ef('FD01000000'))
-    found = values(bench.session, bench.now)
+    found = bench.session.values(bench.now)
     assert found['ASCII pipe'] == repr('A?\r\n')
     assert found['diagnostic data'] == 'type 01: 00 00 00'
     bench.run(1.0)

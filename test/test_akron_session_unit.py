@@ -17,9 +17,9 @@ from akron_can_bridge.session import OutputsChanged
 from akron_can_bridge.session import Positions
 from akron_can_bridge.session import Session
 from akron_can_bridge.session import Settings
-from akron_can_bridge.session import StopChanged
-from akron_can_bridge.session.report import warnings
 from bridge_core.j1939 import CanFrame
+from bridge_core.session import StopChanged
+from bridge_core.session import Verdict
 from test.akron_session_rig import ANNOUNCED
 from test.akron_session_rig import Bench
 from test.akron_session_rig import ef
@@ -46,7 +46,7 @@ def test_silence_is_a_stop_at_the_limit() -> None:
     bench.wait(LINK_LIMIT - 1e-3)
     assert not bench.session.estop
     events = bench.wait(2e-3)
-    assert events[0] == StopChanged(True, True, False)
+    assert events[0] == StopChanged(Verdict(True, True, False))
     assert bench.session.stop_reasons(bench.now) == [
         f'unit {PIN} is silent: last heard 301 ms ago, limit 300 ms; check its power and CAN '
         'wiring'
@@ -55,6 +55,7 @@ def test_silence_is_a_stop_at_the_limit() -> None:
 
 def test_faults_are_asked_for_again_after_a_silence() -> None:
     bench = Bench().find_unit()
+    bench.take(*VERSIONS)
     bench.wait(1.0)
     start = bench.now
     bench.take(OUTPUTS)
@@ -67,7 +68,7 @@ def test_faults_are_asked_for_again_after_a_silence() -> None:
 def test_closed_port_is_a_stop_and_forgets_the_unit() -> None:
     bench = Bench().moving()
     events = bench.close()
-    assert events[0] == StopChanged(True, True, False)
+    assert events[0] == StopChanged(Verdict(True, True, False))
     assert bench.session.stop_reasons(bench.now) == ['the port is not open']
     bench.open()
     bench.take(OUTPUTS, NO_FAULTS)
@@ -154,7 +155,7 @@ def test_cause_that_is_not_listed_is_no_stop_but_is_known(cause: Cause) -> None:
     assert alone.session.estop
     assert not without.session.estop
     assert list(without.session.causes(without.now)) == [cause]
-    assert 'no stop: estop_on' in warnings(without.session, without.now)[0]
+    assert 'no stop: estop_on' in without.session.warnings(without.now)[0]
 
 
 def test_unknown_is_a_stop_whichever_cause_counts() -> None:
@@ -162,6 +163,33 @@ def test_unknown_is_a_stop_whichever_cause_counts() -> None:
         bench = Bench(estop_on=frozenset({cause}))
         bench.open()
         assert bench.session.estop
+
+
+def test_stop_that_comes_and_goes_within_one_read_is_reported_both_ways() -> None:
+    bench = Bench().find_unit()
+    assert of(StopChanged, bench.take(NOT_ENABLED, OUTPUTS)) == [
+        StopChanged(Verdict(True, True, True)),
+        StopChanged(Verdict(False, False, True)),
+    ]
+
+
+@pytest.mark.parametrize('counted', [frozenset(Cause), frozenset({Cause.FOREIGN_JOYSTICK})])
+def test_discarded_input_is_a_stop_whichever_cause_counts(counted: frozenset[Cause]) -> None:
+    bench = Bench(estop_on=counted).moving()
+    bench.now += 0.001  # within a slot
+    bench.session.interrupted(bench.now, 'this node was held up')
+    start = bench.now
+    events = bench.poll()
+    assert events[0] == StopChanged(Verdict(True, True, False))
+    assert bench.session.stop_reasons(bench.now) == ['this node was held up']
+    assert bench.all_neutral(start)
+    bench.wait(LINK_LIMIT)
+    assert bench.session.estop == (Cause.LINK in counted)
+    bench.take(OUTPUTS)  # nobody knows any more who that is
+    assert not bench.session.link_up
+    bench.take(ANNOUNCED, OUTPUTS, NO_FAULTS)
+    assert not bench.session.estop
+    assert bench.all_neutral(start)
 
 
 # -- what is told ---------------------------------------------------------------------------------
@@ -244,12 +272,12 @@ def test_another_mini_universal_never_vouches_for_ours(options: dict[str, Any]) 
 def test_counters_tell_malformed_from_unknown_and_from_what_is_not_ours() -> None:
     bench = Bench().find_unit()
     counters = bench.session.counters
-    before = (counters.frames, bench.session.other_frames)
+    before = (counters.frames, bench.session.decoder.other_frames)
     bench.take(ef('8300'), ef('77'), ef('0100', source=0x55), CanFrame(0x18FEF100, b'\0'))
     bench.take(ef('41', destination=0x05))
     assert counters.malformed == 1
     assert counters.unknown_types == 1
-    assert (counters.frames - before[0], bench.session.other_frames - before[1]) == (5, 3)
+    assert (counters.frames - before[0], bench.session.decoder.other_frames - before[1]) == (5, 3)
 
 
 def test_filters_pass_all_that_is_taken_and_hardly_more() -> None:
@@ -318,4 +346,4 @@ def test_settings_that_cannot_be_are_refused(options: dict[str, Any]) -> None:
 
 def test_fault_flags_are_those_of_the_manual() -> None:
     assert sum(1 << bit for bit in FAULT_BITS) == sum(Fault)
-    assert Session().estop
+    assert Session(Settings()).estop

@@ -80,8 +80,8 @@ from akron_can_bridge.protocol.joysticks import JOYSTICK_PERIOD
 from akron_can_bridge.protocol.joysticks import JOYSTICK_TIMEOUT
 from akron_can_bridge.protocol.messages import decode
 from akron_can_bridge.protocol.messages import MESSAGES
+from akron_can_bridge.protocol.messages import read
 from akron_can_bridge.protocol.messages import Received
-from akron_can_bridge.protocol.messages import Unknown
 from akron_can_bridge.protocol.polls import AKRON_BRASS
 from akron_can_bridge.protocol.polls import ConfigPoll
 from akron_can_bridge.protocol.polls import ConfigVersion
@@ -113,8 +113,6 @@ from akron_can_bridge.protocol.values import Position
 from akron_can_bridge.protocol.values import Status
 from akron_can_bridge.protocol.values import UNAVAILABLE
 from akron_can_bridge.protocol.values import Version
-from bridge_core.framing import Counters
-from bridge_core.framing import FrameError
 
 __all__ = [
     'AKRON_BRASS',
@@ -145,7 +143,6 @@ __all__ = [
     'BasicJoystick',
     'ConfigPoll',
     'ConfigVersion',
-    'Counters',
     'DiagnosticData',
     'DigitalInputs',
     'DigitalOutputs',
@@ -158,7 +155,6 @@ __all__ = [
     'FieldRequest',
     'FirmwarePoll',
     'FirmwareVersion',
-    'FrameError',
     'Input',
     'Message',
     'MessageType',
@@ -177,7 +173,6 @@ __all__ = [
     'Sendable',
     'SoePermissive',
     'Status',
-    'Unknown',
     'Version',
     'Vista',
     'VistaData',
@@ -189,4 +184,5 @@ __all__ = [
     'flag_names',
     'is_pin',
     'pcode_name',
+    'read',
 ]

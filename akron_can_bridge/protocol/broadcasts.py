@@ -3,11 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-import math
 import re
-import struct
+from typing import Annotated
 
-from akron_can_bridge.protocol.flags import FLAG_NAMES
+from akron_can_bridge.protocol.fields import bit
+from akron_can_bridge.protocol.fields import degrees
+from akron_can_bridge.protocol.fields import Field
+from akron_can_bridge.protocol.fields import flags
+from akron_can_bridge.protocol.fields import position
+from akron_can_bridge.protocol.fields import status
+from akron_can_bridge.protocol.fields import statuses
 from akron_can_bridge.protocol.flags import Input
 from akron_can_bridge.protocol.flags import MiniOutput
 from akron_can_bridge.protocol.flags import Output
@@ -17,29 +22,14 @@ from akron_can_bridge.protocol.frames import MessageType
 from akron_can_bridge.protocol.frames import Sendable
 from akron_can_bridge.protocol.frames import Writable
 from akron_can_bridge.protocol.values import check_range
-from akron_can_bridge.protocol.values import HARD_STOP_NAMES
-from akron_can_bridge.protocol.values import pack_statuses
 from akron_can_bridge.protocol.values import Position
 from akron_can_bridge.protocol.values import Status
-from akron_can_bridge.protocol.values import unpack_statuses
 
 PERMISSIVE_PERIOD = 0.1  # A1
 PERMISSIVE_TIMEOUT = 0.3
 
-_POSITION_LIMIT = struct.Struct('>HH3s')  # rotation, elevation; hard stops, error, calibration
-_SOFT_LIMITS = struct.Struct('>hhB')  # low, high in 0.1 degree; oscillation in the top bit
-_OUTPUTS = struct.Struct('>H')
-_INPUTS = struct.Struct('>B')
-_PERMISSIVE = struct.Struct('>xB')  # reserved, permissions
-assert (_POSITION_LIMIT.size, _SOFT_LIMITS.size) == (7, 5)
-_OSCILLATING = 0x80
-_RISER = 0x0300
-_RISER_SHIFT = 8
 _PIN = re.compile(r'[0-9]{4}[!-~]{2}[0-9]{9}')
 _PIN_TOP_BIT = 1 << 29
-_OUTPUT_BITS, _MINI_BITS, _INPUT_BITS, _PERMISSION_BITS = (
-    sum(FLAG_NAMES[kind]) for kind in (Output, MiniOutput, Input, Permission)
-)
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,38 +42,11 @@ class PositionLimit(Writable):
     """
 
     TYPE = MessageType.POSITION_LIMIT
-    LENGTHS = range(8, 9)
-    rotation: Position
-    elevation: Position
-    hard_stops: tuple[Status, ...]
-    operational_error: Status
-    calibration: Status
-
-    def __post_init__(self) -> None:
-        if len(self.hard_stops) != len(HARD_STOP_NAMES):
-            raise ValueError(f'{len(HARD_STOP_NAMES)} hard stops, not {len(self.hard_stops)}')
-        pack_statuses((*self.hard_stops, self.operational_error, self.calibration))
-
-    @classmethod
-    def _from_payload(cls, payload: bytes) -> PositionLimit:
-        rotation, elevation, rest = _POSITION_LIMIT.unpack(payload)
-        *stops, error, calibration = unpack_statuses(rest)
-        positions = (Position.from_word(rotation), Position.from_word(elevation))
-        return cls(*positions, tuple(stops), error, calibration)
-
-    def _to_payload(self) -> bytes:
-        rest = pack_statuses((*self.hard_stops, self.operational_error, self.calibration))
-        words = (self.rotation.to_word(), self.elevation.to_word())
-        return _POSITION_LIMIT.pack(*words, rest.to_bytes(3, 'big'))
-
-
-def _tenths(what: str, degrees: float) -> int:
-    """Return an angle in 0.1 degree. :raises ValueError: it does not fit 16 bits."""
-    if not math.isfinite(degrees):
-        raise ValueError(f'{what} must be a number of degrees, not {degrees}')
-    tenths = round(degrees * 10)
-    check_range(f'{what} (0.1 degree)', tenths, -0x8000, 0x7FFF)
-    return tenths
+    rotation: Annotated[Position, position(at=40)]
+    elevation: Annotated[Position, position(at=24)]
+    hard_stops: Annotated[tuple[Status, ...], statuses(10, at=4)]
+    operational_error: Annotated[Status, status(at=2)]
+    calibration: Annotated[Status, status(at=0)]
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,22 +54,10 @@ class RotationSoftLimits(Writable):
     """Type 81, every 100 ms from a 6032 with position feedback; left is negative."""
 
     TYPE = MessageType.ROTATION_SOFT_LIMITS
-    LENGTHS = range(6, 7)
-    left_deg: float
-    right_deg: float
-    oscillating: bool = False  # then these are the limits of the oscillation
-
-    def __post_init__(self) -> None:
-        self._to_payload()
-
-    @classmethod
-    def _from_payload(cls, payload: bytes) -> RotationSoftLimits:
-        left, right, oscillation = _SOFT_LIMITS.unpack(payload)
-        return cls(left / 10, right / 10, bool(oscillation & _OSCILLATING))
-
-    def _to_payload(self) -> bytes:
-        limits = (_tenths('the left limit', self.left_deg), _tenths('right', self.right_deg))
-        return _SOFT_LIMITS.pack(*limits, _OSCILLATING if self.oscillating else 0)
+    left_deg: Annotated[float, degrees(at=24)]
+    right_deg: Annotated[float, degrees(at=8)]
+    # Then these are the limits of the oscillation.
+    oscillating: Annotated[bool, bit(at=7)] = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -114,21 +65,8 @@ class ElevationSoftLimits(Writable):
     """Type 82, every 100 ms from a 6032 with position feedback; down is negative."""
 
     TYPE = MessageType.ELEVATION_SOFT_LIMITS
-    LENGTHS = range(6, 7)
-    down_deg: float
-    up_deg: float
-
-    def __post_init__(self) -> None:
-        self._to_payload()
-
-    @classmethod
-    def _from_payload(cls, payload: bytes) -> ElevationSoftLimits:
-        down, up, _unused = _SOFT_LIMITS.unpack(payload)
-        return cls(down / 10, up / 10)
-
-    def _to_payload(self) -> bytes:
-        limits = (_tenths('the down limit', self.down_deg), _tenths('up', self.up_deg))
-        return _SOFT_LIMITS.pack(*limits, 0)
+    down_deg: Annotated[float, degrees(at=24)]
+    up_deg: Annotated[float, degrees(at=8)]
 
 
 @dataclass(frozen=True, slots=True)
@@ -136,20 +74,8 @@ class DigitalOutputs(Writable):
     """Type 83, every 100 ms. :param riser: electric riser command bits, 0 to 3."""
 
     TYPE = MessageType.DIGITAL_OUTPUTS
-    LENGTHS = range(3, 4)
-    outputs: Output
-    riser: int = 0
-
-    def __post_init__(self) -> None:
-        check_range('the riser command', self.riser, 0, 3)
-
-    @classmethod
-    def _from_payload(cls, payload: bytes) -> DigitalOutputs:
-        (word,) = _OUTPUTS.unpack(payload)
-        return cls(Output(word & _OUTPUT_BITS), (word & _RISER) >> _RISER_SHIFT)
-
-    def _to_payload(self) -> bytes:
-        return _OUTPUTS.pack(self.outputs | self.riser << _RISER_SHIFT)
+    outputs: Annotated[Output, flags(Output, 16)]
+    riser: Annotated[int, Field(2, at=8)] = 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -157,16 +83,7 @@ class MiniOutputs(Writable):
     """Type 84, every 100 ms from a 6033 Mini Universal."""
 
     TYPE = MessageType.MINI_OUTPUTS
-    LENGTHS = range(3, 4)
-    outputs: MiniOutput
-
-    @classmethod
-    def _from_payload(cls, payload: bytes) -> MiniOutputs:
-        (word,) = _OUTPUTS.unpack(payload)
-        return cls(MiniOutput(word & _MINI_BITS))
-
-    def _to_payload(self) -> bytes:
-        return _OUTPUTS.pack(self.outputs)
+    outputs: Annotated[MiniOutput, flags(MiniOutput, 16)]
 
 
 @dataclass(frozen=True, slots=True)
@@ -174,16 +91,7 @@ class DigitalInputs(Writable):
     """Type 85, every 100 ms from a 6039 CAN I/O module."""
 
     TYPE = MessageType.DIGITAL_INPUTS
-    LENGTHS = range(2, 3)
-    inputs: Input
-
-    @classmethod
-    def _from_payload(cls, payload: bytes) -> DigitalInputs:
-        (byte,) = _INPUTS.unpack(payload)
-        return cls(Input(byte & _INPUT_BITS))
-
-    def _to_payload(self) -> bytes:
-        return _INPUTS.pack(self.inputs)
+    inputs: Annotated[Input, flags(Input, 8)]
 
 
 @dataclass(frozen=True, slots=True)
@@ -191,16 +99,7 @@ class SoePermissive(Sendable):
     """Type A1, every 100 ms to a unit in SOE mode, which stops 300 ms after the last one."""
 
     TYPE = MessageType.SOE_PERMISSIVE
-    LENGTHS = range(3, 4)
-    permitted: Permission
-
-    @classmethod
-    def _from_payload(cls, payload: bytes) -> SoePermissive:
-        (byte,) = _PERMISSIVE.unpack(payload)
-        return cls(Permission(byte & _PERMISSION_BITS))
-
-    def _to_payload(self) -> bytes:
-        return _PERMISSIVE.pack(self.permitted)
+    permitted: Annotated[Permission, flags(Permission, 16)]
 
 
 def is_pin(text: str) -> bool:

@@ -4,9 +4,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import IntEnum
+from typing import Annotated
+from typing import Any
 from typing import ClassVar
+from typing import get_origin
+from typing import get_type_hints
+from typing import Literal
 from typing import TypeVar
 
+from akron_can_bridge.protocol.fields import Field
 from bridge_core.framing import FrameError
 from bridge_core.j1939 import CanFrame
 from bridge_core.j1939 import GLOBAL_ADDRESS
@@ -77,17 +83,49 @@ class Message:
 
 
 class Writable(Message):
-    """A message that can be written as well as read."""
+    """
+    A message that can be written as well as read.
+
+    Its annotations are the table of its fields: each is Annotated with its Field.
+    """
 
     __slots__ = ()
+    ORDER: ClassVar[Literal['big', 'little']] = 'big'  # of bytes
+    FIELDS: ClassVar[tuple[tuple[str, Field], ...]] = ()
+
+    def __init_subclass__(cls, **options: Any) -> None:
+        super().__init_subclass__(**options)
+        hints = get_type_hints(cls, include_extras=True)
+        cls.FIELDS = tuple(
+            (name, hint.__metadata__[0])
+            for name, hint in hints.items()
+            if get_origin(hint) is Annotated
+        )
+        if cls.FIELDS:
+            bits = max(field.at + field.bits for _, field in cls.FIELDS)
+            length = (bits + 7) // 8 + (cls.TYPE is not None)
+            cls.LENGTHS = range(length, length + 1)
+
+    def __post_init__(self) -> None:
+        """:raises ValueError: for a value that does not fit."""
+        self._to_payload()
 
     def to_bytes(self) -> bytes:
         """Return a frame's data."""
         head = b'' if self.TYPE is None else bytes((self.TYPE,))
         return head + self._to_payload()
 
+    @classmethod
+    def _from_payload(cls: type[_M], payload: bytes) -> _M:
+        assert issubclass(cls, Writable)
+        word = int.from_bytes(payload, cls.ORDER)
+        return cls(**{name: field.read(word) for name, field in cls.FIELDS})
+
     def _to_payload(self) -> bytes:
-        raise NotImplementedError
+        word = 0
+        for name, field in self.FIELDS:
+            word |= field.write(name, getattr(self, name))
+        return word.to_bytes(self.LENGTHS.start - (self.TYPE is not None), self.ORDER)
 
 
 class Sendable(Writable):
@@ -114,10 +152,3 @@ class Bare(Sendable):
     """A message that is its type byte and no more."""
 
     LENGTHS = range(1, 2)
-
-    @classmethod
-    def _from_payload(cls: type[_M], payload: bytes) -> _M:
-        return cls()
-
-    def _to_payload(self) -> bytes:
-        return b''

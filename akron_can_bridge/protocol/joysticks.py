@@ -3,31 +3,21 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-import struct
+from typing import Annotated
 
+from akron_can_bridge.protocol.fields import axis
+from akron_can_bridge.protocol.fields import statuses
 from akron_can_bridge.protocol.frames import BASIC_JOYSTICK_PGN
 from akron_can_bridge.protocol.frames import EXTENDED_JOYSTICK_PGN
 from akron_can_bridge.protocol.frames import Sendable
 from akron_can_bridge.protocol.values import Axis
-from akron_can_bridge.protocol.values import pack_statuses
 from akron_can_bridge.protocol.values import Status
 from akron_can_bridge.protocol.values import UNAVAILABLE
-from akron_can_bridge.protocol.values import unpack_statuses
 
 JOYSTICK_PERIOD = 0.02  # Appendix B: what Akron Brass devices do; 100 ms is the most
 JOYSTICK_TIMEOUT = 0.2  # Appendix B: the unit then clears that sender's input
 
-_BASIC = struct.Struct('<HH4s')  # X, Y; detents, then switches 1-4, 5-8, 9-12
-_EXTENDED = struct.Struct('<HHH2s')  # grip X, Y, theta; detents, then switches 13-16
-assert _BASIC.size == _EXTENDED.size == 8
 _OFF = Status.OFF
-_RESERVED = (_OFF, _OFF)
-
-
-def _check_count(what: str, statuses: tuple[Status, ...], count: int) -> None:
-    if len(statuses) != count:
-        raise ValueError(f'{count} {what} are needed, not {len(statuses)}')
-    pack_statuses(statuses)
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,26 +31,11 @@ class BasicJoystick(Sendable):
     """
 
     PGN = BASIC_JOYSTICK_PGN
-    LENGTHS = range(8, 9)
     PRIORITY = 3
-    x: Axis
-    y: Axis
-    switches: tuple[Status, ...] = (_OFF,) * 12
-    detents: tuple[Status, ...] = (_OFF,) * 2
-
-    def __post_init__(self) -> None:
-        _check_count('switches', self.switches, 12)
-        _check_count('detents', self.detents, 2)
-
-    @classmethod
-    def _from_payload(cls, payload: bytes) -> BasicJoystick:
-        x, y, rest = _BASIC.unpack(payload)
-        statuses = unpack_statuses(rest)
-        return cls(Axis.from_word(x), Axis.from_word(y), statuses[4:], statuses[:2])
-
-    def _to_payload(self) -> bytes:
-        rest = pack_statuses(self.detents + _RESERVED + self.switches)
-        return _BASIC.pack(self.x.to_word(), self.y.to_word(), rest.to_bytes(4, 'big'))
+    x: Annotated[Axis, axis(at=48)]
+    y: Annotated[Axis, axis(at=32)]
+    switches: Annotated[tuple[Status, ...], statuses(12, at=0)] = (_OFF,) * 12
+    detents: Annotated[tuple[Status, ...], statuses(2, at=28)] = (_OFF,) * 2
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,26 +49,9 @@ class ExtendedJoystick(Sendable):
     """
 
     PGN = EXTENDED_JOYSTICK_PGN
-    LENGTHS = range(8, 9)
     PRIORITY = 3
-    grip_x: Axis = UNAVAILABLE
-    grip_y: Axis = UNAVAILABLE
-    theta: Axis = UNAVAILABLE
-    switches: tuple[Status, ...] = (_OFF,) * 4
-    detents: tuple[Status, ...] = (_OFF,) * 3
-
-    def __post_init__(self) -> None:
-        _check_count('switches', self.switches, 4)
-        _check_count('detents', self.detents, 3)
-
-    @classmethod
-    def _from_payload(cls, payload: bytes) -> ExtendedJoystick:
-        *words, rest = _EXTENDED.unpack(payload)
-        x, y, theta = map(Axis.from_word, words)
-        statuses = unpack_statuses(rest)
-        return cls(x, y, theta, statuses[4:], statuses[:3])
-
-    def _to_payload(self) -> bytes:
-        rest = pack_statuses((*self.detents, _OFF, *self.switches))
-        words = (axis.to_word() for axis in (self.grip_x, self.grip_y, self.theta))
-        return _EXTENDED.pack(*words, rest.to_bytes(2, 'big'))
+    grip_x: Annotated[Axis, axis(at=48)] = UNAVAILABLE
+    grip_y: Annotated[Axis, axis(at=32)] = UNAVAILABLE
+    theta: Annotated[Axis, axis(at=16)] = UNAVAILABLE
+    switches: Annotated[tuple[Status, ...], statuses(4, at=0)] = (_OFF,) * 4
+    detents: Annotated[tuple[Status, ...], statuses(3, at=10)] = (_OFF,) * 3

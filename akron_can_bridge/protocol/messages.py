@@ -36,6 +36,7 @@ from akron_can_bridge.protocol.polls import VistaPoll
 from akron_can_bridge.protocol.polls import VistaPosition
 from akron_can_bridge.protocol.polls import ZeroPositions
 from bridge_core.framing import FrameError
+from bridge_core.framing import Unknown
 from bridge_core.j1939 import CanFrame
 from bridge_core.j1939 import J1939Id
 
@@ -57,44 +58,36 @@ _KNOWN: set[tuple[int, int | None]] = {(kind.PGN, kind.TYPE) for kind in MESSAGE
 
 
 @dataclass(frozen=True, slots=True)
-class Unknown:
-    """A frame that this manual does not list. :param type: its first byte, on PGN EF00."""
-
-    pgn: int
-    type: int | None
-    data: bytes
-
-
-@dataclass(frozen=True, slots=True)
 class Received:
-    """What came in one frame, and from whom to whom."""
+    """What came in one frame, and from whom to whom. Unknown: by its first byte, or its PGN."""
 
     message: Message | Unknown
     id: J1939Id
 
 
 def decode(frame: CanFrame) -> Received:
+    """Read a frame; see ``read``. :raises FrameError: its data cannot be what it says."""
+    parts = J1939Id.from_identifier(frame.identifier)
+    return Received(read(parts.pgn, frame.data), parts)
+
+
+def read(pgn: int, data: bytes) -> Message | Unknown:
     """
-    Read a frame. The priority does not count ("General Message Characteristics").
+    Read a frame's data. The priority does not count ("General Message Characteristics").
 
     PGN EF00 is every maker's own: believe such a message only from a unit's address.
 
-    :raises FrameError: its data cannot be what PGN and type say.
+    :raises FrameError: the data cannot be what PGN and type say.
     """
-    parts, data = J1939Id.from_identifier(frame.identifier), frame.data
-    return Received(_read(parts.pgn, data), parts)
-
-
-def _read(pgn: int, data: bytes) -> Message | Unknown:
-    kind_of_type = None
+    number = None
     if pgn == PROPRIETARY_PGN:
         if not data:
             raise FrameError('a message without its type byte')
-        kind_of_type = data[0]
-    kind = _KINDS.get((pgn, kind_of_type, len(data)))
+        number = data[0]
+    kind = _KINDS.get((pgn, number, len(data)))
     if kind is not None:
         return kind.from_bytes(data)
-    if (pgn, kind_of_type) in _KNOWN:
-        name = f'type {kind_of_type:02X}' if kind_of_type is not None else f'PGN {pgn}'
+    if (pgn, number) in _KNOWN:
+        name = f'PGN {pgn}' if number is None else f'type {number:02X}'
         raise FrameError(f'{name} cannot have {len(data)} bytes')
-    return Unknown(pgn, kind_of_type, data)
+    return Unknown(pgn if number is None else number)

@@ -1,12 +1,15 @@
-"""The session: what the link means over time, without a clock, a thread or a port."""
+"""
+The link to one unit over time.
 
-from akron_can_bridge.session.asker import in_words
-from akron_can_bridge.session.events import Answer
+Only a fresh frame from the address that our unit announced vouches for it. Its silence, a missing
+enable input, a motor fault and a foreign joystick are stops where ``estop_on`` lists them.
+"""
+
+from akron_can_bridge.parameters import Cause
 from akron_can_bridge.session.events import AXIS_NAMES
 from akron_can_bridge.session.events import Event
 from akron_can_bridge.session.events import FaultsChanged
 from akron_can_bridge.session.events import LimitsChanged
-from akron_can_bridge.session.events import Output
 from akron_can_bridge.session.events import OutputsChanged
 from akron_can_bridge.session.events import Positions
 from akron_can_bridge.session.events import Request
@@ -16,21 +19,15 @@ from akron_can_bridge.session.events import UnitChanged
 from akron_can_bridge.session.resting import Resting
 from akron_can_bridge.session.session import FILTERS
 from akron_can_bridge.session.session import Session
-from akron_can_bridge.session.settings import Cause
-from akron_can_bridge.session.settings import check_joystick
-from akron_can_bridge.session.settings import check_unit
 from akron_can_bridge.session.settings import Settings
-from bridge_core.session import StopChanged
 
 __all__ = [
     'AXIS_NAMES',
     'FILTERS',
-    'Answer',
     'Cause',
     'Event',
     'FaultsChanged',
     'LimitsChanged',
-    'Output',
     'OutputsChanged',
     'Positions',
     'Request',
@@ -38,10 +35,6 @@ __all__ = [
     'Session',
     'Settings',
     'Sticks',
-    'StopChanged',
     'Stopped',
     'UnitChanged',
-    'check_joystick',
-    'check_unit',
-    'in_words',
 ]

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from dataclasses import field
+import math
 
 from akron_can_bridge.protocol import AddressAnnouncement
 from akron_can_bridge.protocol import ConfigPoll
@@ -25,8 +26,8 @@ from akron_can_bridge.protocol import PcodeVersion
 from akron_can_bridge.protocol import ResetController
 from akron_can_bridge.protocol import Sendable
 from akron_can_bridge.protocol import ZeroPositions
-from akron_can_bridge.session.events import Answer
 from akron_can_bridge.session.events import Request
+from bridge_core.session import Answer
 
 RESEND_PERIOD = 0.25  # of polls
 RESET_TIME = 5.0  # Appendix A: 2 to 3 s from power-up to the address
@@ -48,11 +49,12 @@ _POLLS = (Request.POLL_FAULTS, Request.POLL_VERSIONS)
 
 @dataclass(slots=True)
 class _Open:
-    """A request under way."""
+    """A request under way. :param asked: somebody waits for its Answer."""
 
     missing: dict[type[Message], Sendable]
     give_up_at: float
     send_at: float
+    asked: bool = False
     answers: list[Message] = field(default_factory=list)
 
 
@@ -67,42 +69,59 @@ class Asker:
         self._timeout = timeout
         self._open: dict[Request, _Open] = {}
 
-    def start(self, request: Request, now: float) -> None:
+    def start(self, request: Request, now: float, *, asked: bool = False) -> None:
         """Ask. Who asks the same again before the answer gets that answer, too."""
         if request not in self._open:
             timeout = RESET_TIME if request is Request.RESET_CONTROLLER else self._timeout
             self._open[request] = _Open(dict(_QUESTIONS[request]), now + timeout, now)
+        self._open[request].asked |= asked
 
     def answered(self, message: Message) -> list[Answer]:
-        """Take what the unit sent; return what it completes."""
-        return [
+        """Take what the unit sent; return the answers that it completes."""
+        ended = [
             self._end(request, True, '; '.join(map(in_words, question.answers)))
             for request, question in list(self._open.items())
             if self._takes(question, message)
         ]
+        return [answer for answers in ended for answer in answers]
 
     def is_open(self, request: Request) -> bool:
         """Tell whether it was asked and is not answered yet."""
         return request in self._open
 
-    def poll(self, now: float) -> tuple[list[Answer], list[Sendable]]:
-        """Return the time-outs, and what is to be sent now."""
-        answers = [
-            self._end(request, False, self._silence(request, question))
-            for request, question in list(self._open.items())
-            if now >= question.give_up_at
-        ]
+    def overdue(self, request: Request, now: float) -> bool:
+        """Tell whether its answer did not come in time."""
+        return request in self._open and now >= self._open[request].give_up_at
+
+    @property
+    def deadline(self) -> float:
+        """The moment at which the first answer is overdue; infinite if none is awaited."""
+        return min((each.give_up_at for each in self._open.values()), default=math.inf)
+
+    def expire(self, now: float) -> list[Answer]:
+        """Give up what is overdue; return what to tell."""
+        return self._give_up([each for each in self._open if self.overdue(each, now)])
+
+    def due(self, now: float) -> list[Sendable]:
+        """Return what is to be sent now."""
         messages: list[Sendable] = []
         for request, question in self._open.items():
             if now >= question.send_at:
                 messages += question.missing.values()
                 again = now + RESEND_PERIOD
                 question.send_at = again if request in _POLLS else question.give_up_at
-        return answers, messages
+        return messages
 
     def drop(self, reason: str) -> list[Answer]:
         """Give up all of them; return what to tell."""
-        return [self._end(request, False, reason) for request in list(self._open)]
+        return self._give_up(list(self._open), reason)
+
+    def _give_up(self, requests: list[Request], reason: str = '') -> list[Answer]:
+        ended = [
+            self._end(request, False, reason or self._silence(request, self._open[request]))
+            for request in requests
+        ]
+        return [answer for answers in ended for answer in answers]
 
     def _takes(self, question: _Open, message: Message) -> bool:
         """Tell whether this was the last answer that was missing."""
@@ -111,9 +130,9 @@ class Asker:
         question.answers.append(message)
         return not question.missing
 
-    def _end(self, request: Request, success: bool, text: str) -> Answer:
-        del self._open[request]
-        return Answer(request, success, text)
+    def _end(self, request: Request, success: bool, text: str) -> list[Answer]:
+        asked = self._open.pop(request).asked
+        return [Answer(request.value, success, text)] if asked else []
 
     def _silence(self, request: Request, question: _Open) -> str:
         if request is Request.RESET_CONTROLLER:

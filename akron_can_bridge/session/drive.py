@@ -51,7 +51,7 @@ REST = Command(BasicJoystick(NEUTRAL, NEUTRAL), ExtendedJoystick())
 
 
 class Drive:
-    """Decides what goes out. Call ``watch`` before anything new is taken in or sent."""
+    """Decides what goes out. Call ``watch`` after each change and at each deadline."""
 
     def __init__(self, settings: Settings) -> None:
         self.refused = 0
@@ -64,17 +64,25 @@ class Drive:
         self._command = REST
         self._pacer = Pacer(JOYSTICK_PERIOD)
         self._permissive_pacer = Pacer(PERMISSIVE_PERIOD)
-        self._permissive: tuple[int | None, Permission] = (None, _NOTHING)  # as told last
+        self._permissive: tuple[int | None, Permission] = (None, _NOTHING)  # as sent last
 
-    def opened(self, now: float) -> None:
+    def start(self, now: float) -> None:
         """Begin with neutral frames."""
-        self._forget()
         self._pacer.start(now)
 
-    def closed(self) -> None:
-        """Send no more, forget what was heard."""
-        self._forget()
+    def stop(self) -> None:
+        """Send no more."""
         self._pacer.stop()
+        self._permissive_pacer.stop()
+
+    def forget(self) -> None:
+        """Forget what was heard."""
+        self._heard.reset()
+        self._estop_in.reset()
+        self._refusal = ''
+        self._is_open = False
+        self._command = REST
+        self._permissive = (None, _NOTHING)
 
     @property
     def moving(self) -> bool:
@@ -82,13 +90,21 @@ class Drive:
         return self._command != REST
 
     @property
+    def due(self) -> float:
+        """The moment at which a frame is due."""
+        return min(self._pacer.due, self._permissive_pacer.due)
+
+    @property
     def deadline(self) -> float:
-        """The moment at which a frame is due or what goes out goes stale."""
-        return min(self._pacer.due, self._permissive_pacer.due, self._stale_at())
+        """The moment at which what goes out goes stale; infinite for never."""
+        if self._is_open:
+            return min(self._heard.deadline, self._estop_in.deadline)
+        # Nothing but the permission hangs on it then.
+        return self._estop_in.deadline if self._permissive[1] else math.inf
 
     def watch(self, now: float, stops: Sequence[str]) -> tuple[str, ...]:
         """
-        Let what expired or came up before ``now`` act; return why the frames became neutral.
+        Make the frames neutral where anything forbids motion; return why they became so.
 
         :param stops: why the session demands a stop.
         """
@@ -181,12 +197,6 @@ class Drive:
             return [f'command is stale: {self._heard.describe(now)}']
         return []
 
-    def _stale_at(self) -> float:
-        if self._is_open:
-            return min(self._heard.deadline, self._estop_in.deadline)
-        # Nothing but the permission hangs on it then.
-        return self._estop_in.deadline if self._permissive[1] else math.inf
-
     def _shut(self, reasons: Sequence[str], now: float) -> tuple[str, ...]:
         """Forget what was asked, and have a neutral frame go out with the next poll."""
         self._is_open = False
@@ -194,12 +204,3 @@ class Drive:
         self.last_stop = tuple(reasons)
         self._pacer.start(now)
         return self.last_stop
-
-    def _forget(self) -> None:
-        self._heard.reset()
-        self._estop_in.reset()
-        self._refusal = ''
-        self._is_open = False
-        self._command = REST
-        self._permissive_pacer.stop()
-        self._permissive = (None, _NOTHING)

@@ -1,4 +1,4 @@
-"""What a session tells the node, in the order in which it happened."""
+"""What a session reports, in the order in which it happened; stops and answers are the base's."""
 
 from __future__ import annotations
 
@@ -11,8 +11,6 @@ from akron_can_bridge.protocol import ElevationSoftLimits
 from akron_can_bridge.protocol import MiniOutputs
 from akron_can_bridge.protocol import PositionLimit
 from akron_can_bridge.protocol import RotationSoftLimits
-from bridge_core.j1939 import CanFrame
-from bridge_core.session import StopChanged
 
 
 class Request(Enum):
@@ -23,15 +21,6 @@ class Request(Enum):
     ENTER_SETUP = 'enter_setup'
     POLL_FAULTS = 'poll_faults'
     POLL_VERSIONS = 'poll_versions'
-
-
-@dataclass(frozen=True, slots=True)
-class Answer:
-    """What became of a request. :param text: what was answered, or why not, in words."""
-
-    request: Request
-    success: bool
-    text: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,15 +98,4 @@ class Sticks:
     faulty: tuple[str, ...] = ()
 
 
-Event = (
-    StopChanged
-    | UnitChanged
-    | Positions
-    | LimitsChanged
-    | OutputsChanged
-    | FaultsChanged
-    | Stopped
-    | Sticks
-    | Answer
-)
-Output = tuple[list[Event], list[CanFrame]]
+Event = UnitChanged | Positions | LimitsChanged | OutputsChanged | FaultsChanged | Stopped | Sticks

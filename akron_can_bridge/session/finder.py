@@ -10,10 +10,10 @@ from __future__ import annotations
 
 import math
 
+from akron_can_bridge.parameters import CONTROLLERS
 from akron_can_bridge.protocol import AddressAnnouncement
 from akron_can_bridge.protocol import AKRON_BRASS
 from akron_can_bridge.protocol import Name
-from akron_can_bridge.session.settings import CONTROLLERS
 from akron_can_bridge.session.settings import Settings
 from bridge_core.j1939 import NULL_ADDRESS
 
@@ -40,8 +40,8 @@ class Finder:
         self._asked_at = -math.inf
         self._due = math.inf
 
-    def opened(self, now: float) -> None:
-        """Begin: ask at once."""
+    def start(self, now: float) -> None:
+        """Begin, or begin anew: ask at once."""
         self.address = self.namesake = None
         self.devices.clear()
         self._asked_at = -math.inf

@@ -51,7 +51,7 @@ class Joysticks:
         self._stream = StickStream()
 
     def forget(self) -> None:
-        """Be as if none had been heard."""
+        """Forget all that was heard."""
         self._heard.clear()
         self._deflected.clear()
         self._source.reset()
@@ -66,7 +66,7 @@ class Joysticks:
     def take(
         self, message: BasicJoystick | ExtendedJoystick, source: int, now: float
     ) -> list[Sticks]:
-        """Take a sound frame; return what to tell of it."""
+        """Take a sound frame; return what to report of it."""
         if isinstance(message, BasicJoystick):
             self._deflected.pop(source, None)
             if message.x.value != 0 or message.y.value != 0:
@@ -80,11 +80,16 @@ class Joysticks:
         self._source.feed(now)
         sticks = self._sticks_of(message, now)
         self.faulty = sticks.faulty
-        self._stream.told(counts=True)
+        self._stream.published(counts=True)
         return [sticks]
 
-    def poll(self, now: float) -> list[Sticks]:
-        """Return the one neutral event that is owed once the joystick has fallen silent."""
+    def expire(self, now: float) -> list[Sticks]:
+        """
+        Forget who is not heard any more.
+
+        Return the one neutral event that is owed once the joystick has fallen silent.
+        """
+        self._heard = dict(self._present(now))
         if not self._stream.owes_neutral(fresh=not self._source.expired(now), counts=True):
             return []
         self.faulty = ()
@@ -92,8 +97,9 @@ class Joysticks:
 
     @property
     def deadline(self) -> float:
-        """The moment at which ``poll`` has something to tell; infinite for never."""
-        return self._source.deadline if self._stream.streaming else math.inf
+        """The moment at which time alone changes anything; infinite for never."""
+        holds = [at + FOREIGN_HOLD for at, _ in self._heard.values()]
+        return min([*holds, self._source.deadline if self._stream.streaming else math.inf])
 
     def moving(self, now: float) -> list[int]:
         """Return the addresses of those that ask the unit to move; ones that are broken may."""
@@ -101,12 +107,11 @@ class Joysticks:
 
     def foreign(self, now: float) -> list[int]:
         """Return the addresses of those that nobody allowed, our own among them."""
-        self._heard = {
-            address: (at, identifier)
-            for address, (at, identifier) in self._heard.items()
-            if now < at + FOREIGN_HOLD
-        }
-        return [at for at in self._heard if at not in self._settings.allowed_joysticks]
+        allowed = self._settings.allowed_joysticks
+        return [address for address, _ in self._present(now) if address not in allowed]
+
+    def _present(self, now: float) -> list[tuple[int, tuple[float, int]]]:
+        return [item for item in self._heard.items() if now < item[1][0] + FOREIGN_HOLD]
 
     def describe(self, addresses: Iterable[int]) -> str:
         """Say who they are and what to do."""
@@ -115,7 +120,8 @@ class Joysticks:
     def present(self, now: float) -> dict[int, str]:
         """Return all that are heard by address, with what they count as."""
         foreign = self.foreign(now)
-        return {at: 'foreign' if at in foreign else 'allowed' for at in sorted(self._heard)}
+        present = sorted(address for address, _ in self._present(now))
+        return {at: 'foreign' if at in foreign else 'allowed' for at in present}
 
     def _describe(self, address: int) -> str:
         identifier = self._heard[address][1]

@@ -1,8 +1,9 @@
-"""What a session knows, for the diagnostics of its node: sentences and figures."""
+"""The words of the unit's diagnostic: sentences and figures."""
 
 from __future__ import annotations
 
 from typing import Any
+from typing import TYPE_CHECKING
 
 from akron_can_bridge.protocol import AsciiPipe
 from akron_can_bridge.protocol import DEVICE_TYPES
@@ -15,8 +16,10 @@ from akron_can_bridge.protocol import Status
 from akron_can_bridge.protocol import VistaData
 from akron_can_bridge.protocol import VistaPosition
 from akron_can_bridge.session.asker import in_words
-from akron_can_bridge.session.session import Session
 from akron_can_bridge.session.unit import VERSIONS
+
+if TYPE_CHECKING:
+    from akron_can_bridge.session.session import Session
 
 _SENSORS = ('rotation', 'elevation')
 
@@ -101,7 +104,7 @@ def values(session: Session, now: float) -> dict[str, Any]:
         'motion commanded': drive.moving,
         'neutral because': '; '.join(session.inhibits(now)) or 'commands go out',
         'refused commands': drive.refused,
-        'frames of no concern': session.other_frames,
+        'frames of no concern': session.decoder.other_frames,
         'faults': 'not known' if session.unit.faults is None else in_words(session.unit.faults),
     }
     return known | _versions(session) | _vista(session) | _maker(session)

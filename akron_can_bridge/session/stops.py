@@ -7,18 +7,19 @@ unit still and is no cause here, so ``own_estop`` is always the same as ``estop`
 
 from __future__ import annotations
 
+from akron_can_bridge.parameters import Cause
+from akron_can_bridge.parameters import CONTROLLERS
+from akron_can_bridge.parameters import MINI_UNIVERSAL
+from akron_can_bridge.protocol import AddressAnnouncement
 from akron_can_bridge.protocol import DEVICE_TYPES
 from akron_can_bridge.protocol import DigitalOutputs
 from akron_can_bridge.protocol import Fault
+from akron_can_bridge.protocol import FaultStatus
 from akron_can_bridge.protocol import flag_names
 from akron_can_bridge.protocol import MiniOutput
 from akron_can_bridge.protocol import MiniOutputs
 from akron_can_bridge.protocol import Output
 from akron_can_bridge.session.finder import Finder
-from akron_can_bridge.session.joysticks import Joysticks
-from akron_can_bridge.session.settings import Cause
-from akron_can_bridge.session.settings import CONTROLLERS
-from akron_can_bridge.session.settings import MINI_UNIVERSAL
 from akron_can_bridge.session.settings import Settings
 from akron_can_bridge.session.unit import Unit
 
@@ -32,26 +33,35 @@ MOTOR_FAULTS = (
 
 
 def causes(
-    settings: Settings, finder: Finder, unit: Unit, joysticks: Joysticks, now: float
+    unit: AddressAnnouncement | None,
+    known: Unit,
+    faults: FaultStatus | None,
+    foreign: str,
+    now: float,
 ) -> dict[Cause, str]:
-    """Return all causes that there are now, whether they count or not."""
-    found = {}
-    if unit.heard.expired(now):
-        # Nothing else is known then either; said once, whichever of them counts.
-        text = _silence(settings, finder, unit, now)
-        found = dict.fromkeys((Cause.LINK, Cause.ENABLE, Cause.MOTOR_FAULT), text)
-    elif finder.unit is not None:
-        kind = finder.unit.device_type
-        found[Cause.ENABLE] = _enable_missing(unit, now) if kind in CONTROLLERS else ''
+    """
+    Return all causes that there are now while the unit is heard, whether they count or not.
+
+    :param faults: None while they are not known. :param foreign: who else drives the unit.
+    """
+    found = {Cause.FOREIGN_JOYSTICK: foreign}
+    if unit is not None:
+        kind = unit.device_type
+        found[Cause.ENABLE] = _enable_missing(known, now) if kind in CONTROLLERS else ''
         mini = kind == MINI_UNIVERSAL
-        found[Cause.MOTOR_FAULT] = _mini_faulted(unit, now) if mini else _motor_fault(unit)
-    foreign = joysticks.foreign(now)
-    if foreign:
-        found[Cause.FOREIGN_JOYSTICK] = joysticks.describe(foreign)
-    return {cause: text for cause, text in found.items() if text}
+        found[Cause.MOTOR_FAULT] = _mini_faulted(known, now) if mini else _motor_fault(faults)
+    return {cause: found[cause] for cause in Cause if found.get(cause)}
 
 
-def _silence(settings: Settings, finder: Finder, unit: Unit, now: float) -> str:
+def silent(foreign: str, silence: str) -> dict[Cause, str]:
+    """Return the causes while the unit is not heard. :param silence: why it may be."""
+    # Nothing else is known then either; said once, whichever of them counts.
+    found = dict.fromkeys((Cause.LINK, Cause.ENABLE, Cause.MOTOR_FAULT), silence)
+    return {**found, Cause.FOREIGN_JOYSTICK: foreign} if foreign else found
+
+
+def silence(settings: Settings, finder: Finder, heard: str) -> str:
+    """Return why the unit may not be heard, and what to do. :param heard: how long ago it was."""
     if finder.unit is None:
         wanted = settings.device_pin or DEVICE_TYPES.get(settings.device_type, 'controller')
         others = ', '.join(finder.devices)
@@ -64,7 +74,7 @@ def _silence(settings: Settings, finder: Finder, unit: Unit, now: float) -> str:
     name = finder.unit.pin
     if finder.address is None:
         return f'unit {name} has no address at present; it is asked to announce itself'
-    return f'unit {name} is silent: {unit.heard.describe(now)}; check its power and CAN wiring'
+    return f'unit {name} is silent: {heard}; check its power and CAN wiring'
 
 
 def _enable_missing(unit: Unit, now: float) -> str:
@@ -85,10 +95,10 @@ def _mini_faulted(unit: Unit, now: float) -> str:
     return ''
 
 
-def _motor_fault(unit: Unit) -> str:
-    if unit.faults is None:
+def _motor_fault(status: FaultStatus | None) -> str:
+    if status is None:
         return 'faults are not known: the fault status poll (type 02) has no answer'
-    faults = unit.faults.faults & MOTOR_FAULTS
+    faults = status.faults & MOTOR_FAULTS
     if not faults:
         return ''
     return f'{", ".join(flag_names(faults))} fault; check that motor, its wiring, what blocks it'

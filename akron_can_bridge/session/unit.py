@@ -36,7 +36,7 @@ class _Broadcast:
     """The newest message of one type. :param timeout: seconds for which it is fresh."""
 
     def __init__(self, timeout: float) -> None:
-        self._heard = Watchdog(timeout)
+        self.heard = Watchdog(timeout)
         self._message: Message | None = None
         self._neighbour: int | None = None
 
@@ -45,15 +45,11 @@ class _Broadcast:
         if neighbour not in (None, self._neighbour) and self.get(now):
             return
         self._message, self._neighbour = message, neighbour
-        self._heard.feed(now)
+        self.heard.feed(now)
 
     def get(self, now: float) -> Message | None:
         """Return it while it is fresh."""
-        return None if self._heard.expired(now) else self._message
-
-    def forget(self) -> None:
-        """Be as if it had never come."""
-        self._heard.reset()
+        return None if self.heard.expired(now) else self._message
 
 
 class Unit:
@@ -64,7 +60,6 @@ class Unit:
     """
 
     def __init__(self, timeout: float) -> None:
-        self.heard = Watchdog(timeout)
         self.faults: FaultStatus | None = None  # None: not known
         self._broadcasts: dict[type[Message], _Broadcast] = {
             kind: _Broadcast(timeout) for kind in _BROADCASTS
@@ -78,6 +73,17 @@ class Unit:
             self._broadcasts[kind].take(message, now, neighbour)
         elif kind in _KEPT:
             self._kept[kind] = message
+
+    @property
+    def deadline(self) -> float:
+        """The moment at which the first broadcast expires; infinite if none is fresh."""
+        return min(each.heard.deadline for each in self._broadcasts.values())
+
+    def expire(self, now: float) -> None:
+        """Forget the broadcasts that are not fresh any more."""
+        for each in self._broadcasts.values():
+            if each.heard.expired(now):
+                each.heard.reset()
 
     def broadcast(self, kind: type[M], now: float) -> M | None:
         """Return the newest of a broadcast type; None while none is fresh."""
@@ -95,7 +101,7 @@ class Unit:
         return all(kind in self._kept for kind in VERSIONS)
 
     def limits(self, now: float) -> LimitsChanged:
-        """Return what is told of limits."""
+        """Return what is reported of limits."""
         return LimitsChanged(
             self.broadcast(PositionLimit, now),
             self.broadcast(RotationSoftLimits, now),
@@ -103,7 +109,7 @@ class Unit:
         )
 
     def outputs(self, now: float) -> OutputsChanged:
-        """Return what is told of outputs and inputs."""
+        """Return what is reported of outputs and inputs."""
         return OutputsChanged(
             self.broadcast(DigitalOutputs, now),
             self.broadcast(MiniOutputs, now),
@@ -117,8 +123,7 @@ class Unit:
             self._kept.pop(kind, None)
 
     def forget(self) -> None:
-        """Be as if nothing had been heard, but for its versions."""
+        """Forget all but its versions."""
         self.lost()
-        self.heard.reset()
-        for broadcast in self._broadcasts.values():
-            broadcast.forget()
+        for each in self._broadcasts.values():
+            each.heard.reset()

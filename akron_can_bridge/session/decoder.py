@@ -1,0 +1,52 @@
+"""From frames to messages: those that concern one session, each with its sender."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from akron_can_bridge.protocol import BASIC_JOYSTICK_PGN
+from akron_can_bridge.protocol import EXTENDED_JOYSTICK_PGN
+from akron_can_bridge.protocol import Message
+from akron_can_bridge.protocol import read
+from bridge_core.framing import Decoder
+from bridge_core.framing import FrameError
+from bridge_core.framing import Unknown
+from bridge_core.j1939 import CanFrame
+from bridge_core.j1939 import J1939Id
+
+JOYSTICK_PGNS = (BASIC_JOYSTICK_PGN, EXTENDED_JOYSTICK_PGN)
+
+# None: a joystick's, but not sound. A unit may be less strict than we are.
+Received = tuple[J1939Id, Message | None]
+
+
+class FrameDecoder(Decoder[CanFrame, Received]):
+    """
+    Decodes what concerns a session, and counts what does not.
+
+    :param concerns: whether it does, by identifier and data.
+    """
+
+    def __init__(self, concerns: Callable[[J1939Id, bytes], bool]) -> None:
+        super().__init__()
+        self.other_frames = 0  # none of our business
+        self._concerns = concerns
+
+    def feed(self, data: CanFrame, now: float) -> list[Received]:
+        """Return the message of a frame, if there is one."""
+        del now
+        self.counters.frames += 1
+        self.counters.bytes += len(data.data)
+        sender = J1939Id.from_identifier(data.identifier)
+        if not self._concerns(sender, data.data):
+            self.other_frames += 1
+            return []
+        try:
+            message = read(sender.pgn, data.data)
+        except FrameError:
+            self.counters.malformed += 1
+            return [(sender, None)] if sender.pgn in JOYSTICK_PGNS else []
+        if isinstance(message, Unknown):
+            self.counters.unknown_types += 1
+            return []
+        return [(sender, message)]
