@@ -373,7 +373,7 @@ def test_link_comes_back_by_itself_when_the_interface_does() -> None:
         link.activate(ours, listener)
         wait_for(lambda: link.status.is_open, 2.0, 'the port to open')
         run_ip('link', 'delete', 'near')
-        wait_for(lambda: listener.closed_count == 1, 2.0, 'the loss to be told')
+        wait_for(lambda: listener.closed_count == 1, 2.0, 'the report of the loss')
         assert not link.status.is_open
         add_cable()
         wait_for(lambda: link.status.is_open, 2.0, 'the port to open again')
