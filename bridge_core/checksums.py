@@ -18,8 +18,8 @@ import zlib
 # With both sums carried in below 256, 21 bytes of 0xFF give 255 * (1 + 21 + 231) = 64515.
 _FLETCHER_CHUNK = 21
 
-# Every byte with its bits in reverse: a CRC that is not reflected is a reflected one of mirrored
-# bytes, and only the reflected one is in the standard library.
+# Each byte with its bits reversed. The standard library has only reflected CRCs; over bit-reversed
+# data, and with the result bit-reversed, they equal those that are not reflected.
 _MIRROR = bytes(int(f'{byte:08b}'[::-1], 2) for byte in range(256))
 
 

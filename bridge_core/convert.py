@@ -1,4 +1,4 @@
-"""Conversions that all rooms share. Pure."""
+"""Conversions that several bridges share. Pure."""
 
 from collections.abc import Sequence
 import math
@@ -10,7 +10,9 @@ from sensor_msgs.msg import Joy
 
 def scaled(value: float, full_scale: float, deadband: float = 0.0) -> float:
     """
-    Return a control as -1 to 1, clipped, without a step at the edge of the deadband; never -0.0.
+    Return a control as -1 to 1, clipped, without a step at the edge of the deadband.
+
+    Zero is never -0.0.
 
     :param full_scale: the magnitude that is 1. :param deadband: 0 to below 1, of full scale.
     """
@@ -25,18 +27,18 @@ def joy_message(axes: Sequence[float], buttons: Sequence[int], stamp: Time, fram
     message = Joy()
     message.header.stamp = stamp
     message.header.frame_id = frame_id
-    message.axes = [axis + 0.0 for axis in axes]  # no -0.0 for people to see
+    message.axes = [axis + 0.0 for axis in axes]  # -0.0 becomes 0.0
     message.buttons = [int(button) for button in buttons]
     return message
 
 
 def unknown_battery(location: str, stamp: Time, frame_id: str) -> BatteryState:
-    """Return a battery of which nothing is known: not present, every figure not a number."""
+    """Return a battery of unknown state: not present, all values NaN."""
     message = BatteryState()
     message.header.stamp = stamp
     message.header.frame_id = frame_id
     for field in ('voltage', 'temperature', 'current', 'charge', 'capacity', 'design_capacity'):
-        setattr(message, field, math.nan)  # not measured, by the message's own definition
+        setattr(message, field, math.nan)  # BatteryState: NaN if unmeasured
     message.percentage = math.nan
     message.location = location
     return message

@@ -1,5 +1,5 @@
 """
-CAN frames, and what SAE J1939-21 puts into their 29-bit identifiers.
+CAN frames, and the fields of their 29-bit identifiers after SAE J1939-21.
 
 =====  ================  =======================================================
 bits   field             meaning
@@ -9,7 +9,7 @@ bits   field             meaning
 24     data page         part of the PGN
 23-16  PDU format        below 240: the next byte is an address (PDU1)
 15-8   PDU specific      destination address (PDU1) or the PGN's low byte (PDU2)
-7-0    source address    who sent it
+7-0    source address    address of the sender
 =====  ================  =======================================================
 """
 
@@ -28,7 +28,7 @@ class CanFrame:
     One data frame of classic CAN with an extended identifier.
 
     :param identifier: 0 to 0x1FFFFFFF. :param data: 0 to 8 bytes.
-    :raises ValueError: for anything else.
+    :raises ValueError: out of range.
     """
 
     identifier: int
@@ -44,12 +44,12 @@ class CanFrame:
 @dataclass(frozen=True, slots=True)
 class J1939Id:
     """
-    An identifier taken apart.
+    The fields of an identifier.
 
-    :param priority: 0 to 7. :param pgn: parameter group number, 18 bits, its low byte 0 where it
-        has a destination. :param source: address of the sender.
-    :param destination: address, GLOBAL_ADDRESS where the PGN has none.
-    :raises ValueError: for what does not fit.
+    :param priority: 0 to 7. :param pgn: parameter group number, 18 bits; its low byte is 0
+        if it has a destination. :param source: address of the sender.
+    :param destination: address; GLOBAL_ADDRESS if the PGN has none.
+    :raises ValueError: out of range, or contradictory.
     """
 
     priority: int
@@ -76,7 +76,7 @@ class J1939Id:
 
     @classmethod
     def from_identifier(cls, identifier: int) -> J1939Id:
-        """Take a 29-bit identifier apart."""
+        """Split a 29-bit identifier into its fields."""
         pgn = identifier >> 8 & 0x3FFFF
         destination = GLOBAL_ADDRESS
         if cls._has_destination(pgn):

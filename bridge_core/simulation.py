@@ -1,4 +1,4 @@
-"""What simulators share: lines of text that they obey. Production code never imports it."""
+"""Text commands of simulators. Production code never imports this."""
 
 from collections.abc import Callable
 from collections.abc import Collection
@@ -10,10 +10,11 @@ Commands = Mapping[str, tuple[str, Callable[..., None]]]
 
 def obey(simulator: Any, commands: Commands, text: str) -> None:
     """
-    Carry out one line, such as 'stick left_y 0.8'.
+    Execute one line, such as 'stick left_y 0.8'.
 
-    :param commands: words: usage (one word a parameter), and what obeys, called with the simulator
-        and the words. :raises ValueError: one line that says what fits.
+    :param commands: by name, the usage (one word a parameter) and a function that is called with
+        the simulator and the words.
+    :raises ValueError: an unknown command or bad arguments; one line with the usage.
     """
     name, *words = text.split() or ['']
     if name not in commands:
@@ -50,7 +51,7 @@ def one_of(names: Collection[str], name: str) -> str:
 
 
 def within(text: str, low: float, high: float) -> float:
-    """Return the number. :raises ValueError: it is none, or out of range."""
+    """Return the number. :raises ValueError: it is not a number, or out of range."""
     value = float(text)
     if not low <= value <= high:
         raise ValueError(f'{text} is not within {low} to {high}')
@@ -58,6 +59,6 @@ def within(text: str, low: float, high: float) -> float:
 
 
 def switch(text: str) -> bool:
-    """Return on or 1 as true, off or 0 as false. :raises ValueError: for anything else."""
+    """Return true for ``on`` or ``1``, false for ``off`` or ``0``. :raises ValueError: else."""
     switches = {'on': True, '1': True, 'off': False, '0': False}
     return switches[one_of(switches, text)]

@@ -1,4 +1,4 @@
-"""A simulated device on a CAN bus, where a bridge finds it as the real one."""
+"""A simulated device on a CAN bus, for a bridge to use in place of the real one."""
 
 from __future__ import annotations
 
@@ -13,22 +13,22 @@ from rugged_teleop.ports import TransportDevice
 INTERFACE = 'udp_multicast'  # a bus of several processes on one machine
 _GROUP = '239.255.42.21'
 CHANNEL = f'{_GROUP}:43113'
-# As the kernel writes an identifier: flags in the three bits above it (linux/can.h). A line that
-# flips one of them leaves no data frame.
+# As in linux/can.h: the three highest bits are flags. A frame in which a simulated fault flips one
+# of them is no data frame any more.
 _IDENTIFIER = struct.Struct('>I')
 _EXTENDED, _FLAGS = 0x80000000, 0xE0000000
 
 
 class CanBusDevice(TransportDevice):
     """
-    A simulated device on a CAN bus; its ``receive`` and ``poll`` take and give CanFrames.
+    A simulated device on a CAN bus; its ``receive`` and ``poll`` take and return CanFrames.
 
-    Several may share one bus. In records a frame is its identifier as four bytes, the highest bit
-    set, and its data; see ``unpack``.
+    Several may share one bus. Records hold a frame as bytes: its identifier (four bytes, the
+    highest bit set), then its data; see ``unpack``.
 
-    :param interface: python-can's name of a kind of interface. :param channel: which one.
-    :param seed: makes the line's faults repeat themselves. None: they differ from run to run.
-    :raises OSError: the bus cannot be joined. :raises ValueError: for what cannot be.
+    :param interface: kind of interface, as python-can names it. :param channel: which one.
+    :param seed: makes the simulated faults reproducible. None: they differ from run to run.
+    :raises OSError: the bus cannot be joined. :raises ValueError: a bad interface or channel.
     """
 
     def __init__(
@@ -39,7 +39,7 @@ class CanBusDevice(TransportDevice):
         interface: str = INTERFACE,
         seed: int | None = None,
     ) -> None:
-        # Late: who simulates nothing on CAN need not have python-can, nor wait for its import.
+        # A lazy import: python-can is slow to import, and needed for CAN devices only.
         from bridge_core.transports.can import CanTransport
 
         self.interface, self.channel = interface, channel
@@ -54,12 +54,12 @@ class CanBusDevice(TransportDevice):
 
 
 def pack(frame: CanFrame) -> bytes:
-    """Return a frame as lines and records carry it."""
+    """Return a frame as bytes, as in records."""
     return _IDENTIFIER.pack(frame.identifier | _EXTENDED) + frame.data
 
 
 def unpack(data: bytes) -> CanFrame | None:
-    """Return the frame again; None if it is no extended data frame any more."""
+    """Return the frame; None if it is not an extended data frame."""
     (identifier,) = _IDENTIFIER.unpack_from(data)
     if identifier & _FLAGS != _EXTENDED:
         return None
@@ -67,12 +67,12 @@ def unpack(data: bytes) -> CanFrame | None:
 
 
 def frames(chunks: list[Chunk]) -> list[CanFrame]:
-    """Return the frames among what a device has recorded."""
+    """Return the frames in a device's records."""
     return [frame for chunk in chunks if (frame := unpack(chunk.data)) is not None]
 
 
 def free_channel() -> str:
-    """Return a channel of INTERFACE that nobody on this machine has at the moment."""
+    """Return a channel of INTERFACE that is not in use on this machine."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         probe.bind(('', 0))
         return f'{_GROUP}:{probe.getsockname()[1]}'

@@ -1,9 +1,9 @@
 """
 All configured nodes in one process.
 
-``rugged_teleop_stack fort_vsc_bridge safety_mux --ros-args --params-file my.yaml`` runs the nodes
-that are named; without names, those that the parameter files have a section for. Each has its own
-executor and thread, so that none waits for another. Actuators listen to the mux.
+``rugged_teleop_stack fort_vsc_bridge safety_mux --ros-args --params-file my.yaml`` runs the named
+nodes; without names, those that have a section in the parameter files. Each node has its own
+executor and thread, so that none waits for another. Actuators subscribe to the mux.
 """
 
 from collections.abc import Callable
@@ -19,7 +19,7 @@ from bridge_core.parameter_files import files_of
 from bridge_core.parameter_files import sections_of
 from bridge_core.runner import run
 
-# Where each node's class is; modules are imported only when they are wanted.
+# Module and class of each node; a lazy import, for the nodes that run only.
 NODES = {
     'fort_vsc_bridge': ('fort_vsc_bridge.node', 'FortVscBridge'),
     'vm110_bridge': ('vm110_bridge.node', 'Vm110Bridge'),
@@ -29,7 +29,7 @@ NODES = {
     'safety_mux': ('safety_mux.node', 'SafetyMux'),
 }
 
-# What listens to the mux, and how, unless the command line says otherwise (its rules come first).
+# Remappings of the nodes that subscribe to the mux; rules of the command line take precedence.
 WIRING = {
     'esi_drive_bridge': {
         '~/command': 'safety_mux/command',
@@ -42,13 +42,13 @@ WIRING = {
 
 
 def wired(arguments: Sequence[str], names: Sequence[str]) -> list[str]:
-    """Return the command line with the wiring added for who listens to a mux in the stack."""
+    """Return the command line with the wiring added, if a mux is among the nodes."""
     rules = wiring(names) if 'safety_mux' in names else []
     return [*arguments, '--ros-args', *rules, '--'] if rules else list(arguments)
 
 
 def wiring(names: Iterable[str]) -> list[str]:
-    """Return the remapping rules that join these nodes to a mux, as words of a command line."""
+    """Return the remapping rules that connect these nodes to a mux, as arguments."""
     return [
         word
         for name in names
@@ -58,7 +58,7 @@ def wiring(names: Iterable[str]) -> list[str]:
 
 
 def node_factory(name: str) -> Callable[..., ManagedNode]:
-    """Return what makes the node of this name. :raises ValueError: there is no such node."""
+    """Return the class of the node of this name. :raises ValueError: there is no such node."""
     if name not in NODES:
         raise ValueError(f'there is no node {name!r}; there are {", ".join(NODES)}')
     module, class_name = NODES[name]
@@ -68,7 +68,7 @@ def node_factory(name: str) -> Callable[..., ManagedNode]:
 
 def configured_nodes(arguments: Sequence[str]) -> list[str]:
     """
-    Return the nodes that the parameter files on a command line have a section for, in our order.
+    Return the nodes with a section in the parameter files of a command line, in order of NODES.
 
     :raises ValueError: a file cannot be read or is not a parameter file.
     """
@@ -79,10 +79,10 @@ def configured_nodes(arguments: Sequence[str]) -> list[str]:
 
 
 def _node_arguments(arguments: Sequence[str]) -> list[str]:
-    """Return what is no argument of ROS. :raises ValueError: one of ROS is wrong."""
+    """Return the arguments that are not for ROS. :raises ValueError: a ROS argument is wrong."""
     try:
         return list(remove_ros_args(arguments)[1:])
-    except Exception as error:  # RCLError and others are not exported; all mean bad arguments
+    except Exception as error:  # RCLError etc. are not exported; all mean bad arguments
         raise ValueError(' '.join(str(error).split())) from error
 
 

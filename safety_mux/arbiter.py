@@ -1,38 +1,39 @@
 """
 The safety mux's decision: who has control, and whether anything may move at all.
 
-A pure state machine. The node tells it what arrived and when (``now``: seconds of a monotonic
-clock, taken at arrival), and calls :meth:`Arbiter.tick` at a fixed rate and at once after a stop.
-Between ticks inputs are only noted; all changes but those that a service makes happen in a tick,
-stops first. So whatever arrives in the same tick as a stop loses against it.
+A pure state machine. The node passes on each input with the time of its arrival (``now``: seconds
+of a monotonic clock), and calls :meth:`Arbiter.tick` at a fixed rate and at once after a stop.
+Between ticks inputs are only recorded. The state changes in a tick, stops first, or by a service.
+So a stop overrides everything else that arrives in the same tick.
 
     STOPPED --reset--> READY --deadman, select_autonomy--> ACTIVE(owner) --release--> READY
     any state --stop--> STOPPED; from ACTIVE by way of STOPPING where only category 1 asks for it
 
-What the rules leave open is settled here:
+Decided here, where the rules leave a choice:
 
-* A lost owner (stale, invalid) latches STOPPED. A released deadman, or autonomy deselected, goes
-  to READY with zero and drives disabled in the same tick. A takeover stays ACTIVE with the new
-  owner, whose demand counts once the limited output has been zero. So the first output of every
-  owner is not his own, and from READY it is zero.
-* An edge that cannot be used is forgotten: a deadman that goes down too early, during hold_time,
-  under a higher owner or in the tick of a release has to be released, rest and be pressed again.
-* hold_time: after a change of owner no operator takes over from another for that long. Stops and
-  releases are always immediate, and taking over from autonomy is too.
-* Selecting autonomy is its acquire: it needs READY, neutral_time of fresh commands of zero, and
-  all fresh operators at rest (one that holds its deadman could not take over). It is forgotten
-  with any stop, release or takeover.
-* A reset counts once: one that follows another call within clear_time is a held or repeated one.
-* A trip demands a stop of every device until a reset. Where that is wired to devices, their
-  e-stops are then its echo and would refuse the reset for ever. So a reset that meets nothing but
-  echo ends the trip and is refused; the next one, clear_time after the echo is gone, counts.
-* A ``when_owner`` source that is not clear does not hinder a reset; it keeps its operator from
-  acquiring. Once that operator is owner, also during a takeover and on the ramp, it stops; and
-  for its own time-out after that, as who presses a stop lets go of the deadman in the same moment.
-* On the ramp of category 1 all that would cut the output in ACTIVE cuts it too: a stop of
-  category 0, a lost owner, a released deadman. A stop that is taken back does not end it.
-* A gap between ticks above stall_limit, or a clock that runs backwards, means that what was heard
-  says nothing of now: STOPPED, and every input counts as never heard.
+* A lost owner (stale, invalid) latches STOPPED. A released deadman, or deselected autonomy, leads
+  to READY, with zero output and drives disabled in the same tick. After a takeover the state stays
+  ACTIVE; the new owner's demand takes effect once the limited output has been zero. So the first
+  output of an owner is never its own demand, and from READY it is zero.
+* A deadman pressed when it cannot take effect (too early, during hold_time, under a higher owner,
+  in the tick of a release) is ignored: it must be released, rest for neutral_time and be pressed
+  again.
+* hold_time: for this long after a change of owner, no operator takes over from another. Stops and
+  releases are always immediate, and so is taking over from autonomy.
+* Autonomy acquires by being selected. That needs READY, neutral_time of fresh zero commands, and
+  all fresh operators at rest, as one that holds its deadman could not take over. Any stop, release
+  or takeover ends the selection.
+* A reset counts once: a call within clear_time of another is a held or repeated one, and refused.
+* A trip demands a stop of every device until a reset. Where devices are wired to that, their
+  e-stops are its echo, and would make every reset fail. So a reset that finds nothing but echo
+  ends the trip and is refused; the next one, clear_time after the echo has ended, succeeds.
+* A ``when_owner`` source that is not clear does not prevent a reset, but its operator cannot
+  acquire. It stops the machine while its operator is owner, also in a takeover and on the ramp,
+  and for its own timeout after that: an operator who presses a stop also releases the deadman.
+* Whatever would cut the output in ACTIVE also cuts the ramp of category 1: a stop of category 0, a
+  lost owner, a released deadman. A stop that is released again does not end the ramp.
+* After a gap between ticks above stall_limit, or a clock that runs backwards, earlier input is no
+  longer valid: STOPPED, and every input counts as never heard.
 """
 
 from safety_mux.inputs import AutonomyInput
@@ -59,12 +60,12 @@ _Stops = list[tuple[str, int]]  # reason in words, stop category
 
 class Arbiter:
     """
-    Decides from all inputs what goes out. Every start is STOPPED.
+    Decides the output from all inputs. Every start is STOPPED.
 
-    Input methods raise KeyError for a name that is not configured and nothing else.
+    Input methods raise KeyError for a name that is not configured, and nothing else.
 
-    :param limiter: every output passes through it, here and nowhere else.
-    :raises ValueError: if the limiter has another number of joints than the configuration.
+    :param limiter: every output passes through it.
+    :raises ValueError: the limiter and the configuration differ in their number of joints.
     """
 
     def __init__(self, config: MuxConfig, limiter: Limiter, now: float) -> None:
@@ -84,31 +85,33 @@ class Arbiter:
             self._autonomy = AutonomyInput(config.autonomy, config.neutral_time)
         self._state = State.STOPPED
         self._owner: OwnerInput | None = None  # not None in ACTIVE and STOPPING only
-        self._through_zero = False  # the owner's demand waits until the output has been zero
+        self._through_zero = (
+            False  # the owner's demand has no effect until the output has been zero
+        )
         self._owner_since = 0.0
-        self._former: tuple[str, float] | None = None  # who had control last, and until when
+        self._former: tuple[str, float] | None = None  # the last owner, and until when
         self._stopping_since = 0.0
-        self._clear_since: float | None = None  # in STOPPED: since when no tick found a stop
+        self._clear_since: float | None = None  # in STOPPED: time of the first tick without a stop
         self._reset_asked: float | None = None
-        self._tripped_at: float | None = None  # a trip is active from here to a reset
-        self._trip: str | None = None  # the edge of a trip, until the next tick
+        self._tripped_at: float | None = None  # set: a trip is active, until a reset
+        self._trip: str | None = None  # reason of a new trip, until the next tick
         self._hold: str | None = None
         self._last_tick: float | None = None
-        self._settled = False  # a tick has shown the present state
+        self._settled = False  # a tick has output the present state
         self._transition = Transition(now, State.STOPPED, State.STOPPED, 'the mux has started')
 
-    # -- what arrives ------------------------------------------------------------------------
+    # -- inputs ------------------------------------------------------------------------------
 
     def estop_message(self, name: str, value: bool, now: float) -> None:
-        """Note an e-stop source's message: true demands a stop."""
+        """Record an e-stop source's message: true demands a stop."""
         self._sources[name].estop(value, now)
 
     def own_estop_message(self, name: str, value: bool, now: float) -> None:
-        """Note what a source demands by itself, without the echo of ``stop_demand``."""
+        """Record what a source demands by itself, without the echo of ``stop_demand``."""
         self._sources[name].own_estop(value, now)
 
     def operator_sample(self, name: str, sample: OperatorSample, now: float) -> None:
-        """Note an operator's message."""
+        """Record an operator's message."""
         operator = self._operators[name]
         fault = demand_fault(sample.demand, self.config.joints)
         if fault is None:
@@ -117,11 +120,11 @@ class Arbiter:
             operator.malformed(fault, now)
 
     def operator_invalid(self, name: str, reason: str, now: float) -> None:
-        """Note an operator's message that makes no sense, until one comes that does."""
+        """Record an operator's malformed message; the operator is invalid until a good one."""
         self._operators[name].malformed(reason, now)
 
     def autonomy_command(self, demand: Demand, now: float) -> None:
-        """Note a command of autonomy."""
+        """Record a command of autonomy."""
         autonomy = self._known_autonomy()
         fault = demand_fault(demand, self.config.joints)
         if fault is None:
@@ -130,15 +133,15 @@ class Arbiter:
             autonomy.malformed(fault, now)
 
     def autonomy_invalid(self, reason: str, now: float) -> None:
-        """Note a command of autonomy that makes no sense, until one comes that does."""
+        """Record a malformed command of autonomy; it is invalid until a good one."""
         self._known_autonomy().malformed(reason, now)
 
     def set_invalid(self, kind: Kind, name: str, cause: str, reason: str | None) -> None:
         """
-        Call an input invalid for as long as ``cause`` has a reason; None takes that cause back.
+        Mark an input invalid while ``cause`` has a reason; None clears that cause.
 
-        Causes are the caller's words and independent of each other: ``publishers`` (two that live,
-        or none any more), ``qos``. What autonomy is named does not matter.
+        The caller names the causes, which are independent: ``publishers`` (two are live, or none
+        is left), ``qos``. The name is ignored for autonomy.
         """
         found: Input
         if kind == 'e-stop source':
@@ -152,17 +155,17 @@ class Arbiter:
     # -- services ----------------------------------------------------------------------------
 
     def trip(self, now: float, reason: str = '~/trip was called') -> Reply:
-        """Stop with the next tick, latched; devices are asked to stop too, until a reset."""
+        """Latch STOPPED with the next tick; all devices are asked to stop too, until a reset."""
         self._trip = reason
         self._tripped_at = now
         return Reply(True, 'tripped: STOPPED until ~/reset')
 
     def hold(self, reason: str | None) -> None:
-        """Stop for as long as there is a reason, such as a node that is not active."""
+        """Stop while there is a reason, such as that the node is not active; None ends it."""
         self._hold = reason
 
     def reset(self, now: float) -> Reply:
-        """Go from STOPPED to READY if everything is clear. Nothing moves, nothing is queued."""
+        """Go from STOPPED to READY if all is clear. Nothing moves, nothing is queued."""
         before, self._reset_asked = self._reset_asked, now
         if self._state is not State.STOPPED:
             return Reply(False, f'nothing to reset: the mux is {self._state.value}')
@@ -187,7 +190,7 @@ class Arbiter:
         if self._autonomy is None:
             return Reply(False, 'no autonomy source is configured')
         if not select:
-            self._autonomy.selected = False  # the next tick gives control away, or stops
+            self._autonomy.selected = False  # takes effect in the next tick
             return Reply(True, 'autonomy has no control')
         if self._state is not State.READY or not self._settled:
             return Reply(False, f'not selected: the mux is {self._state.value}, not READY')
@@ -203,10 +206,10 @@ class Arbiter:
         self._take(self._autonomy, now, 'autonomy was selected')
         return Reply(True, 'autonomy has control')
 
-    # -- what goes out -----------------------------------------------------------------------
+    # -- outputs -----------------------------------------------------------------------------
 
     def tick(self, now: float) -> Decision:
-        """Decide. Call it at a fixed rate and at once after a stop arrived."""
+        """Decide. Call it at a fixed rate, and at once after a stop has arrived."""
         dt = 0.0 if self._last_tick is None else now - self._last_tick
         stops = self._stops(now)
         if self._stalled(now) is not None:
@@ -230,7 +233,7 @@ class Arbiter:
         )
 
     def status(self, now: float) -> Status:
-        """Explain the present state. Costs more than a tick: for ~/status, not for each tick."""
+        """Explain the present state. Costs more than a tick: call it for ~/status only."""
         return Status(
             state=self._state,
             owner=None if self._owner is None else self._owner.name,
@@ -242,7 +245,7 @@ class Arbiter:
     # -- stops -------------------------------------------------------------------------------
 
     def _stops(self, now: float) -> _Stops:
-        """Return everything that stops the machine, now or at some moment since the last tick."""
+        """Return everything that stops the machine now, or did so since the last tick."""
         found: _Stops = []
         for reason in (self._stalled(now), self._hold, self._trip):
             if reason is not None:
@@ -269,7 +272,7 @@ class Arbiter:
         )
 
     def _counts(self, source: SourceInput, now: float) -> bool:
-        """Tell whether a source counts: always, or its operator has or just had control."""
+        """Return whether a source counts: always, or if its operator has or just had control."""
         if source.config.counts == 'always':
             return True
         if self._owner is not None and self._owner.name == source.config.operator:
@@ -278,7 +281,7 @@ class Arbiter:
         return former == source.config.operator and now - until < source.config.timeout
 
     def _stop(self, stops: _Stops, now: float) -> None:
-        """Stop in the way that the worst of the reasons asks for."""
+        """Stop by the lowest stop category among the reasons."""
         reason = '; '.join(reason for reason, _ in stops)
         given_up = self._owner.given_up if self._owner is not None else 'nobody had control'
         if any(category == 0 for _, category in stops):
@@ -292,7 +295,7 @@ class Arbiter:
             self._latch(reason, now)
 
     def _latch(self, reason: str, now: float) -> None:
-        """Be STOPPED, and forget all that was asked."""
+        """Go to STOPPED and drop every earlier request."""
         again = self._state is State.STOPPED
         self._end_control(now)
         self._clear_since = None
@@ -335,7 +338,7 @@ class Arbiter:
         return [reason for reason in found if reason is not None]
 
     def _trip_may_end(self, now: float) -> bool:
-        """Tell whether only the echo of an active trip, or waiting for it, is in the way."""
+        """Return whether only the echo of a trip, or clear_time after it, prevents a reset."""
         if self._tripped_at is None or self._trip or self._hold or self._stalled(now):
             return False
         if not now - self._tripped_at >= self.config.clear_time:
@@ -348,22 +351,22 @@ class Arbiter:
     # -- owners ------------------------------------------------------------------------------
 
     def _advance(self, stops: _Stops, now: float) -> None:
-        """Change state: stops first, then what gives control away, then what takes it."""
+        """Change the state: first stops, then the end of control, then a new owner."""
         if stops:
             self._stop(stops, now)
         elif self._state is State.STOPPED:
             if self._clear_since is None:
                 self._clear_since = now
         elif self._owner is not None and self._owner.given_up is not None:
-            self._let_go(self._owner, self._owner.given_up, now)
+            self._release(self._owner, self._owner.given_up, now)
         elif self._state is not State.STOPPING and self._settled:
             challenger = self._challenger(now)
             if challenger is not None:
                 verb = 'took control' if self._owner is None else 'took over'
                 self._take(challenger, now, f'{challenger.label} {verb}')
 
-    def _let_go(self, owner: OwnerInput, reason: str, now: float) -> None:
-        """Be at zero at once and hand over to nobody: READY, or STOPPED if on the ramp."""
+    def _release(self, owner: OwnerInput, reason: str, now: float) -> None:
+        """Set the output to zero, without a new owner: READY, or STOPPED if on the ramp."""
         if self._state is State.STOPPING:
             self._latch(f'{reason} on the ramp of: {self._transition.reason}', now)
             return
@@ -372,7 +375,7 @@ class Arbiter:
         self._change(State.READY, reason, now)
 
     def _challenger(self, now: float) -> OperatorInput | None:
-        """Return the highest operator whose deadman went down and who may have control."""
+        """Return the highest operator that has pressed its deadman and may take control."""
         for operator in self._operators.values():  # highest first
             if operator is self._owner:
                 return None
@@ -388,7 +391,7 @@ class Arbiter:
         return now - self._owner_since >= self.config.hold_time
 
     def _blocks(self, operator: OperatorInput, now: float) -> list[str]:
-        """Return the stops of the sources that count only while this operator has control."""
+        """Return the stops of this operator's ``when_owner`` sources."""
         found = (
             source.stop_reason(now)
             for source in self._sources.values()
@@ -416,7 +419,7 @@ class Arbiter:
         self._settled = False
 
     def _output(self, dt: float, now: float) -> Demand:
-        """Take the output one step further: the one place where anything but zero comes from."""
+        """Return the next output; nothing else produces one other than zero."""
         if self._state is State.STOPPING:
             demand = self._limiter.ramp(dt, self.config.stop_time)
             in_time = 0.0 <= now - self._stopping_since < self.config.stop_time
@@ -431,7 +434,7 @@ class Arbiter:
         self._limiter.reset()
         return (0.0,) * self.config.joints
 
-    # -- words -------------------------------------------------------------------------------
+    # -- reasons in words --------------------------------------------------------------------
 
     def _inhibits(self, now: float) -> list[str]:
         if self._state is State.ACTIVE:

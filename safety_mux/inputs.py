@@ -1,9 +1,9 @@
 """
-What the arbiter remembers of each thing that it listens to. A part of the arbiter.
+What the arbiter remembers of each of its inputs. A part of the arbiter.
 
-Messages arrive between ticks, and the arbiter decides in ticks. So what must not get lost in
-between (a stop that came and went, a gap, a released deadman) is kept as ``lapse`` or in a flag
-until the tick has seen it; everything else is simply the newest.
+Messages arrive between ticks, and the arbiter decides in ticks. A stop that came and went, a gap
+and a released deadman must not be lost in between: they are kept, as ``lapse`` or in a flag, until
+the next tick. Of everything else only the newest value counts.
 """
 
 import math
@@ -16,12 +16,12 @@ from safety_mux.protocol import EStopSource
 from safety_mux.protocol import Operator
 from safety_mux.protocol import OperatorSample
 
-_MESSAGE = 'message'  # the fault of the newest message: a good one takes it back
+_MESSAGE = 'message'  # the fault of the newest message; a good message clears it
 
 
 class Input:
     """
-    Something that has to keep coming, and what is wrong with it.
+    An input that must keep arriving, and its faults.
 
     :param label: its name in words, such as "e-stop source 'fort'".
     :param timeout: seconds after which it is stale.
@@ -33,20 +33,20 @@ class Input:
         self.label = label
         self.watchdog = Watchdog(timeout)
         self.faults: dict[str, str] = {}
-        self.lapse: str | None = None  # what went wrong since the last tick, even if it is over
+        self.lapse: str | None = None  # what was wrong since the last tick, even if it has ended
 
     def hear(self, now: float) -> None:
-        """Note a good message."""
+        """Record a good message."""
         self._arrive(now)
         self.faults.pop(_MESSAGE, None)
 
     def malformed(self, reason: str, now: float) -> None:
-        """Note a message that makes no sense; it is not silence, but it is no better."""
+        """Record a malformed message: the input is invalid, but not silent."""
         self._arrive(now)
         self.set_fault(_MESSAGE, reason)
 
     def set_fault(self, cause: str, reason: str | None) -> None:
-        """Call the input invalid for as long as ``cause`` has a reason; None takes it back."""
+        """Mark the input invalid while ``cause`` has a reason; None clears that cause."""
         if reason is None:
             self.faults.pop(cause, None)
             return
@@ -54,7 +54,7 @@ class Input:
         self._break(f'{self.label} is invalid: {reason}')
 
     def problem(self, now: float) -> str | None:
-        """Say why it cannot be relied on at ``now``; None if it can."""
+        """Return why it is not usable at ``now``; None if it is."""
         if self.faults:
             return f'{self.label} is invalid: {"; ".join(self.faults.values())}'
         if self.watchdog.expired(now):
@@ -63,19 +63,19 @@ class Input:
         return None
 
     def fresh(self, now: float) -> bool:
-        """Tell whether anything, good or bad, was heard within the timeout."""
+        """Return whether any message, good or bad, arrived within the timeout."""
         return not self.watchdog.expired(now)
 
     def silence(self) -> None:
-        """Forget that it was ever heard."""
+        """Reset the state to that of an input that was never heard."""
         self.watchdog.reset()
         self.forget()
 
     def forget(self) -> None:
-        """Forget what was asked so far; what was heard stays heard."""
+        """Drop every earlier request; the input stays fresh."""
 
     def ticked(self) -> None:
-        """Drop what only had to last until a tick has seen it."""
+        """Drop what was kept for this tick."""
         self.lapse = None
 
     def _arrive(self, now: float) -> None:
@@ -102,7 +102,7 @@ class SourceInput(Input):
         self.own_lapse = False
 
     def estop(self, value: bool, now: float) -> None:
-        """Note what the source says."""
+        """Record the source's e-stop."""
         self.hear(now)
         self.value = value
         if value:
@@ -111,37 +111,37 @@ class SourceInput(Input):
             self.own_estop(value, now)
 
     def own_estop(self, value: bool, now: float) -> None:
-        """Note what the source says of itself, without the echo of what it was asked."""
+        """Record what the source demands by itself, without the echo of our own stop."""
         self.own_watchdog.feed(now)
         self.own = value
         self.own_lapse |= value
 
     def stop_reason(self, now: float) -> str | None:
-        """Say why it stops the machine; None if it is clear and has been since the last tick."""
+        """Return why it stops the machine; None if it has been clear since the last tick."""
         problem = self.problem(now)
         if problem is None and self.value:
             return f'{self.label} demands a stop'
         return problem or self.lapse
 
     def demands_itself(self, now: float) -> bool:
-        """Tell whether it demands a stop that is not the echo of ours. Silence is a demand."""
+        """Return whether it demands a stop that is not the echo of ours; silence counts as one."""
         if self.problem(now) is not None or self.own_watchdog.expired(now):
             return True
         return self.own or self.own_lapse
 
     def silence(self) -> None:
-        """Forget that it was ever heard."""
+        """Reset the state to that of an input that was never heard."""
         super().silence()
         self.own_watchdog.reset()
 
     def ticked(self) -> None:
-        """Drop what only had to last until a tick has seen it."""
+        """Drop what was kept for this tick."""
         super().ticked()
         self.own_lapse = False
 
 
 class Run:
-    """An unbroken row of samples. It grows with samples only: silence is not neutral."""
+    """An unbroken sequence of samples. Only samples extend it: silence is not neutral."""
 
     __slots__ = ('since', 'until')
 
@@ -150,13 +150,13 @@ class Run:
         self.until = 0.0
 
     def extend(self, now: float) -> None:
-        """Add a sample to the row, or begin one."""
+        """Add a sample, the first one included."""
         if self.since is None:
             self.since = now
         self.until = now
 
     def end(self) -> None:
-        """Begin anew with the next sample."""
+        """End the sequence; the next sample begins another."""
         self.since = None
 
     @property
@@ -166,7 +166,7 @@ class Run:
 
 
 class OwnerInput(Input):
-    """What can have control: an operator, or autonomy."""
+    """An input that can have control: an operator, or autonomy."""
 
     __slots__ = ('demand', 'name', 'neutral_time', 'rest')
 
@@ -179,26 +179,26 @@ class OwnerInput(Input):
 
     @property
     def rested(self) -> bool:
-        """Tell whether there were ``neutral_time`` of neutral samples up to the last one."""
+        """Whether the neutral samples up to the newest one span ``neutral_time``."""
         return self.rest.since is not None and self.rest.length >= self.neutral_time
 
     @property
     def given_up(self) -> str | None:
-        """Say how, as an owner, it gave control up; None while it has not."""
+        """How, as owner, it gave up control; None while it has not."""
         raise NotImplementedError
 
     def forget(self) -> None:
-        """Forget what was asked so far; what was heard stays heard."""
+        """Drop every earlier request; the input stays fresh."""
         self.rest.end()
 
 
 class OperatorInput(OwnerInput):
     """
-    An operator: how long at rest, and the deadman's edge.
+    An operator: its time at rest, and its deadman.
 
-    ``pressed`` is the edge: the deadman went down after a complete rest. It lives for one tick,
-    so an edge that could not be used is forgotten. ``holding`` says that the deadman has been
-    down in every sample since such an edge.
+    ``pressed``: the deadman was pressed after a complete rest, since the last tick. One that
+    cannot take effect in the next tick is dropped. ``holding``: the deadman has been held in
+    every sample since.
     """
 
     __slots__ = ('config', 'holding', 'newest', 'pressed')
@@ -212,19 +212,19 @@ class OperatorInput(OwnerInput):
         self.holding = False
 
     def sample(self, sample: OperatorSample, now: float) -> None:
-        """Note a good message."""
+        """Record a good message."""
         self.hear(now)
         before, self.newest = self.newest, sample
         self.demand = sample.demand
-        if self.faults:  # such as a second publisher: nothing that it says counts
+        if self.faults:  # such as a second publisher: its messages do not count
             self.forget()
             return
         if sample.deadman:
             self._press()
             return
         self.pressed = self.holding = False
-        # Two buttons never go down in one sample: half a deadman, with centred sticks, keeps a
-        # complete rest for the press that follows. It adds nothing to one.
+        # Two buttons are rarely pressed within one sample. So half a deadman, with centred sticks,
+        # does not end a complete rest, but it does not extend one either.
         if not sample.neutral or (sample.partial and not self.rested):
             self.rest.end()
         elif sample.at_rest:
@@ -239,11 +239,11 @@ class OperatorInput(OwnerInput):
 
     @property
     def given_up(self) -> str | None:
-        """Say that the deadman was released; None while it is held."""
+        """The release of the deadman, in words; None while it is held."""
         return None if self.holding else f'{self.label} released its deadman'
 
     def unrest(self, now: float) -> str | None:
-        """Say why a fresh operator is not at neutral; None for one that is, or is not there."""
+        """Return why a fresh operator is not at neutral; None if it is, or is not fresh."""
         if not self.fresh(now):
             return None
         if self.faults:
@@ -253,7 +253,7 @@ class OperatorInput(OwnerInput):
         return None
 
     def advice(self) -> str:
-        """Say what the operator has to do to get control; it is fresh and nothing is wrong."""
+        """Return what a fresh and valid operator has to do to take control."""
         if self.rested:
             return f"press the deadman of '{self.name}' to take control"
         if self.newest is not None and self.newest.deadman:
@@ -266,23 +266,23 @@ class OperatorInput(OwnerInput):
         )
 
     def forget(self) -> None:
-        """Forget what was asked so far; what was heard stays heard."""
+        """Drop every earlier request; the input stays fresh."""
         super().forget()
         self.pressed = self.holding = False
 
     def silence(self) -> None:
-        """Forget that it was ever heard."""
+        """Reset the state to that of an input that was never heard."""
         super().silence()
         self.newest = None
 
     def ticked(self) -> None:
-        """Drop what only had to last until a tick has seen it."""
+        """Drop what was kept for this tick."""
         super().ticked()
         self.pressed = False
 
 
 class AutonomyInput(OwnerInput):
-    """The source that is not a person. Its neutral is a command of exactly zero."""
+    """The autonomy source. Its neutral is a command of exactly zero."""
 
     __slots__ = ('selected',)
 
@@ -291,7 +291,7 @@ class AutonomyInput(OwnerInput):
         self.selected = False
 
     def command(self, demand: Demand, now: float) -> None:
-        """Note a good command."""
+        """Record a good command."""
         self.hear(now)
         self.demand = demand
         if any(demand) or self.faults:
@@ -301,16 +301,16 @@ class AutonomyInput(OwnerInput):
 
     @property
     def given_up(self) -> str | None:
-        """Say that it was deselected, for autonomy has no deadman; None while it is selected."""
+        """The deselection, in words, as it has no deadman; None while it is selected."""
         return None if self.selected else f'{self.label} was deselected'
 
     def forget(self) -> None:
-        """Forget what was asked so far; what was heard stays heard."""
+        """Drop every earlier request; the input stays fresh."""
         super().forget()
         self.selected = False
 
     def advice(self) -> str:
-        """Say what is missing until autonomy can be selected; it is fresh and nothing is wrong."""
+        """Return what is missing before autonomy, fresh and valid, can be selected."""
         if self.rested:
             return 'call ~/select_autonomy to give autonomy control'
         return (
@@ -320,7 +320,7 @@ class AutonomyInput(OwnerInput):
 
 
 def demand_fault(demand: Demand, joints: int) -> str | None:
-    """Say what is wrong with a demand; None if it has a finite number for each joint."""
+    """Return what is wrong with a demand; None if it has a finite number for each joint."""
     if len(demand) != joints:
         return f'it has a demand for {len(demand)} joints, not {joints}'
     if not all(map(math.isfinite, demand)):

@@ -1,8 +1,8 @@
 """
-Limits of what goes out: how much, how fast it may grow, how fast it may shrink.
+Limits of the output: magnitude, acceleration and deceleration.
 
-The arbiter runs its demand through one limiter as the last step of a tick, so nothing reaches the
-drive past it. Time is an argument here too.
+The arbiter passes its demand through one limiter as the last step of a tick, so nothing reaches
+the drive without it. Time is an argument here, too.
 """
 
 from collections.abc import Sequence
@@ -13,7 +13,7 @@ import math
 @dataclass(frozen=True, slots=True)
 class JointLimit:
     """
-    The limits of one joint, in its own unit (rad/s, say) and that unit per second.
+    The limits of one joint, in its own unit (such as rad/s) and that unit per second.
 
     :param magnitude: greatest absolute value. Above 0.
     :param acceleration: greatest change per second away from zero. Above 0.
@@ -34,14 +34,14 @@ class JointLimit:
 
 class JointLimiter:
     """
-    Follows a target within the limits; begins at zero.
+    Follows a target within the limits, beginning at zero.
 
     A change of sign stops at zero for the rest of that step. A target that is not finite counts
     as zero.
 
-    :param max_dt: seconds that a step counts at most: after a late step the output goes on from
-        where it was, it does not jump to make up for the time.
-    :raises ValueError: without a joint, or for a max_dt that is not above 0 and finite.
+    :param max_dt: seconds, the longest step: after a late one the output continues from its last
+        value and does not jump to make up for the time.
+    :raises ValueError: there is no joint, or max_dt is not above 0 and finite.
     """
 
     __slots__ = ('_limits', '_max_dt', '_ramp', '_values')
@@ -58,11 +58,11 @@ class JointLimiter:
 
     @property
     def output(self) -> tuple[float, ...]:
-        """What was put out last, one number a joint."""
+        """The last output, one number a joint."""
         return self._values
 
     def reset(self) -> None:
-        """Be at zero, at once."""
+        """Set the output to zero at once."""
         self._values = (0.0,) * len(self._limits)
         self._ramp = None
 
@@ -72,7 +72,7 @@ class JointLimiter:
 
         A dt below 0 or NaN counts as 0, one beyond ``max_dt`` as ``max_dt``.
 
-        :raises ValueError: if the target has not one number a joint.
+        :raises ValueError: the number of targets is not that of the joints.
         """
         if len(target) != len(self._limits):
             raise ValueError(f'{len(target)} targets for {len(self._limits)} joints')
@@ -88,9 +88,9 @@ class JointLimiter:
         """
         Return the next output of a straight ramp to zero.
 
-        The first call in a row settles the slope: the joint's deceleration, or steeper where that
-        would take longer than ``stop_time`` seconds. A late step goes further down, so that the
-        ramp ends in time; a dt below 0 or NaN counts as 0.
+        The first call of a ramp fixes the slopes: the joint's deceleration, or steeper if that
+        takes longer than ``stop_time`` seconds. ``max_dt`` does not apply, so that the ramp ends
+        in time; a dt below 0 or NaN counts as 0.
         """
         if self._ramp is None:
             self._ramp = tuple(

@@ -1,9 +1,9 @@
 """
-From what people and planners send to joints: Joy axes and buttons, a twist, named joints.
+Mappings to joints: from Joy axes and buttons, from a twist, from named joints.
 
-Numbers come in plain sequences, so that nothing here needs ROS. What a sender does wrong raises
-MalformedInput with the reason in words (rule 9); what the integrator configured wrong raises
-ValueError when the mapping is made.
+Numbers are passed in plain sequences, so that this module does not need ROS. A bad message raises
+MalformedInput with the reason in words (rule 9); a bad configuration raises ValueError when the
+mapping is made.
 """
 
 from collections.abc import Sequence
@@ -15,22 +15,22 @@ from safety_mux.protocol import Demand
 from safety_mux.protocol import MalformedInput
 from safety_mux.protocol import OperatorSample
 
-AXIS_LIMIT = 1.05  # Joy promises -1...1; what little a driver overshoots is forgiven
+AXIS_LIMIT = 1.05  # axes of Joy are -1...1; drivers may overshoot a little
 Mixing = Literal['none', 'tank', 'arcade']
 
 
 @dataclass(frozen=True, slots=True)
 class Stick:
     """
-    One axis of a Joy message and what it means.
+    One axis of a Joy message and its scaling.
 
     :param axis: index in the message. 0 or more.
-    :param scale: joint units (rad/s, say) at full deflection. Finite, not 0.
-    :param inverted: turn the sign round.
-    :param deadband: deflection up to which the stick counts as neutral; what is left of the way is
-        stretched, so that motion begins softly. 0 to below 1.
-    :param expo: 0 is straight, 1 is cubic: fine near the middle, full at the end. 0 to 1.
-    :raises ValueError: for anything out of range.
+    :param scale: joint value (such as rad/s) at full deflection. Finite, not 0.
+    :param inverted: reverses the sign.
+    :param deadband: deflection up to which the stick counts as neutral; the rest of the travel is
+        rescaled, so that motion begins at zero. 0 to below 1.
+    :param expo: 0 is linear, 1 is cubic: fine near the centre, full at the end. 0 to 1.
+    :raises ValueError: a value is out of range.
     """
 
     axis: int
@@ -52,7 +52,7 @@ class Stick:
             raise ValueError(f'expo of axis {self.axis} must be 0 to 1, not {self.expo}')
 
     def neutral(self, value: float) -> bool:
-        """Tell whether a deflection is within the deadband."""
+        """Return whether a deflection is within the deadband."""
         return abs(value) <= self.deadband
 
     def shape(self, value: float) -> float:
@@ -68,18 +68,20 @@ class Stick:
 @dataclass(frozen=True, slots=True)
 class JoyMapping:
     """
-    From a Joy message to what an operator asks.
+    From a Joy message to an operator's demand.
 
-    :param sticks: ``none``: one a joint. ``tank``: left, right. ``arcade``: forward, turn.
-    :param deadman: indices of the buttons that must be held, all of them. One or more.
+    :param sticks: by ``mixing``: one a joint (``none``); left, right (``tank``); forward, turn
+        (``arcade``).
+    :param deadman: indices of the buttons that must all be held. One or more.
     :param mixing: ``tank`` and ``arcade`` give two joints, left and right. In ``arcade`` the turn
-        is positive to the left: left = forward - turn, right = forward + turn; where one side
-        would exceed the greater of the two scales both shrink alike, so that the curve stays.
-    :param axes: least number of axes that a message must have; the sticks' indices count too.
-    :param buttons: least number of buttons that a message must have, likewise.
-    :param pressed_at: least value of a held button. Switches with raw values need more than 1;
-        below 0 stands for a switch that is not there, so this is 1 or more.
-    :raises ValueError: for anything out of range.
+        is positive to the left: left = forward - turn, right = forward + turn. If one side would
+        exceed the greater of the two scales, both are reduced by the same factor, so that the
+        curve stays the same.
+    :param axes: least number of axes of a message, if more than the sticks need.
+    :param buttons: least number of buttons of a message, if more than the deadman needs.
+    :param pressed_at: least value of a held button. 1 or more; switches with raw values need more
+        than 1.
+    :raises ValueError: a value is out of range.
     """
 
     sticks: tuple[Stick, ...]
@@ -107,15 +109,15 @@ class JoyMapping:
 
     @property
     def joints(self) -> int:
-        """How many numbers a demand has."""
+        """The number of joints in a demand."""
         return len(self.sticks)
 
     def sample(self, axes: Sequence[float], buttons: Sequence[int]) -> OperatorSample:
         """
         Read one message: axes -1 to 1, buttons 0 or 1 (or a switch's raw value).
 
-        :raises MalformedInput: for too few axes or buttons, and for any axis, used or not, that
-            is not a number or is beyond 1.05.
+        :raises MalformedInput: too few axes or buttons; any axis, used or not, is NaN or beyond
+            1.05.
         """
         self._check(axes, buttons)
         held = [buttons[index] >= self.pressed_at for index in self.deadman]
@@ -160,7 +162,7 @@ class DifferentialDrive:
 
     :param wheel_separation: metres between the two wheels. Above 0.
     :param wheel_radius: metres. Above 0.
-    :raises ValueError: for anything out of range.
+    :raises ValueError: a value is out of range.
     """
 
     wheel_separation: float
@@ -174,14 +176,14 @@ class DifferentialDrive:
 
     @property
     def joints(self) -> int:
-        """How many numbers a demand has."""
+        """The number of joints in a demand."""
         return 2
 
     def demand(self, linear_x: float, angular_z: float) -> Demand:
         """
         Return left and right for m/s forward and rad/s to the left.
 
-        :raises MalformedInput: for a number that is not finite.
+        :raises MalformedInput: a number is not finite.
         """
         if not (math.isfinite(linear_x) and math.isfinite(angular_z)):
             raise MalformedInput(f'the twist is not finite: x {linear_x}, yaw {angular_z}')
@@ -192,10 +194,10 @@ class DifferentialDrive:
 @dataclass(frozen=True, slots=True)
 class NamedJoints:
     """
-    From a JointState to the joints in our order.
+    From a JointState to a demand.
 
-    :param names: of the joints, in the order of a demand. One or more, all different.
-    :raises ValueError: otherwise.
+    :param names: the joints, in the order of a demand. One or more, all different.
+    :raises ValueError: there is no name, or one is empty or repeated.
     """
 
     names: tuple[str, ...]
@@ -206,15 +208,14 @@ class NamedJoints:
 
     @property
     def joints(self) -> int:
-        """How many numbers a demand has."""
+        """The number of joints in a demand."""
         return len(self.names)
 
     def demand(self, names: Sequence[str], values: Sequence[float]) -> Demand:
         """
-        Sort named values into our order.
+        Return the named values in the order of a demand.
 
-        :raises MalformedInput: unless each of our joints, and no other, is there once with a
-            finite value.
+        :raises MalformedInput: a joint is missing, unknown or repeated, or a value is not finite.
         """
         if len(names) != len(values):
             raise MalformedInput(f'it has {len(names)} names and {len(values)} values')

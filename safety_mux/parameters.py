@@ -1,9 +1,9 @@
 """
-The mux's parameters, and what is made from them.
+The mux's parameters, and the objects that are made from them.
 
-Three lists name things: ``joints``, ``estop_sources``, ``operators``. Each name brings parameters
-of its own, such as ``operator.fort.topic``. Topics are relative to the mux's namespace unless
-they begin with a slash.
+Three parameters are lists of names: ``joints``, ``estop_sources``, ``operators``. Each name adds
+parameters of its own, such as ``operator.fort.topic``. Topics are relative to the mux's namespace
+unless they begin with a slash.
 """
 
 from collections.abc import Callable
@@ -267,7 +267,7 @@ OPERATOR = (
     ),
 )
 
-# What the names in the default lists mean: a FORT remote, and an ESI drive beside it.
+# Defaults for the names in the default lists: a FORT remote and an ESI drive.
 DEFAULTS: dict[str, Any] = {
     'estop.fort.topic': 'fort_vsc_bridge/estop',
     'estop.fort.own_topic': 'fort_vsc_bridge/own_estop',
@@ -283,7 +283,7 @@ _T = TypeVar('_T')
 
 
 def parameter_table(given: Mapping[str, Any]) -> tuple[Parameter, ...]:
-    """Return all parameters, those of the names in the given (or default) lists included."""
+    """Return all parameters, including those of the names in the given or default lists."""
     groups = (
         ('joints', 'joint', JOINT),
         ('estop_sources', 'estop', ESTOP),
@@ -293,7 +293,7 @@ def parameter_table(given: Mapping[str, Any]) -> tuple[Parameter, ...]:
 
 
 def mux_config(values: Mapping[str, Any]) -> MuxConfig:
-    """Return the arbiter's configuration. :raises ParameterError: what it refuses."""
+    """Return the arbiter's configuration. :raises ParameterError: it is not valid."""
     return _built(
         'parameters',
         lambda: MuxConfig(
@@ -343,7 +343,7 @@ def joy_mapping(values: Mapping[str, Any], operator: str) -> JoyMapping:
 
 
 def joint_limits(values: Mapping[str, Any]) -> list[JointLimit]:
-    """Return the limits of each joint, in order. :raises ParameterError: not above 0."""
+    """Return the limits of each joint, in order. :raises ParameterError: one is not above 0."""
 
     def build() -> list[JointLimit]:
         return [
@@ -359,7 +359,7 @@ def joint_limits(values: Mapping[str, Any]) -> list[JointLimit]:
 
 
 def check(values: Mapping[str, Any]) -> None:
-    """Refuse what contradicts itself. :raises ParameterError: naming it."""
+    """Refuse contradictory values. :raises ParameterError: with the parameter's name."""
     for prefix, list_name in (('estop', 'estop_sources'), ('operator', 'operators')):
         for name in names_of(values, list_name):
             if not values[f'{prefix}.{name}.topic']:
@@ -383,7 +383,7 @@ def check(values: Mapping[str, Any]) -> None:
 
 
 def _check_topics(values: Mapping[str, Any]) -> None:
-    """Refuse one topic for two inputs: nobody could say which of them it speaks for."""
+    """Refuse one topic for two inputs: which of them it is for would be ambiguous."""
     users: dict[str, str] = {}
     for name, topic in values.items():
         is_input = name.endswith(('.topic', '.own_topic')) and topic

@@ -1,9 +1,9 @@
 """
-The words of the mux: what it is configured with, what it is told, and what it decides.
+The mux's data types: its configuration, its inputs and its decisions.
 
-Nothing here acts. The arbiter, the mappings and the limits all speak in these terms and need not
-know each other. Seconds are those of a monotonic clock; a demand is one number a joint, in the
-joint's own unit (rad/s, rad or N·m, as the drive's mode says).
+The arbiter, the mappings and the limits share these types and do not depend on each other. Times
+are seconds of a monotonic clock. A demand is one number a joint, in the joint's own unit (rad/s,
+rad or N·m, by the drive's mode).
 """
 
 from collections.abc import Mapping
@@ -15,22 +15,22 @@ from typing import Literal
 from typing import NamedTuple
 from typing import Protocol
 
-AUTONOMY = 'autonomy'  # the owner's name while no person steers
+AUTONOMY = 'autonomy'  # the owner's name while no operator has control
 _NAME = re.compile(r'[A-Za-z][A-Za-z0-9_]*')  # names become parts of topics: ~/stop_demand/<name>
 
 Demand = tuple[float, ...]
 Kind = Literal['e-stop source', 'operator', 'autonomy']
 
 
-class MalformedInput(ValueError):  # noqa: N818 - the words of rule 9
-    """A message that cannot be what its topic promises: the sender's fault, not ours."""
+class MalformedInput(ValueError):  # noqa: N818 - the term of rule 9
+    """A message that breaks the contract of its topic: the sender's fault, not ours."""
 
 
 class State(Enum):
-    """Where the mux stands. Only ACTIVE and STOPPING enable the drives."""
+    """State of the mux. Only ACTIVE and STOPPING enable the drives."""
 
-    STOPPED = 'STOPPED'  # latched: only a reset leads out
-    STOPPING = 'STOPPING'  # stop category 1: on the ramp to zero, then STOPPED
+    STOPPED = 'STOPPED'  # latched until a reset
+    STOPPING = 'STOPPING'  # stop category 1: ramp to zero, then STOPPED
     READY = 'READY'  # reset, drives disabled, nobody has control
     ACTIVE = 'ACTIVE'  # the owner's demand moves the machine
 
@@ -43,11 +43,11 @@ class EStopSource:
     :param timeout: seconds after which it is stale. Above 0.
     :param counts: ``always``, or ``when_owner``: only while ``operator`` has control; it then also
         keeps that operator from getting control.
-    :param operator: whom a ``when_owner`` source belongs to.
+    :param operator: the operator that a ``when_owner`` source belongs to.
     :param stop_category: 0 cuts at once, 1 ramps to zero first.
-    :param own_topic: whether ``own_estop_message`` comes too. Without it the e-stop counts as the
+    :param own_topic: whether ``own_estop_message`` is called too. If not, the e-stop counts as the
         source's own, which deadlocks a device that is stopped through ``stop_demand``.
-    :raises ValueError: for anything out of these ranges.
+    :raises ValueError: a value is out of range.
     """
 
     name: str
@@ -72,10 +72,10 @@ class EStopSource:
 @dataclass(frozen=True, slots=True)
 class Operator:
     """
-    A person with sticks. The greater ``priority`` takes over from the smaller one.
+    A person with sticks. The higher ``priority`` takes over from the lower one.
 
     :param timeout: seconds after which the operator is stale. Above 0.
-    :raises ValueError: for anything out of range.
+    :raises ValueError: a value is out of range.
     """
 
     name: str
@@ -92,7 +92,7 @@ class Operator:
 @dataclass(frozen=True, slots=True)
 class Autonomy:
     """
-    The one source that is not a person; below every operator.
+    The autonomy source; its priority is below that of every operator.
 
     :param timeout: seconds after which it is stale. Above 0.
     """
@@ -106,16 +106,16 @@ class Autonomy:
 @dataclass(frozen=True, slots=True)
 class MuxConfig:
     """
-    Everything that the arbiter is told once.
+    The arbiter's configuration.
 
-    :param joints: how many numbers a demand has. 1 or more.
+    :param joints: number of joints in a demand. 1 or more.
     :param clear_time: seconds that all stops must have been clear before a reset. Above 0.
     :param neutral_time: seconds of fresh neutral samples before a deadman counts. Above 0.
     :param hold_time: seconds after a change of owner without another takeover. 0 or more.
-    :param stall_limit: seconds between two ticks beyond which this process was frozen. Above 0.
-    :param stop_time: seconds after which the ramp of stop category 1 has ended. Above 0.
-    :raises ValueError: for anything out of range, twice the same name or priority, an unknown
-        operator, no e-stop source, or an owner whom no e-stop source would stop.
+    :param stall_limit: seconds; a longer gap between ticks means a frozen process. Above 0.
+    :param stop_time: seconds within which the ramp of stop category 1 ends. Above 0.
+    :raises ValueError: a value is out of range, a name or priority repeated, an operator unknown;
+        there is no e-stop source, or an owner that no e-stop source would stop.
     """
 
     joints: int
@@ -168,12 +168,12 @@ class MuxConfig:
 @dataclass(frozen=True, slots=True)
 class OperatorSample:
     """
-    What one message of an operator says.
+    One message of an operator.
 
-    :param neutral: all sticks that are used are within their deadband.
-    :param deadman: the deadman is held: all of its buttons.
+    :param neutral: all sticks in use are within their deadband.
+    :param deadman: all buttons of the deadman are held.
     :param demand: one number a joint.
-    :param partial: some of the deadman's buttons are held, not all: on the way to either side.
+    :param partial: some buttons of the deadman are held, but not all.
     """
 
     neutral: bool
@@ -183,16 +183,16 @@ class OperatorSample:
 
     @property
     def at_rest(self) -> bool:
-        """Sticks at neutral and every deadman button released."""
+        """Whether the sticks are at neutral and all deadman buttons released."""
         return self.neutral and not self.deadman and not self.partial
 
 
 class Limiter(Protocol):
-    """What the arbiter needs of the limits. :class:`safety_mux.limits.JointLimiter` has it."""
+    """The limits as the arbiter uses them; see :class:`safety_mux.limits.JointLimiter`."""
 
     @property
     def output(self) -> Demand:
-        """What was put out last."""
+        """The last output."""
 
     def step(self, target: Demand, dt: float) -> Demand:
         """Return the next output on the way to ``target``, ``dt`` seconds after the last."""
@@ -201,11 +201,11 @@ class Limiter(Protocol):
         """Return the next output of a ramp that ends at zero within ``stop_time`` seconds."""
 
     def reset(self) -> None:
-        """Be at zero, at once."""
+        """Set the output to zero at once."""
 
 
 class Reply(NamedTuple):
-    """The answer to a service."""
+    """The response to a service call."""
 
     ok: bool
     message: str
@@ -214,13 +214,13 @@ class Reply(NamedTuple):
 @dataclass(frozen=True, slots=True)
 class Decision:
     """
-    What goes out after one tick.
+    The output of one tick.
 
     :param owner: an operator's name or ``autonomy``; None unless ACTIVE or STOPPING.
     :param enable: true in ACTIVE and STOPPING only.
     :param demand: one number a joint, already limited.
-    :param estop: the latched sum of all stops: true in STOPPED. It is false in STOPPING, since a
-        drive that hears it true disables, and there would be no ramp.
+    :param estop: all stops together, latched: true in STOPPED. False in STOPPING, since a drive
+        that receives true disables, and there would be no ramp.
     :param stop_demand: by source, whether any other source demands a stop by itself or a trip is
         active. Not latched.
     """
@@ -248,7 +248,7 @@ class Status:
     """
     The full answer to "why does it not move?".
 
-    :param inhibits: each thing that keeps the machine from moving, in words; empty when it moves.
+    :param inhibits: everything that keeps the machine from moving, in words; empty while it moves.
     :param ages: seconds since each input was heard, by its name in words; infinite if never.
     """
 

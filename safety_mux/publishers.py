@@ -1,9 +1,9 @@
 """
-Telling two live publishers on one topic from one that was restarted.
+Distinguish two live publishers on one topic from one that was restarted.
 
-Discovery counts a dead publisher for up to 20 s, so its count alone would keep a restarted bridge
-out. Sequence numbers tell: those of one publisher only grow, a restart sets them back once, and
-two that are alive interleave, so the numbers go back again and again.
+Discovery counts a dead publisher for up to 20 s, so its count alone would reject a restarted
+bridge. Sequence numbers show the difference: those of one publisher only grow, a restart sets them
+back once, and those of two live publishers interleave, so they step back repeatedly.
 """
 
 from collections import deque
@@ -15,8 +15,8 @@ class PublisherWatch:
     """
     Watches the publication sequence numbers of one topic.
 
-    :param window: seconds; two steps back within it mean two live publishers, and it takes as long
-        without one until there is but one again.
+    :param window: seconds. Two steps back within a window mean two live publishers; after a
+        window without a step back there is one again.
     """
 
     def __init__(self, window: float = 1.0) -> None:
@@ -25,7 +25,7 @@ class PublisherWatch:
         self._steps_back: deque[float] = deque(maxlen=2)
 
     def heard(self, sequence_number: int | None, now: float) -> None:
-        """Note the sequence number of a message that arrived at ``now`` (seconds, monotonic)."""
+        """Note the sequence number of a message that arrived at ``now``, in monotonic seconds."""
         if sequence_number is None or sequence_number in UNSUPPORTED:
             return
         if self._last is not None and sequence_number <= self._last:
@@ -33,5 +33,5 @@ class PublisherWatch:
         self._last = sequence_number
 
     def doubled(self, now: float) -> bool:
-        """Tell whether two live publishers were heard within the last window."""
+        """Return whether two live publishers were heard within the last window."""
         return len(self._steps_back) == 2 and now - self._steps_back[0] <= self._window

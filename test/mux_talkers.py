@@ -73,9 +73,9 @@ class MuxBench:
         self.node = NodeProcess('safety_mux.node', self._given, namespace=self.space)
 
     def wait(self, condition: Any, what: str, timeout: float = 10.0) -> Any:
-        return self.observer.wait_for(condition, timeout, lambda: f'{what}; {self.story()}')
+        return self.observer.wait_for(condition, timeout, lambda: f'{what}; {self.report()}')
 
-    def story(self) -> str:
+    def report(self) -> str:
         status = self.status.last
         return f'mux: {self.state.last and self.state.last.data}, {status and status.message}'
 

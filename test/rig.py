@@ -1,8 +1,8 @@
 """
-What tests share: a ROS domain of their own, a port to unplug, child processes, an observer.
+Shared by tests: a ROS domain of their own, a port to unplug, child processes, an observer.
 
-Nothing here sleeps for a fixed time in the hope that it is enough: ``wait_for`` polls a condition
-up to a deadline and says what did not come.
+Nothing here sleeps for a fixed time: ``wait_for`` polls a condition up to a deadline, and reports
+what is missing.
 """
 
 from __future__ import annotations
@@ -35,8 +35,8 @@ from rugged_teleop.domains import claim_domain
 
 ROOT = Path(__file__).resolve().parent.parent
 _POLL = 0.005
-# How many times longer than elsewhere things may take; set where it is slow (test_uml.py).
-_PATIENCE = float(os.environ.get('RUGGED_TELEOP_PATIENCE', '1'))
+# Factor on all timeouts, for a slow environment (test_uml.py).
+_TIMEOUT_FACTOR = float(os.environ.get('RUGGED_TELEOP_PATIENCE', '1'))
 _TRANSITIONS = {  # lifecycle_msgs/Transition, and the state behind it
     'configure': (1, 'inactive'),
     'cleanup': (2, 'unconfigured'),
@@ -64,10 +64,10 @@ def wait_for(
     """
     Return the first true value of ``condition``. :raises AssertionError: none within ``timeout``.
 
-    :param what: is missing if it does not come; a function is called then.
-    :param idle: passes the time between two tries (seconds), such as by spinning an executor.
+    :param what: names what is missing on a timeout; a function is called only then.
+    :param idle: waits between two tries (seconds), for example by spinning an executor.
     """
-    timeout *= _PATIENCE
+    timeout *= _TIMEOUT_FACTOR
     end = time.monotonic() + timeout
     while not (value := condition()):
         if time.monotonic() > end:
@@ -84,7 +84,7 @@ def holds_for(
     *,
     idle: Callable[[float], object] = time.sleep,
 ) -> None:
-    """Watch that ``condition`` stays true. :raises AssertionError: as soon as it is not."""
+    """Check that ``condition`` stays true. :raises AssertionError: as soon as it is false."""
     end = time.monotonic() + duration
     while time.monotonic() < end:
         assert condition(), f'did not hold for {duration:g} s: {what}'
@@ -95,17 +95,17 @@ class Pty:
     """
     The device's side of a serial port that can be unplugged.
 
-    :param path: a link that the port is opened by; it is gone while unplugged.
+    :param path: symbolic link by which the port is opened; it is removed while unplugged.
     """
 
     def __init__(self, path: Path) -> None:
         self.path = path
         self.master = self._slave = -1
-        self.received = b''  # all that was read from the other side so far, over all plugs
+        self.received = b''  # all input so far, across reconnects
         self.replug()
 
     def replug(self) -> None:
-        """Come back as a new device under the same name."""
+        """Plug it in again, as a new device under the same name."""
         assert self.master < 0, 'it is still plugged in'
         self.master, self._slave = os.openpty()
         tty.setraw(self._slave)
@@ -113,7 +113,7 @@ class Pty:
         self.path.symlink_to(os.ttyname(self._slave))
 
     def unplug(self) -> None:
-        """Go away as a USB adapter does: the name vanishes, whoever has it open gets an error."""
+        """Unplug it like a USB adapter: its name is removed, and its users get an error."""
         if self.master >= 0:
             self.path.unlink()
             os.close(self._slave)
@@ -125,7 +125,7 @@ class Pty:
         os.write(self.master, data)
 
     def read(self) -> bytes:
-        """Return what came since the last call, without waiting; it is kept in ``received``."""
+        """Return the input since the last call, without waiting, and add it to ``received``."""
         data = b''
         with contextlib.suppress(BlockingIOError):
             while select.select([self.master], [], [], 0)[0]:
@@ -134,7 +134,7 @@ class Pty:
         return data
 
     def wait_received(self, data: bytes, timeout: float = 2.0) -> None:
-        """Read until ``data`` has come, since the start or the last ``clear``."""
+        """Read until ``data`` has arrived since the start or the last ``clear``."""
 
         def found() -> bool:
             self.read()
@@ -143,7 +143,7 @@ class Pty:
         wait_for(found, timeout, lambda: f'{data.hex(" ")} in {self.received[-200:].hex(" ")}')
 
     def clear(self) -> None:
-        """Forget what was received."""
+        """Discard what was received."""
         self.read()
         self.received = b''
 
@@ -176,7 +176,7 @@ class NodeProcess:
             command += ['-r', f'__node:={name}']
         if namespace:
             command += ['-r', f'__ns:={namespace}']
-        # A file rather than a pipe: a node that says much must not wait for us to read.
+        # A file, not a pipe: a node with much output must not block until the test reads it.
         self._output = tempfile.TemporaryFile()  # noqa: SIM115 - closed on exit
         self.process = subprocess.Popen(
             [*command, *arguments],
@@ -188,7 +188,7 @@ class NodeProcess:
 
     @property
     def output(self) -> str:
-        """What it has printed and logged so far."""
+        """Its output so far, logs included."""
         return os.pread(self._output.fileno(), 1 << 20, 0).decode(errors='replace')
 
     def wait_output(self, text: str, timeout: float = 15.0) -> None:
@@ -236,7 +236,7 @@ class NodeProcess:
 
 
 def as_yaml(value: Any) -> str:
-    """Return a parameter's value as ``-p`` wants it: JSON is YAML, but not for all floats."""
+    """Return a value as ``-p`` expects it: JSON is YAML, except for some floats."""
     if isinstance(value, float):
         text = repr(value)
         if text in ('nan', 'inf', '-inf'):
@@ -249,7 +249,7 @@ def as_yaml(value: Any) -> str:
 
 @dataclass
 class Record:
-    """What came on a topic: messages and their arrival (seconds, monotonic), oldest first."""
+    """Messages of a topic and their arrival (seconds, monotonic), oldest first."""
 
     topic: str
     messages: list[Any] = field(default_factory=list)
@@ -266,21 +266,21 @@ class Record:
         return [message.data for message in self.messages]
 
     def since(self, moment: float) -> Iterator[tuple[float, Any]]:
-        """Return (arrival, message) of those that came after ``moment``."""
+        """Return (arrival, message) of the messages that arrived after ``moment``."""
         pairs = zip(self.times, self.messages, strict=True)
         return ((arrival, message) for arrival, message in pairs if arrival > moment)
 
     def clear(self) -> None:
-        """Forget all that came."""
+        """Discard all messages."""
         self.messages.clear()
         self.times.clear()
 
 
 class Observer:
     """
-    A node in the test's process, with a context of its own; it only works while it is spun.
+    A node in the test's process, with a context of its own; it works only while it is spun.
 
-    ``wait_for`` spins, so conditions see what has arrived. Use it as a context manager.
+    ``wait_for`` spins it between two checks. Use it as a context manager.
     """
 
     def __init__(self, name: str = 'observer') -> None:
@@ -298,7 +298,7 @@ class Observer:
         self._clients: dict[str, Any] = {}
 
     def spin(self, duration: float = 0.0) -> None:
-        """Take what has come; wait at most ``duration`` s for it."""
+        """Process what has arrived; wait at most ``duration`` s for it."""
         self.executor.spin_once(timeout_sec=duration)
 
     def wait_for(
@@ -313,7 +313,7 @@ class Observer:
     def holds_for(
         self, condition: Callable[[], bool], duration: float, what: str = 'the condition'
     ) -> None:
-        """Spin and watch that ``condition`` stays true; see the function ``holds_for``."""
+        """Spin and check that ``condition`` stays true; see the function ``holds_for``."""
         holds_for(condition, duration, what, idle=self.spin)
 
     def record(self, kind: Any, topic: str, qos: Any = 10) -> Record:
@@ -328,7 +328,7 @@ class Observer:
         return record
 
     def publisher(self, kind: Any, topic: str, qos: Any = 10, *, matched: int = 1) -> Any:
-        """Return a publisher that ``matched`` subscriptions have found."""
+        """Return a publisher that is matched with this many subscriptions."""
         publisher = self.node.create_publisher(kind, topic, qos)
         self.wait_for(
             lambda: publisher.get_subscription_count() >= matched, 15.0, f'a subscriber of {topic}'
@@ -341,9 +341,9 @@ class Observer:
         """
         Call a service and return its response.
 
-        A node that has not discovered us yet drops its response, for ever. Clients are kept, so
-        this can happen to the first call only; more than one of ``tries`` is for services that
-        may be asked twice.
+        A node that has not discovered this client yet drops its response. Clients are kept, so
+        this happens to a first call only; set ``tries`` above 1 only for services that may be
+        called twice.
         """
         if service not in self._clients:
             self._clients[service] = self.node.create_client(kind, service)
@@ -373,7 +373,7 @@ class Observer:
         return result.successful, result.reason
 
     def change_state(self, node: str, transition: str) -> bool:
-        """Put a managed node through ``configure``, ``activate``, ``deactivate``, ``cleanup``."""
+        """Request a transition: ``configure``, ``activate``, ``deactivate`` or ``cleanup``."""
         from lifecycle_msgs.srv import ChangeState
 
         number, state = _TRANSITIONS[transition]
@@ -404,7 +404,7 @@ class Observer:
 
 
 def latched() -> Any:
-    """Return the QoS that gets the last value of a state topic even by coming late."""
+    """Return the QoS by which a late subscriber gets the last value of a state topic."""
     from rclpy.qos import DurabilityPolicy
     from rclpy.qos import QoSProfile
 

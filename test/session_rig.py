@@ -1,4 +1,4 @@
-"""A session and its time, for tests: the link thread's part, without a thread or a port."""
+"""A session and its clock, for tests: the link thread's part, without a thread or a port."""
 
 from typing import Any
 from typing import Generic
@@ -11,8 +11,8 @@ class SessionBench(Generic[SessionT]):
     """
     Drives one session as bridge_core.transports.link does.
 
-    ``events`` and ``sent`` (with the time of each frame) keep all that came out. A room's tests
-    derive from it, and say how its device is heard.
+    ``events`` and ``sent`` (with the time of each frame) keep all output. The tests of a bridge
+    derive from it and add the messages of their device.
     """
 
     def __init__(self, session: SessionT) -> None:
@@ -22,7 +22,7 @@ class SessionBench(Generic[SessionT]):
         self.sent: list[tuple[float, Any]] = []
 
     def open(self) -> list[Any]:
-        """Open the port; return the events of that, as all of these do."""
+        """Open the port; return the events, as all these methods do."""
         return self._keep(self.session.opened(self.now))
 
     def close(self) -> list[Any]:

@@ -1,4 +1,4 @@
-"""The common node on a toy room: stop topics, lifecycle, parameters, diagnostics, clean exit."""
+"""The common node with a toy device: stop topics, lifecycle, diagnostics, clean exit."""
 
 import contextlib
 from pathlib import Path
@@ -29,15 +29,15 @@ from test.rig import Observer
 from test.rig import Pty
 from test.rig import Record
 from test.rig import wait_for
-from test.toy_room import make_toy
-from test.toy_room import toy_process as toy
-from test.toy_room import ToyBridge
+from test.toy_bridge import make_toy
+from test.toy_bridge import toy_process as toy
+from test.toy_bridge import ToyBridge
 
 ESTOP = '/toy_bridge/estop'
 
 
-class Keeper:
-    """Keeps the toy device saying ``k`` whenever the observer spins."""
+class ToyDevice:
+    """A device that sends ``k`` every 50 ms while the observer spins and ``talking`` is true."""
 
     def __init__(self, pty: Pty, observer: Observer) -> None:
         self.pty, self.observer = pty, observer
@@ -54,8 +54,8 @@ class Keeper:
 
 
 @pytest.fixture
-def keeper(pty: Pty, observer: Observer) -> Keeper:
-    return Keeper(pty, observer)
+def device(pty: Pty, observer: Observer) -> ToyDevice:
+    return ToyDevice(pty, observer)
 
 
 def wait_value(observer: Observer, record: Record, value: bool, timeout: float = 15.0) -> float:
@@ -92,7 +92,7 @@ def test_late_joiner_gets_the_stop_of_a_node_without_a_port(
             wait_repeats(observer, record, True)
         link_up = observer.record(Bool, '/toy_bridge/link_up', latched())
         assert wait_value(observer, link_up, False)
-        # Said once, not with every attempt.
+        # Logged once, not with every attempt.
         assert node.output.count('cannot open') == 1
 
 
@@ -102,8 +102,10 @@ def test_default_subscriber_gets_the_stop_too(tmp_path: Path, observer: Observer
         wait_value(observer, record, True)
 
 
-def test_stop_is_repeated_at_its_rate_in_every_state(keeper: Keeper, observer: Observer) -> None:
-    with toy(keeper.pty.path, autostart=False, estop_rate=50.0) as node:
+def test_stop_is_repeated_at_its_rate_in_every_state(
+    device: ToyDevice, observer: Observer
+) -> None:
+    with toy(device.pty.path, autostart=False, estop_rate=50.0) as node:
         record = observer.record(Bool, ESTOP, latched())
         wait_value(observer, record, True)
         wait_repeats(observer, record, True, 20)  # unconfigured
@@ -113,7 +115,7 @@ def test_stop_is_repeated_at_its_rate_in_every_state(keeper: Keeper, observer: O
         wait_value(observer, record, False)
         wait_repeats(observer, record, False, 20)  # active and healthy
         span = record.times[-1] - record.times[0]
-        # Never faster than asked for; the other side is for the machine to say.
+        # Never faster than requested; how much slower depends on the machine.
         assert len(record.times) - 1 <= span * 50.0 * 1.5 + 2
         assert observer.change_state('/toy_bridge', 'deactivate')
         wait_repeats(observer, record, True, 20)  # inactive again
@@ -122,47 +124,49 @@ def test_stop_is_repeated_at_its_rate_in_every_state(keeper: Keeper, observer: O
         assert node.process.poll() is None
 
 
-def test_unplugged_says_stop_and_comes_back_by_itself(keeper: Keeper, observer: Observer) -> None:
-    with toy(keeper.pty.path, reconnect_period=0.2):
+def test_unplugged_says_stop_and_comes_back_by_itself(
+    device: ToyDevice, observer: Observer
+) -> None:
+    with toy(device.pty.path, reconnect_period=0.2):
         estop = observer.record(Bool, ESTOP, latched())
         link_up = observer.record(Bool, '/toy_bridge/link_up', latched())
         for _ in range(2):
             wait_value(observer, estop, False)
             observer.wait_for(lambda: link_up.last and link_up.last.data, 5.0, 'the link up')
-            keeper.pty.unplug()
+            device.pty.unplug()
             wait_value(observer, estop, True)
             wait_repeats(observer, estop, True)
             observer.wait_for(lambda: not link_up.last.data, 5.0, 'the link down')
-            keeper.pty.replug()
+            device.pty.replug()
         wait_value(observer, estop, False)
 
 
 def test_unplugging_is_told_at_once_and_not_only_by_silence(
-    keeper: Keeper, observer: Observer
+    device: ToyDevice, observer: Observer
 ) -> None:
-    # With a time-out of 10 s only the loss of the port itself can be the reason.
-    with toy(keeper.pty.path, link_timeout=10.0):
+    # With a timeout of 10 s only the loss of the port itself can be the reason.
+    with toy(device.pty.path, link_timeout=10.0):
         estop = observer.record(Bool, ESTOP, latched())
         wait_value(observer, estop, False)
-        keeper.pty.unplug()
+        device.pty.unplug()
         wait_value(observer, estop, True, 5.0)
 
 
-def test_silence_says_stop(keeper: Keeper, observer: Observer) -> None:
-    with toy(keeper.pty.path) as node:
+def test_silence_says_stop(device: ToyDevice, observer: Observer) -> None:
+    with toy(device.pty.path) as node:
         estop = observer.record(Bool, ESTOP, latched())
         wait_value(observer, estop, False)
-        keeper.talking = False
+        device.talking = False
         wait_value(observer, estop, True)
         node.wait_output('limit 250 ms')
-        keeper.talking = True
+        device.talking = True
         wait_value(observer, estop, False)
 
 
 def test_own_stop_leaves_out_what_the_node_itself_asked(
-    keeper: Keeper, observer: Observer
+    device: ToyDevice, observer: Observer
 ) -> None:
-    with toy(keeper.pty.path):
+    with toy(device.pty.path):
         estop = observer.record(Bool, ESTOP, latched())
         own = observer.record(Bool, '/toy_bridge/own_estop', latched())
         wait_value(observer, estop, False)
@@ -175,37 +179,37 @@ def test_own_stop_leaves_out_what_the_node_itself_asked(
         wait_value(observer, estop, False)
 
 
-def test_deactivation_says_stop_and_farewell(keeper: Keeper, observer: Observer) -> None:
-    with toy(keeper.pty.path):
+def test_deactivation_says_stop_and_farewell(device: ToyDevice, observer: Observer) -> None:
+    with toy(device.pty.path):
         estop = observer.record(Bool, ESTOP, latched())
         wait_value(observer, estop, False)
         assert observer.change_state('/toy_bridge', 'deactivate')
         wait_value(observer, estop, True)
-        keeper.pty.wait_received(b'BYE')
-        assert keeper.pty.received.endswith(b'BYE')
-        keeper.pty.clear()
+        device.pty.wait_received(b'BYE')
+        assert device.pty.received.endswith(b'BYE')
+        device.pty.clear()
         assert observer.change_state('/toy_bridge', 'activate')
         wait_value(observer, estop, False)
 
 
-def test_frozen_node_does_not_believe_what_piled_up(keeper: Keeper, observer: Observer) -> None:
-    first_words = []
-    with toy(keeper.pty.path) as node:
+def test_frozen_node_does_not_believe_what_piled_up(device: ToyDevice, observer: Observer) -> None:
+    first = []
+    with toy(device.pty.path) as node:
         estop = observer.record(Bool, ESTOP, latched())
         for _ in range(4):
-            keeper.talking = True
+            device.talking = True
             wait_value(observer, estop, False)
             node.signal(SIGSTOP)
-            observer.holds_for(lambda: True, 0.6)  # it is what a frozen process misses
-            keeper.talking = False
+            observer.holds_for(lambda: True, 0.6)  # which the frozen process misses
+            device.talking = False
             observer.spin(0.1)
             estop.clear()
             node.signal(SIGCONT)
-            observer.wait_for(lambda: estop.data, 5.0, 'the first word after the thaw')
-            first_words.append(estop.data[0])
+            observer.wait_for(lambda: estop.data, 5.0, 'the first message after the freeze')
+            first.append(estop.data[0])
             wait_value(observer, estop, True)
-    # A freeze in the midst of publishing, which is rare, ends with what was about to be said.
-    assert first_words.count(True) >= 3
+    # A freeze during a publish, which is rare, ends with that publish.
+    assert first.count(True) >= 3
 
 
 # A node in this process.
@@ -337,13 +341,13 @@ def test_deactivation_does_not_pull_the_session_away_under_the_link_thread(
 
 @pytest.mark.parametrize('number', [SIGINT, SIGTERM], ids=['SIGINT', 'SIGTERM'])
 def test_signal_says_farewell_and_stop_and_exits_0(
-    keeper: Keeper, observer: Observer, number: int
+    device: ToyDevice, observer: Observer, number: int
 ) -> None:
-    with toy(keeper.pty.path) as node:
+    with toy(device.pty.path) as node:
         estop = observer.record(Bool, ESTOP, latched())
         wait_value(observer, estop, False)
         assert node.end(number, timeout=5.0) == 0
-        keeper.pty.wait_received(b'BYE')
+        device.pty.wait_received(b'BYE')
         wait_value(observer, estop, True)
         assert estop.data[-1] is True
 
@@ -362,7 +366,7 @@ def test_signal_exits_0_within_a_second_whatever_the_port_does(
             parameters['port'] = f'rfc2217://127.0.0.1:{server.getsockname()[1]}'
         elif trouble == 'absent':
             parameters['port'] = str(tmp_path / 'nothing')
-        node = stack.enter_context(NodeProcess('test.toy_room', parameters))
+        node = stack.enter_context(NodeProcess('test.toy_bridge', parameters))
         node.wait_output('device opened' if trouble == 'full' else 'stop: ')
         if trouble == 'full':  # nobody reads: the pty fills up in the other direction
             with contextlib.suppress(BlockingIOError):
@@ -374,13 +378,13 @@ def test_signal_exits_0_within_a_second_whatever_the_port_does(
         assert 'Traceback' not in node.output
 
 
-def test_second_signal_does_not_break_the_exit(keeper: Keeper, observer: Observer) -> None:
-    with toy(keeper.pty.path) as node:
+def test_second_signal_does_not_break_the_exit(device: ToyDevice, observer: Observer) -> None:
+    with toy(device.pty.path) as node:
         wait_value(observer, observer.record(Bool, ESTOP, latched()), False)
         node.signal(SIGTERM)
         node.signal(SIGINT)
         assert node.end(SIGTERM) == 0
-        keeper.pty.wait_received(b'BYE')
+        device.pty.wait_received(b'BYE')
 
 
 # Diagnostics.
@@ -391,7 +395,7 @@ def statuses(record: Record) -> list[dict[str, Any]]:
 
 
 def test_diagnostics_tell_link_and_device_and_change_at_once(
-    keeper: Keeper, observer: Observer
+    device: ToyDevice, observer: Observer
 ) -> None:
     diagnostics = observer.record(DiagnosticArray, '/diagnostics', 50)
     names = ('toy_bridge: link', 'toy_bridge: device')
@@ -400,11 +404,11 @@ def test_diagnostics_tell_link_and_device_and_change_at_once(
         last = statuses(diagnostics)[-1] if diagnostics.messages else {}
         return [last[name].level for name in names if name in last]
 
-    with toy(keeper.pty.path, hardware_id='the toy'):
+    with toy(device.pty.path, hardware_id='the toy'):
         good = [DiagnosticStatus.OK, DiagnosticStatus.OK]
         observer.wait_for(lambda: levels() == good, 15.0, 'all well')
-        link, device = (statuses(diagnostics)[-1][name] for name in names)
-        assert link.hardware_id == device.hardware_id == 'the toy'
+        link, toy_device = (statuses(diagnostics)[-1][name] for name in names)
+        assert link.hardware_id == toy_device.hardware_id == 'the toy'
         values = {pair.key: pair.value for pair in link.values}
         assert {
             'frames',
@@ -427,17 +431,17 @@ def test_diagnostics_tell_link_and_device_and_change_at_once(
         assert min(gaps) > 0.8
         # A change does not wait for the next second.
         changed = time.monotonic()
-        keeper.talking = False
-        keeper.pty.write(b's')
+        device.talking = False
+        device.pty.write(b's')
         observer.wait_for(lambda: levels()[1] == DiagnosticStatus.ERROR, 5.0, 'the stop')
         assert diagnostics.times[-1] - changed < 0.9
-        keeper.pty.unplug()
+        device.pty.unplug()
         observer.wait_for(lambda: levels()[0] == DiagnosticStatus.ERROR, 5.0, 'the loss')
         assert 'no such port' in statuses(diagnostics)[-1][names[0]].message or (
             'unplugged' in statuses(diagnostics)[-1][names[0]].message
         )
-        keeper.pty.replug()
-        keeper.talking = True
+        device.pty.replug()
+        device.talking = True
         observer.wait_for(lambda: levels() == good, 15.0, 'all well again')
         values = {pair.key: pair.value for pair in statuses(diagnostics)[-1][names[0]].values}
         assert values['reconnects'] == '1'
@@ -458,18 +462,18 @@ def test_two_nodes_in_one_process_do_not_share_anything(
     tmp_path: Path, observer: Observer
 ) -> None:
     left, right = Pty(tmp_path / 'left'), Pty(tmp_path / 'right')
-    source = 'from test.toy_room import main_two; main_two()'
+    source = 'from test.toy_bridge import main_two; main_two()'
     arguments = [
         part
         for name, pty in (('left', left), ('right', right))
         for part in ('-p', f'{name}:port:={as_yaml(str(pty.path))}')
     ]
-    keepers = [Keeper(left, observer), Keeper(right, observer)]
+    devices = [ToyDevice(left, observer), ToyDevice(right, observer)]
     with NodeProcess('', source=source, arguments=arguments) as node:
         estops = [observer.record(Bool, f'/{name}/estop', latched()) for name in ('left', 'right')]
         for estop in estops:
             wait_value(observer, estop, False)
-        keepers[0].talking = False
+        devices[0].talking = False
         wait_value(observer, estops[0], True)
         wait_repeats(observer, estops[1], False, 10)
         left.unplug()
@@ -482,10 +486,10 @@ def test_two_nodes_in_one_process_do_not_share_anything(
 
 
 def test_namespace_and_name_make_all_topics(pty: Pty, observer: Observer) -> None:
-    keeper = Keeper(pty, observer)
+    device = ToyDevice(pty, observer)
     diagnostics = observer.record(DiagnosticArray, '/diagnostics')
     with NodeProcess(
-        'test.toy_room', {'port': str(keeper.pty.path)}, name='arm', namespace='/left'
+        'test.toy_bridge', {'port': str(device.pty.path)}, name='arm', namespace='/left'
     ) as node:
         wait_value(observer, observer.record(Bool, '/left/arm/estop', latched()), False)
         observer.wait_for(lambda: diagnostics.messages, 5.0, 'diagnostics')

@@ -1,4 +1,4 @@
-"""Every way to give a node of ours a bad parameter ends before any port is opened."""
+"""A bad parameter, however it is given, ends a node before any port is opened."""
 
 import math
 from pathlib import Path
@@ -11,8 +11,8 @@ from bridge_core.parameters import ParameterError
 from test.rig import NodeProcess
 from test.rig import Observer
 from test.rig import Pty
-from test.toy_room import make_toy
-from test.toy_room import toy_process
+from test.toy_bridge import make_toy
+from test.toy_bridge import toy_process
 
 # Parameters, in this process: each bad one before anything is opened.
 
@@ -65,7 +65,7 @@ def test_good_parameters_keep_their_types(context: Context) -> None:
 
 
 def refused(*arguments: str, **parameters: Any) -> list[str]:
-    with NodeProcess('test.toy_room', parameters, arguments=arguments) as node:
+    with NodeProcess('test.toy_bridge', parameters, arguments=arguments) as node:
         assert node.wait() == 2, node.output
         assert 'Traceback' not in node.output
         return node.output.splitlines()

@@ -251,7 +251,7 @@ def test_missing_interface_prints_nothing_of_python_can(capfd: pytest.CaptureFix
 @pytest.mark.parametrize(
     ('identifier', 'data', 'kinds'),
     [
-        (0x001, '', ['transmit time-outs']),
+        (0x001, '', ['transmit timeouts']),
         (0x002, '', ['arbitrations lost']),
         (0x008, '0000800800000000', ['protocol errors']),
         (0x010, '0000000000000000', ['transceiver errors']),
@@ -267,7 +267,7 @@ def test_missing_interface_prints_nothing_of_python_can(capfd: pytest.CaptureFix
         (0x004, '0020000000000000', ['error passive']),
         (0x004, '0040000000000000', []),  # active again
         (0x004, '00', []),
-        (0x001, '0020000000000000', ['transmit time-outs']),  # byte 1 is not the controller's
+        (0x001, '0020000000000000', ['transmit timeouts']),  # byte 1 is not the controller's
         (0x0A8, '0000000000000000', ['protocol errors', 'frames not acknowledged', 'bus errors']),
         (0x200, '0000000000001122', []),  # counters alone
     ],

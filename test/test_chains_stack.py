@@ -78,11 +78,11 @@ class Stack:
         return bool(self.unit.look(lambda unit: unit.relays_closed))
 
     def wait(self, condition: Callable[[], Any], what: str) -> None:
-        def told() -> str:
+        def report() -> str:
             last = self.status.last and self.status.last.message
             return f'{what}; mux: {last}\n{self.process.output[-3000:]}'
 
-        self.observer.wait_for(condition, 20.0, told)
+        self.observer.wait_for(condition, 20.0, report)
 
     # What people do.
 

@@ -1,9 +1,9 @@
 """
-Who may import whom: the table of the house, enforced.
+Which module may import which: CONTRIBUTING's table, enforced.
 
-A room is any package beside bridge_core and rugged_teleop, so a new one is covered with no edit.
-A module that the table does not name (``safety_mux/inputs.py``) is split off the logic below the
-node, and follows the strictest rule, that of ``session``.
+Every package but bridge_core and rugged_teleop counts as a bridge (so does safety_mux), so a new
+one is covered without an edit here. A module that the table does not name, such as
+``safety_mux/inputs.py``, follows the strictest rule, that of ``session``.
 """
 
 import ast
@@ -15,10 +15,10 @@ import sys
 import pytest
 
 ROOT = Path(__file__).resolve().parent.parent
-NOT_A_ROOM = ('bridge_core', 'rugged_teleop')
+NOT_A_BRIDGE = ('bridge_core', 'rugged_teleop')
 STDLIB = frozenset(sys.stdlib_module_names)
-# Neither clock, thread, socket, process nor port below the node and the transports: time is an
-# argument there. importlib would hide an import from this test.
+# No clock, thread, socket, process or port below the node and the transports: time is an argument
+# there. importlib would hide an import from this test.
 IMPURE = frozenset(
     (
         *('time', 'sched', 'threading', '_thread', 'concurrent', 'asyncio', 'signal'),
@@ -32,14 +32,14 @@ CORE = (
     *('bridge_core.watchdog', 'bridge_core.j1939'),
 )
 
-# What a part of a room may import beside itself and the pure standard library.
+# What a part of a bridge may import besides itself and the pure standard library.
 LOGIC = (
-    *('{room}.protocol', '{room}.parameters', 'SPLIT OFF'),
+    *('{bridge}.protocol', '{bridge}.parameters', 'OTHER'),
     *('bridge_core.framing', 'bridge_core.watchdog', 'bridge_core.session'),
     *('bridge_core.settings', 'bridge_core.parameters', 'bridge_core.j1939'),
 )
-ROOM = {
-    '__init__': ('{room}.protocol',),
+BRIDGE = {
+    '__init__': ('{bridge}.protocol',),
     'protocol': (
         *('bridge_core.framing', 'bridge_core.checksums'),
         *('bridge_core.packets', 'bridge_core.j1939'),
@@ -48,14 +48,14 @@ ROOM = {
     'arbiter': LOGIC,
     'mapping': LOGIC,
     'limits': LOGIC,
-    'convert': ('{room}.protocol', 'SPLIT OFF', 'bridge_core.convert', 'MESSAGES'),
-    # The node's parameters, where they have a file of their own: below the node all the same.
-    'parameters': ('{room}.protocol', 'SPLIT OFF', 'bridge_core.parameters'),
-    'node': ('{room}', 'bridge_core', 'rclpy', 'MESSAGES', 'STDLIB'),
-    'simulator': ('{room}.protocol', 'bridge_core'),
-    # What a device keeps, and the dialogue with its menus: pure. Only the command has a port.
-    'config': ('{room}.protocol', 'bridge_core.checksums'),
-    'config.main': ('{room}.protocol', 'bridge_core.transports', 'STDLIB'),
+    'convert': ('{bridge}.protocol', 'OTHER', 'bridge_core.convert', 'MESSAGES'),
+    # The node's parameters, in a file of their own: below the node, too.
+    'parameters': ('{bridge}.protocol', 'OTHER', 'bridge_core.parameters'),
+    'node': ('{bridge}', 'bridge_core', 'rclpy', 'MESSAGES', 'STDLIB'),
+    'simulator': ('{bridge}.protocol', 'bridge_core'),
+    # A device's configuration and the dialogue with its menus: pure. Only the command has a port.
+    'config': ('{bridge}.protocol', 'bridge_core.checksums'),
+    'config.main': ('{bridge}.protocol', 'bridge_core.transports', 'STDLIB'),
 }
 # The same for bridge_core, which knows no device.
 SHARED = {
@@ -63,15 +63,15 @@ SHARED = {
     'settings': ('bridge_core.parameters',),
     'services': ('bridge_core.session', 'rclpy'),
     'transports': (*CORE, 'bridge_core.session', 'serial', 'can', 'STDLIB'),
-    'outbox': ('STDLIB',),  # a thread, beside the link's
+    'outbox': ('STDLIB',),  # it has a thread
     'convert': ('MESSAGES',),
     'diagnostics': ('bridge_core.session', 'MESSAGES'),
     'node': ('bridge_core', 'rclpy', 'MESSAGES', 'STDLIB'),
     'runner': ('bridge_core', 'rclpy', 'STDLIB'),
     'parameter_files': ('bridge_core.parameters', 'yaml'),
 }
-# Simulators and what shows them are for the commands that show them, and for nobody else.
-SHOWS = ('rugged_teleop.simulate', 'rugged_teleop.demo')
+# Only these commands may import simulators, and each other.
+COMMANDS = ('rugged_teleop.simulate', 'rugged_teleop.demo')
 
 
 def packages() -> list[str]:
@@ -80,18 +80,18 @@ def packages() -> list[str]:
     return [name for name in found if name not in ('test', 'benchmarks')]
 
 
-def rooms() -> list[str]:
-    return [name for name in packages() if name not in NOT_A_ROOM]
+def bridges() -> list[str]:
+    return [name for name in packages() if name not in NOT_A_BRIDGE]
 
 
 def modules() -> dict[str, Path]:
-    """Return every module's dotted name with its file; a package goes by ``name.__init__``."""
+    """Return the file of each module by dotted name; a package is ``name.__init__``."""
     files = (path for package in packages() for path in (ROOT / package).rglob('*.py'))
     return {'.'.join(path.relative_to(ROOT).with_suffix('').parts): path for path in files}
 
 
 def imported(source: str, module: str) -> Iterator[str]:
-    """Yield what a module imports, as dotted names down to the imported thing."""
+    """Yield what a module imports, as dotted names that include the imported name."""
     package = module.split('.')[:-1]
     for node in ast.walk(ast.parse(source)):
         if isinstance(node, ast.Import):
@@ -118,47 +118,47 @@ def part(module: str) -> str:
 
 
 def is_allowed(module: str, name: str) -> bool:
-    """Tell whether the table lets ``module`` import ``name``."""
+    """Return whether the table lets ``module`` import ``name``."""
     package = module.split('.')[0]
     if package == 'rugged_teleop':
-        return module.startswith(SHOWS) or not (is_show(name) or is_part(name, 'simulator'))
+        return module.startswith(COMMANDS) or not (is_command(name) or is_part(name, 'simulator'))
     if within(name, f'{package}.config.main'):
-        return False  # a command, at the top
+        return False  # a command: nothing imports it
     if within(name, f'{package}.{part(module)}'):
         return True  # a part in several files
-    if package not in NOT_A_ROOM and part(module) != 'node' and is_part(name, 'node'):
+    if package not in NOT_A_BRIDGE and part(module) != 'node' and is_part(name, 'node'):
         return False
     if is_part(name, 'simulator'):
         return False
-    table, otherwise = (SHARED, CORE) if package == 'bridge_core' else (ROOM, LOGIC)
+    table, otherwise = (SHARED, CORE) if package == 'bridge_core' else (BRIDGE, LOGIC)
     entries = table.get(module.partition('.')[2]) or table.get(part(module), otherwise)
     return is_pure(name) or any(matches(entry, package, name) for entry in entries)
 
 
-def matches(entry: str, room: str, name: str) -> bool:
-    """Tell whether an entry of the table covers ``name``."""
+def matches(entry: str, bridge: str, name: str) -> bool:
+    """Return whether an entry of the table covers ``name``."""
     top = name.split('.')[0]
     if entry == 'STDLIB':
         return top in STDLIB
     if entry == 'MESSAGES':
         return MESSAGES.match(top) is not None
-    if entry == 'SPLIT OFF':  # own files that the table does not name
-        return top == room != name and part(name) not in ROOM
-    return within(name, entry.format(room=room))
+    if entry == 'OTHER':  # own files that the table does not name
+        return top == bridge != name and part(name) not in BRIDGE
+    return within(name, entry.format(bridge=bridge))
 
 
 def is_pure(name: str) -> bool:
     return name.split('.')[0] in STDLIB - IMPURE
 
 
-def is_show(name: str) -> bool:
-    return name.startswith(SHOWS)
+def is_command(name: str) -> bool:
+    return name.startswith(COMMANDS)
 
 
 def is_part(name: str, which: str) -> bool:
-    """Tell whether ``name`` is, or is in, that part of a room."""
+    """Return whether ``name`` is, or is in, that part of a bridge."""
     path = name.split('.')
-    return path[1:2] == [which] and path[0] not in (*NOT_A_ROOM, 'rclpy')
+    return path[1:2] == [which] and path[0] not in (*NOT_A_BRIDGE, 'rclpy')
 
 
 def violations(module: str, source: str) -> list[str]:
@@ -171,10 +171,10 @@ def test_module_imports_only_what_the_table_allows(module: str) -> None:
     assert not violations(module, source), f'{module} may not import these'
 
 
-def test_every_room_is_walked() -> None:
-    assert {'esi_drive_bridge', 'fort_vsc_bridge', 'safety_mux', 'vm110_bridge'} <= set(rooms())
-    for room in rooms():
-        assert f'{room}.node' in modules() or f'{room}.node.__init__' in modules()
+def test_every_bridge_is_checked() -> None:
+    assert {'esi_drive_bridge', 'fort_vsc_bridge', 'safety_mux', 'vm110_bridge'} <= set(bridges())
+    for bridge in bridges():
+        assert f'{bridge}.node' in modules() or f'{bridge}.node.__init__' in modules()
 
 
 @pytest.mark.parametrize(

@@ -1,4 +1,4 @@
-"""The frame of the house: metadata, entry points, launch files, udev, CI and README agree."""
+"""Metadata, entry points, launch files, udev rules, CI and README agree."""
 
 import ast
 from collections.abc import Iterator
@@ -118,9 +118,9 @@ def test_entry_point_is_a_function(name: str) -> None:
     assert callable(getattr(importlib.import_module(module), function))
 
 
-def test_every_node_of_a_room_has_an_executable() -> None:
-    rooms = {path.parent.name for path in ROOT.glob('*/node.py')} - {'bridge_core'}
-    assert rooms <= set(entry_points())
+def test_every_node_has_an_executable() -> None:
+    nodes = {path.parent.name for path in ROOT.glob('*/node.py')} - {'bridge_core'}
+    assert nodes <= set(entry_points())
 
 
 # Launch files. They are checked as text, for ROS's launch is not on every machine.

@@ -101,7 +101,7 @@ class NoPort:
         """There is nothing."""
 
 
-# Each node, and what its transport can do no harm with. A further node is a line here.
+# Each node with a transport that opens nothing. Another node is a line here.
 NODES: dict[str, tuple[Any, Callable[[], Untouched]]] = {
     'fort': (FortVscBridge, UntouchedSerial),
     'vm110': (Vm110Bridge, untouched_network),
@@ -338,7 +338,7 @@ CONTRADICTIONS: dict[str, tuple[str, dict[str, Any], str]] = {
         {'device.heartbeat_interval_ms': 200},
         r'parameter device\.heartbeat_interval_ms',
     ),
-    'sticks slower than their time-out': (
+    'sticks slower than their timeout': (
         'fort',
         {'device.joystick_interval_ms': 126},
         r'parameter device\.joystick_interval_ms',

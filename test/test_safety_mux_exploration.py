@@ -1,10 +1,10 @@
 """
 Every state that the arbiter can reach, and every rule on every step from there.
 
-The arbiter itself is explored, not a model of it: one arbiter is put into each state in turn, told
-one thing more, ticked, and what comes out is held against an independent book of what it was told
-(``Book``). A step of time is an eighth of a second, exact in binary, and all limits are so short
-that one step or two decide. Moments longer ago than every limit are all the same.
+The arbiter itself is explored, not a model of it: one arbiter is put into each state in turn, gets
+one more input and a tick, and its output is checked against an independent log of all input
+(``Log``). A step of time is an eighth of a second, exact in binary, and all limits are one or two
+steps long. Times longer ago than every limit are all the same.
 """
 
 from collections import deque
@@ -149,8 +149,8 @@ class Event:
 
 
 @dataclass
-class Book:
-    """What a bystander who knows the rules, but not the arbiter, has written down."""
+class Log:
+    """The input and the decisions so far, recorded without any use of the arbiter."""
 
     now: float
     doing: dict[str, str]
@@ -165,7 +165,7 @@ class Book:
     must_reach_zero: bool = False
     high_until: float = -math.inf  # when high last lost control
 
-    def copy(self) -> 'Book':
+    def copy(self) -> 'Log':
         return replace(
             self,
             doing=dict(self.doing),
@@ -193,8 +193,8 @@ class World:
         self.memory = Memory(self.arbiter)
         self.speak_all(CALM, 0.0)
         decision = self.arbiter.tick(0.0)
-        self.book = Book(0.0, dict(CALM), dict(CALM), dict.fromkeys(CALM, 0.0), decision)
-        self.book.clear_since = 0.0
+        self.log = Log(0.0, dict(CALM), dict(CALM), dict.fromkeys(CALM, 0.0), decision)
+        self.log.clear_since = 0.0
 
     def speak_all(self, doing: dict[str, str], now: float) -> None:
         for name, what in doing.items():
@@ -225,32 +225,32 @@ class World:
         return self.arbiter.trip(now) if service == 'trip' else self.arbiter.reset(now)
 
     def step(self, event: Event) -> None:
-        """Let one step pass, and hold what comes out against the book."""
-        book = self.book
-        book.now += STEP * event.steps
-        now = book.now
-        gaps = {name for name, heard in book.heard.items() if TIMEOUT < now - heard < math.inf}
-        book.doing.update(event.changes)
-        self.speak_all(book.doing, now)
-        for name, what in book.doing.items():
+        """Advance by one step, and check the output against the log."""
+        log = self.log
+        log.now += STEP * event.steps
+        now = log.now
+        gaps = {name for name, heard in log.heard.items() if TIMEOUT < now - heard < math.inf}
+        log.doing.update(event.changes)
+        self.speak_all(log.doing, now)
+        for name, what in log.doing.items():
             if what != 'silent':
-                book.said[name] = what
-                book.heard[name] = now
+                log.said[name] = what
+                log.heard[name] = now
         reply = self.call(event.service, now) if event.service else Reply(False, '')
         for name, what in event.late:
             self.speak(name, what, now)
-        before, decision = book.decision, self.arbiter.tick(now)
-        Judge(book, event, gaps, reply, before, decision).judge()
+        before, decision = log.decision, self.arbiter.tick(now)
+        Judge(log, event, gaps, reply, before, decision).judge()
 
     def key(self) -> tuple[Any, ...]:
-        return self.memory.key(self.book.now) + self.book.key()
+        return self.memory.key(self.log.now) + self.log.key()
 
 
 @dataclass
 class Judge:
     """The rules, on one step from ``before`` to ``after``. Named as in the design."""
 
-    book: Book
+    log: Log
     event: Event
     gaps: set[str]  # inputs that were silent for too long before this step, whatever they say now
     reply: Reply
@@ -267,21 +267,21 @@ class Judge:
         self.outputs()
         self.note_calm()
         if self.before.owner == 'high' != self.after.owner:
-            self.book.high_until = self.book.now
-        self.book.decision = self.after
+            self.log.high_until = self.log.now
+        self.log.decision = self.after
         if self.event.steps > 1:
-            self.book.heard = dict.fromkeys(CALM, -math.inf)  # a frozen process heard nothing
+            self.log.heard = dict.fromkeys(CALM, -math.inf)  # a frozen process heard nothing
 
     def unwell(self, name: str) -> bool:
         """Tell whether an input was, at any moment since the last tick, not what it should be."""
         lately = [what for who, what in self.event.late if who == name]
         bad = {'stop', 'doubled', 'bad'}
-        said = self.book.said[name] in bad or bool(bad.intersection(lately))
-        return name in self.gaps or not self.book.fresh(name) or said
+        said = self.log.said[name] in bad or bool(bad.intersection(lately))
+        return name in self.gaps or not self.log.fresh(name) or said
 
     def stops(self, owner: str | None) -> set[str]:
         """Name what stops the machine with this owner; those of category 0 in upper case."""
-        just_now = self.book.now - self.book.high_until < TIMEOUT
+        just_now = self.log.now - self.log.high_until < TIMEOUT
         counted = ['always', 'soft'] + (['remote'] if owner == 'high' or just_now else [])
         found = {name if name == 'soft' else name.upper() for name in counted if self.unwell(name)}
         if owner is not None and self.unwell(owner):
@@ -293,11 +293,11 @@ class Judge:
         return found
 
     def note_clear(self, stopped: bool) -> None:
-        book = self.book
+        log = self.log
         if stopped:
-            book.clear_since = None
-        elif book.clear_since is None:
-            book.clear_since = book.now
+            log.clear_since = None
+        elif log.clear_since is None:
+            log.clear_since = log.now
 
     def stop_beats_everything(self, stops: set[str]) -> None:
         after = self.after.state
@@ -313,49 +313,49 @@ class Judge:
             assert self.before.enable, 'a ramp begins in ACTIVE'
 
     def reset_is_an_edge_and_moves_nothing(self) -> None:
-        book = self.book
+        log = self.log
         was_reset = self.event.service == 'reset' and self.reply.ok
         if self.before.estop and not self.after.estop:
             assert was_reset, 'rule 3: left STOPPED without a reset'
             assert self.after.state is State.READY, 'rule 4: a reset moved something'
         if was_reset:
             assert self.before.state is State.STOPPED, 'rule 3: reset of what is not stopped'
-            since = book.now if book.clear_since is None else book.clear_since
-            assert book.now - since >= CLEAR or self.event.late, 'rule 3: before clear_time'
+            since = log.now if log.clear_since is None else log.clear_since
+            assert log.now - since >= CLEAR or self.event.late, 'rule 3: before clear_time'
             for name in OPERATORS:
-                if book.fresh(name) and name not in self.gaps:
-                    assert book.said[name] == 'rest', f'rule 3: reset while {name} is not neutral'
-            assert book.reset_at is None or book.now - book.reset_at >= CLEAR, 'rule 3: repeated'
+                if log.fresh(name) and name not in self.gaps:
+                    assert log.said[name] == 'rest', f'rule 3: reset while {name} is not neutral'
+            assert log.reset_at is None or log.now - log.reset_at >= CLEAR, 'rule 3: repeated'
         if self.event.service == 'reset':
-            book.reset_at = book.now
+            log.reset_at = log.now
 
     def control_is_acquired_or_taken_over(self) -> None:
-        book, owner, previous = self.book, self.after.owner, self.before.owner
+        log, owner, previous = self.log, self.after.owner, self.before.owner
         if owner is None or owner == previous:
             return
         assert self.before.state in (State.READY, State.ACTIVE), 'rule 4: not from READY'
-        calm = book.calm_since.get(owner)  # up to the step before
+        calm = log.calm_since.get(owner)  # up to the step before
         if owner == 'autonomy':
             assert self.event.service == 'select', 'rule 6: nobody selected autonomy'
             assert previous is None, 'autonomy took over'
             assert calm is not None, 'rule 4: autonomy was not at zero'
-            assert book.heard[owner] - calm >= NEUTRAL, 'rule 4: autonomy too early'
+            assert log.heard[owner] - calm >= NEUTRAL, 'rule 4: autonomy too early'
         else:
             assert (owner, 'drive') in self.event.changes, 'rule 4: no edge of the deadman'
             assert calm is not None, 'rule 4: was not neutral since the reset'
-            assert book.now - STEP - calm >= NEUTRAL, 'rule 4: before neutral_time'
+            assert log.now - STEP - calm >= NEUTRAL, 'rule 4: before neutral_time'
         if previous is not None:
             assert RANK[owner] > RANK[previous], 'rule 7: takeover from above'
-            held = previous == 'autonomy' or book.now - book.owner_since >= HOLD
+            held = previous == 'autonomy' or log.now - log.owner_since >= HOLD
             assert held, 'rule 7: within hold_time'
-        book.owner_since = book.now
-        book.must_reach_zero = True
+        log.owner_since = log.now
+        log.must_reach_zero = True
 
     def lost_or_released(self) -> None:
         owner, state = self.before.owner, self.after.state
         if owner is None:
             return
-        released = self.book.said[owner] != 'drive' or (owner, 'rest') in self.event.late
+        released = self.log.said[owner] != 'drive' or (owner, 'rest') in self.event.late
         if self.unwell(owner):
             assert state is State.STOPPED, 'rule 6: a lost owner did not stop'
         elif owner in OPERATORS and released:
@@ -368,7 +368,7 @@ class Judge:
             assert state is State.STOPPED, 'a ramp ends STOPPED'
 
     def outputs(self) -> None:
-        book, before, after = self.book, self.before, self.after
+        log, before, after = self.log, self.before, self.after
         was, value = before.demand[0], after.demand[0]
         active = after.state in (State.ACTIVE, State.STOPPING)
         assert after.enable == active, 'rule 10: enable'
@@ -386,26 +386,26 @@ class Judge:
             assert value == 0.0, 'rule 5: the first output is not zero'
         if after.state is State.STOPPING:
             if before.state is not State.STOPPING:
-                book.stopping_since = book.now
-            assert book.now - book.stopping_since < STOP_TIME, 'rule 10: a ramp without an end'
+                log.stopping_since = log.now
+            assert log.now - log.stopping_since < STOP_TIME, 'rule 10: a ramp without an end'
             assert abs(value) < abs(was), 'rule 10: a ramp that does not go down'
-        elif book.must_reach_zero:
+        elif log.must_reach_zero:
             assert value == 0.0 or abs(value) < abs(was), 'rule 7: not towards zero first'
-            book.must_reach_zero = value != 0.0
+            log.must_reach_zero = value != 0.0
         elif after.owner is not None and value * WISH[after.owner] < 0.0:
             raise AssertionError('rule 5: the demand of somebody else')
 
     def note_calm(self) -> None:
         """Note since when each owner has been sending neutral; a stop and a reset forget it."""
-        book = self.book
+        log = self.log
         forgotten = self.after.estop or (self.event.service == 'reset' and self.reply.ok)
         for name in RANK:
             deposed = name == self.before.owner != self.after.owner
-            calm = book.said[name] == CALM[name] and book.fresh(name)
+            calm = log.said[name] == CALM[name] and log.fresh(name)
             if forgotten or deposed or not calm or any(who == name for who, _ in self.event.late):
-                book.calm_since[name] = None
-            elif name in self.gaps or book.calm_since.get(name) is None:
-                book.calm_since[name] = None if book.doing[name] == 'silent' else book.now
+                log.calm_since[name] = None
+            elif name in self.gaps or log.calm_since.get(name) is None:
+                log.calm_since[name] = None if log.doing[name] == 'silent' else log.now
 
 
 def events(free: dict[str, str]) -> list[Event]:
@@ -424,10 +424,10 @@ def events(free: dict[str, str]) -> list[Event]:
     return found
 
 
-def possible(book: Book, event: Event, most_uneasy: int) -> bool:
+def possible(log: Log, event: Event, most_uneasy: int) -> bool:
     """Tell whether a step makes sense here, with so many devices doing anything unusual."""
-    doing = book.doing | dict(event.changes)
-    if event.changes and doing == book.doing:
+    doing = log.doing | dict(event.changes)
+    if event.changes and doing == log.doing:
         return False
     if sum(what != CALM[name] for name, what in doing.items()) > most_uneasy:
         return False
@@ -440,40 +440,40 @@ def explore(free: dict[str, str], most_uneasy: int) -> tuple[int, int]:
     world = World()
     alphabet = events(free)
     seen = {world.key()}
-    queue = deque([(world.memory.take(), world.book.copy())])
+    queue = deque([(world.memory.take(), world.log.copy())])
     steps = 0
     while queue:
-        memory, book = queue.popleft()
+        memory, log = queue.popleft()
         for event in alphabet:
-            if not possible(book, event, most_uneasy):
+            if not possible(log, event, most_uneasy):
                 continue
             world.memory.give(memory)
-            world.book = book.copy()
+            world.log = log.copy()
             try:
                 world.step(event)
             except AssertionError as error:
-                raise AssertionError(f'{error}\nby {event}\nfrom {book}') from error
+                raise AssertionError(f'{error}\nby {event}\nfrom {log}') from error
             steps += 1
             key = world.key()
             if key not in seen:
                 seen.add(key)
                 complete_status(world)
-                queue.append((world.memory.take(), world.book.copy()))
+                queue.append((world.memory.take(), world.log.copy()))
     return len(seen), steps
 
 
 def complete_status(world: World) -> None:
     """Rule 12: whatever does not move says why, and each input that is not well is named."""
-    book, status = world.book, world.arbiter.status(world.book.now)
+    log, status = world.log, world.arbiter.status(world.log.now)
     words = '\n'.join(status.inhibits)
-    if not any(book.decision.demand):
-        assert status.inhibits, f'rule 12: nothing said in {book}'
+    if not any(log.decision.demand):
+        assert status.inhibits, f'rule 12: nothing said in {log}'
     if status.state in (State.STOPPED, State.READY):
         for name in ('always', 'soft'):
-            if book.said[name] != 'clear' or not book.fresh(name):
+            if log.said[name] != 'clear' or not log.fresh(name):
                 assert f"e-stop source '{name}'" in words, f'rule 12: {name} not named: {words}'
         for name in OPERATORS:
-            if book.said[name] != 'rest' or not book.fresh(name):
+            if log.said[name] != 'rest' or not log.fresh(name):
                 assert f"'{name}'" in words, f'rule 12: {name} not named: {words}'
         assert ('call ~/reset' in words) == (status.state is State.STOPPED)
 

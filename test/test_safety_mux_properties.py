@@ -1,8 +1,8 @@
 """
-The rules under any story, with any times: what the exploration's even steps cannot show.
+The rules under any sequence of inputs and times, which the exploration's even steps do not cover.
 
-Hypothesis tells an arbiter whatever may happen, in any order and with any gap, and holds each
-decision against what was last told.
+Hypothesis gives an arbiter all kinds of input, in any order and with any gap, and checks each
+decision against the newest input.
 """
 
 from dataclasses import dataclass
@@ -58,21 +58,21 @@ samples = st.builds(
 
 
 @dataclass
-class Told:
-    """What was last told of one input."""
+class Heard:
+    """The newest message of one input."""
 
     at: float = -math.inf
     bad: bool = True
-    calm_since: float | None = None  # an unbroken row of neutral since the last reset or stop
+    calm_since: float | None = None  # unbroken neutral since the last reset or stop
     calm_until: float = 0.0
 
 
-class Stories(RuleBasedStateMachine):
+class Sequences(RuleBasedStateMachine):
     def __init__(self) -> None:
         super().__init__()
         self.now = 100.0
         self.arbiter = Arbiter(CONFIG, JointLimiter([LIMIT]), self.now)
-        self.told = {name: Told() for name in TIMEOUTS}
+        self.heard = {name: Heard() for name in TIMEOUTS}
         self.lapsed: set[str] = set()  # was not well at some moment since the last tick
         self.pressed: set[str] = set()
         self.holding: set[str] = set()
@@ -83,41 +83,41 @@ class Stories(RuleBasedStateMachine):
         self.dt = 0.0
         self.last_tick = self.now
 
-    def tell(self, name: str, bad: bool) -> Told:
-        told = self.told[name]
+    def hear(self, name: str, bad: bool) -> Heard:
+        heard = self.heard[name]
         if bad or not self.fresh(name):
             self.lapsed.add(name)
-            told.calm_since = None
-        told.at, told.bad = self.now, bad
-        return told
+            heard.calm_since = None
+        heard.at, heard.bad = self.now, bad
+        return heard
 
     def fresh(self, name: str) -> bool:
-        return self.now - self.told[name].at <= TIMEOUTS[name]
+        return self.now - self.heard[name].at <= TIMEOUTS[name]
 
     def well(self, name: str) -> bool:
-        return self.fresh(name) and not self.told[name].bad
+        return self.fresh(name) and not self.heard[name].bad
 
     # What may happen.
 
     @rule(name=sources, value=st.booleans())
     def estop(self, name: str, value: bool) -> None:
-        self.tell(name, value)
+        self.hear(name, value)
         self.arbiter.estop_message(name, value, self.now)
 
     @rule(name=operators, sample=samples)
     def stick(self, name: str, sample: OperatorSample) -> None:
-        told = self.tell(name, False)
-        since, length = told.calm_since, told.calm_until - (told.calm_since or 0.0)
+        heard = self.hear(name, False)
+        since, length = heard.calm_since, heard.calm_until - (heard.calm_since or 0.0)
         self.holding.discard(name)
         if sample.deadman:
-            told.calm_since = None
+            heard.calm_since = None
             if since is not None and length >= CONFIG.neutral_time - 1e-9:
                 self.pressed.add(name)
         elif sample.at_rest:
-            told.calm_since = self.now if since is None else since
-            told.calm_until = self.now
+            heard.calm_since = self.now if since is None else since
+            heard.calm_until = self.now
         elif not sample.neutral:
-            told.calm_since = None
+            heard.calm_since = None
         if sample.deadman:
             self.holding.add(name)
         else:
@@ -126,15 +126,15 @@ class Stories(RuleBasedStateMachine):
 
     @rule(name=operators)
     def senseless(self, name: str) -> None:
-        self.tell(name, True)
+        self.hear(name, True)
         self.holding.discard(name)
         self.arbiter.operator_invalid(name, 'axis 0 is nan', self.now)
 
     @rule(value=demands)
     def autonomy(self, value: float) -> None:
-        told = self.tell('autonomy', False)
-        told.calm_since = (told.calm_since or self.now) if value == 0.0 else None
-        told.calm_until = self.now
+        heard = self.hear('autonomy', False)
+        heard.calm_since = (heard.calm_since or self.now) if value == 0.0 else None
+        heard.calm_until = self.now
         self.arbiter.autonomy_command((value,), self.now)
 
     @rule()
@@ -215,19 +215,19 @@ class Stories(RuleBasedStateMachine):
             assert name not in self.lapsed
         assert self.now - self.bad_until >= CONFIG.clear_time - 1e-9, 'rule 3'
         for name in ('low', 'high'):
-            told = self.told[name]
-            assert not self.fresh(name) or (not told.bad and name not in self.holding)
-            told.calm_since = None
-        self.told['autonomy'].calm_since = None
+            heard = self.heard[name]
+            assert not self.fresh(name) or (not heard.bad and name not in self.holding)
+            heard.calm_since = None
+        self.heard['autonomy'].calm_since = None
 
     @rule()
     def select(self) -> None:
-        told = self.told['autonomy']
+        heard = self.heard['autonomy']
         if self.arbiter.select_autonomy(True, self.now).ok:
             self.was_selected = True
             assert self.decision.state is State.READY
-            assert told.calm_since is not None
-            assert told.calm_until - told.calm_since >= CONFIG.neutral_time - 1e-9, 'rule 4'
+            assert heard.calm_since is not None
+            assert heard.calm_until - heard.calm_since >= CONFIG.neutral_time - 1e-9, 'rule 4'
             assert self.well('autonomy')
 
     @rule()
@@ -249,8 +249,8 @@ class Stories(RuleBasedStateMachine):
         self.now += seconds
         self.lapsed.add('frozen')
         self.tick()
-        for told in self.told.values():
-            told.at, told.calm_since = -math.inf, None
+        for heard in self.heard.values():
+            heard.at, heard.calm_since = -math.inf, None
 
     @rule()
     def tick(self) -> None:
@@ -284,10 +284,10 @@ class Stories(RuleBasedStateMachine):
         if now.owner not in (None, was.owner):
             self.judge_new_owner()
         if now.estop:
-            for told in self.told.values():
-                told.calm_since = None
+            for heard in self.heard.values():
+                heard.calm_since = None
         if was.owner == 'autonomy' != now.owner:
-            self.told['autonomy'].calm_since = None
+            self.heard['autonomy'].calm_since = None
 
     def judge_new_owner(self) -> None:
         owner, previous = self.decision.owner, self.before.owner
@@ -326,5 +326,5 @@ class Stories(RuleBasedStateMachine):
         assert status.inhibits or any(self.decision.demand) or status.state is State.ACTIVE
 
 
-TestStories = Stories.TestCase
-TestStories.settings = settings(max_examples=100, stateful_step_count=50)
+TestSequences = Sequences.TestCase
+TestSequences.settings = settings(max_examples=100, stateful_step_count=50)

@@ -1,4 +1,4 @@
-"""Two live publishers on one topic are told from one that was restarted or killed."""
+"""Two live publishers on one topic are distinguished from one restarted or killed."""
 
 from collections.abc import Iterator
 from signal import SIGKILL

@@ -1,4 +1,4 @@
-"""Conversions that all rooms share."""
+"""Conversions that several bridges share."""
 
 import math
 

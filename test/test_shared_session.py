@@ -18,18 +18,18 @@ def test_verdicts_that_differ_in_words_only_are_equal() -> None:
 
 @given(st.lists(st.tuples(st.booleans(), st.booleans(), st.booleans())))
 def test_exactly_one_neutral_follows_sticks_that_do_not_hold_any_more(
-    story: list[tuple[bool, bool, bool]],
+    steps: list[tuple[bool, bool, bool]],
 ) -> None:
-    """Told at the end of the story is never motion that nothing vouches for."""
-    stream, told = StickStream(), []
-    for tell, fresh, counts in story:
+    """The last published event is never motion from sticks that are stale or do not count."""
+    stream, published = StickStream(), []
+    for publish, fresh, counts in steps:
         if stream.owes_neutral(fresh=fresh, counts=counts):
-            told.append('neutral')
+            published.append('neutral')
             assert not stream.owes_neutral(fresh=fresh, counts=counts)
-        assert (told or ['neutral'])[-1] == 'neutral' or (fresh and counts)
-        if tell and fresh:
+        assert (published or ['neutral'])[-1] == 'neutral' or (fresh and counts)
+        if publish and fresh:
             stream.published(counts=counts)
-            told.append('motion' if counts else 'neutral')
+            published.append('motion' if counts else 'neutral')
 
 
 def test_lost_stream_owes_one_neutral_though_its_last_was_neutral() -> None:
@@ -40,7 +40,7 @@ def test_lost_stream_owes_one_neutral_though_its_last_was_neutral() -> None:
     assert not stream.owes_neutral(fresh=False, counts=False)
 
 
-def test_nothing_is_owed_where_nothing_was_told() -> None:
+def test_nothing_is_owed_where_nothing_was_published() -> None:
     assert not StickStream().owes_neutral(fresh=False, counts=False)
 
 

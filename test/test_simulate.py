@@ -26,12 +26,12 @@ from test.rig import wait_for
 
 
 class Echo:
-    """A device that sends back what it hears, and says a word when it is told to."""
+    """A device that echoes its input, and sends a word on the command ``say``."""
 
     def __init__(self) -> None:
         self.heard = b''
         self.out: list[bytes] = []
-        self.told: list[str] = []
+        self.commands: list[str] = []
         self.polls = 0
 
     def receive(self, data: bytes, now: float) -> None:
@@ -53,12 +53,12 @@ class Echo:
             raise ValueError('usage: anything but bad')
         if text == 'boom':
             raise ZeroDivisionError
-        self.told.append(text)
+        self.commands.append(text)
         if text.startswith('say '):
             self.out.append(text[4:].encode())
 
     def describe(self) -> dict[str, Any]:
-        return {'heard': self.heard, 'told': self.told}
+        return {'heard': self.heard, 'commands': self.commands}
 
 
 class Host:
@@ -184,7 +184,7 @@ def test_unknown_command_goes_to_the_device(device: PtyDevice, host: Host) -> No
     device.apply('say hello')
     host.wait(b'hello')
     device.apply('device drop 3')  # the device's own, though the port has one of that name
-    assert device.describe()['told'] == ['say hello', 'drop 3']
+    assert device.describe()['commands'] == ['say hello', 'drop 3']
 
 
 @pytest.mark.parametrize(

@@ -68,8 +68,8 @@ TAKEN = {
     ),
     DRIVE: (f'/{MUX}/command', f'/{MUX}/enable', f'/{MUX}/estop'),  # as they are wired here
 }
-# Told on change only, so the mux wants it latched, and pub would need --qos-durability. It decides
-# nothing: it is for ~/status alone.
+# Published on change only, so the mux wants it latched, and pub would need --qos-durability. It is
+# for ~/status alone, and decides nothing.
 LATCHED = {f'/{DRIVE}/enabled'}
 # Of every ROS node, and of every lifecycle node.
 _OF_ROS = ('/rosout', '/parameter_events', '/clock')
@@ -201,7 +201,7 @@ def test_pub_stands_in_for_estop_source_and_operator(observer: Observer) -> None
     space = namespace()
     state = observer.record(String, f'{space}/{MUX}/state', latched())
     command = observer.record(JointState, f'{space}/{MUX}/command')
-    # Between two programs there is a gap: an operator's and a source's time-out must outlast it.
+    # Between two programs there is a gap; the timeouts of operator and source must be longer.
     with NodeProcess(
         'safety_mux.node', {'operator.fort.timeout': 5.0, 'stall_limit': 1.0}, namespace=space
     ):

@@ -1,8 +1,8 @@
 """
-Moving bytes or CAN frames, and nothing else: what they mean is the session's business.
+Transports move bytes or CAN frames and do not interpret them.
 
-A transport is opened by the link thread, gives a file descriptor to wait on, and is closed and
-opened again for ever. ``close`` may be called twice.
+The link thread opens a transport, waits on its file descriptor, and reopens it whenever the port
+is lost. ``close`` may be called twice.
 """
 
 from collections.abc import Sequence
@@ -14,32 +14,32 @@ FrameT = TypeVar('FrameT')
 
 
 class TransportError(Exception):
-    """The port cannot be opened, is gone, or takes no more bytes; the text says what to do."""
+    """The port cannot be opened, is gone, or accepts no bytes; the text says what to do."""
 
 
 class Transport(Protocol[FrameT]):
     """One port of one device."""
 
-    name: str  # what the user calls the port, for messages
+    name: str  # the port as the user names it, for messages
 
     def open(self) -> None:
-        """Open the port and forget what was received before. :raises TransportError: cannot."""
+        """Open the port and discard earlier input. :raises TransportError: it cannot be opened."""
 
     def close(self) -> None:
-        """Close the port; what is queued may leave if that takes but an instant."""
+        """Close the port; queued output gets a few milliseconds to leave."""
 
     def fileno(self) -> int:
-        """Return the descriptor that becomes readable when something was received or was lost."""
+        """Return the descriptor that becomes readable on input and when the port is lost."""
 
     def receive(self) -> Sequence[FrameT]:
-        """Return what is there, without waiting. :raises TransportError: the port is gone."""
+        """Return what has arrived, without waiting. :raises TransportError: the port is gone."""
 
     def counts(self) -> dict[str, int | str]:
-        """Return what was received and not handed up, by kind; shown in the link's diagnostic."""
+        """Return the counts of dropped input, by kind; shown in the link's diagnostic."""
 
     def send(self, frame: FrameT) -> bool:
         """
-        Queue one frame; return False if the line is busy with earlier ones and it was dropped.
+        Queue one frame; return False if it was dropped because earlier ones still wait.
 
-        :raises TransportError: the port is gone, or took nothing within its deadline.
+        :raises TransportError: the port is gone, or accepted nothing within its timeout.
         """

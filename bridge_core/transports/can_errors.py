@@ -1,22 +1,22 @@
 """
-Error frames: what a CAN controller says about its bus (linux/can/error.h).
+Error frames: what a CAN controller reports about its bus (linux/can/error.h).
 
 ======  ====  ===================================================================
 where   bits  meaning
 ======  ====  ===================================================================
-id      0x1F  time-out, arbitration lost, controller (see byte 1), protocol, line
+id      0x1F  timeout, arbitration lost, controller (see byte 1), protocol, line
 id      0x20  nobody acknowledged a frame
-id      0x40  bus off: after 256 errors the controller takes no part any more
-id      0x80  a bus error without further particulars
-id      0x100 the controller was started again after bus off
+id      0x40  bus off: the controller has left the bus after 256 errors
+id      0x80  a bus error of unspecified kind
+id      0x100 the controller was restarted after bus off
 byte 1        controller: overflows, warnings (96 errors), passive (128), active
 ======  ====  ===================================================================
 """
 
 _CONTROLLER = 0x004
 BUS_OFF = 'bus off'
-_KINDS = (  # a bit of the identifier, what it is counted as
-    (0x001, 'transmit time-outs'),
+_KINDS = (  # bit of the identifier, name of the count
+    (0x001, 'transmit timeouts'),
     (0x002, 'arbitrations lost'),
     (0x008, 'protocol errors'),
     (0x010, 'transceiver errors'),
@@ -36,9 +36,9 @@ KINDS = tuple(name for _, name in (*_KINDS, *_CONTROLLER_KINDS))
 
 def kinds_of(identifier: int, data: bytes) -> list[str]:
     """
-    Return what one error frame reports, some of KINDS; nothing for what is no error.
+    Return the KINDS that one error frame reports; empty if it reports none.
 
-    :param identifier: without the flag of error frames. :param data: 8 bytes, or fewer.
+    :param identifier: without the error frame flag. :param data: 8 bytes, or fewer.
     """
     kinds = [name for bit, name in _KINDS if identifier & bit]
     if identifier & _CONTROLLER and len(data) > 1:

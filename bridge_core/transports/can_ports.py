@@ -1,11 +1,11 @@
 """
-The three ways to a CAN bus, alike for CanTransport.
+The three kinds of CAN port, behind one interface for CanTransport.
 
 SocketCAN has a descriptor to wait on, and filters in the kernel. ``udp_multicast`` is python-can's
-simulated bus of many processes; python-can's own class would hand us back what we send, needs a
-network, and may let joystick commands out into it, so only its wire format is used. Everything
-else that python-can knows (slcan, virtual, pcan ...) may block or has no descriptor: two threads
-carry its frames.
+simulated bus between processes. Only its wire format is used here: python-can's own class returns
+our own frames to us, needs a network, and may send joystick commands out into it. All other
+interfaces of python-can (slcan, virtual, pcan ...) may block or have no descriptor, so two threads
+carry their frames.
 """
 
 from __future__ import annotations
@@ -33,16 +33,16 @@ from can.interfaces.udp_multicast import utils as multicast_wire
 from bridge_core.transports import TransportError
 from bridge_core.transports.multicast import MulticastTransport
 
-DEFAULT_PORT = 43113  # python-can's
-# Frames a call: with the bus full of them, a stop must not wait behind more than these.
+DEFAULT_PORT = 43113  # as in python-can
+# Frames a call: bounds how long a stop waits while the bus is full.
 READS = 64
-_BUSY = (None, errno.EAGAIN, errno.ENOBUFS)  # None: python-can saw that the socket takes no more
+_BUSY = (None, errno.EAGAIN, errno.ENOBUFS)  # None: 'Transmit buffer full'
 _SIOCGIFFLAGS = 0x8913  # linux/sockios.h
 _IFF_UP = 0x1  # linux/if.h
-_BACKLOG_LIMIT = 16  # frames: 8 ms of a bus at 250 kbit/s, and more would delay a stop
-_WAITING_LIMIT = 1024
-_LOOK_UP = 0.05  # seconds after which a reading thread sees that it is to end
-_CLOSE_TIME = 0.2
+_SEND_QUEUE_LIMIT = 16  # frames: 8 ms of a bus at 250 kbit/s; more would delay a stop
+_RECEIVE_QUEUE_LIMIT = 1024  # frames
+_RECV_TIMEOUT = 0.05  # s; the reader thread ends within it
+_CLOSE_TIMEOUT = 0.2  # s
 
 Filters = Sequence[tuple[int, int]]
 
@@ -52,26 +52,26 @@ class BusOffError(Exception):
 
 
 class CanPort(Protocol):
-    """An open way to a bus; what it raises is python-can's or OSError."""
+    """An open connection to a bus; raises python-can's errors and OSError."""
 
     def fileno(self) -> int:
         """Return the descriptor to wait on."""
 
     def read(self) -> list[can.Message]:
-        """Return what is there, READS messages at most, without waiting."""
+        """Return what has arrived, READS messages at most, without waiting."""
 
     def write(self, message: can.Message) -> bool:
-        """Send without waiting; False: the line is busy and it was dropped."""
+        """Send without waiting; return False if the port was busy and dropped it."""
 
     def close(self) -> None:
-        """Leave the bus; what was written may still go out."""
+        """Leave the bus; queued frames may still go out."""
 
 
 class SocketCanPort:
     """
     A CAN interface of the kernel, such as can0.
 
-    :raises OSError: there is none of that name, or it is down. :raises BusOffError: as it says.
+    :raises OSError: it does not exist or is down. :raises BusOffError: it is bus off.
     """
 
     def __init__(self, channel: str, filters: Filters) -> None:
@@ -79,7 +79,7 @@ class SocketCanPort:
         can_filters = [
             {'can_id': id_, 'can_mask': mask, 'extended': True} for id_, mask in filters
         ]
-        # CAN FD is received only to be counted: such frames are not for us.
+        # CAN FD frames are received only to be counted.
         self._bus = can.Bus(
             interface='socketcan',
             channel=channel,
@@ -93,14 +93,14 @@ class SocketCanPort:
         return self._bus.fileno()
 
     def read(self) -> list[can.Message]:
-        """Return what the kernel has let through."""
+        """Return what has passed the kernel's filters."""
         messages: list[can.Message] = []
         while len(messages) < READS and (message := self._bus.recv(0)) is not None:
             messages.append(message)
         return messages
 
     def write(self, message: can.Message) -> bool:
-        """Hand it to the kernel; drop it while its queue is full."""
+        """Pass it to the kernel; drop it while the transmit queue is full."""
         try:
             self._bus.send(message)
         except can.CanOperationError as error:
@@ -119,15 +119,16 @@ class MulticastPort:
     """
     A simulated bus on UDP multicast, python-can's ``udp_multicast``; it never leaves this machine.
 
-    :param channel: IPv4 multicast address, ``:port`` may follow. :param counts: of what is wrong.
-    :raises ValueError: for anything else. :raises TransportError: no network, not even loopback.
+    :param channel: IPv4 multicast address, optionally with ``:port``.
+    :param counts: gets the number of impossible frames.
+    :raises ValueError: for a bad channel. :raises TransportError: no network, not even loopback.
     """
 
     def __init__(self, channel: str, filters: Filters, counts: Counter[str]) -> None:
         self._filters = filters
         self._counts = counts
-        self._token = uuid.uuid4().hex  # tells our own frames, which come back, from others'
-        multicast_wire.pack_message(can.Message())  # is msgpack there?
+        self._token = uuid.uuid4().hex  # marks our own frames, which the group returns to us
+        multicast_wire.pack_message(can.Message())  # raises if msgpack is missing
         self._udp = _open_multicast(*multicast_address(channel))
 
     def fileno(self) -> int:
@@ -135,7 +136,7 @@ class MulticastPort:
         return self._udp.fileno()
 
     def read(self) -> list[can.Message]:
-        """Return what others have sent and the filters let through."""
+        """Return other senders' frames that pass the filters."""
         messages = (self._unpack(datagram) for datagram in self._udp.receive())
         return [message for message in messages if message is not None]
 
@@ -151,7 +152,7 @@ class MulticastPort:
     def _unpack(self, datagram: bytes) -> can.Message | None:
         try:
             message = multicast_wire.unpack_message(datagram, check=True)
-        except Exception:  # whatever msgpack or python-can throw at what is no frame
+        except Exception:  # msgpack and python-can raise many kinds
             self._counts['impossible frames'] += 1
             return None
         if message.channel == self._token or not _passes(message, self._filters):
@@ -161,14 +162,14 @@ class MulticastPort:
 
 class PumpedPort:
     """
-    A bus of python-can that may block: one thread reads it, another one writes to it.
+    A python-can bus that may block: one thread reads from it, another writes to it.
 
-    :param options: for can.Bus. :param counts: of frames that were lost because nobody read them.
+    :param options: for can.Bus. :param counts: gets the number of receive overflows.
     """
 
     def __init__(self, options: dict[str, Any], filters: Filters, counts: Counter[str]) -> None:
         self._bus = can.Bus(**options, ignore_config=True)
-        self._filters = filters  # python-can's own would keep error frames from us
+        self._filters = filters  # python-can's own would drop error frames
         self._counts = counts
         self._wake_fd = os.eventfd(0, os.EFD_NONBLOCK | os.EFD_CLOEXEC)
         self._lock = threading.Lock()
@@ -182,11 +183,11 @@ class PumpedPort:
         self._writer.start()
 
     def fileno(self) -> int:
-        """Return the descriptor that the reading thread makes readable."""
+        """Return the eventfd that the reader thread signals."""
         return self._wake_fd
 
     def read(self) -> list[can.Message]:
-        """Return what the reading thread has brought; then raise what has ended it."""
+        """Return the received frames; once there are none, raise the error that ended a thread."""
         with self._lock:
             with contextlib.suppress(BlockingIOError):
                 os.eventfd_read(self._wake_fd)
@@ -199,29 +200,29 @@ class PumpedPort:
         return messages
 
     def write(self, message: can.Message) -> bool:
-        """Hand it to the writing thread; drop it while that has enough to do."""
+        """Pass it to the writer thread; drop it while its queue is full."""
         if self._failure is not None:
             raise self._failure
-        if self._outgoing.qsize() >= _BACKLOG_LIMIT:
+        if self._outgoing.qsize() >= _SEND_QUEUE_LIMIT:
             return False
         self._outgoing.put(message)
         return True
 
     def close(self) -> None:
-        """Have the threads end; the writing one sends what is queued and closes the bus."""
+        """End the threads; the writer first sends its queue, then closes the bus."""
         with self._lock:
             self._closing = True
             os.close(self._wake_fd)
         self._outgoing.put(None)
-        self._writer.join(_CLOSE_TIME)  # opened again at once, two would have the same port
+        self._writer.join(_CLOSE_TIMEOUT)  # so that a reopen finds the port free
 
     def _inward(self) -> None:
         try:
             while not self._closing:
-                message = self._bus.recv(_LOOK_UP)
+                message = self._bus.recv(_RECV_TIMEOUT)
                 if message is not None and _passes(message, self._filters):
                     self._put(message)
-        except Exception as error:  # whatever a driver throws is the end of the port
+        except Exception as error:  # any error of a driver ends the port
             self._fail(error)
 
     def _outward(self) -> None:
@@ -238,7 +239,7 @@ class PumpedPort:
 
     def _put(self, message: can.Message) -> None:
         with self._lock:
-            if len(self._received) >= _WAITING_LIMIT:
+            if len(self._received) >= _RECEIVE_QUEUE_LIMIT:
                 self._received.popleft()
                 self._counts['receive overflows'] += 1
             self._received.append(message)
@@ -250,12 +251,12 @@ class PumpedPort:
             self._wake()
 
     def _wake(self) -> None:
-        if not self._closing:  # else the number may be somebody else's by now
+        if not self._closing:  # after close the number may belong to another file
             os.eventfd_write(self._wake_fd, 1)
 
 
 def multicast_address(channel: str) -> tuple[str, int]:
-    """Return group and UDP port of a channel. :raises ValueError: it is none."""
+    """Return the group and UDP port of a channel. :raises ValueError: it is not valid."""
     group, _, port = channel.partition(':')
     try:
         is_group = ipaddress.IPv4Address(group).is_multicast
@@ -271,7 +272,7 @@ def multicast_address(channel: str) -> tuple[str, int]:
 
 
 def _open_multicast(group: str, port: int) -> MulticastTransport:
-    """Open where python-can would, else (without any network) on loopback."""
+    """Open on the same interface as python-can, or on loopback if there is no network."""
     udp = MulticastTransport(group, port, port, ttl=0)
     try:
         udp.open()
@@ -282,20 +283,20 @@ def _open_multicast(group: str, port: int) -> MulticastTransport:
 
 
 def _check_interface(name: str) -> None:
-    """:raises OSError: no such interface, or it is down. :raises BusOffError: as it says."""
+    """:raises OSError: no such interface, or it is down. :raises BusOffError: it is bus off."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         request = struct.pack('16s240x', name.encode())
         (flags,) = struct.unpack_from('H', fcntl.ioctl(probe, _SIOCGIFFLAGS, request), 16)
     if not flags & _IFF_UP:
         raise OSError(errno.ENETDOWN, os.strerror(errno.ENETDOWN))
-    # Drivers drop the carrier at bus off. The flag IFF_RUNNING follows it up to a second late.
+    # Drivers drop the carrier at bus off; IFF_RUNNING follows up to a second later.
     with contextlib.suppress(OSError):
         if Path('/sys/class/net', name, 'carrier').read_text(encoding='ascii').strip() == '0':
             raise BusOffError
 
 
 def _passes(message: can.Message, filters: Filters) -> bool:
-    """Tell what SocketCAN tells in the kernel: error frames always pass."""
+    """Filter as SocketCAN does in the kernel: error frames always pass."""
     if message.is_error_frame or not filters:
         return True
     return message.is_extended_id and any(

@@ -1,10 +1,10 @@
 """
 Input reports of a USB HID device, from Linux's hidraw.
 
-A hidraw device gives one report a read. So that no hardware is needed, a FIFO, a pty or a file
-may stand in for it: those give a stream, which is cut into reports. A stream that is not cut at
-its reports' ends cannot be trusted, so a read that is not a whole number of them is handed up as
-it is, for the session to refuse.
+A hidraw device returns one report per read. A FIFO, a pty or a file can replace it, so that no
+hardware is needed; these return a stream, which is split into reports. A read that is not a whole
+number of reports shows that the stream is out of step: it is passed on unsplit, and the session
+rejects it.
 """
 
 from __future__ import annotations
@@ -24,8 +24,8 @@ _HINTS = {
     errno.ENODEV: 'the device does not answer; is it plugged in?',
     errno.EIO: 'the device does not answer; is it plugged in?',
 }
-_READS = 64  # a call: as many as the kernel keeps, and a flood must not keep a stop waiting
-_LONGEST_REPORT = 4096  # bytes; longer than any, so that an over-long one is told by its length
+_READS = 64  # a call: as many as the kernel buffers; bounds how long a flood delays a stop
+_READ_SIZE = 4096  # bytes; larger than any report, so that an over-long one is detected
 _PTY_MAJORS = range(136, 144)  # linux/major.h
 
 
@@ -33,8 +33,8 @@ class HidrawTransport:
     """
     One hidraw device, read only.
 
-    :param path: such as /dev/hidraw0. :param report_size: bytes of a report, its number included
-        where reports are numbered.
+    :param path: such as /dev/hidraw0.
+    :param report_size: bytes of a report, including its report number where it has one.
     """
 
     def __init__(self, path: str, report_size: int) -> None:
@@ -44,11 +44,11 @@ class HidrawTransport:
         self._is_stream = False
 
     def counts(self) -> dict[str, int | str]:
-        """Return nothing: every byte is handed up."""
+        """Return nothing: no input is dropped."""
         return {}
 
     def open(self) -> None:
-        """Open it, and forget older reports. :raises TransportError: cannot; says what to do."""
+        """Open it and discard earlier reports. :raises TransportError: it cannot be opened."""
         self.close()
         try:
             self._fd = os.open(self.name, os.O_RDONLY | os.O_NONBLOCK | os.O_NOCTTY | os.O_CLOEXEC)
@@ -64,7 +64,7 @@ class HidrawTransport:
         if stat.S_ISDIR(status.st_mode):
             raise OSError(errno.EISDIR, os.strerror(errno.EISDIR))
         if terminal:
-            # A report has no checksum: bytes of another protocol, cut up, could pass for some.
+            # A report has no checksum: bytes of another protocol could pass for reports.
             if os.major(status.st_rdev) not in _PTY_MAJORS:
                 raise OSError(errno.ENOTTY, 'a serial port, not hidraw; set the parameter port')
             tty.setraw(self._fd)
@@ -83,34 +83,34 @@ class HidrawTransport:
         return self._fd
 
     def receive(self) -> list[bytes]:
-        """Return the reports that are there. :raises TransportError: unplugged."""
+        """Return the reports that have arrived. :raises TransportError: unplugged."""
         if self._fd < 0:
             raise TransportError(f'{self.name}: not open')
         if self._is_stream:
-            return self._cut(self._read(_READS * self._report_size))
+            return self._split(self._read(_READS * self._report_size))
         reports: list[bytes] = []
-        while len(reports) < _READS and (report := self._read(_LONGEST_REPORT)):
+        while len(reports) < _READS and (report := self._read(_READ_SIZE)):
             reports.append(report)
         return reports
 
     def send(self, frame: bytes) -> bool:
-        """Send nothing: it is read only."""
+        """Drop the frame: the device is read only."""
         del frame
         return False
 
     def _read(self, size: int) -> bytes:
-        """Return what is there, or nothing yet. :raises TransportError: unplugged."""
+        """Return what has arrived, maybe nothing. :raises TransportError: unplugged."""
         try:
             data = os.read(self._fd, size)
         except BlockingIOError:
             return b''
         except OSError as error:
             raise TransportError(f'{self.name}: unplugged ({error.strerror})') from error
-        if not data:  # readable, yet nothing to read: the other end is gone
+        if not data:  # end of file: the other end is gone
             raise TransportError(f'{self.name}: unplugged')
         return data
 
-    def _cut(self, data: bytes) -> list[bytes]:
+    def _split(self, data: bytes) -> list[bytes]:
         size = self._report_size
         if len(data) % size:
             return [data]
@@ -118,8 +118,8 @@ class HidrawTransport:
 
 
 def _discard(fd: int) -> None:
-    """Throw away what is there, but not for ever: somebody may write all the time."""
+    """Discard pending input; bounded, as a writer may never pause."""
     with contextlib.suppress(BlockingIOError):
         for _ in range(_READS):
-            if not os.read(fd, _LONGEST_REPORT):
+            if not os.read(fd, _READ_SIZE):
                 break

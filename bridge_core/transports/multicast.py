@@ -1,10 +1,10 @@
 """
 UDP over IPv4 multicast: one datagram is one frame.
 
-Silence is all that a receiver learns from an interface that has vanished: the kernel ends its
-membership of the group without a word, and does not renew it when the interface comes back. So the
-kernel's own announcements (rtnetlink) are waited for as well, and a port whose interface is gone
-counts as unplugged; opening it again joins again.
+When an interface disappears, a receiver sees only silence: the kernel drops the group membership
+without an error and does not restore it when the interface comes back. So this transport also
+listens to the kernel's rtnetlink notifications; a port whose interface is gone counts as
+unplugged, and reopening it joins the group again.
 """
 
 from __future__ import annotations
@@ -20,11 +20,11 @@ import struct
 
 from bridge_core.transports import TransportError
 
-_READ_SIZE = 2048  # more than any frame, so that an over-long one is told by its length
-_READS = 64  # datagrams a call: a flood must not keep a stop waiting
+_READ_SIZE = 2048  # bytes; larger than any frame, so that an over-long one is detected
+_READS = 64  # datagrams a call: bounds how long a flood delays a stop
 _SIOCGIFFLAGS = 0x8913  # linux/sockios.h
 _IFF_UP = 0x1
-_IP_MULTICAST_ALL = 49  # linux/in.h; 0: only groups that this very socket has joined
+_IP_MULTICAST_ALL = 49  # linux/in.h; 0: only groups that this socket has joined
 _RTMGRP_LINK, _RTMGRP_IPV4_IFADDR = 0x1, 0x10  # linux/rtnetlink.h
 _RTM_NEWADDR, _RTM_GETADDR = 20, 22
 _NLM_F_REQUEST, _NLM_F_DUMP = 0x1, 0x300  # linux/netlink.h
@@ -35,15 +35,14 @@ _BUSY = (errno.EAGAIN, errno.ENOBUFS)
 
 class MulticastTransport:
     """
-    One multicast group: what comes to one port of it, what goes to another.
+    One multicast group: receives on one of its ports and sends to another.
 
-    :param group: IPv4 multicast address. :param input_port: that datagrams are received at.
-    :param output_port: that datagrams are sent to.
-    :param ttl: 0-255, routers that may pass it on, and one; 1 stays in the network.
-    :param interface_address: IPv4 address of the network interface; empty: the one that the
-        routing table names.
-    :param allowed_sources: IPv4 addresses of senders; empty: any.
-    :raises ValueError: for an address that is none.
+    :param group: IPv4 multicast address. :param input_port: UDP port to receive on.
+    :param output_port: UDP port to send to.
+    :param ttl: 0-255 hops; 1 stays in the local network.
+    :param interface_address: IPv4 address of the network interface; empty: by routing table.
+    :param allowed_sources: IPv4 addresses of accepted senders; empty: all.
+    :raises ValueError: for an invalid address.
     """
 
     def __init__(
@@ -62,7 +61,7 @@ class MulticastTransport:
         if interface_address:
             self.name += f' at {ipaddress.IPv4Address(interface_address)}'
         self.foreign = 0  # datagrams from senders that are not allowed
-        self.foreign_source = ''  # the last of them
+        self.foreign_source = ''  # the last of these senders
         self._group = group
         self._input_port = input_port
         self._output = (group, output_port)
@@ -76,7 +75,7 @@ class MulticastTransport:
         self._epoll: select.epoll | None = None
 
     def counts(self) -> dict[str, int | str]:
-        """Return what came from senders that are not allowed."""
+        """Return the count of datagrams from senders that are not allowed."""
         return {
             'datagrams of other senders': self.foreign,
             'last other sender': self.foreign_source or 'none',
@@ -87,7 +86,7 @@ class MulticastTransport:
         self.close()
         try:
             address = self._given_address or self._routed_address()
-            # First listen for changes, then look: nothing can change unseen in between.
+            # Subscribe to changes before looking, so that none is missed in between.
             self._netlink = _open_netlink()
             self._interface = (_interface_of(address), address)
             self._input = self._open_input(address)
@@ -113,7 +112,7 @@ class MulticastTransport:
         return -1 if self._epoll is None else self._epoll.fileno()
 
     def receive(self) -> list[bytes]:
-        """Return the datagrams that are there. :raises TransportError: the interface is gone."""
+        """Return the arrived datagrams. :raises TransportError: the interface is gone."""
         if self._input is None:
             raise TransportError(f'{self.name}: not open')
         self._watch_interface()
@@ -130,7 +129,7 @@ class MulticastTransport:
         return datagrams
 
     def send(self, frame: bytes) -> bool:
-        """Send a datagram, or drop it while the line is busy. :raises TransportError: gone."""
+        """Send a datagram, or drop it if the buffer is full. :raises TransportError: gone."""
         if self._sender is None:
             raise TransportError(f'{self.name}: not open')
         try:
@@ -149,7 +148,7 @@ class MulticastTransport:
         return False
 
     def _watch_interface(self) -> None:
-        """Look at the interface when the kernel has announced a change of any."""
+        """Check the interface after a reported change. :raises TransportError: it is gone."""
         if self._netlink is None or not _drain(self._netlink):
             return
         index, address = self._interface
@@ -161,7 +160,7 @@ class MulticastTransport:
             raise TransportError(f'{self.name}: {address} has moved to another interface')
 
     def _routed_address(self) -> str:
-        """Return the address of the interface that the routing table names for the group."""
+        """Return the address of the interface that the routing table selects for the group."""
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
             probe.connect(self._output)
             return str(probe.getsockname()[0])
@@ -172,7 +171,7 @@ class MulticastTransport:
             port.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
             port.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEPORT, 1)
             port.setsockopt(socket.IPPROTO_IP, _IP_MULTICAST_ALL, 0)
-            # Bound to the group: another group's or a unicast datagram for this port is not ours.
+            # Bound to the group, so that other groups and unicast on this port are not received.
             port.bind((self._group, self._input_port))
             member = socket.inet_aton(self._group) + socket.inet_aton(address)
             port.setsockopt(socket.IPPROTO_IP, socket.IP_ADD_MEMBERSHIP, member)
@@ -187,7 +186,7 @@ class MulticastTransport:
             interface = socket.inet_aton(address)
             port.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_IF, interface)
             port.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_TTL, self._ttl)
-            # Others on this host, such as a simulator, are to hear it too.
+            # Other processes on this host, such as a simulator, receive it too.
             port.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_LOOP, 1)
             port.bind((address, 0))
         except OSError:
@@ -203,7 +202,7 @@ def _udp_socket() -> socket.socket:
 
 
 def _open_netlink() -> socket.socket:
-    """Return a socket that tells of changes of interfaces and addresses."""
+    """Return a socket that reports changes of interfaces and addresses."""
     netlink = socket.socket(socket.AF_NETLINK, socket.SOCK_RAW, socket.NETLINK_ROUTE)
     netlink.setblocking(False)
     netlink.bind((0, _RTMGRP_LINK | _RTMGRP_IPV4_IFADDR))
@@ -211,20 +210,20 @@ def _open_netlink() -> socket.socket:
 
 
 def _drain(netlink: socket.socket) -> bool:
-    """Take all announcements; tell whether there were any."""
-    heard = False
+    """Read all notifications; return whether there were any."""
+    changed = False
     try:
         while netlink.recv(65536):
-            heard = True
+            changed = True
     except BlockingIOError:
         pass
-    except OSError:  # there were more than it can hold
-        heard = True
-    return heard
+    except OSError:  # its buffer overflowed: notifications were lost
+        changed = True
+    return changed
 
 
 def _interface_of(address: str) -> int:
-    """Return the index of the interface with this address. :raises OSError: none is up."""
+    """Return the index of the interface with this address. :raises OSError: there is none up."""
     wanted = socket.inet_aton(address)
     for index, found in _addresses():
         if found == wanted and _is_up(index):
@@ -237,7 +236,7 @@ def _is_up(index: int) -> bool:
         try:
             request = struct.pack('16s240x', socket.if_indextoname(index).encode())
             answer = fcntl.ioctl(probe, _SIOCGIFFLAGS, request)
-        except OSError:  # it has vanished just now
+        except OSError:  # it has just disappeared
             return False
     return bool(struct.unpack_from('H', answer, 16)[0] & _IFF_UP)
 
@@ -246,7 +245,7 @@ def _addresses() -> list[tuple[int, bytes]]:
     """Return (index of the interface, address) for every IPv4 address of this machine."""
     found: list[tuple[int, bytes]] = []
     with socket.socket(socket.AF_NETLINK, socket.SOCK_RAW, socket.NETLINK_ROUTE) as netlink:
-        netlink.settimeout(0.5)  # the kernel answers at once, or something is very wrong
+        netlink.settimeout(0.5)  # the kernel answers at once
         body = struct.pack('BBBBi', socket.AF_INET, 0, 0, 0, 0)
         flags = _NLM_F_REQUEST | _NLM_F_DUMP
         head = _NLMSG.pack(_NLMSG.size + len(body), _RTM_GETADDR, flags, 1, 0)
@@ -255,14 +254,14 @@ def _addresses() -> list[tuple[int, bytes]]:
             data = netlink.recv(65536)
             while len(data) >= _NLMSG.size:
                 size, kind = _NLMSG.unpack_from(data)[:2]
-                if kind != _RTM_NEWADDR:  # done, or refused
+                if kind != _RTM_NEWADDR:  # end of the list, or an error
                     return found
                 found += _addresses_in(data[_NLMSG.size : size])
                 data = data[max(size + 3 & ~3, _NLMSG.size) :]
 
 
 def _addresses_in(message: bytes) -> list[tuple[int, bytes]]:
-    """Return what one RTM_NEWADDR tells (linux/if_addr.h)."""
+    """Return the addresses in one RTM_NEWADDR (linux/if_addr.h)."""
     (index,) = struct.unpack_from('i', message, 4)
     attributes, found = message[8:], []
     while len(attributes) >= 4:

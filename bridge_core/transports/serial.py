@@ -1,9 +1,9 @@
 """
-Serial ports, local ones and pyserial's URLs (``socket://``, ``rfc2217://``, ``loop://``).
+Serial ports: local ones and pyserial's URLs (``socket://``, ``rfc2217://``, ``loop://``).
 
-pyserial opens and configures the port; reading its descriptor directly is the faster half. Some
-URL ports have no descriptor to wait on (``rfc2217://``, ``loop://``), so two threads carry their
-bytes to a socket pair that has.
+pyserial opens and configures the port; its descriptor is then read directly, which takes less
+time. ``rfc2217://`` and ``loop://`` have no descriptor to wait on, so two threads carry their
+bytes to a socket pair.
 """
 
 import contextlib
@@ -32,12 +32,12 @@ _HINTS = {
     errno.ENXIO: 'the device does not answer; is it plugged in?',
     errno.ENODEV: 'the device does not answer; is it plugged in?',
 }
-# Frames that wait in the kernel delay a stop behind them: 64 bytes are 5.6 ms at 115200 baud.
+# Frames that wait in the kernel delay a stop: 64 bytes take 5.6 ms at 115200 baud.
 _BACKLOG_LIMIT = 64
-_DRAIN_TIME = 0.05
-# A line that stays busy for so long takes nothing any more (at 9600 baud 64 bytes need 0.07 s).
-_STALL_TIME = 0.5
-_SIOCOUTQNSD = 0x894B  # linux/sockios.h: like TIOCOUTQ, without what is sent but not acknowledged
+_DRAIN_TIMEOUT = 0.05  # s
+# A line busy for longer is blocked: at 9600 baud 64 bytes take 0.07 s.
+_STALL_TIMEOUT = 0.5  # s
+_SIOCOUTQNSD = 0x894B  # linux/sockios.h: as TIOCOUTQ, less what was sent but not acknowledged
 _TCP_USER_TIMEOUT_MS = 2000
 
 
@@ -61,7 +61,7 @@ class SerialTransport:
         self._busy_since: float | None = None
 
     def counts(self) -> dict[str, int | str]:
-        """Return nothing: every byte is handed up."""
+        """Return nothing: no input is dropped."""
         return {}
 
     def open(self) -> None:
@@ -75,12 +75,12 @@ class SerialTransport:
             raise TransportError(_explain_open(self.name, error)) from error
 
     def _open_serial(self) -> Any:
-        # rfc2217:// refuses any write_timeout; ours holds for all.
+        # rfc2217:// accepts no write_timeout, so pyserial's is not used at all.
         options: dict[str, Any] = {} if '://' in self.name else {'timeout': 0, 'exclusive': True}
         return serial.serial_for_url(self.name, baudrate=self._baud, **options)
 
     def _prepare(self, port: Any) -> None:
-        """Get the descriptor, and rid of what came before the port was opened."""
+        """Get the descriptor, configure it and discard earlier input."""
         self._busy_since = self._backlog_request = None
         try:
             self._fd = port.fileno()
@@ -95,17 +95,17 @@ class SerialTransport:
             termios.tcflush(self._fd, termios.TCIOFLUSH)
         else:
             self._backlog_request = _SIOCOUTQNSD
-            _set_prompt(self._fd)
+            _set_tcp_options(self._fd)
 
     def close(self) -> None:
-        """Close the port; what is queued gets 50 ms to leave."""
+        """Close the port; queued output gets 50 ms to leave."""
         port, pump, fd = self._serial, self._pump, self._fd
         self._serial, self._pump, self._fd = None, None, -1
         self._backlog_request = None
         if pump is not None:
             pump.close()
         elif '://' in self.name and port is not None:
-            # pyserial sleeps in there; what was written leaves by itself.
+            # pyserial sleeps in close; the kernel sends what was written.
             threading.Thread(target=_quietly, args=(port.close,), daemon=True).start()
         elif port is not None:
             if fd >= 0:
@@ -117,14 +117,14 @@ class SerialTransport:
         return self._fd
 
     def receive(self) -> list[bytes]:
-        """Return the bytes that are there. :raises TransportError: the port is gone."""
+        """Return the bytes that have arrived. :raises TransportError: the port is gone."""
         try:
             data = os.read(self._fd, 4096)
         except BlockingIOError:
             return []
         except OSError as error:
             raise TransportError(f'{self.name}: unplugged ({error.strerror})') from error
-        if not data:  # readable, yet nothing to read: the other end is gone
+        if not data:  # end of file: the other end is gone
             raise TransportError(f'{self.name}: unplugged')
         return [data]
 
@@ -139,7 +139,7 @@ class SerialTransport:
         return True
 
     def _is_busy(self) -> bool:
-        """Tell whether the line still has enough to do. :raises TransportError: it stalled."""
+        """Return whether too many bytes wait to be sent. :raises TransportError: it stalled."""
         request = self._backlog_request
         if request is None or _backlog(self._fd, request) <= _BACKLOG_LIMIT:
             self._busy_since = None
@@ -147,8 +147,8 @@ class SerialTransport:
         now = time.monotonic()
         if self._busy_since is None:
             self._busy_since = now
-        elif now - self._busy_since > _STALL_TIME:
-            raise TransportError(f'{self.name}: took no bytes for {_STALL_TIME * 1e3:.0f} ms')
+        elif now - self._busy_since > _STALL_TIMEOUT:
+            raise TransportError(f'{self.name}: took no bytes for {_STALL_TIMEOUT * 1e3:.0f} ms')
         return True
 
     def _write(self, data: bytes) -> None:
@@ -172,44 +172,44 @@ def _explain_open(name: str, error: Exception) -> str:
 
 
 def _set_low_latency(port: Any) -> bool:
-    """Ask the driver not to sit on received bytes (an FTDI chip's default is 16 ms)."""
+    """Ask the driver to pass bytes on at once (an FTDI chip holds them for up to 16 ms)."""
     try:
         port.set_low_latency_mode(True)
     except (OSError, ValueError, NotImplementedError):
-        return False  # ptys and CDC-ACM have no such setting, and need none
+        return False  # ptys and CDC-ACM do not have it, nor need it
     return True
 
 
 def _set_vmin(fd: int) -> None:
-    """Have an empty port say "try again": pyserial leaves it at "0 bytes", as a lost one says."""
+    """Make an empty port raise EAGAIN; pyserial's 0 bytes would look like a lost port."""
     attributes = termios.tcgetattr(fd)
     attributes[6][termios.VMIN] = 1
     termios.tcsetattr(fd, termios.TCSANOW, attributes)
 
 
-def _set_prompt(fd: int) -> None:
-    """Have a TCP connection send small frames at once, and notice a peer that is gone."""
+def _set_tcp_options(fd: int) -> None:
+    """Make a TCP connection send small frames at once and detect a lost peer."""
     with contextlib.suppress(OSError), socket.socket(fileno=os.dup(fd)) as connection:
         connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, _TCP_USER_TIMEOUT_MS)
 
 
 def _backlog(fd: int, request: int = termios.TIOCOUTQ) -> int:
-    """Return how many bytes wait in the kernel to be sent."""
+    """Return how many bytes the kernel has still to send."""
     (count,) = struct.unpack('i', fcntl.ioctl(fd, request, b'\0' * 4))
     return int(count)
 
 
 def _drain(fd: int) -> None:
-    """Let queued bytes leave, but never wait for a dead line: closing would, for up to 30 s."""
-    end = time.monotonic() + _DRAIN_TIME
+    """Wait up to 50 ms for queued bytes to leave; close alone could block for 30 s."""
+    end = time.monotonic() + _DRAIN_TIMEOUT
     try:
         while _backlog(fd) and time.monotonic() < end:
             time.sleep(0.001)
-        if _backlog(fd):  # on a pty a flush takes away what the other end has not read yet
+        if _backlog(fd):  # only then: on a pty, a flush discards what the peer has not read
             termios.tcflush(fd, termios.TCOFLUSH)
     except (OSError, termios.error):
-        pass  # unplugged: there is nothing to drain
+        pass  # unplugged: nothing to drain
 
 
 def _quietly(function, *args) -> None:  # type: ignore[no-untyped-def]
@@ -224,7 +224,7 @@ class _Pump:
         self._port = port
         self._ours, self._theirs = socket.socketpair()
         self._ours.setblocking(False)
-        # Small buffers: commands that wait are commands that come too late.
+        # A small buffer: queued commands arrive too late.
         self._ours.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, 1)
         self._reader = threading.Thread(target=self._inward, daemon=True)
         self._writer = threading.Thread(target=self._outward, daemon=True)
@@ -235,16 +235,16 @@ class _Pump:
         return self._ours.fileno()
 
     def close(self) -> None:
-        """Close both, without waiting; what is queued gets 50 ms to leave."""
+        """Close both without waiting; queued output gets 50 ms to leave."""
         _quietly(self._ours.shutdown, socket.SHUT_RDWR)
         self._ours.close()
         threading.Thread(target=self._finish, daemon=True).start()
 
     def _finish(self) -> None:
-        self._writer.join(_DRAIN_TIME)
+        self._writer.join(_DRAIN_TIMEOUT)
         _quietly(self._port.close)
 
-    # Whatever a driver raises from a port that was lost, or closed under it, is the end.
+    # Drivers raise many kinds of error from a lost or closed port; each ends the thread.
 
     def _inward(self) -> None:
         with contextlib.suppress(Exception):

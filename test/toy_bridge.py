@@ -1,9 +1,9 @@
 """
-A room with a toy device, to test the common node alone: ``python -m test.toy_room``.
+A bridge to a toy device, to test the common node alone: ``python -m test.toy_bridge``.
 
 From the device: ``k`` = healthy, ``s`` = stop. To the device: ``h`` every 50 ms, ``BYE`` as the
 farewell. Only ``port``, ``link_timeout`` and ``fault`` have an effect; the other parameters are
-there to be given wrongly.
+for tests of bad values.
 """
 
 from __future__ import annotations
@@ -102,14 +102,14 @@ class Session(BaseSession[bytes, str, None]):
 
 
 class BlockedTransport(SerialTransport):
-    """A port whose driver never comes back from open."""
+    """A port whose driver never returns from open."""
 
     def open(self) -> None:
         threading.Event().wait()
 
 
 class ToyBridge(BridgeNode[Session, None]):
-    """The toy's node; ``~/request_stop`` is its request."""
+    """The toy bridge's node; ``~/request_stop`` asks the device for a stop."""
 
     PARAMETERS: ClassVar[tuple[Parameter, ...]] = (*BRIDGE_PARAMETERS, *TOY_PARAMETERS)
 
@@ -147,7 +147,7 @@ def make_toy(context: Any, **parameters: Any) -> ToyBridge:
 
 def toy_process(port: object, **parameters: Any) -> NodeProcess:
     """Run the node as a process of its own, on this port."""
-    return NodeProcess('test.toy_room', {'port': str(port), **parameters})
+    return NodeProcess('test.toy_bridge', {'port': str(port), **parameters})
 
 
 def main() -> None:
