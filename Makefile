@@ -11,7 +11,7 @@
 PYTHON ?= python3
 ARGS ?=
 # Most tests wait most of the time: more of them at once than there are processors.
-WORKERS ?= 4
+WORKERS ?= 3
 VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.ready
@@ -27,7 +27,7 @@ demo: $(STAMP)
 	$(BIN)/rugged_teleop_demo $(ARGS)
 
 test: $(STAMP)
-	$(BIN)/python -m pytest -n $(WORKERS) --dist loadfile --durations=10 $(ARGS)
+	$(BIN)/python -m pytest -n $(WORKERS) --dist loadfile --no-loadscope-reorder --durations=10 $(ARGS)
 
 lint: $(STAMP)
 	$(BIN)/ruff check .

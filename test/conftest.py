@@ -31,6 +31,20 @@ def pytest_unconfigure() -> None:
     shutil.rmtree(_LOG_DIR, ignore_errors=True)
 
 
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Let what computes for long come last: it is in the way of those that have time-outs."""
+    items.sort(key=computes)
+
+
+def pytest_runtest_setup(item: pytest.Item) -> None:
+    if computes(item):
+        os.nice(19)  # for good, as whoever waits is through
+
+
+def computes(item: pytest.Item) -> bool:
+    return item.get_closest_marker('computes') is not None
+
+
 def pytest_collection_finish() -> None:
     """Set all that is loaded apart: a node's end has the collector run, which is to be quick."""
     gc.collect()

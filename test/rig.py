@@ -203,6 +203,7 @@ class NodeProcess:
             stderr=subprocess.STDOUT,
             cwd=ROOT,
             env={**os.environ, 'PYTHONUNBUFFERED': '1'},
+            start_new_session=True,  # with a share of the processors of its own
         )
 
     @property

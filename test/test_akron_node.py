@@ -24,7 +24,6 @@ from test.rig import Observer
 from test.rig import Record
 
 
-
 @pytest.fixture(scope='module')
 def shared() -> Iterator[tuple[Bench, Station]]:
     """Give one node with its unit, as a process takes long to start."""

@@ -22,7 +22,10 @@ from test.can_rig import VARIABLE
 from test.rig import ROOT
 from test.rig import wait_for
 
-pytestmark = pytest.mark.skipif(VARIABLE in os.environ, reason='we are inside already')
+pytestmark = [
+    pytest.mark.skipif(VARIABLE in os.environ, reason='we are inside already'),
+    pytest.mark.computes,
+]
 
 
 def cannot_run(reason: str) -> NoReturn:
@@ -47,7 +50,7 @@ def test_pytest_that_is_ended_leaves_no_kernel_behind(tmp_path: Path) -> None:
         cannot_run(reason)
     test = f'{__file__}::{test_what_a_real_interface_changes.__name__}'
     with subprocess.Popen(
-        [sys.executable, '-m', 'pytest', '-p', 'no:cacheprovider', f'--basetemp={tmp_path}/t', test],
+        [sys.executable, '-m', 'pytest', f'--basetemp={tmp_path}/t', test],
         cwd=ROOT,
         stdout=subprocess.DEVNULL,
     ) as run:

@@ -18,15 +18,14 @@ from xml.etree import ElementTree
 from test.rig import ROOT
 
 KERNEL = 'linux.uml'
-FILES = ('test_can_interface.py', 'test_can_transport.py', 'test_can_link.py', 'test_can_neighbour.py')
 LONGEST = 280.0  # seconds; pytest takes a test that lasts 300 for one that hangs
 _MODULES = Path('/usr/lib/uml/modules')
 _INSTALL = 'apt install user-mode-linux iproute2'
 _MEMORY = 1024  # MiB
-_ARGUMENTS = ['-m', 'real_can', '-v', '--durations=20', *(f'test/{file}' for file in FILES)]
+_MARK = 'pytest.mark.real_can'
 # The kernel has processes of its own, which outlive a signal to the first; and whoever sends us
-# SIGKILL gives us no time to end anything. So a shell waits for the end of a pipe from us, and then
-# ends the whole session.
+# SIGKILL gives us no time to end anything. So a shell waits for the end of a pipe from us, and
+# then ends the whole session.
 _ENDS_WITH_US = (
     *('/bin/sh', '-c'),
     'exec 3<&0 </dev/null; (read -r _ <&3; kill -KILL 0) >/dev/null 2>&1 & exec "$@" 3<&-',
@@ -68,7 +67,7 @@ def run_in_kernel(directory: Path) -> Result:
 
     :param directory: what passes between us and the kernel; see uml_guest.py.
     """
-    request = {'directory': str(ROOT), 'arguments': _ARGUMENTS, 'environment': {**os.environ}}
+    request = {'directory': str(ROOT), 'arguments': arguments(), 'environment': {**os.environ}}
     (directory / 'request.json').write_text(json.dumps(request), encoding='utf-8')
     with subprocess.Popen(
         [*_ENDS_WITH_US, *kernel_command(directory)],
@@ -86,6 +85,12 @@ def run_in_kernel(directory: Path) -> Result:
         finally:
             killer.cancel()
     return Result(console.decode(errors='replace'), directory)
+
+
+def arguments() -> list[str]:
+    """Return what makes pytest run all that has the mark real_can, and import nothing else."""
+    files = sorted((ROOT / 'test').glob('test_*.py'))
+    return ['-m', 'real_can', *(str(file) for file in files if _MARK in file.read_text('utf-8'))]
 
 
 def missing() -> str:
