@@ -3,7 +3,7 @@
 # a real CAN interface need user-mode-linux and iproute2 besides; where they are missing, make test says so.
 #
 #   make demo              simulators, stack and a live view; ARGS=--once plays the scripted scene
-#   make test              ARGS='-k fort -x' and the like go to pytest
+#   make test              ARGS='-k fort -x' and the like go to pytest; WORKERS=0 for one test at a time
 #   make lint              ruff and mypy
 #   make bench             ARGS go to each benchmark
 #   make reference         write config/*.yaml and the parameter tables of docs/ from the tables in the code
@@ -11,6 +11,8 @@
 
 PYTHON ?= python3
 ARGS ?=
+# Most tests wait most of the time: more of them at once than there are processors.
+WORKERS ?= 3
 VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.ready
@@ -26,7 +28,7 @@ demo: $(STAMP)
 	$(BIN)/rugged_teleop_demo $(ARGS)
 
 test: $(STAMP)
-	$(BIN)/python -m pytest $(ARGS)
+	$(BIN)/python -m pytest -n $(WORKERS) --dist loadfile --no-loadscope-reorder --durations=10 $(ARGS)
 
 lint: $(STAMP)
 	$(BIN)/ruff check .

@@ -7,9 +7,11 @@ import os
 import signal
 import sys
 import threading
+import time
 import traceback
 
 import rclpy
+from rclpy.duration import Duration
 from rclpy.exceptions import ParameterException
 from rclpy.executors import ExternalShutdownException
 from rclpy.executors import SingleThreadedExecutor
@@ -25,6 +27,9 @@ _CHOICES = {
     'FASTDDS_DEFAULT_PROFILES_FILE',
     'FASTRTPS_DEFAULT_PROFILES_FILE',
 }
+
+
+_ACKNOWLEDGE_LIMIT = 0.2  # s; of a reader that is frozen or was killed nothing ever comes
 
 
 class _End:
@@ -135,12 +140,25 @@ def _spin(nodes: Sequence[ManagedNode], end: _End) -> int:
 def _leave(nodes: list[ManagedNode]) -> None:
     for node in nodes:
         node.shut_down()
+    _wait_acknowledged(nodes)
     while nodes:
         nodes.pop().destroy_node()
     rclpy.try_shutdown()
     # Nodes are in reference cycles. Left to the collector, the middleware would end some time, in
     # whichever thread allocates next, and its threads and descriptors would stay until then.
     gc.collect()
+
+
+def _wait_acknowledged(nodes: Sequence[ManagedNode]) -> None:
+    """
+    Wait until the last stop has arrived everywhere, at most for _ACKNOWLEDGE_LIMIT.
+
+    A reader throws away what it has not yet taken in of a writer that it sees leave; and it may
+    well see that first, since the two come by different sockets and threads.
+    """
+    end = time.monotonic() + _ACKNOWLEDGE_LIMIT
+    for publisher in (publisher for node in nodes for publisher in node.publishers):
+        publisher.wait_for_all_acked(Duration(seconds=max(0.0, end - time.monotonic())))
 
 
 def _one_line(error: Exception) -> str:

@@ -11,7 +11,7 @@ Take the fixture ``can_bus``; it gives every test a bus of its own:
 
 Both are closed when the test ends. The bus is python-can's ``udp_multicast``, which reaches other
 processes and stays on this machine, or with ``RUGGED_TELEOP_CAN=socketcan`` a virtual interface of
-the kernel. All tests that take it get the mark ``can_bus``, and run a second time on such, inside
+the kernel. What such an interface changes has the mark ``real_can`` and runs there, inside
 user-mode-linux (test_uml.py). That is slow, and has one processor: wait with ``wait_for``, whose
 deadlines are longer there. A rig of several buses, or for a module, calls ``make_bus``.
 """
@@ -36,11 +36,11 @@ from bridge_core.transports.can import CanTransport
 from rugged_teleop.canbuses import free_channel
 from rugged_teleop.canbuses import INTERFACE
 from test.multicast_rig import run_ip
+from test.rig import claim
 from test.rig import wait_for
 
 VARIABLE = 'RUGGED_TELEOP_CAN'
 _ANY_GROUP = '239.255.42.21'
-_given: set[str] = set()
 _numbers = itertools.count(1)
 
 
@@ -180,7 +180,6 @@ def _is_routed() -> bool:
 
 def _free_channel() -> str:
     """Return a channel that no neighbour and no other test uses."""
-    while (channel := free_channel()) in _given:
+    while not claim(channel := free_channel()):
         pass
-    _given.add(channel)
     return channel

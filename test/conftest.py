@@ -4,7 +4,6 @@ from collections.abc import Iterator
 import gc
 import os
 from pathlib import Path
-import re
 import shutil
 import tempfile
 from typing import Any
@@ -15,18 +14,11 @@ import pytest
 
 from test.can_rig import CanBus
 from test.can_rig import make_bus
-from test.can_rig import VARIABLE
 from test.link_rig import Bench
 from test.rig import Observer
 from test.rig import own_domain
 from test.rig import Pty
-from test.uml import Kernels
-from test.uml import missing
 
-_LOGIC = re.compile(
-    'arbiter|checksums|convert|crc32|dbc|exploration|framing|image|j1939|limits|mapping|owners'
-    '|properties|_protocol|_session|_simulator|fort_vsc_can$|fort_vsc_hid$|vm110_simulator'
-)
 _LOG_DIR = tempfile.mkdtemp(prefix='rugged_teleop_log_')
 os.environ['ROS_LOG_DIR'] = _LOG_DIR
 own_domain()
@@ -40,42 +32,23 @@ def pytest_unconfigure() -> None:
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """
-    Mark what runs once more on a real CAN interface: all that asks for a bus.
-
-    What has processes and time-outs comes first, and has the machine to itself. The kernels of
-    test_uml run beside the rest, and are asked last.
-    """
-    items.sort(key=lambda item: (item.path.name == 'test_uml.py', is_logic(item)))
-    for item in items:
-        names = getattr(item, 'fixturenames', [])
-        if 'can_bus' in names:
-            item.add_marker('can_bus')
-        if is_logic(item) and 'kernels' not in names:
-            names.append('kernels')
+    """Let what computes for long come last: it is in the way of those that have time-outs."""
+    items.sort(key=computes)
 
 
-def is_logic(item: pytest.Item) -> bool:
-    """Tell whether it needs neither processes nor ports nor a clock."""
-    return _LOGIC.search(item.path.stem) is not None
+def pytest_runtest_setup(item: pytest.Item) -> None:
+    if computes(item):
+        os.nice(19)  # for good, as whoever waits is through
+
+
+def computes(item: pytest.Item) -> bool:
+    return item.get_closest_marker('computes') is not None
 
 
 def pytest_collection_finish() -> None:
     """Set all that is loaded apart: a node's end has the collector run, which is to be quick."""
     gc.collect()
     gc.freeze()
-
-
-@pytest.fixture(scope='session')
-def kernels(
-    request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
-) -> Iterator[Kernels]:
-    """Run what test_uml is to show, from the first test on that needs no quiet."""
-    wanted = [item for item in request.session.items if item.path.name == 'test_uml.py']
-    can_run = not missing() and VARIABLE not in os.environ
-    files = [item.callspec.params['file'] for item in wanted] if can_run else []  # type: ignore[attr-defined]
-    with Kernels(tmp_path_factory.mktemp('kernels'), files) as result:
-        yield result
 
 
 @pytest.fixture

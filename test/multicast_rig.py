@@ -13,17 +13,17 @@ import pytest
 
 from rugged_teleop import multicasts
 from rugged_teleop.multicasts import MulticastDevice
+from rugged_teleop.multicasts import PORT_OFFSET
+from test.rig import claim
 
 _CLONE_NEWNET = 0x40000000  # linux/sched.h
-_given: set[int] = set()
 
 
 def free_port() -> int:
     """Return an input port that, with its output port, no neighbour and no other test uses."""
     while True:
         port = multicasts.free_port()
-        if not _given & {port, port + 2}:
-            _given.update((port, port + 2))
+        if claim(f'port_{port}') and claim(f'port_{port + PORT_OFFSET}'):
             return port
 
 

@@ -54,6 +54,25 @@ def own_domain() -> socket.socket:
     return claim_domain()
 
 
+_claims: list[socket.socket] = []
+
+
+def claim(name: str) -> bool:
+    """
+    Claim a name, such as a port's, among all the processes that run tests here.
+
+    Return false where it is taken. The kernel drops a claim with the process, however it ends.
+    """
+    holder = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
+    try:
+        holder.bind(f'\0rugged_teleop_test_{name}')
+    except OSError:
+        holder.close()
+        return False
+    _claims.append(holder)
+    return True
+
+
 def wait_for(
     condition: Callable[[], T],
     timeout: float = 5.0,
@@ -184,6 +203,7 @@ class NodeProcess:
             stderr=subprocess.STDOUT,
             cwd=ROOT,
             env={**os.environ, 'PYTHONUNBUFFERED': '1'},
+            start_new_session=True,  # with a share of the processors of its own
         )
 
     @property

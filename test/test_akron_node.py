@@ -23,8 +23,6 @@ from test.can_rig import make_bus
 from test.rig import Observer
 from test.rig import Record
 
-pytestmark = pytest.mark.can_bus  # once more on a real interface
-
 
 @pytest.fixture(scope='module')
 def shared() -> Iterator[tuple[Bench, Station]]:

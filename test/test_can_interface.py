@@ -40,6 +40,7 @@ from test.test_can_link import CanSession
 if os.environ.get(VARIABLE) != 'socketcan':
     pytest.skip('makes CAN interfaces; runs inside user-mode-linux', allow_module_level=True)
 
+pytestmark = pytest.mark.real_can
 FRAME = CanFrame(0x0CFDD633, bytes(8))
 
 

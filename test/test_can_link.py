@@ -56,6 +56,7 @@ def activate(bench: Bench, bus: CanBus) -> CanTransport:
     return transport
 
 
+@pytest.mark.real_can
 def test_session_gets_one_frame_a_call(can_bus: CanBus, bench: Bench, session: CanSession) -> None:
     peer = can_bus.endpoint()
     activate(bench, can_bus)
@@ -66,6 +67,7 @@ def test_session_gets_one_frame_a_call(can_bus: CanBus, bench: Bench, session: C
     assert receive(peer, HELLO.identifier) == HELLO
 
 
+@pytest.mark.real_can
 def test_leaving_says_farewell_on_the_bus(
     can_bus: CanBus, bench: Bench, session: CanSession
 ) -> None:
@@ -75,6 +77,7 @@ def test_leaving_says_farewell_on_the_bus(
     assert receive(peer, 0x0CFDD633) == CanFrame(0x0CFDD633, bytes(8))
 
 
+@pytest.mark.real_can
 def test_bus_off_stops_is_told_and_the_bus_is_joined_again(
     can_bus: CanBus, bench: Bench, session: CanSession
 ) -> None:

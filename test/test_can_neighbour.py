@@ -22,7 +22,6 @@ from test.can_rig import make_bus
 from test.neighbour_rig import Neighbour
 from test.rig import Observer
 
-pytestmark = pytest.mark.can_bus  # once more on a real interface
 UNIT, NEXT = 0x80, 0x81  # where the unit begins to claim, and what it takes then
 OURS = 0x38
 
@@ -121,6 +120,7 @@ def test_trouble_of_the_bus_is_in_the_diagnostic_of_the_link(
     bench.wait_stop(False)
 
 
+@pytest.mark.real_can
 def test_bus_off_is_a_stop_in_words_until_the_bus_is_back(
     bus: CanBus, bench: Bench, unit: Station
 ) -> None:

@@ -35,7 +35,7 @@ BUS_OFF = 0x40
 LAST = CanFrame(0x18FFFFFE, b'last')  # sent behind others: once it is there, so are they
 
 
-@pytest.fixture(params=['can_bus', 'virtual'])
+@pytest.fixture(params=[pytest.param('can_bus', marks=pytest.mark.real_can), 'virtual'])
 def bus(request: pytest.FixtureRequest, can_bus: CanBus) -> Iterator[CanBus]:
     result = can_bus if request.param == 'can_bus' else CanBus('virtual', request.node.name)
     yield result

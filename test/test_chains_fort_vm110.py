@@ -40,6 +40,7 @@ from vm110_bridge.session import Settings as VmSettings
 from vm110_bridge.session import Sticks as VmSticks
 from vm110_bridge.simulator import Simulator as BaseUnit
 
+pytestmark = pytest.mark.computes
 FORT, VM110 = 'fort', 'vm110'
 TICK = 0.01  # s, of the mux
 REPEAT = 0.05  # s, of ~/estop and ~/own_estop

@@ -31,7 +31,6 @@ from test.rig import Record
 from test.talkers import Diagnostics
 from test.talkers import namespace
 
-pytestmark = pytest.mark.can_bus  # once more on a real interface
 NAME = 'fort_vsc_bridge'
 LINK, DEVICE = 'link', 'device'  # the parts of its diagnostics
 LIMIT = 0.25

@@ -27,11 +27,11 @@ from bridge_core.parameters import resolve
 from bridge_core.runner import run
 from esi_drive_bridge.node import EsiDriveBridge
 from fort_vsc_bridge.node import FortVscBridge
-from rugged_teleop.multicasts import free_port
 from rugged_teleop.multicasts import LOOPBACK
 from safety_mux.node import SafetyMux
 from safety_mux.parameters import parameter_table
 from ssc_bridge.node import SscBridge
+from test.multicast_rig import free_port
 from test.rig import as_yaml
 from test.spine import exit_of
 from test.spine import UntouchedPort

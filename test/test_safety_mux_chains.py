@@ -29,6 +29,7 @@ from safety_mux.protocol import Operator
 from safety_mux.protocol import OperatorSample
 from safety_mux.protocol import State
 
+pytestmark = pytest.mark.computes
 STEP = 0.125
 TIMEOUT = 1.5 * STEP
 CLEAR = 2 * STEP

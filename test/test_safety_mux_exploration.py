@@ -34,6 +34,7 @@ from safety_mux.protocol import OperatorSample
 from safety_mux.protocol import Reply
 from safety_mux.protocol import State
 
+pytestmark = pytest.mark.computes
 STEP = 0.125
 TIMEOUT = 1.5 * STEP  # fresh after one silent step, stale after two
 CLEAR = NEUTRAL = HOLD = STOP_TIME = 2 * STEP

@@ -35,6 +35,7 @@ from ssc_bridge.simulator import Simulator
 from ssc_bridge.simulator import sums
 from ssc_bridge.simulator.menus import Terminal
 
+pytestmark = pytest.mark.computes
 VECTOR = json.loads((Path(__file__).parent / 'vectors' / 'ssc.json').read_text())['config_image']
 GOLDEN = Image.parse('\n'.join(VECTOR['lines']))
 OTHERS = Settings(config_id=42)  # a unit without a valid configuration has other ones

@@ -1,5 +1,5 @@
 """
-The CAN tests once more, on a real SocketCAN interface inside user-mode-linux.
+What a real CAN interface changes, on one inside user-mode-linux.
 
 That is a Linux kernel which runs as an ordinary process; it needs no privileges. Where it cannot
 run, the reason is told and the tests are skipped, or fail if RUGGED_TELEOP_REQUIRE_UML is 1, as CI
@@ -8,23 +8,24 @@ sets it.
 
 from __future__ import annotations
 
-import faulthandler
 import os
 from pathlib import Path
-import re
+from signal import SIGTERM
+import subprocess
+import sys
 from typing import NoReturn
 
 import pytest
 
 from test import uml
 from test.can_rig import VARIABLE
+from test.rig import ROOT
+from test.rig import wait_for
 
-
-def files_with_can_tests() -> list[str]:
-    """Return the test files that take the fixture can_bus."""
-    files = sorted(Path(__file__).parent.glob('test_*.py'))
-    others = (file for file in files if file != Path(__file__))
-    return [file.name for file in others if re.search(r'\bcan_bus\b', file.read_text('utf-8'))]
+pytestmark = [
+    pytest.mark.skipif(VARIABLE in os.environ, reason='we are inside already'),
+    pytest.mark.computes,
+]
 
 
 def cannot_run(reason: str) -> NoReturn:
@@ -34,13 +35,37 @@ def cannot_run(reason: str) -> NoReturn:
     pytest.skip(text)
 
 
-@pytest.mark.skipif(VARIABLE in os.environ, reason='we are inside already')
-@pytest.mark.parametrize('file', files_with_can_tests())
-def test_can_tests_pass_on_a_real_interface(file: str, kernels: uml.Kernels) -> None:
+def test_what_a_real_interface_changes(tmp_path: Path) -> None:
+    """One kernel runs all that has the mark real_can."""
     if reason := uml.missing():
         cannot_run(reason)
-    faulthandler.cancel_dump_traceback_later()  # this takes as long as all the tests in there
-    result = kernels.result(file)
+    result = uml.run_in_kernel(tmp_path)
     if not result.booted:
         cannot_run(f'{uml.KERNEL} does not start: {result.console[-500:]}')
     assert not result.fault, f'{result.fault}\n{result.console}\n{result.output}'
+
+
+def test_pytest_that_is_ended_leaves_no_kernel_behind(tmp_path: Path) -> None:
+    if reason := uml.missing():
+        cannot_run(reason)
+    test = f'{__file__}::{test_what_a_real_interface_changes.__name__}'
+    with subprocess.Popen(
+        [sys.executable, '-m', 'pytest', f'--basetemp={tmp_path}/t', test],
+        cwd=ROOT,
+        stdout=subprocess.DEVNULL,
+    ) as run:
+        wait_for(lambda: list(tmp_path.glob('t/*/booted')), 60.0, 'a kernel')
+        run.send_signal(SIGTERM)
+        assert run.wait(30.0) != 0
+    wait_for(lambda: not processes_of(tmp_path), 10.0, lambda: str(processes_of(tmp_path)))
+
+
+def processes_of(directory: Path) -> list[str]:
+    """Return the command lines that name a directory."""
+    lines = []
+    for file in Path('/proc').glob('[0-9]*/cmdline'):
+        try:
+            lines.append(file.read_text(errors='replace').replace('\0', ' '))
+        except OSError:  # it has ended meanwhile
+            continue
+    return [line for line in lines if str(directory) in line]
