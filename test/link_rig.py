@@ -96,10 +96,10 @@ class FakeTransport:
         self.peer.send(data)
 
 
-Output = tuple[list[Any], list[bytes]]
+Output = tuple[list[Any], list[Any]]
 
 
-class FakeSession(Session[bytes, bytes, str]):
+class FakeSession(Session[Any, bytes, str]):
     """Healthy once it has received anything; ``faults`` names the methods that fail."""
 
     def __init__(self) -> None:
@@ -217,7 +217,7 @@ class Bench:
 
     def __init__(self) -> None:
         self.owner, self.session, self.transport = FakeOwner(), FakeSession(), FakeTransport()
-        self.link: Link[bytes] = Link('link', self.owner, reconnect_period=0.4)
+        self.link: Link[Any] = Link('link', self.owner, reconnect_period=0.4)
 
     def activate(self) -> None:
         self.link.activate(self.transport, self.session)

@@ -321,7 +321,7 @@ def test_deactivation_does_not_pull_the_session_away_under_the_link_thread(
     def healthy() -> bool:
         pty.write(b'k')
         pty.read()
-        return not node.session.estop
+        return node.verdict == Verdict()
 
     overrides = [Parameter('estop_rate', value=200), Parameter('port', value=str(pty.path))]
     node = Slow(context=context, parameter_overrides=overrides)

@@ -53,7 +53,7 @@ def interface(can_bus: CanBus) -> VirtualInterface:
 @pytest.fixture
 def session(bench: Bench) -> Iterator[CanSession]:
     session = CanSession()
-    bench.session = bench.owner.session = session
+    bench.session = session
     yield session
     bench.link.stop()
 

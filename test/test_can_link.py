@@ -9,13 +9,13 @@ import pytest
 
 from bridge_core.j1939 import CanFrame
 from bridge_core.transports.can import CanTransport
-from bridge_core.transports.link import Output
 from test.can_rig import CanBus
 from test.can_rig import error_frame
 from test.can_rig import message
 from test.can_rig import receive
 from test.link_rig import Bench
 from test.link_rig import FakeSession
+from test.link_rig import Output
 from test.rig import holds_for
 from test.rig import wait_for
 
