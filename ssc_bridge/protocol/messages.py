@@ -9,11 +9,19 @@ import struct
 from typing import ClassVar
 from typing import TypeVar
 
+from bridge_core.framing import FrameError
+from bridge_core.framing import FrameFormat
+from bridge_core.framing import StreamParser
+from bridge_core.framing import Unknown
 from ssc_bridge.protocol.frames import build_frame
-from ssc_bridge.protocol.frames import Message
+from ssc_bridge.protocol.frames import HEAD_SIZE
+from ssc_bridge.protocol.frames import HEADER
+from ssc_bridge.protocol.frames import MAX_LENGTH
 from ssc_bridge.protocol.frames import MessageType
+from ssc_bridge.protocol.frames import OVERHEAD
 from ssc_bridge.protocol.frames import payload_of
 from ssc_bridge.protocol.frames import POLLED
+from ssc_bridge.protocol.frames import size_of
 from ssc_bridge.protocol.values import AUX_CHANNELS
 from ssc_bridge.protocol.values import AuxFunction
 from ssc_bridge.protocol.values import check_range
@@ -61,6 +69,28 @@ def _check_count(what: str, values: Sequence[object], low: int, high: int) -> No
     if not low <= len(values) <= high:
         number = f'{low}' if low == high else f'{low} to {high}'
         raise ValueError(f'{what}: {number} are needed, not {len(values)}')
+
+
+_M = TypeVar('_M', bound='Message')
+
+
+class Message:
+    """What all messages share: the frame around the payload."""
+
+    __slots__ = ()
+    TYPE: ClassVar[MessageType]
+
+    def to_bytes(self) -> bytes:
+        """Return the whole frame."""
+        return build_frame(self.TYPE, self._to_payload())
+
+    @classmethod
+    def _from_payload(cls: type[_M], payload: bytes) -> _M:
+        """Read the payload of a sound frame. :raises ValueError, struct.error: it cannot be."""
+        raise NotImplementedError
+
+    def _to_payload(self) -> bytes:
+        raise NotImplementedError
 
 
 @dataclass(frozen=True, slots=True)
@@ -309,18 +339,6 @@ class Poll:
         return build_frame(self.type, b'')
 
 
-@dataclass(frozen=True, slots=True)
-class Unknown:
-    """A sound frame with an ID that the manual does not list."""
-
-    type: int
-    payload: bytes
-
-    def to_bytes(self) -> bytes:
-        """Return the whole frame."""
-        return build_frame(self.type, self.payload)
-
-
 MESSAGES: dict[int, type[Message]] = {
     kind.TYPE: kind
     for kind in (
@@ -339,9 +357,24 @@ MESSAGES: dict[int, type[Message]] = {
 
 def decode(frame: bytes) -> Message | Poll | Unknown:
     """Read a whole frame of any ID. :raises FrameError: if its frame or contents are unsound."""
-    kind = MESSAGES.get(frame[2]) if len(frame) > 2 else None
+    payload = payload_of(frame)
+    kind = MESSAGES.get(frame[2])
     if kind is None:
-        return Unknown(frame[2] if len(frame) > 2 else 0, payload_of(frame))
-    if kind.TYPE in POLLED and not payload_of(frame):
+        return Unknown(frame[2])
+    if kind.TYPE in POLLED and not payload:
         return Poll(kind.TYPE)
-    return kind.from_bytes(frame)
+    try:
+        return kind._from_payload(payload)
+    except (ValueError, struct.error) as error:
+        # A value that we must not send is the peer's fault here.
+        raise FrameError(f'{kind.__name__}: {error}') from error
+
+
+FORMAT: FrameFormat[Message | Poll] = FrameFormat(
+    HEADER, HEAD_SIZE, MAX_LENGTH + OVERHEAD, size_of, decode
+)
+
+
+def parser() -> StreamParser[Message | Poll]:
+    """Return a parser for one direction of one link."""
+    return StreamParser(FORMAT)
