@@ -267,6 +267,11 @@ def test_unsound_frame_is_the_peers_fault(frame: bytes) -> None:
         protocol.decode(frame)
 
 
+def test_from_bytes_refuses_another_type() -> None:
+    with pytest.raises(FrameError):
+        PulseOutputs.from_bytes(GOOD)
+
+
 @given(st.sampled_from([0, 9, 16, 19, 22, 97, 99, 255]), st.binary(max_size=255))
 @example(99, b'\x81\xa1\x0a')
 def test_unknown_message_is_counted_and_keeps_the_next(kind: int, payload: bytes) -> None:
@@ -420,7 +425,7 @@ def test_flood_is_bounded_and_harmless() -> None:
     parser = frames_of(protocol.parser())
     for data in (b'\x81\xa1' * 50_000, b'\x81\xa1\x63\xff' * 25_000, bytes(100_000)):
         parser.feed(data, 0.0)
-        assert len(parser._buffer) <= protocol.FORMAT.max_size
+        assert len(parser._buffer) <= protocol.PACKETS.max_size
     assert drain(parser, 0.0) == []
     assert parser.feed(GOOD, 10.0) == [GOOD]
 

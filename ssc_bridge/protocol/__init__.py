@@ -33,10 +33,11 @@ ID   bytes    direction  payload
 """
 
 from bridge_core.framing import FrameError
+from bridge_core.packets import OVERHEAD
 from ssc_bridge.protocol.frames import BAUD
 from ssc_bridge.protocol.frames import BITS_PER_BYTE
 from ssc_bridge.protocol.frames import MessageType
-from ssc_bridge.protocol.frames import OVERHEAD
+from ssc_bridge.protocol.frames import PACKETS
 from ssc_bridge.protocol.frames import POLLED
 from ssc_bridge.protocol.frames import REPEATED
 from ssc_bridge.protocol.messages import AuxInputs
@@ -44,7 +45,6 @@ from ssc_bridge.protocol.messages import AuxOutputs
 from ssc_bridge.protocol.messages import ChannelSource
 from ssc_bridge.protocol.messages import Configuration
 from ssc_bridge.protocol.messages import decode
-from ssc_bridge.protocol.messages import FORMAT
 from ssc_bridge.protocol.messages import Lockout
 from ssc_bridge.protocol.messages import Message
 from ssc_bridge.protocol.messages import parser
@@ -78,13 +78,13 @@ __all__ = [
     'AUX_CHANNELS',
     'BAUD',
     'BITS_PER_BYTE',
-    'FORMAT',
     'INVALID_PULSE',
     'MAX_INPUTS',
     'MAX_PULSE_COUNTS',
     'MAX_PULSE_US',
     'MEASURING',
     'OVERHEAD',
+    'PACKETS',
     'POLLED',
     'PULSE_CHANNELS',
     'REPEATED',

@@ -9,19 +9,12 @@ import struct
 from typing import ClassVar
 from typing import TypeVar
 
-from bridge_core.framing import FrameError
-from bridge_core.framing import FrameFormat
 from bridge_core.framing import StreamParser
 from bridge_core.framing import Unknown
-from ssc_bridge.protocol.frames import build_frame
-from ssc_bridge.protocol.frames import HEAD_SIZE
-from ssc_bridge.protocol.frames import HEADER
-from ssc_bridge.protocol.frames import MAX_LENGTH
+from bridge_core.packets import Message as PacketMessage
 from ssc_bridge.protocol.frames import MessageType
-from ssc_bridge.protocol.frames import OVERHEAD
-from ssc_bridge.protocol.frames import payload_of
+from ssc_bridge.protocol.frames import PACKETS
 from ssc_bridge.protocol.frames import POLLED
-from ssc_bridge.protocol.frames import size_of
 from ssc_bridge.protocol.values import AUX_CHANNELS
 from ssc_bridge.protocol.values import AuxFunction
 from ssc_bridge.protocol.values import check_range
@@ -71,26 +64,11 @@ def _check_count(what: str, values: Sequence[object], low: int, high: int) -> No
         raise ValueError(f'{what}: {number} are needed, not {len(values)}')
 
 
-_M = TypeVar('_M', bound='Message')
-
-
-class Message:
-    """What all messages share: the frame around the payload."""
+class Message(PacketMessage):
+    """The base of all messages."""
 
     __slots__ = ()
-    TYPE: ClassVar[MessageType]
-
-    def to_bytes(self) -> bytes:
-        """Return the whole frame."""
-        return build_frame(self.TYPE, self._to_payload())
-
-    @classmethod
-    def _from_payload(cls: type[_M], payload: bytes) -> _M:
-        """Read the payload of a sound frame. :raises ValueError, struct.error: it cannot be."""
-        raise NotImplementedError
-
-    def _to_payload(self) -> bytes:
-        raise NotImplementedError
+    PACKETS = PACKETS
 
 
 @dataclass(frozen=True, slots=True)
@@ -336,7 +314,7 @@ class Poll:
 
     def to_bytes(self) -> bytes:
         """Return the whole frame."""
-        return build_frame(self.type, b'')
+        return PACKETS.build(self.type, b'')
 
 
 MESSAGES: dict[int, type[Message]] = {
@@ -357,24 +335,19 @@ MESSAGES: dict[int, type[Message]] = {
 
 def decode(frame: bytes) -> Message | Poll | Unknown:
     """Read a whole frame of any ID. :raises FrameError: if its frame or contents are unsound."""
-    payload = payload_of(frame)
-    kind = MESSAGES.get(frame[2])
-    if kind is None:
-        return Unknown(frame[2])
-    if kind.TYPE in POLLED and not payload:
-        return Poll(kind.TYPE)
-    try:
-        return kind._from_payload(payload)
-    except (ValueError, struct.error) as error:
-        # A value that we must not send is the peer's fault here.
-        raise FrameError(f'{kind.__name__}: {error}') from error
+    payload = PACKETS.payload_of(frame)
+    return _decode(frame[2], payload)
 
 
-FORMAT: FrameFormat[Message | Poll] = FrameFormat(
-    HEADER, HEAD_SIZE, MAX_LENGTH + OVERHEAD, size_of, decode
-)
+def _decode(kind: int, payload: bytes) -> Message | Poll | Unknown:
+    message = MESSAGES.get(kind)
+    if message is None:
+        return Unknown(kind)
+    if kind in POLLED and not payload:
+        return Poll(MessageType(kind))
+    return message.from_payload(payload)
 
 
 def parser() -> StreamParser[Message | Poll]:
     """Return a parser for one direction of one link."""
-    return StreamParser(FORMAT)
+    return PACKETS.parser(_decode)

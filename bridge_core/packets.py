@@ -1,0 +1,146 @@
+"""
+Packets of a serial line with a type, a length and Fletcher sums: FORT VSC (7.2), SSC (4.1).
+
+======  ====  ==============================================================
+offset  size  content
+======  ====  ==============================================================
+0       2     header
+2       1     type
+3       1     length N of the payload
+4       N     payload
+N+4     2     Fletcher sums, modulo 256: the plain sum, then the sum of sums
+======  ====  ==============================================================
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from collections.abc import Container
+from collections.abc import Mapping
+from dataclasses import dataclass
+import struct
+from typing import ClassVar
+from typing import TypeVar
+
+from bridge_core.checksums import fletcher16
+from bridge_core.framing import ChecksumError
+from bridge_core.framing import FrameError
+from bridge_core.framing import FrameFormat
+from bridge_core.framing import MessageT
+from bridge_core.framing import StreamParser
+from bridge_core.framing import Unknown
+
+HEAD_SIZE = 4  # header, type, length
+CHECK_SIZE = 2
+OVERHEAD = HEAD_SIZE + CHECK_SIZE  # bytes of a packet beside its payload
+
+_CHECK = struct.Struct('<H')  # sum1, then sum2
+
+
+@dataclass(frozen=True, slots=True)
+class PacketFormat:
+    """
+    What differs from protocol to protocol.
+
+    :param header: two bytes. :param max_length: bytes of the largest payload, whatever its type.
+    :param lengths: by type, the bytes that its payload may have; an unknown type may have any.
+    :param summed_from: the offset of the first byte that the sums cover.
+    """
+
+    header: bytes
+    max_length: int
+    lengths: Mapping[int, Container[int]]
+    summed_from: int
+
+    @property
+    def max_size(self) -> int:
+        """Bytes of the largest packet."""
+        return self.max_length + OVERHEAD
+
+    def build(self, kind: int, payload: bytes) -> bytes:
+        """Return the whole packet around a payload."""
+        body = self.header + bytes((kind, len(payload))) + payload
+        return body + self._check(body)
+
+    def size_of(self, head: bytes) -> int:
+        """Return a packet's size from its first four bytes. :raises FrameError: impossible."""
+        kind, length = head[2], head[3]
+        if length > self.max_length or length not in self.lengths.get(kind, (length,)):
+            raise FrameError(f'type 0x{kind:02X} cannot have {length} bytes')
+        return length + OVERHEAD
+
+    def payload_of(self, packet: bytes) -> bytes:
+        """Return a whole packet's payload. :raises FrameError: if anything around it is wrong."""
+        if len(packet) < OVERHEAD or not packet.startswith(self.header):
+            raise FrameError(f'not a packet: {packet[:HEAD_SIZE].hex()}')
+        if len(packet) != self.size_of(packet):
+            raise FrameError(f'{len(packet)} bytes, but the length byte says {packet[3]}')
+        return self._checked(packet)
+
+    def parser(self, decode: Callable[[int, bytes], MessageT | Unknown]) -> StreamParser[MessageT]:
+        """
+        Return a parser for one direction of one link.
+
+        :param decode: from type and payload to a message; raises FrameError for bad contents.
+        """
+        return StreamParser(
+            FrameFormat(
+                header=self.header,
+                head_size=HEAD_SIZE,
+                max_size=self.max_size,
+                size_of=self.size_of,
+                decode=lambda packet: decode(packet[2], self._checked(packet)),
+            )
+        )
+
+    def _check(self, body: bytes) -> bytes:
+        return _CHECK.pack(fletcher16(body[self.summed_from :]))
+
+    def _checked(self, packet: bytes) -> bytes:
+        """Return the payload. :raises ChecksumError: the sums are wrong."""
+        if packet[-CHECK_SIZE:] != self._check(packet[:-CHECK_SIZE]):
+            raise ChecksumError(f'wrong checksum {packet[-CHECK_SIZE:].hex()}')
+        return packet[HEAD_SIZE:-CHECK_SIZE]
+
+
+_M = TypeVar('_M', bound='Message')
+
+
+class Message:
+    """What all messages share: the packet around the payload, and which fault is whose."""
+
+    __slots__ = ()
+    PACKETS: ClassVar[PacketFormat]
+    TYPE: ClassVar[int]
+
+    @classmethod
+    def from_bytes(cls: type[_M], packet: bytes) -> _M:
+        """Read a whole packet. :raises FrameError: if it is not a sound one of this type."""
+        payload = cls.PACKETS.payload_of(packet)
+        if packet[2] != cls.TYPE:
+            raise FrameError(f'type 0x{packet[2]:02X} is not {cls.__name__}')
+        return cls.from_payload(payload)
+
+    @classmethod
+    def from_payload(cls: type[_M], payload: bytes) -> _M:
+        """Read a payload of this type's length. :raises FrameError: a value that cannot be."""
+        try:
+            return cls._from_payload(payload)
+        except (ValueError, struct.error) as error:
+            # A value that we must not send is the peer's fault here.
+            raise FrameError(f'{cls.__name__}: {error}') from error
+
+    def to_bytes(self) -> bytes:
+        """Return the whole packet."""
+        return self.PACKETS.build(self.TYPE, self.to_payload())
+
+    def to_payload(self) -> bytes:
+        """Return what the packet is around."""
+        return self._to_payload()
+
+    @classmethod
+    def _from_payload(cls: type[_M], payload: bytes) -> _M:
+        raise NotImplementedError
+
+    def _to_payload(self) -> bytes:
+        raise NotImplementedError
