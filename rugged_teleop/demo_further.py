@@ -23,7 +23,6 @@ from rugged_teleop.demo_actor import PUSH
 from rugged_teleop.demo_actor import SSC
 from rugged_teleop.demo_actor import TOLD_LIMIT
 from rugged_teleop.ports import Chunk
-from ssc_bridge.protocol import decode as decode_ssc
 from ssc_bridge.protocol import parser as ssc_parser
 from ssc_bridge.protocol import PulseCommand
 
@@ -205,8 +204,7 @@ def pulses_in(chunks: list[Chunk]) -> list[tuple[float, int]]:
     """Return the pulses that an SSC was told for its first output, in us, and when."""
     parser, found = ssc_parser(), []
     for at, data in chunks:
-        for frame in parser.feed(data, at):
-            message = decode_ssc(frame)
+        for message in parser.feed(data, at):
             if isinstance(message, PulseCommand):
                 found.append((at, message.us[0]))
     return found

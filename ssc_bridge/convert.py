@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from collections.abc import Sequence
-from dataclasses import dataclass
 import math
 
 from builtin_interfaces.msg import Time
@@ -17,7 +16,8 @@ from std_msgs.msg import UInt16MultiArray
 
 from bridge_core.convert import joy_message
 from bridge_core.convert import scaled
-from ssc_bridge.protocol import AuxFunction
+from ssc_bridge.channels import AuxChannel
+from ssc_bridge.channels import AxisInput
 from ssc_bridge.protocol import CommandState
 from ssc_bridge.protocol import INVALID_PULSE
 from ssc_bridge.protocol import Measurement
@@ -28,50 +28,26 @@ _LEVELS = {'high': True, 'low': False, 'true': True, 'false': False, '1': True, 
 _AUX_KEY = 'a key such as "4.level", "5.pulse" or "5.period" is needed'
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Calibration:
-    """
-    What the pulses of one axis mean.
-
-    :param min_us: pulse of the one end, µs; so ``centre_us`` and ``max_us``, rising.
-    :param reversed: the shorter pulse is the positive end. :param deadband: 0 to below 1.
-    :raises ValueError: for what cannot be.
-    """
-
-    min_us: int = 1000
-    centre_us: int = 1500
-    max_us: int = 2000
-    reversed: bool = False
-    deadband: float = 0.0
-
-    def __post_init__(self) -> None:
-        if not 0 < self.min_us < self.centre_us < self.max_us:
-            pulses = f'{self.min_us}, {self.centre_us}, {self.max_us}'
-            raise ValueError(f'min_us, centre_us, max_us = {pulses}: rising numbers are needed')
-        if not 0.0 <= self.deadband < 1.0:
-            raise ValueError(f'deadband must be 0 to below 1, not {self.deadband}')
-
-    def position(self, us: int | None) -> float:
-        """Return the axis, -1 to 1; 0 where there is no pulse to believe."""
-        if us is None:
-            return 0.0
-        offset = us - self.centre_us
-        end = self.max_us if offset > 0 else self.min_us
-        value = scaled(offset, abs(end - self.centre_us), self.deadband)
-        return -value if self.reversed else value
+def position(axis: AxisInput, us: int | None) -> float:
+    """Return an axis, -1 to 1, from its pulse; 0 where there is no pulse to believe."""
+    if us is None:
+        return 0.0
+    offset = us - axis.centre_us
+    end = axis.max_us if offset > 0 else axis.min_us
+    value = scaled(offset, abs(end - axis.centre_us), axis.deadband)
+    return -value if axis.reversed else value
 
 
 def joy(
-    axes_us: Sequence[int | None],
+    us: Sequence[int | None],
     buttons: Sequence[int],
-    calibrations: Sequence[Calibration],
+    axes: Sequence[AxisInput],
     stamp: Time,
     frame_id: str,
 ) -> Joy:
-    """Return a Joy. :param axes_us: pulse of each axis; None: it is neutral."""
-    pairs = zip(calibrations, axes_us, strict=True)
-    axes = [calibration.position(us) for calibration, us in pairs]
-    return joy_message(axes, buttons, stamp, frame_id)
+    """Return a Joy. :param us: pulse of each axis; None: it is neutral."""
+    positions = [position(axis, pulse) for axis, pulse in zip(axes, us, strict=True)]
+    return joy_message(positions, buttons, stamp, frame_id)
 
 
 def pulses(us: Iterable[int | None]) -> UInt16MultiArray:
@@ -130,20 +106,13 @@ def aux_request(message: KeyValue) -> tuple[int, str, float]:
         raise ValueError(f'{message.value!r} is no time in seconds') from error
 
 
-AuxRow = tuple[AuxFunction, bool, Measurement | None, int, bool]
-
-
-def aux_inputs(channels: Iterable[AuxRow], name: str, hardware_id: str) -> DiagnosticStatus:
-    """
-    Return all auxiliary channels in words and SI units.
-
-    :param channels: function, level, measurement, pulses in total, and whether there were more.
-    """
+def aux_inputs(channels: Iterable[AuxChannel], name: str, hardware_id: str) -> DiagnosticStatus:
+    """Return all auxiliary channels in words and SI units."""
     values: dict[str, str] = {}
     lost = []
-    for number, row in enumerate(channels, 1):
-        values |= {f'aux {number} {key}': value for key, value in aux_values(*row).items()}
-        if row[4]:
+    for number, channel in enumerate(channels, 1):
+        values |= {f'aux {number} {key}': text for key, text in aux_values(channel).items()}
+        if channel.overflowed:
             lost.append(f'aux {number} lost pulses: its counter has overflowed; poll it faster')
     return DiagnosticStatus(
         level=DiagnosticStatus.WARN if lost else DiagnosticStatus.OK,
@@ -154,15 +123,10 @@ def aux_inputs(channels: Iterable[AuxRow], name: str, hardware_id: str) -> Diagn
     )
 
 
-def aux_values(
-    function: AuxFunction,
-    level: bool,
-    measurement: Measurement | None,
-    total: int,
-    overflowed: bool,
-) -> dict[str, str]:
+def aux_values(channel: AuxChannel) -> dict[str, str]:
     """Return what one auxiliary channel is, what its pin is, and what it has measured."""
-    values = {'function': function.text, 'level': 'high' if level else 'low'}
+    function, measurement = channel.function, channel.measurement
+    values = {'function': function.text, 'level': 'high' if channel.level else 'low'}
     if measurement is None:
         return values
     if isinstance(function, TimerInput):
@@ -170,7 +134,7 @@ def aux_values(
     return values | {
         'state': 'over-range' if measurement.over_range else 'counting',
         'pulses since the last message': str(measurement.counts),
-        'pulses in total': f'{"at least " if overflowed else ""}{total}',
+        'pulses in total': f'{"at least " if channel.overflowed else ""}{channel.total}',
     }
 
 

@@ -8,24 +8,15 @@ parameters of its own, such as ``calibration.turn.channel`` or ``servo.pan.min_u
 from collections.abc import Mapping
 from typing import Any
 
-from bridge_core.parameters import names_of
 from bridge_core.parameters import Parameter
 from bridge_core.parameters import TOLERATE_FAULTY_AXES
 from bridge_core.parameters import with_named
-from ssc_bridge.convert import Calibration
 from ssc_bridge.protocol import BAUD
-from ssc_bridge.protocol import CommandState
 from ssc_bridge.protocol import MAX_INPUTS
 from ssc_bridge.protocol import MAX_PULSE_US
 from ssc_bridge.protocol import PULSE_CHANNELS
-from ssc_bridge.session import AxisInput
-from ssc_bridge.session import ButtonInput
-from ssc_bridge.session import Failsafe
-from ssc_bridge.session import REPEATED
-from ssc_bridge.session import Servo
-from ssc_bridge.session import Settings
+from ssc_bridge.protocol import REPEATED
 
-_STATES = {state.text: state for state in CommandState}
 _RATES = 'One each for status, channel source, pulse outputs, pulse inputs and auxiliary inputs.'
 
 
@@ -109,7 +100,7 @@ GENERAL = (
         'Which states of the command channel (pulse input 1) are a stop. With a receiver that '
         "sends 1.5 ms when it has lost the transmitter add '1.5 ms': else its last sticks count "
         "on. [''] for none.",
-        choices=('', *_STATES),
+        choices=('', *(state.text for state in CommandState)),
         section='stops',
     ),
     Parameter(
@@ -233,65 +224,3 @@ def parameter_table(given: Mapping[str, Any]) -> tuple[Parameter, ...]:
         ('servos', 'servo', SERVO),
     )
     return with_named(GENERAL, groups, given, DEFAULTS)
-
-
-def calibrations(values: Mapping[str, Any]) -> tuple[Calibration, ...]:
-    """Return one an axis. :raises ValueError: pulses that do not rise, or are implausible."""
-    return tuple(_calibration(values, name) for name in names_of(values, 'axes'))
-
-
-def _calibration(values: Mapping[str, Any], name: str) -> Calibration:
-    prefix = f'calibration.{name}'
-    try:
-        result = Calibration(**_group(values, prefix, 'channel'))
-    except ValueError as error:
-        raise ValueError(f'{prefix}: {error}') from error
-    low, high = values['plausible_us']
-    if not low <= result.min_us < result.max_us <= high:
-        raise ValueError(f'{prefix}: min_us and max_us must be within plausible_us, {low}-{high}')
-    return result
-
-
-def settings(values: Mapping[str, Any]) -> Settings:
-    """Return what the session needs to know. :raises ValueError: what cannot be."""
-    return Settings(
-        poll_rates=tuple(values['poll_rates']),
-        message_rates=tuple(values['message_rates']),
-        estop_states=frozenset(_STATES[text] for text in names_of(values, 'estop_states')),
-        axes=tuple(
-            AxisInput(name, values[f'calibration.{name}.channel'])
-            for name in names_of(values, 'axes')
-        ),
-        buttons=tuple(_button(values, name) for name in names_of(values, 'buttons')),
-        plausible_us=(values['plausible_us'][0], values['plausible_us'][1]),
-        servos=tuple(_servo(values, name) for name in names_of(values, 'servos')),
-        failsafe=Failsafe(values['failsafe']),
-        first_nibble=values['first_input_nibble'],
-        **{
-            name: values[name]
-            for name in (
-                *('link_timeout', 'command_rate', 'command_timeout', 'tolerate_faulty_axes'),
-                *('keep_aux_outputs', 'lockout_on_start', 'baud'),
-            )
-        },
-    )
-
-
-def _button(values: Mapping[str, Any], name: str) -> ButtonInput:
-    group = _group(values, f'button.{name}')
-    return ButtonInput(name, **(group | {'thresholds_us': tuple(group['thresholds_us'])}))
-
-
-def _servo(values: Mapping[str, Any], name: str) -> Servo:
-    group = _group(values, f'servo.{name}')
-    return Servo(name=name, **(group | {'failsafe': Failsafe(group['failsafe'])}))
-
-
-def _group(values: Mapping[str, Any], prefix: str, *without: str) -> dict[str, Any]:
-    """Return the parameters under a prefix by their last word."""
-    named = {
-        name.removeprefix(f'{prefix}.'): value
-        for name, value in values.items()
-        if name.startswith(f'{prefix}.')
-    }
-    return {name: value for name, value in named.items() if name not in without}

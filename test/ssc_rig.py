@@ -5,8 +5,8 @@ from collections.abc import Sequence
 import struct
 from typing import Any
 
-from ssc_bridge.session import Failsafe
-from ssc_bridge.session import Servo
+from ssc_bridge.channels import Failsafe
+from ssc_bridge.channels import Servo
 from ssc_bridge.session import Session
 from ssc_bridge.session import Settings
 

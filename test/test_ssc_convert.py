@@ -14,7 +14,8 @@ from std_msgs.msg import MultiArrayLayout
 from std_msgs.msg import UInt16MultiArray
 
 from ssc_bridge import convert
-from ssc_bridge.convert import Calibration
+from ssc_bridge.channels import AuxChannel
+from ssc_bridge.channels import AxisInput
 from ssc_bridge.protocol import CommandState
 from ssc_bridge.protocol import DigitalInput
 from ssc_bridge.protocol import Measurement
@@ -25,7 +26,12 @@ from ssc_bridge.protocol import TimerInput
 from ssc_bridge.protocol import UnknownFunction
 from test.talkers import values_of
 
-LOPSIDED = Calibration(min_us=1100, centre_us=1400, max_us=2000)
+
+def axis(**changes: Any) -> AxisInput:
+    return AxisInput(**{'name': 'turn', 'channel': 2, 'deadband': 0.0, **changes})
+
+
+LOPSIDED = axis(min_us=1100, centre_us=1400, max_us=2000)
 
 
 # -- sticks ---------------------------------------------------------------------------------------
@@ -45,34 +51,32 @@ LOPSIDED = Calibration(min_us=1100, centre_us=1400, max_us=2000)
     ],
 )
 def test_each_side_of_an_axis_has_its_own_scale(us: int | None, value: float) -> None:
-    assert LOPSIDED.position(us) == pytest.approx(value)
+    assert convert.position(LOPSIDED, us) == pytest.approx(value)
 
 
 def test_reversed_axis_turns_round() -> None:
-    axis = Calibration(min_us=1100, centre_us=1400, max_us=2000, reversed=True)
-    assert axis.position(1100) == 1.0
-    assert axis.position(1700) == pytest.approx(-0.5)
+    turned = axis(min_us=1100, centre_us=1400, max_us=2000, reversed=True)
+    assert convert.position(turned, 1100) == 1.0
+    assert convert.position(turned, 1700) == pytest.approx(-0.5)
 
 
 def test_deadband_begins_without_a_step() -> None:
-    axis = Calibration(deadband=0.1)
-    assert axis.position(1550) == 0.0
-    assert axis.position(1450) == 0.0
-    assert 0.0 < axis.position(1551) < 0.01
-    assert axis.position(2000) == 1.0
+    wide = axis(deadband=0.1)
+    assert convert.position(wide, 1550) == 0.0
+    assert convert.position(wide, 1450) == 0.0
+    assert 0.0 < convert.position(wide, 1551) < 0.01
+    assert convert.position(wide, 2000) == 1.0
 
 
 @given(st.none() | st.integers(0, 32767), st.booleans(), st.floats(0, 0.9))
 def test_axis_never_leaves_minus_1_to_1(us: int | None, turned: bool, deadband: float) -> None:
-    axis = Calibration(
-        min_us=1100, centre_us=1400, max_us=2000, reversed=turned, deadband=deadband
-    )
-    assert -1.0 <= axis.position(us) <= 1.0
+    any_axis = axis(min_us=1100, centre_us=1400, max_us=2000, reversed=turned, deadband=deadband)
+    assert -1.0 <= convert.position(any_axis, us) <= 1.0
 
 
 def test_joy_has_axes_buttons_and_header() -> None:
     stamp = Time(sec=3)
-    axes = (LOPSIDED, Calibration(reversed=True))
+    axes = (LOPSIDED, axis(reversed=True))
     message = convert.joy((2000, None), (1, 2), axes, stamp, 'remote')
     assert list(message.axes) == [1.0, 0.0]
     assert math.copysign(1.0, message.axes[1]) == 1.0
@@ -92,7 +96,7 @@ def test_joy_has_axes_buttons_and_header() -> None:
 )
 def test_calibration_that_cannot_be_is_refused(changes: dict[str, Any]) -> None:
     with pytest.raises(ValueError, match=r'min_us|deadband'):
-        Calibration(**changes)
+        axis(**changes)
 
 
 # -- pulses and servos ----------------------------------------------------------------------------
@@ -161,7 +165,7 @@ RANGES = [
 
 
 def timer_values(timer: TimerInput, measurement: Measurement) -> dict[str, str]:
-    return convert.aux_values(timer, True, measurement, 0, False)
+    return convert.aux_values(AuxChannel(timer, True, measurement))
 
 
 @pytest.mark.parametrize(('time_base', 'least_hz', 'least_rpm', 'greatest_hz'), RANGES)
@@ -228,7 +232,7 @@ def test_no_counts_are_no_frequency() -> None:
 
 
 def test_accumulator_tells_pulses_since_the_last_message_and_in_total() -> None:
-    values = convert.aux_values(PulseAccumulator(True), False, Measurement(7), 19, False)
+    values = convert.aux_values(AuxChannel(PulseAccumulator(True), False, Measurement(7), 19))
     assert values == {
         'function': 'PulAcc In (+)',
         'level': 'low',
@@ -239,9 +243,10 @@ def test_accumulator_tells_pulses_since_the_last_message_and_in_total() -> None:
 
 
 def test_lost_pulses_are_a_warning() -> None:
-    row = (PulseAccumulator(True), False, Measurement(0x3FFF, over_range=True), 16383, True)
-    others = [(DigitalInput(), True, None, 0, False)] * 5
-    message = convert.aux_inputs([*others, row], 'ssc_bridge: aux', 'port')
+    measured = Measurement(0x3FFF, over_range=True)
+    full = AuxChannel(PulseAccumulator(True), False, measured, 16383, overflowed=True)
+    others = [AuxChannel(DigitalInput(), True)] * 5
+    message = convert.aux_inputs([*others, full], 'ssc_bridge: aux', 'port')
     assert message.level == DiagnosticStatus.WARN
     assert 'aux 6 lost pulses' in message.message
     assert values_of(message)['aux 6 pulses in total'] == 'at least 16383'
@@ -250,8 +255,8 @@ def test_lost_pulses_are_a_warning() -> None:
 
 def test_every_function_has_its_line() -> None:
     functions = (DigitalInput(), PulseOutput(), UnknownFunction(0x1F))
-    rows = [(function, False, None, 0, False) for function in functions]
-    message = convert.aux_inputs(rows, 'name', 'hardware')
+    channels = [AuxChannel(function, False) for function in functions]
+    message = convert.aux_inputs(channels, 'name', 'hardware')
     assert (message.level, message.message) == (DiagnosticStatus.OK, 'ok')
     assert values_of(message) == {
         'aux 1 function': 'Dig In',

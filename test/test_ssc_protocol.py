@@ -13,6 +13,7 @@ import pytest
 
 from bridge_core.framing import FrameError
 from bridge_core.framing import StreamParser
+from bridge_core.framing import Unknown
 from ssc_bridge import protocol
 from ssc_bridge.protocol import AuxFunction
 from ssc_bridge.protocol import AuxInputs
@@ -36,8 +37,8 @@ from ssc_bridge.protocol import Source
 from ssc_bridge.protocol import Status
 from ssc_bridge.protocol import TIME_BASES_US
 from ssc_bridge.protocol import TimerInput
-from ssc_bridge.protocol import Unknown
 from ssc_bridge.protocol import UnknownFunction
+from test.parser_rig import frames_of
 from test.ssc_rig import build_frame  # the manual's own loop, not our codec
 
 VECTORS = json.loads((Path(__file__).parent / 'vectors' / 'ssc.json').read_text())['frames']
@@ -91,7 +92,6 @@ LAYOUTS: list[tuple[Any, bytes]] = [
         AuxOutputs(None, (None, None, None, None, 1000, 0x7FFF), period=True),
         build_frame(21, b'\0\xb0\x03\xe8\x7f\xff'),
     ),
-    (Unknown(99, b'\x81\xa1\x0a'), build_frame(99, b'\x81\xa1\x0a')),
 ]
 STREAM = [*GOLDEN.values(), *(frame for _, frame in LAYOUTS), GOLDEN['status']]
 GOOD = GOLDEN['pulse inputs']
@@ -272,6 +272,16 @@ def test_from_bytes_refuses_another_type() -> None:
         PulseOutputs.from_bytes(GOOD)
 
 
+@given(st.sampled_from([0, 9, 16, 19, 22, 97, 99, 255]), st.binary(max_size=255))
+@example(99, b'\x81\xa1\x0a')
+def test_unknown_message_is_counted_and_keeps_the_next(kind: int, payload: bytes) -> None:
+    frame = build_frame(kind, payload)
+    assert protocol.decode(frame) == Unknown(kind)
+    parser = frames_of(protocol.parser())
+    assert parser.feed(GOOD + frame + GOOD, 0.0) == [GOOD, GOOD]
+    assert parser.counters.unknown_types == 1
+
+
 pulses = st.none() | st.integers(0, 0x7FFF)
 time_bases = st.sampled_from(TIME_BASES_US)
 functions: st.SearchStrategy[AuxFunction] = st.one_of(
@@ -306,7 +316,6 @@ messages: st.SearchStrategy[Any] = st.one_of(
     ),
     st.just(Lockout()),
     st.builds(Poll, st.sampled_from(protocol.POLLED)),
-    st.builds(Unknown, st.sampled_from([0, 9, 16, 19, 22, 97, 255]), st.binary(max_size=255)),
 )
 
 
@@ -333,7 +342,7 @@ def test_any_bytes_decode_or_raise_frame_error(data: bytes) -> None:
 # -- the parser -----------------------------------------------------------------------------------
 
 
-def drain(parser: StreamParser, now: float) -> list[bytes]:
+def drain(parser: StreamParser[bytes], now: float) -> list[bytes]:
     """Let time pass until nothing is pending."""
     frames = []
     while parser.deadline <= (now := now + 0.1):
@@ -342,7 +351,7 @@ def drain(parser: StreamParser, now: float) -> list[bytes]:
 
 
 def parse(data: bytes) -> list[bytes]:
-    parser = protocol.parser()
+    parser = frames_of(protocol.parser())
     return parser.feed(data, 0.0) + drain(parser, 0.0)
 
 
@@ -351,7 +360,7 @@ def test_whole() -> None:
 
 
 def test_byte_by_byte() -> None:
-    parser = protocol.parser()
+    parser = frames_of(protocol.parser())
     frames = [f for byte in b''.join(STREAM) for f in parser.feed(bytes((byte,)), 0.0)]
     assert frames == STREAM
     assert parser.counters.discarded_bytes == 0
@@ -360,7 +369,7 @@ def test_byte_by_byte() -> None:
 @given(st.lists(st.integers(0, len(b''.join(STREAM))), max_size=20))
 def test_random_splits(cuts: list[int]) -> None:
     data = b''.join(STREAM)
-    parser = protocol.parser()
+    parser = frames_of(protocol.parser())
     edges = [0, *sorted(cuts), len(data)]
     frames = [f for a, b in itertools.pairwise(edges) for f in parser.feed(data[a:b], 0.0)]
     assert frames == STREAM
@@ -398,7 +407,7 @@ def test_corrupt_check_keeps_next_frame() -> None:
 
 
 def test_impossible_length_is_not_waited_for() -> None:
-    parser = protocol.parser()
+    parser = frames_of(protocol.parser())
     for number, head in enumerate((b'\x0a\x03', b'\x0d\x22', b'\x62\x01', b'\x14\x00'), 1):
         assert parser.feed(b'\x81\xa1' + head, 0.0) == []
         assert parser.counters.malformed == number
@@ -406,17 +415,17 @@ def test_impossible_length_is_not_waited_for() -> None:
 
 
 def test_frame_that_never_ends_expires() -> None:
-    parser = protocol.parser()
+    parser = frames_of(protocol.parser())
     assert parser.feed(b'\x81\xa1\x63\xff' + GOOD, 0.0) == []
     assert parser.poll(parser.deadline) == [GOOD]
     assert parser.counters.expired == 1
 
 
 def test_flood_is_bounded_and_harmless() -> None:
-    parser = protocol.parser()
+    parser = frames_of(protocol.parser())
     for data in (b'\x81\xa1' * 50_000, b'\x81\xa1\x63\xff' * 25_000, bytes(100_000)):
         parser.feed(data, 0.0)
-        assert len(parser._buffer) <= protocol.FORMAT.max_size
+        assert len(parser._buffer) <= protocol.PACKETS.max_size
     assert drain(parser, 0.0) == []
     assert parser.feed(GOOD, 10.0) == [GOOD]
 

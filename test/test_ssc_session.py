@@ -8,14 +8,15 @@ from hypothesis import settings
 from hypothesis import strategies as st
 import pytest
 
+from bridge_core.session import Answer
 from bridge_core.session import StopChanged
+from bridge_core.session import Verdict
+from ssc_bridge.channels import AxisInput
+from ssc_bridge.channels import ButtonInput
 from ssc_bridge.protocol import CommandState
-from ssc_bridge.session import AxisInput
-from ssc_bridge.session import ButtonInput
 from ssc_bridge.session import CommandStateChanged
 from ssc_bridge.session import ConfigurationRead
 from ssc_bridge.session import FailsafeBegun
-from ssc_bridge.session import LockoutDone
 from ssc_bridge.session import PulsesIn
 from ssc_bridge.session import PulsesOut
 from ssc_bridge.session import Session
@@ -38,11 +39,19 @@ def stick_rig(**changes: Any) -> Rig:
     return Rig(axes=AXES, buttons=BUTTONS, **changes).start()
 
 
+def servo_rig() -> Rig:
+    """Return a healthy rig with a command to an output."""
+    rig = Rig().start()
+    rig.do(lambda session, now: session.set_pulses([1500], now))
+    assert rig.session.outputs.commanded()
+    return rig
+
+
 # -- health and stops -----------------------------------------------------------------------------
 
 
 def test_stop_until_status_and_configuration_were_read() -> None:
-    session = Session()
+    session = Session(Settings())
     assert (session.estop, session.own_estop, session.link_up) == (True, True, False)
     session.opened(0.0)
     session.receive(status(), 0.0)
@@ -60,7 +69,7 @@ def test_silence_is_a_stop_at_the_deadline_and_nothing_is_believed_any_more() ->
     rig.mute = set(range(10, 16))
     rig.events.clear()
     rig.tick(30)
-    assert rig.of(StopChanged) == [StopChanged(estop=True, own_estop=True, link_up=False)]
+    assert rig.of(StopChanged) == [StopChanged(Verdict(True, True, False))]
     assert rig.of(CommandStateChanged) == [CommandStateChanged(None)]
     assert rig.session.command_state is None
     assert 'check its power' in rig.session.stop_reasons(rig.now)[0]
@@ -122,7 +131,7 @@ def test_what_went_stale_is_a_stop_even_if_the_next_read_is_healthy() -> None:
     rig = Rig().start()
     rig.now += 0.3
     events, _ = rig.session.receive(status(), rig.now)
-    assert events[0] == StopChanged(estop=True, own_estop=True, link_up=False)
+    assert events[0] == StopChanged(Verdict(True, True, False))
     assert rig.session.estop  # the configuration is to be read again
 
 
@@ -191,14 +200,15 @@ def test_lost_link_of_1_5_ms_stops_only_where_configured() -> None:
     assert not others.session.estop
 
 
-def test_stop_and_release_in_one_read_is_still_a_stop() -> None:
-    rig = Rig().start()
-    rig.events.clear()
+def stops_in(events: list[Any]) -> list[bool]:
+    return [event.verdict.estop for event in events if isinstance(event, StopChanged)]
+
+
+def test_stop_and_release_in_one_read_are_both_reported_in_order() -> None:
+    rig = servo_rig()
     events, _ = rig.session.receive(status('no signal') + status(), rig.now)
-    assert StopChanged(estop=True, own_estop=True, link_up=True) in events
-    assert rig.session.estop
-    rig.tick(9)
-    assert not rig.session.estop
+    assert stops_in(events) == [True, False]
+    assert not rig.session.outputs.commanded()  # what was asked before is forgotten
 
 
 def test_reset_of_the_device_between_two_reads_is_a_stop_until_it_is_read_anew() -> None:
@@ -219,7 +229,7 @@ def test_reset_of_the_device_between_two_reads_is_a_stop_until_it_is_read_anew()
 def test_closed_port_is_a_stop() -> None:
     rig = Rig().start()
     events = rig.session.closed(rig.now)
-    assert StopChanged(estop=True, own_estop=True, link_up=False) in events
+    assert StopChanged(Verdict(True, True, False)) in events
     assert 'port' in rig.session.stop_reasons(rig.now)[0]
     assert rig.session.poll(rig.now) == ([], [])
     assert rig.session.receive(status(), rig.now) == ([], [])
@@ -242,7 +252,7 @@ def estop_in_silent(rig: Rig) -> None:
 def lockout_pending(rig: Rig) -> None:
     rig.available = True
     rig.tick(40)
-    rig.do(lambda session, now: session.lockout(now))
+    rig.do(lambda session, now: session.lock_out(now))
 
 
 def contradicted(rig: Rig) -> None:
@@ -270,7 +280,7 @@ def test_deadline_is_never_past_once_all_was_done(state: Callable[[Rig], None]) 
 @given(st.lists(st.binary(max_size=40), max_size=20))
 @settings(max_examples=50)
 def test_garbage_never_releases_nor_raises(noise: list[bytes]) -> None:
-    session = Session()
+    session = Session(Settings())
     session.opened(0.0)
     for number, data in enumerate(noise):
         session.receive(data, 0.01 * number)
@@ -279,7 +289,7 @@ def test_garbage_never_releases_nor_raises(noise: list[bytes]) -> None:
 
 
 def test_echoed_frames_are_told_apart_and_vouch_for_nothing() -> None:
-    session = Session()
+    session = Session(Settings())
     _, frames = session.opened(0.0)
     session.receive(b''.join(frames) + build_frame(20, bytes(2)) + build_frame(98, b''), 0.0)
     assert session.looped_back == len(frames) + 2
@@ -334,11 +344,11 @@ def test_message_that_contradicts_the_configuration_is_a_stop(frame: bytes) -> N
     assert not rig.session.estop
 
 
-def test_contradiction_and_its_end_in_one_read_is_still_a_stop() -> None:
+def test_contradiction_and_its_end_in_one_read_are_both_reported_in_order() -> None:
     rig = stick_rig()
     wrong = build_frame(13, words([1500] * 7))
-    rig.session.receive(wrong + b''.join(map(rig.answer, (15, 13, 10))), rig.now)
-    assert rig.session.estop
+    events, _ = rig.session.receive(wrong + b''.join(map(rig.answer, (15, 13, 10))), rig.now)
+    assert stops_in(events) == [True, False]
 
 
 def test_other_configuration_after_a_silence_counts() -> None:
@@ -520,7 +530,7 @@ def test_lockout_on_start_is_repeated_until_the_status_says_so() -> None:
     assert len(rig.payloads(98)) == 2  # at once, and 0.2 s later
     rig.available = False
     rig.tick(100)
-    (done,) = rig.of(LockoutDone)
+    (done,) = rig.of(Answer)
     assert done.success
     assert len(rig.payloads(98)) == 2
 
@@ -545,9 +555,9 @@ def test_lockout_that_the_device_does_not_obey_says_what_to_do() -> None:
     rig = Rig().start()
     rig.available = True
     rig.tick(40)
-    rig.do(lambda session, now: session.lockout(now))
+    rig.do(lambda session, now: session.lock_out(now))
     rig.tick(110)
-    (done,) = rig.of(LockoutDone)
+    (done,) = rig.of(Answer)
     assert not done.success
     assert 'On Rcv Msg 98' in done.text
     sent = len(rig.payloads(98))
@@ -559,8 +569,8 @@ def test_lockout_without_a_link_fails_at_once_and_sends_nothing() -> None:
     rig = Rig()
     rig.mute = set(range(10, 16))
     rig.open()
-    rig.do(lambda session, now: session.lockout(now))
-    (done,) = rig.of(LockoutDone)
+    rig.do(lambda session, now: session.lock_out(now))
+    (done,) = rig.of(Answer)
     assert not done.success
     assert 'no status' in done.text
     assert not rig.payloads(98)
@@ -570,8 +580,8 @@ def test_lockout_is_told_failed_when_the_port_closes() -> None:
     rig = Rig()
     rig.available = True
     rig.start()
-    rig.do(lambda session, now: session.lockout(now))
-    (done,) = [e for e in rig.session.closed(rig.now) if isinstance(e, LockoutDone)]
+    rig.do(lambda session, now: session.lock_out(now))
+    (done,) = [e for e in rig.session.closed(rig.now) if isinstance(e, Answer)]
     assert not done.success
 
 
@@ -593,7 +603,8 @@ def test_rates_beyond_the_line_are_a_warning() -> None:
     (text,) = warnings_of(poll_rates=(100.0,) * 5, baud=97_999)
     assert 'messages from the SSC need 98000 bit/s, the line has 97999' in text
     assert warnings_of(poll_rates=(100.0,) * 5, baud=98_000) == []
-    (text,) = warnings_of(message_rates=(0.0, 0.0, 0.0, 100.0, 0.0), baud=29_000)
+    assert warnings_of(baud=30_000) == []
+    (text,) = warnings_of(message_rates=(50.0,) * 5, baud=30_000)
     assert 'from' in text
 
 
@@ -617,7 +628,7 @@ def test_commands_beyond_the_line_are_a_warning() -> None:
         ('poll_rates', (5.0, 0.0, 0.0, 0.0, 0.0)),  # too rare for the time-out
         ('message_rates', (-1.0, 0.0, 0.0, 0.0, 0.0)),
         ('plausible_us', (2000, 1000)),
-        ('first_nibble', 2),
+        ('first_input_nibble', 2),
     ],
 )
 def test_bad_setting_is_refused(name: str, value: Any) -> None:

@@ -165,7 +165,7 @@ def test_request_before_the_configuration_is_refused() -> None:
     rig = Rig()
     rig.mute = {15}
     rig.tick(10)
-    with pytest.raises(ValueError, match='not told yet'):
+    with pytest.raises(ValueError, match='not reported yet'):
         rig.do(level(3, True))
 
 

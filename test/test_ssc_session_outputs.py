@@ -11,10 +11,10 @@ from hypothesis import settings
 from hypothesis import strategies as st
 import pytest
 
-from ssc_bridge.session import Failsafe
+from ssc_bridge.channels import Failsafe
+from ssc_bridge.channels import Servo
 from ssc_bridge.session import FailsafeBegun
 from ssc_bridge.session import RELEASE_FRAMES
-from ssc_bridge.session import Servo
 from ssc_bridge.session import Session
 from ssc_bridge.session import Settings
 from test.ssc_rig import GRIP

@@ -34,8 +34,8 @@ from bridge_core.checksums import fletcher16
 from ssc_bridge.protocol import AUX_CHANNELS
 from ssc_bridge.protocol import function_of
 from ssc_bridge.protocol import MAX_INPUTS
-from ssc_bridge.protocol import POLLED
 from ssc_bridge.protocol import PULSE_CHANNELS
+from ssc_bridge.protocol import REPEATED
 from ssc_bridge.protocol import Selection
 from ssc_bridge.protocol import Source
 
@@ -145,7 +145,7 @@ class Image:
             yield from self._row(row)
         for channel in range(AUX_CHANNELS):
             yield self._field(_AUX + 2 * channel, 2, aux_text, f'aux {channel + 1}')
-        for place, message in enumerate(POLLED[:-1]):  # 15 has no rate: query only
+        for place, message in enumerate(REPEATED):
             yield self._field(_RATES + place, 1, rate_text, f'rate of message {message}')
         yield from map(self._unknown, _UNKNOWN)
 

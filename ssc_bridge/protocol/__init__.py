@@ -33,31 +33,26 @@ ID   bytes    direction  payload
 """
 
 from bridge_core.framing import FrameError
+from bridge_core.packets import OVERHEAD
 from ssc_bridge.protocol.frames import BAUD
 from ssc_bridge.protocol.frames import BITS_PER_BYTE
-from ssc_bridge.protocol.frames import build_frame
-from ssc_bridge.protocol.frames import FORMAT
-from ssc_bridge.protocol.frames import HEADER
-from ssc_bridge.protocol.frames import MAX_LENGTH
-from ssc_bridge.protocol.frames import Message
 from ssc_bridge.protocol.frames import MessageType
-from ssc_bridge.protocol.frames import OVERHEAD
-from ssc_bridge.protocol.frames import parser
-from ssc_bridge.protocol.frames import payload_of
+from ssc_bridge.protocol.frames import PACKETS
 from ssc_bridge.protocol.frames import POLLED
+from ssc_bridge.protocol.frames import REPEATED
 from ssc_bridge.protocol.messages import AuxInputs
 from ssc_bridge.protocol.messages import AuxOutputs
 from ssc_bridge.protocol.messages import ChannelSource
 from ssc_bridge.protocol.messages import Configuration
 from ssc_bridge.protocol.messages import decode
 from ssc_bridge.protocol.messages import Lockout
-from ssc_bridge.protocol.messages import MESSAGES
+from ssc_bridge.protocol.messages import Message
+from ssc_bridge.protocol.messages import parser
 from ssc_bridge.protocol.messages import Poll
 from ssc_bridge.protocol.messages import PulseCommand
 from ssc_bridge.protocol.messages import PulseInputs
 from ssc_bridge.protocol.messages import PulseOutputs
 from ssc_bridge.protocol.messages import Status
-from ssc_bridge.protocol.messages import Unknown
 from ssc_bridge.protocol.values import AUX_CHANNELS
 from ssc_bridge.protocol.values import AuxFunction
 from ssc_bridge.protocol.values import CommandState
@@ -68,7 +63,6 @@ from ssc_bridge.protocol.values import INVALID_PULSE
 from ssc_bridge.protocol.values import MAX_INPUTS
 from ssc_bridge.protocol.values import MAX_PULSE_COUNTS
 from ssc_bridge.protocol.values import MAX_PULSE_US
-from ssc_bridge.protocol.values import MAX_TIMER_COUNTS
 from ssc_bridge.protocol.values import Measurement
 from ssc_bridge.protocol.values import MEASURING
 from ssc_bridge.protocol.values import PULSE_CHANNELS
@@ -84,19 +78,16 @@ __all__ = [
     'AUX_CHANNELS',
     'BAUD',
     'BITS_PER_BYTE',
-    'FORMAT',
-    'HEADER',
     'INVALID_PULSE',
     'MAX_INPUTS',
-    'MAX_LENGTH',
     'MAX_PULSE_COUNTS',
     'MAX_PULSE_US',
-    'MAX_TIMER_COUNTS',
     'MEASURING',
-    'MESSAGES',
     'OVERHEAD',
+    'PACKETS',
     'POLLED',
     'PULSE_CHANNELS',
+    'REPEATED',
     'TIME_BASES_US',
     'AuxFunction',
     'AuxInputs',
@@ -121,11 +112,8 @@ __all__ = [
     'Source',
     'Status',
     'TimerInput',
-    'Unknown',
     'UnknownFunction',
-    'build_frame',
     'decode',
     'function_of',
     'parser',
-    'payload_of',
 ]

@@ -9,10 +9,11 @@ import struct
 from typing import ClassVar
 from typing import TypeVar
 
-from ssc_bridge.protocol.frames import build_frame
-from ssc_bridge.protocol.frames import Message
+from bridge_core.framing import StreamParser
+from bridge_core.framing import Unknown
+from bridge_core.packets import Message as PacketMessage
 from ssc_bridge.protocol.frames import MessageType
-from ssc_bridge.protocol.frames import payload_of
+from ssc_bridge.protocol.frames import PACKETS
 from ssc_bridge.protocol.frames import POLLED
 from ssc_bridge.protocol.values import AUX_CHANNELS
 from ssc_bridge.protocol.values import AuxFunction
@@ -61,6 +62,13 @@ def _check_count(what: str, values: Sequence[object], low: int, high: int) -> No
     if not low <= len(values) <= high:
         number = f'{low}' if low == high else f'{low} to {high}'
         raise ValueError(f'{what}: {number} are needed, not {len(values)}')
+
+
+class Message(PacketMessage):
+    """The base of all messages."""
+
+    __slots__ = ()
+    PACKETS = PACKETS
 
 
 @dataclass(frozen=True, slots=True)
@@ -306,19 +314,7 @@ class Poll:
 
     def to_bytes(self) -> bytes:
         """Return the whole frame."""
-        return build_frame(self.type, b'')
-
-
-@dataclass(frozen=True, slots=True)
-class Unknown:
-    """A sound frame with an ID that the manual does not list."""
-
-    type: int
-    payload: bytes
-
-    def to_bytes(self) -> bytes:
-        """Return the whole frame."""
-        return build_frame(self.type, self.payload)
+        return PACKETS.build(self.type, b'')
 
 
 MESSAGES: dict[int, type[Message]] = {
@@ -339,9 +335,19 @@ MESSAGES: dict[int, type[Message]] = {
 
 def decode(frame: bytes) -> Message | Poll | Unknown:
     """Read a whole frame of any ID. :raises FrameError: if its frame or contents are unsound."""
-    kind = MESSAGES.get(frame[2]) if len(frame) > 2 else None
-    if kind is None:
-        return Unknown(frame[2] if len(frame) > 2 else 0, payload_of(frame))
-    if kind.TYPE in POLLED and not payload_of(frame):
-        return Poll(kind.TYPE)
-    return kind.from_bytes(frame)
+    payload = PACKETS.payload_of(frame)
+    return _decode(frame[2], payload)
+
+
+def _decode(kind: int, payload: bytes) -> Message | Poll | Unknown:
+    message = MESSAGES.get(kind)
+    if message is None:
+        return Unknown(kind)
+    if kind in POLLED and not payload:
+        return Poll(MessageType(kind))
+    return message.from_payload(payload)
+
+
+def parser() -> StreamParser[Message | Poll]:
+    """Return a parser for one direction of one link."""
+    return PACKETS.parser(_decode)

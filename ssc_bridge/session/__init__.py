@@ -1,43 +1,40 @@
-"""The session: what the link means over time, without a clock, a thread or a port."""
+"""
+The link to the SSC over time: what is believed, what is polled, and what goes to the outputs.
+
+Only a fresh status message (10) vouches for anything: it says whether the RC receiver still sends.
+Nothing else is believed before the configuration (15) was read, nor what contradicts it: both are
+a stop, as is a state of the command channel that ``estop_states`` names. The configuration is read
+again from a device that was restarted, fell silent or contradicted itself.
+
+Outputs obey a command while there is no stop and the e-stop input was heard within
+``command_timeout`` and is clear, and no longer than ``command_timeout``. Else each goes to its
+failsafe, and what was asked before is forgotten.
+"""
 
 from ssc_bridge.session.auxiliary import counts_of
-from ssc_bridge.session.events import AuxChannel
 from ssc_bridge.session.events import AuxReading
 from ssc_bridge.session.events import CommandStateChanged
 from ssc_bridge.session.events import ConfigurationRead
 from ssc_bridge.session.events import Event
 from ssc_bridge.session.events import FailsafeBegun
-from ssc_bridge.session.events import LockoutDone
-from ssc_bridge.session.events import Output
 from ssc_bridge.session.events import PulsesIn
 from ssc_bridge.session.events import PulsesOut
 from ssc_bridge.session.events import Sticks
 from ssc_bridge.session.outputs import RELEASE_FRAMES
+from ssc_bridge.session.session import LOCKOUT
 from ssc_bridge.session.session import Session
-from ssc_bridge.session.settings import AxisInput
-from ssc_bridge.session.settings import ButtonInput
-from ssc_bridge.session.settings import Failsafe
-from ssc_bridge.session.settings import REPEATED
-from ssc_bridge.session.settings import Servo
 from ssc_bridge.session.settings import Settings
 
 __all__ = [
+    'LOCKOUT',
     'RELEASE_FRAMES',
-    'REPEATED',
-    'AuxChannel',
     'AuxReading',
-    'AxisInput',
-    'ButtonInput',
     'CommandStateChanged',
     'ConfigurationRead',
     'Event',
-    'Failsafe',
     'FailsafeBegun',
-    'LockoutDone',
-    'Output',
     'PulsesIn',
     'PulsesOut',
-    'Servo',
     'Session',
     'Settings',
     'Sticks',

@@ -7,6 +7,7 @@ import math
 from typing import TypeVar
 
 from bridge_core.session import Pacer
+from ssc_bridge.channels import AuxChannel
 from ssc_bridge.protocol import AUX_CHANNELS
 from ssc_bridge.protocol import AuxFunction
 from ssc_bridge.protocol import AuxInputs
@@ -16,8 +17,6 @@ from ssc_bridge.protocol import MAX_PULSE_COUNTS
 from ssc_bridge.protocol import Measurement
 from ssc_bridge.protocol import PulseAccumulator
 from ssc_bridge.protocol import PulseOutput
-from ssc_bridge.session.events import AuxChannel
-from ssc_bridge.session.events import AuxReading
 
 UNDO_FRAMES = 3  # one may be lost, or find the line busy
 _UNDO_PERIOD = 0.05  # s
@@ -39,43 +38,33 @@ def counts_of(seconds: float, time_base_us: int) -> int:
     return counts
 
 
-class AuxInputBook:
-    """Adds up what pulse accumulators count; each message tells what came since the last."""
+class AuxInputTotals:
+    """Adds up what pulse accumulators count; each message has what came since the last."""
 
     def __init__(self) -> None:
-        self._functions: tuple[AuxFunction, ...] = ()
-        self._totals = [0] * AUX_CHANNELS
-        self._overflowed = [False] * AUX_CHANNELS
+        self._channels: tuple[AuxChannel, ...] = ()
 
     def configure(self, functions: tuple[AuxFunction, ...]) -> None:
         """Take what the channels are; totals begin anew if that is something else than before."""
-        if functions != self._functions:
-            self._functions = functions
-            self._totals = [0] * AUX_CHANNELS
-            self._overflowed = [False] * AUX_CHANNELS
+        if functions != tuple(channel.function for channel in self._channels):
+            self._channels = tuple(AuxChannel(function, False) for function in functions)
 
-    def take(self, message: AuxInputs) -> AuxReading:
+    def take(self, message: AuxInputs) -> tuple[AuxChannel, ...]:
         """Return the channels' state; the message must fit the configuration."""
-        for place, (function, measured) in enumerate(
-            zip(self._functions, message.measurements, strict=True)
-        ):
-            if isinstance(function, PulseAccumulator) and measured is not None:
-                self._add(place, measured)
-        rows = (
-            self._functions,
-            message.levels,
-            message.measurements,
-            self._totals,
-            self._overflowed,
-        )
-        return AuxReading(tuple(AuxChannel(*row) for row in zip(*rows, strict=True)))
-
-    def _add(self, place: int, measured: Measurement) -> None:
-        self._totals[place] += measured.counts
-        self._overflowed[place] = self._overflowed[place] or measured.over_range
+        rows = zip(self._channels, message.levels, message.measurements, strict=True)
+        self._channels = tuple(_after(*row) for row in rows)
+        return self._channels
 
 
-class AuxOutputBook:
+def _after(before: AuxChannel, level: bool, measured: Measurement | None) -> AuxChannel:
+    """Return a channel's state from that before and its part of a message."""
+    if measured is None or not isinstance(before.function, PulseAccumulator):
+        return AuxChannel(before.function, level, measured)
+    total, overflowed = before.total + measured.counts, before.overflowed or measured.over_range
+    return AuxChannel(before.function, level, measured, total, overflowed)
+
+
+class AuxOutputCommands:
     """
     What was set of the auxiliary outputs, and the messages to be sent.
 
@@ -85,7 +74,7 @@ class AuxOutputBook:
     def __init__(self) -> None:
         self._functions: tuple[AuxFunction, ...] = ()
         self._levels: dict[int, bool] = {}  # by place, 0 to 5, what we have set
-        self._seen: tuple[bool, ...] = ()  # of the pins, as told last
+        self._seen: tuple[bool, ...] = ()  # of the pins, in the newest message
         self._pulsing: set[int] = set()  # free running outputs that we have set
         self._queue: list[AuxOutputs] = []
         self._undo = AuxOutputs()
@@ -93,7 +82,7 @@ class AuxOutputBook:
         self._undos_left = 0
 
     def configure(self, functions: tuple[AuxFunction, ...]) -> None:
-        """Take what the channels are; what waits is not sent, and the pins have to tell anew."""
+        """Take what the channels are; what waits is not sent, and the pins are not known."""
         if functions != self._functions:
             self._functions = functions
             self._levels.clear()

@@ -1,14 +1,12 @@
-"""What a session tells the node, in the order in which it happened."""
+"""What a session reports, in the order in which it happened; stops and answers are the base's."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
-from bridge_core.session import StopChanged
-from ssc_bridge.protocol import AuxFunction
+from ssc_bridge.channels import AuxChannel
 from ssc_bridge.protocol import CommandState
 from ssc_bridge.protocol import Configuration
-from ssc_bridge.protocol import Measurement
 
 
 @dataclass(frozen=True, slots=True)
@@ -20,7 +18,7 @@ class CommandStateChanged:
 
 @dataclass(frozen=True, slots=True)
 class ConfigurationRead:
-    """The device told how it is set up; all that follows was checked against it."""
+    """The device reported how it is set up; all that follows was checked against it."""
 
     configuration: Configuration
 
@@ -57,22 +55,6 @@ class Sticks:
 
 
 @dataclass(frozen=True, slots=True)
-class AuxChannel:
-    """
-    One auxiliary channel.
-
-    :param level: of its pin, true is high. :param measurement: of a timer or accumulator.
-    :param total: pulses of an accumulator so far. :param overflowed: there were more.
-    """
-
-    function: AuxFunction
-    level: bool
-    measurement: Measurement | None = None
-    total: int = 0
-    overflowed: bool = False
-
-
-@dataclass(frozen=True, slots=True)
 class AuxReading:
     """The six auxiliary channels."""
 
@@ -87,23 +69,12 @@ class FailsafeBegun:
     reasons: tuple[str, ...]
 
 
-@dataclass(frozen=True, slots=True)
-class LockoutDone:
-    """How a lockout of the configuration menus went. :param text: in words."""
-
-    success: bool
-    text: str
-
-
 Event = (
-    StopChanged
-    | CommandStateChanged
+    CommandStateChanged
     | ConfigurationRead
     | PulsesIn
     | PulsesOut
     | Sticks
     | AuxReading
     | FailsafeBegun
-    | LockoutDone
 )
-Output = tuple[list[Event], list[bytes]]

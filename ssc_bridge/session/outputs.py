@@ -14,11 +14,10 @@ import math
 
 from bridge_core.session import Pacer
 from bridge_core.watchdog import Watchdog
-from ssc_bridge.protocol import MAX_PULSE_US
+from ssc_bridge.channels import Failsafe
+from ssc_bridge.channels import Servo
 from ssc_bridge.protocol import PULSE_CHANNELS
 from ssc_bridge.protocol import PulseCommand
-from ssc_bridge.session.settings import Failsafe
-from ssc_bridge.session.settings import Servo
 from ssc_bridge.session.settings import Settings
 
 RELEASE_FRAMES = 3  # one may be lost
@@ -81,7 +80,10 @@ class Outputs:
         self.servos = {servo.name: servo for servo in settings.servos}
         self.limited = 0  # commands that were beyond an output's limits
         self._channels = [
-            Channel(named.get(number) or _unnamed(number, settings), settings.command_timeout)
+            Channel(
+                named.get(number) or Servo.unnamed(number, settings.failsafe),
+                settings.command_timeout,
+            )
             for number in range(1, PULSE_CHANNELS + 1)
         ]
         self._pacer = Pacer(1.0 / settings.command_rate)
@@ -156,18 +158,10 @@ class Outputs:
             return []
         return [PulseCommand(us).to_bytes()]
 
-    def deadline(self) -> float:
-        """Return when something is due or becomes stale."""
-        commands = (chan.command.deadline for chan in self._channels)
-        return min(self._pacer.due, *commands)
+    def expires_at(self) -> float:
+        """Return when the next command becomes stale."""
+        return min(channel.command.deadline for channel in self._channels)
 
-
-def _unnamed(number: int, settings: Settings) -> Servo:
-    """Return an output that may be anything the device can do."""
-    return Servo(
-        name=f'output {number}',
-        channel=number,
-        min_us=1,
-        max_us=MAX_PULSE_US,
-        failsafe=settings.failsafe,
-    )
+    def sends_at(self) -> float:
+        """Return when a message is due."""
+        return self._pacer.due

@@ -10,61 +10,44 @@ from ssc_bridge.protocol import MessageType
 from ssc_bridge.protocol import Poll
 
 # What comes by itself may be late by this part of its period before it is asked for.
-_PATIENCE = 1.5
-
-
-class _Slot:
-    """When one message is to be asked for. :param period: s."""
-
-    __slots__ = ('asked', 'due', 'heard_at', 'period')
-
-    def __init__(self, period: float) -> None:
-        self.period = period
-        self.due = 0.0
-        self.asked = False  # and not answered yet
-        self.heard_at = -math.inf
-
-    def heard(self, now: float) -> None:
-        self.heard_at = now
-        if not self.asked:
-            self.due = now + _PATIENCE * self.period
-        self.asked = False
+_LATE = 1.5
 
 
 class Poller:
     """
-    Polls. Which messages are wanted at the moment, its user says.
+    Polls; which messages are wanted at the moment, the session says.
 
     :param rates: Hz; a message with 0 is never asked for.
     """
 
     def __init__(self, rates: Mapping[MessageType, float]) -> None:
-        self._slots = {
-            kind: _Slot(1.0 / rate if rate else math.inf) for kind, rate in rates.items()
-        }
+        self._periods = {kind: 1.0 / rate if rate else math.inf for kind, rate in rates.items()}
+        self._due = dict.fromkeys(rates, math.inf)
+        self._asked: set[MessageType] = set()  # and not answered yet
 
     def start(self, now: float) -> None:
         """Have all due at once, and none heard."""
-        for slot in self._slots.values():
-            slot.due = now if math.isfinite(slot.period) else math.inf
-            slot.asked, slot.heard_at = False, -math.inf
+        self._due = {
+            kind: now if math.isfinite(period) else math.inf
+            for kind, period in self._periods.items()
+        }
+        self._asked.clear()
 
     def heard(self, kind: MessageType, now: float) -> None:
         """Note that a message came."""
-        self._slots[kind].heard(now)
-
-    def age(self, now: float) -> float:
-        """Return the seconds since any message was heard; infinite if none was."""
-        return now - max(slot.heard_at for slot in self._slots.values())
+        if kind in self._asked:
+            self._asked.remove(kind)
+        else:
+            self._due[kind] = now + _LATE * self._periods[kind]
 
     def take(self, now: float, wanted: Iterable[MessageType]) -> list[bytes]:
         """Return the polls that are due."""
-        due = [kind for kind in wanted if now >= self._slots[kind].due]
+        due = [kind for kind in wanted if now >= self._due[kind]]
         for kind in due:
-            slot = self._slots[kind]
-            slot.due, slot.asked = now + slot.period, True
+            self._due[kind] = now + self._periods[kind]
+        self._asked.update(due)
         return [Poll(kind).to_bytes() for kind in due]
 
     def deadline(self, wanted: Iterable[MessageType]) -> float:
         """Return when the next of these is due."""
-        return min(self._slots[kind].due for kind in wanted)
+        return min(self._due[kind] for kind in wanted)

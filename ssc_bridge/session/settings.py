@@ -1,220 +1,104 @@
-"""How a session is to behave, checked when it is made, and whether it fits the line."""
+"""What a session needs to know, checked, and whether it fits the line."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
+from collections.abc import Mapping
 from collections.abc import Sequence
 from dataclasses import dataclass
-from enum import Enum
-import math
+from typing import Any
 
-from ssc_bridge.protocol import BAUD
+from bridge_core.parameters import names_of
+from bridge_core.settings import CheckedSettings
+from bridge_core.settings import table_of
+from ssc_bridge.channels import axes_of
+from ssc_bridge.channels import AxisInput
+from ssc_bridge.channels import ButtonInput
+from ssc_bridge.channels import buttons_of
+from ssc_bridge.channels import Failsafe
+from ssc_bridge.channels import Servo
+from ssc_bridge.channels import servos_of
+from ssc_bridge.parameters import GENERAL
 from ssc_bridge.protocol import BITS_PER_BYTE
 from ssc_bridge.protocol import CommandState
 from ssc_bridge.protocol import Configuration
-from ssc_bridge.protocol import MAX_INPUTS
-from ssc_bridge.protocol import MAX_PULSE_US
 from ssc_bridge.protocol import MEASURING
-from ssc_bridge.protocol import MessageType
 from ssc_bridge.protocol import OVERHEAD
-from ssc_bridge.protocol import PULSE_CHANNELS
 
-# The messages that can be polled again and again, in the order of ``poll_rates``.
-REPEATED = (
-    MessageType.STATUS,
-    MessageType.CHANNEL_SOURCE,
-    MessageType.PULSE_OUTPUTS,
-    MessageType.PULSE_INPUTS,
-    MessageType.AUX_INPUTS,
-)
-_RANGES = {
-    'link_timeout': (0.05, 5.0),
-    'command_rate': (1.0, 200.0),
-    'command_timeout': (0.02, 5.0),
-    'first_nibble': (0, 1),
-}
-_RATES = (0.0, 100.0)
+_TABLE = table_of(GENERAL)
+_STATES = {state.text: state for state in CommandState}
+_FAILSAFE = Failsafe(_TABLE['failsafe'].default)
+_LISTS = ('poll_rates', 'message_rates', 'plausible_us')
 
 
-def _check(name: str, value: float, low: float, high: float) -> None:
-    if not (math.isfinite(value) and low <= value <= high):
-        raise ValueError(f'{name} must be {low:g} to {high:g}, not {value}')
-
-
-def _check_different(name: str, values: Sequence[object]) -> None:
-    if len(set(values)) < len(values):
-        raise ValueError(f'{name}: {list(values)} must all differ')
-
-
-@dataclass(frozen=True, slots=True)
-class AxisInput:
-    """An axis of Joy. :param channel: pulse input, 1 to 16."""
-
-    name: str
-    channel: int
-
-    def __post_init__(self) -> None:
-        _check(f'calibration.{self.name}.channel', self.channel, 1, MAX_INPUTS)
-
-
-@dataclass(frozen=True, slots=True)
-class ButtonInput:
+@dataclass(frozen=True, kw_only=True)
+class Settings(CheckedSettings):
     """
-    A button of Joy: the number of thresholds that the pulse is above.
+    What a session needs to know; the fields are parameters.
 
-    :param channel: pulse input, 1 to 16. :param thresholds_us: rising, one or more, µs.
-    :param reversed: count those that it is not above.
-    """
-
-    name: str
-    channel: int
-    thresholds_us: tuple[int, ...] = (1500,)
-    reversed: bool = False
-
-    def __post_init__(self) -> None:
-        _check(f'button.{self.name}.channel', self.channel, 1, MAX_INPUTS)
-        if not self.thresholds_us or list(self.thresholds_us) != sorted(set(self.thresholds_us)):
-            raise ValueError(
-                f'button.{self.name}.thresholds_us = {list(self.thresholds_us)}: one or more '
-                'numbers, each greater than the one before, are needed'
-            )
-
-    def value(self, us: int) -> int:
-        """Return 0 to the number of thresholds."""
-        above = sum(us > threshold for threshold in self.thresholds_us)
-        return len(self.thresholds_us) - above if self.reversed else above
-
-
-class Failsafe(Enum):
-    """What an output does while nobody may or does command it."""
-
-    PULSE = 'pulse'  # a pulse width of its own
-    HOLD = 'hold'  # the last pulse width
-    RELEASE = 'release'  # no pulse, and nothing is sent once that holds for all outputs
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Servo:
-    """
-    A pulse output and what is allowed there, µs.
-
-    :param channel: 1 to 24. :param min_us: at position -1; ``centre_us``: at 0; ``max_us``: at 1.
-        No other pulse is ever sent but 0, which is no pulse.
-    :param reversed: position -1 is at ``max_us``. :param rate_us_per_s: greatest change of a
-        command; a failsafe acts at once. :param failsafe_us: for Failsafe.PULSE.
-    """
-
-    name: str
-    channel: int
-    min_us: int = 1000
-    centre_us: int = 1500
-    max_us: int = 2000
-    reversed: bool = False
-    rate_us_per_s: float = math.inf
-    failsafe: Failsafe = Failsafe.RELEASE
-    failsafe_us: int = 1500
-
-    def __post_init__(self) -> None:
-        _check(f'servo.{self.name}.channel', self.channel, 1, PULSE_CHANNELS)
-        if not 0 < self.min_us <= self.centre_us <= self.max_us <= MAX_PULSE_US:
-            limits = f'{self.min_us}, {self.centre_us}, {self.max_us}'
-            raise ValueError(
-                f'servo.{self.name}: min_us, centre_us, max_us = {limits}: rising numbers from 1 '
-                f'to {MAX_PULSE_US} are needed'
-            )
-        if not self.rate_us_per_s > 0.0:
-            raise ValueError(f'servo.{self.name}.rate_us_per_s must be above 0')
-        if self.failsafe is Failsafe.PULSE and not self.min_us <= self.failsafe_us <= self.max_us:
-            raise ValueError(
-                f'servo.{self.name}.failsafe_us = {self.failsafe_us}: must be within min_us and '
-                f'max_us, {self.min_us} to {self.max_us}'
-            )
-
-    def pulse(self, position: float) -> float:
-        """Return the pulse of a position, -1 to 1, in µs; not limited."""
-        position = -position if self.reversed else position
-        end = self.max_us if position > 0.0 else self.min_us
-        return self.centre_us + abs(position) * (end - self.centre_us)
-
-    def limited(self, us: float) -> float:
-        """Return the nearest pulse that is allowed; 0, no pulse, always is."""
-        return min(max(us, self.min_us), self.max_us) if us else 0.0
-
-
-def _check_channels(servos: Sequence[Servo]) -> None:
-    users: dict[int, str] = {}
-    for servo in servos:
-        other = users.setdefault(servo.channel, servo.name)
-        if other != servo.name:
-            raise ValueError(f'servo.{servo.name}.channel = {servo.channel}: is that of {other}')
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Settings:
-    """
-    What a session needs to know.
-
-    :param link_timeout: s without a status message that count as lost; the same for the others.
-    :param poll_rates: Hz, in the order of REPEATED: a message that does not come by itself this
-        often is asked for; 0: never.
-    :param message_rates: Hz, likewise, as set in the device's own menu; for the line's budget.
-    :param command_rate: Hz of pulse commands.
-    :param command_timeout: s, for commands and e-stop input alike.
-    :param estop_states: states of the command channel that are a stop.
     :param axes: of Joy, in this order; so ``buttons``.
-    :param plausible_us: least and greatest pulse of an input that is believed.
-    :param tolerate_faulty_axes: let the sound controls count although others are faulty.
     :param servos: outputs with a name; ``failsafe`` (no PULSE) is for all others.
-    :param keep_aux_outputs: leave the auxiliary outputs alone at a stop, and obey during one.
-    :param lockout_on_start: lock the configuration menus out as soon as the device is there.
-    :param first_nibble: what stands for pulse input 1 in message 11, 0 or 1; for texts only.
-    :param baud: bit/s of the line, for its budget only.
     :raises ValueError: for what cannot be.
     """
 
-    link_timeout: float = 0.25
-    poll_rates: tuple[float, ...] = (20.0, 5.0, 10.0, 50.0, 10.0)
-    message_rates: tuple[float, ...] = (0.0, 0.0, 0.0, 0.0, 0.0)
-    command_rate: float = 50.0
-    command_timeout: float = 0.25
-    estop_states: frozenset[CommandState] = frozenset({CommandState.NO_SIGNAL})
+    TABLE = {name: parameter for name, parameter in _TABLE.items() if name != 'failsafe'}
+    baud: int = _TABLE['baud'].default
+    link_timeout: float = _TABLE['link_timeout'].default
+    poll_rates: tuple[float, ...] = tuple(_TABLE['poll_rates'].default)
+    message_rates: tuple[float, ...] = tuple(_TABLE['message_rates'].default)
+    estop_states: frozenset[CommandState] = frozenset(
+        _STATES[text] for text in _TABLE['estop_states'].default
+    )
+    first_input_nibble: int = _TABLE['first_input_nibble'].default
     axes: tuple[AxisInput, ...] = ()
     buttons: tuple[ButtonInput, ...] = ()
-    plausible_us: tuple[int, int] = (700, 2300)
-    tolerate_faulty_axes: bool = False
+    plausible_us: tuple[int, ...] = tuple(_TABLE['plausible_us'].default)
+    tolerate_faulty_axes: bool = _TABLE['tolerate_faulty_axes'].default
     servos: tuple[Servo, ...] = ()
-    failsafe: Failsafe = Failsafe.RELEASE
-    keep_aux_outputs: bool = False
-    lockout_on_start: bool = False
-    first_nibble: int = 0
-    baud: int = BAUD
+    failsafe: Failsafe = _FAILSAFE
+    command_rate: float = _TABLE['command_rate'].default
+    command_timeout: float = _TABLE['command_timeout'].default
+    keep_aux_outputs: bool = _TABLE['keep_aux_outputs'].default
+    lockout_on_start: bool = _TABLE['lockout_on_start'].default
 
     def __post_init__(self) -> None:
-        for name, (low, high) in _RANGES.items():
-            _check(name, getattr(self, name), low, high)
-        for name in ('poll_rates', 'message_rates'):
-            self._check_rates(name)
+        super().__post_init__()
+        for name in _LISTS:
+            _TABLE[name].validate(list(getattr(self, name)))
         polled = self.poll_rates[0]
         if polled and 2.0 / polled > self.link_timeout:
             raise ValueError(
                 f'poll_rates: status at {polled:g} Hz is too rare for a link_timeout of '
                 f'{self.link_timeout:g} s: one lost message must not be a stop'
             )
-        if not self.plausible_us[0] < self.plausible_us[1]:
-            raise ValueError(f'plausible_us = {list(self.plausible_us)}: least and greatest')
-        axes, buttons = [axis.name for axis in self.axes], [b.name for b in self.buttons]
-        _check_different('axes, buttons', axes + buttons)
+        _check_different('axes, buttons', [each.name for each in (*self.axes, *self.buttons)])
         _check_different('servos', [servo.name for servo in self.servos])
         _check_channels(self.servos)
+        for axis in self.axes:
+            self._check_calibration(axis)
         if self.failsafe is Failsafe.PULSE:
             raise ValueError('failsafe: a pulse needs an output with a name, see servos')
 
-    def _check_rates(self, name: str) -> None:
-        rates = getattr(self, name)
-        if len(rates) != len(REPEATED):
-            raise ValueError(f'{name}: {len(REPEATED)} rates, for messages 10 to 14, are needed')
-        for rate in rates:
-            _check(name, rate, *_RATES)
+    def _check_calibration(self, axis: AxisInput) -> None:
+        low, high = self.plausible_us
+        if not low <= axis.min_us < axis.max_us <= high:
+            raise ValueError(
+                f'{axis.prefix}: min_us and max_us must be within plausible_us, {low}-{high}'
+            )
+
+    @classmethod
+    def from_parameters(cls, values: Mapping[str, Any]) -> Settings:
+        """Return what the parameters say. :raises ValueError: what cannot be."""
+        lists: dict[str, Any] = {name: tuple(values[name]) for name in _LISTS}
+        return cls(
+            estop_states=frozenset(_STATES[text] for text in names_of(values, 'estop_states')),
+            axes=axes_of(values),
+            buttons=buttons_of(values),
+            servos=servos_of(values),
+            failsafe=Failsafe(values['failsafe']),
+            **lists,
+            **cls.named(values),
+        )
 
     def line_warnings(self, configuration: Configuration) -> list[str]:
         """Say which direction asks more of the line than it carries (3.4)."""
@@ -234,6 +118,19 @@ class Settings:
             f'messages {which} the SSC need {bits:.0f} bit/s, the line has {self.baud}: lower '
             'poll_rates, command_rate or the rates in the menu of the SSC'
         ]
+
+
+def _check_different(name: str, values: Sequence[str]) -> None:
+    if len(set(values)) < len(values):
+        raise ValueError(f'{name}: {list(values)} must all differ')
+
+
+def _check_channels(servos: Sequence[Servo]) -> None:
+    users: dict[int, str] = {}
+    for servo in servos:
+        other = users.setdefault(servo.channel, servo.name)
+        if other != servo.name:
+            raise ValueError(f'servo.{servo.name}.channel = {servo.channel}: is that of {other}')
 
 
 def _sizes(configuration: Configuration) -> tuple[int, ...]:

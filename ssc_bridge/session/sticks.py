@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from ssc_bridge.channels import AxisInput
+from ssc_bridge.channels import ButtonInput
 from ssc_bridge.session.events import Sticks
-from ssc_bridge.session.settings import AxisInput
-from ssc_bridge.session.settings import ButtonInput
 from ssc_bridge.session.settings import Settings
 
 

@@ -1,14 +1,9 @@
-"""
-Is it a stop: the command channel, and doubts about the device. Manual 2 and 4.2.1.
-
-Nothing that this node sends makes the device report a stop, so there is no echo to tell apart.
-"""
+"""Is it a stop: the command channel, and doubts about the device. Manual 2 and 4.2.1."""
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Mapping
 
-from bridge_core.session import Verdict
 from ssc_bridge.protocol import AuxInputs
 from ssc_bridge.protocol import ChannelSource
 from ssc_bridge.protocol import CommandState
@@ -18,7 +13,7 @@ from ssc_bridge.protocol import MessageType
 from ssc_bridge.protocol import PulseInputs
 from ssc_bridge.protocol import PulseOutputs
 
-Checked = ChannelSource | PulseOutputs | PulseInputs | AuxInputs
+Checked = ChannelSource | PulseOutputs | PulseInputs | AuxInputs  # against the configuration
 
 _HINTS = {
     CommandState.NO_SIGNAL: 'no pulses from the RC receiver; switch the transmitter on, check '
@@ -40,38 +35,21 @@ def contradiction(message: Checked, configuration: Configuration) -> str:
     return '' if count == expected_count else f'{count} channels, but {expected_count} are set up'
 
 
-class StopJudge:
+def doubts(contradictions: Mapping[MessageType, str], *, confirmed: bool) -> list[str]:
     """
-    Judges what is known of the device.
+    Say why the device may not be what it seems.
 
-    :param estop_states: states of the command channel that are a stop.
+    :param contradictions: of the newest message of each type. :param confirmed: the configuration
+        was read since the device was (re)started, and since the last contradiction.
     """
+    reasons = [
+        f'message {kind.value} contradicts the configuration ({text}); if that stays, power-cycle '
+        'the SSC'
+        for kind, text in contradictions.items()
+    ]
+    return reasons if confirmed else [*reasons, 'the configuration of the SSC is not read yet']
 
-    def __init__(self, estop_states: Collection[CommandState]) -> None:
-        self.confirmed = False  # the configuration was read since the device was (re)started
-        self.contradictions: dict[MessageType, str] = {}  # of the newest message of each type
-        self._estop_states = estop_states
 
-    def forget(self) -> None:
-        """Begin anew with a device that may be another one."""
-        self.confirmed = False
-        self.contradictions.clear()
-
-    def contradicted(self, kind: MessageType, text: str) -> None:
-        """Note what is wrong with a message; the configuration has to be read again."""
-        self.confirmed = False
-        self.contradictions[kind] = text
-
-    def judge(self, state: CommandState | None) -> Verdict:
-        """Return what it all means, with this state of the command channel."""
-        reasons = [
-            f'message {kind.value} contradicts the configuration ({text}); if that stays, '
-            'power-cycle the SSC'
-            for kind, text in self.contradictions.items()
-        ]
-        if not self.confirmed:
-            reasons.append('the configuration of the SSC is not read yet')
-        if state is not None and state in self._estop_states:
-            hint = _HINTS.get(state, 'estop_states has it as a stop')
-            reasons.append(f'command channel: {state.text}; {hint}')
-        return Verdict(bool(reasons), bool(reasons), tuple(reasons))
+def command_stop(state: CommandState) -> str:
+    """Say what a state of the command channel that is a stop means, and what to do."""
+    return f'command channel: {state.text}; {_HINTS.get(state, "estop_states has it as a stop")}'

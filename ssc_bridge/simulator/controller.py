@@ -14,6 +14,7 @@ import math
 import struct
 from typing import Any
 
+from bridge_core.framing import ChecksumError
 from bridge_core.framing import FrameFormat
 from bridge_core.framing import StreamParser
 from bridge_core.simulation import obey
@@ -40,15 +41,13 @@ _SOURCES = ('PIN', 'PINv', 'CONST', 'SERIAL', 'LAST')
 _MESSAGES = (10, 11, 12, 13, 14)  # with a rate, in the order of the rates
 
 
-def _size_of(head: bytes) -> int:
-    return head[3] + 6
+def _decode(frame: bytes) -> tuple[int, bytes]:
+    if sums(frame[2:-2]) != frame[-2:]:
+        raise ChecksumError('wrong sums')
+    return frame[2], frame[4:-2]
 
 
-def _checks(frame: bytes) -> bool:
-    return sums(frame[2:-2]) == frame[-2:]
-
-
-_FORMAT = FrameFormat(b'\x81\xa1', 4, 261, _size_of, _checks)
+_FORMAT = FrameFormat(b'\x81\xa1', 4, 261, lambda head: head[3] + 6, _decode)  # ID and payload
 
 
 class Simulator:
@@ -116,8 +115,8 @@ class Simulator:
         before, entry, keys = self._recent.partition(ENTRY)
         if not entry or not self.config_available:
             self._recent = before[1 - len(ENTRY) :]
-            for frame in self._parser.feed(data, now):
-                self._take(frame[2], frame[4:-2])
+            for kind, payload in self._parser.feed(data, now):
+                self._take(kind, payload)
             self._watch(now)
             return b''
         self._recent = b''
@@ -143,8 +142,8 @@ class Simulator:
         self._now = now
         if now < self._up_at:
             return []
-        for frame in self._parser.poll(now):
-            self._take(frame[2], frame[4:-2])
+        for kind, payload in self._parser.poll(now):
+            self._take(kind, payload)
         self._watch(now)
         frames, self._out = self._out, []
         if self.operates and self.settings.primary == 1:
