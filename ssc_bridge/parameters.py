@@ -12,6 +12,7 @@ from bridge_core.parameters import Parameter
 from bridge_core.parameters import TOLERATE_FAULTY_AXES
 from bridge_core.parameters import with_named
 from ssc_bridge.protocol import BAUD
+from ssc_bridge.protocol import CommandState
 from ssc_bridge.protocol import MAX_INPUTS
 from ssc_bridge.protocol import MAX_PULSE_US
 from ssc_bridge.protocol import PULSE_CHANNELS
