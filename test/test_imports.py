@@ -51,6 +51,8 @@ BRIDGE = {
     'convert': ('{bridge}.protocol', 'OTHER', 'bridge_core.convert', 'MESSAGES'),
     # The node's parameters, in a file of their own: below the node, too.
     'parameters': ('{bridge}.protocol', 'OTHER', 'bridge_core.parameters'),
+    # What the mux makes of its parameters.
+    'configuration': ('{bridge}', 'bridge_core.parameters'),
     'node': ('{bridge}', 'bridge_core', 'rclpy', 'MESSAGES', 'STDLIB'),
     'simulator': ('{bridge}.protocol', 'bridge_core'),
     # A device's configuration and the dialogue with its menus: pure. Only the command has a port.

@@ -1,0 +1,136 @@
+"""The objects that are made from the mux's parameters."""
+
+from collections.abc import Callable
+from collections.abc import Mapping
+from typing import Any
+from typing import TypeVar
+
+from bridge_core.parameters import names_of
+from bridge_core.parameters import ParameterError
+from safety_mux.limits import JointLimit
+from safety_mux.mapping import JoyMapping
+from safety_mux.mapping import Stick
+from safety_mux.protocol import Autonomy
+from safety_mux.protocol import EStopSource
+from safety_mux.protocol import MuxConfig
+from safety_mux.protocol import Operator
+
+_T = TypeVar('_T')
+
+
+def mux_config(values: Mapping[str, Any]) -> MuxConfig:
+    """Return the arbiter's configuration. :raises ParameterError: it is not valid."""
+    return _built(
+        'parameters',
+        lambda: MuxConfig(
+            joints=len(values['joints']),
+            sources=tuple(_source(values, name) for name in names_of(values, 'estop_sources')),
+            operators=tuple(
+                Operator(
+                    name,
+                    priority=values[f'operator.{name}.priority'],
+                    timeout=values[f'operator.{name}.timeout'],
+                )
+                for name in names_of(values, 'operators')
+            ),
+            autonomy=Autonomy(values['autonomy.timeout']) if values['autonomy.topic'] else None,
+            **{
+                name: values[name]
+                for name in ('clear_time', 'neutral_time', 'hold_time', 'stall_limit', 'stop_time')
+            },
+        ),
+    )
+
+
+def joy_mapping(values: Mapping[str, Any], operator: str) -> JoyMapping:
+    """Return an operator's mapping. :raises ParameterError: it does not fit the joints."""
+    prefix = f'operator.{operator}'
+    axes = values[f'{prefix}.axis']
+
+    def spread(name: str) -> list[Any]:
+        given = values[f'{prefix}.{name}']
+        if len(given) not in (1, len(axes)):
+            raise ValueError(f'{name} must have 1 or {len(axes)} elements, as axis has')
+        return list(given) * (len(axes) if len(given) == 1 else 1)
+
+    def build() -> JoyMapping:
+        columns = (spread(name) for name in ('scale', 'inverted', 'deadband', 'expo'))
+        mapping = JoyMapping(
+            sticks=tuple(Stick(*row) for row in zip(axes, *columns, strict=True)),
+            deadman=tuple(values[f'{prefix}.deadman_buttons']),
+            mixing=values[f'{prefix}.mixing'],
+            pressed_at=values[f'{prefix}.pressed_at'],
+        )
+        if mapping.joints != len(values['joints']):
+            raise ValueError(f'gives {mapping.joints} joints, there are {len(values["joints"])}')
+        return mapping
+
+    return _built(f'{prefix}.*', build)
+
+
+def joint_limits(values: Mapping[str, Any]) -> list[JointLimit]:
+    """Return the limits of each joint, in order. :raises ParameterError: one is not above 0."""
+
+    def build() -> list[JointLimit]:
+        return [
+            JointLimit(
+                magnitude=values[f'joint.{name}.max'],
+                acceleration=values[f'joint.{name}.acceleration'],
+                deceleration=values[f'joint.{name}.deceleration'],
+            )
+            for name in values['joints']
+        ]
+
+    return _built('joint.*', build)
+
+
+def check(values: Mapping[str, Any]) -> None:
+    """Refuse contradictory values. :raises ParameterError: with the parameter's name."""
+    for prefix, list_name in (('estop', 'estop_sources'), ('operator', 'operators')):
+        for name in names_of(values, list_name):
+            if not values[f'{prefix}.{name}.topic']:
+                raise ParameterError(
+                    f'parameter {prefix}.{name}.topic is empty: give the topic of {name!r}'
+                )
+    _check_topics(values)
+    if len(set(values['joints'])) < len(values['joints']) or '' in values['joints']:
+        raise ParameterError(
+            f'parameter joints = {values["joints"]}: names must be there and differ'
+        )
+    twist = values['autonomy.type'] != 'JointState'
+    if values['autonomy.topic'] and twist and len(values['joints']) != 2:
+        raise ParameterError('parameter autonomy.type: Twist needs two joints, left and right')
+    if 1.0 / values['rate'] >= values['stall_limit']:
+        raise ParameterError('parameter stall_limit: must be longer than the period of rate')
+    mux_config(values)
+    joint_limits(values)
+    for name in names_of(values, 'operators'):
+        joy_mapping(values, name)
+
+
+def _check_topics(values: Mapping[str, Any]) -> None:
+    """Refuse one topic for two inputs: which of them it is for would be ambiguous."""
+    users: dict[str, str] = {}
+    for name, topic in values.items():
+        is_input = name.endswith(('.topic', '.own_topic')) and topic
+        if is_input and users.setdefault(topic, name) != name:
+            raise ParameterError(f'parameter {name} = {topic!r}: is also that of {users[topic]}')
+
+
+def _source(values: Mapping[str, Any], name: str) -> EStopSource:
+    prefix = f'estop.{name}'
+    return EStopSource(
+        name,
+        timeout=values[f'{prefix}.timeout'],
+        counts=values[f'{prefix}.counts'],
+        operator=values[f'{prefix}.operator'] or None,
+        stop_category=values[f'{prefix}.stop_category'],
+        own_topic=bool(values[f'{prefix}.own_topic']),
+    )
+
+
+def _built(what: str, build: Callable[[], _T]) -> _T:
+    try:
+        return build()
+    except ValueError as error:
+        raise ParameterError(f'{what}: {error}') from error
