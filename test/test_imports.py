@@ -200,7 +200,7 @@ def test_every_bridge_is_checked() -> None:
         ('new_bridge.session', 'import importlib'),
         ('new_bridge.session', 'import new_bridge'),
         ('new_bridge.session', "__import__('time')"),
-        ('new_bridge.session', 'from bridge_core.framing import Counters'),
+        ('new_bridge.session', 'from bridge_core.checksums import fletcher16'),
         ('new_bridge.session', 'from new_bridge.convert import joy'),
         ('new_bridge.session', 'from new_bridge.simulator import Device'),
         ('new_bridge.session.queue', 'import asyncio'),
