@@ -17,7 +17,7 @@ from esi_drive_bridge.simulator import Simulator
 from test.rig import latched
 from test.rig import NodeProcess
 from test.rig import Observer
-from test.spine import Drive
+from test.stage import Drive
 from test.talkers import Diagnostics
 from test.talkers import namespace
 from test.talkers import Talker
