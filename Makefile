@@ -22,7 +22,7 @@ unexport VIRTUAL_ENV
 .PHONY: demo test lint bench clean
 
 demo: $(STAMP)
-	$(BIN)/rugged_teleop_demo $(ARGS)
+	$(BIN)/python -m demo $(ARGS)
 
 test: $(STAMP)
 	$(BIN)/python -m pytest $(ARGS)

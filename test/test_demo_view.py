@@ -3,19 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import pytest
 
-from esi_drive_bridge.protocol import AxisCommand
-from esi_drive_bridge.protocol import Command
-from esi_drive_bridge.protocol import Mode
-from rugged_teleop.demo_view import Hands
-from rugged_teleop.demo_view import keys_in
-from rugged_teleop.demo_view import picture
-from rugged_teleop.demo_view import Snapshot
+from demo.view import Hands
+from demo.view import keys_in
+from demo.view import picture
+from demo.view import Snapshot
+from test.demo_rig import turn
 
 PACKET = bytes.fromhex('f0f0 040000 040000 71d4')
-TURN = Command((AxisCommand(True, False, Mode.VELOCITY, 500),) * 2)
 
 
 def hands() -> tuple[Hands, list[tuple[str, str]]]:
@@ -113,9 +111,9 @@ def test_keys_call_services_and_faults() -> None:
     assert said == [
         ('vsc', 'ack'),
         ('vsc', 'mode operational'),
-        ('service', 'reset'),
-        ('service', 'clear_errors'),
-        ('service', 'trip'),
+        ('service', '/safety_mux/reset'),
+        ('service', '/esi_drive_bridge/clear_errors'),
+        ('service', '/safety_mux/trip'),
         ('drive', 'fault a overcurrent pulse'),
         ('unit', 'arm 1'),
         ('unit', 'disarm'),
@@ -141,8 +139,8 @@ def test_keys_are_told_apart_in_one_read() -> None:
     assert keys_in(b'\xff') == []
 
 
-SEEN = Snapshot(
-    vsc={
+DEVICES: dict[str, dict[str, Any]] = {
+    'vsc': {
         'plugged': True,
         'mode': 'Operational',
         'remote_estop': False,
@@ -152,29 +150,34 @@ SEEN = Snapshot(
         'sticks': {'left_x': 0.0, 'left_y': 0.6},
         'buttons': ['left_down'],
     },
-    unit={
+    'unit': {
         'state': 'External link error',
         'armed': '1',
         'relays_closed': False,
         'remotes': {'1': {'on': ['radio'], 'sticks': [0.0, 0.4], 'switches': [1]}},
     },
-    ssc={
+    'ssc': {
         'receiver': True,
         'command_state': '1 ms',
         'inputs_us': [1000, 1500, 1800, 2000],
         'outputs_us': [1650],
     },
-    monitor={'rotation_deg': 12.34, 'elevation_deg': -3.0, 'moving': True},
+    'monitor': {'rotation_deg': 12.34, 'elevation_deg': -3.0, 'moving': True},
+    'drive': {
+        'rpm': [1000.0, -2500.0],
+        'enabled': [True, False],
+        'errors': [[], ['overcurrent']],
+    },
+}
+SEEN = Snapshot(
+    devices=DEVICES,
     turns=True,
-    drive={'rpm': [1000.0, -2500.0], 'enabled': [True, False], 'errors': [[], ['overcurrent']]},
     axes=(0.0, 0.6),
     buttons=(1, 0),
     estops={'VSC': False, 'drive': True},
-    state='ACTIVE',
-    owner='fort',
-    inhibits=('a reason ' * 30,),
+    status={'state': 'ACTIVE', 'owner': 'fort', 'inhibit 1': 'a reason ' * 30},
     velocities={'left': 10.0},
-    to_drive=(PACKET, TURN),
+    to_drive=(PACKET, turn(0.0)),
     from_drive=b'\xf0\xf0',
 )
 
@@ -192,7 +195,7 @@ def test_picture_shows_stops_wire_and_motors() -> None:
         'VM-110   External link error, remote 1 armed, stop switch released, relays OPEN',
         'y +0.40, deadman HELD',
         'receiver on, command channel 1 ms, stick x 1500 y 1800, deadman HELD, throttle 1650 us',
-        'rotation +12.3 elevation -3.0 degrees, told turn, moves',
+        'rotation +12.3 elevation -3.0 degrees, command turn, moves',
         'VSC clear   drive STOP',
         'ACTIVE, owner fort',
         'f0 f0 04 00 00 04 00 00 71 d4',
@@ -206,27 +209,30 @@ def test_picture_shows_stops_wire_and_motors() -> None:
 
 
 def test_low_terminal_loses_blank_lines_before_any_words() -> None:
-    roomy = picture(replace(SEEN, inhibits=()), height=40)
+    roomy = picture(replace(SEEN, status={}), height=40)
     assert '' in roomy
-    assert picture(replace(SEEN, inhibits=()), height=24) == [line for line in roomy if line]
-    assert len(picture(replace(SEEN, inhibits=()), height=24)) <= 24
+    assert picture(replace(SEEN, status={}), height=24) == [line for line in roomy if line]
+    assert len(picture(replace(SEEN, status={}), height=24)) <= 24
 
 
 def test_picture_of_nothing_heard_says_so() -> None:
     nothing = replace(
         SEEN,
-        vsc={**SEEN.vsc, 'plugged': False},
+        devices={
+            **DEVICES,
+            'vsc': {**DEVICES['vsc'], 'plugged': False},
+            'ssc': {
+                'receiver': False,
+                'command_state': 'no signal',
+                'inputs_us': 4 * [None],
+                'outputs_us': [None],
+            },
+            'monitor': {**DEVICES['monitor'], 'moving': False},
+        },
         axes=(),
         estops={'VSC': None},
-        ssc={
-            'receiver': False,
-            'command_state': 'no signal',
-            'inputs_us': 4 * [None],
-            'outputs_us': [None],
-        },
-        monitor={**SEEN.monitor, 'moving': False},
         turns=None,
-        state='',
+        status={},
         to_drive=(b'', None),
         from_drive=b'',
         velocities={},
@@ -234,6 +240,6 @@ def test_picture_of_nothing_heard_says_so() -> None:
     text = '\n'.join(picture(nothing))
     for words in (
         *('UNPLUGGED', 'VSC silent (STOP)', 'not heard yet', 'no packets', 'axes none'),
-        *('receiver OFF', 'no signal', 'told nothing, still'),
+        *('receiver OFF', 'no signal', 'command nothing, still'),
     ):
         assert words in text
