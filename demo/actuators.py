@@ -13,12 +13,12 @@ from functools import partial
 import time
 
 from akron_can_bridge import protocol as akron
-from demo.actor import Actor
-from demo.actor import DEMAND_LIMIT
-from demo.actor import RC
-from demo.actor import Step
-from demo.actor import step
 from demo.stage import SHUT_US
+from demo.steering import DEMAND_LIMIT
+from demo.steering import RC
+from demo.steering import Steering
+from demo.steering import Step
+from demo.steering import step
 from fort_vsc_bridge.protocol import AXIS_NAMES
 from fort_vsc_bridge.protocol import Joystick
 from rugged_teleop.canbuses import unpack
@@ -38,13 +38,13 @@ _TURNED = 1.0  # degrees, and more than that if it turns
 _OVERLAP = 0.1  # s of bytes before the wanted ones, for a frame that began there
 
 
-class Actuators(Actor):
+class Actuators(Steering):
     """Turns the monitor, drives by the SSC's receiver, and watches what the stops do to both."""
 
     @property
     def actuator_steps(self) -> list[Step]:
         """What is expected, and what shows it; from FORT in motion to FORT in motion."""
-        turn, lose = partial(self.persist, self._turn), self.stop_receiver
+        turn, lose = partial(self.retry, self._turn), self.stop_receiver
         return [
             step("FORT's right stick turns the monitor; a servo follows the motors", turn),
             step("FORT's e-stop stops motors, monitor and servo", self.stop_all),
@@ -97,8 +97,8 @@ class Actuators(Actor):
 
     def all_stopped(self, cause: str, act: Callable[[], float], limit: float) -> str:
         """Stop motors, monitor and servo in mid-motion, and measure all three."""
-        if not (self._is_turned() and self._is_open()):  # a timeout: see persist
-            self.persist(self._turn)
+        if not (self._is_turned() and self._is_open()):  # a timeout: see retry
+            self.retry(self._turn)
         happened = [
             self.stopped(cause, act, limit),
             self.reacts(f'{cause}, to a neutral frame', 'monitor neutral', self._rest, limit),

@@ -13,17 +13,17 @@ from collections.abc import Callable
 from functools import partial
 import time
 
-from demo.actor import FORT
-from demo.actor import RAMP_LIMIT
-from demo.actor import SILENT_LIMIT
-from demo.actor import Step
-from demo.actor import step
-from demo.actor import UNIT_SILENT_LIMIT
-from demo.actor import VM110
 from demo.actuators import Actuators
 from demo.stage import DemoError
 from demo.stage import ESTOPS
 from demo.stage import STACK
+from demo.steering import FORT
+from demo.steering import RAMP_LIMIT
+from demo.steering import SILENT_LIMIT
+from demo.steering import Step
+from demo.steering import step
+from demo.steering import UNIT_SILENT_LIMIT
+from demo.steering import VM110
 from fort_vsc_bridge.protocol import Heartbeat
 from test.stage import BETWEEN_RESETS
 from test.stage import CLEAR_ERRORS
@@ -87,16 +87,16 @@ class Scene(Actuators):
     @property
     def handover_steps(self) -> list[Step]:
         """What is expected, and what shows it; from FORT in motion to FORT in motion."""
-        leave, drive, persist = self.leave_fort, partial(self.drive, VM110), self.persist
+        leave, drive, retry = self.leave_fort, partial(self.drive, VM110), self.retry
         arm, hold = partial(self.keep_fort, self._arm), partial(self.keep_fort, self._hold_unit)
         alone = step('FORT released, VM-110 still held: it stops, and nothing moves', leave)
         unit = step("VM-110's sticks let go, then its deadman: it drives", drive)
         back = step('a reset, and FORT drives again', self.return_to_fort)
         return [
-            step('a VM-110 armed and enabled takes nothing from FORT', persist, arm),
-            step('its deadman does not take over from FORT, which ranks higher', persist, hold),
+            step('a VM-110 armed and enabled takes nothing from FORT', retry, arm),
+            step('its deadman does not take over from FORT, which ranks higher', retry, hold),
             *(alone, unit),
-            step("FORT's deadman takes over from VM-110, through zero", persist, self.take_over),
+            step("FORT's deadman takes over from VM-110, through zero", retry, self.take_over),
             *(alone, unit),
             step("VM-110's stop switch stops", self.stop_unit),
             step("it opens the VSC's Master Enables too", self.see_enables_open),
@@ -146,15 +146,15 @@ class Scene(Actuators):
         started_at = time.monotonic()
 
         def connected() -> bool:
-            if all(self.stage.is_clear(bridge) for bridge in ESTOPS.values()):
-                return self.has_fallen()
-            self.tend()  # until the mux has heard the drive, it asks the VSC to stop
+            if all(self.stage.is_clear(node) for node in ESTOPS.values()):
+                return self.is_stopped()
+            self.acknowledge_and_rearm()  # the mux stops the VSC until it has heard the drive
             return False
 
-        def who() -> str:
-            return f'stops: {[n for n, node in ESTOPS.items() if not self.stage.is_clear(node)]}'
+        def missing() -> str:
+            return f'missing: {[name for name in ESTOPS if not self.stage.is_clear(ESTOPS[name])]}'
 
-        self.wait(connected, who, START_LIMIT)
+        self.wait(connected, missing, START_LIMIT)
         took = time.monotonic() - started_at
         return f'all without a stop after {took:.1f} s, the mux is {self.state}'
 
@@ -190,7 +190,7 @@ class Scene(Actuators):
             self.restart()
 
         cause = 'VSC silent, since its last heartbeat'
-        return self.persist(partial(self.stopped, cause, hang, SILENT_LIMIT), undo)
+        return self.retry(partial(self.stopped, cause, hang, SILENT_LIMIT), undo)
 
     def end_silence(self) -> str:
         since = self.stage.vsc.apply('stall off')
@@ -214,7 +214,7 @@ class Scene(Actuators):
         may_end_at = time.monotonic() + BETWEEN_RESETS
 
         def has_trip(value: str) -> bool:
-            return self.has_fallen() and self.stage.values['trip active'] == value
+            return self.is_stopped() and self.stage.values['trip active'] == value
 
         def is_tripped() -> bool:
             at_rest = self.stage.values['operators at rest'] == 'true'
@@ -309,7 +309,7 @@ class Scene(Actuators):
 
         Measured is the way down to zero, from FORT's message of its deadman on.
         """
-        self.hand = VM110
+        self.operator = VM110
         if not self.moving() or self.owner != VM110:
             self.set_off()
         free_at = time.monotonic() + _WATCHED  # not within hold_time of the last change of owner
@@ -318,7 +318,7 @@ class Scene(Actuators):
         self.caused_at = self.vsc_deadman(True)
         self.stage.vsc.apply('stick left_y -0.6')
         self.wait_for_owner(FORT)
-        self.hand = FORT
+        self.operator = FORT
 
         def reversed_at() -> float:
             packets = self.stage.drive.packets(self.caused_at)

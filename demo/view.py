@@ -1,8 +1,8 @@
 """
 The live view: remotes, e-stops, the mux and its reasons, the wires, what moves; keys steer.
 
-``Hands`` turns keys into commands and ``picture`` turns a snapshot into lines; neither needs a
-terminal. ``live`` joins them to one.
+``Keyboard`` turns keys into commands and ``picture`` a stage into lines; neither needs a terminal.
+``live`` joins them to one.
 """
 
 from __future__ import annotations
@@ -75,7 +75,6 @@ _PLAIN = {
 }
 
 _ESTOP = {True: 'STOP', False: 'clear', None: 'silent (STOP)'}
-_TURNS = {True: 'turn', False: 'neutral', None: 'nothing'}
 _CHAIN = {True: 'closed', False: 'OPEN'}
 _HELD = {True: 'HELD', False: 'released'}
 _MODES = ('torque', 'velocity', 'position', 'no mode')  # of an axis: bits 2 and 3 of its flags
@@ -87,7 +86,7 @@ _HOME, _END_OF_LINE, _BLANK_REST = '\x1b[H', '\x1b[K\r\n', '\x1b[J'
 
 
 @dataclass(slots=True)
-class Hands:
+class Keyboard:
     """The hands on the remotes, which have no springs: a terminal reports no key's release."""
 
     say: Callable[[str, str], None]  # a device of the stage, or 'service'; command or name
@@ -116,50 +115,19 @@ class Hands:
         self.say(target, f'{command} {1500 + round(500 * value) if target == "ssc" else value}')
 
 
-@dataclass(frozen=True, slots=True)
-class Snapshot:
-    """Everything that the picture shows, taken at one moment."""
-
-    devices: dict[str, dict[str, Any]]  # of the stage, as the simulators describe themselves
-    axes: tuple[float, ...]  # of FORT's Joy
-    buttons: tuple[int, ...]
-    estops: dict[str, bool | None]  # None: not heard lately
-    status: dict[str, str]  # the mux's fields
-    velocities: dict[str, float]  # rad/s
-    to_drive: tuple[bytes, Packet | None]
-    from_drive: bytes
-    turns: bool | None  # whether the monitor's newest command turns it; None: none lately
-    note: str = ''
-
-
-def take(stage: DemoStage, note: str = '') -> Snapshot:
-    """Return what there is to see now."""
-    since = time.monotonic() - _RECENT
-    received, sent = stage.drive.received(since), stage.drive.sent(since)
-    frames, packets = turns_in(stage.monitor.received(since)), stage.drive.packets(since)
-    joints = stage.relay.joints
-    return Snapshot(
-        devices={name: getattr(stage, name).describe() for name in _DEVICES},
-        axes=stage.axes,
-        buttons=tuple(stage.relay.joy.buttons),
-        estops={name: stage.estop(node, _RECENT) for name, node in ESTOPS.items()},
-        status=stage.values,
-        velocities=dict(zip(joints.name, joints.velocity, strict=False)),
-        to_drive=(received[-1].data if received else b'', packets[-1] if packets else None),
-        from_drive=sent[-1].data if sent else b'',
-        turns=frames[-1][1] if frames else None,
-        note=note,
-    )
-
-
-def picture(seen: Snapshot, width: int = 100, height: int = 50) -> list[str]:
+def picture(stage: DemoStage, note: str, width: int = 100, height: int = 50) -> list[str]:
     """Return the lines of the view, none longer than ``width``; tight where there are too many."""
-    vsc, unit, ssc, monitor, drive = (seen.devices[name] for name in _DEVICES)
-    status, remote, sticks = seen.status, unit['remotes']['1'], vsc['sticks']
+    vsc, unit, ssc, monitor, drive = (getattr(stage, name).describe() for name in _DEVICES)
+    since, status = time.monotonic() - _RECENT, stage.values
+    received, sent = stage.drive.received(since)[-1:], stage.drive.sent(since)[-1:]
+    turns = [turns for _, turns in turns_in(stage.monitor.received(since))][-1:]
+    remote, sticks, joints = unit['remotes']['1'], vsc['sticks'], stage.relay.joints
     pressed = ', '.join(by for by in ('remote', 'wired', 'host') if vsc[f'{by}_estop']) or 'none'
-    axes = ' '.join(f'{axis:+.2f}' for axis in seen.axes) or 'none'
+    axes = ' '.join(f'{axis:+.2f}' for axis in stage.axes) or 'none'
+    buttons = ''.join(map(str, stage.relay.joy.buttons)) or 'none'
     turn, forward, deadman = (us or 0 for us in ssc['inputs_us'][1:4])
-    speeds = ', '.join(f'{name} {value:+.2f}' for name, value in seen.velocities.items())
+    speeds = ', '.join(map('{} {:+.2f}'.format, joints.name, joints.velocity)) or 'not heard'
+    estops = (f'{name} {_ESTOP[stage.estop(node, _RECENT)]}' for name, node in ESTOPS.items())
     inhibits = [text for key, text in status.items() if key.startswith('inhibit')]
     lines = [
         'rugged_teleop demo: simulated devices, real nodes',
@@ -168,7 +136,7 @@ def picture(seen: Snapshot, width: int = 100, height: int = 50) -> list[str]:
         f'e-stop by {pressed}, Master Enable {_CHAIN[vsc["master_enable"]]}',
         f'         left stick x {sticks["left_x"]:+.2f} y {sticks["left_y"]:+.2f}, '
         f'deadman {_HELD["left_down" in vsc["buttons"]]}',
-        f'         Joy axes {axes}   buttons {"".join(map(str, seen.buttons)) or "none"}',
+        f'         Joy axes {axes}   buttons {buttons}',
         f'VM-110   {unit["state"]}, remote 1 {"armed" if unit["armed"] == "1" else "not armed"}, '
         f'stop switch {"PRESSED" if "stopped" in remote["on"] else "released"}, '
         f'relays {_CHAIN[unit["relays_closed"]]}',
@@ -178,21 +146,22 @@ def picture(seen: Snapshot, width: int = 100, height: int = 50) -> list[str]:
         f'command channel {ssc["command_state"]}, stick x {turn} y {forward}, '
         f'deadman {_HELD[deadman > 1500]}, throttle {ssc["outputs_us"][0]} us',
         '',
-        'e-stops  ' + '   '.join(f'{n} {_ESTOP[value]}' for n, value in seen.estops.items()),
+        f'e-stops  {"   ".join(estops)}',
         f'mux      {status.get("state", "not heard yet")}, owner {status.get("owner", "none")}',
         *_wrapped(inhibits or ['nothing holds it back'], width),
         '',
-        f'to drive    {seen.to_drive[0].hex(" ") or "nothing"}',
-        f'            {_command(seen.to_drive[1])}',
-        f'from drive  {seen.from_drive.hex(" ") or "nothing"}',
+        f'to drive    {received[0].data.hex(" ") if received else "nothing"}',
+        f'            {_command(stage.drive.packets(since)[-1:])}',
+        f'from drive  {sent[0].data.hex(" ") if sent else "nothing"}',
         '',
         *map(_motor_line, 'AB', drive['rpm'], drive['enabled'], drive['errors']),
-        f'joints   {speeds or "not heard"} rad/s',
+        f'joints   {speeds} rad/s',
         f'monitor  rotation {monitor["rotation_deg"]:+.1f} elevation '
-        f'{monitor["elevation_deg"]:+.1f} degrees, command {_TURNS[seen.turns]}, '
+        f'{monitor["elevation_deg"]:+.1f} degrees, '
+        f'command {"nothing" if not turns else "turn" if turns[0] else "neutral"}, '
         f'{"moves" if monitor["moving"] else "still"}',
         '',
-        f'>        {seen.note}',
+        f'>        {note}',
         '',
         *_KEYS,
     ]
@@ -206,11 +175,11 @@ def _wrapped(texts: list[str], width: int) -> list[str]:
     return [line for text in texts for line in wrap(text, width)]
 
 
-def _command(packet: Packet | None) -> str:
-    axes = zip('AB', packet.flags, packet.values, strict=True) if packet else ()
+def _command(packets: list[Packet]) -> str:
     words = (
         f'{letter}: {"enable" if flags & 1 else "disable"} {_MODES[flags >> 2 & 3]} {value}'
-        for letter, flags, value in axes
+        for packet in packets
+        for letter, flags, value in zip('AB', packet.flags, packet.values, strict=True)
     )
     return '   '.join(words) or 'no packets'
 
@@ -251,12 +220,12 @@ class _Terminal:
     def __init__(self, stage: DemoStage, keyboard: int) -> None:
         self._stage = stage
         self._keyboard = keyboard
-        self._hands = Hands(self._say)
+        self._keys = Keyboard(self._say)
         self._note = 'press a; when the VSC and the drive are clear, press r, d and an arrow'
 
     def run(self) -> None:
         """Draw and obey until the user leaves. :raises DemoError: the stack has ended."""
-        while not self._hands.leaving:
+        while not self._keys.leaving:
             self._stage.check()
             self._draw()
             end = time.monotonic() + PERIOD
@@ -272,13 +241,13 @@ class _Terminal:
 
     def _press(self, key: str) -> None:
         try:
-            self._hands.press(key)
+            self._keys.press(key)
         except ValueError as error:
             self._note = str(error)
 
     def _draw(self) -> None:
         width, height = shutil.get_terminal_size()
-        lines = picture(take(self._stage, self._note), width - 1, height - 1)[: height - 1]
+        lines = picture(self._stage, self._note, width - 1, height - 1)[: height - 1]
         text = ''.join(f'{line}{_END_OF_LINE}' for line in lines)
         print(f'{_HOME}{text}{_BLANK_REST}', end='', flush=True)
 

@@ -38,7 +38,7 @@ def wait(stage: DemoStage, condition: Callable[[], Any], what: str) -> None:
 # What people do.
 
 
-def tend(stage: DemoStage) -> None:
+def acknowledge_and_rearm(stage: DemoStage) -> None:
     """Acknowledge and rearm, as far as the devices let it be done."""
     for device, command in ((stage.vsc, 'ack'), (stage.unit, 'arm 1')):
         with contextlib.suppress(ValueError):
@@ -49,12 +49,12 @@ def may_reset(stage: DemoStage) -> bool:
     """Tell whether nothing is missing but a reset, after tending to what is missing."""
     if stage.may_reset() and relays_closed(stage):
         return True
-    tend(stage)
+    acknowledge_and_rearm(stage)
     return False
 
 
 def recover(stage: DemoStage) -> None:
-    """Nobody presses anything: tend to the devices until they are clear, then reset."""
+    """Nobody presses anything: acknowledge and rearm until all is clear, then reset."""
     for _ in range(TRIES):
         wait(stage, lambda: may_reset(stage), 'clear devices')
         reply = stage.reset()
@@ -104,7 +104,7 @@ def release(stage: DemoStage, first: str) -> None:
         'vm110': lambda: stage.unit.apply('stop 1 off'),
     }
     releases.pop(first)()
-    tend(stage)
+    acknowledge_and_rearm(stage)
     assert not stage.reset().success
     (release_last,) = releases.values()
     release_last()

@@ -21,11 +21,11 @@ from typing import Any
 import pytest
 
 from demo import __main__ as demo
-from demo.actor import Actor
-from demo.actor import Late
-from demo.actor import shortened
-from demo.actor import Step
 from demo.scene import Scene
+from demo.steering import Late
+from demo.steering import shortened
+from demo.steering import Steering
+from demo.steering import Step
 from rugged_teleop.domains import claim_domain
 from rugged_teleop.ports import Chunk
 from test.demo_rig import FakeStage
@@ -90,9 +90,9 @@ def stop_with(delay: float, *, again: bool = False, patience: float = 1.0) -> st
             stage.drive.all_packets += (turn(now + delay + 0.01),)
         return now
 
-    actor: Any = Actor(stage, patience)
-    actor._spin = lambda seconds: None  # nobody was late
-    return str(actor.stopped('a stop', act, 0.15))
+    steering: Any = Steering(stage, patience)
+    steering._spin = lambda seconds: None  # nobody was late
+    return str(steering.stopped('a stop', act, 0.15))
 
 
 def test_stop_in_time_is_measured() -> None:
@@ -107,8 +107,10 @@ def test_stop_that_comes_too_late_is_missed() -> None:
     assert 'disabled 290.0 ms' in stop_with(0.29, patience=2.0)
 
 
-def test_late_stop_is_tried_again_and_told_but_not_for_ever() -> None:
-    actor = Actor(FakeStage(stopped_by="e-stop source 'fort'"))  # that it was a timeout is not why
+def test_late_stop_is_tried_again_and_reported_but_not_for_ever() -> None:
+    steering = Steering(
+        FakeStage(stopped_by="e-stop source 'fort'")
+    )  # that it was a timeout is not why
     undone: list[str] = []
     tries: Iterator[Late | str] = iter([Late('320 ms'), '280 ms'])
 
@@ -118,21 +120,21 @@ def test_late_stop_is_tried_again_and_told_but_not_for_ever() -> None:
             raise happened
         return happened
 
-    assert actor.persist(stop, lambda: undone.append('undone')) == '280 ms; at first: 320 ms'
+    assert steering.retry(stop, lambda: undone.append('undone')) == '280 ms; at first: 320 ms'
     assert undone == ['undone']
     tries = itertools.repeat(Late('320 ms'))
     with pytest.raises(Late):
-        actor.persist(stop, lambda: None)
+        steering.retry(stop, lambda: None)
 
 
 def test_stop_that_was_undone_is_not_tried_again_as_a_late_one() -> None:
-    actor = Actor(FakeStage(stopped_by="e-stop source 'fort'"))
+    steering = Steering(FakeStage(stopped_by="e-stop source 'fort'"))
 
     def stop() -> str:
         raise AssertionError('packets enable again')
 
     with pytest.raises(AssertionError, match='enable again'):
-        actor.persist(stop, lambda: None)
+        steering.retry(stop, lambda: None)
 
 
 @pytest.mark.parametrize(
@@ -160,9 +162,9 @@ def test_only_what_a_timeout_has_stopped_is_tried_again(
         "condition_of_operator_'fort'": 'rested',
         "condition_of_e-stop_source_'fort'": 'clear',
     }
-    actor: Any = Actor(FakeStage(**(well | fields)))
+    steering: Any = Steering(FakeStage(**(well | fields)))
     recovered: list[str] = []
-    actor._recover = lambda: recovered.append('recovered')
+    steering._recover = lambda: recovered.append('recovered')
     tries = iter([AssertionError('it stopped')])
 
     def act() -> str:
@@ -171,10 +173,10 @@ def test_only_what_a_timeout_has_stopped_is_tried_again(
         return 'it moves'
 
     if again:
-        assert actor.persist(act).startswith('it moves; at first: ')
+        assert steering.retry(act).startswith('it moves; at first: ')
     else:
         with pytest.raises(AssertionError, match='it stopped'):
-            actor.persist(act)
+            steering.retry(act)
     assert bool(recovered) is again
 
 
@@ -186,21 +188,21 @@ def test_enable_packet_after_the_stop_is_missed() -> None:
 
 
 def test_enable_packet_while_nothing_may_move_is_missed() -> None:
-    actor = Actor(FakeStage(still(2.0), turn(3.0)))
+    steering = Steering(FakeStage(still(2.0), turn(3.0)))
     with pytest.raises(AssertionError, match='disable packets only'):
-        actor.still(1.0)
+        steering.still(1.0)
 
 
 def test_end_of_all_packets_is_missed() -> None:
     with pytest.raises(AssertionError, match='packets, which never end'):
-        Actor(FakeStage()).still(1.0)
+        Steering(FakeStage()).still(1.0)
 
 
 def refused(reply: tuple[bool, str], afterwards: bool = True) -> str:
     """Let the scene call for a reset that must be refused, with this answer."""
     stage: Any = FakeStage()
     stage.reset = lambda: SimpleNamespace(success=reply[0], message=reply[1])
-    return Actor(stage).refused_reset(lambda: True, lambda: afterwards)
+    return Steering(stage).refused_reset(lambda: True, lambda: afterwards)
 
 
 def test_wrong_restart_that_is_accepted_is_missed() -> None:
@@ -217,7 +219,7 @@ def test_wrong_restart_that_a_timeout_refuses_first_is_tried_again() -> None:
     held = iter([True, False, True, True])  # before and after each of two resets
     stage: Any = FakeStage()
     stage.reset = lambda: SimpleNamespace(success=False, message='not reset: not at neutral')
-    assert Actor(stage).refused_reset(lambda: next(held)) == 'not reset: not at neutral'
+    assert Steering(stage).refused_reset(lambda: next(held)) == 'not reset: not at neutral'
     assert next(held, None) is None
 
 
@@ -227,9 +229,9 @@ def test_wrong_restart_that_a_timeout_refuses_first_is_tried_again() -> None:
 def test_only_what_is_held_hinders_a_reset_once_all_stops_are_clear(
     clear: str, at_rest: str, held: bool
 ) -> None:
-    actor: Any = Actor(FakeStage(stops_clear=clear, operators_at_rest=at_rest))
-    actor.tend = lambda: None
-    assert actor.held() is held
+    steering: Any = Steering(FakeStage(stops_clear=clear, operators_at_rest=at_rest))
+    steering.acknowledge_and_rearm = lambda: None
+    assert steering.held() is held
 
 
 def keep_fort(owner: str, *speeds: int) -> str:
@@ -240,7 +242,7 @@ def keep_fort(owner: str, *speeds: int) -> str:
     return Scene(stage).keep_fort(lambda: None)
 
 
-def test_fort_that_keeps_control_is_told() -> None:
+def test_fort_that_keeps_control_is_reported() -> None:
     assert keep_fort('fort', 500, 500) == 'FORT keeps control, 2 packets'
 
 

@@ -1,4 +1,4 @@
-"""The demo's monitor and SSC: what they are told, and a scene that can fail."""
+"""The demo's monitor and SSC: what they hear, and a scene that can fail."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ def test_poll_of_the_ssc_is_no_pulse() -> None:
 
 
 def all_still(frames: list[bytes], pulses: list[bytes]) -> str:
-    """Let the scene watch that nothing moves, while monitor and SSC are told this."""
+    """Let the scene watch that nothing moves, while monitor and SSC hear this."""
     later = time.monotonic() + 60.0
     stage: Any = FakeStage(still(later))
     stage.monitor = SimpleNamespace(received=lambda since: [Chunk(later, f) for f in frames])
@@ -67,7 +67,7 @@ def all_still(frames: list[bytes], pulses: list[bytes]) -> str:
     return Actuators(stage).all_still(time.monotonic())
 
 
-def test_monitor_and_servo_that_stay_are_told() -> None:
+def test_monitor_and_servo_that_stay_are_reported() -> None:
     expected = '1 packets, all disable; 1 frames, all neutral; servo shut'
     assert all_still([AKRON_REST], [SSC_SHUT]) == expected
 

@@ -42,7 +42,7 @@ class Late(AssertionError):  # noqa: N818 - an expectation that was missed, not 
 
 
 # A device of the stage; what releases and presses the deadman, centres and pushes the stick.
-HANDS = {
+REMOTES = {
     FORT: (
         'vsc',
         'button left_down 0',
@@ -59,7 +59,7 @@ def step(expected: str, act: Callable[P, str], *args: P.args, **kwargs: P.kwargs
     return expected, partial(act, *args, **kwargs)
 
 
-class Actor:
+class Steering:
     """Acts on a stage. Whatever is expected and does not happen raises AssertionError."""
 
     def __init__(self, stage: DemoStage, patience: float = 1.0) -> None:
@@ -68,7 +68,7 @@ class Actor:
         self.reactions: list[tuple[str, float, float]] = []  # cause, s that it took, limit
         self.timeouts = 0  # stops that nobody asked for
         self.latest = 0.0  # s by which this process was woken too late, at worst
-        self.hand = FORT  # whose remote moves it
+        self.operator = FORT  # whose remote moves it
         self.caused_at = 0.0  # when the last stop was caused
         self._late = 0.0  # s, the worst since then
 
@@ -109,7 +109,7 @@ class Actor:
         """Return the condition of an e-stop source, in the mux's one word."""
         return self.stage.condition(f"e-stop source '{name}'")
 
-    def has_fallen(self) -> bool:
+    def is_stopped(self) -> bool:
         """Tell whether it is STOPPED, with the status that says why; either may be the later."""
         return self.state == self.stage.values.get('state') == 'STOPPED'
 
@@ -122,11 +122,11 @@ class Actor:
         return f'{self.stage.holds_still(since, _STILL)} packets, all disable'
 
     def deadman(self, held: bool, operator: str = '') -> float:
-        device, *commands = HANDS[operator or self.hand]
+        device, *commands = REMOTES[operator or self.operator]
         return float(getattr(self.stage, device).apply(commands[held]))
 
     def stick(self, pushed: bool, operator: str = '') -> float:
-        device, _, _, *commands = HANDS[operator or self.hand]
+        device, _, _, *commands = REMOTES[operator or self.operator]
         return float(getattr(self.stage, device).apply(commands[pushed]))
 
     def push(self) -> float:
@@ -137,7 +137,7 @@ class Actor:
 
     def let_go(self) -> None:
         """Release driving sticks and deadmen of all remotes."""
-        for operator in HANDS:
+        for operator in REMOTES:
             self.stick(False, operator)
             self.deadman(False, operator)
 
@@ -149,7 +149,7 @@ class Actor:
         """Arm the VM-110's remote 1, once nothing else stops the base unit; return when."""
         return self.wait(lambda: _moment_of(self.stage.unit, *_ARM), 'the VM-110 is stopped')
 
-    def tend(self) -> None:
+    def acknowledge_and_rearm(self) -> None:
         """
         Acknowledge and rearm where it can be done.
 
@@ -160,7 +160,7 @@ class Actor:
             _moment_of(self.stage.unit, *_ARM)
 
     def accepted_reset(self) -> str:
-        """Let all go, tend to what hinders a reset, then reset; return the answer."""
+        """Let all go, acknowledge and rearm, then reset; return the answer."""
         self.let_go()
         for _ in range(_TRIES):  # a timeout may come between the look and the reset, or end it
             self.wait(self._may_reset)
@@ -173,8 +173,8 @@ class Actor:
 
     def _may_reset(self) -> bool:
         may_reset = self.stage.may_reset()
-        if not may_reset and self.has_fallen():
-            self.tend()
+        if not may_reset and self.is_stopped():
+            self.acknowledge_and_rearm()
         return may_reset
 
     def refused_reset(
@@ -199,31 +199,31 @@ class Actor:
 
     def demanded(self, source: str) -> bool:
         """Tell whether the mux is STOPPED, and this e-stop source demands a stop."""
-        return self.has_fallen() and self.source(source) == 'stop'
+        return self.is_stopped() and self.source(source) == 'stop'
 
     def held(self) -> bool:
-        """Tell whether only what is held on a remote hinders a reset; tend to the rest."""
+        """Tell whether only what is held hinders a reset; if not, acknowledge and rearm."""
         values = self.stage.values
-        clear = self.has_fallen() and values['stops clear'] == 'true'
+        clear = self.is_stopped() and values['stops clear'] == 'true'
         if not clear:
-            self.tend()
+            self.acknowledge_and_rearm()
         return clear and values['operators at rest'] == 'false'
 
     def set_off(self) -> str:
-        return self.persist(self._set_off)
+        return self.retry(self._set_off)
 
     def restart(self) -> str:
         """Go the right way from STOPPED to motion."""
         return f'{self.accepted_reset()}; {self.set_off()}'
 
-    def drive(self, hand: str) -> str:
-        self.hand = hand
-        return f'{self.set_off()}, owner {hand}'
+    def drive(self, operator: str) -> str:
+        self.operator = operator
+        return f'{self.set_off()}, owner {operator}'
 
     def return_to_fort(self) -> str:
         return f'{self.accepted_reset()}; {self.drive(FORT)}'
 
-    def persist(self, act: Callable[[], str], undo: Callable[[], object] | None = None) -> str:
+    def retry(self, act: Callable[[], str], undo: Callable[[], object] | None = None) -> str:
         """
         Return what ``act`` does, which may start from READY or from motion; if need be, again.
 
@@ -249,11 +249,11 @@ class Actor:
     def _set_off(self) -> str:
         """Rest, then press the deadman, then push the stick; return the speed reached."""
         self.let_go()
-        self.wait(lambda: self.stage.is_rested(self.hand) or self.has_fallen())
+        self.wait(lambda: self.stage.is_rested(self.operator) or self.is_stopped())
         self.push()
-        self.wait(lambda: self._slowest > FAST_RPM or self.has_fallen())
-        assert not self.has_fallen(), f'the mux says: {self.stage.message}'
-        self.wait_for_owner(self.hand)
+        self.wait(lambda: self._slowest > FAST_RPM or self.is_stopped())
+        assert not self.is_stopped(), f'the mux says: {self.stage.message}'
+        self.wait_for_owner(self.operator)
         return f'{self._slowest:.0f} rpm'
 
     @property
@@ -269,18 +269,18 @@ class Actor:
         Devices have timeouts too, and demand a stop when these expire.
         """
         values = self.stage.values
-        if self.has_fallen():
+        if self.is_stopped():
             causes = values['stopped by'].split(', ')
             invalid = any(self.stage.condition(cause) == 'invalid' for cause in causes)
             return _NO_TIMEOUT.isdisjoint(causes) and not invalid
         if self.state == 'ACTIVE' and values.get('drive enabled') == 'false':
             return True
-        operator = self.stage.condition(f"operator '{self.hand}'")
-        return operator in _UNRELIABLE or self.source(self.hand) in (*_UNRELIABLE, 'stop')
+        operator = self.stage.condition(f"operator '{self.operator}'")
+        return operator in _UNRELIABLE or self.source(self.operator) in (*_UNRELIABLE, 'stop')
 
     def _recover(self) -> None:
         self.timeouts += 1
-        if self.has_fallen():
+        if self.is_stopped():
             self.accepted_reset()
 
     def stopped(
@@ -304,7 +304,7 @@ class Actor:
         self.caused_at = act()
         took = self.reacts(cause, 'disabled', self._first_disable, limit)
         self.wait(
-            lambda: self.state == state or (self.has_fallen() and self._is_timed_out()),
+            lambda: self.state == state or (self.is_stopped() and self._is_timed_out()),
             lambda: f'the mux is {self.state}',
         )
         packets = self.stage.drive.packets(self._first_disable(self.caused_at))
