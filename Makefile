@@ -25,7 +25,7 @@ unexport VIRTUAL_ENV
 .PHONY: demo test lint bench reference clean
 
 demo: $(STAMP)
-	$(BIN)/rugged_teleop_demo $(ARGS)
+	$(BIN)/python -m demo $(ARGS)
 
 test: $(STAMP)
 	$(BIN)/python -m pytest -n $(WORKERS) --dist loadfile --no-loadscope-reorder --durations=10 $(ARGS)

@@ -29,7 +29,7 @@ setup(
     python_requires='>=3.10',
     # ROS is not listed: where it is installed it is used as it is, elsewhere see requirements.txt.
     install_requires=['setuptools', 'pyserial>=3.5', 'python-can>=4.3', 'PyYAML'],
-    packages=find_packages(exclude=('test', 'test.*', 'benchmarks', 'benchmarks.*')),
+    packages=find_packages(exclude=('demo*', 'test*', 'benchmarks*')),
     package_data={'': ['py.typed']},
     zip_safe=False,
     data_files=[
@@ -42,7 +42,6 @@ setup(
             'akron_can_bridge = akron_can_bridge.node:main',
             'esi_drive_bridge = esi_drive_bridge.node:main',
             'fort_vsc_bridge = fort_vsc_bridge.node:main',
-            'rugged_teleop_demo = rugged_teleop.demo:main',
             'rugged_teleop_stack = rugged_teleop.stack:main',
             'safety_mux = safety_mux.node:main',
             'simulate = rugged_teleop.simulate:main',

@@ -1,1 +1,1 @@
-"""The commands around the nodes: the stack in one process, the simulated devices, the demo."""
+"""The commands around the nodes: the stack in one process, the simulated devices."""

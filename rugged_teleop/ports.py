@@ -128,13 +128,15 @@ class DevicePort(ABC):
         os.eventfd_write(self._wake_fd, 1)
         return future.result(_ANSWER_TIME)
 
-    def apply(self, text: str) -> float:
+    def apply(self, *lines: str) -> float:
         """
-        Obey one line, ours (see HELP) or the device's; return when (seconds, monotonic).
+        Obey lines, ours (see HELP) or the device's; return when the last was (s, monotonic).
 
         :raises ValueError: with one line that says what fits.
         """
+        return [self._apply(line) for line in lines][-1]
 
+    def _apply(self, text: str) -> float:
         def act(device: Device, now: float) -> float:
             words = text.split()
             action = getattr(self, f'_do_{words[0]}', None) if words else None

@@ -2,29 +2,65 @@
 
 from __future__ import annotations
 
+import time
 from types import SimpleNamespace
+from typing import Any
 
-from esi_drive_bridge.protocol import AxisCommand
-from esi_drive_bridge.protocol import Command
-from esi_drive_bridge.protocol import Mode
-from rugged_teleop.demo_stage import Packet
+from diagnostic_msgs.msg import DiagnosticStatus
+from diagnostic_msgs.msg import KeyValue
+from std_msgs.msg import String
 
-STILL = Command((AxisCommand(mode=Mode.VELOCITY), AxisCommand(mode=Mode.VELOCITY)))
-TURN = Command((AxisCommand(True, False, Mode.VELOCITY, 500),) * 2)
+from demo.stage import DemoStage
+from test.rig import holds_for
+from test.rig import Record
+from test.rig import wait_for
+from test.stage import Drive
+from test.stage import Packet
 
 
-class FakeStage:
-    """A stage where nothing runs: packets and the mux's words are what the test says."""
+def still(at: float) -> Packet:
+    """Return what disables both axes, in velocity mode."""
+    return Packet(at, (4, 4), (0, 0))
 
-    def __init__(self, *packets: Packet) -> None:
+
+def turn(at: float, value: int = 500) -> Packet:
+    return Packet(at, (5, 5), (value, value))
+
+
+class FakeDrive(Drive):
+    """Nothing but the packets that it has had."""
+
+    def __init__(self, packets: tuple[Packet, ...]) -> None:
         self.all_packets = packets
-        self.watcher = SimpleNamespace(state='STOPPED', message='', inhibits=[], values={})
 
-    def packets(self, since: float) -> list[Packet]:
-        return [packet for packet in self.all_packets if packet.at > since]
+    def packets(self, since: float = 0.0) -> list[Packet]:
+        return [packet for packet in self.all_packets if packet.time > since]
 
-    def check(self) -> None:
-        pass
+
+class FakeStage(DemoStage):
+    """A stage where nothing runs: packets and the mux's fields are what the test says."""
+
+    def __init__(self, *packets: Packet, **fields: str) -> None:
+        self.drive: FakeDrive = FakeDrive(packets)
+        self.vsc: Any = SimpleNamespace(apply=lambda command: time.monotonic())
+        self.observer: Any = SimpleNamespace(
+            spin=time.sleep,
+            holds_for=lambda condition, _, what: holds_for(condition, 0.01, what),
+            wait_for=lambda condition, _, what: wait_for(condition, 0.1, what),
+        )
+        self._reset_at = 0.0
+        self.say(**fields)
+
+    def say(self, **fields: str) -> None:
+        """Let this be all that the mux says; it does not grow old."""
+        fields = {'state': 'STOPPED', 'stopped_by': 'none'} | fields
+        values = [KeyValue(key=k.replace('_', ' '), value=value) for k, value in fields.items()]
+        later = [time.monotonic() + 60.0]
+        self.status = Record('', [DiagnosticStatus(values=values)], later)
+        self.state = Record('', [String(data=fields['state'])], later)
 
     def output(self) -> str:
         return 'its last words'
+
+    def check(self) -> None:
+        pass

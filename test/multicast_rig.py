@@ -67,10 +67,6 @@ class Station(MulticastDevice):
     def __init__(self, simulator: Any, input_port: int) -> None:
         super().__init__(simulator, input_port)
 
-    def apply(self, *lines: str) -> float:
-        """Steer the simulator; return the moment."""
-        return [super(Station, self).apply(line) for line in lines][-1]
-
     def look(self, what: Callable[[Any], Any]) -> Any:
         """Return something about the simulator, undisturbed."""
         return self.call(lambda device, now: what(device))

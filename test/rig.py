@@ -199,6 +199,7 @@ class NodeProcess:
         self._output = tempfile.TemporaryFile()  # noqa: SIM115 - closed on exit
         self.process = subprocess.Popen(
             [*command, *arguments],
+            stdin=subprocess.DEVNULL,
             stdout=self._output,
             stderr=subprocess.STDOUT,
             cwd=ROOT,
@@ -264,7 +265,7 @@ def as_yaml(value: Any) -> str:
         return text if '.' in text else text.replace('e', '.0e')  # 1e-05 would be a string
     if isinstance(value, list | tuple):
         return '[' + ', '.join(as_yaml(item) for item in value) + ']'
-    return json.dumps(value)
+    return json.dumps(value, default=str)  # a path
 
 
 @dataclass
@@ -336,15 +337,21 @@ class Observer:
         """Spin and check that ``condition`` stays true; see the function ``holds_for``."""
         holds_for(condition, duration, what, idle=self.spin)
 
-    def record(self, kind: Any, topic: str, qos: Any = 10) -> Record:
-        """Subscribe and keep what comes. :param qos: a depth or QoSProfile; ``latched()`` too."""
+    def record(self, kind: Any, topic: str, qos: Any = 10, *, keep: int | None = None) -> Record:
+        """
+        Subscribe and keep what comes.
+
+        :param qos: a depth or QoSProfile; ``latched()`` too. :param keep: the newest only.
+        """
         record = Record(topic)
 
-        def keep(message: Any) -> None:
+        def on_message(message: Any) -> None:
             record.times.append(time.monotonic())
             record.messages.append(message)
+            if keep is not None and len(record.times) > 2 * keep:
+                del record.times[:-keep], record.messages[:-keep]
 
-        self.node.create_subscription(kind, topic, keep, qos)
+        self.node.create_subscription(kind, topic, on_message, qos)
         return record
 
     def publisher(self, kind: Any, topic: str, qos: Any = 10, *, matched: int = 1) -> Any:

@@ -1,10 +1,10 @@
+"""The demo: its scene can fail, its command line is checked, and it leaves nothing behind."""
+
 from __future__ import annotations
 
-from collections.abc import Callable
 from collections.abc import Iterator
 import contextlib
 import fcntl
-from functools import partial
 import itertools
 import os
 from pathlib import Path
@@ -20,26 +20,21 @@ from typing import Any
 
 import pytest
 
-from esi_drive_bridge.protocol import AxisCommand
-from esi_drive_bridge.protocol import Command
-from esi_drive_bridge.protocol import Mode
-from rugged_teleop import demo
-from rugged_teleop.demo_actor import Actor
-from rugged_teleop.demo_actor import Late
-from rugged_teleop.demo_actor import Missed
-from rugged_teleop.demo_actor import shortened
-from rugged_teleop.demo_handover import Handover
-from rugged_teleop.demo_scene import Scene
-from rugged_teleop.demo_stage import demo_config
-from rugged_teleop.demo_stage import Packet
-from rugged_teleop.demo_stage import packets_in
+from demo import __main__ as demo
+from demo.scene import Scene
+from demo.steering import Late
+from demo.steering import shortened
+from demo.steering import Steering
+from demo.steering import Step
 from rugged_teleop.domains import claim_domain
 from rugged_teleop.ports import Chunk
 from test.demo_rig import FakeStage
-from test.demo_rig import STILL
-from test.demo_rig import TURN
+from test.demo_rig import still
+from test.demo_rig import turn
 from test.rig import ROOT
 from test.rig import wait_for
+from test.stage import Packet
+from test.stage import packets_in
 
 # By hand from the ESI manual, 4.2; CRC-16/CCITT-FALSE over the six bytes of the body.
 DISABLE = bytes.fromhex('f0f0 040000 040000 71d4')
@@ -50,25 +45,20 @@ DISABLE = bytes.fromhex('f0f0 040000 040000 71d4')
 
 def test_packet_split_over_reads_counts_from_its_last_byte() -> None:
     chunks = [Chunk(1.0, DISABLE + DISABLE[:4]), Chunk(1.01, DISABLE[4:])]
-    assert [packet.at for packet in packets_in(chunks, 0.0)] == [1.0, 1.01]
-    assert [packet.at for packet in packets_in(chunks, 1.0)] == [1.01]
-    assert not any(packet.enables for packet in packets_in(chunks, 0.0))
+    packets = list(packets_in(chunks))
+    assert packets == [still(1.0), still(1.01)]
+    assert not any(packet.enables for packet in packets)
 
 
 def test_corrupt_packet_is_no_disable_packet() -> None:
-    assert packets_in([Chunk(1.0, DISABLE[:-1] + b'\0')], 0.0) == []
+    assert list(packets_in([Chunk(1.0, DISABLE[:-1] + b'\0')])) == []
 
 
 def test_enabled_axis_at_zero_enables_and_does_not_move() -> None:
-    at_rest = AxisCommand(True, False, Mode.VELOCITY, 0)
-    packet = Packet(0.0, Command((AxisCommand(), at_rest)))
+    packet = Packet(0.0, (4, 5), (500, 0))
     assert packet.enables
     assert not packet.moves
-    assert Packet(0.0, TURN).moves
-
-
-def test_demo_brings_its_own_configuration() -> None:
-    assert demo_config() == ROOT / 'config' / 'demo.yaml'
+    assert turn(0.0).moves
 
 
 def test_two_demos_get_different_domains(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -92,17 +82,17 @@ def test_two_demos_get_different_domains(monkeypatch: pytest.MonkeyPatch) -> Non
 def stop_with(delay: float, *, again: bool = False, patience: float = 1.0) -> str:
     """Let the scene measure a stop whose first disable packet comes ``delay`` s after it."""
     now = time.monotonic()
-    stage = FakeStage(Packet(now - 0.01, TURN))
-    actor: Any = Actor(stage, patience)  # type: ignore[arg-type]
-    actor._sleep = lambda: None  # nobody was late
+    stage = FakeStage(turn(now - 0.01))
 
     def act() -> float:
-        stage.all_packets += (Packet(now + delay, STILL),)
+        stage.drive.all_packets += (still(now + delay),)
         if again:
-            stage.all_packets += (Packet(now + delay + 0.01, TURN),)
+            stage.drive.all_packets += (turn(now + delay + 0.01),)
         return now
 
-    return str(actor.stopped('a stop', act, 0.15))
+    steering: Any = Steering(stage, patience)
+    steering._spin = lambda seconds: None  # nobody was late
+    return str(steering.stopped('a stop', act, 0.15))
 
 
 def test_stop_in_time_is_measured() -> None:
@@ -110,16 +100,17 @@ def test_stop_in_time_is_measured() -> None:
 
 
 def test_stop_that_comes_too_late_is_missed() -> None:
-    with pytest.raises(Missed, match=r'disabled 200.0 ms .* allowed are 150 ms'):
+    with pytest.raises(AssertionError, match=r'disabled 200.0 ms .* allowed are 150 ms'):
         stop_with(0.2)
-    with pytest.raises(Missed, match=r'disabled 310.0 ms .* allowed are 300 ms'):
+    with pytest.raises(AssertionError, match=r'disabled 310.0 ms .* allowed are 300 ms'):
         stop_with(0.31, patience=2.0)
     assert 'disabled 290.0 ms' in stop_with(0.29, patience=2.0)
 
 
-def test_late_stop_is_tried_again_and_told_but_not_for_ever() -> None:
-    actor: Any = Actor(FakeStage())  # type: ignore[arg-type]
-    actor.wait_for_state = lambda state: None
+def test_late_stop_is_tried_again_and_reported_but_not_for_ever() -> None:
+    steering = Steering(
+        FakeStage(stopped_by="e-stop source 'fort'")
+    )  # that it was a timeout is not why
     undone: list[str] = []
     tries: Iterator[Late | str] = iter([Late('320 ms'), '280 ms'])
 
@@ -129,101 +120,161 @@ def test_late_stop_is_tried_again_and_told_but_not_for_ever() -> None:
             raise happened
         return happened
 
-    assert actor.repeated(stop, lambda: undone.append('undone')) == '280 ms; at first: 320 ms'
+    assert steering.retry(stop, lambda: undone.append('undone')) == '280 ms; at first: 320 ms'
     assert undone == ['undone']
     tries = itertools.repeat(Late('320 ms'))
     with pytest.raises(Late):
-        actor.repeated(stop, lambda: None)
+        steering.retry(stop, lambda: None)
+
+
+def test_stop_that_was_undone_is_not_tried_again_as_a_late_one() -> None:
+    steering = Steering(FakeStage(stopped_by="e-stop source 'fort'"))
+
+    def stop() -> str:
+        raise AssertionError('packets enable again')
+
+    with pytest.raises(AssertionError, match='enable again'):
+        steering.retry(stop, lambda: None)
+
+
+@pytest.mark.parametrize(
+    ('fields', 'again'),
+    [
+        ({'stopped_by': "e-stop source 'fort'"}, True),
+        ({'stopped_by': 'stall'}, True),
+        ({'stopped_by': 'none'}, False),
+        ({'stopped_by': 'trip'}, False),
+        (
+            {
+                'stopped_by': "e-stop source 'fort'",
+                "condition_of_e-stop_source_'fort'": 'invalid',
+            },
+            False,
+        ),
+        ({'state': 'ACTIVE', 'drive_enabled': 'false'}, True),
+        ({'state': 'ACTIVE', 'drive_enabled': 'true'}, False),
+    ],
+)
+def test_only_what_a_timeout_has_stopped_is_tried_again(
+    fields: dict[str, str], again: bool
+) -> None:
+    well = {
+        "condition_of_operator_'fort'": 'rested',
+        "condition_of_e-stop_source_'fort'": 'clear',
+    }
+    steering: Any = Steering(FakeStage(**(well | fields)))
+    recovered: list[str] = []
+    steering._recover = lambda: recovered.append('recovered')
+    tries = iter([AssertionError('it stopped')])
+
+    def act() -> str:
+        for error in tries:
+            raise error
+        return 'it moves'
+
+    if again:
+        assert steering.retry(act).startswith('it moves; at first: ')
+    else:
+        with pytest.raises(AssertionError, match='it stopped'):
+            steering.retry(act)
+    assert bool(recovered) is again
 
 
 def test_enable_packet_after_the_stop_is_missed() -> None:
-    with pytest.raises(Missed, match='1 packets after the first disable packet enable again'):
+    with pytest.raises(
+        AssertionError, match='1 packets after the first disable packet enable again'
+    ):
         stop_with(0.02, again=True)
 
 
 def test_enable_packet_while_nothing_may_move_is_missed() -> None:
-    actor = Actor(FakeStage(Packet(2.0, STILL), Packet(3.0, TURN)))  # type: ignore[arg-type]
-    with pytest.raises(Missed, match='enables the drive'):
-        actor.still(1.0)
+    steering = Steering(FakeStage(still(2.0), turn(3.0)))
+    with pytest.raises(AssertionError, match='disable packets only'):
+        steering.still(1.0)
 
 
 def test_end_of_all_packets_is_missed() -> None:
-    actor: Any = Actor(FakeStage())  # type: ignore[arg-type]
-    actor.wait = partial(actor.wait, limit=0.5)
-    with pytest.raises(Missed, match='no packets at all'):
-        actor.still(1.0)
+    with pytest.raises(AssertionError, match='packets, which never end'):
+        Steering(FakeStage()).still(1.0)
+
+
+def refused(reply: tuple[bool, str], afterwards: bool = True) -> str:
+    """Let the scene call for a reset that must be refused, with this answer."""
+    stage: Any = FakeStage()
+    stage.reset = lambda: SimpleNamespace(success=reply[0], message=reply[1])
+    return Steering(stage).refused_reset(lambda: True, lambda: afterwards)
+
+
+def test_wrong_restart_that_is_accepted_is_missed() -> None:
+    with pytest.raises(AssertionError, match='it was accepted'):
+        refused((True, 'reset: READY'))
+
+
+def test_wrong_restart_that_is_refused_for_something_else_is_missed() -> None:
+    with pytest.raises(AssertionError, match='for something else'):
+        refused((False, 'not reset: a held or repeated reset does nothing'), afterwards=False)
+
+
+def test_wrong_restart_that_a_timeout_refuses_first_is_tried_again() -> None:
+    held = iter([True, False, True, True])  # before and after each of two resets
+    stage: Any = FakeStage()
+    stage.reset = lambda: SimpleNamespace(success=False, message='not reset: not at neutral')
+    assert Steering(stage).refused_reset(lambda: next(held)) == 'not reset: not at neutral'
+    assert next(held, None) is None
 
 
 @pytest.mark.parametrize(
-    ('reply', 'expected'),
-    [
-        ((True, 'reset: READY'), 'it was accepted'),
-        ((False, 'not reset: a held or repeated reset does nothing'), 'not because'),
-    ],
+    ('clear', 'at_rest', 'held'), [('true', 'false', True), ('false', 'false', False)]
 )
-def test_wrong_restart_that_is_not_refused_for_its_reason_is_missed(
-    reply: tuple[bool, str], expected: str
+def test_only_what_is_held_hinders_a_reset_once_all_stops_are_clear(
+    clear: str, at_rest: str, held: bool
 ) -> None:
-    actor: Any = Actor(FakeStage())  # type: ignore[arg-type]
-    actor.watcher.call = lambda service: reply
-    with pytest.raises(Missed, match=expected):
-        actor.refused_reset('is not at neutral')
-
-
-def test_wrong_restart_that_a_time_out_refuses_first_is_tried_again() -> None:
-    replies = iter(
-        [
-            (False, "not reset: e-stop source 'fort' is silent: never heard, limit 250 ms"),
-            (False, "not reset: operator 'fort' is not at neutral"),
-        ]
-    )
-    actor: Any = Actor(FakeStage())  # type: ignore[arg-type]
-    actor.watcher.call = lambda service: next(replies)
-    assert actor.refused_reset('is not at neutral').endswith('is not at neutral')
+    steering: Any = Steering(FakeStage(stops_clear=clear, operators_at_rest=at_rest))
+    steering.acknowledge_and_rearm = lambda: None
+    assert steering.held() is held
 
 
 def keep_fort(owner: str, *speeds: int) -> str:
     """Let the scene watch that FORT keeps control, as the mux names this owner."""
     now = time.monotonic()
-    commands = [Command((AxisCommand(True, False, Mode.VELOCITY, speed),) * 2) for speed in speeds]
-    stage = FakeStage(Packet(now, TURN), *(Packet(now + 60.0, command) for command in commands))
-    stage.watcher = SimpleNamespace(state='ACTIVE', message='', values={'owner': owner})
-    return Handover(stage)._keep_fort(lambda: None)  # type: ignore[arg-type]
+    later = (turn(now + 60.0, speed) for speed in speeds)
+    stage = FakeStage(turn(now), *later, state='ACTIVE', owner=owner)
+    return Scene(stage).keep_fort(lambda: None)
 
 
-def test_fort_that_keeps_control_is_told() -> None:
+def test_fort_that_keeps_control_is_reported() -> None:
     assert keep_fort('fort', 500, 500) == 'FORT keeps control, 2 packets'
 
 
 def test_lower_operator_that_takes_control_is_missed() -> None:
-    with pytest.raises(Missed, match='VM-110 has control'):
+    with pytest.raises(AssertionError, match='VM-110 has control'):
         keep_fort('vm110', 500)
 
 
 def test_packet_as_the_lower_operator_asks_is_missed() -> None:
-    with pytest.raises(Missed, match='as VM-110 asks'):
+    with pytest.raises(AssertionError, match='as VM-110 asks'):
         keep_fort('fort', 500, -500)
 
 
 def rearm(*, closed: bool) -> str:
     """Let the scene rearm a base unit whose relays are open, or ``closed``, before that."""
-    stage: Any = FakeStage(Packet(time.monotonic() + 60.0, STILL))
-    stage.watcher.clear = lambda name: True
+    stage: Any = FakeStage(still(time.monotonic() + 60.0))
+    stage.is_clear = lambda name: True
     seen: dict[str, Any] = {'eg_link': 'Operational', 'relays_closed': closed}
 
-    def apply(command: str) -> float:
-        seen['relays_closed'] |= command == 'arm 1'
+    def apply(*commands: str) -> float:
+        seen['relays_closed'] |= 'arm 1' in commands
         return 1.0
 
     stage.vsc = stage.unit = SimpleNamespace(apply=apply, describe=lambda: seen)
-    handover: Any = Handover(stage)
-    handover.unit_says = lambda since, wanted: 1.0
-    return str(handover.close_relays())
+    scene: Any = Scene(stage)
+    scene.unit_says = lambda since, wanted: 1.0
+    return str(scene.close_relays())
 
 
 def test_relays_that_close_without_being_rearmed_are_missed() -> None:
     assert rearm(closed=False) == 'closed by rearming; 1 packets, all disable'
-    with pytest.raises(Missed, match='without being rearmed'):
+    with pytest.raises(AssertionError, match='without being rearmed'):
         rearm(closed=True)
 
 
@@ -231,17 +282,18 @@ def test_failed_step_ends_the_scene_and_says_so() -> None:
     lines: list[str] = []
 
     def fail() -> str:
-        raise Missed('it did not')
+        raise AssertionError('it did not')
 
     def never() -> str:
-        raise AssertionError('what follows a failed step tells nothing')
+        lines.append('what follows a failed step shows nothing')
+        return ''
 
     class Short(Scene):
         @property
-        def steps(self) -> list[tuple[str, Callable[[], str]]]:
+        def steps(self) -> list[Step]:
             return [('one', lambda: 'fine'), ('two', fail), ('three', never)]
 
-    assert not Short(FakeStage(), lines.append).play()  # type: ignore[arg-type]
+    assert not Short(FakeStage()).play(lines.append)
     assert lines[:2] == ['ok      one: fine', 'FAILED  two: it did not']
     assert '1 of 3 expectations held, one did not, 1 were not tried' in lines[2]
     assert lines[-1] == 'its last words'
@@ -281,7 +333,7 @@ def test_demo_without_msgpack_names_it_in_one_line(tmp_path: Path) -> None:
     """ROS brings python-can without it, and the monitor's bus needs it."""
     (tmp_path / 'msgpack.py').write_text("raise ImportError('there is none')\n")
     result = subprocess.run(
-        [sys.executable, '-m', 'rugged_teleop.demo', '--once'],
+        [sys.executable, '-m', 'demo', '--once'],
         cwd=ROOT,
         env={**os.environ, 'PYTHONPATH': str(tmp_path), 'PYTHONDONTWRITEBYTECODE': '1'},
         capture_output=True,
@@ -307,7 +359,7 @@ def scratch_environment(tmp_path: Path) -> dict[str, str]:
 
 def test_scene_holds_and_leaves_nothing_behind(tmp_path: Path) -> None:
     result = subprocess.run(
-        [sys.executable, '-m', 'rugged_teleop.demo', '--once', '--patience', '8'],
+        [sys.executable, '-m', 'demo', '--once', '--patience', '8'],
         cwd=ROOT,
         env=scratch_environment(tmp_path),
         capture_output=True,
@@ -332,7 +384,7 @@ class Terminal:
         fcntl.ioctl(slave, termios.TIOCSWINSZ, struct.pack('HHHH', 40, 120, 0, 0))
         os.set_blocking(self.master, False)
         self.process = subprocess.Popen(
-            [sys.executable, '-m', 'rugged_teleop.demo'],
+            [sys.executable, '-m', 'demo'],
             cwd=ROOT,
             env=scratch_environment(tmp_path),
             stdin=slave,
@@ -402,7 +454,7 @@ def test_keyboard_resets_drives_and_stops(tmp_path: Path) -> None:
         terminal.press('\x1bOA')  # up
         terminal.wait('enable velocity')
         terminal.press('h')
-        terminal.wait('told turn')
+        terminal.wait('command turn')
         terminal.press(' ')
         terminal.wait('disable velocity')
         terminal.wait('relays OPEN')

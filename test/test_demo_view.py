@@ -2,29 +2,32 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
 
 import pytest
+from sensor_msgs.msg import JointState
+from sensor_msgs.msg import Joy
 
-from esi_drive_bridge.protocol import AxisCommand
-from esi_drive_bridge.protocol import Command
-from esi_drive_bridge.protocol import Mode
-from rugged_teleop.demo_view import Hands
-from rugged_teleop.demo_view import keys_in
-from rugged_teleop.demo_view import picture
-from rugged_teleop.demo_view import Snapshot
+from demo.view import Keyboard
+from demo.view import keys_in
+from demo.view import picture
+from rugged_teleop.ports import Chunk
+from test.demo_rig import FakeStage
+from test.demo_rig import turn
+from test.stage import DRIVE
+from test.stage import VSC
 
 PACKET = bytes.fromhex('f0f0 040000 040000 71d4')
-TURN = Command((AxisCommand(True, False, Mode.VELOCITY, 500),) * 2)
 
 
-def hands() -> tuple[Hands, list[tuple[str, str]]]:
+def keyboard() -> tuple[Keyboard, list[tuple[str, str]]]:
     said: list[tuple[str, str]] = []
-    return Hands(lambda target, command: said.append((target, command))), said
+    return Keyboard(lambda target, command: said.append((target, command))), said
 
 
 def test_arrows_push_the_stick_to_its_stop_and_no_further() -> None:
-    operator, said = hands()
+    operator, said = keyboard()
     for _ in range(7):
         operator.press('up')
     assert said[0] == ('vsc', 'stick left_y 0.2')
@@ -36,7 +39,7 @@ def test_arrows_push_the_stick_to_its_stop_and_no_further() -> None:
 
 
 def test_letters_push_the_stick_of_the_vm110_and_centre_no_other() -> None:
-    operator, said = hands()
+    operator, said = keyboard()
     for key in ('up', *'iijl', 'k'):
         operator.press(key)
     assert said[1:] == [
@@ -51,7 +54,7 @@ def test_letters_push_the_stick_of_the_vm110_and_centre_no_other() -> None:
 
 
 def test_figures_push_the_rc_stick_in_pulses() -> None:
-    operator, said = hands()
+    operator, said = keyboard()
     for key in '84':
         operator.press(key)
     operator.press('5')
@@ -64,7 +67,7 @@ def test_figures_push_the_rc_stick_in_pulses() -> None:
 
 
 def test_sticks_of_one_remote_are_centred_apart() -> None:
-    operator, said = hands()
+    operator, said = keyboard()
     for key in ('up', 'y', 'g', 'z', 'c'):
         operator.press(key)
     assert said[1:] == [
@@ -92,7 +95,7 @@ def test_sticks_of_one_remote_are_centred_apart() -> None:
 def test_key_toggles_and_a_refusal_toggles_nothing(
     key: str, target: str, on: str, off: str
 ) -> None:
-    operator, said = hands()
+    operator, said = keyboard()
     for _ in range(3):
         operator.press(key)
     assert said == [(target, on), (target, off), (target, on)]
@@ -107,15 +110,15 @@ def test_key_toggles_and_a_refusal_toggles_nothing(
 
 
 def test_keys_call_services_and_faults() -> None:
-    operator, said = hands()
+    operator, said = keyboard()
     for key in 'aretfmn':
         operator.press(key)
     assert said == [
         ('vsc', 'ack'),
         ('vsc', 'mode operational'),
-        ('service', 'reset'),
-        ('service', 'clear_errors'),
-        ('service', 'trip'),
+        ('service', '/safety_mux/reset'),
+        ('service', '/esi_drive_bridge/clear_errors'),
+        ('service', '/safety_mux/trip'),
         ('drive', 'fault a overcurrent pulse'),
         ('unit', 'arm 1'),
         ('unit', 'disarm'),
@@ -127,7 +130,7 @@ def test_keys_call_services_and_faults() -> None:
     assert operator.leaving
 
 
-def test_keys_are_told_apart_in_one_read() -> None:
+def test_keys_of_one_read_are_separated() -> None:
     assert keys_in(b'\x1b[Ad\x1bOD \x1b[B\x1bOCq') == [
         'up',
         'd',
@@ -141,8 +144,8 @@ def test_keys_are_told_apart_in_one_read() -> None:
     assert keys_in(b'\xff') == []
 
 
-SEEN = Snapshot(
-    vsc={
+DEVICES: dict[str, dict[str, Any]] = {
+    'vsc': {
         'plugged': True,
         'mode': 'Operational',
         'remote_estop': False,
@@ -152,48 +155,74 @@ SEEN = Snapshot(
         'sticks': {'left_x': 0.0, 'left_y': 0.6},
         'buttons': ['left_down'],
     },
-    unit={
+    'unit': {
         'state': 'External link error',
         'armed': '1',
         'relays_closed': False,
         'remotes': {'1': {'on': ['radio'], 'sticks': [0.0, 0.4], 'switches': [1]}},
     },
-    ssc={
+    'ssc': {
         'receiver': True,
         'command_state': '1 ms',
         'inputs_us': [1000, 1500, 1800, 2000],
         'outputs_us': [1650],
     },
-    monitor={'rotation_deg': 12.34, 'elevation_deg': -3.0, 'moving': True},
-    turns=True,
-    drive={'rpm': [1000.0, -2500.0], 'enabled': [True, False], 'errors': [[], ['overcurrent']]},
-    axes=(0.0, 0.6),
-    buttons=(1, 0),
-    estops={'VSC': False, 'drive': True},
-    state='ACTIVE',
-    owner='fort',
-    inhibits=('a reason ' * 30,),
-    velocities={'left': 10.0},
-    to_drive=(PACKET, TURN),
-    from_drive=b'\xf0\xf0',
-)
+    'monitor': {'rotation_deg': 12.34, 'elevation_deg': -3.0, 'moving': True},
+    'drive': {
+        'rpm': [1000.0, -2500.0],
+        'enabled': [True, False],
+        'errors': [[], ['overcurrent']],
+    },
+}
+TO_MONITOR = bytes.fromhex('8cfdd638 107d 0464 00100000')  # Akron's Appendix B: not neutral
+
+
+class Shown(FakeStage):
+    """A stage with devices that are to be seen, and everything else heard or silent."""
+
+    def __init__(self, silent: bool = False, inhibit: str = '', **devices: dict[str, Any]) -> None:
+        super().__init__()
+        self._silent = silent
+        for name, seen in (DEVICES | devices).items():
+            setattr(self, name, self._device(seen))
+        if silent:
+            self.status.clear()
+            self.relay: Any = SimpleNamespace(joy=Joy(), joints=JointState())
+        else:
+            self.say(state='ACTIVE', owner='fort', **({'inhibit_1': inhibit} if inhibit else {}))
+            joints = JointState(name=['left'], velocity=[10.0])
+            joy = Joy(axes=[0.0, 0.6], buttons=[1, 0])
+            self.relay = SimpleNamespace(joy=joy, joints=joints)
+
+    def _device(self, seen: dict[str, Any]) -> Any:
+        data = TO_MONITOR if 'rotation_deg' in seen else PACKET
+        chunks = [] if self._silent else [Chunk(0.0, data)]
+        return SimpleNamespace(
+            describe=lambda: seen,
+            received=lambda since: chunks,
+            sent=lambda since: chunks,
+            packets=lambda since: [] if self._silent else [turn(0.0)],
+        )
+
+    def estop(self, node: str, within: float = 0.2) -> bool | None:
+        return None if self._silent else {VSC: False, DRIVE: True}.get(node)
 
 
 @pytest.mark.parametrize('width', [20, 80, 200])
 def test_picture_fits_its_width(width: int) -> None:
-    assert max(map(len, picture(SEEN, width))) <= width
+    assert max(map(len, picture(Shown(inhibit='a reason ' * 30), 'a note', width))) <= width
 
 
 def test_picture_shows_stops_wire_and_motors() -> None:
-    text = '\n'.join(picture(SEEN))
+    text = '\n'.join(picture(Shown(), 'a note'))
     for words in (
         'e-stop by host, Master Enable OPEN',
         'y +0.60, deadman HELD',
         'VM-110   External link error, remote 1 armed, stop switch released, relays OPEN',
         'y +0.40, deadman HELD',
         'receiver on, command channel 1 ms, stick x 1500 y 1800, deadman HELD, throttle 1650 us',
-        'rotation +12.3 elevation -3.0 degrees, told turn, moves',
-        'VSC clear   drive STOP',
+        'rotation +12.3 elevation -3.0 degrees, command turn, moves',
+        'VSC clear   VM-110 silent (STOP)   drive STOP',
         'ACTIVE, owner fort',
         'f0 f0 04 00 00 04 00 00 71 d4',
         'A: enable velocity 500',
@@ -201,39 +230,36 @@ def test_picture_shows_stops_wire_and_motors() -> None:
         '-2500 rpm  disabled overcurrent',
         'space  e-stop',
         's  stop switch',
+        '>        a note',
+        'left +10.00 rad/s',
+        'Joy axes +0.00 +0.60   buttons 10',
     ):
         assert words in text
 
 
 def test_low_terminal_loses_blank_lines_before_any_words() -> None:
-    roomy = picture(replace(SEEN, inhibits=()), height=40)
+    roomy = picture(Shown(), '', height=40)
     assert '' in roomy
-    assert picture(replace(SEEN, inhibits=()), height=24) == [line for line in roomy if line]
-    assert len(picture(replace(SEEN, inhibits=()), height=24)) <= 24
+    low = picture(Shown(), '', height=24)
+    assert low == [line for line in roomy if line]
+    assert len(low) <= 24
 
 
 def test_picture_of_nothing_heard_says_so() -> None:
-    nothing = replace(
-        SEEN,
-        vsc={**SEEN.vsc, 'plugged': False},
-        axes=(),
-        estops={'VSC': None},
+    nothing = Shown(
+        silent=True,
+        vsc={**DEVICES['vsc'], 'plugged': False},
         ssc={
             'receiver': False,
             'command_state': 'no signal',
             'inputs_us': 4 * [None],
             'outputs_us': [None],
         },
-        monitor={**SEEN.monitor, 'moving': False},
-        turns=None,
-        state='',
-        to_drive=(b'', None),
-        from_drive=b'',
-        velocities={},
+        monitor={**DEVICES['monitor'], 'moving': False},
     )
-    text = '\n'.join(picture(nothing))
+    text = '\n'.join(picture(nothing, ''))
     for words in (
         *('UNPLUGGED', 'VSC silent (STOP)', 'not heard yet', 'no packets', 'axes none'),
-        *('receiver OFF', 'no signal', 'told nothing, still'),
+        *('receiver OFF', 'no signal', 'command nothing, still'),
     ):
         assert words in text

@@ -19,7 +19,7 @@ from test.esi_drive_rig import status
 from test.rig import latched
 from test.rig import NodeProcess
 from test.rig import Observer
-from test.spine import Drive
+from test.stage import Drive
 from test.talkers import Diagnostics
 from test.talkers import namespace
 from test.talkers import Talker

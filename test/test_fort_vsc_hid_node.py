@@ -24,7 +24,7 @@ from test.rig import NodeProcess
 from test.rig import Observer
 from test.rig import Record
 from test.rig import wait_for
-from test.spine import Device
+from test.stage import Device
 from test.talkers import Diagnostics
 from test.talkers import namespace
 
@@ -85,7 +85,7 @@ class PtyBench(Bench):
 
     def __init__(self, folder: Path, observer: Observer) -> None:
         self.remote = Device(folder / 'hidraw', HidSimulator())
-        super().__init__(self.remote.path, observer, frame_id='remote')
+        super().__init__(str(self.remote.path), observer, frame_id='remote')
 
     def start_anew(self) -> None:
         """Have a fresh remote, Operational, and hear that it is well."""
@@ -160,7 +160,7 @@ def test_unplugged_remote_stops_and_comes_back_by_itself(bench: PtyBench) -> Non
     bench.remote.apply('unplug')
     bench.wait(lambda: bench.says(bench.estop, True), 'a stop')
     bench.wait(lambda: not any(bench.axes()), 'a neutral Joy')
-    bench.wait(lambda: bench.remote.path in bench.told(LINK), 'the reason', 5.0)
+    bench.wait(lambda: str(bench.remote.path) in bench.told(LINK), 'the reason', 5.0)
     assert bench.diagnostics.status(LINK).level == DiagnosticStatus.ERROR
     before = bench.count('reconnects')
     bench.remote.apply('plug')

@@ -26,7 +26,7 @@ from test.rig import latched
 from test.rig import NodeProcess
 from test.rig import Observer
 from test.rig import Record
-from test.spine import Device
+from test.stage import Device
 from test.talkers import Diagnostics
 from test.talkers import namespace
 from test.talkers import Talker
@@ -231,7 +231,7 @@ def test_link_lost_and_found_is_told_with_its_reason(bench: Bench) -> None:
     bench.wait(
         lambda: bench.diagnostics.status(LINK).level == DiagnosticStatus.ERROR, 'an error', 5.0
     )
-    assert bench.vsc.path in bench.diagnostics.status(LINK).message
+    assert str(bench.vsc.path) in bench.diagnostics.status(LINK).message
     before = int(bench.diagnostics.value(LINK, 'reconnects'))
     bench.vsc.apply('plug', 'mode operational')
     bench.wait(lambda: bench.says(bench.estop, False), 'no stop')

@@ -72,14 +72,21 @@ SHARED = {
     'runner': ('bridge_core', 'rclpy', 'STDLIB'),
     'parameter_files': ('bridge_core.parameters', 'yaml'),
 }
-# Only these commands may import simulators, and each other.
-COMMANDS = ('rugged_teleop.simulate', 'rugged_teleop.demo')
+# Simulators are for the command that shows them and for what is not installed.
+SHOWS = 'rugged_teleop.simulate'
+NOT_INSTALLED = ('demo', 'test', 'benchmarks')
+# What the demo may import beside itself, the standard library, rclpy and messages: the nodes that
+# it shows run as a process.
+DEMO = (
+    *('{bridge}.protocol', '{bridge}.simulator', 'bridge_core', 'rugged_teleop'),
+    *('test.rig', 'test.stage', 'demo', 'rclpy', 'MESSAGES', 'STDLIB'),
+)
 
 
 def packages() -> list[str]:
     """Return the top-level packages of the project."""
     found = sorted(path.parent.name for path in ROOT.glob('*/__init__.py'))
-    return [name for name in found if name not in ('test', 'benchmarks')]
+    return [name for name in found if name not in NOT_INSTALLED]
 
 
 def bridges() -> list[str]:
@@ -88,7 +95,7 @@ def bridges() -> list[str]:
 
 def modules() -> dict[str, Path]:
     """Return the file of each module by dotted name; a package is ``name.__init__``."""
-    files = (path for package in packages() for path in (ROOT / package).rglob('*.py'))
+    files = (path for name in (*packages(), 'demo') for path in (ROOT / name).rglob('*.py'))
     return {'.'.join(path.relative_to(ROOT).with_suffix('').parts): path for path in files}
 
 
@@ -122,8 +129,12 @@ def part(module: str) -> str:
 def is_allowed(module: str, name: str) -> bool:
     """Return whether the table lets ``module`` import ``name``."""
     package = module.split('.')[0]
+    if package == 'demo':
+        return any(matches(entry, name.split('.')[0], name) for entry in DEMO)
+    if name.split('.')[0] in NOT_INSTALLED:
+        return False
     if package == 'rugged_teleop':
-        return module.startswith(COMMANDS) or not (is_command(name) or is_part(name, 'simulator'))
+        return within(module, SHOWS) or not (within(name, SHOWS) or is_part(name, 'simulator'))
     if within(name, f'{package}.config.main'):
         return False  # a command: nothing imports it
     if within(name, f'{package}.{part(module)}'):
@@ -151,10 +162,6 @@ def matches(entry: str, bridge: str, name: str) -> bool:
 
 def is_pure(name: str) -> bool:
     return name.split('.')[0] in STDLIB - IMPURE
-
-
-def is_command(name: str) -> bool:
-    return name.startswith(COMMANDS)
 
 
 def is_part(name: str, which: str) -> bool:
@@ -239,7 +246,15 @@ def test_every_bridge_is_checked() -> None:
         ('bridge_core.node', 'from fort_vsc_bridge.session import Session'),
         ('rugged_teleop.stack', 'from new_bridge.simulator import Device'),
         ('rugged_teleop.stack', 'from new_bridge import simulator'),
-        ('rugged_teleop.stack', 'from rugged_teleop.demo import main'),
+        ('rugged_teleop.stack', 'from demo.stage import DemoStage'),
+        ('rugged_teleop.simulate', 'from demo.stage import DemoStage'),
+        ('rugged_teleop.simulate', 'from test.stage import Stage'),
+        ('new_bridge.node', 'from demo import stage'),
+        ('new_bridge.simulator', 'import test.rig'),
+        ('bridge_core.node', 'from test import rig'),
+        ('demo.stage', 'from new_bridge.node import NewBridge'),
+        ('demo.stage', 'from new_bridge.session import Session'),
+        ('demo.stage', 'from test.spine import Spine'),
         ('rugged_teleop.stack', 'from rugged_teleop import simulate'),
     ],
 )
@@ -264,8 +279,10 @@ def test_forbidden_import_is_found(module: str, source: str) -> None:
         ('new_bridge.config.main', 'import time\nfrom bridge_core.transports import Transport'),
         ('bridge_core.transports.can', 'import can\nimport select'),
         ('rugged_teleop.stack', 'from new_bridge.node import NewBridge'),
-        ('rugged_teleop.demo', 'from new_bridge.simulator import Device'),
-        ('rugged_teleop.demo_view', 'from rugged_teleop.simulate import Bench'),
+        ('rugged_teleop.simulate', 'from new_bridge.simulator import Device'),
+        ('demo.stage', 'from new_bridge.simulator import Device'),
+        ('demo.stage', 'from test.stage import Stage\nimport rclpy\nimport time'),
+        ('demo.view', 'from rugged_teleop.simulate import Bench'),
     ],
 )
 def test_allowed_import_passes(module: str, source: str) -> None:

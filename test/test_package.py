@@ -10,6 +10,7 @@ import sys
 from xml.etree import ElementTree
 
 import pytest
+from setuptools import find_packages
 
 from rugged_teleop.stack import NODES
 
@@ -52,7 +53,7 @@ def entry_points() -> dict[str, str]:
 def production_imports() -> Iterator[str]:
     """Yield the top-level names that the installed packages import."""
     for package in (path.parent for path in ROOT.glob('*/__init__.py')):
-        if package.name in ('test', 'benchmarks'):
+        if package.name in ('demo', 'test', 'benchmarks'):
             continue
         for path in package.rglob('*.py'):
             for node in ast.walk(ast.parse(path.read_text(encoding='utf-8'))):
@@ -99,8 +100,16 @@ def test_every_import_has_its_dependency() -> None:
 def test_resource_marker_and_type_markers_are_there() -> None:
     assert (ROOT / 'resource' / PACKAGE).is_file()
     for init in ROOT.glob('*/__init__.py'):
-        if init.parent.name not in ('test', 'benchmarks'):
+        if init.parent.name not in ('demo', 'test', 'benchmarks'):
             assert (init.parent / 'py.typed').is_file(), init.parent.name
+
+
+def test_demo_tests_and_benchmarks_are_not_installed() -> None:
+    found = ast.unparse(setup_arguments()['packages'])
+    exclude = ast.literal_eval(found.removeprefix('find_packages(exclude=').removesuffix(')'))
+    installed = {name.split('.')[0] for name in find_packages(str(ROOT), exclude=exclude)}
+    assert {'rugged_teleop', 'bridge_core', 'safety_mux'} <= installed
+    assert not installed & {'demo', 'test', 'benchmarks'}
 
 
 def test_requirements_are_pinned() -> None:

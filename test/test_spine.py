@@ -32,11 +32,12 @@ from test.rig import Observer
 from test.rig import Record
 from test.spine import CpuPressure
 from test.spine import DEADMAN
-from test.spine import DRIVE
-from test.spine import MUX
 from test.spine import Spine
 from test.spine import STICK
-from test.spine import VSC
+from test.stage import CLEAR_ERRORS
+from test.stage import DRIVE
+from test.stage import MUX
+from test.stage import VSC
 
 # Bounds in seconds.
 LINK_TIMEOUT = 0.25  # the VSC bridge's default
@@ -183,7 +184,7 @@ def test_deadman_pressed_right_after_reset_waits_for_neutral_time(spine: Spine) 
     spine.holds_still(since)
     assert spine.mux_says('READY')
     spine.let_go()
-    spine.wait(lambda: 'press the deadman' in spine.status.last.message, 'a rested operator')
+    spine.rested()
     spine.move()
 
 
@@ -225,7 +226,7 @@ def test_heartbeat_silent_while_sticks_go_on_stops_within_link_timeout(spine: Sp
     measured('last heartbeat to disable packet', spine.disabled_after(cause, TOLD + 0.05))
     spine.wait(lambda: spine.vsc.last_sent(0x10) > cause + told, 'sticks')
     spine.vsc.enable_message(0x20, True)
-    spine.wait(lambda: spine.is_clear(spine.vsc_estop), 'the VSC without a stop')
+    spine.wait(lambda: spine.is_clear(VSC), 'the VSC without a stop')
     stays_stopped_until_restarted(spine, cause + told + 0.1)
 
 
@@ -237,7 +238,7 @@ def test_sticks_silent_while_heartbeat_goes_on_takes_control_away(spine: Spine) 
     measured('last stick message to disable packet', spine.disabled_after(cause, TOLD))
     spine.vsc.enable_message(0x10, True)  # deadman and stick are still held
     spine.holds_still(cause + TOLD)
-    assert spine.is_clear(spine.vsc_estop)
+    assert spine.is_clear(VSC)
 
 
 @unless_noisy
@@ -273,7 +274,7 @@ def test_mux_lost_mid_motion_disables_the_drive(spine: Spine, number: int) -> No
         spine.nodes[MUX].signal(SIGCONT)
     else:
         assert spine.nodes[MUX].wait() == -SIGKILL
-        spine.start(MUX)
+        spine.restart(MUX)
     stays_stopped_until_restarted(spine, cause + MUX_LOST)
 
 
@@ -288,8 +289,8 @@ def test_vsc_bridge_lost_mid_motion_disables_the_drive(spine: Spine, number: int
     if number == SIGSTOP:
         spine.nodes[VSC].signal(SIGCONT)
     else:
-        spine.start(VSC)
-    spine.wait(lambda: spine.is_clear(spine.vsc_estop), 'the VSC without a stop', 15.0)
+        spine.restart(VSC)
+    spine.wait(lambda: spine.is_clear(VSC), 'the VSC without a stop', 15.0)
     stays_stopped_until_restarted(spine, cause + TOLD)
 
 
@@ -322,7 +323,7 @@ def test_drive_node_frozen_briefly_needs_a_new_press_of_the_deadman(spine: Spine
     said = spine.wait(lambda: 'the drive is not enabled' in spine.status.last.message, 'why')
     assert said
     spine.let_go()
-    spine.wait(lambda: 'press the deadman' in spine.status.last.message, 'a rested operator')
+    spine.rested()
     spine.move()
 
 
@@ -341,8 +342,8 @@ def test_drive_node_ended_mid_motion_leaves_with_disable_packets(
     farewell = spine.drive.packets()[-3:]
     assert not any(packet.enables or any(packet.values) for packet in farewell)
     spine.wait(lambda: spine.mux_says('STOPPED'), 'the mux hears of it')
-    spine.start(DRIVE)
-    spine.wait(lambda: spine.is_clear(spine.drive_estop), 'the drive without a stop', 15.0)
+    spine.restart(DRIVE)
+    spine.wait(lambda: spine.is_clear(DRIVE), 'the drive without a stop', 15.0)
     stays_stopped_until_restarted(spine, cause + lasted)
 
 
@@ -368,14 +369,14 @@ def test_drive_fault_mid_motion_stops_until_cleared_and_reset(spine: Spine) -> N
     cause = spine.drive.apply('fault a overcurrent on')
     measured('drive fault to disable packet', spine.disabled_after(cause, PROMPT))
     spine.wait(lambda: spine.mux_says('STOPPED'), 'STOPPED')
-    refused = spine.call(f'/{DRIVE}/clear_errors')
+    refused = spine.call(CLEAR_ERRORS)
     assert not refused.success  # the cause is still there
     assert 'overcurrent' in refused.message
     spine.drive.apply('fault a overcurrent off')
-    spine.observer.holds_for(lambda: not spine.is_clear(spine.drive_estop), 0.3, 'latched')
-    reply = spine.call(f'/{DRIVE}/clear_errors')
+    spine.observer.holds_for(lambda: not spine.is_clear(DRIVE), 0.3, 'latched')
+    reply = spine.call(CLEAR_ERRORS)
     assert reply.success, reply.message
-    spine.wait(lambda: spine.is_clear(spine.drive_estop), 'the drive without a stop')
+    spine.wait(lambda: spine.is_clear(DRIVE), 'the drive without a stop')
     stays_stopped_until_restarted(spine, cause + PROMPT)
 
 
@@ -386,7 +387,7 @@ def test_drive_that_disables_itself_is_not_enabled_again_by_a_held_deadman(spine
     measured('axis dropped out to disable packet', spine.disabled_after(cause, PROMPT))
     spine.holds_still(cause + PROMPT)
     spine.let_go()
-    spine.wait(lambda: 'press the deadman' in spine.status.last.message, 'a rested operator')
+    spine.rested()
     spine.move()
 
 

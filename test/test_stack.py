@@ -22,12 +22,12 @@ from rugged_teleop.stack import wired
 from test.rig import latched
 from test.rig import NodeProcess
 from test.rig import Observer
-from test.spine import Device
-from test.spine import DRIVE
-from test.spine import Drive
 from test.spine import exit_of
-from test.spine import MUX
-from test.spine import VSC
+from test.stage import Device
+from test.stage import DRIVE
+from test.stage import Drive
+from test.stage import MUX
+from test.stage import VSC
 
 
 @pytest.mark.parametrize(
@@ -90,8 +90,8 @@ class Stack:
         file = folder / 'stack.yaml'
         # A busy machine holds a process up for longer than the defaults allow; those: test_spine.
         sections = {
-            VSC: {'port': self.vsc.path, 'link_timeout': 1.0},
-            DRIVE: {'port': self.drive.path, 'command_timeout': 1.0},
+            VSC: {'port': str(self.vsc.path), 'link_timeout': 1.0},
+            DRIVE: {'port': str(self.drive.path), 'command_timeout': 1.0},
             MUX: {
                 'stall_limit': 1.0,
                 'estop.fort.timeout': 1.0,

@@ -28,11 +28,11 @@ from test.rig import latched
 from test.rig import NodeProcess
 from test.rig import Observer
 from test.rig import Record
-from test.spine import DRIVE
-from test.spine import Drive
-from test.spine import MUX
 from test.spine import Spine
-from test.spine import VSC
+from test.stage import DRIVE
+from test.stage import Drive
+from test.stage import MUX
+from test.stage import VSC
 from test.talkers import namespace
 from test.talkers import Talker
 

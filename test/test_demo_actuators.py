@@ -1,4 +1,4 @@
-"""The demo's monitor and SSC: what they are told, and a scene that can fail."""
+"""The demo's monitor and SSC: what they hear, and a scene that can fail."""
 
 from __future__ import annotations
 
@@ -10,17 +10,15 @@ import pytest
 from sensor_msgs.msg import JointState
 from sensor_msgs.msg import Joy
 
-from rugged_teleop.demo_actor import Missed
-from rugged_teleop.demo_further import Further
-from rugged_teleop.demo_further import pulses_in
-from rugged_teleop.demo_further import turns_in
-from rugged_teleop.demo_relay import monitor_command
-from rugged_teleop.demo_relay import servo_command
-from rugged_teleop.demo_stage import Packet
+from demo.actuators import Actuators
+from demo.actuators import pulses_in
+from demo.actuators import turns_in
+from demo.stage import monitor_command
+from demo.stage import servo_command
 from rugged_teleop.ports import Chunk
 from test.demo_rig import FakeStage
-from test.demo_rig import STILL
-from test.demo_rig import TURN
+from test.demo_rig import still
+from test.demo_rig import turn
 
 # By hand from Akron's Appendix B: a neutral stick; the manual's own example of one that is not.
 AKRON_REST = bytes.fromhex('8cfdd638 0100 0100 00000000')
@@ -61,15 +59,15 @@ def test_poll_of_the_ssc_is_no_pulse() -> None:
 
 
 def all_still(frames: list[bytes], pulses: list[bytes]) -> str:
-    """Let the scene watch that nothing moves, while monitor and SSC are told this."""
+    """Let the scene watch that nothing moves, while monitor and SSC hear this."""
     later = time.monotonic() + 60.0
-    stage: Any = FakeStage(Packet(later, STILL))
+    stage: Any = FakeStage(still(later))
     stage.monitor = SimpleNamespace(received=lambda since: [Chunk(later, f) for f in frames])
     stage.ssc = SimpleNamespace(received=lambda since: [Chunk(later, p) for p in pulses])
-    return Further(stage)._all_still(time.monotonic())
+    return Actuators(stage).all_still(time.monotonic())
 
 
-def test_monitor_and_servo_that_stay_are_told() -> None:
+def test_monitor_and_servo_that_stay_are_reported() -> None:
     expected = '1 packets, all disable; 1 frames, all neutral; servo shut'
     assert all_still([AKRON_REST], [SSC_SHUT]) == expected
 
@@ -79,15 +77,15 @@ def test_monitor_and_servo_that_stay_are_told() -> None:
     [
         ([AKRON_REST, AKRON_TURN], [SSC_SHUT], 'turns the monitor'),
         ([], [SSC_SHUT], '0 frames'),
-        ([AKRON_REST], [SSC_SHUT, SSC_IDLE], r'told \[1000, 1500\] us'),
-        ([AKRON_REST], [], r'told \[\] us'),
+        ([AKRON_REST], [SSC_SHUT, SSC_IDLE], r'gets \[1000, 1500\] us'),
+        ([AKRON_REST], [], r'gets \[\] us'),
     ],
     ids=['turned', 'silent', 'opened', 'no pulses'],
 )
 def test_monitor_or_servo_that_moves_is_missed(
     frames: list[bytes], pulses: list[bytes], expected: str
 ) -> None:
-    with pytest.raises(Missed, match=expected):
+    with pytest.raises(AssertionError, match=expected):
         all_still(frames, pulses)
 
 
@@ -95,18 +93,18 @@ def stop_all(heard: bytes) -> str:
     """Let the scene measure a stop before which the monitor has ``heard`` this."""
     now = time.monotonic()
     frames = [Chunk(now - 0.02, heard), Chunk(now + 0.01, AKRON_REST)]
-    stage: Any = FakeStage(Packet(now - 0.01, TURN))
+    stage: Any = FakeStage(turn(now - 0.01))
     stage.monitor = SimpleNamespace(received=lambda since: [f for f in frames if f.at > since])
     stage.ssc = SimpleNamespace(received=lambda since: [Chunk(now + 0.02, SSC_SHUT)])
-    further: Any = Further(stage)
-    further._sleep = lambda: None
-    further._is_turned = further._is_open = lambda: True
+    actuators: Any = Actuators(stage)
+    actuators._spin = lambda seconds: None
+    actuators._is_turned = actuators._is_open = lambda: True
 
     def act() -> float:
-        stage.all_packets += (Packet(now + 0.03, STILL),)
+        stage.drive.all_packets += (still(now + 0.03),)
         return now
 
-    return str(further._all_stopped('a stop', act, 0.15))
+    return str(actuators.all_stopped('a stop', act, 0.15))
 
 
 def test_stop_of_motors_monitor_and_servo_is_measured_for_each() -> None:
@@ -117,5 +115,5 @@ def test_stop_of_motors_monitor_and_servo_is_measured_for_each() -> None:
 
 
 def test_stop_of_a_monitor_that_did_not_turn_is_missed() -> None:
-    with pytest.raises(Missed, match='was not told to turn before'):
+    with pytest.raises(AssertionError, match='no frame turned the monitor before'):
         stop_all(AKRON_REST)

@@ -1,0 +1,191 @@
+"""
+The part of the scene with what else hears the mux: a monitor on CAN, and a servo on an SSC.
+
+The SSC's RC receiver is the third operator. FORT's right stick turns the monitor all the time,
+whoever drives: only the mux's e-stop is between.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+import contextlib
+from functools import partial
+import time
+
+from akron_can_bridge import protocol as akron
+from demo.stage import SHUT_US
+from demo.steering import DEMAND_LIMIT
+from demo.steering import RC
+from demo.steering import Steering
+from demo.steering import Step
+from demo.steering import step
+from fort_vsc_bridge.protocol import AXIS_NAMES
+from fort_vsc_bridge.protocol import Joystick
+from rugged_teleop.canbuses import unpack
+from rugged_teleop.ports import Chunk
+from ssc_bridge import protocol as ssc
+from test.stage import SSC
+
+MONITOR_STICK = 'right_x'
+_RIGHT_X = AXIS_NAMES.index(MONITOR_STICK)
+IDLE_US = 1500  # the throttle at rest
+# s, for a receiver without pulses: no signal after 0.1 s, reported every 0.05 s; DEMAND_LIMIT.
+RECEIVER_LIMIT = 0.3
+_REST = akron.BasicJoystick(akron.NEUTRAL, akron.NEUTRAL)
+_TRIES = 5
+_TURN_LIMIT = 1.0  # s, from pushing the stick to the first frame that turns the monitor
+_TURNED = 1.0  # degrees, and more than that if it turns
+_OVERLAP = 0.1  # s of bytes before the wanted ones, for a frame that began there
+
+
+class Actuators(Steering):
+    """Turns the monitor, drives by the SSC's receiver, and watches what the stops do to both."""
+
+    @property
+    def actuator_steps(self) -> list[Step]:
+        """What is expected, and what shows it; from FORT in motion to FORT in motion."""
+        turn, lose = partial(self.retry, self._turn), self.stop_receiver
+        return [
+            step("FORT's right stick turns the monitor; a servo follows the motors", turn),
+            step("FORT's e-stop stops motors, monitor and servo", self.stop_all),
+            step('acknowledged, all sticks still held: nothing moves', self.hold_while_stopped),
+            step("a reset, the monitor's stick still held: nothing moves", self.hold_over_reset),
+            step("the SSC's deadman, then its stick: it drives", self.drive, RC),
+            step('the right stick let go, then pushed: the monitor turns again', turn),
+            step("the SSC's receiver lost stops all, FORT's right stick pushed", lose),
+            step('it is back, deadman and stick held: nothing moves', self.end_receiver),
+            step('a reset, and FORT drives again', self.return_to_fort),
+        ]
+
+    def _turn(self) -> str:
+        """Turn the monitor while the motors turn."""
+        if not self.moving():
+            self.set_off()
+        self._push_aside()
+        before = self._rotation
+        self.wait(lambda: abs(self._rotation - before) > _TURNED, 'the monitor stays')
+        self.wait(self._is_open, lambda: f'the servo is at {self._last_pulse} us')
+        return f'it is at {self._rotation:.1f} degrees, the servo at {self._last_pulse} us'
+
+    def _push_aside(self) -> None:
+        """Let go of the right stick, then push it; anew if a timeout has made it neutral."""
+        for _ in range(_TRIES):
+            self.stage.vsc.apply(f'stick {MONITOR_STICK} 0')
+            self.wait(lambda: self.stage.axes[3:5] == (0.0, 0.0))
+            self.stage.vsc.apply(f'stick {MONITOR_STICK} 0.6')
+            with contextlib.suppress(AssertionError):
+                self.wait(self._is_turned, limit=_TURN_LIMIT)
+                return
+        raise AssertionError(f'no frame turns the monitor; the mux says: {self.stage.message}')
+
+    def stop_all(self) -> str:
+        press = partial(self.vsc_stop, 'estop remote on')
+        return self.all_stopped("FORT's e-stop, monitor turning", press, DEMAND_LIMIT)
+
+    def stop_receiver(self) -> str:
+        cut = partial(self.stage.ssc.apply, 'receiver off')
+        happened = self.all_stopped("the SSC's receiver lost", cut, RECEIVER_LIMIT)
+        # The mux stops the VSC too, which then zeroes its sticks: a little later, as a rule.
+        word = 'pushed' if self._pushed_at(self._rest(self.caused_at)) else 'zeroed'
+        return f"{happened}; FORT's stick was {word} then"
+
+    def _pushed_at(self, moment: float) -> bool:
+        """Tell whether the VSC's last joystick message before then had the right stick pushed."""
+        said = self.vsc_said(moment - _OVERLAP)
+        words = [message for at, message in said if at < moment and isinstance(message, Joystick)]
+        return bool(words) and bool(words[-1].axes[_RIGHT_X].value)
+
+    def all_stopped(self, cause: str, act: Callable[[], float], limit: float) -> str:
+        """Stop motors, monitor and servo in mid-motion, and measure all three."""
+        if not (self._is_turned() and self._is_open()):  # a timeout: see retry
+            self.retry(self._turn)
+        happened = [
+            self.stopped(cause, act, limit),
+            self.reacts(f'{cause}, to a neutral frame', 'monitor neutral', self._rest, limit),
+            self.reacts(f'{cause}, to the failsafe pulse', 'servo shut', self._shut, limit),
+        ]
+        before = self._frames(self.caused_at - _OVERLAP)
+        turned = any(turns for at, turns in before if at < self.caused_at)
+        assert turned, 'no frame turned the monitor before'
+        return '; '.join(happened)
+
+    def hold_while_stopped(self) -> str:
+        """Let FORT report its sticks again, while the mux is STOPPED."""
+        self.stage.vsc.apply('estop remote off')
+        self.acknowledge()
+        self.wait(lambda: self.stage.axes[3:4] not in ((), (0.0,)))
+        return self.all_still(time.monotonic())
+
+    def hold_over_reset(self) -> str:
+        """Reset with all let go that the mux looks at; FORT's right stick is none of it."""
+        since = time.monotonic()
+        return f'{self.accepted_reset()}; {self.all_still(since)}'
+
+    def end_receiver(self) -> str:
+        since = self.stage.ssc.apply('receiver on')
+        self.wait(lambda: self.stage.is_clear(SSC))
+        happened = self.all_still(since)
+        self.stage.vsc.apply(f'stick {MONITOR_STICK} 0')
+        return happened
+
+    def all_still(self, since: float) -> str:
+        """Watch that after ``since`` no packet, frame or pulse moves motor, monitor or servo."""
+        happened = self.still(since)
+        frames, pulses = self._frames(since), {us for _, us in self._pulses(since)}
+        still = frames and not any(turns for _, turns in frames)
+        assert still, f'{len(frames)} frames, or one of them turns the monitor'
+        assert pulses == {SHUT_US}, f'the servo gets {sorted(pulses)} us'
+        return f'{happened}; {len(frames)} frames, all neutral; servo shut'
+
+    def _frames(self, since: float) -> list[tuple[float, bool]]:
+        return turns_in(self.stage.monitor.received(since))
+
+    def _pulses(self, since: float) -> list[tuple[float, int]]:
+        pulses = pulses_in(self.stage.ssc.received(since - _OVERLAP))
+        return [(at, us) for at, us in pulses if at > since]
+
+    def _rest(self, since: float) -> float:
+        return next((at for at, turns in self._frames(since) if not turns), 0.0)
+
+    def _shut(self, since: float) -> float:
+        return next((at for at, us in self._pulses(since) if us == SHUT_US), 0.0)
+
+    def _is_turned(self) -> bool:
+        """Tell whether the newest frame turns the monitor."""
+        frames = self._frames(time.monotonic() - _OVERLAP)
+        return bool(frames) and frames[-1][1]
+
+    def _is_open(self) -> bool:
+        """Tell whether the servo is beyond idle, as while the motors turn."""
+        return self._last_pulse > IDLE_US
+
+    @property
+    def _last_pulse(self) -> int:
+        """The servo's newest pulse, in us; 0: none lately."""
+        return next((us for _, us in reversed(self._pulses(time.monotonic() - _OVERLAP))), 0)
+
+    @property
+    def _rotation(self) -> float:
+        """Where the monitor points, in degrees."""
+        return float(self.stage.monitor.describe()['rotation_deg'])
+
+
+def turns_in(chunks: list[Chunk]) -> list[tuple[float, bool]]:
+    """Return the joystick frames among what a monitor has heard: when, and whether not neutral."""
+    found = []
+    for at, data in chunks:
+        frame = unpack(data)
+        message = None if frame is None else akron.decode(frame).message
+        if isinstance(message, akron.BasicJoystick):
+            found.append((at, message != _REST))
+    return found
+
+
+def pulses_in(chunks: list[Chunk]) -> list[tuple[float, int]]:
+    """Return the pulses for an SSC's first output, in us, and when they came."""
+    parser, found = ssc.parser(), []
+    for at, data in chunks:
+        for message in parser.feed(data, at):
+            if isinstance(message, ssc.PulseCommand):
+                found.append((at, message.us[0]))
+    return found

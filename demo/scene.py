@@ -1,0 +1,394 @@
+"""
+The scripted scene: a start, fourteen stops in mid-motion, wrong ways to go on and the right one.
+
+Each step states what is expected, waits for it up to a deadline and prints one line. Reactions run
+from the moment at which the cause was written on a port (or the plug was pulled) to the moment at
+which the first packet that disables the drive was read, both taken in this process with the
+monotonic clock.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+import time
+
+from demo.actuators import Actuators
+from demo.stage import DemoError
+from demo.stage import ESTOPS
+from demo.stage import STACK
+from demo.steering import FORT
+from demo.steering import RAMP_LIMIT
+from demo.steering import SILENT_LIMIT
+from demo.steering import Step
+from demo.steering import step
+from demo.steering import UNIT_SILENT_LIMIT
+from demo.steering import VM110
+from fort_vsc_bridge.protocol import Heartbeat
+from test.stage import BETWEEN_RESETS
+from test.stage import CLEAR_ERRORS
+from test.stage import TRIP
+from test.stage import UNIT
+from test.stage import VSC
+from vm110_bridge.protocol import BuState
+from vm110_bridge.protocol import PeriodicInput
+
+RETURN_LIMIT = 2.0  # s, from plugging in to a healthy link
+START_LIMIT = 30.0  # s, for discovery on a busy machine
+_WATCHED = 0.6  # s: several VRPI, and longer than the mux's hold_time
+
+
+class Scene(Actuators):
+    """The scene on a stage. Its steps return what happened; see ``steps`` for what they expect."""
+
+    @property
+    def steps(self) -> list[Step]:
+        stopped, refused, apply = self.stopped, self.refused_reset, self.stage.vsc.apply
+        press = partial(self.vsc_stop, 'estop remote on')
+        demanded, unplug = partial(self.demanded, FORT), partial(apply, 'unplug')
+        reset = step('a reset with all let go is accepted and moves nothing', self.reset_rightly)
+        again = step('reset and a new deadman move it again', self.restart)
+        return [
+            step('VSC, VM-110, SSC, drive and monitor are found', self.connect),
+            step('a start is a stop: deadman and stick move nothing', self.push_at_start),
+            step('a reset with stick and deadman held is refused', refused, self.held),
+            reset,
+            step('deadman, then stick: the motors turn', self.set_off),
+            step('e-stop on the remote stops', stopped, 'e-stop of the remote', press),
+            step('a reset while the e-stop is pressed is refused', refused, demanded),
+            step('released, but not acknowledged: refused', self.reset_unacknowledged),
+            step('acknowledged, stick and deadman still held: refused', self.reset_still_held),
+            step('stick let go, deadman held: refused', self.reset_deadman_held),
+            reset,
+            step('the stick without the deadman moves nothing', self.stick_alone),
+            step('the deadman pressed with the stick pushed moves nothing', self.deadman_late),
+            step('neutral, deadman, stick: the motors turn', self.set_off),
+            step('the wired e-stop of the VSC stops', self.stop_wired),
+            again,
+            step('a released deadman stops', self.stop_deadman),
+            step('the deadman alone moves it again, without a reset', self.set_off),
+            step('a VSC that falls silent stops', self.stop_silence),
+            step('it speaks again, stick and deadman held: nothing moves', self.end_silence),
+            again,
+            step('a fault of the drive stops', stopped, 'overcurrent', self.drive_fault),
+            step('a reset before the errors are cleared is refused', self.clear_fault),
+            again,
+            step('~/trip stops', stopped, '~/trip, from its call', self.trip),
+            step('a first reset only ends the trip, which stopped the VSC too', self.end_trip),
+            again,
+            step('the VSC unplugged stops', stopped, 'VSC unplugged', unplug, SILENT_LIMIT),
+            step('plugged in: healthy in the same process, nothing moves', self.plug),
+            again,
+            *self.handover_steps,
+            *self.actuator_steps,
+            step('the stack ended in mid-motion: its last packets disable', self.end),
+        ]
+
+    @property
+    def handover_steps(self) -> list[Step]:
+        """What is expected, and what shows it; from FORT in motion to FORT in motion."""
+        leave, drive, retry = self.leave_fort, partial(self.drive, VM110), self.retry
+        arm, hold = partial(self.keep_fort, self._arm), partial(self.keep_fort, self._hold_unit)
+        alone = step('FORT released, VM-110 still held: it stops, and nothing moves', leave)
+        unit = step("VM-110's sticks let go, then its deadman: it drives", drive)
+        back = step('a reset, and FORT drives again', self.return_to_fort)
+        return [
+            step('a VM-110 armed and enabled takes nothing from FORT', retry, arm),
+            step('its deadman does not take over from FORT, which ranks higher', retry, hold),
+            *(alone, unit),
+            step("FORT's deadman takes over from VM-110, through zero", retry, self.take_over),
+            *(alone, unit),
+            step("VM-110's stop switch stops", self.stop_unit),
+            step("it opens the VSC's Master Enables too", self.see_enables_open),
+            step('its stop switch held, deadman and stick again: nothing moves', self.push_again),
+            step('released, rearmed, reset: a new deadman moves it again', self.rearm),
+            step('a VM-110 that falls silent stops', self.stop_unit_silence),
+            step('it speaks again, its deadman held: nothing moves', self.end_unit_silence),
+            back,
+            step("FORT's e-stop opens VM-110's relays too, after its 2 s", self.open_relays),
+            step('released and acknowledged: only rearming closes them', self.close_relays),
+            back,
+        ]
+
+    def play(self, say: Callable[[str], None]) -> bool:
+        """
+        Play all steps, up to the first that fails; say how it went. Tell whether all held.
+
+        What follows a failed step would start from somewhere else, and show nothing.
+        """
+        steps = self.steps
+        for number, (expected, show) in enumerate(steps):
+            try:
+                happened = show()
+            except (AssertionError, DemoError) as error:
+                say(f'FAILED  {expected}: {error}')
+                say(
+                    f'\n{number} of {len(steps)} expectations held, one did not, '
+                    f'{len(steps) - number - 1} were not tried. This machine kept us waiting '
+                    f'{self.latest * 1e3:.0f} ms at worst; the stack stops from 100 ms on.'
+                )
+                say(self.stage.output())
+                return False
+            say(f'ok      {expected}: {happened}')
+        say(
+            f'\nall {len(steps)} expectations held. From cause to the first disable packet '
+            '(a takeover: to zero or the other direction), or to what is named:'
+        )
+        for cause, seconds, limit in self.reactions:
+            say(f'  {seconds * 1e3:7.1f} ms  {cause} (at most {limit * 1e3:.0f} ms)')
+        if self.timeouts:
+            say(f'this machine is busy: timeouts stopped the motors {self.timeouts} times')
+        return True
+
+    # Starts.
+
+    def connect(self) -> str:
+        started_at = time.monotonic()
+
+        def connected() -> bool:
+            if all(self.stage.is_clear(node) for node in ESTOPS.values()):
+                return self.is_stopped()
+            self.acknowledge_and_rearm()  # the mux stops the VSC until it has heard the drive
+            return False
+
+        def missing() -> str:
+            return f'missing: {[name for name in ESTOPS if not self.stage.is_clear(ESTOPS[name])]}'
+
+        self.wait(connected, missing, START_LIMIT)
+        took = time.monotonic() - started_at
+        return f'all without a stop after {took:.1f} s, the mux is {self.state}'
+
+    def push_at_start(self) -> str:
+        self.acknowledge()
+        return self.still(self.push())
+
+    def reset_rightly(self) -> str:
+        since = time.monotonic()
+        return f'{self.accepted_reset()}; {self.still(since)}'
+
+    # Stops.
+
+    def stop_wired(self) -> str:
+        happened = self.stopped('wired e-stop', partial(self.vsc_stop, 'estop vsc on'))
+        self.stage.vsc.apply('estop vsc off')
+        self.acknowledge()
+        return happened
+
+    def stop_deadman(self) -> str:
+        """Release the deadman, with the stick still pushed."""
+        return self.stopped('deadman released', partial(self.vsc_deadman, False), state='READY')
+
+    def stop_silence(self) -> str:
+        """Let the VSC hang, its port still open."""
+
+        def hang() -> float:
+            said = self.vsc_said(self.stage.vsc.apply('stall on') - 1.0)
+            return [at for at, message in said if isinstance(message, Heartbeat)][-1]
+
+        def undo() -> None:
+            self.stage.vsc.apply('stall off')
+            self.restart()
+
+        cause = 'VSC silent, since its last heartbeat'
+        return self.retry(partial(self.stopped, cause, hang, SILENT_LIMIT), undo)
+
+    def end_silence(self) -> str:
+        since = self.stage.vsc.apply('stall off')
+        return f'{self.refused_reset(self.held)}; {self.still(since)}'
+
+    def clear_fault(self) -> str:
+        """Try to go on without clearing the errors, then clear them."""
+        happened = self.refused_reset(partial(self.demanded, 'drive'))
+        reply = self.stage.call(CLEAR_ERRORS)
+        assert reply.success, reply.message
+        return f'{happened}; ~/clear_errors: {reply.message}'
+
+    def trip(self) -> float:
+        at = time.monotonic()
+        self.stage.call(TRIP)
+        return at
+
+    def end_trip(self) -> str:
+        """Reset: the trip ends, and with it what stops the VSC; that has to be acknowledged."""
+        self.let_go()
+        may_end_at = time.monotonic() + BETWEEN_RESETS
+
+        def has_trip(value: str) -> bool:
+            return self.is_stopped() and self.stage.values['trip active'] == value
+
+        def is_tripped() -> bool:
+            at_rest = self.stage.values['operators at rest'] == 'true'
+            return at_rest and has_trip('true') and time.monotonic() > may_end_at
+
+        return self.refused_reset(is_tripped, partial(has_trip, 'false'))
+
+    def plug(self) -> str:
+        """Plug the VSC in again; stick and deadman are still held on the remote."""
+        since = self.stage.vsc.apply('plug')
+        self.wait(lambda: self.stage.is_clear(VSC), limit=RETURN_LIMIT)
+        took = time.monotonic() - since
+        self.stage.check()
+        pid = self.stage.nodes[STACK].process.pid
+        return f'after {took:.1f} s in process {pid}; {self.still(since)}'
+
+    def end(self) -> str:
+        since = time.monotonic()
+        status = self.stage.nodes[STACK].end()
+        took = time.monotonic() - since
+        last = self.stage.drive.packets(since)[-1:]
+        ended_well = status == 0 and last and not last[0].enables
+        assert ended_well, f'exit status {status}, last packet {last}'
+        return f'exit status 0 after {took:.1f} s'
+
+    # Wrong ways to go on.
+
+    def reset_unacknowledged(self) -> str:
+        self.stage.vsc.apply('estop remote off')
+        return self.refused_reset(partial(self.demanded, FORT))
+
+    def reset_still_held(self) -> str:
+        since = self.acknowledge()
+        return f'{self.refused_reset(self.held)}; {self.still(since)}'
+
+    def reset_deadman_held(self) -> str:
+        self.stick(False)
+        self.wait(lambda: self.stage.axes[1:2] == (0.0,))
+        return self.refused_reset(self.held)
+
+    def stick_alone(self) -> str:
+        return self.still(self.stick(True))
+
+    def deadman_late(self) -> str:
+        return self.still(self.deadman(True))
+
+    # Two operators: the stop of either reaches the hardware chain of the other, too.
+
+    def _arm(self) -> float:
+        since = self.arm_unit()
+        self.unit_says(since, _reports(BuState.ARMED))
+        return since
+
+    def _hold_unit(self) -> float:
+        """Hold the VM-110's deadman, with its stick pushed the other way than FORT's."""
+        self.deadman(True, VM110)
+        since = self.stage.unit.apply('stick 1 2 -0.6')
+        return self.unit_says(since, lambda vrpi: bool(vrpi.switches[0] and vrpi.joysticks[1]))
+
+    def keep_fort(self, act: Callable[[], object]) -> str:
+        """Let the VM-110 do something while FORT drives; watch that FORT keeps control."""
+        if not self.moving():
+            self.set_off()
+        since = time.monotonic()
+        act()
+        end = time.monotonic() + _WATCHED
+
+        def watched() -> bool:
+            assert self.owner != VM110, f'VM-110 has control: {self.stage.message}'
+            return time.monotonic() > end
+
+        self.wait(watched)
+        packets = self.stage.drive.packets(since)
+        values = [value for packet in packets for value in packet.values]
+        assert min(values, default=-1) >= 0, f'no packets, or some as VM-110 asks: {values}'
+        self.wait_for_owner(FORT)
+        return f'FORT keeps control, {len(packets)} packets'
+
+    def leave_fort(self) -> str:
+        """Release FORT's deadman; the VM-110's is held meanwhile."""
+
+        def release() -> float:
+            self._hold_unit()
+            return self.vsc_deadman(False)
+
+        happened = self.stopped('FORT released, to hand over', release, state='READY')
+        return f'{happened}; {self.still(time.monotonic())}'
+
+    def take_over(self) -> str:
+        """
+        Press FORT's deadman and push its stick the other way, while VM-110 drives.
+
+        Measured is the way down to zero, from FORT's message of its deadman on.
+        """
+        self.operator = VM110
+        if not self.moving() or self.owner != VM110:
+            self.set_off()
+        free_at = time.monotonic() + _WATCHED  # not within hold_time of the last change of owner
+        self.wait(lambda: time.monotonic() > free_at)
+        self._late = 0.0
+        self.caused_at = self.vsc_deadman(True)
+        self.stage.vsc.apply('stick left_y -0.6')
+        self.wait_for_owner(FORT)
+        self.operator = FORT
+
+        def reversed_at() -> float:
+            packets = self.stage.drive.packets(self.caused_at)
+            return next((packet.time for packet in packets if packet.values[0] < 0), 0.0)
+
+        turned = self.wait(reversed_at, 'FORT has control, and nothing turns')
+        packets = [p for p in self.stage.drive.packets(self.caused_at) if p.time <= turned]
+        # The mux is at zero for one decision, which may fall between two packets of the drive's.
+        zero = next(packet for packet in packets if packet.values[0] <= 0)
+        jumps = abs(zero.values[0]) > packets[0].values[0] / 2
+        ramped = not jumps and all(packet.enables for packet in packets)
+        assert ramped, 'it did not pass through zero on a ramp, or was disabled on the way'
+        cause = "FORT's takeover, until zero"
+        took = self.reacts(cause, 'at zero', lambda _: zero.time, RAMP_LIMIT)
+        return f'{took}, then the other way'
+
+    def stop_unit(self) -> str:
+        def press() -> float:
+            return self.unit_says(self.stage.unit.apply('stop 1 on'), _reports(BuState.STOPPED))
+
+        return self.stopped("VM-110's stop switch", press)
+
+    def see_enables_open(self) -> str:
+        vsc = self.stage.vsc
+        self.wait(lambda: not vsc.describe()['master_enable'], lambda: f'{vsc.describe()}')
+        return 'open, until FORT acknowledges'
+
+    def push_again(self) -> str:
+        self.let_go()
+        return self.still(self.push())
+
+    def rearm(self) -> str:
+        self.stage.unit.apply('stop 1 off')
+        self.arm_unit()
+        return self.restart()
+
+    def stop_unit_silence(self) -> str:
+        def hang() -> float:
+            return self.stage.unit.sent(self.stage.unit.apply('stall on') - 1.0)[-1].at
+
+        return self.stopped('VM-110 silent, since its last VRPI', hang, UNIT_SILENT_LIMIT)
+
+    def end_unit_silence(self) -> str:
+        """Let the base unit go on, and arm it anew if it has opened its relays meanwhile."""
+        since = self.stage.unit.apply('stall off')
+        self.arm_unit()
+        self.wait(lambda: self.stage.is_clear(UNIT))
+        return self.still(since)
+
+    def open_relays(self) -> str:
+        press = partial(self.vsc_stop, 'estop remote on')
+        happened = self.stopped("FORT's e-stop, VM-110 armed", press)
+        since, unit = time.monotonic(), self.stage.unit
+        opened = self.unit_says(since, _reports(BuState.EXTERNAL_LINK_ERROR))
+        assert not unit.describe()['relays_closed'], 'the relays are closed'
+        after = opened - unit.received()[-1].at
+        return f'{happened}; relays open {after:.1f} s after the last VRPO'
+
+    def close_relays(self) -> str:
+        self.stage.vsc.apply('estop remote off')
+        self.acknowledge()
+        self.wait(lambda: self.stage.is_clear(VSC))
+        unit = self.stage.unit
+        self.wait(lambda: unit.describe()['eg_link'] == 'Operational')
+        closed = unit.describe()['relays_closed']
+        assert not closed, 'the relays have closed without being rearmed'
+        since = self._arm()
+        assert unit.describe()['relays_closed'], 'the relays are open'
+        return f'closed by rearming; {self.still(since)}'
+
+
+def _reports(state: BuState) -> Callable[[PeriodicInput], bool]:
+    return lambda vrpi: vrpi.bu_state == state

@@ -1,0 +1,144 @@
+"""
+The demo's stage: all six nodes in one process, on three remotes, a drive, a monitor and a servo.
+
+Nothing of it meets a robot: all traffic stays on this machine, in a ROS domain of its own.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from rclpy.qos import QoSProfile
+from sensor_msgs.msg import JointState
+from sensor_msgs.msg import Joy
+
+from akron_can_bridge.simulator import Simulator as MonitorSimulator
+from rugged_teleop.canbuses import CanBusDevice
+from rugged_teleop.canbuses import free_channel
+from rugged_teleop.multicasts import free_port
+from rugged_teleop.multicasts import MulticastDevice
+from ssc_bridge.simulator import Settings as SscSettings
+from ssc_bridge.simulator import Simulator as SscSimulator
+from test.rig import Observer
+from test.rig import ROOT
+from test.stage import Device
+from test.stage import DRIVE
+from test.stage import MONITOR
+from test.stage import MUX
+from test.stage import SSC
+from test.stage import Stage
+from test.stage import UNIT
+from test.stage import VSC
+from vm110_bridge.simulator import Simulator as UnitSimulator
+
+ESTOPS = {'VSC': VSC, 'VM-110': UNIT, 'drive': DRIVE, 'monitor': MONITOR, 'SSC': SSC}
+# The stop of each remote reaches the hardware chain of the other; see docs/safety_mux.md.
+CHAINS = {
+    f'{VSC}:~/software_estop': f'{MUX}/stop_demand/fort',
+    f'{UNIT}:~/hold_output': f'{MUX}/stop_demand/vm110',
+}
+STACK = 'stack'
+CONFIG = ROOT / 'config' / 'demo.yaml'
+SHUT_US = 1000  # the throttle's failsafe; see CONFIG
+SERVO = 'throttle'  # as config/demo.yaml names it
+FULL_SPEED = 20.0  # rad/s of the joints, at which it is open
+_RIGHT_STICK = slice(3, 5)  # X and Y, in FORT's Joy and in this order for the monitor
+_NEWEST = QoSProfile(depth=1)
+# The transmitter's switch at 1 ms, where the table has SERIAL, and its deadman released.
+_AT_HAND = ('channel 1 1000', 'channel 4 1000')
+
+
+class DemoError(Exception):
+    """The demo cannot go on: its stack does not start, or has ended."""
+
+
+def monitor_command(joy: Joy) -> Joy:
+    """Return the monitor's command: the right stick alone, for the left one drives."""
+    return Joy(header=joy.header, axes=joy.axes[_RIGHT_STICK])
+
+
+def servo_command(joints: JointState) -> JointState:
+    """Return how far the throttle is to open, 0 to 1: by the faster of the drive's joints."""
+    fastest = max(map(abs, joints.velocity), default=0.0)
+    position = min(fastest / FULL_SPEED, 1.0)
+    return JointState(header=joints.header, name=[SERVO], position=[position])
+
+
+class Relay:
+    """
+    What a robot's own node would do: FORT's right stick to the monitor, the speed to a servo.
+
+    It keeps nothing: what is silent stays silent, so that the bridges' timeouts see it.
+
+    :param is_active: whether the mux has an owner; without one the servo gets no command.
+    """
+
+    def __init__(self, node: Any, is_active: Callable[[], bool]) -> None:
+        self.joy, self.joints = Joy(), JointState()  # the newest
+        self._is_active = is_active
+        self._monitor = node.create_publisher(Joy, f'/{MONITOR}/cmd_joy', _NEWEST)
+        self._servo = node.create_publisher(JointState, f'/{SSC}/servo_command', _NEWEST)
+        node.create_subscription(Joy, f'/{VSC}/joy', self._on_joy, 10)
+        node.create_subscription(JointState, f'/{DRIVE}/joint_states', self._on_joints, 10)
+
+    def _on_joy(self, joy: Joy) -> None:
+        self.joy = joy
+        self._monitor.publish(monitor_command(joy))
+
+    def _on_joints(self, joints: JointState) -> None:
+        self.joints = joints
+        if self._is_active():
+            self._servo.publish(servo_command(joints))
+
+
+class DemoStage(Stage):
+    """
+    All devices, and the stack with ``CONFIG``.
+
+    :param arguments: further ROS arguments for the stack.
+    :raises OSError: a port cannot be made.
+    """
+
+    def __init__(self, folder: Path, observer: Observer, *arguments: str) -> None:
+        super().__init__(folder, observer, ESTOPS.values())
+        self.unit = self.add(MulticastDevice(UnitSimulator(), free_port()))
+        self.monitor = self.add(CanBusDevice(MonitorSimulator(), free_channel()))
+        self.ssc = self.add(Device(folder / 'ssc', _ssc_simulator()))
+        self.relay = Relay(observer.node, lambda: self.mux_says('ACTIVE'))
+        parameters = {
+            f'{VSC}:port': self.vsc.path,
+            f'{DRIVE}:port': self.drive.path,
+            f'{UNIT}:input_port': self.unit.port,
+            f'{SSC}:port': self.ssc.path,
+        }
+        chains = [word for rule in CHAINS.items() for word in ('-r', ':='.join(rule))]
+        channel = ('-p', f'{MONITOR}:channel:={self.monitor.channel}')  # the file has another
+        everything = ('--params-file', str(CONFIG), *channel, *chains, *arguments)
+        self.start(STACK, 'rugged_teleop.stack', parameters, everything)
+
+    @property
+    def axes(self) -> tuple[float, ...]:
+        """The axes of FORT's newest Joy; empty before the first."""
+        return tuple(self.relay.joy.axes)
+
+    def output(self) -> str:
+        """Return the last lines that the stack has printed."""
+        return '\n'.join(self.nodes[STACK].output.splitlines()[-20:])
+
+    def check(self) -> None:
+        """:raises DemoError: the stack has ended."""
+        status = self.nodes[STACK].process.poll()
+        if status is not None:
+            raise DemoError(f'the stack has ended with status {status}:\n{self.output()}')
+
+
+def _ssc_simulator() -> SscSimulator:
+    """Return an SSC that shuts the throttle by itself when its receiver gives no signal."""
+    settings = SscSettings()
+    settings.constants[0] = SHUT_US
+    simulator = SscSimulator(settings)
+    for command in _AT_HAND:
+        simulator.apply(command)
+    return simulator
