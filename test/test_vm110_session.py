@@ -768,6 +768,25 @@ def test_command_of_an_unarmed_remote_is_dropped_and_not_executed_by_arming(
     assert len(of(Command, bench.events)) == 1
 
 
+def test_command_while_the_link_counts_as_down_is_executed_once_it_is_up() -> None:
+    bench = armed()
+    bench.wait(LIMIT)
+    bench.hear(vrci(1), 'VRCI')
+    assert of(Command, bench.events) == []
+    bench.hear()
+    bench.hear(vrci(1), 'VRCI')  # its repeat, 100 ms later (5.1.3)
+    assert of(Command, bench.events) == [Command(1, bytes(16))]
+    assert len(bench.frames(b'VRAO')) == 1
+
+
+def test_link_that_is_down_delivers_no_command_though_unarmed_ones_are_accepted() -> None:
+    bench = armed(accept_unarmed_commands=True)
+    bench.wait(LIMIT)
+    bench.hear(vrci(1), 'VRCI')
+    assert of(Command, bench.events) == []
+    assert bench.session.packets['commands dropped (link down)'] == 1
+
+
 def test_unarmed_commands_are_accepted_if_so_configured() -> None:
     bench = opened(accept_unarmed_commands=True)
     bench.hear(NOBODY)

@@ -68,6 +68,7 @@ class Session(BaseSession[bytes, Packet, Event]):
         self.hold_asked = False  # VRPO are to be withheld
         self.looped_back = 0  # packets that only a machine controller sends
         self.foreign = 0  # packets of other base units
+        self.dropped_commands = 0  # of the RU's application, while the link was down
         self.serials = SerialNumbers()
         self.inbox = CommandInbox(explicit=settings.acknowledge == 'explicit')
         self.outbox = CommandOutbox(settings.command_timeout)
@@ -157,6 +158,7 @@ class Session(BaseSession[bytes, Packet, Event]):
             'commands delivered': self.inbox.delivered,
             'commands repeated': self.inbox.repeats,
             'commands refused (unarmed remote)': self.inbox.refused,
+            'commands dropped (link down)': self.dropped_commands,
             'commands not acknowledged yet': self.inbox.waiting,
             'commands to the remote under way': self.outbox.size,
             'stray acknowledgements': self.outbox.stray_acknowledgements,
@@ -223,6 +225,10 @@ class Session(BaseSession[bytes, Packet, Event]):
         self.vrpi, self._has_news = vrpi, True
 
     def _take_command(self, command: CommandInput, now: float) -> None:
+        if not self.link_up:
+            # Whether it is allowed is not known, so its repeats are to be judged anew.
+            self.dropped_commands += 1
+            return
         allowed = self.armed or self.settings.accept_unarmed_commands
         deliver, acknowledge = self.inbox.take(command, now, allowed=allowed)
         if deliver:
