@@ -53,6 +53,7 @@ class Bench:
         node: NodeProcess,
         station: Station,
         namespace: str = '',
+        listens: bool = True,
     ) -> None:
         self.observer, self.node, self.station = observer, node, station
         self.prefix = f'{namespace}/{NAME}'
@@ -64,7 +65,8 @@ class Bench:
         self.joy = self._record(Joy, 'joy')
         self.encoder = self._record(Int32, 'encoder', latched())
         self.battery = self._record(BatteryState, 'battery', latched())
-        self.command = self._record(UInt8MultiArray, 'command')
+        if listens:
+            self.command = self._record(UInt8MultiArray, 'command')
         self.result = self._record(KeyValue, 'command_result')
         self.diagnostics = observer.record(DiagnosticArray, '/diagnostics')
 
@@ -111,6 +113,7 @@ def bench_of(
     namespace: str = '',
     station: Station | None = None,
     port: int | None = None,
+    listens: bool = True,
     **unit: Any,
 ) -> Iterator[Bench]:
     """Start a node, and a base unit for it unless there is one."""
@@ -120,7 +123,7 @@ def bench_of(
         if station is None:
             station = stack.enter_context(Station(Simulator(**unit), port))
         node = stack.enter_context(NodeProcess('vm110_bridge.node', given, namespace=namespace))
-        yield Bench(observer, node, station, namespace)
+        yield Bench(observer, node, station, namespace, listens)
 
 
 @pytest.fixture
@@ -266,6 +269,28 @@ def test_commands_both_ways_each_once_though_acknowledgements_are_lost(bench: Be
     bench.wait(lambda: len(bench.result.messages) == 3, 'the refusal')
     assert bench.result.last.key == 'refused'
     bench.wait(lambda: bench.value('refused requests', 'link') == '1', 'the count')
+
+
+def test_command_that_nobody_subscribes_to_fails_on_the_remote_as_well(observer: Observer) -> None:
+    with bench_of(observer, namespace='/unheard', listens=False) as bench:
+        bench.arm().station.apply('command 0102')
+        bench.wait(lambda: bench.station.look(lambda unit: unit.failed_commands == [1]), 'failure')
+        assert bench.station.look(lambda unit: unit.acknowledged) == []
+        bench.wait(lambda: 'start what subscribes to ~/command' in bench.status().message)
+        bench.station.apply('command 0304')
+        command = observer.record(UInt8MultiArray, f'{bench.prefix}/command')
+        bench.wait(lambda: command.messages, 'the command, by its repeats')
+        bench.wait(lambda: bench.station.look(lambda unit: unit.acknowledged == [2]), 'its VRAO')
+        assert [bytes(each.data[:2]) for each in command.messages] == [b'\3\4']
+
+
+def test_command_that_nobody_subscribes_to_is_acknowledged_if_so_configured(
+    observer: Observer,
+) -> None:
+    given = {'acknowledge': 'always'}
+    with bench_of(observer, given, namespace='/always', listens=False) as bench:
+        bench.arm().station.apply('command 0102')
+        bench.wait(lambda: bench.station.look(lambda unit: unit.acknowledged == [1]), 'its VRAO')
 
 
 def test_explicit_acknowledgement(observer: Observer) -> None:

@@ -12,6 +12,7 @@ from hypothesis import settings
 from hypothesis import strategies as st
 import pytest
 
+from bridge_core.session import Level
 from bridge_core.session import StopChanged
 from bridge_core.session import Verdict
 from test.session_rig import SessionBench
@@ -48,6 +49,16 @@ class Bench(SessionBench[Session]):
         super().__init__(Session(Settings(**options)))
         self.serial = 65530  # wraps early
         self.crc = 'mpeg2'
+        self.listeners: bool | None = True  # of ~/command; None: its publishing hangs
+
+    def take(self, *reads: bytes) -> list[Any]:
+        """Receive and poll; publish commands as the node does."""
+        events = super().take(*reads)
+        for command in of(Command, events):
+            if self.listeners is not None:
+                self.session.command_published(command, self.listeners, self.now)
+                self.poll()
+        return events
 
     def packet(self, kind: str, payload: bytes, origin: int = 7) -> bytes:
         self.serial = (self.serial + 1) & 0xFFFF
@@ -710,6 +721,46 @@ def test_acknowledgement_goes_out_with_the_packet_itself() -> None:
     sent = len(bench.sent)
     bench.hear(vrci(1), 'VRCI')
     assert [frame[:4] for _, frame in bench.sent[sent:]] == [b'VRAO']
+
+
+def test_command_that_nobody_heard_is_not_acknowledged_and_tried_again() -> None:
+    bench = armed()
+    bench.listeners = False
+    for _ in range(3):
+        bench.hear(vrci(1), 'VRCI')
+    assert of(Command, bench.events) == [Command(1, bytes(16))] * 3
+    assert bench.frames(b'VRAO') == []
+    ((level, text),) = bench.session.problems(bench.now)
+    assert level is Level.WARN
+    assert text.startswith('start what subscribes to ~/command')
+    bench.listeners = True
+    bench.hear(vrci(1), 'VRCI')
+    bench.hear(vrci(1), 'VRCI')
+    assert len(of(Command, bench.events)) == 4
+    assert len(bench.frames(b'VRAO')) == 2
+
+
+def test_command_is_not_acknowledged_before_it_was_published_nor_published_twice() -> None:
+    bench = armed()
+    bench.listeners = None
+    for _ in range(3):
+        bench.hear(vrci(1), 'VRCI')
+    (command,) = of(Command, bench.events)
+    assert bench.frames(b'VRAO') == []
+    bench.session.command_published(command, True, bench.now)
+    bench.poll()
+    assert len(bench.frames(b'VRAO')) == 1
+
+
+def test_command_that_was_done_before_its_publishing_was_noted_stays_done() -> None:
+    bench = armed(acknowledge='explicit')
+    bench.listeners = None
+    (command,) = of(Command, bench.hear(vrci(1), 'VRCI'))
+    bench.session.command_done(1, bench.now)
+    bench.session.command_published(command, True, bench.now)
+    bench.poll()
+    bench.hear(vrci(1), 'VRCI')
+    assert len(bench.frames(b'VRAO')) == 2
 
 
 def test_command_over_a_lost_port_is_still_known() -> None:

@@ -24,6 +24,10 @@ _DISABLED_HINTS = {
     Disabled.TILTING: 'disabled due to tilting; hold it upright',
     Disabled.INACTIVITY: 'disabled due to inactivity; enable it again on the remote',
 }
+UNHEARD = (
+    'start what subscribes to ~/command: a command of the remote found no listener, so it is not '
+    'acknowledged'
+)
 LOOPED_BACK = (
     'packets of a machine controller come to the input port; does one use the wrong port?'
 )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 from bridge_core.session import Level
@@ -44,7 +45,7 @@ from vm110_bridge.session.stops import StopJudge
 
 _NEUTRAL = Sticks()
 _MANY = 8  # other base units that are remembered
-_MEMORY = 5.0  # seconds for which another base unit counts as being there
+_MEMORY = 5.0  # seconds for which what was heard last counts as being there
 
 
 class Session(BaseSession[bytes, Packet, Event]):
@@ -81,6 +82,7 @@ class Session(BaseSession[bytes, Packet, Event]):
         self._output = bytes(settings.periodic_output_size)
         self._serial = 0
         self._acknowledgements: list[int] = []  # to be sent with the next poll
+        self._unheard_at = -math.inf  # a command found no listener
         self._stream = StickStream()
         self._has_news = False  # a VRPI was taken in that is not published yet
         self._stick_ru = 0  # whose sticks were published last
@@ -123,6 +125,8 @@ class Session(BaseSession[bytes, Packet, Event]):
         if self.link_up and self.hold_asked:
             warnings.append(report.hold(withheld=self.output_held))
         warnings += report.others(self.other_base_units(now), self.bu_id)
+        if now - self._unheard_at < _MEMORY:
+            warnings.append(report.UNHEARD)
         if self.looped_back:
             warnings.append(report.LOOPED_BACK)
         return problems + [(Level.WARN, text) for text in warnings]
@@ -158,6 +162,7 @@ class Session(BaseSession[bytes, Packet, Event]):
             'commands delivered': self.inbox.delivered,
             'commands repeated': self.inbox.repeats,
             'commands refused (unarmed remote)': self.inbox.refused,
+            'commands without a listener': self.inbox.unheard,
             'commands dropped (link down)': self.dropped_commands,
             'commands not acknowledged yet': self.inbox.waiting,
             'commands to the remote under way': self.outbox.size,
@@ -366,6 +371,18 @@ class Session(BaseSession[bytes, Packet, Event]):
         if not self.link_up:
             raise ValueError('no base unit is heard, so nobody would take the command')
         return self.outbox.add(data, now)
+
+    def command_published(self, command: Command, heard: bool, now: float) -> None:
+        """
+        Acknowledge a command that was published, unless that waits for ``command_done``.
+
+        :param heard: somebody subscribes, or need not; else each repeat is another try.
+        """
+        self._expire(now)
+        if self.inbox.published(command, heard=heard):
+            self._acknowledgements.append(command.command_id)
+        if not heard:
+            self._unheard_at = now
 
     def command_done(self, command_id: int, now: float) -> None:
         """
