@@ -349,6 +349,50 @@ def test_stop_in_an_overtaken_packet_stays_until_the_next_in_order() -> None:
     assert not bench.session.estop
 
 
+STOP = build_vrpi(bu_state=STOPPED, ru_state=STOPPED_RU)
+
+
+@pytest.mark.parametrize('behind', [64, 65, 1000, 0x7FFF])
+def test_stop_in_a_packet_overtaken_long_ago_counts_unless_it_is_a_copy(behind: int) -> None:
+    bench = opened()
+    bench.take(numbered(0))
+    bench.take(numbered(behind + 1))
+    bench.take(numbered(1))
+    assert not bench.session.estop
+    bench.take(numbered(1, STOP))  # its number came already
+    assert not bench.session.estop
+    bench.take(numbered(2, STOP))
+    assert bench.session.estop
+    bench.take(numbered(behind + 2))
+    assert not bench.session.estop
+    bench.take(numbered(2, STOP))
+    assert not bench.session.estop
+
+
+def test_stop_from_before_the_first_packet_counts() -> None:
+    bench = opened()
+    bench.take(numbered(100))
+    bench.take(numbered(99, STOP))
+    assert bench.session.estop
+    assert bench.session.packets['packets lost'] == 0
+
+
+def test_base_unit_that_restarts_stopped_is_a_stop_before_the_link_is_silent() -> None:
+    bench = opened()
+    bench.take(numbered(1000))
+    bench.take(numbered(0, build_vrpi(bu_state=INITIAL, ru=0, ru_state=0)))
+    assert bench.session.estop
+
+
+@pytest.mark.parametrize('behind', [1, 63, 64, 1000])
+def test_command_overtaken_long_ago_is_not_executed(behind: int) -> None:
+    bench = opened()
+    bench.take(numbered(0))
+    bench.take(numbered(behind + 1))
+    bench.take(build_packet('VRCI', vrci(1), 1, 7))
+    assert len(of(Command, bench.events)) == (behind < 64)
+
+
 def test_burst_of_stored_packets_after_a_silence_is_not_believed() -> None:
     bench = opened()
     bench.take(numbered(100))

@@ -210,10 +210,12 @@ class Session(BaseSession[bytes, Packet, Event]):
         return arrival
 
     def _take_input(self, message: Input, arrival: Arrival, now: float) -> None:
-        if arrival is Arrival.OLD:
+        if arrival is Arrival.COPY:
             return
         if isinstance(message, PeriodicInput):
             self._take_periodic(message, arrival, now)
+        elif arrival is Arrival.OLD:
+            return
         elif isinstance(message, CommandInput):
             self._take_command(message, now)
         else:
@@ -221,7 +223,7 @@ class Session(BaseSession[bytes, Packet, Event]):
                 self._emit(result)
 
     def _take_periodic(self, vrpi: PeriodicInput, arrival: Arrival, now: float) -> None:
-        if arrival is Arrival.LATE:
+        if arrival is not Arrival.NEW:
             # Not how things are now, and not a sign of life; but a stop in it must not be missed.
             self._stops.take_late(vrpi)
             return
