@@ -201,6 +201,50 @@ def test_silence_is_a_stop_and_one_neutral_joy(bench: Bench) -> None:
     bench.wait_stop(False)
 
 
+def frozen_after_a_vrpi(bench: Bench) -> float:
+    """Freeze the node, not in the midst of publishing; return the moment."""
+    bench.joy.clear()
+    bench.wait(lambda: bench.joy.messages, 'joy')
+    bench.node.signal(signal.SIGSTOP)
+    return time.monotonic()
+
+
+def said(bench: Bench, state: BuState, since: float) -> bool:
+    return any(data[:4] == b'VRPI' and data[16] == state for _, data in bench.station.sent(since))
+
+
+def test_stop_that_came_and_went_while_the_process_was_frozen_is_a_stop(bench: Bench) -> None:
+    bench.arm('stick 1 1 1')
+    for _ in range(5):
+        bench.wait(lambda: bench.joy.last.axes[0] == 1.0, 'the stick')
+        bench.estop.clear()
+        frozen = frozen_after_a_vrpi(bench)
+        bench.station.apply('stop 1 on')
+        bench.wait(functools.partial(said, bench, BuState.STOPPED, frozen), 'STOPPED')
+        moment = bench.station.apply('stop 1 off', 'arm 1')
+        bench.wait(functools.partial(said, bench, BuState.ARMED, moment), 'ARMED')
+        assert not any(bench.estop.data)
+        bench.node.signal(signal.SIGCONT)
+        bench.wait(lambda: any(bench.estop.data), 'the stop')
+        bench.wait_stop(False)
+
+
+def test_sticks_that_waited_while_the_process_was_frozen_are_not_published(bench: Bench) -> None:
+    bench.arm('stick 1 1 1')
+    bench.wait(lambda: bench.joy.last.axes[0] == 1.0, 'the stick')
+    frozen = frozen_after_a_vrpi(bench)
+    bench.observer.holds_for(lambda: True, 1.0)  # it is what a frozen process misses
+    bench.station.apply('stall on')
+    assert len(bench.station.sent(frozen)) > 4
+    bench.joy.clear()
+    bench.estop.clear()
+    bench.node.signal(signal.SIGCONT)
+    bench.wait(lambda: bench.joy.messages, 'the neutral joy')
+    bench.wait(lambda: any(bench.estop.data), 'the stop')
+    bench.observer.holds_for(lambda: bench.estop.data[-1], 0.5, 'no release')
+    assert not any(any(message.axes) for message in bench.joy.messages)
+
+
 def test_hold_output_opens_the_relays_which_close_only_after_rearming(bench: Bench) -> None:
     bench.arm()
     hold = bench.observer.publisher(Bool, f'{bench.prefix}/hold_output')

@@ -202,6 +202,25 @@ def test_lost_port_is_a_stop_and_forgets_the_state() -> None:
     assert not bench.session.estop
 
 
+def test_discarded_input_is_a_stop_and_forgets_the_state() -> None:
+    bench = armed()
+    bench.hear(DEFLECTED)
+    number = bench.session.send_command(bytes(16), bench.now)
+    bench.session.interrupted(bench.now, 'this node was held up')
+    assert bench.poll() == [
+        StopChanged(Verdict(True, True, False)),
+        ArmedChanged(False, False),
+        NEUTRAL,
+        RemoteState(None),
+        CommandResult(number, 'the link was lost'),
+    ]
+    assert bench.session.stop_reasons(bench.now) == ['this node was held up']
+    bench.take(build_packet('VRPI', DEFLECTED, bench.serial, 7))  # it waited meanwhile
+    assert bench.session.estop
+    bench.hear()
+    assert not bench.session.estop
+
+
 # -- sticks ---------------------------------------------------------------------------------------
 
 
