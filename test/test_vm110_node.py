@@ -152,6 +152,8 @@ def test_sticks_switches_encoder_and_battery_come_out(bench: Bench) -> None:
     bench.wait(lambda: bench.value('BU state') == 'Armed', 'the diagnostic')
     assert bench.status().level == DiagnosticStatus.OK
     assert bench.value('CRC') == 'mpeg2'
+    assert bench.joy.last.header.frame_id == bench.battery.last.header.frame_id == NAME
+    assert re.fullmatch(r'239\.255\.42\.20:\d+', bench.status().hardware_id)
 
 
 def test_disarmed_is_no_stop_but_neutral(bench: Bench) -> None:
@@ -363,7 +365,7 @@ def test_second_base_unit_on_the_group_is_told_but_never_an_input(observer: Obse
         for number in range(5):
             vrpi = build_vrpi(bu_state=1, joysticks=(1000, 0, 0, 0))
             bench.station.write(build_packet('VRPI', vrpi, 7000 + number, 99))
-        bench.wait(lambda: 'another base unit is on this group: 99' in bench.status().message)
+        bench.wait(lambda: 'own: 99 is on this group beside ours, 7' in bench.status().message)
         assert not any(any(message.axes) for message in bench.joy.messages)
         bench.observer.holds_for(lambda: not bench.estop.last.data, 0.3, 'no stop')
 

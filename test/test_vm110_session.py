@@ -127,9 +127,10 @@ def test_silence_is_a_stop_at_the_limit_and_gives_one_neutral() -> None:
         RemoteState(None),
     ]
     assert bench.wait(10.0) == []
-    assert bench.session.stop_reasons(bench.now - 9.9)[0].startswith(
-        'no VRPI from the BU: last heard 600 ms ago, limit 500 ms; '
-    )
+    assert bench.session.stop_reasons(bench.now - 9.9) == [
+        "check the BU's power, its EG-Link cable, group, input_port and interface_address; no "
+        'VRPI from the BU: last heard 600 ms ago, limit 500 ms'
+    ]
 
 
 @pytest.mark.parametrize('bu_state', range(256))
@@ -174,7 +175,7 @@ def test_stop_neutralises_at_once() -> None:
     assert events[0] == StopChanged(Verdict(True, True, True))
     assert set(of(Sticks, events)) == {NEUTRAL}
     assert bench.session.stop_reasons(bench.now) == [
-        'BU state is Stopped: release the stop switch on the remote, then rearm'
+        'release the stop switch on the remote, then rearm: BU state is Stopped'
     ]
 
 
@@ -182,7 +183,7 @@ def test_blocked_says_what_to_do() -> None:
     bench = armed()
     bench.hear(build_vrpi(bu_state=BLOCKED, ru=0, ru_state=0))
     assert bench.session.stop_reasons(bench.now) == [
-        'BU state is Blocked: turn on the remote and rearm'
+        'turn on the remote and rearm: BU state is Blocked'
     ]
 
 
@@ -219,6 +220,28 @@ def test_discarded_input_is_a_stop_and_forgets_the_state() -> None:
     assert bench.session.estop
     bench.hear()
     assert not bench.session.estop
+
+
+@pytest.mark.parametrize('bu_state', [0, 1, 2, 3, 4, 0x33])
+def test_what_to_do_comes_before_the_state_and_is_not_cut(bu_state: int) -> None:
+    """A string of more than 128 characters is cut by ``ros2 topic echo``."""
+    bench = opened()
+    bench.hear()
+    bench.run(1.0)
+    bench.hear(build_vrpi(bu_state=bu_state))
+    (reason,) = bench.session.stop_reasons(bench.now)
+    assert 0 < reason.index(': BU state is ') < 128
+
+
+def test_hints_are_about_what_came_lately() -> None:
+    bench = opened(crc='mpeg2')
+    bench.take(build_packet('VRPI', CENTRED, 1, 7, 'iso_hdlc'), b'?' * 66)
+    assert 'set crc to auto' in bench.session.stop_reasons(bench.now)[0]
+    bench.wait(6.0)
+    bench.take(b'?' * 66)
+    assert 'packets with a wrong CRC come' in bench.session.stop_reasons(bench.now)[0]
+    bench.wait(6.0)
+    assert "check the BU's power" in bench.session.stop_reasons(bench.now)[0]
 
 
 # -- sticks ---------------------------------------------------------------------------------------
@@ -469,7 +492,9 @@ def test_restart_is_named_while_it_is_not_believed() -> None:
     bench.wait(1.0)
     for serial in (0, 1, 2):
         bench.take(numbered(serial))
-    assert 'was it restarted' in bench.session.stop_reasons(bench.now)[0]
+    assert 'serial numbers begin anew' in bench.session.stop_reasons(bench.now)[0]
+    bench.wait(1.0)
+    assert 'serial numbers' not in bench.session.stop_reasons(bench.now)[0]
 
 
 def test_gap_of_a_closed_port_is_not_counted_as_lost() -> None:
@@ -552,7 +577,11 @@ def test_first_base_unit_is_locked_to_and_another_is_told_but_not_heard() -> Non
     assert bench.session.packets['packets lost'] == 0
     bench.wait(0.1)
     assert bench.session.estop
-    assert 'base unit 8 is heard, but bu_id is 7' in bench.session.stop_reasons(bench.now)[0]
+    (reason,) = bench.session.stop_reasons(bench.now)
+    assert reason.startswith(
+        "check base unit 7's power, or deactivate and activate the node, as 8"
+    )
+    assert [text for _, text in bench.session.problems(bench.now)] == [reason]
     bench.close()
     bench.open()
     bench.take(build_packet('VRPI', CENTRED, 9002, 8))
@@ -579,6 +608,9 @@ def test_machine_controllers_packets_on_our_port_are_counted() -> None:
     bench = armed()
     bench.take(build_packet('VRPO', bytes(2), 5))
     assert bench.session.looped_back == 1
+    assert 'sends to the wrong port' in bench.session.problems(bench.now)[0][1]
+    bench.run(6.0)
+    assert bench.session.problems(bench.now) == []
 
 
 # -- VRPO -----------------------------------------------------------------------------------------
@@ -753,10 +785,39 @@ def test_silent_link_is_an_own_demand_even_while_we_hold() -> None:
     assert bench.session.own_estop
 
 
+def test_error_after_output_was_missing_does_not_blame_the_wiring_first() -> None:
+    bench = armed()
+    bench.run(1.0)
+    bench.now += 3.0  # frozen
+    bench.session.interrupted(bench.now, 'this node was held up')
+    bench.poll()
+    bench.hear(EXTERNAL)
+    assert bench.session.own_estop
+    assert bench.session.stop_reasons(bench.now)[0].startswith(
+        'rearm the remote; if it comes back'
+    )
+    bench.run(1.0)
+    bench.hear(EXTERNAL)
+    assert bench.session.stop_reasons(bench.now)[0].startswith('check the EC-Link and EG-Link')
+
+
+def test_silent_hold_is_told_from_one_that_is_asked_for() -> None:
+    bench = armed()
+    bench.session.set_hold_output(True, bench.now)
+    assert 'end what ~/hold_output asks for' in bench.session.problems(bench.now)[0][1]
+    bench.session.set_hold_output(False, bench.now)
+    assert bench.session.problems(bench.now) == []
+    bench.wait(0.3)
+    assert 'start what publishes ~/hold_output' in bench.session.problems(bench.now)[0][1]
+
+
 def test_error_at_start_is_the_units_own_until_rearmed() -> None:
     bench = opened()
     bench.run(1.0, EXTERNAL)
     assert bench.session.own_estop
+    assert bench.session.stop_reasons(bench.now)[0].startswith(
+        'rearm the remote; if it comes back'
+    )
     bench.run(0.25)
     assert not bench.session.own_estop
 

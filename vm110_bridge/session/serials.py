@@ -41,14 +41,13 @@ class SerialNumbers:
             0  # numbers since the line began, the newest apart; those before are not lost
         )
         self._count_gap = True
-        self._run_start = 0.0
+        self._run_start = self._run_at = 0.0
         self._run_newest = 0
         self._run_length = 0
 
-    @property
-    def restarting(self) -> bool:
-        """A line of numbers from the past is going on: the sender may have restarted."""
-        return self._run_length > 1
+    def restarting(self, now: float) -> bool:
+        """Tell whether a line of numbers from the past goes on: the sender may have restarted."""
+        return self._run_length > 1 and now - self._run_at < RESTART_TIME
 
     def forgive_gap(self) -> None:
         """Do not count what was sent while nobody listened."""
@@ -110,6 +109,6 @@ class SerialNumbers:
             return False  # a copy neither breaks the line nor carries it on
         if not (self._run_length and step <= _LARGEST_STEP):
             self._run_start, self._run_length = now, 0
-        self._run_newest = serial
+        self._run_newest, self._run_at = serial, now
         self._run_length += 1
         return self._run_length >= _RESTART_PACKETS and now - self._run_start >= RESTART_TIME

@@ -55,7 +55,7 @@ class Session(BaseSession[bytes, Packet, Event]):
     ``receive`` takes one datagram, and each frame to send is one.
     """
 
-    CLOSED = 'the port is not open; check the network interface and interface_address'
+    CLOSED = 'check the network interface and interface_address: the port is not open'
 
     def __init__(self, settings: Settings) -> None:
         decoder = PacketDecoder(None if settings.crc == 'auto' else Crc(settings.crc))
@@ -83,6 +83,7 @@ class Session(BaseSession[bytes, Packet, Event]):
         self._serial = 0
         self._acknowledgements: list[int] = []  # to be sent with the next poll
         self._unheard_at = -math.inf  # a command found no listener
+        self._looped_back_at = -math.inf
         self._stream = StickStream()
         self._has_news = False  # a VRPI was taken in that is not published yet
         self._stick_ru = 0  # whose sticks were published last
@@ -122,12 +123,14 @@ class Session(BaseSession[bytes, Packet, Event]):
         problems = super().problems(now)
         warnings = [] if self.vrpi is None else report.warnings(self.vrpi)
         problems += [(Level.ERROR, text) for text in report.faults(self.faulty)]
-        if self.link_up and self.hold_asked:
-            warnings.append(report.hold(withheld=self.output_held))
-        warnings += report.others(self.other_base_units(now), self.bu_id)
+        if self.link_up:
+            warnings += report.others(self.other_base_units(now), self.bu_id)
+            if self.hold_asked:
+                silent = '' if self._hold_output else self._hold_heard.describe(now)
+                warnings.append(report.hold(withheld=self.output_held, silent=silent))
         if now - self._unheard_at < _MEMORY:
             warnings.append(report.UNHEARD)
-        if self.looped_back:
+        if now - self._looped_back_at < _MEMORY:
             warnings.append(report.LOOPED_BACK)
         return problems + [(Level.WARN, text) for text in warnings]
 
@@ -186,6 +189,7 @@ class Session(BaseSession[bytes, Packet, Event]):
     def _take(self, message: Packet, now: float) -> None:
         if not isinstance(message.message, Input):
             self.looped_back += 1
+            self._looped_back_at = now
         elif self._is_ours(message, now):
             self._take_input(message.message, self._arrival(message.serial, now), now)
 
@@ -248,19 +252,19 @@ class Session(BaseSession[bytes, Packet, Event]):
         return self._stops.verdict()
 
     def _silence(self, now: float) -> str:
-        return f'no VRPI from the BU: {self._heard.describe(now)}; {self._silence_hint(now)}'
+        return f'{self._silence_hint(now)}; no VRPI from the BU: {self._heard.describe(now)}'
 
     def _silence_hint(self, now: float) -> str:
         others = self.other_base_units(now)
         if others:
-            return report.only_others(others, self.bu_id)
-        if self.serials.restarting:
-            return 'its serial numbers begin anew: was it restarted? wait a second'
-        if self._packets.other_crc and not self._heard.heard:
-            return 'packets with the other CRC come; set crc to auto'
-        if self.counters.checksum_errors and not self._heard.heard:
-            return 'packets with a wrong CRC come; is something else on this group and port?'
-        return "check the BU's power, its EG-Link cable, group, input_port and interface_address"
+            return report.only_others(others, self.bu_id, chosen=self.settings.bu_id != 0)
+        if self.serials.restarting(now):
+            return report.RESTARTING
+        if now - self._packets.other_crc_at < _MEMORY:
+            return report.other_crc(chosen=self.settings.crc != 'auto')
+        if now - self._packets.bad_crc_at < _MEMORY:
+            return report.WRONG_CRC
+        return report.NO_CAUSE
 
     def _follow(self, now: float) -> None:
         lost = self.vrpi is not None and not self.link_up
