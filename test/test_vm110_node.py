@@ -153,7 +153,7 @@ def test_sticks_switches_encoder_and_battery_come_out(bench: Bench) -> None:
     assert bench.status().level == DiagnosticStatus.OK
     assert bench.value('CRC') == 'mpeg2'
     assert bench.joy.last.header.frame_id == bench.battery.last.header.frame_id == NAME
-    assert re.fullmatch(r'239\.255\.42\.20:\d+', bench.status().hardware_id)
+    assert bench.status().hardware_id.startswith('239.255.42.20:')
 
 
 def test_disarmed_is_no_stop_but_neutral(bench: Bench) -> None:
