@@ -367,8 +367,9 @@ class BridgeNode(ManagedNode, Generic[SessionT, EventT]):
         return self.get_clock().now().to_msg()
 
     def header(self) -> tuple[Any, str]:
-        """Return stamp and frame_id."""
-        return self.stamp(), self.values['frame_id']
+        """Return stamp and frame_id; the node's name where the user gave none."""
+        name = self.get_fully_qualified_name().lstrip('/')
+        return self.stamp(), self.values['frame_id'] or name
 
     def _change_verdict(self, verdict: Verdict, now: float) -> None:
         before, self.verdict = self.verdict, verdict

@@ -51,6 +51,7 @@ class Bench:
         node: NodeProcess,
         station: Station,
         namespace: str = '',
+        listens: bool = True,
     ) -> None:
         self.observer, self.node, self.station = observer, node, station
         self.prefix = f'{namespace}/{NAME}'
@@ -62,7 +63,8 @@ class Bench:
         self.joy = self._record(Joy, 'joy')
         self.encoder = self._record(Int32, 'encoder', latched())
         self.battery = self._record(BatteryState, 'battery', latched())
-        self.command = self._record(UInt8MultiArray, 'command')
+        if listens:
+            self.command = self._record(UInt8MultiArray, 'command')
         self.result = self._record(KeyValue, 'command_result')
         self.diagnostics = observer.record(DiagnosticArray, '/diagnostics')
 
@@ -109,6 +111,7 @@ def bench_of(
     namespace: str = '',
     station: Station | None = None,
     port: int | None = None,
+    listens: bool = True,
     **unit: Any,
 ) -> Iterator[Bench]:
     """Start a node, and a base unit for it unless there is one."""
@@ -118,7 +121,7 @@ def bench_of(
         if station is None:
             station = stack.enter_context(Station(Simulator(**unit), port))
         node = stack.enter_context(NodeProcess('vm110_bridge.node', given, namespace=namespace))
-        yield Bench(observer, node, station, namespace)
+        yield Bench(observer, node, station, namespace, listens)
 
 
 @pytest.fixture
@@ -147,6 +150,8 @@ def test_sticks_switches_encoder_and_battery_come_out(bench: Bench) -> None:
     bench.wait(lambda: bench.value('BU state') == 'Armed', 'the diagnostic')
     assert bench.status().level == DiagnosticStatus.OK
     assert bench.value('CRC') == 'mpeg2'
+    assert bench.joy.last.header.frame_id == bench.battery.last.header.frame_id == NAME
+    assert bench.status().hardware_id.startswith('239.255.42.20:')
 
 
 def test_disarmed_is_no_stop_but_neutral(bench: Bench) -> None:
@@ -194,6 +199,50 @@ def test_silence_is_a_stop_and_one_neutral_joy(bench: Bench) -> None:
     bench.wait(lambda: 'no VRPI from the BU' in bench.status('link').message, 'the reason')
     bench.station.apply('stall off')
     bench.wait_stop(False)
+
+
+def frozen_after_a_vrpi(bench: Bench) -> float:
+    """Freeze the node, not in the midst of publishing; return the moment."""
+    bench.joy.clear()
+    bench.wait(lambda: bench.joy.messages, 'joy')
+    bench.node.signal(signal.SIGSTOP)
+    return time.monotonic()
+
+
+def said(bench: Bench, state: BuState, since: float) -> bool:
+    return any(data[:4] == b'VRPI' and data[16] == state for _, data in bench.station.sent(since))
+
+
+def test_stop_that_came_and_went_while_the_process_was_frozen_is_a_stop(bench: Bench) -> None:
+    bench.arm('stick 1 1 1')
+    for _ in range(5):
+        bench.wait(lambda: bench.joy.last.axes[0] == 1.0, 'the stick')
+        bench.estop.clear()
+        frozen = frozen_after_a_vrpi(bench)
+        bench.station.apply('stop 1 on')
+        bench.wait(functools.partial(said, bench, BuState.STOPPED, frozen), 'STOPPED')
+        moment = bench.station.apply('stop 1 off', 'arm 1')
+        bench.wait(functools.partial(said, bench, BuState.ARMED, moment), 'ARMED')
+        assert not any(bench.estop.data)
+        bench.node.signal(signal.SIGCONT)
+        bench.wait(lambda: any(bench.estop.data), 'the stop')
+        bench.wait_stop(False)
+
+
+def test_sticks_that_waited_while_the_process_was_frozen_are_not_published(bench: Bench) -> None:
+    bench.arm('stick 1 1 1')
+    bench.wait(lambda: bench.joy.last.axes[0] == 1.0, 'the stick')
+    frozen = frozen_after_a_vrpi(bench)
+    bench.observer.holds_for(lambda: True, 1.0)  # it is what a frozen process misses
+    bench.station.apply('stall on')
+    assert len(bench.station.sent(frozen)) > 4
+    bench.joy.clear()
+    bench.estop.clear()
+    bench.node.signal(signal.SIGCONT)
+    bench.wait(lambda: bench.joy.messages, 'the neutral joy')
+    bench.wait(lambda: any(bench.estop.data), 'the stop')
+    bench.observer.holds_for(lambda: bench.estop.data[-1], 0.5, 'no release')
+    assert not any(any(message.axes) for message in bench.joy.messages)
 
 
 def test_hold_output_opens_the_relays_which_close_only_after_rearming(bench: Bench) -> None:
@@ -266,6 +315,28 @@ def test_commands_both_ways_each_once_though_acknowledgements_are_lost(bench: Be
     bench.wait(lambda: bench.value('refused requests', 'link') == '1', 'the count')
 
 
+def test_command_that_nobody_subscribes_to_fails_on_the_remote_as_well(observer: Observer) -> None:
+    with bench_of(observer, namespace='/unheard', listens=False) as bench:
+        bench.arm().station.apply('command 0102')
+        bench.wait(lambda: bench.station.look(lambda unit: unit.failed_commands == [1]), 'failure')
+        assert bench.station.look(lambda unit: unit.acknowledged) == []
+        bench.wait(lambda: 'start what subscribes to ~/command' in bench.status().message)
+        bench.station.apply('command 0304')
+        command = observer.record(UInt8MultiArray, f'{bench.prefix}/command')
+        bench.wait(lambda: command.messages, 'the command, by its repeats')
+        bench.wait(lambda: bench.station.look(lambda unit: unit.acknowledged == [2]), 'its VRAO')
+        assert [bytes(each.data[:2]) for each in command.messages] == [b'\3\4']
+
+
+def test_command_that_nobody_subscribes_to_is_acknowledged_if_so_configured(
+    observer: Observer,
+) -> None:
+    given = {'acknowledge': 'always'}
+    with bench_of(observer, given, namespace='/always', listens=False) as bench:
+        bench.arm().station.apply('command 0102')
+        bench.wait(lambda: bench.station.look(lambda unit: unit.acknowledged == [1]), 'its VRAO')
+
+
 def test_explicit_acknowledgement(observer: Observer) -> None:
     with bench_of(observer, {'acknowledge': 'explicit'}) as bench:
         bench.arm()
@@ -292,7 +363,7 @@ def test_second_base_unit_on_the_group_is_told_but_never_an_input(observer: Obse
         for number in range(5):
             vrpi = build_vrpi(bu_state=1, joysticks=(1000, 0, 0, 0))
             bench.station.write(build_packet('VRPI', vrpi, 7000 + number, 99))
-        bench.wait(lambda: 'another base unit is on this group: 99' in bench.status().message)
+        bench.wait(lambda: 'own: 99 is on this group beside ours, 7' in bench.status().message)
         assert not any(any(message.axes) for message in bench.joy.messages)
         bench.observer.holds_for(lambda: not bench.estop.last.data, 0.3, 'no stop')
 

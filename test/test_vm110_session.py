@@ -12,6 +12,7 @@ from hypothesis import settings
 from hypothesis import strategies as st
 import pytest
 
+from bridge_core.session import Level
 from bridge_core.session import StopChanged
 from bridge_core.session import Verdict
 from test.session_rig import SessionBench
@@ -48,6 +49,16 @@ class Bench(SessionBench[Session]):
         super().__init__(Session(Settings(**options)))
         self.serial = 65530  # wraps early
         self.crc = 'mpeg2'
+        self.listeners: bool | None = True  # of ~/command; None: its publishing hangs
+
+    def take(self, *reads: bytes) -> list[Any]:
+        """Receive and poll; publish commands as the node does."""
+        events = super().take(*reads)
+        for command in of(Command, events):
+            if self.listeners is not None:
+                self.session.command_published(command, self.listeners, self.now)
+                self.poll()
+        return events
 
     def packet(self, kind: str, payload: bytes, origin: int = 7) -> bytes:
         self.serial = (self.serial + 1) & 0xFFFF
@@ -116,9 +127,10 @@ def test_silence_is_a_stop_at_the_limit_and_gives_one_neutral() -> None:
         RemoteState(None),
     ]
     assert bench.wait(10.0) == []
-    assert bench.session.stop_reasons(bench.now - 9.9)[0].startswith(
-        'no VRPI from the BU: last heard 600 ms ago, limit 500 ms; '
-    )
+    assert bench.session.stop_reasons(bench.now - 9.9) == [
+        "check the BU's power, its EG-Link cable, group, input_port and interface_address; no "
+        'VRPI from the BU: last heard 600 ms ago, limit 500 ms'
+    ]
 
 
 @pytest.mark.parametrize('bu_state', range(256))
@@ -163,7 +175,7 @@ def test_stop_neutralises_at_once() -> None:
     assert events[0] == StopChanged(Verdict(True, True, True))
     assert set(of(Sticks, events)) == {NEUTRAL}
     assert bench.session.stop_reasons(bench.now) == [
-        'BU state is Stopped: release the stop switch on the remote, then rearm'
+        'release the stop switch on the remote, then rearm: BU state is Stopped'
     ]
 
 
@@ -171,7 +183,7 @@ def test_blocked_says_what_to_do() -> None:
     bench = armed()
     bench.hear(build_vrpi(bu_state=BLOCKED, ru=0, ru_state=0))
     assert bench.session.stop_reasons(bench.now) == [
-        'BU state is Blocked: turn on the remote and rearm'
+        'turn on the remote and rearm: BU state is Blocked'
     ]
 
 
@@ -189,6 +201,47 @@ def test_lost_port_is_a_stop_and_forgets_the_state() -> None:
     assert bench.session.deadline() >= bench.now
     bench.hear()
     assert not bench.session.estop
+
+
+def test_discarded_input_is_a_stop_and_forgets_the_state() -> None:
+    bench = armed()
+    bench.hear(DEFLECTED)
+    number = bench.session.send_command(bytes(16), bench.now)
+    bench.session.interrupted(bench.now, 'this node was held up')
+    assert bench.poll() == [
+        StopChanged(Verdict(True, True, False)),
+        ArmedChanged(False, False),
+        NEUTRAL,
+        RemoteState(None),
+        CommandResult(number, 'the link was lost'),
+    ]
+    assert bench.session.stop_reasons(bench.now) == ['this node was held up']
+    bench.take(build_packet('VRPI', DEFLECTED, bench.serial, 7))  # it waited meanwhile
+    assert bench.session.estop
+    bench.hear()
+    assert not bench.session.estop
+
+
+@pytest.mark.parametrize('bu_state', [0, 1, 2, 3, 4, 0x33])
+def test_what_to_do_comes_before_the_state_and_is_not_cut(bu_state: int) -> None:
+    """A string of more than 128 characters is cut by ``ros2 topic echo``."""
+    bench = opened()
+    bench.hear()
+    bench.run(1.0)
+    bench.hear(build_vrpi(bu_state=bu_state))
+    (reason,) = bench.session.stop_reasons(bench.now)
+    assert 0 < reason.index(': BU state is ') < 128
+
+
+def test_hints_are_about_what_came_lately() -> None:
+    bench = opened(crc='mpeg2')
+    bench.take(build_packet('VRPI', CENTRED, 1, 7, 'iso_hdlc'), b'?' * 66)
+    assert 'set crc to auto' in bench.session.stop_reasons(bench.now)[0]
+    bench.wait(6.0)
+    bench.take(b'?' * 66)
+    assert 'packets with a wrong CRC come' in bench.session.stop_reasons(bench.now)[0]
+    bench.wait(6.0)
+    assert "check the BU's power" in bench.session.stop_reasons(bench.now)[0]
 
 
 # -- sticks ---------------------------------------------------------------------------------------
@@ -338,6 +391,50 @@ def test_stop_in_an_overtaken_packet_stays_until_the_next_in_order() -> None:
     assert not bench.session.estop
 
 
+STOP = build_vrpi(bu_state=STOPPED, ru_state=STOPPED_RU)
+
+
+@pytest.mark.parametrize('behind', [64, 65, 1000, 0x7FFF])
+def test_stop_in_a_packet_overtaken_long_ago_counts_unless_it_is_a_copy(behind: int) -> None:
+    bench = opened()
+    bench.take(numbered(0))
+    bench.take(numbered(behind + 1))
+    bench.take(numbered(1))
+    assert not bench.session.estop
+    bench.take(numbered(1, STOP))  # its number came already
+    assert not bench.session.estop
+    bench.take(numbered(2, STOP))
+    assert bench.session.estop
+    bench.take(numbered(behind + 2))
+    assert not bench.session.estop
+    bench.take(numbered(2, STOP))
+    assert not bench.session.estop
+
+
+def test_stop_from_before_the_first_packet_counts() -> None:
+    bench = opened()
+    bench.take(numbered(100))
+    bench.take(numbered(99, STOP))
+    assert bench.session.estop
+    assert bench.session.packets['packets lost'] == 0
+
+
+def test_base_unit_that_restarts_stopped_is_a_stop_before_the_link_is_silent() -> None:
+    bench = opened()
+    bench.take(numbered(1000))
+    bench.take(numbered(0, build_vrpi(bu_state=INITIAL, ru=0, ru_state=0)))
+    assert bench.session.estop
+
+
+@pytest.mark.parametrize('behind', [1, 63, 64, 1000])
+def test_command_overtaken_long_ago_is_not_executed(behind: int) -> None:
+    bench = opened()
+    bench.take(numbered(0))
+    bench.take(numbered(behind + 1))
+    bench.take(build_packet('VRCI', vrci(1), 1, 7))
+    assert len(of(Command, bench.events)) == (behind < 64)
+
+
 def test_burst_of_stored_packets_after_a_silence_is_not_believed() -> None:
     bench = opened()
     bench.take(numbered(100))
@@ -395,7 +492,9 @@ def test_restart_is_named_while_it_is_not_believed() -> None:
     bench.wait(1.0)
     for serial in (0, 1, 2):
         bench.take(numbered(serial))
-    assert 'was it restarted' in bench.session.stop_reasons(bench.now)[0]
+    assert 'serial numbers begin anew' in bench.session.stop_reasons(bench.now)[0]
+    bench.wait(1.0)
+    assert 'serial numbers' not in bench.session.stop_reasons(bench.now)[0]
 
 
 def test_gap_of_a_closed_port_is_not_counted_as_lost() -> None:
@@ -478,7 +577,11 @@ def test_first_base_unit_is_locked_to_and_another_is_told_but_not_heard() -> Non
     assert bench.session.packets['packets lost'] == 0
     bench.wait(0.1)
     assert bench.session.estop
-    assert 'base unit 8 is heard, but bu_id is 7' in bench.session.stop_reasons(bench.now)[0]
+    (reason,) = bench.session.stop_reasons(bench.now)
+    assert reason.startswith(
+        "check base unit 7's power, or deactivate and activate the node, as 8"
+    )
+    assert [text for _, text in bench.session.problems(bench.now)] == [reason]
     bench.close()
     bench.open()
     bench.take(build_packet('VRPI', CENTRED, 9002, 8))
@@ -505,6 +608,9 @@ def test_machine_controllers_packets_on_our_port_are_counted() -> None:
     bench = armed()
     bench.take(build_packet('VRPO', bytes(2), 5))
     assert bench.session.looped_back == 1
+    assert 'sends to the wrong port' in bench.session.problems(bench.now)[0][1]
+    bench.run(6.0)
+    assert bench.session.problems(bench.now) == []
 
 
 # -- VRPO -----------------------------------------------------------------------------------------
@@ -679,10 +785,39 @@ def test_silent_link_is_an_own_demand_even_while_we_hold() -> None:
     assert bench.session.own_estop
 
 
+def test_error_after_output_was_missing_does_not_blame_the_wiring_first() -> None:
+    bench = armed()
+    bench.run(1.0)
+    bench.now += 3.0  # frozen
+    bench.session.interrupted(bench.now, 'this node was held up')
+    bench.poll()
+    bench.hear(EXTERNAL)
+    assert bench.session.own_estop
+    assert bench.session.stop_reasons(bench.now)[0].startswith(
+        'rearm the remote; if it comes back'
+    )
+    bench.run(1.0)
+    bench.hear(EXTERNAL)
+    assert bench.session.stop_reasons(bench.now)[0].startswith('check the EC-Link and EG-Link')
+
+
+def test_silent_hold_is_told_from_one_that_is_asked_for() -> None:
+    bench = armed()
+    bench.session.set_hold_output(True, bench.now)
+    assert 'end what ~/hold_output asks for' in bench.session.problems(bench.now)[0][1]
+    bench.session.set_hold_output(False, bench.now)
+    assert bench.session.problems(bench.now) == []
+    bench.wait(0.3)
+    assert 'start what publishes ~/hold_output' in bench.session.problems(bench.now)[0][1]
+
+
 def test_error_at_start_is_the_units_own_until_rearmed() -> None:
     bench = opened()
     bench.run(1.0, EXTERNAL)
     assert bench.session.own_estop
+    assert bench.session.stop_reasons(bench.now)[0].startswith(
+        'rearm the remote; if it comes back'
+    )
     bench.run(0.25)
     assert not bench.session.own_estop
 
@@ -710,6 +845,46 @@ def test_acknowledgement_goes_out_with_the_packet_itself() -> None:
     sent = len(bench.sent)
     bench.hear(vrci(1), 'VRCI')
     assert [frame[:4] for _, frame in bench.sent[sent:]] == [b'VRAO']
+
+
+def test_command_that_nobody_heard_is_not_acknowledged_and_tried_again() -> None:
+    bench = armed()
+    bench.listeners = False
+    for _ in range(3):
+        bench.hear(vrci(1), 'VRCI')
+    assert of(Command, bench.events) == [Command(1, bytes(16))] * 3
+    assert bench.frames(b'VRAO') == []
+    ((level, text),) = bench.session.problems(bench.now)
+    assert level is Level.WARN
+    assert text.startswith('start what subscribes to ~/command')
+    bench.listeners = True
+    bench.hear(vrci(1), 'VRCI')
+    bench.hear(vrci(1), 'VRCI')
+    assert len(of(Command, bench.events)) == 4
+    assert len(bench.frames(b'VRAO')) == 2
+
+
+def test_command_is_not_acknowledged_before_it_was_published_nor_published_twice() -> None:
+    bench = armed()
+    bench.listeners = None
+    for _ in range(3):
+        bench.hear(vrci(1), 'VRCI')
+    (command,) = of(Command, bench.events)
+    assert bench.frames(b'VRAO') == []
+    bench.session.command_published(command, True, bench.now)
+    bench.poll()
+    assert len(bench.frames(b'VRAO')) == 1
+
+
+def test_command_that_was_done_before_its_publishing_was_noted_stays_done() -> None:
+    bench = armed(acknowledge='explicit')
+    bench.listeners = None
+    (command,) = of(Command, bench.hear(vrci(1), 'VRCI'))
+    bench.session.command_done(1, bench.now)
+    bench.session.command_published(command, True, bench.now)
+    bench.poll()
+    bench.hear(vrci(1), 'VRCI')
+    assert len(bench.frames(b'VRAO')) == 2
 
 
 def test_command_over_a_lost_port_is_still_known() -> None:
@@ -766,6 +941,25 @@ def test_command_of_an_unarmed_remote_is_dropped_and_not_executed_by_arming(
     assert bench.frames(b'VRAO') == []
     bench.hear(vrci(2), 'VRCI')
     assert len(of(Command, bench.events)) == 1
+
+
+def test_command_while_the_link_counts_as_down_is_executed_once_it_is_up() -> None:
+    bench = armed()
+    bench.wait(LIMIT)
+    bench.hear(vrci(1), 'VRCI')
+    assert of(Command, bench.events) == []
+    bench.hear()
+    bench.hear(vrci(1), 'VRCI')  # its repeat, 100 ms later (5.1.3)
+    assert of(Command, bench.events) == [Command(1, bytes(16))]
+    assert len(bench.frames(b'VRAO')) == 1
+
+
+def test_link_that_is_down_delivers_no_command_though_unarmed_ones_are_accepted() -> None:
+    bench = armed(accept_unarmed_commands=True)
+    bench.wait(LIMIT)
+    bench.hear(vrci(1), 'VRCI')
+    assert of(Command, bench.events) == []
+    assert bench.session.packets['commands dropped (link down)'] == 1
 
 
 def test_unarmed_commands_are_accepted_if_so_configured() -> None:

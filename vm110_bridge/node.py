@@ -50,7 +50,7 @@ class Vm110Bridge(BridgeNode[Session, Event]):
         self._enabled = self.publisher(Bool, '~/enabled', latched_qos())
         self._battery = self.publisher(BatteryState, '~/battery', latched_qos())
         self._encoder = self.publisher(Int32, '~/encoder', latched_qos())
-        self._command = self.publisher(UInt8MultiArray, '~/command', _COMMAND_DEPTH)
+        self._command = self.create_publisher(UInt8MultiArray, '~/command', _COMMAND_DEPTH)
         self._result = self.publisher(KeyValue, '~/command_result', _COMMAND_DEPTH)
         self.create_subscription(
             UInt8MultiArray, '~/periodic_output', self._on_periodic_output, 10
@@ -95,7 +95,7 @@ class Vm110Bridge(BridgeNode[Session, Event]):
         elif isinstance(event, EncoderTurned):
             self._encoder.publish(convert.encoder(event.position))
         elif isinstance(event, Command):
-            self._command.publish(convert.command(event.command_id, event.data))
+            self.outbox.post(self._publish_command, event)
         elif isinstance(event, CommandResult):
             self._result.publish(convert.command_result(event.command_id, event.outcome))
 
@@ -119,6 +119,15 @@ class Vm110Bridge(BridgeNode[Session, Event]):
         percent = None if remote is None else remote.battery_percent
         docked = remote is not None and remote.docked
         self._battery.publish(convert.battery_state(percent, *self.header(), docked=docked))
+
+    def _publish_command(self, command: Command) -> None:
+        """Publish a command on the outbox's thread, and report whether that counts."""
+        heard = (
+            self.values['acknowledge'] == 'always' or self._command.get_subscription_count() > 0
+        )
+        if heard:
+            self._command.publish(convert.command(command.command_id, command.data))
+        self.request(Session.command_published, command, heard, each=True)
 
     # Requests. What has to be read from a message first is read on the link thread, too.
 

@@ -152,8 +152,9 @@ PARAMETERS = (
     Parameter(
         'acknowledge',
         'auto',
-        'When a command is acknowledged (VRAO): on delivery, or when ~/command_done names its ID.',
-        choices=('auto', 'explicit'),
+        'When a command is acknowledged (VRAO). auto: once it was published, and not while nobody '
+        'subscribes to ~/command. always: then, too. explicit: when ~/command_done names its ID.',
+        choices=('auto', 'always', 'explicit'),
     ),
     Parameter(
         'accept_unarmed_commands',

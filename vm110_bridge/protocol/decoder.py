@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+import math
 
 from bridge_core.framing import ChecksumError
 from bridge_core.framing import Decoder
@@ -45,6 +46,9 @@ class PacketDecoder(Decoder[bytes, Packet]):
         self.crc = crc
         self.before_lock = 0  # packets that could not be checked yet
         self.other_crc = 0  # packets that the other reading would let pass
+        self.other_crc_at = (
+            self.bad_crc_at
+        ) = -math.inf  # the last of them; the last that none would
 
     def lock(self, crc: Crc) -> None:
         """Take this reading, and no other, from now on."""
@@ -52,23 +56,26 @@ class PacketDecoder(Decoder[bytes, Packet]):
 
     def feed(self, data: bytes, now: float) -> list[Packet]:
         """Return the packet that a datagram holds; none if it is not sound."""
-        del now
         self.counters.bytes += len(data)
         if not MIN_FRAME <= len(data) <= MAX_FRAME:
             self.counters.malformed += 1
         elif self.crc is None and not data.startswith(PacketId.PERIODIC_INPUT):
             self.before_lock += 1
         else:
-            return self._decode(data)
+            return self._decode(data, now)
         return []
 
-    def _decode(self, data: bytes) -> list[Packet]:
+    def _decode(self, data: bytes, now: float) -> list[Packet]:
         packets = []
         try:
             packet = _read(data, self.crc)
         except ChecksumError:
             self.counters.checksum_errors += 1
-            self.other_crc += any(crc.is_good(data) for crc in Crc)
+            if any(crc.is_good(data) for crc in Crc):
+                self.other_crc += 1
+                self.other_crc_at = now
+            else:
+                self.bad_crc_at = now
             return []
         except FrameError:
             self.counters.malformed += 1

@@ -64,7 +64,11 @@ class EncoderTurned:
 
 @dataclass(frozen=True, slots=True)
 class Command:
-    """A command of the RU's application, once. :param data: 16 bytes."""
+    """
+    A command of the RU's application, to be published; ``command_published`` must follow.
+
+    :param data: 16 bytes.
+    """
 
     command_id: int
     data: bytes

@@ -1,8 +1,9 @@
 """
 Commands of the RU's application: manual sections 4.3, 4.4 and 5.1.3.
 
-The BU repeats a command until it is acknowledged, for 2 s. An acknowledgement may be lost, so a
-repeat is answered again, and handed on only the first time.
+The BU repeats a command until it is acknowledged, for 2 s, then tells its application that it has
+failed. So it is acknowledged once it was published to somebody, and not before. An acknowledgement
+may be lost: a repeat is answered again, and handed on only the first time.
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ from dataclasses import dataclass
 from enum import Enum
 
 from vm110_bridge.protocol import CommandInput
+from vm110_bridge.session.events import Command
 
 # A command is known by its ID for longer than the BU repeats it, yet not for ever: a BU that was
 # restarted begins to count anew.
@@ -18,6 +20,7 @@ MEMORY = 5.0
 
 
 class _State(Enum):
+    OFFERED = 'waiting to be published'
     WAITING = 'waiting to be done'
     DONE = 'done'
     REFUSED = 'refused'
@@ -34,13 +37,14 @@ class CommandInbox:
     """
     What is known of the latest commands.
 
-    :param explicit: acknowledge when ``done`` says so, not on delivery.
+    :param explicit: acknowledge when ``done`` says so, not when it was published.
     """
 
     def __init__(self, *, explicit: bool) -> None:
         self.delivered = 0
         self.repeats = 0
         self.refused = 0  # from an unarmed remote
+        self.unheard = 0  # found no listener; each repeat counts
         self._explicit = explicit
         self._known: dict[int, _Known] = {}  # the one that was heard last is last
 
@@ -51,7 +55,7 @@ class CommandInbox:
 
     def take(self, command: CommandInput, now: float, *, allowed: bool) -> tuple[bool, bool]:
         """
-        Return whether to deliver it, and whether to acknowledge it.
+        Return whether to publish it, and whether to acknowledge it.
 
         A command that was refused stays so: arming later must not set off what was asked before.
 
@@ -64,13 +68,27 @@ class CommandInbox:
             known.heard_at = now
             self._known[command.command_id] = known
             return False, known.state is _State.DONE
-        state = _State.WAITING if self._explicit else _State.DONE
-        self._known[command.command_id] = _Known(
-            command.data, now, state if allowed else _State.REFUSED
-        )
-        self.delivered += allowed
+        state = _State.OFFERED if allowed else _State.REFUSED
+        self._known[command.command_id] = _Known(command.data, now, state)
         self.refused += not allowed
-        return allowed, allowed and not self._explicit
+        return allowed, False
+
+    def published(self, command: Command, *, heard: bool) -> bool:
+        """
+        Note that a command was published; return whether to acknowledge it.
+
+        :param heard: somebody listens. If not, its repeats are to be published, too.
+        """
+        known = self._known.get(command.command_id)
+        if known is None or known.data != command.data or known.state is not _State.OFFERED:
+            return False  # too late, or done already
+        if not heard:
+            self.unheard += 1
+            del self._known[command.command_id]
+            return False
+        self.delivered += 1
+        known.state = _State.WAITING if self._explicit else _State.DONE
+        return not self._explicit
 
     def done(self, command_id: int, now: float) -> None:
         """Note that a command was carried out. :raises ValueError: no such one waits."""

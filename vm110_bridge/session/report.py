@@ -12,21 +12,30 @@ from vm110_bridge.protocol import PeriodicInput
 from vm110_bridge.protocol import state_name
 
 _LOW_BATTERY_PERCENT = 20
-_LINK_HINTS = {
-    LinkStatus.NO_LINK: 'no valid data has been received; check cable and the other end',
-    LinkStatus.LINK_ERROR: "a configuration error; compare both ends' configuration",
-    LinkStatus.INTERFACE_ERROR: 'reported by the link interface module; check it and its cable',
-    LinkStatus.DATA_ERROR: 'the link is up, but what is exchanged is wrong; check the versions '
-    'and periodic_output_size',
+_LINKS_TO_DO: dict[int, str] = {
+    LinkStatus.NO_LINK: 'check cable and the other end, as no valid data has been received',
+    LinkStatus.LINK_ERROR: "compare both ends' configuration",
+    LinkStatus.INTERFACE_ERROR: 'check the link interface module and its cable',
+    LinkStatus.DATA_ERROR: 'check the versions and periodic_output_size, as what is exchanged is '
+    'wrong',
 }
 _LINKS_IN_ORDER = (LinkStatus.UNUSED, LinkStatus.OPERATIONAL, LinkStatus.PASSIVE)
-_DISABLED_HINTS = {
-    Disabled.TILTING: 'disabled due to tilting; hold it upright',
-    Disabled.INACTIVITY: 'disabled due to inactivity; enable it again on the remote',
+_DISABLED_TO_DO: dict[int, str] = {
+    Disabled.TILTING: 'hold the remote upright',
+    Disabled.INACTIVITY: 'enable the remote again on itself',
 }
-LOOPED_BACK = (
-    'packets of a machine controller come to the input port; does one use the wrong port?'
+_UNKNOWN = 'check which version of the manual the system follows'
+UNHEARD = (
+    'start what subscribes to ~/command: a command of the remote found no listener, so it is not '
+    'acknowledged'
 )
+LOOPED_BACK = (
+    'look for a machine controller that sends to the wrong port: its packets come to the input '
+    'port'
+)
+NO_CAUSE = "check the BU's power, its EG-Link cable, group, input_port and interface_address"
+RESTARTING = 'wait a second, as its serial numbers begin anew'
+WRONG_CRC = 'look for what else uses this group and port, as packets with a wrong CRC come'
 
 
 def summary(vrpi: PeriodicInput | None) -> str:
@@ -39,43 +48,56 @@ def summary(vrpi: PeriodicInput | None) -> str:
 def warnings(vrpi: PeriodicInput) -> list[str]:
     """Say what is not a stop but not right either."""
     texts = [
-        f'{name} is {state_name(status)}: {_link_hint(status)}'
+        f'{_LINKS_TO_DO.get(status, _UNKNOWN)}: {name} is {state_name(status)}'
         for name, status in _links(vrpi).items()
         if status not in _LINKS_IN_ORDER
     ]
     if vrpi.ru_disabled != Disabled.ENABLED:
-        hint = 'disabled for an unknown reason'
-        if isinstance(vrpi.ru_disabled, Disabled):
-            hint = _DISABLED_HINTS[vrpi.ru_disabled]
-        texts.append(f'RU {vrpi.armed_ru} is {hint}')
+        to_do = _DISABLED_TO_DO.get(vrpi.ru_disabled, _UNKNOWN)
+        reason = state_name(vrpi.ru_disabled).lower()
+        texts.append(f'{to_do}: RU {vrpi.armed_ru} is disabled due to {reason}')
     if vrpi.armed_ru and vrpi.ru_battery <= _LOW_BATTERY_PERCENT and not vrpi.ru_docked:
-        texts.append(f"the remote's battery is at {vrpi.ru_battery} %; dock it or exchange it")
+        texts.append(f'dock or exchange the remote: its battery is at {vrpi.ru_battery} %')
     return texts
 
 
 def faults(faulty: Sequence[str]) -> list[str]:
     """Name the joysticks that are broken."""
-    return [f'the remote reports {", ".join(faulty)}; have it repaired'] if faulty else []
+    return [f'have the remote repaired: it reports {", ".join(faulty)}'] if faulty else []
 
 
-def hold(*, withheld: bool) -> str:
-    """Say what becomes of a hold that is asked for."""
-    if withheld:
-        return 'VRPO are withheld, as hold_output asks or since it is silent'
-    return 'hold_output asks, but the relays are open already; VRPO go on for rearming'
+def hold(*, withheld: bool, silent: str) -> str:
+    """Say what becomes of a hold that is asked for. :param silent: for how long; empty: asked."""
+    if not withheld:
+        return (
+            'rearm the remote when the cause of hold_output is gone: the relays are open already, '
+            'and VRPO go on'
+        )
+    if silent:
+        return f'start what publishes ~/hold_output: VRPO are withheld, as it is silent, {silent}'
+    return 'end what ~/hold_output asks for, then rearm: VRPO are withheld'
 
 
 def others(origins: Sequence[int], bu_id: int) -> list[str]:
     """Name other base units on the group."""
     if not origins:
         return []
-    text = f'another base unit is on this group: {_listed(origins)}, beside ours, {bu_id}'
-    return [f'{text}; it is not listened to; give each a port of its own']
+    return [
+        f'give each base unit a port of its own: {_listed(origins)} is on this group beside ours, '
+        f'{bu_id}, and is not listened to'
+    ]
 
 
-def only_others(origins: Sequence[int], bu_id: int) -> str:
-    """Say why base units that are heard do not count."""
-    return f'base unit {_listed(origins)} is heard, but bu_id is {bu_id}'
+def only_others(origins: Sequence[int], bu_id: int, *, chosen: bool) -> str:
+    """Say why base units that are heard do not count. :param chosen: ours is a parameter."""
+    remedy = 'set bu_id' if chosen else 'deactivate and activate the node'
+    return f"check base unit {bu_id}'s power, or {remedy}, as {_listed(origins)} is heard instead"
+
+
+def other_crc(*, chosen: bool) -> str:
+    """Say why packets with the other CRC do not count. :param chosen: ours is a parameter."""
+    remedy = 'set crc to auto' if chosen else 'deactivate and activate the node'
+    return f'{remedy}, as packets with the other CRC come'
 
 
 def vrpi_values(vrpi: PeriodicInput) -> dict[str, Any]:
@@ -101,10 +123,6 @@ def vrpi_values(vrpi: PeriodicInput) -> dict[str, Any]:
 
 def _listed(origins: Sequence[int]) -> str:
     return ', '.join(map(str, origins))
-
-
-def _link_hint(status: LinkStatus | int) -> str:
-    return _LINK_HINTS[status] if isinstance(status, LinkStatus) else 'the manual does not know it'
 
 
 def _links(vrpi: PeriodicInput) -> dict[str, LinkStatus | int]:

@@ -11,8 +11,8 @@ from __future__ import annotations
 from enum import Enum
 
 _HALF = 0x8000  # further ahead than this is behind
-WINDOW = 64  # how far back a packet is told from its copy
-_ALL_SEEN = (1 << WINDOW) - 1
+_ALL = (1 << _HALF + 1) - 1
+WINDOW = 64  # overtaken by more than this, a packet is history
 RESTART_TIME = 1.0  # seconds that a line of numbers from the past has to go on, in silence
 _RESTART_PACKETS = 4
 _LARGEST_STEP = 64  # within such a line
@@ -23,7 +23,8 @@ class Arrival(Enum):
 
     NEW = 'newer than all before'
     LATE = 'overtaken by a newer one, not seen before'
-    OLD = 'a copy, or too old to tell'
+    OLD = 'overtaken long ago, or from before the first, not seen before'
+    COPY = 'seen before'
 
 
 class SerialNumbers:
@@ -35,16 +36,18 @@ class SerialNumbers:
         self.reordered = 0
         self.restarts = 0
         self._newest: int | None = None
-        self._seen = _ALL_SEEN  # bit n: the number n below the newest came; none is lost
+        self._seen = 0  # bit n: the number n below the newest came
+        self._length = (
+            0  # numbers since the line began, the newest apart; those before are not lost
+        )
         self._count_gap = True
-        self._run_start = 0.0
+        self._run_start = self._run_at = 0.0
         self._run_newest = 0
         self._run_length = 0
 
-    @property
-    def restarting(self) -> bool:
-        """A line of numbers from the past is going on: the sender may have restarted."""
-        return self._run_length > 1
+    def restarting(self, now: float) -> bool:
+        """Tell whether a line of numbers from the past goes on: the sender may have restarted."""
+        return self._run_length > 1 and now - self._run_at < RESTART_TIME
 
     def forgive_gap(self) -> None:
         """Do not count what was sent while nobody listened."""
@@ -71,30 +74,30 @@ class SerialNumbers:
         return Arrival.NEW
 
     def _start(self, serial: int) -> None:
-        self._newest, self._seen = serial, _ALL_SEEN
+        self._newest, self._seen, self._length = serial, 1, 0
         self._run_length, self._count_gap = 0, True
 
     def _advance(self, serial: int, ahead: int) -> None:
-        if not self._count_gap:
-            self._start(serial)
-            return
-        self.lost += ahead - 1
-        self._seen = (self._seen << ahead | 1) & _ALL_SEEN if ahead < WINDOW else 1
+        self._seen = (self._seen << ahead | 1) & _ALL
         self._newest = serial
         self._run_length = 0
+        if self._count_gap:
+            self.lost += ahead - 1
+            self._length = min(self._length + ahead, _HALF)
+        else:
+            self._count_gap, self._length = True, 0
 
     def _place_behind(self, behind: int) -> Arrival:
-        if behind >= WINDOW:
-            self.reordered += 1
-            return Arrival.OLD
         bit = 1 << behind
         if self._seen & bit:
             self.repeated += 1
-            return Arrival.OLD
+            return Arrival.COPY
         self._seen |= bit
-        self.lost -= 1  # it was only late
         self.reordered += 1
-        return Arrival.LATE
+        if behind > self._length:
+            return Arrival.OLD
+        self.lost -= 1  # it was only late
+        return Arrival.LATE if behind < WINDOW else Arrival.OLD
 
     def _has_restarted(self, serial: int, now: float, silent: bool) -> bool:
         """Follow a line of growing numbers from the past; tell when it is a new beginning."""
@@ -106,6 +109,6 @@ class SerialNumbers:
             return False  # a copy neither breaks the line nor carries it on
         if not (self._run_length and step <= _LARGEST_STEP):
             self._run_start, self._run_length = now, 0
-        self._run_newest = serial
+        self._run_newest, self._run_at = serial, now
         self._run_length += 1
         return self._run_length >= _RESTART_PACKETS and now - self._run_start >= RESTART_TIME

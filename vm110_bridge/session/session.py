@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 from bridge_core.session import Level
@@ -44,7 +45,7 @@ from vm110_bridge.session.stops import StopJudge
 
 _NEUTRAL = Sticks()
 _MANY = 8  # other base units that are remembered
-_MEMORY = 5.0  # seconds for which another base unit counts as being there
+_MEMORY = 5.0  # seconds for which what was heard last counts as being there
 
 
 class Session(BaseSession[bytes, Packet, Event]):
@@ -54,7 +55,7 @@ class Session(BaseSession[bytes, Packet, Event]):
     ``receive`` takes one datagram, and each frame to send is one.
     """
 
-    CLOSED = 'the port is not open; check the network interface and interface_address'
+    CLOSED = 'check the network interface and interface_address: the port is not open'
 
     def __init__(self, settings: Settings) -> None:
         decoder = PacketDecoder(None if settings.crc == 'auto' else Crc(settings.crc))
@@ -68,6 +69,7 @@ class Session(BaseSession[bytes, Packet, Event]):
         self.hold_asked = False  # VRPO are to be withheld
         self.looped_back = 0  # packets that only a machine controller sends
         self.foreign = 0  # packets of other base units
+        self.dropped_commands = 0  # of the RU's application, while the link was down
         self.serials = SerialNumbers()
         self.inbox = CommandInbox(explicit=settings.acknowledge == 'explicit')
         self.outbox = CommandOutbox(settings.command_timeout)
@@ -80,6 +82,8 @@ class Session(BaseSession[bytes, Packet, Event]):
         self._output = bytes(settings.periodic_output_size)
         self._serial = 0
         self._acknowledgements: list[int] = []  # to be sent with the next poll
+        self._unheard_at = -math.inf  # a command found no listener
+        self._looped_back_at = -math.inf
         self._stream = StickStream()
         self._has_news = False  # a VRPI was taken in that is not published yet
         self._stick_ru = 0  # whose sticks were published last
@@ -119,10 +123,14 @@ class Session(BaseSession[bytes, Packet, Event]):
         problems = super().problems(now)
         warnings = [] if self.vrpi is None else report.warnings(self.vrpi)
         problems += [(Level.ERROR, text) for text in report.faults(self.faulty)]
-        if self.link_up and self.hold_asked:
-            warnings.append(report.hold(withheld=self.output_held))
-        warnings += report.others(self.other_base_units(now), self.bu_id)
-        if self.looped_back:
+        if self.link_up:
+            warnings += report.others(self.other_base_units(now), self.bu_id)
+            if self.hold_asked:
+                silent = '' if self._hold_output else self._hold_heard.describe(now)
+                warnings.append(report.hold(withheld=self.output_held, silent=silent))
+        if now - self._unheard_at < _MEMORY:
+            warnings.append(report.UNHEARD)
+        if now - self._looped_back_at < _MEMORY:
             warnings.append(report.LOOPED_BACK)
         return problems + [(Level.WARN, text) for text in warnings]
 
@@ -157,6 +165,8 @@ class Session(BaseSession[bytes, Packet, Event]):
             'commands delivered': self.inbox.delivered,
             'commands repeated': self.inbox.repeats,
             'commands refused (unarmed remote)': self.inbox.refused,
+            'commands without a listener': self.inbox.unheard,
+            'commands dropped (link down)': self.dropped_commands,
             'commands not acknowledged yet': self.inbox.waiting,
             'commands to the remote under way': self.outbox.size,
             'stray acknowledgements': self.outbox.stray_acknowledgements,
@@ -179,6 +189,7 @@ class Session(BaseSession[bytes, Packet, Event]):
     def _take(self, message: Packet, now: float) -> None:
         if not isinstance(message.message, Input):
             self.looped_back += 1
+            self._looped_back_at = now
         elif self._is_ours(message, now):
             self._take_input(message.message, self._arrival(message.serial, now), now)
 
@@ -203,10 +214,12 @@ class Session(BaseSession[bytes, Packet, Event]):
         return arrival
 
     def _take_input(self, message: Input, arrival: Arrival, now: float) -> None:
-        if arrival is Arrival.OLD:
+        if arrival is Arrival.COPY:
             return
         if isinstance(message, PeriodicInput):
             self._take_periodic(message, arrival, now)
+        elif arrival is Arrival.OLD:
+            return
         elif isinstance(message, CommandInput):
             self._take_command(message, now)
         else:
@@ -214,7 +227,7 @@ class Session(BaseSession[bytes, Packet, Event]):
                 self._emit(result)
 
     def _take_periodic(self, vrpi: PeriodicInput, arrival: Arrival, now: float) -> None:
-        if arrival is Arrival.LATE:
+        if arrival is not Arrival.NEW:
             # Not how things are now, and not a sign of life; but a stop in it must not be missed.
             self._stops.take_late(vrpi)
             return
@@ -223,6 +236,10 @@ class Session(BaseSession[bytes, Packet, Event]):
         self.vrpi, self._has_news = vrpi, True
 
     def _take_command(self, command: CommandInput, now: float) -> None:
+        if not self.link_up:
+            # Whether it is allowed is not known, so its repeats are to be judged anew.
+            self.dropped_commands += 1
+            return
         allowed = self.armed or self.settings.accept_unarmed_commands
         deliver, acknowledge = self.inbox.take(command, now, allowed=allowed)
         if deliver:
@@ -235,19 +252,19 @@ class Session(BaseSession[bytes, Packet, Event]):
         return self._stops.verdict()
 
     def _silence(self, now: float) -> str:
-        return f'no VRPI from the BU: {self._heard.describe(now)}; {self._silence_hint(now)}'
+        return f'{self._silence_hint(now)}; no VRPI from the BU: {self._heard.describe(now)}'
 
     def _silence_hint(self, now: float) -> str:
         others = self.other_base_units(now)
         if others:
-            return report.only_others(others, self.bu_id)
-        if self.serials.restarting:
-            return 'its serial numbers begin anew: was it restarted? wait a second'
-        if self._packets.other_crc and not self._heard.heard:
-            return 'packets with the other CRC come; set crc to auto'
-        if self.counters.checksum_errors and not self._heard.heard:
-            return 'packets with a wrong CRC come; is something else on this group and port?'
-        return "check the BU's power, its EG-Link cable, group, input_port and interface_address"
+            return report.only_others(others, self.bu_id, chosen=self.settings.bu_id != 0)
+        if self.serials.restarting(now):
+            return report.RESTARTING
+        if now - self._packets.other_crc_at < _MEMORY:
+            return report.other_crc(chosen=self.settings.crc != 'auto')
+        if now - self._packets.bad_crc_at < _MEMORY:
+            return report.WRONG_CRC
+        return report.NO_CAUSE
 
     def _follow(self, now: float) -> None:
         lost = self.vrpi is not None and not self.link_up
@@ -360,6 +377,18 @@ class Session(BaseSession[bytes, Packet, Event]):
         if not self.link_up:
             raise ValueError('no base unit is heard, so nobody would take the command')
         return self.outbox.add(data, now)
+
+    def command_published(self, command: Command, heard: bool, now: float) -> None:
+        """
+        Acknowledge a command that was published, unless that waits for ``command_done``.
+
+        :param heard: somebody subscribes, or need not; else each repeat is another try.
+        """
+        self._expire(now)
+        if self.inbox.published(command, heard=heard):
+            self._acknowledgements.append(command.command_id)
+        if not heard:
+            self._unheard_at = now
 
     def command_done(self, command_id: int, now: float) -> None:
         """

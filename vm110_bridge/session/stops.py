@@ -26,15 +26,14 @@ ECHO_DELAY = 0.5
 _WITHOUT_OUTPUT = (LinkStatus.OPERATIONAL, LinkStatus.NO_LINK, LinkStatus.DATA_ERROR)
 _EC_IN_ORDER = (LinkStatus.UNUSED, LinkStatus.OPERATIONAL)
 
-_HINTS = {
-    BuState.INITIAL: 'it is still starting; wait, then arm a remote',
+_TO_DO = {
+    BuState.INITIAL: 'wait until the base unit has started, then arm a remote',
     BuState.STOPPED: 'release the stop switch on the remote, then rearm',
     BuState.EXTERNAL_LINK_ERROR: 'check the EC-Link and EG-Link cables, then rearm',
     BuState.BLOCKED: 'turn on the remote and rearm',
-    BuState.FAILED: 'fatal internal error; switch the base unit off and on, else have it repaired',
+    BuState.FAILED: 'switch the base unit off and on, else have it repaired',
 }
-
-_VERSION_HINT = 'this manual does not know it; check which version of it your system follows'
+_UNKNOWN = 'check which version of the manual the system follows'
 
 
 class StopJudge:
@@ -45,9 +44,11 @@ class StopJudge:
         self._output_at = now  # the last VRPO, or when the first one could have gone
         self._silence = 0.0  # seconds without VRPO when the last hold ended
         self._released_at = -math.inf
+        self._resumed_at = now  # VRPO began to flow, or did so again after LEAST_SILENCE
         self._newest = PeriodicInput()  # Initial, a stop
         self._late = Verdict()  # the worst of the VRPI that the newest has overtaken
-        self._echo = False  # the external link error is our doing
+        self._echo = False  # the external link error is our doing, as hold_output asked
+        self._missed = False  # VRPO were missing when it began
 
     def hold(self, holding: bool, now: float) -> None:
         """Note whether VRPO are withheld on request from ``now`` on."""
@@ -58,12 +59,18 @@ class StopJudge:
 
     def output_sent(self, now: float) -> None:
         """Note that a VRPO went out."""
+        if now - self._output_at >= LEAST_SILENCE:
+            self._resumed_at = now
         self._output_at = now
 
     def take(self, vrpi: PeriodicInput, now: float) -> None:
         """Take the newest VRPI."""
-        was_in_error, in_error = _in_error(self._newest), _in_error(vrpi)
-        self._echo = in_error and (self._echo if was_in_error else self._may_be_ours(now))
+        if not _in_error(vrpi):
+            self._echo = self._missed = False
+        elif not _in_error(self._newest):
+            self._echo = self._may_be_ours(now)
+            silent = now - self._output_at >= LEAST_SILENCE
+            self._missed = silent or now - self._resumed_at < ECHO_DELAY
         self._newest, self._late = vrpi, Verdict()
 
     def take_late(self, vrpi: PeriodicInput) -> None:
@@ -75,8 +82,10 @@ class StopJudge:
         return max(self._verdict_of(self._newest), self._late, key=_severity)
 
     def _verdict_of(self, vrpi: PeriodicInput) -> Verdict:
-        echo = self._echo and _in_error(vrpi) and _only_output_missing(vrpi)
-        own = _own_reasons(vrpi, echo=echo)
+        only_output = _in_error(vrpi) and _only_output_missing(vrpi)
+        echo = self._echo and only_output
+        own = [] if echo else _bu_reasons(vrpi, missed=self._missed and only_output)
+        own += _ru_reasons(vrpi)
         reasons = [self._echo_reason(), *own] if echo else own
         return Verdict(bool(reasons), bool(own), reasons=tuple(reasons))
 
@@ -86,15 +95,13 @@ class StopJudge:
         return self._silence >= LEAST_SILENCE and now - self._released_at < ECHO_DELAY
 
     def _echo_reason(self) -> str:
+        state = 'BU state is External link error'
         if self._holding:
             return (
-                'BU state is External link error, as hold_output asks (VRPO are withheld); when '
-                'the cause of that is gone, rearm the remote'
+                f'rearm the remote when the cause of hold_output is gone: {state}, as hold_output '
+                'asks (VRPO are withheld)'
             )
-        return (
-            'BU state is External link error, still from hold_output, which asks no more; rearm '
-            'the remote'
-        )
+        return f'rearm the remote: {state}, still from hold_output, which asks no more'
 
 
 def _severity(verdict: Verdict) -> int:
@@ -105,30 +112,40 @@ def _in_error(vrpi: PeriodicInput) -> bool:
     return vrpi.bu_state == BuState.EXTERNAL_LINK_ERROR
 
 
-def _own_reasons(vrpi: PeriodicInput, *, echo: bool) -> list[str]:
-    """Say why BU and RU demand a stop by themselves; a state that nobody knows is one."""
-    reasons = []
-    relays_open = vrpi.bu_state < RELAYS_CLOSED
-    if (relays_open and not echo) or not isinstance(vrpi.bu_state, BuState):
-        reasons.append(_bu_reason(vrpi))
-    if vrpi.ru_state == RuState.STOPPED and vrpi.bu_state != BuState.STOPPED:
-        reasons.append(
-            'the armed remote has stopped (stop switch, free fall, shock or a fatal error); '
-            'release its stop switch, then rearm'
-        )
-    elif not isinstance(vrpi.ru_state, RuState):
-        reasons.append(f'RU state is {state_name(vrpi.ru_state)}: {_VERSION_HINT}')
-    return reasons
+def _bu_reasons(vrpi: PeriodicInput, *, missed: bool) -> list[str]:
+    """
+    Say why the BU demands a stop; a state that nobody knows is one.
+
+    :param missed: an external link error is explained by VRPO that were missing.
+    """
+    state = vrpi.bu_state
+    if not isinstance(state, BuState):
+        return [f'{_UNKNOWN}: BU state is {state_name(state)}']
+    if state >= RELAYS_CLOSED:
+        return []
+    if missed:
+        return [
+            'rearm the remote; if it comes back, check the EC-Link and EG-Link cables: BU state '
+            'is External link error, VRPO were missing while this node was not running or held up'
+        ]
+    text = f'{_TO_DO[state]}: BU state is {state_name(state)}'
+    if state == BuState.EXTERNAL_LINK_ERROR:
+        text += f', EG-Link {state_name(vrpi.eg_link)}, EC-Link {state_name(vrpi.ec_link)}'
+    return [text]
+
+
+def _ru_reasons(vrpi: PeriodicInput) -> list[str]:
+    """Say why the RU demands a stop, where the BU does not say the same."""
+    if not isinstance(vrpi.ru_state, RuState):
+        return [f'{_UNKNOWN}: RU state is {state_name(vrpi.ru_state)}']
+    if vrpi.ru_state != RuState.STOPPED or vrpi.bu_state == BuState.STOPPED:
+        return []
+    return [
+        "release the remote's stop switch, then rearm: the armed remote has stopped (stop switch, "
+        'free fall, shock or a fatal error)'
+    ]
 
 
 def _only_output_missing(vrpi: PeriodicInput) -> bool:
     """Tell whether missing VRPO alone explain an external link error."""
     return vrpi.eg_link in _WITHOUT_OUTPUT and vrpi.ec_link in _EC_IN_ORDER
-
-
-def _bu_reason(vrpi: PeriodicInput) -> str:
-    state = vrpi.bu_state
-    hint = _HINTS[state] if isinstance(state, BuState) else _VERSION_HINT
-    if state == BuState.EXTERNAL_LINK_ERROR:
-        hint = f'EG-Link {state_name(vrpi.eg_link)}, EC-Link {state_name(vrpi.ec_link)}; {hint}'
-    return f'BU state is {state_name(state)}: {hint}'
