@@ -43,6 +43,7 @@ class AkronCanBridge(BridgeNode[Session, Event]):
     """One unit on a CAN bus; see docs/devices/akron.md."""
 
     PARAMETERS: ClassVar[tuple[Parameter, ...]] = (*BRIDGE_PARAMETERS, *PARAMETERS)
+    SERVICES = {request.value: (Session.request, request) for request in Request}
 
     def __init__(self, **options: Any) -> None:
         super().__init__('akron_can_bridge', **options)
@@ -55,8 +56,6 @@ class AkronCanBridge(BridgeNode[Session, Event]):
         self._outputs = self.publisher(DiagnosticStatus, '~/outputs', latched_qos())
         self.create_subscription(Joy, '~/cmd_joy', self._on_cmd_joy, _COMMAND_QOS)
         self.create_subscription(Bool, '~/estop_in', self._on_estop_in, _STOP_QOS)
-        for request in Request:
-            self.create_device_service(request.value, Session.request, request)
         self._publish_limits(LimitsChanged())
         self._publish_outputs(OutputsChanged())
 

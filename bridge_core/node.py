@@ -166,6 +166,9 @@ class BridgeNode(ManagedNode, Generic[SessionT, EventT]):
     """
 
     PARAMETERS: ClassVar[tuple[Parameter, ...]] = BRIDGE_PARAMETERS
+    # Services (Trigger) that wait for the device, by the name of the session's Answer: a method of
+    # the session as of ``request``, and its arguments.
+    SERVICES: ClassVar[Mapping[str, tuple[Any, ...]]] = {}
 
     def __init__(self, name: str, **options: Any) -> None:
         super().__init__(name, **options)
@@ -187,6 +190,8 @@ class BridgeNode(ManagedNode, Generic[SessionT, EventT]):
         self.refusal = ''
         self.session: SessionT | None = None  # while active
         self.link: Link[Any] = Link(name, self, reconnect_period=self.values['reconnect_period'])
+        for service, request in self.SERVICES.items():
+            self._create_device_service(service, *request)
         self.create_interfaces()
         self._publish_verdict(_INACTIVE)
         self.log(Level.WARN, f'stop: {_INACTIVE.reasons[0]}')
@@ -287,15 +292,9 @@ class BridgeNode(ManagedNode, Generic[SessionT, EventT]):
         self.refusal = text
         self.log(Level.WARN, f'refused {text}', site='refused')
 
-    def create_device_service(
+    def _create_device_service(
         self, name: str, method: Callable[..., Any], *arguments: Any
     ) -> None:
-        """
-        Create the Trigger ``~/name``, answered by the session's Answer of that name.
-
-        :param method: as of ``request``.
-        """
-
         async def serve(request: Any, response: Any) -> Any:
             """Answer when the device has: the executor goes on meanwhile."""
             del request
@@ -308,7 +307,7 @@ class BridgeNode(ManagedNode, Generic[SessionT, EventT]):
             response.success, response.message = answer.success, answer.text
             return response
 
-        self.create_service(Trigger, f'~/{name}', serve)
+        self.create_service(Trigger, '~/' + name, serve)
 
     def _ask(
         self,

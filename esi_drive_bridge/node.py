@@ -39,6 +39,7 @@ class EsiDriveBridge(BridgeNode[Session, Event]):
     """One drive; see docs/devices/esi_drive.md."""
 
     PARAMETERS: ClassVar[tuple[Parameter, ...]] = (*BRIDGE_PARAMETERS, *PARAMETERS)
+    SERVICES = {CLEAR_ERRORS: (Session.clear_errors,)}
 
     def __init__(self, **options: Any) -> None:
         self._joint_states_at = 0.0
@@ -52,7 +53,6 @@ class EsiDriveBridge(BridgeNode[Session, Event]):
         self.create_subscription(JointState, '~/command', self._on_command, _COMMAND_QOS)
         self.create_subscription(Bool, '~/enable', self._on_enable, _STOP_QOS)
         self.create_subscription(Bool, '~/estop_in', self._on_estop_in, _STOP_QOS)
-        self.create_device_service(CLEAR_ERRORS, Session.clear_errors)
 
     def make_session(self, values: Mapping[str, Any]) -> Session:
         """Return a session for the configured layout and scales."""

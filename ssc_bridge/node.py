@@ -51,6 +51,7 @@ class SscBridge(BridgeNode[Session, Event]):
     """One SSC; see docs/devices/ssc.md."""
 
     PARAMETERS: ClassVar[tuple[Parameter, ...]] = (*BRIDGE_PARAMETERS, *parameter_table({}))
+    SERVICES = {LOCKOUT: (Session.lock_out,)}
 
     def __init__(self, **options: Any) -> None:
         super().__init__('ssc_bridge', **options)
@@ -75,7 +76,6 @@ class SscBridge(BridgeNode[Session, Event]):
         )
         self.create_subscription(KeyValue, '~/aux_outputs', self._on_aux_outputs, 10)
         self.create_subscription(Bool, '~/estop_in', self._on_estop_in, _STOP_QOS)
-        self.create_device_service(LOCKOUT, Session.lock_out)
 
     def make_session(self, values: Mapping[str, Any]) -> Session:
         """Return a session for the configured channels."""

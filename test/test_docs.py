@@ -86,7 +86,9 @@ def node_class_of(node: reference.Node) -> Any:
 
 
 def node_interfaces(node: reference.Node) -> dict[str, set[str]]:
-    return interfaces((ROOT / node.name / 'node.py').read_text(encoding='utf-8'))
+    found = interfaces((ROOT / node.name / 'node.py').read_text(encoding='utf-8'))
+    found['service'] |= {f'~/{name}' for name in getattr(node_class_of(node), 'SERVICES', ())}
+    return found
 
 
 def common_interfaces() -> dict[str, set[str]]:
