@@ -113,8 +113,12 @@ def test_unconfigured_node_is_silent_and_a_configured_one_says_neutral(
 ) -> None:
     assert bench.observer.change_state(bench.prefix, 'deactivate')
     assert bench.observer.change_state(bench.prefix, 'cleanup')
-    unit.since = time.monotonic()
-    bench.observer.holds_for(lambda: not unit.joystick_frames(0x38), 0.3, 'silence')
+
+    def is_silent() -> bool:
+        unit.since = time.monotonic() - 0.3
+        return not unit.joystick_frames(0x38)
+
+    bench.wait(is_silent, 'silence')  # the last frames may still be on their way
     assert bench.observer.change_state(bench.prefix, 'configure')
     bench.wait(lambda: len(unit.joystick_frames(0x38)) > 10, 'frames')
     assert set(unit.joystick_frames(0x38)) == {NEUTRAL}

@@ -92,9 +92,19 @@ class Bench:
         self.observer.holds_for(condition, duration)
 
     def enabling(self) -> None:
-        """Give the edge of enable, and see the drive follow."""
+        """Give edges of enable until the drive follows: an input that stalls undoes an edge."""
+        pressed_at = time.monotonic()
+
+        def is_enabled() -> bool:
+            nonlocal pressed_at
+            age = time.monotonic() - pressed_at
+            self.enable.message = Bool(data=age < 2.0)
+            if age > 2.2:
+                pressed_at = time.monotonic()
+            return self.drive.enabled
+
         self.enable.message = Bool(data=True)
-        self.wait(lambda: self.drive.enabled, 'an enabled drive')
+        self.wait(is_enabled, 'an enabled drive')
         self.wait(lambda: self.enabled.last.data, 'enabled')
 
     def commands(self, *counts: int) -> bool:
@@ -449,8 +459,10 @@ def test_deactivation_disables_and_closes_and_activation_needs_a_new_edge(
         moment = time.monotonic()
         assert observer.change_state(bench.name, 'deactivate')
         bench.wait(lambda: bench.estop.last.data, 'a stop')
-        last = bench.drive.packets(moment)[-3:]
-        assert not any(packet.enables for packet in last)
+        bench.wait(
+            lambda: not any(packet.enables for packet in bench.drive.packets(moment)[-3:]),
+            'disable in the last packets',
+        )
         bench.holds(lambda: True, 0.1)  # what was on its way has come
         closed = time.monotonic()
         bench.holds(lambda: not bench.drive.packets(closed), 0.3)
