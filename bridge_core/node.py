@@ -32,8 +32,10 @@ from rclpy.qos import QoSProfile
 from std_msgs.msg import Bool
 from std_srvs.srv import Trigger
 
+from bridge_core.diagnostics import Damage
 from bridge_core.diagnostics import Status
 from bridge_core.diagnostics import summarise
+from bridge_core.framing import Counters
 from bridge_core.outbox import Outbox
 from bridge_core.parameter_files import check_sections
 from bridge_core.parameters import BRIDGE_PARAMETERS
@@ -56,6 +58,7 @@ from bridge_core.transports.link import Link
 _ROS_PARAMETERS = ('use_sim_time', 'start_type_description_service')
 _DIAGNOSTICS_PERIOD = 1.0
 _LAST_WORDS_TIME = 0.3  # s
+_DAMAGED = 'check cable, shield, ground and bit rate: {:.0%} of what comes is damaged'
 _INACTIVE = Verdict.stop('the node is not active', link_up=False)
 
 SessionT = TypeVar('SessionT', bound=Session[Any, Any, Any])
@@ -183,6 +186,7 @@ class BridgeNode(ManagedNode, Generic[SessionT, EventT]):
         self._repeat_at = self._diagnose_at = 0.0
         self.verdict = _INACTIVE  # as published last
         self._levels: list[Level] = []
+        self._damage = Damage(Counters())
         self._logged_at: dict[str, float] = {}
         self._numbers = itertools.count()  # of requests that must not replace each other
         self._waiting = Waiting(self)
@@ -389,6 +393,7 @@ class BridgeNode(ManagedNode, Generic[SessionT, EventT]):
         self._own_estop_publisher.publish(Bool(data=verdict.own_estop))
 
     def _diagnose(self, now: float) -> None:
+        self._damage.update(now)
         statuses = [self._link_status(now), self._device_status(now)]
         levels = [status.level for status in statuses]
         if levels == self._levels and now < self._diagnose_at:
@@ -437,6 +442,8 @@ class BridgeNode(ManagedNode, Generic[SessionT, EventT]):
             level, message = Level.ERROR, port.error
         elif not session.link_up:
             level, message = Level.ERROR, '; '.join(session.stop_reasons(now))
+        elif self._damage.share >= Damage.LIMIT:
+            level, message = Level.WARN, _DAMAGED.format(self._damage.share)
         else:
             level, message = Level.OK, 'ok'
         counters = asdict(session.counters)
@@ -474,6 +481,7 @@ class BridgeNode(ManagedNode, Generic[SessionT, EventT]):
 
         def activate() -> None:
             self.session = self.make_session(self.values)
+            self._damage = Damage(self.session.counters)
             self.active = True
             self.link.activate(self.make_transport(self.values), self.session)
 

@@ -67,7 +67,7 @@ SHARED = {
     'transports': (*CORE, 'bridge_core.session', 'serial', 'can', 'STDLIB'),
     'outbox': ('STDLIB',),  # it has a thread
     'convert': ('MESSAGES',),
-    'diagnostics': ('bridge_core.session', 'MESSAGES'),
+    'diagnostics': ('bridge_core.framing', 'bridge_core.session', 'MESSAGES'),
     'node': ('bridge_core', 'rclpy', 'MESSAGES', 'STDLIB'),
     'runner': ('bridge_core', 'rclpy', 'STDLIB'),
     'parameter_files': ('bridge_core.parameters', 'yaml'),
