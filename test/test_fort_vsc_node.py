@@ -4,6 +4,8 @@ from collections.abc import Iterator
 import json
 import math
 from pathlib import Path
+from signal import SIGCONT
+from signal import SIGSTOP
 from signal import SIGTERM
 import time
 from typing import Any
@@ -382,6 +384,39 @@ def test_node_that_is_no_part_of_the_stop_chain_does_not_trip_it_by_ending(fresh
 
 
 # Variants of the parameters.
+
+
+def test_stop_pressed_and_released_while_the_node_is_frozen_is_published(
+    tmp_path: Path, observer: Observer
+) -> None:
+    """No freeze here is long enough for a time-out; of some the backlog is read, of some not."""
+    bench = Bench(tmp_path, observer, link_timeout=5.0)
+    estop = observer.record(Bool, f'{bench.name}/estop', 10)  # as the mux listens
+
+    def sent(mode: int, since: float) -> Any:
+        return lambda: [
+            c for c in bench.vsc.sent(since) if c.data[2] == 0x20 and c.data[4] == mode
+        ]
+
+    def stopped(since: float) -> Any:
+        return lambda: [message for _, message in estop.since(since) if message.data]
+
+    try:
+        bench.start_anew()
+        for frozen in (0.12, 0.15, 0.22, 0.3, 1.0):
+            since = time.monotonic()
+            bench.node.signal(SIGSTOP)
+            pressed = bench.vsc.apply('estop remote on')
+            bench.wait(sent(4, pressed), 'a heartbeat in Local')
+            released = bench.vsc.apply('estop remote off', 'ack', 'mode operational')
+            bench.wait(sent(9, released), 'a heartbeat in Operational')
+            bench.wait(lambda end=since + frozen: time.monotonic() >= end, 'the end of the freeze')
+            bench.node.signal(SIGCONT)
+            bench.wait(stopped(since), f'a stop after {frozen} s')
+            bench.wait(lambda: bench.says(bench.estop, False), 'no stop')
+    finally:
+        bench.node.signal(SIGCONT)
+        bench.close()
 
 
 def test_tolerated_fault_leaves_the_sound_controls(tmp_path: Path, observer: Observer) -> None:
