@@ -24,10 +24,11 @@ from fort_vsc_bridge.protocol.can import SEGMENTS
 from fort_vsc_bridge.protocol.can import segments_of
 from fort_vsc_bridge.protocol.frames import Message
 from fort_vsc_bridge.protocol.frames import MessageType
+from fort_vsc_bridge.protocol.frames import Received
 from fort_vsc_bridge.protocol.hid import HidDecoder
-from fort_vsc_bridge.protocol.messages import parser
 from fort_vsc_bridge.protocol.messages import UserFeedback
 from fort_vsc_bridge.protocol.messages import UserFeedbackName
+from fort_vsc_bridge.protocol.serial import SerialDecoder
 from fort_vsc_bridge.protocol.values import Key
 
 Frame = bytes | CanFrame  # as the wire has it
@@ -68,7 +69,7 @@ class Wire:
         """Let a message pass that fits this wire. :raises ValueError: naming the transport."""
         self.require(message.TYPE)
 
-    def decoder(self, timeout: float) -> Decoder[Any, Message]:
+    def decoder(self, timeout: float) -> Decoder[Any, Received]:
         """
         Return what turns what the transport received at once into messages.
 
@@ -101,10 +102,10 @@ class SerialWire(Wire):
     JOYSTICK_ONLY = 'is its heartbeat message disabled?'
     NO_JOYSTICK = 'set device.joystick_interval_ms to have them sent'
 
-    def decoder(self, timeout: float) -> Decoder[Any, Message]:
+    def decoder(self, timeout: float) -> Decoder[Any, Received]:
         """Return the parser of the stream; every message is whole there."""
         del timeout
-        return parser()
+        return SerialDecoder()
 
     def frames(self, message: Message) -> list[Frame]:
         """Return one frame."""
@@ -142,7 +143,7 @@ class CanWire(Wire):
         if isinstance(message, UserFeedback) and message.key == Key.USER_ESTOP_TIMEOUT:
             raise ValueError(f'transport can has no key {message.key}')
 
-    def decoder(self, timeout: float) -> Decoder[Any, Message]:
+    def decoder(self, timeout: float) -> Decoder[Any, Received]:
         """Return what puts joystick frames together."""
         return CanDecoder(self.ids, timeout)
 
@@ -164,7 +165,7 @@ class HidWire(Wire):
     SIGN_OF_LIFE = 'report from the remote'
     SILENCE = 'check its power, its USB cable, and that port is its hidraw device'
 
-    def decoder(self, timeout: float) -> Decoder[Any, Message]:
+    def decoder(self, timeout: float) -> Decoder[Any, Received]:
         """Return what reads a report."""
         del timeout
         return HidDecoder()

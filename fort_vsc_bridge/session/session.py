@@ -21,10 +21,11 @@ from fort_vsc_bridge.protocol import Heartbeat
 from fort_vsc_bridge.protocol import HostHeartbeat
 from fort_vsc_bridge.protocol import Joystick
 from fort_vsc_bridge.protocol import Key
-from fort_vsc_bridge.protocol import Message
 from fort_vsc_bridge.protocol import MessageType
 from fort_vsc_bridge.protocol import Mode
 from fort_vsc_bridge.protocol import PERSISTENT_KEYS
+from fort_vsc_bridge.protocol import Received
+from fort_vsc_bridge.protocol import Rejected
 from fort_vsc_bridge.protocol import RemoteStatus
 from fort_vsc_bridge.protocol import TEXT_KEYS
 from fort_vsc_bridge.protocol import USER_KEYS
@@ -44,9 +45,10 @@ from fort_vsc_bridge.session.settings import Settings
 from fort_vsc_bridge.session.stops import StopJudge
 
 _NEUTRAL = Sticks()
+_REJECTION_SHOWN = 3.0  # seconds after the last one
 
 
-class Session(BaseSession[Frame, Message, Event]):
+class Session(BaseSession[Frame, Received, Event]):
     """One VSC on one wire; see bridge_core.session."""
 
     CLOSED = 'the port to the VSC is not open; plug the VSC in, check the parameter port'
@@ -58,11 +60,14 @@ class Session(BaseSession[Frame, Message, Event]):
         self.remote_status: RemoteStatus | None = None  # while a remote is connected
         self.faulty: tuple[str, ...] = ()  # controls that the last joystick message calls so
         self.looped_back = 0  # frames that only a host sends: the line echoes
+        self.rejected = 0  # frames that are not the VSC's, or of a firmware that is not known
         self.software_estop_in_use = False
         self.software_estop_refused = False  # somebody relies on one that this wire has not
         self._newest: Heartbeat | None = None
         self._mode: Mode | int | None = None  # as emitted
         self._was_up = self._was_connected = False
+        self._rejection = ''  # why the last one was, and what to do
+        self._rejected_lately = Watchdog(_REJECTION_SHOWN)
         self._joystick_heard = Watchdog(timeout)
         self._stream = StickStream()
         self._judgement = StopJudge()
@@ -104,6 +109,8 @@ class Session(BaseSession[Frame, Message, Event]):
         """Return stops, broken controls, what does not come, and a battery that runs low."""
         wire = self.settings.wire
         problems = super().problems(now) + report.control_problems(self.faulty)
+        if self.link_up and not self._rejected_lately.expired(now):
+            problems.append((Level.ERROR, self._rejection))
         if self.link_up and self._joystick_heard.expired(now):
             problems.append((Level.WARN, f'no joystick messages; {wire.NO_JOYSTICK}'))
         problems += report.remote_problems(self.remote_status)
@@ -121,6 +128,7 @@ class Session(BaseSession[Frame, Message, Event]):
             'remote connected': self.remote_connected,
             'software e-stop in use': self.software_estop_in_use,
             'faulty controls': ', '.join(self.faulty) or 'none',
+            'rejected frames': self.rejected,
             **{f'setting {name}': state for name, state in self.setting_states.items()},
             **report.remote_values(self.remote_status),
         }
@@ -149,7 +157,12 @@ class Session(BaseSession[Frame, Message, Event]):
         self._device.forget()
         self._queue.drop_passing()
 
-    def _take(self, message: Message, now: float) -> None:
+    def _take(self, message: Received, now: float) -> None:
+        if isinstance(message, Rejected):
+            self.rejected += 1
+            self._rejection = message.text
+            self._rejected_lately.feed(now)
+            return
         self._device.heard(message.TYPE, now)
         if isinstance(message, Heartbeat):
             self._newest = message
@@ -205,6 +218,8 @@ class Session(BaseSession[Frame, Message, Event]):
     def _silence(self, now: float) -> str:
         wire = self.settings.wire
         text = f'no {wire.SIGN_OF_LIFE}: {self._heard.describe(now)}; '
+        if not self._rejected_lately.expired(now):
+            return text + self._rejection
         if not self._joystick_heard.expired(now):
             return f'{text}joystick messages do come: {wire.JOYSTICK_ONLY}'
         return text + wire.SILENCE
