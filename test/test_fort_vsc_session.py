@@ -12,6 +12,7 @@ from hypothesis import settings
 from hypothesis import strategies as st
 import pytest
 
+from bridge_core.session import Level
 from bridge_core.session import StopChanged
 from bridge_core.session import Verdict
 from fort_vsc_bridge.protocol import Mode
@@ -427,6 +428,40 @@ def test_unknown_malformed_and_looped_back_are_counted_and_nothing_is_lost() -> 
     assert bench.session.looped_back == 1
     assert counters.frames == 4
     assert not bench.session.estop
+
+
+@pytest.mark.parametrize('size', [1, 7, 12, 1000])
+def test_heartbeat_of_another_length_names_the_firmware(size: int) -> None:
+    other = build_frame(0x20, struct.pack('<BBIH', Mode.OPERATIONAL, 0, 0, 0))
+    stream = (b'xx' + other + DEFLECTED + b'\x10') * 30
+    bench = opened()
+    for start in range(0, len(stream), size):
+        bench.hear(stream[start : start + size])
+        bench.wait(0.0001 * size)
+    assert bench.session.estop
+    assert bench.session.rejected == 30
+    (reason,) = bench.session.stop_reasons(bench.now)
+    assert 'its heartbeat message has 8 bytes, not 6' in reason
+    assert sticks(bench.events) == []
+    bench.wait(5.0)
+    assert 'firmware' not in bench.session.stop_reasons(bench.now)[0]
+
+
+def test_joystick_message_of_another_length_is_an_error_while_the_link_is_up() -> None:
+    bench = opened()
+    bench.run(0.5, heartbeat(), build_frame(0x10, bytes(16)))
+    assert not bench.session.estop
+    assert (Level.ERROR, 'joystick message has 16 bytes, not 14') in [
+        (level, text[-37:]) for level, text in bench.session.problems(bench.now)
+    ]
+
+
+def test_corrupt_length_names_no_firmware() -> None:
+    bench = opened()
+    for length in range(256):
+        bench.hear(heartbeat()[:3] + bytes((length,)) + heartbeat()[4:])
+        bench.run(0.1, heartbeat())
+    assert bench.session.rejected == 0
 
 
 @given(st.lists(st.binary(max_size=40) | st.sampled_from([heartbeat(), DEFLECTED, STATUS])))
