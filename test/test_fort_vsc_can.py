@@ -411,12 +411,31 @@ def test_joystick_frame_of_another_device_is_refused_and_named(foreign: CanFrame
     assert session.problems(bench.now) == []
 
 
-def test_joystick_frame_that_is_zero_throughout_is_a_zeroed_one_of_the_vsc() -> None:
-    zeroed = [CanFrame(frame.identifier, bytes(8)) for frame in ALL_STICKS]
+ZEROED = {
+    'zero throughout': [CanFrame(frame.identifier, bytes(8)) for frame in ALL_STICKS],
+    'zero where there are values': [
+        frame('left_basic', '0000 0000 FF 00 FFFF'),
+        frame('left_extended', '0000 FFFFFFFFFFFF'),
+        frame('right_basic', '0000 0000 FF 00 FFFF'),
+        frame('right_extended', '0000 FFFFFFFFFFFF'),
+    ],
+}
+
+
+@pytest.mark.parametrize('zeroed', ZEROED.values(), ids=ZEROED)
+def test_zeroed_joystick_frames_are_neutral_and_no_fault(zeroed: list[CanFrame]) -> None:
     bench = opened()
-    events = bench.run(0.5, heartbeat(Mode.LOCAL), *zeroed)
-    assert set(sticks(events)) == {NEUTRAL}
+    assert set(sticks(bench.run(0.5, heartbeat(Mode.LOCAL), *zeroed))) == {NEUTRAL}
+    bench.run(0.5, heartbeat(), *ALL_STICKS)
+    assert sticks(bench.run(0.5, heartbeat(), *zeroed))[-1] == Sticks(operational=True)
     assert bench.session.rejected == 0
+    assert bench.session.problems(bench.now) == []
+
+
+def test_one_zeroed_joystick_frame_among_others_is_a_fault() -> None:
+    bench = opened()
+    bench.run(0.5, heartbeat(), LEFT, LEFT_Z, RIGHT, ZEROED['zero throughout'][3])
+    assert bench.session.faulty == ('right_z error',)
 
 
 # What else comes.

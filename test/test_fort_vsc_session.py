@@ -385,6 +385,15 @@ def test_faulty_stick_makes_all_neutral_and_is_named() -> None:
     assert bench.session.faulty == event.faulty
 
 
+def test_joystick_message_of_zeros_is_neutral_and_no_fault() -> None:
+    bench = opened()
+    bench.hear(heartbeat(), DEFLECTED)
+    assert sticks(bench.hear(build_frame(0x10, bytes(14)))) == [Sticks(operational=True)]
+    assert bench.session.problems(bench.now) == []
+    (event,) = sticks(bench.hear(build_frame(0x10, bytes(13) + b'\1')))
+    assert len(event.faulty) == 6
+
+
 def test_faulty_stick_alone_is_zero_if_tolerated() -> None:
     bench = opened(tolerate_faulty_axes=True)
     (event,) = sticks(bench.hear(heartbeat(), FAULTY))

@@ -262,7 +262,8 @@ class CanDecoder(Decoder[CanFrame, Received]):
             self.counters.malformed += 1
             return []
         if isinstance(message, BasicJoystick | ExtendedJoystick):
-            return list(self._sticks.take(name, message, now))
+            zeroed = not any(data.data[place] for place in _VALUES[type(message)])
+            return list(self._sticks.take(name, message, now, zeroed=zeroed))
         assert isinstance(message, Message)  # a StringSegment is not among FROM_VSC
         if isinstance(message, Heartbeat):
             self._forget_sticks_of_before(message)
@@ -275,6 +276,7 @@ class CanDecoder(Decoder[CanFrame, Received]):
             self._sticks.forget()
 
 
+_VALUES = {BasicJoystick: (0, 1, 2, 3, 5), ExtendedJoystick: (0, 1)}  # bytes that are not FF
 _PARTS = ('left_basic', 'left_extended', 'right_basic', 'right_extended')
 _NO_AXIS = Axis(None, InputState.UNAVAILABLE)
 _NO_BUTTON = Button(None, InputState.UNAVAILABLE)
@@ -287,19 +289,24 @@ class _Sticks:
     Puts the four joystick frames of CAN together.
 
     Every frame counts at once, with the newest of the others. One that does not come any more is
-    not at its last position: it is not available.
+    not at its last position: it is not available. Four that are zero are neutral, as on serial.
     """
 
     def __init__(self, timeout: float) -> None:
         self._timeout = timeout
-        self._heard: dict[str, tuple[float, BasicJoystick | ExtendedJoystick]] = {}
+        self._heard: dict[str, tuple[float, BasicJoystick | ExtendedJoystick, bool]] = {}
         self._since = 0.0  # when the first frame came after a silence
 
     def forget(self) -> None:
         self._heard.clear()
 
     def take(
-        self, name: str, message: BasicJoystick | ExtendedJoystick, now: float
+        self,
+        name: str,
+        message: BasicJoystick | ExtendedJoystick,
+        now: float,
+        *,
+        zeroed: bool,
     ) -> list[Message]:
         """Return all sticks; nothing while the others still have time to come."""
         self._heard = {
@@ -309,12 +316,14 @@ class _Sticks:
         }
         if not self._heard:
             self._since = now
-        self._heard[name] = (now, message)
+        self._heard[name] = (now, message, zeroed)
         if len(self._heard) < len(_PARTS) and now - self._since < self._timeout:
             return []
         return [self._joystick()]
 
     def _joystick(self) -> Joystick:
+        if len(self._heard) == len(_PARTS) and all(part[2] for part in self._heard.values()):
+            return Joystick.neutral()
         left, right = self._part('left_basic', _NO_BASIC), self._part('right_basic', _NO_BASIC)
         left_z = self._part('left_extended', _NO_EXTENDED).z
         right_z = self._part('right_extended', _NO_EXTENDED).z

@@ -14,7 +14,9 @@ from fort_vsc_bridge.protocol.frames import PACKETS
 from fort_vsc_bridge.protocol.values import AUTONOMY_MODES
 from fort_vsc_bridge.protocol.values import AutonomyMode
 from fort_vsc_bridge.protocol.values import Axis
+from fort_vsc_bridge.protocol.values import AXIS_NAMES
 from fort_vsc_bridge.protocol.values import Button
+from fort_vsc_bridge.protocol.values import BUTTON_NAMES
 from fort_vsc_bridge.protocol.values import check_range
 from fort_vsc_bridge.protocol.values import INT32
 from fort_vsc_bridge.protocol.values import Mode
@@ -39,6 +41,8 @@ class Joystick(Message):
     """
     Sticks and buttons of the SRC (7.3.1, 7.4, 7.5), 50 Hz; zeroed unless Operational.
 
+    A payload of zeros is neutral. In Operational it comes where no SRC is paired (6.5).
+
     :param axes: 6, in the order of AXIS_NAMES. :param buttons: 8, in the order of BUTTON_NAMES.
     """
 
@@ -52,7 +56,14 @@ class Joystick(Message):
             raise ValueError(f'a joystick message has 6 axes and 8 buttons, not {count}')
 
     @classmethod
+    def neutral(cls) -> Joystick:
+        """Return all sticks at rest and no button pressed."""
+        return cls((Axis(0),) * len(AXIS_NAMES), (Button(False),) * len(BUTTON_NAMES))
+
+    @classmethod
     def _from_payload(cls, payload: bytes) -> Joystick:
+        if not any(payload):
+            return cls.neutral()
         *words, left, right = _JOYSTICK.unpack(payload)
         return cls(tuple(map(Axis.from_word, words)), PADS[left] + PADS[right])
 
