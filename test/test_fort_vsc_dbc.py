@@ -100,10 +100,11 @@ def message_of(name: str, signals: Signals) -> Any:
 
 
 def remote_status_of(signals: Signals) -> RemoteStatus | None:
-    if signals['BatteryLevel'] > 100:
+    level = signals['BatteryLevel']
+    if 100 < level < 255:
         return None
     return RemoteStatus(
-        signals['BatteryLevel'],
+        None if level == 255 else level,
         signals['BatteryCharging'] > 0,
         signals['StrengthAtVsc'],
         signals['StrengthAtSrc'],
@@ -178,7 +179,7 @@ MESSAGES: dict[str, st.SearchStrategy[Any]] = {
     'heartbeat': st.builds(Heartbeat, BYTE, BYTE, st.integers(0, 0xFFFFFFFF)),
     'remote_status': st.builds(
         RemoteStatus,
-        st.integers(0, 100),
+        st.integers(0, 100) | st.none(),
         st.booleans(),
         BYTE,
         BYTE,

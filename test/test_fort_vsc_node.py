@@ -18,6 +18,7 @@ from sensor_msgs.msg import Joy
 from sensor_msgs.msg import JoyFeedback
 from sensor_msgs.msg import NavSatFix
 from std_msgs.msg import Bool
+from std_msgs.msg import Int8
 from std_msgs.msg import String
 from std_msgs.msg import UInt8
 
@@ -61,6 +62,8 @@ class Bench:
         self.own_estop = record(Bool, f'{self.name}/own_estop', latched())
         self.joy = record(Joy, f'{self.name}/joy')
         self.mode = record(String, f'{self.name}/mode', latched())
+        self.autonomy = record(String, f'{self.name}/autonomy_mode', latched())
+        self.strength = record(Int8, f'{self.name}/radio_strength', latched())
         self.battery = record(BatteryState, f'{self.name}/battery', latched())
         self.fix = record(NavSatFix, f'{self.name}/fix')
         self.nmea = record(String, f'{self.name}/nmea')
@@ -180,8 +183,16 @@ def test_remote_status_becomes_battery_only_while_a_remote_is_connected(bench: B
     assert battery.percentage == pytest.approx(0.70)
     assert battery.power_supply_status == BatteryState.POWER_SUPPLY_STATUS_CHARGING
     assert math.isnan(battery.voltage)
+    assert bench.says(bench.strength, VECTORS['remote status'][6])
     bench.vsc.apply('estop remote on')  # Local: no remote vouches for it any more
     bench.wait(lambda: not bench.battery.last.present, 'no battery')
+    bench.wait(lambda: bench.says(bench.strength, -1), 'no strength')
+
+
+def test_autonomy_mode_of_the_vsc_is_published(bench: Bench) -> None:
+    bench.wait(lambda: bench.says(bench.autonomy, 'User control'), 'its name')
+    bench.vsc.simulator.autonomy = 2
+    bench.wait(lambda: bench.says(bench.autonomy, 'Autonomous control'), 'its change')
 
 
 def test_gps_sentence_becomes_fix_and_raw_text(bench: Bench) -> None:

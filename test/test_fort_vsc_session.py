@@ -15,6 +15,7 @@ import pytest
 from bridge_core.session import Level
 from bridge_core.session import StopChanged
 from bridge_core.session import Verdict
+from fort_vsc_bridge.protocol import AutonomyMode
 from fort_vsc_bridge.protocol import Mode
 from fort_vsc_bridge.protocol import RemoteStatus
 from fort_vsc_bridge.session import DeviceSettings
@@ -419,6 +420,62 @@ def test_remote_status_is_shown_only_while_a_remote_is_connected() -> None:
     assert RemoteState(None) in bench.hear(heartbeat(Mode.LOCAL, SRC))
     bench.hear(heartbeat())
     assert bench.session.remote_status is None
+
+
+def status(battery: int = 70, strength: int = 2) -> bytes:
+    return build_frame(0x22, bytes((battery, 0, strength, strength, 0, 0)))
+
+
+def test_remote_status_that_comes_no_more_grows_stale() -> None:
+    bench = opened()
+    bench.hear(heartbeat())
+    for _ in range(3):
+        bench.run(1.0, heartbeat())
+        bench.hear(status())
+    before = bench.now
+    bench.run(4.9, heartbeat())
+    assert bench.session.remote_status is not None
+    events = bench.run(0.2, heartbeat())
+    assert RemoteState(None) in events
+    assert bench.session.remote_status is None
+    assert bench.now - before == pytest.approx(5.1)
+    assert not bench.session.estop
+    assert RemoteState(RemoteStatus(70, False, 2, 2)) in bench.hear(status())
+
+
+def test_remote_status_of_a_long_interval_is_not_stale_between_two() -> None:
+    bench = opened()
+    for _ in range(3):
+        bench.hear(heartbeat(), status())
+        assert RemoteState(None) not in bench.run(60.0, heartbeat())
+
+
+def test_unknown_battery_level_is_no_lost_message() -> None:
+    bench = opened()
+    bench.hear(heartbeat(), CENTRED)
+    assert RemoteState(RemoteStatus(None, False, 2, 2)) in bench.hear(status(battery=255))
+    assert bench.session.counters.malformed == 0
+    assert bench.session.values(bench.now)['battery (%)'] == 'unknown'
+    assert bench.session.problems(bench.now) == []
+
+
+def test_weakest_radio_is_a_warning() -> None:
+    bench = opened()
+    bench.hear(heartbeat(), CENTRED, status(strength=1))
+    assert bench.session.problems(bench.now) == []
+    bench.hear(status(strength=0))
+    ((level, text),) = bench.session.problems(bench.now)
+    assert level == Level.WARN
+    assert text.startswith('bring the remote nearer')
+
+
+def test_autonomy_mode_is_reported_with_the_mode() -> None:
+    bench = opened()
+    bench.hear(heartbeat())
+    (event,) = bench.hear(build_frame(0x20, b'\x09\x02\0\0\0\0'))
+    assert event == ModeChanged(Mode.OPERATIONAL, AutonomyMode.AUTONOMOUS_CONTROL)
+    (_, lost) = bench.wait(1.0)
+    assert lost == ModeChanged(None, None)
 
 
 def test_gps_and_user_values_are_handed_on() -> None:

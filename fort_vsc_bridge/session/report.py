@@ -16,6 +16,10 @@ from fort_vsc_bridge.protocol import RemoteStatus
 
 LOOPED_BACK = 'our own frames come back: is RX wired to TX, or echo on?'
 _LOW_BATTERY_PERCENT = 20
+_WEAK_RADIO = (
+    'bring the remote nearer, or its way to the VSC clear of metal: the radio is at its weakest '
+    '(strength 0), and the next step is a stop'
+)
 _NO_REMOTE = (
     'no remote connected, or a stop not acknowledged yet; switch the remote on, bring it into '
     'reach, acknowledge on it'
@@ -64,10 +68,16 @@ def control_problems(faulty: Sequence[str]) -> list[tuple[Level, str]]:
 
 
 def remote_problems(remote: RemoteStatus | None) -> list[tuple[Level, str]]:
-    """Say when the remote's battery has to be charged."""
-    if remote is None or remote.charging or remote.battery_percent > _LOW_BATTERY_PERCENT:
-        return []
-    return [(Level.WARN, f"the remote's battery is at {remote.battery_percent} %; charge it")]
+    """Say when the remote's battery has to be charged, and when it is about to be lost."""
+    problems: list[tuple[Level, str]] = []
+    if remote is None:
+        return problems
+    battery = remote.battery_percent
+    if battery is not None and battery <= _LOW_BATTERY_PERCENT and not remote.charging:
+        problems.append((Level.WARN, f"the remote's battery is at {battery} %; charge it"))
+    if remote.strength_vsc == 0:
+        problems.append((Level.WARN, _WEAK_RADIO))
+    return problems
 
 
 def heartbeat_values(heartbeat: Heartbeat | None) -> dict[str, Any]:
@@ -84,7 +94,7 @@ def remote_values(remote: RemoteStatus | None) -> dict[str, Any]:
     if remote is None:
         return {}
     return {
-        'battery (%)': remote.battery_percent,
+        'battery (%)': 'unknown' if remote.battery_percent is None else remote.battery_percent,
         'charging': remote.charging,
         'strength at VSC (0 low to 2 high)': remote.strength_vsc,
         'strength at remote (0 low to 2 high)': remote.strength_src,

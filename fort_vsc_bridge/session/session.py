@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 from bridge_core.session import Level
@@ -46,6 +47,9 @@ from fort_vsc_bridge.session.stops import StopJudge
 
 _NEUTRAL = Sticks()
 _REJECTION_SHOWN = 3.0  # seconds after the last one
+_LONGEST_INTERVAL = 65.535  # seconds between two remote status messages (7.3.5)
+_STATUS_INTERVALS = 3  # that may pass without one
+_SHORTEST_STATUS_TIME = 5.0  # seconds
 
 
 class Session(BaseSession[Frame, Received, Event]):
@@ -64,10 +68,11 @@ class Session(BaseSession[Frame, Received, Event]):
         self.software_estop_in_use = False
         self.software_estop_refused = False  # somebody relies on one that this wire has not
         self._newest: Heartbeat | None = None
-        self._mode: Mode | int | None = None  # as emitted
+        self._modes = ModeChanged(None)  # as emitted
         self._was_up = self._was_connected = False
         self._rejection = ''  # why the last one was, and what to do
         self._rejected_lately = Watchdog(_REJECTION_SHOWN)
+        self._remote_status_at = self._remote_expires_at = -math.inf
         self._joystick_heard = Watchdog(timeout)
         self._stream = StickStream()
         self._judgement = StopJudge()
@@ -172,8 +177,7 @@ class Session(BaseSession[Frame, Received, Event]):
             self._take_joystick(message, now)
         elif isinstance(message, RemoteStatus):
             if self.remote_connected:  # else it is that of a remote long gone (7.3.3)
-                self.remote_status = message
-                self._emit(RemoteState(message))
+                self._take_remote_status(message, now)
         elif isinstance(message, Gps):
             self._emit(GpsSentence(message.source, message.sentence.strip('\r\n\0 ')))
         elif isinstance(message, UserFeedback):
@@ -181,6 +185,14 @@ class Session(BaseSession[Frame, Received, Event]):
             self._emit(UserValue(message.key, message.value))
         else:
             self.looped_back += 1
+
+    def _take_remote_status(self, message: RemoteStatus, now: float) -> None:
+        """Take it for as long as a few more of them take: their interval is the device's."""
+        gap = min(now - self._remote_status_at, _LONGEST_INTERVAL)
+        self._remote_status_at = now
+        self._remote_expires_at = now + max(_STATUS_INTERVALS * gap, _SHORTEST_STATUS_TIME)
+        self.remote_status = message
+        self._emit(RemoteState(message))
 
     def _take_joystick(self, message: Joystick, now: float) -> None:
         self._joystick_heard.feed(now)
@@ -228,28 +240,29 @@ class Session(BaseSession[Frame, Received, Event]):
         if self.link_up is not self._was_up:
             self._was_up = self.link_up
             self._device.link_changed(self.link_up, now)
-        if self.mode != self._mode:
-            self._mode = self.mode
-            self._emit(ModeChanged(self.mode))
+        modes = ModeChanged(self.mode, self.heartbeat.autonomy if self.heartbeat else None)
+        if modes != self._modes:
+            self._modes = modes
+            self._emit(modes)
         fresh = self.link_up and not self._joystick_heard.expired(now)
         if self._stream.owes_neutral(fresh=fresh, counts=self.operational):
             self.faulty = ()
             self._emit(_NEUTRAL)
-        if self.remote_connected is not self._was_connected:
-            self._was_connected = self.remote_connected
-            self._follow_remote()
-
-    def _follow_remote(self) -> None:
-        """Show a remote that was connected what it should show; forget one that is gone."""
-        if self.remote_connected:
+        if self.remote_connected and not self._was_connected:
             self._queue.show_again()
-        elif self.remote_status is not None:
+        self._was_connected = self.remote_connected
+        known = self.remote_connected and now < self._remote_expires_at
+        if self.remote_status is not None and not known:
             self.remote_status = None
             self._emit(RemoteState(None))
 
     def _expires_at(self) -> float:
-        moment = super()._expires_at()
-        return min(moment, self._joystick_heard.deadline) if self._stream.streaming else moment
+        moments = [super()._expires_at()]
+        if self._stream.streaming:
+            moments.append(self._joystick_heard.deadline)
+        if self.remote_status is not None:
+            moments.append(self._remote_expires_at)
+        return min(moments)
 
     def _sends_at(self) -> float:
         due = [self._pacer.due, self._queue.deadline]
