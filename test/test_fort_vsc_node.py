@@ -397,6 +397,25 @@ def test_node_that_is_no_part_of_the_stop_chain_does_not_trip_it_by_ending(fresh
 # Variants of the parameters.
 
 
+def test_required_software_estop_stops_the_vsc_until_it_is_heard(
+    tmp_path: Path, observer: Observer
+) -> None:
+    bench = Bench(tmp_path, observer, require_software_estop=True)
+    try:
+        bench.wait(lambda: bench.vsc.simulator.host_heartbeats > 10, 'heartbeats')
+        assert bench.vsc.simulator.host_estop
+        wire = b''.join(chunk.data for chunk in bench.vsc.received())
+        assert build_frame(0x21, b'\0') not in wire
+        bench.wait(lambda: bench.says(bench.own_estop, False), 'an echo, and nothing else')
+        assert bench.says(bench.estop, True)
+        Talker(observer, Bool, f'{bench.name}/software_estop', Bool(data=False))
+        bench.wait(lambda: not bench.vsc.simulator.host_estop, 'no stop in our heartbeat')
+        bench.vsc.apply('ack', 'mode operational')
+        bench.wait(lambda: bench.says(bench.estop, False), 'no stop')
+    finally:
+        bench.close()
+
+
 def test_stop_pressed_and_released_while_the_node_is_frozen_is_published(
     tmp_path: Path, observer: Observer
 ) -> None:

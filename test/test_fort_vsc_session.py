@@ -276,6 +276,30 @@ def test_software_stop_that_is_not_repeated_is_a_stop() -> None:
     assert all(frame == (STOP if at >= first_stop else CLEAR) for at, frame in bench.sent)
 
 
+def test_required_software_stop_is_asked_until_the_topic_is_heard() -> None:
+    bench = opened(require_software_estop=True)
+    assert bench.sent == [(100.0, STOP)]
+    bench.wait(5.0)
+    assert {frame for _, frame in bench.sent} == {STOP}
+    bench.hear(heartbeat(Mode.LOCAL, USER))
+    assert not bench.session.own_estop
+    assert 'software_estop is stale (never heard' in bench.session.stop_reasons(bench.now)[0]
+    bench.session.set_software_estop(False, bench.now)
+    bench.wait(0.06)
+    assert bench.sent[-1][1] == CLEAR
+    bench.wait(0.25)
+    assert bench.sent[-1][1] == STOP
+
+
+def test_required_software_stop_is_asked_again_after_a_lost_port_and_at_the_end() -> None:
+    bench = opened(require_software_estop=True)
+    bench.close()
+    bench.sent.clear()
+    bench.open()
+    assert bench.sent == [(100.0, STOP)]
+    assert bench.session.farewell(bench.now) == [STOP]
+
+
 def test_farewell_stops_only_if_software_estop_is_in_use() -> None:
     bench = opened()
     assert bench.session.farewell(bench.now) == []

@@ -27,11 +27,12 @@ _NO_REMOTE = (
 _NOT_WORKING = 'the VSC does not say that it works; restart it, see its LED, check its firmware'
 
 
-def stop_reasons(heartbeat: Heartbeat, *, asked: bool, echo: bool) -> list[str]:
+def stop_reasons(heartbeat: Heartbeat, *, asked: str, echo: bool) -> list[str]:
     """
     Return why a heartbeat is a stop, and what to do; empty if no bit is set and a remote there.
 
-    :param asked: our heartbeats ask for a stop. :param echo: USER bits are our doing.
+    :param asked: why our heartbeats ask for a stop; empty if they do not. :param echo: USER bits
+        are our doing.
     """
     reasons = []
     others = heartbeat.estop & ~int(EStopBits.USER)
@@ -49,9 +50,9 @@ def stop_reasons(heartbeat: Heartbeat, *, asked: bool, echo: bool) -> list[str]:
     return reasons
 
 
-def _whose(asked: bool, echo: bool) -> str:
+def _whose(asked: str, echo: bool) -> str:
     if asked:
-        return 'as software_estop asks; it goes when the cause of that is gone'
+        return asked
     if echo:
         return 'not asked any more; acknowledge it on the remote'
     return (

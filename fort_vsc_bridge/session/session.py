@@ -65,7 +65,7 @@ class Session(BaseSession[Frame, Received, Event]):
         self.faulty: tuple[str, ...] = ()  # controls that the last joystick message calls so
         self.looped_back = 0  # frames that only a host sends: the line echoes
         self.rejected = 0  # frames that are not the VSC's, or of a firmware that is not known
-        self.software_estop_in_use = False
+        self.software_estop_in_use = settings.require_software_estop
         self.software_estop_refused = False  # somebody relies on one that this wire has not
         self._newest: Heartbeat | None = None
         self._modes = ModeChanged(None)  # as emitted
@@ -279,20 +279,35 @@ class Session(BaseSession[Frame, Received, Event]):
 
     def _heartbeat_frames(self, now: float, *, at_once: bool = False) -> list[Frame]:
         """Return our heartbeat when it is due; a stop does not wait for that."""
-        stale = self._software_estop_heard.expired(now)
-        stop = self.software_estop_in_use and (self._software_estop or stale or self._leaving)
+        asked = self._software_stop(now)
+        stop = bool(asked)
         if not (at_once or self._pacer.is_due(now) or (stop and not self._sent_stop)):
             return []
         self._pacer.sent(now)
         self._sent_stop = stop
-        self._judgement.asked(stop, now)
+        self._judgement.asked(asked, now)
         return self.settings.wire.frames(HostHeartbeat(stop))
+
+    def _software_stop(self, now: float) -> str:
+        """Return why our heartbeat asks for a stop, and what to do; empty if it does not."""
+        if not self.software_estop_in_use:
+            return ''
+        if self._leaving:
+            return 'as this node leaves'
+        if self._software_estop_heard.expired(now):
+            heard = self._software_estop_heard.describe(now)
+            return f'as software_estop is stale ({heard}); start what publishes it'
+        if self._software_estop:
+            return 'as software_estop asks; it goes when the cause of that is gone'
+        return ''
 
     # What the node asks.
 
     def set_software_estop(self, value: bool, now: float) -> None:
         """
         Ask the VSC to stop, or not to; from the first call on, silence is a stop too.
+
+        With ``require_software_estop`` it is a stop before the first call as well.
 
         :raises ValueError: this wire cannot carry it.
         """
