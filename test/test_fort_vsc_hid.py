@@ -272,6 +272,16 @@ def test_partial_and_over_long_reports_are_counted_and_no_sign_of_life() -> None
     assert counters.bytes == 9 + 10 * (8 + 10 + 18)
 
 
+def test_reports_of_another_device_name_the_port() -> None:
+    bench = opened()
+    for _ in range(20):
+        bench.hear(ALL_OUT + b'\0')
+        bench.wait(0.0625)
+    assert bench.session.stop_reasons(bench.now)[0].endswith(
+        'reports come, but not those of a remote: is port its hidraw device?'
+    )
+
+
 def test_10_000_damaged_reports_release_and_move_nothing() -> None:
     """Of a stopped remote, all sticks out; up to 4 flipped bits leave some of its e-stop byte."""
     chance = random.Random(9)

@@ -115,6 +115,60 @@ def test_joystick_messages_alone_are_no_link() -> None:
     assert 'heartbeat message disabled' in bench.session.stop_reasons(bench.now)[0]
 
 
+@pytest.mark.parametrize('last', [0.0, 0.001, 0.02, 0.04, 0.2])
+def test_silent_vsc_is_not_taken_for_one_that_sends_joystick_messages(last: float) -> None:
+    """Its last joystick message comes up to an interval after its last heartbeat."""
+    bench = opened()
+    bench.run(1.0, heartbeat(), DEFLECTED)
+    bench.hear(heartbeat())
+    bench.wait(last)
+    bench.hear(DEFLECTED)
+    for _ in range(20):
+        bench.wait(0.05)
+        assert not any('joystick' in text for text in bench.session.stop_reasons(bench.now))
+
+
+def test_found_vsc_is_not_taken_for_one_without_a_heartbeat_or_without_joystick_messages() -> None:
+    bench = opened()
+    bench.hear(DEFLECTED)
+    assert 'joystick' not in bench.session.stop_reasons(bench.now)[0]
+    bench.wait(0.04)
+    bench.hear(heartbeat())
+    assert bench.session.problems(bench.now) == []
+    bench.wait(0.2)
+    bench.hear(heartbeat())
+    bench.wait(0.06)
+    ((level, text),) = bench.session.problems(bench.now)
+    assert level == Level.WARN
+    assert text.startswith('no joystick messages')
+
+
+def test_bytes_without_a_frame_name_the_baud_rate() -> None:
+    bench = opened()
+    bench.run(0.2, b'\x8e\x03\xfe\x10')
+    assert 'baud' not in bench.session.stop_reasons(bench.now)[0]
+    bench.run(0.2, b'\x8e\x03\xfe\x10')
+    assert bench.session.stop_reasons(bench.now)[0].endswith(
+        'bytes come, but no frame: is baud that of the device, and is port the VSC?'
+    )
+    bench.wait(1.0)
+    assert 'baud' not in bench.session.stop_reasons(bench.now)[0]
+    bench.run(1.0, build_frame(0x40, b'x'))  # of a device that is understood
+    assert 'baud' not in bench.session.stop_reasons(bench.now)[0]
+
+
+def test_bytes_lost_now_and_then_do_not_name_the_baud_rate() -> None:
+    bench = opened()
+    for _ in range(20):
+        bench.hear(build_frame(0x40, b'x')[1:])
+        bench.wait(0.1)
+        bench.hear(build_frame(0x40, b'x')[:-1])
+        bench.wait(0.1)
+        bench.hear(build_frame(0x40, b'x'))
+        bench.wait(0.04)
+        assert 'baud' not in bench.session.stop_reasons(bench.now)[0]
+
+
 @pytest.mark.parametrize('bit', range(32))
 def test_any_estop_bit_is_a_stop(bit: int) -> None:
     bench = opened()

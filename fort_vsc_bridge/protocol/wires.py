@@ -51,8 +51,10 @@ class Wire:
     PERIODS: ClassVar[Mapping[MessageType, float]]
     INTERVAL: ClassVar[float]  # seconds between two signs of life of the device, as delivered
     SIGN_OF_LIFE: ClassVar[str]
-    # What to do: no sign of life; the same, yet joystick messages come; they do not, but the rest.
+    # What to do: no sign of life; the same, yet data comes, but nothing that is sound; or joystick
+    # messages come; they do not, but the rest.
     SILENCE: ClassVar[str]
+    GARBLED: ClassVar[str] = ''
     JOYSTICK_ONLY: ClassVar[str] = ''
     NO_JOYSTICK: ClassVar[str] = ''
 
@@ -99,6 +101,7 @@ class SerialWire(Wire):
     INTERVAL = 0.05
     SIGN_OF_LIFE = 'heartbeat from the VSC'
     SILENCE = 'check its power and the serial cable'
+    GARBLED = 'bytes come, but no frame: is baud that of the device, and is port the VSC?'
     JOYSTICK_ONLY = 'is its heartbeat message disabled?'
     NO_JOYSTICK = 'set device.joystick_interval_ms to have them sent'
 
@@ -164,6 +167,7 @@ class HidWire(Wire):
     INTERVAL = 0.0625
     SIGN_OF_LIFE = 'report from the remote'
     SILENCE = 'check its power, its USB cable, and that port is its hidraw device'
+    GARBLED = 'reports come, but not those of a remote: is port its hidraw device?'
 
     def decoder(self, timeout: float) -> Decoder[Any, Received]:
         """Return what reads a report."""

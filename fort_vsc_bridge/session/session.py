@@ -74,6 +74,8 @@ class Session(BaseSession[Frame, Received, Event]):
         self._rejected_lately = Watchdog(_REJECTION_SHOWN)
         self._remote_status_at = self._remote_expires_at = -math.inf
         self._joystick_heard = Watchdog(timeout)
+        self._joystick_alone = False  # it comes, and the heartbeat does not
+        self._settled_at = math.inf  # long enough after the link came up, or was opened, or lost
         self._stream = StickStream()
         self._judgement = StopJudge()
         self._software_estop = False
@@ -116,7 +118,7 @@ class Session(BaseSession[Frame, Received, Event]):
         problems = super().problems(now) + report.control_problems(self.faulty)
         if self.link_up and not self._rejected_lately.expired(now):
             problems.append((Level.ERROR, self._rejection))
-        if self.link_up and self._joystick_heard.expired(now):
+        if self.link_up and now >= self._settled_at and self._joystick_heard.expired(now):
             problems.append((Level.WARN, f'no joystick messages; {wire.NO_JOYSTICK}'))
         problems += report.remote_problems(self.remote_status)
         if self.software_estop_refused:
@@ -152,7 +154,8 @@ class Session(BaseSession[Frame, Received, Event]):
         return self._heartbeat_frames(now, at_once=True)
 
     def _begin(self, now: float) -> None:
-        self._leaving = False
+        self._leaving = self._joystick_alone = False
+        self._settled_at = now + self.settings.link_timeout
         if self.settings.wire.carries(MessageType.HOST_HEARTBEAT):
             self._pacer.start(now)
 
@@ -196,6 +199,8 @@ class Session(BaseSession[Frame, Received, Event]):
 
     def _take_joystick(self, message: Joystick, now: float) -> None:
         self._joystick_heard.feed(now)
+        # Not the last ones of a VSC that falls silent, nor the first of one that was just found.
+        self._joystick_alone = not self.link_up and now >= self._settled_at
         if not self.link_up:
             return
         sticks = self._sticks_of(message)
@@ -232,13 +237,16 @@ class Session(BaseSession[Frame, Received, Event]):
         text = f'no {wire.SIGN_OF_LIFE}: {self._heard.describe(now)}; '
         if not self._rejected_lately.expired(now):
             return text + self._rejection
-        if not self._joystick_heard.expired(now):
+        if wire.GARBLED and self._garbled(now):
+            return text + wire.GARBLED
+        if self._joystick_alone and not self._joystick_heard.expired(now):
             return f'{text}joystick messages do come: {wire.JOYSTICK_ONLY}'
         return text + wire.SILENCE
 
     def _follow(self, now: float) -> None:
         if self.link_up is not self._was_up:
             self._was_up = self.link_up
+            self._settled_at = now + self.settings.link_timeout
             self._device.link_changed(self.link_up, now)
         modes = ModeChanged(self.mode, self.heartbeat.autonomy if self.heartbeat else None)
         if modes != self._modes:
