@@ -183,7 +183,7 @@ def test_remote_status_becomes_battery_only_while_a_remote_is_connected(bench: B
     assert battery.percentage == pytest.approx(0.70)
     assert battery.power_supply_status == BatteryState.POWER_SUPPLY_STATUS_CHARGING
     assert math.isnan(battery.voltage)
-    assert bench.says(bench.strength, VECTORS['remote status'][6])
+    bench.wait(lambda: bench.says(bench.strength, VECTORS['remote status'][6]), 'its strength')
     bench.vsc.apply('estop remote on')  # Local: no remote vouches for it any more
     bench.wait(lambda: not bench.battery.last.present, 'no battery')
     bench.wait(lambda: bench.says(bench.strength, -1), 'no strength')

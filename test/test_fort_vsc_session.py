@@ -102,8 +102,8 @@ def test_silence_is_a_stop_at_the_limit() -> None:
     assert not bench.session.estop
     assert bench.wait(1e-3) == [LOST, ModeChanged(None)]
     assert bench.session.stop_reasons(bench.now + 0.062) == [
-        'no heartbeat from the VSC: last heard 312 ms ago, limit 250 ms; check its power and the '
-        'serial cable'
+        'check power and serial cable of the VSC: no heartbeat from the VSC, last heard 312 ms '
+        'ago, limit 250 ms'
     ]
 
 
@@ -112,7 +112,7 @@ def test_joystick_messages_alone_are_no_link() -> None:
     bench.hear(heartbeat())
     bench.run(1.0, DEFLECTED)
     assert bench.session.estop
-    assert 'heartbeat message disabled' in bench.session.stop_reasons(bench.now)[0]
+    assert 'enable its heartbeat message' in bench.session.stop_reasons(bench.now)[0]
 
 
 @pytest.mark.parametrize('last', [0.0, 0.001, 0.02, 0.04, 0.2])
@@ -140,7 +140,7 @@ def test_found_vsc_is_not_taken_for_one_without_a_heartbeat_or_without_joystick_
     bench.wait(0.06)
     ((level, text),) = bench.session.problems(bench.now)
     assert level == Level.WARN
-    assert text.startswith('no joystick messages')
+    assert text == 'set device.joystick_interval_ms: no joystick messages come'
 
 
 def test_bytes_without_a_frame_name_the_baud_rate() -> None:
@@ -148,8 +148,8 @@ def test_bytes_without_a_frame_name_the_baud_rate() -> None:
     bench.run(0.2, b'\x8e\x03\xfe\x10')
     assert 'baud' not in bench.session.stop_reasons(bench.now)[0]
     bench.run(0.2, b'\x8e\x03\xfe\x10')
-    assert bench.session.stop_reasons(bench.now)[0].endswith(
-        'bytes come, but no frame: is baud that of the device, and is port the VSC?'
+    assert bench.session.stop_reasons(bench.now)[0].startswith(
+        'check baud, and that port is the VSC, as bytes come, but no frame'
     )
     bench.wait(1.0)
     assert 'baud' not in bench.session.stop_reasons(bench.now)[0]
@@ -337,7 +337,10 @@ def test_required_software_stop_is_asked_until_the_topic_is_heard() -> None:
     assert {frame for _, frame in bench.sent} == {STOP}
     bench.hear(heartbeat(Mode.LOCAL, USER))
     assert not bench.session.own_estop
-    assert 'software_estop is stale (never heard' in bench.session.stop_reasons(bench.now)[0]
+    assert (
+        'start what publishes ~/software_estop (never heard'
+        in bench.session.stop_reasons(bench.now)[0]
+    )
     bench.session.set_software_estop(False, bench.now)
     bench.wait(0.06)
     assert bench.sent[-1][1] == CLEAR
@@ -554,6 +557,25 @@ def test_autonomy_mode_is_reported_with_the_mode() -> None:
     assert event == ModeChanged(Mode.OPERATIONAL, AutonomyMode.AUTONOMOUS_CONTROL)
     (_, lost) = bench.wait(1.0)
     assert lost == ModeChanged(None, None)
+
+
+def test_every_problem_says_first_what_to_do_within_what_ros2_topic_echo_shows() -> None:
+    bench = opened(software_estop_timeout=5.0)
+    texts = bench.session.stop_reasons(bench.now)
+    for mode, bits in ((4, 0), (1, 0), (0x33, 0), (9, 1), (9, 0xFFFFFFFF), (4, USER)):
+        bench.hear(heartbeat(mode, bits), status(battery=5, strength=0), CLEAR)
+        texts += [text for _, text in bench.session.problems(bench.now)]
+    ask(bench, True)
+    bench.hear(heartbeat(Mode.LOCAL, USER))
+    texts += bench.session.stop_reasons(bench.now)
+    assert len(set(texts)) > 10
+    for text in texts:
+        to_do = text.partition(': ')[0]
+        assert len(to_do) < 128, text
+        assert to_do.split()[0] in (
+            *('check', 'switch', 'restart', 'release', 'acknowledge', 'charge', 'bring', 'look'),
+            *('end', 'set'),
+        ), text
 
 
 def test_gps_and_user_values_are_handed_on() -> None:

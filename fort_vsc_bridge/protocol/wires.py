@@ -100,10 +100,10 @@ class SerialWire(Wire):
     }
     INTERVAL = 0.05
     SIGN_OF_LIFE = 'heartbeat from the VSC'
-    SILENCE = 'check its power and the serial cable'
-    GARBLED = 'bytes come, but no frame: is baud that of the device, and is port the VSC?'
-    JOYSTICK_ONLY = 'is its heartbeat message disabled?'
-    NO_JOYSTICK = 'set device.joystick_interval_ms to have them sent'
+    SILENCE = 'check power and serial cable of the VSC'
+    GARBLED = 'check baud, and that port is the VSC, as bytes come, but no frame'
+    JOYSTICK_ONLY = 'enable its heartbeat message, as joystick messages do come'
+    NO_JOYSTICK = 'set device.joystick_interval_ms'
 
     def decoder(self, timeout: float) -> Decoder[Any, Received]:
         """Return the parser of the stream; every message is whole there."""
@@ -126,9 +126,9 @@ class CanWire(Wire):
     }
     INTERVAL = 0.1
     SIGN_OF_LIFE = 'heartbeat from the VSC'
-    SILENCE = 'check its power, the CAN wiring, the bit rate and can.heartbeat'
-    JOYSTICK_ONLY = 'is can.heartbeat its identifier?'
-    NO_JOYSTICK = 'are can.left_basic and so on their identifiers?'
+    SILENCE = "check the VSC's power, the CAN wiring, the bit rate and can.heartbeat"
+    JOYSTICK_ONLY = 'compare can.heartbeat with the VSC, as joystick messages do come'
+    NO_JOYSTICK = 'compare can.left_basic and so on with the VSC'
 
     ids: CanIds = field(default_factory=CanIds)
 
@@ -166,8 +166,8 @@ class HidWire(Wire):
     PERIODS = {}
     INTERVAL = 0.0625
     SIGN_OF_LIFE = 'report from the remote'
-    SILENCE = 'check its power, its USB cable, and that port is its hidraw device'
-    GARBLED = 'reports come, but not those of a remote: is port its hidraw device?'
+    SILENCE = "check the remote's power and USB cable, and that port is its hidraw device"
+    GARBLED = 'check that port is the hidraw device of the remote, as reports of another come'
 
     def decoder(self, timeout: float) -> Decoder[Any, Received]:
         """Return what reads a report."""

@@ -46,7 +46,7 @@ from fort_vsc_bridge.session.settings import Settings
 from fort_vsc_bridge.session.stops import StopJudge
 
 _NEUTRAL = Sticks()
-_REJECTION_SHOWN = 3.0  # seconds after the last one
+_LATELY = 3.0  # seconds that diagnostics name what came once
 _LONGEST_INTERVAL = 65.535  # seconds between two remote status messages (7.3.5)
 _STATUS_INTERVALS = 3  # that may pass without one
 _SHORTEST_STATUS_TIME = 5.0  # seconds
@@ -55,7 +55,7 @@ _SHORTEST_STATUS_TIME = 5.0  # seconds
 class Session(BaseSession[Frame, Received, Event]):
     """One VSC on one wire; see bridge_core.session."""
 
-    CLOSED = 'the port to the VSC is not open; plug the VSC in, check the parameter port'
+    CLOSED = 'plug the VSC in, and check port (can: channel): it is not open'
 
     def __init__(self, settings: Settings) -> None:
         wire, timeout = settings.wire, settings.link_timeout
@@ -71,7 +71,8 @@ class Session(BaseSession[Frame, Received, Event]):
         self._modes = ModeChanged(None)  # as emitted
         self._was_up = self._was_connected = False
         self._rejection = ''  # why the last one was, and what to do
-        self._rejected_lately = Watchdog(_REJECTION_SHOWN)
+        self._rejected_lately = Watchdog(_LATELY)
+        self._looped_back_lately = Watchdog(_LATELY)
         self._remote_status_at = self._remote_expires_at = -math.inf
         self._joystick_heard = Watchdog(timeout)
         self._joystick_alone = False  # it comes, and the heartbeat does not
@@ -119,11 +120,11 @@ class Session(BaseSession[Frame, Received, Event]):
         if self.link_up and not self._rejected_lately.expired(now):
             problems.append((Level.ERROR, self._rejection))
         if self.link_up and now >= self._settled_at and self._joystick_heard.expired(now):
-            problems.append((Level.WARN, f'no joystick messages; {wire.NO_JOYSTICK}'))
+            problems.append((Level.WARN, f'{wire.NO_JOYSTICK}: no joystick messages come'))
         problems += report.remote_problems(self.remote_status)
         if self.software_estop_refused:
             problems.append((Level.ERROR, report.refused_software_estop(wire.NAME)))
-        if self.looped_back:
+        if not self._looped_back_lately.expired(now):
             problems.append((Level.WARN, report.LOOPED_BACK))
         return problems
 
@@ -136,6 +137,7 @@ class Session(BaseSession[Frame, Received, Event]):
             'software e-stop in use': self.software_estop_in_use,
             'faulty controls': ', '.join(self.faulty) or 'none',
             'rejected frames': self.rejected,
+            'own frames that came back': self.looped_back,
             **{f'setting {name}': state for name, state in self.setting_states.items()},
             **report.remote_values(self.remote_status),
         }
@@ -188,6 +190,7 @@ class Session(BaseSession[Frame, Received, Event]):
             self._emit(UserValue(message.key, message.value))
         else:
             self.looped_back += 1
+            self._looped_back_lately.feed(now)
 
     def _take_remote_status(self, message: RemoteStatus, now: float) -> None:
         """Take it for as long as a few more of them take: their interval is the device's."""
@@ -234,14 +237,14 @@ class Session(BaseSession[Frame, Received, Event]):
 
     def _silence(self, now: float) -> str:
         wire = self.settings.wire
-        text = f'no {wire.SIGN_OF_LIFE}: {self._heard.describe(now)}; '
+        to_do = wire.SILENCE
         if not self._rejected_lately.expired(now):
-            return text + self._rejection
-        if wire.GARBLED and self._garbled(now):
-            return text + wire.GARBLED
-        if self._joystick_alone and not self._joystick_heard.expired(now):
-            return f'{text}joystick messages do come: {wire.JOYSTICK_ONLY}'
-        return text + wire.SILENCE
+            to_do = self._rejection
+        elif wire.GARBLED and self._garbled(now):
+            to_do = wire.GARBLED
+        elif self._joystick_alone and not self._joystick_heard.expired(now):
+            to_do = wire.JOYSTICK_ONLY
+        return f'{to_do}: no {wire.SIGN_OF_LIFE}, {self._heard.describe(now)}'
 
     def _follow(self, now: float) -> None:
         if self.link_up is not self._was_up:
@@ -297,17 +300,15 @@ class Session(BaseSession[Frame, Received, Event]):
         return self.settings.wire.frames(HostHeartbeat(stop))
 
     def _software_stop(self, now: float) -> str:
-        """Return why our heartbeat asks for a stop, and what to do; empty if it does not."""
+        """Return what ends the stop that our heartbeat asks for; empty if it asks for none."""
         if not self.software_estop_in_use:
             return ''
         if self._leaving:
-            return 'as this node leaves'
+            return 'start this node anew'
         if self._software_estop_heard.expired(now):
             heard = self._software_estop_heard.describe(now)
-            return f'as software_estop is stale ({heard}); start what publishes it'
-        if self._software_estop:
-            return 'as software_estop asks; it goes when the cause of that is gone'
-        return ''
+            return f'start what publishes ~/software_estop ({heard})'
+        return 'end what ~/software_estop asks for' if self._software_estop else ''
 
     # What the node asks.
 
