@@ -411,8 +411,8 @@ class BridgeNode(ManagedNode, Generic[SessionT, EventT]):
 
     @property
     def hardware_id(self) -> str:
-        """The device's name in diagnostics: the user's, or else the bridge's."""
-        return str(self.values['hardware_id'] or self.hardware_name)
+        """The device's name in diagnostics: the user's, or the bridge's, or else the node's."""
+        return str(self.values['hardware_id'] or self.hardware_name or self.get_name())
 
     @property
     def hardware_name(self) -> str:

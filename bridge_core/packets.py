@@ -15,7 +15,7 @@ N+4     2     Fletcher sums, modulo 256: the plain sum, then the sum of sums
 from __future__ import annotations
 
 from collections.abc import Callable
-from collections.abc import Container
+from collections.abc import Collection
 from collections.abc import Mapping
 from dataclasses import dataclass
 import struct
@@ -49,7 +49,7 @@ class PacketFormat:
 
     header: bytes
     max_length: int
-    lengths: Mapping[int, Container[int]]
+    lengths: Mapping[int, Collection[int]]
     summed_from: int
 
     @property
@@ -75,7 +75,7 @@ class PacketFormat:
             raise FrameError(f'not a packet: {packet[:HEAD_SIZE].hex()}')
         if len(packet) != self.size_of(packet):
             raise FrameError(f'{len(packet)} bytes, but the length byte says {packet[3]}')
-        return self._checked(packet)
+        return self.checked(packet)
 
     def parser(self, decode: Callable[[int, bytes], MessageT | Unknown]) -> StreamParser[MessageT]:
         """
@@ -89,14 +89,14 @@ class PacketFormat:
                 head_size=HEAD_SIZE,
                 max_size=self.max_size,
                 size_of=self.size_of,
-                decode=lambda packet: decode(packet[2], self._checked(packet)),
+                decode=lambda packet: decode(packet[2], self.checked(packet)),
             )
         )
 
     def _check(self, body: bytes) -> bytes:
         return _CHECK.pack(fletcher16(body[self.summed_from :]))
 
-    def _checked(self, packet: bytes) -> bytes:
+    def checked(self, packet: bytes) -> bytes:
         """Return the payload. :raises ChecksumError: the sums are wrong."""
         if packet[-CHECK_SIZE:] != self._check(packet[:-CHECK_SIZE]):
             raise ChecksumError(f'wrong checksum {packet[-CHECK_SIZE:].hex()}')

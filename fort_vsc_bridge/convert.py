@@ -16,11 +16,13 @@ from sensor_msgs.msg import Joy
 from sensor_msgs.msg import JoyFeedback
 from sensor_msgs.msg import NavSatFix
 from sensor_msgs.msg import NavSatStatus
+from std_msgs.msg import Int8
 from std_msgs.msg import String
 
 from bridge_core.convert import joy_message
 from bridge_core.convert import scaled
 from bridge_core.convert import unknown_battery
+from fort_vsc_bridge.protocol import AutonomyMode
 from fort_vsc_bridge.protocol import MAX_MAGNITUDE
 from fort_vsc_bridge.protocol import Mode
 from fort_vsc_bridge.protocol import mode_name
@@ -28,6 +30,7 @@ from fort_vsc_bridge.protocol import RemoteStatus
 
 # The device counts X to the right; in ROS left is positive. Y (forward) and Z stay.
 _SIGNS = (-1.0, 1.0, 1.0, -1.0, 1.0, 1.0)
+_HIGH_STRENGTH = 2  # of the radio (7.3.3)
 
 
 def joy(
@@ -51,7 +54,7 @@ def joy(
     return joy_message(list(values), buttons, stamp, frame_id)
 
 
-def mode_string(mode: Mode | int | None) -> String:
+def mode_string(mode: Mode | AutonomyMode | int | None) -> String:
     """Return 'Operational' and the like, 'Unknown (0x33)', or 'None' without a fresh heartbeat."""
     return String(data=mode_name(mode))
 
@@ -62,9 +65,16 @@ def battery_state(status: RemoteStatus | None, stamp: Time, frame_id: str) -> Ba
     if status is None:
         return message
     message.present = True
-    message.percentage = status.battery_percent / 100.0
+    if status.battery_percent is not None:
+        message.percentage = status.battery_percent / 100.0
     message.power_supply_status = _supply_status(status)
     return message
+
+
+def radio_strength(status: RemoteStatus | None) -> Int8:
+    """Return the strength as perceived by the VSC, 0 low to 2 high; -1 where it is not known."""
+    strength = -1 if status is None else status.strength_vsc
+    return Int8(data=strength if strength <= _HIGH_STRENGTH else -1)
 
 
 def _supply_status(status: RemoteStatus) -> int:

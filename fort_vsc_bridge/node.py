@@ -11,6 +11,7 @@ from sensor_msgs.msg import Joy
 from sensor_msgs.msg import JoyFeedback
 from sensor_msgs.msg import NavSatFix
 from std_msgs.msg import Bool
+from std_msgs.msg import Int8
 from std_msgs.msg import String
 from std_msgs.msg import UInt8
 
@@ -52,6 +53,8 @@ class FortVscBridge(BridgeNode[Session, Event]):
         """Create what the manual's messages become."""
         self._joy = self.publisher(Joy, '~/joy', 10)
         self._mode = self.publisher(String, '~/mode', latched_qos())
+        self._autonomy_mode = self.publisher(String, '~/autonomy_mode', latched_qos())
+        self._radio_strength = self.publisher(Int8, '~/radio_strength', latched_qos())
         self._battery = self.publisher(BatteryState, '~/battery', latched_qos())
         self._fix = self.publisher(NavSatFix, '~/fix', 10)
         self._nmea = self.publisher(String, '~/nmea', 10)
@@ -87,8 +90,10 @@ class FortVscBridge(BridgeNode[Session, Event]):
             self._publish_sticks(event)
         elif isinstance(event, ModeChanged):
             self._mode.publish(convert.mode_string(event.mode))
+            self._autonomy_mode.publish(convert.mode_string(event.autonomy))
         elif isinstance(event, RemoteState):
             self._battery.publish(convert.battery_state(event.status, *self.header()))
+            self._radio_strength.publish(convert.radio_strength(event.status))
         elif isinstance(event, GpsSentence):
             self._publish_gps(event)
         elif isinstance(event, UserValue):

@@ -142,6 +142,11 @@ PARAMETERS = (
         maximum=5.0,
     ),
     Parameter(
+        'require_software_estop',
+        False,
+        'serial: ask the VSC to stop from the start, until ~/software_estop is heard.',
+    ),
+    Parameter(
         'axis_full_scale',
         MAX_MAGNITUDE,
         'Magnitude that becomes 1.0 in ~/joy; a stick held at its stop reads 1023. Smaller: full '

@@ -16,6 +16,7 @@ import pytest
 from bridge_core.framing import FrameError
 from bridge_core.j1939 import CanFrame
 from bridge_core.j1939 import J1939Id
+from bridge_core.session import Level
 from bridge_core.session import StopChanged
 from bridge_core.session import Verdict
 from fort_vsc_bridge.protocol import AutonomyMode
@@ -135,8 +136,11 @@ def test_the_joystick_that_an_akron_monitor_obeys_is_our_left_one() -> None:
     identifier = int(vector['id'], 16)
     assert identifier == CanIds().left_basic
     assert J1939Id.from_identifier(identifier) == J1939Id(3, 64982, 0x33)
-    message = decode_data('left_basic', bytes.fromhex(vector['data']))
-    assert message == BasicJoystick(
+    data = bytes.fromhex(vector['data'])
+    with pytest.raises(FrameError, match='unused bytes'):  # but its frames are not taken for ours
+        decode_data('left_basic', data)
+    ours = data[:4] + b'\xff' + data[5:6] + b'\xff\xff'
+    assert decode_data('left_basic', ours) == BasicJoystick(
         Axis(vector['x_permille']), Axis(vector['y_permille']), pad('up')
     )
 
@@ -263,8 +267,8 @@ def test_silence_is_a_stop_at_the_limit_and_one_neutral_event() -> None:
     ]
     assert bench.wait(10.0) == []
     assert bench.session.stop_reasons(bench.now) == [
-        'no heartbeat from the VSC: last heard 10250 ms ago, limit 250 ms; check its power, the '
-        'CAN wiring, the bit rate and can.heartbeat'
+        "check the VSC's power, the CAN wiring, the bit rate and can.heartbeat: no heartbeat from "
+        'the VSC, last heard 10250 ms ago, limit 250 ms'
     ]
 
 
@@ -273,7 +277,7 @@ def test_joystick_frames_alone_are_no_link() -> None:
     bench.hear(heartbeat())
     events = bench.run(1.0, *ALL_STICKS)
     assert bench.session.estop
-    assert 'is can.heartbeat its identifier?' in bench.session.stop_reasons(bench.now)[0]
+    assert 'compare can.heartbeat with the VSC' in bench.session.stop_reasons(bench.now)[0]
     assert sticks(events)[-1] == NEUTRAL
 
 
@@ -381,6 +385,57 @@ def test_broken_stick_makes_all_neutral_and_is_named() -> None:
     broken = frame('right_extended', '2A00 FFFFFFFFFFFF')
     (event,) = sticks(bench.hear(heartbeat(), LEFT, LEFT_Z, RIGHT, broken))
     assert event == Sticks(operational=True, faulty=('right_z error',))
+
+
+FOREIGN = [  # an Akron joystick at address 33, or our own Akron node; zero but for one byte
+    frame('left_basic', '107D 0464 0010 0000'),
+    frame('left_basic', '107D 0100 FF10 0000'),
+    frame('left_basic', 'D0FF 044A 0F40 FFFF'),
+    frame('left_extended', '107D 0464 FFFF 0004'),
+    frame('right_extended', '4400 FFFFFFFFFF00'),
+]
+
+
+@pytest.mark.parametrize('foreign', FOREIGN, ids=lambda frame: frame.data.hex())
+def test_joystick_frame_of_another_device_is_refused_and_named(foreign: CanFrame) -> None:
+    bench = opened()
+    assert sticks(bench.run(0.5, heartbeat(), foreign)) == []
+    bench.run(0.5, heartbeat(), *ALL_STICKS)
+    assert set(sticks(bench.run(0.5, heartbeat(), foreign, *ALL_STICKS))) == {DEFLECTED}
+    session = bench.session
+    assert session.rejected == session.counters.malformed == 16
+    ((level, text),) = session.problems(bench.now)
+    assert level == Level.ERROR
+    assert f'({foreign.identifier:08X}) off this bus' in text
+    bench.run(4.0, heartbeat(), *ALL_STICKS)
+    assert session.problems(bench.now) == []
+
+
+ZEROED = {
+    'zero throughout': [CanFrame(frame.identifier, bytes(8)) for frame in ALL_STICKS],
+    'zero where there are values': [
+        frame('left_basic', '0000 0000 FF 00 FFFF'),
+        frame('left_extended', '0000 FFFFFFFFFFFF'),
+        frame('right_basic', '0000 0000 FF 00 FFFF'),
+        frame('right_extended', '0000 FFFFFFFFFFFF'),
+    ],
+}
+
+
+@pytest.mark.parametrize('zeroed', ZEROED.values(), ids=ZEROED)
+def test_zeroed_joystick_frames_are_neutral_and_no_fault(zeroed: list[CanFrame]) -> None:
+    bench = opened()
+    assert set(sticks(bench.run(0.5, heartbeat(Mode.LOCAL), *zeroed))) == {NEUTRAL}
+    bench.run(0.5, heartbeat(), *ALL_STICKS)
+    assert sticks(bench.run(0.5, heartbeat(), *zeroed))[-1] == Sticks(operational=True)
+    assert bench.session.rejected == 0
+    assert bench.session.problems(bench.now) == []
+
+
+def test_one_zeroed_joystick_frame_among_others_is_a_fault() -> None:
+    bench = opened()
+    bench.run(0.5, heartbeat(), LEFT, LEFT_Z, RIGHT, ZEROED['zero throughout'][3])
+    assert bench.session.faulty == ('right_z error',)
 
 
 # What else comes.

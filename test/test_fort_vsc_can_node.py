@@ -260,7 +260,7 @@ def test_heartbeat_alone_missing_stops_and_is_told_from_silence(bench: Bench) ->
     bench.vsc.mute(HEARTBEAT)
     bench.wait(lambda: bench.says(bench.estop, True), 'a stop')
     bench.wait(
-        lambda: 'is can.heartbeat its identifier?' in bench.told(LINK),
+        lambda: 'compare can.heartbeat with the VSC' in bench.told(LINK),
         'the reason',
     )
 

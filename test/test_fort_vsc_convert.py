@@ -204,3 +204,23 @@ def test_sentence_type() -> None:
 @given(st.text(max_size=90) | st.text('$GPAR,MC*0123456789.-NSEW', max_size=90).map(checked))
 def test_any_text_raises_nothing(text: str) -> None:
     fix(text)
+
+
+@pytest.mark.parametrize(
+    ('status', 'strength'),
+    [
+        (None, -1),
+        (RemoteStatus(10, False, 0, 2), 0),
+        (RemoteStatus(10, False, 2, 0), 2),
+        (RemoteStatus(10, False, 3, 0), -1),
+    ],
+)
+def test_radio_strength_is_what_the_vsc_perceives(status: Any, strength: int) -> None:
+    assert convert.radio_strength(status).data == strength
+
+
+def test_battery_of_unknown_level_is_present() -> None:
+    battery = convert.battery_state(RemoteStatus(None, True, 2, 2), STAMP, 'remote')
+    assert battery.present
+    assert math.isnan(battery.percentage)
+    assert battery.power_supply_status == BatteryState.POWER_SUPPLY_STATUS_CHARGING

@@ -168,8 +168,8 @@ def test_silence_is_a_stop_at_the_limit_and_one_neutral_event() -> None:
     ]
     assert bench.wait(10.0) == []
     assert bench.session.stop_reasons(bench.now) == [
-        'no report from the remote: last heard 10250 ms ago, limit 250 ms; check its power, its '
-        'USB cable, and that port is its hidraw device'
+        "check the remote's power and USB cable, and that port is its hidraw device: no report "
+        'from the remote, last heard 10250 ms ago, limit 250 ms'
     ]
 
 
@@ -270,6 +270,16 @@ def test_partial_and_over_long_reports_are_counted_and_no_sign_of_life() -> None
     counters = bench.session.counters
     assert (counters.frames, counters.malformed) == (1, 40)
     assert counters.bytes == 9 + 10 * (8 + 10 + 18)
+
+
+def test_reports_of_another_device_name_the_port() -> None:
+    bench = opened()
+    for _ in range(20):
+        bench.hear(ALL_OUT + b'\0')
+        bench.wait(0.0625)
+    assert bench.session.stop_reasons(bench.now)[0].startswith(
+        'check that port is the hidraw device of the remote, as reports of another come'
+    )
 
 
 def test_10_000_damaged_reports_release_and_move_nothing() -> None:

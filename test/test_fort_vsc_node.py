@@ -4,6 +4,8 @@ from collections.abc import Iterator
 import json
 import math
 from pathlib import Path
+from signal import SIGCONT
+from signal import SIGSTOP
 from signal import SIGTERM
 import time
 from typing import Any
@@ -16,6 +18,7 @@ from sensor_msgs.msg import Joy
 from sensor_msgs.msg import JoyFeedback
 from sensor_msgs.msg import NavSatFix
 from std_msgs.msg import Bool
+from std_msgs.msg import Int8
 from std_msgs.msg import String
 from std_msgs.msg import UInt8
 
@@ -59,6 +62,8 @@ class Bench:
         self.own_estop = record(Bool, f'{self.name}/own_estop', latched())
         self.joy = record(Joy, f'{self.name}/joy')
         self.mode = record(String, f'{self.name}/mode', latched())
+        self.autonomy = record(String, f'{self.name}/autonomy_mode', latched())
+        self.strength = record(Int8, f'{self.name}/radio_strength', latched())
         self.battery = record(BatteryState, f'{self.name}/battery', latched())
         self.fix = record(NavSatFix, f'{self.name}/fix')
         self.nmea = record(String, f'{self.name}/nmea')
@@ -178,8 +183,16 @@ def test_remote_status_becomes_battery_only_while_a_remote_is_connected(bench: B
     assert battery.percentage == pytest.approx(0.70)
     assert battery.power_supply_status == BatteryState.POWER_SUPPLY_STATUS_CHARGING
     assert math.isnan(battery.voltage)
+    bench.wait(lambda: bench.says(bench.strength, VECTORS['remote status'][6]), 'its strength')
     bench.vsc.apply('estop remote on')  # Local: no remote vouches for it any more
     bench.wait(lambda: not bench.battery.last.present, 'no battery')
+    bench.wait(lambda: bench.says(bench.strength, -1), 'no strength')
+
+
+def test_autonomy_mode_of_the_vsc_is_published(bench: Bench) -> None:
+    bench.wait(lambda: bench.says(bench.autonomy, 'User control'), 'its name')
+    bench.vsc.simulator.autonomy = 2
+    bench.wait(lambda: bench.says(bench.autonomy, 'Autonomous control'), 'its change')
 
 
 def test_gps_sentence_becomes_fix_and_raw_text(bench: Bench) -> None:
@@ -382,6 +395,58 @@ def test_node_that_is_no_part_of_the_stop_chain_does_not_trip_it_by_ending(fresh
 
 
 # Variants of the parameters.
+
+
+def test_required_software_estop_stops_the_vsc_until_it_is_heard(
+    tmp_path: Path, observer: Observer
+) -> None:
+    bench = Bench(tmp_path, observer, require_software_estop=True)
+    try:
+        bench.wait(lambda: bench.vsc.simulator.host_heartbeats > 10, 'heartbeats')
+        assert bench.vsc.simulator.host_estop
+        wire = b''.join(chunk.data for chunk in bench.vsc.received())
+        assert build_frame(0x21, b'\0') not in wire
+        bench.wait(lambda: bench.says(bench.own_estop, False), 'an echo, and nothing else')
+        assert bench.says(bench.estop, True)
+        Talker(observer, Bool, f'{bench.name}/software_estop', Bool(data=False))
+        bench.wait(lambda: not bench.vsc.simulator.host_estop, 'no stop in our heartbeat')
+        bench.vsc.apply('ack', 'mode operational')
+        bench.wait(lambda: bench.says(bench.estop, False), 'no stop')
+    finally:
+        bench.close()
+
+
+def test_stop_pressed_and_released_while_the_node_is_frozen_is_published(
+    tmp_path: Path, observer: Observer
+) -> None:
+    """No freeze here is long enough for a time-out; of some the backlog is read, of some not."""
+    bench = Bench(tmp_path, observer, link_timeout=5.0)
+    estop = observer.record(Bool, f'{bench.name}/estop', 10)  # as the mux listens
+
+    def sent(mode: int, since: float) -> Any:
+        return lambda: [
+            c for c in bench.vsc.sent(since) if c.data[2] == 0x20 and c.data[4] == mode
+        ]
+
+    def stopped(since: float) -> Any:
+        return lambda: [message for _, message in estop.since(since) if message.data]
+
+    try:
+        bench.start_anew()
+        for frozen in (0.12, 0.15, 0.22, 0.3, 1.0):
+            since = time.monotonic()
+            bench.node.signal(SIGSTOP)
+            pressed = bench.vsc.apply('estop remote on')
+            bench.wait(sent(4, pressed), 'a heartbeat in Local')
+            released = bench.vsc.apply('estop remote off', 'ack', 'mode operational')
+            bench.wait(sent(9, released), 'a heartbeat in Operational')
+            bench.wait(lambda end=since + frozen: time.monotonic() >= end, 'the end of the freeze')
+            bench.node.signal(SIGCONT)
+            bench.wait(stopped(since), f'a stop after {frozen} s')
+            bench.wait(lambda: bench.says(bench.estop, False), 'no stop')
+    finally:
+        bench.node.signal(SIGCONT)
+        bench.close()
 
 
 def test_tolerated_fault_leaves_the_sound_controls(tmp_path: Path, observer: Observer) -> None:

@@ -98,6 +98,7 @@ def test_the_manuals_checksum_loop_agrees(frame: bytes) -> None:
         (UserFeedbackGet(85), build_frame(0x32, b'\x55')),
         (HostHeartbeat(True), build_frame(0x21, b'\x01')),
         (Heartbeat(0x33, 7, 0x80000000), build_frame(0x20, b'\x33\x07\x00\x00\x00\x80')),
+        (RemoteStatus(None, False, 2, 2), build_frame(0x22, b'\xff\0\x02\x02\0\0')),
         (RemoteStatus(10, False, 2, 1, b'\xc4\xb0'), build_frame(0x22, b'\n\0\x02\x01\xc4\xb0')),
     ],
 )
@@ -261,7 +262,7 @@ messages: st.SearchStrategy[Message] = st.one_of(
     st.builds(HostHeartbeat, st.booleans()),
     st.builds(
         RemoteStatus,
-        st.integers(0, 100),
+        st.integers(0, 100) | st.none(),
         st.booleans(),
         st.integers(0, 255),
         st.integers(0, 255),

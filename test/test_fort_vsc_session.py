@@ -12,8 +12,10 @@ from hypothesis import settings
 from hypothesis import strategies as st
 import pytest
 
+from bridge_core.session import Level
 from bridge_core.session import StopChanged
 from bridge_core.session import Verdict
+from fort_vsc_bridge.protocol import AutonomyMode
 from fort_vsc_bridge.protocol import Mode
 from fort_vsc_bridge.protocol import RemoteStatus
 from fort_vsc_bridge.session import DeviceSettings
@@ -100,8 +102,8 @@ def test_silence_is_a_stop_at_the_limit() -> None:
     assert not bench.session.estop
     assert bench.wait(1e-3) == [LOST, ModeChanged(None)]
     assert bench.session.stop_reasons(bench.now + 0.062) == [
-        'no heartbeat from the VSC: last heard 312 ms ago, limit 250 ms; check its power and the '
-        'serial cable'
+        'check power and serial cable of the VSC: no heartbeat from the VSC, last heard 312 ms '
+        'ago, limit 250 ms'
     ]
 
 
@@ -110,7 +112,61 @@ def test_joystick_messages_alone_are_no_link() -> None:
     bench.hear(heartbeat())
     bench.run(1.0, DEFLECTED)
     assert bench.session.estop
-    assert 'heartbeat message disabled' in bench.session.stop_reasons(bench.now)[0]
+    assert 'enable its heartbeat message' in bench.session.stop_reasons(bench.now)[0]
+
+
+@pytest.mark.parametrize('last', [0.0, 0.001, 0.02, 0.04, 0.2])
+def test_silent_vsc_is_not_taken_for_one_that_sends_joystick_messages(last: float) -> None:
+    """Its last joystick message comes up to an interval after its last heartbeat."""
+    bench = opened()
+    bench.run(1.0, heartbeat(), DEFLECTED)
+    bench.hear(heartbeat())
+    bench.wait(last)
+    bench.hear(DEFLECTED)
+    for _ in range(20):
+        bench.wait(0.05)
+        assert not any('joystick' in text for text in bench.session.stop_reasons(bench.now))
+
+
+def test_found_vsc_is_not_taken_for_one_without_a_heartbeat_or_without_joystick_messages() -> None:
+    bench = opened()
+    bench.hear(DEFLECTED)
+    assert 'joystick' not in bench.session.stop_reasons(bench.now)[0]
+    bench.wait(0.04)
+    bench.hear(heartbeat())
+    assert bench.session.problems(bench.now) == []
+    bench.wait(0.2)
+    bench.hear(heartbeat())
+    bench.wait(0.06)
+    ((level, text),) = bench.session.problems(bench.now)
+    assert level == Level.WARN
+    assert text == 'set device.joystick_interval_ms: no joystick messages come'
+
+
+def test_bytes_without_a_frame_name_the_baud_rate() -> None:
+    bench = opened()
+    bench.run(0.2, b'\x8e\x03\xfe\x10')
+    assert 'baud' not in bench.session.stop_reasons(bench.now)[0]
+    bench.run(0.2, b'\x8e\x03\xfe\x10')
+    assert bench.session.stop_reasons(bench.now)[0].startswith(
+        'check baud, and that port is the VSC, as bytes come, but no frame'
+    )
+    bench.wait(1.0)
+    assert 'baud' not in bench.session.stop_reasons(bench.now)[0]
+    bench.run(1.0, build_frame(0x40, b'x'))  # of a device that is understood
+    assert 'baud' not in bench.session.stop_reasons(bench.now)[0]
+
+
+def test_bytes_lost_now_and_then_do_not_name_the_baud_rate() -> None:
+    bench = opened()
+    for _ in range(20):
+        bench.hear(build_frame(0x40, b'x')[1:])
+        bench.wait(0.1)
+        bench.hear(build_frame(0x40, b'x')[:-1])
+        bench.wait(0.1)
+        bench.hear(build_frame(0x40, b'x'))
+        bench.wait(0.04)
+        assert 'baud' not in bench.session.stop_reasons(bench.now)[0]
 
 
 @pytest.mark.parametrize('bit', range(32))
@@ -274,6 +330,33 @@ def test_software_stop_that_is_not_repeated_is_a_stop() -> None:
     assert all(frame == (STOP if at >= first_stop else CLEAR) for at, frame in bench.sent)
 
 
+def test_required_software_stop_is_asked_until_the_topic_is_heard() -> None:
+    bench = opened(require_software_estop=True)
+    assert bench.sent == [(100.0, STOP)]
+    bench.wait(5.0)
+    assert {frame for _, frame in bench.sent} == {STOP}
+    bench.hear(heartbeat(Mode.LOCAL, USER))
+    assert not bench.session.own_estop
+    assert (
+        'start what publishes ~/software_estop (never heard'
+        in bench.session.stop_reasons(bench.now)[0]
+    )
+    bench.session.set_software_estop(False, bench.now)
+    bench.wait(0.06)
+    assert bench.sent[-1][1] == CLEAR
+    bench.wait(0.25)
+    assert bench.sent[-1][1] == STOP
+
+
+def test_required_software_stop_is_asked_again_after_a_lost_port_and_at_the_end() -> None:
+    bench = opened(require_software_estop=True)
+    bench.close()
+    bench.sent.clear()
+    bench.open()
+    assert bench.sent == [(100.0, STOP)]
+    assert bench.session.farewell(bench.now) == [STOP]
+
+
 def test_farewell_stops_only_if_software_estop_is_in_use() -> None:
     bench = opened()
     assert bench.session.farewell(bench.now) == []
@@ -384,6 +467,15 @@ def test_faulty_stick_makes_all_neutral_and_is_named() -> None:
     assert bench.session.faulty == event.faulty
 
 
+def test_joystick_message_of_zeros_is_neutral_and_no_fault() -> None:
+    bench = opened()
+    bench.hear(heartbeat(), DEFLECTED)
+    assert sticks(bench.hear(build_frame(0x10, bytes(14)))) == [Sticks(operational=True)]
+    assert bench.session.problems(bench.now) == []
+    (event,) = sticks(bench.hear(build_frame(0x10, bytes(13) + b'\1')))
+    assert len(event.faulty) == 6
+
+
 def test_faulty_stick_alone_is_zero_if_tolerated() -> None:
     bench = opened(tolerate_faulty_axes=True)
     (event,) = sticks(bench.hear(heartbeat(), FAULTY))
@@ -411,6 +503,81 @@ def test_remote_status_is_shown_only_while_a_remote_is_connected() -> None:
     assert bench.session.remote_status is None
 
 
+def status(battery: int = 70, strength: int = 2) -> bytes:
+    return build_frame(0x22, bytes((battery, 0, strength, strength, 0, 0)))
+
+
+def test_remote_status_that_comes_no_more_grows_stale() -> None:
+    bench = opened()
+    bench.hear(heartbeat())
+    for _ in range(3):
+        bench.run(1.0, heartbeat())
+        bench.hear(status())
+    before = bench.now
+    bench.run(4.9, heartbeat())
+    assert bench.session.remote_status is not None
+    events = bench.run(0.2, heartbeat())
+    assert RemoteState(None) in events
+    assert bench.session.remote_status is None
+    assert bench.now - before == pytest.approx(5.1)
+    assert not bench.session.estop
+    assert RemoteState(RemoteStatus(70, False, 2, 2)) in bench.hear(status())
+
+
+def test_remote_status_of_a_long_interval_is_not_stale_between_two() -> None:
+    bench = opened()
+    for _ in range(3):
+        bench.hear(heartbeat(), status())
+        assert RemoteState(None) not in bench.run(60.0, heartbeat())
+
+
+def test_unknown_battery_level_is_no_lost_message() -> None:
+    bench = opened()
+    bench.hear(heartbeat(), CENTRED)
+    assert RemoteState(RemoteStatus(None, False, 2, 2)) in bench.hear(status(battery=255))
+    assert bench.session.counters.malformed == 0
+    assert bench.session.values(bench.now)['battery (%)'] == 'unknown'
+    assert bench.session.problems(bench.now) == []
+
+
+def test_weakest_radio_is_a_warning() -> None:
+    bench = opened()
+    bench.hear(heartbeat(), CENTRED, status(strength=1))
+    assert bench.session.problems(bench.now) == []
+    bench.hear(status(strength=0))
+    ((level, text),) = bench.session.problems(bench.now)
+    assert level == Level.WARN
+    assert text.startswith('bring the remote nearer')
+
+
+def test_autonomy_mode_is_reported_with_the_mode() -> None:
+    bench = opened()
+    bench.hear(heartbeat())
+    (event,) = bench.hear(build_frame(0x20, b'\x09\x02\0\0\0\0'))
+    assert event == ModeChanged(Mode.OPERATIONAL, AutonomyMode.AUTONOMOUS_CONTROL)
+    (_, lost) = bench.wait(1.0)
+    assert lost == ModeChanged(None, None)
+
+
+def test_every_problem_says_first_what_to_do_within_what_ros2_topic_echo_shows() -> None:
+    bench = opened(software_estop_timeout=5.0)
+    texts = bench.session.stop_reasons(bench.now)
+    for mode, bits in ((4, 0), (1, 0), (0x33, 0), (9, 1), (9, 0xFFFFFFFF), (4, USER)):
+        bench.hear(heartbeat(mode, bits), status(battery=5, strength=0), CLEAR)
+        texts += [text for _, text in bench.session.problems(bench.now)]
+    ask(bench, True)
+    bench.hear(heartbeat(Mode.LOCAL, USER))
+    texts += bench.session.stop_reasons(bench.now)
+    assert len(set(texts)) > 10
+    for text in texts:
+        to_do = text.partition(': ')[0]
+        assert len(to_do) < 128, text
+        assert to_do.split()[0] in (
+            *('check', 'switch', 'restart', 'release', 'acknowledge', 'charge', 'bring', 'look'),
+            *('end', 'set'),
+        ), text
+
+
 def test_gps_and_user_values_are_handed_on() -> None:
     bench = opened()
     assert bench.hear(build_frame(0x12, b'\x01$GPGGA,*56\r\n')) == [GpsSentence(1, '$GPGGA,*56')]
@@ -427,6 +594,40 @@ def test_unknown_malformed_and_looped_back_are_counted_and_nothing_is_lost() -> 
     assert bench.session.looped_back == 1
     assert counters.frames == 4
     assert not bench.session.estop
+
+
+@pytest.mark.parametrize('size', [1, 7, 12, 1000])
+def test_heartbeat_of_another_length_names_the_firmware(size: int) -> None:
+    other = build_frame(0x20, struct.pack('<BBIH', Mode.OPERATIONAL, 0, 0, 0))
+    stream = (b'xx' + other + DEFLECTED + b'\x10') * 30
+    bench = opened()
+    for start in range(0, len(stream), size):
+        bench.hear(stream[start : start + size])
+        bench.wait(0.0001 * size)
+    assert bench.session.estop
+    assert bench.session.rejected == 30
+    (reason,) = bench.session.stop_reasons(bench.now)
+    assert 'its heartbeat message has 8 bytes, not 6' in reason
+    assert sticks(bench.events) == []
+    bench.wait(5.0)
+    assert 'firmware' not in bench.session.stop_reasons(bench.now)[0]
+
+
+def test_joystick_message_of_another_length_is_an_error_while_the_link_is_up() -> None:
+    bench = opened()
+    bench.run(0.5, heartbeat(), build_frame(0x10, bytes(16)))
+    assert not bench.session.estop
+    assert (Level.ERROR, 'joystick message has 16 bytes, not 14') in [
+        (level, text[-37:]) for level, text in bench.session.problems(bench.now)
+    ]
+
+
+def test_corrupt_length_names_no_firmware() -> None:
+    bench = opened()
+    for length in range(256):
+        bench.hear(heartbeat()[:3] + bytes((length,)) + heartbeat()[4:])
+        bench.run(0.1, heartbeat())
+    assert bench.session.rejected == 0
 
 
 @given(st.lists(st.binary(max_size=40) | st.sampled_from([heartbeat(), DEFLECTED, STATUS])))

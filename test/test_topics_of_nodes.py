@@ -39,7 +39,10 @@ from test.talkers import Talker
 PUB_RATE = 20.0  # ros2 topic pub -r 20
 STOP = ('estop', 'own_estop', 'link_up')
 PUBLISHED = {
-    VSC: (*STOP, 'joy', 'mode', 'battery', 'fix', 'nmea', 'user_values'),
+    VSC: (
+        *(*STOP, 'joy', 'mode', 'autonomy_mode', 'battery', 'radio_strength'),
+        *('fix', 'nmea', 'user_values'),
+    ),
     MUX: (
         'command',
         'enable',

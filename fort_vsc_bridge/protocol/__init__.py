@@ -44,6 +44,8 @@ from fort_vsc_bridge.protocol.frames import BAUD
 from fort_vsc_bridge.protocol.frames import Message
 from fort_vsc_bridge.protocol.frames import MessageType
 from fort_vsc_bridge.protocol.frames import PACKETS
+from fort_vsc_bridge.protocol.frames import Received
+from fort_vsc_bridge.protocol.frames import Rejected
 from fort_vsc_bridge.protocol.hid import InputReport
 from fort_vsc_bridge.protocol.hid import REPORT_SIZE
 from fort_vsc_bridge.protocol.messages import decode
@@ -116,6 +118,8 @@ __all__ = [
     'MessageControl',
     'MessageType',
     'Mode',
+    'Received',
+    'Rejected',
     'RemoteStatus',
     'SerialWire',
     'StringSegment',

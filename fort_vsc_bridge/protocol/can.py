@@ -16,8 +16,11 @@ identifier  from VSC  message           size  data
 0CFDEA00    to VSC    feedback_string   8     key 0-99, segment 0-2, 6 characters
 ==========  ========  ================  ====  ====================================================
 
-Words and buttons are those of the packet protocol (8.3, 8.4). Longer data than the size is taken
-without its end: on J1939 many senders fill up to 8 bytes.
+Words and buttons are those of the packet protocol (8.3, 8.4). The bytes that are FF tell the VSC's
+joystick frames from those of others: 0CFDD633 is also what an Akron joystick at address 33 sends.
+Frames that are zero throughout pass too: unless Operational the VSC zeroes all values (6.1), and
+the manual does not say whether those bytes are values. Longer data than the size is taken without
+its end: on J1939 many senders fill up to 8 bytes.
 """
 
 from __future__ import annotations
@@ -31,6 +34,8 @@ from bridge_core.framing import Decoder
 from bridge_core.framing import FrameError
 from bridge_core.j1939 import CanFrame
 from fort_vsc_bridge.protocol.frames import Message
+from fort_vsc_bridge.protocol.frames import Received
+from fort_vsc_bridge.protocol.frames import Rejected
 from fort_vsc_bridge.protocol.messages import Heartbeat
 from fort_vsc_bridge.protocol.messages import Joystick
 from fort_vsc_bridge.protocol.messages import RemoteStatus
@@ -48,11 +53,19 @@ SEGMENTS = 3  # of a string (8.2.8)
 SEGMENT_SIZE = 6  # characters
 MAX_IDENTIFIER = 0x1FFFFFFF
 
+_FOREIGN = (
+    'take the other sender of can.{name} ({identifier:08X}) off this bus, an Akron joystick or '
+    "node? Or change the VSC's identifiers: its frames are refused"
+)
 _BASIC = struct.Struct('<2H4B')  # X, Y; not used, buttons, 2 not used
 _EXTENDED = struct.Struct('<H6s')  # Z; not used
 _SEGMENT = struct.Struct(f'<2B{SEGMENT_SIZE}s')  # key, segment, characters padded with zero
 _UNUSED = 0xFF
 assert (_BASIC.size, _EXTENDED.size, _SEGMENT.size) == (8, 8, 8)
+
+
+class ForeignFrameError(FrameError):
+    """A joystick frame is not the VSC's: bytes that the VSC always sends as FF are not."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -106,8 +119,9 @@ class BasicJoystick:
 
     @classmethod
     def from_payload(cls, data: bytes) -> BasicJoystick:
-        """Read 8 bytes of data."""
-        x, y, _, pad, _, _ = _BASIC.unpack(data)
+        """Read 8 bytes of data. :raises ForeignFrameError: they are not the VSC's."""
+        x, y, unused, pad, *rest = _BASIC.unpack(data)
+        _check_unused(bytes((unused, *rest)), data)
         return cls(Axis.from_word(x), Axis.from_word(y), PADS[pad])
 
     def to_payload(self) -> bytes:
@@ -124,8 +138,10 @@ class ExtendedJoystick:
 
     @classmethod
     def from_payload(cls, data: bytes) -> ExtendedJoystick:
-        """Read 8 bytes of data."""
-        return cls(Axis.from_word(_EXTENDED.unpack(data)[0]))
+        """Read 8 bytes of data. :raises ForeignFrameError: they are not the VSC's."""
+        z, unused = _EXTENDED.unpack(data)
+        _check_unused(unused, data)
+        return cls(Axis.from_word(z))
 
     def to_payload(self) -> bytes:
         """Return 8 bytes of data."""
@@ -162,6 +178,11 @@ class StringSegment:
         return _SEGMENT.pack(self.key, self.segment, self.text.encode('ascii'))
 
 
+def _check_unused(unused: bytes, data: bytes) -> None:
+    if any(data) and unused.strip(bytes((_UNUSED,))):
+        raise ForeignFrameError(f'unused bytes are {unused.hex(" ")}, the VSC sends FF')
+
+
 CanMessage = (
     BasicJoystick | ExtendedJoystick | Heartbeat | RemoteStatus | UserFeedback | StringSegment
 )
@@ -185,6 +206,8 @@ def decode_data(name: str, data: bytes) -> CanMessage:
         raise FrameError(f'{name} has {size} bytes, not {len(data)}')
     try:
         message: CanMessage = kind.from_payload(data[:payload_size])
+    except ForeignFrameError:
+        raise
     except ValueError as error:
         raise FrameError(f'{name}: {error}') from error
     return message
@@ -204,7 +227,7 @@ def segments_of(message: UserFeedbackName) -> list[StringSegment]:
     ]
 
 
-class CanDecoder(Decoder[CanFrame, Message]):
+class CanDecoder(Decoder[CanFrame, Received]):
     """
     Takes one frame at a time; a joystick frame gives all sticks as known by then.
 
@@ -222,7 +245,7 @@ class CanDecoder(Decoder[CanFrame, Message]):
         """Forget the sticks."""
         self._sticks.forget()
 
-    def feed(self, data: CanFrame, now: float) -> list[Message]:
+    def feed(self, data: CanFrame, now: float) -> list[Received]:
         """Return the message in a frame."""
         self.counters.frames += 1
         self.counters.bytes += len(data.data)
@@ -232,11 +255,15 @@ class CanDecoder(Decoder[CanFrame, Message]):
             return []
         try:
             message = decode_data(name, data.data)
+        except ForeignFrameError:
+            self.counters.malformed += 1
+            return [Rejected(_FOREIGN.format(name=name, identifier=data.identifier))]
         except FrameError:
             self.counters.malformed += 1
             return []
         if isinstance(message, BasicJoystick | ExtendedJoystick):
-            return self._sticks.take(name, message, now)
+            zeroed = not any(data.data[place] for place in _VALUES[type(message)])
+            return list(self._sticks.take(name, message, now, zeroed=zeroed))
         assert isinstance(message, Message)  # a StringSegment is not among FROM_VSC
         if isinstance(message, Heartbeat):
             self._forget_sticks_of_before(message)
@@ -249,6 +276,7 @@ class CanDecoder(Decoder[CanFrame, Message]):
             self._sticks.forget()
 
 
+_VALUES = {BasicJoystick: (0, 1, 2, 3, 5), ExtendedJoystick: (0, 1)}  # bytes that are not FF
 _PARTS = ('left_basic', 'left_extended', 'right_basic', 'right_extended')
 _NO_AXIS = Axis(None, InputState.UNAVAILABLE)
 _NO_BUTTON = Button(None, InputState.UNAVAILABLE)
@@ -261,19 +289,24 @@ class _Sticks:
     Puts the four joystick frames of CAN together.
 
     Every frame counts at once, with the newest of the others. One that does not come any more is
-    not at its last position: it is not available.
+    not at its last position: it is not available. Four that are zero are neutral, as on serial.
     """
 
     def __init__(self, timeout: float) -> None:
         self._timeout = timeout
-        self._heard: dict[str, tuple[float, BasicJoystick | ExtendedJoystick]] = {}
+        self._heard: dict[str, tuple[float, BasicJoystick | ExtendedJoystick, bool]] = {}
         self._since = 0.0  # when the first frame came after a silence
 
     def forget(self) -> None:
         self._heard.clear()
 
     def take(
-        self, name: str, message: BasicJoystick | ExtendedJoystick, now: float
+        self,
+        name: str,
+        message: BasicJoystick | ExtendedJoystick,
+        now: float,
+        *,
+        zeroed: bool,
     ) -> list[Message]:
         """Return all sticks; nothing while the others still have time to come."""
         self._heard = {
@@ -283,12 +316,14 @@ class _Sticks:
         }
         if not self._heard:
             self._since = now
-        self._heard[name] = (now, message)
+        self._heard[name] = (now, message, zeroed)
         if len(self._heard) < len(_PARTS) and now - self._since < self._timeout:
             return []
         return [self._joystick()]
 
     def _joystick(self) -> Joystick:
+        if len(self._heard) == len(_PARTS) and all(part[2] for part in self._heard.values()):
+            return Joystick.neutral()
         left, right = self._part('left_basic', _NO_BASIC), self._part('right_basic', _NO_BASIC)
         left_z = self._part('left_extended', _NO_EXTENDED).z
         right_z = self._part('right_extended', _NO_EXTENDED).z

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from enum import IntEnum
 from typing import ClassVar
 
@@ -43,9 +44,19 @@ PACKETS = packets.PacketFormat(
 )
 
 
+@dataclass(frozen=True, slots=True)
+class Rejected:
+    """A sound frame that cannot be the VSC's as the manual has it. :param text: what to do."""
+
+    text: str
+
+
 class Message(packets.Message):
     """A message of the packet protocol; CAN carries some of their payloads without a frame."""
 
     __slots__ = ()
     PACKETS = PACKETS
     TYPE: ClassVar[MessageType]
+
+
+Received = Message | Rejected

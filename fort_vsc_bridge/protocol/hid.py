@@ -23,7 +23,7 @@ import struct
 
 from bridge_core.framing import Decoder
 from bridge_core.framing import FrameError
-from fort_vsc_bridge.protocol.frames import Message
+from fort_vsc_bridge.protocol.frames import Received
 from fort_vsc_bridge.protocol.messages import Heartbeat
 from fort_vsc_bridge.protocol.messages import Joystick
 from fort_vsc_bridge.protocol.values import Axis
@@ -117,10 +117,10 @@ def _pad(hat: int) -> tuple[Button, ...]:
     return tuple(Button(bool(pressed)) for pressed in _PRESSED_BY_HAT[hat])
 
 
-class HidDecoder(Decoder[bytes, Message]):
+class HidDecoder(Decoder[bytes, Received]):
     """Takes one report at a time."""
 
-    def feed(self, data: bytes, now: float) -> list[Message]:
+    def feed(self, data: bytes, now: float) -> list[Received]:
         """Return what a report means: a heartbeat first, so that sticks go by its state."""
         del now
         self.counters.bytes += len(data)

@@ -14,7 +14,9 @@ from fort_vsc_bridge.protocol.frames import PACKETS
 from fort_vsc_bridge.protocol.values import AUTONOMY_MODES
 from fort_vsc_bridge.protocol.values import AutonomyMode
 from fort_vsc_bridge.protocol.values import Axis
+from fort_vsc_bridge.protocol.values import AXIS_NAMES
 from fort_vsc_bridge.protocol.values import Button
+from fort_vsc_bridge.protocol.values import BUTTON_NAMES
 from fort_vsc_bridge.protocol.values import check_range
 from fort_vsc_bridge.protocol.values import INT32
 from fort_vsc_bridge.protocol.values import Mode
@@ -22,6 +24,7 @@ from fort_vsc_bridge.protocol.values import MODES
 from fort_vsc_bridge.protocol.values import pack_pad
 from fort_vsc_bridge.protocol.values import PADS
 
+_UNKNOWN_BATTERY = 0xFF  # not in the manual's 0 to 100
 NAME_SIZE = 20  # characters of a name or a line of text (7.3.9)
 
 _JOYSTICK = struct.Struct('<6H2B')  # axis words; left pad, right pad
@@ -39,6 +42,8 @@ class Joystick(Message):
     """
     Sticks and buttons of the SRC (7.3.1, 7.4, 7.5), 50 Hz; zeroed unless Operational.
 
+    A payload of zeros is neutral. In Operational it comes where no SRC is paired (6.5).
+
     :param axes: 6, in the order of AXIS_NAMES. :param buttons: 8, in the order of BUTTON_NAMES.
     """
 
@@ -52,7 +57,14 @@ class Joystick(Message):
             raise ValueError(f'a joystick message has 6 axes and 8 buttons, not {count}')
 
     @classmethod
+    def neutral(cls) -> Joystick:
+        """Return all sticks at rest and no button pressed."""
+        return cls((Axis(0),) * len(AXIS_NAMES), (Button(False),) * len(BUTTON_NAMES))
+
+    @classmethod
     def _from_payload(cls, payload: bytes) -> Joystick:
+        if not any(payload):
+            return cls.neutral()
         *words, left, right = _JOYSTICK.unpack(payload)
         return cls(tuple(map(Axis.from_word, words)), PADS[left] + PADS[right])
 
@@ -138,19 +150,21 @@ class RemoteStatus(Message):
     Kept by the VSC after the remote is lost: believe it only while the heartbeat's mode says that
     one is connected.
 
-    :param battery_percent: 0-100. :param strength_vsc: radio as perceived by the VSC, 0 low to 2
-        high; so is ``strength_src``. :param reserved: 2 bytes raw (RSSI on some firmware).
+    :param battery_percent: 0-100; None: not known, 255 on the wire. :param strength_vsc: radio as
+        perceived by the VSC, 0 low to 2 high. :param strength_src: by the SRC; reserved, and the
+        same as yet. :param reserved: 2 bytes raw (RSSI on some firmware).
     """
 
     TYPE = MessageType.REMOTE_STATUS
-    battery_percent: int
+    battery_percent: int | None
     charging: bool
     strength_vsc: int
     strength_src: int
     reserved: bytes = b'\x00\x00'
 
     def __post_init__(self) -> None:
-        check_range('the battery level', self.battery_percent, 0, 100)
+        if self.battery_percent is not None:
+            check_range('the battery level', self.battery_percent, 0, 100)
         check_range('the strength at the VSC', self.strength_vsc, 0, 255)
         check_range('the strength at the SRC', self.strength_src, 0, 255)
         if len(self.reserved) != 2:
@@ -159,11 +173,13 @@ class RemoteStatus(Message):
     @classmethod
     def _from_payload(cls, payload: bytes) -> RemoteStatus:
         battery, charging, vsc, src, reserved = _REMOTE_STATUS.unpack(payload)
-        return cls(battery, charging > 0, vsc, src, reserved)
+        level = None if battery == _UNKNOWN_BATTERY else battery
+        return cls(level, charging > 0, vsc, src, reserved)
 
     def _to_payload(self) -> bytes:
+        battery = _UNKNOWN_BATTERY if self.battery_percent is None else self.battery_percent
         strengths = (self.strength_vsc, self.strength_src)
-        return _REMOTE_STATUS.pack(self.battery_percent, self.charging, *strengths, self.reserved)
+        return _REMOTE_STATUS.pack(battery, self.charging, *strengths, self.reserved)
 
 
 @dataclass(frozen=True, slots=True)

@@ -24,10 +24,11 @@ from fort_vsc_bridge.protocol.can import SEGMENTS
 from fort_vsc_bridge.protocol.can import segments_of
 from fort_vsc_bridge.protocol.frames import Message
 from fort_vsc_bridge.protocol.frames import MessageType
+from fort_vsc_bridge.protocol.frames import Received
 from fort_vsc_bridge.protocol.hid import HidDecoder
-from fort_vsc_bridge.protocol.messages import parser
 from fort_vsc_bridge.protocol.messages import UserFeedback
 from fort_vsc_bridge.protocol.messages import UserFeedbackName
+from fort_vsc_bridge.protocol.serial import SerialDecoder
 from fort_vsc_bridge.protocol.values import Key
 
 Frame = bytes | CanFrame  # as the wire has it
@@ -50,8 +51,10 @@ class Wire:
     PERIODS: ClassVar[Mapping[MessageType, float]]
     INTERVAL: ClassVar[float]  # seconds between two signs of life of the device, as delivered
     SIGN_OF_LIFE: ClassVar[str]
-    # What to do: no sign of life; the same, yet joystick messages come; they do not, but the rest.
+    # What to do: no sign of life; the same, yet data comes, but nothing that is sound; or joystick
+    # messages come; they do not, but the rest.
     SILENCE: ClassVar[str]
+    GARBLED: ClassVar[str] = ''
     JOYSTICK_ONLY: ClassVar[str] = ''
     NO_JOYSTICK: ClassVar[str] = ''
 
@@ -68,7 +71,7 @@ class Wire:
         """Let a message pass that fits this wire. :raises ValueError: naming the transport."""
         self.require(message.TYPE)
 
-    def decoder(self, timeout: float) -> Decoder[Any, Message]:
+    def decoder(self, timeout: float) -> Decoder[Any, Received]:
         """
         Return what turns what the transport received at once into messages.
 
@@ -97,14 +100,15 @@ class SerialWire(Wire):
     }
     INTERVAL = 0.05
     SIGN_OF_LIFE = 'heartbeat from the VSC'
-    SILENCE = 'check its power and the serial cable'
-    JOYSTICK_ONLY = 'is its heartbeat message disabled?'
-    NO_JOYSTICK = 'set device.joystick_interval_ms to have them sent'
+    SILENCE = 'check power and serial cable of the VSC'
+    GARBLED = 'check baud, and that port is the VSC, as bytes come, but no frame'
+    JOYSTICK_ONLY = 'enable its heartbeat message, as joystick messages do come'
+    NO_JOYSTICK = 'set device.joystick_interval_ms'
 
-    def decoder(self, timeout: float) -> Decoder[Any, Message]:
+    def decoder(self, timeout: float) -> Decoder[Any, Received]:
         """Return the parser of the stream; every message is whole there."""
         del timeout
-        return parser()
+        return SerialDecoder()
 
     def frames(self, message: Message) -> list[Frame]:
         """Return one frame."""
@@ -122,9 +126,9 @@ class CanWire(Wire):
     }
     INTERVAL = 0.1
     SIGN_OF_LIFE = 'heartbeat from the VSC'
-    SILENCE = 'check its power, the CAN wiring, the bit rate and can.heartbeat'
-    JOYSTICK_ONLY = 'is can.heartbeat its identifier?'
-    NO_JOYSTICK = 'are can.left_basic and so on their identifiers?'
+    SILENCE = "check the VSC's power, the CAN wiring, the bit rate and can.heartbeat"
+    JOYSTICK_ONLY = 'compare can.heartbeat with the VSC, as joystick messages do come'
+    NO_JOYSTICK = 'compare can.left_basic and so on with the VSC'
 
     ids: CanIds = field(default_factory=CanIds)
 
@@ -142,7 +146,7 @@ class CanWire(Wire):
         if isinstance(message, UserFeedback) and message.key == Key.USER_ESTOP_TIMEOUT:
             raise ValueError(f'transport can has no key {message.key}')
 
-    def decoder(self, timeout: float) -> Decoder[Any, Message]:
+    def decoder(self, timeout: float) -> Decoder[Any, Received]:
         """Return what puts joystick frames together."""
         return CanDecoder(self.ids, timeout)
 
@@ -162,9 +166,10 @@ class HidWire(Wire):
     PERIODS = {}
     INTERVAL = 0.0625
     SIGN_OF_LIFE = 'report from the remote'
-    SILENCE = 'check its power, its USB cable, and that port is its hidraw device'
+    SILENCE = "check the remote's power and USB cable, and that port is its hidraw device"
+    GARBLED = 'check that port is the hidraw device of the remote, as reports of another come'
 
-    def decoder(self, timeout: float) -> Decoder[Any, Message]:
+    def decoder(self, timeout: float) -> Decoder[Any, Received]:
         """Return what reads a report."""
         del timeout
         return HidDecoder()

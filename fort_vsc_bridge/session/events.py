@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from fort_vsc_bridge.protocol import AutonomyMode
 from fort_vsc_bridge.protocol import AXIS_NAMES
 from fort_vsc_bridge.protocol import BUTTON_NAMES
 from fort_vsc_bridge.protocol import Mode
@@ -12,9 +13,10 @@ from fort_vsc_bridge.protocol import RemoteStatus
 
 @dataclass(frozen=True, slots=True)
 class ModeChanged:
-    """The VSC's mode; None: not known, since no heartbeat comes."""
+    """Mode and autonomy mode of the VSC; None: not known, since no heartbeat comes."""
 
     mode: Mode | int | None
+    autonomy: AutonomyMode | int | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,7 +39,7 @@ class Sticks:
 
 @dataclass(frozen=True, slots=True)
 class RemoteState:
-    """What is known of the remote's battery and radio; None: no remote is connected any more."""
+    """What is known of the remote's battery and radio; None: nothing, or nothing any more."""
 
     status: RemoteStatus | None
 

@@ -14,45 +14,52 @@ from fort_vsc_bridge.protocol import mode_name
 from fort_vsc_bridge.protocol import MODES_AFTER_A_STOP
 from fort_vsc_bridge.protocol import RemoteStatus
 
-LOOPED_BACK = 'our own frames come back: is RX wired to TX, or echo on?'
+LOOPED_BACK = 'look for RX wired to TX, or an echo on the line: our own frames come back'
 _LOW_BATTERY_PERCENT = 20
-_NO_REMOTE = (
-    'no remote connected, or a stop not acknowledged yet; switch the remote on, bring it into '
-    'reach, acknowledge on it'
+_WEAK_RADIO = (
+    'bring the remote nearer, or its way to the VSC clear of metal: the radio is at its weakest '
+    '(strength 0), and the next step is a stop'
 )
-_NOT_WORKING = 'the VSC does not say that it works; restart it, see its LED, check its firmware'
+_USER = 'VSC reports e-stop: USER (this computer)'
 
 
-def stop_reasons(heartbeat: Heartbeat, *, asked: bool, echo: bool) -> list[str]:
+def stop_reasons(heartbeat: Heartbeat, *, asked: str, echo: bool) -> list[str]:
     """
     Return why a heartbeat is a stop, and what to do; empty if no bit is set and a remote there.
 
-    :param asked: our heartbeats ask for a stop. :param echo: USER bits are our doing.
+    :param asked: what ends the stop that our heartbeats ask for; empty if they ask for none.
+    :param echo: USER bits are our doing.
     """
     reasons = []
     others = heartbeat.estop & ~int(EStopBits.USER)
     if others:
         reasons.append(
-            f'VSC reports e-stop: {", ".join(estop_sources(others))}; release it there (SRC: '
-            'button, or remote out of reach; VSC: both wired loops), then acknowledge it on the '
-            'remote'
+            f'release the stop at {", ".join(estop_sources(others))}, then acknowledge it on the '
+            'remote: VSC reports e-stop (SRC: button, or out of reach; VSC: both wired loops)'
         )
     if heartbeat.estop & EStopBits.USER:
-        reasons.append(f'VSC reports e-stop: USER (this computer), {_whose(asked, echo)}')
-    if heartbeat.mode not in CONNECTED_MODES:
-        hint = _NO_REMOTE if heartbeat.mode in MODES_AFTER_A_STOP else _NOT_WORKING
-        reasons.append(f'mode is {mode_name(heartbeat.mode)}: {hint}')
+        reasons.append(_user_reason(asked, echo))
+    if heartbeat.mode in MODES_AFTER_A_STOP:
+        reasons.append(
+            'switch the remote on, bring it into reach, acknowledge on it: mode is '
+            f'{mode_name(heartbeat.mode)}, so none is connected, or a stop not acknowledged yet'
+        )
+    elif heartbeat.mode not in CONNECTED_MODES:
+        reasons.append(
+            'restart the VSC, look at its LED, check its firmware: mode is '
+            f'{mode_name(heartbeat.mode)}, so it does not say that it works'
+        )
     return reasons
 
 
-def _whose(asked: bool, echo: bool) -> str:
+def _user_reason(asked: str, echo: bool) -> str:
     if asked:
-        return 'as software_estop asks; it goes when the cause of that is gone'
+        return f'{asked}, then acknowledge on the remote: {_USER}, as this node asks'
     if echo:
-        return 'not asked any more; acknowledge it on the remote'
+        return f'acknowledge on the remote: {_USER}, not asked any more'
     return (
-        'not asked by this node; did its heartbeats fail (User E-STOP Timeout), or an earlier '
-        'one leave it set? acknowledge it on the remote'
+        f'acknowledge on the remote: {_USER}, not asked by this node; did its heartbeats fail '
+        '(User E-STOP Timeout), or an earlier one leave it set?'
     )
 
 
@@ -60,14 +67,20 @@ def control_problems(faulty: Sequence[str]) -> list[tuple[Level, str]]:
     """Name the controls that the remote itself calls broken or absent."""
     if not faulty:
         return []
-    return [(Level.ERROR, f'the remote reports {", ".join(faulty)}; have it repaired')]
+    return [(Level.ERROR, f'have the remote repaired: it reports {", ".join(faulty)}')]
 
 
 def remote_problems(remote: RemoteStatus | None) -> list[tuple[Level, str]]:
-    """Say when the remote's battery has to be charged."""
-    if remote is None or remote.charging or remote.battery_percent > _LOW_BATTERY_PERCENT:
-        return []
-    return [(Level.WARN, f"the remote's battery is at {remote.battery_percent} %; charge it")]
+    """Say when the remote's battery has to be charged, and when it is about to be lost."""
+    problems: list[tuple[Level, str]] = []
+    if remote is None:
+        return problems
+    battery = remote.battery_percent
+    if battery is not None and battery <= _LOW_BATTERY_PERCENT and not remote.charging:
+        problems.append((Level.WARN, f'charge the remote: its battery is at {battery} %'))
+    if remote.strength_vsc == 0:
+        problems.append((Level.WARN, _WEAK_RADIO))
+    return problems
 
 
 def heartbeat_values(heartbeat: Heartbeat | None) -> dict[str, Any]:
@@ -84,7 +97,7 @@ def remote_values(remote: RemoteStatus | None) -> dict[str, Any]:
     if remote is None:
         return {}
     return {
-        'battery (%)': remote.battery_percent,
+        'battery (%)': 'unknown' if remote.battery_percent is None else remote.battery_percent,
         'charging': remote.charging,
         'strength at VSC (0 low to 2 high)': remote.strength_vsc,
         'strength at remote (0 low to 2 high)': remote.strength_src,
@@ -95,6 +108,6 @@ def remote_values(remote: RemoteStatus | None) -> dict[str, Any]:
 def refused_software_estop(transport: str) -> str:
     """Say that somebody relies on a stop that this transport cannot carry."""
     return (
-        f'transport {transport} cannot carry software_estop, but it comes: the VSC does not stop; '
-        'wire that stop elsewhere'
+        f'wire that stop elsewhere: transport {transport} cannot carry software_estop, but it '
+        'comes, and the VSC does not stop'
     )

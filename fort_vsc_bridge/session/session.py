@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 from bridge_core.session import Level
@@ -21,10 +22,11 @@ from fort_vsc_bridge.protocol import Heartbeat
 from fort_vsc_bridge.protocol import HostHeartbeat
 from fort_vsc_bridge.protocol import Joystick
 from fort_vsc_bridge.protocol import Key
-from fort_vsc_bridge.protocol import Message
 from fort_vsc_bridge.protocol import MessageType
 from fort_vsc_bridge.protocol import Mode
 from fort_vsc_bridge.protocol import PERSISTENT_KEYS
+from fort_vsc_bridge.protocol import Received
+from fort_vsc_bridge.protocol import Rejected
 from fort_vsc_bridge.protocol import RemoteStatus
 from fort_vsc_bridge.protocol import TEXT_KEYS
 from fort_vsc_bridge.protocol import USER_KEYS
@@ -44,12 +46,16 @@ from fort_vsc_bridge.session.settings import Settings
 from fort_vsc_bridge.session.stops import StopJudge
 
 _NEUTRAL = Sticks()
+_LATELY = 3.0  # seconds that diagnostics name what came once
+_LONGEST_INTERVAL = 65.535  # seconds between two remote status messages (7.3.5)
+_STATUS_INTERVALS = 3  # that may pass without one
+_SHORTEST_STATUS_TIME = 5.0  # seconds
 
 
-class Session(BaseSession[Frame, Message, Event]):
+class Session(BaseSession[Frame, Received, Event]):
     """One VSC on one wire; see bridge_core.session."""
 
-    CLOSED = 'the port to the VSC is not open; plug the VSC in, check the parameter port'
+    CLOSED = 'plug the VSC in, and check port (can: channel): it is not open'
 
     def __init__(self, settings: Settings) -> None:
         wire, timeout = settings.wire, settings.link_timeout
@@ -58,12 +64,19 @@ class Session(BaseSession[Frame, Message, Event]):
         self.remote_status: RemoteStatus | None = None  # while a remote is connected
         self.faulty: tuple[str, ...] = ()  # controls that the last joystick message calls so
         self.looped_back = 0  # frames that only a host sends: the line echoes
-        self.software_estop_in_use = False
+        self.rejected = 0  # frames that are not the VSC's, or of a firmware that is not known
+        self.software_estop_in_use = settings.require_software_estop
         self.software_estop_refused = False  # somebody relies on one that this wire has not
         self._newest: Heartbeat | None = None
-        self._mode: Mode | int | None = None  # as emitted
+        self._modes = ModeChanged(None)  # as emitted
         self._was_up = self._was_connected = False
+        self._rejection = ''  # why the last one was, and what to do
+        self._rejected_lately = Watchdog(_LATELY)
+        self._looped_back_lately = Watchdog(_LATELY)
+        self._remote_status_at = self._remote_expires_at = -math.inf
         self._joystick_heard = Watchdog(timeout)
+        self._joystick_alone = False  # it comes, and the heartbeat does not
+        self._settled_at = math.inf  # long enough after the link came up, or was opened, or lost
         self._stream = StickStream()
         self._judgement = StopJudge()
         self._software_estop = False
@@ -104,12 +117,14 @@ class Session(BaseSession[Frame, Message, Event]):
         """Return stops, broken controls, what does not come, and a battery that runs low."""
         wire = self.settings.wire
         problems = super().problems(now) + report.control_problems(self.faulty)
-        if self.link_up and self._joystick_heard.expired(now):
-            problems.append((Level.WARN, f'no joystick messages; {wire.NO_JOYSTICK}'))
+        if self.link_up and not self._rejected_lately.expired(now):
+            problems.append((Level.ERROR, self._rejection))
+        if self.link_up and now >= self._settled_at and self._joystick_heard.expired(now):
+            problems.append((Level.WARN, f'{wire.NO_JOYSTICK}: no joystick messages come'))
         problems += report.remote_problems(self.remote_status)
         if self.software_estop_refused:
             problems.append((Level.ERROR, report.refused_software_estop(wire.NAME)))
-        if self.looped_back:
+        if not self._looped_back_lately.expired(now):
             problems.append((Level.WARN, report.LOOPED_BACK))
         return problems
 
@@ -121,6 +136,8 @@ class Session(BaseSession[Frame, Message, Event]):
             'remote connected': self.remote_connected,
             'software e-stop in use': self.software_estop_in_use,
             'faulty controls': ', '.join(self.faulty) or 'none',
+            'rejected frames': self.rejected,
+            'own frames that came back': self.looped_back,
             **{f'setting {name}': state for name, state in self.setting_states.items()},
             **report.remote_values(self.remote_status),
         }
@@ -139,7 +156,8 @@ class Session(BaseSession[Frame, Message, Event]):
         return self._heartbeat_frames(now, at_once=True)
 
     def _begin(self, now: float) -> None:
-        self._leaving = False
+        self._leaving = self._joystick_alone = False
+        self._settled_at = now + self.settings.link_timeout
         if self.settings.wire.carries(MessageType.HOST_HEARTBEAT):
             self._pacer.start(now)
 
@@ -149,7 +167,12 @@ class Session(BaseSession[Frame, Message, Event]):
         self._device.forget()
         self._queue.drop_passing()
 
-    def _take(self, message: Message, now: float) -> None:
+    def _take(self, message: Received, now: float) -> None:
+        if isinstance(message, Rejected):
+            self.rejected += 1
+            self._rejection = message.text
+            self._rejected_lately.feed(now)
+            return
         self._device.heard(message.TYPE, now)
         if isinstance(message, Heartbeat):
             self._newest = message
@@ -159,8 +182,7 @@ class Session(BaseSession[Frame, Message, Event]):
             self._take_joystick(message, now)
         elif isinstance(message, RemoteStatus):
             if self.remote_connected:  # else it is that of a remote long gone (7.3.3)
-                self.remote_status = message
-                self._emit(RemoteState(message))
+                self._take_remote_status(message, now)
         elif isinstance(message, Gps):
             self._emit(GpsSentence(message.source, message.sentence.strip('\r\n\0 ')))
         elif isinstance(message, UserFeedback):
@@ -168,9 +190,20 @@ class Session(BaseSession[Frame, Message, Event]):
             self._emit(UserValue(message.key, message.value))
         else:
             self.looped_back += 1
+            self._looped_back_lately.feed(now)
+
+    def _take_remote_status(self, message: RemoteStatus, now: float) -> None:
+        """Take it for as long as a few more of them take: their interval is the device's."""
+        gap = min(now - self._remote_status_at, _LONGEST_INTERVAL)
+        self._remote_status_at = now
+        self._remote_expires_at = now + max(_STATUS_INTERVALS * gap, _SHORTEST_STATUS_TIME)
+        self.remote_status = message
+        self._emit(RemoteState(message))
 
     def _take_joystick(self, message: Joystick, now: float) -> None:
         self._joystick_heard.feed(now)
+        # Not the last ones of a VSC that falls silent, nor the first of one that was just found.
+        self._joystick_alone = not self.link_up and now >= self._settled_at
         if not self.link_up:
             return
         sticks = self._sticks_of(message)
@@ -204,37 +237,43 @@ class Session(BaseSession[Frame, Message, Event]):
 
     def _silence(self, now: float) -> str:
         wire = self.settings.wire
-        text = f'no {wire.SIGN_OF_LIFE}: {self._heard.describe(now)}; '
-        if not self._joystick_heard.expired(now):
-            return f'{text}joystick messages do come: {wire.JOYSTICK_ONLY}'
-        return text + wire.SILENCE
+        to_do = wire.SILENCE
+        if not self._rejected_lately.expired(now):
+            to_do = self._rejection
+        elif wire.GARBLED and self._garbled(now):
+            to_do = wire.GARBLED
+        elif self._joystick_alone and not self._joystick_heard.expired(now):
+            to_do = wire.JOYSTICK_ONLY
+        return f'{to_do}: no {wire.SIGN_OF_LIFE}, {self._heard.describe(now)}'
 
     def _follow(self, now: float) -> None:
         if self.link_up is not self._was_up:
             self._was_up = self.link_up
+            self._settled_at = now + self.settings.link_timeout
             self._device.link_changed(self.link_up, now)
-        if self.mode != self._mode:
-            self._mode = self.mode
-            self._emit(ModeChanged(self.mode))
+        modes = ModeChanged(self.mode, self.heartbeat.autonomy if self.heartbeat else None)
+        if modes != self._modes:
+            self._modes = modes
+            self._emit(modes)
         fresh = self.link_up and not self._joystick_heard.expired(now)
         if self._stream.owes_neutral(fresh=fresh, counts=self.operational):
             self.faulty = ()
             self._emit(_NEUTRAL)
-        if self.remote_connected is not self._was_connected:
-            self._was_connected = self.remote_connected
-            self._follow_remote()
-
-    def _follow_remote(self) -> None:
-        """Show a remote that was connected what it should show; forget one that is gone."""
-        if self.remote_connected:
+        if self.remote_connected and not self._was_connected:
             self._queue.show_again()
-        elif self.remote_status is not None:
+        self._was_connected = self.remote_connected
+        known = self.remote_connected and now < self._remote_expires_at
+        if self.remote_status is not None and not known:
             self.remote_status = None
             self._emit(RemoteState(None))
 
     def _expires_at(self) -> float:
-        moment = super()._expires_at()
-        return min(moment, self._joystick_heard.deadline) if self._stream.streaming else moment
+        moments = [super()._expires_at()]
+        if self._stream.streaming:
+            moments.append(self._joystick_heard.deadline)
+        if self.remote_status is not None:
+            moments.append(self._remote_expires_at)
+        return min(moments)
 
     def _sends_at(self) -> float:
         due = [self._pacer.due, self._queue.deadline]
@@ -251,20 +290,33 @@ class Session(BaseSession[Frame, Message, Event]):
 
     def _heartbeat_frames(self, now: float, *, at_once: bool = False) -> list[Frame]:
         """Return our heartbeat when it is due; a stop does not wait for that."""
-        stale = self._software_estop_heard.expired(now)
-        stop = self.software_estop_in_use and (self._software_estop or stale or self._leaving)
+        asked = self._software_stop(now)
+        stop = bool(asked)
         if not (at_once or self._pacer.is_due(now) or (stop and not self._sent_stop)):
             return []
         self._pacer.sent(now)
         self._sent_stop = stop
-        self._judgement.asked(stop, now)
+        self._judgement.asked(asked, now)
         return self.settings.wire.frames(HostHeartbeat(stop))
+
+    def _software_stop(self, now: float) -> str:
+        """Return what ends the stop that our heartbeat asks for; empty if it asks for none."""
+        if not self.software_estop_in_use:
+            return ''
+        if self._leaving:
+            return 'start this node anew'
+        if self._software_estop_heard.expired(now):
+            heard = self._software_estop_heard.describe(now)
+            return f'start what publishes ~/software_estop ({heard})'
+        return 'end what ~/software_estop asks for' if self._software_estop else ''
 
     # What the node asks.
 
     def set_software_estop(self, value: bool, now: float) -> None:
         """
         Ask the VSC to stop, or not to; from the first call on, silence is a stop too.
+
+        With ``require_software_estop`` it is a stop before the first call as well.
 
         :raises ValueError: this wire cannot carry it.
         """

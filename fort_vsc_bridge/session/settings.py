@@ -66,6 +66,7 @@ class Settings(CheckedSettings):
     link_timeout: float = _TABLE['link_timeout'].default
     heartbeat_rate: float = _TABLE['heartbeat_rate'].default
     software_estop_timeout: float = _TABLE['software_estop_timeout'].default
+    require_software_estop: bool = _TABLE['require_software_estop'].default
     tolerate_faulty_axes: bool = _TABLE['tolerate_faulty_axes'].default
     configure_device: bool = _TABLE['configure_device'].default
 
@@ -75,6 +76,11 @@ class Settings(CheckedSettings):
             raise ValueError(
                 f'link_timeout = {self.link_timeout}: allowed is above {self.wire.INTERVAL} s '
                 f'with transport {self.wire.NAME}, which gives no sooner sign of life'
+            )
+        if self.require_software_estop and not self.wire.carries(MessageType.HOST_HEARTBEAT):
+            raise ValueError(
+                f'require_software_estop = True: transport {self.wire.NAME} cannot carry '
+                'software_estop; wire that stop elsewhere'
             )
         if self.configure_device and not self.wire.PERIODS:
             raise ValueError(

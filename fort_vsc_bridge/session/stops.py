@@ -22,20 +22,20 @@ class StopJudge:
     """Judges heartbeats of the VSC, knowing what was asked of it."""
 
     def __init__(self) -> None:
-        self._asked = False  # our heartbeats say stop
+        self._asked = ''  # what ends the stop that our heartbeats ask for
         self._echo = False  # USER bits are our doing
         self._echo_heard = False  # they were seen since we asked last
         self._foreign = False  # USER bits stood before we asked
         self._released_at = 0.0
 
-    def asked(self, stop: bool, now: float) -> None:
-        """Note what our heartbeat to the VSC says from ``now`` on."""
-        if stop and not self._asked:
+    def asked(self, remedy: str, now: float) -> None:
+        """Note what ends the stop that our heartbeat asks for from ``now`` on; empty: none."""
+        if remedy and not self._asked:
             self._echo = self._echo or not self._foreign
             self._echo_heard = False
-        elif self._asked and not stop:
+        elif self._asked and not remedy:
             self._released_at = now
-        self._asked = stop
+        self._asked = remedy
 
     def heard(self, heartbeat: Heartbeat, now: float) -> None:
         """Keep USER bits ours until they are seen clear: the VSC may hold them for a while."""
