@@ -78,9 +78,16 @@ GENERAL = (
     Parameter(
         'estop_states',
         ['no signal'],
-        'Which states of the command channel (pulse input 1) are a stop. With a receiver that '
-        "sends 1.5 ms when its radio link is lost, add '1.5 ms'. [''] for none.",
+        'Which states of the command channel (pulse input 1) are a stop, beside a lost '
+        "transmitter. [''] for none.",
         choices=('', *(state.text for state in CommandState)),
+    ),
+    Parameter(
+        'lost_link_is_stop',
+        True,
+        'Take 1.5 ms on the command channel for a lost transmitter, which is a stop: the manual '
+        '(2) has receivers set up so. False: 1.5 ms is a position of your switch, and a lost '
+        'transmitter shows only if the receiver then ends its pulses.',
     ),
     Parameter(
         'first_input_nibble',

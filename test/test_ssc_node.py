@@ -200,19 +200,23 @@ def test_receiver_lost_stops_and_neutralises(bench: Bench) -> None:
     bench.wait_stop(False)
 
 
-def test_lost_link_of_1_5_ms_is_shown_and_no_stop_by_default(bench: Bench) -> None:
-    bench.port.apply('link off')
+def test_lost_transmitter_stops_and_its_last_sticks_end(bench: Bench) -> None:
+    for line in ('channel 3 2000', 'channel 4 1900'):
+        bench.port.apply(line)
+    bench.wait(lambda: list(bench.joy.last.buttons) == [1], 'the deadman')
+    bench.port.apply('link off')  # the receiver holds all other channels
+    bench.wait_stop(True)
     bench.wait(lambda: bench.state.last == String(data='1.5 ms'), 'the state')
-    bench.observer.holds_for(lambda: not bench.estop.last.data, 0.3, 'no stop')
+    bench.wait(lambda: list(bench.joy.last.buttons) == [0], 'neutral')
+    assert not any(bench.joy.last.axes)
 
 
-def test_lost_link_of_1_5_ms_stops_where_configured(observer: Observer, tmp_path: Path) -> None:
-    states = ['no signal', '1.5 ms']
-    with bench_of(tmp_path, observer, estop_states=states) as bench:
+def test_1_5_ms_is_a_state_of_its_own_where_configured(observer: Observer, tmp_path: Path) -> None:
+    with bench_of(tmp_path, observer, lost_link_is_stop=False) as bench:
         bench.connect()
-        bench.port.apply('link off')
-        bench.wait_stop(True)
+        bench.port.apply('channel 1 1500')
         bench.wait(lambda: bench.state.last == String(data='1.5 ms'), 'the state')
+        bench.observer.holds_for(lambda: not bench.estop.last.data, 0.3, 'no stop')
 
 
 def test_configuration_and_sources_are_shown(bench: Bench) -> None:
@@ -453,6 +457,7 @@ BAD: list[tuple[str, Any]] = [
     ('poll_rates', [20.0, 5.0, 5.0, 5.0, 101.0]),
     ('message_rates', [51.0, 0.0, 0.0, 0.0, 0.0]),
     ('estop_states', ['3 ms']),
+    ('lost_link_is_stop', 'no'),
     ('first_input_nibble', 2),
     ('plausible_us', [2300, 700]),
     ('plausible_us', [1200, 2300]),

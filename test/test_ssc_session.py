@@ -170,15 +170,18 @@ def test_configuration_without_a_status_does_not_count_for_the_device_that_comes
 
 
 @pytest.mark.parametrize('state', STATES)
-@pytest.mark.parametrize('stops', [{'no signal'}, {'1.5 ms'}, {'no signal', '1.5 ms'}, set()])
-def test_command_state_is_a_stop_exactly_if_configured(state: str, stops: set[str]) -> None:
+@pytest.mark.parametrize('stops', [{'no signal'}, {'1 ms'}, {'no signal', '2 ms'}, set()])
+@pytest.mark.parametrize('lost_link', [False, True])
+def test_command_state_is_a_stop_exactly_if_configured(
+    state: str, stops: set[str], lost_link: bool
+) -> None:
     chosen = frozenset(member for member in CommandState if member.text in stops)
-    rig = Rig(estop_states=chosen)
+    rig = Rig(estop_states=chosen, lost_link_is_stop=lost_link)
     rig.state = state
     rig.tick(15)
     assert rig.session.link_up
-    assert rig.session.estop == (state in stops)
-    assert rig.session.own_estop == (state in stops)
+    is_stop = state in stops or (lost_link and state == '1.5 ms')
+    assert (rig.session.estop, rig.session.own_estop) == (is_stop, is_stop)
     assert rig.of(CommandStateChanged) == [CommandStateChanged(CommandState(STATES[state]))]
 
 
@@ -190,14 +193,22 @@ def test_receiver_lost_stops_by_default_and_says_what_to_do() -> None:
     assert 'no pulses from the RC receiver' in rig.session.stop_reasons(rig.now)[0]
 
 
-def test_lost_link_of_1_5_ms_stops_only_where_configured() -> None:
-    ours = Rig(estop_states=frozenset({CommandState.NO_SIGNAL, CommandState.MS_1_5})).start()
-    others = Rig().start()
-    for rig in (ours, others):
-        rig.state = '1.5 ms'
-        rig.tick(6)
-    assert ours.session.estop
-    assert not others.session.estop
+def test_lost_transmitter_stops_by_default_and_its_last_sticks_end() -> None:
+    rig = stick_rig()
+    rig.inputs = [1900] * 8  # deadman held, and the receiver holds it so
+    rig.tick(3)
+    assert rig.of(Sticks)[-1].buttons == (1, 2)
+    rig.state = '1.5 ms'
+    rig.tick(6)
+    assert rig.session.estop
+    assert 'transmitter' in rig.session.stop_reasons(rig.now)[0]
+    assert rig.of(Sticks)[-1] == Sticks((None, None), (0, 0))
+
+
+def test_position_of_1_5_ms_and_a_stop_of_it_contradict_each_other() -> None:
+    states = frozenset({CommandState.MS_1_5})
+    with pytest.raises(ValueError, match='lost_link_is_stop'):
+        Settings(estop_states=states, lost_link_is_stop=False)
 
 
 def stops_in(events: list[Any]) -> list[bool]:
@@ -481,7 +492,7 @@ def test_axis_on_an_input_that_is_not_there_is_faulty() -> None:
 
 @pytest.mark.parametrize('state', ['no signal', '1.5 ms'])
 def test_stop_state_makes_sticks_neutral_at_once(state: str) -> None:
-    rig = stick_rig(estop_states=frozenset({CommandState.NO_SIGNAL, CommandState.MS_1_5}))
+    rig = stick_rig()
     rig.inputs = [1900] * 8
     rig.tick(3)
     assert rig.of(Sticks)[-1].axes == (1900, 1900)

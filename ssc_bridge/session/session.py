@@ -263,7 +263,7 @@ class Session(BaseSession[bytes, Message | Poll, Event]):
         del now
         reasons = doubts(self._contradictions, confirmed=self._confirmed)
         state = self.command_state
-        if state is not None and state in self.settings.estop_states:
+        if state is not None and state in self.settings.stop_states:
             reasons.append(command_stop(state))
         return Verdict.stop(*reasons) if reasons else Verdict()
 
