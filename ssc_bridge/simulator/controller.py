@@ -111,6 +111,7 @@ class Simulator:
 
     def _listen(self, data: bytes, now: float) -> bytes:
         """Take frames and the entry string; return the keys that follow it."""
+        self._watch(now)
         self._recent += data
         before, entry, keys = self._recent.partition(ENTRY)
         if not entry or not self.config_available:
