@@ -65,6 +65,7 @@ class Bench:
         self.inputs = observer.record(UInt16MultiArray, f'{self.name}/pulse_inputs')
         self.outputs = observer.record(UInt16MultiArray, f'{self.name}/pulse_outputs')
         self.state = observer.record(String, f'{self.name}/command_state', latched())
+        self.sources = observer.record(DiagnosticStatus, f'{self.name}/channel_sources', latched())
         self.aux = observer.record(DiagnosticStatus, f'{self.name}/aux_inputs')
         self.diagnostics = Diagnostics(observer, self.name)
         self.estop_in = Talker(observer, Bool, f'{self.name}/estop_in')

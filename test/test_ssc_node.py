@@ -134,6 +134,7 @@ def test_configuration_and_sources_are_shown(bench: Bench) -> None:
     assert bench.value('aux 2') == 'Timer In (8us,+,+)'
     bench.port.apply('channel 1 2000')
     bench.wait(lambda: bench.value('source of output 2') == 'PIN 2 (nibble 1)', 'the sources')
+    bench.wait(lambda: values_of(bench.sources.last)['output 2'] == 'PIN 2 (nibble 1)', 'them')
     bench.wait(lambda: bench.state.last == String(data='2 ms'), 'the state')
 
 
@@ -223,8 +224,8 @@ def test_auxiliary_outputs_are_set_in_si_units_and_triggered(bench: Bench) -> No
     for key, value in (('4.level', 'high'), ('5.pulse', '0.0015'), ('5.period', '0.02')):
         out.publish(KeyValue(key=key, value=value))
     shots = bench.seen()['aux'][5]['shots']
-    for _ in range(2):
-        out.publish(KeyValue(key='6.pulse', value='0.001'))
+    out.publish(KeyValue(key='6.pulse', value='0.001'))
+    out.publish(KeyValue(key='6.pulse,4.level', value='0.001,high'))
 
     def done() -> bool:
         aux = bench.seen()['aux']

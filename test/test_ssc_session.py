@@ -21,6 +21,7 @@ from ssc_bridge.session import PulsesIn
 from ssc_bridge.session import PulsesOut
 from ssc_bridge.session import Session
 from ssc_bridge.session import Settings
+from ssc_bridge.session import SourcesChanged
 from ssc_bridge.session import Sticks
 from test.ssc_rig import build_frame
 from test.ssc_rig import configuration
@@ -312,6 +313,18 @@ def test_unknown_and_malformed_are_counted() -> None:
     rig.hear(build_frame(99, b'abc') + build_frame(14, b'\0\x01'))
     assert rig.session.counters.unknown_types == 1
     assert rig.session.counters.malformed == 1
+
+
+def test_sources_are_reported_on_change_and_forgotten_with_the_link() -> None:
+    rig = Rig(poll_rates=(20.0, 20.0, 0.0, 0.0, 0.0)).start()
+    rig.tick(30)
+    assert rig.of(SourcesChanged) == [SourcesChanged(('SERIAL',) * OUTPUTS)]
+    rig.sources = [0x10, *[2] * (OUTPUTS - 1)]
+    rig.tick(10)
+    assert rig.of(SourcesChanged)[-1].sources[:2] == ('PIN 2 (nibble 1)', 'CONST')
+    rig.mute = set(range(10, 16))
+    rig.tick(40)
+    assert rig.of(SourcesChanged)[2:] == [SourcesChanged(())]
 
 
 # -- configuration --------------------------------------------------------------------------------

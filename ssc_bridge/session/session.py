@@ -14,6 +14,7 @@ from bridge_core.session import Session as BaseSession
 from bridge_core.session import StickStream
 from bridge_core.session import Verdict
 from bridge_core.watchdog import Watchdog
+from ssc_bridge.channels import AuxRequest
 from ssc_bridge.protocol import AuxInputs
 from ssc_bridge.protocol import CommandState
 from ssc_bridge.protocol import Configuration
@@ -37,6 +38,7 @@ from ssc_bridge.session.events import Event
 from ssc_bridge.session.events import FailsafeBegun
 from ssc_bridge.session.events import PulsesIn
 from ssc_bridge.session.events import PulsesOut
+from ssc_bridge.session.events import SourcesChanged
 from ssc_bridge.session.outputs import Outputs
 from ssc_bridge.session.outputs import RELEASE_FRAMES
 from ssc_bridge.session.polling import Poller
@@ -95,6 +97,7 @@ class Session(BaseSession[bytes, Message | Poll, Event]):
         self._confirmed = False  # the configuration was read, and nothing contradicted it since
         self._contradictions: dict[MessageType, str] = {}  # of the newest message of each type
         self._published: CommandState | None = None
+        self._published_sources: tuple[str, ...] = ()
         self._stream = StickStream()
         self._aux_inputs = AuxInputTotals()
         self._aux_outputs = AuxOutputCommands()
@@ -280,6 +283,10 @@ class Session(BaseSession[bytes, Message | Poll, Event]):
         if self.command_state != self._published:
             self._published = self.command_state
             self._emit(CommandStateChanged(self._published))
+        sources = tuple(self.source_texts())
+        if sources != self._published_sources:
+            self._published_sources = sources
+            self._emit(SourcesChanged(sources))
         fresh = self.link_up and not self._inputs_heard.expired(now)
         if self._stream.owes_neutral(fresh=fresh, counts=self._counts()):
             self.faulty = ()
@@ -355,20 +362,14 @@ class Session(BaseSession[bytes, Message | Poll, Event]):
         self.refused_commands += 1
         self._begin_failsafe(self.outputs.forget(), [f'command refused: {reason}'])
 
-    def set_level(self, number: int, high: bool, now: float) -> None:
-        """Set a digital output, aux 1 to 6. :raises ValueError: it is none, or a stop."""
-        self._check_aux(now)
-        self._aux_outputs.set_level(number, high)
-
-    def set_pulse(self, number: int, seconds: float, now: float) -> None:
-        """Set a pulse time, aux 1 to 6; this triggers a one-shot pulse. Else ValueError."""
-        self._check_aux(now)
-        self._aux_outputs.set_pulse(number, seconds)
-
-    def set_period(self, number: int, seconds: float, now: float) -> None:
-        """Set the period of free running pulses, aux 1 to 6. :raises ValueError: as set_level."""
-        self._check_aux(now)
-        self._aux_outputs.set_period(number, seconds)
+    def set_aux(self, requests: Sequence[AuxRequest], now: float) -> None:
+        """Set auxiliary outputs at once. :raises ValueError: cannot be, or a stop; none is set."""
+        self._expire(now)
+        if not self._confirmed:
+            raise ValueError('the SSC has not reported yet what its auxiliary channels are')
+        if self._stopped and not self.settings.keep_aux_outputs:
+            raise ValueError(f'stopped: {"; ".join(self.inhibits(now))}')
+        self._aux_outputs.ask(requests)
 
     def lock_out(self, now: float) -> None:
         """Lock the configuration menus out; an Answer follows."""
@@ -398,13 +399,6 @@ class Session(BaseSession[bytes, Message | Poll, Event]):
         if not self._stopped:
             for number, pulse in us.items():
                 self.outputs.ask(number, pulse, now)
-
-    def _check_aux(self, now: float) -> None:
-        self._expire(now)
-        if not self._confirmed:
-            raise ValueError('the SSC has not reported yet what its auxiliary channels are')
-        if self._stopped and not self.settings.keep_aux_outputs:
-            raise ValueError(f'stopped: {"; ".join(self.inhibits(now))}')
 
     def _start_lockout(self, now: float) -> None:
         self._lockout.start(now)
