@@ -100,6 +100,8 @@ class Session(ABC, Generic[FrameT, MessageT, EventT]):
         self.verdict = Verdict.stop(self.CLOSED, link_up=False)
         self._decoder = decoder
         self._heard = Watchdog(link_timeout)  # the subclass feeds it with signs of life
+        self._garbage = Watchdog(link_timeout)  # fed with bytes that complete no frame
+        self._garbage_since = math.inf
         self._events: list[Event[EventT]] = []
         self._open = False
         self._stepped_at = -math.inf  # the last receive, poll or request
@@ -178,7 +180,9 @@ class Session(ABC, Generic[FrameT, MessageT, EventT]):
         """Take what came: some bytes, a datagram or a frame. Frames to send come from poll."""
         if self._open:
             self._expire(now)
+            frames = self.counters.frames
             self._take_all(self._decoder.feed(data, now), now)
+            self._watch_garbage(frames, now)
         return self._take_events(), []
 
     def poll(self, now: float) -> Output[EventT, FrameT]:
@@ -265,8 +269,23 @@ class Session(ABC, Generic[FrameT, MessageT, EventT]):
             self._take(message, now)
             self._refresh(now)
 
+    def _watch_garbage(self, frames: int, now: float) -> None:
+        """Note a read. :param frames: the count before it."""
+        if self.counters.frames > frames:
+            self._garbage.reset()
+            return
+        if self._garbage.expired(now):
+            self._garbage_since = now
+        self._garbage.feed(now)
+
+    def _garbled(self, now: float) -> bool:
+        """Tell whether data comes, but for the link timeout no frame: as at another baud rate."""
+        since = self._garbage_since + self._garbage.timeout
+        return not self._garbage.expired(now) and now >= since
+
     def _forget_all(self, now: float, reason: str) -> None:
         self._decoder.reset()
+        self._garbage.reset()
         self._heard.reset()
         self._refresh(now)  # the stop comes first
         self._forget(now, reason)

@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 import pytest
 
 from bridge_core.session import Answer
+from bridge_core.session import Level
 from bridge_core.session import StopChanged
 from bridge_core.session import Verdict
 from ssc_bridge.channels import AxisInput
@@ -26,6 +27,7 @@ from ssc_bridge.session import Sticks
 from test.ssc_rig import build_frame
 from test.ssc_rig import configuration
 from test.ssc_rig import OUTPUTS
+from test.ssc_rig import PAN
 from test.ssc_rig import Rig
 from test.ssc_rig import STATES
 from test.ssc_rig import status
@@ -306,6 +308,19 @@ def test_echoed_frames_are_told_apart_and_vouch_for_nothing() -> None:
     session.receive(b''.join(frames) + build_frame(20, bytes(2)) + build_frame(98, b''), 0.0)
     assert session.looped_back == len(frames) + 2
     assert not session.link_up
+    assert any('RX wired to TX' in text for _, text in session.problems(1.0))
+    assert not any('RX wired to TX' in text for _, text in session.problems(10.0))  # mended
+
+
+def test_bytes_without_a_frame_name_the_baud_rate() -> None:
+    session = Session(Settings())
+    session.opened(0.0)
+    assert 'baud' not in session.stop_reasons(0.0)[0]
+    for tick in range(60):
+        session.receive(b'\xe6\x1f\x98', 0.01 * tick)
+    assert session.stop_reasons(0.6)[0].startswith('check baud (an SSC has 115200)')
+    session.receive(status(), 0.61)
+    assert 'baud' not in session.stop_reasons(0.61)[0]
 
 
 def test_unknown_and_malformed_are_counted() -> None:
@@ -542,6 +557,36 @@ def test_without_axes_and_buttons_there_is_no_joy() -> None:
     rig = Rig().start()
     assert rig.of(PulsesIn)
     assert not rig.of(Sticks)
+
+
+# -- diagnostics ----------------------------------------------------------------------------------
+
+
+def levels(rig: Rig) -> list[tuple[Level, str]]:
+    return [(level, text) for level, text in rig.session.problems(rig.now) if 'failsafe' in text]
+
+
+def test_outputs_at_failsafe_by_a_stale_input_are_a_warning() -> None:
+    rig = Rig(servos=(PAN,)).start()
+    ((level, text),) = levels(rig)
+    assert (level, 'no fresh command for pan' in text) == (Level.WARN, True)
+    rig.tick(10, lambda session, now: session.set_servos({'pan': 0.5}, now))
+    assert not levels(rig)
+    rig.estop = None
+    rig.tick(30, lambda session, now: session.set_servos({'pan': 0.5}, now))
+    ((level, text),) = levels(rig)
+    assert (level, 'e-stop input is stale' in text) == (Level.WARN, True)
+    rig.estop = True
+    rig.tick()
+    assert not levels(rig)  # that is no fault
+
+
+def test_receiver_alone_is_not_told_of_outputs_that_nobody_commands() -> None:
+    rig = stick_rig()
+    rig.estop = None
+    rig.tick(50)
+    assert rig.session.problems(rig.now) == []
+    assert rig.session.inhibits(rig.now) == []
 
 
 # -- lockout --------------------------------------------------------------------------------------
