@@ -428,7 +428,7 @@ class BridgeNode(ManagedNode, Generic[SessionT, EventT]):
         if session is None:
             return Status(Level.WARN, 'the node is not active; ~/estop is true')
         level, message = summarise(session.problems(now), session.summary())
-        inhibits = session.inhibits(now)
+        inhibits = [text for text in session.inhibits(now) if text not in message]
         if inhibits:
             message += f'; {session.HELD}: {"; ".join(inhibits)}'
         return Status(level, message, {**session.values(now), **self.extra_values()})

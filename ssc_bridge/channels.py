@@ -10,6 +10,7 @@ from enum import Enum
 import math
 from typing import Any
 from typing import ClassVar
+from typing import NamedTuple
 
 from bridge_core.parameters import names_of
 from bridge_core.parameters import Parameter
@@ -181,6 +182,19 @@ class AuxChannel:
     measurement: Measurement | None = None
     total: int = 0
     overflowed: bool = False
+
+
+class AuxRequest(NamedTuple):
+    """
+    What to set of an auxiliary output.
+
+    :param number: 1 to 6. :param what: 'level', 'pulse' or 'period'.
+    :param value: 1 or 0 for a level, else seconds.
+    """
+
+    number: int
+    what: str
+    value: float
 
 
 def axes_of(values: Mapping[str, Any]) -> tuple[AxisInput, ...]:

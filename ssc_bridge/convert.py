@@ -17,6 +17,7 @@ from std_msgs.msg import UInt16MultiArray
 from bridge_core.convert import joy_message
 from bridge_core.convert import scaled
 from ssc_bridge.channels import AuxChannel
+from ssc_bridge.channels import AuxRequest
 from ssc_bridge.channels import AxisInput
 from ssc_bridge.protocol import CommandState
 from ssc_bridge.protocol import INVALID_PULSE
@@ -87,23 +88,41 @@ def servo_command(message: JointState, servos: Sequence[str]) -> dict[str, float
     return dict(zip(names, map(float, filled[0]), strict=True))
 
 
-def aux_request(message: KeyValue) -> tuple[int, str, float]:
+def aux_requests(message: KeyValue) -> list[AuxRequest]:
     """
-    Return channel, 'level', 'pulse' or 'period', and the value: 1 or 0 for a level, else seconds.
+    Return what to set: keys such as '4.level', and values, each with commas between.
 
-    :raises ValueError: for another key, or a value that is none.
+    :raises ValueError: another key, a value that is none, or not as many of one as of the other.
     """
-    number, dot, what = message.key.partition('.')
+    keys, values = message.key.split(','), message.value.split(',')
+    if len(keys) != len(values):
+        raise ValueError(f'{len(values)} values for {len(keys)} keys: {message.key!r}')
+    return [_aux_request(*map(str.strip, pair)) for pair in zip(keys, values, strict=True)]
+
+
+def _aux_request(key: str, value: str) -> AuxRequest:
+    number, dot, what = key.partition('.')
     if not (dot and number.isdecimal() and what in ('level', 'pulse', 'period')):
-        raise ValueError(f'{message.key!r}: {_AUX_KEY}')
+        raise ValueError(f'{key!r}: {_AUX_KEY}')
     if what == 'level':
-        if message.value not in _LEVELS:
-            raise ValueError(f'{message.value!r} is no level: high or low is needed')
-        return int(number), what, float(_LEVELS[message.value])
+        if value not in _LEVELS:
+            raise ValueError(f'{value!r} is no level: high or low is needed')
+        return AuxRequest(int(number), what, float(_LEVELS[value]))
     try:
-        return int(number), what, float(message.value)
+        return AuxRequest(int(number), what, float(value))
     except ValueError as error:
-        raise ValueError(f'{message.value!r} is no time in seconds') from error
+        raise ValueError(f'{value!r} is no time in seconds') from error
+
+
+def channel_sources(sources: Sequence[str], name: str, hardware_id: str) -> DiagnosticStatus:
+    """Return the source of each output in the manual's words; STALE if none is known."""
+    return DiagnosticStatus(
+        level=DiagnosticStatus.OK if sources else DiagnosticStatus.STALE,
+        name=name,
+        message='ok' if sources else UNKNOWN,
+        hardware_id=hardware_id,
+        values=[KeyValue(key=f'output {n}', value=text) for n, text in enumerate(sources, 1)],
+    )
 
 
 def aux_inputs(channels: Iterable[AuxChannel], name: str, hardware_id: str) -> DiagnosticStatus:

@@ -1,6 +1,7 @@
 """The SSC bridge: an RC receiver as operator, and servos as actuators."""
 
 from collections.abc import Mapping
+from collections.abc import Sequence
 from typing import Any
 from typing import ClassVar
 
@@ -33,18 +34,12 @@ from ssc_bridge.session import PulsesIn
 from ssc_bridge.session import PulsesOut
 from ssc_bridge.session import Session
 from ssc_bridge.session import Settings
+from ssc_bridge.session import SourcesChanged
 from ssc_bridge.session import Sticks
 
 # A stop must not be overwritten by what follows it before it was read, hence the depth.
 _STOP_QOS = QoSProfile(depth=10)
 _COMMAND_QOS = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
-
-
-_AUX_REQUESTS = {
-    'level': Session.set_level,
-    'pulse': Session.set_pulse,
-    'period': Session.set_period,
-}
 
 
 class SscBridge(BridgeNode[Session, Event]):
@@ -67,7 +62,9 @@ class SscBridge(BridgeNode[Session, Event]):
         self._pulse_outputs = self.publisher(UInt16MultiArray, '~/pulse_outputs', 10)
         self._command_state = self.publisher(String, '~/command_state', latched_qos())
         self._aux_inputs = self.publisher(DiagnosticStatus, '~/aux_inputs', 10)
+        self._sources = self.publisher(DiagnosticStatus, '~/channel_sources', latched_qos())
         self._command_state.publish(convert.command_state(None))
+        self._publish_sources(())
         self.create_subscription(
             UInt16MultiArray, '~/pulse_command', self._on_pulse_command, _COMMAND_QOS
         )
@@ -98,13 +95,21 @@ class SscBridge(BridgeNode[Session, Event]):
         elif isinstance(event, CommandStateChanged):
             self._command_state.publish(convert.command_state(event.state))
         elif isinstance(event, AuxReading):
-            name = f'{self.get_fully_qualified_name().lstrip("/")}: aux'
-            self._aux_inputs.publish(convert.aux_inputs(event.channels, name, self.hardware_id))
+            self._aux_inputs.publish(convert.aux_inputs(event.channels, *self._part('aux')))
+        elif isinstance(event, SourcesChanged):
+            self._publish_sources(event.sources)
         elif isinstance(event, FailsafeBegun):
             text = f'failsafe of {", ".join(event.names)}: {"; ".join(event.reasons)}'
             self.log(Level.WARN, text, site='failsafe')
         elif isinstance(event, ConfigurationRead):
             self._log_configuration(event)
+
+    def _publish_sources(self, sources: Sequence[str]) -> None:
+        self._sources.publish(convert.channel_sources(sources, *self._part('channel sources')))
+
+    def _part(self, part: str) -> tuple[str, str]:
+        """Return name and hardware_id of a DiagnosticStatus."""
+        return f'{self.get_fully_qualified_name().lstrip("/")}: {part}', self.hardware_id
 
     def _log_configuration(self, event: ConfigurationRead) -> None:
         read = event.configuration
@@ -145,15 +150,12 @@ class SscBridge(BridgeNode[Session, Event]):
         self.request(Session.set_estop, message.data, sticky=message.data)
 
     def _on_aux_outputs(self, message: Any) -> None:
-        if self.session is None:
-            return
         try:
-            number, what, value = convert.aux_request(message)
+            requests = convert.aux_requests(message)
         except ValueError as error:
             self.refuse(f'aux_outputs: {error}')
         else:
-            method = _AUX_REQUESTS[what]
-            self.request(method, number, value, key='aux_outputs', each=True)
+            self.request(Session.set_aux, requests, key='aux_outputs', each=True)
 
 
 def main() -> None:

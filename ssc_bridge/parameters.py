@@ -98,11 +98,17 @@ GENERAL = (
     Parameter(
         'estop_states',
         ['no signal'],
-        'Which states of the command channel (pulse input 1) are a stop. With a receiver that '
-        "sends 1.5 ms when it has lost the transmitter add '1.5 ms': else its last sticks count "
-        "on. [''] for none.",
+        'Which states of the command channel (pulse input 1) are a stop, beside a lost '
+        "transmitter. [''] for none.",
         choices=('', *(state.text for state in CommandState)),
         section='stops',
+    ),
+    Parameter(
+        'lost_link_is_stop',
+        True,
+        'Take 1.5 ms on the command channel for a lost transmitter, which is a stop: the manual '
+        '(2) has receivers set up so. False: 1.5 ms is a position of your switch, and a lost '
+        'transmitter shows only if the receiver then ends its pulses.',
     ),
     Parameter(
         'axes',

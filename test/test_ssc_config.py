@@ -33,17 +33,27 @@ LONGEST = 60.0  # seconds; a restore takes 19
 class Command:
     """The executable as a child process. Use it as a context manager."""
 
-    def __init__(self, *arguments: str) -> None:
+    def __init__(self, *arguments: str, terminal: int | None = None) -> None:
+        """:param terminal: a slave, which becomes its controlling terminal; closed here."""
+        command = [sys.executable, '-m', 'ssc_bridge.config.main', *arguments]
+        if terminal is not None:
+            command = ['setsid', '--ctty', *command]
         self.process = subprocess.Popen(
-            [sys.executable, '-m', 'ssc_bridge.config.main', *arguments],
-            stdout=subprocess.PIPE,
+            command,
+            stdin=terminal,
+            stdout=subprocess.PIPE if terminal is None else terminal,
             stderr=subprocess.STDOUT,
             cwd=ROOT,
         )
-        assert self.process.stdout is not None
-        self._fd = self.process.stdout.fileno()
-        os.set_blocking(self._fd, False)
+        if terminal is not None:
+            os.close(terminal)
+        elif self.process.stdout is not None:
+            self.read_from(self.process.stdout.fileno())
         self.output = ''
+
+    def read_from(self, descriptor: int) -> None:
+        self._fd = descriptor
+        os.set_blocking(descriptor, False)
 
     def _read(self) -> None:
         with contextlib.suppress(BlockingIOError):
@@ -230,6 +240,22 @@ def test_interrupted_in_the_middle_of_a_restore_leaves_the_unit_as_it_was(
     wait_for(lambda: unit.describe()['mode'] == 'operation', 5.0, 'the unit runs again')
 
 
+def test_terminal_closed_in_the_middle_of_a_restore_leaves_the_unit_as_it_was(
+    unit: PtyDevice, file: Path
+) -> None:
+    master, slave = os.openpty()
+    with Command('restore', str(file), '--port', str(unit.path), terminal=slave) as command:
+        command.read_from(master)
+        command.wait(PROMPT)
+        unit.apply('reboot')
+        command.wait('36 of 220 bytes sent')
+        os.close(master)  # as a dropped SSH session does: SIGHUP, and each further line fails
+        wait_for(lambda: command.process.poll() is not None, LONGEST, 'its end')
+    assert command.process.returncode == 4
+    assert memory(unit).stored == OTHERS.to_image()
+    wait_for(lambda: unit.describe()['mode'] == 'operation', 5.0, 'the unit runs again')
+
+
 def test_interrupted_twice_stops_at_once_and_says_how_it_stands(
     unit: PtyDevice, file: Path
 ) -> None:
@@ -244,7 +270,7 @@ def test_interrupted_twice_stops_at_once_and_says_how_it_stands(
     assert 'may hold a partial image' in command.output
 
 
-@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT])
 def test_interrupted_before_the_unit_answers_has_changed_nothing(
     unit: PtyDevice, file: Path, number: int
 ) -> None:
@@ -252,7 +278,7 @@ def test_interrupted_before_the_unit_answers_has_changed_nothing(
         command.wait(PROMPT)
         command.process.send_signal(number)
         assert command.end() == 4, command.output
-    assert 'The SSC has the configuration stored that it had before.' in command.output
+    assert 'No SSC was seen on this port' in command.output
     assert memory(unit).stored == OTHERS.to_image()
 
 

@@ -280,7 +280,7 @@ def test_every_function_has_its_line() -> None:
     ],
 )
 def test_request_for_an_auxiliary_output(key: str, value: str, expected: Any) -> None:
-    assert convert.aux_request(KeyValue(key=key, value=value)) == expected
+    assert convert.aux_requests(KeyValue(key=key, value=value)) == [expected]
 
 
 @pytest.mark.parametrize(
@@ -295,8 +295,23 @@ def test_request_for_an_auxiliary_output(key: str, value: str, expected: Any) ->
         ('4.level', 'up'),
         ('4.level', ''),
         ('5.pulse', 'long'),
+        ('4.level,3.level', 'high'),
+        ('4.level', 'high,low'),
+        ('4.level,', 'high,'),
     ],
 )
 def test_request_that_makes_no_sense_is_refused(key: str, value: str) -> None:
-    with pytest.raises(ValueError, match=r'key|level|time'):
-        convert.aux_request(KeyValue(key=key, value=value))
+    with pytest.raises(ValueError, match=r'key|level|time|values'):
+        convert.aux_requests(KeyValue(key=key, value=value))
+
+
+def test_several_requests_in_one_message() -> None:
+    message = KeyValue(key='4.level, 5.pulse', value='high, 0.0015')
+    assert convert.aux_requests(message) == [(4, 'level', 1.0), (5, 'pulse', 0.0015)]
+
+
+def test_sources_of_the_outputs_by_number() -> None:
+    message = convert.channel_sources(('SERIAL', 'PIN 2 (nibble 1)'), 'name', 'hardware')
+    assert values_of(message) == {'output 1': 'SERIAL', 'output 2': 'PIN 2 (nibble 1)'}
+    assert message.level == DiagnosticStatus.OK
+    assert convert.channel_sources((), 'name', 'hardware').level == DiagnosticStatus.STALE

@@ -138,7 +138,7 @@ class Bench:
     def assert_truth(self) -> None:
         """What is said of the unit holds."""
         stored = self.simulator.memory.stored
-        if self.unit.standing is Standing.UNCHANGED:
+        if self.unit.standing in (Standing.UNSEEN, Standing.UNCHANGED):
             assert stored == self.before
         if self.unit.standing is Standing.STORED:
             assert stored == GOLDEN.data
@@ -229,7 +229,7 @@ def test_silent_unit_is_given_up_in_the_end() -> None:
     dialogue = bench.dump()
     assert 'no menu within 60 s' in str(dialogue.error)
     assert bench.keys.count(ENTRY) == ENTRY_TRIES
-    assert bench.unit.how_it_stands == Standing.UNCHANGED.value
+    assert bench.unit.how_it_stands == Standing.UNSEEN.value
 
 
 def test_unit_that_nobody_switches_off_hears_nothing_dangerous() -> None:
@@ -429,7 +429,7 @@ def test_interrupted_at_any_moment_ends_outside_the_menus_and_truthfully(at: flo
     bench = Bench(cancel_at=at)
     dialogue = bench.restore()
     assert dialogue.done
-    assert bench.unit.standing in (Standing.UNCHANGED, Standing.STORED)
+    assert bench.unit.standing in (Standing.UNSEEN, Standing.UNCHANGED, Standing.STORED)
     assert not bench.unit.in_menus
     bench.assert_truth()
     assert bench.drives
@@ -465,6 +465,8 @@ def test_wrong_menus_end_in_an_error_and_meet_no_dangerous_key(answer: bytes) ->
         now += 0.05
         assert now < LONGEST
     assert isinstance(dialogue.error, Exception)
+    assert unit.standing is Standing.UNSEEN  # it was none
+    assert 'the SSC answers' not in str(dialogue.error)
     assert set(keys.replace(ENTRY, b'')) <= set(b'R0\r')
     assert unit.in_menus == (b'Select' in answer)
 

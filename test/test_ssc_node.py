@@ -1,7 +1,6 @@
 """The SSC bridge as a process of its own, on a pty with a simulated SSC."""
 
 from collections.abc import Iterator
-import contextlib
 from pathlib import Path
 import signal
 import time
@@ -11,7 +10,6 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from diagnostic_msgs.msg import KeyValue
 import pytest
 from sensor_msgs.msg import JointState
-from sensor_msgs.msg import Joy
 from std_msgs.msg import Bool
 from std_msgs.msg import String
 from std_msgs.msg import UInt16MultiArray
@@ -21,8 +19,6 @@ import yaml
 from bridge_core.runner import run
 from rugged_teleop.ptys import PtyDevice
 from ssc_bridge.node import SscBridge
-from ssc_bridge.simulator import Settings
-from ssc_bridge.simulator import Simulator
 from test.rig import as_yaml
 from test.rig import latched
 from test.rig import NodeProcess
@@ -30,103 +26,19 @@ from test.rig import Observer
 from test.rig import Pty
 from test.rig import ROOT
 from test.rig import wait_for
+from test.ssc_bench import Bench
+from test.ssc_bench import bench_of
+from test.ssc_bench import DEVICE
+from test.ssc_bench import LINK
+from test.ssc_bench import NAME
+from test.ssc_bench import new_simulator
+from test.ssc_bench import position
+from test.ssc_bench import SERVOS
 from test.ssc_rig import build_frame
 from test.ssc_rig import status
 from test.talkers import Diagnostics
-from test.talkers import namespace
 from test.talkers import Talker
 from test.talkers import values_of
-
-NAME = 'ssc_bridge'
-LINK, DEVICE = 'link', 'device'  # the parts of its diagnostics
-SERVOS: dict[str, Any] = {
-    'servos': ['pan', 'tilt'],
-    'servo.pan.channel': 1,
-    'servo.pan.min_us': 1100,
-    'servo.pan.max_us': 1900,
-    'servo.pan.rate_us_per_s': 1e6,
-    'servo.pan.failsafe': 'pulse',
-    'servo.pan.failsafe_us': 1200,
-    'servo.tilt.channel': 2,
-    'servo.tilt.rate_us_per_s': 1e6,
-}
-# Timer of 8 us between rising edges; accumulator; digital output; free running pulses of 2 us;
-# one-shot pulses of 1 us.
-AUX = [0, 0x01B1, 0x0082, 0x0003, 0x0014, 0x0104]
-
-
-def new_simulator(**settings: Any) -> Simulator:
-    """Return an SSC with its switch at 1 ms, which gives all outputs to SERIAL."""
-    simulator = Simulator(Settings(aux=list(AUX), rates=[0] * 5, **settings))
-    simulator.apply('channel 1 1000')
-    return simulator
-
-
-class Bench:
-    """One bridge on one simulated SSC, with a mux that allows everything."""
-
-    def __init__(
-        self, folder: Path, observer: Observer, simulator: Simulator, **parameters: Any
-    ) -> None:
-        self.observer = observer
-        self.port = PtyDevice(simulator, folder / 'ssc')
-        space = namespace()
-        self.name = f'{space}/{NAME}'
-        given = {'port': str(folder / 'ssc'), **parameters}
-        self.node = NodeProcess(f'{NAME}.node', given, namespace=space)
-        self.estop = observer.record(Bool, f'{self.name}/estop', latched())
-        self.own_estop = observer.record(Bool, f'{self.name}/own_estop', latched())
-        self.joy = observer.record(Joy, f'{self.name}/joy')
-        self.inputs = observer.record(UInt16MultiArray, f'{self.name}/pulse_inputs')
-        self.outputs = observer.record(UInt16MultiArray, f'{self.name}/pulse_outputs')
-        self.state = observer.record(String, f'{self.name}/command_state', latched())
-        self.aux = observer.record(DiagnosticStatus, f'{self.name}/aux_inputs')
-        self.diagnostics = Diagnostics(observer, self.name)
-        self.estop_in = Talker(observer, Bool, f'{self.name}/estop_in')
-
-    def wait(self, condition: Any, what: str = 'it', timeout: float = 15.0) -> Any:
-        return self.observer.wait_for(condition, timeout, lambda: f'{what}\n{self.node.output}')
-
-    def wait_stop(self, stop: bool) -> None:
-        self.wait(lambda: self.estop.last == Bool(data=stop), f'estop {stop}')
-
-    def connect(self) -> 'Bench':
-        """Wait until the link is healthy and topics are matched."""
-        self.wait_stop(False)
-        self.wait(lambda: self.inputs.last and self.joy.last, 'pulse inputs')
-        self.wait(self.estop_in.publisher.get_subscription_count, 'a listener')
-        return self
-
-    def seen(self) -> dict[str, Any]:
-        """Return what can be seen of the device."""
-        return self.port.describe()
-
-    def talker(self, kind: Any, topic: str, message: Any) -> Talker:
-        talker = Talker(self.observer, kind, f'{self.name}/{topic}', message)
-        self.wait(talker.publisher.get_subscription_count, 'a listener')
-        return talker
-
-    def value(self, key: str, part: str = DEVICE) -> str:
-        return self.diagnostics.value(part, key)
-
-    def message(self, part: str = DEVICE) -> str:
-        found = self.diagnostics.status(part)
-        return '' if found is None else str(found.message)
-
-    def close(self) -> None:
-        self.node.__exit__(None, None, None)
-        self.port.close()
-
-
-@contextlib.contextmanager
-def bench_of(
-    folder: Path, observer: Observer, simulator: Simulator | None = None, **parameters: Any
-) -> Iterator[Bench]:
-    bench = Bench(folder, observer, simulator or new_simulator(), **parameters)
-    try:
-        yield bench
-    finally:
-        bench.close()
 
 
 @pytest.fixture(scope='module')
@@ -148,10 +60,6 @@ def bench(shared: Bench) -> Bench:
     shared.estop_in.message = Bool(data=False)
     shared.estop_in.resume()
     return shared.connect()
-
-
-def position(**positions: float) -> JointState:
-    return JointState(name=list(positions), position=list(positions.values()))
 
 
 @pytest.fixture
@@ -200,19 +108,23 @@ def test_receiver_lost_stops_and_neutralises(bench: Bench) -> None:
     bench.wait_stop(False)
 
 
-def test_lost_link_of_1_5_ms_is_shown_and_no_stop_by_default(bench: Bench) -> None:
-    bench.port.apply('link off')
+def test_lost_transmitter_stops_and_its_last_sticks_end(bench: Bench) -> None:
+    for line in ('channel 3 2000', 'channel 4 1900'):
+        bench.port.apply(line)
+    bench.wait(lambda: list(bench.joy.last.buttons) == [1], 'the deadman')
+    bench.port.apply('link off')  # the receiver holds all other channels
+    bench.wait_stop(True)
     bench.wait(lambda: bench.state.last == String(data='1.5 ms'), 'the state')
-    bench.observer.holds_for(lambda: not bench.estop.last.data, 0.3, 'no stop')
+    bench.wait(lambda: list(bench.joy.last.buttons) == [0], 'neutral')
+    assert not any(bench.joy.last.axes)
 
 
-def test_lost_link_of_1_5_ms_stops_where_configured(observer: Observer, tmp_path: Path) -> None:
-    states = ['no signal', '1.5 ms']
-    with bench_of(tmp_path, observer, estop_states=states) as bench:
+def test_1_5_ms_is_a_state_of_its_own_where_configured(observer: Observer, tmp_path: Path) -> None:
+    with bench_of(tmp_path, observer, lost_link_is_stop=False) as bench:
         bench.connect()
-        bench.port.apply('link off')
-        bench.wait_stop(True)
+        bench.port.apply('channel 1 1500')
         bench.wait(lambda: bench.state.last == String(data='1.5 ms'), 'the state')
+        bench.observer.holds_for(lambda: not bench.estop.last.data, 0.3, 'no stop')
 
 
 def test_configuration_and_sources_are_shown(bench: Bench) -> None:
@@ -222,6 +134,7 @@ def test_configuration_and_sources_are_shown(bench: Bench) -> None:
     assert bench.value('aux 2') == 'Timer In (8us,+,+)'
     bench.port.apply('channel 1 2000')
     bench.wait(lambda: bench.value('source of output 2') == 'PIN 2 (nibble 1)', 'the sources')
+    bench.wait(lambda: values_of(bench.sources.last)['output 2'] == 'PIN 2 (nibble 1)', 'them')
     bench.wait(lambda: bench.state.last == String(data='2 ms'), 'the state')
 
 
@@ -311,8 +224,8 @@ def test_auxiliary_outputs_are_set_in_si_units_and_triggered(bench: Bench) -> No
     for key, value in (('4.level', 'high'), ('5.pulse', '0.0015'), ('5.period', '0.02')):
         out.publish(KeyValue(key=key, value=value))
     shots = bench.seen()['aux'][5]['shots']
-    for _ in range(2):
-        out.publish(KeyValue(key='6.pulse', value='0.001'))
+    out.publish(KeyValue(key='6.pulse', value='0.001'))
+    out.publish(KeyValue(key='6.pulse,4.level', value='0.001,high'))
 
     def done() -> bool:
         aux = bench.seen()['aux']
@@ -453,6 +366,7 @@ BAD: list[tuple[str, Any]] = [
     ('poll_rates', [20.0, 5.0, 5.0, 5.0, 101.0]),
     ('message_rates', [51.0, 0.0, 0.0, 0.0, 0.0]),
     ('estop_states', ['3 ms']),
+    ('lost_link_is_stop', 'no'),
     ('first_input_nibble', 2),
     ('plausible_us', [2300, 700]),
     ('plausible_us', [1200, 2300]),

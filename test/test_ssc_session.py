@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 import pytest
 
 from bridge_core.session import Answer
+from bridge_core.session import Level
 from bridge_core.session import StopChanged
 from bridge_core.session import Verdict
 from ssc_bridge.channels import AxisInput
@@ -21,10 +22,12 @@ from ssc_bridge.session import PulsesIn
 from ssc_bridge.session import PulsesOut
 from ssc_bridge.session import Session
 from ssc_bridge.session import Settings
+from ssc_bridge.session import SourcesChanged
 from ssc_bridge.session import Sticks
 from test.ssc_rig import build_frame
 from test.ssc_rig import configuration
 from test.ssc_rig import OUTPUTS
+from test.ssc_rig import PAN
 from test.ssc_rig import Rig
 from test.ssc_rig import STATES
 from test.ssc_rig import status
@@ -170,15 +173,18 @@ def test_configuration_without_a_status_does_not_count_for_the_device_that_comes
 
 
 @pytest.mark.parametrize('state', STATES)
-@pytest.mark.parametrize('stops', [{'no signal'}, {'1.5 ms'}, {'no signal', '1.5 ms'}, set()])
-def test_command_state_is_a_stop_exactly_if_configured(state: str, stops: set[str]) -> None:
+@pytest.mark.parametrize('stops', [{'no signal'}, {'1 ms'}, {'no signal', '2 ms'}, set()])
+@pytest.mark.parametrize('lost_link', [False, True])
+def test_command_state_is_a_stop_exactly_if_configured(
+    state: str, stops: set[str], lost_link: bool
+) -> None:
     chosen = frozenset(member for member in CommandState if member.text in stops)
-    rig = Rig(estop_states=chosen)
+    rig = Rig(estop_states=chosen, lost_link_is_stop=lost_link)
     rig.state = state
     rig.tick(15)
     assert rig.session.link_up
-    assert rig.session.estop == (state in stops)
-    assert rig.session.own_estop == (state in stops)
+    is_stop = state in stops or (lost_link and state == '1.5 ms')
+    assert (rig.session.estop, rig.session.own_estop) == (is_stop, is_stop)
     assert rig.of(CommandStateChanged) == [CommandStateChanged(CommandState(STATES[state]))]
 
 
@@ -190,14 +196,22 @@ def test_receiver_lost_stops_by_default_and_says_what_to_do() -> None:
     assert 'no pulses from the RC receiver' in rig.session.stop_reasons(rig.now)[0]
 
 
-def test_lost_link_of_1_5_ms_stops_only_where_configured() -> None:
-    ours = Rig(estop_states=frozenset({CommandState.NO_SIGNAL, CommandState.MS_1_5})).start()
-    others = Rig().start()
-    for rig in (ours, others):
-        rig.state = '1.5 ms'
-        rig.tick(6)
-    assert ours.session.estop
-    assert not others.session.estop
+def test_lost_transmitter_stops_by_default_and_its_last_sticks_end() -> None:
+    rig = stick_rig()
+    rig.inputs = [1900] * 8  # deadman held, and the receiver holds it so
+    rig.tick(3)
+    assert rig.of(Sticks)[-1].buttons == (1, 2)
+    rig.state = '1.5 ms'
+    rig.tick(6)
+    assert rig.session.estop
+    assert 'transmitter' in rig.session.stop_reasons(rig.now)[0]
+    assert rig.of(Sticks)[-1] == Sticks((None, None), (0, 0))
+
+
+def test_position_of_1_5_ms_and_a_stop_of_it_contradict_each_other() -> None:
+    states = frozenset({CommandState.MS_1_5})
+    with pytest.raises(ValueError, match='lost_link_is_stop'):
+        Settings(estop_states=states, lost_link_is_stop=False)
 
 
 def stops_in(events: list[Any]) -> list[bool]:
@@ -294,6 +308,19 @@ def test_echoed_frames_are_told_apart_and_vouch_for_nothing() -> None:
     session.receive(b''.join(frames) + build_frame(20, bytes(2)) + build_frame(98, b''), 0.0)
     assert session.looped_back == len(frames) + 2
     assert not session.link_up
+    assert any('RX wired to TX' in text for _, text in session.problems(1.0))
+    assert not any('RX wired to TX' in text for _, text in session.problems(10.0))  # mended
+
+
+def test_bytes_without_a_frame_name_the_baud_rate() -> None:
+    session = Session(Settings())
+    session.opened(0.0)
+    assert 'baud' not in session.stop_reasons(0.0)[0]
+    for tick in range(60):
+        session.receive(b'\xe6\x1f\x98', 0.01 * tick)
+    assert session.stop_reasons(0.6)[0].startswith('check baud (an SSC has 115200)')
+    session.receive(status(), 0.61)
+    assert 'baud' not in session.stop_reasons(0.61)[0]
 
 
 def test_unknown_and_malformed_are_counted() -> None:
@@ -301,6 +328,18 @@ def test_unknown_and_malformed_are_counted() -> None:
     rig.hear(build_frame(99, b'abc') + build_frame(14, b'\0\x01'))
     assert rig.session.counters.unknown_types == 1
     assert rig.session.counters.malformed == 1
+
+
+def test_sources_are_reported_on_change_and_forgotten_with_the_link() -> None:
+    rig = Rig(poll_rates=(20.0, 20.0, 0.0, 0.0, 0.0)).start()
+    rig.tick(30)
+    assert rig.of(SourcesChanged) == [SourcesChanged(('SERIAL',) * OUTPUTS)]
+    rig.sources = [0x10, *[2] * (OUTPUTS - 1)]
+    rig.tick(10)
+    assert rig.of(SourcesChanged)[-1].sources[:2] == ('PIN 2 (nibble 1)', 'CONST')
+    rig.mute = set(range(10, 16))
+    rig.tick(40)
+    assert rig.of(SourcesChanged)[2:] == [SourcesChanged(())]
 
 
 # -- configuration --------------------------------------------------------------------------------
@@ -481,7 +520,7 @@ def test_axis_on_an_input_that_is_not_there_is_faulty() -> None:
 
 @pytest.mark.parametrize('state', ['no signal', '1.5 ms'])
 def test_stop_state_makes_sticks_neutral_at_once(state: str) -> None:
-    rig = stick_rig(estop_states=frozenset({CommandState.NO_SIGNAL, CommandState.MS_1_5}))
+    rig = stick_rig()
     rig.inputs = [1900] * 8
     rig.tick(3)
     assert rig.of(Sticks)[-1].axes == (1900, 1900)
@@ -518,6 +557,36 @@ def test_without_axes_and_buttons_there_is_no_joy() -> None:
     rig = Rig().start()
     assert rig.of(PulsesIn)
     assert not rig.of(Sticks)
+
+
+# -- diagnostics ----------------------------------------------------------------------------------
+
+
+def levels(rig: Rig) -> list[tuple[Level, str]]:
+    return [(level, text) for level, text in rig.session.problems(rig.now) if 'failsafe' in text]
+
+
+def test_outputs_at_failsafe_by_a_stale_input_are_a_warning() -> None:
+    rig = Rig(servos=(PAN,)).start()
+    ((level, text),) = levels(rig)
+    assert (level, 'no fresh command for pan' in text) == (Level.WARN, True)
+    rig.tick(10, lambda session, now: session.set_servos({'pan': 0.5}, now))
+    assert not levels(rig)
+    rig.estop = None
+    rig.tick(30, lambda session, now: session.set_servos({'pan': 0.5}, now))
+    ((level, text),) = levels(rig)
+    assert (level, 'e-stop input is stale' in text) == (Level.WARN, True)
+    rig.estop = True
+    rig.tick()
+    assert not levels(rig)  # that is no fault
+
+
+def test_receiver_alone_is_not_told_of_outputs_that_nobody_commands() -> None:
+    rig = stick_rig()
+    rig.estop = None
+    rig.tick(50)
+    assert rig.session.problems(rig.now) == []
+    assert rig.session.inhibits(rig.now) == []
 
 
 # -- lockout --------------------------------------------------------------------------------------

@@ -7,6 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 import pytest
 
+from ssc_bridge.channels import AuxRequest
 from ssc_bridge.protocol import DigitalInput
 from ssc_bridge.protocol import Measurement
 from ssc_bridge.protocol import PulseAccumulator
@@ -29,16 +30,20 @@ def aux_rig(**changes: Any) -> Rig:
     return rig.start()
 
 
+def several(*requests: tuple[int, str, float]) -> Callable[[Session, float], None]:
+    return lambda session, now: session.set_aux([AuxRequest(*each) for each in requests], now)
+
+
 def level(number: int, high: bool) -> Callable[[Session, float], None]:
-    return lambda session, now: session.set_level(number, high, now)
+    return several((number, 'level', high))
 
 
 def pulse(number: int, seconds: float) -> Callable[[Session, float], None]:
-    return lambda session, now: session.set_pulse(number, seconds, now)
+    return several((number, 'pulse', seconds))
 
 
 def period(number: int, seconds: float) -> Callable[[Session, float], None]:
-    return lambda session, now: session.set_period(number, seconds, now)
+    return several((number, 'period', seconds))
 
 
 # -- inputs ---------------------------------------------------------------------------------------
@@ -125,6 +130,37 @@ def test_pulse_time_and_period_are_converted_by_time_base() -> None:
     rig.do(pulse(5, 0.0015))
     rig.do(period(5, 0.02))
     assert rig.payloads(21) == [bytes.fromhex('00 10 02EE'), bytes.fromhex('00 90 2710')]
+
+
+def test_several_outputs_are_set_by_one_message() -> None:
+    rig = aux_rig()
+    rig.do(
+        several((4, 'level', 1.0), (3, 'level', 0.0), (5, 'pulse', 0.0015), (6, 'pulse', 0.128))
+    )
+    assert rig.payloads(21) == [bytes.fromhex('88 30 02EE 03E8')]
+
+
+def test_period_goes_before_the_pulse_time_that_shares_its_field() -> None:
+    rig = aux_rig()
+    rig.do(several((5, 'pulse', 0.0015), (5, 'period', 0.02), (4, 'level', 1.0)))
+    assert rig.payloads(21) == [bytes.fromhex('00 90 2710'), bytes.fromhex('8C 10 02EE')]
+
+
+@pytest.mark.parametrize(
+    'request_',
+    [
+        several((4, 'level', 1.0), (5, 'pulse', 0.0656)),
+        several((4, 'level', 1.0), (1, 'level', 1.0)),
+        several((4, 'level', 1.0), (4, 'level', 0.0)),
+    ],
+)
+def test_several_outputs_of_which_one_cannot_be_set_are_all_left_alone(request_: Any) -> None:
+    rig = aux_rig()
+    with pytest.raises(ValueError, match=r'aux|fit'):
+        rig.do(request_)
+    assert not rig.payloads(21)
+    rig.do(level(3, True))
+    assert rig.payloads(21) == [b'\x84\0']  # aux 4 as it was
 
 
 def test_one_shot_is_triggered_once_a_request() -> None:
@@ -239,7 +275,7 @@ def test_requests_during_a_stop_are_refused_and_nothing_comes_after() -> None:
 
 def test_request_that_waits_when_a_stop_comes_is_dropped() -> None:
     rig = aux_rig()
-    rig.session.set_pulse(6, 0.1, rig.now)
+    pulse(6, 0.1)(rig.session, rig.now)
     rig.session.set_estop(True, rig.now)
     rig.poll()
     assert not rig.payloads(21)

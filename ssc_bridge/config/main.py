@@ -18,6 +18,7 @@ import select
 import signal
 import sys
 import time
+from typing import TextIO
 
 from bridge_core.transports import TransportError
 from bridge_core.transports.serial import SerialTransport
@@ -87,14 +88,18 @@ def check_target(path: Path, force: bool) -> None:
 # -- the unit ------------------------------------------------------------------------------------
 
 
+# Ctrl-C, a polite end, a closed terminal, Ctrl-\.
+_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT)
+
+
 class Interrupts:
-    """Counts SIGINT and SIGTERM while it is entered, so that a script can end in its own way."""
+    """Counts signals that end it while it is entered, so that a script can end in its own way."""
 
     def __init__(self) -> None:
         self.count = 0
 
     def __enter__(self) -> Interrupts:
-        self._before = [(n, signal.signal(n, self._note)) for n in (signal.SIGINT, signal.SIGTERM)]
+        self._before = [(number, signal.signal(number, self._note)) for number in _SIGNALS]
         return self
 
     def __exit__(self, *error: object) -> None:
@@ -145,14 +150,20 @@ def _pump(transport: SerialTransport, dialogue: Dialogue, interrupts: Interrupts
                 dialogue.receive(data, time.monotonic())
 
 
-def say(line: str) -> None:
-    """Tell the user."""
-    print(line, flush=True)
+def say(line: str, stream: TextIO | None = None) -> None:
+    """Print a line; a terminal that is gone is no reason to leave the unit as it is."""
+    stream = stream or sys.stdout
+    try:
+        print(line, file=stream, flush=True)
+    except OSError:
+        nowhere = os.open(os.devnull, os.O_WRONLY)
+        os.dup2(nowhere, stream.fileno())  # what is left in the stream would fail at the exit
+        os.close(nowhere)
 
 
 def status_of(unit: Maintenance) -> Exit:
     """Return the status after a failure."""
-    known = unit.standing in (Standing.UNCHANGED, Standing.STORED)
+    known = unit.standing in (Standing.UNSEEN, Standing.UNCHANGED, Standing.STORED)
     return Exit.FAILED if known and not unit.in_menus else Exit.UNCERTAIN
 
 
@@ -262,7 +273,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     try:
         status = options.act(options)
     except Failure as failure:
-        print(f'ssc_config: {failure}', file=sys.stderr)
+        say(f'ssc_config: {failure}', sys.stderr)
         status = failure.status
     sys.exit(int(status))
 

@@ -50,6 +50,7 @@ POWER_CYCLE = (
 class Standing(Enum):
     """What the SSC holds now, in words."""
 
+    UNSEEN = 'No SSC was seen on this port; nothing was sent that changes what one has stored.'
     UNCHANGED = 'The SSC has the configuration stored that it had before.'
     LOADING = (
         'The SSC may hold a partial image in its working memory. It was not told to save it, so '
@@ -71,7 +72,7 @@ class Standing(Enum):
     STORED = 'The SSC has the new image stored; it was read back after a restart.'
 
 
-_IN_MENUS = ' It may be in configuration mode and drives no servos there: switch it off and on.'
+_IN_MENUS = 'may be in configuration mode and drives no servos there: switch it off and on.'
 
 
 class Maintenance:
@@ -83,7 +84,7 @@ class Maintenance:
     """
 
     def __init__(self) -> None:
-        self.standing = Standing.UNCHANGED
+        self.standing = Standing.UNSEEN
         self.in_menus = False
         self.image: Image | None = None
         self._seen_menus = False  # a menu has shown since it was last told to leave them
@@ -91,7 +92,10 @@ class Maintenance:
     @property
     def how_it_stands(self) -> str:
         """Where the unit was left, for whoever has to go on from there."""
-        return self.standing.value + _IN_MENUS * self.in_menus
+        which = 'An SSC there' if self.standing is Standing.UNSEEN else 'It'
+        return (
+            f'{self.standing.value} {which} {_IN_MENUS}' if self.in_menus else self.standing.value
+        )
 
     def dump(self) -> Script[Image]:
         """Read the image. :raises MenuError: could not."""
@@ -175,10 +179,10 @@ class Maintenance:
         for _ in range(tries):
             text = yield Step(ENTRY, talks, ENTRY_PERIOD)
             if text is not None:
-                self._seen_menus = True
                 shown = text if shows_menu(text) else (yield from self._probe())
+                self._see(shown)
                 if shown is None or screen_of(shown) is not Screen.MAIN:
-                    raise MenuError('the SSC answers, but not with its main menu')
+                    raise MenuError('what answers on this port is not the main menu of an SSC')
                 return True
         self.in_menus = False
         return False
@@ -188,9 +192,16 @@ class Maintenance:
         for keys in (_REDRAW, _ENTER, _REDRAW):  # one may be lost on the way
             text = yield Step(keys, shows_menu, _PROBE)
             if text is not None:
-                self.in_menus = self._seen_menus = True
+                self._see(text)
                 return text
         return None
+
+    def _see(self, shown: str | None) -> None:
+        """Note that a menu was shown; None: one that cannot be read, or other words."""
+        self.in_menus = self._seen_menus = True
+        of_an_ssc = shown is not None and screen_of(shown) is not Screen.OTHER
+        if self.standing is Standing.UNSEEN and of_an_ssc:
+            self.standing = Standing.UNCHANGED
 
     def _leave(self, text: str | None = None) -> Script[None]:
         """Leave by the main menu, which restarts the unit. :raises MenuError: it stays."""

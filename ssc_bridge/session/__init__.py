@@ -19,6 +19,7 @@ from ssc_bridge.session.events import Event
 from ssc_bridge.session.events import FailsafeBegun
 from ssc_bridge.session.events import PulsesIn
 from ssc_bridge.session.events import PulsesOut
+from ssc_bridge.session.events import SourcesChanged
 from ssc_bridge.session.events import Sticks
 from ssc_bridge.session.outputs import RELEASE_FRAMES
 from ssc_bridge.session.session import LOCKOUT
@@ -37,6 +38,7 @@ __all__ = [
     'PulsesOut',
     'Session',
     'Settings',
+    'SourcesChanged',
     'Sticks',
     'counts_of',
 ]

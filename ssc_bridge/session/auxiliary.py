@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from collections.abc import Sequence
 import math
 from typing import TypeVar
 
 from bridge_core.session import Pacer
 from ssc_bridge.channels import AuxChannel
+from ssc_bridge.channels import AuxRequest
 from ssc_bridge.protocol import AUX_CHANNELS
 from ssc_bridge.protocol import AuxFunction
 from ssc_bridge.protocol import AuxInputs
@@ -94,26 +96,50 @@ class AuxOutputCommands:
         """Note the pins' levels."""
         self._seen = levels
 
-    def set_level(self, number: int, high: bool) -> None:
-        """Set a digital output, 1 to 6. :raises ValueError: it is none."""
-        place, _ = self._output(number, DigitalOutput)
-        self._levels[place] = high
-        self._ask(AuxOutputs(levels=self._all_levels()))
+    def ask(self, requests: Sequence[AuxRequest]) -> None:
+        """
+        Set outputs at once, all or none; a pulse time starts a one-shot pulse.
 
-    def set_pulse(self, number: int, seconds: float) -> None:
-        """Set the pulse time of an output, 1 to 6; starts a one-shot pulse. Else ValueError."""
-        place, output = self._output(number, PulseOutput)
-        self._ask(AuxOutputs(counts=_at({place: counts_of(seconds, output.time_base_us)})))
-        if not output.one_shot:
-            self._pulsing.add(place)
+        :raises ValueError: an output is set twice, is none of that kind, or a time does not fit.
+        """
+        levels: dict[int, bool] = {}
+        counts: dict[str, dict[int, int]] = {'pulse': {}, 'period': {}}
+        for number, what, value in requests:
+            target = levels if what == 'level' else counts[what]
+            if number - 1 in target:
+                raise ValueError(f'aux {number}: its {what} is set twice')
+            if what == 'level':
+                self._output(number, DigitalOutput)
+                levels[number - 1] = bool(value)
+            else:
+                counts[what][number - 1] = self._counts(number, what, value)
+        self._levels |= levels
+        self._pulsing |= {place for place in counts['pulse'] if not self._is_one_shot(place)}
+        self._send(self._all_levels() if levels else None, counts['pulse'], counts['period'])
 
-    def set_period(self, number: int, seconds: float) -> None:
-        """Set the period of a free running output, 1 to 6. :raises ValueError: it is none."""
-        place, output = self._output(number, PulseOutput)
-        if output.one_shot:
+    def _counts(self, number: int, what: str, seconds: float) -> int:
+        output = self._output(number, PulseOutput)
+        if what == 'period' and output.one_shot:
             raise ValueError(f'aux {number} is {output.text}: one shot has no period')
-        counts = _at({place: counts_of(seconds, output.time_base_us)})
-        self._ask(AuxOutputs(counts=counts, period=True))
+        return counts_of(seconds, output.time_base_us)
+
+    def _is_one_shot(self, place: int) -> bool:
+        function = self._functions[place]
+        return isinstance(function, PulseOutput) and function.one_shot
+
+    def _send(
+        self,
+        levels: tuple[bool, ...] | None,
+        pulses: Mapping[int, int],
+        periods: Mapping[int, int],
+    ) -> None:
+        """Queue one message; two where periods and pulse times are set, which share a field."""
+        if periods:
+            self._queue.append(AuxOutputs(None, _at(periods), period=True))
+        if pulses or levels is not None:
+            self._queue.append(AuxOutputs(levels, _at(pulses)))
+        self._undos.stop()  # what is asked for now must not be undone
+        self._undos_left = 0
 
     def stop(self, now: float) -> None:
         """Undo all that was ever set: levels as after power-on, no pulses; drop what waits."""
@@ -148,11 +174,6 @@ class AuxOutputCommands:
         """When take has something by itself; infinite if never."""
         return self._undos.due
 
-    def _ask(self, message: AuxOutputs) -> None:
-        self._queue.append(message)
-        self._undos.stop()  # what is asked for now must not be undone
-        self._undos_left = 0
-
     def _all_levels(self) -> tuple[bool, ...]:
         """Return every digital output's level: as set, else as seen, else as after power-on."""
         levels = [False] * AUX_CHANNELS
@@ -162,13 +183,13 @@ class AuxOutputCommands:
                 levels[place] = self._levels.get(place, other)
         return tuple(levels)
 
-    def _output(self, number: int, kind: type[_T]) -> tuple[int, _T]:
+    def _output(self, number: int, kind: type[_T]) -> _T:
         if not 1 <= number <= AUX_CHANNELS:
             raise ValueError(f'there is no aux {number}, only 1 to {AUX_CHANNELS}')
         function = self._functions[number - 1]
         if not isinstance(function, kind):
             raise ValueError(f'aux {number} is {function.text}, so it does not take this')
-        return number - 1, function
+        return function
 
 
 def _at(counts: Mapping[int, int]) -> tuple[int | None, ...]:

@@ -17,6 +17,13 @@ class CommandStateChanged:
 
 
 @dataclass(frozen=True, slots=True)
+class SourcesChanged:
+    """Where each output gets its pulses from, in words, output 1 first; empty: not known."""
+
+    sources: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
 class ConfigurationRead:
     """The device reported how it is set up; all that follows was checked against it."""
 
@@ -71,6 +78,7 @@ class FailsafeBegun:
 
 Event = (
     CommandStateChanged
+    | SourcesChanged
     | ConfigurationRead
     | PulsesIn
     | PulsesOut

@@ -138,6 +138,11 @@ class Outputs:
         numbered = enumerate(self._channels, 1)
         return {number: chan.servo.name for number, chan in numbered if chan.command.heard}
 
+    def without_command(self) -> list[str]:
+        """Name the outputs with a name that have no fresh command."""
+        names = {chan.servo.name for chan in self._channels if not chan.command.heard}
+        return [name for name in self.servos if name in names]
+
     def frames(self, now: float, count: int, *, at_once: bool = False) -> list[bytes]:
         """Return the message 20 for the first ``count`` outputs, if it is due and needed."""
         if not (at_once or self._urgent or self._pacer.is_due(now)):

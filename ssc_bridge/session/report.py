@@ -15,6 +15,7 @@ from ssc_bridge.protocol import Status
 from ssc_bridge.session.settings import Settings
 
 UNKNOWN = 'unknown'
+ECHO = 'is RX wired to TX, or echo on? Our own frames come back'
 
 
 def control_problems(faulty: Sequence[str]) -> list[tuple[Level, str]]:
@@ -25,11 +26,9 @@ def control_problems(faulty: Sequence[str]) -> list[tuple[Level, str]]:
     return [(Level.ERROR, f'{text} calibration')]
 
 
-def echo_problems(count: int) -> list[tuple[Level, str]]:
-    """Say what frames are that only a host sends."""
-    if not count:
-        return []
-    return [(Level.WARN, 'our own frames come back: is RX wired to TX, or echo on?')]
+def no_command(names: Sequence[str], held: str) -> list[str]:
+    """Say that outputs have no fresh command."""
+    return [f'{held}: no fresh command for {", ".join(names)}; start the node that commands them']
 
 
 def setup_warnings(settings: Settings, configuration: Configuration) -> list[str]:

@@ -14,6 +14,7 @@ from bridge_core.session import Session as BaseSession
 from bridge_core.session import StickStream
 from bridge_core.session import Verdict
 from bridge_core.watchdog import Watchdog
+from ssc_bridge.channels import AuxRequest
 from ssc_bridge.protocol import AuxInputs
 from ssc_bridge.protocol import CommandState
 from ssc_bridge.protocol import Configuration
@@ -37,11 +38,13 @@ from ssc_bridge.session.events import Event
 from ssc_bridge.session.events import FailsafeBegun
 from ssc_bridge.session.events import PulsesIn
 from ssc_bridge.session.events import PulsesOut
+from ssc_bridge.session.events import SourcesChanged
 from ssc_bridge.session.outputs import Outputs
 from ssc_bridge.session.outputs import RELEASE_FRAMES
 from ssc_bridge.session.polling import Poller
 from ssc_bridge.session.report import control_problems
-from ssc_bridge.session.report import echo_problems
+from ssc_bridge.session.report import ECHO
+from ssc_bridge.session.report import no_command
 from ssc_bridge.session.report import setup_values
 from ssc_bridge.session.report import setup_warnings
 from ssc_bridge.session.report import state_text
@@ -59,6 +62,7 @@ LOCKOUT = 'lockout'  # the request's name in its Answer
 _CONFIGURATION_RATE = 4.0  # Hz, until the device answers
 _AT_START = (MessageType.STATUS, MessageType.CONFIGURATION)
 _MAX_POSITION = 1.05  # what rounding may add to 1; more is another unit
+_ECHO_MEMORY = 5.0  # s for which an echoed frame is a warning
 _LOCKOUT_PERIOD = 0.2  # s; one message may be lost
 _LOCKOUT_TIMEOUT = 1.0  # s
 _LOCKED = 'the configuration menus are locked out'
@@ -85,7 +89,9 @@ class Session(BaseSession[bytes, Message | Poll, Event]):
         self.unchecked = 0  # messages that came before the configuration was known
         self.refused_commands = 0
         self.looped_back = 0  # frames that only a host sends: the line echoes
+        self._echo = Watchdog(_ECHO_MEMORY)
         self.outputs = Outputs(settings)
+        self._commanded = bool(settings.servos)  # somebody is to command outputs, or did
         rates = dict(zip(REPEATED, settings.poll_rates, strict=True))
         self._poller = Poller({**rates, MessageType.CONFIGURATION: _CONFIGURATION_RATE})
         self._inputs_heard = Watchdog(settings.link_timeout)
@@ -95,6 +101,7 @@ class Session(BaseSession[bytes, Message | Poll, Event]):
         self._confirmed = False  # the configuration was read, and nothing contradicted it since
         self._contradictions: dict[MessageType, str] = {}  # of the newest message of each type
         self._published: CommandState | None = None
+        self._published_sources: tuple[str, ...] = ()
         self._stream = StickStream()
         self._aux_inputs = AuxInputTotals()
         self._aux_outputs = AuxOutputCommands()
@@ -109,7 +116,9 @@ class Session(BaseSession[bytes, Message | Poll, Event]):
         return None if self.status is None else self.status.command_state
 
     def inhibits(self, now: float) -> list[str]:
-        """Return why no command to an output is obeyed, in words; empty if they are."""
+        """Return why no command to an output is obeyed, in words; empty too if there is none."""
+        if not self._commanded:
+            return []
         return self.stop_reasons(now) + self._estop_in_reasons(now)
 
     def warnings(self) -> list[str]:
@@ -123,12 +132,14 @@ class Session(BaseSession[bytes, Message | Poll, Event]):
         ]
 
     def problems(self, now: float) -> list[tuple[Level, str]]:
-        """Return stops, controls that are not believed, and warnings."""
+        """Return stops, controls that are not believed, stale inputs, and warnings."""
+        warnings = [*self._stale(now), *self.warnings()]
+        if not self._echo.expired(now):
+            warnings.append(ECHO)
         return [
             *super().problems(now),
             *control_problems(self.faulty),
-            *((Level.WARN, text) for text in self.warnings()),
-            *echo_problems(self.looped_back),
+            *((Level.WARN, text) for text in warnings),
         ]
 
     def values(self, now: float) -> dict[str, Any]:
@@ -137,9 +148,11 @@ class Session(BaseSession[bytes, Message | Poll, Event]):
             'command state': state_text(self.command_state),
             'faulty controls': ', '.join(self.faulty) or 'none',
             'outputs commanded': ', '.join(self.outputs.commanded().values()) or 'none',
-            'commands not obeyed because': '; '.join(self.inhibits(now)) or 'they are',
+            'commands not obeyed because': '; '.join(self.inhibits(now))
+            or ('they are' if self._commanded else 'there are none'),
             'limited commands': self.outputs.limited,
             'refused commands': self.refused_commands,
+            'own frames that came back': self.looped_back,
             'messages before the configuration': self.unchecked,
             'messages against the configuration': self.mismatches,
             **setup_values(self.configuration, self.status),
@@ -148,6 +161,15 @@ class Session(BaseSession[bytes, Message | Poll, Event]):
                 for number, text in enumerate(self.source_texts(), 1)
             },
         }
+
+    def _stale(self, now: float) -> list[str]:
+        """Say which input holds outputs at their failsafe by its silence."""
+        if not self._commanded or self.verdict.estop:
+            return []
+        if self._estop_in.expired(now):
+            return [f'{self.HELD}: {text}' for text in self._estop_in_reasons(now)]
+        names = self.outputs.without_command()
+        return no_command(names, self.HELD) if names and not self._estop_value else []
 
     def source_texts(self) -> list[str]:
         """Name the source of every output, as the switch has it now; empty if not known."""
@@ -197,6 +219,7 @@ class Session(BaseSession[bytes, Message | Poll, Event]):
             self._take_checked(message, now)
         else:
             self.looped_back += 1
+            self._echo.feed(now)
 
     def _take_status(self, status: Status, now: float) -> None:
         self._poller.heard(MessageType.STATUS, now)
@@ -263,15 +286,20 @@ class Session(BaseSession[bytes, Message | Poll, Event]):
         del now
         reasons = doubts(self._contradictions, confirmed=self._confirmed)
         state = self.command_state
-        if state is not None and state in self.settings.estop_states:
+        if state is not None and state in self.settings.stop_states:
             reasons.append(command_stop(state))
         return Verdict.stop(*reasons) if reasons else Verdict()
 
     def _silence(self, now: float) -> str:
+        age = self._heard.describe(now)
+        if self._garbled(now):
+            return (
+                'check baud (an SSC has 115200), and that the SSC is not in its configuration '
+                f'menus: bytes come, but no frame; no status: {age}'
+            )
         return (
-            f'no status from the SSC: {self._heard.describe(now)}; check its power, the '
-            'serial cable, that this port is its Primary Comm, and that it is not in its '
-            'configuration menus'
+            f'no status from the SSC: {age}; check its power, the serial cable, that this port is '
+            'its Primary Comm, and that it is not in its configuration menus'
         )
 
     def _follow(self, now: float) -> None:
@@ -280,6 +308,10 @@ class Session(BaseSession[bytes, Message | Poll, Event]):
         if self.command_state != self._published:
             self._published = self.command_state
             self._emit(CommandStateChanged(self._published))
+        sources = tuple(self.source_texts())
+        if sources != self._published_sources:
+            self._published_sources = sources
+            self._emit(SourcesChanged(sources))
         fresh = self.link_up and not self._inputs_heard.expired(now)
         if self._stream.owes_neutral(fresh=fresh, counts=self._counts()):
             self.faulty = ()
@@ -355,20 +387,15 @@ class Session(BaseSession[bytes, Message | Poll, Event]):
         self.refused_commands += 1
         self._begin_failsafe(self.outputs.forget(), [f'command refused: {reason}'])
 
-    def set_level(self, number: int, high: bool, now: float) -> None:
-        """Set a digital output, aux 1 to 6. :raises ValueError: it is none, or a stop."""
-        self._check_aux(now)
-        self._aux_outputs.set_level(number, high)
-
-    def set_pulse(self, number: int, seconds: float, now: float) -> None:
-        """Set a pulse time, aux 1 to 6; this triggers a one-shot pulse. Else ValueError."""
-        self._check_aux(now)
-        self._aux_outputs.set_pulse(number, seconds)
-
-    def set_period(self, number: int, seconds: float, now: float) -> None:
-        """Set the period of free running pulses, aux 1 to 6. :raises ValueError: as set_level."""
-        self._check_aux(now)
-        self._aux_outputs.set_period(number, seconds)
+    def set_aux(self, requests: Sequence[AuxRequest], now: float) -> None:
+        """Set auxiliary outputs at once. :raises ValueError: cannot be, or a stop; none is set."""
+        self._expire(now)
+        if not self._confirmed:
+            raise ValueError('the SSC has not reported yet what its auxiliary channels are')
+        if self._stopped and not self.settings.keep_aux_outputs:
+            reasons = self.stop_reasons(now) + self._estop_in_reasons(now)
+            raise ValueError(f'stopped: {"; ".join(reasons)}')
+        self._aux_outputs.ask(requests)
 
     def lock_out(self, now: float) -> None:
         """Lock the configuration menus out; an Answer follows."""
@@ -393,18 +420,12 @@ class Session(BaseSession[bytes, Message | Poll, Event]):
         """Command outputs by number. :raises ValueError: none, or one that is not there."""
         if not us:
             raise ValueError('nothing is commanded')
+        self._commanded = True
         if self.configuration is not None and max(us) > self.configuration.outputs:
             raise ValueError(f'output {max(us)}: there are {self.configuration.outputs}')
         if not self._stopped:
             for number, pulse in us.items():
                 self.outputs.ask(number, pulse, now)
-
-    def _check_aux(self, now: float) -> None:
-        self._expire(now)
-        if not self._confirmed:
-            raise ValueError('the SSC has not reported yet what its auxiliary channels are')
-        if self._stopped and not self.settings.keep_aux_outputs:
-            raise ValueError(f'stopped: {"; ".join(self.inhibits(now))}')
 
     def _start_lockout(self, now: float) -> None:
         self._lockout.start(now)

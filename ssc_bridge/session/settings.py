@@ -49,6 +49,7 @@ class Settings(CheckedSettings):
     estop_states: frozenset[CommandState] = frozenset(
         _STATES[text] for text in _TABLE['estop_states'].default
     )
+    lost_link_is_stop: bool = _TABLE['lost_link_is_stop'].default
     first_input_nibble: int = _TABLE['first_input_nibble'].default
     axes: tuple[AxisInput, ...] = ()
     buttons: tuple[ButtonInput, ...] = ()
@@ -76,6 +77,8 @@ class Settings(CheckedSettings):
         _check_channels(self.servos)
         for axis in self.axes:
             self._check_calibration(axis)
+        if CommandState.MS_1_5 in self.estop_states and not self.lost_link_is_stop:
+            raise ValueError("lost_link_is_stop = false contradicts '1.5 ms' in estop_states")
         if self.failsafe is Failsafe.PULSE:
             raise ValueError('failsafe: a pulse needs an output with a name, see servos')
 
@@ -85,6 +88,11 @@ class Settings(CheckedSettings):
             raise ValueError(
                 f'{axis.prefix}: min_us and max_us must be within plausible_us, {low}-{high}'
             )
+
+    @property
+    def stop_states(self) -> frozenset[CommandState]:
+        """States of the command channel that are a stop."""
+        return self.estop_states | ({CommandState.MS_1_5} if self.lost_link_is_stop else set())
 
     @classmethod
     def from_parameters(cls, values: Mapping[str, Any]) -> Settings:

@@ -18,8 +18,8 @@ Checked = ChannelSource | PulseOutputs | PulseInputs | AuxInputs  # against the 
 _HINTS = {
     CommandState.NO_SIGNAL: 'no pulses from the RC receiver; switch the transmitter on, check '
     "the receiver's power and its cable to pulse input 1",
-    CommandState.MS_1_5: 'receivers set up so send this when the radio link is lost; switch the '
-    'transmitter on',
+    CommandState.MS_1_5: 'switch the transmitter on: receivers send this when they have lost it; '
+    'if 1.5 ms is a position of your switch, set lost_link_is_stop: false',
 }
 
 

@@ -52,7 +52,7 @@ _FORMAT = FrameFormat(b'\x81\xa1', 4, 261, lambda head: head[3] + 6, _decode)  #
 
 class Simulator:
     """
-    An SSC, its receiver on with all sticks centred.
+    An SSC, its receiver on: the command channel at 1 ms, all sticks centred.
 
     :param settings: what it has stored. None: sensible ones, with 8 inputs and 16 outputs.
     :param image: what it has stored, byte by byte; stands above ``settings``.
@@ -68,7 +68,7 @@ class Simulator:
     ) -> None:
         self.memory = Memory(image or (settings or Settings()).to_image())
         self.terminal = terminal or Terminal()
-        self.channels: list[int | None] = [1500] * 16  # us, as the transmitter has them
+        self.channels: list[int | None] = [1000, *[1500] * 15]  # us, as the transmitter has them
         self.receiver = True  # it has power
         self.link = True  # it hears the transmitter
         self.mute = False
@@ -111,6 +111,7 @@ class Simulator:
 
     def _listen(self, data: bytes, now: float) -> bytes:
         """Take frames and the entry string; return the keys that follow it."""
+        self._watch(now)
         self._recent += data
         before, entry, keys = self._recent.partition(ENTRY)
         if not entry or not self.config_available:
