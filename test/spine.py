@@ -96,21 +96,10 @@ class Spine(Stage):
         """Take a stop back on the remote, and acknowledge it; sticks count again."""
         return self.vsc.apply('estop remote off', 'estop vsc off', 'ack', 'mode operational')
 
-    def ready(self) -> None:
-        """Reset, once nothing else is missing, and let the operator rest for long enough."""
-        self.wait(self.may_reset, 'nothing missing but a reset')
-        reply = self.reset()
-        assert reply.success, reply.message
-        self.rested()
-
     def may_reset(self) -> bool:
         """Tell whether a status names no inhibit but the stop itself and the reset."""
         inhibits = sum(key.startswith('inhibit') for key in self.values)
         return super().may_reset() and inhibits == 2
-
-    def rested(self) -> None:
-        """Wait until the deadman gets control."""
-        self.wait(lambda: self.is_rested('fort'), 'a rested operator')
 
     def hold(self, stick: float = 0.5) -> float:
         """Press the deadman, then push the stick; return when the stick moved."""

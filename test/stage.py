@@ -280,6 +280,17 @@ class Stage:
         self._reset_at = time.monotonic()  # not before: it may have waited for the mux
         return reply
 
+    def ready(self) -> None:
+        """Reset, once nothing else is missing, and let FORT's operator rest for long enough."""
+        self.wait(self.may_reset, 'nothing missing but a reset')
+        reply = self.reset()
+        assert reply.success, reply.message
+        self.rested()
+
+    def rested(self) -> None:
+        """Wait until FORT's deadman gets control."""
+        self.wait(lambda: self.is_rested('fort'), 'a rested operator')
+
     # What must hold.
 
     def holds_still(self, since: float, duration: float = 0.6) -> int:

@@ -1,32 +1,24 @@
 """The stack: all configured nodes in one process, wired, ended together."""
 
-from collections.abc import Callable
 from collections.abc import Iterator
-import contextlib
 from pathlib import Path
 from signal import SIGINT
 from signal import SIGTERM
 import time
+from typing import Any
 
 import pytest
-from std_msgs.msg import Bool
-from std_msgs.msg import String
-from std_srvs.srv import Trigger
 import yaml
 
-from esi_drive_bridge.simulator import Simulator as DriveSimulator
-from fort_vsc_bridge.simulator import Simulator as VscSimulator
 from rugged_teleop.stack import configured_nodes
 from rugged_teleop.stack import NODES
 from rugged_teleop.stack import wired
-from test.rig import latched
 from test.rig import NodeProcess
 from test.rig import Observer
 from test.spine import exit_of
-from test.stage import Device
 from test.stage import DRIVE
-from test.stage import Drive
 from test.stage import MUX
+from test.stage import Stage
 from test.stage import VSC
 
 
@@ -80,13 +72,11 @@ def test_wiring_is_added_only_where_mux_and_drive_are_both_there() -> None:
     assert 'esi_drive_bridge:~/estop_in:=safety_mux/estop' in rules
 
 
-class Stack:
+class Stack(Stage):
     """The three nodes in one process, on simulated devices."""
 
     def __init__(self, folder: Path, observer: Observer) -> None:
-        self.observer = observer
-        self.vsc = Device(folder / 'vsc', VscSimulator())
-        self.drive = Drive(folder / 'drive', DriveSimulator())
+        super().__init__(folder, observer, (VSC, MUX, DRIVE))
         file = folder / 'stack.yaml'
         # A busy machine holds a process up for longer than the defaults allow; those: test_spine.
         sections = {
@@ -104,46 +94,24 @@ class Stack:
                 {name: {'ros__parameters': values} for name, values in sections.items()}
             )
         )
-        self.state = observer.record(String, f'/{MUX}/state', latched())
-        self.estops = [
-            observer.record(Bool, f'/{name}/estop', latched()) for name in (VSC, MUX, DRIVE)
-        ]
-        self.process = NodeProcess('rugged_teleop.stack', arguments=('--params-file', str(file)))
+        self.start('stack', 'rugged_teleop.stack', {}, ('--params-file', str(file)))
+        self.process = self.nodes['stack']
 
-    def wait(
-        self, condition: object, what: str | Callable[[], str], timeout: float = 15.0
-    ) -> None:
-        self.observer.wait_for(condition, timeout, what)  # type: ignore[arg-type]
+    def wait(self, condition: Any, what: str, timeout: float = 15.0) -> Any:
+        text = f'{what}; the stack printed:\n'
+        return super().wait(condition, lambda: text + self.process.output, timeout)
 
     def moving(self) -> None:
         """Drive: connected, reset, deadman, stick."""
         self.vsc.apply('mode operational')
-        vsc, _, drive = self.estops
-        self.wait(lambda: vsc.last and not vsc.last.data, 'the VSC without a stop')
-        self.wait(lambda: drive.last and not drive.last.data, 'the drive without a stop')
-        self.wait(lambda: self.state.last and self.state.last.data == 'STOPPED', 'STOPPED')
-        self.observer.holds_for(lambda: True, 0.8)  # longer than clear_time
-        reply = self.observer.call(Trigger, f'/{MUX}/reset')
-        assert reply.success, reply.message
-        self.observer.holds_for(lambda: True, 0.5)  # longer than neutral_time
-        self.vsc.apply('button left_down 1')
-        self.vsc.apply('stick left_y 0.5')
-        self.wait(
-            lambda: self.drive.enabled and self.drive.rpm > 20.0,
-            lambda: f'motion; the stack printed:\n{self.process.output}',
-        )
-
-    def close(self) -> None:
-        self.process.__exit__(None, None, None)
-        self.vsc.close()
-        self.drive.close()
+        self.ready()
+        self.vsc.apply('button left_down 1', 'stick left_y 0.5')
+        self.wait(lambda: self.drive.enabled and self.drive.rpm > 20.0, 'motion')
 
 
 @pytest.fixture
 def stack(tmp_path: Path, observer: Observer) -> Iterator[Stack]:
-    with contextlib.ExitStack() as exits:
-        result = Stack(tmp_path, observer)
-        exits.callback(result.close)
+    with Stack(tmp_path, observer) as result:
         yield result
 
 
@@ -158,7 +126,8 @@ def test_stack_turns_the_motor_and_leaves_it_disabled_when_it_is_ended(
     print(f'\n  measured: stack asked to end to its end: {lasted * 1e3:.1f} ms')
     assert lasted <= 1.0
     assert not any(packet.enables for packet in stack.drive.packets()[-3:])
-    stack.wait(lambda: all(estop.last.data for estop in stack.estops), 'a last stop of each')
+    estops = stack.estops.values()
+    stack.wait(lambda: all(estop.last.data for estop in estops), 'a last stop of each')
 
 
 def test_stack_stops_on_the_remotes_estop(stack: Stack) -> None:
