@@ -6,12 +6,11 @@ import contextlib
 from pathlib import Path
 from signal import SIGINT
 from signal import SIGTERM
-import time
 
+from diagnostic_msgs.msg import DiagnosticStatus
 import pytest
 from std_msgs.msg import Bool
 from std_msgs.msg import String
-from std_srvs.srv import Trigger
 import yaml
 
 from esi_drive_bridge.simulator import Simulator as DriveSimulator
@@ -28,6 +27,7 @@ from test.spine import Drive
 from test.spine import exit_of
 from test.spine import MUX
 from test.spine import VSC
+from test.talkers import reset
 
 
 @pytest.mark.parametrize(
@@ -86,7 +86,7 @@ class Stack:
     def __init__(self, folder: Path, observer: Observer) -> None:
         self.observer = observer
         self.vsc = Device(folder / 'vsc', VscSimulator())
-        self.drive = Drive(folder / 'drive', DriveSimulator())
+        self.drive = Drive(folder / 'drive', DriveSimulator(command_timeout=1.0))
         file = folder / 'stack.yaml'
         # A busy machine holds a process up for longer than the defaults allow; those: test_spine.
         sections = {
@@ -105,6 +105,7 @@ class Stack:
             )
         )
         self.state = observer.record(String, f'/{MUX}/state', latched())
+        self.status = observer.record(DiagnosticStatus, f'/{MUX}/status', latched())
         self.estops = [
             observer.record(Bool, f'/{name}/estop', latched()) for name in (VSC, MUX, DRIVE)
         ]
@@ -122,10 +123,8 @@ class Stack:
         self.wait(lambda: vsc.last and not vsc.last.data, 'the VSC without a stop')
         self.wait(lambda: drive.last and not drive.last.data, 'the drive without a stop')
         self.wait(lambda: self.state.last and self.state.last.data == 'STOPPED', 'STOPPED')
-        self.observer.holds_for(lambda: True, 0.8)  # longer than clear_time
-        reply = self.observer.call(Trigger, f'/{MUX}/reset')
-        assert reply.success, reply.message
-        self.observer.holds_for(lambda: True, 0.5)  # longer than neutral_time
+        reset(self.observer, f'/{MUX}')
+        self.wait(lambda: 'press the deadman' in self.status.last.message, 'a rested operator')
         self.vsc.apply('button left_down 1')
         self.vsc.apply('stick left_y 0.5')
         self.wait(
@@ -152,11 +151,7 @@ def test_stack_turns_the_motor_and_leaves_it_disabled_when_it_is_ended(
     stack: Stack, number: int
 ) -> None:
     stack.moving()
-    cause = time.monotonic()
-    assert stack.process.end(number) == 0
-    lasted = time.monotonic() - cause
-    print(f'\n  measured: stack asked to end to its end: {lasted * 1e3:.1f} ms')
-    assert lasted <= 1.0
+    assert stack.process.end(number) == 0  # within the 5 s that launch and others give
     assert not any(packet.enables for packet in stack.drive.packets()[-3:])
     stack.wait(lambda: all(estop.last.data for estop in stack.estops), 'a last stop of each')
 
