@@ -32,6 +32,7 @@ from test.rig import latched
 from test.rig import NodeProcess
 from test.rig import Observer
 from test.rig import wait_for
+from test.run_delay import RunDelay
 
 VSC, MUX, DRIVE = 'fort_vsc_bridge', 'safety_mux', 'esi_drive_bridge'
 MODULES = {VSC: 'fort_vsc_bridge.node', MUX: 'safety_mux.node', DRIVE: 'esi_drive_bridge.node'}
@@ -336,11 +337,16 @@ class Spine:
         """Be in motion, from READY, by deadman and stick."""
         self.hold()
         self.wait(lambda: self.drive.enabled and self.drive.rpm > 20.0, 'motion')
+        self._delay = RunDelay([node.process.pid for node in self.nodes.values()])
 
     def moving(self) -> None:
         """Be in motion, from STOPPED."""
         self.ready()
         self.move()
+
+    def allowed(self, bound: float) -> float:
+        """Return a bound (seconds) for what happened since the last motion began."""
+        return bound + self._delay.seconds()
 
     def restart_rightly(self) -> None:
         """Show that the way back is open: all let go, reset, which moves nothing, deadman."""
@@ -356,6 +362,7 @@ class Spine:
         """Return the seconds from ``cause`` to the first disable packet; none enables later."""
         packet = self.wait(lambda: self.drive.first_disable(cause), 'a disable packet', 3.0)
         reaction = packet.time - cause
+        within = self.allowed(within)
         assert reaction <= within, f'{reaction * 1e3:.0f} ms, allowed are {within * 1e3:.0f} ms'
         assert not any(p.enables for p in self.drive.packets(packet.time))
         return float(reaction)
@@ -384,25 +391,6 @@ class Spine:
             node.__exit__(kind, error, trace)
         self.vsc.close()
         self.drive.close()
-
-
-class CpuPressure:
-    """How short of processors this machine is, by the kernel's own account, from now on."""
-
-    def __init__(self) -> None:
-        self._start, self._before = time.monotonic(), self._waited()
-
-    def share(self) -> float:
-        """Return the share of time in which some process waited for one; 0 where not known."""
-        return (self._waited() - self._before) / (time.monotonic() - self._start)
-
-    @staticmethod
-    def _waited() -> float:
-        try:
-            some = Path('/proc/pressure/cpu').read_text().splitlines()[0]
-        except OSError:
-            return 0.0
-        return int(some.rsplit('=', 1)[1]) * 1e-6
 
 
 class UntouchedPort:
