@@ -56,6 +56,7 @@ from bridge_core.session import Pacer
 from bridge_core.session import Session as BaseSession
 from bridge_core.session import Verdict
 
+_RESTART_SILENCE = 0.3  # what comes from a unit every 100 ms stays out at least this long
 FAULT_PERIOD = 1.0  # of fault polls while something is wrong
 # All that this session takes, as (identifier, mask); the priority does not count.
 FILTERS = (
@@ -95,6 +96,7 @@ class Session(BaseSession[CanFrame, Received, Event]):
         self.drive = Drive(settings)
         self._asker = Asker(settings.answer_timeout)
         self._was_up = False  # link_up as of the last refresh
+        self._restarted = False  # the unit, since it was asked to be reset
         self._limits, self._outputs = LimitsChanged(), OutputsChanged()  # as reported last
         self._in_error = False  # type 01 says operational error
         self._faults: tuple[str, ...] = ()  # as reported last
@@ -163,6 +165,7 @@ class Session(BaseSession[CanFrame, Received, Event]):
         if isinstance(content, BasicJoystick | ExtendedJoystick):
             self._report(self.joysticks.take(content, sender.source, now))
         elif isinstance(content, Name):
+            self._restarted |= self.finder.restarts(sender.source, content, now)
             self._unit_changed(self.finder.claimed(sender.source, content, now))
         elif content is not None:
             self._take_proprietary(content, sender.source, now)
@@ -253,6 +256,8 @@ class Session(BaseSession[CanFrame, Received, Event]):
         if request in _AT_REST and (others := self.joysticks.moving(now)):
             names = ', '.join(f'{address:02X}' for address in others)
             raise ValueError(f'motion is commanded by joystick {names}; let go of it first')
+        if request is Request.RESET_CONTROLLER and not self._asker.is_open(request):
+            self._restarted = False
         self._asker.start(request, now, asked=True)
 
     # Questions to the unit.
@@ -315,6 +320,7 @@ class Session(BaseSession[CanFrame, Received, Event]):
         if isinstance(message, AddressAnnouncement):
             self._unit_changed(self.finder.announced(source, message, now))
         if source == self.finder.address:
+            self._restarted |= self._heard.age(now) >= _RESTART_SILENCE
             self._heard.feed(now)
             self._take_status(message, now)
         elif isinstance(message, DigitalInputs) or (
@@ -329,7 +335,9 @@ class Session(BaseSession[CanFrame, Received, Event]):
             self._take_position(message)
         elif isinstance(message, FaultStatus):
             self._take_faults(message, now)
-        self._report(self._asker.answered(message))
+        # It announces itself when anybody asks, too: that alone is no reset.
+        if self._restarted or not isinstance(message, AddressAnnouncement):
+            self._report(self._asker.answered(message))
 
     def _take_position(self, message: PositionLimit) -> None:
         in_error = message.operational_error in (Status.ON, Status.ERROR)
