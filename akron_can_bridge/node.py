@@ -55,8 +55,12 @@ class AkronCanBridge(BridgeNode[Session, Event]):
         self._outputs = self.publisher(DiagnosticStatus, '~/outputs', latched_qos())
         self.create_subscription(Joy, '~/cmd_joy', self._on_cmd_joy, _COMMAND_QOS)
         self.create_subscription(Bool, '~/estop_in', self._on_estop_in, _STOP_QOS)
-        for request in Request:
-            self.create_device_service(request.value, Session.request, request)
+        request = Session.request
+        self.create_device_service('zero_positions', request, Request.ZERO_POSITIONS)
+        self.create_device_service('reset_controller', request, Request.RESET_CONTROLLER)
+        self.create_device_service('enter_setup', request, Request.ENTER_SETUP)
+        self.create_device_service('poll_faults', request, Request.POLL_FAULTS)
+        self.create_device_service('poll_versions', request, Request.POLL_VERSIONS)
         self._publish_limits(LimitsChanged())
         self._publish_outputs(OutputsChanged())
 
@@ -144,7 +148,12 @@ class AkronCanBridge(BridgeNode[Session, Event]):
         if self.session is None:
             return
         try:
-            command = convert.command(message, extended=self.values['extended'])
+            command = convert.command(
+                message,
+                self.values['button_switches'],
+                extended=self.values['extended'],
+                automatic=self.values['automatic_motion'],
+            )
         except ValueError as error:
             self.refuse(f'cmd_joy: {error}')
             self.request(Session.refuse_command, str(error), key='cmd_joy', sticky=True)
