@@ -143,7 +143,12 @@ class AkronCanBridge(BridgeNode[Session, Event]):
         if self.session is None:
             return
         try:
-            command = convert.command(message, extended=self.values['extended'])
+            command = convert.command(
+                message,
+                self.values['button_switches'],
+                extended=self.values['extended'],
+                automatic=self.values['automatic_motion'],
+            )
         except ValueError as error:
             self.refuse(f'cmd_joy: {error}')
             self.request(Session.refuse_command, str(error), key='cmd_joy', sticky=True)

@@ -29,6 +29,7 @@ from test.akron_session_rig import OUTPUTS
 from test.akron_session_rig import PIN
 from test.akron_session_rig import POSITION
 from test.akron_session_rig import REST
+from test.akron_session_rig import UNIT
 
 NAME_REQUEST = CanFrame(0x18EAFF38, bytes.fromhex('00EE00'))  # the manual's, from address 38
 STRANGER = '0100000000000000'  # a NAME that is not Akron Brass's
@@ -210,6 +211,37 @@ def test_own_claim_of_the_unit_and_claims_elsewhere_change_nothing() -> None:
     bench = Bench().find_unit()
     assert bench.take(NAME, name(STRANGER, 0x81)) == []
     assert bench.session.finder.address == 0x80
+
+
+# By hand from NAME: the same identity, another function instance; and a PIN with the same 21 bits.
+TWIN = '0B1AC22808420090'
+TWIN_ANNOUNCED = ef('FF87150226021A0B', 0x91)  # digit 5 is C instead of A
+
+
+def test_another_device_with_the_same_identity_number_does_not_take_the_unit_away() -> None:
+    bench = Bench()
+    bench.open()
+    bench.take(NAME, ANNOUNCED, OUTPUTS, NO_FAULTS)
+    for _ in range(5):
+        assert of(UnitChanged, bench.take(name(TWIN, 0x91), TWIN_ANNOUNCED)) == []
+        bench.run(0.5)
+        assert not bench.session.estop
+
+
+def test_twin_that_was_announced_is_not_the_unit_though_its_name_is_the_same() -> None:
+    bench = Bench().find_unit()  # its NAME was never heard
+    bench.take(TWIN_ANNOUNCED)
+    assert bench.take(name('0B1AC22800420090', 0x91)) == []
+    assert bench.session.finder.address == UNIT
+
+
+def test_unit_with_a_new_name_is_followed_after_its_announcement() -> None:
+    bench = Bench()
+    bench.open()
+    bench.take(NAME, ANNOUNCED, OUTPUTS, NO_FAULTS)
+    bench.take(name(TWIN, UNIT), ANNOUNCED)
+    assert bench.session.finder.address == UNIT
+    assert bench.take(name(TWIN, UNIT)) == []
 
 
 def test_claims_on_and_on_do_not_make_us_flood_the_bus() -> None:

@@ -136,6 +136,13 @@ def test_pcode_is_told() -> None:
     assert not bench.session.estop
 
 
+def turn(bench: Bench, seconds: float) -> None:
+    """Have the unit report that it turns by 10 degrees a second."""
+    for step in range(round(seconds / 0.1)):
+        bench.wait(0.1)
+        bench.take(OUTPUTS, ef(f'01{10 * step << 4 | 4:04X}0000000041'))
+
+
 @pytest.mark.parametrize('cause', Cause)
 def test_cause_that_is_not_listed_is_no_stop_but_is_known(cause: Cause) -> None:
     frames = {
@@ -143,11 +150,14 @@ def test_cause_that_is_not_listed_is_no_stop_but_is_known(cause: Cause) -> None:
         Cause.MOTOR_FAULT: [faults(2)],
         Cause.FOREIGN_JOYSTICK: [joystick()],
         Cause.LINK: [],
+        Cause.MOTION: [],
     }
     alone = Bench(estop_on=frozenset({cause})).find_unit()
     without = Bench(estop_on=frozenset(set(Cause) - {cause})).find_unit()
     for bench in (alone, without):
         bench.take(*frames[cause])
+        if cause is Cause.MOTION:
+            turn(bench, 1.5)
     if cause is Cause.LINK:
         alone.wait(1.0)
         assert alone.session.estop

@@ -22,17 +22,19 @@ from akron_can_bridge.protocol import BasicJoystick
 from akron_can_bridge.protocol import ExtendedJoystick
 from akron_can_bridge.protocol import JOYSTICK_PERIOD
 from akron_can_bridge.protocol import NEUTRAL
+from akron_can_bridge.protocol import PAUSE_SWITCH
 from akron_can_bridge.protocol import Permission
 from akron_can_bridge.protocol import PERMISSIVE_PERIOD
 from akron_can_bridge.protocol import SoePermissive
+from akron_can_bridge.protocol import Status
 from akron_can_bridge.session.settings import Settings
 from bridge_core.j1939 import CanFrame
 from bridge_core.session import Pacer
 from bridge_core.watchdog import Watchdog
 
+PAUSE_TIME = 0.2  # for which the pause switch is held: twice the longest period of a joystick
 FAREWELL_FRAMES = 3  # of each kind: a lost one must not leave the unit moving for its 200 ms
 _NOTHING = Permission(0)
-_ALL = Permission.LEFT | Permission.RIGHT | Permission.UP | Permission.DOWN
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,6 +50,10 @@ class Command:
 
 
 REST = Command(BasicJoystick(NEUTRAL, NEUTRAL), ExtendedJoystick())
+_PAUSE = Command(
+    BasicJoystick(NEUTRAL, NEUTRAL, tuple(Status(n == PAUSE_SWITCH) for n in range(1, 13))),
+    ExtendedJoystick(),
+)
 
 
 class Drive:
@@ -62,6 +68,8 @@ class Drive:
         self._refusal = ''
         self._is_open = False  # what is asked goes out
         self._command = REST
+        self.asked_until = -math.inf  # our command asked the unit to move
+        self._pause_until = -math.inf
         self._pacer = Pacer(JOYSTICK_PERIOD)
         self._permissive_pacer = Pacer(PERMISSIVE_PERIOD)
         self._permissive: tuple[int | None, Permission] = (None, _NOTHING)  # as sent last
@@ -82,6 +90,7 @@ class Drive:
         self._refusal = ''
         self._is_open = False
         self._command = REST
+        self._pause_until = -math.inf
         self._permissive = (None, _NOTHING)
 
     @property
@@ -90,17 +99,25 @@ class Drive:
         return self._command != REST
 
     @property
+    def automatic(self) -> bool:
+        """The command starts motion that goes on by itself."""
+        return self._command.basic.automatic or self._command.extended.automatic
+
+    def pause(self, now: float) -> None:
+        """Press oscillate pause / resume once, with a neutral stick."""
+        self._pause_until = now + PAUSE_TIME
+        self._pacer.start(now)
+
+    @property
     def due(self) -> float:
         """The moment at which a frame is due."""
         return min(self._pacer.due, self._permissive_pacer.due)
 
     @property
     def deadline(self) -> float:
-        """The moment at which what goes out goes stale; infinite for never."""
-        if self._is_open:
-            return min(self._heard.deadline, self._estop_in.deadline)
-        # Nothing but the permission hangs on it then.
-        return self._estop_in.deadline if self._permissive[1] else math.inf
+        """The moment at which an input goes stale; past or infinite for none."""
+        command = self._heard.deadline if self._is_open else math.inf
+        return min(command, self._estop_in.deadline)
 
     def watch(self, now: float, stops: Sequence[str]) -> tuple[str, ...]:
         """
@@ -144,6 +161,8 @@ class Drive:
         if command == REST and not self.forbidden(now, stops):
             self._is_open = True
         if self._is_open:
+            if self.moving:
+                self.asked_until = now
             self._command = command
 
     def refuse_command(self, reason: str) -> None:
@@ -156,17 +175,17 @@ class Drive:
         if not self._pacer.is_due(now):
             return []
         self._pacer.sent(now)
-        return self._frames(self._command)
+        pausing = now < self._pause_until and not self.moving
+        return self._frames(_PAUSE if pausing else self._command)
 
     def permissive_frames(
-        self, now: float, unit: int | None, stops: Sequence[str]
+        self, now: float, unit: int | None, permitted: Permission
     ) -> list[CanFrame]:
         """Return the A1 that is due: periodically, and at once when it changes."""
         if not self._settings.soe_permissive or unit is None:
             self._permissive_pacer.stop()
             self._permissive = (None, _NOTHING)
             return []
-        permitted = _NOTHING if self.forbidden(now, stops) else _ALL
         if (unit, permitted) != self._permissive:
             self._permissive_pacer.start(now)
         if not self._permissive_pacer.is_due(now):
@@ -175,13 +194,14 @@ class Drive:
         self._permissive = (unit, permitted)
         return [SoePermissive(permitted).to_frame(self._settings.source_address, unit)]
 
-    def farewell(self, unit: int | None, now: float) -> list[CanFrame]:
-        """Return what leaves the unit at rest."""
+    def farewell(self, unit: int | None, now: float, *, pause: bool) -> list[CanFrame]:
+        """Return what leaves the unit at rest. :param pause: it oscillates, and is to pause."""
         self._shut(['the node leaves'], now)
+        begin = self._frames(_PAUSE) * FAREWELL_FRAMES if pause else []
         frames = self._frames(REST)
         if self._settings.soe_permissive and unit is not None:
             frames += [SoePermissive(_NOTHING).to_frame(self._settings.source_address, unit)]
-        return frames * FAREWELL_FRAMES
+        return begin + frames * FAREWELL_FRAMES
 
     def _frames(self, command: Command) -> list[CanFrame]:
         source = self._settings.source_address
@@ -200,6 +220,8 @@ class Drive:
     def _shut(self, reasons: Sequence[str], now: float) -> tuple[str, ...]:
         """Forget what was asked, and have a neutral frame go out with the next poll."""
         self._is_open = False
+        if self.moving:
+            self.asked_until = now
         self._command = REST
         self.last_stop = tuple(reasons)
         self._pacer.start(now)

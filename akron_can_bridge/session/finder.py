@@ -36,6 +36,8 @@ class Finder:
         self.devices: dict[str, int] = {}  # PIN and last address of every Akron Brass device
         self.namesake: Name | None = None  # another device that claims our own address
         self._settings = settings
+        self._name: Name | None = None  # of our unit, once it was heard
+        self._names: dict[int, Name] = {}  # the last that was claimed, by address
         self._last: int | None = None  # the address that it had last
         self._asked_at = -math.inf
         self._due = math.inf
@@ -44,6 +46,7 @@ class Finder:
         """Begin, or begin anew: ask at once."""
         self.address = self.namesake = None
         self.devices.clear()
+        self._names.clear()
         self._asked_at = -math.inf
         self._due = now
 
@@ -58,6 +61,9 @@ class Finder:
         if self.unit is None or device.pin != self.unit.pin:
             return self._lose(now, f'to {device.pin}') if source == self.address else ''
         before, self.address = self.address, source
+        name = self._names.get(source)
+        if name is not None and self._has_identity(name):
+            self._name = name
         if before == source:
             return ''
         self.moves += self._last not in (None, source)
@@ -70,14 +76,17 @@ class Finder:
             self.namesake = name
         elif name == self.namesake:
             self.namesake = None
-        is_ours = (
-            self.unit is not None
-            and name.manufacturer == AKRON_BRASS
-            and name.identity == self.unit.identity
-        )
+        self._names[source] = name
+        is_ours = self._is_ours(source, name)
+        if is_ours and source == self.address:
+            self._name = name
         if is_ours == (source == self.address) or self.address is None:
             return ''
         return self._lose(now, 'and claims another' if is_ours else 'to another device')
+
+    def restarts(self, source: int, name: Name, now: float) -> bool:
+        """Tell whether a claim is our unit's, and no answer to a NAME request of ours."""
+        return self._is_ours(source, name) and now > self._asked_at + REQUEST_PERIOD
 
     def request_due(self, now: float, *, heard: bool) -> bool:
         """Tell whether a NAME request is to go out now. :param heard: our unit is."""
@@ -92,6 +101,23 @@ class Finder:
             return []
         others = (pin for pin in self.devices if pin != self.unit.pin)
         return [pin for pin in others if self._fits(AddressAnnouncement(pin))]
+
+    def _is_ours(self, source: int, name: Name) -> bool:
+        """Tell a NAME by all of it: others may share the 21 bits that are left of our PIN."""
+        if self.unit is None or source in self._others():
+            return False
+        return name == self._name if self._name is not None else self._has_identity(name)
+
+    def _has_identity(self, name: Name) -> bool:
+        return (
+            self.unit is not None
+            and name.manufacturer == AKRON_BRASS
+            and name.identity == self.unit.identity
+        )
+
+    def _others(self) -> set[int]:
+        """Return the addresses from which another PIN was announced last."""
+        return {at for pin, at in self.devices.items() if self.unit and pin != self.unit.pin}
 
     def _fits(self, device: AddressAnnouncement) -> bool:
         if self._settings.device_pin:

@@ -42,6 +42,8 @@ class Joysticks:
 
     def __init__(self, settings: Settings) -> None:
         self.faulty: tuple[str, ...] = ()  # controls of joy_source
+        self.asked_until = -math.inf  # one of them asks the unit to move
+        self.automatic_asked = False  # to move by itself; whoever sees to it takes it back
         self._settings = settings
         self._heard: dict[int, tuple[float, int]] = {}  # when, and the whole identifier
         self._deflected: dict[int, float] = {}  # when it was last out of its neutral
@@ -71,6 +73,8 @@ class Joysticks:
             self._deflected.pop(source, None)
             if message.x.value != 0 or message.y.value != 0:
                 self._deflected[source] = now
+                self.asked_until = now + JOYSTICK_TIMEOUT
+        self.automatic_asked |= message.automatic
         if source != self._settings.joy_source:
             return []
         if isinstance(message, ExtendedJoystick):

@@ -61,6 +61,11 @@ def _bus_warnings(session: Session) -> list[str]:
 
 
 def _soe_warnings(session: Session, now: float) -> list[str]:
+    if session.withheld and session.settings.soe_permissive:
+        return [
+            'move the stick to give the SOE permission again: the unit moved by itself, or could, '
+            'when it was stopped'
+        ]
     outputs = session.unit.broadcast(DigitalOutputs, now)
     if outputs is None or session.settings.soe_permissive:
         return []
@@ -102,6 +107,7 @@ def values(session: Session, now: float) -> dict[str, Any]:
         'other Akron Brass devices': _others(session) or 'none',
         'joysticks heard': ', '.join(f'{at:02X} {kind}' for at, kind in heard) or 'none',
         'motion commanded': drive.moving,
+        'motion reported': session.motion.describe(now) or 'none',
         'neutral because': '; '.join(session.inhibits(now)) or 'commands go out',
         'refused commands': drive.refused,
         'frames of no concern': session.decoder.other_frames,

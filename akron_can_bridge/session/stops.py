@@ -53,6 +53,14 @@ def causes(
     return {cause: found[cause] for cause in Cause if found.get(cause)}
 
 
+def motion(what: str) -> str:
+    """Say that the unit moves although nobody asks it to. :param what: oscillates, moves."""
+    return (
+        f'stop the unit by its own controls, or call ~/reset_controller: it {what} though nobody '
+        'asks it to, and a neutral stick does not end that'
+    )
+
+
 def silent(foreign: str, silence: str) -> dict[Cause, str]:
     """Return the causes while the unit is not heard. :param silence: why it may be."""
     # Nothing else is known then either; said once, whichever of them counts.
