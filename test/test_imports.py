@@ -65,6 +65,9 @@ SHARED = {
     'diagnostics': ('bridge_core.session', 'MESSAGES'),
     'node': ('bridge_core', 'rclpy', 'MESSAGES', 'STDLIB'),
     'runner': ('bridge_core', 'rclpy', 'STDLIB'),
+    'help': ('bridge_core', 'rclpy', 'STDLIB'),
+    'output': ('STDLIB',),  # and the process that writes it
+    'drain': ('STDLIB',),
     'parameter_files': ('bridge_core.parameters', 'yaml'),
 }
 # Simulators and what shows them are for the commands that show them, and for nobody else.
