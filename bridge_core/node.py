@@ -8,6 +8,7 @@ at once on change and at ``estop_rate`` always, by the link thread, port or no p
 from collections.abc import Callable
 from collections.abc import Mapping
 from collections.abc import Sequence
+from contextlib import ExitStack
 from dataclasses import asdict
 from functools import partial
 import itertools
@@ -94,6 +95,10 @@ class ManagedNode(LifecycleNode):
             raise
         self.add_on_set_parameters_callback(self._on_set_parameters)
 
+    def parameters_in_use(self) -> list[Parameter]:
+        """Return the table, with the parameters of the names in its lists."""
+        return list(self._table.values())
+
     def parameter_table(self, given: dict[str, Any]) -> tuple[Parameter, ...]:
         """Return all parameters; a node whose lists name further ones extends this."""
         del given
@@ -103,7 +108,7 @@ class ManagedNode(LifecycleNode):
         """Refuse values that contradict each other. :raises ParameterError: naming both."""
 
     def shut_down(self) -> None:
-        """Leave the device safe; called on SIGINT and SIGTERM and before the node is destroyed."""
+        """Leave the device safe; called once a signal came, and before the node is destroyed."""
 
     def autostart(self) -> None:
         """
@@ -542,14 +547,12 @@ class BridgeNode(ManagedNode, Generic[SessionT, EventT]):
             forget(time.monotonic())
 
     def shut_down(self) -> None:
-        """Leave the device safe, say so, end the thread."""
-        try:
-            self._leave_active()
-        except TransportError as error:
-            self.get_logger().error(f'no farewell: {error}')
-        self.link.stop()
-        self._publish_verdict(self.verdict)
-        self.outbox.close(_LAST_WORDS_TIME)
+        """Leave the device safe, say so, end the thread; each step whatever another one raises."""
+        with ExitStack() as steps:  # the last one comes first
+            steps.callback(self.outbox.close, _LAST_WORDS_TIME)
+            steps.callback(lambda: self._publish_verdict(self.verdict))
+            steps.callback(self.link.stop)
+            steps.callback(self._leave_active)
 
     def destroy_node(self) -> None:
         """End the threads before what they publish on goes away."""

@@ -78,9 +78,10 @@ class EsiDriveBridge(BridgeNode[Session, Event]):
 
     def _log_faults(self, event: FaultsChanged) -> None:
         if event.faults:
-            self.log(Level.ERROR, f'the drive reports: {"; ".join(event.faults)}')
+            text = f'the drive reports: {"; ".join(event.faults)}'
+            self.log(Level.ERROR, text, site='faults')
         else:
-            self.log(Level.OK, 'the drive reports no error any more')
+            self.log(Level.OK, 'the drive reports no error any more', site='faults')
 
     def _publish_joint_states(self, event: Feedback) -> None:
         now = time.monotonic()  # ROS time may be paused

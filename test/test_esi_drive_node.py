@@ -1,9 +1,11 @@
 """The ESI drive bridge as a process on a port: every topic and service, on real bytes."""
 
 from collections.abc import Iterator
+import contextlib
 import itertools
 import json
 import math
+import os
 from pathlib import Path
 import time
 from typing import Any
@@ -16,6 +18,7 @@ from std_srvs.srv import Trigger
 
 from esi_drive_bridge.simulator import Simulator
 from test.esi_drive_rig import status
+from test.rig import ENDING
 from test.rig import latched
 from test.rig import NodeProcess
 from test.rig import Observer
@@ -45,6 +48,7 @@ class Bench:
         folder: Path,
         observer: Observer,
         simulator: Simulator | None = None,
+        terminal: int | None = None,
         **parameters: Any,
     ) -> None:
         self.observer = observer
@@ -52,7 +56,10 @@ class Bench:
         space = namespace()
         self.name = f'{space}/{NAME}'
         self.node = NodeProcess(
-            f'{NAME}.node', {'port': self.drive.path, **parameters}, namespace=space
+            f'{NAME}.node',
+            {'port': self.drive.path, **parameters},
+            namespace=space,
+            terminal=terminal,
         )
         self.estop = observer.record(Bool, f'{self.name}/estop', latched())
         self.enabled = observer.record(Bool, f'{self.name}/enabled', latched())
@@ -477,8 +484,93 @@ def test_deactivation_disables_and_closes_and_activation_needs_a_new_edge(
         bench.close()
 
 
+@pytest.mark.parametrize('number', ENDING)
+def test_signal_mid_motion_leaves_the_drive_disabled(
+    tmp_path: Path, observer: Observer, number: int
+) -> None:
+    bench = Bench(tmp_path, observer)
+    bench.command.message = command(100 * RPM, 0)
+    try:
+        bench.quiet()
+        bench.enabling()
+        bench.wait(lambda: bench.drive.rpm > 50.0, 'motion')
+        assert bench.node.end(number) == 0
+        assert bench.drive.packets()[-1].values == (0, 0)
+        assert not any(packet.enables for packet in bench.drive.packets()[-3:])
+        bench.wait(lambda: bench.estop.last.data, 'a last stop')
+    finally:
+        bench.close()
+
+
+def full_pipe() -> tuple[int, int]:
+    """Return a pipe that takes no more, and blocks who tries."""
+    read, write = os.pipe()
+    os.set_blocking(write, False)
+    with contextlib.suppress(BlockingIOError):
+        while True:
+            os.write(write, b'x' * 4096)
+    os.set_blocking(write, True)
+    return read, write
+
+
+def stopped_terminal() -> tuple[int, int]:
+    """Return a terminal in which somebody has pressed Ctrl-S."""
+    master, slave = os.openpty()
+    os.write(master, b'\x13')
+    return master, slave
+
+
+@pytest.mark.parametrize('terminal', [stopped_terminal, full_pipe])
+def test_output_that_blocks_holds_up_neither_packets_nor_stops(
+    tmp_path: Path, observer: Observer, terminal: Any
+) -> None:
+    ours, its = terminal()
+    bench = Bench(tmp_path, observer, terminal=its)
+    os.close(its)
+    try:
+        bench.quiet()
+        for _ in range(3):  # each is a line of the log, written by C code of ROS
+            bench.enabling()
+            cause = time.monotonic()
+            bench.estop_in.message = Bool(data=True)
+            bench.stopped_since(cause)
+            bench.quiet()
+        times = [packet.time for packet in bench.drive.packets(cause)]
+        assert max(after - before for before, after in itertools.pairwise(times)) < 0.25
+        assert bench.node.end() == 0
+        bench.wait(lambda: bench.estop.last.data, 'a last stop')
+    finally:
+        bench.close()
+        os.close(ours)
+
+
+def test_terminal_that_goes_on_shows_what_was_said_meanwhile(
+    tmp_path: Path, observer: Observer
+) -> None:
+    ours, its = stopped_terminal()
+    os.set_blocking(ours, False)
+    bench = Bench(tmp_path, observer, terminal=its)
+    os.close(its)
+    try:
+        bench.quiet()
+        os.write(ours, b'\x11')  # Ctrl-Q
+        shown = b''
+
+        def complete() -> bool:
+            nonlocal shown
+            with contextlib.suppress(BlockingIOError):
+                shown += os.read(ours, 65536)
+            return b'no stop demanded any more' in shown
+
+        bench.wait(complete, 'its log')
+        assert b'\x1b[' in shown  # in colours, as on any terminal
+    finally:
+        bench.close()
+        os.close(ours)
+
+
 def test_line_too_slow_for_its_rates_is_warned_of(tmp_path: Path, observer: Observer) -> None:
-    bench = Bench(tmp_path, observer, command_rate=1000.0, baud=115200)
+    bench = Bench(tmp_path, observer, status_rate=1000.0, baud=115200)
     try:
         bench.wait(lambda: bench.diagnostics.status(DEVICE) is not None, 'diagnostics')
         # 12 bytes of 10 bits a thousand times a second are 120000 bit/s.

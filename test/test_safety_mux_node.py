@@ -2,7 +2,6 @@
 
 from collections.abc import Iterator
 import math
-from signal import SIGINT
 from signal import SIGTERM
 import time
 from typing import Any
@@ -25,6 +24,7 @@ from std_msgs.msg import String
 from test.mux_talkers import CLEAR_TIME
 from test.mux_talkers import MuxBench
 from test.mux_talkers import sticks
+from test.rig import ENDING
 from test.rig import latched
 from test.rig import NodeProcess
 from test.rig import Observer
@@ -375,7 +375,7 @@ def test_inactive_mux_says_stop_all_the_time_and_activation_is_stopped(
         mux.close()
 
 
-@pytest.mark.parametrize('number', [SIGTERM, SIGINT], ids=['SIGTERM', 'SIGINT'])
+@pytest.mark.parametrize('number', ENDING)
 def test_signal_mid_motion_puts_out_a_last_stop(observer: Observer, number: int) -> None:
     mux = MuxBench(observer)
     try:

@@ -13,10 +13,8 @@ import functools
 import itertools
 import re
 from signal import SIGCONT
-from signal import SIGINT
 from signal import SIGKILL
 from signal import SIGSTOP
-from signal import SIGTERM
 import time
 from typing import Any
 from typing import TypeVar
@@ -26,6 +24,7 @@ from std_msgs.msg import Bool
 
 from esi_drive_bridge.simulator import Simulator as DriveSimulator
 from fort_vsc_bridge.simulator import build_frame
+from test.rig import ENDING
 from test.rig import latched
 from test.rig import NodeProcess
 from test.rig import Observer
@@ -327,7 +326,7 @@ def test_drive_node_frozen_briefly_needs_a_new_press_of_the_deadman(spine: Spine
     spine.move()
 
 
-@pytest.mark.parametrize('number', [SIGTERM, SIGINT], ids=['SIGTERM', 'SIGINT'])
+@pytest.mark.parametrize('number', ENDING)
 @unless_noisy
 def test_drive_node_ended_mid_motion_leaves_with_disable_packets(
     spine: Spine, number: int
@@ -347,7 +346,7 @@ def test_drive_node_ended_mid_motion_leaves_with_disable_packets(
     stays_stopped_until_restarted(spine, cause + lasted)
 
 
-@pytest.mark.parametrize('number', [SIGTERM, SIGINT], ids=['SIGTERM', 'SIGINT'])
+@pytest.mark.parametrize('number', ENDING)
 @pytest.mark.parametrize('name', [VSC, MUX])
 @unless_noisy
 def test_node_ended_mid_motion_stops_the_drive_and_exits_at_once(
