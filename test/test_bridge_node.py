@@ -422,13 +422,13 @@ def test_shut_down_that_raises_runs_once_and_every_other_node_says_farewell(
     tmp_path: Path, observer: Observer, fault: str
 ) -> None:
     ports = {name: Pty(tmp_path / name) for name in ('left', 'right')}
-    keepers = [Keeper(port, observer) for port in ports.values()]
+    devices = [ToyDevice(port, observer) for port in ports.values()]
     arguments = [word for name in ports for word in ('-p', f'{name}:port:={ports[name].path}')]
     with NodeProcess('', source=BAD_END % fault, arguments=arguments) as node:
         estops = [observer.record(Bool, f'/{name}/estop', latched()) for name in ports]
         for estop in estops:
             wait_value(observer, estop, False)
-        assert all(keeper.talking for keeper in keepers)
+        assert all(device.talking for device in devices)
         assert node.end() == 0
         ports['right'].wait_received(b'BYE')
         if fault == 'node':
