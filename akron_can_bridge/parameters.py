@@ -216,7 +216,7 @@ PARAMETERS = (
     Parameter(
         'joint_inverted',
         [False, False],
-        'Turn a sign round: left or down is positive then.',
+        'Left and up are positive; true: right, down are.',
         check=_check_two,
     ),
 )

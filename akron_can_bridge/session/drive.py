@@ -139,6 +139,10 @@ class Drive:
             reasons.append('e-stop input is true')
         return reasons
 
+    def stale(self, now: float) -> bool:
+        """Tell whether an input is not heard as often as it must be."""
+        return self._estop_in.expired(now) or self._heard.expired(now)
+
     def inhibits(self, now: float, stops: Sequence[str]) -> list[str]:
         """Say why nothing but neutral goes out; empty while commands do."""
         if self._is_open:

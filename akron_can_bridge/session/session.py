@@ -98,7 +98,7 @@ class Session(BaseSession[CanFrame, Received, Event]):
     HELD = 'neutral'
 
     def __init__(self, settings: Settings) -> None:
-        self.decoder = FrameDecoder(self._concerns_us)
+        self.decoder = FrameDecoder(self._concerns_us, self._is_ours)
         super().__init__(self.decoder, settings.link_timeout)
         self.settings = settings
         self.finder = Finder(settings)
@@ -153,6 +153,8 @@ class Session(BaseSession[CanFrame, Received, Event]):
             (Level.WARN if text == not_enabled else Level.ERROR, text)
             for text in self.stop_reasons(now)
         ]
+        if self.drive.stale(now):
+            problems.append((Level.WARN, 'an input is stale'))
         return problems + [(Level.WARN, text) for text in self.warnings(now)]
 
     def values(self, now: float) -> dict[str, Any]:
@@ -185,9 +187,9 @@ class Session(BaseSession[CanFrame, Received, Event]):
         self._follow(now)
 
     def _take(self, message: Received, now: float) -> None:
-        sender, content = message
+        frame, sender, content = message
         if sender.pgn in JOYSTICK_PGNS:
-            self.joysticks.hear(sender, now)
+            self.joysticks.hear(frame, sender.source, now)
         if isinstance(content, BasicJoystick | ExtendedJoystick):
             self._report(self.joysticks.take(content, sender.source, now))
         elif isinstance(content, Name):
@@ -400,6 +402,10 @@ class Session(BaseSession[CanFrame, Received, Event]):
         if sender.destination not in (GLOBAL_ADDRESS, self.settings.source_address):
             return False
         return sender.source == self.finder.address or data[:1] in _FROM_ANYONE
+
+    def _is_ours(self, sender: J1939Id) -> bool:
+        """Tell whether what a frame claims to be is what it must be."""
+        return sender.pgn != PROPRIETARY_PGN or sender.source == self.finder.address
 
     def _take_proprietary(self, message: Message, source: int, now: float) -> None:
         if isinstance(message, AddressAnnouncement):
