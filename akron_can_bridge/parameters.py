@@ -104,6 +104,13 @@ PARAMETERS = (
         check=_check_type,
     ),
     Parameter(
+        'unit_address',
+        0,
+        'Fixed address of a unit that does not announce itself; 0: it is found by its PIN.',
+        minimum=0,
+        maximum=0xFD,
+    ),
+    Parameter(
         'link_timeout',
         0.3,
         'Without a frame of the unit for this long the link is lost. Some come every 100 ms.',

@@ -77,8 +77,7 @@ _FROM_ANYONE = tuple(
         MessageType.DIGITAL_INPUTS,
     )
 )
-_NOTHING = Permission(0)
-_ALL = Permission.LEFT | Permission.RIGHT | Permission.UP | Permission.DOWN
+_DIRECTIONS = sum(Permission)
 _NO_FAULT = FaultStatus(Fault(0), 0)
 _IN_SETUP = 'the unit is in setup mode; call ~/reset_controller once that is done'
 # What must not meet a moving unit, and what it is called meanwhile.
@@ -133,7 +132,7 @@ class Session(BaseSession[CanFrame, Received, Event]):
             return stops.silent(foreign, self._silence(now))
         overdue = self._asker.overdue(Request.POLL_FAULTS, now)
         faults = None if overdue else self.unit.faults
-        found = stops.causes(self.finder.unit, self.unit, faults, foreign, now)
+        found = stops.causes(self.finder.device_type, self.unit, faults, foreign, now)
         if self.motion.moving(now) and now >= self._coasted_at:
             found[Cause.MOTION] = stops.motion(self.motion.describe(now))
         return found
@@ -240,7 +239,7 @@ class Session(BaseSession[CanFrame, Received, Event]):
     def _expires_at(self) -> float:
         moments = [super()._expires_at(), self._asker.deadline]
         moments += [self.joysticks.deadline, self.unit.deadline]
-        later = [self.drive.deadline, self._interruption_ends]
+        later = [*self.drive.deadlines, self._interruption_ends]
         later += [self.motion.ends_at, self._coasted_at]
         return min(moments + [moment for moment in later if moment > self._stepped_at])
 
@@ -271,6 +270,19 @@ class Session(BaseSession[CanFrame, Received, Event]):
         self._expire(now)
         self.drive.set_estop(value, now)
         self._refresh(now)
+
+    def set_directions(self, directions: int, now: float) -> None:
+        """
+        Take which directions the SOE permission may give, as bits of type A1.
+
+        :raises ValueError: for other bits; then it gives none.
+        """
+        self._expire(now)
+        sound = 0 <= directions <= _DIRECTIONS
+        self.drive.set_directions(Permission(directions if sound else 0), now)
+        self._refresh(now)
+        if not sound:
+            raise ValueError(f'{directions} is no sum of 1 right, 2 left, 4 up, 8 down')
 
     def request(self, request: Request, now: float) -> None:
         """
@@ -344,7 +356,7 @@ class Session(BaseSession[CanFrame, Received, Event]):
 
     def _permitted(self, now: float) -> Permission:
         stopped = self.withheld or self.drive.forbidden(now, self._holds())
-        return _NOTHING if stopped else _ALL
+        return Permission(0) if stopped else self.drive.directions(now)
 
     # Questions to the unit.
 
