@@ -1,8 +1,8 @@
 """
 Between the unit's values and ROS messages; pure functions.
 
-In Joy left and forward are positive, on the wire right and forward are. Joint positions keep the
-manual's signs, right and up positive, unless ``inverted`` turns them round.
+In Joy left and forward are positive, on the wire right and forward are. Joint positions follow
+REP-103, left and up positive, unless ``inverted`` turns them round; on the wire right is positive.
 """
 
 from __future__ import annotations
@@ -135,14 +135,16 @@ def joint_state(
     """
     Return rotation and elevation in rad; NaN where the unit does not vouch for one.
 
-    :param inverted: left, down are positive instead of right, up.
+    :param positions: right and up positive. :param inverted: right, down are positive in the
+        message instead of left, up.
     """
     message = JointState(name=list(names))
     message.header.stamp = stamp
     message.header.frame_id = frame_id
+    wire = (not inverted[0], inverted[1])
     message.position = [
         math.nan if value is None else (-value if turned else value) + 0.0
-        for value, turned in zip(positions, inverted, strict=True)
+        for value, turned in zip(positions, wire, strict=True)
     ]
     return message
 

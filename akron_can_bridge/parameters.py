@@ -114,6 +114,13 @@ PARAMETERS = (
         check=_check_type,
     ),
     Parameter(
+        'unit_address',
+        0,
+        'Fixed address of a unit that does not announce itself; 0: it is found by its PIN.',
+        minimum=0,
+        maximum=0xFD,
+    ),
+    Parameter(
         'link_timeout',
         0.3,
         'Without a frame of the unit for this long the link is lost. Some come every 0.1 s, but a '
@@ -223,7 +230,7 @@ PARAMETERS = (
     Parameter(
         'joint_inverted',
         [False, False],
-        'One for each joint. True turns the sign round: left or down is positive then.',
+        'One for each joint. Left and up are positive; true: right or down is.',
         check=_check_two,
     ),
 )

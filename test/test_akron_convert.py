@@ -162,10 +162,10 @@ def test_deadband_leaves_no_step() -> None:
 def test_joint_states_are_in_rad_with_nan_for_what_is_not_known() -> None:
     state = convert.joint_state((0.5, None), ('pan', 'tilt'), STAMP, 'base')
     assert list(state.name) == ['pan', 'tilt']
-    assert state.position[0] == 0.5
+    assert state.position[0] == -0.5  # right; left is positive
     assert math.isnan(state.position[1])
     turned = convert.joint_state((0.5, -0.2), ('pan', 'tilt'), STAMP, '', inverted=(True, False))
-    assert list(turned.position) == [-0.5, -0.2]
+    assert list(turned.position) == [0.5, -0.2]
 
 
 def values(status: DiagnosticStatus) -> dict[str, str]:

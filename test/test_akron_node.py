@@ -52,7 +52,7 @@ def bench(shared: tuple[Bench, Station], unit: Station) -> Bench:
 
 def test_stick_moves_the_unit_and_its_position_comes_back(bench: Bench, unit: Station) -> None:
     bench.drive(unit)
-    bench.wait(lambda: bench.joint_states.last.position[0] > 0.05, 'rotation to the right')
+    bench.wait(lambda: bench.joint_states.last.position[0] < -0.05, 'rotation to the right')
     assert list(bench.joint_states.last.name) == ['rotation', 'elevation']
     assert bench.joint_states.last.position[1] == pytest.approx(0.0, abs=0.01)
     bench.asked = Joy(axes=[0.0, -1.0])  # back: up
@@ -165,7 +165,7 @@ def test_limits_and_outputs_are_told(bench: Bench, unit: Station) -> None:
 
 def test_services_answer(bench: Bench, unit: Station) -> None:
     unit.steer('position 1 20')
-    bench.wait(lambda: bench.joint_states.last.position[0] > 0.3, 'the position')
+    bench.wait(lambda: bench.joint_states.last.position[0] < -0.3, 'the position')
     bench.stand()
     assert bench.call('zero_positions').success
     bench.wait(lambda: abs(bench.joint_states.last.position[0]) < 0.01, 'zero')

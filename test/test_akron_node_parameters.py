@@ -21,6 +21,8 @@ BAD = [
     ('source_address', 0x39),
     ('device_pin', '1032'),
     ('device_type', 1035),
+    ('unit_address', 0xFE),
+    ('unit_address', 0x33),
     ('link_timeout', 0.1),
     ('link_timeout', float('nan')),
     ('answer_timeout', 0.0),

@@ -260,3 +260,44 @@ def test_another_device_that_claims_our_own_address_is_told() -> None:
     assert bench.session.finder.namesake is not None
     bench.take(name(STRANGER, 0x99))  # it gave way
     assert bench.session.finder.namesake is None
+
+
+# -- at a fixed address ---------------------------------------------------------------------------
+
+
+def test_unit_that_announces_nothing_is_used_at_its_address() -> None:
+    bench = Bench(unit_address=0x90)
+    bench.open()
+    assert 'unit at 90 is silent' in bench.session.stop_reasons(bench.now)[0]
+    bench.take(OUTPUTS, POSITION, NO_FAULTS)  # from 80: somebody else
+    assert bench.session.estop
+    bench.take(moved(OUTPUTS, 0x90), moved(NO_FAULTS, 0x90))
+    assert not bench.session.estop
+    assert bench.session.values(bench.now)['unit'] == 'at 90'
+    assert bench.session.values(bench.now)['type'] == '6032 Universal II'
+    bench.take(moved(NOT_ENABLED, 0x90))
+    assert 'not asserted' in bench.session.stop_reasons(bench.now)[0]
+
+
+def test_announcement_from_the_fixed_address_gives_the_pin_and_others_do_not_move_it() -> None:
+    bench = Bench(unit_address=UNIT)
+    bench.open()
+    bench.take(NAME, ANNOUNCED, OUTPUTS, NO_FAULTS)
+    assert bench.session.values(bench.now)['unit'] == PIN
+    assert bench.take(OTHER_ANNOUNCED, moved(ANNOUNCED, 0x91), moved(NAME, 0x91)) == []
+    assert bench.session.finder.address == UNIT
+    assert not bench.session.estop
+
+
+@pytest.mark.parametrize('frame', [name(STRANGER, UNIT), moved(OTHER_ANNOUNCED, UNIT)])
+def test_another_device_at_the_fixed_address_is_not_believed(frame: CanFrame) -> None:
+    bench = Bench(unit_address=UNIT, device_pin=PIN)
+    bench.open()
+    bench.take(OUTPUTS, NO_FAULTS)
+    assert not bench.session.estop
+    bench.take(frame)
+    bench.run(0.5)
+    assert bench.session.estop
+    assert 'has no address at present' in bench.session.stop_reasons(bench.now)[0]
+    bench.take(ANNOUNCED, OUTPUTS, NO_FAULTS)
+    assert not bench.session.estop

@@ -392,8 +392,8 @@ BAD_END = """
 from functools import partial
 
 from bridge_core.runner import run
-from test.toy_room import Session
-from test.toy_room import ToyBridge
+from test.toy_bridge import Session
+from test.toy_bridge import ToyBridge
 
 
 class BadNode(ToyBridge):

@@ -230,9 +230,9 @@ def test_enable_false_and_true_in_one_breath_passes_through_disable(bench: Bench
 @pytest.mark.parametrize(
     ('message', 'text'),
     [
-        (command(1.0, names=('left',)), 'joints'),
+        (command(1.0, names=('left',)), 'name each of'),
         (command(1.0, 1.0, names=('left', 'middle')), 'middle'),
-        (command(1.0, 1.0, names=('left', 'left')), 'joints'),
+        (command(1.0, 1.0, names=('left', 'left')), 'name each of'),
         (command(1.0), 'entries in velocity'),
         (command(1.0, math.nan), 'nan'),
         (command(math.inf, 1.0), 'inf'),

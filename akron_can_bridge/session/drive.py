@@ -35,6 +35,7 @@ from bridge_core.watchdog import Watchdog
 PAUSE_TIME = 0.2  # for which the pause switch is held: twice the longest period of a joystick
 FAREWELL_FRAMES = 3  # of each kind: a lost one must not leave the unit moving for its 200 ms
 _NOTHING = Permission(0)
+_ALL = Permission.LEFT | Permission.RIGHT | Permission.UP | Permission.DOWN
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,6 +66,8 @@ class Drive:
         self._settings = settings
         self._heard = Watchdog(settings.command_timeout)
         self._estop_in = Watchdog(settings.estop_in_timeout)
+        self._limited = Watchdog(settings.estop_in_timeout)
+        self._directions: Permission | None = None  # permitted at most; None: nobody says
         self._refusal = ''
         self._is_open = False  # what is asked goes out
         self._command = REST
@@ -114,10 +117,9 @@ class Drive:
         return min(self._pacer.due, self._permissive_pacer.due)
 
     @property
-    def deadline(self) -> float:
-        """The moment at which an input goes stale; past or infinite for none."""
-        command = self._heard.deadline if self._is_open else math.inf
-        return min(command, self._estop_in.deadline)
+    def deadlines(self) -> tuple[float, ...]:
+        """When inputs go stale, even if that is past."""
+        return (self._heard.deadline, self._estop_in.deadline, self._limited.deadline)
 
     def watch(self, now: float, stops: Sequence[str]) -> tuple[str, ...]:
         """
@@ -139,6 +141,10 @@ class Drive:
             reasons.append('e-stop input is true')
         return reasons
 
+    def stale(self, now: float) -> bool:
+        """Tell whether an input is not heard as often as it must be."""
+        return self._estop_in.expired(now) or self._heard.expired(now)
+
     def inhibits(self, now: float, stops: Sequence[str]) -> list[str]:
         """Say why nothing but neutral goes out; empty while commands do."""
         if self._is_open:
@@ -153,6 +159,17 @@ class Drive:
         """Take the e-stop input."""
         self._estop_in.feed(now)
         self._estop_value = value
+
+    def set_directions(self, directions: Permission, now: float) -> None:
+        """Take which directions may be permitted at most; from now on it has to be repeated."""
+        self._limited.feed(now)
+        self._directions = directions
+
+    def directions(self, now: float) -> Permission:
+        """Return which directions may be permitted; all, if nobody ever said."""
+        if self._directions is None:
+            return _ALL
+        return _NOTHING if self._limited.expired(now) else self._directions
 
     def set_command(self, command: Command, now: float, stops: Sequence[str]) -> None:
         """Take a command. It counts at once, or once a neutral one has come."""

@@ -26,7 +26,10 @@ class Finder:
     """
     Follows one unit. Which PIN was chosen holds for life, which address until the port closes.
 
-    :param settings: whose ``device_pin`` or ``device_type`` chooses.
+    A unit at ``unit_address`` need not announce itself; it loses the address to a device that is
+    another one by its announcement or NAME.
+
+    :param settings: whose ``unit_address``, ``device_pin`` or ``device_type`` chooses.
     """
 
     def __init__(self, settings: Settings) -> None:
@@ -42,9 +45,29 @@ class Finder:
         self._asked_at = -math.inf
         self._due = math.inf
 
+    @property
+    def known(self) -> bool:
+        """It is known which unit is ours."""
+        return self.unit is not None or bool(self._settings.unit_address)
+
+    @property
+    def name(self) -> str:
+        """What our unit is called."""
+        if self.unit is not None:
+            return self.unit.pin
+        fixed = self._settings.unit_address
+        return f'at {fixed:02X}' if fixed else 'not found yet'
+
+    @property
+    def device_type(self) -> int:
+        """The key of DEVICE_TYPES; 0: not known yet."""
+        if self.unit is not None:
+            return self.unit.device_type
+        return self._settings.unit_type if self._settings.unit_address else 0
+
     def start(self, now: float) -> None:
         """Begin, or begin anew: ask at once."""
-        self.address = self.namesake = None
+        self.address, self.namesake = self._settings.unit_address or None, None
         self.devices.clear()
         self._names.clear()
         self._asked_at = -math.inf
@@ -56,8 +79,12 @@ class Finder:
             return ''
         if len(self.devices) < _MANY or device.pin in self.devices:
             self.devices[device.pin] = source
+        if self._settings.unit_address not in (0, source):
+            return ''
         if self.unit is None and self._fits(device):
             self.unit = device
+            if source == self.address:
+                return f'unit {device.pin} is at address {source:02X}'
         if self.unit is None or device.pin != self.unit.pin:
             return self._lose(now, f'to {device.pin}') if source == self.address else ''
         before, self.address = self.address, source
@@ -80,6 +107,12 @@ class Finder:
         is_ours = self._is_ours(source, name)
         if is_ours and source == self.address:
             self._name = name
+        fixed = self._settings.unit_address
+        if fixed:
+            is_ours = name.manufacturer == AKRON_BRASS and source not in self._others()
+            if source != fixed or is_ours:
+                self.address = fixed if source == fixed else self.address
+                return ''
         if is_ours == (source == self.address) or self.address is None:
             return ''
         return self._lose(now, 'and claims another' if is_ours else 'to another device')
@@ -126,8 +159,7 @@ class Finder:
         return device.device_type in ((wanted,) if wanted else CONTROLLERS)
 
     def _lose(self, now: float, to_whom: str) -> str:
-        assert self.unit is not None
-        text = f'unit {self.unit.pin} has lost address {self.address:02X} {to_whom}'
+        text = f'unit {self.name} has lost address {self.address:02X} {to_whom}'
         self.address = None
         self._due = max(now, self._asked_at + LEAST_REQUEST_PERIOD)
         return text

@@ -99,8 +99,8 @@ def values(session: Session, now: float) -> dict[str, Any]:
     finder, drive = session.finder, session.drive
     heard = session.joysticks.present(now).items()
     known = {
-        'unit': 'not found yet' if finder.unit is None else finder.unit.pin,
-        'type': 'not found yet' if finder.unit is None else _type(finder.unit.pin),
+        'unit': finder.name,
+        'type': DEVICE_TYPES.get(finder.device_type, 'not found yet'),
         'address': 'none' if finder.address is None else f'{finder.address:02X}',
         'moves to another address': finder.moves,
         'source address': f'{session.settings.source_address:02X}',

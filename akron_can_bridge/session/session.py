@@ -77,8 +77,7 @@ _FROM_ANYONE = tuple(
         MessageType.DIGITAL_INPUTS,
     )
 )
-_NOTHING = Permission(0)
-_ALL = Permission.LEFT | Permission.RIGHT | Permission.UP | Permission.DOWN
+_DIRECTIONS = sum(Permission)
 _NO_FAULT = FaultStatus(Fault(0), 0)
 _IN_SETUP = 'the unit is in setup mode; call ~/reset_controller once that is done'
 # What must not meet a moving unit, and what it is called meanwhile.
@@ -98,7 +97,7 @@ class Session(BaseSession[CanFrame, Received, Event]):
     HELD = 'neutral'
 
     def __init__(self, settings: Settings) -> None:
-        self.decoder = FrameDecoder(self._concerns_us)
+        self.decoder = FrameDecoder(self._concerns_us, self._is_ours)
         super().__init__(self.decoder, settings.link_timeout)
         self.settings = settings
         self.finder = Finder(settings)
@@ -133,7 +132,7 @@ class Session(BaseSession[CanFrame, Received, Event]):
             return stops.silent(foreign, self._silence(now))
         overdue = self._asker.overdue(Request.POLL_FAULTS, now)
         faults = None if overdue else self.unit.faults
-        found = stops.causes(self.finder.unit, self.unit, faults, foreign, now)
+        found = stops.causes(self.finder.device_type, self.unit, faults, foreign, now)
         if self.motion.moving(now) and now >= self._coasted_at:
             found[Cause.MOTION] = stops.motion(self.motion.describe(now))
         return found
@@ -153,6 +152,8 @@ class Session(BaseSession[CanFrame, Received, Event]):
             (Level.WARN if text == not_enabled else Level.ERROR, text)
             for text in self.stop_reasons(now)
         ]
+        if self.drive.stale(now):
+            problems.append((Level.WARN, 'an input is stale'))
         return problems + [(Level.WARN, text) for text in self.warnings(now)]
 
     def values(self, now: float) -> dict[str, Any]:
@@ -185,9 +186,9 @@ class Session(BaseSession[CanFrame, Received, Event]):
         self._follow(now)
 
     def _take(self, message: Received, now: float) -> None:
-        sender, content = message
+        frame, sender, content = message
         if sender.pgn in JOYSTICK_PGNS:
-            self.joysticks.hear(sender, now)
+            self.joysticks.hear(frame, sender.source, now)
         if isinstance(content, BasicJoystick | ExtendedJoystick):
             self._report(self.joysticks.take(content, sender.source, now))
         elif isinstance(content, Name):
@@ -198,7 +199,7 @@ class Session(BaseSession[CanFrame, Received, Event]):
 
     def _verdict(self, now: float) -> Verdict:
         """Return the verdict; a lost link counts as ``estop_on`` says, like all causes."""
-        if self._open and not now < self._interruption_ends:
+        if self._open and not self._is_interrupted(now):
             return self._judge(now)
         return super()._verdict(now)
 
@@ -238,8 +239,7 @@ class Session(BaseSession[CanFrame, Received, Event]):
     def _expires_at(self) -> float:
         moments = [super()._expires_at(), self._asker.deadline]
         moments += [self.joysticks.deadline, self.unit.deadline]
-        later = [self.drive.deadline, self._interruption_ends]
-        later += [self.motion.ends_at, self._coasted_at]
+        later = [*self.drive.deadlines, self.motion.ends_at, self._coasted_at]
         return min(moments + [moment for moment in later if moment > self._stepped_at])
 
     def _sends_at(self) -> float:
@@ -269,6 +269,19 @@ class Session(BaseSession[CanFrame, Received, Event]):
         self._expire(now)
         self.drive.set_estop(value, now)
         self._refresh(now)
+
+    def set_directions(self, directions: int, now: float) -> None:
+        """
+        Take which directions the SOE permission may give, as bits of type A1.
+
+        :raises ValueError: for other bits; then it gives none.
+        """
+        self._expire(now)
+        sound = 0 <= directions <= _DIRECTIONS
+        self.drive.set_directions(Permission(directions if sound else 0), now)
+        self._refresh(now)
+        if not sound:
+            raise ValueError(f'{directions} is no sum of 1 right, 2 left, 4 up, 8 down')
 
     def request(self, request: Request, now: float) -> None:
         """
@@ -342,14 +355,9 @@ class Session(BaseSession[CanFrame, Received, Event]):
 
     def _permitted(self, now: float) -> Permission:
         stopped = self.withheld or self.drive.forbidden(now, self._holds())
-        return _NOTHING if stopped else _ALL
+        return Permission(0) if stopped else self.drive.directions(now)
 
     # Questions to the unit.
-
-    @property
-    def _interruption_ends(self) -> float:
-        """When discarded input is no stop by itself any more."""
-        return self._interrupted_at + self._heard.timeout
 
     def _meet(self, now: float) -> None:
         """Ask what is asked of a unit that is heard for the first time, or again."""
@@ -400,6 +408,10 @@ class Session(BaseSession[CanFrame, Received, Event]):
         if sender.destination not in (GLOBAL_ADDRESS, self.settings.source_address):
             return False
         return sender.source == self.finder.address or data[:1] in _FROM_ANYONE
+
+    def _is_ours(self, sender: J1939Id) -> bool:
+        """Tell whether what a frame claims to be is what it must be."""
+        return sender.pgn != PROPRIETARY_PGN or sender.source == self.finder.address
 
     def _take_proprietary(self, message: Message, source: int, now: float) -> None:
         if isinstance(message, AddressAnnouncement):

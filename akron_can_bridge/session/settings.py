@@ -30,6 +30,7 @@ class Settings(CheckedSettings):
     source_address: int = _TABLE['source_address'].default
     device_pin: str = _TABLE['device_pin'].default
     device_type: int = _TABLE['device_type'].default
+    unit_address: int = _TABLE['unit_address'].default
     coast_time: float = _TABLE['coast_time'].default
     button_switches: tuple[int, ...] = ()
     automatic_motion: bool = _TABLE['automatic_motion'].default
@@ -51,6 +52,10 @@ class Settings(CheckedSettings):
             raise ValueError(f'allowed_joysticks cannot be {sorted(self.allowed_joysticks)}')
         if self.source_address in (self.joy_source, *self.allowed_joysticks):
             raise ValueError('joy_source and allowed_joysticks cannot be our source_address')
+        if self.unit_address and not self.unit_type:
+            raise ValueError('unit_address needs a device_type or device_pin')
+        if self.unit_address in JOYSTICK_ADDRESSES:
+            raise ValueError(f'unit_address {self.unit_address:02X} is a joystick')
         automatic = sorted(AUTOMATIC_SWITCHES & set(self.button_switches))
         if automatic and not self.automatic_motion:
             raise ValueError(
