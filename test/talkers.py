@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import time
 from typing import Any
 
 from test.rig import Observer
@@ -82,3 +83,19 @@ class Diagnostics:
 def values_of(status: Any) -> dict[str, str]:
     """Return the values of a DiagnosticStatus."""
     return {value.key: value.value for value in status.values}
+
+
+def reset(observer: Observer, mux: str) -> None:
+    """Call reset at a patient pace: one that follows another too soon counts as repeated."""
+    from std_srvs.srv import Trigger
+
+    at = [0.0]
+
+    def accepted() -> bool:
+        if time.monotonic() < at[0] + 0.7:
+            return False
+        reply = observer.call(Trigger, f'{mux}/reset')
+        at[0] = time.monotonic()
+        return bool(reply.success)
+
+    observer.wait_for(accepted, 15.0, 'a reset')

@@ -363,10 +363,15 @@ def test_inactive_mux_says_stop_all_the_time_and_activation_is_stopped(
         mux.stopped_since(moment)
         assert not mux.reset().success
         since = time.monotonic()
-        observer.holds_for(mux.is_stopped, 0.3)
-        assert len(list(mux.estop.since(since))) > 10
-        assert len(list(mux.enable.since(since))) > 10
-        assert len(list(mux.command.since(since))) > 10
+
+        def repeated() -> bool:
+            assert mux.is_stopped()
+            return all(
+                len(list(record.since(since))) > 10
+                for record in (mux.estop, mux.enable, mux.command)
+            )
+
+        mux.wait(repeated, 'outputs')
         assert observer.change_state(mux.name, 'activate')  # deadman and stick are still held
         observer.holds_for(mux.is_stopped, 0.5)
         mux.joy.message = sticks()

@@ -45,7 +45,7 @@ from test.talkers import values_of
 def shared(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Bench]:
     with (
         Observer() as observer,
-        bench_of(tmp_path_factory.mktemp('ssc'), observer, **SERVOS) as bench,
+        bench_of(tmp_path_factory.mktemp('ssc'), observer, **SERVOS, link_timeout=1.0) as bench,
     ):
         yield bench
 

@@ -8,7 +8,6 @@ best effort and volatile, depth 5. (ros2cli, branch jazzy: ros2topic/verb/pub.py
 
 from collections.abc import Iterator
 import importlib
-import time
 from typing import Any
 
 from geometry_msgs.msg import Twist
@@ -21,7 +20,6 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Bool
 from std_msgs.msg import String
 from std_srvs.srv import SetBool
-from std_srvs.srv import Trigger
 
 from test.mux_talkers import sticks
 from test.rig import latched
@@ -34,6 +32,7 @@ from test.stage import Drive
 from test.stage import MUX
 from test.stage import VSC
 from test.talkers import namespace
+from test.talkers import reset
 from test.talkers import Talker
 
 PUB_RATE = 20.0  # ros2 topic pub -r 20
@@ -213,7 +212,7 @@ def test_pub_stands_in_for_estop_source_and_operator(observer: Observer) -> None
             for topic in (f'{VSC}/estop', f'{VSC}/own_estop', f'{DRIVE}/estop')
         ]
         joy = Pub(observer, f'{space}/{VSC}/joy', sticks())
-        _reset(observer, f'{space}/{MUX}')
+        reset(observer, f'{space}/{MUX}')
         observer.holds_for(lambda: True, 0.5)  # neutral for longer than neutral_time
         joy = joy.instead(observer, sticks(0.5, deadman=True))
         observer.wait_for(lambda: state.last.data == 'ACTIVE', 10.0, 'ACTIVE')
@@ -241,7 +240,7 @@ def test_pub_stands_in_for_autonomy(observer: Observer) -> None:
             for topic in (f'{VSC}/estop', f'{VSC}/own_estop', f'{DRIVE}/estop')
         ]
         twist = Pub(observer, f'{space}/cmd_vel', Twist())
-        _reset(observer, f'{space}/{MUX}')
+        reset(observer, f'{space}/{MUX}')
 
         def selected() -> bool:
             request = SetBool.Request(data=True)
@@ -291,20 +290,6 @@ def test_pub_stands_in_for_the_software_estop_of_the_vsc(spine: Spine) -> None:
     pub = pub.instead(spine.observer, Bool(data=False))
     spine.wait(lambda: not spine.vsc.simulator.host_estop, 'none any more')
     pub.leave()
-
-
-def _reset(observer: Observer, mux: str) -> None:
-    """Call reset at a patient pace: one that follows another too soon counts as repeated."""
-    at = [0.0]
-
-    def accepted() -> bool:
-        if time.monotonic() < at[0] + 0.7:
-            return False
-        reply = observer.call(Trigger, f'{mux}/reset')
-        at[0] = time.monotonic()
-        return bool(reply.success)
-
-    observer.wait_for(accepted, 15.0, 'a reset')
 
 
 def test_latched_topics_reach_who_comes_late(spine: Spine) -> None:

@@ -1,0 +1,37 @@
+"""How long processes waited for a processor, by the kernel's own account."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+import contextlib
+import os
+from pathlib import Path
+
+
+class RunDelay:
+    """
+    What may be added to a bound on a reaction: the machine's share in it, measured beside it.
+
+    It counts from the moment at which it is made, over all threads of the processes and of this
+    one. A thread that sleeps or is stopped by a signal waits for no processor.
+
+    :param pids: of processes besides this one.
+    """
+
+    def __init__(self, pids: Sequence[int]) -> None:
+        self._pids = (*pids, os.getpid())
+        self._before = self._waited()
+
+    def seconds(self) -> float:
+        """Return the sum; without what has ended, and 0 where the kernel keeps no account."""
+        after = self._waited()
+        return 1e-9 * sum(after[thread] - self._before.get(thread, 0) for thread in after)
+
+    def _waited(self) -> dict[str, int]:
+        """Return the nanoseconds of each thread (kernel: Documentation/scheduler/sched-stats)."""
+        found: dict[str, int] = {}
+        for pid in self._pids:
+            for file in Path(f'/proc/{pid}/task').glob('*/schedstat'):
+                with contextlib.suppress(OSError):  # it has ended
+                    found[str(file)] = int(file.read_text().split()[1])
+        return found
