@@ -40,6 +40,7 @@ from bridge_core.parameter_files import check_sections
 from bridge_core.parameters import Parameter
 from bridge_core.parameters import ParameterError
 from bridge_core.parameters import resolve
+from bridge_core.publishers import PublisherWatch
 from bridge_core.services import Waiting
 from bridge_core.session import Answer
 from bridge_core.session import EventT
@@ -219,6 +220,7 @@ class BridgeNode(ManagedNode, Generic[SessionT, EventT]):
         self._waiting = Waiting(self)
         self.refused = 0
         self.refusal = ''
+        self._watches: dict[str, PublisherWatch] = {}  # by topic
         self.session: SessionT | None = None  # while active
         self.link: Link[Any] = Link(name, self, reconnect_period=self.values['reconnect_period'])
         self.create_interfaces()
@@ -230,6 +232,40 @@ class BridgeNode(ManagedNode, Generic[SessionT, EventT]):
     def publisher(self, kind: type, topic: str, qos: QoSProfile | int) -> 'OutboxPublisher':
         """Return a publisher for use on the link thread; parameters as of ``create_publisher``."""
         return OutboxPublisher(self.create_publisher(kind, topic, qos), self.outbox)
+
+    def watched_subscription(
+        self,
+        kind: type,
+        topic: str,
+        callback: Callable[[Any], None],
+        qos: QoSProfile | int,
+        *,
+        is_stop: Callable[[Any], bool] = lambda message: False,
+    ) -> None:
+        """
+        Subscribe to what one publisher alone may say, such as the mux.
+
+        While two are heard, and until it is known that there is one, stops alone are passed on.
+
+        :param is_stop: tells whether a message is a stop.
+        """
+        watch = PublisherWatch()
+
+        def on_message(message: Any, info: Any) -> None:
+            now = time.monotonic()
+            watch.heard(info['publication_sequence_number'], now)
+            if watch.settled(now) or is_stop(message):
+                callback(message)
+            elif watch.doubled(now):
+                text = _doubled(subscription.topic_name)
+                self.log(Level.ERROR, text, site=text)
+                self.on_doubled(text)
+
+        subscription = self.create_subscription(kind, topic, on_message, qos)
+        self._watches[subscription.topic_name] = watch
+
+    def on_doubled(self, text: str) -> None:
+        """Stop: two publishers are heard on an input. It grows stale besides, as none counts."""
 
     def log(self, level: Level, text: str, *, site: str = '') -> None:
         """
@@ -456,7 +492,9 @@ class BridgeNode(ManagedNode, Generic[SessionT, EventT]):
         session = self.session
         if session is None:
             return Status(Level.WARN, 'the node is not active; ~/estop is true')
-        level, message = summarise(session.problems(now), session.summary())
+        doubled = [topic for topic, watch in self._watches.items() if watch.doubled(now)]
+        problems = [(Level.ERROR, _doubled(topic)) for topic in doubled]
+        level, message = summarise(problems + session.problems(now), session.summary())
         inhibits = session.inhibits(now)
         if inhibits:
             message += f'; {session.HELD}: {"; ".join(inhibits)}'
@@ -592,6 +630,10 @@ class OutboxPublisher:
     def publish(self, message: Any) -> None:
         """Have it published soon."""
         self._outbox.post(self._publisher.publish, message)
+
+
+def _doubled(topic: str) -> str:
+    return f'stop one of the two publishers of {topic}: while both are heard, only stops count'
 
 
 def _plain(value: Any) -> Any:

@@ -32,6 +32,7 @@ from bridge_core.node import latched_qos
 from bridge_core.node import MANAGED_PARAMETERS
 from bridge_core.node import ManagedNode
 from bridge_core.parameters import Parameter
+from bridge_core.publishers import PublisherWatch
 from bridge_core.runner import run
 from bridge_core.session import Level
 from safety_mux.arbiter import Arbiter
@@ -48,7 +49,6 @@ from safety_mux.protocol import AUTONOMY
 from safety_mux.protocol import Kind
 from safety_mux.protocol import MalformedInput
 from safety_mux.protocol import State
-from safety_mux.publishers import PublisherWatch
 
 # A stop must not be overwritten by what follows it before it was read, hence the depth.
 ESTOP_QOS = QoSProfile(depth=10)
@@ -80,6 +80,7 @@ class SafetyMux(ManagedNode):
         self.create_service(Trigger, '~/reset', self._on_reset)
         self.create_service(Trigger, '~/trip', self._on_trip)
         self.create_service(SetBool, '~/select_autonomy', self._on_select_autonomy)
+        self._own_watches: dict[str, tuple[Any, PublisherWatch]] = {}  # while others are there
         self._drive_enabled = False
         if self.values['drive_enabled_topic']:
             topic = self.values['drive_enabled_topic']
@@ -112,7 +113,7 @@ class SafetyMux(ManagedNode):
     def on_activate(self, state: Any) -> TransitionCallbackReturn:
         """Begin to decide; STOPPED until a reset."""
         self.active = True
-        self._arbiter.hold(None)
+        self._hold(time.monotonic())
         return super().on_activate(state)
 
     def on_deactivate(self, state: Any) -> TransitionCallbackReturn:
@@ -133,7 +134,7 @@ class SafetyMux(ManagedNode):
     def shut_down(self) -> None:
         """Put out the stop at once."""
         self.active = False
-        self._arbiter.hold(_INACTIVE)
+        self._hold(time.monotonic())
         self._tick()
 
     def _build(self) -> None:
@@ -141,7 +142,7 @@ class SafetyMux(ManagedNode):
         values = self._built_from = self.values
         config = mux_config(values)
         self._arbiter = Arbiter(config, JointLimiter(joint_limits(values)), time.monotonic())
-        self._arbiter.hold(_INACTIVE)
+        self._hold(time.monotonic())
         self._last_state: State | None = None
         self._owner: str | None = None
         self._mappings = {each.name: joy_mapping(values, each.name) for each in config.operators}
@@ -251,6 +252,37 @@ class SafetyMux(ManagedNode):
         now = time.monotonic()
         for topic in self._watches:
             self._look_at(topic, now)
+        for publisher in (self._estop, self._enable, self._command):
+            self._look_at_own(publisher)
+        self._hold(now)
+
+    def _look_at_own(self, publisher: Any) -> None:
+        """Listen to an output of ours for as long as somebody else may publish there, too."""
+        topic = publisher.topic_name
+        alone = self.count_publishers(topic) < 2
+        if alone and topic in self._own_watches:
+            self.destroy_subscription(self._own_watches.pop(topic)[0])
+        elif not alone and topic not in self._own_watches:
+            watch = PublisherWatch()
+
+            def on_message(message: Any, info: Any) -> None:
+                del message
+                now = time.monotonic()
+                watch.heard(info['publication_sequence_number'], now)
+                if watch.doubled(now) and self._last_state is not State.STOPPED:
+                    self._hold(now)
+                    self._tick()
+
+            subscription = self.create_subscription(
+                publisher.msg_type, topic, on_message, COMMAND_QOS
+            )
+            self._own_watches[topic] = subscription, watch
+
+    def _hold(self, now: float) -> None:
+        """Be STOPPED while inactive, and while somebody else says what drives obey."""
+        doubled = [topic for topic, (_, watch) in self._own_watches.items() if watch.doubled(now)]
+        reason = f'stop the other publisher of {", ".join(doubled)}: a second mux?'
+        self._arbiter.hold(_INACTIVE if not self.active else reason if doubled else None)
 
     def _look_at(self, topic: str, now: float) -> None:
         kind, name, watch = self._watches[topic]

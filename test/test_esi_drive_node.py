@@ -31,6 +31,7 @@ NAME = 'esi_drive_bridge'
 LINK, DEVICE = 'link', 'device'  # the parts of its diagnostics
 COMMAND_TIMEOUT = 0.1
 STALE = 0.3  # a stale input is acted on well within this
+DOUBLED = 'stop one of the two publishers'
 RPM = 2.0 * math.pi / 60.0  # rad/s
 _FILE = Path(__file__).parent / 'vectors/esi.json'
 VECTORS = json.loads(_FILE.read_text())
@@ -220,9 +221,9 @@ def test_enable_false_and_true_in_one_breath_passes_through_disable(bench: Bench
 @pytest.mark.parametrize(
     ('message', 'text'),
     [
-        (command(1.0, names=('left',)), 'joints'),
+        (command(1.0, names=('left',)), 'name each of'),
         (command(1.0, 1.0, names=('left', 'middle')), 'middle'),
-        (command(1.0, 1.0, names=('left', 'left')), 'joints'),
+        (command(1.0, 1.0, names=('left', 'left')), 'name each of'),
         (command(1.0), 'entries in velocity'),
         (command(1.0, math.nan), 'nan'),
         (command(math.inf, 1.0), 'inf'),
@@ -260,6 +261,26 @@ def test_packets_never_stop_while_the_port_is_open(bench: Bench) -> None:
         moment = time.monotonic()
         bench.wait(lambda moment=moment: len(bench.drive.packets(moment)) > 5, 'packets', 2.0)
         assert not any(packet.enables for packet in bench.drive.packets(moment))
+
+
+@pytest.mark.parametrize('attempt', range(3))
+def test_second_mux_disables_and_its_stops_are_no_edges(bench: Bench, attempt: int) -> None:
+    del attempt
+    bench.command.message = command(10 * RPM, 10 * RPM)
+    bench.enabling()
+    cause = time.monotonic()
+    topics = {'command': 'command', 'enable': 'enable', 'estop': 'estop_in'}
+    wires = [f'~/{its}:={bench.name}/{ours}' for its, ours in topics.items()]
+    arguments = [word for wire in wires for word in ('-r', wire)]
+    with NodeProcess('safety_mux.node', namespace=namespace(), arguments=arguments):
+        bench.stopped_since(cause, 10.0)
+        told = time.monotonic()
+        bench.wait(lambda: DOUBLED in bench.diagnostics.status(DEVICE).message, 'the reason')
+        bench.holds(lambda: not any(p.enables for p in bench.drive.packets(told)), 1.0)
+        assert not bench.estop.last.data  # nothing is wrong with the drive
+    bench.wait(lambda: DOUBLED not in bench.diagnostics.status(DEVICE).message, 'only one again')
+    bench.quiet()
+    bench.enabling()
 
 
 # Feedback.
