@@ -42,6 +42,7 @@ from safety_mux.inputs import OperatorInput
 from safety_mux.inputs import OwnerInput
 from safety_mux.inputs import SourceInput
 from safety_mux.protocol import AUTONOMY
+from safety_mux.protocol import Causes
 from safety_mux.protocol import Decision
 from safety_mux.protocol import Demand
 from safety_mux.protocol import Kind
@@ -52,9 +53,8 @@ from safety_mux.protocol import OperatorSample
 from safety_mux.protocol import Reply
 from safety_mux.protocol import State
 from safety_mux.protocol import Status
+from safety_mux.protocol import Stop
 from safety_mux.protocol import Transition
-
-_Stops = list[tuple[str, int]]  # reason in words, stop category
 
 
 class Arbiter:
@@ -174,7 +174,7 @@ class Arbiter:
                 f'{milliseconds(self.config.clear_time)}, then call ~/reset once',
             )
         unrest = self._unrest(now)
-        missing = ([reason for reason, _ in self._stops(now)] or self._waiting(now)) + unrest
+        missing = ([stop.reason for stop in self._stops(now)] or self._waiting(now)) + unrest
         if not missing:
             return self._reset(now)
         if not unrest and self._trip_may_end(now):
@@ -191,7 +191,7 @@ class Arbiter:
             return Reply(True, 'autonomy has no control')
         if self._state is not State.READY or not self._settled:
             return Reply(False, f'not selected: the mux is {self._state.value}, not READY')
-        missing = [reason for reason, _ in self._stops(now)] + self._unrest(now)
+        missing = [stop.reason for stop in self._stops(now)] + self._unrest(now)
         problem = self._autonomy.problem(now) or self._autonomy.lapse
         if problem is not None:
             missing.append(problem)
@@ -236,25 +236,27 @@ class Arbiter:
             owner=None if self._owner is None else self._owner.name,
             inhibits=tuple(self._inhibits(now)),
             ages={each.label: each.watchdog.age(now) for each in self._inputs()},
+            conditions={each.label: each.condition(now) for each in self._inputs()},
+            stops_clear=not self._stops(now) and not self._waiting(now),
+            operators_at_rest=not self._unrest(now),
+            tripped=self._tripped_at is not None,
             last_transition=self._transition,
         )
 
     # -- stops -------------------------------------------------------------------------------
 
-    def _stops(self, now: float) -> _Stops:
+    def _stops(self, now: float) -> list[Stop]:
         """Return everything that stops the machine, now or at some moment since the last tick."""
-        found: _Stops = []
-        for reason in (self._stalled(now), self._hold, self._trip):
-            if reason is not None:
-                found.append((reason, 0))
+        mux = (('stall', self._stalled(now)), ('hold', self._hold), ('trip', self._trip))
+        found = [Stop(cause, reason) for cause, reason in mux if reason is not None]
         for source in self._sources.values():
             reason = source.stop_reason(now) if self._counts(source, now) else None
             if reason is not None:
-                found.append((reason, source.config.stop_category))
+                found.append(Stop(source.label, reason, source.config.stop_category))
         if self._owner is not None:
             loss = self._owner.problem(now) or self._owner.lapse
             if loss is not None:
-                found.append((f'the owner was lost: {loss}', 0))
+                found.append(Stop(self._owner.label, f'the owner was lost: {loss}'))
         return found
 
     def _stalled(self, now: float) -> str | None:
@@ -277,28 +279,29 @@ class Arbiter:
         former, until = self._former or ('', 0.0)
         return former == source.config.operator and now - until < source.config.timeout
 
-    def _stop(self, stops: _Stops, now: float) -> None:
+    def _stop(self, stops: list[Stop], now: float) -> None:
         """Stop in the way that the worst of the reasons asks for."""
-        reason = '; '.join(reason for reason, _ in stops)
+        reason = '; '.join(stop.reason for stop in stops)
+        causes = tuple(stop.cause for stop in stops)
         given_up = self._owner.given_up if self._owner is not None else 'nobody had control'
-        if any(category == 0 for _, category in stops):
-            self._latch(reason, now)
+        if any(stop.category == 0 for stop in stops):
+            self._latch(reason, now, causes)
         elif given_up is not None:
-            self._latch(f'{reason}; {given_up}', now)
+            self._latch(f'{reason}; {given_up}', now, causes)
         elif self._state is State.ACTIVE and any(self._limiter.output):
             self._stopping_since = now
-            self._change(State.STOPPING, reason, now)
+            self._change(State.STOPPING, reason, now, causes)
         elif self._state is State.ACTIVE:
-            self._latch(reason, now)
+            self._latch(reason, now, causes)
 
-    def _latch(self, reason: str, now: float) -> None:
+    def _latch(self, reason: str, now: float, causes: Causes) -> None:
         """Be STOPPED, and forget all that was asked."""
         again = self._state is State.STOPPED
         self._end_control(now)
         self._clear_since = None
         self._forget()
         if not again or self._trip or self._stalled(now):
-            self._change(State.STOPPED, reason, now)
+            self._change(State.STOPPED, reason, now, causes)
 
     def _forget(self) -> None:
         for each in self._inputs():
@@ -323,12 +326,12 @@ class Arbiter:
         return Reply(True, 'reset: READY; nothing moves until somebody takes control')
 
     def _waiting(self, now: float) -> list[str]:
-        """Say how much of clear_time is missing; empty if nothing is."""
+        """Say how much of clear_time is missing in STOPPED; empty if nothing is."""
         clear = 0.0 if self._clear_since is None else now - self._clear_since
-        if self._clear_since is not None and clear >= self.config.clear_time:
+        limit = self.config.clear_time
+        if self._state is not State.STOPPED or clear >= limit:
             return []
-        limit = milliseconds(self.config.clear_time)
-        return [f'all stops have been clear for {milliseconds(clear)} of {limit}']
+        return [f'all stops have been clear for {milliseconds(clear)} of {milliseconds(limit)}']
 
     def _unrest(self, now: float) -> list[str]:
         found = (operator.unrest(now) for operator in self._operators.values())
@@ -347,7 +350,7 @@ class Arbiter:
 
     # -- owners ------------------------------------------------------------------------------
 
-    def _advance(self, stops: _Stops, now: float) -> None:
+    def _advance(self, stops: list[Stop], now: float) -> None:
         """Change state: stops first, then what gives control away, then what takes it."""
         if stops:
             self._stop(stops, now)
@@ -365,7 +368,8 @@ class Arbiter:
     def _let_go(self, owner: OwnerInput, reason: str, now: float) -> None:
         """Be at zero at once and hand over to nobody: READY, or STOPPED if on the ramp."""
         if self._state is State.STOPPING:
-            self._latch(f'{reason} on the ramp of: {self._transition.reason}', now)
+            ramp = self._transition
+            self._latch(f'{reason} on the ramp of: {ramp.reason}', now, ramp.causes)
             return
         owner.forget()
         self._end_control(now)
@@ -410,8 +414,8 @@ class Arbiter:
             self._former = (self._owner.name, now)
         self._owner = None
 
-    def _change(self, state: State, reason: str, now: float) -> None:
-        self._transition = Transition(now, self._state, state, reason)
+    def _change(self, state: State, reason: str, now: float, causes: Causes = ()) -> None:
+        self._transition = Transition(now, self._state, state, reason, causes)
         self._state = state
         self._settled = False
 
@@ -422,7 +426,8 @@ class Arbiter:
             in_time = 0.0 <= now - self._stopping_since < self.config.stop_time
             if in_time and any(demand):
                 return demand
-            self._latch(f'the ramp has ended, after: {self._transition.reason}', now)
+            ramp = self._transition
+            self._latch(f'the ramp has ended, after: {ramp.reason}', now, ramp.causes)
         elif self._state is State.ACTIVE and self._owner is not None:
             target = (0.0,) * self.config.joints if self._through_zero else self._owner.demand
             demand = self._limiter.step(target, dt)
@@ -435,10 +440,10 @@ class Arbiter:
 
     def _inhibits(self, now: float) -> list[str]:
         if self._state is State.ACTIVE:
-            return [reason for reason, _ in self._stops(now)] + self._why_still()
+            return [stop.reason for stop in self._stops(now)] + self._why_still()
         if self._state is State.STOPPING:
             return [f'stopping on a ramp: {self._transition.reason}']
-        why = [reason for reason, _ in self._stops(now)]
+        why = [stop.reason for stop in self._stops(now)]
         if self._state is State.STOPPED:
             age = milliseconds(now - self._transition.at)
             why.insert(0, f'stopped {age} ago: {self._transition.reason}')
@@ -455,9 +460,8 @@ class Arbiter:
         return []
 
     def _why_no_reset(self, now: float) -> list[str]:
-        why = []
-        if self._tripped_at is not None:
-            why.append('a trip is active until ~/reset is called')
+        tripped = self._tripped_at is not None
+        why = ['a trip is active until ~/reset is called'] if tripped else []
         clearing = [] if self._stops(now) else self._waiting(now)
         return why + self._unrest(now) + clearing + ['waiting for reset: call ~/reset']
 
@@ -482,8 +486,6 @@ class Arbiter:
         if problem is not None:
             return [problem]
         return [each.advice()] if self._state is State.READY else []
-
-    # -- helpers -----------------------------------------------------------------------------
 
     def _inputs(self) -> list[Input]:
         found: list[Input] = [*self._sources.values(), *self._operators.values()]

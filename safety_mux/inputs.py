@@ -58,9 +58,21 @@ class Input:
         if self.faults:
             return f'{self.label} is invalid: {"; ".join(self.faults.values())}'
         if self.watchdog.expired(now):
-            how = 'stale' if self.watchdog.heard else 'silent'
-            return f'{self.label} is {how}: {self.watchdog.describe(now)}'
+            return f'{self.label} is {self.condition(now)}: {self.watchdog.describe(now)}'
         return None
+
+    def condition(self, now: float) -> str:
+        """Return ``invalid``, ``silent``, ``stale`` or, of one that can be relied on, its use."""
+        if self.faults:
+            return 'invalid'
+        if self.watchdog.expired(now):
+            return 'stale' if self.watchdog.heard else 'silent'
+        return self.use
+
+    @property
+    def use(self) -> str:
+        """What its newest message asks for, in one word."""
+        raise NotImplementedError
 
     def fresh(self, now: float) -> bool:
         """Tell whether anything, good or bad, was heard within the timeout."""
@@ -115,6 +127,11 @@ class SourceInput(Input):
         self.own_watchdog.feed(now)
         self.own = value
         self.own_lapse |= value
+
+    @property
+    def use(self) -> str:
+        """``stop`` or ``clear``."""
+        return 'stop' if self.value else 'clear'
 
     def stop_reason(self, now: float) -> str | None:
         """Say why it stops the machine; None if it is clear and has been since the last tick."""
@@ -183,6 +200,16 @@ class OwnerInput(Input):
         return self.rest.since is not None and self.rest.length >= self.neutral_time
 
     @property
+    def use(self) -> str:
+        """``rested``, ``at rest`` (not yet for ``neutral_time``) or ``in use``."""
+        return 'rested' if self.rested else 'at rest' if self.at_rest else 'in use'
+
+    @property
+    def at_rest(self) -> bool:
+        """Tell whether the newest message asks for nothing."""
+        raise NotImplementedError
+
+    @property
     def given_up(self) -> str | None:
         """Say how, as an owner, it gave control up; None while it has not."""
         raise NotImplementedError
@@ -238,6 +265,11 @@ class OperatorInput(OwnerInput):
         self.rest.end()
 
     @property
+    def at_rest(self) -> bool:
+        """Tell whether the newest message asks for nothing."""
+        return self.newest is not None and self.newest.at_rest
+
+    @property
     def given_up(self) -> str | None:
         """Say that the deadman was released; None while it is held."""
         return None if self.holding else f'{self.label} released its deadman'
@@ -248,7 +280,7 @@ class OperatorInput(OwnerInput):
             return None
         if self.faults:
             return self.problem(now)
-        if self.newest is None or not self.newest.at_rest:
+        if not self.at_rest:
             return f'{self.label} is not at neutral: let go of its sticks and of its deadman'
         return None
 
@@ -298,6 +330,11 @@ class AutonomyInput(OwnerInput):
             self.rest.end()
         else:
             self.rest.extend(now)
+
+    @property
+    def at_rest(self) -> bool:
+        """Tell whether the newest message asks for nothing."""
+        return not any(self.demand)
 
     @property
     def given_up(self) -> str | None:

@@ -362,6 +362,13 @@ class SafetyMux(ManagedNode):
         last = status.last_transition
         still = status.state in (State.STOPPED, State.STOPPING)
         values: dict[str, Any] = {'state': status.state.value, 'owner': status.owner or 'none'}
+        values['stopped by'] = ', '.join(last.causes) or 'none'
+        values['stops clear'] = status.stops_clear
+        values['operators at rest'] = status.operators_at_rest
+        values['trip active'] = status.tripped
+        if self.values['drive_enabled_topic']:
+            values['drive enabled'] = self._drive_enabled
+        values |= {f'condition of {name}': word for name, word in status.conditions.items()}
         values |= {f'inhibit {n}': text for n, text in enumerate(inhibits, 1)}
         values |= {f'age of {name} (s)': age for name, age in status.ages.items()}
         values['last transition'] = (

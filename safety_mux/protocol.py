@@ -19,6 +19,7 @@ AUTONOMY = 'autonomy'  # the owner's name while no person steers
 _NAME = re.compile(r'[A-Za-z][A-Za-z0-9_]*')  # names become parts of topics: ~/stop_demand/<name>
 
 Demand = tuple[float, ...]
+Causes = tuple[str, ...]  # of a stop: labels of sources and owners, ``stall``, ``hold``, ``trip``
 Kind = Literal['e-stop source', 'operator', 'autonomy']
 
 
@@ -233,14 +234,28 @@ class Decision:
     stop_demand: Mapping[str, bool]
 
 
+class Stop(NamedTuple):
+    """
+    Something that stops the machine.
+
+    :param cause: one of ``Causes``. :param reason: in words.
+    :param category: 0 cuts at once, 1 ramps to zero first.
+    """
+
+    cause: str
+    reason: str
+    category: int = 0
+
+
 @dataclass(frozen=True, slots=True)
 class Transition:
-    """A change of state or of owner, at ``at`` seconds."""
+    """A change of state or of owner, at ``at`` seconds; ``causes`` are those of a stop."""
 
     at: float
     before: State
     after: State
     reason: str
+    causes: Causes = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -249,13 +264,22 @@ class Status:
     The full answer to "why does it not move?".
 
     :param inhibits: each thing that keeps the machine from moving, in words; empty when it moves.
-    :param ages: seconds since each input was heard, by its name in words; infinite if never.
+    :param ages: seconds since each input was heard, by its label; infinite if never.
+    :param conditions: of each input in one word, by its label; see ``Input.condition``.
+    :param stops_clear: no source stops, and in STOPPED none has for clear_time.
+    :param operators_at_rest: none that is fresh holds a stick or its deadman. In STOPPED a reset
+        succeeds if both are true.
+    :param tripped: a trip is active.
     """
 
     state: State
     owner: str | None
     inhibits: tuple[str, ...]
     ages: Mapping[str, float]
+    conditions: Mapping[str, str]
+    stops_clear: bool
+    operators_at_rest: bool
+    tripped: bool
     last_transition: Transition
 
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import replace
+import itertools
 import math
 from typing import Any
 
@@ -453,3 +454,91 @@ def test_senseless_source_or_operator_is_refused() -> None:
 def test_limits_for_other_joints_are_refused() -> None:
     with pytest.raises(ValueError, match='limits are for 1 joints, not 2'):
         Arbiter(CONFIG, JointLimiter([JointLimit(1.0, 1.0, 1.0)]), 0.0)
+
+
+# What the status has in fields, so that nobody need read its sentences.
+
+
+@pytest.mark.parametrize(
+    ('break_it', 'condition'),
+    [
+        (lambda bench: bench.estops.update(fort=True), 'stop'),
+        (lambda bench: bench.estops.update(fort=None), 'stale'),
+        (
+            lambda bench: bench.arbiter.set_invalid('e-stop source', 'fort', 'publishers', 'two'),
+            'invalid',
+        ),
+    ],
+)
+def test_stop_names_its_cause_and_the_condition_of_its_source(
+    break_it: Callable[[Bench], None], condition: str
+) -> None:
+    bench = Bench().active()
+    break_it(bench)
+    bench.run(0.4)
+    status = bench.arbiter.status(bench.now)
+    assert status.last_transition.causes == ("e-stop source 'fort'",)
+    assert status.conditions["e-stop source 'fort'"] == condition
+    assert status.conditions["e-stop source 'gate'"] == 'clear'
+    assert not status.stops_clear
+
+
+@pytest.mark.parametrize(
+    ('stop', 'cause'),
+    [
+        (lambda bench: bench.samples.update(senior=None), "operator 'senior'"),
+        (lambda bench: bench.arbiter.trip(bench.now), 'trip'),
+        (lambda bench: bench.arbiter.hold('not active'), 'hold'),
+        (lambda bench: setattr(bench, 'now', bench.now + 0.2), 'stall'),
+    ],
+)
+def test_stop_that_is_no_sources_names_its_cause(
+    stop: Callable[[Bench], None], cause: str
+) -> None:
+    bench = Bench().active('senior')
+    stop(bench)
+    bench.run(0.4)
+    assert cause == bench.arbiter.status(bench.now).last_transition.causes[0]
+
+
+def test_cause_of_a_ramp_outlasts_it() -> None:
+    bench = Bench().active()
+    bench.estops['gate'] = True
+    bench.send()
+    assert bench.tick().state is State.STOPPING
+    assert bench.run(0.6).state is State.STOPPED
+    causes = bench.arbiter.status(bench.now).last_transition.causes
+    assert causes == ("e-stop source 'gate'",)
+
+
+@pytest.mark.parametrize(
+    ('doing', 'condition'), [(OFF, 'in use'), (HELD, 'in use'), (REST, 'rested'), (None, 'stale')]
+)
+def test_condition_of_an_operator_says_what_it_does(
+    doing: OperatorSample | None, condition: str
+) -> None:
+    bench = Bench().ready()
+    bench.samples['fort'] = doing
+    bench.run(0.4)
+    assert bench.arbiter.status(bench.now).conditions["operator 'fort'"] == condition
+
+
+def test_operator_at_rest_for_less_than_neutral_time_is_not_rested() -> None:
+    bench = Bench().active()
+    bench.samples['fort'] = REST
+    bench.run(0.1)
+    assert bench.arbiter.status(bench.now).conditions["operator 'fort'"] == 'at rest'
+
+
+def test_fields_say_whether_a_reset_counts() -> None:
+    bench = Bench()
+    counted = []
+    for stop, doing in 3 * tuple(itertools.product((True, False), (REST, HELD, None, REST))):
+        bench.estops['fort'], bench.samples['fort'] = stop, doing
+        bench.run(0.3)  # so that clear_time is over in the second that is clear
+        status = bench.arbiter.status(bench.now)
+        expected = status.stops_clear and status.operators_at_rest
+        counted.append(status.state is State.STOPPED and expected)
+        bench.arbiter._reset_asked = None  # this one is not repeated
+        assert bench.reset().ok is counted[-1]
+    assert set(counted) == {True, False}

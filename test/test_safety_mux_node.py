@@ -73,6 +73,12 @@ def test_status_from_the_start_says_what_is_missing(observer: Observer) -> None:
         values = values_of(mux.status.last)
         assert values['state'] == 'STOPPED'
         assert values['owner'] == 'none'
+        assert values['stopped by'] == 'none'
+        assert values['stops clear'] == values['trip active'] == 'false'
+        assert values['operators at rest'] == 'true'  # none is heard
+        assert values['drive enabled'] == 'false'
+        assert values["condition of e-stop source 'fort'"] == 'silent'
+        assert values["condition of operator 'fort'"] == 'silent'
         assert "age of e-stop source 'fort' (s)" in values
         assert 'the mux has started' in values['last transition']
     finally:
@@ -107,6 +113,7 @@ def test_stop_of_any_source_stops_and_latches(mux: MuxBench, source: str) -> Non
     talker.publisher.publish(Bool(data=True))  # once, between messages that say false
     mux.stopped_since(cause)
     assert f"e-stop source '{source}' demands a stop" in values_of(mux.status.last)['inhibit 1']
+    assert values_of(mux.status.last)['stopped by'] == f"e-stop source '{source}'"
 
 
 @pytest.mark.parametrize('source', ['fort', 'drive'])
