@@ -53,4 +53,11 @@ class Watchdog:
         limit = f'limit {self.timeout * 1e3:.0f} ms'
         if self._last is None:
             return f'never heard, {limit}'
-        return f'last heard {self.age(now) * 1e3:.0f} ms ago, {limit}'
+        return f'last heard {in_words(self.age(now))} ago, {limit}'
+
+
+def in_words(seconds: float) -> str:
+    """Return a time in the unit that is read at a glance: ms, s from 10 s on, min from 10 min."""
+    if seconds < 10.0:
+        return f'{seconds * 1e3:.0f} ms'
+    return f'{seconds:.0f} s' if seconds < 600.0 else f'{seconds / 60.0:.0f} min'

@@ -7,6 +7,7 @@ state: a mux that is not active says stop, disable and 0.
 
 from collections.abc import Callable
 from functools import partial
+import math
 import time
 from typing import Any
 from typing import ClassVar
@@ -35,6 +36,7 @@ from bridge_core.parameters import Parameter
 from bridge_core.publishers import PublisherWatch
 from bridge_core.runner import run
 from bridge_core.session import Level
+from bridge_core.watchdog import in_words
 from safety_mux.arbiter import Arbiter
 from safety_mux.limits import JointLimiter
 from safety_mux.mapping import DifferentialDrive
@@ -60,6 +62,7 @@ COMMAND_QOS = QoSProfile(depth=1)
 _AUTONOMY_TYPES = {'Twist': Twist, 'TwistStamped': TwistStamped, 'JointState': JointState}
 _LOOK_AROUND_PERIOD = 0.5
 _DIAGNOSTICS_PERIOD = 1.0
+_LOG_PERIOD = 1.0
 _INACTIVE = 'the mux is not active: activate the node'
 
 
@@ -80,6 +83,9 @@ class SafetyMux(ManagedNode):
         self.create_service(Trigger, '~/reset', self._on_reset)
         self.create_service(Trigger, '~/trip', self._on_trip)
         self.create_service(SetBool, '~/select_autonomy', self._on_select_autonomy)
+        self._causes: set[str] = set()  # of stops, as logged
+        self._logged_at = -math.inf
+        self._refused_reset: tuple[float, str] | None = None  # since the last one that counted
         self._own_watches: dict[str, tuple[Any, PublisherWatch]] = {}  # while others are there
         self._drive_enabled = False
         if self.values['drive_enabled_topic']:
@@ -304,7 +310,9 @@ class SafetyMux(ManagedNode):
 
     def _on_reset(self, request: Any, response: Any) -> Any:
         del request
-        reply = self._arbiter.reset(time.monotonic())
+        now = time.monotonic()
+        reply = self._arbiter.reset(now)
+        self._refused_reset = None if reply.ok else (now, reply.message)
         return self._answer(response, 'reset', *reply)
 
     def _on_trip(self, request: Any, response: Any) -> Any:
@@ -344,7 +352,21 @@ class SafetyMux(ManagedNode):
             self.get_logger().info(
                 f'{decision.state.value}: {self._arbiter.status(now).last_transition.reason}'
             )
+            self._causes = {stop.cause for stop in self._arbiter.stops}
             self._publish_status()
+        elif decision.state is State.STOPPED:
+            self._log_further_stops(now)
+
+    def _log_further_stops(self, now: float) -> None:
+        """Log a stop that follows another one, once a second at most."""
+        causes = {stop.cause for stop in self._arbiter.stops}
+        further = [s.reason for s in self._arbiter.stops if s.cause not in self._causes]
+        if further and now < self._logged_at + _LOG_PERIOD:
+            return
+        self._causes = causes
+        if further:
+            self._logged_at = now
+            self.get_logger().info(f'STOPPED: {"; ".join(further)}')
 
     def _publish_status(self) -> None:
         self._status.publish(self._status_message())
@@ -375,6 +397,11 @@ class SafetyMux(ManagedNode):
             f'{last.before.value} to {last.after.value}, {now - last.at:.1f} s ago: {last.reason}'
         )
         message = '; '.join(inhibits) or f'{status.owner} has control'
+        if self._refused_reset is not None and status.state is State.STOPPED:
+            at, answer = self._refused_reset
+            refused = f'refused {in_words(now - at)} ago'
+            values['last reset'] = f'{refused}: {answer}'
+            message += f'; the last reset was {refused}'
         diagnostic = Diagnostic(Level.WARN if still else Level.OK, message, values)
         return diagnostic.to_msg(self.get_fully_qualified_name().lstrip('/'), '')
 

@@ -81,3 +81,13 @@ def test_age_is_told_in_words() -> None:
     assert watchdog.describe(1.0) == 'never heard, limit 250 ms'
     watchdog.feed(1.0)
     assert watchdog.describe(1.312) == 'last heard 312 ms ago, limit 250 ms'
+
+
+@pytest.mark.parametrize(
+    ('seconds', 'text'),
+    [(0.312, '312 ms'), (9.9, '9900 ms'), (10.0, '10 s'), (599.0, '599 s'), (3600.0, '60 min')],
+)
+def test_ages_are_said_in_a_unit_that_is_read_at_a_glance(seconds: float, text: str) -> None:
+    watchdog = Watchdog(0.25)
+    watchdog.feed(100.0)
+    assert watchdog.describe(100.0 + seconds) == f'last heard {text} ago, limit 250 ms'
