@@ -86,6 +86,7 @@ BRIDGE_PARAMETERS = (
 # ROS declares these by itself; nobody else may use an unknown name.
 _ROS_PARAMETERS = ('use_sim_time', 'start_type_description_service')
 _DIAGNOSTICS_PERIOD = 1.0
+_LOG_PERIOD = 1.0  # s, of each site
 _LAST_WORDS_TIME = 0.3  # s
 _INACTIVE = Verdict.stop('the node is not active', link_up=False)
 
@@ -215,7 +216,8 @@ class BridgeNode(ManagedNode, Generic[SessionT, EventT]):
         self._repeat_at = self._diagnose_at = 0.0
         self.verdict = _INACTIVE  # as published last
         self._levels: list[Level] = []
-        self._logged_at: dict[str, float] = {}
+        self._logged_at: dict[str, float] = {}  # by site
+        self._late_logs: dict[str, tuple[Level, str]] = {}
         self._numbers = itertools.count()  # of requests that must not replace each other
         self._waiting = Waiting(self)
         self.refused = 0
@@ -271,13 +273,23 @@ class BridgeNode(ManagedNode, Generic[SessionT, EventT]):
         """
         Log from the link thread; OK is info.
 
-        :param site: what may come often: of each site at most one line a second.
+        :param site: what may come often: of each site at most one line a second, and the newest
+            waits until then, so that the last one stands.
         """
         now = time.monotonic()
-        if site and now < self._logged_at.get(site, -math.inf) + 1.0:
+        if site and now < self._logged_at.get(site, -math.inf) + _LOG_PERIOD:
+            self._late_logs[site] = level, text
             return
+        self._late_logs.pop(site, None)
         self._logged_at[site] = now
         self.outbox.post(self._log, level, text)
+
+    def _log_late(self, now: float) -> None:
+        for site in list(self._late_logs):
+            if now >= self._logged_at[site] + _LOG_PERIOD:
+                late = self._late_logs.pop(site, None)  # another thread logs, too
+                if late is not None:
+                    self.log(*late, site=site)
 
     def _log(self, level: Level, text: str) -> None:
         # On lines of their own: rclpy refuses a change of severity within one call site.
@@ -420,6 +432,7 @@ class BridgeNode(ManagedNode, Generic[SessionT, EventT]):
     def pace(self, now: float) -> float:
         """Repeat stop and link state at ``estop_rate``, diagnostics at 1 Hz."""
         if now >= self._repeat_at:
+            self._log_late(now)
             self._publish_verdict(self.verdict)
             self._repeat_at = now + self._period
             self._diagnose(now)
@@ -448,9 +461,9 @@ class BridgeNode(ManagedNode, Generic[SessionT, EventT]):
         if verdict.link_up != before.link_up:
             self._link_up_publisher.publish(Bool(data=verdict.link_up))
         if verdict.estop and not before.estop:
-            self.log(Level.WARN, f'stop: {"; ".join(verdict.reasons)}')
+            self.log(Level.WARN, f'stop: {"; ".join(verdict.reasons)}', site='stop')
         elif before.estop and not verdict.estop:
-            self.log(Level.OK, 'no stop demanded any more')
+            self.log(Level.OK, 'no stop demanded any more', site='stop')
         self._repeat_at = now + self._period
         self._diagnose(now)
 

@@ -239,7 +239,7 @@ def test_command_that_makes_no_sense_stops_and_is_counted_and_explained(
     before = int(bench.value('refused commands') or 0)
     bench.command.message = message
     bench.stopped_since(time.monotonic())
-    bench.wait(lambda: int(bench.value('refused commands')) > before, 'the count', 5.0)
+    bench.wait(lambda: int(bench.value('refused commands') or 0) > before, 'the count', 5.0)
     bench.wait(lambda: text in bench.value('disabled because'), f'{text} in the reason', 5.0)
     bench.command.message = command(0, 0)
     bench.quiet()
@@ -251,7 +251,7 @@ def test_command_beyond_16_bits_is_held_there_and_counted(bench: Bench) -> None:
     bench.command.message = command(1e9, -1e9)
     bench.enabling()
     bench.wait(lambda: bench.commands(32767, -32768), 'the greatest values')
-    bench.wait(lambda: int(bench.value('saturated commands')) > before, 'the count', 5.0)
+    bench.wait(lambda: int(bench.value('saturated commands') or 0) > before, 'the count', 5.0)
 
 
 def test_packets_never_stop_while_the_port_is_open(bench: Bench) -> None:
@@ -343,6 +343,21 @@ def test_fault_and_its_end_in_one_read_are_both_published(bench: Bench) -> None:
             return [value for value, _ in itertools.groupby(data)]
 
         bench.wait(lambda: changes()[-2:] == [True, False], 'a stop, and its end')
+
+
+def test_flickering_fault_is_logged_once_a_second_and_the_last_word_stands(bench: Bench) -> None:
+    said = len(bench.node.output)
+    start = time.monotonic()
+    while time.monotonic() < start + 2.5:
+        bench.drive.write(status(errors=1) + status())
+        bench.observer.spin(0.01)
+    lasted = time.monotonic() - start
+    bench.holds(lambda: True, 1.2)  # longer than a second, for what was put off
+    lines = bench.node.output[said:].splitlines()
+    reports = [line for line in lines if 'the drive reports' in line]
+    assert 2 <= len(reports) <= lasted + 2.5, lines
+    assert 'no error any more' in reports[-1]
+    assert len(lines) <= 2 * (lasted + 2.5), lines
 
 
 def test_warning_bit_is_a_warning_and_no_stop(bench: Bench) -> None:
