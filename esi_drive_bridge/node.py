@@ -50,9 +50,10 @@ class EsiDriveBridge(BridgeNode[Session, Event]):
         self._joint_states = self.publisher(JointState, '~/joint_states', 10)
         self._enabled = self.publisher(Bool, '~/enabled', latched_qos())
         self._enabled.publish(Bool(data=False))
-        self.create_subscription(JointState, '~/command', self._on_command, _COMMAND_QOS)
-        self.create_subscription(Bool, '~/enable', self._on_enable, _STOP_QOS)
-        self.create_subscription(Bool, '~/estop_in', self._on_estop_in, _STOP_QOS)
+        watched = self.watched_subscription
+        watched(JointState, '~/command', self._on_command, _COMMAND_QOS)
+        watched(Bool, '~/enable', self._on_enable, _STOP_QOS, is_stop=lambda m: not m.data)
+        watched(Bool, '~/estop_in', self._on_estop_in, _STOP_QOS, is_stop=lambda m: bool(m.data))
 
     def make_session(self, values: Mapping[str, Any]) -> Session:
         """Return a session for the configured layout and scales."""
@@ -92,6 +93,10 @@ class EsiDriveBridge(BridgeNode[Session, Event]):
         self._joint_states.publish(convert.joint_state(event.status, self._axes, *self.header()))
 
     # Requests.
+
+    def on_doubled(self, text: str) -> None:
+        """Disable at once: two muxes, say, and each enable of one follows a stop of the other."""
+        self.request(Session.refuse_command, text, key='command', sticky=True)
 
     def _on_command(self, message: Any) -> None:
         if self.session is None:

@@ -31,6 +31,7 @@ NAME = 'esi_drive_bridge'
 LINK, DEVICE = 'link', 'device'  # the parts of its diagnostics
 COMMAND_TIMEOUT = 0.1
 STALE = 0.3  # a stale input is acted on well within this
+DOUBLED = 'stop one of the two publishers'
 RPM = 2.0 * math.pi / 60.0  # rad/s
 _FILE = Path(__file__).parent / 'vectors/esi.json'
 VECTORS = json.loads(_FILE.read_text())
@@ -248,7 +249,7 @@ def test_command_that_makes_no_sense_stops_and_is_counted_and_explained(
     before = int(bench.value('refused commands') or 0)
     bench.command.message = message
     bench.stopped_since(time.monotonic())
-    bench.wait(lambda: int(bench.value('refused commands')) > before, 'the count', 5.0)
+    bench.wait(lambda: int(bench.value('refused commands') or 0) > before, 'the count', 5.0)
     bench.wait(lambda: text in bench.value('disabled because'), f'{text} in the reason', 5.0)
     bench.command.message = command(0, 0)
     bench.quiet()
@@ -260,7 +261,7 @@ def test_command_beyond_16_bits_is_held_there_and_counted(bench: Bench) -> None:
     bench.command.message = command(1e9, -1e9)
     bench.enabling()
     bench.wait(lambda: bench.commands(32767, -32768), 'the greatest values')
-    bench.wait(lambda: int(bench.value('saturated commands')) > before, 'the count', 5.0)
+    bench.wait(lambda: int(bench.value('saturated commands') or 0) > before, 'the count', 5.0)
 
 
 def test_packets_never_stop_while_the_port_is_open(bench: Bench) -> None:
@@ -270,6 +271,26 @@ def test_packets_never_stop_while_the_port_is_open(bench: Bench) -> None:
         moment = time.monotonic()
         bench.wait(lambda moment=moment: len(bench.drive.packets(moment)) > 5, 'packets', 2.0)
         assert not any(packet.enables for packet in bench.drive.packets(moment))
+
+
+@pytest.mark.parametrize('attempt', range(3))
+def test_second_mux_disables_and_its_stops_are_no_edges(bench: Bench, attempt: int) -> None:
+    del attempt
+    bench.command.message = command(10 * RPM, 10 * RPM)
+    bench.enabling()
+    cause = time.monotonic()
+    topics = {'command': 'command', 'enable': 'enable', 'estop': 'estop_in'}
+    wires = [f'~/{its}:={bench.name}/{ours}' for its, ours in topics.items()]
+    arguments = [word for wire in wires for word in ('-r', wire)]
+    with NodeProcess('safety_mux.node', namespace=namespace(), arguments=arguments):
+        bench.stopped_since(cause, 10.0)
+        told = time.monotonic()
+        bench.wait(lambda: DOUBLED in bench.diagnostics.status(DEVICE).message, 'the reason')
+        bench.holds(lambda: not any(p.enables for p in bench.drive.packets(told)), 1.0)
+        assert not bench.estop.last.data  # nothing is wrong with the drive
+    bench.wait(lambda: DOUBLED not in bench.diagnostics.status(DEVICE).message, 'only one again')
+    bench.quiet()
+    bench.enabling()
 
 
 # Feedback.
@@ -332,6 +353,21 @@ def test_fault_and_its_end_in_one_read_are_both_published(bench: Bench) -> None:
             return [value for value, _ in itertools.groupby(data)]
 
         bench.wait(lambda: changes()[-2:] == [True, False], 'a stop, and its end')
+
+
+def test_flickering_fault_is_logged_once_a_second_and_the_last_word_stands(bench: Bench) -> None:
+    said = len(bench.node.output)
+    start = time.monotonic()
+    while time.monotonic() < start + 2.5:
+        bench.drive.write(status(errors=1) + status())
+        bench.observer.spin(0.01)
+    lasted = time.monotonic() - start
+    bench.holds(lambda: True, 1.2)  # longer than a second, for what was put off
+    lines = bench.node.output[said:].splitlines()
+    reports = [line for line in lines if 'the drive reports' in line]
+    assert 2 <= len(reports) <= lasted + 2.5, lines
+    assert 'no error any more' in reports[-1]
+    assert len(lines) <= 2 * (lasted + 2.5), lines
 
 
 def test_warning_bit_is_a_warning_and_no_stop(bench: Bench) -> None:
