@@ -1,8 +1,8 @@
 """
 Between the unit's values and ROS messages; pure functions.
 
-In Joy left and forward are positive, on the wire right and forward are. Joint positions keep the
-manual's signs, right and up positive, unless ``inverted`` turns them round.
+In Joy left and forward are positive, on the wire right and forward are. Joint positions follow
+REP-103, left and up positive, unless ``inverted`` turns them round; on the wire right is positive.
 """
 
 from __future__ import annotations
@@ -53,30 +53,38 @@ _STATUS_WORDS = {
 }
 
 
-def command(message: Joy, *, extended: bool = False) -> tuple[BasicJoystick, ExtendedJoystick]:
+def command(
+    message: Joy, switches: Sequence[int], *, extended: bool = False, automatic: bool = False
+) -> tuple[BasicJoystick, ExtendedJoystick]:
     """
     Return a Joy as what a joystick sends.
 
     Axes: x, y, then with ``extended`` the targets grip_x, grip_y and theta; one that is left out
-    is no target, and neither are all of them at 0: a Joy at rest starts no journey. Buttons:
-    switches 1 to 12, with ``extended`` to 16; those left out are off. What lies beyond is not
-    looked at.
+    is no target, and neither are all of them at 0: a Joy at rest starts no journey. What lies
+    beyond is not looked at.
 
+    :param switches: the switch that each button presses, 0 for none.
+    :param automatic: let it have a target.
     :raises ValueError: fewer than two axes, a value that is not a number or beyond -1.05 to 1.05,
-        a button that is neither 0 nor 1. The text is for the sender.
+        a button that is neither 0 nor 1, a forbidden target. The text is for the sender.
     """
     if len(message.axes) < _BASIC_AXES:
         raise ValueError(f'{len(message.axes)} axes; x and y are needed')
     has_target = extended and any(message.axes[_BASIC_AXES:_ALL_AXES])
+    if has_target and not automatic:
+        raise ValueError(
+            'axes 2 to 4 are a Point Aim target; let them be 0, or set automatic_motion'
+        )
     axes = message.axes[: _ALL_AXES if has_target else _BASIC_AXES]
     given = [
         _deflection(number, sign * value)
         for number, (sign, value) in enumerate(zip(_SIGNS, axes, strict=False))
     ]
     x, y, grip_x, grip_y, theta = given + [UNAVAILABLE] * (_ALL_AXES - len(given))
-    switches = _switches(message.buttons[: _ALL_SWITCHES if extended else _BASIC_SWITCHES])
-    basic = BasicJoystick(x, y, switches[:_BASIC_SWITCHES])
-    return basic, ExtendedJoystick(grip_x, grip_y, theta, switches[_BASIC_SWITCHES:])
+    pressed = _pressed(message.buttons, switches)
+    statuses = tuple(Status(number in pressed) for number in range(1, _ALL_SWITCHES + 1))
+    basic = BasicJoystick(x, y, statuses[:_BASIC_SWITCHES])
+    return basic, ExtendedJoystick(grip_x, grip_y, theta, statuses[_BASIC_SWITCHES:])
 
 
 def _deflection(number: int, value: float) -> Axis:
@@ -85,12 +93,15 @@ def _deflection(number: int, value: float) -> Axis:
     return Axis.of(round(max(-1.0, min(1.0, value)) * FULL_SCALE))
 
 
-def _switches(buttons: Sequence[int]) -> tuple[Status, ...]:
-    for number, button in enumerate(buttons):
-        if button not in (0, 1):
+def _pressed(buttons: Sequence[int], switches: Sequence[int]) -> set[int]:
+    """Return the switches of the buttons that are pressed."""
+    pressed = set()
+    for number, (button, switch) in enumerate(zip(buttons, switches, strict=False)):
+        if switch and button not in (0, 1):
             raise ValueError(f'button {number} is {button}; allowed is 0 or 1')
-    padded = [*buttons, *[0] * (_ALL_SWITCHES - len(buttons))]
-    return tuple(Status(int(button)) for button in padded)
+        if switch and button:
+            pressed.add(switch)
+    return pressed
 
 
 def joy(
@@ -124,14 +135,16 @@ def joint_state(
     """
     Return rotation and elevation in rad; NaN where the unit does not vouch for one.
 
-    :param inverted: left, down are positive instead of right, up.
+    :param positions: right and up positive. :param inverted: right, down are positive in the
+        message instead of left, up.
     """
     message = JointState(name=list(names))
     message.header.stamp = stamp
     message.header.frame_id = frame_id
+    wire = (not inverted[0], inverted[1])
     message.position = [
         math.nan if value is None else (-value if turned else value) + 0.0
-        for value, turned in zip(positions, inverted, strict=True)
+        for value, turned in zip(positions, wire, strict=True)
     ]
     return message
 

@@ -10,6 +10,7 @@ from rclpy.qos import ReliabilityPolicy
 from sensor_msgs.msg import JointState
 from sensor_msgs.msg import Joy
 from std_msgs.msg import Bool
+from std_msgs.msg import UInt8
 
 from akron_can_bridge import convert
 from akron_can_bridge.parameters import PARAMETERS
@@ -56,6 +57,7 @@ class AkronCanBridge(BridgeNode[Session, Event]):
         self._outputs = self.publisher(DiagnosticStatus, '~/outputs', latched_qos())
         self.create_subscription(Joy, '~/cmd_joy', self._on_cmd_joy, _COMMAND_QOS)
         self.create_subscription(Bool, '~/estop_in', self._on_estop_in, _STOP_QOS)
+        self.create_subscription(UInt8, '~/soe_directions', self._on_soe_directions, _COMMAND_QOS)
         self._publish_limits(LimitsChanged())
         self._publish_outputs(OutputsChanged())
 
@@ -125,9 +127,9 @@ class AkronCanBridge(BridgeNode[Session, Event]):
 
     def _unit_name(self) -> tuple[str, int]:
         """Return the unit's hardware_id and type."""
-        unit = None if self.session is None else self.session.finder.unit
-        pin = '' if unit is None else unit.pin
-        kind = 0 if unit is None else unit.device_type
+        finder = None if self.session is None else self.session.finder
+        pin = finder.unit.pin if finder is not None and finder.unit is not None else ''
+        kind = 0 if finder is None else finder.device_type
         return self.values['hardware_id'] or pin or self.hardware_name, kind
 
     def _publish_sticks(self, sticks: Sticks) -> None:
@@ -143,7 +145,12 @@ class AkronCanBridge(BridgeNode[Session, Event]):
         if self.session is None:
             return
         try:
-            command = convert.command(message, extended=self.values['extended'])
+            command = convert.command(
+                message,
+                self.values['button_switches'],
+                extended=self.values['extended'],
+                automatic=self.values['automatic_motion'],
+            )
         except ValueError as error:
             self.refuse(f'cmd_joy: {error}')
             self.request(Session.refuse_command, str(error), key='cmd_joy', sticky=True)
@@ -152,6 +159,9 @@ class AkronCanBridge(BridgeNode[Session, Event]):
 
     def _on_estop_in(self, message: Any) -> None:
         self.request(Session.set_estop, message.data, sticky=message.data)
+
+    def _on_soe_directions(self, message: Any) -> None:
+        self.request(Session.set_directions, message.data, key='soe_directions')
 
 
 def main() -> None:

@@ -26,6 +26,7 @@ class Cause(Enum):
     ENABLE = 'enable'
     MOTOR_FAULT = 'motor_fault'
     FOREIGN_JOYSTICK = 'foreign_joystick'
+    MOTION = 'motion'
 
 
 def _check_joystick(address: int) -> None:
@@ -113,6 +114,13 @@ PARAMETERS = (
         check=_check_type,
     ),
     Parameter(
+        'unit_address',
+        0,
+        'Fixed address of a unit that does not announce itself; 0: it is found by its PIN.',
+        minimum=0,
+        maximum=0xFD,
+    ),
+    Parameter(
         'link_timeout',
         0.3,
         'Without a frame of the unit for this long the link is lost. Some come every 0.1 s, but a '
@@ -142,7 +150,7 @@ PARAMETERS = (
         'estop_on',
         [cause.value for cause in Cause],
         'What makes ~/estop true: unit not heard, enable input not asserted, motor axis fault, '
-        'foreign joystick. One or more; the others are warnings.',
+        'foreign joystick, motion that nobody asks for. One or more; the others are warnings.',
         choices=tuple(cause.value for cause in Cause),
         check=_check_estop_on,
     ),
@@ -163,6 +171,26 @@ PARAMETERS = (
         unit='s',
         minimum=0.04,
         maximum=2.0,
+    ),
+    Parameter(
+        'coast_time',
+        1.0,
+        'How long the unit may go on moving once nobody asks it to; see motion in estop_on.',
+        unit='s',
+        minimum=0.1,
+        maximum=10.0,
+    ),
+    Parameter(
+        'button_switches',
+        [0],
+        'Switch, 1 to 16, that each button of ~/cmd_joy presses, in their order; 0: none.',
+        minimum=0,
+        maximum=16,
+    ),
+    Parameter(
+        'automatic_motion',
+        False,
+        'Let ~/cmd_joy start what a neutral stick does not end: switches 4 and 7 to 9, Point Aim.',
     ),
     Parameter(
         'extended',
@@ -202,7 +230,7 @@ PARAMETERS = (
     Parameter(
         'joint_inverted',
         [False, False],
-        'One for each joint. True turns the sign round: left or down is positive then.',
+        'One for each joint. Left and up are positive; true: right or down is.',
         check=_check_two,
     ),
 )

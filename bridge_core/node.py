@@ -8,6 +8,7 @@ at once on change and at ``estop_rate`` always, by the link thread, port or no p
 from collections.abc import Callable
 from collections.abc import Mapping
 from collections.abc import Sequence
+from contextlib import ExitStack
 from dataclasses import asdict
 from functools import partial
 import itertools
@@ -43,6 +44,7 @@ from bridge_core.parameters import MANAGED_PARAMETERS
 from bridge_core.parameters import Parameter
 from bridge_core.parameters import ParameterError
 from bridge_core.parameters import resolve
+from bridge_core.publishers import PublisherWatch
 from bridge_core.services import Waiting
 from bridge_core.session import Answer
 from bridge_core.session import EventT
@@ -57,6 +59,7 @@ from bridge_core.transports.link import Link
 # ROS declares these by itself; nobody else may use an unknown name.
 _ROS_PARAMETERS = ('use_sim_time', 'start_type_description_service')
 _DIAGNOSTICS_PERIOD = 1.0
+_LOG_PERIOD = 1.0  # s, of each site
 _LAST_WORDS_TIME = 0.3  # s
 _DAMAGED = 'check cable, shield, ground and bit rate: {:.0%} of what comes is damaged'
 _INACTIVE = Verdict.stop('the node is not active', link_up=False)
@@ -94,6 +97,10 @@ class ManagedNode(LifecycleNode):
             raise
         self.add_on_set_parameters_callback(self._on_set_parameters)
 
+    def parameters_in_use(self) -> list[Parameter]:
+        """Return the table, with the parameters of the names in its lists."""
+        return list(self._table.values())
+
     def parameter_table(self, given: dict[str, Any]) -> tuple[Parameter, ...]:
         """Return all parameters; a node whose lists name further ones extends this."""
         del given
@@ -103,7 +110,7 @@ class ManagedNode(LifecycleNode):
         """Refuse values that contradict each other. :raises ParameterError: naming both."""
 
     def shut_down(self) -> None:
-        """Leave the device safe; called on SIGINT and SIGTERM and before the node is destroyed."""
+        """Leave the device safe; called once a signal came, and before the node is destroyed."""
 
     def autostart(self) -> None:
         """
@@ -187,11 +194,13 @@ class BridgeNode(ManagedNode, Generic[SessionT, EventT]):
         self.verdict = _INACTIVE  # as published last
         self._levels: list[Level] = []
         self._damage = Damage(Counters())
-        self._logged_at: dict[str, float] = {}
+        self._logged_at: dict[str, float] = {}  # by site
+        self._late_logs: dict[str, tuple[Level, str]] = {}
         self._numbers = itertools.count()  # of requests that must not replace each other
         self._waiting = Waiting(self)
         self.refused = 0
         self.refusal = ''
+        self._watches: dict[str, PublisherWatch] = {}  # by topic
         self.session: SessionT | None = None  # while active
         self.link: Link[Any] = Link(name, self, reconnect_period=self.values['reconnect_period'])
         for service, request in self.SERVICES.items():
@@ -206,17 +215,61 @@ class BridgeNode(ManagedNode, Generic[SessionT, EventT]):
         """Return a publisher for use on the link thread; parameters as of ``create_publisher``."""
         return OutboxPublisher(self.create_publisher(kind, topic, qos), self.outbox)
 
+    def watched_subscription(
+        self,
+        kind: type,
+        topic: str,
+        callback: Callable[[Any], None],
+        qos: QoSProfile | int,
+        *,
+        is_stop: Callable[[Any], bool] = lambda message: False,
+    ) -> None:
+        """
+        Subscribe to what one publisher alone may say, such as the mux.
+
+        While two are heard, and until it is known that there is one, stops alone are passed on.
+
+        :param is_stop: tells whether a message is a stop.
+        """
+        watch = PublisherWatch()
+
+        def on_message(message: Any, info: Any) -> None:
+            now = time.monotonic()
+            watch.heard(info['publication_sequence_number'], now)
+            if watch.settled(now) or is_stop(message):
+                callback(message)
+            elif watch.doubled(now):
+                text = _doubled(subscription.topic_name)
+                self.log(Level.ERROR, text, site=text)
+                self.on_doubled(text)
+
+        subscription = self.create_subscription(kind, topic, on_message, qos)
+        self._watches[subscription.topic_name] = watch
+
+    def on_doubled(self, text: str) -> None:
+        """Stop: two publishers are heard on an input. It grows stale besides, as none counts."""
+
     def log(self, level: Level, text: str, *, site: str = '') -> None:
         """
         Log from the link thread; OK is info.
 
-        :param site: what may come often: of each site at most one line a second.
+        :param site: what may come often: of each site at most one line a second, and the newest
+            waits until then, so that the last one stands.
         """
         now = time.monotonic()
-        if site and now < self._logged_at.get(site, -math.inf) + 1.0:
+        if site and now < self._logged_at.get(site, -math.inf) + _LOG_PERIOD:
+            self._late_logs[site] = level, text
             return
+        self._late_logs.pop(site, None)
         self._logged_at[site] = now
         self.outbox.post(self._log, level, text)
+
+    def _log_late(self, now: float) -> None:
+        for site in list(self._late_logs):
+            if now >= self._logged_at[site] + _LOG_PERIOD:
+                late = self._late_logs.pop(site, None)  # another thread logs, too
+                if late is not None:
+                    self.log(*late, site=site)
 
     def _log(self, level: Level, text: str) -> None:
         # On lines of their own: rclpy refuses a change of severity within one call site.
@@ -353,6 +406,7 @@ class BridgeNode(ManagedNode, Generic[SessionT, EventT]):
     def pace(self, now: float) -> float:
         """Repeat stop and link state at ``estop_rate``, diagnostics at 1 Hz."""
         if now >= self._repeat_at:
+            self._log_late(now)
             self._publish_verdict(self.verdict)
             self._repeat_at = now + self._period
             self._diagnose(now)
@@ -382,9 +436,9 @@ class BridgeNode(ManagedNode, Generic[SessionT, EventT]):
         if verdict.link_up != before.link_up:
             self._link_up_publisher.publish(Bool(data=verdict.link_up))
         if verdict.estop and not before.estop:
-            self.log(Level.WARN, f'stop: {"; ".join(verdict.reasons)}')
+            self.log(Level.WARN, f'stop: {"; ".join(verdict.reasons)}', site='stop')
         elif before.estop and not verdict.estop:
-            self.log(Level.OK, 'no stop demanded any more')
+            self.log(Level.OK, 'no stop demanded any more', site='stop')
         self._repeat_at = now + self._period
         self._diagnose(now)
 
@@ -427,7 +481,9 @@ class BridgeNode(ManagedNode, Generic[SessionT, EventT]):
         session = self.session
         if session is None:
             return Status(Level.WARN, 'the node is not active; ~/estop is true')
-        level, message = summarise(session.problems(now), session.summary())
+        doubled = [topic for topic, watch in self._watches.items() if watch.doubled(now)]
+        problems = [(Level.ERROR, _doubled(topic)) for topic in doubled]
+        level, message = summarise(problems + session.problems(now), session.summary())
         inhibits = [text for text in session.inhibits(now) if text not in message]
         if inhibits:
             message += f'; {session.HELD}: {"; ".join(inhibits)}'
@@ -542,14 +598,12 @@ class BridgeNode(ManagedNode, Generic[SessionT, EventT]):
             forget(time.monotonic())
 
     def shut_down(self) -> None:
-        """Leave the device safe, say so, end the thread."""
-        try:
-            self._leave_active()
-        except TransportError as error:
-            self.get_logger().error(f'no farewell: {error}')
-        self.link.stop()
-        self._publish_verdict(self.verdict)
-        self.outbox.close(_LAST_WORDS_TIME)
+        """Leave the device safe, say so, end the thread; each step whatever another one raises."""
+        with ExitStack() as steps:  # the last one comes first
+            steps.callback(self.outbox.close, _LAST_WORDS_TIME)
+            steps.callback(lambda: self._publish_verdict(self.verdict))
+            steps.callback(self.link.stop)
+            steps.callback(self._leave_active)
 
     def destroy_node(self) -> None:
         """End the threads before what they publish on goes away."""
@@ -568,6 +622,10 @@ class OutboxPublisher:
     def publish(self, message: Any) -> None:
         """Have it published soon."""
         self._outbox.post(self._publisher.publish, message)
+
+
+def _doubled(topic: str) -> str:
+    return f'stop one of the two publishers of {topic}: while both are heard, only stops count'
 
 
 def _plain(value: Any) -> Any:

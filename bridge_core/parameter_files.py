@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from collections.abc import Iterator
 from collections.abc import Sequence
+import difflib
 import itertools
 from pathlib import Path
 import re
@@ -48,21 +50,49 @@ def _names(content: dict[Any, Any], above: str) -> Iterator[str]:
 
 def check_sections(node: str, files: Sequence[Path]) -> None:
     """
-    Refuse that ROS passes over what was meant for a node: its defaults may be another machine's.
+    Refuse that a node runs on its defaults although files were given: they were not meant.
 
     :param node: its full name.
-    :raises ParameterError: sections bear its name and not its namespace, and none is for it.
+    :raises ParameterError: no section is for it.
     """
     found = [(section, file) for file in files for section in sections_of(file)]
-    if any(_is_for(section, node) for section, _ in found):
+    if not files or any(_is_for(section, node) for section, _ in found):
         return
     base = node.rsplit('/', 1)[-1]
-    for section, file in found:
-        if section.rsplit('/', 1)[-1] == base:
+    bases = {section.rsplit('/', 1)[-1]: (section, file) for section, file in found}
+    for like in difflib.get_close_matches(base, bases, 1):
+        section, file = bases[like]
+        raise ParameterError(
+            f'parameter file {file}: its section {section} is not for {node}, and no other '
+            f'is; name it /**/{base} or {node}'
+        )
+    raise ParameterError(
+        f'parameter file {files[0]}: it has no section for {node}, which would be /**/{base}; it '
+        f'has {", ".join(sections_of(files[0])) or "none"}'
+    )
+
+
+def check_files(nodes: Sequence[str], files: Sequence[Path]) -> None:
+    """Refuse a file that is for none of these nodes. :raises ParameterError: it."""
+    for file in files:
+        sections = sections_of(file)
+        if not any(_is_for(section, node) for section in sections for node in nodes):
             raise ParameterError(
-                f'parameter file {file}: its section {section} is not for {node}, and no other '
-                f'is; name it /**/{base} or {node}'
+                f'parameter file {file}: it has no section for {", ".join(nodes)}; it has '
+                f'{", ".join(sections) or "none"}'
             )
+
+
+def check_names(nodes: Collection[str], files: Sequence[Path]) -> None:
+    """Refuse sections whose last name is none of these nodes. :raises ParameterError: it."""
+    for file in files:
+        for section in sections_of(file):
+            base = section.rsplit('/', 1)[-1]
+            if base in _TOKENS or base in nodes:
+                continue
+            like = difflib.get_close_matches(base, nodes, 1)
+            hint = f'did you mean {like[0]}?' if like else f'there are {", ".join(nodes)}'
+            raise ParameterError(f'parameter file {file}: {hint} Its section {section} is no node')
 
 
 def _is_for(section: str, node: str) -> bool:

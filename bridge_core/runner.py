@@ -1,6 +1,7 @@
 """Running nodes: start, signals, the exit status, and leaving the devices safe."""
 
 from collections.abc import Callable
+from collections.abc import Collection
 from collections.abc import Sequence
 import gc
 import os
@@ -17,7 +18,10 @@ from rclpy.executors import ExternalShutdownException
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.signals import SignalHandlerOptions
 
+from bridge_core.help import help_text
 from bridge_core.node import ManagedNode
+from bridge_core.output import unblocked_output
+from bridge_core.parameter_files import check_files
 from bridge_core.parameter_files import files_of
 from bridge_core.parameters import ParameterError
 
@@ -30,11 +34,15 @@ _CHOICES = {
 
 
 _ACKNOWLEDGE_LIMIT = 0.2  # s; of a reader that is frozen or was killed nothing ever comes
+_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT)
 
 
 class _End:
     """
-    SIGINT, SIGTERM or a fault, for the main thread to wait for.
+    A signal that ends a process, or a fault, for the main thread to wait for.
+
+    SIGHUP comes from a closed terminal or SSH session. It and SIGQUIT stay ignored where they are,
+    as under nohup.
 
     The interpreter itself writes the signal into the pipe, in whichever thread the kernel delivers
     it. An Event would not do: its set() may interrupt itself, and the thread that waits for it is
@@ -47,7 +55,8 @@ class _End:
         self._wakeup = signal.set_wakeup_fd(self._write, warn_on_full_buffer=False)
         self._handlers = {
             number: signal.signal(number, lambda *_: None)
-            for number in (signal.SIGINT, signal.SIGTERM)
+            for number in _SIGNALS
+            if number in _SIGNALS[:2] or signal.getsignal(number) is not signal.SIG_IGN
         }
 
     def tell(self) -> None:
@@ -65,32 +74,77 @@ class _End:
         os.close(self._write)
 
 
-def run(factories: Sequence[Callable[..., ManagedNode]], args: list[str] | None = None) -> int:
+def run(
+    factories: Sequence[Callable[..., ManagedNode]],
+    args: Sequence[str] | None = None,
+    *,
+    names: Collection[str] = (),
+) -> int:
     """
-    Run nodes until SIGINT or SIGTERM, each with an executor and a thread of its own.
+    Run nodes until a signal ends them, each with an executor and a thread of its own.
 
     Return the exit status: 0 after a signal, 2 for a bad parameter or argument, 1 for a fault.
+
+    :param args: with the program's name first; sys.argv if there are none.
+    :param names: arguments that are no argument of ROS, and known all the same.
     """
+    argv = list(sys.argv if args is None else args)
+    unknown = [word for word in words_beside_ros(argv) if word not in names]
+    if {'-h', '--help'} & set(unknown):
+        print(help_text(factories), end='')
+        return 0
+    if unknown:
+        return _refuse(
+            f'{unknown[0]!r} is unknown; give parameters as --ros-args -p name:=value, '
+            'and see --help'
+        )
+    with unblocked_output():
+        return _run(factories, argv)
+
+
+def words_beside_ros(argv: Sequence[str]) -> list[str]:
+    """
+    Return what a command line has outside of ``--ros-args ... --``, without the program's name.
+
+    ROS itself takes ``port:=/dev/x`` there for a remapping, and says nothing but "deprecated".
+    """
+    words, inside = [], False
+    for word in argv:
+        if word == '--ros-args':
+            inside = True
+        elif inside:
+            inside = word != '--'
+        else:
+            words.append(word)
+    return words[1:]
+
+
+def _run(factories: Sequence[Callable[..., ManagedNode]], argv: list[str]) -> int:
     _avoid_shared_memory()
     try:
-        # With ROS's own handlers the context would be gone before the last stop could be told.
-        rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
+        # With ROS's own handlers the context would be gone before the last stop was published.
+        rclpy.init(args=argv, signal_handler_options=SignalHandlerOptions.NO)
     except Exception as error:  # RCLError and others are not exported; all mean bad arguments
-        print(f'rugged_teleop: {_one_line(error)}', file=sys.stderr)
-        return 2
+        return _refuse(str(error))
     end = _End()
     nodes: list[ManagedNode] = []
     try:
-        files = files_of(sys.argv if args is None else args)
+        files = files_of(argv)
         for factory in factories:
             nodes.append(factory(parameter_files=files))
+        check_files([node.get_fully_qualified_name() for node in nodes], files)
         return _spin(nodes, end)
     except (ParameterError, ParameterException) as error:
-        print(f'rugged_teleop: {_one_line(error)}', file=sys.stderr)
-        return 2
+        return _refuse(str(error))
     finally:
         _leave(nodes)
         end.close()
+
+
+def _refuse(text: str) -> int:
+    """Say in one line what is wrong with the command line or a file; return the exit status."""
+    print(f'rugged_teleop: {" ".join(text.split())}', file=sys.stderr)
+    return 2
 
 
 def _avoid_shared_memory() -> None:
@@ -118,8 +172,7 @@ def _spin(nodes: Sequence[ManagedNode], end: _End) -> int:
         except ExternalShutdownException:
             end.tell()
         except ParameterError as error:
-            print(f'rugged_teleop: {_one_line(error)}', file=sys.stderr)
-            statuses.append(2)
+            statuses.append(_refuse(str(error)))
             end.tell()
         except Exception:
             node.get_logger().fatal(traceback.format_exc())
@@ -138,12 +191,13 @@ def _spin(nodes: Sequence[ManagedNode], end: _End) -> int:
 
 
 def _leave(nodes: list[ManagedNode]) -> None:
+    """Have every node leave its device safe, whatever others raise; then let go of them."""
     for node in nodes:
-        node.shut_down()
-    _wait_acknowledged(nodes)
+        _guarded(node.shut_down)
+    _guarded(lambda: _wait_acknowledged(nodes))
     while nodes:
-        nodes.pop().destroy_node()
-    rclpy.try_shutdown()
+        _guarded(nodes.pop().destroy_node)
+    _guarded(rclpy.try_shutdown)
     # Nodes are in reference cycles. Left to the collector, the middleware would end some time, in
     # whichever thread allocates next, and its threads and descriptors would stay until then.
     gc.collect()
@@ -161,5 +215,8 @@ def _wait_acknowledged(nodes: Sequence[ManagedNode]) -> None:
         publisher.wait_for_all_acked(Duration(seconds=max(0.0, end - time.monotonic())))
 
 
-def _one_line(error: Exception) -> str:
-    return ' '.join(str(error).split())
+def _guarded(step: Callable[[], object]) -> None:
+    try:
+        step()
+    except Exception:
+        traceback.print_exc()

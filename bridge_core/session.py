@@ -23,6 +23,10 @@ from typing import Union
 from bridge_core.framing import Decoder
 from bridge_core.watchdog import Watchdog
 
+# A stop for discarded input lasts this long (s), so that a listener who keeps only the newest
+# message cannot miss it.
+INTERRUPTION_TIME = 0.2
+
 FrameT = TypeVar('FrameT')
 MessageT = TypeVar('MessageT')
 EventT = TypeVar('EventT')
@@ -230,7 +234,9 @@ class Session(ABC, Generic[FrameT, MessageT, EventT]):
 
     def _expires_at(self) -> float:
         """Return the first moment at which time alone changes anything."""
-        return self._heard.deadline if self.link_up else math.inf
+        end = self._interrupted_at + INTERRUPTION_TIME
+        interruption = end if self._stepped_at < end else math.inf
+        return min(interruption, self._heard.deadline if self.link_up else math.inf)
 
     def _sends_at(self) -> float:
         """Return the moment at which a frame is due."""
@@ -253,10 +259,16 @@ class Session(ABC, Generic[FrameT, MessageT, EventT]):
     def _verdict(self, now: float) -> Verdict:
         if not self._open:
             return Verdict.stop(self.CLOSED, link_up=False)
+        if self._is_interrupted(now):
+            return Verdict.stop(self._interruption, link_up=not self._heard.expired(now))
         if not self._heard.expired(now):
             return self._judge(now)
         lately = now < self._interrupted_at + self._heard.timeout
         return Verdict.stop(self._interruption if lately else self._silence(now), link_up=False)
+
+    def _is_interrupted(self, now: float) -> bool:
+        """Tell whether input was discarded so lately that this is a stop by itself."""
+        return now < self._interrupted_at + INTERRUPTION_TIME
 
     def _expire(self, now: float) -> None:
         """Let what has expired by ``now`` take effect, before anything new is taken in."""

@@ -20,6 +20,7 @@ import math
 from typing import Any
 
 from esi_drive_bridge.protocol import Mode
+from esi_drive_bridge.protocol import VALUE_MAX
 
 FIELDS = {Mode.TORQUE: 'effort', Mode.VELOCITY: 'velocity', Mode.POSITION: 'position'}
 _SCALES = {
@@ -71,6 +72,15 @@ class Axis:
         if self.mode is Mode.POSITION:
             return scale / self.gear_ratio
         return scale * self.torque_constant * self.gear_ratio if self.torque_constant else scale
+
+    @property
+    def reach(self) -> str:
+        """The greatest value that a packet can say, in words."""
+        return f'±{abs(self.si_per_count) * VALUE_MAX:.4g} {self.unit}'
+
+    def beyond(self, value: float) -> str:
+        """Say of a value that no packet can say it."""
+        return f'command {self.joint} within {self.reach}: {value:.4g} is beyond'
 
     @property
     def field(self) -> str:

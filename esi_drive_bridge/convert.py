@@ -16,16 +16,19 @@ def command_values(message: Any, axes: Sequence[Axis]) -> tuple[float, ...]:
     """
     Return a JointState command as one SI value an axis, in the axes' order.
 
-    Joints are found by name; a message without names means the axes in order. A joint's value is
-    read from the field of its mode; other fields are not looked at.
+    Joints are found by name, and those of other drives are left alone; a message without names
+    means the axes in order. A joint's value is read from the field of its mode; other fields are
+    not looked at.
 
-    :raises ValueError: for a missing, unknown or doubled joint, a field of the wrong length, or a
-        value that is not finite. The text is for the sender.
+    :raises ValueError: for a missing or doubled joint, a field of the wrong length, or a value
+        that is not finite. The text is for the sender.
     """
-    names = list(message.name) or [axis.joint for axis in axes]
     known = [axis.joint for axis in axes]
-    if sorted(names) != sorted(known):
-        raise ValueError(f'joints {names} in the command, but this drive has {known}')
+    names = list(message.name) or known
+    if not set(known) <= set(names) or len(set(names)) < len(names):
+        raise ValueError(
+            f'name each of {known} once: the command names {names}, and this drive has {known}'
+        )
     return tuple(_value_of(message, axis, names) for axis in axes)
 
 
@@ -33,8 +36,8 @@ def _value_of(message: Any, axis: Axis, names: Sequence[str]) -> float:
     values = getattr(message, axis.field)
     if len(values) != len(names):
         raise ValueError(
-            f'{len(values)} entries in {axis.field} for {len(names)} joints; '
-            f'{axis.joint} is commanded in {axis.field} ({axis.unit})'
+            f'command {axis.joint} in {axis.field} ({axis.unit}): there are {len(values)} entries '
+            f'in {axis.field} for {len(names)} joints'
         )
     value = float(values[names.index(axis.joint)])
     if not math.isfinite(value):

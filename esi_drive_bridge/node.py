@@ -50,9 +50,10 @@ class EsiDriveBridge(BridgeNode[Session, Event]):
         self._joint_states = self.publisher(JointState, '~/joint_states', 10)
         self._enabled = self.publisher(Bool, '~/enabled', latched_qos())
         self._enabled.publish(Bool(data=False))
-        self.create_subscription(JointState, '~/command', self._on_command, _COMMAND_QOS)
-        self.create_subscription(Bool, '~/enable', self._on_enable, _STOP_QOS)
-        self.create_subscription(Bool, '~/estop_in', self._on_estop_in, _STOP_QOS)
+        watched = self.watched_subscription
+        watched(JointState, '~/command', self._on_command, _COMMAND_QOS)
+        watched(Bool, '~/enable', self._on_enable, _STOP_QOS, is_stop=lambda m: not m.data)
+        watched(Bool, '~/estop_in', self._on_estop_in, _STOP_QOS, is_stop=lambda m: bool(m.data))
 
     def make_session(self, values: Mapping[str, Any]) -> Session:
         """Return a session for the configured layout and scales."""
@@ -78,9 +79,10 @@ class EsiDriveBridge(BridgeNode[Session, Event]):
 
     def _log_faults(self, event: FaultsChanged) -> None:
         if event.faults:
-            self.log(Level.ERROR, f'the drive reports: {"; ".join(event.faults)}')
+            text = f'the drive reports: {"; ".join(event.faults)}'
+            self.log(Level.ERROR, text, site='faults')
         else:
-            self.log(Level.OK, 'the drive reports no error any more')
+            self.log(Level.OK, 'the drive reports no error any more', site='faults')
 
     def _publish_joint_states(self, event: Feedback) -> None:
         now = time.monotonic()  # ROS time may be paused
@@ -91,6 +93,10 @@ class EsiDriveBridge(BridgeNode[Session, Event]):
         self._joint_states.publish(convert.joint_state(event.status, self._axes, *self.header()))
 
     # Requests.
+
+    def on_doubled(self, text: str) -> None:
+        """Disable at once: two muxes, say, and each enable of one follows a stop of the other."""
+        self.request(Session.refuse_command, text, key='command', sticky=True)
 
     def _on_command(self, message: Any) -> None:
         if self.session is None:

@@ -98,7 +98,7 @@ PARAMETERS = (
     ),
     Parameter(
         'status_rate',
-        1000.0,
+        500.0,
         'How often the drive sends its status; only to warn when the line is too slow for it.',
         unit='Hz',
         minimum=1.0,

@@ -147,10 +147,9 @@ _STATE_FAULTS = {
     AxisState.IPC_CAN_ERROR: 'CAN between the processors of the drive failed: power-cycle the '
     'drive, and have it repaired if that does not help',
 }
-_RS422_FAULT = (
-    'RS422 packet error or time-out: the drive gets no good command packets; check the '
-    "transmit pair, baud and single_axis_layout, and HiDS's SerialChecksumErrorCount. If they are "
-    'sound and it stays, clear the errors'
+RS422_FAULT = (
+    'RS422 packet error or time-out: check the transmit pair, baud, single_axis_layout and '
+    "HiDS's SerialChecksumErrorCount; if they are sound and it stays, call ~/clear_errors"
 )
 _UNNAMED_FAULT = 'error condition without an error bit: read the cause with HiDS'
 _MOTOR_FAULTS = {
@@ -313,7 +312,7 @@ class AxisStatus:
         texts += [text for flag, text in _STATE_FAULTS.items() if self.state & flag]
         if self.error_condition and not texts and not self.rs422_error:
             texts.append(_UNNAMED_FAULT)
-        return [*texts, _RS422_FAULT] if self.rs422_error else texts
+        return [*texts, RS422_FAULT] if self.rs422_error else texts
 
     def fault_names(self) -> list[str]:
         """Name every error bit in the manual's words, such as 'overcurrent'."""
@@ -339,9 +338,11 @@ class Status:
 
     :param axes: axis A, or axes A and B. :raises ValueError: for any other number, and for an
         RS422 error on axis B, which has no bit for it.
+    :param padding: what a single-axis drive sends as axis B, if it is not zero.
     """
 
     axes: tuple[AxisStatus, ...]
+    padding: bytes = b''
 
     def __post_init__(self) -> None:
         _check_axes(len(self.axes))
@@ -379,8 +380,11 @@ class Status:
     @classmethod
     def from_bytes(cls, frame: bytes, layout: Layout) -> Status:
         """Read a whole packet. :raises FrameError: if it is not a sound one."""
-        parts = _axes_of(_body_of(frame, layout.status_size), _STATUS_AXIS.size, layout)
-        return cls(tuple(map(AxisStatus.from_bytes, parts, _STATE_MASKS)))
+        body = _body_of(frame, layout.status_size)
+        parts = _axes_of(body, _STATUS_AXIS.size, layout)
+        padding = body[layout.axes * _STATUS_AXIS.size :]
+        axes = tuple(map(AxisStatus.from_bytes, parts, _STATE_MASKS))
+        return cls(axes, padding if any(padding) else b'')
 
 
 def _check_axes(count: int) -> None:
@@ -394,7 +398,7 @@ def _check_fit(count: int, layout: Layout) -> None:
 
 
 def _axes_of(body: bytes, size: int, layout: Layout) -> list[bytes]:
-    """Cut the axes in use out of a body; what pads a single axis is ignored."""
+    """Cut the axes in use out of a body."""
     return [body[start : start + size] for start in range(0, layout.axes * size, size)]
 
 

@@ -3,8 +3,8 @@ Simulate a device on a port of its own: ``simulate fort_vsc --port /tmp/fort_vsc
 
 The VM-110 is on a multicast group, devices on CAN on a bus of python-can's: ``simulate vm110`` and
 ``simulate akron``, on this machine only unless told otherwise.
-Commands come a line each from standard input; ``help`` lists them. It runs until SIGINT or
-SIGTERM, after the end of the input too, and takes its port away when it leaves.
+Commands come a line each from standard input; ``help`` lists them. It runs until ``quit``, SIGINT,
+SIGTERM or SIGHUP, after the end of the input too, and takes its port away when it leaves.
 """
 
 import argparse
@@ -26,6 +26,8 @@ from akron_can_bridge.simulator import Simulator as AkronSimulator
 from bridge_core.simulation import help_text
 from esi_drive_bridge.simulator import FAULTS
 from esi_drive_bridge.simulator import Simulator as EsiSimulator
+from fort_vsc_bridge.protocol import AXIS_NAMES
+from fort_vsc_bridge.protocol import BUTTON_NAMES
 from fort_vsc_bridge.simulator import CanSimulator as FortCanSimulator
 from fort_vsc_bridge.simulator import HidSimulator as FortHidSimulator
 from fort_vsc_bridge.simulator import Simulator as FortSimulator
@@ -46,7 +48,9 @@ from vm110_bridge.simulator import Simulator as Vm110Simulator
 
 _OWN_HELP = """\
 show                            print what can be seen
-help                            print this"""
+help                            print this
+quit                            end"""
+_STICKS = {'AXIS': AXIS_NAMES, 'BUTTON': BUTTON_NAMES}
 _VERBOSE_PERIOD = 0.1
 # They change all the time: of no use where changes are printed.
 _RESTLESS = {
@@ -75,11 +79,13 @@ class Simulated:
 
 
 DEVICES = {
-    'fort_vsc': Simulated(lambda _: FortSimulator(), help_text(FortSimulator.commands)),
+    'fort_vsc': Simulated(lambda _: FortSimulator(), help_text(FortSimulator.commands, **_STICKS)),
     'fort_vsc_can': Simulated(
-        lambda _: FortCanSimulator(), help_text(FortCanSimulator.commands), 'can'
+        lambda _: FortCanSimulator(), help_text(FortCanSimulator.commands, **_STICKS), 'can'
     ),
-    'fort_vsc_hid': Simulated(lambda _: FortHidSimulator(), help_text(FortHidSimulator.commands)),
+    'fort_vsc_hid': Simulated(
+        lambda _: FortHidSimulator(), help_text(FortHidSimulator.commands, **_STICKS)
+    ),
     'vm110': Simulated(
         lambda options: Vm110Simulator(options.bu_id, crc=options.crc),
         help_text(Vm110Simulator.commands),
@@ -199,7 +205,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         device = _plug_in(options)
     except (OSError, ValueError) as error:
         command_line.error(str(error))
-    for number in (signal.SIGINT, signal.SIGTERM):
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, lambda *_: sys.exit(0))
     help_lines = f'{_OWN_HELP}\n{PORT_HELP}\n\n{options.device}:\n{DEVICES[options.device].help}'
     with device:
@@ -280,6 +286,8 @@ def _obey(device: DevicePort, line: str, help_lines: str) -> None:
     words = line.split()
     if not words:
         return
+    if words == ['quit']:
+        sys.exit(0)
     if words == ['help']:
         print(help_lines, flush=True)
     elif words == ['show']:

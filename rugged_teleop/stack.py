@@ -12,12 +12,12 @@ from collections.abc import Sequence
 import importlib
 import sys
 
-from rclpy.utilities import remove_ros_args
-
 from bridge_core.node import ManagedNode
+from bridge_core.parameter_files import check_names
 from bridge_core.parameter_files import files_of
 from bridge_core.parameter_files import sections_of
 from bridge_core.runner import run
+from bridge_core.runner import words_beside_ros
 
 # Module and class of each node; a lazy import, for the nodes that run only.
 NODES = {
@@ -28,6 +28,13 @@ NODES = {
     'esi_drive_bridge': ('esi_drive_bridge.node', 'EsiDriveBridge'),
     'safety_mux': ('safety_mux.node', 'SafetyMux'),
 }
+
+_USAGE = """\
+usage: rugged_teleop_stack [--help] [NODE]... [--ros-args [--params-file FILE]]
+
+Without a NODE, those that the parameter files have a section for. There are:
+{nodes}
+Topics and parameters: NODE --help"""
 
 # Remappings of the nodes that subscribe to the mux; rules of the command line take precedence.
 WIRING = {
@@ -78,26 +85,23 @@ def configured_nodes(arguments: Sequence[str]) -> list[str]:
     return [name for name in NODES if name in sections]
 
 
-def _node_arguments(arguments: Sequence[str]) -> list[str]:
-    """Return the arguments that are not for ROS. :raises ValueError: a ROS argument is wrong."""
-    try:
-        return list(remove_ros_args(arguments)[1:])
-    except Exception as error:  # RCLError etc. are not exported; all mean bad arguments
-        raise ValueError(' '.join(str(error).split())) from error
-
-
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run the stack; the executable's entry point."""
     argv = list(sys.argv if arguments is None else arguments)
     try:
-        names = _node_arguments(argv) or configured_nodes(argv)
+        words = words_beside_ros(argv)
+        if {'-h', '--help'} & set(words):
+            print(_USAGE.format(nodes=', '.join(NODES)))
+            sys.exit(0)
+        names = words or configured_nodes(argv)
+        check_names(NODES, files_of(argv))
         if not names:
             raise ValueError('name the nodes to run, or give a --params-file with their sections')
         factories = [node_factory(name) for name in dict.fromkeys(names)]
     except ValueError as error:
         print(f'rugged_teleop_stack: {error}', file=sys.stderr)
         sys.exit(2)
-    sys.exit(run(factories, wired(argv, names)))
+    sys.exit(run(factories, wired(argv, names), names=names))
 
 
 if __name__ == '__main__':

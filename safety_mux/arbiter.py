@@ -36,6 +36,7 @@ Decided here, where the rules leave a choice:
   longer valid: STOPPED, and every input counts as never heard.
 """
 
+from bridge_core.watchdog import in_words
 from safety_mux.inputs import AutonomyInput
 from safety_mux.inputs import demand_fault
 from safety_mux.inputs import Input
@@ -98,6 +99,7 @@ class Arbiter:
         self._hold: str | None = None
         self._last_tick: float | None = None
         self._settled = False  # a tick has output the present state
+        self.stops: list[Stop] = []  # of the last tick
         self._transition = Transition(now, State.STOPPED, State.STOPPED, 'the mux has started')
 
     # -- inputs ------------------------------------------------------------------------------
@@ -211,7 +213,7 @@ class Arbiter:
     def tick(self, now: float) -> Decision:
         """Decide. Call it at a fixed rate, and at once after a stop has arrived."""
         dt = 0.0 if self._last_tick is None else now - self._last_tick
-        stops = self._stops(now)
+        stops = self.stops = self._stops(now)
         if self._stalled(now) is not None:
             for each in self._inputs():
                 each.silence()
@@ -446,12 +448,19 @@ class Arbiter:
             return [stop.reason for stop in self._stops(now)] + self._why_still()
         if self._state is State.STOPPING:
             return [f'stopping on a ramp: {self._transition.reason}']
-        why = [stop.reason for stop in self._stops(now)]
+        stops = self._stops(now)
+        why = [stop.reason for stop in stops]
         if self._state is State.STOPPED:
-            age = milliseconds(now - self._transition.at)
-            why.insert(0, f'stopped {age} ago: {self._transition.reason}')
+            why.insert(0, self._stopped_ago(stops, now))
             why += self._why_no_reset(now)
-        return why + self._why_no_owner(now)
+        return list(dict.fromkeys(why + self._why_no_owner(now)))
+
+    def _stopped_ago(self, stops: list[Stop], now: float) -> str:
+        """Say since when, and why unless all of that is among the present stops."""
+        last = self._transition
+        text = f'stopped {in_words(now - last.at)} ago'
+        again = last.causes and set(last.causes) <= {stop.cause for stop in stops}
+        return text if again else f'{text}: {last.reason}'
 
     def _why_still(self) -> list[str]:
         if self._owner is None:

@@ -58,7 +58,8 @@ class Input:
         if self.faults:
             return f'{self.label} is invalid: {"; ".join(self.faults.values())}'
         if self.watchdog.expired(now):
-            return f'{self.label} is {self.condition(now)}: {self.watchdog.describe(now)}'
+            silence = f'{self.condition(now)}: {self.watchdog.describe(now)}'
+            return f'{self.label} is {silence}: start its node'
         return None
 
     def condition(self, now: float) -> str:
@@ -137,7 +138,7 @@ class SourceInput(Input):
         """Return why it stops the machine; None if it has been clear since the last tick."""
         problem = self.problem(now)
         if problem is None and self.value:
-            return f'{self.label} demands a stop'
+            return f'{self.label} demands a stop: /diagnostics of its node says why'
         return problem or self.lapse
 
     def demands_itself(self, now: float) -> bool:

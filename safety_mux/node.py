@@ -7,6 +7,7 @@ state: a mux that is not active says stop, disable and 0.
 
 from collections.abc import Callable
 from functools import partial
+import math
 import time
 from typing import Any
 from typing import ClassVar
@@ -32,8 +33,10 @@ from bridge_core.node import latched_qos
 from bridge_core.node import ManagedNode
 from bridge_core.parameters import MANAGED_PARAMETERS
 from bridge_core.parameters import Parameter
+from bridge_core.publishers import PublisherWatch
 from bridge_core.runner import run
 from bridge_core.session import Level
+from bridge_core.watchdog import in_words
 from safety_mux.arbiter import Arbiter
 from safety_mux.configuration import check
 from safety_mux.configuration import joint_limits
@@ -48,7 +51,6 @@ from safety_mux.protocol import AUTONOMY
 from safety_mux.protocol import Kind
 from safety_mux.protocol import MalformedInput
 from safety_mux.protocol import State
-from safety_mux.publishers import PublisherWatch
 
 # A stop must not be overwritten by what follows it before it was read, hence the depth.
 ESTOP_QOS = QoSProfile(depth=10)
@@ -60,6 +62,7 @@ COMMAND_QOS = QoSProfile(depth=1)
 _AUTONOMY_TYPES = {'Twist': Twist, 'TwistStamped': TwistStamped, 'JointState': JointState}
 _LOOK_AROUND_PERIOD = 0.5
 _DIAGNOSTICS_PERIOD = 1.0
+_LOG_PERIOD = 1.0
 _INACTIVE = 'the mux is not active: activate the node'
 
 
@@ -80,6 +83,10 @@ class SafetyMux(ManagedNode):
         self.create_service(Trigger, '~/reset', self._on_reset)
         self.create_service(Trigger, '~/trip', self._on_trip)
         self.create_service(SetBool, '~/select_autonomy', self._on_select_autonomy)
+        self._causes: set[str] = set()  # of stops, as logged
+        self._logged_at = -math.inf
+        self._refused_reset: tuple[float, str] | None = None  # since the last one that counted
+        self._own_watches: dict[str, tuple[Any, PublisherWatch]] = {}  # while others are there
         self._drive_enabled = False
         if self.values['drive_enabled_topic']:
             topic = self.values['drive_enabled_topic']
@@ -112,7 +119,7 @@ class SafetyMux(ManagedNode):
     def on_activate(self, state: Any) -> TransitionCallbackReturn:
         """Begin to decide; STOPPED until a reset."""
         self.active = True
-        self._arbiter.hold(None)
+        self._hold(time.monotonic())
         return super().on_activate(state)
 
     def on_deactivate(self, state: Any) -> TransitionCallbackReturn:
@@ -133,7 +140,7 @@ class SafetyMux(ManagedNode):
     def shut_down(self) -> None:
         """Put out the stop at once."""
         self.active = False
-        self._arbiter.hold(_INACTIVE)
+        self._hold(time.monotonic())
         self._tick()
 
     def _build(self) -> None:
@@ -141,7 +148,7 @@ class SafetyMux(ManagedNode):
         values = self._built_from = self.values
         config = mux_config(values)
         self._arbiter = Arbiter(config, JointLimiter(joint_limits(values)), time.monotonic())
-        self._arbiter.hold(_INACTIVE)
+        self._hold(time.monotonic())
         self._last_state: State | None = None
         self._owner: str | None = None
         self._mappings = {each.name: joy_mapping(values, each.name) for each in config.operators}
@@ -251,6 +258,37 @@ class SafetyMux(ManagedNode):
         now = time.monotonic()
         for topic in self._watches:
             self._look_at(topic, now)
+        for publisher in (self._estop, self._enable, self._command):
+            self._look_at_own(publisher)
+        self._hold(now)
+
+    def _look_at_own(self, publisher: Any) -> None:
+        """Listen to an output of ours for as long as somebody else may publish there, too."""
+        topic = publisher.topic_name
+        alone = self.count_publishers(topic) < 2
+        if alone and topic in self._own_watches:
+            self.destroy_subscription(self._own_watches.pop(topic)[0])
+        elif not alone and topic not in self._own_watches:
+            watch = PublisherWatch()
+
+            def on_message(message: Any, info: Any) -> None:
+                del message
+                now = time.monotonic()
+                watch.heard(info['publication_sequence_number'], now)
+                if watch.doubled(now) and self._last_state is not State.STOPPED:
+                    self._hold(now)
+                    self._tick()
+
+            subscription = self.create_subscription(
+                publisher.msg_type, topic, on_message, COMMAND_QOS
+            )
+            self._own_watches[topic] = subscription, watch
+
+    def _hold(self, now: float) -> None:
+        """Be STOPPED while inactive, and while somebody else says what drives obey."""
+        doubled = [topic for topic, (_, watch) in self._own_watches.items() if watch.doubled(now)]
+        reason = f'stop the other publisher of {", ".join(doubled)}: a second mux?'
+        self._arbiter.hold(_INACTIVE if not self.active else reason if doubled else None)
 
     def _look_at(self, topic: str, now: float) -> None:
         kind, name, watch = self._watches[topic]
@@ -272,7 +310,9 @@ class SafetyMux(ManagedNode):
 
     def _on_reset(self, request: Any, response: Any) -> Any:
         del request
-        reply = self._arbiter.reset(time.monotonic())
+        now = time.monotonic()
+        reply = self._arbiter.reset(now)
+        self._refused_reset = None if reply.ok else (now, reply.message)
         return self._answer(response, 'reset', *reply)
 
     def _on_trip(self, request: Any, response: Any) -> Any:
@@ -312,7 +352,21 @@ class SafetyMux(ManagedNode):
             self.get_logger().info(
                 f'{decision.state.value}: {self._arbiter.status(now).last_transition.reason}'
             )
+            self._causes = {stop.cause for stop in self._arbiter.stops}
             self._publish_status()
+        elif decision.state is State.STOPPED:
+            self._log_further_stops(now)
+
+    def _log_further_stops(self, now: float) -> None:
+        """Log a stop that follows another one, once a second at most."""
+        causes = {stop.cause for stop in self._arbiter.stops}
+        further = [s.reason for s in self._arbiter.stops if s.cause not in self._causes]
+        if further and now < self._logged_at + _LOG_PERIOD:
+            return
+        self._causes = causes
+        if further:
+            self._logged_at = now
+            self.get_logger().info(f'STOPPED: {"; ".join(further)}')
 
     def _publish_status(self) -> None:
         self._status.publish(self._status_message())
@@ -343,6 +397,11 @@ class SafetyMux(ManagedNode):
             f'{last.before.value} to {last.after.value}, {now - last.at:.1f} s ago: {last.reason}'
         )
         message = '; '.join(inhibits) or f'{status.owner} has control'
+        if self._refused_reset is not None and status.state is State.STOPPED:
+            at, answer = self._refused_reset
+            refused = f'refused {in_words(now - at)} ago'
+            values['last reset'] = f'{refused}: {answer}'
+            message += f'; the last reset was {refused}'
         diagnostic = Diagnostic(Level.WARN if still else Level.OK, message, values)
         return diagnostic.to_msg(self.get_fully_qualified_name().lstrip('/'), '')
 

@@ -148,6 +148,16 @@ class Bench:
 
         self.wait(moving, 'motion')
 
+    def stand(self) -> None:
+        """Wait until the unit has reported the same position for 0.6 s."""
+        self.joint_states.clear()
+
+        def stands() -> bool:
+            found = [list(message.position) for message in self.joint_states.messages[-7:]]
+            return len(found) == 7 and all(position == found[0] for position in found)
+
+        self.wait(stands, 'rest')
+
     def status(self, part: str = 'device') -> Any:
         """Return the newest diagnostic of ours."""
         name = f'{self.prefix.lstrip("/")}: {part}'

@@ -44,9 +44,7 @@ class MuxBench:
         self.observer = observer
         self.space = namespace()
         self.name = f'{self.space}/safety_mux'
-        self._given = PATIENT | {
-            key.replace('__', '.'): value for key, value in parameters.items()
-        }
+        self.given = PATIENT | {key.replace('__', '.'): value for key, value in parameters.items()}
         self.start()
         self.reset_at = 0.0
         record = observer.record
@@ -70,7 +68,7 @@ class MuxBench:
 
     def start(self) -> None:
         """Start the mux, or start it again."""
-        self.node = NodeProcess('safety_mux.node', self._given, namespace=self.space)
+        self.node = NodeProcess('safety_mux.node', self.given, namespace=self.space)
 
     def wait(self, condition: Any, what: str, timeout: float = 10.0) -> Any:
         return self.observer.wait_for(condition, timeout, lambda: f'{what}; {self.report()}')
@@ -94,6 +92,10 @@ class MuxBench:
         values = values_of(record.last)
         found = [text for key, text in values.items() if key.startswith('inhibit')]
         return [text for text in found if not text.startswith('stopped ')]
+
+    def why(self) -> str:
+        """Return the newest status's message."""
+        return str(self.status.last.message) if self.status.last else ''
 
     def explains(self, *texts: str) -> bool:
         """Tell whether all these texts are among the inhibits."""

@@ -20,6 +20,9 @@ import os
 from pathlib import Path
 import select
 from signal import SIGCONT
+from signal import SIGHUP
+from signal import SIGINT
+from signal import SIGQUIT
 from signal import SIGTERM
 import socket
 import subprocess
@@ -34,6 +37,7 @@ from typing import TypeVar
 from rugged_teleop.domains import claim_domain
 
 ROOT = Path(__file__).resolve().parent.parent
+ENDING = (SIGTERM, SIGINT, SIGHUP, SIGQUIT)  # what ends a node
 _POLL = 0.005
 # Factor on all timeouts, for a slow environment (test_uml.py).
 _TIMEOUT_FACTOR = float(os.environ.get('RUGGED_TELEOP_PATIENCE', '1'))
@@ -175,6 +179,7 @@ class NodeProcess:
     :param parameters: given with ``-p``; the values are written as YAML.
     :param name: the node's name. :param namespace: such as ``/left``.
     :param arguments: further ROS arguments, such as ``('--params-file', path)``.
+    :param terminal: a descriptor that it writes to, instead of what ``output`` returns.
     """
 
     def __init__(
@@ -186,6 +191,7 @@ class NodeProcess:
         namespace: str = '',
         arguments: Sequence[str] = (),
         source: str = '',
+        terminal: int | None = None,
     ) -> None:
         command = [sys.executable, '-c', source] if source else [sys.executable, '-m', module]
         command.append('--ros-args')
@@ -200,7 +206,7 @@ class NodeProcess:
         self.process = subprocess.Popen(
             [*command, *arguments],
             stdin=subprocess.DEVNULL,
-            stdout=self._output,
+            stdout=self._output if terminal is None else terminal,
             stderr=subprocess.STDOUT,
             cwd=ROOT,
             env={**os.environ, 'PYTHONUNBUFFERED': '1'},

@@ -78,7 +78,9 @@ class Spine(Stage):
     def rest(self) -> None:
         """Bring everything to the same start: alive, plugged in, nothing held, mux STOPPED."""
         self.vsc.exchange(VscSimulator())
-        self.drive.exchange(DriveSimulator())
+        self.drive.exchange(
+            DriveSimulator(command_timeout=1.0)
+        )  # a busy machine is no wiring fault
         for name, node in self.nodes.items():
             if node.process.poll() is not None:
                 self.restart(name)

@@ -29,9 +29,15 @@ FRAMES = json.loads((ROOT / 'test' / 'vectors' / 'akron.json').read_text())['fra
 GOLDEN = {frame['is']: bytes.fromhex(frame['data']) for frame in FRAMES}
 
 
+def command(joy: Joy, *, extended: bool = False) -> tuple[BasicJoystick, ExtendedJoystick]:
+    """Convert with a switch for each button, and targets allowed."""
+    switches = range(1, 17 if extended else 13)
+    return convert.command(joy, switches, extended=extended, automatic=True)
+
+
 def sent(axes: list[float], buttons: list[int] | None = None, **options: Any) -> tuple[str, str]:
     """Return the two frames' data that a Joy becomes, in hexadecimal."""
-    basic, extended = convert.command(Joy(axes=axes, buttons=buttons or []), **options)
+    basic, extended = command(Joy(axes=axes, buttons=buttons or []), **options)
     return basic.to_bytes().hex().upper(), extended.to_bytes().hex().upper()
 
 
@@ -69,7 +75,7 @@ def test_grips_that_are_left_out_are_no_targets() -> None:
 
 def test_joy_at_rest_is_neutral_and_no_target() -> None:
     for axes in range(2, 7):
-        basic, extended = convert.command(Joy(axes=[0.0] * axes), extended=True)
+        basic, extended = command(Joy(axes=[0.0] * axes), extended=True)
         assert Command(basic, extended) == REST
 
 
@@ -78,6 +84,23 @@ def test_each_button_is_its_switch(number: int) -> None:
     basic, extended = sent([0.0, 0.0], pressed(number))
     assert (int(basic, 16) ^ int(NEUTRAL, 16)) == 1 << 22 - 2 * number
     assert extended == NO_TARGETS
+
+
+def test_buttons_press_nothing_unless_they_are_given_a_switch() -> None:
+    everything = Joy(axes=[0.0, 0.0], buttons=[1] * 16)
+    for switches in ([], [0], [0] * 16):
+        assert convert.command(everything, switches, extended=True) == (REST.basic, REST.extended)
+    odd = Joy(axes=[0.0, 0.0], buttons=[7, 0, 1])  # whatever the first one means to its sender
+    basic, _ = convert.command(odd, [0, 2, 10])
+    assert basic.to_bytes().hex().upper() == '0100010000000010'
+
+
+def test_target_is_refused_unless_automatic_motion_is_allowed() -> None:
+    with pytest.raises(ValueError, match='set automatic_motion'):
+        convert.command(Joy(axes=[0.0, 0.0, 0.1]), [], extended=True)
+    basic, extended = convert.command(Joy(axes=[0.0, 0.0, 0.0, 0.0]), [], extended=True)
+    assert Command(basic, extended) == REST
+    assert convert.command(Joy(axes=[0.0, 0.0, 0.1]), [])[0] == REST.basic
 
 
 def test_what_lies_beyond_is_not_looked_at() -> None:
@@ -104,17 +127,17 @@ def test_slightly_beyond_1_is_full_deflection() -> None:
 )
 def test_nonsense_is_refused_in_words(axes: list[float], buttons: list[int], text: str) -> None:
     with pytest.raises(ValueError, match=text):
-        convert.command(Joy(axes=axes, buttons=buttons))
+        command(Joy(axes=axes, buttons=buttons))
 
 
 @pytest.mark.parametrize('value', [math.nan, 1.06])
 def test_grips_are_checked_too(value: float) -> None:
     with pytest.raises(ValueError, match='axis 3'):
-        convert.command(Joy(axes=[0.0, 0.0, 0.0, value]), extended=True)
+        command(Joy(axes=[0.0, 0.0, 0.0, value]), extended=True)
 
 
 def test_command_is_made_of_what_the_wire_carries() -> None:
-    basic, extended = convert.command(Joy(axes=[0.3, 0.1, 0.2]), extended=True)
+    basic, extended = command(Joy(axes=[0.3, 0.1, 0.2]), extended=True)
     assert BasicJoystick.from_bytes(basic.to_bytes()) == basic
     assert ExtendedJoystick.from_bytes(extended.to_bytes()) == extended
 
@@ -139,10 +162,10 @@ def test_deadband_leaves_no_step() -> None:
 def test_joint_states_are_in_rad_with_nan_for_what_is_not_known() -> None:
     state = convert.joint_state((0.5, None), ('pan', 'tilt'), STAMP, 'base')
     assert list(state.name) == ['pan', 'tilt']
-    assert state.position[0] == 0.5
+    assert state.position[0] == -0.5  # right; left is positive
     assert math.isnan(state.position[1])
     turned = convert.joint_state((0.5, -0.2), ('pan', 'tilt'), STAMP, '', inverted=(True, False))
-    assert list(turned.position) == [-0.5, -0.2]
+    assert list(turned.position) == [0.5, -0.2]
 
 
 def values(status: DiagnosticStatus) -> dict[str, str]:

@@ -52,7 +52,7 @@ def bench(shared: tuple[Bench, Station], unit: Station) -> Bench:
 
 def test_stick_moves_the_unit_and_its_position_comes_back(bench: Bench, unit: Station) -> None:
     bench.drive(unit)
-    bench.wait(lambda: bench.joint_states.last.position[0] > 0.05, 'rotation to the right')
+    bench.wait(lambda: bench.joint_states.last.position[0] < -0.05, 'rotation to the right')
     assert list(bench.joint_states.last.name) == ['rotation', 'elevation']
     assert bench.joint_states.last.position[1] == pytest.approx(0.0, abs=0.01)
     bench.asked = Joy(axes=[0.0, -1.0])  # back: up
@@ -165,12 +165,14 @@ def test_limits_and_outputs_are_told(bench: Bench, unit: Station) -> None:
 
 def test_services_answer(bench: Bench, unit: Station) -> None:
     unit.steer('position 1 20')
-    bench.wait(lambda: bench.joint_states.last.position[0] > 0.3, 'the position')
+    bench.wait(lambda: bench.joint_states.last.position[0] < -0.3, 'the position')
+    bench.stand()
     assert bench.call('zero_positions').success
     bench.wait(lambda: abs(bench.joint_states.last.position[0]) < 0.01, 'zero')
     answer = bench.call('poll_versions')
     assert answer.success
     assert 'fixed boot' in answer.message
+    bench.stand()
     assert bench.call('enter_setup').success
     assert unit.look('setup')
     unit.steer('setup off')
@@ -180,6 +182,7 @@ def test_services_answer(bench: Bench, unit: Station) -> None:
 
 
 def test_service_of_a_muted_unit_times_out(bench: Bench, unit: Station) -> None:
+    bench.stand()
     unit.steer('mute on')
     answer = bench.call('zero_positions')
     assert not answer.success
@@ -195,6 +198,8 @@ def test_reset_and_setup_are_refused_in_motion(bench: Bench, unit: Station) -> N
         bench.wait(future.done, 'the answer')
         assert not future.result().success
         assert 'motion is commanded' in future.result().message
+        refusal = f'{service}: motion is commanded; let go of the stick first'
+        bench.wait(lambda refusal=refusal: bench.value('last refusal', 'link') == refusal, 'it')  # type: ignore[misc]
     assert unit.joystick_frames(0x38)[-1] == RIGHT
     assert not unit.look('setup')
 

@@ -360,6 +360,36 @@ def test_permission_to_a_unit_that_lost_its_address_ends_without_spinning() -> N
     assert permissions(bench, start) == []
 
 
+def test_permission_by_direction_is_the_manuals_and_goes_stale() -> None:
+    bench = Bench(soe_permissive=True).find_unit()
+    bench.run(0.3)
+    start = bench.now
+    bench.session.set_directions(0b1001, bench.now)  # down and right only
+    bench.poll()
+    assert permissions(bench, start) == ['A10009']
+    bench.run(ESTOP_LIMIT + 0.05)
+    assert permissions(bench)[-1] == 'A10000'
+    assert not bench.session.estop
+    bench.session.set_directions(0b0110, bench.now)
+    bench.poll()
+    assert permissions(bench)[-1] == 'A10006'
+    with pytest.raises(ValueError, match='16 is no sum of 1 right'):
+        bench.session.set_directions(16, bench.now)
+    bench.poll()
+    assert permissions(bench)[-1] == 'A10000'
+    bench.wait(5.0)  # SessionBench sees to it that this takes few steps
+
+
+def test_direction_is_never_permitted_during_a_stop() -> None:
+    bench = Bench(soe_permissive=True).find_unit()
+    bench.run(0.3)
+    bench.estop_in(True)
+    start = bench.now
+    bench.session.set_directions(0b1111, bench.now)
+    bench.run(0.3, estop=True)
+    assert set(permissions(bench, start)) == {'A10000'}
+
+
 def test_farewell_takes_the_permission_away() -> None:
     bench = Bench(soe_permissive=True).moving()
     frames = bench.session.farewell(bench.now)

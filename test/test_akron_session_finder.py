@@ -29,6 +29,7 @@ from test.akron_session_rig import OUTPUTS
 from test.akron_session_rig import PIN
 from test.akron_session_rig import POSITION
 from test.akron_session_rig import REST
+from test.akron_session_rig import UNIT
 
 NAME_REQUEST = CanFrame(0x18EAFF38, bytes.fromhex('00EE00'))  # the manual's, from address 38
 STRANGER = '0100000000000000'  # a NAME that is not Akron Brass's
@@ -212,6 +213,37 @@ def test_own_claim_of_the_unit_and_claims_elsewhere_change_nothing() -> None:
     assert bench.session.finder.address == 0x80
 
 
+# By hand from NAME: the same identity, another function instance; and a PIN with the same 21 bits.
+TWIN = '0B1AC22808420090'
+TWIN_ANNOUNCED = ef('FF87150226021A0B', 0x91)  # digit 5 is C instead of A
+
+
+def test_another_device_with_the_same_identity_number_does_not_take_the_unit_away() -> None:
+    bench = Bench()
+    bench.open()
+    bench.take(NAME, ANNOUNCED, OUTPUTS, NO_FAULTS)
+    for _ in range(5):
+        assert of(UnitChanged, bench.take(name(TWIN, 0x91), TWIN_ANNOUNCED)) == []
+        bench.run(0.5)
+        assert not bench.session.estop
+
+
+def test_twin_that_was_announced_is_not_the_unit_though_its_name_is_the_same() -> None:
+    bench = Bench().find_unit()  # its NAME was never heard
+    bench.take(TWIN_ANNOUNCED)
+    assert bench.take(name('0B1AC22800420090', 0x91)) == []
+    assert bench.session.finder.address == UNIT
+
+
+def test_unit_with_a_new_name_is_followed_after_its_announcement() -> None:
+    bench = Bench()
+    bench.open()
+    bench.take(NAME, ANNOUNCED, OUTPUTS, NO_FAULTS)
+    bench.take(name(TWIN, UNIT), ANNOUNCED)
+    assert bench.session.finder.address == UNIT
+    assert bench.take(name(TWIN, UNIT)) == []
+
+
 def test_claims_on_and_on_do_not_make_us_flood_the_bus() -> None:
     bench = Bench().find_unit()
     start = bench.now
@@ -228,3 +260,44 @@ def test_another_device_that_claims_our_own_address_is_told() -> None:
     assert bench.session.finder.namesake is not None
     bench.take(name(STRANGER, 0x99))  # it gave way
     assert bench.session.finder.namesake is None
+
+
+# -- at a fixed address ---------------------------------------------------------------------------
+
+
+def test_unit_that_announces_nothing_is_used_at_its_address() -> None:
+    bench = Bench(unit_address=0x90)
+    bench.open()
+    assert 'unit at 90 is silent' in bench.session.stop_reasons(bench.now)[0]
+    bench.take(OUTPUTS, POSITION, NO_FAULTS)  # from 80: somebody else
+    assert bench.session.estop
+    bench.take(moved(OUTPUTS, 0x90), moved(NO_FAULTS, 0x90))
+    assert not bench.session.estop
+    assert bench.session.values(bench.now)['unit'] == 'at 90'
+    assert bench.session.values(bench.now)['type'] == '6032 Universal II'
+    bench.take(moved(NOT_ENABLED, 0x90))
+    assert 'not asserted' in bench.session.stop_reasons(bench.now)[0]
+
+
+def test_announcement_from_the_fixed_address_gives_the_pin_and_others_do_not_move_it() -> None:
+    bench = Bench(unit_address=UNIT)
+    bench.open()
+    bench.take(NAME, ANNOUNCED, OUTPUTS, NO_FAULTS)
+    assert bench.session.values(bench.now)['unit'] == PIN
+    assert bench.take(OTHER_ANNOUNCED, moved(ANNOUNCED, 0x91), moved(NAME, 0x91)) == []
+    assert bench.session.finder.address == UNIT
+    assert not bench.session.estop
+
+
+@pytest.mark.parametrize('frame', [name(STRANGER, UNIT), moved(OTHER_ANNOUNCED, UNIT)])
+def test_another_device_at_the_fixed_address_is_not_believed(frame: CanFrame) -> None:
+    bench = Bench(unit_address=UNIT, device_pin=PIN)
+    bench.open()
+    bench.take(OUTPUTS, NO_FAULTS)
+    assert not bench.session.estop
+    bench.take(frame)
+    bench.run(0.5)
+    assert bench.session.estop
+    assert 'has no address at present' in bench.session.stop_reasons(bench.now)[0]
+    bench.take(ANNOUNCED, OUTPUTS, NO_FAULTS)
+    assert not bench.session.estop

@@ -51,14 +51,31 @@ def test_sender_of_short_frames_is_a_stop_too(pgn: int, size: int) -> None:
     assert bench.session.counters.malformed == 1
 
 
-@pytest.mark.parametrize('pgn', [0xFDD6, 0xFDD7])
-def test_the_trap_of_the_vsc_is_called_by_its_name(pgn: int) -> None:
+# As a VSC sends them: bytes 5, 7 and 8, and 3 to 8, are FF.
+VSC = [(0xFDD6, '10010001FF00FFFF'), (0xFDD7, '1001FFFFFFFFFFFF')]
+
+
+@pytest.mark.parametrize(('pgn', 'data'), VSC)
+def test_the_trap_of_the_vsc_is_called_by_its_name(pgn: int, data: str) -> None:
     bench = Bench().find_unit()
-    bench.take(joystick(source=0x33, pgn=pgn))
+    bench.take(joystick(data, pgn=pgn))
     (reason,) = bench.session.stop_reasons(bench.now)
     assert 'drives the unit past the mux' in reason
     assert "a FORT VSC's left joystick" in reason
     assert 'bus of its own' in reason
+
+
+@pytest.mark.parametrize(('pgn', 'data'), VSC)
+def test_what_is_no_vsc_by_its_bytes_is_told_of_allowed_joysticks(pgn: int, data: str) -> None:
+    bench = Bench().find_unit()
+    for place in range(4, 8) if pgn == 0xFDD6 else range(2, 8):
+        other = bytearray.fromhex(data)
+        other[place] ^= 1
+        bench.take(joystick(other.hex(), pgn=pgn))
+        (reason,) = bench.session.stop_reasons(bench.now)
+        is_button = pgn == 0xFDD6 and place == 5
+        assert ('FORT' in reason) == is_button
+        assert ('allowed_joysticks' in reason) != is_button
 
 
 def test_somebody_at_our_own_address_is_told_as_such() -> None:

@@ -10,6 +10,7 @@ from test.akron_session_rig import ef
 from test.akron_session_rig import faults
 from test.akron_session_rig import joystick
 from test.akron_session_rig import MOVE
+from test.akron_session_rig import NAME
 from test.akron_session_rig import NO_FAULTS
 from test.akron_session_rig import of
 from test.akron_session_rig import OPERATIONAL_ERROR
@@ -154,6 +155,28 @@ def test_reset_is_answered_by_the_announcement_after_it() -> None:
     assert bench.session.estop
     (answer,) = of(Answer, bench.take(ANNOUNCED))
     assert answer == Answer(Request.RESET_CONTROLLER.value, True, f'unit {PIN} is back')
+
+
+def test_announcement_for_somebody_else_is_no_answer_to_a_reset() -> None:
+    bench = Bench().find_unit()
+    bench.run(1.5, REST)
+    bench.session.request(Request.RESET_CONTROLLER, bench.now)
+    bench.poll()
+    bench.run(0.2)
+    assert of(Answer, bench.take(ANNOUNCED)) == []
+    bench.run(0.4, unit=False)
+    (answer,) = of(Answer, bench.take(ANNOUNCED))
+    assert answer.success
+
+
+def test_fresh_claim_answers_a_reset_though_nobody_missed_the_unit() -> None:
+    bench = Bench().find_unit()
+    bench.run(1.5, REST)
+    bench.session.request(Request.RESET_CONTROLLER, bench.now)
+    bench.poll()
+    bench.run(0.2)
+    (answer,) = of(Answer, bench.take(NAME, ANNOUNCED))
+    assert answer.success
 
 
 def test_reset_without_a_return_times_out() -> None:

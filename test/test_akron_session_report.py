@@ -8,6 +8,7 @@ from typing import Any
 import pytest
 
 from bridge_core.j1939 import CanFrame
+from bridge_core.session import Level
 from test.akron_session_rig import Bench
 from test.akron_session_rig import ef
 from test.akron_session_rig import joystick
@@ -65,6 +66,15 @@ def test_what_is_asked_for_is_no_warning() -> None:
     assert told(OTHER_ANNOUNCED, device_pin=PIN) == []
     # Not available is not broken: there are units without sensors and calibration.
     assert told(ef('01000F000F000043')) == []
+
+
+def test_stale_input_is_a_warning_and_a_command_that_is_held_none() -> None:
+    bench = Bench().find_unit()
+    assert (Level.WARN, 'an input is stale') in bench.session.problems(bench.now)
+    bench.run(0.2, REST, estop=True)
+    assert bench.session.problems(bench.now) == []
+    bench.run(0.3, REST, estop=None)
+    assert bench.session.problems(bench.now) == [(Level.WARN, 'an input is stale')]
 
 
 def figures(prepare: Callable[[Bench], Any] = lambda bench: None, **options: Any) -> Any:

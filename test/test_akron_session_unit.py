@@ -9,6 +9,7 @@ import pytest
 from akron_can_bridge.protocol import DigitalOutputs
 from akron_can_bridge.protocol import Fault
 from akron_can_bridge.protocol import Output
+from akron_can_bridge.protocol import Status
 from akron_can_bridge.session import Cause
 from akron_can_bridge.session import FaultsChanged
 from akron_can_bridge.session import FILTERS
@@ -136,6 +137,13 @@ def test_pcode_is_told() -> None:
     assert not bench.session.estop
 
 
+def turn(bench: Bench, seconds: float) -> None:
+    """Have the unit report that it turns by 10 degrees a second."""
+    for step in range(round(seconds / 0.1)):
+        bench.wait(0.1)
+        bench.take(OUTPUTS, ef(f'01{10 * step << 4 | 4:04X}0000000041'))
+
+
 @pytest.mark.parametrize('cause', Cause)
 def test_cause_that_is_not_listed_is_no_stop_but_is_known(cause: Cause) -> None:
     frames = {
@@ -143,11 +151,14 @@ def test_cause_that_is_not_listed_is_no_stop_but_is_known(cause: Cause) -> None:
         Cause.MOTOR_FAULT: [faults(2)],
         Cause.FOREIGN_JOYSTICK: [joystick()],
         Cause.LINK: [],
+        Cause.MOTION: [],
     }
     alone = Bench(estop_on=frozenset({cause})).find_unit()
     without = Bench(estop_on=frozenset(set(Cause) - {cause})).find_unit()
     for bench in (alone, without):
         bench.take(*frames[cause])
+        if cause is Cause.MOTION:
+            turn(bench, 1.5)
     if cause is Cause.LINK:
         alone.wait(1.0)
         assert alone.session.estop
@@ -221,6 +232,17 @@ def test_limits_are_told_on_change_and_when_they_cease() -> None:
     assert of(LimitsChanged, bench.wait(1.0)) == [LimitsChanged()]
 
 
+def test_turning_changes_no_limit() -> None:
+    bench = Bench().find_unit()
+    bench.take(POSITION)
+    before = len(bench.events)
+    turn(bench, 2.0)
+    assert of(LimitsChanged, bench.events[before:]) == []
+    (broken,) = of(LimitsChanged, bench.take(ef('011D9A0371000041')))
+    assert broken.position is not None
+    assert broken.position.rotation.fault is Status.ERROR
+
+
 def test_outputs_and_inputs_are_told_with_those_of_the_neighbours() -> None:
     bench = Bench().find_unit()
     (first,) = of(OutputsChanged, bench.events)
@@ -276,8 +298,11 @@ def test_counters_tell_malformed_from_unknown_and_from_what_is_not_ours() -> Non
     bench.take(ef('8300'), ef('77'), ef('0100', source=0x55), CanFrame(0x18FEF100, b'\0'))
     bench.take(ef('41', destination=0x05))
     assert counters.malformed == 1
+    # Another maker's, whose first byte happens to be that of an announcement, of 84, of 85.
+    bench.take(ef('FF01', 0x55), ef('8400000000', 0x55), ef('85', 0x55), ef('FF', 0x55))
+    assert counters.malformed == 1
     assert counters.unknown_types == 1
-    assert (counters.frames - before[0], bench.session.decoder.other_frames - before[1]) == (5, 3)
+    assert (counters.frames - before[0], bench.session.decoder.other_frames - before[1]) == (9, 7)
 
 
 def test_filters_pass_all_that_is_taken_and_hardly_more() -> None:

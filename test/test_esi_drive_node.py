@@ -1,9 +1,11 @@
 """The ESI drive bridge as a process on a port: every topic and service, on real bytes."""
 
 from collections.abc import Iterator
+import contextlib
 import itertools
 import json
 import math
+import os
 from pathlib import Path
 import time
 from typing import Any
@@ -16,6 +18,7 @@ from std_srvs.srv import Trigger
 
 from esi_drive_bridge.simulator import Simulator
 from test.esi_drive_rig import status
+from test.rig import ENDING
 from test.rig import latched
 from test.rig import NodeProcess
 from test.rig import Observer
@@ -28,6 +31,7 @@ NAME = 'esi_drive_bridge'
 LINK, DEVICE = 'link', 'device'  # the parts of its diagnostics
 COMMAND_TIMEOUT = 0.1
 STALE = 0.3  # a stale input is acted on well within this
+DOUBLED = 'stop one of the two publishers'
 RPM = 2.0 * math.pi / 60.0  # rad/s
 _FILE = Path(__file__).parent / 'vectors/esi.json'
 VECTORS = json.loads(_FILE.read_text())
@@ -45,6 +49,7 @@ class Bench:
         folder: Path,
         observer: Observer,
         simulator: Simulator | None = None,
+        terminal: int | None = None,
         **parameters: Any,
     ) -> None:
         self.observer = observer
@@ -52,7 +57,10 @@ class Bench:
         space = namespace()
         self.name = f'{space}/{NAME}'
         self.node = NodeProcess(
-            f'{NAME}.node', {'port': self.drive.path, **parameters}, namespace=space
+            f'{NAME}.node',
+            {'port': self.drive.path, **parameters},
+            namespace=space,
+            terminal=terminal,
         )
         self.estop = observer.record(Bool, f'{self.name}/estop', latched())
         self.enabled = observer.record(Bool, f'{self.name}/enabled', latched())
@@ -223,9 +231,9 @@ def test_enable_false_and_true_in_one_breath_passes_through_disable(bench: Bench
 @pytest.mark.parametrize(
     ('message', 'text'),
     [
-        (command(1.0, names=('left',)), 'joints'),
+        (command(1.0, names=('left',)), 'name each of'),
         (command(1.0, 1.0, names=('left', 'middle')), 'middle'),
-        (command(1.0, 1.0, names=('left', 'left')), 'joints'),
+        (command(1.0, 1.0, names=('left', 'left')), 'name each of'),
         (command(1.0), 'entries in velocity'),
         (command(1.0, math.nan), 'nan'),
         (command(math.inf, 1.0), 'inf'),
@@ -241,7 +249,7 @@ def test_command_that_makes_no_sense_stops_and_is_counted_and_explained(
     before = int(bench.value('refused commands') or 0)
     bench.command.message = message
     bench.stopped_since(time.monotonic())
-    bench.wait(lambda: int(bench.value('refused commands')) > before, 'the count', 5.0)
+    bench.wait(lambda: int(bench.value('refused commands') or 0) > before, 'the count', 5.0)
     bench.wait(lambda: text in bench.value('disabled because'), f'{text} in the reason', 5.0)
     bench.command.message = command(0, 0)
     bench.quiet()
@@ -253,7 +261,7 @@ def test_command_beyond_16_bits_is_held_there_and_counted(bench: Bench) -> None:
     bench.command.message = command(1e9, -1e9)
     bench.enabling()
     bench.wait(lambda: bench.commands(32767, -32768), 'the greatest values')
-    bench.wait(lambda: int(bench.value('saturated commands')) > before, 'the count', 5.0)
+    bench.wait(lambda: int(bench.value('saturated commands') or 0) > before, 'the count', 5.0)
 
 
 def test_packets_never_stop_while_the_port_is_open(bench: Bench) -> None:
@@ -263,6 +271,26 @@ def test_packets_never_stop_while_the_port_is_open(bench: Bench) -> None:
         moment = time.monotonic()
         bench.wait(lambda moment=moment: len(bench.drive.packets(moment)) > 5, 'packets', 2.0)
         assert not any(packet.enables for packet in bench.drive.packets(moment))
+
+
+@pytest.mark.parametrize('attempt', range(3))
+def test_second_mux_disables_and_its_stops_are_no_edges(bench: Bench, attempt: int) -> None:
+    del attempt
+    bench.command.message = command(10 * RPM, 10 * RPM)
+    bench.enabling()
+    cause = time.monotonic()
+    topics = {'command': 'command', 'enable': 'enable', 'estop': 'estop_in'}
+    wires = [f'~/{its}:={bench.name}/{ours}' for its, ours in topics.items()]
+    arguments = [word for wire in wires for word in ('-r', wire)]
+    with NodeProcess('safety_mux.node', namespace=namespace(), arguments=arguments):
+        bench.stopped_since(cause, 10.0)
+        told = time.monotonic()
+        bench.wait(lambda: DOUBLED in bench.diagnostics.status(DEVICE).message, 'the reason')
+        bench.holds(lambda: not any(p.enables for p in bench.drive.packets(told)), 1.0)
+        assert not bench.estop.last.data  # nothing is wrong with the drive
+    bench.wait(lambda: DOUBLED not in bench.diagnostics.status(DEVICE).message, 'only one again')
+    bench.quiet()
+    bench.enabling()
 
 
 # Feedback.
@@ -325,6 +353,21 @@ def test_fault_and_its_end_in_one_read_are_both_published(bench: Bench) -> None:
             return [value for value, _ in itertools.groupby(data)]
 
         bench.wait(lambda: changes()[-2:] == [True, False], 'a stop, and its end')
+
+
+def test_flickering_fault_is_logged_once_a_second_and_the_last_word_stands(bench: Bench) -> None:
+    said = len(bench.node.output)
+    start = time.monotonic()
+    while time.monotonic() < start + 2.5:
+        bench.drive.write(status(errors=1) + status())
+        bench.observer.spin(0.01)
+    lasted = time.monotonic() - start
+    bench.holds(lambda: True, 1.2)  # longer than a second, for what was put off
+    lines = bench.node.output[said:].splitlines()
+    reports = [line for line in lines if 'the drive reports' in line]
+    assert 2 <= len(reports) <= lasted + 2.5, lines
+    assert 'no error any more' in reports[-1]
+    assert len(lines) <= 2 * (lasted + 2.5), lines
 
 
 def test_warning_bit_is_a_warning_and_no_stop(bench: Bench) -> None:
@@ -480,8 +523,93 @@ def test_deactivation_disables_and_closes_and_activation_needs_a_new_edge(
         bench.close()
 
 
+@pytest.mark.parametrize('number', ENDING)
+def test_signal_mid_motion_leaves_the_drive_disabled(
+    tmp_path: Path, observer: Observer, number: int
+) -> None:
+    bench = Bench(tmp_path, observer)
+    bench.command.message = command(100 * RPM, 0)
+    try:
+        bench.quiet()
+        bench.enabling()
+        bench.wait(lambda: bench.drive.rpm > 50.0, 'motion')
+        assert bench.node.end(number) == 0
+        assert bench.drive.packets()[-1].values == (0, 0)
+        assert not any(packet.enables for packet in bench.drive.packets()[-3:])
+        bench.wait(lambda: bench.estop.last.data, 'a last stop')
+    finally:
+        bench.close()
+
+
+def full_pipe() -> tuple[int, int]:
+    """Return a pipe that takes no more, and blocks who tries."""
+    read, write = os.pipe()
+    os.set_blocking(write, False)
+    with contextlib.suppress(BlockingIOError):
+        while True:
+            os.write(write, b'x' * 4096)
+    os.set_blocking(write, True)
+    return read, write
+
+
+def stopped_terminal() -> tuple[int, int]:
+    """Return a terminal in which somebody has pressed Ctrl-S."""
+    master, slave = os.openpty()
+    os.write(master, b'\x13')
+    return master, slave
+
+
+@pytest.mark.parametrize('terminal', [stopped_terminal, full_pipe])
+def test_output_that_blocks_holds_up_neither_packets_nor_stops(
+    tmp_path: Path, observer: Observer, terminal: Any
+) -> None:
+    ours, its = terminal()
+    bench = Bench(tmp_path, observer, terminal=its)
+    os.close(its)
+    try:
+        bench.quiet()
+        for _ in range(3):  # each is a line of the log, written by C code of ROS
+            bench.enabling()
+            cause = time.monotonic()
+            bench.estop_in.message = Bool(data=True)
+            bench.stopped_since(cause)
+            bench.quiet()
+        times = [packet.time for packet in bench.drive.packets(cause)]
+        assert max(after - before for before, after in itertools.pairwise(times)) < 0.25
+        assert bench.node.end() == 0
+        bench.wait(lambda: bench.estop.last.data, 'a last stop')
+    finally:
+        bench.close()
+        os.close(ours)
+
+
+def test_terminal_that_goes_on_shows_what_was_said_meanwhile(
+    tmp_path: Path, observer: Observer
+) -> None:
+    ours, its = stopped_terminal()
+    os.set_blocking(ours, False)
+    bench = Bench(tmp_path, observer, terminal=its)
+    os.close(its)
+    try:
+        bench.quiet()
+        os.write(ours, b'\x11')  # Ctrl-Q
+        shown = b''
+
+        def complete() -> bool:
+            nonlocal shown
+            with contextlib.suppress(BlockingIOError):
+                shown += os.read(ours, 65536)
+            return b'no stop demanded any more' in shown
+
+        bench.wait(complete, 'its log')
+        assert b'\x1b[' in shown  # in colours, as on any terminal
+    finally:
+        bench.close()
+        os.close(ours)
+
+
 def test_line_too_slow_for_its_rates_is_warned_of(tmp_path: Path, observer: Observer) -> None:
-    bench = Bench(tmp_path, observer, command_rate=1000.0, baud=115200)
+    bench = Bench(tmp_path, observer, status_rate=1000.0, baud=115200)
     try:
         bench.wait(lambda: bench.diagnostics.status(DEVICE) is not None, 'diagnostics')
         # 12 bytes of 10 bits a thousand times a second are 120000 bit/s.

@@ -216,9 +216,11 @@ def test_reserved_bits_are_ignored() -> None:
     assert Command.from_bytes(packet('F1 00 00 00 00 00'), Layout.PADDED).axes[0].enable
 
 
-def test_what_pads_a_single_axis_is_ignored() -> None:
+def test_what_pads_a_single_axis_is_no_axis_and_kept() -> None:
+    axes = (AxisStatus(AxisState.ENABLED, 1),)
     wire = packet('01 01 00 00 FF FF FF FF')
-    assert Status.from_bytes(wire, Layout.PADDED) == Status((AxisStatus(AxisState.ENABLED, 1),))
+    assert Status.from_bytes(wire, Layout.PADDED) == Status(axes, b'\xff' * 4)
+    assert Status.from_bytes(packet('01 01 00 00 00 00 00 00'), Layout.PADDED) == Status(axes)
 
 
 @pytest.mark.parametrize('bit', [0x01, 0x02, 0x04, 0x08, 0x10, 0x20, 0x40])

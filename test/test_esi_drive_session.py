@@ -237,7 +237,7 @@ def test_an_e_stop_pulse_between_two_polls_is_not_lost(rig: Rig) -> None:
         ('estop', 'e-stop input is stale: last heard', 0.1),
         ('enable', 'enable is stale: last heard', 0.1),
         ('command', 'command is stale: last heard', 0.1),
-        ('status', 'no status from the drive: last heard', 0.25),
+        ('status', 'check power, the receive pair', 0.25),
     ],
 )
 def test_silence_stops_in_time(rig: Rig, silent: str, reason: str, limit: float) -> None:

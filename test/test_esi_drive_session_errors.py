@@ -6,10 +6,13 @@ from typing import Any
 import pytest
 
 from bridge_core.session import Answer
+from bridge_core.session import Level
 from esi_drive_bridge.axes import Axis
+from esi_drive_bridge.protocol import Layout
 from esi_drive_bridge.protocol import Mode
 from esi_drive_bridge.session import FaultsChanged
 from esi_drive_bridge.session import Phase
+from test.esi_drive_rig import axes
 from test.esi_drive_rig import fields
 from test.esi_drive_rig import IDLE
 from test.esi_drive_rig import is_disable
@@ -167,6 +170,83 @@ def test_values_saturate_and_are_counted() -> None:
     assert rig.session.saturations == 4
 
 
+def test_what_is_cut_is_a_warning_while_it_is_commanded() -> None:
+    rig = Rig()
+    rig.command = (1e6, 0.0)
+    rig.tick(3)
+    (text,) = rig.session.warnings(rig.now)
+    assert text.startswith('command left within ±3.277e+04 rad/s')
+    assert rig.session.problems(rig.now) == [(Level.WARN, text)]
+    rig.command = (1.0, 0.0)
+    rig.tick()
+    assert rig.session.warnings(rig.now) == []
+
+
+def test_position_beyond_a_packet_is_refused_and_stops() -> None:
+    rig = Rig(axes=axes(Mode.POSITION, 0.000191753))
+    rig.start_slowly()
+    rig.command = (6.2831, -6.2831)
+    assert rig.tick(2)
+    assert rig.phase() is Phase.ENABLED
+    rig.command = None
+    with pytest.raises(ValueError, match=r'command left within ±6\.283 rad: 10 is beyond'):
+        rig.session.set_command((10.0, 0.0), rig.now)
+    assert all(is_disable(frame) for frame in rig.tick(2))
+    assert rig.session.saturations == 0
+
+
+@pytest.mark.parametrize('feedback', [32767, -32768])
+def test_position_at_its_limit_enables_nothing(feedback: int) -> None:
+    rig = Rig(axes=axes(Mode.POSITION))
+    rig.status = status(feedback=(0, feedback))
+    rig.tick(3)
+    rig.enable = True
+    assert all(is_disable(frame) for frame in rig.tick(30))
+    assert 'move right by hand' in rig.session.inhibits(rig.now)[0]
+    rig.enable, rig.status = False, IDLE
+    rig.tick(3)
+    rig.enable = True
+    rig.tick()
+    assert rig.phase() is Phase.ENABLING
+    rig.status = status(1, 1, feedback=(feedback, 0))  # it was pushed there meanwhile
+    assert all(is_disable(frame) for frame in rig.tick(30)[1:])
+    assert rig.phase() is Phase.DISABLED
+
+
+def test_position_that_reaches_its_limit_in_motion_goes_on() -> None:
+    rig = Rig(axes=axes(Mode.POSITION))
+    rig.start_slowly()
+    rig.command = (32767.0, 0.0)
+    rig.status = status(1, 1, feedback=(32767, 0))
+    rig.tick(10)
+    assert rig.phase() is Phase.ENABLED
+
+
+def test_time_out_after_a_stall_of_ours_is_put_down_to_it(rig: Rig) -> None:
+    rig.tick(10)
+    rig.now += 0.19
+    rig.status = status(0x40)
+    rig.tick()
+    (text,) = rig.session.stop_reasons(rig.now)
+    assert 'as this node sent nothing for 200 ms' in text
+    rig.tick(150)
+    assert 'as this node sent nothing' in rig.session.stop_reasons(rig.now)[0]
+    rig.status = IDLE
+    rig.tick()
+    rig.status = status(0x40)
+    rig.tick()
+    assert 'check the transmit pair' in rig.session.stop_reasons(rig.now)[0]
+
+
+def test_axis_b_of_a_drive_that_should_have_none_is_told() -> None:
+    rig = Rig(axes=axes(Mode.VELOCITY)[:1], layout=Layout.PADDED)
+    rig.hear(IDLE)
+    assert rig.session.warnings(rig.now) == []
+    rig.hear(status(0, 1))
+    (text,) = rig.session.warnings(rig.now)
+    assert text.startswith('name two joints in joint_names')
+
+
 @pytest.mark.parametrize('values', [(1.0,), (1.0, 2.0, 3.0), (math.inf, 0.0), (0.0, math.nan)])
 def test_impossible_commands_are_refused_and_counted(rig: Rig, values: tuple[float, ...]) -> None:
     with pytest.raises(ValueError, match=r'values for|not finite'):
@@ -176,9 +256,9 @@ def test_impossible_commands_are_refused_and_counted(rig: Rig, values: tuple[flo
 
 
 def test_status_at_1_khz_does_not_fit_115200() -> None:
-    (text,) = make_settings(baud=115200).line_warnings()
+    (text,) = make_settings(baud=115200, status_rate=1000.0).line_warnings()
     assert '12 bytes at 1000 Hz need 120000 bit/s, the line has 115200' in text
-    rig = Rig(baud=115200)
+    rig = Rig(baud=115200, status_rate=1000.0)
     assert rig.session.warnings(rig.now) == [text]
     assert make_settings(baud=115200, command_rate=1000.0, status_rate=900.0).line_warnings() == ()
     assert make_settings(baud=230400, command_rate=1000.0).line_warnings() == ()
@@ -191,7 +271,8 @@ def test_a_warning_bit_and_an_axis_that_stays_enabled_are_told(rig: Rig) -> None
     rig.tick(100)
     warning, disobedience = rig.session.warnings(rig.now)
     assert warning.startswith('axis A: ')
-    assert disobedience.startswith('axis B is still enabled 1.5 s after disable was sent')
+    assert disobedience.startswith('cut the power of axis B')
+    assert 'still enabled 1.5 s after disable was sent' in disobedience
     assert not rig.session.estop
 
 

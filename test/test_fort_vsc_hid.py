@@ -166,10 +166,10 @@ def test_silence_is_a_stop_at_the_limit_and_one_neutral_event() -> None:
         ModeChanged(None),
         NEUTRAL,
     ]
-    assert bench.wait(10.0) == []
+    assert bench.wait(5.0) == []
     assert bench.session.stop_reasons(bench.now) == [
         "check the remote's power and USB cable, and that port is its hidraw device: no report "
-        'from the remote, last heard 10250 ms ago, limit 250 ms'
+        'from the remote, last heard 5250 ms ago, limit 250 ms'
     ]
 
 

@@ -70,6 +70,9 @@ SHARED = {
     'diagnostics': ('bridge_core.framing', 'bridge_core.session', 'MESSAGES'),
     'node': ('bridge_core', 'rclpy', 'MESSAGES', 'STDLIB'),
     'runner': ('bridge_core', 'rclpy', 'STDLIB'),
+    'help': ('bridge_core', 'rclpy', 'STDLIB'),
+    'output': ('STDLIB',),  # and the process that writes it
+    'drain': ('STDLIB',),
     'parameter_files': ('bridge_core.parameters', 'yaml'),
 }
 # Simulators are for the command that shows them and for what is not installed.

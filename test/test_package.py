@@ -12,6 +12,7 @@ from xml.etree import ElementTree
 import pytest
 from setuptools import find_packages
 
+from bridge_core.parameter_files import sections_of
 from rugged_teleop.stack import NODES
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -161,6 +162,28 @@ def test_launch_file_declares_what_it_uses(path: Path) -> None:
     used = {name for value in values(root) for name in re.findall(r'\$\(var (\w+)\)', value)}
     assert used == declared
     assert all(arg.get('description') for arg in root.findall('arg'))
+
+
+@pytest.mark.parametrize('path', LAUNCH_FILES, ids=lambda path: path.name)
+def test_launch_file_passes_its_parameter_file_on(path: Path) -> None:
+    root = ElementTree.parse(path).getroot()
+    assert 'params_file' in {arg.get('name') for arg in root.findall('arg')}
+    # Given as <param from=...>, a file that does not exist is left out, and the node starts.
+    assert not list(root.iter('param'))
+    for node in root.iter('node'):
+        assert node.get('ros_args') == '--params-file $(var params_file)'
+    for include in root.iter('include'):
+        (passed,) = (a.get('value', '') for a in include if a.get('name') == 'params_file')
+        (name,) = re.findall(r'\$\(var (\w+)\)', passed)
+        (default,) = (a.get('default') for a in root.findall('arg') if a.get('name') == name)
+        assert default == '$(var params_file)'
+
+
+def test_file_of_the_spine_has_a_section_for_each_of_its_nodes() -> None:
+    sections = sections_of(ROOT / 'config/spine.yaml')
+    assert sections == [
+        f'/**/{name}' for name in ('fort_vsc_bridge', 'safety_mux', 'esi_drive_bridge')
+    ]
 
 
 @pytest.mark.parametrize('path', LAUNCH_FILES, ids=lambda path: path.name)

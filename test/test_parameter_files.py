@@ -8,6 +8,7 @@ import rclpy
 from rclpy.context import Context
 from rclpy.node import Node
 
+from bridge_core.parameter_files import check_files
 from bridge_core.parameter_files import check_sections
 from bridge_core.parameter_files import files_of
 from bridge_core.parameter_files import sections_of
@@ -51,7 +52,7 @@ def test_our_idea_of_whom_a_section_is_for_is_that_of_ros(
         if applied:
             check_sections(NODE, [empty, file])
         else:
-            with pytest.raises(ParameterError, match='not for /left/safety_mux'):
+            with pytest.raises(ParameterError, match='for /left/safety_mux'):
                 check_sections(NODE, [empty, file])
     finally:
         node.destroy_node()
@@ -64,10 +65,40 @@ def test_sections_below_a_namespace_have_their_full_names(file: Path) -> None:
     check_sections(NODE, [file])
 
 
-def test_file_that_speaks_of_others_only_is_none_of_our_business(file: Path) -> None:
+def test_file_that_speaks_of_others_only_is_refused(file: Path) -> None:
     file.write_text(section('somebody_else') + section('/left/another'))
-    check_sections(NODE, [file])
+    text = 'no section for /left/safety_mux, .*; it has /somebody_else, /left/another'
+    with pytest.raises(ParameterError, match=text):
+        check_sections(NODE, [file])
     check_sections(NODE, [])
+
+
+def test_each_file_has_to_be_for_somebody(file: Path, tmp_path: Path) -> None:
+    other = tmp_path / 'other.yaml'
+    file.write_text(section('/left/safety_mux'))
+    other.write_text(section('/right/esi_drive_bridge'))
+    check_files([NODE, '/right/esi_drive_bridge'], [file, other])
+    with pytest.raises(ParameterError, match=r'other\.yaml: it has no section for /left'):
+        check_files([NODE], [file, other])
+
+
+@pytest.mark.parametrize(
+    ('name', 'arguments'),
+    [
+        ('/**/safety_mxu', ()),
+        ('/**/safety_mux', ('-r', '__node:=front_mux')),
+        ('/**/esi_drive_bridge', ()),
+    ],
+    ids=['misspelt', 'renamed node', 'another node'],
+)
+def test_node_that_its_file_is_not_for_does_not_start(
+    name: str, arguments: tuple[str, ...], file: Path, capfd: Any
+) -> None:
+    file.write_text(section(name))
+    assert run([SafetyMux], ['node', '--ros-args', '--params-file', str(file), *arguments]) == 2
+    (line,) = capfd.readouterr().err.splitlines()
+    assert name in line
+    assert '/**/safety_mux' in line or '/**/front_mux' in line
 
 
 def test_node_whose_section_ros_passes_over_does_not_start(file: Path, capfd: Any) -> None:

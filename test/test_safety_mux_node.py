@@ -2,7 +2,6 @@
 
 from collections.abc import Iterator
 import math
-from signal import SIGINT
 from signal import SIGTERM
 import time
 from typing import Any
@@ -25,6 +24,7 @@ from std_msgs.msg import String
 from test.mux_talkers import CLEAR_TIME
 from test.mux_talkers import MuxBench
 from test.mux_talkers import sticks
+from test.rig import ENDING
 from test.rig import latched
 from test.rig import NodeProcess
 from test.rig import Observer
@@ -380,7 +380,40 @@ def test_inactive_mux_says_stop_all_the_time_and_activation_is_stopped(
         mux.close()
 
 
-@pytest.mark.parametrize('number', [SIGTERM, SIGINT], ids=['SIGTERM', 'SIGINT'])
+def test_stop_that_follows_a_stop_is_logged_and_no_reason_is_told_twice(
+    observer: Observer,
+) -> None:
+    mux = MuxBench(observer)
+    try:
+        mux.active()
+        for talker, name in ((mux.fort_estop, 'fort'), (mux.drive_estop, 'drive')):
+            talker.message = Bool(data=True)
+            line = f"STOPPED: e-stop source '{name}' demands a stop"
+            mux.wait(lambda line=line: line in mux.node.output, f'{line!r} in the log')
+        mux.wait(lambda: mux.explains("'fort' demands a stop", "'drive' demands a stop"), 'both')
+        values = values_of(mux.status.last)
+        texts = [text for key, text in values.items() if key.startswith('inhibit')]
+        assert len(set(texts)) == len(texts)
+        assert '; '.join(texts).count("source 'fort' demands a stop") == 1
+        for talker in (mux.fort_estop, mux.drive_estop):
+            talker.message = Bool(data=False)
+        mux.wait(lambda: "'fort' demands a stop" in mux.why().split(';')[0], 'the former reason')
+    finally:
+        mux.close()
+
+
+def test_refused_reset_is_in_the_status_until_one_counts(mux: MuxBench) -> None:
+    mux.fort_estop.message = Bool(data=True)
+    mux.wait(lambda: mux.explains("'fort' demands a stop"), 'a stop')
+    assert not mux.reset().success
+    mux.wait(lambda: 'the last reset was refused' in mux.why(), 'the refusal')
+    assert "'fort' demands a stop" in values_of(mux.status.last)['last reset']
+    mux.fort_estop.message = Bool(data=False)
+    mux.active()
+    mux.wait(lambda: 'last reset' not in values_of(mux.status.last), 'no refusal')
+
+
+@pytest.mark.parametrize('number', ENDING)
 def test_signal_mid_motion_puts_out_a_last_stop(observer: Observer, number: int) -> None:
     mux = MuxBench(observer)
     try:

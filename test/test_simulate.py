@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from collections.abc import Sequence
 import contextlib
 import math
 import os
@@ -19,6 +20,7 @@ from rugged_teleop.faults import FaultyLine
 from rugged_teleop.multicasts import GROUP
 from rugged_teleop.multicasts import LOOPBACK
 from rugged_teleop.multicasts import MulticastDevice
+from rugged_teleop.ports import HELP as PORT_HELP
 from rugged_teleop.ptys import PtyDevice
 from test.multicast_rig import free_port
 from test.rig import ROOT
@@ -418,7 +420,7 @@ class Command:
         self.process.communicate()
 
 
-@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 @pytest.mark.parametrize('device', ['fort_vsc', 'esi_drive'])
 def test_command_runs_until_a_signal_and_takes_its_port_away(
     path: Path, device: str, number: int
@@ -434,6 +436,30 @@ def test_command_runs_until_a_signal_and_takes_its_port_away(
         command.wait('plugged: True')
         assert command.end(number) == 0
     assert not path.is_symlink()
+
+
+@pytest.mark.parametrize(
+    ('device', 'names'),
+    [('fort_vsc', ('left_y', 'left_down')), ('esi_drive', ('overcurrent', 'rs422'))],
+)
+def test_help_lists_names_and_quit_ends_it(path: Path, device: str, names: Sequence[str]) -> None:
+    with Command(device, '--port', str(path)) as command:
+        command.say('help')
+        for word in ('quit', *names):
+            command.wait(word)
+        command.say('quit')
+        assert command.process.wait(5.0) == 0
+    assert not path.is_symlink()
+
+
+@pytest.mark.parametrize('line', ['drop next 1 out', 'corrupt next 1 out', 'stall on', 'hang 0.1'])
+def test_what_help_of_the_drive_lists_is_obeyed(path: Path, line: str) -> None:
+    options = simulate.parser().parse_args(['esi_drive', '--port', str(path)])
+    word = line.split()[0]
+    texts = (PORT_HELP, simulate.DEVICES['esi_drive'].help)
+    assert sum(text.startswith(word) or f'\n{word} ' in text for text in texts) == 1
+    with PtyDevice(simulate.DEVICES['esi_drive'].make(options), path) as device:
+        device.apply(line)
 
 
 def test_command_of_the_vm110_speaks_on_the_group_until_a_signal() -> None:

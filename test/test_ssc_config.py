@@ -10,6 +10,7 @@ from pathlib import Path
 import signal
 import subprocess
 import sys
+import textwrap
 from typing import Any
 
 import pytest
@@ -112,6 +113,17 @@ def run(capsys: pytest.CaptureFixture[str], *arguments: object) -> tuple[int, st
 
 def test_check_of_the_printed_image(file: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert run(capsys, 'check', file) == (0, f'{file}: 220 bytes, check C87C right\n', '')
+
+
+def test_check_warns_of_a_value_out_of_range(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / 'image.txt'
+    spoilt = Settings(periods=[500] * 24).to_image()
+    path.write_text('\n'.join(textwrap.wrap(spoilt.hex(), 72)))
+    status, out, _ = run(capsys, 'check', path)
+    assert status == 0  # the file is sound
+    assert 'warning: output 1 period is 500 µs: the manual allows 1000 to 32000 µs' in out
 
 
 def test_show_tells_every_field(file: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -217,6 +217,32 @@ def test_image_of_another_size_is_told_byte_by_byte() -> None:
     assert [field.name for field in image.fields] == [f'byte {n}' for n in range(10)]
 
 
+def test_printed_image_has_no_value_that_the_manual_does_not_allow() -> None:
+    assert GOLDEN.warnings == ()
+
+
+@pytest.mark.parametrize(
+    ('changes', 'warning'),
+    [
+        ({8: 0x07}, 'output 1 at 0 ms is unknown 7: the manual has no such source'),
+        ({11: 0xD0}, 'output 1 at 2 ms is PIN (nibble 13): there are 12 pulse inputs'),
+        ({104: 0x7D, 105: 0x01}, 'output 1 constant is 32001 µs: the manual allows 0 to 32000 µs'),
+        ({152: 0, 153: 0}, 'output 1 period is 0 µs: the manual allows 1000 to 32000 µs'),
+        ({152: 0x7D, 153: 1}, 'output 1 period is 32001 µs: the manual allows 1000 to 32000 µs'),
+        ({201: 0x05}, 'aux 1 is unknown (0x0005): the manual has no such thing'),
+        ({212: 9}, 'rate of message 10 is unknown code 9: the manual has no such thing'),
+    ],
+)
+def test_value_that_the_manual_does_not_allow_is_a_warning(
+    changes: dict[int, int], warning: str
+) -> None:
+    assert with_bytes(changes).warnings == (warning,)
+
+
+def test_leftovers_of_an_unused_row_are_no_warning() -> None:
+    assert with_bytes({104 + 2 * 20: 0xFF}).warnings == ()
+
+
 # Comparing.
 
 

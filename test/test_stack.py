@@ -30,8 +30,9 @@ from test.stage import VSC
         (('safety_mux', 'nobody'), "there is no node 'nobody'"),
         (('--ros-args', '--params-file', '/nowhere.yaml'), '/nowhere.yaml'),
         (('safety_mux', '--ros-args', '-p', 'safety_mux:rate:=5.0'), 'parameter rate = 5.0'),
+        (('safety_mux', 'rate:=50.0'), "there is no node 'rate:=50.0'"),
     ],
-    ids=['no name', 'unknown', 'one unknown', 'no such file', 'bad parameter'],
+    ids=['no name', 'unknown', 'one unknown', 'no such file', 'bad parameter', 'no ROS argument'],
 )
 def test_bad_command_line_is_one_line_and_status_2(arguments: tuple[str, ...], words: str) -> None:
     status, error = exit_of('rugged_teleop.stack', *arguments)
@@ -39,6 +40,16 @@ def test_bad_command_line_is_one_line_and_status_2(arguments: tuple[str, ...], w
     line = error.splitlines()[-1]
     assert words in line
     assert 'Traceback' not in error
+
+
+def test_section_that_is_no_node_is_refused(tmp_path: Path) -> None:
+    file = tmp_path / 'stack.yaml'
+    file.write_text('/**/esi_drive_bridge: {ros__parameters: {}}\n/**/safety_mxu: {}\n')
+    status, error = exit_of('rugged_teleop.stack', '--ros-args', '--params-file', str(file))
+    assert status == 2
+    (line,) = error.splitlines()
+    assert 'did you mean safety_mux?' in line
+    assert '/**/safety_mxu' in line
 
 
 @pytest.mark.parametrize(
@@ -57,7 +68,7 @@ def test_broken_parameter_file_is_one_line_and_status_2(tmp_path: Path, text: st
 
 def test_sections_of_all_files_name_the_nodes_in_our_order(tmp_path: Path) -> None:
     first, second = tmp_path / 'a.yaml', tmp_path / 'b.yaml'
-    first.write_text('/robot/esi_drive_bridge: {ros__parameters: {}}\nsomebody_else: {}\n')
+    first.write_text('/robot/esi_drive_bridge: {ros__parameters: {}}\n/**: {}\n')
     second.write_text('fort_vsc_bridge: {ros__parameters: {}}\n')
     arguments = ['--ros-args', '--params-file', str(first), '--params-file', str(second)]
     names = configured_nodes(arguments)

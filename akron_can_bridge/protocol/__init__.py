@@ -74,10 +74,12 @@ from akron_can_bridge.protocol.frames import NAME_PGN
 from akron_can_bridge.protocol.frames import PROPRIETARY_PGN
 from akron_can_bridge.protocol.frames import Sendable
 from akron_can_bridge.protocol.frames import Writable
+from akron_can_bridge.protocol.joysticks import AUTOMATIC_SWITCHES
 from akron_can_bridge.protocol.joysticks import BasicJoystick
 from akron_can_bridge.protocol.joysticks import ExtendedJoystick
 from akron_can_bridge.protocol.joysticks import JOYSTICK_PERIOD
 from akron_can_bridge.protocol.joysticks import JOYSTICK_TIMEOUT
+from akron_can_bridge.protocol.joysticks import PAUSE_SWITCH
 from akron_can_bridge.protocol.messages import decode
 from akron_can_bridge.protocol.messages import MESSAGES
 from akron_can_bridge.protocol.messages import read
@@ -116,6 +118,7 @@ from akron_can_bridge.protocol.values import Version
 
 __all__ = [
     'AKRON_BRASS',
+    'AUTOMATIC_SWITCHES',
     'AXIS_USAGE',
     'BASIC_JOYSTICK_PGN',
     'DEVICE_TYPES',
@@ -131,6 +134,7 @@ __all__ = [
     'MESSAGES',
     'NAME_PGN',
     'NEUTRAL',
+    'PAUSE_SWITCH',
     'PCODE_ERRORS',
     'PERMISSIVE_PERIOD',
     'PERMISSIVE_TIMEOUT',

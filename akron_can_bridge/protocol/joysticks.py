@@ -17,6 +17,9 @@ from akron_can_bridge.protocol.values import UNAVAILABLE
 JOYSTICK_PERIOD = 0.02  # Appendix B: what Akron Brass devices do; 100 ms is the most
 JOYSTICK_TIMEOUT = 0.2  # Appendix B: the unit then clears that sender's input
 
+# Oscillate on / set, its pause / resume, deploy, stow: a neutral stick does not end what they do.
+AUTOMATIC_SWITCHES = frozenset((4, 7, 8, 9))
+PAUSE_SWITCH = 7
 _OFF = Status.OFF
 
 
@@ -37,6 +40,11 @@ class BasicJoystick(Sendable):
     switches: Annotated[tuple[Status, ...], statuses(12, at=0)] = (_OFF,) * 12
     detents: Annotated[tuple[Status, ...], statuses(2, at=28)] = (_OFF,) * 2
 
+    @property
+    def automatic(self) -> bool:
+        """It starts motion that goes on by itself."""
+        return any(self.switches[number - 1] is Status.ON for number in AUTOMATIC_SWITCHES)
+
 
 @dataclass(frozen=True, slots=True)
 class ExtendedJoystick(Sendable):
@@ -55,3 +63,9 @@ class ExtendedJoystick(Sendable):
     theta: Annotated[Axis, axis(at=16)] = UNAVAILABLE
     switches: Annotated[tuple[Status, ...], statuses(4, at=0)] = (_OFF,) * 4
     detents: Annotated[tuple[Status, ...], statuses(3, at=10)] = (_OFF,) * 3
+
+    @property
+    def automatic(self) -> bool:
+        """It has a target to travel to; one that is broken may be one."""
+        absent = Status.NOT_AVAILABLE
+        return any(axis.fault is not absent for axis in (self.grip_x, self.grip_y))

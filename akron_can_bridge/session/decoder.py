@@ -16,8 +16,9 @@ from bridge_core.j1939 import J1939Id
 
 JOYSTICK_PGNS = (BASIC_JOYSTICK_PGN, EXTENDED_JOYSTICK_PGN)
 
-# None: a joystick's, but not sound. A unit may be less strict than we are.
-Received = tuple[J1939Id, Message | None]
+# The frame, its identifier taken apart, and what it says. None: a joystick's, but not sound; a
+# unit may be less strict than we are.
+Received = tuple[CanFrame, J1939Id, Message | None]
 
 
 class FrameDecoder(Decoder[CanFrame, Received]):
@@ -25,12 +26,19 @@ class FrameDecoder(Decoder[CanFrame, Received]):
     Decodes what concerns a session, and counts what does not.
 
     :param concerns: whether it does, by identifier and data.
+    :param believed: whether it is its sender's fault if such a message cannot be: PGN EF00 is
+        every maker's own.
     """
 
-    def __init__(self, concerns: Callable[[J1939Id, bytes], bool]) -> None:
+    def __init__(
+        self,
+        concerns: Callable[[J1939Id, bytes], bool],
+        believed: Callable[[J1939Id], bool],
+    ) -> None:
         super().__init__()
         self.other_frames = 0  # none of our business
         self._concerns = concerns
+        self._believed = believed
 
     def feed(self, data: CanFrame, now: float) -> list[Received]:
         """Return the message of a frame, if there is one."""
@@ -44,9 +52,12 @@ class FrameDecoder(Decoder[CanFrame, Received]):
         try:
             message = read(sender.pgn, data.data)
         except FrameError:
-            self.counters.malformed += 1
-            return [(sender, None)] if sender.pgn in JOYSTICK_PGNS else []
+            if self._believed(sender):
+                self.counters.malformed += 1
+            else:
+                self.other_frames += 1
+            return [(data, sender, None)] if sender.pgn in JOYSTICK_PGNS else []
         if isinstance(message, Unknown):
             self.counters.unknown_types += 1
             return []
-        return [(sender, message)]
+        return [(data, sender, message)]

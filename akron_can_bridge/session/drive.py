@@ -22,14 +22,17 @@ from akron_can_bridge.protocol import BasicJoystick
 from akron_can_bridge.protocol import ExtendedJoystick
 from akron_can_bridge.protocol import JOYSTICK_PERIOD
 from akron_can_bridge.protocol import NEUTRAL
+from akron_can_bridge.protocol import PAUSE_SWITCH
 from akron_can_bridge.protocol import Permission
 from akron_can_bridge.protocol import PERMISSIVE_PERIOD
 from akron_can_bridge.protocol import SoePermissive
+from akron_can_bridge.protocol import Status
 from akron_can_bridge.session.settings import Settings
 from bridge_core.j1939 import CanFrame
 from bridge_core.session import Pacer
 from bridge_core.watchdog import Watchdog
 
+PAUSE_TIME = 0.2  # for which the pause switch is held: twice the longest period of a joystick
 FAREWELL_FRAMES = 3  # of each kind: a lost one must not leave the unit moving for its 200 ms
 _NOTHING = Permission(0)
 _ALL = Permission.LEFT | Permission.RIGHT | Permission.UP | Permission.DOWN
@@ -48,6 +51,10 @@ class Command:
 
 
 REST = Command(BasicJoystick(NEUTRAL, NEUTRAL), ExtendedJoystick())
+_PAUSE = Command(
+    BasicJoystick(NEUTRAL, NEUTRAL, tuple(Status(n == PAUSE_SWITCH) for n in range(1, 13))),
+    ExtendedJoystick(),
+)
 
 
 class Drive:
@@ -59,9 +66,13 @@ class Drive:
         self._settings = settings
         self._heard = Watchdog(settings.command_timeout)
         self._estop_in = Watchdog(settings.estop_in_timeout)
+        self._limited = Watchdog(settings.estop_in_timeout)
+        self._directions: Permission | None = None  # permitted at most; None: nobody says
         self._refusal = ''
         self._is_open = False  # what is asked goes out
         self._command = REST
+        self.asked_until = -math.inf  # our command asked the unit to move
+        self._pause_until = -math.inf
         self._pacer = Pacer(JOYSTICK_PERIOD)
         self._permissive_pacer = Pacer(PERMISSIVE_PERIOD)
         self._permissive: tuple[int | None, Permission] = (None, _NOTHING)  # as sent last
@@ -82,6 +93,7 @@ class Drive:
         self._refusal = ''
         self._is_open = False
         self._command = REST
+        self._pause_until = -math.inf
         self._permissive = (None, _NOTHING)
 
     @property
@@ -90,17 +102,24 @@ class Drive:
         return self._command != REST
 
     @property
+    def automatic(self) -> bool:
+        """The command starts motion that goes on by itself."""
+        return self._command.basic.automatic or self._command.extended.automatic
+
+    def pause(self, now: float) -> None:
+        """Press oscillate pause / resume once, with a neutral stick."""
+        self._pause_until = now + PAUSE_TIME
+        self._pacer.start(now)
+
+    @property
     def due(self) -> float:
         """The moment at which a frame is due."""
         return min(self._pacer.due, self._permissive_pacer.due)
 
     @property
-    def deadline(self) -> float:
-        """The moment at which what goes out goes stale; infinite for never."""
-        if self._is_open:
-            return min(self._heard.deadline, self._estop_in.deadline)
-        # Nothing but the permission hangs on it then.
-        return self._estop_in.deadline if self._permissive[1] else math.inf
+    def deadlines(self) -> tuple[float, ...]:
+        """When inputs go stale, even if that is past."""
+        return (self._heard.deadline, self._estop_in.deadline, self._limited.deadline)
 
     def watch(self, now: float, stops: Sequence[str]) -> tuple[str, ...]:
         """
@@ -122,6 +141,10 @@ class Drive:
             reasons.append('e-stop input is true')
         return reasons
 
+    def stale(self, now: float) -> bool:
+        """Tell whether an input is not heard as often as it must be."""
+        return self._estop_in.expired(now) or self._heard.expired(now)
+
     def inhibits(self, now: float, stops: Sequence[str]) -> list[str]:
         """Say why nothing but neutral goes out; empty while commands do."""
         if self._is_open:
@@ -137,6 +160,17 @@ class Drive:
         self._estop_in.feed(now)
         self._estop_value = value
 
+    def set_directions(self, directions: Permission, now: float) -> None:
+        """Take which directions may be permitted at most; from now on it has to be repeated."""
+        self._limited.feed(now)
+        self._directions = directions
+
+    def directions(self, now: float) -> Permission:
+        """Return which directions may be permitted; all, if nobody ever said."""
+        if self._directions is None:
+            return _ALL
+        return _NOTHING if self._limited.expired(now) else self._directions
+
     def set_command(self, command: Command, now: float, stops: Sequence[str]) -> None:
         """Take a command. It counts at once, or once a neutral one has come."""
         self._heard.feed(now)
@@ -144,6 +178,8 @@ class Drive:
         if command == REST and not self.forbidden(now, stops):
             self._is_open = True
         if self._is_open:
+            if self.moving:
+                self.asked_until = now
             self._command = command
 
     def refuse_command(self, reason: str) -> None:
@@ -156,17 +192,17 @@ class Drive:
         if not self._pacer.is_due(now):
             return []
         self._pacer.sent(now)
-        return self._frames(self._command)
+        pausing = now < self._pause_until and not self.moving
+        return self._frames(_PAUSE if pausing else self._command)
 
     def permissive_frames(
-        self, now: float, unit: int | None, stops: Sequence[str]
+        self, now: float, unit: int | None, permitted: Permission
     ) -> list[CanFrame]:
         """Return the A1 that is due: periodically, and at once when it changes."""
         if not self._settings.soe_permissive or unit is None:
             self._permissive_pacer.stop()
             self._permissive = (None, _NOTHING)
             return []
-        permitted = _NOTHING if self.forbidden(now, stops) else _ALL
         if (unit, permitted) != self._permissive:
             self._permissive_pacer.start(now)
         if not self._permissive_pacer.is_due(now):
@@ -175,13 +211,14 @@ class Drive:
         self._permissive = (unit, permitted)
         return [SoePermissive(permitted).to_frame(self._settings.source_address, unit)]
 
-    def farewell(self, unit: int | None, now: float) -> list[CanFrame]:
-        """Return what leaves the unit at rest."""
+    def farewell(self, unit: int | None, now: float, *, pause: bool) -> list[CanFrame]:
+        """Return what leaves the unit at rest. :param pause: it oscillates, and is to pause."""
         self._shut(['the node leaves'], now)
+        begin = self._frames(_PAUSE) * FAREWELL_FRAMES if pause else []
         frames = self._frames(REST)
         if self._settings.soe_permissive and unit is not None:
             frames += [SoePermissive(_NOTHING).to_frame(self._settings.source_address, unit)]
-        return frames * FAREWELL_FRAMES
+        return begin + frames * FAREWELL_FRAMES
 
     def _frames(self, command: Command) -> list[CanFrame]:
         source = self._settings.source_address
@@ -200,6 +237,8 @@ class Drive:
     def _shut(self, reasons: Sequence[str], now: float) -> tuple[str, ...]:
         """Forget what was asked, and have a neutral frame go out with the next poll."""
         self._is_open = False
+        if self.moving:
+            self.asked_until = now
         self._command = REST
         self.last_stop = tuple(reasons)
         self._pacer.start(now)

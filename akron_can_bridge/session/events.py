@@ -43,7 +43,11 @@ class Positions:
 
 @dataclass(frozen=True, slots=True)
 class LimitsChanged:
-    """Hard stops, calibration or soft limits; each None while the unit does not send it."""
+    """
+    Hard stops, calibration or soft limits; each None while the unit does not send it.
+
+    :param position: without its angles, but with what is wrong with their sensors.
+    """
 
     position: PositionLimit | None = None
     rotation: RotationSoftLimits | None = None

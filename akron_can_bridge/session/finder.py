@@ -26,7 +26,10 @@ class Finder:
     """
     Follows one unit. Which PIN was chosen holds for life, which address until the port closes.
 
-    :param settings: whose ``device_pin`` or ``device_type`` chooses.
+    A unit at ``unit_address`` need not announce itself; it loses the address to a device that is
+    another one by its announcement or NAME.
+
+    :param settings: whose ``unit_address``, ``device_pin`` or ``device_type`` chooses.
     """
 
     def __init__(self, settings: Settings) -> None:
@@ -36,14 +39,37 @@ class Finder:
         self.devices: dict[str, int] = {}  # PIN and last address of every Akron Brass device
         self.namesake: Name | None = None  # another device that claims our own address
         self._settings = settings
+        self._name: Name | None = None  # of our unit, once it was heard
+        self._names: dict[int, Name] = {}  # the last that was claimed, by address
         self._last: int | None = None  # the address that it had last
         self._asked_at = -math.inf
         self._due = math.inf
 
+    @property
+    def known(self) -> bool:
+        """It is known which unit is ours."""
+        return self.unit is not None or bool(self._settings.unit_address)
+
+    @property
+    def name(self) -> str:
+        """What our unit is called."""
+        if self.unit is not None:
+            return self.unit.pin
+        fixed = self._settings.unit_address
+        return f'at {fixed:02X}' if fixed else 'not found yet'
+
+    @property
+    def device_type(self) -> int:
+        """The key of DEVICE_TYPES; 0: not known yet."""
+        if self.unit is not None:
+            return self.unit.device_type
+        return self._settings.unit_type if self._settings.unit_address else 0
+
     def start(self, now: float) -> None:
         """Begin, or begin anew: ask at once."""
-        self.address = self.namesake = None
+        self.address, self.namesake = self._settings.unit_address or None, None
         self.devices.clear()
+        self._names.clear()
         self._asked_at = -math.inf
         self._due = now
 
@@ -53,11 +79,18 @@ class Finder:
             return ''
         if len(self.devices) < _MANY or device.pin in self.devices:
             self.devices[device.pin] = source
+        if self._settings.unit_address not in (0, source):
+            return ''
         if self.unit is None and self._fits(device):
             self.unit = device
+            if source == self.address:
+                return f'unit {device.pin} is at address {source:02X}'
         if self.unit is None or device.pin != self.unit.pin:
             return self._lose(now, f'to {device.pin}') if source == self.address else ''
         before, self.address = self.address, source
+        name = self._names.get(source)
+        if name is not None and self._has_identity(name):
+            self._name = name
         if before == source:
             return ''
         self.moves += self._last not in (None, source)
@@ -70,14 +103,23 @@ class Finder:
             self.namesake = name
         elif name == self.namesake:
             self.namesake = None
-        is_ours = (
-            self.unit is not None
-            and name.manufacturer == AKRON_BRASS
-            and name.identity == self.unit.identity
-        )
+        self._names[source] = name
+        is_ours = self._is_ours(source, name)
+        if is_ours and source == self.address:
+            self._name = name
+        fixed = self._settings.unit_address
+        if fixed:
+            is_ours = name.manufacturer == AKRON_BRASS and source not in self._others()
+            if source != fixed or is_ours:
+                self.address = fixed if source == fixed else self.address
+                return ''
         if is_ours == (source == self.address) or self.address is None:
             return ''
         return self._lose(now, 'and claims another' if is_ours else 'to another device')
+
+    def restarts(self, source: int, name: Name, now: float) -> bool:
+        """Tell whether a claim is our unit's, and no answer to a NAME request of ours."""
+        return self._is_ours(source, name) and now > self._asked_at + REQUEST_PERIOD
 
     def request_due(self, now: float, *, heard: bool) -> bool:
         """Tell whether a NAME request is to go out now. :param heard: our unit is."""
@@ -93,6 +135,23 @@ class Finder:
         others = (pin for pin in self.devices if pin != self.unit.pin)
         return [pin for pin in others if self._fits(AddressAnnouncement(pin))]
 
+    def _is_ours(self, source: int, name: Name) -> bool:
+        """Tell a NAME by all of it: others may share the 21 bits that are left of our PIN."""
+        if self.unit is None or source in self._others():
+            return False
+        return name == self._name if self._name is not None else self._has_identity(name)
+
+    def _has_identity(self, name: Name) -> bool:
+        return (
+            self.unit is not None
+            and name.manufacturer == AKRON_BRASS
+            and name.identity == self.unit.identity
+        )
+
+    def _others(self) -> set[int]:
+        """Return the addresses from which another PIN was announced last."""
+        return {at for pin, at in self.devices.items() if self.unit and pin != self.unit.pin}
+
     def _fits(self, device: AddressAnnouncement) -> bool:
         if self._settings.device_pin:
             return device.matches(self._settings.device_pin)
@@ -100,8 +159,7 @@ class Finder:
         return device.device_type in ((wanted,) if wanted else CONTROLLERS)
 
     def _lose(self, now: float, to_whom: str) -> str:
-        assert self.unit is not None
-        text = f'unit {self.unit.pin} has lost address {self.address:02X} {to_whom}'
+        text = f'unit {self.name} has lost address {self.address:02X} {to_whom}'
         self.address = None
         self._due = max(now, self._asked_at + LEAST_REQUEST_PERIOD)
         return text

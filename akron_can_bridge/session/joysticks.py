@@ -19,20 +19,21 @@ from akron_can_bridge.protocol import Status
 from akron_can_bridge.session.events import AXIS_NAMES
 from akron_can_bridge.session.events import Sticks
 from akron_can_bridge.session.settings import Settings
-from bridge_core.j1939 import J1939Id
+from bridge_core.j1939 import CanFrame
 from bridge_core.session import StickStream
 from bridge_core.watchdog import Watchdog
 
 FOREIGN_HOLD = 1.0  # seconds after its last frame for which a foreign joystick is a stop
-# What FORT's table 34 gives the left joystick of a VSC.
-_VSC_IDENTIFIERS = (0x0CFDD633, 0x0CFDD733)
+# The left joystick of a VSC by FORT's manual: its identifiers (table 34), and which bytes of each
+# are always FF (8.2.1, 8.2.2).
+_VSC = {0x0CFDD633: (4, 6, 7), 0x0CFDD733: (2, 3, 4, 5, 6, 7)}
 _MANUAL_HINT = (
     'if it is meant to drive the unit beside the mux, list it in allowed_joysticks; else take it '
     'off this bus'
 )
 _VSC_HINT = (
-    "a FORT VSC's left joystick has this identifier: change the VSC's identifiers with its "
-    'configuration tool, or give the unit a bus of its own'
+    "by identifier and bytes this is a FORT VSC's left joystick: change the VSC's identifiers "
+    'with its configuration tool, or give the unit a bus of its own'
 )
 _NO_EXTENDED = ExtendedJoystick(switches=(Status.NOT_AVAILABLE,) * 4)
 
@@ -42,8 +43,10 @@ class Joysticks:
 
     def __init__(self, settings: Settings) -> None:
         self.faulty: tuple[str, ...] = ()  # controls of joy_source
+        self.asked_until = -math.inf  # one of them asks the unit to move
+        self.automatic_asked = False  # to move by itself; whoever sees to it takes it back
         self._settings = settings
-        self._heard: dict[int, tuple[float, int]] = {}  # when, and the whole identifier
+        self._heard: dict[int, tuple[float, CanFrame]] = {}  # when, and the frame
         self._deflected: dict[int, float] = {}  # when it was last out of its neutral
         self._source = Watchdog(JOYSTICK_TIMEOUT)
         self._extended_heard = Watchdog(JOYSTICK_TIMEOUT)
@@ -58,10 +61,10 @@ class Joysticks:
         self._extended_heard.reset()
         self.faulty = ()
 
-    def hear(self, sender: J1939Id, now: float) -> None:
+    def hear(self, frame: CanFrame, source: int, now: float) -> None:
         """Note a sender, be its data sound or not: a unit may be less strict than we are."""
-        if sender.source in JOYSTICK_ADDRESSES:
-            self._heard[sender.source] = (now, sender.identifier)
+        if source in JOYSTICK_ADDRESSES:
+            self._heard[source] = (now, frame)
 
     def take(
         self, message: BasicJoystick | ExtendedJoystick, source: int, now: float
@@ -71,6 +74,8 @@ class Joysticks:
             self._deflected.pop(source, None)
             if message.x.value != 0 or message.y.value != 0:
                 self._deflected[source] = now
+                self.asked_until = now + JOYSTICK_TIMEOUT
+        self.automatic_asked |= message.automatic
         if source != self._settings.joy_source:
             return []
         if isinstance(message, ExtendedJoystick):
@@ -110,7 +115,7 @@ class Joysticks:
         allowed = self._settings.allowed_joysticks
         return [address for address, _ in self._present(now) if address not in allowed]
 
-    def _present(self, now: float) -> list[tuple[int, tuple[float, int]]]:
+    def _present(self, now: float) -> list[tuple[int, tuple[float, CanFrame]]]:
         return [item for item in self._heard.items() if now < item[1][0] + FOREIGN_HOLD]
 
     def describe(self, addresses: Iterable[int]) -> str:
@@ -124,13 +129,13 @@ class Joysticks:
         return {at: 'foreign' if at in foreign else 'allowed' for at in present}
 
     def _describe(self, address: int) -> str:
-        identifier = self._heard[address][1]
+        frame = self._heard[address][1]
         if address == self._settings.source_address:
             text = 'another sender uses our own source_address'
         else:
             text = 'a foreign joystick drives the unit past the mux'
-        hint = _VSC_HINT if identifier in _VSC_IDENTIFIERS else _MANUAL_HINT
-        return f'{text}: address {address:02X}, frame {identifier:08X}; {hint}'
+        hint = _VSC_HINT if _is_of_vsc(frame) else _MANUAL_HINT
+        return f'{text}: address {address:02X}, frame {frame.identifier:08X}; {hint}'
 
     def _sticks_of(self, basic: BasicJoystick, now: float) -> Sticks:
         extended = _NO_EXTENDED if self._extended_heard.expired(now) else self._extended
@@ -144,6 +149,12 @@ class Joysticks:
             tuple(switch is Status.ON for switch in switches),
             faulty,
         )
+
+
+def _is_of_vsc(frame: CanFrame) -> bool:
+    unused = _VSC.get(frame.identifier)
+    sound = unused is not None and len(frame.data) == 8
+    return sound and all(frame.data[place] == 0xFF for place in unused or ())
 
 
 def _faulty_axes(axes: tuple[Axis, ...]) -> list[str]:

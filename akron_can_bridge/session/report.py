@@ -61,6 +61,11 @@ def _bus_warnings(session: Session) -> list[str]:
 
 
 def _soe_warnings(session: Session, now: float) -> list[str]:
+    if session.withheld and session.settings.soe_permissive:
+        return [
+            'move the stick to give the SOE permission again: the unit moved by itself, or could, '
+            'when it was stopped'
+        ]
     outputs = session.unit.broadcast(DigitalOutputs, now)
     if outputs is None or session.settings.soe_permissive:
         return []
@@ -94,14 +99,15 @@ def values(session: Session, now: float) -> dict[str, Any]:
     finder, drive = session.finder, session.drive
     heard = session.joysticks.present(now).items()
     known = {
-        'unit': 'not found yet' if finder.unit is None else finder.unit.pin,
-        'type': 'not found yet' if finder.unit is None else _type(finder.unit.pin),
+        'unit': finder.name,
+        'type': DEVICE_TYPES.get(finder.device_type, 'not found yet'),
         'address': 'none' if finder.address is None else f'{finder.address:02X}',
         'moves to another address': finder.moves,
         'source address': f'{session.settings.source_address:02X}',
         'other Akron Brass devices': _others(session) or 'none',
         'joysticks heard': ', '.join(f'{at:02X} {kind}' for at, kind in heard) or 'none',
         'motion commanded': drive.moving,
+        'motion reported': session.motion.describe(now) or 'none',
         'neutral because': '; '.join(session.inhibits(now)) or 'commands go out',
         'refused commands': drive.refused,
         'frames of no concern': session.decoder.other_frames,

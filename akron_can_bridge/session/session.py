@@ -12,6 +12,8 @@ from akron_can_bridge.protocol import AddressAnnouncement
 from akron_can_bridge.protocol import BASIC_JOYSTICK_PGN
 from akron_can_bridge.protocol import BasicJoystick
 from akron_can_bridge.protocol import DigitalInputs
+from akron_can_bridge.protocol import DigitalOutputs
+from akron_can_bridge.protocol import EnterSetup
 from akron_can_bridge.protocol import EXTENDED_JOYSTICK_PGN
 from akron_can_bridge.protocol import ExtendedJoystick
 from akron_can_bridge.protocol import Fault
@@ -22,6 +24,8 @@ from akron_can_bridge.protocol import MessageType
 from akron_can_bridge.protocol import MiniOutputs
 from akron_can_bridge.protocol import Name
 from akron_can_bridge.protocol import NAME_PGN
+from akron_can_bridge.protocol import Output
+from akron_can_bridge.protocol import Permission
 from akron_can_bridge.protocol import PositionLimit
 from akron_can_bridge.protocol import PROPRIETARY_PGN
 from akron_can_bridge.protocol import Status
@@ -45,6 +49,7 @@ from akron_can_bridge.session.events import Stopped
 from akron_can_bridge.session.events import UnitChanged
 from akron_can_bridge.session.finder import Finder
 from akron_can_bridge.session.joysticks import Joysticks
+from akron_can_bridge.session.motion import Motion
 from akron_can_bridge.session.settings import Settings
 from akron_can_bridge.session.unit import Unit
 from bridge_core.j1939 import CanFrame
@@ -56,6 +61,7 @@ from bridge_core.session import Pacer
 from bridge_core.session import Session as BaseSession
 from bridge_core.session import Verdict
 
+_RESTART_SILENCE = 0.3  # what comes from a unit every 100 ms stays out at least this long
 FAULT_PERIOD = 1.0  # of fault polls while something is wrong
 # All that this session takes, as (identifier, mask); the priority does not count.
 FILTERS = (
@@ -71,7 +77,9 @@ _FROM_ANYONE = tuple(
         MessageType.DIGITAL_INPUTS,
     )
 )
+_DIRECTIONS = sum(Permission)
 _NO_FAULT = FaultStatus(Fault(0), 0)
+_IN_SETUP = 'the unit is in setup mode; call ~/reset_controller once that is done'
 # What must not meet a moving unit, and what it is called meanwhile.
 _AT_REST = {
     Request.ZERO_POSITIONS: 'its zero positions are being set',
@@ -80,21 +88,33 @@ _AT_REST = {
 }
 
 
+_STANDING = (Request.ZERO_POSITIONS, Request.ENTER_SETUP)  # a reset ends any motion
+
+
 class Session(BaseSession[CanFrame, Received, Event]):
     """One unit on one CAN bus; see bridge_core.session."""
 
     HELD = 'neutral'
 
     def __init__(self, settings: Settings) -> None:
-        self.decoder = FrameDecoder(self._concerns_us)
+        self.decoder = FrameDecoder(self._concerns_us, self._is_ours)
         super().__init__(self.decoder, settings.link_timeout)
         self.settings = settings
         self.finder = Finder(settings)
         self.unit = Unit(settings.link_timeout)
         self.joysticks = Joysticks(settings)
         self.drive = Drive(settings)
+        self.motion = Motion(self.unit)
+        self.withheld = False  # no SOE permission: it would resume motion that a stop ended
         self._asker = Asker(settings.answer_timeout)
         self._was_up = False  # link_up as of the last refresh
+        self._automatic = False  # somebody asked for motion that goes on by itself
+        self._automatic_until = -math.inf  # when a stop took that back
+        self._is_stopped = False
+        self._pause_until = -math.inf  # a stop may pause an oscillation until then
+        self._pause_at = -math.inf  # when it did
+        self._in_setup = False
+        self._restarted = False  # the unit, since it was asked to be reset
         self._limits, self._outputs = LimitsChanged(), OutputsChanged()  # as reported last
         self._in_error = False  # type 01 says operational error
         self._faults: tuple[str, ...] = ()  # as reported last
@@ -112,7 +132,10 @@ class Session(BaseSession[CanFrame, Received, Event]):
             return stops.silent(foreign, self._silence(now))
         overdue = self._asker.overdue(Request.POLL_FAULTS, now)
         faults = None if overdue else self.unit.faults
-        return stops.causes(self.finder.unit, self.unit, faults, foreign, now)
+        found = stops.causes(self.finder.device_type, self.unit, faults, foreign, now)
+        if self.motion.moving(now) and now >= self._coasted_at:
+            found[Cause.MOTION] = stops.motion(self.motion.describe(now))
+        return found
 
     def inhibits(self, now: float) -> list[str]:
         """Return why nothing but neutral goes to the unit; empty while commands do."""
@@ -129,6 +152,8 @@ class Session(BaseSession[CanFrame, Received, Event]):
             (Level.WARN if text == not_enabled else Level.ERROR, text)
             for text in self.stop_reasons(now)
         ]
+        if self.drive.stale(now):
+            problems.append((Level.WARN, 'an input is stale'))
         return problems + [(Level.WARN, text) for text in self.warnings(now)]
 
     def values(self, now: float) -> dict[str, Any]:
@@ -139,7 +164,10 @@ class Session(BaseSession[CanFrame, Received, Event]):
 
     def farewell(self, now: float) -> list[CanFrame]:
         """Return neutral frames, and none of the permission."""
-        return self.drive.farewell(self.finder.address, now) if self._open else []
+        if not self._open:
+            return []
+        pause = self._is_to_pause(now)
+        return self.drive.farewell(self.finder.address, now, pause=pause)
 
     def _begin(self, now: float) -> None:
         self.drive.start(now)
@@ -149,6 +177,7 @@ class Session(BaseSession[CanFrame, Received, Event]):
         self._report(self._asker.drop(reason))
         self.drive.forget()
         self.unit.forget()
+        self.motion.forget()
         self.joysticks.forget()
         if self._open:
             self.finder.start(now)
@@ -157,19 +186,20 @@ class Session(BaseSession[CanFrame, Received, Event]):
         self._follow(now)
 
     def _take(self, message: Received, now: float) -> None:
-        sender, content = message
+        frame, sender, content = message
         if sender.pgn in JOYSTICK_PGNS:
-            self.joysticks.hear(sender, now)
+            self.joysticks.hear(frame, sender.source, now)
         if isinstance(content, BasicJoystick | ExtendedJoystick):
             self._report(self.joysticks.take(content, sender.source, now))
         elif isinstance(content, Name):
+            self._restarted |= self.finder.restarts(sender.source, content, now)
             self._unit_changed(self.finder.claimed(sender.source, content, now))
         elif content is not None:
             self._take_proprietary(content, sender.source, now)
 
     def _verdict(self, now: float) -> Verdict:
         """Return the verdict; a lost link counts as ``estop_on`` says, like all causes."""
-        if self._open and not now < self._interruption_ends:
+        if self._open and not self._is_interrupted(now):
             return self._judge(now)
         return super()._verdict(now)
 
@@ -193,6 +223,7 @@ class Session(BaseSession[CanFrame, Received, Event]):
         if self._asker.overdue(Request.POLL_FAULTS, now):
             self.unit.faults = None
         self._report(self._asker.expire(now))
+        self._follow_motion(now)
         reasons = self.drive.watch(now, self._holds())
         if reasons:
             self._emit(Stopped(reasons))
@@ -206,18 +237,17 @@ class Session(BaseSession[CanFrame, Received, Event]):
         self._limits, self._outputs = limits, outputs
 
     def _expires_at(self) -> float:
-        moments = [super()._expires_at(), self._asker.deadline, self.drive.deadline]
+        moments = [super()._expires_at(), self._asker.deadline]
         moments += [self.joysticks.deadline, self.unit.deadline]
-        if self._stepped_at < self._interruption_ends:
-            moments.append(self._interruption_ends)
-        return min(moments)
+        later = [*self.drive.deadlines, self.motion.ends_at, self._coasted_at]
+        return min(moments + [moment for moment in later if moment > self._stepped_at])
 
     def _sends_at(self) -> float:
         return self.drive.due  # what waits longer goes with a slot
 
     def _due_frames(self, now: float) -> list[CanFrame]:
         frames = self.drive.joystick_frames(now)
-        frames += self.drive.permissive_frames(now, self.finder.address, self._holds())
+        frames += self.drive.permissive_frames(now, self.finder.address, self._permitted(now))
         return frames + self._questions(now)
 
     # What the node asks.
@@ -226,6 +256,7 @@ class Session(BaseSession[CanFrame, Received, Event]):
         """Take a command; see the module ``drive`` for what it takes to go out."""
         self._expire(now)
         self.drive.set_command(Command(basic, extended), now, self._holds())
+        self._refresh(now)
 
     def refuse_command(self, reason: str, now: float) -> None:
         """Note a command that makes no sense: there is no fresh one any more."""
@@ -239,6 +270,19 @@ class Session(BaseSession[CanFrame, Received, Event]):
         self.drive.set_estop(value, now)
         self._refresh(now)
 
+    def set_directions(self, directions: int, now: float) -> None:
+        """
+        Take which directions the SOE permission may give, as bits of type A1.
+
+        :raises ValueError: for other bits; then it gives none.
+        """
+        self._expire(now)
+        sound = 0 <= directions <= _DIRECTIONS
+        self.drive.set_directions(Permission(directions if sound else 0), now)
+        self._refresh(now)
+        if not sound:
+            raise ValueError(f'{directions} is no sum of 1 right, 2 left, 4 up, 8 down')
+
     def request(self, request: Request, now: float) -> None:
         """
         Ask something of the unit. An Answer will follow.
@@ -250,17 +294,70 @@ class Session(BaseSession[CanFrame, Received, Event]):
             raise ValueError(self.causes(now).get(Cause.LINK, 'no unit is heard at present'))
         if request in _AT_REST and self.drive.moving:
             raise ValueError('motion is commanded; let go of the stick first')
+        if request in _STANDING and (what := self.motion.describe(now)):
+            raise ValueError(f'the unit {what}; stop it first')
         if request in _AT_REST and (others := self.joysticks.moving(now)):
             names = ', '.join(f'{address:02X}' for address in others)
             raise ValueError(f'motion is commanded by joystick {names}; let go of it first')
+        if request is Request.RESET_CONTROLLER and not self._asker.is_open(request):
+            self._restarted = False
         self._asker.start(request, now, asked=True)
 
-    # Questions to the unit.
+    # Motion that a neutral stick does not end.
 
     @property
-    def _interruption_ends(self) -> float:
-        """When discarded input is no stop by itself any more."""
-        return self._interrupted_at + self._heard.timeout
+    def _asked_until(self) -> float:
+        """Until when somebody asked the unit to move; infinite: somebody does."""
+        if self.drive.moving or self._automatic:
+            return math.inf
+        return max(self._automatic_until, self.drive.asked_until, self.joysticks.asked_until)
+
+    @property
+    def _coasted_at(self) -> float:
+        """When motion of the unit becomes one that nobody asks for."""
+        return max(self.motion.began_at, self._asked_until) + self.settings.coast_time
+
+    def _follow_motion(self, now: float) -> None:
+        """Note who asks the unit to move by itself; a stop ends that as far as it can be ended."""
+        self._automatic |= self.drive.automatic or self.joysticks.automatic_asked
+        self.joysticks.automatic_asked = False
+        if not self.drive.forbidden(now, self._holds()):
+            self._is_stopped, self._pause_until = False, math.inf
+            self.withheld &= not self.drive.moving
+            return
+        if not self._is_stopped:
+            self._is_stopped = True
+            self._pause_until = min(self._pause_until, now + self.settings.coast_time)
+        self.withheld |= self._may_resume(now)
+        if self._automatic:
+            self._automatic, self._automatic_until = False, now
+        if self._is_to_pause(now):
+            self._pause_at = now
+            self.drive.pause(now)
+
+    def _may_resume(self, now: float) -> bool:
+        """Tell whether the unit might move by itself once it has permission."""
+        outputs = self.unit.broadcast(DigitalOutputs, now)
+        aims = outputs is not None and Output.POINT_AIM_MODE_ACTIVE in outputs.outputs
+        alone = self.motion.moving(now) and now >= self._asked_until + self.settings.coast_time
+        return self._automatic or aims or alone or self.motion.oscillates(now)
+
+    def _is_to_pause(self, now: float) -> bool:
+        """
+        Tell whether a stop is to press oscillate pause / resume.
+
+        It is one switch for both: only an oscillation that surely runs is paused, and only once.
+        """
+        if not now < self._pause_until or self.motion.began_at <= self._pause_at:
+            return False
+        asked = self.drive.moving or self.joysticks.moving(now)
+        return self.motion.oscillates(now) and self.motion.moving(now) and not asked
+
+    def _permitted(self, now: float) -> Permission:
+        stopped = self.withheld or self.drive.forbidden(now, self._holds())
+        return Permission(0) if stopped else self.drive.directions(now)
+
+    # Questions to the unit.
 
     def _meet(self, now: float) -> None:
         """Ask what is asked of a unit that is heard for the first time, or again."""
@@ -275,7 +372,8 @@ class Session(BaseSession[CanFrame, Received, Event]):
         return [*self.verdict.reasons, *self._busy()]
 
     def _busy(self) -> list[str]:
-        return [text for request, text in _AT_REST.items() if self._asker.is_open(request)]
+        busy = [text for request, text in _AT_REST.items() if self._asker.is_open(request)]
+        return [*busy, _IN_SETUP] if self._in_setup else busy
 
     def _questions(self, now: float) -> list[CanFrame]:
         """Return the requests and polls that are due."""
@@ -311,10 +409,15 @@ class Session(BaseSession[CanFrame, Received, Event]):
             return False
         return sender.source == self.finder.address or data[:1] in _FROM_ANYONE
 
+    def _is_ours(self, sender: J1939Id) -> bool:
+        """Tell whether what a frame claims to be is what it must be."""
+        return sender.pgn != PROPRIETARY_PGN or sender.source == self.finder.address
+
     def _take_proprietary(self, message: Message, source: int, now: float) -> None:
         if isinstance(message, AddressAnnouncement):
             self._unit_changed(self.finder.announced(source, message, now))
         if source == self.finder.address:
+            self._restarted |= self._heard.age(now) >= _RESTART_SILENCE
             self._heard.feed(now)
             self._take_status(message, now)
         elif isinstance(message, DigitalInputs) or (
@@ -326,10 +429,17 @@ class Session(BaseSession[CanFrame, Received, Event]):
         """Take what our unit says."""
         self.unit.take(message, now)
         if isinstance(message, PositionLimit):
+            self.motion.take(message, now)
             self._take_position(message)
+        elif isinstance(message, EnterSetup) and self._asker.is_open(Request.ENTER_SETUP):
+            self._in_setup = True
         elif isinstance(message, FaultStatus):
             self._take_faults(message, now)
-        self._report(self._asker.answered(message))
+        # It announces itself when anybody asks, too: that alone is no reset.
+        if self._restarted or not isinstance(message, AddressAnnouncement):
+            if isinstance(message, AddressAnnouncement):
+                self._in_setup &= not self._asker.is_open(Request.RESET_CONTROLLER)
+            self._report(self._asker.answered(message))
 
     def _take_position(self, message: PositionLimit) -> None:
         in_error = message.operational_error in (Status.ON, Status.ERROR)

@@ -8,6 +8,7 @@ from typing import Any
 
 from akron_can_bridge.parameters import Cause
 from akron_can_bridge.parameters import PARAMETERS
+from akron_can_bridge.protocol import AUTOMATIC_SWITCHES
 from akron_can_bridge.protocol import JOYSTICK_ADDRESSES
 from bridge_core.settings import CheckedSettings
 from bridge_core.settings import table_of
@@ -21,6 +22,7 @@ class Settings(CheckedSettings):
     What a session needs to know; the fields are parameters.
 
     :param allowed_joysticks: without the 0 that stands for none. :param estop_on: as causes.
+    :param button_switches: the switch of each button, 0 for none.
     :raises ValueError: for what cannot be, such as ``joy_source`` being ourselves.
     """
 
@@ -28,6 +30,10 @@ class Settings(CheckedSettings):
     source_address: int = _TABLE['source_address'].default
     device_pin: str = _TABLE['device_pin'].default
     device_type: int = _TABLE['device_type'].default
+    unit_address: int = _TABLE['unit_address'].default
+    coast_time: float = _TABLE['coast_time'].default
+    button_switches: tuple[int, ...] = ()
+    automatic_motion: bool = _TABLE['automatic_motion'].default
     extended: bool = _TABLE['extended'].default
     soe_permissive: bool = _TABLE['soe_permissive'].default
     joy_source: int = _TABLE['joy_source'].default
@@ -46,12 +52,25 @@ class Settings(CheckedSettings):
             raise ValueError(f'allowed_joysticks cannot be {sorted(self.allowed_joysticks)}')
         if self.source_address in (self.joy_source, *self.allowed_joysticks):
             raise ValueError('joy_source and allowed_joysticks cannot be our source_address')
+        if self.unit_address and not self.unit_type:
+            raise ValueError('unit_address needs a device_type or device_pin')
+        if self.unit_address in JOYSTICK_ADDRESSES:
+            raise ValueError(f'unit_address {self.unit_address:02X} is a joystick')
+        automatic = sorted(AUTOMATIC_SWITCHES & set(self.button_switches))
+        if automatic and not self.automatic_motion:
+            raise ValueError(
+                f'button_switches has {automatic}, which start motion that a neutral stick does '
+                'not end; leave them out, or set automatic_motion'
+            )
+        if max(self.button_switches, default=0) > 12 and not self.extended:
+            raise ValueError('button_switches beyond 12 need extended')
 
     @classmethod
     def from_parameters(cls, values: Mapping[str, Any]) -> Settings:
         """Return what the parameters say. :raises ValueError: what cannot be."""
         return cls(
             allowed_joysticks=frozenset(values['allowed_joysticks']) - {0},
+            button_switches=tuple(values['button_switches']),
             estop_on=frozenset(map(Cause, values['estop_on'])),
             **cls.named(values),
         )

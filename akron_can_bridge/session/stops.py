@@ -10,7 +10,6 @@ from __future__ import annotations
 from akron_can_bridge.parameters import Cause
 from akron_can_bridge.parameters import CONTROLLERS
 from akron_can_bridge.parameters import MINI_UNIVERSAL
-from akron_can_bridge.protocol import AddressAnnouncement
 from akron_can_bridge.protocol import DEVICE_TYPES
 from akron_can_bridge.protocol import DigitalOutputs
 from akron_can_bridge.protocol import Fault
@@ -33,7 +32,7 @@ MOTOR_FAULTS = (
 
 
 def causes(
-    unit: AddressAnnouncement | None,
+    kind: int,
     known: Unit,
     faults: FaultStatus | None,
     foreign: str,
@@ -42,15 +41,23 @@ def causes(
     """
     Return all causes that there are now while the unit is heard, whether they count or not.
 
-    :param faults: None while they are not known. :param foreign: who else drives the unit.
+    :param kind: of unit; 0: not known. :param faults: None while they are not known.
+    :param foreign: who else drives the unit.
     """
     found = {Cause.FOREIGN_JOYSTICK: foreign}
-    if unit is not None:
-        kind = unit.device_type
+    if kind:
         found[Cause.ENABLE] = _enable_missing(known, now) if kind in CONTROLLERS else ''
         mini = kind == MINI_UNIVERSAL
         found[Cause.MOTOR_FAULT] = _mini_faulted(known, now) if mini else _motor_fault(faults)
     return {cause: found[cause] for cause in Cause if found.get(cause)}
+
+
+def motion(what: str) -> str:
+    """Say that the unit moves although nobody asks it to. :param what: oscillates, moves."""
+    return (
+        f'stop the unit by its own controls, or call ~/reset_controller: it {what} though nobody '
+        'asks it to, and a neutral stick does not end that'
+    )
 
 
 def silent(foreign: str, silence: str) -> dict[Cause, str]:
@@ -62,7 +69,7 @@ def silent(foreign: str, silence: str) -> dict[Cause, str]:
 
 def silence(settings: Settings, finder: Finder, heard: str) -> str:
     """Return why the unit may not be heard, and what to do. :param heard: how long ago it was."""
-    if finder.unit is None:
+    if not finder.known:
         wanted = settings.device_pin or DEVICE_TYPES.get(settings.device_type, 'controller')
         others = ', '.join(finder.devices)
         hint = (
@@ -71,10 +78,9 @@ def silence(settings: Settings, finder: Finder, heard: str) -> str:
             else ("check the unit's power, CAN wiring and termination, 250 kbit/s, channel")
         )
         return f'no unit was found (wanted: {wanted}); {hint}'
-    name = finder.unit.pin
     if finder.address is None:
-        return f'unit {name} has no address at present; it is asked to announce itself'
-    return f'unit {name} is silent: {heard}; check its power and CAN wiring'
+        return f'unit {finder.name} has no address at present; it is asked to announce itself'
+    return f'unit {finder.name} is silent: {heard}; check its power and CAN wiring'
 
 
 def _enable_missing(unit: Unit, now: float) -> str:

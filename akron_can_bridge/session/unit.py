@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TypeVar
 
 from akron_can_bridge.protocol import AsciiPipe
@@ -15,8 +16,10 @@ from akron_can_bridge.protocol import FirmwareVersion
 from akron_can_bridge.protocol import Message
 from akron_can_bridge.protocol import MiniOutputs
 from akron_can_bridge.protocol import PcodeVersion
+from akron_can_bridge.protocol import Position
 from akron_can_bridge.protocol import PositionLimit
 from akron_can_bridge.protocol import RotationSoftLimits
+from akron_can_bridge.protocol import Status
 from akron_can_bridge.protocol import VistaData
 from akron_can_bridge.protocol import VistaPosition
 from akron_can_bridge.session.events import LimitsChanged
@@ -102,8 +105,13 @@ class Unit:
 
     def limits(self, now: float) -> LimitsChanged:
         """Return what is reported of limits."""
+        position = self.broadcast(PositionLimit, now)
+        if position is not None:  # the angles change all the time, and are no limits
+            sensors = (position.rotation, position.elevation)
+            rotation, elevation = (Position(0, each.fault or Status.OFF) for each in sensors)
+            position = replace(position, rotation=rotation, elevation=elevation)
         return LimitsChanged(
-            self.broadcast(PositionLimit, now),
+            position,
             self.broadcast(RotationSoftLimits, now),
             self.broadcast(ElevationSoftLimits, now),
         )

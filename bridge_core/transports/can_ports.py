@@ -6,6 +6,10 @@ simulated bus between processes. Only its wire format is used here: python-can's
 our own frames to us, needs a network, and may send joystick commands out into it. All other
 interfaces of python-can (slcan, virtual, pcan ...) may block or have no descriptor, so two threads
 carry their frames.
+
+While nobody acknowledges, a controller repeats its first frame for ever, and what is queued behind
+it goes out when the bus is back: old motion before a newer stop. The kernel lets nobody take back
+what is queued, so hardly anything is: see Unconfirmed.
 """
 
 from __future__ import annotations
@@ -23,12 +27,15 @@ import queue
 import socket
 import struct
 import threading
+import time
 from typing import Any
 from typing import Protocol
 import uuid
 
 import can
+from can.interfaces.socketcan import SocketcanBus
 from can.interfaces.udp_multicast import utils as multicast_wire
+from can.typechecking import CanFilters
 
 from bridge_core.transports import TransportError
 from bridge_core.transports.multicast import MulticastTransport
@@ -39,8 +46,14 @@ READS = 64
 _BUSY = (None, errno.EAGAIN, errno.ENOBUFS)  # None: 'Transmit buffer full'
 _SIOCGIFFLAGS = 0x8913  # linux/sockios.h
 _IFF_UP = 0x1  # linux/if.h
-_SEND_QUEUE_LIMIT = 16  # frames: 8 ms of a bus at 250 kbit/s; more would delay a stop
-_RECEIVE_QUEUE_LIMIT = 1024  # frames
+_SEND_QUEUE_LIMIT = 16  # frames: 8 ms of a bus at 250 kbit/s, and more would delay a stop
+_OLD = 0.015  # s; a frame that waits longer than this is not worth sending
+_LOST = 0.5  # s; after this long without a confirmation one more frame is tried
+_SEND_BUFFER = 4096  # bytes, of which the kernel takes 768 a frame and doubles what is asked for
+_FRAME = struct.Struct('=IB3x')  # linux/can.h: identifier and flags, length; then the data
+_FD_FRAME_SIZE = 72
+_EXTENDED, _REMOTE, _ERROR = 0x80000000, 0x40000000, 0x20000000
+_RECEIVE_QUEUE_LIMIT = 1024
 _RECV_TIMEOUT = 0.05  # s; the reader thread ends within it
 _CLOSE_TIMEOUT = 0.2  # s
 
@@ -67,6 +80,35 @@ class CanPort(Protocol):
         """Leave the bus; queued frames may still go out."""
 
 
+class Unconfirmed:
+    """
+    Frames of ours of which the driver has not said yet that they were on the bus.
+
+    While the oldest has waited for too long no other is queued behind it, so that no more than it
+    and its contemporaries go out late. Confirmations are lost when a queue is flushed or a
+    controller restarts; hence a try every now and then.
+    """
+
+    def __init__(self) -> None:
+        self._frames: deque[tuple[bytes, float]] = deque(maxlen=_RECEIVE_QUEUE_LIMIT)
+
+    def may_send(self, now: float) -> bool:
+        """Tell whether a frame that is sent at ``now`` will not wait behind an old one."""
+        if not self._frames or now < self._frames[0][1] + _OLD:
+            return True
+        return now >= self._frames[-1][1] + _LOST
+
+    def sent(self, frame: bytes, now: float) -> None:
+        """Note that it was handed to the kernel."""
+        self._frames.append((frame, now))
+
+    def confirmed(self, frame: bytes) -> None:
+        """Note that it was on the bus; what was sent before it will not be any more."""
+        if any(waiting == frame for waiting, _ in self._frames):
+            while self._frames.popleft()[0] != frame:
+                pass
+
+
 class SocketCanPort:
     """
     A CAN interface of the kernel, such as can0.
@@ -76,37 +118,51 @@ class SocketCanPort:
 
     def __init__(self, channel: str, filters: Filters) -> None:
         _check_interface(channel)
-        can_filters = [
+        can_filters: CanFilters = [
             {'can_id': id_, 'can_mask': mask, 'extended': True} for id_, mask in filters
         ]
-        # CAN FD frames are received only to be counted.
-        self._bus = can.Bus(
-            interface='socketcan',
-            channel=channel,
-            fd=True,
-            can_filters=can_filters or None,
-            ignore_config=True,
+        # CAN FD is received only to be counted: such frames are not for us. Our own come back as
+        # confirmations, where the filters let them.
+        self._bus = SocketcanBus(
+            channel, receive_own_messages=True, fd=True, can_filters=can_filters or None
         )
+        self._socket = self._bus.socket
+        self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _SEND_BUFFER)
+        self._filters = filters
+        self._unconfirmed = Unconfirmed()
 
     def fileno(self) -> int:
         """Return the socket's descriptor."""
         return self._bus.fileno()
 
     def read(self) -> list[can.Message]:
-        """Return what has passed the kernel's filters."""
+        """Return what the kernel has let through, confirmations apart."""
         messages: list[can.Message] = []
-        while len(messages) < READS and (message := self._bus.recv(0)) is not None:
-            messages.append(message)
+        for _ in range(READS):
+            try:
+                data, _, flags, _ = self._socket.recvmsg(_FD_FRAME_SIZE, 0, socket.MSG_DONTWAIT)
+            except BlockingIOError:
+                break
+            message = _unpack(data)
+            if flags & socket.MSG_CONFIRM:
+                self._unconfirmed.confirmed(_key(message))
+            else:
+                messages.append(message)
         return messages
 
     def write(self, message: can.Message) -> bool:
-        """Pass it to the kernel; drop it while the transmit queue is full."""
+        """Hand it to the kernel; drop it while its queue is full, or holds what is old."""
+        now = time.monotonic()
+        if not self._unconfirmed.may_send(now):
+            return False
         try:
             self._bus.send(message)
         except can.CanOperationError as error:
             if error.error_code in _BUSY:
                 return False
             raise
+        if _passes(message, self._filters):
+            self._unconfirmed.sent(_key(message), now)
         return True
 
     def close(self) -> None:
@@ -174,7 +230,7 @@ class PumpedPort:
         self._wake_fd = os.eventfd(0, os.EFD_NONBLOCK | os.EFD_CLOEXEC)
         self._lock = threading.Lock()
         self._received: deque[can.Message] = deque()
-        self._outgoing: queue.SimpleQueue[can.Message | None] = queue.SimpleQueue()
+        self._outgoing: queue.SimpleQueue[tuple[float, can.Message] | None] = queue.SimpleQueue()
         self._failure: Exception | None = None
         self._closing = False
         self._reader = threading.Thread(target=self._inward, daemon=True)
@@ -205,7 +261,7 @@ class PumpedPort:
             raise self._failure
         if self._outgoing.qsize() >= _SEND_QUEUE_LIMIT:
             return False
-        self._outgoing.put(message)
+        self._outgoing.put((time.monotonic(), message))
         return True
 
     def close(self) -> None:
@@ -227,8 +283,12 @@ class PumpedPort:
 
     def _outward(self) -> None:
         try:
-            while (message := self._outgoing.get()) is not None:
-                self._bus.send(message)
+            while (waiting := self._outgoing.get()) is not None:
+                at, message = waiting
+                if time.monotonic() < at + _OLD or self._closing:  # what leaves last is wanted
+                    self._bus.send(message)
+                else:
+                    self._counts['frames too old to send'] += 1
         except Exception as error:
             self._fail(error)
             while self._outgoing.get() is not None:
@@ -293,6 +353,25 @@ def _check_interface(name: str) -> None:
     with contextlib.suppress(OSError):
         if Path('/sys/class/net', name, 'carrier').read_text(encoding='ascii').strip() == '0':
             raise BusOffError
+
+
+def _unpack(data: bytes) -> can.Message:
+    """Read a frame as the kernel has it."""
+    identifier, length = _FRAME.unpack_from(data)
+    return can.Message(
+        arbitration_id=identifier & 0x1FFFFFFF,
+        is_extended_id=bool(identifier & _EXTENDED),
+        is_remote_frame=bool(identifier & _REMOTE),
+        is_error_frame=bool(identifier & _ERROR),
+        is_fd=len(data) == _FD_FRAME_SIZE,
+        dlc=length,
+        data=data[_FRAME.size : _FRAME.size + length],
+    )
+
+
+def _key(message: can.Message) -> bytes:
+    """Return what tells a frame of ours from another."""
+    return message.arbitration_id.to_bytes(4, 'big') + bytes(message.data)
 
 
 def _passes(message: can.Message, filters: Filters) -> bool:

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from esi_drive_bridge.axes import Axis
+from esi_drive_bridge.protocol import RS422_FAULT
 from esi_drive_bridge.protocol import Status
 
 
@@ -22,11 +23,28 @@ def status_values(status: Status, axes: Sequence[Axis]) -> dict[str, Any]:
     return values
 
 
+def own_silence(faults: Sequence[str], gap: float) -> list[str]:
+    """Name this node as the cause of an RS422 error, where it sent nothing for ``gap`` s."""
+    why = f'RS422 time-out, as this node sent nothing for {gap * 1e3:.0f} ms: give the computer '
+    why += 'less work; call ~/clear_errors if it stays'
+    return [text.replace(RS422_FAULT, why) for text in faults] if gap else list(faults)
+
+
+def second_axis(status: Status) -> list[str]:
+    """Say that the drive fills bytes that should pad a single axis."""
+    if not status.padding:
+        return []
+    return [
+        'name two joints in joint_names if the drive has two axes: bytes of an axis B came '
+        f'({status.padding.hex(" ")}), and nothing commands it'
+    ]
+
+
 def still_enabled(status: Status, age: float) -> list[str]:
     """Name the axes that are enabled although disable is sent, for ``age`` s."""
     return [
-        f'axis {name} is still enabled {age:.1f} s after disable was sent: cut its power, then '
-        'check who else commands the drive'
+        f'cut the power of axis {name}, then check who else commands the drive: it is still '
+        f'enabled {age:.1f} s after disable was sent'
         for name, axis in status.lettered()
         if axis.enabled
     ]

@@ -25,6 +25,8 @@ from esi_drive_bridge.session.events import Event
 from esi_drive_bridge.session.events import FaultsChanged
 from esi_drive_bridge.session.events import Feedback
 from esi_drive_bridge.session.events import Stopped
+from esi_drive_bridge.session.report import own_silence
+from esi_drive_bridge.session.report import second_axis
 from esi_drive_bridge.session.report import status_values
 from esi_drive_bridge.session.report import still_enabled
 from esi_drive_bridge.session.settings import Settings
@@ -32,6 +34,8 @@ from esi_drive_bridge.session.settings import Settings
 FAREWELL_PACKETS = 3  # a lost or flipped one must not leave the motor enabled
 
 CLEAR_ERRORS = 'clear_errors'  # the request's name in its Answer
+_LEAST_GAP = 0.05  # s without a packet of ours that a drive may take for a time-out
+_GAP_MEMORY = 1.0  # s, in which its error bit is put down to that
 
 
 class Phase(Enum):
@@ -68,6 +72,8 @@ class Session(BaseSession[bytes, Status, Event]):
         self._enable = Watchdog(settings.command_timeout)
         self._estop_in = Watchdog(settings.command_timeout)
         self._next_send = -math.inf
+        self._sent_at = math.inf
+        self._gap, self._gap_at = 0.0, -math.inf  # the last pause of our own packets
         self._reset()
 
     def _reset(self) -> None:
@@ -76,10 +82,12 @@ class Session(BaseSession[bytes, Status, Event]):
         self.phase = Phase.DISABLED
         self.status: Status | None = None  # the newest
         self._faults: tuple[str, ...] = ()  # of the newest status
+        self._own_gap = 0.0  # s; the drive reports a time-out as we sent nothing for so long
         self._armed = False  # a false of enable was heard while nothing else forbade motion
         self._enable_value, self._estop_value = False, True
         self._refusal = ''  # why the newest command was refused
         self._counts = self._zeros
+        self._saturated: list[str] = []  # what of the newest command was cut, in words
         self._urgent = self._clear_sent = False
         self._until = self._disabled_since = -math.inf
 
@@ -99,8 +107,10 @@ class Session(BaseSession[bytes, Status, Event]):
     def warnings(self, now: float) -> list[str]:
         """Return what is not a stop but not right either, in words."""
         texts = list(self.settings.line_warnings())
+        if not self._command.expired(now):
+            texts += self._saturated
         if self.link_up and self.status is not None:
-            texts += self.status.warnings()
+            texts += self.status.warnings() + second_axis(self.status)
             age = now - self._disabled_since
             if self.phase not in _ON_THE_WIRE and age > self.settings.enable_timeout:
                 texts += still_enabled(self.status, age)
@@ -136,6 +146,7 @@ class Session(BaseSession[bytes, Status, Event]):
 
     def _begin(self, now: float) -> None:
         self._next_send = self._disabled_since = now
+        self._sent_at = math.inf
 
     def _forget(self, now: float, reason: str) -> None:
         del now
@@ -150,18 +161,29 @@ class Session(BaseSession[bytes, Status, Event]):
         self._heard.feed(now)
         self._emit(Feedback(message))
         self._set_enabled(message.enabled)
-        faults = tuple(message.faults()) if message.faulty else ()
+        self._note_gap(now)
+        if not message.axes[0].rs422_error:
+            self._own_gap = 0.0
+        elif self._faults == () and now - self._gap_at < _GAP_MEMORY:
+            self._own_gap = self._gap
+        faults = tuple(own_silence(message.faults(), self._own_gap)) if message.faulty else ()
         if faults != self._faults:
             self._faults = faults
             self._emit(FaultsChanged(faults))
         self._advance(message)
+
+    def _note_gap(self, now: float) -> None:
+        """Note that packets of ours are missing: the drive will blame its line for that."""
+        gap = now - self._sent_at
+        if gap > max(_LEAST_GAP, 2 * self._period):
+            self._gap, self._gap_at = gap, now
 
     def _advance(self, status: Status) -> None:
         """Take the step that the drive's answer allows; faults are the verdict's business."""
         if self.phase is Phase.CLEARING:
             if self._clear_sent and not status.faulty:
                 self._finish_clearing(True, 'the errors are cleared')
-        elif self.phase is Phase.ENABLING and not status.faulty:
+        elif self.phase is Phase.ENABLING and not (status.faulty or self._off_scale()):
             self._counts = self._at_rest()
             if status.enabled:
                 self.phase = Phase.ENABLED
@@ -178,8 +200,8 @@ class Session(BaseSession[bytes, Status, Event]):
 
     def _silence(self, now: float) -> str:
         return (
-            f'no status from the drive: {self._heard.describe(now)}; check power, the '
-            "receive pair, baud, single_axis_layout, and HiDS's SerialInterfaceEnable"
+            "check power, the receive pair, baud, single_axis_layout, and HiDS's "
+            f'SerialInterfaceEnable: no status from the drive, {self._heard.describe(now)}'
         )
 
     def _follow(self, now: float) -> None:
@@ -217,6 +239,8 @@ class Session(BaseSession[bytes, Status, Event]):
         following = self._next_send + self._period
         late = self._urgent or following <= now
         self._next_send = now + self._period if late else following
+        self._note_gap(now)
+        self._sent_at = now
         self._urgent = False
         self._clear_sent = self.phase is Phase.CLEARING
         return [self._packet()]
@@ -227,7 +251,8 @@ class Session(BaseSession[bytes, Status, Event]):
         """
         Take a command, one value an axis in the joint's SI units. It counts once ENABLED.
 
-        :raises ValueError: for a wrong number of values, NaN or infinity; see refuse_command.
+        :raises ValueError: for a wrong number of values, NaN, infinity, and a position beyond what
+            a packet can say; see refuse_command.
         """
         self._expire(now)
         try:
@@ -318,7 +343,19 @@ class Session(BaseSession[bytes, Status, Event]):
             reasons.append(f'e-stop input is stale: {self._estop_in.describe(now)}')
         elif self._estop_value:
             reasons.append('e-stop input is true')
-        return reasons
+        return reasons if self.phase is Phase.ENABLED else reasons + self._off_scale()
+
+    def _off_scale(self) -> list[str]:
+        """Say which position cannot be held: measured at its limit, it may be anything beyond."""
+        axes = (
+            () if self.status is None else zip(self.settings.axes, self.status.axes, strict=True)
+        )
+        return [
+            f'move {axis.joint} by hand to within {axis.reach}: its measured position is at the '
+            'limit of a packet, so it would move when enabled'
+            for axis, each in axes
+            if axis.mode is Mode.POSITION and each.feedback in (VALUE_MIN, VALUE_MAX)
+        ]
 
     def _enable_missing(self, now: float) -> list[str]:
         if self._enable.expired(now):
@@ -391,8 +428,13 @@ class Session(BaseSession[bytes, Status, Event]):
             raise ValueError(f'{len(values)} values for {self.settings.layout.axes} axes')
         if not all(math.isfinite(value) for value in values):
             raise ValueError(f'not finite: {list(values)}')
-        axes = zip(values, self.settings.axes, strict=True)
-        wanted = [value / axis.si_per_count for value, axis in axes]
-        held = [min(max(count, VALUE_MIN), VALUE_MAX) for count in wanted]
-        self.saturations += sum(a != b for a, b in zip(wanted, held, strict=True))
-        return tuple(round(count) for count in held)
+        axes = self.settings.axes
+        wanted = [value / axis.si_per_count for value, axis in zip(values, axes, strict=True)]
+        held = [round(min(max(count, VALUE_MIN), VALUE_MAX)) for count in wanted]
+        beyond = [n for n, count in enumerate(wanted) if abs(count - held[n]) > 0.5]
+        for n in beyond:
+            if axes[n].mode is Mode.POSITION:
+                raise ValueError(axes[n].beyond(values[n]))
+        self.saturations += len(beyond)
+        self._saturated = [f'{axes[n].beyond(values[n])}, and was cut to that' for n in beyond]
+        return tuple(held)

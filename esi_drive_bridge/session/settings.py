@@ -63,5 +63,5 @@ def _budget(what: str, size: int, rate: float, baud: int) -> list[str]:
     bits = size * BITS_PER_BYTE * rate
     if bits <= baud:
         return []
-    text = f'{what} of {size} bytes at {rate:.0f} Hz need {bits:.0f} bit/s, the line has {baud}'
-    return [f'{text}: raise baud in HiDS and here, or lower the rate']
+    need = f'{what} of {size} bytes at {rate:.0f} Hz need {bits:.0f} bit/s, the line has {baud}'
+    return [f'raise baud in HiDS and here, or lower the rate: {need}']

@@ -34,6 +34,7 @@ from bridge_core.checksums import fletcher16
 from ssc_bridge.protocol import AUX_CHANNELS
 from ssc_bridge.protocol import function_of
 from ssc_bridge.protocol import MAX_INPUTS
+from ssc_bridge.protocol import MAX_PULSE_US
 from ssc_bridge.protocol import PULSE_CHANNELS
 from ssc_bridge.protocol import REPEATED
 from ssc_bridge.protocol import Selection
@@ -43,6 +44,8 @@ LINE_SIZE = 36  # bytes
 KNOWN_SIZE = 220  # bytes of the image that the manual prints
 STATES = ('0 ms', '1 ms', '1.5 ms', '2 ms')  # columns of the switch table (3.3)
 RATES_HZ = (0, 1, 2, 5, 10, 20, 25, 50)  # 4.2.1
+
+_MIN_PERIOD_US = 1000  # 3.3
 
 _INPUTS, _CONFIG_ID = 2, 6
 _TABLE, _CONSTANTS, _PERIODS, _AUX, _RATES = 8, 104, 152, 200, 212
@@ -129,6 +132,32 @@ class Image:
     def outputs(self) -> int:
         """Pulse outputs: all of the 24 channels that are no inputs (3.2.1)."""
         return PULSE_CHANNELS - self.data[_INPUTS]
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What the manual does not allow (3.3, 4.2.1), in words; unused rows do not count."""
+        used = (field for field in self.fields if not field.group.startswith('unused'))
+        faults = ((field, self._fault(field)) for field in used)
+        return tuple(f'{field.name} is {field.text}: {fault}' for field, fault in faults if fault)
+
+    def _fault(self, field: Field) -> str:
+        value = int.from_bytes(field.raw, 'big')
+        if field.part == 'constant' and value > MAX_PULSE_US:
+            return f'the manual allows 0 to {MAX_PULSE_US} µs'
+        if field.part == 'period' and not _MIN_PERIOD_US <= value <= MAX_PULSE_US:
+            return f'the manual allows {_MIN_PERIOD_US} to {MAX_PULSE_US} µs'
+        if field.part.startswith('at '):
+            return self._source_fault(Selection.from_byte(value))
+        unknown = 'unknown' in field.text  # an auxiliary function, or the code of a rate
+        return 'the manual has no such thing' if unknown else ''
+
+    def _source_fault(self, selection: Selection) -> str:
+        if not isinstance(selection.source, Source):
+            return 'the manual has no such source'
+        is_pin = selection.source in (Source.PIN, Source.PIN_INVERTED)
+        # Whether the nibble counts from 0 or 1 is not known: more than this is beyond both.
+        beyond = is_pin and selection.nibble > self.data[_INPUTS]
+        return f'there are {self.data[_INPUTS]} pulse inputs' if beyond else ''
 
     @property
     def fields(self) -> tuple[Field, ...]:

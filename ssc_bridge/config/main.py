@@ -181,14 +181,14 @@ def dump(options: argparse.Namespace) -> Exit:
     finally:  # leaving the menus may fail after it was read soundly
         if unit.image is not None:
             store(unit.image, options.file)
-            say(f'{options.file}: {summary(unit.image)}')
+            introduce(unit.image, options.file)
     return Exit.DONE
 
 
 def restore(options: argparse.Namespace) -> Exit:
     """Write a file's image to the unit."""
     image = load(options.file)
-    say(f'{options.file}: {summary(image)}')
+    introduce(image, options.file)
     unit = Maintenance()
     try:
         converse(options.port, Dialogue(unit.restore(image)))
@@ -199,15 +199,15 @@ def restore(options: argparse.Namespace) -> Exit:
 
 
 def check(options: argparse.Namespace) -> Exit:
-    """Verify a file."""
-    say(f'{options.file}: {summary(load(options.file))}')
+    """Verify a file, and warn of values that the manual does not allow."""
+    introduce(load(options.file), options.file)
     return Exit.DONE
 
 
 def show(options: argparse.Namespace) -> Exit:
     """Print what is known of a file's image."""
     image = load(options.file)
-    say(f'{options.file}: {summary(image)}')
+    introduce(image, options.file)
     for line in table(image):
         say(line)
     return Exit.DONE
@@ -220,6 +220,13 @@ def compare_files(options: argparse.Namespace) -> Exit:
         say(f'{one.name}: {_with_bytes(one)} / {_with_bytes(other)}')
     say(f'{len(differences)} difference(s)' if differences else 'no difference')
     return Exit.DIFFERENT if differences else Exit.DONE
+
+
+def introduce(image: Image, path: Path) -> None:
+    """Print what is known of a file's image in short, and what is wrong with it."""
+    say(f'{path}: {summary(image)}')
+    for warning in image.warnings:
+        say(f'warning: {warning}')
 
 
 def summary(image: Image) -> str:

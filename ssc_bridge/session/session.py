@@ -101,7 +101,7 @@ class Session(BaseSession[bytes, Message | Poll, Event]):
         self._confirmed = False  # the configuration was read, and nothing contradicted it since
         self._contradictions: dict[MessageType, str] = {}  # of the newest message of each type
         self._published: CommandState | None = None
-        self._published_sources: tuple[str, ...] = ()
+        self._published_sources: tuple[Selection, ...] = ()
         self._stream = StickStream()
         self._aux_inputs = AuxInputTotals()
         self._aux_outputs = AuxOutputCommands()
@@ -308,10 +308,9 @@ class Session(BaseSession[bytes, Message | Poll, Event]):
         if self.command_state != self._published:
             self._published = self.command_state
             self._emit(CommandStateChanged(self._published))
-        sources = tuple(self.source_texts())
-        if sources != self._published_sources:
-            self._published_sources = sources
-            self._emit(SourcesChanged(sources))
+        if self.selections != self._published_sources:
+            self._published_sources = self.selections
+            self._emit(SourcesChanged(tuple(self.source_texts())))
         fresh = self.link_up and not self._inputs_heard.expired(now)
         if self._stream.owes_neutral(fresh=fresh, counts=self._counts()):
             self.faulty = ()

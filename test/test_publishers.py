@@ -8,7 +8,7 @@ import pytest
 from sensor_msgs.msg import Joy
 from std_msgs.msg import Bool
 
-from safety_mux.publishers import PublisherWatch
+from bridge_core.publishers import PublisherWatch
 from test.mux_talkers import MuxBench
 from test.mux_talkers import sticks
 from test.rig import NodeProcess
@@ -68,6 +68,18 @@ def test_one_that_left_is_forgotten_after_the_window() -> None:
     assert not watch.doubled(1.3)
 
 
+def test_restarted_publisher_counts_again_once_it_is_known_to_be_alone() -> None:
+    watch = PublisherWatch()
+    assert watch.settled(100.0)
+    watch.heard(500, 100.0)
+    watch.heard(1, 100.1)
+    assert not watch.settled(100.35)
+    assert watch.settled(100.36)
+    watch.heard(501, 100.4)
+    watch.heard(2, 100.5)
+    assert not watch.settled(101.05)
+
+
 @pytest.mark.parametrize('number', [None, 0, 0xFFFFFFFFFFFFFFFF])
 def test_middleware_without_sequence_numbers_is_no_second_publisher(number: int | None) -> None:
     assert not heard(*[number] * 20)
@@ -104,6 +116,20 @@ def test_second_publisher_that_says_stop_among_clear_ones_latches(mux: MuxBench)
     second = mux.observer.publisher(Bool, f'{mux.space}/esi_drive_bridge/estop')
     second.publish(Bool(data=True))
     mux.stopped_since(cause, 3.0)
+
+
+def test_second_mux_is_noticed_by_the_first_and_both_stay_stopped(mux: MuxBench) -> None:
+    mux.active()
+    with NodeProcess('safety_mux.node', mux.given, namespace=mux.space):
+        mux.wait(lambda: 'stop the other publisher' in mux.why(), 'why')
+        mux.joy.message = sticks()
+        mux.observer.spin()
+        mux.state.clear()
+        mux.observer.holds_for(lambda: set(mux.state.data) <= {'STOPPED'}, 1.0)
+        assert not mux.reset().success
+    mux.state.clear()
+    mux.wait(lambda: mux.is_past('stop the other publisher'), 'only one again')
+    mux.active()
 
 
 _SOURCE = """

@@ -17,10 +17,12 @@ class PublisherWatch:
 
     :param window: seconds. Two steps back within a window mean two live publishers; after a
         window without a step back there is one again.
+    :param settling_time: seconds after a step back until that is known.
     """
 
-    def __init__(self, window: float = 1.0) -> None:
+    def __init__(self, window: float = 1.0, settling_time: float = 0.25) -> None:
         self._window = window
+        self._settling_time = settling_time
         self._last: int | None = None
         self._steps_back: deque[float] = deque(maxlen=2)
 
@@ -35,3 +37,13 @@ class PublisherWatch:
     def doubled(self, now: float) -> bool:
         """Return whether two live publishers were heard within the last window."""
         return len(self._steps_back) == 2 and now - self._steps_back[0] <= self._window
+
+    def settled(self, now: float) -> bool:
+        """
+        Tell whether all that came lately is of one publisher.
+
+        What a restarted one says has to wait until it is known to be no second one.
+        """
+        if self._steps_back and now - self._steps_back[-1] <= self._settling_time:
+            return False
+        return not self.doubled(now)

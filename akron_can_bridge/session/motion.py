@@ -1,0 +1,68 @@
+"""
+Motion that the unit reports although nobody asks for it.
+
+A neutral joystick ends manual motion only (manual, Appendix B). Oscillating, deploying, stowing
+and Point Aim go on by themselves; docs/devices/akron.md lists what ends each.
+"""
+
+from __future__ import annotations
+
+import math
+
+from akron_can_bridge.protocol import PositionLimit
+from akron_can_bridge.protocol import RotationSoftLimits
+from akron_can_bridge.session.unit import Unit
+
+_STEP_DEG = 0.5  # less is noise of the sensors
+_HOLD = 0.5  # seconds in which a unit that moves makes such a step
+
+
+class Motion:
+    """
+    Whether the unit moves, by the angles of type 01; type 81 says whether it oscillates.
+
+    :param unit: whose broadcasts are looked at.
+    """
+
+    def __init__(self, unit: Unit) -> None:
+        self.began_at = -math.inf
+        self._unit = unit
+        self._stepped_at = -math.inf
+        self._degrees: list[float | None] = [None, None]  # at the last step of each
+
+    def take(self, message: PositionLimit, now: float) -> None:
+        """Take a type 01. One step is no motion yet: zeroing looks like that."""
+        for place, position in enumerate((message.rotation, message.elevation)):
+            before, degrees = self._degrees[place], position.degrees
+            if before is None or degrees is None:
+                self._degrees[place] = degrees
+            elif abs(degrees - before) >= _STEP_DEG:
+                self._degrees[place] = degrees
+                if now >= self.ends_at:
+                    self.began_at = now
+                self._stepped_at = now
+
+    @property
+    def ends_at(self) -> float:
+        """When the unit counts as standing if it does not move further."""
+        return self._stepped_at + _HOLD
+
+    def moving(self, now: float) -> bool:
+        """Tell whether its angles change."""
+        return self.began_at < self._stepped_at and now < self.ends_at
+
+    def oscillates(self, now: float) -> bool:
+        """Tell whether it says so, be it paused or not."""
+        limits = self._unit.broadcast(RotationSoftLimits, now)
+        return limits is not None and limits.oscillating
+
+    def describe(self, now: float) -> str:
+        """Say what it does; empty: nothing that it reports."""
+        if self.oscillates(now):
+            return 'oscillates'
+        return 'moves' if self.moving(now) else ''
+
+    def forget(self) -> None:
+        """Forget what was reported."""
+        self.began_at = self._stepped_at = -math.inf
+        self._degrees = [None, None]

@@ -1,0 +1,112 @@
+"""
+Standard output and standard error that never block.
+
+A terminal that was stopped with Ctrl-S, or a pipe that nobody reads, blocks whoever writes. That
+may be C code of ROS that holds the interpreter's lock meanwhile, and then no thread of the process
+runs. So descriptors 1 and 2 become pipes that refuse what they have no room for, and a process of
+its own (drain.py) empties them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+import contextlib
+import fcntl
+import io
+import os
+from pathlib import Path
+import stat
+import subprocess
+import sys
+
+_PIPE_SIZE = 1 << 20  # bytes, as much as anybody may have
+_LAST_TIME = 0.3  # s, for what was said last
+_DRAIN = Path(__file__).with_name('drain.py')
+_COLOURS = 'RCUTILS_COLORIZED_OUTPUT'
+
+
+@contextlib.contextmanager
+def unblocked_output() -> Iterator[None]:
+    """Have whatever is written to descriptors 1 and 2 not wait, where it could."""
+    drains: dict[tuple[int, int], tuple[subprocess.Popen[bytes], int]] = {}  # by file
+    kept = {number: os.dup(number) for number in (1, 2) if _may_block(number)}
+    streams = sys.stdout, sys.stderr
+    if 2 in kept and os.isatty(2):
+        os.environ.setdefault(_COLOURS, '1')  # ROS would not see that it is a terminal
+    for number, real in kept.items():
+        status = os.fstat(real)
+        file = status.st_dev, status.st_ino
+        if file not in drains:
+            drains[file] = _start_drain(real)
+        os.dup2(drains[file][1], number)
+    for _, pipe in drains.values():
+        os.close(pipe)
+    if 1 in kept:
+        sys.stdout = _stream(1)
+    if 2 in kept:
+        sys.stderr = _stream(2)
+    try:
+        yield
+    finally:
+        sys.stdout, sys.stderr = streams
+        for number, real in kept.items():
+            os.dup2(real, number)
+            os.close(real)
+        for drain, _ in drains.values():
+            with contextlib.suppress(subprocess.TimeoutExpired):
+                drain.wait(_LAST_TIME)
+
+
+def _may_block(number: int) -> bool:
+    """Tell whether a descriptor is a terminal, a pipe or a socket; files and /dev/null are not."""
+    try:
+        mode = os.fstat(number).st_mode
+    except OSError:  # closed
+        return False
+    return stat.S_ISFIFO(mode) or stat.S_ISSOCK(mode) or os.isatty(number)
+
+
+def _start_drain(real: int) -> tuple[subprocess.Popen[bytes], int]:
+    """Start the process that writes to ``real``; return it and the pipe to it."""
+    read, write = os.pipe()
+    with contextlib.suppress(OSError):  # the user has too many
+        fcntl.fcntl(write, fcntl.F_SETPIPE_SZ, _PIPE_SIZE)
+    os.set_blocking(write, False)
+    # In a session of its own: Ctrl-C is for the node, whose last words are still to be shown.
+    drain = subprocess.Popen(
+        [sys.executable, '-I', '-S', str(_DRAIN)],
+        stdin=read,
+        stdout=real,
+        stderr=subprocess.DEVNULL,
+        start_new_session=True,
+    )
+    os.close(read)
+    return drain, write
+
+
+def _stream(number: int) -> io.TextIOWrapper:
+    return io.TextIOWrapper(
+        _Lossy(number),
+        encoding='utf-8',
+        errors='backslashreplace',
+        write_through=True,
+    )
+
+
+class _Lossy(io.RawIOBase):
+    """Writes what there is room for, and raises nothing: print is not made to fail."""
+
+    def __init__(self, number: int) -> None:
+        self._number = number
+        self.name = f'<descriptor {number}>'
+
+    def writable(self) -> bool:
+        return True
+
+    def fileno(self) -> int:
+        return self._number
+
+    def write(self, data: bytes) -> int:  # type: ignore[override]
+        with contextlib.suppress(OSError):
+            os.write(self._number, data)
+        return len(data)

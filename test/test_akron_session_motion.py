@@ -1,0 +1,231 @@
+"""Motion that a neutral stick does not end: what a stop does to it, and who is told."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+from akron_can_bridge.protocol import Axis
+from akron_can_bridge.protocol import BasicJoystick
+from akron_can_bridge.protocol import ExtendedJoystick
+from akron_can_bridge.protocol import Status
+from akron_can_bridge.session import Cause
+from akron_can_bridge.session import Request
+from akron_can_bridge.session import Settings
+from akron_can_bridge.simulator import JoystickSimulator
+from test.akron_loop_rig import Bench
+from test.akron_session_rig import MOVE
+from test.akron_session_rig import NEUTRAL
+from test.akron_session_rig import REST
+
+COAST = 1.0
+OSCILLATE, PAUSE, DEPLOY, STOW = 4, 7, 8, 9
+AUTOMATIC: dict[str, Any] = {'automatic_motion': True}
+
+
+def press(switch: int) -> tuple[BasicJoystick, ExtendedJoystick]:
+    switches = tuple(Status(number == switch) for number in range(1, 13))
+    return BasicJoystick(Axis.of(0), Axis.of(0), switches), ExtendedJoystick()
+
+
+def start(bench: Bench, switch: int) -> Bench:
+    """Press a switch for a moment; the unit moves by itself from then on."""
+    bench.run(0.1)
+    bench.ours.command = press(switch)
+    bench.run(0.1)
+    bench.ours.command = REST
+    bench.run(1.0)
+    assert bench.unit.motion.moving
+    return bench
+
+
+def switch_7(bench: Bench) -> list[bool]:
+    """Tell of each joystick frame heard since the last run began whether it presses switch 7."""
+    frames = [bytes.fromhex(text) for text in bench.of('0CFDD638')]
+    return [frame == bytes.fromhex('0100010000000400') for frame in frames if frame]
+
+
+def test_stop_pauses_an_oscillation_once_and_reports_no_motion() -> None:
+    bench = start(Bench(**AUTOMATIC), OSCILLATE)
+    bench.ours.stop = True
+    bench.run(0.5)
+    assert sum(switch_7(bench)) == 10  # 0.2 s
+    assert not bench.unit.motion.moving
+    bench.run(3.0)
+    assert sum(switch_7(bench)) == 0
+    assert bench.moved(2.0) == 0.0
+    assert bench.reasons == []
+    bench.ours.stop = False
+    assert bench.moved(2.0) == 0.0  # it does not resume by itself
+
+
+def test_stop_that_comes_again_at_once_does_not_resume_what_the_first_one_paused() -> None:
+    bench = start(Bench(**AUTOMATIC), OSCILLATE)
+    for _ in range(3):
+        bench.ours.stop = True
+        bench.run(0.1)
+        bench.ours.stop = False
+        bench.run(0.1)
+    bench.ours.stop = True
+    bench.run(1.0)
+    assert not bench.unit.motion.moving
+
+
+def test_paused_oscillation_is_left_alone() -> None:
+    bench = start(Bench(**AUTOMATIC), OSCILLATE)
+    bench.unit.motion.paused = True
+    bench.run(1.0)
+    bench.ours.stop = True
+    bench.run(1.0)
+    assert sum(switch_7(bench)) == 0
+    assert not bench.unit.motion.moving
+
+
+def test_oscillation_that_begins_during_a_stop_is_left_alone_and_reported() -> None:
+    bench = Bench()
+    bench.ours.stop = True
+    bench.run(1.5)
+    bench.unit.apply('oscillate on')
+    bench.run(2.0)
+    assert sum(switch_7(bench)) == 0
+    assert 'it oscillates though nobody asks it to' in bench.reasons[0]
+
+
+def test_node_that_leaves_pauses_an_oscillation() -> None:
+    bench = start(Bench(**AUTOMATIC), OSCILLATE)
+    frames = [frame.data.hex() for frame in bench.session.farewell(bench.now)]
+    assert frames == ['0100010000000400'.lower()] * 3 + [NEUTRAL.hex()] * 3
+
+
+@pytest.mark.parametrize('switch', [DEPLOY, STOW])
+def test_journey_that_goes_on_through_a_stop_is_a_stop_of_the_unit(switch: int) -> None:
+    bench = Bench(**AUTOMATIC)
+    bench.unit.apply('position 1 170')
+    start(bench, switch)
+    assert bench.reasons == []  # it was asked for
+    bench.ours.stop = True
+    bench.run(COAST - 0.2)
+    assert bench.reasons == []
+    assert bench.unit.motion.moving
+    bench.run(0.4)
+    assert 'it moves though nobody asks it to' in bench.reasons[0]
+    bench.wait(lambda: not bench.unit.motion.moving, 10.0)
+    bench.run(1.0)
+    assert bench.reasons == []
+
+
+def test_motion_that_nobody_asked_for_is_a_stop_without_any_other() -> None:
+    bench = Bench()
+    bench.unit.apply('physical 1 -0.5')
+    bench.run(0.5)
+    assert bench.reasons == []
+    bench.run(1.5)
+    assert 'it moves though nobody asks it to' in bench.reasons[0]
+    assert bench.session.causes(bench.now).keys() == {Cause.MOTION}
+
+
+def test_own_command_and_its_coasting_are_no_stop() -> None:
+    bench = Bench().move()
+    bench.run(3.0)
+    assert bench.reasons == []
+    bench.ours.command = REST
+    bench.run(2.0)
+    assert bench.reasons == []
+
+
+def test_motion_by_an_allowed_joystick_is_no_stop() -> None:
+    stick = JoystickSimulator(0x33)
+    bench = Bench(stick, allowed_joysticks=frozenset({0x33}))
+    stick.apply('stick x -1')
+    bench.run(3.0)
+    assert bench.unit.motion.moving
+    assert bench.reasons == []
+
+
+def test_oscillation_by_an_allowed_joystick_is_none_until_a_stop_that_cannot_end_it() -> None:
+    stick = JoystickSimulator(0x33)
+    bench = Bench(stick, allowed_joysticks=frozenset({0x33}))
+    stick.apply('switch 8 on')
+    bench.unit.apply('position 1 175')
+    bench.run(0.5)
+    stick.apply('switch 8 off')
+    bench.run(2.0)
+    assert bench.reasons == []
+    bench.ours.stop = True
+    bench.run(COAST + 0.3)
+    assert 'nobody asks it to' in bench.reasons[0]
+
+
+def test_jump_of_the_position_is_no_motion() -> None:
+    bench = Bench()
+    for degrees in (20, 40, 60):
+        bench.unit.apply(f'position 1 {degrees}')
+        bench.run(0.7)
+        bench.session.request(Request.ZERO_POSITIONS, bench.now)
+        bench.run(0.7)
+        assert bench.reasons == []
+
+
+# -- SOE mode -------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize('switch', [OSCILLATE, DEPLOY])
+def test_stop_withdraws_the_permission_and_a_reset_alone_does_not_give_it_back(
+    switch: int,
+) -> None:
+    bench = Bench(soe_permissive=True, **AUTOMATIC)
+    bench.unit.apply('soe on')
+    bench.unit.apply('position 1 170')
+    start(bench, switch)
+    bench.ours.stop = True
+    bench.wait(lambda: not bench.unit.motion.moving, 0.5)
+    bench.run(2.0)
+    assert bench.reasons == []
+    bench.ours.stop = False
+    assert bench.moved(2.0) == 0.0
+    assert 'move the stick' in bench.session.warnings(bench.now)[0]
+    bench.ours.command = MOVE
+    assert bench.moved(1.0) != 0.0
+    assert bench.session.warnings(bench.now) == []
+
+
+# -- requests -------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize('request_', [Request.ZERO_POSITIONS, Request.ENTER_SETUP])
+def test_request_is_refused_while_the_unit_oscillates_and_a_reset_is_not(
+    request_: Request,
+) -> None:
+    bench = start(Bench(**AUTOMATIC), OSCILLATE)
+    with pytest.raises(ValueError, match='the unit oscillates; stop it first'):
+        bench.session.request(request_, bench.now)
+    bench.session.request(Request.RESET_CONTROLLER, bench.now)
+    bench.run(0.1)
+    assert not bench.unit.motion.oscillating
+
+
+def test_setup_mode_keeps_the_frames_neutral_until_a_reset() -> None:
+    bench = Bench()
+    bench.session.request(Request.ENTER_SETUP, bench.now)
+    bench.wait(lambda: bench.unit.motion.setup)
+    bench.ours.command = REST
+    bench.run(0.2)
+    bench.ours.command = MOVE
+    bench.run(3.0)
+    assert not bench.session.drive.moving
+    assert 'the unit is in setup mode' in bench.session.inhibits(bench.now)[0]
+    bench.session.request(Request.RESET_CONTROLLER, bench.now)
+    bench.wait(lambda: bench.session.estop)
+    bench.wait(lambda: not bench.session.estop)
+    bench.move()
+
+
+# -- starting it ----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize('switch', [OSCILLATE, PAUSE, DEPLOY, STOW])
+def test_button_that_starts_automatic_motion_needs_its_parameter(switch: int) -> None:
+    with pytest.raises(ValueError, match='set automatic_motion'):
+        Settings(button_switches=(0, switch))
+    Settings(button_switches=(0, switch), automatic_motion=True)

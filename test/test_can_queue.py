@@ -1,0 +1,180 @@
+"""
+What waits for a bus on which nobody acknowledges: hardly anything, and never old motion.
+
+The part with the mark real_can runs inside user-mode-linux (test_uml.py).
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable
+from collections.abc import Iterator
+import ctypes
+import os
+import select
+import subprocess
+import threading
+import time
+from typing import Any
+
+import can
+import pytest
+
+from bridge_core.j1939 import CanFrame
+from bridge_core.transports.can_ports import PumpedPort
+from bridge_core.transports.can_ports import Unconfirmed
+from test.can_rig import drain
+from test.can_rig import message
+from test.can_rig import VARIABLE
+from test.can_rig import VirtualInterface
+from test.rig import wait_for
+
+MOTION = CanFrame(0x0CFDD638, bytes.fromhex('107D010000000000'))
+NEUTRAL = CanFrame(0x0CFDD638, bytes.fromhex('0100010000000000'))
+
+
+# The account alone.
+
+
+def test_nothing_is_sent_behind_a_frame_that_waits_too_long() -> None:
+    waiting = Unconfirmed()
+    waiting.sent(b'1', 10.0)
+    assert waiting.may_send(10.014)
+    assert not waiting.may_send(10.015)
+    assert not waiting.may_send(10.499)
+    waiting.confirmed(b'1')
+    assert waiting.may_send(10.499)
+
+
+def test_lost_confirmations_are_got_over_by_a_try() -> None:
+    waiting = Unconfirmed()
+    waiting.sent(b'1', 10.0)
+    waiting.sent(b'2', 10.0)
+    assert waiting.may_send(10.5)
+    waiting.sent(b'3', 10.5)
+    assert not waiting.may_send(10.6)
+    waiting.confirmed(b'3')
+    assert waiting.may_send(10.6)
+
+
+def test_confirmation_of_somebody_elses_frame_changes_nothing() -> None:
+    waiting = Unconfirmed()
+    waiting.sent(b'1', 10.0)
+    waiting.confirmed(b'2')
+    assert not waiting.may_send(10.1)
+
+
+# A driver that blocks, as others than SocketCAN do.
+
+
+class BlockedBus:
+    """A bus of python-can whose ``send`` waits until it is let go."""
+
+    def __init__(self) -> None:
+        self.let_go = threading.Event()
+        self.sent: list[bytes] = []
+
+    def send(self, frame: can.Message) -> None:
+        self.let_go.wait(20.0)
+        self.sent.append(bytes(frame.data))
+
+    def recv(self, timeout: float) -> None:
+        threading.Event().wait(timeout)
+
+    def shutdown(self) -> None:
+        pass
+
+
+def test_frames_that_waited_for_a_blocked_driver_are_not_sent_after_it(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    bus, counts = BlockedBus(), Counter[str]()
+    monkeypatch.setattr(can, 'Bus', lambda **options: bus)
+    port = PumpedPort({}, (), counts)
+    for _ in range(5):
+        assert port.write(message(1, b'motion'))
+    begin = time.monotonic()
+    wait_for(lambda: time.monotonic() > begin + 0.05, 5.0, 'age')
+    bus.let_go.set()
+    wait_for(lambda: counts['frames too old to send'] == 4, 5.0, lambda: str(counts))
+    assert port.write(message(1, b'neutral'))
+    wait_for(lambda: bus.sent == [b'motion', b'neutral'], 5.0, lambda: str(bus.sent))
+    port.close()
+
+
+# A real interface whose driver confirms what was sent, as those of controllers do.
+
+on_an_interface = pytest.mark.skipif(
+    os.environ.get(VARIABLE) != 'socketcan', reason='makes CAN interfaces'
+)
+_DELETE_MODULE, _FINIT_MODULE = 176, 313  # asm/unistd_64.h
+_libc = ctypes.CDLL(None, use_errno=True)
+
+
+def load_vcan(parameters: bytes) -> None:
+    """Load the module anew. :raises OSError: that cannot be."""
+    path = f'/usr/lib/uml/modules/{os.uname().release}/kernel/drivers/net/can/vcan.ko'
+    descriptor = os.open(path, os.O_RDONLY)
+    try:
+        for call in ((_DELETE_MODULE, b'vcan', 0), (_FINIT_MODULE, descriptor, parameters, 0)):
+            if _libc.syscall(*call):
+                raise OSError(ctypes.get_errno(), os.strerror(ctypes.get_errno()), path)
+    finally:
+        os.close(descriptor)
+
+
+@pytest.fixture
+def controller() -> Iterator[VirtualInterface]:
+    """Give an interface that confirms a frame when it leaves the queue, not when it enters it."""
+    load_vcan(b'echo=1')
+    interface = VirtualInterface()
+    try:
+        yield interface
+    finally:
+        interface.close()
+        load_vcan(b'')
+
+
+def hold(interface: VirtualInterface) -> None:
+    """Have everything wait in the queue, as with the cable out."""
+    plug = ('dev', interface.channel, 'root', 'plug', 'limit', '1000000')
+    subprocess.run(['tc', 'qdisc', 'replace', *plug], check=True)
+
+
+def let_go(interface: VirtualInterface) -> None:
+    plug = ('dev', interface.channel, 'root', 'plug', 'release_indefinite')
+    subprocess.run(['tc', 'qdisc', 'change', *plug], check=True)
+
+
+def every_20_ms(seconds: float, step: Callable[[], Any]) -> None:
+    """Do it at the pace of joystick frames."""
+    begin = time.monotonic()
+    for slot in range(round(seconds / 0.02)):
+        wait_for(lambda due=begin + 0.02 * slot: time.monotonic() >= due, 5.0, 'the slot')  # type: ignore[misc]
+        step()
+
+
+@on_an_interface
+@pytest.mark.real_can
+def test_replugged_bus_gets_the_newest_frame_after_one_old_one_at_most(
+    controller: VirtualInterface,
+) -> None:
+    witness, transport = controller.endpoint(), controller.transport()
+
+    def send(frame: CanFrame) -> None:
+        while select.select([transport.fileno()], [], [], 0)[0]:
+            assert transport.receive() == []  # a confirmation is no frame
+        transport.send(frame)
+
+    every_20_ms(0.3, lambda: send(MOTION))
+    assert len(drain(witness)) >= 10  # a healthy bus carries them all
+    hold(controller)
+    every_20_ms(0.4, lambda: send(MOTION))
+    every_20_ms(1.0, lambda: send(NEUTRAL))
+    assert drain(witness) == []
+    let_go(controller)
+    every_20_ms(0.2, lambda: send(NEUTRAL))
+    frames = drain(witness)
+    assert frames.count(MOTION) <= 1
+    assert frames[1:] == [NEUTRAL] * (len(frames) - 1)
+    assert len(frames) >= 5

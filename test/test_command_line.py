@@ -1,0 +1,59 @@
+"""What executables do with what they do not know, and --help."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+
+import pytest
+
+from rugged_teleop.stack import NODES
+from test.rig import ROOT
+
+
+def outcome(module: str, *arguments: str) -> tuple[int, str, str]:
+    done = subprocess.run(
+        [sys.executable, '-m', module, *arguments],
+        capture_output=True,
+        text=True,
+        cwd=ROOT,
+        timeout=30.0,
+    )
+    return done.returncode, done.stdout, done.stderr
+
+
+@pytest.mark.parametrize('node', NODES)
+def test_help_has_topics_and_parameters_and_opens_nothing(node: str) -> None:
+    status, text, error = outcome(NODES[node][0], '--help')
+    assert (status, error) == (0, '')
+    assert text.startswith(f'usage: {node} ')
+    for line in ('~/estop ', 'autostart = True', 'std_msgs/Bool'):
+        assert line in text
+    if node != 'safety_mux':
+        assert '/diagnostics ' in text
+        assert 'link_timeout = ' in text
+
+
+@pytest.mark.parametrize(
+    'arguments',
+    [
+        ('--port', '/dev/x'),
+        ('port:=/dev/x',),
+        ('nonsense',),
+        ('--ros-args', '-p', 'baud:=230400', '--', 'port:=/dev/x'),
+        ('--ros-args', '--nonsense'),
+    ],
+    ids=' '.join,
+)
+def test_unknown_argument_starts_nothing(arguments: tuple[str, ...]) -> None:
+    status, text, error = outcome('esi_drive_bridge.node', *arguments)
+    assert (status, text) == (2, '')
+    assert error.count('\n') == 1
+    assert error.startswith('rugged_teleop: ')
+
+
+def test_help_of_the_stack_names_the_nodes() -> None:
+    status, text, error = outcome('rugged_teleop.stack', '--help')
+    assert (status, error) == (0, '')
+    assert text.startswith('usage: rugged_teleop_stack ')
+    assert all(node in text for node in NODES)

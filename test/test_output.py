@@ -1,0 +1,132 @@
+"""Output that never blocks: the process that writes it, and who writes to it."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+from pathlib import Path
+import signal
+import subprocess
+import sys
+
+from bridge_core import drain
+from test.rig import ROOT
+from test.rig import wait_for
+
+LINE = b'0123456789abcdef' * 64 + b'\n'
+
+
+class Drained:
+    """The process between two pipes, of which this side reads or does not."""
+
+    def __init__(self) -> None:
+        self.output, real = os.pipe()
+        os.set_blocking(self.output, False)
+        self.process = subprocess.Popen(
+            [sys.executable, '-I', '-S', str(Path(drain.__file__))],
+            stdin=subprocess.PIPE,
+            stdout=real,
+        )
+        os.close(real)
+        assert self.process.stdin is not None
+        self.input = self.process.stdin
+        self.shown = b''
+
+    def read(self) -> bytes:
+        with contextlib.suppress(BlockingIOError):
+            self.shown += os.read(self.output, 1 << 20)
+        return self.shown
+
+    def __enter__(self) -> Drained:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self.input.close()
+        self.process.kill()
+        self.process.wait()
+        os.close(self.output)
+
+
+def test_drain_copies_in_order_and_ends_with_its_input() -> None:
+    with Drained() as drained:
+        drained.input.write(b'one\n')
+        drained.input.flush()
+        wait_for(lambda: drained.read() == b'one\n', 5.0, 'a line')
+        drained.input.write(b'two')
+        drained.input.close()
+        assert drained.process.wait(5.0) == 0
+        assert drained.read() == b'one\ntwo'
+
+
+def test_drain_of_a_blocked_output_takes_everything_and_counts_what_it_drops() -> None:
+    lines = 2000  # 2 MB, of which pipe and drain keep some 300 kB
+    with Drained() as drained:
+        for _ in range(lines):
+            drained.input.write(LINE)  # blocks for ever, if the drain does
+        drained.input.flush()
+        wait_for(lambda: b'lines are missing here' in drained.read(), 10.0, 'the count')
+        kept, _, rest = drained.shown.partition(b'[')
+        missing = int(rest.split()[0])
+        assert kept.count(b'\n') + missing == lines
+        assert missing > lines / 2
+
+
+def test_drain_of_an_output_that_stays_blocked_ends_all_the_same() -> None:
+    with Drained() as drained:
+        drained.input.write(LINE * 200)
+        drained.input.close()
+        assert drained.process.wait(5.0) == 0
+
+
+def test_interrupt_of_the_terminal_is_left_to_the_node() -> None:
+    source = (
+        'import signal, sys\n'
+        'from bridge_core.output import unblocked_output\n'
+        'with unblocked_output():\n'
+        '    print("up")\n'
+        '    signal.sigwait({signal.SIGINT})\n'
+        '    print("last words", file=sys.stderr)\n'
+    )
+    process = subprocess.Popen(
+        [sys.executable, '-c', 'import signal; signal.pthread_sigmask(0, {2})\n' + source],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        cwd=ROOT,
+        start_new_session=True,
+    )
+    assert process.stdout is not None
+    assert process.stdout.read(3) == b'up\n'
+    os.killpg(process.pid, signal.SIGINT)
+    assert process.stdout.read() == b'last words\n'
+    assert process.wait(5.0) == 0
+
+
+def test_files_are_written_to_directly(tmp_path: Path) -> None:
+    source = (
+        'import os\n'
+        'from bridge_core.output import unblocked_output\n'
+        'before = os.fstat(1).st_ino\n'
+        'with unblocked_output():\n'
+        '    assert os.fstat(1).st_ino == before\n'
+        '    print("done")\n'
+    )
+    file = tmp_path / 'log'
+    with file.open('wb') as output:
+        subprocess.run([sys.executable, '-c', source], stdout=output, cwd=ROOT, check=True)
+    assert file.read_text() == 'done\n'
+
+
+def test_print_into_a_pipe_that_takes_nothing_raises_nothing() -> None:
+    source = (
+        'import os, sys\n'
+        'from bridge_core import output\n'
+        'read, write = os.pipe()\n'
+        'os.set_blocking(write, False)\n'
+        'os.dup2(write, 1)\n'
+        'sys.stdout = output._stream(1)\n'
+        'for _ in range(1000):\n'
+        '    print("x" * 1000)\n'
+        'os.close(read)\n'
+        'print("nobody hears it")\n'
+    )
+    subprocess.run([sys.executable, '-c', source], cwd=ROOT, check=True, timeout=20.0)

@@ -1,0 +1,108 @@
+"""Four wheels: two drives behind one mux, each with its own joints of one command."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+import contextlib
+import math
+from pathlib import Path
+import time
+from typing import Any
+
+import pytest
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Bool
+from std_msgs.msg import String
+from std_srvs.srv import SetBool
+from std_srvs.srv import Trigger
+
+from test.rig import latched
+from test.rig import NodeProcess
+from test.rig import Observer
+from test.stage import Drive
+from test.talkers import namespace
+from test.talkers import Talker
+
+JOINTS = {'front': ['front_left', 'front_right'], 'rear': ['rear_left', 'rear_right']}
+ALL = [joint for joints in JOINTS.values() for joint in joints]
+RPM = 2.0 * math.pi / 60.0  # rad/s
+TIMEOUT = 1.0  # longer than the defaults: a busy machine is not what this is about
+
+
+def plan(*rpm: int) -> JointState:
+    return JointState(name=ALL, velocity=[value * RPM for value in rpm])
+
+
+class Vehicle:
+    """Two drives, their nodes, the mux, and a planner."""
+
+    def __init__(self, folder: Path, observer: Observer, exits: contextlib.ExitStack) -> None:
+        self.observer = observer
+        space = namespace()
+        self.mux = f'{space}/safety_mux'
+        self.state = observer.record(String, f'{self.mux}/state', latched())
+        self.drives: dict[str, Drive] = {}
+        self.estops: list[Any] = []
+        parameters: dict[str, Any] = {
+            'joints': ALL,
+            'estop_sources': list(JOINTS),
+            'operators': [''],
+            'drive_enabled_topic': '',
+            'autonomy.topic': f'{space}/plan',
+            'autonomy.type': 'JointState',
+            'autonomy.timeout': TIMEOUT,
+            'stall_limit': TIMEOUT,
+        }
+        for name, joints in JOINTS.items():
+            drive = self.drives[name] = Drive(folder / name)
+            exits.callback(drive.close)
+            node = f'{space}/{name}/esi_drive_bridge'
+            wires = {'command': 'command', 'enable': 'enable', 'estop_in': 'estop'}
+            rules = [f'~/{ours}:={self.mux}/{its}' for ours, its in wires.items()]
+            exits.enter_context(
+                NodeProcess(
+                    'esi_drive_bridge.node',
+                    {'port': drive.path, 'joint_names': joints, 'command_timeout': TIMEOUT},
+                    namespace=f'{space}/{name}',
+                    arguments=[word for rule in rules for word in ('-r', rule)],
+                )
+            )
+            self.estops.append(observer.record(Bool, f'{node}/estop', latched()))
+            parameters[f'estop.{name}.topic'] = f'{node}/estop'
+            parameters[f'estop.{name}.timeout'] = TIMEOUT
+        exits.enter_context(NodeProcess('safety_mux.node', parameters, namespace=space))
+        self.planner = Talker(observer, JointState, f'{space}/plan', plan(0, 0, 0, 0))
+
+    def wait(self, condition: Any, what: str) -> None:
+        self.observer.wait_for(condition, 15.0, what)
+
+    def moving(self) -> None:
+        self.wait(lambda: all(e.last and not e.last.data for e in self.estops), 'no stop')
+        self.observer.holds_for(lambda: True, 0.8)  # longer than clear_time and neutral_time
+        assert self.observer.call(Trigger, f'{self.mux}/reset').success
+        self.observer.holds_for(lambda: True, 0.5)
+        request = SetBool.Request(data=True)
+        reply = self.observer.call(SetBool, f'{self.mux}/select_autonomy', request)
+        assert reply.success, reply.message
+        self.planner.message = plan(10, 20, 30, 40)
+        for name, values in (('front', (10, 20)), ('rear', (30, 40))):
+            self.wait(lambda n=name, v=values: self.values(n) == v, f'{values} at the {name}')
+
+    def values(self, name: str) -> tuple[int, int]:
+        newest = self.drives[name].packets(time.monotonic() - 0.2)[-1:]
+        return newest[0].values if newest and newest[0].enables else (0, 0)
+
+
+@pytest.fixture
+def vehicle(tmp_path: Path, observer: Observer) -> Iterator[Vehicle]:
+    with contextlib.ExitStack() as exits:
+        yield Vehicle(tmp_path, observer, exits)
+
+
+def test_each_drive_gets_its_own_joints_and_a_fault_of_one_stops_both(vehicle: Vehicle) -> None:
+    vehicle.moving()
+    cause = vehicle.drives['front'].apply('fault b overcurrent on')
+    for drive in vehicle.drives.values():
+        vehicle.wait(lambda d=drive: d.first_disable(cause), 'a disable packet')
+    vehicle.wait(lambda: vehicle.state.last.data == 'STOPPED', 'STOPPED')
+    assert [vehicle.values(name) for name in JOINTS] == [(0, 0), (0, 0)]
