@@ -27,8 +27,8 @@ from akron_can_bridge.session import Settings
 from akron_can_bridge.session import Sticks
 from akron_can_bridge.session import Stopped
 from akron_can_bridge.session import UnitChanged
+from bridge_core.managed_node import latched_qos
 from bridge_core.node import BridgeNode
-from bridge_core.node import latched_qos
 from bridge_core.parameters import BRIDGE_PARAMETERS
 from bridge_core.parameters import Parameter
 from bridge_core.runner import run
@@ -55,8 +55,10 @@ class AkronCanBridge(BridgeNode[Session, Event]):
         self._joy = self.publisher(Joy, '~/joy', 10)
         self._limits = self.publisher(DiagnosticStatus, '~/limits', latched_qos())
         self._outputs = self.publisher(DiagnosticStatus, '~/outputs', latched_qos())
-        self.create_subscription(Joy, '~/cmd_joy', self._on_cmd_joy, _COMMAND_QOS)
-        self.create_subscription(Bool, '~/estop_in', self._on_estop_in, _STOP_QOS)
+        self.watched_subscription(Joy, '~/cmd_joy', self._on_cmd_joy, _COMMAND_QOS)
+        self.watched_subscription(
+            Bool, '~/estop_in', self._on_estop_in, _STOP_QOS, is_stop=lambda m: bool(m.data)
+        )
         self.create_subscription(UInt8, '~/soe_directions', self._on_soe_directions, _COMMAND_QOS)
         self._publish_limits(LimitsChanged())
         self._publish_outputs(OutputsChanged())

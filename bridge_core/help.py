@@ -12,7 +12,7 @@ from typing import Any
 import rclpy
 from rclpy.signals import SignalHandlerOptions
 
-from bridge_core.node import ManagedNode
+from bridge_core.managed_node import ManagedNode
 from bridge_core.parameters import Parameter
 
 _WIDTH = 99

@@ -19,7 +19,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.signals import SignalHandlerOptions
 
 from bridge_core.help import help_text
-from bridge_core.node import ManagedNode
+from bridge_core.managed_node import ManagedNode
 from bridge_core.output import unblocked_output
 from bridge_core.parameter_files import check_files
 from bridge_core.parameter_files import files_of

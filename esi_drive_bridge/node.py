@@ -10,8 +10,8 @@ from rclpy.qos import ReliabilityPolicy
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Bool
 
+from bridge_core.managed_node import latched_qos
 from bridge_core.node import BridgeNode
-from bridge_core.node import latched_qos
 from bridge_core.parameters import BRIDGE_PARAMETERS
 from bridge_core.parameters import Parameter
 from bridge_core.runner import run
@@ -50,10 +50,13 @@ class EsiDriveBridge(BridgeNode[Session, Event]):
         self._joint_states = self.publisher(JointState, '~/joint_states', 10)
         self._enabled = self.publisher(Bool, '~/enabled', latched_qos())
         self._enabled.publish(Bool(data=False))
-        watched = self.watched_subscription
-        watched(JointState, '~/command', self._on_command, _COMMAND_QOS)
-        watched(Bool, '~/enable', self._on_enable, _STOP_QOS, is_stop=lambda m: not m.data)
-        watched(Bool, '~/estop_in', self._on_estop_in, _STOP_QOS, is_stop=lambda m: bool(m.data))
+        self.watched_subscription(JointState, '~/command', self._on_command, _COMMAND_QOS)
+        self.watched_subscription(
+            Bool, '~/enable', self._on_enable, _STOP_QOS, is_stop=lambda m: not m.data
+        )
+        self.watched_subscription(
+            Bool, '~/estop_in', self._on_estop_in, _STOP_QOS, is_stop=lambda m: bool(m.data)
+        )
 
     def make_session(self, values: Mapping[str, Any]) -> Session:
         """Return a session for the configured layout and scales."""

@@ -15,8 +15,8 @@ from std_msgs.msg import Int8
 from std_msgs.msg import String
 from std_msgs.msg import UInt8
 
+from bridge_core.managed_node import latched_qos
 from bridge_core.node import BridgeNode
-from bridge_core.node import latched_qos
 from bridge_core.parameters import BRIDGE_PARAMETERS
 from bridge_core.parameters import Parameter
 from bridge_core.runner import run

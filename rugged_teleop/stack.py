@@ -12,7 +12,7 @@ from collections.abc import Sequence
 import importlib
 import sys
 
-from bridge_core.node import ManagedNode
+from bridge_core.managed_node import ManagedNode
 from bridge_core.parameter_files import check_names
 from bridge_core.parameter_files import files_of
 from bridge_core.parameter_files import sections_of

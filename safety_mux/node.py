@@ -29,8 +29,8 @@ from std_srvs.srv import SetBool
 from std_srvs.srv import Trigger
 
 from bridge_core.diagnostics import Status as Diagnostic
-from bridge_core.node import latched_qos
-from bridge_core.node import ManagedNode
+from bridge_core.managed_node import latched_qos
+from bridge_core.managed_node import ManagedNode
 from bridge_core.parameters import MANAGED_PARAMETERS
 from bridge_core.parameters import Parameter
 from bridge_core.publishers import PublisherWatch

@@ -15,8 +15,8 @@ from std_msgs.msg import Bool
 from std_msgs.msg import String
 from std_msgs.msg import UInt16MultiArray
 
+from bridge_core.managed_node import latched_qos
 from bridge_core.node import BridgeNode
-from bridge_core.node import latched_qos
 from bridge_core.parameters import BRIDGE_PARAMETERS
 from bridge_core.parameters import Parameter
 from bridge_core.runner import run
@@ -65,14 +65,16 @@ class SscBridge(BridgeNode[Session, Event]):
         self._sources = self.publisher(DiagnosticStatus, '~/channel_sources', latched_qos())
         self._command_state.publish(convert.command_state(None))
         self._publish_sources(())
-        self.create_subscription(
+        self.watched_subscription(
             UInt16MultiArray, '~/pulse_command', self._on_pulse_command, _COMMAND_QOS
         )
-        self.create_subscription(
+        self.watched_subscription(
             JointState, '~/servo_command', self._on_servo_command, _COMMAND_QOS
         )
         self.create_subscription(KeyValue, '~/aux_outputs', self._on_aux_outputs, 10)
-        self.create_subscription(Bool, '~/estop_in', self._on_estop_in, _STOP_QOS)
+        self.watched_subscription(
+            Bool, '~/estop_in', self._on_estop_in, _STOP_QOS, is_stop=lambda m: bool(m.data)
+        )
 
     def make_session(self, values: Mapping[str, Any]) -> Session:
         """Return a session for the configured channels."""

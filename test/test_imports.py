@@ -68,6 +68,7 @@ SHARED = {
     'outbox': ('STDLIB',),  # it has a thread
     'convert': ('MESSAGES',),
     'diagnostics': ('bridge_core.framing', 'bridge_core.session', 'MESSAGES'),
+    'managed_node': ('bridge_core', 'rclpy', 'MESSAGES', 'STDLIB'),
     'node': ('bridge_core', 'rclpy', 'MESSAGES', 'STDLIB'),
     'runner': ('bridge_core', 'rclpy', 'STDLIB'),
     'help': ('bridge_core', 'rclpy', 'STDLIB'),

@@ -440,7 +440,7 @@ def test_command_runs_until_a_signal_and_takes_its_port_away(
 
 @pytest.mark.parametrize(
     ('device', 'names'),
-    [('fort_vsc', ('left_y', 'left_down')), ('esi_drive', ('overcurrent', 'rs422'))],
+    [('fort_vsc', ('left_y', 'left_down')), ('esi_drive', ('rs422', 'overcurrent'))],
 )
 def test_help_lists_names_and_quit_ends_it(path: Path, device: str, names: Sequence[str]) -> None:
     with Command(device, '--port', str(path)) as command:

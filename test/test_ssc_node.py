@@ -213,7 +213,7 @@ def test_nonsense_is_refused_told_and_ends_the_command_before(bench: Bench, serv
     servo.pause()
     before = int(bench.value('refused requests', LINK) or 0)
     servo.message = position(nobody=1.0)
-    servo.say()
+    servo.resume()
     bench.wait(lambda: bench.seen()['outputs_us'][:2] == [1200, 0], 'the failsafe')
     bench.wait(lambda: int(bench.value('refused requests', LINK)) > before, 'the count')
     assert 'nobody' in bench.value('last refusal', LINK)

@@ -12,6 +12,7 @@ from hypothesis import settings
 from hypothesis import strategies as st
 import pytest
 
+from bridge_core.session import INTERRUPTION_TIME
 from bridge_core.session import Level
 from bridge_core.session import StopChanged
 from bridge_core.session import Verdict
@@ -219,6 +220,8 @@ def test_discarded_input_is_a_stop_and_forgets_the_state() -> None:
     bench.take(build_packet('VRPI', DEFLECTED, bench.serial, 7))  # it waited meanwhile
     assert bench.session.estop
     bench.hear()
+    assert bench.session.estop  # a stop that lasts is repeated
+    bench.wait(INTERRUPTION_TIME)
     assert not bench.session.estop
 
 
@@ -792,6 +795,7 @@ def test_error_after_output_was_missing_does_not_blame_the_wiring_first() -> Non
     bench.session.interrupted(bench.now, 'this node was held up')
     bench.poll()
     bench.hear(EXTERNAL)
+    bench.wait(INTERRUPTION_TIME)
     assert bench.session.own_estop
     assert bench.session.stop_reasons(bench.now)[0].startswith(
         'rearm the remote; if it comes back'

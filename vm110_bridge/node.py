@@ -12,8 +12,8 @@ from std_msgs.msg import Int32
 from std_msgs.msg import UInt8MultiArray
 from std_msgs.msg import UInt16
 
+from bridge_core.managed_node import latched_qos
 from bridge_core.node import BridgeNode
-from bridge_core.node import latched_qos
 from bridge_core.parameters import BRIDGE_PARAMETERS
 from bridge_core.parameters import Parameter
 from bridge_core.runner import run

@@ -1,0 +1,156 @@
+"""A lifecycle node with checked parameters: the base of the bridges and of the mux."""
+
+from collections.abc import Callable
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+from typing import ClassVar
+
+from rcl_interfaces.msg import FloatingPointRange
+from rcl_interfaces.msg import IntegerRange
+from rcl_interfaces.msg import ParameterDescriptor
+from rcl_interfaces.msg import SetParametersResult
+from rclpy.duration import Duration
+from rclpy.lifecycle import LifecycleNode
+from rclpy.lifecycle import TransitionCallbackReturn
+from rclpy.qos import DurabilityPolicy
+from rclpy.qos import QoSProfile
+
+from bridge_core.parameter_files import check_sections
+from bridge_core.parameters import MANAGED_PARAMETERS
+from bridge_core.parameters import Parameter
+from bridge_core.parameters import ParameterError
+from bridge_core.parameters import resolve
+from bridge_core.transports import TransportError
+
+# ROS declares these by itself; nobody else may use an unknown name.
+_ROS_PARAMETERS = ('use_sim_time', 'start_type_description_service')
+
+
+def latched_qos(deadline: float | None = None) -> QoSProfile:
+    """Return the QoS of a state: reliable, transient local, depth 1, and a deadline in seconds."""
+    qos = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+    if deadline is not None:
+        qos.deadline = Duration(seconds=deadline)
+    return qos
+
+
+class ManagedNode(LifecycleNode):
+    """
+    A lifecycle node with checked parameters.
+
+    :param parameter_files: those on the command line.
+    :raises ParameterError: at construction, before anything is opened.
+    """
+
+    PARAMETERS: ClassVar[tuple[Parameter, ...]] = MANAGED_PARAMETERS
+
+    def __init__(self, name: str, *, parameter_files: Sequence[Path] = (), **options: Any) -> None:
+        super().__init__(name, **options)
+        self.active = False
+        self.starting = False  # configured to be activated at once
+        try:
+            check_sections(self.get_fully_qualified_name(), parameter_files)
+            self.values: dict[str, Any] = self._declare()
+        except BaseException:
+            super().destroy_node()
+            raise
+        self.add_on_set_parameters_callback(self._on_set_parameters)
+
+    def parameters_in_use(self) -> list[Parameter]:
+        """Return the table, with the parameters of the names in its lists."""
+        return list(self._table.values())
+
+    def parameter_table(self, given: dict[str, Any]) -> tuple[Parameter, ...]:
+        """Return all parameters; a node whose lists name further ones extends this."""
+        del given
+        return self.PARAMETERS
+
+    def check_parameters(self, values: dict[str, Any]) -> None:
+        """Refuse values that contradict each other. :raises ParameterError: naming both."""
+
+    def shut_down(self) -> None:
+        """Leave the device safe; called once a signal came, and before the node is destroyed."""
+
+    def autostart(self) -> None:
+        """
+        Configure and activate, unless the parameter leaves that to somebody else.
+
+        :raises ParameterError: what the parameters ask for cannot be made; it was logged.
+        """
+        if not self.values['autostart']:
+            return
+        self.starting = True
+        for trigger in (self.trigger_configure, self.trigger_activate):
+            if trigger() != TransitionCallbackReturn.SUCCESS:
+                raise ParameterError(f'{self.get_name()} cannot start with these parameters')
+        self.starting = False
+
+    def _declare(self) -> dict[str, Any]:
+        # rclpy has no public name for what was given, and cannot declare an empty list by itself.
+        given = {
+            name: _plain(parameter.value)
+            for name, parameter in self._parameter_overrides.items()
+            if not _is_ros_parameter(name)
+        }
+        self._table = {p.name: p for p in self.parameter_table(given)}
+        values = resolve(self._table.values(), given)
+        self.check_parameters(values)
+        for name, value in values.items():
+            self.declare_parameter(name, value, _descriptor(self._table[name]), True)
+        return values
+
+    def _on_set_parameters(self, parameters: Sequence[Any]) -> Any:
+        changes = {p.name: _plain(p.value) for p in parameters if p.name in self._table}
+        try:
+            for name, value in changes.items():
+                parameter = self._table[name]
+                if parameter.fixed:
+                    raise ParameterError(f'parameter {name}: restart the node to change it')
+                if self.active and not parameter.runtime:
+                    raise ParameterError(f'parameter {name}: deactivate the node to change it')
+                changes[name] = parameter.validate(value)
+            values = {**self.values, **changes}
+            self.check_parameters(values)
+        except ParameterError as error:
+            return SetParametersResult(successful=False, reason=str(error))
+        self.values = values
+        return SetParametersResult(successful=True)
+
+    def _transition(self, action: Callable[[], None], what: str) -> TransitionCallbackReturn:
+        try:
+            action()
+        except (ValueError, TransportError) as error:
+            self.get_logger().error(f'cannot {what}: {error}')
+            return TransitionCallbackReturn.FAILURE
+        return TransitionCallbackReturn.SUCCESS
+
+
+def _plain(value: Any) -> Any:
+    """Return an array parameter, which rclpy keeps in several types, as a list; so for ``[]``."""
+    if value is None:  # what an empty list and nothing at all are to the YAML parser of ROS
+        return []
+    return value if isinstance(value, bool | int | float | str) else list(value)
+
+
+def _is_ros_parameter(name: str) -> bool:
+    return name in _ROS_PARAMETERS or name.startswith('qos_overrides.')
+
+
+def _descriptor(parameter: Parameter) -> Any:
+    """Return the ROS description; the ranges there are inclusive, ours are checked besides."""
+    descriptor = ParameterDescriptor(
+        name=parameter.name,
+        description=parameter.description,
+        additional_constraints=parameter.allowed,
+        dynamic_typing=isinstance(parameter.default, list),  # an empty list has no type in ROS
+    )
+    low, high = parameter.minimum, parameter.maximum
+    if low is not None and high is not None:
+        if type(parameter.default) is float:
+            descriptor.floating_point_range = [FloatingPointRange(from_value=low, to_value=high)]
+        elif type(parameter.default) is int:
+            descriptor.integer_range = [
+                IntegerRange(from_value=int(low), to_value=int(high), step=1)
+            ]
+    return descriptor
