@@ -159,6 +159,11 @@ class AkronCanBridge(BridgeNode[Session, Event]):
         else:
             self.request(Session.set_command, *command, key='cmd_joy')
 
+    def on_doubled(self, text: str) -> None:
+        """Be neutral at once: two publishers are heard on an input."""
+        del text
+        self.request(Session.set_estop, True, sticky=True)
+
     def _on_estop_in(self, message: Any) -> None:
         self.request(Session.set_estop, message.data, sticky=message.data)
 

@@ -148,6 +148,11 @@ class SscBridge(BridgeNode[Session, Event]):
         self.refuse(f'{what}: {reason}')
         self.request(Session.refuse_command, reason, key=what, sticky=True)
 
+    def on_doubled(self, text: str) -> None:
+        """Bring the failsafe at once: two publishers are heard on an input."""
+        del text
+        self.request(Session.set_estop, True, sticky=True)
+
     def _on_estop_in(self, message: Any) -> None:
         self.request(Session.set_estop, message.data, sticky=message.data)
 

@@ -19,6 +19,7 @@ from test.akron_node_rig import RIGHT
 from test.akron_node_rig import START_LIMIT
 from test.akron_node_rig import Station
 from test.can_rig import CanBus
+from test.rig import ENDING
 from test.rig import NodeProcess
 from test.rig import Observer
 from test.rig import ROOT
@@ -46,12 +47,13 @@ def test_killed_node_leaves_the_unit_to_its_own_watchdog(
         bench.wait(lambda: not own_unit.look('moving'), 'rest')
 
 
+@pytest.mark.parametrize('number', ENDING)
 def test_ends_with_neutral_and_status_0(
-    observer: Observer, can_bus: CanBus, own_unit: Station
+    observer: Observer, can_bus: CanBus, own_unit: Station, number: int
 ) -> None:
     with bench_of(observer, can_bus) as bench:
         bench.connect().drive(own_unit)
-        assert bench.node.end() == 0
+        assert bench.node.end(number) == 0
         assert own_unit.joystick_frames(0x38)[-3:] == [NEUTRAL] * 3
 
 
