@@ -91,7 +91,7 @@ class Device(PtyDevice):
         def written() -> list[float]:
             return [chunk.at for chunk in self.sent(since) if chunk.data == data]
 
-        return wait_for(written, 2.0, f'{data.hex()} on the wire')[0]
+        return wait_for(written, 5.0, lambda: f'{data.hex()} on the wire; {self.describe()}')[0]
 
     def last_sent(self, kind: int) -> float:
         """Return when a VSC's last message of this type was written."""
