@@ -53,7 +53,7 @@ from safety_mux.protocol import MalformedInput
 from safety_mux.protocol import State
 
 # A stop must not be overwritten by what follows it before it was read, hence the depth.
-ESTOP_QOS = QoSProfile(depth=10)
+ESTOP_QOS = QoSProfile(depth=100)
 # Sticks and velocities may come from a publisher of either kind; the newest is what counts.
 DEMAND_QOS = QoSProfile(depth=5, reliability=ReliabilityPolicy.BEST_EFFORT)
 # Never transient local: an old command must not reach a drive that starts later.
@@ -197,14 +197,21 @@ class SafetyMux(ManagedNode):
 
         def on_message(message: Any, info: Any) -> None:
             now = time.monotonic()
-            watch.heard(info['publication_sequence_number'], now)
+            lost = watch.heard(info['publication_sequence_number'], now)
             if watch.doubled(now):
                 self._look_at(subscription.topic_name, now)
+            elif lost and kind == 'e-stop source':
+                self._note_loss(kind, name, f'{lost} messages of {subscription.topic_name}')
             callback(message, now)
 
         subscription = self.create_subscription(message_type, topic, on_message, qos)
         self._inputs.append(subscription)
         self._watches[subscription.topic_name] = (kind, name, watch)
+
+    def _note_loss(self, kind: Any, name: str, what: str) -> None:
+        """Stop: what never arrived may have been a stop."""
+        self._arbiter.set_invalid(kind, name, 'lost messages', f'{what} were lost')
+        self._arbiter.set_invalid(kind, name, 'lost messages', None)
 
     def _rebuild(self) -> None:
         if self.values == self._built_from:

@@ -2,6 +2,8 @@
 
 from collections.abc import Iterator
 import math
+from signal import SIGCONT
+from signal import SIGSTOP
 from signal import SIGTERM
 import time
 from typing import Any
@@ -21,6 +23,7 @@ from sensor_msgs.msg import Joy
 from std_msgs.msg import Bool
 from std_msgs.msg import String
 
+from safety_mux.node import ESTOP_QOS
 from test.mux_talkers import CLEAR_TIME
 from test.mux_talkers import MuxBench
 from test.mux_talkers import sticks
@@ -103,6 +106,18 @@ def test_command_topics_are_never_transient_local(mux: MuxBench) -> None:
     for topic in ('command', 'enable'):
         (endpoint,) = mux.observer.node.get_publishers_info_by_topic(f'{mux.name}/{topic}')
         assert endpoint.qos_profile.durability == DurabilityPolicy.VOLATILE
+
+
+def test_stop_that_was_lost_in_a_flood_of_messages_stops(mux: MuxBench) -> None:
+    """More messages than the subscription keeps arrive while the mux is held up for an instant."""
+    mux.active()
+    mux.node.signal(SIGSTOP)
+    mux.fort_estop.publisher.publish(Bool(data=True))
+    for _ in range(3 * ESTOP_QOS.depth):
+        mux.fort_estop.publisher.publish(Bool(data=False))
+    mux.node.signal(SIGCONT)
+    mux.wait(lambda: mux.says('STOPPED'), 'STOPPED')
+    mux.wait(lambda: 'were lost' in values_of(mux.status.last)['last transition'], 'the reason')
 
 
 @pytest.mark.parametrize('source', ['fort', 'drive'])
