@@ -32,7 +32,7 @@ def pytest_unconfigure() -> None:
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Let what computes for long come last: it is in the way of those that have time-outs."""
+    """Let what computes for long come last: it is in the way of those that have timeouts."""
     items.sort(key=computes)
 
 

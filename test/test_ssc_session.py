@@ -90,7 +90,7 @@ def run_to(rig: Rig, done: Callable[[], bool], *, estop_in: bool = True) -> floa
     raise AssertionError('not done')
 
 
-# Time-outs that are no multiple of any period, so that nothing else wakes the session in time.
+# Timeouts that are no multiple of any period, so that nothing else wakes the session in time.
 SPARSE: dict[str, Any] = {
     'link_timeout': 0.237,
     'command_timeout': 0.237,
@@ -694,7 +694,7 @@ def test_commands_beyond_the_line_are_a_warning() -> None:
         ('command_rate', 201.0),
         ('poll_rates', (20.0,) * 4),
         ('poll_rates', (20.0, 0.0, 0.0, 0.0, 101.0)),
-        ('poll_rates', (5.0, 0.0, 0.0, 0.0, 0.0)),  # too rare for the time-out
+        ('poll_rates', (5.0, 0.0, 0.0, 0.0, 0.0)),  # too rare for the timeout
         ('message_rates', (-1.0, 0.0, 0.0, 0.0, 0.0)),
         ('plausible_us', (2000, 1000)),
         ('first_input_nibble', 2),
