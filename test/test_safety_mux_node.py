@@ -108,6 +108,22 @@ def test_command_topics_are_never_transient_local(mux: MuxBench) -> None:
         assert endpoint.qos_profile.durability == DurabilityPolicy.VOLATILE
 
 
+def test_stop_is_explained_by_the_diagnostics_of_its_source(mux: MuxBench) -> None:
+    name = f'{mux.space.lstrip("/")}/fort_vsc_bridge: device'
+    status = DiagnosticStatus(level=DiagnosticStatus.ERROR, name=name, message='pull the button')
+    diagnostics = Talker(
+        mux.observer, DiagnosticArray, '/diagnostics', DiagnosticArray(status=[status])
+    )
+    try:
+        mux.fort_estop.message = Bool(data=True)
+        mux.wait(lambda: mux.explains("'fort' demands a stop: pull the button"), 'why')
+        status.level = DiagnosticStatus.OK
+        diagnostics.message = DiagnosticArray(status=[status])
+        mux.wait(lambda: mux.explains("'fort' demands a stop: see /diagnostics"), 'no why')
+    finally:
+        diagnostics.leave()
+
+
 def test_stop_that_was_lost_in_a_flood_of_messages_stops(mux: MuxBench) -> None:
     """More messages than the subscription keeps arrive while the mux is held up for an instant."""
     mux.active()

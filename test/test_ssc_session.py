@@ -193,7 +193,7 @@ def test_receiver_lost_stops_by_default_and_says_what_to_do() -> None:
     rig.state = 'no signal'
     rig.tick(6)
     assert rig.session.estop
-    assert 'no pulses from the RC receiver' in rig.session.stop_reasons(rig.now)[0]
+    assert 'switch the transmitter on' in rig.session.stop_reasons(rig.now)[0]
 
 
 def test_lost_transmitter_stops_by_default_and_its_last_sticks_end() -> None:
