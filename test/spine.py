@@ -27,6 +27,7 @@ from test.stage import Stage
 from test.stage import VSC
 
 MODULES = {VSC: 'fort_vsc_bridge.node', MUX: 'safety_mux.node', DRIVE: 'esi_drive_bridge.node'}
+HELD_UP = 0.15  # s; a bridge that is held up for 0.2 s demands a stop
 DEADMAN, STICK = 'left_down', 'left_y'  # the mux's defaults: button 0, axis 1
 
 
@@ -112,20 +113,55 @@ class Spine(Stage):
         """Release stick and deadman."""
         self.vsc.apply(f'stick {STICK} 0', f'button {DEADMAN} 0')
 
+    def ready(self) -> None:
+        """
+        Reset, once nothing else is missing, and let FORT's operator rest for long enough.
+
+        A process that was held up stops the machine; only that is reset once more.
+        """
+        delay, resets = self.run_delay(), 0
+
+        def rested() -> bool:
+            nonlocal resets
+            if self.may_reset():
+                assert not resets or delay.seconds() > HELD_UP, self.story()
+                resets += self.reset().success
+            return self.is_rested('fort')
+
+        self.wait(rested, 'a reset, and a rested operator')
+
     def move(self) -> None:
-        """Be in motion, from READY, by deadman and stick."""
+        """Be in motion, from READY, by deadman and stick; see ``ready``."""
+        delay = self.run_delay()
+
+        def moves() -> bool:
+            if self.mux_says('STOPPED'):
+                assert delay.seconds() > HELD_UP, self.story()
+                self.let_go()
+                self.ready()
+                self.hold()
+            return self.drive.enabled and self.drive.rpm > 20.0
+
         self.hold()
-        self.wait(lambda: self.drive.enabled and self.drive.rpm > 20.0, 'motion')
-        self._delay = RunDelay([node.process.pid for node in self.nodes.values()])
+        self.wait(moves, 'motion')
+        self._delay = self.run_delay()
 
     def moving(self) -> None:
         """Be in motion, from STOPPED."""
         self.ready()
         self.move()
 
+    def run_delay(self) -> RunDelay:
+        """Count from now on how long nodes and devices wait for a processor."""
+        return RunDelay([node.process.pid for node in self.nodes.values()])
+
     def allowed(self, bound: float) -> float:
         """Return a bound (seconds) for what happened since the last motion began."""
         return bound + self._delay.seconds()
+
+    def held_up(self) -> bool:
+        """Tell whether what happened since the last motion began may be the machine's doing."""
+        return self._delay.seconds() > HELD_UP
 
     def restart_rightly(self) -> None:
         """Show that the way back is open: all let go, reset, which moves nothing, deadman."""

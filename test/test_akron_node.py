@@ -22,6 +22,7 @@ from test.akron_node_rig import Station
 from test.can_rig import make_bus
 from test.rig import Observer
 from test.rig import Record
+from test.run_delay import RunDelay
 
 
 @pytest.fixture(scope='module')
@@ -77,9 +78,11 @@ def test_silent_command_stops_it_with_neutral_and_never_silence(
     bench: Bench, unit: Station
 ) -> None:
     bench.drive(unit)
+    delay = RunDelay([bench.node.process.pid])
     bench.commanding = False
     bench.wait(lambda: not unit.look('moving'), 'rest')
-    assert unit.look('cleared')['38'] == 0  # not by the unit's own watchdog
+    # Not by the unit's own watchdog, of 0.2 s; unless the machine let it expire.
+    assert unit.look('cleared')['38'] == 0 or delay.seconds() > 0.15
     assert unit.joystick_frames(0x38)[-1] == NEUTRAL
 
 

@@ -22,6 +22,7 @@ from test.rig import ENDING
 from test.rig import latched
 from test.rig import NodeProcess
 from test.rig import Observer
+from test.run_delay import RunDelay
 from test.stage import Drive
 from test.talkers import Diagnostics
 from test.talkers import namespace
@@ -69,6 +70,7 @@ class Bench:
         self.command = Talker(observer, JointState, f'{self.name}/command', command(0, 0))
         self.enable = Talker(observer, Bool, f'{self.name}/enable')
         self.estop_in = Talker(observer, Bool, f'{self.name}/estop_in')
+        self.delay = RunDelay([self.node.process.pid])  # since the drive was enabled
 
     @property
     def inputs(self) -> tuple[Talker, Talker, Talker]:
@@ -109,11 +111,11 @@ class Bench:
             self.enable.message = Bool(data=age < 2.0)
             if age > 2.2:
                 pressed_at = time.monotonic()
-            return self.drive.enabled
+            return self.drive.enabled and self.enabled.last.data is True
 
         self.enable.message = Bool(data=True)
         self.wait(is_enabled, 'an enabled drive')
-        self.wait(lambda: self.enabled.last.data, 'enabled')
+        self.delay = RunDelay([self.node.process.pid])
 
     def commands(self, *counts: int) -> bool:
         """Tell whether the newest packet enables and has these values."""
@@ -125,7 +127,7 @@ class Bench:
         self.wait(lambda: self.drive.first_disable(cause), 'a disable packet')
         packet = self.drive.first_disable(cause)
         assert packet is not None
-        assert packet.time - cause <= within
+        assert packet.time - cause <= within + self.delay.seconds()
         assert packet.values == (0, 0)
         self.holds(lambda: not any(p.enables for p in self.drive.packets(packet.time)), 0.3)
 

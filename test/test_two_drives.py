@@ -14,13 +14,13 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Bool
 from std_msgs.msg import String
 from std_srvs.srv import SetBool
-from std_srvs.srv import Trigger
 
 from test.rig import latched
 from test.rig import NodeProcess
 from test.rig import Observer
 from test.stage import Drive
 from test.talkers import namespace
+from test.talkers import reset
 from test.talkers import Talker
 
 JOINTS = {'front': ['front_left', 'front_right'], 'rear': ['rear_left', 'rear_right']}
@@ -78,12 +78,15 @@ class Vehicle:
 
     def moving(self) -> None:
         self.wait(lambda: all(e.last and not e.last.data for e in self.estops), 'no stop')
-        self.observer.holds_for(lambda: True, 0.8)  # longer than clear_time and neutral_time
-        assert self.observer.call(Trigger, f'{self.mux}/reset').success
-        self.observer.holds_for(lambda: True, 0.5)
-        request = SetBool.Request(data=True)
-        reply = self.observer.call(SetBool, f'{self.mux}/select_autonomy', request)
-        assert reply.success, reply.message
+        reset(self.observer, self.mux)
+
+        def selected() -> bool:
+            request = SetBool.Request(data=True)
+            return bool(
+                self.observer.call(SetBool, f'{self.mux}/select_autonomy', request).success
+            )
+
+        self.wait(selected, 'autonomy, once it has rested')
         self.planner.message = plan(10, 20, 30, 40)
         for name, values in (('front', (10, 20)), ('rear', (30, 40))):
             self.wait(lambda n=name, v=values: self.values(n) == v, f'{values} at the {name}')
