@@ -125,7 +125,11 @@ def test_stop_is_explained_by_the_diagnostics_of_its_source(mux: MuxBench) -> No
 
 
 def test_stop_that_was_lost_in_a_flood_of_messages_stops(mux: MuxBench) -> None:
-    """More messages than the subscription keeps arrive while the mux is held up for an instant."""
+    """
+    More messages than the subscription keeps arrive while the mux is held up for an instant.
+
+    Whether the stop is dropped, or taken before the rest pushes it out, is up to the middleware.
+    """
     mux.active()
     mux.node.signal(SIGSTOP)
     mux.fort_estop.publisher.publish(Bool(data=True))
@@ -133,7 +137,6 @@ def test_stop_that_was_lost_in_a_flood_of_messages_stops(mux: MuxBench) -> None:
         mux.fort_estop.publisher.publish(Bool(data=False))
     mux.node.signal(SIGCONT)
     mux.wait(lambda: mux.says('STOPPED'), 'STOPPED')
-    mux.wait(lambda: 'were lost' in values_of(mux.status.last)['last transition'], 'the reason')
 
 
 @pytest.mark.parametrize('source', ['fort', 'drive'])
