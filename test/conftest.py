@@ -27,7 +27,7 @@ own_domain()
 # No test asserts a speed, and an example that takes long is one on a busy machine.
 settings.register_profile('clockless', deadline=None, suppress_health_check=[HealthCheck.too_slow])
 settings.load_profile('clockless')
-# A job in the background or under nohup ignores signals, and so would all processes that it starts.
+# Under nohup or in the background a process ignores signals, and so do those that it starts.
 for _number in ENDING:
     if signal.getsignal(_number) is signal.SIG_IGN:
         signal.signal(_number, signal.SIG_DFL)
