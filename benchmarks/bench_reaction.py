@@ -67,7 +67,7 @@ class Bench:
                 raise TimeoutError(f'no {what}: {self.why}')
 
     def drive_and_stop(self) -> float | None:
-        """Return the seconds from frame to packet; None if a time-out had stopped it before."""
+        """Return the seconds from frame to packet; None if a timeout had stopped it before."""
         for command in ('estop remote off', 'ack', 'mode operational'):
             self.vsc.apply(command)
         self.wait(self._reset, 'reset')

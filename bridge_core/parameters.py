@@ -194,7 +194,9 @@ BRIDGE_PARAMETERS = (
         'Name of this one device in diagnostics. Empty: what the node reaches it by, such as its '
         'port, channel, group or PIN.',
     ),
-    Parameter('frame_id', '', 'frame_id in the headers of published messages.'),
+    Parameter(
+        'frame_id', '', "frame_id in the headers of published messages. Empty: the node's name."
+    ),
     Parameter(
         'estop_rate',
         20.0,

@@ -26,13 +26,21 @@ class PublisherWatch:
         self._last: int | None = None
         self._steps_back: deque[float] = deque(maxlen=2)
 
-    def heard(self, sequence_number: int | None, now: float) -> None:
-        """Note the sequence number of a message that arrived at ``now``, in monotonic seconds."""
+    def heard(self, sequence_number: int | None, now: float) -> int:
+        """
+        Note the sequence number of a message that arrived at ``now``, in monotonic seconds.
+
+        Return the number of messages that were published before it and never arrived.
+        """
         if sequence_number is None or sequence_number in UNSUPPORTED:
-            return
-        if self._last is not None and sequence_number <= self._last:
+            return 0
+        last, self._last = self._last, sequence_number
+        if last is None:
+            return 0
+        if sequence_number <= last:
             self._steps_back.append(now)
-        self._last = sequence_number
+            return 0
+        return sequence_number - last - 1
 
     def doubled(self, now: float) -> bool:
         """Return whether two live publishers were heard within the last window."""

@@ -37,6 +37,12 @@ _TURN_LIMIT = 1.0  # s, from pushing the stick to the first frame that turns the
 _TURNED = 1.0  # degrees, and more than that if it turns
 _OVERLAP = 0.1  # s of bytes before the wanted ones, for a frame that began there
 
+# docs/devices/akron.md: what a neutral stick does not end.
+_AUTOMATIC = (
+    'this ends what a stick moves; oscillating, deploying, stowing and Point Aim would go on, so '
+    'the node starts none of them unless automatic_motion allows it'
+)
+
 
 class Actuators(Steering):
     """Turns the monitor, drives by the SSC's receiver, and watches what the stops do to both."""
@@ -80,7 +86,8 @@ class Actuators(Steering):
 
     def stop_all(self) -> str:
         press = partial(self.vsc_stop, 'estop remote on')
-        return self.all_stopped("FORT's e-stop, monitor turning", press, DEMAND_LIMIT)
+        happened = self.all_stopped("FORT's e-stop, monitor turning", press, DEMAND_LIMIT)
+        return f'{happened}; {_AUTOMATIC}'
 
     def stop_receiver(self) -> str:
         cut = partial(self.stage.ssc.apply, 'receiver off')

@@ -148,7 +148,7 @@ _STATE_FAULTS = {
     'drive, and have it repaired if that does not help',
 }
 RS422_FAULT = (
-    'RS422 packet error or time-out: check the transmit pair, baud, single_axis_layout and '
+    'RS422 packet error or timeout: check the transmit pair, baud, single_axis_layout and '
     "HiDS's SerialChecksumErrorCount; if they are sound and it stays, call ~/clear_errors"
 )
 _UNNAMED_FAULT = 'error condition without an error bit: read the cause with HiDS'

@@ -1,5 +1,5 @@
 """
-The drive's side of the link, for demos and tests: motors, faults, time-outs. No port, no clock.
+The drive's side of the link, for demos and tests: motors, faults, timeouts. No port, no clock.
 
 Its packets are built and read here, from the manual's tables, with a CRC of its own: a simulator
 that shared the bridge's codec would share its errors.

@@ -51,7 +51,7 @@ _PortT = TypeVar('_PortT', bound='DevicePort')
 
 
 class Device(Protocol):
-    """What every room's simulator is: the device's side of the link, without port or clock."""
+    """What every simulator is: the device's side of the link, without port or clock."""
 
     def receive(self, data: Any, now: float) -> None:
         """Take bytes of the host, in any split, or a CAN frame."""

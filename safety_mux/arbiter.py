@@ -108,6 +108,10 @@ class Arbiter:
         """Record an e-stop source's message: true demands a stop."""
         self._sources[name].estop(value, now)
 
+    def explain_source(self, name: str, why: str) -> None:
+        """Note in words why an e-stop source demands a stop; empty: not known."""
+        self._sources[name].why = why
+
     def own_estop_message(self, name: str, value: bool, now: float) -> None:
         """Record what a source demands by itself, without the echo of ``stop_demand``."""
         self._sources[name].own_estop(value, now)

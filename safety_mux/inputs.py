@@ -104,12 +104,13 @@ class Input:
 class SourceInput(Input):
     """An e-stop source: its stop, and the part of it that it demands by itself."""
 
-    __slots__ = ('config', 'own', 'own_lapse', 'own_watchdog', 'value')
+    __slots__ = ('config', 'own', 'own_lapse', 'own_watchdog', 'value', 'why')
 
     def __init__(self, config: EStopSource) -> None:
         super().__init__(f"e-stop source '{config.name}'", config.timeout)
         self.config = config
         self.value = True
+        self.why = ''  # what its node's diagnostics say
         self.own = True
         self.own_watchdog = Watchdog(config.timeout)
         self.own_lapse = False
@@ -138,7 +139,7 @@ class SourceInput(Input):
         """Return why it stops the machine; None if it has been clear since the last tick."""
         problem = self.problem(now)
         if problem is None and self.value:
-            return f'{self.label} demands a stop: /diagnostics of its node says why'
+            return f'{self.label} demands a stop: {self.why or "see /diagnostics of its node"}'
         return problem or self.lapse
 
     def demands_itself(self, now: float) -> bool:

@@ -53,7 +53,7 @@ from safety_mux.protocol import MalformedInput
 from safety_mux.protocol import State
 
 # A stop must not be overwritten by what follows it before it was read, hence the depth.
-ESTOP_QOS = QoSProfile(depth=10)
+ESTOP_QOS = QoSProfile(depth=100)
 # Sticks and velocities may come from a publisher of either kind; the newest is what counts.
 DEMAND_QOS = QoSProfile(depth=5, reliability=ReliabilityPolicy.BEST_EFFORT)
 # Never transient local: an old command must not reach a drive that starts later.
@@ -93,6 +93,7 @@ class SafetyMux(ManagedNode):
             self.create_subscription(Bool, topic, self._on_drive_enabled, latched_qos())
         self._inputs: list[Any] = []
         self._stop_demands: dict[str, Any] = {}
+        self.create_subscription(DiagnosticArray, '/diagnostics', self._on_diagnostics, 10)
         self._build()
         # Steady time: ROS time may pause or jump.
         steady = Clock(clock_type=ClockType.STEADY_TIME)
@@ -153,6 +154,7 @@ class SafetyMux(ManagedNode):
         self._owner: str | None = None
         self._mappings = {each.name: joy_mapping(values, each.name) for each in config.operators}
         self._watches: dict[str, tuple[Kind, str, PublisherWatch]] = {}
+        self._source_of: dict[str, str] = {}  # by the name of the device's diagnostic
         for source in config.sources:
             self._subscribe_source(source.name)
             self._stop_demands[source.name] = self.create_publisher(
@@ -172,6 +174,8 @@ class SafetyMux(ManagedNode):
             own = partial(self._on_own_estop, name)
             self._subscribe(Bool, own_topic, kind, name, own, ESTOP_QOS)
         self._subscribe(Bool, topic, kind, name, partial(self._on_estop, name), ESTOP_QOS)
+        publisher = self._inputs[-1].topic_name.rpartition('/')[0].lstrip('/')
+        self._source_of[f'{publisher}: device'] = name
 
     def _subscribe_autonomy(self) -> None:
         values = self.values
@@ -197,14 +201,21 @@ class SafetyMux(ManagedNode):
 
         def on_message(message: Any, info: Any) -> None:
             now = time.monotonic()
-            watch.heard(info['publication_sequence_number'], now)
+            lost = watch.heard(info['publication_sequence_number'], now)
             if watch.doubled(now):
                 self._look_at(subscription.topic_name, now)
+            elif lost and kind == 'e-stop source':
+                self._note_loss(kind, name, f'{lost} messages of {subscription.topic_name}')
             callback(message, now)
 
         subscription = self.create_subscription(message_type, topic, on_message, qos)
         self._inputs.append(subscription)
         self._watches[subscription.topic_name] = (kind, name, watch)
+
+    def _note_loss(self, kind: Any, name: str, what: str) -> None:
+        """Stop: what never arrived may have been a stop."""
+        self._arbiter.set_invalid(kind, name, 'lost messages', f'{what} were lost')
+        self._arbiter.set_invalid(kind, name, 'lost messages', None)
 
     def _rebuild(self) -> None:
         if self.values == self._built_from:
@@ -222,6 +233,14 @@ class SafetyMux(ManagedNode):
         self._arbiter.estop_message(name, message.data, now)
         if message.data and self._last_state is not State.STOPPED:
             self._tick()
+
+    def _on_diagnostics(self, message: Any) -> None:
+        """Take from a source's own diagnostic why it demands a stop."""
+        for status in message.status:
+            if status.name in self._source_of:
+                bad = status.level != DiagnosticStatus.OK
+                why = status.message if bad else ''
+                self._arbiter.explain_source(self._source_of[status.name], why)
 
     def _on_own_estop(self, name: str, message: Any, now: float) -> None:
         self._arbiter.own_estop_message(name, message.data, now)

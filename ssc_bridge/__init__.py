@@ -1,1 +1,1 @@
-"""The room of the Microbotics SSC: RC receiver as operator, servos as actuators."""
+"""The bridge of the Microbotics SSC: RC receiver as operator, servos as actuators."""

@@ -190,7 +190,7 @@ def bench_of(
     *,
     namespace: str = '',
 ) -> Iterator[Bench]:
-    """Start a node with long time-outs, as machines are busy; the session's tests have them."""
+    """Start a node with long timeouts, as machines are busy; the session's tests have them."""
     given = {
         'interface': bus.interface,
         'channel': bus.channel,

@@ -5,6 +5,7 @@ import gc
 import os
 from pathlib import Path
 import shutil
+import signal
 import tempfile
 from typing import Any
 
@@ -15,6 +16,7 @@ import pytest
 from test.can_rig import CanBus
 from test.can_rig import make_bus
 from test.link_rig import Bench
+from test.rig import ENDING
 from test.rig import Observer
 from test.rig import own_domain
 from test.rig import Pty
@@ -25,6 +27,10 @@ own_domain()
 # No test asserts a speed, and an example that takes long is one on a busy machine.
 settings.register_profile('clockless', deadline=None, suppress_health_check=[HealthCheck.too_slow])
 settings.load_profile('clockless')
+# Under nohup or in the background a process ignores signals, and so do those that it starts.
+for _number in ENDING:
+    if signal.getsignal(_number) is signal.SIG_IGN:
+        signal.signal(_number, signal.SIG_DFL)
 
 
 def pytest_unconfigure() -> None:
@@ -32,7 +38,7 @@ def pytest_unconfigure() -> None:
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Let what computes for long come last: it is in the way of those that have time-outs."""
+    """Let what computes for long come last: it is in the way of those that have timeouts."""
     items.sort(key=computes)
 
 

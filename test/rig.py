@@ -437,8 +437,12 @@ class Observer:
 
 
 def latched() -> Any:
-    """Return the QoS by which a late subscriber gets the last value of a state topic."""
+    """
+    Return the QoS by which a late subscriber gets the last value of a state topic.
+
+    It keeps 20 values that come at once: a stop that lasts for some milliseconds is recorded.
+    """
     from rclpy.qos import DurabilityPolicy
     from rclpy.qos import QoSProfile
 
-    return QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+    return QoSProfile(depth=20, durability=DurabilityPolicy.TRANSIENT_LOCAL)

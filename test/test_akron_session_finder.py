@@ -268,7 +268,7 @@ def test_another_device_that_claims_our_own_address_is_told() -> None:
 def test_unit_that_announces_nothing_is_used_at_its_address() -> None:
     bench = Bench(unit_address=0x90)
     bench.open()
-    assert 'unit at 90 is silent' in bench.session.stop_reasons(bench.now)[0]
+    assert 'check power and CAN wiring of unit at 90' in bench.session.stop_reasons(bench.now)[0]
     bench.take(OUTPUTS, POSITION, NO_FAULTS)  # from 80: somebody else
     assert bench.session.estop
     bench.take(moved(OUTPUTS, 0x90), moved(NO_FAULTS, 0x90))

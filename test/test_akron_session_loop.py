@@ -108,7 +108,7 @@ def test_unit_in_soe_mode_without_permission_stays_and_is_no_stop() -> None:
 
 
 def test_neighbour_that_takes_the_units_address_moves_it_and_we_follow() -> None:
-    # 0.35 s without a frame: with a longer time-out that is no stop.
+    # 0.35 s without a frame: with a longer timeout that is no stop.
     bench = Bench(link_timeout=0.5).move()
     bench.say('18EEFF80', '0000000000000000')  # the NAME that wins against all
     start = bench.now

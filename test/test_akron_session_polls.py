@@ -1,4 +1,4 @@
-"""Polls and requests of the Akron session, until their answer or its time-out."""
+"""Polls and requests of the Akron session, until their answer or its timeout."""
 
 import pytest
 

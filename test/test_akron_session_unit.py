@@ -49,8 +49,8 @@ def test_silence_is_a_stop_at_the_limit() -> None:
     events = bench.wait(2e-3)
     assert events[0] == StopChanged(Verdict(True, True, False))
     assert bench.session.stop_reasons(bench.now) == [
-        f'unit {PIN} is silent: last heard 301 ms ago, limit 300 ms; check its power and CAN '
-        'wiring'
+        f'check power and CAN wiring of unit {PIN}: it is silent, last heard 301 ms ago, limit '
+        '300 ms'
     ]
 
 

@@ -393,7 +393,7 @@ def test_a_trip_opens_both_chains_and_takes_two_resets() -> None:
 
 
 def test_a_stop_of_the_owner_reaches_the_chain_of_the_other() -> None:
-    """For the source's time-out (250 ms), which several heartbeats to a VSC (20 Hz) carry."""
+    """For the source's timeout (250 ms), which several heartbeats to a VSC (20 Hz) carry."""
     chains = started(counts='when_owner')
     chains.drive(VM110)
     chains.do('press vm110')

@@ -419,7 +419,7 @@ def test_required_software_estop_stops_the_vsc_until_it_is_heard(
 def test_stop_pressed_and_released_while_the_node_is_frozen_is_published(
     tmp_path: Path, observer: Observer
 ) -> None:
-    """No freeze here is long enough for a time-out; of some the backlog is read, of some not."""
+    """No freeze here is long enough for a timeout; of some the backlog is read, of some not."""
     bench = Bench(tmp_path, observer, link_timeout=5.0)
     estop = observer.record(Bool, f'{bench.name}/estop', 10)  # as the mux listens
 

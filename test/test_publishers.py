@@ -28,6 +28,12 @@ def heard(*numbers: int | None, watch: PublisherWatch | None = None, start: floa
     return watch.doubled(now)
 
 
+def test_messages_that_never_arrived_are_counted() -> None:
+    watch = PublisherWatch()
+    numbers = [7, 8, 12, 13, 1, 2, None, 4]  # a restart, and a middleware that says nothing
+    assert [watch.heard(number, 1.0) for number in numbers] == [0, 0, 3, 0, 0, 0, 0, 1]
+
+
 def test_one_publisher_is_one() -> None:
     assert not heard(*range(1, 100))
 

@@ -2,6 +2,8 @@
 
 from collections.abc import Iterator
 import math
+from signal import SIGCONT
+from signal import SIGSTOP
 from signal import SIGTERM
 import time
 from typing import Any
@@ -21,6 +23,7 @@ from sensor_msgs.msg import Joy
 from std_msgs.msg import Bool
 from std_msgs.msg import String
 
+from safety_mux.node import ESTOP_QOS
 from test.mux_talkers import CLEAR_TIME
 from test.mux_talkers import MuxBench
 from test.mux_talkers import sticks
@@ -103,6 +106,37 @@ def test_command_topics_are_never_transient_local(mux: MuxBench) -> None:
     for topic in ('command', 'enable'):
         (endpoint,) = mux.observer.node.get_publishers_info_by_topic(f'{mux.name}/{topic}')
         assert endpoint.qos_profile.durability == DurabilityPolicy.VOLATILE
+
+
+def test_stop_is_explained_by_the_diagnostics_of_its_source(mux: MuxBench) -> None:
+    name = f'{mux.space.lstrip("/")}/fort_vsc_bridge: device'
+    status = DiagnosticStatus(level=DiagnosticStatus.ERROR, name=name, message='pull the button')
+    diagnostics = Talker(
+        mux.observer, DiagnosticArray, '/diagnostics', DiagnosticArray(status=[status])
+    )
+    try:
+        mux.fort_estop.message = Bool(data=True)
+        mux.wait(lambda: mux.explains("'fort' demands a stop: pull the button"), 'why')
+        status.level = DiagnosticStatus.OK
+        diagnostics.message = DiagnosticArray(status=[status])
+        mux.wait(lambda: mux.explains("'fort' demands a stop: see /diagnostics"), 'no why')
+    finally:
+        diagnostics.leave()
+
+
+def test_stop_that_was_lost_in_a_flood_of_messages_stops(mux: MuxBench) -> None:
+    """
+    More messages than the subscription keeps arrive while the mux is held up for an instant.
+
+    Whether the stop is dropped, or taken before the rest pushes it out, is up to the middleware.
+    """
+    mux.active()
+    mux.node.signal(SIGSTOP)
+    mux.fort_estop.publisher.publish(Bool(data=True))
+    for _ in range(3 * ESTOP_QOS.depth):
+        mux.fort_estop.publisher.publish(Bool(data=False))
+    mux.node.signal(SIGCONT)
+    mux.wait(lambda: mux.says('STOPPED'), 'STOPPED')
 
 
 @pytest.mark.parametrize('source', ['fort', 'drive'])

@@ -34,7 +34,7 @@ from test.stage import DRIVE
 from test.stage import MUX
 from test.stage import VSC
 
-# Seconds. A process that has to wait for a processor for longer than a time-out stops the machine,
+# Seconds. A process that has to wait for a processor for longer than a timeout stops the machine,
 # as it should; so these are four times the defaults, with which the demo plays.
 LINK_TIMEOUT = 1.0
 COMMAND_TIMEOUT = 0.4
@@ -258,7 +258,7 @@ def test_drive_node_frozen_for_long_never_enables_on_waking(spine: Spine) -> Non
     spine.moving()
     cause = time.monotonic()
     spine.nodes[DRIVE].signal(SIGSTOP)
-    spine.wait(lambda: not spine.drive.enabled, "the drive's own command time-out")
+    spine.wait(lambda: not spine.drive.enabled, "the drive's own command timeout")
     spine.wait(lambda: spine.mux_says('STOPPED'), 'the mux misses the drive')
     measured('drive node frozen to mux STOPPED', time.monotonic() - cause)
     awake = time.monotonic()

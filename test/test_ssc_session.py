@@ -90,7 +90,7 @@ def run_to(rig: Rig, done: Callable[[], bool], *, estop_in: bool = True) -> floa
     raise AssertionError('not done')
 
 
-# Time-outs that are no multiple of any period, so that nothing else wakes the session in time.
+# Timeouts that are no multiple of any period, so that nothing else wakes the session in time.
 SPARSE: dict[str, Any] = {
     'link_timeout': 0.237,
     'command_timeout': 0.237,
@@ -193,7 +193,7 @@ def test_receiver_lost_stops_by_default_and_says_what_to_do() -> None:
     rig.state = 'no signal'
     rig.tick(6)
     assert rig.session.estop
-    assert 'no pulses from the RC receiver' in rig.session.stop_reasons(rig.now)[0]
+    assert 'switch the transmitter on' in rig.session.stop_reasons(rig.now)[0]
 
 
 def test_lost_transmitter_stops_by_default_and_its_last_sticks_end() -> None:
@@ -694,7 +694,7 @@ def test_commands_beyond_the_line_are_a_warning() -> None:
         ('command_rate', 201.0),
         ('poll_rates', (20.0,) * 4),
         ('poll_rates', (20.0, 0.0, 0.0, 0.0, 101.0)),
-        ('poll_rates', (5.0, 0.0, 0.0, 0.0, 0.0)),  # too rare for the time-out
+        ('poll_rates', (5.0, 0.0, 0.0, 0.0, 0.0)),  # too rare for the timeout
         ('message_rates', (-1.0, 0.0, 0.0, 0.0, 0.0)),
         ('plausible_us', (2000, 1000)),
         ('first_input_nibble', 2),

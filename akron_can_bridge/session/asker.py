@@ -1,5 +1,5 @@
 """
-Questions and requests to the unit, each until its answer or its time-out.
+Questions and requests to the unit, each until its answer or its timeout.
 
 A poll is repeated while the unit does not answer. What acts on the unit is sent once.
 """

@@ -72,15 +72,13 @@ def silence(settings: Settings, finder: Finder, heard: str) -> str:
     if not finder.known:
         wanted = settings.device_pin or DEVICE_TYPES.get(settings.device_type, 'controller')
         others = ', '.join(finder.devices)
-        hint = (
-            f'heard instead: {others}; set device_pin or device_type'
-            if others
-            else ("check the unit's power, CAN wiring and termination, 250 kbit/s, channel")
-        )
-        return f'no unit was found (wanted: {wanted}); {hint}'
+        text = f'no unit was found (wanted: {wanted})'
+        if others:
+            return f'set device_pin or device_type: {text}; heard instead: {others}'
+        return f"check the unit's power, CAN wiring and termination, 250 kbit/s, channel: {text}"
     if finder.address is None:
         return f'unit {finder.name} has no address at present; it is asked to announce itself'
-    return f'unit {finder.name} is silent: {heard}; check its power and CAN wiring'
+    return f'check power and CAN wiring of unit {finder.name}: it is silent, {heard}'
 
 
 def _enable_missing(unit: Unit, now: float) -> str:
@@ -88,7 +86,7 @@ def _enable_missing(unit: Unit, now: float) -> str:
     if outputs is None:
         return 'the enable input is not known: no digital outputs (type 83) come'
     if Output.ENABLE not in outputs.outputs:
-        return 'the enable input is not asserted; check what the unit is enabled by'
+        return 'check what the unit is enabled by: the enable input is not asserted'
     return ''
 
 
@@ -97,7 +95,7 @@ def _mini_faulted(unit: Unit, now: float) -> str:
     if mini is None:
         return 'faults are not known: no digital outputs (type 84) come'
     if MiniOutput.DEVICE_FAULTED in mini.outputs:
-        return 'the unit reports device faulted; see its reference manual'
+        return 'see its reference manual: the unit reports device faulted'
     return ''
 
 
@@ -107,4 +105,4 @@ def _motor_fault(status: FaultStatus | None) -> str:
     faults = status.faults & MOTOR_FAULTS
     if not faults:
         return ''
-    return f'{", ".join(flag_names(faults))} fault; check that motor, its wiring, what blocks it'
+    return f'check that motor, its wiring, what blocks it: {", ".join(flag_names(faults))} fault'

@@ -25,7 +25,7 @@ def status_values(status: Status, axes: Sequence[Axis]) -> dict[str, Any]:
 
 def own_silence(faults: Sequence[str], gap: float) -> list[str]:
     """Name this node as the cause of an RS422 error, where it sent nothing for ``gap`` s."""
-    why = f'RS422 time-out, as this node sent nothing for {gap * 1e3:.0f} ms: give the computer '
+    why = f'RS422 timeout, as this node sent nothing for {gap * 1e3:.0f} ms: give the computer '
     why += 'less work; call ~/clear_errors if it stays'
     return [text.replace(RS422_FAULT, why) for text in faults] if gap else list(faults)
 

@@ -34,7 +34,7 @@ from esi_drive_bridge.session.settings import Settings
 FAREWELL_PACKETS = 3  # a lost or flipped one must not leave the motor enabled
 
 CLEAR_ERRORS = 'clear_errors'  # the request's name in its Answer
-_LEAST_GAP = 0.05  # s without a packet of ours that a drive may take for a time-out
+_LEAST_GAP = 0.05  # s without a packet of ours that a drive may take for a timeout
 _GAP_MEMORY = 1.0  # s, in which its error bit is put down to that
 
 
@@ -82,7 +82,7 @@ class Session(BaseSession[bytes, Status, Event]):
         self.phase = Phase.DISABLED
         self.status: Status | None = None  # the newest
         self._faults: tuple[str, ...] = ()  # of the newest status
-        self._own_gap = 0.0  # s; the drive reports a time-out as we sent nothing for so long
+        self._own_gap = 0.0  # s; the drive reports a timeout as we sent nothing for so long
         self._armed = False  # a false of enable was heard while nothing else forbade motion
         self._enable_value, self._estop_value = False, True
         self._refusal = ''  # why the newest command was refused

@@ -298,8 +298,8 @@ class Session(BaseSession[bytes, Message | Poll, Event]):
                 f'menus: bytes come, but no frame; no status: {age}'
             )
         return (
-            f'no status from the SSC: {age}; check its power, the serial cable, that this port is '
-            'its Primary Comm, and that it is not in its configuration menus'
+            "check the SSC's power, the serial cable, that this port is its Primary Comm, that it "
+            f'is not in its configuration menus: no status from the SSC: {age}'
         )
 
     def _follow(self, now: float) -> None:

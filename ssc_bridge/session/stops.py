@@ -16,10 +16,10 @@ from ssc_bridge.protocol import PulseOutputs
 Checked = ChannelSource | PulseOutputs | PulseInputs | AuxInputs  # against the configuration
 
 _HINTS = {
-    CommandState.NO_SIGNAL: 'no pulses from the RC receiver; switch the transmitter on, check '
-    "the receiver's power and its cable to pulse input 1",
-    CommandState.MS_1_5: 'switch the transmitter on: receivers send this when they have lost it; '
-    'if 1.5 ms is a position of your switch, set lost_link_is_stop: false',
+    CommandState.NO_SIGNAL: "switch the transmitter on, check the receiver's power and its cable "
+    'to pulse input 1',
+    CommandState.MS_1_5: 'switch the transmitter on, as receivers send this when they have lost '
+    'it, or set lost_link_is_stop: false if it is a position of your switch',
 }
 
 
@@ -52,4 +52,5 @@ def doubts(contradictions: Mapping[MessageType, str], *, confirmed: bool) -> lis
 
 def command_stop(state: CommandState) -> str:
     """Say what a state of the command channel that is a stop means, and what to do."""
-    return f'command channel: {state.text}; {_HINTS.get(state, "estop_states has it as a stop")}'
+    hint = _HINTS.get(state, 'move its switch, which estop_states has as a stop')
+    return f'{hint}: command channel: {state.text}'
