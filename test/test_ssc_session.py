@@ -75,7 +75,7 @@ def test_silence_is_a_stop_at_the_deadline_and_nothing_is_believed_any_more() ->
     assert rig.of(StopChanged) == [StopChanged(Verdict(True, True, False))]
     assert rig.of(CommandStateChanged) == [CommandStateChanged(None)]
     assert rig.session.command_state is None
-    assert 'check its power' in rig.session.stop_reasons(rig.now)[0]
+    assert "check the SSC's power" in rig.session.stop_reasons(rig.now)[0]
 
 
 def run_to(rig: Rig, done: Callable[[], bool], *, estop_in: bool = True) -> float:
