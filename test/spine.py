@@ -114,12 +114,22 @@ class Spine(Stage):
         self.vsc.apply(f'stick {STICK} 0', f'button {DEADMAN} 0')
 
     def ready(self) -> None:
+        """Reset, once nothing else is missing, and let FORT's operator rest for long enough."""
+        self._rest_operator(resets=0)
+
+    def rested(self) -> None:
+        """Wait, after a reset, until FORT's deadman gets control."""
+        self._rest_operator(resets=1)
+
+    def _rest_operator(self, resets: int) -> None:
         """
-        Reset, once nothing else is missing, and let FORT's operator rest for long enough.
+        Wait until FORT's deadman gets control.
 
         A process that was held up stops the machine; only that is reset once more.
+
+        :param resets: how many there were.
         """
-        delay, resets = self.run_delay(), 0
+        delay = self.run_delay()
 
         def rested() -> bool:
             nonlocal resets

@@ -68,6 +68,7 @@ TAKEN = {
         f'/{VSC}/own_estop',
         f'/{VSC}/joy',
         f'/{DRIVE}/estop',
+        '/diagnostics',  # why a source demands a stop
     ),
     DRIVE: (f'/{MUX}/command', f'/{MUX}/enable', f'/{MUX}/estop'),  # as they are wired here
 }
