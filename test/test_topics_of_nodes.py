@@ -63,7 +63,6 @@ TAKEN = {
         f'/{VSC}/get_user_value',
     ),
     MUX: (
-        '/diagnostics',
         f'/{VSC}/estop',
         f'/{VSC}/own_estop',
         f'/{VSC}/joy',
