@@ -1,6 +1,5 @@
 """The Akron CAN bridge: a monitor of the 6000 series as ROS topics."""
 
-from collections.abc import Mapping
 from typing import Any
 from typing import ClassVar
 
@@ -16,45 +15,46 @@ from akron_can_bridge import convert
 from akron_can_bridge.parameters import PARAMETERS
 from akron_can_bridge.session import Event
 from akron_can_bridge.session import FaultsChanged
-from akron_can_bridge.session import FILTERS
 from akron_can_bridge.session import LimitsChanged
 from akron_can_bridge.session import OutputsChanged
 from akron_can_bridge.session import Positions
 from akron_can_bridge.session import Request
-from akron_can_bridge.session import Resting
 from akron_can_bridge.session import Session
-from akron_can_bridge.session import Settings
 from akron_can_bridge.session import Sticks
 from akron_can_bridge.session import Stopped
 from akron_can_bridge.session import UnitChanged
+from akron_can_bridge.wire import BRIDGE
 from bridge_core.managed_node import latched_qos
 from bridge_core.node import BridgeNode
 from bridge_core.parameters import BRIDGE_PARAMETERS
 from bridge_core.parameters import Parameter
 from bridge_core.runner import run
 from bridge_core.session import Level
-from bridge_core.transports.can import CanTransport
+from bridge_core.transports.process import ProcessLink
 
 # A stop must not be overwritten by what follows it before it was read, hence the depth.
 _STOP_QOS = QoSProfile(depth=10)
 _COMMAND_QOS = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
 
 
-class AkronCanBridge(BridgeNode[Session, Event]):
+class AkronCanBridge(BridgeNode[Event]):
     """One unit on a CAN bus; see docs/devices/akron.md."""
 
     PARAMETERS: ClassVar[tuple[Parameter, ...]] = (*BRIDGE_PARAMETERS, *PARAMETERS)
+    BRIDGE = BRIDGE
+    LINK = ProcessLink
     SERVICES = {request.value: (Session.request, request) for request in Request}
 
     def __init__(self, **options: Any) -> None:
+        self._unit = '', 0  # its PIN and type, as far as known
         super().__init__('akron_can_bridge', **options)
 
     def create_interfaces(self) -> None:
         """Create what the manual's messages become."""
-        self._joint_states = self.publisher(JointState, '~/joint_states', 10)
-        self._joy = self.publisher(Joy, '~/joy', 10)
-        self._limits = self.publisher(DiagnosticStatus, '~/limits', latched_qos())
-        self._outputs = self.publisher(DiagnosticStatus, '~/outputs', latched_qos())
+        self._joint_states = self.create_publisher(JointState, '~/joint_states', 10)
+        self._joy = self.create_publisher(Joy, '~/joy', 10)
+        self._limits = self.create_publisher(DiagnosticStatus, '~/limits', latched_qos())
+        self._outputs = self.create_publisher(DiagnosticStatus, '~/outputs', latched_qos())
         self.watched_subscription(Joy, '~/cmd_joy', self._on_cmd_joy, _COMMAND_QOS)
         self.watched_subscription(
             Bool, '~/estop_in', self._on_estop_in, _STOP_QOS, is_stop=lambda m: bool(m.data)
@@ -62,23 +62,6 @@ class AkronCanBridge(BridgeNode[Session, Event]):
         self.create_subscription(UInt8, '~/soe_directions', self._on_soe_directions, _COMMAND_QOS)
         self._publish_limits(LimitsChanged())
         self._publish_outputs(OutputsChanged())
-
-    def make_session(self, values: Mapping[str, Any]) -> Session:
-        """Return a session for the unit that the parameters name."""
-        return Session(Settings.from_parameters(values))
-
-    def make_resting_session(self) -> Resting:
-        """Return what sends neutral frames while the node is inactive."""
-        return Resting(Settings.from_parameters(self.values))
-
-    def make_transport(self, values: Mapping[str, Any]) -> CanTransport:
-        """Return the CAN port, not yet open."""
-        return CanTransport(
-            values['interface'],
-            values['channel'],
-            bitrate=values['bitrate'] or None,
-            filters=FILTERS,
-        )
 
     @property
     def hardware_name(self) -> str:
@@ -96,6 +79,7 @@ class AkronCanBridge(BridgeNode[Session, Event]):
         elif isinstance(event, Sticks):
             self._publish_sticks(event)
         elif isinstance(event, UnitChanged):
+            self._unit = event.pin, event.device_type
             self.log(Level.OK, event.text)
         elif isinstance(event, Stopped):
             self.log(Level.WARN, f'neutral: {"; ".join(event.reasons)}')
@@ -129,9 +113,7 @@ class AkronCanBridge(BridgeNode[Session, Event]):
 
     def _unit_name(self) -> tuple[str, int]:
         """Return the unit's hardware_id and type."""
-        finder = None if self.session is None else self.session.finder
-        pin = finder.unit.pin if finder is not None and finder.unit is not None else ''
-        kind = 0 if finder is None else finder.device_type
+        pin, kind = self._unit
         return self.values['hardware_id'] or pin or self.hardware_name, kind
 
     def _publish_sticks(self, sticks: Sticks) -> None:
@@ -144,7 +126,7 @@ class AkronCanBridge(BridgeNode[Session, Event]):
     # Requests.
 
     def _on_cmd_joy(self, message: Any) -> None:
-        if self.session is None:
+        if not self.active:
             return
         try:
             command = convert.command(
@@ -155,17 +137,17 @@ class AkronCanBridge(BridgeNode[Session, Event]):
             )
         except ValueError as error:
             self.refuse(f'cmd_joy: {error}')
-            self.request(Session.refuse_command, str(error), key='cmd_joy', sticky=True)
+            self.request(Session.refuse_command, str(error), key='cmd_joy', stop=True)
         else:
             self.request(Session.set_command, *command, key='cmd_joy')
 
     def on_doubled(self, text: str) -> None:
         """Be neutral at once: two publishers are heard on an input."""
         del text
-        self.request(Session.set_estop, True, sticky=True)
+        self.request(Session.set_estop, True, stop=True)
 
     def _on_estop_in(self, message: Any) -> None:
-        self.request(Session.set_estop, message.data, sticky=message.data)
+        self.request(Session.set_estop, message.data, stop=message.data)
 
     def _on_soe_directions(self, message: Any) -> None:
         self.request(Session.set_directions, message.data, key='soe_directions')

@@ -2,22 +2,21 @@
 The common node: parameters, lifecycle, e-stop, link and diagnostics topics.
 
 What a stop needs is here once, for all bridges: ``~/estop`` is true from construction, published
-at once on change and at ``estop_rate`` always, by the link thread, port or no port, active or not.
+at once on change and at ``estop_rate`` always, by the link's thread, port or no port, active or
+not.
 """
 
 from collections.abc import Callable
 from collections.abc import Mapping
 from collections.abc import Sequence
 from contextlib import ExitStack
-from dataclasses import asdict
-from functools import partial
-import itertools
 import math
+import os
+import threading
 import time
 from typing import Any
 from typing import ClassVar
 from typing import Generic
-from typing import TypeVar
 
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.lifecycle import TransitionCallbackReturn
@@ -25,74 +24,72 @@ from rclpy.qos import QoSProfile
 from std_msgs.msg import Bool
 from std_srvs.srv import Trigger
 
-from bridge_core.diagnostics import Damage
-from bridge_core.diagnostics import Status
-from bridge_core.diagnostics import summarise
-from bridge_core.framing import Counters
+from bridge_core.diagnostics import to_msg
 from bridge_core.managed_node import latched_qos
 from bridge_core.managed_node import ManagedNode
-from bridge_core.outbox import Outbox
 from bridge_core.parameters import BRIDGE_PARAMETERS
 from bridge_core.parameters import Parameter
-from bridge_core.parameters import ParameterError
 from bridge_core.publishers import PublisherWatch
+from bridge_core.report import Report
+from bridge_core.report import Status
 from bridge_core.services import Waiting
 from bridge_core.session import Answer
 from bridge_core.session import EventT
 from bridge_core.session import Level
-from bridge_core.session import Session
 from bridge_core.session import StopChanged
 from bridge_core.session import Verdict
-from bridge_core.transports import Transport
-from bridge_core.transports import TransportError
 from bridge_core.transports.link import Link
+from bridge_core.transports.link import ThreadLink
+from bridge_core.transports.wire import Bridge
 
-_DIAGNOSTICS_PERIOD = 1.0
 _LOG_PERIOD = 1.0  # s, of each site
-_LAST_WORDS_TIME = 0.3  # s
-_DAMAGED = 'check cable, shield, ground and bit rate: {:.0%} of what comes is damaged'
+_LEAVE_TIME = 0.4  # s that leaving waits for a link thread that hangs
 _INACTIVE = Verdict.stop('the node is not active', link_up=False)
 
-SessionT = TypeVar('SessionT', bound=Session[Any, Any, Any])
 
-
-class BridgeNode(ManagedNode, Generic[SessionT, EventT]):
+class BridgeNode(ManagedNode, Generic[EventT]):
     """
-    A node that joins one device: the bridge adds its session, its transport and its topics.
+    A node that joins one device: the bridge adds its wire and its topics.
 
-    Callbacks of the executor never touch the session: they ask for requests with ``request``.
-    ``on_event`` and what diagnostics need run on the link thread, which never waits for the
-    middleware: publishers come from ``publisher``, and logs there go by ``log``.
+    Session and port belong to the wire, which a thread or a process of its own runs. Callbacks ask
+    it for requests with ``request``. What it tells comes to ``on_event`` on the link's thread,
+    which publishes it: a thread that hangs is silent, and silence is a stop.
     """
 
     PARAMETERS: ClassVar[tuple[Parameter, ...]] = BRIDGE_PARAMETERS
+    BRIDGE: ClassVar[Bridge[Any]]
+    LINK: ClassVar[type[Link]] = ThreadLink
     # Services (Trigger) that wait for the device, by the name of the session's Answer: a method of
     # the session as of ``request``, and its arguments.
     SERVICES: ClassVar[Mapping[str, tuple[Any, ...]]] = {}
 
     def __init__(self, name: str, **options: Any) -> None:
         super().__init__(name, **options)
-        self.outbox = Outbox(f'{name} outbox')
         period = 1.0 / self.values['estop_rate']
         qos = latched_qos(deadline=2.0 * period)
-        self._estop_publisher = self.publisher(Bool, '~/estop', qos)
-        self._own_estop_publisher = self.publisher(Bool, '~/own_estop', qos)
-        self._link_up_publisher = self.publisher(Bool, '~/link_up', latched_qos())
-        self._diagnostics_publisher = self.publisher(DiagnosticArray, '/diagnostics', 10)
+        self._estop_publisher = self.create_publisher(Bool, '~/estop', qos)
+        self._own_estop_publisher = self.create_publisher(Bool, '~/own_estop', qos)
+        self._link_up_publisher = self.create_publisher(Bool, '~/link_up', latched_qos())
+        self._diagnostics_publisher = self.create_publisher(DiagnosticArray, '/diagnostics', 10)
         self._period = period
-        self._repeat_at = self._diagnose_at = 0.0
+        self._repeat_at = 0.0
+        self._lock = threading.RLock()  # of the verdict, and the order in which it is published
         self.verdict = _INACTIVE  # as published last
-        self._levels: list[Level] = []
-        self._damage = Damage(Counters())
+        self._report: Report | None = None
+        self._doubled: list[str] = []  # topics, as of the last diagnostics
         self._logged_at: dict[str, float] = {}  # by site
         self._late_logs: dict[str, tuple[Level, str]] = {}
-        self._numbers = itertools.count()  # of requests that must not replace each other
         self._waiting = Waiting(self)
         self.refused = 0
         self.refusal = ''
         self._watches: dict[str, PublisherWatch] = {}  # by topic
-        self.session: SessionT | None = None  # while active
-        self.link: Link[Any] = Link(name, self, reconnect_period=self.values['reconnect_period'])
+        self.link = self.LINK(
+            name,
+            self.BRIDGE,
+            self,
+            device=self.hardware_name,
+            reconnect_period=self.values['reconnect_period'],
+        )
         for service, request in self.SERVICES.items():
             self._create_device_service(service, *request)
         self.create_interfaces()
@@ -100,10 +97,6 @@ class BridgeNode(ManagedNode, Generic[SessionT, EventT]):
         self.log(Level.WARN, f'stop: {_INACTIVE.reasons[0]}')
         self._link_up_publisher.publish(Bool(data=False))
         self.link.start()
-
-    def publisher(self, kind: type, topic: str, qos: QoSProfile | int) -> 'OutboxPublisher':
-        """Return a publisher for use on the link thread; parameters as of ``create_publisher``."""
-        return OutboxPublisher(self.create_publisher(kind, topic, qos), self.outbox)
 
     def watched_subscription(
         self,
@@ -141,27 +134,18 @@ class BridgeNode(ManagedNode, Generic[SessionT, EventT]):
 
     def log(self, level: Level, text: str, *, site: str = '') -> None:
         """
-        Log from the link thread; OK is info.
+        Log; OK is info.
 
         :param site: what may come often: of each site at most one line a second, and the newest
             waits until then, so that the last one stands.
         """
         now = time.monotonic()
-        if site and now < self._logged_at.get(site, -math.inf) + _LOG_PERIOD:
-            self._late_logs[site] = level, text
-            return
-        self._late_logs.pop(site, None)
-        self._logged_at[site] = now
-        self.outbox.post(self._log, level, text)
-
-    def _log_late(self, now: float) -> None:
-        for site in list(self._late_logs):
-            if now >= self._logged_at[site] + _LOG_PERIOD:
-                late = self._late_logs.pop(site, None)  # another thread logs, too
-                if late is not None:
-                    self.log(*late, site=site)
-
-    def _log(self, level: Level, text: str) -> None:
+        if site:
+            if now < self._logged_at.get(site, -math.inf) + _LOG_PERIOD:
+                self._late_logs[site] = level, text
+                return
+            self._late_logs.pop(site, None)
+            self._logged_at[site] = now
         # On lines of their own: rclpy refuses a change of severity within one call site.
         if level is Level.OK:
             self.get_logger().info(text)
@@ -170,37 +154,25 @@ class BridgeNode(ManagedNode, Generic[SessionT, EventT]):
         else:
             self.get_logger().error(text)
 
+    def _log_late(self, now: float) -> None:
+        for site in list(self._late_logs):
+            if now >= self._logged_at[site] + _LOG_PERIOD:
+                late = self._late_logs.pop(site, None)  # another thread logs, too
+                if late is not None:
+                    self.log(*late, site=site)
+
     # What a bridge provides.
 
     def create_interfaces(self) -> None:
         """Create the bridge's publishers, subscriptions and services."""
 
-    def make_session(self, values: Mapping[str, Any]) -> SessionT:
-        """Return a new session. :raises ValueError: parameters that contradict each other."""
-        raise NotImplementedError
-
-    def make_resting_session(self) -> Session[Any, Any, Any] | None:
-        """Return what runs on the port while the node is inactive; None: the port is closed."""
-        return None
-
-    def make_transport(self, values: Mapping[str, Any]) -> Transport[Any]:
-        """Return the port, not yet open. :raises ValueError: parameters that it cannot take."""
-        raise NotImplementedError
+    def take_parameters(self, values: Mapping[str, Any]) -> None:
+        """Keep what conversions need. :raises ValueError: what cannot be."""
 
     def on_event(self, event: EventT) -> None:
         """Publish one event of the session; stops and answers are published by the base."""
 
-    def check_parameters(self, values: dict[str, Any]) -> None:
-        """Refuse what session or transport cannot be made from. :raises ParameterError: it."""
-        try:
-            self.make_session(values)
-            self.make_transport(values)
-        except ParameterError:
-            raise
-        except (ValueError, ImportError) as error:
-            raise ParameterError(f'parameter {error}') from error
-
-    # Requests: from the executor's thread to the link thread.
+    # Requests, from any thread.
 
     def request(
         self,
@@ -208,30 +180,24 @@ class BridgeNode(ManagedNode, Generic[SessionT, EventT]):
         *arguments: Any,
         key: str = '',
         each: bool = False,
-        sticky: bool = False,
-    ) -> bool:
+        stop: bool = False,
+        waits: bool = False,
+    ) -> int:
         """
-        Have ``method(session, *arguments, now)`` called on the link thread; False: not active.
+        Have ``method(session, *arguments, now)`` called soon; return a number, 0 if not active.
 
         A ValueError is a refusal of what somebody asked: it is counted and logged, nothing else.
 
-        :param method: of the session's class. :param key: of one key the latest request wins; the
-            method's name if none is given. :param each: no request replaces another.
-        :param sticky: a stop: nothing that is asked later replaces it.
+        :param method: of the session's class. :param key: of one key the newest request may be the
+            only one; the method's name if none is given. :param each: no request replaces another.
+        :param stop: nothing that is asked later replaces it, and it counts however late it comes.
+        :param waits: for an Answer, so it is refused at once while the port is not open.
         """
-        session = self.session
-        if session is None:
-            return False
-        key = key or method.__name__
-
-        def act(now: float) -> None:
-            try:
-                method(session, *arguments, now)
-            except ValueError as error:
-                self.refuse(f'{key}: {error}')
-
-        self.link.post(f'{key} {next(self._numbers)}' if each else key, act, sticky=sticky)
-        return True
+        if not self.active:
+            return 0
+        return self.link.request(
+            method.__name__, *arguments, key=key, each=each, stop=stop, waits=waits
+        )
 
     def refuse(self, text: str) -> None:
         """Count and log a request that makes no sense."""
@@ -245,36 +211,17 @@ class BridgeNode(ManagedNode, Generic[SessionT, EventT]):
         async def serve(request: Any, response: Any) -> Any:
             """Answer when the device has: the executor goes on meanwhile."""
             del request
-            answered = self._waiting.future()
-            ask = partial(self._ask, name, answered, method)
-            if not self.request(ask, *arguments, key=name, each=True):
-                response.message = _INACTIVE.reasons[0]
-                return response
-            answer = await answered
+            answer = await self._waiting.ask(
+                name,
+                lambda: self.request(method, *arguments, key=name, each=True, waits=True),
+                _INACTIVE.reasons[0],
+            )
             response.success, response.message = answer.success, answer.text
             return response
 
         self.create_service(Trigger, '~/' + name, serve)
 
-    def _ask(
-        self,
-        name: str,
-        answered: Any,
-        method: Callable[..., Any],
-        session: SessionT,
-        *arguments: Any,
-    ) -> None:
-        if not self.link.status.is_open:
-            answered.set_result(Answer(name, False, self.link.status.error))
-            return
-        self._waiting.add(name, answered)
-        try:
-            method(session, *arguments)
-        except ValueError as error:
-            self._waiting.remove(name, answered, str(error))
-            raise
-
-    # The owner's side of the link.
+    # The owner's side of the link, on its thread.
 
     def on_events(self, events: Sequence[Any], now: float) -> None:
         """Publish events of the session, each and in order."""
@@ -293,14 +240,25 @@ class BridgeNode(ManagedNode, Generic[SessionT, EventT]):
                 Level.OK if answer.success else Level.WARN, f'{answer.request}: {answer.text}'
             )
 
+    def on_refused(self, number: int, key: str, text: str) -> None:
+        """Count and log why a request makes no sense; tell who waits for it."""
+        self._waiting.refuse(number, text)
+        self.refuse(f'{key}: {text}')
+
+    def on_report(self, report: Report, now: float) -> None:
+        """Publish the diagnostics of link and device."""
+        self._report = report
+        self._diagnose(now)
+
     def pace(self, now: float) -> float:
-        """Repeat stop and link state at ``estop_rate``, diagnostics at 1 Hz."""
+        """Repeat the stop at ``estop_rate``; return when to be called next."""
         if now >= self._repeat_at:
             self._log_late(now)
             self._publish_verdict(self.verdict)
             self._repeat_at = now + self._period
-            self._diagnose(now)
-        return self._repeat_at  # diagnostics go out with one of these
+            if self._doubled != self._find_doubled(now):
+                self._diagnose(now)
+        return self._repeat_at
 
     def link_changed(self, text: str, ok: bool) -> None:
         """Log a change of the port's state; a lost port is a stop, and nobody waits for it."""
@@ -319,6 +277,11 @@ class BridgeNode(ManagedNode, Generic[SessionT, EventT]):
         return self.stamp(), self.values['frame_id'] or name
 
     def _change_verdict(self, verdict: Verdict, now: float) -> None:
+        with self._lock:
+            if self.active or verdict.estop:  # what comes late of a wire clears no inactive node
+                self._set_verdict(verdict, now)
+
+    def _set_verdict(self, verdict: Verdict, now: float) -> None:
         before, self.verdict = self.verdict, verdict
         if verdict == before:
             return
@@ -330,28 +293,30 @@ class BridgeNode(ManagedNode, Generic[SessionT, EventT]):
         elif before.estop and not verdict.estop:
             self.log(Level.OK, 'no stop demanded any more', site='stop')
         self._repeat_at = now + self._period
-        self._diagnose(now)
 
     def _publish_verdict(self, verdict: Verdict) -> None:
         self._estop_publisher.publish(Bool(data=verdict.estop))
         self._own_estop_publisher.publish(Bool(data=verdict.own_estop))
 
+    # Diagnostics.
+
     def _diagnose(self, now: float) -> None:
-        self._damage.update(now)
-        statuses = [self._link_status(now), self._device_status(now)]
-        levels = [status.level for status in statuses]
-        if levels == self._levels and now < self._diagnose_at:
+        self._doubled = self._find_doubled(now)
+        if self._report is None:
             return
-        self._levels, self._diagnose_at = levels, now + _DIAGNOSTICS_PERIOD
         name = self.get_fully_qualified_name().lstrip('/')
+        parts = {'link': self._link_status(), 'device': self._device_status()}
         array = DiagnosticArray(
             status=[
-                status.to_msg(f'{name}: {part}', self.hardware_id)
-                for part, status in zip(('link', 'device'), statuses, strict=True)
+                to_msg(status, f'{name}: {part}', self.hardware_id)
+                for part, status in parts.items()
             ]
         )
         array.header.stamp = self.stamp()
         self._diagnostics_publisher.publish(array)
+
+    def _find_doubled(self, now: float) -> list[str]:
+        return [topic for topic, watch in self._watches.items() if watch.doubled(now)]
 
     @property
     def hardware_id(self) -> str:
@@ -367,46 +332,23 @@ class BridgeNode(ManagedNode, Generic[SessionT, EventT]):
         """Return what the node adds to the session's values in the device's diagnostic."""
         return {}
 
-    def _device_status(self, now: float) -> Status:
-        session = self.session
-        if session is None:
-            return Status(Level.WARN, 'the node is not active; ~/estop is true')
-        doubled = [topic for topic, watch in self._watches.items() if watch.doubled(now)]
-        problems = [(Level.ERROR, _doubled(topic)) for topic in doubled]
-        level, message = summarise(problems + session.problems(now), session.summary())
-        inhibits = [text for text in session.inhibits(now) if text not in message]
-        if inhibits:
-            message += f'; {session.HELD}: {"; ".join(inhibits)}'
-        return Status(level, message, {**session.values(now), **self.extra_values()})
+    def _device_status(self) -> Status:
+        assert self._report is not None
+        level, message, values = self._report.device
+        if self._doubled:
+            level = Level.ERROR
+            message = '; '.join([*map(_doubled, self._doubled), message])
+        return Status(level, message, {**values, **self.extra_values()})
 
-    def _link_status(self, now: float) -> Status:
-        port, session = self.link.status, self.session
-        if session is None:
-            texts = dict.fromkeys(['the node is not active', *filter(None, [port.error])])
-            return Status(Level.WARN, '; '.join(texts), {})
-        if not port.is_open:
-            level, message = Level.ERROR, port.error
-        elif not session.link_up:
-            level, message = Level.ERROR, '; '.join(session.stop_reasons(now))
-        elif self._damage.share >= Damage.LIMIT:
-            level, message = Level.WARN, _DAMAGED.format(self._damage.share)
-        else:
-            level, message = Level.OK, 'ok'
-        counters = asdict(session.counters)
-        values = {key.replace('_', ' '): value for key, value in counters.items()}
-        age = session.frame_age(now)
-        values['age of last frame (s)'] = age if math.isfinite(age) else 'never'
-        values |= {
-            'reconnects': max(0, port.opens - 1),
-            'sent': port.sent,
-            'dropped': port.dropped,
-            **self.link.transport_counts(),
+    def _link_status(self) -> Status:
+        assert self._report is not None
+        level, message, values = self._report.link
+        own = {
+            'node process': os.getpid(),
             'refused requests': self.refused,
             'last refusal': self.refusal or 'none',
-            'longest wait for the middleware (s)': round(self.outbox.longest_wait, 3),
-            'not published': self.outbox.lost,
         }
-        return Status(level, message, values)
+        return Status(level, message, {**values, **own} if self.active else {})
 
     # Lifecycle. Every way out of active leaves the device safe first.
 
@@ -415,8 +357,9 @@ class BridgeNode(ManagedNode, Generic[SessionT, EventT]):
         del state
 
         def configure() -> None:
-            self.make_session(self.values)
-            self.make_transport(self.values)
+            self.take_parameters(self.values)
+            self.BRIDGE.make_session(self.values)
+            self.BRIDGE.make_transport(self.values)
             if not self.starting:
                 self._rest()
 
@@ -426,15 +369,13 @@ class BridgeNode(ManagedNode, Generic[SessionT, EventT]):
         """Open the port, and keep it open."""
 
         def activate() -> None:
-            self.session = self.make_session(self.values)
-            self._damage = Damage(self.session.counters)
+            self.take_parameters(self.values)
             self.active = True
-            self.link.activate(self.make_transport(self.values), self.session)
+            self.link.activate(self.values)
 
         result = self._transition(activate, 'activate')
         if result != TransitionCallbackReturn.SUCCESS:
-            self.active = False
-            self._forget_session()
+            self._be_inactive()
             return result
         return super().on_activate(state)
 
@@ -465,53 +406,36 @@ class BridgeNode(ManagedNode, Generic[SessionT, EventT]):
         return self._transition(self._leave_active, 'recover')
 
     def _rest(self) -> None:
-        resting = self.make_resting_session()
-        if resting is not None:
-            self.link.activate(self.make_transport(self.values), resting)
+        if self.BRIDGE.make_resting_session is not None:
+            self.link.activate(self.values, resting=True)
 
     def _leave_active(self) -> None:
         try:
             self.link.deactivate()
         finally:
-            self.active = False
-            self._forget_session()
+            self._be_inactive()
 
-    def _forget_session(self) -> None:
-        def forget(now: float) -> None:
-            self.session = None
-            self._waiting.fail(_INACTIVE.reasons[0])
-            self._change_verdict(_INACTIVE, now)
-
+    def _be_inactive(self) -> None:
+        held = self._lock.acquire(timeout=_LEAVE_TIME)  # a link thread that hangs may have it
         try:
-            self.link.call(forget)  # there, as the link thread may be just asking the session
-        except TransportError:
-            forget(time.monotonic())
+            self.active = False
+            self._waiting.fail(_INACTIVE.reasons[0])
+            self._set_verdict(_INACTIVE, time.monotonic())
+        finally:
+            if held:
+                self._lock.release()
 
     def shut_down(self) -> None:
         """Leave the device safe, say so, end the thread; each step whatever another one raises."""
         with ExitStack() as steps:  # the last one comes first
-            steps.callback(self.outbox.close, _LAST_WORDS_TIME)
             steps.callback(lambda: self._publish_verdict(self.verdict))
             steps.callback(self.link.stop)
             steps.callback(self._leave_active)
 
     def destroy_node(self) -> None:
-        """End the threads before what they publish on goes away."""
+        """End the link's thread before what it publishes on goes away."""
         self.link.stop()
-        self.outbox.close(_LAST_WORDS_TIME)
         super().destroy_node()
-
-
-class OutboxPublisher:
-    """A publisher of a node whose messages go out by its outbox."""
-
-    def __init__(self, publisher: Any, outbox: Outbox) -> None:
-        self._publisher = publisher
-        self._outbox = outbox
-
-    def publish(self, message: Any) -> None:
-        """Have it published soon."""
-        self._outbox.post(self._publisher.publish, message)
 
 
 def _doubled(topic: str) -> str:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+import threading
 from typing import Any
 
 from rclpy.task import Future
@@ -11,36 +13,49 @@ from bridge_core.session import Answer
 
 class Waiting:
     """
-    Who waits for the answers of a session, by the name of the request.
-
-    All methods but ``future`` are for the link thread.
+    Who waits for the answers of a session, by the name of the request; for any thread.
 
     :param node: whose executor goes on meanwhile.
     """
 
     def __init__(self, node: Any) -> None:
         self._node = node
-        self._futures: dict[str, list[Future]] = {}
+        self._lock = threading.Lock()
+        self._futures: dict[str, dict[int, Future]] = {}  # by request and number
 
-    def future(self) -> Future:
-        """Return what the service's coroutine awaits; its result will be an Answer."""
-        return Future(executor=self._node.executor)
+    def ask(self, request: str, send: Callable[[], int], inactive: str) -> Future:
+        """
+        Send a request; return what becomes its Answer.
 
-    def add(self, request: str, future: Future) -> None:
-        """Have the next answer to ``request`` go to this future, too."""
-        self._futures.setdefault(request, []).append(future)
+        :param send: returns the request's number, and 0 if it is in vain because of ``inactive``.
+        """
+        future = Future(executor=self._node.executor)
+        with self._lock:  # the answer may come before the number is noted
+            number = send()
+            if number:
+                self._futures.setdefault(request, {})[number] = future
+        if not number:
+            future.set_result(Answer(request, False, inactive))
+        return future
 
-    def remove(self, request: str, future: Future, text: str) -> None:
-        """Answer one who waits: the request was refused, for this reason."""
-        self._futures[request].remove(future)
-        future.set_result(Answer(request, False, text))
+    def refuse(self, number: int, text: str) -> None:
+        """Answer the one who waits for this request, if anybody does: it was refused."""
+        with self._lock:
+            found = [
+                (request, futures.pop(number))
+                for request, futures in self._futures.items()
+                if number in futures
+            ]
+        for request, future in found:
+            future.set_result(Answer(request, False, text))
 
     def answer(self, answer: Answer) -> bool:
         """Give the answer to all who wait for it; tell whether anybody does."""
-        waiting = self._futures.pop(answer.request, [])
-        for future in waiting:
+        with self._lock:
+            futures = self._futures.pop(answer.request, {})
+        for future in futures.values():
             future.set_result(answer)
-        return bool(waiting)
+        return bool(futures)
 
     def fail(self, text: str) -> None:
         """Tell all who wait that there will be no answer, and why."""

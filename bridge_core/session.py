@@ -170,7 +170,7 @@ class Session(ABC, Generic[FrameT, MessageT, EventT]):
         self._forget_all(now, self.CLOSED)
         return self._take_events()
 
-    def interrupted(self, now: float, reason: str) -> None:
+    def interrupted(self, reason: str, now: float) -> None:
         """
         Forget what was heard, and demand a stop: input was discarded that may have held one.
 

@@ -1,7 +1,6 @@
 """The ESI drive bridge: one or two servo axes on RS422 as ROS topics."""
 
 from collections.abc import Mapping
-import time
 from typing import Any
 from typing import ClassVar
 
@@ -16,7 +15,7 @@ from bridge_core.parameters import BRIDGE_PARAMETERS
 from bridge_core.parameters import Parameter
 from bridge_core.runner import run
 from bridge_core.session import Level
-from bridge_core.transports.serial import SerialTransport
+from bridge_core.transports.process import ProcessLink
 from esi_drive_bridge import convert
 from esi_drive_bridge.axes import axes_of
 from esi_drive_bridge.parameters import PARAMETERS
@@ -27,28 +26,29 @@ from esi_drive_bridge.session import Event
 from esi_drive_bridge.session import FaultsChanged
 from esi_drive_bridge.session import Feedback
 from esi_drive_bridge.session import Session
-from esi_drive_bridge.session import Settings
 from esi_drive_bridge.session import Stopped
+from esi_drive_bridge.wire import BRIDGE
 
 # A stop must not be overwritten by what follows it before it was read, hence the depth.
 _STOP_QOS = QoSProfile(depth=10)
 _COMMAND_QOS = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
 
 
-class EsiDriveBridge(BridgeNode[Session, Event]):
+class EsiDriveBridge(BridgeNode[Event]):
     """One drive; see docs/devices/esi_drive.md."""
 
     PARAMETERS: ClassVar[tuple[Parameter, ...]] = (*BRIDGE_PARAMETERS, *PARAMETERS)
+    BRIDGE = BRIDGE
+    LINK = ProcessLink
     SERVICES = {CLEAR_ERRORS: (Session.clear_errors,)}
 
     def __init__(self, **options: Any) -> None:
-        self._joint_states_at = 0.0
         super().__init__('esi_drive_bridge', **options)
 
     def create_interfaces(self) -> None:
         """Create what command and status become."""
-        self._joint_states = self.publisher(JointState, '~/joint_states', 10)
-        self._enabled = self.publisher(Bool, '~/enabled', latched_qos())
+        self._joint_states = self.create_publisher(JointState, '~/joint_states', 10)
+        self._enabled = self.create_publisher(Bool, '~/enabled', latched_qos())
         self._enabled.publish(Bool(data=False))
         self.watched_subscription(JointState, '~/command', self._on_command, _COMMAND_QOS)
         self.watched_subscription(
@@ -58,19 +58,15 @@ class EsiDriveBridge(BridgeNode[Session, Event]):
             Bool, '~/estop_in', self._on_estop_in, _STOP_QOS, is_stop=lambda m: bool(m.data)
         )
 
-    def make_session(self, values: Mapping[str, Any]) -> Session:
-        """Return a session for the configured layout and scales."""
+    def take_parameters(self, values: Mapping[str, Any]) -> None:
+        """Keep how the axes are scaled."""
         self._axes = axes_of(values)
-        return Session(Settings.from_parameters(values))
-
-    def make_transport(self, values: Mapping[str, Any]) -> SerialTransport:
-        """Return the serial port, not yet open."""
-        return SerialTransport(values['port'], values['baud'])
 
     def on_event(self, event: Event) -> None:
         """Publish one event of the session."""
         if isinstance(event, Feedback):
-            self._publish_joint_states(event)
+            joint_states = convert.joint_state(event.status, self._axes, *self.header())
+            self._joint_states.publish(joint_states)
         elif isinstance(event, EnabledChanged):
             self._enabled.publish(Bool(data=event.enabled))
         elif isinstance(event, Stopped):
@@ -87,36 +83,28 @@ class EsiDriveBridge(BridgeNode[Session, Event]):
         else:
             self.log(Level.OK, 'the drive reports no error any more', site='faults')
 
-    def _publish_joint_states(self, event: Feedback) -> None:
-        now = time.monotonic()  # ROS time may be paused
-        # A small slack, or a drive at just this rate would lose every other message.
-        if now - self._joint_states_at < 0.9 / self.values['joint_state_rate']:
-            return
-        self._joint_states_at = now
-        self._joint_states.publish(convert.joint_state(event.status, self._axes, *self.header()))
-
     # Requests.
 
     def on_doubled(self, text: str) -> None:
         """Disable at once: two muxes, say, and each enable of one follows a stop of the other."""
-        self.request(Session.refuse_command, text, key='command', sticky=True)
+        self.request(Session.refuse_command, text, key='command', stop=True)
 
     def _on_command(self, message: Any) -> None:
-        if self.session is None:
+        if not self.active:
             return
         try:
             values = convert.command_values(message, self._axes)
         except ValueError as error:
             self.refuse(f'command: {error}')
-            self.request(Session.refuse_command, str(error), key='command', sticky=True)
+            self.request(Session.refuse_command, str(error), key='command', stop=True)
         else:
             self.request(Session.set_command, values, key='command')
 
     def _on_enable(self, message: Any) -> None:
-        self.request(Session.set_enable, message.data, sticky=not message.data)
+        self.request(Session.set_enable, message.data, stop=not message.data)
 
     def _on_estop_in(self, message: Any) -> None:
-        self.request(Session.set_estop, message.data, sticky=message.data)
+        self.request(Session.set_estop, message.data, stop=message.data)
 
 
 def main() -> None:

@@ -1,7 +1,6 @@
 """The FORT VSC bridge: a wireless e-stop and remote as ROS topics."""
 
 from collections.abc import Callable
-from collections.abc import Mapping
 from typing import Any
 from typing import ClassVar
 
@@ -20,29 +19,23 @@ from bridge_core.node import BridgeNode
 from bridge_core.parameters import BRIDGE_PARAMETERS
 from bridge_core.parameters import Parameter
 from bridge_core.runner import run
-from bridge_core.transports import Transport
-from bridge_core.transports.hidraw import HidrawTransport
-from bridge_core.transports.serial import SerialTransport
 from fort_vsc_bridge import convert
 from fort_vsc_bridge.parameters import PARAMETERS
-from fort_vsc_bridge.protocol import CanWire
-from fort_vsc_bridge.protocol import HidWire
-from fort_vsc_bridge.protocol import REPORT_SIZE
 from fort_vsc_bridge.session import Event
 from fort_vsc_bridge.session import GpsSentence
 from fort_vsc_bridge.session import ModeChanged
 from fort_vsc_bridge.session import RemoteState
 from fort_vsc_bridge.session import Session
-from fort_vsc_bridge.session import Settings
 from fort_vsc_bridge.session import Sticks
 from fort_vsc_bridge.session import UserValue
-from fort_vsc_bridge.session import wire_of
+from fort_vsc_bridge.wire import BRIDGE
 
 
-class FortVscBridge(BridgeNode[Session, Event]):
+class FortVscBridge(BridgeNode[Event]):
     """One VSC with its remote; see docs/devices/fort_vsc.md."""
 
     PARAMETERS: ClassVar[tuple[Parameter, ...]] = (*BRIDGE_PARAMETERS, *PARAMETERS)
+    BRIDGE = BRIDGE
 
     def __init__(self, **options: Any) -> None:
         self._bad_sentences = 0
@@ -51,33 +44,20 @@ class FortVscBridge(BridgeNode[Session, Event]):
 
     def create_interfaces(self) -> None:
         """Create what the manual's messages become."""
-        self._joy = self.publisher(Joy, '~/joy', 10)
-        self._mode = self.publisher(String, '~/mode', latched_qos())
-        self._autonomy_mode = self.publisher(String, '~/autonomy_mode', latched_qos())
-        self._radio_strength = self.publisher(Int8, '~/radio_strength', latched_qos())
-        self._battery = self.publisher(BatteryState, '~/battery', latched_qos())
-        self._fix = self.publisher(NavSatFix, '~/fix', 10)
-        self._nmea = self.publisher(String, '~/nmea', 10)
-        self._user_values = self.publisher(KeyValue, '~/user_values', 10)
+        self._joy = self.create_publisher(Joy, '~/joy', 10)
+        self._mode = self.create_publisher(String, '~/mode', latched_qos())
+        self._autonomy_mode = self.create_publisher(String, '~/autonomy_mode', latched_qos())
+        self._radio_strength = self.create_publisher(Int8, '~/radio_strength', latched_qos())
+        self._battery = self.create_publisher(BatteryState, '~/battery', latched_qos())
+        self._fix = self.create_publisher(NavSatFix, '~/fix', 10)
+        self._nmea = self.create_publisher(String, '~/nmea', 10)
+        self._user_values = self.create_publisher(KeyValue, '~/user_values', 10)
         self.create_subscription(Bool, '~/software_estop', self._on_software_estop, 10)
         self.create_subscription(JoyFeedback, '~/set_feedback', self._on_set_feedback, 10)
         self.create_subscription(KeyValue, '~/set_user_value', self._on_set_user_value, 10)
         self.create_subscription(KeyValue, '~/set_user_name', self._on_set_user_name, 10)
         self.create_subscription(String, '~/display_text', self._on_display_text, 10)
         self.create_subscription(UInt8, '~/get_user_value', self._on_get_user_value, 10)
-
-    def make_session(self, values: Mapping[str, Any]) -> Session:
-        """Return a session for the wire that ``transport`` names."""
-        return Session(Settings.from_parameters(values))
-
-    def make_transport(self, values: Mapping[str, Any]) -> Transport[Any]:
-        """Return the port that ``transport`` names, not yet open."""
-        wire = wire_of(values)
-        if isinstance(wire, CanWire):
-            return _can_transport(values, wire.filters)
-        if isinstance(wire, HidWire):
-            return HidrawTransport(values['port'], REPORT_SIZE)
-        return SerialTransport(values['port'], values['baud'])
 
     @property
     def hardware_name(self) -> str:
@@ -129,7 +109,7 @@ class FortVscBridge(BridgeNode[Session, Event]):
 
     def _on_software_estop(self, message: Any) -> None:
         stop = message.data
-        self.request(Session.set_software_estop, stop, key='software_estop', sticky=stop)
+        self.request(Session.set_software_estop, stop, key='software_estop', stop=stop)
 
     def _on_set_feedback(self, message: Any) -> None:
         self._convert('set_feedback', message.id, convert.rumble_sides, message, Session.rumble)
@@ -160,7 +140,7 @@ class FortVscBridge(BridgeNode[Session, Event]):
         method: Callable[..., Any],
     ) -> None:
         """Request what a message asks; of each key or motor (``of``) the latest wins."""
-        if self.session is None:
+        if not self.active:
             return
         try:
             arguments = arguments_of(message)
@@ -168,16 +148,6 @@ class FortVscBridge(BridgeNode[Session, Event]):
             self.refuse(f'{topic} {of}: {error}')
         else:
             self.request(method, *arguments, key=f'{topic} {of}')
-
-
-def _can_transport(values: Mapping[str, Any], filters: list[tuple[int, int]]) -> Transport[Any]:
-    try:
-        # Late: who has no CAN need not have python-can.
-        from bridge_core.transports.can import CanTransport
-    except ImportError as error:
-        raise ValueError(f"transport = 'can': {error}") from error
-    where = (values['interface'], values['channel'])
-    return CanTransport(*where, bitrate=values['bitrate'] or None, filters=filters)
 
 
 def main() -> None:

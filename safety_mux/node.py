@@ -28,12 +28,13 @@ from std_msgs.msg import String
 from std_srvs.srv import SetBool
 from std_srvs.srv import Trigger
 
-from bridge_core.diagnostics import Status as Diagnostic
+from bridge_core.diagnostics import to_msg
 from bridge_core.managed_node import latched_qos
 from bridge_core.managed_node import ManagedNode
 from bridge_core.parameters import MANAGED_PARAMETERS
 from bridge_core.parameters import Parameter
 from bridge_core.publishers import PublisherWatch
+from bridge_core.report import Status
 from bridge_core.runner import run
 from bridge_core.session import Level
 from bridge_core.watchdog import in_words
@@ -421,8 +422,8 @@ class SafetyMux(ManagedNode):
             refused = f'refused {in_words(now - at)} ago'
             values['last reset'] = f'{refused}: {answer}'
             message += f'; the last reset was {refused}'
-        diagnostic = Diagnostic(Level.WARN if still else Level.OK, message, values)
-        return diagnostic.to_msg(self.get_fully_qualified_name().lstrip('/'), '')
+        said = Status(Level.WARN if still else Level.OK, message, values)
+        return to_msg(said, self.get_fully_qualified_name().lstrip('/'), '')
 
     def _downstream_inhibits(self, status: Any, now: float) -> list[str]:
         """Say what keeps the machine still although the mux lets it move."""

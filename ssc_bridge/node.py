@@ -21,7 +21,7 @@ from bridge_core.parameters import BRIDGE_PARAMETERS
 from bridge_core.parameters import Parameter
 from bridge_core.runner import run
 from bridge_core.session import Level
-from bridge_core.transports.serial import SerialTransport
+from bridge_core.transports.process import ProcessLink
 from ssc_bridge import convert
 from ssc_bridge.parameters import parameter_table
 from ssc_bridge.session import AuxReading
@@ -36,16 +36,19 @@ from ssc_bridge.session import Session
 from ssc_bridge.session import Settings
 from ssc_bridge.session import SourcesChanged
 from ssc_bridge.session import Sticks
+from ssc_bridge.wire import BRIDGE
 
 # A stop must not be overwritten by what follows it before it was read, hence the depth.
 _STOP_QOS = QoSProfile(depth=10)
 _COMMAND_QOS = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
 
 
-class SscBridge(BridgeNode[Session, Event]):
+class SscBridge(BridgeNode[Event]):
     """One SSC; see docs/devices/ssc.md."""
 
     PARAMETERS: ClassVar[tuple[Parameter, ...]] = (*BRIDGE_PARAMETERS, *parameter_table({}))
+    BRIDGE = BRIDGE
+    LINK = ProcessLink
     SERVICES = {LOCKOUT: (Session.lock_out,)}
 
     def __init__(self, **options: Any) -> None:
@@ -57,12 +60,12 @@ class SscBridge(BridgeNode[Session, Event]):
 
     def create_interfaces(self) -> None:
         """Create what the manual's messages become."""
-        self._joy = self.publisher(Joy, '~/joy', 10)
-        self._pulse_inputs = self.publisher(UInt16MultiArray, '~/pulse_inputs', 10)
-        self._pulse_outputs = self.publisher(UInt16MultiArray, '~/pulse_outputs', 10)
-        self._command_state = self.publisher(String, '~/command_state', latched_qos())
-        self._aux_inputs = self.publisher(DiagnosticStatus, '~/aux_inputs', 10)
-        self._sources = self.publisher(DiagnosticStatus, '~/channel_sources', latched_qos())
+        self._joy = self.create_publisher(Joy, '~/joy', 10)
+        self._pulse_inputs = self.create_publisher(UInt16MultiArray, '~/pulse_inputs', 10)
+        self._pulse_outputs = self.create_publisher(UInt16MultiArray, '~/pulse_outputs', 10)
+        self._command_state = self.create_publisher(String, '~/command_state', latched_qos())
+        self._aux_inputs = self.create_publisher(DiagnosticStatus, '~/aux_inputs', 10)
+        self._sources = self.create_publisher(DiagnosticStatus, '~/channel_sources', latched_qos())
         self._command_state.publish(convert.command_state(None))
         self._publish_sources(())
         self.watched_subscription(
@@ -76,14 +79,9 @@ class SscBridge(BridgeNode[Session, Event]):
             Bool, '~/estop_in', self._on_estop_in, _STOP_QOS, is_stop=lambda m: bool(m.data)
         )
 
-    def make_session(self, values: Mapping[str, Any]) -> Session:
-        """Return a session for the configured channels."""
+    def take_parameters(self, values: Mapping[str, Any]) -> None:
+        """Keep the configured channels."""
         self._settings = Settings.from_parameters(values)
-        return Session(self._settings)
-
-    def make_transport(self, values: Mapping[str, Any]) -> SerialTransport:
-        """Return the serial port, not yet open."""
-        return SerialTransport(values['port'], values['baud'])
 
     def on_event(self, event: Event) -> None:
         """Publish one event of the session."""
@@ -132,7 +130,7 @@ class SscBridge(BridgeNode[Session, Event]):
             self.request(Session.set_pulses, us, key='pulse_command')
 
     def _on_servo_command(self, message: Any) -> None:
-        if self.session is None:
+        if not self.active:
             return
         names = [servo.name for servo in self._settings.servos]
         try:
@@ -146,15 +144,15 @@ class SscBridge(BridgeNode[Session, Event]):
 
     def _refuse_command(self, what: str, reason: str) -> None:
         self.refuse(f'{what}: {reason}')
-        self.request(Session.refuse_command, reason, key=what, sticky=True)
+        self.request(Session.refuse_command, reason, key=what, stop=True)
 
     def on_doubled(self, text: str) -> None:
         """Bring the failsafe at once: two publishers are heard on an input."""
         del text
-        self.request(Session.set_estop, True, sticky=True)
+        self.request(Session.set_estop, True, stop=True)
 
     def _on_estop_in(self, message: Any) -> None:
-        self.request(Session.set_estop, message.data, sticky=message.data)
+        self.request(Session.set_estop, message.data, stop=message.data)
 
     def _on_aux_outputs(self, message: Any) -> None:
         try:

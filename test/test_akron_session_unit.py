@@ -188,7 +188,7 @@ def test_stop_that_comes_and_goes_within_one_read_is_reported_both_ways() -> Non
 def test_discarded_input_is_a_stop_whichever_cause_counts(counted: frozenset[Cause]) -> None:
     bench = Bench(estop_on=counted).moving()
     bench.now += 0.001  # within a slot
-    bench.session.interrupted(bench.now, 'this node was held up')
+    bench.session.interrupted('this node was held up', bench.now)
     start = bench.now
     events = bench.poll()
     assert events[0] == StopChanged(Verdict(True, True, False))

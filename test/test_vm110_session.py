@@ -208,7 +208,7 @@ def test_discarded_input_is_a_stop_and_forgets_the_state() -> None:
     bench = armed()
     bench.hear(DEFLECTED)
     number = bench.session.send_command(bytes(16), bench.now)
-    bench.session.interrupted(bench.now, 'this node was held up')
+    bench.session.interrupted('this node was held up', bench.now)
     assert bench.poll() == [
         StopChanged(Verdict(True, True, False)),
         ArmedChanged(False, False),
@@ -792,7 +792,7 @@ def test_error_after_output_was_missing_does_not_blame_the_wiring_first() -> Non
     bench = armed()
     bench.run(1.0)
     bench.now += 3.0  # frozen
-    bench.session.interrupted(bench.now, 'this node was held up')
+    bench.session.interrupted('this node was held up', bench.now)
     bench.poll()
     bench.hear(EXTERNAL)
     bench.wait(INTERRUPTION_TIME)

@@ -1,5 +1,6 @@
 """The VM-110 bridge: a base unit with its remotes as ROS topics."""
 
+from collections.abc import Callable
 from collections.abc import Mapping
 from typing import Any
 from typing import ClassVar
@@ -17,10 +18,8 @@ from bridge_core.node import BridgeNode
 from bridge_core.parameters import BRIDGE_PARAMETERS
 from bridge_core.parameters import Parameter
 from bridge_core.runner import run
-from bridge_core.transports.multicast import MulticastTransport
 from vm110_bridge import convert
 from vm110_bridge.parameters import axis_signs
-from vm110_bridge.parameters import OUTPUT_PORT_OFFSET
 from vm110_bridge.parameters import PARAMETERS
 from vm110_bridge.session import ArmedChanged
 from vm110_bridge.session import Command
@@ -29,29 +28,30 @@ from vm110_bridge.session import EncoderTurned
 from vm110_bridge.session import Event
 from vm110_bridge.session import RemoteState
 from vm110_bridge.session import Session
-from vm110_bridge.session import Settings
 from vm110_bridge.session import Sticks
+from vm110_bridge.wire import BRIDGE
 
 _COMMAND_DEPTH = 50  # a burst of commands must not lose its first to a slow listener
 
 
-class Vm110Bridge(BridgeNode[Session, Event]):
+class Vm110Bridge(BridgeNode[Event]):
     """One base unit with its remotes; see docs/devices/vm110.md."""
 
     PARAMETERS: ClassVar[tuple[Parameter, ...]] = (*BRIDGE_PARAMETERS, *PARAMETERS)
+    BRIDGE = BRIDGE
 
     def __init__(self, **options: Any) -> None:
         super().__init__('vm110_bridge', **options)
 
     def create_interfaces(self) -> None:
         """Create what the manual's packets become."""
-        self._joy = self.publisher(Joy, '~/joy', 10)
-        self._armed = self.publisher(Bool, '~/armed', latched_qos())
-        self._enabled = self.publisher(Bool, '~/enabled', latched_qos())
-        self._battery = self.publisher(BatteryState, '~/battery', latched_qos())
-        self._encoder = self.publisher(Int32, '~/encoder', latched_qos())
+        self._joy = self.create_publisher(Joy, '~/joy', 10)
+        self._armed = self.create_publisher(Bool, '~/armed', latched_qos())
+        self._enabled = self.create_publisher(Bool, '~/enabled', latched_qos())
+        self._battery = self.create_publisher(BatteryState, '~/battery', latched_qos())
+        self._encoder = self.create_publisher(Int32, '~/encoder', latched_qos())
         self._command = self.create_publisher(UInt8MultiArray, '~/command', _COMMAND_DEPTH)
-        self._result = self.publisher(KeyValue, '~/command_result', _COMMAND_DEPTH)
+        self._result = self.create_publisher(KeyValue, '~/command_result', _COMMAND_DEPTH)
         self.create_subscription(
             UInt8MultiArray, '~/periodic_output', self._on_periodic_output, 10
         )
@@ -62,22 +62,9 @@ class Vm110Bridge(BridgeNode[Session, Event]):
         self.create_subscription(UInt16, '~/command_done', self._on_command_done, _COMMAND_DEPTH)
         self._publish_armed(ArmedChanged(armed=False, enabled=False))
 
-    def make_session(self, values: Mapping[str, Any]) -> Session:
-        """Return a session for UDP EG-Link."""
+    def take_parameters(self, values: Mapping[str, Any]) -> None:
+        """Keep which axes are inverted."""
         self._axis_inverted = axis_signs(values)
-        return Session(Settings.from_parameters(values))
-
-    def make_transport(self, values: Mapping[str, Any]) -> MulticastTransport:
-        """Return the multicast port, not yet open."""
-        port = values['input_port']
-        return MulticastTransport(
-            values['group'],
-            port,
-            port + OUTPUT_PORT_OFFSET,
-            ttl=values['ttl'],
-            interface_address=values['interface_address'],
-            allowed_sources=[source for source in values['allowed_sources'] if source],
-        )
 
     @property
     def hardware_name(self) -> str:
@@ -95,7 +82,7 @@ class Vm110Bridge(BridgeNode[Session, Event]):
         elif isinstance(event, EncoderTurned):
             self._encoder.publish(convert.encoder(event.position))
         elif isinstance(event, Command):
-            self.outbox.post(self._publish_command, event)
+            self._publish_command(event)
         elif isinstance(event, CommandResult):
             self._result.publish(convert.command_result(event.command_id, event.outcome))
 
@@ -121,7 +108,7 @@ class Vm110Bridge(BridgeNode[Session, Event]):
         self._battery.publish(convert.battery_state(percent, *self.header(), docked=docked))
 
     def _publish_command(self, command: Command) -> None:
-        """Publish a command on the outbox's thread, and report whether that counts."""
+        """Publish a command, and report whether that counts."""
         heard = (
             self.values['acknowledge'] == 'always' or self._command.get_subscription_count() > 0
         )
@@ -129,30 +116,35 @@ class Vm110Bridge(BridgeNode[Session, Event]):
             self._command.publish(convert.command(command.command_id, command.data))
         self.request(Session.command_published, command, heard, each=True)
 
-    # Requests. What has to be read from a message first is read on the link thread, too.
+    # Requests.
+
+    def on_refused(self, number: int, key: str, text: str) -> None:
+        """Count and log why a request makes no sense; a command's sender is told, too."""
+        super().on_refused(number, key, text)
+        if key == 'send_command':
+            self._result.publish(convert.command_result(None, text))
 
     def _on_hold_output(self, message: Any) -> None:
-        self.request(Session.set_hold_output, message.data, sticky=message.data)
+        self.request(Session.set_hold_output, message.data, stop=message.data)
 
     def _on_periodic_output(self, message: Any) -> None:
-        self.request(_set_periodic_output, message, key='periodic_output')
+        self._request_with_data(Session.set_periodic_output, message, 'periodic_output')
 
     def _on_send_command(self, message: Any) -> None:
-        self.request(self._send_command, message, key='send_command', each=True)
+        self._request_with_data(Session.send_command, message, 'send_command', each=True)
+
+    def _request_with_data(
+        self, method: Callable[..., Any], message: Any, key: str, **options: bool
+    ) -> None:
+        try:
+            data = convert.data_of(message)
+        except ValueError as error:
+            self.on_refused(0, key, str(error))
+        else:
+            self.request(method, data, key=key, **options)
 
     def _on_command_done(self, message: Any) -> None:
         self.request(Session.command_done, message.data, key=f'command_done {message.data}')
-
-    def _send_command(self, session: Session, message: Any, now: float) -> None:
-        try:
-            session.send_command(convert.data_of(message), now)
-        except ValueError as error:
-            self._result.publish(convert.command_result(None, str(error)))
-            raise
-
-
-def _set_periodic_output(session: Session, message: Any, now: float) -> None:
-    session.set_periodic_output(convert.data_of(message), now)
 
 
 def main() -> None:

@@ -25,9 +25,16 @@ class Request(Enum):
 
 @dataclass(frozen=True, slots=True)
 class UnitChanged:
-    """The unit was found, has moved to another address, or has lost its own; in words."""
+    """
+    The unit was found, has moved to another address, or has lost its own; in words.
+
+    :param pin: of the unit; empty while there is none.
+    :param device_type: the key of DEVICE_TYPES; 0: not known.
+    """
 
     text: str
+    pin: str = ''
+    device_type: int = 0
 
 
 @dataclass(frozen=True, slots=True)

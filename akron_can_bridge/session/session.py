@@ -459,7 +459,8 @@ class Session(BaseSession[CanFrame, Received, Event]):
 
     def _unit_changed(self, text: str) -> None:
         if text:
-            self._emit(UnitChanged(text))
+            pin = '' if self.finder.unit is None else self.finder.unit.pin
+            self._emit(UnitChanged(text, pin, self.finder.device_type))
 
     def _report(self, events: Sequence[Event | Answer]) -> None:
         for event in events:

@@ -71,7 +71,7 @@ class Session(BaseSession[bytes, Status, Event]):
         self._command = Watchdog(settings.command_timeout)
         self._enable = Watchdog(settings.command_timeout)
         self._estop_in = Watchdog(settings.command_timeout)
-        self._next_send = -math.inf
+        self._next_send = self._reported_at = -math.inf
         self._sent_at = math.inf
         self._gap, self._gap_at = 0.0, -math.inf  # the last pause of our own packets
         self._reset()
@@ -159,7 +159,10 @@ class Session(BaseSession[bytes, Status, Event]):
     def _take(self, message: Status, now: float) -> None:
         self.status = message
         self._heard.feed(now)
-        self._emit(Feedback(message))
+        # A small slack, or a drive at just this rate would lose every other one.
+        if now - self._reported_at >= 0.9 / self.settings.joint_state_rate:
+            self._reported_at = now
+            self._emit(Feedback(message))
         self._set_enabled(message.enabled)
         self._note_gap(now)
         if not message.axes[0].rs422_error:

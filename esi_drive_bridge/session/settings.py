@@ -38,6 +38,7 @@ class Settings(CheckedSettings):
     enable_timeout: float = _TABLE['enable_timeout'].default
     clear_timeout: float = _TABLE['clear_timeout'].default
     status_rate: float = _TABLE['status_rate'].default
+    joint_state_rate: float = _TABLE['joint_state_rate'].default
 
     def __post_init__(self) -> None:
         super().__post_init__()

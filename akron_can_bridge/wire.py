@@ -1,0 +1,36 @@
+"""What the wire of a monitor is made of."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from akron_can_bridge.session import FILTERS
+from akron_can_bridge.session import Resting
+from akron_can_bridge.session import Session
+from akron_can_bridge.session import Settings
+from bridge_core.transports.can import CanTransport
+from bridge_core.transports.wire import Bridge
+
+
+def make_session(values: Mapping[str, Any]) -> Session:
+    """Return a session for the unit that the parameters name."""
+    return Session(Settings.from_parameters(values))
+
+
+def make_resting_session(values: Mapping[str, Any]) -> Resting:
+    """Return what sends neutral frames while the node is inactive."""
+    return Resting(Settings.from_parameters(values))
+
+
+def make_transport(values: Mapping[str, Any]) -> CanTransport:
+    """Return the CAN port, not yet open."""
+    return CanTransport(
+        values['interface'],
+        values['channel'],
+        bitrate=values['bitrate'] or None,
+        filters=FILTERS,
+    )
+
+
+BRIDGE = Bridge(__name__, make_session, make_transport, make_resting_session)

@@ -1,0 +1,157 @@
+"""
+What diagnostics say of a link and its device: a level, a sentence with what to do, and numbers.
+
+It is written beside the session, which may be in another process than the node.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from collections.abc import Mapping
+from dataclasses import asdict
+from dataclasses import dataclass
+import math
+from typing import Any
+from typing import NamedTuple
+
+from bridge_core.framing import Counters
+from bridge_core.session import Level
+from bridge_core.session import Session
+
+_DAMAGED = 'check cable, shield, ground and bit rate: {:.0%} of what comes is damaged'
+_INACTIVE = 'the node is not active'
+
+
+class Status(NamedTuple):
+    """One diagnostic: ``level`` of DiagnosticStatus, and ``message`` for a person."""
+
+    level: Level
+    message: str
+    values: dict[str, Any]
+
+
+class Report(NamedTuple):
+    """What there is to say of a link and of its device."""
+
+    link: Status
+    device: Status
+
+
+@dataclass
+class LinkStatus:
+    """The port's own story."""
+
+    is_open: bool = False
+    error: str = 'not opened yet'
+    opens: int = 0
+    sent: int = 0
+    dropped: int = 0  # frames that the line had no room for
+
+
+class Damage:
+    """
+    The share of damaged data in what a link has received, over windows of some seconds.
+
+    :param counters: of the link.
+    """
+
+    LIMIT = 0.05  # from here on it is worth a look; single errors are normal
+    _WINDOW = 2.0  # s
+    _LEAST = 3  # damaged frames, or bytes, that are no accident
+
+    def __init__(self, counters: Counters) -> None:
+        self.share = 0.0  # 0 to 1, of the last whole window
+        self._counters = counters
+        self._begun_at = -math.inf
+        self._before = self._counts()
+
+    def update(self, now: float) -> None:
+        """End the window if it is time to. :param now: seconds, monotonic."""
+        if now < self._begun_at + self._WINDOW:
+            return
+        counts = self._counts()
+        damaged, frames, discarded, received = (
+            after - before for after, before in zip(counts, self._before, strict=True)
+        )
+        self.share = max(_share(damaged, damaged + frames), _share(discarded, received))
+        if max(damaged, discarded) < self._LEAST:
+            self.share = 0.0
+        self._begun_at, self._before = now, counts
+
+    def _counts(self) -> tuple[int, int, int, int]:
+        counters = self._counters
+        damaged = counters.checksum_errors + counters.malformed
+        return damaged, counters.frames, counters.discarded_bytes, counters.bytes
+
+
+def _share(part: int, whole: int) -> float:
+    return part / whole if whole else 0.0
+
+
+def summarise(problems: Iterable[tuple[Level, str]], good: str) -> tuple[Level, str]:
+    """Return the worst level and all the sentences; (OK, ``good``) where there is no problem."""
+    found = list(problems)
+    if not found:
+        return Level.OK, good
+    return max(level for level, _ in found), '; '.join(text for _, text in found)
+
+
+def report(
+    port: LinkStatus,
+    session: Session[Any, Any, Any] | None,
+    damage: Damage,
+    counts: Mapping[str, int | str],
+    now: float,
+) -> Report:
+    """
+    Return how link and device are.
+
+    :param session: none while the node is not active.
+    :param counts: of the transport.
+    """
+    if session is None:
+        texts = dict.fromkeys([_INACTIVE, *filter(None, [port.error])])
+        return Report(
+            Status(Level.WARN, '; '.join(texts), {}),
+            Status(Level.WARN, f'{_INACTIVE}; ~/estop is true', {}),
+        )
+    link = _link_status(port, session, damage, now)
+    return Report(Status(*link, _link_values(port, session, counts, now)), _device(session, now))
+
+
+def _link_status(
+    port: LinkStatus, session: Session[Any, Any, Any], damage: Damage, now: float
+) -> tuple[Level, str]:
+    if not port.is_open:
+        return Level.ERROR, port.error
+    if not session.link_up:
+        return Level.ERROR, '; '.join(session.stop_reasons(now))
+    if damage.share >= Damage.LIMIT:
+        return Level.WARN, _DAMAGED.format(damage.share)
+    return Level.OK, 'ok'
+
+
+def _link_values(
+    port: LinkStatus,
+    session: Session[Any, Any, Any],
+    counts: Mapping[str, int | str],
+    now: float,
+) -> dict[str, Any]:
+    counters = asdict(session.counters)
+    age = session.frame_age(now)
+    return {
+        **{key.replace('_', ' '): value for key, value in counters.items()},
+        'age of last frame (s)': age if math.isfinite(age) else 'never',
+        'reconnects': max(0, port.opens - 1),
+        'sent': port.sent,
+        'dropped': port.dropped,
+        **counts,
+    }
+
+
+def _device(session: Session[Any, Any, Any], now: float) -> Status:
+    level, message = summarise(session.problems(now), session.summary())
+    inhibits = [text for text in session.inhibits(now) if text not in message]
+    if inhibits:
+        message += f'; {session.HELD}: {"; ".join(inhibits)}'
+    return Status(level, message, session.values(now))

@@ -1,0 +1,334 @@
+"""
+A wire in a process of its own, for actuators: it outlives its node long enough to stop them.
+
+The two talk over a socket pair of messages (SOCK_SEQPACKET), and neither ever waits for the other.
+When the node is gone, in whatever way, the wire finds the socket ended, says its farewell and
+ends. When the node hangs, its requests grow stale at the session. When the wire is gone or hangs,
+the node demands a stop and starts a new one, which begins stopped.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+import contextlib
+import os
+from pathlib import Path
+import pickle
+import select
+import signal
+import socket
+import subprocess
+import sys
+import threading
+import time
+import traceback
+from typing import Any
+
+from bridge_core.report import Report
+from bridge_core.report import Status
+from bridge_core.session import Level
+from bridge_core.session import StopChanged
+from bridge_core.session import Verdict
+from bridge_core.transports.link import ANSWER_TIME
+from bridge_core.transports.link import Link
+from bridge_core.transports.wire import BACKOFF_START
+from bridge_core.transports.wire import Request
+
+SILENCE_LIMIT = 0.085  # s without any, after which the node demands a stop
+_KILL_TIME = 0.25  # s without any, after which another wire takes over
+_START_TIME = 5.0  # s that a new one may take to its first
+_REPORT_PERIOD = 1.0  # s
+_ROOM = 1 << 20  # bytes, for messages either way; the system may allow less
+_READS = 64  # messages, before the owner is paced again
+
+
+class ProcessLink(Link):
+    """
+    Keeps a process running that runs the wire.
+
+    All that the owner is told, it is told by the thread that reads what the wire says. So an owner
+    that hangs is silent, and nobody takes it for a healthy one.
+    """
+
+    def __init__(self, *arguments: Any, **options: Any) -> None:
+        super().__init__(*arguments, **options)
+        self._lock = threading.Lock()  # of the next three
+        self._socket: socket.socket | None = None
+        self._commands: dict[int, Request] = {}  # not ended yet
+        self._activation: Request | None = None  # in force
+        self._process: subprocess.Popen[bytes] | None = None
+        self._wake_fd = os.eventfd(0, os.EFD_NONBLOCK | os.EFD_CLOEXEC)
+        self._ended = False
+        self._starts = 0
+        self._backoff = 0.0
+        self._start_at = self._started_at = self._pace_at = self._report_at = 0.0
+        self._limit = self._kill_at = 0.0  # of silence
+        self._verdict: Verdict | None = None  # the wire's own
+        self._trouble = ''  # why there is no healthy wire
+
+    # -- requests, from any thread ----------------------------------------------------------------
+
+    def _put(self, request: Request, each: bool) -> None:
+        del each  # none replaces another: all are sent
+        with self._lock:
+            if request.name == 'activate':
+                self._activation = request
+            elif request.name == 'deactivate':
+                self._activation = None
+            if request.name in ('activate', 'deactivate'):
+                self._commands[request.number] = request
+            self._send(request)
+
+    def _send(self, request: Request) -> None:
+        if self._socket is None:
+            return  # commands wait in their list
+        try:
+            self._socket.send(pickle.dumps(tuple(request)))
+        except BlockingIOError:
+            if request.stop and self._process is not None:
+                self._process.kill()  # it takes nothing any more, not even a stop
+        except OSError:  # it has ended; the reader finds out
+            pass
+
+    # -- the reader's thread ----------------------------------------------------------------------
+
+    def _run(self) -> None:
+        while not self._ended:
+            try:
+                self._wait_and_step()
+            except Exception:
+                traceback.print_exc()
+                self._pace_at = time.monotonic() + BACKOFF_START
+        self._leave()
+
+    def _wait_and_step(self) -> None:
+        now = time.monotonic()
+        if self._process is None and now >= self._start_at:
+            self._start(now)
+        meant = self._wait(now)
+        now = time.monotonic()
+        if now - meant > SILENCE_LIMIT:  # held up ourselves: give it time to be heard
+            self._kill_at = max(self._kill_at, now + _KILL_TIME)
+        if self._read(now) and self._trouble:
+            self._be_sound(now)
+        self._judge(now)
+        self._pace_at = self._owner.pace(now)
+
+    def _wait(self, now: float) -> float:
+        """Sleep until something is due; return when this should be over."""
+        moments = [self._pace_at]
+        descriptors = [self._wake_fd]
+        if self._socket is not None:
+            descriptors.append(self._socket.fileno())
+            moments.append(self._kill_at if self._trouble else self._limit)
+        else:
+            moments.append(self._start_at)
+        if self._trouble:
+            moments.append(self._report_at)
+        timeout = max(0.0005, min(moments) - now)
+        select.select(descriptors, [], [], timeout)
+        return now + timeout
+
+    def _read(self, now: float) -> bool:
+        """Take what the wire says; tell whether it has said anything and lives."""
+        heard = False
+        for _ in range(_READS):
+            if self._socket is None:
+                return False
+            try:
+                data = self._socket.recv(_ROOM)
+            except BlockingIOError:
+                return heard
+            except OSError:
+                data = b''
+            if not data:
+                self._lost(now)
+                return False
+            heard = True
+            self._limit, self._kill_at = now + SILENCE_LIMIT, now + _KILL_TIME
+            name, arguments = pickle.loads(data)
+            self._MESSAGES[name](self, *arguments)
+        return heard
+
+    def _judge(self, now: float) -> None:
+        if self._process is not None and not self._trouble and now >= self._limit:
+            self._be_in_trouble(
+                f'its process {self._process.pid} hangs: nothing was heard of it for '
+                f'{(now - self._limit + SILENCE_LIMIT) * 1e3:.0f} ms',
+                now,
+            )
+        if self._process is not None and now >= self._kill_at:
+            self._process.kill()
+            self._kill_at = now + _KILL_TIME
+        if self._trouble and now >= self._report_at:
+            self._report_trouble(now)
+
+    def _be_sound(self, now: float) -> None:
+        self._trouble = ''
+        if self._verdict is not None:
+            self._owner.on_events([StopChanged(self._verdict)], now)
+
+    def _be_in_trouble(self, text: str, now: float) -> None:
+        self._trouble = f'the wire of {self.name} does not work, {text}'
+        self._owner.link_changed(self._trouble, False)
+        self._report_trouble(now)
+
+    def _report_trouble(self, now: float) -> None:
+        self._report_at = now + _REPORT_PERIOD
+        status = Status(Level.ERROR, self._trouble, self._processes())
+        self._owner.on_report(Report(status, Status(Level.ERROR, self._trouble, {})), now)
+
+    def _processes(self) -> dict[str, Any]:
+        pid = 'none' if self._process is None else self._process.pid
+        return {'wire process': pid, 'wire restarts': max(0, self._starts - 1)}
+
+    # -- what a wire says -------------------------------------------------------------------------
+
+    def _on_events(self, events: list[Any], now: float) -> None:
+        for event in events:
+            if isinstance(event, StopChanged):
+                self._verdict = event.verdict
+        self._owner.on_events(events, now)
+
+    def _on_report(self, report: Report, now: float) -> None:
+        values = {**report.link.values, **self._processes()}
+        link = Status(report.link.level, report.link.message, values)
+        self._owner.on_report(Report(link, report.device), now)
+
+    def _on_refused(self, number: int, key: str, text: str) -> None:
+        self._owner.on_refused(number, key, text)
+
+    def _link_changed(self, text: str, ok: bool) -> None:
+        self._owner.link_changed(text, ok)
+
+    def _on_done(self, number: int, error: str) -> None:
+        with self._lock:
+            request = self._commands.pop(number, None)
+            if error and request is self._activation:
+                self._activation = None
+        self._done(number, error)
+
+    def _on_beat(self) -> None:
+        """Nothing more than a sign of life."""
+
+    _MESSAGES: dict[str, Callable[..., None]] = {
+        'on_events': _on_events,
+        'on_report': _on_report,
+        'on_refused': _on_refused,
+        'link_changed': _link_changed,
+        'done': _on_done,
+        'beat': _on_beat,
+    }
+
+    # -- the process ------------------------------------------------------------------------------
+
+    def _start(self, now: float) -> None:
+        ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+        ours.setblocking(False)
+        ours.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _ROOM)
+        try:
+            process = subprocess.Popen(
+                [
+                    f'{self.name}: wire {self.device}',
+                    *('-S', '-m', 'bridge_core.transports.wire_process'),
+                    *(str(theirs.fileno()), self._bridge.module, str(self._reconnect_period)),
+                ],
+                executable=sys.executable,
+                pass_fds=[theirs.fileno()],
+                stdin=subprocess.DEVNULL,
+                env=_environment(self._bridge.module),
+                start_new_session=True,  # the terminal's signals are the node's business
+            )
+        except OSError as error:
+            ours.close()
+            self._retry_later(now)
+            self._be_in_trouble(f'no process can be started: {error}', now)
+            return
+        finally:
+            theirs.close()
+        self._starts += 1
+        self._started_at = now
+        self._process, self._verdict = process, None
+        self._limit = self._kill_at = now + _START_TIME
+        with self._lock:
+            self._socket = ours
+            activation = self._activation
+            if activation is not None and activation.number not in self._commands:
+                self._send(activation)
+            for command in self._commands.values():
+                self._send(command)
+
+    def _lost(self, now: float) -> None:
+        """Wait for the end of a wire that has closed its socket; the next one comes after it."""
+        assert self._process is not None
+        process = self._process
+        with self._lock:
+            if self._socket is not None:
+                self._socket.close()
+            self._socket = None
+        _end_of(process, 0.0)
+        self._process = None
+        if now > self._started_at + _START_TIME:
+            self._backoff = 0.0  # the first after a long life takes over at once
+        self._retry_later(now)
+        self._be_in_trouble(f'its process {process.pid} {_cause(process.returncode)}', now)
+
+    def _retry_later(self, now: float) -> None:
+        self._start_at = now + self._backoff
+        self._backoff = min(max(BACKOFF_START, 2 * self._backoff), self._reconnect_period)
+
+    def _leave(self) -> None:
+        with self._lock:
+            if self._socket is not None:
+                self._socket.close()
+            self._socket = None
+        if self._process is not None:
+            _end_of(self._process, ANSWER_TIME / 2)
+            self._process = None
+
+    def _end(self) -> None:
+        self._ended = True
+        with self._lock:
+            if self._wake_fd >= 0:
+                os.eventfd_write(self._wake_fd, 1)
+
+    def stop(self) -> None:
+        """End the wire, farewell included; may be called twice. Raises nothing."""
+        super().stop()
+        with self._lock:
+            if not self._thread.is_alive() and self._wake_fd >= 0:
+                os.close(self._wake_fd)
+                self._wake_fd = -1
+
+
+def _end_of(process: subprocess.Popen[bytes], timeout: float) -> None:
+    """Wait until a process has ended; one that takes longer than ``timeout`` s is killed."""
+    with contextlib.suppress(subprocess.TimeoutExpired):
+        process.wait(timeout)
+    process.kill()
+    process.wait()
+
+
+def _cause(returncode: int) -> str:
+    if returncode < 0:
+        return f'was killed by {signal.Signals(-returncode).name}'
+    return f'ended with {returncode}'
+
+
+def _environment(module: str) -> dict[str, str]:
+    """
+    Return the environment in which ``python -S -m`` finds what this process has imported.
+
+    Without the module ``site`` it starts sooner and takes less memory. Its own name is no path
+    that would lead it to its libraries.
+    """
+    roots = [
+        str(Path(sys.modules[name].__file__ or '').parents[name.count('.')])
+        for name in (__name__, module)
+    ]
+    path = [*roots, *(folder or os.getcwd() for folder in sys.path)]
+    return {
+        **os.environ,
+        'PYTHONHOME': f'{sys.base_prefix}:{sys.base_exec_prefix}',
+        'PYTHONPATH': os.pathsep.join(dict.fromkeys(path)),
+    }

@@ -1,0 +1,433 @@
+"""
+One device's wire: its port, its session and its pacing, in one loop that shares them with nobody.
+
+It waits in the kernel for bytes, for requests and for the next deadline, stamps what it reads,
+gives it to the session, sends the frames and hands the events to its owner. It runs as long as
+the node, port or no port, because a stop is published without a port too. A thread of the node
+runs it, or a process of its own: see link.py and process.py.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from collections.abc import Sequence
+import contextlib
+from dataclasses import dataclass
+import math
+import select
+import socket
+import threading
+import time
+import traceback
+from typing import Any
+from typing import ClassVar
+from typing import Generic
+from typing import NamedTuple
+from typing import Protocol
+
+from bridge_core.framing import Counters
+from bridge_core.report import Damage
+from bridge_core.report import LinkStatus
+from bridge_core.report import Report
+from bridge_core.report import report
+from bridge_core.session import Level
+from bridge_core.session import Session
+from bridge_core.session import StopChanged
+from bridge_core.transports import FrameT
+from bridge_core.transports import Transport
+from bridge_core.transports import TransportError
+
+BACKOFF_START = 0.1
+_LONGEST_WAIT = 1.0
+# Nobody is called sooner than this again after having been called: who keeps saying "now" is at
+# fault, and must not take the whole processor.
+_SHORTEST_WAIT = 0.0005
+_FAREWELL_TIME = 0.1
+# Waking this much later than meant, this process was frozen: what waits in the port is old news.
+_FROZEN_TIME = 0.2
+_DISCARD_READS = 1000
+_LOOK_PERIOD = 0.05  # s, between two looks at whether a level of the report has changed
+_REPORT_PERIOD = 1.0  # s
+
+
+@dataclass(frozen=True)
+class Bridge(Generic[FrameT]):
+    """
+    What a wire is made of; the functions take the node's parameters.
+
+    :param module: where this stands as ``BRIDGE``. It imports nothing of ROS.
+    :param make_session: raises ValueError for parameters that contradict each other.
+    :param make_transport: makes the port, not yet open; raises ValueError likewise.
+    :param make_resting_session: makes what runs on the port while the node is inactive; none
+        where the port is closed then.
+    """
+
+    module: str
+    make_session: Callable[[dict[str, Any]], Session[FrameT, Any, Any]]
+    make_transport: Callable[[dict[str, Any]], Transport[FrameT]]
+    make_resting_session: Callable[[dict[str, Any]], Session[FrameT, Any, Any]] | None = None
+
+
+class Request(NamedTuple):
+    """
+    One thing that is asked of a wire.
+
+    :param number: of the request, by which its end is told.
+    :param key: what it is about, in the words of the topics.
+    :param name: a method of the session that takes ``*arguments, now``, or one of Wire.COMMANDS.
+    :param at: when it was asked, in monotonic seconds, which all processes share.
+    :param stop: it counts however old it is.
+    :param waits: somebody waits for the session's Answer: refuse it while the port is not open.
+    """
+
+    number: int
+    key: str
+    name: str
+    arguments: tuple[Any, ...]
+    at: float
+    stop: bool = False
+    waits: bool = False
+
+
+class Requests(Protocol):
+    """Where requests come from."""
+
+    def fileno(self) -> int:
+        """Return what becomes readable when there are any."""
+
+    def take(self) -> list[Request]:
+        """Return and forget those that there are. :raises EOFError: there will be none."""
+
+    def done(self, number: int, error: str) -> None:
+        """Take the end of a command. :param error: empty if it did what it says."""
+
+
+class Owner(Protocol):
+    """Who takes what a wire has to tell, always in the wire's thread or process."""
+
+    def on_events(self, events: Sequence[Any], now: float) -> None:
+        """Take events of the session, in their order."""
+
+    def on_report(self, report: Report, now: float) -> None:
+        """Take the report: once a second, and when a level has changed."""
+
+    def on_refused(self, number: int, key: str, text: str) -> None:
+        """Take why a request makes no sense."""
+
+    def pace(self, now: float) -> float:
+        """Publish what is due; return when to be called next."""
+
+    def link_changed(self, text: str, ok: bool) -> None:
+        """Log that the port was opened, lost or could not be opened."""
+
+
+class Wire(Generic[FrameT]):
+    """
+    The loop of one device.
+
+    :param reconnect_period: the longest wait, in seconds, between two tries to open the port.
+    """
+
+    COMMANDS: ClassVar = ('activate', 'deactivate')
+
+    def __init__(
+        self,
+        bridge: Bridge[FrameT],
+        owner: Owner,
+        requests: Requests,
+        *,
+        reconnect_period: float = 1.0,
+    ) -> None:
+        self.status = LinkStatus(error='the node is not active')
+        self._bridge = bridge
+        self._owner = owner
+        self._requests = requests
+        self._reconnect_period = reconnect_period
+        self._wake, self._woken = socket.socketpair()
+        self._opened_ports: list[tuple[Transport[FrameT], str]] = []  # by threads that open
+        self._transport: Transport[FrameT] | None = None
+        self._opening: Transport[FrameT] | None = None  # a thread is at work in its open()
+        self._session: Session[FrameT, Any, Any] | None = None
+        self._resting = False
+        self._damage = Damage(Counters())
+        self._levels: list[Level] = []
+        self._backoff = BACKOFF_START
+        self._open_at = math.inf
+        self._pace_at = self._polled_at = self._complain_at = self._stepped_at = 0.0
+        self._look_at = self._report_at = 0.0
+        self._quit = False
+
+    def run(self) -> None:
+        """Run until the requests end; farewell included. Raises nothing."""
+        self._stepped_at = time.monotonic()
+        while not self._quit:
+            self._guarded(self._wait_and_step)
+        self._guarded(lambda: self._deactivate(time.monotonic()))
+        self._wake.close()
+        self._woken.close()
+
+    def _guarded(self, step: Callable[[], None]) -> None:
+        """Survive a fault of ours: stop, say so, start the link anew after a while."""
+        try:
+            step()
+        except Exception:
+            now = time.monotonic()
+            self._pace_at = now + BACKOFF_START
+            try:
+                self._lose(f'internal error: {traceback.format_exc()}', now)
+            except Exception:  # the owner fails, too
+                self._complain(traceback.print_exc, now)
+
+    def _complain(self, say: Callable[[], None], now: float) -> None:
+        """Say something about a fault that may come again and again, once a second at most."""
+        if now >= self._complain_at:
+            self._complain_at = now + 1.0
+            say()
+
+    def _wait_and_step(self) -> None:
+        # Anything that a request changes counts at once, so read the clock after the wait.
+        meant, readable = self._wait()
+        now = time.monotonic()
+        frozen = now - meant
+        self._stepped_at = now
+        if frozen > _FROZEN_TIME and self.status.is_open:
+            readable = False
+            self._guarded(lambda: self._forget_backlog(frozen, now))
+        for request in self._take_requests():
+            self._guarded(lambda request=request: self._serve(request, now))  # type: ignore[misc]
+        self._take_opened(now)
+        if self.status.is_open:
+            self._exchange(readable, now)
+        elif now >= self._open_at:
+            self._start_opening()
+        if now >= self._look_at:
+            self._report(now)
+        self._pace_at = max(self._owner.pace(now), now + _SHORTEST_WAIT)
+
+    def _wait(self) -> tuple[float, bool]:
+        """
+        Sleep until something is due; tell whether the port has to say.
+
+        The other result is when this should be over, counted from the last step: the process may
+        have been frozen in the midst of that one too.
+        """
+        deadline = min(self._pace_at, self._open_at, self._look_at)
+        descriptors = [self._requests.fileno(), self._woken.fileno()]
+        if self._session is not None and self._transport is not None and self.status.is_open:
+            due = max(self._session.deadline(), self._polled_at + _SHORTEST_WAIT)
+            deadline = min(deadline, due)
+            descriptors.append(self._transport.fileno())
+        timeout = min(max(deadline - time.monotonic(), 0.0), _LONGEST_WAIT)
+        ready = select.select(descriptors, [], [], timeout)[0]
+        if descriptors[1] in ready:
+            self._woken.recv(64)
+        return self._stepped_at + timeout, len(descriptors) == 3 and descriptors[2] in ready
+
+    # -- what is asked ----------------------------------------------------------------------------
+
+    def _take_requests(self) -> list[Request]:
+        try:
+            return self._requests.take()
+        except EOFError:  # whoever asks is gone, in whatever way
+            self._quit = True
+            return []
+
+    def _serve(self, request: Request, now: float) -> None:
+        if request.name in self.COMMANDS:
+            error = 'it failed'
+            try:
+                getattr(self, f'_{request.name}')(*request.arguments, now)
+                error = ''
+            except ValueError as failure:
+                error = str(failure)
+            finally:
+                self._requests.done(request.number, error)
+            return
+        refusal = self._ask(request, now)
+        if self.status.is_open:  # even then: a refused command may be a stop
+            self._exchange(False, now)
+        if refusal:
+            self._owner.on_refused(request.number, request.key, refusal)
+
+    def _ask(self, request: Request, now: float) -> str:
+        """Have the session do it; return why it refuses."""
+        if self._session is None or self._resting:
+            return 'the node is not active'
+        age = now - request.at
+        if age > _FROZEN_TIME and not request.stop:
+            return f'it waited for {age:.1f} s'
+        if request.waits and not self.status.is_open:
+            return self.status.error
+        try:
+            getattr(self._session, request.name)(*request.arguments, now)
+        except ValueError as error:
+            return str(error)
+        return ''
+
+    def _activate(self, values: dict[str, Any], resting: bool, now: float) -> None:
+        """Open the port, now and whenever it was lost, and run a new session on it."""
+        make = self._bridge.make_resting_session if resting else self._bridge.make_session
+        assert make is not None
+        session, transport = make(values), self._bridge.make_transport(values)
+        self._deactivate(now)
+        self._transport, self._session, self._resting = transport, session, resting
+        self._damage = Damage(session.counters)
+        self.status = LinkStatus()
+        self._backoff = BACKOFF_START
+        self._open_at = now
+        self._report(now)
+
+    def _deactivate(self, now: float) -> None:
+        """Send the farewell and close the port, one that is just being opened included."""
+        if self._opening is not None and self._opening is self._transport:
+            select.select([self._woken], [], [], _FAREWELL_TIME)
+            self._take_opened(now)
+        transport, session, was_open = self._transport, self._session, self.status.is_open
+        self._transport = self._session = None  # first, so that no fault below opens it again
+        self._open_at = math.inf
+        self.status.is_open, self.status.error = False, 'the node is not active'
+        if transport is None or session is None or not was_open:
+            return
+        try:
+            self._say_farewell(transport, session.farewell(now))
+            # The stop is published before the port is closed, which may take a while.
+            self._owner.on_events(session.closed(now), now)
+        finally:
+            transport.close()
+
+    def _say_farewell(self, transport: Transport[FrameT], frames: list[FrameT]) -> None:
+        end = time.monotonic() + _FAREWELL_TIME
+        try:
+            for frame in frames:
+                # A line busy with earlier frames is no reason to leave the device moving.
+                while not transport.send(frame) and time.monotonic() < end:
+                    time.sleep(0.001)
+        except TransportError as error:
+            self._owner.link_changed(f'no farewell: {error}', False)
+
+    # -- port and session -------------------------------------------------------------------------
+
+    def _exchange(self, readable: bool, now: float) -> None:
+        assert self._transport is not None
+        assert self._session is not None
+        try:
+            if readable:
+                for data in self._transport.receive():
+                    self._deliver(self._session.receive(data, now), now)
+            self._deliver(self._session.poll(now), now)
+            self._polled_at = now
+        except TransportError as error:
+            self._lose(str(error), now)
+            return
+        if self._session.link_up:
+            self._backoff = BACKOFF_START
+
+    def _deliver(self, output: tuple[Sequence[Any], Sequence[FrameT]], now: float) -> None:
+        """Frames first (a stop on the wire), then the events."""
+        assert self._transport is not None
+        events, frames = output
+        for frame in frames:
+            if self._transport.send(frame):
+                self.status.sent += 1
+            else:
+                self.status.dropped += 1
+        if events:
+            self._owner.on_events(events, now)
+            if any(isinstance(event, StopChanged) for event in events):
+                self._look_at = now  # its reason is in the report
+
+    def _forget_backlog(self, frozen: float, now: float) -> None:
+        """Discard what waited while this process was frozen: it is old, and it may be a stop."""
+        assert self._transport is not None
+        assert self._session is not None
+        try:
+            for _ in range(_DISCARD_READS):
+                if not select.select([self._transport.fileno()], [], [], 0.0)[0]:
+                    break
+                self._transport.receive()
+        except TransportError as error:
+            self._lose(str(error), now)
+            return
+        reason = f'this node was held up for {frozen:.1f} s, and discarded what came meanwhile'
+        self._session.interrupted(
+            f'{reason}; if it happens again, give the computer less work', now
+        )
+
+    def _start_opening(self) -> None:
+        assert self._transport is not None
+        self._open_at, self._opening = math.inf, self._transport
+        threading.Thread(target=self._open, args=(self._transport,), daemon=True).start()
+
+    def _open(self, transport: Transport[FrameT]) -> None:
+        """Open the port, beside the loop: a URL port may take seconds to refuse."""
+        error = ''
+        try:
+            transport.open()
+        except TransportError as failure:
+            error = str(failure)
+        except Exception:  # whatever a driver throws is a port that did not open
+            error = f'cannot open {transport.name}: {traceback.format_exc()}'
+        self._opened_ports.append((transport, error))
+        if self._quit:
+            transport.close()
+        with contextlib.suppress(OSError):  # the loop has ended meanwhile
+            self._wake.send(b'\0')
+
+    def _take_opened(self, now: float) -> None:
+        while self._opened_ports:
+            transport, error = self._opened_ports.pop(0)
+            self._guarded(lambda: self._opened(transport, error, now))  # noqa: B023 - called here
+
+    def _opened(self, transport: Transport[FrameT], error: str, now: float) -> None:
+        if self._opening is transport:
+            self._opening = None
+        if transport is not self._transport or self._session is None:
+            transport.close()  # deactivated meanwhile
+        elif error:
+            self._retry_later(error, now)
+        else:
+            self.status.is_open, self.status.error = True, ''
+            self.status.opens += 1
+            self._polled_at = now
+            self._owner.link_changed(f'{transport.name} opened', True)
+            try:
+                self._deliver(self._session.opened(now), now)
+            except TransportError as failure:
+                self._lose(str(failure), now)
+
+    def _lose(self, error: str, now: float) -> None:
+        """Take the port as gone: forget what was heard, publish that, try again later."""
+        transport, session, was_open = self._transport, self._session, self.status.is_open
+        if transport is None or session is None:
+            self._complain(lambda: self._owner.link_changed(error, False), now)
+            return
+        self._retry_later(error, now)
+        try:
+            self._owner.on_events(session.closed(now) if was_open else [], now)
+        finally:
+            if self._opening is not transport:
+                transport.close()
+
+    def _retry_later(self, error: str, now: float) -> None:
+        news = self.status.is_open or self.status.error != error
+        self.status.is_open, self.status.error = False, error
+        if self._opening is not self._transport:  # else its end decides what comes next
+            self._open_at = now + self._backoff
+        self._backoff = min(2 * self._backoff, self._reconnect_period)
+        if news:
+            self._owner.link_changed(error, False)
+            self._look_at = now
+
+    # -- what is said of it -----------------------------------------------------------------------
+
+    def _report(self, now: float) -> None:
+        """Give the report to the owner if a level has changed, or if it is time to."""
+        self._look_at = now + _LOOK_PERIOD
+        session = None if self._resting else self._session
+        counts = {} if self._transport is None else self._transport.counts()
+        self._damage.update(now)
+        said = report(self.status, session, self._damage, counts, now)
+        levels = [status.level for status in said]
+        if levels != self._levels or now >= self._report_at:
+            self._levels, self._report_at = levels, now + _REPORT_PERIOD
+            self._owner.on_report(said, now)

@@ -1,0 +1,120 @@
+"""
+The process that runs a wire: see process.py. It imports nothing of ROS.
+
+usage: python -S -m bridge_core.transports.wire_process DESCRIPTOR MODULE RECONNECT_PERIOD
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+import gc
+import importlib
+import os
+import pickle
+import signal
+import socket
+import sys
+import time
+from typing import Any
+
+from bridge_core.report import Report
+from bridge_core.transports.wire import Request
+from bridge_core.transports.wire import Wire
+
+_BEAT_PERIOD = 0.02  # s, between two signs of life
+_LARGEST = 1 << 20  # bytes of a message
+_READS = 64  # requests, before the port gets its turn again
+_LOST = 'the node did not take what its wire had to tell, and something of it is lost'
+
+
+class Node:
+    """The node's end of the socket, as owner of the wire and as source of requests."""
+
+    def __init__(self, descriptor: int) -> None:
+        self._socket = socket.socket(fileno=descriptor)
+        self._socket.setblocking(False)
+        self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _LARGEST)
+        self._beat_at = 0.0
+        self._lost = self._ended = False
+
+    def fileno(self) -> int:
+        """Return what becomes readable when there are requests, or there will be none."""
+        return self._socket.fileno()
+
+    def take(self) -> list[Request]:
+        """Return the requests that have come. :raises EOFError: the node is gone."""
+        requests: list[Request] = []
+        if self._ended:
+            raise EOFError
+        if self._lost and self._tell('beat'):
+            # There is room again. What could not be told may have been a stop.
+            self._lost = False
+            requests.append(Request(0, '', 'interrupted', (_LOST,), time.monotonic(), stop=True))
+        try:
+            for _ in range(_READS):
+                data = self._socket.recv(_LARGEST)
+                if not data:
+                    self._ended = True
+                    break
+                requests.append(Request(*pickle.loads(data)))
+        except BlockingIOError:
+            pass
+        except OSError:
+            self._ended = True
+        if self._ended and not requests:
+            raise EOFError
+        return requests
+
+    def done(self, number: int, error: str) -> None:
+        """Tell the end of a command."""
+        self._tell('done', number, error)
+
+    def on_events(self, events: Sequence[Any], now: float) -> None:
+        """Tell events of the session."""
+        if events:
+            self._tell('on_events', list(events), now)
+
+    def on_report(self, report: Report, now: float) -> None:
+        """Tell how link and device are."""
+        self._tell('on_report', report, now)
+
+    def on_refused(self, number: int, key: str, text: str) -> None:
+        """Tell why a request makes no sense."""
+        self._tell('on_refused', number, key, text)
+
+    def link_changed(self, text: str, ok: bool) -> None:
+        """Tell that the port was opened, lost or could not be opened."""
+        self._tell('link_changed', text, ok)
+
+    def pace(self, now: float) -> float:
+        """Give signs of life; return when to be called next."""
+        if now >= self._beat_at:
+            self._beat_at = now + _BEAT_PERIOD
+            self._tell('beat')
+        return self._beat_at
+
+    def _tell(self, name: str, *arguments: Any) -> bool:
+        try:
+            self._socket.send(pickle.dumps((name, arguments)))
+        except BlockingIOError:
+            self._lost = True
+            return False
+        except OSError:  # the node is gone; take() finds out
+            return False
+        return True
+
+
+def main() -> None:
+    """Run until the node is gone, or has said that it is the end."""
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT):
+        signal.signal(number, signal.SIG_IGN)  # whatever ends the node ends this, too
+    descriptor, module, reconnect_period = sys.argv[1:]
+    node = Node(int(descriptor))
+    bridge = importlib.import_module(module).BRIDGE
+    gc.freeze()
+    Wire(bridge, node, node, reconnect_period=float(reconnect_period)).run()
+    os._exit(0)  # a thread may be at work in a driver that does not return
+
+
+if __name__ == '__main__':
+    main()

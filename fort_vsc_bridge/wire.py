@@ -1,0 +1,45 @@
+"""What the wire of a VSC is made of."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from bridge_core.transports import Transport
+from bridge_core.transports.hidraw import HidrawTransport
+from bridge_core.transports.serial import SerialTransport
+from bridge_core.transports.wire import Bridge
+from fort_vsc_bridge.protocol import CanWire
+from fort_vsc_bridge.protocol import HidWire
+from fort_vsc_bridge.protocol import REPORT_SIZE
+from fort_vsc_bridge.session import Session
+from fort_vsc_bridge.session import Settings
+from fort_vsc_bridge.session import wire_of
+
+
+def make_session(values: Mapping[str, Any]) -> Session:
+    """Return a session for the wire that ``transport`` names."""
+    return Session(Settings.from_parameters(values))
+
+
+def make_transport(values: Mapping[str, Any]) -> Transport[Any]:
+    """Return the port that ``transport`` names, not yet open."""
+    wire = wire_of(values)
+    if isinstance(wire, CanWire):
+        return _can_transport(values, wire.filters)
+    if isinstance(wire, HidWire):
+        return HidrawTransport(values['port'], REPORT_SIZE)
+    return SerialTransport(values['port'], values['baud'])
+
+
+def _can_transport(values: Mapping[str, Any], filters: list[tuple[int, int]]) -> Transport[Any]:
+    try:
+        # Late: who has no CAN need not have python-can.
+        from bridge_core.transports.can import CanTransport
+    except ImportError as error:
+        raise ValueError(f"transport = 'can': {error}") from error
+    where = (values['interface'], values['channel'])
+    return CanTransport(*where, bitrate=values['bitrate'] or None, filters=filters)
+
+
+BRIDGE = Bridge(__name__, make_session, make_transport)

@@ -1,0 +1,24 @@
+"""What the wire of an SSC is made of."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from bridge_core.transports.serial import SerialTransport
+from bridge_core.transports.wire import Bridge
+from ssc_bridge.session import Session
+from ssc_bridge.session import Settings
+
+
+def make_session(values: Mapping[str, Any]) -> Session:
+    """Return a session for the configured channels."""
+    return Session(Settings.from_parameters(values))
+
+
+def make_transport(values: Mapping[str, Any]) -> SerialTransport:
+    """Return the serial port, not yet open."""
+    return SerialTransport(values['port'], values['baud'])
+
+
+BRIDGE = Bridge(__name__, make_session, make_transport)

@@ -1,0 +1,33 @@
+"""What the wire of a base unit is made of."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from bridge_core.transports.multicast import MulticastTransport
+from bridge_core.transports.wire import Bridge
+from vm110_bridge.parameters import OUTPUT_PORT_OFFSET
+from vm110_bridge.session import Session
+from vm110_bridge.session import Settings
+
+
+def make_session(values: Mapping[str, Any]) -> Session:
+    """Return a session for UDP EG-Link."""
+    return Session(Settings.from_parameters(values))
+
+
+def make_transport(values: Mapping[str, Any]) -> MulticastTransport:
+    """Return the multicast port, not yet open."""
+    port = values['input_port']
+    return MulticastTransport(
+        values['group'],
+        port,
+        port + OUTPUT_PORT_OFFSET,
+        ttl=values['ttl'],
+        interface_address=values['interface_address'],
+        allowed_sources=[source for source in values['allowed_sources'] if source],
+    )
+
+
+BRIDGE = Bridge(__name__, make_session, make_transport)
