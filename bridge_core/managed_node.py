@@ -11,11 +11,14 @@ from rcl_interfaces.msg import IntegerRange
 from rcl_interfaces.msg import ParameterDescriptor
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.duration import Duration
+from rclpy.event_handler import PublisherEventCallbacks
+from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.lifecycle import LifecycleNode
 from rclpy.lifecycle import TransitionCallbackReturn
 from rclpy.qos import DurabilityPolicy
 from rclpy.qos import QoSProfile
 
+from bridge_core.lane import Lane
 from bridge_core.parameter_files import check_sections
 from bridge_core.parameters import MANAGED_PARAMETERS
 from bridge_core.parameters import Parameter
@@ -39,6 +42,8 @@ class ManagedNode(LifecycleNode):
     """
     A lifecycle node with checked parameters.
 
+    ``lane`` is for what a stop needs; who subscribes there starts it. All else is the executor's.
+
     :param parameter_files: those on the command line.
     :raises ParameterError: at construction, before anything is opened.
     """
@@ -56,6 +61,20 @@ class ManagedNode(LifecycleNode):
             super().destroy_node()
             raise
         self.add_on_set_parameters_callback(self._on_set_parameters)
+        self.lane = Lane(self, f'{name} lane')
+
+    def create_publisher(self, *args: Any, **options: Any) -> Any:
+        """Create a publisher without rclpy's default event handlers: see ``_quiet``."""
+        return super().create_publisher(*args, **_quiet(options, PublisherEventCallbacks))
+
+    def create_subscription(self, *args: Any, **options: Any) -> Any:
+        """Create a subscription without rclpy's default event handlers: see ``_quiet``."""
+        return super().create_subscription(*args, **_quiet(options, SubscriptionEventCallbacks))
+
+    def destroy_node(self) -> None:
+        """End the lane, then the node."""
+        self.lane.stop()
+        super().destroy_node()
 
     def parameters_in_use(self) -> list[Parameter]:
         """Return the table, with the parameters of the names in its lists."""
@@ -124,6 +143,16 @@ class ManagedNode(LifecycleNode):
             self.get_logger().error(f'cannot {what}: {error}')
             return TransitionCallbackReturn.FAILURE
         return TransitionCallbackReturn.SUCCESS
+
+
+def _quiet(options: dict[str, Any], kind: Any) -> dict[str, Any]:
+    """
+    Do without rclpy's default event handlers, unless some were given.
+
+    Each is one more thing that the executor waits for, at each wake-up, and all they do is log
+    that a QoS does not match; what matters of that is in diagnostics.
+    """
+    return {'event_callbacks': kind(use_default_callbacks=False), **options}
 
 
 def _plain(value: Any) -> Any:

@@ -1,10 +1,12 @@
 """
 The safety mux as a node: it carries messages to the arbiter and its decisions out.
 
-One thread does all of it. Outputs are repeated from construction to the end, in every lifecycle
-state: a mux that is not active says stop, disable and 0.
+The thread of the lane does all of it; the executor's, which serves parameters, lifecycle and
+services, asks it to. Outputs are repeated from construction to the end, in every lifecycle state:
+a mux that is not active says stop, disable and 0.
 """
 
+from array import array
 from collections.abc import Callable
 from functools import partial
 import math
@@ -16,8 +18,6 @@ from diagnostic_msgs.msg import DiagnosticArray
 from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import Twist
 from geometry_msgs.msg import TwistStamped
-from rclpy.clock import Clock
-from rclpy.clock import ClockType
 from rclpy.lifecycle import TransitionCallbackReturn
 from rclpy.qos import QoSProfile
 from rclpy.qos import ReliabilityPolicy
@@ -51,6 +51,7 @@ from safety_mux.parameters import parameter_table
 from safety_mux.protocol import AUTONOMY
 from safety_mux.protocol import Kind
 from safety_mux.protocol import MalformedInput
+from safety_mux.protocol import Reply
 from safety_mux.protocol import State
 
 # A stop must not be overwritten by what follows it before it was read, hence the depth.
@@ -61,10 +62,36 @@ DEMAND_QOS = QoSProfile(depth=5, reliability=ReliabilityPolicy.BEST_EFFORT)
 COMMAND_QOS = QoSProfile(depth=1)
 
 _AUTONOMY_TYPES = {'Twist': Twist, 'TwistStamped': TwistStamped, 'JointState': JointState}
+_SLOW_PERIOD = 0.05  # s, of what no drive times out on: ~/state, ~/stop_demand
 _LOOK_AROUND_PERIOD = 0.5
 _DIAGNOSTICS_PERIOD = 1.0
 _LOG_PERIOD = 1.0
 _INACTIVE = 'the mux is not active: activate the node'
+
+
+class _Repeated:
+    """
+    A topic of one value, published at once on change and repeated each ``period`` s.
+
+    :param kind: the message's type; one message serves until the value changes.
+    """
+
+    def __init__(self, publisher: Any, kind: Any, period: float) -> None:
+        self.publisher = publisher
+        self._kind = kind
+        self._period = period
+        self._value: Any = None
+        self._message: Any = None
+        self._due = -math.inf
+
+    def say(self, value: Any, now: float) -> None:
+        """Publish ``value`` if it is another one, or if it is time to repeat it."""
+        if value != self._value or self._message is None:
+            self._value, self._message = value, self._kind(data=value)
+        elif now < self._due:
+            return
+        self.publisher.publish(self._message)
+        self._due = max(self._due, now - self._period) + self._period
 
 
 class SafetyMux(ManagedNode):
@@ -74,11 +101,14 @@ class SafetyMux(ManagedNode):
 
     def __init__(self, **options: Any) -> None:
         super().__init__('safety_mux', **options)
-        period = 1.0 / self.values['rate']
+        rate, heartbeat_rate = self.values['rate'], self.values['heartbeat_rate']
+        # What is repeated goes out with a decision, so up to a period of ``rate`` late.
+        deadline = 4.0 / (rate if 3.0 * heartbeat_rate >= rate else heartbeat_rate)
+        heartbeat = 1.0 / heartbeat_rate
+        self._estop = self.create_repeated(Bool, '~/estop', latched_qos(deadline), heartbeat)
+        self._enable = self.create_repeated(Bool, '~/enable', COMMAND_QOS, heartbeat)
         self._command = self.create_publisher(JointState, '~/command', COMMAND_QOS)
-        self._enable = self.create_publisher(Bool, '~/enable', COMMAND_QOS)
-        self._estop = self.create_publisher(Bool, '~/estop', latched_qos(deadline=4.0 * period))
-        self._state = self.create_publisher(String, '~/state', latched_qos())
+        self._state = self.create_repeated(String, '~/state', latched_qos(), _SLOW_PERIOD)
         self._status = self.create_publisher(DiagnosticStatus, '~/status', latched_qos())
         self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', 10)
         self.create_service(Trigger, '~/reset', self._on_reset)
@@ -88,20 +118,24 @@ class SafetyMux(ManagedNode):
         self._logged_at = -math.inf
         self._refused_reset: tuple[float, str] | None = None  # since the last one that counted
         self._own_watches: dict[str, tuple[Any, PublisherWatch]] = {}  # while others are there
+        self._inputs: list[Any] = []
+        self._stop_demands: dict[str, _Repeated] = {}
+        self._source_of: dict[str, str] = {}  # by the name of the device's diagnostic
+        self._build()
         self._drive_enabled = False
         if self.values['drive_enabled_topic']:
             topic = self.values['drive_enabled_topic']
-            self.create_subscription(Bool, topic, self._on_drive_enabled, latched_qos())
-        self._inputs: list[Any] = []
-        self._stop_demands: dict[str, Any] = {}
+            self.lane.subscribe(Bool, topic, self._on_drive_enabled, latched_qos())
         self.create_subscription(DiagnosticArray, '/diagnostics', self._on_diagnostics, 10)
-        self._build()
-        # Steady time: ROS time may pause or jump.
-        steady = Clock(clock_type=ClockType.STEADY_TIME)
-        self.create_timer(period, self._tick, clock=steady)
-        self.create_timer(_LOOK_AROUND_PERIOD, self._look_around, clock=steady)
-        self.create_timer(1.0 / self.values['status_rate'], self._publish_status, clock=steady)
-        self.create_timer(_DIAGNOSTICS_PERIOD, self._publish_diagnostics, clock=steady)
+        self.lane.every(1.0 / rate, self._tick)
+        self.lane.every(_LOOK_AROUND_PERIOD, self._look_around)
+        self.lane.every(1.0 / self.values['status_rate'], self._publish_status)
+        self.lane.every(_DIAGNOSTICS_PERIOD, self._publish_diagnostics)
+        self.lane.start()
+
+    def create_repeated(self, kind: Any, topic: str, qos: QoSProfile, period: float) -> _Repeated:
+        """Return a topic that is published on change and each ``period`` s."""
+        return _Repeated(self.create_publisher(kind, topic, qos), kind, period)
 
     # Parameters and lifecycle.
 
@@ -116,12 +150,12 @@ class SafetyMux(ManagedNode):
     def on_configure(self, state: Any) -> TransitionCallbackReturn:
         """Take over parameters that were changed since construction."""
         del state
-        return self._transition(self._rebuild, 'configure')
+        return self._transition(lambda: self.lane.call(self._rebuild), 'configure')
 
     def on_activate(self, state: Any) -> TransitionCallbackReturn:
         """Begin to decide; STOPPED until a reset."""
         self.active = True
-        self._hold(time.monotonic())
+        self.lane.call(self._hold, time.monotonic())
         return super().on_activate(state)
 
     def on_deactivate(self, state: Any) -> TransitionCallbackReturn:
@@ -142,8 +176,12 @@ class SafetyMux(ManagedNode):
     def shut_down(self) -> None:
         """Put out the stop at once."""
         self.active = False
-        self._hold(time.monotonic())
-        self._tick()
+        self.lane.call(self._stop)
+
+    def _stop(self) -> None:
+        now = time.monotonic()
+        self._hold(now)
+        self._tick(now)
 
     def _build(self) -> None:
         """Make the arbiter and subscribe to all that it listens to."""
@@ -155,11 +193,13 @@ class SafetyMux(ManagedNode):
         self._owner: str | None = None
         self._mappings = {each.name: joy_mapping(values, each.name) for each in config.operators}
         self._watches: dict[str, tuple[Kind, str, PublisherWatch]] = {}
-        self._source_of: dict[str, str] = {}  # by the name of the device's diagnostic
+        self._source_of = {}
+        self._interface = values['interface']
+        self._joint_state = JointState(name=values['joints'])
         for source in config.sources:
             self._subscribe_source(source.name)
-            self._stop_demands[source.name] = self.create_publisher(
-                Bool, f'~/stop_demand/{source.name}', latched_qos()
+            self._stop_demands[source.name] = self.create_repeated(
+                Bool, f'~/stop_demand/{source.name}', latched_qos(), _SLOW_PERIOD
             )
         for operator in config.operators:
             topic = values[f'operator.{operator.name}.topic']
@@ -209,7 +249,7 @@ class SafetyMux(ManagedNode):
                 self._note_loss(kind, name, f'{lost} messages of {subscription.topic_name}')
             callback(message, now)
 
-        subscription = self.create_subscription(message_type, topic, on_message, qos)
+        subscription = self.lane.subscribe(message_type, topic, on_message, qos)
         self._inputs.append(subscription)
         self._watches[subscription.topic_name] = (kind, name, watch)
 
@@ -222,9 +262,9 @@ class SafetyMux(ManagedNode):
         if self.values == self._built_from:
             return
         for subscription in self._inputs:
-            self.destroy_subscription(subscription)
-        for publisher in self._stop_demands.values():
-            self.destroy_publisher(publisher)
+            self.lane.unsubscribe(subscription)
+        for each in self._stop_demands.values():
+            self.destroy_publisher(each.publisher)
         self._inputs, self._stop_demands = [], {}
         self._build()
 
@@ -233,15 +273,18 @@ class SafetyMux(ManagedNode):
     def _on_estop(self, name: str, message: Any, now: float) -> None:
         self._arbiter.estop_message(name, message.data, now)
         if message.data and self._last_state is not State.STOPPED:
-            self._tick()
+            self._tick(now)
 
     def _on_diagnostics(self, message: Any) -> None:
         """Take from a source's own diagnostic why it demands a stop."""
         for status in message.status:
             if status.name in self._source_of:
                 bad = status.level != DiagnosticStatus.OK
-                why = status.message if bad else ''
-                self._arbiter.explain_source(self._source_of[status.name], why)
+                self.lane.post(self._explain, status.name, status.message if bad else '')
+
+    def _explain(self, name: str, why: str) -> None:
+        if name in self._source_of:
+            self._arbiter.explain_source(self._source_of[name], why)
 
     def _on_own_estop(self, name: str, message: Any, now: float) -> None:
         self._arbiter.own_estop_message(name, message.data, now)
@@ -254,7 +297,7 @@ class SafetyMux(ManagedNode):
         else:
             self._arbiter.operator_sample(name, sample, now)
             if name == self._owner and not sample.deadman:
-                self._tick()  # a released deadman is a stop too
+                self._tick(now)  # a released deadman is a stop too
 
     def _on_autonomy(self, message: Any, now: float) -> None:
         try:
@@ -266,19 +309,19 @@ class SafetyMux(ManagedNode):
 
     def _autonomy_demand(self, message: Any) -> tuple[float, ...]:
         if isinstance(message, JointState):
-            return self._named.demand(message.name, getattr(message, self.values['interface']))
+            return self._named.demand(message.name, getattr(message, self._interface))
         twist = message.twist if isinstance(message, TwistStamped) else message
         return self._drive.demand(twist.linear.x, twist.angular.z)
 
-    def _on_drive_enabled(self, message: Any) -> None:
+    def _on_drive_enabled(self, message: Any, info: Any) -> None:
+        del info
         self._drive_enabled = message.data
 
-    def _look_around(self) -> None:
+    def _look_around(self, now: float) -> None:
         """Find topics with two live publishers, or with one that could never be heard."""
-        now = time.monotonic()
         for topic in self._watches:
             self._look_at(topic, now)
-        for publisher in (self._estop, self._enable, self._command):
+        for publisher in (self._estop.publisher, self._enable.publisher, self._command):
             self._look_at_own(publisher)
         self._hold(now)
 
@@ -287,7 +330,7 @@ class SafetyMux(ManagedNode):
         topic = publisher.topic_name
         alone = self.count_publishers(topic) < 2
         if alone and topic in self._own_watches:
-            self.destroy_subscription(self._own_watches.pop(topic)[0])
+            self.lane.unsubscribe(self._own_watches.pop(topic)[0])
         elif not alone and topic not in self._own_watches:
             watch = PublisherWatch()
 
@@ -297,11 +340,9 @@ class SafetyMux(ManagedNode):
                 watch.heard(info['publication_sequence_number'], now)
                 if watch.doubled(now) and self._last_state is not State.STOPPED:
                     self._hold(now)
-                    self._tick()
+                    self._tick(now)
 
-            subscription = self.create_subscription(
-                publisher.msg_type, topic, on_message, COMMAND_QOS
-            )
+            subscription = self.lane.subscribe(publisher.msg_type, topic, on_message, COMMAND_QOS)
             self._own_watches[topic] = subscription, watch
 
     def _hold(self, now: float) -> None:
@@ -328,44 +369,63 @@ class SafetyMux(ManagedNode):
                 return f'{endpoint.node_name} publishes {topic} best effort: make it reliable'
         return None
 
+    # What is asked; in the executor's thread.
+
     def _on_reset(self, request: Any, response: Any) -> Any:
         del request
-        now = time.monotonic()
-        reply = self._arbiter.reset(now)
-        self._refused_reset = None if reply.ok else (now, reply.message)
-        return self._answer(response, 'reset', *reply)
+        return self._answer(response, 'reset', self._reset)
 
     def _on_trip(self, request: Any, response: Any) -> Any:
         del request
-        reply = self._arbiter.trip(time.monotonic())
-        self._tick()
-        return self._answer(response, 'trip', *reply)
+        return self._answer(response, 'trip', self._trip)
 
     def _on_select_autonomy(self, request: Any, response: Any) -> Any:
-        reply = self._arbiter.select_autonomy(request.data, time.monotonic())
-        self._tick()
-        return self._answer(response, 'select_autonomy', *reply)
+        return self._answer(response, 'select_autonomy', self._select_autonomy, request.data)
 
-    def _answer(self, response: Any, service: str, ok: bool, message: str) -> Any:
-        response.success, response.message = ok, message
-        self.get_logger().info(f'~/{service}: {message}')
+    def _answer(
+        self, response: Any, service: str, ask: Callable[..., Reply], *arguments: Any
+    ) -> Any:
+        try:
+            response.success, response.message = self.lane.call(ask, *arguments)
+        except TimeoutError as error:
+            response.message = f'nothing was done: {error}'
+        self.get_logger().info(f'~/{service}: {response.message}')
         return response
+
+    # The same on the lane.
+
+    def _reset(self) -> Reply:
+        now = time.monotonic()
+        reply = self._arbiter.reset(now)
+        self._refused_reset = None if reply.ok else (now, reply.message)
+        return reply
+
+    def _trip(self) -> Reply:
+        now = time.monotonic()
+        reply = self._arbiter.trip(now)
+        self._tick(now)
+        return reply
+
+    def _select_autonomy(self, select: bool) -> Reply:
+        now = time.monotonic()
+        reply = self._arbiter.select_autonomy(select, now)
+        self._tick(now)
+        return reply
 
     # What goes out.
 
-    def _tick(self) -> None:
-        now = time.monotonic()
+    def _tick(self, now: float) -> None:
         decision = self._arbiter.tick(now)
         # The stop first, then what makes it true, then words.
-        self._estop.publish(Bool(data=decision.estop))
-        self._enable.publish(Bool(data=decision.enable))
-        command = JointState(name=self.values['joints'])
-        setattr(command, self.values['interface'], list(decision.demand))
+        self._estop.say(decision.estop, now)
+        self._enable.say(decision.enable, now)
+        command = self._joint_state  # one for all: publish copies it
+        setattr(command, self._interface, array('d', decision.demand))
         command.header.stamp = self.get_clock().now().to_msg()
         self._command.publish(command)
         for name, demanded in decision.stop_demand.items():
-            self._stop_demands[name].publish(Bool(data=demanded))
-        self._state.publish(String(data=decision.state.value))
+            self._stop_demands[name].say(demanded, now)
+        self._state.say(decision.state.value, now)
         self._owner = decision.owner
         if decision.state is not self._last_state:
             self._last_state = decision.state
@@ -373,7 +433,7 @@ class SafetyMux(ManagedNode):
                 f'{decision.state.value}: {self._arbiter.status(now).last_transition.reason}'
             )
             self._causes = {stop.cause for stop in self._arbiter.stops}
-            self._publish_status()
+            self._publish_status(now)
         elif decision.state is State.STOPPED:
             self._log_further_stops(now)
 
@@ -388,17 +448,16 @@ class SafetyMux(ManagedNode):
             self._logged_at = now
             self.get_logger().info(f'STOPPED: {"; ".join(further)}')
 
-    def _publish_status(self) -> None:
-        self._status.publish(self._status_message())
+    def _publish_status(self, now: float) -> None:
+        self._status.publish(self._status_message(now))
 
-    def _publish_diagnostics(self) -> None:
-        array = DiagnosticArray(status=[self._status_message()])
-        array.header.stamp = self.get_clock().now().to_msg()
-        self._diagnostics.publish(array)
+    def _publish_diagnostics(self, now: float) -> None:
+        message = DiagnosticArray(status=[self._status_message(now)])
+        message.header.stamp = self.get_clock().now().to_msg()
+        self._diagnostics.publish(message)
 
-    def _status_message(self) -> Any:
+    def _status_message(self, now: float) -> Any:
         """Return the whole answer to 'why does it not move?'."""
-        now = time.monotonic()
         status = self._arbiter.status(now)
         inhibits = (*status.inhibits, *self._downstream_inhibits(status, now))
         last = status.last_transition

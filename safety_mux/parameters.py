@@ -35,6 +35,16 @@ GENERAL = (
         section='what goes out',
     ),
     Parameter(
+        'heartbeat_rate',
+        40.0,
+        'How often ~/estop and ~/enable are repeated without a change; with a decision, so '
+        "at most at rate. The drive's command_timeout should be three periods or more.",
+        unit='Hz',
+        minimum=20.0,
+        maximum=500.0,
+        fixed=True,
+    ),
+    Parameter(
         'interface',
         'velocity',
         'What the numbers of ~/command are: its field velocity (rad/s) or effort (N·m). Position '

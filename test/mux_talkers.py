@@ -29,6 +29,7 @@ PATIENT = {
     'operator.fort.timeout': TIMEOUT,
     'autonomy.timeout': TIMEOUT,
 }
+FRESH = 0.2  # s; of ~/state, four periods
 CLEAR_TIME = 0.5  # the mux's default; a reset within it of another counts as repeated
 
 
@@ -81,7 +82,7 @@ class MuxBench:
         """Tell whether the newest state is this one, and fresh."""
         record = self.state
         return bool(record.times) and (
-            time.monotonic() - record.times[-1] < 0.1 and record.last.data == state
+            time.monotonic() - record.times[-1] < FRESH and record.last.data == state
         )
 
     def inhibits(self) -> list[str]:

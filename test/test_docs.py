@@ -67,7 +67,7 @@ def interfaces(source: str) -> dict[str, set[str]]:
     for call in ast.walk(ast.parse(source)):
         if isinstance(call, ast.Call) and isinstance(call.func, ast.Attribute):
             kind = 'service' if call.func.attr == 'create_service' else 'topic'
-            if call.func.attr.startswith(('create_', 'publisher', 'watched_')):
+            if call.func.attr.startswith(('create_', 'publisher', 'watched_', 'subscribe')):
                 found[kind] |= {name for arg in call.args for name in literal_names(arg)}
     return found
 

@@ -65,6 +65,7 @@ SHARED = {
     'settings': ('bridge_core.parameters',),
     'services': ('bridge_core.session', 'rclpy'),
     'transports': (*CORE, 'bridge_core.session', 'serial', 'can', 'STDLIB'),
+    'lane': ('rclpy', 'STDLIB'),
     'outbox': ('STDLIB',),  # it has a thread
     'convert': ('MESSAGES',),
     'diagnostics': ('bridge_core.framing', 'bridge_core.session', 'MESSAGES'),

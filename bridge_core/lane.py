@@ -1,0 +1,396 @@
+"""
+The way of a stop through a node: a thread that waits for its topics without rclpy's executor.
+
+The executor makes its wait set anew for each wake-up, out of every service, timer and event of the
+node, which costs more than the message. A lane waits for what a stop needs alone, on a set that
+stays. Whatever happens on it, happens in one thread: what its callbacks own needs no lock, and a
+callback that hangs makes this node silent, which others take for a stop, and no other node.
+"""
+
+from collections import deque
+from collections.abc import Callable
+from concurrent.futures import Future
+from concurrent.futures import wait
+from contextlib import suppress
+from dataclasses import dataclass
+import math
+import threading
+import time
+import traceback
+from typing import Any
+from typing import Protocol
+
+from rclpy.callback_groups import CallbackGroup
+from rclpy.event_handler import SubscriptionEventCallbacks
+from rclpy.exceptions import InvalidHandle
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.guard_condition import GuardCondition
+from rclpy.impl.implementation_singleton import rclpy_implementation as _rclpy
+from rclpy.node import Node
+from rclpy.qos import QoSProfile
+
+_CALL_LIMIT = 0.4  # s that others wait for the lane's thread
+_BATCH = 20  # messages of one topic before the next topic has its turn
+_CAPACITY = 10_000  # posted calls that a lane which hangs keeps
+_REPORT_PERIOD = 1.0  # s
+
+
+@dataclass(slots=True, eq=False)
+class _Topic:
+    kind: Any
+    callback: Callable[[Any, dict[str, Any]], object]
+    subscription: Any = None
+    wanted: bool = True
+
+
+@dataclass(slots=True, eq=False)
+class _Timer:
+    period: float
+    callback: Callable[[float], object]
+    due: float
+
+
+class _Waiter(Protocol):
+    """What a lane waits by. Subscribing and waking may be done in any thread."""
+
+    def subscribe(self, topic: _Topic, name: str, qos: Any) -> None: ...
+    def unsubscribe(self, topic: _Topic) -> None: ...
+    def wake(self) -> None: ...
+    def wait(self, topics: tuple[_Topic, ...], timeout: float | None) -> None: ...
+    def close(self) -> None: ...
+
+
+class Lane:
+    """
+    A thread for what a stop needs: topics, steady timers and the calls of other threads.
+
+    :param node: whose subscriptions they are; its executor does not wait for them.
+    :param name: of the thread.
+    """
+
+    def __init__(self, node: Node, name: str) -> None:
+        self._node = node
+        self._context = node.context
+        self._name = name
+        self._topics: tuple[_Topic, ...] = ()
+        self._timers: tuple[_Timer, ...] = ()
+        self._calls: deque[tuple[Callable[..., object], tuple[Any, ...]]] = deque(maxlen=_CAPACITY)
+        self._lock = threading.Lock()  # of the two tuples, which are replaced and never changed
+        self._thread: threading.Thread | None = None
+        self._ending = False
+        self._report_at = -math.inf
+        kind = _WaitSetWaiter if wait_set_works(node.context) else _ExecutorWaiter
+        self._waiter: _Waiter = kind(node, self._guarded)
+
+    # What it waits for. All of this may be used in any thread, before and after the start.
+
+    def subscribe(
+        self,
+        kind: Any,
+        topic: str,
+        callback: Callable[[Any, dict[str, Any]], object],
+        qos: QoSProfile | int,
+    ) -> Any:
+        """
+        Subscribe; return the subscription.
+
+        Of topics that have something, the one subscribed first is read first, all that it has.
+
+        :param callback: gets the message and rclpy's dictionary of message information.
+        """
+        entry = _Topic(kind, callback)
+        self._waiter.subscribe(entry, topic, qos)
+        with self._lock:
+            self._topics = (*self._topics, entry)
+        self._waiter.wake()
+        return entry.subscription
+
+    def unsubscribe(self, subscription: Any) -> None:
+        """Destroy a subscription; but for a call that another thread is in, none follows."""
+        with self._lock:
+            (entry,) = (each for each in self._topics if each.subscription is subscription)
+            entry.wanted = False
+            self._topics = tuple(each for each in self._topics if each is not entry)
+        self._waiter.unsubscribe(entry)
+        self._waiter.wake()
+
+    def every(self, period: float, callback: Callable[[float], object]) -> None:
+        """
+        Call ``callback(now)`` each ``period`` s by the monotonic clock, from one period on.
+
+        Calls that are late by a period or more are left out, not made up for.
+        """
+        with self._lock:
+            timer = _Timer(period, callback, time.monotonic() + period)
+            self._timers = (*self._timers, timer)
+        self._waiter.wake()
+
+    def post(self, function: Callable[..., object], *args: Any) -> None:
+        """Have the lane's thread call ``function(*args)``, in the order of posting."""
+        self._calls.append((function, args))
+        if threading.current_thread() is not self._thread:
+            self._waiter.wake()
+
+    def call(self, function: Callable[..., Any], *args: Any) -> Any:
+        """
+        Have the lane's thread call ``function(*args)``; return its result or raise its exception.
+
+        On that thread, and while there is none, it is called directly.
+
+        :raises TimeoutError: after 0.4 s; a call that has not begun by then never will.
+        """
+        thread = self._thread
+        if thread is None or thread is threading.current_thread() or not thread.is_alive():
+            return function(*args)
+        future: Future[Any] = Future()
+        self.post(_settle, future, function, args)
+        if not wait([future], _CALL_LIMIT).done:
+            future.cancel()
+            raise TimeoutError(f'{self._name}: the thread hangs or is overloaded')
+        return future.result()
+
+    # The thread.
+
+    def start(self) -> None:
+        """Start the thread. It ends by ``stop``, and with the node or its context."""
+        self._context.on_shutdown(self._wake)
+        self._thread = threading.Thread(target=self._run, name=self._name, daemon=True)
+        self._thread.start()
+
+    def stop(self) -> None:
+        """Have posted calls executed and the thread end; wait up to 0.4 s. May be repeated."""
+        self._ending = True
+        self._waiter.wake()
+        if self._thread is None:
+            self._waiter.close()
+        elif self._thread is not threading.current_thread():
+            self._thread.join(_CALL_LIMIT)
+
+    def _wake(self) -> None:  # a context keeps methods only
+        self._waiter.wake()
+
+    def _run(self) -> None:
+        try:
+            while not self._ending and self._context.ok() and _exists(self._node):
+                self._waiter.wait(self._topics, self._timeout())
+                self._call_posted()
+                self._call_timers()
+            self._call_posted()
+        except Exception:
+            if self._context.ok():  # its end may come amid a wait
+                self._node.get_logger().fatal(f'{self._name} ends: {traceback.format_exc()}')
+        finally:
+            self._waiter.close()
+
+    def _timeout(self) -> float | None:
+        if self._calls:
+            return 0.0
+        due = min((timer.due for timer in self._timers), default=None)
+        return None if due is None else max(0.0, due - time.monotonic())
+
+    def _call_posted(self) -> None:
+        for _ in range(len(self._calls)):  # not those that they post themselves
+            function, args = self._calls.popleft()
+            self._guarded(function, *args)
+
+    def _call_timers(self) -> None:
+        for timer in self._timers:
+            now = time.monotonic()
+            if now >= timer.due:
+                timer.due += timer.period
+                if timer.due <= now:
+                    timer.due = now + timer.period
+                self._guarded(timer.callback, now)
+
+    def _guarded(self, function: Callable[..., Any], *args: Any) -> Any:
+        """Call it; report an exception and go on: one bad message must not silence all others."""
+        try:
+            return function(*args)
+        except Exception:
+            now = time.monotonic()
+            if now >= self._report_at:
+                self._report_at = now + _REPORT_PERIOD
+                self._node.get_logger().error(f'{self._name}: {traceback.format_exc()}')
+            return None
+
+
+def _settle(future: 'Future[Any]', function: Callable[..., Any], args: tuple[Any, ...]) -> None:
+    if future.set_running_or_notify_cancel():
+        try:
+            future.set_result(function(*args))
+        except Exception as error:
+            future.set_exception(error)
+
+
+def _exists(node: Node) -> bool:
+    try:
+        with node.handle:
+            return True
+    except InvalidHandle:
+        return False
+
+
+def wait_set_works(context: Any) -> bool:
+    """Tell whether rclpy has the inner wait set that lanes were written for (rclpy 7.1)."""
+    try:
+        guard = GuardCondition(None, None, context=context)
+        guard.trigger()
+        wait_set = _wait_set(context, 0)
+        wait_set.clear_entities()
+        wait_set.add_guard_condition(guard.handle)
+        wait_set.wait(0)
+        return bool(wait_set.is_ready('guard_condition', 0)) and all(
+            hasattr(_rclpy.Subscription, name) for name in ('take_message', '__enter__')
+        )
+    except (AttributeError, TypeError):
+        return False
+
+
+def _wait_set(context: Any, subscriptions: int) -> Any:
+    with context.handle:
+        return _rclpy.WaitSet(subscriptions, 1, 0, 0, 0, 0, context.handle)
+
+
+class _NotForExecutors(CallbackGroup):
+    """Keeps subscriptions of a node away from the executor that spins it."""
+
+    def can_execute(self, entity: Any) -> bool:
+        del entity
+        return False
+
+    def beginning_execution(self, entity: Any) -> bool:
+        del entity
+        return False
+
+    def ending_execution(self, entity: Any) -> None:
+        """Nothing was begun."""
+
+
+class _WaitSetWaiter:
+    """
+    Waits on the inner wait set of rclpy, as its executor does.
+
+    The set holds raw pointers, so the lane's thread holds all handles for as long as it is in use:
+    a subscription that is destroyed meanwhile is gone when the set is made anew.
+    """
+
+    def __init__(self, node: Node, guarded: Callable[..., Any]) -> None:
+        self._node = node
+        self._guarded = guarded
+        self._group = _NotForExecutors()
+        self._guard = GuardCondition(None, None, context=node.context)
+        self._topics: tuple[_Topic, ...] = ()  # as given for the set
+        self._held: list[tuple[_Topic, Any]] = []  # with their handles
+        self._set: Any = None
+
+    def subscribe(self, topic: _Topic, name: str, qos: Any) -> None:
+        topic.subscription = self._node.create_subscription(
+            topic.kind,
+            name,
+            topic.callback,
+            qos,
+            callback_group=self._group,
+            event_callbacks=SubscriptionEventCallbacks(use_default_callbacks=False),
+        )
+
+    def unsubscribe(self, topic: _Topic) -> None:
+        self._node.destroy_subscription(topic.subscription)
+
+    def wake(self) -> None:
+        with suppress(InvalidHandle):  # the thread has ended
+            self._guard.trigger()
+
+    def wait(self, topics: tuple[_Topic, ...], timeout: float | None) -> None:
+        if self._set is None or topics is not self._topics:
+            self._make_set(topics)
+        wait_set = self._set
+        wait_set.clear_entities()  # a wait takes out what is not ready
+        for _, handle in self._held:
+            wait_set.add_subscription(handle)
+        wait_set.add_guard_condition(self._guard.handle)
+        wait_set.wait(-1 if timeout is None else int(timeout * 1e9))
+        for index, (topic, handle) in enumerate(self._held):
+            if wait_set.is_ready('subscription', index):
+                self._take(topic, handle)
+
+    def _take(self, topic: _Topic, handle: Any) -> None:
+        for _ in range(_BATCH):
+            if not topic.wanted:
+                return
+            taken = self._guarded(handle.take_message, topic.kind, False)
+            if taken is None:
+                return
+            self._guarded(topic.callback, *taken)
+
+    def _make_set(self, topics: tuple[_Topic, ...]) -> None:
+        self._release()
+        for topic in topics:
+            handle = topic.subscription.handle
+            try:
+                handle.__enter__()
+            except InvalidHandle:
+                continue  # destroyed behind the lane's back
+            self._held.append((topic, handle))
+        self._topics = topics
+        self._set = _wait_set(self._node.context, len(self._held))
+
+    def _release(self) -> None:
+        self._set = None
+        for _, handle in self._held:
+            handle.__exit__(None, None, None)
+        self._held = []
+
+    def close(self) -> None:
+        self._release()
+        self._guard.destroy()
+
+
+class _ExecutorWaiter:
+    """
+    Waits by the public executor, on a small node of its own, where rclpy has no known wait set.
+
+    Names are resolved by the node that the lane belongs to, with its namespace and remappings.
+    """
+
+    def __init__(self, node: Node, guarded: Callable[..., Any]) -> None:
+        self._owner = node
+        self._guarded = guarded
+        self._node = Node(
+            f'_{node.get_name()}_lane',
+            namespace=node.get_namespace(),
+            context=node.context,
+            use_global_arguments=False,
+            enable_rosout=False,
+            start_parameter_services=False,
+        )
+        self._guard = self._node.create_guard_condition(lambda: None)
+        self._executor = SingleThreadedExecutor(context=node.context)
+        self._executor.add_node(self._node)
+
+    def subscribe(self, topic: _Topic, name: str, qos: Any) -> None:
+        def on_message(message: Any, info: dict[str, Any]) -> None:
+            if topic.wanted:
+                self._guarded(topic.callback, message, info)
+
+        topic.subscription = self._node.create_subscription(
+            topic.kind,
+            self._owner.resolve_topic_name(name),
+            on_message,
+            qos,
+            event_callbacks=SubscriptionEventCallbacks(use_default_callbacks=False),
+        )
+
+    def unsubscribe(self, topic: _Topic) -> None:
+        self._node.destroy_subscription(topic.subscription)
+
+    def wake(self) -> None:
+        with suppress(InvalidHandle):  # the thread has ended
+            self._guard.trigger()
+
+    def wait(self, topics: tuple[_Topic, ...], timeout: float | None) -> None:
+        del topics
+        self._executor.spin_once(timeout_sec=timeout)
+
+    def close(self) -> None:
+        self._executor.shutdown()
+        self._node.destroy_node()

@@ -1,0 +1,379 @@
+"""The way of a stop through a node, on rclpy's wait set and on its public executor."""
+
+from collections.abc import Callable
+from collections.abc import Iterator
+from itertools import pairwise
+import threading
+import time
+from typing import Any
+
+import pytest
+import rclpy
+from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.qos import QoSProfile
+from std_msgs.msg import Bool
+from std_msgs.msg import Int32
+
+from bridge_core import lane as lane_module
+from bridge_core.lane import Lane
+from test.rig import wait_for
+
+PERIOD = 0.02
+
+
+class Rig:
+    """A node with a lane, and another node that publishes to it."""
+
+    def __init__(self, context: Context) -> None:
+        self.node = Node('listener', namespace='/lane', context=context)
+        self.talker = Node('talker', namespace='/lane', context=context)
+        self.lane = Lane(self.node, 'listener lane')
+        self.heard: list[Any] = []
+
+    def listen(self, topic: str = 'number', depth: int = 10) -> Callable[[int], None]:
+        """Subscribe into ``heard``; return what publishes there, once both have met."""
+        self.lane.subscribe(Int32, topic, self.hear, QoSProfile(depth=depth))
+        return self.publisher(topic, depth)
+
+    def hear(self, message: Any, info: dict[str, Any]) -> None:
+        del info
+        self.heard.append(message.data)
+
+    def publisher(self, topic: str, depth: int = 10) -> Callable[[int], None]:
+        publisher = self.talker.create_publisher(Int32, topic, depth)
+        wait_for(lambda: publisher.get_subscription_count(), what=topic)
+        return lambda number: publisher.publish(Int32(data=number))
+
+    def wait_heard(self, *numbers: int) -> None:
+        wait_for(lambda: self.heard == list(numbers), what=lambda: f'{numbers}: {self.heard[-9:]}')
+
+    def close(self) -> None:
+        self.lane.stop()
+        self.node.destroy_node()
+        self.talker.destroy_node()
+
+
+@pytest.fixture(params=['wait set', 'executor'], autouse=True)
+def way(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> str:
+    """Run each test both ways."""
+    if request.param == 'executor':
+        monkeypatch.setattr(lane_module, 'wait_set_works', lambda context: False)
+    return str(request.param)
+
+
+@pytest.fixture
+def rig(context: Context) -> Iterator[Rig]:
+    result = Rig(context)
+    yield result
+    result.close()
+
+
+def test_this_rclpy_has_the_wait_set_that_lanes_use(context: Context, way: str) -> None:
+    del way
+    assert lane_module._wait_set(context, 0) is not None
+
+
+def test_other_rclpy_is_noticed(context: Context, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.undo()
+    assert lane_module.wait_set_works(context)
+    with monkeypatch.context() as changed:
+        changed.setattr('bridge_core.lane._rclpy.WaitSet', lambda context: None)
+        assert not lane_module.wait_set_works(context)
+    with monkeypatch.context() as changed:
+        changed.setattr(lane_module, '_rclpy', object())
+        assert not lane_module.wait_set_works(context)
+
+
+def test_messages_come_in_order_with_their_numbers(rig: Rig) -> None:
+    numbers: list[int] = []
+
+    def on_message(message: Any, info: dict[str, Any]) -> None:
+        rig.hear(message, info)
+        numbers.append(info['publication_sequence_number'])
+        assert threading.current_thread().name == 'listener lane'
+
+    rig.lane.subscribe(Int32, 'number', on_message, 100)
+    rig.lane.start()
+    say = rig.publisher('number', 100)
+    for n in range(50):
+        say(n)
+    rig.wait_heard(*range(50))
+    assert numbers == list(range(numbers[0], numbers[0] + 50))
+
+
+def test_topic_has_the_namespace_of_the_node(rig: Rig) -> None:
+    subscription = rig.lane.subscribe(Int32, '~/number', rig.hear, 10)
+    assert subscription.topic_name == '/lane/listener/number'
+
+
+def test_no_stop_among_a_thousand_messages_is_lost(rig: Rig) -> None:
+    """All depth's worth that waits at once is read, with other topics and calls going on."""
+    stops: list[bool] = []
+    qos = QoSProfile(depth=1000)
+    rig.lane.subscribe(Bool, 'estop', lambda message, info: stops.append(message.data), qos)
+    other = rig.listen()
+    publisher = rig.talker.create_publisher(Bool, 'estop', qos)
+    wait_for(lambda: publisher.get_subscription_count(), what='estop')
+    sent = [n % 97 == 0 for n in range(1000)]
+    for n, stop in enumerate(sent):
+        publisher.publish(Bool(data=stop))
+        if n % 50 == 0:
+            other(n)
+    rig.lane.start()
+    wait_for(lambda: len(stops) == 1000, what=lambda: f'{len(stops)} came')
+    assert stops == sent
+
+
+def test_flood_of_one_topic_leaves_others_their_turn(rig: Rig, way: str) -> None:
+    order: list[str] = []
+    first = rig.lane.subscribe(Int32, 'first', lambda *_: order.append('first'), 500)
+    rig.lane.subscribe(Int32, 'second', lambda *_: order.append('second'), 10)
+    flood, single = rig.publisher('first', 500), rig.publisher('second')
+    for n in range(500):
+        flood(n)
+    single(0)
+    assert first is not None
+    rig.lane.start()
+    wait_for(lambda: len(order) == 501, what=lambda: f'{len(order)} came')
+    assert order[0] == 'first'  # subscribed first
+    assert order.index('second') <= 2 * lane_module._BATCH
+
+
+def test_subscription_is_added_while_it_waits(rig: Rig) -> None:
+    rig.lane.start()
+    say = rig.listen()
+    say(1)
+    rig.wait_heard(1)
+
+
+def test_subscription_is_removed_while_it_waits(rig: Rig) -> None:
+    say_first = rig.listen('first')
+    second = rig.lane.subscribe(Int32, 'second', lambda *_: rig.heard.append('removed'), 10)
+    publisher = rig.talker.create_publisher(Int32, 'second', 10)
+    wait_for(lambda: publisher.get_subscription_count(), what='second')
+    rig.lane.start()
+    say_first(1)
+    rig.wait_heard(1)
+    rig.lane.unsubscribe(second)
+    wait_for(lambda: not publisher.get_subscription_count(), what='it is gone')
+    publisher.publish(Int32())
+    say_first(2)
+    rig.wait_heard(1, 2)
+
+
+def test_nothing_comes_after_a_callback_has_unsubscribed(rig: Rig) -> None:
+    def on_message(message: Any, info: dict[str, Any]) -> None:
+        rig.hear(message, info)
+        rig.lane.unsubscribe(subscription)
+
+    subscription = rig.lane.subscribe(Int32, 'number', on_message, 10)
+    say, last = rig.publisher('number'), rig.listen('last')
+    for n in range(5):
+        say(n)
+    last(99)
+    rig.lane.start()
+    rig.wait_heard(0, 99)
+
+
+def test_callback_that_raises_is_reported_and_loses_nothing_else(
+    rig: Rig, capfd: pytest.CaptureFixture[str]
+) -> None:
+    def on_message(message: Any, info: dict[str, Any]) -> None:
+        rig.hear(message, info)
+        raise ZeroDivisionError
+
+    rig.lane.subscribe(Int32, 'number', on_message, 10)
+    rig.lane.every(PERIOD, lambda now: 1 / 0)
+    rig.lane.start()
+    say = rig.publisher('number')
+    for n in range(5):
+        say(n)
+    rig.wait_heard(*range(5))
+    output = ''
+
+    def reported() -> bool:
+        nonlocal output
+        output += capfd.readouterr().err
+        return 'ZeroDivisionError' in output
+
+    wait_for(reported, what='the report')
+    assert output.count('Traceback') == 1
+
+
+def test_executor_of_the_node_leaves_the_lane_its_messages(rig: Rig, context: Context) -> None:
+    """Its own subscriptions it serves; so does the lane, in its thread."""
+    threads: list[threading.Thread] = []
+    rig.lane.subscribe(Int32, 'number', lambda *_: threads.append(threading.current_thread()), 10)
+    ordinary: list[Any] = []
+    rig.node.create_subscription(Int32, 'number', ordinary.append, 10)
+    executor = SingleThreadedExecutor(context=context)
+    executor.add_node(rig.node)
+    rig.lane.start()
+    say = rig.publisher('number')
+    wait_for(lambda: rig.node.count_subscribers('number') == 2, what='both')
+    for n in range(10):
+        say(n)
+    wait_for(
+        lambda: len(threads) == len(ordinary) == 10,
+        what=lambda: f'{len(threads)}, {len(ordinary)}',
+        idle=lambda duration: executor.spin_once(timeout_sec=duration),
+    )
+    executor.shutdown()
+    assert {thread.name for thread in threads} == {'listener lane'}
+
+
+# Calls.
+
+
+def test_posted_calls_come_in_order_also_those_of_before_the_start(rig: Rig) -> None:
+    rig.lane.post(rig.heard.append, 0)
+    rig.lane.start()
+    for n in range(1, 100):
+        rig.lane.post(rig.heard.append, n)
+    rig.wait_heard(*range(100))
+
+
+def test_call_returns_what_the_lane_returns_or_raises(rig: Rig) -> None:
+    rig.lane.start()
+    assert rig.lane.call(lambda n: (n, threading.current_thread().name), 3) == (3, 'listener lane')
+    with pytest.raises(ZeroDivisionError):
+        rig.lane.call(lambda: 1 / 0)
+    assert rig.lane.call(rig.lane.call, max, 1, 2) == 2  # directly on the lane's own thread
+
+
+def test_call_without_a_thread_is_direct(rig: Rig) -> None:
+    assert rig.lane.call(threading.current_thread) is threading.current_thread()
+    rig.lane.start()
+    rig.lane.stop()
+    assert rig.lane.call(threading.current_thread) is threading.current_thread()
+
+
+def test_call_that_was_given_up_is_never_made(rig: Rig) -> None:
+    gate = threading.Event()
+    rig.lane.start()
+    rig.lane.post(gate.wait)
+    with pytest.raises(TimeoutError, match='listener lane'):
+        rig.lane.call(rig.heard.append, 'late')
+    gate.set()
+    rig.lane.call(rig.heard.append, 'next')
+    assert rig.heard == ['next']
+
+
+# Timers.
+
+
+def test_timer_keeps_its_rate(rig: Rig) -> None:
+    """No drift: a call that is late does not make the later ones late."""
+    rig.lane.every(PERIOD, rig.heard.append)
+    started = time.monotonic()
+    rig.lane.start()
+    wait_for(lambda: len(rig.heard) >= 50, what='50 calls')
+    for n, now in enumerate(rig.heard):
+        assert now - started >= (n + 1) * PERIOD - 0.001  # never early, however busy the machine
+
+
+def test_calls_that_are_late_are_left_out(rig: Rig) -> None:
+    rig.lane.every(PERIOD, rig.heard.append)
+    rig.lane.start()
+    wait_for(lambda: rig.heard, what='a call')
+    held = threading.Event()
+    rig.lane.post(held.wait)
+    before, count = time.monotonic(), len(rig.heard)
+    wait_for(lambda: time.monotonic() > before + 10 * PERIOD, what='the time')
+    held.set()
+    wait_for(lambda: len(rig.heard) > count + 3, what='the next calls')
+    late = [now for now in rig.heard[count:] if now > before + 2 * PERIOD]
+    gaps = [b - a for a, b in pairwise(late)]
+    assert all(gap >= PERIOD * 0.5 for gap in gaps[1:]), gaps  # the first may be a period's rest
+
+
+def test_timer_added_while_it_waits_for_ever_comes(rig: Rig) -> None:
+    rig.lane.start()
+    rig.lane.call(int)  # it has begun to wait
+    rig.lane.every(PERIOD, rig.heard.append)
+    wait_for(lambda: rig.heard, what='a call')
+
+
+# Ends.
+
+
+def thread_of(lane: Lane) -> threading.Thread:
+    assert lane._thread is not None
+    return lane._thread
+
+
+def test_stop_ends_the_wait_and_may_be_repeated(rig: Rig) -> None:
+    rig.listen()
+    rig.lane.start()
+    rig.lane.call(int)
+    rig.lane.stop()
+    assert not thread_of(rig.lane).is_alive()
+    rig.lane.stop()
+
+
+def test_stop_without_a_start(rig: Rig) -> None:
+    rig.listen()
+    rig.lane.stop()
+    rig.lane.post(int)
+
+
+def test_what_was_posted_before_the_stop_is_called(rig: Rig) -> None:
+    rig.lane.start()
+    rig.lane.post(rig.heard.append, 1)
+    rig.lane.stop()
+    assert rig.heard == [1]
+
+
+def test_stop_from_its_own_thread(rig: Rig) -> None:
+    rig.lane.start()
+    rig.lane.post(rig.lane.stop)
+    thread = thread_of(rig.lane)
+    wait_for(lambda: not thread.is_alive(), what='its end')
+
+
+def test_shut_down_context_ends_the_thread(context: Context) -> None:
+    own = Context()
+    rclpy.init(context=own)
+    rig = Rig(own)
+    rig.listen()
+    rig.lane.start()
+    rig.lane.call(int)
+    own.shutdown()
+    thread = thread_of(rig.lane)
+    wait_for(lambda: not thread.is_alive(), what='its end')
+    rig.close()
+    assert context.ok()
+
+
+def test_destroyed_node_ends_the_thread_at_its_next_wake(rig: Rig) -> None:
+    rig.listen()
+    rig.lane.start()
+    rig.lane.call(int)
+    rig.node.destroy_node()
+    rig.lane.post(int)
+    thread = thread_of(rig.lane)
+    wait_for(lambda: not thread.is_alive(), what='its end')
+
+
+def test_lane_that_hangs_is_silent_alone(rig: Rig, context: Context) -> None:
+    other = Rig(context)
+    gate = threading.Event()
+    try:
+        for each in (rig, other):
+            each.lane.every(PERIOD, each.heard.append)
+            each.lane.start()
+        wait_for(lambda: rig.heard and other.heard, what='both')
+        rig.lane.post(gate.wait)
+        wait_for(lambda: rig.lane._calls or not gate.is_set(), what='it hangs')
+        with pytest.raises(TimeoutError):
+            rig.lane.call(int)
+        silent, count = len(rig.heard), len(other.heard)
+        wait_for(lambda: len(other.heard) > count + 10, what='the other goes on')
+        assert len(rig.heard) == silent
+        rig.lane.stop()  # gives up
+        assert thread_of(rig.lane).is_alive()
+    finally:
+        gate.set()
+        other.close()
