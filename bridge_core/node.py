@@ -97,6 +97,7 @@ class BridgeNode(ManagedNode, Generic[EventT]):
         self.log(Level.WARN, f'stop: {_INACTIVE.reasons[0]}')
         self._link_up_publisher.publish(Bool(data=False))
         self.link.start()
+        self.lane.start()
 
     def watched_subscription(
         self,
@@ -126,7 +127,7 @@ class BridgeNode(ManagedNode, Generic[EventT]):
                 self.log(Level.ERROR, text, site=text)
                 self.on_doubled(text)
 
-        subscription = self.create_subscription(kind, topic, on_message, qos)
+        subscription = self.lane.subscribe(kind, topic, on_message, qos)
         self._watches[subscription.topic_name] = watch
 
     def on_doubled(self, text: str) -> None:
@@ -433,7 +434,7 @@ class BridgeNode(ManagedNode, Generic[EventT]):
             steps.callback(self._leave_active)
 
     def destroy_node(self) -> None:
-        """End the link's thread before what it publishes on goes away."""
+        """End the threads before what they publish on goes away."""
         self.link.stop()
         super().destroy_node()
 

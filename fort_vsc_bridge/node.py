@@ -52,7 +52,7 @@ class FortVscBridge(BridgeNode[Event]):
         self._fix = self.create_publisher(NavSatFix, '~/fix', 10)
         self._nmea = self.create_publisher(String, '~/nmea', 10)
         self._user_values = self.create_publisher(KeyValue, '~/user_values', 10)
-        self.create_subscription(Bool, '~/software_estop', self._on_software_estop, 10)
+        self.lane.subscribe(Bool, '~/software_estop', self._on_software_estop, 10)
         self.create_subscription(JoyFeedback, '~/set_feedback', self._on_set_feedback, 10)
         self.create_subscription(KeyValue, '~/set_user_value', self._on_set_user_value, 10)
         self.create_subscription(KeyValue, '~/set_user_name', self._on_set_user_name, 10)
@@ -107,7 +107,8 @@ class FortVscBridge(BridgeNode[Event]):
 
     # Requests.
 
-    def _on_software_estop(self, message: Any) -> None:
+    def _on_software_estop(self, message: Any, info: Any) -> None:
+        del info
         stop = message.data
         self.request(Session.set_software_estop, stop, key='software_estop', stop=stop)
 

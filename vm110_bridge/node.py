@@ -58,7 +58,7 @@ class Vm110Bridge(BridgeNode[Event]):
         self.create_subscription(
             UInt8MultiArray, '~/send_command', self._on_send_command, _COMMAND_DEPTH
         )
-        self.create_subscription(Bool, '~/hold_output', self._on_hold_output, 10)
+        self.lane.subscribe(Bool, '~/hold_output', self._on_hold_output, 10)
         self.create_subscription(UInt16, '~/command_done', self._on_command_done, _COMMAND_DEPTH)
         self._publish_armed(ArmedChanged(armed=False, enabled=False))
 
@@ -124,7 +124,8 @@ class Vm110Bridge(BridgeNode[Event]):
         if key == 'send_command':
             self._result.publish(convert.command_result(None, text))
 
-    def _on_hold_output(self, message: Any) -> None:
+    def _on_hold_output(self, message: Any, info: Any) -> None:
+        del info
         self.request(Session.set_hold_output, message.data, stop=message.data)
 
     def _on_periodic_output(self, message: Any) -> None:
