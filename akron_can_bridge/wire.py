@@ -9,7 +9,8 @@ from akron_can_bridge.session import FILTERS
 from akron_can_bridge.session import Resting
 from akron_can_bridge.session import Session
 from akron_can_bridge.session import Settings
-from bridge_core.transports.can import CanTransport
+from bridge_core.j1939 import CanFrame
+from bridge_core.transports import Transport
 from bridge_core.transports.wire import Bridge
 
 
@@ -23,8 +24,11 @@ def make_resting_session(values: Mapping[str, Any]) -> Resting:
     return Resting(Settings.from_parameters(values))
 
 
-def make_transport(values: Mapping[str, Any]) -> CanTransport:
+def make_transport(values: Mapping[str, Any]) -> Transport[CanFrame]:
     """Return the CAN port, not yet open."""
+    # Late: it is the wire's process that needs python-can, not the node's.
+    from bridge_core.transports.can import CanTransport
+
     return CanTransport(
         values['interface'],
         values['channel'],

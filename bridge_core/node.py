@@ -359,8 +359,7 @@ class BridgeNode(ManagedNode, Generic[EventT]):
 
         def configure() -> None:
             self.take_parameters(self.values)
-            self.BRIDGE.make_session(self.values)
-            self.BRIDGE.make_transport(self.values)
+            self.link.check(self.values)
             if not self.starting:
                 self._rest()
 

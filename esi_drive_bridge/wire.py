@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from bridge_core.transports.serial import SerialTransport
+from bridge_core.transports import Transport
 from bridge_core.transports.wire import Bridge
 from esi_drive_bridge.session import Session
 from esi_drive_bridge.session import Settings
@@ -16,8 +16,11 @@ def make_session(values: Mapping[str, Any]) -> Session:
     return Session(Settings.from_parameters(values))
 
 
-def make_transport(values: Mapping[str, Any]) -> SerialTransport:
+def make_transport(values: Mapping[str, Any]) -> Transport[bytes]:
     """Return the serial port, not yet open."""
+    # Late: it is the wire's process that needs it, not the node's.
+    from bridge_core.transports.serial import SerialTransport
+
     return SerialTransport(values['port'], values['baud'])
 
 

@@ -33,6 +33,7 @@ from bridge_core.transports.link import ANSWER_TIME
 from bridge_core.transports.link import Link
 from bridge_core.transports.wire import BACKOFF_START
 from bridge_core.transports.wire import Request
+from bridge_core.transports.wire import Wire
 
 SILENCE_LIMIT = 0.085  # s without any, after which the node demands a stop
 _KILL_TIME = 0.25  # s without any, after which another wire takes over
@@ -75,7 +76,7 @@ class ProcessLink(Link):
                 self._activation = request
             elif request.name == 'deactivate':
                 self._activation = None
-            if request.name in ('activate', 'deactivate'):
+            if request.name in Wire.COMMANDS:
                 self._commands[request.number] = request
             self._send(request)
 

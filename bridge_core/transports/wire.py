@@ -128,7 +128,7 @@ class Wire(Generic[FrameT]):
     :param reconnect_period: the longest wait, in seconds, between two tries to open the port.
     """
 
-    COMMANDS: ClassVar = ('activate', 'deactivate')
+    COMMANDS: ClassVar = ('check', 'activate', 'deactivate')
 
     def __init__(
         self,
@@ -263,6 +263,12 @@ class Wire(Generic[FrameT]):
         except ValueError as error:
             return str(error)
         return ''
+
+    def _check(self, values: dict[str, Any], now: float) -> None:
+        """Make session and port, and forget them. :raises ValueError: they cannot be made."""
+        del now
+        self._bridge.make_session(values)
+        self._bridge.make_transport(values)
 
     def _activate(self, values: dict[str, Any], resting: bool, now: float) -> None:
         """Open the port, now and whenever it was lost, and run a new session on it."""
