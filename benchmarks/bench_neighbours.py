@@ -8,8 +8,8 @@ import subprocess
 import sys
 import time
 
+from bridge_core.share import shared
 from rugged_teleop.domains import claim_domain
-from rugged_teleop.domains import shared
 
 _SLOW = 0.03  # s
 _LIFE = 2.0  # s of a subscriber

@@ -185,6 +185,15 @@ MANAGED_PARAMETERS = (
         'Configure and activate without a lifecycle manager. False leaves both to one.',
         section='common: docs/common.md',
     ),
+    Parameter(
+        'rt_priority',
+        0,
+        'Real-time priority (SCHED_FIFO) of all threads of the process, and its memory locked; of '
+        'several nodes in a process the highest counts. 0: off. See docs/common.md.',
+        minimum=0,
+        maximum=98,
+        fixed=True,
+    ),
 )
 BRIDGE_PARAMETERS = (
     *MANAGED_PARAMETERS,

@@ -24,14 +24,20 @@ from bridge_core.output import unblocked_output
 from bridge_core.parameter_files import check_files
 from bridge_core.parameter_files import files_of
 from bridge_core.parameters import ParameterError
+from bridge_core.realtime import use_realtime
+from bridge_core.share import shared
 
+_RANGE = 'ROS_AUTOMATIC_DISCOVERY_RANGE'
 # Who has set one of these has chosen the transports of Fast DDS.
 _CHOICES = {
     'FASTDDS_BUILTIN_TRANSPORTS',
     'FASTDDS_DEFAULT_PROFILES_FILE',
     'FASTRTPS_DEFAULT_PROFILES_FILE',
 }
-
+_LOOPBACK = 'config/fastdds_loopback.xml'
+# s for which a thread may keep the interpreter while others want it; 5 ms by default. A stop waits
+# for that long if it comes amid other work.
+_SWITCH_INTERVAL = 0.0002
 
 _ACKNOWLEDGE_LIMIT = 0.2  # s; of a reader that is frozen or was killed nothing ever comes
 _SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT)
@@ -120,7 +126,7 @@ def words_beside_ros(argv: Sequence[str]) -> list[str]:
 
 
 def _run(factories: Sequence[Callable[..., ManagedNode]], argv: list[str]) -> int:
-    _avoid_shared_memory()
+    note = _avoid_shared_memory()
     try:
         # With ROS's own handlers the context would be gone before the last stop was published.
         rclpy.init(args=argv, signal_handler_options=SignalHandlerOptions.NO)
@@ -133,6 +139,9 @@ def _run(factories: Sequence[Callable[..., ManagedNode]], argv: list[str]) -> in
         for factory in factories:
             nodes.append(factory(parameter_files=files))
         check_files([node.get_fully_qualified_name() for node in nodes], files)
+        if nodes and note:
+            nodes[0].get_logger().info(note)
+        _prefer(nodes)
         return _spin(nodes, end)
     except (ParameterError, ParameterException) as error:
         return _refuse(str(error))
@@ -147,28 +156,49 @@ def _refuse(text: str) -> int:
     return 2
 
 
-def _avoid_shared_memory() -> None:
+def _avoid_shared_memory() -> str:
     """
     Have Fast DDS use UDP, unless the user has chosen: see docs/decisions/0012.
 
-    It has no effect under ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST, nor in other middlewares.
+    Under ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST that takes a profile. Nodes with it and without
+    it meet. Return what the user should know.
     """
-    if not _CHOICES & os.environ.keys():
+    middleware = os.environ.get('RMW_IMPLEMENTATION') or 'rmw_fastrtps_cpp'
+    if _CHOICES & os.environ.keys() or not middleware.startswith('rmw_fastrtps'):
+        return ''
+    if os.environ.get(_RANGE) != 'LOCALHOST' or os.environ.get('ROS_STATIC_PEERS'):
         os.environ['FASTDDS_BUILTIN_TRANSPORTS'] = 'UDPv4'
+        return ''
+    profile = str(shared(_LOOPBACK))
+    os.environ[_RANGE] = 'SYSTEM_DEFAULT'  # as the profile says
+    os.environ['FASTDDS_DEFAULT_PROFILES_FILE'] = profile
+    return (
+        f'set FASTDDS_DEFAULT_PROFILES_FILE to have another profile than {profile}, which is in '
+        f'use because {_RANGE} is LOCALHOST and shared memory can block'
+    )
+
+
+def _prefer(nodes: Sequence[ManagedNode]) -> None:
+    """Have a stop wait for little else in this process, and if asked to, for no other process."""
+    gc.freeze()  # what is there stays to the end, and need not be searched again and again
+    sys.setswitchinterval(_SWITCH_INTERVAL)
+    priority = max((node.values['rt_priority'] for node in nodes), default=0)
+    for text in use_realtime(priority) if priority else ():
+        nodes[0].get_logger().warning(text)
 
 
 def _spin(nodes: Sequence[ManagedNode], end: _End) -> int:
     """Spin until the end; return the exit status."""
     stop = threading.Event()
     statuses = [0]
+    executors = [SingleThreadedExecutor() for _ in nodes]
 
-    def spin(node: ManagedNode) -> None:
-        executor = SingleThreadedExecutor()
+    def spin(node: ManagedNode, executor: SingleThreadedExecutor) -> None:
         executor.add_node(node)
         try:
             node.autostart()
             while not stop.is_set():
-                executor.spin_once(timeout_sec=0.1)
+                executor.spin_once()
         except ExternalShutdownException:
             end.tell()
         except ParameterError as error:
@@ -180,11 +210,16 @@ def _spin(nodes: Sequence[ManagedNode], end: _End) -> int:
             end.tell()
         executor.shutdown()
 
-    threads = [threading.Thread(target=spin, args=(node,), daemon=True) for node in nodes]
+    threads = [
+        threading.Thread(target=spin, args=pair, daemon=True)
+        for pair in zip(nodes, executors, strict=True)
+    ]
     for thread in threads:
         thread.start()
     end.wait()
     stop.set()
+    for executor in executors:
+        executor.create_task(int)  # its wake() alone does not end a wait
     for thread in threads:
         thread.join(timeout=0.5)
     return max(statuses)
@@ -200,6 +235,7 @@ def _leave(nodes: list[ManagedNode]) -> None:
     _guarded(rclpy.try_shutdown)
     # Nodes are in reference cycles. Left to the collector, the middleware would end some time, in
     # whichever thread allocates next, and its threads and descriptors would stay until then.
+    gc.unfreeze()
     gc.collect()
 
 

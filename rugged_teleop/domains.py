@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import os
-from pathlib import Path
 import socket
+
+from bridge_core.share import shared
 
 _DOMAINS = range(1, 102)  # 101 is the last whose ports are clear of the ephemeral ones
 _FIRST_PORT, _PORTS = 7400, 250  # of DDS, and how many each domain has
@@ -28,21 +29,6 @@ def claim_domain() -> socket.socket:
             _stay_on_this_machine()
             return claim
     raise RuntimeError('no ROS domain from 1 to 101 is free')
-
-
-def shared(name: str) -> Path:
-    """
-    Return a file of the package: in the sources, or in share/ once installed.
-
-    :raises FileNotFoundError: naming where it was looked for.
-    """
-    package = Path(__file__).resolve().parent
-    places = [package.parent]
-    places += [parent / 'share' / 'rugged_teleop' for parent in package.parents]
-    for place in places:
-        if (place / name).is_file():
-            return place / name
-    raise FileNotFoundError(f'{name} is not in {places[0]} nor in share/ of the installation')
 
 
 def _stay_on_this_machine() -> None:

@@ -66,6 +66,7 @@ SHARED = {
     'services': ('bridge_core.session', 'rclpy'),
     'transports': (*CORE, 'bridge_core.session', 'serial', 'can', 'STDLIB'),
     'lane': ('rclpy', 'STDLIB'),
+    'realtime': ('STDLIB',),
     'outbox': ('STDLIB',),  # it has a thread
     'convert': ('MESSAGES',),
     'diagnostics': ('bridge_core.framing', 'bridge_core.session', 'MESSAGES'),

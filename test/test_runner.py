@@ -1,10 +1,18 @@
-"""How nodes end: the last stop has arrived before its publisher leaves."""
+"""How nodes run: middleware and priority; how they end: the last stop arrives first."""
 
+import os
+from pathlib import Path
+import resource
+import threading
 from typing import Any
 
 import pytest
 
+from bridge_core import realtime
 from bridge_core import runner
+from test.rig import NodeProcess
+from test.rig import wait_for
+from test.talkers import namespace
 
 
 class Publisher:
@@ -39,3 +47,145 @@ def test_publisher_leaves_after_its_last_stop_is_acknowledged_or_given_up(
     runner._leave(list(nodes))  # type: ignore[arg-type]
     for node in nodes:
         assert node.story == ['last stop', 'wait', 'gone']
+
+
+# The middleware.
+
+CHOICES = sorted(runner._CHOICES)
+RANGE = 'ROS_AUTOMATIC_DISCOVERY_RANGE'
+
+
+@pytest.fixture
+def environment(monkeypatch: pytest.MonkeyPatch) -> pytest.MonkeyPatch:
+    """Give an environment of somebody who has chosen nothing."""
+    for name in (*CHOICES, RANGE, 'RMW_IMPLEMENTATION', 'ROS_STATIC_PEERS'):
+        monkeypatch.setenv(name, '')  # so that it is restored whatever the runner sets
+        monkeypatch.delenv(name)
+    return monkeypatch
+
+
+@pytest.mark.parametrize('range_', ['', 'SUBNET', 'SYSTEM_DEFAULT'])
+def test_network_is_used_by_udp(environment: pytest.MonkeyPatch, range_: str) -> None:
+    environment.setenv(RANGE, range_)
+    assert runner._avoid_shared_memory() == ''
+    assert os.environ['FASTDDS_BUILTIN_TRANSPORTS'] == 'UDPv4'
+    assert os.environ[RANGE] == range_
+
+
+def test_one_machine_has_the_loopback_profile_and_says_so(environment: pytest.MonkeyPatch) -> None:
+    environment.setenv(RANGE, 'LOCALHOST')
+    profile = os.environ.get('FASTDDS_DEFAULT_PROFILES_FILE')
+    assert profile is None
+    text = runner._avoid_shared_memory()
+    profile = os.environ['FASTDDS_DEFAULT_PROFILES_FILE']
+    assert Path(profile).name == 'fastdds_loopback.xml'
+    assert profile in text
+    assert '127.0.0.1' in Path(profile).read_text(encoding='utf-8')
+
+
+@pytest.mark.parametrize('choice', CHOICES)
+def test_choice_of_the_user_stands(environment: pytest.MonkeyPatch, choice: str) -> None:
+    environment.setenv(RANGE, 'LOCALHOST')
+    environment.setenv(choice, 'mine')
+    before = dict(os.environ)
+    assert runner._avoid_shared_memory() == ''
+    assert dict(os.environ) == before
+
+
+def test_other_middleware_is_left_alone(environment: pytest.MonkeyPatch) -> None:
+    environment.setenv(RANGE, 'LOCALHOST')
+    environment.setenv('RMW_IMPLEMENTATION', 'rmw_cyclonedds_cpp')
+    before = dict(os.environ)
+    assert runner._avoid_shared_memory() == ''
+    assert dict(os.environ) == before
+
+
+_PLAIN = """
+import rclpy
+from diagnostic_msgs.msg import DiagnosticStatus
+from rclpy.node import Node
+from std_msgs.msg import Bool
+def on_status(message):
+    words = {pair.key: pair.value for pair in message.values}
+    if words["condition of e-stop source 'fort'"] != 'silent':
+        print('both ways', flush=True)
+rclpy.init()
+node = Node('plain')
+publisher = node.create_publisher(Bool, 'fort_vsc_bridge/estop', 10)
+node.create_timer(0.05, lambda: publisher.publish(Bool()))
+node.create_subscription(DiagnosticStatus, 'safety_mux/status', on_status, 10)
+print('ready', flush=True)
+rclpy.spin(node)
+"""
+
+
+@pytest.mark.parametrize('first', ['plain', 'ours'])
+def test_nodes_on_one_machine_meet_plain_ones(environment: pytest.MonkeyPatch, first: str) -> None:
+    """A plain node without a profile and ours with one find each other, whoever comes late."""
+    environment.setenv(RANGE, 'LOCALHOST')
+    space = namespace()
+    if first == 'plain':
+        with NodeProcess(source=_PLAIN, namespace=space) as plain:
+            plain.wait_output('ready')
+            with NodeProcess('safety_mux.node', namespace=space) as mux:
+                mux.wait_output('fastdds_loopback.xml')
+                plain.wait_output('both ways')
+    else:
+        with NodeProcess('safety_mux.node', namespace=space) as mux:
+            mux.wait_output('fastdds_loopback.xml')
+            with NodeProcess(source=_PLAIN, namespace=space) as plain:
+                plain.wait_output('both ways')
+
+
+# Real-time priority.
+
+
+def test_every_thread_has_the_priority(monkeypatch: pytest.MonkeyPatch) -> None:
+    given: dict[int, tuple[int, int]] = {}
+
+    def schedule(thread: int, policy: int, parameter: os.sched_param) -> None:
+        given[thread] = policy, parameter.sched_priority
+        if len(given) == 1:
+            raise ProcessLookupError  # it has ended meanwhile: the others are served
+
+    monkeypatch.setattr(os, 'sched_setscheduler', schedule)
+    monkeypatch.setattr(realtime, '_lock_memory', lambda: None)
+    gate = threading.Event()
+    thread = threading.Thread(target=gate.wait)
+    thread.start()
+    try:
+        assert realtime.use_realtime(40) == []
+        assert {threading.get_native_id(), thread.native_id} <= given.keys()
+        assert set(given.values()) == {(os.SCHED_FIFO, 40)}
+    finally:
+        gate.set()
+        thread.join()
+
+
+def test_refused_rights_are_a_line_each_with_what_to_do(monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(*_: Any) -> None:
+        raise PermissionError(1, 'Operation not permitted')
+
+    monkeypatch.setattr(os, 'sched_setscheduler', refuse)
+    monkeypatch.setattr(os, 'geteuid', lambda: 1000)
+    monkeypatch.setattr(resource, 'getrlimit', lambda which: (1 << 23, 1 << 23))
+    texts = realtime.use_realtime(40)
+    assert [text.count('\n') for text in texts] == [0, 0]
+    assert 'rtprio 40' in texts[0]
+    assert 'Operation not permitted' in texts[0]
+    assert 'memlock unlimited' in texts[1]
+
+
+def test_node_without_the_rights_runs(environment: pytest.MonkeyPatch) -> None:
+    """With the rights, where they are, all of its threads have the priority; else it says so."""
+    del environment
+    with NodeProcess('safety_mux.node', {'rt_priority': 3}, namespace=namespace()) as mux:
+        mux.wait_output('STOPPED')
+        tasks = Path(f'/proc/{mux.process.pid}/task')
+
+        def is_served() -> bool:
+            policies = {os.sched_getscheduler(int(task.name)) for task in tasks.iterdir()}
+            return policies == {os.SCHED_FIFO} or 'rtprio 3' in mux.output
+
+        wait_for(is_served, what=lambda: mux.output)
+        assert mux.end() == 0

@@ -1,0 +1,18 @@
+"""Files that come with the package and are no code, such as config/."""
+
+from pathlib import Path
+
+
+def shared(name: str) -> Path:
+    """
+    Return a file of the package: in the sources, or in share/ once installed.
+
+    :raises FileNotFoundError: naming where it was looked for.
+    """
+    package = Path(__file__).resolve().parent
+    places = [package.parent]
+    places += [parent / 'share' / 'rugged_teleop' for parent in package.parents]
+    for place in places:
+        if (place / name).is_file():
+            return place / name
+    raise FileNotFoundError(f'{name} is not in {places[0]} nor in share/ of the installation')
