@@ -26,7 +26,7 @@ from akron_can_bridge.session import UnitChanged
 from akron_can_bridge.wire import BRIDGE
 from bridge_core.managed_node import latched_qos
 from bridge_core.node import BridgeNode
-from bridge_core.parameters import BRIDGE_PARAMETERS
+from bridge_core.parameters import ACTUATOR_PARAMETERS
 from bridge_core.parameters import Parameter
 from bridge_core.runner import run
 from bridge_core.session import Level
@@ -40,7 +40,7 @@ _COMMAND_QOS = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
 class AkronCanBridge(BridgeNode[Event]):
     """One unit on a CAN bus; see docs/devices/akron.md."""
 
-    PARAMETERS: ClassVar[tuple[Parameter, ...]] = (*BRIDGE_PARAMETERS, *PARAMETERS)
+    PARAMETERS: ClassVar[tuple[Parameter, ...]] = (*ACTUATOR_PARAMETERS, *PARAMETERS)
     BRIDGE = BRIDGE
     LINK = ProcessLink
     SERVICES = {request.value: (Session.request, request) for request in Request}

@@ -89,6 +89,7 @@ class BridgeNode(ManagedNode, Generic[EventT]):
             self,
             device=self.hardware_name,
             reconnect_period=self.values['reconnect_period'],
+            rt_priority=self.values.get('wire_rt_priority') or self.values['rt_priority'],
         )
         for service, request in self.SERVICES.items():
             self._create_device_service(service, *request)

@@ -227,6 +227,19 @@ BRIDGE_PARAMETERS = (
         fixed=True,
     ),
 )
+# What bridges have whose wire has a process of its own.
+ACTUATOR_PARAMETERS = (
+    *BRIDGE_PARAMETERS,
+    Parameter(
+        'wire_rt_priority',
+        0,
+        'Of actuators: real-time priority of the process at the port alone. 0: that of '
+        'rt_priority.',
+        minimum=0,
+        maximum=98,
+        fixed=True,
+    ),
+)
 # What several bridges with sticks have alike.
 DEADBAND = Parameter(
     'deadband',

@@ -11,7 +11,7 @@ from std_msgs.msg import Bool
 
 from bridge_core.managed_node import latched_qos
 from bridge_core.node import BridgeNode
-from bridge_core.parameters import BRIDGE_PARAMETERS
+from bridge_core.parameters import ACTUATOR_PARAMETERS
 from bridge_core.parameters import Parameter
 from bridge_core.runner import run
 from bridge_core.session import Level
@@ -37,7 +37,7 @@ _COMMAND_QOS = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
 class EsiDriveBridge(BridgeNode[Event]):
     """One drive; see docs/devices/esi_drive.md."""
 
-    PARAMETERS: ClassVar[tuple[Parameter, ...]] = (*BRIDGE_PARAMETERS, *PARAMETERS)
+    PARAMETERS: ClassVar[tuple[Parameter, ...]] = (*ACTUATOR_PARAMETERS, *PARAMETERS)
     BRIDGE = BRIDGE
     LINK = ProcessLink
     SERVICES = {CLEAR_ERRORS: (Session.clear_errors,)}

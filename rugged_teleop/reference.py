@@ -16,6 +16,7 @@ import textwrap
 
 import yaml
 
+from bridge_core.parameters import ACTUATOR_PARAMETERS
 from bridge_core.parameters import BRIDGE_PARAMETERS
 from bridge_core.parameters import MANAGED_PARAMETERS
 from bridge_core.parameters import Parameter
@@ -70,11 +71,11 @@ class Node:
 
 
 NODES = (
-    Node('akron_can_bridge', 'docs/devices/akron.md'),
-    Node('esi_drive_bridge', 'docs/devices/esi_drive.md'),
+    Node('akron_can_bridge', 'docs/devices/akron.md', common=ACTUATOR_PARAMETERS),
+    Node('esi_drive_bridge', 'docs/devices/esi_drive.md', common=ACTUATOR_PARAMETERS),
     Node('fort_vsc_bridge', 'docs/devices/fort_vsc.md'),
     Node('safety_mux', 'docs/safety_mux.md', common=MANAGED_PARAMETERS),
-    Node('ssc_bridge', 'docs/devices/ssc.md'),
+    Node('ssc_bridge', 'docs/devices/ssc.md', common=ACTUATOR_PARAMETERS),
     Node('vm110_bridge', 'docs/devices/vm110.md'),
 )
 
@@ -82,7 +83,7 @@ NODES = (
 def files() -> dict[Path, str]:
     """Return the whole text that each generated or partly generated file should have, by path."""
     result = {ROOT / 'config' / f'{node.name}.yaml': parameter_file(node) for node in NODES}
-    tables = {_COMMON_PAGE: markdown_table(BRIDGE_PARAMETERS, ())}
+    tables = {_COMMON_PAGE: markdown_table(ACTUATOR_PARAMETERS, ())}
     tables |= {node.page: markdown_table(node.generic_table(), node.table({})) for node in NODES}
     for page, table in tables.items():
         path = ROOT / page

@@ -17,7 +17,7 @@ from std_msgs.msg import UInt16MultiArray
 
 from bridge_core.managed_node import latched_qos
 from bridge_core.node import BridgeNode
-from bridge_core.parameters import BRIDGE_PARAMETERS
+from bridge_core.parameters import ACTUATOR_PARAMETERS
 from bridge_core.parameters import Parameter
 from bridge_core.runner import run
 from bridge_core.session import Level
@@ -46,7 +46,7 @@ _COMMAND_QOS = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
 class SscBridge(BridgeNode[Event]):
     """One SSC; see docs/devices/ssc.md."""
 
-    PARAMETERS: ClassVar[tuple[Parameter, ...]] = (*BRIDGE_PARAMETERS, *parameter_table({}))
+    PARAMETERS: ClassVar[tuple[Parameter, ...]] = (*ACTUATOR_PARAMETERS, *parameter_table({}))
     BRIDGE = BRIDGE
     LINK = ProcessLink
     SERVICES = {LOCKOUT: (Session.lock_out,)}
@@ -56,7 +56,7 @@ class SscBridge(BridgeNode[Event]):
 
     def parameter_table(self, given: dict[str, Any]) -> tuple[Parameter, ...]:
         """Return all parameters, those of the named axes, buttons and servos included."""
-        return (*BRIDGE_PARAMETERS, *parameter_table(given))
+        return (*ACTUATOR_PARAMETERS, *parameter_table(given))
 
     def create_interfaces(self) -> None:
         """Create what the manual's messages become."""

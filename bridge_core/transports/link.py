@@ -33,6 +33,7 @@ class Link:
     :param bridge: makes session and transport.
     :param device: what the port is called, for whoever lists the processes.
     :param reconnect_period: as of Wire.
+    :param rt_priority: of the wire, where it has a process of its own; 0: none.
     """
 
     def __init__(
@@ -43,12 +44,14 @@ class Link:
         *,
         device: str = '',
         reconnect_period: float = 1.0,
+        rt_priority: int = 0,
     ) -> None:
         self.name = name
         self.device = device
         self._bridge = bridge
         self._owner = owner
         self._reconnect_period = reconnect_period
+        self._rt_priority = rt_priority
         self._numbers = itertools.count(1)
         self._waiting: dict[int, Callable[[str], None]] = {}  # for the end of a command
         self._thread = threading.Thread(target=self._run, name=name, daemon=True)

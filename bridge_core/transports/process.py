@@ -232,7 +232,8 @@ class ProcessLink(Link):
                 [
                     f'{self.name}: wire {self.device}',
                     *('-S', '-m', 'bridge_core.transports.wire_process'),
-                    *(str(theirs.fileno()), self._bridge.module, str(self._reconnect_period)),
+                    *(str(theirs.fileno()), self._bridge.module),
+                    *(str(self._reconnect_period), str(self._rt_priority)),
                 ],
                 executable=sys.executable,
                 pass_fds=[theirs.fileno()],

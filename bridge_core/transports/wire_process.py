@@ -1,7 +1,8 @@
-"""
+r"""
 The process that runs a wire: see process.py. It imports nothing of ROS.
 
-usage: python -S -m bridge_core.transports.wire_process DESCRIPTOR MODULE RECONNECT_PERIOD
+usage: python -S -m bridge_core.transports.wire_process \
+           DESCRIPTOR MODULE RECONNECT_PERIOD RT_PRIORITY
 """
 
 from __future__ import annotations
@@ -108,10 +109,15 @@ def main() -> None:
     """Run until the node is gone, or has said that it is the end."""
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT):
         signal.signal(number, signal.SIG_IGN)  # whatever ends the node ends this, too
-    descriptor, module, reconnect_period = sys.argv[1:]
+    descriptor, module, reconnect_period, rt_priority = sys.argv[1:]
     node = Node(int(descriptor))
     bridge = importlib.import_module(module).BRIDGE
     gc.freeze()
+    if int(rt_priority):
+        from bridge_core.realtime import use_realtime  # late: it takes memory
+
+        for refusal in use_realtime(int(rt_priority)):
+            node.on_refused(0, 'rt_priority', refusal)
     Wire(bridge, node, node, reconnect_period=float(reconnect_period)).run()
     os._exit(0)  # a thread may be at work in a driver that does not return
 
