@@ -47,17 +47,22 @@ class Waiting:
                 if number in futures
             ]
         for request, future in found:
-            future.set_result(Answer(request, False, text))
+            self._settle(future, Answer(request, False, text))
 
     def answer(self, answer: Answer) -> bool:
         """Give the answer to all who wait for it; tell whether anybody does."""
         with self._lock:
             futures = self._futures.pop(answer.request, {})
         for future in futures.values():
-            future.set_result(answer)
+            self._settle(future, answer)
         return bool(futures)
 
     def fail(self, text: str) -> None:
         """Tell all who wait that there will be no answer, and why."""
         for request in list(self._futures):
             self.answer(Answer(request, False, text))
+
+    def _settle(self, future: Future, answer: Answer) -> None:
+        future.set_result(answer)
+        if self._node.executor is not None:
+            self._node.executor.wake()  # which looks at its coroutines only when something else is

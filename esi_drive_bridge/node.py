@@ -65,6 +65,8 @@ class EsiDriveBridge(BridgeNode[Event]):
     def on_event(self, event: Event) -> None:
         """Publish one event of the session."""
         if isinstance(event, Feedback):
+            if not self._joint_states.get_subscription_count():
+                return
             joint_states = convert.joint_state(event.status, self._axes, *self.header())
             self._joint_states.publish(joint_states)
         elif isinstance(event, EnabledChanged):

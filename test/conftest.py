@@ -74,9 +74,10 @@ def observer() -> Iterator[Observer]:
 def bench() -> Iterator[Bench]:
     """Give a link with fakes all around, its thread running."""
     result = Bench()
+    port = result.transport
     result.link.start()
     yield result
-    result.transport.gate.set()
+    port.gate.set()
     result.link.stop()
 
 

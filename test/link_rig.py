@@ -10,11 +10,14 @@ import time
 from typing import Any
 
 from bridge_core.framing import Decoder
+from bridge_core.report import LinkStatus
+from bridge_core.report import Report
 from bridge_core.session import Session
 from bridge_core.session import StopChanged
 from bridge_core.session import Verdict
 from bridge_core.transports import TransportError
-from bridge_core.transports.link import Link
+from bridge_core.transports.link import ThreadLink
+from bridge_core.transports.wire import Bridge
 from test.rig import holds_for
 from test.rig import wait_for
 
@@ -125,7 +128,7 @@ class FakeSession(Session[Any, bytes, str]):
         self._call('closed')
         return [*self._change(Verdict.stop(link_up=False)), 'closed']
 
-    def interrupted(self, now: float, reason: str) -> None:
+    def interrupted(self, reason: str, now: float) -> None:
         self._call('interrupted')
         self._pending = self._change(Verdict.stop(reason, link_up=False))
 
@@ -160,6 +163,10 @@ class FakeSession(Session[Any, bytes, str]):
             raise RuntimeError('fault in deadline')
         return self.due
 
+    def do(self, function: Callable[[float], object], now: float) -> None:
+        """Let a test run something where the session runs."""
+        function(now)
+
     def farewell(self, now: float) -> list[bytes]:
         self._call('farewell')
         return [b'bye 1', b'bye 2']
@@ -180,6 +187,8 @@ class FakeOwner:
         self.paced: list[float] = []
         self.told: list[bool] = []
         self.log: list[str] = []  # in the order of the calls
+        self.reports: list[Report] = []
+        self.refused: list[tuple[int, str, str]] = []
         self.next: float | None = None
         self.threads: set[int] = set()
 
@@ -191,6 +200,12 @@ class FakeOwner:
                 self.log.append(f'event {event}')
         if 'on_events' in self.faults:
             raise RuntimeError('fault in on_events')
+
+    def on_report(self, report: Report, now: float) -> None:
+        self.reports.append(report)
+
+    def on_refused(self, number: int, key: str, text: str) -> None:
+        self.refused.append((number, key, text))
 
     def pace(self, now: float) -> float:
         self.threads.add(threading.get_ident())
@@ -213,18 +228,33 @@ class FakeOwner:
 
 
 class Bench:
-    """A link with all its fakes, and the number of steps that its thread has made."""
+    """A wire with all its fakes, in a thread that counts its steps."""
 
     def __init__(self) -> None:
-        self.owner, self.session, self.transport = FakeOwner(), FakeSession(), FakeTransport()
-        self.link: Link[Any] = Link('link', self.owner, reconnect_period=0.4)
+        self.owner, self.session = FakeOwner(), FakeSession()
+        self.transport: Any = FakeTransport()
+        self.on_make: Callable[[], None] = lambda: None  # may raise what contradicts
+        bridge: Bridge[Any] = Bridge(__name__, self._make_session, lambda values: self.transport)
+        self.link = ThreadLink('link', bridge, self.owner, reconnect_period=0.4)
+
+    def _make_session(self, values: dict[str, Any]) -> FakeSession:
+        self.on_make()
+        return self.session
+
+    @property
+    def status(self) -> LinkStatus:
+        return self.link.wire.status
 
     def activate(self) -> None:
-        self.link.activate(self.transport, self.session)
+        self.link.activate({})
+
+    def do(self, function: Callable[[float], object], key: str = '', *, stop: bool = False) -> int:
+        """Have the wire's thread call ``function`` with the time; return the request's number."""
+        return self.link.request('do', function, key=key, stop=stop)
 
     def wait_open(self) -> None:
         wait_for(
-            lambda: self.link.status.is_open and self.session.calls[-1:] == ['poll'],
+            lambda: self.status.is_open and self.session.calls[-1:] == ['poll'],
             5.0,
             'an open port',
         )
@@ -239,7 +269,7 @@ class Bench:
         self.make_healthy()
 
     def opened(self, times: int) -> bool:
-        return self.link.status.opens == times
+        return self.status.opens == times
 
     def steps_within(self, duration: float) -> int:
         """Count how often the owner was paced: every step of the thread does."""
@@ -252,10 +282,14 @@ def fault(now: float) -> None:
     raise ZeroDivisionError
 
 
-def wait_at(gate: threading.Event, timeout: float = 2.0) -> Callable[[float], None]:
-    """Return a request that keeps the link thread busy until the gate opens."""
+def wait_at(
+    gate: threading.Event, timeout: float = 2.0, *, begun: threading.Event | None = None
+) -> Callable[[float], None]:
+    """Return what keeps the wire's thread busy until the gate opens, from ``begun`` on."""
 
     def wait(now: float) -> None:
+        if begun is not None:
+            begun.set()
         gate.wait(timeout)
 
     return wait

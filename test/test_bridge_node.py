@@ -1,6 +1,11 @@
-"""The common node with a toy device: stop topics, lifecycle, diagnostics, clean exit."""
+"""
+The common node with a toy device: stop topics, lifecycle, diagnostics, clean exit.
+
+What holds on either link is tested on both: the fixture ``link``.
+"""
 
 import contextlib
+from dataclasses import replace
 from pathlib import Path
 import random
 from signal import SIGCONT
@@ -19,7 +24,7 @@ from rclpy.context import Context
 from rclpy.parameter import Parameter
 from std_msgs.msg import Bool
 
-from bridge_core.diagnostics import Status
+from bridge_core.session import Level
 from bridge_core.session import StopChanged
 from bridge_core.session import Verdict
 from test.rig import as_yaml
@@ -33,6 +38,7 @@ from test.rig import wait_for
 from test.toy_bridge import make_toy
 from test.toy_bridge import toy_process as toy
 from test.toy_bridge import ToyBridge
+from test.toy_wire import Session
 
 ESTOP = '/toy_bridge/estop'
 
@@ -52,6 +58,12 @@ class ToyDevice:
 
     def wait_for(self, condition: Any, what: str, timeout: float = 10.0) -> None:
         self.observer.wait_for(condition, timeout, what)
+
+
+@pytest.fixture(params=['thread', 'process'])
+def link(request: pytest.FixtureRequest) -> str:
+    """What runs the wire."""
+    return str(request.param)
 
 
 @pytest.fixture
@@ -83,9 +95,9 @@ def wait_repeats(observer: Observer, record: Record, value: bool, count: int = 5
 
 
 def test_late_joiner_gets_the_stop_of_a_node_without_a_port(
-    tmp_path: Path, observer: Observer
+    tmp_path: Path, observer: Observer, link: str
 ) -> None:
-    with toy(tmp_path / 'nothing') as node:
+    with toy(tmp_path / 'nothing', link) as node:
         node.wait_output('cannot open')
         for topic in ('estop', 'own_estop'):
             record = observer.record(Bool, f'/toy_bridge/{topic}', latched())
@@ -104,9 +116,9 @@ def test_default_subscriber_gets_the_stop_too(tmp_path: Path, observer: Observer
 
 
 def test_stop_is_repeated_at_its_rate_in_every_state(
-    device: ToyDevice, observer: Observer
+    device: ToyDevice, observer: Observer, link: str
 ) -> None:
-    with toy(device.pty.path, autostart=False, estop_rate=50.0) as node:
+    with toy(device.pty.path, link, autostart=False, estop_rate=50.0) as node:
         record = observer.record(Bool, ESTOP, latched())
         wait_value(observer, record, True)
         wait_repeats(observer, record, True, 20)  # unconfigured
@@ -126,9 +138,9 @@ def test_stop_is_repeated_at_its_rate_in_every_state(
 
 
 def test_unplugged_says_stop_and_comes_back_by_itself(
-    device: ToyDevice, observer: Observer
+    device: ToyDevice, observer: Observer, link: str
 ) -> None:
-    with toy(device.pty.path, reconnect_period=0.2):
+    with toy(device.pty.path, link, reconnect_period=0.2):
         estop = observer.record(Bool, ESTOP, latched())
         link_up = observer.record(Bool, '/toy_bridge/link_up', latched())
         for _ in range(2):
@@ -143,18 +155,18 @@ def test_unplugged_says_stop_and_comes_back_by_itself(
 
 
 def test_unplugging_is_told_at_once_and_not_only_by_silence(
-    device: ToyDevice, observer: Observer
+    device: ToyDevice, observer: Observer, link: str
 ) -> None:
     # With a timeout of 10 s only the loss of the port itself can be the reason.
-    with toy(device.pty.path, link_timeout=10.0):
+    with toy(device.pty.path, link, link_timeout=10.0):
         estop = observer.record(Bool, ESTOP, latched())
         wait_value(observer, estop, False)
         device.pty.unplug()
         wait_value(observer, estop, True, 5.0)
 
 
-def test_silence_says_stop(device: ToyDevice, observer: Observer) -> None:
-    with toy(device.pty.path) as node:
+def test_silence_says_stop(device: ToyDevice, observer: Observer, link: str) -> None:
+    with toy(device.pty.path, link) as node:
         estop = observer.record(Bool, ESTOP, latched())
         wait_value(observer, estop, False)
         device.talking = False
@@ -165,9 +177,9 @@ def test_silence_says_stop(device: ToyDevice, observer: Observer) -> None:
 
 
 def test_own_stop_leaves_out_what_the_node_itself_asked(
-    device: ToyDevice, observer: Observer
+    device: ToyDevice, observer: Observer, link: str
 ) -> None:
-    with toy(device.pty.path):
+    with toy(device.pty.path, link):
         estop = observer.record(Bool, ESTOP, latched())
         own = observer.record(Bool, '/toy_bridge/own_estop', latched())
         wait_value(observer, estop, False)
@@ -180,8 +192,10 @@ def test_own_stop_leaves_out_what_the_node_itself_asked(
         wait_value(observer, estop, False)
 
 
-def test_deactivation_says_stop_and_farewell(device: ToyDevice, observer: Observer) -> None:
-    with toy(device.pty.path):
+def test_deactivation_says_stop_and_farewell(
+    device: ToyDevice, observer: Observer, link: str
+) -> None:
+    with toy(device.pty.path, link):
         estop = observer.record(Bool, ESTOP, latched())
         wait_value(observer, estop, False)
         assert observer.change_state('/toy_bridge', 'deactivate')
@@ -216,8 +230,8 @@ def test_frozen_node_does_not_believe_what_piled_up(device: ToyDevice, observer:
 # A node in this process.
 
 
-def test_node_demands_a_stop_from_construction(context: Context) -> None:
-    node = make_toy(context)
+def test_node_demands_a_stop_from_construction(context: Context, link: str) -> None:
+    node = make_toy(context, link)
     try:
         assert node.verdict == Verdict.stop(link_up=False)
     finally:
@@ -225,38 +239,6 @@ def test_node_demands_a_stop_from_construction(context: Context) -> None:
         node.shut_down()  # twice is no fault
         node.destroy_node()
         node.destroy_node()
-
-
-def test_a_publish_that_blocks_does_not_hold_up_the_device(
-    context: Context, pty: Pty, observer: Observer
-) -> None:
-    node = make_toy(context, port=str(pty.path))
-    end = threading.Event()
-    publishers = [node._estop_publisher, node._diagnostics_publisher]
-    try:
-        node.autostart()
-        wait_for(lambda: pty.read() != b'', 5.0, 'keep-alives')
-        for publisher in publishers:
-            publisher._publisher = Blocking(end)
-        node.link.call(lambda now: node.on_events([StopChanged(Verdict())], now))
-        for _ in range(20):
-            wait_for(lambda: pty.read() != b'', 5.0, 'keep-alives while the middleware blocks')
-        assert not end.is_set()
-    finally:
-        end.set()
-        node.shut_down()
-        node.destroy_node()
-
-
-class Blocking:
-    """A publisher of a middleware that is held up."""
-
-    def __init__(self, end: threading.Event) -> None:
-        self._end = end
-
-    def publish(self, message: Any) -> None:
-        del message
-        self._end.wait(30.0)
 
 
 def test_pace_never_asks_to_be_called_in_the_past(context: Context) -> None:
@@ -275,6 +257,7 @@ def test_pace_never_asks_to_be_called_in_the_past(context: Context) -> None:
 def test_lost_port_is_a_stop_before_the_session_is_asked(context: Context) -> None:
     node = make_toy(context)
     node.link.stop()
+    node.active = True
     node.on_events([StopChanged(Verdict())], 1.0)
     assert node.verdict == Verdict()
     node.link_changed('unplugged', False)
@@ -283,9 +266,9 @@ def test_lost_port_is_a_stop_before_the_session_is_asked(context: Context) -> No
 
 
 def test_stop_that_comes_and_goes_in_one_read_is_published(
-    context: Context, pty: Pty, observer: Observer
+    context: Context, pty: Pty, observer: Observer, link: str
 ) -> None:
-    node = make_toy(context, port=str(pty.path))
+    node = make_toy(context, link, port=str(pty.path))
     try:
         stops = observer.record(Bool, ESTOP, 10)
         observer.wait_for(lambda: stops.messages, 10.0, 'a match')
@@ -311,13 +294,18 @@ def test_deactivation_does_not_pull_the_session_away_under_the_link_thread(
 ) -> None:
     texts: list[str] = []
 
+    class SlowSession(Session):
+        def problems(self, now: float) -> list[tuple[Level, str]]:
+            threading.Event().wait(0.01)  # long enough for the other thread to go on
+            return super().problems(now)
+
     class Slow(ToyBridge):
+        BRIDGE = replace(
+            ToyBridge.BRIDGE, make_session=lambda values: SlowSession(values['link_timeout'])
+        )
+
         def link_changed(self, text: str, ok: bool) -> None:
             texts.append(text)
-
-        def _device_status(self, now: float) -> Status:
-            threading.Event().wait(0.01)  # long enough for the other thread to go on
-            return super()._device_status(now)
 
     def healthy() -> bool:
         pty.write(b'k')
@@ -331,7 +319,7 @@ def test_deactivation_does_not_pull_the_session_away_under_the_link_thread(
         node.trigger_activate()
         wait_for(healthy, 5.0, 'no stop')
         node.trigger_deactivate()
-        assert node.session is None
+        assert node.verdict.estop
     node.shut_down()
     node.destroy_node()
     assert not [text for text in texts if 'internal error' in text]
@@ -342,9 +330,9 @@ def test_deactivation_does_not_pull_the_session_away_under_the_link_thread(
 
 @pytest.mark.parametrize('number', ENDING)
 def test_signal_says_farewell_and_stop_and_exits_0(
-    device: ToyDevice, observer: Observer, number: int
+    device: ToyDevice, observer: Observer, number: int, link: str
 ) -> None:
-    with toy(device.pty.path) as node:
+    with toy(device.pty.path, link) as node:
         estop = observer.record(Bool, ESTOP, latched())
         wait_value(observer, estop, False)
         assert node.end(number, timeout=5.0) == 0
@@ -356,18 +344,18 @@ def test_signal_says_farewell_and_stop_and_exits_0(
 @pytest.mark.parametrize('number', ENDING)
 @pytest.mark.parametrize('trouble', ['blocking port', 'silent server', 'absent', 'full'])
 def test_signal_ends_it_with_0_whatever_the_port_does(
-    pty: Pty, tmp_path: Path, number: int, trouble: str
+    pty: Pty, tmp_path: Path, number: int, trouble: str, link: str
 ) -> None:
     with contextlib.ExitStack() as stack:
-        parameters = {'port': str(pty.path)}
+        port, parameters = str(pty.path), {}
         if trouble == 'blocking port':
             parameters['fault'] = trouble
         elif trouble == 'silent server':  # rfc2217 waits for an answer in open
             server = stack.enter_context(socket.create_server(('127.0.0.1', 0)))
-            parameters['port'] = f'rfc2217://127.0.0.1:{server.getsockname()[1]}'
+            port = f'rfc2217://127.0.0.1:{server.getsockname()[1]}'
         elif trouble == 'absent':
-            parameters['port'] = str(tmp_path / 'nothing')
-        node = stack.enter_context(NodeProcess('test.toy_bridge', parameters))
+            port = str(tmp_path / 'nothing')
+        node = stack.enter_context(toy(port, link, **parameters))
         node.wait_output('device opened' if trouble == 'full' else 'stop: ')
         if trouble == 'full':  # nobody reads: the pty fills up in the other direction
             with contextlib.suppress(BlockingIOError):
@@ -377,8 +365,10 @@ def test_signal_ends_it_with_0_whatever_the_port_does(
         assert 'Traceback' not in node.output
 
 
-def test_second_signal_does_not_break_the_exit(device: ToyDevice, observer: Observer) -> None:
-    with toy(device.pty.path) as node:
+def test_second_signal_does_not_break_the_exit(
+    device: ToyDevice, observer: Observer, link: str
+) -> None:
+    with toy(device.pty.path, link) as node:
         wait_value(observer, observer.record(Bool, ESTOP, latched()), False)
         node.signal(SIGTERM)
         node.signal(SIGINT)
@@ -387,11 +377,13 @@ def test_second_signal_does_not_break_the_exit(device: ToyDevice, observer: Obse
 
 
 BAD_END = """
+from dataclasses import replace
 from functools import partial
 
 from bridge_core.runner import run
-from test.toy_bridge import Session
 from test.toy_bridge import ToyBridge
+from test.toy_wire import BRIDGE
+from test.toy_wire import Session
 
 
 class BadNode(ToyBridge):
@@ -406,8 +398,7 @@ class BadSession(Session):
 
 
 class WithBadSession(ToyBridge):
-    def make_session(self, values):
-        return BadSession(values['link_timeout'])
+    BRIDGE = replace(BRIDGE, make_session=lambda values: BadSession(values['link_timeout']))
 
 
 left = {'node': BadNode, 'session': WithBadSession}[%r]
@@ -447,7 +438,7 @@ def statuses(record: Record) -> list[dict[str, Any]]:
 
 
 def test_diagnostics_tell_link_and_device_and_change_at_once(
-    device: ToyDevice, observer: Observer
+    device: ToyDevice, observer: Observer, link: str
 ) -> None:
     diagnostics = observer.record(DiagnosticArray, '/diagnostics', 50)
     names = ('toy_bridge: link', 'toy_bridge: device')
@@ -456,12 +447,12 @@ def test_diagnostics_tell_link_and_device_and_change_at_once(
         last = statuses(diagnostics)[-1] if diagnostics.messages else {}
         return [last[name].level for name in names if name in last]
 
-    with toy(device.pty.path, hardware_id='the toy'):
+    with toy(device.pty.path, link, hardware_id='the toy'):
         good = [DiagnosticStatus.OK, DiagnosticStatus.OK]
         observer.wait_for(lambda: levels() == good, 15.0, 'all well')
-        link, toy_device = (statuses(diagnostics)[-1][name] for name in names)
-        assert link.hardware_id == toy_device.hardware_id == 'the toy'
-        values = {pair.key: pair.value for pair in link.values}
+        port, toy_device = (statuses(diagnostics)[-1][name] for name in names)
+        assert port.hardware_id == toy_device.hardware_id == 'the toy'
+        values = {pair.key: pair.value for pair in port.values}
         assert {
             'frames',
             'bytes',
@@ -499,8 +490,10 @@ def test_diagnostics_tell_link_and_device_and_change_at_once(
         assert values['reconnects'] == '1'
 
 
-def test_log_is_not_flooded_by_an_absent_port(tmp_path: Path, observer: Observer) -> None:
-    with toy(tmp_path / 'nothing', reconnect_period=0.1) as node:
+def test_log_is_not_flooded_by_an_absent_port(
+    tmp_path: Path, observer: Observer, link: str
+) -> None:
+    with toy(tmp_path / 'nothing', link, reconnect_period=0.1) as node:
         estop = observer.record(Bool, ESTOP, latched())
         wait_value(observer, estop, True)
         observer.wait_for(lambda: len(estop.messages) > 40, 10.0, 'two seconds of stops')
@@ -511,10 +504,10 @@ def test_log_is_not_flooded_by_an_absent_port(tmp_path: Path, observer: Observer
 
 
 def test_two_nodes_in_one_process_do_not_share_anything(
-    tmp_path: Path, observer: Observer
+    tmp_path: Path, observer: Observer, link: str
 ) -> None:
     left, right = Pty(tmp_path / 'left'), Pty(tmp_path / 'right')
-    source = 'from test.toy_bridge import main_two; main_two()'
+    source = f'from test.toy_bridge import main_two; main_two({link!r})'
     arguments = [
         part
         for name, pty in (('left', left), ('right', right))
@@ -552,16 +545,16 @@ def test_namespace_and_name_make_all_topics(pty: Pty, observer: Observer) -> Non
 # The exit status for what is not a parameter's fault.
 
 
-def test_transport_that_cannot_be_made_is_no_silent_wait(tmp_path: Path) -> None:
-    with toy(tmp_path / 'x', fault='no transport') as node:
+def test_transport_that_cannot_be_made_is_no_silent_wait(tmp_path: Path, link: str) -> None:
+    with toy(tmp_path / 'x', link, fault='no transport') as node:
         assert node.wait() != 0
         assert 'there is no such transport' in node.output
 
 
-def test_nothing_is_left_in_the_process_after_a_node(context: Context) -> None:
+def test_nothing_is_left_in_the_process_after_a_node(context: Context, link: str) -> None:
     before = threading.active_count()
     for _ in range(3):
-        node = make_toy(context)
+        node = make_toy(context, link)
         node.shut_down()
         node.destroy_node()
     wait_for(lambda: threading.active_count() <= before, 5.0, 'the threads gone')

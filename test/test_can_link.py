@@ -51,8 +51,9 @@ def session(bench: Bench) -> Iterator[CanSession]:
 
 def activate(bench: Bench, bus: CanBus) -> CanTransport:
     transport = CanTransport(bus.interface, bus.channel)
-    bench.link.activate(transport, bench.session)
-    wait_for(lambda: bench.link.status.is_open, 5.0, 'an open bus')
+    bench.transport = transport
+    bench.activate()
+    wait_for(lambda: bench.status.is_open, 5.0, 'an open bus')
     return transport
 
 
@@ -88,7 +89,7 @@ def test_bus_off_stops_is_told_and_the_bus_is_joined_again(
     peer.send(error_frame(0x40))
     wait_for(lambda: True in bench.owner.told[bench.owner.told.index(False) :], 5.0, 'a stop')
     assert any('bus off' in line for line in bench.owner.log)
-    wait_for(lambda: bench.link.status.opens == 2, 5.0, 'a bus joined again')
+    wait_for(lambda: bench.status.opens == 2, 5.0, 'a bus joined again')
     assert receive(peer, HELLO.identifier) == HELLO
     assert receive(peer, HELLO.identifier) == HELLO
     assert transport.counts()['bus off'] == 1
@@ -103,8 +104,8 @@ def test_bus_that_goes_off_again_and_again_is_joined_ever_more_seldom(
     opens: list[int] = []
 
     def break_it() -> bool:
-        if bench.link.status.is_open and bench.link.status.opens not in opens:
-            opens.append(bench.link.status.opens)
+        if bench.status.is_open and bench.status.opens not in opens:
+            opens.append(bench.status.opens)
             peer.send(error_frame(0x40))
         return True
 

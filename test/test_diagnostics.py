@@ -2,8 +2,8 @@
 
 import pytest
 
-from bridge_core.diagnostics import Damage
 from bridge_core.framing import Counters
+from bridge_core.report import Damage
 
 
 @pytest.mark.parametrize(

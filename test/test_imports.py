@@ -8,11 +8,15 @@ one is covered without an edit here. A module that the table does not name, such
 
 import ast
 from collections.abc import Iterator
+import importlib
 from pathlib import Path
 import re
+import subprocess
 import sys
 
 import pytest
+
+from bridge_core.transports.process import environment
 
 ROOT = Path(__file__).resolve().parent.parent
 NOT_A_BRIDGE = ('bridge_core', 'rugged_teleop')
@@ -53,6 +57,11 @@ BRIDGE = {
     'parameters': ('{bridge}.protocol', 'OTHER', 'bridge_core.parameters'),
     # What the mux makes of its parameters.
     'configuration': ('{bridge}', 'bridge_core.parameters'),
+    # What runs without the node, where there may be no ROS.
+    'wire': (
+        *('{bridge}.session', '{bridge}.protocol', '{bridge}.parameters'),
+        'bridge_core.transports',
+    ),
     'node': ('{bridge}', 'bridge_core', 'rclpy', 'MESSAGES', 'STDLIB'),
     'simulator': ('{bridge}.protocol', 'bridge_core'),
     # A device's configuration and the dialogue with its menus: pure. Only the command has a port.
@@ -63,13 +72,16 @@ BRIDGE = {
 SHARED = {
     'session': ('bridge_core.framing', 'bridge_core.watchdog'),
     'settings': ('bridge_core.parameters',),
-    'services': ('bridge_core.session', 'rclpy'),
-    'transports': (*CORE, 'bridge_core.session', 'serial', 'can', 'STDLIB'),
+    'services': ('bridge_core.session', 'rclpy', 'threading'),
+    'report': ('bridge_core.framing', 'bridge_core.session'),
+    'transports': (
+        *(*CORE, 'bridge_core.session', 'bridge_core.report'),
+        *('serial', 'can', 'STDLIB'),
+    ),
     'lane': ('rclpy', 'STDLIB'),
     'realtime': ('STDLIB',),
-    'outbox': ('STDLIB',),  # it has a thread
     'convert': ('MESSAGES',),
-    'diagnostics': ('bridge_core.framing', 'bridge_core.session', 'MESSAGES'),
+    'diagnostics': ('bridge_core.report', 'MESSAGES'),
     'managed_node': ('bridge_core', 'rclpy', 'MESSAGES', 'STDLIB'),
     'node': ('bridge_core', 'rclpy', 'MESSAGES', 'STDLIB'),
     'runner': ('bridge_core', 'rclpy', 'STDLIB'),
@@ -227,6 +239,12 @@ def test_every_bridge_is_checked() -> None:
         ('new_bridge.convert', 'import time'),
         ('new_bridge.parameters', 'from new_bridge.node import NewBridge'),
         ('new_bridge.parameters', 'from bridge_core.node import BRIDGE_PARAMETERS'),
+        ('new_bridge.wire', 'from new_bridge.convert import joy'),
+        ('new_bridge.wire', 'from new_bridge.node import NewBridge'),
+        ('new_bridge.wire', 'from bridge_core.node import BridgeNode'),
+        ('new_bridge.wire', 'import rclpy'),
+        ('new_bridge.wire', 'import threading'),
+        ('new_bridge.session', 'from new_bridge.wire import BRIDGE'),
         ('new_bridge.node', 'from new_bridge.simulator import Device'),
         ('new_bridge.node', 'from new_bridge import simulator'),
         ('new_bridge.node', 'from fort_vsc_bridge.protocol import Mode'),
@@ -246,6 +264,8 @@ def test_every_bridge_is_checked() -> None:
         ('bridge_core.transports.serial', 'import rclpy'),
         ('bridge_core.transports.serial', 'from bridge_core.node import BridgeNode'),
         ('bridge_core.transports.link', 'from new_bridge.session import Session'),
+        ('bridge_core.report', 'from diagnostic_msgs.msg import DiagnosticStatus'),
+        ('bridge_core.transports.wire', 'from std_msgs.msg import Bool'),
         ('bridge_core.framing', 'from bridge_core.transports import Transport'),
         ('bridge_core.watchdog', 'import time'),
         ('bridge_core.diagnostics', 'import rclpy'),
@@ -279,6 +299,8 @@ def test_forbidden_import_is_found(module: str, source: str) -> None:
         ('new_bridge.arbiter', 'from new_bridge.inputs import Input'),
         ('new_bridge.convert', 'from sensor_msgs.msg import Joy'),
         ('new_bridge.parameters', 'from bridge_core.parameters import Parameter'),
+        ('new_bridge.wire', 'from new_bridge.session import Session'),
+        ('new_bridge.wire', 'from bridge_core.transports.wire import Bridge'),
         ('new_bridge.node', 'import rclpy\nimport time\nfrom new_bridge import session'),
         ('new_bridge.simulator', 'from bridge_core.framing import StreamParser'),
         ('new_bridge.config.menus', 'from new_bridge.config.image import Image'),
@@ -293,3 +315,26 @@ def test_forbidden_import_is_found(module: str, source: str) -> None:
 )
 def test_allowed_import_passes(module: str, source: str) -> None:
     assert not violations(module, source)
+
+
+@pytest.mark.parametrize('bridge', ['esi_drive_bridge', 'ssc_bridge', 'akron_can_bridge'])
+def test_process_of_an_actuators_wire_loads_nothing_of_ros(bridge: str) -> None:
+    """Whatever imports what: here is all that is loaded in the end."""
+    module = f'{bridge}.wire'
+    importlib.import_module(module)  # as in the node
+    program = f"""
+import sys
+import bridge_core.transports.wire_process
+import {module}
+print(*sys.modules)
+"""
+    loaded = subprocess.run(
+        [sys.executable, '-S', '-c', program],
+        env=environment(module),
+        capture_output=True,
+        text=True,
+        check=True,
+    ).stdout.split()
+    assert module in loaded
+    tops = {name.split('.')[0] for name in loaded}
+    assert not [top for top in tops if top.startswith(('rcl', 'rosidl')) or MESSAGES.match(top)]

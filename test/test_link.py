@@ -1,4 +1,4 @@
-"""The link thread: opening and losing the port, requests from other threads, leaving."""
+"""A wire in a thread: opening and losing the port, requests from other threads, leaving."""
 
 import functools
 import itertools
@@ -8,12 +8,12 @@ import time
 
 import pytest
 
+from bridge_core.session import Level
 from bridge_core.transports import TransportError
-from bridge_core.transports.link import Link
 from bridge_core.transports.link import Mailbox
+from bridge_core.transports.wire import Request
 from test.link_rig import Bench
 from test.link_rig import fails
-from test.link_rig import FakeOwner
 from test.link_rig import FakeTransport
 from test.link_rig import fault
 from test.link_rig import PACE
@@ -35,7 +35,7 @@ def test_port_opens_and_bytes_reach_the_session(bench: Bench) -> None:
     bench.transport.say(b'abc')
     wait_for(lambda: bench.session.received == b'abc', 2.0, 'the bytes')
     assert bench.transport.sent == [b'hello']
-    assert bench.link.status.opens == 1
+    assert bench.status.opens == 1
 
 
 def test_absent_port_is_tried_for_ever_with_growing_pauses(bench: Bench) -> None:
@@ -47,7 +47,7 @@ def test_absent_port_is_tried_for_ever_with_growing_pauses(bench: Bench) -> None
     # A pause may last longer on a busy machine, never shorter.
     for pause, least in zip(pauses, [0.1, 0.2, 0.4, 0.4, 0.4], strict=True):
         assert pause >= least
-    assert bench.link.status.error == 'cannot open port: no such port'
+    assert bench.status.error == 'cannot open port: no such port'
     assert bench.owner.log.count('bad cannot open port: no such port') == 1  # once, not for ever
     del bench.transport.faults['open']
     bench.wait_open()
@@ -64,7 +64,7 @@ def test_driver_that_throws_anything_is_a_port_that_did_not_open(bench: Bench) -
     bench.transport.faults['open'] = RuntimeError('driver fault')
     bench.activate()
     wait_for(lambda: bench.transport.calls['open'] >= 2, 5.0, 'two attempts')
-    assert 'driver fault' in bench.link.status.error
+    assert 'driver fault' in bench.status.error
     bench.transport.faults.clear()
     bench.wait_open()
 
@@ -81,7 +81,7 @@ def test_lost_port_tells_the_stop_before_anything_else_and_closes_once(bench: Be
     bench.transport.gate.set()
     bench.wait_open()
     bench.make_healthy()
-    assert bench.link.status.opens == 2
+    assert bench.status.opens == 2
     assert bench.session.calls.count('closed') == 1
 
 
@@ -109,7 +109,7 @@ def test_port_that_opens_but_never_gets_healthy_backs_off(bench: Bench) -> None:
         wait_for(functools.partial(bench.opened, number), 5.0, 'an open port')
         wait_for(lambda: bench.session.calls[-1] == 'poll', 5.0, 'a poll')
         bench.transport.unplug()
-        wait_for(lambda: not bench.link.status.is_open, 2.0, 'a lost port')
+        wait_for(lambda: not bench.status.is_open, 2.0, 'a lost port')
     times = bench.transport.opens_at
     assert times[3] - times[0] >= 0.1 + 0.2 + 0.4
 
@@ -128,7 +128,7 @@ def test_open_that_blocks_stops_neither_pacing_nor_requests(bench: Bench) -> Non
     wait_for(lambda: bench.transport.openers == 1, 2.0, 'an open in progress')
     done: list[float] = []
     paced = len(bench.owner.paced)
-    bench.link.post('x', done.append)
+    bench.do(done.append, 'x')
     wait_for(lambda: done and len(bench.owner.paced) > paced + 10, 2.0, 'pace and request')
     bench.transport.gate.set()
     bench.wait_open()
@@ -141,7 +141,7 @@ def test_deactivation_while_opening_leaves_the_port_closed(bench: Bench) -> None
     bench.link.deactivate()
     bench.transport.gate.set()
     wait_for(lambda: bench.transport.calls['close'] == 1, 2.0, 'the late port closed')
-    assert not bench.link.status.is_open
+    assert not bench.status.is_open
     assert bench.session.calls == []
 
 
@@ -156,8 +156,8 @@ def test_new_activation_while_the_old_port_opens_leaks_neither(bench: Bench) -> 
     bench.activate()
     wait_for(lambda: new.openers == 1, 2.0, 'the new one opening')
     hold = threading.Event()
-    bench.link.post('hold', wait_at(hold))
-    # Both come back while the link thread is busy with something else.
+    bench.do(wait_at(hold), 'hold')
+    # Both come back while the wire is busy with something else.
     old.gate.set()
     new.gate.set()
     wait_for(lambda: old.openers == new.openers == 0, 2.0, 'both opened')
@@ -171,7 +171,7 @@ def test_only_one_open_at_a_time_even_after_a_fault(bench: Bench) -> None:
     bench.transport.gate.clear()
     bench.activate()
     wait_for(lambda: bench.transport.openers == 1, 2.0, 'an open in progress')
-    bench.link.post('fault', fault)
+    bench.do(fault, 'fault')
     holds_for(lambda: bench.transport.openers == 1, 0.5, 'a single open')
     assert bench.transport.calls['close'] == 0  # not under the feet of the open either
     bench.transport.gate.set()
@@ -182,25 +182,20 @@ def test_only_one_open_at_a_time_even_after_a_fault(bench: Bench) -> None:
 # Requests.
 
 
-def test_latest_of_a_key_wins() -> None:
-    mailbox = Mailbox()
-    seen: list[int] = []
-    for number in range(3):
-        mailbox.put('a', lambda now, number=number: seen.append(number))  # type: ignore[misc]
-    for request in mailbox.take():
-        request(0.0)
-    assert seen == [2]
+def take_all(*puts: tuple[str, str, bool], each: bool = False) -> list[str]:
+    """Put requests of (key, name, whether it is a stop); return the names that come out."""
+    mailbox = Mailbox(lambda number, error: None)
+    for number, (key, name, stop) in enumerate(puts):
+        mailbox.put(Request(number, key, name, (), 0.0, stop), each)
+    names = [request.name for request in mailbox.take()]
     assert mailbox.take() == []
+    mailbox.close()
+    return names
 
 
-def take_all(*puts: tuple[str, str, bool]) -> list[str]:
-    mailbox = Mailbox()
-    seen: list[str] = []
-    for key, name, sticky in puts:
-        mailbox.put(key, lambda now, name=name: seen.append(name), sticky=sticky)  # type: ignore[misc]
-    for request in mailbox.take():
-        request(0.0)
-    return seen
+def test_latest_of_a_key_wins() -> None:
+    assert take_all(*(('a', name, False) for name in 'xyz')) == ['z']
+    assert take_all(*(('a', name, False) for name in 'xyz'), each=True) == ['x', 'y', 'z']
 
 
 def test_stop_is_not_replaced_by_a_release_and_comes_first() -> None:
@@ -217,9 +212,9 @@ def test_stop_and_release_that_arrive_together_still_put_the_stop_on_the_wire(
 ) -> None:
     bench.run()
     hold = threading.Event()
-    bench.link.post('hold', wait_at(hold))
-    bench.link.post('estop', lambda now: setattr(bench.session, 'stop', True), sticky=True)
-    bench.link.post('estop', lambda now: setattr(bench.session, 'stop', False))
+    bench.do(wait_at(hold), 'hold')
+    bench.do(lambda now: setattr(bench.session, 'stop', True), 'estop', stop=True)
+    bench.do(lambda now: setattr(bench.session, 'stop', False), 'estop')
     hold.set()
     wait_for(lambda: b'stop' in bench.transport.sent, 2.0, 'the stop')
     wait_for(lambda: not bench.session.stop, 2.0, 'the release')
@@ -237,20 +232,22 @@ def test_requests_from_many_threads_all_arrive_on_the_link_thread(bench: Bench) 
     def post(worker: int) -> None:
         for number in range(200):
             name = f'{worker} {number}'
-            bench.link.post(name, functools.partial(note, name=name))
+            bench.do(functools.partial(note, name=name), name)
 
     workers = [threading.Thread(target=post, args=(worker,)) for worker in range(8)]
     for worker in workers:
         worker.start()
     for worker in workers:
         worker.join()
-    wait_for(lambda: len(seen) == 1600, 5.0, lambda: f'1600 requests, {len(seen)} came')
-    assert len(set(seen)) == 1600
+    late = bench.owner.refused  # by a busy machine
+    wait_for(lambda: len(seen) + len(late) == 1600, 5.0, lambda: f'1600, {len(seen)} came')
+    assert len({*seen, *(key for _, key, _ in late)}) == 1600
     assert threads == bench.owner.threads
     assert len(threads) == 1
 
 
 def test_newest_request_of_a_storm_is_never_lost(bench: Bench) -> None:
+    bench.run()
     last = -1
 
     def note(now: float, number: int) -> None:
@@ -258,13 +255,13 @@ def test_newest_request_of_a_storm_is_never_lost(bench: Bench) -> None:
         last = number
 
     for number in range(5000):
-        bench.link.post('command', functools.partial(note, number=number))
+        bench.do(functools.partial(note, number=number), 'command')
     wait_for(lambda: last == 4999, 2.0, 'the newest request')
 
 
 def test_session_is_polled_right_after_a_request(bench: Bench) -> None:
     bench.run()
-    bench.link.post('x', lambda now: bench.session.wanted.append(b'now'))
+    bench.do(lambda now: bench.session.wanted.append(b'now'), 'x')
     wait_for(lambda: b'now' in bench.transport.sent, 2.0, 'the frame')
 
 
@@ -272,20 +269,82 @@ def test_fault_in_one_request_does_not_lose_the_others(bench: Bench) -> None:
     bench.run()
     hold = threading.Event()
     seen: list[float] = []
-    bench.link.post('hold', wait_at(hold))
-    bench.link.post('bad', fault)
-    bench.link.post('good', seen.append)
+    bench.do(wait_at(hold), 'hold')
+    bench.do(fault, 'bad')
+    bench.do(seen.append, 'good')
     hold.set()
     wait_for(lambda: seen, 2.0, 'the request behind the bad one')
+
+
+@pytest.mark.parametrize('stop', [False, True])
+def test_request_that_waited_for_long_is_refused_unless_it_is_a_stop(
+    bench: Bench, stop: bool
+) -> None:
+    bench.run()
+    hold, begun = threading.Event(), threading.Event()
+    seen: list[float] = []
+    bench.do(wait_at(hold, begun=begun), 'hold')
+    assert begun.wait(2.0)
+    asked = time.monotonic()
+    number = bench.do(seen.append, 'late', stop=stop)
+    wait_for(lambda: time.monotonic() > asked + 0.25, what='its age')
+    hold.set()
+    refused = bench.owner.refused
+    wait_for(lambda: seen or refused, 2.0, 'the end of the request')
+    assert bool(seen) == stop
+    assert stop or refused[0][:2] == (number, 'late')
+
+
+def test_request_that_makes_no_sense_is_told_and_disturbs_nothing(bench: Bench) -> None:
+    bench.run()
+
+    def refuse(now: float) -> None:
+        raise ValueError('too many')
+
+    number = bench.do(refuse, 'count')
+    wait_for(lambda: bench.owner.refused, 2.0, 'the refusal')
+    assert bench.owner.refused == [(number, 'count', 'too many')]
+    assert bench.status.is_open
+
+
+def test_request_without_a_session_is_refused(bench: Bench) -> None:
+    number = bench.do(fault, 'x')
+    wait_for(lambda: bench.owner.refused, 2.0, 'the refusal')
+    assert bench.owner.refused == [(number, 'x', 'the node is not active')]
+
+
+def test_parameters_that_contradict_leave_what_runs(bench: Bench) -> None:
+    bench.run()
+
+    def refuse() -> None:
+        raise ValueError('contradiction')
+
+    bench.on_make = refuse
+    with pytest.raises(ValueError, match='contradiction'):
+        bench.activate()
+    assert bench.status.is_open
+    assert bench.transport.calls['close'] == 0
+
+
+def test_report_comes_each_second_and_at_once_when_a_level_changes(bench: Bench) -> None:
+    bench.run()
+    reports = bench.owner.reports
+    wait_for(lambda: reports[-1].link.level is Level.OK, 2.0, 'a sound link')
+    count = len(reports)
+    wait_for(lambda: len(reports) >= count + 2, 5.0, 'two more')
+    bench.transport.gate.clear()
+    bench.transport.unplug()
+    wait_for(lambda: reports[-1].link.level is Level.ERROR, 2.0, 'the loss')
+    assert reports[-1].link.message == 'port: unplugged'
 
 
 def test_request_after_the_end_is_ignored(bench: Bench) -> None:
     bench.link.stop()
     before = os.open('/dev/null', os.O_WRONLY)  # takes the number of the closed descriptor
-    bench.link.post('x', lambda now: None)
+    bench.do(lambda now: None, 'x')
     os.close(before)
     with pytest.raises(TransportError, match='has ended'):
-        bench.link.activate(bench.transport, bench.session)
+        bench.activate()
 
 
 # Leaving.
@@ -299,7 +358,7 @@ def test_deactivation_sends_the_farewell_tells_the_stop_and_closes(bench: Bench)
     assert not bench.transport.is_open
     assert bench.owner.log == ['stop True', 'event closed']
     assert bench.session.calls[-2:] == ['farewell', 'closed']
-    assert bench.link.status.error == 'the node is not active'
+    assert bench.status.error == 'the node is not active'
     bench.link.deactivate()
     assert bench.session.calls.count('farewell') == 1
 
@@ -360,9 +419,9 @@ def test_stop_twice_says_farewell_once_and_ends_the_thread(bench: Bench) -> None
 
 
 def test_stop_without_start() -> None:
-    link: Link[bytes] = Link('link', FakeOwner())
-    link.stop()
-    link.stop()
+    bench = Bench()
+    bench.link.stop()
+    bench.link.stop()
 
 
 def test_stop_does_not_wait_for_an_open_that_blocks(bench: Bench) -> None:
@@ -386,7 +445,7 @@ def test_deactivations_from_several_threads_all_return(bench: Bench) -> None:
             errors.append(error)
 
     hold = threading.Event()
-    bench.link.post('hold', wait_at(hold, 0.1))
+    bench.do(wait_at(hold, 0.1), 'hold')
     workers = [threading.Thread(target=deactivate) for _ in range(4)]
     for worker in workers:
         worker.start()

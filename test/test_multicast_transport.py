@@ -11,12 +11,10 @@ import pytest
 
 from bridge_core.transports import multicast
 from bridge_core.transports import TransportError
-from bridge_core.transports.link import Link
 from bridge_core.transports.multicast import MulticastTransport
 from rugged_teleop.multicasts import GROUP
 from rugged_teleop.multicasts import LOOPBACK
-from test.link_rig import FakeOwner
-from test.link_rig import FakeSession
+from test.link_rig import Bench
 from test.multicast_rig import free_port
 from test.multicast_rig import in_network_namespace
 from test.multicast_rig import run_ip
@@ -324,20 +322,20 @@ def test_link_comes_back_by_itself_when_the_interface_does() -> None:
     def body() -> None:
         add_cable()
         ours, theirs = pair(free_port(), '192.0.2.1')
-        session = FakeSession()
-        link: Link[bytes] = Link('test', FakeOwner(), reconnect_period=0.3)
-        link.start()
-        link.activate(ours, session)
-        wait_for(lambda: link.status.is_open, 2.0, 'the port to open')
+        bench = Bench()
+        bench.transport, session = ours, bench.session
+        bench.link.start()
+        bench.activate()
+        wait_for(lambda: bench.status.is_open, 2.0, 'the port to open')
         run_ip('link', 'delete', 'near')
         wait_for(lambda: 'closed' in session.calls, 2.0, 'the loss')
-        assert not link.status.is_open
+        assert not bench.status.is_open
         add_cable()
-        wait_for(lambda: link.status.is_open, 2.0, 'the port to open again')
+        wait_for(lambda: bench.status.is_open, 2.0, 'the port to open again')
         theirs.open()
         theirs.send(b'back')
         wait_for(lambda: session.received == b'back', 2.0, 'a datagram')
-        link.stop()
+        bench.link.stop()
         theirs.close()
 
     in_network_namespace(body)

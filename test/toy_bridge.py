@@ -1,35 +1,34 @@
 """
 A bridge to a toy device, to test the common node alone: ``python -m test.toy_bridge``.
 
-From the device: ``k`` = healthy, ``s`` = stop. To the device: ``h`` every 50 ms, ``BYE`` as the
-farewell. Only ``port``, ``link_timeout`` and ``fault`` have an effect; the other parameters are
-for tests of bad values.
+Its wire is toy_wire.py. Only ``port``, ``link_timeout`` and ``fault`` have an effect; the other
+parameters are for tests of bad values.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import ctypes
 from functools import partial
-import threading
 from typing import Any
 from typing import ClassVar
 
 from rclpy.parameter import Parameter as RosParameter
 from std_msgs.msg import Bool
+from std_msgs.msg import Float32
 
-from bridge_core.framing import Decoder
 from bridge_core.node import BridgeNode
 from bridge_core.parameters import BRIDGE_PARAMETERS
 from bridge_core.parameters import Parameter
 from bridge_core.parameters import ParameterError
 from bridge_core.runner import run
-from bridge_core.session import Level
-from bridge_core.session import Session as BaseSession
-from bridge_core.session import Verdict
-from bridge_core.transports.serial import SerialTransport
+from bridge_core.transports.link import Link
+from bridge_core.transports.process import ProcessLink
 from test.rig import NodeProcess
+from test.toy_wire import BRIDGE
+from test.toy_wire import FAULTS
+from test.toy_wire import PING
+from test.toy_wire import Session
 
-PERIOD = 0.05
 TOY_PARAMETERS = (
     Parameter('port', '/dev/toy', 'Serial port.'),
     Parameter('link_timeout', 0.25, 'Silence that stops.', unit='s', above=0.0, maximum=10.0),
@@ -41,77 +40,21 @@ TOY_PARAMETERS = (
     Parameter('low', 0.0, 'Lower end.', minimum=-10.0, maximum=10.0),
     Parameter('high', 1.0, 'Upper end.', minimum=-10.0, maximum=10.0),
     Parameter('gain', 1.0, 'May change at any time.', minimum=0.0, maximum=9.0, runtime=True),
-    Parameter('fault', '', 'What goes wrong.', choices=('', 'blocking port', 'no transport')),
+    Parameter('fault', '', 'What goes wrong.', choices=FAULTS),
 )
 
 
-class ToyDecoder(Decoder[bytes, str]):
-    """Each ``k`` and ``s`` is a frame."""
+class ToyBridge(BridgeNode[None]):
+    """
+    The toy bridge's node, with its wire in a thread.
 
-    def feed(self, data: bytes, now: float) -> list[str]:
-        self.counters.bytes += len(data)
-        frames = [byte for byte in data.decode('latin1') if byte in 'ks']
-        self.counters.frames += len(frames)
-        return frames
-
-
-class Session(BaseSession[bytes, str, None]):
-    """Healthy while ``k`` keeps coming; stopped by ``s`` until the next ``k``."""
-
-    def __init__(self, link_timeout: float) -> None:
-        super().__init__(ToyDecoder(), link_timeout)
-        self.requested = False  # a stop that this node itself asked of the device
-        self._stop = True
-        self._next = 0.0
-
-    def request_stop(self, value: bool, now: float) -> None:
-        self._expire(now)
-        self.requested = value
-        self._refresh(now)
-
-    def farewell(self, now: float) -> list[bytes]:
-        return [b'B', b'YE']
-
-    def _begin(self, now: float) -> None:
-        self._next = now
-
-    def _take(self, message: str, now: float) -> None:
-        self._stop = message == 's'
-        self._heard.feed(now)
-
-    def _judge(self, now: float) -> Verdict:
-        if not (self._stop or self.requested):
-            return Verdict()
-        return Verdict(True, self._stop, reasons=('toy: stop',))
-
-    def _silence(self, now: float) -> str:
-        return f'toy: {self._heard.describe(now)}'
-
-    def _sends_at(self) -> float:
-        return self._next
-
-    def _due_frames(self, now: float) -> list[bytes]:
-        if now < self._next:
-            return []
-        self._next = now + PERIOD
-        return [b'h']
-
-    def problems(self, now: float) -> list[tuple[Level, str]]:
-        level = Level.ERROR if self.link_up else Level.WARN
-        return [(level, text) for text in self.stop_reasons(now)]
-
-
-class BlockedTransport(SerialTransport):
-    """A port whose driver never returns from open."""
-
-    def open(self) -> None:
-        threading.Event().wait()
-
-
-class ToyBridge(BridgeNode[Session, None]):
-    """The toy bridge's node; ``~/request_stop`` asks the device for a stop."""
+    ``~/request_stop`` asks the device for a stop; ``~/hang`` holds the interpreter for so many
+    seconds, as a middleware does that blocks.
+    """
 
     PARAMETERS: ClassVar[tuple[Parameter, ...]] = (*BRIDGE_PARAMETERS, *TOY_PARAMETERS)
+    BRIDGE = BRIDGE
+    SERVICES = {PING: (Session.ping,)}
 
     def __init__(self, name: str = 'toy_bridge', **options: Any) -> None:
         super().__init__(name, **options)
@@ -125,38 +68,43 @@ class ToyBridge(BridgeNode[Session, None]):
 
     def create_interfaces(self) -> None:
         self.create_subscription(Bool, '~/request_stop', self._on_request_stop, 10)
+        self.create_subscription(Float32, '~/hang', self._on_hang, 10)
 
     def _on_request_stop(self, message: Any) -> None:
-        self.request(Session.request_stop, message.data, sticky=message.data)
+        self.request(Session.request_stop, message.data, stop=message.data)
 
-    def make_session(self, values: Mapping[str, Any]) -> Session:
-        return Session(values['link_timeout'])
-
-    def make_transport(self, values: Mapping[str, Any]) -> SerialTransport:
-        if values['fault'] == 'no transport':
-            raise ValueError('fault: there is no such transport')
-        blocked = values['fault'] == 'blocking port'
-        return (BlockedTransport if blocked else SerialTransport)(values['port'], 115200)
+    def _on_hang(self, message: Any) -> None:
+        ctypes.PyDLL(None).usleep(int(message.data * 1e6))  # PyDLL keeps the interpreter's lock
 
 
-def make_toy(context: Any, **parameters: Any) -> ToyBridge:
+class ToyActuator(ToyBridge):
+    """The same with its wire in a process."""
+
+    LINK: ClassVar[type[Link]] = ProcessLink
+
+
+LINKS: dict[str, type[ToyBridge]] = {'thread': ToyBridge, 'process': ToyActuator}
+
+
+def make_toy(context: Any, link: str = 'thread', **parameters: Any) -> ToyBridge:
     """Make the node in this process, with these parameters."""
     overrides = [RosParameter(name, value=value) for name, value in parameters.items()]
-    return ToyBridge(context=context, parameter_overrides=overrides)
+    return LINKS[link](context=context, parameter_overrides=overrides)
 
 
-def toy_process(port: object, **parameters: Any) -> NodeProcess:
+def toy_process(port: object, link: str = 'thread', **parameters: Any) -> NodeProcess:
     """Run the node as a process of its own, on this port."""
-    return NodeProcess('test.toy_bridge', {'port': str(port), **parameters})
+    source = f'from test.toy_bridge import main; main({link!r})'
+    return NodeProcess('', {'port': str(port), **parameters}, source=source)
 
 
-def main() -> None:
-    raise SystemExit(run([ToyBridge]))
+def main(link: str = 'thread') -> None:
+    raise SystemExit(run([LINKS[link]]))
 
 
-def main_two() -> None:
+def main_two(link: str = 'thread') -> None:
     """Run two toys in one process; their ports are the parameters of each by name."""
-    raise SystemExit(run([partial(ToyBridge, 'left'), partial(ToyBridge, 'right')]))
+    raise SystemExit(run([partial(LINKS[link], 'left'), partial(LINKS[link], 'right')]))
 
 
 if __name__ == '__main__':

@@ -9,6 +9,7 @@ which must be left safe by a node that dies or hangs. To the node both look alik
 from __future__ import annotations
 
 from collections.abc import Callable
+import contextlib
 import itertools
 import os
 import threading
@@ -110,7 +111,8 @@ class Link:
         :raises TransportError: the wire does not answer.
         """
         if self._thread.is_alive():
-            self._command(ANSWER_TIME, 'deactivate')
+            with contextlib.suppress(ValueError):  # a fault was logged, and the port is closed
+                self._command(ANSWER_TIME, 'deactivate')
 
     def stop(self) -> None:
         """End the wire, farewell included; may be called twice. Raises nothing."""

@@ -238,7 +238,7 @@ class ProcessLink(Link):
                 executable=sys.executable,
                 pass_fds=[theirs.fileno()],
                 stdin=subprocess.DEVNULL,
-                env=_environment(self._bridge.module),
+                env=environment(self._bridge.module),
                 start_new_session=True,  # the terminal's signals are the node's business
             )
         except OSError as error:
@@ -317,7 +317,7 @@ def _cause(returncode: int) -> str:
     return f'ended with {returncode}'
 
 
-def _environment(module: str) -> dict[str, str]:
+def environment(module: str) -> dict[str, str]:
     """
     Return the environment in which ``python -S -m`` finds what this process has imported.
 

@@ -186,42 +186,54 @@ class Wire(Generic[FrameT]):
 
     def _wait_and_step(self) -> None:
         # Anything that a request changes counts at once, so read the clock after the wait.
-        meant, readable = self._wait()
+        meant, due, ready = self._wait()
         now = time.monotonic()
         frozen = now - meant
         self._stepped_at = now
         if frozen > _FROZEN_TIME and self.status.is_open:
-            readable = False
             self._guarded(lambda: self._forget_backlog(frozen, now))
-        for request in self._take_requests():
-            self._guarded(lambda request=request: self._serve(request, now))  # type: ignore[misc]
+            ready = [each for each in ready if each != self._port()]
+        if self._requests.fileno() in ready:
+            for request in self._take_requests():
+                self._guarded(lambda request=request: self._serve(request, now))  # type: ignore[misc]
         self._take_opened(now)
         if self.status.is_open:
-            self._exchange(readable, now)
+            readable = self._port() in ready
+            if readable or now >= due:
+                self._exchange(readable, now)
         elif now >= self._open_at:
             self._start_opening()
         if now >= self._look_at:
             self._report(now)
         self._pace_at = max(self._owner.pace(now), now + _SHORTEST_WAIT)
 
-    def _wait(self) -> tuple[float, bool]:
+    def _wait(self) -> tuple[float, float, list[int]]:
         """
-        Sleep until something is due; tell whether the port has to say.
+        Sleep until something is due; return what became readable, with two moments before it.
 
-        The other result is when this should be over, counted from the last step: the process may
-        have been frozen in the midst of that one too.
+        They are when this should be over, counted from the last step, as the process may have been
+        frozen in the midst of that one too, and when the session is due.
         """
         deadline = min(self._pace_at, self._open_at, self._look_at)
         descriptors = [self._requests.fileno(), self._woken.fileno()]
-        if self._session is not None and self._transport is not None and self.status.is_open:
+        due = math.inf
+        if self._session is not None and self.status.is_open:
             due = max(self._session.deadline(), self._polled_at + _SHORTEST_WAIT)
-            deadline = min(deadline, due)
-            descriptors.append(self._transport.fileno())
-        timeout = min(max(deadline - time.monotonic(), 0.0), _LONGEST_WAIT)
+            descriptors.append(self._port())
+        timeout = min(max(min(deadline, due) - time.monotonic(), 0.0), _LONGEST_WAIT)
         ready = select.select(descriptors, [], [], timeout)[0]
         if descriptors[1] in ready:
             self._woken.recv(64)
-        return self._stepped_at + timeout, len(descriptors) == 3 and descriptors[2] in ready
+        return self._stepped_at + timeout, due, ready
+
+    def _port(self) -> int:
+        return -1 if self._transport is None else self._transport.fileno()
+
+    def interrupt(self, reason: str, now: float) -> None:
+        """Demand a stop: something was lost that may have been one. For the owner's ``pace``."""
+        if self._session is not None and self.status.is_open:
+            self._session.interrupted(reason, now)
+            self._exchange(False, now)
 
     # -- what is asked ----------------------------------------------------------------------------
 
@@ -355,9 +367,7 @@ class Wire(Generic[FrameT]):
             self._lose(str(error), now)
             return
         reason = f'this node was held up for {frozen:.1f} s, and discarded what came meanwhile'
-        self._session.interrupted(
-            f'{reason}; if it happens again, give the computer less work', now
-        )
+        self.interrupt(f'{reason}; if it happens again, give the computer less work', now)
 
     def _start_opening(self) -> None:
         assert self._transport is not None
@@ -398,6 +408,7 @@ class Wire(Generic[FrameT]):
             self._owner.link_changed(f'{transport.name} opened', True)
             try:
                 self._deliver(self._session.opened(now), now)
+                self._exchange(False, now)
             except TransportError as failure:
                 self._lose(str(failure), now)
 

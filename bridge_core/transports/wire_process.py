@@ -35,7 +35,8 @@ class Node:
         self._socket = socket.socket(fileno=descriptor)
         self._socket.setblocking(False)
         self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _LARGEST)
-        self._beat_at = 0.0
+        self.wire: Wire[Any]
+        self._told_at = 0.0
         self._lost = self._ended = False
 
     def fileno(self) -> int:
@@ -47,10 +48,6 @@ class Node:
         requests: list[Request] = []
         if self._ended:
             raise EOFError
-        if self._lost and self._tell('beat'):
-            # There is room again. What could not be told may have been a stop.
-            self._lost = False
-            requests.append(Request(0, '', 'interrupted', (_LOST,), time.monotonic(), stop=True))
         try:
             for _ in range(_READS):
                 data = self._socket.recv(_LARGEST)
@@ -88,13 +85,15 @@ class Node:
         self._tell('link_changed', text, ok)
 
     def pace(self, now: float) -> float:
-        """Give signs of life; return when to be called next."""
-        if now >= self._beat_at:
-            self._beat_at = now + _BEAT_PERIOD
-            self._tell('beat')
-        return self._beat_at
+        """Give a sign of life where nothing else was said; return when to be called next."""
+        if now >= self._told_at + _BEAT_PERIOD and self._tell('beat') and self._lost:
+            # There is room again. What could not be told may have been a stop.
+            self._lost = False
+            self.wire.interrupt(_LOST, now)
+        return self._told_at + _BEAT_PERIOD
 
     def _tell(self, name: str, *arguments: Any) -> bool:
+        self._told_at = time.monotonic()
         try:
             self._socket.send(pickle.dumps((name, arguments)))
         except BlockingIOError:
@@ -118,7 +117,8 @@ def main() -> None:
 
         for refusal in use_realtime(int(rt_priority)):
             node.on_refused(0, 'rt_priority', refusal)
-    Wire(bridge, node, node, reconnect_period=float(reconnect_period)).run()
+    node.wire = Wire(bridge, node, node, reconnect_period=float(reconnect_period))
+    node.wire.run()
     os._exit(0)  # a thread may be at work in a driver that does not return
 
 
