@@ -13,6 +13,7 @@ from fort_vsc_bridge.protocol.frames import MessageType
 from fort_vsc_bridge.protocol.frames import PACKETS
 from fort_vsc_bridge.protocol.values import AUTONOMY_MODES
 from fort_vsc_bridge.protocol.values import AutonomyMode
+from fort_vsc_bridge.protocol.values import AXES
 from fort_vsc_bridge.protocol.values import Axis
 from fort_vsc_bridge.protocol.values import AXIS_NAMES
 from fort_vsc_bridge.protocol.values import Button
@@ -34,10 +35,11 @@ _MESSAGE_CONTROL = struct.Struct('<B?H')  # message type, enabled, interval in m
 _FEEDBACK = struct.Struct('<Bi')  # key, value
 _NAME = struct.Struct(f'<B{NAME_SIZE}s')  # key, characters padded with zero
 assert (_JOYSTICK.size, _HEARTBEAT.size, _REMOTE_STATUS.size) == (14, 6, 6)
+_ZEROS = bytes(_JOYSTICK.size)
 assert (_MESSAGE_CONTROL.size, _FEEDBACK.size, _NAME.size) == (4, 5, 21)
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class Joystick(Message):
     """
     Sticks and buttons of the SRC (7.3.1, 7.4, 7.5), 50 Hz; zeroed unless Operational.
@@ -63,10 +65,14 @@ class Joystick(Message):
 
     @classmethod
     def _from_payload(cls, payload: bytes) -> Joystick:
-        if not any(payload):
+        if payload == _ZEROS:
             return cls.neutral()
-        *words, left, right = _JOYSTICK.unpack(payload)
-        return cls(tuple(map(Axis.from_word, words)), PADS[left] + PADS[right])
+        left_x, left_y, left_z, right_x, right_y, right_z, left, right = _JOYSTICK.unpack(payload)
+        axes = (
+            *(AXES[left_x], AXES[left_y], AXES[left_z]),
+            *(AXES[right_x], AXES[right_y], AXES[right_z]),
+        )
+        return cls(axes, PADS[left] + PADS[right])
 
     def _to_payload(self) -> bytes:
         words = (axis.to_word() for axis in self.axes)
@@ -98,7 +104,7 @@ class Gps(Message):
         return bytes((self.source,)) + self.sentence.encode('ascii')
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class Heartbeat(Message):
     """
     State of the VSC (7.3.2), 20 Hz. An unknown mode stays a plain int, equal to no known mode.
@@ -297,7 +303,7 @@ def decode(frame: bytes) -> Message | Unknown:
 
 def parser() -> StreamParser[Message]:
     """Return a parser for one direction of one link."""
-    return PACKETS.parser(_decode)
+    return PACKETS.parser(_decode, {kind: of.from_payload for kind, of in MESSAGES.items()})
 
 
 def _decode(kind: int, payload: bytes) -> Message | Unknown:
