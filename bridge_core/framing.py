@@ -14,6 +14,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from dataclasses import field
 import math
+from typing import Any
 from typing import Generic
 from typing import TypeVar
 
@@ -23,6 +24,16 @@ FrameT = TypeVar('FrameT')
 # Frames found inside an expired one are handed out up to this age, in multiples of ``expire``:
 # they waited behind a corrupt length. Anything older is history, not news.
 _OLDEST = 2.0
+
+
+def draft_of(kind: type[Any]) -> type[Any]:
+    """
+    Return the class of a frozen, slotted dataclass before it is frozen: the same slots, no checks.
+
+    What is read from a wire fits its fields, and a frozen dataclass takes longer to set them than
+    all else takes. So a reader fills a draft, and then makes it the real thing by ``__class__``.
+    """
+    return type(kind.__name__, kind.__bases__, {'__slots__': kind.__slots__})
 
 
 class FrameError(ValueError):
@@ -142,7 +153,8 @@ class StreamParser(Decoder[bytes, MessageT]):
     def feed(self, data: bytes, now: float) -> list[MessageT]:
         """Return the messages of the frames that ``data`` completes, in order."""
         self.counters.bytes += len(data)
-        late = self.poll(now)  # what came before and never ended must not swallow what comes now
+        # What came before and never ended must not swallow what comes now.
+        late = self.poll(now) if self._buffer else []
         if data:
             self._buffer += data
             self._arrivals.append((len(data), now))

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 import struct
+from typing import Any
 
+from bridge_core.framing import draft_of
 from bridge_core.framing import StreamParser
 from bridge_core.framing import Unknown
 from fort_vsc_bridge.protocol.frames import MAX_LENGTH
@@ -39,7 +41,7 @@ _ZEROS = bytes(_JOYSTICK.size)
 assert (_MESSAGE_CONTROL.size, _FEEDBACK.size, _NAME.size) == (4, 5, 21)
 
 
-@dataclass(slots=True)
+@dataclass(frozen=True, slots=True)
 class Joystick(Message):
     """
     Sticks and buttons of the SRC (7.3.1, 7.4, 7.5), 50 Hz; zeroed unless Operational.
@@ -64,15 +66,18 @@ class Joystick(Message):
         return cls((Axis(0),) * len(AXIS_NAMES), (Button(False),) * len(BUTTON_NAMES))
 
     @classmethod
-    def _from_payload(cls, payload: bytes) -> Joystick:
+    def _from_payload(cls, payload: bytes) -> Any:
         if payload == _ZEROS:
             return cls.neutral()
         left_x, left_y, left_z, right_x, right_y, right_z, left, right = _JOYSTICK.unpack(payload)
-        axes = (
+        message = _DraftJoystick()
+        message.axes = (
             *(AXES[left_x], AXES[left_y], AXES[left_z]),
             *(AXES[right_x], AXES[right_y], AXES[right_z]),
         )
-        return cls(axes, PADS[left] + PADS[right])
+        message.buttons = PADS[left] + PADS[right]
+        message.__class__ = cls
+        return message
 
     def _to_payload(self) -> bytes:
         words = (axis.to_word() for axis in self.axes)
@@ -104,7 +109,7 @@ class Gps(Message):
         return bytes((self.source,)) + self.sentence.encode('ascii')
 
 
-@dataclass(slots=True)
+@dataclass(frozen=True, slots=True)
 class Heartbeat(Message):
     """
     State of the VSC (7.3.2), 20 Hz. An unknown mode stays a plain int, equal to no known mode.
@@ -125,9 +130,14 @@ class Heartbeat(Message):
         check_range('the E-stop indication', self.estop, 0, 0xFFFFFFFF)
 
     @classmethod
-    def _from_payload(cls, payload: bytes) -> Heartbeat:
+    def _from_payload(cls, payload: bytes) -> Any:
         mode, autonomy, estop = _HEARTBEAT.unpack(payload)
-        return cls(MODES.get(mode, mode), AUTONOMY_MODES.get(autonomy, autonomy), estop)
+        message = _DraftHeartbeat()
+        message.mode = MODES.get(mode, mode)
+        message.autonomy = AUTONOMY_MODES.get(autonomy, autonomy)
+        message.estop = estop
+        message.__class__ = cls
+        return message
 
     def _to_payload(self) -> bytes:
         return _HEARTBEAT.pack(self.mode, self.autonomy, self.estop)
@@ -279,6 +289,8 @@ class UserFeedbackGet(Message):
         return bytes((self.key,))
 
 
+_DraftJoystick = draft_of(Joystick)
+_DraftHeartbeat = draft_of(Heartbeat)
 MESSAGES: dict[int, type[Message]] = {
     kind.TYPE: kind
     for kind in (
