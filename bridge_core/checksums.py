@@ -40,12 +40,11 @@ def fletcher16(data: bytes) -> int:
 
 def is_fletcher16(data: bytes, sums: int) -> bool:
     """Tell whether these are the sums of data; the plain sum alone rules out most noise."""
-    plain, size = zlib.adler32(data, 0), len(data)
-    if size <= _FLETCHER_CHUNK:
-        return (plain >> 8 & 0xFF00 | plain & 0xFF) == sums
-    if size <= _PLAIN_CHUNK and plain & 0xFF != sums & 0xFF:
-        return False
-    return fletcher16(data) == sums
+    if len(data) > _FLETCHER_CHUNK:
+        plain = zlib.adler32(data[:_PLAIN_CHUNK], 0) + sum(data[_PLAIN_CHUNK:])
+        return not (plain ^ sums) & 0xFF and fletcher16(data) == sums
+    both = zlib.adler32(data, 0)
+    return (both >> 8 & 0xFF00 | both & 0xFF) == sums
 
 
 def crc16_ccitt_false(data: bytes) -> int:

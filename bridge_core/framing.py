@@ -81,8 +81,9 @@ class FrameFormat(Generic[MessageT]):
     :param size_of: from the first ``head_size`` bytes to the whole frame's size in bytes; raises
         FrameError where type and length cannot be. A size outside ``head_size`` to ``max_size`` is
         malformed too.
-    :param decode: from a whole frame to its message, Unknown for a type that is not known; raises
-        ChecksumError for a wrong check, FrameError for contents that cannot be.
+    :param decode: from a whole frame to its message, Unknown for a type that is not known, None
+        for a wrong check; raises FrameError for contents that cannot be, and may raise
+        ChecksumError instead of returning None.
     :param readers: by their first ``head_size`` bytes, the whole size and the reader of frames
         that come often: sooner than ``size_of`` and ``decode``, with the same outcome.
     """
@@ -91,7 +92,7 @@ class FrameFormat(Generic[MessageT]):
     head_size: int
     max_size: int
     size_of: Callable[[bytes], int]
-    decode: Callable[[bytes], MessageT | Unknown]
+    decode: Callable[[bytes], MessageT | Unknown | None]
     readers: Mapping[bytes, tuple[int, Reader[MessageT]]] = field(default_factory=dict)
 
 
@@ -178,18 +179,21 @@ class StreamParser(Decoder[bytes, MessageT]):
         messages: list[MessageT] = []
         behind = start  # the last frame: what follows up to ``start`` is none
         while start < end:
-            known = readers.get(buffer[start : start + head_size])
+            head = buffer[start : start + head_size]
+            known = readers.get(head)
             if known is not None:
                 size, read = known
             else:
                 found = buffer.find(fmt.header, start)
+                if found > start:
+                    start = found
+                    continue
                 if found < 0:
                     start = self._header_begins(start)
                     break
-                start = found
-                if end - start < head_size:
+                if len(head) < head_size:
                     break
-                size, read = self._size(buffer[start : start + head_size]), self._decode
+                size, read = self._size(head), self._decode
                 if not size:
                     counters.malformed += 1
                     start += 1

@@ -68,8 +68,8 @@ class PacketFormat:
 
     def size_of(self, head: bytes) -> int:
         """Return a packet's size from its first four bytes; 0 where type and length cannot be."""
-        kind, length = head[2], head[3]
-        if length > self.max_length or length not in self.lengths.get(kind, (length,)):
+        length, possible = head[3], self.lengths.get(head[2])
+        if length > self.max_length or (possible is not None and length not in possible):
             return 0
         return length + OVERHEAD
 
@@ -87,7 +87,9 @@ class PacketFormat:
             raise FrameError(f'type 0x{packet[2]:02X} cannot have {packet[3]} bytes')
         if len(packet) != size:
             raise FrameError(f'{len(packet)} bytes, but the length byte says {packet[3]}')
-        return self._checked(packet)
+        if not self.is_sound(packet, 0, size):
+            raise ChecksumError(f'wrong checksum {packet[-CHECK_SIZE:].hex()}')
+        return packet[HEAD_SIZE:-CHECK_SIZE]
 
     def parser(
         self,
@@ -106,7 +108,11 @@ class PacketFormat:
                 head_size=HEAD_SIZE,
                 max_size=self.max_size,
                 size_of=self.size_of,
-                decode=lambda packet: decode(packet[2], self._checked(packet)),
+                decode=lambda packet: (
+                    decode(packet[2], packet[HEAD_SIZE:-CHECK_SIZE])
+                    if self.is_sound(packet, 0, len(packet))
+                    else None
+                ),
                 readers={
                     self.header + bytes((kind, length)): (length + OVERHEAD, reader)
                     for kind, read in kinds.items()
@@ -126,12 +132,6 @@ class PacketFormat:
             return None
 
         return read_packet
-
-    def _checked(self, packet: bytes) -> bytes:
-        """Return the payload. :raises ChecksumError: the sums are wrong."""
-        if not self.is_sound(packet, 0, len(packet)):
-            raise ChecksumError(f'wrong checksum {packet[-CHECK_SIZE:].hex()}')
-        return packet[HEAD_SIZE:-CHECK_SIZE]
 
 
 _M = TypeVar('_M', bound='Message')

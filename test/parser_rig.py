@@ -13,9 +13,9 @@ def frames_of(parser: StreamParser[Any]) -> StreamParser[bytes]:
     format_ = parser._format
     decode = format_.decode
 
-    def checked(frame: bytes) -> bytes | Unknown:
+    def checked(frame: bytes) -> bytes | Unknown | None:
         message = decode(frame)
-        return message if isinstance(message, Unknown) else frame
+        return message if message is None or isinstance(message, Unknown) else frame
 
     def located(read: Reader[Any]) -> Reader[bytes]:
         return lambda buffer, start, end: (

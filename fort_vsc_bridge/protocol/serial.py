@@ -7,6 +7,7 @@ import math
 from bridge_core.framing import Decoder
 from bridge_core.packets import HEAD_SIZE
 from bridge_core.packets import OVERHEAD
+from fort_vsc_bridge.protocol.frames import MAX_LENGTH
 from fort_vsc_bridge.protocol.frames import MessageType
 from fort_vsc_bridge.protocol.frames import PACKETS
 from fort_vsc_bridge.protocol.frames import Received
@@ -57,17 +58,18 @@ class SerialDecoder(Decoder[bytes, Received]):
         return list(self._parser.poll(now))
 
     def _unexpected(self, stream: bytes) -> list[Received]:
+        header, lengths, size = PACKETS.header, PACKETS.lengths, len(stream)
         found: list[Received] = []
         start = 0
-        while (start := stream.find(PACKETS.header, start)) >= 0:
-            if len(stream) - start < HEAD_SIZE:
+        while (start := stream.find(header, start)) >= 0:
+            if size - start < HEAD_SIZE:
                 break
             kind, length = stream[start + 2], stream[start + 3]
-            if length > PACKETS.max_length or length in PACKETS.lengths.get(kind, (length,)):
+            if kind not in lengths or length in lengths[kind] or length > MAX_LENGTH:
                 start += 1
                 continue
             end = start + length + OVERHEAD
-            if end > len(stream):
+            if end > size:
                 break
             if PACKETS.is_sound(stream, start, end):
                 found.append(_rejected(kind, length))
