@@ -17,6 +17,7 @@ import zlib
 # zlib.adler32 sums modulo 65521, which equals the plain sums as long as neither reaches it.
 # With both sums carried in below 256, 21 bytes of 0xFF give 255 * (1 + 21 + 231) = 64515.
 _FLETCHER_CHUNK = 21
+_PLAIN_CHUNK = 256  # bytes whose plain sum stays below 65521
 
 # Each byte with its bits reversed. The standard library has only reflected CRCs; over bit-reversed
 # data, and with the result bit-reversed, they equal those that are not reflected.
@@ -30,9 +31,20 @@ def fletcher16(data: bytes) -> int:
     Both are modulo 256. Source: FORT VSC manual 7.6 (figure 16).
     """
     sums = 0
-    for start in range(0, len(data), _FLETCHER_CHUNK):
-        sums = zlib.adler32(data[start : start + _FLETCHER_CHUNK], sums) & 0x00FF00FF
-    return (sums >> 8 | sums) & 0xFFFF
+    while len(data) > _FLETCHER_CHUNK:
+        sums = zlib.adler32(data[:_FLETCHER_CHUNK], sums) & 0x00FF00FF
+        data = data[_FLETCHER_CHUNK:]
+    sums = zlib.adler32(data, sums)
+    return sums >> 8 & 0xFF00 | sums & 0xFF
+
+
+def is_fletcher16(data: bytes, sums: int) -> bool:
+    """Tell whether these are the sums of data; the plain sum alone rules out most noise."""
+    if len(data) > _FLETCHER_CHUNK:
+        plain = zlib.adler32(data[:_PLAIN_CHUNK], 0) + sum(data[_PLAIN_CHUNK:])
+        return not (plain ^ sums) & 0xFF and fletcher16(data) == sums
+    both = zlib.adler32(data, 0)
+    return (both >> 8 & 0xFF00 | both & 0xFF) == sums
 
 
 def crc16_ccitt_false(data: bytes) -> int:

@@ -10,8 +10,11 @@ frames behind it), holds no more than one largest frame, and expires a frame tha
 from __future__ import annotations
 
 from collections.abc import Callable
+from collections.abc import Mapping
 from dataclasses import dataclass
+from dataclasses import field
 import math
+from typing import Any
 from typing import Generic
 from typing import TypeVar
 
@@ -21,6 +24,16 @@ FrameT = TypeVar('FrameT')
 # Frames found inside an expired one are handed out up to this age, in multiples of ``expire``:
 # they waited behind a corrupt length. Anything older is history, not news.
 _OLDEST = 2.0
+
+
+def draft_of(kind: type[Any]) -> type[Any]:
+    """
+    Return the class of a frozen, slotted dataclass before it is frozen: the same slots, no checks.
+
+    What is read from a wire fits its fields, and a frozen dataclass takes longer to set them than
+    all else takes. So a reader fills a draft, and then makes it the real thing by ``__class__``.
+    """
+    return type(kind.__name__, kind.__bases__, {'__slots__': kind.__slots__})
 
 
 class FrameError(ValueError):
@@ -52,6 +65,11 @@ class Counters:
     expired: int = 0  # partial frames whose rest did not come in time
 
 
+# Reads the frame that stands in a buffer from one offset up to another. None: its check is wrong;
+# it raises FrameError for contents that cannot be.
+Reader = Callable[[bytes, int, int], MessageT | Unknown | None]
+
+
 @dataclass(frozen=True, slots=True)
 class FrameFormat(Generic[MessageT]):
     """
@@ -63,15 +81,19 @@ class FrameFormat(Generic[MessageT]):
     :param size_of: from the first ``head_size`` bytes to the whole frame's size in bytes; raises
         FrameError where type and length cannot be. A size outside ``head_size`` to ``max_size`` is
         malformed too.
-    :param decode: from a whole frame to its message, Unknown for a type that is not known; raises
-        ChecksumError for a wrong check, FrameError for contents that cannot be.
+    :param decode: from a whole frame to its message, Unknown for a type that is not known, None
+        for a wrong check; raises FrameError for contents that cannot be, and may raise
+        ChecksumError instead of returning None.
+    :param readers: by their first ``head_size`` bytes, the whole size and the reader of frames
+        that come often: sooner than ``size_of`` and ``decode``, with the same outcome.
     """
 
     header: bytes
     head_size: int
     max_size: int
     size_of: Callable[[bytes], int]
-    decode: Callable[[bytes], MessageT | Unknown]
+    decode: Callable[[bytes], MessageT | Unknown | None]
+    readers: Mapping[bytes, tuple[int, Reader[MessageT]]] = field(default_factory=dict)
 
 
 class Decoder(Generic[FrameT, MessageT]):
@@ -132,7 +154,8 @@ class StreamParser(Decoder[bytes, MessageT]):
     def feed(self, data: bytes, now: float) -> list[MessageT]:
         """Return the messages of the frames that ``data`` completes, in order."""
         self.counters.bytes += len(data)
-        late = self.poll(now)  # what came before and never ended must not swallow what comes now
+        # What came before and never ended must not swallow what comes now.
+        late = self.poll(now) if self._buffer else []
         if data:
             self._buffer += data
             self._arrivals.append((len(data), now))
@@ -152,45 +175,66 @@ class StreamParser(Decoder[bytes, MessageT]):
     def _scan(self, start: int = 0) -> list[MessageT]:
         """Decode the frames in the buffer from ``start`` on; keep the partial one at the end."""
         fmt, counters, buffer = self._format, self.counters, self._buffer
+        readers, head_size, end = fmt.readers, fmt.head_size, len(buffer)
         messages: list[MessageT] = []
-        while start < len(buffer):
-            head = self._find_header(start)
-            if head > start:
-                self._discard(head - start)
-                start = head
-            if len(buffer) - start < fmt.head_size:
-                break
-            size = self._size(buffer[start : start + fmt.head_size])
-            if size is None:
-                counters.malformed += 1
-                self._discard(1)
-                start += 1
-                continue
-            if len(buffer) - start < size:
+        behind = start  # the last frame: what follows up to ``start`` is none
+        while start < end:
+            head = buffer[start : start + head_size]
+            known = readers.get(head)
+            if known is not None:
+                size, read = known
+            else:
+                found = buffer.find(fmt.header, start)
+                if found > start:
+                    start = found
+                    continue
+                if found < 0:
+                    start = self._header_begins(start)
+                    break
+                if len(head) < head_size:
+                    break
+                size, read = self._size(head), self._decode
+                if not size:
+                    counters.malformed += 1
+                    start += 1
+                    continue
+            if end - start < size:
                 break
             try:
-                message = fmt.decode(buffer[start : start + size])
-            except ChecksumError:
-                counters.checksum_errors += 1
-                self._discard(1)
-                start += 1
-                continue
+                message = read(buffer, start, start + size)
             except FrameError:
                 counters.malformed += 1
             else:
+                if message is None:
+                    counters.checksum_errors += 1
+                    start += 1
+                    continue
                 if isinstance(message, Unknown):
                     counters.unknown_types += 1
                 else:
                     messages.append(message)
+            if start > behind:
+                self._discard(start - behind)
             counters.frames += 1
             self._in_sync = True
-            start += size
+            behind = start = start + size
+        if start > behind:
+            self._discard(start - behind)
         self._buffer = buffer[start:]
         self._forget_arrivals(start)
         return messages
 
+    def _decode(self, buffer: bytes, start: int, end: int) -> MessageT | Unknown | None:
+        try:
+            return self._format.decode(buffer[start:end])
+        except ChecksumError:
+            return None
+
     def _forget_arrivals(self, count: int) -> None:
-        """Forget when the first ``count`` bytes arrived."""
+        """Forget when the first ``count`` bytes arrived, which are not in the buffer any more."""
+        if not self._buffer:
+            self._arrivals.clear()
+            return
         while count:
             size, at = self._arrivals[0]
             if size > count:
@@ -199,20 +243,17 @@ class StreamParser(Decoder[bytes, MessageT]):
             del self._arrivals[0]
             count -= size
 
-    def _size(self, head: bytes) -> int | None:
-        """Return the whole frame's size; None where the head is impossible."""
+    def _size(self, head: bytes) -> int:
+        """Return the whole frame's size; 0 where the head is impossible."""
         try:
             size = self._format.size_of(head)
         except FrameError:
-            return None
-        return size if self._format.head_size <= size <= self._format.max_size else None
+            return 0
+        return size if self._format.head_size <= size <= self._format.max_size else 0
 
-    def _find_header(self, start: int) -> int:
-        """Return where the next header (or at the end the beginning of one) stands, or the end."""
+    def _header_begins(self, start: int) -> int:
+        """Return where the beginning of a header stands at the buffer's end, or the end."""
         header, buffer = self._format.header, self._buffer
-        found = buffer.find(header, start)
-        if found >= 0:
-            return found
         for size in range(min(len(header) - 1, len(buffer) - start), 0, -1):
             if buffer.endswith(header[:size]):
                 return len(buffer) - size

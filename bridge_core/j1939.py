@@ -16,6 +16,7 @@ bits   field             meaning
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 GLOBAL_ADDRESS = 0xFF
 NULL_ADDRESS = 0xFE
@@ -74,14 +75,15 @@ class J1939Id:
     def _has_destination(pgn: int) -> bool:
         return pgn >> 8 & 0xFF < _PDU2
 
-    @classmethod
-    def from_identifier(cls, identifier: int) -> J1939Id:
+    @staticmethod
+    @lru_cache(maxsize=1024)  # a bus has few
+    def from_identifier(identifier: int) -> J1939Id:
         """Split a 29-bit identifier into its fields."""
         pgn = identifier >> 8 & 0x3FFFF
         destination = GLOBAL_ADDRESS
-        if cls._has_destination(pgn):
+        if J1939Id._has_destination(pgn):
             pgn, destination = pgn & 0x3FF00, pgn & 0xFF
-        return cls(identifier >> 26 & 7, pgn, identifier & 0xFF, destination)
+        return J1939Id(identifier >> 26 & 7, pgn, identifier & 0xFF, destination)
 
     @property
     def identifier(self) -> int:

@@ -19,14 +19,17 @@ from collections.abc import Collection
 from collections.abc import Mapping
 from dataclasses import dataclass
 import struct
+from types import MappingProxyType
 from typing import ClassVar
 from typing import TypeVar
 
 from bridge_core.checksums import fletcher16
+from bridge_core.checksums import is_fletcher16
 from bridge_core.framing import ChecksumError
 from bridge_core.framing import FrameError
 from bridge_core.framing import FrameFormat
 from bridge_core.framing import MessageT
+from bridge_core.framing import Reader
 from bridge_core.framing import StreamParser
 from bridge_core.framing import Unknown
 
@@ -35,6 +38,7 @@ CHECK_SIZE = 2
 OVERHEAD = HEAD_SIZE + CHECK_SIZE  # bytes of a packet beside its payload
 
 _CHECK = struct.Struct('<H')  # sum1, then sum2
+_sums_at = _CHECK.unpack_from
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,28 +64,43 @@ class PacketFormat:
     def build(self, kind: int, payload: bytes) -> bytes:
         """Return the whole packet around a payload."""
         body = self.header + bytes((kind, len(payload))) + payload
-        return body + self._check(body)
+        return body + _CHECK.pack(fletcher16(body[self.summed_from :]))
 
     def size_of(self, head: bytes) -> int:
-        """Return a packet's size from its first four bytes. :raises FrameError: impossible."""
-        kind, length = head[2], head[3]
-        if length > self.max_length or length not in self.lengths.get(kind, (length,)):
-            raise FrameError(f'type 0x{kind:02X} cannot have {length} bytes')
+        """Return a packet's size from its first four bytes; 0 where type and length cannot be."""
+        length, possible = head[3], self.lengths.get(head[2])
+        if length > self.max_length or (possible is not None and length not in possible):
+            return 0
         return length + OVERHEAD
+
+    def is_sound(self, buffer: bytes, start: int, end: int) -> bool:
+        """Tell whether the sums of the packet that stands there are right."""
+        check = end - CHECK_SIZE
+        return is_fletcher16(buffer[start + self.summed_from : check], _sums_at(buffer, check)[0])
 
     def payload_of(self, packet: bytes) -> bytes:
         """Return a whole packet's payload. :raises FrameError: if anything around it is wrong."""
         if len(packet) < OVERHEAD or not packet.startswith(self.header):
             raise FrameError(f'not a packet: {packet[:HEAD_SIZE].hex()}')
-        if len(packet) != self.size_of(packet):
+        size = self.size_of(packet)
+        if not size:
+            raise FrameError(f'type 0x{packet[2]:02X} cannot have {packet[3]} bytes')
+        if len(packet) != size:
             raise FrameError(f'{len(packet)} bytes, but the length byte says {packet[3]}')
-        return self.checked(packet)
+        if not self.is_sound(packet, 0, size):
+            raise ChecksumError(f'wrong checksum {packet[-CHECK_SIZE:].hex()}')
+        return packet[HEAD_SIZE:-CHECK_SIZE]
 
-    def parser(self, decode: Callable[[int, bytes], MessageT | Unknown]) -> StreamParser[MessageT]:
+    def parser(
+        self,
+        decode: Callable[[int, bytes], MessageT | Unknown],
+        kinds: Mapping[int, Callable[[bytes], MessageT | Unknown]] = MappingProxyType({}),
+    ) -> StreamParser[MessageT]:
         """
         Return a parser for one direction of one link.
 
         :param decode: from type and payload to a message; raises FrameError for bad contents.
+        :param kinds: by type, the same for the types that come often.
         """
         return StreamParser(
             FrameFormat(
@@ -89,18 +108,30 @@ class PacketFormat:
                 head_size=HEAD_SIZE,
                 max_size=self.max_size,
                 size_of=self.size_of,
-                decode=lambda packet: decode(packet[2], self.checked(packet)),
+                decode=lambda packet: (
+                    decode(packet[2], packet[HEAD_SIZE:-CHECK_SIZE])
+                    if self.is_sound(packet, 0, len(packet))
+                    else None
+                ),
+                readers={
+                    self.header + bytes((kind, length)): (length + OVERHEAD, reader)
+                    for kind, read in kinds.items()
+                    for reader in (self._reader(read),)
+                    for length in self.lengths[kind]
+                },
             )
         )
 
-    def _check(self, body: bytes) -> bytes:
-        return _CHECK.pack(fletcher16(body[self.summed_from :]))
+    def _reader(self, read: Callable[[bytes], MessageT | Unknown]) -> Reader[MessageT]:
+        summed_from = self.summed_from
 
-    def checked(self, packet: bytes) -> bytes:
-        """Return the payload. :raises ChecksumError: the sums are wrong."""
-        if packet[-CHECK_SIZE:] != self._check(packet[:-CHECK_SIZE]):
-            raise ChecksumError(f'wrong checksum {packet[-CHECK_SIZE:].hex()}')
-        return packet[HEAD_SIZE:-CHECK_SIZE]
+        def read_packet(buffer: bytes, start: int, end: int) -> MessageT | Unknown | None:
+            check = end - CHECK_SIZE
+            if is_fletcher16(buffer[start + summed_from : check], _sums_at(buffer, check)[0]):
+                return read(buffer[start + HEAD_SIZE : check])
+            return None
+
+        return read_packet
 
 
 _M = TypeVar('_M', bound='Message')

@@ -25,9 +25,11 @@ from enum import Enum
 from enum import IntEnum
 from enum import IntFlag
 import struct
+from typing import Any
 
 from bridge_core.checksums import crc16_ccitt_false
 from bridge_core.framing import ChecksumError
+from bridge_core.framing import draft_of
 from bridge_core.framing import FrameError
 from bridge_core.framing import FrameFormat
 from bridge_core.framing import MessageT
@@ -52,7 +54,9 @@ _STATUS_AXIS = struct.Struct(
     'h'  # feedback, counts of the same scale
     'B'  # MotorError
 )
+_STATUS_AXES = struct.Struct('<BhBBhB')  # the same, of both axes
 _CHECK = struct.Struct('<H')
+_check_at = _CHECK.unpack_from
 assert (_COMMAND_AXIS.size, _STATUS_AXIS.size, _CHECK.size) == (3, 4, CHECK_SIZE)
 
 _COMMAND_ENABLE = 0x01
@@ -140,7 +144,10 @@ class MotorError(IntFlag):
 
 _NO_STATE = AxisState(0)
 _NO_ERROR = MotorError(0)
-_STATE_MASKS = (0x7F, 0x3F)  # of axis A, of axis B
+# By byte: what it says, without the bits that are reserved.
+_STATES_A = tuple(AxisState(byte & 0x7F) for byte in range(256))
+_STATES_B = tuple(AxisState(byte & 0x3F) for byte in range(256))
+_ERRORS = tuple(MotorError(byte) for byte in range(256))
 _STATE_FAULTS = {
     AxisState.OVERVOLTAGE: 'overvoltage: check the supply, and where braking energy goes',
     AxisState.UNDERVOLTAGE: 'undervoltage: check supply, fuses and cable for sag under load',
@@ -164,13 +171,13 @@ _MOTOR_FAULTS = {
     MotorError.LOGIC_FAULT: 'logic voltage out of range: check the logic supply',
 }
 _WARNING = 'the drive reports a warning: read it with HiDS'
-_FAULT_MASK = (
+_FAULT_MASK = int(
     AxisState.ERROR_CONDITION
     | AxisState.OVERVOLTAGE
     | AxisState.UNDERVOLTAGE
     | AxisState.IPC_CAN_ERROR
     | AxisState.RS422_ERROR
-).value
+)
 
 
 def _check_value(value: int, what: str) -> None:
@@ -246,8 +253,14 @@ class Command:
     @classmethod
     def from_bytes(cls, frame: bytes, layout: Layout) -> Command:
         """Read a whole packet. :raises FrameError: if it is not a sound one."""
-        body = _body_of(frame, layout.command_size)
-        return cls(tuple(map(AxisCommand.from_bytes, _axes_of(body, _COMMAND_AXIS.size, layout))))
+        return cls.from_body(_body_of(frame, layout.command_size), layout)
+
+    @classmethod
+    def from_body(cls, body: bytes, layout: Layout) -> Command:
+        """Read what a packet's header and check are around. :raises FrameError: for mode 3."""
+        size = _COMMAND_AXIS.size
+        parts = [body[start : start + size] for start in range(0, layout.axes * size, size)]
+        return cls(tuple(map(AxisCommand.from_bytes, parts)))
 
 
 @dataclass(frozen=True, slots=True)
@@ -266,45 +279,48 @@ class AxisStatus:
     def __post_init__(self) -> None:
         _check_value(self.feedback, 'feedback')
 
+    def _has(self, bit: AxisState) -> bool:
+        return int(self.state) & int(bit) != 0  # the operator of IntFlag takes ten times as long
+
     @property
     def enabled(self) -> bool:
         """The motor is enabled."""
-        return bool(self.state & AxisState.ENABLED)
+        return self._has(AxisState.ENABLED)
 
     @property
     def error_condition(self) -> bool:
         """The drive's own summary; see ``faulty`` for one that overlooks no bit."""
-        return bool(self.state & AxisState.ERROR_CONDITION)
+        return self._has(AxisState.ERROR_CONDITION)
 
     @property
     def overvoltage(self) -> bool:
         """Too much voltage at the processor of this axis."""
-        return bool(self.state & AxisState.OVERVOLTAGE)
+        return self._has(AxisState.OVERVOLTAGE)
 
     @property
     def undervoltage(self) -> bool:
         """Too little voltage at the processor of this axis."""
-        return bool(self.state & AxisState.UNDERVOLTAGE)
+        return self._has(AxisState.UNDERVOLTAGE)
 
     @property
     def warning(self) -> bool:
         """Self-test or another configured warning; not an error."""
-        return bool(self.state & AxisState.WARNING)
+        return self._has(AxisState.WARNING)
 
     @property
     def ipc_can_error(self) -> bool:
         """The CAN between the drive's processors failed."""
-        return bool(self.state & AxisState.IPC_CAN_ERROR)
+        return self._has(AxisState.IPC_CAN_ERROR)
 
     @property
     def rs422_error(self) -> bool:
         """The drive got a bad command packet or none in time; only axis A tells."""
-        return bool(self.state & AxisState.RS422_ERROR)
+        return self._has(AxisState.RS422_ERROR)
 
     @property
     def faulty(self) -> bool:
         """Any error bit at all is set, whatever the drive's own summary says."""
-        return bool(self.errors.value or self.state.value & _FAULT_MASK)
+        return int(self.errors) | int(self.state) & _FAULT_MASK != 0
 
     def faults(self) -> list[str]:
         """Name every error bit, with what to do; empty exactly if not ``faulty``."""
@@ -324,12 +340,6 @@ class AxisStatus:
         """Return the axis's 4 bytes (4.3)."""
         return _STATUS_AXIS.pack(self.state, self.feedback, self.errors)
 
-    @classmethod
-    def from_bytes(cls, data: bytes, state_mask: int = _STATE_MASKS[0]) -> AxisStatus:
-        """Read 4 bytes; the state's bits outside ``state_mask`` are reserved and ignored."""
-        state, feedback, errors = _STATUS_AXIS.unpack(data)
-        return cls(AxisState(state & state_mask), feedback, MotorError(errors))
-
 
 @dataclass(frozen=True, slots=True)
 class Status:
@@ -346,7 +356,7 @@ class Status:
 
     def __post_init__(self) -> None:
         _check_axes(len(self.axes))
-        if any(axis.rs422_error for axis in self.axes[1:]):
+        if len(self.axes) == 2 and self.axes[1].rs422_error:
             raise ValueError('only axis A reports an RS422 error')
 
     @property
@@ -380,11 +390,38 @@ class Status:
     @classmethod
     def from_bytes(cls, frame: bytes, layout: Layout) -> Status:
         """Read a whole packet. :raises FrameError: if it is not a sound one."""
-        body = _body_of(frame, layout.status_size)
-        parts = _axes_of(body, _STATUS_AXIS.size, layout)
-        padding = body[layout.axes * _STATUS_AXIS.size :]
-        axes = tuple(map(AxisStatus.from_bytes, parts, _STATE_MASKS))
-        return cls(axes, padding if any(padding) else b'')
+        status: Status = cls.from_body(_body_of(frame, layout.status_size), layout)
+        return status
+
+    @classmethod
+    def from_body(cls, body: bytes, layout: Layout) -> Any:
+        """Read what a packet's header and check are around; reserved bits are ignored."""
+        status = _DraftStatus()
+        if layout is Layout.DUAL:
+            a_state, a_feedback, a_errors, b_state, b_feedback, b_errors = _STATUS_AXES.unpack(
+                body
+            )
+            axis_b = _axis_status(_STATES_B[b_state], b_feedback, b_errors)
+            status.axes = (_axis_status(_STATES_A[a_state], a_feedback, a_errors), axis_b)
+            status.padding = b''
+        else:
+            state, feedback, errors = _STATUS_AXIS.unpack_from(body)
+            status.axes = (_axis_status(_STATES_A[state], feedback, errors),)
+            padding = body[_STATUS_AXIS.size :]
+            status.padding = padding if any(padding) else b''
+        status.__class__ = cls
+        return status
+
+
+def _axis_status(state: AxisState, feedback: int, errors: int) -> Any:
+    axis = _DraftAxis()
+    axis.state, axis.feedback, axis.errors = state, feedback, _ERRORS[errors]
+    axis.__class__ = AxisStatus
+    return axis
+
+
+_DraftAxis = draft_of(AxisStatus)
+_DraftStatus = draft_of(Status)
 
 
 def _check_axes(count: int) -> None:
@@ -397,20 +434,29 @@ def _check_fit(count: int, layout: Layout) -> None:
         raise ValueError(f'layout {layout.value} has {layout.axes} axes, not {count}')
 
 
-def _axes_of(body: bytes, size: int, layout: Layout) -> list[bytes]:
-    """Cut the axes in use out of a body."""
-    return [body[start : start + size] for start in range(0, layout.axes * size, size)]
-
-
 def command_parser(layout: Layout) -> StreamParser[Command]:
     """Return a parser for the direction to the drive."""
-    return _parser(layout.command_size, lambda frame: Command.from_bytes(frame, layout))
+    return _parser(layout.command_size, lambda body: Command.from_body(body, layout))
 
 
 def status_parser(layout: Layout) -> StreamParser[Status]:
     """Return a parser for the direction from the drive."""
-    return _parser(layout.status_size, lambda frame: Status.from_bytes(frame, layout))
+    return _parser(layout.status_size, lambda body: Status.from_body(body, layout))
 
 
-def _parser(size: int, decode: Callable[[bytes], MessageT]) -> StreamParser[MessageT]:
-    return StreamParser(FrameFormat(HEADER, len(HEADER), size, lambda head: size, decode))
+def _parser(size: int, from_body: Callable[[bytes], MessageT]) -> StreamParser[MessageT]:
+    def read(buffer: bytes, start: int, end: int) -> MessageT | None:
+        check = end - CHECK_SIZE
+        body = buffer[start + len(HEADER) : check]
+        return from_body(body) if crc16_ccitt_false(body) == _check_at(buffer, check)[0] else None
+
+    return StreamParser(
+        FrameFormat(
+            HEADER,
+            len(HEADER),
+            size,
+            size_of=lambda head: size,
+            decode=lambda frame: from_body(_body_of(frame, size)),
+            readers={HEADER: (size, read)},
+        )
+    )

@@ -3,17 +3,25 @@
 from dataclasses import replace
 from typing import Any
 
+from bridge_core.framing import Reader
 from bridge_core.framing import StreamParser
 from bridge_core.framing import Unknown
 
 
 def frames_of(parser: StreamParser[Any]) -> StreamParser[bytes]:
     """Have the parser, which decodes and counts as before, return frames instead of messages."""
-    decode = parser._format.decode
+    format_ = parser._format
+    decode = format_.decode
 
-    def checked(frame: bytes) -> bytes | Unknown:
+    def checked(frame: bytes) -> bytes | Unknown | None:
         message = decode(frame)
-        return message if isinstance(message, Unknown) else frame
+        return message if message is None or isinstance(message, Unknown) else frame
 
-    parser._format = replace(parser._format, decode=checked)
+    def located(read: Reader[Any]) -> Reader[bytes]:
+        return lambda buffer, start, end: (
+            None if read(buffer, start, end) is None else buffer[start:end]
+        )
+
+    readers = {head: (size, located(read)) for head, (size, read) in format_.readers.items()}
+    parser._format = replace(format_, decode=checked, readers=readers)
     return parser

@@ -7,6 +7,7 @@ import pytest
 
 from bridge_core.checksums import crc16_ccitt_false
 from bridge_core.checksums import fletcher16
+from bridge_core.checksums import is_fletcher16
 
 LENGTHS = range(601)
 Check = Callable[[bytes], int]
@@ -41,6 +42,15 @@ def test_every_length_up_to_600_equals_the_plain_loop(fast: Check, plain: Check)
     for length in LENGTHS:
         for data in samples(length):
             assert fast(data) == plain(data), (length, data.hex())
+
+
+def test_sums_are_right_exactly_if_they_are_those_of_the_plain_loop() -> None:
+    for length in LENGTHS:
+        for data in samples(length):
+            sums = plain_fletcher16(data)
+            assert is_fletcher16(data, sums)
+            for wrong in (sums ^ 1, sums ^ 0x100, sums ^ 0x8000, sums ^ 0x80, ~sums & 0xFFFF):
+                assert not is_fletcher16(data, wrong), (length, data.hex())
 
 
 def test_known_values() -> None:

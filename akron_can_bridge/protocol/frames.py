@@ -72,6 +72,11 @@ class Message:
             raise FrameError(f'{cls.__name__} cannot have {len(data)} bytes')
         if cls.TYPE is not None and data[0] != cls.TYPE:
             raise FrameError(f'type {data[0]:02X} is not {cls.__name__}')
+        return cls.from_data(data)
+
+    @classmethod
+    def from_data(cls: type[_M], data: bytes) -> _M:
+        """Read data whose type and length are this kind's. :raises FrameError: it is unsound."""
         try:
             return cls._from_payload(data if cls.TYPE is None else data[1:])
         except ValueError as error:  # a value that we must not send is the peer's fault here

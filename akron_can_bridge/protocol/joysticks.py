@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+import struct
 from typing import Annotated
+from typing import Any
 
 from akron_can_bridge.protocol.fields import axis
 from akron_can_bridge.protocol.fields import statuses
@@ -12,7 +14,9 @@ from akron_can_bridge.protocol.frames import EXTENDED_JOYSTICK_PGN
 from akron_can_bridge.protocol.frames import Sendable
 from akron_can_bridge.protocol.values import Axis
 from akron_can_bridge.protocol.values import Status
+from akron_can_bridge.protocol.values import STATUSES
 from akron_can_bridge.protocol.values import UNAVAILABLE
+from bridge_core.framing import draft_of
 
 JOYSTICK_PERIOD = 0.02  # Appendix B: what Akron Brass devices do; 100 ms is the most
 JOYSTICK_TIMEOUT = 0.2  # Appendix B: the unit then clears that sender's input
@@ -21,6 +25,10 @@ JOYSTICK_TIMEOUT = 0.2  # Appendix B: the unit then clears that sender's input
 AUTOMATIC_SWITCHES = frozenset((4, 7, 8, 9))
 PAUSE_SWITCH = 7
 _OFF = Status.OFF
+# The fields below once more, by which they are read: 50 frames a second come from every joystick.
+_BASIC = struct.Struct('<2H4B')  # X, Y; detents, switches 1-4, 5-8, 9-12
+_EXTENDED = struct.Struct('<3H2B')  # grip X, Y, theta; detents, switches 13-16
+assert (_BASIC.size, _EXTENDED.size) == (8, 8)
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,6 +47,16 @@ class BasicJoystick(Sendable):
     y: Annotated[Axis, axis(at=32)]
     switches: Annotated[tuple[Status, ...], statuses(12, at=0)] = (_OFF,) * 12
     detents: Annotated[tuple[Status, ...], statuses(2, at=28)] = (_OFF,) * 2
+
+    @classmethod
+    def _from_payload(cls, payload: bytes) -> Any:
+        message = _DraftBasic()
+        x, y, detents, to_4, to_8, to_12 = _BASIC.unpack(payload)
+        message.x, message.y = Axis.from_word(x), Axis.from_word(y)
+        message.switches = STATUSES[to_4] + STATUSES[to_8] + STATUSES[to_12]
+        message.detents = STATUSES[detents][:2]
+        message.__class__ = cls
+        return message
 
     @property
     def automatic(self) -> bool:
@@ -64,8 +82,23 @@ class ExtendedJoystick(Sendable):
     switches: Annotated[tuple[Status, ...], statuses(4, at=0)] = (_OFF,) * 4
     detents: Annotated[tuple[Status, ...], statuses(3, at=10)] = (_OFF,) * 3
 
+    @classmethod
+    def _from_payload(cls, payload: bytes) -> Any:
+        message = _DraftExtended()
+        grip_x, grip_y, theta, detents, switches = _EXTENDED.unpack(payload)
+        message.grip_x, message.grip_y = Axis.from_word(grip_x), Axis.from_word(grip_y)
+        message.theta = Axis.from_word(theta)
+        message.switches = STATUSES[switches]
+        message.detents = STATUSES[detents][:3]
+        message.__class__ = cls
+        return message
+
     @property
     def automatic(self) -> bool:
         """It has a target to travel to; one that is broken may be one."""
         absent = Status.NOT_AVAILABLE
         return any(axis.fault is not absent for axis in (self.grip_x, self.grip_y))
+
+
+_DraftBasic = draft_of(BasicJoystick)
+_DraftExtended = draft_of(ExtendedJoystick)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from typing import NamedTuple
 
 from akron_can_bridge.protocol.broadcasts import AddressAnnouncement
 from akron_can_bridge.protocol.broadcasts import AsciiPipe
@@ -51,14 +52,13 @@ MESSAGES: tuple[type[Message], ...] = (
     *(DiagnosticData, AsciiPipe, AsciiPipeAcknowledgement),
 )
 # A poll and its response share a type; their lengths tell them apart.
-_KINDS: dict[tuple[int, int | None, int], type[Message]] = {
-    (kind.PGN, kind.TYPE, length): kind for kind in MESSAGES for length in kind.LENGTHS
+_READERS: dict[tuple[int, int | None, int], Callable[[bytes], Message]] = {
+    (kind.PGN, kind.TYPE, length): kind.from_data for kind in MESSAGES for length in kind.LENGTHS
 }
 _KNOWN: set[tuple[int, int | None]] = {(kind.PGN, kind.TYPE) for kind in MESSAGES}
 
 
-@dataclass(frozen=True, slots=True)
-class Received:
+class Received(NamedTuple):
     """What came in one frame, and from whom to whom. Unknown: by its first byte, or its PGN."""
 
     message: Message | Unknown
@@ -84,9 +84,9 @@ def read(pgn: int, data: bytes) -> Message | Unknown:
         if not data:
             raise FrameError('a message without its type byte')
         number = data[0]
-    kind = _KINDS.get((pgn, number, len(data)))
-    if kind is not None:
-        return kind.from_bytes(data)
+    reader = _READERS.get((pgn, number, len(data)))
+    if reader is not None:
+        return reader(data)
     if (pgn, number) in _KNOWN:
         name = f'PGN {pgn}' if number is None else f'type {number:02X}'
         raise FrameError(f'{name} cannot have {len(data)} bytes')

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass
 from enum import IntEnum
+from functools import lru_cache
 import math
 from typing import NamedTuple
 
@@ -63,11 +64,15 @@ class Status(IntEnum):
 
 
 _STATUSES = tuple(Status)
+# By byte: its four statuses, from the top bits down.
+STATUSES = tuple(
+    tuple(_STATUSES[byte >> shift & 3] for shift in (6, 4, 2, 0)) for byte in range(256)
+)
 
 
 def unpack_statuses(data: bytes) -> tuple[Status, ...]:
     """Return four statuses a byte, from the top bits down."""
-    return tuple(_STATUSES[byte >> shift & 3] for byte in data for shift in (6, 4, 2, 0))
+    return tuple(status for byte in data for status in STATUSES[byte])
 
 
 def pack_statuses(statuses: Iterable[Status]) -> int:
@@ -133,11 +138,11 @@ class Axis:
             return 0
         return self.magnitude if self.positive is Status.ON else -self.magnitude
 
-    @classmethod
-    def from_word(cls, word: int) -> Axis:
+    @staticmethod
+    @lru_cache(maxsize=4096)  # sticks say the same again and again
+    def from_word(word: int) -> Axis:
         """Read 16 bits, low byte first on the wire; from bit 0: neutral, negative, positive."""
-        statuses = (_STATUSES[word >> shift & 3] for shift in (4, 2, 0))
-        return cls(word >> 6, *statuses)
+        return Axis(word >> 6, *STATUSES[word & 0x3F][1:])
 
     def to_word(self) -> int:
         """Return the 16 bits."""

@@ -31,6 +31,7 @@ import struct
 from typing import Any
 
 from bridge_core.framing import Decoder
+from bridge_core.framing import draft_of
 from bridge_core.framing import FrameError
 from bridge_core.j1939 import CanFrame
 from fort_vsc_bridge.protocol.frames import Message
@@ -41,6 +42,7 @@ from fort_vsc_bridge.protocol.messages import Joystick
 from fort_vsc_bridge.protocol.messages import RemoteStatus
 from fort_vsc_bridge.protocol.messages import UserFeedback
 from fort_vsc_bridge.protocol.messages import UserFeedbackName
+from fort_vsc_bridge.protocol.values import AXES
 from fort_vsc_bridge.protocol.values import Axis
 from fort_vsc_bridge.protocol.values import Button
 from fort_vsc_bridge.protocol.values import check_range
@@ -57,10 +59,11 @@ _FOREIGN = (
     'take the other sender of can.{name} ({identifier:08X}) off this bus, an Akron joystick or '
     "node? Or change the VSC's identifiers: its frames are refused"
 )
-_BASIC = struct.Struct('<2H4B')  # X, Y; not used, buttons, 2 not used
+_BASIC = struct.Struct('<2H2BH')  # X, Y; not used, buttons, not used
 _EXTENDED = struct.Struct('<H6s')  # Z; not used
 _SEGMENT = struct.Struct(f'<2B{SEGMENT_SIZE}s')  # key, segment, characters padded with zero
 _UNUSED = 0xFF
+_ALL_UNUSED = b'\xff' * 6
 assert (_BASIC.size, _EXTENDED.size, _SEGMENT.size) == (8, 8, 8)
 
 
@@ -118,16 +121,20 @@ class BasicJoystick:
             raise ValueError(f'a pad has 4 buttons, not {len(self.buttons)}')
 
     @classmethod
-    def from_payload(cls, data: bytes) -> BasicJoystick:
+    def from_payload(cls, data: bytes) -> Any:
         """Read 8 bytes of data. :raises ForeignFrameError: they are not the VSC's."""
-        x, y, unused, pad, *rest = _BASIC.unpack(data)
-        _check_unused(bytes((unused, *rest)), data)
-        return cls(Axis.from_word(x), Axis.from_word(y), PADS[pad])
+        x, y, unused, pad, spare = _BASIC.unpack(data)
+        if spare << 8 | unused != 0xFFFFFF and any(data):
+            raise _foreign(data[4:5] + data[6:])
+        message = _DraftBasic()
+        message.x, message.y, message.buttons = AXES[x], AXES[y], PADS[pad]
+        message.__class__ = cls
+        return message
 
     def to_payload(self) -> bytes:
         """Return 8 bytes of data."""
         words = (self.x.to_word(), self.y.to_word())
-        return _BASIC.pack(*words, _UNUSED, pack_pad(self.buttons), _UNUSED, _UNUSED)
+        return _BASIC.pack(*words, _UNUSED, pack_pad(self.buttons), 0xFFFF)
 
 
 @dataclass(frozen=True, slots=True)
@@ -140,12 +147,13 @@ class ExtendedJoystick:
     def from_payload(cls, data: bytes) -> ExtendedJoystick:
         """Read 8 bytes of data. :raises ForeignFrameError: they are not the VSC's."""
         z, unused = _EXTENDED.unpack(data)
-        _check_unused(unused, data)
-        return cls(Axis.from_word(z))
+        if unused != _ALL_UNUSED and any(data):
+            raise _foreign(unused)
+        return cls(AXES[z])
 
     def to_payload(self) -> bytes:
         """Return 8 bytes of data."""
-        return _EXTENDED.pack(self.z.to_word(), bytes((_UNUSED,)) * 6)
+        return _EXTENDED.pack(self.z.to_word(), _ALL_UNUSED)
 
 
 @dataclass(frozen=True, slots=True)
@@ -178,9 +186,11 @@ class StringSegment:
         return _SEGMENT.pack(self.key, self.segment, self.text.encode('ascii'))
 
 
-def _check_unused(unused: bytes, data: bytes) -> None:
-    if any(data) and unused.strip(bytes((_UNUSED,))):
-        raise ForeignFrameError(f'unused bytes are {unused.hex(" ")}, the VSC sends FF')
+_DraftBasic = draft_of(BasicJoystick)
+
+
+def _foreign(unused: bytes) -> ForeignFrameError:
+    return ForeignFrameError(f'unused bytes are {unused.hex(" ")}, the VSC sends FF')
 
 
 CanMessage = (

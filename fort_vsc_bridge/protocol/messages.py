@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 import struct
+from typing import Any
 
+from bridge_core.framing import draft_of
 from bridge_core.framing import StreamParser
 from bridge_core.framing import Unknown
 from fort_vsc_bridge.protocol.frames import MAX_LENGTH
@@ -13,6 +15,7 @@ from fort_vsc_bridge.protocol.frames import MessageType
 from fort_vsc_bridge.protocol.frames import PACKETS
 from fort_vsc_bridge.protocol.values import AUTONOMY_MODES
 from fort_vsc_bridge.protocol.values import AutonomyMode
+from fort_vsc_bridge.protocol.values import AXES
 from fort_vsc_bridge.protocol.values import Axis
 from fort_vsc_bridge.protocol.values import AXIS_NAMES
 from fort_vsc_bridge.protocol.values import Button
@@ -34,6 +37,7 @@ _MESSAGE_CONTROL = struct.Struct('<B?H')  # message type, enabled, interval in m
 _FEEDBACK = struct.Struct('<Bi')  # key, value
 _NAME = struct.Struct(f'<B{NAME_SIZE}s')  # key, characters padded with zero
 assert (_JOYSTICK.size, _HEARTBEAT.size, _REMOTE_STATUS.size) == (14, 6, 6)
+_ZEROS = bytes(_JOYSTICK.size)
 assert (_MESSAGE_CONTROL.size, _FEEDBACK.size, _NAME.size) == (4, 5, 21)
 
 
@@ -62,11 +66,18 @@ class Joystick(Message):
         return cls((Axis(0),) * len(AXIS_NAMES), (Button(False),) * len(BUTTON_NAMES))
 
     @classmethod
-    def _from_payload(cls, payload: bytes) -> Joystick:
-        if not any(payload):
+    def _from_payload(cls, payload: bytes) -> Any:
+        if payload == _ZEROS:
             return cls.neutral()
-        *words, left, right = _JOYSTICK.unpack(payload)
-        return cls(tuple(map(Axis.from_word, words)), PADS[left] + PADS[right])
+        left_x, left_y, left_z, right_x, right_y, right_z, left, right = _JOYSTICK.unpack(payload)
+        message = _DraftJoystick()
+        message.axes = (
+            *(AXES[left_x], AXES[left_y], AXES[left_z]),
+            *(AXES[right_x], AXES[right_y], AXES[right_z]),
+        )
+        message.buttons = PADS[left] + PADS[right]
+        message.__class__ = cls
+        return message
 
     def _to_payload(self) -> bytes:
         words = (axis.to_word() for axis in self.axes)
@@ -119,9 +130,14 @@ class Heartbeat(Message):
         check_range('the E-stop indication', self.estop, 0, 0xFFFFFFFF)
 
     @classmethod
-    def _from_payload(cls, payload: bytes) -> Heartbeat:
+    def _from_payload(cls, payload: bytes) -> Any:
         mode, autonomy, estop = _HEARTBEAT.unpack(payload)
-        return cls(MODES.get(mode, mode), AUTONOMY_MODES.get(autonomy, autonomy), estop)
+        message = _DraftHeartbeat()
+        message.mode = MODES.get(mode, mode)
+        message.autonomy = AUTONOMY_MODES.get(autonomy, autonomy)
+        message.estop = estop
+        message.__class__ = cls
+        return message
 
     def _to_payload(self) -> bytes:
         return _HEARTBEAT.pack(self.mode, self.autonomy, self.estop)
@@ -273,6 +289,8 @@ class UserFeedbackGet(Message):
         return bytes((self.key,))
 
 
+_DraftJoystick = draft_of(Joystick)
+_DraftHeartbeat = draft_of(Heartbeat)
 MESSAGES: dict[int, type[Message]] = {
     kind.TYPE: kind
     for kind in (
@@ -297,7 +315,7 @@ def decode(frame: bytes) -> Message | Unknown:
 
 def parser() -> StreamParser[Message]:
     """Return a parser for one direction of one link."""
-    return PACKETS.parser(_decode)
+    return PACKETS.parser(_decode, {kind: of.from_payload for kind, of in MESSAGES.items()})
 
 
 def _decode(kind: int, payload: bytes) -> Message | Unknown:

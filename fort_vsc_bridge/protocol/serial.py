@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import math
+
 from bridge_core.framing import Decoder
-from bridge_core.framing import FrameError
 from bridge_core.packets import HEAD_SIZE
 from bridge_core.packets import OVERHEAD
+from fort_vsc_bridge.protocol.frames import MAX_LENGTH
 from fort_vsc_bridge.protocol.frames import MessageType
 from fort_vsc_bridge.protocol.frames import PACKETS
 from fort_vsc_bridge.protocol.frames import Received
@@ -43,43 +45,39 @@ class SerialDecoder(Decoder[bytes, Received]):
 
     def feed(self, data: bytes, now: float) -> list[Received]:
         """Return the messages that ``data`` completes, in order."""
-        return [*self._parser.feed(data, now), *self._unexpected(data)]
+        begun, frames = self._parser.deadline < math.inf, self.counters.frames
+        messages: list[Received] = list(self._parser.feed(data, now))
+        stream = self._tail + data
+        if begun or stream.count(PACKETS.header) > self.counters.frames - frames:
+            return messages + self._unexpected(stream)
+        self._tail = stream[-1:]  # every header in it is that of a sound frame
+        return messages
 
     def poll(self, now: float) -> list[Received]:
         """Return the messages found in a partial frame that has expired."""
         return list(self._parser.poll(now))
 
-    def _unexpected(self, data: bytes) -> list[Received]:
-        stream, found, start = self._tail + data, [], 0
-        while (start := stream.find(PACKETS.header, start)) >= 0:
-            frame = stream[start : start + PACKETS.max_size]
-            if len(frame) < HEAD_SIZE:
+    def _unexpected(self, stream: bytes) -> list[Received]:
+        header, lengths, size = PACKETS.header, PACKETS.lengths, len(stream)
+        found: list[Received] = []
+        start = 0
+        while (start := stream.find(header, start)) >= 0:
+            if size - start < HEAD_SIZE:
                 break
-            kind, size = frame[2], frame[3] + OVERHEAD
-            if kind not in PACKETS.lengths or not _is_unexpected(frame):
+            kind, length = stream[start + 2], stream[start + 3]
+            if kind not in lengths or length in lengths[kind] or length > MAX_LENGTH:
                 start += 1
-            elif len(frame) < size:
+                continue
+            end = start + length + OVERHEAD
+            if end > size:
                 break
-            elif _is_sound(frame[:size]):
-                found.append(_rejected(kind, frame[3]))
-                start += size
+            if PACKETS.is_sound(stream, start, end):
+                found.append(_rejected(kind, length))
+                start = end
             else:
                 start += 1
         self._tail = stream[start:] if start >= 0 else stream[-1:]
-        return list(found)
-
-
-def _is_unexpected(frame: bytes) -> bool:
-    """Tell whether the length is possible, but not for this type."""
-    return frame[3] <= PACKETS.max_length and frame[3] not in PACKETS.lengths[frame[2]]
-
-
-def _is_sound(frame: bytes) -> bool:
-    try:
-        PACKETS.checked(frame)
-    except FrameError:
-        return False
-    return True
+        return found
 
 
 def _rejected(kind: int, length: int) -> Rejected:

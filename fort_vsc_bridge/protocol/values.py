@@ -158,8 +158,8 @@ class Axis:
         if self.value is not None:
             check_range('an axis', self.value, -MAX_MAGNITUDE, MAX_MAGNITUDE)
 
-    @classmethod
-    def from_word(cls, word: int) -> Axis:
+    @staticmethod
+    def from_word(word: int) -> Axis:
         """
         Read a word of table 30: 2 bits neutral, 2 negative, 2 positive status, 10 magnitude.
 
@@ -167,11 +167,7 @@ class Axis:
         Neutral with some magnitude is neutral: the flag is the device's own verdict, taken with
         its dead zone, and a magnitude without a sign cannot move anything anyway.
         """
-        axis = _AXES_BY_STATUS[word & 0x3F]
-        if axis is not None:
-            return axis
-        magnitude = word >> 6
-        return cls(magnitude if word >> 4 & 3 == _SET else -magnitude)
+        return AXES[word]
 
     def to_word(self) -> int:
         """Return the word of table 30; a faulty axis is faulty in all three statuses."""
@@ -181,20 +177,26 @@ class Axis:
         return abs(self.value) << 6 | _SET << direction
 
 
-def _axis_of_status(statuses: int) -> Axis | None:
-    """Return what three 2-bit statuses say without the magnitude; None: a direction, and valid."""
+def _axis_of_status(statuses: int) -> Axis:
+    """Return what three 2-bit statuses say where none is a valid direction."""
     neutral, negative, positive = statuses & 3, statuses >> 2 & 3, statuses >> 4 & 3
     flags = (neutral, negative, positive)
     if _ERROR in flags:
         return Axis(None, InputState.ERROR)
     if _UNAVAILABLE in flags:
         return Axis(None, InputState.UNAVAILABLE)
-    if flags.count(_SET) != 1:
-        return Axis(None, InputState.ERROR)
-    return Axis(0) if neutral == _SET else None
+    return Axis(0) if flags == (_SET, _NOT_SET, _NOT_SET) else Axis(None, InputState.ERROR)
 
 
-_AXES_BY_STATUS = tuple(_axis_of_status(statuses) for statuses in range(64))
+def _axes_by_word() -> tuple[Axis, ...]:
+    axes = [_axis_of_status(statuses) for statuses in range(64)] * (MAX_MAGNITUDE + 1)
+    magnitudes = range(MAX_MAGNITUDE + 1)
+    axes[_SET << 2 :: 64] = [Axis(-magnitude) for magnitude in magnitudes]
+    axes[_SET << 4 :: 64] = [Axis(magnitude) for magnitude in magnitudes]
+    return tuple(axes)
+
+
+AXES = _axes_by_word()
 
 
 @dataclass(frozen=True, slots=True)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 import struct
 from typing import ClassVar
 from typing import TypeVar
@@ -350,4 +351,4 @@ def _decode(kind: int, payload: bytes) -> Message | Poll | Unknown:
 
 def parser() -> StreamParser[Message | Poll]:
     """Return a parser for one direction of one link."""
-    return PACKETS.parser(_decode)
+    return PACKETS.parser(_decode, {kind: partial(_decode, kind) for kind in MESSAGES})
