@@ -11,6 +11,7 @@ from akron_can_bridge.session import Session
 from akron_can_bridge.session import Settings
 from bridge_core.j1939 import CanFrame
 from bridge_core.transports import Transport
+from bridge_core.transports.can_channel import check_channel
 from bridge_core.transports.wire import Bridge
 
 
@@ -37,4 +38,9 @@ def make_transport(values: Mapping[str, Any]) -> Transport[CanFrame]:
     )
 
 
-BRIDGE = Bridge(__name__, make_session, make_transport, make_resting_session)
+def check_port(values: Mapping[str, Any]) -> None:
+    """:raises ValueError: there can be no such CAN port."""
+    check_channel(values['interface'], values['channel'], values['bitrate'] or None)
+
+
+BRIDGE = Bridge(__name__, make_session, make_transport, make_resting_session, check_port)

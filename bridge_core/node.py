@@ -29,6 +29,7 @@ from bridge_core.managed_node import latched_qos
 from bridge_core.managed_node import ManagedNode
 from bridge_core.parameters import BRIDGE_PARAMETERS
 from bridge_core.parameters import Parameter
+from bridge_core.parameters import ParameterError
 from bridge_core.publishers import PublisherWatch
 from bridge_core.report import Report
 from bridge_core.report import Status
@@ -170,6 +171,15 @@ class BridgeNode(ManagedNode, Generic[EventT]):
 
     def take_parameters(self, values: Mapping[str, Any]) -> None:
         """Keep what conversions need. :raises ValueError: what cannot be."""
+
+    def check_parameters(self, values: dict[str, Any]) -> None:
+        """Refuse what session or port cannot be made from. :raises ParameterError: it."""
+        try:
+            self.BRIDGE.check(values)
+        except ParameterError:
+            raise
+        except (ValueError, ImportError) as error:
+            raise ParameterError(f'parameter {error}') from error
 
     def on_event(self, event: EventT) -> None:
         """Publish one event of the session; stops and answers are published by the base."""
@@ -355,12 +365,11 @@ class BridgeNode(ManagedNode, Generic[EventT]):
     # Lifecycle. Every way out of active leaves the device safe first.
 
     def on_configure(self, state: Any) -> TransitionCallbackReturn:
-        """Check that session and transport can be made from the parameters."""
+        """Take over parameters that were changed since construction."""
         del state
 
         def configure() -> None:
             self.take_parameters(self.values)
-            self.link.check(self.values)
             if not self.starting:
                 self._rest()
 
@@ -413,6 +422,8 @@ class BridgeNode(ManagedNode, Generic[EventT]):
     def _leave_active(self) -> None:
         try:
             self.link.deactivate()
+        except TransportError as error:
+            self.log(Level.ERROR, f'no farewell: {error}')
         finally:
             self._be_inactive()
 

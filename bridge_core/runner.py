@@ -208,7 +208,6 @@ def _spin(nodes: Sequence[ManagedNode], end: _End) -> int:
             node.get_logger().fatal(traceback.format_exc())
             statuses.append(1)
             end.tell()
-        executor.shutdown()
 
     threads = [
         threading.Thread(target=spin, args=pair, daemon=True)
@@ -220,8 +219,10 @@ def _spin(nodes: Sequence[ManagedNode], end: _End) -> int:
     stop.set()
     for executor in executors:
         executor.create_task(int)  # its wake() alone does not end a wait
-    for thread in threads:
+    for thread, executor in zip(threads, executors, strict=True):
         thread.join(timeout=0.5)
+        if not thread.is_alive():
+            executor.shutdown()
     return max(statuses)
 
 

@@ -42,4 +42,4 @@ def _can_transport(values: Mapping[str, Any], filters: list[tuple[int, int]]) ->
     return CanTransport(*where, bitrate=values['bitrate'] or None, filters=filters)
 
 
-BRIDGE = Bridge(__name__, make_session, make_transport)
+BRIDGE = Bridge(__name__, make_session, make_transport, check_port=make_transport)

@@ -30,4 +30,4 @@ def make_transport(values: Mapping[str, Any]) -> MulticastTransport:
     )
 
 
-BRIDGE = Bridge(__name__, make_session, make_transport)
+BRIDGE = Bridge(__name__, make_session, make_transport, check_port=make_transport)

@@ -18,18 +18,16 @@ import can
 
 from bridge_core.j1939 import CanFrame
 from bridge_core.transports import TransportError
+from bridge_core.transports.can_channel import check_channel
 from bridge_core.transports.can_errors import BUS_OFF
 from bridge_core.transports.can_errors import KINDS
 from bridge_core.transports.can_errors import kinds_of
 from bridge_core.transports.can_ports import BusOffError
 from bridge_core.transports.can_ports import CanPort
-from bridge_core.transports.can_ports import multicast_address
 from bridge_core.transports.can_ports import MulticastPort
 from bridge_core.transports.can_ports import PumpedPort
 from bridge_core.transports.can_ports import SocketCanPort
 
-# Set by whoever brings the interface up, or by nobody.
-_WITHOUT_BITRATE = ('socketcan', 'udp_multicast', 'virtual')
 _COUNTED = (
     *('standard frames', 'remote frames', 'CAN FD frames', 'impossible frames', 'error frames'),
     *KINDS,
@@ -63,7 +61,7 @@ class CanTransport:
         bitrate: int | None = None,
         filters: Sequence[tuple[int, int]] = (),
     ) -> None:
-        _check(interface, channel, bitrate)
+        check_channel(interface, channel, bitrate)
         self.name = channel if interface == 'socketcan' else f'{interface} {channel}'
         self._interface, self._channel, self._bitrate = interface, channel, bitrate
         self._filters = tuple(filters)
@@ -162,19 +160,3 @@ class CanTransport:
         if code in _NO_CAN:
             return 'this kernel has no CAN; `modprobe can_raw`'
         return os.strerror(code) if code else str(error) or repr(error)
-
-
-def _check(interface: str, channel: str, bitrate: int | None) -> None:
-    """:raises ValueError: naming what is wrong, and what would be right."""
-    if interface not in can.VALID_INTERFACES:
-        known = ', '.join(sorted(can.VALID_INTERFACES))
-        raise ValueError(f'interface {interface!r} is unknown; known are {known}')
-    if not channel:
-        raise ValueError('channel is empty; it names the bus, such as can0')
-    if interface == 'udp_multicast':
-        multicast_address(channel)
-    if bitrate is not None and interface in _WITHOUT_BITRATE:
-        raise ValueError(
-            f'bitrate cannot be set for {interface}; leave it at 0 and set it where the interface '
-            f'is brought up'
-        )

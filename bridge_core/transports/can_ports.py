@@ -20,7 +20,6 @@ from collections.abc import Sequence
 import contextlib
 import errno
 import fcntl
-import ipaddress
 import os
 from pathlib import Path
 import queue
@@ -38,9 +37,9 @@ from can.interfaces.udp_multicast import utils as multicast_wire
 from can.typechecking import CanFilters
 
 from bridge_core.transports import TransportError
+from bridge_core.transports.can_channel import multicast_address
 from bridge_core.transports.multicast import MulticastTransport
 
-DEFAULT_PORT = 43113  # as in python-can
 # Frames a call: bounds how long a stop waits while the bus is full.
 READS = 64
 _BUSY = (None, errno.EAGAIN, errno.ENOBUFS)  # None: 'Transmit buffer full'
@@ -313,22 +312,6 @@ class PumpedPort:
     def _wake(self) -> None:
         if not self._closing:  # after close the number may belong to another file
             os.eventfd_write(self._wake_fd, 1)
-
-
-def multicast_address(channel: str) -> tuple[str, int]:
-    """Return the group and UDP port of a channel. :raises ValueError: it is not valid."""
-    group, _, port = channel.partition(':')
-    try:
-        is_group = ipaddress.IPv4Address(group).is_multicast
-        number = int(port) if port else DEFAULT_PORT
-    except ValueError:
-        is_group = False
-    if not is_group or not 0 < number < 65536:
-        raise ValueError(
-            f'channel {channel!r} is no IPv4 multicast address, such as 239.74.163.2, with or '
-            f'without a UDP port, such as 239.74.163.2:{DEFAULT_PORT}'
-        )
-    return group, number
 
 
 def _open_multicast(group: str, port: int) -> MulticastTransport:

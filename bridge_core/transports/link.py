@@ -86,15 +86,6 @@ class Link:
         self._put(Request(number, key or name, name, arguments, now, stop, waits), each)
         return number
 
-    def check(self, values: dict[str, Any]) -> None:
-        """
-        Make session and port, and forget them.
-
-        :raises ValueError: parameters that contradict each other.
-        :raises TransportError: the wire does not answer.
-        """
-        self._command(ACTIVATE_TIME, 'check', values)
-
     def activate(self, values: dict[str, Any], *, resting: bool = False) -> None:
         """
         Open the port, now and whenever it was lost, and run a session on it.

@@ -80,6 +80,13 @@ class ProcessLink(Link):
                 self._commands[request.number] = request
             self._send(request)
 
+    def deactivate(self) -> None:
+        """Send the farewell and close the port; as of Link."""
+        with self._lock:
+            idle = self._activation is None and not self._commands
+        if not idle:  # else there is no farewell to wait for, from a process that may just start
+            super().deactivate()
+
     def _send(self, request: Request) -> None:
         if self._socket is None:
             return  # commands wait in their list

@@ -60,12 +60,21 @@ class Bridge(Generic[FrameT]):
     :param make_transport: makes the port, not yet open; raises ValueError likewise.
     :param make_resting_session: makes what runs on the port while the node is inactive; none
         where the port is closed then.
+    :param check_port: raises ValueError for what no port can be made from, at little cost; none
+        where any may be tried.
     """
 
     module: str
     make_session: Callable[[dict[str, Any]], Session[FrameT, Any, Any]]
     make_transport: Callable[[dict[str, Any]], Transport[FrameT]]
     make_resting_session: Callable[[dict[str, Any]], Session[FrameT, Any, Any]] | None = None
+    check_port: Callable[[dict[str, Any]], object] | None = None
+
+    def check(self, values: dict[str, Any]) -> None:
+        """:raises ValueError: session or port cannot be made from these parameters."""
+        self.make_session(values)
+        if self.check_port is not None:
+            self.check_port(values)
 
 
 class Request(NamedTuple):
@@ -128,7 +137,7 @@ class Wire(Generic[FrameT]):
     :param reconnect_period: the longest wait, in seconds, between two tries to open the port.
     """
 
-    COMMANDS: ClassVar = ('check', 'activate', 'deactivate')
+    COMMANDS: ClassVar = ('activate', 'deactivate')
 
     def __init__(
         self,
@@ -276,12 +285,6 @@ class Wire(Generic[FrameT]):
             return str(error)
         return ''
 
-    def _check(self, values: dict[str, Any], now: float) -> None:
-        """Make session and port, and forget them. :raises ValueError: they cannot be made."""
-        del now
-        self._bridge.make_session(values)
-        self._bridge.make_transport(values)
-
     def _activate(self, values: dict[str, Any], resting: bool, now: float) -> None:
         """Open the port, now and whenever it was lost, and run a new session on it."""
         make = self._bridge.make_resting_session if resting else self._bridge.make_session
@@ -357,7 +360,6 @@ class Wire(Generic[FrameT]):
     def _forget_backlog(self, frozen: float, now: float) -> None:
         """Discard what waited while this process was frozen: it is old, and it may be a stop."""
         assert self._transport is not None
-        assert self._session is not None
         try:
             for _ in range(_DISCARD_READS):
                 if not select.select([self._transport.fileno()], [], [], 0.0)[0]:
