@@ -109,6 +109,7 @@ class Session(ABC, Generic[FrameT, MessageT, EventT]):
         self._events: list[Event[EventT]] = []
         self._open = False
         self._stepped_at = -math.inf  # the last receive, poll or request
+        self._quiet_until = -math.inf  # until then time alone changes nothing, as far as is known
         self._interruption = ''  # why what was heard had to be forgotten, and when that was
         self._interrupted_at = -math.inf
 
@@ -161,6 +162,7 @@ class Session(ABC, Generic[FrameT, MessageT, EventT]):
     def opened(self, now: float) -> Output[EventT, FrameT]:
         """Begin: the port was opened and nothing was heard on it. Return events and frames."""
         self._open = True
+        self._quiet_until = -math.inf
         self._begin(now)
         return self.poll(now)
 
@@ -183,7 +185,7 @@ class Session(ABC, Generic[FrameT, MessageT, EventT]):
     def receive(self, data: FrameT, now: float) -> Output[EventT, FrameT]:
         """Take what came: some bytes, a datagram or a frame. Frames to send come from poll."""
         if self._open:
-            self._expire(now)
+            self._step(now)
             frames = self.counters.frames
             self._take_all(self._decoder.feed(data, now), now)
             self._watch_garbage(frames, now)
@@ -193,9 +195,11 @@ class Session(ABC, Generic[FrameT, MessageT, EventT]):
         """Do what is due. Return events and frames."""
         frames: list[FrameT] = []
         if self._open:
-            self._expire(now)
+            self._step(now)
             self._take_all(self._decoder.poll(now), now)
             frames = self._due_frames(now)
+            if frames:
+                self._quiet_until = -math.inf
         return self._take_events(), frames
 
     def deadline(self) -> float:
@@ -214,6 +218,16 @@ class Session(ABC, Generic[FrameT, MessageT, EventT]):
     @abstractmethod
     def _take(self, message: MessageT, now: float) -> None:
         """Take one message in; a refresh follows."""
+
+    def _take_repeated(self, message: MessageT, now: float) -> bool:
+        """
+        Take a message that says nothing new, if it is one; no refresh follows.
+
+        True only where ``_take`` and a refresh would change neither verdict nor anything that
+        ``_follow`` and ``_expires_at`` look at, but for deadlines that move on.
+        """
+        del message, now
+        return False
 
     @abstractmethod
     def _judge(self, now: float) -> Verdict:
@@ -251,6 +265,7 @@ class Session(ABC, Generic[FrameT, MessageT, EventT]):
 
     def _refresh(self, now: float) -> None:
         """Bring the verdict up to date; its change is an event, and comes before what follows."""
+        self._quiet_until = -math.inf
         before, self.verdict = self.verdict, self._verdict(now)
         if self.verdict != before:
             self._emit(StopChanged(self.verdict))
@@ -272,14 +287,23 @@ class Session(ABC, Generic[FrameT, MessageT, EventT]):
 
     def _expire(self, now: float) -> None:
         """Let what has expired by ``now`` take effect, before anything new is taken in."""
-        if not self._stepped_at <= now < self._expires_at():
-            self._refresh(now)
+        self._quiet_until = -math.inf
+        self._step(now)
+        self._quiet_until = -math.inf  # what is asked now may expire sooner
+
+    def _step(self, now: float) -> None:
+        """Let expire; ask for the moment only after the last answer, as feeding defers it."""
+        if not self._stepped_at <= now < self._quiet_until:
+            self._quiet_until = self._expires_at()
+            if not self._stepped_at <= now < self._quiet_until:
+                self._refresh(now)
         self._stepped_at = now
 
     def _take_all(self, messages: Sequence[MessageT], now: float) -> None:
         for message in messages:
-            self._take(message, now)
-            self._refresh(now)
+            if not self._take_repeated(message, now):
+                self._take(message, now)
+                self._refresh(now)
 
     def _watch_garbage(self, frames: int, now: float) -> None:
         """Note a read. :param frames: the count before it."""

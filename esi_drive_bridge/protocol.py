@@ -377,6 +377,13 @@ class Status:
         """Name the axes that report a warning."""
         return [f'axis {name}: {_WARNING}' for name, axis in self.lettered() if axis.warning]
 
+    def repeats(self, other: Status) -> bool:
+        """Tell whether no bit differs; what is measured may."""
+        for mine, its in zip(self.axes, other.axes, strict=True):
+            if mine.state != its.state or mine.errors != its.errors:
+                return False
+        return True
+
     def lettered(self) -> Iterator[tuple[str, AxisStatus]]:
         """Pair every axis with its letter in the manual."""
         return zip(AXIS_LETTERS, self.axes, strict=False)

@@ -29,6 +29,8 @@ _OFF = Status.OFF
 _BASIC = struct.Struct('<2H4B')  # X, Y; detents, switches 1-4, 5-8, 9-12
 _EXTENDED = struct.Struct('<3H2B')  # grip X, Y, theta; detents, switches 13-16
 assert (_BASIC.size, _EXTENDED.size) == (8, 8)
+_axis_of = Axis.from_word
+_PAIRS = tuple(four[:2] for four in STATUSES)
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,9 +54,9 @@ class BasicJoystick(Sendable):
     def _from_payload(cls, payload: bytes) -> Any:
         message = _DraftBasic()
         x, y, detents, to_4, to_8, to_12 = _BASIC.unpack(payload)
-        message.x, message.y = Axis.from_word(x), Axis.from_word(y)
+        message.x, message.y = _axis_of(x), _axis_of(y)
         message.switches = STATUSES[to_4] + STATUSES[to_8] + STATUSES[to_12]
-        message.detents = STATUSES[detents][:2]
+        message.detents = _PAIRS[detents]
         message.__class__ = cls
         return message
 
@@ -86,8 +88,8 @@ class ExtendedJoystick(Sendable):
     def _from_payload(cls, payload: bytes) -> Any:
         message = _DraftExtended()
         grip_x, grip_y, theta, detents, switches = _EXTENDED.unpack(payload)
-        message.grip_x, message.grip_y = Axis.from_word(grip_x), Axis.from_word(grip_y)
-        message.theta = Axis.from_word(theta)
+        message.grip_x, message.grip_y = _axis_of(grip_x), _axis_of(grip_y)
+        message.theta = _axis_of(theta)
         message.switches = STATUSES[switches]
         message.detents = STATUSES[detents][:3]
         message.__class__ = cls

@@ -48,6 +48,7 @@ class Phase(Enum):
     CLEARING = 'clearing errors'
 
 
+_HEALTHY = Verdict()
 _ACTIVE = (Phase.WAITING, Phase.ENABLING, Phase.ENABLED)
 _ON_THE_WIRE = (Phase.ENABLING, Phase.ENABLED)  # packets say enable
 
@@ -81,6 +82,7 @@ class Session(BaseSession[bytes, Status, Event]):
             watchdog.reset()
         self.phase = Phase.DISABLED
         self.status: Status | None = None  # the newest
+        self._known: Status | None = None  # whose bits took effect; None: none since the link came
         self._faults: tuple[str, ...] = ()  # of the newest status
         self._own_gap = 0.0  # s; the drive reports a timeout as we sent nothing for so long
         self._armed = False  # a false of enable was heard while nothing else forbade motion
@@ -157,7 +159,7 @@ class Session(BaseSession[bytes, Status, Event]):
         self._disabled_since, self._urgent = kept
 
     def _take(self, message: Status, now: float) -> None:
-        self.status = message
+        self.status = self._known = message
         self._heard.feed(now)
         # A small slack, or a drive at just this rate would lose every other one.
         if now - self._reported_at >= 0.9 / self.settings.joint_state_rate:
@@ -174,6 +176,18 @@ class Session(BaseSession[bytes, Status, Event]):
             self._faults = faults
             self._emit(FaultsChanged(faults))
         self._advance(message)
+
+    def _take_repeated(self, message: Status, now: float) -> bool:
+        """Take a status without a new bit, where what is measured decides nothing."""
+        known = self._known
+        settled = self.phase is Phase.ENABLED or (self.phase is Phase.DISABLED and not self._armed)
+        if known is None or not settled or self.verdict.estop or not message.repeats(known):
+            return False
+        self.status = message
+        self._heard.feed(now)
+        self._emit(Feedback(message))
+        self._note_gap(now)
+        return True
 
     def _note_gap(self, now: float) -> None:
         """Note that packets of ours are missing: the drive will blame its line for that."""
@@ -199,7 +213,7 @@ class Session(BaseSession[bytes, Status, Event]):
     def _judge(self, now: float) -> Verdict:
         """Return a stop for an error bit; nothing that this node asks comes back as one."""
         del now
-        return Verdict.stop(*self._faults) if self._faults else Verdict()
+        return Verdict.stop(*self._faults) if self._faults else _HEALTHY
 
     def _silence(self, now: float) -> str:
         return (
@@ -209,6 +223,7 @@ class Session(BaseSession[bytes, Status, Event]):
 
     def _follow(self, now: float) -> None:
         if not self.link_up:
+            self._known = None
             self._set_enabled(False)
         if self._armed and (self._enable.expired(now) or self._forbidden(now)):
             self._armed = False
