@@ -39,6 +39,7 @@ from bridge_core.session import EventT
 from bridge_core.session import Level
 from bridge_core.session import StopChanged
 from bridge_core.session import Verdict
+from bridge_core.transports import TransportError
 from bridge_core.transports.link import Link
 from bridge_core.transports.link import ThreadLink
 from bridge_core.transports.wire import Bridge
