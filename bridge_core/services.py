@@ -24,7 +24,10 @@ class Waiting:
 
     def future(self) -> Future:
         """Return what the service's coroutine awaits; its result will be an Answer."""
-        return Future(executor=self._node.executor)
+        future = Future(executor=self._node.executor)
+        # A coroutine that awaits is no callback: only one of these wakes an executor that waits.
+        future.add_done_callback(lambda answered: None)
+        return future
 
     def add(self, request: str, future: Future) -> None:
         """Have the next answer to ``request`` go to this future, too."""
