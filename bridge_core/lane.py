@@ -79,8 +79,12 @@ class Lane:
         self._thread: threading.Thread | None = None
         self._ending = False
         self._report_at = -math.inf
-        kind = _WaitSetWaiter if wait_set_works(node.context) else _ExecutorWaiter
-        self._waiter: _Waiter = kind(node, self._guarded)
+        self._waiter: _Waiter
+        if wait_set_works(node.context):
+            self._waiter = _WaitSetWaiter(node, self._guarded)
+        else:
+            node.get_logger().info(f'{name}: by the executor of rclpy, whose wait set is another')
+            self._waiter = _ExecutorWaiter(node, self._guarded)
 
     # What it waits for. All of this may be used in any thread, before and after the start.
 

@@ -28,12 +28,10 @@ from bridge_core.realtime import use_realtime
 from bridge_core.share import shared
 
 _RANGE = 'ROS_AUTOMATIC_DISCOVERY_RANGE'
+# Jazzy's Fast DDS knows the first, later ones the second.
+_PROFILES = ('FASTRTPS_DEFAULT_PROFILES_FILE', 'FASTDDS_DEFAULT_PROFILES_FILE')
 # Who has set one of these has chosen the transports of Fast DDS.
-_CHOICES = {
-    'FASTDDS_BUILTIN_TRANSPORTS',
-    'FASTDDS_DEFAULT_PROFILES_FILE',
-    'FASTRTPS_DEFAULT_PROFILES_FILE',
-}
+_CHOICES = {'FASTDDS_BUILTIN_TRANSPORTS', *_PROFILES}
 _LOOPBACK = 'config/fastdds_loopback.xml'
 # s for which a thread may keep the interpreter while others want it; 5 ms by default. A stop waits
 # for that long if it comes amid other work.
@@ -171,9 +169,9 @@ def _avoid_shared_memory() -> str:
         return ''
     profile = str(shared(_LOOPBACK))
     os.environ[_RANGE] = 'SYSTEM_DEFAULT'  # as the profile says
-    os.environ['FASTDDS_DEFAULT_PROFILES_FILE'] = profile
+    os.environ |= dict.fromkeys(_PROFILES, profile)
     return (
-        f'set FASTDDS_DEFAULT_PROFILES_FILE to have another profile than {profile}, which is in '
+        f'set {_PROFILES[0]} to have another profile than {profile}, which is in '
         f'use because {_RANGE} is LOCALHOST and shared memory can block'
     )
 

@@ -88,10 +88,13 @@ class _Repeated:
         """Publish ``value`` if it is another one, or if it is time to repeat it."""
         if value != self._value or self._message is None:
             self._value, self._message = value, self._kind(data=value)
+            self._due = now
         elif now < self._due:
             return
         self.publisher.publish(self._message)
-        self._due = max(self._due, now - self._period) + self._period
+        self._due += self._period
+        if self._due <= now:
+            self._due = now + self._period
 
 
 class SafetyMux(ManagedNode):

@@ -74,10 +74,9 @@ def test_network_is_used_by_udp(environment: pytest.MonkeyPatch, range_: str) ->
 
 def test_one_machine_has_the_loopback_profile_and_says_so(environment: pytest.MonkeyPatch) -> None:
     environment.setenv(RANGE, 'LOCALHOST')
-    profile = os.environ.get('FASTDDS_DEFAULT_PROFILES_FILE')
-    assert profile is None
     text = runner._avoid_shared_memory()
-    profile = os.environ['FASTDDS_DEFAULT_PROFILES_FILE']
+    profile = os.environ['FASTRTPS_DEFAULT_PROFILES_FILE']
+    assert profile == os.environ['FASTDDS_DEFAULT_PROFILES_FILE']
     assert Path(profile).name == 'fastdds_loopback.xml'
     assert profile in text
     assert '127.0.0.1' in Path(profile).read_text(encoding='utf-8')
@@ -117,6 +116,21 @@ node.create_subscription(DiagnosticStatus, 'safety_mux/status', on_status, 10)
 print('ready', flush=True)
 rclpy.spin(node)
 """
+
+
+def threads(process: NodeProcess) -> list[str]:
+    tasks = Path(f'/proc/{process.process.pid}/task')
+    return [(task / 'comm').read_text(encoding='utf-8') for task in tasks.iterdir()]
+
+
+@pytest.mark.parametrize('range_', ['LOCALHOST', 'SUBNET'])
+def test_nodes_use_no_shared_memory(environment: pytest.MonkeyPatch, range_: str) -> None:
+    environment.setenv(RANGE, range_)
+    with NodeProcess('safety_mux.node', namespace=namespace()) as mux:
+        mux.wait_output('STOPPED')
+        names = threads(mux)
+        assert any(name.startswith('dds.udp') for name in names)  # as Fast DDS names them
+        assert not any(name.startswith('dds.shm') for name in names)
 
 
 @pytest.mark.parametrize('first', ['plain', 'ours'])

@@ -1,10 +1,12 @@
 """The safety mux as a process: topics, services, lifecycle, clocks, and what it refuses."""
 
 from collections.abc import Iterator
+from itertools import pairwise
 import math
 from signal import SIGCONT
 from signal import SIGSTOP
 from signal import SIGTERM
+from threading import Event
 import time
 from typing import Any
 
@@ -22,8 +24,13 @@ from sensor_msgs.msg import JointState
 from sensor_msgs.msg import Joy
 from std_msgs.msg import Bool
 from std_msgs.msg import String
+from std_srvs.srv import Trigger
 
+from safety_mux.node import _Repeated
 from safety_mux.node import ESTOP_QOS
+from safety_mux.node import SafetyMux
+from safety_mux.protocol import Decision
+from safety_mux.protocol import State
 from test.mux_talkers import CLEAR_TIME
 from test.mux_talkers import MuxBench
 from test.mux_talkers import sticks
@@ -31,6 +38,7 @@ from test.rig import ENDING
 from test.rig import latched
 from test.rig import NodeProcess
 from test.rig import Observer
+from test.rig import wait_for
 from test.talkers import namespace
 from test.talkers import Talker
 from test.talkers import values_of
@@ -514,3 +522,117 @@ def test_status_and_state_reach_who_comes_late(mux: MuxBench) -> None:
     status = mux.observer.record(DiagnosticStatus, f'{mux.name}/status', latched())
     mux.wait(lambda: state.messages and status.messages, 'both')
     assert state.last.data == 'STOPPED'
+
+
+# What goes out, and who decides: in this process.
+
+
+class Publisher:
+    """Records what is published, in a story that several share."""
+
+    def __init__(self, story: list[Any], name: str = '') -> None:
+        self._story, self._name = story, name
+
+    def publish(self, message: Any) -> None:
+        self._story.append((self._name, getattr(message, 'data', None)))
+
+    def get_subscription_count(self) -> int:
+        return 1
+
+
+def test_repeated_value_goes_out_at_once_on_change_and_at_its_rate_else() -> None:
+    story: list[Any] = []
+    topic = _Repeated(Publisher(story), Bool, period=0.025)
+    sent = []
+    for n in range(101):  # 1 s of ticks, with a change of one tick amid them
+        before = len(story)
+        topic.say(n == 52, n * 0.01)
+        sent.append(len(story) > before)
+    assert [data for _, data in story].count(True) == 1
+    assert sent[0]
+    assert sent[52]
+    assert sent[53]
+    assert 39 <= sum(sent) <= 44
+    gaps = [b - a for a, b in pairwise(n for n, was_sent in enumerate(sent) if was_sent)]
+    assert max(gaps) <= 3  # a period and a tick
+
+
+def test_repeated_value_makes_up_for_nothing_after_a_pause() -> None:
+    story: list[Any] = []
+    topic = _Repeated(Publisher(story), Bool, period=0.025)
+    for n in (0, 500, 501, 502):
+        topic.say(False, n * 0.01)
+    assert len(story) == 2
+
+
+@pytest.fixture
+def own_mux(context: Any) -> Iterator[SafetyMux]:
+    mux = SafetyMux(context=context, namespace=namespace())
+    mux.autostart()
+    yield mux
+    mux.destroy_node()
+
+
+def test_stop_goes_out_before_all_else(own_mux: SafetyMux) -> None:
+    story: list[Any] = []
+
+    def decide(state: State) -> None:
+        moves = state is State.ACTIVE
+        decision = Decision(
+            state, 'fort' if moves else None, moves, (0.0, 0.0), not moves, {'fort': not moves}
+        )
+        own_mux._arbiter.tick = lambda now: decision  # type: ignore[method-assign]
+        own_mux._tick(time.monotonic())
+
+    def play() -> None:
+        decide(State.ACTIVE)
+        for name in ('_estop', '_enable', '_state'):
+            getattr(own_mux, name).publisher = Publisher(story, name)
+        own_mux._stop_demands['fort'].publisher = Publisher(story, 'stop_demand')
+        for name in ('_command', '_status'):
+            setattr(own_mux, name, Publisher(story, name))
+        decide(State.STOPPED)
+
+    own_mux.lane.call(play)
+    names = [name for name, _ in story][:5]
+    assert names == ['_estop', '_enable', '_command', 'stop_demand', '_state']
+    assert story[:2] == [('_estop', True), ('_enable', False)]
+
+
+def test_mux_that_hangs_answers_that_nothing_was_done(own_mux: SafetyMux) -> None:
+    gate = Event()
+    own_mux.lane.post(gate.wait)
+    try:
+        for service in (own_mux._on_reset, own_mux._on_trip):
+            response = service(Trigger.Request(), Trigger.Response())
+            assert not response.success
+            assert 'nothing was done' in response.message
+        with pytest.raises(TimeoutError):
+            own_mux.shut_down()
+    finally:
+        gate.set()
+    wait_for(lambda: own_mux.lane.call(lambda: own_mux._last_state) is State.STOPPED, what='it')
+    assert not own_mux.lane.call(lambda: own_mux._arbiter.status(time.monotonic()).tripped)
+
+
+def test_mux_that_hangs_says_nothing(own_mux: SafetyMux, observer: Observer) -> None:
+    """Not even that all is well: a drive stops for silence. Afterwards it is stopped."""
+    name = own_mux.get_fully_qualified_name()
+    records = [
+        observer.record(Bool, f'{name}/estop', latched()),
+        observer.record(JointState, f'{name}/command'),
+    ]
+    observer.wait_for(lambda: all(len(each.times) > 3 for each in records), 15.0, 'both')
+    gate, hangs = Event(), Event()
+    own_mux.lane.post(hangs.set)
+    own_mux.lane.post(gate.wait)
+    try:
+        observer.wait_for(hangs.is_set, what='it hangs')
+        observer.holds_for(lambda: True, 0.1)  # what was on its way
+        for each in records:
+            each.clear()
+        observer.holds_for(lambda: not any(each.times for each in records), 0.3)
+    finally:
+        gate.set()
+    observer.wait_for(lambda: all(each.times for each in records), what='both again')
+    assert all(records[0].data)

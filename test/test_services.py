@@ -1,0 +1,45 @@
+"""Services that wait for a device, in an executor that has nothing else to do."""
+
+import threading
+from typing import Any
+
+from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+
+from bridge_core.services import Waiting
+from bridge_core.session import Answer
+from test.rig import holds_for
+from test.rig import wait_for
+
+
+def test_answer_from_another_thread_wakes_the_executor(context: Context) -> None:
+    node = Node('waiting', context=context)
+    executor = SingleThreadedExecutor(context=context)
+    executor.add_node(node)
+    waiting = Waiting(node)
+    begun = threading.Event()
+
+    async def serve() -> Any:
+        future = waiting.future()
+        waiting.add('clear_errors', future)
+        begun.set()
+        return await future
+
+    task = executor.create_task(serve)
+
+    def spin() -> None:
+        while not task.done():
+            executor.spin_once()
+
+    thread = threading.Thread(target=spin, daemon=True)
+    thread.start()
+    wait_for(begun.is_set, what='the service waits')
+    holds_for(thread.is_alive, 0.2)  # the executor waits, too
+    answer = Answer('clear_errors', True, 'cleared')
+    assert waiting.answer(answer)
+    wait_for(task.done, what='the answer')
+    assert task.result() == answer
+    thread.join()
+    executor.shutdown()
+    node.destroy_node()
