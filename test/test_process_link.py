@@ -257,11 +257,14 @@ def test_request_that_waits_for_a_dead_wire_is_answered(toy: Toy) -> None:
     pongs = []
 
     def answered() -> bool:  # a first call may come before the node knows this client
-        toy.pty.write(b'a')
         pongs.append(client.call_async(Trigger.Request()))
-        return any(future.done() for future in pongs)
+        for _ in range(20):
+            toy.pty.write(b'a')
+            toy.observer.spin(0.01)
+        return pongs[-1].done()
 
     toy.wait(answered, 'a pong')
+    assert pongs[-1].result().message == 'pong'
     toy.pty.clear()
     wire, asked = toy.wire(), client.call_async(Trigger.Request())
     toy.pty.wait_received(b'p')
@@ -269,13 +272,16 @@ def test_request_that_waits_for_a_dead_wire_is_answered(toy: Toy) -> None:
     toy.wait(asked.done, 'an answer')
     assert not asked.result().success
     assert 'SIGKILL' in asked.result().message
-    # One that comes while there is no wire is answered, too.
-    while wires_of(toy.pid) != []:
-        os.kill(toy.wire(), SIGKILL)
-        toy.observer.spin(0.02)
-    late = client.call_async(Trigger.Request())
-    toy.wait(late.done, 'an answer')
-    assert not late.result().success
+
+
+def test_requests_are_answered_while_wires_come_and_go(pty: Pty, observer: Observer) -> None:
+    """They come before a wire, during its short life, and after it."""
+    with running(pty, observer, fault='deadly port') as toy:
+        toy.wait_reason('ended with 7')
+        for _ in range(20):
+            answer = observer.call(Trigger, '/toy_bridge/ping', tries=3)
+            assert not answer.success
+            assert answer.message
 
 
 def test_stopped_wire_is_a_stop_and_is_gone_before_another_one_comes(toy: Toy) -> None:
@@ -312,7 +318,8 @@ def test_wire_that_dies_at_once_each_time_is_tried_ever_more_seldom(
 ) -> None:
     with running(pty, observer, fault='deadly port', reconnect_period=0.5) as toy:
         toy.wait_reason('ended with 7')
-        before = int(toy.diagnostics.value(LINK, 'wire restarts'))
+        toy.wait(lambda: restarts(toy) >= 5, 'the longest pauses', 20.0)
+        before = restarts(toy)
         begun, used = time.monotonic(), processor_time(toy.pid)
         toy.estop.clear()
         toy.wait(lambda: restarts(toy) >= before + 3, 'three more', 20.0)
