@@ -47,6 +47,7 @@ class AkronCanBridge(BridgeNode[Event]):
 
     def __init__(self, **options: Any) -> None:
         self._unit = '', 0  # its PIN and type, as far as known
+        self._streaming = False  # sticks that ask for something were published last
         super().__init__('akron_can_bridge', **options)
 
     def create_interfaces(self) -> None:
@@ -60,8 +61,14 @@ class AkronCanBridge(BridgeNode[Event]):
             Bool, '~/estop_in', self._on_estop_in, _STOP_QOS, is_stop=lambda m: bool(m.data)
         )
         self.create_subscription(UInt8, '~/soe_directions', self._on_soe_directions, _COMMAND_QOS)
+
+    def forget_device(self) -> None:
+        """Publish that nothing is known of the unit, and neutral sticks after others."""
+        self._unit = '', 0
         self._publish_limits(LimitsChanged())
         self._publish_outputs(OutputsChanged())
+        if self._streaming:
+            self._publish_sticks(Sticks())
 
     @property
     def hardware_name(self) -> str:
@@ -117,6 +124,7 @@ class AkronCanBridge(BridgeNode[Event]):
         return self.values['hardware_id'] or pin or self.hardware_name, kind
 
     def _publish_sticks(self, sticks: Sticks) -> None:
+        self._streaming = sticks != Sticks()
         self._joy.publish(
             convert.joy(
                 sticks.axes, sticks.switches, *self.header(), deadband=self.values['deadband']

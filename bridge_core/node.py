@@ -86,7 +86,7 @@ class BridgeNode(ManagedNode, Generic[EventT]):
         self.refusal = ''
         self._watches: dict[str, PublisherWatch] = {}  # by topic
         self.link = self.LINK(
-            name,
+            self.get_name(),
             self.BRIDGE,
             self,
             device=self.hardware_name,
@@ -96,6 +96,7 @@ class BridgeNode(ManagedNode, Generic[EventT]):
         for service, request in self.SERVICES.items():
             self._create_device_service(service, *request)
         self.create_interfaces()
+        self.forget_device()
         self._publish_verdict(_INACTIVE)
         self.log(Level.WARN, f'stop: {_INACTIVE.reasons[0]}')
         self._link_up_publisher.publish(Bool(data=False))
@@ -169,6 +170,9 @@ class BridgeNode(ManagedNode, Generic[EventT]):
 
     def create_interfaces(self) -> None:
         """Create the bridge's publishers, subscriptions and services."""
+
+    def forget_device(self) -> None:
+        """Publish that nothing is known of the device: at the start, and when its wire is lost."""
 
     def take_parameters(self, values: Mapping[str, Any]) -> None:
         """Keep what conversions need. :raises ValueError: what cannot be."""
@@ -279,6 +283,10 @@ class BridgeNode(ManagedNode, Generic[EventT]):
         if not ok:
             self._waiting.fail(text)
             self._change_verdict(Verdict.stop(text, link_up=False), time.monotonic())
+
+    def on_lost(self) -> None:
+        """Publish what a session would have at its end: its wire is gone without one."""
+        self.forget_device()
 
     def stamp(self) -> Any:
         """Return the time for a header, in ROS time: it never decides anything."""

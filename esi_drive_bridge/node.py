@@ -49,7 +49,6 @@ class EsiDriveBridge(BridgeNode[Event]):
         """Create what command and status become."""
         self._joint_states = self.create_publisher(JointState, '~/joint_states', 10)
         self._enabled = self.create_publisher(Bool, '~/enabled', latched_qos())
-        self._enabled.publish(Bool(data=False))
         self.watched_subscription(JointState, '~/command', self._on_command, _COMMAND_QOS)
         self.watched_subscription(
             Bool, '~/enable', self._on_enable, _STOP_QOS, is_stop=lambda m: not m.data
@@ -57,6 +56,10 @@ class EsiDriveBridge(BridgeNode[Event]):
         self.watched_subscription(
             Bool, '~/estop_in', self._on_estop_in, _STOP_QOS, is_stop=lambda m: bool(m.data)
         )
+
+    def forget_device(self) -> None:
+        """Publish that nothing is known of the drive."""
+        self._enabled.publish(Bool(data=False))
 
     def take_parameters(self, values: Mapping[str, Any]) -> None:
         """Keep how the axes are scaled."""

@@ -30,6 +30,7 @@ from ssc_bridge.session import ConfigurationRead
 from ssc_bridge.session import Event
 from ssc_bridge.session import FailsafeBegun
 from ssc_bridge.session import LOCKOUT
+from ssc_bridge.session import neutral
 from ssc_bridge.session import PulsesIn
 from ssc_bridge.session import PulsesOut
 from ssc_bridge.session import Session
@@ -52,6 +53,7 @@ class SscBridge(BridgeNode[Event]):
     SERVICES = {LOCKOUT: (Session.lock_out,)}
 
     def __init__(self, **options: Any) -> None:
+        self._streaming = False  # sticks that ask for something were published last
         super().__init__('ssc_bridge', **options)
 
     def parameter_table(self, given: dict[str, Any]) -> tuple[Parameter, ...]:
@@ -66,8 +68,6 @@ class SscBridge(BridgeNode[Event]):
         self._command_state = self.create_publisher(String, '~/command_state', latched_qos())
         self._aux_inputs = self.create_publisher(DiagnosticStatus, '~/aux_inputs', 10)
         self._sources = self.create_publisher(DiagnosticStatus, '~/channel_sources', latched_qos())
-        self._command_state.publish(convert.command_state(None))
-        self._publish_sources(())
         self.watched_subscription(
             UInt16MultiArray, '~/pulse_command', self._on_pulse_command, _COMMAND_QOS
         )
@@ -79,6 +79,13 @@ class SscBridge(BridgeNode[Event]):
             Bool, '~/estop_in', self._on_estop_in, _STOP_QOS, is_stop=lambda m: bool(m.data)
         )
 
+    def forget_device(self) -> None:
+        """Publish that nothing is known of the device, and neutral sticks after others."""
+        self._command_state.publish(convert.command_state(None))
+        self._publish_sources(())
+        if self._streaming:
+            self._publish_sticks(neutral(self._settings))
+
     def take_parameters(self, values: Mapping[str, Any]) -> None:
         """Keep the configured channels."""
         self._settings = Settings.from_parameters(values)
@@ -86,8 +93,7 @@ class SscBridge(BridgeNode[Event]):
     def on_event(self, event: Event) -> None:
         """Publish one event of the session."""
         if isinstance(event, Sticks):
-            axes = self._settings.axes
-            self._joy.publish(convert.joy(event.axes, event.buttons, axes, *self.header()))
+            self._publish_sticks(event)
         elif isinstance(event, PulsesIn):
             self._pulse_inputs.publish(convert.pulses(event.us))
         elif isinstance(event, PulsesOut):
@@ -103,6 +109,11 @@ class SscBridge(BridgeNode[Event]):
             self.log(Level.WARN, text, site='failsafe')
         elif isinstance(event, ConfigurationRead):
             self._log_configuration(event)
+
+    def _publish_sticks(self, sticks: Sticks) -> None:
+        axes = self._settings.axes
+        self._streaming = sticks != neutral(self._settings)
+        self._joy.publish(convert.joy(sticks.axes, sticks.buttons, axes, *self.header()))
 
     def _publish_sources(self, sources: Sequence[str]) -> None:
         self._sources.publish(convert.channel_sources(sources, *self._part('channel sources')))

@@ -207,6 +207,9 @@ class FakeOwner:
     def on_refused(self, number: int, key: str, text: str) -> None:
         self.refused.append((number, key, text))
 
+    def on_lost(self) -> None:
+        self.log.append('lost')
+
     def pace(self, now: float) -> float:
         self.threads.add(threading.get_ident())
         self.paced.append(now)

@@ -38,26 +38,11 @@ from test.rig import wait_for
 from test.toy_bridge import make_toy
 from test.toy_bridge import toy_process as toy
 from test.toy_bridge import ToyBridge
+from test.toy_rig import ESTOP
+from test.toy_rig import ToyDevice
+from test.toy_rig import wait_repeats
+from test.toy_rig import wait_value
 from test.toy_wire import Session
-
-ESTOP = '/toy_bridge/estop'
-
-
-class ToyDevice:
-    """A device that sends ``k`` every 50 ms while the observer spins and ``talking`` is true."""
-
-    def __init__(self, pty: Pty, observer: Observer) -> None:
-        self.pty, self.observer = pty, observer
-        self.talking = True
-        observer.node.create_timer(0.05, self._talk)
-
-    def _talk(self) -> None:
-        if self.talking and self.pty.master >= 0:
-            self.pty.write(b'k')
-            self.pty.read()
-
-    def wait_for(self, condition: Any, what: str, timeout: float = 10.0) -> None:
-        self.observer.wait_for(condition, timeout, what)
 
 
 @pytest.fixture(params=['thread', 'process'])
@@ -69,26 +54,6 @@ def link(request: pytest.FixtureRequest) -> str:
 @pytest.fixture
 def device(pty: Pty, observer: Observer) -> ToyDevice:
     return ToyDevice(pty, observer)
-
-
-def wait_value(observer: Observer, record: Record, value: bool, timeout: float = 15.0) -> float:
-    """Wait until a topic says ``value``; return when the first of these came."""
-    start = time.monotonic()
-
-    def first() -> float:
-        for arrival, message in record.since(start):
-            if message.data is value:
-                return arrival
-        return 0.0
-
-    return observer.wait_for(first, timeout, f'{record.topic} says {value}')
-
-
-def wait_repeats(observer: Observer, record: Record, value: bool, count: int = 5) -> None:
-    """Wait for some more messages, all of which must say ``value``."""
-    record.clear()
-    observer.wait_for(lambda: len(record.data) >= count, 5.0, f'{count} more on {record.topic}')
-    assert set(record.data) == {value}
 
 
 # The stop topics.
@@ -383,6 +348,10 @@ from functools import partial
 from bridge_core.runner import run
 from test.toy_bridge import ToyBridge
 from test.toy_wire import BRIDGE
+from test.toy_rig import ESTOP
+from test.toy_rig import ToyDevice
+from test.toy_rig import wait_repeats
+from test.toy_rig import wait_value
 from test.toy_wire import Session
 
 

@@ -60,7 +60,7 @@ BRIDGE = {
     # What runs without the node, where there may be no ROS.
     'wire': (
         *('{bridge}.session', '{bridge}.protocol', '{bridge}.parameters'),
-        'bridge_core.transports',
+        *('bridge_core.transports', 'bridge_core.j1939'),
     ),
     'node': ('{bridge}', 'bridge_core', 'rclpy', 'MESSAGES', 'STDLIB'),
     'simulator': ('{bridge}.protocol', 'bridge_core'),
@@ -75,7 +75,7 @@ SHARED = {
     'services': ('bridge_core.session', 'rclpy', 'threading'),
     'report': ('bridge_core.framing', 'bridge_core.session'),
     'transports': (
-        *(*CORE, 'bridge_core.session', 'bridge_core.report'),
+        *(*CORE, 'bridge_core.session', 'bridge_core.report', 'bridge_core.realtime'),
         *('serial', 'can', 'STDLIB'),
     ),
     'lane': ('rclpy', 'STDLIB'),

@@ -68,12 +68,17 @@ class UntouchedGroup:
     def __init__(self, values: Callable[[int], dict[str, Any]]) -> None:
         self._port = free_port()
         self.values = values(self._port)
-        self.was_opened = False
+        self._was_bound = False  # by this process
         sys.addaudithook(self._see)
 
     def _see(self, event: str, arguments: tuple[Any, ...]) -> None:
         if event == 'socket.bind' and isinstance(arguments[1], tuple):
-            self.was_opened |= arguments[1][1] == self._port
+            self._was_bound |= arguments[1][1] == self._port
+
+    @property
+    def was_opened(self) -> bool:
+        """Tell whether this process has bound it, or any process has it bound now."""
+        return self._was_bound or f':{self._port:04X} ' in Path('/proc/net/udp').read_text()
 
     def close(self) -> None:
         """Forget the port, for audit hooks stay for ever."""

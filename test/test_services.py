@@ -21,8 +21,7 @@ def test_answer_from_another_thread_wakes_the_executor(context: Context) -> None
     begun = threading.Event()
 
     async def serve() -> Any:
-        future = waiting.future()
-        waiting.add('clear_errors', future)
+        future = waiting.ask('clear_errors', lambda: 1, 'not active')
         begun.set()
         return await future
 

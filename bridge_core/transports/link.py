@@ -15,6 +15,7 @@ import os
 import threading
 import time
 from typing import Any
+from typing import Protocol
 
 from bridge_core.transports import TransportError
 from bridge_core.transports.wire import Bridge
@@ -24,6 +25,13 @@ from bridge_core.transports.wire import Wire
 
 ACTIVATE_TIME = 10.0  # s; a machine that is starved at start-up is no reason to give up
 ANSWER_TIME = 0.4  # s; a process has to be gone within a second of its signal
+
+
+class LinkOwner(Owner, Protocol):
+    """Who takes what a link has to tell."""
+
+    def on_lost(self) -> None:
+        """Take that the wire is gone, and with it the session, which could tell nothing more."""
 
 
 class Link:
@@ -41,7 +49,7 @@ class Link:
         self,
         name: str,
         bridge: Bridge[Any],
-        owner: Owner,
+        owner: LinkOwner,
         *,
         device: str = '',
         reconnect_period: float = 1.0,

@@ -40,7 +40,9 @@ _KILL_TIME = 0.25  # s without any, after which another wire takes over
 _START_TIME = 5.0  # s that a new one may take to its first
 _REPORT_PERIOD = 1.0  # s
 _ROOM = 1 << 20  # bytes, for messages either way; the system may allow less
-_READS = 64  # messages, before the owner is paced again
+# Messages before the owner is paced again: more than can wait, so that a node that was held up
+# says nothing of before, such as that there is no stop, until it has taken in all of them.
+_READS = 1024
 
 
 class ProcessLink(Link):
@@ -53,10 +55,11 @@ class ProcessLink(Link):
 
     def __init__(self, *arguments: Any, **options: Any) -> None:
         super().__init__(*arguments, **options)
-        self._lock = threading.Lock()  # of the next three
+        self._lock = threading.Lock()  # of the next four
         self._socket: socket.socket | None = None
         self._commands: dict[int, Request] = {}  # not ended yet
         self._activation: Request | None = None  # in force
+        self._unsent: list[Request] = []  # somebody waits for these
         self._process: subprocess.Popen[bytes] | None = None
         self._wake_fd = os.eventfd(0, os.EFD_NONBLOCK | os.EFD_CLOEXEC)
         self._ended = False
@@ -78,7 +81,9 @@ class ProcessLink(Link):
                 self._activation = None
             if request.name in Wire.COMMANDS:
                 self._commands[request.number] = request
-            self._send(request)
+            if not self._send(request) and request.waits:
+                self._unsent.append(request)
+                self._wake()
 
     def deactivate(self) -> None:
         """Send the farewell and close the port; as of Link."""
@@ -87,16 +92,22 @@ class ProcessLink(Link):
         if not idle:  # else there is no farewell to wait for, from a process that may just start
             super().deactivate()
 
-    def _send(self, request: Request) -> None:
+    def _send(self, request: Request) -> bool:
         if self._socket is None:
-            return  # commands wait in their list
+            return False  # commands wait in their list
         try:
             self._socket.send(pickle.dumps(tuple(request)))
         except BlockingIOError:
             if request.stop and self._process is not None:
                 self._process.kill()  # it takes nothing any more, not even a stop
+            return False
         except OSError:  # it has ended; the reader finds out
-            pass
+            return False
+        return True
+
+    def _wake(self) -> None:
+        if self._wake_fd >= 0:
+            os.eventfd_write(self._wake_fd, 1)
 
     # -- the reader's thread ----------------------------------------------------------------------
 
@@ -120,6 +131,7 @@ class ProcessLink(Link):
         if self._read(now) and self._trouble:
             self._be_sound(now)
         self._judge(now)
+        self._refuse_unsent()
         self._pace_at = self._owner.pace(now)
 
     def _wait(self, now: float) -> float:
@@ -134,7 +146,8 @@ class ProcessLink(Link):
         if self._trouble:
             moments.append(self._report_at)
         timeout = max(0.0005, min(moments) - now)
-        select.select(descriptors, [], [], timeout)
+        if self._wake_fd in select.select(descriptors, [], [], timeout)[0]:
+            os.eventfd_read(self._wake_fd)
         return now + timeout
 
     def _read(self, now: float) -> bool:
@@ -157,6 +170,13 @@ class ProcessLink(Link):
             name, arguments = pickle.loads(data)
             self._MESSAGES[name](self, *arguments)
         return heard
+
+    def _refuse_unsent(self) -> None:
+        with self._lock:
+            unsent, self._unsent = self._unsent, []
+        for request in unsent:
+            text = self._trouble or f'the wire of {self.name} takes nothing'
+            self._owner.on_refused(request.number, request.key, text)
 
     def _judge(self, now: float) -> None:
         if self._process is not None and not self._trouble and now >= self._limit:
@@ -281,6 +301,7 @@ class ProcessLink(Link):
             self._backoff = 0.0  # the first after a long life takes over at once
         self._retry_later(now)
         self._be_in_trouble(f'its process {process.pid} {_cause(process.returncode)}', now)
+        self._owner.on_lost()
 
     def _retry_later(self, now: float) -> None:
         self._start_at = now + self._backoff
@@ -298,8 +319,7 @@ class ProcessLink(Link):
     def _end(self) -> None:
         self._ended = True
         with self._lock:
-            if self._wake_fd >= 0:
-                os.eventfd_write(self._wake_fd, 1)
+            self._wake()
 
     def stop(self) -> None:
         """End the wire, farewell included; may be called twice. Raises nothing."""

@@ -25,6 +25,7 @@ from ssc_bridge.session.outputs import RELEASE_FRAMES
 from ssc_bridge.session.session import LOCKOUT
 from ssc_bridge.session.session import Session
 from ssc_bridge.session.settings import Settings
+from ssc_bridge.session.sticks import neutral
 
 __all__ = [
     'LOCKOUT',
@@ -41,4 +42,5 @@ __all__ = [
     'SourcesChanged',
     'Sticks',
     'counts_of',
+    'neutral',
 ]

@@ -1,0 +1,624 @@
+"""
+A wire in a process of its own: whatever becomes of it or of its node, the device is left safe.
+
+Real processes with a toy device; the drive in motion is at the end.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from collections.abc import Iterator
+import contextlib
+import functools
+import os
+from pathlib import Path
+import pickle
+from signal import SIGCONT
+from signal import SIGHUP
+from signal import SIGINT
+from signal import SIGKILL
+from signal import SIGQUIT
+from signal import SIGSEGV
+from signal import SIGSTOP
+from signal import SIGTERM
+import socket
+import time
+from typing import Any
+
+import pytest
+from std_msgs.msg import Bool
+from std_msgs.msg import Float32
+from std_srvs.srv import Trigger
+
+from bridge_core.report import Report
+from bridge_core.report import Status
+from bridge_core.session import Level
+from bridge_core.session import StopChanged
+from bridge_core.session import Verdict
+from bridge_core.transports.process import ProcessLink
+from bridge_core.transports.wire import Request
+from bridge_core.transports.wire_process import Node
+from test.link_rig import FakeOwner
+from test.rig import as_yaml
+from test.rig import latched
+from test.rig import NodeProcess
+from test.rig import Observer
+from test.rig import Pty
+from test.rig import Record
+from test.rig import wait_for
+from test.talkers import Diagnostics
+from test.test_esi_drive_node import Bench as DriveBench
+from test.toy_bridge import toy_process
+from test.toy_rig import command_of
+from test.toy_rig import ESTOP
+from test.toy_rig import is_running
+from test.toy_rig import ToyDevice
+from test.toy_rig import wait_repeats
+from test.toy_rig import wait_value
+from test.toy_rig import wires_of
+from test.toy_wire import BRIDGE
+
+LINK, DEVICE = 'link', 'device'  # the parts of the diagnostics
+
+
+def wait_stop_since(observer: Observer, estop: Record, cause: float) -> None:
+    observer.wait_for(lambda: any(m.data for _, m in estop.since(cause)), 10.0, 'a stop')
+
+
+class Toy:
+    """The toy with its wire in a process, and a healthy device."""
+
+    def __init__(self, pty: Pty, observer: Observer, **parameters: Any) -> None:
+        self.observer = observer
+        self.device = ToyDevice(pty, observer)
+        self.node = toy_process(pty.path, 'process', **parameters)
+        self.pid = self.node.process.pid
+        self.estop = observer.record(Bool, ESTOP, latched())
+        self.diagnostics = Diagnostics(observer, 'toy_bridge')
+
+    @property
+    def pty(self) -> Pty:
+        return self.device.pty
+
+    def wire(self) -> int:
+        """Return the process of its wire, once there is one and only one."""
+        return int(self.wait(lambda: wires_of(self.pid), 'a wire')[0])
+
+    def wait(self, condition: Callable[[], Any], what: str, timeout: float = 10.0) -> Any:
+        return self.observer.wait_for(condition, timeout, what)
+
+    def wait_stop(self, value: bool) -> float:
+        return wait_value(self.observer, self.estop, value)
+
+    def wait_stop_since(self, cause: float) -> None:
+        """Wait for a stop, even one that is over."""
+        wait_stop_since(self.observer, self.estop, cause)
+
+    def wait_reason(self, text: str, part: str = LINK) -> None:
+        self.wait(
+            lambda: text in getattr(self.diagnostics.status(part), 'message', ''),
+            f'{text!r} in the diagnostics, not {self.diagnostics.status(part)}',
+        )
+
+    def names(self, wire: int) -> bool:
+        return self.diagnostics.value(LINK, 'wire process') == str(wire)
+
+    def wait_gone(self, *pids: int) -> None:
+        self.wait(lambda: not any(map(is_running, pids)), f'the end of {pids}')
+
+    def wait_new_wire(self, *old: int) -> int:
+        found = self.wait(lambda: [w for w in wires_of(self.pid) if w not in old], 'a new wire')
+        return int(found[0])
+
+    def keep_alives(self) -> int:
+        """Return how many the device has heard."""
+        self.pty.read()
+        return self.pty.received.count(b'h')
+
+
+@pytest.fixture
+def toy(pty: Pty, observer: Observer) -> Iterator[Toy]:
+    with running(pty, observer) as result:
+        result.wait_stop(False)
+        yield result
+
+
+@contextlib.contextmanager
+def running(pty: Pty, observer: Observer, **parameters: Any) -> Iterator[Toy]:
+    toy = Toy(pty, observer, **parameters)
+    with toy.node:
+        yield toy
+
+
+# The node dies.
+
+
+@pytest.mark.parametrize('number', [SIGKILL, SIGSEGV])
+def test_node_that_dies_leaves_a_farewell_and_no_process(toy: Toy, number: int) -> None:
+    wire = toy.wire()
+    toy.pty.clear()
+    toy.node.end(number)
+    toy.pty.wait_received(b'BYE')
+    toy.wait_gone(wire)
+    toy.pty.read()
+    assert toy.pty.received.endswith(b'BYE')
+    assert toy.pty.received.count(b'BYE') == 1
+
+
+@pytest.mark.parametrize('number', [SIGHUP, SIGTERM, SIGINT, SIGQUIT])
+def test_node_that_is_ended_says_farewell_once(toy: Toy, number: int) -> None:
+    wire = toy.wire()
+    assert toy.node.end(number) == 0
+    assert not is_running(wire)
+    toy.pty.wait_received(b'BYE')
+    assert toy.pty.received.endswith(b'BYE')
+    assert toy.pty.received.count(b'BYE') == 1
+
+
+@pytest.mark.parametrize('number', [SIGINT, SIGQUIT, SIGHUP])
+def test_signal_of_the_terminal_reaches_the_node_only(toy: Toy, number: int) -> None:
+    wire = toy.wire()
+    assert os.getsid(wire) == wire != os.getsid(toy.pid)
+    os.killpg(os.getpgid(toy.pid), number)
+    assert toy.node.wait() == 0
+    toy.pty.wait_received(b'BYE')
+    assert toy.pty.received.count(b'BYE') == 1
+
+
+@pytest.mark.parametrize('number', [SIGINT, SIGTERM, SIGHUP, SIGQUIT])
+def test_signal_to_the_wire_ends_nothing(toy: Toy, number: int) -> None:
+    wire, count = toy.wire(), toy.keep_alives()
+    os.kill(wire, number)
+    toy.wait(lambda: toy.keep_alives() > count + 5, 'keep-alives')
+    assert toy.wire() == wire
+
+
+def test_ps_tells_what_a_wire_is(toy: Toy) -> None:
+    assert command_of(toy.wire()).startswith(f'toy_bridge: wire {toy.pty.path} ')
+
+
+# The node hangs.
+
+
+def test_wire_of_a_stopped_node_goes_on_and_so_does_the_node_later(toy: Toy) -> None:
+    wire, count = toy.wire(), toy.keep_alives()
+    toy.node.signal(SIGSTOP)
+    toy.wait(lambda: toy.keep_alives() > count + 20, 'keep-alives')
+    toy.node.signal(SIGCONT)
+    toy.wait_stop(False)
+    assert toy.wire() == wire
+
+
+def test_wire_of_a_node_whose_interpreter_is_held_goes_on(toy: Toy) -> None:
+    hang = toy.observer.publisher(Float32, '/toy_bridge/hang')
+    count = toy.keep_alives()
+    hang.publish(Float32(data=1.5))
+    toy.wait(lambda: time.monotonic() - toy.estop.times[-1] > 0.3, 'a node that is silent')
+    silent, quiet = toy.keep_alives(), len(toy.estop.times)
+    toy.wait(lambda: toy.keep_alives() > silent + 10, 'keep-alives meanwhile')
+    assert len(toy.estop.times) == quiet
+    assert silent > count
+    wait_repeats(toy.observer, toy.estop, False)
+
+
+def test_stop_of_a_node_that_was_stopped_comes_before_anything_else(toy: Toy) -> None:
+    for _ in range(3):
+        toy.device.talking = True
+        toy.wait_stop(False)
+        toy.node.signal(SIGSTOP)
+        toy.observer.holds_for(lambda: True, 1.6)  # more than it takes in at once
+        toy.device.talking = False
+        toy.pty.write(b's')
+        toy.observer.holds_for(lambda: True, 0.2)
+        toy.estop.clear()
+        toy.node.signal(SIGCONT)
+        toy.wait(lambda: len(toy.estop.data) >= 5, 'messages')
+        assert all(toy.estop.data)
+
+
+def test_stop_that_came_and_went_while_the_node_was_stopped_is_told(toy: Toy) -> None:
+    for _ in range(3):
+        toy.node.signal(SIGSTOP)
+        toy.pty.write(b's')
+        toy.observer.holds_for(lambda: True, 0.3)
+        toy.estop.clear()
+        toy.node.signal(SIGCONT)
+        toy.wait(lambda: True in toy.estop.data, 'the stop')
+        toy.wait_stop(False)
+
+
+# The wire dies or hangs.
+
+
+def test_wire_that_dies_is_a_stop_with_the_reason_and_is_replaced(toy: Toy) -> None:
+    wires = [toy.wire()]
+    for restarts in (1, 2, 3):
+        killed = time.monotonic()
+        os.kill(wires[-1], SIGKILL)
+        toy.wait_stop_since(killed)
+        new = toy.wait_new_wire(*wires)
+        assert not is_running(wires[-1])
+        toy.wait_stop(False)
+        wires.append(new)
+        toy.wait(functools.partial(toy.names, new), 'its pid in the diagnostics')
+        assert toy.diagnostics.value(LINK, 'wire restarts') == str(restarts)
+        assert toy.diagnostics.value(LINK, 'node process') == str(toy.pid)
+    assert toy.node.output.count('was killed by SIGKILL') >= 3
+
+
+def test_wire_that_dies_is_told_in_the_diagnostics(toy: Toy) -> None:
+    os.kill(toy.wire(), SIGKILL)
+    toy.wait_reason('was killed by SIGKILL')
+
+
+def test_request_that_waits_for_a_dead_wire_is_answered(toy: Toy) -> None:
+    client = toy.observer.node.create_client(Trigger, '/toy_bridge/ping')
+    toy.wait(client.service_is_ready, 'the service')
+    pongs = []
+
+    def answered() -> bool:  # a first call may come before the node knows this client
+        pongs.append(client.call_async(Trigger.Request()))
+        for _ in range(20):
+            toy.pty.write(b'a')
+            toy.observer.spin(0.01)
+        return bool(pongs[-1].done())
+
+    toy.wait(answered, 'a pong')
+    assert pongs[-1].result().message == 'pong'
+    toy.pty.clear()
+    wire, asked = toy.wire(), client.call_async(Trigger.Request())
+    toy.pty.wait_received(b'p')
+    os.kill(wire, SIGKILL)
+    toy.wait(asked.done, 'an answer')
+    assert not asked.result().success
+    assert 'SIGKILL' in asked.result().message
+
+
+def test_requests_are_answered_while_wires_come_and_go(pty: Pty, observer: Observer) -> None:
+    """They come before a wire, during its short life, and after it."""
+    with running(pty, observer, fault='deadly port') as toy:
+        toy.wait_reason('ended with 7')
+        for _ in range(20):
+            answer = observer.call(Trigger, '/toy_bridge/ping', tries=3)
+            assert not answer.success
+            assert answer.message
+
+
+def test_stopped_wire_is_a_stop_and_is_gone_before_another_one_comes(toy: Toy) -> None:
+    wire = toy.wire()
+    stopped = time.monotonic()
+    os.kill(wire, SIGSTOP)
+    owners: list[list[int]] = []
+
+    def replaced() -> bool:
+        owners.append(wires_of(toy.pid))
+        return owners[-1] not in ([], [wire])
+
+    toy.wait(replaced, 'a new wire')
+    assert max(map(len, owners)) == 1
+    assert any(m.data for _, m in toy.estop.since(stopped))
+    assert f'its process {wire} hangs' in toy.node.output
+    toy.wait_stop(False)
+
+
+def test_wire_that_is_stopped_for_a_moment_comes_back_by_itself(toy: Toy) -> None:
+    wire = toy.wire()
+    for _ in range(5):
+        stopped = time.monotonic()
+        os.kill(wire, SIGSTOP)
+        toy.wait_stop_since(stopped)
+        os.kill(wire, SIGCONT)
+        toy.wait_stop(False)
+    assert toy.wire() == wire
+    assert toy.diagnostics.value(LINK, 'wire restarts') == '0'
+
+
+def test_wire_that_dies_at_once_each_time_is_tried_ever_more_seldom(
+    pty: Pty, observer: Observer
+) -> None:
+    with running(pty, observer, fault='deadly port', reconnect_period=0.5) as toy:
+        toy.wait_reason('ended with 7')
+        toy.wait(lambda: restarts(toy) >= 5, 'the longest pauses', 20.0)
+        before = restarts(toy)
+        begun, used = time.monotonic(), processor_time(toy.pid)
+        toy.estop.clear()
+        toy.wait(lambda: restarts(toy) >= before + 3, 'three more', 20.0)
+        assert time.monotonic() - begun >= 2 * 0.5
+        assert all(toy.estop.data)
+        assert len(toy.estop.data) > 10
+        # A loop that is busy would take all of it.
+        assert processor_time(toy.pid) - used < 0.7 * (time.monotonic() - begun)
+
+
+def restarts(toy: Toy) -> int:
+    return int(toy.diagnostics.value(LINK, 'wire restarts') or 0)
+
+
+def processor_time(pid: int) -> float:
+    """Return the seconds that a process has computed, without its children."""
+    ticks = Path(f'/proc/{pid}/stat').read_text().rpartition(')')[2].split()[11:13]
+    return sum(map(int, ticks)) / os.sysconf('SC_CLK_TCK')
+
+
+def test_wire_that_is_killed_disturbs_no_other_node_of_the_process(
+    tmp_path: Path, observer: Observer
+) -> None:
+    ports = {name: Pty(tmp_path / name) for name in ('left', 'right')}
+    devices = [ToyDevice(port, observer) for port in ports.values()]
+    arguments = [
+        word
+        for name, port in ports.items()
+        for word in ('-p', f'{name}:port:={as_yaml(str(port.path))}')
+    ]
+    source = "from test.toy_bridge import main_two; main_two('process')"
+    with NodeProcess('', source=source, arguments=arguments) as node:
+        left, right = (observer.record(Bool, f'/{name}/estop', latched()) for name in ports)
+        for estop in (left, right):
+            wait_value(observer, estop, False)
+        wires = {command_of(pid).split()[2]: pid for pid in wires_of(node.process.pid)}
+        right.clear()
+        for _ in range(3):
+            killed = time.monotonic()
+            os.kill(wires[str(ports['left'].path)], SIGKILL)
+            wait_stop_since(observer, left, killed)
+            wait_value(observer, left, False)
+            wires |= {command_of(pid).split()[2]: pid for pid in wires_of(node.process.pid)}
+        assert set(right.data) == {False}
+        assert node.end() == 0
+        for device in devices:
+            device.pty.wait_received(b'BYE')
+    for port in ports.values():
+        port.unplug()
+
+
+# Lifecycle, and what is left.
+
+
+def test_lifecycle_over_a_process(toy: Toy) -> None:
+    wire = toy.wire()
+    for _ in range(3):
+        toy.pty.clear()
+        assert toy.observer.change_state('/toy_bridge', 'deactivate')
+        toy.pty.wait_received(b'BYE')
+        wait_repeats(toy.observer, toy.estop, True)
+        assert toy.observer.change_state('/toy_bridge', 'cleanup')
+        assert toy.observer.change_state('/toy_bridge', 'configure')
+        wait_repeats(toy.observer, toy.estop, True)
+        assert toy.pty.received.count(b'BYE') == 1
+        assert toy.observer.change_state('/toy_bridge', 'activate')
+        toy.wait_stop(False)
+    assert toy.wire() == wire
+
+
+def test_wire_that_is_replaced_while_inactive_opens_no_port(toy: Toy) -> None:
+    assert toy.observer.change_state('/toy_bridge', 'deactivate')
+    toy.pty.wait_received(b'BYE')
+    toy.pty.clear()
+    old = toy.wire()
+    os.kill(old, SIGKILL)
+    toy.wait_new_wire(old)
+    wait_repeats(toy.observer, toy.estop, True, 10)
+    toy.pty.read()
+    assert toy.pty.received == b''
+    assert toy.observer.change_state('/toy_bridge', 'activate')
+    toy.wait_stop(False)
+
+
+def test_deactivation_while_the_wire_hangs_leaves_the_node_stopped(toy: Toy) -> None:
+    wire = toy.wire()
+    os.kill(wire, SIGSTOP)
+    toy.observer.change_state('/toy_bridge', 'deactivate')
+    wait_repeats(toy.observer, toy.estop, True, 10)
+    toy.wait_gone(wire)
+    toy.wait_new_wire(wire)
+    toy.pty.clear()
+    wait_repeats(toy.observer, toy.estop, True, 10)
+    toy.pty.read()
+    assert toy.pty.received == b''  # the new one is inactive, too
+
+
+def test_many_wires_and_ports_leave_no_descriptors(toy: Toy) -> None:
+    def count() -> int:
+        return len(os.listdir(f'/proc/{toy.pid}/fd'))
+
+    before = count()
+    for _ in range(4):
+        wire = toy.wire()
+        os.kill(wire, SIGKILL)
+        toy.wait_new_wire(wire)
+        toy.wait_stop(False)
+        toy.pty.unplug()
+        toy.wait_stop(True)
+        toy.pty.replug()
+        toy.wait_stop(False)
+    toy.wait(lambda: count() <= before, f'{before} descriptors again, not {count()}')
+
+
+# Neither end waits for the other.
+
+
+class Direct:
+    """A link without a node, on a toy device."""
+
+    def __init__(self, pty: Pty) -> None:
+        self.pty = pty
+        self.owner = FakeOwner()
+        self.link = ProcessLink('direct', BRIDGE, self.owner, device=str(pty.path))
+        self.link.start()
+
+    def activate(self) -> None:
+        values = {'port': str(self.pty.path), 'link_timeout': 0.25, 'fault': ''}
+        self.link.activate(values)
+        wait_for(self.is_healthy, 5.0, 'no stop')
+
+    def is_healthy(self) -> bool:
+        self.pty.write(b'k')
+        self.pty.read()
+        return self.owner.told[-1] is False
+
+    def wire(self) -> int:
+        return wait_for(lambda: wires_of(os.getpid()), 5.0, 'a wire')[0]
+
+
+@pytest.fixture
+def direct(pty: Pty) -> Iterator[Direct]:
+    result = Direct(pty)
+    result.activate()
+    yield result
+    result.link.stop()
+
+
+def test_flood_to_a_stopped_wire_blocks_nobody_and_loses_no_stop(direct: Direct) -> None:
+    wire = direct.wire()
+    os.kill(wire, SIGSTOP)
+    for _ in range(20000):
+        direct.link.request('request_stop', False)
+    direct.link.request('request_stop', True, stop=True)
+    # Either it is taken in, or there is no wire any more that could go on without it.
+    wait_for(lambda: not is_running(wire), 5.0, 'the end of the wire')
+    direct.pty.wait_received(b'h')
+    wait_for(direct.is_healthy, 5.0, 'a new one')
+    assert direct.wire() != wire
+
+
+def test_stop_behind_a_flood_reaches_a_wire_that_runs(direct: Direct) -> None:
+    direct.owner.told.clear()
+    for _ in range(2000):
+        direct.link.request('request_stop', False)
+    direct.link.request('request_stop', True, stop=True)
+    wait_for(lambda: True in direct.owner.told, 5.0, 'the stop')
+
+
+def test_link_that_is_stopped_without_a_start_or_twice(pty: Pty) -> None:
+    link = ProcessLink('direct', BRIDGE, FakeOwner(), device=str(pty.path))
+    link.stop()
+    link.stop()
+
+
+def test_link_leaves_no_descriptors_and_processes(pty: Pty) -> None:
+    def count() -> int:
+        return len(os.listdir('/proc/self/fd'))
+
+    before = count()
+    for _ in range(3):
+        direct = Direct(pty)
+        direct.activate()
+        wire = direct.wire()
+        direct.link.stop()
+        direct.link.stop()
+        assert not is_running(wire)
+    assert count() == before
+    assert wires_of(os.getpid()) == []
+
+
+@pytest.fixture
+def ends() -> Iterator[tuple[Node, socket.socket]]:
+    """Give the wire's side of the socket as it sees it, and the node's."""
+    ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+    theirs.setblocking(False)
+    node = Node(ours.detach())
+    yield node, theirs
+    theirs.close()
+    with contextlib.suppress(OSError):
+        os.close(node.fileno())
+
+
+def read_all(theirs: socket.socket) -> list[str]:
+    names = []
+    with contextlib.suppress(BlockingIOError):
+        while data := theirs.recv(1 << 20):
+            names.append(pickle.loads(data)[0])
+    return names
+
+
+def test_node_that_takes_nothing_for_long_interrupts_the_session_once(
+    ends: tuple[Node, socket.socket],
+) -> None:
+    node, theirs = ends
+    for _ in range(50000):
+        node.on_events([StopChanged(Verdict())], 1.0)
+    assert node.take() == []  # there is no room yet, so nobody could be told
+    assert read_all(theirs)
+    interruptions = node.take()
+    assert [(request.name, request.stop) for request in interruptions] == [('interrupted', True)]
+    assert node.take() == []
+    node.on_events([StopChanged(Verdict.stop())], 2.0)
+    assert 'on_events' in read_all(theirs)
+
+
+def test_wire_takes_in_what_was_asked_before_the_node_went(
+    ends: tuple[Node, socket.socket],
+) -> None:
+    node, theirs = ends
+    asked = Request(1, 'estop', 'set_estop', (True,), 1.0, True)
+    theirs.send(pickle.dumps(tuple(asked)))
+    theirs.close()
+    assert node.take() == [asked]
+    with pytest.raises(EOFError):
+        node.take()
+
+
+def test_nothing_is_raised_by_telling_a_node_that_is_gone(
+    ends: tuple[Node, socket.socket],
+) -> None:
+    node, theirs = ends
+    theirs.close()
+    node.on_events([StopChanged(Verdict.stop())], 1.0)
+    node.on_report(Report(Status(Level.OK, 'ok', {}), Status(Level.OK, 'ok', {})), 1.0)
+    node.link_changed('text', False)
+    node.on_refused(1, 'key', 'text')
+    node.done(1, '')
+    assert node.pace(1.0) > 1.0
+    with pytest.raises(EOFError):
+        node.take()
+
+
+# The drive, in motion.
+
+
+@pytest.fixture(scope='module')
+def shared_observer() -> Iterator[Observer]:
+    with Observer() as observer:
+        yield observer
+
+
+@pytest.fixture
+def drive(tmp_path: Path, observer: Observer) -> Iterator[DriveBench]:
+    bench = DriveBench(tmp_path, observer)
+    bench.quiet()
+    bench.enabling()
+    yield bench
+    bench.close()
+
+
+def disabled_for_good(drive: DriveBench, cause: float) -> None:
+    drive.wait(lambda: drive.drive.first_disable(cause), 'a disable packet')
+    first = drive.drive.first_disable(cause)
+    assert first is not None
+    drive.holds(lambda: not any(p.enables for p in drive.drive.packets(first.time)), 0.3)
+
+
+@pytest.mark.parametrize('number', [SIGKILL, SIGSEGV, SIGHUP, SIGSTOP])
+def test_drive_is_disabled_whatever_becomes_of_its_node(drive: DriveBench, number: int) -> None:
+    wire, cause = wires_of(drive.node.process.pid)[0], time.monotonic()
+    drive.node.signal(number)
+    disabled_for_good(drive, cause)
+    if number == SIGSTOP:  # disabled, not silent
+        since = time.monotonic()
+        drive.wait(lambda: len(drive.drive.packets(since)) > 20, 'packets')
+    else:
+        drive.wait(lambda: not is_running(wire), 'the end of the wire')
+
+
+@pytest.mark.parametrize('number', [SIGKILL, SIGSTOP])
+def test_drive_whose_wire_dies_or_hangs_is_disabled_by_a_new_one(
+    drive: DriveBench, number: int
+) -> None:
+    wire, cause = wires_of(drive.node.process.pid)[0], time.monotonic()
+    os.kill(wire, number)
+    drive.wait(lambda: any(m.data for _, m in drive.estop.since(cause)), 'a stop')
+    drive.wait(lambda: not drive.enabled.last.data, '~/enabled to be false')
+    disabled_for_good(drive, cause)
+    drive.wait(lambda: not drive.estop.last.data, 'a healthy drive')
+    drive.quiet()
+    drive.enabling()

@@ -1,0 +1,83 @@
+"""What tests of the toy bridge share: its device, waits for its topics, and its processes."""
+
+from __future__ import annotations
+
+from pathlib import Path
+import time
+from typing import Any
+
+from test.rig import Observer
+from test.rig import Pty
+from test.rig import Record
+
+ESTOP = '/toy_bridge/estop'
+
+
+class ToyDevice:
+    """A device that sends ``k`` every 50 ms while the observer spins and ``talking`` is true."""
+
+    def __init__(self, pty: Pty, observer: Observer) -> None:
+        self.pty, self.observer = pty, observer
+        self.talking = True
+        observer.node.create_timer(0.05, self._talk)
+
+    def _talk(self) -> None:
+        if self.talking and self.pty.master >= 0:
+            self.pty.write(b'k')
+            self.pty.read()
+
+    def wait_for(self, condition: Any, what: str, timeout: float = 10.0) -> None:
+        self.observer.wait_for(condition, timeout, what)
+
+
+def wait_value(observer: Observer, record: Record, value: bool, timeout: float = 15.0) -> float:
+    """Wait until a topic says ``value``; return when the first of these came."""
+    start = time.monotonic()
+
+    def first() -> float:
+        for arrival, message in record.since(start):
+            if message.data is value:
+                return arrival
+        return 0.0
+
+    return observer.wait_for(first, timeout, f'{record.topic} says {value}')
+
+
+def wait_repeats(observer: Observer, record: Record, value: bool, count: int = 5) -> None:
+    """Wait for some more messages, all of which must say ``value``."""
+    record.clear()
+    observer.wait_for(lambda: len(record.data) >= count, 5.0, f'{count} more on {record.topic}')
+    assert set(record.data) == {value}
+
+
+def wires_of(node: int) -> list[int]:
+    """Return the processes of wires that run for this node. :param node: its process."""
+    found = []
+    for folder in Path('/proc').glob('[0-9]*'):
+        pid = int(folder.name)
+        if is_running(pid) and _stat(pid)[1] == str(node) and ': wire ' in command_of(pid):
+            found.append(pid)
+    return found
+
+
+def is_running(pid: int) -> bool:
+    """Tell whether a process runs, or is stopped: it has an end before somebody waits for it."""
+    state = _stat(pid)[:1]
+    return bool(state) and state[0] not in 'ZX'
+
+
+def command_of(pid: int) -> str:
+    """Return the command line, as ps shows it."""
+    return _read(pid, 'cmdline').replace('\0', ' ')
+
+
+def _stat(pid: int) -> list[str]:
+    """Return state, parent and so on; proc(5)."""
+    return _read(pid, 'stat').rpartition(')')[2].split()
+
+
+def _read(pid: int, name: str) -> str:
+    try:
+        return Path(f'/proc/{pid}/{name}').read_text()
+    except (FileNotFoundError, ProcessLookupError):
+        return ''
