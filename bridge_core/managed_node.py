@@ -139,7 +139,7 @@ class ManagedNode(LifecycleNode):
     def _transition(self, action: Callable[[], None], what: str) -> TransitionCallbackReturn:
         try:
             action()
-        except (ValueError, TransportError) as error:
+        except (ValueError, TransportError, TimeoutError) as error:
             self.get_logger().error(f'cannot {what}: {error}')
             return TransitionCallbackReturn.FAILURE
         return TransitionCallbackReturn.SUCCESS

@@ -153,12 +153,14 @@ class SafetyMux(ManagedNode):
     def on_configure(self, state: Any) -> TransitionCallbackReturn:
         """Take over parameters that were changed since construction."""
         del state
+        if self.values == self._built_from:
+            return TransitionCallbackReturn.SUCCESS
         return self._transition(lambda: self.lane.call(self._rebuild), 'configure')
 
     def on_activate(self, state: Any) -> TransitionCallbackReturn:
         """Begin to decide; STOPPED until a reset."""
         self.active = True
-        self.lane.call(self._hold, time.monotonic())
+        self.lane.post(self._let_go)
         return super().on_activate(state)
 
     def on_deactivate(self, state: Any) -> TransitionCallbackReturn:
@@ -179,7 +181,14 @@ class SafetyMux(ManagedNode):
     def shut_down(self) -> None:
         """Put out the stop at once."""
         self.active = False
-        self.lane.call(self._stop)
+        try:
+            self.lane.call(self._stop)
+        except TimeoutError as error:  # silent meanwhile, which is a stop too
+            self.lane.post(self._stop)
+            self.get_logger().error(str(error))
+
+    def _let_go(self) -> None:
+        self._hold(time.monotonic())
 
     def _stop(self) -> None:
         now = time.monotonic()
@@ -262,8 +271,6 @@ class SafetyMux(ManagedNode):
         self._arbiter.set_invalid(kind, name, 'lost messages', None)
 
     def _rebuild(self) -> None:
-        if self.values == self._built_from:
-            return
         for subscription in self._inputs:
             self.lane.unsubscribe(subscription)
         for each in self._stop_demands.values():

@@ -607,8 +607,8 @@ def test_mux_that_hangs_answers_that_nothing_was_done(own_mux: SafetyMux) -> Non
             response = service(Trigger.Request(), Trigger.Response())
             assert not response.success
             assert 'nothing was done' in response.message
-        with pytest.raises(TimeoutError):
-            own_mux.shut_down()
+        own_mux.shut_down()
+        assert own_mux.lane._calls  # the stop, for when it goes on
     finally:
         gate.set()
     wait_for(lambda: own_mux.lane.call(lambda: own_mux._last_state) is State.STOPPED, what='it')
