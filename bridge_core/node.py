@@ -19,6 +19,7 @@ from typing import ClassVar
 from typing import Generic
 
 from diagnostic_msgs.msg import DiagnosticArray
+from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.lifecycle import TransitionCallbackReturn
 from rclpy.qos import QoSProfile
 from std_msgs.msg import Bool
@@ -236,7 +237,9 @@ class BridgeNode(ManagedNode, Generic[EventT]):
             response.success, response.message = answer.success, answer.text
             return response
 
-        self.create_service(Trigger, '~/' + name, serve)
+        # In a group of its own: while one waits, nothing else of the node does.
+        group = ReentrantCallbackGroup()
+        self.create_service(Trigger, '~/' + name, serve, callback_group=group)
 
     # The owner's side of the link, on its thread.
 

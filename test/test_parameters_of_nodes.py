@@ -13,7 +13,6 @@ import os
 from pathlib import Path
 import re
 import signal
-import sys
 import threading
 from typing import Any
 from typing import Protocol
@@ -60,29 +59,25 @@ class UntouchedSerial(UntouchedPort):
 
 class UntouchedGroup:
     """
-    A multicast group at a port that no socket of this process binds to.
+    A multicast group at a port that no socket binds to, of this process or another one.
 
     :param values: the parameters that lead there, by the port.
     """
 
     def __init__(self, values: Callable[[int], dict[str, Any]]) -> None:
-        self._port = free_port()
-        self.values = values(self._port)
-        self._was_bound = False  # by this process
-        sys.addaudithook(self._see)
+        port = free_port()
+        self.values = values(port)
+        self.was_opened = False
+        self._closed = threading.Event()
+        threading.Thread(target=self._watch, args=(f':{port:04X} ',), daemon=True).start()
 
-    def _see(self, event: str, arguments: tuple[Any, ...]) -> None:
-        if event == 'socket.bind' and isinstance(arguments[1], tuple):
-            self._was_bound |= arguments[1][1] == self._port
-
-    @property
-    def was_opened(self) -> bool:
-        """Tell whether this process has bound it, or any process has it bound now."""
-        return self._was_bound or f':{self._port:04X} ' in Path('/proc/net/udp').read_text()
+    def _watch(self, address: str) -> None:
+        while not self._closed.wait(0.01):
+            self.was_opened |= address in Path('/proc/net/udp').read_text()
 
     def close(self) -> None:
-        """Forget the port, for audit hooks stay for ever."""
-        self._port = -1
+        """End the watch."""
+        self._closed.set()
 
 
 def untouched_network() -> Untouched:
