@@ -10,6 +10,7 @@ import random
 import subprocess
 import time
 from typing import Any
+from typing import NamedTuple
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from std_srvs.srv import Trigger
@@ -49,11 +50,19 @@ class Bare:
         time.sleep(seconds)
 
 
+class Variant(NamedTuple):
+    """Another module for a node, further ROS arguments, and the terminal that it writes to."""
+
+    module: str
+    arguments: tuple[str, ...] = ()
+    terminal: int | None = None
+
+
 class Nodes:
     """
     VSC bridge, mux and drive node, each a process or all in one.
 
-    :param parameters: by node name, beside the ports; None: the node is not started here.
+    :param variants: of nodes that are started in another way, by name.
     """
 
     def __init__(
@@ -64,13 +73,13 @@ class Nodes:
         *,
         stack: bool = False,
         rt_priority: int = 0,
-        parameters: dict[str, dict[str, Any]] | None = None,
-        sources: dict[str, str] | None = None,
+        variants: dict[str, Variant] | None = None,
     ) -> None:
         self.rig, self.observer = rig, observer
         self.nodes: dict[str, NodeProcess] = {}
+        self.may_end: set[str] = set()  # nodes whose end is no surprise
         self._exits = exits
-        self._sources = {name: f'{name}.node' for name in SPINE} | (sources or {})
+        self._variants = variants or {}
         self.status = observer.record(DiagnosticStatus, f'/{MUX}/status', keep=200)
         self._reset = observer.node.create_client(Trigger, f'/{MUX}/reset')
         given: dict[str, dict[str, Any]] = {VSC: {'port': rig.vsc}, DRIVE: {'port': rig.drive}}
@@ -78,7 +87,6 @@ class Nodes:
             name: {
                 **given.get(name, {}),
                 **({'rt_priority': rt_priority} if rt_priority else {}),
-                **(parameters or {}).get(name, {}),
             }
             for name in SPINE
         }
@@ -95,16 +103,16 @@ class Nodes:
             for name in SPINE:
                 self.start(name)
 
-    def start(self, name: str, **options: Any) -> NodeProcess:
+    def start(self, name: str) -> None:
         """Start a node, or start it again."""
+        module, arguments, terminal = self._variants.get(name, Variant(f'{name}.node'))
         node = NodeProcess(
-            self._sources[name],
+            module,
             self._parameters[name],
-            arguments=(*wiring([name]), *options.pop('arguments', ())),
-            **options,
+            arguments=(*wiring([name]), *arguments),
+            terminal=terminal,
         )
         self.nodes[name] = self._exits.enter_context(node)
-        return node
 
     @property
     def pids(self) -> dict[str, int]:
@@ -130,7 +138,7 @@ class Nodes:
 
         def check() -> Any:
             for name, node in self.nodes.items():
-                if node.process.poll() not in (None, -9, -11):  # the campaign's own doing
+                if node.process.poll() is not None and name not in self.may_end:
                     raise UnavailableError(f'{name} has ended: {node.output.strip()[-300:]}')
             return condition()
 
