@@ -9,6 +9,7 @@ stack (our nodes in one process). WHAT: estop, deadman, silence.
 from __future__ import annotations
 
 import argparse
+from collections.abc import Sequence
 import contextlib
 from pathlib import Path
 import tempfile
@@ -26,6 +27,7 @@ from benchmarks.rig import use_own_domain
 
 KINDS = ('floor', 'bare', 'three', 'stack')
 STOPS = ('estop', 'deadman', 'silence')
+RT_PRIORITY = 50  # SCHED_FIFO
 _MOST_LOST = 10  # of what does not even move
 
 
@@ -112,6 +114,46 @@ def hold(seconds: float, rt_priority: int) -> Figures:
                     stops += 1
                     chain.move()
     return {'stops': stops, 'n': round(seconds)}
+
+
+def measure(quick: bool = False) -> dict[str, Figures]:
+    """Return each kind's reactions (s), the bare chain between all others, and their cost."""
+    count, fewer, rest = (30, 15, 5.0) if quick else (200, 60, 15.0)
+    found = {'floor estop': react('floor', count).figures()}
+    bare = [react('bare', count, rest=rest)]
+    for kind in ('three', 'stack'):
+        result = react(kind, count, rest=rest)
+        bare.append(react('bare', count))
+        found[f'{kind} estop'] = result.figures()
+        found[f'{kind} rest'] = {'cpu': sum(result.shares.values()), **result.shares}
+    for what in STOPS[1:]:
+        found[f'three {what}'] = react('three', fewer, what).figures()
+        bare.append(react('bare', fewer))
+    found['bare rest'] = {'cpu': sum(bare[0].shares.values())}
+    found['bare estop'] = together(bare).figures()
+    return found
+
+
+def measure_load(quick: bool = False) -> dict[str, Figures]:
+    """Return the same with all cores busy, without and with a real-time priority."""
+    count, seconds = (15, 20.0) if quick else (100, 600.0)
+    found: dict[str, Figures] = {}
+    for rt_priority, words in ((0, 'load'), (RT_PRIORITY, 'load, rt')):
+        with contextlib.suppress(UnavailableError):  # the rows of what cannot be are left out
+            bare = [react('bare', count, rt_priority=rt_priority, load=True)]
+            found[f'three estop, {words}'] = react(
+                'three', count, rt_priority=rt_priority, load=True
+            ).figures()
+            bare.append(react('bare', count, rt_priority=rt_priority, load=True))
+            found[f'bare estop, {words}'] = together(bare).figures()
+    found['three in motion, load, rt'] = hold(seconds, RT_PRIORITY)
+    return found
+
+
+def together(results: Sequence[Result]) -> Result:
+    """Return the trials of several runs as of one."""
+    times = [time for result in results for time in result.times]
+    return Result(times, sum(result.lost for result in results), {}, {})
 
 
 def main() -> None:
