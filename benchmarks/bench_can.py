@@ -99,8 +99,11 @@ def observations(seconds: float, interface: str, channel: str) -> Iterator[tuple
 def measure(quick: bool = False) -> dict[str, Figures]:
     """Return what is observed under each load."""
     seconds = 5.0 if quick else 20.0
-    found = observations(seconds, INTERFACE, free_channel())
-    return {f'CAN slots, {title}': figures for title, figures in found}
+    rows: dict[str, Figures] = {}
+    for title, found in observations(seconds, INTERFACE, free_channel()):
+        rest = {name: found.pop(name) for name in ('cpu', 'missed', 'others/s')}
+        rows |= {f'CAN slots, {title}': found, f'CAN node, {title}': rest}
+    return rows
 
 
 def main(seconds: float, interface: str, channel: str) -> None:

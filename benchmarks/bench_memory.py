@@ -76,7 +76,7 @@ def measure(quick: bool = False) -> dict[str, Figures]:
             observer.holds_for(lambda: True, seconds)
             memory = cost.memory()['six']
             wires = [resident(pid) for pid in children(stage.nodes['six'].process.pid)]
-            found = {'six': {'MB': memory, 'cpu': cost.shares()['six']}}
+            found = {'six': {'cpu': cost.shares()['six']}, 'six memory': {'MB': memory}}
         rig = exits.enter_context(Rig(folder))
         ours = exits.enter_context(NodeProcess('esi_drive_bridge.node', {'port': rig.drive}))
         bare = exits.enter_context(NodeProcess(source=BARE))

@@ -90,7 +90,12 @@ def watch(setting: dict[str, str], seconds: float) -> Figures:
 def measure(quick: bool = False, seconds: float = 60.0) -> dict[str, Figures]:
     """Return what is watched, with each setting."""
     seconds = 10.0 if quick else seconds
-    return {f'publish, {name}': watch(setting, seconds) for name, setting in SETTINGS.items()}
+    rows: dict[str, Figures] = {}
+    for name, setting in SETTINGS.items():
+        found = watch(setting, seconds)
+        rest = {key: found.pop(key) for key in ('slow', 'killed')}
+        rows |= {f'publish, {name}': found, f'publishes over 30 ms, {name}': rest}
+    return rows
 
 
 def end(process: subprocess.Popen[str]) -> None:
@@ -101,7 +106,8 @@ def end(process: subprocess.Popen[str]) -> None:
 def main() -> None:
     seconds = float(sys.argv[1]) if len(sys.argv) > 1 else 60.0
     use_own_domain()
-    for name, found in measure(seconds=seconds).items():
+    for name, setting in SETTINGS.items():
+        found = watch(setting, seconds)
         print(
             f'{name}: {found["slow"]:.0f} of {found["n"]:.0f} over {_SLOW * 1e3:.0f} ms, longest '
             f'{found["max"] * 1e3:.0f} ms, {found["killed"]:.0f} neighbours killed'

@@ -348,7 +348,7 @@ def main() -> None:
     parser.add_argument('-n', type=int, default=_COUNT, help=f'how often each ({_COUNT})')
     parser.add_argument('--subject', choices=SUBJECTS, help='one of them')
     parser.add_argument('--json', type=Path, help='write every trial to this file')
-    given = parser.parse_args()
+    given = parser.parse_intermixed_args()
     unknown = set(given.faults) - {fault.name for fault in FAULTS}
     if unknown:
         parser.error(f'no fault {unknown.pop()!r}; there are {", ".join(f.name for f in FAULTS)}')

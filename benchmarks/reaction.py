@@ -118,7 +118,7 @@ def hold(seconds: float, rt_priority: int) -> Figures:
 
 def measure(quick: bool = False) -> dict[str, Figures]:
     """Return each kind's reactions (s), the bare chain between all others, and their cost."""
-    count, fewer, rest = (30, 15, 5.0) if quick else (200, 60, 15.0)
+    count, fewer, rest = (20, 8, 5.0) if quick else (200, 60, 15.0)
     found = {'floor estop': react('floor', count).figures()}
     bare = [react('bare', count, rest=rest)]
     for kind in ('three', 'stack'):
