@@ -14,13 +14,12 @@ import tempfile
 
 from akron_can_bridge.simulator import Simulator as MonitorSimulator
 from benchmarks.bench_start import BARE
-from benchmarks.rig import children
 from benchmarks.rig import Cost
 from benchmarks.rig import Figures
 from benchmarks.rig import resident
 from benchmarks.rig import Rig
 from benchmarks.rig import use_own_domain
-from benchmarks.rig import wire_of
+from benchmarks.rig import wires_of
 from rugged_teleop.canbuses import CanBusDevice
 from rugged_teleop.canbuses import free_channel
 from rugged_teleop.multicasts import free_port
@@ -75,7 +74,7 @@ def measure(quick: bool = False) -> dict[str, Figures]:
             cost = Cost({'six': stage.nodes['six'].process.pid})
             observer.holds_for(lambda: True, seconds)
             memory = cost.memory()['six']
-            wires = [resident(pid) for pid in children(stage.nodes['six'].process.pid)]
+            wires = [resident(pid) for pid in wires_of(stage.nodes['six'].process.pid)]
             found = {'six': {'cpu': cost.shares()['six']}, 'six memory': {'MB': memory}}
         rig = exits.enter_context(Rig(folder))
         ours = exits.enter_context(NodeProcess('esi_drive_bridge.node', {'port': rig.drive}))
@@ -83,9 +82,9 @@ def measure(quick: bool = False) -> dict[str, Figures]:
         observer.holds_for(lambda: True, _SETTLE)
         found['one node'] = {'MB': resident(ours.process.pid)}
         found['bare node'] = {'MB': resident(bare.process.pid)}
-        wire = wire_of(ours.process.pid)
-        if wire is not None:
-            found['wire process'] = {'MB': max([resident(wire), *wires])}
+        wires += map(resident, wires_of(ours.process.pid))
+        if wires:
+            found['wire process'] = {'MB': max(wires)}
     return found
 
 

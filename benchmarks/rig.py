@@ -34,9 +34,15 @@ class UnavailableError(Exception):
     """What a benchmark needs is not there: it is skipped, and says so."""
 
 
-def use_own_domain() -> None:
-    """Use a ROS domain that nobody else does, on this machine only, with no profile chosen."""
+def use_own_domain(*, profile: bool = False) -> None:
+    """
+    Use a ROS domain that nobody else does, on this machine only.
+
+    :param profile: config/fastdds_loopback.xml; without it Fast DDS uses shared memory.
+    """
     own_domain()
+    if profile:
+        return
     for name in _PROFILES:
         os.environ.pop(name, None)
     os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
@@ -200,9 +206,9 @@ def family(pid: int) -> list[int]:
     return [pid, *(member for child in children(pid) for member in family(child))]
 
 
-def wire_of(pid: int) -> int | None:
-    """Return the process of a node that owns its wire; None: it has none."""
-    return next((child for child in children(pid) if ': wire ' in title(child)), None)
+def wires_of(pid: int) -> list[int]:
+    """Return the processes of a node, or of several, that own a wire; by their titles."""
+    return [member for member in family(pid)[1:] if ': wire ' in title(member)]
 
 
 def processor_time(pid: int) -> float:
@@ -227,7 +233,7 @@ class Cost:
 
     def __init__(self, pids: dict[str, int]) -> None:
         self._pids = {name: family(pid) for name, pid in pids.items()}
-        self._wires = {name: wire_of(pid) for name, pid in pids.items()}
+        self._wires = {name: wires_of(pid) for name, pid in pids.items()}
         self._begin, self._spent = time.monotonic(), self._times()
 
     def _times(self) -> dict[str, float]:
@@ -240,10 +246,12 @@ class Cost:
         return {n: 100.0 * (spent[n] - before) / elapsed for n, before in self._spent.items()}
 
     def memory(self) -> dict[str, float]:
-        """Return the MB of each node, by name, and of its wire process as ``NAME: wire``."""
+        """Return the MB of each node, and of its largest wire process as ``NAME: wire``."""
         found = {name: resident(pids[0]) for name, pids in self._pids.items()}
-        wires = {f'{name}: wire': resident(pid) for name, pid in self._wires.items() if pid}
-        return {**found, **wires}
+        for name, wires in self._wires.items():
+            if wires:
+                found[f'{name}: wire'] = max(map(resident, wires))
+        return found
 
 
 @contextlib.contextmanager

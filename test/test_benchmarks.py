@@ -23,6 +23,7 @@ from benchmarks.rig import Packet
 from benchmarks.rig import Rig
 from benchmarks.rig import running
 from benchmarks.rig import UnavailableError
+from benchmarks.rig import wires_of
 from test.rig import wait_for
 
 needs_compiler = pytest.mark.skipif(
@@ -87,6 +88,17 @@ def test_family_has_children_of_children() -> None:
         assert campaign.lives(process.pid)
         process.communicate(b'\n')
     assert not campaign.lives(process.pid)
+
+
+def test_process_that_owns_a_wire_is_known_by_its_title() -> None:
+    with subprocess.Popen(
+        ['esi_drive_bridge: wire /dev/esi_drive', '-S', '-c', 'input()'],
+        executable=sys.executable,
+        stdin=subprocess.PIPE,
+    ) as process:
+        wait_for(lambda: wires_of(os.getpid()) == [process.pid], 10.0, 'the title')
+        process.communicate(b'\n')
+    assert wires_of(os.getpid()) == []
 
 
 # Rows.
@@ -183,6 +195,7 @@ def test_trial_that_shows_what_it_should_holds(fault: Fault) -> None:
         ('quiet', {'gap': 0.05}),
         ('wire', {'told': 0.11}),
         ('wire', {'told': None}),
+        ('wire', {'left': 1}),
         *((kind, {'moved': 1}) for kind in FAULTS),
         *((kind, {'back': False}) for kind in FAULTS),
     ],
