@@ -76,8 +76,12 @@ def spin(role: str, vsc: str, drive: str) -> None:
     node: Any = rclpy.create_node(f'bare_{role}')
     if role == 'in':
         heard = node.create_publisher(Bool, 'a', 10)
-        arguments = (vsc, lambda stop: heard.publish(Bool(data=stop)))
-        threading.Thread(target=read, args=arguments, daemon=True).start()
+
+        def tell() -> None:
+            with contextlib.suppress(RuntimeError):  # the node has left
+                read(vsc, lambda stop: heard.publish(Bool(data=stop)))
+
+        threading.Thread(target=tell, daemon=True).start()
     elif role == 'mid':
         passed = node.create_publisher(Bool, 'b', 10)
         node.create_subscription(Bool, 'a', passed.publish, 10)

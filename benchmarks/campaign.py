@@ -29,6 +29,7 @@ import itertools
 import json
 import os
 from pathlib import Path
+import re
 import signal
 import tempfile
 import time
@@ -53,6 +54,7 @@ DEAD, HUNG, GAP, TOLD = 0.02, TIMEOUT + 0.01, 0.03, 0.1  # s
 _COUNT = 20
 _AFTER = 0.7  # s for which it is watched that nothing moves by itself
 _LAST = 5  # packets that are shown
+_TIMES = re.compile(r'[\d.]+ (ms|s)\b')  # they differ each time
 _LOUD = ('--log-level', 'rcl:=debug')
 
 
@@ -339,7 +341,8 @@ def said(trials: Sequence[Trial]) -> str:
     """Return what was said most often, and what went wrong."""
     lines = []
     for name in ('mux', 'diagnostics', 'note'):
-        texts = Counter(text for trial in trials if (text := getattr(trial, name)))
+        told = (getattr(trial, name) for trial in trials)
+        texts = Counter(_TIMES.sub(r'… \1', text) for text in told if text)
         lines += [f'    {name} ({times} times): {text}' for text, times in texts.most_common(2)]
     return '\n'.join(lines)
 
