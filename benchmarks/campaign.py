@@ -73,7 +73,7 @@ class Trial:
     gap: float = 0.0  # the longest between two packets during the fault
     told: float | None = None  # the node's ~/estop
     mux_told: float | None = None  # the mux's
-    left: int = 0  # processes of the node that outlive it, or owners of the wire beside the one
+    left: int = 0  # processes of the node that outlive it; owners of the wire off one
     back: bool = False  # in motion again, after reset and deadman
     mux: str = ''
     diagnostics: str = ''
@@ -147,8 +147,8 @@ FAULTS = (
         subjects=_DRIVE,
         variant=Variant('esi_drive_bridge.node', _LOUD),
     ),
-    Fault('wire SIGKILL', 'wire', wire_signalled(signal.SIGKILL)),
-    Fault('wire SIGSTOP', 'wire', wire_signalled(signal.SIGSTOP), wire_resumed),
+    Fault('wire SIGKILL', 'wire', wire_signalled(signal.SIGKILL), lasts=2.0),
+    Fault('wire SIGSTOP', 'wire', wire_signalled(signal.SIGSTOP), wire_resumed, lasts=2.0),
 )
 
 
@@ -187,7 +187,7 @@ def harm(subject: Subject, fault: Fault) -> Trial:
         subject.restart()
     recover(subject, trial, fault, stop_at)
     if fault.kind == 'wire':
-        trial.left = len(wires_of(subject.node.process.pid)) - 1
+        trial.left = abs(len(wires_of(subject.node.process.pid)) - 1)
     trial.held = holds(trial, fault)
     return trial
 
