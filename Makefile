@@ -5,7 +5,9 @@
 #   make demo              simulators, stack and a live view; ARGS=--once plays the scripted scene
 #   make test              ARGS='-k fort -x' and the like go to pytest; WORKERS=0 for one test at a time
 #   make lint              ruff and mypy
-#   make bench             ARGS go to each benchmark
+#   make bench             measure, write benchmarks/results.json and the table of docs/performance.md; ARGS=--quick
+#   make bench-check       measure again; status 1 where a ratio got worse by a quarter; ARGS=--quick
+#   make campaign          harm the running system, 20 times in each way; ARGS='-n 5 SIGKILL' and the like
 #   make reference         write config/*.yaml and the parameter tables of docs/ from the tables in the code
 #   make clean             remove what these targets made, .venv included
 
@@ -22,7 +24,7 @@ unexport _ROS_WHEELS_BOOTSTRAP_COMPLETE
 # A virtual environment that the caller has activated is only where $(PYTHON) comes from.
 unexport VIRTUAL_ENV
 
-.PHONY: demo test lint bench reference clean
+.PHONY: demo test lint bench bench-check campaign reference clean
 
 demo: $(STAMP)
 	$(BIN)/python -m demo $(ARGS)
@@ -36,10 +38,13 @@ lint: $(STAMP)
 	$(BIN)/mypy
 
 bench: $(STAMP)
-	@set -e; for file in benchmarks/bench_*.py; do \
-	    name=$$(basename "$$file" .py); \
-	    echo "$$name $(ARGS)"; $(BIN)/python -m "benchmarks.$$name" $(ARGS); \
-	done
+	$(BIN)/python -m benchmarks $(ARGS)
+
+bench-check: $(STAMP)
+	$(BIN)/python -m benchmarks --check $(ARGS)
+
+campaign: $(STAMP)
+	$(BIN)/python -m benchmarks.campaign $(ARGS)
 
 reference: $(STAMP)
 	$(BIN)/python -m rugged_teleop.reference

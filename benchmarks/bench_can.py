@@ -12,19 +12,20 @@ from __future__ import annotations
 from collections.abc import Iterator
 import contextlib
 import itertools
-import os
-from pathlib import Path
-import subprocess
 import sys
 import time
 from typing import Any
 
 import can
 
+from benchmarks.rig import Figures
+from benchmarks.rig import figures
+from benchmarks.rig import processor_time
+from benchmarks.rig import running
+from benchmarks.rig import use_own_domain
 from rugged_teleop.canbuses import free_channel
 from rugged_teleop.canbuses import INTERFACE
 
-ROOT = Path(__file__).parent.parent
 JOYSTICK = 0x0CFDD638  # the bridge's own, by default
 FRAMES_PER_S = 250_000 / 131  # bits of an extended frame with 8 bytes, without any stuffing
 SLOT, LATE = 0.020, 0.020  # s
@@ -34,7 +35,6 @@ LOADS = {
     'foreign frames': (0x0CF00400, 0x18FEEE00, 0x18F00503, 0x18FEF121),
     'foreign frames that pass the filters': (0x18EF0505, 0x18EFFF05, 0x18EEFF90, 0x0CEF9005),
 }
-_TICKS = os.sysconf('SC_CLK_TCK')
 
 
 def open_bus(interface: str, channel: str) -> can.BusABC:
@@ -58,23 +58,8 @@ def load(interface: str, channel: str, *identifiers: str) -> None:
                 bus.send(next(frames))
 
 
-@contextlib.contextmanager
-def process(*arguments: str) -> Iterator[subprocess.Popen[bytes]]:
-    child = subprocess.Popen([sys.executable, '-m', *arguments], cwd=ROOT)
-    try:
-        yield child
-    finally:
-        child.terminate()
-        child.wait(10.0)
-
-
-def processor_time(pid: int) -> float:
-    fields = Path(f'/proc/{pid}/stat').read_text(encoding='ascii').rpartition(')')[2].split()
-    return (int(fields[11]) + int(fields[12])) / _TICKS
-
-
-def measure(bus: can.BusABC, node: int, seconds: float) -> str:
-    """Return one row of the table."""
+def observe(bus: can.BusABC, node: int, seconds: float) -> Figures:
+    """Return gaps between slots (s), those missed, and per cent of a core."""
     while (message := bus.recv(30.0)) is None or message.arbitration_id != JOYSTICK:
         if message is None:
             raise SystemExit('the bridge sends no joystick frames')
@@ -88,28 +73,47 @@ def measure(bus: can.BusABC, node: int, seconds: float) -> str:
     share = 100.0 * (processor_time(node) - spent) / elapsed
     gaps = [after - before for before, after in itertools.pairwise(slots)]
     missed = sum(gap > SLOT + LATE for gap in gaps)
-    return (
-        f'{others / elapsed:8.0f} {len(gaps):7} {1e3 * max(gaps):12.1f} {missed:7} {share:6.1f} %'
-    )
+    return {**figures(gaps), 'missed': missed, 'cpu': share, 'others/s': others / elapsed}
 
 
-def main(seconds: float, interface: str, channel: str) -> None:
+def observations(seconds: float, interface: str, channel: str) -> Iterator[tuple[str, Figures]]:
+    """Yield a title and what was observed, under each load."""
     name = ('-p', f'interface:={interface}', '-p', f'channel:="{channel}"')
-    print(f'{"":38}others/s   slots  longest (ms)  missed    CPU')
+    quiet = ('--ros-args', '--log-level', 'fatal')
     with (
         open_bus(interface, channel) as bus,
-        process('akron_can_bridge.node', '--ros-args', '--log-level', 'fatal', *name) as node,
+        running('-m', 'akron_can_bridge.node', *quiet, *name) as node,
     ):
         for title, identifiers in LOADS.items():
             with contextlib.ExitStack() as stack:
                 if identifiers:
                     words = map(str, identifiers)
                     arguments = ('load', interface, channel, *words)
-                    stack.enter_context(process('benchmarks.bench_can', *arguments))
+                    stack.enter_context(running('-m', 'benchmarks.bench_can', *arguments))
                 time.sleep(1.0)  # what starts takes processor time that is not the bridge's
                 while bus.recv(0):
                     pass
-                print(f'{title:38}{measure(bus, node.pid, seconds)}', flush=True)
+                yield title, observe(bus, node.pid, seconds)
+
+
+def measure(quick: bool = False) -> dict[str, Figures]:
+    """Return what is observed under each load."""
+    seconds = 5.0 if quick else 20.0
+    rows: dict[str, Figures] = {}
+    for title, found in observations(seconds, INTERFACE, free_channel()):
+        rest = {name: found.pop(name) for name in ('cpu', 'missed', 'others/s')}
+        rows |= {f'CAN slots, {title}': found, f'CAN node, {title}': rest}
+    return rows
+
+
+def main(seconds: float, interface: str, channel: str) -> None:
+    print(f'{"":38}others/s   slots  longest (ms)  missed    CPU')
+    for title, found in observations(seconds, interface, channel):
+        print(
+            f'{title:38}{found["others/s"]:8.0f} {found["n"]:7} {1e3 * found["max"]:12.1f} '
+            f'{found["missed"]:7} {found["cpu"]:6.1f} %',
+            flush=True,
+        )
 
 
 if __name__ == '__main__':
@@ -118,4 +122,5 @@ if __name__ == '__main__':
             load(*sys.argv[2:])
     else:
         place = sys.argv[2:4] or [INTERFACE, free_channel()]
+        use_own_domain()
         main(float((sys.argv[1:] or ['20'])[0]), *place)

@@ -8,8 +8,9 @@ import subprocess
 import sys
 import time
 
+from benchmarks.rig import Figures
+from benchmarks.rig import use_own_domain
 from bridge_core.share import shared
-from rugged_teleop.domains import claim_domain
 
 _SLOW = 0.03  # s
 _LIFE = 2.0  # s of a subscriber
@@ -39,15 +40,15 @@ qos = {_QOS}
 """
 PUBLISHER = f"""{_COMMON}
 publishers = [node.create_publisher(Bool, f'bench{{i}}', qos) for i in range(3)]
-end, longest, slow = time.monotonic() + float(sys.argv[1]), 0.0, 0
+end, longest, slow, count = time.monotonic() + float(sys.argv[1]), 0.0, 0, 0
 while time.monotonic() < end:
     start = time.monotonic()
     for publisher in publishers:
         publisher.publish(Bool(data=True))
     took = time.monotonic() - start
-    longest, slow = max(longest, took), slow + (took > {_SLOW})
+    longest, slow, count = max(longest, took), slow + (took > {_SLOW}), count + 1
     time.sleep(0.0005)
-print(f'{{slow}} publishes over {_SLOW * 1e3:.0f} ms, longest {{longest * 1e3:.0f}} ms')
+print(slow, longest, count)
 """
 SUBSCRIBER = f"""{_COMMON}
 for i in range(3):
@@ -65,8 +66,8 @@ def start(source: str, environment: dict[str, str], *arguments: str) -> subproce
     )
 
 
-def measure(setting: dict[str, str], seconds: float) -> str:
-    """Return what the publisher says, and how many subscribers were killed meanwhile."""
+def watch(setting: dict[str, str], seconds: float) -> Figures:
+    """Return the slow publishes and the longest (s), and how many subscribers were killed."""
     others = {name: value for name, value in os.environ.items() if name not in _NAMES}
     environment = {**others, **setting}
     publisher = start(PUBLISHER, environment, str(seconds))
@@ -81,8 +82,20 @@ def measure(setting: dict[str, str], seconds: float) -> str:
             kills += 1
     for subscriber in subscribers:
         end(subscriber)
-    said = '' if publisher.stdout is None else publisher.stdout.read().strip()
-    return f'{said}, {kills} neighbours killed'
+    assert publisher.stdout is not None
+    slow, longest, count = map(float, publisher.stdout.read().split())
+    return {'slow': slow, 'max': longest, 'n': count, 'killed': kills}
+
+
+def measure(quick: bool = False, seconds: float = 60.0) -> dict[str, Figures]:
+    """Return what is watched, with each setting."""
+    seconds = 10.0 if quick else seconds
+    rows: dict[str, Figures] = {}
+    for name, setting in SETTINGS.items():
+        found = watch(setting, seconds)
+        rest = {key: found.pop(key) for key in ('slow', 'killed')}
+        rows |= {f'publish, {name}': found, f'publishes over 30 ms, {name}': rest}
+    return rows
 
 
 def end(process: subprocess.Popen[str]) -> None:
@@ -92,9 +105,13 @@ def end(process: subprocess.Popen[str]) -> None:
 
 def main() -> None:
     seconds = float(sys.argv[1]) if len(sys.argv) > 1 else 60.0
-    with claim_domain():
-        for name, setting in SETTINGS.items():
-            print(f'{name}: {measure(setting, seconds)}', flush=True)
+    use_own_domain()
+    for name, setting in SETTINGS.items():
+        found = watch(setting, seconds)
+        print(
+            f'{name}: {found["slow"]:.0f} of {found["n"]:.0f} over {_SLOW * 1e3:.0f} ms, longest '
+            f'{found["max"] * 1e3:.0f} ms, {found["killed"]:.0f} neighbours killed'
+        )
 
 
 if __name__ == '__main__':

@@ -1,0 +1,43 @@
+"""How often the scripted demo holds, without a second try; argument: how often it is tried."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+
+from benchmarks.rig import Figures
+from benchmarks.rig import figures
+from test.rig import ROOT
+
+_TIME = 300.0  # s
+_REACTION = re.compile(r'^ *([\d.]+) ms  .*e-stop', re.MULTILINE)
+
+
+def measure(quick: bool = False, count: int = 10) -> dict[str, Figures]:
+    """Return how many runs failed, and the reactions (s) to e-stops that they tell of."""
+    held, reactions = 0, []
+    count = 3 if quick else count
+    for _ in range(count):
+        run = subprocess.run(
+            [sys.executable, '-m', 'demo', '--once'],
+            cwd=ROOT,
+            stdin=subprocess.DEVNULL,
+            capture_output=True,
+            text=True,
+            timeout=_TIME,
+            check=False,
+        )
+        held += run.returncode == 0
+        reactions += [float(text) / 1e3 for text in _REACTION.findall(run.stdout)]
+        if run.returncode:
+            print(next((line for line in run.stdout.splitlines() if 'FAILED' in line), run.stderr))
+    return {'demo': {'failed': count - held, 'n': count}, 'demo e-stop': figures(reactions)}
+
+
+def main() -> None:
+    print(measure(count=int((sys.argv[1:] or ['10'])[0])))
+
+
+if __name__ == '__main__':
+    main()
