@@ -1,5 +1,6 @@
-"""What one decision of the mux costs while an operator drives, without ROS or ports."""
+"""What one decision of the mux costs, driving and stopped, without ROS or ports."""
 
+from collections.abc import Callable
 from time import perf_counter
 
 from safety_mux.arbiter import Arbiter
@@ -12,14 +13,14 @@ from safety_mux.protocol import Operator
 from safety_mux.protocol import OperatorSample
 from safety_mux.protocol import State
 
-TICK = 0.01  # s; messages come at a fifth of that rate
-TICKS = 5
+PERIOD = 0.01  # s between decisions; messages come at a fifth of that rate
+DECISIONS = 5
 ROUNDS = 100
 REPEATS = 30
 
 
 class Machine:
-    """An arbiter whose inputs are all well; the highest of its operators drives."""
+    """An arbiter and all its inputs, of which the highest operator will drive."""
 
     def __init__(self, *, joints: int, operators: int, sources: int) -> None:
         config = MuxConfig(
@@ -31,61 +32,68 @@ class Machine:
         limiter = JointLimiter([JointLimit(10.0, 20.0, 40.0)] * joints)
         self.arbiter = Arbiter(config, limiter, 0.0)
         self.now = 0.0
-        self.rest = OperatorSample(True, False, (0.0,) * joints)
-        self.names = [operator.name for operator in config.operators]
-        self.samples = dict.fromkeys(self.names, self.rest)
-        self.ticking = self.listening = 0.0  # s spent on it
+        self.zero = (0.0,) * joints
+        self.samples = {
+            operator.name: OperatorSample(True, False, self.zero) for operator in config.operators
+        }
 
-    def activate(self) -> None:
-        self.run(20)
+    def hear(self) -> None:
+        for source in self.arbiter.config.sources:
+            self.arbiter.estop_message(source.name, False, self.now)
+        for name, sample in self.samples.items():
+            self.arbiter.operator_sample(name, sample, self.now)
+        self.arbiter.autonomy_command(self.zero, self.now)
+
+    def decide(self) -> None:
+        for _ in range(DECISIONS):
+            self.now += PERIOD
+            self.arbiter.tick(self.now)
+
+    def run(self) -> None:
+        for _ in range(20):
+            self.hear()
+            self.decide()
+
+    def drive(self) -> None:
+        self.run()
         assert self.arbiter.reset(self.now).ok
-        self.run(20)
-        demand = (5.0,) * len(self.rest.demand)
-        self.samples[self.names[-1]] = OperatorSample(False, True, demand)
-        self.run(20)
+        self.run()
+        highest = max(self.arbiter.config.operators, key=lambda operator: operator.priority)
+        self.samples[highest.name] = OperatorSample(False, True, (5.0,) * len(self.zero))
+        self.run()
         assert self.arbiter.tick(self.now).state is State.ACTIVE
 
-    def run(self, rounds: int) -> None:
-        """Hear every input once and decide some times, again and again."""
-        arbiter = self.arbiter
-        for _ in range(rounds):
-            start = perf_counter()
-            for name in arbiter.config.sources:
-                arbiter.estop_message(name.name, False, self.now)
-            for name, sample in self.samples.items():
-                arbiter.operator_sample(name, sample, self.now)
-            arbiter.autonomy_command(self.rest.demand, self.now)
-            heard = perf_counter()
-            for _ in range(TICKS):
-                self.now += TICK
-                arbiter.tick(self.now)
-            self.listening += heard - start
-            self.ticking += perf_counter() - heard
 
-
-def cost(**size: int) -> tuple[float, float]:
-    """Return the seconds of a decision, and of one message of every input; the best of some."""
-    machine = Machine(**size)
-    machine.activate()
-    best = [float('inf')] * 2
+def best(timed: Callable[[], None], before: Callable[[], None]) -> float:
+    """Return the seconds of one call, each after one of ``before``: the best mean of some."""
+    least = float('inf')
     for _ in range(REPEATS):
-        machine.ticking = machine.listening = 0.0
-        machine.run(ROUNDS)
-        best[0] = min(best[0], machine.ticking / ROUNDS / TICKS)
-        best[1] = min(best[1], machine.listening / ROUNDS)
-    return best[0], best[1]
+        spent = 0.0
+        for _ in range(ROUNDS):
+            before()
+            start = perf_counter()
+            timed()
+            spent += perf_counter() - start
+        least = min(least, spent / ROUNDS)
+    return least
 
 
 def measure() -> dict[str, float]:
-    """Return the seconds of each, the best of several runs."""
-    one, one_heard = cost(joints=2, operators=1, sources=1)
-    many, many_heard = cost(joints=16, operators=8, sources=16)
-    return {
-        'mux decision, 2 joints, 1 operator, 1 e-stop source': one,
-        'mux decision, 16 joints, 8 operators, 16 e-stop sources': many,
-        'mux, a message of each input, as the first': one_heard,
-        'mux, a message of each input, as the second': many_heard,
-    }
+    """Return the seconds of each, by its name."""
+    found: dict[str, float] = {}
+    for joints, operators, sources in ((2, 1, 1), (16, 8, 16)):
+        machine = Machine(joints=joints, operators=operators, sources=sources)
+        size = f'{joints} joints, {operators} operators, {sources} e-stop sources'
+        nothing_heard = best(machine.decide, lambda: None)
+        machine.drive()
+        driving = best(machine.decide, machine.hear)
+        heard = best(machine.hear, machine.decide)
+        found |= {
+            f'mux decision, driving, {size}': driving / DECISIONS,
+            f'mux decision, stopped and nothing heard, {size}': nothing_heard / DECISIONS,
+            f'mux, a message of each input, {size}': heard,
+        }
+    return found
 
 
 def main() -> None:

@@ -81,9 +81,19 @@ class Arbiter:
         self._operators = {
             operator.name: OperatorInput(operator, config.neutral_time) for operator in ranked
         }
+        self._guards = {  # the when_owner sources of each operator
+            name: [
+                source
+                for source in self._sources.values()
+                if source.config.counts == 'when_owner' and source.config.operator == name
+            ]
+            for name in self._operators
+        }
         self._autonomy: AutonomyInput | None = None
         if config.autonomy is not None:
             self._autonomy = AutonomyInput(config.autonomy, config.neutral_time)
+        inputs = (*self._sources.values(), *self._operators.values(), self._autonomy)
+        self._inputs: list[Input] = [each for each in inputs if each is not None]
         self._state = State.STOPPED
         self._owner: OwnerInput | None = None  # not None in ACTIVE and STOPPING only
         self._through_zero = (
@@ -219,12 +229,12 @@ class Arbiter:
         dt = 0.0 if self._last_tick is None else now - self._last_tick
         stops = self.stops = self._stops(now)
         if self._stalled(now) is not None:
-            for each in self._inputs():
+            for each in self._inputs:
                 each.silence()
         self._advance(stops, now)
         demand = self._output(dt, now)
         stop_demand = self._stop_demand(now)
-        for each in self._inputs():
+        for each in self._inputs:
             each.ticked()
         self._trip = None
         self._last_tick = now
@@ -244,8 +254,8 @@ class Arbiter:
             state=self._state,
             owner=None if self._owner is None else self._owner.name,
             inhibits=tuple(self._inhibits(now)),
-            ages={each.label: each.watchdog.age(now) for each in self._inputs()},
-            conditions={each.label: each.condition(now) for each in self._inputs()},
+            ages={each.label: each.watchdog.age(now) for each in self._inputs},
+            conditions={each.label: each.condition(now) for each in self._inputs},
             stops_clear=not self._stops(now) and not self._waiting(now),
             operators_at_rest=not self._unrest(now),
             tripped=self._tripped_at is not None,
@@ -256,8 +266,11 @@ class Arbiter:
 
     def _stops(self, now: float) -> list[Stop]:
         """Return everything that stops the machine now, or did so since the last tick."""
+        found = []
         mux = (('stall', self._stalled(now)), ('hold', self._hold), ('trip', self._trip))
-        found = [Stop(cause, reason) for cause, reason in mux if reason is not None]
+        for cause, reason in mux:
+            if reason is not None:
+                found.append(Stop(cause, reason))
         for source in self._sources.values():
             reason = source.stop_reason(now) if self._counts(source, now) else None
             if reason is not None:
@@ -290,6 +303,9 @@ class Arbiter:
 
     def _stop(self, stops: list[Stop], now: float) -> None:
         """Stop by the lowest stop category among the reasons."""
+        if self._state is State.STOPPED and not (self._trip or self._stalled(now)):
+            self._halt(now)  # the transition keeps the first reason
+            return
         reason = '; '.join(stop.reason for stop in stops)
         causes = tuple(stop.cause for stop in stops)
         given_up = self._owner.given_up if self._owner is not None else 'nobody had control'
@@ -305,15 +321,16 @@ class Arbiter:
 
     def _latch(self, reason: str, now: float, causes: Causes) -> None:
         """Go to STOPPED and drop every earlier request."""
-        again = self._state is State.STOPPED
+        self._halt(now)
+        self._change(State.STOPPED, reason, now, causes)
+
+    def _halt(self, now: float) -> None:
         self._end_control(now)
         self._clear_since = None
         self._forget()
-        if not again or self._trip or self._stalled(now):
-            self._change(State.STOPPED, reason, now, causes)
 
     def _forget(self) -> None:
-        for each in self._inputs():
+        for each in self._inputs:
             each.forget()
         self._through_zero = False
 
@@ -321,10 +338,10 @@ class Arbiter:
         demanding = {
             name
             for name, source in self._sources.items()
-            if self._counts(source, now) and source.demands_itself(now)
+            if source.demands_itself(now) and self._counts(source, now)
         }
         tripped = self._tripped_at is not None
-        return {name: tripped or bool(demanding - {name}) for name in self._sources}
+        return {name: tripped or len(demanding) > (name in demanding) for name in self._sources}
 
     # -- reset -------------------------------------------------------------------------------
 
@@ -402,11 +419,7 @@ class Arbiter:
 
     def _blocks(self, operator: OperatorInput, now: float) -> list[str]:
         """Return the stops of this operator's ``when_owner`` sources."""
-        found = (
-            source.stop_reason(now)
-            for source in self._sources.values()
-            if source.config.counts == 'when_owner' and source.config.operator == operator.name
-        )
+        found = (source.stop_reason(now) for source in self._guards[operator.name])
         return [reason for reason in found if reason is not None]
 
     def _take(self, owner: OwnerInput, now: float, reason: str) -> None:
@@ -502,12 +515,6 @@ class Arbiter:
         if problem is not None:
             return [problem]
         return [each.advice()] if self._state is State.READY else []
-
-    def _inputs(self) -> list[Input]:
-        found: list[Input] = [*self._sources.values(), *self._operators.values()]
-        if self._autonomy is not None:
-            found.append(self._autonomy)
-        return found
 
     def _known_autonomy(self) -> AutonomyInput:
         if self._autonomy is None:

@@ -53,14 +53,18 @@ class Input:
         self.faults[cause] = reason
         self._break(f'{self.label} is invalid: {reason}')
 
+    def usable(self, now: float) -> bool:
+        """Return whether it is fresh and valid."""
+        return not (self.faults or self.watchdog.expired(now))
+
     def problem(self, now: float) -> str | None:
         """Return why it is not usable at ``now``; None if it is."""
+        if self.usable(now):
+            return None
         if self.faults:
             return f'{self.label} is invalid: {"; ".join(self.faults.values())}'
-        if self.watchdog.expired(now):
-            silence = f'{self.condition(now)}: {self.watchdog.describe(now)}'
-            return f'{self.label} is {silence}: start its node'
-        return None
+        silence = f'{self.condition(now)}: {self.watchdog.describe(now)}'
+        return f'{self.label} is {silence}: start its node'
 
     def condition(self, now: float) -> str:
         """Return ``invalid``, ``silent``, ``stale`` or, of one that can be relied on, its use."""
@@ -144,9 +148,8 @@ class SourceInput(Input):
 
     def demands_itself(self, now: float) -> bool:
         """Return whether it demands a stop that is not the echo of ours; silence counts as one."""
-        if self.problem(now) is not None or self.own_watchdog.expired(now):
-            return True
-        return self.own or self.own_lapse
+        heard = self.usable(now) and not self.own_watchdog.expired(now)
+        return self.own or self.own_lapse or not heard
 
     def silence(self) -> None:
         """Reset the state to that of an input that was never heard."""
@@ -155,7 +158,7 @@ class SourceInput(Input):
 
     def ticked(self) -> None:
         """Drop what was kept for this tick."""
-        super().ticked()
+        self.lapse = None
         self.own_lapse = False
 
 
@@ -311,7 +314,7 @@ class OperatorInput(OwnerInput):
 
     def ticked(self) -> None:
         """Drop what was kept for this tick."""
-        super().ticked()
+        self.lapse = None
         self.pressed = False
 
 

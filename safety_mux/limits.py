@@ -7,6 +7,7 @@ the drive without it. Time is an argument here, too.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import repeat
 import math
 
 
@@ -78,10 +79,7 @@ class JointLimiter:
             raise ValueError(f'{len(target)} targets for {len(self._limits)} joints')
         self._ramp = None
         dt = min(_forward(dt), self._max_dt)
-        self._values = tuple(
-            _follow(value, goal, limit, dt)
-            for value, goal, limit in zip(self._values, target, self._limits, strict=True)
-        )
+        self._values = tuple(map(_follow, self._values, target, self._limits, repeat(dt)))
         return self._values
 
     def ramp(self, dt: float, stop_time: float) -> tuple[float, ...]:
@@ -115,13 +113,13 @@ def _slope(value: float, stop_time: float) -> float:
 
 def _follow(value: float, goal: float, limit: JointLimit, dt: float) -> float:
     """Return ``value`` moved towards ``goal`` for ``dt`` seconds, not across zero."""
-    if not math.isfinite(goal):
-        goal = 0.0
-    goal = max(-limit.magnitude, min(limit.magnitude, goal))
-    if value * goal < 0.0:
-        goal = 0.0
-    grows = abs(goal) > abs(value)
-    most = (limit.acceleration if grows else limit.deceleration) * dt
+    size = abs(goal)
+    if not size < math.inf or value * goal < 0.0:
+        goal = size = 0.0
+    elif size > limit.magnitude:
+        goal = math.copysign(limit.magnitude, goal)
+        size = limit.magnitude
+    most = (limit.acceleration if size > abs(value) else limit.deceleration) * dt
     if abs(goal - value) <= most:
         return goal + 0.0  # turns -0.0 into 0.0
     return value + math.copysign(most, goal - value)

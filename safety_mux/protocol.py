@@ -212,8 +212,7 @@ class Reply(NamedTuple):
     message: str
 
 
-@dataclass(frozen=True, slots=True)
-class Decision:
+class Decision(NamedTuple):
     """
     The output of one tick.
 

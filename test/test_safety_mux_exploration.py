@@ -78,10 +78,10 @@ class Memory:
 
     @staticmethod
     def _slots(arbiter: Arbiter) -> Iterator[tuple[Any, str]]:
-        fixed = {'config', '_sources', '_operators', '_autonomy', '_limiter'}
+        fixed = {'config', '_sources', '_operators', '_guards', '_autonomy', '_inputs', '_limiter'}
         yield from ((arbiter, name) for name in vars(arbiter) if name not in fixed)
         yield from ((arbiter._limiter, name) for name in ('_values', '_ramp'))
-        for each in arbiter._inputs():
+        for each in arbiter._inputs:
             yield from ((each, name) for name in ('faults', 'lapse'))
             yield each.watchdog, '_last'
             if isinstance(each, SourceInput):
@@ -114,7 +114,7 @@ class Memory:
         parts += [age(a._owner_since, now) if a._owner else None, a._limiter.output]
         parts.append(a._former and a._former[0] == 'high' and age(a._former[1], now))
         parts.append(age(a._stopping_since, now) if a._state is State.STOPPING else None)
-        for each in a._inputs():
+        for each in a._inputs:
             fresh = each.fresh(now)
             parts += [age(each.watchdog._last, now) if fresh else each.watchdog.heard]
             parts += [bool(each.faults), bool(each.lapse)]
