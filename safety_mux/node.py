@@ -267,7 +267,8 @@ class SafetyMux(ManagedNode):
         if isinstance(message, JointState):
             return self._named.demand(message.name, getattr(message, self.values['interface']))
         twist = message.twist if isinstance(message, TwistStamped) else message
-        return self._drive.demand(twist.linear.x, twist.angular.z)
+        speed, turn = twist.linear, twist.angular
+        return self._drive.demand((speed.x, speed.y, speed.z), (turn.x, turn.y, turn.z))
 
     def _on_drive_enabled(self, message: Any) -> None:
         self._drive_enabled = message.data
