@@ -84,15 +84,20 @@ def joint_limits(values: Mapping[str, Any]) -> list[JointLimit]:
     return _built('joint.*', build)
 
 
-def check(values: Mapping[str, Any]) -> None:
-    """Refuse contradictory values. :raises ParameterError: with the parameter's name."""
+def check(values: Mapping[str, Any], resolved: Callable[[str], str]) -> None:
+    """
+    Refuse contradictory values.
+
+    :param resolved: gives the full name of a topic, by the node's namespace and remappings.
+    :raises ParameterError: with the parameter's name.
+    """
     for prefix, list_name in (('estop', 'estop_sources'), ('operator', 'operators')):
         for name in names_of(values, list_name):
             if not values[f'{prefix}.{name}.topic']:
                 raise ParameterError(
                     f'parameter {prefix}.{name}.topic is empty: give the topic of {name!r}'
                 )
-    _check_topics(values)
+    _check_topics(values, resolved)
     if len(set(values['joints'])) < len(values['joints']) or '' in values['joints']:
         raise ParameterError(
             f'parameter joints = {values["joints"]}: names must be there and differ'
@@ -108,13 +113,15 @@ def check(values: Mapping[str, Any]) -> None:
         joy_mapping(values, name)
 
 
-def _check_topics(values: Mapping[str, Any]) -> None:
+def _check_topics(values: Mapping[str, Any], resolved: Callable[[str], str]) -> None:
     """Refuse one topic for two inputs: which of them it is for would be ambiguous."""
     users: dict[str, str] = {}
     for name, topic in values.items():
-        is_input = name.endswith(('.topic', '.own_topic')) and topic
-        if is_input and users.setdefault(topic, name) != name:
-            raise ParameterError(f'parameter {name} = {topic!r}: is also that of {users[topic]}')
+        if not name.endswith(('.topic', '.own_topic')) or not topic:
+            continue
+        user = users.setdefault(resolved(topic), name)
+        if user != name:
+            raise ParameterError(f'parameter {name} = {topic!r}: is also that of {user}')
 
 
 def _source(values: Mapping[str, Any], name: str) -> EStopSource:

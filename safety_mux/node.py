@@ -110,7 +110,7 @@ class SafetyMux(ManagedNode):
 
     def check_parameters(self, values: dict[str, Any]) -> None:
         """Refuse what contradicts itself. :raises ParameterError: naming it."""
-        check(values)
+        check(values, self.resolve_topic_name)
 
     def on_configure(self, state: Any) -> TransitionCallbackReturn:
         """Take over parameters that were changed since construction."""
@@ -276,7 +276,8 @@ class SafetyMux(ManagedNode):
     def _look_around(self) -> None:
         """Find topics with two live publishers, or with one that could never be heard."""
         now = time.monotonic()
-        for topic in self._watches:
+        for topic, (_, _, watch) in self._watches.items():
+            watch.counted(self.count_publishers(topic))
             self._look_at(topic, now)
         for publisher in (self._estop, self._enable, self._command):
             self._look_at_own(publisher)
@@ -285,11 +286,13 @@ class SafetyMux(ManagedNode):
     def _look_at_own(self, publisher: Any) -> None:
         """Listen to an output of ours for as long as somebody else may publish there, too."""
         topic = publisher.topic_name
-        alone = self.count_publishers(topic) < 2
+        publishers = self.count_publishers(topic)
+        alone = publishers < 2
         if alone and topic in self._own_watches:
             self.destroy_subscription(self._own_watches.pop(topic)[0])
         elif not alone and topic not in self._own_watches:
             watch = PublisherWatch()
+            watch.counted(publishers)
 
             def on_message(message: Any, info: Any) -> None:
                 del message

@@ -157,11 +157,11 @@ def overrides(values: dict[str, Any], port: Untouched) -> list[str]:
     return [word for name, value in given.items() for word in ('-p', f'{name}:={as_yaml(value)}')]
 
 
-def refusal(node: str, values: dict[str, Any], ports: Ports, capfd: Any) -> str:
-    """Show that the node refuses the values as it should; return its one line."""
+def refusal(node: str, values: dict[str, Any], ports: Ports, capfd: Any, *more: str) -> str:
+    """Show that the node refuses the values, and more arguments, as it should; return its line."""
     capfd.readouterr()
     port = ports[node]
-    status = started(node, overrides(values, port))
+    status = started(node, [*overrides(values, port), *more])
     error = capfd.readouterr().err
     assert status == 2, f'{values}: {error}'
     lines = error.splitlines()
@@ -393,6 +393,16 @@ def test_one_topic_for_two_estop_sources_is_one_line_and_status_2(
 ) -> None:
     line = refusal('mux', {'estop.drive.topic': 'fort_vsc_bridge/estop'}, ports, capfd)
     assert 'topic' in line
+
+
+@pytest.mark.parametrize('alias', ['/site/fort_vsc_bridge/estop', 'drive_stop', '/estop'])
+def test_one_topic_under_two_names_is_one_line_and_status_2(
+    alias: str, ports: Ports, capfd: Any
+) -> None:
+    remapped = ('-r', 'drive_stop:=fort_vsc_bridge/estop', '-r', '/estop:=fort_vsc_bridge/estop')
+    more = ('-r', '__ns:=/site', *remapped)
+    line = refusal('mux', {'estop.drive.topic': alias}, ports, capfd, *more)
+    assert 'is also that of estop' in line
 
 
 def test_source_name_that_cannot_be_a_topic_is_one_line_and_status_2(
