@@ -16,8 +16,11 @@ Decided here, where the rules leave a choice:
   ACTIVE; the new owner's demand takes effect once the limited output has been zero. So the first
   output of an owner is never its own demand, and from READY it is zero.
 * A deadman pressed when it cannot take effect (too early, during hold_time, under a higher owner,
-  in the tick of a release) is ignored: it must be released, rest for neutral_time and be pressed
-  again.
+  in the tick of a release) gives no control: it must be released, rest for neutral_time and be
+  pressed again.
+* But nobody drives on against a higher operator: one that moves its sticks, or presses its deadman
+  without effect, overrules the owner. The output is limited to zero, then the mux is READY. Only
+  the moment counts, so a stick that stays off neutral does not lock the lower ones out.
 * hold_time: for this long after a change of owner, no operator takes over from another. Stops and
   releases are always immediate, and so is taking over from autonomy.
 * Autonomy acquires by being selected. That needs READY, neutral_time of fresh zero commands, and
@@ -99,6 +102,7 @@ class Arbiter:
         self._through_zero = (
             False  # the owner's demand has no effect until the output has been zero
         )
+        self._overruled: str | None = None  # how the owner lost control; zero comes first
         self._owner_since = 0.0
         self._former: tuple[str, float] | None = None  # the last owner, and until when
         self._stopping_since = 0.0
@@ -385,11 +389,8 @@ class Arbiter:
                 self._clear_since = now
         elif self._owner is not None and self._owner.given_up is not None:
             self._release(self._owner, self._owner.given_up, now)
-        elif self._state is not State.STOPPING and self._settled:
-            challenger = self._challenger(now)
-            if challenger is not None:
-                verb = 'took control' if self._owner is None else 'took over'
-                self._take(challenger, now, f'{challenger.label} {verb}')
+        elif self._state is not State.STOPPING:
+            self._challenge(now)
 
     def _release(self, owner: OwnerInput, reason: str, now: float) -> None:
         """Set the output to zero, without a new owner: READY, or STOPPED if on the ramp."""
@@ -401,21 +402,32 @@ class Arbiter:
         self._end_control(now)
         self._change(State.READY, reason, now)
 
-    def _challenger(self, now: float) -> OperatorInput | None:
-        """Return the highest operator that has pressed its deadman and may take control."""
+    def _challenge(self, now: float) -> None:
+        """Let the highest operator above the owner that has acted take control, or end it."""
         for operator in self._operators.values():  # highest first
             if operator is self._owner:
-                return None
-            if operator.pressed and self._may_take(operator, now):
-                return operator
-        return None
+                return
+            if operator.acted is None:
+                continue
+            refused = self._refusal(operator, now)
+            if refused is None:
+                verb = 'took control' if self._owner is None else 'took over'
+                self._take(operator, now, f'{operator.label} {verb}')
+            elif self._owner is not None:
+                self._overruled = f'{operator.label} {operator.acted}{refused}'
+            return
 
-    def _may_take(self, operator: OperatorInput, now: float) -> bool:
-        if operator.problem(now) is not None or self._blocks(operator, now):
-            return False
-        if self._owner is None or self._owner is self._autonomy:
-            return True
-        return now - self._owner_since >= self.config.hold_time
+    def _refusal(self, operator: OperatorInput, now: float) -> str | None:
+        """Return why an operator that has acted gets no control; None if it does."""
+        if not (operator.pressed and self._settled):
+            return ''
+        problem = operator.problem(now)
+        missing = self._blocks(operator, now) if problem is None else [problem]
+        among_operators = self._owner is not None and self._owner is not self._autonomy
+        if among_operators and not now - self._owner_since >= self.config.hold_time:
+            hold = milliseconds(self.config.hold_time)
+            missing.append(f'less than {hold} after a change of owner')
+        return f', which did not count: {"; ".join(missing)}' if missing else None
 
     def _blocks(self, operator: OperatorInput, now: float) -> list[str]:
         """Return the stops of this operator's ``when_owner`` sources."""
@@ -434,7 +446,7 @@ class Arbiter:
     def _end_control(self, now: float) -> None:
         if self._owner is not None:
             self._former = (self._owner.name, now)
-        self._owner = None
+        self._owner = self._overruled = None
 
     def _change(self, state: State, reason: str, now: float, causes: Causes = ()) -> None:
         self._transition = Transition(now, self._state, state, reason, causes)
@@ -451,10 +463,13 @@ class Arbiter:
             ramp = self._transition
             self._latch(f'the ramp has ended, after: {ramp.reason}', now, ramp.causes)
         elif self._state is State.ACTIVE and self._owner is not None:
-            target = (0.0,) * self.config.joints if self._through_zero else self._owner.demand
+            to_zero = self._through_zero or self._overruled is not None
+            target = (0.0,) * self.config.joints if to_zero else self._owner.demand
             demand = self._limiter.step(target, dt)
             self._through_zero &= any(demand)
-            return demand
+            if self._overruled is None or any(demand):
+                return demand
+            self._release(self._owner, self._overruled, now)
         self._limiter.reset()
         return (0.0,) * self.config.joints
 
@@ -482,6 +497,8 @@ class Arbiter:
     def _why_still(self) -> list[str]:
         if self._owner is None:
             return []
+        if self._overruled is not None:
+            return [f'{self._owner.label} is losing control: {self._overruled}']
         if not self._through_zero and not any(self._owner.demand):
             return [f'{self._owner.label} has control and asks for zero']
         if self._through_zero or not any(self._limiter.output):

@@ -230,10 +230,10 @@ class OperatorInput(OwnerInput):
 
     ``pressed``: the deadman was pressed after a complete rest, since the last tick. One that
     cannot take effect in the next tick is dropped. ``holding``: the deadman has been held in
-    every sample since.
+    every sample since. ``acted``: how it showed, since the last tick, that it wants to drive.
     """
 
-    __slots__ = ('config', 'holding', 'newest', 'pressed')
+    __slots__ = ('acted', 'config', 'holding', 'newest', 'pressed')
 
     def __init__(self, config: Operator, neutral_time: float) -> None:
         label = f"operator '{config.name}'"
@@ -242,12 +242,18 @@ class OperatorInput(OwnerInput):
         self.newest: OperatorSample | None = None
         self.pressed = False
         self.holding = False
+        self.acted: str | None = None
 
     def sample(self, sample: OperatorSample, now: float) -> None:
         """Record a good message."""
         self.hear(now)
         before, self.newest = self.newest, sample
         self.demand = sample.demand
+        if not sample.neutral and (before is None or before.neutral):
+            self.acted = 'moved its sticks'
+        if sample.deadman and (before is None or not before.deadman):
+            early = '' if self.rested else ' before it could count'
+            self.acted = f'pressed its deadman{early}'
         if self.faults:  # such as a second publisher: its messages do not count
             self.forget()
             return
@@ -316,6 +322,7 @@ class OperatorInput(OwnerInput):
         """Drop what was kept for this tick."""
         self.lapse = None
         self.pressed = False
+        self.acted = None
 
 
 class AutonomyInput(OwnerInput):

@@ -108,7 +108,7 @@ class Memory:
         """Name the state after a tick; moments by their age, words not at all."""
         a = self.arbiter
         parts: list[Any] = [a._state, a._owner and a._owner.name, a._through_zero, a._settled]
-        parts += [bool(a._hold), age(a._tripped_at, now)]
+        parts += [bool(a._hold), age(a._tripped_at, now), bool(a._overruled)]
         parts.append(recent(a._reset_asked, now))
         parts.append(age(a._clear_since, now) if a._state is State.STOPPED else None)
         parts += [age(a._owner_since, now) if a._owner else None, a._limiter.output]
@@ -157,6 +157,7 @@ class Log:
     doing: dict[str, str]
     said: dict[str, str]
     heard: dict[str, float]
+    sample: dict[str, str]  # the last good one
     decision: Decision
     calm_since: dict[str, float | None] = field(default_factory=dict)  # since the reset
     clear_since: float | None = None
@@ -164,6 +165,7 @@ class Log:
     owner_since: float = 0.0
     stopping_since: float = 0.0
     must_reach_zero: bool = False
+    overruled: bool = False
     high_until: float = -math.inf  # when high last lost control
 
     def copy(self) -> 'Log':
@@ -172,6 +174,7 @@ class Log:
             doing=dict(self.doing),
             said=dict(self.said),
             heard=dict(self.heard),
+            sample=dict(self.sample),
             calm_since=dict(self.calm_since),
         )
 
@@ -179,7 +182,9 @@ class Log:
         calm = (age(self.calm_since.get(name), self.now) for name in RANK)
         clear = age(self.clear_since, self.now) if self.decision.estop else None
         asked = recent(self.reset_at, self.now)
-        return (*self.doing.values(), *calm, clear, self.must_reach_zero, asked)
+        samples = (self.sample[name] for name in OPERATORS)
+        zero = self.must_reach_zero, self.overruled
+        return (*self.doing.values(), *samples, *calm, clear, *zero, asked)
 
     def fresh(self, name: str) -> bool:
         return self.now - self.heard[name] <= TIMEOUT
@@ -194,7 +199,8 @@ class World:
         self.memory = Memory(self.arbiter)
         self.speak_all(CALM, 0.0)
         decision = self.arbiter.tick(0.0)
-        self.log = Log(0.0, dict(CALM), dict(CALM), dict.fromkeys(CALM, 0.0), decision)
+        heard = dict.fromkeys(CALM, 0.0)
+        self.log = Log(0.0, dict(CALM), dict(CALM), heard, dict(CALM), decision)
         self.log.clear_since = 0.0
 
     def speak_all(self, doing: dict[str, str], now: float) -> None:
@@ -232,16 +238,19 @@ class World:
         now = log.now
         gaps = {name for name, heard in log.heard.items() if TIMEOUT < now - heard < math.inf}
         log.doing.update(event.changes)
+        acted = {name for name in OPERATORS if acts(log, event, name)}
         self.speak_all(log.doing, now)
         for name, what in log.doing.items():
             if what != 'silent':
                 log.said[name] = what
                 log.heard[name] = now
+            if what not in ('silent', 'bad'):
+                log.sample[name] = what
         reply = self.call(event.service, now) if event.service else Reply(False, '')
         for name, what in event.late:
             self.speak(name, what, now)
         before, decision = log.decision, self.arbiter.tick(now)
-        Judge(log, event, gaps, reply, before, decision).judge()
+        Judge(log, event, gaps, acted, reply, before, decision).judge()
 
     def key(self) -> tuple[Any, ...]:
         return self.memory.key(self.log.now) + self.log.key()
@@ -254,6 +263,7 @@ class Judge:
     log: Log
     event: Event
     gaps: set[str]  # inputs that were silent for too long before this step, whatever they say now
+    acted: set[str]  # operators that left neutral, or pressed their deadman
     reply: Reply
     before: Decision
     after: Decision
@@ -265,6 +275,7 @@ class Judge:
         self.reset_is_an_edge_and_moves_nothing()
         self.control_is_acquired_or_taken_over()
         self.lost_or_released()
+        self.nobody_drives_on_against_a_higher_operator()
         self.outputs()
         self.note_calm()
         if self.before.owner == 'high' != self.after.owner:
@@ -368,6 +379,16 @@ class Judge:
         if self.after.owner is None and self.before.state is State.STOPPING:
             assert state is State.STOPPED, 'a ramp ends STOPPED'
 
+    def nobody_drives_on_against_a_higher_operator(self) -> None:
+        log, owner = self.log, self.after.owner
+        if owner is None or owner != self.before.owner or self.after.state is not State.ACTIVE:
+            log.overruled = False
+            return
+        log.overruled |= any(RANK[name] > RANK[owner] for name in self.acted)
+        if log.overruled:
+            value, was = self.after.demand[0], self.before.demand[0]
+            assert 0.0 < abs(value) < abs(was), f'rule 7: {owner} drives on against {self.acted}'
+
     def outputs(self) -> None:
         log, before, after = self.log, self.before, self.after
         was, value = before.demand[0], after.demand[0]
@@ -407,6 +428,17 @@ class Judge:
                 log.calm_since[name] = None
             elif name in self.gaps or log.calm_since.get(name) is None:
                 log.calm_since[name] = None if log.doing[name] == 'silent' else log.now
+
+
+def acts(log: Log, event: Event, name: str) -> bool:
+    """Tell whether an operator leaves neutral, or presses its deadman."""
+    said = log.sample[name]
+    for who, what in (*event.changes, *event.late):
+        if who == name and what in ('rest', 'off', 'drive'):
+            if (said, what) in {('rest', 'off'), ('rest', 'drive'), ('off', 'drive')}:
+                return True
+            said = what
+    return False
 
 
 def events(free: dict[str, str]) -> list[Event]:
