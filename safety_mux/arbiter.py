@@ -27,6 +27,8 @@ Decided here, where the rules leave a choice:
   all fresh operators at rest, as one that holds its deadman could not take over. Any stop, release
   or takeover ends the selection.
 * A reset counts once: a call within clear_time of another is a held or repeated one, and refused.
+  Calls that go on while there is nothing to reset are those of a script. None of them re-arms
+  after a stop: since that began, there must have been silence of resets for reset_silence.
 * A trip demands a stop of every device until a reset. Where devices are wired to that, their
   e-stops are its echo, and would make every reset fail. So a reset that finds nothing but echo
   ends the trip and is refused; the next one, clear_time after the echo has ended, succeeds.
@@ -108,6 +110,7 @@ class Arbiter:
         self._stopping_since = 0.0
         self._clear_since: float | None = None  # in STOPPED: time of the first tick without a stop
         self._reset_asked: float | None = None
+        self._resets_go_on = False  # they began when there was nothing to reset
         self._tripped_at: float | None = None  # set: a trip is active, until a reset
         self._trip: str | None = None  # reason of a new trip, until the next tick
         self._hold: str | None = None
@@ -186,9 +189,13 @@ class Arbiter:
 
     def reset(self, now: float) -> Reply:
         """Go from STOPPED to READY if all is clear. Nothing moves, nothing is queued."""
+        going_on = self._going_on(now)
         before, self._reset_asked = self._reset_asked, now
+        self._resets_go_on = bool(going_on) or self._state is not State.STOPPED
         if self._state is not State.STOPPED:
             return Reply(False, f'nothing to reset: the mux is {self._state.value}')
+        if going_on:
+            return Reply(False, f'not reset: {going_on[0]}')
         if before is not None and not now - before >= self.config.clear_time:
             return Reply(
                 False,
@@ -363,6 +370,18 @@ class Arbiter:
             return []
         return [f'all stops have been clear for {milliseconds(clear)} of {milliseconds(limit)}']
 
+    def _going_on(self, now: float) -> list[str]:
+        """Say how much of reset_silence is missing since resets began too early; empty if none."""
+        if self._reset_asked is None or not self._resets_go_on:
+            return []
+        silent, limit = now - self._reset_asked, self.config.reset_silence
+        if silent >= limit:
+            return []
+        return [
+            'resets have been called since before the stop, so none counts until there was none '
+            f'for {milliseconds(limit)}; the last was {milliseconds(silent)} ago'
+        ]
+
     def _unrest(self, now: float) -> list[str]:
         found = (operator.unrest(now) for operator in self._operators.values())
         return [reason for reason in found if reason is not None]
@@ -509,7 +528,8 @@ class Arbiter:
         tripped = self._tripped_at is not None
         why = ['a trip is active until ~/reset is called'] if tripped else []
         clearing = [] if self._stops(now) else self._waiting(now)
-        return why + self._unrest(now) + clearing + ['waiting for reset: call ~/reset']
+        why += self._unrest(now) + clearing + self._going_on(now)
+        return [*why, 'waiting for reset: call ~/reset']
 
     def _why_no_owner(self, now: float) -> list[str]:
         why = [

@@ -16,6 +16,7 @@ from safety_mux.protocol import MuxConfig
 from safety_mux.protocol import Operator
 
 _T = TypeVar('_T')
+_TIMES = ('clear_time', 'neutral_time', 'hold_time', 'stall_limit', 'stop_time', 'reset_silence')
 
 
 def mux_config(values: Mapping[str, Any]) -> MuxConfig:
@@ -34,10 +35,7 @@ def mux_config(values: Mapping[str, Any]) -> MuxConfig:
                 for name in names_of(values, 'operators')
             ),
             autonomy=Autonomy(values['autonomy.timeout']) if values['autonomy.topic'] else None,
-            **{
-                name: values[name]
-                for name in ('clear_time', 'neutral_time', 'hold_time', 'stall_limit', 'stop_time')
-            },
+            **{name: values[name] for name in _TIMES},
         ),
     )
 
@@ -107,6 +105,9 @@ def check(values: Mapping[str, Any], resolved: Callable[[str], str]) -> None:
         raise ParameterError('parameter autonomy.type: Twist needs two joints, left and right')
     if 1.0 / values['rate'] >= values['stall_limit']:
         raise ParameterError('parameter stall_limit: must be longer than the period of rate')
+    for name in ('clear_time', 'neutral_time'):
+        if values[name] < 3.0 / values['rate']:
+            raise ParameterError(f'parameter {name}: must be three periods of rate or more')
     mux_config(values)
     joint_limits(values)
     for name in names_of(values, 'operators'):

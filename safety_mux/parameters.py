@@ -61,13 +61,15 @@ GENERAL = (
     _seconds(
         'clear_time',
         0.5,
-        'How long all stops must have been clear before a reset is accepted.',
+        'How long all stops must have been clear before a reset is accepted. Three periods of '
+        'rate or more.',
         section='times',
     ),
     _seconds(
         'neutral_time',
         0.3,
-        'How long an operator must send neutral, deadman released, before the deadman counts.',
+        'How long an operator must send neutral, deadman released, before the deadman counts. '
+        'Three periods of rate or more, and no operator has a longer timeout.',
     ),
     _seconds(
         'hold_time',
@@ -85,6 +87,14 @@ GENERAL = (
         maximum=1.0,
     ),
     _seconds('stop_time', 0.5, 'A stop of category 1 has reached 0 and disables after this time.'),
+    _seconds(
+        'reset_silence',
+        5.0,
+        'Who calls ~/reset while there is nothing to reset, such as a script that does so for '
+        'ever, has to be silent for this long before a reset counts.',
+        minimum=0.0,
+        maximum=60.0,
+    ),
     Parameter(
         'joints',
         ['left', 'right'],
@@ -205,7 +215,7 @@ OPERATOR = (
         minimum=0,
         maximum=1000,
     ),
-    _seconds('timeout', 0.25, 'An owner silent for longer is lost: stop.'),
+    _seconds('timeout', 0.25, 'An owner silent for longer is lost: stop. At most neutral_time.'),
     Parameter(
         'mixing',
         'none',

@@ -28,6 +28,7 @@ PATIENT = {
     'estop.drive.timeout': TIMEOUT,
     'operator.fort.timeout': TIMEOUT,
     'autonomy.timeout': TIMEOUT,
+    'neutral_time': TIMEOUT,
 }
 CLEAR_TIME = 0.5  # the mux's default; a reset within it of another counts as repeated
 

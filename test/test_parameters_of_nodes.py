@@ -299,6 +299,21 @@ CONTRADICTIONS: dict[str, tuple[str, dict[str, Any], str]] = {
     'a joint twice': ('mux', {'joints': ['a', 'a']}, 'parameter joints'),
     'a joint without a name': ('mux', {'joints': ['', 'b']}, 'parameter joints'),
     'more joints than the operator moves': ('mux', {'joints': ['a', 'b', 'c']}, 'joints'),
+    'two samples for a rest': (
+        'mux',
+        {'operator.fort.timeout': 0.31, 'neutral_time': 0.3},
+        r'parameters.*fort.*neutral_time',
+    ),
+    'clear for less than three decisions': (
+        'mux',
+        {'rate': 20.0, 'clear_time': 0.149},
+        'parameter clear_time',
+    ),
+    'neutral for less than three decisions': (
+        'mux',
+        {'rate': 20.0, 'neutral_time': 0.149},
+        'parameter neutral_time',
+    ),
     'stalled at every tick': ('mux', {'rate': 20.0, 'stall_limit': 0.02}, 'stall_limit'),
     'three joints for a drive of two axes': (
         'esi',

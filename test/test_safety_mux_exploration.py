@@ -109,7 +109,8 @@ class Memory:
         a = self.arbiter
         parts: list[Any] = [a._state, a._owner and a._owner.name, a._through_zero, a._settled]
         parts += [bool(a._hold), age(a._tripped_at, now), bool(a._overruled)]
-        parts.append(recent(a._reset_asked, now))
+        silence = max(CLEAR, a._resets_go_on * a.config.reset_silence)
+        parts.append(recent(a._reset_asked, now, silence))
         parts.append(age(a._clear_since, now) if a._state is State.STOPPED else None)
         parts += [age(a._owner_since, now) if a._owner else None, a._limiter.output]
         parts.append(a._former and a._former[0] == 'high' and age(a._former[1], now))
@@ -135,8 +136,8 @@ def age(moment: float | None, now: float) -> float | None:
     return None if moment is None else min(now - moment, OLD)
 
 
-def recent(moment: float | None, now: float) -> float | None:
-    return None if moment is None or now - moment >= CLEAR else now - moment
+def recent(moment: float | None, now: float, limit: float) -> tuple[float, float] | None:
+    return None if moment is None or now - moment >= limit else (now - moment, limit)
 
 
 @dataclass(frozen=True)
@@ -162,6 +163,8 @@ class Log:
     calm_since: dict[str, float | None] = field(default_factory=dict)  # since the reset
     clear_since: float | None = None
     reset_at: float | None = None
+    silence: float = CLEAR  # of resets before one counts
+    long_silence: float = CLEAR  # the same, once they go on with nothing to reset
     owner_since: float = 0.0
     stopping_since: float = 0.0
     must_reach_zero: bool = False
@@ -181,7 +184,7 @@ class Log:
     def key(self) -> tuple[Any, ...]:
         calm = (age(self.calm_since.get(name), self.now) for name in RANK)
         clear = age(self.clear_since, self.now) if self.decision.estop else None
-        asked = recent(self.reset_at, self.now)
+        asked = recent(self.reset_at, self.now, self.silence)
         samples = (self.sample[name] for name in OPERATORS)
         zero = self.must_reach_zero, self.overruled
         return (*self.doing.values(), *samples, *calm, clear, *zero, asked)
@@ -193,15 +196,16 @@ class Log:
 class World:
     """One arbiter, and the devices around it."""
 
-    def __init__(self, arbiter: Arbiter | None = None) -> None:
-        limiter = JointLimiter([LIMIT], max_dt=1.0)
-        self.arbiter = arbiter or Arbiter(CONFIG, limiter, 0.0)
+    def __init__(self, reset_silence: float) -> None:
+        config = replace(CONFIG, reset_silence=reset_silence)
+        self.arbiter = Arbiter(config, JointLimiter([LIMIT], max_dt=1.0), 0.0)
         self.memory = Memory(self.arbiter)
         self.speak_all(CALM, 0.0)
         decision = self.arbiter.tick(0.0)
         heard = dict.fromkeys(CALM, 0.0)
         self.log = Log(0.0, dict(CALM), dict(CALM), heard, dict(CALM), decision)
         self.log.clear_since = 0.0
+        self.log.long_silence = max(CLEAR, reset_silence)
 
     def speak_all(self, doing: dict[str, str], now: float) -> None:
         for name, what in doing.items():
@@ -337,8 +341,13 @@ class Judge:
             for name in OPERATORS:
                 if log.fresh(name) and name not in self.gaps:
                     assert log.said[name] == 'rest', f'rule 3: reset while {name} is not neutral'
-            assert log.reset_at is None or log.now - log.reset_at >= CLEAR, 'rule 3: repeated'
+            silent = math.inf if log.reset_at is None else log.now - log.reset_at
+            assert silent >= log.silence, 'rule 3: repeated'
         if self.event.service == 'reset':
+            if self.before.state is not State.STOPPED:
+                log.silence = log.long_silence
+            elif log.reset_at is None or log.now - log.reset_at >= log.silence:
+                log.silence = CLEAR
             log.reset_at = log.now
 
     def control_is_acquired_or_taken_over(self) -> None:
@@ -468,9 +477,9 @@ def possible(log: Log, event: Event, most_uneasy: int) -> bool:
     return all(doing[name] == what for name, what in event.late[-1:])
 
 
-def explore(free: dict[str, str], most_uneasy: int) -> tuple[int, int]:
+def explore(free: dict[str, str], most_uneasy: int, reset_silence: float = 0.0) -> tuple[int, int]:
     """Visit every state breadth first; return how many states and steps there were."""
-    world = World()
+    world = World(reset_silence)
     alphabet = events(free)
     seen = {world.key()}
     queue = deque([(world.memory.take(), world.log.copy())])
@@ -533,6 +542,8 @@ WORLDS = {
 
 @pytest.mark.parametrize('name', WORLDS)
 def test_every_reachable_state_keeps_every_rule(name: str) -> None:
-    states, steps = explore(WORLDS[name], 2 if name == 'together' else 9)
+    # One world alone tells scripts from persons, as each moment to remember is many more states.
+    silence = OLD if name == 'stops' else 0.0
+    states, steps = explore(WORLDS[name], 2 if name == 'together' else 9, silence)
     assert states > 1000
     print(f'{name}: {states} states, {steps} steps')  # seen with pytest -s

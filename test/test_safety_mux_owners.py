@@ -35,6 +35,17 @@ def test_reset_alone_moves_nothing() -> None:
     assert bench.run(5.0, still).state is State.READY
 
 
+@pytest.mark.parametrize('gap', [0.3, 0.26, 0.25, 0.1])
+def test_two_samples_are_no_rest_however_far_apart(gap: float) -> None:
+    bench = Bench(replace(CONFIG, neutral_time=0.25))
+    bench.run(0.6)
+    assert bench.reset().ok
+    for doing, pause in ((REST, gap), (REST, 0.01), (DRIVE, 0.01)):
+        bench.samples['fort'] = None
+        bench.arbiter.operator_sample('fort', doing, bench.now)
+        assert bench.run(pause).state is State.READY
+
+
 def test_deadman_pressed_before_neutral_time_is_forgotten() -> None:
     bench = Bench()
     bench.run(0.6)

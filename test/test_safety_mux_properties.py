@@ -35,7 +35,7 @@ CONFIG = MuxConfig(
     operators=(Operator('low', 1, timeout=0.2), Operator('high', 2, timeout=0.3)),
     autonomy=Autonomy(timeout=0.25),
     clear_time=0.2,
-    neutral_time=0.1,
+    neutral_time=0.3,
     hold_time=0.15,
     stall_limit=0.1,
     stop_time=0.2,
@@ -157,7 +157,7 @@ class Sequences(RuleBasedStateMachine):
 
     @rule()
     def run_and_reset(self) -> None:
-        for _ in range(6):
+        for _ in range(8):
             for name in ('low', 'high'):
                 self.stick(name, OperatorSample(True, False, (0.0,)))
             self.everything_is_well()
@@ -167,7 +167,7 @@ class Sequences(RuleBasedStateMachine):
 
     @rule()
     def run_with_all_at_rest(self) -> None:
-        for _ in range(4):
+        for _ in range(8):
             for name in ('low', 'high'):
                 if name != self.decision.owner:
                     self.stick(name, OperatorSample(True, False, (0.0,)))
