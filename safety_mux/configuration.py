@@ -75,6 +75,7 @@ def joint_limits(values: Mapping[str, Any]) -> list[JointLimit]:
                 magnitude=values[f'joint.{name}.max'],
                 acceleration=values[f'joint.{name}.acceleration'],
                 deceleration=values[f'joint.{name}.deceleration'],
+                group=values[f'joint.{name}.group'],
             )
             for name in values['joints']
         ]
@@ -109,9 +110,15 @@ def check(values: Mapping[str, Any], resolved: Callable[[str], str]) -> None:
         if values[name] < 3.0 / values['rate']:
             raise ParameterError(f'parameter {name}: must be three periods of rate or more')
     mux_config(values)
-    joint_limits(values)
+    limits = joint_limits(values)
     for name in names_of(values, 'operators'):
-        joy_mapping(values, name)
+        reach = joy_mapping(values, name).reach
+        for joint, limit, most in zip(values['joints'], limits, reach, strict=True):
+            if most > limit.magnitude:
+                raise ParameterError(
+                    f'parameter operator.{name}.scale: {most} is above joint.{joint}.max, '
+                    f'which is {limit.magnitude}'
+                )
 
 
 def _check_topics(values: Mapping[str, Any], resolved: Callable[[str], str]) -> None:

@@ -112,6 +112,12 @@ class JoyMapping:
         """The number of joints in a demand."""
         return len(self.sticks)
 
+    @property
+    def reach(self) -> Demand:
+        """The greatest absolute demand of each joint."""
+        scales = tuple(abs(stick.scale) for stick in self.sticks)
+        return scales if self.mixing != 'arcade' else (max(scales),) * 2
+
     def sample(self, axes: Sequence[float], buttons: Sequence[int]) -> OperatorSample:
         """
         Read one message: axes -1 to 1, buttons 0 or 1 (or a switch's raw value).
@@ -150,7 +156,7 @@ class JoyMapping:
             return values
         forward, turn = values
         left, right = forward - turn, forward + turn
-        most = max(abs(stick.scale) for stick in self.sticks)
+        most = self.reach[0]
         shrink = min(1.0, most / max(abs(left), abs(right), most))
         return left * shrink, right * shrink
 

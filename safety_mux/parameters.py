@@ -153,7 +153,8 @@ JOINT = (
     Parameter(
         'max',
         10.0,
-        'Greatest absolute value that goes out.',
+        'Greatest absolute value that goes out. No operator has a larger scale; if autonomy asks '
+        'for more, all joints of the group are reduced by the same factor.',
         'rad/s or N·m',
         above=0.0,
         maximum=1e6,
@@ -173,6 +174,12 @@ JOINT = (
         'rad/s² or N·m/s',
         above=0.0,
         maximum=1e6,
+    ),
+    Parameter(
+        'group',
+        '',
+        'Joints with the same word are reduced by the same factor where one would exceed its max, '
+        'so that a curve stays. Another word for what moves by itself, such as a mast.',
     ),
 )
 
@@ -232,7 +239,7 @@ OPERATOR = (
     Parameter(
         'scale',
         [1.0],
-        f'Joint value at full deflection, not 0. {_EACH}',
+        f'Joint value at full deflection, not 0, and not above max of its joint. {_EACH}',
         'rad/s or N·m',
     ),
     Parameter('inverted', [False], f'Turns the sign round. {_EACH}'),

@@ -290,6 +290,16 @@ CONTRADICTIONS: dict[str, tuple[str, dict[str, Any], str]] = {
         {'operator.fort.inverted': [True, False, True]},
         r'operator\.fort.*inverted',
     ),
+    'a scale above the maximum': (
+        'mux',
+        {'operator.fort.scale': [10.1, 5.0]},
+        r'operator\.fort\.scale: 10\.1 is above joint\.left\.max',
+    ),
+    'a maximum below the scale': (
+        'mux',
+        {'joint.right.max': 9.9},
+        r'operator\.fort\.scale: 10\.0 is above joint\.right\.max',
+    ),
     'a scale of 0': ('mux', {'operator.fort.scale': [0.0]}, r'operator\.fort.*scale'),
     'a deadman button twice': (
         'mux',

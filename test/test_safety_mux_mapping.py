@@ -200,6 +200,18 @@ def test_arcade_never_exceeds_the_greater_scale(sent: list[float]) -> None:
     assert max(map(abs, ARCADE.sample(sent, [1]).demand)) <= 10.0 + 1e-9
 
 
+@pytest.mark.parametrize('mixing', ['none', 'tank', 'arcade'])
+@given(st.data())
+def test_no_deflection_exceeds_the_reach(mixing: Any, data: st.DataObject) -> None:
+    scales = data.draw(st.tuples(*[st.floats(-100.0, 100.0).filter(bool)] * 2))
+    mapping = JoyMapping(
+        tuple(Stick(axis, scale) for axis, scale in enumerate(scales)), (0,), mixing
+    )
+    axes = data.draw(st.tuples(*[st.floats(-1.05, 1.05)] * 2))
+    for value, most in zip(mapping.sample(axes, [1]).demand, mapping.reach, strict=True):
+        assert abs(value) <= most * (1.0 + 1e-12)
+
+
 # A twist.
 
 
