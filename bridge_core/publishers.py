@@ -3,27 +3,35 @@ Distinguish two live publishers on one topic from one that was restarted.
 
 Discovery counts a dead publisher for up to 20 s, so its count alone would reject a restarted
 bridge. Sequence numbers show the difference: those of one publisher only grow, a restart sets them
-back once, and those of two live publishers interleave, so they step back repeatedly.
+back once, and those of two live publishers interleave. So one is heard again after the other, as
+soon as a slow one has said one message, and fast ones set the numbers back repeatedly.
 """
 
 from collections import deque
 
 UNSUPPORTED = (None, 0, 0xFFFFFFFFFFFFFFFF)  # what a middleware without sequence numbers reports
+_LIVE = 3.0  # s; who was heard within may well be alive, and be heard again
+_LOST = 10  # messages that a publisher may lose while another is heard
 
 
 class PublisherWatch:
     """
     Watches the publication sequence numbers of one topic.
 
-    :param window: seconds. Two steps back within a window mean two live publishers; after a
-        window without a step back there is one again.
-    :param settling_time: seconds after a step back until that is known.
+    Two live publishers count as such for as long as discovery knows of two (``counted``), and for
+    3 s after they were last told apart.
+
+    :param window: seconds. Two steps back within a window mean two live publishers.
+    :param settling_time: seconds after a step back until it is known that there is one.
     """
 
     def __init__(self, window: float = 1.0, settling_time: float = 0.25) -> None:
         self._window = window
         self._settling_time = settling_time
-        self._last: int | None = None
+        self._last: tuple[int, float] | None = None  # the newest number, and when it came
+        self._former: tuple[int, float] | None = None  # the same, before the numbers last jumped
+        self._found_at: float | None = None  # two live publishers
+        self._several = False
         self._steps_back: deque[float] = deque(maxlen=2)
 
     def heard(self, sequence_number: int | None, now: float) -> int:
@@ -34,17 +42,30 @@ class PublisherWatch:
         """
         if sequence_number is None or sequence_number in UNSUPPORTED:
             return 0
-        last, self._last = self._last, sequence_number
-        if last is None:
+        before, self._last = self._last, (sequence_number, now)
+        if before is None or sequence_number == before[0] + 1:
             return 0
-        if sequence_number <= last:
+        former, self._former = self._former, before
+        if sequence_number <= before[0]:
             self._steps_back.append(now)
-            return 0
-        return sequence_number - last - 1
+        if former is not None and _resumed(former, before, sequence_number, now):
+            self._found_at = now
+            return sequence_number - former[0] - 1
+        if len(self._steps_back) == 2 and now - self._steps_back[0] <= self._window:
+            self._found_at = now
+        return max(0, sequence_number - before[0] - 1)
+
+    def counted(self, publishers: int) -> None:
+        """Note how many publishers discovery knows: two were found until there is one again."""
+        self._several = publishers > 1
+        if not self._several:
+            self._found_at = None
 
     def doubled(self, now: float) -> bool:
-        """Return whether two live publishers were heard within the last window."""
-        return len(self._steps_back) == 2 and now - self._steps_back[0] <= self._window
+        """Return whether two live publishers were heard, and neither is known to be gone."""
+        if self._found_at is None:
+            return False
+        return self._several or now - self._found_at <= _LIVE
 
     def settled(self, now: float) -> bool:
         """
@@ -55,3 +76,10 @@ class PublisherWatch:
         if self._steps_back and now - self._steps_back[-1] <= self._settling_time:
             return False
         return not self.doubled(now)
+
+
+def _resumed(former: tuple[int, float], last: tuple[int, float], number: int, now: float) -> bool:
+    """Tell whether ``number`` continues the numbers before the last jump, not those after it."""
+    ahead = number - former[0]
+    jumps = number <= last[0] or last[0] < former[0]
+    return jumps and 0 < ahead <= 1 + _LOST and now - former[1] <= _LIVE

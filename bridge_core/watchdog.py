@@ -39,9 +39,10 @@ class Watchdog:
 
     def expired(self, now: float) -> bool:
         """Tell whether it is not fresh at ``now``; exactly at ``deadline`` it is not any more."""
-        # Compared with the deadline itself, so that who wakes up at the deadline finds it expired
-        # whatever way the sums are rounded.
-        return self._last is None or not self._last <= now < self.deadline
+        # Compared with the sum that deadline is, so that who wakes up at the deadline finds it
+        # expired whatever way the sums are rounded.
+        last = self._last
+        return last is None or not last <= now < last + self.timeout
 
     @property
     def deadline(self) -> float:

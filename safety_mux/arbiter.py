@@ -16,14 +16,19 @@ Decided here, where the rules leave a choice:
   ACTIVE; the new owner's demand takes effect once the limited output has been zero. So the first
   output of an owner is never its own demand, and from READY it is zero.
 * A deadman pressed when it cannot take effect (too early, during hold_time, under a higher owner,
-  in the tick of a release) is ignored: it must be released, rest for neutral_time and be pressed
-  again.
+  in the tick of a release) gives no control: it must be released, rest for neutral_time and be
+  pressed again.
+* But nobody drives on against a higher operator: one that moves its sticks, or presses its deadman
+  without effect, overrules the owner. The output is limited to zero, then the mux is READY. Only
+  the moment counts, so a stick that stays off neutral does not lock the lower ones out.
 * hold_time: for this long after a change of owner, no operator takes over from another. Stops and
   releases are always immediate, and so is taking over from autonomy.
 * Autonomy acquires by being selected. That needs READY, neutral_time of fresh zero commands, and
   all fresh operators at rest, as one that holds its deadman could not take over. Any stop, release
   or takeover ends the selection.
 * A reset counts once: a call within clear_time of another is a held or repeated one, and refused.
+  Calls that go on while there is nothing to reset are those of a script. None of them re-arms
+  after a stop: since that began, there must have been silence of resets for reset_silence.
 * A trip demands a stop of every device until a reset. Where devices are wired to that, their
   e-stops are its echo, and would make every reset fail. So a reset that finds nothing but echo
   ends the trip and is refused; the next one, clear_time after the echo has ended, succeeds.
@@ -81,19 +86,31 @@ class Arbiter:
         self._operators = {
             operator.name: OperatorInput(operator, config.neutral_time) for operator in ranked
         }
+        self._guards = {  # the when_owner sources of each operator
+            name: [
+                source
+                for source in self._sources.values()
+                if source.config.counts == 'when_owner' and source.config.operator == name
+            ]
+            for name in self._operators
+        }
         self._autonomy: AutonomyInput | None = None
         if config.autonomy is not None:
             self._autonomy = AutonomyInput(config.autonomy, config.neutral_time)
+        inputs = (*self._sources.values(), *self._operators.values(), self._autonomy)
+        self._inputs: list[Input] = [each for each in inputs if each is not None]
         self._state = State.STOPPED
         self._owner: OwnerInput | None = None  # not None in ACTIVE and STOPPING only
         self._through_zero = (
             False  # the owner's demand has no effect until the output has been zero
         )
+        self._overruled: str | None = None  # how the owner lost control; zero comes first
         self._owner_since = 0.0
         self._former: tuple[str, float] | None = None  # the last owner, and until when
         self._stopping_since = 0.0
         self._clear_since: float | None = None  # in STOPPED: time of the first tick without a stop
         self._reset_asked: float | None = None
+        self._resets_go_on = False  # they began when there was nothing to reset
         self._tripped_at: float | None = None  # set: a trip is active, until a reset
         self._trip: str | None = None  # reason of a new trip, until the next tick
         self._hold: str | None = None
@@ -172,9 +189,13 @@ class Arbiter:
 
     def reset(self, now: float) -> Reply:
         """Go from STOPPED to READY if all is clear. Nothing moves, nothing is queued."""
+        going_on = self._going_on(now)
         before, self._reset_asked = self._reset_asked, now
+        self._resets_go_on = bool(going_on) or self._state is not State.STOPPED
         if self._state is not State.STOPPED:
             return Reply(False, f'nothing to reset: the mux is {self._state.value}')
+        if going_on:
+            return Reply(False, f'not reset: {going_on[0]}')
         if before is not None and not now - before >= self.config.clear_time:
             return Reply(
                 False,
@@ -219,12 +240,12 @@ class Arbiter:
         dt = 0.0 if self._last_tick is None else now - self._last_tick
         stops = self.stops = self._stops(now)
         if self._stalled(now) is not None:
-            for each in self._inputs():
+            for each in self._inputs:
                 each.silence()
         self._advance(stops, now)
         demand = self._output(dt, now)
         stop_demand = self._stop_demand(now)
-        for each in self._inputs():
+        for each in self._inputs:
             each.ticked()
         self._trip = None
         self._last_tick = now
@@ -244,8 +265,8 @@ class Arbiter:
             state=self._state,
             owner=None if self._owner is None else self._owner.name,
             inhibits=tuple(self._inhibits(now)),
-            ages={each.label: each.watchdog.age(now) for each in self._inputs()},
-            conditions={each.label: each.condition(now) for each in self._inputs()},
+            ages={each.label: each.watchdog.age(now) for each in self._inputs},
+            conditions={each.label: each.condition(now) for each in self._inputs},
             stops_clear=not self._stops(now) and not self._waiting(now),
             operators_at_rest=not self._unrest(now),
             tripped=self._tripped_at is not None,
@@ -256,8 +277,11 @@ class Arbiter:
 
     def _stops(self, now: float) -> list[Stop]:
         """Return everything that stops the machine now, or did so since the last tick."""
+        found = []
         mux = (('stall', self._stalled(now)), ('hold', self._hold), ('trip', self._trip))
-        found = [Stop(cause, reason) for cause, reason in mux if reason is not None]
+        for cause, reason in mux:
+            if reason is not None:
+                found.append(Stop(cause, reason))
         for source in self._sources.values():
             reason = source.stop_reason(now) if self._counts(source, now) else None
             if reason is not None:
@@ -290,6 +314,9 @@ class Arbiter:
 
     def _stop(self, stops: list[Stop], now: float) -> None:
         """Stop by the lowest stop category among the reasons."""
+        if self._state is State.STOPPED and not (self._trip or self._stalled(now)):
+            self._halt(now)  # the transition keeps the first reason
+            return
         reason = '; '.join(stop.reason for stop in stops)
         causes = tuple(stop.cause for stop in stops)
         given_up = self._owner.given_up if self._owner is not None else 'nobody had control'
@@ -305,15 +332,16 @@ class Arbiter:
 
     def _latch(self, reason: str, now: float, causes: Causes) -> None:
         """Go to STOPPED and drop every earlier request."""
-        again = self._state is State.STOPPED
+        self._halt(now)
+        self._change(State.STOPPED, reason, now, causes)
+
+    def _halt(self, now: float) -> None:
         self._end_control(now)
         self._clear_since = None
         self._forget()
-        if not again or self._trip or self._stalled(now):
-            self._change(State.STOPPED, reason, now, causes)
 
     def _forget(self) -> None:
-        for each in self._inputs():
+        for each in self._inputs:
             each.forget()
         self._through_zero = False
 
@@ -321,10 +349,10 @@ class Arbiter:
         demanding = {
             name
             for name, source in self._sources.items()
-            if self._counts(source, now) and source.demands_itself(now)
+            if source.demands_itself(now) and self._counts(source, now)
         }
         tripped = self._tripped_at is not None
-        return {name: tripped or bool(demanding - {name}) for name in self._sources}
+        return {name: tripped or len(demanding) > (name in demanding) for name in self._sources}
 
     # -- reset -------------------------------------------------------------------------------
 
@@ -341,6 +369,18 @@ class Arbiter:
         if self._state is not State.STOPPED or clear >= limit:
             return []
         return [f'all stops have been clear for {milliseconds(clear)} of {milliseconds(limit)}']
+
+    def _going_on(self, now: float) -> list[str]:
+        """Say how much of reset_silence is missing since resets began too early; empty if none."""
+        if self._reset_asked is None or not self._resets_go_on:
+            return []
+        silent, limit = now - self._reset_asked, self.config.reset_silence
+        if silent >= limit:
+            return []
+        return [
+            'resets have been called since before the stop, so none counts until there was none '
+            f'for {milliseconds(limit)}; the last was {milliseconds(silent)} ago'
+        ]
 
     def _unrest(self, now: float) -> list[str]:
         found = (operator.unrest(now) for operator in self._operators.values())
@@ -368,11 +408,8 @@ class Arbiter:
                 self._clear_since = now
         elif self._owner is not None and self._owner.given_up is not None:
             self._release(self._owner, self._owner.given_up, now)
-        elif self._state is not State.STOPPING and self._settled:
-            challenger = self._challenger(now)
-            if challenger is not None:
-                verb = 'took control' if self._owner is None else 'took over'
-                self._take(challenger, now, f'{challenger.label} {verb}')
+        elif self._state is not State.STOPPING:
+            self._challenge(now)
 
     def _release(self, owner: OwnerInput, reason: str, now: float) -> None:
         """Set the output to zero, without a new owner: READY, or STOPPED if on the ramp."""
@@ -384,29 +421,36 @@ class Arbiter:
         self._end_control(now)
         self._change(State.READY, reason, now)
 
-    def _challenger(self, now: float) -> OperatorInput | None:
-        """Return the highest operator that has pressed its deadman and may take control."""
+    def _challenge(self, now: float) -> None:
+        """Let the highest operator above the owner that has acted take control, or end it."""
         for operator in self._operators.values():  # highest first
             if operator is self._owner:
-                return None
-            if operator.pressed and self._may_take(operator, now):
-                return operator
-        return None
+                return
+            if operator.acted is None:
+                continue
+            refused = self._refusal(operator, now)
+            if refused is None:
+                verb = 'took control' if self._owner is None else 'took over'
+                self._take(operator, now, f'{operator.label} {verb}')
+            elif self._owner is not None:
+                self._overruled = f'{operator.label} {operator.acted}{refused}'
+            return
 
-    def _may_take(self, operator: OperatorInput, now: float) -> bool:
-        if operator.problem(now) is not None or self._blocks(operator, now):
-            return False
-        if self._owner is None or self._owner is self._autonomy:
-            return True
-        return now - self._owner_since >= self.config.hold_time
+    def _refusal(self, operator: OperatorInput, now: float) -> str | None:
+        """Return why an operator that has acted gets no control; None if it does."""
+        if not (operator.pressed and self._settled):
+            return ''
+        problem = operator.problem(now)
+        missing = self._blocks(operator, now) if problem is None else [problem]
+        among_operators = self._owner is not None and self._owner is not self._autonomy
+        if among_operators and not now - self._owner_since >= self.config.hold_time:
+            hold = milliseconds(self.config.hold_time)
+            missing.append(f'less than {hold} after a change of owner')
+        return f', which did not count: {"; ".join(missing)}' if missing else None
 
     def _blocks(self, operator: OperatorInput, now: float) -> list[str]:
         """Return the stops of this operator's ``when_owner`` sources."""
-        found = (
-            source.stop_reason(now)
-            for source in self._sources.values()
-            if source.config.counts == 'when_owner' and source.config.operator == operator.name
-        )
+        found = (source.stop_reason(now) for source in self._guards[operator.name])
         return [reason for reason in found if reason is not None]
 
     def _take(self, owner: OwnerInput, now: float, reason: str) -> None:
@@ -421,7 +465,7 @@ class Arbiter:
     def _end_control(self, now: float) -> None:
         if self._owner is not None:
             self._former = (self._owner.name, now)
-        self._owner = None
+        self._owner = self._overruled = None
 
     def _change(self, state: State, reason: str, now: float, causes: Causes = ()) -> None:
         self._transition = Transition(now, self._state, state, reason, causes)
@@ -438,10 +482,13 @@ class Arbiter:
             ramp = self._transition
             self._latch(f'the ramp has ended, after: {ramp.reason}', now, ramp.causes)
         elif self._state is State.ACTIVE and self._owner is not None:
-            target = (0.0,) * self.config.joints if self._through_zero else self._owner.demand
+            to_zero = self._through_zero or self._overruled is not None
+            target = (0.0,) * self.config.joints if to_zero else self._owner.demand
             demand = self._limiter.step(target, dt)
             self._through_zero &= any(demand)
-            return demand
+            if self._overruled is None or any(demand):
+                return demand
+            self._release(self._owner, self._overruled, now)
         self._limiter.reset()
         return (0.0,) * self.config.joints
 
@@ -469,6 +516,8 @@ class Arbiter:
     def _why_still(self) -> list[str]:
         if self._owner is None:
             return []
+        if self._overruled is not None:
+            return [f'{self._owner.label} is losing control: {self._overruled}']
         if not self._through_zero and not any(self._owner.demand):
             return [f'{self._owner.label} has control and asks for zero']
         if self._through_zero or not any(self._limiter.output):
@@ -479,7 +528,8 @@ class Arbiter:
         tripped = self._tripped_at is not None
         why = ['a trip is active until ~/reset is called'] if tripped else []
         clearing = [] if self._stops(now) else self._waiting(now)
-        return why + self._unrest(now) + clearing + ['waiting for reset: call ~/reset']
+        why += self._unrest(now) + clearing + self._going_on(now)
+        return [*why, 'waiting for reset: call ~/reset']
 
     def _why_no_owner(self, now: float) -> list[str]:
         why = [
@@ -502,12 +552,6 @@ class Arbiter:
         if problem is not None:
             return [problem]
         return [each.advice()] if self._state is State.READY else []
-
-    def _inputs(self) -> list[Input]:
-        found: list[Input] = [*self._sources.values(), *self._operators.values()]
-        if self._autonomy is not None:
-            found.append(self._autonomy)
-        return found
 
     def _known_autonomy(self) -> AutonomyInput:
         if self._autonomy is None:

@@ -16,6 +16,7 @@ from safety_mux.protocol import MuxConfig
 from safety_mux.protocol import Operator
 
 _T = TypeVar('_T')
+_TIMES = ('clear_time', 'neutral_time', 'hold_time', 'stall_limit', 'stop_time', 'reset_silence')
 
 
 def mux_config(values: Mapping[str, Any]) -> MuxConfig:
@@ -34,10 +35,7 @@ def mux_config(values: Mapping[str, Any]) -> MuxConfig:
                 for name in names_of(values, 'operators')
             ),
             autonomy=Autonomy(values['autonomy.timeout']) if values['autonomy.topic'] else None,
-            **{
-                name: values[name]
-                for name in ('clear_time', 'neutral_time', 'hold_time', 'stall_limit', 'stop_time')
-            },
+            **{name: values[name] for name in _TIMES},
         ),
     )
 
@@ -77,6 +75,7 @@ def joint_limits(values: Mapping[str, Any]) -> list[JointLimit]:
                 magnitude=values[f'joint.{name}.max'],
                 acceleration=values[f'joint.{name}.acceleration'],
                 deceleration=values[f'joint.{name}.deceleration'],
+                group=values[f'joint.{name}.group'],
             )
             for name in values['joints']
         ]
@@ -84,15 +83,20 @@ def joint_limits(values: Mapping[str, Any]) -> list[JointLimit]:
     return _built('joint.*', build)
 
 
-def check(values: Mapping[str, Any]) -> None:
-    """Refuse contradictory values. :raises ParameterError: with the parameter's name."""
+def check(values: Mapping[str, Any], resolved: Callable[[str], str]) -> None:
+    """
+    Refuse contradictory values.
+
+    :param resolved: gives the full name of a topic, by the node's namespace and remappings.
+    :raises ParameterError: with the parameter's name.
+    """
     for prefix, list_name in (('estop', 'estop_sources'), ('operator', 'operators')):
         for name in names_of(values, list_name):
             if not values[f'{prefix}.{name}.topic']:
                 raise ParameterError(
                     f'parameter {prefix}.{name}.topic is empty: give the topic of {name!r}'
                 )
-    _check_topics(values)
+    _check_topics(values, resolved)
     if len(set(values['joints'])) < len(values['joints']) or '' in values['joints']:
         raise ParameterError(
             f'parameter joints = {values["joints"]}: names must be there and differ'
@@ -102,19 +106,30 @@ def check(values: Mapping[str, Any]) -> None:
         raise ParameterError('parameter autonomy.type: Twist needs two joints, left and right')
     if 1.0 / values['rate'] >= values['stall_limit']:
         raise ParameterError('parameter stall_limit: must be longer than the period of rate')
+    for name in ('clear_time', 'neutral_time'):
+        if values[name] < 3.0 / values['rate']:
+            raise ParameterError(f'parameter {name}: must be three periods of rate or more')
     mux_config(values)
-    joint_limits(values)
+    limits = joint_limits(values)
     for name in names_of(values, 'operators'):
-        joy_mapping(values, name)
+        reach = joy_mapping(values, name).reach
+        for joint, limit, most in zip(values['joints'], limits, reach, strict=True):
+            if most > limit.magnitude:
+                raise ParameterError(
+                    f'parameter operator.{name}.scale: {most} is above joint.{joint}.max, '
+                    f'which is {limit.magnitude}'
+                )
 
 
-def _check_topics(values: Mapping[str, Any]) -> None:
+def _check_topics(values: Mapping[str, Any], resolved: Callable[[str], str]) -> None:
     """Refuse one topic for two inputs: which of them it is for would be ambiguous."""
     users: dict[str, str] = {}
     for name, topic in values.items():
-        is_input = name.endswith(('.topic', '.own_topic')) and topic
-        if is_input and users.setdefault(topic, name) != name:
-            raise ParameterError(f'parameter {name} = {topic!r}: is also that of {users[topic]}')
+        if not name.endswith(('.topic', '.own_topic')) or not topic:
+            continue
+        user = users.setdefault(resolved(topic), name)
+        if user != name:
+            raise ParameterError(f'parameter {name} = {topic!r}: is also that of {user}')
 
 
 def _source(values: Mapping[str, Any], name: str) -> EStopSource:

@@ -53,14 +53,18 @@ class Input:
         self.faults[cause] = reason
         self._break(f'{self.label} is invalid: {reason}')
 
+    def usable(self, now: float) -> bool:
+        """Return whether it is fresh and valid."""
+        return not (self.faults or self.watchdog.expired(now))
+
     def problem(self, now: float) -> str | None:
         """Return why it is not usable at ``now``; None if it is."""
+        if self.usable(now):
+            return None
         if self.faults:
             return f'{self.label} is invalid: {"; ".join(self.faults.values())}'
-        if self.watchdog.expired(now):
-            silence = f'{self.condition(now)}: {self.watchdog.describe(now)}'
-            return f'{self.label} is {silence}: start its node'
-        return None
+        silence = f'{self.condition(now)}: {self.watchdog.describe(now)}'
+        return f'{self.label} is {silence}: start its node'
 
     def condition(self, now: float) -> str:
         """Return ``invalid``, ``silent``, ``stale`` or, of one that can be relied on, its use."""
@@ -144,9 +148,8 @@ class SourceInput(Input):
 
     def demands_itself(self, now: float) -> bool:
         """Return whether it demands a stop that is not the echo of ours; silence counts as one."""
-        if self.problem(now) is not None or self.own_watchdog.expired(now):
-            return True
-        return self.own or self.own_lapse
+        heard = self.usable(now) and not self.own_watchdog.expired(now)
+        return self.own or self.own_lapse or not heard
 
     def silence(self) -> None:
         """Reset the state to that of an input that was never heard."""
@@ -155,7 +158,7 @@ class SourceInput(Input):
 
     def ticked(self) -> None:
         """Drop what was kept for this tick."""
-        super().ticked()
+        self.lapse = None
         self.own_lapse = False
 
 
@@ -227,10 +230,10 @@ class OperatorInput(OwnerInput):
 
     ``pressed``: the deadman was pressed after a complete rest, since the last tick. One that
     cannot take effect in the next tick is dropped. ``holding``: the deadman has been held in
-    every sample since.
+    every sample since. ``acted``: how it showed, since the last tick, that it wants to drive.
     """
 
-    __slots__ = ('config', 'holding', 'newest', 'pressed')
+    __slots__ = ('acted', 'config', 'holding', 'newest', 'pressed')
 
     def __init__(self, config: Operator, neutral_time: float) -> None:
         label = f"operator '{config.name}'"
@@ -239,12 +242,18 @@ class OperatorInput(OwnerInput):
         self.newest: OperatorSample | None = None
         self.pressed = False
         self.holding = False
+        self.acted: str | None = None
 
     def sample(self, sample: OperatorSample, now: float) -> None:
         """Record a good message."""
         self.hear(now)
         before, self.newest = self.newest, sample
         self.demand = sample.demand
+        if not sample.neutral and (before is None or before.neutral):
+            self.acted = 'moved its sticks'
+        if sample.deadman and (before is None or not before.deadman):
+            early = '' if self.rested else ' before it could count'
+            self.acted = f'pressed its deadman{early}'
         if self.faults:  # such as a second publisher: its messages do not count
             self.forget()
             return
@@ -311,8 +320,9 @@ class OperatorInput(OwnerInput):
 
     def ticked(self) -> None:
         """Drop what was kept for this tick."""
-        super().ticked()
+        self.lapse = None
         self.pressed = False
+        self.acted = None
 
 
 class AutonomyInput(OwnerInput):

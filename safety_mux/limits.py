@@ -7,7 +7,9 @@ the drive without it. Time is an argument here, too.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import repeat
 import math
+from operator import gt
 
 
 @dataclass(frozen=True, slots=True)
@@ -18,12 +20,14 @@ class JointLimit:
     :param magnitude: greatest absolute value. Above 0.
     :param acceleration: greatest change per second away from zero. Above 0.
     :param deceleration: greatest change per second towards zero. Above 0.
+    :param group: joints of one group keep their proportion where one would exceed its magnitude.
     :raises ValueError: for a value that is not finite or not above 0.
     """
 
     magnitude: float
     acceleration: float
     deceleration: float
+    group: str = ''
 
     def __post_init__(self) -> None:
         for name in ('magnitude', 'acceleration', 'deceleration'):
@@ -36,15 +40,17 @@ class JointLimiter:
     """
     Follows a target within the limits, beginning at zero.
 
-    A change of sign stops at zero for the rest of that step. A target that is not finite counts
-    as zero.
+    A target beyond one joint's magnitude is reduced for all joints of its group by the same
+    factor, so that a curve stays the same curve. The rates are those of each joint by itself. A
+    change of sign stops at zero for the rest of that step. A target that is not finite counts as
+    zero.
 
     :param max_dt: seconds, the longest step: after a late one the output continues from its last
         value and does not jump to make up for the time.
     :raises ValueError: there is no joint, or max_dt is not above 0 and finite.
     """
 
-    __slots__ = ('_limits', '_max_dt', '_ramp', '_values')
+    __slots__ = ('_limits', '_magnitudes', '_max_dt', '_ramp', '_values')
 
     def __init__(self, limits: Sequence[JointLimit], *, max_dt: float = 0.1) -> None:
         if not limits:
@@ -52,6 +58,7 @@ class JointLimiter:
         if not (math.isfinite(max_dt) and max_dt > 0.0):
             raise ValueError(f'max_dt must be above 0 s and finite, not {max_dt}')
         self._limits = tuple(limits)
+        self._magnitudes = tuple(limit.magnitude for limit in limits)
         self._max_dt = max_dt
         self._values = (0.0,) * len(self._limits)
         self._ramp: tuple[float, ...] | None = None
@@ -78,11 +85,18 @@ class JointLimiter:
             raise ValueError(f'{len(target)} targets for {len(self._limits)} joints')
         self._ramp = None
         dt = min(_forward(dt), self._max_dt)
-        self._values = tuple(
-            _follow(value, goal, limit, dt)
-            for value, goal, limit in zip(self._values, target, self._limits, strict=True)
-        )
+        if any(map(gt, map(abs, target), self._magnitudes)):
+            target = self._reduced(target)
+        self._values = tuple(map(_follow, self._values, target, self._limits, repeat(dt)))
         return self._values
+
+    def _reduced(self, target: Sequence[float]) -> list[float]:
+        excess = dict.fromkeys((limit.group for limit in self._limits), 1.0)
+        for goal, limit in zip(target, self._limits, strict=True):
+            if math.isfinite(goal):
+                excess[limit.group] = max(excess[limit.group], abs(goal) / limit.magnitude)
+        pairs = zip(target, self._limits, strict=True)
+        return [goal / excess[limit.group] for goal, limit in pairs]
 
     def ramp(self, dt: float, stop_time: float) -> tuple[float, ...]:
         """
@@ -115,13 +129,13 @@ def _slope(value: float, stop_time: float) -> float:
 
 def _follow(value: float, goal: float, limit: JointLimit, dt: float) -> float:
     """Return ``value`` moved towards ``goal`` for ``dt`` seconds, not across zero."""
-    if not math.isfinite(goal):
-        goal = 0.0
-    goal = max(-limit.magnitude, min(limit.magnitude, goal))
-    if value * goal < 0.0:
-        goal = 0.0
-    grows = abs(goal) > abs(value)
-    most = (limit.acceleration if grows else limit.deceleration) * dt
+    size = abs(goal)
+    if not size < math.inf or value * goal < 0.0:
+        goal = size = 0.0
+    elif size > limit.magnitude:
+        goal = math.copysign(limit.magnitude, goal)
+        size = limit.magnitude
+    most = (limit.acceleration if size > abs(value) else limit.deceleration) * dt
     if abs(goal - value) <= most:
         return goal + 0.0  # turns -0.0 into 0.0
     return value + math.copysign(most, goal - value)

@@ -112,6 +112,12 @@ class JoyMapping:
         """The number of joints in a demand."""
         return len(self.sticks)
 
+    @property
+    def reach(self) -> Demand:
+        """The greatest absolute demand of each joint."""
+        scales = tuple(abs(stick.scale) for stick in self.sticks)
+        return scales if self.mixing != 'arcade' else (max(scales),) * 2
+
     def sample(self, axes: Sequence[float], buttons: Sequence[int]) -> OperatorSample:
         """
         Read one message: axes -1 to 1, buttons 0 or 1 (or a switch's raw value).
@@ -150,7 +156,7 @@ class JoyMapping:
             return values
         forward, turn = values
         left, right = forward - turn, forward + turn
-        most = max(abs(stick.scale) for stick in self.sticks)
+        most = self.reach[0]
         shrink = min(1.0, most / max(abs(left), abs(right), most))
         return left * shrink, right * shrink
 
@@ -179,16 +185,17 @@ class DifferentialDrive:
         """The number of joints in a demand."""
         return 2
 
-    def demand(self, linear_x: float, angular_z: float) -> Demand:
+    def demand(self, linear: Sequence[float], angular: Sequence[float]) -> Demand:
         """
-        Return left and right for m/s forward and rad/s to the left.
+        Return left and right for a twist; x of linear is forward, z of angular to the left.
 
-        :raises MalformedInput: a number is not finite.
+        :param linear: m/s along x, y, z. :param angular: rad/s around x, y, z.
+        :raises MalformedInput: one of the six is not finite, used or not.
         """
-        if not (math.isfinite(linear_x) and math.isfinite(angular_z)):
-            raise MalformedInput(f'the twist is not finite: x {linear_x}, yaw {angular_z}')
-        half = angular_z * self.wheel_separation / 2.0
-        return (linear_x - half) / self.wheel_radius, (linear_x + half) / self.wheel_radius
+        if not all(map(math.isfinite, (*linear, *angular))):
+            raise MalformedInput(f'the twist is not finite: linear {linear}, angular {angular}')
+        forward, half = linear[0], angular[2] * self.wheel_separation / 2.0
+        return (forward - half) / self.wheel_radius, (forward + half) / self.wheel_radius
 
 
 @dataclass(frozen=True, slots=True)

@@ -148,7 +148,7 @@ class SafetyMux(ManagedNode):
 
     def check_parameters(self, values: dict[str, Any]) -> None:
         """Refuse what contradicts itself. :raises ParameterError: naming it."""
-        check(values)
+        check(values, self.resolve_topic_name)
 
     def on_configure(self, state: Any) -> TransitionCallbackReturn:
         """Take over parameters that were changed since construction."""
@@ -321,7 +321,8 @@ class SafetyMux(ManagedNode):
         if isinstance(message, JointState):
             return self._named.demand(message.name, getattr(message, self._interface))
         twist = message.twist if isinstance(message, TwistStamped) else message
-        return self._drive.demand(twist.linear.x, twist.angular.z)
+        speed, turn = twist.linear, twist.angular
+        return self._drive.demand((speed.x, speed.y, speed.z), (turn.x, turn.y, turn.z))
 
     def _on_drive_enabled(self, message: Any, info: Any) -> None:
         del info
@@ -329,7 +330,8 @@ class SafetyMux(ManagedNode):
 
     def _look_around(self, now: float) -> None:
         """Find topics with two live publishers, or with one that could never be heard."""
-        for topic in self._watches:
+        for topic, (_, _, watch) in self._watches.items():
+            watch.counted(self.count_publishers(topic))
             self._look_at(topic, now)
         for publisher in (self._estop.publisher, self._enable.publisher, self._command):
             self._look_at_own(publisher)
@@ -338,11 +340,13 @@ class SafetyMux(ManagedNode):
     def _look_at_own(self, publisher: Any) -> None:
         """Listen to an output of ours for as long as somebody else may publish there, too."""
         topic = publisher.topic_name
-        alone = self.count_publishers(topic) < 2
+        publishers = self.count_publishers(topic)
+        alone = publishers < 2
         if alone and topic in self._own_watches:
             self.lane.unsubscribe(self._own_watches.pop(topic)[0])
         elif not alone and topic not in self._own_watches:
             watch = PublisherWatch()
+            watch.counted(publishers)
 
             def on_message(message: Any, info: Any) -> None:
                 del message

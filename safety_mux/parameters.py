@@ -71,13 +71,15 @@ GENERAL = (
     _seconds(
         'clear_time',
         0.5,
-        'How long all stops must have been clear before a reset is accepted.',
+        'How long all stops must have been clear before a reset is accepted. Three periods of '
+        'rate or more.',
         section='times',
     ),
     _seconds(
         'neutral_time',
         0.3,
-        'How long an operator must send neutral, deadman released, before the deadman counts.',
+        'How long an operator must send neutral, deadman released, before the deadman counts. '
+        'Three periods of rate or more, and no operator has a longer timeout.',
     ),
     _seconds(
         'hold_time',
@@ -95,6 +97,14 @@ GENERAL = (
         maximum=1.0,
     ),
     _seconds('stop_time', 0.5, 'A stop of category 1 has reached 0 and disables after this time.'),
+    _seconds(
+        'reset_silence',
+        5.0,
+        'Who calls ~/reset while there is nothing to reset, such as a script that does so for '
+        'ever, has to be silent for this long before a reset counts.',
+        minimum=0.0,
+        maximum=60.0,
+    ),
     Parameter(
         'joints',
         ['left', 'right'],
@@ -153,7 +163,8 @@ JOINT = (
     Parameter(
         'max',
         10.0,
-        'Greatest absolute value that goes out.',
+        'Greatest absolute value that goes out. No operator has a larger scale; if autonomy asks '
+        'for more, all joints of the group are reduced by the same factor.',
         'rad/s or N·m',
         above=0.0,
         maximum=1e6,
@@ -173,6 +184,12 @@ JOINT = (
         'rad/s² or N·m/s',
         above=0.0,
         maximum=1e6,
+    ),
+    Parameter(
+        'group',
+        '',
+        'Joints with the same word are reduced by the same factor where one would exceed its max, '
+        'so that a curve stays. Another word for what moves by itself, such as a mast.',
     ),
 )
 
@@ -215,7 +232,7 @@ OPERATOR = (
         minimum=0,
         maximum=1000,
     ),
-    _seconds('timeout', 0.25, 'An owner silent for longer is lost: stop.'),
+    _seconds('timeout', 0.25, 'An owner silent for longer is lost: stop. At most neutral_time.'),
     Parameter(
         'mixing',
         'none',
@@ -232,7 +249,7 @@ OPERATOR = (
     Parameter(
         'scale',
         [1.0],
-        f'Joint value at full deflection, not 0. {_EACH}',
+        f'Joint value at full deflection, not 0, and not above max of its joint. {_EACH}',
         'rad/s or N·m',
     ),
     Parameter('inverted', [False], f'Turns the sign round. {_EACH}'),

@@ -111,10 +111,13 @@ class MuxConfig:
 
     :param joints: number of joints in a demand. 1 or more.
     :param clear_time: seconds that all stops must have been clear before a reset. Above 0.
-    :param neutral_time: seconds of fresh neutral samples before a deadman counts. Above 0.
+    :param neutral_time: seconds of fresh neutral samples before a deadman counts. Above 0, and no
+        operator's timeout is longer: two samples, with silence between, are no rest.
     :param hold_time: seconds after a change of owner without another takeover. 0 or more.
     :param stall_limit: seconds; a longer gap between ticks means a frozen process. Above 0.
     :param stop_time: seconds within which the ramp of stop category 1 ends. Above 0.
+    :param reset_silence: seconds without a reset before one counts again, once resets were called
+        with nothing to reset. 0 or more.
     :raises ValueError: a value is out of range, a name or priority repeated, an operator unknown;
         there is no e-stop source, or an owner that no e-stop source would stop.
     """
@@ -128,14 +131,17 @@ class MuxConfig:
     hold_time: float = 0.5
     stall_limit: float = 0.1
     stop_time: float = 0.5
+    reset_silence: float = 5.0
 
     def __post_init__(self) -> None:
         if self.joints < 1:
             raise ValueError(f'joints must be 1 or more, not {self.joints}')
         for name in ('clear_time', 'neutral_time', 'stall_limit', 'stop_time'):
             _check_seconds(name, getattr(self, name))
-        if not (math.isfinite(self.hold_time) and self.hold_time >= 0.0):
-            raise ValueError(f'hold_time must be 0 s or more and finite, not {self.hold_time}')
+        for name in ('hold_time', 'reset_silence'):
+            value = getattr(self, name)
+            if not (math.isfinite(value) and value >= 0.0):
+                raise ValueError(f'{name} must be 0 s or more and finite, not {value}')
         self._check_names()
         self._check_owners()
 
@@ -154,6 +160,12 @@ class MuxConfig:
                 )
 
     def _check_owners(self) -> None:
+        for operator in self.operators:
+            if operator.timeout > self.neutral_time:
+                raise ValueError(
+                    f"timeout of operator '{operator.name}' must be at most neutral_time, "
+                    f'{self.neutral_time} s, or two samples would be a rest'
+                )
         owners = [operator.name for operator in self.operators]
         if self.autonomy is not None:
             owners.append(AUTONOMY)
@@ -212,8 +224,7 @@ class Reply(NamedTuple):
     message: str
 
 
-@dataclass(frozen=True, slots=True)
-class Decision:
+class Decision(NamedTuple):
     """
     The output of one tick.
 

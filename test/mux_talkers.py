@@ -28,6 +28,7 @@ PATIENT = {
     'estop.drive.timeout': TIMEOUT,
     'operator.fort.timeout': TIMEOUT,
     'autonomy.timeout': TIMEOUT,
+    'neutral_time': TIMEOUT,
 }
 FRESH = 0.2  # s; of ~/state, four periods
 CLEAR_TIME = 0.5  # the mux's default; a reset within it of another counts as repeated

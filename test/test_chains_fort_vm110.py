@@ -302,6 +302,8 @@ def _arbiter(counts: Literal['always', 'when_owner'], own_topics: bool, now: flo
             EStopSource(VM110, counts=counts, operator=VM110, own_topic=own_topics),
         ),
         operators=(Operator(FORT, priority=2), Operator(VM110, priority=1, timeout=0.5)),
+        neutral_time=0.5,
+        reset_silence=0.0,  # who resets here does so again and again
     )
     return Arbiter(config, JointLimiter([JointLimit(1.0, 2.0, 4.0)]), now)
 

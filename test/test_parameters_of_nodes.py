@@ -157,11 +157,11 @@ def overrides(values: dict[str, Any], port: Untouched) -> list[str]:
     return [word for name, value in given.items() for word in ('-p', f'{name}:={as_yaml(value)}')]
 
 
-def refusal(node: str, values: dict[str, Any], ports: Ports, capfd: Any) -> str:
-    """Show that the node refuses the values as it should; return its one line."""
+def refusal(node: str, values: dict[str, Any], ports: Ports, capfd: Any, *more: str) -> str:
+    """Show that the node refuses the values, and more arguments, as it should; return its line."""
     capfd.readouterr()
     port = ports[node]
-    status = started(node, overrides(values, port))
+    status = started(node, [*overrides(values, port), *more])
     error = capfd.readouterr().err
     assert status == 2, f'{values}: {error}'
     lines = error.splitlines()
@@ -290,6 +290,16 @@ CONTRADICTIONS: dict[str, tuple[str, dict[str, Any], str]] = {
         {'operator.fort.inverted': [True, False, True]},
         r'operator\.fort.*inverted',
     ),
+    'a scale above the maximum': (
+        'mux',
+        {'operator.fort.scale': [10.1, 5.0]},
+        r'operator\.fort\.scale: 10\.1 is above joint\.left\.max',
+    ),
+    'a maximum below the scale': (
+        'mux',
+        {'joint.right.max': 9.9},
+        r'operator\.fort\.scale: 10\.0 is above joint\.right\.max',
+    ),
     'a scale of 0': ('mux', {'operator.fort.scale': [0.0]}, r'operator\.fort.*scale'),
     'a deadman button twice': (
         'mux',
@@ -299,6 +309,21 @@ CONTRADICTIONS: dict[str, tuple[str, dict[str, Any], str]] = {
     'a joint twice': ('mux', {'joints': ['a', 'a']}, 'parameter joints'),
     'a joint without a name': ('mux', {'joints': ['', 'b']}, 'parameter joints'),
     'more joints than the operator moves': ('mux', {'joints': ['a', 'b', 'c']}, 'joints'),
+    'two samples for a rest': (
+        'mux',
+        {'operator.fort.timeout': 0.31, 'neutral_time': 0.3},
+        r'parameters.*fort.*neutral_time',
+    ),
+    'clear for less than three decisions': (
+        'mux',
+        {'rate': 20.0, 'clear_time': 0.149},
+        'parameter clear_time',
+    ),
+    'neutral for less than three decisions': (
+        'mux',
+        {'rate': 20.0, 'neutral_time': 0.149},
+        'parameter neutral_time',
+    ),
     'stalled at every tick': ('mux', {'rate': 20.0, 'stall_limit': 0.02}, 'stall_limit'),
     'three joints for a drive of two axes': (
         'esi',
@@ -393,6 +418,16 @@ def test_one_topic_for_two_estop_sources_is_one_line_and_status_2(
 ) -> None:
     line = refusal('mux', {'estop.drive.topic': 'fort_vsc_bridge/estop'}, ports, capfd)
     assert 'topic' in line
+
+
+@pytest.mark.parametrize('alias', ['/site/fort_vsc_bridge/estop', 'drive_stop', '/estop'])
+def test_one_topic_under_two_names_is_one_line_and_status_2(
+    alias: str, ports: Ports, capfd: Any
+) -> None:
+    remapped = ('-r', 'drive_stop:=fort_vsc_bridge/estop', '-r', '/estop:=fort_vsc_bridge/estop')
+    more = ('-r', '__ns:=/site', *remapped)
+    line = refusal('mux', {'estop.drive.topic': alias}, ports, capfd, *more)
+    assert 'is also that of estop' in line
 
 
 def test_source_name_that_cannot_be_a_topic_is_one_line_and_status_2(

@@ -67,11 +67,50 @@ def test_slow_second_publisher_is_found() -> None:
     assert heard(*numbers)
 
 
-def test_one_that_left_is_forgotten_after_the_window() -> None:
-    watch = PublisherWatch(window=1.0)
+@pytest.mark.parametrize('rate', [0.05, 0.5, 0.9, 1.0, 3.0])
+@pytest.mark.parametrize('first', [1, 90, 300, 100_000])
+def test_slow_second_publisher_is_found_by_its_first_message(rate: float, first: int) -> None:
+    watch = PublisherWatch()
+    second, due = first, 5.0
+    for tick in range(2000):
+        now = tick * PERIOD
+        watch.heard(100 + tick, now)
+        assert watch.doubled(now) == (second > first), now
+        if now >= due:
+            watch.heard(second, now)
+            watch.counted(2)
+            second, due = second + 1, due + 1.0 / rate
+
+
+def test_second_publisher_that_discovery_knows_is_one_until_it_is_gone() -> None:
+    watch = PublisherWatch()
+    assert heard(100, 7, 101, watch=watch, start=0.0)
+    watch.counted(2)
+    assert watch.doubled(3600.0)
+    watch.counted(1)
+    assert not watch.doubled(3600.0)
+    watch.counted(2)
+    assert not watch.doubled(3600.0)
+
+
+def test_discovery_alone_finds_no_second_publisher() -> None:
+    watch = PublisherWatch()
+    watch.counted(2)  # such as a dead one, and its successor
+    assert not heard(500, 501, 502, 1, 2, 3, 4, 5, watch=watch)
+
+
+def test_one_that_left_is_forgotten_without_discovery_too() -> None:
+    watch = PublisherWatch()
     assert heard(100, 1, 101, 2, 102, watch=watch, start=0.0)
-    assert watch.doubled(1.0)
-    assert not watch.doubled(1.3)
+    assert watch.doubled(3.2)
+    assert not watch.doubled(3.3)
+
+
+def test_restart_that_loses_messages_is_no_second_publisher() -> None:
+    assert not heard(500, 501, 1, 2, 40, 41, 42)
+    watch = PublisherWatch()
+    assert not heard(*range(400, 500), 1, 2, watch=watch, start=0.0)
+    assert not heard(*range(3, 499), 501, 502, watch=watch, start=0.1 + 102 * PERIOD)
 
 
 def test_restarted_publisher_counts_again_once_it_is_known_to_be_alone() -> None:
@@ -101,15 +140,20 @@ def mux(observer: Observer) -> Iterator[MuxBench]:
     result.close()
 
 
+@pytest.mark.parametrize('rate', [50.0, 0.5])
 @pytest.mark.parametrize('topic', ['fort_vsc_bridge/estop', 'fort_vsc_bridge/joy'])
-def test_second_live_publisher_stops_until_it_is_gone(mux: MuxBench, topic: str) -> None:
+def test_second_live_publisher_stops_until_it_is_gone(
+    mux: MuxBench, topic: str, rate: float
+) -> None:
     mux.active()
     cause = time.monotonic()
     kind, message = (Joy, sticks(0.5, deadman=True)) if 'joy' in topic else (Bool, Bool())
-    second = Talker(mux.observer, kind, f'{mux.space}/{topic}', message, rate=50.0)
-    mux.stopped_since(cause, 3.0)
+    second = Talker(mux.observer, kind, f'{mux.space}/{topic}', message, rate=rate)
+    mux.stopped_since(cause, 1.0 / rate + 3.0)  # the first message comes after a period
     mux.joy.message = sticks()
-    mux.wait(lambda: mux.explains(f'two live publishers on {mux.space}/{topic}'), 'why')
+    doubled = f'two live publishers on {mux.space}/{topic}'
+    mux.wait(lambda: mux.explains(doubled), 'why')
+    mux.observer.holds_for(lambda: doubled in mux.why(), 3.5)
     assert not mux.reset().success
     second.leave()
     mux.wait(lambda: mux.is_past('two live publishers'), 'only one again')

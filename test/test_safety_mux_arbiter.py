@@ -211,6 +211,40 @@ def test_held_or_repeated_reset_does_nothing() -> None:
     assert bench.reset().ok
 
 
+@pytest.mark.parametrize('period', [0.6, 1.0, 4.0])
+def test_script_that_resets_for_ever_arms_once(period: float) -> None:
+    bench = Bench()
+    bench.run(0.6)
+    accepted = []
+    for stops in range(4):
+        bench.estops['fort'] = True
+        bench.run(0.2)
+        bench.estops['fort'] = False
+        for _ in range(round(20.0 / period)):
+            bench.run(period)
+            accepted += [stops] * bench.reset().ok
+    assert accepted == [0]
+    assert 'so none counts until there was none for 5000 ms' in bench.reset().message
+    bench.run(4.9)
+    assert 'resets have been called since before the stop' in bench.why()
+    bench.run(0.2)
+    assert 'resets have been called' not in bench.why()
+    assert bench.reset().ok
+
+
+def test_person_who_is_refused_resets_again_after_clear_time() -> None:
+    bench = Bench().active()
+    for _ in range(3):
+        bench.samples['fort'] = REST
+        bench.estops['fort'] = True
+        bench.run(1.0)
+        assert not bench.reset().ok
+        bench.estops['fort'] = False
+        bench.run(0.6)
+        assert bench.reset().ok
+        bench.run(0.1)
+
+
 @pytest.mark.parametrize('arrange', [Bench.ready, Bench.active])
 def test_reset_of_what_is_not_stopped_does_nothing(arrange: Callable[[Bench], Bench]) -> None:
     bench = arrange(Bench())
@@ -430,6 +464,9 @@ def test_timeout_that_never_expires_is_refused(value: float) -> None:
         ({'operators': (Operator('a', 1),)}, "belongs to operator 'senior'"),
         ({'sources': CONFIG.sources[2:]}, "no e-stop source would stop 'fort'"),
         ({'hold_time': -0.1}, 'hold_time'),
+        ({'reset_silence': -0.1}, 'reset_silence'),
+        ({'reset_silence': math.inf}, 'reset_silence'),
+        ({'neutral_time': 0.24}, "timeout of operator 'fort' must be at most neutral_time"),
         ({'joints': 0}, 'joints'),
     ],
 )

@@ -124,6 +124,7 @@ def plant(own_topic: bool, counts: Literal['always', 'when_owner']) -> Plant:
         clear_time=CLEAR,
         neutral_time=CLEAR,
         stall_limit=1.5 * STEP,
+        reset_silence=0.0,  # who resets here does so again and again
     )
     limit = JointLimit(1.0, 1.0 / STEP, 0.5 / STEP)
     return Plant(Arbiter(config, JointLimiter([limit], max_dt=1.0), 0.0))

@@ -38,9 +38,37 @@ def test_change_of_sign_stops_at_zero_first() -> None:
     assert limited.step((4.0,), 1.0) == (2.0,)
 
 
-def test_joints_are_limited_each_by_its_own() -> None:
-    limited = limiter(LIMIT, JointLimit(0.5, 100.0, 100.0))
+def test_joints_of_two_groups_are_limited_each_by_its_own() -> None:
+    limited = limiter(LIMIT, JointLimit(0.5, 100.0, 100.0, 'mast'))
     assert limited.step((4.0, -4.0), 0.5) == (1.0, -0.5)
+
+
+def test_demand_beyond_one_joint_keeps_the_curve() -> None:
+    wheel = JointLimit(10.0, 1e3, 1e3)
+    limited = limiter(wheel, wheel, JointLimit(1.0, 1e3, 1e3, 'mast'), wheel)
+    assert limited.step((12.5, 17.5, -3.0, math.inf), 1.0) == (50.0 / 7.0, 10.0, -1.0, 0.0)
+
+
+@given(
+    st.lists(
+        st.tuples(st.floats(-1e9, 1e9), st.floats(1e-3, 1e3), st.sampled_from('ab')), min_size=1
+    )
+)
+def test_every_group_keeps_its_proportion_and_reaches_a_limit(
+    joints: list[tuple[float, float, str]],
+) -> None:
+    limits = [JointLimit(most, 1e15, 1e15, group) for _, most, group in joints]
+    output = limiter(*limits).step([goal for goal, _, _ in joints], 1.0)
+    for group in 'ab':
+        values = [
+            (value, goal, most)
+            for value, (goal, most, name) in zip(output, joints, strict=True)
+            if name == group
+        ]
+        factor = min([1.0, *(most / abs(goal) for _, goal, most in values if goal)])
+        for value, goal, most in values:
+            assert value == pytest.approx(goal * factor)
+            assert abs(value) <= most
 
 
 @pytest.mark.parametrize('target', [math.nan, math.inf, -math.inf])

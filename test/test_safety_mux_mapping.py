@@ -200,21 +200,38 @@ def test_arcade_never_exceeds_the_greater_scale(sent: list[float]) -> None:
     assert max(map(abs, ARCADE.sample(sent, [1]).demand)) <= 10.0 + 1e-9
 
 
+@pytest.mark.parametrize('mixing', ['none', 'tank', 'arcade'])
+@given(st.data())
+def test_no_deflection_exceeds_the_reach(mixing: Any, data: st.DataObject) -> None:
+    scales = data.draw(st.tuples(*[st.floats(-100.0, 100.0).filter(bool)] * 2))
+    mapping = JoyMapping(
+        tuple(Stick(axis, scale) for axis, scale in enumerate(scales)), (0,), mixing
+    )
+    axes = data.draw(st.tuples(*[st.floats(-1.05, 1.05)] * 2))
+    for value, most in zip(mapping.sample(axes, [1]).demand, mapping.reach, strict=True):
+        assert abs(value) <= most * (1.0 + 1e-12)
+
+
 # A twist.
 
 
 def test_twist_becomes_wheel_speeds() -> None:
     drive = DifferentialDrive(wheel_separation=0.5, wheel_radius=0.1)
-    assert drive.demand(1.0, 0.0) == (10.0, 10.0)
-    assert drive.demand(0.0, 2.0) == pytest.approx((-5.0, 5.0))
-    assert drive.demand(1.0, 2.0) == pytest.approx((5.0, 15.0))
-    assert not any(drive.demand(0.0, 0.0))
+    zero = (0.0, 0.0, 0.0)
+    assert drive.demand((1.0, 0.0, 0.0), zero) == (10.0, 10.0)
+    assert drive.demand(zero, (0.0, 0.0, 2.0)) == pytest.approx((-5.0, 5.0))
+    assert drive.demand((1.0, 0.0, 0.0), (0.0, 0.0, 2.0)) == pytest.approx((5.0, 15.0))
+    assert not any(drive.demand(zero, zero))
+    assert not any(drive.demand((0.0, 1.0, 1.0), (1.0, 1.0, 0.0)))
 
 
-@pytest.mark.parametrize('twist', [(math.nan, 0.0), (0.0, math.inf)])
-def test_twist_that_is_no_number_is_malformed(twist: tuple[float, float]) -> None:
+@pytest.mark.parametrize('value', [math.nan, math.inf, -math.inf])
+@pytest.mark.parametrize('field', range(6))
+def test_twist_with_any_field_that_is_no_number_is_malformed(field: int, value: float) -> None:
+    twist = [0.1] * 6
+    twist[field] = value
     with pytest.raises(MalformedInput, match='not finite'):
-        DifferentialDrive(0.5, 0.1).demand(*twist)
+        DifferentialDrive(0.5, 0.1).demand(twist[:3], twist[3:])
 
 
 @pytest.mark.parametrize('value', [0.0, -1.0, math.nan, math.inf])

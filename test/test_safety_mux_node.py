@@ -342,7 +342,7 @@ def test_autonomy_that_falls_silent_or_mad_stops(observer: Observer) -> None:
     mux = MuxBench(observer, autonomy__topic='cmd_vel')
     autonomy = Talker(observer, Twist, f'{mux.space}/cmd_vel', Twist())
     mad = Twist()
-    mad.linear.x = math.nan
+    mad.angular.x = math.nan  # of no use for wheels, but not of a sane planner
     try:
         for spoil in (autonomy.pause, lambda: setattr(autonomy, 'message', mad)):
             mux.ready()

@@ -8,6 +8,7 @@ import pytest
 
 from safety_mux.protocol import Decision
 from safety_mux.protocol import Operator
+from safety_mux.protocol import OperatorSample
 from safety_mux.protocol import State
 from test.safety_mux_bench import assert_stopped
 from test.safety_mux_bench import BACK
@@ -32,6 +33,17 @@ def test_reset_alone_moves_nothing() -> None:
     bench.run(0.6)
     assert bench.reset().ok
     assert bench.run(5.0, still).state is State.READY
+
+
+@pytest.mark.parametrize('gap', [0.3, 0.26, 0.25, 0.1])
+def test_two_samples_are_no_rest_however_far_apart(gap: float) -> None:
+    bench = Bench(replace(CONFIG, neutral_time=0.25))
+    bench.run(0.6)
+    assert bench.reset().ok
+    for doing, pause in ((REST, gap), (REST, 0.01), (DRIVE, 0.01)):
+        bench.samples['fort'] = None
+        bench.arbiter.operator_sample('fort', doing, bench.now)
+        assert bench.run(pause).state is State.READY
 
 
 def test_deadman_pressed_before_neutral_time_is_forgotten() -> None:
@@ -208,11 +220,105 @@ def test_no_takeover_within_hold_time() -> None:
     bench.samples['fort'] = DRIVE
     bench.run(0.2)
     bench.samples['senior'] = DRIVE
-    assert bench.run(2.0).owner == 'fort'  # the early edge is forgotten, not queued
+    assert bench.run(2.0).state is State.READY  # the early edge is forgotten, not queued
+    assert 'less than 500 ms after a change of owner' in bench.reason()
     bench.samples['senior'] = REST
     bench.run(0.5)
     bench.samples['senior'] = DRIVE
     assert bench.run(0.1).owner == 'senior'
+
+
+@pytest.mark.parametrize('owner', ['fort', 'autonomy'])
+@pytest.mark.parametrize(
+    ('doing', 'why'),
+    [
+        (OFF, "operator 'senior' moved its sticks"),
+        (HELD, "operator 'senior' pressed its deadman, which did not count"),
+        (DRIVE, "operator 'senior' pressed its deadman, which did not count"),
+    ],
+    ids=['stick', 'deadman', 'both'],
+)
+def test_higher_operator_without_effect_ends_control_on_a_ramp(
+    owner: str, doing: OperatorSample, why: str
+) -> None:
+    bench = Bench().active(owner)
+    bench.arbiter.set_invalid('e-stop source', 'spare', 'test', 'it is')  # of senior
+    bench.samples['senior'] = doing
+    bench.arbiter.operator_sample('senior', doing, bench.now)
+    demands = [1.0]
+    bench.run(0.06, lambda decision: demands.append(decision.demand[0]))
+    assert all(0.0 < later < earlier for earlier, later in pairwise(demands))
+    assert bench.decision.owner == owner
+    assert f'is losing control: {why}' in bench.why()
+    decision = bench.run(0.2)
+    assert (decision.state, decision.enable, decision.demand) == (State.READY, False, (0.0, 0.0))
+    assert why in bench.reason()
+    assert bench.run(2.0).state is State.READY  # the lower deadman, held on, does not count
+
+
+def test_deadman_pressed_after_the_stick_ends_control() -> None:
+    bench = Bench().ready()
+    bench.samples['senior'] = OFF  # and stays so: no reason to lock out who takes control now
+    bench.run(0.5)
+    bench.samples['fort'] = DRIVE
+    assert bench.run(1.0).owner == 'fort'
+    bench.samples['senior'] = DRIVE
+    assert bench.run(0.5).state is State.READY
+    assert "operator 'senior' pressed its deadman before it could count" in bench.reason()
+    assert "operator 'senior' held its deadman before it could count: release it" in bench.why()
+
+
+def test_lower_operator_ends_nobodys_control() -> None:
+    bench = Bench().active('senior')
+    for doing in (OFF, HELD, REST, DRIVE):
+        bench.samples['fort'] = doing
+        assert bench.run(0.5).owner == 'senior'
+
+
+@pytest.mark.parametrize('doing', [OFF, DRIVE])
+def test_blip_between_two_ticks_ends_control(doing: OperatorSample) -> None:
+    bench = Bench().active()
+    bench.arbiter.operator_sample('senior', doing, bench.now)
+    bench.arbiter.operator_sample('senior', REST, bench.now)
+    assert bench.run(0.3).state is State.READY
+
+
+@pytest.mark.parametrize('doing', [OFF, DRIVE])
+def test_act_in_the_tick_of_the_selection_leaves_autonomy_no_control(
+    doing: OperatorSample,
+) -> None:
+    bench = Bench().ready()
+    assert bench.arbiter.select_autonomy(True, bench.now).ok
+    bench.arbiter.operator_sample('fort', doing, bench.now)
+    assert bench.tick().state is State.READY
+    assert not bench.decision.enable
+
+
+def test_takeover_that_counts_wins_over_the_ramp() -> None:
+    bench = Bench().active('autonomy')
+    bench.arbiter.operator_sample('senior', OFF, bench.now)
+    bench.run(0.01)
+    bench.samples['fort'] = DRIVE
+    assert bench.run(0.05).owner == 'fort'
+    assert bench.run(1.0).demand == (1.0, 0.5)
+
+
+def test_half_a_deadman_ends_no_control() -> None:
+    bench = Bench().active()
+    bench.samples['senior'] = HALF
+    assert bench.run(1.0).owner == 'fort'
+    bench.samples['senior'] = DRIVE
+    assert bench.run(0.1).owner == 'senior'
+
+
+def test_stop_on_the_ramp_of_a_lost_control_latches() -> None:
+    for source, state in (('fort', State.STOPPED), ('gate', State.STOPPING)):
+        bench = Bench().active()
+        bench.arbiter.operator_sample('senior', OFF, bench.now)
+        assert bench.run(0.03).owner == 'fort'
+        bench.arbiter.estop_message(source, True, bench.now)
+        assert bench.tick().state is state
+        assert bench.run(1.0).state is State.STOPPED
 
 
 def test_person_takes_over_from_autonomy_at_once() -> None:

@@ -35,7 +35,7 @@ CONFIG = MuxConfig(
     operators=(Operator('low', 1, timeout=0.2), Operator('high', 2, timeout=0.3)),
     autonomy=Autonomy(timeout=0.25),
     clear_time=0.2,
-    neutral_time=0.1,
+    neutral_time=0.3,
     hold_time=0.15,
     stall_limit=0.1,
     stop_time=0.2,
@@ -75,6 +75,9 @@ class Sequences(RuleBasedStateMachine):
         self.heard = {name: Heard() for name in TIMEOUTS}
         self.lapsed: set[str] = set()  # was not well at some moment since the last tick
         self.pressed: set[str] = set()
+        self.newest: dict[str, OperatorSample] = {}
+        self.acted: set[str] = set()  # left neutral or pressed a deadman, since the last tick
+        self.overruled = False
         self.holding: set[str] = set()
         self.was_reset = self.was_selected = False
         self.bad_until = self.now  # when a source that always counts was last not clear
@@ -109,6 +112,11 @@ class Sequences(RuleBasedStateMachine):
         heard = self.hear(name, False)
         since, length = heard.calm_since, heard.calm_until - (heard.calm_since or 0.0)
         self.holding.discard(name)
+        before, self.newest[name] = self.newest.get(name), sample
+        if before is not None and (
+            (before.neutral and not sample.neutral) or (sample.deadman and not before.deadman)
+        ):
+            self.acted.add(name)
         if sample.deadman:
             heard.calm_since = None
             if since is not None and length >= CONFIG.neutral_time - 1e-9:
@@ -149,7 +157,7 @@ class Sequences(RuleBasedStateMachine):
 
     @rule()
     def run_and_reset(self) -> None:
-        for _ in range(6):
+        for _ in range(8):
             for name in ('low', 'high'):
                 self.stick(name, OperatorSample(True, False, (0.0,)))
             self.everything_is_well()
@@ -159,7 +167,7 @@ class Sequences(RuleBasedStateMachine):
 
     @rule()
     def run_with_all_at_rest(self) -> None:
-        for _ in range(4):
+        for _ in range(8):
             for name in ('low', 'high'):
                 if name != self.decision.owner:
                     self.stick(name, OperatorSample(True, False, (0.0,)))
@@ -259,6 +267,7 @@ class Sequences(RuleBasedStateMachine):
         self.judge()
         self.lapsed.clear()
         self.pressed.clear()
+        self.acted.clear()
         self.was_reset = self.was_selected = False
 
     # What must hold.
@@ -283,6 +292,7 @@ class Sequences(RuleBasedStateMachine):
             assert self.was_reset, 'rule 3'
         if now.owner not in (None, was.owner):
             self.judge_new_owner()
+        self.judge_overruled()
         if now.estop:
             for heard in self.heard.values():
                 heard.calm_since = None
@@ -304,6 +314,17 @@ class Sequences(RuleBasedStateMachine):
             assert self.before.state is State.READY, 'rule 4'
             assert self.decision.demand == (0.0,), 'rule 5'
         self.owner_since = self.now
+
+    def judge_overruled(self) -> None:
+        now, was = self.decision, self.before
+        if now.owner is None or now.owner != was.owner or now.state is not State.ACTIVE:
+            self.overruled = False
+            return
+        self.overruled |= any(RANK[name] > RANK[now.owner] for name in self.acted)
+        if self.overruled:
+            value, before = abs(now.demand[0]), abs(was.demand[0])
+            assert value > 0.0, 'rule 7: not READY at zero'
+            assert value < before or self.dt == 0.0, 'rule 7: against a higher operator'
 
     @invariant()
     def outputs_agree(self) -> None:

@@ -45,6 +45,7 @@ PARAMETERS: dict[str, dict[str, Any]] = {
         'estop.fort.timeout': LINK_TIMEOUT,
         'estop.drive.timeout': LINK_TIMEOUT,
         'operator.fort.timeout': LINK_TIMEOUT,
+        'neutral_time': LINK_TIMEOUT,
     },
     DRIVE: {'command_timeout': COMMAND_TIMEOUT, 'link_timeout': LINK_TIMEOUT},
 }
@@ -148,7 +149,7 @@ def test_deadman_pressed_right_after_reset_waits_for_neutral_time(spine: Spine) 
     spine.wait(spine.may_reset, 'nothing missing but a reset')
     since = time.monotonic()
     assert spine.reset().success
-    spine.hold()  # within the neutral_time of 0.3 s that has to follow the reset
+    spine.hold()  # within the neutral_time that has to follow the reset
     spine.holds_still(since)
     spine.wait(lambda: spine.mux_says('READY'), 'READY')
     spine.let_go()

@@ -99,6 +99,7 @@ class Stack(Stage):
                 'estop.fort.timeout': 1.0,
                 'estop.drive.timeout': 1.0,
                 'operator.fort.timeout': 1.0,
+                'neutral_time': 1.0,
             },
         }
         file.write_text(

@@ -205,16 +205,20 @@ def test_pub_stands_in_for_estop_source_and_operator(observer: Observer) -> None
     state = observer.record(String, f'{space}/{MUX}/state', latched())
     command = observer.record(JointState, f'{space}/{MUX}/command')
     # Between two programs there is a gap; the timeouts of operator and source must be longer.
-    with NodeProcess(
-        'safety_mux.node', {'operator.fort.timeout': 5.0, 'stall_limit': 1.0}, namespace=space
-    ):
+    rested = 5.0
+    parameters = {
+        'operator.fort.timeout': rested,
+        'neutral_time': rested,
+        'stall_limit': 1.0,
+    }
+    with NodeProcess('safety_mux.node', parameters, namespace=space):
         sources = [
             Pub(observer, f'{space}/{topic}', Bool(data=False))
             for topic in (f'{VSC}/estop', f'{VSC}/own_estop', f'{DRIVE}/estop')
         ]
         joy = Pub(observer, f'{space}/{VSC}/joy', sticks())
         reset(observer, f'{space}/{MUX}')
-        observer.holds_for(lambda: True, 0.5)  # neutral for longer than neutral_time
+        observer.holds_for(lambda: True, rested + 0.5)
         joy = joy.instead(observer, sticks(0.5, deadman=True))
         observer.wait_for(lambda: state.last.data == 'ACTIVE', 10.0, 'ACTIVE')
         observer.wait_for(lambda: any(command.last.velocity), 10.0, 'motion')
