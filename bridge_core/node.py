@@ -6,6 +6,7 @@ at once on change and at ``estop_rate`` always, by the link's thread, port or no
 not.
 """
 
+from collections import deque
 from collections.abc import Callable
 from collections.abc import Mapping
 from collections.abc import Sequence
@@ -46,6 +47,8 @@ from bridge_core.transports.link import ThreadLink
 from bridge_core.transports.wire import Bridge
 
 _LOG_PERIOD = 1.0  # s, of each site
+_MOST_WORDS = 1000  # lines that wait to be logged
+_WORDS_TIME = 0.01  # s that the words about a stop leave to the stop itself
 _LEAVE_TIME = 0.4  # s that leaving waits for a link thread that hangs
 _INACTIVE = Verdict.stop('the node is not active', link_up=False)
 
@@ -82,6 +85,8 @@ class BridgeNode(ManagedNode, Generic[EventT]):
         self._doubled: list[str] = []  # topics, as of the last diagnostics
         self._logged_at: dict[str, float] = {}  # by site
         self._late_logs: dict[str, tuple[Level, str]] = {}
+        self._words: deque[tuple[Level, str]] = deque(maxlen=_MOST_WORDS)
+        self._write_at = 0.0
         self._waiting = Waiting(self)
         self.refused = 0
         self.refusal = ''
@@ -140,7 +145,7 @@ class BridgeNode(ManagedNode, Generic[EventT]):
 
     def log(self, level: Level, text: str, *, site: str = '') -> None:
         """
-        Log; OK is info.
+        Have a line logged by the link's thread soon, but behind a stop; OK is info.
 
         :param site: what may come often: of each site at most one line a second, and the newest
             waits until then, so that the last one stands.
@@ -152,6 +157,15 @@ class BridgeNode(ManagedNode, Generic[EventT]):
                 return
             self._late_logs.pop(site, None)
             self._logged_at[site] = now
+        self._words.append((level, text))
+        self._write_at = min(self._write_at, now + _WORDS_TIME)
+
+    def _write_logs(self) -> None:
+        self._write_at = math.inf
+        while self._words:
+            self._write(*self._words.popleft())
+
+    def _write(self, level: Level, text: str) -> None:
         # On lines of their own: rclpy refuses a change of severity within one call site.
         if level is Level.OK:
             self.get_logger().info(text)
@@ -278,7 +292,10 @@ class BridgeNode(ManagedNode, Generic[EventT]):
             self._repeat_at = now + self._period
             if self._doubled != self._find_doubled(now):
                 self._diagnose(now)
-        return self._repeat_at
+            self._write_at = min(self._write_at, now)  # whatever another thread did to it
+        if now >= self._write_at:
+            self._write_logs()
+        return min(self._repeat_at, self._write_at)
 
     def link_changed(self, text: str, ok: bool) -> None:
         """Log a change of the port's state; a lost port is a stop, and nobody waits for it."""
@@ -452,6 +469,7 @@ class BridgeNode(ManagedNode, Generic[EventT]):
     def shut_down(self) -> None:
         """Leave the device safe, say so, end the thread; each step whatever another one raises."""
         with ExitStack() as steps:  # the last one comes first
+            steps.callback(self._write_logs)
             steps.callback(lambda: self._publish_verdict(self.verdict))
             steps.callback(self.link.stop)
             steps.callback(self._leave_active)

@@ -49,6 +49,7 @@ from safety_mux.mapping import NamedJoints
 from safety_mux.parameters import GENERAL
 from safety_mux.parameters import parameter_table
 from safety_mux.protocol import AUTONOMY
+from safety_mux.protocol import Decision
 from safety_mux.protocol import Kind
 from safety_mux.protocol import MalformedInput
 from safety_mux.protocol import Reply
@@ -283,7 +284,7 @@ class SafetyMux(ManagedNode):
     def _on_estop(self, name: str, message: Any, now: float) -> None:
         self._arbiter.estop_message(name, message.data, now)
         if message.data and self._last_state is not State.STOPPED:
-            self._tick(now)
+            self._decide(now)
 
     def _on_diagnostics(self, message: Any) -> None:
         """Take from a source's own diagnostic why it demands a stop."""
@@ -307,7 +308,7 @@ class SafetyMux(ManagedNode):
         else:
             self._arbiter.operator_sample(name, sample, now)
             if name == self._owner and not sample.deadman:
-                self._tick(now)  # a released deadman is a stop too
+                self._decide(now)  # a released deadman is a stop too
 
     def _on_autonomy(self, message: Any, now: float) -> None:
         try:
@@ -354,7 +355,7 @@ class SafetyMux(ManagedNode):
                 watch.heard(info['publication_sequence_number'], now)
                 if watch.doubled(now) and self._last_state is not State.STOPPED:
                     self._hold(now)
-                    self._tick(now)
+                    self._decide(now)
 
             subscription = self.lane.subscribe(publisher.msg_type, topic, on_message, COMMAND_QOS)
             self._own_watches[topic] = subscription, watch
@@ -428,11 +429,16 @@ class SafetyMux(ManagedNode):
 
     # What goes out.
 
-    def _tick(self, now: float) -> None:
+    def _decide(self, now: float) -> Decision:
+        """Decide, and say what stops a drive; all other words have time until the next tick."""
         decision = self._arbiter.tick(now)
-        # The stop first, then what makes it true, then words.
         self._estop.say(decision.estop, now)
         self._enable.say(decision.enable, now)
+        self._owner = decision.owner
+        return decision
+
+    def _tick(self, now: float) -> None:
+        decision = self._decide(now)
         command = self._joint_state  # one for all: publish copies it
         setattr(command, self._interface, array('d', decision.demand))
         command.header.stamp = self.get_clock().now().to_msg()
@@ -440,7 +446,6 @@ class SafetyMux(ManagedNode):
         for name, demanded in decision.stop_demand.items():
             self._stop_demands[name].say(demanded, now)
         self._state.say(decision.state.value, now)
-        self._owner = decision.owner
         if decision.state is not self._last_state:
             self._last_state = decision.state
             self.get_logger().info(

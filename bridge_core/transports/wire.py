@@ -48,6 +48,7 @@ _FROZEN_TIME = 0.2
 _DISCARD_READS = 1000
 _LOOK_PERIOD = 0.05  # s, between two looks at whether a level of the report has changed
 _REPORT_PERIOD = 1.0  # s
+_WORDS_TIME = 0.01  # s that the words about a stop leave to the stop itself
 
 
 @dataclass(frozen=True)
@@ -355,7 +356,7 @@ class Wire(Generic[FrameT]):
         if events:
             self._owner.on_events(events, now)
             if any(isinstance(event, StopChanged) for event in events):
-                self._look_at = now  # its reason is in the report
+                self._look_at = now + _WORDS_TIME  # its reason is in the report
 
     def _forget_backlog(self, frozen: float, now: float) -> None:
         """Discard what waited while this process was frozen: it is old, and it may be a stop."""
