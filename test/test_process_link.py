@@ -261,7 +261,7 @@ def test_request_that_waits_for_a_dead_wire_is_answered(toy: Toy) -> None:
         for _ in range(20):
             toy.pty.write(b'a')
             toy.observer.spin(0.01)
-        return pongs[-1].done()
+        return bool(pongs[-1].done())
 
     toy.wait(answered, 'a pong')
     assert pongs[-1].result().message == 'pong'
