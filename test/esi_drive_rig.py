@@ -92,7 +92,7 @@ class Rig:
         return output[1]
 
     def do(self, action: Callable[[], None]) -> list[bytes]:
-        """Carry out a request and poll, as the link thread does."""
+        """Carry out a request and poll, as a wire does."""
         action()
         return self._take(self.session.poll(self.now))
 

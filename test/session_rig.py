@@ -1,4 +1,4 @@
-"""A session and its clock, for tests: the link thread's part, without a thread or a port."""
+"""A session and its clock, for tests: a wire's part, without a thread or a port."""
 
 from typing import Any
 from typing import Generic

@@ -105,7 +105,7 @@ class Rig:
         self._take(self.session.poll(self.now))
 
     def do(self, action: Callable[[Session, float], None]) -> None:
-        """Carry out a request and poll, as the link thread does."""
+        """Carry out a request and poll, as a wire does."""
         try:
             action(self.session, self.now)
         finally:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+import os
 import signal
 import time
 
@@ -23,6 +24,8 @@ from test.rig import ENDING
 from test.rig import NodeProcess
 from test.rig import Observer
 from test.rig import ROOT
+from test.toy_rig import is_running
+from test.toy_rig import wires_of
 
 
 @pytest.fixture
@@ -32,13 +35,26 @@ def own_unit(can_bus: CanBus) -> Iterator[Station]:
         yield station
 
 
-def test_killed_node_leaves_the_unit_to_its_own_watchdog(
+@pytest.mark.parametrize('number', [signal.SIGKILL, signal.SIGSEGV])
+def test_node_that_dies_leaves_neutral_frames(
+    observer: Observer, can_bus: CanBus, own_unit: Station, number: int
+) -> None:
+    with bench_of(observer, can_bus) as bench:
+        bench.connect().drive(own_unit)
+        wire = wires_of(bench.node.process.pid)[0]
+        bench.node.end(number)
+        bench.wait(lambda: not is_running(wire), 'the end of the wire')
+        assert own_unit.joystick_frames(0x38)[-3:] == [NEUTRAL] * 3
+        bench.wait(lambda: not own_unit.look('moving'), 'rest')
+
+
+def test_wire_that_is_killed_with_its_node_leaves_the_unit_to_its_own_watchdog(
     observer: Observer, can_bus: CanBus, own_unit: Station
 ) -> None:
     with bench_of(observer, can_bus) as bench:
         bench.connect().drive(own_unit)
-        bench.node.signal(signal.SIGKILL)
-        bench.node.wait()
+        os.kill(wires_of(bench.node.process.pid)[0], signal.SIGKILL)
+        bench.node.end(signal.SIGKILL)  # before another wire can start
         killed = time.monotonic()
         bench.commanding = False
         bench.wait(lambda: own_unit.look('cleared')['38'] == 1, 'its own watchdog')

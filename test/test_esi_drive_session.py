@@ -262,7 +262,7 @@ REFRESH: dict[str, Callable[[Rig], object]] = {
 
 @pytest.mark.parametrize('silent', REFRESH)
 def test_what_was_stale_cannot_be_made_fresh_unseen(rig: Rig, silent: str) -> None:
-    """The link thread takes what is new before it polls: a gap must count nevertheless."""
+    """A wire takes what is new before it polls: a gap must count nevertheless."""
     rig.start()
     limit = 0.25 if silent == 'status' else 0.1
     setattr(rig, silent, None)

@@ -83,7 +83,7 @@ class AnyOrder(RuleBasedStateMachine):
 
     @rule(steps=st.integers(1, 12), everything=st.booleans())
     def time_passes(self, steps: int, everything: bool) -> None:
-        """In steps as the link thread would make them, with or without a healthy world."""
+        """In steps as a wire would make them, with or without a healthy world."""
         for _ in range(steps):
             self.now += 0.01
             if everything and self.open:

@@ -17,6 +17,7 @@ import threading
 from typing import Any
 from typing import Protocol
 
+import can
 import pytest
 
 from akron_can_bridge.node import AkronCanBridge
@@ -84,11 +85,20 @@ def untouched_network() -> Untouched:
     return UntouchedGroup(lambda port: {'interface_address': LOOPBACK, 'input_port': port})
 
 
-def untouched_bus() -> Untouched:
-    """Return a CAN bus: python-can has one that is a multicast group."""
-    return UntouchedGroup(
-        lambda port: {'interface': 'udp_multicast', 'channel': f'239.74.163.2:{port}'}
-    )
+class UntouchedBus:
+    """A CAN bus, a multicast group of python-can, on which whoever joins it says something."""
+
+    def __init__(self) -> None:
+        group, port = '239.74.163.2', free_port()
+        self.values = {'interface': 'udp_multicast', 'channel': f'{group}:{port}'}
+        self._bus = can.Bus(group, 'udp_multicast', port=port)
+
+    @property
+    def was_opened(self) -> bool:
+        return self._bus.recv(0.0) is not None
+
+    def close(self) -> None:
+        self._bus.shutdown()
 
 
 class NoPort:
@@ -106,7 +116,7 @@ class NoPort:
 NODES: dict[str, tuple[Any, Callable[[], Untouched]]] = {
     'fort': (FortVscBridge, UntouchedSerial),
     'vm110': (Vm110Bridge, untouched_network),
-    'akron': (AkronCanBridge, untouched_bus),
+    'akron': (AkronCanBridge, UntouchedBus),
     'ssc': (SscBridge, UntouchedSerial),
     'esi': (EsiDriveBridge, UntouchedSerial),
     'mux': (SafetyMux, NoPort),

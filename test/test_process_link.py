@@ -582,12 +582,6 @@ def test_nothing_is_raised_by_telling_a_node_that_is_gone(
 # The drive, in motion.
 
 
-@pytest.fixture(scope='module')
-def shared_observer() -> Iterator[Observer]:
-    with Observer() as observer:
-        yield observer
-
-
 @pytest.fixture
 def drive(tmp_path: Path, observer: Observer) -> Iterator[DriveBench]:
     bench = DriveBench(tmp_path, observer)

@@ -1,11 +1,14 @@
-"""The process of the SSC bridge is frozen, and goes on later."""
+"""The processes of the SSC bridge, node or wire, are frozen or killed."""
 
+import contextlib
+import os
 from pathlib import Path
 import signal
 import struct
 import time
 from typing import Any
 
+import pytest
 from sensor_msgs.msg import JointState
 
 from test.rig import Observer
@@ -13,6 +16,8 @@ from test.ssc_bench import Bench
 from test.ssc_bench import bench_of
 from test.ssc_bench import position
 from test.ssc_bench import SERVOS
+from test.toy_rig import is_running
+from test.toy_rig import wires_of
 
 DRIVING = (1700, 1000)  # pan 0.5, tilt -1; see SERVOS
 FAILSAFE = (1200, 0)
@@ -42,54 +47,92 @@ def pulses_since(bench: Bench, moment: float) -> list[tuple[int, ...]]:
     ]
 
 
-def stop_and_release_while_frozen(bench: Bench) -> None:
-    bench.wait(lambda: tuple(bench.seen()['serial_us'][:2]) == DRIVING, 'the servos')
-    bench.node.signal(signal.SIGSTOP)
-    bench.port.apply('receiver off')
-    let_pass(bench, 0.15)
-    bench.port.apply('receiver on')
-    let_pass(bench, 0.15)
-    thawed = time.monotonic()
-    bench.node.signal(signal.SIGCONT)
-    bench.wait(lambda: any(m.data for _, m in bench.estop.since(thawed)), 'a stop')
-    bench.wait(lambda: FAILSAFE in pulses_since(bench, thawed), 'the failsafe')
-    bench.wait_stop(False)
+def frozen(bench: Bench, which: str) -> int:
+    """Return the process to freeze; a wire that is gone is replaced, so not for long."""
+    node = bench.node.process.pid
+    return node if which == 'node' else wires_of(node)[0]
 
 
+@pytest.mark.parametrize(('which', 'gone'), [('node', 0.6), ('wire', 0.15)])
 def test_freeze_publishes_a_stop_although_the_one_meanwhile_came_and_went(
-    observer: Observer, tmp_path: Path
+    observer: Observer, tmp_path: Path, which: str, gone: float
 ) -> None:
     # Patient: no timeout of its own would notice.
     with bench_of(tmp_path, observer, link_timeout=2.0, command_timeout=2.0, **SERVOS) as bench:
         drive(bench)
         for _ in range(5):
-            stop_and_release_while_frozen(bench)
+            bench.wait(lambda: tuple(bench.seen()['serial_us'][:2]) == DRIVING, 'the servos')
+            pid, cause = frozen(bench, which), time.monotonic()
+            os.kill(pid, signal.SIGSTOP)
+            bench.port.apply('receiver off')
+            let_pass(bench, gone)
+            bench.port.apply('receiver on')
+            let_pass(bench, 0.15)
+            with contextlib.suppress(ProcessLookupError):  # that wire was replaced
+                os.kill(pid, signal.SIGCONT)
+            bench.wait(
+                lambda cause=cause: any(m.data for _, m in bench.estop.since(cause)), 'stop'
+            )
+            if is_running(pid):  # a new wire follows new commands at once
+                bench.wait(
+                    lambda cause=cause: FAILSAFE in pulses_since(bench, cause), 'the failsafe'
+                )
+            bench.wait_stop(False)
 
 
 def say_half_a_frame(device: Any, now: float) -> None:
     device._out.append(b'\x81\xa1\x63\xff')
 
 
+@pytest.mark.parametrize('which', ['node', 'wire'])
 def test_freeze_with_a_frame_begun_brings_back_no_old_stick(
-    observer: Observer, tmp_path: Path
+    observer: Observer, tmp_path: Path, which: str
 ) -> None:
     with bench_of(tmp_path, observer, **SERVOS) as bench:
         drive(bench)
         # A flipped bit in the length of an unknown message: it swallows what follows.
         bench.port.call(say_half_a_frame)
-        bench.node.signal(signal.SIGSTOP)
+        pid = frozen(bench, which)
+        os.kill(pid, signal.SIGSTOP)
         let_pass(bench, 0.1)
         bench.port.apply('mute on')
         let_pass(bench, 2.0)
+        with contextlib.suppress(ProcessLookupError):  # that wire was replaced
+            os.kill(pid, signal.SIGCONT)
         thawed = time.monotonic()
-        bench.node.signal(signal.SIGCONT)
-        bench.wait(lambda: bench.estop.since(thawed) and bench.estop.last.data, 'a stop')
+        bench.wait(lambda: any(m.data for _, m in bench.estop.since(thawed)), 'a stop')
         first_stop = next(at for at, message in bench.estop.since(thawed) if message.data)
+        # On another topic: what was heard before the stop was published before it.
+        bench.wait(lambda: not any((*bench.joy.last.axes, *bench.joy.last.buttons)), 'neutral')
+        bench.joy.clear()
+        bench.observer.holds_for(
+            lambda: all(message.data for _, message in bench.estop.since(first_stop)),
+            0.5,
+            'a stop',
+        )
+        assert bench.joy.messages == []  # none follows the neutral one
 
-        def is_stopped_and_neutral() -> bool:
-            sticks = [message for _, message in bench.joy.since(first_stop)]
-            return all(message.data for _, message in bench.estop.since(first_stop)) and not any(
-                value for message in sticks for value in (*message.axes, *message.buttons)
-            )
 
-        bench.observer.holds_for(is_stopped_and_neutral, 0.5, 'the stop')
+def test_wire_that_dies_says_nothing_old_of_the_device(observer: Observer, tmp_path: Path) -> None:
+    with bench_of(tmp_path, observer, **SERVOS) as bench:
+        drive(bench)
+        before = bench.state.last.data
+        bench.joy.clear()
+        bench.state.clear()
+        os.kill(frozen(bench, 'wire'), signal.SIGKILL)
+        bench.wait(lambda: [m for m in bench.joy.messages if list(m.buttons) == [0]], 'neutral')
+        bench.wait(lambda: [text for text in bench.state.data if text != before], 'no state')
+        bench.wait(lambda: bench.state.last.data == before, 'the state of the new wire')
+
+
+@pytest.mark.parametrize('number', [signal.SIGKILL, signal.SIGSEGV])
+def test_node_that_dies_leaves_the_failsafe(
+    observer: Observer, tmp_path: Path, number: int
+) -> None:
+    with bench_of(tmp_path, observer, **SERVOS) as bench:
+        drive(bench)
+        wire, cause = frozen(bench, 'wire'), time.monotonic()
+        bench.node.end(number)
+        bench.wait(lambda: not is_running(wire), 'the end of the wire')
+        bench.wait(lambda: FAILSAFE in pulses_since(bench, cause), 'the failsafe')
+        assert pulses_since(bench, cause)[-1] == FAILSAFE

@@ -1,7 +1,7 @@
 """
 Transports move bytes or CAN frames and do not interpret them.
 
-The link thread opens a transport, waits on its file descriptor, and reopens it whenever the port
+A wire opens a transport, waits on its file descriptor, and reopens it whenever the port
 is lost. ``close`` may be called twice.
 """
 
