@@ -303,6 +303,14 @@ def test_takeover_that_counts_wins_over_the_ramp() -> None:
     assert bench.run(1.0).demand == (1.0, 0.5)
 
 
+def test_operator_with_two_publishers_gets_no_control_but_ends_it() -> None:
+    bench = Bench().active()
+    bench.arbiter.set_invalid('operator', 'senior', 'publishers', 'two are live')
+    assert bench.run(1.0).owner == 'fort'
+    bench.samples['senior'] = DRIVE
+    assert bench.run(1.0).state is State.READY
+
+
 def test_half_a_deadman_ends_no_control() -> None:
     bench = Bench().active()
     bench.samples['senior'] = HALF
