@@ -86,7 +86,8 @@ class Node:
 
     def pace(self, now: float) -> float:
         """Give a sign of life where nothing else was said; return when to be called next."""
-        if now >= self._told_at + _BEAT_PERIOD and self._tell('beat') and self._lost:
+        due = self._lost or now >= self._told_at + _BEAT_PERIOD
+        if due and self._tell('beat') and self._lost:
             # There is room again. What could not be told may have been a stop.
             self._lost = False
             self.wire.interrupt(_LOST, now)
