@@ -62,7 +62,7 @@ def test_announcement_makes_the_unit_known_and_the_polls_go_to_its_address() -> 
     assert bench.session.estop
     assert 'no unit was found (wanted: 6032 Universal II)' in bench.session.stop_reasons(0.0)[0]
     events = bench.take(ANNOUNCED)
-    assert UnitChanged(f'unit {PIN} is at address 80') in events
+    assert UnitChanged(f'unit {PIN} is at address 80', PIN, 1032) in events
     assert bench.session.link_up
     assert sorted(bench.asked()) == ['02', '03', '04', '05']
     assert bench.session.estop  # enable and faults are not known
@@ -148,7 +148,7 @@ def test_two_units_each_with_its_session() -> None:
 def test_readdressed_in_the_midst_of_motion_it_goes_on() -> None:
     bench = Bench(soe_permissive=True).moving()
     events = bench.take(moved(ANNOUNCED, 0x90))
-    assert events == [UnitChanged(f'unit {PIN} is at address 90')]
+    assert events == [UnitChanged(f'unit {PIN} is at address 90', PIN, 1032)]
     start = bench.now + 1e-9
     for _ in range(10):
         bench.wait(0.02)
@@ -187,7 +187,7 @@ def test_lost_address_is_not_believed_any_more_and_names_are_asked_for(
     bench = Bench().find_unit()
     bench.run(0.5, REST)
     start = bench.now
-    assert bench.take(frame) == [UnitChanged(f'unit {PIN} has lost address 80 {text}')]
+    assert bench.take(frame) == [UnitChanged(f'unit {PIN} has lost address 80 {text}', PIN, 1032)]
     assert name_requests(bench, start) == [start]
     bench.take(NOT_ENABLED)  # whoever that is now
     assert not bench.session.estop

@@ -120,7 +120,7 @@ def test_what_is_left_out_changes_nothing(name: str, data: st.DataObject) -> Non
     frames = [*play.healthy, *play.frames.values(), *(MEASURED if name == 'esi_drive' else [])]
     heard = data.draw(st.lists(st.sampled_from(range(len(frames))), max_size=25))
     steps = [hears(frame) for frame in play.number([*play.healthy, *(frames[n] for n in heard)])]
-    others = [*ASKED[name], ask('poll'), lambda session, now: session.interrupted(now, 'full')]
+    others = [*ASKED[name], ask('poll'), lambda session, now: session.interrupted('full', now)]
     for step in data.draw(st.lists(st.sampled_from(others), max_size=25)):
         steps.insert(data.draw(st.integers(0, len(steps))), step)
     pauses = data.draw(st.lists(PAUSES, min_size=len(steps), max_size=len(steps)))

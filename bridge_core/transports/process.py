@@ -37,6 +37,7 @@ from bridge_core.transports.wire import Wire
 
 SILENCE_LIMIT = 0.085  # s without any, after which the node demands a stop
 _KILL_TIME = 0.25  # s without any, after which another wire takes over
+_LATE = 0.005  # s
 _START_TIME = 5.0  # s that a new one may take to its first
 _REPORT_PERIOD = 1.0  # s
 _ROOM = 1 << 20  # bytes, for messages either way; the system may allow less
@@ -126,8 +127,9 @@ class ProcessLink(Link):
             self._start(now)
         meant = self._wait(now)
         now = time.monotonic()
-        if now - meant > SILENCE_LIMIT:  # held up ourselves: give it time to be heard
-            self._kill_at = max(self._kill_at, now + _KILL_TIME)
+        if now - meant > _LATE:  # held up ourselves, as it may have been: it gets that time, too
+            self._limit += now - meant
+            self._kill_at += now - meant
         if self._read(now) and self._trouble:
             self._be_sound(now)
         self._judge(now)

@@ -68,6 +68,8 @@ class Session(BaseSession[bytes, Status, Event]):
         self.last_stop: tuple[str, ...] = ()
         self.enabled = False  # the drive says now that every axis is enabled
         self._period = 1.0 / settings.command_rate
+        # A small slack, or a drive at just this rate would lose every other one.
+        self._report_period = 0.9 / settings.joint_state_rate
         self._zeros = (0,) * settings.layout.axes
         self._command = Watchdog(settings.command_timeout)
         self._enable = Watchdog(settings.command_timeout)
@@ -161,10 +163,7 @@ class Session(BaseSession[bytes, Status, Event]):
     def _take(self, message: Status, now: float) -> None:
         self.status = self._known = message
         self._heard.feed(now)
-        # A small slack, or a drive at just this rate would lose every other one.
-        if now - self._reported_at >= 0.9 / self.settings.joint_state_rate:
-            self._reported_at = now
-            self._emit(Feedback(message))
+        self._report(message, now)
         self._set_enabled(message.enabled)
         self._note_gap(now)
         if not message.axes[0].rs422_error:
@@ -185,9 +184,15 @@ class Session(BaseSession[bytes, Status, Event]):
             return False
         self.status = message
         self._heard.feed(now)
-        self._emit(Feedback(message))
+        self._report(message, now)
         self._note_gap(now)
         return True
+
+    def _report(self, status: Status, now: float) -> None:
+        """Report a status, unless one was just reported; a clock that runs back withholds none."""
+        if not 0.0 <= now - self._reported_at < self._report_period:
+            self._reported_at = now
+            self._emit(Feedback(status))
 
     def _note_gap(self, now: float) -> None:
         """Note that packets of ours are missing: the drive will blame its line for that."""
