@@ -43,6 +43,7 @@ class EsiDriveBridge(BridgeNode[Event]):
     SERVICES = {CLEAR_ERRORS: (Session.clear_errors,)}
 
     def __init__(self, **options: Any) -> None:
+        self._listened = True  # as the wire knows it: somebody listens to ~/joint_states
         super().__init__('esi_drive_bridge', **options)
 
     def create_interfaces(self) -> None:
@@ -57,19 +58,25 @@ class EsiDriveBridge(BridgeNode[Event]):
             Bool, '~/estop_in', self._on_estop_in, _STOP_QOS, is_stop=lambda m: bool(m.data)
         )
 
-    def forget_device(self) -> None:
-        """Publish that nothing is known of the drive."""
-        self._enabled.publish(Bool(data=False))
-
     def take_parameters(self, values: Mapping[str, Any]) -> None:
         """Keep how the axes are scaled."""
         self._axes = axes_of(values)
 
+    def pace(self, now: float) -> float:
+        """Ask the wire for statuses while somebody listens; else as of BridgeNode."""
+        listened = self._joint_states.get_subscription_count() > 0
+        if listened != self._listened and self.request(Session.set_reporting, listened):
+            self._listened = listened
+        return super().pace(now)
+
+    def forget_device(self) -> None:
+        """Publish that the drive is not enabled; a new wire reports to whoever listens or not."""
+        self._listened = True
+        self._enabled.publish(Bool(data=False))
+
     def on_event(self, event: Event) -> None:
         """Publish one event of the session."""
         if isinstance(event, Feedback):
-            if not self._joint_states.get_subscription_count():
-                return
             joint_states = convert.joint_state(event.status, self._axes, *self.header())
             self._joint_states.publish(joint_states)
         elif isinstance(event, EnabledChanged):

@@ -69,6 +69,7 @@ class Session(BaseSession[bytes, Status, Event]):
         self.enabled = False  # the drive says now that every axis is enabled
         self._period = 1.0 / settings.command_rate
         # A small slack, or a drive at just this rate would lose every other one.
+        self._reporting = True
         self._report_period = 0.9 / settings.joint_state_rate
         self._zeros = (0,) * settings.layout.axes
         self._command = Watchdog(settings.command_timeout)
@@ -190,7 +191,7 @@ class Session(BaseSession[bytes, Status, Event]):
 
     def _report(self, status: Status, now: float) -> None:
         """Report a status, unless one was just reported; a clock that runs back withholds none."""
-        if not 0.0 <= now - self._reported_at < self._report_period:
+        if self._reporting and not 0.0 <= now - self._reported_at < self._report_period:
             self._reported_at = now
             self._emit(Feedback(status))
 
@@ -327,6 +328,11 @@ class Session(BaseSession[bytes, Status, Event]):
             self._armed = False
             if self.phase in _ACTIVE:
                 self._stop(self._forbidden(now))
+
+    def set_reporting(self, value: bool, now: float) -> None:
+        """Report statuses, or not, as nobody listens; all that changes is reported always."""
+        self._expire(now)
+        self._reporting = value
 
     def clear_errors(self, now: float) -> None:
         """Ask the drive, disabled, to clear its errors; an Answer follows."""
