@@ -63,7 +63,8 @@ DEMAND_QOS = QoSProfile(depth=5, reliability=ReliabilityPolicy.BEST_EFFORT)
 COMMAND_QOS = QoSProfile(depth=1)
 
 _AUTONOMY_TYPES = {'Twist': Twist, 'TwistStamped': TwistStamped, 'JointState': JointState}
-_SLOW_PERIOD = 0.05  # s, of what no drive times out on: ~/state, ~/stop_demand
+_DEMAND_PERIOD = 0.05  # s, of ~/stop_demand; devices time out on it
+_STATE_PERIOD = 0.1  # s, of ~/state, for people
 _LOOK_AROUND_PERIOD = 0.5
 _DIAGNOSTICS_PERIOD = 1.0
 _LOG_PERIOD = 1.0
@@ -112,7 +113,7 @@ class SafetyMux(ManagedNode):
         self._estop = self.create_repeated(Bool, '~/estop', latched_qos(deadline), heartbeat)
         self._enable = self.create_repeated(Bool, '~/enable', COMMAND_QOS, heartbeat)
         self._command = self.create_publisher(JointState, '~/command', COMMAND_QOS)
-        self._state = self.create_repeated(String, '~/state', latched_qos(), _SLOW_PERIOD)
+        self._state = self.create_repeated(String, '~/state', latched_qos(), _STATE_PERIOD)
         self._status = self.create_publisher(DiagnosticStatus, '~/status', latched_qos())
         self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', 10)
         self.create_service(Trigger, '~/reset', self._on_reset)
@@ -212,7 +213,7 @@ class SafetyMux(ManagedNode):
         for source in config.sources:
             self._subscribe_source(source.name)
             self._stop_demands[source.name] = self.create_repeated(
-                Bool, f'~/stop_demand/{source.name}', latched_qos(), _SLOW_PERIOD
+                Bool, f'~/stop_demand/{source.name}', latched_qos(), _DEMAND_PERIOD
             )
         for operator in config.operators:
             topic = values[f'operator.{operator.name}.topic']

@@ -36,7 +36,7 @@ GENERAL = (
     ),
     Parameter(
         'heartbeat_rate',
-        40.0,
+        33.0,
         'How often ~/estop and ~/enable are repeated without a change; with a decision, so '
         "at most at rate. The drive's command_timeout should be three periods or more.",
         unit='Hz',

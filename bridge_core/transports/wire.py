@@ -46,7 +46,7 @@ _FAREWELL_TIME = 0.1
 # Waking this much later than meant, this process was frozen: what waits in the port is old news.
 _FROZEN_TIME = 0.2
 _DISCARD_READS = 1000
-_LOOK_PERIOD = 0.05  # s, between two looks at whether a level of the report has changed
+_LOOK_PERIOD = 0.1  # s, between two looks at whether a level of the report has changed
 _REPORT_PERIOD = 1.0  # s
 _WORDS_TIME = 0.01  # s that the words about a stop leave to the stop itself
 

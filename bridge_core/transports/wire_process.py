@@ -22,7 +22,7 @@ from bridge_core.report import Report
 from bridge_core.transports.wire import Request
 from bridge_core.transports.wire import Wire
 
-_BEAT_PERIOD = 0.02  # s, between two signs of life
+_BEAT_PERIOD = 0.025  # s, between two signs of life
 _LARGEST = 1 << 20  # bytes of a message
 _READS = 64  # requests, before the port gets its turn again
 _LOST = 'the node did not take what its wire had to tell, and something of it is lost'
