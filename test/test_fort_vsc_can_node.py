@@ -290,7 +290,7 @@ def test_garbage_is_counted_and_releases_nothing(bench: Bench) -> None:
         lambda: int(bench.diagnostics.value(LINK, 'malformed') or 0) == before + 7, 'the count'
     )
     assert not any(any(joy.axes) for _, joy in bench.joy.since(cause))
-    bench.wait(lambda: len(bench.estop.since(cause)) >= 3, 'repeats of the stop')
+    bench.wait(lambda: len(list(bench.estop.since(cause))) >= 3, 'repeats of the stop')
     assert all(stop.data for _, stop in bench.estop.since(cause))
 
 
