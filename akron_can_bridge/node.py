@@ -56,10 +56,11 @@ class AkronCanBridge(BridgeNode[Event]):
         self._joy = self.create_publisher(Joy, '~/joy', 10)
         self._limits = self.create_publisher(DiagnosticStatus, '~/limits', latched_qos())
         self._outputs = self.create_publisher(DiagnosticStatus, '~/outputs', latched_qos())
-        self.watched_subscription(Joy, '~/cmd_joy', self._on_cmd_joy, _COMMAND_QOS)
+        # What comes first here is read first.
         self.watched_subscription(
             Bool, '~/estop_in', self._on_estop_in, _STOP_QOS, is_stop=lambda m: bool(m.data)
         )
+        self.watched_subscription(Joy, '~/cmd_joy', self._on_cmd_joy, _COMMAND_QOS)
         self.create_subscription(UInt8, '~/soe_directions', self._on_soe_directions, _COMMAND_QOS)
 
     def forget_device(self) -> None:

@@ -86,6 +86,8 @@ class BridgeNode(ManagedNode, Generic[EventT]):
         self._logged_at: dict[str, float] = {}  # by site
         self._late_logs: dict[str, tuple[Level, str]] = {}
         self._words: deque[tuple[Level, str]] = deque(maxlen=_MOST_WORDS)
+        self._later: deque[Any] = deque()  # events behind a stop
+        self._later_at = -math.inf  # until when they wait
         self._write_at = 0.0
         self._waiting = Waiting(self)
         self.refused = 0
@@ -160,8 +162,11 @@ class BridgeNode(ManagedNode, Generic[EventT]):
         self._words.append((level, text))
         self._write_at = min(self._write_at, now + _WORDS_TIME)
 
-    def _write_logs(self) -> None:
-        self._write_at = math.inf
+    def _tell_later(self) -> None:
+        """Publish and log what had to wait."""
+        self._later_at, self._write_at = -math.inf, math.inf
+        while self._later:
+            self._tell(self._later.popleft())
         while self._words:
             self._write(*self._words.popleft())
 
@@ -258,14 +263,22 @@ class BridgeNode(ManagedNode, Generic[EventT]):
     # The owner's side of the link, on its thread.
 
     def on_events(self, events: Sequence[Any], now: float) -> None:
-        """Publish events of the session, each and in order."""
+        """Publish events of the session, each and in order; what a stop comes with, behind it."""
         for event in events:
             if isinstance(event, StopChanged):
                 self._change_verdict(event.verdict, now)
-            elif isinstance(event, Answer):
-                self.on_answer(event)
+                if event.verdict.estop:
+                    self._later_at = self._write_at = now + _WORDS_TIME
+            elif now < self._later_at:
+                self._later.append(event)
             else:
-                self.on_event(event)
+                self._tell(event)
+
+    def _tell(self, event: Any) -> None:
+        if isinstance(event, Answer):
+            self.on_answer(event)
+        else:
+            self.on_event(event)
 
     def on_answer(self, answer: Answer) -> None:
         """Answer the services that wait for it; log one that nobody waits for."""
@@ -294,7 +307,7 @@ class BridgeNode(ManagedNode, Generic[EventT]):
                 self._diagnose(now)
             self._write_at = min(self._write_at, now)  # whatever another thread did to it
         if now >= self._write_at:
-            self._write_logs()
+            self._tell_later()
         return min(self._repeat_at, self._write_at)
 
     def link_changed(self, text: str, ok: bool) -> None:
@@ -469,7 +482,7 @@ class BridgeNode(ManagedNode, Generic[EventT]):
     def shut_down(self) -> None:
         """Leave the device safe, say so, end the thread; each step whatever another one raises."""
         with ExitStack() as steps:  # the last one comes first
-            steps.callback(self._write_logs)
+            steps.callback(self._tell_later)
             steps.callback(lambda: self._publish_verdict(self.verdict))
             steps.callback(self.link.stop)
             steps.callback(self._leave_active)

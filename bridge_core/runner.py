@@ -33,6 +33,7 @@ _PROFILES = ('FASTRTPS_DEFAULT_PROFILES_FILE', 'FASTDDS_DEFAULT_PROFILES_FILE')
 # Who has set one of these has chosen the transports of Fast DDS.
 _CHOICES = {'FASTDDS_BUILTIN_TRANSPORTS', *_PROFILES}
 _LOOPBACK = 'config/fastdds_loopback.xml'
+_GARBAGE = 50_000  # objects until the collector looks for cycles
 # s for which a thread may keep the interpreter while others want it; 5 ms by default. A stop waits
 # for that long if it comes amid other work.
 _SWITCH_INTERVAL = 0.0002
@@ -179,6 +180,7 @@ def _avoid_shared_memory() -> str:
 def _prefer(nodes: Sequence[ManagedNode]) -> None:
     """Have a stop wait for little else in this process, and if asked to, for no other process."""
     gc.freeze()  # what is there stays to the end, and need not be searched again and again
+    gc.set_threshold(_GARBAGE)  # nothing here is made for cycles
     sys.setswitchinterval(_SWITCH_INTERVAL)
     priority = max((node.values['rt_priority'] for node in nodes), default=0)
     for text in use_realtime(priority) if priority else ():

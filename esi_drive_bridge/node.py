@@ -50,13 +50,14 @@ class EsiDriveBridge(BridgeNode[Event]):
         """Create what command and status become."""
         self._joint_states = self.create_publisher(JointState, '~/joint_states', 10)
         self._enabled = self.create_publisher(Bool, '~/enabled', latched_qos())
-        self.watched_subscription(JointState, '~/command', self._on_command, _COMMAND_QOS)
-        self.watched_subscription(
-            Bool, '~/enable', self._on_enable, _STOP_QOS, is_stop=lambda m: not m.data
-        )
+        # What comes first here is read first.
         self.watched_subscription(
             Bool, '~/estop_in', self._on_estop_in, _STOP_QOS, is_stop=lambda m: bool(m.data)
         )
+        self.watched_subscription(
+            Bool, '~/enable', self._on_enable, _STOP_QOS, is_stop=lambda m: not m.data
+        )
+        self.watched_subscription(JointState, '~/command', self._on_command, _COMMAND_QOS)
 
     def take_parameters(self, values: Mapping[str, Any]) -> None:
         """Keep how the axes are scaled."""

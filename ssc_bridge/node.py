@@ -68,6 +68,10 @@ class SscBridge(BridgeNode[Event]):
         self._command_state = self.create_publisher(String, '~/command_state', latched_qos())
         self._aux_inputs = self.create_publisher(DiagnosticStatus, '~/aux_inputs', 10)
         self._sources = self.create_publisher(DiagnosticStatus, '~/channel_sources', latched_qos())
+        # What comes first here is read first.
+        self.watched_subscription(
+            Bool, '~/estop_in', self._on_estop_in, _STOP_QOS, is_stop=lambda m: bool(m.data)
+        )
         self.watched_subscription(
             UInt16MultiArray, '~/pulse_command', self._on_pulse_command, _COMMAND_QOS
         )
@@ -75,9 +79,6 @@ class SscBridge(BridgeNode[Event]):
             JointState, '~/servo_command', self._on_servo_command, _COMMAND_QOS
         )
         self.create_subscription(KeyValue, '~/aux_outputs', self._on_aux_outputs, 10)
-        self.watched_subscription(
-            Bool, '~/estop_in', self._on_estop_in, _STOP_QOS, is_stop=lambda m: bool(m.data)
-        )
 
     def forget_device(self) -> None:
         """Publish that nothing is known of the device, and neutral sticks after others."""
