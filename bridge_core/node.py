@@ -92,6 +92,7 @@ class BridgeNode(ManagedNode, Generic[EventT]):
         self._waiting = Waiting(self)
         self.refused = 0
         self.refusal = ''
+        self._input = threading.local()  # when what a watched callback is in came
         self._watches: dict[str, PublisherWatch] = {}  # by topic
         self.link = self.LINK(
             self.get_name(),
@@ -133,7 +134,9 @@ class BridgeNode(ManagedNode, Generic[EventT]):
             now = time.monotonic()
             watch.heard(info['publication_sequence_number'], now)
             if watch.settled(now) or is_stop(message):
+                self._input.received_at = now - _waited(info)
                 callback(message)
+                self._input.received_at = None
             elif watch.doubled(now):
                 text = _doubled(subscription.topic_name)
                 self.log(Level.ERROR, text, site=text)
@@ -232,8 +235,15 @@ class BridgeNode(ManagedNode, Generic[EventT]):
         """
         if not self.active:
             return 0
+        received_at = getattr(self._input, 'received_at', None)
         return self.link.request(
-            method.__name__, *arguments, key=key, each=each, stop=stop, waits=waits
+            method.__name__,
+            *arguments,
+            key=key,
+            each=each,
+            stop=stop,
+            waits=waits,
+            received_at=received_at,
         )
 
     def refuse(self, text: str) -> None:
@@ -491,6 +501,12 @@ class BridgeNode(ManagedNode, Generic[EventT]):
         """End the threads before what they publish on goes away."""
         self.link.stop()
         super().destroy_node()
+
+
+def _waited(info: Mapping[str, Any]) -> float:
+    """Return the seconds since the middleware took a message in; 0 if it does not tell."""
+    received: int = info['received_timestamp']
+    return max(0.0, (time.time_ns() - received) * 1e-9) if received else 0.0
 
 
 def _doubled(topic: str) -> str:

@@ -289,7 +289,8 @@ def test_second_mux_disables_and_its_stops_are_no_edges(bench: Bench, attempt: i
         told = time.monotonic()
         bench.wait(lambda: DOUBLED in bench.diagnostics.status(DEVICE).message, 'the reason')
         bench.holds(lambda: not any(p.enables for p in bench.drive.packets(told)), 1.0)
-        assert not bench.estop.last.data  # nothing is wrong with the drive
+        # Nothing is wrong with the drive.
+        assert not bench.estop.last.data, bench.diagnostics.status(DEVICE).message
     bench.wait(lambda: DOUBLED not in bench.diagnostics.status(DEVICE).message, 'only one again')
     bench.quiet()
     bench.enabling()

@@ -556,7 +556,7 @@ def test_wire_takes_in_what_was_asked_before_the_node_went(
     ends: tuple[Node, socket.socket],
 ) -> None:
     node, theirs = ends
-    asked = Request(1, 'estop', 'set_estop', (True,), 1.0, True)
+    asked = Request(1, 'estop', 'set_estop', (True,), 1.0, stop=True)
     theirs.send(pickle.dumps(tuple(asked)))
     theirs.close()
     assert node.take() == [asked]

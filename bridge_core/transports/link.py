@@ -19,8 +19,10 @@ from typing import Protocol
 
 from bridge_core.transports import TransportError
 from bridge_core.transports.wire import Bridge
+from bridge_core.transports.wire import INPUT_LIMIT
 from bridge_core.transports.wire import Owner
 from bridge_core.transports.wire import Request
+from bridge_core.transports.wire import REQUEST_LIMIT
 from bridge_core.transports.wire import Wire
 
 ACTIVATE_TIME = 10.0  # s; a machine that is starved at start-up is no reason to give up
@@ -79,6 +81,7 @@ class Link:
         each: bool = False,
         stop: bool = False,
         waits: bool = False,
+        received_at: float | None = None,
     ) -> int:
         """
         Have the session's method ``name`` called with ``arguments`` soon; return a number.
@@ -89,9 +92,13 @@ class Link:
         :param each: no request replaces this one.
         :param stop: no other request replaces this one, and age does not matter.
         :param waits: as of Request.
+        :param received_at: when an input came that must be fresh to count.
         """
-        number, now = next(self._numbers), time.monotonic()
-        self._put(Request(number, key or name, name, arguments, now, stop, waits), each)
+        number = next(self._numbers)
+        at, limit = time.monotonic(), REQUEST_LIMIT
+        if received_at is not None:
+            at, limit = received_at, INPUT_LIMIT
+        self._put(Request(number, key or name, name, arguments, at, limit, stop, waits), each)
         return number
 
     def activate(self, values: dict[str, Any], *, resting: bool = False) -> None:
@@ -131,7 +138,7 @@ class Link:
 
         number = next(self._numbers)
         self._waiting[number] = end
-        request = Request(number, name, name, arguments, time.monotonic(), True)
+        request = Request(number, name, name, arguments, time.monotonic(), stop=True)
         self._put(request, True)
         answered = done.wait(timeout=timeout)
         self._waiting.pop(number, None)

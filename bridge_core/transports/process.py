@@ -168,7 +168,8 @@ class ProcessLink(Link):
                 self._lost(now)
                 return False
             heard = True
-            self._limit, self._kill_at = now + SILENCE_LIMIT, now + _KILL_TIME
+            heard_at = time.monotonic()  # later than now, if we are held up amid this
+            self._limit, self._kill_at = heard_at + SILENCE_LIMIT, heard_at + _KILL_TIME
             name, arguments = pickle.loads(data)
             self._MESSAGES[name](self, *arguments)
         return heard

@@ -46,6 +46,8 @@ _FAREWELL_TIME = 0.1
 # Waking this much later than meant, this process was frozen: what waits in the port is old news.
 _FROZEN_TIME = 0.2
 _DISCARD_READS = 1000
+REQUEST_LIMIT = 0.2  # s that a request may wait for its wire
+INPUT_LIMIT = 0.03  # s, from the middleware to the wire, of what must be fresh to count
 _LOOK_PERIOD = 0.1  # s, between two looks at whether a level of the report has changed
 _REPORT_PERIOD = 1.0  # s
 _WORDS_TIME = 0.01  # s that the words about a stop leave to the stop itself
@@ -86,6 +88,7 @@ class Request(NamedTuple):
     :param key: what it is about, in the words of the topics.
     :param name: a method of the session that takes ``*arguments, now``, or one of Wire.COMMANDS.
     :param at: when it was asked, in monotonic seconds, which all processes share.
+    :param limit: the age in s from which on it does not count any more.
     :param stop: it counts however old it is.
     :param waits: somebody waits for the session's Answer: refuse it while the port is not open.
     """
@@ -95,6 +98,7 @@ class Request(NamedTuple):
     name: str
     arguments: tuple[Any, ...]
     at: float
+    limit: float = REQUEST_LIMIT
     stop: bool = False
     waits: bool = False
 
@@ -276,8 +280,8 @@ class Wire(Generic[FrameT]):
         if self._session is None or self._resting:
             return 'the node is not active'
         age = now - request.at
-        if age > _FROZEN_TIME and not request.stop:
-            return f'it waited for {age:.1f} s'
+        if age > request.limit and not request.stop:
+            return f'it waited for {age * 1e3:.0f} ms, as this node was held up'
         if request.waits and not self.status.is_open:
             return self.status.error
         try:
