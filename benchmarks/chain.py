@@ -87,6 +87,8 @@ class Nodes:
             name: {
                 **given.get(name, {}),
                 **({'rt_priority': rt_priority} if rt_priority else {}),
+                # One trial comes after another.
+                **({'reset_silence': 0.0} if name == MUX else {}),
             }
             for name in SPINE
         }
