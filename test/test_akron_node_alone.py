@@ -44,7 +44,8 @@ def test_node_that_dies_leaves_neutral_frames(
         wire = wires_of(bench.node.process.pid)[0]
         bench.node.end(number)
         bench.wait(lambda: not is_running(wire), 'the end of the wire')
-        assert own_unit.joystick_frames(0x38)[-3:] == [NEUTRAL] * 3
+        # What it said last may still be on its way to the unit.
+        bench.wait(lambda: own_unit.joystick_frames(0x38)[-3:] == [NEUTRAL] * 3, 'neutral frames')
         bench.wait(lambda: not own_unit.look('moving'), 'rest')
 
 
