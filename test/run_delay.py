@@ -30,8 +30,17 @@ class RunDelay:
     def _waited(self) -> dict[str, int]:
         """Return the nanoseconds of each thread (kernel: Documentation/scheduler/sched-stats)."""
         found: dict[str, int] = {}
-        for pid in self._pids:
+        for pid in [each for node in self._pids for each in _family(node)]:
             for file in Path(f'/proc/{pid}/task').glob('*/schedstat'):
                 with contextlib.suppress(OSError):  # it has ended
                     found[str(file)] = int(file.read_text().split()[1])
         return found
+
+
+def _family(pid: int) -> list[int]:
+    """Return a process and its children: a node's wire waits, too."""
+    children: list[int] = []
+    for file in Path(f'/proc/{pid}/task').glob('*/children'):
+        with contextlib.suppress(OSError):  # it has ended
+            children += map(int, file.read_text().split())
+    return [pid, *children]
