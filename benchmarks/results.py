@@ -19,6 +19,7 @@ from typing import Any
 
 from benchmarks.bench_python import NAME as PYTHON
 from benchmarks.rig import Figures
+from rugged_teleop.reference import with_table
 
 ROOT = Path(__file__).parent.parent
 FILE, PAGE = ROOT / 'benchmarks' / 'results.json', ROOT / 'docs' / 'performance.md'
@@ -279,20 +280,11 @@ def _texts(figures: Figures) -> str:
     )
 
 
-def with_table(page: str, part: str) -> str:
-    """Return a page with its table replaced. :raises ValueError: it has no place for one."""
-    before, begin, rest = page.partition(BEGIN)
-    _, end, after = rest.partition(END)
-    if not (begin and end):
-        raise ValueError(f'a page needs the lines {BEGIN} and {END}')
-    return f'{before}{BEGIN}\n\n{part}\n{END}{after}'
-
-
 def write(machine: Mapping[str, str], found: Sequence[Row]) -> None:
     """Write file and page."""
     dump(machine, found)
     page = PAGE.read_text(encoding='utf-8')
-    PAGE.write_text(with_table(page, table(machine, found)), encoding='utf-8')
+    PAGE.write_text(with_table(page, table(machine, found), BEGIN, END), encoding='utf-8')
 
 
 # Comparing.

@@ -87,8 +87,8 @@ class BridgeNode(ManagedNode, Generic[EventT]):
         self._late_logs: dict[str, tuple[Level, str]] = {}
         self._words: deque[tuple[Level, str]] = deque(maxlen=_MOST_WORDS)
         self._later: deque[Any] = deque()  # events behind a stop
-        self._later_at = -math.inf  # until when they wait
-        self._write_at = 0.0
+        self._behind_stop = False  # events wait there, so that none overtakes another
+        self._write_at = 0.0  # when they and the words are due
         self._waiting = Waiting(self)
         self.refused = 0
         self.refusal = ''
@@ -135,8 +135,10 @@ class BridgeNode(ManagedNode, Generic[EventT]):
             watch.heard(info['publication_sequence_number'], now)
             if watch.settled(now) or is_stop(message):
                 self._input.received_at = now - _waited(info)
-                callback(message)
-                self._input.received_at = None
+                try:
+                    callback(message)
+                finally:
+                    self._input.received_at = None
             elif watch.doubled(now):
                 text = _doubled(subscription.topic_name)
                 self.log(Level.ERROR, text, site=text)
@@ -167,7 +169,7 @@ class BridgeNode(ManagedNode, Generic[EventT]):
 
     def _tell_later(self) -> None:
         """Publish and log what had to wait."""
-        self._later_at, self._write_at = -math.inf, math.inf
+        self._behind_stop, self._write_at = False, math.inf
         while self._later:
             self._tell(self._later.popleft())
         while self._words:
@@ -278,8 +280,9 @@ class BridgeNode(ManagedNode, Generic[EventT]):
             if isinstance(event, StopChanged):
                 self._change_verdict(event.verdict, now)
                 if event.verdict.estop:
-                    self._later_at = self._write_at = now + _WORDS_TIME
-            elif now < self._later_at:
+                    self._behind_stop = True
+                    self._write_at = min(self._write_at, now + _WORDS_TIME)
+            elif self._behind_stop:
                 self._later.append(event)
             else:
                 self._tell(event)
@@ -329,6 +332,7 @@ class BridgeNode(ManagedNode, Generic[EventT]):
 
     def on_lost(self) -> None:
         """Publish what a session would have at its end: its wire is gone without one."""
+        self._tell_later()  # or what it said last would stand
         self.forget_device()
 
     def stamp(self) -> Any:

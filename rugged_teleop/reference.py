@@ -179,13 +179,13 @@ def _defaults(parameter: Parameter, named: Iterable[Parameter]) -> str:
     return '; '.join([*special, f'others: {own}']) if special else own
 
 
-def with_table(page: str, table: str) -> str:
+def with_table(page: str, table: str, begin: str = BEGIN, end: str = END) -> str:
     """Return a page with its table replaced. :raises ValueError: it has no place for one."""
-    before, begin, rest = page.partition(BEGIN)
-    _, end, after = rest.partition(END)
-    if not (begin and end):
-        raise ValueError(f'a page needs the lines {BEGIN} and {END}')
-    return f'{before}{BEGIN}\n\n{table}\n{END}{after}'
+    before, first, rest = page.partition(begin)
+    _, last, after = rest.partition(end)
+    if not (first and last):
+        raise ValueError(f'a page needs the lines {begin} and {end}')
+    return f'{before}{begin}\n\n{table}\n{end}{after}'
 
 
 def main() -> None:

@@ -230,6 +230,60 @@ def test_lost_port_is_a_stop_before_the_session_is_asked(context: Context) -> No
     node.destroy_node()
 
 
+def told_by(node: ToyBridge, monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    """Return what the node publishes of events and forgets, as it comes."""
+    told: list[str] = []
+    monkeypatch.setattr(node, 'on_event', told.append)
+    monkeypatch.setattr(node, 'forget_device', lambda: told.append('forgotten'))
+    return told
+
+
+def held_behind_a_stop(context: Context) -> ToyBridge:
+    node = make_toy(context)
+    node.link.stop()
+    node.active = True
+    return node
+
+
+def test_what_a_stop_comes_with_never_overtakes(
+    context: Context, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    node = held_behind_a_stop(context)
+    told = told_by(node, monkeypatch)
+    node.on_events([StopChanged(Verdict()), StopChanged(Verdict.stop()), 'with the stop'], 1.0)
+    assert told == []
+    node.on_events(['long after it'], 2.0)  # sooner than the link asks for what is due
+    node.pace(2.0)
+    node.on_events(['at last'], 2.0)
+    assert told == ['with the stop', 'long after it', 'at last']
+    node.destroy_node()
+
+
+def test_stops_that_never_end_hold_nothing_up_for_ever(
+    context: Context, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    node = held_behind_a_stop(context)
+    told = told_by(node, monkeypatch)
+    for n in range(20):  # one each 5 ms
+        now = 1.0 + n * 0.005
+        node.on_events([StopChanged(Verdict()), StopChanged(Verdict.stop()), f'{n}'], now)
+        node.pace(now)
+    assert told[:10] == [f'{n}' for n in range(10)]
+    node.destroy_node()
+
+
+def test_lost_wire_is_forgotten_behind_what_it_has_said(
+    context: Context, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    node = held_behind_a_stop(context)
+    told = told_by(node, monkeypatch)
+    node.on_events([StopChanged(Verdict()), StopChanged(Verdict.stop()), 'enabled'], 1.0)
+    node.on_lost()
+    node.pace(2.0)
+    assert told == ['enabled', 'forgotten']
+    node.destroy_node()
+
+
 def test_stop_that_comes_and_goes_in_one_read_is_published(
     context: Context, pty: Pty, observer: Observer, link: str
 ) -> None:

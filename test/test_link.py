@@ -11,6 +11,7 @@ import pytest
 from bridge_core.session import Level
 from bridge_core.transports import TransportError
 from bridge_core.transports.link import Mailbox
+from bridge_core.transports.wire import INPUT_LIMIT
 from bridge_core.transports.wire import Request
 from test.link_rig import Bench
 from test.link_rig import fails
@@ -257,6 +258,21 @@ def test_newest_request_of_a_storm_is_never_lost(bench: Bench) -> None:
     for number in range(5000):
         bench.do(functools.partial(note, number=number), 'command')
     wait_for(lambda: last == 4999, 2.0, 'the newest request')
+
+
+def test_input_that_waited_for_a_node_that_was_held_up_counts_only_as_a_stop(
+    bench: Bench,
+) -> None:
+    bench.run()
+    done: list[str] = []
+    received_at = time.monotonic() - 2 * INPUT_LIMIT
+    for key, stop in (('release', False), ('stop', True)):
+        act = functools.partial(lambda now, key: done.append(key), key=key)
+        bench.link.request('do', act, key=key, stop=stop, received_at=received_at)
+    bench.do(lambda now: done.append('fresh'), 'fresh')
+    wait_for(lambda: done[-1:] == ['fresh'] and bench.owner.refused, 2.0, 'all three')
+    assert done == ['stop', 'fresh']
+    assert [key for _, key, _ in bench.owner.refused] == ['release']
 
 
 def test_session_is_polled_right_after_a_request(bench: Bench) -> None:
