@@ -25,6 +25,7 @@ from collections.abc import Sequence
 import contextlib
 from dataclasses import asdict
 from dataclasses import dataclass
+from dataclasses import replace
 import itertools
 import json
 import os
@@ -293,7 +294,7 @@ def stage_of(subject: str, fault: Fault) -> Iterator[tuple[Subject, Fault]]:
 def _completed(
     fault: Fault, inject: Callable[[Subject], object], undo: Callable[[Subject], object]
 ) -> Fault:
-    return Fault(fault.name, fault.kind, inject, undo, fault.lasts, fault.subjects, fault.variant)
+    return replace(fault, inject=inject, undo=undo)
 
 
 def campaign(subject: str, fault: Fault, count: int) -> list[Trial]:
