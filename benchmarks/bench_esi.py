@@ -7,6 +7,7 @@ How much of a core it takes, and by how much its packets are off the millisecond
 from __future__ import annotations
 
 import contextlib
+import itertools
 from pathlib import Path
 import sys
 import tempfile
@@ -25,12 +26,13 @@ from test.rig import wait_for
 
 NODE = 'esi_drive_bridge'
 PERIOD = 0.001  # s
+_HEARTBEAT = 30  # commands between two of enable and e-stop: the mux's heartbeat_rate
 _SETTLE = 0.7  # s of disable before enable
 _RATES = {'command_rate': 1000.0, 'status_rate': 1000.0, 'baud': 1_000_000}
 
 
 def talk() -> None:
-    """Publish what a mux would, a thousand times a second, until it is ended."""
+    """Publish what a mux would, commands a thousand times a second, until it is ended."""
     import rclpy
     from sensor_msgs.msg import JointState
     from std_msgs.msg import Bool
@@ -44,10 +46,13 @@ def talk() -> None:
         time.sleep(0.01)
     message = JointState(name=['left', 'right'], velocity=[0.5, 0.5])
     due = begin = time.monotonic()
-    while rclpy.ok():
+    for number in itertools.count():
+        if not rclpy.ok():
+            return
         command.publish(message)
-        enable.publish(Bool(data=due - begin > _SETTLE))
-        estop.publish(Bool(data=False))
+        if number % _HEARTBEAT == 0:
+            enable.publish(Bool(data=due - begin > _SETTLE))
+            estop.publish(Bool(data=False))
         due += PERIOD
         time.sleep(max(0.0, due - time.monotonic()))
 

@@ -366,6 +366,7 @@ def main() -> None:
     if unknown:
         parser.error(f'no fault {unknown.pop()!r}; there are {", ".join(f.name for f in FAULTS)}')
     use_own_domain(profile=not given.localhost)
+    signal.signal(signal.SIGHUP, signal.SIG_DFL)  # nodes inherit what nohup made of it
     print(HEAD, flush=True)
     results, words = {}, []
     try:
