@@ -41,6 +41,8 @@ Decided here, where the rules leave a choice:
   longer valid: STOPPED, and every input counts as never heard.
 """
 
+import math
+
 from bridge_core.watchdog import in_words
 from safety_mux.inputs import AutonomyInput
 from safety_mux.inputs import demand_fault
@@ -106,7 +108,7 @@ class Arbiter:
         )
         self._overruled: str | None = None  # how the owner lost control; zero comes first
         self._owner_since = 0.0
-        self._former: tuple[str, float] | None = None  # the last owner, and until when
+        self._owned_until: dict[str, float] = {}  # by name, of former owners
         self._stopping_since = 0.0
         self._clear_since: float | None = None  # in STOPPED: time of the first tick without a stop
         self._reset_asked: float | None = None
@@ -309,8 +311,8 @@ class Arbiter:
             return True
         if self._owner is not None and self._owner.name == source.config.operator:
             return True
-        former, until = self._former or ('', 0.0)
-        return former == source.config.operator and now - until < source.config.timeout
+        until = self._owned_until.get(source.config.operator or '', -math.inf)
+        return now - until < source.config.timeout
 
     def _stop(self, stops: list[Stop], now: float) -> None:
         """Stop by the lowest stop category among the reasons."""
@@ -464,7 +466,7 @@ class Arbiter:
 
     def _end_control(self, now: float) -> None:
         if self._owner is not None:
-            self._former = (self._owner.name, now)
+            self._owned_until[self._owner.name] = now
         self._owner = self._overruled = None
 
     def _change(self, state: State, reason: str, now: float, causes: Causes = ()) -> None:

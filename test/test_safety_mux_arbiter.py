@@ -21,6 +21,7 @@ from test.safety_mux_bench import assert_stopped
 from test.safety_mux_bench import Bench
 from test.safety_mux_bench import CONFIG
 from test.safety_mux_bench import DRIVE
+from test.safety_mux_bench import EVERY
 from test.safety_mux_bench import HALF
 from test.safety_mux_bench import HELD
 from test.safety_mux_bench import OFF
@@ -120,6 +121,18 @@ def test_when_owner_source_of_a_former_owner_does_not_count_after_its_timeout() 
     bench.run(0.3)
     bench.estops['spare'] = True
     assert bench.run(0.5).state is State.READY
+
+
+def test_when_owner_source_of_a_former_owner_stops_although_another_drove_meanwhile() -> None:
+    bench = Bench().active('senior')
+    bench.samples['senior'] = REST
+    bench.run(EVERY)
+    bench.samples['fort'] = DRIVE
+    assert bench.run(EVERY).owner == 'fort'
+    bench.samples['fort'] = REST
+    assert bench.run(EVERY).state is State.READY
+    bench.arbiter.estop_message('spare', True, bench.now)
+    assert_stopped(bench.tick())
 
 
 def test_stop_of_the_owner_is_demanded_of_the_others_for_its_timeout() -> None:
