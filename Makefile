@@ -4,6 +4,7 @@
 #
 #   make demo              simulators, stack and a live view; ARGS=--once plays the scripted scene
 #   make test              ARGS='-k fort -x' and the like go to pytest; WORKERS=0 for one test at a time
+#   make proof             what takes minutes: every reachable state of the mux; ARGS as for make test
 #   make lint              ruff and mypy
 #   make bench             measure, write benchmarks/results.json and the table of docs/performance.md; ARGS=--quick
 #   make bench-check       measure again; status 1 where a ratio got worse by a quarter; ARGS=--quick
@@ -24,13 +25,16 @@ unexport _ROS_WHEELS_BOOTSTRAP_COMPLETE
 # A virtual environment that the caller has activated is only where $(PYTHON) comes from.
 unexport VIRTUAL_ENV
 
-.PHONY: demo test lint bench bench-check campaign reference clean
+.PHONY: demo test proof lint bench bench-check campaign reference clean
 
 demo: $(STAMP)
 	$(BIN)/python -m demo $(ARGS)
 
 test: $(STAMP)
 	$(BIN)/python -m pytest -n $(WORKERS) --dist loadfile --no-loadscope-reorder --durations=10 $(ARGS)
+
+proof: $(STAMP)
+	$(BIN)/python -m pytest -m proof $(ARGS)
 
 lint: $(STAMP)
 	$(BIN)/ruff check .
