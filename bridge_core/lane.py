@@ -15,7 +15,6 @@ from contextlib import suppress
 from dataclasses import dataclass
 import math
 import threading
-import time
 import traceback
 from typing import Any
 from typing import Protocol
@@ -28,6 +27,8 @@ from rclpy.guard_condition import GuardCondition
 from rclpy.impl.implementation_singleton import rclpy_implementation as _rclpy
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
+
+from bridge_core import clock
 
 _CALL_LIMIT = 0.4  # s that others wait for the lane's thread
 _BATCH = 20  # messages of one topic before the next topic has its turn
@@ -120,12 +121,12 @@ class Lane:
 
     def every(self, period: float, callback: Callable[[float], object]) -> None:
         """
-        Call ``callback(now)`` each ``period`` s by the monotonic clock, from one period on.
+        Call ``callback(now)`` each ``period`` s by ``clock.now``, from one period on.
 
         Calls that are late by a period or more are left out, not made up for.
         """
         with self._lock:
-            timer = _Timer(period, callback, time.monotonic() + period)
+            timer = _Timer(period, callback, clock.now() + period)
             self._timers = (*self._timers, timer)
         self._waiter.wake()
 
@@ -190,7 +191,7 @@ class Lane:
         if self._calls:
             return 0.0
         due = min((timer.due for timer in self._timers), default=None)
-        return None if due is None else max(0.0, due - time.monotonic())
+        return None if due is None else max(0.0, due - clock.now())
 
     def _call_posted(self) -> None:
         for _ in range(len(self._calls)):  # not those that they post themselves
@@ -199,7 +200,7 @@ class Lane:
 
     def _call_timers(self) -> None:
         for timer in self._timers:
-            now = time.monotonic()
+            now = clock.now()
             if now >= timer.due:
                 timer.due += timer.period
                 if timer.due <= now:
@@ -211,7 +212,7 @@ class Lane:
         try:
             return function(*args)
         except Exception:
-            now = time.monotonic()
+            now = clock.now()
             if now >= self._report_at:
                 self._report_at = now + _REPORT_PERIOD
                 self._node.get_logger().error(f'{self._name}: {traceback.format_exc()}')

@@ -26,6 +26,7 @@ from rclpy.qos import QoSProfile
 from std_msgs.msg import Bool
 from std_srvs.srv import Trigger
 
+from bridge_core import clock
 from bridge_core.diagnostics import to_msg
 from bridge_core.managed_node import latched_qos
 from bridge_core.managed_node import ManagedNode
@@ -131,7 +132,7 @@ class BridgeNode(ManagedNode, Generic[EventT]):
         watch = PublisherWatch()
 
         def on_message(message: Any, info: Any) -> None:
-            now = time.monotonic()
+            now = clock.now()
             watch.heard(info['publication_sequence_number'], now)
             if watch.settled(now) or is_stop(message):
                 self._input.received_at = now - _waited(info)
@@ -157,7 +158,7 @@ class BridgeNode(ManagedNode, Generic[EventT]):
         :param site: what may come often: of each site at most one line a second, and the newest
             waits until then, so that the last one stands.
         """
-        now = time.monotonic()
+        now = clock.now()
         if site:
             if now < self._logged_at.get(site, -math.inf) + _LOG_PERIOD:
                 self._late_logs[site] = level, text
@@ -328,7 +329,7 @@ class BridgeNode(ManagedNode, Generic[EventT]):
         self.log(Level.OK if ok else Level.ERROR, text)
         if not ok:
             self._waiting.fail(text)
-            self._change_verdict(Verdict.stop(text, link_up=False), time.monotonic())
+            self._change_verdict(Verdict.stop(text, link_up=False), clock.now())
 
     def on_lost(self) -> None:
         """Publish what a session would have at its end: its wire is gone without one."""
@@ -488,7 +489,7 @@ class BridgeNode(ManagedNode, Generic[EventT]):
         try:
             self.active = False
             self._waiting.fail(_INACTIVE.reasons[0])
-            self._set_verdict(_INACTIVE, time.monotonic())
+            self._set_verdict(_INACTIVE, clock.now())
         finally:
             if held:
                 self._lock.release()

@@ -8,7 +8,6 @@ import os
 import signal
 import sys
 import threading
-import time
 import traceback
 
 import rclpy
@@ -18,6 +17,7 @@ from rclpy.executors import ExternalShutdownException
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.signals import SignalHandlerOptions
 
+from bridge_core import clock
 from bridge_core.help import help_text
 from bridge_core.managed_node import ManagedNode
 from bridge_core.output import unblocked_output
@@ -247,9 +247,9 @@ def _wait_acknowledged(nodes: Sequence[ManagedNode]) -> None:
     A reader throws away what it has not yet taken in of a writer that it sees leave; and it may
     well see that first, since the two come by different sockets and threads.
     """
-    end = time.monotonic() + _ACKNOWLEDGE_LIMIT
+    end = clock.now() + _ACKNOWLEDGE_LIMIT
     for publisher in (publisher for node in nodes for publisher in node.publishers):
-        publisher.wait_for_all_acked(Duration(seconds=max(0.0, end - time.monotonic())))
+        publisher.wait_for_all_acked(Duration(seconds=max(0.0, end - clock.now())))
 
 
 def _guarded(step: Callable[[], object]) -> None:

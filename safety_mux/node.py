@@ -10,7 +10,6 @@ from array import array
 from collections.abc import Callable
 from functools import partial
 import math
-import time
 from typing import Any
 from typing import ClassVar
 
@@ -28,6 +27,7 @@ from std_msgs.msg import String
 from std_srvs.srv import SetBool
 from std_srvs.srv import Trigger
 
+from bridge_core import clock
 from bridge_core.diagnostics import to_msg
 from bridge_core.managed_node import latched_qos
 from bridge_core.managed_node import ManagedNode
@@ -190,10 +190,10 @@ class SafetyMux(ManagedNode):
             self.get_logger().error(str(error))
 
     def _let_go(self) -> None:
-        self._hold(time.monotonic())
+        self._hold(clock.now())
 
     def _stop(self) -> None:
-        now = time.monotonic()
+        now = clock.now()
         self._hold(now)
         self._tick(now)
 
@@ -201,8 +201,8 @@ class SafetyMux(ManagedNode):
         """Make the arbiter and subscribe to all that it listens to."""
         values = self._built_from = self.values
         config = mux_config(values)
-        self._arbiter = Arbiter(config, JointLimiter(joint_limits(values)), time.monotonic())
-        self._hold(time.monotonic())
+        self._arbiter = Arbiter(config, JointLimiter(joint_limits(values)), clock.now())
+        self._hold(clock.now())
         self._last_state: State | None = None
         self._owner: str | None = None
         self._mappings = {each.name: joy_mapping(values, each.name) for each in config.operators}
@@ -255,7 +255,7 @@ class SafetyMux(ManagedNode):
         watch = PublisherWatch()
 
         def on_message(message: Any, info: Any) -> None:
-            now = time.monotonic()
+            now = clock.now()
             lost = watch.heard(info['publication_sequence_number'], now)
             if watch.doubled(now):
                 self._look_at(subscription.topic_name, now)
@@ -352,7 +352,7 @@ class SafetyMux(ManagedNode):
 
             def on_message(message: Any, info: Any) -> None:
                 del message
-                now = time.monotonic()
+                now = clock.now()
                 watch.heard(info['publication_sequence_number'], now)
                 if watch.doubled(now) and self._last_state is not State.STOPPED:
                     self._hold(now)
@@ -411,19 +411,19 @@ class SafetyMux(ManagedNode):
     # The same on the lane.
 
     def _reset(self) -> Reply:
-        now = time.monotonic()
+        now = clock.now()
         reply = self._arbiter.reset(now)
         self._refused_reset = None if reply.ok else (now, reply.message)
         return reply
 
     def _trip(self) -> Reply:
-        now = time.monotonic()
+        now = clock.now()
         reply = self._arbiter.trip(now)
         self._tick(now)
         return reply
 
     def _select_autonomy(self, select: bool) -> Reply:
-        now = time.monotonic()
+        now = clock.now()
         reply = self._arbiter.select_autonomy(select, now)
         self._tick(now)
         return reply

@@ -66,7 +66,9 @@ BRIDGE = {
     'simulator': ('{bridge}.protocol', 'bridge_core'),
     # A device's configuration and the dialogue with its menus: pure. Only the command has a port.
     'config': ('{bridge}.protocol', 'bridge_core.checksums'),
-    'config.main': ('{bridge}.protocol', 'bridge_core.transports', 'STDLIB'),
+    'config.main': (
+        *('{bridge}.protocol', 'bridge_core.clock', 'bridge_core.transports', 'STDLIB'),
+    ),
 }
 # The same for bridge_core, which knows no device.
 SHARED = {
@@ -76,9 +78,10 @@ SHARED = {
     'report': ('bridge_core.framing', 'bridge_core.session'),
     'transports': (
         *(*CORE, 'bridge_core.session', 'bridge_core.report', 'bridge_core.realtime'),
-        *('serial', 'can', 'STDLIB'),
+        *('bridge_core.clock', 'serial', 'can', 'STDLIB'),
     ),
-    'lane': ('rclpy', 'STDLIB'),
+    'clock': ('STDLIB',),
+    'lane': ('bridge_core.clock', 'rclpy', 'STDLIB'),
     'realtime': ('STDLIB',),
     'convert': ('MESSAGES',),
     'diagnostics': ('bridge_core.report', 'MESSAGES'),
@@ -217,6 +220,7 @@ def test_every_bridge_is_checked() -> None:
         ('new_bridge.protocol.frames', 'from .. import session'),
         ('new_bridge.session', 'import threading'),
         ('new_bridge.session', 'from time import monotonic'),
+        ('new_bridge.session', 'from bridge_core import clock'),
         ('new_bridge.session', 'def late():\n    import socket'),
         ('new_bridge.session', 'import select as choose'),
         ('new_bridge.session', 'import serial'),

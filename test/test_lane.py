@@ -4,7 +4,6 @@ from collections.abc import Callable
 from collections.abc import Iterator
 from itertools import pairwise
 import threading
-import time
 from typing import Any
 
 import pytest
@@ -16,6 +15,7 @@ from rclpy.qos import QoSProfile
 from std_msgs.msg import Bool
 from std_msgs.msg import Int32
 
+from bridge_core import clock
 from bridge_core import lane as lane_module
 from bridge_core.lane import Lane
 from test.rig import wait_for
@@ -267,7 +267,7 @@ def test_call_that_was_given_up_is_never_made(rig: Rig) -> None:
 def test_timer_keeps_its_rate(rig: Rig) -> None:
     """No drift: a call that is late does not make the later ones late."""
     rig.lane.every(PERIOD, rig.heard.append)
-    started = time.monotonic()
+    started = clock.now()
     rig.lane.start()
     wait_for(lambda: len(rig.heard) >= 50, what='50 calls')
     for n, now in enumerate(rig.heard):
@@ -280,8 +280,8 @@ def test_calls_that_are_late_are_left_out(rig: Rig) -> None:
     wait_for(lambda: rig.heard, what='a call')
     held = threading.Event()
     rig.lane.post(held.wait)
-    before, count = time.monotonic(), len(rig.heard)
-    wait_for(lambda: time.monotonic() > before + 10 * PERIOD, what='the time')
+    before, count = clock.now(), len(rig.heard)
+    wait_for(lambda: clock.now() > before + 10 * PERIOD, what='the time')
     held.set()
     wait_for(lambda: len(rig.heard) > count + 3, what='the next calls')
     late = [now for now in rig.heard[count:] if now > before + 2 * PERIOD]

@@ -8,6 +8,7 @@ import time
 
 import pytest
 
+from bridge_core import clock
 from bridge_core.session import Level
 from bridge_core.transports import TransportError
 from bridge_core.transports.link import Mailbox
@@ -265,7 +266,7 @@ def test_input_that_waited_for_a_node_that_was_held_up_counts_only_as_a_stop(
 ) -> None:
     bench.run()
     done: list[str] = []
-    received_at = time.monotonic() - 2 * INPUT_LIMIT
+    received_at = clock.now() - 2 * INPUT_LIMIT
     for key, stop in (('release', False), ('stop', True)):
         act = functools.partial(lambda now, key: done.append(key), key=key)
         bench.link.request('do', act, key=key, stop=stop, received_at=received_at)

@@ -31,6 +31,7 @@ from std_msgs.msg import Bool
 from std_msgs.msg import Float32
 from std_srvs.srv import Trigger
 
+from bridge_core import clock
 from bridge_core.report import Report
 from bridge_core.report import Status
 from bridge_core.session import Level
@@ -542,11 +543,11 @@ def test_node_that_takes_nothing_for_long_interrupts_the_session_once(
     )
     for _ in range(50000):
         node.on_events([StopChanged(Verdict())], 1.0)
-    node.pace(time.monotonic() + 1.0)
+    node.pace(clock.now() + 1.0)
     assert interrupted == []  # there is no room yet, so nobody could be told
     assert read_all(theirs)
-    node.pace(time.monotonic())  # although something was told just before
-    node.pace(time.monotonic())
+    node.pace(clock.now())  # although something was told just before
+    node.pace(clock.now())
     assert len(interrupted) == 1
     node.on_events([StopChanged(Verdict.stop())], 2.0)
     assert 'on_events' in read_all(theirs)

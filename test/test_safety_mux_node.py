@@ -26,6 +26,7 @@ from std_msgs.msg import Bool
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
+from bridge_core import clock
 from safety_mux.node import _Repeated
 from safety_mux.node import ESTOP_QOS
 from safety_mux.node import SafetyMux
@@ -582,7 +583,7 @@ def test_stop_goes_out_before_all_else(own_mux: SafetyMux) -> None:
             state, 'fort' if moves else None, moves, (0.0, 0.0), not moves, {'fort': not moves}
         )
         own_mux._arbiter.tick = lambda now: decision  # type: ignore[method-assign]
-        own_mux._tick(time.monotonic())
+        own_mux._tick(clock.now())
 
     def play() -> None:
         decide(State.ACTIVE)
@@ -612,7 +613,7 @@ def test_mux_that_hangs_answers_that_nothing_was_done(own_mux: SafetyMux) -> Non
     finally:
         gate.set()
     wait_for(lambda: own_mux.lane.call(lambda: own_mux._last_state) is State.STOPPED, what='it')
-    assert not own_mux.lane.call(lambda: own_mux._arbiter.status(time.monotonic()).tripped)
+    assert not own_mux.lane.call(lambda: own_mux._arbiter.status(clock.now()).tripped)
 
 
 def test_mux_that_hangs_says_nothing(own_mux: SafetyMux, observer: Observer) -> None:

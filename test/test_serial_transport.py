@@ -18,6 +18,7 @@ import pytest
 import serial
 from serial.rfc2217 import PortManager
 
+from bridge_core import clock
 from bridge_core.transports import serial as serial_module
 from bridge_core.transports import TransportError
 from bridge_core.transports.serial import SerialTransport
@@ -315,7 +316,7 @@ def test_frame_is_dropped_while_the_line_is_busy_and_the_stall_told(
     transport.open()
     backlog, now = 65, 100.0
     monkeypatch.setattr(serial_module, '_backlog', lambda fd, request=0: backlog)
-    monkeypatch.setattr(time, 'monotonic', lambda: now)
+    monkeypatch.setattr(clock, 'now', lambda: now)
     assert transport.send(b'first') is False
     now += 0.4
     assert transport.send(b'second') is False

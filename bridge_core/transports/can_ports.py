@@ -26,7 +26,6 @@ import queue
 import socket
 import struct
 import threading
-import time
 from typing import Any
 from typing import Protocol
 import uuid
@@ -36,6 +35,7 @@ from can.interfaces.socketcan import SocketcanBus
 from can.interfaces.udp_multicast import utils as multicast_wire
 from can.typechecking import CanFilters
 
+from bridge_core import clock
 from bridge_core.transports import TransportError
 from bridge_core.transports.can_channel import multicast_address
 from bridge_core.transports.multicast import MulticastTransport
@@ -151,7 +151,7 @@ class SocketCanPort:
 
     def write(self, message: can.Message) -> bool:
         """Hand it to the kernel; drop it while its queue is full, or holds what is old."""
-        now = time.monotonic()
+        now = clock.now()
         if not self._unconfirmed.may_send(now):
             return False
         try:
@@ -260,7 +260,7 @@ class PumpedPort:
             raise self._failure
         if self._outgoing.qsize() >= _SEND_QUEUE_LIMIT:
             return False
-        self._outgoing.put((time.monotonic(), message))
+        self._outgoing.put((clock.now(), message))
         return True
 
     def close(self) -> None:
@@ -284,7 +284,7 @@ class PumpedPort:
         try:
             while (waiting := self._outgoing.get()) is not None:
                 at, message = waiting
-                if time.monotonic() < at + _OLD or self._closing:  # what leaves last is wanted
+                if clock.now() < at + _OLD or self._closing:  # what leaves last is wanted
                     self._bus.send(message)
                 else:
                     self._counts['frames too old to send'] += 1

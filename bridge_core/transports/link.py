@@ -13,10 +13,10 @@ import contextlib
 import itertools
 import os
 import threading
-import time
 from typing import Any
 from typing import Protocol
 
+from bridge_core import clock
 from bridge_core.transports import TransportError
 from bridge_core.transports.wire import Bridge
 from bridge_core.transports.wire import INPUT_LIMIT
@@ -95,7 +95,7 @@ class Link:
         :param received_at: when an input came that must be fresh to count.
         """
         number = next(self._numbers)
-        at, limit = time.monotonic(), REQUEST_LIMIT
+        at, limit = clock.now(), REQUEST_LIMIT
         if received_at is not None:
             at, limit = received_at, INPUT_LIMIT
         self._put(Request(number, key or name, name, arguments, at, limit, stop, waits), each)
@@ -138,7 +138,7 @@ class Link:
 
         number = next(self._numbers)
         self._waiting[number] = end
-        request = Request(number, name, name, arguments, time.monotonic(), stop=True)
+        request = Request(number, name, name, arguments, clock.now(), stop=True)
         self._put(request, True)
         answered = done.wait(timeout=timeout)
         self._waiting.pop(number, None)

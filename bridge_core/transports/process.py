@@ -20,10 +20,10 @@ import socket
 import subprocess
 import sys
 import threading
-import time
 import traceback
 from typing import Any
 
+from bridge_core import clock
 from bridge_core.report import Report
 from bridge_core.report import Status
 from bridge_core.session import Level
@@ -118,15 +118,15 @@ class ProcessLink(Link):
                 self._wait_and_step()
             except Exception:
                 traceback.print_exc()
-                self._pace_at = time.monotonic() + BACKOFF_START
+                self._pace_at = clock.now() + BACKOFF_START
         self._leave()
 
     def _wait_and_step(self) -> None:
-        now = time.monotonic()
+        now = clock.now()
         if self._process is None and now >= self._start_at:
             self._start(now)
         meant = self._wait(now)
-        now = time.monotonic()
+        now = clock.now()
         if now - meant > _LATE:  # held up ourselves, as it may have been: it gets that time, too
             self._limit += now - meant
             self._kill_at += now - meant
@@ -168,7 +168,7 @@ class ProcessLink(Link):
                 self._lost(now)
                 return False
             heard = True
-            heard_at = time.monotonic()  # later than now, if we are held up amid this
+            heard_at = clock.now()  # later than now, if we are held up amid this
             self._limit, self._kill_at = heard_at + SILENCE_LIMIT, heard_at + _KILL_TIME
             name, arguments = pickle.loads(data)
             self._MESSAGES[name](self, *arguments)

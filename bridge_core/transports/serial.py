@@ -21,6 +21,7 @@ from typing import Any
 
 import serial
 
+from bridge_core import clock
 from bridge_core.transports import TransportError
 
 _HINTS = {
@@ -144,7 +145,7 @@ class SerialTransport:
         if request is None or _backlog(self._fd, request) <= _BACKLOG_LIMIT:
             self._busy_since = None
             return False
-        now = time.monotonic()
+        now = clock.now()
         if self._busy_since is None:
             self._busy_since = now
         elif now - self._busy_since > _STALL_TIMEOUT:
@@ -152,12 +153,12 @@ class SerialTransport:
         return True
 
     def _write(self, data: bytes) -> None:
-        end = time.monotonic() + self._write_timeout
+        end = clock.now() + self._write_timeout
         while data:
             try:
                 data = data[os.write(self._fd, data) :]
             except BlockingIOError:
-                left = end - time.monotonic()
+                left = end - clock.now()
                 if left <= 0 or not select.select([], [self._fd], [], left)[1]:
                     raise TransportError(
                         f'{self.name}: took no bytes for {self._write_timeout * 1e3:.0f} ms'
@@ -202,9 +203,9 @@ def _backlog(fd: int, request: int = termios.TIOCOUTQ) -> int:
 
 def _drain(fd: int) -> None:
     """Wait up to 50 ms for queued bytes to leave; close alone could block for 30 s."""
-    end = time.monotonic() + _DRAIN_TIMEOUT
+    end = clock.now() + _DRAIN_TIMEOUT
     try:
-        while _backlog(fd) and time.monotonic() < end:
+        while _backlog(fd) and clock.now() < end:
             time.sleep(0.001)
         if _backlog(fd):  # only then: on a pty, a flush discards what the peer has not read
             termios.tcflush(fd, termios.TCOFLUSH)

@@ -25,6 +25,7 @@ from typing import Generic
 from typing import NamedTuple
 from typing import Protocol
 
+from bridge_core import clock
 from bridge_core.framing import Counters
 from bridge_core.report import Damage
 from bridge_core.report import LinkStatus
@@ -87,7 +88,7 @@ class Request(NamedTuple):
     :param number: of the request, by which its end is told.
     :param key: what it is about, in the words of the topics.
     :param name: a method of the session that takes ``*arguments, now``, or one of Wire.COMMANDS.
-    :param at: when it was asked, in monotonic seconds, which all processes share.
+    :param at: when it was asked, by ``clock.now``, which all processes share.
     :param limit: the age in s from which on it does not count any more.
     :param stop: it counts however old it is.
     :param waits: somebody waits for the session's Answer: refuse it while the port is not open.
@@ -173,10 +174,10 @@ class Wire(Generic[FrameT]):
 
     def run(self) -> None:
         """Run until the requests end; farewell included. Raises nothing."""
-        self._stepped_at = time.monotonic()
+        self._stepped_at = clock.now()
         while not self._quit:
             self._guarded(self._wait_and_step)
-        self._guarded(lambda: self._deactivate(time.monotonic()))
+        self._guarded(lambda: self._deactivate(clock.now()))
         self._wake.close()
         self._woken.close()
 
@@ -185,7 +186,7 @@ class Wire(Generic[FrameT]):
         try:
             step()
         except Exception:
-            now = time.monotonic()
+            now = clock.now()
             self._pace_at = now + BACKOFF_START
             try:
                 self._lose(f'internal error: {traceback.format_exc()}', now)
@@ -201,7 +202,7 @@ class Wire(Generic[FrameT]):
     def _wait_and_step(self) -> None:
         # Anything that a request changes counts at once, so read the clock after the wait.
         meant, due, ready = self._wait()
-        now = time.monotonic()
+        now = clock.now()
         frozen = now - meant
         self._stepped_at = now
         if frozen > _FROZEN_TIME and self.status.is_open:
@@ -234,7 +235,7 @@ class Wire(Generic[FrameT]):
         if self._session is not None and self.status.is_open:
             due = max(self._session.deadline(), self._polled_at + _SHORTEST_WAIT)
             descriptors.append(self._port())
-        timeout = min(max(min(deadline, due) - time.monotonic(), 0.0), _LONGEST_WAIT)
+        timeout = min(max(min(deadline, due) - clock.now(), 0.0), _LONGEST_WAIT)
         ready = select.select(descriptors, [], [], timeout)[0]
         if descriptors[1] in ready:
             self._woken.recv(64)
@@ -322,11 +323,11 @@ class Wire(Generic[FrameT]):
             transport.close()
 
     def _say_farewell(self, transport: Transport[FrameT], frames: list[FrameT]) -> None:
-        end = time.monotonic() + _FAREWELL_TIME
+        end = clock.now() + _FAREWELL_TIME
         try:
             for frame in frames:
                 # A line busy with earlier frames is no reason to leave the device moving.
-                while not transport.send(frame) and time.monotonic() < end:
+                while not transport.send(frame) and clock.now() < end:
                     time.sleep(0.001)
         except TransportError as error:
             self._owner.link_changed(f'no farewell: {error}', False)

@@ -15,9 +15,9 @@ import pickle
 import signal
 import socket
 import sys
-import time
 from typing import Any
 
+from bridge_core import clock
 from bridge_core.report import Report
 from bridge_core.transports.wire import Request
 from bridge_core.transports.wire import Wire
@@ -94,7 +94,7 @@ class Node:
         return self._told_at + _BEAT_PERIOD
 
     def _tell(self, name: str, *arguments: Any) -> bool:
-        self._told_at = time.monotonic()
+        self._told_at = clock.now()
         try:
             self._socket.send(pickle.dumps((name, arguments)))
         except BlockingIOError:

@@ -17,9 +17,9 @@ from pathlib import Path
 import select
 import signal
 import sys
-import time
 from typing import TextIO
 
+from bridge_core import clock
 from bridge_core.transports import TransportError
 from bridge_core.transports.serial import SerialTransport
 from ssc_bridge.config.image import compare
@@ -138,16 +138,16 @@ def _pump(transport: SerialTransport, dialogue: Dialogue, interrupts: Interrupts
             noticed = interrupts.count
             dialogue.cancel()
             say('Interrupted; putting things in order (again: stop at once).')
-        lines, keys = dialogue.poll(time.monotonic())
+        lines, keys = dialogue.poll(clock.now())
         for line in lines:
             say(line)
         pending += keys
         if pending and transport.send(pending):
             pending = b''
-        wait = min(max(dialogue.deadline - time.monotonic(), 0.0), _WAIT)
+        wait = min(max(dialogue.deadline - clock.now(), 0.0), _WAIT)
         if select.select([transport.fileno()], [], [], wait)[0]:
             for data in transport.receive():
-                dialogue.receive(data, time.monotonic())
+                dialogue.receive(data, clock.now())
 
 
 def say(line: str, stream: TextIO | None = None) -> None:

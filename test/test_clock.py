@@ -1,0 +1,131 @@
+"""One clock, which goes on while the computer sleeps: what was heard and asked before is stale."""
+
+from collections.abc import Iterator
+import re
+import runpy
+import threading
+import time
+from typing import Any
+
+import pytest
+from rclpy.parameter import Parameter
+from std_msgs.msg import Bool
+
+from bridge_core import clock
+from safety_mux.node import SafetyMux
+from safety_mux.protocol import State
+from test.link_rig import Bench
+from test.link_rig import wait_at
+from test.mux_talkers import PATIENT
+from test.mux_talkers import sticks
+from test.rig import holds_for
+from test.rig import wait_for
+from test.talkers import namespace
+from test.test_imports import modules
+from test.test_imports import within
+
+HOUR = 3600.0
+_OTHER_CLOCK = re.compile(r'\btime\.(monotonic|perf_counter|time)(_ns)?\b|clock_gettime')
+
+
+def sleep_for_an_hour(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Have the clock jump, as it does for processes that were suspended."""
+    now = clock.now
+    monkeypatch.setattr(clock, 'now', lambda: now() + HOUR)
+
+
+def test_clock_goes_on_while_the_computer_sleeps(monkeypatch: pytest.MonkeyPatch) -> None:
+    times = {time.CLOCK_BOOTTIME: 2 * HOUR, time.CLOCK_MONOTONIC: HOUR}
+    monkeypatch.setattr(time, 'clock_gettime', times.__getitem__)
+    assert clock.now() == 2 * HOUR
+    monkeypatch.delattr(time, 'CLOCK_BOOTTIME')  # where it is not Linux
+    assert runpy.run_path(clock.__file__)['now']() == HOUR
+
+
+def test_nothing_asks_another_clock_but_the_simulated_devices() -> None:
+    """And a node, how old a message is: by the clock that the middleware has stamped it with."""
+    users = {
+        module
+        for module, path in modules().items()
+        if _OTHER_CLOCK.search(path.read_text(encoding='utf-8')) and not within(module, 'demo')
+    }
+    assert users == {'bridge_core.clock', 'bridge_core.node', 'rugged_teleop.ports'}
+
+
+def test_wire_that_slept_stops_until_it_hears_again(
+    bench: Bench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    bench.run()
+    hold, begun = threading.Event(), threading.Event()
+    done: list[str] = []
+    bench.do(wait_at(hold, begun=begun), 'hold')
+    assert begun.wait(2.0)
+    bench.do(lambda now: done.append('motion'), 'motion')
+    bench.do(lambda now: done.append('stop'), 'stop', stop=True)
+    bench.transport.say(b'old')
+    sleep_for_an_hour(monkeypatch)
+    hold.set()
+    wait_for(lambda: done and bench.owner.refused and bench.owner.stop, 2.0, 'all three')
+    assert done == ['stop']
+    (refused,) = bench.owner.refused
+    assert refused[1:] == ('motion', refused[2])
+    assert refused[2].startswith('it waited for 3600')
+    holds_for(lambda: bench.owner.stop, 0.2)
+    assert bench.session.received == b'x'  # not what came before
+    bench.make_healthy()
+
+
+class FedMux:
+    """A mux in this process that hears all it needs; its lane never hears nothing."""
+
+    def __init__(self, context: Any) -> None:
+        given = [Parameter(name, value=value) for name, value in PATIENT.items()]
+        self.joy = sticks()
+        self.mux = SafetyMux(context=context, namespace=namespace(), parameter_overrides=given)
+        self.mux.autostart()
+        self.mux.lane.every(0.05, self._feed)
+
+    def _feed(self, now: float) -> None:
+        for name in ('fort', 'drive'):
+            self.mux._on_estop(name, Bool(data=False), now)
+        self.mux._on_joy('fort', self.joy, now)
+
+    def state(self) -> State:
+        return self.mux.lane.call(lambda: self.mux._last_state)  # type: ignore[no-any-return]
+
+    def status(self) -> Any:
+        return self.mux.lane.call(lambda: self.mux._arbiter.status(clock.now()))
+
+    def may_reset(self) -> bool:
+        status = self.status()
+        return bool(status.stops_clear and status.operators_at_rest)
+
+    def wait(self, state: State) -> None:
+        wait_for(lambda: self.state() is state, what=state.value)
+
+    def drive(self) -> None:
+        """From STOPPED to ACTIVE, as an operator has to."""
+        self.joy = sticks()
+        wait_for(self.may_reset, what='all clear')
+        assert self.mux.lane.call(self.mux._reset).ok
+        wait_for(lambda: 'rested' in self.status().conditions.values(), what='a rest')
+        assert self.state() is State.READY
+        self.joy = sticks(0.5, deadman=True)
+        self.wait(State.ACTIVE)
+
+
+@pytest.fixture
+def fed(context: Any) -> Iterator[FedMux]:
+    result = FedMux(context)
+    yield result
+    result.mux.destroy_node()
+
+
+def test_mux_that_slept_is_stopped_for_good(fed: FedMux, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Even with everybody back at once, and the deadman still held."""
+    fed.drive()
+    sleep_for_an_hour(monkeypatch)
+    fed.wait(State.STOPPED)
+    assert 'this process was frozen: 3600' in fed.status().last_transition.reason
+    holds_for(lambda: fed.state() is State.STOPPED and not fed.may_reset(), 1.0)
+    fed.drive()
