@@ -374,6 +374,10 @@ class Simulator:
         for chosen in self._chosen(axis):
             chosen.refuse = switch(state)
 
+    def _set_enable_delay(self, seconds: str) -> None:
+        """Take so long to become enabled, as a drive with a brake does."""
+        self.enable_delay = within(seconds, 0.0, 10.0)
+
     def _set_stuck(self, axis: str, state: str) -> None:
         """Stay enabled whatever packets say."""
         for chosen in self._chosen(axis):
@@ -415,6 +419,7 @@ class Simulator:
         'load': ('0..1', _set_load),
         'latch': ('on|off', _set_latch),
         'refuse': ('a|b|* on|off', _set_refuse),
+        'enabling': ('SECONDS', _set_enable_delay),
         'stuck': ('a|b|* on|off', _set_stuck),
         'trip': ('a|b|*', _trip),
         'mute': ('on|off', _set_mute),

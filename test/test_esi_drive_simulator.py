@@ -220,6 +220,14 @@ def test_mute_and_rate(bench: Bench) -> None:
     assert len(bench.run(DISABLE, 1.0)) == pytest.approx(10, abs=1)
 
 
+def test_a_slow_drive_takes_its_time_to_enable(bench: Bench) -> None:
+    bench.drive.apply('enabling 0.5')
+    bench.run(MANUAL_1000_RPM, 0.49)
+    assert bench.see('enabled') == [False, False]
+    bench.run(MANUAL_1000_RPM, 0.03)
+    assert bench.see('enabled') == [True, True]
+
+
 def test_reboot_is_silent_then_disabled_without_errors(bench: Bench) -> None:
     bench.run(MANUAL_1000_RPM, 0.5)
     bench.drive.apply('fault a brake pulse')
@@ -268,6 +276,7 @@ def test_refuse_stuck_and_trip(bench: Bench) -> None:
         'fault c brake on',
         'fault a gremlin on',
         'fault a brake maybe',
+        'enabling 11',
         'load 2',
         'load nan',
         'load x',
