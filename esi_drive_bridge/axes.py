@@ -41,6 +41,7 @@ class Axis:
     :param gear_ratio: turns of the motor for one of the joint; above 0.
     :param torque_constant: N·m/A of the motor, or 0: effort is then the motor's current in A.
     :param inverted: positive counts turn the joint in its negative direction.
+    :param slew_limit: of what is sent, in ``unit`` a second; above 0, infinite: not limited.
     :raises ValueError: for what cannot be, and for a count too small or large to compute with.
     """
 
@@ -50,6 +51,7 @@ class Axis:
     gear_ratio: float = 1.0
     torque_constant: float = 0.0
     inverted: bool = False
+    slew_limit: float = math.inf
 
     def __post_init__(self) -> None:
         if not self.joint:
@@ -60,6 +62,8 @@ class Axis:
                 raise ValueError(f'{name} must be above 0 and finite, not {value}')
         if not (math.isfinite(self.torque_constant) and self.torque_constant >= 0.0):
             raise ValueError(f'torque_constant must be 0 or above, not {self.torque_constant}')
+        if not self.slew_limit > 0.0:
+            raise ValueError(f'slew_limit must be above 0, not {self.slew_limit}')
         if not (math.isfinite(self.si_per_count) and self.si_per_count != 0.0):
             raise ValueError(f'scale and gear give {self.si_per_count} a count')
 
@@ -109,5 +113,5 @@ def axes_of(values: Mapping[str, Any]) -> tuple[Axis, ...]:
 
     modes = [Mode[name.upper()] for name in spread('mode')]
     scales = [spread(_SCALES[mode])[index] for index, mode in enumerate(modes)]
-    rest = (spread(name) for name in ('gear_ratio', 'torque_constant', 'inverted'))
+    rest = map(spread, ('gear_ratio', 'torque_constant', 'inverted', 'slew_limit'))
     return tuple(map(Axis, joints, modes, scales, *rest))

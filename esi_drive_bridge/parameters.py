@@ -87,6 +87,17 @@ PARAMETERS = (
         f'The joint turns against its motor, as on one of the two sides of a vehicle. {_EACH}',
     ),
     Parameter(
+        'slew_limit',
+        [20.0],
+        'Greatest growth of what is sent, from rest at each enabling; towards 0 it goes at once. '
+        'In torque mode N·m/s, or A/s with torque_constant 0; in position mode rad/s, both ways. '
+        f"As the mux's acceleration, or more. {_EACH}",
+        unit='rad/s², N·m/s or rad/s',
+        above=0.0,
+        maximum=1e6,
+        section='limits',
+    ),
+    Parameter(
         'command_rate',
         100.0,
         'How often a command packet is sent, whatever else happens. The drive looks 1000 times a '

@@ -37,13 +37,13 @@ IDLE, RUNNING = status(), status(1, 1)
 DISABLE = bytes.fromhex('F0F0 04 0000 04 0000')  # both axes: mode velocity, disabled, 0
 
 
-def axes(mode: Mode, si_per_count: float = 1.0) -> tuple[Axis, Axis]:
+def axes(mode: Mode, si_per_count: float = 1.0, slew_limit: float = math.inf) -> tuple[Axis, Axis]:
     """Return two axes of which a count is ``si_per_count`` rad/s, A or rad."""
     scale = abs(si_per_count) * (ONE_COUNT if mode is Mode.VELOCITY else 1.0)
     inverted = si_per_count < 0.0
     return (
-        Axis('left', mode, scale, inverted=inverted),
-        Axis('right', mode, scale, inverted=inverted),
+        Axis('left', mode, scale, inverted=inverted, slew_limit=slew_limit),
+        Axis('right', mode, scale, inverted=inverted, slew_limit=slew_limit),
     )
 
 

@@ -13,6 +13,7 @@ from collections.abc import Callable
 from collections.abc import Iterable
 from collections.abc import Iterator
 import contextlib
+import itertools
 from pathlib import Path
 import struct
 import time
@@ -137,6 +138,12 @@ def packets_in(chunks: Iterable[Chunk]) -> Iterator[Packet]:
             yield Packet(moment, (a, b), (value_a, value_b))
 
 
+def greatest_step(packets: Iterable[Packet]) -> int:
+    """Return by how much one packet differs from the one before it, at most."""
+    pairs = itertools.pairwise(packet.values for packet in packets)
+    return max(abs(a - b) for before, after in pairs for a, b in zip(before, after, strict=True))
+
+
 class Drive(Device):
     """A drive of two axes, unless ``simulator`` is another one."""
 
@@ -150,6 +157,11 @@ class Drive(Device):
     def first_disable(self, since: float) -> Packet | None:
         """Return the first packet after ``since`` that disables both axes."""
         return next((p for p in self.packets(since) if not p.enables), None)
+
+    def packets_since_disabled(self, since: float) -> list[Packet]:
+        """Return the packets after ``since`` that follow the last one that disables."""
+        enabling = itertools.takewhile(lambda p: p.enables, reversed(self.packets(since)))
+        return list(enabling)[::-1]
 
     @property
     def rpm(self) -> float:

@@ -63,6 +63,8 @@ def test_gear_torque_constant_and_direction(axis: Axis, expected: float, unit: s
         ({'gear_ratio': math.inf}, 'gear_ratio'),
         ({'torque_constant': -0.1}, 'torque_constant must be 0 or above'),
         ({'torque_constant': math.inf}, 'torque_constant'),
+        ({'slew_limit': 0.0}, 'slew_limit must be above 0'),
+        ({'slew_limit': math.nan}, 'slew_limit'),
         ({'command_scale': 1e-300, 'gear_ratio': 1e300}, 'a count'),
     ],
 )

@@ -1,5 +1,6 @@
 """The session with the simulated drive, in simulated time."""
 
+from itertools import pairwise
 import random
 from typing import Any
 
@@ -21,9 +22,13 @@ from test.esi_drive_rig import TICK
 class Loop:
     """Session and simulator, joined by two wires, with a mux at 100 Hz."""
 
-    def __init__(self, *, compact: bool = False, **changes: Any) -> None:
+    def __init__(
+        self, *, compact: bool = False, enable_delay: float = 0.02, **changes: Any
+    ) -> None:
         layout = changes.get('layout', Layout.DUAL)
-        self.drive = Simulator(axes=layout.axes, compact=compact, status_rate=200.0)
+        self.drive = Simulator(
+            axes=layout.axes, compact=compact, status_rate=200.0, enable_delay=enable_delay
+        )
         self.line = FaultyLine(random.Random(1))  # from the drive
         self.session = Session(make_settings(**changes))
         self.axes = layout.axes
@@ -32,13 +37,17 @@ class Loop:
         self.enable = self.estop = False
         self.mux_alive = True
         self.command = 0.0
+        self.heard: list[int] = []  # by motor A while it is enabled, in counts
         self._mux_at = self.now
         self._send(self.session.opened(self.now))
 
     def _send(self, output: tuple[list[Any], list[bytes]]) -> None:
         self.events += output[0]
         for frame in output[1]:
+            enabled = self.motor_enabled
             self.drive.receive(frame, self.now)
+            if enabled and self.motor_enabled:
+                self.heard.append(self.drive.describe()['command'][0])  # type: ignore[index]
 
     def run(self, seconds: float) -> None:
         end = self.now + seconds
@@ -201,3 +210,38 @@ def test_position_does_not_jump_at_enabling() -> None:
     loop.run(0.5)
     told = [event for event in loop.events[before:] if isinstance(event, Feedback)]
     assert min(event.status.axes[0].feedback for event in told) > 0.98 / 0.000191753
+
+
+@pytest.mark.parametrize('mode', [Mode.VELOCITY, Mode.TORQUE])
+@pytest.mark.parametrize('delay', [0.02, 0.1, 0.5, 0.99])
+def test_a_slow_drive_is_told_to_start_from_rest_and_never_to_step(
+    delay: float, mode: Mode
+) -> None:
+    loop = Loop(enable_delay=delay, axes=both(mode, slew_limit=2000.0))
+    for goal in (800.0, -800.0):  # the second enabling begins like the first
+        loop.enable = False
+        loop.run(0.1)
+        loop.heard.clear()
+        loop.drive_at(goal)
+        loop.run(1.0)
+        assert loop.heard[0] == 0
+        steps = [abs(after - before) for before, after in pairwise(loop.heard)]
+        assert max(steps) <= 2000.0 * TICK + 1
+        assert loop.heard[-1] == goal
+        assert loop.session.enabled
+
+
+def test_a_cable_cut_for_longer_than_the_drives_time_out_needs_a_new_edge() -> None:
+    """Short enough for us: the drive is back, and hears enable, before silence is a stop."""
+    loop = Loop()
+    loop.drive_at(800.0)
+    for line in ('deaf on', 'mute on'):
+        loop.drive.apply(line)
+    loop.run(0.15)
+    for line in ('deaf off', 'mute off'):
+        loop.drive.apply(line)
+    loop.heard.clear()
+    loop.run(1.0)
+    assert loop.heard == []
+    assert loop.session.phase is Phase.DISABLED
+    assert not loop.motor_enabled

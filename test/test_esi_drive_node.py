@@ -59,7 +59,7 @@ class Bench:
         self.name = f'{space}/{NAME}'
         self.node = NodeProcess(
             f'{NAME}.node',
-            {'port': self.drive.path, **parameters},
+            {'port': self.drive.path, 'slew_limit': [1e6], **parameters},
             namespace=space,
             terminal=terminal,
         )

@@ -9,8 +9,10 @@ from hypothesis.stateful import invariant
 from hypothesis.stateful import rule
 from hypothesis.stateful import RuleBasedStateMachine
 
+from esi_drive_bridge.protocol import Mode
 from esi_drive_bridge.session import Phase
 from esi_drive_bridge.session import Session
+from test.esi_drive_rig import axes as both
 from test.esi_drive_rig import fields
 from test.esi_drive_rig import make_settings
 from test.esi_drive_rig import status
@@ -24,10 +26,12 @@ class AnyOrder(RuleBasedStateMachine):
     """
 
     PERIOD, LIMIT, STATUS_LIMIT = 0.02, 0.1, 0.25
+    SLEW_LIMIT = 100.0  # counts a second
 
     def __init__(self) -> None:
         super().__init__()
-        self.session = Session(make_settings(command_rate=50.0))
+        slow = both(Mode.VELOCITY, slew_limit=self.SLEW_LIMIT)
+        self.session = Session(make_settings(command_rate=50.0, axes=slow))
         self.now = 500.0
         self.heard: dict[str, float] = {}
         self.value: dict[str, bool] = {}
@@ -38,6 +42,7 @@ class AnyOrder(RuleBasedStateMachine):
         self.was_enabled = False
         self.commanded = False  # since the drive said enabled
         self.last_sent = self.now
+        self.sent = [0, 0]
 
     def _fresh(self, what: str, limit: float) -> bool:
         return self.now < self.heard.get(what, -math.inf) + limit
@@ -49,9 +54,13 @@ class AnyOrder(RuleBasedStateMachine):
 
     def _check(self, frames: list[bytes]) -> None:
         for frame in frames:
+            growth = self.SLEW_LIMIT * min(self.now - self.last_sent, self.PERIOD) + 1.0
             self.last_sent = self.now
             axes = fields(frame)
             enable = axes[0][0]
+            for axis, was in enumerate(self.sent):
+                value = self.sent[axis] = axes[axis][2]
+                assert abs(value) <= (abs(was) if value * was > 0 else 0) + growth
             assert axes[1][0] == enable
             assert not (enable and axes[0][1])
             if enable:

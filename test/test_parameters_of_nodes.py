@@ -353,6 +353,7 @@ CONTRADICTIONS: dict[str, tuple[str, dict[str, Any], str]] = {
         {'inverted': [True, False, True]},
         'parameter inverted',
     ),
+    'a limit that lets nothing grow': ('esi', {'slew_limit': [0.0]}, 'parameter slew_limit'),
     'a group that is none': ('vm110', {'group': '192.168.1.10'}, 'parameter group.* multicast'),
     'the name of an interface for its address': (
         'vm110',

@@ -31,6 +31,7 @@ from test.spine import Spine
 from test.spine import STICK
 from test.stage import CLEAR_ERRORS
 from test.stage import DRIVE
+from test.stage import greatest_step
 from test.stage import MUX
 from test.stage import VSC
 
@@ -100,6 +101,17 @@ def test_stick_turns_both_motors_and_release_stops_them(spine: Spine) -> None:
     measured('deadman released to disable', spine.disabled_after(released, 0.2))
     spine.wait(lambda: spine.mux_says('READY'), 'READY')
     spine.wait(lambda: spine.drive.rpm < 1.0, 'standstill')
+
+
+@pytest.mark.parametrize('delay', [0.1, 0.5])
+def test_slow_drive_starts_from_rest_and_without_a_step(spine: Spine, delay: float) -> None:
+    since = spine.drive.apply(f'enabling {delay}')
+    spine.moving()
+    packets = spine.drive.packets_since_disabled(since)
+    first = next(packet for packet in packets if packet.moves)
+    measured(f'enable to motion, {delay} s to enable', first.time - packets[0].time)
+    assert first.time - packets[0].time > delay
+    assert greatest_step(packets) <= 2  # rpm: 20 rad/s a second make 1.9 a packet
 
 
 @pytest.mark.parametrize('bits', [0x01, 0x04, 0x40], ids=['SRC', 'VSC', 'USER'])

@@ -16,12 +16,14 @@ phase      packets                                     leaves to
 DISABLED   disable, 0                                  WAITING at an edge of enable; CLEARING
 WAITING    disable, 0                                  ENABLING at a command; else DISABLED
 ENABLING   enable, at rest                             ENABLED when all axes say so; else DISABLED
-ENABLED    enable, newest command since it began       DISABLED
+ENABLED    enable, from rest to the newest command     DISABLED
 CLEARING   disable, 0, clear errors                    DISABLED
 =========  ==========================================  ============================================
 
 Every way back to DISABLED needs a new edge, and what was asked before is forgotten. "At rest" is 0
 for torque and velocity. For position it is the measured position: a 0 there would be a journey.
+The first packet of ENABLED is at rest, too; from there ``slew_limit`` bounds what a packet adds
+(see ramp), and only commands since it began count.
 
 Whether the drive latches its RS422 error bit the manual does not say. Either way ``estop`` is true
 while it is set, and errors are cleared on request only.

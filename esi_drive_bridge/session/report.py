@@ -23,6 +23,17 @@ def status_values(status: Status, axes: Sequence[Axis]) -> dict[str, Any]:
     return values
 
 
+def held_back(axes: Sequence[Axis], sent: Sequence[int], wanted: Sequence[int]) -> str:
+    """Name the joints whose packets are still on the way to the command, or 'none'."""
+    texts = [
+        f'{axis.joint} at {now * axis.si_per_count:.3g} of {goal * axis.si_per_count:.3g} '
+        f'{axis.unit}'
+        for axis, now, goal in zip(axes, sent, wanted, strict=True)
+        if now != goal
+    ]
+    return ', '.join(texts) or 'none'
+
+
 def own_silence(faults: Sequence[str], gap: float) -> list[str]:
     """Name this node as the cause of an RS422 error, where it sent nothing for ``gap`` s."""
     why = f'RS422 timeout, as this node sent nothing for {gap * 1e3:.0f} ms: give the computer '

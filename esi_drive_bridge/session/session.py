@@ -25,6 +25,8 @@ from esi_drive_bridge.session.events import Event
 from esi_drive_bridge.session.events import FaultsChanged
 from esi_drive_bridge.session.events import Feedback
 from esi_drive_bridge.session.events import Stopped
+from esi_drive_bridge.session.ramp import Ramp
+from esi_drive_bridge.session.report import held_back
 from esi_drive_bridge.session.report import own_silence
 from esi_drive_bridge.session.report import second_axis
 from esi_drive_bridge.session.report import status_values
@@ -72,6 +74,7 @@ class Session(BaseSession[bytes, Status, Event]):
         self._reporting = True
         self._report_period = 0.9 / settings.joint_state_rate
         self._zeros = (0,) * settings.layout.axes
+        self._ramp = Ramp(settings.axes, self._period)
         self._command = Watchdog(settings.command_timeout)
         self._enable = Watchdog(settings.command_timeout)
         self._estop_in = Watchdog(settings.command_timeout)
@@ -132,6 +135,7 @@ class Session(BaseSession[bytes, Status, Event]):
             'phase': self.phase.value,
             'enabled': self.enabled,
             'disabled because': '; '.join(self.inhibits(now)) or 'enabled',
+            'held back by slew_limit': self._held_back(),
             'saturated commands': self.saturations,
             'refused commands': self.refused_commands,
         }
@@ -143,11 +147,10 @@ class Session(BaseSession[bytes, Status, Event]):
 
     def farewell(self, now: float) -> list[bytes]:
         """Return disable packets, as the port closes on purpose."""
-        del now
         if self.phase in _ACTIVE:
             self._stop(['the node leaves'])
         self.phase = Phase.DISABLED
-        return [self._packet()] * FAREWELL_PACKETS
+        return [self._packet(now)] * FAREWELL_PACKETS
 
     def _begin(self, now: float) -> None:
         self._next_send = self._disabled_since = now
@@ -207,7 +210,7 @@ class Session(BaseSession[bytes, Status, Event]):
             if self._clear_sent and not status.faulty:
                 self._finish_clearing(True, 'the errors are cleared')
         elif self.phase is Phase.ENABLING and not (status.faulty or self._off_scale()):
-            self._counts = self._at_rest()
+            self._rest()
             if status.enabled:
                 self.phase = Phase.ENABLED
         elif self.phase is Phase.ENABLED and not status.enabled and not status.faulty:
@@ -267,7 +270,7 @@ class Session(BaseSession[bytes, Status, Event]):
         self._sent_at = now
         self._urgent = False
         self._clear_sent = self.phase is Phase.CLEARING
-        return [self._packet()]
+        return [self._packet(now)]
 
     # What the node asks.
 
@@ -410,7 +413,7 @@ class Session(BaseSession[bytes, Status, Event]):
     def _begin_enabling(self, now: float) -> None:
         self.phase = Phase.ENABLING
         self._until = now + self.settings.enable_timeout
-        self._counts = self._at_rest()
+        self._rest()
         self._urgent = True
 
     def _stop(self, reasons: Sequence[str]) -> None:
@@ -436,20 +439,28 @@ class Session(BaseSession[bytes, Status, Event]):
 
     # Packets.
 
-    def _packet(self) -> bytes:
+    def _packet(self, now: float) -> bytes:
         enable, clear = self.phase in _ON_THE_WIRE, self.phase is Phase.CLEARING
-        counts = self._counts if enable else self._zeros
+        counts = self._ramp.step(self._counts, now) if enable else self._zeros
         axes = zip(self.settings.axes, counts, strict=True)
         return Command(
             tuple(AxisCommand(enable, clear, axis.mode, value) for axis, value in axes)
         ).to_bytes(self.settings.layout)
 
-    def _at_rest(self) -> tuple[int, ...]:
-        """Return the counts that ask for no motion."""
-        if self.status is None:
-            return self._zeros
-        axes = zip(self.settings.axes, self.status.axes, strict=True)
-        return tuple(each.feedback if axis.mode is Mode.POSITION else 0 for axis, each in axes)
+    def _rest(self) -> None:
+        """Ask for no motion, and let what is asked later begin there."""
+        self._counts = self._zeros
+        if self.status is not None:
+            axes = zip(self.settings.axes, self.status.axes, strict=True)
+            self._counts = tuple(
+                each.feedback if axis.mode is Mode.POSITION else 0 for axis, each in axes
+            )
+        self._ramp.begin(self._counts)
+
+    def _held_back(self) -> str:
+        if self.phase is not Phase.ENABLED:
+            return 'none'
+        return held_back(self.settings.axes, self._ramp.counts, self._counts)
 
     def _to_counts(self, values: Sequence[float]) -> tuple[int, ...]:
         """Scale and saturate. :raises ValueError: for a wrong number of values or not finite."""

@@ -1,0 +1,293 @@
+"""What goes out once the drive is enabled: from rest, and no faster than the axis allows."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from itertools import pairwise
+from typing import Any
+
+from hypothesis import given
+from hypothesis import strategies as st
+import pytest
+
+from esi_drive_bridge.protocol import Mode
+from esi_drive_bridge.session import Phase
+from esi_drive_bridge.session.ramp import Ramp
+from test.esi_drive_rig import axes
+from test.esi_drive_rig import fields
+from test.esi_drive_rig import IDLE
+from test.esi_drive_rig import is_disable
+from test.esi_drive_rig import Rig
+from test.esi_drive_rig import RUNNING
+from test.esi_drive_rig import status
+from test.esi_drive_rig import TICK
+
+LIMIT = 1000.0  # counts a second: 10 a packet
+STEP = 10
+
+
+def values(frames: list[bytes]) -> list[int]:
+    """Return what axis A is told by packets that all enable it."""
+    assert all(fields(frame)[0][0] for frame in frames)
+    return [fields(frame)[0][2] for frame in frames]
+
+
+@pytest.fixture
+def rig() -> Rig:
+    """Return a rig whose command asks for full speed all the time."""
+    left, right = axes(Mode.VELOCITY, slew_limit=LIMIT)[0], axes(Mode.TORQUE, slew_limit=LIMIT)[1]
+    result = Rig(axes=(left, right))
+    result.command = (500.0, -500.0)
+    return result
+
+
+def enabling(rig: Rig) -> None:
+    rig.status, rig.enable = IDLE, False
+    rig.tick(3)
+    rig.enable = True
+    rig.tick()
+    assert rig.phase() is Phase.ENABLING
+
+
+def enabled(rig: Rig, packets: int = 1) -> list[bytes]:
+    """Let the drive say that it is enabled; return the packets from then on."""
+    rig.status = RUNNING
+    frames = rig.tick(packets)
+    assert rig.phase() is Phase.ENABLED
+    return frames
+
+
+def moving(rig: Rig) -> None:
+    enabling(rig)
+    frames = enabled(rig, 21)
+    assert values(frames)[-1] == 200
+
+
+# Enabling.
+
+
+@pytest.mark.parametrize('ticks', [0, 1, 50, 98])
+def test_packets_begin_at_rest_however_long_the_drive_takes(rig: Rig, ticks: int) -> None:
+    enabling(rig)
+    assert set(values(rig.tick(ticks))) <= {0}
+    frames = enabled(rig, 60)
+    assert values(frames) == [min(STEP * n, 500) for n in range(60)]
+    assert [fields(frame)[1][2] for frame in frames] == [max(-STEP * n, -500) for n in range(60)]
+
+
+def test_a_command_between_the_status_and_the_first_packet_waits_for_the_second(rig: Rig) -> None:
+    enabling(rig)
+    rig.now += TICK / 2
+    rig.hear(RUNNING)
+    assert rig.phase() is Phase.ENABLED
+    rig.session.set_command((500.0, -500.0), rig.now)
+    rig.now += TICK
+    (frame,) = rig.do(lambda: None)
+    assert values([frame]) == [0]
+
+
+def test_several_statuses_in_one_read_are_one_beginning(rig: Rig) -> None:
+    enabling(rig)
+    rig.status = RUNNING * 3
+    assert values(rig.tick(3)) == [0, 10, 20]
+
+
+def test_a_drive_that_was_enabled_all_the_time_begins_at_rest(rig: Rig) -> None:
+    rig.status = RUNNING
+    rig.tick(3)
+    rig.enable = True
+    assert values(rig.tick(5)[-5:]) == [0, 0, 10, 20, 30]
+
+
+def end_by_estop(rig: Rig) -> None:
+    rig.do(lambda: rig.session.set_estop(True, rig.now))
+
+
+def end_by_drive(rig: Rig) -> None:
+    rig.hear(status(1, 0))
+
+
+def end_by_drive_that_comes_back_in_the_same_read(rig: Rig) -> None:
+    rig.hear(IDLE + RUNNING)
+
+
+def end_by_enable(rig: Rig) -> None:
+    rig.do(lambda: rig.session.set_enable(False, rig.now))
+
+
+def end_by_silence(rig: Rig) -> None:
+    rig.command = None
+    rig.tick(12)
+    rig.command = (500.0, -500.0)
+
+
+def end_by_lost_status(rig: Rig) -> None:
+    rig.status = None
+    rig.tick(30)
+
+
+def end_by_stall(rig: Rig) -> None:
+    rig.now += 0.2
+    rig.hear(RUNNING)
+
+
+def end_by_unplugging(rig: Rig) -> None:
+    rig.session.closed(rig.now)
+    rig._take(rig.session.opened(rig.now))
+
+
+@pytest.mark.parametrize(
+    'end',
+    [
+        end_by_estop,
+        end_by_drive,
+        end_by_drive_that_comes_back_in_the_same_read,
+        end_by_enable,
+        end_by_silence,
+        end_by_lost_status,
+        end_by_stall,
+        end_by_unplugging,
+    ],
+)
+def test_every_way_back_begins_at_rest(rig: Rig, end: Callable[[Rig], None]) -> None:
+    moving(rig)
+    end(rig)
+    assert rig.phase() is Phase.DISABLED
+    assert is_disable(rig.frames[-1][1])
+    rig.tick(3)
+    enabling(rig)
+    assert values(enabled(rig, 4)) == [0, 10, 20, 30]
+
+
+def test_enable_false_and_true_in_one_read_begins_at_rest(rig: Rig) -> None:
+    moving(rig)
+    rig.session.set_enable(False, rig.now)
+    rig.session.set_enable(True, rig.now)
+    rig._take(rig.session.poll(rig.now))
+    assert values([rig.frames[-1][1]]) == [0]
+    assert values(rig.tick(4)) == [0, 10, 20, 30]
+
+
+# Growing, and slowing down.
+
+
+def test_two_commands_in_one_read_are_one_step(rig: Rig) -> None:
+    moving(rig)
+    rig.session.set_command((400.0, 0.0), rig.now)
+    rig.session.set_command((450.0, 0.0), rig.now)
+    assert values(rig.tick()) == [210]
+
+
+@pytest.mark.parametrize('gap', [0.03, 0.09])
+def test_a_pause_is_not_made_up_for(rig: Rig, gap: float) -> None:
+    moving(rig)
+    rig.now += gap - TICK
+    assert values(rig.tick()) == [210]
+
+
+def test_a_status_lost_for_a_while_changes_nothing(rig: Rig) -> None:
+    moving(rig)
+    rig.status = None
+    assert values(rig.tick(20)) == list(range(210, 401, STEP))
+    rig.status = RUNNING
+    assert values(rig.tick(2)) == [410, 420]
+
+
+@pytest.mark.parametrize('goal', [0.0, 30.0, 199.0])
+def test_slowing_down_does_not_wait(rig: Rig, goal: float) -> None:
+    moving(rig)
+    rig.command = (goal, 0.0)
+    # The first packet of a tick leaves before its command.
+    assert values(rig.tick(2))[-1] == goal
+
+
+def test_a_change_of_direction_grows_from_zero(rig: Rig) -> None:
+    moving(rig)
+    rig.command = (-500.0, 500.0)
+    assert values(rig.tick(5))[-4:] == [-10, -20, -30, -40]
+
+
+def test_a_stop_is_not_ramped(rig: Rig) -> None:
+    moving(rig)
+    rig.now += 0.001
+    (frame,) = rig.do(lambda: rig.session.set_enable(False, rig.now))
+    assert is_disable(frame)
+
+
+def test_a_position_begins_where_the_axis_stands_and_moves_both_ways() -> None:
+    rig = Rig(axes=axes(Mode.POSITION, slew_limit=LIMIT))
+    rig.status = status(feedback=(1000, -1000))
+    rig.command = (1025.0, -2000.0)
+    rig.tick(3)
+    rig.enable = True
+    rig.tick()
+    rig.status = status(1, 1, feedback=(1003, -1000))
+    assert values(rig.tick(5)) == [1003, 1013, 1023, 1025, 1025]
+    assert fields(rig.frames[-1][1])[1][2] == -1040
+    rig.command = (1000.0, -1000.0)
+    assert values(rig.tick(5))[-4:] == [1015, 1005, 1000, 1000]
+
+
+def test_what_is_held_back_is_said(rig: Rig) -> None:
+    moving(rig)
+
+    def said() -> Any:
+        return rig.session.values(rig.now)['held back by slew_limit']
+
+    assert said() == 'left at 200 of 500 rad/s, right at -200 of -500 A'
+    rig.tick(40)
+    assert said() == 'none'
+    rig.do(lambda: rig.session.set_estop(True, rig.now))
+    assert said() == 'none'
+
+
+# The ramp alone.
+
+GOALS = st.lists(
+    st.tuples(st.integers(-32768, 32767), st.floats(0.0, 0.2)), min_size=1, max_size=40
+)
+
+
+@given(goals=GOALS, mode=st.sampled_from(Mode), rest=st.integers(-32768, 32767))
+def test_no_step_is_greater_than_the_limit_allows(
+    goals: list[tuple[int, float]], mode: Mode, rest: int
+) -> None:
+    now, rest = 100.0, rest if mode is Mode.POSITION else 0
+    ramp = Ramp(axes(mode, slew_limit=LIMIT)[:1], TICK)
+    ramp.begin((rest,))
+    said = []
+    for goal, pause in goals:
+        said.append((now, ramp.step((goal,), now)[0], goal))
+        now += pause
+    assert said[0][1] == rest
+    for (before, was, _), (at, value, goal) in pairwise(said):
+        most = LIMIT * min(at - before, TICK) + 1.0  # what rounding adds
+        assert min(was, goal) <= value <= max(was, goal)
+        if mode is Mode.POSITION:
+            assert abs(value - was) <= most
+        else:
+            size = abs(was) if was * goal > 0 else 0
+            assert min(size, abs(goal)) <= abs(value) <= size + most
+
+
+@pytest.mark.parametrize('mode', Mode)
+def test_a_goal_is_reached_and_kept(mode: Mode) -> None:
+    ramp = Ramp(axes(mode, slew_limit=7.0)[:1], TICK)  # 0.07 counts a packet
+    said = [ramp.step((20,), 100.0 + TICK * n)[0] for n in range(400)]
+    assert all(0 <= after - before <= 1 for before, after in pairwise(said))
+    assert said.index(20) == pytest.approx(20 / 0.07, abs=10)
+    assert set(said[said.index(20) :]) == {20}
+
+
+@pytest.mark.parametrize('later', [0.0, -5.0])
+def test_time_that_stands_or_runs_back_grows_nothing(later: float) -> None:
+    ramp = Ramp(axes(Mode.VELOCITY, slew_limit=LIMIT)[:1], TICK)
+    now = 100.0
+    ramp.step((500,), now)
+    assert ramp.step((500,), now + later) == (0,)
+
+
+@pytest.mark.parametrize('mode', Mode)
+def test_no_limit_follows_from_the_second_packet_on(mode: Mode) -> None:
+    ramp = Ramp(axes(mode)[:1], TICK)
+    assert [ramp.step((500,), now)[0] for now in (100.0, 100.0, 100.01)] == [0, 0, 500]
