@@ -27,6 +27,8 @@ from demo.steering import VM110
 from fort_vsc_bridge.protocol import Heartbeat
 from test.stage import BETWEEN_RESETS
 from test.stage import CLEAR_ERRORS
+from test.stage import greatest_step
+from test.stage import Packet
 from test.stage import TRIP
 from test.stage import UNIT
 from test.stage import VSC
@@ -34,6 +36,8 @@ from vm110_bridge.protocol import BuState
 from vm110_bridge.protocol import PeriodicInput
 
 RETURN_LIMIT = 2.0  # s, from plugging in to a healthy link
+SLOW = 0.5  # s
+GREATEST_STEP = 39  # rpm a packet: 40 rad/s a second, geared 10 to 1, every 0.01 s; and rounding
 START_LIMIT = 30.0  # s, for discovery on a busy machine
 _WATCHED = 0.6  # s: several VRPI, and longer than the mux's hold_time
 
@@ -67,6 +71,7 @@ class Scene(Actuators):
             again,
             step('a released deadman stops', self.stop_deadman),
             step('the deadman alone moves it again, without a reset', self.set_off),
+            step(f'a drive that takes {SLOW} s to enable starts from rest', self.start_slowly),
             step('a VSC that falls silent stops', self.stop_silence),
             step('it speaks again, stick and deadman held: nothing moves', self.end_silence),
             again,
@@ -161,6 +166,14 @@ class Scene(Actuators):
     def push_at_start(self) -> str:
         self.acknowledge()
         return self.still(self.push())
+
+    def start_slowly(self) -> str:
+        """Set off with a drive whose brake takes its time, and look at the packets it gets."""
+        drive, usual = self.stage.drive, self.stage.drive.simulator.enable_delay
+        since = drive.apply(f'enabling {SLOW}')
+        self.set_off()
+        drive.apply(f'enabling {usual}')
+        return from_rest(drive.packets_since_disabled(since))
 
     def reset_rightly(self) -> str:
         since = time.monotonic()
@@ -388,6 +401,15 @@ class Scene(Actuators):
         since = self._arm()
         assert unit.describe()['relays_closed'], 'the relays are open'
         return f'closed by rearming; {self.still(since)}'
+
+
+def from_rest(packets: list[Packet]) -> str:
+    """Say how a slow drive was started. :raises AssertionError: not from rest, or with a step."""
+    moving = [packet.time for packet in packets if packet.moves]
+    after, step = moving[0] - packets[0].time, greatest_step(packets)
+    assert after > SLOW, f'motion is asked for {after:.2f} s after enable, and it is not enabled'
+    assert step <= GREATEST_STEP, f'a step of {step} rpm, allowed are {GREATEST_STEP}'
+    return f'first motion {after:.2f} s after enable, no step above {step} rpm'
 
 
 def _reports(state: BuState) -> Callable[[PeriodicInput], bool]:

@@ -21,6 +21,7 @@ from typing import Any
 import pytest
 
 from demo import __main__ as demo
+from demo.scene import from_rest
 from demo.scene import Scene
 from demo.steering import Late
 from demo.steering import shortened
@@ -196,6 +197,25 @@ def test_enable_packet_while_nothing_may_move_is_missed() -> None:
 def test_end_of_all_packets_is_missed() -> None:
     with pytest.raises(AssertionError, match='packets, which never end'):
         Steering(FakeStage()).still(1.0)
+
+
+def climb(*values: int) -> list[Packet]:
+    """Return what a drive gets that is asked for motion 0.6 s after enable."""
+    return [turn(0.0, 0), turn(0.6, 0), *(turn(0.6, value) for value in values)]
+
+
+def test_start_from_rest_is_reported() -> None:
+    assert from_rest(climb(38, 77)) == 'first motion 0.60 s after enable, no step above 39 rpm'
+
+
+def test_start_by_a_step_is_missed() -> None:
+    with pytest.raises(AssertionError, match='a step of 955 rpm'):
+        from_rest(climb(955))
+
+
+def test_motion_asked_of_a_drive_that_is_not_enabled_is_missed() -> None:
+    with pytest.raises(AssertionError, match=r'0\.30 s after enable'):
+        from_rest([turn(0.0, 0), turn(0.3, 38)])
 
 
 def refused(reply: tuple[bool, str], afterwards: bool = True) -> str:
