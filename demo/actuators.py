@@ -1,8 +1,8 @@
 """
 The part of the scene with what else hears the mux: a monitor on CAN, and a servo on an SSC.
 
-The SSC's RC receiver is the third operator. FORT's right stick turns the monitor all the time,
-whoever drives: only the mux's e-stop is between.
+The SSC's RC receiver is the third operator. FORT's right stick turns the monitor, by the mux's
+gated Joy: only while FORT has control, and only what was pushed since.
 """
 
 from __future__ import annotations
@@ -15,19 +15,17 @@ import time
 from akron_can_bridge import protocol as akron
 from demo.stage import SHUT_US
 from demo.steering import DEMAND_LIMIT
+from demo.steering import FORT
 from demo.steering import RC
 from demo.steering import Steering
 from demo.steering import Step
 from demo.steering import step
-from fort_vsc_bridge.protocol import AXIS_NAMES
-from fort_vsc_bridge.protocol import Joystick
 from rugged_teleop.canbuses import unpack
 from rugged_teleop.ports import Chunk
 from ssc_bridge import protocol as ssc
 from test.stage import SSC
 
 MONITOR_STICK = 'right_x'
-_RIGHT_X = AXIS_NAMES.index(MONITOR_STICK)
 IDLE_US = 1500  # the throttle at rest
 # s, for a receiver without pulses: no signal after 0.1 s, reported every 0.05 s; DEMAND_LIMIT.
 RECEIVER_LIMIT = 0.3
@@ -35,6 +33,7 @@ _REST = akron.BasicJoystick(akron.NEUTRAL, akron.NEUTRAL)
 _TRIES = 5
 _TURN_LIMIT = 1.0  # s, from pushing the stick to the first frame that turns the monitor
 _TURNED = 1.0  # degrees, and more than that if it turns
+_WATCHED = 0.6  # s, thirty frames
 _OVERLAP = 0.1  # s of bytes before the wanted ones, for a frame that began there
 
 # docs/devices/akron.md: what a neutral stick does not end.
@@ -50,15 +49,18 @@ class Actuators(Steering):
     @property
     def actuator_steps(self) -> list[Step]:
         """What is expected, and what shows it; from FORT in motion to FORT in motion."""
-        turn, lose = partial(self.retry, self._turn), self.stop_receiver
+        turn, drive = partial(self.retry, self._turn), self.drive_only
+        let_go = "FORT's deadman released stops the monitor too, its stick still pushed"
         return [
             step("FORT's right stick turns the monitor; a servo follows the motors", turn),
             step("FORT's e-stop stops motors, monitor and servo", self.stop_all),
             step('acknowledged, all sticks still held: nothing moves', self.hold_while_stopped),
             step("a reset, the monitor's stick still held: nothing moves", self.hold_over_reset),
-            step("the SSC's deadman, then its stick: it drives", self.drive, RC),
+            step('FORT drives; that stick, held since before, turns nothing', drive, FORT),
             step('the right stick let go, then pushed: the monitor turns again', turn),
-            step("the SSC's receiver lost stops all, FORT's right stick pushed", lose),
+            step(let_go, self.stop_monitor),
+            step("the SSC drives; FORT's right stick, pushed, turns nothing", drive, RC),
+            step("the SSC's receiver lost stops all", self.stop_receiver),
             step('it is back, deadman and stick held: nothing moves', self.end_receiver),
             step('a reset, and FORT drives again', self.return_to_fort),
         ]
@@ -89,32 +91,47 @@ class Actuators(Steering):
         happened = self.all_stopped("FORT's e-stop, monitor turning", press, DEMAND_LIMIT)
         return f'{happened}; {_AUTOMATIC}'
 
-    def stop_receiver(self) -> str:
-        cut = partial(self.stage.ssc.apply, 'receiver off')
-        happened = self.all_stopped("the SSC's receiver lost", cut, RECEIVER_LIMIT)
-        # The mux stops the VSC too, which then zeroes its sticks: a little later, as a rule.
-        word = 'pushed' if self._pushed_at(self._rest(self.caused_at)) else 'zeroed'
-        return f"{happened}; FORT's stick was {word} then"
+    def drive_only(self, operator: str) -> str:
+        """Drive, FORT's right stick pushed since before; nothing of it reaches the monitor."""
+        self.wait(lambda: self.stage.axes[3:4] not in ((), (0.0,)))
+        since = time.monotonic()
+        happened = self.drive(operator)
+        self.wait(lambda: time.monotonic() > since + _WATCHED)
+        return f'{happened}; {self.no_turn(since)}'
 
-    def _pushed_at(self, moment: float) -> bool:
-        """Tell whether the VSC's last joystick message before then had the right stick pushed."""
-        said = self.vsc_said(moment - _OVERLAP)
-        words = [message for at, message in said if at < moment and isinstance(message, Joystick)]
-        return bool(words) and bool(words[-1].axes[_RIGHT_X].value)
+    def stop_monitor(self) -> str:
+        release = partial(self.vsc_deadman, False)
+        cause = 'deadman released, monitor turning'
+        return self.monitor_stopped(cause, release, DEMAND_LIMIT, 'READY')
+
+    def stop_receiver(self) -> str:
+        self.wait(self._is_open, lambda: f'the servo is at {self._last_pulse} us')
+        cut = partial(self.stage.ssc.apply, 'receiver off')
+        cause = "the SSC's receiver lost"
+        happened = self.stopped(cause, cut, RECEIVER_LIMIT)
+        return f'{happened}; {self.servo_shut(cause, RECEIVER_LIMIT)}'
 
     def all_stopped(self, cause: str, act: Callable[[], float], limit: float) -> str:
         """Stop motors, monitor and servo in mid-motion, and measure all three."""
+        return f'{self.monitor_stopped(cause, act, limit)}; {self.servo_shut(cause, limit)}'
+
+    def monitor_stopped(
+        self, cause: str, act: Callable[[], float], limit: float, state: str = 'STOPPED'
+    ) -> str:
+        """Stop motors and monitor in mid-motion, the servo open, and measure both."""
         if not (self._is_turned() and self._is_open()):  # a timeout: see retry
             self.retry(self._turn)
         happened = [
-            self.stopped(cause, act, limit),
+            self.stopped(cause, act, limit, state),
             self.reacts(f'{cause}, to a neutral frame', 'monitor neutral', self._rest, limit),
-            self.reacts(f'{cause}, to the failsafe pulse', 'servo shut', self._shut, limit),
         ]
         before = self._frames(self.caused_at - _OVERLAP)
         turned = any(turns for at, turns in before if at < self.caused_at)
         assert turned, 'no frame turned the monitor before'
         return '; '.join(happened)
+
+    def servo_shut(self, cause: str, limit: float) -> str:
+        return self.reacts(f'{cause}, to the failsafe pulse', 'servo shut', self._shut, limit)
 
     def hold_while_stopped(self) -> str:
         """Let FORT report its sticks again, while the mux is STOPPED."""
@@ -138,11 +155,16 @@ class Actuators(Steering):
     def all_still(self, since: float) -> str:
         """Watch that after ``since`` no packet, frame or pulse moves motor, monitor or servo."""
         happened = self.still(since)
-        frames, pulses = self._frames(since), {us for _, us in self._pulses(since)}
+        frames, pulses = self.no_turn(since), {us for _, us in self._pulses(since)}
+        assert pulses == {SHUT_US}, f'the servo gets {sorted(pulses)} us'
+        return f'{happened}; {frames}; servo shut'
+
+    def no_turn(self, since: float) -> str:
+        """Return how many frames there were since then. :raises AssertionError: one turns it."""
+        frames = self._frames(since)
         still = frames and not any(turns for _, turns in frames)
         assert still, f'{len(frames)} frames, or one of them turns the monitor'
-        assert pulses == {SHUT_US}, f'the servo gets {sorted(pulses)} us'
-        return f'{happened}; {len(frames)} frames, all neutral; servo shut'
+        return f'{len(frames)} frames, all neutral'
 
     def _frames(self, since: float) -> list[tuple[float, bool]]:
         return turns_in(self.stage.monitor.received(since))

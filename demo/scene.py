@@ -1,5 +1,5 @@
 """
-The scripted scene: a start, fourteen stops in mid-motion, wrong ways to go on and the right one.
+The scripted scene: a start, fifteen stops in mid-motion, wrong ways to go on and the right one.
 
 Each step states what is expected, waits for it up to a deadline and prints one line. Reactions run
 from the moment at which the cause was written on a port (or the plug was pulled) to the moment at

@@ -70,7 +70,8 @@ class Relay:
     """
     What a robot's own node would do: FORT's right stick to the monitor, the speed to a servo.
 
-    It keeps nothing: what is silent stays silent, so that the bridges' timeouts see it.
+    The stick comes from the mux, so that it counts while FORT has control only. It keeps nothing:
+    what is silent stays silent, so that the bridges' timeouts see it.
 
     :param is_active: whether the mux has an owner; without one the servo gets no command.
     """
@@ -81,10 +82,13 @@ class Relay:
         self._monitor = node.create_publisher(Joy, f'/{MONITOR}/cmd_joy', _NEWEST)
         self._servo = node.create_publisher(JointState, f'/{SSC}/servo_command', _NEWEST)
         node.create_subscription(Joy, f'/{VSC}/joy', self._on_joy, 10)
+        node.create_subscription(Joy, f'/{MUX}/joy/fort', self._on_gated_joy, 10)
         node.create_subscription(JointState, f'/{DRIVE}/joint_states', self._on_joints, 10)
 
     def _on_joy(self, joy: Joy) -> None:
         self.joy = joy
+
+    def _on_gated_joy(self, joy: Joy) -> None:
         self._monitor.publish(monitor_command(joy))
 
     def _on_joints(self, joints: JointState) -> None:

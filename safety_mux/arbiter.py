@@ -252,13 +252,16 @@ class Arbiter:
         self._trip = None
         self._last_tick = now
         self._settled = True
+        owner = None if self._owner is None else self._owner.name
+        counts = self._state is State.ACTIVE and not (self._through_zero or self._overruled)
         return Decision(
             state=self._state,
-            owner=None if self._owner is None else self._owner.name,
+            owner=owner,
             enable=self._state in (State.ACTIVE, State.STOPPING),
             demand=demand,
             estop=self._state is State.STOPPED,
             stop_demand=stop_demand,
+            follows=owner if counts else None,
         )
 
     def status(self, now: float) -> Status:

@@ -46,6 +46,7 @@ from safety_mux.configuration import mux_config
 from safety_mux.limits import JointLimiter
 from safety_mux.mapping import DifferentialDrive
 from safety_mux.mapping import NamedJoints
+from safety_mux.outputs import GatedJoy
 from safety_mux.parameters import GENERAL
 from safety_mux.parameters import parameter_table
 from safety_mux.protocol import AUTONOMY
@@ -125,6 +126,7 @@ class SafetyMux(ManagedNode):
         self._own_watches: dict[str, tuple[Any, PublisherWatch]] = {}  # while others are there
         self._inputs: list[Any] = []
         self._stop_demands: dict[str, _Repeated] = {}
+        self._gated_joys: dict[str, GatedJoy] = {}
         self._source_of: dict[str, str] = {}  # by the name of the device's diagnostic
         self._build()
         self._drive_enabled = False
@@ -219,6 +221,8 @@ class SafetyMux(ManagedNode):
             topic = values[f'operator.{operator.name}.topic']
             on_joy = partial(self._on_joy, operator.name)
             self._subscribe(Joy, topic, 'operator', operator.name, on_joy, DEMAND_QOS)
+            if values[f'operator.{operator.name}.gated_joy']:
+                self._gated_joys[operator.name] = self._gated_joy(operator.name)
         if config.autonomy is not None:
             self._subscribe_autonomy()
 
@@ -231,6 +235,14 @@ class SafetyMux(ManagedNode):
         self._subscribe(Bool, topic, kind, name, partial(self._on_estop, name), ESTOP_QOS)
         publisher = self._inputs[-1].topic_name.rpartition('/')[0].lstrip('/')
         self._source_of[f'{publisher}: device'] = name
+
+    def _gated_joy(self, name: str) -> GatedJoy:
+        return GatedJoy(
+            self.create_publisher(Joy, f'~/joy/{name}', 10),
+            lambda: self.get_clock().now().to_msg(),
+            deadband=max(self.values[f'operator.{name}.deadband']),
+            deadman=self.values[f'operator.{name}.deadman_buttons'],
+        )
 
     def _subscribe_autonomy(self) -> None:
         values = self.values
@@ -275,9 +287,11 @@ class SafetyMux(ManagedNode):
     def _rebuild(self) -> None:
         for subscription in self._inputs:
             self.lane.unsubscribe(subscription)
-        for each in self._stop_demands.values():
-            self.destroy_publisher(each.publisher)
-        self._inputs, self._stop_demands = [], {}
+        publishers = [each.publisher for each in self._stop_demands.values()]
+        publishers += [each.publisher for each in self._gated_joys.values()]
+        for publisher in publishers:
+            self.destroy_publisher(publisher)
+        self._inputs, self._stop_demands, self._gated_joys = [], {}, {}
         self._build()
 
     # What arrives.
@@ -308,6 +322,8 @@ class SafetyMux(ManagedNode):
             self._arbiter.operator_invalid(name, str(error), now)
         else:
             self._arbiter.operator_sample(name, sample, now)
+            if name in self._gated_joys:
+                self._gated_joys[name].hear(message)
             if name == self._owner and not sample.deadman:
                 self._decide(now)  # a released deadman is a stop too
 
@@ -431,11 +447,13 @@ class SafetyMux(ManagedNode):
     # What goes out.
 
     def _decide(self, now: float) -> Decision:
-        """Decide, and say what stops a drive; all other words have time until the next tick."""
+        """Decide, and say what stops a machine; all else has time until the next tick."""
         decision = self._arbiter.tick(now)
         self._estop.say(decision.estop, now)
         self._enable.say(decision.enable, now)
         self._owner = decision.owner
+        for name, joy in self._gated_joys.items():
+            joy.decide(name == decision.follows, now)
         return decision
 
     def _tick(self, now: float) -> None:
@@ -444,6 +462,8 @@ class SafetyMux(ManagedNode):
         setattr(command, self._interface, array('d', decision.demand))
         command.header.stamp = self.get_clock().now().to_msg()
         self._command.publish(command)
+        for joy in self._gated_joys.values():
+            joy.say(now)
         for name, demanded in decision.stop_demand.items():
             self._stop_demands[name].say(demanded, now)
         self._state.say(decision.state.value, now)
@@ -505,17 +525,24 @@ class SafetyMux(ManagedNode):
         return to_msg(said, self.get_fully_qualified_name().lstrip('/'), '')
 
     def _downstream_inhibits(self, status: Any, now: float) -> list[str]:
-        """Say what keeps the machine still although the mux lets it move."""
+        """Say what keeps the machine, or a part of it, still although the mux lets it move."""
+        topic, waited = self.values['drive_enabled_topic'], now - status.last_transition.at
+        late = topic and not self._drive_enabled and waited >= 0.5
+        why = []
         if self._command.get_subscription_count() == 0:
-            return ['nobody listens to ~/command: is the drive node running and wired to the mux?']
-        topic = self.values['drive_enabled_topic']
-        waited = now - status.last_transition.at
-        if status.state is not State.ACTIVE or not topic or self._drive_enabled or waited < 0.5:
-            return []
-        return [
-            f'the drive is not enabled ({topic} is false): /diagnostics of the drive says why; '
-            'then give control back and take it anew'
-        ]
+            why.append(
+                'nobody listens to ~/command: is the drive node running and wired to the mux?'
+            )
+        elif status.state is State.ACTIVE and late:
+            why.append(
+                f'the drive is not enabled ({topic} is false): /diagnostics of the drive says '
+                'why; then give control back and take it anew'
+            )
+        for name, joy in self._gated_joys.items():
+            if joy.held:
+                held = ', '.join(joy.held)
+                why.append(f'~/joy/{name} leaves out what was held before: let go of {held}')
+        return why
 
 
 def main() -> None:

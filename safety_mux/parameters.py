@@ -281,6 +281,11 @@ OPERATOR = (
         'Least value of a held button; switches with raw values need more than 1.',
         minimum=1,
     ),
+    Parameter(
+        'gated_joy',
+        False,
+        'Publish ~/joy/<name>: his Joy while he has control, else a neutral one.',
+    ),
 )
 
 # Defaults for the names in the default lists: a FORT remote and an ESI drive.

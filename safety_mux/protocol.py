@@ -235,6 +235,8 @@ class Decision(NamedTuple):
         that receives true disables, and there would be no ramp.
     :param stop_demand: by source, whether any other source demands a stop by itself or a trip is
         active. Not latched.
+    :param follows: the owner while what it asks for counts: in ACTIVE, once a takeover has passed
+        through zero, and until a higher operator ends its control.
     """
 
     state: State
@@ -243,6 +245,7 @@ class Decision(NamedTuple):
     demand: Demand
     estop: bool
     stop_demand: Mapping[str, bool]
+    follows: str | None = None
 
 
 class Stop(NamedTuple):

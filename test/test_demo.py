@@ -389,7 +389,7 @@ def test_scene_holds_and_leaves_nothing_behind(tmp_path: Path) -> None:
     assert result.returncode == 0, result.stdout + result.stderr
     assert 'FAILED' not in result.stdout
     stops = re.findall(r'^ +[\d.]+ ms  ', result.stdout, re.MULTILINE)
-    assert len(stops) == 19
+    assert len(stops) == 20
     process = re.search(r'in process (\d+)', result.stdout)
     assert process is not None
     assert not is_alive(int(process[1]))

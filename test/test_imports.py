@@ -57,6 +57,8 @@ BRIDGE = {
     'parameters': ('{bridge}.protocol', 'OTHER', 'bridge_core.parameters'),
     # What the mux makes of its parameters.
     'configuration': ('{bridge}', 'bridge_core.parameters'),
+    # What the mux's decisions become.
+    'outputs': ('{bridge}.protocol', 'MESSAGES'),
     # What runs without the node, where there may be no ROS.
     'wire': (
         *('{bridge}.session', '{bridge}.protocol', '{bridge}.parameters'),

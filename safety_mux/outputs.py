@@ -1,0 +1,104 @@
+"""What follows from a decision for others than the drive's e-stop and enable, as messages."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from collections.abc import Iterable
+import math
+from typing import Any
+
+from sensor_msgs.msg import Joy
+
+_NEUTRAL_PERIOD = 0.05  # s; who obeys a Joy times out on it
+
+
+class GatedJoy:
+    """
+    An operator's Joy for what he moves besides the joints: as he sends it while he has control.
+
+    Else it is neutral, at once and again and again; before his first message there is none, since
+    nobody knows its lengths. What he held when he got control is 0 until he has let go of it: an
+    axis or a button that is held through a stop moves nothing. Only the deadman is held by then.
+
+    :param publisher: of Joy.
+    :param stamp: returns the time for the header of a neutral one.
+    :param deadband: deflection up to which an axis is let go of.
+    :param deadman: indices of its buttons.
+    """
+
+    def __init__(
+        self,
+        publisher: Any,
+        stamp: Callable[[], Any],
+        *,
+        deadband: float = 0.0,
+        deadman: Iterable[int] = (),
+    ) -> None:
+        self.publisher = publisher
+        self._stamp = stamp
+        self._deadband = deadband
+        self._deadman = frozenset(deadman)
+        self._is_open = False
+        self._heard: Joy | None = None  # the newest
+        self._waits = False  # and it was not passed on yet
+        self._free_axes: set[int] = set()  # let go of since the gate is open
+        self._free_buttons: set[int] = set()
+        self._due = -math.inf  # of the next neutral one
+
+    def hear(self, joy: Joy) -> None:
+        """Take a message, which is well-formed."""
+        self._heard = joy
+        self._waits = True
+        self._note(joy)
+
+    def decide(self, has_control: bool, now: float) -> None:
+        """Open or close with a decision; who was moving something is neutral at once."""
+        if has_control == self._is_open:
+            return
+        self._is_open = has_control
+        if has_control:
+            self._free_axes, self._free_buttons = set(), set(self._deadman)
+            if self._heard is not None:
+                self._note(self._heard)
+        else:
+            self._due = now
+            self.say(now)
+
+    def say(self, now: float) -> None:
+        """Publish what was heard since the last time, or what is due while the gate is closed."""
+        if self._heard is None:
+            return
+        if self._is_open:
+            if self._waits:
+                self.publisher.publish(self._passed(self._heard))
+        elif now >= self._due:
+            self.publisher.publish(self._neutral(self._heard))
+            self._due = now + _NEUTRAL_PERIOD
+        self._waits = False
+
+    @property
+    def held(self) -> list[str]:
+        """What is not passed on because it was held when control began, in words."""
+        if self._heard is None or not self._is_open:
+            return []
+        axes, buttons = self._heard.axes, self._heard.buttons
+        return [f'axis {i}' for i in range(len(axes)) if i not in self._free_axes] + [
+            f'button {i}' for i in range(len(buttons)) if i not in self._free_buttons
+        ]
+
+    def _note(self, joy: Joy) -> None:
+        self._free_axes |= {i for i, v in enumerate(joy.axes) if abs(v) <= self._deadband}
+        self._free_buttons |= {i for i, value in enumerate(joy.buttons) if value == 0}
+
+    def _passed(self, joy: Joy) -> Joy:
+        return Joy(
+            header=joy.header,
+            axes=[v if i in self._free_axes else 0.0 for i, v in enumerate(joy.axes)],
+            buttons=[v if i in self._free_buttons else 0 for i, v in enumerate(joy.buttons)],
+        )
+
+    def _neutral(self, joy: Joy) -> Joy:
+        neutral = Joy(axes=[0.0] * len(joy.axes), buttons=[0] * len(joy.buttons))
+        neutral.header.stamp = self._stamp()
+        neutral.header.frame_id = joy.header.frame_id
+        return neutral

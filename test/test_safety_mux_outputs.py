@@ -1,0 +1,381 @@
+"""What goes out besides e-stop and enable: who may move what, and what is said when he may not."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+import time
+from typing import Any
+
+from builtin_interfaces.msg import Time
+from hypothesis import given
+from hypothesis import strategies as st
+import pytest
+from sensor_msgs.msg import Joy
+from std_msgs.msg import Bool
+from std_msgs.msg import Header
+
+from safety_mux.node import SafetyMux
+from safety_mux.outputs import GatedJoy
+from safety_mux.protocol import Decision
+from safety_mux.protocol import State
+from test.mux_talkers import MuxBench
+from test.mux_talkers import sticks
+from test.rig import Observer
+from test.safety_mux_bench import Bench
+from test.safety_mux_bench import DRIVE
+from test.safety_mux_bench import OFF
+from test.safety_mux_bench import REST
+from test.talkers import namespace
+
+DEADBAND = 0.05
+DEADMAN = 0
+
+
+def joy(*axes: float, buttons: tuple[int, ...] = (1, 0)) -> Joy:
+    """Return what an operator sends who holds his deadman."""
+    return Joy(header=Header(frame_id='remote'), axes=axes, buttons=buttons)
+
+
+class Gate:
+    """A gate and what it has published, as (axes, buttons)."""
+
+    def __init__(self) -> None:
+        self.messages: list[Any] = []
+        self.gate = GatedJoy(self, lambda: Time(sec=7), deadband=DEADBAND, deadman=[DEADMAN])
+        self.now = 0.0
+
+    def publish(self, message: Any) -> None:
+        self.messages.append(message)
+
+    def hear(self, *axes: float, buttons: tuple[int, ...] = (1, 0)) -> None:
+        self.gate.hear(joy(*axes, buttons=buttons))
+
+    def tick(self, has_control: bool, dt: float = 0.0) -> list[tuple[list[float], list[int]]]:
+        """Return what goes out in a tick ``dt`` s after the last."""
+        before = len(self.messages)
+        self.now += dt
+        self.gate.decide(has_control, self.now)
+        self.gate.say(self.now)
+        return [(list(m.axes), list(m.buttons)) for m in self.messages[before:]]
+
+    def in_control(self) -> Gate:
+        self.hear(0.0, 0.0)
+        assert self.tick(True) == [([0.0, 0.0], [1, 0])]
+        return self
+
+
+# One operator's gate.
+
+
+def test_nothing_goes_out_before_the_first_message() -> None:
+    gate = Gate()
+    assert [gate.tick(control, 0.1) for control in (False, True, False)] == [[], [], []]
+
+
+def test_neutral_is_repeated_at_20_hz_with_the_lengths_and_the_frame_of_the_last() -> None:
+    gate = Gate()
+    gate.hear(0.5, -1.0, 0.2, buttons=(1,))
+    sent = [gate.tick(False, 0.01) for _ in range(100)]
+    assert 20 <= sum(map(len, sent)) <= 21
+    assert [each for each in sent if each][-1] == [([0.0, 0.0, 0.0], [0])]
+    assert gate.messages[-1].header == Header(frame_id='remote', stamp=Time(sec=7))
+
+
+def test_each_message_of_the_owner_is_repeated_once_and_unchanged() -> None:
+    gate = Gate().in_control()
+    for axes in ((0.5, -1.0), (0.25, 0.0)):
+        gate.hear(*axes, buttons=(1, 1))
+        assert gate.tick(True, 0.01) == [(list(axes), [1, 1])]
+        assert gate.messages[-1].header.frame_id == 'remote'
+        assert gate.tick(True, 0.01) == []  # nothing is made up while he is silent
+
+
+def test_end_of_control_is_neutral_at_once_whatever_was_heard_in_that_tick() -> None:
+    gate = Gate().in_control()
+    gate.hear(0.5, 0.5)
+    assert gate.tick(False) == [([0.0, 0.0], [0, 0])]
+    gate.hear(0.5, 0.5)
+    assert gate.tick(False) == []
+    assert gate.tick(False, 0.05) == [([0.0, 0.0], [0, 0])]
+
+
+def test_end_of_control_is_neutral_before_the_tick_goes_on() -> None:
+    gate = Gate().in_control()
+    gate.gate.decide(False, gate.now)
+    assert list(gate.messages[-1].buttons) == [0, 0]
+
+
+def test_axis_and_button_that_were_held_before_control_are_zero_until_let_go_of() -> None:
+    gate = Gate()
+    gate.hear(0.0, 0.6, buttons=(1, 1))
+    assert gate.tick(True) == [([0.0, 0.0], [1, 0])]
+    assert gate.gate.held == ['axis 1', 'button 1']
+    gate.hear(0.3, 0.7, buttons=(1, 1))
+    assert gate.tick(True, 0.01) == [([pytest.approx(0.3), 0.0], [1, 0])]
+    gate.hear(0.3, -DEADBAND / 2, buttons=(1, 0))
+    gate.tick(True, 0.01)
+    assert gate.gate.held == []
+    gate.hear(0.3, 0.5, buttons=(1, 1))
+    assert gate.tick(True, 0.01) == [([pytest.approx(0.3), 0.5], [1, 1])]
+
+
+def test_stop_and_new_control_forget_what_was_let_go_of() -> None:
+    gate = Gate().in_control()
+    gate.hear(0.0, 0.5)
+    gate.tick(True)
+    gate.tick(False)
+    assert gate.tick(True) == []  # nothing new, all at the same time
+    gate.hear(0.0, 0.5)
+    assert gate.tick(True) == [([0.0, 0.0], [1, 0])]
+    assert gate.gate.held == ['axis 1']
+
+
+def test_message_that_becomes_longer_or_shorter_is_passed_on() -> None:
+    gate = Gate().in_control()
+    gate.hear(0.5, 0.5, 0.5)
+    assert gate.tick(True) == [([0.5, 0.5, 0.0], [1, 0])]
+    gate.hear(0.5, buttons=())
+    assert gate.tick(True) == [([0.5], [])]
+    assert gate.tick(False) == [([0.0], [])]
+
+
+axes = st.lists(st.sampled_from([0.0, 0.04, -0.04, 0.5, -1.0]), max_size=3)
+buttons = st.lists(st.integers(0, 2), max_size=3)
+steps = st.one_of(
+    st.tuples(st.just('hear'), axes, buttons),
+    st.tuples(st.just('tick'), st.booleans(), st.sampled_from([0.0, 0.01, 0.1])),
+    st.tuples(st.just('stop')),
+)
+
+
+@given(st.lists(steps, max_size=40))
+def test_nothing_moves_without_control_nor_what_was_held_when_it_began(
+    story: list[tuple[Any, ...]],
+) -> None:
+    gate, control, newest = Gate(), False, joy()
+    rested: set[tuple[str, int]] = set()
+
+    def note() -> None:
+        rested.update(('axis', i) for i, v in enumerate(newest.axes) if abs(v) <= DEADBAND)
+        rested.update(('button', i) for i, v in enumerate(newest.buttons) if v == 0)
+
+    for kind, *rest in story:
+        before, was = len(gate.messages), control
+        if kind == 'hear':
+            newest = joy(*rest[0], buttons=tuple(rest[1]))
+            gate.gate.hear(newest)
+            note()
+        else:
+            control = kind == 'tick' and rest[0]
+            if control and not was:
+                rested.clear()
+                note()
+            if kind == 'tick':
+                gate.tick(*rest)
+            else:
+                gate.gate.decide(False, gate.now)
+        sent = gate.messages[before:]
+        heard = gate.gate._heard is not None
+        assert len(sent) <= 1
+        assert not (was and not control and heard) or sent, 'the end of control is neutral at once'
+        for message in sent:
+            moving = {('axis', i) for i, v in enumerate(message.axes) if v}
+            moving |= {('button', i) for i, v in enumerate(message.buttons) if v}
+            assert control or not moving
+            assert moving <= rested | {('button', DEADMAN)}
+            assert (len(message.axes), len(message.buttons)) == (
+                len(newest.axes),
+                len(newest.buttons),
+            )
+
+
+# Whose demand counts, by the arbiter.
+
+
+def followed(bench: Bench, seconds: float) -> set[str | None]:
+    """Return who was followed while this time passed."""
+    found: set[str | None] = set()
+    bench.run(seconds, lambda decision: found.add(decision.follows))
+    return found
+
+
+def test_owner_is_followed_from_the_tick_in_which_he_gets_control_to_the_one_of_the_stop() -> None:
+    bench = Bench().ready()
+    assert bench.decision.follows is None
+    bench.samples['fort'] = DRIVE
+    bench.send()
+    assert bench.tick().follows == 'fort'
+    bench.arbiter.estop_message('fort', True, bench.now)
+    assert bench.tick().follows is None
+    bench.samples['fort'] = REST
+    bench.ready()
+    assert bench.decision.follows is None
+
+
+def test_released_deadman_and_lost_owner_are_followed_no_more() -> None:
+    bench = Bench().active()
+    bench.samples['fort'] = OFF
+    bench.send()
+    assert bench.tick().follows is None
+    bench = Bench().active()
+    bench.samples['fort'] = None
+    assert bench.run(0.4).follows is None
+
+
+def test_ramp_of_category_1_follows_nobody() -> None:
+    bench = Bench().active()
+    bench.arbiter.estop_message('gate', True, bench.now)
+    bench.now += 0.001
+    assert (bench.tick().state, bench.decision.owner) == (State.STOPPING, 'fort')
+    assert bench.decision.follows is None
+
+
+def test_takeover_follows_the_new_owner_once_the_output_was_zero() -> None:
+    bench = Bench().active()
+    bench.samples['senior'] = DRIVE
+    bench.send()
+    assert (bench.tick().owner, bench.decision.follows) == ('senior', None)
+    while bench.decision.follows is None:
+        assert any(bench.decision.demand)
+        bench.run(0.01)
+    assert (bench.decision.follows, bench.decision.demand) == ('senior', (0.0, 0.0))
+    assert followed(bench, 0.5) == {'senior'}
+
+
+def test_owner_who_is_overruled_is_followed_no_more_while_the_output_ramps() -> None:
+    bench = Bench().active()
+    bench.samples['senior'] = OFF
+    bench.send()
+    assert (bench.tick().owner, bench.decision.follows) == ('fort', None)
+    assert any(bench.decision.demand)
+    assert followed(bench, 0.5) == {None}
+
+
+# The node.
+
+
+@pytest.fixture
+def own_mux(context: Any) -> Iterator[SafetyMux]:
+    mux = SafetyMux(
+        context=context,
+        namespace=namespace(),
+        parameter_overrides=parameters({'operator.fort.gated_joy': True}),
+    )
+    yield mux
+    mux.destroy_node()
+
+
+def parameters(values: dict[str, Any]) -> list[Any]:
+    from rclpy.parameter import Parameter
+
+    return [Parameter(name, value=value) for name, value in values.items()]
+
+
+def test_neutral_goes_out_with_the_stop_and_behind_it(own_mux: SafetyMux) -> None:
+    story: list[str] = []
+
+    class Publisher:
+        def __init__(self, name: str) -> None:
+            self.name = name
+
+        def publish(self, message: Any) -> None:
+            story.append(self.name)
+
+    def decide(state: State) -> None:
+        moves = state is State.ACTIVE
+        owner = 'fort' if moves else None
+        decision = Decision(state, owner, moves, (0.0, 0.0), not moves, {}, owner)
+        own_mux._arbiter.tick = lambda now: decision  # type: ignore[method-assign]
+        own_mux._decide(time.monotonic())
+
+    def play() -> None:
+        gate = own_mux._gated_joys['fort']
+        gate.hear(sticks(deadman=True))
+        decide(State.ACTIVE)
+        for each, name in ((own_mux._estop, 'estop'), (own_mux._enable, 'enable'), (gate, 'joy')):
+            each.publisher = Publisher(name)
+        decide(State.STOPPED)
+
+    own_mux.lane.call(play)
+    assert story == ['estop', 'enable', 'joy']
+
+
+def test_mux_that_is_not_asked_for_it_publishes_no_joy(observer: Observer) -> None:
+    mux = MuxBench(observer)
+    try:
+        mux.ready()
+        names = [name for name, _ in observer.node.get_topic_names_and_types()]
+        assert f'{mux.name}/status' in names
+        assert f'{mux.name}/joy/fort' not in names
+    finally:
+        mux.close()
+
+
+def test_joy_of_the_owner_goes_through_and_is_neutral_from_release_and_stop_on(
+    observer: Observer,
+) -> None:
+    mux = MuxBench(observer, operator__fort__gated_joy=True)
+    record = observer.record(Joy, f'{mux.name}/joy/fort')
+
+    def pushed() -> Joy:
+        """Return the sticks of one who drives, and has another stick and button besides."""
+        message = sticks(0.5, deadman=True)
+        message.axes[3], message.buttons[2] = -0.75, 1
+        return message
+
+    def is_neutral() -> bool:
+        message = record.last
+        return not (any(message.axes) or any(message.buttons))
+
+    def is_passed_on() -> None:
+        mux.joy.message = pushed()
+        mux.wait(lambda: list(record.last.axes) == list(pushed().axes), 'all his axes')
+        assert list(record.last.buttons) == list(pushed().buttons)
+
+    def stays_neutral() -> None:
+        mux.wait(is_neutral, 'neutral')
+        record.clear()
+        mux.wait(lambda: len(record.messages) > 5, 'its repeats')
+        assert not any(any(m.axes) or any(m.buttons) for m in record.messages)
+
+    try:
+        mux.wait(lambda: record.messages and is_neutral(), 'neutral from the first message on')
+        assert (len(record.last.axes), len(record.last.buttons)) == (6, 8)
+        mux.active()
+        is_passed_on()
+        mux.joy.message = pushed()
+        mux.joy.message.buttons[0] = 0  # the deadman alone
+        mux.wait(lambda: mux.says('READY'), 'READY')
+        stays_neutral()
+        mux.joy.message = sticks()
+        mux.wait(lambda: mux.explains('press the deadman'), 'a rested operator')
+        mux.joy.message = sticks(deadman=True)
+        mux.wait(lambda: mux.says('ACTIVE'), 'ACTIVE')
+        is_passed_on()
+        mux.fort_estop.publisher.publish(Bool(data=True))
+        mux.wait(lambda: mux.says('STOPPED'), 'STOPPED')
+        stays_neutral()
+    finally:
+        mux.close()
+
+
+def test_stick_that_was_held_before_control_is_named_and_moves_nothing(
+    observer: Observer,
+) -> None:
+    mux = MuxBench(observer, operator__fort__gated_joy=True)
+    record = observer.record(Joy, f'{mux.name}/joy/fort')
+    message = sticks(deadman=True)
+    message.axes[4] = 0.5
+    try:
+        mux.ready()
+        mux.joy.message = message
+        mux.wait(lambda: mux.says('ACTIVE'), 'ACTIVE')
+        mux.wait(lambda: mux.explains('leaves out what was held before', 'axis 4'), 'its name')
+        mux.wait(lambda: record.last.buttons[0] == 1, 'the rest of his Joy')
+        assert not any(any(each.axes) for each in record.messages)
+        mux.joy.message = sticks(deadman=True)
+        mux.wait(lambda: mux.is_past('leaves out') or not mux.inhibits(), 'let go of')
+        mux.joy.message = message
+        mux.wait(lambda: record.last.axes[4] == pytest.approx(0.5), 'the stick')
+    finally:
+        mux.close()
