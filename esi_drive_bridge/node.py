@@ -44,6 +44,7 @@ class EsiDriveBridge(BridgeNode[Event]):
 
     def __init__(self, **options: Any) -> None:
         self._listened = True  # as the wire knows it: somebody listens to ~/joint_states
+        self._is_enabled = False  # as the drive says
         super().__init__('esi_drive_bridge', **options)
 
     def create_interfaces(self) -> None:
@@ -64,16 +65,24 @@ class EsiDriveBridge(BridgeNode[Event]):
         self._axes = axes_of(values)
 
     def pace(self, now: float) -> float:
-        """Ask the wire for statuses while somebody listens; else as of BridgeNode."""
+        """Ask for statuses while somebody listens; repeat ~/enabled, behind the stop."""
         listened = self._joint_states.get_subscription_count() > 0
         if listened != self._listened and self.request(Session.set_reporting, listened):
             self._listened = listened
-        return super().pace(now)
+        repeats = now >= self._repeat_at
+        due = super().pace(now)
+        if repeats:
+            self._say_enabled(self._is_enabled)
+        return due
+
+    def _say_enabled(self, enabled: bool) -> None:
+        self._is_enabled = enabled
+        self._enabled.publish(Bool(data=enabled))
 
     def forget_device(self) -> None:
         """Publish that the drive is not enabled; a new wire reports to whoever listens or not."""
         self._listened = True
-        self._enabled.publish(Bool(data=False))
+        self._say_enabled(False)
 
     def on_event(self, event: Event) -> None:
         """Publish one event of the session."""
@@ -81,7 +90,7 @@ class EsiDriveBridge(BridgeNode[Event]):
             joint_states = convert.joint_state(event.status, self._axes, *self.header())
             self._joint_states.publish(joint_states)
         elif isinstance(event, EnabledChanged):
-            self._enabled.publish(Bool(data=event.enabled))
+            self._say_enabled(event.enabled)
         elif isinstance(event, Stopped):
             self.log(Level.WARN, f'disabled: {"; ".join(event.reasons)}')
         elif isinstance(event, EnableRefused):

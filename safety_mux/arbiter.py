@@ -35,6 +35,9 @@ Decided here, where the rules leave a choice:
 * A ``when_owner`` source that is not clear does not prevent a reset, but its operator cannot
   acquire. It stops the machine while its operator is owner, also in a takeover and on the ramp,
   and for its own timeout after that: an operator who presses a stop also releases the deadman.
+* The output waits at rest until the drive says that it is enabled, and ramps from rest then: what
+  was sent before would come out as a step. A drive that drops out gets zero at once, and from a
+  ramp of category 1 leads to STOPPED. A drive that was never heard is not waited for.
 * Whatever would cut the output in ACTIVE also cuts the ramp of category 1: a stop of category 0, a
   lost owner, a released deadman. A stop that is released again does not end the ramp.
 * After a gap between ticks above stall_limit, or a clock that runs backwards, earlier input is no
@@ -46,6 +49,7 @@ import math
 from bridge_core.watchdog import in_words
 from safety_mux.inputs import AutonomyInput
 from safety_mux.inputs import demand_fault
+from safety_mux.inputs import DriveInput
 from safety_mux.inputs import Input
 from safety_mux.inputs import OperatorInput
 from safety_mux.inputs import OwnerInput
@@ -99,8 +103,19 @@ class Arbiter:
         self._autonomy: AutonomyInput | None = None
         if config.autonomy is not None:
             self._autonomy = AutonomyInput(config.autonomy, config.neutral_time)
-        inputs = (*self._sources.values(), *self._operators.values(), self._autonomy)
-        self._inputs: list[Input] = [each for each in inputs if each is not None]
+        self._drive: DriveInput | None = None
+        if config.drive_timeout is not None:
+            self._drive = DriveInput(config.drive_timeout)
+        self._named: dict[tuple[str, str], Input] = {}  # by kind and name
+        for source in self._sources.values():
+            self._named['e-stop source', source.config.name] = source
+        for operator in self._operators.values():
+            self._named['operator', operator.name] = operator
+        if self._autonomy is not None:
+            self._named['autonomy', AUTONOMY] = self._autonomy
+        if self._drive is not None:
+            self._named['drive', 'drive'] = self._drive
+        self._inputs = list(self._named.values())
         self._state = State.STOPPED
         self._owner: OwnerInput | None = None  # not None in ACTIVE and STOPPING only
         self._through_zero = (
@@ -161,21 +176,20 @@ class Arbiter:
         """Record a malformed command of autonomy; it is invalid until a good one."""
         self._known_autonomy().malformed(reason, now)
 
+    def drive_enabled(self, value: bool, now: float) -> None:
+        """Record whether the drive is enabled: until it is, the output waits at rest."""
+        if self._drive is None:
+            raise KeyError('drive')
+        self._drive.enabled(value, now)
+
     def set_invalid(self, kind: Kind, name: str, cause: str, reason: str | None) -> None:
         """
         Mark an input invalid while ``cause`` has a reason; None clears that cause.
 
         The caller names the causes, which are independent: ``publishers`` (two are live, or none
-        is left), ``qos``. The name is ignored for autonomy.
+        is left), ``qos``. Autonomy and the drive are named as their kind.
         """
-        found: Input
-        if kind == 'e-stop source':
-            found = self._sources[name]
-        elif kind == 'operator':
-            found = self._operators[name]
-        else:
-            found = self._known_autonomy()
-        found.set_fault(cause, reason)
+        self._named[kind, name].set_fault(cause, reason)
 
     # -- services ----------------------------------------------------------------------------
 
@@ -479,6 +493,9 @@ class Arbiter:
 
     def _output(self, dt: float, now: float) -> Demand:
         """Return the next output; nothing else produces one other than zero."""
+        ready = self._drive is None or self._drive.ready(now)
+        if not ready:
+            self._limiter.reset()
         if self._state is State.STOPPING:
             demand = self._limiter.ramp(dt, self.config.stop_time)
             in_time = 0.0 <= now - self._stopping_since < self.config.stop_time
@@ -487,10 +504,10 @@ class Arbiter:
             ramp = self._transition
             self._latch(f'the ramp has ended, after: {ramp.reason}', now, ramp.causes)
         elif self._state is State.ACTIVE and self._owner is not None:
-            to_zero = self._through_zero or self._overruled is not None
+            to_zero = self._through_zero or self._overruled is not None or not ready
             target = (0.0,) * self.config.joints if to_zero else self._owner.demand
             demand = self._limiter.step(target, dt)
-            self._through_zero &= any(demand)
+            self._through_zero = not ready or (self._through_zero and any(demand))
             if self._overruled is None or any(demand):
                 return demand
             self._release(self._owner, self._overruled, now)
@@ -501,7 +518,7 @@ class Arbiter:
 
     def _inhibits(self, now: float) -> list[str]:
         if self._state is State.ACTIVE:
-            return [stop.reason for stop in self._stops(now)] + self._why_still()
+            return [stop.reason for stop in self._stops(now)] + self._why_still(now)
         if self._state is State.STOPPING:
             return [f'stopping on a ramp: {self._transition.reason}']
         stops = self._stops(now)
@@ -518,11 +535,14 @@ class Arbiter:
         again = last.causes and set(last.causes) <= {stop.cause for stop in stops}
         return text if again else f'{text}: {last.reason}'
 
-    def _why_still(self) -> list[str]:
+    def _why_still(self, now: float) -> list[str]:
         if self._owner is None:
             return []
         if self._overruled is not None:
             return [f'{self._owner.label} is losing control: {self._overruled}']
+        if self._drive is not None and not self._drive.ready(now):
+            why = self._drive.problem(now) or self._drive.lapse or 'it says that it is not'
+            return [f'{self._owner.label} waits for the drive to be enabled: {why}']
         if not self._through_zero and not any(self._owner.demand):
             return [f'{self._owner.label} has control and asks for zero']
         if self._through_zero or not any(self._limiter.output):

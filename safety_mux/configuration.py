@@ -35,6 +35,9 @@ def mux_config(values: Mapping[str, Any]) -> MuxConfig:
                 for name in names_of(values, 'operators')
             ),
             autonomy=Autonomy(values['autonomy.timeout']) if values['autonomy.topic'] else None,
+            drive_timeout=(
+                values['drive_enabled_timeout'] if values['drive_enabled_topic'] else None
+            ),
             **{name: values[name] for name in _TIMES},
         ),
     )
@@ -125,7 +128,7 @@ def _check_topics(values: Mapping[str, Any], resolved: Callable[[str], str]) -> 
     """Refuse one topic for two inputs: which of them it is for would be ambiguous."""
     users: dict[str, str] = {}
     for name, topic in values.items():
-        if not name.endswith(('.topic', '.own_topic')) or not topic:
+        if not name.endswith(('.topic', '_topic')) or not topic:
             continue
         user = users.setdefault(resolved(topic), name)
         if user != name:

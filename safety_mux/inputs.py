@@ -162,6 +162,38 @@ class SourceInput(Input):
         self.own_lapse = False
 
 
+class DriveInput(Input):
+    """
+    The drive's own word that it is enabled.
+
+    One that has never said anything has no such topic, and is not waited for.
+    """
+
+    __slots__ = ('known', 'value')
+
+    def __init__(self, timeout: float) -> None:
+        super().__init__('the drive', timeout)
+        self.known = self.value = False
+
+    def enabled(self, value: bool, now: float) -> None:
+        """Record what it says."""
+        self.hear(now)
+        self.known, self.value = True, value
+        if not value:
+            self.lapse = f'{self.label} was not enabled'
+
+    @property
+    def use(self) -> str:
+        """``enabled`` or ``not enabled``."""
+        return 'enabled' if self.value else 'not enabled'
+
+    def ready(self, now: float) -> bool:
+        """Return whether it is enabled, and was at all times since the last tick."""
+        if not self.known:
+            return not self.faults
+        return self.value and self.lapse is None and self.usable(now)
+
+
 class Run:
     """An unbroken sequence of samples. Only samples extend it: silence is not neutral."""
 

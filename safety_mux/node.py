@@ -129,10 +129,6 @@ class SafetyMux(ManagedNode):
         self._gated_joys: dict[str, GatedJoy] = {}
         self._source_of: dict[str, str] = {}  # by the name of the device's diagnostic
         self._build()
-        self._drive_enabled = False
-        if self.values['drive_enabled_topic']:
-            topic = self.values['drive_enabled_topic']
-            self.lane.subscribe(Bool, topic, self._on_drive_enabled, latched_qos())
         self.create_subscription(DiagnosticArray, '/diagnostics', self._on_diagnostics, 10)
         self.lane.every(1.0 / rate, self._tick)
         self.lane.every(_LOOK_AROUND_PERIOD, self._look_around)
@@ -217,6 +213,9 @@ class SafetyMux(ManagedNode):
             self._stop_demands[source.name] = self.create_repeated(
                 Bool, f'~/stop_demand/{source.name}', latched_qos(), _DEMAND_PERIOD
             )
+        if config.drive_timeout is not None:
+            topic = values['drive_enabled_topic']
+            self._subscribe(Bool, topic, 'drive', 'drive', self._on_drive_enabled, ESTOP_QOS)
         for operator in config.operators:
             topic = values[f'operator.{operator.name}.topic']
             on_joy = partial(self._on_joy, operator.name)
@@ -342,9 +341,8 @@ class SafetyMux(ManagedNode):
         speed, turn = twist.linear, twist.angular
         return self._drive.demand((speed.x, speed.y, speed.z), (turn.x, turn.y, turn.z))
 
-    def _on_drive_enabled(self, message: Any, info: Any) -> None:
-        del info
-        self._drive_enabled = message.data
+    def _on_drive_enabled(self, message: Any, now: float) -> None:
+        self._arbiter.drive_enabled(message.data, now)
 
     def _look_around(self, now: float) -> None:
         """Find topics with two live publishers, or with one that could never be heard."""
@@ -508,7 +506,7 @@ class SafetyMux(ManagedNode):
         values['operators at rest'] = status.operators_at_rest
         values['trip active'] = status.tripped
         if self.values['drive_enabled_topic']:
-            values['drive enabled'] = self._drive_enabled
+            values['drive enabled'] = status.conditions['the drive'] == 'enabled'
         values |= {f'condition of {name}': word for name, word in status.conditions.items()}
         values |= {f'inhibit {n}': text for n, text in enumerate(inhibits, 1)}
         values |= {f'age of {name} (s)': age for name, age in status.ages.items()}
@@ -526,17 +524,17 @@ class SafetyMux(ManagedNode):
 
     def _downstream_inhibits(self, status: Any, now: float) -> list[str]:
         """Say what keeps the machine, or a part of it, still although the mux lets it move."""
-        topic, waited = self.values['drive_enabled_topic'], now - status.last_transition.at
-        late = topic and not self._drive_enabled and waited >= 0.5
+        waited = now - status.last_transition.at
+        enabled = status.conditions.get('the drive', 'enabled') == 'enabled'
         why = []
         if self._command.get_subscription_count() == 0:
             why.append(
                 'nobody listens to ~/command: is the drive node running and wired to the mux?'
             )
-        elif status.state is State.ACTIVE and late:
+        elif status.state is State.ACTIVE and not enabled and waited >= 0.5:
             why.append(
-                f'the drive is not enabled ({topic} is false): /diagnostics of the drive says '
-                'why; then give control back and take it anew'
+                '/diagnostics of the drive says why it is not enabled; then give control back and '
+                'take it anew'
             )
         for name, joy in self._gated_joys.items():
             if joy.held:

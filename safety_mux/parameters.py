@@ -63,10 +63,17 @@ GENERAL = (
     Parameter(
         'drive_enabled_topic',
         'esi_drive_bridge/enabled',
-        'Where the drive says that it is enabled (std_msgs/Bool), for ~/status to say when it is '
-        'not. It decides nothing. Empty: not looked at.',
+        'Where the drive says that it is enabled (std_msgs/Bool, repeated). Once it was heard, '
+        'the command is 0 while it does not say so, and then ramps from rest. Empty: there is no '
+        'such topic.',
         check=check_topic,
         fixed=True,
+    ),
+    _seconds(
+        'drive_enabled_timeout',
+        0.25,
+        'A drive that has not said for longer that it is enabled is taken for one that is not. '
+        'Three of its periods or more.',
     ),
     _seconds(
         'clear_time',

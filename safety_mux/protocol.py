@@ -20,7 +20,7 @@ _NAME = re.compile(r'[A-Za-z][A-Za-z0-9_]*')  # names become parts of topics: ~/
 
 Demand = tuple[float, ...]
 Causes = tuple[str, ...]  # of a stop: labels of sources and owners, ``stall``, ``hold``, ``trip``
-Kind = Literal['e-stop source', 'operator', 'autonomy']
+Kind = Literal['e-stop source', 'operator', 'autonomy', 'drive']
 
 
 class MalformedInput(ValueError):  # noqa: N818 - the term of rule 9
@@ -118,6 +118,8 @@ class MuxConfig:
     :param stop_time: seconds within which the ramp of stop category 1 ends. Above 0.
     :param reset_silence: seconds without a reset before one counts again, once resets were called
         with nothing to reset. 0 or more.
+    :param drive_timeout: seconds after which the drive's word that it is enabled is stale. Above
+        0. None: ``drive_enabled`` is never called, and the output does not wait for the drive.
     :raises ValueError: a value is out of range, a name or priority repeated, an operator unknown;
         there is no e-stop source, or an owner that no e-stop source would stop.
     """
@@ -132,12 +134,15 @@ class MuxConfig:
     stall_limit: float = 0.1
     stop_time: float = 0.5
     reset_silence: float = 5.0
+    drive_timeout: float | None = None
 
     def __post_init__(self) -> None:
         if self.joints < 1:
             raise ValueError(f'joints must be 1 or more, not {self.joints}')
         for name in ('clear_time', 'neutral_time', 'stall_limit', 'stop_time'):
             _check_seconds(name, getattr(self, name))
+        if self.drive_timeout is not None:
+            _check_seconds('drive_timeout', self.drive_timeout)
         for name in ('hold_time', 'reset_silence'):
             value = getattr(self, name)
             if not (math.isfinite(value) and value >= 0.0):

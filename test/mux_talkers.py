@@ -1,4 +1,4 @@
-"""A mux as a process, and in this one all that it listens to: two e-stop sources, one operator."""
+"""A mux as a process, and in this one all that it listens to: e-stops, a drive, one operator."""
 
 from __future__ import annotations
 
@@ -26,6 +26,7 @@ PATIENT = {
     'stall_limit': TIMEOUT,
     'estop.fort.timeout': TIMEOUT,
     'estop.drive.timeout': TIMEOUT,
+    'drive_enabled_timeout': TIMEOUT,
     'operator.fort.timeout': TIMEOUT,
     'autonomy.timeout': TIMEOUT,
     'neutral_time': TIMEOUT,
@@ -66,6 +67,7 @@ class MuxBench:
         self.fort_estop = talker(Bool, 'fort_vsc_bridge/estop', Bool(data=False))
         self.fort_own_estop = talker(Bool, 'fort_vsc_bridge/own_estop', Bool(data=False))
         self.drive_estop = talker(Bool, 'esi_drive_bridge/estop', Bool(data=False))
+        self.drive_enabled = talker(Bool, 'esi_drive_bridge/enabled', Bool(data=True))
         self.joy = talker(Joy, 'fort_vsc_bridge/joy', sticks())
 
     def start(self) -> None:
@@ -162,5 +164,6 @@ class MuxBench:
 
     def close(self) -> None:
         self.node.__exit__(None, None, None)
-        for talker in (self.fort_estop, self.fort_own_estop, self.drive_estop, self.joy):
+        estops = self.fort_estop, self.fort_own_estop, self.drive_estop
+        for talker in (*estops, self.drive_enabled, self.joy):
             talker.leave()

@@ -46,6 +46,7 @@ class Bench:
         self.estops: dict[str, bool | None] = {source.name: False for source in config.sources}
         self.samples: dict[str, OperatorSample | None] = {o.name: REST for o in config.operators}
         self.autonomy: tuple[float, float] | None = (0.0, 0.0)
+        self.drive: bool | None = True  # what it says of being enabled, where that is heard
         self.decision = self.arbiter.tick(self.now)
 
     def send(self) -> None:
@@ -57,6 +58,8 @@ class Bench:
                 self.arbiter.operator_sample(name, sample, self.now)
         if self.autonomy is not None and self.arbiter.config.autonomy is not None:
             self.arbiter.autonomy_command(self.autonomy, self.now)
+        if self.drive is not None and self.arbiter.config.drive_timeout is not None:
+            self.arbiter.drive_enabled(self.drive, self.now)
 
     def run(self, seconds: float, check: Callable[[Decision], None] | None = None) -> Decision:
         """Let time pass; return the last decision."""

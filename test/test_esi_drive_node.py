@@ -322,6 +322,13 @@ def test_status_packet_becomes_joint_states_in_rad_per_second(bench: Bench) -> N
     bench.wait(lambda: not bench.enabled.last.data, 'not enabled, as nothing is heard any more')
 
 
+def test_enabled_is_repeated_without_a_change(bench: Bench) -> None:
+    bench.enabling()
+    bench.enabled.clear()
+    bench.wait(lambda: len(bench.enabled.data) > 5 or False in bench.enabled.data, 'repeats')
+    assert all(bench.enabled.data) or bench.delay.seconds() > 0.1
+
+
 def test_every_error_bit_is_named_and_a_stop(bench: Bench) -> None:
     for name, words in (
         ('overvoltage', 'overvoltage'),

@@ -21,6 +21,7 @@ import pytest
 
 from safety_mux.arbiter import Arbiter
 from safety_mux.inputs import AutonomyInput
+from safety_mux.inputs import DriveInput
 from safety_mux.inputs import OperatorInput
 from safety_mux.inputs import OwnerInput
 from safety_mux.inputs import SourceInput
@@ -65,6 +66,7 @@ RANK = {'autonomy': 0, 'low': 1, 'high': 2}
 WISH = {'autonomy': (1.0, 0.5), 'low': (1.5, 0.75), 'high': (-1.0, 1.0)}  # beyond one maximum
 TURN = (-0.5, 1.0)  # the other curve that an operator can drive
 DRIVING = ('drive', 'turn')
+BAD = {'stop', 'doubled', 'bad', 'disabled'}
 CALM = {'low': 'rest', 'high': 'rest', 'autonomy': 'zero'} | dict.fromkeys(SOURCES, 'clear')
 
 
@@ -74,7 +76,7 @@ class Scene:
     A world to explore.
 
     :param words: what devices may do, spaced; all others are calm. ``own`` is the own topic of
-        'always'; ``mux`` is active or not.
+        'always'; ``mux`` is active or not; ``motor`` is what the drive says of itself.
     :param states: to be reached, and ``steps`` between them.
     :param most_uneasy: how many may do anything unusual at a time.
     :param timeouts: of those that differ from TIMEOUT, in s.
@@ -111,11 +113,12 @@ class Scene:
             operators=operators,
             stall_limit=self.stall_limit,
             reset_silence=self.reset_silence,
+            drive_timeout=TIMEOUT if 'motor' in self.words else None,
         )
 
     @property
     def calm(self) -> dict[str, str]:
-        others = {'own': 'clear', 'mux': 'active'}
+        others = {'own': 'clear', 'mux': 'active', 'motor': 'enabled'}
         return CALM | {name: what for name, what in others.items() if name in self.words}
 
     @property
@@ -150,7 +153,8 @@ class Memory:
 
     @staticmethod
     def _slots(arbiter: Arbiter) -> Iterator[tuple[Any, str]]:
-        fixed = {'config', '_sources', '_operators', '_guards', '_autonomy', '_inputs', '_limiter'}
+        fixed = {'config', '_sources', '_operators', '_guards', '_autonomy', '_drive', '_limiter'}
+        fixed |= {'_inputs', '_named'}
         yield from ((arbiter, name) for name in vars(arbiter) if name not in fixed)
         yield from ((arbiter._limiter, name) for name in ('_values', '_ramp'))
         for each in arbiter._inputs:
@@ -159,6 +163,8 @@ class Memory:
             if isinstance(each, SourceInput):
                 yield each.own_watchdog, '_last'
                 yield from ((each, name) for name in ('value', 'own', 'own_lapse'))
+            if isinstance(each, DriveInput):
+                yield from ((each, name) for name in ('value', 'known'))
             if isinstance(each, OwnerInput):
                 yield from ((each.rest, 'since'), (each.rest, 'until'), (each, 'demand'))
             if isinstance(each, AutonomyInput):
@@ -199,6 +205,8 @@ class Memory:
                 own = each.own_watchdog
                 parts += [fresh and each.value, not own.expired(now) and each.own]
                 parts.append(age(own._last) if not own.expired(now) else None)
+            if isinstance(each, DriveInput):
+                parts.append(fresh and each.value)
             if isinstance(each, OwnerInput):
                 parts.append(each.rested or age(each.rest.since) if fresh else None)
                 parts.append(each.demand if each is a._owner else None)
@@ -247,6 +255,7 @@ class Log:
     stopping_since: float = 0.0
     must_reach_zero: bool = False
     overruled: bool = False
+    motor_waited: bool = False  # to be enabled, in the step before
     high_until: float = -math.inf  # when high last lost control
     trip: str = 'no'  # 'yes'; 'asked': a reset was asked for since
 
@@ -266,7 +275,7 @@ class Log:
         clear = age(self.clear_since, self.now, old) if self.decision.estop else None
         asked = recent(self.reset_at, self.now, self.silence)
         samples = (self.sample[name] for name in OPERATORS)
-        zero = self.must_reach_zero, self.overruled
+        zero = self.must_reach_zero, self.overruled, self.motor_waited
         high = age(self.high_until, self.now, old)
         return (*self.doing.values(), *samples, *calm, clear, *zero, asked, high, self.trip)
 
@@ -301,6 +310,8 @@ class World:
             return
         if name == 'mux':
             arbiter.hold(None if what == 'active' else 'not active')
+        elif name == 'motor':
+            arbiter.drive_enabled(what == 'enabled', now)
         elif name == 'own':
             arbiter.own_estop_message('always', what == 'stop', now)
         elif name in SOURCES:
@@ -421,8 +432,7 @@ class Judge:
     def unwell(self, name: str) -> bool:
         """Tell whether an input was, at any moment since the last tick, not what it should be."""
         lately = [what for who, what in self.event.late if who == name]
-        bad = {'stop', 'doubled', 'bad'}
-        said = self.log.said[name] in bad or bool(bad.intersection(lately))
+        said = self.log.said[name] in BAD or bool(BAD.intersection(lately))
         return name in self.gaps or not self.log.fresh(name) or said
 
     def stops(self, owner: str | None) -> set[str]:
@@ -581,13 +591,19 @@ class Judge:
         assert (after.owner is not None) == active
         if not active:
             assert not any(after.demand), 'rules 5, 10: not zero where nothing may move'
+            log.motor_waited = False
             return
+        waits = 'motor' in log.said and self.unwell('motor')
+        if waits or log.motor_waited:
+            assert not any(after.demand), 'rule 15: not at rest until the drive is enabled'
+            assert after.state is State.ACTIVE, 'rule 10: a ramp that no drive follows'
+        log.motor_waited = waits
         for was, value in zip(before.demand, after.demand, strict=True):
             assert abs(value) <= LIMIT.magnitude, 'rule 10: magnitude'
             assert was * value >= 0.0, 'rule 7: through zero without being there'
             grows = abs(value) > abs(was)
             rate = LIMIT.acceleration if grows else LIMIT.deceleration
-            assert abs(value - was) <= rate * self.dt, 'rule 10: rate'
+            assert waits or abs(value - was) <= rate * self.dt, 'rule 10: rate'
         if not before.enable:
             assert not any(after.demand), 'rule 5: the first output is not zero'
         if after.state is State.STOPPING:
@@ -602,7 +618,7 @@ class Judge:
             target = self.scene.target(after.owner, log.sample[after.owner])
             for was, value, goal in zip(before.demand, after.demand, target, strict=True):
                 least, most = sorted((was, 0.0 if was * goal < 0.0 else goal))
-                assert least <= value <= most, 'rule 5: away from what the owner demands'
+                assert waits or least <= value <= most, 'rule 5: away from what the owner demands'
 
     def note_calm(self) -> None:
         """Note since when each owner has been sending neutral; a stop and a reset forget it."""
@@ -634,6 +650,7 @@ def events(scene: Scene) -> list[Event]:
     free = scene.words
     changes = [((name, what),) for name, words in free.items() for what in words.split()]
     blips = [((name, 'stop'), (name, 'clear')) for name in free if name in SOURCES]
+    blips += [(('motor', 'disabled'), ('motor', 'enabled'))] if 'motor' in free else []
     bounces = [((name, 'rest'), (name, 'drive')) for name in free if name in OPERATORS]
     presses = [change for change in changes if change[0][1] in DRIVING]
     services = ['reset', 'trip'] + (['select', 'deselect'] if 'autonomy' in free else [])
@@ -733,6 +750,11 @@ SCENES = {
         {'always': 'clear stop silent', 'own': 'clear stop silent', 'low': 'rest drive'},
         states=1753,
         steps=18885,
+    ),
+    'slow drive': Scene(
+        {'motor': 'enabled disabled silent', 'low': 'rest drive', 'soft': 'clear stop'},
+        states=1512,
+        steps=16448,
     ),
     'not active': Scene(
         {'mux': 'active inactive', 'low': 'rest drive', 'soft': 'clear stop'},

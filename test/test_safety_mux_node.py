@@ -60,6 +60,7 @@ def mux(shared: MuxBench) -> MuxBench:
     for talker in (shared.fort_estop, shared.fort_own_estop, shared.drive_estop):
         talker.message = Bool(data=False)
         talker.resume()
+    shared.drive_enabled.message = Bool(data=True)
     shared.joy.resume()
     states = ('STOPPED', 'READY', 'ACTIVE')
     shared.wait(lambda: any(shared.says(state) for state in states), 'a state')
@@ -72,7 +73,7 @@ def mux(shared: MuxBench) -> MuxBench:
 def test_status_from_the_start_says_what_is_missing(observer: Observer) -> None:
     mux = MuxBench(observer)
     try:
-        for talker in (mux.fort_estop, mux.drive_estop, mux.joy):
+        for talker in (mux.fort_estop, mux.drive_estop, mux.drive_enabled, mux.joy):
             talker.pause()
         mux.wait(
             lambda: mux.explains("e-stop source 'fort'", "e-stop source 'drive'", 'call ~/reset'),
@@ -109,6 +110,24 @@ def test_stick_becomes_a_command_with_the_joints_names(mux: MuxBench) -> None:
     mux.joy.message = sticks()
     mux.wait(lambda: mux.says('READY'), 'READY')
     mux.wait(lambda: not any(mux.command.last.velocity) and not mux.enable.last.data, 'nothing')
+
+
+def test_command_waits_for_the_drive_to_be_enabled(mux: MuxBench) -> None:
+    mux.drive_enabled.message = Bool(data=False)
+    mux.ready()
+    mux.joy.message = sticks(deadman=True)
+    mux.wait(lambda: mux.says('ACTIVE'), 'ACTIVE')
+    mux.joy.message = sticks(0.5, deadman=True)
+    begun = time.monotonic()
+    mux.wait(lambda: mux.explains('waits for the drive to be enabled: it says that it'), 'why')
+    mux.wait(lambda: mux.explains('/diagnostics of the drive says why'), 'what to do')
+    assert values_of(mux.status.last)['drive enabled'] == 'false'
+    assert mux.enable.last.data
+    assert not any(any(message.velocity) for _, message in mux.command.since(begun))
+    mux.drive_enabled.message = Bool(data=True)
+    mux.wait(lambda: any(mux.command.last.velocity), 'motion')
+    first = next(m for _, m in mux.command.since(begun) if any(m.velocity))
+    assert 0.0 < first.velocity[0] < 4.5, 'a ramp, not the whole demand at once'
 
 
 def test_command_topics_are_never_transient_local(mux: MuxBench) -> None:

@@ -207,6 +207,7 @@ def test_pub_stands_in_for_estop_source_and_operator(observer: Observer) -> None
     # Between two programs there is a gap; the timeouts of operator and source must be longer.
     rested = 5.0
     parameters = {
+        'drive_enabled_topic': '',  # as there is no drive
         'operator.fort.timeout': rested,
         'neutral_time': rested,
         'stall_limit': 1.0,
@@ -234,6 +235,7 @@ def test_pub_stands_in_for_autonomy(observer: Observer) -> None:
     state = observer.record(String, f'{space}/{MUX}/state', latched())
     command = observer.record(JointState, f'{space}/{MUX}/command')
     parameters = {
+        'drive_enabled_topic': '',
         'autonomy.topic': 'cmd_vel',
         'autonomy.timeout': 5.0,
         'operators': [''],
