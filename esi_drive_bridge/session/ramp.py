@@ -47,10 +47,12 @@ class Ramp:
         """What the last packet said."""
         return tuple(map(round, self._values))
 
-    def step(self, goals: Sequence[int], now: float) -> tuple[int, ...]:
+    def step(self, goals: tuple[int, ...], now: float) -> tuple[int, ...]:
         """Return what a packet that goes ``now`` says on the way to ``goals``."""
         dt = min(max(now - self._at, 0.0), self._max_dt)
         self._at = now
+        if self._values == goals:  # as most of the time
+            return goals
         self._values = tuple(
             follow(value, goal, limit * dt if dt else 0.0)
             for (limit, follow), value, goal in zip(self._axes, self._values, goals, strict=True)
