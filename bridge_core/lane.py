@@ -80,6 +80,7 @@ class Lane:
         self._thread: threading.Thread | None = None
         self._ending = False
         self._report_at = -math.inf
+        self.fault: Future[None] = Future()  # that has ended the thread
         self._waiter: _Waiter
         if wait_set_works(node.context):
             self._waiter = _WaitSetWaiter(node, self._guarded)
@@ -123,7 +124,8 @@ class Lane:
         """
         Call ``callback(now)`` each ``period`` s by ``clock.now``, from one period on.
 
-        Calls that are late by a period or more are left out, not made up for.
+        Calls that are late by a period or more are left out, not made up for. One that raises ends
+        the thread, since the next would, too.
         """
         with self._lock:
             timer = _Timer(period, callback, clock.now() + period)
@@ -145,7 +147,12 @@ class Lane:
         :raises TimeoutError: after 0.4 s; a call that has not begun by then never will.
         """
         thread = self._thread
-        if thread is None or thread is threading.current_thread() or not thread.is_alive():
+        if (
+            thread is None
+            or thread is threading.current_thread()
+            or not thread.is_alive()
+            or self.fault.done()
+        ):
             return function(*args)
         future: Future[Any] = Future()
         self.post(_settle, future, function, args)
@@ -181,9 +188,10 @@ class Lane:
                 self._call_posted()
                 self._call_timers()
             self._call_posted()
-        except Exception:
+        except BaseException as error:
             if self._context.ok():  # its end may come amid a wait
                 self._node.get_logger().fatal(f'{self._name} ends: {traceback.format_exc()}')
+                self.fault.set_exception(error)
         finally:
             self._waiter.close()
 
@@ -205,7 +213,7 @@ class Lane:
                 timer.due += timer.period
                 if timer.due <= now:
                     timer.due = now + timer.period
-                self._guarded(timer.callback, now)
+                timer.callback(now)
 
     def _guarded(self, function: Callable[..., Any], *args: Any) -> Any:
         """Call it; report an exception and go on: one bad message must not silence all others."""

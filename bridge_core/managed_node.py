@@ -76,6 +76,11 @@ class ManagedNode(LifecycleNode):
         self.lane.stop()
         super().destroy_node()
 
+    @property
+    def actuates(self) -> bool:
+        """Whether it moves something: such a node is the first to leave."""
+        return False
+
     def parameters_in_use(self) -> list[Parameter]:
         """Return the table, with the parameters of the names in its lists."""
         return list(self._table.values())

@@ -45,6 +45,7 @@ from bridge_core.session import Verdict
 from bridge_core.transports import TransportError
 from bridge_core.transports.link import Link
 from bridge_core.transports.link import ThreadLink
+from bridge_core.transports.process import ProcessLink
 from bridge_core.transports.wire import Bridge
 
 _LOG_PERIOD = 1.0  # s, of each site
@@ -386,6 +387,11 @@ class BridgeNode(ManagedNode, Generic[EventT]):
 
     def _find_doubled(self, now: float) -> list[str]:
         return [topic for topic, watch in self._watches.items() if watch.doubled(now)]
+
+    @property
+    def actuates(self) -> bool:
+        """Whether it moves something: then its wire has a process of its own."""
+        return issubclass(self.LINK, ProcessLink)
 
     @property
     def hardware_id(self) -> str:

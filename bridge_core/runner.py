@@ -193,6 +193,10 @@ def _spin(nodes: Sequence[ManagedNode], end: _End) -> int:
     statuses = [0]
     executors = [SingleThreadedExecutor() for _ in nodes]
 
+    def end_by_fault(*_: object) -> None:
+        statuses.append(1)
+        end.tell()
+
     def spin(node: ManagedNode, executor: SingleThreadedExecutor) -> None:
         executor.add_node(node)
         try:
@@ -204,10 +208,9 @@ def _spin(nodes: Sequence[ManagedNode], end: _End) -> int:
         except ParameterError as error:
             statuses.append(_refuse(str(error)))
             end.tell()
-        except Exception:
+        except BaseException:  # SystemExit would end this thread, and say nothing
             node.get_logger().fatal(traceback.format_exc())
-            statuses.append(1)
-            end.tell()
+            end_by_fault()
 
     threads = [
         threading.Thread(target=spin, args=pair, daemon=True)
@@ -215,6 +218,8 @@ def _spin(nodes: Sequence[ManagedNode], end: _End) -> int:
     ]
     for thread in threads:
         thread.start()
+    for node in nodes:
+        node.lane.fault.add_done_callback(end_by_fault)
     end.wait()
     stop.set()
     for executor in executors:
@@ -228,7 +233,7 @@ def _spin(nodes: Sequence[ManagedNode], end: _End) -> int:
 
 def _leave(nodes: list[ManagedNode]) -> None:
     """Have every node leave its device safe, whatever others raise; then let go of them."""
-    for node in nodes:
+    for node in sorted(nodes, key=lambda node: not node.actuates):
         _guarded(node.shut_down)
     _guarded(lambda: _wait_acknowledged(nodes))
     while nodes:
@@ -255,5 +260,5 @@ def _wait_acknowledged(nodes: Sequence[ManagedNode]) -> None:
 def _guarded(step: Callable[[], object]) -> None:
     try:
         step()
-    except Exception:
+    except BaseException:
         traceback.print_exc()

@@ -185,7 +185,6 @@ def test_callback_that_raises_is_reported_and_loses_nothing_else(
         raise ZeroDivisionError
 
     rig.lane.subscribe(Int32, 'number', on_message, 10)
-    rig.lane.every(PERIOD, lambda now: 1 / 0)
     rig.lane.start()
     say = rig.publisher('number')
     for n in range(5):
@@ -331,6 +330,28 @@ def test_stop_from_its_own_thread(rig: Rig) -> None:
     rig.lane.post(rig.lane.stop)
     thread = thread_of(rig.lane)
     wait_for(lambda: not thread.is_alive(), what='its end')
+
+
+@pytest.mark.parametrize('fault', [ZeroDivisionError, SystemExit])
+def test_timer_that_raises_ends_the_thread_which_is_told(
+    rig: Rig, fault: type[BaseException]
+) -> None:
+    def act(now: float) -> None:
+        raise fault
+
+    told: list[Any] = []
+    rig.lane.fault.add_done_callback(told.append)
+    rig.lane.every(PERIOD, act)
+    rig.lane.start()
+    wait_for(lambda: told, what='the fault')
+    assert isinstance(rig.lane.fault.exception(0.0), fault)
+    assert rig.lane.call(threading.current_thread) is threading.current_thread()
+
+
+def test_end_by_stop_is_no_fault(rig: Rig) -> None:
+    rig.lane.start()
+    rig.lane.stop()
+    assert not rig.lane.fault.done()
 
 
 def test_shut_down_context_ends_the_thread(context: Context) -> None:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from collections.abc import Iterator
+from collections.abc import Sequence
 import contextlib
 import functools
 import os
@@ -34,6 +35,7 @@ from std_srvs.srv import Trigger
 from bridge_core import clock
 from bridge_core.report import Report
 from bridge_core.report import Status
+from bridge_core.session import Answer
 from bridge_core.session import Level
 from bridge_core.session import StopChanged
 from bridge_core.session import Verdict
@@ -489,6 +491,24 @@ def test_stop_behind_a_flood_reaches_a_wire_that_runs(direct: Direct) -> None:
         direct.link.request('request_stop', False)
     direct.link.request('request_stop', True, stop=True)
     wait_for(lambda: True in direct.owner.told, 5.0, 'the stop')
+
+
+def test_stop_behind_an_event_that_the_owner_fails_at_is_not_lost(direct: Direct) -> None:
+    told = direct.owner.on_events
+
+    def on_events(events: Sequence[Any], now: float) -> None:
+        if any(isinstance(event, Answer) for event in events):
+            raise ZeroDivisionError
+        told(events, now)
+
+    def stopped() -> bool:
+        direct.pty.write(b's')  # it goes on: there is no other event
+        direct.pty.read()
+        return direct.owner.told[-1]
+
+    direct.owner.on_events = on_events  # type: ignore[method-assign]
+    direct.pty.write(b'as')
+    wait_for(stopped, 5.0, 'the stop')
 
 
 def test_link_that_is_stopped_without_a_start_or_twice(pty: Pty) -> None:

@@ -1,5 +1,6 @@
 """How nodes run: middleware and priority; how they end: the last stop arrives first."""
 
+import functools
 import os
 from pathlib import Path
 import resource
@@ -14,6 +15,8 @@ from test.rig import NodeProcess
 from test.rig import wait_for
 from test.talkers import namespace
 
+NAMES = ('remote', 'drive', 'mux', 'servos')
+
 
 class Publisher:
     def __init__(self, story: list[str], *, acknowledged: bool) -> None:
@@ -27,7 +30,8 @@ class Publisher:
 
 
 class Node:
-    def __init__(self, *, acknowledged: bool = True) -> None:
+    def __init__(self, *, acknowledged: bool = True, actuates: bool = False) -> None:
+        self.actuates = actuates
         self.story: list[str] = []
         self.publishers = [Publisher(self.story, acknowledged=acknowledged)]
 
@@ -47,6 +51,24 @@ def test_publisher_leaves_after_its_last_stop_is_acknowledged_or_given_up(
     runner._leave(list(nodes))  # type: ignore[arg-type]
     for node in nodes:
         assert node.story == ['last stop', 'wait', 'gone']
+
+
+@pytest.mark.parametrize('fault', [ZeroDivisionError, SystemExit])
+def test_actuators_leave_first_and_all_do_whatever_one_raises(
+    monkeypatch: pytest.MonkeyPatch, fault: type[BaseException]
+) -> None:
+    story: list[str] = []
+
+    def leave(name: str) -> None:
+        story.append(name)
+        raise fault
+
+    nodes = {name: Node(actuates=name in ('drive', 'servos')) for name in NAMES}
+    for name, node in nodes.items():
+        monkeypatch.setattr(node, 'shut_down', functools.partial(leave, name))
+    runner._leave(list(nodes.values()))  # type: ignore[arg-type]
+    assert story == ['drive', 'servos', 'remote', 'mux']
+    assert all(node.story[-1] == 'gone' for node in nodes.values())
 
 
 # The middleware.

@@ -86,6 +86,8 @@ def test_wiring_is_added_only_where_mux_and_drive_are_both_there() -> None:
 class Stack(Stage):
     """The three nodes in one process, on simulated devices."""
 
+    MODULE = 'rugged_teleop.stack'
+
     def __init__(self, folder: Path, observer: Observer) -> None:
         super().__init__(folder, observer, (VSC, MUX, DRIVE))
         self.drive.exchange(DriveSimulator(command_timeout=1.0))
@@ -107,7 +109,7 @@ class Stack(Stage):
                 {name: {'ros__parameters': values} for name, values in sections.items()}
             )
         )
-        self.start('stack', 'rugged_teleop.stack', {}, ('--params-file', str(file)))
+        self.start('stack', self.MODULE, {}, ('--params-file', str(file)))
         self.process = self.nodes['stack']
 
     def wait(self, condition: Any, what: str, timeout: float = 15.0) -> Any:

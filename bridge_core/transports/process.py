@@ -118,8 +118,14 @@ class ProcessLink(Link):
                 self._wait_and_step()
             except Exception:
                 traceback.print_exc()
-                self._pace_at = clock.now() + BACKOFF_START
+                self._take_as_stop(clock.now())
         self._leave()
+
+    def _take_as_stop(self, now: float) -> None:
+        """Stop after a fault of the owner: what it did not take may have been one."""
+        self._pace_at = now + BACKOFF_START
+        with contextlib.suppress(Exception):  # it fails at this, too
+            self._be_in_trouble('internal error, see the log', now)
 
     def _wait_and_step(self) -> None:
         now = clock.now()
