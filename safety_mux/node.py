@@ -39,6 +39,7 @@ from bridge_core.runner import run
 from bridge_core.session import Level
 from bridge_core.watchdog import in_words
 from safety_mux.arbiter import Arbiter
+from safety_mux.button import ResetButton
 from safety_mux.configuration import check
 from safety_mux.configuration import joint_limits
 from safety_mux.configuration import joy_mapping
@@ -129,6 +130,12 @@ class SafetyMux(ManagedNode):
         self._gated_joys: dict[str, GatedJoy] = {}
         self._source_of: dict[str, str] = {}  # by the name of the device's diagnostic
         self._build()
+        self._button: ResetButton | None = None
+        self._button_watch = PublisherWatch()
+        if self.values['reset_topic']:
+            self._button = ResetButton()
+            topic = self.values['reset_topic']
+            self.lane.subscribe(Bool, topic, self._on_button, DEMAND_QOS)
         self.create_subscription(DiagnosticArray, '/diagnostics', self._on_diagnostics, 10)
         self.lane.every(1.0 / rate, self._tick)
         self.lane.every(_LOOK_AROUND_PERIOD, self._look_around)
@@ -344,8 +351,31 @@ class SafetyMux(ManagedNode):
     def _on_drive_enabled(self, message: Any, now: float) -> None:
         self._arbiter.drive_enabled(message.data, now)
 
+    def _on_button(self, message: Any, info: Any) -> None:
+        assert self._button is not None
+        now = clock.now()
+        trouble = self._button_trouble(info['publication_sequence_number'], now)
+        why_not = self._button.hear(message.data, now, trouble)
+        if why_not is None:
+            return
+        if why_not and self._last_state is State.STOPPED:
+            self._refused_reset = now, f'not reset: the reset button {why_not}'
+        else:
+            self._reset()  # also with nothing to reset: by that a script shows itself
+
+    def _button_trouble(self, sequence_number: int, now: float) -> str:
+        """Return why a press does not count at this moment; empty if it does."""
+        lost = self._button_watch.heard(sequence_number, now)
+        if self._button_watch.doubled(now):
+            return 'has two live publishers: stop one of them'
+        if lost or not self._button_watch.settled(now):
+            return 'has lost messages, or a new publisher'
+        return '' if self._last_state is State.STOPPED else 'was pressed before the stop'
+
     def _look_around(self, now: float) -> None:
         """Find topics with two live publishers, or with one that could never be heard."""
+        if self._button is not None:
+            self._button_watch.counted(self.count_publishers(self.values['reset_topic']))
         for topic, (_, _, watch) in self._watches.items():
             watch.counted(self.count_publishers(topic))
             self._look_at(topic, now)
@@ -497,7 +527,11 @@ class SafetyMux(ManagedNode):
     def _status_message(self, now: float) -> Any:
         """Return the whole answer to 'why does it not move?'."""
         status = self._arbiter.status(now)
-        inhibits = (*status.inhibits, *self._downstream_inhibits(status, now))
+        inhibits = (
+            *status.inhibits,
+            *self._button_inhibits(status, now),
+            *self._downstream_inhibits(status, now),
+        )
         last = status.last_transition
         still = status.state in (State.STOPPED, State.STOPPING)
         values: dict[str, Any] = {'state': status.state.value, 'owner': status.owner or 'none'}
@@ -521,6 +555,12 @@ class SafetyMux(ManagedNode):
             message += f'; the last reset was {refused}'
         said = Status(Level.WARN if still else Level.OK, message, values)
         return to_msg(said, self.get_fully_qualified_name().lstrip('/'), '')
+
+    def _button_inhibits(self, status: Any, now: float) -> list[str]:
+        """Say why the reset button could not reset, where a reset is what is missing."""
+        problem = None if self._button is None else self._button.problem(now)
+        wanted = problem is not None and status.state is State.STOPPED
+        return [f'the reset button {problem}'] if wanted else []
 
     def _downstream_inhibits(self, status: Any, now: float) -> list[str]:
         """Say what keeps the machine, or a part of it, still although the mux lets it move."""

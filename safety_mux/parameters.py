@@ -113,6 +113,15 @@ GENERAL = (
         maximum=60.0,
     ),
     Parameter(
+        'reset_topic',
+        '',
+        'Topic of a reset button, beside ~/reset: std_msgs/Bool, true while it is pressed, at '
+        '10 Hz or more. It counts once it is released after 0.1 to 2 s. Empty: there is none.',
+        check=check_topic,
+        fixed=True,
+        section='the reset button',
+    ),
+    Parameter(
         'joints',
         ['left', 'right'],
         'Names of the joints in ~/command, in this order, as the drive names them.',

@@ -8,19 +8,14 @@ import time
 from typing import Any
 
 import pytest
-from rclpy.parameter import Parameter
-from std_msgs.msg import Bool
 
 from bridge_core import clock
-from safety_mux.node import SafetyMux
 from safety_mux.protocol import State
+from test.fed_mux import FedMux
 from test.link_rig import Bench
 from test.link_rig import wait_at
-from test.mux_talkers import PATIENT
-from test.mux_talkers import sticks
 from test.rig import holds_for
 from test.rig import wait_for
-from test.talkers import namespace
 from test.test_imports import modules
 from test.test_imports import within
 
@@ -73,45 +68,6 @@ def test_wire_that_slept_stops_until_it_hears_again(
     holds_for(lambda: bench.owner.stop, 0.2)
     assert bench.session.received == b'x'  # not what came before
     bench.make_healthy()
-
-
-class FedMux:
-    """A mux in this process that hears all it needs; its lane never hears nothing."""
-
-    def __init__(self, context: Any) -> None:
-        given = [Parameter(name, value=value) for name, value in PATIENT.items()]
-        self.joy = sticks()
-        self.mux = SafetyMux(context=context, namespace=namespace(), parameter_overrides=given)
-        self.mux.autostart()
-        self.mux.lane.every(0.05, self._feed)
-
-    def _feed(self, now: float) -> None:
-        for name in ('fort', 'drive'):
-            self.mux._on_estop(name, Bool(data=False), now)
-        self.mux._on_joy('fort', self.joy, now)
-
-    def state(self) -> State:
-        return self.mux.lane.call(lambda: self.mux._last_state)  # type: ignore[no-any-return]
-
-    def status(self) -> Any:
-        return self.mux.lane.call(lambda: self.mux._arbiter.status(clock.now()))
-
-    def may_reset(self) -> bool:
-        status = self.status()
-        return bool(status.stops_clear and status.operators_at_rest)
-
-    def wait(self, state: State) -> None:
-        wait_for(lambda: self.state() is state, what=state.value)
-
-    def drive(self) -> None:
-        """From STOPPED to ACTIVE, as an operator has to."""
-        self.joy = sticks()
-        wait_for(self.may_reset, what='all clear')
-        assert self.mux.lane.call(self.mux._reset).ok
-        wait_for(lambda: 'rested' in self.status().conditions.values(), what='a rest')
-        assert self.state() is State.READY
-        self.joy = sticks(0.5, deadman=True)
-        self.wait(State.ACTIVE)
 
 
 @pytest.fixture

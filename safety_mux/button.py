@@ -1,0 +1,59 @@
+"""
+A reset by a button, as ISO 13849-1 has a manual reset: pressed, and released again.
+
+The topic says all the time whether the button is pressed. The release counts, after a press that
+was neither too short (a bounce, a disturbance) nor too long (a button that sticks, or was taped
+down), and of which nothing was missed.
+"""
+
+from bridge_core.watchdog import in_words
+from bridge_core.watchdog import Watchdog
+
+SHORTEST, LONGEST = 0.1, 2.0  # s
+TIMEOUT = 0.25  # s
+
+
+class ResetButton:
+    """Follows one button by its messages."""
+
+    __slots__ = ('_fault', '_pressed', '_since', '_watchdog')
+
+    def __init__(self) -> None:
+        self._watchdog = Watchdog(TIMEOUT)
+        self._pressed = False
+        self._since = 0.0  # of the newest press
+        self._fault = ''  # why that one does not count
+
+    def hear(self, pressed: bool, now: float, trouble: str = '') -> str | None:
+        """
+        Take a message; return None, or at a release why it is no reset, empty if it is one.
+
+        :param trouble: why no press counts at this moment; empty: nothing is in the way.
+        """
+        if not self._watchdog.heard:
+            trouble = 'was pressed when it was first heard'
+        elif self._watchdog.expired(now):
+            trouble = f'was stale meanwhile: {self._watchdog.describe(now)}'
+        self._watchdog.feed(now)
+        before, self._pressed = self._pressed, pressed
+        if pressed and not before:
+            self._since, self._fault = now, ''
+        self._fault = self._fault or trouble
+        return self._fault or self._wrong_length(now) if before and not pressed else None
+
+    def problem(self, now: float) -> str | None:
+        """Return why it could not reset now, in words; None if it could."""
+        if self._watchdog.expired(now):
+            condition = 'stale' if self._watchdog.heard else 'silent'
+            return f'is {condition}: {self._watchdog.describe(now)}'
+        held = now - self._since
+        if self._pressed and not held <= LONGEST:
+            return f'has been held for {in_words(held)}: release it'
+        return None
+
+    def _wrong_length(self, now: float) -> str:
+        held = now - self._since
+        if SHORTEST <= held <= LONGEST:
+            return ''
+        limits = f'{in_words(SHORTEST)} to {in_words(LONGEST)}'
+        return f'was held for {in_words(held)}; {limits} count'

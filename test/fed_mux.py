@@ -1,0 +1,57 @@
+"""A mux in the test's own process, fed without topics."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from rclpy.parameter import Parameter
+from std_msgs.msg import Bool
+
+from bridge_core import clock
+from safety_mux.node import SafetyMux
+from safety_mux.protocol import State
+from test.mux_talkers import PATIENT
+from test.mux_talkers import sticks
+from test.rig import wait_for
+from test.talkers import namespace
+
+
+class FedMux:
+    """A mux in this process that hears all it needs; its lane never hears nothing."""
+
+    def __init__(self, context: Any, **parameters: Any) -> None:
+        values = {**PATIENT, **parameters}
+        given = [Parameter(name, value=value) for name, value in values.items()]
+        self.joy = sticks()
+        self.stop = False
+        self.mux = SafetyMux(context=context, namespace=namespace(), parameter_overrides=given)
+        self.mux.autostart()
+        self.mux.lane.every(0.05, self._feed)
+
+    def _feed(self, now: float) -> None:
+        for name, stop in (('fort', self.stop), ('drive', False)):
+            self.mux._on_estop(name, Bool(data=stop), now)
+        self.mux._on_joy('fort', self.joy, now)
+
+    def state(self) -> State:
+        return self.mux.lane.call(lambda: self.mux._last_state)  # type: ignore[no-any-return]
+
+    def status(self) -> Any:
+        return self.mux.lane.call(lambda: self.mux._arbiter.status(clock.now()))
+
+    def may_reset(self) -> bool:
+        status = self.status()
+        return bool(status.stops_clear and status.operators_at_rest)
+
+    def wait(self, state: State) -> None:
+        wait_for(lambda: self.state() is state, what=state.value)
+
+    def drive(self) -> None:
+        """From STOPPED to ACTIVE, as an operator has to."""
+        self.joy = sticks()
+        wait_for(self.may_reset, what='all clear')
+        assert self.mux.lane.call(self.mux._reset).ok
+        wait_for(lambda: 'rested' in self.status().conditions.values(), what='a rest')
+        assert self.state() is State.READY
+        self.joy = sticks(0.5, deadman=True)
+        self.wait(State.ACTIVE)

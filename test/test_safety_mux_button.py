@@ -1,0 +1,139 @@
+"""The reset button: what counts is the release after a press of the right length."""
+
+from itertools import pairwise
+
+from hypothesis import given
+from hypothesis import strategies as st
+import pytest
+
+from safety_mux.button import LONGEST
+from safety_mux.button import ResetButton
+from safety_mux.button import SHORTEST
+from safety_mux.button import TIMEOUT
+
+EVERY = 0.05  # s between messages
+HOUR = 3600.0
+
+
+class Bench:
+    def __init__(self) -> None:
+        self.button = ResetButton()
+        self.now = 0.0
+
+    def hold(self, pressed: bool, seconds: float, trouble: str = '') -> list[str | None]:
+        """Say so for a while; return what came of it."""
+        end, found = self.now + seconds, []
+        while self.now < end - EVERY / 2:
+            found.append(self.button.hear(pressed, self.now, trouble))
+            self.now += EVERY
+        return found
+
+    def press(self, seconds: float, trouble: str = '') -> str | None:
+        """Press it for a while, and release it; return what came of that."""
+        assert set(self.hold(True, seconds, trouble)) == {None}
+        return self.button.hear(False, self.now)
+
+
+@pytest.fixture
+def bench() -> Bench:
+    result = Bench()
+    assert set(result.hold(False, 1.0)) == {None}
+    return result
+
+
+@pytest.mark.parametrize('seconds', [0.15, 0.5, 1.95])
+def test_release_is_a_reset_once(bench: Bench, seconds: float) -> None:
+    assert bench.press(seconds) == ''
+    assert set(bench.hold(False, 1.0)) == {None}
+    assert bench.press(seconds) == ''
+
+
+@pytest.mark.parametrize(('seconds', 'words'), [(0.05, '50 ms'), (2.1, '2100 ms'), (60.0, '60 s')])
+def test_press_of_another_length_is_none(bench: Bench, seconds: float, words: str) -> None:
+    assert bench.press(seconds) == f'was held for {words}; 100 ms to 2000 ms count'
+    assert set(bench.hold(False, 1.0)) == {None}
+    assert bench.press(0.5) == ''
+
+
+@pytest.mark.parametrize('held', [SHORTEST, LONGEST])
+def test_limits_themselves_count(held: float) -> None:
+    button = ResetButton()
+    button.hear(False, -EVERY)
+    for n in range(16):
+        button.hear(True, held * n / 16)
+    assert button.hear(False, held) == ''
+
+
+def test_button_that_is_held_from_the_start_is_none() -> None:
+    bench = Bench()
+    assert bench.press(0.5) == 'was pressed when it was first heard'
+    bench.hold(False, 0.5)
+    assert bench.press(0.5) == ''
+
+
+def test_button_that_sticks_never_resets_and_says_so(bench: Bench) -> None:
+    bench.hold(True, 1.9)
+    assert bench.button.problem(bench.now) is None
+    assert set(bench.hold(True, 60.0)) == {None}
+    assert bench.button.problem(bench.now) == 'has been held for 62 s: release it'
+
+
+def test_silence_before_amid_and_at_the_end_of_a_press_spoils_it(bench: Bench) -> None:
+    for before, amid, end in ((TIMEOUT, 0.0, 0.0), (0.0, TIMEOUT, 0.0), (0.0, 0.0, TIMEOUT)):
+        bench.now += before
+        bench.hold(True, 0.2)
+        bench.now += amid
+        bench.hold(True, 0.2)
+        bench.now += end
+        why_not = bench.button.hear(False, bench.now)
+        assert why_not is not None
+        assert why_not.startswith('was stale meanwhile: last heard ')
+        bench.hold(False, 0.5)
+        assert bench.press(0.5) == ''
+        bench.hold(False, 0.5)
+
+
+def test_topic_that_ends_while_it_is_pressed_says_so(bench: Bench) -> None:
+    bench.hold(True, 0.5)
+    assert bench.button.problem(bench.now) is None
+    bench.now += HOUR
+    assert bench.button.problem(bench.now) == 'is stale: last heard 60 min ago, limit 250 ms'
+    assert ResetButton().problem(0.0) == 'is silent: never heard, limit 250 ms'
+
+
+@pytest.mark.parametrize('step', [-HOUR, HOUR])
+def test_clock_that_jumps_amid_a_press_spoils_it(bench: Bench, step: float) -> None:
+    bench.hold(True, 0.5)
+    bench.now += step
+    assert bench.button.hear(False, bench.now)
+
+
+def test_press_amid_trouble_does_not_count(bench: Bench) -> None:
+    assert bench.press(0.5, 'has a reason') == 'has a reason'
+    bench.hold(False, 0.5, 'has a reason')
+    assert bench.press(0.5) == ''
+    bench.hold(False, 0.5)
+    bench.hold(True, 0.2)
+    bench.hold(True, 0.2, 'has a reason')
+    assert bench.press(0.2) == 'has a reason'
+
+
+@given(st.lists(st.tuples(st.booleans(), st.sampled_from([0.0, 0.05, 0.1, 0.2, 0.25, 1.0]))))
+def test_no_sequence_resets_but_a_whole_press(messages: list[tuple[bool, float]]) -> None:
+    """By a definition of its own: false, then true for 0.1 to 2 s, then false, without a gap."""
+    button, now = ResetButton(), 0.0
+    heard: list[tuple[bool, float]] = []
+    for pressed, pause in messages:
+        now += pause
+        heard.append((pressed, now))
+        assert (button.hear(pressed, now) == '') == is_reset(heard)
+
+
+def is_reset(heard: list[tuple[bool, float]]) -> bool:
+    values = ''.join('01'[pressed] for pressed, _ in heard)
+    before = len(values[:-1].rstrip('1')) - 1  # the last false before the press
+    if not values.endswith('10') or before < 0:
+        return False
+    times = [at for _, at in heard[before:]]
+    in_time = all(then < at + TIMEOUT for at, then in pairwise(times))
+    return in_time and SHORTEST <= times[-1] - times[1] <= LONGEST
