@@ -104,6 +104,8 @@ def check(values: Mapping[str, Any], resolved: Callable[[str], str]) -> None:
         raise ParameterError(
             f'parameter joints = {values["joints"]}: names must be there and differ'
         )
+    if values['output'] != 'joints':
+        _check_twist(values)
     twist = values['autonomy.type'] != 'JointState'
     if values['autonomy.topic'] and twist and len(values['joints']) != 2:
         raise ParameterError('parameter autonomy.type: Twist needs two joints, left and right')
@@ -122,6 +124,17 @@ def check(values: Mapping[str, Any], resolved: Callable[[str], str]) -> None:
                     f'parameter operator.{name}.scale: {most} is above joint.{joint}.max, '
                     f'which is {limit.magnitude}'
                 )
+
+
+def _check_twist(values: Mapping[str, Any]) -> None:
+    """Refuse what a twist cannot say."""
+    mixings = {f'operator.{name}.mixing': 'none' for name in names_of(values, 'operators')}
+    needed = {'joints': ['linear', 'angular'], 'interface': 'velocity', **mixings}
+    for name, value in needed.items():
+        if values[name] != value:
+            raise ParameterError(
+                f'parameter {name} = {values[name]!r}: output {values["output"]} needs {value!r}'
+            )
 
 
 def _check_topics(values: Mapping[str, Any], resolved: Callable[[str], str]) -> None:

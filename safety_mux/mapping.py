@@ -192,10 +192,21 @@ class DifferentialDrive:
         :param linear: m/s along x, y, z. :param angular: rad/s around x, y, z.
         :raises MalformedInput: one of the six is not finite, used or not.
         """
-        if not all(map(math.isfinite, (*linear, *angular))):
-            raise MalformedInput(f'the twist is not finite: linear {linear}, angular {angular}')
-        forward, half = linear[0], angular[2] * self.wheel_separation / 2.0
+        forward, turn = forward_and_turn(linear, angular)
+        half = turn * self.wheel_separation / 2.0
         return (forward - half) / self.wheel_radius, (forward + half) / self.wheel_radius
+
+
+def forward_and_turn(linear: Sequence[float], angular: Sequence[float]) -> tuple[float, float]:
+    """
+    Return what a robot on wheels follows of a twist: m/s forward, rad/s to the left.
+
+    :param linear: m/s along x, y, z. :param angular: rad/s around x, y, z.
+    :raises MalformedInput: one of the six is not finite, used or not.
+    """
+    if not all(map(math.isfinite, (*linear, *angular))):
+        raise MalformedInput(f'the twist is not finite: linear {linear}, angular {angular}')
+    return linear[0], angular[2]
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,7 +6,6 @@ services, asks it to. Outputs are repeated from construction to the end, in ever
 a mux that is not active says stop, disable and 0.
 """
 
-from array import array
 from collections.abc import Callable
 from functools import partial
 import math
@@ -46,8 +45,11 @@ from safety_mux.configuration import joy_mapping
 from safety_mux.configuration import mux_config
 from safety_mux.limits import JointLimiter
 from safety_mux.mapping import DifferentialDrive
+from safety_mux.mapping import forward_and_turn
 from safety_mux.mapping import NamedJoints
+from safety_mux.outputs import command_of
 from safety_mux.outputs import GatedJoy
+from safety_mux.outputs import Repeated
 from safety_mux.parameters import GENERAL
 from safety_mux.parameters import parameter_table
 from safety_mux.protocol import AUTONOMY
@@ -65,40 +67,13 @@ DEMAND_QOS = QoSProfile(depth=5, reliability=ReliabilityPolicy.BEST_EFFORT)
 COMMAND_QOS = QoSProfile(depth=1)
 
 _AUTONOMY_TYPES = {'Twist': Twist, 'TwistStamped': TwistStamped, 'JointState': JointState}
+_TWIST_TYPES = {'twist': Twist, 'twist_stamped': TwistStamped}
 _DEMAND_PERIOD = 0.05  # s, of ~/stop_demand; devices time out on it
 _STATE_PERIOD = 0.1  # s, of ~/state, for people
 _LOOK_AROUND_PERIOD = 0.5
 _DIAGNOSTICS_PERIOD = 1.0
 _LOG_PERIOD = 1.0
 _INACTIVE = 'the mux is not active: activate the node'
-
-
-class _Repeated:
-    """
-    A topic of one value, published at once on change and repeated each ``period`` s.
-
-    :param kind: the message's type; one message serves until the value changes.
-    """
-
-    def __init__(self, publisher: Any, kind: Any, period: float) -> None:
-        self.publisher = publisher
-        self._kind = kind
-        self._period = period
-        self._value: Any = None
-        self._message: Any = None
-        self._due = -math.inf
-
-    def say(self, value: Any, now: float) -> None:
-        """Publish ``value`` if it is another one, or if it is time to repeat it."""
-        if value != self._value or self._message is None:
-            self._value, self._message = value, self._kind(data=value)
-            self._due = now
-        elif now < self._due:
-            return
-        self.publisher.publish(self._message)
-        self._due += self._period
-        if self._due <= now:
-            self._due = now + self._period
 
 
 class SafetyMux(ManagedNode):
@@ -114,7 +89,11 @@ class SafetyMux(ManagedNode):
         heartbeat = 1.0 / heartbeat_rate
         self._estop = self.create_repeated(Bool, '~/estop', latched_qos(deadline), heartbeat)
         self._enable = self.create_repeated(Bool, '~/enable', COMMAND_QOS, heartbeat)
-        self._command = self.create_publisher(JointState, '~/command', COMMAND_QOS)
+        if self.values['output'] == 'joints':
+            self._command = self.create_publisher(JointState, '~/command', COMMAND_QOS)
+        else:
+            kind = _TWIST_TYPES[self.values['output']]
+            self._command = self.create_publisher(kind, '~/cmd_vel', COMMAND_QOS)
         self._state = self.create_repeated(String, '~/state', latched_qos(), _STATE_PERIOD)
         self._status = self.create_publisher(DiagnosticStatus, '~/status', latched_qos())
         self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', 10)
@@ -126,7 +105,7 @@ class SafetyMux(ManagedNode):
         self._refused_reset: tuple[float, str] | None = None  # since the last one that counted
         self._own_watches: dict[str, tuple[Any, PublisherWatch]] = {}  # while others are there
         self._inputs: list[Any] = []
-        self._stop_demands: dict[str, _Repeated] = {}
+        self._stop_demands: dict[str, Repeated] = {}
         self._gated_joys: dict[str, GatedJoy] = {}
         self._source_of: dict[str, str] = {}  # by the name of the device's diagnostic
         self._build()
@@ -143,9 +122,9 @@ class SafetyMux(ManagedNode):
         self.lane.every(_DIAGNOSTICS_PERIOD, self._publish_diagnostics)
         self.lane.start()
 
-    def create_repeated(self, kind: Any, topic: str, qos: QoSProfile, period: float) -> _Repeated:
+    def create_repeated(self, kind: Any, topic: str, qos: QoSProfile, period: float) -> Repeated:
         """Return a topic that is published on change and each ``period`` s."""
-        return _Repeated(self.create_publisher(kind, topic, qos), kind, period)
+        return Repeated(self.create_publisher(kind, topic, qos), kind, period)
 
     # Parameters and lifecycle.
 
@@ -214,7 +193,7 @@ class SafetyMux(ManagedNode):
         self._watches: dict[str, tuple[Kind, str, PublisherWatch]] = {}
         self._source_of = {}
         self._interface = values['interface']
-        self._joint_state = JointState(name=values['joints'])
+        self._words = command_of(values)
         for source in config.sources:
             self._subscribe_source(source.name)
             self._stop_demands[source.name] = self.create_repeated(
@@ -253,9 +232,10 @@ class SafetyMux(ManagedNode):
     def _subscribe_autonomy(self) -> None:
         values = self.values
         kind, topic = values['autonomy.type'], values['autonomy.topic']
-        self._drive = DifferentialDrive(
+        wheels = DifferentialDrive(
             values['autonomy.wheel_separation'], values['autonomy.wheel_radius']
         )
+        self._of_twist = wheels.demand if values['output'] == 'joints' else forward_and_turn
         self._named = NamedJoints(tuple(values['joints']))
         self._subscribe(
             _AUTONOMY_TYPES[kind], topic, 'autonomy', AUTONOMY, self._on_autonomy, DEMAND_QOS
@@ -346,7 +326,7 @@ class SafetyMux(ManagedNode):
             return self._named.demand(message.name, getattr(message, self._interface))
         twist = message.twist if isinstance(message, TwistStamped) else message
         speed, turn = twist.linear, twist.angular
-        return self._drive.demand((speed.x, speed.y, speed.z), (turn.x, turn.y, turn.z))
+        return self._of_twist((speed.x, speed.y, speed.z), (turn.x, turn.y, turn.z))
 
     def _on_drive_enabled(self, message: Any, now: float) -> None:
         self._arbiter.drive_enabled(message.data, now)
@@ -486,10 +466,8 @@ class SafetyMux(ManagedNode):
 
     def _tick(self, now: float) -> None:
         decision = self._decide(now)
-        command = self._joint_state  # one for all: publish copies it
-        setattr(command, self._interface, array('d', decision.demand))
-        command.header.stamp = self.get_clock().now().to_msg()
-        self._command.publish(command)
+        stamp = self.get_clock().now().to_msg()
+        self._command.publish(self._words.message(decision.demand, stamp))
         for joy in self._gated_joys.values():
             joy.say(now)
         for name, demanded in decision.stop_demand.items():
@@ -569,7 +547,8 @@ class SafetyMux(ManagedNode):
         why = []
         if self._command.get_subscription_count() == 0:
             why.append(
-                'nobody listens to ~/command: is the drive node running and wired to the mux?'
+                f'nobody listens to {self._words.topic}: is the drive node running and wired to '
+                'the mux?'
             )
         elif status.state is State.ACTIVE and not enabled and waited >= 0.5:
             why.append(

@@ -1,15 +1,102 @@
-"""What follows from a decision for others than the drive's e-stop and enable, as messages."""
+"""What a decision becomes: topics that are repeated, commands, gated Joys."""
 
 from __future__ import annotations
 
+from array import array
 from collections.abc import Callable
 from collections.abc import Iterable
+from collections.abc import Mapping
+from collections.abc import Sequence
 import math
 from typing import Any
 
+from geometry_msgs.msg import Twist
+from geometry_msgs.msg import TwistStamped
+from sensor_msgs.msg import JointState
 from sensor_msgs.msg import Joy
 
+from safety_mux.protocol import Demand
+
 _NEUTRAL_PERIOD = 0.05  # s; who obeys a Joy times out on it
+
+
+class Repeated:
+    """
+    A topic of one value, published at once on change and repeated each ``period`` s.
+
+    :param kind: the message's type; one message serves until the value changes.
+    """
+
+    def __init__(self, publisher: Any, kind: Any, period: float) -> None:
+        self.publisher = publisher
+        self._kind = kind
+        self._period = period
+        self._value: Any = None
+        self._message: Any = None
+        self._due = -math.inf
+
+    def say(self, value: Any, now: float) -> None:
+        """Publish ``value`` if it is another one, or if it is time to repeat it."""
+        if value != self._value or self._message is None:
+            self._value, self._message = value, self._kind(data=value)
+            self._due = now
+        elif now < self._due:
+            return
+        self.publisher.publish(self._message)
+        self._due += self._period
+        if self._due <= now:
+            self._due = now + self._period
+
+
+class JointCommand:
+    """
+    The demand as a JointState. One message serves for all, as publishing copies it.
+
+    :param joints: their names. :param field: of the message, velocity or effort.
+    """
+
+    topic = '~/command'
+
+    def __init__(self, joints: Sequence[str], field: str) -> None:
+        self._message = JointState(name=joints)
+        self._field = field
+
+    def message(self, demand: Demand, stamp: Any) -> JointState:
+        """Return the message of one decision."""
+        self._message.header.stamp = stamp
+        setattr(self._message, self._field, array('d', demand))
+        return self._message
+
+
+class TwistCommand:
+    """
+    The demand of two joints, m/s forward and rad/s to the left, as a Twist or TwistStamped.
+
+    :param frame_id: of a TwistStamped; None: a Twist.
+    """
+
+    topic = '~/cmd_vel'
+
+    def __init__(self, frame_id: str | None) -> None:
+        self._twist = Twist()
+        self._stamped = None if frame_id is None else TwistStamped(twist=self._twist)
+        if self._stamped is not None:
+            self._stamped.header.frame_id = frame_id
+
+    def message(self, demand: Demand, stamp: Any) -> Twist | TwistStamped:
+        """Return the message of one decision."""
+        self._twist.linear.x, self._twist.angular.z = demand
+        if self._stamped is None:
+            return self._twist
+        self._stamped.header.stamp = stamp
+        return self._stamped
+
+
+def command_of(values: Mapping[str, Any]) -> JointCommand | TwistCommand:
+    """Return what makes messages of demands, by the mux's parameters."""
+    if values['output'] == 'joints':
+        return JointCommand(values['joints'], values['interface'])
+    return TwistCommand(values['frame_id'] if values['output'] == 'twist_stamped' else None)
 
 
 class GatedJoy:

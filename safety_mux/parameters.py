@@ -45,6 +45,21 @@ GENERAL = (
         fixed=True,
     ),
     Parameter(
+        'output',
+        'joints',
+        'joints: ~/command, for drives. twist, twist_stamped: ~/cmd_vel, for a base controller; '
+        'then joints is [linear, angular], in m/s forward and rad/s to the left, interface is '
+        'velocity and mixing none.',
+        choices=('joints', 'twist', 'twist_stamped'),
+        fixed=True,
+    ),
+    Parameter(
+        'frame_id',
+        'base_link',
+        'frame_id of ~/cmd_vel, where output is twist_stamped.',
+        fixed=True,
+    ),
+    Parameter(
         'interface',
         'velocity',
         'What the numbers of ~/command are: its field velocity (rad/s) or effort (N·m). Position '

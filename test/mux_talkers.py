@@ -6,6 +6,8 @@ import time
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
+from geometry_msgs.msg import Twist
+from geometry_msgs.msg import TwistStamped
 from sensor_msgs.msg import JointState
 from sensor_msgs.msg import Joy
 from std_msgs.msg import Bool
@@ -31,6 +33,11 @@ PATIENT = {
     'autonomy.timeout': TIMEOUT,
     'neutral_time': TIMEOUT,
 }
+OUTPUTS = {
+    'joints': (JointState, 'command'),
+    'twist': (Twist, 'cmd_vel'),
+    'twist_stamped': (TwistStamped, 'cmd_vel'),
+}
 FRESH = 0.2  # s; of ~/state, four periods
 CLEAR_TIME = 0.5  # the mux's default; a reset within it of another counts as repeated
 
@@ -53,7 +60,8 @@ class MuxBench:
         record = observer.record
         self.estop = record(Bool, f'{self.name}/estop', latched())
         self.enable = record(Bool, f'{self.name}/enable')
-        self.command = record(JointState, f'{self.name}/command')
+        kind, topic = OUTPUTS[self.given.get('output', 'joints')]
+        self.command = record(kind, f'{self.name}/{topic}')
         self.state = record(String, f'{self.name}/state', latched())
         self.status = record(DiagnosticStatus, f'{self.name}/status', latched())
         self.stop_demand = {
@@ -142,7 +150,7 @@ class MuxBench:
         self.joy.message = sticks(deadman=True)
         self.wait(lambda: self.says('ACTIVE'), 'ACTIVE')
         self.joy.message = sticks(forward, deadman=True)
-        self.wait(lambda: any(self.command.last.velocity), 'motion')
+        self.wait(lambda: any(self.demand), 'motion')
 
     def stopped_since(self, cause: float, within: float = TIMEOUT + 0.4) -> None:
         """See STOPPED in time, and nothing but stop, disable and 0 from then on."""
@@ -159,8 +167,17 @@ class MuxBench:
 
     def is_stopped(self) -> bool:
         """Tell whether the newest outputs are stop, disable and 0."""
-        outputs = (self.estop.last.data, self.enable.last.data, any(self.command.last.velocity))
+        outputs = (self.estop.last.data, self.enable.last.data, any(self.demand))
         return outputs == (True, False, False)
+
+    @property
+    def demand(self) -> tuple[float, ...]:
+        """The newest command: of joints, or forward and turn of a twist."""
+        message = self.command.last
+        if isinstance(message, JointState):
+            return tuple(message.velocity)
+        twist = message.twist if isinstance(message, TwistStamped) else message
+        return twist.linear.x, twist.angular.z
 
     def close(self) -> None:
         self.node.__exit__(None, None, None)

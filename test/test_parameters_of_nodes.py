@@ -288,6 +288,22 @@ CONTRADICTIONS: dict[str, tuple[str, dict[str, Any], str]] = {
         },
         r'parameter autonomy\.type',
     ),
+    'a twist of other joints': ('mux', {'output': 'twist'}, r'parameter joints.*linear.*angular'),
+    'a twist mixed to wheels': (
+        'mux',
+        {'output': 'twist', 'joints': ['linear', 'angular']},
+        r"parameter operator\.fort\.mixing = 'arcade'.*'none'",
+    ),
+    'a twist of torques': (
+        'mux',
+        {
+            'output': 'twist_stamped',
+            'joints': ['linear', 'angular'],
+            'operator.fort.mixing': 'none',
+            'interface': 'effort',
+        },
+        r"parameter interface = 'effort'.*'velocity'",
+    ),
     'three axes to mix': ('mux', {'operator.fort.axis': [0, 1, 2]}, r'operator\.fort.*arcade'),
     'one axis to mix': ('mux', {'operator.fort.axis': [0]}, r'operator\.fort.*arcade'),
     'more scales than axes': (

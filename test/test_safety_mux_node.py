@@ -27,9 +27,9 @@ from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
 from bridge_core import clock
-from safety_mux.node import _Repeated
 from safety_mux.node import ESTOP_QOS
 from safety_mux.node import SafetyMux
+from safety_mux.outputs import Repeated
 from safety_mux.protocol import Decision
 from safety_mux.protocol import State
 from test.mux_talkers import CLEAR_TIME
@@ -562,7 +562,7 @@ class Publisher:
 
 def test_repeated_value_goes_out_at_once_on_change_and_at_its_rate_else() -> None:
     story: list[Any] = []
-    topic = _Repeated(Publisher(story), Bool, period=0.025)
+    topic = Repeated(Publisher(story), Bool, period=0.025)
     sent = []
     for n in range(101):  # 1 s of ticks, with a change of one tick amid them
         before = len(story)
@@ -579,7 +579,7 @@ def test_repeated_value_goes_out_at_once_on_change_and_at_its_rate_else() -> Non
 
 def test_repeated_value_makes_up_for_nothing_after_a_pause() -> None:
     story: list[Any] = []
-    topic = _Repeated(Publisher(story), Bool, period=0.025)
+    topic = Repeated(Publisher(story), Bool, period=0.025)
     for n in (0, 500, 501, 502):
         topic.say(False, n * 0.01)
     assert len(story) == 2

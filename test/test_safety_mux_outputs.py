@@ -3,29 +3,41 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from itertools import pairwise
+import math
 import time
 from typing import Any
 
 from builtin_interfaces.msg import Time
+from diagnostic_msgs.msg import DiagnosticStatus
+from geometry_msgs.msg import Twist
+from geometry_msgs.msg import TwistStamped
+from geometry_msgs.msg import Vector3
 from hypothesis import given
 from hypothesis import strategies as st
 import pytest
+from rclpy.qos import DurabilityPolicy
+from rclpy.time import Time as Clock
 from sensor_msgs.msg import Joy
 from std_msgs.msg import Bool
 from std_msgs.msg import Header
 
 from safety_mux.node import SafetyMux
+from safety_mux.outputs import command_of
 from safety_mux.outputs import GatedJoy
 from safety_mux.protocol import Decision
 from safety_mux.protocol import State
 from test.mux_talkers import MuxBench
 from test.mux_talkers import sticks
+from test.rig import latched
+from test.rig import NodeProcess
 from test.rig import Observer
 from test.safety_mux_bench import Bench
 from test.safety_mux_bench import DRIVE
 from test.safety_mux_bench import OFF
 from test.safety_mux_bench import REST
 from test.talkers import namespace
+from test.talkers import Talker
 
 DEADBAND = 0.05
 DEADMAN = 0
@@ -251,6 +263,39 @@ def test_owner_who_is_overruled_is_followed_no_more_while_the_output_ramps() -> 
     assert followed(bench, 0.5) == {None}
 
 
+# Commands.
+
+
+STAMP = Time(sec=3, nanosec=4)
+
+
+def values(output: str) -> dict[str, Any]:
+    joints = ['left', 'right', 'mast'] if output == 'joints' else ['linear', 'angular']
+    return {'output': output, 'joints': joints, 'interface': 'effort', 'frame_id': 'base'}
+
+
+def test_command_of_joints_has_their_names_the_field_of_the_interface_and_the_stamp() -> None:
+    command = command_of(values('joints'))
+    command.message((9.0, 9.0, 9.0), Time())
+    message = command.message((1.0, -2.0, 0.5), STAMP)
+    assert list(message.name) == ['left', 'right', 'mast']
+    assert list(message.effort) == [1.0, -2.0, 0.5]
+    assert not message.velocity
+    assert not message.position
+    assert message.header.stamp == STAMP
+
+
+@pytest.mark.parametrize('output', ['twist', 'twist_stamped'])
+def test_twist_is_forward_and_turn_and_nothing_else(output: str) -> None:
+    command = command_of(values(output))
+    command.message((9.0, 9.0), Time())
+    message = command.message((0.5, -0.25), STAMP)
+    if output == 'twist_stamped':
+        assert message.header == Header(frame_id='base', stamp=STAMP)
+        message = message.twist
+    assert message == Twist(linear=Vector3(x=0.5), angular=Vector3(z=-0.25))
+
+
 # The node.
 
 
@@ -377,5 +422,109 @@ def test_stick_that_was_held_before_control_is_named_and_moves_nothing(
         mux.wait(lambda: mux.is_past('leaves out') or not mux.inhibits(), 'let go of')
         mux.joy.message = message
         mux.wait(lambda: record.last.axes[4] == pytest.approx(0.5), 'the stick')
+    finally:
+        mux.close()
+
+
+# A base controller instead of drives.
+
+BASE: dict[str, Any] = {
+    'joints': ['linear', 'angular'],
+    'joint.linear.max': 1.0,
+    'joint.linear.acceleration': 2.0,
+    'joint.linear.deceleration': 4.0,
+    'joint.angular.max': 2.0,
+    'operator.fort.mixing': 'none',
+    'operator.fort.axis': [1, 0],
+    'operator.fort.scale': [1.0, 2.0],
+    'drive_enabled_topic': '',
+}
+
+
+@pytest.mark.parametrize('output', ['twist', 'twist_stamped'])
+def test_operator_drives_a_base_by_forward_and_turn(observer: Observer, output: str) -> None:
+    mux = MuxBench(observer, output=output, **BASE)
+    try:
+        mux.wait(lambda: len(mux.command.messages) > 10, 'zero, from the start')
+        assert mux.is_stopped()
+        mux.active()
+        mux.joy.message = sticks(1.0, deadman=True)
+        mux.joy.message.axes[0] = 0.525  # half of the way behind the dead band
+        mux.wait(lambda: mux.demand == pytest.approx((1.0, 1.0), abs=1e-3), 'forward and turn')
+        if output == 'twist_stamped':  # no step, whatever of it has come here
+            ramp = [
+                (Clock.from_msg(m.header.stamp), m.twist.linear.x) for m in mux.command.messages
+            ]
+            assert all(
+                x - y <= 2.0 * (t - u).nanoseconds / 1e9 + 0.5 for (u, y), (t, x) in pairwise(ramp)
+            )
+        topics = dict(observer.node.get_topic_names_and_types())
+        assert f'{mux.name}/command' not in topics
+        (endpoint,) = observer.node.get_publishers_info_by_topic(f'{mux.name}/cmd_vel')
+        assert endpoint.qos_profile.durability == DurabilityPolicy.VOLATILE
+        cause = time.monotonic()
+        mux.fort_estop.publisher.publish(Bool(data=True))
+        mux.stopped_since(cause)
+        mux.command.clear()
+        mux.wait(lambda: len(mux.command.messages) > 10, 'zero, again and again')
+        assert mux.is_stopped()
+        if output == 'twist_stamped':
+            stamps = [Clock.from_msg(m.header.stamp) for m in mux.command.messages]
+            assert all(a < b for a, b in pairwise(stamps))
+            assert mux.command.last.header.frame_id == 'base_link'
+    finally:
+        mux.close()
+
+
+def test_autonomy_passes_x_and_yaw_through_and_keeps_the_curve_at_the_limit(
+    observer: Observer,
+) -> None:
+    mux = MuxBench(
+        observer,
+        output='twist_stamped',
+        autonomy__topic='plan',
+        autonomy__type='TwistStamped',
+        **BASE,
+    )
+    plan = Talker(observer, TwistStamped, f'{mux.space}/plan', TwistStamped())
+    try:
+        mux.ready()
+        mux.wait(lambda: mux.explains('~/select_autonomy'), 'rested autonomy')
+        assert mux.select_autonomy().success
+        for asked, expected in (((0.5, -0.25), (0.5, -0.25)), ((2.0, 1.0), (1.0, 0.5))):
+            plan.message = TwistStamped(
+                twist=Twist(linear=Vector3(x=asked[0]), angular=Vector3(z=asked[1]))
+            )
+            mux.wait(lambda e=expected: mux.demand == pytest.approx(e), f'{expected}')
+            assert mux.command.last.header.stamp != Time()  # not the planner's
+        plan.message = TwistStamped(twist=Twist(linear=Vector3(x=0.5, y=math.nan)))
+        mux.stopped_since(time.monotonic())
+    finally:
+        plan.leave()
+        mux.close()
+
+
+def test_nobody_hears_the_twist_is_said(observer: Observer) -> None:
+    space = namespace()
+    status = observer.record(DiagnosticStatus, f'{space}/safety_mux/status', latched())
+    with NodeProcess('safety_mux.node', {'output': 'twist', **BASE}, namespace=space):
+        observer.wait_for(
+            lambda: status.last and 'nobody listens to ~/cmd_vel' in status.last.message,
+            15.0,
+            'the hint',
+        )
+
+
+def test_second_publisher_of_the_twist_stops(observer: Observer) -> None:
+    mux = MuxBench(observer, output='twist', **BASE)
+    try:
+        mux.active()
+        cause = time.monotonic()
+        other = Talker(observer, Twist, f'{mux.name}/cmd_vel', Twist())
+        try:
+            mux.stopped_since(cause, 5.0)
+            mux.wait(lambda: mux.explains('stop the other publisher', 'cmd_vel'), 'why')
+        finally:
+            other.leave()
     finally:
         mux.close()
