@@ -11,6 +11,8 @@ from sensor_msgs.msg import JointState
 from esi_drive_bridge.axes import Axis
 from esi_drive_bridge.protocol import Status
 
+_FIELDS = ('position', 'velocity', 'effort')
+
 
 def command_values(message: Any, axes: Sequence[Axis]) -> tuple[float, ...]:
     """
@@ -46,15 +48,21 @@ def _value_of(message: Any, axis: Axis, names: Sequence[str]) -> float:
 
 
 def joint_state(
-    status: Status, axes: Sequence[Axis], stamp: Any = None, frame_id: str = ''
+    status: Status,
+    axes: Sequence[Axis],
+    stamp: Any = None,
+    frame_id: str = '',
+    *,
+    every_field: bool = False,
 ) -> JointState:
     """
     Return what was measured, by joint name.
 
-    Only fields that some axis measures are filled; there, axes of another mode have NaN.
+    Only fields that some axis measures are filled, or every field; there, axes of another mode
+    have NaN.
     """
     message = JointState(name=[axis.joint for axis in axes])
-    for field in {axis.field for axis in axes}:
+    for field in _FIELDS if every_field else {axis.field for axis in axes}:
         setattr(message, field, [_measured(field, *pair) for pair in _pairs(axes, status)])
     if stamp is not None:
         message.header.stamp = stamp

@@ -87,7 +87,10 @@ class EsiDriveBridge(BridgeNode[Event]):
     def on_event(self, event: Event) -> None:
         """Publish one event of the session."""
         if isinstance(event, Feedback):
-            joint_states = convert.joint_state(event.status, self._axes, *self.header())
+            every = self.values['joint_state_fields'] == 'all'
+            joint_states = convert.joint_state(
+                event.status, self._axes, *self.header(), every_field=every
+            )
             self._joint_states.publish(joint_states)
         elif isinstance(event, EnabledChanged):
             self._say_enabled(event.enabled)

@@ -124,6 +124,14 @@ PARAMETERS = (
         maximum=1000.0,
     ),
     Parameter(
+        'joint_state_fields',
+        'measured',
+        'What ~/joint_states has. all: position, velocity and effort, NaN where nothing is '
+        'measured, for who reads position without looking, such as the topic based hardware of '
+        'ros2_control.',
+        choices=('measured', 'all'),
+    ),
+    Parameter(
         'command_timeout',
         0.1,
         'A ~/command, ~/enable or ~/estop_in older than this disables the drive. The default is '

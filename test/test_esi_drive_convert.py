@@ -135,6 +135,15 @@ def test_mixed_modes_fill_the_rest_with_nan() -> None:
     assert math.isnan(message.velocity[1])
 
 
+def test_every_field_is_filled_on_request_with_nan_for_what_is_not_measured() -> None:
+    status = Status((AxisStatus(feedback=60), AxisStatus(feedback=0)))
+    message = joint_state(status, (LEFT, RIGHT), every_field=True)
+    assert list(message.velocity) == list(joint_state(status, (LEFT, RIGHT)).velocity)
+    for values in (message.position, message.effort):
+        assert len(values) == 2
+        assert all(map(math.isnan, values))
+
+
 def test_status_with_other_axes_is_our_fault() -> None:
     with pytest.raises(ValueError, match='zip'):
         joint_state(Status((AxisStatus(),)), (LEFT, RIGHT))
