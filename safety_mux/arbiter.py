@@ -35,6 +35,10 @@ Decided here, where the rules leave a choice:
 * A ``when_owner`` source that is not clear does not prevent a reset, but its operator cannot
   acquire. It stops the machine while its operator is owner, also in a takeover and on the ramp,
   and for its own timeout after that: an operator who presses a stop also releases the deadman.
+* With feedback, zero is reached when the joints stand. What waits for zero waits for them: the
+  demand of a new owner, the end of an overruled one, the end of a ramp, at most for stop_time. Who
+  is not seen to stand stop_time after control, or runs on without being asked, is a stop, and all
+  devices are asked to stop, until the joints stand.
 * The output waits at rest until the drive says that it is enabled, and ramps from rest then: what
   was sent before would come out as a step. A drive that drops out gets zero at once, and from a
   ramp of category 1 leads to STOPPED. A drive that was never heard is not waited for.
@@ -47,6 +51,7 @@ Decided here, where the rules leave a choice:
 import math
 
 from bridge_core.watchdog import in_words
+from safety_mux.feedback import FeedbackInput
 from safety_mux.inputs import AutonomyInput
 from safety_mux.inputs import demand_fault
 from safety_mux.inputs import DriveInput
@@ -106,6 +111,9 @@ class Arbiter:
         self._drive: DriveInput | None = None
         if config.drive_timeout is not None:
             self._drive = DriveInput(config.drive_timeout)
+        self._feedback: FeedbackInput | None = None
+        if config.feedback is not None:
+            self._feedback = FeedbackInput(config.feedback, config.stop_time)
         self._named: dict[tuple[str, str], Input] = {}  # by kind and name
         for source in self._sources.values():
             self._named['e-stop source', source.config.name] = source
@@ -115,11 +123,13 @@ class Arbiter:
             self._named['autonomy', AUTONOMY] = self._autonomy
         if self._drive is not None:
             self._named['drive', 'drive'] = self._drive
+        if self._feedback is not None:
+            self._named['feedback', 'feedback'] = self._feedback
         self._inputs = list(self._named.values())
         self._state = State.STOPPED
         self._owner: OwnerInput | None = None  # not None in ACTIVE and STOPPING only
         self._through_zero = (
-            False  # the owner's demand has no effect until the output has been zero
+            False  # the owner's demand has no effect until the machine has been at rest
         )
         self._overruled: str | None = None  # how the owner lost control; zero comes first
         self._owner_since = 0.0
@@ -182,12 +192,25 @@ class Arbiter:
             raise KeyError('drive')
         self._drive.enabled(value, now)
 
+    def measured(self, speeds: Demand, now: float) -> None:
+        """Record the measured speeds of the joints."""
+        feedback = self._known_feedback()
+        fault = demand_fault(speeds, self.config.joints)
+        if fault is None:
+            feedback.measured(speeds, now)
+        else:
+            feedback.malformed(fault, now)
+
+    def feedback_invalid(self, reason: str, now: float) -> None:
+        """Record a malformed message of the joints; feedback is invalid until a good one."""
+        self._known_feedback().malformed(reason, now)
+
     def set_invalid(self, kind: Kind, name: str, cause: str, reason: str | None) -> None:
         """
         Mark an input invalid while ``cause`` has a reason; None clears that cause.
 
         The caller names the causes, which are independent: ``publishers`` (two are live, or none
-        is left), ``qos``. Autonomy and the drive are named as their kind.
+        is left), ``qos``. The one of a kind has its name.
         """
         self._named[kind, name].set_fault(cause, reason)
 
@@ -219,6 +242,7 @@ class Arbiter:
                 f'{milliseconds(now - before)} after another; wait for '
                 f'{milliseconds(self.config.clear_time)}, then call ~/reset once',
             )
+        self._judge_motion(now)
         unrest = self._unrest(now)
         missing = ([stop.reason for stop in self._stops(now)] or self._waiting(now)) + unrest
         if not missing:
@@ -237,7 +261,9 @@ class Arbiter:
             return Reply(True, 'autonomy has no control')
         if self._state is not State.READY or not self._settled:
             return Reply(False, f'not selected: the mux is {self._state.value}, not READY')
+        self._judge_motion(now)
         missing = [stop.reason for stop in self._stops(now)] + self._unrest(now)
+        missing += self._unseen(now)
         problem = self._autonomy.problem(now) or self._autonomy.lapse
         if problem is not None:
             missing.append(problem)
@@ -254,6 +280,7 @@ class Arbiter:
     def tick(self, now: float) -> Decision:
         """Decide. Call it at a fixed rate, and at once after a stop has arrived."""
         dt = 0.0 if self._last_tick is None else now - self._last_tick
+        self._judge_motion(now)
         stops = self.stops = self._stops(now)
         if self._stalled(now) is not None:
             for each in self._inputs:
@@ -271,7 +298,7 @@ class Arbiter:
         return Decision(
             state=self._state,
             owner=owner,
-            enable=self._state in (State.ACTIVE, State.STOPPING),
+            enable=self._state.enables,
             demand=demand,
             estop=self._state is State.STOPPED,
             stop_demand=stop_demand,
@@ -309,6 +336,18 @@ class Arbiter:
             loss = self._owner.problem(now) or self._owner.lapse
             if loss is not None:
                 found.append(Stop(self._owner.label, f'the owner was lost: {loss}'))
+        return found if self._feedback is None else found + self._stops_of(self._feedback, now)
+
+    def _judge_motion(self, now: float) -> None:
+        if self._feedback is not None:
+            self._feedback.judge(self._limiter.output, now)
+
+    def _stops_of(self, feedback: FeedbackInput, now: float) -> list[Stop]:
+        """Return what joints do that they should not, and that nobody knows what they do."""
+        found = [] if feedback.fault is None else [Stop('motion', feedback.fault)]
+        loss = feedback.problem(now) or feedback.lapse
+        if loss is not None and self._owner is not None:
+            found.append(Stop(feedback.label, loss))
         return found
 
     def _stalled(self, now: float) -> str | None:
@@ -343,7 +382,7 @@ class Arbiter:
             self._latch(reason, now, causes)
         elif given_up is not None:
             self._latch(f'{reason}; {given_up}', now, causes)
-        elif self._state is State.ACTIVE and any(self._limiter.output):
+        elif self._state is State.ACTIVE and self._in_motion(self._limiter.output, now):
             self._stopping_since = now
             self._change(State.STOPPING, reason, now, causes)
         elif self._state is State.ACTIVE:
@@ -370,8 +409,9 @@ class Arbiter:
             for name, source in self._sources.items()
             if source.demands_itself(now) and self._counts(source, now)
         }
-        tripped = self._tripped_at is not None
-        return {name: tripped or len(demanding) > (name in demanding) for name in self._sources}
+        runs_on = self._feedback is not None and self._feedback.fault is not None
+        everyone = self._tripped_at is not None or runs_on
+        return {name: everyone or len(demanding) > (name in demanding) for name in self._sources}
 
     # -- reset -------------------------------------------------------------------------------
 
@@ -461,6 +501,7 @@ class Arbiter:
             return ''
         problem = operator.problem(now)
         missing = self._blocks(operator, now) if problem is None else [problem]
+        missing += self._unseen(now)
         among_operators = self._owner is not None and self._owner is not self._autonomy
         if among_operators and not now - self._owner_since >= self.config.hold_time:
             hold = milliseconds(self.config.hold_time)
@@ -471,6 +512,11 @@ class Arbiter:
         """Return the stops of this operator's ``when_owner`` sources."""
         found = (source.stop_reason(now) for source in self._guards[operator.name])
         return [reason for reason in found if reason is not None]
+
+    def _unseen(self, now: float) -> list[str]:
+        """Return why nobody knows what the joints do; nobody gets control then."""
+        problem = None if self._feedback is None else self._feedback.problem(now)
+        return [] if problem is None else [problem]
 
     def _take(self, owner: OwnerInput, now: float, reason: str) -> None:
         if self._owner is not None:
@@ -488,6 +534,8 @@ class Arbiter:
 
     def _change(self, state: State, reason: str, now: float, causes: Causes = ()) -> None:
         self._transition = Transition(now, self._state, state, reason, causes)
+        if self._feedback is not None and self._state.enables and not state.enables:
+            self._feedback.told_to_stand(now)
         self._state = state
         self._settled = False
 
@@ -499,20 +547,28 @@ class Arbiter:
         if self._state is State.STOPPING:
             demand = self._limiter.ramp(dt, self.config.stop_time)
             in_time = 0.0 <= now - self._stopping_since < self.config.stop_time
-            if in_time and any(demand):
+            in_motion = self._in_motion(demand, now)
+            if in_time and ready and in_motion:
                 return demand
-            ramp = self._transition
-            self._latch(f'the ramp has ended, after: {ramp.reason}', now, ramp.causes)
+            ramp, left = self._transition, ''
+            if self._feedback is not None and in_motion:
+                left = f', {self._feedback.left(now)}'
+            self._latch(f'the ramp has ended{left}, after: {ramp.reason}', now, ramp.causes)
         elif self._state is State.ACTIVE and self._owner is not None:
             to_zero = self._through_zero or self._overruled is not None or not ready
             target = (0.0,) * self.config.joints if to_zero else self._owner.demand
             demand = self._limiter.step(target, dt)
-            self._through_zero = not ready or (self._through_zero and any(demand))
-            if self._overruled is None or any(demand):
+            in_motion = self._in_motion(demand, now)
+            self._through_zero = not ready or (self._through_zero and in_motion)
+            if self._overruled is None or in_motion:
                 return demand
             self._release(self._owner, self._overruled, now)
         self._limiter.reset()
         return (0.0,) * self.config.joints
+
+    def _in_motion(self, demand: Demand, now: float) -> bool:
+        """Return whether the joints move, as far as is known, or are to."""
+        return any(demand) or not (self._feedback is None or self._feedback.standing(now))
 
     # -- reasons in words --------------------------------------------------------------------
 
@@ -520,7 +576,7 @@ class Arbiter:
         if self._state is State.ACTIVE:
             return [stop.reason for stop in self._stops(now)] + self._why_still(now)
         if self._state is State.STOPPING:
-            return [f'stopping on a ramp: {self._transition.reason}']
+            return [f'stopping on a ramp: {self._transition.reason}{self._motion(now)}']
         stops = self._stops(now)
         why = [stop.reason for stop in stops]
         if self._state is State.STOPPED:
@@ -539,15 +595,23 @@ class Arbiter:
         if self._owner is None:
             return []
         if self._overruled is not None:
-            return [f'{self._owner.label} is losing control: {self._overruled}']
+            return [f'{self._owner.label} is losing control: {self._overruled}{self._motion(now)}']
         if self._drive is not None and not self._drive.ready(now):
             why = self._drive.problem(now) or self._drive.lapse or 'it says that it is not'
             return [f'{self._owner.label} waits for the drive to be enabled: {why}']
         if not self._through_zero and not any(self._owner.demand):
             return [f'{self._owner.label} has control and asks for zero']
         if self._through_zero or not any(self._limiter.output):
-            return [f'{self._owner.label} takes control: the output passes through zero first']
+            first = f'the output passes through zero first{self._motion(now)}'
+            return [f'{self._owner.label} takes control: {first}']
         return []
+
+    def _motion(self, now: float) -> str:
+        """Say, with feedback, how far the way to standstill is."""
+        if self._feedback is None:
+            return ''
+        ramps = 'ramping' if any(self._limiter.output) else 'waiting for standstill'
+        return f'; {ramps}, {self._feedback.left(now)}'
 
     def _why_no_reset(self, now: float) -> list[str]:
         tripped = self._tripped_at is not None
@@ -557,7 +621,10 @@ class Arbiter:
         return [*why, 'waiting for reset: call ~/reset']
 
     def _why_no_owner(self, now: float) -> list[str]:
-        why = [
+        why = self._unseen(now)
+        if self._feedback is not None and self._feedback.awaited:
+            why.append(f'waiting for standstill: {self._feedback.left(now)}')
+        why += [
             f'own e-stop of {source.label}: {source.own_watchdog.describe(now)}; '
             'other devices are asked to stop'
             for source in self._sources.values()
@@ -577,6 +644,11 @@ class Arbiter:
         if problem is not None:
             return [problem]
         return [each.advice()] if self._state is State.READY else []
+
+    def _known_feedback(self) -> FeedbackInput:
+        if self._feedback is None:
+            raise KeyError('feedback')
+        return self._feedback
 
     def _known_autonomy(self) -> AutonomyInput:
         if self._autonomy is None:

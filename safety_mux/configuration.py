@@ -12,6 +12,7 @@ from safety_mux.mapping import JoyMapping
 from safety_mux.mapping import Stick
 from safety_mux.protocol import Autonomy
 from safety_mux.protocol import EStopSource
+from safety_mux.protocol import Feedback
 from safety_mux.protocol import MuxConfig
 from safety_mux.protocol import Operator
 
@@ -38,6 +39,7 @@ def mux_config(values: Mapping[str, Any]) -> MuxConfig:
             drive_timeout=(
                 values['drive_enabled_timeout'] if values['drive_enabled_topic'] else None
             ),
+            feedback=_feedback(values) if values['feedback.topic'] else None,
             **{name: values[name] for name in _TIMES},
         ),
     )
@@ -158,6 +160,14 @@ def _source(values: Mapping[str, Any], name: str) -> EStopSource:
         stop_category=values[f'{prefix}.stop_category'],
         own_topic=bool(values[f'{prefix}.own_topic']),
     )
+
+
+def _feedback(values: Mapping[str, Any]) -> Feedback:
+    if values['interface'] != 'velocity':
+        raise ValueError('feedback.topic: speeds cannot be compared with interface effort')
+    names = ('timeout', 'standstill', 'overspeed_tolerance', 'overspeed_time')
+    given = {name: values[f'feedback.{name}'] for name in names}
+    return Feedback(tuple(values['joints']), **given)
 
 
 def _built(what: str, build: Callable[[], _T]) -> _T:

@@ -235,14 +235,25 @@ class NamedJoints:
 
         :raises MalformedInput: a joint is missing, unknown or repeated, or a value is not finite.
         """
-        if len(names) != len(values):
-            raise MalformedInput(f'it has {len(names)} names and {len(values)} values')
-        if sorted(names) != sorted(self.names):
+        if len(names) == len(values) and sorted(names) != sorted(self.names):
             raise MalformedInput(
                 f'its joints are {", ".join(names) or "none"}, not {", ".join(self.names)}'
             )
+        return self.among(names, values)
+
+    def among(self, names: Sequence[str], values: Sequence[float]) -> Demand:
+        """
+        Return the same of a message that may have more joints.
+
+        :raises MalformedInput: a joint is missing or repeated, or its value is not finite.
+        """
+        if len(names) != len(values):
+            raise MalformedInput(f'it has {len(names)} names and {len(values)} values')
         by_name = dict(zip(names, values, strict=True))
-        for name, value in by_name.items():
-            if not math.isfinite(value):
-                raise MalformedInput(f"joint '{name}' is {value}")
+        for name in self.names:
+            if names.count(name) != 1:
+                how_often = 'twice' if name in by_name else 'not'
+                raise MalformedInput(f"joint '{name}' is {how_often} there")
+            if not math.isfinite(by_name[name]):
+                raise MalformedInput(f"joint '{name}' is {by_name[name]}")
         return tuple(by_name[name] for name in self.names)

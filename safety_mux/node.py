@@ -202,6 +202,12 @@ class SafetyMux(ManagedNode):
         if config.drive_timeout is not None:
             topic = values['drive_enabled_topic']
             self._subscribe(Bool, topic, 'drive', 'drive', self._on_drive_enabled, ESTOP_QOS)
+        if config.feedback is not None:
+            topic = values['feedback.topic']
+            self._measured = NamedJoints(config.feedback.joints)
+            self._subscribe(
+                JointState, topic, 'feedback', 'feedback', self._on_feedback, DEMAND_QOS
+            )
         for operator in config.operators:
             topic = values[f'operator.{operator.name}.topic']
             on_joy = partial(self._on_joy, operator.name)
@@ -351,6 +357,14 @@ class SafetyMux(ManagedNode):
         if lost or not self._button_watch.settled(now):
             return 'has lost messages, or a new publisher'
         return '' if self._last_state is State.STOPPED else 'was pressed before the stop'
+
+    def _on_feedback(self, message: Any, now: float) -> None:
+        try:
+            speeds = self._measured.among(message.name, message.velocity)
+        except MalformedInput as error:
+            self._arbiter.feedback_invalid(str(error), now)
+        else:
+            self._arbiter.measured(speeds, now)
 
     def _look_around(self, now: float) -> None:
         """Find topics with two live publishers, or with one that could never be heard."""

@@ -118,7 +118,12 @@ GENERAL = (
         minimum=0.02,
         maximum=1.0,
     ),
-    _seconds('stop_time', 0.5, 'A stop of category 1 has reached 0 and disables after this time.'),
+    _seconds(
+        'stop_time',
+        0.5,
+        'A stop of category 1 has reached 0 and disables after this time. With feedback, joints '
+        'that do not stand this long after control has ended are a stop of all devices.',
+    ),
     _seconds(
         'reset_silence',
         5.0,
@@ -143,6 +148,37 @@ GENERAL = (
         fixed=True,
         section='the joints',
     ),
+    Parameter(
+        'feedback.topic',
+        '',
+        'Where the joints are measured (sensor_msgs/JointState with the velocity of all joints; '
+        'more joints are no harm). Empty: the joints are taken to do what they are told.',
+        check=check_topic,
+        section='what the joints really do',
+    ),
+    _seconds(
+        'feedback.timeout',
+        0.25,
+        'Feedback silent for longer is a stop while somebody has control, and nobody gets it.',
+    ),
+    Parameter(
+        'feedback.standstill',
+        0.2,
+        'A joint that is not faster stands. More than the noise of what is measured.',
+        unit='rad/s',
+        above=0.0,
+        maximum=1e6,
+    ),
+    Parameter(
+        'feedback.overspeed_tolerance',
+        2.0,
+        'A joint that is faster than commanded by more than this, for overspeed_time, is a stop. '
+        'More than it lags behind a ramp.',
+        unit='rad/s',
+        above=0.0,
+        maximum=1e6,
+    ),
+    _seconds('feedback.overspeed_time', 0.5, 'See overspeed_tolerance.'),
     Parameter(
         'estop_sources',
         ['fort', 'drive'],

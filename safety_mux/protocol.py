@@ -19,8 +19,9 @@ AUTONOMY = 'autonomy'  # the owner's name while no operator has control
 _NAME = re.compile(r'[A-Za-z][A-Za-z0-9_]*')  # names become parts of topics: ~/stop_demand/<name>
 
 Demand = tuple[float, ...]
-Causes = tuple[str, ...]  # of a stop: labels of sources and owners, ``stall``, ``hold``, ``trip``
-Kind = Literal['e-stop source', 'operator', 'autonomy', 'drive']
+# Of a stop: labels of inputs, ``motion`` that nobody asked for, ``stall``, ``hold``, ``trip``.
+Causes = tuple[str, ...]
+Kind = Literal['e-stop source', 'operator', 'autonomy', 'drive', 'feedback']
 
 
 class MalformedInput(ValueError):  # noqa: N818 - the term of rule 9
@@ -28,12 +29,17 @@ class MalformedInput(ValueError):  # noqa: N818 - the term of rule 9
 
 
 class State(Enum):
-    """State of the mux. Only ACTIVE and STOPPING enable the drives."""
+    """State of the mux."""
 
     STOPPED = 'STOPPED'  # latched until a reset
     STOPPING = 'STOPPING'  # stop category 1: ramp to zero, then STOPPED
     READY = 'READY'  # reset, drives disabled, nobody has control
     ACTIVE = 'ACTIVE'  # the owner's demand moves the machine
+
+    @property
+    def enables(self) -> bool:
+        """Whether the drives are enabled."""
+        return self in (State.ACTIVE, State.STOPPING)
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,6 +111,34 @@ class Autonomy:
 
 
 @dataclass(frozen=True, slots=True)
+class Feedback:
+    """
+    What is measured of the joints, and what of it is a stop. Speeds are in rad/s.
+
+    :param joints: their names, in the order of a demand.
+    :param timeout: seconds after which it is stale. Above 0.
+    :param standstill: a joint that is not faster stands. Above 0.
+    :param overspeed_tolerance: how much faster than commanded a joint may be. Above 0.
+    :param overspeed_time: seconds for which it may be faster than that. Above 0.
+    :raises ValueError: a value is out of range.
+    """
+
+    joints: tuple[str, ...]
+    timeout: float = 0.25
+    standstill: float = 0.2
+    overspeed_tolerance: float = 2.0
+    overspeed_time: float = 0.5
+
+    def __post_init__(self) -> None:
+        for name in ('timeout', 'overspeed_time'):
+            _check_seconds(f'{name} of feedback', getattr(self, name))
+        for name in ('standstill', 'overspeed_tolerance'):
+            value = getattr(self, name)
+            if not (math.isfinite(value) and value > 0.0):
+                raise ValueError(f'{name} must be above 0 and finite, not {value}')
+
+
+@dataclass(frozen=True, slots=True)
 class MuxConfig:
     """
     The arbiter's configuration.
@@ -115,11 +149,13 @@ class MuxConfig:
         operator's timeout is longer: two samples, with silence between, are no rest.
     :param hold_time: seconds after a change of owner without another takeover. 0 or more.
     :param stall_limit: seconds; a longer gap between ticks means a frozen process. Above 0.
-    :param stop_time: seconds within which the ramp of stop category 1 ends. Above 0.
+    :param stop_time: seconds within which the ramp of stop category 1 ends, and with feedback the
+        joints stand after control. Above 0.
     :param reset_silence: seconds without a reset before one counts again, once resets were called
         with nothing to reset. 0 or more.
     :param drive_timeout: seconds after which the drive's word that it is enabled is stale. Above
         0. None: ``drive_enabled`` is never called, and the output does not wait for the drive.
+    :param feedback: None: ``measured`` is never called, and the joints do what they are told.
     :raises ValueError: a value is out of range, a name or priority repeated, an operator unknown;
         there is no e-stop source, or an owner that no e-stop source would stop.
     """
@@ -135,6 +171,7 @@ class MuxConfig:
     stop_time: float = 0.5
     reset_silence: float = 5.0
     drive_timeout: float | None = None
+    feedback: Feedback | None = None
 
     def __post_init__(self) -> None:
         if self.joints < 1:
@@ -143,6 +180,8 @@ class MuxConfig:
             _check_seconds(name, getattr(self, name))
         if self.drive_timeout is not None:
             _check_seconds('drive_timeout', self.drive_timeout)
+        if self.feedback is not None and len(self.feedback.joints) != self.joints:
+            raise ValueError(f'feedback is of {len(self.feedback.joints)} joints')
         for name in ('hold_time', 'reset_silence'):
             value = getattr(self, name)
             if not (math.isfinite(value) and value >= 0.0):
@@ -238,8 +277,8 @@ class Decision(NamedTuple):
     :param demand: one number a joint, already limited.
     :param estop: all stops together, latched: true in STOPPED. False in STOPPING, since a drive
         that receives true disables, and there would be no ramp.
-    :param stop_demand: by source, whether any other source demands a stop by itself or a trip is
-        active. Not latched.
+    :param stop_demand: by source, whether any other source demands a stop by itself, a trip is
+        active, or joints move that should not. Not latched.
     :param follows: the owner while what it asks for counts: in ACTIVE, once a takeover has passed
         through zero, and until a higher operator ends its control.
     """

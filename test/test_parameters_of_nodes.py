@@ -326,6 +326,16 @@ CONTRADICTIONS: dict[str, tuple[str, dict[str, Any], str]] = {
         {'joint.right.max': 9.9},
         r'operator\.fort\.scale: 10\.0 is above joint\.right\.max',
     ),
+    'speeds for a command of torques': (
+        'mux',
+        {'interface': 'effort', 'feedback.topic': 'joint_states'},
+        'feedback.topic: speeds cannot be compared',
+    ),
+    'what the drive says for its stop': (
+        'mux',
+        {'drive_enabled_topic': 'esi_drive_bridge/estop'},
+        'is also that of drive_enabled_topic',
+    ),
     'a scale of 0': ('mux', {'operator.fort.scale': [0.0]}, r'operator\.fort.*scale'),
     'a deadman button twice': (
         'mux',

@@ -20,6 +20,7 @@ from typing import Any
 import pytest
 
 from safety_mux.arbiter import Arbiter
+from safety_mux.feedback import FeedbackInput
 from safety_mux.inputs import AutonomyInput
 from safety_mux.inputs import DriveInput
 from safety_mux.inputs import OperatorInput
@@ -31,6 +32,7 @@ from safety_mux.protocol import Autonomy
 from safety_mux.protocol import Decision
 from safety_mux.protocol import Demand
 from safety_mux.protocol import EStopSource
+from safety_mux.protocol import Feedback
 from safety_mux.protocol import MuxConfig
 from safety_mux.protocol import Operator
 from safety_mux.protocol import OperatorSample
@@ -60,6 +62,8 @@ CONFIG = MuxConfig(
     stall_limit=1.5 * STEP,
     stop_time=STOP_TIME,
 )
+FEEDBACK = Feedback(('joint',), TIMEOUT, 0.1, 0.1, 2 * STEP)
+SPEEDS = {'stand': 0.0, 'run': 0.5, 'reverse': -0.5}
 SOURCES = ('always', 'soft', 'remote')
 OPERATORS = ('low', 'high')
 RANK = {'autonomy': 0, 'low': 1, 'high': 2}
@@ -76,7 +80,7 @@ class Scene:
     A world to explore.
 
     :param words: what devices may do, spaced; all others are calm. ``own`` is the own topic of
-        'always'; ``mux`` is active or not; ``motor`` is what the drive says of itself.
+        'always'; ``mux`` is active or not; ``drive`` and ``joints`` say what is known of them.
     :param states: to be reached, and ``steps`` between them.
     :param most_uneasy: how many may do anything unusual at a time.
     :param timeouts: of those that differ from TIMEOUT, in s.
@@ -111,14 +115,15 @@ class Scene:
             joints=self.joints,
             sources=sources,
             operators=operators,
+            drive_timeout=TIMEOUT if 'drive' in self.words else None,
+            feedback=FEEDBACK if 'joints' in self.words else None,
             stall_limit=self.stall_limit,
             reset_silence=self.reset_silence,
-            drive_timeout=TIMEOUT if 'motor' in self.words else None,
         )
 
     @property
     def calm(self) -> dict[str, str]:
-        others = {'own': 'clear', 'mux': 'active', 'motor': 'enabled'}
+        others = {'own': 'clear', 'mux': 'active', 'drive': 'enabled', 'joints': 'stand'}
         return CALM | {name: what for name, what in others.items() if name in self.words}
 
     @property
@@ -153,8 +158,8 @@ class Memory:
 
     @staticmethod
     def _slots(arbiter: Arbiter) -> Iterator[tuple[Any, str]]:
-        fixed = {'config', '_sources', '_operators', '_guards', '_autonomy', '_drive', '_limiter'}
-        fixed |= {'_inputs', '_named'}
+        fixed = {'config', '_sources', '_operators', '_guards', '_autonomy', '_inputs', '_limiter'}
+        fixed |= {'_drive', '_feedback', '_named'}
         yield from ((arbiter, name) for name in vars(arbiter) if name not in fixed)
         yield from ((arbiter._limiter, name) for name in ('_values', '_ramp'))
         for each in arbiter._inputs:
@@ -165,6 +170,9 @@ class Memory:
                 yield from ((each, name) for name in ('value', 'own', 'own_lapse'))
             if isinstance(each, DriveInput):
                 yield from ((each, name) for name in ('value', 'known'))
+            if isinstance(each, FeedbackInput):
+                names = ('speeds', 'fault', '_told_at', '_fast_since')
+                yield from ((each, name) for name in names)
             if isinstance(each, OwnerInput):
                 yield from ((each.rest, 'since'), (each.rest, 'until'), (each, 'demand'))
             if isinstance(each, AutonomyInput):
@@ -207,6 +215,9 @@ class Memory:
                 parts.append(age(own._last) if not own.expired(now) else None)
             if isinstance(each, DriveInput):
                 parts.append(fresh and each.value)
+            if isinstance(each, FeedbackInput):
+                parts += [fresh and each.speeds, bool(each.fault), age(each._told_at)]
+                parts.append(age(each._fast_since.get('joint')))
             if isinstance(each, OwnerInput):
                 parts.append(each.rested or age(each.rest.since) if fresh else None)
                 parts.append(each.demand if each is a._owner else None)
@@ -255,9 +266,12 @@ class Log:
     stopping_since: float = 0.0
     must_reach_zero: bool = False
     overruled: bool = False
-    motor_waited: bool = False  # to be enabled, in the step before
     high_until: float = -math.inf  # when high last lost control
     trip: str = 'no'  # 'yes'; 'asked': a reset was asked for since
+    drive_waited: bool = False  # to be enabled, in the step before
+    told_at: float | None = None  # that the joints have to stand
+    fast_since: float | None = None
+    runs_on: bool = False
 
     def copy(self) -> 'Log':
         return replace(
@@ -275,9 +289,17 @@ class Log:
         clear = age(self.clear_since, self.now, old) if self.decision.estop else None
         asked = recent(self.reset_at, self.now, self.silence)
         samples = (self.sample[name] for name in OPERATORS)
-        zero = self.must_reach_zero, self.overruled, self.motor_waited
+        zero = self.must_reach_zero, self.overruled
         high = age(self.high_until, self.now, old)
-        return (*self.doing.values(), *samples, *calm, clear, *zero, asked, high, self.trip)
+        motion = (age(moment, self.now, old) for moment in (self.told_at, self.fast_since))
+        more = self.trip, self.drive_waited, self.runs_on, *motion
+        return (*self.doing.values(), *samples, *calm, clear, *zero, asked, high, *more)
+
+    def stands(self) -> bool:
+        """Tell whether the joints are known to stand, where they are measured."""
+        return 'joints' not in self.said or (
+            self.said['joints'] == 'stand' and self.fresh('joints')
+        )
 
     def fresh(self, name: str) -> bool:
         return self.now - self.heard[name] < self.scene.timeout(name)
@@ -310,14 +332,16 @@ class World:
             return
         if name == 'mux':
             arbiter.hold(None if what == 'active' else 'not active')
-        elif name == 'motor':
-            arbiter.drive_enabled(what == 'enabled', now)
         elif name == 'own':
             arbiter.own_estop_message('always', what == 'stop', now)
         elif name in SOURCES:
             doubled = 'two publishers are alive' if what == 'doubled' else None
             arbiter.set_invalid('e-stop source', name, 'publishers', doubled)
             arbiter.estop_message(name, what == 'stop', now)
+        elif name == 'drive':
+            arbiter.drive_enabled(what == 'enabled', now)
+        elif name == 'joints':
+            arbiter.measured((SPEEDS.get(what, math.nan),), now)
         elif name == 'autonomy' and what == 'bad':
             arbiter.autonomy_invalid('not finite', now)
         elif name == 'autonomy':
@@ -400,6 +424,7 @@ class Judge:
     after: Decision
 
     def judge(self) -> None:
+        self.note_motion()
         stops = self.stops(self.before.owner)
         self.note_clear(bool(stops))
         self.stop_beats_everything(stops)
@@ -448,6 +473,10 @@ class Judge:
             found.add('TRIP')
         if self.log.said.get('mux') == 'inactive':
             found.add('HOLD')
+        if owner is not None and 'joints' in self.log.said and self.unwell('joints'):
+            found.add('JOINTS')
+        if self.log.runs_on:
+            found.add('MOTION')
         if self.frozen:
             found.add('FROZEN')
         return found
@@ -477,13 +506,35 @@ class Judge:
             if (stop or not well) and self.counts(name, self.after.owner):
                 demanding.add(name)
         for name, asked in self.after.stop_demand.items():
-            wanted = bool(demanding - {name})
+            wanted = bool(demanding - {name}) or log.runs_on
             if log.trip == 'no':
                 assert asked == wanted, f'stop_demand of {name} is {asked}; {demanding} demand'
             elif log.trip == 'yes':
                 assert asked, f'stop_demand of {name} is false in a trip'
             else:  # the reset may have ended the trip
                 assert asked or not wanted, f'stop_demand of {name} is false for {demanding}'
+
+    def note_motion(self) -> None:
+        """Note motion that nobody asked for, until the joints stand."""
+        log, asked = self.log, self.before.demand[0]
+        if log.stands():
+            log.told_at = log.fast_since = None
+            log.runs_on = False
+        elif log.told_at is not None:
+            if log.now - log.told_at >= STOP_TIME:
+                log.runs_on, log.told_at = True, None
+        elif not log.runs_on:
+            least, most = sorted((0.0, asked))
+            speed = SPEEDS.get(log.said['joints'], 0.0) if log.fresh('joints') else 0.0
+            margin = 0.1 if asked else 0.2
+            if least - margin <= speed <= most + margin:
+                log.fast_since = None
+            elif log.fast_since is None:
+                log.fast_since = log.now
+            else:
+                log.runs_on = log.now - log.fast_since >= FEEDBACK.overspeed_time
+        if 'joints' in log.said and self.before.enable and not self.after.enable:
+            log.told_at = log.now
 
     def note_clear(self, stopped: bool) -> None:
         log = self.log
@@ -573,7 +624,7 @@ class Judge:
             return
         log.overruled |= any(RANK[name] > RANK[owner] for name in self.acted)
         if log.overruled:
-            falls = any(self.after.demand) and self.falls()
+            falls = (any(self.after.demand) or not log.stands()) and self.falls()
             assert falls, f'rule 7: {owner} drives on against {self.acted}'
 
     def falls(self) -> bool:
@@ -591,13 +642,13 @@ class Judge:
         assert (after.owner is not None) == active
         if not active:
             assert not any(after.demand), 'rules 5, 10: not zero where nothing may move'
-            log.motor_waited = False
+            log.drive_waited = False
             return
-        waits = 'motor' in log.said and self.unwell('motor')
-        if waits or log.motor_waited:
+        waits = 'drive' in log.said and self.unwell('drive')
+        if waits or log.drive_waited:
             assert not any(after.demand), 'rule 15: not at rest until the drive is enabled'
             assert after.state is State.ACTIVE, 'rule 10: a ramp that no drive follows'
-        log.motor_waited = waits
+        log.drive_waited = waits
         for was, value in zip(before.demand, after.demand, strict=True):
             assert abs(value) <= LIMIT.magnitude, 'rule 10: magnitude'
             assert was * value >= 0.0, 'rule 7: through zero without being there'
@@ -613,12 +664,13 @@ class Judge:
             assert self.falls(), 'rule 10: a ramp that does not go down'
         elif log.must_reach_zero:
             assert self.falls(), 'rule 7: not towards zero first'
-            log.must_reach_zero = any(after.demand)
+            log.must_reach_zero = any(after.demand) or not log.stands()
         elif after.owner is not None and not log.overruled:
             target = self.scene.target(after.owner, log.sample[after.owner])
             for was, value, goal in zip(before.demand, after.demand, target, strict=True):
                 least, most = sorted((was, 0.0 if was * goal < 0.0 else goal))
-                assert waits or least <= value <= most, 'rule 5: away from what the owner demands'
+                away = not (least <= value <= most or waits)
+                assert not away, 'rule 5: away from what the owner demands'
 
     def note_calm(self) -> None:
         """Note since when each owner has been sending neutral; a stop and a reset forget it."""
@@ -650,7 +702,7 @@ def events(scene: Scene) -> list[Event]:
     free = scene.words
     changes = [((name, what),) for name, words in free.items() for what in words.split()]
     blips = [((name, 'stop'), (name, 'clear')) for name in free if name in SOURCES]
-    blips += [(('motor', 'disabled'), ('motor', 'enabled'))] if 'motor' in free else []
+    blips += [(('drive', 'disabled'), ('drive', 'enabled'))] if 'drive' in free else []
     bounces = [((name, 'rest'), (name, 'drive')) for name in free if name in OPERATORS]
     presses = [change for change in changes if change[0][1] in DRIVING]
     services = ['reset', 'trip'] + (['select', 'deselect'] if 'autonomy' in free else [])
@@ -751,11 +803,6 @@ SCENES = {
         states=1753,
         steps=18885,
     ),
-    'slow drive': Scene(
-        {'motor': 'enabled disabled silent', 'low': 'rest drive', 'soft': 'clear stop'},
-        states=1512,
-        steps=16448,
-    ),
     'not active': Scene(
         {'mux': 'active inactive', 'low': 'rest drive', 'soft': 'clear stop'},
         states=399,
@@ -791,6 +838,21 @@ SCENES = {
         states=2752,
         steps=62176,
         zero=True,
+    ),
+    'drive': Scene(
+        {'drive': 'enabled disabled silent', 'low': 'rest drive', 'soft': 'clear stop'},
+        states=1512,
+        steps=16448,
+    ),
+    'joints': Scene(
+        {'joints': 'stand run silent bad', 'low': 'rest drive', 'soft': 'clear stop'},
+        states=8022,
+        steps=90712,
+    ),
+    'takeover': Scene(
+        {'joints': 'stand reverse', 'low': 'rest drive', 'high': 'rest drive'},
+        states=6340,
+        steps=50553,
     ),
     'together': Scene(
         {

@@ -245,6 +245,27 @@ def test_wheels_without_size_are_refused(value: float) -> None:
 # Named joints.
 
 
+def test_named_joints_are_found_among_others() -> None:
+    joints = NamedJoints(('left', 'right'))
+    assert joints.among(['mast', 'right', 'left'], [math.nan, 2.0, 1.0]) == (1.0, 2.0)
+
+
+@pytest.mark.parametrize(
+    ('names', 'values', 'text'),
+    [
+        (['left'], [1.0], "joint 'right' is not there"),
+        (['left', 'right', 'left'], [1.0, 2.0, 3.0], "joint 'left' is twice there"),
+        (['left', 'right'], [math.nan, 2.0], "joint 'left' is nan"),
+        (['left', 'right'], [], 'it has 2 names and 0 values'),
+    ],
+)
+def test_measured_joint_that_is_missing_is_refused(
+    names: list[str], values: list[float], text: str
+) -> None:
+    with pytest.raises(MalformedInput, match=text):
+        NamedJoints(('left', 'right')).among(names, values)
+
+
 def test_named_joints_are_sorted_into_our_order() -> None:
     joints = NamedJoints(('left', 'right'))
     assert joints.demand(['right', 'left'], [2.0, 1.0]) == (1.0, 2.0)

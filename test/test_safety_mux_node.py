@@ -35,6 +35,7 @@ from safety_mux.protocol import State
 from test.mux_talkers import CLEAR_TIME
 from test.mux_talkers import MuxBench
 from test.mux_talkers import sticks
+from test.mux_talkers import TIMEOUT
 from test.rig import ENDING
 from test.rig import latched
 from test.rig import NodeProcess
@@ -128,6 +129,33 @@ def test_command_waits_for_the_drive_to_be_enabled(mux: MuxBench) -> None:
     mux.wait(lambda: any(mux.command.last.velocity), 'motion')
     first = next(m for _, m in mux.command.since(begun) if any(m.velocity))
     assert 0.0 < first.velocity[0] < 4.5, 'a ramp, not the whole demand at once'
+
+
+def test_machine_that_does_not_stop_when_told_is_a_stop_of_all_devices(observer: Observer) -> None:
+    mux = MuxBench(observer, feedback__topic='joint_states', feedback__timeout=TIMEOUT)
+    still = JointState(name=['mast', 'right', 'left'], velocity=[9.0, 0.0, 0.0])
+    joints = Talker(observer, JointState, f'{mux.space}/joint_states', still)
+    try:
+        mux.active()
+        joints.message = JointState(name=['right', 'left'], velocity=[3.1, 3.0])
+        mux.joy.message = sticks()
+        mux.wait(lambda: mux.says('STOPPED'), 'STOPPED')
+        mux.wait(lambda: mux.explains('the joints do not stand 500 ms after control'), 'why')
+        mux.wait(lambda: mux.explains('waiting for reset'), 'status')
+        values = values_of(mux.status.last)
+        assert values['stopped by'] == 'motion'
+        assert 'left at 3.1 rad/s' in values['last transition']
+        assert values['condition of the feedback'] == 'moving'
+        assert all(record.last.data for record in mux.stop_demand.values())
+        joints.message = still
+        mux.active()
+        joints.message = JointState(name=['right'], velocity=[1.0])
+        mux.stopped_since(time.monotonic())
+        mux.wait(lambda: mux.explains("the feedback is invalid: joint 'left' is not there"), 'why')
+        assert values_of(mux.status.last)['stopped by'] == 'the feedback'
+    finally:
+        joints.leave()
+        mux.close()
 
 
 def test_command_topics_are_never_transient_local(mux: MuxBench) -> None:

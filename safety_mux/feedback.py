@@ -1,0 +1,93 @@
+"""
+What the joints really do: whether they stand, and whether they move as nobody asked them to.
+
+A part of the arbiter, which passes on what was measured and, in each tick, what was commanded.
+What is not known counts as motion where standstill is asked for, and never as overspeed.
+"""
+
+import math
+
+from safety_mux.inputs import Input
+from safety_mux.protocol import Demand
+from safety_mux.protocol import Feedback
+from safety_mux.protocol import milliseconds
+
+
+class FeedbackInput(Input):
+    """
+    The measured speeds of all joints.
+
+    ``fault``: in words, motion that nobody asked for. It lasts until the joints stand.
+
+    :param stop_time: seconds within which the joints stand after ``told_to_stand``.
+    """
+
+    __slots__ = ('_fast_since', '_told_at', 'config', 'fault', 'speeds', 'stop_time')
+
+    def __init__(self, config: Feedback, stop_time: float) -> None:
+        super().__init__('the feedback', config.timeout)
+        self.config = config
+        self.stop_time = stop_time
+        self.speeds: Demand = (math.inf,) * len(config.joints)
+        self.fault: str | None = None
+        self._told_at: float | None = None  # set: they are on their way to standstill
+        self._fast_since: dict[str, float] = {}  # by joint
+
+    def measured(self, speeds: Demand, now: float) -> None:
+        """Record a good message; rad/s, one number a joint."""
+        self.hear(now)
+        self.speeds = speeds
+
+    @property
+    def use(self) -> str:
+        """``standing`` or ``moving``."""
+        return 'standing' if self._slow else 'moving'
+
+    @property
+    def _slow(self) -> bool:
+        return max(map(abs, self.speeds)) <= self.config.standstill
+
+    @property
+    def awaited(self) -> bool:
+        """Whether control has ended, and the joints were not seen to stand since."""
+        return self._told_at is not None
+
+    def standing(self, now: float) -> bool:
+        """Return whether all joints stand, as far as is known."""
+        return self._slow and self.usable(now)
+
+    def left(self, now: float) -> str:
+        """Return in words what is left of the motion."""
+        problem = self.problem(now)
+        return problem or f'left at {max(map(abs, self.speeds)):.1f} rad/s'
+
+    def told_to_stand(self, now: float) -> None:
+        """Note that control has ended: the joints have to stand within ``stop_time``."""
+        self._told_at = now
+
+    def judge(self, commanded: Demand, now: float) -> None:
+        """Compare what was measured with what is commanded; call it once a tick or more often."""
+        if self.standing(now):
+            self.fault = self._told_at = None
+            self._fast_since.clear()
+        elif self._told_at is not None:
+            if not 0.0 <= now - self._told_at < self.stop_time:
+                limit = milliseconds(self.stop_time)
+                self.fault = f'the joints do not stand {limit} after control: {self.left(now)}'
+                self._told_at = None
+        elif self.fault is None:
+            self._look_for_overspeed(commanded, now)
+
+    def _look_for_overspeed(self, commanded: Demand, now: float) -> None:
+        if not self.usable(now):
+            self._fast_since.clear()
+            return
+        for joint, speed, asked in zip(self.config.joints, self.speeds, commanded, strict=True):
+            beyond = max(speed - max(asked, 0.0), min(asked, 0.0) - speed)
+            margin = self.config.overspeed_tolerance
+            if not beyond > (margin if asked else margin + self.config.standstill):
+                self._fast_since.pop(joint, None)
+                continue
+            since = self._fast_since.setdefault(joint, now)
+            if not 0.0 <= now - since < self.config.overspeed_time:
+                self.fault = f"joint '{joint}' runs at {speed:.1f} rad/s, asked for {asked:.1f}"

@@ -1,0 +1,371 @@
+"""Measured speeds: zero is when the joints stand, and motion that nobody asked for is a stop."""
+
+from collections.abc import Callable
+from dataclasses import replace
+import math
+
+from hypothesis import given
+from hypothesis import strategies as st
+import pytest
+
+from safety_mux.feedback import FeedbackInput
+from safety_mux.protocol import Decision
+from safety_mux.protocol import Feedback
+from safety_mux.protocol import MuxConfig
+from safety_mux.protocol import State
+from test.safety_mux_bench import assert_stopped
+from test.safety_mux_bench import BACK
+from test.safety_mux_bench import Bench
+from test.safety_mux_bench import CONFIG
+from test.safety_mux_bench import DRIVE
+from test.safety_mux_bench import OFF
+from test.safety_mux_bench import REST
+from test.safety_mux_bench import TICK
+
+FEEDBACK = Feedback(('left', 'right'), standstill=0.1, overspeed_tolerance=0.5, overspeed_time=0.2)
+WITH_FEEDBACK = replace(CONFIG, feedback=FEEDBACK)
+STOP_TIME = CONFIG.stop_time
+EVERYONE = {'fort': True, 'gate': True, 'spare': True}
+NOBODY = dict.fromkeys(EVERYONE, False)
+PROMPT = 100.0  # rad/s a second
+
+
+class Machine(Bench):
+    """A bench whose joints follow the command at ``rate``, and say so; at 0 they run on."""
+
+    def __init__(self, config: MuxConfig = WITH_FEEDBACK) -> None:
+        self.speeds = (0.0, 0.0)
+        self.rate = PROMPT
+        self.reports = True
+        super().__init__(config)
+
+    def run(self, seconds: float, check: Callable[[Decision], None] | None = None) -> Decision:
+        for _ in range(round(seconds / TICK)):
+            most = self.rate * TICK
+            pairs = zip(self.speeds, self.decision.demand, strict=True)
+            self.speeds = tuple(v + min(max(goal - v, -most), most) for v, goal in pairs)  # type: ignore[assignment]
+            if self.reports:
+                self.arbiter.measured(self.speeds, self.now)
+            super().run(TICK, check)
+        return self.decision
+
+    def stands(self) -> bool:
+        return max(map(abs, self.speeds)) <= FEEDBACK.standstill
+
+
+# Zero is reached when the joints stand.
+
+
+@pytest.mark.parametrize('former', ['fort', 'autonomy'])
+def test_takeover_waits_for_the_joints_to_stand(former: str) -> None:
+    bench = Machine().active(former)
+    assert isinstance(bench, Machine)
+    bench.rate = 4.0
+    bench.samples['senior'] = BACK
+    stood = False
+
+    def check(decision: Decision) -> None:
+        nonlocal stood
+        stood |= decision.owner == 'senior' and bench.stands()
+        if decision.owner == 'senior':
+            assert stood or min(decision.demand) >= 0.0, 'the other way before standstill'
+
+    bench.run(0.2, check)
+    assert bench.decision.demand == (0.0, 0.0)
+    assert 'passes through zero first; waiting for standstill, left at 0.' in bench.why()
+    bench.run(0.5, check)
+    assert bench.decision.demand == (-1.0, -0.5)
+
+
+def test_overruled_owner_loses_control_when_the_joints_stand() -> None:
+    bench = Machine()
+    bench.active()
+    bench.rate = 4.0
+    bench.samples['senior'] = OFF
+    bench.run(0.15)
+    assert (bench.decision.state, bench.decision.demand) == (State.ACTIVE, (0.0, 0.0))
+    assert 'moved its sticks; waiting for standstill, left at 0.' in bench.why()
+    bench.run(0.2, lambda decision: _ready_only_at_rest(bench, decision))
+    assert bench.decision.state is State.READY
+
+
+def _ready_only_at_rest(bench: Machine, decision: Decision) -> None:
+    assert decision.state is State.ACTIVE or bench.stands()
+
+
+def test_stop_of_category_1_ends_when_the_joints_stand() -> None:
+    bench = Machine()
+    bench.active()
+    bench.rate = 4.0
+    bench.arbiter.estop_message('gate', True, bench.now)
+    assert bench.tick().state is State.STOPPING
+    assert 'stopping on a ramp: ' in bench.why()
+    assert '; ramping, left at 1.0 rad/s' in bench.why()
+    bench.run(0.15)
+    assert (bench.decision.state, bench.decision.demand) == (State.STOPPING, (0.0, 0.0))
+    assert bench.decision.enable, 'a drive that is disabled does not brake'
+    assert '; waiting for standstill, left at 0.' in bench.why()
+    bench.run(0.15)
+    assert_stopped(bench.decision)
+    assert bench.stands()
+    assert 'the ramp has ended, after: ' in bench.reason()
+
+
+def test_stop_of_category_1_disables_after_stop_time_whatever_the_joints_do() -> None:
+    slow = replace(FEEDBACK, overspeed_time=5.0)
+    bench = Machine(replace(CONFIG, feedback=slow))
+    bench.active()
+    bench.rate = 0.0
+    bench.arbiter.estop_message('gate', True, bench.now)
+    bench.tick()
+    assert bench.run(STOP_TIME - TICK).state is State.STOPPING
+    bench.run(2 * TICK)
+    assert_stopped(bench.decision)
+    assert 'the ramp has ended, left at 1.0 rad/s, after: ' in bench.reason()
+
+
+def test_stop_of_category_1_while_the_joints_run_on_at_zero_command_is_no_cut() -> None:
+    bench = Machine()
+    bench.active()
+    bench.rate = 4.0
+    bench.samples['senior'] = BACK  # which brings the command to 0
+    bench.run(0.15)
+    bench.arbiter.estop_message('gate', True, bench.now)
+    assert bench.tick().state is State.STOPPING
+
+
+# Motion that nobody asked for.
+
+
+def test_machine_that_does_not_stop_when_told_stops_all_devices() -> None:
+    bench = Machine()
+    bench.active()
+    bench.rate = 0.0
+    bench.samples['fort'] = REST
+    bench.run(0.1)
+    assert bench.decision.state is State.READY
+    assert 'waiting for standstill: left at 1.0 rad/s' in bench.why()
+    assert bench.run(STOP_TIME - 0.1).state is State.READY
+    assert bench.decision.stop_demand == NOBODY
+    bench.run(0.1)
+    assert_stopped(bench.decision)
+    assert bench.decision.stop_demand == EVERYONE
+    assert 'the joints do not stand 500 ms after control: left at 1.0 rad/s' in bench.reason()
+    assert bench.arbiter.status(bench.now).last_transition.causes == ('motion',)
+    bench.run(1.0)
+    assert not bench.reset().ok
+    bench.rate = PROMPT
+    bench.run(1.0)
+    assert bench.decision.stop_demand == NOBODY, 'the demand ends when the joints stand'
+    assert bench.reset().ok
+
+
+def test_machine_that_stands_in_time_is_no_stop() -> None:
+    bench = Machine()
+    bench.active()
+    bench.rate = 2.5
+    bench.samples['fort'] = REST
+    assert bench.run(1.0).state is State.READY
+
+
+@pytest.mark.parametrize('known', [True, False])
+def test_machine_that_is_not_seen_to_stand_after_a_stop_stops_all_devices(known: bool) -> None:
+    bench = Machine()
+    bench.active()
+    bench.rate, bench.reports = 0.0, known
+    bench.arbiter.estop_message('fort', True, bench.now)
+    bench.tick()
+    bench.run(STOP_TIME - 2 * TICK)
+    assert bench.decision.stop_demand['fort'] is False
+    bench.run(3 * TICK)
+    assert bench.decision.stop_demand == EVERYONE
+    assert 'the joints do not stand 500 ms after control: ' in bench.why()
+    assert ('the feedback is stale' in bench.why()) is not known
+    bench.rate, bench.reports = PROMPT, True
+    bench.run(0.1)
+    assert bench.decision.stop_demand == NOBODY
+
+
+def test_joint_that_is_faster_than_commanded_stops_after_overspeed_time() -> None:
+    bench = Machine()
+    bench.active()
+    bench.rate, bench.speeds = 0.0, (1.0, 1.1)  # of the right, half was asked
+    bench.run(FEEDBACK.overspeed_time)
+    assert bench.decision.state is State.ACTIVE
+    bench.run(2 * TICK)
+    assert_stopped(bench.decision)
+    assert "joint 'right' runs at 1.1 rad/s, asked for 0.5" in bench.reason()
+
+
+def test_joint_that_turns_the_other_way_is_faster_than_commanded() -> None:
+    bench = Machine()
+    bench.active()
+    bench.rate, bench.speeds = 0.0, (1.0, -0.6)
+    assert_stopped(bench.run(FEEDBACK.overspeed_time + 2 * TICK))
+
+
+def test_joint_that_is_too_fast_for_an_instant_is_none() -> None:
+    bench = Machine()
+    bench.active()
+    bench.rate = 0.0
+    for _ in range(5):
+        bench.speeds = (2.0, 0.5)
+        bench.run(FEEDBACK.overspeed_time - TICK)
+        bench.speeds = (1.0, 0.5)
+        bench.run(TICK)
+    assert bench.decision.state is State.ACTIVE
+
+
+def test_joint_that_lags_behind_a_ramp_is_none() -> None:
+    bench = Machine()
+    bench.active()
+    bench.rate = 5.0
+    bench.samples['fort'] = replace(DRIVE, demand=(-1.0, -0.5))
+    assert bench.run(1.0).demand == (-1.0, -0.5)
+
+
+@pytest.mark.parametrize(('speed', 'stops'), [(0.59, False), (0.61, True)])
+def test_joint_that_moves_by_itself_while_nobody_has_control(speed: float, stops: bool) -> None:
+    bench = Machine()
+    bench.ready()
+    bench.rate, bench.speeds = 0.0, (0.0, -speed)
+    bench.run(FEEDBACK.overspeed_time)
+    assert bench.decision.state is State.READY
+    bench.run(1.0)
+    assert bench.decision.estop is stops
+    assert (bench.decision.stop_demand == EVERYONE) is stops
+    if stops:
+        assert "joint 'right' runs at -0.6 rad/s, asked for 0.0" in bench.reason()
+
+
+def test_joint_that_moves_by_itself_when_the_mux_starts_prevents_a_reset() -> None:
+    bench = Machine()
+    bench.rate, bench.speeds = 0.0, (3.0, 0.0)
+    bench.run(1.0)
+    assert not bench.reset().ok
+    assert "joint 'left' runs at 3.0 rad/s, asked for 0.0" in bench.why()
+
+
+# Feedback that is lost.
+
+
+def test_silence_of_feedback_in_motion_stops() -> None:
+    bench = Machine()
+    bench.active()
+    bench.reports = False
+    assert bench.run(FEEDBACK.timeout - 2 * TICK).state is State.ACTIVE
+    assert_stopped(bench.run(3 * TICK))
+    assert 'the feedback is stale: last heard 25' in bench.reason()
+
+
+@pytest.mark.parametrize('speeds', [(math.nan, 0.0), (0.0, math.inf), (0.0,), ()])
+def test_feedback_without_a_number_for_each_joint_stops(speeds: tuple[float, ...]) -> None:
+    bench = Machine()
+    bench.active()
+    bench.arbiter.measured(speeds, bench.now)
+    bench.arbiter.measured((1.0, 0.5), bench.now)
+    assert_stopped(bench.tick())
+    assert 'the feedback is invalid: ' in bench.reason()
+
+
+def test_feedback_lost_on_a_ramp_cuts_it() -> None:
+    bench = Machine()
+    bench.active()
+    bench.arbiter.estop_message('gate', True, bench.now)
+    assert bench.tick().state is State.STOPPING
+    bench.arbiter.feedback_invalid("joint 'left' is not there", bench.now)
+    assert_stopped(bench.tick())
+
+
+def test_nobody_gets_control_without_feedback() -> None:
+    bench = Machine()
+    bench.ready()
+    bench.reports = False
+    bench.run(0.4)
+    assert bench.decision.state is State.READY
+    assert 'the feedback is stale' in bench.why()
+    reply = bench.arbiter.select_autonomy(True, bench.now)
+    assert (reply.ok, 'the feedback is stale' in reply.message) == (False, True)
+    bench.samples['fort'] = DRIVE
+    assert bench.run(1.0).state is State.READY
+    bench.reports = True
+    assert bench.run(1.0).state is State.READY, 'that press is over'
+
+
+def test_missing_feedback_does_not_prevent_a_reset() -> None:
+    bench = Machine()
+    bench.reports = False
+    bench.run(1.0)
+    assert bench.reset().ok
+
+
+def test_two_live_publishers_of_feedback_are_none() -> None:
+    bench = Machine()
+    bench.active()
+    bench.arbiter.set_invalid('feedback', 'feedback', 'publishers', 'two live publishers')
+    assert_stopped(bench.tick())
+
+
+@pytest.mark.parametrize('jump', [3600.0, -3600.0])
+def test_clock_that_jumps_before_standstill_was_seen_stops_all_devices(jump: float) -> None:
+    bench = Machine()
+    bench.active()
+    bench.samples['fort'] = REST
+    bench.rate = 0.0
+    bench.run(0.1)
+    bench.now += jump
+    assert bench.tick().stop_demand == EVERYONE
+
+
+def test_without_feedback_nothing_is_awaited() -> None:
+    bench = Bench().active()
+    bench.samples['senior'] = BACK
+    assert bench.run(0.3).demand == (-1.0, -0.5)
+    with pytest.raises(KeyError):
+        bench.arbiter.measured((0.0, 0.0), bench.now)
+
+
+@pytest.mark.parametrize('value', [0.0, -1.0, math.nan, math.inf])
+@pytest.mark.parametrize(
+    'name', ['timeout', 'standstill', 'overspeed_tolerance', 'overspeed_time']
+)
+def test_feedback_that_judges_nothing_is_refused(name: str, value: float) -> None:
+    with pytest.raises(ValueError, match=name):
+        Feedback(('left', 'right'), **{name: value})
+    with pytest.raises(ValueError, match='feedback is of 1 joints'):
+        replace(CONFIG, feedback=Feedback(('left',)))
+
+
+speeds = st.sampled_from([0.0, 0.05, 0.3, 0.7, 3.0])
+steps = st.tuples(
+    st.sampled_from([0.0, 0.01, 0.1, 0.3]), st.none() | speeds, speeds, st.booleans()
+)
+
+
+@given(st.lists(steps, max_size=40))
+def test_a_fault_has_its_time_and_lasts_until_the_joints_stand(
+    story: list[tuple[float, float | None, float, bool]],
+) -> None:
+    feedback, now = FeedbackInput(Feedback(('left',), 0.25, 0.1, 0.5, 0.2), 0.5), 10.0
+    heard, speed, told = -math.inf, math.inf, math.inf
+    for dt, measured, commanded, ends in story:
+        now += dt
+        if measured is not None:
+            feedback.measured((measured,), now)
+            heard, speed = now, measured
+        if ends:
+            feedback.told_to_stand(now)
+            told = now
+        had = feedback.fault
+        feedback.judge((commanded,), now)
+        fresh = now < heard + 0.25
+        if fresh and speed <= 0.1:
+            assert feedback.fault is None
+            told = math.inf
+            continue
+        assert not (had and feedback.fault is None), 'it ended in motion'
+        if feedback.fault and not had:
+            late = now - told >= 0.5
+            assert late or (fresh and speed > commanded + 0.5), 'no reason'
+        if now - told >= 0.5:
+            assert feedback.fault, 'not seen to stand'
