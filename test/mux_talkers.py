@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from itertools import chain
 import time
 from typing import Any
 
@@ -15,6 +17,7 @@ from std_msgs.msg import String
 from std_srvs.srv import SetBool
 from std_srvs.srv import Trigger
 
+from test.rig import as_yaml
 from test.rig import latched
 from test.rig import NodeProcess
 from test.rig import Observer
@@ -48,13 +51,29 @@ def sticks(forward: float = 0.0, *, deadman: bool = False) -> Joy:
 
 
 class MuxBench:
-    """The mux with its default sources 'fort' and 'drive' and its operator 'fort'."""
+    """
+    The mux with its default sources 'fort' and 'drive' and its operator 'fort'.
 
-    def __init__(self, observer: Observer, rate: float = 50.0, **parameters: Any) -> None:
+    :param arguments: ROS arguments before the parameters, such as a file.
+    :param space: its namespace; one of its own by default.
+    :param parameters: with __ for a dot; None leaves out one of PATIENT.
+    """
+
+    def __init__(
+        self,
+        observer: Observer,
+        rate: float = 50.0,
+        *,
+        arguments: Sequence[str] = (),
+        space: str | None = None,
+        **parameters: Any,
+    ) -> None:
         self.observer = observer
-        self.space = namespace()
+        self.arguments = arguments
+        self.space = namespace() if space is None else space
         self.name = f'{self.space}/safety_mux'
-        self.given = PATIENT | {key.replace('__', '.'): value for key, value in parameters.items()}
+        given = PATIENT | {key.replace('__', '.'): value for key, value in parameters.items()}
+        self.given = {name: value for name, value in given.items() if value is not None}
         self.start()
         self.reset_at = 0.0
         record = observer.record
@@ -80,7 +99,9 @@ class MuxBench:
 
     def start(self) -> None:
         """Start the mux, or start it again."""
-        self.node = NodeProcess('safety_mux.node', self.given, namespace=self.space)
+        given = (('-p', f'{name}:={as_yaml(value)}') for name, value in self.given.items())
+        arguments = (*self.arguments, *chain.from_iterable(given))  # the last one counts
+        self.node = NodeProcess('safety_mux.node', arguments=arguments, namespace=self.space)
 
     def wait(self, condition: Any, what: str, timeout: float = 10.0) -> Any:
         return self.observer.wait_for(condition, timeout, lambda: f'{what}; {self.report()}')
@@ -167,13 +188,17 @@ class MuxBench:
 
     def is_stopped(self) -> bool:
         """Tell whether the newest outputs are stop, disable and 0."""
+        if not all(each.messages for each in (self.estop, self.enable, self.command)):
+            return False
         outputs = (self.estop.last.data, self.enable.last.data, any(self.demand))
         return outputs == (True, False, False)
 
     @property
     def demand(self) -> tuple[float, ...]:
-        """The newest command: of joints, or forward and turn of a twist."""
+        """The newest command: of joints, or forward and turn of a twist; empty before it."""
         message = self.command.last
+        if message is None:
+            return ()
         if isinstance(message, JointState):
             return tuple(message.velocity)
         twist = message.twist if isinstance(message, TwistStamped) else message
