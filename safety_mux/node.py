@@ -58,6 +58,7 @@ from safety_mux.protocol import Kind
 from safety_mux.protocol import MalformedInput
 from safety_mux.protocol import Reply
 from safety_mux.protocol import State
+from safety_mux.stamps import StampWatch
 
 # A stop must not be overwritten by what follows it before it was read, hence the depth.
 ESTOP_QOS = QoSProfile(depth=100)
@@ -190,6 +191,12 @@ class SafetyMux(ManagedNode):
         self._last_state: State | None = None
         self._owner: str | None = None
         self._mappings = {each.name: joy_mapping(values, each.name) for each in config.operators}
+        self._stamps = {
+            each.name: StampWatch(
+                each.timeout, required=values[f'operator.{each.name}.require_moving_stamps']
+            )
+            for each in config.operators
+        }
         self._watches: dict[str, tuple[Kind, str, PublisherWatch]] = {}
         self._source_of = {}
         self._interface = values['interface']
@@ -308,6 +315,9 @@ class SafetyMux(ManagedNode):
         self._arbiter.own_estop_message(name, message.data, now)
 
     def _on_joy(self, name: str, message: Any, now: float) -> None:
+        stamp, watch = message.header.stamp, self._stamps[name]
+        watch.hear((stamp.sec, stamp.nanosec), now)
+        self._arbiter.set_invalid('operator', name, 'stamps', watch.fault)
         try:
             sample = self._mappings[name].sample(message.axes, message.buttons)
         except MalformedInput as error:
@@ -539,13 +549,20 @@ class SafetyMux(ManagedNode):
         values['last transition'] = (
             f'{last.before.value} to {last.after.value}, {now - last.at:.1f} s ago: {last.reason}'
         )
+        warnings = [
+            f"operator '{name}' may be gone, and its sender repeat an old message: {watch.warning}"
+            for name, watch in self._stamps.items()
+            if watch.warning is not None
+        ]
+        values |= {f'warning {n}': text for n, text in enumerate(warnings, 1)}
         message = '; '.join(inhibits) or f'{status.owner} has control'
+        message = '; '.join((message, *warnings))
         if self._refused_reset is not None and status.state is State.STOPPED:
             at, answer = self._refused_reset
             refused = f'refused {in_words(now - at)} ago'
             values['last reset'] = f'{refused}: {answer}'
             message += f'; the last reset was {refused}'
-        said = Status(Level.WARN if still else Level.OK, message, values)
+        said = Status(Level.WARN if still or warnings else Level.OK, message, values)
         return to_msg(said, self.get_fully_qualified_name().lstrip('/'), '')
 
     def _button_inhibits(self, status: Any, now: float) -> list[str]:

@@ -353,6 +353,12 @@ OPERATOR = (
         False,
         'Publish ~/joy/<name>: his Joy while he has control, else a neutral one.',
     ),
+    Parameter(
+        'require_moving_stamps',
+        False,
+        'A stamp that is not set, or stays the same for timeout, loses the operator: its sender '
+        'repeats an old message. If false, one that stays the same is a warning.',
+    ),
 )
 
 # Defaults for the names in the default lists: a FORT remote and an ESI drive.

@@ -1,9 +1,10 @@
-"""A mux in the test's own process, fed without topics."""
+"""A mux in the test's own process, fed without topics, by its own thread or step by step."""
 
 from __future__ import annotations
 
 from typing import Any
 
+import pytest
 from rclpy.parameter import Parameter
 from std_msgs.msg import Bool
 
@@ -14,6 +15,9 @@ from test.mux_talkers import PATIENT
 from test.mux_talkers import sticks
 from test.rig import wait_for
 from test.talkers import namespace
+from test.talkers import values_of
+
+TICK, EVERY = 0.01, 0.05  # s
 
 
 class FedMux:
@@ -26,7 +30,7 @@ class FedMux:
         self.stop = False
         self.mux = SafetyMux(context=context, namespace=namespace(), parameter_overrides=given)
         self.mux.autostart()
-        self.mux.lane.every(0.05, self._feed)
+        self.mux.lane.every(EVERY, self._feed)
 
     def _feed(self, now: float) -> None:
         for name, stop in (('fort', self.stop), ('drive', False)):
@@ -55,3 +59,32 @@ class FedMux:
         assert self.state() is State.READY
         self.joy = sticks(0.5, deadman=True)
         self.wait(State.ACTIVE)
+
+
+class SteppedMux(FedMux):
+    """A mux whose thread has ended, and whose time is the test's."""
+
+    def __init__(self, context: Any, monkeypatch: pytest.MonkeyPatch, **parameters: Any) -> None:
+        super().__init__(context, **parameters)
+        self.mux.lane.stop()
+        self.now = clock.now()
+        monkeypatch.setattr(clock, 'now', lambda: self.now)
+        self.run(2.0)
+
+    def run(self, seconds: float) -> State:
+        """Let time pass; return the state in which it ends."""
+        for step in range(round(seconds / TICK)):
+            self.now += TICK
+            if step % round(EVERY / TICK) == 0:
+                self._feed(self.now)
+            self.mux._tick(self.now)
+        assert self.mux._last_state is not None
+        return self.mux._last_state
+
+    def values(self) -> dict[str, str]:
+        """Return the values of ~/status."""
+        return values_of(self.mux._status_message(self.now))
+
+    def message(self) -> str:
+        """Return what ~/status says in one line."""
+        return str(self.mux._status_message(self.now).message)

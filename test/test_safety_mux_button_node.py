@@ -10,39 +10,27 @@ from std_msgs.msg import Bool
 from bridge_core import clock
 from bridge_core.parameters import ParameterError
 from safety_mux.protocol import State
+from test.fed_mux import EVERY
 from test.fed_mux import FedMux
+from test.fed_mux import SteppedMux
 from test.mux_talkers import MuxBench
 from test.mux_talkers import sticks
 from test.rig import Observer
 from test.talkers import Talker
-from test.talkers import values_of
-
-TICK, EVERY = 0.01, 0.05  # s
 
 
-class SteppedMux(FedMux):
-    """A mux whose thread has ended, and whose time is the test's. :param button: None: silent."""
+class ButtonMux(SteppedMux):
+    """A mux with a button. :ivar button: None: silent."""
 
     def __init__(self, context: Any, monkeypatch: pytest.MonkeyPatch) -> None:
-        super().__init__(context, reset_topic='button')
-        self.mux.lane.stop()
-        self.now = clock.now()
-        monkeypatch.setattr(clock, 'now', lambda: self.now)
         self.button: bool | None = False
         self._numbers = [0]
-        self.run(2.0)
+        super().__init__(context, monkeypatch, reset_topic='button')
 
-    def run(self, seconds: float) -> State:
-        """Let time pass; return the state in which it ends."""
-        for step in range(round(seconds / TICK)):
-            self.now += TICK
-            if step % round(EVERY / TICK) == 0:
-                self._feed(self.now)
-                if self.button is not None:
-                    self.say(self.button)
-            self.mux._tick(self.now)
-        assert self.mux._last_state is not None
-        return self.mux._last_state
+    def _feed(self, now: float) -> None:
+        super()._feed(now)
+        if self.button is not None:
+            self.say(self.button)
 
     def say(self, pressed: bool, publisher: int = 0) -> None:
         """Say it by one of several publishers, each of which numbers its own messages."""
@@ -60,18 +48,17 @@ class SteppedMux(FedMux):
 
     def said(self) -> str:
         """Return what ~/status says of the last reset."""
-        values = values_of(self.mux._status_message(self.now))
-        return values.get('last reset', '').partition(' ago: ')[2]
+        return self.values().get('last reset', '').partition(' ago: ')[2]
 
 
 @pytest.fixture
-def mux(context: Any, monkeypatch: pytest.MonkeyPatch) -> Iterator[SteppedMux]:
-    result = SteppedMux(context, monkeypatch)
+def mux(context: Any, monkeypatch: pytest.MonkeyPatch) -> Iterator[ButtonMux]:
+    result = ButtonMux(context, monkeypatch)
     yield result
     result.mux.destroy_node()
 
 
-def test_release_resets_and_moves_nothing(mux: SteppedMux) -> None:
+def test_release_resets_and_moves_nothing(mux: ButtonMux) -> None:
     mux.button = True
     assert mux.run(1.9) is State.STOPPED  # not while it is pressed
     mux.button = False
@@ -83,7 +70,7 @@ def test_release_resets_and_moves_nothing(mux: SteppedMux) -> None:
 
 @pytest.mark.parametrize(('seconds', 'words'), [(0.05, '50 ms'), (2.5, '2500 ms')])
 def test_press_of_another_length_is_refused_with_the_reason(
-    mux: SteppedMux, seconds: float, words: str
+    mux: ButtonMux, seconds: float, words: str
 ) -> None:
     assert mux.press(seconds) is State.STOPPED
     assert mux.said() == (
@@ -93,7 +80,7 @@ def test_press_of_another_length_is_refused_with_the_reason(
     assert mux.said() == ''
 
 
-def test_stop_and_stick_refuse_a_button_as_they_do_the_service(mux: SteppedMux) -> None:
+def test_stop_and_stick_refuse_a_button_as_they_do_the_service(mux: ButtonMux) -> None:
     mux.stop = True
     assert mux.press() is State.STOPPED
     assert "e-stop source 'fort' demands a stop" in mux.said()
@@ -111,7 +98,7 @@ def test_stop_and_stick_refuse_a_button_as_they_do_the_service(mux: SteppedMux) 
     assert mux.press() is State.READY
 
 
-def test_button_and_service_are_one_reset(mux: SteppedMux) -> None:
+def test_button_and_service_are_one_reset(mux: ButtonMux) -> None:
     """Two within clear_time are one that is held, whichever way they come."""
     mux.stop = True
     mux.run(0.1)
@@ -122,7 +109,7 @@ def test_button_and_service_are_one_reset(mux: SteppedMux) -> None:
     assert 'a held or repeated reset does nothing' in mux.said()
 
 
-def test_press_that_began_before_the_stop_is_not_meant_for_it(mux: SteppedMux) -> None:
+def test_press_that_began_before_the_stop_is_not_meant_for_it(mux: ButtonMux) -> None:
     assert mux.press() is State.READY
     mux.run(10.0)
     mux.button = True
@@ -137,7 +124,7 @@ def test_press_that_began_before_the_stop_is_not_meant_for_it(mux: SteppedMux) -
     assert mux.press() is State.READY
 
 
-def test_button_that_is_pulsed_for_ever_does_not_rearm_after_a_stop(mux: SteppedMux) -> None:
+def test_button_that_is_pulsed_for_ever_does_not_rearm_after_a_stop(mux: ButtonMux) -> None:
     for _ in range(5):
         mux.run(1.0)
         mux.press()
@@ -153,26 +140,23 @@ def test_button_that_is_pulsed_for_ever_does_not_rearm_after_a_stop(mux: Stepped
     assert mux.press() is State.READY
 
 
-def test_button_that_sticks_or_is_silent_is_an_inhibit(mux: SteppedMux) -> None:
-    def inhibits() -> str:
-        return str(mux.mux._status_message(mux.now).message)
-
-    assert 'reset button' not in inhibits()
+def test_button_that_sticks_or_is_silent_is_an_inhibit(mux: ButtonMux) -> None:
+    assert 'reset button' not in mux.message()
     mux.button = True
     assert mux.run(60.0) is State.STOPPED
-    assert 'the reset button has been held for 60 s: release it' in inhibits()
+    assert 'the reset button has been held for 60 s: release it' in mux.message()
     mux.button = None
     mux.run(1.0)
-    assert 'the reset button is stale: last heard' in inhibits()
+    assert 'the reset button is stale: last heard' in mux.message()
     mux.button = False
     assert mux.run(1.0) is State.STOPPED
     assert mux.press() is State.READY
     mux.button = None
     mux.run(1.0)
-    assert 'reset button' not in inhibits()  # nothing to reset
+    assert 'reset button' not in mux.message()  # nothing to reset
 
 
-def test_second_publisher_keeps_the_button_from_resetting(mux: SteppedMux) -> None:
+def test_second_publisher_keeps_the_button_from_resetting(mux: ButtonMux) -> None:
     """Neither by its own pulses, nor by what the two say together."""
     for pressed in (True, True, True, True, False):
         mux.run(EVERY)
@@ -184,7 +168,7 @@ def test_second_publisher_keeps_the_button_from_resetting(mux: SteppedMux) -> No
     assert mux.press() is State.READY
 
 
-def test_publisher_that_was_started_anew_counts_after_a_while(mux: SteppedMux) -> None:
+def test_publisher_that_was_started_anew_counts_after_a_while(mux: ButtonMux) -> None:
     mux.run(10 * EVERY)
     mux._numbers = [0]
     assert mux.press(0.2) is State.STOPPED
@@ -193,7 +177,7 @@ def test_publisher_that_was_started_anew_counts_after_a_while(mux: SteppedMux) -
     assert mux.press() is State.READY
 
 
-def test_press_of_which_a_message_was_lost_does_not_count(mux: SteppedMux) -> None:
+def test_press_of_which_a_message_was_lost_does_not_count(mux: ButtonMux) -> None:
     mux.button = True
     mux.run(0.2)
     mux._numbers[0] += 1
