@@ -27,6 +27,7 @@ from demo.steering import VM110
 from fort_vsc_bridge.protocol import Heartbeat
 from test.stage import BETWEEN_RESETS
 from test.stage import CLEAR_ERRORS
+from test.stage import END_TRIP
 from test.stage import greatest_step
 from test.stage import Packet
 from test.stage import TRIP
@@ -79,7 +80,7 @@ class Scene(Actuators):
             step('a reset before the errors are cleared is refused', self.clear_fault),
             again,
             step('~/trip stops', stopped, '~/trip, from its call', self.trip),
-            step('a first reset only ends the trip, which stopped the VSC too', self.end_trip),
+            step('the VSC is stopped by it, too; ~/end_trip moves nothing', self.end_trip),
             again,
             step('the VSC unplugged stops', stopped, 'VSC unplugged', unplug, SILENT_LIMIT),
             step('plugged in: healthy in the same process, nothing moves', self.plug),
@@ -222,18 +223,14 @@ class Scene(Actuators):
         return at
 
     def end_trip(self) -> str:
-        """Reset: the trip ends, and with it what stops the VSC; that has to be acknowledged."""
+        """End the trip, and with it what stops the VSC; that has to be acknowledged."""
         self.let_go()
-        may_end_at = time.monotonic() + BETWEEN_RESETS
-
-        def has_trip(value: str) -> bool:
-            return self.is_stopped() and self.stage.values['trip active'] == value
-
-        def is_tripped() -> bool:
-            at_rest = self.stage.values['operators at rest'] == 'true'
-            return at_rest and has_trip('true') and time.monotonic() > may_end_at
-
-        return self.refused_reset(is_tripped, partial(has_trip, 'false'))
+        may_end_at = self.caused_at + BETWEEN_RESETS  # clear_time
+        self.wait(lambda: self.demanded(FORT) and time.monotonic() > may_end_at)
+        since = time.monotonic()
+        reply = self.stage.call(END_TRIP)
+        assert reply.success, reply.message
+        return f'{reply.message}; {self.still(since)}'
 
     def plug(self) -> str:
         """Plug the VSC in again; stick and deadman are still held on the remote."""

@@ -26,6 +26,7 @@ from demo.actuators import turns_in
 from demo.stage import DemoStage
 from demo.stage import ESTOPS
 from test.stage import CLEAR_ERRORS
+from test.stage import END_TRIP
 from test.stage import Packet
 from test.stage import RESET
 from test.stage import TRIP
@@ -59,6 +60,7 @@ _SWITCHES = {  # whose, what switches on, what off
     ' ': ('vsc', 'estop remote on', 'estop remote off'),
     'w': ('vsc', 'estop vsc on', 'estop vsc off'),
     'u': ('vsc', 'unplug', 'plug'),
+    't': ('service', TRIP, END_TRIP),
     'b': ('unit', 'switch 1 1 1', 'switch 1 1 0'),
     's': ('unit', 'stop 1 on', 'stop 1 off'),
     '0': ('ssc', 'channel 4 2000', 'channel 4 1000'),
@@ -71,7 +73,6 @@ _PLAIN = {
     'f': [('drive', 'fault a overcurrent pulse')],
     'r': [('service', RESET)],
     'e': [('service', CLEAR_ERRORS)],
-    't': [('service', TRIP)],
 }
 
 _ESTOP = {True: 'STOP', False: 'clear', None: 'silent (STOP)'}

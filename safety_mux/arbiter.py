@@ -29,9 +29,10 @@ Decided here, where the rules leave a choice:
 * A reset counts once: a call within clear_time of another is a held or repeated one, and refused.
   Calls that go on while there is nothing to reset are those of a script. None of them re-arms
   after a stop: since that began, there must have been silence of resets for reset_silence.
-* A trip demands a stop of every device until a reset. Where devices are wired to that, their
-  e-stops are its echo, and would make every reset fail. So a reset that finds nothing but echo
-  ends the trip and is refused; the next one, clear_time after the echo has ended, succeeds.
+* A trip is like a button: it demands a stop of every device until it is ended, or a reset
+  succeeds. Where devices are wired to that, their e-stops are its echo, and refuse a reset until
+  the trip was ended and they are clear again. One reset is enough then. So that no trip lasts for
+  ever, a reset that is refused for nothing but the echo ends it, too.
 * A ``when_owner`` source that is not clear does not prevent a reset, but its operator cannot
   acquire. It stops the machine while its operator is owner, also in a takeover and on the ramp,
   and for its own timeout after that: an operator who presses a stop also releases the deadman.
@@ -138,7 +139,7 @@ class Arbiter:
         self._clear_since: float | None = None  # in STOPPED: time of the first tick without a stop
         self._reset_asked: float | None = None
         self._resets_go_on = False  # they began when there was nothing to reset
-        self._tripped_at: float | None = None  # set: a trip is active, until a reset
+        self._tripped_at: float | None = None  # set: a trip is active
         self._trip: str | None = None  # reason of a new trip, until the next tick
         self._hold: str | None = None
         self._last_tick: float | None = None
@@ -217,10 +218,20 @@ class Arbiter:
     # -- services ----------------------------------------------------------------------------
 
     def trip(self, now: float, reason: str = '~/trip was called') -> Reply:
-        """Latch STOPPED with the next tick; all devices are asked to stop too, until a reset."""
+        """Latch STOPPED with the next tick; all devices are asked to stop, until it ends."""
         self._trip = reason
         self._tripped_at = now
         return Reply(True, 'tripped: STOPPED until ~/reset')
+
+    def end_trip(self, now: float) -> Reply:
+        """Ask devices no longer to stop for a trip; STOPPED remains, until a reset."""
+        if self._tripped_at is None:
+            return Reply(False, 'no trip is active')
+        if not now - self._tripped_at >= self.config.clear_time:
+            least = milliseconds(self.config.clear_time)
+            return Reply(False, f'not ended: a trip lasts {least} or longer')
+        self._tripped_at = None
+        return Reply(True, 'the trip is ended; call ~/reset when all devices are clear')
 
     def hold(self, reason: str | None) -> None:
         """Stop while there is a reason, such as that the node is not active; None ends it."""
@@ -615,7 +626,7 @@ class Arbiter:
 
     def _why_no_reset(self, now: float) -> list[str]:
         tripped = self._tripped_at is not None
-        why = ['a trip is active until ~/reset is called'] if tripped else []
+        why = ['a trip is active until ~/end_trip is called, or a reset succeeds'] * tripped
         clearing = [] if self._stops(now) else self._waiting(now)
         why += self._unrest(now) + clearing + self._going_on(now)
         return [*why, 'waiting for reset: call ~/reset']

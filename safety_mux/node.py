@@ -100,6 +100,7 @@ class SafetyMux(ManagedNode):
         self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', 10)
         self.create_service(Trigger, '~/reset', self._on_reset)
         self.create_service(Trigger, '~/trip', self._on_trip)
+        self.create_service(Trigger, '~/end_trip', self._on_end_trip)
         self.create_service(SetBool, '~/select_autonomy', self._on_select_autonomy)
         self._causes: set[str] = set()  # of stops, as logged
         self._logged_at = -math.inf
@@ -443,6 +444,10 @@ class SafetyMux(ManagedNode):
         del request
         return self._answer(response, 'trip', self._trip)
 
+    def _on_end_trip(self, request: Any, response: Any) -> Any:
+        del request
+        return self._answer(response, 'end_trip', self._end_trip)
+
     def _on_select_autonomy(self, request: Any, response: Any) -> Any:
         return self._answer(response, 'select_autonomy', self._select_autonomy, request.data)
 
@@ -467,6 +472,12 @@ class SafetyMux(ManagedNode):
     def _trip(self) -> Reply:
         now = clock.now()
         reply = self._arbiter.trip(now)
+        self._tick(now)
+        return reply
+
+    def _end_trip(self) -> Reply:
+        now = clock.now()
+        reply = self._arbiter.end_trip(now)
         self._tick(now)
         return reply
 

@@ -154,6 +154,9 @@ class MuxBench:
     def trip(self) -> Any:
         return self.observer.call(Trigger, f'{self.name}/trip')
 
+    def end_trip(self) -> Any:
+        return self.observer.call(Trigger, f'{self.name}/end_trip')
+
     def select_autonomy(self, select: bool = True) -> Any:
         request = SetBool.Request(data=select)
         return self.observer.call(SetBool, f'{self.name}/select_autonomy', request)

@@ -38,7 +38,8 @@ from test.rig import wait_for
 
 VSC, UNIT, SSC = 'fort_vsc_bridge', 'vm110_bridge', 'ssc_bridge'
 MONITOR, DRIVE, MUX = 'akron_can_bridge', 'esi_drive_bridge', 'safety_mux'
-RESET, TRIP, CLEAR_ERRORS = f'/{MUX}/reset', f'/{MUX}/trip', f'/{DRIVE}/clear_errors'
+RESET, TRIP, END_TRIP = f'/{MUX}/reset', f'/{MUX}/trip', f'/{MUX}/end_trip'
+CLEAR_ERRORS = f'/{DRIVE}/clear_errors'
 BETWEEN_RESETS = 0.55  # s; within clear_time of another one, or of a trip, a reset does nothing
 _KEPT = 2000  # messages of each topic
 _OVERLAP = 0.1  # s of bytes before the wanted ones, for a packet that began there
@@ -193,7 +194,7 @@ class Stage:
         self.estops = {name: self.record(Bool, f'/{name}/estop') for name in nodes}
         self._services = {  # now: a node that discovers a client late may drop its first response
             name: observer.node.create_client(Trigger, name)
-            for name in (RESET, TRIP, CLEAR_ERRORS)
+            for name in (RESET, TRIP, END_TRIP, CLEAR_ERRORS)
         }
         self._reset_at = 0.0
 

@@ -383,7 +383,16 @@ def test_a_stop_of_one_reaches_the_chain_of_the_other() -> None:
     chains.recover()
 
 
-def test_a_trip_opens_both_chains_and_takes_two_resets() -> None:
+def test_a_trip_opens_both_chains_and_takes_one_reset_once_it_is_ended() -> None:
+    chains = started()
+    chains.arbiter.trip(chains.now)
+    chains.run(2.5)
+    assert all(party.chain_open for party in chains.parties.values())
+    assert chains.arbiter.end_trip(chains.now).ok
+    chains.recover()  # by one reset
+
+
+def test_a_trip_that_nobody_ends_takes_two_resets() -> None:
     chains = started()
     chains.arbiter.trip(chains.now)
     chains.run(2.5)

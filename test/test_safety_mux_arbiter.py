@@ -403,9 +403,33 @@ def test_trip_is_latched_until_a_reset() -> None:
     decision = bench.run(2.0)
     assert_stopped(decision)
     assert all(decision.stop_demand.values())
-    assert 'a trip is active until ~/reset is called' in bench.why()
+    assert 'a trip is active until ~/end_trip is called, or a reset succeeds' in bench.why()
     bench.ready()
     assert not any(bench.tick().stop_demand.values())
+
+
+def test_trip_that_is_ended_asks_no_device_to_stop_and_stays_latched() -> None:
+    bench = Bench().active()
+    bench.samples['fort'] = REST
+    bench.arbiter.trip(bench.now)
+    bench.run(0.49)
+    assert bench.arbiter.end_trip(bench.now).message == 'not ended: a trip lasts 500 ms or longer'
+    bench.run(2 * TICK)
+    assert bench.arbiter.end_trip(bench.now).ok
+    assert_stopped(bench.tick())
+    assert not any(bench.decision.stop_demand.values())
+    assert bench.arbiter.end_trip(bench.now) == (False, 'no trip is active')
+    assert_stopped(bench.run(1.0))
+    assert bench.reset().ok
+
+
+def test_trip_that_follows_a_trip_lasts_as_long() -> None:
+    bench = Bench().active()
+    bench.arbiter.trip(bench.now)
+    bench.run(1.0)
+    bench.arbiter.trip(bench.now)
+    assert not bench.arbiter.end_trip(bench.now).ok
+    assert all(bench.run(0.4).stop_demand.values())
 
 
 # Rule 12: the full answer.

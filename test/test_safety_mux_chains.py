@@ -39,7 +39,8 @@ SAMPLES = {
     'drive': OperatorSample(neutral=False, deadman=True, demand=(1.0,)),
 }
 EVENTS = (
-    '', 'press vsc', 'press vm110', 'cut vsc', 'cut vm110', 'rest', 'drive', 'trip', 'reset',
+    '', 'press vsc', 'press vm110', 'cut vsc', 'cut vm110', 'rest', 'drive', 'trip', 'end trip',
+    'reset',
 )  # fmt: skip
 
 
@@ -84,8 +85,14 @@ class Plant:
         self.arbiter.operator_sample('fort', SAMPLES[self.operator], self.now)
         if verb == 'trip':
             self.arbiter.trip(self.now)
+        if event == 'end trip':
+            self.arbiter.end_trip(self.now)
         done = verb == 'reset' and self.arbiter.reset(self.now).ok
         self.decision = self.arbiter.tick(self.now)
+        if self.decision.state in (State.READY, State.ACTIVE):
+            stopped = [n for n, source in self.arbiter._sources.items() if source.value]
+            counted = [n for n in stopped if self.arbiter._sources[n].config.counts == 'always']
+            assert not counted, f'{self.decision.state} with {counted} stopped'
         for name, device in self.devices.items():
             device.asked = self.decision.stop_demand[name]
         return done
@@ -200,7 +207,21 @@ def test_silence_of_an_own_estop_is_a_demand() -> None:
     assert isinstance(world.arbiter._sources['vm110'], SourceInput)
 
 
-def test_a_trip_wired_to_devices_takes_two_resets() -> None:
+def test_a_trip_wired_to_devices_is_ended_and_takes_one_reset() -> None:
+    world = plant(True, 'always')
+    for event in ('', '', '', 'trip', '', '', '', ''):
+        world.step(event)
+    assert world.decision is not None
+    assert world.decision.stop_demand == {'vsc': True, 'vm110': True}
+    world.step('end trip')
+    assert world.decision.stop_demand == {'vsc': False, 'vm110': False}
+    for _ in range(4):
+        world.step('')
+    assert world.decision.state is State.STOPPED, 'the end of a trip is no reset'
+    assert world.step('reset')
+
+
+def test_a_trip_wired_to_devices_that_nobody_ends_takes_two_resets() -> None:
     """The first ends the trip, whose echo would refuse every reset; the second counts."""
     world = plant(True, 'always')
     for _ in range(3):

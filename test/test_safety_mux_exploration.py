@@ -356,6 +356,8 @@ class World:
             return self.arbiter.select_autonomy(True, now)
         if service == 'deselect':
             return self.arbiter.select_autonomy(False, now)
+        if service == 'end trip':
+            return self.arbiter.end_trip(now)
         return self.arbiter.trip(now) if service == 'trip' else self.arbiter.reset(now)
 
     def step(self, event: Event) -> None:
@@ -495,7 +497,7 @@ class Judge:
             log.trip = 'yes'
         elif self.event.service == 'reset' and log.trip == 'yes':
             log.trip = 'asked'
-        if self.event.service == 'reset' and self.reply.ok:
+        if self.event.service in ('reset', 'end trip') and self.reply.ok:
             log.trip = 'no'
         own = {name: 'own' if name == 'always' and 'own' in log.said else name for name in SOURCES}
         demanding = set()
@@ -706,6 +708,7 @@ def events(scene: Scene) -> list[Event]:
     bounces = [((name, 'rest'), (name, 'drive')) for name in free if name in OPERATORS]
     presses = [change for change in changes if change[0][1] in DRIVING]
     services = ['reset', 'trip'] + (['select', 'deselect'] if 'autonomy' in free else [])
+    services += ['end trip'] if 'own' in free else []
     found = [Event(), Event(steps=2)]
     found += [Event(changes=change) for change in changes]
     found += [Event(service=service) for service in services]
@@ -801,7 +804,7 @@ SCENES = {
     'own topic': Scene(
         {'always': 'clear stop silent', 'own': 'clear stop silent', 'low': 'rest drive'},
         states=1753,
-        steps=18885,
+        steps=20638,
     ),
     'not active': Scene(
         {'mux': 'active inactive', 'low': 'rest drive', 'soft': 'clear stop'},

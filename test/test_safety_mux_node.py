@@ -258,6 +258,16 @@ def test_trip_stops_and_asks_all_devices_to_stop_until_a_reset(mux: MuxBench) ->
     mux.wait(lambda: not any(r.last.data for r in mux.stop_demand.values()), 'no stop demand')
 
 
+def test_trip_that_is_ended_asks_nobody_to_stop_and_needs_a_reset(mux: MuxBench) -> None:
+    mux.active()
+    assert mux.trip().success
+    mux.joy.message = sticks()
+    mux.wait(lambda: mux.end_trip().success, 'the end of the trip')
+    mux.wait(lambda: not any(r.last.data for r in mux.stop_demand.values()), 'no stop demand')
+    mux.observer.holds_for(mux.is_stopped, 0.5)
+    mux.ready()
+
+
 def test_stop_demand_leaves_out_whose_own_stop_it_is(mux: MuxBench) -> None:
     mux.wait(lambda: not any(r.last.data for r in mux.stop_demand.values()), 'no stop demand')
     mux.fort_estop.message = mux.fort_own_estop.message = Bool(data=True)
@@ -651,7 +661,7 @@ def test_mux_that_hangs_answers_that_nothing_was_done(own_mux: SafetyMux) -> Non
     gate = Event()
     own_mux.lane.post(gate.wait)
     try:
-        for service in (own_mux._on_reset, own_mux._on_trip):
+        for service in (own_mux._on_reset, own_mux._on_trip, own_mux._on_end_trip):
             response = service(Trigger.Request(), Trigger.Response())
             assert not response.success
             assert 'nothing was done' in response.message
