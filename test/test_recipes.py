@@ -372,7 +372,8 @@ def test_controller_of_ros2_control_drives_the_drive_and_sees_it_turn(
 ) -> None:
     recipe = 'topic_based_ros2_control'
     mux = bench(observer, recipe, space='')
-    mux.drive_estop.leave()  # the drive's node is there itself
+    for talker in (mux.drive_estop, mux.drive_enabled):  # the drive's node is there itself
+        talker.leave()
     drive = Drive(tmp_path / 'esi_drive')
     wiring = {'command': 'command', 'enable': 'enable', 'estop_in': 'estop'}
     arguments = ['--params-file', str(file_of(recipe)), '-p', f'port:={drive.path}']
