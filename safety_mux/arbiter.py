@@ -305,7 +305,7 @@ class Arbiter:
         self._last_tick = now
         self._settled = True
         owner = None if self._owner is None else self._owner.name
-        counts = self._state is State.ACTIVE and not (self._through_zero or self._overruled)
+        counts = self._state is State.ACTIVE and self._overruled is None
         return Decision(
             state=self._state,
             owner=owner,

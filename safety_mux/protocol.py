@@ -279,8 +279,8 @@ class Decision(NamedTuple):
         that receives true disables, and there would be no ramp.
     :param stop_demand: by source, whether any other source demands a stop by itself, a trip is
         active, or joints move that should not. Not latched.
-    :param follows: the owner while what it asks for counts: in ACTIVE, once a takeover has passed
-        through zero, and until a higher operator ends its control.
+    :param follows: the owner while what it asks for counts, for others than the joints too: in
+        ACTIVE, until a higher operator ends its control.
     """
 
     state: State

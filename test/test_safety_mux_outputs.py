@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from itertools import pairwise
 import math
 import time
@@ -33,6 +34,7 @@ from test.rig import latched
 from test.rig import NodeProcess
 from test.rig import Observer
 from test.safety_mux_bench import Bench
+from test.safety_mux_bench import CONFIG
 from test.safety_mux_bench import DRIVE
 from test.safety_mux_bench import OFF
 from test.safety_mux_bench import REST
@@ -242,16 +244,21 @@ def test_ramp_of_category_1_follows_nobody() -> None:
     assert bench.decision.follows is None
 
 
-def test_takeover_follows_the_new_owner_once_the_output_was_zero() -> None:
+def test_takeover_follows_the_new_owner_at_once_and_the_former_no_more() -> None:
     bench = Bench().active()
     bench.samples['senior'] = DRIVE
     bench.send()
-    assert (bench.tick().owner, bench.decision.follows) == ('senior', None)
-    while bench.decision.follows is None:
-        assert any(bench.decision.demand)
-        bench.run(0.01)
-    assert (bench.decision.follows, bench.decision.demand) == ('senior', (0.0, 0.0))
+    assert (bench.tick().owner, bench.decision.follows) == ('senior', 'senior')
+    assert any(bench.decision.demand), 'the joints pass through zero first'
     assert followed(bench, 0.5) == {'senior'}
+
+
+def test_owner_is_followed_while_the_joints_wait_for_the_drive() -> None:
+    """A monitor turns although the motors do not, and a stick pushed meanwhile is not held."""
+    bench = Bench(replace(CONFIG, drive_timeout=0.25)).ready()
+    bench.samples['fort'], bench.drive = DRIVE, False
+    assert bench.run(0.3).follows == 'fort'
+    assert not any(bench.decision.demand)
 
 
 def test_owner_who_is_overruled_is_followed_no_more_while_the_output_ramps() -> None:
