@@ -1,5 +1,6 @@
 """The cost of a decision grows with its inputs and joints, not with pairs of them."""
 
+import gc
 import sys
 from types import FrameType
 from typing import Any
@@ -37,12 +38,14 @@ def work(bench: Bench) -> int:
         return trace
 
     before = sys.gettrace()
+    gc.disable()  # hypothesis has it call Python, which would be counted
     sys._getframe().f_trace_opcodes = True  # Python 3.12 looks for one frame that has it, at once
     sys.settrace(trace)
     try:
         bench.tick()
     finally:
         sys.settrace(before)
+        gc.enable()
     return count
 
 
