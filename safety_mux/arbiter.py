@@ -40,6 +40,8 @@ Decided here, where the rules leave a choice:
   demand of a new owner, the end of an overruled one, the end of a ramp, at most for stop_time. Who
   is not seen to stand stop_time after control, or runs on without being asked, is a stop, and all
   devices are asked to stop, until the joints stand.
+* A speed limit is no stop: the least of all scales what the owner demands, after the joints' own
+  limits, and the output follows at their deceleration. One that is silent is at its lowest.
 * The output waits at rest until the drive says that it is enabled, and ramps from rest then: what
   was sent before would come out as a step. A drive that drops out gets zero at once, and from a
   ramp of category 1 leads to STOPPED. A drive that was never heard is not waited for.
@@ -60,6 +62,7 @@ from safety_mux.inputs import Input
 from safety_mux.inputs import OperatorInput
 from safety_mux.inputs import OwnerInput
 from safety_mux.inputs import SourceInput
+from safety_mux.inputs import SpeedLimitInput
 from safety_mux.protocol import AUTONOMY
 from safety_mux.protocol import Causes
 from safety_mux.protocol import Decision
@@ -115,6 +118,7 @@ class Arbiter:
         self._feedback: FeedbackInput | None = None
         if config.feedback is not None:
             self._feedback = FeedbackInput(config.feedback, config.stop_time)
+        self._speed_limits = {each.name: SpeedLimitInput(each) for each in config.speed_limits}
         self._named: dict[tuple[str, str], Input] = {}  # by kind and name
         for source in self._sources.values():
             self._named['e-stop source', source.config.name] = source
@@ -126,6 +130,8 @@ class Arbiter:
             self._named['drive', 'drive'] = self._drive
         if self._feedback is not None:
             self._named['feedback', 'feedback'] = self._feedback
+        for name, limit in self._speed_limits.items():
+            self._named['speed limit', name] = limit
         self._inputs = list(self._named.values())
         self._state = State.STOPPED
         self._owner: OwnerInput | None = None  # not None in ACTIVE and STOPPING only
@@ -201,6 +207,10 @@ class Arbiter:
             feedback.measured(speeds, now)
         else:
             feedback.malformed(fault, now)
+
+    def speed_limit(self, name: str, value: float, now: float) -> None:
+        """Record a speed limit's message: the share of the speed that it allows, 0 to 1."""
+        self._speed_limits[name].limit(value, now)
 
     def feedback_invalid(self, reason: str, now: float) -> None:
         """Record a malformed message of the joints; feedback is invalid until a good one."""
@@ -328,6 +338,7 @@ class Arbiter:
             operators_at_rest=not self._unrest(now),
             tripped=self._tripped_at is not None,
             last_transition=self._transition,
+            slowed=tuple(self._slowed(now)),
         )
 
     # -- stops -------------------------------------------------------------------------------
@@ -568,7 +579,7 @@ class Arbiter:
         elif self._state is State.ACTIVE and self._owner is not None:
             to_zero = self._through_zero or self._overruled is not None or not ready
             target = (0.0,) * self.config.joints if to_zero else self._owner.demand
-            demand = self._limiter.step(target, dt)
+            demand = self._limiter.step(target, dt, self._scale(now))
             in_motion = self._in_motion(demand, now)
             self._through_zero = not ready or (self._through_zero and in_motion)
             if self._overruled is None or in_motion:
@@ -576,6 +587,14 @@ class Arbiter:
             self._release(self._owner, self._overruled, now)
         self._limiter.reset()
         return (0.0,) * self.config.joints
+
+    def _scale(self, now: float) -> float:
+        return min((each.scale(now) for each in self._speed_limits.values()), default=1.0)
+
+    def _slowed(self, now: float) -> list[str]:
+        scale = self._scale(now)
+        limits = self._speed_limits.values()
+        return [each.words(now) for each in limits if each.scale(now) == scale < 1.0]
 
     def _in_motion(self, demand: Demand, now: float) -> bool:
         """Return whether the joints move, as far as is known, or are to."""
@@ -613,6 +632,8 @@ class Arbiter:
         if not self._through_zero and not any(self._owner.demand):
             return [f'{self._owner.label} has control and asks for zero']
         if self._through_zero or not any(self._limiter.output):
+            if self._scale(now) == 0.0:
+                return self._slowed(now)
             first = f'the output passes through zero first{self._motion(now)}'
             return [f'{self._owner.label} takes control: {first}']
         return []

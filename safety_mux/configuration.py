@@ -15,6 +15,7 @@ from safety_mux.protocol import EStopSource
 from safety_mux.protocol import Feedback
 from safety_mux.protocol import MuxConfig
 from safety_mux.protocol import Operator
+from safety_mux.protocol import SpeedLimit
 
 _T = TypeVar('_T')
 _TIMES = ('clear_time', 'neutral_time', 'hold_time', 'stall_limit', 'stop_time', 'reset_silence')
@@ -40,6 +41,14 @@ def mux_config(values: Mapping[str, Any]) -> MuxConfig:
                 values['drive_enabled_timeout'] if values['drive_enabled_topic'] else None
             ),
             feedback=_feedback(values) if values['feedback.topic'] else None,
+            speed_limits=tuple(
+                SpeedLimit(
+                    name,
+                    timeout=values[f'speed_limit.{name}.timeout'],
+                    lowest=values[f'speed_limit.{name}.lowest'],
+                )
+                for name in names_of(values, 'speed_limits')
+            ),
             **{name: values[name] for name in _TIMES},
         ),
     )
@@ -95,7 +104,8 @@ def check(values: Mapping[str, Any], resolved: Callable[[str], str]) -> None:
     :param resolved: gives the full name of a topic, by the node's namespace and remappings.
     :raises ParameterError: with the parameter's name.
     """
-    for prefix, list_name in (('estop', 'estop_sources'), ('operator', 'operators')):
+    lists = ('estop_sources', 'operators', 'speed_limits')
+    for prefix, list_name in zip(('estop', 'operator', 'speed_limit'), lists, strict=True):
         for name in names_of(values, list_name):
             if not values[f'{prefix}.{name}.topic']:
                 raise ParameterError(

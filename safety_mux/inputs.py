@@ -15,6 +15,7 @@ from safety_mux.protocol import Demand
 from safety_mux.protocol import EStopSource
 from safety_mux.protocol import Operator
 from safety_mux.protocol import OperatorSample
+from safety_mux.protocol import SpeedLimit
 
 _MESSAGE = 'message'  # the fault of the newest message; a good message clears it
 
@@ -192,6 +193,40 @@ class DriveInput(Input):
         if not self.known:
             return not self.faults
         return self.value and self.lapse is None and self.usable(now)
+
+
+class SpeedLimitInput(Input):
+    """A speed limit of the moment."""
+
+    __slots__ = ('lowest', 'value')
+
+    def __init__(self, config: SpeedLimit) -> None:
+        super().__init__(f"speed limit '{config.name}'", config.timeout)
+        self.lowest = config.lowest
+        self.value = 1.0
+
+    def limit(self, value: float, now: float) -> None:
+        """Record a message; one that is not from 0 to 1 makes it invalid."""
+        if not 0.0 <= value <= 1.0:
+            self.malformed(f'it is {value}, allowed is 0 to 1', now)
+            return
+        self.hear(now)
+        self.value = value
+
+    @property
+    def use(self) -> str:
+        """The share of the speed that it allows."""
+        return f'{100.0 * self.value:.0f} %'
+
+    def scale(self, now: float) -> float:
+        """Return the share that counts now. Silence never raises it."""
+        return self.value if self.usable(now) else min(self.value, self.lowest)
+
+    def words(self, now: float) -> str:
+        """Say what it allows, and why if it does not say so itself."""
+        problem = self.problem(now)
+        allows = f'{self.label} allows {100.0 * self.scale(now):.0f} %'
+        return f'{allows}: {problem}' if problem else allows
 
 
 class Run:

@@ -73,12 +73,13 @@ class JointLimiter:
         self._values = (0.0,) * len(self._limits)
         self._ramp = None
 
-    def step(self, target: Sequence[float], dt: float) -> tuple[float, ...]:
+    def step(self, target: Sequence[float], dt: float, scale: float = 1.0) -> tuple[float, ...]:
         """
         Return the next output on the way to ``target``, ``dt`` seconds after the last.
 
         A dt below 0 or NaN counts as 0, one beyond ``max_dt`` as ``max_dt``.
 
+        :param scale: 0 to 1, of what the magnitudes leave of the target.
         :raises ValueError: the number of targets is not that of the joints.
         """
         if len(target) != len(self._limits):
@@ -87,6 +88,8 @@ class JointLimiter:
         dt = min(_forward(dt), self._max_dt)
         if any(map(gt, map(abs, target), self._magnitudes)):
             target = self._reduced(target)
+        if scale != 1.0:
+            target = [goal * scale for goal in target]
         self._values = tuple(map(_follow, self._values, target, self._limits, repeat(dt)))
         return self._values
 

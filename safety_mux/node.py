@@ -22,6 +22,7 @@ from rclpy.qos import ReliabilityPolicy
 from sensor_msgs.msg import JointState
 from sensor_msgs.msg import Joy
 from std_msgs.msg import Bool
+from std_msgs.msg import Float64
 from std_msgs.msg import String
 from std_srvs.srv import SetBool
 from std_srvs.srv import Trigger
@@ -210,6 +211,10 @@ class SafetyMux(ManagedNode):
         if config.drive_timeout is not None:
             topic = values['drive_enabled_topic']
             self._subscribe(Bool, topic, 'drive', 'drive', self._on_drive_enabled, ESTOP_QOS)
+        for limit in config.speed_limits:
+            topic = values[f'speed_limit.{limit.name}.topic']
+            on_limit = partial(self._on_speed_limit, limit.name)
+            self._subscribe(Float64, topic, 'speed limit', limit.name, on_limit, DEMAND_QOS)
         if config.feedback is not None:
             topic = values['feedback.topic']
             self._measured = NamedJoints(config.feedback.joints)
@@ -368,6 +373,9 @@ class SafetyMux(ManagedNode):
         if lost or not self._button_watch.settled(now):
             return 'has lost messages, or a new publisher'
         return '' if self._last_state is State.STOPPED else 'was pressed before the stop'
+
+    def _on_speed_limit(self, name: str, message: Any, now: float) -> None:
+        self._arbiter.speed_limit(name, message.data, now)
 
     def _on_feedback(self, message: Any, now: float) -> None:
         try:
@@ -554,6 +562,8 @@ class SafetyMux(ManagedNode):
         values['trip active'] = status.tripped
         if self.values['drive_enabled_topic']:
             values['drive enabled'] = status.conditions['the drive'] == 'enabled'
+        if status.slowed:
+            values['slowed'] = '; '.join(status.slowed)
         values |= {f'condition of {name}': word for name, word in status.conditions.items()}
         values |= {f'inhibit {n}': text for n, text in enumerate(inhibits, 1)}
         values |= {f'age of {name} (s)': age for name, age in status.ages.items()}
@@ -567,7 +577,8 @@ class SafetyMux(ManagedNode):
         ]
         values |= {f'warning {n}': text for n, text in enumerate(warnings, 1)}
         message = '; '.join(inhibits) or f'{status.owner} has control'
-        message = '; '.join((message, *warnings))
+        slowed = (each for each in status.slowed if each not in inhibits)
+        message = '; '.join((message, *slowed, *warnings))
         if self._refused_reset is not None and status.state is State.STOPPED:
             at, answer = self._refused_reset
             refused = f'refused {in_words(now - at)} ago'

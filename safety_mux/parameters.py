@@ -187,6 +187,14 @@ GENERAL = (
         section='who can stop the machine',
     ),
     Parameter(
+        'speed_limits',
+        [''],
+        "Names of speed limits of the moment, such as a scanner's slow zone or a key switch; the "
+        'least of them scales what the owner demands of all joints.',
+        fixed=True,
+        section='how fast, at this moment',
+    ),
+    Parameter(
         'operators',
         ['fort'],
         "Names of the operators; [''] for none: then autonomy must be there.",
@@ -290,6 +298,23 @@ ESTOP = (
     ),
 )
 
+SPEED_LIMIT = (
+    Parameter(
+        'topic',
+        '',
+        'Topic of the limit: std_msgs/Float64, 0 to 1, repeated. Needed.',
+        check=check_topic,
+    ),
+    _seconds('timeout', 0.25, 'A limit silent for longer is at its lowest.'),
+    Parameter(
+        'lowest',
+        0.0,
+        'What it is, at most, while it is silent or makes no sense. 0 holds the joints.',
+        minimum=0.0,
+        maximum=1.0,
+    ),
+)
+
 OPERATOR = (
     Parameter('topic', '', 'Topic of the sticks: sensor_msgs/Joy. Needed.', check=check_topic),
     Parameter(
@@ -378,6 +403,7 @@ def parameter_table(given: Mapping[str, Any]) -> tuple[Parameter, ...]:
     groups = (
         ('joints', 'joint', JOINT),
         ('estop_sources', 'estop', ESTOP),
+        ('speed_limits', 'speed_limit', SPEED_LIMIT),
         ('operators', 'operator', OPERATOR),
     )
     return with_named(GENERAL, groups, given, DEFAULTS)

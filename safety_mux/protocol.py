@@ -21,7 +21,7 @@ _NAME = re.compile(r'[A-Za-z][A-Za-z0-9_]*')  # names become parts of topics: ~/
 Demand = tuple[float, ...]
 # Of a stop: labels of inputs, ``motion`` that nobody asked for, ``stall``, ``hold``, ``trip``.
 Causes = tuple[str, ...]
-Kind = Literal['e-stop source', 'operator', 'autonomy', 'drive', 'feedback']
+Kind = Literal['e-stop source', 'operator', 'autonomy', 'drive', 'feedback', 'speed limit']
 
 
 class MalformedInput(ValueError):  # noqa: N818 - the term of rule 9
@@ -139,6 +139,28 @@ class Feedback:
 
 
 @dataclass(frozen=True, slots=True)
+class SpeedLimit:
+    """
+    A limit of the moment, which scales the demand of all joints.
+
+    :param timeout: seconds after which it is stale. Above 0.
+    :param lowest: 0 to 1, what it is at most while it is stale or invalid.
+    :raises ValueError: a value is out of range.
+    """
+
+    name: str
+    timeout: float = 0.25
+    lowest: float = 0.0
+
+    def __post_init__(self) -> None:
+        where = f"speed limit '{self.name}'"
+        _check_name(where, self.name)
+        _check_seconds(f'timeout of {where}', self.timeout)
+        if not 0.0 <= self.lowest <= 1.0:
+            raise ValueError(f'lowest of {where} must be from 0 to 1, not {self.lowest}')
+
+
+@dataclass(frozen=True, slots=True)
 class MuxConfig:
     """
     The arbiter's configuration.
@@ -172,6 +194,7 @@ class MuxConfig:
     reset_silence: float = 5.0
     drive_timeout: float | None = None
     feedback: Feedback | None = None
+    speed_limits: tuple[SpeedLimit, ...] = ()
 
     def __post_init__(self) -> None:
         if self.joints < 1:
@@ -194,6 +217,7 @@ class MuxConfig:
             raise ValueError('there is no e-stop source: a mux without one is refused')
         _check_unique('e-stop sources', [source.name for source in self.sources])
         _check_unique('operators', [operator.name for operator in self.operators])
+        _check_unique('speed limits', [limit.name for limit in self.speed_limits])
         _check_unique('priorities', [operator.priority for operator in self.operators])
         known = {operator.name for operator in self.operators}
         for source in self.sources:
@@ -251,7 +275,7 @@ class Limiter(Protocol):
     def output(self) -> Demand:
         """The last output."""
 
-    def step(self, target: Demand, dt: float) -> Demand:
+    def step(self, target: Demand, dt: float, scale: float = 1.0) -> Demand:
         """Return the next output on the way to ``target``, ``dt`` seconds after the last."""
 
     def ramp(self, dt: float, stop_time: float) -> Demand:
@@ -328,6 +352,7 @@ class Status:
     :param operators_at_rest: none that is fresh holds a stick or its deadman. In STOPPED a reset
         succeeds if both are true.
     :param tripped: a trip is active.
+    :param slowed: what limits the speed at this moment, in words.
     """
 
     state: State
@@ -339,6 +364,7 @@ class Status:
     operators_at_rest: bool
     tripped: bool
     last_transition: Transition
+    slowed: tuple[str, ...] = ()
 
 
 def milliseconds(seconds: float) -> str:

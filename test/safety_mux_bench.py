@@ -47,6 +47,7 @@ class Bench:
         self.samples: dict[str, OperatorSample | None] = {o.name: REST for o in config.operators}
         self.autonomy: tuple[float, float] | None = (0.0, 0.0)
         self.drive: bool | None = True  # what it says of being enabled, where that is heard
+        self.limits: dict[str, float | None] = {}
         self.decision = self.arbiter.tick(self.now)
 
     def send(self) -> None:
@@ -58,6 +59,9 @@ class Bench:
                 self.arbiter.operator_sample(name, sample, self.now)
         if self.autonomy is not None and self.arbiter.config.autonomy is not None:
             self.arbiter.autonomy_command(self.autonomy, self.now)
+        for name, limit in self.limits.items():
+            if limit is not None:
+                self.arbiter.speed_limit(name, limit, self.now)
         if self.drive is not None and self.arbiter.config.drive_timeout is not None:
             self.arbiter.drive_enabled(self.drive, self.now)
 

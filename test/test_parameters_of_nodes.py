@@ -331,6 +331,11 @@ CONTRADICTIONS: dict[str, tuple[str, dict[str, Any], str]] = {
         {'interface': 'effort', 'feedback.topic': 'joint_states'},
         'feedback.topic: speeds cannot be compared',
     ),
+    'a speed limit that nobody gives': (
+        'mux',
+        {'speed_limits': ['zone']},
+        r'speed_limit\.zone\.topic is empty',
+    ),
     'what the drive says for its stop': (
         'mux',
         {'drive_enabled_topic': 'esi_drive_bridge/estop'},

@@ -159,7 +159,7 @@ class Memory:
     @staticmethod
     def _slots(arbiter: Arbiter) -> Iterator[tuple[Any, str]]:
         fixed = {'config', '_sources', '_operators', '_guards', '_autonomy', '_inputs', '_limiter'}
-        fixed |= {'_drive', '_feedback', '_named'}
+        fixed |= {'_drive', '_feedback', '_named', '_speed_limits'}
         yield from ((arbiter, name) for name in vars(arbiter) if name not in fixed)
         yield from ((arbiter._limiter, name) for name in ('_values', '_ramp'))
         for each in arbiter._inputs:

@@ -23,6 +23,7 @@ from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from sensor_msgs.msg import Joy
 from std_msgs.msg import Bool
+from std_msgs.msg import Float64
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
@@ -155,6 +156,31 @@ def test_machine_that_does_not_stop_when_told_is_a_stop_of_all_devices(observer:
         assert values_of(mux.status.last)['stopped by'] == 'the feedback'
     finally:
         joints.leave()
+        mux.close()
+
+
+def test_slow_zone_slows_the_machine_and_status_says_so(observer: Observer) -> None:
+    mux = MuxBench(
+        observer,
+        speed_limits=['zone'],
+        speed_limit__zone__topic='zone',
+        speed_limit__zone__timeout=TIMEOUT,
+    )
+    zone = Talker(observer, Float64, f'{mux.space}/zone', Float64(data=1.0))
+    try:
+        mux.active(1.0)
+        mux.wait(lambda: mux.command.last.velocity[0] == 10.0, 'full speed')
+        zone.message = Float64(data=0.3)
+        mux.wait(lambda: mux.command.last.velocity[0] == pytest.approx(3.0), 'a third')
+        mux.wait(lambda: "fort has control; speed limit 'zone' allows 30 %" in mux.why(), 'why')
+        assert values_of(mux.status.last)['slowed'] == "speed limit 'zone' allows 30 %"
+        assert values_of(mux.status.last)["condition of speed limit 'zone'"] == '30 %'
+        zone.pause()
+        mux.wait(lambda: not any(mux.command.last.velocity), 'the lowest, which is 0')
+        mux.wait(lambda: mux.explains("'zone' allows 0 %: speed limit 'zone' is stale"), 'why')
+        assert mux.says('ACTIVE')
+    finally:
+        zone.leave()
         mux.close()
 
 
