@@ -379,10 +379,10 @@ def test_flickering_fault_is_logged_once_a_second_and_the_last_word_stands(bench
     lasted = time.monotonic() - start
     bench.holds(lambda: True, 1.2)  # longer than a second, for what was put off
     lines = bench.node.output[said:].splitlines()
-    reports = [line for line in lines if 'the drive reports' in line]
-    assert 2 <= len(reports) <= lasted + 2.5, lines
-    assert 'no error any more' in reports[-1]
-    assert len(lines) <= 2 * (lasted + 2.5), lines
+    for site in ('the drive reports', 'stop'):
+        about = [line for line in lines if site in line]
+        assert 1 <= len(about) <= lasted + 2.5, lines
+        assert 'any more' in about[-1]
 
 
 def test_warning_bit_is_a_warning_and_no_stop(bench: Bench) -> None:
