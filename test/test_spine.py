@@ -45,6 +45,7 @@ PARAMETERS: dict[str, dict[str, Any]] = {
         'stall_limit': COMMAND_TIMEOUT,
         'estop.fort.timeout': LINK_TIMEOUT,
         'estop.drive.timeout': LINK_TIMEOUT,
+        'drive_enabled_timeout': LINK_TIMEOUT,
         'operator.fort.timeout': LINK_TIMEOUT,
         'neutral_time': LINK_TIMEOUT,
     },

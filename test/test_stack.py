@@ -100,6 +100,7 @@ class Stack(Stage):
                 'stall_limit': 1.0,
                 'estop.fort.timeout': 1.0,
                 'estop.drive.timeout': 1.0,
+                'drive_enabled_timeout': 1.0,
                 'operator.fort.timeout': 1.0,
                 'neutral_time': 1.0,
             },
