@@ -42,6 +42,7 @@ setup(
             'akron_can_bridge = akron_can_bridge.node:main',
             'esi_drive_bridge = esi_drive_bridge.node:main',
             'fort_vsc_bridge = fort_vsc_bridge.node:main',
+            'rugged_teleop = rugged_teleop.__main__:main',
             'rugged_teleop_stack = rugged_teleop.stack:main',
             'safety_mux = safety_mux.node:main',
             'simulate = rugged_teleop.simulate:main',

@@ -18,12 +18,12 @@ from demo.scene import Scene
 from demo.stage import DemoError
 from demo.stage import DemoStage
 from demo.view import live
-from rugged_teleop.simulate import Parser
+from rugged_teleop.command_line import Parser
 from test.rig import Observer
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    command_line = Parser(prog='python -m demo', description=__doc__, allow_abbrev=False)
+    command_line = Parser(prog='python -m demo', description=__doc__)
     add = command_line.add_argument
     add('--once', action='store_true', help='play the scripted scene and leave')
     patience = "multiply the scene's time limits, on a machine that is busy with other work (1)"

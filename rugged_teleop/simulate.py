@@ -1,10 +1,10 @@
 """
-Simulate a device on a port of its own: ``simulate fort_vsc --port /tmp/fort_vsc``.
+Simulate a device on a port of its own.
 
-The VM-110 is on a multicast group, devices on CAN on a bus of python-can's: ``simulate vm110`` and
-``simulate akron``, on this machine only unless told otherwise.
-Commands come a line each from standard input; ``help`` lists them. It runs until ``quit``, SIGINT,
-SIGTERM or SIGHUP, after the end of the input too, and takes its port away when it leaves.
+The VM-110 is on a multicast group, devices on CAN on a bus of python-can's, on this machine only
+unless told otherwise. Commands come a line each from standard input; 'help' lists them. It runs
+until 'quit', SIGINT, SIGTERM or SIGHUP, after the end of the input too, and takes its port away
+when it leaves.
 """
 
 import argparse
@@ -19,7 +19,6 @@ import signal
 import sys
 from typing import Any
 from typing import Literal
-from typing import NoReturn
 
 from akron_can_bridge.simulator import JoystickSimulator as AkronJoystick
 from akron_can_bridge.simulator import Simulator as AkronSimulator
@@ -34,6 +33,7 @@ from fort_vsc_bridge.simulator import Simulator as FortSimulator
 from rugged_teleop.canbuses import CanBusDevice
 from rugged_teleop.canbuses import CHANNEL
 from rugged_teleop.canbuses import INTERFACE
+from rugged_teleop.command_line import Parser
 from rugged_teleop.multicasts import GROUP
 from rugged_teleop.multicasts import INPUT_PORT
 from rugged_teleop.multicasts import LOOPBACK
@@ -50,6 +50,13 @@ _OWN_HELP = """\
 show                            print what can be seen
 help                            print this
 quit                            end"""
+_EXAMPLES = """\
+examples:
+  {prog} fort_vsc --port /tmp/fort_vsc
+  {prog} vm110 --verbose
+  {prog} akron --type 1042
+  echo 'fault a overcurrent on' | {prog} esi_drive --port /tmp/esi_drive
+"""
 _STICKS = {'AXIS': AXIS_NAMES, 'BUTTON': BUTTON_NAMES}
 _VERBOSE_PERIOD = 0.1
 # They change all the time: of no use where changes are printed.
@@ -59,14 +66,6 @@ _RESTLESS = {
     *('rotation_deg', 'elevation_deg', 'axes', 'sources', 'cleared'),
     *('inputs_us', 'outputs_us', 'serial_us'),
 }
-
-
-class Parser(argparse.ArgumentParser):
-    """Says what is wrong in one line; ``--help`` says the rest."""
-
-    def error(self, message: str) -> NoReturn:
-        """Exit with status 2."""
-        self.exit(2, f'{self.prog}: {message}; see {self.prog} --help\n')
 
 
 @dataclass(frozen=True)
@@ -119,12 +118,12 @@ DEVICES = {
 }
 
 
-def parser() -> Parser:
+def parser(prog: str = 'simulate') -> Parser:
     """Return the parser of the command line."""
-    result = Parser(prog='simulate', description=__doc__, allow_abbrev=False)
+    result = Parser(prog=prog, description=__doc__, epilog=_EXAMPLES.format(prog=prog))
     devices = result.add_subparsers(dest='device', required=True, metavar='DEVICE')
     for name, simulated in DEVICES.items():
-        device = devices.add_parser(name, allow_abbrev=False, help=f'simulate one {name}')
+        device = devices.add_parser(name, help=f'simulate one {name}')
         _PORT_OPTIONS[simulated.port](device)
         device.add_argument('--seed', type=int, help='makes drop and corrupt repeat themselves')
         device.add_argument('--verbose', action='store_true', help='print what changes')
@@ -197,9 +196,9 @@ def _plug_in(options: argparse.Namespace) -> DevicePort:
     )
 
 
-def main(arguments: Sequence[str] | None = None) -> None:
+def main(arguments: Sequence[str] | None = None, prog: str = 'simulate') -> None:
     """Run a simulator; the executable's entry point."""
-    command_line = parser()
+    command_line = parser(prog)
     options = command_line.parse_args(arguments)
     try:
         device = _plug_in(options)

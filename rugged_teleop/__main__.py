@@ -1,0 +1,48 @@
+"""
+One command for what people do beside running nodes.
+
+A subcommand is imported when it is used, and none needs ROS for its help.
+"""
+
+from collections.abc import Sequence
+import difflib
+import importlib
+import sys
+
+# By name: what it does, and the module whose main(arguments, prog) does it.
+COMMANDS = {
+    'simulate': ("the devices' side of the wire, for trying without hardware", 'simulate'),
+}
+
+_USAGE = """\
+usage: rugged_teleop COMMAND [ARGUMENT]...
+
+{commands}
+
+rugged_teleop COMMAND --help says more, with examples. The nodes are executables of their own.
+"""
+
+
+def usage() -> str:
+    """Return the help."""
+    lines = (f'  {name:10} {text}' for name, (text, _) in COMMANDS.items())
+    return _USAGE.format(commands='\n'.join(lines))
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Run a subcommand; the executable's entry point."""
+    name, *rest = (sys.argv[1:] if arguments is None else arguments) or ['']
+    if name in ('-h', '--help'):
+        print(usage(), end='')
+        sys.exit(0)
+    if name not in COMMANDS:
+        like = difflib.get_close_matches(name, COMMANDS, 1) or COMMANDS
+        problem = f'there is no command {name!r}' if name else 'name a command'
+        print(f'rugged_teleop: {problem}; there is {", ".join(like)}', file=sys.stderr)
+        sys.exit(2)
+    module = importlib.import_module(f'rugged_teleop.{COMMANDS[name][1]}')
+    module.main(rest, prog=f'rugged_teleop {name}')
+
+
+if __name__ == '__main__':
+    main()
