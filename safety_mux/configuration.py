@@ -141,7 +141,8 @@ def check(values: Mapping[str, Any], resolved: Callable[[str], str]) -> None:
 def _check_twist(values: Mapping[str, Any]) -> None:
     """Refuse what a twist cannot say."""
     mixings = {f'operator.{name}.mixing': 'none' for name in names_of(values, 'operators')}
-    needed = {'joints': ['linear', 'angular'], 'interface': 'velocity', **mixings}
+    needed = {'joints': ['linear', 'angular'], 'interface': 'velocity', 'feedback.topic': ''}
+    needed |= mixings
     for name, value in needed.items():
         if values[name] != value:
             raise ParameterError(

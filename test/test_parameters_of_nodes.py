@@ -304,6 +304,16 @@ CONTRADICTIONS: dict[str, tuple[str, dict[str, Any], str]] = {
         },
         r"parameter interface = 'effort'.*'velocity'",
     ),
+    'a twist of joints that are measured': (
+        'mux',
+        {
+            'output': 'twist',
+            'joints': ['linear', 'angular'],
+            'operator.fort.mixing': 'none',
+            'feedback.topic': 'joint_states',
+        },
+        r"parameter feedback\.topic = 'joint_states': output twist needs ''",
+    ),
     'three axes to mix': ('mux', {'operator.fort.axis': [0, 1, 2]}, r'operator\.fort.*arcade'),
     'one axis to mix': ('mux', {'operator.fort.axis': [0]}, r'operator\.fort.*arcade'),
     'more scales than axes': (
