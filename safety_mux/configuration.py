@@ -90,6 +90,7 @@ def joint_limits(values: Mapping[str, Any]) -> list[JointLimit]:
                 acceleration=values[f'joint.{name}.acceleration'],
                 deceleration=values[f'joint.{name}.deceleration'],
                 group=values[f'joint.{name}.group'],
+                jerk=values[f'joint.{name}.jerk'],
             )
             for name in values['joints']
         ]

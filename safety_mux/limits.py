@@ -21,19 +21,24 @@ class JointLimit:
     :param acceleration: greatest change per second away from zero. Above 0.
     :param deceleration: greatest change per second towards zero. Above 0.
     :param group: joints of one group keep their proportion where one would exceed its magnitude.
-    :raises ValueError: for a value that is not finite or not above 0.
+    :param jerk: greatest change per second of the acceleration, which rises from 0 and is 0 again
+        when the target is reached. 0: none. The way towards zero is as without it.
+    :raises ValueError: for a value that is not finite or not above 0; a jerk below 0.
     """
 
     magnitude: float
     acceleration: float
     deceleration: float
     group: str = ''
+    jerk: float = 0.0
 
     def __post_init__(self) -> None:
         for name in ('magnitude', 'acceleration', 'deceleration'):
             value = getattr(self, name)
             if not (math.isfinite(value) and value > 0.0):
                 raise ValueError(f'{name} must be above 0 and finite, not {value}')
+        if not (math.isfinite(self.jerk) and self.jerk >= 0.0):
+            raise ValueError(f'jerk must be 0 or more and finite, not {self.jerk}')
 
 
 class JointLimiter:
@@ -50,7 +55,16 @@ class JointLimiter:
     :raises ValueError: there is no joint, or max_dt is not above 0 and finite.
     """
 
-    __slots__ = ('_limits', '_magnitudes', '_max_dt', '_ramp', '_values')
+    __slots__ = (
+        '_accelerations',
+        '_eased',
+        '_limits',
+        '_magnitudes',
+        '_max_dt',
+        '_ramp',
+        '_rates',
+        '_values',
+    )
 
     def __init__(self, limits: Sequence[JointLimit], *, max_dt: float = 0.1) -> None:
         if not limits:
@@ -59,9 +73,12 @@ class JointLimiter:
             raise ValueError(f'max_dt must be above 0 s and finite, not {max_dt}')
         self._limits = tuple(limits)
         self._magnitudes = tuple(limit.magnitude for limit in limits)
+        self._eased = any(limit.jerk for limit in limits)
         self._max_dt = max_dt
         self._values = (0.0,) * len(self._limits)
         self._ramp: tuple[float, ...] | None = None
+        self._accelerations = tuple(limit.acceleration for limit in limits)
+        self._rates = (0.0,) * len(self._limits)  # of growth in the last step, where eased
 
     @property
     def output(self) -> tuple[float, ...]:
@@ -72,6 +89,7 @@ class JointLimiter:
         """Set the output to zero at once."""
         self._values = (0.0,) * len(self._limits)
         self._ramp = None
+        self._rates = self._values
 
     def step(self, target: Sequence[float], dt: float, scale: float = 1.0) -> tuple[float, ...]:
         """
@@ -90,7 +108,14 @@ class JointLimiter:
             target = self._reduced(target)
         if scale != 1.0:
             target = [goal * scale for goal in target]
-        self._values = tuple(map(_follow, self._values, target, self._limits, repeat(dt)))
+        if not self._eased:
+            rates = self._accelerations
+        else:
+            rates = tuple(map(_eased, self._values, target, self._limits, self._rates, repeat(dt)))
+        self._values = tuple(map(_follow, self._values, target, self._limits, rates, repeat(dt)))
+        if self._eased:
+            steps = zip(self._values, target, rates, strict=True)
+            self._rates = tuple(0.0 if value == goal else rate for value, goal, rate in steps)
         return self._values
 
     def _reduced(self, target: Sequence[float]) -> list[float]:
@@ -115,6 +140,7 @@ class JointLimiter:
                 for value, limit in zip(self._values, self._limits, strict=True)
             )
         dt = _forward(dt)
+        self._rates = (0.0,) * len(self._limits)
         self._values = tuple(
             math.copysign(size, value) if (size := abs(value) - slope * dt) > 0.0 else 0.0
             for value, slope in zip(self._values, self._ramp, strict=True)
@@ -130,15 +156,39 @@ def _slope(value: float, stop_time: float) -> float:
     return abs(value) / stop_time if stop_time > 0.0 else math.inf
 
 
-def _follow(value: float, goal: float, limit: JointLimit, dt: float) -> float:
-    """Return ``value`` moved towards ``goal`` for ``dt`` seconds, not across zero."""
+def _eased(value: float, goal: float, limit: JointLimit, rate: float, dt: float) -> float:
+    """
+    Return the rate of growth that follows ``rate``, or 0 if there is to be none.
+
+    It can fall to 0 again, by the jerk times dt a step, within what is left: by steps the rate a
+    takes a * a / (2 * jerk) + a * dt / 2 for that, which is solved for a. The last step is what
+    is left, so the rate may fall by an eighth more there; hence the smaller jerk.
+    """
+    left = abs(goal) - abs(value)
+    if not 0.0 < left < math.inf or value * goal < 0.0:
+        return 0.0
+    if not limit.jerk:
+        return limit.acceleration
+    if not dt:
+        return rate
+    half = dt / 2.0
+    falls = 2.0 * left / (half + math.sqrt(half * half + 2.25 * left / limit.jerk))
+    return min(limit.acceleration, rate + limit.jerk * dt, falls)
+
+
+def _follow(value: float, goal: float, limit: JointLimit, rate: float, dt: float) -> float:
+    """
+    Return ``value`` moved towards ``goal`` for ``dt`` seconds, not across zero.
+
+    :param rate: of growth; towards zero it is the joint's deceleration.
+    """
     size = abs(goal)
     if not size < math.inf or value * goal < 0.0:
         goal = size = 0.0
     elif size > limit.magnitude:
         goal = math.copysign(limit.magnitude, goal)
         size = limit.magnitude
-    most = (limit.acceleration if size > abs(value) else limit.deceleration) * dt
+    most = (rate if size > abs(value) else limit.deceleration) * dt
     if abs(goal - value) <= most:
         return goal + 0.0  # turns -0.0 into 0.0
     return value + math.copysign(most, goal - value)

@@ -261,6 +261,15 @@ JOINT = (
         maximum=1e6,
     ),
     Parameter(
+        'jerk',
+        0.0,
+        'Greatest change of the acceleration, away from 0 only: it rises from 0 and falls to 0 '
+        'again at the demand. What slows down or stops is never later for it. 0: none.',
+        'rad/s³ or N·m/s²',
+        minimum=0.0,
+        maximum=1e9,
+    ),
+    Parameter(
         'group',
         '',
         'Joints with the same word are reduced by the same factor where one would exceed its max, '

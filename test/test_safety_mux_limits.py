@@ -1,5 +1,6 @@
 """Rule 10: magnitude, rate, and a ramp with an end."""
 
+from itertools import pairwise
 import math
 
 from hypothesis import given
@@ -123,6 +124,96 @@ def test_ramp_without_time_is_zero_at_once(stop_time: float) -> None:
     limited = limiter()
     limited.step((4.0,), 1.0)
     assert limited.ramp(0.01, stop_time) == (0.0,)
+
+
+# Jerk.
+
+EASED = JointLimit(magnitude=4.0, acceleration=2.0, deceleration=8.0, jerk=4.0)
+jerks = st.floats(0.5, 1e4)
+steps_of = st.floats(0.005, 0.1)
+
+
+def test_jerk_lets_the_acceleration_rise_and_fall() -> None:
+    limited = limiter(EASED)
+    values = [0.0]
+    while values[-1] < 4.0:
+        values.append(*limited.step((4.0,), 0.125))
+    rates = [8.0 * (after - before) for before, after in pairwise(values)]
+    assert rates[:5] == [0.5, 1.0, 1.5, 2.0, 2.0]
+    assert rates[-4:] == sorted(rates[-4:], reverse=True)
+    assert 0.0 < rates[-1] <= 0.5
+    assert 2.3 < 0.125 * len(rates) < 2.7, 'the time of the profile, 4 / 2 + 2 / 4 s, about'
+
+
+@given(jerks, steps_of, st.floats(0.01, 4.0), st.floats(0.1, 10.0))
+def test_eased_joint_keeps_to_its_jerk_and_arrives_in_time(
+    jerk: float, dt: float, goal: float, acceleration: float
+) -> None:
+    limited = limiter(JointLimit(4.0, acceleration, 8.0, jerk=jerk))
+    value = rate = 0.0
+    # Of the two: rise, plateau and fall, or rise and fall alone; and the steps they come in.
+    time = max(goal / acceleration + acceleration / jerk, 2.0 * math.sqrt(goal / jerk))
+    for _ in range(math.ceil(1.2 * time / dt) + 6):
+        before, value = value, limited.step((goal,), dt)[0]
+        was, rate = rate, (value - before) / dt
+        assert before <= value <= goal, 'away from the goal, or beyond it'
+        assert rate <= acceleration * (1.0 + 1e-9)
+        assert abs(rate - was) <= jerk * dt * (1.0 + 1e-9) + 1e-9 / dt
+    assert value == goal
+
+
+@given(jerks, st.lists(st.tuples(numbers, st.sampled_from([0.0, 1e-320, 0.001, 0.01, 0.1]))))
+def test_eased_joint_never_overshoots_and_its_stop_is_no_later(
+    jerk: float, story: list[tuple[float, float]]
+) -> None:
+    limit = JointLimit(4.0, 2.0, 8.0, jerk=jerk)
+    limited = limiter(limit)
+    for target, dt in story:
+        was = limited.output[0]
+        (value,) = limited.step((target,), dt)
+        goal = math.copysign(min(abs(target), 4.0), target) if math.isfinite(target) else 0.0
+        least, most = sorted((was, goal if was * goal >= 0.0 else 0.0))
+        assert least <= value <= most
+        if abs(value) > abs(was):
+            assert abs(value) - abs(was) <= min(2.0 * dt, jerk * 0.1 * len(story) * dt) + 1e-9
+    plain = limiter(JointLimit(4.0, 1e9, 8.0))
+    plain.step(limited.output, 1.0)
+    assert plain.output == limited.output
+    assert limited.step((0.0,), 0.01) == plain.step((0.0,), 0.01)
+    assert limited.ramp(0.01, 0.2) == plain.ramp(0.01, 0.2)
+
+
+def test_growth_after_a_stop_begins_without_acceleration() -> None:
+    limited = limiter(EASED)
+    for end in (limited.reset, lambda: limited.ramp(10.0, 0.5), lambda: limited.step((0.0,), 1.0)):
+        for _ in range(4):
+            limited.step((4.0,), 0.25)
+        end()
+        assert limited.output == (0.0,)
+        assert limited.step((4.0,), 0.125) == (0.0625,)
+
+
+def test_growth_from_a_demand_that_was_reached_begins_without_acceleration() -> None:
+    limited = limiter(EASED)
+    while limited.step((1.0,), 0.125) != (1.0,):
+        pass
+    assert limited.step((4.0,), 0.125) == (1.0625,)
+
+
+def test_least_of_steps_in_no_time_is_none() -> None:
+    limited = limiter(JointLimit(4.0, 2.0, 8.0, jerk=1e9))
+    assert limited.step((5e-324,), 0.0) == (0.0,)
+
+
+def test_joint_without_jerk_beside_one_with_it_is_as_ever() -> None:
+    limited = limiter(EASED, LIMIT)
+    assert [limited.step((4.0, 4.0), 0.5)[1] for _ in range(3)] == [1.0, 2.0, 3.0]
+
+
+@pytest.mark.parametrize('value', [-1.0, math.nan, math.inf])
+def test_jerk_below_nothing_is_refused(value: float) -> None:
+    with pytest.raises(ValueError, match='jerk must be 0 or more'):
+        JointLimit(1.0, 1.0, 1.0, jerk=value)
 
 
 @pytest.mark.parametrize('value', [0.0, -1.0, math.nan, math.inf])
