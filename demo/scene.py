@@ -17,8 +17,10 @@ from demo.actuators import Actuators
 from demo.stage import DemoError
 from demo.stage import ESTOPS
 from demo.stage import STACK
+from demo.steering import FAST_RPM
 from demo.steering import FORT
 from demo.steering import RAMP_LIMIT
+from demo.steering import shortened
 from demo.steering import SILENT_LIMIT
 from demo.steering import Step
 from demo.steering import step
@@ -38,6 +40,8 @@ from vm110_bridge.protocol import PeriodicInput
 
 RETURN_LIMIT = 2.0  # s, from plugging in to a healthy link
 SLOW = 0.5  # s
+ZONE = 0.25  # of the speed that is asked for
+DOWNHILL_RPM = 300  # of the motors, 3.1 rad/s of the joints
 GREATEST_STEP = 39  # rpm a packet: 40 rad/s a second, geared 10 to 1, every 0.01 s; and rounding
 START_LIMIT = 30.0  # s, for discovery on a busy machine
 _WATCHED = 0.6  # s: several VRPI, and longer than the mux's hold_time
@@ -73,6 +77,9 @@ class Scene(Actuators):
             step('a released deadman stops', self.stop_deadman),
             step('the deadman alone moves it again, without a reset', self.set_off),
             step(f'a drive that takes {SLOW} s to enable starts from rest', self.start_slowly),
+            step('in a slow zone the motors turn at a quarter, then as before', self.slow_down),
+            step('a machine that runs on when told to stop stops all devices', self.run_on),
+            again,
             step('a VSC that falls silent stops', self.stop_silence),
             step('it speaks again, stick and deadman held: nothing moves', self.end_silence),
             again,
@@ -175,6 +182,41 @@ class Scene(Actuators):
         self.set_off()
         drive.apply(f'enabling {usual}')
         return from_rest(drive.packets_since_disabled(since))
+
+    def slow_down(self) -> str:
+        return self.retry(self._slow_down)
+
+    def _slow_down(self) -> str:
+        """Enter a slow zone; return what the mux's status says."""
+        self._set_off()
+        self.stage.relay.zone = ZONE
+        try:
+            self.wait(lambda: self._slowest < ZONE * FAST_RPM * 1.3 or self.is_stopped())
+            self.wait(lambda: 'slowed' in self.stage.values or self.is_stopped())
+            assert self.moving(), f'it does not move; the mux says: {self.stage.message}'
+            slow = f'{self._slowest:.0f} rpm; the mux says: {self.stage.message}'
+        finally:
+            self.stage.relay.zone = 1.0
+        self.wait(lambda: self._slowest > FAST_RPM or self.is_stopped())
+        assert self.moving(), f'it does not move; the mux says: {self.stage.message}'
+        return f'{slow}; then {self._slowest:.0f} rpm'
+
+    def run_on(self) -> str:
+        return self.retry(self._run_on)
+
+    def _run_on(self) -> str:
+        """Release the deadman on a slope, without a brake, until all devices are stopped."""
+        self._set_off()
+        self.stage.drive.apply(f'slope {DOWNHILL_RPM}')
+        try:
+            self.let_go()
+            self.wait(self.is_stopped)
+            values = self.stage.values
+            assert values['stopped by'] == 'motion', self.stage.message
+            self.see_enables_open()
+            return shortened(values['last transition'].partition(': ')[2])
+        finally:
+            self.stage.drive.apply('slope 0')
 
     def reset_rightly(self) -> str:
         since = time.monotonic()

@@ -13,6 +13,7 @@ from typing import Any
 from rclpy.qos import QoSProfile
 from sensor_msgs.msg import JointState
 from sensor_msgs.msg import Joy
+from std_msgs.msg import Float64
 
 from akron_can_bridge.simulator import Simulator as MonitorSimulator
 from rugged_teleop.canbuses import CanBusDevice
@@ -46,6 +47,7 @@ SERVO = 'throttle'  # as config/demo.yaml names it
 FULL_SPEED = 20.0  # rad/s of the joints, at which it is open
 _RIGHT_STICK = slice(3, 5)  # X and Y, in FORT's Joy and in this order for the monitor
 _NEWEST = QoSProfile(depth=1)
+_ZONE_PERIOD = 0.05  # s
 # The transmitter's switch at 1 ms, where the table has SERIAL, and its deadman released.
 _AT_HAND = ('channel 1 1000', 'channel 4 1000')
 
@@ -68,7 +70,8 @@ def servo_command(joints: JointState) -> JointState:
 
 class Relay:
     """
-    What a robot's own node would do: FORT's right stick to the monitor, the speed to a servo.
+    What a robot's own nodes would do: FORT's right stick to the monitor, the speed to a servo, a
+    scanner's slow zone to the mux.
 
     The stick comes from the mux, so that it counts while FORT has control only. It keeps nothing:
     what is silent stays silent, so that the bridges' timeouts see it.
@@ -81,9 +84,15 @@ class Relay:
         self._is_active = is_active
         self._monitor = node.create_publisher(Joy, f'/{MONITOR}/cmd_joy', _NEWEST)
         self._servo = node.create_publisher(JointState, f'/{SSC}/servo_command', _NEWEST)
+        self.zone = 1.0  # what a scanner would say: the share of the speed that is allowed
+        self._zone = node.create_publisher(Float64, '/zone', _NEWEST)
+        node.create_timer(_ZONE_PERIOD, self._say_zone)
         node.create_subscription(Joy, f'/{VSC}/joy', self._on_joy, 10)
         node.create_subscription(Joy, f'/{MUX}/joy/fort', self._on_gated_joy, 10)
         node.create_subscription(JointState, f'/{DRIVE}/joint_states', self._on_joints, 10)
+
+    def _say_zone(self) -> None:
+        self._zone.publish(Float64(data=self.zone))
 
     def _on_joy(self, joy: Joy) -> None:
         self.joy = joy

@@ -29,7 +29,7 @@ _STILL = 0.4  # s for which it is watched that nothing moves
 _READY = 0.5  # s within which the mux is READY after a reset
 _TRIES = 5
 _UNRELIABLE = ('stale', 'silent')  # conditions of the mux's inputs
-_NO_TIMEOUT = {'none', 'trip', 'hold'}  # causes of stops
+_NO_TIMEOUT = {'none', 'trip', 'hold', 'motion'}  # causes of stops
 _ACKNOWLEDGE, _ARM = ('ack', 'mode operational'), ('arm 1',)
 
 P = ParamSpec('P')

@@ -68,7 +68,7 @@ class Motor:
 
     :param inertia: kg·m². :param friction: N·m per rad/s. :param torque_constant: N·m/A.
     :param max_current: A. :param loop_time: s, of the velocity loop. :param brake_time: s, in
-        which a disabled motor loses 63 % of its speed.
+        which a disabled motor loses 63 % of its speed, down to ``slope``, in rpm.
     """
 
     inertia: float = 0.002
@@ -79,6 +79,7 @@ class Motor:
     brake_time: float = 0.08
     stiffness: float = 8.0  # 1/s, of the position loop
     load: float = 0.0  # fraction of the greatest torque
+    slope: float = 0.0  # rpm, at which its load turns it while it is disabled
     rpm: float = 0.0
     position: float = 0.0  # rad
     current: float = 0.0  # A
@@ -106,9 +107,9 @@ class Motor:
         self._turn(dt, rate)
 
     def coast(self, dt: float) -> None:
-        """Run disabled: brake down, with no current."""
+        """Run disabled: brake down to what the slope does, with no current."""
         self.current = 0.0
-        self._turn(dt, self.rpm * math.expm1(-dt / self.brake_time) / dt)
+        self._turn(dt, (self.rpm - self.slope) * math.expm1(-dt / self.brake_time) / dt)
 
     @property
     def _load_torque(self) -> float:
@@ -365,6 +366,11 @@ class Simulator:
         for axis in self._axes:
             axis.motor.load = within(fraction, 0.0, 1.0)
 
+    def _set_slope(self, rpm: str) -> None:
+        """Turn the motors by their load while they are disabled, as on a slope without a brake."""
+        for axis in self._axes:
+            axis.motor.slope = within(rpm, -3000.0, 3000.0)
+
     def _set_latch(self, state: str) -> None:
         """Have the RS422 error bit wait for the clear bit."""
         self.rs422_latched = switch(state)
@@ -417,6 +423,7 @@ class Simulator:
     commands: Commands = {
         'fault': ('a|b|* FAULT on|off|pulse', _set_fault),
         'load': ('0..1', _set_load),
+        'slope': ('RPM', _set_slope),
         'latch': ('on|off', _set_latch),
         'refuse': ('a|b|* on|off', _set_refuse),
         'enabling': ('SECONDS', _set_enable_delay),

@@ -145,6 +145,7 @@ def test_stop_that_was_undone_is_not_tried_again_as_a_late_one() -> None:
         ({'stopped_by': 'stall'}, True),
         ({'stopped_by': 'none'}, False),
         ({'stopped_by': 'trip'}, False),
+        ({'stopped_by': 'motion'}, False),
         (
             {
                 'stopped_by': "e-stop source 'fort'",

@@ -249,6 +249,18 @@ def test_a_hanging_drive_goes_on_turning_then_times_out(bench: Bench) -> None:
     assert bench.see('enabled') == [False, False]
 
 
+def test_disabled_motors_run_on_down_a_slope(bench: Bench) -> None:
+    bench.run(MANUAL_1000_RPM, 0.5)
+    bench.drive.apply('slope 300')
+    assert bench.see('rpm') == pytest.approx([1000.0, -1000.0], rel=0.05)
+    bench.run(DISABLE, 1.0)
+    assert bench.see('enabled') == [False, False]
+    assert bench.see('rpm') == pytest.approx([300.0, 300.0], rel=0.05)
+    bench.drive.apply('slope 0')
+    bench.run(DISABLE, 1.0)
+    assert bench.see('rpm') == pytest.approx([0.0, 0.0], abs=1.0)
+
+
 def test_refuse_stuck_and_trip(bench: Bench) -> None:
     bench.drive.apply('refuse b on')
     bench.run(MANUAL_1000_RPM, 0.1)
@@ -278,6 +290,7 @@ def test_refuse_stuck_and_trip(bench: Bench) -> None:
         'fault a brake maybe',
         'enabling 11',
         'load 2',
+        'slope 3001',
         'load nan',
         'load x',
         'mute',
