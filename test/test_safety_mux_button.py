@@ -61,6 +61,7 @@ def test_limits_themselves_count(held: float) -> None:
     button.hear(False, -EVERY)
     for n in range(16):
         button.hear(True, held * n / 16)
+    assert button.problem(held) is None
     assert button.hear(False, held) == ''
 
 

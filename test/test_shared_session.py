@@ -1,13 +1,17 @@
-"""What sessions share: verdicts, neutral sticks, pacing."""
+"""What sessions share: verdicts, neutral sticks, pacing, the end of a connection."""
 
 import math
 
 from hypothesis import given
 from hypothesis import strategies as st
+import pytest
 
 from bridge_core.session import Pacer
 from bridge_core.session import StickStream
 from bridge_core.session import Verdict
+from esi_drive_bridge.session import Session as DriveSession
+from test.esi_drive_rig import IDLE
+from test.esi_drive_rig import make_settings
 
 
 def test_verdicts_that_differ_in_words_only_are_equal() -> None:
@@ -77,3 +81,22 @@ def test_two_frames_are_never_closer_than_half_a_period(delays: list[float]) -> 
         pacer.sent(now)
     gaps = [later - earlier for earlier, later in zip(sent, sent[1:])]  # noqa: B905, RUF007
     assert all(gap >= 0.05 - 1e-9 for gap in gaps)
+
+
+@pytest.mark.parametrize('between', ['closed and opened', 'interrupted'])
+def test_frame_that_began_before_the_bytes_were_lost_does_not_end_after_it(between: str) -> None:
+    """Its first half is of another connection: who knows what was between the two."""
+    session = DriveSession(make_settings())
+    session.opened(0.0)
+    session.receive(IDLE[:-1], 0.0)
+    if between == 'interrupted':
+        session.interrupted('a test', 0.001)
+    else:
+        session.closed(0.001)
+        session.opened(0.002)
+    session.receive(IDLE[-1:], 0.003)
+    session.poll(0.003)
+    assert session.counters.frames == 0
+    assert session.estop
+    session.receive(IDLE, 0.004)
+    assert session.counters.frames == 1

@@ -1,0 +1,169 @@
+"""What holds at the edge: at equal times, in the very next call, and after what was wrong."""
+
+from dataclasses import replace
+import math
+
+import pytest
+
+from safety_mux.protocol import AUTONOMY
+from safety_mux.protocol import EStopSource
+from safety_mux.protocol import State
+from test import safety_mux_bench
+from test.safety_mux_bench import assert_stopped
+from test.safety_mux_bench import Bench
+from test.safety_mux_bench import CONFIG
+from test.safety_mux_bench import DRIVE
+from test.safety_mux_bench import OFF
+from test.safety_mux_bench import REST
+
+TICK = 1 / 128  # s; sums of it are exact
+
+
+@pytest.fixture
+def bench(monkeypatch: pytest.MonkeyPatch) -> Bench:
+    """Give a bench with times that can be equal."""
+    monkeypatch.setattr(safety_mux_bench, 'TICK', TICK)
+    return Bench()
+
+
+# Resets.
+
+
+@pytest.mark.parametrize(('wait', 'counts'), [(0.5 - TICK, False), (0.5, True)])
+def test_reset_counts_from_clear_time_after_a_refused_one(
+    bench: Bench, wait: float, counts: bool
+) -> None:
+    bench.samples['fort'] = OFF
+    bench.run(1.0)
+    assert not bench.reset().ok
+    bench.samples['fort'] = REST
+    bench.run(wait)
+    assert bench.reset().ok == counts
+
+
+@pytest.mark.parametrize(('wait', 'counts'), [(0.5 - TICK, False), (0.5, True)])
+def test_reset_counts_from_clear_time_after_the_last_stop(
+    bench: Bench, wait: float, counts: bool
+) -> None:
+    bench.run(1.0)
+    bench.arbiter.estop_message('fort', True, bench.now)
+    bench.tick()
+    bench.send()
+    bench.run(TICK)  # the first tick without a stop
+    bench.run(wait)
+    assert bench.reset().ok == counts
+
+
+@pytest.mark.parametrize(('wait', 'counts'), [(5.0 - TICK, False), (5.0, True)])
+def test_reset_counts_from_reset_silence_after_one_in_vain(
+    bench: Bench, wait: float, counts: bool
+) -> None:
+    bench.ready()
+    assert not bench.reset().ok
+    bench.arbiter.estop_message('fort', True, bench.now)
+    bench.run(wait)
+    assert bench.decision.state is State.STOPPED
+    assert bench.reset().ok == counts
+
+
+def test_first_call_of_all_may_be_a_reset_and_is_in_vain() -> None:
+    arbiter = Bench().arbiter
+    assert not arbiter.reset(0.0).ok
+
+
+# Autonomy.
+
+
+@pytest.mark.parametrize('how', ['malformed', 'not finite', 'two publishers'])
+def test_autonomy_collects_no_rest_while_it_is_invalid(bench: Bench, how: str) -> None:
+    bench.run(1.0)
+    assert bench.reset().ok
+    bench.tick()
+    bench.run(0.2)
+    arbiter, now = bench.arbiter, bench.now
+    if how == 'malformed':
+        arbiter.autonomy_invalid('a test', now)
+    elif how == 'not finite':
+        arbiter.autonomy_command((0.0, math.nan), now)
+    else:
+        arbiter.set_invalid('autonomy', AUTONOMY, 'publishers', 'a test')
+        bench.run(0.5)
+        assert 'a test' in arbiter.select_autonomy(True, bench.now).message
+        arbiter.set_invalid('autonomy', AUTONOMY, 'publishers', None)
+    bench.run(0.2)
+    reply = arbiter.select_autonomy(True, bench.now)
+    assert not reply.ok
+    assert 'has asked for zero for' in reply.message
+    bench.run(0.3)
+    assert arbiter.select_autonomy(True, bench.now).ok
+
+
+@pytest.mark.parametrize('how', ['malformed', 'not finite'])
+def test_senseless_command_of_autonomy_that_drives_stops(how: str) -> None:
+    bench = Bench().active('autonomy')
+    if how == 'malformed':
+        bench.arbiter.autonomy_invalid('a test', bench.now)
+    else:
+        bench.arbiter.autonomy_command((math.inf, 0.0), bench.now)
+    bench.send()  # a good one follows at once
+    assert_stopped(bench.tick())
+
+
+def test_autonomy_is_not_selected_in_the_tick_of_the_reset(bench: Bench) -> None:
+    bench.run(2.0)
+    assert bench.reset().ok
+    assert not bench.arbiter.select_autonomy(True, bench.now).ok
+    bench.run(1.0)
+    assert bench.arbiter.select_autonomy(True, bench.now).ok
+
+
+# What was wrong, and is over.
+
+
+@pytest.mark.parametrize('name', ['fort', 'senior'])
+def test_fault_of_an_operator_that_is_over_stops_nobody_later(bench: Bench, name: str) -> None:
+    bench.run(0.5)
+    bench.arbiter.operator_invalid(name, 'a test', bench.now)
+    bench.run(1.0)
+    bench.active(name)
+    bench.run(1.0)
+    assert bench.decision.owner == name
+
+
+def test_what_a_source_demanded_by_itself_is_demanded_of_the_others_once() -> None:
+    """Even if it came and went between two ticks."""
+    sources = (EStopSource('fort', own_topic=True), EStopSource('vm110', own_topic=True))
+    bench = Bench(replace(CONFIG, sources=sources))
+
+    def own(value: bool) -> None:
+        for source in sources:
+            bench.arbiter.own_estop_message(source.name, value, bench.now)
+
+    bench.run(0.1)
+    own(False)
+    assert not any(bench.tick().stop_demand.values())
+    bench.arbiter.own_estop_message('fort', True, bench.now)
+    bench.arbiter.own_estop_message('fort', False, bench.now)
+    assert bench.tick().stop_demand == {'fort': False, 'vm110': True}
+    assert not any(bench.tick().stop_demand.values())
+
+
+def test_words_of_a_sources_diagnostics_are_passed_on_while_they_are_given(bench: Bench) -> None:
+    bench.estops['fort'] = True
+    bench.run(0.5)
+    bench.arbiter.explain_source('fort', 'pull the button')
+    assert "e-stop source 'fort' demands a stop: pull the button" in bench.why()
+    bench.arbiter.explain_source('fort', '')
+    assert 'demands a stop: see /diagnostics' in bench.why()
+
+
+def test_deadman_that_is_held_all_along_gets_control_once(bench: Bench) -> None:
+    bench.active()
+    bench.samples['fort'] = DRIVE
+    bench.run(0.5)
+    assert bench.decision.owner == 'fort'
+    bench.samples['fort'] = REST
+    bench.run(0.1)
+    bench.samples['fort'] = DRIVE
+    bench.run(1.0)
+    assert bench.decision.state is State.READY
