@@ -5,6 +5,8 @@
 #   make demo              simulators, stack and a live view; ARGS=--once plays the scripted scene
 #   make test              ARGS='-k fort -x' and the like go to pytest; WORKERS=0 for one test at a time
 #   make proof             what takes minutes: every reachable state of the mux; ARGS as for make test
+#   make mutants           plant faults in what decides, and name those that no test notices; takes an hour;
+#                          ARGS='safety_mux/limits.py --sample 50' and the like
 #   make lint              ruff and mypy
 #   make bench             measure, write benchmarks/results.json and the table of docs/performance.md; ARGS=--quick
 #   make bench-check       measure again; status 1 where a ratio got worse by a quarter; ARGS=--quick
@@ -25,7 +27,7 @@ unexport _ROS_WHEELS_BOOTSTRAP_COMPLETE
 # A virtual environment that the caller has activated is only where $(PYTHON) comes from.
 unexport VIRTUAL_ENV
 
-.PHONY: demo test proof lint bench bench-check campaign reference clean
+.PHONY: demo test proof mutants lint bench bench-check campaign reference clean
 
 demo: $(STAMP)
 	$(BIN)/python -m demo $(ARGS)
@@ -35,6 +37,9 @@ test: $(STAMP)
 
 proof: $(STAMP)
 	$(BIN)/python -m pytest -m proof $(ARGS)
+
+mutants: $(STAMP)
+	$(BIN)/python -m test.mutants $(ARGS)
 
 lint: $(STAMP)
 	$(BIN)/ruff check .

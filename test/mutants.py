@@ -1,0 +1,371 @@
+"""
+Mutants of what decides: ``make mutants``, or ``python -m test.mutants [OPTION]... [FILE]...``.
+
+Each mutant is one small fault in one file: a comparison, an operator or a constant is another one,
+a condition is left out or turned round, a statement or a returned value is missing. It lives in
+the memory of a process of its own, which runs the file's tests until one fails. One that passes
+them all has survived: there is a fault that nobody would notice.
+
+Results are kept, so that an interrupted run goes on where it was: of those that were killed until
+the package changes, of survivors until its tests do. Exit status: 0 if enough are killed, 1 if
+not, 2 if the tests fail without a mutant.
+"""
+
+from __future__ import annotations
+
+import argparse
+import ast
+from collections.abc import Iterable
+from collections.abc import Iterator
+from collections.abc import Sequence
+import hashlib
+import importlib
+import importlib.abc
+import importlib.machinery
+import importlib.util
+import json
+import os
+from pathlib import Path
+import random
+import resource
+import shutil
+import sys
+import tempfile
+from types import CodeType
+from types import ModuleType
+from typing import Any
+from typing import NamedTuple
+
+from test.mutants_excused import EXCUSED
+
+ROOT = Path(__file__).resolve().parent.parent
+RESULTS = ROOT / 'build' / 'mutants.json'
+ENOUGH = 0.95  # of those that are not excused
+_MEMORY = 2 << 30  # bytes that a mutant may take
+_PATIENCE = 5.0  # times the processor time that the tests take without a mutant
+
+_ARBITER = tuple(
+    f'test/test_safety_mux_{name}.py'
+    for name in ('arbiter', 'edges', 'owners', 'drive', 'feedback', 'properties', 'chains')
+)
+_SESSION = ('', '_errors', '_chance')
+TESTS = {
+    'safety_mux/arbiter.py': _ARBITER,
+    'safety_mux/inputs.py': _ARBITER,
+    'safety_mux/feedback.py': _ARBITER,
+    'safety_mux/limits.py': ('test/test_safety_mux_limits.py', *_ARBITER),
+    'safety_mux/mapping.py': ('test/test_safety_mux_mapping.py',),
+    'safety_mux/button.py': ('test/test_safety_mux_button.py',),
+    'safety_mux/stamps.py': ('test/test_safety_mux_stamps.py',),
+    'esi_drive_bridge/session/session.py': (
+        *(f'test/test_esi_drive_session{part}.py' for part in _SESSION),
+        'test/test_esi_drive_ramp.py',
+    ),
+}
+
+_COMPARISONS: dict[type[ast.cmpop], tuple[type[ast.cmpop], ...]] = {
+    ast.Lt: (ast.LtE, ast.GtE),
+    ast.LtE: (ast.Lt, ast.Gt),
+    ast.Gt: (ast.GtE, ast.LtE),
+    ast.GtE: (ast.Gt, ast.Lt),
+    ast.Eq: (ast.NotEq,),
+    ast.NotEq: (ast.Eq,),
+    ast.Is: (ast.IsNot,),
+    ast.IsNot: (ast.Is,),
+    ast.In: (ast.NotIn,),
+    ast.NotIn: (ast.In,),
+}
+_OPERATORS: dict[type[ast.operator], type[ast.operator]] = {
+    ast.Add: ast.Sub,
+    ast.Sub: ast.Add,
+    ast.Mult: ast.Div,
+    ast.Div: ast.Mult,
+    ast.BitOr: ast.BitAnd,
+    ast.BitAnd: ast.BitOr,
+}
+_NAMES = {'any': 'all', 'all': 'any', 'min': 'max', 'max': 'min'}
+# Neither types nor texts decide anything.
+_SKIPPED_FIELDS = ('annotation', 'returns', 'decorator_list')
+_SKIPPED_NODES = (ast.JoinedStr, ast.Import, ast.ImportFrom)
+
+
+class Mutant(NamedTuple):
+    """One fault; ``key`` names it, and the package that it is in."""
+
+    file: str
+    line: int
+    function: str
+    before: str
+    after: str
+    code: CodeType
+    key: str
+
+    @property
+    def change(self) -> str:
+        return f'{self.function}: {self.before} -> {self.after}'
+
+
+# What may be wrong.
+
+
+def variants(node: ast.AST) -> Iterator[ast.AST]:
+    """Yield what may stand in the place of a node."""
+    if isinstance(node, ast.Compare):
+        for n, op in enumerate(node.ops):
+            for other in _COMPARISONS[type(op)]:
+                ops = [*node.ops[:n], other(), *node.ops[n + 1 :]]
+                yield ast.Compare(node.left, ops, node.comparators)
+    elif isinstance(node, ast.BoolOp):
+        yield ast.BoolOp(ast.And() if isinstance(node.op, ast.Or) else ast.Or(), node.values)
+        for n in range(len(node.values)):
+            rest = node.values[:n] + node.values[n + 1 :]
+            yield rest[0] if len(rest) == 1 else ast.BoolOp(node.op, rest)
+    elif isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.Not | ast.USub):
+        yield node.operand
+    elif isinstance(node, ast.BinOp) and type(node.op) in _OPERATORS:
+        yield ast.BinOp(node.left, _OPERATORS[type(node.op)](), node.right)
+    elif isinstance(node, ast.AugAssign) and type(node.op) in _OPERATORS:
+        yield ast.AugAssign(node.target, _OPERATORS[type(node.op)](), node.value)
+        yield ast.Pass()
+    elif isinstance(node, ast.Constant) and isinstance(node.value, bool):
+        yield ast.Constant(not node.value)
+    elif isinstance(node, ast.Constant) and isinstance(node.value, int | float):
+        yield ast.Constant(node.value + 1)
+    elif isinstance(node, ast.Name) and node.id in _NAMES:
+        yield ast.Name(_NAMES[node.id], node.ctx)
+    elif isinstance(node, ast.If | ast.While | ast.IfExp):
+        if not isinstance(node.test, ast.Compare | ast.BoolOp | ast.UnaryOp):  # done by those
+            yield _with_test(node, ast.UnaryOp(ast.Not(), node.test))
+    elif isinstance(node, ast.Return) and not _is_none(node.value):
+        yield ast.Return(ast.Constant(None))
+    elif isinstance(node, ast.Raise | ast.Continue | ast.Break) or _does_something(node):
+        yield ast.Pass()
+
+
+def _with_test(node: ast.If | ast.While | ast.IfExp, test: ast.expr) -> ast.AST:
+    if isinstance(node, ast.IfExp):
+        return ast.IfExp(test, node.body, node.orelse)
+    return type(node)(test, node.body, node.orelse)
+
+
+def _does_something(node: ast.AST) -> bool:
+    if isinstance(node, ast.Expr):
+        return not isinstance(node.value, ast.Constant)
+    return isinstance(node, ast.Assign) and '__slots__' not in _shown(node)
+
+
+def _is_none(value: ast.expr | None) -> bool:
+    return value is None or (isinstance(value, ast.Constant) and value.value is None)
+
+
+def mutants(file: str) -> Iterator[Mutant]:
+    """Yield all mutants of a file, in the order of its lines."""
+    source = (ROOT / file).read_text(encoding='utf-8')
+    digest = _digest((ROOT / file).parent.glob('*.py'))
+    tree = ast.parse(source)
+    for parent, field, index, function in _places(tree, ''):
+        siblings = getattr(parent, field)
+        node = siblings if index is None else siblings[index]
+        for variant in variants(node):
+            ast.fix_missing_locations(ast.copy_location(variant, node))
+            _put(parent, field, index, variant)
+            before, after = _shown(node), _shown(variant)
+            name = f'{digest} {node.lineno} {node.col_offset} {before} {after}'
+            yield Mutant(
+                *(file, node.lineno, function, before, after),
+                code=compile(tree, str(ROOT / file), 'exec'),
+                key=hashlib.sha1(name.encode()).hexdigest(),
+            )
+            _put(parent, field, index, node)
+
+
+def _places(node: ast.AST, function: str) -> Iterator[tuple[ast.AST, str, int | None, str]]:
+    """Yield where nodes stand: their parent, its field, their index in a list, the function."""
+    if isinstance(node, ast.FunctionDef | ast.ClassDef):
+        function = f'{function}.{node.name}'.lstrip('.')
+    for field, value in ast.iter_fields(node):
+        if field in _SKIPPED_FIELDS:
+            continue
+        for index, child in enumerate(value) if isinstance(value, list) else [(None, value)]:
+            if isinstance(child, ast.AST) and not isinstance(child, _SKIPPED_NODES):
+                if hasattr(child, 'lineno'):
+                    yield node, field, index, function
+                yield from _places(child, function)
+
+
+def _put(parent: ast.AST, field: str, index: int | None, node: ast.AST) -> None:
+    if index is None:
+        setattr(parent, field, node)
+    else:
+        getattr(parent, field)[index] = node
+
+
+def _shown(node: ast.AST) -> str:
+    """Return its source in one line; of a block, its head."""
+    return ast.unparse(node).splitlines()[0]
+
+
+def _digest(paths: Iterable[Path]) -> str:
+    return hashlib.sha1(b''.join(path.read_bytes() for path in sorted(paths))).hexdigest()
+
+
+def digest_of_tests(file: str) -> str:
+    """Return what changes with a file's tests and their benches."""
+    benches = [*ROOT.glob('test/*bench*.py'), *ROOT.glob('test/*rig*.py')]
+    return _digest([*(ROOT / test for test in TESTS[file]), *benches])
+
+
+# What becomes of it.
+
+
+class Finder(importlib.abc.MetaPathFinder, importlib.abc.Loader):
+    """Has a module imported from this code."""
+
+    def __init__(self, file: str, code: CodeType) -> None:
+        self._name = file.removesuffix('.py').replace('/', '.')
+        self._path = str(ROOT / file)
+        self._code = code
+
+    def find_spec(
+        self, fullname: str, path: Any = None, target: Any = None
+    ) -> importlib.machinery.ModuleSpec | None:
+        if fullname != self._name:
+            return None
+        return importlib.util.spec_from_loader(fullname, self, origin=self._path)
+
+    def exec_module(self, module: ModuleType) -> None:
+        exec(self._code, module.__dict__)
+
+
+def run_tests(file: str, code: CodeType, limit: float) -> tuple[str, float]:
+    """
+    Run a file's tests with this code in its place, in a process of its own.
+
+    Return the outcome, ``survived``, ``killed`` or ``endless``, and its processor time in s.
+
+    :param limit: s of processor time. :raises RuntimeError: the tests could not be run.
+    """
+    sys.stdout.flush()
+    pid = os.fork()
+    if not pid:
+        os._exit(_child(file, code, limit))
+    _, status, used = os.wait4(pid, 0)
+    seconds = used.ru_utime + used.ru_stime
+    if os.WIFSIGNALED(status):
+        return 'endless', seconds
+    outcomes = {0: 'survived', 1: 'killed', 2: 'killed'}  # 2: not even collected
+    if os.WEXITSTATUS(status) not in outcomes:
+        raise RuntimeError(f'pytest ended with {os.WEXITSTATUS(status)} for {file}')
+    return outcomes[os.WEXITSTATUS(status)], seconds
+
+
+def _child(file: str, code: CodeType, limit: float) -> int:
+    import pytest
+
+    resource.setrlimit(resource.RLIMIT_CPU, (round(limit) + 1,) * 2)
+    resource.setrlimit(resource.RLIMIT_AS, (_MEMORY, _MEMORY))
+    silence = os.open(os.devnull, os.O_WRONLY)
+    for descriptor in (1, 2):
+        os.dup2(silence, descriptor)
+    folder = tempfile.mkdtemp(prefix='mutant_')
+    os.environ['HYPOTHESIS_STORAGE_DIRECTORY'] = folder  # what one has found is not for others
+    sys.meta_path.insert(0, Finder(file, code))
+    options = ('-x', '-q', '--hypothesis-seed=0', '-p', 'no:cacheprovider', '-p', 'no:xdist')
+    try:
+        return int(pytest.main([*options, *TESTS[file]]))
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)
+
+
+class Results:
+    """Outcomes by the mutants' keys, in a file."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self._known: dict[str, dict[str, Any]] = {}
+        if path.exists():
+            self._known = json.loads(path.read_text(encoding='utf-8'))
+
+    def outcome(self, mutant: Mutant) -> str | None:
+        """Return what became of it; None if that is not known."""
+        known = self._known.get(mutant.key)
+        if known is None:
+            return None
+        outcome, tests = str(known['outcome']), known['tests']
+        return outcome if outcome != 'survived' or tests == digest_of_tests(mutant.file) else None
+
+    def note(self, mutant: Mutant, outcome: str, seconds: float) -> None:
+        """Keep it."""
+        self._known[mutant.key] = {
+            'file': mutant.file,
+            'line': mutant.line,
+            'change': mutant.change,
+            'outcome': outcome,
+            'seconds': round(seconds, 2),
+            'tests': digest_of_tests(mutant.file),
+        }
+        self._path.parent.mkdir(exist_ok=True)
+        scratch = self._path.with_suffix('.new')
+        scratch.write_text(json.dumps(self._known, indent=1), encoding='utf-8')
+        scratch.replace(self._path)
+
+
+def judge(file: str, results: Results, sample: int | None) -> tuple[int, int]:
+    """Run the mutants of a file; return how many were killed, and of how many."""
+    whole = compile((ROOT / file).read_text(encoding='utf-8'), str(ROOT / file), 'exec')
+    outcome, seconds = run_tests(file, whole, 600.0)
+    if outcome != 'survived':
+        raise RuntimeError(f'the tests of {file} fail without a mutant: {" ".join(TESTS[file])}')
+    limit = 10.0 + _PATIENCE * seconds
+    found = list(mutants(file))
+    if sample is not None:
+        found = sorted(random.Random(0).sample(found, min(sample, len(found))), key=_line)
+    survivors = []
+    for number, mutant in enumerate(found, 1):
+        if results.outcome(mutant) is None:
+            results.note(mutant, *run_tests(file, mutant.code, limit))
+        if results.outcome(mutant) == 'survived':
+            survivors.append(mutant)
+        if sys.stderr.isatty():
+            print(f'\r{file}: {number} of {len(found)} ', end='', file=sys.stderr, flush=True)
+    excuses = EXCUSED.get(file, {})
+    excused = [mutant for mutant in survivors if mutant.change in excuses]
+    for mutant in survivors:
+        if mutant not in excused:
+            print(f'{file}:{mutant.line}: {mutant.change}')
+    for change in () if sample else excuses.keys() - {mutant.change for mutant in excused}:
+        print(f'{file}: has no such survivor any more: {change}')
+    count = len(found) - len(excused)
+    killed = len(found) - len(survivors)
+    print(f'{file}: {killed} of {count} killed, and {len(excused)} may survive', flush=True)
+    return killed, count
+
+
+def _line(mutant: Mutant) -> int:
+    return mutant.line
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run all; return the exit status."""
+    parser = argparse.ArgumentParser(prog='test.mutants', description=(__doc__ or '').strip())
+    parser.add_argument('files', nargs='*', metavar='FILE', choices=[*TESTS, []])
+    parser.add_argument('--sample', type=int, metavar='N', help='only N of each file')
+    parser.add_argument('--results', type=Path, default=RESULTS, help='where they are kept')
+    options = parser.parse_args(arguments)
+    os.chdir(ROOT)
+    # So that not each process has to. Nothing of this imports what is mutated.
+    importlib.import_module('hypothesis.stateful')
+    importlib.import_module('test.conftest')
+    results = Results(options.results)
+    try:
+        counts = [judge(file, results, options.sample) for file in options.files or TESTS]
+    except RuntimeError as error:
+        print(error, file=sys.stderr)
+        return 2
+    killed, count = (sum(column) for column in zip(*counts, strict=True))
+    print(f'{killed} of {count} killed: {killed / count:.1%}, {ENOUGH:.0%} is enough')
+    return 0 if killed >= ENOUGH * count else 1
+
+
+if __name__ == '__main__':
+    sys.exit(main())
