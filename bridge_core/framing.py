@@ -140,6 +140,11 @@ class StreamParser(Decoder[bytes, MessageT]):
         self._in_sync = True
 
     @property
+    def format(self) -> FrameFormat[MessageT]:
+        """How it tells frames apart."""
+        return self._format
+
+    @property
     def deadline(self) -> float:
         """The moment at which poll should be called; infinite while nothing is pending."""
         return self._arrivals[0][1] + self._expire if self._buffer else math.inf

@@ -1,0 +1,113 @@
+"""Which format a file has, and its pieces."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+import os
+from pathlib import Path
+import sys
+from typing import Any
+from typing import BinaryIO
+
+from rugged_teleop.decode.pcap import MAGIC
+from rugged_teleop.decode.pcap import MAGIC_NG
+from rugged_teleop.decode.pcap import pcap
+from rugged_teleop.decode.pcap import pcapng
+from rugged_teleop.decode.pieces import Damage
+from rugged_teleop.decode.pieces import Piece
+from rugged_teleop.decode.texts import candump
+from rugged_teleop.decode.texts import hex_listing
+from rugged_teleop.decode.texts import is_candump
+from rugged_teleop.decode.texts import is_hex
+
+_BLOCK = 1 << 16
+_HEAD = 3840  # bytes by which a format is told; an endless line of hex is cut between two
+_BEGINNINGS = {
+    **dict.fromkeys(MAGIC, 'pcap'),
+    MAGIC_NG: 'pcapng',
+    b'LOGG': 'blf',
+    b'SQLite format 3\0': 'db',
+    b'MDF     ': 'mf4',
+    b'timestamp,arbitration_id,': 'csv',
+    b';': 'trc',
+    b'date ': 'asc',
+}
+
+
+def raw(file: BinaryIO) -> Iterator[Piece | Damage]:
+    """Read bytes as they came over a line."""
+    offset = 0
+    while data := file.read(_BLOCK):
+        yield Piece(offset, data)
+        offset += len(data)
+
+
+_READERS = {
+    'raw': raw,
+    'hex': hex_listing,
+    'candump': candump,
+    'pcap': pcap,
+    'pcapng': pcapng,
+}
+STREAMS = ('raw', 'hex')  # without times, and any piece may hold a part of a frame
+LOGS = ('asc', 'blf', 'csv', 'db', 'mf4', 'trc')  # python-can's
+FORMATS = (*_READERS, *LOGS)
+
+
+@dataclass(frozen=True)
+class Capture:
+    """An open file. :param size: bytes; 0 where it is not known."""
+
+    name: str
+    format: str
+    size: int
+    pieces: Iterator[Piece | Damage]
+
+
+@contextmanager
+def opened(name: str, kind: str = '') -> Iterator[Capture]:
+    """
+    Open a capture. ``-`` is the standard input.
+
+    :param kind: one of FORMATS; empty: by what stands in it.
+    :raises OSError: it cannot be read. :raises ValueError: it is no capture that is known here.
+    """
+    if name == '-':
+        yield _capture('standard input', sys.stdin.buffer, kind)
+        return
+    with Path(name).open('rb') as file:
+        yield _capture(name, file, kind)
+
+
+def _capture(name: str, file: Any, kind: str) -> Capture:
+    kind = kind or format_of(file.peek(_HEAD)[:_HEAD])
+    size = os.fstat(file.fileno()).st_size
+    if kind not in LOGS:
+        return Capture(name, kind, size, _READERS[kind](file))
+    try:
+        from rugged_teleop.decode.logs import read_log  # late: python-can takes a while
+    except ImportError as error:
+        raise ValueError(f'{kind} needs python-can (pip install python-can): {error}') from error
+    return Capture(name, kind, size, read_log(kind, file))
+
+
+def format_of(head: bytes) -> str:
+    """Return the format of a file that begins so. :raises ValueError: it is no capture."""
+    for beginning, kind in _BEGINNINGS.items():
+        if head.startswith(beginning):
+            return kind
+    if not head:
+        raise ValueError('is empty')
+    if any(byte not in b'\t\r\n' and not 0x20 <= byte < 0x7F for byte in head):
+        return 'raw'
+    lines = [line.decode() for line in head.splitlines()]
+    if len(head) == _HEAD and len(lines) > 1:
+        del lines[-1]  # it is cut
+    for kind, fits in (('candump', is_candump), ('hex', is_hex)):
+        if any(map(fits, lines)):
+            return kind
+    raise ValueError(
+        f'is text, but no capture known here; --format is one of {", ".join(FORMATS)}'
+    )

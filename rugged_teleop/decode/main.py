@@ -1,0 +1,134 @@
+"""
+Show what a capture says: raw bytes, a hex listing, candump, python-can's logs, pcap and pcapng.
+
+Format and protocol are told by what stands in the file. What is damaged is reported by its offset
+in the file, and skipped. The statistics come last, on standard error unless they are all that is
+asked for.
+
+Exit status: 0 all was read; 1 something was damaged, or nothing is of a protocol known here; 2
+wrong arguments, or a file that cannot be read.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Sequence
+import os
+import sys
+import time
+from typing import TextIO
+
+from rugged_teleop.command_line import Parser
+from rugged_teleop.decode.captures import Capture
+from rugged_teleop.decode.captures import FORMATS
+from rugged_teleop.decode.captures import opened
+from rugged_teleop.decode.protocols import entries_of
+from rugged_teleop.decode.protocols import PROTOCOLS
+from rugged_teleop.decode.statistics import Statistics
+from rugged_teleop.decode.writers import Writer
+from rugged_teleop.decode.writers import WRITERS
+
+_EXAMPLES = """\
+examples:
+  {prog} vsc.bin                            # the bytes of a serial port
+  {prog} --as statistics can0.log           # candump -l can0
+  {prog} --as csv vm110.pcap > vm110.csv    # tcpdump -i eth0 -w vm110.pcap udp
+  {prog} --as json can0.log | jq 'select(.message == "heartbeat") | .fields'
+  candump -t a can0 | {prog} -
+"""
+_BITRATE = 250000  # of Akron's units, and of the VSC as delivered
+_PROGRESS_PERIOD = 0.25  # s
+
+
+def parser(prog: str) -> Parser:
+    """Return the parser of the command line."""
+    result = Parser(prog=prog, description=__doc__, epilog=_EXAMPLES.format(prog=prog))
+    add = result.add_argument
+    add('files', nargs='+', metavar='FILE', help='a capture; -: standard input')
+    add('--format', choices=FORMATS, default='', help='default: by its beginning')
+    add('--protocol', choices=PROTOCOLS, default='', help='default: by its content')
+    add('--as', dest='output', choices=WRITERS, default='table', help='default: table')
+    add('--bitrate', type=_bitrate, default=_BITRATE, help='of a CAN bus, for its load (250000)')
+    return result
+
+
+def main(arguments: Sequence[str] | None = None, prog: str = 'rugged_teleop decode') -> None:
+    """Decode files; the command's entry point."""
+    options = parser(prog).parse_args(arguments)
+    try:
+        status = _decode(options, prog)
+        sys.stdout.flush()
+    except BrokenPipeError:  # whoever reads has seen enough, as head has
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        status = 0
+    except KeyboardInterrupt:
+        status = 130
+    sys.exit(status)
+
+
+def _decode(options: argparse.Namespace, prog: str) -> int:
+    writer: Writer = WRITERS[options.output](sys.stdout)
+    report = sys.stdout if options.output == 'statistics' else sys.stderr
+    status = 0
+    for name in options.files:
+        statistics = Statistics(options.bitrate)
+        try:
+            with opened(name, options.format) as capture:
+                _copy(capture, options.protocol, writer, statistics)
+        except (OSError, ValueError) as error:
+            if isinstance(error, BrokenPipeError):
+                raise
+            reason = error.strerror if isinstance(error, OSError) else error
+            print(f'{prog}: {name}: {reason}', file=sys.stderr)
+            status = 2
+            continue
+        sys.stdout.flush()  # what was found, then the report
+        for line in statistics.lines():
+            print(line if report is sys.stdout else f'# {line}', file=report)
+        if statistics.damaged or not statistics.decoded:
+            status = max(status, 1)
+    return status
+
+
+def _copy(capture: Capture, protocol: str, writer: Writer, statistics: Statistics) -> None:
+    progress = _Progress(capture, sys.stderr)
+    try:
+        for entry in entries_of(capture, protocol):
+            statistics.add(entry)
+            writer.write(capture.name, entry)
+            progress.tell(entry.offset)
+    finally:
+        progress.end()
+
+
+class _Progress:
+    """A line on a terminal that shows nothing else; elsewhere nothing."""
+
+    def __init__(self, capture: Capture, out: TextIO) -> None:
+        self._capture = capture
+        self._out = out
+        self._shown = out.isatty() and not sys.stdout.isatty() and capture.size > 0
+        self._next = 0.0
+
+    def tell(self, offset: int) -> None:
+        """Show how far it is, now and then."""
+        if self._shown and time.monotonic() >= self._next:
+            self._next = time.monotonic() + _PROGRESS_PERIOD
+            percent = 100 * offset // self._capture.size
+            print(f'\r{self._capture.name}: {percent} %', end='', file=self._out, flush=True)
+
+    def end(self) -> None:
+        """Leave the line empty."""
+        if self._shown:
+            print('\r\033[K', end='', file=self._out, flush=True)
+
+
+def _bitrate(text: str) -> int:
+    value = int(text) if text.isdecimal() else 0
+    if not 1000 <= value <= 1_000_000:
+        raise argparse.ArgumentTypeError(f'{text} is not within 1000 to 1000000 bit/s')
+    return value
+
+
+if __name__ == '__main__':
+    main()

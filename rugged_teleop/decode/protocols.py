@@ -1,0 +1,371 @@
+"""From pieces of a capture to messages, by the codecs of the bridges; every byte has its entry."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable
+from collections.abc import Iterable
+from collections.abc import Iterator
+from dataclasses import dataclass
+from dataclasses import replace
+import itertools
+import struct
+from typing import Any
+
+import akron_can_bridge.protocol as akron
+from bridge_core.framing import ChecksumError
+from bridge_core.framing import FrameError
+from bridge_core.framing import FrameFormat
+from bridge_core.framing import StreamParser
+from bridge_core.framing import Unknown
+from bridge_core.j1939 import CanFrame
+import esi_drive_bridge.protocol as esi
+import fort_vsc_bridge.protocol as fort
+from fort_vsc_bridge.protocol.can import ForeignFrameError
+from rugged_teleop.decode.captures import Capture
+from rugged_teleop.decode.captures import STREAMS
+from rugged_teleop.decode.pieces import Damage
+from rugged_teleop.decode.pieces import Piece
+from rugged_teleop.decode.plain import plain
+import ssc_bridge.protocol as ssc
+import vm110_bridge.protocol as vm110
+
+_SAMPLE = 1 << 18  # bytes of a stream by which its protocol is told
+_SHOWN = 32  # bytes of what is damaged
+_SAMPLE_OF_GAP = 1024  # bytes by which is told what is wrong with it: more than any frame has
+_OTHER = 'other'
+_VM110_SIZE = struct.Struct('<H')
+_VM110_BEGINNINGS = tuple(kind.value for kind in vm110.PacketId)
+
+
+@dataclass(frozen=True, slots=True)
+class Entry:
+    """
+    One frame, datagram or damaged place.
+
+    :param protocol: empty for what no protocol of ours reads, and for damage.
+    :param name: of the message. :param content: the message; a reason, for damage.
+    :param size: bytes of the whole. :param data: these bytes; of what is damaged the first.
+    """
+
+    offset: int
+    protocol: str
+    name: str
+    content: Any
+    size: int
+    data: bytes
+    at: float | None = None
+    source: str = ''
+    identifier: int | None = None
+
+    @property
+    def damaged(self) -> bool:
+        """It could not be read, and was skipped."""
+        return self.name == 'damage'
+
+    def fields(self) -> dict[str, Any]:
+        """Return what it says, as JSON has it."""
+        if self.damaged:
+            return {'bytes': self.size, 'reason': self.content}
+        values = plain(self.content)
+        return values if isinstance(values, dict) else {}
+
+
+def _damage(damage: Damage) -> Entry:
+    shown = damage.data[:_SHOWN]
+    where = (damage.at, damage.source, damage.identifier)
+    return Entry(damage.offset, '', 'damage', damage.reason, damage.size, shown, *where)
+
+
+def _entry(piece: Piece, protocol: str, name: str, content: Any = None) -> Entry:
+    where = (piece.at, piece.source, piece.identifier)
+    return Entry(piece.offset, protocol, name, content, len(piece.data), piece.data, *where)
+
+
+def _named(content: Any) -> str:
+    """Return a message's name, whatever it was found with."""
+    message = content.message if isinstance(content, vm110.Packet | akron.Received) else content
+    return 'unknown' if isinstance(message, Unknown) else type(message).__name__
+
+
+# Streams
+
+
+def _vm110_parser() -> StreamParser[Any]:
+    """Return a parser of datagrams that were written one after the other."""
+    head_size, max_size = vm110.HEAD_SIZE, vm110.MAX_FRAME
+    return StreamParser(FrameFormat(b'VR', head_size, max_size, _vm110_size, _vm110_packet))
+
+
+def _vm110_size(head: bytes) -> int:
+    """:raises FrameError: no packet of EG-Link begins so."""
+    if not head.startswith(_VM110_BEGINNINGS):
+        raise FrameError(f'no such packet: {head[:4]!r}')
+    return vm110.MIN_FRAME + int(_VM110_SIZE.unpack_from(head, 10)[0])
+
+
+def _vm110_packet(datagram: bytes) -> vm110.Packet | Unknown:
+    """Read a datagram, by either reading of the CRC. :raises FrameError: it is unsound."""
+    frame = vm110.Frame.from_bytes(datagram, None)
+    message = vm110.decode(frame)
+    if isinstance(message, Unknown):
+        return message
+    return vm110.Packet(message, frame.serial, frame.origin, frame.crc)
+
+
+# Both directions of a drive look alike but for their size.
+STREAM_PROTOCOLS: dict[str, Callable[[], StreamParser[Any]]] = {
+    'fort_serial': fort.parser,
+    'ssc': ssc.parser,
+    'esi_status': lambda: esi.status_parser(esi.Layout.DUAL),
+    'esi_command': lambda: esi.command_parser(esi.Layout.DUAL),
+    'esi_status_compact': lambda: esi.status_parser(esi.Layout.COMPACT),
+    'esi_command_compact': lambda: esi.command_parser(esi.Layout.COMPACT),
+    'vm110': _vm110_parser,
+}
+CAN_PROTOCOLS = ('fort_can', 'akron')
+PROTOCOLS = (*STREAM_PROTOCOLS, *CAN_PROTOCOLS)
+
+
+@dataclass(frozen=True, slots=True)
+class _Found:
+    """A frame with a good check. :param content: its message; or why that cannot be."""
+
+    frame: bytes
+    content: Any
+
+
+class _Stream:
+    """
+    A bridge's own parser, and where in the stream it has found its frames.
+
+    It hands frames out whole and in order, so each stands where its bytes are seen first behind
+    the frame before it; what is between the two was discarded.
+    """
+
+    def __init__(self, protocol: str) -> None:
+        self._format = STREAM_PROTOCOLS[protocol]().format
+        self._parser = StreamParser(replace(self._format, decode=self._read, readers={}))
+        self._window = b''  # of the stream: from the first byte on that is not accounted for
+        self._position = 0  # of the window
+        self._framed = 0  # bytes in frames
+        self._gap = Damage(0, 0, '')  # what was discarded since the last frame
+
+    def _read(self, frame: bytes) -> _Found | None:
+        try:
+            message = self._format.decode(frame)
+        except ChecksumError:
+            return None
+        except FrameError as error:
+            return _Found(frame, error)
+        return None if message is None else _Found(frame, message)
+
+    def feed(self, data: bytes) -> Iterator[tuple[int, _Found | Damage]]:
+        """Yield frames and damage with their positions in the stream."""
+        self._window += data
+        yield from self._located(self._parser.feed(data, 0.0))
+
+    def end(self) -> Iterator[tuple[int, _Found | Damage]]:
+        """Yield what is left."""
+        if self._window:
+            yield from self._located(self._parser.poll(self._parser.deadline))
+        yield from self._end_of_gap()
+
+    def _located(self, found: Iterable[_Found]) -> Iterator[tuple[int, _Found | Damage]]:
+        window, start, origin = self._window, 0, self._position
+        for each in found:
+            place = window.index(each.frame, start)
+            self._skip(window[start:place])
+            yield from self._end_of_gap()
+            yield origin + place, each
+            start = place + len(each.frame)
+            self._framed += len(each.frame)
+            self._position = origin + start
+        # What the parser has neither framed nor discarded is begun; the rest of it is to come.
+        counters = self._parser.counters
+        begun = len(window) - (counters.bytes - counters.discarded_bytes - self._framed)
+        self._skip(window[start:begun])
+        self._window = window[begun:]
+
+    def _skip(self, data: bytes) -> None:
+        gap = self._gap if self._gap.size else Damage(self._position, 0, '')
+        sample = gap.data if len(gap.data) >= _SAMPLE_OF_GAP else gap.data + data
+        self._gap = replace(gap, size=gap.size + len(data), data=sample[:_SAMPLE_OF_GAP])
+        self._position += len(data)
+
+    def _end_of_gap(self) -> Iterator[tuple[int, Damage]]:
+        if self._gap.size:
+            yield self._gap.offset, replace(self._gap, reason=self._why(self._gap))
+            self._gap = replace(self._gap, size=0)
+
+    def _why(self, gap: Damage) -> str:
+        """Return what is wrong with bytes that are no frame."""
+        start = gap.data.find(self._format.header)
+        head = gap.data[start:][: self._format.head_size]
+        if start < 0 or len(head) < self._format.head_size:
+            return 'no beginning of a frame'
+        try:
+            size = self._format.size_of(head)
+        except FrameError:
+            size = 0
+        if not self._format.head_size <= size <= self._format.max_size:
+            return 'a type or length that cannot be'
+        return 'wrong check' if start + size <= gap.size else 'shorter than its length says'
+
+
+class _Places:
+    """Where in the file a position of the stream is."""
+
+    def __init__(self, exact: bool) -> None:
+        self._exact = exact  # the file is the stream; else a piece is a line
+        self._pieces: deque[tuple[int, int]] = deque()  # position and offset
+        self._end = 0
+
+    def add(self, piece: Piece) -> None:
+        self._pieces.append((self._end, piece.offset))
+        self._end += len(piece.data)
+
+    def of(self, position: int) -> int:
+        """Return the offset; positions are asked for in order."""
+        while len(self._pieces) > 1 and self._pieces[1][0] <= position:
+            self._pieces.popleft()
+        start, offset = self._pieces[0]
+        return offset + (position - start if self._exact else 0)
+
+
+def _stream_entries(
+    protocol: str, pieces: Iterable[Piece | Damage], *, exact: bool
+) -> Iterator[Entry]:
+    stream, places = _Stream(protocol), _Places(exact)
+    for piece in pieces:
+        if isinstance(piece, Damage):
+            yield _damage(piece)
+            continue
+        places.add(piece)
+        for position, found in stream.feed(piece.data):
+            yield _stream_entry(protocol, places.of(position), found)
+    for position, found in stream.end():
+        yield _stream_entry(protocol, places.of(position), found)
+
+
+def _stream_entry(protocol: str, offset: int, found: _Found | Damage) -> Entry:
+    if isinstance(found, Damage):
+        return _damage(replace(found, offset=offset))
+    if isinstance(found.content, FrameError):
+        return _damage(Damage(offset, len(found.frame), str(found.content), found.frame))
+    size, name = len(found.frame), _named(found.content)
+    return Entry(offset, protocol, name, found.content, size, found.frame)
+
+
+def guess(pieces: Iterable[Piece | Damage]) -> str:
+    """Return the protocol that most of a stream's bytes are sound frames of; empty: none."""
+    data = b''.join(piece.data for piece in pieces if isinstance(piece, Piece))
+    sound = {}
+    for protocol in STREAM_PROTOCOLS:
+        stream = _Stream(protocol)
+        found = (each for _, each in itertools.chain(stream.feed(data), stream.end()))
+        frames = (each for each in found if isinstance(each, _Found))
+        sound[protocol] = sum(
+            len(each.frame) for each in frames if not isinstance(each.content, FrameError)
+        )
+    best = max(sound, key=lambda protocol: sound[protocol])
+    return best if sound[best] else ''
+
+
+# CAN frames and datagrams
+
+
+def _fort_can_entry(piece: Piece, frame: CanFrame) -> Entry | None:
+    name = _FORT_NAMES.get(frame.identifier)
+    if name is None:
+        return None
+    try:
+        return _entry(piece, 'fort_can', name, fort.decode_data(name, frame.data))
+    except ForeignFrameError:
+        return None
+    except FrameError as error:
+        return _damaged_piece(piece, str(error))
+
+
+def _akron_entry(piece: Piece, frame: CanFrame) -> Entry | None:
+    try:
+        received = akron.decode(frame)
+    except FrameError as error:
+        # PGN EF00 is every maker's own, so this need not be an Akron device.
+        foreign = frame.identifier >> 16 & 0xFF == akron.PROPRIETARY_PGN >> 8
+        return None if foreign else _damaged_piece(piece, str(error))
+    if isinstance(received.message, Unknown):
+        return None
+    return _entry(piece, 'akron', _named(received.message), received)
+
+
+_FORT_NAMES = {identifier: name for name, identifier in fort.CanIds().by_name.items()}
+_CAN_READERS = {'fort_can': _fort_can_entry, 'akron': _akron_entry}
+
+
+def _damaged_piece(piece: Piece, reason: str) -> Entry:
+    where = (piece.at, piece.source, piece.identifier)
+    return _damage(Damage(piece.offset, len(piece.data), reason, piece.data, *where))
+
+
+def _can_entry(piece: Piece, identifier: int, protocols: Iterable[str]) -> Entry:
+    if piece.form:
+        return _entry(piece, '', piece.form)
+    frame = CanFrame(identifier, piece.data)
+    entries = (_CAN_READERS[protocol](piece, frame) for protocol in protocols)
+    return next((entry for entry in entries if entry is not None), _entry(piece, '', _OTHER))
+
+
+def _datagram_entry(piece: Piece) -> Entry:
+    if not piece.data.startswith(_VM110_BEGINNINGS):
+        return _entry(piece, '', piece.form or 'datagram of another protocol')
+    if piece.form:
+        return _damaged_piece(piece, piece.form)
+    try:
+        packet = _vm110_packet(piece.data)
+    except FrameError as error:
+        return _damaged_piece(piece, str(error))
+    return _entry(piece, 'vm110', _named(packet), packet)
+
+
+def _frame_entries(pieces: Iterable[Piece | Damage], protocols: Iterable[str]) -> Iterator[Entry]:
+    for piece in pieces:
+        if isinstance(piece, Damage):
+            yield _damage(piece)
+        elif piece.identifier is not None:
+            yield _can_entry(piece, piece.identifier, protocols)
+        else:
+            yield _datagram_entry(piece)
+
+
+def entries_of(capture: Capture, protocol: str = '') -> Iterator[Entry]:
+    """
+    Yield what a capture says, in its order.
+
+    :param protocol: one of PROTOCOLS; empty: every frame of CAN by all that know its identifier,
+        a stream by what its beginning is.
+    :raises ValueError: none is found, or the format cannot carry the one that is given.
+    """
+    if capture.format not in STREAMS:
+        if protocol and protocol not in (*CAN_PROTOCOLS, 'vm110'):
+            raise ValueError(f'{capture.format} has frames of CAN or UDP, not {protocol}')
+        yield from _frame_entries(capture.pieces, [protocol] if protocol else CAN_PROTOCOLS)
+        return
+    if protocol in CAN_PROTOCOLS:
+        raise ValueError(f'{capture.format} has a stream of bytes, not {protocol}')
+    sample = []
+    if not protocol:
+        size = 0
+        for piece in capture.pieces:
+            sample.append(piece)
+            size += len(piece.data)
+            if size >= _SAMPLE:
+                break
+        protocol = guess(sample)
+    if not protocol:
+        raise ValueError(
+            f'no frame of {", ".join(STREAM_PROTOCOLS)} is in its first {size} bytes; '
+            '--protocol shows what is wrong with them'
+        )
+    pieces = itertools.chain(sample, capture.pieces)
+    yield from _stream_entries(protocol, pieces, exact=capture.format == 'raw')

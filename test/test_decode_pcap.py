@@ -1,0 +1,175 @@
+"""Captures of a network, in both formats, both byte orders, and damaged."""
+
+from __future__ import annotations
+
+from pathlib import Path
+import struct
+
+from hypothesis import given
+from hypothesis import HealthCheck
+from hypothesis import settings
+from hypothesis import strategies as st
+import pytest
+
+from test.captures import block
+from test.captures import decoded
+from test.captures import ethernet
+from test.captures import pcap_file
+from test.captures import pcap_record
+from test.captures import pcapng_file
+from test.captures import pcapng_packet
+from test.captures import STREAMS
+from test.captures import udp
+
+VRPI, BLOCKED, COMMAND = STREAMS['vm110']
+PACKETS = [(1700000000.25, VRPI), (1700000000.375, BLOCKED), (1700000001.0, COMMAND)]
+NAMES = ['PeriodicInput', 'PeriodicInput', 'CommandInput']
+HEADERS = {  # by link type, what stands before IPv4
+    0: struct.pack('<I', 2),
+    1: bytes(12) + b'\x08\x00',
+    101: b'',
+    113: bytes(14) + b'\x08\x00',
+    276: b'\x08\x00' + bytes(18),
+}
+each_link = pytest.mark.parametrize('link', HEADERS)
+each_order = pytest.mark.parametrize('order', ['<', '>'])
+
+
+@pytest.fixture
+def path(tmp_path: Path) -> Path:
+    return tmp_path / 'capture'
+
+
+@each_link
+@each_order
+@pytest.mark.parametrize('parts', [1_000_000, 1_000_000_000])
+def test_datagrams_of_pcap(link: int, order: str, parts: int, path: Path) -> None:
+    packets = [(at, HEADERS[link] + udp(payload)) for at, payload in PACKETS]
+    path.write_bytes(pcap_file(packets, link, order, parts))
+    entries = decoded(path)
+    assert [entry.name for entry in entries] == NAMES
+    assert [entry.at for entry in entries] == [at for at, _ in PACKETS]
+    assert {entry.source for entry in entries} == {'192.168.1.7:5825 > 239.255.42.20:5825'}
+    assert entries[0].offset == 24
+
+
+@each_link
+@each_order
+def test_datagrams_of_pcapng(link: int, order: str, path: Path) -> None:
+    packets = [(round(at * 1e6), HEADERS[link] + udp(payload)) for at, payload in PACKETS]
+    path.write_bytes(pcapng_file(packets, link, order))
+    entries = decoded(path)
+    assert [entry.name for entry in entries] == NAMES
+    assert [entry.at for entry in entries] == [at for at, _ in PACKETS]
+
+
+@pytest.mark.parametrize(('option', 'parts'), [(9, 10**9), (0x80 | 10, 1024)])
+def test_clock_of_an_interface_is_its_own(option: int, parts: int, path: Path) -> None:
+    options = struct.pack('<HH4s', 1, 3, b'abc') + struct.pack('<HHB3x', 9, 1, option)
+    path.write_bytes(pcapng_file([(5 * parts // 2, ethernet(udp(VRPI)))], options=options))
+    assert [entry.at for entry in decoded(path)] == [2.5]
+
+
+def test_packet_of_an_old_tool_has_no_time(path: Path) -> None:
+    packet = ethernet(udp(VRPI))
+    path.write_bytes(pcapng_file([]) + block(3, struct.pack('<I', len(packet)) + packet))
+    assert [(entry.name, entry.at) for entry in decoded(path)] == [('PeriodicInput', None)]
+
+
+def test_vlan_is_looked_through(path: Path) -> None:
+    tagged = ethernet(b'\x00\x05\x08\x00' + udp(VRPI), b'\x81\x00')
+    path.write_bytes(pcap_file([(1.0, tagged)]))
+    assert [entry.name for entry in decoded(path)] == ['PeriodicInput']
+
+
+def test_frames_of_can(path: Path) -> None:
+    words = [0x80000000 | 0x0CFDE801, 0x20000004, 0x123]
+    frames = [struct.pack('>IB3x', word, 6) + bytes.fromhex('090000000000') for word in words]
+    path.write_bytes(pcap_file([(1.0, frame) for frame in frames], 227))
+    names = [(entry.name, entry.identifier) for entry in decoded(path)]
+    assert names == [('heartbeat', 0x0CFDE801), ('error frame', 4), ('standard frame', 0x123)]
+
+
+def test_other_traffic_is_neither_shown_nor_damage(path: Path) -> None:
+    tcp = bytearray(udp(b'hello'))
+    tcp[9] = 6
+    fragment = bytearray(udp(VRPI))
+    fragment[6:8] = b'\x20\x00'
+    others = [ethernet(b'\x00' * 28, b'\x08\x06'), ethernet(bytes(tcp)), ethernet(udp(b'mdns'))]
+    path.write_bytes(pcap_file([(1.0, each) for each in (*others, ethernet(bytes(fragment)))]))
+    entries = decoded(path)
+    assert [(entry.protocol, entry.damaged) for entry in entries] == [('', False)] * 4
+
+
+def test_damaged_datagram_is_reported(path: Path) -> None:
+    broken = bytes((*VRPI[:30], VRPI[30] ^ 1, *VRPI[31:]))
+    path.write_bytes(pcap_file([(1.0, ethernet(udp(broken))), (2.0, ethernet(udp(VRPI)))]))
+    bad, good = decoded(path)
+    assert (bad.damaged, bad.offset, bad.at, good.name) == (True, 24, 1.0, 'PeriodicInput')
+    assert 'wrong CRC' in bad.content
+
+
+@pytest.mark.parametrize('ng', [False, True])
+def test_datagram_that_the_capture_has_cut_is_said_to_be(ng: bool, path: Path) -> None:
+    packet = ethernet(udp(VRPI))
+    cut = packet[:-10]
+    if ng:
+        head = struct.pack('<5I', 0, 0, 0, len(cut), len(packet))
+        path.write_bytes(pcapng_file([]) + block(6, head + cut))
+    else:
+        record = struct.pack('<4I', 1, 0, len(cut), len(packet)) + cut
+        path.write_bytes(pcap_file([]) + record)
+    (bad,) = decoded(path)
+    assert bad.content == 'cut short by the capture'
+
+
+def test_damaged_record_costs_only_itself(path: Path) -> None:
+    packet = ethernet(udp(VRPI))
+    record = pcap_record(1700000000.0, packet)
+    for broken in (
+        record[:4] + b'\xff\xff\xff\xff' + record[8:],  # microseconds that cannot be
+        record[:8] + b'\xff\xff\xff\x7f' + record[12:],  # a length that cannot be
+        record[5:],
+        b'noise',
+    ):
+        path.write_bytes(pcap_file([(1700000000.0, packet)]) + broken + record * 2)
+        entries = decoded(path)
+        assert [entry.damaged for entry in entries] == [False, True, False, False], broken
+        assert entries[1].offset == 24 + len(record)
+        assert entries[1].size == len(broken)
+
+
+def test_damaged_block_costs_only_itself(path: Path) -> None:
+    packet = ethernet(udp(VRPI))
+    whole = pcapng_packet(0, packet)
+    head = pcapng_file([(0, packet)])
+    for broken in (whole[:-1] + b'\x01', whole[:4] + b'\x07' + whole[5:], whole[3:], b'noise'):
+        path.write_bytes(head + broken + whole * 2)
+        entries = decoded(path)
+        assert [entry.damaged for entry in entries] == [False, True, False, False], broken
+        assert (entries[1].offset, entries[1].size) == (len(head), len(broken))
+
+
+def test_packet_of_an_interface_that_is_not_described_is_damage(path: Path) -> None:
+    section = block(0x0A0D0D0A, struct.pack('<IHHq', 0x1A2B3C4D, 1, 0, -1))
+    path.write_bytes(section + pcapng_packet(0, ethernet(udp(VRPI))))
+    (bad,) = decoded(path)
+    assert bad.content == 'interface 0 is not described'
+
+
+@pytest.mark.parametrize('ng', [False, True])
+@settings(max_examples=40, deadline=None, suppress_health_check=list(HealthCheck))
+@given(data=st.data())
+def test_no_bytes_make_it_fail(ng: bool, path: Path, data: st.DataObject) -> None:
+    packets = [(at, ethernet(udp(payload))) for at, payload in PACKETS]
+    whole = bytearray(
+        pcapng_file([(round(at * 1e6), packet) for at, packet in packets])
+        if ng
+        else pcap_file(packets)
+    )
+    for place in data.draw(st.lists(st.integers(4, len(whole) - 1), max_size=5)):
+        whole[place] = data.draw(st.integers(0, 255))
+    end = data.draw(st.integers(4, len(whole)))
+    path.write_bytes(bytes(whole[:end]))
+    for entry in decoded(path):
+        assert 0 <= entry.offset <= end
