@@ -15,9 +15,9 @@ import argparse
 from collections.abc import Sequence
 import os
 import sys
-import time
 from typing import TextIO
 
+from bridge_core import clock
 from rugged_teleop.command_line import Parser
 from rugged_teleop.decode.captures import Capture
 from rugged_teleop.decode.captures import FORMATS
@@ -112,8 +112,8 @@ class _Progress:
 
     def tell(self, offset: int) -> None:
         """Show how far it is, now and then."""
-        if self._shown and time.monotonic() >= self._next:
-            self._next = time.monotonic() + _PROGRESS_PERIOD
+        if self._shown and clock.now() >= self._next:
+            self._next = clock.now() + _PROGRESS_PERIOD
             percent = 100 * offset // self._capture.size
             print(f'\r{self._capture.name}: {percent} %', end='', file=self._out, flush=True)
 
