@@ -21,6 +21,7 @@ from fort_vsc_bridge.simulator import Simulator as VscSimulator
 from rugged_teleop.stack import wiring
 from test.rig import Observer
 from test.run_delay import RunDelay
+from test.stage import CLEAR_ERRORS
 from test.stage import DRIVE
 from test.stage import MUX
 from test.stage import Stage
@@ -28,6 +29,7 @@ from test.stage import VSC
 
 MODULES = {VSC: 'fort_vsc_bridge.node', MUX: 'safety_mux.node', DRIVE: 'esi_drive_bridge.node'}
 HELD_UP = 0.15  # s; a bridge that is held up for 0.2 s demands a stop
+WIRE_HELD_UP = 0.05  # s; a wire is silent for 0.085 s then, with the 0.025 s between its beats
 DEADMAN, STICK = 'left_down', 'left_y'  # the mux's defaults: button 0, axis 1
 
 
@@ -139,6 +141,19 @@ class Spine(Stage):
             return self.is_rested('fort')
 
         self.wait(rested, 'a reset, and a rested operator')
+
+    def clear_errors(self) -> Any:
+        """Return the drive's answer; only a wire that was held up is asked once more."""
+        delay = self.run_delay()
+
+        def answer() -> Any:
+            reply = self.call(CLEAR_ERRORS)
+            if 'the wire of' in reply.message:
+                assert delay.seconds() > WIRE_HELD_UP, reply.message
+                return None
+            return reply
+
+        return self.wait(answer, "the drive's answer")
 
     def move(self) -> None:
         """Be in motion, from READY, by deadman and stick; see ``ready``."""

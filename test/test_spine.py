@@ -29,7 +29,6 @@ from test.run_delay import RunDelay
 from test.spine import DEADMAN
 from test.spine import Spine
 from test.spine import STICK
-from test.stage import CLEAR_ERRORS
 from test.stage import DRIVE
 from test.stage import greatest_step
 from test.stage import MUX
@@ -328,12 +327,12 @@ def test_drive_fault_mid_motion_stops_until_cleared_and_reset(spine: Spine) -> N
     cause = spine.drive.apply('fault a overcurrent on')
     measured('drive fault to disable packet', spine.disabled_after(cause, PROMPT))
     spine.wait(lambda: spine.mux_says('STOPPED'), 'STOPPED')
-    refused = spine.call(CLEAR_ERRORS)
+    refused = spine.clear_errors()
     assert not refused.success  # the cause is still there
     assert 'overcurrent' in refused.message
     spine.drive.apply('fault a overcurrent off')
     spine.observer.holds_for(lambda: not spine.is_clear(DRIVE), 0.3, 'latched')
-    reply = spine.call(CLEAR_ERRORS)
+    reply = spine.clear_errors()
     assert reply.success, reply.message
     spine.wait(lambda: spine.is_clear(DRIVE), 'the drive without a stop')
     stays_stopped_until_restarted(spine, cause + PROMPT)

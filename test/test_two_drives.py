@@ -15,6 +15,7 @@ from std_msgs.msg import Bool
 from std_msgs.msg import String
 from std_srvs.srv import SetBool
 
+from esi_drive_bridge.simulator import Simulator as DriveSimulator
 from test.rig import latched
 from test.rig import NodeProcess
 from test.rig import Observer
@@ -54,7 +55,9 @@ class Vehicle:
             'stall_limit': TIMEOUT,
         }
         for name, joints in JOINTS.items():
-            drive = self.drives[name] = Drive(folder / name)
+            drive = self.drives[name] = Drive(
+                folder / name, DriveSimulator(command_timeout=TIMEOUT)
+            )
             exits.callback(drive.close)
             node = f'{space}/{name}/esi_drive_bridge'
             wires = {'command': 'command', 'enable': 'enable', 'estop_in': 'estop'}
