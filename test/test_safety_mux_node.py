@@ -147,7 +147,7 @@ def test_machine_that_does_not_stop_when_told_is_a_stop_of_all_devices(observer:
         assert values['stopped by'] == 'motion'
         assert 'left at 3.1 rad/s' in values['last transition']
         assert values['condition of the feedback'] == 'moving'
-        assert all(record.last.data for record in mux.stop_demand.values())
+        mux.wait(lambda: all(each.last.data for each in mux.stop_demand.values()), 'stop demands')
         joints.message = still
         mux.active()
         joints.message = JointState(name=['right'], velocity=[1.0])
