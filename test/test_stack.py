@@ -15,7 +15,9 @@ from rugged_teleop.stack import NODES
 from rugged_teleop.stack import wired
 from test.rig import NodeProcess
 from test.rig import Observer
+from test.run_delay import RunDelay
 from test.spine import exit_of
+from test.spine import WIRE_HELD_UP
 from test.stage import DRIVE
 from test.stage import MUX
 from test.stage import Stage
@@ -118,11 +120,22 @@ class Stack(Stage):
         return super().wait(condition, lambda: text + self.process.output, timeout)
 
     def moving(self) -> None:
-        """Drive: connected, reset, deadman, stick."""
+        """Drive: connected, reset, deadman, stick; only a stack that was held up is reset anew."""
         self.vsc.apply('mode operational')
         self.ready()
-        self.vsc.apply('button left_down 1', 'stick left_y 0.5')
-        self.wait(lambda: self.drive.enabled and self.drive.rpm > 20.0, 'motion')
+        delay = RunDelay([self.process.process.pid])
+        hold = ('button left_down 1', 'stick left_y 0.5')
+
+        def moves() -> bool:
+            if self.mux_says('STOPPED'):
+                assert delay.seconds() > WIRE_HELD_UP, self.process.output
+                self.vsc.apply('stick left_y 0', 'button left_down 0')
+                self.ready()
+                self.vsc.apply(*hold)
+            return self.drive.enabled and self.drive.rpm > 20.0
+
+        self.vsc.apply(*hold)
+        self.wait(moves, 'motion', 60.0)
 
 
 @pytest.fixture
