@@ -122,19 +122,19 @@ class Stack(Stage):
     def moving(self) -> None:
         """Drive: connected, reset, deadman, stick; only a stack that was held up is reset anew."""
         self.vsc.apply('mode operational')
-        self.ready()
-        delay = RunDelay([self.process.process.pid])
-        hold = ('button left_down 1', 'stick left_y 0.5')
+        delay, resets = RunDelay([self.process.process.pid]), 0
 
         def moves() -> bool:
+            nonlocal resets
             if self.mux_says('STOPPED'):
-                assert delay.seconds() > WIRE_HELD_UP, self.process.output
                 self.vsc.apply('stick left_y 0', 'button left_down 0')
-                self.ready()
-                self.vsc.apply(*hold)
+                if self.may_reset():
+                    assert not resets or delay.seconds() > WIRE_HELD_UP, self.process.output
+                    resets += self.reset().success
+            elif self.mux_says('READY') and self.is_rested('fort'):
+                self.vsc.apply('button left_down 1', 'stick left_y 0.5')
             return self.drive.enabled and self.drive.rpm > 20.0
 
-        self.vsc.apply(*hold)
         self.wait(moves, 'motion', 60.0)
 
 
