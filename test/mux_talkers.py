@@ -165,8 +165,13 @@ class MuxBench:
         """Be READY, with a rested operator."""
         # A machine that holds a source up right before the reset makes it one that is refused.
         self.wait(lambda: self.may_reset() and self.reset().success, 'a reset that counts')
-        self.wait(lambda: self.says('READY'), 'READY')
-        self.wait(lambda: self.explains('press the deadman'), 'a rested operator')
+
+        def is_rested() -> bool:
+            if self.may_reset():  # it held one up right after that
+                self.reset()
+            return self.says('READY') and self.explains('press the deadman')
+
+        self.wait(is_rested, 'a rested operator', 20.0)
 
     def active(self, forward: float = 0.5) -> None:
         """Be ACTIVE and in motion."""
