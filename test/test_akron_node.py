@@ -72,7 +72,7 @@ def test_estop_input_stops_it_and_a_held_stick_does_not_start_it_again(
     bench.stop = False
     bench.wait(lambda: 'must be neutral once' in bench.value('neutral because'), 'the reason')
     assert not unit.look('moving')
-    assert bench.estop.last == Bool(data=False)
+    bench.wait(lambda: bench.estop.last == Bool(data=False), 'estop false')
     bench.drive(unit)
 
 

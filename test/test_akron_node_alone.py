@@ -85,7 +85,7 @@ def test_soe_permission_holds_the_unit_only_during_a_stop(
         bench.connect().drive(own_unit)
         bench.stop = True
         bench.wait(lambda: not own_unit.look('moving'), 'rest')
-        assert bench.estop.last == Bool(data=False)
+        bench.wait(lambda: bench.estop.last == Bool(data=False), 'estop false')
 
 
 def test_foreign_joystick_is_a_stop_and_an_allowed_one_an_operator(
@@ -95,7 +95,7 @@ def test_foreign_joystick_is_a_stop_and_an_allowed_one_an_operator(
         with bench_of(observer, can_bus) as bench:
             bench.wait(lambda: '0CFDD633' in bench.status().message, 'the trap', START_LIMIT)
             assert 'allowed_joysticks' in bench.status().message
-            assert bench.estop.last == Bool(data=True)
+            bench.wait(lambda: bench.estop.last == Bool(data=True), 'estop true')
         given = {'joy_source': 0x33, 'allowed_joysticks': [0x33]}
         with bench_of(observer, can_bus, given) as bench:
             bench.connect()
@@ -134,7 +134,7 @@ def test_two_units_two_nodes_one_bus(
         right.wait(lambda: right.joint_states.last.position[0] > 0.3, 'the other')
         other.steer('enable off')
         right.wait_stop(True)
-        assert left.estop.last == Bool(data=False)
+        left.wait(lambda: left.estop.last == Bool(data=False), 'estop false')
         left.wait(lambda: pins[1] in left.value('other Akron Brass devices'), 'the neighbour')
 
 
@@ -143,7 +143,7 @@ def test_bus_that_is_not_there_is_told_and_waited_for(observer: Observer) -> Non
     with NodeProcess('akron_can_bridge.node', given) as node:
         bench = Bench(observer, node)
         bench.wait(lambda: 'nocan7' in bench.status('link').message, 'the reason')
-        assert bench.estop.last == Bool(data=True)
+        bench.wait(lambda: bench.estop.last == Bool(data=True), 'estop true')
         assert node.process.poll() is None
 
 

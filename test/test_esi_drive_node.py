@@ -392,7 +392,7 @@ def test_warning_bit_is_a_warning_and_no_stop(bench: Bench) -> None:
     bench.wait(lambda: bench.value('axis A (left) warning') == 'true', 'the warning', 5.0)
     assert bench.diagnostics.status(DEVICE).level == DiagnosticStatus.WARN
     assert bench.drive.enabled
-    assert not bench.estop.last.data
+    bench.wait(lambda: not bench.estop.last.data, 'no stop')
 
 
 # Clearing errors.
@@ -471,7 +471,7 @@ def test_wrong_single_axis_layout_is_a_stop_that_names_the_parameter(
         bench.wait(
             lambda: 'single_axis_layout' in bench.diagnostics.status(LINK).message, 'the hint', 5.0
         )
-        assert bench.estop.last.data
+        bench.wait(lambda: bench.estop.last and bench.estop.last.data, 'a stop')
     finally:
         bench.close()
 

@@ -108,7 +108,7 @@ def test_stick_becomes_a_command_with_the_joints_names(mux: MuxBench) -> None:
     assert list(mux.command.last.name) == ['left', 'right']
     assert mux.command.last.velocity[1] == pytest.approx(expected)
     assert not mux.command.last.position
-    assert mux.enable.last.data
+    mux.wait(lambda: mux.enable.last.data, 'enable')
     mux.joy.message = sticks()
     mux.wait(lambda: mux.says('READY'), 'READY')
     mux.wait(lambda: not any(mux.command.last.velocity) and not mux.enable.last.data, 'nothing')
@@ -228,8 +228,9 @@ def test_stop_of_any_source_stops_and_latches(mux: MuxBench, source: str) -> Non
     cause = time.monotonic()
     talker.publisher.publish(Bool(data=True))  # once, between messages that say false
     mux.stopped_since(cause)
-    assert f"e-stop source '{source}' demands a stop" in values_of(mux.status.last)['inhibit 1']
-    assert values_of(mux.status.last)['stopped by'] == f"e-stop source '{source}'"
+    said = f"e-stop source '{source}'"
+    mux.wait(lambda: values_of(mux.status.last)['stopped by'] == said, 'by whom')
+    assert f'{said} demands a stop' in values_of(mux.status.last)['inhibit 1']
 
 
 @pytest.mark.parametrize('source', ['fort', 'drive'])
@@ -246,7 +247,8 @@ def test_silence_of_the_operator_stops(mux: MuxBench) -> None:
     mux.active()
     mux.joy.pause()
     mux.stopped_since(time.monotonic())
-    assert 'the owner was lost' in values_of(mux.status.last)['last transition']
+    said = 'the owner was lost'
+    mux.wait(lambda: said in values_of(mux.status.last)['last transition'], 'why')
 
 
 @pytest.mark.parametrize(
@@ -275,7 +277,7 @@ def test_trip_stops_and_asks_all_devices_to_stop_until_a_reset(mux: MuxBench) ->
     cause = time.monotonic()
     assert mux.trip().success
     mux.stopped_since(cause)
-    assert all(record.last.data for record in mux.stop_demand.values())
+    mux.wait(lambda: all(r.last.data for r in mux.stop_demand.values()), 'their stop demands')
     mux.joy.message = sticks()
     mux.wait(lambda: mux.explains('a trip is active'), 'the trip')
     mux.observer.holds_for(lambda: all(r.last.data for r in mux.stop_demand.values()), 0.5)

@@ -177,7 +177,9 @@ def test_estop_in_brings_the_failsafe_and_what_was_asked_is_forgotten(
     bench.estop_in.message = Bool(data=True)
     bench.estop_in.say()
     bench.wait(lambda: bench.seen()['outputs_us'][:2] == [1200, 0], 'the failsafe')
-    assert bench.estop.last == Bool(data=False)  # it is the mux's stop, not ours
+    bench.wait(
+        lambda: bench.estop.last == Bool(data=False), 'estop false'
+    )  # it is the mux's stop, not ours
     servo.pause()
     bench.estop_in.message = Bool(data=False)
     bench.observer.holds_for(lambda: bench.seen()['outputs_us'][:2] == [1200, 0], 0.4, 'failsafe')

@@ -258,7 +258,7 @@ def test_pub_stands_in_for_autonomy(observer: Observer) -> None:
         forward.linear.x = 0.2
         twist = twist.instead(observer, forward)
         observer.wait_for(lambda: any(command.last.velocity), 10.0, 'motion')
-        assert state.last.data == 'ACTIVE'
+        observer.wait_for(lambda: state.last.data == 'ACTIVE', 10.0, 'ACTIVE')
         for pub in (*pubs, twist):
             pub.leave()
 

@@ -145,8 +145,8 @@ def test_sticks_switches_encoder_and_battery_come_out(bench: Bench) -> None:
     bench.station.apply('encoder 1 -3')
     bench.wait(lambda: bench.encoder.last == Int32(data=-3), 'the encoder turned')
     bench.wait(lambda: bench.battery.last.percentage == pytest.approx(0.42), 'the battery')
-    assert bench.armed.last == Bool(data=True)
-    assert bench.own_estop.last == Bool(data=False)
+    bench.wait(lambda: bench.armed.last == Bool(data=True), 'armed true')
+    bench.wait(lambda: bench.own_estop.last == Bool(data=False), 'own_estop false')
     bench.wait(lambda: bench.value('BU state') == 'Armed', 'the diagnostic')
     assert bench.status().level == DiagnosticStatus.OK
     assert bench.value('CRC') == 'mpeg2'
@@ -159,8 +159,8 @@ def test_disarmed_is_no_stop_but_neutral(bench: Bench) -> None:
     bench.station.apply('stick 1 1 1')
     bench.wait(lambda: len(bench.joy.messages) > 3, 'more joy')
     assert not any(any(message.axes) for message in bench.joy.messages)
-    assert bench.armed.last == Bool(data=False)
-    assert bench.estop.last == Bool(data=False)
+    bench.wait(lambda: bench.armed.last == Bool(data=False), 'armed false')
+    bench.wait(lambda: bench.estop.last == Bool(data=False), 'estop false')
 
 
 def test_stop_switch_stops_and_says_what_to_do(bench: Bench) -> None:
@@ -179,7 +179,7 @@ def test_blocked_and_tilted_say_what_to_do(bench: Bench) -> None:
     bench.station.apply('tilt 1 on')
     bench.wait(lambda: 'disabled due to tilting' in bench.status().message, 'the tilt')
     bench.wait(lambda: bench.enabled.last == Bool(data=False), 'the relays open')
-    assert bench.estop.last == Bool(data=False)
+    bench.wait(lambda: bench.estop.last == Bool(data=False), 'estop false')
     bench.station.apply('radio 1 off')
     bench.wait_stop(True)
     bench.wait(lambda: 'turn on the remote and rearm' in bench.status().message, 'the hint')
@@ -261,12 +261,12 @@ def test_hold_output_opens_the_relays_which_close_only_after_rearming(bench: Ben
 
     bench.wait(repeat(True)(lambda unit: not unit.relays_closed), 'open relays')
     bench.wait_stop(True)
-    assert bench.own_estop.last == Bool(data=False)
+    bench.wait(lambda: bench.own_estop.last == Bool(data=False), 'own_estop false')
     bench.wait(lambda: 'as hold_output asks' in bench.status().message, 'the reason')
     before = bench.station.look(lambda unit: unit.received['VRPO'])
     bench.wait(repeat(False)(lambda unit: unit.received['VRPO'] > before + 3), 'VRPO again')
     assert not bench.station.look(lambda unit: unit.relays_closed)
-    assert bench.own_estop.last == Bool(data=False)
+    bench.wait(lambda: bench.own_estop.last == Bool(data=False), 'own_estop false')
     bench.station.apply('arm 1')
     bench.wait(repeat(False)(lambda unit: unit.relays_closed), 'closed relays')
     bench.wait_stop(False)
@@ -384,14 +384,14 @@ def test_two_bridges_and_two_units_on_one_host_without_cross_talk(observer: Obse
         assert all(message.axes[0] == 0.0 for message in right.joy.messages)
         one.apply('stop 1 on')
         left.wait_stop(True)
-        assert right.estop.last == Bool(data=False)
+        right.wait(lambda: right.estop.last == Bool(data=False), 'estop false')
 
 
 def test_sources_that_are_not_allowed_are_counted(observer: Observer) -> None:
     with bench_of(observer, {'allowed_sources': ['127.0.0.9']}) as bench:
         counted = 'datagrams of other senders'
         bench.wait(lambda: int(bench.value(counted, 'link') or 0) > 3, 'the count')
-        assert bench.estop.last == Bool(data=True)
+        bench.wait(lambda: bench.estop.last == Bool(data=True), 'estop true')
 
 
 def test_wrong_lengths_are_counted(bench: Bench) -> None:
@@ -399,7 +399,7 @@ def test_wrong_lengths_are_counted(bench: Bench) -> None:
     for size in (0, 19, 513, 2000):
         bench.station.write(bytes(size))
     bench.wait(lambda: bench.value('malformed', 'link') == '4', 'the count')
-    assert bench.estop.last == Bool(data=False)
+    bench.wait(lambda: bench.estop.last == Bool(data=False), 'estop false')
 
 
 def test_deactivated_is_a_stop_and_comes_back(bench: Bench) -> None:
@@ -420,7 +420,7 @@ def test_ends_with_status_0(bench: Bench) -> None:
 def test_missing_interface_is_told_and_waited_for(observer: Observer) -> None:
     with bench_of(observer, {'interface_address': '192.0.2.99'}) as bench:
         bench.wait(lambda: 'interface_address' in bench.status('link').message, 'the reason')
-        assert bench.estop.last == Bool(data=True)
+        bench.wait(lambda: bench.estop.last == Bool(data=True), 'estop true')
         assert bench.node.process.poll() is None
 
 
