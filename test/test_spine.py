@@ -121,8 +121,9 @@ def test_one_heartbeat_with_an_estop_bit_among_healthy_ones_stops_and_latches(
     spine.moving()
     heartbeat = build_frame(0x20, bytes((0x06, 0, bits, 0, 0, 0)))  # mode Operational (table 12)
     cause = spine.vsc.write(heartbeat)
-    measured(f'e-stop bit 0x{bits:02X} in to disable packet', spine.disabled_after(cause, PROMPT))
-    stays_stopped_until_restarted(spine, cause + PROMPT)
+    reaction = spine.disabled_after(cause, PROMPT)
+    measured(f'e-stop bit 0x{bits:02X} in to disable packet', reaction)
+    stays_stopped_until_restarted(spine, cause + reaction)
 
 
 @pytest.mark.parametrize('source', ['remote', 'vsc'])
@@ -212,9 +213,10 @@ def test_sticks_silent_while_heartbeat_goes_on_takes_control_away(spine: Spine) 
     spine.moving()
     spine.vsc.enable_message(0x10, False)
     cause = spine.vsc.last_sent(0x10)
-    measured('last stick message to disable packet', spine.disabled_after(cause, TOLD))
+    reaction = spine.disabled_after(cause, TOLD)
+    measured('last stick message to disable packet', reaction)
     spine.vsc.enable_message(0x10, True)  # deadman and stick are still held
-    spine.holds_still(cause + TOLD)
+    spine.holds_still(cause + reaction)
     assert spine.is_clear(VSC)
 
 
@@ -231,9 +233,10 @@ def test_radio_lost_mid_motion_stops_and_return_moves_nothing(spine: Spine) -> N
 def test_remote_leaves_operational_mid_motion_and_comes_back_held(spine: Spine, mode: str) -> None:
     spine.moving()
     cause = spine.vsc.apply(f'mode {mode}')
-    measured(f'mode {mode} to disable packet', spine.disabled_after(cause, 0.15))
+    reaction = spine.disabled_after(cause, 0.15)
+    measured(f'mode {mode} to disable packet', reaction)
     spine.vsc.apply('mode operational')
-    spine.holds_still(cause + 0.15)
+    spine.holds_still(cause + reaction)
 
 
 @pytest.mark.parametrize('number', [SIGKILL, SIGSTOP], ids=['killed', 'frozen'])
@@ -242,14 +245,15 @@ def test_mux_lost_mid_motion_disables_the_drive(spine: Spine, number: int) -> No
     cause = time.monotonic()
     spine.nodes[MUX].signal(number)
     what = f'mux {"killed" if number == SIGKILL else "frozen"} to disable packet'
-    measured(what, spine.disabled_after(cause, MUX_LOST))
-    spine.holds_still(cause + MUX_LOST)
+    reaction = spine.disabled_after(cause, MUX_LOST)
+    measured(what, reaction)
+    spine.holds_still(cause + reaction)
     if number == SIGSTOP:
         spine.nodes[MUX].signal(SIGCONT)
     else:
         assert spine.nodes[MUX].wait() == -SIGKILL
         spine.restart(MUX)
-    stays_stopped_until_restarted(spine, cause + MUX_LOST)
+    stays_stopped_until_restarted(spine, cause + reaction)
 
 
 @pytest.mark.parametrize('number', [SIGKILL, SIGSTOP], ids=['killed', 'frozen'])
@@ -258,13 +262,14 @@ def test_vsc_bridge_lost_mid_motion_disables_the_drive(spine: Spine, number: int
     cause = time.monotonic()
     spine.nodes[VSC].signal(number)
     what = f'VSC bridge {"killed" if number == SIGKILL else "frozen"} to disable packet'
-    measured(what, spine.disabled_after(cause, TOLD))  # 250 ms after the last Joy
+    reaction = spine.disabled_after(cause, TOLD)  # 250 ms after the last Joy
+    measured(what, reaction)
     if number == SIGSTOP:
         spine.nodes[VSC].signal(SIGCONT)
     else:
         spine.restart(VSC)
     spine.wait(lambda: spine.is_clear(VSC), 'the VSC without a stop', 15.0)
-    stays_stopped_until_restarted(spine, cause + TOLD)
+    stays_stopped_until_restarted(spine, cause + reaction)
 
 
 def test_drive_node_frozen_for_long_never_enables_on_waking(spine: Spine) -> None:
@@ -325,7 +330,8 @@ def test_node_ended_mid_motion_stops_the_drive_and_exits_at_once(
 def test_drive_fault_mid_motion_stops_until_cleared_and_reset(spine: Spine) -> None:
     spine.moving()
     cause = spine.drive.apply('fault a overcurrent on')
-    measured('drive fault to disable packet', spine.disabled_after(cause, PROMPT))
+    reaction = spine.disabled_after(cause, PROMPT)
+    measured('drive fault to disable packet', reaction)
     spine.wait(lambda: spine.mux_says('STOPPED'), 'STOPPED')
     refused = spine.clear_errors()
     assert not refused.success  # the cause is still there
@@ -335,14 +341,15 @@ def test_drive_fault_mid_motion_stops_until_cleared_and_reset(spine: Spine) -> N
     reply = spine.clear_errors()
     assert reply.success, reply.message
     spine.wait(lambda: spine.is_clear(DRIVE), 'the drive without a stop')
-    stays_stopped_until_restarted(spine, cause + PROMPT)
+    stays_stopped_until_restarted(spine, cause + reaction)
 
 
 def test_drive_that_disables_itself_is_not_enabled_again_by_a_held_deadman(spine: Spine) -> None:
     spine.moving()
     cause = spine.drive.apply('trip a')
-    measured('axis dropped out to disable packet', spine.disabled_after(cause, PROMPT))
-    spine.holds_still(cause + PROMPT)
+    reaction = spine.disabled_after(cause, PROMPT)
+    measured('axis dropped out to disable packet', reaction)
+    spine.holds_still(cause + reaction)
     spine.let_go()
     spine.rested()
     spine.move()
@@ -351,12 +358,13 @@ def test_drive_that_disables_itself_is_not_enabled_again_by_a_held_deadman(spine
 def test_drive_status_lost_mid_motion_disables_and_stops(spine: Spine) -> None:
     spine.moving()
     cause = spine.drive.apply('mute on')
-    measured('drive silent to disable packet', spine.disabled_after(cause, TOLD))
+    reaction = spine.disabled_after(cause, TOLD)
+    measured('drive silent to disable packet', reaction)
     told = first_true(spine, spine.drive_estop, cause)
     measured('drive silent to ~/estop true', told)
     assert told <= spine.allowed(TOLD)
     spine.drive.apply('mute off')
-    stays_stopped_until_restarted(spine, cause + TOLD)
+    stays_stopped_until_restarted(spine, cause + reaction)
 
 
 def test_drive_unplugged_mid_motion_stops_and_recovers_but_does_not_move(spine: Spine) -> None:
