@@ -144,7 +144,8 @@ class Lane:
 
         On that thread, and while there is none, it is called directly.
 
-        :raises TimeoutError: after 0.4 s; a call that has not begun by then never will.
+        :raises TimeoutError: it has not begun within 0.4 s, and never will; or it has, and takes
+            another 0.4 s.
         """
         thread = self._thread
         if (
@@ -157,8 +158,10 @@ class Lane:
         future: Future[Any] = Future()
         self.post(_settle, future, function, args)
         if not wait([future], _CALL_LIMIT).done:
-            future.cancel()
-            raise TimeoutError(f'{self._name}: the thread hangs or is overloaded')
+            if future.cancel():
+                raise TimeoutError(f'nothing was done: {self._name} hangs or is overloaded')
+            if not wait([future], _CALL_LIMIT).done:
+                raise TimeoutError(f'what was asked may still be done: {self._name} hangs amid it')
         return future.result()
 
     # The thread.

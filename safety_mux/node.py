@@ -465,7 +465,7 @@ class SafetyMux(ManagedNode):
         try:
             response.success, response.message = self.lane.call(ask, *arguments)
         except TimeoutError as error:
-            response.message = f'nothing was done: {error}'
+            response.message = str(error)
         self.get_logger().info(f'~/{service}: {response.message}')
         return response
 

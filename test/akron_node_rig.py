@@ -199,5 +199,5 @@ def bench_of(
         'link_timeout': 3.0,
         **(parameters or {}),
     }
-    with NodeProcess('akron_can_bridge.node', given, namespace=namespace) as node:
+    with NodeProcess('akron_can_bridge.node', given, namespace=namespace, patient=True) as node:
         yield Bench(observer, node, namespace)

@@ -180,6 +180,7 @@ class NodeProcess:
     :param name: the node's name. :param namespace: such as ``/left``.
     :param arguments: further ROS arguments, such as ``('--params-file', path)``.
     :param terminal: a descriptor that it writes to, instead of what ``output`` returns.
+    :param patient: a module's wire may be held up, see ``test.patience``.
     """
 
     def __init__(
@@ -192,8 +193,10 @@ class NodeProcess:
         arguments: Sequence[str] = (),
         source: str = '',
         terminal: int | None = None,
+        patient: bool = False,
     ) -> None:
-        command = [sys.executable, '-c', source] if source else [sys.executable, '-m', module]
+        modules = ['test.patience', module] if patient else [module]
+        command = [sys.executable, *(['-c', source] if source else ['-m', *modules])]
         command.append('--ros-args')
         for key, value in (parameters or {}).items():
             command += ['-p', f'{key}:={as_yaml(value)}']

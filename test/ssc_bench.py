@@ -58,7 +58,7 @@ class Bench:
         space = namespace()
         self.name = f'{space}/{NAME}'
         given = {'port': str(folder / 'ssc'), **parameters}
-        self.node = NodeProcess(f'{NAME}.node', given, namespace=space)
+        self.node = NodeProcess(f'{NAME}.node', given, namespace=space, patient=True)
         self.estop = observer.record(Bool, f'{self.name}/estop', latched())
         self.own_estop = observer.record(Bool, f'{self.name}/own_estop', latched())
         self.joy = observer.record(Joy, f'{self.name}/joy')

@@ -85,7 +85,7 @@ def test_silent_command_stops_it_with_neutral_and_never_silence(
     bench.wait(lambda: not unit.look('moving'), 'rest')
     # Not by the unit's own watchdog, of 0.2 s; unless the machine let it expire.
     assert unit.look('cleared')['38'] == 0 or delay.seconds() > 0.15
-    assert unit.joystick_frames(0x38)[-1] == NEUTRAL
+    bench.wait(lambda: unit.joystick_frames(0x38)[-1] == NEUTRAL, 'neutral')
 
 
 def test_malformed_command_is_refused_and_stops(bench: Bench, unit: Station) -> None:
@@ -233,9 +233,9 @@ def test_readdressed_in_motion_it_goes_on(bench: Bench, unit: Station) -> None:
 def test_frames_keep_their_20_ms(
     bench: Bench, unit: Station, record_property: Callable[[str, object], None]
 ) -> None:
-    since = time.monotonic()
+    since, delay = time.monotonic(), RunDelay([bench.node.process.pid])
     bench.observer.holds_for(lambda: True, 2.0)
     times = [c.at for c in unit.received(since) if c.data[:4] == b'\x8c\xfd\xd6\x38']
     gaps = [b - a for a, b in itertools.pairwise(times)]
     record_property('longest_gap_ms', round(1e3 * max(gaps), 1))
-    assert len(times) == pytest.approx(100, abs=15)
+    assert 85 - delay.seconds() / 0.02 <= len(times) <= 115

@@ -52,6 +52,7 @@ class Bench:
         observer: Observer,
         simulator: Simulator | None = None,
         terminal: int | None = None,
+        patient: bool = True,
         **parameters: Any,
     ) -> None:
         self.observer = observer
@@ -63,6 +64,7 @@ class Bench:
             {'port': self.drive.path, 'slew_limit': [1e6], **parameters},
             namespace=space,
             terminal=terminal,
+            patient=patient,
         )
         self.estop = observer.record(Bool, f'{self.name}/estop', latched())
         self.enabled = observer.record(Bool, f'{self.name}/enabled', latched())
@@ -107,8 +109,12 @@ class Bench:
         status = self.diagnostics.status(DEVICE)
         return '' if status is None else str(status.message.partition('last stop: ')[0])
 
-    def enabling(self) -> None:
-        """Give edges of enable until the drive follows: an input that stalls undoes an edge."""
+    def enabling(self, rpm: float = 0.0) -> None:
+        """
+        Give edges of enable until the drive follows: an input that stalls undoes an edge.
+
+        :param rpm: that it then reaches.
+        """
         pressed_at = time.monotonic()
 
         def is_enabled() -> bool:
@@ -117,7 +123,8 @@ class Bench:
             self.enable.message = Bool(data=age < 2.0)
             if age > 2.2:
                 pressed_at = time.monotonic()
-            return self.drive.enabled and self.enabled.last.data is True
+            follows = self.drive.enabled and self.enabled.last.data is True
+            return follows and self.drive.rpm >= rpm
 
         self.enable.message = Bool(data=True)
         self.wait(is_enabled, 'an enabled drive')
@@ -453,8 +460,7 @@ def test_single_axis_drive_moves_in_both_layouts(
     bench.command.message = command(100 * RPM, names=('winch',))
     try:
         bench.quiet()
-        bench.enabling()
-        bench.wait(lambda: bench.drive.rpm > 50.0, 'motion')
+        bench.enabling(50.0)
         bench.wait(lambda: bench.joints.last.velocity[0] > 50.0 * RPM, 'its feedback')
         assert list(bench.joints.last.name) == ['winch']
     finally:
@@ -547,8 +553,7 @@ def test_signal_mid_motion_leaves_the_drive_disabled(
     bench.command.message = command(100 * RPM, 0)
     try:
         bench.quiet()
-        bench.enabling()
-        bench.wait(lambda: bench.drive.rpm > 50.0, 'motion')
+        bench.enabling(50.0)
         assert bench.node.end(number) == 0
         assert bench.drive.packets()[-1].values == (0, 0)
         assert not any(packet.enables for packet in bench.drive.packets()[-3:])

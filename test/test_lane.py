@@ -2,7 +2,6 @@
 
 from collections.abc import Callable
 from collections.abc import Iterator
-from itertools import pairwise
 import threading
 from typing import Any
 
@@ -260,6 +259,19 @@ def test_call_that_was_given_up_is_never_made(rig: Rig) -> None:
     assert rig.heard == ['next']
 
 
+def test_call_that_has_begun_is_never_said_not_to_be_made(rig: Rig) -> None:
+    gate = threading.Event()
+    rig.lane.start()
+    with pytest.raises(TimeoutError, match='may still be done'):
+        rig.lane.call(gate.wait)
+    gate.set()
+    late = threading.Timer(0.6, gate.set)
+    gate.clear()
+    late.start()
+    assert rig.lane.call(gate.wait) is True  # it began in time, and its answer is worth a wait
+    late.join()
+
+
 # Timers.
 
 
@@ -281,11 +293,11 @@ def test_calls_that_are_late_are_left_out(rig: Rig) -> None:
     rig.lane.post(held.wait)
     before, count = clock.now(), len(rig.heard)
     wait_for(lambda: clock.now() > before + 10 * PERIOD, what='the time')
+    released = clock.now()
     held.set()
-    wait_for(lambda: len(rig.heard) > count + 3, what='the next calls')
-    late = [now for now in rig.heard[count:] if now > before + 2 * PERIOD]
-    gaps = [b - a for a, b in pairwise(late)]
-    assert all(gap >= PERIOD * 0.5 for gap in gaps[1:]), gaps  # the first may be a period's rest
+    wait_for(lambda: len(rig.heard) > count + 5, what='the next calls')
+    after = [now for now in rig.heard[count:] if now >= released]
+    assert len(after) < (after[-1] - released) / PERIOD + 2  # made up for, there would be ten more
 
 
 def test_timer_added_while_it_waits_for_ever_comes(rig: Rig) -> None:

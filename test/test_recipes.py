@@ -385,7 +385,7 @@ def test_controller_of_ros2_control_drives_the_drive_and_sees_it_turn(
     hardware = TopicBasedSystem(observer, RECIPES / f'{recipe}.urdf')
     enabled = observer.record(Bool, '/esi_drive_bridge/enabled', latched())
     try:
-        with NodeProcess('esi_drive_bridge.node', arguments=arguments):
+        with NodeProcess('esi_drive_bridge.node', arguments=arguments, patient=True):
             mux.ready()
             mux.wait(lambda: mux.explains('~/select_autonomy'), 'rested autonomy')
             assert mux.select_autonomy().success

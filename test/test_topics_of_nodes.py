@@ -269,7 +269,7 @@ def test_pub_moves_the_drive_by_command_enable_and_estop_in(
     space = namespace()
     drive = Drive(tmp_path / 'drive')
     parameters = {'port': drive.path, 'command_timeout': 2.0}  # outlasts the gap between two
-    with NodeProcess('esi_drive_bridge.node', parameters, namespace=space):
+    with NodeProcess('esi_drive_bridge.node', parameters, namespace=space, patient=True):
         command = JointState(name=['left', 'right'], velocity=[5.0, 5.0])
         pubs = [
             Pub(observer, f'{space}/{DRIVE}/estop_in', Bool(data=False)),
