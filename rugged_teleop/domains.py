@@ -8,7 +8,7 @@ import socket
 from bridge_core.share import shared
 
 _DOMAINS = range(1, 102)  # 101 is the last whose ports are clear of the ephemeral ones
-_FIRST_PORT, _PORTS = 7400, 250  # of DDS, and how many each domain has
+FIRST_PORT, PORTS = 7400, 250  # of DDS, and how many each domain has
 _UNICAST = 10  # from a domain's first port to that of its first participant's discovery
 
 
@@ -46,7 +46,7 @@ def _try_domain(domain: int) -> socket.socket | None:
     try:
         claim.bind(f'\0rugged_teleop_domain_{domain}')
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-            probe.bind(('127.0.0.1', _FIRST_PORT + _PORTS * domain + _UNICAST))
+            probe.bind(('127.0.0.1', FIRST_PORT + PORTS * domain + _UNICAST))
     except OSError:
         claim.close()
         return None

@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 import contextlib
+import errno
+import random
 import socket
 
 from bridge_core.transports.multicast import MulticastTransport
+from rugged_teleop.domains import FIRST_PORT
+from rugged_teleop.domains import PORTS
 from rugged_teleop.ports import Device
 from rugged_teleop.ports import TransportDevice
 
@@ -13,6 +17,8 @@ LOOPBACK = '127.0.0.1'
 GROUP = '239.255.42.20'  # this and the port: the VM-110's, as delivered (manual 2.2)
 INPUT_PORT = 5825
 PORT_OFFSET = 2  # from the port that the bridge receives at to the one that it sends to
+_FIRST_EPHEMERAL = 32768  # Linux's default
+_UNUSED_OFFSETS = range(2, 8)  # in a domain's block of ports; 0, 1 and those from 10 on are used
 
 
 class MulticastDevice(TransportDevice):
@@ -43,12 +49,18 @@ class MulticastDevice(TransportDevice):
 
 
 def free_port() -> int:
-    """Return a port that, with the one 2 higher, nobody on this machine has at the moment."""
-    while True:
-        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as first:
-            first.bind(('', 0))
-            port = int(first.getsockname()[1])
-            second = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-            with second, contextlib.suppress(OSError, OverflowError):
-                second.bind(('', port + PORT_OFFSET))
-                return port
+    """
+    Return a port that, with the one 2 higher, nobody on this machine has at the moment.
+
+    It is one that the system gives to nobody who asks for any, and that DDS leaves out.
+    """
+    blocks = range(FIRST_PORT, _FIRST_EPHEMERAL - PORTS, PORTS)
+    candidates = [block + offset for block in blocks for offset in _UNUSED_OFFSETS]
+    random.shuffle(candidates)
+    for port in candidates:
+        with contextlib.ExitStack() as sockets, contextlib.suppress(OSError):
+            for each in (port, port + PORT_OFFSET):
+                found = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+                sockets.enter_context(found).bind(('', each))
+            return port
+    raise OSError(errno.EADDRINUSE, 'no free UDP port was found')

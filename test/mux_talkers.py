@@ -21,6 +21,8 @@ from test.rig import as_yaml
 from test.rig import latched
 from test.rig import NodeProcess
 from test.rig import Observer
+from test.run_delay import RunDelay
+from test.run_delay import WIRE_HELD_UP
 from test.talkers import namespace
 from test.talkers import Talker
 from test.talkers import values_of
@@ -180,10 +182,23 @@ class MuxBench:
     def active(self, forward: float = 0.5) -> None:
         """Be ACTIVE and in motion."""
         self.ready()
-        self.joy.message = sticks(deadman=True)
-        self.wait(lambda: self.says('ACTIVE'), 'ACTIVE')
-        self.joy.message = sticks(forward, deadman=True)
-        self.wait(lambda: any(self.demand), 'motion')
+        self.delay = RunDelay([self.node.process.pid])
+
+        def moves() -> bool:
+            """Press, then push; from the start where the machine held the mux up."""
+            if self.says('STOPPED'):
+                assert self.held_up(), self.report()
+                self.joy.message = sticks()
+                self.ready()
+            self.joy.message = sticks(forward if self.says('ACTIVE') else 0.0, deadman=True)
+            return self.says('ACTIVE') and any(self.demand)
+
+        self.wait(moves, 'motion', 20.0)
+        self.delay = RunDelay([self.node.process.pid])
+
+    def held_up(self) -> bool:
+        """Tell whether a stop since ``active`` may be the doing of a busy machine."""
+        return self.delay.seconds() > WIRE_HELD_UP
 
     def stopped_since(self, cause: float, within: float = TIMEOUT + 0.4) -> None:
         """See STOPPED in time, and nothing but stop, disable and 0 from then on."""

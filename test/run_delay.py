@@ -7,6 +7,9 @@ import contextlib
 import os
 from pathlib import Path
 
+HELD_UP = 0.15  # s; a bridge that is held up for 0.2 s demands a stop
+WIRE_HELD_UP = 0.05  # s; a wire is silent for 0.085 s then, with the 0.025 s between its beats
+
 
 class RunDelay:
     """

@@ -20,7 +20,9 @@ from esi_drive_bridge.simulator import Simulator as DriveSimulator
 from fort_vsc_bridge.simulator import Simulator as VscSimulator
 from rugged_teleop.stack import wiring
 from test.rig import Observer
+from test.run_delay import HELD_UP
 from test.run_delay import RunDelay
+from test.run_delay import WIRE_HELD_UP
 from test.stage import CLEAR_ERRORS
 from test.stage import DRIVE
 from test.stage import MUX
@@ -28,8 +30,6 @@ from test.stage import Stage
 from test.stage import VSC
 
 MODULES = {VSC: 'fort_vsc_bridge.node', MUX: 'safety_mux.node', DRIVE: 'esi_drive_bridge.node'}
-HELD_UP = 0.15  # s; a bridge that is held up for 0.2 s demands a stop
-WIRE_HELD_UP = 0.05  # s; a wire is silent for 0.085 s then, with the 0.025 s between its beats
 DEADMAN, STICK = 'left_down', 'left_y'  # the mux's defaults: button 0, axis 1
 
 

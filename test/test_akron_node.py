@@ -24,7 +24,7 @@ from test.can_rig import make_bus
 from test.rig import Observer
 from test.rig import Record
 from test.run_delay import RunDelay
-from test.spine import WIRE_HELD_UP
+from test.run_delay import WIRE_HELD_UP
 
 
 @pytest.fixture(scope='module')

@@ -6,6 +6,7 @@ What holds on either link is tested on both: the fixture ``link``.
 
 import contextlib
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 import random
 from signal import SIGCONT
@@ -36,13 +37,15 @@ from test.rig import Pty
 from test.rig import Record
 from test.rig import wait_for
 from test.toy_bridge import make_toy
-from test.toy_bridge import toy_process as toy
+from test.toy_bridge import toy_process
 from test.toy_bridge import ToyBridge
 from test.toy_rig import ESTOP
 from test.toy_rig import ToyDevice
 from test.toy_rig import wait_repeats
 from test.toy_rig import wait_value
 from test.toy_wire import Session
+
+toy = partial(toy_process, patient=True)  # unless it is about its limits
 
 
 @pytest.fixture(params=['thread', 'process'])
@@ -366,7 +369,8 @@ def test_signal_ends_it_with_0_whatever_the_port_does(
     pty: Pty, tmp_path: Path, number: int, trouble: str, link: str
 ) -> None:
     with contextlib.ExitStack() as stack:
-        port, parameters = str(pty.path), {}
+        port = str(pty.path)
+        parameters: dict[str, Any] = {}
         if trouble == 'blocking port':
             parameters['fault'] = trouble
         elif trouble == 'silent server':  # rfc2217 waits for an answer in open
@@ -528,7 +532,7 @@ def test_two_nodes_in_one_process_do_not_share_anything(
     tmp_path: Path, observer: Observer, link: str
 ) -> None:
     left, right = Pty(tmp_path / 'left'), Pty(tmp_path / 'right')
-    source = f'from test.toy_bridge import main_two; main_two({link!r})'
+    source = f'import test.patience; from test.toy_bridge import main_two; main_two({link!r})'
     arguments = [
         part
         for name, pty in (('left', left), ('right', right))

@@ -362,7 +362,7 @@ def test_software_estop_stops_the_vsc_and_is_told_as_an_echo(fresh: Bench) -> No
     fresh.wait(
         lambda: fresh.diagnostics.value(DEVICE, 'software e-stop in use') == 'true', 'in use'
     )
-    assert fresh.says(fresh.estop, False)
+    fresh.wait(lambda: fresh.says(fresh.estop, False), 'no stop')
     talker.message = Bool(data=True)
     fresh.wait(lambda: fresh.vsc.simulator.host_estop, 'a stop in our heartbeat')
     fresh.wait(lambda: fresh.says(fresh.estop, True), 'the stop of the VSC')

@@ -51,7 +51,7 @@ from test.rig import Pty
 from test.rig import Record
 from test.rig import wait_for
 from test.run_delay import RunDelay
-from test.spine import WIRE_HELD_UP
+from test.run_delay import WIRE_HELD_UP
 from test.talkers import Diagnostics
 from test.test_esi_drive_node import Bench as DriveBench
 from test.toy_bridge import toy_process
@@ -115,6 +115,9 @@ class Toy:
     def wait_new_wire(self, *old: int) -> int:
         found = self.wait(lambda: [w for w in wires_of(self.pid) if w not in old], 'a new wire')
         return int(found[0])
+
+    def says_more_than(self, keep_alives: int) -> bool:
+        return self.keep_alives() > keep_alives
 
     def keep_alives(self) -> int:
         """Return how many the device has heard."""
@@ -216,7 +219,9 @@ def test_stop_of_a_node_that_was_stopped_comes_before_anything_else(toy: Toy) ->
         toy.observer.holds_for(lambda: True, 1.6)  # more than it takes in at once
         toy.device.talking = False
         toy.pty.write(b's')
-        toy.observer.holds_for(lambda: True, 0.2)
+        heard = toy.keep_alives()
+        toy.wait(functools.partial(toy.says_more_than, heard + 5), 'a wire that has read it')
+        toy.observer.holds_for(lambda: True, 0.1)
         toy.estop.clear()
         toy.node.signal(SIGCONT)
         toy.wait(lambda: len(toy.estop.data) >= 5, 'messages')
@@ -371,7 +376,7 @@ def test_wire_that_is_killed_disturbs_no_other_node_of_the_process(
         for name, port in ports.items()
         for word in ('-p', f'{name}:port:={as_yaml(str(port.path))}')
     ]
-    source = "from test.toy_bridge import main_two; main_two('process')"
+    source = "import test.patience; from test.toy_bridge import main_two; main_two('process')"
     with NodeProcess('', source=source, arguments=arguments) as node:
         left, right = (observer.record(Bool, f'/{name}/estop', latched()) for name in ports)
         for estop in (left, right):

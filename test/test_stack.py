@@ -16,8 +16,8 @@ from rugged_teleop.stack import wired
 from test.rig import NodeProcess
 from test.rig import Observer
 from test.run_delay import RunDelay
+from test.run_delay import WIRE_HELD_UP
 from test.spine import exit_of
-from test.spine import WIRE_HELD_UP
 from test.stage import DRIVE
 from test.stage import MUX
 from test.stage import Stage

@@ -92,9 +92,12 @@ def make_toy(context: Any, link: str = 'thread', **parameters: Any) -> ToyBridge
     return LINKS[link](context=context, parameter_overrides=overrides)
 
 
-def toy_process(port: object, link: str = 'thread', **parameters: Any) -> NodeProcess:
-    """Run the node as a process of its own, on this port."""
-    source = f'from test.toy_bridge import main; main({link!r})'
+def toy_process(
+    port: object, link: str = 'thread', *, patient: bool = False, **parameters: Any
+) -> NodeProcess:
+    """Run the node as a process of its own, on this port; see ``test.patience``."""
+    patience = 'import test.patience; ' if patient else ''
+    source = f'{patience}from test.toy_bridge import main; main({link!r})'
     return NodeProcess('', {'port': str(port), **parameters}, source=source)
 
 
