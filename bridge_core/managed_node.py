@@ -20,14 +20,12 @@ from rclpy.qos import QoSProfile
 
 from bridge_core.lane import Lane
 from bridge_core.parameter_files import check_sections
+from bridge_core.parameters import is_ros_parameter
 from bridge_core.parameters import MANAGED_PARAMETERS
 from bridge_core.parameters import Parameter
 from bridge_core.parameters import ParameterError
 from bridge_core.parameters import resolve
 from bridge_core.transports import TransportError
-
-# ROS declares these by itself; nobody else may use an unknown name.
-_ROS_PARAMETERS = ('use_sim_time', 'start_type_description_service')
 
 
 def latched_qos(deadline: float | None = None) -> QoSProfile:
@@ -115,7 +113,7 @@ class ManagedNode(LifecycleNode):
         given = {
             name: _plain(parameter.value)
             for name, parameter in self._parameter_overrides.items()
-            if not _is_ros_parameter(name)
+            if not is_ros_parameter(name)
         }
         self._table = {p.name: p for p in self.parameter_table(given)}
         values = resolve(self._table.values(), given)
@@ -165,10 +163,6 @@ def _plain(value: Any) -> Any:
     if value is None:  # what an empty list and nothing at all are to the YAML parser of ROS
         return []
     return value if isinstance(value, bool | int | float | str) else list(value)
-
-
-def _is_ros_parameter(name: str) -> bool:
-    return name in _ROS_PARAMETERS or name.startswith('qos_overrides.')
 
 
 def _descriptor(parameter: Parameter) -> Any:

@@ -30,22 +30,52 @@ def sections_of(file: Path) -> list[str]:
 
     :raises ParameterError: it cannot be read or is not a parameter file.
     """
+    return [name for name, _ in _sections(_content(file), '')]
+
+
+def parameters_for(node: str, files: Sequence[Path]) -> dict[str, Any]:
+    """
+    Return what the files give a node, by the parameters' full names; later sections count.
+
+    :param node: its full name.
+    :raises ParameterError: a file cannot be read or is not a parameter file.
+    """
+    given: dict[str, Any] = {}
+    for file in files:
+        for section, value in _sections(_content(file), ''):
+            if _is_for(section, node) and isinstance(value, dict):
+                given |= _flat(value.get('ros__parameters') or {}, '')
+    return given
+
+
+def _content(file: Path) -> dict[Any, Any]:
+    """:raises ParameterError: it cannot be read or is not a parameter file."""
     try:
         content = yaml.safe_load(file.read_text())
     except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
         raise ParameterError(f'parameter file {file}: {" ".join(str(error).split())}') from error
     if not isinstance(content, dict):
         raise ParameterError(f'parameter file {file}: is not a map from node names to parameters')
-    return list(_names(content, ''))
+    return content
 
 
-def _names(content: dict[Any, Any], above: str) -> Iterator[str]:
+def _sections(content: dict[Any, Any], above: str) -> Iterator[tuple[str, Any]]:
     for key, value in content.items():
         name = f'{above}/{str(key).strip("/")}'
         if not isinstance(value, dict) or 'ros__parameters' in value or not value:
-            yield name
+            yield name, value
         else:
-            yield from _names(value, name)
+            yield from _sections(value, name)
+
+
+def _flat(values: dict[Any, Any], above: str) -> dict[str, Any]:
+    """Return nested parameters by their full names."""
+    flat: dict[str, Any] = {}
+    for key, value in values.items():
+        flat |= (
+            _flat(value, f'{above}{key}.') if isinstance(value, dict) else {f'{above}{key}': value}
+        )
+    return flat
 
 
 def check_sections(node: str, files: Sequence[Path]) -> None:

@@ -17,6 +17,8 @@ import math
 import re
 from typing import Any
 
+# ROS declares these by itself; nobody else may use an unknown name.
+_OF_ROS = ('use_sim_time', 'start_type_description_service')
 Value = Any  # bool, int, float, str, or a list of one of the last three
 
 
@@ -158,6 +160,11 @@ def check_topic(name: str) -> None:
     """Let an empty string pass, or a name that ROS takes for a topic. :raises ValueError: else."""
     if name and not _TOPIC.fullmatch(name):
         raise ValueError('allowed is a topic name: words of letters, digits and _, with / between')
+
+
+def is_ros_parameter(name: str) -> bool:
+    """Tell whether every node has this parameter, whatever its table says."""
+    return name in _OF_ROS or name.startswith('qos_overrides.')
 
 
 def resolve(parameters: Iterable[Parameter], given: Mapping[str, Value]) -> dict[str, Value]:

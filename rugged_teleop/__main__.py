@@ -12,6 +12,7 @@ import sys
 # By name: what it does, and the module whose main(arguments, prog) does it.
 COMMANDS = {
     'decode': ('what a capture says: bytes, hex, candump, python-can, pcap', 'decode.main'),
+    'doctor': ('why it does not work: ports, devices, parameters, ROS', 'doctor.main'),
     'simulate': ("the devices' side of the wire, for trying without hardware", 'simulate'),
 }
 

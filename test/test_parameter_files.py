@@ -11,6 +11,7 @@ from rclpy.node import Node
 from bridge_core.parameter_files import check_files
 from bridge_core.parameter_files import check_sections
 from bridge_core.parameter_files import files_of
+from bridge_core.parameter_files import parameters_for
 from bridge_core.parameter_files import sections_of
 from bridge_core.parameters import ParameterError
 from bridge_core.runner import run
@@ -109,3 +110,23 @@ def test_node_whose_section_ros_passes_over_does_not_start(file: Path, capfd: An
     assert line.startswith('rugged_teleop: ')
     assert 'its section /safety_mux is not for /left/safety_mux' in line
     assert 'name it /**/safety_mux or /left/safety_mux' in line
+
+
+def test_parameters_of_a_node_are_those_that_ros_gives_it(file: Path, tmp_path: Path) -> None:
+    file.write_text(
+        '/**: {ros__parameters: {rate: 50.0, joint: {left: {max: 1.0}}}}\n'
+        'right: {safety_mux: {ros__parameters: {rate: 1.0}}}\n'
+    )
+    other = tmp_path / 'other.yaml'
+    other.write_text(f'{NODE}: {{ros__parameters: {{joint.left.max: 2.0, joints: [left]}}}}\n')
+    arguments = ['--ros-args', '--params-file', str(file), '--params-file', str(other)]
+    context = Context()
+    rclpy.init(args=arguments, context=context)
+    node = Node('safety_mux', namespace='/left', context=context)
+    try:
+        by_ros = {name: each.value for name, each in node._parameter_overrides.items()}
+    finally:
+        node.destroy_node()
+        context.try_shutdown()
+    assert by_ros == {'rate': 50.0, 'joint.left.max': 2.0, 'joints': ['left']}
+    assert parameters_for(NODE, [file, other]) == by_ros

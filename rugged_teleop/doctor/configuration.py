@@ -1,0 +1,179 @@
+"""Parameter files: what they give their nodes, by the nodes' own checks, and how all is wired."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from collections.abc import Mapping
+from collections.abc import Sequence
+from dataclasses import dataclass
+import importlib
+from pathlib import Path
+from typing import Any
+
+from bridge_core.parameter_files import check_names
+from bridge_core.parameter_files import parameters_for
+from bridge_core.parameter_files import sections_of
+from bridge_core.parameters import is_ros_parameter
+from bridge_core.parameters import names_of
+from bridge_core.parameters import ParameterError
+from bridge_core.parameters import resolve
+from rugged_teleop.doctor.catalogue import finding
+from rugged_teleop.doctor.findings import Finding
+from rugged_teleop.reference import NODES
+from safety_mux.configuration import check
+
+MUX = 'safety_mux'
+DRIVE = 'esi_drive_bridge'
+# What the mux may listen to, of each bridge; and who has sticks.
+_OF_EVERY_BRIDGE = ('estop', 'own_estop', 'link_up')
+TOPICS = {
+    'akron_can_bridge': ('joint_states', 'joy'),
+    'esi_drive_bridge': ('enabled', 'joint_states'),
+    'fort_vsc_bridge': ('joy',),
+    'ssc_bridge': ('joy',),
+    'vm110_bridge': ('joy', 'armed', 'enabled'),
+}
+_OPERATORS = ('fort_vsc_bridge', 'vm110_bridge')
+_LISTS = {'estop': 'estop_sources', 'operator': 'operators', 'speed_limit': 'speed_limits'}
+_NODES = {node.name: node for node in NODES}
+
+
+@dataclass(frozen=True)
+class Configured:
+    """A node that a parameter file is for. :param full: its full name."""
+
+    name: str
+    full: str
+    values: Mapping[str, Any]
+
+    def topic(self, name: str) -> str:
+        """Return a topic's full name, as this node means it."""
+        if name.startswith('/'):
+            return name
+        if name.startswith('~/'):
+            return f'{self.full}{name[1:]}'
+        return f'{self.full.rpartition("/")[0]}/{name}'
+
+
+def configured(files: Sequence[Path]) -> tuple[list[Configured], list[Finding]]:
+    """Return the nodes that the files are right for, and what is found about all of them."""
+    nodes, findings = [], []
+    try:
+        check_names(_NODES, files)
+        names = list(dict.fromkeys(_full_names(files)))
+    except ParameterError as error:
+        return [], [finding('parameters refused', error=error)]
+    for full in names:
+        try:
+            node = _configured(full, files)
+        except (ParameterError, ValueError, ImportError) as error:
+            findings.append(finding('parameters refused', error=f'{full}: {error}'))
+        else:
+            nodes.append(node)
+            findings.append(finding('parameters good', node=full))
+    if files and not names:
+        findings.append(finding('no nodes', files=', '.join(map(str, files))))
+    return nodes, findings
+
+
+def _full_names(files: Sequence[Path]) -> Iterator[str]:
+    for file in files:
+        for section in sections_of(file):
+            *namespace, name = section.split('/')[1:]
+            if name in _NODES:
+                yield '/'.join(['', *(each for each in namespace if '*' not in each), name])
+
+
+def _configured(full: str, files: Sequence[Path]) -> Configured:
+    """Check as the node itself does. :raises ValueError, ImportError: what it would refuse."""
+    name = full.rpartition('/')[2]
+    given = {
+        key: [] if value is None else value
+        for key, value in parameters_for(full, files).items()
+        if not is_ros_parameter(key)
+    }
+    node = _NODES[name]
+    values = resolve((*node.common, *node.table(given)), given)
+    result = Configured(name, full, values)
+    if name == MUX:
+        check(values, result.topic)
+    else:
+        importlib.import_module(f'{name}.wire').BRIDGE.check(values)
+    return result
+
+
+# How they are wired
+
+
+def wiring(nodes: Sequence[Configured]) -> list[Finding]:
+    """Return whether each source of a mux is there, and nobody is left over."""
+    findings = list(_doubled_ports(nodes))
+    muxes = [node for node in nodes if node.name == MUX]
+    if not muxes:
+        return findings
+    bridges = [node for node in nodes if node.name != MUX]
+    published = {
+        f'{node.full}/{topic}'
+        for node in bridges
+        for topic in (*_OF_EVERY_BRIDGE, *TOPICS[node.name])
+    }
+    wanted = {
+        mux.topic(topic): f'{name} of {mux.full}'
+        for mux in muxes
+        for name, topic in sources(mux.values)
+    }
+    for topic, parameter in wanted.items():
+        if topic in published:
+            continue
+        owners = [node.full for node in bridges if topic.startswith(f'{node.full}/')]
+        kind = 'source misspelt' if owners else 'source elsewhere'
+        findings.append(finding(kind, topic=topic, parameter=parameter, node=''.join(owners[:1])))
+    for node in bridges:
+        if f'{node.full}/estop' not in wanted:
+            findings.append(finding('e-stop unheard', node=node.full))
+        if node.name in _OPERATORS and f'{node.full}/joy' not in wanted:
+            findings.append(finding('sticks unheard', node=node.full))
+        if node.name == DRIVE:
+            findings += _joints(node, muxes)
+    if all(each.level == 0 for each in findings):
+        findings.append(finding('wired', nodes=', '.join(node.full for node in bridges)))
+    return findings
+
+
+def sources(values: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+    """Yield parameter and topic of what a mux needs to hear."""
+    groups = (
+        ('estop', 'estop_sources'),
+        ('operator', 'operators'),
+        ('speed_limit', 'speed_limits'),
+    )
+    names = [f'{prefix}.{name}.topic' for prefix, key in groups for name in names_of(values, key)]
+    names += [f'estop.{name}.own_topic' for name in names_of(values, 'estop_sources')]
+    for name in (*names, 'feedback.topic', 'autonomy.topic', 'reset_topic'):
+        if values[name]:
+            yield name, values[name]
+
+
+def _joints(drive: Configured, muxes: Sequence[Configured]) -> Iterator[Finding]:
+    """A drive refuses a command that lacks one of its joints."""
+    if any(set(drive.values['joint_names']) <= set(mux.values['joints']) for mux in muxes):
+        return
+    joints = ', '.join(joint for mux in muxes for joint in mux.values['joints'])
+    own = ', '.join(drive.values['joint_names'])
+    yield finding('joints differ', node=drive.full, own=own, joints=joints)
+
+
+def _doubled_ports(nodes: Sequence[Configured]) -> Iterator[Finding]:
+    users: dict[str, str] = {}
+    for node in nodes:
+        port = serial_port(node)
+        user = users.setdefault(port, node.full) if port else node.full
+        if user != node.full:
+            yield finding('port twice', port=port, node=node.full, other=user)
+
+
+def serial_port(node: Configured) -> str:
+    """Return the port that a node opens for itself alone; empty: none."""
+    if node.values.get('transport') == 'can':
+        return ''
+    return str(node.values.get('port', ''))

@@ -1,0 +1,92 @@
+"""
+Say why it does not work: ports, devices, networks, this computer, parameter files, ROS graph.
+
+With a parameter file it looks at what the nodes in it need; without one, at what there is. It ends
+with a list: what is fine, where to look, what to do. It never sends a byte to a device, and does
+not open a port that another program has.
+
+Exit status: 0 all is fine; 1 there is something to look at; 2 there is something to do, or the
+arguments are wrong.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Iterable
+from collections.abc import Sequence
+import json
+from pathlib import Path
+import sys
+
+from rugged_teleop.command_line import Parser
+from rugged_teleop.doctor.configuration import configured
+from rugged_teleop.doctor.configuration import serial_port
+from rugged_teleop.doctor.configuration import wiring
+from rugged_teleop.doctor.findings import Finding
+from rugged_teleop.doctor.findings import HEADINGS
+from rugged_teleop.doctor.findings import Level
+from rugged_teleop.doctor.ports import port_facts
+from rugged_teleop.doctor.ports import port_findings
+from rugged_teleop.doctor.ports import this_user
+from rugged_teleop.doctor.ports import usb_findings
+from rugged_teleop.doctor.ports import usb_ports
+
+_EXAMPLES = """\
+examples:
+  {prog}                                   # this computer, its ports, the ROS graph
+  {prog} --params-file my.yaml             # and all that its nodes need
+  {prog} --json | jq '.[] | select(.level == "do")'
+"""
+_SENT = 'Nothing was sent to any device.'
+
+
+def parser(prog: str) -> Parser:
+    """Return the parser of the command line."""
+    result = Parser(prog=prog, description=__doc__, epilog=_EXAMPLES.format(prog=prog))
+    add = result.add_argument
+    add('--params-file', action='append', default=[], type=Path, metavar='FILE', dest='files')
+    add('--json', action='store_true', help='an array of findings')
+    return result
+
+
+def main(arguments: Sequence[str] | None = None, prog: str = 'rugged_teleop doctor') -> None:
+    """Look at everything; the command's entry point."""
+    options = parser(prog).parse_args(arguments)
+    try:
+        findings = examine(options)
+    except KeyboardInterrupt:
+        sys.exit(130)
+    print(_as_json(findings) if options.json else _as_list(findings))
+    sys.exit(max((each.level for each in findings), default=Level.FINE))
+
+
+def examine(options: argparse.Namespace) -> list[Finding]:
+    """Return all that is found."""
+    nodes, findings = configured(options.files)
+    findings += [*wiring(nodes), *usb_findings(usb_ports())]
+    user = this_user()
+    for node in nodes:
+        port = serial_port(node)
+        if port and '://' not in port:
+            findings += port_findings(port_facts(port), user, node.full)
+    return findings
+
+
+def _as_json(findings: Iterable[Finding]) -> str:
+    return json.dumps([each.to_json() for each in findings], indent=2, ensure_ascii=False)
+
+
+def _as_list(findings: Sequence[Finding]) -> str:
+    """Return the list, what is to be done last, where it is seen first."""
+    lines = []
+    for level, heading in HEADINGS.items():
+        found = [each for each in findings if each.level is level]
+        lines += [f'{heading}: {len(found) or "nothing"}']
+        for each in dict.fromkeys(found):
+            lines.append(f'  {each.area:10}  {each.text}')
+            lines += [f'  {"":10}  -> {each.remedy}'] if each.remedy else []
+    return '\n'.join([*lines, _SENT])
+
+
+if __name__ == '__main__':
+    main()
