@@ -104,6 +104,87 @@ CATALOGUE = {
     'port of a node': Kind(
         _FINE, 'port', '{port} of {node}: {holder} has it, so it was not listened to'
     ),
+    'port not opened': Kind(
+        _DO, 'port', '{port} of {node}: {error}', 'ls -l, plug, and who else uses the port'
+    ),
+    'network port': Kind(
+        _LOOK,
+        'port',
+        '{port} of {node}: reached over a network, so it was not listened to',
+        'a serial server may send what a listener says; look at the node itself',
+    ),
+    'speaks': Kind(_FINE, 'port', '{port}: {protocol} at {baud} bit/s; the node for it: {node}'),
+    'nobody speaks': Kind(
+        _LOOK,
+        'port',
+        '{port}: nothing that is known here is heard at any baud',
+        'is the device powered, is its TX wired to RX? Some speak only when they are asked',
+    ),
+    # What is heard of the devices
+    'device well': Kind(_FINE, 'device', '{node}: {text}'),
+    'device stops': Kind(_DO, 'device', '{node}: {text}', 'as it says: what to do stands first'),
+    'device warns': Kind(
+        _LOOK,
+        'device',
+        '{node}: {text}',
+        'as it says, unless it is only that the node does not run and nobody answers the device',
+    ),
+    'device unasked': Kind(
+        _LOOK,
+        'device',
+        '{node}: its device is heard, and says: {text}',
+        'start the node and look again: nobody asks or commands the device now',
+    ),
+    'silent': Kind(_DO, 'device', '{node}: nothing comes on {port}', '{stop}'),
+    'silent until asked': Kind(
+        _LOOK,
+        'device',
+        '{node}: nothing comes on {port}',
+        'start the node: an SSC without message rates speaks when it is asked. Then: {stop}',
+    ),
+    'wrong baud': Kind(
+        _DO,
+        'device',
+        '{node}: its device speaks at {heard} bit/s on {port}, but baud is {baud}',
+        'set baud to {heard}',
+    ),
+    'other device': Kind(
+        _DO,
+        'device',
+        '{node}: on {port} speaks a device for {other}',
+        'set port, or exchange the plugs',
+    ),
+    'ports swapped': Kind(
+        _DO,
+        'device',
+        '{port} of {node} and {second} of {other} are swapped: each hears the device of the other',
+        'exchange the two parameters port, or the plugs; names by udev rules last',
+    ),
+    'commands heard': Kind(
+        _DO,
+        'device',
+        '{node}: commands of a host come on {port}, not what its device sends',
+        'wire RX to what the device sends; look for an echo, or RX joined to TX',
+    ),
+    'other layout': Kind(
+        _DO,
+        'device',
+        '{node}: the packets on {port} are of the other layout',
+        'compare joint_names with the axes of the drive, and try the other single_axis_layout',
+    ),
+    'other byte count': Kind(
+        _DO,
+        'device',
+        '{node}: packets of an SSC come on {port}, but their byte count is that of the payload '
+        '{offset}, so none is read',
+        'another firmware than the manual (4.1): update it, or report it with a capture',
+    ),
+    'no frames': Kind(
+        _DO,
+        'device',
+        '{node}: bytes come on {port}, but no frame of anything known here at any baud',
+        'is port the right one, is the device in its configuration menu? Check ground and shield',
+    ),
 }
 
 

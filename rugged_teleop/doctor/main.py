@@ -2,8 +2,8 @@
 Say why it does not work: ports, devices, networks, this computer, parameter files, ROS graph.
 
 With a parameter file it looks at what the nodes in it need; without one, at what there is. It ends
-with a list: what is fine, where to look, what to do. It never sends a byte to a device, and does
-not open a port that another program has.
+with a list: what is fine, where to look, what to do. Devices are only listened to: it never sends
+them a byte, and does not open a port that another program has.
 
 Exit status: 0 all is fine; 1 there is something to look at; 2 there is something to do, or the
 arguments are wrong.
@@ -14,11 +14,13 @@ from __future__ import annotations
 import argparse
 from collections.abc import Iterable
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 import json
 from pathlib import Path
 import sys
 
 from rugged_teleop.command_line import Parser
+from rugged_teleop.doctor.catalogue import finding
 from rugged_teleop.doctor.configuration import configured
 from rugged_teleop.doctor.configuration import serial_port
 from rugged_teleop.doctor.configuration import wiring
@@ -30,13 +32,19 @@ from rugged_teleop.doctor.ports import port_findings
 from rugged_teleop.doctor.ports import this_user
 from rugged_teleop.doctor.ports import usb_findings
 from rugged_teleop.doctor.ports import usb_ports
+from rugged_teleop.doctor.serial_lines import hear
+from rugged_teleop.doctor.serial_lines import line_findings
+from rugged_teleop.doctor.serial_lines import unknown_port
 
 _EXAMPLES = """\
 examples:
   {prog}                                   # this computer, its ports, the ROS graph
   {prog} --params-file my.yaml             # and all that its nodes need
+  {prog} --port /dev/ttyUSB0               # what speaks there, and at which baud?
   {prog} --json | jq '.[] | select(.level == "do")'
 """
+_LISTEN = 2.0
+_AT_ONCE = 16  # ports
 _SENT = 'Nothing was sent to any device.'
 
 
@@ -45,6 +53,8 @@ def parser(prog: str) -> Parser:
     result = Parser(prog=prog, description=__doc__, epilog=_EXAMPLES.format(prog=prog))
     add = result.add_argument
     add('--params-file', action='append', default=[], type=Path, metavar='FILE', dest='files')
+    add('--port', action='append', default=[], help='say what speaks on this serial port')
+    add('--seconds', type=_seconds, default=_LISTEN, help=f'to listen, {_LISTEN:g} by default')
     add('--json', action='store_true', help='an array of findings')
     return result
 
@@ -64,12 +74,29 @@ def examine(options: argparse.Namespace) -> list[Finding]:
     """Return all that is found."""
     nodes, findings = configured(options.files)
     findings += [*wiring(nodes), *usb_findings(usb_ports())]
-    user = this_user()
+    user, to_hear = this_user(), []
     for node in nodes:
         port = serial_port(node)
-        if port and '://' not in port:
-            findings += port_findings(port_facts(port), user, node.full)
+        if '://' in port:
+            findings.append(finding('network port', port=port, node=node.full))
+        elif port:
+            found = port_findings(port_facts(port), user, node.full)
+            findings += found
+            to_hear += [] if found else [node]
+    for port in options.port:
+        found = port_findings(port_facts(port), user)
+        findings += found or [unknown_port(port)]
+    with ThreadPoolExecutor(_AT_ONCE) as pool:
+        lines = [pool.submit(hear, node, options.seconds) for node in to_hear]
+        findings += line_findings([line.result() for line in lines])
     return findings
+
+
+def _seconds(text: str) -> float:
+    value = float(text)
+    if not 0.2 <= value <= 60.0:
+        raise argparse.ArgumentTypeError(f'{text} is not within 0.2 to 60')
+    return value
 
 
 def _as_json(findings: Iterable[Finding]) -> str:

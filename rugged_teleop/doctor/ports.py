@@ -147,8 +147,8 @@ def _is_master(process: Path, index: int) -> bool:
 
 def _command(process: Path) -> str:
     with contextlib.suppress(OSError):
-        words = (process / 'cmdline').read_bytes().decode(errors='replace').split('\0')
-        return ' '.join(filter(None, words))
+        text = (process / 'cmdline').read_bytes().decode(errors='replace')
+        return ' '.join(text.replace('\0', ' ').split())
     return ''
 
 
@@ -171,7 +171,7 @@ def port_findings(
 
     :param node: whose port it is.
     """
-    words = {'port': facts.path, 'node': node or 'nobody', 'user': user.name}
+    words = {'port': facts.path, 'node': node or 'no node', 'user': user.name}
     if not facts.device:
         ruled = facts.path.startswith(_BY_RULE) and not any(rule.exists() for rule in rules)
         return [finding('rules missing' if ruled else 'port missing', **words)]

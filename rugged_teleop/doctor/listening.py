@@ -1,0 +1,182 @@
+"""
+Hearing a port with the ears of its node: the node's own session listens, and nothing is sent.
+
+What a session wants to send is thrown away, and the serial port is opened for reading only.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+import errno
+import fcntl
+import os
+import select
+import termios
+import tty
+from typing import Any
+from typing import Protocol
+
+from bridge_core import clock
+from bridge_core.session import Level
+from bridge_core.session import Session
+from bridge_core.transports import TransportError
+from rugged_teleop.decode.captures import Capture
+from rugged_teleop.decode.pieces import Piece
+from rugged_teleop.decode.protocols import entries_of
+from rugged_teleop.decode.protocols import guess
+
+BAUDS = (115200, 57600, 9600, 19200, 38400, 230400, 460800, 921600, 1000000)
+_BAUD_TIME = 0.4  # s, for each
+_LEAST_BYTES = 16  # by which a protocol can be told
+_SAMPLE = 8192  # bytes by which it is
+_MOST_DATA = 1 << 16  # bytes, or frames, that are kept
+_SOUND = 0.5  # share of the bytes that have to be of a protocol
+
+
+class Port(Protocol):
+    """As much of a transport as listening takes."""
+
+    name: str
+
+    def open(self) -> None:
+        """:raises TransportError: it cannot be opened."""
+
+    def close(self) -> None:
+        """Close it."""
+
+    def fileno(self) -> int:
+        """Return the descriptor to wait on."""
+
+    def receive(self) -> Sequence[Any]:
+        """Return what has arrived. :raises TransportError: it is gone."""
+
+
+class SerialEar:
+    """
+    A serial port, 8N1, for reading only, and locked meanwhile.
+
+    Opening raises DTR and RTS, as any opening does: that is the kernel's doing. The port stays raw
+    when it is closed: with the kernel's settings it would echo what comes.
+    """
+
+    def __init__(self, path: str, baud: int) -> None:
+        self.name = path
+        self._baud = baud
+        self._fd = -1
+
+    def open(self) -> None:
+        """:raises TransportError: it cannot be opened, is locked, or does not have the baud."""
+        try:
+            flags = os.O_RDONLY | os.O_NOCTTY | os.O_NONBLOCK | os.O_CLOEXEC
+            self._fd = os.open(self.name, flags)
+            tty.setraw(self._fd, termios.TCSANOW)  # first of all: nothing is echoed from now on
+            fcntl.flock(self._fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            self._set_baud()
+            termios.tcflush(self._fd, termios.TCIFLUSH)
+        except (OSError, termios.error) as error:
+            self.close()
+            locked = isinstance(error, BlockingIOError)
+            reason = 'another program has locked it' if locked else error.args[-1]
+            raise TransportError(f'{self.name}: {reason}') from error
+
+    def _set_baud(self) -> None:
+        speed = getattr(termios, f'B{self._baud}', None)
+        if speed is None:
+            raise OSError(errno.EINVAL, f'{self._baud} bit/s cannot be tried')
+        settings = termios.tcgetattr(self._fd)
+        settings[2] = settings[2] & ~(termios.CSTOPB | termios.CRTSCTS) | termios.CLOCAL
+        settings[4] = settings[5] = speed
+        termios.tcsetattr(self._fd, termios.TCSANOW, settings)
+
+    def close(self) -> None:
+        """Close it."""
+        fd, self._fd = self._fd, -1
+        if fd >= 0:
+            os.close(fd)
+
+    def fileno(self) -> int:
+        """Return the descriptor."""
+        return self._fd
+
+    def receive(self) -> list[bytes]:
+        """Return what has arrived. :raises TransportError: the port is gone."""
+        try:
+            data = os.read(self._fd, 4096)
+        except BlockingIOError:
+            return []
+        except OSError as error:
+            raise TransportError(f'{self.name}: unplugged ({error.strerror})') from error
+        if not data:
+            raise TransportError(f'{self.name}: unplugged')
+        return [data]
+
+
+@dataclass(frozen=True)
+class Heard:
+    """
+    What was heard on a port.
+
+    :param chunks: bytes, datagrams or CAN frames. :param link_up: the session knows its device.
+    :param stops: why the device or its link demands a stop; :param warnings: what else is wrong.
+    :param summary: how things stand where nothing is. :param error: why nothing could be heard.
+    """
+
+    chunks: tuple[Any, ...] = ()
+    link_up: bool = False
+    stops: tuple[str, ...] = ()
+    warnings: tuple[str, ...] = ()
+    summary: str = ''
+    error: str = ''
+
+
+def listen(session: Session[Any, Any, Any] | None, port: Port, seconds: float) -> Heard:
+    """
+    Have a session hear a port for a while, and judge as of what came last.
+
+    :param session: none where what comes is wanted alone.
+    """
+    chunks: list[Any] = []
+    try:
+        port.open()
+        begun = heard_at = clock.now()
+        if session is not None:
+            session.opened(begun)
+        while (left := begun + seconds - clock.now()) > 0.0:
+            select.select([port.fileno()], [], [], left)
+            for chunk in port.receive():
+                heard_at = clock.now()
+                chunks += [chunk] if len(chunks) < _MOST_DATA else []
+                if session is not None:
+                    session.receive(chunk, heard_at)
+    except TransportError as error:
+        return Heard(error=str(error))
+    finally:
+        port.close()
+    if session is None:
+        return Heard(tuple(chunks))
+    stops = session.stop_reasons(heard_at if chunks else clock.now())
+    others = [text for level, text in session.problems(heard_at) if level < Level.STALE]
+    warnings = tuple(text for text in others if text not in stops)
+    return Heard(tuple(chunks), session.link_up, tuple(stops), warnings, session.summary())
+
+
+def told(data: bytes) -> str:
+    """Return the protocol that bytes are of, as decode names it; empty: of none."""
+    sample = data[:_SAMPLE]
+    protocol = guess([Piece(0, sample)]) if len(sample) >= _LEAST_BYTES else ''
+    if not protocol:
+        return ''
+    entries = entries_of(Capture('', 'raw', 0, iter([Piece(0, sample)])), protocol)
+    sound = sum(entry.size for entry in entries if entry.protocol)
+    return protocol if sound >= _SOUND * len(sample) else ''
+
+
+def search(path: str, bauds: Sequence[int] = BAUDS) -> tuple[str, int]:
+    """Return the protocol that is spoken on a port, and its baud; empty and 0: none is known."""
+    for baud in bauds:
+        heard = listen(None, SerialEar(path, baud), _BAUD_TIME)
+        protocol = told(b''.join(heard.chunks))
+        if protocol:
+            return protocol, baud
+    return '', 0

@@ -1,0 +1,171 @@
+"""Who speaks on a node's serial port: its own device, another one, or one at another baud."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator
+from collections.abc import Sequence
+from dataclasses import dataclass
+import importlib
+
+from bridge_core.packets import CHECK_SIZE
+from bridge_core.packets import HEAD_SIZE
+from rugged_teleop.doctor.catalogue import finding
+from rugged_teleop.doctor.configuration import Configured
+from rugged_teleop.doctor.configuration import serial_port
+from rugged_teleop.doctor.findings import Finding
+from rugged_teleop.doctor.listening import BAUDS
+from rugged_teleop.doctor.listening import Heard
+from rugged_teleop.doctor.listening import listen
+from rugged_teleop.doctor.listening import Port
+from rugged_teleop.doctor.listening import search
+from rugged_teleop.doctor.listening import SerialEar
+from rugged_teleop.doctor.listening import told
+from ssc_bridge.protocol import PACKETS
+
+# Whose device speaks which protocol of decode's. A host speaks the others.
+SPEAKERS = {
+    'fort_serial': 'fort_vsc_bridge',
+    'ssc': 'ssc_bridge',
+    'esi_status': 'esi_drive_bridge',
+    'esi_status_compact': 'esi_drive_bridge',
+}
+# They are silent, or complain, while nobody asks or commands them.
+_ASKED = ('akron_can_bridge', 'esi_drive_bridge', 'ssc_bridge')
+_LEAST_PACKETS = 2
+_OFFSETS = range(-8, 9)
+
+
+@dataclass(frozen=True)
+class Line:
+    """
+    A node's serial port, and what was heard there.
+
+    :param protocol: that is spoken, by decode's names; empty: none that is known, or the node's
+        own and all is well. :param baud: at which it is.
+    """
+
+    node: Configured
+    heard: Heard
+    protocol: str = ''
+    baud: int = 0
+
+    @property
+    def port(self) -> str:
+        """Its name."""
+        return serial_port(self.node)
+
+    @property
+    def speaker(self) -> str:
+        """The bridge whose device speaks; empty: nobody's."""
+        return SPEAKERS.get(self.protocol, '')
+
+
+def hear(node: Configured, seconds: float) -> Line:
+    """Listen at the node's baud; where that brings bytes but no device, at others too."""
+    bridge = importlib.import_module(f'{node.name}.wire').BRIDGE
+    hid = node.values.get('transport') == 'hid'
+    ear: Port = (
+        bridge.make_transport(node.values)  # for reading only, too
+        if hid
+        else SerialEar(serial_port(node), node.values['baud'])
+    )
+    heard = listen(bridge.make_session(node.values), ear, seconds)
+    if heard.link_up or not heard.chunks or hid:
+        return Line(node, heard)
+    baud, data = int(node.values['baud']), b''.join(heard.chunks)
+    protocol = told(data)
+    if protocol:
+        return Line(node, heard, protocol, baud)
+    if count_offset(data):
+        return Line(node, heard)
+    others = [each for each in BAUDS if each != baud]
+    return Line(node, heard, *search(serial_port(node), others))
+
+
+def line_findings(lines: Sequence[Line]) -> list[Finding]:
+    """Return what is found on the ports; two that are swapped are told once."""
+    swapped = {
+        (line.port, other.port)
+        for line in lines
+        for other in lines
+        if line.speaker == other.node.name != line.node.name == other.speaker
+    }
+    findings = []
+    for line in lines:
+        pairs = [pair for pair in swapped if pair[0] == line.port]
+        if not pairs:
+            findings += _line_findings(line)
+        elif pairs[0] == min(pairs[0], pairs[0][::-1]):
+            (other,) = (each for each in lines if each.port == pairs[0][1])
+            words = {'node': line.node.full, 'other': other.node.full}
+            findings.append(finding('ports swapped', port=line.port, second=other.port, **words))
+    return findings
+
+
+def _line_findings(line: Line) -> list[Finding]:
+    heard, values = line.heard, line.node.values
+    words = {'node': line.node.full, 'port': line.port}
+    if heard.error:
+        return [finding('port not opened', error=heard.error, **words)]
+    if not heard.chunks:
+        kind = 'silent until asked' if line.node.name == 'ssc_bridge' else 'silent'
+        return [finding(kind, stop='; '.join(heard.stops), **words)]
+    if line.protocol and line.speaker != line.node.name:
+        kind = 'other device' if line.speaker else 'commands heard'
+        return [finding(kind, other=line.speaker, **words)]
+    if line.baud and line.baud != values['baud']:
+        return [finding('wrong baud', heard=line.baud, baud=values['baud'], **words)]
+    if line.protocol.startswith('esi_status') and not heard.link_up:
+        return [finding('other layout', **words)]
+    if heard.link_up or line.protocol:
+        return device_findings(line.node, heard)
+    return list(_garbage(line, **words))
+
+
+def device_findings(node: Configured, heard: Heard) -> list[Finding]:
+    """Return what a device says, in the words of its node's diagnostics."""
+    words = {'node': node.full}
+    asked = node.name in _ASKED
+    stop = 'device unasked' if asked else 'device stops'
+    warnings = () if asked else heard.warnings
+    findings = [finding(stop, text=text, **words) for text in heard.stops]
+    findings += [finding('device warns', text=text, **words) for text in warnings]
+    return findings or [finding('device well', text=heard.summary, **words)]
+
+
+def _garbage(line: Line, **words: str) -> Iterator[Finding]:
+    """Say what may be wrong with bytes that are of no protocol."""
+    offset = count_offset(b''.join(line.heard.chunks))
+    if offset:
+        yield finding('other byte count', offset=f'{offset:+d}', **words)
+    else:
+        yield finding('no frames', **words)
+
+
+def count_offset(data: bytes) -> int:
+    """
+    Return what an SSC's byte count is beside its payload (manual 4.1); 0: nothing, or not known.
+
+    The sums tell where a packet really ends.
+    """
+    found: Counter[int] = Counter()
+    start = data.find(PACKETS.header)
+    while start >= 0 and start + HEAD_SIZE <= len(data):
+        for offset in _OFFSETS:
+            size = data[start + 3] - offset
+            end = start + HEAD_SIZE + size + CHECK_SIZE
+            if size >= 0 and end <= len(data) and PACKETS.is_sound(data, start, end):
+                found[offset] += 1
+        start = data.find(PACKETS.header, start + 1)
+    offset, count = max(found.items(), key=lambda each: each[1], default=(0, 0))
+    return offset if count >= _LEAST_PACKETS else 0
+
+
+def unknown_port(path: str) -> Finding:
+    """Say what speaks on a port that no node is configured for."""
+    protocol, baud = search(path)
+    node = SPEAKERS.get(protocol, 'none: a host speaks there')
+    if not protocol:
+        return finding('nobody speaks', port=path)
+    return finding('speaks', port=path, protocol=protocol, baud=baud, node=node)

@@ -1,0 +1,283 @@
+"""What the doctor hears of devices: planted faults on ptys, by the package's simulators."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from collections.abc import Iterator
+from contextlib import contextmanager
+import fcntl
+from pathlib import Path
+import struct
+import termios
+import threading
+from typing import Any
+
+import pytest
+
+from bridge_core.checksums import fletcher16
+from esi_drive_bridge.simulator import Simulator as Drive
+from fort_vsc_bridge.simulator import Simulator as Vsc
+from rugged_teleop.doctor.configuration import Configured
+from rugged_teleop.doctor.configuration import configured
+from rugged_teleop.doctor.findings import Finding
+from rugged_teleop.doctor.findings import Level
+from rugged_teleop.doctor.listening import Heard
+from rugged_teleop.doctor.listening import listen
+from rugged_teleop.doctor.listening import SerialEar
+from rugged_teleop.doctor.serial_lines import count_offset
+from rugged_teleop.doctor.serial_lines import hear
+from rugged_teleop.doctor.serial_lines import Line
+from rugged_teleop.doctor.serial_lines import line_findings
+from rugged_teleop.doctor.serial_lines import unknown_port
+from rugged_teleop.ports import Device
+from rugged_teleop.ptys import PtyDevice
+from ssc_bridge.simulator import Simulator as Ssc
+from test.captures import STREAMS
+from test.doctor_rig import kinds
+from test.doctor_rig import parameter_file
+from test.doctor_rig import Visit
+from test.rig import NodeProcess
+from test.rig import Pty
+from test.rig import wait_for
+
+SECONDS = 0.6
+FORT = b''.join(STREAMS['fort_serial'])
+
+
+def node(folder: Path, name: str, **values: Any) -> Configured:
+    (found,), _ = configured([parameter_file(folder, **{name: values})])
+    return found
+
+
+def heard(folder: Path, name: str, device: Device, *commands: str, **values: Any) -> list[Finding]:
+    """Return what is found on the port of a simulated device; again, where it was held up."""
+    path = folder / 'port'
+    with PtyDevice(device, path) as port:
+        for command in commands:
+            port.apply(command)
+        configuration = node(folder, name, port=str(path), **values)
+        return wait_for(
+            lambda: [
+                each
+                for each in line_findings([hear(configuration, SECONDS)])
+                if not each.kind.startswith('silent')
+            ],
+            30.0,
+        )
+
+
+@contextmanager
+def line(path: Path, data: Callable[[int], bytes]) -> Iterator[Pty]:
+    """Have somebody speak on a pty. :param data: what a listener at this baud receives."""
+    pty, ended = Pty(path), threading.Event()
+
+    def speak() -> None:
+        while not ended.wait(0.02):
+            speed = termios.tcgetattr(pty.master)[4]
+            if (text := data(speed)) and not _is_full(pty):
+                pty.write(text)
+
+    thread = threading.Thread(target=speak, daemon=True)
+    thread.start()
+    try:
+        yield pty
+    finally:
+        ended.set()
+        thread.join()
+        pty.unplug()
+
+
+def _is_full(pty: Pty) -> bool:
+    (waiting,) = struct.unpack('i', fcntl.ioctl(pty._slave, termios.FIONREAD, bytes(4)))
+    return bool(waiting > 2000)
+
+
+def noise(data: bytes) -> bytes:
+    """Return what a line at another baud makes of it."""
+    return bytes(byte * 7 + 3 & 0xFF for byte in data)
+
+
+def at(baud: int, data: bytes) -> Callable[[int], bytes]:
+    return lambda speed: data if speed == getattr(termios, f'B{baud}') else noise(data)
+
+
+# A good device, and the faults of one
+
+
+@pytest.mark.parametrize(
+    ('name', 'device', 'kind'),
+    [
+        ('fort_vsc_bridge', Vsc, 'device well'),
+        ('esi_drive_bridge', Drive, 'device unasked'),
+        ('ssc_bridge', Ssc, 'device unasked'),
+    ],
+)
+def test_device_is_heard_and_nothing_is_sent(
+    name: str, device: Callable[[], Device], kind: str, tmp_path: Path
+) -> None:
+    simulator = device()
+    assert set(kinds(heard(tmp_path, name, simulator))) == {kind}
+    told = simulator.describe()
+    received = [told[key] for key in ('packets', 'host_heartbeats', 'received') if key in told]
+    assert not any(received), told
+
+
+def test_pressed_e_stop_is_found(tmp_path: Path) -> None:
+    found = heard(tmp_path, 'fort_vsc_bridge', Vsc(), 'estop vsc on')
+    assert (found[0].kind, found[0].level) == ('device stops', Level.DO)
+    assert 'release the stop at VSC' in found[0].text
+
+
+def test_dead_remote_is_found(tmp_path: Path) -> None:
+    found = heard(tmp_path, 'fort_vsc_bridge', Vsc(), 'radio off')
+    assert found[0].level is Level.DO
+    assert any('switch the remote on' in each.text for each in found)
+
+
+def test_drive_in_another_layout_is_found(tmp_path: Path) -> None:
+    drive = Drive(axes=1, compact=True)
+    found = heard(tmp_path, 'esi_drive_bridge', drive, joint_names=['a'])
+    assert kinds(found) == ['other layout']
+
+
+def test_silent_device_is_found(tmp_path: Path) -> None:
+    pty = Pty(tmp_path / 'port')
+    try:
+        for name, kind in (('fort_vsc_bridge', 'silent'), ('ssc_bridge', 'silent until asked')):
+            port = node(tmp_path, name, port=str(pty.path))
+            (found,) = line_findings([hear(port, 0.1)])
+            assert found.kind == kind
+            assert 'check' in found.remedy
+        assert pty.read() == b''
+    finally:
+        pty.unplug()
+
+
+# Faults of the line
+
+
+def test_wrong_baud_is_found_with_the_right_one(tmp_path: Path) -> None:
+    with line(tmp_path / 'port', at(57600, FORT)):
+        vsc = node(tmp_path, 'fort_vsc_bridge', port=str(tmp_path / 'port'))
+        (found,) = wait_for(lambda: _kind(line_findings([hear(vsc, 0.3)]), 'wrong baud'), 30.0)
+        assert found.level is Level.DO
+        assert found.remedy == 'set baud to 57600'
+        assert wait_for(lambda: '57600' in unknown_port(str(tmp_path / 'port')).text, 30.0)
+
+
+def _kind(findings: list[Finding], kind: str) -> list[Finding]:
+    return [each for each in findings if each.kind == kind]
+
+
+def test_swapped_ports_are_found_once(tmp_path: Path) -> None:
+    paths = [str(tmp_path / name) for name in ('a', 'b')]
+    with PtyDevice(Ssc(), Path(paths[0])), PtyDevice(Vsc(), Path(paths[1])):
+        file = parameter_file(
+            tmp_path, fort_vsc_bridge={'port': paths[0]}, ssc_bridge={'port': paths[1]}
+        )
+        nodes, _ = configured([file])
+        (found,) = wait_for(
+            lambda: _kind(line_findings([hear(each, SECONDS) for each in nodes]), 'ports swapped'),
+            30.0,
+        )
+    assert found.level is Level.DO
+    assert all(each in found.text for each in (*paths, '/fort_vsc_bridge', '/ssc_bridge'))
+
+
+def test_device_of_another_node_is_found(tmp_path: Path) -> None:
+    found = heard(tmp_path, 'fort_vsc_bridge', Ssc())
+    assert kinds(found) == ['other device']
+    assert 'ssc_bridge' in found[0].text
+
+
+def test_echo_of_commands_is_no_device(tmp_path: Path) -> None:
+    drive = node(tmp_path, 'esi_drive_bridge')
+    (found,) = line_findings([Line(drive, Heard((b'...',)), 'esi_command', 115200)])
+    assert found.kind == 'commands heard'
+
+
+def counted(offset: int) -> bytes:
+    """Return status and pulse inputs of an SSC whose byte count is not that of the payload."""
+    packets = []
+    for kind, payload in ((10, bytes(2)), (13, bytes(16))):
+        body = bytes((kind, len(payload) + offset)) + payload
+        packets.append(b'\x81\xa1' + body + fletcher16(body).to_bytes(2, 'little'))
+    return b''.join(packets)
+
+
+def test_wrong_byte_count_of_an_ssc_is_found(tmp_path: Path) -> None:
+    with line(tmp_path / 'port', at(115200, counted(2))):
+        ssc = node(tmp_path, 'ssc_bridge', port=str(tmp_path / 'port'))
+        (found,) = wait_for(
+            lambda: _kind(line_findings([hear(ssc, 0.2)]), 'other byte count'), 30.0
+        )
+    assert found.level is Level.DO
+    assert 'payload +2' in found.text
+
+
+@pytest.mark.parametrize('offset', [2, 4, 6, -1])
+def test_byte_count_that_counts_more_is_told_by_the_sums(offset: int) -> None:
+    assert count_offset(counted(offset) * 3) == offset
+
+
+def test_good_byte_count_is_none() -> None:
+    assert count_offset(b''.join(STREAMS['ssc'])) == 0
+    assert count_offset(counted(0)) == 0
+    assert count_offset(b'\x81\xa1' * 50) == 0
+
+
+def test_noise_is_of_no_device(tmp_path: Path) -> None:
+    vsc = node(tmp_path, 'fort_vsc_bridge')
+    (found,) = line_findings([Line(vsc, Heard((noise(FORT),)))])
+    assert (found.kind, found.level) == ('no frames', Level.DO)
+
+
+def test_locked_port_is_left_alone(tmp_path: Path) -> None:
+    path = tmp_path / 'port'
+    with PtyDevice(Vsc(), path):
+        first, second = SerialEar(str(path), 115200), SerialEar(str(path), 9600)
+        first.open()
+        try:
+            assert 'locked' in listen(None, second, 0.1).error
+        finally:
+            first.close()
+        assert listen(None, SerialEar(str(path), 123), 0.1).error.endswith('cannot be tried')
+        assert 'No such file' in listen(None, SerialEar(f'{path}x', 9600), 0.1).error
+
+
+# The whole command
+
+
+HOLD = """
+import os, time
+port = os.open({path!r}, os.O_RDWR | os.O_NOCTTY)
+print('held', flush=True)
+time.sleep(600)
+"""
+
+
+def test_command_finds_port_in_use_and_a_device_that_is_well(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    used, free = tmp_path / 'used', tmp_path / 'free'
+    file = parameter_file(
+        tmp_path,
+        fort_vsc_bridge={'port': str(free)},
+        esi_drive_bridge={'port': str(used)},
+        ssc_bridge={'port': 'socket://127.0.0.1:1'},
+    )
+    with PtyDevice(Vsc(), free), PtyDevice(Drive(), used):
+        with NodeProcess(source=HOLD.format(path=str(used))) as holder:
+            holder.wait_output('held')
+
+            def visit() -> list[Visit]:
+                found = Visit(capsys, '--params-file', file, '--seconds', '0.5')
+                return [found] if 'device well' in found.kinds else []
+
+            (found,) = wait_for(visit, 30.0)
+        assert found.status == Level.DO
+        in_use = found.of('port in use')
+        assert f'{used} of /esi_drive_bridge: in use by' in in_use['text']
+        assert f'(pid {holder.process.pid})' in in_use['text']
+        assert '/fort_vsc_bridge' in found.of('device well')['text']
+        assert 'socket://' in found.of('network port')['text']
