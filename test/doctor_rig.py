@@ -9,6 +9,8 @@ from typing import Any
 
 import pytest
 
+from rugged_teleop.doctor.configuration import Configured
+from rugged_teleop.doctor.configuration import configured
 from rugged_teleop.doctor.findings import Finding
 from rugged_teleop.doctor.main import main
 
@@ -42,3 +44,9 @@ def parameter_file(folder: Path, **nodes: dict[str, Any]) -> Path:
     path = folder / 'my.yaml'
     path.write_text(json.dumps(sections))  # which is YAML
     return path
+
+
+def node(folder: Path, name: str, **values: Any) -> Configured:
+    """Return a node with these parameters, which have to be good."""
+    (found,), _ = configured([parameter_file(folder, **{name: values})])
+    return found

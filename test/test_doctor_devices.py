@@ -17,7 +17,6 @@ import pytest
 from bridge_core.checksums import fletcher16
 from esi_drive_bridge.simulator import Simulator as Drive
 from fort_vsc_bridge.simulator import Simulator as Vsc
-from rugged_teleop.doctor.configuration import Configured
 from rugged_teleop.doctor.configuration import configured
 from rugged_teleop.doctor.findings import Finding
 from rugged_teleop.doctor.findings import Level
@@ -34,6 +33,7 @@ from rugged_teleop.ptys import PtyDevice
 from ssc_bridge.simulator import Simulator as Ssc
 from test.captures import STREAMS
 from test.doctor_rig import kinds
+from test.doctor_rig import node
 from test.doctor_rig import parameter_file
 from test.doctor_rig import Visit
 from test.rig import NodeProcess
@@ -42,11 +42,6 @@ from test.rig import wait_for
 
 SECONDS = 0.6
 FORT = b''.join(STREAMS['fort_serial'])
-
-
-def node(folder: Path, name: str, **values: Any) -> Configured:
-    (found,), _ = configured([parameter_file(folder, **{name: values})])
-    return found
 
 
 def heard(folder: Path, name: str, device: Device, *commands: str, **values: Any) -> list[Finding]:

@@ -225,7 +225,7 @@ def _drain(netlink: socket.socket) -> bool:
 def _interface_of(address: str) -> int:
     """Return the index of the interface with this address. :raises OSError: there is none up."""
     wanted = socket.inet_aton(address)
-    for index, found in _addresses():
+    for index, found in addresses():
         if found == wanted and _is_up(index):
             return index
     raise OSError(errno.ENODEV, f'no network interface with address {address} is up')
@@ -241,7 +241,7 @@ def _is_up(index: int) -> bool:
     return bool(struct.unpack_from('H', answer, 16)[0] & _IFF_UP)
 
 
-def _addresses() -> list[tuple[int, bytes]]:
+def addresses() -> list[tuple[int, bytes]]:
     """Return (index of the interface, address) for every IPv4 address of this machine."""
     found: list[tuple[int, bytes]] = []
     with socket.socket(socket.AF_NETLINK, socket.SOCK_RAW, socket.NETLINK_ROUTE) as netlink:

@@ -185,6 +185,87 @@ CATALOGUE = {
         '{node}: bytes come on {port}, but no frame of anything known here at any baud',
         'is port the right one, is the device in its configuration menu? Check ground and shield',
     ),
+    # The VM-110's network
+    'group not joined': Kind(
+        _DO, 'network', '{node}: {error}', 'ip address; cable, interface_address'
+    ),
+    'group silent': Kind(_DO, 'network', '{node}: nothing comes to {group}', '{stop}'),
+    'group elsewhere': Kind(
+        _DO,
+        'network',
+        '{node}: {group} is heard at {address}, not where the node listens',
+        'set interface_address to {address}',
+    ),
+    'sender not allowed': Kind(
+        _DO,
+        'network',
+        '{node}: {sender} sends to {group}, but allowed_sources leaves it out',
+        'add it to allowed_sources, if it is the base unit',
+    ),
+    'other crc': Kind(
+        _DO,
+        'network',
+        '{node}: packets to {group} have the CRC {heard}, but crc is {crc}',
+        'set crc to auto, or to {heard}',
+    ),
+    'no crc': Kind(
+        _DO,
+        'network',
+        '{node}: packets to {group} have a CRC that is neither reading of the manual (3.3)',
+        'look for what else uses this group; else report it with a capture: tcpdump -w FILE udp',
+    ),
+    'reverse path': Kind(
+        _LOOK,
+        'network',
+        '{interface}: datagrams to {group} are dropped there, if their sender is routed elsewhere',
+        'sudo sysctl net.ipv4.conf.{interface}.rp_filter=2, and the same with all',
+    ),
+    'firewall': Kind(
+        _LOOK,
+        'network',
+        '{firewall} runs, and may drop what comes to {group}',
+        'let UDP to port {port} in: sudo ufw allow {port}/udp; sudo firewall-cmd '
+        '--add-port={port}/udp',
+    ),
+    # CAN
+    'adapter': Kind(
+        _LOOK,
+        'CAN',
+        '{node}: {interface} {channel} was not listened to, as opening it configures the adapter',
+        'stop what has it, and use candump or slcand',
+    ),
+    'bus not joined': Kind(_DO, 'CAN', '{node}: {error}', 'as it says'),
+    'bus silent': Kind(
+        _DO,
+        'CAN',
+        '{node}: nothing comes on {channel}',
+        'is the device powered? CAN-H and CAN-L, 120 Ω at both ends, 250 kbit/s',
+    ),
+    'strangers': Kind(
+        _DO,
+        'CAN',
+        '{node}: only others are heard on {channel}: {identifiers}',
+        'is the device powered, and on this bus? Its identifiers may have been changed',
+    ),
+    'unit heard': Kind(_FINE, 'CAN', '{node}: its unit is heard on {channel}: {names}'),
+    'other bit rate': Kind(
+        _LOOK,
+        'CAN',
+        '{channel} of {node}: {bitrate} bit/s; the devices have 250000 as delivered',
+        'compare with the device; a wrong one disturbs the whole bus',
+    ),
+    'bus errors': Kind(
+        _DO,
+        'CAN',
+        '{channel} of {node}: its controller is {state}',
+        'check bit rate, wiring and the 120 Ω at both ends; is anybody else on the bus?',
+    ),
+    'no restart': Kind(
+        _LOOK,
+        'CAN',
+        '{channel} of {node}: after a bus off it stays off',
+        'sudo ip link set {channel} type can restart-ms 100, while it is down',
+    ),
 }
 
 

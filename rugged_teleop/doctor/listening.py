@@ -25,8 +25,13 @@ from rugged_teleop.decode.captures import Capture
 from rugged_teleop.decode.pieces import Piece
 from rugged_teleop.decode.protocols import entries_of
 from rugged_teleop.decode.protocols import guess
+from rugged_teleop.doctor.catalogue import finding
+from rugged_teleop.doctor.configuration import Configured
+from rugged_teleop.doctor.findings import Finding
 
 BAUDS = (115200, 57600, 9600, 19200, 38400, 230400, 460800, 921600, 1000000)
+# They are silent, or complain, while nobody asks or commands them.
+_ASKED = ('akron_can_bridge', 'esi_drive_bridge', 'ssc_bridge')
 _BAUD_TIME = 0.4  # s, for each
 _LEAST_BYTES = 16  # by which a protocol can be told
 _SAMPLE = 8192  # bytes by which it is
@@ -159,6 +164,17 @@ def listen(session: Session[Any, Any, Any] | None, port: Port, seconds: float) -
     others = [text for level, text in session.problems(heard_at) if level < Level.STALE]
     warnings = tuple(text for text in others if text not in stops)
     return Heard(tuple(chunks), session.link_up, tuple(stops), warnings, session.summary())
+
+
+def device_findings(node: Configured, heard: Heard) -> list[Finding]:
+    """Return what a device says, in the words of its node's diagnostics."""
+    words = {'node': node.full}
+    asked = node.name in _ASKED
+    stop = 'device unasked' if asked else 'device stops'
+    warnings = () if asked else heard.warnings
+    findings = [finding(stop, text=text, **words) for text in heard.stops]
+    findings += [finding('device warns', text=text, **words) for text in warnings]
+    return findings or [finding('device well', text=heard.summary, **words)]
 
 
 def told(data: bytes) -> str:

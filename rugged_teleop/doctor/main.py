@@ -20,13 +20,21 @@ from pathlib import Path
 import sys
 
 from rugged_teleop.command_line import Parser
+from rugged_teleop.doctor.buses import bus_findings
+from rugged_teleop.doctor.buses import hear_bus
+from rugged_teleop.doctor.buses import is_passive
+from rugged_teleop.doctor.buses import on_can
 from rugged_teleop.doctor.catalogue import finding
+from rugged_teleop.doctor.configuration import Configured
 from rugged_teleop.doctor.configuration import configured
 from rugged_teleop.doctor.configuration import serial_port
 from rugged_teleop.doctor.configuration import wiring
 from rugged_teleop.doctor.findings import Finding
 from rugged_teleop.doctor.findings import HEADINGS
 from rugged_teleop.doctor.findings import Level
+from rugged_teleop.doctor.networks import group_findings
+from rugged_teleop.doctor.networks import hear_group
+from rugged_teleop.doctor.networks import network_filters
 from rugged_teleop.doctor.ports import port_facts
 from rugged_teleop.doctor.ports import port_findings
 from rugged_teleop.doctor.ports import this_user
@@ -74,7 +82,32 @@ def examine(options: argparse.Namespace) -> list[Finding]:
     """Return all that is found."""
     nodes, findings = configured(options.files)
     findings += [*wiring(nodes), *usb_findings(usb_ports())]
-    user, to_hear = this_user(), []
+    to_hear, found = _openable(nodes)
+    findings += found
+    with ThreadPoolExecutor(_AT_ONCE) as pool:
+        named = [pool.submit(_named_port, port) for port in options.port]
+        lines = [pool.submit(hear, node, options.seconds) for node in to_hear]
+        groups = [
+            pool.submit(hear_group, node, options.seconds)
+            for node in nodes
+            if node.name == 'vm110_bridge'
+        ]
+        buses = [
+            pool.submit(hear_bus, node, options.seconds)
+            for node in nodes
+            if on_can(node) and is_passive(node)
+        ]
+        findings += [each for port in named for each in port.result()]
+        findings += line_findings([line.result() for line in lines])
+        filters = network_filters()
+        findings += [each for group in groups for each in group_findings(group.result(), filters)]
+        findings += [each for bus in buses for each in bus_findings(bus.result())]
+    return findings
+
+
+def _openable(nodes: Iterable[Configured]) -> tuple[list[Configured], list[Finding]]:
+    """Return the nodes whose serial ports nobody has, and what is found about the others."""
+    user, openable, findings = this_user(), [], []
     for node in nodes:
         port = serial_port(node)
         if '://' in port:
@@ -82,14 +115,15 @@ def examine(options: argparse.Namespace) -> list[Finding]:
         elif port:
             found = port_findings(port_facts(port), user, node.full)
             findings += found
-            to_hear += [] if found else [node]
-    for port in options.port:
-        found = port_findings(port_facts(port), user)
-        findings += found or [unknown_port(port)]
-    with ThreadPoolExecutor(_AT_ONCE) as pool:
-        lines = [pool.submit(hear, node, options.seconds) for node in to_hear]
-        findings += line_findings([line.result() for line in lines])
-    return findings
+            openable += [] if found else [node]
+        elif on_can(node) and not is_passive(node):
+            words = {name: node.values[name] for name in ('interface', 'channel')}
+            findings.append(finding('adapter', node=node.full, **words))
+    return openable, findings
+
+
+def _named_port(port: str) -> list[Finding]:
+    return port_findings(port_facts(port), this_user()) or [unknown_port(port)]
 
 
 def _seconds(text: str) -> float:

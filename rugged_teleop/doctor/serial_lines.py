@@ -15,6 +15,7 @@ from rugged_teleop.doctor.configuration import Configured
 from rugged_teleop.doctor.configuration import serial_port
 from rugged_teleop.doctor.findings import Finding
 from rugged_teleop.doctor.listening import BAUDS
+from rugged_teleop.doctor.listening import device_findings
 from rugged_teleop.doctor.listening import Heard
 from rugged_teleop.doctor.listening import listen
 from rugged_teleop.doctor.listening import Port
@@ -30,8 +31,6 @@ SPEAKERS = {
     'esi_status': 'esi_drive_bridge',
     'esi_status_compact': 'esi_drive_bridge',
 }
-# They are silent, or complain, while nobody asks or commands them.
-_ASKED = ('akron_can_bridge', 'esi_drive_bridge', 'ssc_bridge')
 _LEAST_PACKETS = 2
 _OFFSETS = range(-8, 9)
 
@@ -121,17 +120,6 @@ def _line_findings(line: Line) -> list[Finding]:
     if heard.link_up or line.protocol:
         return device_findings(line.node, heard)
     return list(_garbage(line, **words))
-
-
-def device_findings(node: Configured, heard: Heard) -> list[Finding]:
-    """Return what a device says, in the words of its node's diagnostics."""
-    words = {'node': node.full}
-    asked = node.name in _ASKED
-    stop = 'device unasked' if asked else 'device stops'
-    warnings = () if asked else heard.warnings
-    findings = [finding(stop, text=text, **words) for text in heard.stops]
-    findings += [finding('device warns', text=text, **words) for text in warnings]
-    return findings or [finding('device well', text=heard.summary, **words)]
 
 
 def _garbage(line: Line, **words: str) -> Iterator[Finding]:

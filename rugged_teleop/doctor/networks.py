@@ -1,0 +1,134 @@
+"""The VM-110 on its multicast group: is it heard, by which CRC, on which interface."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable
+from collections.abc import Iterator
+from collections.abc import Mapping
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+import contextlib
+from dataclasses import dataclass
+from pathlib import Path
+import socket
+
+from bridge_core.transports.multicast import addresses
+from rugged_teleop.doctor.catalogue import finding
+from rugged_teleop.doctor.configuration import Configured
+from rugged_teleop.doctor.findings import Finding
+from rugged_teleop.doctor.listening import device_findings
+from rugged_teleop.doctor.listening import Heard
+from rugged_teleop.doctor.listening import listen
+from vm110_bridge.protocol import Crc
+from vm110_bridge.protocol import PacketId
+from vm110_bridge.wire import BRIDGE
+
+_ELSEWHERE_TIME = 0.5  # s; a VRPI comes every 0.125 s
+_BEGINNINGS = tuple(kind.value for kind in PacketId)
+_STRICT = 1  # rp_filter: drop what comes on another interface than one would answer on
+
+
+@dataclass(frozen=True)
+class Group:
+    """
+    A node's multicast group, and what was heard of it.
+
+    :param elsewhere: addresses of other interfaces where the group was heard.
+    :param foreign: a sender that allowed_sources leaves out; empty: none was heard.
+    """
+
+    node: Configured
+    heard: Heard
+    elsewhere: tuple[str, ...] = ()
+    foreign: str = ''
+
+
+@dataclass(frozen=True)
+class Filters:
+    """What of this computer may keep datagrams away. :param strict: interfaces, by rp_filter."""
+
+    strict: tuple[str, ...] = ()
+    firewalls: tuple[str, ...] = ()
+
+
+def hear_group(node: Configured, seconds: float, known: Iterable[str] | None = None) -> Group:
+    """
+    Listen to a base unit; where it is not heard, on the other interfaces too.
+
+    :param known: addresses of this computer; None: as they are.
+    """
+    transport = BRIDGE.make_transport(dict(node.values))
+    heard = listen(BRIDGE.make_session(dict(node.values)), transport, seconds)
+    foreign = str(transport.counts()['last other sender'])
+    if heard.chunks:
+        return Group(node, heard)
+    known = (socket.inet_ntoa(each) for _, each in addresses()) if known is None else known
+    others = [each for each in known if each != node.values['interface_address']]
+    return Group(node, heard, elsewhere(node, others), foreign.replace('none', ''))
+
+
+def elsewhere(node: Configured, others: Sequence[str]) -> tuple[str, ...]:
+    """Return those of the addresses at whose interfaces the group is heard."""
+
+    def is_heard(address: str) -> bool:
+        values = {**node.values, 'interface_address': address, 'allowed_sources': ['']}
+        return bool(listen(None, BRIDGE.make_transport(values), _ELSEWHERE_TIME).chunks)
+
+    with ThreadPoolExecutor(max(1, len(others))) as pool:
+        found = list(pool.map(is_heard, others))
+    return tuple(address for address, heard in zip(others, found, strict=True) if heard)
+
+
+def group_findings(group: Group, filters: Filters) -> Iterator[Finding]:
+    """Yield what is found of a base unit and of the way to it."""
+    node, heard = group.node, group.heard
+    values = node.values
+    words = {'node': node.full, 'group': f'{values["group"]}:{values["input_port"]}'}
+    if group.elsewhere:
+        yield finding('group elsewhere', address=', '.join(group.elsewhere), **words)
+    elif heard.error:
+        yield finding('group not joined', error=heard.error, **words)
+    elif group.foreign:
+        yield finding('sender not allowed', sender=group.foreign, **words)
+    elif not heard.chunks:
+        yield finding('group silent', stop='; '.join(heard.stops), **words)
+        for interface in filters.strict:
+            yield finding('reverse path', interface=interface, **words)
+        for firewall in filters.firewalls:
+            yield finding('firewall', firewall=firewall, port=values['input_port'], **words)
+    else:
+        yield from _crc_findings(group, words) or device_findings(node, heard)
+
+
+def _crc_findings(group: Group, words: Mapping[str, str]) -> list[Finding]:
+    """Return what is wrong with the CRC, where it hides all else."""
+    packets = [each for each in group.heard.chunks if each.startswith(_BEGINNINGS)]
+    readings = Counter(crc.value for each in packets for crc in Crc if crc.is_good(each))
+    wanted = group.node.values['crc']
+    if group.heard.link_up or not packets:
+        return []
+    if not readings:
+        return [finding('no crc', **words)]
+    if wanted == 'auto' or readings[wanted]:
+        return []
+    return [finding('other crc', crc=wanted, heard=readings.most_common(1)[0][0], **words)]
+
+
+def network_filters(proc: Path = Path('/proc'), ufw: Path = Path('/etc/ufw/ufw.conf')) -> Filters:
+    """Return what can be seen of it without rights; rules of nftables cannot."""
+    conf = proc / 'sys/net/ipv4/conf'
+    modes = {each.parent.name: each.read_text().strip() for each in conf.glob('*/rp_filter')}
+    everywhere = int(modes.pop('all', '0'))
+    strict = (
+        name
+        for name, mode in sorted(modes.items())
+        if name not in ('default', 'lo') and max(everywhere, int(mode)) == _STRICT
+    )
+    firewalls = set()
+    with contextlib.suppress(OSError):
+        firewalls |= {'ufw'} if 'ENABLED=yes' in ufw.read_text() else set()
+    for file in proc.glob('[0-9]*/comm'):
+        with contextlib.suppress(OSError):  # it has ended
+            firewalls |= {'firewalld'} & {file.read_text().strip()}
+    return Filters(tuple(strict), tuple(sorted(firewalls)))

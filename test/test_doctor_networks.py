@@ -1,0 +1,219 @@
+"""The doctor on multicast groups and CAN buses: planted faults, by the package's simulators."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from akron_can_bridge.simulator import JoystickSimulator
+from akron_can_bridge.simulator import Simulator as Monitor
+from bridge_core.j1939 import CanFrame
+from fort_vsc_bridge.simulator import CanSimulator as Vsc
+from rugged_teleop.canbuses import CanBusDevice
+from rugged_teleop.canbuses import free_channel
+from rugged_teleop.canbuses import INTERFACE
+from rugged_teleop.doctor.buses import Bus
+from rugged_teleop.doctor.buses import bus_findings
+from rugged_teleop.doctor.buses import hear_bus
+from rugged_teleop.doctor.buses import is_passive
+from rugged_teleop.doctor.buses import link_facts
+from rugged_teleop.doctor.configuration import Configured
+from rugged_teleop.doctor.findings import Finding
+from rugged_teleop.doctor.findings import Level
+from rugged_teleop.doctor.listening import Heard
+from rugged_teleop.doctor.networks import elsewhere
+from rugged_teleop.doctor.networks import Filters
+from rugged_teleop.doctor.networks import Group
+from rugged_teleop.doctor.networks import group_findings
+from rugged_teleop.doctor.networks import hear_group
+from rugged_teleop.doctor.networks import network_filters
+from rugged_teleop.multicasts import LOOPBACK
+from rugged_teleop.multicasts import MulticastDevice
+from rugged_teleop.ports import Device
+from test.captures import CAN
+from test.doctor_rig import kinds
+from test.doctor_rig import node
+from test.multicast_rig import free_port
+from test.rig import wait_for
+from vm110_bridge.simulator import Simulator as BaseUnit
+
+SECONDS = 0.6
+OPEN = Filters()
+
+
+def unit(folder: Path, port: int, **values: Any) -> Configured:
+    given = {'input_port': port, 'interface_address': LOOPBACK, **values}
+    return node(folder, 'vm110_bridge', **given)
+
+
+def heard_of(configured: Configured, device: BaseUnit, *commands: str) -> list[Finding]:
+    """Return what is found on the group of a simulated base unit, once it is heard."""
+    with MulticastDevice(device, configured.values['input_port']) as port:
+        for command in commands:
+            port.apply(command)
+        return wait_for(
+            lambda: [
+                each
+                for each in group_findings(hear_group(configured, SECONDS, ()), OPEN)
+                if each.kind != 'group silent'
+            ],
+            30.0,
+        )
+
+
+def test_base_unit_is_heard_and_nothing_is_sent(tmp_path: Path) -> None:
+    device = BaseUnit(7)
+    found = heard_of(unit(tmp_path, free_port()), device)
+    assert {each.level for each in found} <= {Level.FINE, Level.LOOK}
+    assert not device.describe().get('received')
+
+
+def test_stop_switch_of_a_remote_is_found(tmp_path: Path) -> None:
+    found = heard_of(unit(tmp_path, free_port()), BaseUnit(7), 'arm 1', 'stop 1 on')
+    assert found[0].level is Level.DO
+    assert 'release the stop switch' in found[0].text
+
+
+def test_wrong_crc_variant_is_found(tmp_path: Path) -> None:
+    configured = unit(tmp_path, free_port(), crc='mpeg2')
+    (found,) = heard_of(configured, BaseUnit(7, crc='iso_hdlc'))
+    assert (found.kind, found.level) == ('other crc', Level.DO)
+    assert found.remedy == 'set crc to auto, or to iso_hdlc'
+
+
+def test_crc_of_neither_reading_is_found(tmp_path: Path) -> None:
+    group = Group(unit(tmp_path, 5825), Heard((b'VRPI' + bytes(62),)))
+    assert kinds(group_findings(group, OPEN)) == ['no crc']
+
+
+def test_silent_base_unit_brings_what_may_keep_it_away(tmp_path: Path) -> None:
+    configured = unit(tmp_path, free_port())
+    group = hear_group(configured, 0.1, ())
+    silent, path, firewall = group_findings(group, Filters(('eth1',), ('ufw',)))
+    assert (silent.kind, silent.level) == ('group silent', Level.DO)
+    assert "check the BU's power" in silent.remedy
+    assert 'conf.eth1.rp_filter=2' in path.remedy
+    assert f'ufw allow {configured.values["input_port"]}/udp' in firewall.remedy
+
+
+def test_base_unit_at_another_interface_is_found(tmp_path: Path) -> None:
+    configured = unit(tmp_path, free_port(), interface_address='10.255.255.1')
+    with MulticastDevice(BaseUnit(7), configured.values['input_port']):
+        assert wait_for(lambda: elsewhere(configured, [LOOPBACK, '10.255.255.2']), 30.0) == (
+            LOOPBACK,
+        )
+    group = hear_group(configured, 0.1, ())
+    assert kinds(group_findings(group, OPEN)) == ['group not joined']
+    (found,) = group_findings(replace(group, elsewhere=(LOOPBACK,)), OPEN)
+    assert found.remedy == f'set interface_address to {LOOPBACK}'
+
+
+def test_sender_that_is_not_allowed_is_found(tmp_path: Path) -> None:
+    configured = unit(tmp_path, free_port(), allowed_sources=['10.0.0.7'])
+    (found,) = heard_of(configured, BaseUnit(7))
+    assert found.kind == 'sender not allowed'
+    assert LOOPBACK in found.text
+
+
+def test_what_keeps_datagrams_away_is_read_from_the_kernel(tmp_path: Path) -> None:
+    for name, mode in (('all', 0), ('default', 1), ('lo', 1), ('eth0', 1), ('eth1', 2)):
+        folder = tmp_path / 'sys/net/ipv4/conf' / name
+        folder.mkdir(parents=True)
+        (folder / 'rp_filter').write_text(f'{mode}\n')
+    (tmp_path / '12').mkdir()
+    (tmp_path / '12' / 'comm').write_text('firewalld\n')
+    ufw = tmp_path / 'ufw.conf'
+    assert network_filters(tmp_path, ufw) == Filters(('eth0',), ('firewalld',))
+    ufw.write_text('# ufw\nENABLED=yes\n')
+    assert network_filters(tmp_path, ufw).firewalls == ('firewalld', 'ufw')
+    assert isinstance(network_filters(), Filters)
+
+
+# CAN
+
+
+def bus_of(folder: Path, name: str, **values: Any) -> Configured:
+    return node(folder, name, interface=INTERFACE, channel=free_channel(), **values)
+
+
+def heard_on(configured: Configured, device: Device) -> list[Finding]:
+    """Return what is found on the bus of a simulated device, once something is heard."""
+    with CanBusDevice(device, configured.values['channel']):
+        return wait_for(
+            lambda: [
+                each
+                for each in bus_findings(hear_bus(configured, SECONDS))
+                if each.kind != 'bus silent'
+            ],
+            30.0,
+        )
+
+
+def test_monitor_is_heard(tmp_path: Path) -> None:
+    monitor = bus_of(tmp_path, 'akron_can_bridge')
+    with CanBusDevice(Monitor(), monitor.values['channel']):
+        # At first it announces itself, and then nobody asks it to.
+        (found,) = wait_for(
+            lambda: [
+                each
+                for each in bus_findings(hear_bus(monitor, SECONDS))
+                if each.kind == 'unit heard'
+            ],
+            30.0,
+        )
+    assert found.level is Level.FINE
+    assert 'PositionLimit' in found.text
+
+
+def test_vsc_on_can_is_heard(tmp_path: Path) -> None:
+    found = heard_on(bus_of(tmp_path, 'fort_vsc_bridge', transport='can'), Vsc())
+    assert kinds(found) == ['device well']
+
+
+def test_joystick_without_a_monitor_is_no_unit(tmp_path: Path) -> None:
+    (found,) = heard_on(bus_of(tmp_path, 'akron_can_bridge'), JoystickSimulator())
+    assert (found.kind, found.level) == ('strangers', Level.DO)
+
+
+def test_silent_bus_is_found(tmp_path: Path) -> None:
+    found = bus_findings(hear_bus(bus_of(tmp_path, 'akron_can_bridge'), 0.1))
+    assert kinds(found) == ['bus silent']
+
+
+def test_missing_interface_says_what_to_do(tmp_path: Path) -> None:
+    configured = node(tmp_path, 'akron_can_bridge', channel='nocan7')
+    (found,) = bus_findings(hear_bus(configured, 0.1))
+    assert found.kind == 'bus not joined'
+    assert 'nocan7' in found.text
+    assert link_facts('nocan7') == {}
+
+
+def test_adapter_that_would_be_configured_is_left_alone(tmp_path: Path) -> None:
+    adapter = node(tmp_path, 'akron_can_bridge', interface='slcan', channel='/dev/ttyACM0')
+    assert not is_passive(adapter)
+
+
+def details(**data: Any) -> dict[str, Any]:
+    """Return what ``ip -details -json link show`` says of a CAN interface."""
+    good = {'state': 'ERROR-ACTIVE', 'restart_ms': 100, 'bittiming': {'bitrate': 250000}}
+    return {'linkinfo': {'info_kind': 'can', 'info_data': {**good, **data}}}
+
+
+@pytest.mark.parametrize(
+    ('link', 'found'),
+    [
+        ({}, []),
+        (details(), []),
+        (details(bittiming={'bitrate': 500000}), ['other bit rate']),
+        (details(state='ERROR-PASSIVE'), ['bus errors']),
+        (details(state='BUS-OFF', restart_ms=0), ['bus errors', 'no restart']),
+    ],
+)
+def test_state_of_the_interface(link: dict[str, Any], found: list[str], tmp_path: Path) -> None:
+    identifier, data = next(each for each in CAN if each[0] & 0xFF >= 0x80)
+    heard = Heard((CanFrame(identifier, data),))
+    bus = Bus(node(tmp_path, 'akron_can_bridge'), heard, link)
+    assert kinds(bus_findings(bus)) == [*found, 'unit heard']
