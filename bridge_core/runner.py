@@ -125,7 +125,7 @@ def words_beside_ros(argv: Sequence[str]) -> list[str]:
 
 
 def _run(factories: Sequence[Callable[..., ManagedNode]], argv: list[str]) -> int:
-    note = _avoid_shared_memory()
+    note = avoid_shared_memory()
     try:
         # With ROS's own handlers the context would be gone before the last stop was published.
         rclpy.init(args=argv, signal_handler_options=SignalHandlerOptions.NO)
@@ -155,7 +155,7 @@ def _refuse(text: str) -> int:
     return 2
 
 
-def _avoid_shared_memory() -> str:
+def avoid_shared_memory() -> str:
     """
     Have Fast DDS use UDP, unless the user has chosen: see docs/decisions/0012.
 

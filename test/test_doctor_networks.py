@@ -54,7 +54,7 @@ def heard_of(configured: Configured, device: BaseUnit, *commands: str) -> list[F
     with MulticastDevice(device, configured.values['input_port']) as port:
         for command in commands:
             port.apply(command)
-        return wait_for(
+        found = wait_for(
             lambda: [
                 each
                 for each in group_findings(hear_group(configured, SECONDS, ()), OPEN)
@@ -62,13 +62,13 @@ def heard_of(configured: Configured, device: BaseUnit, *commands: str) -> list[F
             ],
             30.0,
         )
+        assert port.received() == []
+        return found
 
 
 def test_base_unit_is_heard_and_nothing_is_sent(tmp_path: Path) -> None:
-    device = BaseUnit(7)
-    found = heard_of(unit(tmp_path, free_port()), device)
+    found = heard_of(unit(tmp_path, free_port()), BaseUnit(7))
     assert {each.level for each in found} <= {Level.FINE, Level.LOOK}
-    assert not device.describe().get('received')
 
 
 def test_stop_switch_of_a_remote_is_found(tmp_path: Path) -> None:
@@ -141,8 +141,8 @@ def bus_of(folder: Path, name: str, **values: Any) -> Configured:
 
 def heard_on(configured: Configured, device: Device) -> list[Finding]:
     """Return what is found on the bus of a simulated device, once something is heard."""
-    with CanBusDevice(device, configured.values['channel']):
-        return wait_for(
+    with CanBusDevice(device, configured.values['channel']) as port:
+        found = wait_for(
             lambda: [
                 each
                 for each in bus_findings(hear_bus(configured, SECONDS))
@@ -150,6 +150,8 @@ def heard_on(configured: Configured, device: Device) -> list[Finding]:
             ],
             30.0,
         )
+        assert port.received() == []
+        return found
 
 
 def test_monitor_is_heard(tmp_path: Path) -> None:

@@ -89,14 +89,14 @@ def environment(monkeypatch: pytest.MonkeyPatch) -> pytest.MonkeyPatch:
 @pytest.mark.parametrize('range_', ['', 'SUBNET', 'SYSTEM_DEFAULT'])
 def test_network_is_used_by_udp(environment: pytest.MonkeyPatch, range_: str) -> None:
     environment.setenv(RANGE, range_)
-    assert runner._avoid_shared_memory() == ''
+    assert runner.avoid_shared_memory() == ''
     assert os.environ['FASTDDS_BUILTIN_TRANSPORTS'] == 'UDPv4'
     assert os.environ[RANGE] == range_
 
 
 def test_one_machine_has_the_loopback_profile_and_says_so(environment: pytest.MonkeyPatch) -> None:
     environment.setenv(RANGE, 'LOCALHOST')
-    text = runner._avoid_shared_memory()
+    text = runner.avoid_shared_memory()
     profile = os.environ['FASTRTPS_DEFAULT_PROFILES_FILE']
     assert profile == os.environ['FASTDDS_DEFAULT_PROFILES_FILE']
     assert Path(profile).name == 'fastdds_loopback.xml'
@@ -109,7 +109,7 @@ def test_choice_of_the_user_stands(environment: pytest.MonkeyPatch, choice: str)
     environment.setenv(RANGE, 'LOCALHOST')
     environment.setenv(choice, 'mine')
     before = dict(os.environ)
-    assert runner._avoid_shared_memory() == ''
+    assert runner.avoid_shared_memory() == ''
     assert dict(os.environ) == before
 
 
@@ -117,7 +117,7 @@ def test_other_middleware_is_left_alone(environment: pytest.MonkeyPatch) -> None
     environment.setenv(RANGE, 'LOCALHOST')
     environment.setenv('RMW_IMPLEMENTATION', 'rmw_cyclonedds_cpp')
     before = dict(os.environ)
-    assert runner._avoid_shared_memory() == ''
+    assert runner.avoid_shared_memory() == ''
     assert dict(os.environ) == before
 
 

@@ -266,6 +266,106 @@ CATALOGUE = {
         '{channel} of {node}: after a bus off it stays off',
         'sudo ip link set {channel} type can restart-ms 100, while it is down',
     ),
+    # This computer
+    'slept': Kind(
+        _LOOK,
+        'computer',
+        'it has slept for {seconds} s since it was started; whoever sleeps stops the machine',
+        'sudo systemctl mask sleep.target suspend.target hibernate.target',
+    ),
+    'clock adrift': Kind(
+        _LOOK,
+        'computer',
+        'nobody sets its clock, so stamps differ from those of other computers; no stop depends '
+        'on them',
+        'install chrony, or timedatectl set-ntp true',
+    ),
+    'no real time': Kind(
+        _DO,
+        'computer',
+        'a node asks for the real-time priority {priority}, and {allowed} is the most allowed',
+        'docs/common.md, Real-time priority: a line in /etc/security/limits.d, then log in again',
+    ),
+    'no locked memory': Kind(
+        _DO,
+        'computer',
+        'a node asks for the real-time priority {priority}, and its memory may not be locked',
+        'the same with memlock unlimited',
+    ),
+    # What the environment tells ROS
+    'environment': Kind(_FINE, 'ROS', 'domain {domain}, range {range}, {middleware}'),
+    'other domain': Kind(
+        _DO, 'ROS', 'ROS_DOMAIN_ID is {domain}', 'export ROS_DOMAIN_ID=0, or up to 101'
+    ),
+    'no discovery': Kind(
+        _DO,
+        'ROS',
+        'ROS_AUTOMATIC_DISCOVERY_RANGE is {range}: nodes do not find each other',
+        'unset it, or set it to SUBNET or LOCALHOST',
+    ),
+    'localhost only': Kind(
+        _LOOK,
+        'ROS',
+        'ROS_LOCALHOST_ONLY is set, which overrides the discovery range',
+        'unset it; export ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST does the same',
+    ),
+    'other middleware': Kind(
+        _LOOK,
+        'ROS',
+        'RMW_IMPLEMENTATION is {middleware}: the package was measured with rmw_fastrtps_cpp',
+        'all nodes need the same one',
+    ),
+    'no profile': Kind(
+        _DO, 'ROS', '{name}: there is no file {profile}', 'correct it, or unset it'
+    ),
+    'shared memory': Kind(
+        _LOOK,
+        'ROS',
+        'FASTDDS_BUILTIN_TRANSPORTS is {transports}: through shared memory, a neighbour that is '
+        'killed holds others up for seconds',
+        'unset it, and the nodes use UDP: docs/common.md, Middleware',
+    ),
+    # The live graph
+    'no ROS': Kind(
+        _LOOK,
+        'graph',
+        'the nodes that run were not looked at: {error}',
+        '. /opt/ros/jazzy/setup.bash, or the environment that has ROS',
+    ),
+    'nodes live': Kind(_FINE, 'graph', 'there are {nodes}'),
+    'no nodes live': Kind(
+        _LOOK,
+        'graph',
+        'no node of this package is seen',
+        'start them; else compare ROS_DOMAIN_ID, range and RMW_IMPLEMENTATION with theirs',
+    ),
+    'node not live': Kind(
+        _LOOK, 'graph', '{node}: has a section in the files, and is not seen', 'start it'
+    ),
+    'types differ': Kind(
+        _DO, 'graph', '{topic}: its ends have different types: {kinds}', 'correct the wrong one'
+    ),
+    'qos mismatch': Kind(
+        _DO,
+        'graph',
+        '{topic}: {subscription} does not hear {publisher}: {reason}',
+        'publish it reliable, and transient local where the other wants that',
+    ),
+    'doubled publishers': Kind(
+        _DO,
+        'graph',
+        '{topic}: more than one publishes it: {names}',
+        'end all but one; one that was killed is listed for up to 20 s more, so look again',
+    ),
+    'nobody publishes': Kind(
+        _DO,
+        'graph',
+        '{topic}: nobody publishes it, and {nodes} needs it',
+        'start its node, or correct the topic',
+    ),
+    'inhibit': Kind(_LOOK, 'graph', '{name}: {text}', 'as it says, to have the machine move'),
+    'node says error': Kind(_DO, 'graph', '{name}: {text}', 'as it says'),
+    'node warns': Kind(_LOOK, 'graph', '{name}: {text}', 'as it says'),
 }
 
 

@@ -28,6 +28,11 @@ class Finding:
     text: str
     remedy: str = ''
 
+    @classmethod
+    def from_json(cls, values: dict[str, Any]) -> Finding:
+        """Return what ``to_json`` was made of."""
+        return cls(**{**values, 'level': Level[values['level'].upper()]})
+
     def to_json(self) -> dict[str, Any]:
         """Return it as JSON has it; ``level`` is fine, look or do."""
         return {

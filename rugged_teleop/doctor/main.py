@@ -32,6 +32,7 @@ from rugged_teleop.doctor.configuration import wiring
 from rugged_teleop.doctor.findings import Finding
 from rugged_teleop.doctor.findings import HEADINGS
 from rugged_teleop.doctor.findings import Level
+from rugged_teleop.doctor.graph import look_apart
 from rugged_teleop.doctor.networks import group_findings
 from rugged_teleop.doctor.networks import hear_group
 from rugged_teleop.doctor.networks import network_filters
@@ -43,6 +44,8 @@ from rugged_teleop.doctor.ports import usb_ports
 from rugged_teleop.doctor.serial_lines import hear
 from rugged_teleop.doctor.serial_lines import line_findings
 from rugged_teleop.doctor.serial_lines import unknown_port
+from rugged_teleop.doctor.system import computer_findings
+from rugged_teleop.doctor.system import this_computer
 
 _EXAMPLES = """\
 examples:
@@ -52,6 +55,7 @@ examples:
   {prog} --json | jq '.[] | select(.level == "do")'
 """
 _LISTEN = 2.0
+_DISCOVERY = 2.0  # s until most nodes have found each other
 _AT_ONCE = 16  # ports
 _SENT = 'Nothing was sent to any device.'
 
@@ -82,9 +86,13 @@ def examine(options: argparse.Namespace) -> list[Finding]:
     """Return all that is found."""
     nodes, findings = configured(options.files)
     findings += [*wiring(nodes), *usb_findings(usb_ports())]
+    priorities = [node.values['rt_priority'] for node in nodes]
+    findings += computer_findings(this_computer(), max(priorities, default=0))
     to_hear, found = _openable(nodes)
     findings += found
     with ThreadPoolExecutor(_AT_ONCE) as pool:
+        names = [node.full for node in nodes]
+        graph = pool.submit(look_apart, _DISCOVERY + options.seconds, names)
         named = [pool.submit(_named_port, port) for port in options.port]
         lines = [pool.submit(hear, node, options.seconds) for node in to_hear]
         groups = [
@@ -102,6 +110,7 @@ def examine(options: argparse.Namespace) -> list[Finding]:
         filters = network_filters()
         findings += [each for group in groups for each in group_findings(group.result(), filters)]
         findings += [each for bus in buses for each in bus_findings(bus.result())]
+        findings += graph.result()
     return findings
 
 

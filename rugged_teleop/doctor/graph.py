@@ -1,0 +1,227 @@
+"""
+The ROS graph: who publishes what for whom, and what the nodes say of themselves.
+
+A process of its own looks at it: a middleware that is missing, or that the environment misleads,
+may end the process that loads it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from collections.abc import Iterable
+from collections.abc import Iterator
+from collections.abc import Sequence
+from dataclasses import dataclass
+import itertools
+import json
+import os
+import subprocess
+import sys
+from typing import Any
+
+from bridge_core import clock
+from bridge_core.session import Level as NodeLevel
+from rugged_teleop.doctor.catalogue import finding
+from rugged_teleop.doctor.configuration import DRIVE
+from rugged_teleop.doctor.configuration import MUX
+from rugged_teleop.doctor.findings import Finding
+from rugged_teleop.reference import NODES
+
+_NAMES = tuple(node.name for node in NODES)
+# Many publish on these, and none of them decides anything.
+_SHARED = ('/diagnostics', '/rosout', '/parameter_events', '/tf', '/tf_static', '/clock')
+_DIAGNOSTICS_DEPTH = 100
+_NODE = '_rugged_teleop_doctor'  # hidden from lists of nodes
+_WAIT = 0.1  # s
+_START_TIME = 30.0  # s in which the process has to have started, and ended
+
+
+@dataclass(frozen=True)
+class Endpoint:
+    """A publisher, or a subscription. :param node: its node's full name."""
+
+    node: str
+    topic: str
+    kind: str
+    publishes: bool
+    qos: Any = None
+
+    @property
+    def is_ours(self) -> bool:
+        """It is of a node of this package that nobody has renamed."""
+        return self.node.rpartition('/')[2] in _NAMES
+
+    @property
+    def is_needed(self) -> bool:
+        """It is a subscription without which a stop is demanded, or nothing moves."""
+        name = self.node.rpartition('/')[2]
+        if self.publishes or self.topic in _SHARED or not self.is_ours:
+            return False
+        if name == MUX:  # what a drive says of itself counts once it was heard
+            return not self.topic.endswith('/enabled')
+        return name == DRIVE
+
+
+@dataclass(frozen=True)
+class Said:
+    """The last diagnostic of one name. :param inhibits: of a mux, why nothing moves."""
+
+    name: str
+    level: int
+    text: str
+    inhibits: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Graph:
+    """What was seen and heard."""
+
+    endpoints: Sequence[Endpoint] = ()
+    said: Sequence[Said] = ()
+
+
+def look_apart(seconds: float, expected: Iterable[str]) -> list[Finding]:
+    """Return what a process of its own finds. :param expected: as of ``graph_findings``."""
+    command = [sys.executable, '-m', __spec__.name, str(seconds), *expected]
+    path = os.pathsep.join(folder or os.getcwd() for folder in sys.path)
+    limit = seconds + _START_TIME
+    try:
+        done = subprocess.run(
+            command,
+            capture_output=True,
+            text=True,
+            env={**os.environ, 'PYTHONPATH': path},
+            timeout=limit,
+        )
+        return [Finding.from_json(each) for each in json.loads(done.stdout)]
+    except subprocess.TimeoutExpired:
+        return [finding('no ROS', error='the middleware hangs')]
+    except ValueError:
+        error = (done.stderr.strip() or f'exit status {done.returncode}').splitlines()[-1]
+        return [finding('no ROS', error=error)]
+
+
+def look(seconds: float) -> Graph:
+    """Join the graph for a while; nothing is published."""
+    from diagnostic_msgs.msg import DiagnosticArray
+    import rclpy
+    from rclpy.context import Context
+    from rclpy.executors import SingleThreadedExecutor
+    from rclpy.node import Node
+    from rclpy.qos import QoSProfile
+    from rclpy.qos import ReliabilityPolicy
+
+    from bridge_core.runner import avoid_shared_memory
+
+    avoid_shared_memory()
+    said: dict[str, Said] = {}
+
+    def on_diagnostics(message: Any) -> None:
+        said.update((status.name, _said(status)) for status in message.status)
+
+    context = Context()
+    rclpy.init(context=context, args=[])
+    options = {'start_parameter_services': False, 'enable_rosout': False}
+    node = Node(f'{_NODE}_{os.getpid()}', context=context, use_global_arguments=False, **options)
+    executor = SingleThreadedExecutor(context=context)
+    try:
+        # Best effort: nobody ever waits for this reader.
+        qos = QoSProfile(depth=_DIAGNOSTICS_DEPTH, reliability=ReliabilityPolicy.BEST_EFFORT)
+        node.create_subscription(DiagnosticArray, '/diagnostics', on_diagnostics, qos)
+        executor.add_node(node)
+        end = clock.now() + seconds
+        while clock.now() < end:
+            executor.spin_once(timeout_sec=_WAIT)
+        return Graph(tuple(_endpoints(node)), tuple(said.values()))
+    finally:
+        executor.shutdown()
+        node.destroy_node()
+        context.try_shutdown()
+
+
+def _said(status: Any) -> Said:
+    inhibits = tuple(pair.value for pair in status.values if pair.key.startswith('inhibit '))
+    return Said(status.name, ord(status.level), status.message, inhibits)
+
+
+def _endpoints(node: Any) -> Iterator[Endpoint]:
+    for topic, _ in node.get_topic_names_and_types():
+        publishers = node.get_publishers_info_by_topic(topic)
+        subscriptions = node.get_subscriptions_info_by_topic(topic)
+        for infos, publishes in ((publishers, True), (subscriptions, False)):
+            for info in infos:
+                if not info.node_name.startswith(_NODE):
+                    name = f'{info.node_namespace.rstrip("/")}/{info.node_name}'
+                    yield Endpoint(name, topic, info.topic_type, publishes, info.qos_profile)
+
+
+def qos_problem(publisher: Any, subscription: Any) -> str:
+    """Return why two QoS profiles do not match; empty: they do, as far as is known."""
+    from rclpy.qos import qos_check_compatible
+    from rclpy.qos import QoSCompatibility
+
+    compatibility, reason = qos_check_compatible(publisher, subscription)
+    if compatibility != QoSCompatibility.ERROR:
+        return ''
+    return ' '.join(str(reason).replace('ERROR: ', '').split()).rstrip(';')
+
+
+def graph_findings(
+    graph: Graph,
+    expected: Iterable[str] = (),
+    problem: Callable[[Any, Any], str] = qos_problem,
+) -> Iterator[Finding]:
+    """
+    Yield what is found.
+
+    :param expected: full names of the nodes that should be there.
+    :param problem: as ``qos_problem``.
+    """
+    live = sorted({each.node for each in graph.endpoints if each.is_ours})
+    if live:
+        yield finding('nodes live', nodes=', '.join(live))
+        yield from (finding('node not live', node=name) for name in expected if name not in live)
+    else:
+        yield finding('no nodes live')
+    by_topic = sorted(graph.endpoints, key=lambda each: each.topic)
+    for topic, group in itertools.groupby(by_topic, lambda each: each.topic):
+        endpoints = list(group)
+        if any(each.is_ours for each in endpoints):
+            yield from _topic_findings(topic, endpoints, problem)
+    for said in sorted(graph.said, key=lambda each: each.name):
+        yield from _said_findings(said)
+
+
+def _topic_findings(
+    topic: str, endpoints: Sequence[Endpoint], problem: Callable[[Any, Any], str]
+) -> Iterator[Finding]:
+    publishers = [each for each in endpoints if each.publishes]
+    subscriptions = [each for each in endpoints if not each.publishes]
+    kinds = sorted({f'{each.kind} ({each.node})' for each in endpoints})
+    if len({each.kind for each in endpoints}) > 1:
+        yield finding('types differ', topic=topic, kinds=', '.join(kinds))
+    for publisher, subscription in itertools.product(publishers, subscriptions):
+        reason = problem(publisher.qos, subscription.qos)
+        if reason and publisher.kind == subscription.kind:
+            words = {'publisher': publisher.node, 'subscription': subscription.node}
+            yield finding('qos mismatch', topic=topic, reason=reason, **words)
+    if len(publishers) > 1 and topic not in _SHARED:
+        names = ' and '.join(each.node for each in publishers)
+        yield finding('doubled publishers', topic=topic, names=names)
+    needed = [each.node for each in subscriptions if each.is_needed]
+    if needed and not publishers:
+        yield finding('nobody publishes', topic=topic, nodes=', '.join(needed))
+
+
+def _said_findings(said: Said) -> Iterator[Finding]:
+    if said.inhibits:
+        yield from (finding('inhibit', name=said.name, text=text) for text in said.inhibits)
+    elif said.level >= NodeLevel.ERROR:
+        yield finding('node says error', name=said.name, text=said.text)
+    elif said.level >= NodeLevel.WARN:
+        yield finding('node warns', name=said.name, text=said.text)
+
+
+if __name__ == '__main__':
+    found = graph_findings(look(float(sys.argv[1])), sys.argv[2:])
+    print(json.dumps([each.to_json() for each in found]))

@@ -1,0 +1,101 @@
+"""The computer: its clocks, real-time rights, and what the environment tells ROS."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from collections.abc import Mapping
+import ctypes
+from dataclasses import dataclass
+import os
+from pathlib import Path
+import resource
+import time
+
+from bridge_core import clock
+from rugged_teleop.doctor.catalogue import finding
+from rugged_teleop.doctor.findings import Finding
+
+_TIMEX_SIZE = 512  # bytes; more than struct timex has
+_TIME_ERROR = 5  # sys/timex.h: nobody disciplines the clock
+_SLEPT = 1.0  # s
+_LAST_DOMAIN = 101  # beyond, the ports of DDS are within those that the kernel hands out
+_RANGES = ('', 'SUBNET', 'LOCALHOST', 'SYSTEM_DEFAULT')
+_PROFILES = ('FASTRTPS_DEFAULT_PROFILES_FILE', 'FASTDDS_DEFAULT_PROFILES_FILE')
+_WITHOUT_SHARED_MEMORY = ('', 'UDPv4', 'UDPv6')
+
+
+@dataclass(frozen=True)
+class Computer:
+    """
+    What matters of this computer.
+
+    :param slept: seconds in suspend since it was started. :param synchronised: by NTP or the like;
+        None: not known. :param priority: greatest of SCHED_FIFO that is allowed.
+    :param locks: memory may be locked without a limit. :param environment: variables.
+    """
+
+    slept: float = 0.0
+    synchronised: bool | None = True
+    priority: int = 99
+    locks: bool = True
+    environment: Mapping[str, str] | None = None
+
+
+def this_computer() -> Computer:
+    """Return how it is."""
+    root = os.geteuid() == 0
+    priority, _ = resource.getrlimit(resource.RLIMIT_RTPRIO)
+    memory, _ = resource.getrlimit(resource.RLIMIT_MEMLOCK)
+    return Computer(
+        max(0.0, clock.now() - time.clock_gettime(time.CLOCK_MONOTONIC)),
+        _synchronised(),
+        99 if root or priority == resource.RLIM_INFINITY else priority,
+        root or memory == resource.RLIM_INFINITY,
+        dict(os.environ),
+    )
+
+
+def _synchronised() -> bool | None:
+    """Ask the kernel, which every time service tells: adjtimex(2), changing nothing."""
+    try:
+        state = ctypes.CDLL(None).adjtimex(ctypes.create_string_buffer(_TIMEX_SIZE))
+    except (OSError, AttributeError):
+        return None
+    return None if state < 0 else state != _TIME_ERROR
+
+
+def computer_findings(computer: Computer, priority: int) -> Iterator[Finding]:
+    """Yield what is found. :param priority: the greatest that a node asks for."""
+    if computer.slept > _SLEPT:
+        yield finding('slept', seconds=f'{computer.slept:.0f}')
+    if computer.synchronised is False:
+        yield finding('clock adrift')
+    if priority > computer.priority:
+        yield finding('no real time', priority=priority, allowed=computer.priority)
+    if priority and not computer.locks:
+        yield finding('no locked memory', priority=priority)
+    yield from environment_findings(computer.environment or {})
+
+
+def environment_findings(environment: Mapping[str, str]) -> Iterator[Finding]:
+    """Yield what the environment tells ROS and Fast DDS."""
+    domain = environment.get('ROS_DOMAIN_ID') or '0'
+    reach = environment.get('ROS_AUTOMATIC_DISCOVERY_RANGE', '')
+    middleware = environment.get('RMW_IMPLEMENTATION') or 'rmw_fastrtps_cpp'
+    words = {'domain': domain, 'range': reach or 'SUBNET', 'middleware': middleware}
+    if not domain.isdecimal() or int(domain) > _LAST_DOMAIN:
+        yield finding('other domain', **words)
+    if reach not in _RANGES:
+        yield finding('no discovery', **words)
+    if environment.get('ROS_LOCALHOST_ONLY', '0') not in ('', '0'):
+        yield finding('localhost only')
+    if not middleware.startswith('rmw_fastrtps'):
+        yield finding('other middleware', **words)
+    for name in _PROFILES:
+        profile = environment.get(name, '')
+        if profile and not Path(profile).is_file():
+            yield finding('no profile', name=name, profile=profile)
+    transports = environment.get('FASTDDS_BUILTIN_TRANSPORTS', '')
+    if transports not in _WITHOUT_SHARED_MEMORY:
+        yield finding('shared memory', transports=transports)
+    yield finding('environment', **words)

@@ -1,0 +1,204 @@
+"""The doctor on the ROS graph: planted faults, in a graph of its own and among live nodes."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+import threading
+
+from diagnostic_msgs.msg import DiagnosticArray
+from diagnostic_msgs.msg import DiagnosticStatus
+import pytest
+from rclpy.qos import DurabilityPolicy
+from rclpy.qos import QoSProfile
+from rclpy.qos import ReliabilityPolicy
+from sensor_msgs.msg import Joy
+from std_msgs.msg import Bool
+from std_msgs.msg import String
+
+from rugged_teleop.doctor.findings import Finding
+from rugged_teleop.doctor.findings import Level
+from rugged_teleop.doctor.graph import Endpoint
+from rugged_teleop.doctor.graph import Graph
+from rugged_teleop.doctor.graph import graph_findings
+from rugged_teleop.doctor.graph import look
+from rugged_teleop.doctor.graph import Said
+from test.doctor_rig import kinds
+from test.doctor_rig import Visit
+from test.rig import NodeProcess
+from test.rig import Observer
+from test.rig import wait_for
+
+STOP = '/site/estop'
+BOOL = 'std_msgs/msg/Bool'
+RELIABLE = QoSProfile(depth=1)
+LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+BEST_EFFORT = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
+
+
+def heard_by_mux(topic: str = STOP, kind: str = BOOL, qos: QoSProfile = RELIABLE) -> Endpoint:
+    return Endpoint('/safety_mux', topic, kind, False, qos)
+
+
+def published(
+    node: str = '/site', topic: str = STOP, kind: str = BOOL, qos: QoSProfile = RELIABLE
+) -> Endpoint:
+    return Endpoint(node, topic, kind, True, qos)
+
+
+def found_in(*endpoints: Endpoint) -> list[Finding]:
+    live, *found = graph_findings(Graph(endpoints))
+    assert live.kind == 'nodes live'
+    return found
+
+
+def test_good_graph_is_fine() -> None:
+    assert found_in(heard_by_mux(), published()) == []
+    assert found_in(heard_by_mux(qos=LATCHED), published(qos=LATCHED)) == []
+
+
+def test_source_that_nobody_publishes_is_found() -> None:
+    (found,) = found_in(heard_by_mux())
+    assert (found.kind, found.level) == ('nobody publishes', Level.DO)
+    assert STOP in found.text
+    assert '/safety_mux' in found.text
+
+
+@pytest.mark.parametrize(
+    ('node', 'topic'),
+    [
+        ('/safety_mux', '/esi_drive_bridge/enabled'),
+        ('/safety_mux', '/diagnostics'),
+        ('/fort_vsc_bridge', '/fort_vsc_bridge/software_estop'),
+        ('/somebody', '/somewhere'),
+    ],
+)
+def test_what_may_stay_silent_is_no_finding(node: str, topic: str) -> None:
+    live = Endpoint('/esi_drive_bridge', '/esi_drive_bridge/estop', BOOL, True)
+    assert found_in(live, Endpoint(node, topic, BOOL, False)) == []
+
+
+@pytest.mark.parametrize(
+    ('offered', 'wanted', 'policy'),
+    [(BEST_EFFORT, RELIABLE, 'Best effort'), (RELIABLE, LATCHED, 'Volatile')],
+)
+def test_qos_mismatch_is_found(offered: QoSProfile, wanted: QoSProfile, policy: str) -> None:
+    (found,) = found_in(heard_by_mux(qos=wanted), published(qos=offered))
+    assert (found.kind, found.level) == ('qos mismatch', Level.DO)
+    assert '/safety_mux does not hear /site' in found.text
+    assert policy in found.text
+
+
+def test_doubled_publishers_are_found() -> None:
+    (found,) = found_in(heard_by_mux(), published(), published('/other'))
+    assert found.kind == 'doubled publishers'
+    assert '/site and /other' in found.text
+
+
+def test_types_that_differ_are_found() -> None:
+    (found,) = found_in(heard_by_mux(), published(kind='std_msgs/msg/String'))
+    assert found.kind == 'types differ'
+
+
+def test_nodes_that_are_missing_are_found() -> None:
+    assert kinds(graph_findings(Graph(), ['/a/safety_mux'])) == ['no nodes live']
+    graph = Graph([heard_by_mux(), published()])
+    assert kinds(graph_findings(graph, ['/safety_mux'])) == ['nodes live']
+    found = graph_findings(graph, ['/safety_mux', '/a/safety_mux'])
+    assert kinds(found) == ['nodes live', 'node not live']
+
+
+def test_what_nodes_say_is_repeated() -> None:
+    said = [
+        Said('a: link', 2, 'check cable'),
+        Said('b: device', 1, 'charge the remote'),
+        Said('c: link', 0, 'ok'),
+        Said('d: device', 3, 'stale'),
+        Said('safety_mux', 1, 'x; y', ('release the stop', 'call ~/reset')),
+    ]
+    _, *found = graph_findings(Graph([], said))
+    assert [(each.kind, each.text) for each in found] == [
+        ('node says error', 'a: link: check cable'),
+        ('node warns', 'b: device: charge the remote'),
+        ('node says error', 'd: device: stale'),
+        ('inhibit', 'safety_mux: release the stop'),
+        ('inhibit', 'safety_mux: call ~/reset'),
+    ]
+
+
+# Among live nodes
+
+
+@contextmanager
+def talking(observer: Observer) -> Iterator[None]:
+    """Have another node say for ever that a charge is needed."""
+    publisher = observer.node.create_publisher(DiagnosticArray, '/diagnostics', 10)
+    status = DiagnosticStatus(level=DiagnosticStatus.ERROR, name='x: device', message='charge it')
+    ended = threading.Event()
+
+    def talk() -> None:
+        while not ended.wait(0.05):
+            publisher.publish(DiagnosticArray(status=[status]))
+
+    thread = threading.Thread(target=talk)
+    thread.start()
+    try:
+        yield
+    finally:
+        ended.set()
+        thread.join()
+
+
+def test_faults_among_live_nodes_are_found() -> None:
+    parameters = {'estop.drive.topic': STOP}
+    with (
+        Observer('site') as site,
+        NodeProcess('safety_mux.node', parameters) as mux,
+        talking(site),
+    ):
+        node = site.node
+        node.create_publisher(Bool, '/fort_vsc_bridge/estop', BEST_EFFORT)
+        node.create_publisher(String, '/fort_vsc_bridge/own_estop', 10)
+        for _ in range(2):
+            node.create_publisher(Joy, '/fort_vsc_bridge/joy', 10)
+
+        wanted = {
+            *('nodes live', 'node not live', 'qos mismatch', 'types differ'),
+            *('doubled publishers', 'nobody publishes', 'inhibit', 'node says error'),
+        }
+        by_kind: dict[str, Finding] = {}
+
+        def all_found() -> bool:
+            assert mux.process.poll() is None, mux.output
+            found = graph_findings(look(1.0), ['/fort_vsc_bridge'])
+            by_kind.clear()
+            by_kind.update((each.kind, each) for each in found)
+            return wanted <= by_kind.keys()
+
+        wait_for(all_found, 60.0, lambda: f'{wanted - by_kind.keys()}')
+    assert STOP in by_kind['nobody publishes'].text
+    assert (
+        '/fort_vsc_bridge/estop: /safety_mux does not hear /site' in by_kind['qos mismatch'].text
+    )
+    assert '/fort_vsc_bridge/joy' in by_kind['doubled publishers'].text
+
+
+@pytest.mark.parametrize(
+    ('name', 'value'), [('RMW_IMPLEMENTATION', 'rmw_nothing'), ('ROS_DOMAIN_ID', '999')]
+)
+def test_middleware_that_ends_its_process_is_one_finding(
+    name: str, value: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setenv(name, value)
+    found = Visit(capsys, '--seconds', '0.2')
+    assert '\n' not in found.of('no ROS')['text']
+    assert value in found.of('environment')['text']
+
+
+def test_without_ros_one_line_says_so(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / 'rclpy.py').write_text("raise ImportError('no rclpy here')")
+    monkeypatch.syspath_prepend(tmp_path)
+    assert 'no rclpy here' in Visit(capsys, '--seconds', '0.2').of('no ROS')['text']
