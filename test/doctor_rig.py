@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from collections.abc import Iterable
 import json
 from pathlib import Path
@@ -13,6 +14,7 @@ from rugged_teleop.doctor.configuration import Configured
 from rugged_teleop.doctor.configuration import configured
 from rugged_teleop.doctor.findings import Finding
 from rugged_teleop.doctor.main import main
+from test.rig import wait_for
 
 
 def kinds(findings: Iterable[Finding]) -> list[str]:
@@ -49,4 +51,20 @@ def parameter_file(folder: Path, **nodes: dict[str, Any]) -> Path:
 def node(folder: Path, name: str, **values: Any) -> Configured:
     """Return a node with these parameters, which have to be good."""
     (found,), _ = configured([parameter_file(folder, **{name: values})])
+    return found
+
+
+def found_by(look: Callable[[], Iterable[Finding]], kind: str, text: str = '') -> list[Finding]:
+    """
+    Look until there is a finding of this kind with this text, and return all of that time.
+
+    A device, or this process, that was held up is heard in part.
+    """
+    found: list[Finding] = []
+
+    def is_found() -> bool:
+        found[:] = look()
+        return any(each.kind == kind and text in each.text for each in found)
+
+    wait_for(is_found, 30.0, lambda: f'{kind} {text}: {found}')
     return found

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from collections.abc import Iterator
+from collections.abc import Sequence
 from contextlib import contextmanager
 import fcntl
 from pathlib import Path
@@ -16,6 +17,7 @@ import pytest
 
 from bridge_core.checksums import fletcher16
 from esi_drive_bridge.simulator import Simulator as Drive
+from fort_vsc_bridge.simulator import HidSimulator as HidVsc
 from fort_vsc_bridge.simulator import Simulator as Vsc
 from rugged_teleop.doctor.configuration import configured
 from rugged_teleop.doctor.findings import Finding
@@ -32,6 +34,7 @@ from rugged_teleop.ports import Device
 from rugged_teleop.ptys import PtyDevice
 from ssc_bridge.simulator import Simulator as Ssc
 from test.captures import STREAMS
+from test.doctor_rig import found_by
 from test.doctor_rig import kinds
 from test.doctor_rig import node
 from test.doctor_rig import parameter_file
@@ -44,21 +47,22 @@ SECONDS = 0.6
 FORT = b''.join(STREAMS['fort_serial'])
 
 
-def heard(folder: Path, name: str, device: Device, *commands: str, **values: Any) -> list[Finding]:
-    """Return what is found on the port of a simulated device; again, where it was held up."""
+def heard(
+    folder: Path,
+    device: Device,
+    name: str,
+    kind: str,
+    text: str = '',
+    commands: Sequence[str] = (),
+    **values: Any,
+) -> list[Finding]:
+    """Return what is found on the port of a simulated device, once this is among it."""
     path = folder / 'port'
     with PtyDevice(device, path) as port:
         for command in commands:
             port.apply(command)
         configuration = node(folder, name, port=str(path), **values)
-        found = wait_for(
-            lambda: [
-                each
-                for each in line_findings([hear(configuration, SECONDS)])
-                if not each.kind.startswith('silent')
-            ],
-            30.0,
-        )
+        found = found_by(lambda: line_findings([hear(configuration, SECONDS)]), kind, text)
         assert port.received() == []
         return found
 
@@ -112,25 +116,31 @@ def at(baud: int, data: bytes) -> Callable[[int], bytes]:
 def test_device_is_heard_and_nothing_is_sent(
     name: str, device: Callable[[], Device], kind: str, tmp_path: Path
 ) -> None:
-    assert set(kinds(heard(tmp_path, name, device()))) == {kind}
+    assert set(kinds(heard(tmp_path, device(), name, kind))) == {kind}
+
+
+def test_remote_on_hid_is_heard(tmp_path: Path) -> None:
+    heard(tmp_path, HidVsc(), 'fort_vsc_bridge', 'device well', transport='hid')
 
 
 def test_pressed_e_stop_is_found(tmp_path: Path) -> None:
-    found = heard(tmp_path, 'fort_vsc_bridge', Vsc(), 'estop vsc on')
-    assert (found[0].kind, found[0].level) == ('device stops', Level.DO)
-    assert 'release the stop at VSC' in found[0].text
+    text = 'release the stop at VSC'
+    found = heard(
+        tmp_path, Vsc(), 'fort_vsc_bridge', 'device stops', text, commands=['estop vsc on']
+    )
+    assert found[0].level is Level.DO
 
 
 def test_dead_remote_is_found(tmp_path: Path) -> None:
-    found = heard(tmp_path, 'fort_vsc_bridge', Vsc(), 'radio off')
+    text = 'switch the remote on'
+    found = heard(tmp_path, Vsc(), 'fort_vsc_bridge', 'device stops', text, commands=['radio off'])
     assert found[0].level is Level.DO
-    assert any('switch the remote on' in each.text for each in found)
 
 
 def test_drive_in_another_layout_is_found(tmp_path: Path) -> None:
     drive = Drive(axes=1, compact=True)
-    found = heard(tmp_path, 'esi_drive_bridge', drive, joint_names=['a'])
-    assert kinds(found) == ['other layout']
+    found = heard(tmp_path, drive, 'esi_drive_bridge', 'other layout', joint_names=['a'])
+    assert len(found) == 1
 
 
 def test_silent_device_is_found(tmp_path: Path) -> None:
@@ -152,14 +162,10 @@ def test_silent_device_is_found(tmp_path: Path) -> None:
 def test_wrong_baud_is_found_with_the_right_one(tmp_path: Path) -> None:
     with line(tmp_path / 'port', at(57600, FORT)):
         vsc = node(tmp_path, 'fort_vsc_bridge', port=str(tmp_path / 'port'))
-        (found,) = wait_for(lambda: _kind(line_findings([hear(vsc, 0.3)]), 'wrong baud'), 30.0)
+        (found,) = found_by(lambda: line_findings([hear(vsc, 0.3)]), 'wrong baud')
         assert found.level is Level.DO
         assert found.remedy == 'set baud to 57600'
-        assert wait_for(lambda: '57600' in unknown_port(str(tmp_path / 'port')).text, 30.0)
-
-
-def _kind(findings: list[Finding], kind: str) -> list[Finding]:
-    return [each for each in findings if each.kind == kind]
+        found_by(lambda: [unknown_port(str(tmp_path / 'port'))], 'speaks', 'fort_serial at 57600')
 
 
 def test_swapped_ports_are_found_once(tmp_path: Path) -> None:
@@ -169,18 +175,16 @@ def test_swapped_ports_are_found_once(tmp_path: Path) -> None:
             tmp_path, fort_vsc_bridge={'port': paths[0]}, ssc_bridge={'port': paths[1]}
         )
         nodes, _ = configured([file])
-        (found,) = wait_for(
-            lambda: _kind(line_findings([hear(each, SECONDS) for each in nodes]), 'ports swapped'),
-            30.0,
+        (found,) = found_by(
+            lambda: line_findings([hear(each, SECONDS) for each in nodes]), 'ports swapped'
         )
     assert found.level is Level.DO
     assert all(each in found.text for each in (*paths, '/fort_vsc_bridge', '/ssc_bridge'))
 
 
 def test_device_of_another_node_is_found(tmp_path: Path) -> None:
-    found = heard(tmp_path, 'fort_vsc_bridge', Ssc())
-    assert kinds(found) == ['other device']
-    assert 'ssc_bridge' in found[0].text
+    found = heard(tmp_path, Ssc(), 'fort_vsc_bridge', 'other device', 'for ssc_bridge')
+    assert len(found) == 1
 
 
 def test_echo_of_commands_is_no_device(tmp_path: Path) -> None:
@@ -201,9 +205,7 @@ def counted(offset: int) -> bytes:
 def test_wrong_byte_count_of_an_ssc_is_found(tmp_path: Path) -> None:
     with line(tmp_path / 'port', at(115200, counted(2))):
         ssc = node(tmp_path, 'ssc_bridge', port=str(tmp_path / 'port'))
-        (found,) = wait_for(
-            lambda: _kind(line_findings([hear(ssc, 0.2)]), 'other byte count'), 30.0
-        )
+        (found,) = found_by(lambda: line_findings([hear(ssc, 0.2)]), 'other byte count')
     assert found.level is Level.DO
     assert 'payload +2' in found.text
 
@@ -236,6 +238,23 @@ def test_locked_port_is_left_alone(tmp_path: Path) -> None:
             first.close()
         assert listen(None, SerialEar(str(path), 123), 0.1).error.endswith('cannot be tried')
         assert 'No such file' in listen(None, SerialEar(f'{path}x', 9600), 0.1).error
+
+
+def test_nothing_is_echoed_to_the_device(tmp_path: Path) -> None:
+    pty = Pty(tmp_path / 'port')
+    try:
+        settings = termios.tcgetattr(pty._slave)
+        settings[3] |= termios.ECHO | termios.ICANON
+        termios.tcsetattr(pty._slave, termios.TCSANOW, settings)  # as the kernel makes them
+        ear = SerialEar(str(pty.path), 115200)
+        ear.open()
+        pty.write(FORT)
+        wait_for(ear.receive)
+        ear.close()
+        pty.write(FORT)  # others may still come
+        assert pty.read() == b''
+    finally:
+        pty.unplug()
 
 
 # The whole command
