@@ -1,6 +1,7 @@
 # Each target does its own set-up in .venv. Needs python3 (3.10 to 3.13) and make; on Debian and Ubuntu also
 # the package python3-venv. A sourced ROS 2 Jazzy is used as it is; without one, ROS 2 comes as wheels. Tests on
-# a real CAN interface need user-mode-linux and iproute2 besides; where they are missing, make test says so.
+# a real CAN interface need user-mode-linux and iproute2 besides, those in a browser chromium; where they are
+# missing, make test says so.
 #
 #   make demo              simulators, stack and a live view; ARGS=--once plays the scripted scene
 #   make test              ARGS='-k fort -x' and the like go to pytest; WORKERS=0 for one test at a time

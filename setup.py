@@ -30,7 +30,8 @@ setup(
     # ROS is not listed: where it is installed it is used as it is, elsewhere see requirements.txt.
     install_requires=['setuptools', 'pyserial>=3.5', 'python-can>=4.3', 'PyYAML'],
     packages=find_packages(exclude=('demo*', 'test*', 'benchmarks*')),
-    package_data={'': ['py.typed']},
+    extras_require={'page': ['aiohttp>=3.8']},
+    package_data={'': ['py.typed'], 'status_page': ['static/*']},
     zip_safe=False,
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{PACKAGE}']),
@@ -48,6 +49,7 @@ setup(
             'simulate = rugged_teleop.simulate:main',
             'ssc_bridge = ssc_bridge.node:main',
             'ssc_config = ssc_bridge.config.main:main',
+            'status_page = status_page.node:main',
             'vm110_bridge = vm110_bridge.node:main',
         ],
     },

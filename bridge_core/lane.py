@@ -267,14 +267,16 @@ def _wait_set(context: Any, subscriptions: int) -> Any:
         return _rclpy.WaitSet(subscriptions, 1, 0, 0, 0, 0, context.handle)
 
 
-class _NotForExecutors(CallbackGroup):
+class NotForExecutors(CallbackGroup):
     """Keeps subscriptions of a node away from the executor that spins it."""
 
     def can_execute(self, entity: Any) -> bool:
+        """Never."""
         del entity
         return False
 
     def beginning_execution(self, entity: Any) -> bool:
+        """Never."""
         del entity
         return False
 
@@ -293,7 +295,7 @@ class _WaitSetWaiter:
     def __init__(self, node: Node, guarded: Callable[..., Any]) -> None:
         self._node = node
         self._guarded = guarded
-        self._group = _NotForExecutors()
+        self._group = NotForExecutors()
         self._guard = GuardCondition(None, None, context=node.context)
         self._topics: tuple[_Topic, ...] = ()  # as given for the set
         self._held: list[tuple[_Topic, Any]] = []  # with their handles

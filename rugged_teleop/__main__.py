@@ -13,6 +13,7 @@ import sys
 COMMANDS = {
     'decode': ('what a capture says: bytes, hex, candump, python-can, pcap', 'decode.main'),
     'doctor': ('why it does not work: ports, devices, parameters, ROS', 'doctor.main'),
+    'page': ('the status page: may it move, who has control, what to do', 'page'),
     'simulate': ("the devices' side of the wire, for trying without hardware", 'simulate'),
 }
 

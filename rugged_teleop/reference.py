@@ -77,6 +77,7 @@ NODES = (
     Node('fort_vsc_bridge', 'docs/devices/fort_vsc.md'),
     Node('safety_mux', 'docs/safety_mux.md', common=MANAGED_PARAMETERS),
     Node('ssc_bridge', 'docs/devices/ssc.md', common=ACTUATOR_PARAMETERS),
+    Node('status_page', 'docs/status_page.md', common=MANAGED_PARAMETERS),
     Node('vm110_bridge', 'docs/devices/vm110.md'),
 )
 

@@ -29,6 +29,9 @@ NODES = {
     'safety_mux': ('safety_mux.node', 'SafetyMux'),
 }
 
+# What never shares a process with those, but may have a section in their file.
+BESIDE = {'status_page': ('status_page.node', 'StatusPage')}
+
 _USAGE = """\
 usage: rugged_teleop_stack [--help] [NODE]... [--ros-args [--params-file FILE]]
 
@@ -94,7 +97,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
             print(_USAGE.format(nodes=', '.join(NODES)))
             sys.exit(0)
         names = words or configured_nodes(argv)
-        check_names(NODES, files_of(argv))
+        check_names({**NODES, **BESIDE}, files_of(argv))
         if not names:
             raise ValueError('name the nodes to run, or give a --params-file with their sections')
         factories = [node_factory(name) for name in dict.fromkeys(names)]

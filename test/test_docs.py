@@ -81,7 +81,7 @@ def literal_names(node: ast.expr) -> Iterator[str]:
 
 
 def node_class_of(node: reference.Node) -> Any:
-    module, name = stack.NODES[node.name]
+    module, name = {**stack.NODES, **stack.BESIDE}[node.name]
     return getattr(importlib.import_module(module), name)
 
 

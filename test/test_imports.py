@@ -59,6 +59,8 @@ BRIDGE = {
     'configuration': ('{bridge}', 'bridge_core.parameters'),
     # What the mux's decisions become.
     'outputs': ('{bridge}.protocol', 'MESSAGES'),
+    # What browsers are served by.
+    'server': ('{bridge}', 'aiohttp', 'STDLIB'),
     # What runs without the node, where there may be no ROS.
     'wire': (
         *('{bridge}.session', '{bridge}.protocol', '{bridge}.parameters'),
@@ -84,6 +86,7 @@ SHARED = {
     ),
     'clock': ('STDLIB',),
     'lane': ('bridge_core.clock', 'rclpy', 'STDLIB'),
+    'polled': ('bridge_core.lane', 'rclpy'),
     'realtime': ('STDLIB',),
     'convert': ('MESSAGES',),
     'diagnostics': ('bridge_core.report', 'MESSAGES'),

@@ -31,6 +31,7 @@ from rugged_teleop.multicasts import LOOPBACK
 from safety_mux.node import SafetyMux
 from safety_mux.parameters import parameter_table
 from ssc_bridge.node import SscBridge
+from status_page.node import StatusPage
 from test.multicast_rig import free_port
 from test.rig import as_yaml
 from test.rig import wait_for
@@ -120,6 +121,7 @@ NODES: dict[str, tuple[Any, Callable[[], Untouched]]] = {
     'ssc': (SscBridge, UntouchedSerial),
     'esi': (EsiDriveBridge, UntouchedSerial),
     'mux': (SafetyMux, NoPort),
+    'page': (StatusPage, NoPort),
 }
 PARAMETERS: dict[str, dict[str, Parameter]] = {
     name: {parameter.name: parameter for parameter in node.PARAMETERS}
@@ -562,7 +564,7 @@ def test_broken_parameter_file_ends_with_status_2_and_its_name(tmp_path: Path, t
     assert 'broken.yaml' in last
 
 
-@pytest.mark.parametrize('node', [node for node in NODES if node != 'mux'])
+@pytest.mark.parametrize('node', [node for node in NODES if node not in ('mux', 'page')])
 def test_good_parameters_open_the_port(node: str) -> None:
     """So that a port which stays closed tells something."""
     port = NODES[node][1]()

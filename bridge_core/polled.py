@@ -1,0 +1,49 @@
+"""Topics that are looked at now and then: for who shows what is, and would wake up in vain."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from contextlib import suppress
+from typing import Any
+
+from rclpy.event_handler import SubscriptionEventCallbacks
+from rclpy.exceptions import InvalidHandle
+from rclpy.node import Node
+from rclpy.qos import QoSProfile
+
+from bridge_core.lane import NotForExecutors
+
+
+class Polled:
+    """
+    Subscriptions that neither an executor nor a lane waits for. What is deeper than the queue of
+    the subscription, by its QoS, is lost until the next look. For one thread.
+
+    :param node: whose subscriptions they are.
+    """
+
+    def __init__(self, node: Node) -> None:
+        self._node = node
+        self._group = NotForExecutors()
+        self._topics: list[tuple[Any, Any, Callable[[Any], None]]] = []
+
+    def subscribe(
+        self, kind: Any, topic: str, callback: Callable[[Any], None], qos: QoSProfile
+    ) -> None:
+        """Have each message of the topic come to ``callback``, with the next look."""
+        subscription = self._node.create_subscription(
+            kind,
+            topic,
+            callback,
+            qos,
+            callback_group=self._group,
+            event_callbacks=SubscriptionEventCallbacks(use_default_callbacks=False),
+        )
+        self._topics.append((subscription.handle, kind, callback))
+
+    def look(self) -> None:
+        """Take all that has come, topic after topic."""
+        for handle, kind, callback in self._topics:
+            with suppress(InvalidHandle), handle:  # the node is being destroyed
+                while (taken := handle.take_message(kind, False)) is not None:
+                    callback(taken[0])

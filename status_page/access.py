@@ -1,0 +1,60 @@
+"""Who may see the page, and who may use it; no cookie is ever made or read."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+import hmac
+import ipaddress
+from urllib.parse import urlsplit
+
+
+class Access:
+    """
+    Judges the headers and the token of a request.
+
+    :param host: IP address that the page is served at; beyond loopback, seeing needs the token.
+    :param names: by which it is reached, besides localhost and IP addresses.
+    :param token: what a user has to show.
+    :param control: whether anybody may control anything.
+    """
+
+    def __init__(self, host: str, names: Iterable[str], token: str, *, control: bool) -> None:
+        self._names = {'localhost', *(name.lower() for name in names if name)}
+        self._token = token.encode()
+        self._is_open = ipaddress.ip_address(host).is_loopback
+        self.control = control
+
+    @property
+    def needs_token(self) -> bool:
+        """Whether there is something that only the token opens."""
+        return self.control or not self._is_open
+
+    def knows(self, host: str) -> bool:
+        """
+        Tell whether a Host header is an address or a known name.
+
+        A foreign site that has its own name resolve to this machine comes with that name.
+        """
+        try:
+            name = urlsplit(f'//{host}').hostname or ''
+            return name in self._names or bool(ipaddress.ip_address(name))
+        except ValueError:
+            return False
+
+    def same_origin(self, origin: str | None, host: str) -> bool:
+        """Tell whether a request comes from the page itself. Browsers always send the origin."""
+        if origin is None:
+            return False
+        parts = urlsplit(origin)
+        return parts.scheme in ('http', 'https') and parts.netloc.lower() == host.lower()
+
+    def may_see(self, token: str) -> bool:
+        """Tell whether who shows this token may see the machine's state and its recordings."""
+        return self._is_open or self._is_token(token)
+
+    def may_control(self, token: str) -> bool:
+        """Tell whether who shows this token may reset, trip and select autonomy."""
+        return self.control and self._is_token(token)
+
+    def _is_token(self, token: str) -> bool:
+        return hmac.compare_digest(self._token, token.encode(errors='replace'))

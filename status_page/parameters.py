@@ -1,0 +1,55 @@
+"""The page's parameters."""
+
+import ipaddress
+from pathlib import Path
+
+from bridge_core.parameters import Parameter
+
+
+def _check_address(host: str) -> None:
+    try:
+        ipaddress.ip_address(host)
+    except ValueError:
+        raise ValueError('allowed is an IP address of this machine, or 0.0.0.0 for all') from None
+
+
+def _check_folder(path: str) -> None:
+    if path and not Path(path).is_dir():
+        raise ValueError('allowed is a folder that exists')
+
+
+PARAMETERS = (
+    Parameter(
+        'host',
+        '127.0.0.1',
+        'IP address that it is served at. By default this machine alone sees the page; any other '
+        'address needs the token that is printed at the start. 0.0.0.0: all IPv4 addresses.',
+        check=_check_address,
+    ),
+    Parameter(
+        'port',
+        8080,
+        'TCP port that it is served at. 0: any that is free.',
+        minimum=0,
+        maximum=65535,
+    ),
+    Parameter(
+        'names',
+        [''],
+        'Names by which browsers reach it, besides localhost and IP addresses. Others are '
+        'refused, so that no foreign web site gets at it by a name of its own.',
+    ),
+    Parameter(
+        'allow_control',
+        False,
+        'Offer reset, trip and autonomy on the page, to whoever has the token. False: it shows, '
+        'and changes nothing.',
+        fixed=True,
+    ),
+    Parameter(
+        'recordings',
+        '',
+        'Folder whose files with the ending .mcap are offered for download. Empty: none.',
+        check=_check_folder,
+    ),
+)
