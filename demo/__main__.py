@@ -41,6 +41,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
             if options.once:
                 held = Scene(stage, options.patience).play(partial(print, flush=True))
                 sys.exit(0 if held else 1)
+            stage.show_page()
             live(stage)
     except DemoError as error:
         print(f'demo: {error}', file=sys.stderr)

@@ -7,7 +7,9 @@ Nothing of it meets a robot: all traffic stays on this machine, in a ROS domain 
 from __future__ import annotations
 
 from collections.abc import Callable
+import contextlib
 from pathlib import Path
+import socket
 from typing import Any
 
 from rclpy.qos import QoSProfile
@@ -41,6 +43,8 @@ CHAINS = {
     f'{UNIT}:~/hold_output': f'{MUX}/stop_demand/vm110',
 }
 STACK = 'stack'
+PAGE = 'page'
+_PAGE_PORTS = range(8080, 8180)
 CONFIG = ROOT / 'config' / 'demo.yaml'
 SHUT_US = 1000  # the throttle's failsafe; see CONFIG
 SERVO = 'throttle'  # as config/demo.yaml names it
@@ -114,6 +118,8 @@ class DemoStage(Stage):
     :raises OSError: a port cannot be made.
     """
 
+    page_address = ''  # where the status page is shown, if it is
+
     def __init__(self, folder: Path, observer: Observer, *arguments: str) -> None:
         super().__init__(folder, observer, ESTOPS.values())
         self.unit = self.add(MulticastDevice(UnitSimulator(), free_port()))
@@ -131,6 +137,12 @@ class DemoStage(Stage):
         everything = ('--params-file', str(CONFIG), *channel, *chains, *arguments)
         self.start(STACK, 'rugged_teleop.stack', parameters, everything)
 
+    def show_page(self) -> None:
+        """Serve the status page, at 8080 or the next port that is free."""
+        port = next(filter(_is_free, _PAGE_PORTS))
+        self.start(PAGE, 'status_page.node', {'port': port}, ())
+        self.page_address = f'http://127.0.0.1:{port}'
+
     @property
     def axes(self) -> tuple[float, ...]:
         """The axes of FORT's newest Joy; empty before the first."""
@@ -145,6 +157,14 @@ class DemoStage(Stage):
         status = self.nodes[STACK].process.poll()
         if status is not None:
             raise DemoError(f'the stack has ended with status {status}:\n{self.output()}')
+
+
+def _is_free(port: int) -> bool:
+    with socket.socket() as trial, contextlib.suppress(OSError):
+        trial.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        trial.bind(('127.0.0.1', port))
+        return True
+    return False
 
 
 def _ssc_simulator() -> SscSimulator:

@@ -131,7 +131,7 @@ def picture(stage: DemoStage, note: str, width: int = 100, height: int = 50) -> 
     estops = (f'{name} {_ESTOP[stage.estop(node, _RECENT)]}' for name, node in ESTOPS.items())
     inhibits = [text for key, text in status.items() if key.startswith('inhibit')]
     lines = [
-        'rugged_teleop demo: simulated devices, real nodes',
+        f'rugged_teleop demo: simulated devices, real nodes   {stage.page_address}'.rstrip(),
         '',
         f'FORT     {"plugged in" if vsc["plugged"] else "UNPLUGGED"}, mode {vsc["mode"]}, '
         f'e-stop by {pressed}, Master Enable {_CHAIN[vsc["master_enable"]]}',

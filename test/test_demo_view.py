@@ -237,6 +237,13 @@ def test_picture_shows_stops_wire_and_motors() -> None:
         assert words in text
 
 
+def test_address_of_the_page_is_in_the_first_line() -> None:
+    stage = Shown()
+    assert picture(stage, '')[0].endswith('real nodes')
+    stage.page_address = 'http://127.0.0.1:8081'
+    assert picture(stage, '', width=79)[0].endswith(' http://127.0.0.1:8081')
+
+
 def test_low_terminal_loses_blank_lines_before_any_words() -> None:
     roomy = picture(Shown(), '', height=40)
     assert '' in roomy
