@@ -28,9 +28,13 @@ setup(
     license='Apache-2.0',
     python_requires='>=3.10',
     # ROS is not listed: where it is installed it is used as it is, elsewhere see requirements.txt.
+    # What one node or command alone needs.
+    extras_require={
+        'page': ['aiohttp>=3.8'],
+        'record': ['mcap>=1.1', 'mcap-ros2-support>=0.5'],
+    },
     install_requires=['setuptools', 'pyserial>=3.5', 'python-can>=4.3', 'PyYAML'],
     packages=find_packages(exclude=('demo*', 'test*', 'benchmarks*')),
-    extras_require={'page': ['aiohttp>=3.8']},
     package_data={'': ['py.typed'], 'status_page': ['static/*']},
     zip_safe=False,
     data_files=[
@@ -43,6 +47,7 @@ setup(
             'akron_can_bridge = akron_can_bridge.node:main',
             'esi_drive_bridge = esi_drive_bridge.node:main',
             'fort_vsc_bridge = fort_vsc_bridge.node:main',
+            'recorder = rugged_teleop.recorder.node:main',
             'rugged_teleop = rugged_teleop.__main__:main',
             'rugged_teleop_stack = rugged_teleop.stack:main',
             'safety_mux = safety_mux.node:main',

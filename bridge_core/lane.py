@@ -9,12 +9,14 @@ callback that hangs makes this node silent, which others take for a stop, and no
 
 from collections import deque
 from collections.abc import Callable
+from collections.abc import Mapping
 from concurrent.futures import Future
 from concurrent.futures import wait
 from contextlib import suppress
 from dataclasses import dataclass
 import math
 import threading
+import time
 import traceback
 from typing import Any
 from typing import Protocol
@@ -40,6 +42,7 @@ _REPORT_PERIOD = 1.0  # s
 class _Topic:
     kind: Any
     callback: Callable[[Any, dict[str, Any]], object]
+    raw: bool = False
     subscription: Any = None
     wanted: bool = True
 
@@ -96,6 +99,8 @@ class Lane:
         topic: str,
         callback: Callable[[Any, dict[str, Any]], object],
         qos: QoSProfile | int,
+        *,
+        raw: bool = False,
     ) -> Any:
         """
         Subscribe; return the subscription.
@@ -103,8 +108,9 @@ class Lane:
         Of topics that have something, the one subscribed first is read first, all that it has.
 
         :param callback: gets the message and rclpy's dictionary of message information.
+        :param raw: the message is bytes, as it came.
         """
-        entry = _Topic(kind, callback)
+        entry = _Topic(kind, callback, raw)
         self._waiter.subscribe(entry, topic, qos)
         with self._lock:
             self._topics = (*self._topics, entry)
@@ -230,6 +236,12 @@ class Lane:
             return None
 
 
+def waited(info: Mapping[str, Any]) -> float:
+    """Return the seconds since the middleware took a message in; 0 if it does not tell."""
+    received: int = info['received_timestamp']
+    return max(0.0, (time.time_ns() - received) * 1e-9) if received else 0.0
+
+
 def _settle(future: 'Future[Any]', function: Callable[..., Any], args: tuple[Any, ...]) -> None:
     if future.set_running_or_notify_cancel():
         try:
@@ -335,7 +347,7 @@ class _WaitSetWaiter:
         for _ in range(_BATCH):
             if not topic.wanted:
                 return
-            taken = self._guarded(handle.take_message, topic.kind, False)
+            taken = self._guarded(handle.take_message, topic.kind, topic.raw)
             if taken is None:
                 return
             self._guarded(topic.callback, *taken)
@@ -395,6 +407,7 @@ class _ExecutorWaiter:
             self._owner.resolve_topic_name(name),
             on_message,
             qos,
+            raw=topic.raw,
             event_callbacks=SubscriptionEventCallbacks(use_default_callbacks=False),
         )
 

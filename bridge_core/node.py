@@ -14,7 +14,6 @@ from contextlib import ExitStack
 import math
 import os
 import threading
-import time
 from typing import Any
 from typing import ClassVar
 from typing import Generic
@@ -28,6 +27,7 @@ from std_srvs.srv import Trigger
 
 from bridge_core import clock
 from bridge_core.diagnostics import to_msg
+from bridge_core.lane import waited
 from bridge_core.managed_node import latched_qos
 from bridge_core.managed_node import ManagedNode
 from bridge_core.parameters import BRIDGE_PARAMETERS
@@ -136,7 +136,7 @@ class BridgeNode(ManagedNode, Generic[EventT]):
             now = clock.now()
             watch.heard(info['publication_sequence_number'], now)
             if watch.settled(now) or is_stop(message):
-                self._input.received_at = now - _waited(info)
+                self._input.received_at = now - waited(info)
                 try:
                     callback(message)
                 finally:
@@ -512,12 +512,6 @@ class BridgeNode(ManagedNode, Generic[EventT]):
         """End the threads before what they publish on goes away."""
         self.link.stop()
         super().destroy_node()
-
-
-def _waited(info: Mapping[str, Any]) -> float:
-    """Return the seconds since the middleware took a message in; 0 if it does not tell."""
-    received: int = info['received_timestamp']
-    return max(0.0, (time.time_ns() - received) * 1e-9) if received else 0.0
 
 
 def _doubled(topic: str) -> str:

@@ -14,6 +14,7 @@ COMMANDS = {
     'decode': ('what a capture says: bytes, hex, candump, python-can, pcap', 'decode.main'),
     'doctor': ('why it does not work: ports, devices, parameters, ROS', 'doctor.main'),
     'page': ('the status page: may it move, who has control, what to do', 'page'),
+    'record': ('keep the last minute, and write it at every stop', 'recorder.main'),
     'simulate': ("the devices' side of the wire, for trying without hardware", 'simulate'),
 }
 

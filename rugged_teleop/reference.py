@@ -39,15 +39,21 @@ Table = tuple[Parameter, ...]
 
 @dataclass(frozen=True)
 class Node:
-    """A node and its page. :param common: the parameters that it shares with others."""
+    """
+    A node and its page.
+
+    :param common: the parameters that it shares with others. :param package: where its own are;
+        empty: one of its name.
+    """
 
     name: str
     page: str
     common: Table = BRIDGE_PARAMETERS
+    package: str = ''
 
     def table(self, given: Mapping[str, Value]) -> Table:
         """Return the parameters of its own when these values are given."""
-        module = importlib.import_module(f'{self.name}.parameters')
+        module = importlib.import_module(f'{self.package or self.name}.parameters')
         make = getattr(module, 'parameter_table', lambda _: module.PARAMETERS)
         table: Table = make(given)
         return table
@@ -75,6 +81,12 @@ NODES = (
     Node('akron_can_bridge', 'docs/devices/akron.md', common=ACTUATOR_PARAMETERS),
     Node('esi_drive_bridge', 'docs/devices/esi_drive.md', common=ACTUATOR_PARAMETERS),
     Node('fort_vsc_bridge', 'docs/devices/fort_vsc.md'),
+    Node(
+        'recorder',
+        'docs/record.md',
+        common=MANAGED_PARAMETERS,
+        package='rugged_teleop.recorder',
+    ),
     Node('safety_mux', 'docs/safety_mux.md', common=MANAGED_PARAMETERS),
     Node('ssc_bridge', 'docs/devices/ssc.md', common=ACTUATOR_PARAMETERS),
     Node('status_page', 'docs/status_page.md', common=MANAGED_PARAMETERS),

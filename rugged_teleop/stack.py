@@ -30,7 +30,10 @@ NODES = {
 }
 
 # What never shares a process with those, but may have a section in their file.
-BESIDE = {'status_page': ('status_page.node', 'StatusPage')}
+BESIDE = {
+    'recorder': ('rugged_teleop.recorder.node', 'Recorder'),
+    'status_page': ('status_page.node', 'StatusPage'),
+}
 
 _USAGE = """\
 usage: rugged_teleop_stack [--help] [NODE]... [--ros-args [--params-file FILE]]

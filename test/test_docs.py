@@ -15,7 +15,8 @@ import pytest
 
 from bridge_core.parameters import MANAGED_PARAMETERS
 from rugged_teleop import reference
-from rugged_teleop import stack
+from rugged_teleop.stack import BESIDE
+from rugged_teleop.stack import NODES
 
 ROOT = reference.ROOT
 COMMON_PAGE = 'docs/common.md'
@@ -81,12 +82,13 @@ def literal_names(node: ast.expr) -> Iterator[str]:
 
 
 def node_class_of(node: reference.Node) -> Any:
-    module, name = {**stack.NODES, **stack.BESIDE}[node.name]
+    module, name = {**NODES, **BESIDE}[node.name]
     return getattr(importlib.import_module(module), name)
 
 
 def node_interfaces(node: reference.Node) -> dict[str, set[str]]:
-    found = interfaces((ROOT / node.name / 'node.py').read_text(encoding='utf-8'))
+    folder = (node.package or node.name).replace('.', '/')
+    found = interfaces((ROOT / folder / 'node.py').read_text(encoding='utf-8'))
     found['service'] |= {f'~/{name}' for name in getattr(node_class_of(node), 'SERVICES', ())}
     return found
 

@@ -22,6 +22,8 @@ LAUNCH_FILES = sorted((ROOT / 'launch').glob('*.launch.xml'))
 SHARE = f'$(find-pkg-share {PACKAGE})/'
 # Where the name in an import is not the rosdep key.
 ROSDEP_KEYS = {'can': 'python3-can', 'serial': 'python3-serial', 'yaml': 'python3-yaml'}
+# Where it is not the name on PyPI.
+DISTRIBUTIONS = {'mcap_ros2': 'mcap-ros2-support'}
 # What rclpy and the message packages bring with them.
 INDIRECT = {'builtin_interfaces'}
 
@@ -96,8 +98,9 @@ def test_every_import_has_its_dependency() -> None:
     dependencies = {tag.text for tag in manifest() if tag.tag in ('depend', 'exec_depend')}
     own = {path.parent.name for path in ROOT.glob('*/__init__.py')}
     extras = ast.literal_eval(setup_arguments()['extras_require'])
-    optional = {re.split('[>=]', each)[0] for extra in extras.values() for each in extra}
-    foreign = set(production_imports()) - own - set(sys.stdlib_module_names) - INDIRECT - optional
+    optional = {re.split('[<>=]', each)[0] for extra in extras.values() for each in extra}
+    foreign = set(production_imports()) - own - set(sys.stdlib_module_names) - INDIRECT
+    foreign = {name for name in foreign if DISTRIBUTIONS.get(name, name) not in optional}
     assert {ROSDEP_KEYS.get(name, name) for name in foreign} <= dependencies
 
 
@@ -179,9 +182,9 @@ def test_launch_file_passes_its_parameter_file_on(path: Path) -> None:
         (passed,) = (a.get('value', '') for a in include if a.get('name') == 'params_file')
         (name,) = re.findall(r'\$\(var (\w+)\)', passed)
         (default,) = (a.get('default') for a in root.findall('arg') if a.get('name') == name)
-        beside = include.get('file', '').endswith('/status_page.launch.xml')
-        own = f'{SHARE}config/status_page.yaml'  # it need not have a section in their file
-        assert default == (own if beside else '$(var params_file)')
+        beside = name.removesuffix('_params_file')
+        own = f'{SHARE}config/{beside}.yaml' if beside in BESIDE else '$(var params_file)'
+        assert default == own
 
 
 def test_file_of_the_spine_has_a_section_for_each_of_its_nodes() -> None:

@@ -1,0 +1,296 @@
+"""
+The recorder as a node: it keeps the last minute of what the package's nodes say and hear.
+
+It is a process of its own and only listens. The lane's thread receives, the executor's looks for
+nodes and topics and asks for parameters, and a third one writes: a disk delays nobody.
+"""
+
+from functools import partial
+from pathlib import Path
+from typing import Any
+from typing import ClassVar
+
+from diagnostic_msgs.msg import DiagnosticArray
+from rclpy.clock import Clock
+from rclpy.clock import ClockType
+from rclpy.lifecycle import TransitionCallbackReturn
+from rclpy.node import NodeNameNonExistentError
+from rclpy.qos import DurabilityPolicy
+from rclpy.qos import QoSProfile
+from rclpy.qos import ReliabilityPolicy
+from rclpy.serialization import deserialize_message
+from std_srvs.srv import Trigger
+
+from bridge_core import clock
+from bridge_core.diagnostics import to_msg
+from bridge_core.lane import waited
+from bridge_core.managed_node import ManagedNode
+from bridge_core.parameters import MANAGED_PARAMETERS
+from bridge_core.parameters import Parameter
+from bridge_core.parameters import ParameterError
+from bridge_core.report import Status
+from bridge_core.runner import run
+from bridge_core.session import Level
+from rugged_teleop.recorder.asked import AskedParameters
+from rugged_teleop.recorder.definitions import definition_of
+from rugged_teleop.recorder.definitions import message_class
+from rugged_teleop.recorder.folder import default_folder
+from rugged_teleop.recorder.folder import Folder
+from rugged_teleop.recorder.parameters import PARAMETERS
+from rugged_teleop.recorder.reasons import Nodes
+from rugged_teleop.recorder.reasons import Reasons
+from rugged_teleop.recorder.reasons import STOP
+from rugged_teleop.recorder.ring import Channel
+from rugged_teleop.recorder.ring import Heard
+from rugged_teleop.recorder.ring import Ring
+from rugged_teleop.recorder.schedule import Schedule
+
+_LOOK_PERIOD = 0.5  # s, between two looks for nodes and topics
+_STEP_PERIOD = 0.1  # s, between two batches for the disk
+_DIAGNOSTICS_PERIOD = 1.0  # s
+_LEAVE_TIME = 0.4  # s that the last file has to be completed
+_MB = 1_000_000
+# A reader that asks for no more than this costs the node that publishes no answers, and never
+# holds it up. States that are published on change alone are to be had reliably only.
+_PASSING = QoSProfile(depth=100, reliability=ReliabilityPolicy.BEST_EFFORT)
+_LATCHED = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+
+
+class Recorder(ManagedNode):
+    """Records what led to a stop, and what came of it; see docs/record.md."""
+
+    PARAMETERS: ClassVar[tuple[Parameter, ...]] = (*MANAGED_PARAMETERS, *PARAMETERS)
+
+    def __init__(self, **options: Any) -> None:
+        super().__init__('recorder', **options)
+        try:
+            from rugged_teleop.recorder.writer import FileWriter  # late: mcap is an extra
+        except ImportError as error:
+            raise ParameterError(f'the recorder needs mcap: pip install mcap ({error})') from error
+        values = self.values
+        self._ring = Ring(values['seconds'], values['memory'] * _MB)
+        self._schedule = Schedule(values['after'], values['period'])
+        path = Path(values['folder']).expanduser() if values['folder'] else default_folder()
+        self.folder = Folder(path.absolute(), values['quota'] * _MB, values['files'])
+        self._writer = FileWriter(self.folder, self._log)
+        self._reasons = Reasons(lambda kind, data: deserialize_message(data, message_class(kind)))
+        self._asked = AskedParameters(self)
+        self._nodes = Nodes()
+        # By topic: its publishers are all transient local, and the subscription.
+        self._topics: dict[str, tuple[bool, Any]] = {}
+        self._unknown: dict[str, str] = {}  # topics that cannot be recorded, and why
+        self._batch: list[Heard] = []  # for the disk
+        self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', 10)
+        self.create_service(Trigger, '~/save', self._on_save)
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self.create_timer(_LOOK_PERIOD, self._look_around, clock=steady)
+        self.lane.every(_STEP_PERIOD, self._step)
+        self.lane.every(_DIAGNOSTICS_PERIOD, self._diagnose)
+        self.lane.start()
+
+    def check_parameters(self, values: dict[str, Any]) -> None:
+        """Refuse a period that would leave gaps. :raises ParameterError: it."""
+        if values['period'] > values['seconds']:
+            raise ParameterError(
+                f'parameters period = {values["period"]} and seconds = {values["seconds"]}: '
+                'period must not be above seconds, or a stop may be in no recording'
+            )
+
+    # Lifecycle.
+
+    def on_activate(self, state: Any) -> TransitionCallbackReturn:
+        """Begin to listen."""
+        self.active = True
+        self._look_around()
+        return super().on_activate(state)
+
+    def on_deactivate(self, state: Any) -> TransitionCallbackReturn:
+        """Complete the file, and forget what was heard."""
+        self._leave()
+        return super().on_deactivate(state)
+
+    def on_shutdown(self, state: Any) -> TransitionCallbackReturn:
+        """Complete the file."""
+        del state
+        self._leave()
+        return TransitionCallbackReturn.SUCCESS
+
+    def on_error(self, state: Any) -> TransitionCallbackReturn:
+        """Complete the file."""
+        return self.on_shutdown(state)
+
+    def shut_down(self) -> None:
+        """Complete the file, and end the thread that writes it."""
+        self._leave()
+        self._writer.stop(_LEAVE_TIME)
+
+    def _leave(self) -> None:
+        self.active = False
+        for _, subscription in self._topics.values():
+            self.lane.unsubscribe(subscription)
+        self._topics = {}
+        try:
+            self.lane.call(self._end)
+        except TimeoutError as error:
+            self._log(str(error), False)
+
+    # What there is to hear; in the executor's thread.
+
+    def _look_around(self) -> None:
+        """Subscribe to all that the package's nodes publish and listen to."""
+        if not self.active:
+            return
+        topics: dict[str, str] = {}
+        found, muxes = [], []
+        for name, namespace in self.get_node_names_and_namespaces():
+            full = f'{namespace.rstrip("/")}/{name}'
+            try:
+                published = dict(self.get_publisher_names_and_types_by_node(name, namespace))
+                heard = self.get_subscriber_names_and_types_by_node(name, namespace)
+            except NodeNameNonExistentError:  # it has just left
+                continue
+            if 'std_msgs/msg/Bool' not in published.get(f'{full}/estop', ()):
+                continue
+            found.append(full)
+            if 'diagnostic_msgs/msg/DiagnosticStatus' in published.get(f'{full}/status', ()):
+                muxes.append(full)
+            topics |= {topic: kinds[0] for topic, kinds in [*published.items(), *heard]}
+        self._nodes = Nodes(tuple(sorted(found)), tuple(sorted(muxes)))
+        self.lane.post(self._reasons.know, self._nodes)
+        self._asked.look(found, clock.now())
+        for topic, kind in topics.items():
+            self._listen(topic, kind)
+
+    def _listen(self, topic: str, kind: str) -> None:
+        publishers = self.get_publishers_info_by_topic(topic)
+        if not publishers or topic in self._unknown:
+            return
+        durability = DurabilityPolicy.TRANSIENT_LOCAL
+        latched = all(each.qos_profile.durability == durability for each in publishers)
+        before, subscription = self._topics.get(topic, (not latched, None))
+        if before == latched:
+            return
+        if subscription is not None:
+            self.lane.unsubscribe(subscription)
+        try:
+            message_type = message_class(kind)
+            channel = Channel(topic, kind, definition_of(kind), latched)
+        except LookupError as error:
+            self._unknown[topic] = str(error)
+            self._log(f'{topic} is not recorded: {error}', False)
+            return
+        on_message = partial(self._on_message, channel)
+        qos = _LATCHED if latched else _PASSING
+        subscription = self.lane.subscribe(message_type, topic, on_message, qos, raw=True)
+        self._topics[topic] = latched, subscription
+
+    # What is heard; on the lane.
+
+    def _on_message(self, channel: Channel, data: bytes, info: Any) -> None:
+        at = clock.now() - waited(info)
+        sent = info['source_timestamp'] or info['received_timestamp']
+        heard = Heard(at, at - (info['received_timestamp'] - sent) * 1e-9, channel, data)
+        self._ring.add(heard)
+        if self._schedule.is_open:
+            self._batch.append(heard)
+        reason = self._reasons.of(channel.topic, data)
+        if reason:
+            self._schedule.ask(reason, at)
+
+    def _step(self, now: float) -> None:
+        """Begin, continue and end a recording."""
+        schedule = self._schedule
+        if self._batch:
+            self._batch.sort(key=lambda heard: heard.at)
+            self._writer.add(self._batch)
+            self._batch = []
+        if schedule.may_end(now):
+            self._end()
+        if self.active and schedule.may_begin(now):
+            self._begin(now)
+
+    def _begin(self, now: float) -> str:
+        self._schedule.begin(now)
+        return self._writer.begin(self._reason(), self._asked.known, self._ring.messages())
+
+    def _end(self) -> None:
+        if self._schedule.is_open:
+            self._writer.add(self._batch)
+            self._batch = []
+            self._writer.end(self._reason())
+            self._schedule.end(clock.now())
+        if not self.active:
+            self._ring.clear()
+
+    def _reason(self) -> str:
+        reason, by = self._schedule.reason, self._reasons.stopped_by
+        return f'{STOP}_{by}' if reason == STOP and by else reason
+
+    def _on_save(self, request: Any, response: Any) -> Any:
+        del request
+        try:
+            response.success, response.message = self.lane.call(self._save)
+        except TimeoutError as error:
+            response.message = f'nothing is recorded: {error}'
+        return response
+
+    def _save(self) -> tuple[bool, str]:
+        if not self.active:
+            return False, 'nothing is recorded: the recorder is not active'
+        now = clock.now()
+        self._schedule.ask('save', now, at_once=True)
+        if self._schedule.may_begin(now):
+            self._begin(now)
+        after = self._schedule.after
+        return True, f'recording to {self.folder.path}, for {after:g} s more'
+
+    # What is said of it.
+
+    def _log(self, text: str, ok: bool) -> None:
+        if ok:
+            self.get_logger().info(text)
+        else:
+            self.get_logger().warning(text)
+
+    def _diagnose(self, now: float) -> None:
+        del now
+        name = self.get_fully_qualified_name().lstrip('/')
+        status = to_msg(self._status(), f'{name}: recordings', str(self.folder.path))
+        array = DiagnosticArray(status=[status])
+        array.header.stamp = self.get_clock().now().to_msg()
+        self._diagnostics.publish(array)
+
+    def _status(self) -> Status:
+        writer, schedule = self._writer, self._schedule
+        level, message = Level.OK, 'ok'
+        if writer.error:
+            level = Level.ERROR
+            message = f'make room or correct folder: the last recording failed: {writer.error}'
+        elif not self.active:
+            level, message = Level.WARN, 'activate the node: it is not active'
+        elif not self._nodes.all:
+            level, message = Level.WARN, 'start the nodes: none is there to record'
+        elif writer.dropped:
+            level, message = Level.WARN, 'use a faster disk: it was too slow for some messages'
+        values = {
+            'recording': f'yes, because of {schedule.reason}' if schedule.is_open else 'no',
+            'last recording': writer.last or 'none',
+            'recordings': writer.count,
+            'recordings (MB)': writer.size / _MB,
+            'dropped messages': writer.dropped,
+            'messages in memory': len(self._ring),
+            'memory (MB)': self._ring.size / _MB,
+            'nodes': ', '.join(self._nodes.all) or 'none',
+            'topics': len(self._topics),
+        }
+        values |= {f'not recorded {n}': text for n, text in enumerate(self._unknown.values(), 1)}
+        return Status(level, message, values)
+
+
+def main() -> None:
+    """Run the node; the executable's entry point."""
+    raise SystemExit(run([Recorder]))
+
+
+if __name__ == '__main__':
+    main()

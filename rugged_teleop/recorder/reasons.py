@@ -1,0 +1,80 @@
+"""What is worth a recording, by what the nodes say. Pure, but for the messages."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+from typing import NamedTuple
+
+STOP, TRIP, FAULT = 'stop', 'trip', 'fault'
+_ERROR = b'\x02'
+
+
+class Nodes(NamedTuple):
+    """The package's nodes by full name. :param muxes: those among them that are a mux."""
+
+    all: tuple[str, ...] = ()
+    muxes: tuple[str, ...] = ()
+
+
+class Reasons:
+    """
+    Finds stops, trips and faults in messages as they come.
+
+    A stop is the mux's; of a bridge alone, without a mux, it is the bridge's.
+
+    :param read: makes a message of its type and its bytes.
+    """
+
+    def __init__(self, read: Callable[[str, bytes], Any]) -> None:
+        self._read = read
+        self._nodes = Nodes()
+        self._stopping: tuple[str, ...] = ()  # topics of stops that count
+        self._stops: dict[str, bool] = {}  # by topic, as heard last
+        self._tripped: dict[str, bool] = {}  # by topic of ~/status
+        self._levels: dict[str, bytes] = {}  # by name of a status
+        self.stopped_by = ''  # what the mux says of its newest stop
+
+    def know(self, nodes: Nodes) -> None:
+        """Take which nodes there are."""
+        self._nodes = nodes
+        self._stopping = tuple(f'{name}/estop' for name in nodes.muxes or nodes.all)
+
+    def of(self, topic: str, data: bytes) -> str:
+        """Return why this message is worth a recording; empty: it is not."""
+        if topic in self._stopping:
+            return self._of_estop(topic, data)
+        if topic == '/diagnostics':
+            return self._of_diagnostics(self._read('diagnostic_msgs/msg/DiagnosticArray', data))
+        if topic.removesuffix('/status') in self._nodes.muxes:
+            return self._of_status(topic, self._read('diagnostic_msgs/msg/DiagnosticStatus', data))
+        return ''
+
+    def _of_estop(self, topic: str, data: bytes) -> str:
+        stop = data[4] != 0  # behind the four bytes of CDR's head
+        before = self._stops.get(topic)
+        self._stops[topic] = stop
+        if not stop or before is not False:
+            return ''
+        return STOP if self._nodes.muxes else f'{STOP}_{topic.removesuffix("/estop").strip("/")}'
+
+    def _of_status(self, topic: str, status: Any) -> str:
+        values = {value.key: value.value for value in status.values}
+        if values.get('stopped by', 'none') != 'none':
+            self.stopped_by = values['stopped by']
+        tripped = values.get('trip active') == 'true'
+        before = self._tripped.get(topic)
+        self._tripped[topic] = tripped
+        return TRIP if tripped and before is False else ''
+
+    def _of_diagnostics(self, array: Any) -> str:
+        faults = []
+        for status in array.status:
+            node, _, _ = status.name.rpartition(': ')
+            if f'/{node}' not in self._nodes.all:
+                continue
+            before = self._levels.get(status.name)
+            self._levels[status.name] = status.level
+            if status.level == _ERROR and before is not None and before < _ERROR:
+                faults.append(status.name)
+        return f'{FAULT}_{faults[0]}' if faults else ''

@@ -1,0 +1,202 @@
+"""
+Recordings as MCAP files, written in a thread of their own: a slow or full disk delays nobody.
+
+Needs the package ``mcap``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from collections.abc import Mapping
+from collections.abc import Sequence
+from contextlib import suppress
+import os
+from pathlib import Path
+import queue
+import threading
+import time
+from typing import Any
+from typing import BinaryIO
+
+from mcap.writer import Writer
+
+from bridge_core import clock
+from rugged_teleop.recorder.folder import file_name
+from rugged_teleop.recorder.folder import Folder
+from rugged_teleop.recorder.folder import PARAMETERS_OF
+from rugged_teleop.recorder.folder import UNFINISHED
+from rugged_teleop.recorder.ring import Heard
+
+_NICE = 10  # of the thread: whoever decides comes first
+_CHUNK = 1 << 16  # bytes; only whole ones are on the disk
+_WAITING = 600  # batches that a slow disk may leave waiting
+Parameters = Mapping[str, Mapping[str, str]]  # by node and name, as JSON
+
+
+class RecordingFile:
+    """
+    One MCAP file. :param path: its name when it is finished.
+
+    :raises OSError: as all of its methods do; the file is to be closed then.
+    """
+
+    def __init__(self, path: Path) -> None:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        self.path = path
+        self._part = path.with_name(path.name + UNFINISHED)
+        self._file: BinaryIO = self._part.open('xb')
+        self._writer = Writer(self._file, chunk_size=_CHUNK)
+        self._writer.start(profile='ros2', library='rugged_teleop')
+        self._schemas: dict[str, int] = {}
+        self._channels: dict[str, int] = {}
+        self._epoch = time.time() - clock.now()  # once a file: a clock that steps spoils no ages
+
+    def add_metadata(self, name: str, values: Mapping[str, str]) -> None:
+        """Add words by key."""
+        self._writer.add_metadata(name, dict(values))
+
+    def add(self, messages: Sequence[Heard]) -> None:
+        """Add messages."""
+        for heard in messages:
+            self._writer.add_message(
+                self._channel(heard),
+                log_time=self._time(heard.at),
+                data=heard.data,
+                publish_time=self._time(heard.sent_at),
+            )
+
+    def _time(self, at: float) -> int:
+        return int((at + self._epoch) * 1e9)
+
+    def _channel(self, heard: Heard) -> int:
+        topic, kind, definition, _ = heard.channel
+        if topic not in self._channels:
+            if kind not in self._schemas:
+                self._schemas[kind] = self._writer.register_schema(
+                    name=kind, encoding='ros2msg', data=definition.encode()
+                )
+            self._channels[topic] = self._writer.register_channel(
+                topic=topic, message_encoding='cdr', schema_id=self._schemas[kind]
+            )
+        return self._channels[topic]
+
+    def flush(self) -> None:
+        """Have on the disk what was added, but for a chunk that is not full yet."""
+        self._file.flush()
+        os.fsync(self._file.fileno())
+
+    def finish(self, path: Path) -> None:
+        """Complete the file, under this name."""
+        self._writer.finish()  # type: ignore[no-untyped-call]
+        self.flush()
+        self._file.close()
+        self._part.rename(path)
+        self.path = path
+
+    def close(self) -> None:
+        """Leave it unfinished. Raises nothing."""
+        with suppress(OSError):
+            self._file.close()
+
+
+class FileWriter:
+    """
+    The thread. Its methods may be called in one other thread, and never wait.
+
+    :param said: is called in this thread with a line for the log, and whether it is good.
+    """
+
+    def __init__(self, folder: Folder, said: Callable[[str, bool], None]) -> None:
+        self.dropped = 0  # messages that the disk was too slow for
+        self.error = ''  # of the last recording
+        self.last = ''  # path of the last one that is complete
+        self.count = self.size = 0  # recordings in the folder, and their bytes
+        self._folder = folder
+        self._said = said
+        self._jobs: queue.Queue[tuple[Callable[..., None], tuple[Any, ...]]] = queue.Queue(
+            _WAITING
+        )
+        self._file: RecordingFile | None = None
+        self._ended = False
+        self._thread = threading.Thread(target=self._run, name='recorder files', daemon=True)
+        self._thread.start()
+
+    def begin(self, reason: str, parameters: Parameters, messages: Sequence[Heard]) -> str:
+        """Begin a file with these messages; return its name, as far as it is known."""
+        name = file_name(time.time(), reason)
+        self._put(len(messages), self._begin, name, parameters, messages)
+        return name
+
+    def add(self, messages: Sequence[Heard]) -> None:
+        """Add messages to the file."""
+        self._put(len(messages), self._add, messages)
+
+    def end(self, reason: str) -> None:
+        """Complete the file; it gets the name of the reason, as it is known by now."""
+        self._put(0, self._end, reason)
+
+    def stop(self, timeout: float) -> None:
+        """Have the jobs done and the thread end; wait up to ``timeout`` s."""
+        self._ended = True
+        self._put(0, lambda: None)
+        self._thread.join(timeout)
+
+    def _put(self, messages: int, job: Callable[..., None], *arguments: Any) -> None:
+        try:
+            self._jobs.put_nowait((job, arguments))
+        except queue.Full:
+            self.dropped += messages
+
+    def _run(self) -> None:
+        with suppress(OSError):
+            os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), _NICE)
+        self._guarded(self._look)
+        while not (self._ended and self._jobs.empty()):
+            job, arguments = self._jobs.get()
+            self._guarded(job, *arguments)
+
+    def _guarded(self, job: Callable[..., None], *arguments: Any) -> None:
+        try:
+            job(*arguments)
+        except Exception as error:  # whatever it is, the next recording may succeed
+            text = error.strerror if isinstance(error, OSError) else repr(error)
+            self.error = f'{text}: {self._folder.path}'
+            self._said(f'no recording: {self.error}', False)
+            if self._file is not None:
+                self._file.close()
+                self._file = None
+
+    def _begin(self, name: str, parameters: Parameters, messages: Sequence[Heard]) -> None:
+        self.error = ''
+        self._file = RecordingFile(self._folder.path / name)
+        for node, values in parameters.items():
+            self._file.add_metadata(PARAMETERS_OF + node, values)
+        self._file.add(messages)
+        self._file.flush()  # whatever becomes of this computer in the next seconds
+
+    def _add(self, messages: Sequence[Heard]) -> None:
+        if self._file is not None:
+            self._file.add(messages)
+            self._file.flush()
+
+    def _end(self, reason: str) -> None:
+        file, self._file = self._file, None
+        if file is None:
+            return
+        moment, _, _ = file.path.name.partition('_')
+        name = file_name(0.0, reason).partition('_')[2]
+        try:
+            file.add_metadata('recording', {'reason': reason})
+            file.finish(file.path.with_name(f'{moment}_{name}'))
+        finally:
+            file.close()
+        self.last = str(file.path)
+        self._said(f'recorded {file.path}', True)
+        self._look()
+
+    def _look(self) -> None:
+        for path in self._folder.make_room():
+            self._said(f'removed {path}: the folder is full', True)
+        recordings = self._folder.recordings()
+        self.count = len(recordings)
+        self.size = sum(path.stat().st_size for path in recordings)
