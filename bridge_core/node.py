@@ -22,7 +22,9 @@ from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.lifecycle import TransitionCallbackReturn
 from rclpy.qos import QoSProfile
+from rclpy.qos import ReliabilityPolicy
 from std_msgs.msg import Bool
+from std_msgs.msg import UInt8MultiArray
 from std_srvs.srv import Trigger
 
 from bridge_core import clock
@@ -34,6 +36,7 @@ from bridge_core.parameters import BRIDGE_PARAMETERS
 from bridge_core.parameters import Parameter
 from bridge_core.parameters import ParameterError
 from bridge_core.publishers import PublisherWatch
+from bridge_core.raw import RawTopics
 from bridge_core.report import Report
 from bridge_core.report import Status
 from bridge_core.services import Waiting
@@ -52,6 +55,8 @@ _LOG_PERIOD = 1.0  # s, of each site
 _MOST_WORDS = 1000  # lines that wait to be logged
 _WORDS_TIME = 0.01  # s that the words about a stop leave to the stop itself
 _LEAVE_TIME = 0.4  # s that leaving waits for a link thread that hangs
+# Best effort: whoever is too slow for it holds nobody up.
+_RAW_QOS = QoSProfile(depth=20, reliability=ReliabilityPolicy.BEST_EFFORT)
 _INACTIVE = Verdict.stop('the node is not active', link_up=False)
 
 
@@ -96,6 +101,11 @@ class BridgeNode(ManagedNode, Generic[EventT]):
         self.refusal = ''
         self._input = threading.local()  # when what a watched callback is in came
         self._watches: dict[str, PublisherWatch] = {}  # by topic
+        self._raw: RawTopics | None = None
+        if self.values['publish_raw']:
+            received = self.create_publisher(UInt8MultiArray, '~/raw/received', _RAW_QOS)
+            sent = self.create_publisher(UInt8MultiArray, '~/raw/sent', _RAW_QOS)
+            self._raw = RawTopics(received, sent)
         self.link = self.LINK(
             self.get_name(),
             self.BRIDGE,
@@ -103,6 +113,7 @@ class BridgeNode(ManagedNode, Generic[EventT]):
             device=self.hardware_name,
             reconnect_period=self.values['reconnect_period'],
             rt_priority=self.values.get('wire_rt_priority') or self.values['rt_priority'],
+            tap=-1 if self._raw is None else self._raw.descriptor,
         )
         for service, request in self.SERVICES.items():
             self._create_device_service(service, *request)
@@ -418,11 +429,13 @@ class BridgeNode(ManagedNode, Generic[EventT]):
     def _link_status(self) -> Status:
         assert self._report is not None
         level, message, values = self._report.link
-        own = {
+        own: dict[str, Any] = {
             'node process': os.getpid(),
             'refused requests': self.refused,
             'last refusal': self.refusal or 'none',
         }
+        if self._raw is not None:
+            own['not in ~/raw'] = self._raw.dropped
         return Status(level, message, {**values, **own} if self.active else {})
 
     # Lifecycle. Every way out of active leaves the device safe first.
@@ -505,12 +518,16 @@ class BridgeNode(ManagedNode, Generic[EventT]):
         with ExitStack() as steps:  # the last one comes first
             steps.callback(self._tell_later)
             steps.callback(lambda: self._publish_verdict(self.verdict))
+            if self._raw is not None:
+                steps.callback(self._raw.stop)
             steps.callback(self.link.stop)
             steps.callback(self._leave_active)
 
     def destroy_node(self) -> None:
         """End the threads before what they publish on goes away."""
         self.link.stop()
+        if self._raw is not None:
+            self._raw.stop()
         super().destroy_node()
 
 

@@ -233,6 +233,12 @@ BRIDGE_PARAMETERS = (
         maximum=2.0,
         fixed=True,
     ),
+    Parameter(
+        'publish_raw',
+        False,
+        'Publish the bytes or CAN frames of the port, ~/raw/received and ~/raw/sent.',
+        fixed=True,
+    ),
 )
 # What bridges have whose wire has a process of its own.
 ACTUATOR_PARAMETERS = (

@@ -79,6 +79,7 @@ SHARED = {
     'session': ('bridge_core.framing', 'bridge_core.watchdog'),
     'settings': ('bridge_core.parameters',),
     'services': ('bridge_core.session', 'rclpy', 'threading'),
+    'raw': ('bridge_core.clock', 'bridge_core.transports.tap', 'MESSAGES', 'STDLIB'),
     'report': ('bridge_core.framing', 'bridge_core.session'),
     'transports': (
         *(*CORE, 'bridge_core.session', 'bridge_core.report', 'bridge_core.realtime'),

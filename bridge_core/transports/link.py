@@ -18,6 +18,7 @@ from typing import Protocol
 
 from bridge_core import clock
 from bridge_core.transports import TransportError
+from bridge_core.transports.tap import Tap
 from bridge_core.transports.wire import Bridge
 from bridge_core.transports.wire import INPUT_LIMIT
 from bridge_core.transports.wire import Owner
@@ -45,6 +46,7 @@ class Link:
     :param device: what the port is called, for whoever lists the processes.
     :param reconnect_period: as of Wire.
     :param rt_priority: of the wire, where it has a process of its own; 0: none.
+    :param tap: descriptor as of Tap, which stays open; -1: none.
     """
 
     def __init__(
@@ -56,6 +58,7 @@ class Link:
         device: str = '',
         reconnect_period: float = 1.0,
         rt_priority: int = 0,
+        tap: int = -1,
     ) -> None:
         self.name = name
         self.device = device
@@ -63,6 +66,7 @@ class Link:
         self._owner = owner
         self._reconnect_period = reconnect_period
         self._rt_priority = rt_priority
+        self._tap = tap
         self._numbers = itertools.count(1)
         self._waiting: dict[int, Callable[[str], None]] = {}  # for the end of a command
         self._thread = threading.Thread(target=self._run, name=name, daemon=True)
@@ -237,7 +241,11 @@ class ThreadLink(Link):
         super().__init__(*arguments, **options)
         self._mailbox = Mailbox(self._done)
         self.wire: Wire[Any] = Wire(
-            self._bridge, self._owner, self._mailbox, reconnect_period=self._reconnect_period
+            self._bridge,
+            self._owner,
+            self._mailbox,
+            reconnect_period=self._reconnect_period,
+            tap=Tap(self._tap) if self._tap >= 0 else None,
         )
 
     def stop(self) -> None:

@@ -269,10 +269,10 @@ class ProcessLink(Link):
                     f'{self.name}: wire {self.device}',
                     *('-S', '-m', 'bridge_core.transports.wire_process'),
                     *(str(theirs.fileno()), self._bridge.module),
-                    *(str(self._reconnect_period), str(self._rt_priority)),
+                    *(str(self._reconnect_period), str(self._rt_priority), str(self._tap)),
                 ],
                 executable=sys.executable,
-                pass_fds=[theirs.fileno()],
+                pass_fds=[theirs.fileno(), *([self._tap] if self._tap >= 0 else [])],
                 stdin=subprocess.DEVNULL,
                 env=environment(self._bridge.module),
                 start_new_session=True,  # the terminal's signals are the node's business

@@ -10,6 +10,7 @@ runs it, or a process of its own: see link.py and process.py.
 from __future__ import annotations
 
 from collections.abc import Callable
+from collections.abc import Iterable
 from collections.abc import Sequence
 import contextlib
 from dataclasses import dataclass
@@ -37,6 +38,7 @@ from bridge_core.session import StopChanged
 from bridge_core.transports import FrameT
 from bridge_core.transports import Transport
 from bridge_core.transports import TransportError
+from bridge_core.transports.tap import Tap
 
 BACKOFF_START = 0.1
 _LONGEST_WAIT = 1.0
@@ -141,6 +143,7 @@ class Wire(Generic[FrameT]):
     The loop of one device.
 
     :param reconnect_period: the longest wait, in seconds, between two tries to open the port.
+    :param tap: where to put what goes over the port; it does not wait.
     """
 
     COMMANDS: ClassVar = ('activate', 'deactivate')
@@ -152,12 +155,14 @@ class Wire(Generic[FrameT]):
         requests: Requests,
         *,
         reconnect_period: float = 1.0,
+        tap: Tap | None = None,
     ) -> None:
         self.status = LinkStatus(error='the node is not active')
         self._bridge = bridge
         self._owner = owner
         self._requests = requests
         self._reconnect_period = reconnect_period
+        self._tap = tap
         self._wake, self._woken = socket.socketpair()
         self._opened_ports: list[tuple[Transport[FrameT], str]] = []  # by threads that open
         self._transport: Transport[FrameT] | None = None
@@ -180,6 +185,8 @@ class Wire(Generic[FrameT]):
         self._guarded(lambda: self._deactivate(clock.now()))
         self._wake.close()
         self._woken.close()
+        if self._tap is not None:
+            self._tap.close()
 
     def _guarded(self, step: Callable[[], None]) -> None:
         """Survive a fault of ours: stop, say so, start the link anew after a while."""
@@ -327,8 +334,10 @@ class Wire(Generic[FrameT]):
         try:
             for frame in frames:
                 # A line busy with earlier frames is no reason to leave the device moving.
-                while not transport.send(frame) and clock.now() < end:
+                while not (taken := transport.send(frame)) and clock.now() < end:
                     time.sleep(0.001)
+                if taken:
+                    self._show(True, [frame], clock.now())
         except TransportError as error:
             self._owner.link_changed(f'no farewell: {error}', False)
 
@@ -341,6 +350,7 @@ class Wire(Generic[FrameT]):
             if readable:
                 for data in self._transport.receive():
                     self._deliver(self._session.receive(data, now), now)
+                    self._show(False, [data], now)
             self._deliver(self._session.poll(now), now)
             self._polled_at = now
         except TransportError as error:
@@ -353,15 +363,24 @@ class Wire(Generic[FrameT]):
         """Frames first (a stop on the wire), then the events."""
         assert self._transport is not None
         events, frames = output
+        taken: list[FrameT] = []
         for frame in frames:
             if self._transport.send(frame):
                 self.status.sent += 1
+                taken.append(frame)
             else:
                 self.status.dropped += 1
+        at = clock.now()
         if events:
             self._owner.on_events(events, now)
             if any(isinstance(event, StopChanged) for event in events):
                 self._look_at = now + _WORDS_TIME  # its reason is in the report
+        self._show(True, taken, at)
+
+    def _show(self, sent: bool, frames: Iterable[FrameT], at: float) -> None:
+        if self._tap is not None:
+            for frame in frames:
+                self._tap.note(sent, frame, at)  # type: ignore[arg-type]
 
     def _forget_backlog(self, frozen: float, now: float) -> None:
         """Discard what waited while this process was frozen: it is old, and it may be a stop."""

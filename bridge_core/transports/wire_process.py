@@ -2,7 +2,7 @@ r"""
 The process that runs a wire: see process.py. It imports nothing of ROS.
 
 usage: python -S -m bridge_core.transports.wire_process \
-           DESCRIPTOR MODULE RECONNECT_PERIOD RT_PRIORITY
+           DESCRIPTOR MODULE RECONNECT_PERIOD RT_PRIORITY TAP
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ from typing import Any
 
 from bridge_core import clock
 from bridge_core.report import Report
+from bridge_core.transports.tap import Tap
 from bridge_core.transports.wire import Request
 from bridge_core.transports.wire import Wire
 
@@ -109,7 +110,7 @@ def main() -> None:
     """Run until the node is gone, or has said that it is the end."""
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT):
         signal.signal(number, signal.SIG_IGN)  # whatever ends the node ends this, too
-    descriptor, module, reconnect_period, rt_priority = sys.argv[1:]
+    descriptor, module, reconnect_period, rt_priority, tap = sys.argv[1:]
     node = Node(int(descriptor))
     bridge = importlib.import_module(module).BRIDGE
     gc.freeze()
@@ -118,7 +119,13 @@ def main() -> None:
 
         for refusal in use_realtime(int(rt_priority)):
             node.on_refused(0, 'rt_priority', refusal)
-    node.wire = Wire(bridge, node, node, reconnect_period=float(reconnect_period))
+    node.wire = Wire(
+        bridge,
+        node,
+        node,
+        reconnect_period=float(reconnect_period),
+        tap=Tap(int(tap)) if int(tap) >= 0 else None,
+    )
     node.wire.run()
     os._exit(0)  # a thread may be at work in a driver that does not return
 
