@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from dataclasses import field
 import os
 from pathlib import Path
 import sys
@@ -17,6 +18,7 @@ from rugged_teleop.decode.pcap import pcap
 from rugged_teleop.decode.pcap import pcapng
 from rugged_teleop.decode.pieces import Damage
 from rugged_teleop.decode.pieces import Piece
+from rugged_teleop.decode.pieces import Recorded
 from rugged_teleop.decode.texts import candump
 from rugged_teleop.decode.texts import hex_listing
 from rugged_teleop.decode.texts import is_candump
@@ -27,6 +29,7 @@ _HEAD = 3840  # bytes by which a format is told; an endless line of hex is cut b
 _BEGINNINGS = {
     **dict.fromkeys(MAGIC, 'pcap'),
     MAGIC_NG: 'pcapng',
+    b'\x89MCAP0\r\n': 'mcap',
     b'LOGG': 'blf',
     b'SQLite format 3\0': 'db',
     b'MDF     ': 'mf4',
@@ -53,17 +56,24 @@ _READERS = {
 }
 STREAMS = ('raw', 'hex')  # without times, and any piece may hold a part of a frame
 LOGS = ('asc', 'blf', 'csv', 'db', 'mf4', 'trc')  # python-can's
-FORMATS = (*_READERS, *LOGS)
+RECORDING = 'mcap'  # with what topics said beside the bytes
+FORMATS = (*_READERS, *LOGS, RECORDING)
 
 
 @dataclass(frozen=True)
 class Capture:
-    """An open file. :param size: bytes; 0 where it is not known."""
+    """
+    An open file.
+
+    :param size: bytes; 0 where it is not known.
+    :param recorded: what a recording has, in place of pieces.
+    """
 
     name: str
     format: str
     size: int
     pieces: Iterator[Piece | Damage]
+    recorded: Iterator[Piece | Damage | Recorded] = field(default_factory=lambda: iter(()))
 
 
 @contextmanager
@@ -84,6 +94,13 @@ def opened(name: str, kind: str = '') -> Iterator[Capture]:
 def _capture(name: str, file: Any, kind: str) -> Capture:
     kind = kind or format_of(file.peek(_HEAD)[:_HEAD])
     size = os.fstat(file.fileno()).st_size
+    if kind == RECORDING:
+        try:
+            from rugged_teleop.decode.recorded import mcap  # late: an extra
+        except ImportError as error:
+            needed = 'pip install mcap mcap-ros2-support'
+            raise ValueError(f'mcap needs {needed}: {error}') from error
+        return Capture(name, kind, size, iter(()), mcap(file))
     if kind not in LOGS:
         return Capture(name, kind, size, _READERS[kind](file))
     try:

@@ -1,5 +1,5 @@
 """
-Show what a capture says: raw bytes, a hex listing, candump, python-can's logs, pcap and pcapng.
+Show what a capture says: raw bytes, hex, candump, python-can's logs, pcap, pcapng, recordings.
 
 Format and protocol are told by what stands in the file. What is damaged is reported by its offset
 in the file, and skipped. The statistics come last, on standard error unless they are all that is

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 import math
+from typing import Any
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,6 +38,17 @@ class Damage:
     at: float | None = None
     source: str = ''
     identifier: int | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Recorded:
+    """A message of a topic, or what else a recording has. :param content: as JSON has it."""
+
+    offset: int
+    source: str
+    name: str
+    content: Any
+    at: float | None = None
 
 
 def can_piece(

@@ -11,6 +11,7 @@ from dataclasses import replace
 import itertools
 import struct
 from typing import Any
+from typing import TypeVar
 
 import akron_can_bridge.protocol as akron
 from bridge_core.framing import ChecksumError
@@ -23,9 +24,11 @@ import esi_drive_bridge.protocol as esi
 import fort_vsc_bridge.protocol as fort
 from fort_vsc_bridge.protocol.can import ForeignFrameError
 from rugged_teleop.decode.captures import Capture
+from rugged_teleop.decode.captures import RECORDING
 from rugged_teleop.decode.captures import STREAMS
 from rugged_teleop.decode.pieces import Damage
 from rugged_teleop.decode.pieces import Piece
+from rugged_teleop.decode.pieces import Recorded
 from rugged_teleop.decode.plain import plain
 import ssc_bridge.protocol as ssc
 import vm110_bridge.protocol as vm110
@@ -34,6 +37,7 @@ _SAMPLE = 1 << 18  # bytes of a stream by which its protocol is told
 _SHOWN = 32  # bytes of what is damaged
 _SAMPLE_OF_GAP = 1024  # bytes by which is told what is wrong with it: more than any frame has
 _OTHER = 'other'
+_PieceT = TypeVar('_PieceT', Piece, Piece | Damage)
 _VM110_SIZE = struct.Struct('<H')
 _VM110_BEGINNINGS = tuple(kind.value for kind in vm110.PacketId)
 
@@ -218,19 +222,19 @@ class _Places:
 
     def __init__(self, exact: bool) -> None:
         self._exact = exact  # the file is the stream; else a piece is a line
-        self._pieces: deque[tuple[int, int]] = deque()  # position and offset
+        self._pieces: deque[tuple[int, Piece]] = deque()  # with their positions
         self._end = 0
 
     def add(self, piece: Piece) -> None:
-        self._pieces.append((self._end, piece.offset))
+        self._pieces.append((self._end, piece))
         self._end += len(piece.data)
 
-    def of(self, position: int) -> int:
-        """Return the offset; positions are asked for in order."""
+    def of(self, position: int) -> Piece:
+        """Return the piece, with the offset; positions are asked for in order."""
         while len(self._pieces) > 1 and self._pieces[1][0] <= position:
             self._pieces.popleft()
-        start, offset = self._pieces[0]
-        return offset + (position - start if self._exact else 0)
+        start, piece = self._pieces[0]
+        return replace(piece, offset=piece.offset + (position - start if self._exact else 0))
 
 
 def _stream_entries(
@@ -248,13 +252,14 @@ def _stream_entries(
         yield _stream_entry(protocol, places.of(position), found)
 
 
-def _stream_entry(protocol: str, offset: int, found: _Found | Damage) -> Entry:
+def _stream_entry(protocol: str, piece: Piece, found: _Found | Damage) -> Entry:
+    """Return the entry of what begins in a piece."""
     if isinstance(found, Damage):
-        return _damage(replace(found, offset=offset))
+        return _damage(replace(found, offset=piece.offset, at=piece.at, source=piece.source))
+    frame = replace(piece, data=found.frame)
     if isinstance(found.content, FrameError):
-        return _damage(Damage(offset, len(found.frame), str(found.content), found.frame))
-    size, name = len(found.frame), _named(found.content)
-    return Entry(offset, protocol, name, found.content, size, found.frame)
+        return _damaged_piece(frame, str(found.content))
+    return _entry(frame, protocol, _named(found.content), found.content)
 
 
 def guess(pieces: Iterable[Piece | Damage]) -> str:
@@ -338,6 +343,41 @@ def _frame_entries(pieces: Iterable[Piece | Damage], protocols: Iterable[str]) -
             yield _datagram_entry(piece)
 
 
+# Recordings
+
+
+def recording_entries(
+    pieces: Iterable[Piece | Damage | Recorded], protocol: str
+) -> Iterator[Entry]:
+    """Yield the messages; then, port by port and direction by direction, what went over it."""
+    lines: dict[str, list[Piece]] = {}
+    for piece in pieces:
+        if isinstance(piece, Piece):
+            lines.setdefault(piece.source, []).append(piece)
+        elif isinstance(piece, Damage):
+            yield _damage(piece)
+        else:
+            at = piece.at, piece.source
+            yield Entry(piece.offset, 'ros', piece.name, piece.content, 0, b'', *at)
+    for line in lines.values():
+        if line[0].identifier is not None:
+            yield from _frame_entries(line, [protocol] if protocol else CAN_PROTOCOLS)
+        elif found := protocol or guess(_beginning(line)):
+            yield from _stream_entries(found, line, exact=False)
+        else:
+            yield from (_entry(piece, '', _OTHER) for piece in line)
+
+
+def _beginning(pieces: Iterable[_PieceT]) -> Iterator[_PieceT]:
+    """Yield the pieces by which a protocol is told, and take no more."""
+    size = 0
+    for piece in pieces:
+        yield piece
+        size += len(piece.data)
+        if size >= _SAMPLE:
+            return
+
+
 def entries_of(capture: Capture, protocol: str = '') -> Iterator[Entry]:
     """
     Yield what a capture says, in its order.
@@ -346,6 +386,9 @@ def entries_of(capture: Capture, protocol: str = '') -> Iterator[Entry]:
         a stream by what its beginning is.
     :raises ValueError: none is found, or the format cannot carry the one that is given.
     """
+    if capture.format == RECORDING:
+        yield from recording_entries(capture.recorded, protocol)
+        return
     if capture.format not in STREAMS:
         if protocol and protocol not in (*CAN_PROTOCOLS, 'vm110'):
             raise ValueError(f'{capture.format} has frames of CAN or UDP, not {protocol}')
@@ -353,16 +396,10 @@ def entries_of(capture: Capture, protocol: str = '') -> Iterator[Entry]:
         return
     if protocol in CAN_PROTOCOLS:
         raise ValueError(f'{capture.format} has a stream of bytes, not {protocol}')
-    sample = []
+    sample = [] if protocol else [*_beginning(capture.pieces)]
+    protocol = protocol or guess(sample)
     if not protocol:
-        size = 0
-        for piece in capture.pieces:
-            sample.append(piece)
-            size += len(piece.data)
-            if size >= _SAMPLE:
-                break
-        protocol = guess(sample)
-    if not protocol:
+        size = sum(len(piece.data) for piece in sample)
         raise ValueError(
             f'no frame of {", ".join(STREAM_PROTOCOLS)} is in its first {size} bytes; '
             '--protocol shows what is wrong with them'

@@ -86,17 +86,18 @@ class Statistics:
     damaged: int = 0
     damaged_bytes: int = 0
     first_damage: int | None = None
-    backwards: int = 0  # times that are before the one before
+    backwards: int = 0  # times that are before the one before, of the same source
     _reasons: Counter[str] = field(default_factory=Counter)
     _kinds: dict[tuple[str, ...], _Kind] = field(default_factory=dict)
     _buses: dict[str, _Bus] = field(default_factory=dict)
     _at: float = -math.inf
+    _source: str = ''  # at that time
 
     def add(self, entry: Entry) -> None:
         """Count an entry."""
         if entry.at is not None:
-            self.backwards += entry.at < self._at
-            self._at = entry.at
+            self.backwards += entry.at < self._at and entry.source == self._source
+            self._at, self._source = entry.at, entry.source
         if entry.identifier is not None and entry.at is not None:
             bus = self._buses.setdefault(entry.source, _Bus(entry.at, entry.at))
             bus.add(entry, entry.at)

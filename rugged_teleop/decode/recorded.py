@@ -1,0 +1,61 @@
+"""Recordings: the messages of topics, and of ~/raw what went over the ports."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+import math
+from typing import Any
+from typing import BinaryIO
+
+from rugged_teleop.decode.pieces import Damage
+from rugged_teleop.decode.pieces import Piece
+from rugged_teleop.decode.pieces import Recorded
+from rugged_teleop.recordings import Cut
+from rugged_teleop.recordings import Parameters
+from rugged_teleop.recordings import read
+from rugged_teleop.recordings import Said
+
+_RAW = ('/raw/received', '/raw/sent')  # ends of topics
+
+
+def mcap(file: BinaryIO) -> Iterator[Piece | Damage | Recorded]:
+    """Read a recording; offsets are those behind the chunk that something stands in."""
+    for each in read(file):
+        offset = file.tell()
+        if isinstance(each, Cut):
+            yield Damage(offset, 0, f'the rest is not read: {each.reason}')
+        elif isinstance(each, Parameters):
+            yield Recorded(offset, each.node, 'parameters', each.values)
+        elif each.message is None:
+            yield Damage(offset, 0, f'a message of {each.type}', at=each.at, source=each.topic)
+        elif each.topic.endswith(_RAW):
+            yield from pieces_of(each, offset)
+        else:
+            yield Recorded(offset, each.topic, each.type, _plain(each.message), each.at)
+
+
+def pieces_of(said: Said, offset: int = 0) -> Iterator[Piece]:
+    """Yield what went over a port, of a message of ~/raw."""
+    data, start = bytes(said.message.data), 0
+    for dimension in said.message.layout.dim:
+        at, _, identifier = dimension.label.partition(' ')
+        end = start + dimension.size
+        yield Piece(
+            offset,
+            data[start:end],
+            float(at),
+            said.topic,
+            int(identifier, 16) if identifier else None,
+        )
+        start = end
+
+
+def _plain(value: Any) -> Any:
+    """Return a decoded message as JSON has it; what is not a number is null."""
+    if hasattr(value, '__slots__'):
+        return {name: _plain(getattr(value, name)) for name in value.__slots__}
+    if isinstance(value, bytes | bytearray | memoryview):
+        return bytes(value).hex()
+    if isinstance(value, list | tuple):
+        return [_plain(item) for item in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value

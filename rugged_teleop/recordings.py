@@ -1,0 +1,86 @@
+"""Recordings read back. Needs ``mcap`` and ``mcap-ros2-support``, and no ROS."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+import json
+from typing import Any
+from typing import BinaryIO
+
+from mcap.records import Channel
+from mcap.records import Message
+from mcap.records import Metadata
+from mcap.records import Schema
+from mcap.stream_reader import StreamReader
+from mcap_ros2.decoder import DecoderFactory
+
+from rugged_teleop.recorder.folder import PARAMETERS_OF
+
+_LARGEST = 1 << 28  # bytes of a record: more is damage
+
+
+@dataclass(frozen=True, slots=True)
+class Said:
+    """
+    A message of a topic.
+
+    :param at: seconds since 1970 at which it came. :param type: such as ``std_msgs/msg/Bool``.
+    :param message: its fields are attributes, which ``__slots__`` names; None where nobody can
+        decode it.
+    """
+
+    at: float
+    topic: str
+    type: str
+    message: Any
+
+
+@dataclass(frozen=True, slots=True)
+class Parameters:
+    """The parameters of a node as it started, by name. :param node: its full name."""
+
+    node: str
+    values: dict[str, Any]
+
+
+@dataclass(frozen=True, slots=True)
+class Cut:
+    """The recording ends before its end, or is not readable any further."""
+
+    reason: str
+
+
+def read(file: BinaryIO) -> Iterator[Said | Parameters | Cut]:
+    """Yield what a recording has, in its order; one that was never finished as far as it goes."""
+    records = StreamReader(file, record_size_limit=_LARGEST).records
+    schemas: dict[int, Schema] = {}
+    channels: dict[int, Channel] = {}
+    decoders = DecoderFactory()
+    while True:
+        try:
+            record = next(records)
+        except StopIteration:
+            return
+        except Exception as error:  # of mcap, struct, zstandard and others
+            yield Cut(f'{type(error).__name__} {error}'.rstrip())
+            return
+        if isinstance(record, Schema):
+            schemas[record.id] = record
+        elif isinstance(record, Channel):
+            channels[record.id] = record
+        elif isinstance(record, Message):
+            yield _said(record, channels[record.channel_id], schemas, decoders)
+        elif isinstance(record, Metadata) and record.name.startswith(PARAMETERS_OF):
+            values = {name: json.loads(value) for name, value in record.metadata.items()}
+            yield Parameters(record.name.removeprefix(PARAMETERS_OF), values)
+
+
+def _said(
+    record: Message, channel: Channel, schemas: dict[int, Schema], decoders: DecoderFactory
+) -> Said:
+    schema = schemas.get(channel.schema_id)
+    kind = schema.name if schema is not None else channel.message_encoding
+    decode = decoders.decoder_for(channel.message_encoding, schema)
+    message = None if decode is None else decode(record.data)
+    return Said(record.log_time * 1e-9, channel.topic, kind, message)

@@ -1,0 +1,91 @@
+"""Recordings in decode: messages of topics, and ~/raw by the protocols of the bridges."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+import math
+from pathlib import Path
+from typing import Any
+
+import pytest
+from rclpy.serialization import serialize_message
+from sensor_msgs.msg import BatteryState
+from std_msgs.msg import UInt8MultiArray
+
+from bridge_core.raw import raw_message
+from bridge_core.transports.tap import Chunk
+from rugged_teleop.recorder.definitions import definition_of
+from rugged_teleop.recorder.ring import Channel
+from rugged_teleop.recorder.ring import Heard
+from rugged_teleop.recorder.writer import RecordingFile
+from test.captures import CAN
+from test.captures import decoded
+from test.captures import STREAMS
+from test.test_decode import Outcome
+
+T0 = 1_000_000_000.0
+
+
+def written(folder: Path, messages: Iterator[tuple[float, str, Any]]) -> Path:
+    """Write messages: second, topic, message."""
+    file = RecordingFile(folder / 'a.mcap')
+    file.add_metadata('parameters of /drive', {'port': '"/dev/ttyUSB0"'})
+    for at, topic, message in messages:
+        package = type(message).__module__.split('.')[0]
+        kind = f'{package}/msg/{type(message).__name__}'
+        channel = Channel(topic, kind, definition_of(kind))
+        file.add([Heard(at, at, channel, bytes(serialize_message(message)))])
+    file.finish(file.path)
+    return file.path
+
+
+def raw(*chunks: tuple[float, int | None, bytes]) -> UInt8MultiArray:
+    return raw_message(
+        [Chunk(at, 0, False, identifier, data) for at, identifier, data in chunks], T0
+    )
+
+
+def everything() -> Iterator[tuple[float, str, Any]]:
+    stream = b''.join(STREAMS['fort_serial'])
+    yield 1.0, '/vsc/raw/received', raw((0.5, None, stream[:7]), (0.75, None, stream[7:]))
+    yield 1.1, '/battery', BatteryState(voltage=12.5, current=math.nan)
+    yield 1.2, '/unit/raw/sent', raw(*((0.5, *frame) for frame in CAN))
+    yield 1.3, '/drive/raw/sent', raw((0.5, None, b''.join(STREAMS['esi_command'])))
+    yield 1.4, '/pad/raw/received', raw((0.5, None, b'\x00\x01'))
+
+
+def test_bytes_of_each_port_are_read_by_their_protocol_with_their_times(tmp_path: Path) -> None:
+    entries = decoded(written(tmp_path, everything()))
+    of = {
+        source: [entry for entry in entries if entry.source == source]
+        for source in {entry.source for entry in entries}
+    }
+    vsc = [entry for entry in of['/vsc/raw/received'] if not entry.damaged]
+    assert [entry.data for entry in vsc] == STREAMS['fort_serial']
+    assert {entry.protocol for entry in vsc} == {'fort_serial'}
+    assert [entry.at for entry in vsc[:2]] == [T0 + 0.5, T0 + 0.75]
+    assert {entry.protocol for entry in of['/drive/raw/sent']} == {'esi_command'}
+    assert [(e.identifier, e.data) for e in of['/unit/raw/sent']] == CAN
+    assert 'akron' in {entry.protocol for entry in of['/unit/raw/sent']}
+    assert [entry.name for entry in of['/pad/raw/received']] == ['other']
+
+
+def test_messages_are_lines_of_json(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    done = Outcome(capsys, written(tmp_path, everything()), '--as', 'json')
+    assert done.status == 0
+    parameters, battery = done.objects[:2]
+    assert (parameters['source'], parameters['fields']) == ('/drive', {'port': '/dev/ttyUSB0'})
+    assert (battery['source'], battery['message']) == ('/battery', 'sensor_msgs/msg/BatteryState')
+    assert (battery['fields']['voltage'], battery['fields']['current']) == (12.5, None)
+    assert 'are before' not in done.error
+
+
+def test_recording_that_was_cut_is_read_as_far_as_it_goes(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = written(tmp_path, everything())
+    path.write_bytes(path.read_bytes()[:-300])
+    done = Outcome(capsys, path, '--as', 'json')
+    assert done.status == 1
+    assert any('the rest is not read' in str(each['fields']) for each in done.objects)
+    assert '/battery' in {each['source'] for each in done.objects}
