@@ -1,0 +1,157 @@
+"""From recorded messages to what happened, in words: one line for each change. Pure."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from collections.abc import Iterable
+from collections.abc import Iterator
+from dataclasses import dataclass
+from dataclasses import field
+from typing import Any
+from typing import NamedTuple
+
+from rugged_teleop.recordings import Said
+
+STANDSTILL = 0.2  # rad/s; the mux's own default
+_DEADBAND = 0.05  # of a stick
+_WARN = 30  # of /rosout
+
+
+class Event(NamedTuple):
+    """
+    Something that changed. :param at: seconds. :param what: of whom, such as 'joints /drive'.
+
+    :param value: the new one; what it is depends on ``what``.
+    :param text: empty for what was so when the recording began.
+    """
+
+    at: float
+    what: str
+    value: Any
+    text: str
+
+
+@dataclass
+class Roles:
+    """Who is who. Full names of nodes, by what they publish."""
+
+    nodes: set[str] = field(default_factory=set)
+    muxes: set[str] = field(default_factory=set)
+
+    @classmethod
+    def of(cls, topics: Iterable[str]) -> Roles:
+        """Return the roles in a recording with these topics."""
+        names = set(topics)
+        nodes = {name.removesuffix('/estop') for name in names if name.endswith('/estop')}
+        muxes = {node for node in nodes if {f'{node}/status', f'{node}/state'} <= names}
+        return cls(nodes - muxes, muxes)
+
+
+class Events:
+    """Makes events of messages, which come in the order of time."""
+
+    def __init__(self, roles: Roles, standstill: float = STANDSTILL) -> None:
+        self._roles = roles
+        self._standstill = standstill
+        self._values: dict[str, Any] = {}
+        self._readers: dict[str, Callable[[Said, str, str], Iterator[tuple[str, Any, str]]]] = {
+            'std_msgs/msg/Bool': self._of_bool,
+            'sensor_msgs/msg/JointState': self._of_joints,
+            'geometry_msgs/msg/Twist': self._of_twist,
+            'geometry_msgs/msg/TwistStamped': self._of_twist,
+            'sensor_msgs/msg/Joy': self._of_joy,
+            'diagnostic_msgs/msg/DiagnosticStatus': self._of_status,
+        }
+
+    def of(self, said: Said) -> Iterator[Event]:
+        """Yield what a message changes."""
+        if said.message is None:
+            return
+        if said.type == 'rcl_interfaces/msg/Log':
+            yield from self._of_log(said)
+            return
+        node, _, name = said.topic.rpartition('/')
+        read = self._readers.get(said.type)
+        for what, value, text in () if read is None else read(said, node, name):
+            before = self._values.get(what)
+            self._values[what] = value
+            if before != value:
+                yield Event(said.at, what, value, '' if before is None else text)
+
+    def _of_bool(self, said: Said, node: str, name: str) -> Iterator[tuple[str, Any, str]]:
+        data = bool(said.message.data)
+        words = {
+            ('estop', True): f'{node} demands a stop',
+            ('estop', False): f'{node} demands no stop any more',
+            ('link_up', True): f'{node} hears its device',
+            ('link_up', False): f'{node} hears its device no more',
+            ('enabled', True): f'{node}: the drive is enabled',
+            ('enabled', False): f'{node}: the drive is disabled',
+        }
+        if node in self._roles.muxes:
+            words = {
+                ('estop', True): f'{node} tells all devices to stop',
+                ('estop', False): f'{node} lets devices move',
+                ('enable', True): f'{node} has the drives enabled',
+                ('enable', False): f'{node} has the drives disabled',
+            }
+        if (name, data) in words:
+            yield f'{name} {node}', data, words[name, data]
+
+    def _of_joints(self, said: Said, node: str, name: str) -> Iterator[tuple[str, Any, str]]:
+        if name == 'command':
+            message = said.message
+            values = [*message.velocity, *message.effort, *message.position]
+            yield from self._of_command(node, values)
+        elif name == 'joint_states' and len(said.message.velocity):
+            fastest = max(map(abs, said.message.velocity))
+            moves = fastest > self._standstill
+            text = f'{node}: the joints {f"move, at {fastest:.2f} rad/s" if moves else "stand"}'
+            yield f'joints {node}', moves, text
+
+    def _of_twist(self, said: Said, node: str, name: str) -> Iterator[tuple[str, Any, str]]:
+        twist = getattr(said.message, 'twist', said.message)
+        if name == 'cmd_vel' and node in self._roles.muxes:
+            yield from self._of_command(node, [twist.linear.x, twist.angular.z])
+
+    def _of_command(self, node: str, values: Iterable[float]) -> Iterator[tuple[str, Any, str]]:
+        most = max(map(abs, values), default=0.0)
+        text = f'{node} commands {"motion" if most else "0"}'
+        yield f'command {node}', most > 0.0, text
+
+    def _of_joy(self, said: Said, node: str, name: str) -> Iterator[tuple[str, Any, str]]:
+        if node.rpartition('/')[0] in self._roles.muxes:
+            return  # ~/joy/<operator> repeats another one
+        for index, button in enumerate(said.message.buttons):
+            verb = 'pressed' if button else 'released'
+            yield f'button {index} {said.topic}', button, f'{said.topic}: button {index} is {verb}'
+        for index, axis in enumerate(said.message.axes):
+            away = abs(axis) > _DEADBAND
+            words = 'is moved' if away else 'is in the middle'
+            yield f'axis {index} {said.topic}', away, f'{said.topic}: axis {index} {words}'
+
+    def _of_status(self, said: Said, node: str, name: str) -> Iterator[tuple[str, Any, str]]:
+        if node not in self._roles.muxes or name != 'status':
+            return
+        values = fields_of(said.message)
+        state = values.get('state', '')
+        if values.get('owner', 'none') != 'none':
+            state += f'({values["owner"]})'
+        yield f'state {node}', state, f'{node} is {state}: {reason_of(values)}'
+
+    def _of_log(self, said: Said) -> Iterator[Event]:
+        """Yield what a node of ours warned of, and the services that somebody called."""
+        name, text = '/' + said.message.name.replace('.', '/'), said.message.msg
+        ours = name in self._roles.muxes or name in self._roles.nodes
+        if ours and (said.message.level >= _WARN or text.startswith('~/')):
+            yield Event(said.at, f'log {name}', text, f'{name}: {text}')
+
+
+def fields_of(status: Any) -> dict[str, str]:
+    """Return the values of a DiagnosticStatus by key."""
+    return {value.key: value.value for value in status.values}
+
+
+def reason_of(values: dict[str, str]) -> str:
+    """Return why a mux has its state: the words behind 'READY to STOPPED, 0.1 s ago: '."""
+    return values.get('last transition', '').partition(' ago: ')[2]

@@ -1,0 +1,164 @@
+"""The story of each stop in a recording: who asked, what came of it, whether the drive obeyed."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from collections.abc import Iterator
+from collections.abc import Mapping
+from collections.abc import Sequence
+from dataclasses import dataclass
+import time
+from typing import Any
+
+from rugged_teleop.recordings import Said
+from rugged_teleop.why.events import Event
+from rugged_teleop.why.events import Events
+from rugged_teleop.why.events import fields_of
+from rugged_teleop.why.events import reason_of
+from rugged_teleop.why.events import Roles
+from rugged_teleop.why.events import STANDSTILL
+from rugged_teleop.why.wire import wire_events
+
+_BEFORE, _AFTER = 3.0, 10.0  # s of a story
+_TOGETHER = 1.0  # s within which two ends of motion are one
+_SLOW = 0.05  # s by which what was said at once may be heard in another order
+# What is said of a drive that goes on, and of one that does not, by the event.
+_OBEDIENCE = {
+    'enabled': ('is enabled', 'was disabled'),
+    'joints': ('moves', 'stood'),
+    'wire': ('tells its drive to enable', 'told its drive to disable'),
+}
+
+
+@dataclass(frozen=True)
+class _Mux:
+    """What one mux said of itself. :param statuses: times and fields."""
+
+    name: str
+    statuses: Sequence[tuple[float, dict[str, str]]]
+
+
+def story(
+    said: Iterable[Said], parameters: Mapping[str, Mapping[str, Any]] | None = None
+) -> list[str]:
+    """
+    Return the stories of all stops and of all other ends of control, in lines.
+
+    :param said: the messages of a recording, in any order.
+    :param parameters: of its nodes.
+    """
+    messages = sorted(said, key=lambda each: each.at)
+    roles = Roles.of(each.topic for each in messages)
+    if not roles.muxes:
+        return ['no safety mux is in this recording']
+    known = {name: (parameters or {}).get(name, {}) for name in roles.muxes}
+    standstill = max(
+        float(values.get('feedback.standstill', STANDSTILL)) for values in known.values()
+    )
+    maker = Events(roles, standstill)
+    events = [event for each in messages for event in maker.of(each)]
+    events = sorted([*events, *wire_events(messages)], key=lambda event: event.at)
+    lines: list[str] = []
+    for name in sorted(roles.muxes):
+        statuses = [
+            (each.at, fields_of(each.message))
+            for each in messages
+            if each.topic == f'{name}/status' and each.message is not None
+        ]
+        lines += _of_mux(_Mux(name, statuses), events, messages[-1].at)
+    return lines
+
+
+def _of_mux(mux: _Mux, events: Sequence[Event], end: float) -> Iterator[str]:
+    moments = _ends_of_motion(mux.name, events)
+    if not moments:
+        yield f'{mux.name} stopped nothing in this recording'
+        for values in _last(mux, end):
+            yield f'  it is {values.get("state")}: {reason_of(values)}'
+    for number, moment in enumerate(moments):
+        since = max(moment - _BEFORE, moments[number - 1] + _TOGETHER if number else 0.0)
+        until = min(moment + _AFTER, moments[number + 1] if number + 1 < len(moments) else end)
+        if number:
+            yield ''
+        yield from _of_stop(mux, moment, [e for e in events if e.at <= until], since, until)
+
+
+def _ends_of_motion(mux: str, events: Iterable[Event]) -> list[float]:
+    """Return when the mux stopped the machine, or control ended; together what was together."""
+    ends: list[float] = []
+    for event in events:
+        stop = (event.what, event.value) in ((f'estop {mux}', True), (f'enable {mux}', False))
+        if stop and event.text and (not ends or event.at > ends[-1] + _TOGETHER):
+            ends.append(event.at)
+    return ends
+
+
+def _last(mux: _Mux, moment: float) -> list[dict[str, str]]:
+    """Return the newest fields up to a moment; empty if there are none."""
+    return [values for at, values in mux.statuses if at <= moment][-1:]
+
+
+def _of_stop(
+    mux: _Mux, moment: float, events: Sequence[Event], since: float, until: float
+) -> Iterator[str]:
+    """Tell one stop. :param events: until then. :param since: what is older is not told."""
+    told = [event for event in events if event.at >= since and event.text]
+    changes = [event for event in told if event.what == f'state {mux.name}']
+    caused = [event for event in changes if -_SLOW <= event.at - moment <= _TOGETHER]
+    yield f'{_utc(moment)}: {caused[0].text if caused else mux.name + " stopped"}'
+    for event in caused[1:]:
+        yield f'  then {event.text}'
+    for values in _last(mux, (caused[0].at if caused else moment) - 1e-6):
+        owner = values.get('owner', 'none')
+        control = 'nobody had control' if owner == 'none' else f"'{owner}' had control"
+        yield f'  before it: {values.get("state")}, {control}'
+    later = [(at, values) for at, values in mux.statuses if moment - _SLOW <= at <= until]
+    for values in [each for _, each in later if each.get('stopped by', 'none') != 'none'][:1]:
+        yield f'  who asked: {values["stopped by"]}'
+    for values in [each for at, each in later if not caused or at >= caused[0].at][:1]:
+        yield f'  heard last: {_heard_last(values)}'
+    for event in told:
+        yield f'  {round((event.at - moment) * 1e3):+8} ms  {event.text}'
+    for what in sorted({event.what for event in events}):
+        yield from _obeyed(what, moment, [e for e in events if e.what == what], until)
+
+
+def _heard_last(values: Mapping[str, str]) -> str:
+    """Return what the mux says of its inputs: how long ago, and what, at that moment."""
+    ages = []
+    for key, age in values.items():
+        if key.startswith('age of '):
+            name = key.removeprefix('age of ').removesuffix(' (s)')
+            condition = values.get(f'condition of {name}', 'nothing said')
+            ages.append(f'{name} {_age(age)} before ({condition})')
+    return ', '.join(ages) or 'nothing'
+
+
+def _age(text: str) -> str:
+    try:
+        return f'{float(text) * 1e3:.0f} ms'
+    except ValueError:  # never heard
+        return text
+
+
+def _obeyed(what: str, moment: float, events: Sequence[Event], until: float) -> Iterator[str]:
+    """Say of a drive whether it was disabled, and of its joints whether they stood."""
+    kind, _, node = what.partition(' ')
+    if kind not in _OBEDIENCE:
+        return
+    on, off = _OBEDIENCE[kind]
+    before = [event for event in events if event.at < moment]
+    after = [event for event in events if event.at >= moment]
+    ended = next((event for event in after if not event.value), None)
+    if ended is not None:
+        yield f'  {node} {off} {(ended.at - moment) * 1e3:.0f} ms after the stop'
+        for event in [each for each in after if each.value and each.at > ended.at][:1]:
+            yield f'  {node} {on} again {(event.at - moment):.1f} s after the stop'
+    elif before and before[-1].value:
+        yield f'  {node} DID NOT OBEY: it {on} {until - moment:.1f} s after the stop'
+    elif before:
+        yield f'  {node} {off} before the stop'
+
+
+def _utc(at: float) -> str:
+    return f'{time.strftime("%Y-%m-%d %H:%M:%S", time.gmtime(at))}.{int(at % 1 * 1e3):03} UTC'

@@ -1,0 +1,30 @@
+"""What went over the wire to a drive, where ~/raw was recorded: when it was told to stop."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from collections.abc import Iterator
+
+import esi_drive_bridge.protocol as esi
+from rugged_teleop.decode.protocols import recording_entries
+from rugged_teleop.decode.recorded import pieces_of
+from rugged_teleop.recordings import Said
+from rugged_teleop.why.events import Event
+
+_SENT = '/raw/sent'
+
+
+def wire_events(said: Iterable[Said]) -> Iterator[Event]:
+    """Yield an event for each packet to a drive that enables where the one before did not."""
+    pieces = (piece for each in said if each.topic.endswith(_SENT) for piece in pieces_of(each))
+    enabled: dict[str, bool] = {}
+    for entry in recording_entries(pieces, ''):
+        if not isinstance(entry.content, esi.Command) or entry.at is None:
+            continue
+        node = entry.source.removesuffix(_SENT)
+        enables = any(axis.enable for axis in entry.content.axes)
+        before = enabled.get(node)
+        enabled[node] = enables
+        if enables != before:
+            text = f'{node} tells the drive to {"enable" if enables else "disable"}, on the wire'
+            yield Event(entry.at, f'wire {node}', enables, '' if before is None else text)

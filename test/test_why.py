@@ -1,0 +1,191 @@
+"""The story of a stop from messages, and from a file that was cut short."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticStatus
+from diagnostic_msgs.msg import KeyValue
+import pytest
+from rcl_interfaces.msg import Log
+from rclpy.serialization import serialize_message
+from sensor_msgs.msg import JointState
+from sensor_msgs.msg import Joy
+from std_msgs.msg import Bool
+from std_msgs.msg import String
+
+from bridge_core.raw import raw_message
+from bridge_core.transports.tap import Chunk
+import esi_drive_bridge.protocol as esi
+from rugged_teleop.recorder.definitions import definition_of
+from rugged_teleop.recorder.ring import Channel
+from rugged_teleop.recorder.ring import Heard
+from rugged_teleop.recorder.writer import RecordingFile
+from rugged_teleop.recordings import Said
+from rugged_teleop.why.main import main
+from rugged_teleop.why.story import story
+
+T0 = 1_000_000_000.0  # 2001-09-09 01:46:40 UTC
+MUX, DRIVE, VSC = '/safety_mux', '/esi_drive_bridge', '/fort_vsc_bridge'
+STOPPED_BY = "e-stop source 'fort'"
+
+
+def said(ms: float, topic: str, message: Any) -> Said:
+    package = type(message).__module__.split('.')[0]
+    kind = f'{package}/msg/{type(message).__name__}'
+    return Said(T0 + ms * 1e-3, topic, kind, message)
+
+
+def status(state: str, owner: str, reason: str, **values: str) -> DiagnosticStatus:
+    transition = f'READY to {state}, 0.0 s ago: {reason}'
+    fields = {'state': state, 'owner': owner, 'last transition': transition, **values}
+    return DiagnosticStatus(values=[KeyValue(key=k, value=v) for k, v in fields.items()])
+
+
+def joints(*speeds: float) -> JointState:
+    return JointState(name=['left', 'right'], velocity=list(speeds))
+
+
+def driving() -> Iterator[Said]:
+    """Yield one second of driving."""
+    yield said(-1000, f'{MUX}/state', String(data='ACTIVE'))
+    yield said(-1000, f'{MUX}/status', status('ACTIVE', 'fort', 'operator took control'))
+    for ms in range(-1000, 0, 50):
+        yield said(ms, f'{MUX}/enable', Bool(data=True))
+        yield said(ms, f'{MUX}/estop', Bool(data=False))
+        yield said(ms, f'{MUX}/command', joints(5.0, -5.0))
+        yield said(ms, f'{VSC}/estop', Bool(data=False))
+        yield said(ms, f'{VSC}/joy', Joy(axes=[0.0, 0.5], buttons=[1]))
+        yield said(ms, f'{DRIVE}/estop', Bool(data=False))
+        yield said(ms, f'{DRIVE}/enabled', Bool(data=True))
+        yield said(ms, f'{DRIVE}/joint_states', joints(4.9, -4.9))
+
+
+def stopping() -> Iterator[Said]:
+    yield said(-1, f'{VSC}/estop', Bool(data=True))
+    yield said(0, f'{MUX}/estop', Bool(data=True))
+    yield said(0.4, f'{MUX}/enable', Bool(data=False))
+    yield said(1, f'{MUX}/command', joints(0.0, 0.0))
+    ages = {"age of e-stop source 'fort' (s)": '0.001', "age of operator 'fort' (s)": '0.012'}
+    conditions = {"condition of e-stop source 'fort'": 'stop'}
+    reason = f'{STOPPED_BY} demands a stop: pressed'
+    values = {'stopped by': STOPPED_BY, **ages, **conditions}
+    yield said(2, f'{MUX}/status', status('STOPPED', 'none', reason, **values))
+    yield said(3, '/rosout', Log(name='esi_drive_bridge', level=30, msg='disabled: e-stop'))
+    yield said(4, '/rosout', Log(name='camera', level=50, msg='no picture'))
+
+
+def obeying() -> Iterator[Said]:
+    yield said(12, f'{DRIVE}/enabled', Bool(data=False))
+    yield said(340, f'{DRIVE}/joint_states', joints(0.1, 0.0))
+    yield said(2000, f'{DRIVE}/joint_states', joints(0.0, 0.0))
+
+
+def test_story_says_who_asked_what_was_heard_last_and_that_the_drive_obeyed() -> None:
+    found = story(reversed([*driving(), *stopping(), *obeying()]))
+    assert found == [
+        f'2001-09-09 01:46:40.000 UTC: {MUX} is STOPPED: {STOPPED_BY} demands a stop: pressed',
+        "  before it: ACTIVE, 'fort' had control",
+        f'  who asked: {STOPPED_BY}',
+        f'  heard last: {STOPPED_BY} 1 ms before (stop), '
+        "operator 'fort' 12 ms before (nothing said)",
+        f'        -1 ms  {VSC} demands a stop',
+        f'        +0 ms  {MUX} tells all devices to stop',
+        f'        +0 ms  {MUX} has the drives disabled',
+        f'        +1 ms  {MUX} commands 0',
+        f'        +2 ms  {MUX} is STOPPED: {STOPPED_BY} demands a stop: pressed',
+        f'        +3 ms  {DRIVE}: disabled: e-stop',
+        f'       +12 ms  {DRIVE}: the drive is disabled',
+        f'      +340 ms  {DRIVE}: the joints stand',
+        f'  {DRIVE} was disabled 12 ms after the stop',
+        f'  {DRIVE} stood 340 ms after the stop',
+    ]
+
+
+def test_drive_that_goes_on_did_not_obey() -> None:
+    on = [said(2000, f'{DRIVE}/joint_states', joints(4.9, -4.9))]
+    text = '\n'.join(story([*driving(), *stopping(), *on]))
+    assert f'{DRIVE} DID NOT OBEY: it is enabled 2.0 s after the stop' in text
+    assert f'{DRIVE} DID NOT OBEY: it moves 2.0 s after the stop' in text
+
+
+def test_packet_that_disables_is_told_by_its_own_time() -> None:
+    def packet(ms: float, enable: bool) -> Said:
+        command = esi.Command((esi.AxisCommand(enable=enable),) * 2).to_bytes(esi.Layout.DUAL)
+        chunk = Chunk(T0 + ms * 1e-3, 0, True, None, command)
+        return said(ms + 40, f'{DRIVE}/raw/sent', raw_message([chunk], 0.0))
+
+    packets = [packet(ms, ms < 0) for ms in (-20, -10, 2, 12)]
+    found = story([*driving(), *stopping(), *obeying(), *packets])
+    assert f'        +2 ms  {DRIVE} tells the drive to disable, on the wire' in found
+    assert f'  {DRIVE} told its drive to disable 2 ms after the stop' in found
+
+
+def test_released_deadman_is_told_though_nothing_was_stopped() -> None:
+    def release() -> Iterable[Said]:
+        yield said(-2, f'{VSC}/joy', Joy(axes=[0.0, 0.0], buttons=[0]))
+        yield said(0, f'{MUX}/enable', Bool(data=False))
+        yield said(1, f'{MUX}/status', status('READY', 'none', 'the deadman was released'))
+
+    found = story([*driving(), *release(), *obeying()])
+    assert found[0].endswith(f': {MUX} is READY: the deadman was released')
+    assert f'        -2 ms  {VSC}/joy: button 0 is released' in found
+    assert f'        -2 ms  {VSC}/joy: axis 1 is in the middle' in found
+    assert not any('who asked' in line for line in found)
+
+
+def test_recording_without_a_stop_says_how_the_machine_is() -> None:
+    assert story(driving()) == [
+        f'{MUX} stopped nothing in this recording',
+        '  it is ACTIVE: operator took control',
+    ]
+    assert story([]) == ['no safety mux is in this recording']
+
+
+def written(path: Path, messages: Iterable[Said]) -> Path:
+    file = RecordingFile(path / '19700101T000000.000Z_stop.mcap')
+    file.add_metadata('parameters of /safety_mux', {'feedback.standstill': '0.05'})
+    for each in messages:
+        channel = Channel(each.topic, each.type, definition_of(each.type))
+        file.add([Heard(each.at, each.at, channel, bytes(serialize_message(each.message)))])
+    file.finish(file.path)
+    return file.path
+
+
+def outcome(path: Path, capsys: pytest.CaptureFixture[str]) -> tuple[object, str, str]:
+    with pytest.raises(SystemExit) as caught:
+        main([str(path)])
+    return caught.value.code, *capsys.readouterr()
+
+
+def test_file_is_told_by_the_parameters_in_it(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    status, out, error = outcome(written(tmp_path, [*driving(), *stopping(), *obeying()]), capsys)
+    assert (status, error) == (0, '')
+    assert f'{DRIVE} was disabled 12 ms after the stop' in out
+    assert f'{DRIVE} stood 2000 ms after the stop' in out  # 0.1 rad/s is not standing there
+
+
+def test_file_that_was_cut_short_is_told_as_far_as_it_goes(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = written(tmp_path, [*driving(), *stopping(), *obeying()])
+    path.write_bytes(path.read_bytes()[:-200])
+    status, out, error = outcome(path, capsys)
+    assert status == 1
+    assert f'{MUX} is STOPPED' in out
+    assert error.startswith('# it is read up to here only: EndOfFile')
+
+
+def test_what_is_no_recording_is_one_line_and_status_2(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / 'notes.txt'
+    path.write_text('hello')
+    status, out, error = outcome(path, capsys)
+    assert (status, out) == (2, '')
+    assert error == f'rugged_teleop why: {path}: is no MCAP file\n'
