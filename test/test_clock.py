@@ -37,14 +37,23 @@ def test_clock_goes_on_while_the_computer_sleeps(monkeypatch: pytest.MonkeyPatch
     assert runpy.run_path(clock.__file__)['now']() == HOUR
 
 
+# The time of day is told, and decides nothing.
+TELL = {'bridge_core.raw', 'rugged_teleop.recorder.writer', 'status_page.node'}
+
+
 def test_nothing_asks_another_clock_but_the_simulated_devices() -> None:
-    """And a node, how old a message is: by the clock that the middleware has stamped it with."""
+    """
+    And a lane, how old a message is, by the clock that the middleware has stamped it with.
+
+    The doctor compares clocks.
+    """
     users = {
         module
         for module, path in modules().items()
         if _OTHER_CLOCK.search(path.read_text(encoding='utf-8')) and not within(module, 'demo')
     }
-    assert users == {'bridge_core.clock', 'bridge_core.node', 'rugged_teleop.ports'}
+    ages = {'bridge_core.clock', 'bridge_core.lane'}
+    assert users - TELL == {*ages, 'rugged_teleop.doctor.system', 'rugged_teleop.ports'}
 
 
 def test_wire_that_slept_stops_until_it_hears_again(
