@@ -253,7 +253,7 @@ def is_frame(kind: str, line: str) -> bool:
 
 
 def test_cut_blf_gives_what_is_whole_and_says_so(tmp_path: Path) -> None:
-    path = write_log(tmp_path / 'capture', 'blf', 20000)
+    path = write_log(tmp_path / 'capture', 'blf', 5000)
     data = path.read_bytes()
     path.write_bytes(data[: len(data) // 2] + b'XXXX' * 10)
     entries = decoded(path)

@@ -14,6 +14,7 @@ from pathlib import Path
 import re
 import signal
 import threading
+import time
 from typing import Any
 from typing import Protocol
 
@@ -153,15 +154,28 @@ def ports() -> Iterator[Ports]:
         port.close()
 
 
-def started(node: str, arguments: Sequence[str]) -> int:
-    """Run a node in this process; one that takes what it was given is ended after a while."""
-    rescue = threading.Timer(3.0, os.kill, (os.getpid(), signal.SIGTERM))
-    rescue.start()
+def started(node: str, arguments: Sequence[str], port: Untouched | None = None) -> int:
+    """
+    Run a node in this process; one that takes what it was given is ended after a while.
+
+    :param port: it is ended as soon as it has opened this.
+    """
+    over = threading.Event()
+
+    def rescue() -> None:
+        end = time.monotonic() + 3.0
+        while not over.wait(0.02):
+            if time.monotonic() > end or (port is not None and port.was_opened):
+                os.kill(os.getpid(), signal.SIGTERM)
+                return
+
+    thread = threading.Thread(target=rescue)
+    thread.start()
     try:
         return run([NODES[node][0]], ['node', '--ros-args', *arguments])
     finally:
-        rescue.cancel()
-        rescue.join()
+        over.set()
+        thread.join()
 
 
 def overrides(values: dict[str, Any], port: Untouched) -> list[str]:
@@ -569,7 +583,7 @@ def test_good_parameters_open_the_port(node: str) -> None:
     """So that a port which stays closed tells something."""
     port = NODES[node][1]()
     try:
-        assert started(node, overrides({}, port)) == 0
+        assert started(node, overrides({}, port), port) == 0
         assert port.was_opened
     finally:
         port.close()

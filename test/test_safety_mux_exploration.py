@@ -873,7 +873,7 @@ SCENES = {
 }
 
 
-_NEAR = 4000  # states
+_NEAR = 2000  # states
 
 
 @pytest.mark.parametrize('name', SCENES)
