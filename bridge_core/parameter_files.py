@@ -1,4 +1,4 @@
-"""Parameter files: which nodes their sections are for."""
+"""Parameter files: which nodes their sections are for, and what they say."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def parameters_for(node: str, files: Sequence[Path]) -> dict[str, Any]:
     given: dict[str, Any] = {}
     for file in files:
         for section, value in _sections(_content(file), ''):
-            if _is_for(section, node) and isinstance(value, dict):
+            if is_for(section, node) and isinstance(value, dict):
                 given |= _flat(value.get('ros__parameters') or {}, '')
     return given
 
@@ -86,7 +86,7 @@ def check_sections(node: str, files: Sequence[Path]) -> None:
     :raises ParameterError: no section is for it.
     """
     found = [(section, file) for file in files for section in sections_of(file)]
-    if not files or any(_is_for(section, node) for section, _ in found):
+    if not files or any(is_for(section, node) for section, _ in found):
         return
     base = node.rsplit('/', 1)[-1]
     bases = {section.rsplit('/', 1)[-1]: (section, file) for section, file in found}
@@ -106,7 +106,7 @@ def check_files(nodes: Sequence[str], files: Sequence[Path]) -> None:
     """Refuse a file that is for none of these nodes. :raises ParameterError: it."""
     for file in files:
         sections = sections_of(file)
-        if not any(_is_for(section, node) for section in sections for node in nodes):
+        if not any(is_for(section, node) for section in sections for node in nodes):
             raise ParameterError(
                 f'parameter file {file}: it has no section for {", ".join(nodes)}; it has '
                 f'{", ".join(sections) or "none"}'
@@ -125,7 +125,8 @@ def check_names(nodes: Collection[str], files: Sequence[Path]) -> None:
             raise ParameterError(f'parameter file {file}: {hint} Its section {section} is no node')
 
 
-def _is_for(section: str, node: str) -> bool:
+def is_for(section: str, node: str) -> bool:
+    """Return whether ROS uses a section for the node of this full name."""
     tokens = section.split('/')[1:]
     pattern = ''.join(_TOKENS.get(token, '/' + re.escape(token)) for token in tokens)
     return re.fullmatch(pattern, node) is not None

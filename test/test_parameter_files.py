@@ -7,6 +7,7 @@ import pytest
 import rclpy
 from rclpy.context import Context
 from rclpy.node import Node
+import yaml
 
 from bridge_core.parameter_files import check_files
 from bridge_core.parameter_files import check_sections
@@ -64,6 +65,33 @@ def test_sections_below_a_namespace_have_their_full_names(file: Path) -> None:
     file.write_text('left: {' + section('safety_mux').strip() + '}\n' + section('/right/other'))
     assert sections_of(file) == [NODE, '/right/other']
     check_sections(NODE, [file])
+
+
+@pytest.mark.parametrize('order', [1, -1], ids=['general first', 'general last'])
+def test_what_counts_of_several_sections_is_what_counts_in_ros(order: int, file: Path) -> None:
+    sections = {
+        '/**': {'a': 1, 'b': 1, 'c': 1},
+        '/**/safety_mux': {'a': 2, 'b': 2, 'd': {'e': 2}},
+        NODE: {'a': 3},
+        '/other': {'f': 4},
+    }
+    content = {name: {'ros__parameters': sections[name]} for name in [*sections][::order]}
+    file.write_text(yaml.safe_dump(content, sort_keys=False))
+    context = Context()
+    rclpy.init(args=['--ros-args', '--params-file', str(file)], context=context)
+    node = Node(
+        'safety_mux',
+        namespace='/left',
+        context=context,
+        automatically_declare_parameters_from_overrides=True,
+    )
+    try:
+        ours = parameters_for(NODE, [file])
+        assert set(ours) == {'a', 'b', 'c', 'd.e'}
+        assert {name: node.get_parameter(name).value for name in ours} == ours
+    finally:
+        node.destroy_node()
+        context.try_shutdown()
 
 
 def test_file_that_speaks_of_others_only_is_refused(file: Path) -> None:

@@ -1,0 +1,255 @@
+"""
+What a parameter file asks for, as processes: its nodes, wired, and on request their devices.
+
+launch/bringup.launch.py starts them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from collections.abc import Mapping
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+import sys
+from typing import Any
+
+import yaml
+
+from bridge_core.parameter_files import check_names
+from bridge_core.parameter_files import is_for
+from bridge_core.parameter_files import parameters_for
+from bridge_core.parameter_files import sections_of
+from rugged_teleop.canbuses import free_channel
+from rugged_teleop.canbuses import INTERFACE
+from rugged_teleop.multicasts import free_port
+from rugged_teleop.multicasts import GROUP
+from rugged_teleop.multicasts import LOOPBACK
+from rugged_teleop.stack import NODES
+from rugged_teleop.stack import WIRING
+
+# Arguments of the launch file that say where a device is: the node and its parameter.
+PORTS = {
+    'fort_vsc_port': ('fort_vsc_bridge', 'port'),
+    'fort_vsc_channel': ('fort_vsc_bridge', 'channel'),
+    'vm110_interface_address': ('vm110_bridge', 'interface_address'),
+    'akron_channel': ('akron_can_bridge', 'channel'),
+    'esi_drive_port': ('esi_drive_bridge', 'port'),
+    'ssc_port': ('ssc_bridge', 'port'),
+}
+_MUX = 'safety_mux'
+
+Values = dict[str, Any]
+
+
+@dataclass(frozen=True)
+class Process:
+    """
+    One process to start.
+
+    :param name: for people, such as /front/esi_drive_bridge.
+    :param command: what to run, complete. :param respawn: start it again when it ends.
+    """
+
+    name: str
+    command: tuple[str, ...]
+    respawn: bool
+
+
+def processes(
+    file: Path,
+    folder: Path,
+    *,
+    namespace: str = '',
+    simulated: bool = False,
+    autostart: bool = True,
+    ports: Mapping[str, str] | None = None,
+) -> list[Process]:
+    """
+    Return the processes that a parameter file asks for, simulated devices first.
+
+    Nodes that do not run as the file says get a file of their own: ``-p`` gives way to a section
+    with a full name.
+
+    :param folder: for those files, and the ports of simulated devices.
+    :param namespace: of sections that name none.
+    :param autostart: False leaves the nodes to a lifecycle manager.
+    :param ports: by the names in PORTS; what is empty is as the file says.
+    :raises ValueError: the file is none, or what is asked for cannot be.
+    """
+    nodes = nodes_of(file, namespace)
+    given = _given_ports(nodes, {name: port for name, port in (ports or {}).items() if port})
+    if simulated and given:
+        raise ValueError(f'{next(iter(given))} is simulated: give it no port of a real device')
+    simulation = _Simulation(file, folder)
+    devices = []
+    result = []
+    for node in nodes:
+        values = dict(given.get(node, {}))
+        if simulated and _name_of(node) != _MUX:
+            device, values = simulation.of(node)
+            devices.append(_simulator(node, device))
+        if not autostart:
+            values['autostart'] = False
+        own = _resolved(node, file, values, folder) if values else file
+        result.append(_node_process(node, own, _rules(node, nodes)))
+    return [*devices, *result]
+
+
+def nodes_of(file: Path, namespace: str = '') -> list[str]:
+    """
+    Return the full names of the nodes that a file has sections for, in order of NODES.
+
+    A section with a full name is one node. One with wildcards is a node in ``namespace``, or where
+    there are full names of its kind, what they share.
+
+    :raises ValueError: the file is none, or has sections that are for no node.
+    """
+    check_names(NODES, [file])
+    sections = sections_of(file)
+    named = [section for section in sections if '*' not in section]
+    kinds = set(map(_name_of, named))
+    above = '/' + namespace.strip('/') if namespace.strip('/') else ''
+    shared = {_name_of(section) for section in sections if '*' in section} - kinds
+    here = [f'{above}/{name}' for name in NODES if name in shared]
+    if above and not here:
+        raise ValueError(f'namespace {namespace}: {file} has no section /**/<node> to put there')
+    nodes = sorted(dict.fromkeys([*named, *here]), key=lambda node: [*NODES].index(_name_of(node)))
+    for section in sections:
+        if not any(is_for(section, node) for node in nodes):
+            raise ValueError(f'parameter file {file}: its section {section} is for no node in it')
+    return nodes
+
+
+def _given_ports(nodes: Iterable[str], ports: Mapping[str, str]) -> dict[str, Values]:
+    """Return the parameters by node. :raises ValueError: none or several are meant."""
+    result: dict[str, Values] = {}
+    for argument, port in ports.items():
+        name, parameter = PORTS[argument]
+        meant = [node for node in nodes if _name_of(node) == name]
+        if len(meant) != 1:
+            raise ValueError(
+                f'{argument}: the file has {len(meant)} of {name}; give it where there is one'
+            )
+        result.setdefault(meant[0], {})[parameter] = port
+    return result
+
+
+def _rules(node: str, nodes: Sequence[str]) -> list[str]:
+    """Return the remappings to the mux in the node's namespace, or the nearest above."""
+    wiring = WIRING.get(_name_of(node), {})
+    muxes = [other for other in nodes if _name_of(other) == _MUX]
+    above = [mux for mux in muxes if f'{node}/'.startswith(mux.removesuffix(_MUX))]
+    if not wiring or not muxes:
+        return []
+    if not above:
+        raise ValueError(f'{node}: no {_MUX} is in its namespace or above it, to stop it')
+    root = max(above, key=len).removesuffix(_MUX)
+    return [f'{topic}:={root}{source}' for topic, source in wiring.items()]
+
+
+def _resolved(node: str, file: Path, values: Values, folder: Path) -> Path:
+    """Write what a file says for a node, with these values, to a file of its own."""
+    path = _place(folder, node, '.yaml')
+    parameters = parameters_for(node, [file]) | values
+    text = yaml.dump({node: {'ros__parameters': parameters}}, Dumper=_Dumper)
+    path.write_text(text, encoding='utf-8')
+    return path
+
+
+class _Dumper(yaml.SafeDumper):
+    """Quotes every string: what only Python's YAML takes for one stays one in ROS's."""
+
+
+_Dumper.add_representer(
+    str, lambda dumper, text: dumper.represent_scalar('tag:yaml.org,2002:str', text, style="'")
+)
+
+
+def _place(folder: Path, node: str, suffix: str = '') -> Path:
+    return folder / (node.strip('/').replace('/', '.') + suffix)
+
+
+def _node_process(node: str, file: Path, rules: Iterable[str]) -> Process:
+    namespace, _, name = node.rpartition('/')
+    words = ['--params-file', str(file), '-r', f'__ns:={namespace or "/"}']
+    for rule in rules:
+        words += ['-r', rule]
+    module, _ = NODES[name]
+    # A bridge says stop until its link is proved, and a mux begins STOPPED: each may come back.
+    return Process(node, (sys.executable, '-m', module, '--ros-args', *words), respawn=True)
+
+
+def _simulator(node: str, device: Iterable[str]) -> Process:
+    command = (sys.executable, '-m', 'rugged_teleop', 'simulate', *device)
+    return Process(f'{node}: device', command, respawn=False)
+
+
+class _Simulation:
+    """
+    Where simulated devices are: on this machine, whatever the file says.
+
+    Those that share a CAN bus by the file share a simulated one.
+    """
+
+    def __init__(self, file: Path, folder: Path) -> None:
+        self._file, self._folder = file, folder
+        self._channels: dict[tuple[str, str], str] = {}
+
+    def of(self, node: str) -> tuple[list[str], Values]:
+        """Return the arguments of ``simulate``, and the parameters by which its node finds it."""
+        name = _name_of(node)
+        values = parameters_for(node, [self._file])
+        if name == 'vm110_bridge':
+            return self._multicast(values)
+        if name == 'akron_can_bridge':
+            return self._can('akron', values, _unit_options(values))
+        if name == 'fort_vsc_bridge' and values.get('transport') == 'can':
+            return self._can('fort_vsc_can', values)
+        path = str(_place(self._folder, node))
+        return [*_serial_device(name, values), '--port', path], {'port': path}
+
+    def _can(
+        self, device: str, values: Values, options: Iterable[str] = ()
+    ) -> tuple[list[str], Values]:
+        bus = (values.get('interface', ''), values.get('channel', ''))
+        if bus not in self._channels:
+            self._channels[bus] = free_channel()
+        channel = self._channels[bus]
+        words = [device, *options, '--interface', INTERFACE, '--channel', channel]
+        return words, {'interface': INTERFACE, 'channel': channel, 'bitrate': 0}
+
+    def _multicast(self, values: Values) -> tuple[list[str], Values]:
+        port = free_port()
+        words = ['vm110', '--port', str(port), '--group', GROUP, '--interface-address', LOOPBACK]
+        if values.get('bu_id'):
+            words += ['--bu-id', str(values['bu_id'])]
+        if values.get('crc', 'auto') != 'auto':
+            words += ['--crc', values['crc']]
+        return words, {
+            'group': GROUP,
+            'input_port': port,
+            'interface_address': LOOPBACK,
+            'allowed_sources': [''],
+        }
+
+
+def _serial_device(name: str, values: Values) -> list[str]:
+    if name == 'esi_drive_bridge':
+        joints = values.get('joint_names', ['left', 'right'])
+        compact = values.get('single_axis_layout') == 'compact'
+        return ['esi_drive', '--axes', str(len(joints)), *(['--compact'] if compact else [])]
+    if name == 'fort_vsc_bridge':
+        return ['fort_vsc_hid' if values.get('transport') == 'hid' else 'fort_vsc']
+    return [name.removesuffix('_bridge')]
+
+
+def _unit_options(values: Values) -> list[str]:
+    pin = values.get('device_pin', '')
+    kind = pin[:4] or str(values.get('device_type') or 1032)
+    address = values.get('unit_address') or 0x80
+    return ['--type', kind, '--address', f'{address:x}', *(['--pin', pin] if pin else [])]
+
+
+def _name_of(node: str) -> str:
+    return node.rsplit('/', 1)[-1]
