@@ -1,0 +1,67 @@
+"""What runs the nodes in operation: service, container, lifecycle manager, diagnostics' groups."""
+
+from configparser import ConfigParser
+import re
+from typing import Any
+
+import pytest
+import yaml
+
+from bridge_core.parameter_files import parameters_of
+from bridge_core.parameter_files import sections_of
+from rugged_teleop.stack import NODES
+from test.rig import ROOT
+
+UNIT = ROOT / 'systemd' / 'rugged_teleop@.service'
+DOCKERFILE = ROOT / 'container' / 'Dockerfile'
+
+
+def service() -> Any:
+    parser = ConfigParser(interpolation=None, strict=False)
+    parser.optionxform = str  # type: ignore[assignment, method-assign]
+    parser.read_string(UNIT.read_text())
+    return parser['Service']
+
+
+def test_wires_outlive_their_nodes_under_systemd() -> None:
+    assert service()['KillMode'] == 'process'
+    assert service()['OOMPolicy'] == 'continue'
+
+
+def test_service_comes_back_unless_its_parameters_are_bad_and_is_not_root() -> None:
+    assert service()['Restart'] == 'always'
+    assert service()['RestartPreventExitStatus'] == '2'
+    assert service()['User'] not in ('root', '0')
+    assert (service()['LimitRTPRIO'], service()['LimitMEMLOCK']) == ('98', 'infinity')
+
+
+def test_service_runs_the_stack_itself_so_that_it_is_what_systemd_signals() -> None:
+    assert ' && exec python3 -m rugged_teleop.stack ' in service()['ExecStart']
+
+
+def test_container_runs_a_launch_file_that_exists_and_not_as_root() -> None:
+    text = DOCKERFILE.read_text()
+    (file,) = re.findall(r'ros2 launch rugged_teleop ([\w.]+)', text)
+    assert (ROOT / 'launch' / file).is_file()
+    assert '\nUSER robot\n' in text
+
+
+@pytest.mark.parametrize('name', ['systemd', 'container', 'config', 'launch'])
+def test_what_runs_the_nodes_is_installed(name: str) -> None:
+    (line,) = re.findall(r'^SHARED = \((.*)\)$', (ROOT / 'setup.py').read_text(), re.M)
+    assert f"'{name}'" in line
+
+
+def test_lifecycle_manager_has_the_nodes_of_the_spine_and_no_bonds() -> None:
+    values = parameters_of(ROOT / 'config' / 'lifecycle_manager.yaml', '/lifecycle_manager')
+    spine = {name.rsplit('/', 1)[-1] for name in sections_of(ROOT / 'config' / 'spine.yaml')}
+    assert set(values['node_names']) == spine
+    assert values['bond_timeout'] == 0.0
+    assert type(values['bond_timeout']) is float
+
+
+def test_diagnostics_of_every_node_have_one_group() -> None:
+    content = yaml.safe_load((ROOT / 'config' / 'diagnostics.yaml').read_text())
+    groups = [g for g in content['analyzers']['ros__parameters'].values() if isinstance(g, dict)]
+    assert sorted(part for group in groups for part in group['contains']) == sorted(NODES)
+    assert len({group['path'] for group in groups}) == len(groups)
