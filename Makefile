@@ -12,7 +12,8 @@
 #   make bench             measure, write benchmarks/results.json and the table of docs/performance.md; ARGS=--quick
 #   make bench-check       measure again; status 1 where a ratio got worse by a quarter; ARGS=--quick
 #   make campaign          harm the running system, 20 times in each way; ARGS='-n 5 SIGKILL' and the like
-#   make reference         write config/*.yaml and the parameter tables of docs/ from the tables in the code
+#   make reference         write config/*.yaml, their schema and the parameter tables of docs/ from the tables in
+#                          the code
 #   make clean             remove what these targets made, .venv included
 
 PYTHON ?= python3

@@ -12,6 +12,7 @@ from rugged_teleop import reference
 from rugged_teleop.reference import Node
 from rugged_teleop.reference import NODES
 from rugged_teleop.reference import Table
+from rugged_teleop.schema import GENERIC
 
 each_node = pytest.mark.parametrize('node', NODES, ids=lambda node: node.name)
 
@@ -60,7 +61,7 @@ def test_example_of_a_list_that_names_nothing_is_what_a_name_there_would_bring()
     (ssc,) = (node for node in NODES if node.name == 'ssc_bridge')
     text = reference.parameter_file(ssc).replace("servos: ['']", 'servos: [pan]')
     example = re.sub(r'^    # (?=servo:|  )', '    ', text, flags=re.MULTILINE)
-    values = values_of(ssc, example.replace(reference.GENERIC, 'pan'))
+    values = values_of(ssc, example.replace(GENERIC, 'pan'))
     table = (*ssc.common, *ssc.table({'servos': ['pan']}))
     assert values == {p.name: p.default for p in table} | {'servos': ['pan']}
 
