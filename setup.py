@@ -34,6 +34,7 @@ setup(
         'record': ['mcap>=1.1', 'mcap-ros2-support>=0.5'],
     },
     install_requires=['setuptools', 'pyserial>=3.5', 'python-can>=4.3', 'PyYAML'],
+    extras_require={'completion': ['argcomplete>=3']},
     packages=find_packages(exclude=('demo*', 'test*', 'benchmarks*')),
     package_data={'': ['py.typed'], 'status_page': ['static/*']},
     zip_safe=False,

@@ -51,8 +51,16 @@ def _help_of(factory: Callable[..., ManagedNode]) -> str:
         f'usage: {name} [--help] [--ros-args [-p NAME:=VALUE]... [--params-file FILE] '
         '[-r FROM:=TO]...]\n'
     )
-    return usage + ''.join(
-        f'\n{title}:\n' + ''.join(f'  {line}\n' for line in lines) for title, lines in sections
+    examples = (
+        f'\nexamples:\n  {name} --ros-args --params-file my.yaml\n'
+        f'  {name} --ros-args -p autostart:=false -r __ns:=/front\n'
+    )
+    return (
+        usage
+        + examples
+        + ''.join(
+            f'\n{title}:\n' + ''.join(f'  {line}\n' for line in lines) for title, lines in sections
+        )
     )
 
 

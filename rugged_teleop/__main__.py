@@ -7,7 +7,13 @@ A subcommand is imported when it is used, and none needs ROS for its help.
 from collections.abc import Sequence
 import difflib
 import importlib
+import os
 import sys
+from typing import Any
+
+from rugged_teleop.command_line import complete
+from rugged_teleop.command_line import completes
+from rugged_teleop.command_line import Parser
 
 # By name: what it does, and the module whose main(arguments, prog) does it.
 COMMANDS = {
@@ -36,6 +42,8 @@ def usage() -> str:
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run a subcommand; the executable's entry point."""
+    if completes():
+        _complete(os.environ['COMP_LINE'][: int(os.environ['COMP_POINT'])].split(' '))
     name, *rest = (sys.argv[1:] if arguments is None else arguments) or ['']
     if name in ('-h', '--help'):
         print(usage(), end='')
@@ -45,8 +53,20 @@ def main(arguments: Sequence[str] | None = None) -> None:
         problem = f'there is no command {name!r}' if name else 'name a command'
         print(f'rugged_teleop: {problem}; there is {", ".join(like)}', file=sys.stderr)
         sys.exit(2)
-    module = importlib.import_module(f'rugged_teleop.{COMMANDS[name][1]}')
-    module.main(rest, prog=f'rugged_teleop {name}')
+    _module(name).main(rest, prog=f'rugged_teleop {name}')
+
+
+def _module(name: str) -> Any:
+    return importlib.import_module(f'rugged_teleop.{COMMANDS[name][1]}')
+
+
+def _complete(typed: Sequence[str]) -> None:
+    """Complete the command, or behind it what its own parser says."""
+    if len(typed) > 2 and typed[1] in COMMANDS:
+        complete(_module(typed[1]).parser(f'rugged_teleop {typed[1]}'), 2)
+    commands = Parser(prog='rugged_teleop')
+    commands.add_argument('command', choices=COMMANDS)
+    complete(commands, 1)
 
 
 if __name__ == '__main__':

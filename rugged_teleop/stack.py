@@ -40,7 +40,11 @@ usage: rugged_teleop_stack [--help] [NODE]... [--ros-args [--params-file FILE]]
 
 Without a NODE, those that the parameter files have a section for. There are:
 {nodes}
-Topics and parameters: NODE --help"""
+Topics and parameters: NODE --help
+
+examples:
+  rugged_teleop_stack --ros-args --params-file my.yaml
+  rugged_teleop_stack fort_vsc_bridge safety_mux --ros-args -p safety_mux:rate:=200.0"""
 
 # Remappings of the nodes that subscribe to the mux; rules of the command line take precedence.
 WIRING = {

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import importlib
+import os
+from pathlib import Path
 import subprocess
 import sys
 
@@ -38,7 +41,7 @@ def test_help_names_every_command_and_imports_none() -> None:
     done = outcome('--help')
     assert done.returncode == 0
     assert all(f'\n  {name} ' in done.stdout for name in COMMANDS)
-    assert done.stderr.split() == ['rugged_teleop.__main__']
+    assert set(done.stderr.split()) == {'rugged_teleop.__main__', 'rugged_teleop.command_line'}
 
 
 @pytest.mark.parametrize('name', COMMANDS)
@@ -72,3 +75,33 @@ def test_command_says_its_whole_name_in_an_error(capsys: pytest.CaptureFixture[s
     with pytest.raises(SystemExit):
         main(['simulate', 'nothing'])
     assert capsys.readouterr().err.startswith('rugged_teleop simulate: ')
+
+
+# Completion, as bash asks for it.
+
+
+def completions(line: str, path: Path) -> set[str]:
+    asked = {'_ARGCOMPLETE': '1', 'COMP_LINE': line, 'COMP_POINT': str(len(line))}
+    asked |= {'_ARGCOMPLETE_IFS': '\n', '_ARGCOMPLETE_STDOUT_FILENAME': str(path)}
+    done = subprocess.run(
+        [sys.executable, '-m', 'rugged_teleop'],
+        env={**os.environ, **asked},
+        cwd=ROOT,
+        timeout=60.0,
+    )
+    assert done.returncode == 0
+    return {word.strip() for word in path.read_text().split('\n')}
+
+
+def test_completion_offers_commands_and_behind_one_its_own_words(tmp_path: Path) -> None:
+    path = tmp_path / 'answer'
+    assert {*COMMANDS, '--help'} <= completions('rugged_teleop ', path)
+    assert completions('rugged_teleop sim', path) == {'simulate'}
+    assert completions('rugged_teleop simulate esi', path) == {'esi_drive'}
+    assert '--axes' in completions('rugged_teleop simulate esi_drive --', path)
+
+
+@pytest.mark.parametrize('name', COMMANDS)
+def test_every_command_has_a_parser_for_completion(name: str) -> None:
+    module = importlib.import_module(f'rugged_teleop.{COMMANDS[name][1]}')
+    assert module.parser(f'rugged_teleop {name}').prog == f'rugged_teleop {name}'

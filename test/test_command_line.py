@@ -27,6 +27,7 @@ def test_help_has_topics_and_parameters_and_opens_nothing(node: str) -> None:
     status, text, error = outcome(NODES[node][0], '--help')
     assert (status, error) == (0, '')
     assert text.startswith(f'usage: {node} ')
+    assert f'\nexamples:\n  {node} --ros-args ' in text
     for line in ('~/estop ', 'autostart = True', 'std_msgs/Bool'):
         assert line in text
     if node != 'safety_mux':
@@ -57,3 +58,10 @@ def test_help_of_the_stack_names_the_nodes() -> None:
     assert (status, error) == (0, '')
     assert text.startswith('usage: rugged_teleop_stack ')
     assert all(node in text for node in NODES)
+    assert '\nexamples:\n  rugged_teleop_stack ' in text
+
+
+def test_help_of_ssc_config_has_examples() -> None:
+    status, text, error = outcome('ssc_bridge.config.main', '--help')
+    assert (status, error) == (0, '')
+    assert '\nexamples:\n  ssc_config dump ' in text

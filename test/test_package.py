@@ -21,7 +21,12 @@ PACKAGE = 'rugged_teleop'
 LAUNCH_FILES = sorted((ROOT / 'launch').glob('*.launch.xml'))
 SHARE = f'$(find-pkg-share {PACKAGE})/'
 # Where the name in an import is not the rosdep key.
-ROSDEP_KEYS = {'can': 'python3-can', 'serial': 'python3-serial', 'yaml': 'python3-yaml'}
+ROSDEP_KEYS = {
+    'argcomplete': 'python3-argcomplete',
+    'can': 'python3-can',
+    'serial': 'python3-serial',
+    'yaml': 'python3-yaml',
+}
 # Where it is not the name on PyPI.
 DISTRIBUTIONS = {'mcap_ros2': 'mcap-ros2-support'}
 # What rclpy and the message packages bring with them.

@@ -247,11 +247,20 @@ def _with_bytes(field: Field) -> str:
     return f'{field.text} [{field.raw.hex().upper()}]' if field.raw else field.text
 
 
+_EXAMPLES = """\
+examples:
+  ssc_config dump backup.ssc --port /dev/ttyUSB0
+  ssc_config compare backup.ssc other.ssc
+  ssc_config restore backup.ssc --port /dev/ttyUSB0
+"""
+
+
 def parser() -> argparse.ArgumentParser:
     """Return the parser of the command line."""
     result = argparse.ArgumentParser(
         prog='ssc_config',
         description=__doc__,
+        epilog=_EXAMPLES,
         allow_abbrev=False,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
