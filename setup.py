@@ -30,11 +30,11 @@ setup(
     # ROS is not listed: where it is installed it is used as it is, elsewhere see requirements.txt.
     # What one node or command alone needs.
     extras_require={
+        'completion': ['argcomplete>=3'],
         'page': ['aiohttp>=3.8'],
         'record': ['mcap>=1.1', 'mcap-ros2-support>=0.5'],
     },
     install_requires=['setuptools', 'pyserial>=3.5', 'python-can>=4.3', 'PyYAML'],
-    extras_require={'completion': ['argcomplete>=3']},
     packages=find_packages(exclude=('demo*', 'test*', 'benchmarks*')),
     package_data={'': ['py.typed'], 'status_page': ['static/*']},
     zip_safe=False,

@@ -1,0 +1,1 @@
+"""One joint of one drive, for a bounded time, without a mux."""

@@ -1,0 +1,151 @@
+"""The course of a trial: wait, neutral, enable, move, rest, disable. Pure; times in s."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum
+
+ALONE_TIME = 1.5  # how long nobody else may be seen to publish; discovery is not instant
+NEUTRAL_TIME = 0.5  # longer than the node doubts a new publisher
+FIND_LIMIT = 10.0  # until the node listens and reports
+HEALTHY_LIMIT = 3.0  # until its e-stop is clear
+ENABLE_LIMIT = 12.0  # longer than the largest enable_timeout
+REST_LIMIT = 2.0
+DISABLE_TIME, DISABLE_LIMIT = 0.3, 3.0
+_REST = 0.05  # of what was asked for, and counts as rest
+
+
+@dataclass(frozen=True)
+class Facts:
+    """
+    What is known of the drive's node; None: not heard yet.
+
+    :param listens: to all three of its inputs. :param others: topics that others publish.
+    :param measured: of the joint, in the unit of what is asked. :param reason: its own words.
+    """
+
+    listens: bool = False
+    others: tuple[str, ...] = ()
+    estop: bool | None = None
+    enabled: bool | None = None
+    measured: float | None = None
+    reason: str = ''
+
+
+@dataclass(frozen=True)
+class Order:
+    """What to publish: the joint's value, ~/enable and ~/estop_in."""
+
+    value: float = 0.0
+    enable: bool = False
+    estop: bool = False
+
+
+class Phase(Enum):
+    """Values are what people read."""
+
+    WAITING = 'looking for the node, and for others who command it'
+    NEUTRAL = 'neutral'
+    ENABLING = 'enabling'
+    MOVING = 'moving'
+    RESTING = 'to rest'
+    DISABLING = 'disabling'
+    DONE = 'done'
+
+
+_LIMITS = {Phase.NEUTRAL: HEALTHY_LIMIT, Phase.ENABLING: ENABLE_LIMIT}
+
+
+class Course:
+    """
+    Decides what to publish; ``problem`` says why it ended early, and is empty otherwise.
+
+    :param value: of the joint while it moves. :param seconds: for which it does.
+    """
+
+    def __init__(self, value: float, seconds: float, now: float) -> None:
+        self.phase = Phase.WAITING
+        self.problem = ''
+        self.peak = 0.0  # the largest value measured
+        self._value, self._seconds = value, seconds
+        self._since = self._alone_since = now
+
+    def interrupt(self, problem: str, now: float) -> None:
+        """Stop; where nothing was published yet, end."""
+        if self.phase is Phase.WAITING:
+            self._enter(Phase.DONE, now)
+        elif self.phase not in (Phase.DISABLING, Phase.DONE):
+            self._enter(Phase.DISABLING, now)
+        else:
+            return
+        self.problem = problem
+
+    def step(self, facts: Facts, now: float) -> Order | None:
+        """Return what to publish now; None is nothing."""
+        problem = self._problem(facts, now)
+        if problem:
+            self.interrupt(problem, now)
+        else:
+            self._advance(facts, now)
+        if self.phase in (Phase.WAITING, Phase.DONE):
+            return None
+        moving = self.phase is Phase.MOVING
+        enable = self.phase in (Phase.ENABLING, Phase.MOVING, Phase.RESTING)
+        return Order(self._value if moving else 0.0, enable, estop=self.phase is Phase.DISABLING)
+
+    def _enter(self, phase: Phase, now: float) -> None:
+        self.phase, self._since = phase, now
+
+    def _problem(self, facts: Facts, now: float) -> str:
+        """Say what ends the course early."""
+        age = now - self._since
+        if facts.others:
+            return (
+                f'somebody else publishes {" and ".join(facts.others)}: stop the mux or the other '
+                'commander; one that was killed is forgotten within 20 s'
+            )
+        if self.phase is Phase.WAITING and age > FIND_LIMIT:
+            missing = 'reports its state' if facts.listens else 'listens to its inputs'
+            return f'no node {missing}: is it running, with this name and in this domain?'
+        if self.phase in (Phase.MOVING, Phase.RESTING):
+            if facts.estop:
+                return f'the drive demands a stop: {facts.reason}'
+            if not facts.enabled:
+                return f'the drive is not enabled any more: {facts.reason}'
+        limit = _LIMITS.get(self.phase)
+        if limit is not None and age > limit:
+            asked = 'its e-stop is' if facts.estop else 'it is'
+            return f'{self.phase.value} for {limit:g} s, and {asked} not ready: {facts.reason}'
+        return ''
+
+    def _advance(self, facts: Facts, now: float) -> None:
+        age = now - self._since
+        measured = abs(facts.measured or 0.0)
+        if self.phase is Phase.WAITING:
+            heard = facts.listens and None not in (facts.estop, facts.enabled)
+            if not heard:
+                self._alone_since = now
+            elif now - self._alone_since >= ALONE_TIME:
+                self._enter(Phase.NEUTRAL, now)
+        elif self.phase is Phase.NEUTRAL:
+            if age >= NEUTRAL_TIME and not facts.estop and not facts.enabled:
+                self._enter(Phase.ENABLING, now)
+        elif self.phase is Phase.ENABLING:
+            if facts.enabled:
+                self._enter(Phase.MOVING, now)
+        elif self.phase is Phase.MOVING:
+            self.peak = max(self.peak, measured)
+            if age >= self._seconds:
+                self._enter(Phase.RESTING, now)
+        elif self.phase is Phase.RESTING:
+            if measured <= _REST * abs(self._value) or age >= REST_LIMIT:
+                self._enter(Phase.DISABLING, now)
+        elif self.phase is Phase.DISABLING:
+            self._disable(facts, age, now)
+
+    def _disable(self, facts: Facts, age: float, now: float) -> None:
+        if age >= DISABLE_TIME and facts.enabled is False:
+            self._enter(Phase.DONE, now)
+        elif age >= DISABLE_LIMIT:
+            self.problem = self.problem or 'the drive does not say that it is disabled'
+            self._enter(Phase.DONE, now)

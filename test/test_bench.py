@@ -1,0 +1,203 @@
+"""The trial of one joint: its course, and the command with the node on a simulated drive."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+import contextlib
+from dataclasses import replace
+from pathlib import Path
+from signal import SIGINT
+from signal import SIGKILL
+import subprocess
+import sys
+from typing import Any
+
+import pytest
+from std_msgs.msg import Bool
+
+from esi_drive_bridge.simulator import Simulator
+from rugged_teleop.bench import course
+from rugged_teleop.bench.course import Course
+from rugged_teleop.bench.course import Facts
+from rugged_teleop.bench.course import Order
+from rugged_teleop.bench.course import Phase
+from test.rig import latched
+from test.rig import NodeProcess
+from test.rig import Observer
+from test.rig import ROOT
+from test.rig import wait_for
+from test.stage import Drive
+
+READY = Facts(listens=True, estop=False, enabled=False, reason='as it says')
+ENABLED = replace(READY, enabled=True)
+STOP = Order(estop=True)
+TICK = 0.02
+
+
+class Trial:
+    """A course in simulated time."""
+
+    def __init__(self) -> None:
+        self.now = 50.0
+        self.course = Course(2.0, 3.0, self.now)
+
+    def run(self, facts: Facts, seconds: float = TICK) -> Order | None:
+        end, order = self.now + seconds - TICK / 2, None
+        while self.now < end:
+            self.now += TICK
+            order = self.course.step(facts, self.now)
+        return order
+
+    def moving(self) -> Trial:
+        self.run(READY, course.ALONE_TIME + course.NEUTRAL_TIME + 0.1)
+        self.run(ENABLED)
+        assert self.course.phase is Phase.MOVING
+        return self
+
+
+# The course.
+
+
+def test_nothing_is_published_until_nobody_else_was_seen_for_a_while() -> None:
+    trial = Trial()
+    assert trial.run(READY, course.ALONE_TIME - 2 * TICK) is None
+    assert trial.run(READY, 4 * TICK) == Order()
+
+
+def test_whole_course_is_neutral_enabled_moving_at_rest_disabled() -> None:
+    trial = Trial()
+    trial.run(READY, course.ALONE_TIME + 2 * TICK)
+    assert trial.run(READY, course.NEUTRAL_TIME - 4 * TICK) == Order()
+    assert trial.run(READY, 8 * TICK) == Order(enable=True)
+    assert trial.run(replace(ENABLED, measured=1.9), 2.9) == Order(2.0, enable=True)
+    assert trial.run(replace(ENABLED, measured=1.9), 0.2) == Order(enable=True)
+    assert trial.run(replace(ENABLED, measured=0.0)) == STOP
+    assert trial.run(READY, course.DISABLE_TIME + 2 * TICK) is None
+    assert (trial.course.phase, trial.course.problem) == (Phase.DONE, '')
+    assert trial.course.peak == 1.9
+
+
+def test_other_publisher_is_refused_before_anything_is_published() -> None:
+    trial = Trial()
+    trial.run(READY, 0.5)
+    assert trial.run(replace(READY, others=('/x/enable',))) is None
+    assert trial.course.phase is Phase.DONE
+    assert 'somebody else publishes /x/enable' in trial.course.problem
+
+
+@pytest.mark.parametrize(
+    ('facts', 'says'),
+    [
+        (replace(ENABLED, others=('/x/enable',)), 'somebody else'),
+        (replace(ENABLED, estop=True), 'demands a stop: as it says'),
+        (READY, 'not enabled any more: as it says'),
+    ],
+    ids=['other', 'e-stop', 'disabled'],
+)
+def test_whatever_goes_wrong_amid_is_a_stop(facts: Facts, says: str) -> None:
+    trial = Trial().moving()
+    assert trial.run(facts) == STOP
+    assert trial.run(ENABLED, 1.0) == STOP  # and stays one
+    assert says in trial.course.problem
+
+
+@pytest.mark.parametrize(
+    ('facts', 'limit', 'says'),
+    [
+        (Facts(), course.FIND_LIMIT, 'no node listens'),
+        (Facts(listens=True), course.FIND_LIMIT, 'no node reports'),
+        (replace(READY, estop=True), course.HEALTHY_LIMIT, 'its e-stop is not ready: as it says'),
+        (READY, course.ENABLE_LIMIT, 'enabling for 12 s'),
+    ],
+)
+def test_what_does_not_come_is_named(facts: Facts, limit: float, says: str) -> None:
+    trial = Trial()
+    trial.run(facts, limit + course.ALONE_TIME + course.NEUTRAL_TIME + 0.2)
+    assert says in trial.course.problem
+    assert trial.run(READY, course.DISABLE_LIMIT + 0.1) is None
+
+
+def test_interruption_is_a_stop_until_the_drive_is_disabled() -> None:
+    trial = Trial().moving()
+    trial.course.interrupt('interrupted', trial.now)
+    assert trial.run(ENABLED, 2.0) == STOP
+    trial.run(READY)
+    assert trial.course.phase is Phase.DONE
+
+
+def test_drive_that_stays_enabled_is_told() -> None:
+    trial = Trial().moving()
+    trial.run(replace(ENABLED, measured=0.0), 3.0 + course.DISABLE_LIMIT + 0.2)
+    assert trial.course.problem == 'the drive does not say that it is disabled'
+
+
+# The command.
+
+
+@pytest.fixture
+def drive(tmp_path: Path) -> Iterator[Drive]:
+    result = Drive(tmp_path / 'drive', Simulator(command_timeout=1.0))
+    yield result
+    result.close()
+
+
+@pytest.fixture
+def node(drive: Drive, observer: Observer) -> Iterator[str]:
+    """Run the node; busy machines get longer than the defaults. Return its name."""
+    name = '/trial/esi_drive_bridge'
+    values = {'port': drive.path, 'link_timeout': 2.0, 'command_timeout': 2.0}
+    with NodeProcess('esi_drive_bridge.node', values, namespace='/trial', patient=True):
+        estop = observer.record(Bool, f'{name}/estop', latched())
+        observer.wait_for(lambda: estop.last is not None and not estop.last.data, 20.0, 'no stop')
+        yield name
+
+
+@contextlib.contextmanager
+def bench(*arguments: str) -> Iterator[subprocess.Popen[str]]:
+    command = [sys.executable, '-m', 'rugged_teleop', 'bench', *arguments]
+    child = subprocess.Popen(
+        command, cwd=ROOT, text=True, stdout=subprocess.PIPE, stderr=subprocess.STDOUT
+    )
+    try:
+        yield child
+    finally:
+        child.kill()
+        child.communicate()
+
+
+def moves(drive: Drive) -> bool:
+    rpm: Any = drive.rpm
+    return bool(drive.enabled and rpm > 5.0)
+
+
+def test_joint_turns_for_its_time_and_ends_at_rest_and_disabled(drive: Drive, node: str) -> None:
+    with bench('--node', node, '--joint', 'left', '--speed', '1.0', '--seconds', '1') as child:
+        wait_for(lambda: moves(drive), 30.0, 'motion')
+        text, _ = child.communicate(timeout=30.0)
+    assert (child.returncode, 'at rest and disabled' in text) == (0, True), text
+    assert not drive.enabled
+    wait_for(lambda: drive.rpm < 1.0, 5.0, 'rest')
+
+
+@pytest.mark.parametrize(('number', 'status'), [(SIGINT, 130), (SIGKILL, -SIGKILL)])
+def test_whatever_ends_it_the_drive_is_disabled(
+    number: int, status: int, drive: Drive, node: str
+) -> None:
+    with bench('--node', node, '--joint', 'left', '--speed', '1', '--seconds', '60') as child:
+        wait_for(lambda: moves(drive), 30.0, 'motion')
+        child.send_signal(number)
+        assert child.wait(15.0) == status
+        wait_for(lambda: not drive.enabled, 10.0, 'a disabled drive')
+
+
+def test_what_the_drive_cannot_do_and_other_commanders_are_refused(
+    drive: Drive, node: str, observer: Observer
+) -> None:
+    with bench('--node', node, '--joint', 'middle', '--speed', '1') as child:
+        text, _ = child.communicate(timeout=30.0)
+    assert (child.returncode, "no joint 'middle'" in text) == (1, True), text
+    observer.publisher(Bool, f'{node}/enable')
+    with bench('--node', node, '--joint', 'left', '--speed', '1') as child:
+        text, _ = child.communicate(timeout=30.0)
+    assert (child.returncode, f'publishes {node}/enable' in text) == (1, True), text
+    assert not any(packet.enables for packet in drive.packets())
