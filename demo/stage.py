@@ -12,6 +12,7 @@ from pathlib import Path
 import socket
 from typing import Any
 
+from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.qos import QoSProfile
 from sensor_msgs.msg import JointState
 from sensor_msgs.msg import Joy
@@ -90,13 +91,21 @@ class Relay:
         self._servo = node.create_publisher(JointState, f'/{SSC}/servo_command', _NEWEST)
         self.zone = 1.0  # what a scanner would say: the share of the speed that is allowed
         self._zone = node.create_publisher(Float64, '/zone', _NEWEST)
+        self.drive_says = ''  # why it is disabled, in its node's words
         node.create_timer(_ZONE_PERIOD, self._say_zone)
+        node.create_subscription(DiagnosticArray, '/diagnostics', self._on_diagnostics, 10)
         node.create_subscription(Joy, f'/{VSC}/joy', self._on_joy, 10)
         node.create_subscription(Joy, f'/{MUX}/joy/fort', self._on_gated_joy, 10)
         node.create_subscription(JointState, f'/{DRIVE}/joint_states', self._on_joints, 10)
 
     def _say_zone(self) -> None:
         self._zone.publish(Float64(data=self.zone))
+
+    def _on_diagnostics(self, array: DiagnosticArray) -> None:
+        for status in array.status:
+            if status.name == f'{DRIVE}: device':
+                why = {value.key: value.value for value in status.values}
+                self.drive_says = why.get('disabled because', '')
 
     def _on_joy(self, joy: Joy) -> None:
         self.joy = joy

@@ -74,7 +74,11 @@ _PLAIN = {
     'r': [('service', RESET)],
     'e': [('service', CLEAR_ERRORS)],
 }
+_KNOWN = {key for keys in _STICKS.values() for key in keys} | {*_SWITCHES, *_PLAIN, 'q'}
 
+# The mux's states, as ANSI colours: red, yellow, green. The word says it too.
+_COLOURS = {'STOPPED': 31, 'STOPPING': 31, 'READY': 33, 'ACTIVE': 32}
+_STATE = re.compile(rf'(?<=^mux      )({"|".join(_COLOURS)})\b')
 _ESTOP = {True: 'STOP', False: 'clear', None: 'silent (STOP)'}
 _CHAIN = {True: 'closed', False: 'OPEN'}
 _HELD = {True: 'HELD', False: 'released'}
@@ -107,6 +111,8 @@ class Keyboard:
             self.say(target, off if self.switches.get(key) else on)
             self.switches[key] = not self.switches.get(key)
         self.leaving |= key == 'q'
+        if key not in _KNOWN:
+            raise ValueError(f'{key!r} is no key of the demo; those below are')
         for target, command in _PLAIN.get(key, ()):
             self.say(target, command)
 
@@ -117,7 +123,11 @@ class Keyboard:
 
 
 def picture(stage: DemoStage, note: str, width: int = 100, height: int = 50) -> list[str]:
-    """Return the lines of the view, none longer than ``width``; tight where there are too many."""
+    """
+    Return the lines of the view, none longer than ``width``.
+
+    Where there are too many for ``height``, blank ones go first, then those above the keys.
+    """
     vsc, unit, ssc, monitor, drive = (getattr(stage, name).describe() for name in _DEVICES)
     since, status = time.monotonic() - _RECENT, stage.values
     received, sent = stage.drive.received(since)[-1:], stage.drive.sent(since)[-1:]
@@ -131,8 +141,9 @@ def picture(stage: DemoStage, note: str, width: int = 100, height: int = 50) -> 
     estops = (f'{name} {_ESTOP[stage.estop(node, _RECENT)]}' for name, node in ESTOPS.items())
     inhibits = [text for key, text in status.items() if key.startswith('inhibit')]
     lines = [
-        f'rugged_teleop demo: simulated devices, real nodes   {stage.page_address}'.rstrip(),
-        '',
+        f'rugged_teleop demo    elsewhere: ROS_DOMAIN_ID={os.environ.get("ROS_DOMAIN_ID", 0)} '
+        'ros2 topic echo /safety_mux/state',
+        stage.page_address,
         f'FORT     {"plugged in" if vsc["plugged"] else "UNPLUGGED"}, mode {vsc["mode"]}, '
         f'e-stop by {pressed}, Master Enable {_CHAIN[vsc["master_enable"]]}',
         f'         left stick x {sticks["left_x"]:+.2f} y {sticks["left_y"]:+.2f}, '
@@ -151,24 +162,31 @@ def picture(stage: DemoStage, note: str, width: int = 100, height: int = 50) -> 
         f'mux      {status.get("state", "not heard yet")}, owner {status.get("owner", "none")}',
         *_wrapped(inhibits or ['nothing holds it back'], width),
         '',
-        f'to drive    {received[0].data.hex(" ") if received else "nothing"}',
-        f'            {_command(stage.drive.packets(since)[-1:])}',
-        f'from drive  {sent[0].data.hex(" ") if sent else "nothing"}',
-        '',
         *map(_motor_line, 'AB', drive['rpm'], drive['enabled'], drive['errors']),
+        *([f'drive    {stage.relay.drive_says}'] if stage.relay.drive_says else []),
         f'joints   {speeds} rad/s',
         f'monitor  rotation {monitor["rotation_deg"]:+.1f} elevation '
         f'{monitor["elevation_deg"]:+.1f} degrees, '
         f'command {"nothing" if not turns else "turn" if turns[0] else "neutral"}, '
         f'{"moves" if monitor["moving"] else "still"}',
         '',
-        f'>        {note}',
+        f'to drive    {received[0].data.hex(" ") if received else "nothing"}',
+        f'            {_command(stage.drive.packets(since)[-1:])}',
+        f'from drive  {sent[0].data.hex(" ") if sent else "nothing"}',
         '',
-        *_KEYS,
     ]
-    if len(lines) > height:
-        lines = [line for line in lines if line]
-    return [line[:width] for line in lines]
+    keys = [f'>        {note}', '', *_KEYS]
+    if len(lines) + len(keys) > height:
+        lines, keys = [line for line in lines if line], [line for line in keys if line]
+        lines = lines[: max(0, height - len(keys))]
+    return [line[:width] for line in (*lines, *keys)]
+
+
+def coloured(line: str) -> str:
+    """Return a line with the mux's state in its colour, unless NO_COLOR is set."""
+    if os.environ.get('NO_COLOR'):
+        return line
+    return _STATE.sub(lambda found: f'\x1b[{_COLOURS[found[0]]};1m{found[0]}\x1b[0m', line)
 
 
 def _wrapped(texts: list[str], width: int) -> list[str]:
@@ -249,7 +267,7 @@ class _Terminal:
     def _draw(self) -> None:
         width, height = shutil.get_terminal_size()
         lines = picture(self._stage, self._note, width - 1, height - 1)[: height - 1]
-        text = ''.join(f'{line}{_END_OF_LINE}' for line in lines)
+        text = ''.join(f'{coloured(line)}{_END_OF_LINE}' for line in lines)
         print(f'{_HOME}{text}{_BLANK_REST}', end='', flush=True)
 
     def _say(self, target: str, command: str) -> None:

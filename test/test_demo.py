@@ -467,6 +467,9 @@ class Terminal:
 def test_keyboard_resets_drives_and_stops(tmp_path: Path) -> None:
     with Terminal(tmp_path) as terminal:
         terminal.wait('space  e-stop')
+        terminal.press('?')
+        terminal.wait("'?' is no key of the demo")
+        terminal.wait('drive    e-stop input is true')
         terminal.wait('waiting for reset')
         terminal.press_until('ar', "press the deadman of 'fort'")
         terminal.press_until('m', 'remote 1 armed')

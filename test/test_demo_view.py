@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from types import SimpleNamespace
 from typing import Any
 
@@ -9,6 +10,7 @@ import pytest
 from sensor_msgs.msg import JointState
 from sensor_msgs.msg import Joy
 
+from demo.view import coloured
 from demo.view import Keyboard
 from demo.view import keys_in
 from demo.view import picture
@@ -123,8 +125,8 @@ def test_keys_call_services_and_faults() -> None:
         ('unit', 'arm 1'),
         ('unit', 'disarm'),
     ]
-    operator.press('?')
-    operator.press('')
+    with pytest.raises(ValueError, match=r"'\?' is no key"):
+        operator.press('?')
     assert len(said) == 8
     operator.press('q')
     assert operator.leaving
@@ -187,12 +189,12 @@ class Shown(FakeStage):
             setattr(self, name, self._device(seen))
         if silent:
             self.status.clear()
-            self.relay: Any = SimpleNamespace(joy=Joy(), joints=JointState())
+            self.relay: Any = SimpleNamespace(joy=Joy(), joints=JointState(), drive_says='')
         else:
             self.say(state='ACTIVE', owner='fort', **({'inhibit_1': inhibit} if inhibit else {}))
             joints = JointState(name=['left'], velocity=[10.0])
             joy = Joy(axes=[0.0, 0.6], buttons=[1, 0])
-            self.relay = SimpleNamespace(joy=joy, joints=joints)
+            self.relay = SimpleNamespace(joy=joy, joints=joints, drive_says='enable is false')
 
     def _device(self, seen: dict[str, Any]) -> Any:
         data = TO_MONITOR if 'rotation_deg' in seen else PACKET
@@ -232,6 +234,8 @@ def test_picture_shows_stops_wire_and_motors() -> None:
         's  stop switch',
         '>        a note',
         'left +10.00 rad/s',
+        'drive    enable is false',
+        f'ROS_DOMAIN_ID={os.environ["ROS_DOMAIN_ID"]} ros2 topic echo /safety_mux/state',
         'Joy axes +0.00 +0.60   buttons 10',
     ):
         assert words in text
@@ -247,9 +251,32 @@ def test_address_of_the_page_is_in_the_first_line() -> None:
 def test_low_terminal_loses_blank_lines_before_any_words() -> None:
     roomy = picture(Shown(), '', height=40)
     assert '' in roomy
-    low = picture(Shown(), '', height=24)
+    low = picture(Shown(), '', height=25)
     assert low == [line for line in roomy if line]
-    assert len(low) <= 24
+
+
+@pytest.mark.parametrize('inhibit', ['', 'a reason ' * 30])
+def test_keys_and_the_note_stay_on_a_terminal_of_80_by_24(inhibit: str) -> None:
+    stage = Shown(inhibit=inhibit)
+    low = picture(stage, 'a note', 79, 23)
+    assert len(low) == 23
+    roomy = picture(stage, 'a note', 79)
+    assert low[-7:] == [line for line in roomy if line][-7:]
+    assert '>        a note' in low
+    assert low[:8] == [line for line in roomy if line][:8]
+    assert inhibit or any(line.startswith('monitor  rotation') for line in low)
+
+
+def test_state_has_its_colour_unless_told_not_to(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv('NO_COLOR', raising=False)
+    assert (
+        coloured('mux      STOPPED, owner none') == 'mux      \x1b[31;1mSTOPPED\x1b[0m, owner none'
+    )
+    assert '[33;1mREADY' in coloured('mux      READY, owner none')
+    assert '[32;1mACTIVE' in coloured('mux      ACTIVE, owner fort')
+    assert coloured('SSC      STOPPED') == 'SSC      STOPPED'
+    monkeypatch.setenv('NO_COLOR', '1')
+    assert coloured('mux      STOPPED') == 'mux      STOPPED'
 
 
 def test_picture_of_nothing_heard_says_so() -> None:
