@@ -141,9 +141,9 @@ def picture(stage: DemoStage, note: str, width: int = 100, height: int = 50) -> 
     estops = (f'{name} {_ESTOP[stage.estop(node, _RECENT)]}' for name, node in ESTOPS.items())
     inhibits = [text for key, text in status.items() if key.startswith('inhibit')]
     lines = [
-        f'rugged_teleop demo    elsewhere: ROS_DOMAIN_ID={os.environ.get("ROS_DOMAIN_ID", 0)} '
-        'ros2 topic echo /safety_mux/state',
-        stage.page_address,
+        f'{stage.page_address or "rugged_teleop demo"}   elsewhere: '
+        f'ROS_DOMAIN_ID={os.environ.get("ROS_DOMAIN_ID", 0)} ros2 topic echo /safety_mux/state',
+        '',
         f'FORT     {"plugged in" if vsc["plugged"] else "UNPLUGGED"}, mode {vsc["mode"]}, '
         f'e-stop by {pressed}, Master Enable {_CHAIN[vsc["master_enable"]]}',
         f'         left stick x {sticks["left_x"]:+.2f} y {sticks["left_y"]:+.2f}, '

@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 import yaml
 
-from bridge_core.parameter_files import parameters_of
+from bridge_core.parameter_files import parameters_for
 from bridge_core.parameter_files import sections_of
 from rugged_teleop.stack import NODES
 from test.rig import ROOT
@@ -53,7 +53,7 @@ def test_what_runs_the_nodes_is_installed(name: str) -> None:
 
 
 def test_lifecycle_manager_has_the_nodes_of_the_spine_and_no_bonds() -> None:
-    values = parameters_of(ROOT / 'config' / 'lifecycle_manager.yaml', '/lifecycle_manager')
+    values = parameters_for('/lifecycle_manager', [ROOT / 'config' / 'lifecycle_manager.yaml'])
     spine = {name.rsplit('/', 1)[-1] for name in sections_of(ROOT / 'config' / 'spine.yaml')}
     assert set(values['node_names']) == spine
     assert values['bond_timeout'] == 0.0

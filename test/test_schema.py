@@ -11,6 +11,7 @@ import yaml
 from bridge_core.parameter_files import sections_of
 from rugged_teleop.reference import ROOT
 from rugged_teleop.reference import SCHEMA
+from rugged_teleop.stack import BESIDE
 from rugged_teleop.stack import NODES
 
 CONFIG = ROOT / 'config'
@@ -39,7 +40,7 @@ def test_schema_is_one() -> None:
 @pytest.mark.parametrize('path', ours(), ids=lambda path: path.name)
 def test_our_files_are_accepted_and_name_the_schema(path: Path) -> None:
     text = path.read_text(encoding='utf-8')
-    assert {name.rsplit('/', 1)[-1] for name in sections_of(path)} <= set(NODES)
+    assert {name.rsplit('/', 1)[-1] for name in sections_of(path)} <= {*NODES, *BESIDE}
     assert errors(text) == []
     assert text.startswith(f'# yaml-language-server: $schema={SCHEMA}\n')
 

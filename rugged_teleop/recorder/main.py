@@ -11,9 +11,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 import sys
 
-_HELP = """\
-usage: {prog} [--help] [--ros-args [-p NAME:=VALUE]... [--params-file FILE] [-r FROM:=TO]...]
-{doc}
+from rugged_teleop.command_line import Parser
+
+_EXAMPLES = """\
 examples:
   {prog}                                            # to ~/.ros/rugged_teleop
   {prog} --ros-args -p folder:=/data/recordings -p quota:=5000
@@ -23,13 +23,22 @@ Parameters: docs/record.md, config/recorder.yaml.
 """
 
 
+def parser(prog: str) -> Parser:
+    """Return the parser of the command line."""
+    return Parser(
+        prog=prog,
+        description=__doc__,
+        epilog=_EXAMPLES.format(prog=prog),
+        usage='%(prog)s [--help] [--ros-args ...]',
+    )
+
+
 def main(arguments: Sequence[str] | None = None, prog: str = 'rugged_teleop record') -> None:
     """Run the recorder; the command's entry point."""
     words = list(sys.argv[1:] if arguments is None else arguments)
-    if {'-h', '--help'} & set(words):
-        print(_HELP.format(prog=prog, doc=__doc__), end='')
-        sys.exit(0)
-    from bridge_core.runner import run  # late: these need ROS
+    end = words.index('--ros-args') if '--ros-args' in words else len(words)
+    parser(prog).parse_args(words[:end])
+    from bridge_core.runner import run  # late: the help needs no ROS
     from rugged_teleop.recorder.node import Recorder
 
     sys.exit(run([Recorder], [prog, *words]))
