@@ -14,6 +14,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Bool
 from std_msgs.msg import String
 from std_srvs.srv import SetBool
+from std_srvs.srv import Trigger
 
 from esi_drive_bridge.simulator import Simulator as DriveSimulator
 from test.rig import latched
@@ -21,12 +22,12 @@ from test.rig import NodeProcess
 from test.rig import Observer
 from test.stage import Drive
 from test.talkers import namespace
-from test.talkers import reset
 from test.talkers import Talker
 
 JOINTS = {'front': ['front_left', 'front_right'], 'rear': ['rear_left', 'rear_right']}
 ALL = [joint for joints in JOINTS.values() for joint in joints]
 RPM = 2.0 * math.pi / 60.0  # rad/s
+PAUSE = 0.7  # s; a reset that follows another too soon counts as repeated
 TIMEOUT = 1.0  # longer than the defaults: a busy machine is not what this is about
 
 
@@ -68,12 +69,14 @@ class Vehicle:
                     {'port': drive.path, 'joint_names': joints, 'command_timeout': TIMEOUT},
                     namespace=f'{space}/{name}',
                     arguments=[word for rule in rules for word in ('-r', rule)],
+                    patient=True,
                 )
             )
             self.estops.append(observer.record(Bool, f'{node}/estop', latched()))
             parameters[f'estop.{name}.topic'] = f'{node}/estop'
             parameters[f'estop.{name}.timeout'] = TIMEOUT
         exits.enter_context(NodeProcess('safety_mux.node', parameters, namespace=space))
+        self.reset_at = 0.0
         self.planner = Talker(observer, JointState, f'{space}/plan', plan(0, 0, 0, 0))
 
     def wait(self, condition: Any, what: str) -> None:
@@ -81,18 +84,23 @@ class Vehicle:
 
     def moving(self) -> None:
         self.wait(lambda: all(e.last and not e.last.data for e in self.estops), 'no stop')
-        reset(self.observer, self.mux)
+        self.wait(lambda: self.state.last, 'the mux')
+        select = SetBool.Request(data=True)
 
-        def selected() -> bool:
-            request = SetBool.Request(data=True)
-            return bool(
-                self.observer.call(SetBool, f'{self.mux}/select_autonomy', request).success
-            )
+        def moves() -> bool:
+            """Reset, select and plan; from the start where the machine held a process up."""
+            if self.state.last.data != 'ACTIVE':
+                self.planner.message = plan(0, 0, 0, 0)
+            if self.state.last.data == 'STOPPED' and time.monotonic() > self.reset_at + PAUSE:
+                self.observer.call(Trigger, f'{self.mux}/reset')
+                self.reset_at = time.monotonic()
+            elif self.state.last.data == 'READY':
+                self.observer.call(SetBool, f'{self.mux}/select_autonomy', select)
+            elif self.state.last.data == 'ACTIVE':
+                self.planner.message = plan(10, 20, 30, 40)
+            return [self.values(name) for name in JOINTS] == [(10, 20), (30, 40)]
 
-        self.wait(selected, 'autonomy, once it has rested')
-        self.planner.message = plan(10, 20, 30, 40)
-        for name, values in (('front', (10, 20)), ('rear', (30, 40))):
-            self.wait(lambda n=name, v=values: self.values(n) == v, f'{values} at the {name}')
+        self.wait(moves, 'motion of both')
 
     def values(self, name: str) -> tuple[int, int]:
         newest = self.drives[name].packets(time.monotonic() - 0.2)[-1:]
