@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from itertools import islice
 from pathlib import Path
 import re
 from typing import Any
+import zlib
 
 import can
 from hypothesis import given
@@ -16,6 +18,9 @@ import pytest
 
 from rugged_teleop.decode.captures import format_of
 from rugged_teleop.decode.captures import FORMATS
+from rugged_teleop.decode.logs import read_log
+from rugged_teleop.decode.pieces import Damage
+from rugged_teleop.decode.pieces import Piece
 from rugged_teleop.decode.protocols import Entry
 from rugged_teleop.decode.statistics import Statistics
 from rugged_teleop.decode.texts import HexListing
@@ -260,6 +265,23 @@ def test_cut_blf_gives_what_is_whole_and_says_so(tmp_path: Path) -> None:
     assert len(entries) > 1000
     assert [entry.damaged for entry in entries[-2:]] == [False, True]
     assert 'the rest is not read' in entries[-1].content
+
+
+def test_blf_with_an_object_of_size_0_ends(tmp_path: Path) -> None:
+    path = write_log(tmp_path / 'capture', 'blf')
+    data = bytearray(path.read_bytes())
+    start = data.index(b'LOBJ')
+    head, body = data[: start + 32], bytearray(zlib.decompress(data[start + 32 :]))
+    place = body.index(b'LOBJ', body.index(b'LOBJ') + 1)
+    body[place + 8 : place + 12] = bytes(4)  # the second one's size
+    head[start + 8 : start + 12] = (32 + len(body)).to_bytes(4, 'little')
+    head[start + 16 : start + 18] = bytes(2)  # not compressed
+    path.write_bytes(head + body)
+    with path.open('rb') as file:
+        first, last = islice(read_log('blf', file), 5)
+    assert isinstance(first, Piece)
+    assert isinstance(last, Damage)
+    assert 'object of size 0' in last.reason
 
 
 def test_hopeless_log_ends(tmp_path: Path) -> None:

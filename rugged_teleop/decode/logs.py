@@ -8,14 +8,31 @@ from typing import Any
 from typing import BinaryIO
 
 import can
+from can.io.blf import BLFParseError
+from can.io.blf import OBJ_HEADER_BASE_STRUCT
 
 from rugged_teleop.decode.pieces import can_piece
 from rugged_teleop.decode.pieces import Damage
 from rugged_teleop.decode.pieces import Piece
 from rugged_teleop.decode.texts import lines_of
 
+
+class _BLFReader(can.BLFReader):
+    """One that ends at an object of size 0, at which python-can's turns round for ever."""
+
+    def _parse_data(self, data: bytes) -> Iterator[can.Message]:
+        at = data.find(b'LOBJ')
+        while 0 <= at <= len(data) - OBJ_HEADER_BASE_STRUCT.size:
+            size = OBJ_HEADER_BASE_STRUCT.unpack_from(data, at)[3]
+            if not size:
+                yield from super()._parse_data(data[:at])
+                raise BLFParseError('an object of size 0')
+            at = data.find(b'LOBJ', at + size)
+        yield from super()._parse_data(data)
+
+
 _TEXTS = {'asc': can.ASCReader, 'csv': can.CSVReader, 'trc': can.TRCReader}
-_BINARIES = {'blf': can.BLFReader, 'db': can.SqliteReader, 'mf4': can.MF4Reader}
+_BINARIES = {'blf': _BLFReader, 'db': can.SqliteReader, 'mf4': can.MF4Reader}
 FORMATS = (*_TEXTS, *_BINARIES)
 _HOPELESS = 100  # damaged lines without a sound one between
 _LONGEST_HEAD = 1000  # lines before the first frame
