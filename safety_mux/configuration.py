@@ -10,6 +10,7 @@ from bridge_core.parameters import ParameterError
 from safety_mux.limits import JointLimit
 from safety_mux.mapping import JoyMapping
 from safety_mux.mapping import Stick
+from safety_mux.parameters import GENERAL
 from safety_mux.protocol import Autonomy
 from safety_mux.protocol import EStopSource
 from safety_mux.protocol import Feedback
@@ -18,6 +19,7 @@ from safety_mux.protocol import Operator
 from safety_mux.protocol import SpeedLimit
 
 _T = TypeVar('_T')
+_DEFAULTS = {parameter.name: parameter.default for parameter in GENERAL}
 _TIMES = ('clear_time', 'neutral_time', 'hold_time', 'stall_limit', 'stop_time', 'reset_silence')
 
 
@@ -119,6 +121,7 @@ def check(values: Mapping[str, Any], resolved: Callable[[str], str]) -> None:
         )
     if values['output'] != 'joints':
         _check_twist(values)
+    _check_unused(values)
     twist = values['autonomy.type'] != 'JointState'
     if values['autonomy.topic'] and twist and len(values['joints']) != 2:
         raise ParameterError('parameter autonomy.type: Twist needs two joints, left and right')
@@ -149,6 +152,20 @@ def _check_twist(values: Mapping[str, Any]) -> None:
             raise ParameterError(
                 f'parameter {name} = {values[name]!r}: output {values["output"]} needs {value!r}'
             )
+
+
+def _check_unused(values: Mapping[str, Any]) -> None:
+    """Refuse what was given and would have no effect."""
+    output, kind = values['output'], values['autonomy.type']
+    wheels = not values['autonomy.topic'] or (output == 'joints' and kind != 'JointState')
+    users = {
+        'frame_id': (output == 'twist_stamped', 'output twist_stamped has one'),
+        'autonomy.wheel_separation': (wheels, 'a Twist of autonomy with output joints needs it'),
+        'autonomy.wheel_radius': (wheels, 'a Twist of autonomy with output joints needs it'),
+    }
+    for name, (used, user) in users.items():
+        if not used and values[name] != _DEFAULTS[name]:
+            raise ParameterError(f'parameter {name} = {values[name]!r}: is not used; only {user}')
 
 
 def _check_topics(values: Mapping[str, Any], resolved: Callable[[str], str]) -> None:

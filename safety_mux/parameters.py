@@ -56,7 +56,7 @@ GENERAL = (
     Parameter(
         'frame_id',
         'base_link',
-        'frame_id of ~/cmd_vel, where output is twist_stamped.',
+        'frame_id of ~/cmd_vel, where output is twist_stamped; else refused.',
         fixed=True,
     ),
     Parameter(
@@ -219,7 +219,7 @@ GENERAL = (
     Parameter(
         'autonomy.wheel_separation',
         0.5,
-        'Distance between left and right wheels, for Twist.',
+        'Distance between left and right wheels, for Twist and output joints; else refused.',
         unit='m',
         above=0.0,
         maximum=100.0,
@@ -227,7 +227,7 @@ GENERAL = (
     Parameter(
         'autonomy.wheel_radius',
         0.1,
-        'Radius of the wheels, for Twist.',
+        'Radius of the wheels, for Twist and output joints; else refused.',
         unit='m',
         above=0.0,
         maximum=10.0,

@@ -330,6 +330,31 @@ CONTRADICTIONS: dict[str, tuple[str, dict[str, Any], str]] = {
         },
         r"parameter feedback\.topic = 'joint_states': output twist needs ''",
     ),
+    'a frame for joints': (
+        'mux',
+        {'frame_id': 'base'},
+        "parameter frame_id = 'base': is not used",
+    ),
+    'wheels for a twist that passes through': (
+        'mux',
+        {
+            'output': 'twist',
+            'joints': ['linear', 'angular'],
+            'operator.fort.mixing': 'none',
+            'autonomy.topic': 'cmd_vel',
+            'autonomy.wheel_radius': 0.2,
+        },
+        r'parameter autonomy\.wheel_radius = 0\.2: is not used',
+    ),
+    'wheels for joints that are named': (
+        'mux',
+        {
+            'autonomy.topic': 'plan',
+            'autonomy.type': 'JointState',
+            'autonomy.wheel_separation': 0.6,
+        },
+        r'parameter autonomy\.wheel_separation = 0\.6: is not used',
+    ),
     'three axes to mix': ('mux', {'operator.fort.axis': [0, 1, 2]}, r'operator\.fort.*arcade'),
     'one axis to mix': ('mux', {'operator.fort.axis': [0]}, r'operator\.fort.*arcade'),
     'more scales than axes': (
