@@ -34,10 +34,7 @@ from bridge_core.managed_node import ManagedNode
 from bridge_core.parameters import MANAGED_PARAMETERS
 from bridge_core.parameters import Parameter
 from bridge_core.publishers import PublisherWatch
-from bridge_core.report import Status
 from bridge_core.runner import run
-from bridge_core.session import Level
-from bridge_core.watchdog import in_words
 from safety_mux.arbiter import Arbiter
 from safety_mux.button import ResetButton
 from safety_mux.configuration import check
@@ -59,6 +56,8 @@ from safety_mux.protocol import Kind
 from safety_mux.protocol import MalformedInput
 from safety_mux.protocol import Reply
 from safety_mux.protocol import State
+from safety_mux.report import report_of
+from safety_mux.report import Surroundings
 from safety_mux.stamps import StampWatch
 
 # A stop must not be overwritten by what follows it before it was read, hence the depth.
@@ -546,73 +545,20 @@ class SafetyMux(ManagedNode):
         self._diagnostics.publish(message)
 
     def _status_message(self, now: float) -> Any:
-        """Return the whole answer to 'why does it not move?'."""
-        status = self._arbiter.status(now)
-        inhibits = (
-            *status.inhibits,
-            *self._button_inhibits(status, now),
-            *self._downstream_inhibits(status, now),
+        unheard = self._command.get_subscription_count() == 0
+        around = Surroundings(
+            unheard=self._words.topic if unheard else '',
+            button=None if self._button is None else self._button.problem(now),
+            held={name: joy.held for name, joy in self._gated_joys.items()},
+            old_stamps={
+                name: watch.warning
+                for name, watch in self._stamps.items()
+                if watch.warning is not None
+            },
+            refused_reset=self._refused_reset,
         )
-        last = status.last_transition
-        still = status.state in (State.STOPPED, State.STOPPING)
-        values: dict[str, Any] = {'state': status.state.value, 'owner': status.owner or 'none'}
-        values['stopped by'] = ', '.join(last.causes) or 'none'
-        values['stops clear'] = status.stops_clear
-        values['operators at rest'] = status.operators_at_rest
-        values['trip active'] = status.tripped
-        if self.values['drive_enabled_topic']:
-            values['drive enabled'] = status.conditions['the drive'] == 'enabled'
-        if status.slowed:
-            values['slowed'] = '; '.join(status.slowed)
-        values |= {f'condition of {name}': word for name, word in status.conditions.items()}
-        values |= {f'inhibit {n}': text for n, text in enumerate(inhibits, 1)}
-        values |= {f'age of {name} (s)': age for name, age in status.ages.items()}
-        values['last transition'] = (
-            f'{last.before.value} to {last.after.value}, {now - last.at:.1f} s ago: {last.reason}'
-        )
-        warnings = [
-            f"operator '{name}' may be gone, and its sender repeat an old message: {watch.warning}"
-            for name, watch in self._stamps.items()
-            if watch.warning is not None
-        ]
-        values |= {f'warning {n}': text for n, text in enumerate(warnings, 1)}
-        message = '; '.join(inhibits) or f'{status.owner} has control'
-        slowed = (each for each in status.slowed if each not in inhibits)
-        message = '; '.join((message, *slowed, *warnings))
-        if self._refused_reset is not None and status.state is State.STOPPED:
-            at, answer = self._refused_reset
-            refused = f'refused {in_words(now - at)} ago'
-            values['last reset'] = f'{refused}: {answer}'
-            message += f'; the last reset was {refused}'
-        said = Status(Level.WARN if still or warnings else Level.OK, message, values)
+        said = report_of(self._arbiter.status(now), around, now)
         return to_msg(said, self.get_fully_qualified_name().lstrip('/'), '')
-
-    def _button_inhibits(self, status: Any, now: float) -> list[str]:
-        """Say why the reset button could not reset, where a reset is what is missing."""
-        problem = None if self._button is None else self._button.problem(now)
-        wanted = problem is not None and status.state is State.STOPPED
-        return [f'the reset button {problem}'] if wanted else []
-
-    def _downstream_inhibits(self, status: Any, now: float) -> list[str]:
-        """Say what keeps the machine, or a part of it, still although the mux lets it move."""
-        waited = now - status.last_transition.at
-        enabled = status.conditions.get('the drive', 'enabled') == 'enabled'
-        why = []
-        if self._command.get_subscription_count() == 0:
-            why.append(
-                f'nobody listens to {self._words.topic}: is the drive node running and wired to '
-                'the mux?'
-            )
-        elif status.state is State.ACTIVE and not enabled and waited >= 0.5:
-            why.append(
-                '/diagnostics of the drive says why it is not enabled; then give control back and '
-                'take it anew'
-            )
-        for name, joy in self._gated_joys.items():
-            if joy.held:
-                held = ', '.join(joy.held)
-                why.append(f'~/joy/{name} leaves out what was held before: let go of {held}')
-        return why
 
 
 def main() -> None:

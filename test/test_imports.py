@@ -52,6 +52,7 @@ BRIDGE = {
     'arbiter': LOGIC,
     'mapping': LOGIC,
     'limits': LOGIC,
+    'report': (*LOGIC, 'bridge_core.report'),
     'convert': ('{bridge}.protocol', 'OTHER', 'bridge_core.convert', 'MESSAGES'),
     # The node's parameters, in a file of their own: below the node, too.
     'parameters': ('{bridge}.protocol', 'OTHER', 'bridge_core.parameters'),
