@@ -280,7 +280,7 @@ class Arbiter:
         if not select:
             self._autonomy.selected = False  # takes effect in the next tick
             return Reply(True, 'autonomy has no control')
-        if self._state is not State.READY or not self._settled:
+        if self._state is not State.READY:
             return Reply(False, f'not selected: the mux is {self._state.value}, not READY')
         self._judge_motion(now)
         missing = [stop.reason for stop in self._stops(now)] + self._unrest(now)

@@ -300,12 +300,11 @@ class OperatorInput(OwnerInput):
     every sample since. ``acted``: how it showed, since the last tick, that it wants to drive.
     """
 
-    __slots__ = ('acted', 'config', 'holding', 'newest', 'pressed')
+    __slots__ = ('acted', 'holding', 'newest', 'pressed')
 
     def __init__(self, config: Operator, neutral_time: float) -> None:
         label = f"operator '{config.name}'"
         super().__init__(config.name, label, config.timeout, neutral_time)
-        self.config = config
         self.newest: OperatorSample | None = None
         self.pressed = False
         self.holding = False

@@ -87,9 +87,7 @@ class JointLimiter:
 
     def reset(self) -> None:
         """Set the output to zero at once."""
-        self._values = (0.0,) * len(self._limits)
-        self._ramp = None
-        self._rates = self._values
+        self._values = self._rates = (0.0,) * len(self._limits)
 
     def step(self, target: Sequence[float], dt: float, scale: float = 1.0) -> tuple[float, ...]:
         """

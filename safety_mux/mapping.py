@@ -157,7 +157,7 @@ class JoyMapping:
         forward, turn = values
         left, right = forward - turn, forward + turn
         most = self.reach[0]
-        shrink = min(1.0, most / max(abs(left), abs(right), most))
+        shrink = most / max(abs(left), abs(right), most)
         return left * shrink, right * shrink
 
 
@@ -179,11 +179,6 @@ class DifferentialDrive:
             value = getattr(self, name)
             if not (math.isfinite(value) and value > 0.0):
                 raise ValueError(f'{name} must be above 0 m and finite, not {value}')
-
-    @property
-    def joints(self) -> int:
-        """The number of joints in a demand."""
-        return 2
 
     def demand(self, linear: Sequence[float], angular: Sequence[float]) -> Demand:
         """
@@ -223,11 +218,6 @@ class NamedJoints:
     def __post_init__(self) -> None:
         if not self.names or len(set(self.names)) < len(self.names) or '' in self.names:
             raise ValueError(f'joint names must be there and differ: {self.names}')
-
-    @property
-    def joints(self) -> int:
-        """The number of joints in a demand."""
-        return len(self.names)
 
     def demand(self, names: Sequence[str], values: Sequence[float]) -> Demand:
         """

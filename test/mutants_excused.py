@@ -1,13 +1,135 @@
 """Mutants that may survive, by file, as ``make mutants`` shows them; each with its reason."""
 
 _SET_FIRST = 'it is set before it is read'
+_NOT_READ = 'until it was heard, it is not usable, and its value not read'
+_FOR_TYPES = 'the rest of the line is true of it; for the type checker'
+_ABSTRACT = 'each kind of input has its own'
+_FALSY = 'None is as false'
+_SELECTED = 'it is read of an owner only, and selecting it sets it'
+_OWNED = 'without a ramp there is an owner in ACTIVE, and in no other state'
 
 EXCUSED: dict[str, dict[str, str]] = {
+    'safety_mux/arbiter.py': {
+        'Arbiter.__init__: False -> True': _SET_FIRST,
+        'Arbiter.__init__: self._owner_since = 0.0 -> pass': _SET_FIRST,
+        'Arbiter.__init__: self._stopping_since = 0.0 -> pass': _SET_FIRST,
+        'Arbiter.__init__: self._resets_go_on = False -> pass': _SET_FIRST,
+        'Arbiter.__init__: self._settled = False -> pass': _SET_FIRST,
+        'Arbiter.__init__: 0.0 -> 1.0': _SET_FIRST,
+        'Arbiter.select_autonomy: self._autonomy.problem(now) or self._autonomy.lapse -> '
+        'self._autonomy.problem(now)': 'a lapse also ends the rest, which is missing then',
+        'Arbiter.tick: 0.0 -> 1.0': 'the first tick is STOPPED, at zero',
+        "Arbiter._counts: source.config.operator or '' -> source.config.operator": _FOR_TYPES,
+        'Arbiter._forget: self._through_zero = False -> pass': _SET_FIRST,
+        'Arbiter._forget: False -> True': _SET_FIRST,
+        'Arbiter._waiting: self._state is not State.STOPPED or clear >= limit -> clear >= limit': (
+            'every other state began with a reset, so all had been clear for long'
+        ),
+        'Arbiter._trip_may_end: return False -> return None': _FALSY,
+        'Arbiter._output: self._state is State.ACTIVE and self._owner is not None -> '
+        'self._state is State.ACTIVE or self._owner is not None': _OWNED,
+        'Arbiter._output: self._state is State.ACTIVE and self._owner is not None -> '
+        'self._owner is not None': _OWNED,
+        'Arbiter._output: self._state is State.ACTIVE and self._owner is not None -> '
+        'self._state is State.ACTIVE': _OWNED,
+        'Arbiter._why_still: return [] -> return None': _OWNED,
+    },
+    'safety_mux/inputs.py': {
+        'Input.use: raise NotImplementedError -> pass': _ABSTRACT,
+        'OwnerInput.at_rest: raise NotImplementedError -> pass': _ABSTRACT,
+        'OwnerInput.given_up: raise NotImplementedError -> pass': _ABSTRACT,
+        'Input.silence: self.forget() -> pass': 'a freeze also stops, and every stop forgets',
+        'SourceInput.__init__: True -> False': _NOT_READ,
+        'SpeedLimitInput.__init__: 1.0 -> 2.0': 'until it was heard the lowest counts, if less',
+        'Run.__init__: self.until = 0.0 -> pass': _SET_FIRST,
+        'Run.__init__: 0.0 -> 1.0': _SET_FIRST,
+        'OwnerInput.rested: self.rest.since is not None and self.rest.length >= self.neutral_time '
+        '-> self.rest.length >= self.neutral_time': 'without a sample the length is 0',
+        'OperatorInput.__init__: self.pressed = False -> pass': 'the first sample sets it',
+        'OperatorInput.__init__: False -> True': 'the first sample sets it',
+        'OperatorInput.sample: self.forget() -> pass': (
+            'a fault did so when it came, and nothing is kept while it lasts'
+        ),
+        'OperatorInput.at_rest: self.newest is not None and self.newest.at_rest -> '
+        'self.newest.at_rest': 'it is asked of what is fresh and valid only',
+        'OperatorInput.advice: self.newest is not None and self.newest.deadman -> '
+        'self.newest.deadman': 'it is asked of what is fresh and valid only',
+        'AutonomyInput.__init__: self.selected = False -> pass': _SELECTED,
+        'AutonomyInput.__init__: False -> True': _SELECTED,
+        'AutonomyInput.forget: self.selected = False -> pass': _SELECTED,
+        'AutonomyInput.forget: False -> True': _SELECTED,
+    },
+    'safety_mux/limits.py': {
+        'JointLimiter.step: 1.0 -> 2.0': 'times 1.0 is the same',
+        '_forward: dt > 0.0 -> dt >= 0.0': 'zero either way',
+        '_eased: 0.0 < left < math.inf -> 0.0 <= left < math.inf': 'nothing grows where it is',
+        '_eased: value * goal -> value / goal': 'the sign is the same; of 0 nothing is left',
+        '_follow: size > limit.magnitude -> size >= limit.magnitude': 'as large is the same',
+        '_follow: size = limit.magnitude -> pass': (
+            'it is compared only, and more than that by rounding alone'
+        ),
+        '_follow: size > abs(value) -> size >= abs(value)': (
+            'as large, with the same sign, is there already'
+        ),
+        '_follow: abs(goal - value) <= most -> abs(goal - value) < most': 'it leads there',
+    },
+    'safety_mux/mapping.py': {
+        'Stick.shape: math.copysign(1.0, value) * (-1.0 if self.inverted else 1.0) -> '
+        'math.copysign(1.0, value) / (-1.0 if self.inverted else 1.0)': 'both are 1 or -1',
+        'JoyMapping: 0 -> 1': 'a stick and a deadman need one each anyway',
+        'JoyMapping._mix: 0 -> 1': 'in arcade both reach as far',
+    },
     'safety_mux/button.py': {
         'ResetButton.__init__: self._since = 0.0 -> pass': _SET_FIRST,
         'ResetButton.__init__: 0.0 -> 1.0': _SET_FIRST,
         'ResetButton.hear: pressed and (not before) -> not before': (
             'while the button is released, neither time nor fault is read'
         ),
+    },
+    'esi_drive_bridge/session/session.py': {
+        'Session.__init__: -math.inf -> math.inf': (
+            'it is set before it is read, or lies ahead: no report and no pause is either'
+        ),
+        'Session.__init__: self._sent_at = math.inf -> pass': _SET_FIRST,
+        'Session.__init__: 0.0 -> 1.0': 'without its moment the pause is none',
+        'Session._reset: False -> True': (
+            'what was not heard disarms; the first packet is due anyway, and sets the other'
+        ),
+        'Session._reset: True -> False': 'it is read only once it was heard, which sets it',
+        'Session._reset: self._counts = self._zeros -> pass': _SET_FIRST,
+        'Session._reset: self._until = self._disabled_since = -math.inf -> pass': _SET_FIRST,
+        'Session._reset: -math.inf -> math.inf': _SET_FIRST,
+        'Session.warnings: self.link_up and self.status is not None -> self.link_up': _FOR_TYPES,
+        'Session._take_repeated: known is None or not settled or self.verdict.estop or '
+        '(not message.repeats(known)) -> not settled or self.verdict.estop or '
+        '(not message.repeats(known))': 'before the first status there is a stop',
+        'Session._take_repeated: return False -> return None': _FALSY,
+        'Session._advance: status.faulty or self._off_scale() -> self._off_scale()': (
+            'the verdict, which follows at once, stops it again'
+        ),
+        'Session._follow: self._known = None -> pass': 'a silent link is a stop, too',
+        'Session._follow: self._armed and (self._enable.expired(now) or self._forbidden(now)) -> '
+        'self._enable.expired(now) or self._forbidden(now)': 'what is not armed stays so',
+        'Session._expires_at: 2 -> 3': 'it wakes up more often than it needs to',
+        'Session.set_enable: edge and (not forbidden) -> edge': (
+            'what forbids motion has disarmed it before'
+        ),
+        'Session.set_enable: risen and self._open and (self.phase not in _ACTIVE) -> '
+        'risen and self._open': 'in an active phase enable is true already',
+        'Session.set_estop: self._armed = False -> pass': (
+            'whatever comes next disarms it first, as the e-stop is true until then'
+        ),
+        'Session.set_estop: False -> True': (
+            'whatever comes next disarms it first, as the e-stop is true until then'
+        ),
+        'Session._lost: 0.0 <= gap <= limit -> 0.0 <= gap < limit': (
+            'what was fed no later is stale at that moment, too'
+        ),
+        'Session._begin_waiting: self._stepped_at = now -> pass': 'the step before has set it',
+        'Session._stop: self._armed = False -> pass': 'nothing that is active is armed',
+        'Session._stop: self._counts = self._zeros -> pass': (
+            'packets that disable say 0, and what enables begins at rest'
+        ),
+        'Session._rest: self._counts = self._zeros -> pass': 'a status was heard by then',
     },
 }

@@ -382,6 +382,7 @@ def test_category_1_at_standstill_stops_at_once() -> None:
     bench.run(0.3)
     bench.arbiter.estop_message('gate', True, bench.now)
     assert_stopped(bench.tick())
+    assert bench.reason().startswith("e-stop source 'gate'"), 'there was a ramp'
 
 
 def test_hold_stops_for_as_long_as_it_lasts() -> None:
@@ -580,6 +581,7 @@ def test_cause_of_a_ramp_outlasts_it() -> None:
     bench.estops['gate'] = True
     bench.send()
     assert bench.tick().state is State.STOPPING
+    assert not bench.arbiter.status(bench.now).stops_clear
     assert bench.run(0.6).state is State.STOPPED
     causes = bench.arbiter.status(bench.now).last_transition.causes
     assert causes == ("e-stop source 'gate'",)
@@ -595,6 +597,20 @@ def test_condition_of_an_operator_says_what_it_does(
     bench.samples['fort'] = doing
     bench.run(0.4)
     assert bench.arbiter.status(bench.now).conditions["operator 'fort'"] == condition
+
+
+def test_condition_of_autonomy_says_what_it_does() -> None:
+    bench = Bench().ready()
+
+    def condition(seconds: float) -> str:
+        bench.run(seconds)
+        return bench.arbiter.status(bench.now).conditions['autonomy']
+
+    assert condition(0.4) == 'rested'
+    bench.autonomy = (0.0, 1.0)
+    assert condition(0.1) == 'in use'
+    bench.autonomy = (0.0, 0.0)
+    assert condition(0.1) == 'at rest'
 
 
 def test_operator_at_rest_for_less_than_neutral_time_is_not_rested() -> None:

@@ -102,6 +102,12 @@ def test_topic_that_ends_while_it_is_pressed_says_so(bench: Bench) -> None:
     assert ResetButton().problem(0.0) == 'is silent: never heard, limit 250 ms'
 
 
+def test_released_button_is_in_order_for_ever(bench: Bench) -> None:
+    bench.press(0.5)
+    bench.hold(False, 5.0)
+    assert bench.button.problem(bench.now) is None
+
+
 @pytest.mark.parametrize('step', [-HOUR, HOUR])
 def test_clock_that_jumps_amid_a_press_spoils_it(bench: Bench, step: float) -> None:
     bench.hold(True, 0.5)

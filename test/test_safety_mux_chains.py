@@ -29,7 +29,6 @@ from safety_mux.protocol import Operator
 from safety_mux.protocol import OperatorSample
 from safety_mux.protocol import State
 
-pytestmark = pytest.mark.computes
 STEP = 0.125
 TIMEOUT = 1.5 * STEP
 CLEAR = 2 * STEP
@@ -171,6 +170,7 @@ def explore(start: Plant) -> tuple[int, int, int]:
     return len(seen), steps, longest
 
 
+@pytest.mark.computes
 @pytest.mark.parametrize('counts', ['always', 'when_owner'])
 def test_no_chain_of_stops_holds_itself(counts: Literal['always', 'when_owner']) -> None:
     states, steps, longest = explore(plant(True, counts))

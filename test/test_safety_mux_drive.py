@@ -81,6 +81,7 @@ def test_drive_that_is_not_known_to_be_enabled_gets_zero_and_status_says_so(
     assert bench.decision.state is State.ACTIVE
     assert "operator 'fort' waits for the drive to be enabled" in bench.why()
     assert (says is None) == ('the drive is stale: last heard' in bench.why())
+    assert (says is False) == ('it says that it is not' in bench.why())
 
 
 def test_drive_that_never_says_anything_has_no_such_topic() -> None:
@@ -99,16 +100,20 @@ def test_drive_that_drops_out_gets_zero_at_once_and_a_ramp_from_rest() -> None:
     bench.arbiter.drive_enabled(False, bench.now)
     assert bench.tick().demand == ZERO
     assert bench.run(0.5).state is State.ACTIVE
+    assert bench.arbiter.status(bench.now).conditions['the drive'] == 'not enabled'
     bench.drive, outputs = True, Outputs()
     bench.run(2 * EVERY, outputs)
+    assert bench.arbiter.status(bench.now).conditions['the drive'] == 'enabled'
     assert outputs[0].demand == ZERO
     assert bench.run(0.5, outputs).demand == (1.0, 0.5)
 
 
 def test_drop_out_between_two_ticks_is_not_missed() -> None:
     bench = Bench(WITH_DRIVE).active()
+    assert bench.why() == ''
     for value in (False, True):
         bench.arbiter.drive_enabled(value, bench.now)
+    assert 'waits for the drive to be enabled: the drive was not enabled' in bench.why()
     assert bench.tick().demand == ZERO
     outputs = Outputs([bench.decision])
     assert bench.run(TICK, outputs).demand == ZERO

@@ -5,6 +5,9 @@ import math
 
 import pytest
 
+from safety_mux.arbiter import Arbiter
+from safety_mux.limits import JointLimit
+from safety_mux.limits import JointLimiter
 from safety_mux.protocol import AUTONOMY
 from safety_mux.protocol import EStopSource
 from safety_mux.protocol import State
@@ -71,6 +74,59 @@ def test_first_call_of_all_may_be_a_reset_and_is_in_vain() -> None:
     assert not arbiter.reset(0.0).ok
 
 
+# What has not been heard, and what was heard first.
+
+
+@pytest.mark.parametrize(('wait', 'counts'), [(0.5 - TICK, False), (0.5, True)])
+def test_clear_time_begins_in_the_tick_of_the_first_messages(
+    bench: Bench, wait: float, counts: bool
+) -> None:
+    bench.run(TICK)
+    bench.run(wait)
+    assert bench.reset().ok == counts
+
+
+TWO = replace(
+    CONFIG, sources=(EStopSource('fort', own_topic=True), EStopSource('vm110', own_topic=True))
+)
+
+
+def sources_clear(arbiter: Arbiter, now: float, *, own: bool = True, main: bool = True) -> None:
+    """Have all say that they are clear; of fort, only these topics."""
+    for name in ('fort', 'vm110'):
+        if main or name != 'fort':
+            arbiter.estop_message(name, False, now)
+        if own or name != 'fort':
+            arbiter.own_estop_message(name, False, now)
+
+
+def test_no_device_is_asked_to_stop_once_all_were_heard() -> None:
+    bench = Bench(TWO)
+    arbiter = Arbiter(TWO, JointLimiter([JointLimit(1.0, 1.0, 1.0)] * 2), 0.0)
+    sources_clear(arbiter, 0.0)
+    assert not any(arbiter.tick(0.0).stop_demand.values())
+    assert all(bench.decision.stop_demand.values())
+
+
+@pytest.mark.parametrize('silent', ['own', 'main'])
+def test_source_of_which_a_topic_is_silent_may_demand_a_stop_by_itself(silent: str) -> None:
+    bench = Bench(TWO)
+    for now in (0.0, 0.1, 0.2, 0.3):
+        said = {silent: now == 0.0}
+        sources_clear(bench.arbiter, now, **said)
+        demand = bench.arbiter.tick(now).stop_demand
+        assert demand == {'fort': False, 'vm110': now >= 0.25}
+
+
+def test_what_a_source_said_of_itself_before_a_freeze_does_not_count() -> None:
+    bench = Bench(TWO)
+    sources_clear(bench.arbiter, 0.0)
+    assert not any(bench.arbiter.tick(0.0).stop_demand.values())
+    bench.arbiter.tick(0.15)  # more than stall_limit, less than any timeout
+    sources_clear(bench.arbiter, 0.15, own=False)
+    assert bench.arbiter.tick(0.15).stop_demand == {'fort': False, 'vm110': True}
+
+
 # Autonomy.
 
 
@@ -115,6 +171,21 @@ def test_autonomy_is_not_selected_in_the_tick_of_the_reset(bench: Bench) -> None
     assert not bench.arbiter.select_autonomy(True, bench.now).ok
     bench.run(1.0)
     assert bench.arbiter.select_autonomy(True, bench.now).ok
+
+
+@pytest.mark.parametrize('how', ['deselected', 'taken over'])
+def test_zero_that_autonomy_asked_for_in_control_is_no_rest(bench: Bench, how: str) -> None:
+    bench.ready()
+    assert bench.arbiter.select_autonomy(True, bench.now).ok
+    bench.run(1.0)  # with commands of zero
+    if how == 'deselected':
+        assert bench.arbiter.select_autonomy(False, bench.now).ok
+    else:
+        bench.arbiter.operator_sample('fort', DRIVE, bench.now)
+        assert bench.tick().owner == 'fort'
+        bench.arbiter.operator_sample('fort', REST, bench.now)
+    assert bench.tick().state is State.READY
+    assert 'has asked for zero for' in bench.arbiter.select_autonomy(True, bench.now).message
 
 
 # What was wrong, and is over.

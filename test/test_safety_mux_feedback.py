@@ -111,6 +111,17 @@ def test_stop_of_category_1_ends_when_the_joints_stand() -> None:
     assert 'the ramp has ended, after: ' in bench.reason()
 
 
+def test_what_is_left_is_said_of_a_ramp_of_one_joint_and_of_nothing_at_rest() -> None:
+    bench = Machine()
+    bench.ready()
+    assert 'standstill' not in bench.why()
+    bench.samples['fort'] = replace(DRIVE, demand=(1.0, 0.0))
+    bench.run(0.3)
+    bench.arbiter.estop_message('gate', True, bench.now)
+    bench.tick()
+    assert bench.why().endswith('; ramping, left at 1.0 rad/s')
+
+
 def test_stop_of_category_1_disables_after_stop_time_whatever_the_joints_do() -> None:
     slow = replace(FEEDBACK, overspeed_time=5.0)
     bench = Machine(replace(CONFIG, feedback=slow))
@@ -122,6 +133,16 @@ def test_stop_of_category_1_disables_after_stop_time_whatever_the_joints_do() ->
     bench.run(2 * TICK)
     assert_stopped(bench.decision)
     assert 'the ramp has ended, left at 1.0 rad/s, after: ' in bench.reason()
+
+
+def test_drive_that_drops_out_ends_a_ramp_whatever_the_joints_do() -> None:
+    bench = Machine(replace(WITH_FEEDBACK, drive_timeout=0.25))
+    bench.active()
+    bench.rate = 0.0
+    bench.arbiter.estop_message('gate', True, bench.now)
+    assert bench.tick().state is State.STOPPING
+    bench.arbiter.drive_enabled(False, bench.now)
+    assert_stopped(bench.tick())
 
 
 def test_stop_of_category_1_while_the_joints_run_on_at_zero_command_is_no_cut() -> None:
@@ -236,6 +257,13 @@ def test_joint_that_moves_by_itself_while_nobody_has_control(speed: float, stops
     assert (bench.decision.stop_demand == EVERYONE) is stops
     if stops:
         assert "joint 'right' runs at -0.6 rad/s, asked for 0.0" in bench.reason()
+
+
+def test_joint_that_creeps_is_no_stop_where_nobody_had_control() -> None:
+    bench = Machine()
+    bench.rate, bench.speeds = 0.0, (0.3, 0.0)
+    bench.ready()
+    assert bench.run(2.0 * STOP_TIME).state is State.READY
 
 
 def test_joint_that_moves_by_itself_when_the_mux_starts_prevents_a_reset() -> None:
@@ -369,3 +397,78 @@ def test_a_fault_has_its_time_and_lasts_until_the_joints_stand(
             assert late or (fresh and speed > commanded + 0.5), 'no reason'
         if now - told >= 0.5:
             assert feedback.fault, 'not seen to stand'
+
+
+# At the limits themselves. Sums of these times are exact.
+
+
+@pytest.fixture
+def feedback() -> FeedbackInput:
+    config = Feedback(
+        ('left', 'right'), standstill=0.125, overspeed_tolerance=0.5, overspeed_time=0.25
+    )
+    return FeedbackInput(config, stop_time=0.5)
+
+
+def test_joints_stand_up_to_standstill_while_they_are_heard(feedback: FeedbackInput) -> None:
+    feedback.measured((0.125, -0.125), 0.0)
+    assert (feedback.use, feedback.standing(0.0)) == ('standing', True)
+    assert not feedback.standing(0.25)
+    assert feedback.left(0.25).startswith('the feedback is stale')
+    feedback.measured((0.0, -0.126), 0.25)
+    assert (feedback.use, feedback.standing(0.25)) == ('moving', False)
+
+
+def test_joints_are_awaited_for_stop_time(feedback: FeedbackInput) -> None:
+    feedback.told_to_stand(0.0)
+    for now in (0.0, 0.25, 0.5 - 1 / 64):
+        feedback.judge((0.0, 0.0), now)
+        assert (feedback.fault, feedback.awaited) == (None, True)
+    feedback.judge((0.0, 0.0), 0.5)
+    assert feedback.fault is not None
+    assert not feedback.awaited, 'now it is a fault'
+
+
+@pytest.mark.parametrize(
+    ('asked', 'slow', 'fast'),
+    [(1.0, 1.5, 1.53), (1.0, -0.5, -0.53), (0.0, 0.625, 0.64), (0.0, -0.625, -0.64)],
+)
+@pytest.mark.parametrize('sign', [1.0, -1.0])
+def test_joint_is_too_fast_beyond_the_tolerance(
+    feedback: FeedbackInput, asked: float, slow: float, fast: float, sign: float
+) -> None:
+    for speed in (slow, fast):
+        for now in (0.0, 0.25):
+            assert feedback.fault is None
+            feedback.measured((0.0, sign * speed), now)
+            feedback.judge((0.0, sign * asked), now)
+    assert feedback.fault is not None
+
+
+@pytest.mark.parametrize('pause', ['slow', 'standing', 'silent'])
+def test_joint_is_too_fast_for_overspeed_time_without_a_pause(
+    feedback: FeedbackInput, pause: str
+) -> None:
+    def judge(speed: float, now: float) -> bool:
+        feedback.measured((speed, 0.0), now)
+        feedback.judge((0.25, 0.0), now)
+        return feedback.fault is not None
+
+    start = 0.25
+    assert not judge(1.0, 0.0)
+    if pause == 'silent':
+        feedback.judge((0.25, 0.0), start)
+    else:
+        judge({'slow': 0.25, 'standing': 0.0}[pause], start)
+    assert not judge(1.0, start)
+    assert not judge(1.0, start + 0.25 - 1 / 64)
+    assert judge(1.0, start + 0.25)
+
+
+def test_clock_that_runs_backwards_gives_a_fast_joint_no_more_time(
+    feedback: FeedbackInput,
+) -> None:
+    for now in (10.0, 9.0):
+        feedback.measured((1.0, 0.0), now)
+        feedback.judge((0.0, 0.0), now)
+    assert feedback.fault is not None

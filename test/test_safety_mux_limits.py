@@ -50,6 +50,11 @@ def test_demand_beyond_one_joint_keeps_the_curve() -> None:
     assert limited.step((12.5, 17.5, -3.0, math.inf), 1.0) == (50.0 / 7.0, 10.0, -1.0, 0.0)
 
 
+def test_reduced_demand_is_not_beyond_the_limit_by_its_rounding() -> None:
+    assert 6.3 / (6.3 / 5.9) > 5.9
+    assert limiter(JointLimit(5.9, 1e3, 1e3)).step((6.3,), 1.0) == (5.9,)
+
+
 @given(
     st.lists(
         st.tuples(st.floats(-1e9, 1e9), st.floats(1e-3, 1e3), st.sampled_from('ab')), min_size=1
@@ -90,6 +95,7 @@ def test_time_that_does_not_pass_changes_nothing(dt: float) -> None:
 @pytest.mark.parametrize('dt', [10.0, 1e300, math.inf])
 def test_late_step_does_not_jump(dt: float) -> None:
     assert limiter(max_dt=0.1).step((4.0,), dt) == (0.2,)
+    assert JointLimiter([LIMIT]).step((4.0,), dt) == (0.2,)
 
 
 def test_reset_is_zero_at_once_and_leaves_no_ramp() -> None:
@@ -119,6 +125,23 @@ def test_late_step_on_the_ramp_still_ends_it_in_time() -> None:
     assert limited.ramp(math.inf, 1.0) == (0.0,)
 
 
+def test_each_ramp_has_slopes_of_its_own() -> None:
+    limited = limiter(JointLimit(4.0, 4.0, 1.0))
+    limited.step((4.0,), 1.0)
+    assert limited.ramp(0.25, 1.0) == (3.0,)
+    assert limited.step((0.0,), 1.0) == (2.0,)
+    assert limited.ramp(0.25, 1.0) == (1.5,)
+
+
+def test_no_zero_is_negative() -> None:
+    """Who reads it as text, or divides by it, would take it for the other way."""
+    limited = limiter()
+    limited.step((-1.0,), 1.0)
+    assert str(limited.ramp(0.125, 1.0)) == '(0.0,)'
+    limited.step((-1.0,), 1.0)
+    assert str(limited.step((-0.0,), 1.0)) == '(0.0,)'
+
+
 @pytest.mark.parametrize('stop_time', [0.0, -1.0])
 def test_ramp_without_time_is_zero_at_once(stop_time: float) -> None:
     limited = limiter()
@@ -136,13 +159,22 @@ steps_of = st.floats(0.005, 0.1)
 def test_jerk_lets_the_acceleration_rise_and_fall() -> None:
     limited = limiter(EASED)
     values = [0.0]
-    while values[-1] < 4.0:
+    while values[-1] < 4.0 and len(values) < 100:
         values.append(*limited.step((4.0,), 0.125))
     rates = [8.0 * (after - before) for before, after in pairwise(values)]
     assert rates[:5] == [0.5, 1.0, 1.5, 2.0, 2.0]
     assert rates[-4:] == sorted(rates[-4:], reverse=True)
     assert 0.0 < rates[-1] <= 0.5
     assert 2.3 < 0.125 * len(rates) < 2.7, 'the time of the profile, 4 / 2 + 2 / 4 s, about'
+
+
+def test_eased_joint_takes_hardly_longer_than_its_profile() -> None:
+    limited, steps = limiter(EASED), 0
+    while limited.output != (4.0,) and steps < 10000:
+        limited.step((4.0,), 1 / 1024)
+        steps += 1
+    profile, fall = 4.0 / 2.0 + 2.0 / 4.0, 2.0 / 4.0
+    assert profile <= steps / 1024 <= profile + fall / 8.0
 
 
 @given(jerks, steps_of, st.floats(0.01, 4.0), st.floats(0.1, 10.0))
@@ -185,7 +217,13 @@ def test_eased_joint_never_overshoots_and_its_stop_is_no_later(
 
 def test_growth_after_a_stop_begins_without_acceleration() -> None:
     limited = limiter(EASED)
-    for end in (limited.reset, lambda: limited.ramp(10.0, 0.5), lambda: limited.step((0.0,), 1.0)):
+    for end in (
+        limited.reset,
+        lambda: limited.ramp(10.0, 0.5),
+        lambda: limited.step((0.0,), 1.0),
+        lambda: limited.step((-4.0,), 1.0),
+        lambda: limited.step((math.inf,), 1.0),
+    ):
         for _ in range(4):
             limited.step((4.0,), 0.25)
         end()
@@ -195,8 +233,9 @@ def test_growth_after_a_stop_begins_without_acceleration() -> None:
 
 def test_growth_from_a_demand_that_was_reached_begins_without_acceleration() -> None:
     limited = limiter(EASED)
-    while limited.step((1.0,), 0.125) != (1.0,):
-        pass
+    for _ in range(100):
+        limited.step((1.0,), 0.125)
+    assert limited.output == (1.0,)
     assert limited.step((4.0,), 0.125) == (1.0625,)
 
 
@@ -207,7 +246,9 @@ def test_least_of_steps_in_no_time_is_none() -> None:
 
 def test_joint_without_jerk_beside_one_with_it_is_as_ever() -> None:
     limited = limiter(EASED, LIMIT)
-    assert [limited.step((4.0, 4.0), 0.5)[1] for _ in range(3)] == [1.0, 2.0, 3.0]
+    outputs = [limited.step((4.0, 4.0), 0.125) for _ in range(3)]
+    assert [plain for _, plain in outputs] == [0.25, 0.5, 0.75]
+    assert [eased for eased, _ in outputs] == [0.0625, 0.1875, 0.375]
 
 
 @pytest.mark.parametrize('value', [-1.0, math.nan, math.inf])

@@ -79,6 +79,7 @@ def test_senseless_stick_is_refused(given_values: dict[str, Any]) -> None:
 
 
 def test_message_becomes_a_sample() -> None:
+    assert PLAIN.joints == 2
     assert PLAIN.sample([0.5, -1.0], [1]) == OperatorSample(
         neutral=False, deadman=True, demand=(0.5, -1.0)
     )
@@ -156,7 +157,7 @@ def test_any_message_is_a_finite_sample_or_malformed(
     [
         ({'sticks': ()}, 'one stick or more'),
         ({'deadman': ()}, 'there must be a deadman'),
-        ({'deadman': (-1,)}, 'deadman indices'),
+        ({'deadman': (-1, 0)}, 'deadman indices'),
         ({'deadman': (1, 1)}, 'deadman indices'),
         ({'mixing': 'tank'}, 'tank mixing needs two sticks, not 1'),
         ({'mixing': 'arcade'}, 'arcade mixing needs two sticks, not 1'),
@@ -279,6 +280,7 @@ def test_named_joints_are_sorted_into_our_order() -> None:
         (['left', 'right', 'arm'], [1.0, 1.0, 1.0], 'arm'),
         (['left', 'left'], [1.0, 1.0], 'left, left'),
         (['left', 'right'], [1.0], '2 names and 1 values'),
+        (['left'], [], '1 names and 0 values'),
         (['left', 'right'], [1.0, math.nan], "joint 'right' is nan"),
     ],
 )

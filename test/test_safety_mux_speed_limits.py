@@ -45,7 +45,9 @@ def test_slow_zone_is_ramped_into_keeps_the_curve_and_is_left() -> None:
     bench.run(0.5, lambda decision: ramps(decision, story))
     assert bench.decision.demand == pytest.approx((0.25, 0.125))
     assert bench.decision.state is State.ACTIVE
-    assert bench.arbiter.status(bench.now).slowed == ("speed limit 'zone' allows 25 %",)
+    status = bench.arbiter.status(bench.now)
+    assert status.slowed == ("speed limit 'zone' allows 25 %",)
+    assert status.conditions["speed limit 'zone'"] == '25 %'
     bench.limits['zone'] = 1.0
     bench.run(0.5, lambda decision: ramps(decision, story))
     assert bench.decision.demand == (1.0, 0.5)
@@ -94,11 +96,19 @@ def test_silence_never_raises_a_limit(then: float | None) -> None:
     assert bench.run(1.0).demand == pytest.approx((0.1, 0.05))
 
 
-def test_limit_of_nothing_holds_the_joints_and_says_so() -> None:
-    bench = limited(key=0.0)
+@pytest.mark.parametrize('name', ['zone', 'key'])
+def test_limit_of_nothing_holds_the_joints_and_says_so(name: str) -> None:
+    bench = limited()
+    bench.limits[name] = 0.0
     assert bench.run(0.5).demand == (0.0, 0.0)
     assert bench.decision.state is State.ACTIVE
-    assert "speed limit 'key' allows 0 %" in bench.why()
+    assert bench.why() == f"speed limit '{name}' allows 0 %"
+
+
+def test_limit_makes_no_sense_from_its_message_on() -> None:
+    bench = limited()
+    bench.arbiter.speed_limit('zone', math.nan, bench.now)
+    assert "speed limit 'zone' is invalid: it is nan" in bench.arbiter.status(bench.now).slowed[0]
 
 
 def test_two_live_publishers_of_a_limit_are_none() -> None:

@@ -66,7 +66,6 @@ class Session(BaseSession[bytes, Status, Event]):
         self.settings = settings
         self.saturations = 0  # command values cut to what 16 bits hold, one an axis and command
         self.refused_commands = 0
-        self.phase = Phase.DISABLED
         self.last_stop: tuple[str, ...] = ()
         self.enabled = False  # the drive says now that every axis is enabled
         self._period = 1.0 / settings.command_rate
@@ -106,7 +105,7 @@ class Session(BaseSession[bytes, Status, Event]):
         if self.phase in _ON_THE_WIRE:
             return []
         reasons = self._forbidden(now) + self._enable_missing(now) + self._command_missing(now)
-        if not reasons and not self._armed:
+        if not reasons:
             reasons.append('enable must go false, then true again')
         if self.last_stop:
             reasons.append(f'last stop: {"; ".join(self.last_stop)}')
@@ -189,7 +188,6 @@ class Session(BaseSession[bytes, Status, Event]):
         self.status = message
         self._heard.feed(now)
         self._report(message, now)
-        self._note_gap(now)
         return True
 
     def _report(self, status: Status, now: float) -> None:
