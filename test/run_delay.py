@@ -16,7 +16,8 @@ class RunDelay:
     What may be added to a bound on a reaction: the machine's share in it, measured beside it.
 
     It counts from the moment at which it is made, over all threads of the processes and of this
-    one. A thread that sleeps or is stopped by a signal waits for no processor.
+    one, and what the host of a virtual machine took from all of them. A thread that sleeps or is
+    stopped by a signal waits for no processor.
 
     :param pids: of processes besides this one.
     """
@@ -24,11 +25,13 @@ class RunDelay:
     def __init__(self, pids: Sequence[int]) -> None:
         self._pids = (*pids, os.getpid())
         self._before = self._waited()
+        self._stolen_before = _stolen()
 
     def seconds(self) -> float:
         """Return the sum; without what has ended, and 0 where the kernel keeps no account."""
         after = self._waited()
-        return 1e-9 * sum(after[thread] - self._before.get(thread, 0) for thread in after)
+        waited = sum(after[thread] - self._before.get(thread, 0) for thread in after)
+        return 1e-9 * waited + _stolen() - self._stolen_before
 
     def _waited(self) -> dict[str, int]:
         """Return the nanoseconds of each thread (kernel: Documentation/scheduler/sched-stats)."""
@@ -41,9 +44,16 @@ class RunDelay:
 
 
 def _family(pid: int) -> list[int]:
-    """Return a process and its children: a node's wire waits, too."""
-    children: list[int] = []
+    """Return a process and all below it: a node's wire waits, too."""
+    found = [pid]
     for file in Path(f'/proc/{pid}/task').glob('*/children'):
         with contextlib.suppress(OSError):  # it has ended
-            children += map(int, file.read_text().split())
-    return [pid, *children]
+            for child in map(int, file.read_text().split()):
+                found += _family(child)
+    return found
+
+
+def _stolen() -> float:
+    """Return the seconds that the host took, of all processors (proc(5): steal)."""
+    ticks = int(Path('/proc/stat').read_text().split(maxsplit=9)[8])
+    return ticks / os.sysconf('SC_CLK_TCK')

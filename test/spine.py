@@ -20,7 +20,6 @@ from esi_drive_bridge.simulator import Simulator as DriveSimulator
 from fort_vsc_bridge.simulator import Simulator as VscSimulator
 from rugged_teleop.stack import wiring
 from test.rig import Observer
-from test.run_delay import HELD_UP
 from test.run_delay import RunDelay
 from test.run_delay import WIRE_HELD_UP
 from test.stage import CLEAR_ERRORS
@@ -136,7 +135,7 @@ class Spine(Stage):
         def rested() -> bool:
             nonlocal resets
             if self.may_reset():
-                assert not resets or delay.seconds() > HELD_UP, self.story()
+                assert not resets or delay.seconds() > WIRE_HELD_UP, self.story()
                 resets += self.reset().success
             return self.is_rested('fort')
 
@@ -161,7 +160,7 @@ class Spine(Stage):
 
         def moves() -> bool:
             if self.mux_says('STOPPED'):
-                assert delay.seconds() > HELD_UP, self.story()
+                assert delay.seconds() > WIRE_HELD_UP, self.story()
                 self.let_go()
                 self.ready()
                 self.hold()
@@ -186,7 +185,7 @@ class Spine(Stage):
 
     def held_up(self) -> bool:
         """Tell whether what happened since the last motion began may be the machine's doing."""
-        return self._delay.seconds() > HELD_UP
+        return self._delay.seconds() > WIRE_HELD_UP
 
     def restart_rightly(self) -> None:
         """Show that the way back is open: all let go, reset, which moves nothing, deadman."""

@@ -34,6 +34,8 @@ from test.demo_rig import still
 from test.demo_rig import turn
 from test.rig import ROOT
 from test.rig import wait_for
+from test.run_delay import RunDelay
+from test.run_delay import WIRE_HELD_UP
 from test.stage import Packet
 from test.stage import packets_in
 
@@ -375,7 +377,9 @@ def is_alive(pid: int) -> bool:
 
 
 def scratch_environment(tmp_path: Path) -> dict[str, str]:
-    return {**os.environ, 'TMPDIR': str(tmp_path), 'TERM': 'xterm'}
+    # Sizes of a terminal, where one is given, count before its own.
+    kept = {name: text for name, text in os.environ.items() if name not in ('COLUMNS', 'LINES')}
+    return {**kept, 'TMPDIR': str(tmp_path), 'TERM': 'xterm'}
 
 
 def test_scene_holds_and_leaves_nothing_behind(tmp_path: Path) -> None:
@@ -443,6 +447,31 @@ class Terminal:
 
         wait_for(found, 30.0, lambda: f'{text!r} in {self.shown[-2000:]!r}')
 
+    def sees(self, text: str) -> bool:
+        """Tell whether it is shown within 5 s."""
+        end = time.monotonic() + 5.0
+        while text not in self.read() and time.monotonic() < end:
+            time.sleep(0.01)
+        return text in self.shown
+
+    def drive(self) -> None:
+        """Press the deadman, then push; anew where the machine held the nodes up."""
+        delay = RunDelay([self.process.pid])
+
+        def moves() -> bool:
+            self.shown = ''
+            self.press('d')
+            if self.sees('ACTIVE'):
+                self.press('\x1bOA')  # up
+                if self.sees('enable velocity'):
+                    return True
+            assert delay.seconds() > WIRE_HELD_UP, self.shown[-2000:]
+            self.press('dc')  # let go
+            self.press_until('ar', "press the deadman of 'fort'")
+            return False
+
+        wait_for(moves, 30.0, lambda: f'motion in {self.shown[-2000:]!r}')
+
     def end(self) -> int:
         """Read on, or it could not write its last words; return its exit status."""
 
@@ -471,10 +500,7 @@ def test_keyboard_resets_drives_and_stops(tmp_path: Path) -> None:
         terminal.wait("'?' is no key of the demo")
         terminal.press_until('ar', "press the deadman of 'fort'")
         terminal.press_until('m', 'remote 1 armed')
-        terminal.press('d')
-        terminal.wait('ACTIVE')
-        terminal.press('\x1bOA')  # up
-        terminal.wait('enable velocity')
+        terminal.drive()
         terminal.press('h')
         terminal.wait('command turn')
         terminal.press(' ')
