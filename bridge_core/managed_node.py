@@ -91,8 +91,31 @@ class ManagedNode(LifecycleNode):
     def check_parameters(self, values: dict[str, Any]) -> None:
         """Refuse values that contradict each other. :raises ParameterError: naming both."""
 
+    # Lifecycle: however the active state ends, a node leaves it by ``leave``.
+
+    def leave(self) -> None:
+        """Leave the device safe, and act no more; may be repeated."""
+        self.active = False
+
+    def on_deactivate(self, state: Any) -> TransitionCallbackReturn:
+        """Leave."""
+        result = self._transition(self.leave, 'deactivate')
+        super().on_deactivate(state)
+        return result
+
+    def on_shutdown(self, state: Any) -> TransitionCallbackReturn:
+        """Leave."""
+        del state
+        return self._transition(self.leave, 'shut down')
+
+    def on_error(self, state: Any) -> TransitionCallbackReturn:
+        """Leave."""
+        del state
+        return self._transition(self.leave, 'recover')
+
     def shut_down(self) -> None:
-        """Leave the device safe; called once a signal came, and before the node is destroyed."""
+        """Leave for good; called once a signal came, and before the node is destroyed."""
+        self.leave()
 
     def autostart(self) -> None:
         """

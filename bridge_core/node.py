@@ -467,35 +467,22 @@ class BridgeNode(ManagedNode, Generic[EventT]):
 
     def on_deactivate(self, state: Any) -> TransitionCallbackReturn:
         """Leave the device safe, close the port, demand a stop."""
-
-        def deactivate() -> None:
-            self._leave_active()
-            self._rest()
-
-        result = self._transition(deactivate, 'deactivate')
-        super().on_deactivate(state)
+        result = super().on_deactivate(state)
+        if result == TransitionCallbackReturn.SUCCESS:
+            result = self._transition(self._rest, 'deactivate')
         return result
 
     def on_cleanup(self, state: Any) -> TransitionCallbackReturn:
         """Close what an inactive node may have open."""
         del state
-        return self._transition(self._leave_active, 'clean up')
-
-    def on_shutdown(self, state: Any) -> TransitionCallbackReturn:
-        """Leave the device safe."""
-        del state
-        return self._transition(self._leave_active, 'shut down')
-
-    def on_error(self, state: Any) -> TransitionCallbackReturn:
-        """Leave the device safe."""
-        del state
-        return self._transition(self._leave_active, 'recover')
+        return self._transition(self.leave, 'clean up')
 
     def _rest(self) -> None:
         if self.BRIDGE.make_resting_session is not None:
             self.link.activate(self.values, resting=True)
 
-    def _leave_active(self) -> None:
+    def leave(self) -> None:
+        """Say farewell to the device, close the port, demand a stop."""
         try:
             self.link.deactivate()
         except TransportError as error:
@@ -521,7 +508,7 @@ class BridgeNode(ManagedNode, Generic[EventT]):
             if self._raw is not None:
                 steps.callback(self._raw.stop)
             steps.callback(self.link.stop)
-            steps.callback(self._leave_active)
+            steps.callback(self.leave)
 
     def destroy_node(self) -> None:
         """End the threads before what they publish on goes away."""

@@ -151,24 +151,9 @@ class SafetyMux(ManagedNode):
         self.lane.post(self._let_go)
         return super().on_activate(state)
 
-    def on_deactivate(self, state: Any) -> TransitionCallbackReturn:
-        """Say stop, and go on saying it."""
-        self.shut_down()
-        return super().on_deactivate(state)
-
-    def on_shutdown(self, state: Any) -> TransitionCallbackReturn:
-        """Say stop, and go on saying it."""
-        del state
-        self.shut_down()
-        return TransitionCallbackReturn.SUCCESS
-
-    def on_error(self, state: Any) -> TransitionCallbackReturn:
-        """Say stop, and go on saying it."""
-        return self.on_shutdown(state)
-
-    def shut_down(self) -> None:
-        """Put out the stop at once."""
-        self.active = False
+    def leave(self) -> None:
+        """Put out the stop at once, and go on saying it."""
+        super().leave()
         try:
             self.lane.call(self._stop)
         except TimeoutError as error:  # silent meanwhile, which is a stop too

@@ -107,20 +107,9 @@ class StatusPage(ManagedNode):
         self.active = True
         return super().on_activate(state)
 
-    def on_deactivate(self, state: Any) -> TransitionCallbackReturn:
+    def leave(self) -> None:
         """Serve no more."""
-        self.shut_down()
-        return super().on_deactivate(state)
-
-    def on_shutdown(self, state: Any) -> TransitionCallbackReturn:
-        """Serve no more."""
-        del state
-        self.shut_down()
-        return TransitionCallbackReturn.SUCCESS
-
-    def shut_down(self) -> None:
-        """Leave the browsers."""
-        self.active = False
+        super().leave()
         server, self._server = self._server, None
         if server is not None:
             server.close()

@@ -36,6 +36,14 @@ from test.talkers import reset
 from test.talkers import Talker
 
 PUB_RATE = 20.0  # ros2 topic pub -r 20
+# Between two programs there is a gap, and a busy machine makes gaps of its own.
+GAP = 5.0  # s
+OUTLASTS_GAPS = {
+    'drive_enabled_topic': '',  # as there is no drive
+    'estop.fort.timeout': GAP,
+    'estop.drive.timeout': GAP,
+    'stall_limit': 1.0,
+}
 STOP = ('estop', 'own_estop', 'link_up')
 PUBLISHED = {
     VSC: (
@@ -204,14 +212,7 @@ def test_pub_stands_in_for_estop_source_and_operator(observer: Observer) -> None
     space = namespace()
     state = observer.record(String, f'{space}/{MUX}/state', latched())
     command = observer.record(JointState, f'{space}/{MUX}/command')
-    # Between two programs there is a gap; the timeouts of operator and source must be longer.
-    rested = 5.0
-    parameters = {
-        'drive_enabled_topic': '',  # as there is no drive
-        'operator.fort.timeout': rested,
-        'neutral_time': rested,
-        'stall_limit': 1.0,
-    }
+    parameters = {**OUTLASTS_GAPS, 'operator.fort.timeout': GAP, 'neutral_time': GAP}
     with NodeProcess('safety_mux.node', parameters, namespace=space):
         sources = [
             Pub(observer, f'{space}/{topic}', Bool(data=False))
@@ -219,7 +220,7 @@ def test_pub_stands_in_for_estop_source_and_operator(observer: Observer) -> None
         ]
         joy = Pub(observer, f'{space}/{VSC}/joy', sticks())
         reset(observer, f'{space}/{MUX}')
-        observer.holds_for(lambda: True, rested + 0.5)
+        observer.holds_for(lambda: True, GAP + 0.5)
         joy = joy.instead(observer, sticks(0.5, deadman=True))
         observer.wait_for(lambda: state.last.data == 'ACTIVE', 10.0, 'ACTIVE')
         observer.wait_for(lambda: any(command.last.velocity), 10.0, 'motion')
@@ -235,11 +236,10 @@ def test_pub_stands_in_for_autonomy(observer: Observer) -> None:
     state = observer.record(String, f'{space}/{MUX}/state', latched())
     command = observer.record(JointState, f'{space}/{MUX}/command')
     parameters = {
-        'drive_enabled_topic': '',
+        **OUTLASTS_GAPS,
         'autonomy.topic': 'cmd_vel',
-        'autonomy.timeout': 5.0,
+        'autonomy.timeout': GAP,
         'operators': [''],
-        'stall_limit': 1.0,
     }
     with NodeProcess('safety_mux.node', parameters, namespace=space):
         pubs = [

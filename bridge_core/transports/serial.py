@@ -119,15 +119,7 @@ class SerialTransport:
 
     def receive(self) -> list[bytes]:
         """Return the bytes that have arrived. :raises TransportError: the port is gone."""
-        try:
-            data = os.read(self._fd, 4096)
-        except BlockingIOError:
-            return []
-        except OSError as error:
-            raise TransportError(f'{self.name}: unplugged ({error.strerror})') from error
-        if not data:  # end of file: the other end is gone
-            raise TransportError(f'{self.name}: unplugged')
-        return [data]
+        return read_port(self._fd, self.name)
 
     def send(self, frame: bytes) -> bool:
         """Queue a frame, or drop it while the line is busy. :raises TransportError: gone."""
@@ -163,6 +155,19 @@ class SerialTransport:
                     raise TransportError(
                         f'{self.name}: took no bytes for {self._write_timeout * 1e3:.0f} ms'
                     ) from None
+
+
+def read_port(fd: int, name: str) -> list[bytes]:
+    """Return what has arrived, nothing too. :raises TransportError: the port is gone."""
+    try:
+        data = os.read(fd, 4096)
+    except BlockingIOError:
+        return []
+    except OSError as error:
+        raise TransportError(f'{name}: unplugged ({error.strerror})') from error
+    if not data:  # end of file: the other end is gone
+        raise TransportError(f'{name}: unplugged')
+    return [data]
 
 
 def _explain_open(name: str, error: Exception) -> str:

@@ -21,6 +21,7 @@ from bridge_core import clock
 from bridge_core.session import Level
 from bridge_core.session import Session
 from bridge_core.transports import TransportError
+from bridge_core.transports.serial import read_port
 from rugged_teleop.decode.captures import Capture
 from rugged_teleop.decode.pieces import Piece
 from rugged_teleop.decode.protocols import entries_of
@@ -106,15 +107,7 @@ class SerialEar:
 
     def receive(self) -> list[bytes]:
         """Return what has arrived. :raises TransportError: the port is gone."""
-        try:
-            data = os.read(self._fd, 4096)
-        except BlockingIOError:
-            return []
-        except OSError as error:
-            raise TransportError(f'{self.name}: unplugged ({error.strerror})') from error
-        if not data:
-            raise TransportError(f'{self.name}: unplugged')
-        return [data]
+        return read_port(self._fd, self.name)
 
 
 @dataclass(frozen=True)

@@ -104,28 +104,14 @@ class Recorder(ManagedNode):
         self._look_around()
         return super().on_activate(state)
 
-    def on_deactivate(self, state: Any) -> TransitionCallbackReturn:
-        """Complete the file, and forget what was heard."""
-        self._leave()
-        return super().on_deactivate(state)
-
-    def on_shutdown(self, state: Any) -> TransitionCallbackReturn:
-        """Complete the file."""
-        del state
-        self._leave()
-        return TransitionCallbackReturn.SUCCESS
-
-    def on_error(self, state: Any) -> TransitionCallbackReturn:
-        """Complete the file."""
-        return self.on_shutdown(state)
-
     def shut_down(self) -> None:
-        """Complete the file, and end the thread that writes it."""
-        self._leave()
+        """Leave, and end the thread that writes."""
+        super().shut_down()
         self._writer.stop(_LEAVE_TIME)
 
-    def _leave(self) -> None:
-        self.active = False
+    def leave(self) -> None:
+        """Complete the file, and forget what was heard."""
+        super().leave()
         for _, subscription in self._topics.values():
             self.lane.unsubscribe(subscription)
         self._topics = {}
