@@ -321,10 +321,16 @@ class Scene(Actuators):
         return since
 
     def _hold_unit(self) -> float:
-        """Hold the VM-110's deadman, with its stick pushed the other way than FORT's."""
+        """
+        Hold the VM-110's deadman, with its stick pushed the other way than FORT's.
+
+        Return once the mux knows: what it hears after FORT has let go would be a new press.
+        """
         self.deadman(True, VM110)
         since = self.stage.unit.apply('stick 1 2 -0.6')
-        return self.unit_says(since, lambda vrpi: bool(vrpi.switches[0] and vrpi.joysticks[1]))
+        said = self.unit_says(since, lambda vrpi: bool(vrpi.switches[0] and vrpi.joysticks[1]))
+        self.wait(lambda: self.stage.condition(f"operator '{VM110}'") == 'in use')
+        return said
 
     def keep_fort(self, act: Callable[[], object]) -> str:
         """Let the VM-110 do something while FORT drives; watch that FORT keeps control."""

@@ -37,6 +37,7 @@ from rugged_teleop.canbuses import free_channel
 from rugged_teleop.canbuses import INTERFACE
 from test.multicast_rig import run_ip
 from test.rig import claim
+from test.rig import TIMEOUT_FACTOR
 from test.rig import wait_for
 
 VARIABLE = 'RUGGED_TELEOP_CAN'
@@ -139,6 +140,7 @@ def receive(
     bus: can.BusABC, identifier: int, mask: int = 0x1FFFFFFF, timeout: float = 5.0
 ) -> CanFrame:
     """Return the next frame with this identifier. :raises AssertionError: none within time."""
+    timeout *= TIMEOUT_FACTOR
     end = time.monotonic() + timeout
     while (left := end - time.monotonic()) > 0:
         received = bus.recv(left)

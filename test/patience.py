@@ -11,9 +11,10 @@ import sys
 
 from bridge_core.transports import link
 from bridge_core.transports import process
+from test.rig import TIMEOUT_FACTOR
 
-vars(process).update(SILENCE_LIMIT=3.0, _KILL_TIME=6.0)
-vars(link).update(INPUT_LIMIT=1.0, REQUEST_LIMIT=3.0)
+vars(process).update(SILENCE_LIMIT=TIMEOUT_FACTOR, _KILL_TIME=2.0 * TIMEOUT_FACTOR)
+vars(link).update(INPUT_LIMIT=1.0, REQUEST_LIMIT=TIMEOUT_FACTOR)
 
 if __name__ == '__main__':
     del sys.argv[0]

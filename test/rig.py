@@ -40,7 +40,7 @@ ROOT = Path(__file__).resolve().parent.parent
 ENDING = (SIGTERM, SIGINT, SIGHUP, SIGQUIT)  # what ends a node
 _POLL = 0.005
 # Factor on all timeouts: a busy machine is slow, and test_uml.py's slower.
-_TIMEOUT_FACTOR = float(os.environ.get('RUGGED_TELEOP_PATIENCE', '3'))
+TIMEOUT_FACTOR = float(os.environ.get('RUGGED_TELEOP_PATIENCE', '3'))
 _TRANSITIONS = {  # lifecycle_msgs/Transition, and the state behind it
     'configure': (1, 'inactive'),
     'cleanup': (2, 'unconfigured'),
@@ -90,7 +90,7 @@ def wait_for(
     :param what: names what is missing on a timeout; a function is called only then.
     :param idle: waits between two tries (seconds), for example by spinning an executor.
     """
-    timeout *= _TIMEOUT_FACTOR
+    timeout *= TIMEOUT_FACTOR
     end = time.monotonic() + timeout
     while not (value := condition()):
         if time.monotonic() > end:

@@ -310,6 +310,14 @@ def test_no_text_makes_it_fail(kind: str, tmp_path: Path, data: st.DataObject) -
     assert list(statistics.lines())
 
 
+def test_log_of_nothing_that_its_reader_knows_says_so(tmp_path: Path) -> None:
+    """python-can's reader passes over what is of no known type."""
+    text = ';$FILEVERSION=1.1\n     1)      1059.9 Xx 0300 1 00\n'
+    statistics = Statistics(250000)
+    assert not decoded(write(tmp_path / 'a.trc', text), kind='trc')
+    assert list(statistics.lines()) == ['nothing was found in it']
+
+
 def test_time_that_is_no_number_is_none(tmp_path: Path) -> None:
     lines = [f'({text})  can0  0CFDE801  [0]\n' for text in ('nan', 'inf', '1e999', '2.5')]
     entries = decoded(write(tmp_path / 'a.log', ''.join(lines)))

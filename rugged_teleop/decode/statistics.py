@@ -124,6 +124,9 @@ class Statistics:
 
     def lines(self) -> Iterator[str]:
         """Yield the report."""
+        if not self._kinds and not self.damaged:
+            yield 'nothing was found in it'
+            return
         rows = [(*key, *kind.row()) for key, kind in sorted(self._kinds.items())]
         columns = [
             (heading, *cells)
