@@ -133,6 +133,8 @@ def _run(factories: Sequence[Callable[..., ManagedNode]], argv: list[str]) -> in
         return _refuse(str(error))
     end = _End()
     nodes: list[ManagedNode] = []
+    if not gc.get_freeze_count():
+        gc.freeze()  # what was imported stays to the end, and need not be searched again and again
     try:
         files = files_of(argv)
         for factory in factories:
@@ -179,7 +181,6 @@ def avoid_shared_memory() -> str:
 
 def _prefer(nodes: Sequence[ManagedNode]) -> None:
     """Have a stop wait for little else in this process, and if asked to, for no other process."""
-    gc.freeze()  # what is there stays to the end, and need not be searched again and again
     gc.set_threshold(_GARBAGE)  # nothing here is made for cycles
     sys.setswitchinterval(_SWITCH_INTERVAL)
     priority = max((node.values['rt_priority'] for node in nodes), default=0)
@@ -241,7 +242,6 @@ def _leave(nodes: list[ManagedNode]) -> None:
     _guarded(rclpy.try_shutdown)
     # Nodes are in reference cycles. Left to the collector, the middleware would end some time, in
     # whichever thread allocates next, and its threads and descriptors would stay until then.
-    gc.unfreeze()
     gc.collect()
 
 

@@ -20,7 +20,7 @@ from test.akron_node_rig import RIGHT
 from test.akron_node_rig import START_LIMIT
 from test.akron_node_rig import Station
 from test.can_rig import CanBus
-from test.rig import ENDING
+from test.endings import each_ending
 from test.rig import NodeProcess
 from test.rig import Observer
 from test.rig import ROOT
@@ -64,7 +64,7 @@ def test_wire_that_is_killed_with_its_node_leaves_the_unit_to_its_own_watchdog(
         bench.wait(lambda: not own_unit.look('moving'), 'rest')
 
 
-@pytest.mark.parametrize('number', ENDING)
+@each_ending
 def test_ends_with_neutral_and_status_0(
     observer: Observer, can_bus: CanBus, own_unit: Station, number: int
 ) -> None:

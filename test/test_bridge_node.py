@@ -28,6 +28,7 @@ from std_msgs.msg import Bool
 from bridge_core.session import Level
 from bridge_core.session import StopChanged
 from bridge_core.session import Verdict
+from test.endings import each_ending
 from test.rig import as_yaml
 from test.rig import ENDING
 from test.rig import latched
@@ -350,7 +351,7 @@ def test_deactivation_does_not_pull_the_session_away_under_the_link_thread(
 # Signals.
 
 
-@pytest.mark.parametrize('number', ENDING)
+@each_ending
 def test_signal_says_farewell_and_stop_and_exits_0(
     device: ToyDevice, observer: Observer, number: int, link: str
 ) -> None:

@@ -18,8 +18,8 @@ from std_msgs.msg import Bool
 from std_srvs.srv import Trigger
 
 from esi_drive_bridge.simulator import Simulator
+from test.endings import each_ending
 from test.esi_drive_rig import status
-from test.rig import ENDING
 from test.rig import latched
 from test.rig import NodeProcess
 from test.rig import Observer
@@ -288,9 +288,7 @@ def test_packets_never_stop_while_the_port_is_open(bench: Bench) -> None:
         assert not any(packet.enables for packet in bench.drive.packets(moment))
 
 
-@pytest.mark.parametrize('attempt', range(3))
-def test_second_mux_disables_and_its_stops_are_no_edges(bench: Bench, attempt: int) -> None:
-    del attempt
+def test_second_mux_disables_and_its_stops_are_no_edges(bench: Bench) -> None:
     bench.command.message = command(10 * RPM, 10 * RPM)
     bench.enabling()
     cause = time.monotonic()
@@ -545,7 +543,7 @@ def test_deactivation_disables_and_closes_and_activation_needs_a_new_edge(
         bench.close()
 
 
-@pytest.mark.parametrize('number', ENDING)
+@each_ending
 def test_signal_mid_motion_leaves_the_drive_disabled(
     tmp_path: Path, observer: Observer, number: int
 ) -> None:

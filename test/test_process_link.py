@@ -21,7 +21,6 @@ from signal import SIGKILL
 from signal import SIGQUIT
 from signal import SIGSEGV
 from signal import SIGSTOP
-from signal import SIGTERM
 import socket
 import time
 from types import SimpleNamespace
@@ -42,6 +41,7 @@ from bridge_core.session import Verdict
 from bridge_core.transports.process import ProcessLink
 from bridge_core.transports.wire import Request
 from bridge_core.transports.wire_process import Node
+from test.endings import each_ending
 from test.link_rig import FakeOwner
 from test.rig import as_yaml
 from test.rig import latched
@@ -154,7 +154,7 @@ def test_node_that_dies_leaves_a_farewell_and_no_process(toy: Toy, number: int) 
     assert toy.pty.received.count(b'BYE') == 1
 
 
-@pytest.mark.parametrize('number', [SIGHUP, SIGTERM, SIGINT, SIGQUIT])
+@each_ending
 def test_node_that_is_ended_says_farewell_once(toy: Toy, number: int) -> None:
     wire = toy.wire()
     assert toy.node.end(number) == 0
@@ -174,7 +174,7 @@ def test_signal_of_the_terminal_reaches_the_node_only(toy: Toy, number: int) -> 
     assert toy.pty.received.count(b'BYE') == 1
 
 
-@pytest.mark.parametrize('number', [SIGINT, SIGTERM, SIGHUP, SIGQUIT])
+@each_ending
 def test_signal_to_the_wire_ends_nothing(toy: Toy, number: int) -> None:
     wire, count = toy.wire(), toy.keep_alives()
     os.kill(wire, number)

@@ -140,8 +140,9 @@ def mux(observer: Observer) -> Iterator[MuxBench]:
     result.close()
 
 
-@pytest.mark.parametrize('rate', [50.0, 0.5])
-@pytest.mark.parametrize('topic', ['fort_vsc_bridge/estop', 'fort_vsc_bridge/joy'])
+@pytest.mark.parametrize(
+    ('topic', 'rate'), [('fort_vsc_bridge/estop', 50.0), ('fort_vsc_bridge/joy', 0.5)]
+)
 def test_second_live_publisher_stops_until_it_is_gone(
     mux: MuxBench, topic: str, rate: float
 ) -> None:

@@ -33,11 +33,11 @@ from safety_mux.node import SafetyMux
 from safety_mux.outputs import Repeated
 from safety_mux.protocol import Decision
 from safety_mux.protocol import State
+from test.endings import each_ending
 from test.mux_talkers import CLEAR_TIME
 from test.mux_talkers import MuxBench
 from test.mux_talkers import sticks
 from test.mux_talkers import TIMEOUT
-from test.rig import ENDING
 from test.rig import latched
 from test.rig import NodeProcess
 from test.rig import Observer
@@ -541,7 +541,7 @@ def test_refused_reset_is_in_the_status_until_one_counts(mux: MuxBench) -> None:
     mux.wait(lambda: 'last reset' not in values_of(mux.status.last), 'no refusal')
 
 
-@pytest.mark.parametrize('number', ENDING)
+@each_ending
 def test_signal_mid_motion_puts_out_a_last_stop(observer: Observer, number: int) -> None:
     mux = MuxBench(observer)
     try:

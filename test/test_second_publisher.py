@@ -13,7 +13,7 @@ from akron_can_bridge.simulator import Simulator as Unit
 from test import akron_node_rig as akron
 from test import ssc_bench as ssc
 from test.can_rig import CanBus
-from test.rig import ENDING
+from test.endings import each_ending
 from test.rig import Observer
 from test.talkers import Talker
 
@@ -40,7 +40,7 @@ def test_second_commander_of_servos_brings_the_failsafe(controller: ssc.Bench) -
     controller.wait(lambda: controller.seen()['outputs_us'][:2] == [1700, 1000], 'the servos')
 
 
-@pytest.mark.parametrize('number', ENDING)
+@each_ending
 def test_signal_leaves_servos_at_their_failsafe(controller: ssc.Bench, number: int) -> None:
     assert controller.node.end(number) == 0
     assert controller.seen()['outputs_us'][:2] == [1200, 0]

@@ -20,7 +20,7 @@ from std_msgs.msg import Bool
 
 from esi_drive_bridge.simulator import Simulator as DriveSimulator
 from fort_vsc_bridge.simulator import build_frame
-from test.rig import ENDING
+from test.endings import each_ending
 from test.rig import latched
 from test.rig import NodeProcess
 from test.rig import Observer
@@ -297,7 +297,7 @@ def test_drive_node_frozen_briefly_disables_and_needs_a_new_press(spine: Spine) 
     spine.restart_rightly()
 
 
-@pytest.mark.parametrize('number', ENDING)
+@each_ending
 def test_drive_node_ended_mid_motion_leaves_with_disable_packets(
     spine: Spine, number: int
 ) -> None:
@@ -314,7 +314,7 @@ def test_drive_node_ended_mid_motion_leaves_with_disable_packets(
     stays_stopped_until_restarted(spine, time.monotonic())
 
 
-@pytest.mark.parametrize('number', ENDING)
+@each_ending
 @pytest.mark.parametrize('name', [VSC, MUX])
 def test_node_ended_mid_motion_stops_the_drive_and_exits_at_once(
     spine: Spine, name: str, number: int

@@ -20,6 +20,7 @@ from ssc_bridge.config.main import main
 from ssc_bridge.simulator import Settings
 from ssc_bridge.simulator import Simulator
 from ssc_bridge.simulator import sums
+from test.endings import each_ending
 from test.rig import ROOT
 from test.rig import wait_for
 
@@ -29,6 +30,8 @@ TEXT = ''.join(f'{line}\n' for line in VECTOR['lines'])
 OTHERS = Settings(config_id=42)
 PROMPT = 'Switch the SSC off and on now.'
 LONGEST = 60.0  # seconds; a restore takes 19
+# A digit in half its time: it matters in test_ssc_menus.py, which has a clock of its own.
+QUICK = 'from ssc_bridge.config import main, scripts; scripts.DIGIT_PERIOD = 0.01; main.main()'
 
 
 class Command:
@@ -36,7 +39,7 @@ class Command:
 
     def __init__(self, *arguments: str, terminal: int | None = None) -> None:
         """:param terminal: a slave, which becomes its controlling terminal; closed here."""
-        command = [sys.executable, '-m', 'ssc_bridge.config.main', *arguments]
+        command = [sys.executable, '-c', QUICK, *arguments]
         if terminal is not None:
             command = ['setsid', '--ctty', *command]
         self.process = subprocess.Popen(
@@ -282,7 +285,7 @@ def test_interrupted_twice_stops_at_once_and_says_how_it_stands(
     assert 'may hold a partial image' in command.output
 
 
-@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT])
+@each_ending
 def test_interrupted_before_the_unit_answers_has_changed_nothing(
     unit: PtyDevice, file: Path, number: int
 ) -> None:
