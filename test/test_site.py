@@ -1,7 +1,12 @@
-"""The site of ``make docs``: its navigation has every page, once."""
+"""The site of ``make docs``: its navigation has every page, once; its pictures stand alone."""
 
 from collections import Counter
+from pathlib import Path
+import re
 import runpy
+from xml.etree import ElementTree
+
+import pytest
 
 from rugged_teleop.reference import ROOT
 
@@ -12,3 +17,18 @@ def test_every_page_is_in_the_navigation_once() -> None:
     groups = runpy.run_path(str(ROOT / 'docs' / 'conf.py'))['contents']()
     listed = Counter(name for group in groups.values() for name in group)
     assert listed == Counter(names - {'README'}), 'NAVIGATION of docs/conf.py'
+
+
+PICTURES = sorted((ROOT / 'docs' / 'images').glob('*.svg'))
+
+
+@pytest.mark.parametrize('picture', PICTURES, ids=lambda path: path.name)
+def test_picture_is_on_a_page_has_words_and_needs_nothing_else(picture: Path) -> None:
+    tags = [element.tag.rpartition('}')[2] for element in ElementTree.parse(picture).iter()]
+    assert {'title', 'desc'} <= set(tags)
+    assert not {'script', 'image', 'foreignObject', 'a'} & set(tags)
+    text = picture.read_text(encoding='utf-8')
+    assert 'prefers-color-scheme: dark' in text
+    assert re.findall(r'url\((?!#)|@import', text) == []
+    pages = [*ROOT.glob('docs/*.md'), *ROOT.glob('docs/*/*.md')]
+    assert any(f'images/{picture.name})' in page.read_text(encoding='utf-8') for page in pages)
