@@ -32,3 +32,17 @@ def test_picture_is_on_a_page_has_words_and_needs_nothing_else(picture: Path) ->
     assert re.findall(r'url\((?!#)|@import', text) == []
     pages = [*ROOT.glob('docs/*.md'), *ROOT.glob('docs/*/*.md')]
     assert any(f'images/{picture.name})' in page.read_text(encoding='utf-8') for page in pages)
+
+
+@pytest.mark.parametrize('device', ['fort_vsc', 'ssc'])
+def test_pins_of_a_picture_have_the_signals_of_the_page(device: str) -> None:
+    page = (ROOT / 'docs' / 'devices' / f'{device}.md').read_text(encoding='utf-8')
+    _, _, table = page.partition('| pin')
+    rows = [row.split('|')[1:4] for row in table.partition('\n\n')[0].splitlines()[2:]]
+    picture = (ROOT / 'docs' / 'images' / f'wiring_{device}.svg').read_text(encoding='utf-8')
+    drawn = re.findall(r'class="pin"[^>]*>(\w+)</text>\n<text[^>]*>([^<]+)<', picture)
+    assert len(drawn) >= 10
+    for pin, signal in drawn:
+        words = re.split('[ _]', signal.lower())
+        cells = [' '.join(row).lower() for row in rows if pin in re.findall(r'\w+', row[0])]
+        assert any(all(word in cell for word in words) for cell in cells), (pin, signal)
