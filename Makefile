@@ -14,6 +14,7 @@
 #   make campaign          harm the running system, 20 times in each way; ARGS='-n 5 SIGKILL' and the like
 #   make reference         write config/*.yaml, their schema and the parameter tables of docs/ from the tables in
 #                          the code
+#   make docs              write the site into docs/_build; a warning is an error
 #   make clean             remove what these targets made, .venv included
 
 PYTHON ?= python3
@@ -23,13 +24,16 @@ WORKERS ?= 3
 VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.ready
+# Sphinx needs neither ROS nor this package.
+DOCS_VENV := .venv-docs
+SITE := docs/_build
 
 # The wheels mark an environment that they have set up; ours differs from the caller's.
 unexport _ROS_WHEELS_BOOTSTRAP_COMPLETE
 # A virtual environment that the caller has activated is only where $(PYTHON) comes from.
 unexport VIRTUAL_ENV
 
-.PHONY: demo test proof mutants lint bench bench-check campaign reference clean
+.PHONY: demo test proof mutants lint bench bench-check campaign reference docs clean
 
 demo: $(STAMP)
 	$(BIN)/python -m demo $(ARGS)
@@ -60,11 +64,21 @@ campaign: $(STAMP)
 reference: $(STAMP)
 	$(BIN)/python -m rugged_teleop.reference
 
+# Everything is read anew (-E), for a page that was read before would not warn again.
+docs: $(DOCS_VENV)/.ready
+	$(DOCS_VENV)/bin/sphinx-build -E -q -n -W --keep-going -c docs -d $(SITE)/.doctrees . $(SITE)
+	@echo $(SITE)/index.html
+
 clean:
-	rm -rf $(VENV) build install log *.egg-info .hypothesis .mypy_cache .pytest_cache .ruff_cache
+	rm -rf $(VENV) $(DOCS_VENV) $(SITE) build install log *.egg-info .hypothesis .mypy_cache .pytest_cache .ruff_cache
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +
 
 # Made anew, not mended, whenever what it is made from has changed.
 $(STAMP): requirements.txt requirements-dev.txt setup.py setup.cfg pyproject.toml .ci/make_venv
 	PYTHON='$(PYTHON)' .ci/make_venv $(VENV)
+	@touch $@
+
+$(DOCS_VENV)/.ready: requirements-docs.txt
+	$(PYTHON) -m venv --clear $(DOCS_VENV)
+	$(DOCS_VENV)/bin/python -m pip install --quiet --disable-pip-version-check -r requirements-docs.txt
 	@touch $@

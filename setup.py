@@ -13,7 +13,8 @@ def shared_files() -> list[tuple[str, list[str]]]:
     """Return what goes to share/, folder by folder, as setuptools wants it."""
     files: dict[str, list[str]] = {}
     for top in SHARED:
-        for path in sorted(path for path in Path(top).rglob('*') if path.is_file()):
+        found = (path for path in Path(top).rglob('*') if '_build' not in path.parts)
+        for path in sorted(path for path in found if path.is_file()):
             files.setdefault(f'share/{PACKAGE}/{path.parent.as_posix()}', []).append(str(path))
     return sorted(files.items())
 

@@ -125,7 +125,7 @@ def test_demo_tests_and_benchmarks_are_not_installed() -> None:
 
 
 def test_requirements_are_pinned() -> None:
-    for name in ('requirements.txt', 'requirements-dev.txt'):
+    for name in ('requirements.txt', 'requirements-dev.txt', 'requirements-docs.txt'):
         for line in text(name).splitlines():
             assert line.startswith('#') or re.fullmatch(r'[\w-]+==[\w.]+(; .+)?', line), line
 
