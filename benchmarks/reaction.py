@@ -114,6 +114,9 @@ def hold(seconds: float, rt_priority: int) -> Figures:
                 left -= 1.0
                 if not chain.rig.moves():
                     stops += 1
+                    print(f'stopped by itself after {seconds - left:.0f} s:')
+                    for node in chain.nodes.values():
+                        print(*node.output.splitlines()[-2:], sep='\n')
                     with contextlib.suppress(AssertionError):  # not yet: it counts once more
                         chain.move()
     return {'stops': stops, 'n': round(seconds)}
