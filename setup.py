@@ -32,6 +32,7 @@ setup(
     extras_require={
         'completion': ['argcomplete>=3'],
         'page': ['aiohttp>=3.8'],
+        'plot': ['matplotlib>=3.6'],
         'record': ['mcap>=1.1', 'mcap-ros2-support>=0.5'],
     },
     install_requires=['setuptools', 'pyserial>=3.5', 'python-can>=4.3', 'PyYAML'],
