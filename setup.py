@@ -6,7 +6,7 @@ from setuptools import find_packages
 from setuptools import setup
 
 PACKAGE = 'rugged_teleop'
-SHARED = ('config', 'container', 'dbc', 'docs', 'launch', 'systemd', 'udev')
+SHARED = ('config', 'container', 'dbc', 'docs', 'launch', 'layouts', 'systemd', 'udev')
 
 
 def shared_files() -> list[tuple[str, list[str]]]:
