@@ -6,7 +6,7 @@ from setuptools import find_packages
 from setuptools import setup
 
 PACKAGE = 'rugged_teleop'
-SHARED = ('config', 'container', 'dbc', 'docs', 'launch', 'systemd', 'udev')
+SHARED = ('config', 'container', 'dbc', 'docs', 'launch', 'layouts', 'systemd', 'udev')
 
 
 def shared_files() -> list[tuple[str, list[str]]]:
@@ -33,6 +33,7 @@ setup(
     extras_require={
         'completion': ['argcomplete>=3'],
         'page': ['aiohttp>=3.8'],
+        'plot': ['matplotlib>=3.6'],
         'record': ['mcap>=1.1', 'mcap-ros2-support>=0.5'],
     },
     install_requires=['setuptools', 'pyserial>=3.5', 'python-can>=4.3', 'PyYAML'],

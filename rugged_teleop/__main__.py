@@ -22,6 +22,7 @@ COMMANDS = {
     'doctor': ('why it does not work: ports, devices, parameters, ROS', 'doctor.main'),
     'page': ('the status page: may it move, who has control, what to do', 'page'),
     'record': ('keep the last minute, and write it at every stop', 'recorder.main'),
+    'replay': ("where today's code would decide otherwise than recorded", 'replay.main'),
     'why': ('the story of a stop, from a recording', 'why.main'),
     'simulate': ("the devices' side of the wire, for trying without hardware", 'simulate'),
 }

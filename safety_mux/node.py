@@ -7,7 +7,6 @@ a mux that is not active says stop, disable and 0.
 """
 
 from collections.abc import Callable
-from functools import partial
 import math
 from typing import Any
 from typing import ClassVar
@@ -35,30 +34,21 @@ from bridge_core.parameters import MANAGED_PARAMETERS
 from bridge_core.parameters import Parameter
 from bridge_core.publishers import PublisherWatch
 from bridge_core.runner import run
-from safety_mux.arbiter import Arbiter
 from safety_mux.button import ResetButton
 from safety_mux.configuration import check
-from safety_mux.configuration import joint_limits
-from safety_mux.configuration import joy_mapping
-from safety_mux.configuration import mux_config
-from safety_mux.limits import JointLimiter
-from safety_mux.mapping import DifferentialDrive
-from safety_mux.mapping import forward_and_turn
-from safety_mux.mapping import NamedJoints
+from safety_mux.intake import Intake
+from safety_mux.intake import Listened
 from safety_mux.outputs import command_of
 from safety_mux.outputs import GatedJoy
 from safety_mux.outputs import Repeated
 from safety_mux.parameters import GENERAL
 from safety_mux.parameters import parameter_table
-from safety_mux.protocol import AUTONOMY
 from safety_mux.protocol import Decision
 from safety_mux.protocol import Kind
-from safety_mux.protocol import MalformedInput
 from safety_mux.protocol import Reply
 from safety_mux.protocol import State
 from safety_mux.report import report_of
 from safety_mux.report import Surroundings
-from safety_mux.stamps import StampWatch
 
 # A stop must not be overwritten by what follows it before it was read, hence the depth.
 ESTOP_QOS = QoSProfile(depth=100)
@@ -67,7 +57,7 @@ DEMAND_QOS = QoSProfile(depth=5, reliability=ReliabilityPolicy.BEST_EFFORT)
 # Never transient local: an old command must not reach a drive that starts later.
 COMMAND_QOS = QoSProfile(depth=1)
 
-_AUTONOMY_TYPES = {'Twist': Twist, 'TwistStamped': TwistStamped, 'JointState': JointState}
+_TYPES = {each.__name__: each for each in (Bool, Float64, JointState, Joy, Twist, TwistStamped)}
 _TWIST_TYPES = {'twist': Twist, 'twist_stamped': TwistStamped}
 _DEMAND_PERIOD = 0.05  # s, of ~/stop_demand; devices time out on it
 _STATE_PERIOD = 0.1  # s, of ~/state, for people
@@ -171,58 +161,22 @@ class SafetyMux(ManagedNode):
     def _build(self) -> None:
         """Make the arbiter and subscribe to all that it listens to."""
         values = self._built_from = self.values
-        config = mux_config(values)
-        self._arbiter = Arbiter(config, JointLimiter(joint_limits(values)), clock.now())
+        self._intake = Intake(values, clock.now(), self._on_sound_joy)
+        self._arbiter = self._intake.arbiter
         self._hold(clock.now())
         self._last_state: State | None = None
-        self._owner: str | None = None
-        self._mappings = {each.name: joy_mapping(values, each.name) for each in config.operators}
-        self._stamps = {
-            each.name: StampWatch(
-                each.timeout, required=values[f'operator.{each.name}.require_moving_stamps']
-            )
-            for each in config.operators
-        }
         self._watches: dict[str, tuple[Kind, str, PublisherWatch]] = {}
         self._source_of = {}
-        self._interface = values['interface']
         self._words = command_of(values)
-        for source in config.sources:
-            self._subscribe_source(source.name)
+        for source in self._intake.config.sources:
             self._stop_demands[source.name] = self.create_repeated(
                 Bool, f'~/stop_demand/{source.name}', latched_qos(), _DEMAND_PERIOD
             )
-        if config.drive_timeout is not None:
-            topic = values['drive_enabled_topic']
-            self._subscribe(Bool, topic, 'drive', 'drive', self._on_drive_enabled, ESTOP_QOS)
-        for limit in config.speed_limits:
-            topic = values[f'speed_limit.{limit.name}.topic']
-            on_limit = partial(self._on_speed_limit, limit.name)
-            self._subscribe(Float64, topic, 'speed limit', limit.name, on_limit, DEMAND_QOS)
-        if config.feedback is not None:
-            topic = values['feedback.topic']
-            self._measured = NamedJoints(config.feedback.joints)
-            self._subscribe(
-                JointState, topic, 'feedback', 'feedback', self._on_feedback, DEMAND_QOS
-            )
-        for operator in config.operators:
-            topic = values[f'operator.{operator.name}.topic']
-            on_joy = partial(self._on_joy, operator.name)
-            self._subscribe(Joy, topic, 'operator', operator.name, on_joy, DEMAND_QOS)
+        for each in self._intake.topics():
+            self._subscribe(each)
+        for operator in self._intake.config.operators:
             if values[f'operator.{operator.name}.gated_joy']:
                 self._gated_joys[operator.name] = self._gated_joy(operator.name)
-        if config.autonomy is not None:
-            self._subscribe_autonomy()
-
-    def _subscribe_source(self, name: str) -> None:
-        kind = 'e-stop source'
-        topic, own_topic = (self.values[f'estop.{name}.{part}'] for part in ('topic', 'own_topic'))
-        if own_topic:  # first, so that a stop finds it in place
-            own = partial(self._on_own_estop, name)
-            self._subscribe(Bool, own_topic, kind, name, own, ESTOP_QOS)
-        self._subscribe(Bool, topic, kind, name, partial(self._on_estop, name), ESTOP_QOS)
-        publisher = self._inputs[-1].topic_name.rpartition('/')[0].lstrip('/')
-        self._source_of[f'{publisher}: device'] = name
 
     def _gated_joy(self, name: str) -> GatedJoy:
         return GatedJoy(
@@ -232,27 +186,8 @@ class SafetyMux(ManagedNode):
             deadman=self.values[f'operator.{name}.deadman_buttons'],
         )
 
-    def _subscribe_autonomy(self) -> None:
-        values = self.values
-        kind, topic = values['autonomy.type'], values['autonomy.topic']
-        wheels = DifferentialDrive(
-            values['autonomy.wheel_separation'], values['autonomy.wheel_radius']
-        )
-        self._of_twist = wheels.demand if values['output'] == 'joints' else forward_and_turn
-        self._named = NamedJoints(tuple(values['joints']))
-        self._subscribe(
-            _AUTONOMY_TYPES[kind], topic, 'autonomy', AUTONOMY, self._on_autonomy, DEMAND_QOS
-        )
-
-    def _subscribe(
-        self,
-        message_type: Any,
-        topic: str,
-        kind: Any,
-        name: str,
-        callback: Callable[[Any, float], None],
-        qos: QoSProfile,
-    ) -> None:
+    def _subscribe(self, listened: Listened) -> None:
+        _, kind, name, message_type, take = listened
         watch = PublisherWatch()
 
         def on_message(message: Any, info: Any) -> None:
@@ -262,11 +197,17 @@ class SafetyMux(ManagedNode):
                 self._look_at(subscription.topic_name, now)
             elif lost and kind == 'e-stop source':
                 self._note_loss(kind, name, f'{lost} messages of {subscription.topic_name}')
-            callback(message, now)
+            if take(message, now):
+                self._decide(now)
 
-        subscription = self.lane.subscribe(message_type, topic, on_message, qos)
+        topic = self.values[listened.parameter]
+        qos = ESTOP_QOS if message_type == 'Bool' else DEMAND_QOS
+        subscription = self.lane.subscribe(_TYPES[message_type], topic, on_message, qos)
         self._inputs.append(subscription)
         self._watches[subscription.topic_name] = (kind, name, watch)
+        if kind == 'e-stop source' and listened.parameter.endswith('.topic'):
+            publisher = subscription.topic_name.rpartition('/')[0].lstrip('/')
+            self._source_of[f'{publisher}: device'] = name
 
     def _note_loss(self, kind: Any, name: str, what: str) -> None:
         """Stop: what never arrived may have been a stop."""
@@ -285,11 +226,6 @@ class SafetyMux(ManagedNode):
 
     # What arrives.
 
-    def _on_estop(self, name: str, message: Any, now: float) -> None:
-        self._arbiter.estop_message(name, message.data, now)
-        if message.data and self._last_state is not State.STOPPED:
-            self._decide(now)
-
     def _on_diagnostics(self, message: Any) -> None:
         """Take from a source's own diagnostic why it demands a stop."""
         for status in message.status:
@@ -301,41 +237,9 @@ class SafetyMux(ManagedNode):
         if name in self._source_of:
             self._arbiter.explain_source(self._source_of[name], why)
 
-    def _on_own_estop(self, name: str, message: Any, now: float) -> None:
-        self._arbiter.own_estop_message(name, message.data, now)
-
-    def _on_joy(self, name: str, message: Any, now: float) -> None:
-        stamp, watch = message.header.stamp, self._stamps[name]
-        watch.hear((stamp.sec, stamp.nanosec), now)
-        self._arbiter.set_invalid('operator', name, 'stamps', watch.fault)
-        try:
-            sample = self._mappings[name].sample(message.axes, message.buttons)
-        except MalformedInput as error:
-            self._arbiter.operator_invalid(name, str(error), now)
-        else:
-            self._arbiter.operator_sample(name, sample, now)
-            if name in self._gated_joys:
-                self._gated_joys[name].hear(message)
-            if name == self._owner and not sample.deadman:
-                self._decide(now)  # a released deadman is a stop too
-
-    def _on_autonomy(self, message: Any, now: float) -> None:
-        try:
-            demand = self._autonomy_demand(message)
-        except MalformedInput as error:
-            self._arbiter.autonomy_invalid(str(error), now)
-        else:
-            self._arbiter.autonomy_command(demand, now)
-
-    def _autonomy_demand(self, message: Any) -> tuple[float, ...]:
-        if isinstance(message, JointState):
-            return self._named.demand(message.name, getattr(message, self._interface))
-        twist = message.twist if isinstance(message, TwistStamped) else message
-        speed, turn = twist.linear, twist.angular
-        return self._of_twist((speed.x, speed.y, speed.z), (turn.x, turn.y, turn.z))
-
-    def _on_drive_enabled(self, message: Any, now: float) -> None:
-        self._arbiter.drive_enabled(message.data, now)
+    def _on_sound_joy(self, name: str, message: Any) -> None:
+        if name in self._gated_joys:
+            self._gated_joys[name].hear(message)
 
     def _on_button(self, message: Any, info: Any) -> None:
         assert self._button is not None
@@ -357,17 +261,6 @@ class SafetyMux(ManagedNode):
         if lost or not self._button_watch.settled(now):
             return 'has lost messages, or a new publisher'
         return '' if self._last_state is State.STOPPED else 'was pressed before the stop'
-
-    def _on_speed_limit(self, name: str, message: Any, now: float) -> None:
-        self._arbiter.speed_limit(name, message.data, now)
-
-    def _on_feedback(self, message: Any, now: float) -> None:
-        try:
-            speeds = self._measured.among(message.name, message.velocity)
-        except MalformedInput as error:
-            self._arbiter.feedback_invalid(str(error), now)
-        else:
-            self._arbiter.measured(speeds, now)
 
     def _look_around(self, now: float) -> None:
         """Find topics with two live publishers, or with one that could never be heard."""
@@ -483,10 +376,9 @@ class SafetyMux(ManagedNode):
 
     def _decide(self, now: float) -> Decision:
         """Decide, and say what stops a machine; all else has time until the next tick."""
-        decision = self._arbiter.tick(now)
+        decision = self._intake.decide(now)
         self._estop.say(decision.estop, now)
         self._enable.say(decision.enable, now)
-        self._owner = decision.owner
         for name, joy in self._gated_joys.items():
             joy.decide(name == decision.follows, now)
         return decision
@@ -537,7 +429,7 @@ class SafetyMux(ManagedNode):
             held={name: joy.held for name, joy in self._gated_joys.items()},
             old_stamps={
                 name: watch.warning
-                for name, watch in self._stamps.items()
+                for name, watch in self._intake.stamps.items()
                 if watch.warning is not None
             },
             refused_reset=self._refused_reset,

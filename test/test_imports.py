@@ -58,6 +58,8 @@ BRIDGE = {
     'parameters': ('{bridge}.protocol', 'OTHER', 'bridge_core.parameters'),
     # What the mux makes of its parameters.
     'configuration': ('{bridge}', 'bridge_core.parameters'),
+    # From messages to the arbiter, for the node and for a replay.
+    'intake': ('{bridge}',),
     # What the mux's decisions become.
     'outputs': ('{bridge}.protocol', 'MESSAGES'),
     # What browsers are served by.

@@ -46,7 +46,7 @@ def test_container_runs_a_launch_file_that_exists_and_not_as_root() -> None:
     assert '\nUSER robot\n' in text
 
 
-@pytest.mark.parametrize('name', ['systemd', 'container', 'config', 'launch'])
+@pytest.mark.parametrize('name', ['systemd', 'container', 'config', 'launch', 'layouts'])
 def test_what_runs_the_nodes_is_installed(name: str) -> None:
     (line,) = re.findall(r'^SHARED = \((.*)\)$', (ROOT / 'setup.py').read_text(), re.M)
     assert f"'{name}'" in line

@@ -34,6 +34,7 @@ from test.stage import VSC
 from test.talkers import namespace
 from test.talkers import reset
 from test.talkers import Talker
+from test.test_layouts import named
 
 PUB_RATE = 20.0  # ros2 topic pub -r 20
 # Between two programs there is a gap, and a busy machine makes gaps of its own.
@@ -164,6 +165,22 @@ def test_every_topic_is_echoed_with_default_options(spine: Spine, node: str) -> 
         return all(record.messages for record in records)
 
     spine.wait(all_came, f'not {[record.topic for record in records if not record.messages]}')
+
+
+def test_layouts_name_fields_of_topics_that_are_published(spine: Spine) -> None:
+    node = spine.observer.node
+
+    def published() -> dict[str, str]:
+        found = node.get_topic_names_and_types()
+        return {name: kinds[0] for name, kinds in found if node.count_publishers(name)}
+
+    wanted = set(named())
+    spine.wait(lambda: {topic for topic, _ in wanted} <= published().keys(), 'the topics')
+    for topic, field in wanted:
+        fields = message_type(published()[topic]).get_fields_and_field_types()
+        name, _, index = field.partition('[')
+        assert not field or name in fields, f'{topic} has no {field}'
+        assert bool(index) == ('sequence' in fields.get(name, '')), f'{topic}: {field}'
 
 
 def takes_from_pub(observer: Observer, node: str, topic: str) -> bool:

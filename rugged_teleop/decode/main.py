@@ -6,7 +6,7 @@ in the file, and skipped. The statistics come last, on standard error unless the
 asked for.
 
 Exit status: 0 all was read; 1 something was damaged, or nothing is of a protocol known here; 2
-wrong arguments, or a file that cannot be read.
+wrong arguments, or a file that cannot be read, or no picture.
 """
 
 from __future__ import annotations
@@ -22,6 +22,7 @@ from rugged_teleop.command_line import Parser
 from rugged_teleop.decode.captures import Capture
 from rugged_teleop.decode.captures import FORMATS
 from rugged_teleop.decode.captures import opened
+from rugged_teleop.decode.plot import Picture
 from rugged_teleop.decode.protocols import entries_of
 from rugged_teleop.decode.protocols import PROTOCOLS
 from rugged_teleop.decode.statistics import Statistics
@@ -34,6 +35,7 @@ examples:
   {prog} --as statistics can0.log           # candump -l can0
   {prog} --as csv vm110.pcap > vm110.csv    # tcpdump -i eth0 -w vm110.pcap udp
   {prog} --as json can0.log | jq 'select(.message == "heartbeat") | .fields'
+  {prog} --as statistics --plot stop.png 20261122T190455.323Z_stop.mcap
   candump -t a can0 | {prog} -
 """
 _BITRATE = 250000  # of Akron's units, and of the VSC as delivered
@@ -48,6 +50,7 @@ def parser(prog: str) -> Parser:
     add('--format', choices=FORMATS, default='', help='default: by its beginning')
     add('--protocol', choices=PROTOCOLS, default='', help='default: by its content')
     add('--as', dest='output', choices=WRITERS, default='table', help='default: table')
+    add('--plot', metavar='OUT.png', help='also a picture: sticks, stops, commands over time')
     add('--bitrate', type=_bitrate, default=_BITRATE, help='of a CAN bus, for its load (250000)')
     return result
 
@@ -67,6 +70,11 @@ def main(arguments: Sequence[str] | None = None, prog: str = 'rugged_teleop deco
 
 
 def _decode(options: argparse.Namespace, prog: str) -> int:
+    try:
+        picture = Picture() if options.plot else None
+    except ImportError as error:
+        print(f'{prog}: {error}', file=sys.stderr)
+        return 2
     writer: Writer = WRITERS[options.output](sys.stdout)
     report = sys.stdout if options.output == 'statistics' else sys.stderr
     status = 0
@@ -74,7 +82,7 @@ def _decode(options: argparse.Namespace, prog: str) -> int:
         statistics = Statistics(options.bitrate)
         try:
             with opened(name, options.format) as capture:
-                _copy(capture, options.protocol, writer, statistics)
+                _copy(capture, options.protocol, writer, statistics, picture)
         except (OSError, ValueError) as error:
             if isinstance(error, BrokenPipeError):
                 raise
@@ -87,14 +95,32 @@ def _decode(options: argparse.Namespace, prog: str) -> int:
             print(line if report is sys.stdout else f'# {line}', file=report)
         if statistics.damaged or not statistics.decoded:
             status = max(status, 1)
-    return status
+    return max(status, 0 if picture is None else _save(picture, options.plot, prog))
 
 
-def _copy(capture: Capture, protocol: str, writer: Writer, statistics: Statistics) -> None:
+def _save(picture: Picture, path: str, prog: str) -> int:
+    try:
+        picture.save(path)
+    except (OSError, ValueError) as error:
+        reason = error.strerror if isinstance(error, OSError) else error
+        print(f'{prog}: {path}: {reason}', file=sys.stderr)
+        return 2
+    return 0
+
+
+def _copy(
+    capture: Capture,
+    protocol: str,
+    writer: Writer,
+    statistics: Statistics,
+    picture: Picture | None,
+) -> None:
     progress = _Progress(capture, sys.stderr)
     try:
         for entry in entries_of(capture, protocol):
             statistics.add(entry)
+            if picture is not None:
+                picture.add(entry)
             writer.write(capture.name, entry)
             progress.tell(entry.offset)
     finally:

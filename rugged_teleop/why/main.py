@@ -14,16 +14,15 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 import sys
-from typing import Any
 
 from rugged_teleop.command_line import Parser
+from rugged_teleop.loaded import load
 
 _EXAMPLES = """\
 examples:
   {prog} 20261122T190455.323Z_stop_e-stop-source-fort.mcap
   {prog} $(ls -d ~/.ros/rugged_teleop/*.mcap | tail -1)      # the newest
 """
-_MAGIC = b'\x89MCAP0\r\n'
 
 
 def parser(prog: str) -> Parser:
@@ -50,31 +49,14 @@ def main(arguments: Sequence[str] | None = None, prog: str = 'rugged_teleop why'
 
 
 def _tell(path: Path) -> int:
-    try:
-        from rugged_teleop import recordings  # late: they are an extra
-    except ImportError as error:
-        needed = 'pip install mcap mcap-ros2-support'
-        raise ImportError(f'reading it needs {needed} ({error})') from error
-    from rugged_teleop.why.story import story
+    recording = load(path)
+    from rugged_teleop.why.story import story  # late: it needs what load would miss first
 
-    said: list[recordings.Said] = []
-    parameters: dict[str, dict[str, Any]] = {}
-    cut = ''
-    with path.open('rb') as file:
-        if file.peek(len(_MAGIC))[: len(_MAGIC)] != _MAGIC:
-            raise ValueError('is no MCAP file')
-        for each in recordings.read(file):
-            if isinstance(each, recordings.Said):
-                said.append(each)
-            elif isinstance(each, recordings.Parameters):
-                parameters[each.node] = each.values
-            else:
-                cut = each.reason
-    for line in story(said, parameters):
+    for line in story(recording.said, recording.parameters):
         print(line)
-    if cut:
-        print(f'# it is read up to here only: {cut}', file=sys.stderr)
-    return 1 if cut else 0
+    if recording.cut:
+        print(f'# it is read up to here only: {recording.cut}', file=sys.stderr)
+    return 1 if recording.cut else 0
 
 
 if __name__ == '__main__':

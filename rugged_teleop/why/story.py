@@ -105,7 +105,7 @@ def _of_stop(
     told = [event for event in events if event.at >= since and event.text]
     changes = [event for event in told if event.what == f'state {mux.name}']
     caused = [event for event in changes if -_SLOW <= event.at - moment <= _TOGETHER]
-    yield f'{_utc(moment)}: {caused[0].text if caused else mux.name + " stopped"}'
+    yield f'{utc(moment)}: {caused[0].text if caused else mux.name + " stopped"}'
     for event in caused[1:]:
         yield f'  then {event.text}'
     for values in _last(mux, (caused[0].at if caused else moment) - 1e-6):
@@ -160,5 +160,6 @@ def _obeyed(what: str, moment: float, events: Sequence[Event], until: float) -> 
         yield f'  {node} {off} before the stop'
 
 
-def _utc(at: float) -> str:
+def utc(at: float) -> str:
+    """Return the time in words. :param at: seconds since 1970."""
     return f'{time.strftime("%Y-%m-%d %H:%M:%S", time.gmtime(at))}.{int(at % 1 * 1e3):03} UTC'

@@ -1,0 +1,55 @@
+"""A recording read whole, for the commands that look at all of it at once."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from rugged_teleop.recordings import Said
+
+_MAGIC = b'\x89MCAP0\r\n'
+
+
+@dataclass(frozen=True, slots=True)
+class Loaded:
+    """
+    What a recording has.
+
+    :param said: its messages, in the order of time. :param parameters: of its nodes, by full name.
+    :param cut: why it is not read to its end; empty: it is.
+    """
+
+    said: list[Said]
+    parameters: dict[str, dict[str, Any]]
+    cut: str
+
+
+def load(path: Path) -> Loaded:
+    """
+    Read a recording, one that was cut short as far as it goes.
+
+    :raises OSError: the file cannot be read. :raises ValueError: it is no recording.
+    :raises ImportError: a package is missing; it says what to install.
+    """
+    try:
+        from rugged_teleop import recordings  # late: they are an extra
+    except ImportError as error:
+        needed = 'pip install mcap mcap-ros2-support'
+        raise ImportError(f'reading it needs {needed} ({error})') from error
+    said: list[Said] = []
+    parameters: dict[str, dict[str, Any]] = {}
+    cut = ''
+    with path.open('rb') as file:
+        if file.peek(len(_MAGIC))[: len(_MAGIC)] != _MAGIC:
+            raise ValueError('is no MCAP file')
+        for each in recordings.read(file):
+            if isinstance(each, recordings.Said):
+                said.append(each)
+            elif isinstance(each, recordings.Parameters):
+                parameters[each.node] = each.values
+            else:
+                cut = each.reason
+    return Loaded(sorted(said, key=lambda each: each.at), parameters, cut)

@@ -1,0 +1,81 @@
+"""
+Say where today's code would have decided otherwise than what was recorded.
+
+Feeds the messages of a recording through the safety mux of this version, decision by decision, and
+compares state, e-stop, enable and command. Where a recording has the bytes of a port
+(publish_raw), they go through the bridge's own session, and its e-stop is compared.
+Recordings are made by `rugged_teleop record`. Nothing is sent anywhere.
+
+Exit status: 0 all that was compared is the same; 1 something differs; 2 wrong arguments, or
+something that cannot be read to its end, or not replayed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+import sys
+
+from rugged_teleop.command_line import Parser
+from rugged_teleop.loaded import load
+
+_EXAMPLES = """\
+examples:
+  {prog} 20261122T190455.323Z_stop_e-stop-source-fort.mcap
+  {prog} --tolerance 0.05 incidents/*.mcap     # recorded on a busy computer
+"""
+
+
+def parser(prog: str) -> Parser:
+    """Return the parser of the command line."""
+    result = Parser(prog=prog, description=__doc__, epilog=_EXAMPLES.format(prog=prog))
+    result.add_argument('files', nargs='+', metavar='FILE', type=Path, help='a recording')
+    result.add_argument(
+        '--tolerance',
+        metavar='SECONDS',
+        type=_seconds,
+        help='how much sooner or later it may be; default: two periods of the recorded rate',
+    )
+    return result
+
+
+def _seconds(text: str) -> float:
+    value = float(text)
+    if not 0.0 <= value <= 1.0:
+        raise ValueError(text)
+    return value
+
+
+def main(arguments: Sequence[str] | None = None, prog: str = 'rugged_teleop replay') -> None:
+    """Replay; the command's entry point."""
+    options = parser(prog).parse_args(arguments)
+    status = 0
+    for path in options.files:
+        if len(options.files) > 1:
+            print(f'{path}:')
+        try:
+            status = max(status, _replay(path, options.tolerance))
+        except (OSError, ValueError, ImportError) as error:
+            reason = error.strerror if isinstance(error, OSError) else error
+            print(f'{prog}: {path}: {reason}', file=sys.stderr)
+            status = 2
+    sys.exit(status)
+
+
+def _replay(path: Path, tolerance: float | None) -> int:
+    recording = load(path)
+    from rugged_teleop.replay.outcome import lines_of  # late: it needs what load would miss first
+    from rugged_teleop.replay.outcome import replayed
+
+    outcomes = replayed(recording, tolerance)
+    for outcome in outcomes:
+        for line in lines_of(outcome):
+            print(line)
+    if recording.cut:
+        print(f'# it is read up to here only: {recording.cut}', file=sys.stderr)
+    differs = any(outcome.found for outcome in outcomes)
+    return 2 if recording.cut else int(differs)
+
+
+if __name__ == '__main__':
+    main()

@@ -1,0 +1,168 @@
+"""
+From messages to the arbiter: what the node and a replay of recorded messages both use.
+
+Made of the parameters alone. A message is anything with the fields of its ROS type.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from collections.abc import Iterator
+from collections.abc import Mapping
+from functools import partial
+from typing import Any
+from typing import NamedTuple
+
+from safety_mux.arbiter import Arbiter
+from safety_mux.configuration import joint_limits
+from safety_mux.configuration import joy_mapping
+from safety_mux.configuration import mux_config
+from safety_mux.limits import JointLimiter
+from safety_mux.mapping import DifferentialDrive
+from safety_mux.mapping import forward_and_turn
+from safety_mux.mapping import NamedJoints
+from safety_mux.protocol import AUTONOMY
+from safety_mux.protocol import Decision
+from safety_mux.protocol import Demand
+from safety_mux.protocol import Kind
+from safety_mux.protocol import MalformedInput
+from safety_mux.protocol import State
+from safety_mux.stamps import StampWatch
+
+
+class Listened(NamedTuple):
+    """
+    A topic that the mux listens to.
+
+    :param parameter: the one that names the topic. :param type: the message's, such as 'Bool'.
+    :param take: gets a message and the time of its arrival; returns whether it is a stop, for
+        which to decide at once.
+    """
+
+    parameter: str
+    kind: Kind
+    name: str
+    type: str
+    take: Callable[[Any, float], bool]
+
+
+class Intake:
+    """
+    The arbiter with all that reads messages for it.
+
+    :param values: every parameter. :param heard: gets an operator's name and each of his Joys
+        that is well-formed, before a decision that it may lead to.
+    :raises ParameterError: values contradict each other.
+    """
+
+    def __init__(
+        self,
+        values: Mapping[str, Any],
+        now: float,
+        heard: Callable[[str, Any], object] = lambda name, joy: None,
+    ) -> None:
+        self.config = config = mux_config(values)
+        self.arbiter = Arbiter(config, JointLimiter(joint_limits(values)), now)
+        self.mappings = {each.name: joy_mapping(values, each.name) for each in config.operators}
+        self.stamps = {
+            each.name: StampWatch(
+                each.timeout, required=values[f'operator.{each.name}.require_moving_stamps']
+            )
+            for each in config.operators
+        }
+        self._values = values
+        self._heard = heard
+        self._decision: Decision | None = None  # the last
+        self._named = NamedJoints(tuple(values['joints']))
+        wheels = DifferentialDrive(
+            values['autonomy.wheel_separation'], values['autonomy.wheel_radius']
+        )
+        self._of_twist = wheels.demand if values['output'] == 'joints' else forward_and_turn
+
+    def decide(self, now: float) -> Decision:
+        """Decide, by all that was taken; see ``Arbiter.tick``."""
+        self._decision = self.arbiter.tick(now)
+        return self._decision
+
+    def topics(self) -> Iterator[Listened]:
+        """Yield what to listen to; of topics that have something, the first is read first."""
+        config, values = self.config, self._values
+        for source in config.sources:
+            prefix, name = f'estop.{source.name}', source.name
+            if source.own_topic:  # first, so that a stop finds it in place
+                own = partial(self._own_estop, name)
+                yield Listened(f'{prefix}.own_topic', 'e-stop source', name, 'Bool', own)
+            take: Callable[[Any, float], bool] = partial(self._estop, name)
+            yield Listened(f'{prefix}.topic', 'e-stop source', name, 'Bool', take)
+        if config.drive_timeout is not None:
+            yield Listened('drive_enabled_topic', 'drive', 'drive', 'Bool', self._drive_enabled)
+        for limit in config.speed_limits:
+            parameter, take = f'speed_limit.{limit.name}.topic', partial(self._limit, limit.name)
+            yield Listened(parameter, 'speed limit', limit.name, 'Float64', take)
+        if config.feedback is not None:
+            self._measured = NamedJoints(config.feedback.joints)
+            yield Listened('feedback.topic', 'feedback', 'feedback', 'JointState', self._feedback)
+        for operator in config.operators:
+            parameter, take = f'operator.{operator.name}.topic', partial(self._joy, operator.name)
+            yield Listened(parameter, 'operator', operator.name, 'Joy', take)
+        if config.autonomy is not None:
+            kind = values['autonomy.type']
+            yield Listened('autonomy.topic', 'autonomy', AUTONOMY, kind, self._autonomy)
+
+    def _estop(self, name: str, message: Any, now: float) -> bool:
+        self.arbiter.estop_message(name, message.data, now)
+        stopped = self._decision is not None and self._decision.state is State.STOPPED
+        return bool(message.data) and not stopped
+
+    def _own_estop(self, name: str, message: Any, now: float) -> bool:
+        self.arbiter.own_estop_message(name, message.data, now)
+        return False
+
+    def _drive_enabled(self, message: Any, now: float) -> bool:
+        self.arbiter.drive_enabled(message.data, now)
+        return False
+
+    def _limit(self, name: str, message: Any, now: float) -> bool:
+        self.arbiter.speed_limit(name, message.data, now)
+        return False
+
+    def _feedback(self, message: Any, now: float) -> bool:
+        try:
+            speeds = self._measured.among(message.name, message.velocity)
+        except MalformedInput as error:
+            self.arbiter.feedback_invalid(str(error), now)
+        else:
+            self.arbiter.measured(speeds, now)
+        return False
+
+    def _joy(self, name: str, message: Any, now: float) -> bool:
+        stamp, watch = message.header.stamp, self.stamps[name]
+        watch.hear((stamp.sec, stamp.nanosec), now)
+        self.arbiter.set_invalid('operator', name, 'stamps', watch.fault)
+        try:
+            sample = self.mappings[name].sample(message.axes, message.buttons)
+        except MalformedInput as error:
+            self.arbiter.operator_invalid(name, str(error), now)
+            return False
+        self.arbiter.operator_sample(name, sample, now)
+        self._heard(name, message)
+        owner = None if self._decision is None else self._decision.owner
+        return name == owner and not sample.deadman  # a released deadman is a stop too
+
+    def _autonomy(self, message: Any, now: float) -> bool:
+        try:
+            demand = self._autonomy_demand(message)
+        except MalformedInput as error:
+            self.arbiter.autonomy_invalid(str(error), now)
+        else:
+            self.arbiter.autonomy_command(demand, now)
+        return False
+
+    def _autonomy_demand(self, message: Any) -> Demand:
+        kind = self._values['autonomy.type']
+        if kind == 'JointState':
+            values = getattr(message, self._values['interface'])
+            return self._named.demand(message.name, values)
+        twist = message.twist if kind == 'TwistStamped' else message
+        speed, turn = twist.linear, twist.angular
+        return self._of_twist((speed.x, speed.y, speed.z), (turn.x, turn.y, turn.z))

@@ -1,0 +1,202 @@
+"""Three recorded incidents, replayed by today's code and by code with a fault planted in it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from fort_vsc_bridge.session import Session
+from rugged_teleop.loaded import load
+from rugged_teleop.loaded import Loaded
+from rugged_teleop.recordings import Said
+from rugged_teleop.replay.main import main
+from rugged_teleop.replay.mux import MuxReplay
+from rugged_teleop.replay.sessions import replay_session
+from safety_mux.arbiter import Arbiter
+from safety_mux.limits import JointLimiter
+from safety_mux.protocol import State
+
+# The recorder's, of running nodes: of test_recorder_spine.py, without what replay does not read.
+FOLDER = Path(__file__).parent / 'recordings'
+INCIDENTS = ('pressed_estop', 'lost_remote', 'drive_fault')
+MUX, VSC = '/safety_mux', '/fort_vsc_bridge'
+
+
+@pytest.fixture(scope='module')
+def recordings() -> dict[str, Loaded]:
+    return {name: load(FOLDER / f'{name}.mcap') for name in INCIDENTS}
+
+
+def of_mux(recording: Loaded, said: list[Said] | None = None) -> MuxReplay:
+    return MuxReplay(MUX, said or recording.said, recording.parameters[MUX])
+
+
+def outcome(arguments: list[str], capsys: pytest.CaptureFixture[str]) -> tuple[object, str, str]:
+    with pytest.raises(SystemExit) as caught:
+        main(arguments)
+    return caught.value.code, *capsys.readouterr()
+
+
+@pytest.mark.parametrize('name', INCIDENTS)
+def test_incident_is_the_same_today(name: str, capsys: pytest.CaptureFixture[str]) -> None:
+    status, out, error = outcome([str(FOLDER / f'{name}.mcap')], capsys)
+    assert 'same: state, e-stop, enable, command' in out
+    assert 'same: e-stop, by the bytes of its port' in out
+    assert (status, error) == (0, '')
+
+
+def test_incidents_have_motion_and_a_stop(recordings: dict[str, Loaded]) -> None:
+    for name, recording in recordings.items():
+        states = [s.message.data for s in recording.said if s.topic == f'{MUX}/state']
+        commands = [s.message.velocity[0] for s in recording.said if s.topic == f'{MUX}/command']
+        assert 'ACTIVE' in states, name
+        assert states[-1] == 'STOPPED', name
+        assert max(commands) > 1.0, name
+
+
+def test_recording_that_begins_in_motion_is_brought_there(recordings: dict[str, Loaded]) -> None:
+    found = of_mux(recordings['drive_fault']).run()
+    assert found.notes[0].startswith("begins ACTIVE, 'fort' has control: today's mux was brought")
+    assert not found.found
+
+
+def test_state_that_cannot_be_reached_is_not_compared(
+    recordings: dict[str, Loaded], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(Arbiter, '_refusal', lambda self, operator, now: 'never')
+    with pytest.raises(ValueError, match="does not come to ACTIVE, owner 'fort'"):
+        of_mux(recordings['drive_fault']).run()
+
+
+def ignores_stops(self: Arbiter, name: str, value: bool, now: float) -> None:
+    self._sources[name].estop(False, now)
+
+
+def enables_in_ready(self: State) -> bool:
+    return self is not State.STOPPED
+
+
+def is_twice_as_fast(step: Callable[..., Any]) -> Callable[..., Any]:
+    return lambda self, target, dt, scale: step(self, target, 2.0 * dt, scale)
+
+
+@pytest.mark.parametrize(
+    ('owner', 'attribute', 'fault', 'differs'),
+    [
+        (Arbiter, 'estop_message', ignores_stops, 'state'),
+        (State, 'enables', property(enables_in_ready), 'enable'),
+        (JointLimiter, 'step', is_twice_as_fast(JointLimiter.step), 'command'),
+    ],
+)
+def test_changed_rule_of_the_mux_is_noticed(
+    owner: Any,
+    attribute: str,
+    fault: Any,
+    differs: str,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.setattr(owner, attribute, fault)
+    status, out, _ = outcome([str(FOLDER / 'lost_remote.mcap')], capsys)
+    assert status == 1
+    assert 'differs at 2026-11-22 22:18:' in out
+    assert f'    {differs} was ' in out
+    assert f'    {differs} is now ' in out
+    assert 'differs: state, e-stop, enable, command' in out
+
+
+def test_stop_that_is_ignored_is_told_with_both_states_and_why(
+    recordings: dict[str, Loaded], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    recording = recordings['lost_remote']
+    at = max(s.at for s in recording.said if s.topic == f'{MUX}/estop' and not s.message.data)
+    monkeypatch.setattr(Arbiter, 'estop_message', ignores_stops)
+    found = [each for each in of_mux(recording).run().found if each.what == 'state'][-1]
+    assert found.since == pytest.approx(at, abs=0.1)
+    assert found.recorded.startswith("STOPPED (e-stop source 'fort' demands a stop")
+    assert found.replayed.startswith('ACTIVE (')
+
+
+def test_reset_is_taken_from_the_log(recordings: dict[str, Loaded]) -> None:
+    recording = recordings['pressed_estop']
+    silent = [s for s in recording.said if not getattr(s.message, 'msg', '').startswith('~/reset')]
+    found = [each for each in of_mux(recording, silent).run().found if each.what == 'state']
+    assert found[0].recorded == 'READY (it was reset)'
+    assert found[0].replayed.startswith('STOPPED')
+
+
+def test_tolerance_is_in_time(
+    recordings: dict[str, Loaded], capsys: pytest.CaptureFixture[str]
+) -> None:
+    recording = recordings['lost_remote']
+    late = [
+        Said(s.at + 0.06 * (s.topic == f'{MUX}/estop'), s.topic, s.type, s.message)
+        for s in recording.said
+    ]
+    late.sort(key=lambda said: said.at)
+    given = recording.parameters[MUX]
+    assert {each.what for each in MuxReplay(MUX, late, given).run().found} == {'e-stop'}
+    assert not MuxReplay(MUX, late, given, 0.08).run().found
+
+
+def test_session_that_misses_a_stop_in_the_bytes_is_noticed(
+    recordings: dict[str, Loaded], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    recording = recordings['pressed_estop']
+    judge = Session._judge
+    assert not replay_session(VSC, recording.said, recording.parameters[VSC], None).found
+    monkeypatch.setattr(Session, '_judge', lambda self, now: type(judge(self, now))(link_up=True))
+    (found,) = replay_session(VSC, recording.said, recording.parameters[VSC], None).found
+    assert (found.what, found.recorded, found.replayed) == ('e-stop', 'true', 'false')
+
+
+def test_what_is_missing_for_a_session_is_named(recordings: dict[str, Loaded]) -> None:
+    found = replay_session(VSC, recordings['lost_remote'].said, {}, None)
+    assert found.notes == ['not compared: its parameters would be needed']
+    assert not found.compared
+
+
+@pytest.mark.parametrize(
+    ('said', 'parameters', 'words'),
+    [
+        (lambda each: each.topic != f'{MUX}/command', {}, f'nothing is recorded of {MUX}/command'),
+        (lambda each: each.topic != f'{MUX}/status', {}, f'{MUX}/status does not say how it was'),
+        (lambda each: True, {'jonts': []}, 'parameter jonts: there is no such parameter'),
+    ],
+)
+def test_what_cannot_be_replayed_is_one_line(
+    said: Callable[[Said], bool],
+    parameters: dict[str, Any],
+    words: str,
+    recordings: dict[str, Loaded],
+) -> None:
+    recording = recordings['lost_remote']
+    given = recording.parameters[MUX] | parameters
+    with pytest.raises(ValueError, match=words):
+        MuxReplay(MUX, [each for each in recording.said if said(each)], given).run()
+
+
+def test_file_that_is_cut_is_replayed_as_far_as_it_goes_and_status_2(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / 'cut.mcap'
+    whole = (FOLDER / 'lost_remote.mcap').read_bytes()
+    path.write_bytes(whole[: len(whole) * 2 // 3])
+    status, _, error = outcome([str(path)], capsys)
+    assert status == 2
+    assert len(error.splitlines()) == 1
+
+
+@pytest.mark.parametrize('content', [b'', b'hello', b'\x89MCAP0\r\n'])
+def test_what_is_no_recording_is_one_line_and_status_2(
+    content: bytes, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / 'notes.txt'
+    path.write_bytes(content)
+    status, out, error = outcome([str(path)], capsys)
+    assert (status, out) == (2, '')
+    assert error.startswith(f'rugged_teleop replay: {path}: ')
+    assert len(error.splitlines()) == 1
