@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+import itertools
 from pathlib import Path
 import re
 import shlex
+import textwrap
 from typing import NamedTuple
 
 from test.rig import ROOT
@@ -16,7 +18,7 @@ PAGES = sorted(
     if '_build' not in path.parts
 )
 _CODE = re.compile(r' {4,}(?=\S)')
-_FENCE = re.compile(r'```.*?```', re.DOTALL)
+_FENCE = re.compile(r'```(\w*)\n(.*?)```', re.DOTALL)
 _COMMENT = re.compile(r'(?:^|\s+)#(?: |$)')
 
 
@@ -37,10 +39,11 @@ def text_of(page: str) -> str:
 
 
 def blocks(text: str) -> Iterator[str]:
-    """Yield the indented blocks, without their indentation; fences hold code of a file."""
+    """Yield the indented blocks, and those between fences for a shell, without indentation."""
     found: list[str] = []
-    for line in [*_FENCE.sub('', text).splitlines(), 'end']:
-        if _CODE.match(line) or (found and not line.strip()):
+    lines = [*_FENCE.sub(_indented, text).splitlines(), 'end']
+    for before, line in itertools.pairwise(lines):
+        if (_CODE.match(line) and (found or not before.strip())) or (found and not line.strip()):
             found.append(line)
         elif found:
             margin = min(len(each) - len(each.lstrip()) for each in found if each.strip())
@@ -54,3 +57,9 @@ def commands(block: str) -> Iterator[Command]:
         text, *comment = _COMMENT.split(line, 1)
         if text.strip():
             yield Command(' '.join(text.split()), ''.join(comment).strip())
+
+
+def _indented(fence: re.Match[str]) -> str:
+    """Return what stands between fences as a block; empty where it is code of a file."""
+    typed = fence[1] in ('', 'sh', 'bash', 'console')
+    return '\n' + textwrap.indent(fence[2], '    ') if typed else ''
