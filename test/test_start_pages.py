@@ -7,6 +7,8 @@ import contextlib
 import importlib
 from pathlib import Path
 import re
+import subprocess
+import sys
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
@@ -31,6 +33,7 @@ from test.docs_rig import text_of
 from test.multicast_rig import free_port
 from test.rig import NodeProcess
 from test.rig import Observer
+from test.rig import ROOT
 from test.rig import wait_for
 from vm110_bridge.simulator import Simulator as BaseUnit
 
@@ -38,7 +41,7 @@ DEVICES = ('fort_vsc', 'vm110', 'akron', 'ssc', 'esi_drive')
 ELSEWHERE = {
     'sudo': 'changes this computer',
     'simulate': 'test_simulate.py runs it, and the device here is the same',
-    'rugged_teleop bench': 'test_bench.py runs it',
+    'rugged_teleop bench --joint left --speed': 'test_bench.py runs it',
 }
 
 
@@ -75,9 +78,8 @@ class Walk:
         self.instead['192.168.1.10'] = f'{LOOPBACK}\n    input_port: {port}'
 
     def _plug_in_akron(self) -> None:
-        bus = CanBusDevice(Monitor(), free_channel())
-        self._exits.enter_context(bus)
-        self.instead |= {'socketcan': INTERFACE, 'can0': bus.channel}
+        self.monitor = self._exits.enter_context(CanBusDevice(Monitor(), free_channel()))
+        self.instead |= {'socketcan': INTERFACE, 'can0': self.monitor.channel}
 
     def close(self) -> None:
         self._exits.close()
@@ -102,6 +104,12 @@ class Walk:
             assert Path(words[-1]).exists()
         elif words[:2] == ['rugged_teleop', 'doctor']:
             self._doctor(words[2:], command.comment)
+        elif words[:2] == ['rugged_teleop', 'bench']:
+            tool = [sys.executable, '-m', 'rugged_teleop', *words[1:], '--seconds', '0.5']
+            done = subprocess.run(tool, cwd=ROOT, text=True, capture_output=True, check=False)
+            assert command.comment in done.stdout, (done.stdout, done.stderr)
+            if '--stick' in words:
+                assert self.monitor.describe()['rotation_deg']
         elif words[:3] == ['ros2', 'run', 'rugged_teleop']:
             node = NodeProcess(f'{words[3]}.node', arguments=words[5:], patient=True)
             self._exits.enter_context(node)
