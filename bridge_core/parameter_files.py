@@ -16,6 +16,7 @@ import yaml
 from bridge_core.parameters import ParameterError
 
 _TOKENS = {'**': '(/[^/]+)*', '*': '/[^/]+'}
+_LIKE = 0.8  # how like a misspelt name is; twist_mux is not meant to be safety_mux
 
 
 def files_of(arguments: Sequence[str]) -> list[Path]:
@@ -116,13 +117,17 @@ def check_files(nodes: Sequence[str], files: Sequence[Path]) -> None:
 def check_names(nodes: Collection[str], files: Sequence[Path]) -> None:
     """Refuse sections whose last name is none of these nodes. :raises ParameterError: it."""
     for file in files:
-        for section in sections_of(file):
-            base = section.rsplit('/', 1)[-1]
-            if base in _TOKENS or base in nodes:
-                continue
-            like = difflib.get_close_matches(base, nodes, 1)
-            hint = f'did you mean {like[0]}?' if like else f'there are {", ".join(nodes)}'
+        for section, like in strangers(nodes, file):
+            hint = f'did you mean {like}?' if like else f'there are {", ".join(nodes)}'
             raise ParameterError(f'parameter file {file}: {hint} Its section {section} is no node')
+
+
+def strangers(nodes: Collection[str], file: Path) -> Iterator[tuple[str, str]]:
+    """Yield sections whose last name is none of these nodes, and the node that it is like."""
+    for section in sections_of(file):
+        base = section.rsplit('/', 1)[-1]
+        if base not in _TOKENS and base not in nodes:
+            yield section, ''.join(difflib.get_close_matches(base, nodes, 1, _LIKE))
 
 
 def is_for(section: str, node: str) -> bool:

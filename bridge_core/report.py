@@ -116,7 +116,8 @@ def report(
             Status(Level.WARN, f'{_INACTIVE}; ~/estop is true', {}),
         )
     link = _link_status(port, session, damage, now)
-    return Report(Status(*link, _link_values(port, session, counts, now)), _device(session, now))
+    values = _link_values(port, session, counts, now)
+    return Report(Status(*link, values), _device(port, session, now))
 
 
 def _link_status(
@@ -149,8 +150,11 @@ def _link_values(
     }
 
 
-def _device(session: Session[Any, Any, Any], now: float) -> Status:
-    level, message = summarise(session.problems(now), session.summary())
+def _device(port: LinkStatus, session: Session[Any, Any, Any], now: float) -> Status:
+    problems = session.problems(now)
+    if not port.is_open:  # the port knows why, and what to do
+        problems = [(lv, port.error if text == session.CLOSED else text) for lv, text in problems]
+    level, message = summarise(problems, session.summary())
     inhibits = [text for text in session.inhibits(now) if text not in message]
     if inhibits:
         message += f'; {session.HELD}: {"; ".join(inhibits)}'

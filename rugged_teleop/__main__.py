@@ -17,7 +17,7 @@ from rugged_teleop.command_line import Parser
 
 # By name: what it does, and the module whose main(arguments, prog) does it.
 COMMANDS = {
-    'bench': ('one joint of a drive turns for some seconds, without a mux', 'bench.main'),
+    'bench': ('one joint of a device moves for some seconds, without a mux', 'bench.main'),
     'decode': ('what a capture says: bytes, hex, candump, python-can, pcap', 'decode.main'),
     'doctor': ('why it does not work: ports, devices, parameters, ROS', 'doctor.main'),
     'page': ('the status page: may it move, who has control, what to do', 'page'),

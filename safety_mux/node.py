@@ -166,6 +166,7 @@ class SafetyMux(ManagedNode):
         self._hold(clock.now())
         self._last_state: State | None = None
         self._watches: dict[str, tuple[Kind, str, PublisherWatch]] = {}
+        self._unpublished: list[str] = []  # as of the last look around
         self._source_of = {}
         self._words = command_of(values)
         for source in self._intake.config.sources:
@@ -266,9 +267,13 @@ class SafetyMux(ManagedNode):
         """Find topics with two live publishers, or with one that could never be heard."""
         if self._button is not None:
             self._button_watch.counted(self.count_publishers(self.values['reset_topic']))
-        for topic, (_, _, watch) in self._watches.items():
-            watch.counted(self.count_publishers(topic))
+        self._unpublished = []
+        for topic, (kind, _, watch) in self._watches.items():
+            publishers = self.count_publishers(topic)
+            watch.counted(publishers)
             self._look_at(topic, now)
+            if not publishers and kind != 'drive':  # one that never spoke is not waited for
+                self._unpublished.append(topic)
         for publisher in (self._estop.publisher, self._enable.publisher, self._command):
             self._look_at_own(publisher)
         self._hold(now)
@@ -425,6 +430,7 @@ class SafetyMux(ManagedNode):
         unheard = self._command.get_subscription_count() == 0
         around = Surroundings(
             unheard=self._words.topic if unheard else '',
+            unpublished=self._unpublished,
             button=None if self._button is None else self._button.problem(now),
             held={name: joy.held for name, joy in self._gated_joys.items()},
             old_stamps={

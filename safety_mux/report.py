@@ -19,6 +19,7 @@ class Surroundings(NamedTuple):
     What the arbiter does not know.
 
     :param unheard: the topic of the commands if nobody listens to it, else empty.
+    :param unpublished: topics of sources and owners that nobody publishes.
     :param button: what is wrong with the reset button; None: nothing, or there is none.
     :param held: by operator, what its gated Joy leaves out.
     :param old_stamps: by operator, why it may be gone.
@@ -26,6 +27,7 @@ class Surroundings(NamedTuple):
     """
 
     unheard: str
+    unpublished: Sequence[str]
     button: str | None
     held: Mapping[str, Sequence[str]]
     old_stamps: Mapping[str, str]
@@ -83,6 +85,9 @@ def _further_inhibits(status: Status, around: Surroundings, now: float) -> list[
     why = []
     if around.button is not None and status.state is State.STOPPED:
         why.append(f'the reset button {around.button}')
+    if around.unpublished and not status.state.enables:
+        topics = ', '.join(around.unpublished)
+        why.append(f'nobody publishes {topics}: start its node, or correct the topic')
     if around.unheard:
         why.append(
             f'nobody listens to {around.unheard}: is the drive node running and wired to the mux?'

@@ -10,6 +10,7 @@ from typing import Any
 
 import pytest
 
+from bridge_core.checksums import fletcher16
 from rugged_teleop.doctor.configuration import Configured
 from rugged_teleop.doctor.configuration import configured
 from rugged_teleop.doctor.findings import Finding
@@ -68,3 +69,17 @@ def found_by(look: Callable[[], Iterable[Finding]], kind: str, text: str = '') -
 
     wait_for(is_found, 30.0, lambda: f'{kind} {text}: {found}')
     return found
+
+
+def noise(data: bytes) -> bytes:
+    """Return what a line at another baud makes of it."""
+    return bytes(byte * 7 + 3 & 0xFF for byte in data)
+
+
+def counted(offset: int) -> bytes:
+    """Return status and pulse inputs of an SSC whose byte count is not that of the payload."""
+    packets = []
+    for kind, payload in ((10, bytes(2)), (13, bytes(16))):
+        body = bytes((kind, len(payload) + offset)) + payload
+        packets.append(b'\x81\xa1' + body + fletcher16(body).to_bytes(2, 'little'))
+    return b''.join(packets)

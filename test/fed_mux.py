@@ -33,9 +33,14 @@ class FedMux:
         self.mux.lane.every(EVERY, self._feed)
 
     def _feed(self, now: float) -> None:
-        for name, stop in (('fort', self.stop), ('drive', False)):
-            self.mux._on_estop(name, Bool(data=stop), now)
-        self.mux._on_joy('fort', self.joy, now)
+        messages = {
+            'estop.fort.topic': Bool(data=self.stop),
+            'estop.drive.topic': Bool(data=False),
+            'operator.fort.topic': self.joy,
+        }
+        for each in self.mux._intake.topics():
+            if each.parameter in messages and each.take(messages[each.parameter], now):
+                self.mux._decide(now)
 
     def state(self) -> State:
         return self.mux.lane.call(lambda: self.mux._last_state)  # type: ignore[no-any-return]

@@ -13,6 +13,8 @@ import sys
 from typing import Any
 
 import pytest
+from sensor_msgs.msg import JointState
+from sensor_msgs.msg import Joy
 from std_msgs.msg import Bool
 
 from esi_drive_bridge.simulator import Simulator
@@ -21,6 +23,9 @@ from rugged_teleop.bench.course import Course
 from rugged_teleop.bench.course import Facts
 from rugged_teleop.bench.course import Order
 from rugged_teleop.bench.course import Phase
+from rugged_teleop.bench.targets import TARGETS
+from rugged_teleop.ptys import PtyDevice
+from ssc_bridge.simulator import Simulator as Ssc
 from test.rig import latched
 from test.rig import NodeProcess
 from test.rig import Observer
@@ -201,3 +206,45 @@ def test_what_the_drive_cannot_do_and_other_commanders_are_refused(
         text, _ = child.communicate(timeout=30.0)
     assert (child.returncode, f'publishes {node}/enable' in text) == (1, True), text
     assert not any(packet.enables for packet in drive.packets())
+
+
+# What is no drive.
+
+
+@pytest.mark.parametrize(
+    ('option', 'joints', 'joint', 'at_rest', 'moving'),
+    [
+        ('position', ['pan', 'tilt'], 'tilt', None, JointState(name=['tilt'], position=[0.5])),
+        ('stick', ['rotation', 'elevation'], 'elevation', [0.0, 0.0], Joy(axes=[0.0, 0.5])),
+        ('speed', ['a', 'b'], 'a', [0.0, 0.0], JointState(name=['a', 'b'], velocity=[0.5, 0.0])),
+    ],
+)
+def test_each_kind_is_commanded_in_its_own_words(
+    option: str, joints: list[str], joint: str, at_rest: list[float] | None, moving: Any
+) -> None:
+    target = TARGETS[option]
+    rest = target.message(Order(), joints, joint)
+    assert (rest if rest is None else list(getattr(rest, target.field))) == at_rest
+    assert target.message(Order(0.5, enable=True), joints, joint) == moving
+    assert target.message(STOP, joints, joint) == rest
+
+
+def test_servo_goes_where_it_is_told_and_then_to_its_failsafe(tmp_path: Path) -> None:
+    name, path = '/trial/ssc_bridge', tmp_path / 'ssc'
+    values = {'port': path, 'link_timeout': 2.0, 'command_timeout': 2.0, 'servos': ['pan']}
+    values |= {'servo.pan.channel': 1, 'estop_states': [''], 'lost_link_is_stop': False}
+    seen: list[int] = []
+
+    def goes(port: PtyDevice) -> bool:
+        seen.append(port.describe()['serial_us'][0])
+        return seen[-1] == 1750
+
+    with (
+        PtyDevice(Ssc(), path) as port,
+        NodeProcess('ssc_bridge.node', values, namespace='/trial', patient=True),
+        bench('--node', name, '--joint', 'pan', '--position', '0.5', '--seconds', '1') as child,
+    ):
+        wait_for(lambda: goes(port), 30.0, lambda: f'the pulse of 0.5: {seen[-5:]}')
+        text, _ = child.communicate(timeout=30.0)
+        assert (child.returncode, 'at rest and disabled' in text) == (0, True), text
+        wait_for(lambda: port.describe()['serial_us'][0] != 1750, 10.0, 'its failsafe')

@@ -170,3 +170,11 @@ def test_every_documented_interface_exists(node: reference.Node, heading: str) -
     if node.common != MANAGED_PARAMETERS:
         existing |= common_interfaces()[heading]
     assert documented - existing == set()
+
+
+def test_topics_of_the_migration_page_exist() -> None:
+    fort = next(node for node in reference.NODES if node.name == 'fort_vsc_bridge')
+    existing = node_interfaces(fort)['topic'] | common_interfaces()['topic']
+    named = set(re.findall(r'`(~/[^`]+)`', pages()['docs/migration.md']))
+    assert len(named) > 8
+    assert named - existing == set()

@@ -122,6 +122,19 @@ def test_what_a_node_would_refuse_is_found(
     assert text in found.text
 
 
+def test_shared_section_is_no_node_and_others_may_be_of_another_package(tmp_path: Path) -> None:
+    path = tmp_path / 'my.yaml'
+    path.write_text(
+        '/**/esi_drive_bridge: {ros__parameters: {gear_ratio: [20.0]}}\n'
+        '/front/esi_drive_bridge: {ros__parameters: {port: /dev/front}}\n'
+        '/**/twist_mux: {ros__parameters: {use_stamped: true}}\n'
+    )
+    nodes, findings = configured([path])
+    assert [node.full for node in nodes] == ['/front/esi_drive_bridge']
+    assert nodes[0].values['gear_ratio'] == [20.0]
+    assert kinds(findings) == ['section elsewhere', 'parameters good']
+
+
 def test_good_file_gives_each_node_its_values(tmp_path: Path) -> None:
     path = tmp_path / 'my.yaml'
     path.write_text(

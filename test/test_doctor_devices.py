@@ -15,7 +15,6 @@ from typing import Any
 
 import pytest
 
-from bridge_core.checksums import fletcher16
 from esi_drive_bridge.simulator import Simulator as Drive
 from fort_vsc_bridge.simulator import HidSimulator as HidVsc
 from fort_vsc_bridge.simulator import Simulator as Vsc
@@ -34,9 +33,11 @@ from rugged_teleop.ports import Device
 from rugged_teleop.ptys import PtyDevice
 from ssc_bridge.simulator import Simulator as Ssc
 from test.captures import STREAMS
+from test.doctor_rig import counted
 from test.doctor_rig import found_by
 from test.doctor_rig import kinds
 from test.doctor_rig import node
+from test.doctor_rig import noise
 from test.doctor_rig import parameter_file
 from test.doctor_rig import Visit
 from test.rig import NodeProcess
@@ -91,11 +92,6 @@ def line(path: Path, data: Callable[[int], bytes]) -> Iterator[Pty]:
 def _is_full(pty: Pty) -> bool:
     (waiting,) = struct.unpack('i', fcntl.ioctl(pty._slave, termios.FIONREAD, bytes(4)))
     return bool(waiting > 2000)
-
-
-def noise(data: bytes) -> bytes:
-    """Return what a line at another baud makes of it."""
-    return bytes(byte * 7 + 3 & 0xFF for byte in data)
 
 
 def at(baud: int, data: bytes) -> Callable[[int], bytes]:
@@ -191,15 +187,6 @@ def test_echo_of_commands_is_no_device(tmp_path: Path) -> None:
     drive = node(tmp_path, 'esi_drive_bridge')
     (found,) = line_findings([Line(drive, Heard((b'...',)), 'esi_command', 115200)])
     assert found.kind == 'commands heard'
-
-
-def counted(offset: int) -> bytes:
-    """Return status and pulse inputs of an SSC whose byte count is not that of the payload."""
-    packets = []
-    for kind, payload in ((10, bytes(2)), (13, bytes(16))):
-        body = bytes((kind, len(payload) + offset)) + payload
-        packets.append(b'\x81\xa1' + body + fletcher16(body).to_bytes(2, 'little'))
-    return b''.join(packets)
 
 
 def test_wrong_byte_count_of_an_ssc_is_found(tmp_path: Path) -> None:

@@ -112,6 +112,7 @@ def test_nodes_that_are_missing_are_found() -> None:
 def test_what_nodes_say_is_repeated() -> None:
     said = [
         Said('a: link', 2, 'check cable'),
+        Said('a: device', 2, 'check cable'),
         Said('b: device', 1, 'charge the remote'),
         Said('c: link', 0, 'ok'),
         Said('d: device', 3, 'stale'),
@@ -119,7 +120,7 @@ def test_what_nodes_say_is_repeated() -> None:
     ]
     _, *found = graph_findings(Graph([], said))
     assert [(each.kind, each.text) for each in found] == [
-        ('node says error', 'a: link: check cable'),
+        ('node says error', 'a: device: check cable'),
         ('node warns', 'b: device: charge the remote'),
         ('node says error', 'd: device: stale'),
         ('inhibit', 'safety_mux: release the stop'),

@@ -93,7 +93,7 @@ def shared(tmp_path_factory: pytest.TempPathFactory) -> Iterator[FaultyStack]:
         'BridgeNode._device_status',
         'EsiDriveBridge._on_command',
         'FortVscBridge.on_event',
-        'SafetyMux._on_joy',
+        'Intake._joy',
     ],
 )
 def test_fault_over_a_message_stops_and_ends_with_it(shared: FaultyStack, method: str) -> None:

@@ -209,7 +209,7 @@ CHANGES: tuple[Callable[[MuxBench], object], ...] = (
     ('inhibit', 'remedy'),
     [
         ('waiting for reset: call ~/reset', 'call it, when nothing else is listed'),
-        ("e-stop source 'fort' demands a stop: VSC reports e-stop", 'release it there'),
+        ("e-stop source 'fort' demands a stop: VSC reports e-stop", 'as it says'),
         ("operator 'fort' is invalid: it has 2 axes, 6 are needed", 'operator.<name>.axis'),
         ("operator 'fort' is invalid: two live publishers on /joy: stop one of them", 'a bridge'),
         ('autonomy is invalid: its joints are a, not b', "the planner's fault"),

@@ -223,10 +223,13 @@ class Session(BaseSession[bytes, Status, Event]):
         return Verdict.stop(*self._faults) if self._faults else _HEALTHY
 
     def _silence(self, now: float) -> str:
-        return (
-            "check power, the receive pair, baud, single_axis_layout, and HiDS's "
-            f'SerialInterfaceEnable: no status from the drive, {self._heard.describe(now)}'
-        )
+        to_do = "check power, the receive pair, and HiDS's SerialInterfaceEnable"
+        if self._garbled(now):
+            to_do = (
+                'check baud, that port is the drive, and single_axis_layout, as bytes come, but '
+                'no frame'
+            )
+        return f'{to_do}: no status from the drive, {self._heard.describe(now)}'
 
     def _follow(self, now: float) -> None:
         if not self.link_up:

@@ -1,4 +1,4 @@
-"""The ROS side of a trial: what is published to a drive's node, and what is known of it."""
+"""The ROS side of a trial: what is published to a node, and what is known of it."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from sensor_msgs.msg import JointState
+from sensor_msgs.msg import Joy
 from std_msgs.msg import Bool
 
 from bridge_core import clock
@@ -21,31 +22,31 @@ from bridge_core.managed_node import latched_qos
 from bridge_core.runner import avoid_shared_memory
 from rugged_teleop.bench.course import Facts
 from rugged_teleop.bench.course import Order
+from rugged_teleop.bench.targets import TARGETS
 
-_PARAMETERS = ('joint_names', 'mode', 'command_timeout')
-_MODE = {'velocity': 'velocity', 'effort': 'torque'}  # by the field of ~/command
-_OPTION = {'velocity': '--speed', 'effort': '--effort'}
+_KINDS = {'axes': Joy}  # by the field of the command; of all others JointState
 _PERIODS = 3  # that command_timeout has to be long
 _ACKNOWLEDGE_LIMIT = 0.2  # s
 
 
 class Commander:
     """
-    A node that commands a drive's; use it as a context manager.
+    A node that commands another; use it as a context manager.
 
-    ``refusal`` says why the drive cannot do what is asked; empty until its parameters are known.
+    ``refusal`` says why that cannot do what is asked; empty until its parameters are known.
 
-    :param node: the drive's full name. :param field: of ~/command, velocity or effort.
-    :param rate: Hz.
+    :param option: a key of TARGETS. :param node: its full name. :param rate: Hz.
     """
 
-    def __init__(self, node: str, joint: str, field: str, rate: float) -> None:
+    def __init__(self, option: str, node: str, joint: str, rate: float) -> None:
         avoid_shared_memory()
         self.refusal = ''
-        self._node_name, self._joint, self._field, self._rate = node, joint, field, rate
+        self._option, self._target = option, TARGETS[option]
+        self._node_name, self._joint, self._rate = node, joint, rate
         self._joints: list[str] = []
         self._estop: bool | None = None
-        self._enabled: bool | None = None
+        # Who does not say that it is enabled is taken to be what it was told.
+        self._enabled: bool | None = None if self._target.is_measured else False
         self._measured: float | None = None
         self._reason = ''
         self._due = clock.now()
@@ -54,11 +55,13 @@ class Commander:
         self._node = Node('bench', context=self._context)
         self._executor = SingleThreadedExecutor(context=self._context)
         self._executor.add_node(self._node)
-        self._topics = [f'{node}/{name}' for name in ('command', 'enable', 'estop_in')]
-        kinds = (JointState, Bool, Bool)
+        kind = _KINDS.get(self._target.field, JointState)
+        inputs = {f'{node}/estop_in': Bool, f'{node}/{self._target.command}': kind}
+        if self._target.is_measured:
+            inputs[f'{node}/enable'] = Bool
+        self._topics = list(inputs)
         self._publishers = [
-            self._node.create_publisher(kind, topic, 10)
-            for kind, topic in zip(kinds, self._topics, strict=True)
+            self._node.create_publisher(kind, topic, 10) for topic, kind in inputs.items()
         ]
         self._listen()
         self._parameters = self._node.create_client(GetParameters, f'{node}/get_parameters')
@@ -67,8 +70,9 @@ class Commander:
     def _listen(self) -> None:
         create, name = self._node.create_subscription, self._node_name
         create(Bool, f'{name}/estop', self._on_estop, latched_qos())
-        create(Bool, f'{name}/enabled', self._on_enabled, latched_qos())
-        create(JointState, f'{name}/joint_states', self._on_joints, 10)
+        if self._target.is_measured:
+            create(Bool, f'{name}/enabled', self._on_enabled, latched_qos())
+            create(JointState, f'{name}/joint_states', self._on_joints, 10)
         create(DiagnosticArray, '/diagnostics', self._on_diagnostics, 10)
 
     def facts(self) -> Facts:
@@ -86,17 +90,21 @@ class Commander:
 
     def publish(self, order: Order) -> None:
         """Publish, stops first."""
-        values = [order.value if joint == self._joint else 0.0 for joint in self._joints]
-        command, enable, estop = self._publishers
+        estop, command, *enable = self._publishers
         estop.publish(Bool(data=order.estop))
-        enable.publish(Bool(data=order.enable))
-        command.publish(JointState(name=self._joints, **{self._field: values}))
+        for publisher in enable:
+            publisher.publish(Bool(data=order.enable))
+        message = self._target.message(order, self._joints, self._joint)
+        if message is not None:
+            command.publish(message)
+        if not self._target.is_measured:
+            self._enabled = order.enable
 
     def spin(self) -> None:
         """Take in what comes, until it is time to publish again."""
         if self._answer is None and self._parameters.service_is_ready():
             self._answer = self._parameters.call_async(
-                GetParameters.Request(names=list(_PARAMETERS))
+                GetParameters.Request(names=self._target.parameters)
             )
             self._answer.add_done_callback(self._on_parameters)
         self._due = max(self._due + 1.0 / self._rate, clock.now())
@@ -110,7 +118,7 @@ class Commander:
         self._enabled = message.data
 
     def _on_joints(self, message: Any) -> None:
-        measured = dict(zip(message.name, getattr(message, self._field), strict=False))
+        measured = dict(zip(message.name, getattr(message, self._target.field), strict=False))
         self._measured = measured.get(self._joint)
 
     def _on_diagnostics(self, message: Any) -> None:
@@ -120,14 +128,14 @@ class Commander:
                 self._reason = why.get('disabled because') or status.message
 
     def _on_parameters(self, answer: Any) -> None:
-        joints, mode, timeout = answer.result().values
-        names, modes = list(joints.string_array_value), list(mode.string_array_value)
+        joints, timeout, *mode = answer.result().values
+        names = list(joints.string_array_value)
+        modes = [word for each in mode for word in each.string_array_value]
         limit = timeout.double_value
         if self._joint not in names:
             self.refusal = f'there is no joint {self._joint!r}, but {", ".join(names)}'
-        elif (modes * len(names))[names.index(self._joint)] != _MODE[self._field]:
-            asked = _OPTION[self._field]
-            self.refusal = f'{asked} is for the mode {_MODE[self._field]}; mode is {modes}'
+        elif modes and (modes * len(names))[names.index(self._joint)] != self._target.mode:
+            self.refusal = f'--{self._option} is for the mode {self._target.mode}; mode is {modes}'
         elif self._rate * limit < _PERIODS:
             self.refusal = (
                 f'--rate has to be {_PERIODS / limit:g} Hz or more: command_timeout is {limit:g} s'

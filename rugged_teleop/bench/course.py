@@ -18,9 +18,9 @@ _REST = 0.05  # of what was asked for, and counts as rest
 @dataclass(frozen=True)
 class Facts:
     """
-    What is known of the drive's node; None: not heard yet.
+    What is known of the device's node; None: not heard yet.
 
-    :param listens: to all three of its inputs. :param others: topics that others publish.
+    :param listens: to all of its inputs. :param others: topics that others publish.
     :param measured: of the joint, in the unit of what is asked. :param reason: its own words.
     """
 
@@ -34,9 +34,9 @@ class Facts:
 
 @dataclass(frozen=True)
 class Order:
-    """What to publish: the joint's value, ~/enable and ~/estop_in."""
+    """What to publish: the joint's value, None at rest, ~/enable and ~/estop_in."""
 
-    value: float = 0.0
+    value: float | None = None
     enable: bool = False
     estop: bool = False
 
@@ -91,7 +91,7 @@ class Course:
             return None
         moving = self.phase is Phase.MOVING
         enable = self.phase in (Phase.ENABLING, Phase.MOVING, Phase.RESTING)
-        return Order(self._value if moving else 0.0, enable, estop=self.phase is Phase.DISABLING)
+        return Order(self._value if moving else None, enable, estop=self.phase is Phase.DISABLING)
 
     def _enter(self, phase: Phase, now: float) -> None:
         self.phase, self._since = phase, now
@@ -109,7 +109,7 @@ class Course:
             return f'no node {missing}: is it running, with this name and in this domain?'
         if self.phase in (Phase.MOVING, Phase.RESTING):
             if facts.estop:
-                return f'the drive demands a stop: {facts.reason}'
+                return f'the device demands a stop: {facts.reason}'
             if not facts.enabled:
                 return f'the drive is not enabled any more: {facts.reason}'
         limit = _LIMITS.get(self.phase)

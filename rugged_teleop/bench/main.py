@@ -1,8 +1,10 @@
 """
-Turn one joint of one ESI drive for a bounded time, without a mux; with its wheels in the air.
+Move one joint of one device for a bounded time, without a mux: a drive with its wheels in the air,
+a servo with nothing in its way, a fire monitor with the water off.
 
-Neutral first, then enabled, then the joint at the value asked for, then to rest and disabled.
-Ctrl-C is a stop. Whoever else commands the drive, such as a mux, has to be ended first.
+Neutral first, then enabled, then the joint at the value asked for, then to rest and disabled; a
+servo goes to its failsafe. Ctrl-C is a stop. Whoever else commands the device, such as a mux, has
+to be ended first.
 
 Exit status: 0 it ran its time; 1 it ended early or never began, the last line says why; 2 wrong
 arguments; 130 it was interrupted.
@@ -13,6 +15,7 @@ from __future__ import annotations
 import argparse
 from collections.abc import Sequence
 import contextlib
+from functools import partial
 import math
 import os
 import signal
@@ -22,6 +25,7 @@ from typing import Any
 from bridge_core import clock
 from rugged_teleop.bench.course import Course
 from rugged_teleop.bench.course import Phase
+from rugged_teleop.bench.targets import TARGETS
 from rugged_teleop.command_line import Parser
 
 _EXAMPLES = """\
@@ -29,6 +33,8 @@ examples:
   {prog} --joint left --speed 1.0
   {prog} --joint right --speed -0.5 --seconds 10 --node /front/esi_drive_bridge
   {prog} --joint left --effort 0.2          # where the joint's mode is torque
+  {prog} --joint pan --position 0.5         # a servo on an SSC
+  {prog} --joint rotation --stick 0.2       # a fire monitor, to the left
 """
 _INTERRUPTED = 130  # as a shell reports SIGINT
 
@@ -37,13 +43,13 @@ def parser(prog: str) -> Parser:
     """Return the parser of the command line."""
     result = Parser(prog=prog, description=__doc__, epilog=_EXAMPLES.format(prog=prog))
     add = result.add_argument
-    add('--joint', required=True, help="as the drive's joint_names has it")
+    add('--joint', required=True, help="as the node's joint_names or servos has it")
     value = result.add_mutually_exclusive_group(required=True)
-    value.add_argument('--speed', type=_number, help='rad/s, where its mode is velocity')
-    value.add_argument('--effort', type=_number, help='N·m, or A with torque_constant 0')
+    for option, target in TARGETS.items():
+        value.add_argument(f'--{option}', type=partial(_number, target.limit), help=target.help)
     add('--seconds', type=_seconds, default=3.0, help='at that value, 0.1 to 60 (3)')
     add('--rate', type=_rate, default=50.0, help='of what is published, 20 to 500 Hz (50)')
-    add('--node', default='/esi_drive_bridge', help='full name of the node (%(default)s)')
+    add('--node', help="full name of the node (its kind's in the root namespace)")
     return result
 
 
@@ -55,15 +61,18 @@ def main(arguments: Sequence[str] | None = None, prog: str = 'rugged_teleop benc
     ended: list[int] = []
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, lambda number, _: ended.append(number))
-    value = options.effort if options.speed is None else options.speed
-    field = 'effort' if options.speed is None else 'velocity'
+    option = next(each for each in TARGETS if getattr(options, each) is not None)
+    target, value = TARGETS[option], getattr(options, option)
     course = Course(value, options.seconds, clock.now())
-    with Commander(options.node, options.joint, field, options.rate) as commander:
+    node = options.node or target.node
+    with Commander(option, node, options.joint, options.rate) as commander:
         _run(course, commander, ended)
+        reason = commander.facts().reason
     if course.problem:
         print(f'{prog}: {course.problem}', file=sys.stderr)
         sys.exit(_INTERRUPTED if ended else 1)
-    print(f'at rest and disabled; measured up to {course.peak:.3g} of {value:g}', flush=True)
+    found = f'measured up to {course.peak:.3g} of {value:g}' if target.is_measured else reason
+    print(f'at rest and disabled; {found}', flush=True)
 
 
 def _run(course: Course, commander: Any, ended: Sequence[int]) -> None:
@@ -92,11 +101,11 @@ def _say(text: str) -> None:
     os.set_blocking(sys.stdout.fileno(), True)
 
 
-def _number(text: str) -> float:
+def _number(limit: float, text: str) -> float:
     value = float(text)
     if not math.isfinite(value):
         raise argparse.ArgumentTypeError(f'{text} is no finite number')
-    return value
+    return _within(text, -limit, limit)
 
 
 def _seconds(text: str) -> float:

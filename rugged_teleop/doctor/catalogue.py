@@ -23,6 +23,12 @@ CATALOGUE = {
     'parameters refused': Kind(
         _DO, 'parameters', '{error}', 'correct the file: the node would not start'
     ),
+    'section elsewhere': Kind(
+        _LOOK,
+        'parameters',
+        '{section}: a section that is for no node of this package',
+        'fine if another package has that node; else correct the name',
+    ),
     'no nodes': Kind(
         _LOOK,
         'parameters',

@@ -10,9 +10,9 @@ import importlib
 from pathlib import Path
 from typing import Any
 
-from bridge_core.parameter_files import check_names
 from bridge_core.parameter_files import parameters_for
 from bridge_core.parameter_files import sections_of
+from bridge_core.parameter_files import strangers
 from bridge_core.parameters import is_ros_parameter
 from bridge_core.parameters import names_of
 from bridge_core.parameters import ParameterError
@@ -57,9 +57,9 @@ class Configured:
 
 def configured(files: Sequence[Path]) -> tuple[list[Configured], list[Finding]]:
     """Return the nodes that the files are right for, and what is found about all of them."""
-    nodes, findings = [], []
+    nodes = []
     try:
-        check_names(_NODES, files)
+        findings = [each for file in files for each in _strangers(file)]
         names = list(dict.fromkeys(_full_names(files)))
     except ParameterError as error:
         return [], [finding('parameters refused', error=error)]
@@ -71,17 +71,29 @@ def configured(files: Sequence[Path]) -> tuple[list[Configured], list[Finding]]:
         else:
             nodes.append(node)
             findings.append(finding('parameters good', node=full))
-    if files and not names:
+    if files and not names and not findings:
         findings.append(finding('no nodes', files=', '.join(map(str, files))))
     return nodes, findings
 
 
+def _strangers(file: Path) -> Iterator[Finding]:
+    """Yield sections that are for no node of this package."""
+    for section, like in strangers(_NODES, file):
+        if like:
+            error = f'parameter file {file}: did you mean {like}? Its section {section} is no node'
+            yield finding('parameters refused', error=error)
+        else:
+            yield finding('section elsewhere', section=section)
+
+
 def _full_names(files: Sequence[Path]) -> Iterator[str]:
-    for file in files:
-        for section in sections_of(file):
-            *namespace, name = section.split('/')[1:]
-            if name in _NODES:
-                yield '/'.join(['', *(each for each in namespace if '*' not in each), name])
+    """Yield the nodes; a section with wildcards is what they share, where others name them."""
+    sections = [section.split('/')[1:] for file in files for section in sections_of(file)]
+    named = {name for *namespace, name in sections if '*' not in ''.join(namespace)}
+    for *namespace, name in sections:
+        plain = [each for each in namespace if '*' not in each]
+        if name in _NODES and (plain == namespace or name not in named):
+            yield '/'.join(['', *plain, name])
 
 
 def _configured(full: str, files: Sequence[Path]) -> Configured:

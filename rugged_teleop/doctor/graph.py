@@ -188,7 +188,9 @@ def graph_findings(
         endpoints = list(group)
         if any(each.is_ours for each in endpoints):
             yield from _topic_findings(topic, endpoints, problem)
-    for said in sorted(graph.said, key=lambda each: each.name):
+    # A closed port is told by both diagnostics of a node, in the same words.
+    told = {(each.name.partition(': ')[0], each.text): each for each in graph.said}
+    for said in sorted(told.values(), key=lambda each: each.name):
         yield from _said_findings(said)
 
 

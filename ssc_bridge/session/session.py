@@ -292,10 +292,15 @@ class Session(BaseSession[bytes, Message | Poll, Event]):
 
     def _silence(self, now: float) -> str:
         age = self._heard.describe(now)
+        if self._garbled(now) and self.counters.malformed > self.counters.frames:
+            return (
+                'update the firmware of the SSC, or report it with a capture: its packets come, '
+                f'but their byte count is not that of the manual (4.1); no status: {age}'
+            )
         if self._garbled(now):
             return (
-                'check baud (an SSC has 115200), and that the SSC is not in its configuration '
-                f'menus: bytes come, but no frame; no status: {age}'
+                'check baud (an SSC has 115200), that port is the SSC, and that it is not in its '
+                f'configuration menus: bytes come, but no frame; no status: {age}'
             )
         return (
             "check the SSC's power, the serial cable, that this port is its Primary Comm, that it "
