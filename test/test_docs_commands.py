@@ -59,6 +59,7 @@ REASONS = {
 PRINTED = (
     ('docs/doctor.md', 'fine: '),
     ('docs/record.md', '2026-11-22 19:04'),
+    ('docs/record.md', '/safety_mux, 2026-11-22 19:04'),
     ('docs/performance.md', '@dialout'),
 )
 
