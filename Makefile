@@ -14,6 +14,7 @@
 #   make campaign          harm the running system, 20 times in each way; ARGS='-n 5 SIGKILL' and the like
 #   make reference         write config/*.yaml, their schema and the parameter tables of docs/ from the tables in
 #                          the code
+#   make dist-check        install sdist and wheel into clean environments, and start every command there
 #   make clean             remove what these targets made, .venv included
 
 PYTHON ?= python3
@@ -29,7 +30,7 @@ unexport _ROS_WHEELS_BOOTSTRAP_COMPLETE
 # A virtual environment that the caller has activated is only where $(PYTHON) comes from.
 unexport VIRTUAL_ENV
 
-.PHONY: demo test proof mutants lint bench bench-check campaign reference clean
+.PHONY: demo test proof mutants lint bench bench-check campaign reference dist-check clean
 
 demo: $(STAMP)
 	$(BIN)/python -m demo $(ARGS)
@@ -60,8 +61,11 @@ campaign: $(STAMP)
 reference: $(STAMP)
 	$(BIN)/python -m rugged_teleop.reference
 
+dist-check:
+	PYTHON='$(PYTHON)' .ci/dist_check
+
 clean:
-	rm -rf $(VENV) build install log *.egg-info .hypothesis .mypy_cache .pytest_cache .ruff_cache
+	rm -rf $(VENV) build dist install log *.egg-info .hypothesis .mypy_cache .pytest_cache .ruff_cache
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +
 
 # Made anew, not mended, whenever what it is made from has changed.

@@ -33,6 +33,8 @@ setup(
         'completion': ['argcomplete>=3'],
         'page': ['aiohttp>=3.8'],
         'record': ['mcap>=1.1', 'mcap-ros2-support>=0.5'],
+        # By this colcon knows what to test with. make test has all of requirements-dev.txt.
+        'test': ['pytest', 'hypothesis'],
     },
     install_requires=['setuptools', 'pyserial>=3.5', 'python-can>=4.3', 'PyYAML'],
     packages=find_packages(exclude=('demo*', 'test*', 'benchmarks*')),
