@@ -12,7 +12,7 @@
 #   make bench             measure, write benchmarks/results.json and the table of docs/performance.md; ARGS=--quick
 #   make bench-check       measure again; status 1 where a ratio got worse by a quarter; ARGS=--quick
 #   make campaign          harm the running system, 20 times in each way; ARGS='-n 5 SIGKILL' and the like
-#   make reference         write config/*.yaml, their schema and the parameter tables of docs/ from the tables in
+#   make reference         write config/*.yaml, their schema, the SROS 2 policy and the tables of docs/ from the tables in
 #                          the code
 #   make dist-check        install sdist and wheel into clean environments, and start every command there
 #   make clean             remove what these targets made, .venv included
@@ -60,6 +60,7 @@ campaign: $(STAMP)
 
 reference: $(STAMP)
 	$(BIN)/python -m rugged_teleop.reference
+	$(BIN)/python -m rugged_teleop policy config/spine.yaml >config/sros2/spine.policy.xml
 
 dist-check:
 	PYTHON='$(PYTHON)' .ci/dist_check
