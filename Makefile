@@ -15,6 +15,7 @@
 #   make reference         write config/*.yaml, their schema, the SROS 2 policy and the tables of docs/ from the tables in
 #                          the code
 #   make dist-check        install sdist and wheel into clean environments, and start every command there
+#   make sbom              write sbom.cdx.json, what the package runs with, as CycloneDX
 #   make clean             remove what these targets made, .venv included
 
 PYTHON ?= python3
@@ -30,7 +31,7 @@ unexport _ROS_WHEELS_BOOTSTRAP_COMPLETE
 # A virtual environment that the caller has activated is only where $(PYTHON) comes from.
 unexport VIRTUAL_ENV
 
-.PHONY: demo test proof mutants lint bench bench-check campaign reference dist-check clean
+.PHONY: demo test proof mutants lint bench bench-check campaign reference dist-check sbom clean
 
 demo: $(STAMP)
 	$(BIN)/python -m demo $(ARGS)
@@ -65,8 +66,11 @@ reference: $(STAMP)
 dist-check:
 	PYTHON='$(PYTHON)' .ci/dist_check
 
+sbom:
+	PYTHON='$(PYTHON)' .ci/sbom
+
 clean:
-	rm -rf $(VENV) build dist install log *.egg-info .hypothesis .mypy_cache .pytest_cache .ruff_cache
+	rm -rf $(VENV) build dist sbom.cdx.json install log *.egg-info .hypothesis .mypy_cache .pytest_cache .ruff_cache
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +
 
 # Made anew, not mended, whenever what it is made from has changed.
