@@ -15,6 +15,7 @@
 #   make reference         write config/*.yaml, their schema, the SROS 2 policy and the tables of docs/ from the tables in
 #                          the code
 #   make dist-check        install sdist and wheel into clean environments, and start every command there
+#   make lock              pin what requirements*.txt come to by hash, after a change of them; needs Python 3.10 to 3.13
 #   make sbom              write sbom.cdx.json, what the package runs with, as CycloneDX
 #   make clean             remove what these targets made, .venv included
 
@@ -31,7 +32,7 @@ unexport _ROS_WHEELS_BOOTSTRAP_COMPLETE
 # A virtual environment that the caller has activated is only where $(PYTHON) comes from.
 unexport VIRTUAL_ENV
 
-.PHONY: demo test proof mutants lint bench bench-check campaign reference dist-check sbom clean
+.PHONY: demo test proof mutants lint bench bench-check campaign reference dist-check lock sbom clean
 
 demo: $(STAMP)
 	$(BIN)/python -m demo $(ARGS)
@@ -66,6 +67,9 @@ reference: $(STAMP)
 dist-check:
 	PYTHON='$(PYTHON)' .ci/dist_check
 
+lock:
+	.ci/lock
+
 sbom:
 	PYTHON='$(PYTHON)' .ci/sbom
 
@@ -74,6 +78,6 @@ clean:
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +
 
 # Made anew, not mended, whenever what it is made from has changed.
-$(STAMP): requirements.txt requirements-dev.txt setup.py setup.cfg pyproject.toml .ci/make_venv
+$(STAMP): requirements.txt requirements-dev.txt requirements-locked.txt requirements-ros-locked.txt setup.py setup.cfg pyproject.toml .ci/make_venv
 	PYTHON='$(PYTHON)' .ci/make_venv $(VENV)
 	@touch $@
