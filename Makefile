@@ -12,9 +12,12 @@
 #   make bench             measure, write benchmarks/results.json and the table of docs/performance.md; ARGS=--quick
 #   make bench-check       measure again; status 1 where a ratio got worse by a quarter; ARGS=--quick
 #   make campaign          harm the running system, 20 times in each way; ARGS='-n 5 SIGKILL' and the like
-#   make reference         write config/*.yaml, their schema and the parameter tables of docs/ from the tables in
+#   make reference         write config/*.yaml, their schema, the SROS 2 policy and the tables of docs/ from the tables in
 #                          the code
 #   make docs              write the site into docs/_build; a warning is an error
+#   make dist-check        install sdist and wheel into clean environments, and start every command there
+#   make lock              pin what requirements*.txt come to by hash, after a change of them; needs Python 3.10 to 3.13
+#   make sbom              write sbom.cdx.json, what the package runs with, as CycloneDX
 #   make clean             remove what these targets made, .venv included
 
 PYTHON ?= python3
@@ -33,7 +36,7 @@ unexport _ROS_WHEELS_BOOTSTRAP_COMPLETE
 # A virtual environment that the caller has activated is only where $(PYTHON) comes from.
 unexport VIRTUAL_ENV
 
-.PHONY: demo test proof mutants lint bench bench-check campaign reference docs clean
+.PHONY: demo test proof mutants lint bench bench-check campaign reference docs dist-check lock sbom clean
 
 demo: $(STAMP)
 	$(BIN)/python -m demo $(ARGS)
@@ -63,6 +66,16 @@ campaign: $(STAMP)
 
 reference: $(STAMP)
 	$(BIN)/python -m rugged_teleop.reference
+	$(BIN)/python -m rugged_teleop policy config/spine.yaml >config/sros2/spine.policy.xml
+
+dist-check:
+	PYTHON='$(PYTHON)' .ci/dist_check
+
+lock:
+	.ci/lock
+
+sbom:
+	PYTHON='$(PYTHON)' .ci/sbom
 
 # Everything is read anew (-E), for a page that was read before would not warn again.
 docs: $(DOCS_VENV)/.ready
@@ -70,11 +83,11 @@ docs: $(DOCS_VENV)/.ready
 	@echo $(SITE)/index.html
 
 clean:
-	rm -rf $(VENV) $(DOCS_VENV) $(SITE) build install log *.egg-info .hypothesis .mypy_cache .pytest_cache .ruff_cache
+	rm -rf $(VENV) $(DOCS_VENV) $(SITE) build dist sbom.cdx.json install log *.egg-info .hypothesis .mypy_cache .pytest_cache .ruff_cache
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +
 
 # Made anew, not mended, whenever what it is made from has changed.
-$(STAMP): requirements.txt requirements-dev.txt setup.py setup.cfg pyproject.toml .ci/make_venv
+$(STAMP): requirements.txt requirements-dev.txt requirements-locked.txt requirements-ros-locked.txt setup.py setup.cfg pyproject.toml .ci/make_venv
 	PYTHON='$(PYTHON)' .ci/make_venv $(VENV)
 	@touch $@
 

@@ -35,6 +35,8 @@ setup(
         'page': ['aiohttp>=3.8'],
         'plot': ['matplotlib>=3.6'],
         'record': ['mcap>=1.1', 'mcap-ros2-support>=0.5'],
+        # By this colcon knows what to test with. make test has all of requirements-dev.txt.
+        'test': ['pytest', 'hypothesis'],
     },
     install_requires=['setuptools', 'pyserial>=3.5', 'python-can>=4.3', 'PyYAML'],
     packages=find_packages(exclude=('demo*', 'test*', 'benchmarks*')),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from collections.abc import Iterable
+from collections.abc import Iterator
 from collections.abc import Sequence
 import os
 import textwrap
@@ -22,31 +23,43 @@ _OF_ROS = ('rcl_interfaces', 'lifecycle_msgs', 'type_description_interfaces')  #
 
 
 def help_text(factories: Sequence[Callable[..., ManagedNode]]) -> str:
-    """Return the help of these nodes. They are made for it, but nobody can discover them."""
+    """Return the help of these nodes."""
+    return '\n'.join(map(_help_of, unseen(factories)))
+
+
+def unseen(
+    factories: Iterable[Callable[..., ManagedNode]], arguments: Sequence[str] = ()
+) -> Iterator[ManagedNode]:
+    """
+    Yield the nodes, each made to be looked at: nobody can discover it, and it opens no port.
+
+    :param arguments: of ROS, without ``--ros-args``. :raises ParameterError: as the nodes do.
+    """
     os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'OFF'
     for name in _SEARCHES:
         os.environ.pop(name, None)
-    quiet = ['help', '--ros-args', '--log-level', 'fatal']
+    quiet = ['unseen', '--ros-args', *arguments, '--log-level', 'fatal']
     rclpy.init(args=quiet, signal_handler_options=SignalHandlerOptions.NO)
     try:
-        return '\n'.join(map(_help_of, factories))
+        for factory in factories:
+            node = factory()
+            try:
+                yield node
+            finally:
+                node.shut_down()
+                node.destroy_node()
     finally:
         rclpy.try_shutdown()
 
 
-def _help_of(factory: Callable[..., ManagedNode]) -> str:
-    node = factory()
-    try:
-        name, table = node.get_name(), node.parameters_in_use()
-        sections = [
-            ('publishes', _topics(name, node.publishers)),
-            ('listens to', _topics(name, node.subscriptions)),
-            ('services', _services(name, node.services)),
-            ('parameters', [line for each in table for line in _parameter(each)]),
-        ]
-    finally:
-        node.shut_down()
-        node.destroy_node()
+def _help_of(node: ManagedNode) -> str:
+    name, table = node.get_name(), node.parameters_in_use()
+    sections = [
+        ('publishes', _topics(name, node.publishers)),
+        ('listens to', _topics(name, node.subscriptions)),
+        ('services', _services(name, node.services)),
+        ('parameters', [line for each in table for line in _parameter(each)]),
+    ]
     usage = (
         f'usage: {name} [--help] [--ros-args [-p NAME:=VALUE]... [--params-file FILE] '
         '[-r FROM:=TO]...]\n'

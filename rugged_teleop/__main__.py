@@ -21,6 +21,7 @@ COMMANDS = {
     'decode': ('what a capture says: bytes, hex, candump, python-can, pcap', 'decode.main'),
     'doctor': ('why it does not work: ports, devices, parameters, ROS', 'doctor.main'),
     'page': ('the status page: may it move, who has control, what to do', 'page'),
+    'policy': ('what SROS 2 has to allow the nodes of a parameter file', 'policy'),
     'record': ('keep the last minute, and write it at every stop', 'recorder.main'),
     'replay': ("where today's code would decide otherwise than recorded", 'replay.main'),
     'why': ('the story of a stop, from a recording', 'why.main'),

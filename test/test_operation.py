@@ -35,6 +35,22 @@ def test_service_comes_back_unless_its_parameters_are_bad_and_is_not_root() -> N
     assert (service()['LimitRTPRIO'], service()['LimitMEMLOCK']) == ('98', 'infinity')
 
 
+def test_service_can_write_its_logs_and_recordings_and_nothing_else() -> None:
+    places = dict(
+        line.split('=') for line in re.findall(r'^Environment=(.+)', UNIT.read_text(), re.M)
+    )
+    assert service()['ProtectSystem'] == 'strict'
+    assert places['ROS_LOG_DIR'] == f'/var/log/{service()["LogsDirectory"]}'
+    assert places['ROS_HOME'] == f'/var/lib/{service()["StateDirectory"]}'
+    assert {service()[f'{kind}DirectoryMode'] for kind in ('Logs', 'State')} == {'0750'}
+
+
+def test_service_hides_no_port_and_forbids_no_real_time_priority() -> None:
+    hiding = {'PrivateDevices', 'ProtectClock', 'DevicePolicy', 'DeviceAllow', 'PrivateNetwork'}
+    assert not {*hiding, 'RestrictRealtime'} & set(service())
+    assert {'AF_INET', 'AF_CAN', 'AF_UNIX'} <= set(service()['RestrictAddressFamilies'].split())
+
+
 def test_service_runs_the_stack_itself_so_that_it_is_what_systemd_signals() -> None:
     assert ' && exec python3 -m rugged_teleop.stack ' in service()['ExecStart']
 

@@ -130,6 +130,24 @@ def test_requirements_are_pinned() -> None:
             assert line.startswith('#') or re.fullmatch(r'[\w-]+==[\w.]+(; .+)?', line), line
 
 
+def test_locked_files_have_every_requirement_by_hash() -> None:
+    line = r'([\w-]+==[\w.+]+)( ; python_version [^-]+)?( --hash=sha256:[0-9a-f]{64})+'
+    locked = {}
+    for name in ('requirements-locked.txt', 'requirements-ros-locked.txt'):
+        lines = [each for each in text(name).splitlines() if not each.startswith('#')]
+        assert all(re.fullmatch(line, each) for each in lines), name
+        locked[name] = {each.split()[0] for each in lines}
+    wanted = {
+        each.split(';')[0].lower().replace('_', '-')
+        for name in ('requirements.txt', 'requirements-dev.txt')
+        for each in text(name).splitlines()
+        if not each.startswith('#')
+    }
+    assert wanted <= set.union(*locked.values()), 'make lock'
+    # Where a ROS is sourced, none of it is installed.
+    assert not any(each.startswith('ros-') for each in locked['requirements-locked.txt'])
+
+
 # Entry points.
 
 
@@ -263,4 +281,4 @@ def test_ci_runs_lint_and_the_test_command_of_the_readme() -> None:
 def test_make_has_the_targets_that_the_documents_name() -> None:
     assert {'demo', 'test', 'lint', 'bench', 'clean'} <= targets()
     for page in ('README.md', 'CONTRIBUTING.md'):
-        assert set(re.findall(r'`make (\w+)', text(page))) <= targets(), page
+        assert set(re.findall(r'`make ([\w-]+)', text(page))) <= targets(), page

@@ -261,6 +261,7 @@ def test_file_is_read_back_by_the_readers_of_mcap(
     bench.wait('recorded ')
     (path,) = (tmp_path / 'new').iterdir()
     assert path.name.endswith('Z_stop_trip.mcap')
+    assert not (path.stat().st_mode | path.parent.stat().st_mode) & 0o027  # for owner and group
     with path.open('rb') as file:
         reader = make_reader(file, decoder_factories=[DecoderFactory()])
         assert reader.get_header().profile == 'ros2'

@@ -8,6 +8,7 @@ best effort and volatile, depth 5. (ros2cli, branch jazzy: ros2topic/verb/pub.py
 
 from collections.abc import Iterator
 import importlib
+from pathlib import Path
 from typing import Any
 
 from geometry_msgs.msg import Twist
@@ -35,6 +36,8 @@ from test.talkers import namespace
 from test.talkers import reset
 from test.talkers import Talker
 from test.test_layouts import named
+from test.test_policy import allowed
+from test.test_policy import outcome
 
 PUB_RATE = 20.0  # ros2 topic pub -r 20
 # Between two programs there is a gap, and a busy machine makes gaps of its own.
@@ -207,6 +210,24 @@ def test_every_subscription_takes_what_pub_sends(spine: Spine, node: str) -> Non
     assert there - LATCHED == set(TAKEN[node])
     for topic in TAKEN[node]:
         assert takes_from_pub(spine.observer, node, topic), topic
+
+
+def test_policy_allows_what_the_running_nodes_do_and_nothing_else(
+    spine: Spine, tmp_path: Path
+) -> None:
+    file = tmp_path / 'defaults.yaml'
+    file.write_text(''.join(f'/**/{node}: {{ros__parameters: {{}}}}\n' for node in PUBLISHED))
+    policy = allowed(outcome(str(file)).stdout)
+    graph = spine.observer.node
+    for node in PUBLISHED:
+        running = {
+            'publish': graph.get_publisher_names_and_types_by_node(node, '/'),
+            'subscribe': graph.get_subscriber_names_and_types_by_node(node, '/'),
+            'reply': graph.get_service_names_and_types_by_node(node, '/'),
+            'request': graph.get_client_names_and_types_by_node(node, '/'),
+        }
+        names = {right: {name for name, _ in found} for right, found in running.items() if found}
+        assert policy[f'/{node}'] == names, node
 
 
 # Standing in, by hand as it were: a program that says one thing, and another when that has ended.

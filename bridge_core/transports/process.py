@@ -369,4 +369,5 @@ def environment(module: str) -> dict[str, str]:
         **os.environ,
         'PYTHONHOME': f'{sys.base_prefix}:{sys.base_exec_prefix}',
         'PYTHONPATH': os.pathsep.join(dict.fromkeys(path)),
+        'PYTHONSAFEPATH': '1',  # from Python 3.11: nothing from where the node was started
     }

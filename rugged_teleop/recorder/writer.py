@@ -41,10 +41,11 @@ class RecordingFile:
     """
 
     def __init__(self, path: Path) -> None:
-        path.parent.mkdir(parents=True, exist_ok=True)
+        path.parent.mkdir(0o750, parents=True, exist_ok=True)
         self.path = path
         self._part = path.with_name(path.name + UNFINISHED)
-        self._file: BinaryIO = self._part.open('xb')
+        new = os.O_WRONLY | os.O_CREAT | os.O_EXCL
+        self._file: BinaryIO = os.fdopen(os.open(self._part, new, 0o640), 'wb')
         self._writer = Writer(self._file, chunk_size=_CHUNK)
         self._writer.start(profile='ros2', library='rugged_teleop')
         self._schemas: dict[str, int] = {}

@@ -1,0 +1,61 @@
+"""The SROS 2 policy of a parameter file. That it fits what runs: test_topics_of_nodes.py."""
+
+from pathlib import Path
+import subprocess
+import sys
+from xml.etree import ElementTree
+
+import pytest
+
+from test.rig import ROOT
+
+
+def outcome(*arguments: str) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, '-m', 'rugged_teleop', 'policy', *arguments]
+    return subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
+
+
+def allowed(policy: str) -> dict[str, dict[str, set[str]]]:
+    """Return names by right (publish, subscribe, reply, request) by enclave."""
+    return {
+        enclave.attrib['path']: {
+            right: {str(name.text) for name in group}
+            for group in enclave.iterfind('profiles/profile/*')
+            for right in group.attrib
+        }
+        for enclave in ElementTree.fromstring(policy).iter('enclave')
+    }
+
+
+def test_policy_of_the_spine_is_up_to_date() -> None:
+    done = outcome('config/spine.yaml')
+    assert done.returncode == 0, done.stderr
+    assert done.stdout == (ROOT / 'config/sros2/spine.policy.xml').read_text(), 'make reference'
+
+
+def test_policy_follows_parameters_and_namespace(tmp_path: Path) -> None:
+    file = tmp_path / 'my.yaml'
+    file.write_text(
+        '/**/safety_mux: {ros__parameters: {estop_sources: [site], estop.site.topic: /site/estop,'
+        " operators: [''], autonomy.topic: cmd_vel, drive_enabled_topic: ''}}\n"
+    )
+    rights = allowed(outcome(str(file), '--namespace', '/front').stdout)
+    (enclave,) = rights
+    assert enclave == '/front/safety_mux'
+    assert rights[enclave]['subscribe'] == {'/site/estop', '/front/cmd_vel', '/diagnostics'}
+
+
+@pytest.mark.parametrize(
+    ('text', 'words'),
+    [
+        ('/**/safety_mxu: {ros__parameters: {}}\n', 'did you mean safety_mux?'),
+        ('/**/safety_mux: {ros__parameters: {rate: -1.0}}\n', 'rate'),
+    ],
+)
+def test_file_that_no_node_would_take_is_one_line(tmp_path: Path, text: str, words: str) -> None:
+    file = tmp_path / 'my.yaml'
+    file.write_text(text)
+    done = outcome(str(file))
+    assert (done.returncode, done.stdout) == (2, '')
+    (line,) = done.stderr.splitlines()
+    assert words in line
