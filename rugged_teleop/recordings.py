@@ -53,27 +53,30 @@ class Cut:
 
 def read(file: BinaryIO) -> Iterator[Said | Parameters | Cut]:
     """Yield what a recording has, in its order; one that was never finished as far as it goes."""
-    records = StreamReader(file, record_size_limit=_LARGEST).records
+    records = StreamReader(file, record_size_limit=_LARGEST, validate_crcs=True).records
     schemas: dict[int, Schema] = {}
     channels: dict[int, Channel] = {}
     decoders = DecoderFactory()
     while True:
+        found: Said | Parameters | None = None
         try:
             record = next(records)
+            if isinstance(record, Schema):
+                schemas[record.id] = record
+            elif isinstance(record, Channel):
+                channels[record.id] = record
+            elif isinstance(record, Message):
+                found = _said(record, channels[record.channel_id], schemas, decoders)
+            elif isinstance(record, Metadata) and record.name.startswith(PARAMETERS_OF):
+                values = {name: json.loads(value) for name, value in record.metadata.items()}
+                found = Parameters(record.name.removeprefix(PARAMETERS_OF), values)
         except StopIteration:
             return
-        except Exception as error:  # of mcap, struct, zstandard and others
-            yield Cut(f'{type(error).__name__} {error}'.rstrip())
+        except Exception as error:  # of mcap, struct, zstandard, a channel that is not there, ...
+            yield Cut(' '.join(f'{type(error).__name__} {error}'.split()))
             return
-        if isinstance(record, Schema):
-            schemas[record.id] = record
-        elif isinstance(record, Channel):
-            channels[record.id] = record
-        elif isinstance(record, Message):
-            yield _said(record, channels[record.channel_id], schemas, decoders)
-        elif isinstance(record, Metadata) and record.name.startswith(PARAMETERS_OF):
-            values = {name: json.loads(value) for name, value in record.metadata.items()}
-            yield Parameters(record.name.removeprefix(PARAMETERS_OF), values)
+        if found is not None:
+            yield found
 
 
 def _said(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+import math
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +16,7 @@ from rugged_teleop.recordings import Said
 from rugged_teleop.replay.main import main
 from rugged_teleop.replay.mux import MuxReplay
 from rugged_teleop.replay.sessions import replay_session
+from rugged_teleop.replay.track import Track
 from safety_mux.arbiter import Arbiter
 from safety_mux.limits import JointLimiter
 from safety_mux.protocol import State
@@ -142,6 +144,28 @@ def test_tolerance_is_in_time(
     assert not MuxReplay(MUX, late, given, 0.08).run().found
 
 
+def test_value_is_held_from_its_first_point_to_the_next_other_one() -> None:
+    track = Track()
+    for at, value in ((1.0, 'a'), (2.0, 'b'), (2.5, 'b'), (3.0, 'c')):
+        track.add(at, value)
+    assert track.held(2.1) == track.held(2.9) == 1.0
+    assert track.held(1.5) == track.held(9.0) == math.inf
+
+
+def test_state_that_is_shorter_than_the_tolerance_is_no_difference(
+    recordings: dict[str, Loaded],
+) -> None:
+    recording = recordings['pressed_estop']  # READY for 50 ms, as the deadman went first
+    states = [s for s in recording.said if s.topic == f'{MUX}/state']
+    active = max(s.at for s in states if s.message.data == 'ACTIVE')
+    brief = [s for s in states if s.at > active and s.message.data == 'READY']
+    assert brief
+    said = [s for s in recording.said if all(s is not each for each in brief)]
+    given = recording.parameters[MUX]
+    assert [each.what for each in MuxReplay(MUX, said, given).run().found] == ['state']
+    assert not MuxReplay(MUX, said, given, 0.06).run().found
+
+
 def test_session_that_misses_a_stop_in_the_bytes_is_noticed(
     recordings: dict[str, Loaded], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -199,4 +223,22 @@ def test_what_is_no_recording_is_one_line_and_status_2(
     status, out, error = outcome([str(path)], capsys)
     assert (status, out) == (2, '')
     assert error.startswith(f'rugged_teleop replay: {path}: ')
+    assert len(error.splitlines()) == 1
+
+
+def test_topic_of_another_type_is_one_line_and_status_2(
+    recordings: dict[str, Loaded],
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    recording = recordings['lost_remote']
+    said = [
+        Said(s.at, s.topic, s.type, object() if s.topic == f'{VSC}/joy' else s.message)
+        for s in recording.said
+    ]
+    foreign = Loaded(said, recording.parameters, '')
+    monkeypatch.setattr('rugged_teleop.replay.main.load', lambda path: foreign)
+    status, out, error = outcome(['foreign.mcap'], capsys)
+    assert (status, out) == (2, '')
+    assert 'foreign.mcap: a message is not of the type of its topic: ' in error
     assert len(error.splitlines()) == 1

@@ -181,6 +181,20 @@ def test_file_that_was_cut_short_is_told_as_far_as_it_goes(
     assert error.startswith('# it is read up to here only: EndOfFile')
 
 
+@pytest.mark.parametrize('place', range(100, 2000, 190))
+def test_damaged_file_is_told_as_far_as_it_goes_in_one_line(
+    place: int, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = written(tmp_path, [*driving(), *stopping(), *obeying()])
+    content = bytearray(path.read_bytes())
+    content[place] ^= 0xFF
+    path.write_bytes(content)
+    status, _, error = outcome(path, capsys)
+    assert status == 1
+    assert error.startswith('# it is read up to here only: ')
+    assert len(error.splitlines()) == 1
+
+
 def test_what_is_no_recording_is_one_line_and_status_2(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -67,7 +67,10 @@ def _replay(path: Path, tolerance: float | None) -> int:
     from rugged_teleop.replay.outcome import lines_of  # late: it needs what load would miss first
     from rugged_teleop.replay.outcome import replayed
 
-    outcomes = replayed(recording, tolerance)
+    try:
+        outcomes = replayed(recording, tolerance)
+    except (AttributeError, TypeError) as error:
+        raise ValueError(f'a message is not of the type of its topic: {error}') from error
     for outcome in outcomes:
         for line in lines_of(outcome):
             print(line)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from collections.abc import Mapping
 from collections.abc import Sequence
-import itertools
+from itertools import pairwise
 from typing import Any
 
 from bridge_core.parameters import is_ros_parameter
@@ -37,10 +37,10 @@ _ANSWERED = 0.2  # s within which a service's answer is in the log
 _SETTLED = 2.0  # s within which the output of a mux that was brought to a state is as it was
 _STEADY = 0.1  # s for which it has to be
 _SLACK = 0.01  # of a joint's maximum: times of decisions are known to milliseconds only
-_ASKED = {  # by the beginning of an answer in the log: the state that came of it
-    '~/reset: reset:': 'READY',
-    '~/trip: tripped': 'STOPPED',
-    '~/select_autonomy: autonomy has control': 'ACTIVE',
+_ASKED = {  # by the beginning of an answer in the log: what came of it
+    '~/reset: reset:': {'state': 'READY', 'e-stop': False},
+    '~/trip: tripped': {'state': 'STOPPED', 'e-stop': True},
+    '~/select_autonomy: autonomy has control': {'state': 'ACTIVE', 'enable': True},
 }
 
 
@@ -95,10 +95,8 @@ class MuxReplay:
 
     def run(self) -> Outcome:
         """Replay it. :raises ValueError: it cannot be."""
-        since, state, owner, tripped = self._first()
+        since, state, owner = self._first()
         self._begin(since, State(state), owner)
-        if tripped:
-            self._intake.arbiter.trip(since + self._offset)
         self._feed(since)
         until = self._said[-1].at
         notes = [f'begins {state}' + (f", '{owner}' has control" if owner else '')]
@@ -151,33 +149,32 @@ class MuxReplay:
         twist = getattr(message, 'twist', message)
         return twist.linear.x, twist.angular.z
 
-    def _first(self) -> tuple[float, str, str | None, bool]:
-        """Return the first moment at which all is known, the state, the owner, and of a trip."""
+    def _first(self) -> tuple[float, str, str | None]:
+        """Return the first moment at which all is known, the state and the owner."""
         known = max(track.points[0][0] for track in self._recorded.values())
         for at, fields in self._statuses:
             if at >= known and fields.get('state') in ('STOPPED', 'READY', 'ACTIVE'):
                 owner = fields.get('owner', 'none')
-                tripped = fields.get('trip active') == 'true'
-                return at, fields['state'], None if owner == 'none' else owner, tripped
+                return at, fields['state'], None if owner == 'none' else owner
         raise ValueError(f'{self._name}/status does not say how it was')
 
     def _requests(self) -> Iterator[tuple[float, str]]:
         """Yield the services that somebody called, by their answers in the log."""
-        states = self._recorded['state'].points
         for each in self._said:
             log = each.message
             if each.type != 'rcl_interfaces/msg/Log' or log is None:
                 continue
             if '/' + log.name.replace('.', '/') != self._name or not log.msg.startswith('~/'):
                 continue
-            state = next((s for start, s in _ASKED.items() if log.msg.startswith(start)), None)
+            came = next((what for start, what in _ASKED.items() if log.msg.startswith(start)), {})
             effects = [
                 at
-                for (_, before), (at, after) in itertools.pairwise(states)
-                if before != after == state and each.at - _ANSWERED <= at <= each.at
+                for what, value in came.items()
+                for (_, before), (at, after) in pairwise(self._recorded[what].points)
+                if before != after == value and each.at - _ANSWERED <= at <= each.at
             ]
             # Between the decision that shows it, which is heard first, and the one before.
-            yield (effects[-1] - self._period / 2 if effects else each.at), log.msg
+            yield (min(effects) - self._period / 2 if effects else each.at), log.msg
 
     # What is done with it; ``now`` is of today's mux, ``at`` of the recording.
 
@@ -262,6 +259,9 @@ class MuxReplay:
         for each in differences(*tracks, since, self._tolerance, fits):
             words = [_words(each.recorded), _words(each.replayed)]
             if what == 'state':
+                # Such as READY, between a released deadman and a stop: none or one decision long.
+                if any(track.held(each.since) < self._tolerance for track in tracks):
+                    continue
                 reasons = [track.at(each.since + self._tolerance) for track in self._reasons]
                 words = [f'{word} ({why})' for word, why in zip(words, reasons, strict=True)]
             yield Found(each.since, each.until, what, *words)

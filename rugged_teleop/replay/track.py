@@ -5,6 +5,7 @@ from __future__ import annotations
 from bisect import bisect_right
 from collections.abc import Callable
 from collections.abc import Sequence
+import math
 from typing import Any
 from typing import NamedTuple
 
@@ -36,6 +37,15 @@ class Track:
     def at(self, when: float) -> Any:
         """Return the value then; before the first one, the first."""
         return self.points[max(0, bisect_right(self._times, when) - 1)][1]
+
+    def held(self, when: float) -> float:
+        """Return for how many seconds the value of then held, before and after."""
+        place = max(0, bisect_right(self._times, when) - 1)
+        value = self.points[place][1]
+        before = (i for i in range(place, 0, -1) if self.points[i - 1][1] != value)
+        begin = next((self._times[i] for i in before), -math.inf)
+        after = (at for at, other in self.points[place:] if other != value)
+        return next(after, math.inf) - begin
 
     def around(self, when: float, tolerance: float) -> list[Any]:
         """Return each value that held from ``tolerance`` s before until as long after."""
