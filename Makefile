@@ -6,6 +6,8 @@
 #   make demo              simulators, stack and a live view; ARGS=--once plays the scripted scene
 #   make test              ARGS='-k fort -x' and the like go to pytest; WORKERS=0 for one test at a time
 #   make proof             what takes minutes: every reachable state of the mux; ARGS as for make test
+#   make fuzz              ten million hostile inputs for each parser, session, decoder and callback; hours, and goes
+#                          on where it was; ARGS='--count 100000 ssc' and the like
 #   make mutants           plant faults in what decides, and name those that no test notices; half an hour;
 #                          ARGS='safety_mux/limits.py --sample 50' and the like
 #   make lint              ruff and mypy
@@ -36,7 +38,7 @@ unexport _ROS_WHEELS_BOOTSTRAP_COMPLETE
 # A virtual environment that the caller has activated is only where $(PYTHON) comes from.
 unexport VIRTUAL_ENV
 
-.PHONY: demo test proof mutants lint bench bench-check campaign reference docs dist-check lock sbom clean
+.PHONY: demo test proof fuzz mutants lint bench bench-check campaign reference docs dist-check lock sbom clean
 
 demo: $(STAMP)
 	$(BIN)/python -m demo $(ARGS)
@@ -46,6 +48,9 @@ test: $(STAMP)
 
 proof: $(STAMP)
 	$(BIN)/python -m pytest -m proof $(ARGS)
+
+fuzz: $(STAMP)
+	$(BIN)/python -m test.fuzz $(ARGS)
 
 mutants: $(STAMP)
 	$(BIN)/python -m test.mutants $(ARGS)

@@ -88,7 +88,7 @@ class AkronCanBridge(BridgeNode[Event]):
             self._publish_sticks(event)
         elif isinstance(event, UnitChanged):
             self._unit = event.pin, event.device_type
-            self.log(Level.OK, event.text)
+            self.log(Level.OK, event.text, site='unit')
         elif isinstance(event, Stopped):
             self.log(Level.WARN, f'neutral: {"; ".join(event.reasons)}')
         elif isinstance(event, FaultsChanged):
@@ -96,9 +96,10 @@ class AkronCanBridge(BridgeNode[Event]):
 
     def _log_faults(self, event: FaultsChanged) -> None:
         if event.faults:
-            self.log(Level.ERROR, f'the unit reports {"; ".join(event.faults)}')
+            text = f'the unit reports {"; ".join(event.faults)}'
+            self.log(Level.ERROR, text, site='faults')
         else:
-            self.log(Level.OK, 'the unit reports no fault any more')
+            self.log(Level.OK, 'the unit reports no fault any more', site='faults')
 
     def _publish_joint_states(self, event: Positions) -> None:
         self._joint_states.publish(

@@ -15,6 +15,7 @@ import yaml
 
 from bridge_core.parameters import ParameterError
 
+_MOST = 10_000  # values; aliases (*) make as many as they like, and endless ones
 _TOKENS = {'**': '(/[^/]+)*', '*': '/[^/]+'}
 _LIKE = 0.8  # how like a misspelt name is; twist_mux is not meant to be safety_mux
 
@@ -45,7 +46,7 @@ def parameters_for(node: str, files: Sequence[Path]) -> dict[str, Any]:
     for file in files:
         for section, value in _sections(_content(file), ''):
             if is_for(section, node) and isinstance(value, dict):
-                given |= _flat(value.get('ros__parameters') or {}, '')
+                given |= _flat(value.get('ros__parameters') or {}, file)
     return given
 
 
@@ -53,11 +54,19 @@ def _content(file: Path) -> dict[Any, Any]:
     """:raises ParameterError: it cannot be read or is not a parameter file."""
     try:
         content = yaml.safe_load(file.read_text())
-    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
+    except Exception as error:  # of the file, of PyYAML, of what it makes dates and numbers with
         raise ParameterError(f'parameter file {file}: {" ".join(str(error).split())}') from error
     if not isinstance(content, dict):
         raise ParameterError(f'parameter file {file}: is not a map from node names to parameters')
-    return content
+    todo: list[Any] = [content]
+    for _ in range(_MOST):
+        if not todo:
+            return content
+        part = todo.pop()
+        todo += part.values() if isinstance(part, dict) else part if isinstance(part, list) else ()
+    raise ParameterError(
+        f'parameter file {file}: has more than {_MOST} values; does an alias repeat?'
+    )
 
 
 def _sections(content: dict[Any, Any], above: str) -> Iterator[tuple[str, Any]]:
@@ -69,12 +78,18 @@ def _sections(content: dict[Any, Any], above: str) -> Iterator[tuple[str, Any]]:
             yield from _sections(value, name)
 
 
-def _flat(values: dict[Any, Any], above: str) -> dict[str, Any]:
-    """Return nested parameters by their full names."""
+def _flat(values: Any, file: Path, above: str = '') -> dict[str, Any]:
+    """Return nested parameters by their full names. :raises ParameterError: it is no map."""
+    if not isinstance(values, dict):
+        raise ParameterError(
+            f'parameter file {file}: ros__parameters is {values!r}, not a map from names to values'
+        )
     flat: dict[str, Any] = {}
     for key, value in values.items():
         flat |= (
-            _flat(value, f'{above}{key}.') if isinstance(value, dict) else {f'{above}{key}': value}
+            _flat(value, file, f'{above}{key}.')
+            if isinstance(value, dict)
+            else {f'{above}{key}': value}
         )
     return flat
 

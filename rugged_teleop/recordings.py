@@ -66,17 +66,28 @@ def read(file: BinaryIO) -> Iterator[Said | Parameters | Cut]:
             elif isinstance(record, Channel):
                 channels[record.id] = record
             elif isinstance(record, Message):
-                found = _said(record, channels[record.channel_id], schemas, decoders)
+                channel = channels.get(record.channel_id)
+                if channel is None:
+                    yield Cut(f'a message of channel {record.channel_id}, which is not described')
+                    return
+                found = _said(record, channel, schemas, decoders)
             elif isinstance(record, Metadata) and record.name.startswith(PARAMETERS_OF):
-                values = {name: json.loads(value) for name, value in record.metadata.items()}
+                values = {name: _value(text) for name, text in record.metadata.items()}
                 found = Parameters(record.name.removeprefix(PARAMETERS_OF), values)
         except StopIteration:
             return
-        except Exception as error:  # of mcap, struct, zstandard, a channel that is not there, ...
+        except Exception as error:  # of mcap, struct, zstandard, and others
             yield Cut(' '.join(f'{type(error).__name__} {error}'.split()))
             return
         if found is not None:
             yield found
+
+
+def _value(text: str) -> Any:
+    try:
+        return json.loads(text)
+    except (ValueError, RecursionError):  # damaged
+        return text
 
 
 def _said(
@@ -84,6 +95,9 @@ def _said(
 ) -> Said:
     schema = schemas.get(channel.schema_id)
     kind = schema.name if schema is not None else channel.message_encoding
-    decode = decoders.decoder_for(channel.message_encoding, schema)
-    message = None if decode is None else decode(record.data)
+    try:
+        decode = decoders.decoder_for(channel.message_encoding, schema)
+        message = None if decode is None else decode(record.data)
+    except Exception:  # of mcap_ros2, struct and others: the message or its definition is damaged
+        message = None
     return Said(record.log_time * 1e-9, channel.topic, kind, message)

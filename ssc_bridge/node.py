@@ -129,6 +129,7 @@ class SscBridge(BridgeNode[Event]):
             Level.OK,
             f'configuration {read.config_id}: {read.inputs} pulse inputs, {read.outputs} outputs, '
             f'aux: {", ".join(function.text for function in read.aux)}',
+            site='configuration',
         )
 
     # Requests.

@@ -173,3 +173,15 @@ def test_no_bytes_make_it_fail(ng: bool, path: Path, data: st.DataObject) -> Non
     path.write_bytes(bytes(whole[:end]))
     for entry in decoded(path):
         assert 0 <= entry.offset <= end
+
+
+def test_packet_that_ends_within_its_addresses_costs_only_itself(path: Path) -> None:
+    short = udp(VRPI)[:14]
+    path.write_bytes(pcap_file([(1.0, short), (2.0, udp(VRPI))], link=101))
+    assert [(entry.damaged, entry.at) for entry in decoded(path)] == [(True, 1.0), (False, 2.0)]
+
+
+def test_file_that_is_no_pcap_is_refused_where_it_is_called_one(path: Path) -> None:
+    path.write_bytes(b'no capture')
+    with pytest.raises(ValueError, match='does not begin as a pcap file does'):
+        decoded(path, kind='pcap')

@@ -5,11 +5,14 @@ from __future__ import annotations
 from collections.abc import Iterator
 import math
 from pathlib import Path
+import re
 from typing import Any
 
 import pytest
 from rclpy.serialization import serialize_message
 from sensor_msgs.msg import BatteryState
+from std_msgs.msg import Bool
+from std_msgs.msg import String
 from std_msgs.msg import UInt8MultiArray
 
 from bridge_core.raw import raw_message
@@ -21,6 +24,7 @@ from rugged_teleop.recorder.writer import RecordingFile
 from test.captures import CAN
 from test.captures import decoded
 from test.captures import STREAMS
+from test.recordings_rig import recording
 from test.test_decode import Outcome
 
 T0 = 1_000_000_000.0
@@ -89,3 +93,31 @@ def test_recording_that_was_cut_is_read_as_far_as_it_goes(
     assert done.status == 1
     assert any('the rest is not read' in str(each['fields']) for each in done.objects)
     assert '/battery' in {each['source'] for each in done.objects}
+
+
+def test_damaged_message_costs_only_itself(tmp_path: Path) -> None:
+    path = tmp_path / 'a.mcap'
+    messages: list[tuple[str, Any]] = [
+        ('/vsc/estop', Bool(data=True)),
+        ('/vsc/raw/received', Bool(data=True)),  # of another type
+        ('/vsc/mode', String(data='Operational')),
+        ('/vsc/estop', Bool(data=False)),
+    ]
+    path.write_bytes(recording(messages).replace(b'Operational', b'\xff' * 11))
+    sources = {entry.source: entry.damaged for entry in decoded(path)}
+    assert sources.pop('/safety_mux') is False  # parameters
+    assert sources == {'/vsc/estop': False, '/vsc/raw/received': True, '/vsc/mode': True}
+    assert [e.content for e in decoded(path) if e.source == '/vsc/estop'] == [
+        {'data': True},
+        {'data': False},
+    ]
+
+
+def test_message_of_a_channel_that_is_not_described_ends_the_reading(tmp_path: Path) -> None:
+    path = tmp_path / 'a.mcap'
+    path.write_bytes(recording([('/vsc/estop', Bool(data=True))]))
+    # A message is opcode 5, a length of 8 bytes, its channel.
+    data, count = re.subn(rb'(\x05.\0{7})\x01\0', rb'\g<1>\t\0', path.read_bytes())
+    assert count == 1
+    path.write_bytes(data)
+    assert 'channel 9, which is not described' in str(decoded(path)[-1].content)

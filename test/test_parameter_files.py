@@ -1,5 +1,6 @@
 """Parameter files: which sections are for a node, and that none is passed over in silence."""
 
+import itertools
 from pathlib import Path
 from typing import Any
 
@@ -158,3 +159,29 @@ def test_parameters_of_a_node_are_those_that_ros_gives_it(file: Path, tmp_path: 
         context.try_shutdown()
     assert by_ros == {'rate': 50.0, 'joint.left.max': 2.0, 'joints': ['left']}
     assert parameters_for(NODE, [file, other]) == by_ros
+
+
+# Each line nine times the one before.
+_MULTIPLYING = 'a: &a [0]\n' + ''.join(
+    f'{name}: &{name} [{", ".join([f"*{before}"] * 9)}]\n'
+    for before, name in itertools.pairwise('abcdefgh')
+)
+
+
+@pytest.mark.parametrize(
+    ('text', 'why'),
+    [
+        ('/**: {ros__parameters: 5}', 'ros__parameters is 5, not a map'),
+        ('/**: &whole\n  ros__parameters: {again: *whole}', 'does an alias repeat'),
+        (_MULTIPLYING, 'does an alias repeat'),
+        ('/**: {ros__parameters: {since: 2001-99-99}}', 'month must be in'),
+        ('/**: {ros__parameters: {count: !!int ""}}', 'parameter file'),
+    ],
+    ids=['no map', 'a part that holds itself', 'aliases that multiply', 'no date', 'no number'],
+)
+def test_file_that_yaml_reads_and_nobody_can_use_is_refused(
+    text: str, why: str, file: Path
+) -> None:
+    file.write_text(text)
+    with pytest.raises(ParameterError, match=why):
+        parameters_for(NODE, [file])

@@ -203,3 +203,15 @@ def test_what_is_no_recording_is_one_line_and_status_2(
     status, out, error = outcome(path, capsys)
     assert (status, out) == (2, '')
     assert error == f'rugged_teleop why: {path}: is no MCAP file\n'
+
+
+def test_messages_that_are_not_what_their_type_says_are_passed_over() -> None:
+    odd = [
+        said(-500, f'{MUX}/status', String(data='no status')),
+        Said(T0 - 0.4, f'{DRIVE}/estop', 'std_msgs/msg/Bool', String()),
+        Said(T0 - 0.4, f'{VSC}/joy', 'sensor_msgs/msg/Joy', Bool()),
+        Said(T0 - 0.3, f'{DRIVE}/raw/sent', 'std_msgs/msg/UInt8MultiArray', Bool()),
+    ]
+    told = [*driving(), *stopping()]
+    parameters = {MUX: {'feedback.standstill': 'damaged'}}
+    assert story([*told, *odd], parameters) == story(told)

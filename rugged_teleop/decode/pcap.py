@@ -69,8 +69,10 @@ class _Window:
 
 
 def pcap(file: BinaryIO) -> Iterator[Piece | Damage]:
-    """Read a pcap file."""
+    """Read a pcap file. :raises ValueError: it is none."""
     window = _Window(file)
+    if window.peek(4) not in MAGIC:
+        raise ValueError('does not begin as a pcap file does')
     order, parts = MAGIC[window.peek(4)]
     header = window.peek(_HEADER_SIZE)
     if len(header) < _HEADER_SIZE:
@@ -242,7 +244,7 @@ def _read_packet(link: int, packet: bytes, offset: int, at: float | None) -> Pie
         if start is None:
             return Piece(offset, b'', at, form=_NOT_UDP)
         return _datagram(packet[start:], offset, at)
-    except (struct.error, IndexError):
+    except (struct.error, IndexError, ipaddress.AddressValueError):
         return Damage(offset, len(packet), 'shorter than its headers say', packet, at)
 
 

@@ -34,8 +34,16 @@ def mcap(file: BinaryIO) -> Iterator[Piece | Damage | Recorded]:
             yield Recorded(offset, each.topic, each.type, _plain(each.message), each.at)
 
 
-def pieces_of(said: Said, offset: int = 0) -> Iterator[Piece]:
-    """Yield what went over a port, of a message of ~/raw."""
+def pieces_of(said: Said, offset: int = 0) -> list[Piece | Damage]:
+    """Return what went over a port, of a message of ~/raw."""
+    try:
+        return [*_pieces(said, offset)]
+    except (AttributeError, TypeError, ValueError):
+        reason = f'a message of {said.type} that is none of ~/raw'
+        return [Damage(offset, 0, reason, at=said.at, source=said.topic)]
+
+
+def _pieces(said: Said, offset: int) -> Iterator[Piece]:
     data, start = bytes(said.message.data), 0
     for dimension in said.message.layout.dim:
         at, _, identifier = dimension.label.partition(' ')

@@ -47,7 +47,13 @@ def replay_session(
     :raises ValueError: its parameters are none of today.
     """
     package = name.rpartition('/')[2]
-    pieces = [each for one in said if one.topic == name + _RECEIVED for each in pieces_of(one)]
+    pieces = [
+        each
+        for one in said
+        if one.topic == name + _RECEIVED
+        for each in pieces_of(one)
+        if isinstance(each, Piece)
+    ]
     recorded, link_up = (_recorded(f'{name}/{topic}', said) for topic in ('estop', 'link_up'))
     needed = {
         'a name that says which bridge it is': package in _BRIDGES,

@@ -64,7 +64,13 @@ class Events:
         }
 
     def of(self, said: Said) -> Iterator[Event]:
-        """Yield what a message changes."""
+        """Yield what a message changes; nothing for one that is not what its type says."""
+        try:
+            yield from [*self._of(said)]
+        except (AttributeError, TypeError):
+            return
+
+    def _of(self, said: Said) -> Iterator[Event]:
         if said.message is None:
             return
         if said.type == 'rcl_interfaces/msg/Log':
@@ -148,8 +154,11 @@ class Events:
 
 
 def fields_of(status: Any) -> dict[str, str]:
-    """Return the values of a DiagnosticStatus by key."""
-    return {value.key: value.value for value in status.values}
+    """Return the values of a DiagnosticStatus by key; none of anything else."""
+    try:
+        return {str(value.key): str(value.value) for value in status.values}
+    except (AttributeError, TypeError):
+        return {}
 
 
 def reason_of(values: dict[str, str]) -> str:

@@ -52,21 +52,24 @@ def story(
     if not roles.muxes:
         return ['no safety mux is in this recording']
     known = {name: (parameters or {}).get(name, {}) for name in roles.muxes}
-    standstill = max(
-        float(values.get('feedback.standstill', STANDSTILL)) for values in known.values()
-    )
+    standstill = max(map(_standstill, known.values()))
     maker = Events(roles, standstill)
     events = [event for each in messages for event in maker.of(each)]
     events = sorted([*events, *wire_events(messages)], key=lambda event: event.at)
     lines: list[str] = []
     for name in sorted(roles.muxes):
         statuses = [
-            (each.at, fields_of(each.message))
+            (each.at, fields)
             for each in messages
-            if each.topic == f'{name}/status' and each.message is not None
+            if each.topic == f'{name}/status' and (fields := fields_of(each.message))
         ]
         lines += _of_mux(_Mux(name, statuses), events, messages[-1].at)
     return lines
+
+
+def _standstill(values: Mapping[str, Any]) -> float:
+    value = values.get('feedback.standstill')
+    return float(value) if isinstance(value, int | float) else STANDSTILL
 
 
 def _of_mux(mux: _Mux, events: Sequence[Event], end: float) -> Iterator[str]:

@@ -1,0 +1,123 @@
+"""
+Run hostile inputs through everything that reads what others wrote.
+
+    make fuzz                              # ten million for each parser, and what it lacks of that
+    make fuzz ARGS='--count 100000 ssc'    # those whose name contains ssc
+    make fuzz ARGS='--grow 5000 vsc'       # look for inputs that reach more, and keep them
+
+A run that was cut goes on where it was, as build/fuzz.json has it. Exit status: 0 nothing was
+found; 1 an input shows a fault, and is printed.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Sequence
+from contextlib import redirect_stderr
+import gzip
+import io
+import json
+from pathlib import Path
+import sys
+import time
+from typing import Any
+
+from test.fuzz import TARGETS
+from test.fuzz.campaign import CORPUS
+from test.fuzz.campaign import corpus
+from test.fuzz.campaign import corpus_of
+from test.fuzz.campaign import Fuzzer
+from test.fuzz.campaign import smallest
+from test.fuzz.campaign import Target
+from test.fuzz.campaign import watch_for_hangs
+from test.rig import ROOT
+
+RESULTS = ROOT / 'build' / 'fuzz.json'
+_COUNT = 10_000_000
+_BATCH = 2000
+_KEPT = 60  # inputs of each target in the corpus
+
+
+def _load(path: Path) -> dict[str, Any]:
+    return dict(json.loads(path.read_text(encoding='utf-8'))) if path.exists() else {}
+
+
+def _store(path: Path, content: Any) -> None:
+    path.parent.mkdir(exist_ok=True)
+    scratch = path.with_suffix('.new')
+    scratch.write_text(json.dumps(content, indent=1) + '\n', encoding='utf-8')
+    scratch.replace(path)
+
+
+def _run(target: Target, count: int, path: Path) -> bool:
+    """Run batches up to a count; tell whether nothing was found."""
+    fuzzer = Fuzzer(target, corpus_of(corpus().get(target.name, [])))
+    for reads in fuzzer.pool:
+        fuzzer.check(reads)
+    while True:
+        results = _load(path)
+        row = results.setdefault(target.name, {'inputs': 0, 'seconds': 0.0, 'findings': []})
+        if row['inputs'] >= count or row['findings']:
+            break
+        begun = time.process_time()
+        outcome = fuzzer.batch(row['inputs'], min(_BATCH, count - row['inputs']))
+        row['inputs'] += outcome.inputs
+        row['seconds'] = round(row['seconds'] + time.process_time() - begun, 1)
+        row['findings'] += [str(finding) for finding in outcome.findings]
+        row['reached'] = len(fuzzer.pairs)
+        row['corpus'] = len(fuzzer.pool)
+        _store(path, results)
+    print(f'{target.name}: {row["inputs"]} inputs, {row["seconds"]} s', flush=True)
+    for finding in row['findings']:
+        print(finding)
+    return not row['findings']
+
+
+def _grow(target: Target, count: int, path: Path) -> bool:
+    """Look for inputs that reach more than those of the corpus; keep the smallest that do."""
+    del path
+    stored = corpus()
+    fuzzer = Fuzzer(target, corpus_of(stored.get(target.name, [])))
+    for reads in fuzzer.pool:
+        fuzzer.check(reads)
+    outcome = fuzzer.batch(len(fuzzer.pool) + 1_000_000, count, traced=1)
+    for finding in outcome.findings:
+        print(finding)
+    kept = smallest(target, [*fuzzer.pool, *outcome.found])[:_KEPT]
+    stored[target.name] = [[[pause, data.hex()] for pause, data in reads] for reads in kept]
+    text = json.dumps(dict(sorted(stored.items())), separators=(',', ':'))
+    CORPUS.write_bytes(gzip.compress(text.encode(), mtime=0))
+    print(
+        f'{target.name}: {len(kept)} inputs kept, {len(fuzzer.pairs)} pairs of lines', flush=True
+    )
+    return not outcome.findings
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run; return the exit status."""
+    parser = argparse.ArgumentParser(prog='test.fuzz', description=(__doc__ or '').strip())
+    parser.formatter_class = argparse.RawDescriptionHelpFormatter
+    parser.add_argument('names', nargs='*', metavar='NAME', help='a part of a name; default: all')
+    parser.add_argument('--count', type=int, default=_COUNT, help='inputs of each')
+    parser.add_argument(
+        '--grow', type=int, metavar='N', help='look for N inputs, traced, and keep'
+    )
+    parser.add_argument('--results', type=Path, default=RESULTS, help='where they are kept')
+    options = parser.parse_args(arguments)
+    chosen = [
+        target
+        for name, target in TARGETS.items()
+        if not options.names or any(part in name for part in options.names)
+    ]
+    watch_for_hangs()
+    with redirect_stderr(io.StringIO()) as said:  # libraries tell of each damaged line
+        clean = True
+        for target in chosen:
+            run = _grow if options.grow else _run
+            clean = run(target, options.grow or options.count, options.results) and clean
+            said.truncate(0)
+    return 0 if clean else 1
+
+
+if __name__ == '__main__':
+    sys.exit(main())
