@@ -5,7 +5,7 @@
 #
 #   make demo              simulators, stack and a live view; ARGS=--once plays the scripted scene
 #   make test              ARGS='-k fort -x' and the like go to pytest; WORKERS=0 for one test at a time
-#   make proof             what takes minutes: every reachable state of the mux; ARGS as for make test
+#   make proof             what takes minutes: every reachable state of what decides; ARGS as for make test
 #   make fuzz              ten million hostile inputs for each parser, session, decoder and callback; hours, and goes
 #                          on where it was; ARGS='--count 100000 ssc' and the like
 #   make mutants           plant faults in what decides, and name those that no test notices; half an hour;

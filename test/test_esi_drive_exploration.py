@@ -1,0 +1,238 @@
+"""Every state of the ESI drive's session and its gate to the motor; see test/explorer.py."""
+
+from collections.abc import Iterator
+from collections.abc import Sequence
+import math
+from typing import Any
+
+import pytest
+
+from esi_drive_bridge.protocol import Mode
+from esi_drive_bridge.session import Session
+from test.esi_drive_rig import axes
+from test.esi_drive_rig import fields
+from test.esi_drive_rig import IDLE
+from test.esi_drive_rig import make_settings
+from test.esi_drive_rig import RUNNING
+from test.esi_drive_rig import status
+from test.explorer import check
+from test.session_world import SessionWorld
+
+pytestmark = pytest.mark.computes
+SAID = {
+    'idle': IDLE,
+    'running': RUNNING,
+    'half': status(1, 0),
+    'fault': status(2, errors=1),
+    'damaged': RUNNING[:-1] + bytes((RUNNING[-1] ^ 1,)),
+    'cut': RUNNING[:7],
+    'silent': b'',
+}
+VALID = ('idle', 'running', 'half', 'fault')
+COMMANDS = {'rest': 0, 'run': 8, 'back': -8}
+GROWTH = 4  # counts a packet
+APART = (  # see Memory
+    '_reported_at', '_sent_at', '_gap_at', '_disabled_since', '_saturated', 'clears',
+    'refused_commands', 'saturations', '_gap', '_own_gap',
+)  # fmt: skip
+
+
+class World(SessionWorld[Session]):
+    """A drive that says anything, and a mux that asks for anything."""
+
+    LINK, ENABLE = 3 * SessionWorld.STEP, 4 * SessionWorld.STEP
+    FRESH = 2 * SessionWorld.STEP
+    CALM = {'drive': 'idle', 'estop': 'clear', 'command': 'run', 'enable': 'false'}
+
+    def __init__(self, reads: Sequence[str] = (), *, clears: bool = False, **said: str) -> None:
+        settings = make_settings(
+            axes=axes(Mode.VELOCITY, slew_limit=GROWTH / self.STEP),
+            command_rate=1.0 / self.STEP,
+            command_timeout=self.FRESH,
+            link_timeout=self.LINK,
+            enable_timeout=self.ENABLE,
+            clear_timeout=self.ENABLE,
+        )
+        old = {'': self.ENABLE, '_at': self.STEP, '_until': 0.0, '_next_send': 0.0}
+        old |= {
+            'heard_at': self.LINK,
+            'asked_at': self.FRESH,
+            'may_since': self.ENABLE + self.FRESH,
+        }
+        super().__init__(
+            Session(settings), said, reads=reads, old=old, apart=APART, unnamed=('status',)
+        )
+        self.clears = clears
+        self.said = ''  # by the newest status
+        self.asked: dict[str, str] = {'estop': '', 'command': '', 'enable': ''}
+        self.asked_at: dict[str, float] = dict.fromkeys(self.asked, -math.inf)
+        self.armed = False  # enable was false while all else held, and all holds since
+        self.may = False  # it has risen since
+        self.may_since = -math.inf
+        self.ran = False  # the drive was enabled since
+        self.rested = False  # and got a packet at rest since
+        self.packet = (False, False, 0)  # the newest, of axis A
+
+    def possible(self) -> Iterator[str]:
+        yield from super().possible()
+        if self.clears:
+            yield 'clear'
+
+    def step(self, event: str) -> None:
+        if event == 'clear':
+            self.session.clear_errors(self.now)
+        super().step('' if event == 'clear' else event)
+
+    def fresh(self, name: str) -> bool:
+        return self.now - self.asked_at[name] < self.FRESH
+
+    def allowed(self) -> bool:
+        """Tell whether all but command and enable hold."""
+        sound = self.vouched(self.LINK) and self.said != 'fault'
+        return sound and self.fresh('estop') and self.asked['estop'] == 'clear'
+
+    def fail(self) -> None:
+        self.may = self.armed = self.ran = self.rested = False
+        self.may_since = -math.inf
+
+    def lapse(self) -> None:
+        self.watch()
+        waits = self.may and not self.ran
+        if waits and self.packet[0] and self.now - self.may_since >= self.ENABLE + self.FRESH:
+            self.fail()
+
+    def watch(self) -> None:
+        """Note what holds no more."""
+        commanded = self.fresh('command') and self.asked['command'] in COMMANDS
+        lost = self.may and self.packet[0] and not commanded
+        if not (self.allowed() and self.fresh('enable')) or lost:
+            self.fail()
+
+    def hear(self, said: Sequence[str]) -> None:
+        self.stop_said = self.heard_at is not None and self.now - self.heard_at >= self.LINK
+        self.keep(self.session.receive(b''.join(SAID[each] for each in said), self.now))
+        for each in said:
+            if each in VALID:
+                self.said, self.heard_at = each, self.now
+                if self.ran and each != 'running':
+                    self.fail()
+                self.watch()
+                self.ran |= self.packet[0] and self.may and each == 'running'
+                if self.ran:
+                    self.may_since = -math.inf
+        self.stop_said |= 'fault' in said
+
+    def ask(self, name: str, what: str) -> None:
+        for each in {'blip': ['stop', 'clear'], 'edge': ['false', 'true']}.get(what, [what]):
+            if each != 'silent':
+                getattr(self, f'ask_{name}')(each)
+
+    def ask_estop(self, what: str) -> None:
+        self.session.set_estop(what == 'stop', self.now)
+        self.asked['estop'], self.asked_at['estop'] = what, self.now
+        self.watch()
+
+    def ask_command(self, what: str) -> None:
+        value = COMMANDS.get(what, math.nan)
+        try:
+            self.session.set_command((value, -value / 2.0), self.now)
+        except ValueError:
+            assert what == 'bad'
+        self.asked['command'], self.asked_at['command'] = what, self.now
+        self.watch()
+
+    def ask_enable(self, what: str) -> None:
+        self.session.set_enable(what == 'true', self.now)
+        self.asked['enable'], self.asked_at['enable'] = what, self.now
+        if what == 'false':
+            self.fail()
+            self.armed = self.allowed()
+        elif self.armed:
+            self.may, self.armed, self.may_since = True, False, self.now
+
+    def judge(self) -> None:
+        self.watch()
+        if self.heard_at is None or self.now - self.heard_at >= self.LINK:
+            self.said, self.heard_at = '', None
+        verdict = self.verdict
+        sound = self.vouched(self.LINK) and self.said != 'fault'
+        assert verdict.estop == (not sound), f'after {self.said}: {verdict}'
+        fresh = self.heard_at is not None and self.now - self.heard_at < self.LINK
+        enabled = self.open and fresh and self.said == 'running'
+        assert self.session.enabled == enabled, 'enabled'
+        if not verdict.estop:
+            assert self.session.deadline() <= (self.heard_at or 0.0) + self.LINK, 'slept'
+        assert self.frames or not self.open, 'no packet'
+        for frame in self.frames:
+            self.judge_packet(*fields(frame))
+
+    def judge_packet(self, a: tuple[bool, bool, int], b: tuple[bool, bool, int]) -> None:
+        """See that a packet keeps to what is allowed; the newest one is of this moment."""
+        enable, clear, value = a
+        assert a[:2] == b[:2], 'the axes are told different things'
+        if enable:
+            assert self.may, f'enable, after {self.asked}, {self.said}'
+            assert not clear
+        if value:
+            asked = COMMANDS.get(self.asked['command'], 0)
+            assert enable, 'motion without enable'
+            assert self.ran, 'motion before the drive is enabled'
+            assert self.rested, 'the first packet after it is not at rest'
+            was = max(self.packet[2] * math.copysign(1, value), 0)
+            assert abs(value) <= was + GROWTH, 'a step'
+            assert value * asked > 0, 'a direction that nobody asks for now'
+            assert abs(value) <= max(abs(asked), was), 'more than is asked'
+        self.rested |= self.ran and enable
+        self.packet = a
+
+    def revive(self) -> None:
+        self.play('', '', 'enable true', '', 'drive running', '', '')
+        assert self.packet[2] > 0, f'no way to motion: {self.session.inhibits(self.now)}'
+
+
+SCENES: dict[str, dict[str, Any]] = {
+    'drive': {
+        'drive': 'idle running half fault cut silent',
+        'estop': 'clear stop',
+        'command': 'run',
+        'enable': 'false true',
+    },
+    'mux': {
+        'drive': 'idle running',
+        'estop': 'clear stop',
+        'command': 'run back',
+        'enable': 'false true silent',
+    },
+    'silence': {
+        'drive': 'idle running',
+        'estop': 'clear silent',
+        'command': 'run silent',
+        'enable': 'false true',
+    },
+    'one read': {
+        'drive': 'idle running damaged fault',
+        'estop': 'clear blip',
+        'command': 'run bad',
+        'enable': 'false true edge',
+        'reads': ('running fault', 'fault running', 'cut running', 'running idle', 'idle running'),
+        'clears': True,
+    },
+}
+COUNTS: dict[str, tuple[int, int]] = {
+    'drive': (3879, 45634),
+    'mux': (3909, 35888),
+    'silence': (3125, 26091),
+    'one read': (11349, 195203),
+}  # states, and steps between them
+NEAR = 200  # states
+
+
+@pytest.mark.parametrize('name', SCENES)
+def test_every_state_near_the_start(name: str) -> None:
+    check(World(**SCENES[name]), COUNTS[name], NEAR)
+
+
+@pytest.mark.proof
+@pytest.mark.parametrize('name', SCENES)
+def test_every_state(name: str) -> None:
+    check(World(**SCENES[name]), COUNTS[name])

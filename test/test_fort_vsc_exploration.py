@@ -1,0 +1,151 @@
+"""Every state of the VSC's session that decides about a stop; see test/explorer.py."""
+
+from collections.abc import Sequence
+import math
+from typing import Any
+
+import pytest
+
+from fort_vsc_bridge.session import Session
+from fort_vsc_bridge.session import Settings
+from fort_vsc_bridge.session import Sticks
+from test.explorer import check
+from test.session_world import SessionWorld
+from test.test_fort_vsc_session import CLEAR
+from test.test_fort_vsc_session import DEFLECTED
+from test.test_fort_vsc_session import heartbeat
+from test.test_fort_vsc_session import SRC
+from test.test_fort_vsc_session import STOP
+from test.test_fort_vsc_session import USER
+
+pytestmark = pytest.mark.computes
+LINK = ASKED = 2 * SessionWorld.STEP
+ECHO = 0.5  # s that the VSC may take to answer our heartbeat
+SAID = {
+    'ok': heartbeat(),
+    'src': heartbeat(estop=SRC),
+    'user': heartbeat(estop=USER),
+    'both': heartbeat(estop=SRC | USER),
+    'unlinked': heartbeat(mode=0),
+    'strange': heartbeat(mode=99),
+    'damaged': heartbeat()[:-1] + b'\0',
+    'half': heartbeat()[:5],
+    'garbage': b'\xaa\x55\x20\x00',
+    'silent': b'',
+}
+VALID = ('ok', 'src', 'user', 'both', 'unlinked', 'strange')
+APART = (  # see Memory
+    '_settled_at', '_rejected_lately', '_looped_back_lately', 'rejected',
+)  # fmt: skip
+
+
+class World(SessionWorld[Session]):
+    """A VSC that says anything, with sticks deflected, and somebody who asks for its stop."""
+
+    CALM = {'estop': 'go', 'vsc': 'ok', 'sticks': 'deflected'}
+
+    def __init__(self, reads: Sequence[str] = (), **said: str) -> None:
+        settings = Settings(link_timeout=LINK, heartbeat_rate=8.0, software_estop_timeout=ASKED)
+        old = {'': LINK, '_released_at': ECHO, 'released_at': ECHO, '_free_at': 0.0}
+        super().__init__(
+            Session(settings), said, reads=reads, old=old, apart=APART, unnamed=('_newest',)
+        )
+        self.said = ''  # by the newest heartbeat
+        self.asked, self.asked_at = '', -math.inf  # the stop that is asked for
+        self.sent = CLEAR
+        self.released_at = -math.inf  # we sent no stop any more
+        self.ours = False  # a stop of the USER may be our doing
+        self.theirs = False  # it stood before we asked
+        self.moving = False  # the newest sticks are not neutral
+
+    def hear(self, said: Sequence[str]) -> None:
+        self.stop_said = self.heard_at is not None and self.now - self.heard_at >= LINK
+        sticks = DEFLECTED if self.doing['sticks'] == 'deflected' else b''
+        self.keep(self.session.receive(b''.join(SAID[each] for each in said) + sticks, self.now))
+        for each in said:
+            if each in VALID:
+                self.said, self.heard_at = each, self.now
+                self.note_user('user' in each or each == 'both')
+                self.stop_said |= each != 'ok'
+
+    def note_user(self, stop: bool) -> None:
+        """Note whose doing a stop of the USER may be."""
+        if stop:
+            self.theirs = not self.ours
+            return
+        self.theirs = False
+        if self.sent == STOP:
+            self.ours = True
+        elif self.now - self.released_at >= ECHO:
+            self.ours = False
+
+    def ask(self, name: str, what: str) -> None:
+        if what in ('go', 'stop'):
+            self.session.set_software_estop(what == 'stop', self.now)
+            self.asked, self.asked_at = what, self.now
+
+    def keep(self, output: tuple[list[Any], list[Any]]) -> None:
+        super().keep(output)
+        for frame in output[1]:
+            if frame == STOP and self.sent == CLEAR:
+                self.ours = self.ours or not self.theirs
+            elif frame == CLEAR and self.sent == STOP:
+                self.released_at = self.now
+            self.sent = frame
+
+    def judge(self) -> None:
+        verdict, vouched = self.verdict, self.vouched(LINK)
+        assert verdict.estop == (not vouched or self.said != 'ok'), f'estop: {verdict}'
+        wanted = self.asked and (self.asked == 'stop' or self.now - self.asked_at >= ASKED)
+        if self.open:
+            assert self.frames, 'no host heartbeat'
+            assert self.sent == STOP or not wanted, f'host heartbeat: {self.frames}'
+        if verdict.estop and not verdict.own_estop:
+            assert vouched, 'an echo of nobody'
+            assert self.said == 'user', f'an echo in spite of {self.said}'
+            assert self.ours, 'an echo of what nobody asked'
+        if not vouched and not self.session.link_up:
+            self.said = ''
+        if not verdict.estop:
+            assert self.session.deadline() <= (self.heard_at or 0.0) + LINK, 'the end is slept'
+        for event in self.events:
+            if isinstance(event, Sticks):
+                self.moving = any(event.axes) or any(event.buttons)
+        assert not (self.moving and verdict.estop), 'sticks count in spite of a stop'
+
+    def revive(self) -> None:
+        assert not self.verdict.estop, 'no way out of a stop'
+        assert self.moving, 'the sticks do not come'
+        assert self.sent == CLEAR, 'a stop that nobody asks for goes on'
+
+
+SCENES: dict[str, dict[str, Any]] = {
+    'device': {
+        'vsc': ' '.join(SAID),
+        'sticks': 'none deflected',
+        'estop': 'silent',
+        'reads': ('ok src', 'src ok', 'half ok', 'damaged src', 'garbage ok'),
+    },
+    'echo': {
+        'vsc': 'ok user both silent',
+        'sticks': 'none',
+        'estop': 'silent go stop',
+        'reads': ('ok user', 'user ok'),
+    },
+}
+COUNTS: dict[str, tuple[int, int]] = {
+    'device': (726, 13736),
+    'echo': (4984, 51004),
+}  # states, and steps between them
+NEAR = 200  # states
+
+
+@pytest.mark.parametrize('name', SCENES)
+def test_every_state_near_the_start(name: str) -> None:
+    check(World(**SCENES[name]), COUNTS[name], NEAR)
+
+
+@pytest.mark.proof
+@pytest.mark.parametrize('name', SCENES)
+def test_every_state(name: str) -> None:
+    check(World(**SCENES[name]), COUNTS[name])
