@@ -15,9 +15,7 @@ import copy
 from functools import partial
 import math
 import struct
-from types import SimpleNamespace
 from typing import Any
-from typing import cast
 
 from diagnostic_msgs.msg import KeyValue
 from geometry_msgs.msg import Twist
@@ -42,11 +40,11 @@ from esi_drive_bridge.session import Session as EsiSession
 from fort_vsc_bridge.node import FortVscBridge
 from fort_vsc_bridge.session import Session as FortSession
 from fort_vsc_bridge.session import Settings as FortSettings
+from safety_mux.intake import Intake
 from safety_mux.mapping import forward_and_turn
 from safety_mux.mapping import JoyMapping
 from safety_mux.mapping import NamedJoints
 from safety_mux.mapping import Stick
-from safety_mux.node import SafetyMux
 from safety_mux.protocol import Autonomy
 from safety_mux.protocol import EStopSource
 from safety_mux.protocol import Feedback
@@ -245,16 +243,16 @@ class MuxTarget(Target):
     lines = (60_000, 2000)
     most = 8000
     _CALLBACKS: tuple[Callback, ...] = (
-        ('_on_joy', Joy, ('fort',)),
-        ('_on_joy', Joy, ('senior',)),
-        ('_on_estop', Bool, ('fort',)),
-        ('_on_own_estop', Bool, ('fort',)),
-        ('_on_drive_enabled', Bool, ()),
-        ('_on_speed_limit', Float64, ('zone',)),
-        ('_on_feedback', JointState, ()),
-        ('_on_autonomy', Twist, ()),
-        ('_on_autonomy', TwistStamped, ()),
-        ('_on_autonomy', JointState, ()),
+        ('_joy', Joy, ('fort',)),
+        ('_joy', Joy, ('senior',)),
+        ('_estop', Bool, ('fort',)),
+        ('_own_estop', Bool, ('fort',)),
+        ('_drive_enabled', Bool, ()),
+        ('_limit', Float64, ('zone',)),
+        ('_feedback', JointState, ()),
+        ('_autonomy', Twist, ()),
+        ('_autonomy', TwistStamped, ()),
+        ('_autonomy', JointState, ()),
     )
 
     def __init__(self) -> None:
@@ -272,7 +270,7 @@ class MuxTarget(Target):
     def run(self, reads: Input) -> Hashable:
         """Hear messages while an operator drives; return the states and where it ended."""
         bench = self._bench = copy.deepcopy(self._prepared)
-        node = _mux_node(bench)
+        intake = _intake(bench)
         states = {bench.decision.state}
         ended = False
         for pause, data in reads:
@@ -280,9 +278,11 @@ class MuxTarget(Target):
             name, kind, more = self._CALLBACKS[filler.byte() % len(self._CALLBACKS)]
             message = filler.fill(kind())
             owner = bench.decision.owner
-            getattr(SafetyMux, name)(node, *more, message, bench.now)
-            ended |= name == '_on_estop' and message.data
-            ended |= name == '_on_joy' and more == (owner,) and _is_malformed(message)
+            intake._values = {'autonomy.type': kind.__name__, 'interface': 'velocity'}
+            if getattr(intake, name)(*more, message, bench.now):
+                bench.tick()
+            ended |= name == '_estop' and message.data
+            ended |= name == '_joy' and more == (owner,) and _is_malformed(message)
             self._check(bench, ended)
             for _ in range(round(pause / 0.01)):
                 bench.now += 0.01
@@ -324,24 +324,19 @@ def _driving(bench: Bench) -> Bench:
     return bench
 
 
-def _mux_node(bench: Bench) -> Any:
-    names = NamedJoints(('left', 'right'))
-    node = SimpleNamespace(
-        _arbiter=bench.arbiter,
-        _last_state=State.ACTIVE,
-        _owner='fort',
-        _decide=lambda now: bench.tick(),
-        _stamps={n: StampWatch(0.25, required=False) for n in ('fort', 'senior')},
-        _mappings=dict.fromkeys(('fort', 'senior'), _MAPPING),
-        _gated_joys={},
-        _named=names,
-        _measured=names,
-        _interface='velocity',
+def _intake(bench: Bench) -> Any:
+    intake: Any = Intake.__new__(Intake)
+    vars(intake).update(
+        arbiter=bench.arbiter,
+        mappings=dict.fromkeys(('fort', 'senior'), _MAPPING),
+        stamps={n: StampWatch(0.25, required=False) for n in ('fort', 'senior')},
+        _heard=lambda name, joy: None,
+        _decision=bench.decision,
+        _named=NamedJoints(('left', 'right')),
+        _measured=NamedJoints(('left', 'right')),
         _of_twist=forward_and_turn,
-        _source_of={},
     )
-    node._autonomy_demand = partial(cast(Any, SafetyMux._autonomy_demand), node)
-    return node
+    return intake
 
 
 MESSAGES = (
