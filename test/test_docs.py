@@ -178,3 +178,20 @@ def test_topics_of_the_migration_page_exist() -> None:
     named = set(re.findall(r'`(~/[^`]+)`', pages()['docs/migration.md']))
     assert len(named) > 8
     assert named - existing == set()
+
+
+def test_every_test_that_a_page_names_exists() -> None:
+    """A file, ``test_x.py``, or a test, by its function's name."""
+    files = [*(ROOT / 'test').rglob('*.py')]
+    known = {name for path in files for name in (path.name, path.stem)}
+    for path in files:
+        known |= set(
+            re.findall(r'^def (test_\w+)', path.read_text(encoding='utf-8'), re.MULTILINE)
+        )
+    named = {
+        (page, name)
+        for page, text in pages().items()
+        for name in re.findall(r'`(?:test/)?(test_\w+[a-z0-9](?:\.py)?)`', text)
+    }
+    assert len(named) > 40
+    assert not {(page, name) for page, name in named if name not in known}

@@ -102,7 +102,7 @@ PLAYS = {
         {
             'healthy': akron.OUTPUTS,
             'not enabled': akron.NOT_ENABLED,
-            'motor fault': akron.faults(1),
+            'motor fault': akron.faults(2),
             'no faults': akron.NO_FAULTS,
             'operational error': akron.OPERATIONAL_ERROR,
             'position': akron.POSITION,
