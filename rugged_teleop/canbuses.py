@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import socket
 import struct
 
 from bridge_core.j1939 import CanFrame
+from rugged_teleop.multicasts import free_port
 from rugged_teleop.ports import Chunk
 from rugged_teleop.ports import Device
 from rugged_teleop.ports import TransportDevice
@@ -72,7 +72,10 @@ def frames(chunks: list[Chunk]) -> list[CanFrame]:
 
 
 def free_channel() -> str:
-    """Return a channel of INTERFACE that is not in use on this machine."""
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        probe.bind(('', 0))
-        return f'{_GROUP}:{probe.getsockname()[1]}'
+    """Return a channel of INTERFACE that is not in use on this machine; see ``free_port``."""
+    return channel_of(free_port())
+
+
+def channel_of(port: int) -> str:
+    """Return the channel of INTERFACE at a UDP port."""
+    return f'{_GROUP}:{port}'

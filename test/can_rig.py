@@ -33,10 +33,10 @@ import pytest
 
 from bridge_core.j1939 import CanFrame
 from bridge_core.transports.can import CanTransport
-from rugged_teleop.canbuses import free_channel
+from rugged_teleop.canbuses import channel_of
 from rugged_teleop.canbuses import INTERFACE
+from test.multicast_rig import free_port
 from test.multicast_rig import run_ip
-from test.rig import claim
 from test.rig import TIMEOUT_FACTOR
 from test.rig import wait_for
 
@@ -117,7 +117,7 @@ def make_bus() -> CanBus:
         return VirtualInterface()
     if not _is_routed():
         pytest.skip('python-can finds no network for udp_multicast')
-    return CanBus(INTERFACE, _free_channel())
+    return CanBus(INTERFACE, free_channel())
 
 
 def message(identifier: int, data: bytes = b'') -> can.Message:
@@ -180,8 +180,6 @@ def _is_routed() -> bool:
     return True
 
 
-def _free_channel() -> str:
+def free_channel() -> str:
     """Return a channel that no neighbour and no other test uses."""
-    while not claim(channel := free_channel()):
-        pass
-    return channel
+    return channel_of(free_port())

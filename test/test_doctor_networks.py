@@ -14,7 +14,6 @@ from akron_can_bridge.simulator import Simulator as Monitor
 from bridge_core.j1939 import CanFrame
 from fort_vsc_bridge.simulator import CanSimulator as Vsc
 from rugged_teleop.canbuses import CanBusDevice
-from rugged_teleop.canbuses import free_channel
 from rugged_teleop.canbuses import INTERFACE
 from rugged_teleop.doctor.buses import Bus
 from rugged_teleop.doctor.buses import bus_findings
@@ -34,6 +33,7 @@ from rugged_teleop.doctor.networks import network_filters
 from rugged_teleop.multicasts import LOOPBACK
 from rugged_teleop.multicasts import MulticastDevice
 from rugged_teleop.ports import Device
+from test.can_rig import free_channel
 from test.captures import CAN
 from test.doctor_rig import found_by
 from test.doctor_rig import kinds

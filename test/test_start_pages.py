@@ -19,13 +19,13 @@ from akron_can_bridge.simulator import Simulator as Monitor
 from esi_drive_bridge.simulator import Simulator as Drive
 from fort_vsc_bridge.simulator import Simulator as Vsc
 from rugged_teleop.canbuses import CanBusDevice
-from rugged_teleop.canbuses import free_channel
 from rugged_teleop.canbuses import INTERFACE
 from rugged_teleop.doctor import main as doctor
 from rugged_teleop.multicasts import LOOPBACK
 from rugged_teleop.multicasts import MulticastDevice
 from rugged_teleop.ptys import PtyDevice
 from ssc_bridge.simulator import Simulator as Ssc
+from test.can_rig import free_channel
 from test.docs_rig import blocks
 from test.docs_rig import Command
 from test.docs_rig import commands
