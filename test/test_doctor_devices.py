@@ -24,6 +24,7 @@ from rugged_teleop.doctor.findings import Level
 from rugged_teleop.doctor.listening import Heard
 from rugged_teleop.doctor.listening import listen
 from rugged_teleop.doctor.listening import SerialEar
+from rugged_teleop.doctor.main import main
 from rugged_teleop.doctor.serial_lines import count_offset
 from rugged_teleop.doctor.serial_lines import hear
 from rugged_teleop.doctor.serial_lines import Line
@@ -32,6 +33,7 @@ from rugged_teleop.doctor.serial_lines import unknown_port
 from rugged_teleop.ports import Device
 from rugged_teleop.ptys import PtyDevice
 from ssc_bridge.simulator import Simulator as Ssc
+from test import stage
 from test.captures import STREAMS
 from test.doctor_rig import counted
 from test.doctor_rig import found_by
@@ -113,6 +115,32 @@ def test_device_is_heard_and_nothing_is_sent(
     name: str, device: Callable[[], Device], kind: str, tmp_path: Path
 ) -> None:
     assert set(kinds(heard(tmp_path, device(), name, kind))) == {kind}
+
+
+def test_probe_asks_and_releases_nothing(tmp_path: Path) -> None:
+    """A drive and an SSC, which are judged as by their nodes then."""
+    drive = stage.Drive(tmp_path / 'port')
+    try:
+        esi = node(tmp_path, 'esi_drive_bridge', port=str(drive.path))
+        found_by(lambda: line_findings([hear(esi, SECONDS, True)]), 'device well')
+        packets = drive.packets()
+        assert len(packets) > 10
+        assert not any(packet.enables or any(packet.values) for packet in packets)
+    finally:
+        drive.close()
+    with PtyDevice(Ssc(), tmp_path / 'ssc') as unit:
+        ssc = node(tmp_path, 'ssc_bridge', port=str(unit.path))
+        found_by(lambda: line_findings([hear(ssc, SECONDS, True)]), 'device well')
+        assert unit.received()
+
+
+def test_list_says_that_it_has_sent(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    with PtyDevice(Drive(), tmp_path / 'port') as port:
+        file = parameter_file(tmp_path, esi_drive_bridge={'port': str(port.path)})
+        with pytest.raises(SystemExit):
+            main(['--params-file', str(file), '--seconds', '0.3', '--probe'])
+        assert port.received()
+    assert 'devices were sent' in capsys.readouterr().out.splitlines()[-1]
 
 
 def test_remote_on_hid_is_heard(tmp_path: Path) -> None:

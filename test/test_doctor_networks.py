@@ -14,6 +14,7 @@ from akron_can_bridge.simulator import Simulator as Monitor
 from bridge_core.j1939 import CanFrame
 from fort_vsc_bridge.simulator import CanSimulator as Vsc
 from rugged_teleop.canbuses import CanBusDevice
+from rugged_teleop.canbuses import frames
 from rugged_teleop.canbuses import INTERFACE
 from rugged_teleop.doctor.buses import Bus
 from rugged_teleop.doctor.buses import bus_findings
@@ -155,6 +156,16 @@ def test_monitor_is_heard(tmp_path: Path) -> None:
     monitor = bus_of(tmp_path, 'akron_can_bridge')
     (found,) = heard_on(monitor, Monitor(), 'unit heard', 'PositionLimit')
     assert found.level is Level.FINE
+
+
+def test_probe_asks_a_monitor_and_leaves_it_at_rest(tmp_path: Path) -> None:
+    monitor = bus_of(tmp_path, 'akron_can_bridge')
+    with CanBusDevice(Monitor(), monitor.values['channel']) as unit:
+        found_by(lambda: bus_findings(hear_bus(monitor, SECONDS, True)), 'device well')
+        sent = frames(unit.received())
+        sticks = {each.data.hex() for each in sent if each.identifier >> 8 == 0x0CFDD6}
+        assert sticks == {'0100010000000000'}  # neutral
+        assert unit.describe()['rotation_deg'] == 0.0
 
 
 def test_vsc_on_can_is_heard(tmp_path: Path) -> None:

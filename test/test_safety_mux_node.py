@@ -561,6 +561,7 @@ def test_restarted_mux_is_stopped_whatever_is_held(observer: Observer) -> None:
     try:
         mux.active()
         assert mux.node.end(SIGTERM) == 0
+        mux.wait(mux.is_stopped, 'the last words of the first')  # later than all that it said
         moment = time.monotonic()
         mux.start()
         mux.wait(

@@ -49,8 +49,12 @@ def is_passive(node: Configured) -> bool:
     return node.values['interface'] in _PASSIVE
 
 
-def hear_bus(node: Configured, seconds: float) -> Bus:
-    """Listen to all that is on a node's bus."""
+def hear_bus(node: Configured, seconds: float, probe: bool = False) -> Bus:
+    """
+    Listen to all that is on a node's bus.
+
+    :param probe: send what the node sends while nobody commands it.
+    """
     try:
         from bridge_core.transports.can import CanTransport  # late: only who has CAN needs it
     except ImportError as error:
@@ -58,7 +62,9 @@ def hear_bus(node: Configured, seconds: float) -> Bus:
     bridge = importlib.import_module(f'{node.name}.wire').BRIDGE
     interface, channel = node.values['interface'], node.values['channel']
     link = link_facts(channel) if interface == 'socketcan' else {}
-    heard = listen(bridge.make_session(node.values), CanTransport(interface, channel), seconds)
+    port = CanTransport(interface, channel)
+    send = port.send if probe else None
+    heard = listen(bridge.make_session(node.values), port, seconds, send)
     return Bus(node, heard, link)
 
 

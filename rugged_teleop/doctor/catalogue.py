@@ -139,7 +139,7 @@ CATALOGUE = {
         _LOOK,
         'device',
         '{node}: its device is heard, and says: {text}',
-        'start the node and look again: nobody asks or commands the device now',
+        'start the node, or let doctor --probe, and look again: nobody asks or commands it now',
     ),
     'silent': Kind(_DO, 'device', '{node}: nothing comes on {port}', '{stop}'),
     'silent until asked': Kind(

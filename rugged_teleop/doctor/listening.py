@@ -1,11 +1,13 @@
 """
 Hearing a port with the ears of its node: the node's own session listens, and nothing is sent.
 
-What a session wants to send is thrown away, and the serial port is opened for reading only.
+What a session wants to send is thrown away, and the serial port is opened for reading only, unless
+the doctor may probe: then it is sent, which is what a node sends that nobody commands.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from collections.abc import Sequence
 from dataclasses import dataclass
 import errno
@@ -118,6 +120,7 @@ class Heard:
     :param chunks: bytes, datagrams or CAN frames. :param link_up: the session knows its device.
     :param stops: why the device or its link demands a stop; :param warnings: what else is wrong.
     :param summary: how things stand where nothing is. :param error: why nothing could be heard.
+    :param probed: the device was sent what its node sends while nobody commands it.
     """
 
     chunks: tuple[Any, ...] = ()
@@ -126,13 +129,20 @@ class Heard:
     warnings: tuple[str, ...] = ()
     summary: str = ''
     error: str = ''
+    probed: bool = False
 
 
-def listen(session: Session[Any, Any, Any] | None, port: Port, seconds: float) -> Heard:
+def listen(
+    session: Session[Any, Any, Any] | None,
+    port: Port,
+    seconds: float,
+    send: Callable[[Any], object] | None = None,
+) -> Heard:
     """
     Have a session hear a port for a while, and judge as of what came last.
 
     :param session: none where what comes is wanted alone.
+    :param send: takes what the session wants to send, its farewell too; none: thrown away.
     """
     chunks: list[Any] = []
     try:
@@ -141,12 +151,20 @@ def listen(session: Session[Any, Any, Any] | None, port: Port, seconds: float) -
         if session is not None:
             session.opened(begun)
         while (left := begun + seconds - clock.now()) > 0.0:
+            if session is not None and send is not None:
+                now = clock.now()
+                for frame in session.poll(now)[1]:
+                    send(frame)
+                left = max(0.0, min(left, session.deadline() - now))
             select.select([port.fileno()], [], [], left)
             for chunk in port.receive():
                 heard_at = clock.now()
                 chunks += [chunk] if len(chunks) < _MOST_DATA else []
                 if session is not None:
                     session.receive(chunk, heard_at)
+        if session is not None and send is not None:
+            for frame in session.farewell(clock.now()):
+                send(frame)
     except TransportError as error:
         return Heard(error=str(error))
     finally:
@@ -156,14 +174,17 @@ def listen(session: Session[Any, Any, Any] | None, port: Port, seconds: float) -
     stops = session.stop_reasons(heard_at if chunks else clock.now())
     others = [text for level, text in session.problems(heard_at) if level < Level.STALE]
     warnings = tuple(text for text in others if text not in stops)
-    return Heard(tuple(chunks), session.link_up, tuple(stops), warnings, session.summary())
+    probed = send is not None
+    return Heard(
+        tuple(chunks), session.link_up, tuple(stops), warnings, session.summary(), probed=probed
+    )
 
 
 def device_findings(node: Configured, heard: Heard) -> list[Finding]:
     """Return what a device says, in the words of its node's diagnostics."""
     words = {'node': node.full}
     asked = node.name in _ASKED
-    stop = 'device unasked' if asked else 'device stops'
+    stop = 'device unasked' if asked and not heard.probed else 'device stops'
     warnings = () if asked else heard.warnings
     findings = [finding(stop, text=text, **words) for text in heard.stops]
     findings += [finding('device warns', text=text, **words) for text in warnings]

@@ -2,8 +2,8 @@
 Say why it does not work: ports, devices, networks, this computer, parameter files, ROS graph.
 
 With a parameter file it looks at what the nodes in it need; without one, at what there is. It ends
-with a list: what is fine, where to look, what to do. Devices are only listened to: it never sends
-them a byte, and does not open a port that another program has.
+with a list: what is fine, where to look, what to do. Devices are only listened to: without --probe
+it never sends them a byte, and it does not open a port that another program has.
 
 Exit status: 0 all is fine; 1 there is something to look at; 2 there is something to do, or the
 arguments are wrong.
@@ -52,12 +52,16 @@ examples:
   {prog}                                   # this computer, its ports, the ROS graph
   {prog} --params-file my.yaml             # and all that its nodes need
   {prog} --port /dev/ttyUSB0               # what speaks there, and at which baud?
+  {prog} --params-file my.yaml --probe     # and ask the devices; a servo may go to its failsafe
   {prog} --json | jq '.[] | select(.level == "do")'
 """
 _LISTEN = 2.0
 _DISCOVERY = 2.0  # s until most nodes have found each other
 _AT_ONCE = 16  # ports
-_SENT = 'Nothing was sent to any device.'
+_SENT = {
+    False: 'Nothing was sent to any device.',
+    True: 'Serial and CAN devices were sent what nodes send while nobody commands them.',
+}
 
 
 def parser(prog: str) -> Parser:
@@ -67,6 +71,7 @@ def parser(prog: str) -> Parser:
     add('--params-file', action='append', default=[], type=Path, metavar='FILE', dest='files')
     add('--port', action='append', default=[], help='say what speaks on this serial port')
     add('--seconds', type=_seconds, default=_LISTEN, help=f'to listen, {_LISTEN:g} by default')
+    add('--probe', action='store_true', help='send what nodes send while nobody commands them')
     add('--json', action='store_true', help='an array of findings')
     return result
 
@@ -78,7 +83,7 @@ def main(arguments: Sequence[str] | None = None, prog: str = 'rugged_teleop doct
         findings = examine(options)
     except KeyboardInterrupt:
         sys.exit(130)
-    print(_as_json(findings) if options.json else _as_list(findings))
+    print(_as_json(findings) if options.json else _as_list(findings, options.probe))
     sys.exit(max((each.level for each in findings), default=Level.FINE))
 
 
@@ -94,14 +99,14 @@ def examine(options: argparse.Namespace) -> list[Finding]:
         names = [node.full for node in nodes]
         graph = pool.submit(look_apart, _DISCOVERY + options.seconds, names)
         named = [pool.submit(_named_port, port) for port in options.port]
-        lines = [pool.submit(hear, node, options.seconds) for node in to_hear]
+        lines = [pool.submit(hear, node, options.seconds, options.probe) for node in to_hear]
         groups = [
             pool.submit(hear_group, node, options.seconds)
             for node in nodes
             if node.name == 'vm110_bridge'
         ]
         buses = [
-            pool.submit(hear_bus, node, options.seconds)
+            pool.submit(hear_bus, node, options.seconds, options.probe)
             for node in nodes
             if on_can(node) and is_passive(node)
         ]
@@ -146,7 +151,7 @@ def _as_json(findings: Iterable[Finding]) -> str:
     return json.dumps([each.to_json() for each in findings], indent=2, ensure_ascii=False)
 
 
-def _as_list(findings: Sequence[Finding]) -> str:
+def _as_list(findings: Sequence[Finding], probed: bool) -> str:
     """Return the list, what is to be done last, where it is seen first."""
     lines = []
     for level, heading in HEADINGS.items():
@@ -155,7 +160,7 @@ def _as_list(findings: Sequence[Finding]) -> str:
         for each in dict.fromkeys(found):
             lines.append(f'  {each.area:10}  {each.text}')
             lines += [f'  {"":10}  -> {each.remedy}'] if each.remedy else []
-    return '\n'.join([*lines, _SENT])
+    return '\n'.join([*lines, _SENT[probed]])
 
 
 if __name__ == '__main__':

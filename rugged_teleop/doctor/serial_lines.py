@@ -60,16 +60,24 @@ class Line:
         return SPEAKERS.get(self.protocol, '')
 
 
-def hear(node: Configured, seconds: float) -> Line:
-    """Listen at the node's baud; where that brings bytes but no device, at others too."""
+def hear(node: Configured, seconds: float, probe: bool = False) -> Line:
+    """
+    Listen at the node's baud; where that brings bytes but no device, at others too.
+
+    :param probe: send what the node sends while nobody commands it.
+    """
     bridge = importlib.import_module(f'{node.name}.wire').BRIDGE
     hid = node.values.get('transport') == 'hid'
-    ear: Port = (
-        bridge.make_transport(node.values)  # for reading only, too
-        if hid
-        else SerialEar(serial_port(node), node.values['baud'])
-    )
-    heard = listen(bridge.make_session(node.values), ear, seconds)
+    if probe and not hid:
+        port = bridge.make_transport(node.values)
+        heard = listen(bridge.make_session(node.values), port, seconds, port.send)
+    else:
+        ear: Port = (
+            bridge.make_transport(node.values)  # for reading only, too
+            if hid
+            else SerialEar(serial_port(node), node.values['baud'])
+        )
+        heard = listen(bridge.make_session(node.values), ear, seconds)
     if heard.link_up or not heard.chunks or hid:
         return Line(node, heard)
     baud, data = int(node.values['baud']), b''.join(heard.chunks)
@@ -108,7 +116,8 @@ def _line_findings(line: Line) -> list[Finding]:
     if heard.error:
         return [finding('port not opened', error=heard.error, **words)]
     if not heard.chunks:
-        kind = 'silent until asked' if line.node.name == 'ssc_bridge' else 'silent'
+        asked = line.node.name == 'ssc_bridge' and not heard.probed
+        kind = 'silent until asked' if asked else 'silent'
         return [finding(kind, stop='; '.join(heard.stops), **words)]
     if line.protocol and line.speaker != line.node.name:
         kind = 'other device' if line.speaker else 'commands heard'

@@ -48,7 +48,7 @@ from rugged_teleop.recorder.schedule import Schedule
 _LOOK_PERIOD = 0.5  # s, between two looks for nodes and topics
 _STEP_PERIOD = 0.1  # s, between two batches for the disk
 _DIAGNOSTICS_PERIOD = 1.0  # s
-_LEAVE_TIME = 0.4  # s that the last file has to be completed
+_LEAVE_TIME = 3.0  # s that the last file has to be completed; a disk that hangs keeps it
 _MB = 1_000_000
 # A reader that asks for no more than this costs the node that publishes no answers, and never
 # holds it up. States that are published on change alone are to be had reliably only.
