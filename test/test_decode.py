@@ -14,6 +14,8 @@ from typing import Any
 import pytest
 
 from rugged_teleop.decode.main import main
+from rugged_teleop.decode.protocols import Entry
+from rugged_teleop.decode.writers import Csv
 from test.captures import ethernet
 from test.captures import pcap_file
 from test.captures import STREAMS
@@ -133,6 +135,14 @@ def test_csv_has_a_line_for_each_value(path: Path, capsys: pytest.CaptureFixture
     assert values['axes.left_y'] == '-296'
     assert values['buttons.right_up'] == 'True'
     assert {row['message'] for row in rows} == {'Joystick'}
+
+
+def test_csv_takes_a_text_with_a_nul() -> None:
+    """As a damaged recording may have; csv before Python 3.11 takes none."""
+    out = io.StringIO()
+    Csv(out).write('a', Entry(0, '', 'String', {'data\0': 'o\0k'}, 0, b''))
+    (row,) = csv.DictReader(io.StringIO(out.getvalue()))
+    assert (row['field'], row['value']) == (r'data\x00', r'o\x00k')
 
 
 def test_statistics_have_rates_gaps_and_the_load_of_the_bus(

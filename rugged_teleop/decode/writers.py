@@ -71,7 +71,12 @@ class Csv:
         """Write the lines; one where there is no value."""
         head = _head(name, entry).values()
         for field, value in [*flat(entry.fields())] or [('', '')]:
-            self._writer.writerow((*head, field, value))
+            self._writer.writerow([_without_nul(each) for each in (*head, field, value)])
+
+
+def _without_nul(value: Any) -> Any:
+    """Return what csv can write: before Python 3.11 it refuses a NUL, as damaged texts have."""
+    return value.replace('\0', r'\x00') if isinstance(value, str) else value
 
 
 _HEAD = ('file', 'offset', 'time', 'source', 'identifier', 'protocol', 'message')
