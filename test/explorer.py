@@ -7,6 +7,7 @@ age, and all that is older than every limit is of one age.
 """
 
 from collections import deque
+from collections.abc import Callable
 from collections.abc import Hashable
 from collections.abc import Iterable
 from collections.abc import Mapping
@@ -18,6 +19,8 @@ import re
 from typing import Any
 from typing import Protocol
 from typing import TypeVar
+
+import pytest
 
 from bridge_core.watchdog import Watchdog
 
@@ -90,6 +93,32 @@ def check(world: World[StepT], counts: tuple[int, int], most: float = math.inf) 
     """
     found = explore(world, most)
     assert found == counts or found[0] == most < counts[0], f'{found}, were {counts}'
+
+
+def visits_of(
+    world: Callable[..., World[Any]],
+    scenes: Mapping[str, Mapping[str, Any]],
+    counts: Mapping[str, tuple[int, int]],
+    near: int,
+) -> tuple[Callable[[str], None], Callable[[str], None]]:
+    """
+    Return a test of the states near the start of each scene, and one of all, for make proof.
+
+    :param scenes: arguments of the world, by name. :param counts: see ``check``.
+    :param near: how many states are near.
+    """
+    each_scene = pytest.mark.parametrize('name', scenes)
+
+    @each_scene
+    def near_the_start(name: str) -> None:
+        check(world(**scenes[name]), counts[name], near)
+
+    @pytest.mark.proof
+    @each_scene
+    def everywhere(name: str) -> None:
+        check(world(**scenes[name]), counts[name])
+
+    return near_the_start, everywhere
 
 
 def play(world: World[StepT], events: Sequence[StepT]) -> None:

@@ -26,7 +26,7 @@ from test.akron_session_rig import POSITION
 from test.akron_session_rig import REST
 from test.akron_session_rig import UNIT
 from test.akron_session_rig import VERSIONS
-from test.explorer import check
+from test.explorer import visits_of
 from test.session_world import SessionWorld
 
 pytestmark = pytest.mark.computes
@@ -205,15 +205,4 @@ COUNTS: dict[str, tuple[int, int]] = {
     'mux': (4310, 34266),
     'commands': (8015, 70314),
 }  # states, and steps between them
-NEAR = 100  # states
-
-
-@pytest.mark.parametrize('name', SCENES)
-def test_every_state_near_the_start(name: str) -> None:
-    check(World(**SCENES[name]), COUNTS[name], NEAR)
-
-
-@pytest.mark.proof
-@pytest.mark.parametrize('name', SCENES)
-def test_every_state(name: str) -> None:
-    check(World(**SCENES[name]), COUNTS[name])
+test_every_state_near_the_start, test_every_state = visits_of(World, SCENES, COUNTS, near=100)

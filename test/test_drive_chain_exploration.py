@@ -28,9 +28,9 @@ from test.esi_drive_rig import IDLE
 from test.esi_drive_rig import make_settings
 from test.esi_drive_rig import RUNNING
 from test.esi_drive_rig import status
-from test.explorer import check
 from test.explorer import Memory
 from test.explorer import START
+from test.explorer import visits_of
 from test.test_safety_mux_exploration import CLEAR
 from test.test_safety_mux_exploration import Memory as ArbiterMemory
 from test.test_safety_mux_exploration import NEUTRAL
@@ -248,15 +248,4 @@ COUNTS: dict[str, tuple[int, int]] = {
     'processes': (8627, 51762),
     'drive': (4704, 32928),
 }  # states, and steps between them
-NEAR = 200  # states
-
-
-@pytest.mark.parametrize('name', SCENES)
-def test_every_state_near_the_start(name: str) -> None:
-    check(World(**SCENES[name]), COUNTS[name], NEAR)
-
-
-@pytest.mark.proof
-@pytest.mark.parametrize('name', SCENES)
-def test_every_state(name: str) -> None:
-    check(World(**SCENES[name]), COUNTS[name])
+test_every_state_near_the_start, test_every_state = visits_of(World, SCENES, COUNTS, near=200)

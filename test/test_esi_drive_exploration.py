@@ -15,7 +15,7 @@ from test.esi_drive_rig import IDLE
 from test.esi_drive_rig import make_settings
 from test.esi_drive_rig import RUNNING
 from test.esi_drive_rig import status
-from test.explorer import check
+from test.explorer import visits_of
 from test.session_world import SessionWorld
 
 pytestmark = pytest.mark.computes
@@ -224,15 +224,4 @@ COUNTS: dict[str, tuple[int, int]] = {
     'silence': (3125, 26091),
     'one read': (11349, 195203),
 }  # states, and steps between them
-NEAR = 200  # states
-
-
-@pytest.mark.parametrize('name', SCENES)
-def test_every_state_near_the_start(name: str) -> None:
-    check(World(**SCENES[name]), COUNTS[name], NEAR)
-
-
-@pytest.mark.proof
-@pytest.mark.parametrize('name', SCENES)
-def test_every_state(name: str) -> None:
-    check(World(**SCENES[name]), COUNTS[name])
+test_every_state_near_the_start, test_every_state = visits_of(World, SCENES, COUNTS, near=200)

@@ -9,7 +9,7 @@ import pytest
 from fort_vsc_bridge.session import Session
 from fort_vsc_bridge.session import Settings
 from fort_vsc_bridge.session import Sticks
-from test.explorer import check
+from test.explorer import visits_of
 from test.session_world import SessionWorld
 from test.test_fort_vsc_session import CLEAR
 from test.test_fort_vsc_session import DEFLECTED
@@ -137,15 +137,4 @@ COUNTS: dict[str, tuple[int, int]] = {
     'device': (726, 13736),
     'echo': (4984, 51004),
 }  # states, and steps between them
-NEAR = 200  # states
-
-
-@pytest.mark.parametrize('name', SCENES)
-def test_every_state_near_the_start(name: str) -> None:
-    check(World(**SCENES[name]), COUNTS[name], NEAR)
-
-
-@pytest.mark.proof
-@pytest.mark.parametrize('name', SCENES)
-def test_every_state(name: str) -> None:
-    check(World(**SCENES[name]), COUNTS[name])
+test_every_state_near_the_start, test_every_state = visits_of(World, SCENES, COUNTS, near=200)

@@ -13,7 +13,7 @@ from ssc_bridge.channels import Servo
 from ssc_bridge.session import Session
 from ssc_bridge.session import Settings
 from ssc_bridge.session import Sticks
-from test.explorer import check
+from test.explorer import visits_of
 from test.session_world import SessionWorld
 from test.ssc_rig import build_frame
 from test.ssc_rig import configuration
@@ -199,15 +199,4 @@ COUNTS: dict[str, tuple[int, int]] = {
     'mux': (3512, 28730),
     'commands': (8015, 68644),
 }  # states, and steps between them
-NEAR = 200  # states
-
-
-@pytest.mark.parametrize('name', SCENES)
-def test_every_state_near_the_start(name: str) -> None:
-    check(World(**SCENES[name]), COUNTS[name], NEAR)
-
-
-@pytest.mark.proof
-@pytest.mark.parametrize('name', SCENES)
-def test_every_state(name: str) -> None:
-    check(World(**SCENES[name]), COUNTS[name])
+test_every_state_near_the_start, test_every_state = visits_of(World, SCENES, COUNTS, near=200)

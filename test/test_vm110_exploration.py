@@ -6,8 +6,8 @@ from typing import Any
 
 import pytest
 
-from test.explorer import check
 from test.explorer import START
+from test.explorer import visits_of
 from test.session_world import SessionWorld
 from test.test_vm110_session import DEFLECTED
 from test.test_vm110_session import EXTERNAL
@@ -189,15 +189,4 @@ COUNTS: dict[str, tuple[int, int]] = {
     'noise': (4548, 56086),
     'echo': (3068, 21002),
 }  # states, and steps between them
-NEAR = 200  # states
-
-
-@pytest.mark.parametrize('name', SCENES)
-def test_every_state_near_the_start(name: str) -> None:
-    check(World(**SCENES[name]), COUNTS[name], NEAR)
-
-
-@pytest.mark.proof
-@pytest.mark.parametrize('name', SCENES)
-def test_every_state(name: str) -> None:
-    check(World(**SCENES[name]), COUNTS[name])
+test_every_state_near_the_start, test_every_state = visits_of(World, SCENES, COUNTS, near=200)
