@@ -148,6 +148,13 @@ def with_named(
     return tuple(table.values())
 
 
+def full_topic(node: str, topic: str) -> str:
+    """Return a topic's full name. :param node: the full name of the node that is given it."""
+    if topic.startswith('/'):
+        return topic
+    return node + topic[1:] if topic.startswith('~/') else f'{node.rpartition("/")[0]}/{topic}'
+
+
 def names_of(values: Mapping[str, Value], list_name: str) -> list[str]:
     """Return the names in a list; an empty one, as in [""], names nothing."""
     return [name for name in values[list_name] if name]

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+import sys
 from typing import Any
 from typing import TYPE_CHECKING
 
@@ -53,3 +56,27 @@ def load(path: Path) -> Loaded:
             else:
                 cut = each.reason
     return Loaded(sorted(said, key=lambda each: each.at), parameters, cut)
+
+
+def look_at(files: Sequence[Path], look: Callable[[Loaded], int], prog: str) -> int:
+    """
+    Look at recordings, and return the greatest status; 2 where one cannot be read.
+
+    :param look: prints what it finds and returns a status. :raises ValueError: it cannot.
+    :param prog: the command's name, before errors.
+    """
+    status = 0
+    for path in files:
+        if len(files) > 1:
+            print(f'{path}:')
+        try:
+            recording = load(path)
+            status = max(status, look(recording))
+        except (OSError, ValueError, ImportError) as error:
+            reason = error.strerror if isinstance(error, OSError) else error
+            print(f'{prog}: {path}: {reason}', file=sys.stderr)
+            status = 2
+        else:
+            if recording.cut:
+                print(f'# it is read up to here only: {recording.cut}', file=sys.stderr)
+    return status

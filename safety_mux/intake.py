@@ -100,7 +100,6 @@ class Intake:
             parameter, take = f'speed_limit.{limit.name}.topic', partial(self._limit, limit.name)
             yield Listened(parameter, 'speed limit', limit.name, 'Float64', take)
         if config.feedback is not None:
-            self._measured = NamedJoints(config.feedback.joints)
             yield Listened('feedback.topic', 'feedback', 'feedback', 'JointState', self._feedback)
         for operator in config.operators:
             parameter, take = f'operator.{operator.name}.topic', partial(self._joy, operator.name)
@@ -128,7 +127,7 @@ class Intake:
 
     def _feedback(self, message: Any, now: float) -> bool:
         try:
-            speeds = self._measured.among(message.name, message.velocity)
+            speeds = self._named.among(message.name, message.velocity)
         except MalformedInput as error:
             self.arbiter.feedback_invalid(str(error), now)
         else:

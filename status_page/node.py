@@ -41,6 +41,7 @@ from std_srvs.srv import Trigger
 from bridge_core import clock
 from bridge_core.managed_node import latched_qos
 from bridge_core.managed_node import ManagedNode
+from bridge_core.parameters import full_topic
 from bridge_core.parameters import MANAGED_PARAMETERS
 from bridge_core.parameters import names_of
 from bridge_core.parameters import Parameter
@@ -214,7 +215,7 @@ class StatusPage(ManagedNode):
 
             def on_topics(topics: dict[str, str]) -> None:
                 self._asked[mux] = math.inf
-                full = {name: _full_name(topic, mux) for name, topic in topics.items()}
+                full = {name: full_topic(mux, topic) for name, topic in topics.items()}
                 self._model.operators(mux, full)
 
             self._ask(mux, ['operators'], on_names)
@@ -289,13 +290,6 @@ def _as_seen(host: str) -> str:
             probe.connect(('2001:db8::1' if ':' in host else '192.0.2.1', 9))  # sends nothing
             host = probe.getsockname()[0]
     return f'[{host}]' if ':' in host else host
-
-
-def _full_name(topic: str, node: str) -> str:
-    """Return the full name of a topic as this node understands it."""
-    if topic.startswith('/'):
-        return topic
-    return node + topic[1:] if topic.startswith('~') else f'{node.rpartition("/")[0]}/{topic}'
 
 
 def _demand(message: Any) -> dict[str, float]:

@@ -237,7 +237,7 @@ def test_topic_of_another_type_is_one_line_and_status_2(
         for s in recording.said
     ]
     foreign = Loaded(said, recording.parameters, '')
-    monkeypatch.setattr('rugged_teleop.replay.main.load', lambda path: foreign)
+    monkeypatch.setattr('rugged_teleop.loaded.load', lambda path: foreign)
     status, out, error = outcome(['foreign.mcap'], capsys)
     assert (status, out) == (2, '')
     assert 'foreign.mcap: a message is not of the type of its topic: ' in error

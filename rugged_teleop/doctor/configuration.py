@@ -13,6 +13,7 @@ from typing import Any
 from bridge_core.parameter_files import parameters_for
 from bridge_core.parameter_files import sections_of
 from bridge_core.parameter_files import strangers
+from bridge_core.parameters import full_topic
 from bridge_core.parameters import is_ros_parameter
 from bridge_core.parameters import names_of
 from bridge_core.parameters import ParameterError
@@ -48,11 +49,7 @@ class Configured:
 
     def topic(self, name: str) -> str:
         """Return a topic's full name, as this node means it."""
-        if name.startswith('/'):
-            return name
-        if name.startswith('~/'):
-            return f'{self.full}{name[1:]}'
-        return f'{self.full.rpartition("/")[0]}/{name}'
+        return full_topic(self.full, name)
 
 
 def configured(files: Sequence[Path]) -> tuple[list[Configured], list[Finding]]:

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from collections.abc import Sequence
 from dataclasses import dataclass
 import importlib
+from typing import Any
 
 from bridge_core.packets import CHECK_SIZE
 from bridge_core.packets import HEAD_SIZE
@@ -18,7 +19,6 @@ from rugged_teleop.doctor.listening import BAUDS
 from rugged_teleop.doctor.listening import device_findings
 from rugged_teleop.doctor.listening import Heard
 from rugged_teleop.doctor.listening import listen
-from rugged_teleop.doctor.listening import Port
 from rugged_teleop.doctor.listening import search
 from rugged_teleop.doctor.listening import SerialEar
 from rugged_teleop.doctor.listening import told
@@ -68,16 +68,13 @@ def hear(node: Configured, seconds: float, probe: bool = False) -> Line:
     """
     bridge = importlib.import_module(f'{node.name}.wire').BRIDGE
     hid = node.values.get('transport') == 'hid'
-    if probe and not hid:
-        port = bridge.make_transport(node.values)
-        heard = listen(bridge.make_session(node.values), port, seconds, port.send)
-    else:
-        ear: Port = (
-            bridge.make_transport(node.values)  # for reading only, too
-            if hid
-            else SerialEar(serial_port(node), node.values['baud'])
-        )
-        heard = listen(bridge.make_session(node.values), ear, seconds)
+    port: Any = (
+        bridge.make_transport(node.values)
+        if probe or hid
+        else SerialEar(serial_port(node), node.values['baud'])
+    )
+    send = port.send if probe and not hid else None
+    heard = listen(bridge.make_session(node.values), port, seconds, send)
     if heard.link_up or not heard.chunks or hid:
         return Line(node, heard)
     baud, data = int(node.values['baud']), b''.join(heard.chunks)

@@ -13,11 +13,13 @@ something that cannot be read to its end, or not replayed.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 import sys
 
 from rugged_teleop.command_line import Parser
-from rugged_teleop.loaded import load
+from rugged_teleop.loaded import Loaded
+from rugged_teleop.loaded import look_at
 
 _EXAMPLES = """\
 examples:
@@ -49,21 +51,10 @@ def _seconds(text: str) -> float:
 def main(arguments: Sequence[str] | None = None, prog: str = 'rugged_teleop replay') -> None:
     """Replay; the command's entry point."""
     options = parser(prog).parse_args(arguments)
-    status = 0
-    for path in options.files:
-        if len(options.files) > 1:
-            print(f'{path}:')
-        try:
-            status = max(status, _replay(path, options.tolerance))
-        except (OSError, ValueError, ImportError) as error:
-            reason = error.strerror if isinstance(error, OSError) else error
-            print(f'{prog}: {path}: {reason}', file=sys.stderr)
-            status = 2
-    sys.exit(status)
+    sys.exit(look_at(options.files, partial(_replay, options.tolerance), prog))
 
 
-def _replay(path: Path, tolerance: float | None) -> int:
-    recording = load(path)
+def _replay(tolerance: float | None, recording: Loaded) -> int:
     from rugged_teleop.replay.outcome import lines_of  # late: it needs what load would miss first
     from rugged_teleop.replay.outcome import replayed
 
@@ -74,8 +65,6 @@ def _replay(path: Path, tolerance: float | None) -> int:
     for outcome in outcomes:
         for line in lines_of(outcome):
             print(line)
-    if recording.cut:
-        print(f'# it is read up to here only: {recording.cut}', file=sys.stderr)
     differs = any(outcome.found for outcome in outcomes)
     return 2 if recording.cut else int(differs)
 

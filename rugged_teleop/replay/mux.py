@@ -5,9 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterator
 from collections.abc import Mapping
 from collections.abc import Sequence
+from functools import partial
 from itertools import pairwise
 from typing import Any
 
+from bridge_core.parameters import full_topic
 from bridge_core.parameters import is_ros_parameter
 from bridge_core.parameters import MANAGED_PARAMETERS
 from bridge_core.parameters import resolve
@@ -66,19 +68,20 @@ class MuxReplay:
         if not given:
             raise ValueError(f'the parameters of {name} are not in it')
         self._name = name
+        resolved = partial(full_topic, name)
         self._values = resolve((*MANAGED_PARAMETERS, *parameter_table(given)), given)
-        check(self._values, self._resolved)
+        check(self._values, resolved)
         self._period = 1.0 / self._values['rate']
         self._tolerance = 2.0 * self._period if tolerance is None else tolerance
         self._said = said
         self._intake = Intake(self._values, 0.0)
         self._inputs: dict[str, Listened] = {
-            self._resolved(self._values[each.parameter]): each for each in self._intake.topics()
+            resolved(self._values[each.parameter]): each for each in self._intake.topics()
         }
         joints = self._values['output'] == 'joints'
         self._command = f'{name}/{"command" if joints else "cmd_vel"}'
         self._button = ResetButton()
-        self._button_topic = self._resolved(self._values['reset_topic'])
+        self._button_topic = resolved(self._values['reset_topic'])
         self._recorded = self._course()
         self._replayed = {what: Track() for what in self._recorded}
         self._statuses = [
@@ -116,13 +119,6 @@ class MuxReplay:
         return Outcome(self._name, since, until, notes, list(self._recorded), found)
 
     # What was recorded.
-
-    def _resolved(self, topic: str) -> str:
-        if topic.startswith('/'):
-            return topic
-        if topic.startswith('~/'):
-            return f'{self._name}/{topic[2:]}'
-        return f'{self._name.rpartition("/")[0]}/{topic}'
 
     def _course(self) -> dict[str, Track]:
         """Return the course of each recorded output."""

@@ -16,7 +16,8 @@ from pathlib import Path
 import sys
 
 from rugged_teleop.command_line import Parser
-from rugged_teleop.loaded import load
+from rugged_teleop.loaded import Loaded
+from rugged_teleop.loaded import look_at
 
 _EXAMPLES = """\
 examples:
@@ -35,27 +36,14 @@ def parser(prog: str) -> Parser:
 def main(arguments: Sequence[str] | None = None, prog: str = 'rugged_teleop why') -> None:
     """Tell; the command's entry point."""
     options = parser(prog).parse_args(arguments)
-    status = 0
-    for path in options.files:
-        if len(options.files) > 1:
-            print(f'{path}:')
-        try:
-            status = max(status, _tell(path))
-        except (OSError, ValueError, ImportError) as error:
-            reason = error.strerror if isinstance(error, OSError) else error
-            print(f'{prog}: {path}: {reason}', file=sys.stderr)
-            status = 2
-    sys.exit(status)
+    sys.exit(look_at(options.files, _tell, prog))
 
 
-def _tell(path: Path) -> int:
-    recording = load(path)
+def _tell(recording: Loaded) -> int:
     from rugged_teleop.why.story import story  # late: it needs what load would miss first
 
     for line in story(recording.said, recording.parameters):
         print(line)
-    if recording.cut:
-        print(f'# it is read up to here only: {recording.cut}', file=sys.stderr)
     return 1 if recording.cut else 0
 
 

@@ -333,7 +333,6 @@ def _intake(bench: Bench) -> Any:
         _heard=lambda name, joy: None,
         _decision=bench.decision,
         _named=NamedJoints(('left', 'right')),
-        _measured=NamedJoints(('left', 'right')),
         _of_twist=forward_and_turn,
     )
     return intake
