@@ -57,6 +57,7 @@ QUICK: dict[str, Measure] = {
 USUAL = QUICK | {
     'load': reaction.measure_load,
     'garbage': processes('bench_garbage'),
+    'beside': processes('bench_beside'),
     'can': processes('bench_can'),
     'neighbours': processes('bench_neighbours'),
 }

@@ -153,6 +153,22 @@ TARGETS = (
         'three estop, without noise',
         {'p50': 1.2},
     ),
+    Target('the recorder, in motion', 'recorder', '% of a core'),
+    Target('the status page, in motion', 'page', '% of a core'),
+    Target(
+        'the status page with so many browsers',
+        'page, browsers',
+        '% of a core',
+        limits={'cpu': 10.0},
+        absolute=True,
+    ),
+    Target(
+        'e-stop in to disable out, beside both',
+        'three estop, beside both',
+        'ms',
+        'three estop, beside neither',
+        {'p50': 1.2},
+    ),
     Target('make demo ARGS=--once, failed', 'demo', '', limits={'failed': 0}, absolute=True),
     Target("the demo's e-stops", 'demo e-stop', 'ms', limits={'max': 25.0}, absolute=True),
 )
