@@ -257,7 +257,7 @@ def test_lockout_on_start_and_by_service(observer: Observer, tmp_path: Path) -> 
 
 
 def test_lockout_that_the_ssc_does_not_obey_says_so(observer: Observer, tmp_path: Path) -> None:
-    with bench_of(tmp_path, observer) as bench:
+    with bench_of(tmp_path, observer, link_timeout=2.0) as bench:  # longer than it boots
         bench.connect()
         bench.port.apply('reboot')  # 5 s of configuration begin anew
         bench.wait(lambda: bench.value('configuration menus') == 'available', 'a new start')
