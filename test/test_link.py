@@ -351,8 +351,9 @@ def test_report_comes_each_second_and_at_once_when_a_level_changes(bench: Bench)
     wait_for(lambda: len(reports) >= count + 2, 5.0, 'two more')
     bench.transport.gate.clear()
     bench.transport.unplug()
-    wait_for(lambda: reports[-1].link.level is Level.ERROR, 2.0, 'the loss')
-    assert reports[-1].link.message == 'port: unplugged'
+    # A machine that held this up made it an ERROR before, with other words.
+    wait_for(lambda: reports[-1].link.message == 'port: unplugged', 2.0, 'the loss')
+    assert reports[-1].link.level is Level.ERROR
 
 
 def test_request_after_the_end_is_ignored(bench: Bench) -> None:
