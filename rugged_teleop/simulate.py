@@ -59,6 +59,7 @@ examples:
 """
 _STICKS = {'AXIS': AXIS_NAMES, 'BUTTON': BUTTON_NAMES}
 _VERBOSE_PERIOD = 0.1
+_ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 # They change all the time: of no use where changes are printed.
 _RESTLESS = {
     *('packets', 'sent', 'last_packet', 'host_heartbeats'),
@@ -204,13 +205,20 @@ def main(arguments: Sequence[str] | None = None, prog: str = 'simulate') -> None
         device = _plug_in(options)
     except (OSError, ValueError) as error:
         command_line.error(str(error))
-    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
-        signal.signal(number, lambda *_: sys.exit(0))
+    for number in _ENDING:
+        signal.signal(number, _leave)
     help_lines = f'{_OWN_HELP}\n{PORT_HELP}\n\n{options.device}:\n{DEVICES[options.device].help}'
     with device:
         print(f'{options.device} on {device.name}; type help', flush=True)
         for line in _lines(device, options.verbose):
             _obey(device, line, help_lines)
+
+
+def _leave(*_: object) -> None:
+    """End; the same signal again, as ros2 launch sends it after Ctrl-C, changes nothing."""
+    for number in _ENDING:
+        signal.signal(number, signal.SIG_IGN)
+    sys.exit(0)
 
 
 def _rate(text: str) -> float:

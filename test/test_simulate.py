@@ -488,6 +488,20 @@ def test_command_of_the_vm110_speaks_on_the_group_until_a_signal() -> None:
     heard.close()
 
 
+def test_command_that_is_told_twice_to_end_ends_well(path: Path) -> None:
+    """Ctrl-C is a signal of the terminal's, then one of ros2 launch."""
+    with Command('fort_vsc', '--port', str(path)) as command:
+        command.wait('type help')
+
+        def ended() -> bool:
+            if command.process.poll() is None:
+                command.process.send_signal(signal.SIGINT)
+            return command.process.poll() is not None
+
+        wait_for(ended, 5.0, 'its end')
+        assert command.process.returncode == 0
+
+
 def test_command_outlives_the_end_of_its_input(path: Path) -> None:
     with Command('fort_vsc', '--port', str(path)) as command:
         command.say('stick left_y 0.5')
