@@ -52,6 +52,7 @@ class ManagedNode(LifecycleNode):
         super().__init__(name, **options)
         self.active = False
         self.starting = False  # configured to be activated at once
+        self._failure: Exception | None = None  # of the last transition
         try:
             check_sections(self.get_fully_qualified_name(), parameter_files)
             self.values: dict[str, Any] = self._declare()
@@ -122,12 +123,15 @@ class ManagedNode(LifecycleNode):
         Configure and activate, unless the parameter leaves that to somebody else.
 
         :raises ParameterError: what the parameters ask for cannot be made; it was logged.
+        :raises TransportError: the wire did not answer, on a computer that is too busy.
         """
         if not self.values['autostart']:
             return
         self.starting = True
         for trigger in (self.trigger_configure, self.trigger_activate):
             if trigger() != TransitionCallbackReturn.SUCCESS:
+                if isinstance(self._failure, TransportError):
+                    raise TransportError(f'give the computer less work: {self._failure}')
                 raise ParameterError(f'{self.get_name()} cannot start with these parameters')
         self.starting = False
 
@@ -166,6 +170,7 @@ class ManagedNode(LifecycleNode):
         try:
             action()
         except (ValueError, TransportError, TimeoutError) as error:
+            self._failure = error
             self.get_logger().error(f'cannot {what}: {error}')
             return TransitionCallbackReturn.FAILURE
         return TransitionCallbackReturn.SUCCESS

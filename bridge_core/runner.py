@@ -26,6 +26,7 @@ from bridge_core.parameter_files import files_of
 from bridge_core.parameters import ParameterError
 from bridge_core.realtime import use_realtime
 from bridge_core.share import shared
+from bridge_core.transports import TransportError
 
 _RANGE = 'ROS_AUTOMATIC_DISCOVERY_RANGE'
 # Jazzy's Fast DDS knows the first, later ones the second.
@@ -209,6 +210,9 @@ def _spin(nodes: Sequence[ManagedNode], end: _End) -> int:
         except ParameterError as error:
             statuses.append(_refuse(str(error)))
             end.tell()
+        except TransportError as error:  # no fault of the parameters: it may be started again
+            _refuse(str(error))
+            end_by_fault()
         except BaseException:  # SystemExit would end this thread, and say nothing
             node.get_logger().fatal(traceback.format_exc())
             end_by_fault()

@@ -28,6 +28,7 @@ from std_msgs.msg import Bool
 from bridge_core.session import Level
 from bridge_core.session import StopChanged
 from bridge_core.session import Verdict
+from bridge_core.transports import TransportError
 from test.endings import each_ending
 from test.rig import as_yaml
 from test.rig import ENDING
@@ -288,6 +289,17 @@ def test_lost_wire_is_forgotten_behind_what_it_has_said(
     node.destroy_node()
 
 
+def test_wire_that_does_not_answer_is_no_fault_of_the_parameters(
+    context: Context, monkeypatch: pytest.MonkeyPatch, link: str
+) -> None:
+    node = make_toy(context, link, port='/dev/nothing')
+    monkeypatch.setattr('bridge_core.transports.link.ACTIVATE_TIME', 0.0)
+    monkeypatch.setattr(node.link, '_put', lambda *_: None)
+    with pytest.raises(TransportError, match='give the computer less work'):
+        node.autostart()
+    node.destroy_node()
+
+
 def test_stop_that_comes_and_goes_in_one_read_is_published(
     context: Context, pty: Pty, observer: Observer, link: str
 ) -> None:
@@ -405,6 +417,7 @@ from dataclasses import replace
 from functools import partial
 
 from bridge_core.runner import run
+from bridge_core.transports import TransportError
 from test.toy_bridge import ToyBridge
 from test.toy_wire import BRIDGE
 from test.toy_rig import ESTOP

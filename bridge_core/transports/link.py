@@ -26,7 +26,7 @@ from bridge_core.transports.wire import Request
 from bridge_core.transports.wire import REQUEST_LIMIT
 from bridge_core.transports.wire import Wire
 
-ACTIVATE_TIME = 10.0  # s; a machine that is starved at start-up is no reason to give up
+ACTIVATE_TIME = 60.0  # s; a machine that is starved at start-up is no reason to give up
 ANSWER_TIME = 0.4  # s; a process has to be gone within a second of its signal
 
 

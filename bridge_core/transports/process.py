@@ -38,7 +38,8 @@ from bridge_core.transports.wire import Wire
 SILENCE_LIMIT = 0.085  # s without any, after which the node demands a stop
 _KILL_TIME = 0.25  # s without any, after which another wire takes over
 _LATE = 0.005  # s
-_START_TIME = 5.0  # s that a new one may take to its first
+_START_TIME = 25.0  # s that a new one may take to its first; a starved machine needs most of it
+_LONG_LIFE = 5.0  # s
 _REPORT_PERIOD = 1.0  # s
 _ROOM = 1 << 20  # bytes, for messages either way; the system may allow less
 # Messages before the owner is paced again: more than can wait, so that a node that was held up
@@ -306,7 +307,7 @@ class ProcessLink(Link):
             self._socket = None
         _end_of(process, 0.0)
         self._process = None
-        if now > self._started_at + _START_TIME:
+        if now > self._started_at + _LONG_LIFE:
             self._backoff = 0.0  # the first after a long life takes over at once
         self._retry_later(now)
         self._be_in_trouble(f'its process {process.pid} {_cause(process.returncode)}', now)
