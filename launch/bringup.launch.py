@@ -32,6 +32,7 @@ def _start(context: Any) -> list[Any]:
         simulated=_SWITCH[value('simulated')],
         autostart=_SWITCH[value('autostart')],
         ports={name: value(name) for name in PORTS},
+        cmd_joy=value('cmd_joy'),
     )
     return [
         ExecuteProcess(
@@ -65,6 +66,7 @@ def generate_launch_description() -> Any:
                 _argument(name, f'{parameter} of {node}; empty: as the file says.', '')
                 for name, (node, parameter) in PORTS.items()
             ),
+            _argument('cmd_joy', 'Topic of who moves the fire monitor: safety_mux/joy/fort.', ''),
             OpaqueFunction(function=_start),
         ]
     )

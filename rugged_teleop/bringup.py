@@ -64,6 +64,7 @@ def processes(
     simulated: bool = False,
     autostart: bool = True,
     ports: Mapping[str, str] | None = None,
+    cmd_joy: str = '',
 ) -> list[Process]:
     """
     Return the processes that a parameter file asks for, simulated devices first.
@@ -75,12 +76,14 @@ def processes(
     :param namespace: of sections that name none.
     :param autostart: False leaves the nodes to a lifecycle manager.
     :param ports: by the names in PORTS; what is empty is as the file says.
+    :param cmd_joy: topic of who moves the fire monitor; empty: its own.
     :raises ValueError: the file is none, or what is asked for cannot be.
     """
     nodes = nodes_of(file, namespace)
     given = _given_ports(nodes, {name: port for name, port in (ports or {}).items() if port})
     if simulated and given:
         raise ValueError(f'{next(iter(given))} is simulated: give it no port of a real device')
+    monitor = _the_only('akron_can_bridge', nodes, 'cmd_joy') if cmd_joy else ''
     simulation = _Simulation(file, folder)
     devices = []
     result = []
@@ -92,7 +95,8 @@ def processes(
         if not autostart:
             values['autostart'] = False
         own = _resolved(node, file, values, folder) if values else file
-        result.append(_node_process(node, own, _rules(node, nodes)))
+        rules = _rules(node, nodes) + ([f'~/cmd_joy:={cmd_joy}'] if node == monitor else [])
+        result.append(_node_process(node, own, rules))
     return [*devices, *result]
 
 
@@ -126,13 +130,18 @@ def _given_ports(nodes: Iterable[str], ports: Mapping[str, str]) -> dict[str, Va
     result: dict[str, Values] = {}
     for argument, port in ports.items():
         name, parameter = PORTS[argument]
-        meant = [node for node in nodes if _name_of(node) == name]
-        if len(meant) != 1:
-            raise ValueError(
-                f'{argument}: the file has {len(meant)} of {name}; give it where there is one'
-            )
-        result.setdefault(meant[0], {})[parameter] = port
+        result.setdefault(_the_only(name, nodes, argument), {})[parameter] = port
     return result
+
+
+def _the_only(name: str, nodes: Iterable[str], argument: str) -> str:
+    """Return the node that an argument is for. :raises ValueError: none or several are meant."""
+    meant = [node for node in nodes if _name_of(node) == name]
+    if len(meant) != 1:
+        raise ValueError(
+            f'{argument}: the file has {len(meant)} of {name}; give it where there is one'
+        )
+    return meant[0]
 
 
 def _rules(node: str, nodes: Sequence[str]) -> list[str]:

@@ -167,6 +167,22 @@ def test_lifecycle_manager_gets_nodes_that_wait(tmp_path: Path) -> None:
     assert [parameters(process)['autostart'] for process in found] == [False] * 6
 
 
+def test_monitor_listens_to_whom_it_is_told_to(file: Path, tmp_path: Path) -> None:
+    write(file, {'/a/akron_can_bridge': {}, '/a/safety_mux': {}})
+    found = processes(file, tmp_path, cmd_joy='safety_mux/joy/fort')
+    assert '~/cmd_joy:=safety_mux/joy/fort' in after(of(found, '/a/akron_can_bridge'), '-r')
+    assert '~/cmd_joy' not in str(of(found, '/a/safety_mux').command)
+
+
+@pytest.mark.parametrize('count', [0, 2])
+def test_mover_of_no_monitor_or_of_several_is_refused(
+    count: int, file: Path, tmp_path: Path
+) -> None:
+    write(file, {'/c/ssc_bridge': {}} | {f'/{n}/akron_can_bridge': {} for n in 'ab'[:count]})
+    with pytest.raises(ValueError, match=f'cmd_joy: the file has {count}'):
+        processes(file, tmp_path, cmd_joy='safety_mux/joy/fort')
+
+
 # Simulated.
 
 
@@ -317,7 +333,8 @@ def launched(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Any:
 
 def test_launch_file_explains_each_argument_and_requires_the_file_alone(launched: Any) -> None:
     options = {d.positional[0]: d.options for d in launched.declared}
-    assert {'params_file', 'namespace', 'simulated', 'autostart', *PORTS} == set(options)
+    others = {'params_file', 'namespace', 'simulated', 'autostart', 'cmd_joy'}
+    assert {*others, *PORTS} == set(options)
     assert all(option['description'] for option in options.values())
     required = [name for name, option in options.items() if option['default_value'] is None]
     assert required == ['params_file']
