@@ -14,6 +14,7 @@
 #   make bench             measure, write benchmarks/results.json and the table of docs/performance.md; ARGS=--quick
 #   make bench-check       measure again; status 1 where a ratio got worse by a quarter; ARGS=--quick
 #   make campaign          harm the running system, 20 times in each way; ARGS='-n 5 SIGKILL' and the like
+#   make soak              keep all devices in motion for HOURS (1), and see what grows, drifts or stops; ARGS=--busy
 #   make reference         write config/*.yaml, their schema, the SROS 2 policy and the tables of docs/ from the tables in
 #                          the code
 #   make docs              write the site into docs/_build; a warning is an error
@@ -24,6 +25,7 @@
 
 PYTHON ?= python3
 ARGS ?=
+HOURS ?= 1
 # Most tests wait most of the time: more of them at once than there are processors.
 WORKERS ?= 3
 VENV := .venv
@@ -38,7 +40,7 @@ unexport _ROS_WHEELS_BOOTSTRAP_COMPLETE
 # A virtual environment that the caller has activated is only where $(PYTHON) comes from.
 unexport VIRTUAL_ENV
 
-.PHONY: demo test proof fuzz mutants lint bench bench-check campaign reference docs dist-check lock sbom clean
+.PHONY: demo test proof fuzz mutants lint bench bench-check campaign soak reference docs dist-check lock sbom clean
 
 demo: $(STAMP)
 	$(BIN)/python -m demo $(ARGS)
@@ -68,6 +70,9 @@ bench-check: $(STAMP)
 
 campaign: $(STAMP)
 	$(BIN)/python -m benchmarks.campaign $(ARGS)
+
+soak: $(STAMP)
+	$(BIN)/python -m benchmarks.soak $(HOURS) $(ARGS)
 
 reference: $(STAMP)
 	$(BIN)/python -m rugged_teleop.reference

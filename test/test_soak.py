@@ -1,0 +1,132 @@
+"""The soak's judgement, on made-up facts: pacing, growth, wrong decisions and false stops."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+import json
+import math
+import os
+
+import pytest
+
+from benchmarks.soak import growth
+from benchmarks.soak import Held
+from benchmarks.soak import held_by
+from benchmarks.soak import moved
+from benchmarks.soak import Pace
+from benchmarks.soak import PERIODS
+from benchmarks.soak import Result
+
+
+def good(*, busy: bool = False) -> Result:
+    """Return what a sound run would show."""
+    result = Result(busy, seconds=60.0, reactions={'e-stop': [0.01, 0.02]})
+    for pace in result.paces.values():
+        pace.add(n * pace.period for n in range(100))
+    result.held = {'the stack': [Held(90.0, 20, 30)] * 8}
+    return result
+
+
+def drift(result: Result) -> None:
+    result.paces["the SSC's pulses"].add(n * 0.0225 for n in range(10_000))
+
+
+def come_late(result: Result) -> None:
+    result.paces["the VSC's host heartbeats"].add((0.0, 0.11, 0.12, 0.15))
+
+
+def come_never(result: Result) -> None:
+    result.paces["the VM-110's VRPO"] = Pace(PERIODS["the VM-110's VRPO"])
+
+
+def grow(*more: float) -> Callable[[Result], None]:
+    def spoil(result: Result) -> None:
+        result.held['the stack'][-2:] = [
+            Held(90.0 + more[0], 20 + int(more[1]), 30 + int(more[2]))
+        ] * 2
+
+    return spoil
+
+
+def stop_by_itself(result: Result) -> None:
+    result.false["e-stop source 'fort' stale: "] = 2
+
+
+def lose_the_way(result: Result) -> None:
+    result.lost.append('READY')
+
+
+@pytest.mark.parametrize(
+    ('spoil', 'word'),
+    [
+        (drift, 'drift by 2.4'),
+        (come_late, 'late 1 times, 110 ms'),
+        (come_never, 'VRPO drift'),
+        (grow(2.5, 0, 0), 'grows: 2.5 MB'),
+        (grow(0, 1, 0), '1 threads'),
+        (grow(0, 0, 1), '1 descriptors'),
+        (stop_by_itself, "2 false stops: e-stop source 'fort' stale"),
+        (lose_the_way, 'not back in motion'),
+    ],
+)
+def test_fault_is_named_and_with_busy_cores_shown_only(
+    spoil: Callable[[Result], None], word: str
+) -> None:
+    result, busy = good(), good(busy=True)
+    assert not result.failures()
+    for each in (result, busy):
+        spoil(each)
+    (failure,) = result.failures()
+    assert word in failure
+    assert not busy.failures()
+
+
+def test_wrong_decision_fails_on_any_machine() -> None:
+    for result in (good(), good(busy=True)):
+        result.wrong.append('~/trip: the drive moves')
+        assert result.failures() == ['wrong: ~/trip: the drive moves']
+
+
+def test_only_what_moves_after_a_stop_is_wrong() -> None:
+    frames = [(0.9, True), (1.0, False), (1.5, False)]
+    assert moved('the drive', frames, 1.0) == []
+    assert moved('the drive', [*frames, (1.7, True), (1.8, True)], 1.0) == [
+        'the drive moves 0.70 s after it was stopped'
+    ]
+
+
+def test_pace_counts_gaps_within_a_stretch_of_motion_only() -> None:
+    pace = Pace(0.1)
+    assert pace.drift == math.inf
+    pace.add((1.0, 1.1, 1.2))
+    pace.add((60.0, 60.1))
+    assert (pace.gaps, pace.late) == (3, 0)
+    assert pace.drift == pytest.approx(0.0)
+
+
+def test_growth_is_between_first_and_last_and_no_single_peak() -> None:
+    samples = [Held(10.0, 2, 5)] * 4 + [Held(90.0, 9, 9)] + [Held(10.5, 2, 6)] * 4
+    assert growth(samples) == Held(0.5, 0, 1)
+    assert growth(samples[:1]) == Held(0.0, 0, 0)
+
+
+def test_table_and_json_tell_all() -> None:
+    result = good()
+    stop_by_itself(result)
+    text = result.table()
+    for part in (*PERIODS, 'the stack', 'e-stop', "'fort' stale", '2 stops asked for, 2 false'):
+        assert part in text
+    told = json.loads(json.dumps(result.as_json()))
+    assert told['stops']['e-stop']['n'] == 2
+    assert told['growth']['the stack']['threads'] == 0
+
+
+def test_what_a_process_holds_is_counted() -> None:
+    before = held_by(os.getpid())
+    ends = os.pipe()
+    after = held_by(os.getpid())
+    for each in ends:
+        os.close(each)
+    assert after.descriptors == before.descriptors + 2
+    assert before.threads >= 1
+    assert before.memory > 1.0
