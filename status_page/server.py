@@ -129,14 +129,17 @@ class Server:
         finally:
             self._loop.close()
 
-    async def _serve(self) -> None:
+    def _application(self) -> web.Application:
         app = web.Application(middlewares=[self._guard], client_max_size=_LONGEST)
         app.router.add_get('/live', self._live)
         app.router.add_post('/control', self._do)
         app.router.add_get('/recordings/{name}', self._recording)
         for name in self._files:
             app.router.add_get(name, self._file)
-        runner = web.AppRunner(app, access_log=None, shutdown_timeout=0.1)
+        return app
+
+    async def _serve(self) -> None:
+        runner = web.AppRunner(self._application(), access_log=None, shutdown_timeout=0.1)
         await runner.setup()
         try:
             site = web.TCPSite(runner, self._host, self._port)
@@ -159,8 +162,10 @@ class Server:
     async def _guard(self, request: web.Request, handler: _Handler) -> web.StreamResponse:
         """Refuse a name that is not ours, and give every answer its headers."""
         host = request.host
-        if not self._access.knows(host):
-            response: web.StreamResponse = web.Response(
+        if not all(map(str.isascii, request.headers.values())):  # nobody has to read the others
+            response: web.StreamResponse = web.Response(status=400, text='headers are ASCII')
+        elif not self._access.knows(host):
+            response = web.Response(
                 status=403,
                 text=f'{host} is no known name of this page: add it to the parameter names',
             )

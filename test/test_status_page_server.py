@@ -8,6 +8,7 @@ import json
 from pathlib import Path
 import socket
 from typing import Any
+from urllib.parse import urlsplit
 
 import aiohttp
 import pytest
@@ -110,6 +111,16 @@ def test_token_is_needed_beyond_loopback_and_for_control() -> None:
             assert not access.may_control('sécret\ud800')
             assert access.may_control('secret') is control
             assert access.needs_token is (control or not is_open)
+
+
+@pytest.mark.parametrize('header', ['Host', 'Sec-WebSocket-Key', 'Authorization'])
+def test_header_that_is_no_text_is_refused_and_no_fault(machine: Machine, header: str) -> None:
+    where = urlsplit(machine.address)
+    assert where.hostname is not None
+    assert where.port is not None
+    with socket.create_connection((where.hostname, where.port), 5.0) as plug:
+        plug.sendall(b'GET /live HTTP/1.0\r\n%s: \xff\r\n\r\n' % header.encode())
+        assert b' 400 ' in plug.recv(100)
 
 
 def test_foreign_host_gets_nothing(machine: Machine) -> None:
