@@ -32,7 +32,8 @@ from test.fuzz.campaign import Fuzzer
 from test.fuzz.campaign import watch_for_hangs
 
 CORPUS = corpus()
-INPUTS = 5000  # for each parser, beside the corpus; less for what takes longer
+INPUTS = 200_000  # for each parser, beside the corpus; less for what takes longer
+_FEW = 100
 pytestmark = pytest.mark.computes
 
 
@@ -42,7 +43,7 @@ def _hangs_are_found() -> None:
 
 
 def fuzzer_of(name: str) -> Fuzzer:
-    return Fuzzer(TARGETS[name], corpus_of(CORPUS[name]))
+    return Fuzzer(TARGETS[name], corpus_of(CORPUS.get(name, [])))
 
 
 @pytest.mark.parametrize('name', TARGETS)
@@ -51,7 +52,8 @@ def test_no_input_of_the_corpus_and_none_like_them_shows_a_fault(name: str) -> N
     with contextlib.redirect_stderr(io.StringIO()):  # libraries tell of each damaged line
         for reads in fuzzer.pool:
             TARGETS[name].run(reads)
-        outcome = fuzzer.batch(-1, INPUTS if 'parser' in name else INPUTS // 50, traced=100)
+        count, traced = (INPUTS, 1000) if 'parser' in name else (_FEW, 100)
+        outcome = fuzzer.batch(-1, count, traced=traced)
     assert not outcome.findings, outcome.findings[0]
 
 

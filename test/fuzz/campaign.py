@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from abc import ABC
 from abc import abstractmethod
+from bisect import insort
 from collections.abc import Collection
 from collections.abc import Hashable
 from collections.abc import Iterable
@@ -196,9 +197,15 @@ class Fuzzer:
         :param traced: of so many inputs one is traced; 1: all are.
         """
         rng = random.Random(f'{self.target.name} {number}')
-        mutator, outcome, pool = Mutator(self.target.kit, rng), Outcome(), list(self.pool)
+        mutator, outcome, pool = (
+            Mutator(self.target.kit, rng),
+            Outcome(),
+            sorted(self.pool, key=size),
+        )
+        largest = size(pool[len(pool) // 2])
         for index in range(count):
-            parent, other = (pool[int(rng.random() * len(pool))] for _ in range(2))
+            # Small ones more often: more of them fit into the time.
+            parent, other = (pool[int(rng.random() ** 2 * len(pool))] for _ in range(2))
             reads = mutator.mutate(parent, other)
             outcome.inputs += 1
             try:
@@ -214,8 +221,8 @@ class Fuzzer:
                 return outcome
             if new:
                 outcome.found.append(reads)
-                if len(pool) < len(self.pool) + _POOL:
-                    pool.append(reads)
+                if size(reads) <= largest and len(pool) < len(self.pool) + _POOL:
+                    insort(pool, reads, key=size)
         return outcome
 
     def _guarded(self, reads: Input) -> _Guard:
@@ -243,10 +250,15 @@ def watch_for_hangs() -> None:
     signal.signal(signal.SIGVTALRM, _hangs)
 
 
+def size(reads: Input) -> int:
+    """Return what an input costs: its bytes, and a read as much as four."""
+    return len(joined(reads)) + 4 * len(reads)
+
+
 def smallest(target: Target, inputs: Iterable[Input]) -> list[Input]:
     """Return those inputs that reach all that these do, the small ones first."""
     fuzzer = Fuzzer(target)
-    ordered = sorted(inputs, key=lambda reads: (len(joined(reads)) + 4 * len(reads), reads))
+    ordered = sorted(inputs, key=lambda reads: (size(reads), reads))
     for seed in target.kit.seeds:
         fuzzer.check(seed)
     return [reads for reads in ordered if fuzzer.check(reads)]

@@ -17,6 +17,7 @@ import math
 import struct
 from typing import Any
 
+from diagnostic_msgs.msg import DiagnosticStatus
 from diagnostic_msgs.msg import KeyValue
 from geometry_msgs.msg import Twist
 from geometry_msgs.msg import TwistStamped
@@ -136,7 +137,11 @@ class Filler:
         return math.copysign(math.inf, number) if too_large else number
 
 
-_ITEMS: dict[str, Callable[[], Any]] = {'std_msgs/MultiArrayDimension': MultiArrayDimension}
+_ITEMS: dict[str, Callable[[], Any]] = {
+    'std_msgs/MultiArrayDimension': MultiArrayDimension,
+    'diagnostic_msgs/DiagnosticStatus': DiagnosticStatus,
+    'diagnostic_msgs/KeyValue': KeyValue,
+}
 
 
 Callback = tuple[str, Any, tuple[Any, ...]]  # its name, the message's type, what follows
