@@ -8,7 +8,7 @@
 #   make proof             what takes minutes: every reachable state of what decides; ARGS as for make test
 #   make fuzz              ten million hostile inputs for each parser, session, decoder and callback; hours, and goes
 #                          on where it was; ARGS='--count 100000 ssc' and the like
-#   make mutants           plant faults in what decides, and name those that no test notices; half an hour;
+#   make mutants           plant faults in what decides, and name those that no test notices; hours;
 #                          ARGS='safety_mux/limits.py --sample 50' and the like
 #   make lint              ruff and mypy
 #   make bench             measure, write benchmarks/results.json and the table of docs/performance.md; ARGS=--quick

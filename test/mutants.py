@@ -44,24 +44,71 @@ ENOUGH = 0.95  # of those that are not excused
 _MEMORY = 2 << 30  # bytes that a mutant may take
 _PATIENCE = 5.0  # times the processor time that the tests take without a mutant
 
-_MUX = ('arbiter', 'edges', 'moments', 'owners', 'drive', 'feedback', 'speed_limits', 'chains')
-_SESSION = ('session', 'session_errors', 'session_edges', 'ramp', 'session_chance')
-_NAMES_OF_TESTS = {  # in this order: what takes long comes last, as most mutants are dead by then
-    'safety_mux/arbiter.py': (*_MUX, 'properties'),
-    'safety_mux/inputs.py': _MUX,
-    'safety_mux/feedback.py': ('feedback',),
-    'safety_mux/limits.py': ('limits', 'speed_limits'),
-    'safety_mux/mapping.py': ('mapping',),
-    'safety_mux/button.py': ('button',),
-    'safety_mux/stamps.py': ('stamps',),
-    'esi_drive_bridge/session/session.py': _SESSION,
-}
-TESTS = {
-    file: tuple(
-        f'test/test_{file.split("/")[0].removesuffix("_bridge")}_{name}.py' for name in names
+_MUX = tuple(
+    f'safety_mux_{name}'
+    for name in (
+        *('arbiter', 'edges', 'moments', 'owners', 'drive', 'feedback', 'speed_limits', 'chains'),
     )
-    for file, names in _NAMES_OF_TESTS.items()
+)
+_ESI = tuple(f'esi_drive_session{name}' for name in ('', '_errors', '_edges', '_chance'))
+_SESSIONS = ('session_quiet', 'session_order')
+_AKRON = tuple(
+    f'akron_session_{name}'
+    for name in ('drive', 'unit', 'joysticks', 'finder', 'polls', 'report', 'loop', 'motion')
+)
+# By file, or for all of a folder. What takes long comes last: most mutants are dead by then.
+_NAMES_OF_TESTS = {
+    'bridge_core/framing.py': ('framing', 'fast_framing'),
+    'bridge_core/packets.py': ('fort_vsc_protocol', 'ssc_protocol', 'framing', 'fast_framing'),
+    'bridge_core/checksums.py': ('checksums', 'crc32'),
+    'bridge_core/j1939.py': ('j1939', 'akron_protocol'),
+    'bridge_core/watchdog.py': ('watchdog',),
+    'bridge_core/session.py': ('shared_session', *_SESSIONS, 'fort_vsc_session'),
+    'bridge_core/lane.py': ('lane',),
+    'bridge_core/transports/link.py': ('link', 'link_faults'),
+    'safety_mux/arbiter.py': (*_MUX, 'safety_mux_properties'),
+    'safety_mux/inputs.py': _MUX,
+    'safety_mux/intake.py': ('safety_mux_intake',),
+    'safety_mux/feedback.py': ('safety_mux_feedback',),
+    'safety_mux/limits.py': ('safety_mux_limits', 'safety_mux_speed_limits'),
+    'safety_mux/mapping.py': ('safety_mux_mapping',),
+    'safety_mux/button.py': ('safety_mux_button',),
+    'safety_mux/stamps.py': ('safety_mux_stamps',),
+    'esi_drive_bridge/session': (*_ESI[:-1], 'esi_drive_ramp', _ESI[-1]),
+    'esi_drive_bridge/protocol.py': ('esi_drive_protocol', _ESI[0]),
+    'fort_vsc_bridge/session': (
+        *('fort_vsc_session', 'fort_vsc_wires', 'fort_vsc_hid', 'fort_vsc_can'),
+        *_SESSIONS,
+    ),
+    'fort_vsc_bridge/protocol': (
+        *('fort_vsc_protocol', 'fort_vsc_can', 'fort_vsc_hid', 'fort_vsc_wires'),
+        'fort_vsc_session',
+    ),
+    'ssc_bridge/session': ('ssc_session', 'ssc_session_outputs', 'ssc_session_aux', *_SESSIONS),
+    'ssc_bridge/protocol': ('ssc_protocol', 'ssc_session'),
+    'akron_can_bridge/session': (*_AKRON, *_SESSIONS),
+    'akron_can_bridge/protocol': (
+        *('akron_protocol', 'akron_protocol_bits', 'akron_protocol_errors'),
+        *('akron_session_joysticks', 'akron_session_unit'),
+    ),
+    'vm110_bridge/session': ('vm110_session', *_SESSIONS),
+    'vm110_bridge/protocol': ('vm110_protocol', 'vm110_session'),
 }
+
+
+def _files(place: str) -> list[str]:
+    """Return the file, or those of the folder that say anything."""
+    found = sorted((ROOT / place).glob('*.py')) or [ROOT / place]
+    return [str(path.relative_to(ROOT)) for path in found if path.name != '__init__.py']
+
+
+TESTS = {
+    file: tuple(f'test/test_{name}.py' for name in names)
+    for place, names in _NAMES_OF_TESTS.items()
+    for file in _files(place)
+}
+
+_PACKAGES = {path.parent.name for path in ROOT.glob('*/__init__.py')}
 
 _COMPARISONS: dict[type[ast.cmpop], tuple[type[ast.cmpop], ...]] = {
     ast.Lt: (ast.LtE, ast.GtE),
@@ -271,6 +318,8 @@ def _child(file: str, code: CodeType, limit: float) -> int:
         os.dup2(silence, descriptor)
     folder = tempfile.mkdtemp(prefix='mutant_')
     os.environ['HYPOTHESIS_STORAGE_DIRECTORY'] = folder  # what one has found is not for others
+    for name in [name for name in sys.modules if name.partition('.')[0] in _PACKAGES]:
+        del sys.modules[name]  # what came with the conftest would stay without the fault
     sys.meta_path.insert(0, Finder(file, code))
     options = (
         *('-x', '-q', '-m', 'not computes and not proof', '--hypothesis-seed=0'),
@@ -361,7 +410,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument('--results', type=Path, default=RESULTS, help='where they are kept')
     options = parser.parse_args(arguments)
     os.chdir(ROOT)
-    # So that not each process has to. Nothing of this imports what is mutated.
+    # So that not each process has to import what these do.
     importlib.import_module('hypothesis.stateful')
     importlib.import_module('test.conftest')
     results = Results(options.results)

@@ -113,6 +113,8 @@ def test_joystick_messages_alone_are_no_link() -> None:
     bench.run(1.0, DEFLECTED)
     assert bench.session.estop
     assert 'enable its heartbeat message' in bench.session.stop_reasons(bench.now)[0]
+    bench.wait(LIMIT)
+    assert 'check power' in bench.session.stop_reasons(bench.now)[0]
 
 
 @pytest.mark.parametrize('last', [0.0, 0.001, 0.02, 0.04, 0.2])
@@ -682,6 +684,16 @@ def test_texts_and_values_are_shown_again_to_a_new_remote_a_rumble_is_not() -> N
     bench.run(1.0, heartbeat())
     assert [f for _, f in bench.frames(0x30)] == [build_frame(0x30, b'\1\7\0\0\0')]
     assert [f[5:10] for _, f in bench.frames(0x31)] == [b'speed']
+
+
+@pytest.mark.parametrize(
+    ('sides', 'key'), [((True, False), 10), ((False, True), 11), ((True, True), 12)]
+)
+def test_rumble_drives_the_motors_of_its_sides(sides: tuple[bool, bool], key: int) -> None:
+    bench = opened()
+    bench.session.rumble(*sides, bench.now)
+    bench.wait(1.0)
+    assert [f for _, f in bench.frames(0x30)] == [build_frame(0x30, bytes((key, 1, 0, 0, 0)))]
 
 
 def test_display_text_fills_four_lines_and_switches_to_them_once() -> None:

@@ -11,6 +11,7 @@ from hypothesis import settings
 from hypothesis import strategies as st
 import pytest
 
+from bridge_core.session import Level
 from fort_vsc_bridge.convert import joy
 from fort_vsc_bridge.protocol import AXIS_NAMES
 from fort_vsc_bridge.protocol import BUTTON_NAMES
@@ -27,6 +28,15 @@ from test.session_rig import SessionBench
 
 HID_STEP = 1 / 127
 OPPOSITE = ({'left_up', 'left_down'}, {'left_left', 'left_right'})  # a HID pad has no such
+
+
+def test_wire_without_a_software_stop_says_so_to_who_asks_and_in_the_diagnostics() -> None:
+    session = Session(Settings(wire=HidWire()))
+    assert not session.problems(100.0)[1:]
+    with pytest.raises(ValueError, match='transport hid cannot carry'):
+        session.set_software_estop(False, 100.0)
+    text = 'wire that stop elsewhere: transport hid cannot carry software_estop'
+    assert [level for level, why in session.problems(100.0) if text in why] == [Level.ERROR]
 
 
 class Bench(SessionBench[Session]):
