@@ -22,6 +22,7 @@ from signal import SIGQUIT
 from signal import SIGSEGV
 from signal import SIGSTOP
 import socket
+import threading
 import time
 from types import SimpleNamespace
 from typing import Any
@@ -536,6 +537,24 @@ def test_stop_behind_an_event_that_the_owner_fails_at_is_not_lost(direct: Direct
     direct.owner.on_events = on_events  # type: ignore[method-assign]
     direct.pty.write(b'as')
     wait_for(stopped, 5.0, 'the stop')
+
+
+def test_end_of_a_stop_is_not_told_where_another_stop_waits_behind_it(direct: Direct) -> None:
+    pace, gate = direct.owner.pace, threading.Event()
+
+    def held_up(now: float) -> float:
+        gate.wait(30.0)
+        return pace(now)
+
+    direct.owner.pace = held_up  # type: ignore[method-assign]
+    for words in (b's', b'k', b's'):
+        direct.pty.clear()
+        direct.pty.write(words)
+        direct.pty.wait_received(b'hhh')  # the wire has read it
+    direct.owner.told.clear()
+    gate.set()
+    wait_for(lambda: len(direct.owner.told) >= 3, 5.0, 'what waited')
+    assert all(direct.owner.told)
 
 
 def test_link_that_is_stopped_without_a_start_or_twice(pty: Pty) -> None:

@@ -43,7 +43,7 @@ _LONG_LIFE = 5.0  # s
 _REPORT_PERIOD = 1.0  # s
 _ROOM = 1 << 20  # bytes, for messages either way; the system may allow less
 # Messages before the owner is paced again: more than can wait, so that a node that was held up
-# says nothing of before, such as that there is no stop, until it has taken in all of them.
+# says nothing of before until it has taken in all of them.
 _READS = 1024
 
 
@@ -70,6 +70,7 @@ class ProcessLink(Link):
         self._start_at = self._started_at = self._pace_at = self._report_at = 0.0
         self._limit = self._kill_at = 0.0  # of silence
         self._verdict: Verdict | None = None  # the wire's own
+        self._releases = False  # it is no stop, and the owner has not been told yet
         self._trouble = ''  # why there is no healthy wire
 
     # -- requests, from any thread ----------------------------------------------------------------
@@ -168,6 +169,7 @@ class ProcessLink(Link):
             try:
                 data = self._socket.recv(_ROOM)
             except BlockingIOError:
+                self._release(now)
                 return heard
             except OSError:
                 data = b''
@@ -223,10 +225,19 @@ class ProcessLink(Link):
     # -- what a wire says -------------------------------------------------------------------------
 
     def _on_events(self, events: list[Any], now: float) -> None:
+        told = []
         for event in events:
             if isinstance(event, StopChanged):
-                self._verdict = event.verdict
-        self._owner.on_events(events, now)
+                self._verdict, self._releases = event.verdict, not event.verdict.estop
+            if not (isinstance(event, StopChanged) and self._releases):
+                told.append(event)
+        self._owner.on_events(told, now)
+
+    def _release(self, now: float) -> None:
+        """Tell the end of a stop when all is read: another stop may have waited behind it."""
+        if self._releases and self._verdict is not None:
+            self._releases = False
+            self._owner.on_events([StopChanged(self._verdict)], now)
 
     def _on_report(self, report: Report, now: float) -> None:
         values = {**report.link.values, **self._processes()}
@@ -287,7 +298,7 @@ class ProcessLink(Link):
             theirs.close()
         self._starts += 1
         self._started_at = now
-        self._process, self._verdict = process, None
+        self._process, self._verdict, self._releases = process, None, False
         self._limit = self._kill_at = now + _START_TIME
         with self._lock:
             self._socket = ours
