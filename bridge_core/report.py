@@ -120,6 +120,18 @@ def report(
     return Report(Status(*link, values), _device(port, session, now))
 
 
+def levels(
+    port: LinkStatus, session: Session[Any, Any, Any] | None, damage: Damage, now: float
+) -> tuple[Level, Level]:
+    """Return the levels of a report, without its numbers, which take longer than all else."""
+    if session is None:
+        return Level.WARN, Level.WARN
+    return (
+        _link_status(port, session, damage, now)[0],
+        summarise(session.problems(now), '')[0],
+    )
+
+
 def _link_status(
     port: LinkStatus, session: Session[Any, Any, Any], damage: Damage, now: float
 ) -> tuple[Level, str]:

@@ -69,6 +69,7 @@ class FakeTransport:
         return self._ours is not None
 
     def counts(self) -> dict[str, int | str]:
+        self._call('counts')
         return {}
 
     def fileno(self) -> int:

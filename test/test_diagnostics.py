@@ -1,9 +1,34 @@
-"""What diagnostics say of a link: how much of what comes is damaged."""
+"""What diagnostics say of a link: levels, and how much of what comes is damaged."""
 
 import pytest
 
 from bridge_core.framing import Counters
 from bridge_core.report import Damage
+from bridge_core.report import levels
+from bridge_core.report import LinkStatus
+from bridge_core.report import report
+from bridge_core.session import Level
+from test.link_rig import FakeSession
+
+
+@pytest.mark.parametrize('is_open', [False, True])
+@pytest.mark.parametrize('data', [b'', b'x'])
+@pytest.mark.parametrize('share', [0.0, 1.0])
+def test_levels_are_those_of_the_report(is_open: bool, data: bytes, share: float) -> None:
+    session, port = FakeSession(), LinkStatus(is_open)
+    damage = Damage(session.counters)
+    damage.share = share
+    if is_open:
+        session.opened(1.0)
+        session.receive(data, 1.0)
+    said = report(port, session, damage, {}, 1.1)
+    assert levels(port, session, damage, 1.1) == (said.link.level, said.device.level)
+
+
+def test_levels_without_a_session_are_those_of_the_report() -> None:
+    said = report(LinkStatus(), None, Damage(Counters()), {}, 1.0)
+    found = levels(LinkStatus(), None, Damage(Counters()), 1.0)
+    assert found == (said.link.level, said.device.level) == (Level.WARN, Level.WARN)
 
 
 @pytest.mark.parametrize(

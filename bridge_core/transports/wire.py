@@ -29,6 +29,7 @@ from typing import Protocol
 from bridge_core import clock
 from bridge_core.framing import Counters
 from bridge_core.report import Damage
+from bridge_core.report import levels
 from bridge_core.report import LinkStatus
 from bridge_core.report import Report
 from bridge_core.report import report
@@ -170,7 +171,7 @@ class Wire(Generic[FrameT]):
         self._session: Session[FrameT, Any, Any] | None = None
         self._resting = False
         self._damage = Damage(Counters())
-        self._levels: list[Level] = []
+        self._levels: tuple[Level, ...] = ()
         self._backoff = BACKOFF_START
         self._open_at = math.inf
         self._pace_at = self._polled_at = self._complain_at = self._stepped_at = 0.0
@@ -468,10 +469,10 @@ class Wire(Generic[FrameT]):
         """Give the report to the owner if a level has changed, or if it is time to."""
         self._look_at = now + _LOOK_PERIOD
         session = None if self._resting else self._session
-        counts = {} if self._transport is None else self._transport.counts()
         self._damage.update(now)
-        said = report(self.status, session, self._damage, counts, now)
-        levels = [status.level for status in said]
-        if levels != self._levels or now >= self._report_at:
-            self._levels, self._report_at = levels, now + _REPORT_PERIOD
+        found = levels(self.status, session, self._damage, now)
+        if found != self._levels or now >= self._report_at:
+            self._levels, self._report_at = found, now + _REPORT_PERIOD
+            counts = {} if self._transport is None else self._transport.counts()
+            said = report(self.status, session, self._damage, counts, now)
             self._owner.on_report(said, now)
