@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 import struct
 from typing import Annotated
 from typing import Any
@@ -33,6 +34,11 @@ _axis_of = Axis.from_word
 _PAIRS = tuple(four[:2] for four in STATUSES)
 
 
+@lru_cache(maxsize=256)  # they say the same again and again
+def _switches(to_4: int, to_8: int, to_12: int) -> tuple[Status, ...]:
+    return STATUSES[to_4] + STATUSES[to_8] + STATUSES[to_12]
+
+
 @dataclass(frozen=True, slots=True)
 class BasicJoystick(Sendable):
     """
@@ -51,11 +57,12 @@ class BasicJoystick(Sendable):
     detents: Annotated[tuple[Status, ...], statuses(2, at=28)] = (_OFF,) * 2
 
     @classmethod
-    def _from_payload(cls, payload: bytes) -> Any:
+    def from_data(cls, data: bytes) -> Any:
+        """Read data of this kind's length, all of which are sound."""
         message = _DraftBasic()
-        x, y, detents, to_4, to_8, to_12 = _BASIC.unpack(payload)
+        x, y, detents, to_4, to_8, to_12 = _BASIC.unpack(data)
         message.x, message.y = _axis_of(x), _axis_of(y)
-        message.switches = STATUSES[to_4] + STATUSES[to_8] + STATUSES[to_12]
+        message.switches = _switches(to_4, to_8, to_12)
         message.detents = _PAIRS[detents]
         message.__class__ = cls
         return message
@@ -85,9 +92,10 @@ class ExtendedJoystick(Sendable):
     detents: Annotated[tuple[Status, ...], statuses(3, at=10)] = (_OFF,) * 3
 
     @classmethod
-    def _from_payload(cls, payload: bytes) -> Any:
+    def from_data(cls, data: bytes) -> Any:
+        """Read data of this kind's length, all of which are sound."""
         message = _DraftExtended()
-        grip_x, grip_y, theta, detents, switches = _EXTENDED.unpack(payload)
+        grip_x, grip_y, theta, detents, switches = _EXTENDED.unpack(data)
         message.grip_x, message.grip_y = _axis_of(grip_x), _axis_of(grip_y)
         message.theta = _axis_of(theta)
         message.switches = STATUSES[switches]

@@ -68,7 +68,7 @@ class Received(NamedTuple):
 def decode(frame: CanFrame) -> Received:
     """Read a frame; see ``read``. :raises FrameError: its data cannot be what it says."""
     parts = J1939Id.from_identifier(frame.identifier)
-    return Received(read(parts.pgn, frame.data), parts)
+    return tuple.__new__(Received, (read(parts.pgn, frame.data), parts))  # half of its own time
 
 
 def read(pgn: int, data: bytes) -> Message | Unknown:

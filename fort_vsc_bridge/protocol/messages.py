@@ -66,7 +66,8 @@ class Joystick(Message):
         return cls((Axis(0),) * len(AXIS_NAMES), (Button(False),) * len(BUTTON_NAMES))
 
     @classmethod
-    def _from_payload(cls, payload: bytes) -> Any:
+    def from_payload(cls, payload: bytes) -> Any:
+        """Read a payload of this type's length, all of which are sound."""
         if payload == _ZEROS:
             return cls.neutral()
         left_x, left_y, left_z, right_x, right_y, right_z, left, right = _JOYSTICK.unpack(payload)
@@ -130,7 +131,8 @@ class Heartbeat(Message):
         check_range('the E-stop indication', self.estop, 0, 0xFFFFFFFF)
 
     @classmethod
-    def _from_payload(cls, payload: bytes) -> Any:
+    def from_payload(cls, payload: bytes) -> Any:
+        """Read a payload of this type's length, all of which are sound."""
         mode, autonomy, estop = _HEARTBEAT.unpack(payload)
         message = _DraftHeartbeat()
         message.mode = MODES.get(mode, mode)
