@@ -13,6 +13,7 @@ from ssc_bridge.simulator import build_frame
 from ssc_bridge.simulator import Settings
 from ssc_bridge.simulator import Simulator
 from ssc_bridge.simulator import sums
+from ssc_bridge.simulator.memory import is_image
 from ssc_bridge.simulator.menus import Terminal
 
 VECTORS = json.loads((Path(__file__).parent / 'vectors' / 'ssc.json').read_text())
@@ -416,3 +417,12 @@ def test_deadline_never_lies_in_the_past_for_long() -> None:
         now = max(simulator.deadline(), 0.0)
         simulator.poll(now)
         assert simulator.deadline() > now
+
+
+def test_image_is_summed_once_not_at_each_step() -> None:
+    simulator = Simulator()
+    simulator.poll(1.0)
+    before = is_image.cache_info().misses
+    for step in range(100):
+        simulator.poll(1.0 + 0.01 * step)
+    assert is_image.cache_info().misses == before

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from dataclasses import field
+from functools import lru_cache
 import struct
 
 CHANNELS = 24
@@ -153,6 +154,7 @@ class Memory:
         return [text[at : at + 2 * _LINE_SIZE] for at in range(0, len(text), 2 * _LINE_SIZE)]
 
 
+@lru_cache(maxsize=8)  # asked at each step, and the sums are slow
 def is_image(data: bytes) -> bool:
     """Tell whether data is an image of this device."""
     return len(data) == _BODY.size + 2 and data[2] in range(1, 17) and sums(data[:-2]) == data[-2:]
