@@ -393,6 +393,23 @@ def test_sticks_are_neutral_in_any_other_mode(mode: int) -> None:
     assert sticks(bench.hear(DEFLECTED)) == [NEUTRAL]
 
 
+@pytest.mark.parametrize('zeroed_before', [False, True])
+@pytest.mark.parametrize('mode', [Mode.REMOTE, Mode.MENU, Mode.PAUSE])
+def test_button_held_through_another_mode_counts_once_it_was_let_go_of(
+    mode: int, zeroed_before: bool
+) -> None:
+    bench = opened()
+    bench.hear(heartbeat(), DEFLECTED)
+    if zeroed_before:  # the sticks come more often than the mode
+        bench.hear(build_frame(0x10, bytes(14)))
+    bench.run(1.0, heartbeat(mode), build_frame(0x10, bytes(14)))
+    (held,) = sticks(bench.hear(heartbeat(), DEFLECTED))
+    assert held.axes == (1023, -296, 0, 0, 0, -1)
+    assert not any(held.buttons)
+    assert not any(sticks(bench.hear(CENTRED))[0].buttons)
+    assert any(sticks(bench.hear(DEFLECTED))[0].buttons)
+
+
 def test_sticks_are_neutral_with_a_stop_in_operational() -> None:
     bench = opened()
     assert sticks(bench.hear(heartbeat(estop=1 << 31), DEFLECTED)) == [NEUTRAL]

@@ -6,6 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 import pytest
 
+from bridge_core.session import HeldButtons
 from bridge_core.session import Pacer
 from bridge_core.session import StickStream
 from bridge_core.session import Verdict
@@ -42,6 +43,37 @@ def test_lost_stream_owes_one_neutral_though_its_last_was_neutral() -> None:
     assert not stream.owes_neutral(fresh=True, counts=False)
     assert stream.owes_neutral(fresh=False, counts=False)
     assert not stream.owes_neutral(fresh=False, counts=False)
+
+
+def test_button_held_while_nothing_counted_counts_once_it_was_let_go_of() -> None:
+    buttons = HeldButtons(0.25)
+    assert buttons.of((1, 0, -1), 1.0) == (1, 0, -1)
+    buttons.miss(1.1)
+    buttons.miss(2.0)
+    assert buttons.of((1, 1, -1), 2.1) == (0, 1, 0)
+    buttons.miss(2.2)
+    assert buttons.of((1, 1, 0), 3.0) == (0, 0, 0)
+    assert buttons.of((0, 1, -1), 3.1) == (0, 0, -1)
+    assert buttons.of((1, 0, -1), 3.2) == (1, 0, -1)
+    assert buttons.of((1, 1, -1), 3.3) == (1, 1, -1)
+
+
+@pytest.mark.parametrize(('gap', 'counts'), [(0.25, 0), (0.26, 1)])
+def test_button_that_went_just_before_was_held(gap: float, counts: int) -> None:
+    buttons = HeldButtons(0.25)
+    buttons.of((1,), 1.0)
+    buttons.of((0,), 1.01)
+    buttons.miss(1.0 + gap)
+    assert buttons.of((1,), 2.0) == (counts,)
+
+
+def test_button_counts_after_a_stop() -> None:
+    buttons = HeldButtons(0.25)
+    buttons.of((1, 0), 1.0)
+    buttons.miss(1.1)
+    buttons.miss(1.2, stopped=True)
+    buttons.miss(1.21)
+    assert buttons.of((1, 0), 1.3) == (1, 0)
 
 
 def test_nothing_is_owed_where_nothing_was_published() -> None:

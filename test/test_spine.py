@@ -235,6 +235,8 @@ def test_remote_leaves_operational_mid_motion_and_comes_back_held(spine: Spine, 
     cause = spine.vsc.apply(f'mode {mode}')
     reaction = spine.disabled_after(cause, 0.15)
     measured(f'mode {mode} to disable packet', reaction)
+    # Long enough for a new press of the deadman to count.
+    spine.wait(lambda: spine.values.get("condition of operator 'fort'") == 'rested', 'a rest')
     spine.vsc.apply('mode operational')
     spine.holds_still(cause + reaction)
 

@@ -258,6 +258,21 @@ def test_sticks_and_switches_are_passed_on() -> None:
     ]
 
 
+@pytest.mark.parametrize(
+    'pause',
+    [{'bu_state': DISARMED, 'ru_state': 0}, {'flags': (0, 0, 1)}, {'joysticks': (1001,) * 4}],
+)
+def test_switch_held_through_a_pause_counts_once_it_was_let_go_of(pause: dict[str, Any]) -> None:
+    bench = armed()
+    bench.hear(DEFLECTED)
+    assert not any(of(Sticks, bench.hear(build_vrpi(**pause)))[0].buttons)
+    held = of(Sticks, bench.hear(DEFLECTED))[0]
+    assert held.axes == (1000, -1000, 1, 0)
+    assert not any(held.buttons)
+    bench.hear(CENTRED)
+    assert of(Sticks, bench.hear(DEFLECTED))[0].buttons == (1, -1, 1000, 0, 3, 0, 0, 0, 0)
+
+
 def test_sticks_of_another_remote_begin_neutral() -> None:
     bench = armed()
     bench.hear(DEFLECTED)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
+from bridge_core.session import HeldButtons
 from bridge_core.session import Level
 from bridge_core.session import Pacer
 from bridge_core.session import Session as BaseSession
@@ -78,6 +79,7 @@ class Session(BaseSession[Frame, Received, Event]):
         self._joystick_alone = False  # it comes, and the heartbeat does not
         self._settled_at = math.inf  # long enough after the link came up, or was opened, or lost
         self._stream = StickStream()
+        self._held = HeldButtons(settings.link_timeout)
         self._judgement = StopJudge()
         self._software_estop = False
         self._software_estop_heard = Watchdog(settings.software_estop_timeout)
@@ -206,13 +208,14 @@ class Session(BaseSession[Frame, Received, Event]):
         self._joystick_alone = not self.link_up and now >= self._settled_at
         if not self.link_up:
             return
-        sticks = self._sticks_of(message)
+        sticks = self._sticks_of(message, now)
         self.faulty = sticks.faulty
         self._stream.published(counts=sticks.operational)
         self._emit(sticks)
 
-    def _sticks_of(self, message: Joystick) -> Sticks:
+    def _sticks_of(self, message: Joystick, now: float) -> Sticks:
         if not self.operational:
+            self._held.miss(now, stopped=self.estop)
             return _NEUTRAL  # the VSC zeroes the whole message: nothing in it is the remote's
         controls: tuple[Axis | Button, ...] = message.axes + message.buttons
         faulty = tuple(
@@ -221,10 +224,12 @@ class Session(BaseSession[Frame, Received, Event]):
             if control.value is None
         )
         if faulty and not self.settings.tolerate_faulty_axes:
+            self._held.miss(now)
             return Sticks(operational=True, faulty=faulty)
+        buttons = self._held.of(tuple(button.value or False for button in message.buttons), now)
         return Sticks(
             axes=tuple(axis.value or 0 for axis in message.axes),
-            buttons=tuple(button.value or False for button in message.buttons),
+            buttons=tuple(map(bool, buttons)),
             operational=True,
             faulty=faulty,
         )

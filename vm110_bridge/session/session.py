@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
+from bridge_core.session import HeldButtons
 from bridge_core.session import Level
 from bridge_core.session import Pacer
 from bridge_core.session import Session as BaseSession
@@ -85,6 +86,7 @@ class Session(BaseSession[bytes, Packet, Event]):
         self._unheard_at = -math.inf  # a command found no listener
         self._looped_back_at = -math.inf
         self._stream = StickStream()
+        self._held = HeldButtons(settings.link_timeout)
         self._has_news = False  # a VRPI was taken in that is not published yet
         self._stick_ru = 0  # whose sticks were published last
         self._remote: Remote | None = None
@@ -281,7 +283,7 @@ class Session(BaseSession[bytes, Packet, Event]):
             ):
                 self._emit(result)
         if self._has_news:
-            self._publish_controls()
+            self._publish_controls(now)
         for result in self.outbox.expire(now):
             self._emit(result)
         self._follow_hold(now)
@@ -302,13 +304,13 @@ class Session(BaseSession[bytes, Packet, Event]):
             self._remote = remote
             self._emit(RemoteState(remote))
 
-    def _publish_controls(self) -> None:
+    def _publish_controls(self, now: float) -> None:
         """Publish encoder and sticks of a new VRPI, as far as the verdict on it allows."""
         assert self.vrpi is not None
         self._has_news = False
         if self._encoder.take(self.vrpi.encoder, self.vrpi.armed_ru if self.enabled else 0):
             self._emit(EncoderTurned(self._encoder.position))
-        sticks = self._sticks_of(self.vrpi)
+        sticks = self._sticks_of(self.vrpi, now)
         self._stream.published(counts=sticks.enabled)
         self._emit(sticks)
 
@@ -402,16 +404,18 @@ class Session(BaseSession[bytes, Packet, Event]):
 
     # What VRPI mean.
 
-    def _sticks_of(self, vrpi: PeriodicInput) -> Sticks:
+    def _sticks_of(self, vrpi: PeriodicInput, now: float) -> Sticks:
         # Another remote's sticks do not go on where those of the one before left off.
         is_known, self._stick_ru = vrpi.armed_ru == self._stick_ru, vrpi.armed_ru
         if not self.enabled or not is_known:
+            self._held.miss(now, stopped=self.estop)
             return _NEUTRAL
         if vrpi.faulty and not self.settings.tolerate_faulty_axes:
+            self._held.miss(now)
             return Sticks(enabled=True, faulty=vrpi.faulty)
         return Sticks(
             axes=tuple(value if abs(value) <= MAX_POSITION else 0 for value in vrpi.joysticks),
-            buttons=(*vrpi.switches, int(vrpi.encoder_switch)),
+            buttons=self._held.of((*vrpi.switches, int(vrpi.encoder_switch)), now),
             enabled=True,
             faulty=vrpi.faulty,
         )
