@@ -32,6 +32,7 @@ import os
 from pathlib import Path
 import re
 import signal
+import sys
 import tempfile
 import time
 from typing import Any
@@ -43,13 +44,13 @@ from benchmarks.rig import running
 from benchmarks.rig import UnavailableError
 from benchmarks.rig import use_own_domain
 from benchmarks.rig import wires_of
-from benchmarks.subjects import Drive
 from benchmarks.subjects import Sent
 from benchmarks.subjects import Subject
 from benchmarks.subjects import SUBJECTS
 from benchmarks.subjects import Terminal
 from benchmarks.subjects import TIMEOUT
 from test.rig import Observer
+from test.run_delay import RunDelay
 
 DEAD, HUNG, GAP, TOLD = 0.02, TIMEOUT + 0.01, 0.03, 0.1  # s
 _COUNT = 20
@@ -57,7 +58,6 @@ _BLOCK = 0.1  # s for which the middleware blocks at a time
 _AFTER = 0.7  # s for which it is watched that nothing moves by itself
 _LAST = 5  # packets that are shown
 _TIMES = re.compile(r'[\d.]+ (ms|s)\b')  # they differ each time
-_LOUD = ('--log-level', 'rcl:=debug')
 
 
 class NoWireError(Exception):
@@ -75,6 +75,7 @@ class Trial:
     gap: float = 0.0  # the longest between two packets during the fault
     told: float | None = None  # the node's ~/estop
     mux_told: float | None = None  # the mux's
+    waited: float = 0.0  # of all these processes, for a processor: what the machine took
     left: int = 0  # processes of the node that outlive it; owners of the wire off one
     back: bool = False  # in motion again, after reset and deadman
     mux: str = ''
@@ -86,7 +87,7 @@ class Trial:
 class Fault:
     """
     :param kind: what is expected; see above. :param lasts: s until it is undone.
-    :param subjects: whom it is done to. :param variant: another way to start the drive node.
+    :param variant: another way to start the node of this name.
     :param within: s in which a node that is hung has to be stopped.
     """
 
@@ -95,8 +96,7 @@ class Fault:
     inject: Callable[[Subject], object]
     undo: Callable[[Subject], object] = lambda subject: None
     lasts: float = 1.0
-    subjects: tuple[str, ...] = tuple(SUBJECTS)
-    variant: Variant | None = None
+    variant: Callable[[str], Variant | None] = lambda name: None
     within: float = HUNG
 
 
@@ -120,28 +120,32 @@ def wire_resumed(subject: Subject) -> None:
         os.kill(wire, signal.SIGCONT)
 
 
-_DRIVE = ('drive',)
-_HOLDER = Variant('benchmarks.held_lock')
+def _holder(name: str) -> Variant:
+    return Variant('benchmarks.held_lock', ('--', name))
+
+
+def _loud(name: str) -> Variant:
+    return Variant(f'{name}.node', ('--log-level', 'rcl:=debug'))
+
+
 FAULTS = (
     Fault('SIGKILL', 'dead', signalled(signal.SIGKILL)),
-    Fault('SIGSEGV', 'dead', signalled(signal.SIGSEGV), subjects=_DRIVE),
-    Fault('SIGHUP', 'dead', signalled(signal.SIGHUP), lasts=1.5, subjects=_DRIVE),
+    Fault('SIGSEGV', 'dead', signalled(signal.SIGSEGV)),
+    Fault('SIGHUP', 'dead', signalled(signal.SIGHUP), lasts=1.5),
     Fault('SIGSTOP', 'hung', signalled(signal.SIGSTOP), signalled(signal.SIGCONT)),
     Fault(
         'lock held',
         'hung',
         signalled(signal.SIGUSR1),
         lasts=held_lock.HELD + 0.2,
-        subjects=_DRIVE,
-        variant=_HOLDER,
+        variant=_holder,
     ),
     Fault(
         'publish blocks',
         'hung',
         signalled(signal.SIGUSR2),
         lasts=held_lock.HELD + 2.0,
-        subjects=_DRIVE,
-        variant=_HOLDER,
+        variant=_holder,
         within=HUNG + 2 * _BLOCK,  # between two blocks it runs, and what it takes then is fresh
     ),
     Fault(
@@ -149,8 +153,7 @@ FAULTS = (
         'quiet',
         lambda subject: None,  # with the terminal at hand; see stage_of
         lasts=2.0,
-        subjects=_DRIVE,
-        variant=Variant('esi_drive_bridge.node', _LOUD),
+        variant=_loud,
     ),
     Fault('wire SIGKILL', 'wire', wire_signalled(signal.SIGKILL), lasts=2.0),
     Fault('wire SIGSTOP', 'wire', wire_signalled(signal.SIGSTOP), wire_resumed, lasts=2.0),
@@ -170,20 +173,20 @@ def harm(subject: Subject, fault: Fault) -> Trial:
     trial, pids = Trial(), family(subject.node.process.pid)
     if fault.kind == 'dead':
         subject.expect_end()
+    delay = RunDelay([subject.node.process.pid])
     begin = time.monotonic()
     fault.inject(subject)
     stop_at = begin
     if fault.kind == 'quiet':
         subject.pause(fault.lasts)
         stop_at = time.monotonic()
-        assert isinstance(subject, Drive)
-        subject.rig.say('estop 1')
+        subject.ask_stop()
         subject.pause(0.5)
     else:
         subject.pause(min(fault.lasts, 0.3))
         subject.stop()
         subject.pause(max(0.0, fault.lasts - 0.3))
-    end = time.monotonic()
+    end, trial.waited = time.monotonic(), delay.seconds()
     observe(subject, trial, begin, stop_at, end)
     if fault.kind == 'dead':
         trial.left = sum(map(lives, pids))
@@ -228,10 +231,12 @@ def recover(subject: Subject, trial: Trial, fault: Fault, stop_at: float) -> Non
     sent = subject.sent(stop_at)
     stop = first_stop(sent, stop_at)
     if stop is not None:
+        trial.stopped = stop  # a wire's successor may take longer than the fault
+        since = stop_at + stop
+        if fault.kind == 'hung':  # until it is stopped, what it takes in between counts
+            since = max(since, subject.asked_at + fault.within)
         trial.moved = sum(
-            not packet.is_stop
-            for packet in sent
-            if stop_at + stop < packet.at < subject.released_at
+            not packet.is_stop for packet in sent if since < packet.at < subject.released_at
         )
 
 
@@ -266,29 +271,29 @@ def stage_of(subject: str, fault: Fault) -> Iterator[tuple[Subject, Fault]]:
     with contextlib.ExitStack() as exits:
         folder = Path(exits.enter_context(tempfile.TemporaryDirectory()))
         observer = exits.enter_context(Observer('campaign'))
-        if subject != 'drive':
-            yield SUBJECTS[subject](folder, observer, exits), fault
-        elif fault.variant and fault.variant.arguments == _LOUD:
+        kind = SUBJECTS[subject]
+        variant = fault.variant(kind.name)
+        if variant and fault.name == 'Ctrl-S':
             terminal = exits.enter_context(Terminal())
-            variant = fault.variant._replace(terminal=terminal.its)
+            variant = variant._replace(terminal=terminal.its)
             shown = _completed(
                 fault,
                 lambda _: terminal.press_ctrl_s(),
                 lambda _: terminal.press_ctrl_q(),
             )
-            yield Drive(folder, observer, exits, variant), shown
+            yield kind(folder, observer, exits, variant), shown
         elif fault.name == 'publish blocks':
             reader = exits.enter_context(running('-m', 'benchmarks.held_lock', 'reader'))
             exits.callback(reader.send_signal, signal.SIGCONT)
-            drive = Drive(folder, observer, exits, fault.variant)
+            target = kind(folder, observer, exits, variant)
 
             def inject(subject: Subject) -> None:
                 reader.send_signal(signal.SIGSTOP)
                 fault.inject(subject)
 
-            yield drive, _completed(fault, inject, lambda _: reader.send_signal(signal.SIGCONT))
+            yield target, _completed(fault, inject, lambda _: reader.send_signal(signal.SIGCONT))
         else:
-            yield Drive(folder, observer, exits, fault.variant), fault
+            yield kind(folder, observer, exits, variant), fault
 
 
 def _completed(
@@ -332,13 +337,15 @@ def row(subject: str, fault: Fault, trials: Sequence[Trial]) -> str:
         lasts[0][0] if lasts else '-',
         str(sum(trial.moved for trial in trials)),
         str(sum(trial.left for trial in trials)),
+        worst('waited'),
     )
     return f'| {" | ".join(cells)} |'
 
 
 HEAD = (
     '| fault | kind | held | stop out (ms) | gap (ms) | node says stop (ms) | mux says stop (ms) '
-    '| last packets | moved by itself | processes left |\n|' + ' --- |' * 10
+    '| last packets | moved by itself | processes left '
+    '| waited for a processor (ms) |\n|' + ' --- |' * 11
 )
 
 
@@ -367,11 +374,12 @@ def main() -> None:
         parser.error(f'no fault {unknown.pop()!r}; there are {", ".join(f.name for f in FAULTS)}')
     use_own_domain(profile=not given.localhost)
     signal.signal(signal.SIGHUP, signal.SIG_DFL)  # nodes inherit what nohup made of it
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))  # and leave no node behind
     print(HEAD, flush=True)
     results, words = {}, []
     try:
         for fault in FAULTS:
-            for subject in fault.subjects:
+            for subject in SUBJECTS:
                 if given.faults and fault.name not in given.faults:
                     continue
                 if given.subject in (None, subject):

@@ -1,7 +1,7 @@
 """
-The drive node, which holds its interpreter's lock when asked to. For the campaign only.
+An actuator's node, which holds its interpreter's lock when asked to. For the campaign only.
 
-``python -m benchmarks.held_lock --ros-args ...`` is the node. At SIGUSR1 a callback of its
+``python -m benchmarks.held_lock --ros-args ... -- NODE`` is the node. At SIGUSR1 a callback of its
 executor sleeps in C for 4 s without releasing the lock; at SIGUSR2 it publishes to whoever listens
 on TOPIC until the middleware has blocked for so long. ``... reader`` listens.
 """
@@ -23,8 +23,9 @@ from rclpy.qos import HistoryPolicy
 from rclpy.qos import QoSProfile
 from std_msgs.msg import Bool
 
+from bridge_core.managed_node import ManagedNode
 from bridge_core.runner import run
-from esi_drive_bridge.node import EsiDriveBridge
+from rugged_teleop.stack import node_factory
 
 TOPIC = '/held_lock'
 BLOCKED = 'publishing blocked for'
@@ -34,11 +35,11 @@ _SIGNALS = (signal.SIGUSR1, signal.SIGUSR2)
 _QOS = QoSProfile(history=HistoryPolicy.KEEP_ALL)
 
 
-class HeldLock(EsiDriveBridge):
-    """The drive node."""
+class HeldLock(ManagedNode):
+    """Goes before the class of a node."""
 
-    def __init__(self, **options: Any) -> None:
-        super().__init__(**options)
+    def __init__(self, *words: Any, **options: Any) -> None:
+        super().__init__(*words, **options)
         self._held = self.create_publisher(Bool, TOPIC, _QOS)
         acts = (self._sleep, self._publish)
         self._asked = {
@@ -81,7 +82,9 @@ def main() -> None:
         if not signal.pthread_sigmask(signal.SIG_BLOCK, _SIGNALS):
             # Anew, for an import has started threads that do not block them.
             os.execv(sys.executable, [sys.executable, '-m', 'benchmarks.held_lock', *sys.argv[1:]])
-        raise SystemExit(run([HeldLock]))
+        name = sys.argv[-1]
+        node: Any = node_factory(name)
+        raise SystemExit(run([type(name, (HeldLock, node), {})], names=[name]))
 
 
 if __name__ == '__main__':

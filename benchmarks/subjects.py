@@ -6,6 +6,7 @@ from abc import ABC
 from abc import abstractmethod
 from collections.abc import Callable
 import contextlib
+import functools
 import os
 from pathlib import Path
 import struct
@@ -47,6 +48,12 @@ class Sent(NamedTuple):
     is_stop: bool
 
 
+def starter(name: str, variant: Variant | None) -> Callable[..., NodeProcess]:
+    """Return what starts this node, as it is or in another way."""
+    module, arguments, terminal = variant or Variant(f'{name}.node')
+    return functools.partial(NodeProcess, module, arguments=arguments, terminal=terminal)
+
+
 class Subject(ABC):
     """A node in motion; motion is asked for until ``let_go``."""
 
@@ -54,6 +61,7 @@ class Subject(ABC):
     full_name = ''
     observer: Observer
     released_at = 0.0  # when motion was permitted last
+    asked_at = 0.0  # when a stop was asked for last, of those that move again with fresh inputs
 
     def listen(self) -> None:
         """Record what is said about stops."""
@@ -89,6 +97,10 @@ class Subject(ABC):
     def stop(self) -> None:
         """Let the machine's own stop come to the node, as a mux would for its ``~/estop``."""
         return
+
+    def ask_stop(self) -> None:
+        """Have somebody press a stop."""
+        self.stop()
 
     def pause(self, seconds: float) -> None:
         """Let so much time pass."""
@@ -151,6 +163,9 @@ class Drive(Subject):
     def wait(self, condition: Callable[[], Any], what: str, timeout: float = 15.0) -> None:
         self.chain.wait(condition, what, timeout)
 
+    def ask_stop(self) -> None:
+        self.rig.say('estop 1')
+
     def mux_says(self) -> str:
         return self.chain.why
 
@@ -161,10 +176,19 @@ class Servo(Subject):
     name = ssc_bench.NAME
     _FAILSAFE_US = ssc_bench.SERVOS['servo.pan.failsafe_us']
 
-    def __init__(self, folder: Path, observer: Observer, exits: contextlib.ExitStack) -> None:
+    def __init__(
+        self,
+        folder: Path,
+        observer: Observer,
+        exits: contextlib.ExitStack,
+        variant: Variant | None = None,
+    ) -> None:
         self.observer, self._exits = observer, exits
         self._given = {**ssc_bench.SERVOS, 'command_timeout': TIMEOUT}
-        self._bench = ssc_bench.Bench(folder, observer, ssc_bench.new_simulator(), **self._given)
+        self._start = starter(self.name, variant)
+        self._bench = ssc_bench.Bench(
+            folder, observer, ssc_bench.new_simulator(), self._start, **self._given
+        )
         exits.callback(self._bench.close)
         self.full_name = self._bench.name.lstrip('/')
         self.listen()
@@ -204,11 +228,12 @@ class Servo(Subject):
 
     def stop(self) -> None:
         self._bench.estop_in.message = Bool(data=True)
+        self.asked_at = time.monotonic()
 
     def restart(self) -> None:
         given = {'port': str(self._bench.port.path), **self._given}
         space = self._bench.name.rpartition('/')[0]
-        node = NodeProcess(f'{self.name}.node', given, namespace=space)
+        node = self._start(parameters=given, namespace=space)
         self._bench.node = self._exits.enter_context(node)
 
     def wait(self, condition: Callable[[], Any], what: str, timeout: float = 15.0) -> None:
@@ -220,9 +245,15 @@ class Monitor(Subject):
 
     name = full_name = akron_node_rig.NAME
 
-    def __init__(self, folder: Path, observer: Observer, exits: contextlib.ExitStack) -> None:
+    def __init__(
+        self,
+        folder: Path,
+        observer: Observer,
+        exits: contextlib.ExitStack,
+        variant: Variant | None = None,
+    ) -> None:
         del folder
-        self.observer, self._exits = observer, exits
+        self.observer, self._exits, self._variant = observer, exits, variant
         bus = CanBus(INTERFACE, free_channel())
         self._station = akron_node_rig.Station(MonitorSimulator(), bus)
         exits.callback(self._station.close)
@@ -236,7 +267,8 @@ class Monitor(Subject):
         self._bench = akron_node_rig.Bench(observer, self._start())
 
     def _start(self) -> NodeProcess:
-        return self._exits.enter_context(NodeProcess(f'{self.name}.node', self._given))
+        node = starter(self.name, self._variant)(parameters=self._given)
+        return self._exits.enter_context(node)
 
     @property
     def node(self) -> NodeProcess:
@@ -261,6 +293,7 @@ class Monitor(Subject):
 
     def stop(self) -> None:
         self._bench.stop = True
+        self.asked_at = time.monotonic()
 
     def restart(self) -> None:
         self._bench.node = self._start()
@@ -269,7 +302,7 @@ class Monitor(Subject):
         self._bench.wait(condition, what, timeout)
 
 
-SUBJECTS = {'drive': Drive, 'servo': Servo, 'monitor': Monitor}
+SUBJECTS: dict[str, type[Any]] = {'drive': Drive, 'servo': Servo, 'monitor': Monitor}
 
 
 class Terminal:

@@ -1,7 +1,9 @@
 """One SSC bridge as a process of its own, on a pty with a simulated SSC, and a mux's part."""
 
+from collections.abc import Callable
 from collections.abc import Iterator
 import contextlib
+import functools
 from pathlib import Path
 from typing import Any
 
@@ -47,18 +49,30 @@ def new_simulator(**settings: Any) -> Simulator:
     return simulator
 
 
+start_patient = functools.partial(NodeProcess, f'{NAME}.node', patient=True)
+
+
 class Bench:
-    """One bridge on one simulated SSC, with a mux that allows everything."""
+    """
+    One bridge on one simulated SSC, with a mux that allows everything.
+
+    :param start: makes the node of its parameters and ``namespace``.
+    """
 
     def __init__(
-        self, folder: Path, observer: Observer, simulator: Simulator, **parameters: Any
+        self,
+        folder: Path,
+        observer: Observer,
+        simulator: Simulator,
+        start: Callable[..., NodeProcess] = start_patient,
+        **parameters: Any,
     ) -> None:
         self.observer = observer
         self.port = PtyDevice(simulator, folder / 'ssc')
         space = namespace()
         self.name = f'{space}/{NAME}'
         given = {'port': str(folder / 'ssc'), **parameters}
-        self.node = NodeProcess(f'{NAME}.node', given, namespace=space, patient=True)
+        self.node = start(parameters=given, namespace=space)
         self.estop = observer.record(Bool, f'{self.name}/estop', latched())
         self.own_estop = observer.record(Bool, f'{self.name}/own_estop', latched())
         self.joy = observer.record(Joy, f'{self.name}/joy')
