@@ -13,7 +13,8 @@
 #   make lint              ruff and mypy
 #   make bench             measure, write benchmarks/results.json and the table of docs/performance.md; ARGS=--quick
 #   make bench-check       measure again; status 1 where a ratio got worse by a quarter; ARGS=--quick
-#   make campaign          harm the running system, 20 times in each way; ARGS='-n 5 SIGKILL' and the like
+#   make campaign          harm the running system, 20 times in each way; ARGS='-n 5 SIGKILL' and the like,
+#                          or by faults at random, ARGS='random -n 1000'
 #   make soak              keep all devices in motion for HOURS (1), and see what grows, drifts or stops; ARGS=--busy
 #   make reference         write config/*.yaml, their schema, the SROS 2 policy and the tables of docs/ from the tables in
 #                          the code

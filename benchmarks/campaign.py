@@ -5,6 +5,8 @@ Harm the running system in motion, many times, and see what reaches the actuator
 [FAULT...]``: real processes; the drive and its VSC are played in C (rig.c), servo and monitor by
 the simulators.
 
+``python -m benchmarks.campaign random``: see random_campaign.py. Without that word:
+
 - dead: the node ends. The device is told to stop within DEAD, that is the last it hears, and no
   process of the node is left.
 - hung: the node stands still. The device is told to stop within HUNG, with no gap over GAP.
@@ -38,6 +40,7 @@ import time
 from typing import Any
 
 from benchmarks import held_lock
+from benchmarks import random_campaign
 from benchmarks.chain import Variant
 from benchmarks.rig import family
 from benchmarks.rig import running
@@ -360,6 +363,9 @@ def said(trials: Sequence[Trial]) -> str:
 
 
 def main() -> None:
+    if sys.argv[1:2] == ['random']:
+        random_campaign.main(sys.argv[2:])
+        return
     parser = argparse.ArgumentParser(prog='python -m benchmarks.campaign', allow_abbrev=False)
     parser.add_argument('faults', nargs='*', metavar='FAULT', help='such as SIGKILL; all if none')
     parser.add_argument('-n', type=int, default=_COUNT, help=f'how often each ({_COUNT})')

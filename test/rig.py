@@ -221,6 +221,11 @@ class NodeProcess:
         """Its output so far, logs included."""
         return os.pread(self._output.fileno(), 1 << 20, 0).decode(errors='replace')
 
+    def output_from(self, offset: int) -> str:
+        """Its output from this byte on, of which there may be any amount."""
+        size = os.fstat(self._output.fileno()).st_size
+        return os.pread(self._output.fileno(), size, offset).decode('latin-1')
+
     def wait_output(self, text: str, timeout: float = 15.0) -> None:
         """Wait until it has printed ``text``."""
         wait_for(lambda: text in self.output, timeout, lambda: f'{text!r} in:\n{self.output}')
@@ -260,7 +265,7 @@ class NodeProcess:
             except subprocess.TimeoutExpired:
                 self.process.kill()
                 self.process.wait()
-        if error is not None:
+        if error is not None and not self._output.closed:
             print(f'{self.process.args!r} printed:\n{self.output}')
         self._output.close()
 

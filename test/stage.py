@@ -68,13 +68,18 @@ class Device(PtyDevice):
 
     def exchange(self, simulator: Any) -> None:
         """Put another device at the end of the cable, plugged in, with nothing on record."""
-
-        def exchange(_: Any, now: float) -> None:
-            simulator.poll(now)
-            self._device, self._since = simulator, now
-
         self.apply('clear')
-        self.call(exchange)
+        self._since = self.swap(simulator)
+
+    def swap(self, simulator: Any) -> float:
+        """Put another device at the end of the cable; return the moment."""
+
+        def swap(_: Any, now: float) -> float:
+            simulator.poll(now)
+            self._device = simulator
+            return now
+
+        return self.call(swap)
 
     def enable_message(self, kind: int, enabled: bool) -> None:
         """Switch one of a VSC's messages on or off; its interval stays."""

@@ -1,0 +1,234 @@
+"""The machine that the random campaign harms, and the remote in its operator's hand."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+import contextlib
+from pathlib import Path
+import random
+import signal
+import threading
+import time
+from typing import Any
+from typing import Final
+from typing import NamedTuple
+
+from sensor_msgs.msg import JointState
+from sensor_msgs.msg import Joy
+from std_msgs.msg import Bool
+
+from benchmarks.rig import busy_cores
+from benchmarks.rig import wires_of
+from esi_drive_bridge.simulator import Simulator as DriveSimulator
+from rugged_teleop.stack import wiring
+from test.rig import NodeProcess
+from test.rig import Observer
+from test.stage import Device
+from test.stage import DRIVE
+from test.stage import MUX
+from test.stage import Stage
+from test.stage import VSC
+from test.talkers import Diagnostics
+from test.talkers import Talker
+
+SPINE = (VSC, MUX, DRIVE)
+STACK = 'stack'
+_DEFAULTS = {
+    VSC: {'link_timeout': 0.25},
+    MUX: {
+        'stall_limit': 0.1,
+        'estop.fort.timeout': 0.25,
+        'estop.drive.timeout': 0.25,
+        'drive_enabled_timeout': 0.25,
+        'feedback.timeout': 0.25,
+        'operator.fort.timeout': 0.25,
+        'neutral_time': 0.3,
+    },
+    DRIVE: {'command_timeout': 0.1, 'link_timeout': 0.25},
+}
+_NOISE_RATE = 1_000_000  # byte/s
+_NOISE_PERIOD = 0.004  # s
+_FULL = Joy(axes=[0.0, 1.0, 0.0, 0.0, 0.0, 0.0], buttons=[1, *[0] * 7])
+SECOND: Final[dict[str, Any]] = {  # what a second publisher says, on what somebody listens to
+    f'/{VSC}/joy': _FULL,
+    f'/{VSC}/estop': Bool(data=False),
+    f'/{DRIVE}/estop': Bool(data=False),
+    f'/{MUX}/command': JointState(name=['left', 'right'], velocity=[9.0, 9.0]),
+    f'/{MUX}/enable': Bool(data=True),
+    f'/{MUX}/estop': Bool(data=False),
+}
+_NEIGHBOUR = """
+import signal, sys, threading, time
+import rclpy
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from sensor_msgs.msg import Joy
+from std_msgs.msg import Bool, String
+rclpy.init()
+node = rclpy.create_node('neighbour')
+for kind, topic in ((Bool, 'safety_mux/estop'), (Bool, 'fort_vsc_bridge/estop'),
+                    (Bool, 'esi_drive_bridge/estop'), (Joy, 'fort_vsc_bridge/joy')):
+    node.create_subscription(kind, topic, lambda message: None, 10)
+publisher = node.create_publisher(DiagnosticArray, '/diagnostics', 10)
+message = DiagnosticArray(status=[DiagnosticStatus(name='x' * 1000)])
+asked = threading.Event()
+signal.signal(signal.SIGUSR1, lambda *_: asked.set())
+def flood():
+    while asked.wait():
+        asked.clear()
+        end = time.monotonic() + 1.0
+        while time.monotonic() < end:
+            publisher.publish(message)
+threading.Thread(target=flood, daemon=True).start()
+print('neighbour is ready', flush=True)
+rclpy.spin(node)
+"""
+
+
+class LyingDrive(DriveSimulator):
+    """A drive that may tell another speed than its motors have."""
+
+    factor = 1.0
+
+    def _feedback(self, axis: Any) -> int:
+        return min(max(round(super()._feedback(axis) * self.factor), -32768), 32767)
+
+
+class Setting(NamedTuple):
+    """All nodes in one process; and a factor for their time-outs, on a busy machine."""
+
+    stack: bool = False
+    patience: float = 1.0
+
+
+class Machine(Stage):
+    """VSC bridge, mux and drive node on simulated devices: three processes, or one."""
+
+    def __init__(self, folder: Path, observer: Observer, setting: Setting) -> None:
+        super().__init__(folder, observer, SPINE)
+        self.setting = setting
+        self.drive.exchange(LyingDrive(command_timeout=0.1 * setting.patience))
+        self.windows: list[float] = []  # moments at which the deadman was pressed, all at rest
+        self.held = False
+        self.diagnostics = Diagnostics(observer, DRIVE)
+        self.ended: list[NodeProcess] = []  # which have printed something
+        self.neighbour: NodeProcess | None = None
+        self._noise: threading.Event | None = None
+        self._seconds: list[Talker] = []
+        self._busy = contextlib.ExitStack()
+        self._parameters: dict[str, dict[str, Any]] = {
+            VSC: {'port': str(self.vsc.path)},
+            DRIVE: {'port': str(self.drive.path)},
+            MUX: {'reset_silence': 0.0, 'feedback.topic': f'{DRIVE}/joint_states'},
+        }
+        if setting.patience > 1.0:
+            for name, timeouts in _DEFAULTS.items():
+                patient = {key: value * setting.patience for key, value in timeouts.items()}
+                self._parameters[name].update(patient)
+        for name in self.names:
+            self.start_node(name)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The processes."""
+        return (STACK,) if self.setting.stack else SPINE
+
+    def start_node(self, name: str) -> None:
+        """Start one of ``names``, or start it again."""
+        if name == STACK:
+            given = {f'{n}:{key}': v for n in SPINE for key, v in self._parameters[n].items()}
+            self.start(STACK, 'rugged_teleop.stack', given, ('--', *SPINE))
+        else:
+            self.start(name, f'{name}.node', self._parameters[name], wiring([name]))
+
+    def start(self, name: str, module: str, parameters: Any, arguments: Iterable[str]) -> None:
+        if name in self.nodes:
+            self.ended.append(self.nodes[name])
+        is_patient = self.setting.patience > 1.0
+        node = NodeProcess(module, parameters, arguments=tuple(arguments), patient=is_patient)
+        self.nodes[name] = self._exits.enter_context(node)
+
+    def owner(self, name: str) -> str:
+        """Return the process that this node is in."""
+        return STACK if self.setting.stack else name
+
+    def wires(self) -> list[int]:
+        """Return the processes that own the drive's wire."""
+        node = self.nodes[self.owner(DRIVE)]
+        return wires_of(node.process.pid) if node.process.poll() is None else []
+
+    def start_neighbour(self) -> None:
+        """Have another process listen to all e-stops."""
+        if self.neighbour is None or self.neighbour.process.poll() is not None:
+            self.neighbour = self._exits.enter_context(NodeProcess(source=_NEIGHBOUR))
+            self.neighbour.wait_output('neighbour is ready')
+
+    def pause(self, seconds: float) -> None:
+        """Spin for so long."""
+        end = time.monotonic() + seconds
+        self.wait(lambda: time.monotonic() >= end, 'time', seconds + 5.0)
+
+    # What the person at the remote does.
+
+    def hold(self) -> None:
+        self.windows.append(time.monotonic())
+        self.held = True
+        self.vsc.apply('button left_down 1', 'stick left_y 0.5')
+
+    def let_go(self) -> float:
+        self.held = False
+        return self.vsc.apply('stick left_y 0', 'button left_down 0')
+
+    # What is undone after whatever was done.
+
+    def noise(self, device: Device) -> None:
+        """Have the device's line carry noise between its frames."""
+        self._noise = ended = threading.Event()
+        chunk = int(_NOISE_RATE * _NOISE_PERIOD)
+
+        def speak(_: Any, now: float) -> None:
+            device._lines['out'].put(random.randbytes(chunk), now)
+
+        def run() -> None:
+            while not ended.wait(_NOISE_PERIOD):
+                with contextlib.suppress(RuntimeError):
+                    device.call(speak)
+
+        threading.Thread(target=run, daemon=True).start()
+
+    def second(self, topic: str, rate: float) -> float:
+        """Publish where somebody else does; return the moment of its first message."""
+        message = SECOND[topic]
+        talker = Talker(self.observer, type(message), topic, message, rate=rate)
+        self._seconds.append(talker)
+        self.wait(talker.publisher.get_subscription_count, f'a subscriber of {topic}')
+        at = time.monotonic()
+        talker.say()
+        return at
+
+    def saturate(self) -> None:
+        self._busy.enter_context(busy_cores())
+
+    def calm(self) -> None:
+        """Take back what this process does beside the nodes."""
+        if self._noise:
+            self._noise.set()
+        for talker in self._seconds:
+            talker.leave()
+        self._seconds.clear()
+        self._busy.close()
+
+    def mend(self) -> None:
+        """Have lines and devices sound, and all nodes running."""
+        self.calm()
+        for name in self.names:
+            node = self.nodes[name]
+            if node.process.poll() is not None:
+                self.start_node(name)
+            else:
+                node.signal(signal.SIGCONT)
+        self.vsc.apply('clear', 'radio on', 'estop remote off', 'ack', 'mode operational')
+        self.drive.apply('clear', 'mute off', 'deaf off')
+
+    def close(self) -> None:
+        self.calm()
+        super().close()

@@ -1,0 +1,395 @@
+"""
+Do random faults to the machine in motion, and see what reaches the drive.
+
+``python -m benchmarks.campaign random [-n COUNT] [--stack] [--seed N] [--first N] [--json FILE]``:
+real processes on simulated ports, with deadman and stick held throughout. What trial N of a seed
+does, and when, is always the same, so ``--first N -n 1`` repeats it. With a FILE that has trials
+of this seed it goes on after them. ``--table FILE...`` prints what they have.
+
+A trial holds if the drive is disabled within the bound of docs/safety.md, widened only by what the
+machine's processes waited for a processor meanwhile; if nothing enables it again before everything
+was let go and the deadman pressed anew; if that moves it; and if no process is left or missing.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Iterable
+from collections.abc import Sequence
+from dataclasses import asdict
+from dataclasses import dataclass
+from dataclasses import field
+import json
+from pathlib import Path
+import signal
+import sys
+import tempfile
+import time
+from typing import Any
+
+from benchmarks.machine import Machine
+from benchmarks.machine import Setting
+from benchmarks.random_faults import drawn
+from benchmarks.random_faults import Fault
+from benchmarks.random_faults import HEARD
+from benchmarks.rig import figures
+from benchmarks.rig import resident
+from benchmarks.rig import title
+from benchmarks.rig import use_own_domain
+from test.rig import Observer
+from test.run_delay import RunDelay
+from test.stage import CLEAR_ERRORS
+from test.stage import DRIVE
+from test.stage import Packet
+
+_COUNT = 1000
+_STILL = 0.2  # s for which all stays held after a fault, and nothing may move
+_BETWEEN = 0.7  # s between two requests to clear errors
+_UNMOVED = 3.0  # s after which a deadman that moves nothing is let go
+_LONGEST = 60.0  # s for a recovery
+_SETTLED, _LEAKS = 20, 3  # trials of a process's life; descriptors or threads more than then
+
+
+@dataclass
+class Trial:
+    """What one fault did; times in s; None: it never happened."""
+
+    number: int
+    kind: str
+    detail: str
+    lasts: float
+    bound: float | None = None
+    stopped: float | None = None  # from the cause to disabled, see ``Fault.hears``
+    let_go: float | None = None  # the same from the deadman's release, where nothing stopped it
+    waited: float = 0.0  # of the machine's processes, for a processor
+    took: float = 0.0
+    why: str = ''  # the mux, at the end of the fault
+    again: int = 0  # packets that enable, after one that disabled and before a new press
+    false_stops: list[str] = field(default_factory=list)  # while it was to move
+    findings: list[str] = field(default_factory=list)
+    use: dict[str, tuple[int, float, int, int]] = field(default_factory=dict)  # see ``usage``
+
+
+def judge(
+    trial: Trial,
+    fault: Fault,
+    packets: Sequence[Packet],
+    cause: float,
+    released: float,
+    windows: Sequence[float],
+) -> None:
+    """
+    Fill in what packets tell.
+
+    :param packets: since before the cause, in motion. :param released: when all was let go.
+    :param windows: when the deadman was pressed anew.
+    """
+    end = windows[0] if windows else float('inf')
+    during = [p for p in packets if cause < p.time < end]
+    disabled = next((p.time for p in during if not p.enables), None)
+    enabling = [p.time for p in during if p.enables]
+    if not fault.hears:
+        trial.stopped = max(enabling, default=cause) - cause
+    elif disabled is not None and (disabled < released or fault.bound is not None):
+        trial.stopped = disabled - cause
+    elif disabled is not None:
+        trial.let_go = disabled - released
+    trial.bound = fault.bound
+    trial.again = _enabled_again(packets, windows)
+    if trial.again:
+        trial.findings.append(f'{trial.again} packets enable after a stop')
+    if fault.bound is not None and (
+        trial.stopped is None or trial.stopped > fault.bound + trial.waited
+    ):
+        trial.findings.append(f'late: {_ms(trial.stopped)}, allowed are {_ms(fault.bound)}')
+    if trial.let_go is not None and trial.let_go > HEARD + trial.waited:
+        trial.findings.append(f'let go: {_ms(trial.let_go)}, allowed are {_ms(HEARD)}')
+
+
+def _enabled_again(packets: Iterable[Packet], windows: Sequence[float]) -> int:
+    """Count packets that enable, after one that disabled and before the deadman was pressed."""
+    later, count, was_on, is_over = list(windows), 0, True, False
+    for packet in packets:
+        while later and packet.time > later[0]:
+            later.pop(0)
+            was_on = is_over = False
+        is_over |= was_on and not packet.enables
+        was_on |= packet.enables
+        count += is_over and packet.enables
+    return count
+
+
+def _ms(seconds: float | None) -> str:
+    return 'never' if seconds is None else f'{seconds * 1e3:.0f} ms'
+
+
+def _said(machine: Machine) -> str:
+    """Return what mux and drive node say about why nothing moves."""
+    found = [machine.diagnostics.status(part) for part in ('link', 'device')]
+    return '; '.join([machine.message, *(status.message for status in found if status)])
+
+
+class Campaign:
+    """Trial after trial on one machine. :param machine: nothing has moved yet."""
+
+    def __init__(self, machine: Machine, seed: int) -> None:
+        self.machine, self._seed = machine, seed
+        self._read: dict[int, int] = {}  # bytes of each node's output
+        self._arm()
+
+    def trial(self, number: int) -> Trial:
+        """Do one. :raises AssertionError: it does not move again."""
+        machine, begin = self.machine, time.monotonic()
+        fault, moment = drawn(self._seed, number, machine.setting)
+        trial = Trial(number, fault.kind, fault.detail, fault.lasts)
+        machine.pause(moment)
+        if not self._moves():
+            trial.false_stops.append(machine.message)
+            self._arm()
+        machine.windows.clear()
+        since = time.monotonic() - 0.05
+        delay = RunDelay([node.process.pid for node in machine.nodes.values()])
+        cause = fault.begin(machine) or time.monotonic()
+        machine.pause(fault.lasts)
+        trial.waited, trial.why = delay.seconds(), machine.message
+        fault.end(machine)
+        self._wait_for_nodes()
+        machine.pause(_STILL)
+        released = machine.let_go()
+        machine.wait(lambda: machine.drive.first_disable(cause), 'a disable packet', 3.0)
+        first = machine.drive.first_disable(cause)
+        if first is None or first.time > cause + fault.lasts:
+            trial.waited = delay.seconds()
+        machine.mend()
+        machine.let_go()
+        trial.false_stops += self._arm()
+        machine.drive.apply('enabling 0.02')
+        judge(trial, fault, machine.drive.packets(since), cause, released, machine.windows)
+        trial.findings += self._processes()
+        trial.use = {name: usage(node.process.pid) for name, node in machine.nodes.items()}
+        trial.took = time.monotonic() - begin
+        return trial
+
+    def _moves(self) -> bool:
+        packets = self.machine.drive.packets(time.monotonic() - 0.1)
+        return bool(packets) and packets[-1].moves
+
+    def _wait_for_nodes(self) -> None:
+        """Wait until all nodes say something; the fault may have ended some."""
+        machine = self.machine
+
+        def all_speak() -> bool:
+            return all(machine.estop(name) is not None for name in machine.estops)
+
+        machine.wait(all_speak, 'all nodes', 15.0)
+
+    def _arm(self) -> list[str]:
+        """Move, by reset and deadman; return why that was undone, each time."""
+        machine, asked, undone = self.machine, 0.0, []
+        machine.vsc.apply('ack', 'mode operational')
+
+        def moves() -> bool:
+            nonlocal asked
+            now = time.monotonic()
+            if machine.held:
+                if self._moves():
+                    return True
+                lost = machine.mux_says('STOPPED')
+                if lost or now > machine.windows[-1] + _UNMOVED:
+                    undone.append(_said(machine))
+                    machine.let_go()
+            elif machine.mux_says('STOPPED'):
+                if machine.may_reset():
+                    machine.reset()
+                elif (
+                    now > asked + _BETWEEN
+                    and machine.estop(DRIVE)
+                    and machine.offers(CLEAR_ERRORS)
+                ):
+                    machine.ask(CLEAR_ERRORS)
+                    asked = now
+            elif machine.is_rested('fort'):
+                machine.hold()
+            return False
+
+        machine.wait(moves, lambda: f'motion: {machine.message}', _LONGEST / 3)
+        return undone
+
+    def _processes(self) -> list[str]:
+        """Return what is wrong with the processes, and what they said."""
+        machine, found = self.machine, []
+        wires = _wires_at(machine.drive.path)
+        if wires != machine.wires() or len(wires) != 1:
+            found.append(f'wires {wires}, of the drive node {machine.wires()}')
+        for name, node in machine.nodes.items():
+            if node.process.poll() is not None:
+                found.append(f'{name} has ended: {node.output[-300:]}')
+        for node in [*machine.nodes.values(), *machine.ended]:
+            text = node.output_from(self._read.get(node.process.pid, 0))
+            self._read[node.process.pid] = self._read.get(node.process.pid, 0) + len(text)
+            if 'Traceback' in text:
+                found.append(text[text.index('Traceback') :][-600:])
+        for node in machine.ended:
+            node.__exit__(None, None, None)  # and its output is closed
+        machine.ended.clear()
+        return found
+
+
+def _wires_at(port: Path) -> list[int]:
+    """Return all processes of this computer that own the wire of a port."""
+    pids = (int(path.name) for path in Path('/proc').glob('[0-9]*'))
+    return sorted(pid for pid in pids if f': wire {port}' in title(pid))
+
+
+def usage(pid: int) -> tuple[int, float, int, int]:
+    """Return a process's id, resident MB, and its numbers of threads and descriptors."""
+    folder = Path(f'/proc/{pid}')
+    threads, descriptors = (sum(1 for _ in (folder / name).iterdir()) for name in ('task', 'fd'))
+    return pid, resident(pid), threads, descriptors
+
+
+def growth(trials: Sequence[dict[str, Any]]) -> dict[int, tuple[str, int, float, int, int]]:
+    """
+    Return by process its name, trials lived, and the growth of MB, threads and descriptors.
+
+    It counts from the eleventh trial of its life to the last, for those that lived for longer
+    than _SETTLED.
+    """
+    lives: dict[int, list[tuple[str, list[Any]]]] = {}
+    for trial in trials:
+        for name, (pid, *used) in trial['use'].items():
+            lives.setdefault(pid, []).append((name, used))
+    return {
+        pid: (
+            life[0][0],
+            len(life),
+            *(b - a for a, b in zip(life[10][1], life[-1][1], strict=True)),
+        )
+        for pid, life in lives.items()
+        if len(life) > _SETTLED
+    }
+
+
+def table(trials: Sequence[dict[str, Any]]) -> str:
+    """Return what trials have shown, a row for each kind of fault, in Markdown."""
+    lines = [
+        '| fault | trials | held | bound (ms) | disabled: p50 | p99 | max (ms) | over the bound '
+        '| of these, by the machine | stops nobody asked for |',
+        '|' + ' --- |' * 10,
+    ]
+    for kind in dict.fromkeys(sorted(trial['kind'] for trial in trials)):
+        some = [trial for trial in trials if trial['kind'] == kind]
+        due = [t for t in some if t['bound'] is not None]
+        times = figures(t['stopped'] for t in due if t['stopped'] is not None)
+        late = [t for t in due if t['stopped'] is None or t['stopped'] > t['bound']]
+        excused = [t for t in late if not t['findings']]
+        cells = (
+            kind,
+            len(some),
+            sum(not t['findings'] for t in some),
+            f'{1e3 * due[0]["bound"]:.0f}' if due else '',
+            *(
+                f'{1e3 * times[q]:.0f}' if due and q in times else ''
+                for q in ('p50', 'p99', 'max')
+            ),
+            len(late) if due else '',
+            len(excused) if due else '',
+            sum(len(t['false_stops']) for t in some),
+        )
+        lines.append(f'| {" | ".join(map(str, cells))} |')
+    grown = growth(trials).values()
+    lines += [
+        '',
+        f'{len(trials)} trials, {sum(t["took"] for t in trials) / max(1, len(trials)):.1f} s '
+        f'each; packets that enabled after a stop: {sum(t["again"] for t in trials)}. Growth of '
+        f'the {len(grown)} processes that lived for more than {_SETTLED} trials, at most: '
+        f'{max((g[2] for g in grown), default=0.0):.1f} MB, '
+        f'{max((g[3] for g in grown), default=0)} threads, '
+        f'{max((g[4] for g in grown), default=0)} descriptors.',
+    ]
+    return '\n'.join(lines)
+
+
+def load(files: Iterable[Path]) -> list[dict[str, Any]]:
+    """Return the trials of all files."""
+    return [trial for file in files for trial in json.loads(file.read_text())['trials']]
+
+
+def run(given: argparse.Namespace) -> int:
+    """Do the trials; return how many did not hold."""
+    setting = Setting(given.stack, given.patience)
+    head = {'seed': given.seed, **setting._asdict()}
+    trials: list[dict[str, Any]] = []
+    if given.json and given.json.exists():
+        found = json.loads(given.json.read_text())
+        if any(found[key] != value for key, value in head.items()):
+            raise SystemExit(f'{given.json} has trials of another seed or variant')
+        trials = found['trials']
+    first = max([given.first, *(trial['number'] + 1 for trial in trials)])
+    numbers = [
+        number
+        for number in range(first, given.first + given.n)
+        if given.only in drawn(given.seed, number, setting)[0].kind
+    ]
+    while numbers:
+        with (
+            tempfile.TemporaryDirectory() as folder,
+            Observer('campaign') as observer,
+            Machine(Path(folder), observer, setting) as machine,
+        ):
+            try:
+                campaign = Campaign(machine, given.seed)
+                while numbers:
+                    trial = campaign.trial(numbers[0])
+                    numbers.pop(0)
+                    keep(trial, trials, head, given.json)
+            except AssertionError as error:
+                said = [f'{name}: {node.output[-200:]}' for name, node in machine.nodes.items()]
+                words = ' '.join(' '.join([str(error)[:400], *said]).split())
+                number = numbers.pop(0)
+                fault = drawn(given.seed, number, setting)[0]
+                lost = Trial(number, fault.kind, fault.detail, fault.lasts, findings=[words])
+                keep(lost, trials, head, given.json)
+    print('\n' + table(trials))
+    return sum(bool(trial['findings']) for trial in trials)
+
+
+def keep(
+    trial: Trial, trials: list[dict[str, Any]], head: dict[str, Any], file: Path | None
+) -> None:
+    """Print a trial, and add it to file and list."""
+    trials.append(asdict(trial))
+    took = trial.stopped if trial.let_go is None else trial.let_go
+    print(
+        f'{trial.number:5} {trial.took:4.1f} s  {_ms(took):>8}  +{trial.waited * 1e3:4.0f} ms  '
+        f'{trial.kind}, {trial.detail} for {trial.lasts:.2f} s'
+        + ''.join(f'\n      stopped by itself: {words}' for words in trial.false_stops)
+        + ''.join(f'\n      FINDING: {words}' for words in trial.findings),
+        flush=True,
+    )
+    if file:
+        new = file.with_suffix('.new')
+        new.write_text(json.dumps({**head, 'trials': trials}) + '\n', encoding='utf-8')
+        new.replace(file)
+
+
+def main(arguments: Sequence[str]) -> None:
+    """Run it; the command line after ``random``."""
+    parser = argparse.ArgumentParser(prog='python -m benchmarks.campaign random')
+    parser.add_argument('-n', type=int, default=_COUNT, help=f'how many trials ({_COUNT})')
+    parser.add_argument('--stack', action='store_true', help='all nodes in one process')
+    parser.add_argument('--seed', type=int, default=1, help='of the faults (1)')
+    factor = 'factor of the time-outs and their bounds, on a busy machine (1)'
+    parser.add_argument('--patience', type=float, default=1.0, help=factor)
+    parser.add_argument('--first', type=int, default=0, help='number of the first trial (0)')
+    parser.add_argument('--only', default='', help='kinds of fault with this in their name')
+    parser.add_argument('--json', type=Path, help='keep every trial in this file, and go on there')
+    parser.add_argument('--table', type=Path, nargs='+', help='print what these files have')
+    given = parser.parse_args(arguments)
+    if given.table:
+        print(table(load(given.table)))
+        return
+    use_own_domain(profile=True)
+    signal.signal(signal.SIGHUP, signal.SIG_DFL)  # nodes inherit what nohup made of it
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))  # and leave no node behind
+    raise SystemExit(1 if run(given) else 0)

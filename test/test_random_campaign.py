@@ -1,0 +1,119 @@
+"""The random campaign: what it draws, how it judges packets, and a few trials on the stack."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from benchmarks.machine import Machine
+from benchmarks.machine import Setting
+from benchmarks.random_campaign import Campaign
+from benchmarks.random_campaign import growth
+from benchmarks.random_campaign import judge
+from benchmarks.random_campaign import table
+from benchmarks.random_campaign import Trial
+from benchmarks.random_faults import drawn
+from benchmarks.random_faults import Fault
+from benchmarks.random_faults import HUNG
+from benchmarks.random_faults import KINDS
+from test.rig import Observer
+from test.stage import Packet
+
+PERIOD = 0.01  # s between packets
+FAULT = Fault('a kind', lambda machine: None, bound=0.1)
+CAUSE, RELEASED, PRESSED = 10.0, 11.0, 12.0
+
+
+def packets(*enabling: tuple[float, float]) -> list[Packet]:
+    """Return packets from before the cause to 13 s, which enable in these spans of time."""
+    times = [9.9 + n * PERIOD for n in range(310)]
+    return [Packet(at, (int(any(a <= at < b for a, b in enabling)),) * 2, (0, 0)) for at in times]
+
+
+def judged(sent: Sequence[Packet], fault: Fault = FAULT, waited: float = 0.0) -> Trial:
+    trial = Trial(0, fault.kind, '', fault.lasts, waited=waited)
+    judge(trial, fault, sent, CAUSE, RELEASED, [PRESSED])
+    return trial
+
+
+def test_drive_that_is_disabled_in_time_and_moves_after_a_new_press_holds() -> None:
+    trial = judged(packets((0.0, 10.05), (12.1, 20.0)))
+    assert trial.stopped == pytest.approx(0.05, abs=PERIOD)
+    assert not trial.findings
+
+
+def test_stop_beyond_the_bound_is_a_finding_unless_the_machine_took_that_time() -> None:
+    sent = packets((0.0, 10.15), (12.1, 20.0))
+    assert 'late' in judged(sent).findings[0]
+    assert not judged(sent, waited=0.06).findings
+
+
+def test_stop_that_never_comes_is_a_finding_however_long_the_machine_took() -> None:
+    assert 'never' in judged(packets((0.0, 12.0)), waited=5.0).findings[0]
+
+
+def test_drive_that_is_enabled_again_before_a_new_press_is_a_finding() -> None:
+    trial = judged(packets((0.0, 10.05), (10.5, 10.52)))
+    assert trial.again == 2
+    assert trial.findings == ['2 packets enable after a stop']
+
+
+def test_drive_that_hears_nothing_is_judged_by_what_it_heard_last() -> None:
+    silent = [packet for packet in packets((0.0, 10.01)) if packet.time < 10.01]
+    fault = replace(FAULT, hears=False, bound=0.02)
+    assert not judged(silent, fault).findings
+    assert judged(packets((0.0, 10.5)), fault).findings
+
+
+def test_fault_that_needs_no_stop_is_judged_by_letting_go() -> None:
+    fault = replace(FAULT, bound=None)
+    trial = judged(packets((0.0, 11.05), (12.1, 20.0)), fault)
+    assert trial.let_go == pytest.approx(0.05, abs=PERIOD)
+    assert trial.stopped is None
+    assert not trial.findings
+    assert 'let go' in judged(packets((0.0, 11.5)), fault).findings[0]
+
+
+def test_trial_of_a_seed_is_always_the_same_and_all_kinds_come() -> None:
+    def texts(seed: int, setting: Setting) -> list[str]:
+        found = (drawn(seed, number, setting) for number in range(400))
+        return [f'{f.kind} {f.detail} {f.lasts} {f.bound} {moment}' for f, moment in found]
+
+    for setting in (Setting(), Setting(stack=True)):
+        assert texts(1, setting) == texts(1, setting) != texts(2, setting)
+        assert {drawn(1, number, setting)[0].kind for number in range(400)} == set(KINDS)
+
+
+def test_stop_is_due_only_if_the_fault_lasts_for_longer_than_the_bound() -> None:
+    for number in range(400):
+        fault, _ = drawn(1, number, Setting(patience=3.0))
+        if fault.kind == 'safety_mux: SIGSTOP':
+            assert fault.bound == (3.0 * HUNG if fault.lasts > 3.0 * HUNG else None)
+
+
+def test_table_counts_what_the_machine_excuses_and_what_nothing_does() -> None:
+    trials = [
+        asdict(Trial(n, 'a kind', '', 0.5, bound=0.1, stopped=at, findings=found))
+        for n, (at, found) in enumerate([(0.05, []), (0.15, []), (0.3, ['late'])])
+    ]
+    (row,) = [line for line in table(trials).splitlines() if line.startswith('| a kind')]
+    assert row == '| a kind | 3 | 2 | 100 | 150 | 300 | 300 | 2 | 1 | 0 |'
+
+
+def test_growth_is_told_of_processes_that_lived_for_long() -> None:
+    uses = [{'mux': (7, 70.0 + n, 9, 20), 'vsc': (100 + n, 60.0, 9, 20)} for n in range(30)]
+    trials = [asdict(Trial(n, '', '', 0.5, use=use)) for n, use in enumerate(uses)]
+    assert growth(trials) == {7: ('mux', 30, 19.0, 0, 0)}
+
+
+def test_stack_stands_a_few_random_faults(tmp_path: Path, observer: Observer) -> None:
+    setting = Setting(stack=True, patience=3.0)
+    kinds = ['VSC: stalled', 'drive: drops out', 'drive: unplugged']
+    numbers = {drawn(1, number, setting)[0].kind: number for number in range(400)}
+    with Machine(tmp_path, observer, setting) as machine:
+        campaign = Campaign(machine, seed=1)
+        assert [campaign.trial(numbers[kind]).findings for kind in kinds] == [[]] * len(kinds)
