@@ -1,3 +1,17 @@
+# Copyright 2026 The rugged_teleop maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
 """The random campaign: what it draws, how it judges packets, and a few trials on the stack."""
 
 from __future__ import annotations
@@ -110,6 +124,7 @@ def test_growth_is_told_of_processes_that_lived_for_long() -> None:
     assert growth(trials) == {7: ('mux', 30, 19.0, 0, 0)}
 
 
+@pytest.mark.proof
 def test_stack_stands_a_few_random_faults(tmp_path: Path, observer: Observer) -> None:
     setting = Setting(stack=True, patience=3.0)
     kinds = ['VSC: stalled', 'drive: drops out', 'drive: unplugged']
