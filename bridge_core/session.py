@@ -396,13 +396,15 @@ class HeldButtons:
         self._pressed_at: dict[int, float] = {}  # when they were seen last
         self._held: frozenset[int] = frozenset()
 
-    def miss(self, now: float, *, stopped: bool = False) -> None:
-        """Note that buttons do not count now. :param stopped: because of a stop."""
+    def miss(self, now: float) -> None:
+        """Note that buttons do not count now."""
         since = now - self._memory
         self._held |= {n for n, at in self._pressed_at.items() if at >= since}
-        if stopped:
-            self._held = frozenset()
-            self._pressed_at.clear()
+
+    def stop(self) -> None:
+        """Note that there is a stop."""
+        self._held = frozenset()
+        self._pressed_at.clear()
 
     def of(self, buttons: tuple[int, ...], now: float) -> tuple[int, ...]:
         """Return what counts of the buttons that came now."""

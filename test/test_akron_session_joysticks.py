@@ -200,14 +200,6 @@ def test_broken_control_makes_all_neutral_unless_tolerated(data: str, text: str)
     assert list(bench.session.joysticks.faulty) == []
 
 
-def test_switch_held_while_an_axis_was_broken_counts_once_it_was_let_go_of() -> None:
-    bench = Bench(joy_source=0x33).find_unit()
-    pressed, broken, released = '107D046400100000', '117D046400100000', '107D046400000000'
-    switches = [heard(bench, data)[0].switches for data in (pressed, broken, pressed, released)]
-    assert [any(each) for each in switches] == [True, False, False, False]
-    assert any(heard(bench, pressed)[0].switches)
-
-
 def test_switches_and_grips_that_are_not_fitted_are_no_fault() -> None:
     bench = Bench(joy_source=0x33).find_unit()
     # As a VSC sends them: bytes 5, 7 and 8 are FF.

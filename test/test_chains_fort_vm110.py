@@ -79,7 +79,7 @@ COMMANDS = {
     'release vm110': 'stop 1 off',
 }
 HOLDS = {
-    FORT: ('mode operational', 'button left_down 1', 'stick left_y 0.5'),
+    FORT: ('button left_down 1', 'stick left_y 0.5'),
     VM110: ('switch 1 1 1', 'stick 1 2 0.5'),
 }
 LET_GO = {
@@ -298,6 +298,7 @@ class Chains:
 
     def drive(self, name: str) -> None:
         """Take control, from READY."""
+        self.apply(FORT, 'mode operational')
         self.run(0.6)  # at rest for neutral_time, by a Joy every 0.125 s
         self.apply(name, *HOLDS[name])
         self.run(0.2)

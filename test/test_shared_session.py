@@ -85,7 +85,7 @@ def test_button_counts_after_a_stop() -> None:
     buttons = HeldButtons(0.25)
     buttons.of((1, 0), 1.0)
     buttons.miss(1.1)
-    buttons.miss(1.2, stopped=True)
+    buttons.stop()
     buttons.miss(1.21)
     assert buttons.of((1, 0), 1.3) == (1, 0)
 

@@ -510,21 +510,6 @@ def test_invalid_or_implausible_pulse_makes_the_whole_joy_neutral(word: int, pla
     assert rig.session.faulty == sticks.faulty
 
 
-def test_button_held_while_an_axis_was_faulty_counts_once_it_was_let_go_of() -> None:
-    rig = stick_rig()
-    for axis, button, expected in (
-        (1900, 1900, (1, 2)),
-        (0x8000, 1900, (0, 0)),
-        (1900, 1900, (0, 0)),
-        (1900, 1100, (0, 0)),
-        (1900, 1900, (1, 2)),
-    ):
-        rig.inputs = [button] * 8
-        rig.inputs[1] = axis
-        rig.tick(3)
-        assert rig.of(Sticks)[-1].buttons == expected
-
-
 def test_tolerated_faulty_axis_leaves_the_others() -> None:
     rig = stick_rig(tolerate_faulty_axes=True)
     rig.inputs = [1900] * 8

@@ -34,7 +34,6 @@ from akron_can_bridge.session.events import AXIS_NAMES
 from akron_can_bridge.session.events import Sticks
 from akron_can_bridge.session.settings import Settings
 from bridge_core.j1939 import CanFrame
-from bridge_core.session import HeldButtons
 from bridge_core.session import StickStream
 from bridge_core.watchdog import Watchdog
 
@@ -67,7 +66,6 @@ class Joysticks:
         self._extended_heard = Watchdog(JOYSTICK_TIMEOUT)
         self._extended = _NO_EXTENDED
         self._stream = StickStream()
-        self._held = HeldButtons(JOYSTICK_TIMEOUT)
 
     def forget(self) -> None:
         """Forget all that was heard."""
@@ -159,12 +157,10 @@ class Joysticks:
         switches = basic.switches + extended.switches
         faulty = (*_faulty_axes(axes), *_faulty_switches(switches))
         if faulty and not self._settings.tolerate_faulty_axes:
-            self._held.miss(now)
             return Sticks(faulty=faulty)
-        buttons = self._held.of(tuple(switch is Status.ON for switch in switches), now)
         return Sticks(
             tuple(axis.value or 0 for axis in axes),
-            tuple(map(bool, buttons)),
+            tuple(switch is Status.ON for switch in switches),
             faulty,
         )
 

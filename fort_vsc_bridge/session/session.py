@@ -229,7 +229,7 @@ class Session(BaseSession[Frame, Received, Event]):
 
     def _sticks_of(self, message: Joystick, now: float) -> Sticks:
         if not self.operational:
-            self._held.miss(now, stopped=self.estop)
+            self._held.miss(now)
             return _NEUTRAL  # the VSC zeroes the whole message: nothing in it is the remote's
         controls: tuple[Axis | Button, ...] = message.axes + message.buttons
         faulty = tuple(
@@ -238,7 +238,6 @@ class Session(BaseSession[Frame, Received, Event]):
             if control.value is None
         )
         if faulty and not self.settings.tolerate_faulty_axes:
-            self._held.miss(now)
             return Sticks(operational=True, faulty=faulty)
         buttons = self._held.of(tuple(button.value or False for button in message.buttons), now)
         return Sticks(
@@ -274,6 +273,8 @@ class Session(BaseSession[Frame, Received, Event]):
         if modes != self._modes:
             self._modes = modes
             self._emit(modes)
+        if self.estop:
+            self._held.stop()
         fresh = self.link_up and not self._joystick_heard.expired(now)
         if self._stream.owes_neutral(fresh=fresh, counts=self.operational):
             self.faulty = ()
