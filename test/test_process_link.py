@@ -251,6 +251,7 @@ def test_stop_of_a_node_that_was_stopped_comes_before_anything_else(toy: Toy) ->
 def test_stop_that_came_and_went_while_the_node_was_stopped_is_told(toy: Toy) -> None:
     for _ in range(3):
         toy.node.signal(SIGSTOP)
+        toy.observer.holds_for(lambda: True, 0.2)  # of a device that is heard
         toy.pty.write(b's')
         toy.observer.holds_for(lambda: True, 0.3)
         toy.estop.clear()
