@@ -168,12 +168,19 @@ def test_port_goes_to_its_node_before_every_section(file: Path, tmp_path: Path) 
 
 
 @pytest.mark.parametrize('count', [0, 2])
-def test_port_that_is_of_none_or_of_several_is_refused(
-    count: int, file: Path, tmp_path: Path
+@pytest.mark.parametrize(
+    ('argument', 'name', 'given'),
+    [
+        ('esi_drive_port', 'esi_drive_bridge', {'ports': {'esi_drive_port': '/dev/b'}}),
+        ('cmd_joy', 'akron_can_bridge', {'cmd_joy': 'safety_mux/joy/fort'}),
+    ],
+)
+def test_argument_for_none_or_for_several_is_refused(
+    argument: str, name: str, given: dict[str, Any], count: int, file: Path, tmp_path: Path
 ) -> None:
-    write(file, {'/c/ssc_bridge': {}} | {f'/{n}/esi_drive_bridge': {} for n in 'ab'[:count]})
-    with pytest.raises(ValueError, match=f'esi_drive_port: the file has {count}'):
-        processes(file, tmp_path, ports={'esi_drive_port': '/dev/b'})
+    write(file, {'/c/ssc_bridge': {}} | {f'/{n}/{name}': {} for n in 'ab'[:count]})
+    with pytest.raises(ValueError, match=f'{argument}: the file has {count}'):
+        processes(file, tmp_path, **given)
 
 
 def test_lifecycle_manager_gets_nodes_that_wait(tmp_path: Path) -> None:
@@ -186,15 +193,6 @@ def test_monitor_listens_to_whom_it_is_told_to(file: Path, tmp_path: Path) -> No
     found = processes(file, tmp_path, cmd_joy='safety_mux/joy/fort')
     assert '~/cmd_joy:=safety_mux/joy/fort' in after(of(found, '/a/akron_can_bridge'), '-r')
     assert '~/cmd_joy' not in str(of(found, '/a/safety_mux').command)
-
-
-@pytest.mark.parametrize('count', [0, 2])
-def test_mover_of_no_monitor_or_of_several_is_refused(
-    count: int, file: Path, tmp_path: Path
-) -> None:
-    write(file, {'/c/ssc_bridge': {}} | {f'/{n}/akron_can_bridge': {} for n in 'ab'[:count]})
-    with pytest.raises(ValueError, match=f'cmd_joy: the file has {count}'):
-        processes(file, tmp_path, cmd_joy='safety_mux/joy/fort')
 
 
 # Simulated.
