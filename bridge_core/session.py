@@ -382,36 +382,33 @@ class HeldButtons:
     """
     Buttons that are held while all is neutral for a reason of the device's: 0 until let go of.
 
-    Otherwise a deadman that is held through a pause would be pressed anew when that ends. A stop
-    needs nothing of the kind: whoever holds a button prevents the reset.
+    Otherwise a deadman that is held through a pause would be pressed anew when that ends. What
+    counts again straight after a stop is shown as it is: who holds a button prevents the reset.
 
     :param memory: s for which a button counts as held, as it may seem to be let go of before the
         device says why.
     """
 
-    __slots__ = ('_held', '_memory', '_pressed_at')
+    __slots__ = ('_held', '_hides', '_memory', '_pressed_at')
 
     def __init__(self, memory: float) -> None:
         self._memory = memory
         self._pressed_at: dict[int, float] = {}  # when they were seen last
         self._held: frozenset[int] = frozenset()
+        self._hides = False  # when buttons ceased to count last, it was no stop in the end
 
-    def miss(self, now: float) -> None:
-        """Note that buttons do not count now."""
+    def miss(self, now: float, *, stopped: bool) -> None:
+        """Note that buttons do not count now. :param stopped: because of a stop."""
         since = now - self._memory
         self._held |= {n for n, at in self._pressed_at.items() if at >= since}
-
-    def stop(self) -> None:
-        """Note that there is a stop."""
-        self._held = frozenset()
-        self._pressed_at.clear()
+        self._hides = not stopped
 
     def of(self, buttons: tuple[int, ...], now: float) -> tuple[int, ...]:
         """Return what counts of the buttons that came now."""
         pressed = [n for n, button in enumerate(buttons) if button]
         self._pressed_at.update(dict.fromkeys(pressed, now))
         if self._held:
-            self._held = self._held.intersection(pressed)
+            self._held = self._held.intersection(pressed if self._hides else ())
             buttons = tuple(0 if n in self._held else b for n, b in enumerate(buttons))
         return buttons
 

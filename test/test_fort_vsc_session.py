@@ -424,6 +424,19 @@ def test_button_held_through_another_mode_counts_once_it_was_let_go_of(
     assert any(sticks(bench.hear(DEFLECTED))[0].buttons)
 
 
+@pytest.mark.parametrize(
+    ('modes', 'held'), [([Mode.LOCAL], True), ([Mode.LOCAL, Mode.REMOTE], False)]
+)
+def test_button_held_through_a_stop_is_hidden_only_where_another_mode_follows(
+    modes: list[int], held: bool
+) -> None:
+    bench = opened()
+    bench.hear(heartbeat(), DEFLECTED)
+    for mode in modes:
+        bench.run(1.0, heartbeat(mode), build_frame(0x10, bytes(14)))
+    assert any(sticks(bench.hear(heartbeat(), DEFLECTED))[0].buttons) == held
+
+
 def test_sticks_are_neutral_with_a_stop_in_operational() -> None:
     bench = opened()
     assert sticks(bench.hear(heartbeat(estop=1 << 31), DEFLECTED)) == [NEUTRAL]

@@ -62,10 +62,10 @@ def test_lost_stream_owes_one_neutral_though_its_last_was_neutral() -> None:
 def test_button_held_while_nothing_counted_counts_once_it_was_let_go_of() -> None:
     buttons = HeldButtons(0.25)
     assert buttons.of((1, 0, -1), 1.0) == (1, 0, -1)
-    buttons.miss(1.1)
-    buttons.miss(2.0)
+    buttons.miss(1.1, stopped=False)
+    buttons.miss(2.0, stopped=False)
     assert buttons.of((1, 1, -1), 2.1) == (0, 1, 0)
-    buttons.miss(2.2)
+    buttons.miss(2.2, stopped=False)
     assert buttons.of((1, 1, 0), 3.0) == (0, 0, 0)
     assert buttons.of((0, 1, -1), 3.1) == (0, 0, -1)
     assert buttons.of((1, 0, -1), 3.2) == (1, 0, -1)
@@ -77,17 +77,22 @@ def test_button_that_went_just_before_was_held(gap: float, counts: int) -> None:
     buttons = HeldButtons(0.25)
     buttons.of((1,), 1.0)
     buttons.of((0,), 1.01)
-    buttons.miss(1.0 + gap)
+    buttons.miss(1.0 + gap, stopped=False)
     assert buttons.of((1,), 2.0) == (counts,)
 
 
-def test_button_counts_after_a_stop() -> None:
+@pytest.mark.parametrize(('pauses', 'counts'), [((False, True), 1), ((True, False), 0)])
+def test_button_held_through_a_stop_counts_unless_a_pause_follows(
+    pauses: tuple[bool, bool], counts: int
+) -> None:
+    """In the pause nobody sees that it is held, and the mux may be reset."""
     buttons = HeldButtons(0.25)
     buttons.of((1, 0), 1.0)
-    buttons.miss(1.1)
-    buttons.stop()
-    buttons.miss(1.21)
-    assert buttons.of((1, 0), 1.3) == (1, 0)
+    for at, stopped in zip((1.1, 2.0), pauses, strict=True):
+        buttons.miss(at, stopped=stopped)
+    assert buttons.of((1, 0), 3.0) == (counts, 0)
+    assert buttons.of((0, 0), 3.1) == (0, 0)
+    assert buttons.of((1, 0), 3.2) == (1, 0)
 
 
 def test_nothing_is_owed_where_nothing_was_published() -> None:

@@ -229,7 +229,7 @@ class Session(BaseSession[Frame, Received, Event]):
 
     def _sticks_of(self, message: Joystick, now: float) -> Sticks:
         if not self.operational:
-            self._held.miss(now)
+            self._held.miss(now, stopped=self.estop)
             return _NEUTRAL  # the VSC zeroes the whole message: nothing in it is the remote's
         controls: tuple[Axis | Button, ...] = message.axes + message.buttons
         faulty = tuple(
@@ -274,7 +274,7 @@ class Session(BaseSession[Frame, Received, Event]):
             self._modes = modes
             self._emit(modes)
         if self.estop:
-            self._held.stop()
+            self._held.miss(now, stopped=True)
         fresh = self.link_up and not self._joystick_heard.expired(now)
         if self._stream.owes_neutral(fresh=fresh, counts=self.operational):
             self.faulty = ()

@@ -288,7 +288,7 @@ class Session(BaseSession[bytes, Packet, Event]):
             self.vrpi, self._has_news = None, False
         self._follow_armed()
         if self.estop:
-            self._held.stop()
+            self._held.miss(now, stopped=True)
         if self._stream.owes_neutral(fresh=self.link_up, counts=self.enabled):
             self._emit(_NEUTRAL)
         self._follow_remote()
@@ -424,7 +424,7 @@ class Session(BaseSession[bytes, Packet, Event]):
         # Another remote's sticks do not go on where those of the one before left off.
         is_known, self._stick_ru = vrpi.armed_ru == self._stick_ru, vrpi.armed_ru
         if not self.enabled or not is_known:
-            self._held.miss(now)
+            self._held.miss(now, stopped=self.estop)
             return _NEUTRAL
         if vrpi.faulty and not self.settings.tolerate_faulty_axes:
             return Sticks(enabled=True, faulty=vrpi.faulty)
