@@ -81,7 +81,8 @@ class EsiDriveBridge(BridgeNode[Event]):
     def pace(self, now: float) -> float:
         """Ask for statuses while somebody listens; repeat ~/enabled, behind the stop."""
         listened = self._joint_states.get_subscription_count() > 0
-        if listened != self._listened and self.request(Session.set_reporting, listened):
+        # As a stop: it counts however late it comes, or a listener would wait for ever.
+        if listened != self._listened and self.request(Session.set_reporting, listened, stop=True):
             self._listened = listened
         repeats = now >= self._repeat_at
         due = super().pace(now)
