@@ -59,6 +59,8 @@ setup(
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{PACKAGE}']),
         (f'share/{PACKAGE}', ['package.xml']),
+        # For ros2 run alone: short words like these do not belong on everybody's PATH.
+        (f'lib/{PACKAGE}', sorted(str(path) for path in Path('tools').iterdir())),
         *shared_files(),
     ],
     entry_points={

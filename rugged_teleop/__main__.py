@@ -13,14 +13,15 @@
 # limitations under the License.
 
 """
-One command for what people do beside running nodes.
+One command for all that ``ros2 run rugged_teleop`` runs, where there is no ROS.
 
-A subcommand is imported when it is used, and none needs ROS for its help.
+A subcommand is imported when it is used, and none but the nodes needs ROS for its help.
 """
 
 from collections.abc import Sequence
 import difflib
 import importlib
+from importlib import metadata
 import os
 import sys
 from typing import Any
@@ -47,14 +48,23 @@ usage: rugged_teleop COMMAND [ARGUMENT]...
 
 {commands}
 
-rugged_teleop COMMAND --help says more, with examples. The nodes are executables of their own.
+rugged_teleop COMMAND --help says more, with examples. Others are the package's executables:
+{executables}.
 """
 
 
 def usage() -> str:
     """Return the help."""
     lines = (f'  {name:10} {text}' for name, (text, _) in COMMANDS.items())
-    return _USAGE.format(commands='\n'.join(lines))
+    return _USAGE.format(commands='\n'.join(lines), executables=', '.join(executables()))
+
+
+def executables() -> dict[str, metadata.EntryPoint]:
+    """Return what has an executable of its own, such as the nodes, by its name."""
+    points = metadata.distribution('rugged_teleop').entry_points.select(group='console_scripts')
+    return {
+        point.name: point for point in points if point.name not in (*COMMANDS, 'rugged_teleop')
+    }
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -65,8 +75,12 @@ def main(arguments: Sequence[str] | None = None) -> None:
     if name in ('-h', '--help'):
         print(usage(), end='')
         sys.exit(0)
+    if name in executables():
+        sys.argv = [name, *rest]
+        executables()[name].load()()
+        return
     if name not in COMMANDS:
-        like = difflib.get_close_matches(name, COMMANDS, 1) or COMMANDS
+        like = difflib.get_close_matches(name, [*COMMANDS, *executables()], 1) or COMMANDS
         problem = f'there is no command {name!r}' if name else 'name a command'
         print(f'rugged_teleop: {problem}; there is {", ".join(like)}', file=sys.stderr)
         sys.exit(2)
@@ -82,7 +96,7 @@ def _complete(typed: Sequence[str]) -> None:
     if len(typed) > 2 and typed[1] in COMMANDS:
         complete(_module(typed[1]).parser(f'rugged_teleop {typed[1]}'), 2)
     commands = Parser(prog='rugged_teleop')
-    commands.add_argument('command', choices=COMMANDS)
+    commands.add_argument('command', choices=(*COMMANDS, *executables()))
     complete(commands, 1)
 
 

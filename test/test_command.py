@@ -25,9 +25,11 @@ import sys
 import pytest
 
 from rugged_teleop.__main__ import COMMANDS
+from rugged_teleop.__main__ import executables
 from rugged_teleop.__main__ import main
 from test.rig import ROOT
 
+TOOLS = sorted((ROOT / 'tools').iterdir())  # what only ros2 run finds
 # As where ROS is not installed.
 WITHOUT_ROS = """
 import sys
@@ -64,6 +66,27 @@ def test_help_of_a_command_has_examples_and_needs_no_ros(name: str) -> None:
     assert done.returncode == 0, done.stderr
     assert done.stdout.startswith(f'usage: rugged_teleop {name} ')
     assert f'\nexamples:\n  rugged_teleop {name} ' in done.stdout
+
+
+def test_every_command_is_an_executable_of_ros2_run() -> None:
+    assert {path.name for path in TOOLS} == {*COMMANDS} - {'simulate'}  # which is one anyhow
+
+
+@pytest.mark.parametrize('path', TOOLS, ids=lambda path: path.name)
+def test_executable_is_the_command_of_its_name(path: Path) -> None:
+    assert os.access(path, os.X_OK)
+    command = [sys.executable, str(path), '--help']
+    environment = {**os.environ, 'PYTHONPATH': str(ROOT)}
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=60.0)
+    assert done.stdout.startswith(f'usage: rugged_teleop {path.name} '), done.stderr
+
+
+@pytest.mark.parametrize('name', sorted(executables()))
+def test_command_runs_the_executables_where_there_is_no_ros2_run(name: str) -> None:
+    command = [sys.executable, '-m', 'rugged_teleop', name, '--help']
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=60.0)
+    assert done.returncode == 0
+    assert done.stdout.startswith(f'usage: {name} '), done.stderr
 
 
 @pytest.mark.parametrize(

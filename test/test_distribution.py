@@ -31,7 +31,8 @@ from test.test_package import entry_points
 # What is made in a working copy, and is no source.
 MADE = (
     '.git',
-    '.venv',
+    '.venv*',
+    '_build',
     '__pycache__',
     '*.egg-info',
     'build',
@@ -107,22 +108,23 @@ def test_sdist_has_every_source_file(sources: Path, unpacked: Path) -> None:
 
 
 def expected(sources: Path) -> Iterator[str]:
-    """Yield what a wheel must have: the packages as they are, the rest below share/."""
+    """Yield what a wheel must have: the packages as they are, the rest in folders of ROS."""
     for init in sources.glob('*/__init__.py'):
         if init.parent.name not in NOT_INSTALLED:
             yield from (f'{init.parent.name}/{name}' for name in files(init.parent))
     for folder in ('config', 'container', 'dbc', 'docs', 'launch', 'systemd', 'udev'):
-        yield from (f'share/{folder}/{name}' for name in files(sources / folder))
+        yield from (f'share/rugged_teleop/{folder}/{name}' for name in files(sources / folder))
+    yield from (f'lib/rugged_teleop/{name}' for name in files(sources / 'tools'))
 
 
 def test_wheel_has_every_module_page_and_asset(sources: Path, wheel: Path) -> None:
     with zipfile.ZipFile(wheel) as opened:
-        data = f'{wheel.name[: wheel.name.index("-py3")]}.data/data/share/rugged_teleop/'
-        names = {name.replace(data, 'share/') for name in opened.namelist()}
+        data = f'{wheel.name[: wheel.name.index("-py3")]}.data/data/'
+        names = {name.removeprefix(data) for name in opened.namelist()}
     wanted = set(expected(sources))
     assert len(wanted) > 200
     assert wanted <= names
-    assert 'share/package.xml' in names
+    assert 'share/rugged_teleop/package.xml' in names
     assert not any(name.split('/')[0] in NOT_INSTALLED for name in names)
 
 

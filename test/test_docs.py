@@ -112,11 +112,13 @@ def common_interfaces() -> dict[str, set[str]]:
 
 
 def executables() -> set[str]:
-    """Return the console scripts that setup.py lists."""
+    """Return what ``ros2 run rugged_teleop`` runs: the console scripts of setup.py, and tools/."""
     setup = ast.parse((ROOT / 'setup.py').read_text(encoding='utf-8'))
     texts = (node.value for node in ast.walk(setup) if isinstance(node, ast.Constant))
     scripts = (re.fullmatch(r'(\w+) = [\w.]+:\w+', text) for text in texts if type(text) is str)
-    return {script[1] for script in scripts if script}
+    return {script[1] for script in scripts if script} | {
+        path.name for path in (ROOT / 'tools').iterdir()
+    }
 
 
 # Executables.

@@ -111,24 +111,24 @@ def found() -> list[Any]:
 
 
 def check_executable(words: list[str]) -> None:
-    """``ros2 run rugged_teleop NAME``, or NAME alone."""
+    """``ros2 run rugged_teleop NAME``."""
     name, *rest = words
     assert name in executables()
     if name in NODES:
         check_ros_arguments(name, rest)
-    elif name == 'simulate':
-        importlib.import_module('rugged_teleop.simulate').parser().parse_args(rest)
     elif name == 'ssc_config':
         importlib.import_module('ssc_bridge.config.main').parser().parse_args(rest)
     elif name == 'rugged_teleop':
-        check_tool(rest)
+        assert rest == ['--help']
+    elif name in COMMANDS:
+        check_tool(words)
     else:
         assert name == 'rugged_teleop_stack'
         check_ros_arguments('', rest)
 
 
 def check_tool(words: list[str]) -> None:
-    """``rugged_teleop COMMAND``."""
+    """``ros2 run rugged_teleop COMMAND``."""
     name, *rest = words
     module = importlib.import_module(f'rugged_teleop.{COMMANDS[name][1]}')
     typed = itertools.takewhile(lambda word: not word.startswith('>'), rest)
@@ -236,7 +236,7 @@ def check(command: Command) -> None:
     if begins(command.text, REASONS):
         return
     prefix = begins(command.text, CHECKS)
-    CHECKS.get(prefix, check_executable)(command.words[len(prefix.split()) :])
+    CHECKS[prefix](command.words[len(prefix.split()) :])
 
 
 @pytest.mark.parametrize('command', found())
@@ -257,11 +257,12 @@ def test_every_reason_is_needed() -> None:
         'ros2 topic pub -r 20 /x std_msgs/msg/Bool "{value: true}"',
         'ros2 run rugged_teleop fort_vsc_bridge --ros-args -p prot:=/dev/x',
         'ros2 launch rugged_teleop bringup.launch.py parameters:=my.yaml',
-        'rugged_teleop doctor --parameters my.yaml',
-        'ssc_bridge --ros-args -p baud:=fast',
+        'ros2 run rugged_teleop doctor --parameters my.yaml',
+        'rugged_teleop doctor --params-file my.yaml',
+        'ros2 run rugged_teleop ssc_bridge --ros-args -p baud:=fast',
         'make tests',
     ],
 )
 def test_command_that_is_wrong_is_found(text: str) -> None:
-    with pytest.raises((AssertionError, AttributeError, SystemExit, ValueError)):
+    with pytest.raises((AssertionError, AttributeError, KeyError, SystemExit, ValueError)):
         check(Command(text))

@@ -54,8 +54,8 @@ from vm110_bridge.simulator import Simulator as BaseUnit
 DEVICES = ('fort_vsc', 'vm110', 'akron', 'ssc', 'esi_drive')
 ELSEWHERE = {
     'sudo': 'changes this computer',
-    'simulate': 'test_simulate.py runs it, and the device here is the same',
-    'rugged_teleop bench --joint left --speed': 'test_bench.py runs it',
+    'ros2 run rugged_teleop simulate': 'test_simulate.py does, and the device here is the same',
+    'ros2 run rugged_teleop bench --joint left --speed': 'test_bench.py runs it',
 }
 
 
@@ -113,13 +113,13 @@ class Walk:
         words = command.words
         if any(command.text.startswith(each) for each in ELSEWHERE):
             return
-        self.did.append(' '.join(words[:3]))
+        self.did.append(' '.join(words[: 3 + (words[1] == 'run')]))
         if words[0] == 'ls':
             assert Path(words[-1]).exists()
-        elif words[:2] == ['rugged_teleop', 'doctor']:
-            self._doctor(words[2:], command.comment)
-        elif words[:2] == ['rugged_teleop', 'bench']:
-            tool = [sys.executable, '-m', 'rugged_teleop', *words[1:], '--seconds', '0.5']
+        elif words[2:4] == ['rugged_teleop', 'doctor']:
+            self._doctor(words[4:], command.comment)
+        elif words[2:4] == ['rugged_teleop', 'bench']:
+            tool = [sys.executable, '-m', 'rugged_teleop', *words[3:], '--seconds', '0.5']
             done = subprocess.run(tool, cwd=ROOT, text=True, capture_output=True, check=False)
             assert command.comment in done.stdout, (done.stdout, done.stderr)
             if '--stick' in words:
@@ -185,9 +185,9 @@ def walk(
 def test_start_page_brings_the_device_onto_a_topic(walk: Walk, device: str) -> None:
     for block in blocks(text_of(f'docs/start/{device}.md')):
         walk.do(block)
-    assert {'rugged_teleop doctor', 'ros2 run', 'ros2 topic echo'} <= {
-        each if each.startswith('ros2 topic') else ' '.join(each.split()[:2]) for each in walk.did
-    }
+    run = 'ros2 run rugged_teleop'
+    node = {'akron': 'akron_can'}.get(device, device)
+    assert {f'{run} doctor', f'{run} {node}_bridge', 'ros2 topic echo'} <= {*walk.did}
 
 
 @pytest.mark.parametrize('device', DEVICES)
