@@ -73,6 +73,7 @@ class Subject(ABC):
 
     name = ''  # of the node
     full_name = ''
+    period = 0.02  # s, in which the device is due a packet
     observer: Observer
     released_at = 0.0  # when motion was permitted last
     asked_at = 0.0  # when a stop was asked for last, of those that move again with fresh inputs
@@ -140,6 +141,7 @@ class Drive(Subject):
     """The drive, behind VSC bridge and mux."""
 
     name = full_name = DRIVE
+    period = 0.01
 
     def __init__(
         self,

@@ -195,7 +195,7 @@ FAULTS = {
 
 @pytest.mark.parametrize('fault', FAULTS.values(), ids=FAULTS)
 def test_trial_that_shows_what_it_should_holds(fault: Fault) -> None:
-    assert campaign.holds(GOOD, fault)
+    assert campaign.holds(GOOD, fault, 0.01)
 
 
 @pytest.mark.parametrize(
@@ -216,7 +216,7 @@ def test_trial_that_shows_what_it_should_holds(fault: Fault) -> None:
     ],
 )
 def test_trial_that_lacks_one_thing_does_not(kind: str, change: dict[str, Any]) -> None:
-    assert not campaign.holds(replace(GOOD, **change), FAULTS[kind])
+    assert not campaign.holds(replace(GOOD, **change), FAULTS[kind], 0.01)
 
 
 def test_row_tells_the_worst() -> None:
