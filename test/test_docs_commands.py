@@ -16,8 +16,8 @@
 Every command of the documents, as the tool that it is for would take it.
 
 A line of an indented block is a command unless its paragraph is a picture, YAML or output. What is
-for this package is checked to the last word, and run by the test that is named; all else has a
-reason.
+for this package is checked to the last word; test_docs_commands_run.py and test_start_pages.py run
+it. All else has a reason.
 """
 
 from __future__ import annotations

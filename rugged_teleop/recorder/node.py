@@ -115,6 +115,8 @@ class Recorder(ManagedNode):
     def on_activate(self, state: Any) -> TransitionCallbackReturn:
         """Begin to listen."""
         self.active = True
+        kept = f'keeping the last {self.values["seconds"]:g} s'
+        self._log(f'{kept}; recordings go to {self.folder.path}', True)
         self._look_around()
         return super().on_activate(state)
 
