@@ -125,6 +125,8 @@ def test_each_kind_is_found_by_some_code() -> None:
         ),
         ('esi_drive_bridge', {'joint_names': ['a', 'b', 'c']}, 'joint_names'),
         ('safety_mux', {'estop_sources': ['x']}, 'estop.x.topic is empty'),
+        ('recorder', {'period': 100.0}, 'period must not be above seconds'),
+        ('status_page', {'port': 70000}, 'parameter port = 70000'),
         ('safety_mxu', {}, 'did you mean safety_mux?'),
     ],
 )
@@ -162,6 +164,12 @@ def test_good_file_gives_each_node_its_values(tmp_path: Path) -> None:
         ('/left/fort_vsc_bridge', '/dev/left', 'mine'),
         ('/right/fort_vsc_bridge', '/dev/right', 'mine'),
     ]
+
+
+def test_nodes_without_a_device_are_checked_and_wired_to_nothing(tmp_path: Path) -> None:
+    path = parameter_file(tmp_path, recorder={'after': 2.0}, status_page={'port': 8081})
+    nodes, findings = configured([path])
+    assert (nodes, kinds(findings)) == ([], ['parameters good', 'parameters good'])
 
 
 def test_file_without_a_node_and_file_that_is_none(tmp_path: Path) -> None:

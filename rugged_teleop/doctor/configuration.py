@@ -34,6 +34,7 @@ from bridge_core.parameters import ParameterError
 from bridge_core.parameters import resolve
 from rugged_teleop.doctor.catalogue import finding
 from rugged_teleop.doctor.findings import Finding
+from rugged_teleop.recorder import parameters as recorder
 from rugged_teleop.reference import NODES
 from safety_mux.configuration import check
 
@@ -67,7 +68,7 @@ class Configured:
 
 
 def configured(files: Sequence[Path]) -> tuple[list[Configured], list[Finding]]:
-    """Return the nodes that the files are right for, and what is found about all of them."""
+    """Return the bridges and muxes that the files are right for, and what is found of all."""
     nodes = []
     try:
         findings = [each for file in files for each in _strangers(file)]
@@ -80,7 +81,8 @@ def configured(files: Sequence[Path]) -> tuple[list[Configured], list[Finding]]:
         except (ParameterError, ValueError, ImportError) as error:
             findings.append(finding('parameters refused', error=f'{full}: {error}'))
         else:
-            nodes.append(node)
+            if node.name in (MUX, *TOPICS):  # others have no device, and stop nothing
+                nodes.append(node)
             findings.append(finding('parameters good', node=full))
     if files and not names and not findings:
         findings.append(finding('no nodes', files=', '.join(map(str, files))))
@@ -120,7 +122,9 @@ def _configured(full: str, files: Sequence[Path]) -> Configured:
     result = Configured(name, full, values)
     if name == MUX:
         check(values, result.topic)
-    else:
+    elif name == 'recorder':
+        recorder.check(values)
+    elif name in TOPICS:
         importlib.import_module(f'{name}.wire').BRIDGE.check(values)
     return result
 

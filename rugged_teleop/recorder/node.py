@@ -50,6 +50,7 @@ from rugged_teleop.recorder.definitions import definition_of
 from rugged_teleop.recorder.definitions import message_class
 from rugged_teleop.recorder.folder import default_folder
 from rugged_teleop.recorder.folder import Folder
+from rugged_teleop.recorder.parameters import check
 from rugged_teleop.recorder.parameters import PARAMETERS
 from rugged_teleop.recorder.reasons import Nodes
 from rugged_teleop.recorder.reasons import Reasons
@@ -104,11 +105,7 @@ class Recorder(ManagedNode):
 
     def check_parameters(self, values: dict[str, Any]) -> None:
         """Refuse a period that would leave gaps. :raises ParameterError: it."""
-        if values['period'] > values['seconds']:
-            raise ParameterError(
-                f'parameters period = {values["period"]} and seconds = {values["seconds"]}: '
-                'period must not be above seconds, or a stop may be in no recording'
-            )
+        check(values)
 
     # Lifecycle.
 

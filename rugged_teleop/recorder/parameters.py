@@ -14,7 +14,11 @@
 
 """The recorder's parameters: names, defaults, ranges and what they mean."""
 
+from collections.abc import Mapping
+from typing import Any
+
 from bridge_core.parameters import Parameter
+from bridge_core.parameters import ParameterError
 
 PARAMETERS = (
     Parameter(
@@ -81,3 +85,12 @@ PARAMETERS = (
         fixed=True,
     ),
 )
+
+
+def check(values: Mapping[str, Any]) -> None:
+    """Refuse a period that would leave gaps. :raises ParameterError: it."""
+    if values['period'] > values['seconds']:
+        raise ParameterError(
+            f'parameters period = {values["period"]} and seconds = {values["seconds"]}: '
+            'period must not be above seconds, or a stop may be in no recording'
+        )
