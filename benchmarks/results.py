@@ -151,7 +151,22 @@ TARGETS = (
     Target(
         'six nodes in one process', 'six memory', 'MB', 'bare node', {'MB': 88.0}, absolute=True
     ),
-    Target('a wire process', 'wire process', 'MB', 'bare node', {'MB': 16.0}, absolute=True),
+    Target(
+        'a wire process on a serial port',
+        'wire process',
+        'MB',
+        'bare node',
+        {'MB': 16.0},
+        absolute=True,
+    ),
+    Target(
+        'a wire process on CAN',
+        'wire process on CAN',
+        'MB',
+        'bare node',
+        {'MB': 16.0},
+        absolute=True,
+    ),
     Target(
         'a node with 1 MB/s of noise',
         'flooded node',

@@ -280,6 +280,7 @@ class Monitor(Subject):
             'estop_in_timeout': TIMEOUT,
         }
         self.listen()
+        self._stick = akron_node_rig.MOVE
         self._bench = akron_node_rig.Bench(observer, self._start())
 
     def _start(self) -> NodeProcess:
@@ -304,7 +305,8 @@ class Monitor(Subject):
         self._bench.asked = Joy(axes=[0.0, 0.0])
         self._bench.connect()
         self.released_at = time.monotonic()
-        self._bench.drive(self._station)
+        self._bench.drive(self._station, self._stick)
+        self._stick = Joy(axes=[-axis for axis in self._stick.axes])  # or it reaches its end stop
         self.pause(0.2)
 
     def stop(self) -> None:
