@@ -44,6 +44,7 @@ import contextlib
 from dataclasses import asdict
 from dataclasses import dataclass
 from dataclasses import replace
+import gc
 import itertools
 import json
 import os
@@ -328,6 +329,7 @@ def campaign(subject: str, fault: Fault, count: int) -> list[Trial]:
         with stage_of(subject, fault) as (target, complete):
             try:
                 while len(trials) < count:
+                    gc.collect()  # not in a trial, where it would hold up a simulated device
                     trials.append(harm(target, complete))
             except NoWireError as error:
                 return [Trial(note=str(error))]
@@ -397,6 +399,7 @@ def main() -> None:
     use_own_domain(profile=not given.localhost)
     signal.signal(signal.SIGHUP, signal.SIG_DFL)  # nodes inherit what nohup made of it
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))  # and leave no node behind
+    gc.disable()
     print(HEAD, flush=True)
     results, words = {}, []
     try:
