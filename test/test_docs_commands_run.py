@@ -105,6 +105,8 @@ def arguments(words: list[str]) -> Iterator[str]:
         rest = rest[1:]
     elif name == 'page':
         yield from ('--port', '0')
+    elif name == 'doctor':
+        yield from ('--seconds', '0.1')
     for word in rest:
         is_file = word in ('FILE', 'FILE...', 'OTHER') or word.endswith('.mcap')
         yield ('IMAGE' if name == 'ssc_config' else 'FILE') if is_file else word

@@ -112,8 +112,8 @@ class Recorder(ManagedNode):
     def on_activate(self, state: Any) -> TransitionCallbackReturn:
         """Begin to listen."""
         self.active = True
-        kept = f'keeping the last {self.values["seconds"]:g} s'
-        self._log(f'{kept}; recordings go to {self.folder.path}', True)
+        kept, path = self.values['seconds'], self.folder.path
+        self._log(f'keeping the last {kept:g} s; recordings go to {path}', True)
         self._look_around()
         return super().on_activate(state)
 
