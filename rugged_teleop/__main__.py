@@ -61,7 +61,11 @@ def usage() -> str:
 
 def executables() -> dict[str, metadata.EntryPoint]:
     """Return what has an executable of its own, such as the nodes, by its name."""
-    points = metadata.distribution('rugged_teleop').entry_points.select(group='console_scripts')
+    try:
+        found = metadata.distribution('rugged_teleop').entry_points
+    except metadata.PackageNotFoundError:  # sources that nobody has installed
+        return {}
+    points = found.select(group='console_scripts')
     return {
         point.name: point for point in points if point.name not in (*COMMANDS, 'rugged_teleop')
     }
@@ -75,12 +79,13 @@ def main(arguments: Sequence[str] | None = None) -> None:
     if name in ('-h', '--help'):
         print(usage(), end='')
         sys.exit(0)
-    if name in executables():
-        sys.argv = [name, *rest]
-        executables()[name].load()()
-        return
     if name not in COMMANDS:
-        like = difflib.get_close_matches(name, [*COMMANDS, *executables()], 1) or COMMANDS
+        others = executables()
+        if name in others:
+            sys.argv = [name, *rest]
+            others[name].load()()
+            return
+        like = difflib.get_close_matches(name, [*COMMANDS, *others], 1) or COMMANDS
         problem = f'there is no command {name!r}' if name else 'name a command'
         print(f'rugged_teleop: {problem}; there is {", ".join(like)}', file=sys.stderr)
         sys.exit(2)
