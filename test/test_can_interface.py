@@ -110,6 +110,21 @@ def test_deleted_interface_is_lost_and_found_when_made_again(interface: VirtualI
     assert wait_frames(transport, 1) == [CanFrame(1, b'new')]
 
 
+def test_confirmation_that_waits_unread_is_no_reason_to_drop_a_stop(
+    interface: VirtualInterface,
+) -> None:
+    peer, transport = interface.endpoint(), interface.transport()
+    assert transport.send(CanFrame(1, b'motion'))
+    receive(peer, 1)
+    peer.send(message(2, b'other'))
+    begin = time.monotonic()
+    wait_for(lambda: time.monotonic() > begin + 0.05, 5.0, 'a pause of ours')
+    assert transport.send(CanFrame(1, b'stop'))
+    receive(peer, 1)
+    assert select.select([transport.fileno()], [], [], 0)[0]
+    assert transport.receive() == [CanFrame(2, b'other')]
+
+
 @pytest.mark.parametrize(
     ('loss', 'text'), [('down', 'interface is down'), ('delete', 'interface')]
 )

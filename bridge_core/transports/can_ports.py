@@ -143,13 +143,19 @@ class SocketCanPort:
         self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _SEND_BUFFER)
         self._filters = filters
         self._unconfirmed = Unconfirmed()
+        self._kept: list[can.Message] = []  # read by write
+        self._readable_fd = os.eventfd(1, os.EFD_CLOEXEC)
 
     def fileno(self) -> int:
-        """Return the socket's descriptor."""
-        return self._bus.fileno()
+        """Return the socket's descriptor, or one that is readable while a message is kept."""
+        return self._readable_fd if self._kept else self._bus.fileno()
 
     def read(self) -> list[can.Message]:
         """Return what the kernel has let through, confirmations apart."""
+        kept, self._kept = self._kept, []
+        return kept + self._take()
+
+    def _take(self) -> list[can.Message]:
         messages: list[can.Message] = []
         for _ in range(READS):
             try:
@@ -165,6 +171,8 @@ class SocketCanPort:
 
     def write(self, message: can.Message) -> bool:
         """Hand it to the kernel; drop it while its queue is full, or holds what is old."""
+        if not self._unconfirmed.may_send(clock.now()):
+            self._kept += self._take()  # after a pause of ours the confirmation is there, unread
         now = clock.now()
         if not self._unconfirmed.may_send(now):
             return False
@@ -180,6 +188,7 @@ class SocketCanPort:
 
     def close(self) -> None:
         """Close the socket."""
+        os.close(self._readable_fd)
         with contextlib.suppress(OSError):  # closing what is already gone
             self._bus.shutdown()
 
