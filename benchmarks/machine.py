@@ -16,10 +16,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from collections.abc import Iterable
 import contextlib
 from pathlib import Path
 import random
+import resource
 import signal
 import threading
 import time
@@ -108,10 +110,22 @@ class LyingDrive(DriveSimulator):
 
 
 class Setting(NamedTuple):
-    """All nodes in one process; and a factor for their time-outs, on a busy machine."""
+    """All nodes in one process; a factor for their time-outs, on a busy machine; two hosts."""
 
     stack: bool = False
     patience: float = 1.0
+    two_hosts: bool = False
+
+
+def address_space(pid: int) -> int:
+    """Return the bytes that a process has mapped."""
+    pages = int(Path(f'/proc/{pid}/statm').read_text().split()[0])
+    return pages * resource.getpagesize()
+
+
+def descriptors(pid: int) -> int:
+    """Return one more than the highest descriptor of a process."""
+    return 1 + max(int(path.name) for path in Path(f'/proc/{pid}/fd').iterdir())
 
 
 class Machine(Stage):
@@ -129,6 +143,7 @@ class Machine(Stage):
         self._noise: threading.Event | None = None
         self._seconds: list[Talker] = []
         self._busy = contextlib.ExitStack()
+        self._limited: list[tuple[int, int, tuple[int, int]]] = []
         self._parameters: dict[str, dict[str, Any]] = {
             VSC: {'port': str(self.vsc.path)},
             DRIVE: {'port': str(self.drive.path)},
@@ -222,6 +237,13 @@ class Machine(Stage):
     def saturate(self) -> None:
         self._busy.enter_context(busy_cores())
 
+    def limit(self, kind: int, used: Callable[[int], int]) -> None:
+        """Let nodes and wires have no more of a resource than they use."""
+        for pid in [*(node.process.pid for node in self.nodes.values()), *self.wires()]:
+            before = resource.prlimit(pid, kind)
+            resource.prlimit(pid, kind, (used(pid), before[1]))
+            self._limited.append((pid, kind, before))
+
     def calm(self) -> None:
         """Take back what this process does beside the nodes."""
         if self._noise:
@@ -230,16 +252,23 @@ class Machine(Stage):
             talker.leave()
         self._seconds.clear()
         self._busy.close()
+        for pid, kind, before in self._limited:
+            with contextlib.suppress(ProcessLookupError):  # it could not do without
+                resource.prlimit(pid, kind, before)
+        self._limited.clear()
+
+    def restart_ended(self) -> None:
+        """Start each node again that has ended."""
+        for name in self.names:
+            if self.nodes[name].process.poll() is not None:
+                self.start_node(name)
 
     def mend(self) -> None:
         """Have lines and devices sound, and all nodes running."""
         self.calm()
+        self.restart_ended()
         for name in self.names:
-            node = self.nodes[name]
-            if node.process.poll() is not None:
-                self.start_node(name)
-            else:
-                node.signal(signal.SIGCONT)
+            self.nodes[name].signal(signal.SIGCONT)
         self.vsc.apply('clear', 'radio on', 'estop remote off', 'ack', 'mode operational')
         self.drive.apply('clear', 'mute off', 'deaf off')
 

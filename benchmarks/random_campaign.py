@@ -15,10 +15,10 @@
 """
 Do random faults to the machine in motion, and see what reaches the drive.
 
-``python -m benchmarks.campaign random [-n COUNT] [--stack] [--seed N] [--first N] [--json FILE]``:
-real processes on simulated ports, with deadman and stick held throughout. What trial N of a seed
-does, and when, is always the same, so ``--first N -n 1`` repeats it. With a FILE that has trials
-of this seed it goes on after them. ``--table FILE...`` prints what they have.
+``python -m benchmarks.campaign random``: real processes on simulated ports, in one process with
+``--stack``, the drive node beyond a network with ``--two-hosts``; deadman and stick are held
+throughout. What trial N of a seed does, and when, is always the same, so ``--first N -n 1``
+repeats it. With ``--json FILE`` that has trials of this seed it goes on after them.
 
 A trial holds if the drive is disabled within the bound of docs/safety.md, widened only by what the
 machine's processes waited for a processor meanwhile; if nothing enables it again before everything
@@ -33,6 +33,7 @@ from collections.abc import Sequence
 from dataclasses import asdict
 from dataclasses import dataclass
 from dataclasses import field
+from functools import partial
 import json
 from pathlib import Path
 import signal
@@ -49,7 +50,10 @@ from benchmarks.random_faults import HEARD
 from benchmarks.rig import figures
 from benchmarks.rig import resident
 from benchmarks.rig import title
+from benchmarks.rig import UnavailableError
 from benchmarks.rig import use_own_domain
+from benchmarks.two_hosts import Cable
+from benchmarks.two_hosts import TwoHosts
 from test.rig import Observer
 from test.run_delay import RunDelay
 from test.stage import CLEAR_ERRORS
@@ -331,7 +335,7 @@ def load(files: Iterable[Path]) -> list[dict[str, Any]]:
 
 def run(given: argparse.Namespace) -> int:
     """Do the trials; return how many did not hold."""
-    setting = Setting(given.stack, given.patience)
+    setting = Setting(given.stack, given.patience, given.two_hosts)
     head = {'seed': given.seed, **setting._asdict()}
     trials: list[dict[str, Any]] = []
     if given.json and given.json.exists():
@@ -345,11 +349,12 @@ def run(given: argparse.Namespace) -> int:
         for number in range(first, given.first + given.n)
         if given.only in drawn(given.seed, number, setting)[0].kind
     ]
+    make = partial(TwoHosts, Cable()) if given.two_hosts else Machine
     while numbers:
         with (
             tempfile.TemporaryDirectory() as folder,
             Observer('campaign') as observer,
-            Machine(Path(folder), observer, setting) as machine,
+            make(Path(folder), observer, setting) as machine,
         ):
             try:
                 campaign = Campaign(machine, given.seed)
@@ -391,7 +396,10 @@ def main(arguments: Sequence[str]) -> None:
     """Run it; the command line after ``random``."""
     parser = argparse.ArgumentParser(prog='python -m benchmarks.campaign random')
     parser.add_argument('-n', type=int, default=_COUNT, help=f'how many trials ({_COUNT})')
-    parser.add_argument('--stack', action='store_true', help='all nodes in one process')
+    where = parser.add_mutually_exclusive_group()
+    where.add_argument('--stack', action='store_true', help='all nodes in one process')
+    two_hosts = 'the drive node on another host, in network namespaces; as root'
+    where.add_argument('--two-hosts', action='store_true', help=two_hosts)
     parser.add_argument('--seed', type=int, default=1, help='of the faults (1)')
     factor = 'factor of the time-outs and their bounds, on a busy machine (1)'
     parser.add_argument('--patience', type=float, default=1.0, help=factor)
@@ -406,4 +414,8 @@ def main(arguments: Sequence[str]) -> None:
     use_own_domain(profile=True)
     signal.signal(signal.SIGHUP, signal.SIG_DFL)  # nodes inherit what nohup made of it
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))  # and leave no node behind
-    raise SystemExit(1 if run(given) else 0)
+    try:
+        failed = run(given)
+    except UnavailableError as error:
+        raise SystemExit(f'campaign: skipped, {error}') from error
+    raise SystemExit(1 if failed else 0)

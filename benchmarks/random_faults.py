@@ -24,16 +24,20 @@ from dataclasses import replace
 import fcntl
 import os
 import random
+import resource
 import signal
 import time
 from typing import Any
 from typing import Final
 
+from benchmarks.machine import address_space
+from benchmarks.machine import descriptors
 from benchmarks.machine import Machine
 from benchmarks.machine import SECOND
 from benchmarks.machine import Setting
 from benchmarks.machine import SPINE
 from benchmarks.machine import STACK
+from benchmarks.two_hosts import TwoHosts
 from esi_drive_bridge.simulator import FAULTS as DRIVE_FAULTS
 from esi_drive_bridge.simulator import Simulator as DriveSimulator
 from fort_vsc_bridge.simulator import Simulator as VscSimulator
@@ -347,6 +351,32 @@ def _busy(chance: random.Random, stack: bool) -> Fault:
     return Fault('', begin, Machine.calm, 0.3, HEARD, at_once=True, detail=detail)
 
 
+def _short_of(kind: int, used: Callable[[int], int]) -> Draw:
+    """
+    Let no process of the nodes have more of it, then press the e-stop.
+
+    :param kind: RLIMIT_... :param used: what a process has, by its id.
+    """
+
+    def draw(chance: random.Random, stack: bool) -> Fault:
+        del stack
+        seconds = chance.uniform(0.1, 1.0)
+
+        def begin(machine: Machine) -> float:
+            machine.limit(kind, used)
+            machine.pause(seconds)
+            return machine.vsc.apply('estop remote on')
+
+        def end(machine: Machine) -> None:
+            machine.calm()
+            machine.restart_ended()
+
+        detail = f'e-stop after {seconds:.2f} s'
+        return Fault('', begin, end, 0.3, HEARD, at_once=True, hears=False, detail=detail)
+
+    return draw
+
+
 KINDS: Final[dict[str, Draw]] = {
     'VSC: e-stop of the remote': _device(VSC, 'estop remote on', '', HEARD, at_once=True),
     'VSC: deadman let go, pressed again': _device(
@@ -390,15 +420,37 @@ KINDS: Final[dict[str, Draw]] = {
     'neighbour: SIGSTOP': _neighbour(signal.SIGSTOP),
     'neighbour: floods': _neighbour(signal.SIGUSR1),
     'both cores busy, then e-stop': _busy,
+    'disk full, then e-stop': _short_of(resource.RLIMIT_FSIZE, lambda pid: 0),
+    'no more memory, then e-stop': _short_of(resource.RLIMIT_AS, address_space),
+    'no more descriptors, then e-stop': _short_of(resource.RLIMIT_NOFILE, descriptors),
 }
+
+CABLE: Final = 'cable between mux and drive node cut'
+
+
+def _cut(chance: random.Random, stack: bool) -> Fault:
+    del stack
+
+    def begin(machine: Machine) -> float:
+        assert isinstance(machine, TwoHosts)
+        at = time.monotonic()
+        machine.cable.cut()
+        return at
+
+    def end(machine: Machine) -> None:
+        assert isinstance(machine, TwoHosts)
+        machine.cable.join()
+
+    return Fault('', begin, end, chance.choice([0.05, 0.2, 1.0, 3.0, 8.0]), HUNG)
 
 
 def drawn(seed: int, number: int, machine: Setting) -> tuple[Fault, float]:
     """Return the fault of this trial, and after how many seconds of motion; always the same."""
     chance = random.Random(f'{seed}:{number}')
-    kind = chance.choice(list(KINDS))
+    kinds = {**KINDS, CABLE: _cut} if machine.two_hosts else KINDS
+    kind = chance.choice(list(kinds))
     moment = chance.uniform(0.0, 0.2)
-    fault = replace(KINDS[kind](chance, machine.stack), kind=kind)
+    fault = replace(kinds[kind](chance, machine.stack), kind=kind)
     if fault.bound == WIRE and machine.patience > 1.0 and not fault.at_once:
         fault = replace(fault, bound=None)  # see test/patience.py: nobody misses it
     if fault.bound in _TIMEOUTS:

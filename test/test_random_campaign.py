@@ -20,6 +20,8 @@ from collections.abc import Sequence
 from dataclasses import asdict
 from dataclasses import replace
 from pathlib import Path
+import subprocess
+import sys
 
 import pytest
 
@@ -30,11 +32,13 @@ from benchmarks.random_campaign import growth
 from benchmarks.random_campaign import judge
 from benchmarks.random_campaign import table
 from benchmarks.random_campaign import Trial
+from benchmarks.random_faults import CABLE
 from benchmarks.random_faults import drawn
 from benchmarks.random_faults import Fault
 from benchmarks.random_faults import HUNG
 from benchmarks.random_faults import KINDS
 from test.rig import Observer
+from test.rig import ROOT
 from test.stage import Packet
 
 PERIOD = 0.01  # s between packets
@@ -132,3 +136,22 @@ def test_stack_stands_a_few_random_faults(tmp_path: Path, observer: Observer) ->
     with Machine(tmp_path, observer, setting) as machine:
         campaign = Campaign(machine, seed=1)
         assert [campaign.trial(numbers[kind]).findings for kind in kinds] == [[]] * len(kinds)
+
+
+@pytest.mark.proof
+def test_cut_cable_between_two_hosts_stops_the_drive() -> None:
+    setting = Setting(patience=3.0, two_hosts=True)
+    numbers = [n for n in range(300) if drawn(1, n, setting)[0].kind == CABLE]
+    campaign = [*'-m benchmarks.campaign random --two-hosts --patience 3 --seed 1'.split()]
+    for number in numbers[:2]:
+        one = ['--first', str(number), '-n', '1', '--json', str(tmp_path / f'{number}.json')]
+        done = subprocess.run(
+            [sys.executable, *campaign, *one],
+            capture_output=True,
+            text=True,
+            cwd=ROOT,
+            check=False,
+        )
+        if 'skipped' in done.stderr:
+            pytest.skip(done.stderr)
+        assert not done.returncode, done.stdout + done.stderr
