@@ -156,9 +156,12 @@ class Campaign:
         self._arm()
 
     def trial(self, number: int) -> Trial:
-        """Do one. :raises AssertionError: it does not move again."""
+        """Do the one of this number. :raises AssertionError: it does not move again."""
+        return self.do(*drawn(self._seed, number, self.machine.setting), number)
+
+    def do(self, fault: Fault, moment: float = 0.0, number: int = 0) -> Trial:
+        """Do it ``moment`` s later. :raises AssertionError: it does not move again."""
         machine, begin = self.machine, time.monotonic()
-        fault, moment = drawn(self._seed, number, machine.setting)
         trial = Trial(number, fault.kind, fault.detail, fault.lasts)
         machine.pause(moment)
         if not self._moves():

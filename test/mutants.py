@@ -316,7 +316,8 @@ def run_tests(file: str, code: CodeType, limit: float) -> tuple[str, float]:
     seconds = used.ru_utime + used.ru_stime
     if os.WIFSIGNALED(status):
         return 'endless', seconds
-    outcomes = {0: 'survived', 1: 'killed', 2: 'killed'}  # 2: not even collected
+    # 2: not even collected, 4: not even the conftest.
+    outcomes = {0: 'survived', 1: 'killed', 2: 'killed', 4: 'killed'}
     if os.WEXITSTATUS(status) not in outcomes:
         raise RuntimeError(f'pytest ended with {os.WEXITSTATUS(status)} for {file}')
     return outcomes[os.WEXITSTATUS(status)], seconds

@@ -18,6 +18,8 @@ from __future__ import annotations
 
 import ast
 import itertools
+import subprocess
+import sys
 
 import pytest
 
@@ -60,3 +62,15 @@ def test_comparison_has_the_mutants_that_are_nearest() -> None:
     (node,) = (n for n in ast.walk(ast.parse('a < b')) if isinstance(n, ast.Compare))
     shown = [ast.unparse(each) for each in itertools.islice(mutants.variants(node), 9)]
     assert shown == ['a <= b', 'a >= b']
+
+
+def test_fault_counts_in_a_module_that_is_loaded_already() -> None:
+    code = (
+        'import bridge_core.watchdog; from test import mutants; '
+        'fault = compile("raise ImportError", "watchdog.py", "exec"); '
+        'print(mutants.run_tests("bridge_core/watchdog.py", fault, 60.0)[0])'
+    )
+    done = subprocess.run(
+        [sys.executable, '-c', code], capture_output=True, text=True, cwd=mutants.ROOT, check=True
+    )
+    assert done.stdout.split() == ['killed']

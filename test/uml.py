@@ -36,7 +36,6 @@ LONGEST = 280.0  # seconds; pytest takes a test that lasts 300 for one that hang
 _MODULES = Path('/usr/lib/uml/modules')
 _INSTALL = 'apt install user-mode-linux iproute2'
 _MEMORY = 1024  # MiB
-_MARK = 'pytest.mark.real_can'
 # The kernel has processes of its own, which outlive a signal to the first; and whoever sends us
 # SIGKILL gives us no time to end anything. So a shell waits for the end of a pipe from us, and
 # then ends the whole session.
@@ -75,13 +74,13 @@ class Result:
         return '' if passed_in(self.directory / 'junit.xml') else 'no test ran'
 
 
-def run_in_kernel(directory: Path) -> Result:
+def run_in_kernel(directory: Path, mark: str) -> Result:
     """
-    Run the tests with the mark real_can in a kernel of their own, at most for LONGEST.
+    Run the tests with this mark in a kernel of their own, at most for LONGEST.
 
     :param directory: what passes between us and the kernel; see uml_guest.py.
     """
-    request = {'directory': str(ROOT), 'arguments': arguments(), 'environment': {**os.environ}}
+    request = {'directory': str(ROOT), 'arguments': arguments(mark), 'environment': {**os.environ}}
     (directory / 'request.json').write_text(json.dumps(request), encoding='utf-8')
     with subprocess.Popen(
         [*_ENDS_WITH_US, *kernel_command(directory)],
@@ -101,10 +100,11 @@ def run_in_kernel(directory: Path) -> Result:
     return Result(console.decode(errors='replace'), directory)
 
 
-def arguments() -> list[str]:
-    """Return what makes pytest run all that has the mark real_can, and import nothing else."""
+def arguments(mark: str) -> list[str]:
+    """Return what makes pytest run all that has this mark, and import nothing else."""
     files = sorted((ROOT / 'test').glob('test_*.py'))
-    return ['-m', 'real_can', *(str(file) for file in files if _MARK in file.read_text('utf-8'))]
+    text = f'pytest.mark.{mark}'
+    return ['-m', mark, *(str(file) for file in files if text in file.read_text('utf-8'))]
 
 
 def missing() -> str:
