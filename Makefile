@@ -5,7 +5,8 @@
 #
 #   make demo              simulators, stack and a live view; ARGS=--once plays the scripted scene
 #   make test              ARGS='-k fort -x' and the like go to pytest; WORKERS=0 for one test at a time
-#   make proof             what takes minutes: every reachable state of what decides; ARGS as for make test
+#   make proof             all the evidence, hours; goes on where it was, results in build/proof.json; ARGS=states for
+#                          every reachable state of what decides, minutes
 #   make fuzz              ten million hostile inputs for each parser, session, decoder and callback; hours, and goes
 #                          on where it was; ARGS='--count 100000 ssc' and the like
 #   make mutants           plant faults in what decides, and name those that no test notices; hours;
@@ -50,7 +51,7 @@ test: $(STAMP)
 	$(BIN)/python -m pytest -n $(WORKERS) --dist loadfile --no-loadscope-reorder --durations=10 $(ARGS)
 
 proof: $(STAMP)
-	$(BIN)/python -m pytest -m proof $(ARGS)
+	$(BIN)/python -m test.proof $(ARGS)
 
 fuzz: $(STAMP)
 	$(BIN)/python -m test.fuzz $(ARGS)
