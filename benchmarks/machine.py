@@ -62,6 +62,7 @@ _DEFAULTS = {
     },
     DRIVE: {'command_timeout': 0.1, 'link_timeout': 0.25},
 }
+_DISCOVERY = 0.05  # s in which a subscriber that a publisher knows knows the publisher, too
 _NOISE_RATE = 1_000_000  # byte/s
 _NOISE_PERIOD = 0.004  # s
 _FULL = Joy(axes=[0.0, 1.0, 0.0, 0.0, 0.0, 0.0], buttons=[1, *[0] * 7])
@@ -230,6 +231,7 @@ class Machine(Stage):
         talker = Talker(self.observer, type(message), topic, message, rate=rate)
         self._seconds.append(talker)
         self.wait(talker.publisher.get_subscription_count, f'a subscriber of {topic}')
+        self.pause(_DISCOVERY)
         at = time.monotonic()
         talker.say()
         return at

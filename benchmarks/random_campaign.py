@@ -34,6 +34,7 @@ from dataclasses import asdict
 from dataclasses import dataclass
 from dataclasses import field
 from functools import partial
+import gc
 import json
 from pathlib import Path
 import signal
@@ -168,11 +169,14 @@ class Campaign:
             trial.false_stops.append(machine.message)
             self._arm()
         machine.windows.clear()
-        since = time.monotonic() - 0.05
+        since = time.monotonic()
         delay = RunDelay([node.process.pid for node in machine.nodes.values()])
         cause = fault.begin(machine) or time.monotonic()
-        machine.pause(fault.lasts)
-        trial.waited, trial.why = delay.seconds(), machine.message
+        end = time.monotonic() + fault.lasts
+        self._wait_for_disable(cause, end)
+        trial.waited = delay.seconds()  # of the way to the stop alone
+        machine.pause(end - time.monotonic())
+        trial.why = machine.message
         fault.end(machine)
         self._wait_for_nodes()
         machine.pause(_STILL)
@@ -191,6 +195,12 @@ class Campaign:
         trial.took = time.monotonic() - begin
         return trial
 
+    def _wait_for_disable(self, since: float, end: float) -> None:
+        def disabled() -> bool:
+            return time.monotonic() >= end or self.machine.drive.first_disable(since) is not None
+
+        self.machine.wait(disabled, 'time', end - time.monotonic() + 5.0)
+
     def _moves(self) -> bool:
         packets = self.machine.drive.packets(time.monotonic() - 0.1)
         return bool(packets) and packets[-1].moves
@@ -208,6 +218,7 @@ class Campaign:
         """Move, by reset and deadman; return why that was undone, each time."""
         machine, asked, undone = self.machine, 0.0, []
         machine.vsc.apply('ack', 'mode operational')
+        gc.collect()  # at rest: it holds up the devices
 
         def moves() -> bool:
             nonlocal asked
@@ -331,9 +342,10 @@ def table(trials: Sequence[dict[str, Any]]) -> str:
     return '\n'.join(lines)
 
 
-def load(files: Iterable[Path]) -> list[dict[str, Any]]:
-    """Return the trials of all files."""
-    return [trial for file in files for trial in json.loads(file.read_text())['trials']]
+def load(file: Path) -> tuple[dict[str, Any], list[dict[str, Any]]]:
+    """Return a file's first line, which says what was asked for, and its trials."""
+    head, *trials = map(json.loads, file.read_text(encoding='utf-8').splitlines())
+    return head, trials
 
 
 def run(given: argparse.Namespace) -> int:
@@ -342,10 +354,11 @@ def run(given: argparse.Namespace) -> int:
     head = {'seed': given.seed, **setting._asdict()}
     trials: list[dict[str, Any]] = []
     if given.json and given.json.exists():
-        found = json.loads(given.json.read_text())
-        if any(found[key] != value for key, value in head.items()):
+        found, trials = load(given.json)
+        if found != head:
             raise SystemExit(f'{given.json} has trials of another seed or variant')
-        trials = found['trials']
+    elif given.json:
+        given.json.write_text(json.dumps(head) + '\n', encoding='utf-8')
     first = max([given.first, *(trial['number'] + 1 for trial in trials)])
     numbers = [
         number
@@ -364,21 +377,19 @@ def run(given: argparse.Namespace) -> int:
                 while numbers:
                     trial = campaign.trial(numbers[0])
                     numbers.pop(0)
-                    keep(trial, trials, head, given.json)
+                    keep(trial, trials, given.json)
             except AssertionError as error:
                 said = [f'{name}: {node.output[-200:]}' for name, node in machine.nodes.items()]
                 words = ' '.join(' '.join([str(error)[:400], *said]).split())
                 number = numbers.pop(0)
                 fault = drawn(given.seed, number, setting)[0]
                 lost = Trial(number, fault.kind, fault.detail, fault.lasts, findings=[words])
-                keep(lost, trials, head, given.json)
+                keep(lost, trials, given.json)
     print('\n' + table(trials))
     return sum(bool(trial['findings']) for trial in trials)
 
 
-def keep(
-    trial: Trial, trials: list[dict[str, Any]], head: dict[str, Any], file: Path | None
-) -> None:
+def keep(trial: Trial, trials: list[dict[str, Any]], file: Path | None) -> None:
     """Print a trial, and add it to file and list."""
     trials.append(asdict(trial))
     took = trial.stopped if trial.let_go is None else trial.let_go
@@ -389,10 +400,9 @@ def keep(
         + ''.join(f'\n      FINDING: {words}' for words in trial.findings),
         flush=True,
     )
-    if file:
-        new = file.with_suffix('.new')
-        new.write_text(json.dumps({**head, 'trials': trials}) + '\n', encoding='utf-8')
-        new.replace(file)
+    if file:  # a line alone, as devices stand still while this process is busy
+        with file.open('a', encoding='utf-8') as lines:
+            lines.write(json.dumps(trials[-1]) + '\n')
 
 
 def main(arguments: Sequence[str]) -> None:
@@ -412,9 +422,10 @@ def main(arguments: Sequence[str]) -> None:
     parser.add_argument('--table', type=Path, nargs='+', help='print what these files have')
     given = parser.parse_args(arguments)
     if given.table:
-        print(table(load(given.table)))
+        print(table([trial for file in given.table for trial in load(file)[1]]))
         return
     use_own_domain(profile=True)
+    gc.disable()
     signal.signal(signal.SIGHUP, signal.SIG_DFL)  # nodes inherit what nohup made of it
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))  # and leave no node behind
     try:

@@ -19,6 +19,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from collections.abc import Sequence
 import contextlib
+import ctypes
 from dataclasses import dataclass
 from dataclasses import replace
 import fcntl
@@ -338,6 +339,18 @@ def _neighbour(number: signal.Signals) -> Draw:
     return draw
 
 
+def _all_pause(chance: random.Random, stack: bool) -> Fault:
+    """Have all devices stand still at once, as on a hub that resets, and then go on."""
+    del stack
+    seconds = chance.uniform(0.05, 0.9)
+
+    def begin(machine: Machine) -> None:
+        del machine
+        ctypes.PyDLL(None).usleep(round(seconds * 1e6))  # with the lock that their threads need
+
+    return Fault('', begin, detail=f'for {seconds:.2f} s')
+
+
 def _busy(chance: random.Random, stack: bool) -> Fault:
     del stack
     seconds = chance.uniform(0.1, 1.0)
@@ -419,6 +432,7 @@ KINDS: Final[dict[str, Draw]] = {
     'neighbour: SIGKILL': _neighbour(signal.SIGKILL),
     'neighbour: SIGSTOP': _neighbour(signal.SIGSTOP),
     'neighbour: floods': _neighbour(signal.SIGUSR1),
+    'all devices pause': _all_pause,
     'both cores busy, then e-stop': _busy,
     'disk full, then e-stop': _short_of(resource.RLIMIT_FSIZE, lambda pid: 0),
     'no more memory, then e-stop': _short_of(resource.RLIMIT_AS, address_space),
