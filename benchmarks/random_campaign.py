@@ -154,6 +154,8 @@ class Campaign:
     def __init__(self, machine: Machine, seed: int) -> None:
         self.machine, self._seed = machine, seed
         self._read: dict[int, int] = {}  # bytes of each node's output
+        gc.collect()
+        gc.freeze()  # the collector would hold up the devices
         self._arm()
 
     def trial(self, number: int) -> Trial:
@@ -218,7 +220,6 @@ class Campaign:
         """Move, by reset and deadman; return why that was undone, each time."""
         machine, asked, undone = self.machine, 0.0, []
         machine.vsc.apply('ack', 'mode operational')
-        gc.collect()  # at rest: it holds up the devices
 
         def moves() -> bool:
             nonlocal asked
@@ -425,7 +426,6 @@ def main(arguments: Sequence[str]) -> None:
         print(table([trial for file in given.table for trial in load(file)[1]]))
         return
     use_own_domain(profile=True)
-    gc.disable()
     signal.signal(signal.SIGHUP, signal.SIG_DFL)  # nodes inherit what nohup made of it
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))  # and leave no node behind
     try:

@@ -51,7 +51,7 @@ from test.stage import VSC
 HEARD = 0.15  # a stop that a device says in its next heartbeat or status, or when it is let go
 SILENT = 0.3  # a device, or its bridge, that says nothing any more
 DEAD, HUNG = 0.02, 0.11  # of the process at the actuator's side
-WIRE = 0.4  # the wire's process: nothing is sent until its successor begins
+WIRE = 0.45  # the wire's process: nothing is sent until its successor begins
 DEAF = 0.25  # of what the drive hears, 0.1, and its next status
 OVERSPEED = 0.65  # overspeed_time, and the packet that says it
 _TIMEOUTS = (SILENT, HUNG, WIRE, DEAF)  # these are longer for the patient
