@@ -20,6 +20,9 @@ their wires and all devices. Sticks move, and every half minute one of the e-sto
 nothing may move from then until it is released, reset and the deadman is pressed anew; anything
 else is a wrong decision. A stop that nobody asked for is a false one, and is named by the mux.
 
+Late frames and stops that nobody asked for are the machine's own, and counted apart, where it
+gave no time to anybody for as long: a pulse on each core tells.
+
 --busy has every core busy with other work. False stops are right then, and wrong decisions alone
 fail.
 """
@@ -46,6 +49,7 @@ import time
 from typing import NamedTuple
 
 from akron_can_bridge.protocol import JOYSTICK_PERIOD
+from benchmarks.pauses import Pauses
 from benchmarks.rig import busy_cores
 from benchmarks.rig import family
 from benchmarks.rig import Figures
@@ -65,6 +69,7 @@ from demo.steering import VM110
 from fort_vsc_bridge import protocol as fort
 from rugged_teleop.ports import Chunk
 from test.rig import Observer
+from test.run_delay import WIRE_HELD_UP
 from test.stage import CLEAR_ERRORS
 from test.stage import END_TRIP
 from vm110_bridge import protocol as vm110
@@ -75,6 +80,7 @@ _MOTION = 25.0  # s between two stops
 _BRIEF = 2.0  # s of it, where none lasts longer
 _PUSH = 1.0  # s for which sticks stay where they are
 _OVERLAP = 0.1  # s that are looked at twice
+_BEFORE = 1.0  # s before a false stop in which pauses count: longer than any time-out
 _HELD = 0.6  # s for which stick and deadman are held in a stop
 _WARM_UP = 120.0  # s, at most a fifth of the run
 _LINE = 60.0  # s between two lines
@@ -99,6 +105,8 @@ PERIODS = {
 
 # What is judged.
 
+Lost = Callable[[float, float], float]  # the machine's pauses between two moments, all in s
+
 
 @dataclass
 class Pace:
@@ -109,14 +117,19 @@ class Pace:
     seconds: float = 0.0
     longest: float = 0.0
     late: int = 0  # gaps above two periods
+    held_up: int = 0  # others, that would be without the machine's pauses in them
 
-    def add(self, times: Iterable[float]) -> None:
+    def add(self, times: Iterable[float], pauses: Lost) -> None:
         """Take the moments (s) of one stretch of motion."""
-        for gap in (after - before for before, after in itertools.pairwise(times)):
+        for before, after in itertools.pairwise(times):
+            gap = after - before
             self.gaps += 1
             self.seconds += gap
             self.longest = max(self.longest, gap)
-            self.late += gap > 2.0 * self.period
+            if gap > 2.0 * self.period:
+                excused = gap - pauses(before, after) <= 2.0 * self.period
+                self.held_up += excused
+                self.late += not excused
 
     @property
     def drift(self) -> float:
@@ -149,6 +162,7 @@ class Result:
     reactions: dict[str, list[float]] = field(default_factory=dict)  # s, by what stopped it
     wrong: list[str] = field(default_factory=list)
     false: dict[str, int] = field(default_factory=dict)  # how often, by the reason
+    paused: dict[str, int] = field(default_factory=dict)  # likewise, as the machine stood still
     lost: list[str] = field(default_factory=list)  # ways back to motion that did not lead there
     paces: dict[str, Pace] = field(
         default_factory=lambda: {n: Pace(p) for n, p in PERIODS.items()}
@@ -178,14 +192,16 @@ class Result:
         stops = sum(map(len, self.reactions.values()))
         lines = [
             f'{self.seconds / 60:.1f} min in motion, {stops} stops asked for, '
-            f'{sum(self.false.values())} false, {len(self.wrong)} wrong decisions',
+            f'{sum(self.false.values())} false, {sum(self.paused.values())} as the machine stood '
+            f'still, {len(self.wrong)} wrong decisions',
             '',
-            '| frames | mean off by (ms) | longest gap (ms) | late | gaps |',
-            '| --- | --- | --- | --- | --- |',
+            "| frames | mean off by (ms) | longest gap (ms) | late | late by the machine's pauses "
+            '| gaps |',
+            '| --- | --- | --- | --- | --- | --- |',
         ]
         for name, pace in self.paces.items():
             cells = f'{pace.drift * 1e3:+.3f} | {pace.longest * 1e3:.0f} | {pace.late}'
-            lines.append(f'| {name} | {cells} | {pace.gaps} |')
+            lines.append(f'| {name} | {cells} | {pace.held_up} | {pace.gaps} |')
         lines += ['', '| stop | p50 (ms) | max (ms) | n |', '| --- | --- | --- | --- |']
         for name, found in self.reactions.items():
             its = figures(found)
@@ -196,6 +212,7 @@ class Result:
         for name, samples in self.held.items():
             lines.append(f'| {name} | {_in_words(samples[-1])} | {_in_words(growth(samples))} |')
         lines += [f'false stop, {times} times: {text}' for text, times in self.false.items()]
+        lines += [f'machine, {times} times: {text}' for text, times in self.paused.items()]
         return '\n'.join([*lines, *(f'lost: {text}' for text in self.lost)])
 
     def as_json(self) -> dict[str, object]:
@@ -236,9 +253,10 @@ class Stop(NamedTuple):
 class Soak(Scene):
     """Drives, stops and looks, in circles."""
 
-    def __init__(self, stage: DemoStage, result: Result) -> None:
+    def __init__(self, stage: DemoStage, result: Result, pauses: Lost) -> None:
         super().__init__(stage, _PATIENCE)
         self.result = result
+        self._pauses = pauses
         self._motion = _MOTION  # s until the next stop
         vsc, unit, receiver = stage.vsc.apply, stage.unit.apply, stage.ssc.apply
         self._stops = itertools.cycle(
@@ -318,7 +336,7 @@ class Soak(Scene):
         # Shorter on a machine that is too busy, so that stops are asked for there, too.
         self._motion = max(_BRIEF, self._motion / 2) if stopped else min(_MOTION, self._motion * 2)
         if stopped:
-            self._note_false_stop()
+            self._note_false_stop(stopped)
         return not stopped
 
     def _watch(self, seconds: float) -> None:
@@ -335,10 +353,10 @@ class Soak(Scene):
             [at for at, _ in self._pulses(begin)],
         )
         for pace, found in zip(self.result.paces.values(), times, strict=True):
-            pace.add(at for at in found if at < end)
+            pace.add((at for at in found if at < end), self._pauses)
 
-    def _note_false_stop(self) -> None:
-        """Name it, once the mux has said why."""
+    def _note_false_stop(self, at: float) -> None:
+        """Name it, once the mux has said why. :param at: when it was seen."""
         with contextlib.suppress(AssertionError):
             since = time.monotonic()
             self.wait(partial(self.stage.status_since, since), limit=1.0)
@@ -351,10 +369,12 @@ class Soak(Scene):
             last = values.get('last transition', '').partition(': ')[2]
             why = f'{", ".join(conditions)}: {last}'
         why = _NUMBERS.sub('…', why)
-        self.result.false[why] = self.result.false.get(why, 0) + 1
+        machine = self._pauses(at - _BEFORE, at) > WIRE_HELD_UP
+        found = self.result.paused if machine else self.result.false
+        found[why] = found.get(why, 0) + 1
 
     def _recover(self) -> None:
-        self._note_false_stop()
+        self._note_false_stop(time.monotonic())
         super()._recover()
 
     def _stop(self, stop: Stop) -> None:
@@ -444,7 +464,8 @@ def _line(result: Result, seconds: float, memory: float) -> str:
     return (
         f'{seconds / 60:6.1f} min: {result.seconds / 60:.1f} in motion, '
         f'{sum(map(len, result.reactions.values()))} stops, {sum(result.false.values())} false, '
-        f'{len(result.wrong)} wrong, {len(result.lost)} times not back; '
+        f'{sum(result.paused.values())} by the machine, {len(result.wrong)} wrong, '
+        f'{len(result.lost)} times not back; '
         f'{sum(pace.late for pace in result.paces.values())} frames late, {memory:.1f} MB'
     )
 
@@ -463,10 +484,11 @@ def main() -> None:
         folder = Path(exits.enter_context(tempfile.TemporaryDirectory(prefix='rugged_teleop_')))
         observer = exits.enter_context(Observer('soak'))
         stage = exits.enter_context(contextlib.closing(DemoStage(folder, observer)))
+        pauses = exits.enter_context(Pauses())
         if given.busy:
             exits.enter_context(busy_cores())
         try:
-            soak(Soak(stage, result), given.hours * 3600.0)
+            soak(Soak(stage, result, pauses.between), given.hours * 3600.0)
         except (AssertionError, DemoError) as error:
             result.wrong.append(f'it cannot go on: {error}')
         except KeyboardInterrupt:

@@ -17,12 +17,20 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 import json
 import math
 import os
+import signal
+import time
 
 import pytest
 
+from benchmarks.pauses import lost
+from benchmarks.pauses import Pause
+from benchmarks.pauses import Pauses
+from benchmarks.rig import children
+from benchmarks.rig import title
 from benchmarks.soak import growth
 from benchmarks.soak import Held
 from benchmarks.soak import held_by
@@ -30,23 +38,29 @@ from benchmarks.soak import moved
 from benchmarks.soak import Pace
 from benchmarks.soak import PERIODS
 from benchmarks.soak import Result
+from test.rig import holds_for
+from test.rig import wait_for
+
+
+def no_pause(begin: float, end: float) -> float:
+    return 0.0
 
 
 def good(*, busy: bool = False) -> Result:
     """Return what a sound run would show."""
     result = Result(busy, seconds=60.0, reactions={'e-stop': [0.01, 0.02]})
     for pace in result.paces.values():
-        pace.add(n * pace.period for n in range(100))
+        pace.add((n * pace.period for n in range(100)), no_pause)
     result.held = {'the stack': [Held(90.0, 20, 30)] * 8}
     return result
 
 
 def drift(result: Result) -> None:
-    result.paces["the SSC's pulses"].add(n * 0.0225 for n in range(10_000))
+    result.paces["the SSC's pulses"].add((n * 0.0225 for n in range(10_000)), no_pause)
 
 
 def come_late(result: Result) -> None:
-    result.paces["the VSC's host heartbeats"].add((0.0, 0.11, 0.12, 0.15))
+    result.paces["the VSC's host heartbeats"].add((0.0, 0.11, 0.12, 0.15), no_pause)
 
 
 def come_never(result: Result) -> None:
@@ -95,6 +109,13 @@ def test_fault_is_named_and_with_busy_cores_shown_only(
     assert not busy.failures()
 
 
+def test_stop_as_the_machine_stood_still_is_shown_only() -> None:
+    result = good()
+    result.paused["e-stop source 'fort' stale: "] = 2
+    assert not result.failures()
+    assert "machine, 2 times: e-stop source 'fort' stale" in result.table()
+
+
 def test_wrong_decision_fails_on_any_machine() -> None:
     for result in (good(), good(busy=True)):
         result.wrong.append('~/trip: the drive moves')
@@ -112,10 +133,39 @@ def test_only_what_moves_after_a_stop_is_wrong() -> None:
 def test_pace_counts_gaps_within_a_stretch_of_motion_only() -> None:
     pace = Pace(0.1)
     assert pace.drift == math.inf
-    pace.add((1.0, 1.1, 1.2))
-    pace.add((60.0, 60.1))
+    pace.add((1.0, 1.1, 1.2), no_pause)
+    pace.add((60.0, 60.1), no_pause)
     assert (pace.gaps, pace.late) == (3, 0)
     assert pace.drift == pytest.approx(0.0)
+
+
+def test_late_frame_is_the_machines_if_its_pause_is_what_made_it_late() -> None:
+    pace = Pace(0.1)
+    pauses = [Pause(1.05, 1.2), Pause(2.15, 2.2)]
+    pace.add((1.0, 1.3), partial(lost, pauses))
+    pace.add((2.0, 2.3), partial(lost, pauses))
+    assert (pace.gaps, pace.late, pace.held_up) == (2, 1, 1)
+
+
+def test_of_a_pause_counts_what_is_within_the_time() -> None:
+    pauses = [Pause(1.0, 1.2), Pause(1.4, 1.7), Pause(2.0, 2.1)]
+    assert lost(pauses, 1.1, 1.5) == pytest.approx(0.2)
+    assert lost(pauses, 1.2, 1.4) == 0.0
+
+
+def test_pulse_that_gets_no_time_tells_of_a_pause() -> None:
+    begin = time.monotonic()
+    with Pauses() as pauses:
+        pulse, *_ = children(os.getpid())
+
+        def is_told() -> bool:
+            os.kill(pulse, signal.SIGSTOP)
+            holds_for(lambda: True, 0.05)
+            os.kill(pulse, signal.SIGCONT)
+            return pauses.between(begin, time.monotonic()) > 0.04
+
+        wait_for(is_told)
+    assert title(pulse) == ''
 
 
 def test_growth_is_between_first_and_last_and_no_single_peak() -> None:
