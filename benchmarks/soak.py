@@ -38,6 +38,7 @@ from dataclasses import asdict
 from dataclasses import dataclass
 from dataclasses import field
 from functools import partial
+import gc
 import itertools
 import json
 from pathlib import Path
@@ -479,6 +480,7 @@ def main() -> None:
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, signal.default_int_handler)
     use_own_domain()
+    gc.disable()  # it would hold up the simulated devices
     result = Result(given.busy)
     with contextlib.ExitStack() as exits:
         folder = Path(exits.enter_context(tempfile.TemporaryDirectory(prefix='rugged_teleop_')))
