@@ -13,18 +13,23 @@
 # limitations under the License.
 
 """
-What the machine keeps from everybody: a pulse on each core that tells when it was late.
+What the machine, and the measuring process itself, keep from what they should do: pulses.
 
-``python benchmarks/pauses.py CORE`` is such a pulse, of `Pauses`. With real-time priority, where
-that is allowed, it waits for kernel and host alone; otherwise for other work as well.
+A pulse sleeps, and tells when it was late. There is one on each core, ``python
+benchmarks/pauses.py CORE``: with real-time priority, where that is allowed, it waits for kernel
+and host alone, otherwise for other work as well. One more is a thread of this process, and waits
+for what its other threads hold, as each simulated device does.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from collections.abc import Iterator
 import contextlib
 import os
 import subprocess
 import sys
+import threading
 import time
 from typing import NamedTuple
 
@@ -40,7 +45,7 @@ class Pause(NamedTuple):
 
 
 class Pauses(contextlib.ExitStack):
-    """Watches all cores while it is open."""
+    """Watches all cores and this process while it is open."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -54,15 +59,26 @@ class Pauses(contextlib.ExitStack):
             os.close(writing)
             os.set_blocking(reading, False)
             self._cores.append((reading, []))
+        self._own: list[Pause] = []
+        ended = threading.Event()
+        thread = threading.Thread(target=self._watch, args=(ended.is_set,), name='pulse')
+        self.callback(thread.join)
+        self.callback(ended.set)
+        thread.start()
+
+    def _watch(self, is_over: Callable[[], bool]) -> None:
+        for pause in _pulse(is_over):
+            self._own.append(pause)
 
     def between(self, begin: float, end: float) -> float:
-        """Return the seconds lost between two moments (monotonic), of the core that lost most."""
+        """Return the seconds lost between two moments (monotonic), where most was."""
         for reading, found in self._cores:
             with contextlib.suppress(BlockingIOError):
                 # As much as a pipe holds, and a pulse writes whole lines: none is cut.
                 while said := os.read(reading, 1 << 16):
                     found += [Pause(*map(float, line.split())) for line in said.splitlines()]
-        return max(lost(found, begin, end) for _, found in self._cores)
+        pulses = (self._own[:], *(found for _, found in self._cores))
+        return max(lost(found, begin, end) for found in pulses)
 
 
 def lost(pauses: list[Pause], begin: float, end: float) -> float:
@@ -70,18 +86,25 @@ def lost(pauses: list[Pause], begin: float, end: float) -> float:
     return sum(max(0.0, min(end, each.end) - max(begin, each.begin)) for each in pauses)
 
 
-def _pulse(core: int) -> None:
-    os.sched_setaffinity(0, {core})
-    with contextlib.suppress(PermissionError):
-        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(1))
+def _pulse(is_over: Callable[[], bool] = lambda: False) -> Iterator[Pause]:
+    """Yield the pauses, each as soon as it is over."""
     due = time.monotonic() + _SLEEP
-    while True:
+    while not is_over():
         time.sleep(_SLEEP)
         now = time.monotonic()
         if now - due > _LATE:
-            print(f'{due:.6f} {now:.6f}', flush=True)
+            yield Pause(due, now)
         due = now + _SLEEP
 
 
+def main(core: int) -> None:
+    """Be the pulse of a core, and write its pauses."""
+    os.sched_setaffinity(0, {core})
+    with contextlib.suppress(PermissionError):
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(1))
+    for pause in _pulse():
+        print(*pause, flush=True)
+
+
 if __name__ == '__main__':
-    _pulse(int(sys.argv[1]))
+    main(int(sys.argv[1]))

@@ -20,8 +20,8 @@ their wires and all devices. Sticks move, and every half minute one of the e-sto
 nothing may move from then until it is released, reset and the deadman is pressed anew; anything
 else is a wrong decision. A stop that nobody asked for is a false one, and is named by the mux.
 
-Late frames and stops that nobody asked for are the machine's own, and counted apart, where it
-gave no time to anybody for as long: a pulse on each core tells.
+Late frames and stops that nobody asked for are counted apart where the machine, or the process
+that plays the devices, gave no time to anybody for as long: pulses tell (`benchmarks.pauses`).
 
 --busy has every core busy with other work. False stops are right then, and wrong decisions alone
 fail.
@@ -163,7 +163,7 @@ class Result:
     reactions: dict[str, list[float]] = field(default_factory=dict)  # s, by what stopped it
     wrong: list[str] = field(default_factory=list)
     false: dict[str, int] = field(default_factory=dict)  # how often, by the reason
-    paused: dict[str, int] = field(default_factory=dict)  # likewise, as the machine stood still
+    paused: dict[str, int] = field(default_factory=dict)  # likewise, by pauses
     lost: list[str] = field(default_factory=list)  # ways back to motion that did not lead there
     paces: dict[str, Pace] = field(
         default_factory=lambda: {n: Pace(p) for n, p in PERIODS.items()}
@@ -193,11 +193,10 @@ class Result:
         stops = sum(map(len, self.reactions.values()))
         lines = [
             f'{self.seconds / 60:.1f} min in motion, {stops} stops asked for, '
-            f'{sum(self.false.values())} false, {sum(self.paused.values())} as the machine stood '
-            f'still, {len(self.wrong)} wrong decisions',
+            f'{sum(self.false.values())} false, {sum(self.paused.values())} by pauses, '
+            f'{len(self.wrong)} wrong decisions',
             '',
-            "| frames | mean off by (ms) | longest gap (ms) | late | late by the machine's pauses "
-            '| gaps |',
+            '| frames | mean off by (ms) | longest gap (ms) | late | late by pauses | gaps |',
             '| --- | --- | --- | --- | --- | --- |',
         ]
         for name, pace in self.paces.items():
@@ -213,7 +212,7 @@ class Result:
         for name, samples in self.held.items():
             lines.append(f'| {name} | {_in_words(samples[-1])} | {_in_words(growth(samples))} |')
         lines += [f'false stop, {times} times: {text}' for text, times in self.false.items()]
-        lines += [f'machine, {times} times: {text}' for text, times in self.paused.items()]
+        lines += [f'by a pause, {times} times: {text}' for text, times in self.paused.items()]
         return '\n'.join([*lines, *(f'lost: {text}' for text in self.lost)])
 
     def as_json(self) -> dict[str, object]:
@@ -465,7 +464,7 @@ def _line(result: Result, seconds: float, memory: float) -> str:
     return (
         f'{seconds / 60:6.1f} min: {result.seconds / 60:.1f} in motion, '
         f'{sum(map(len, result.reactions.values()))} stops, {sum(result.false.values())} false, '
-        f'{sum(result.paused.values())} by the machine, {len(result.wrong)} wrong, '
+        f'{sum(result.paused.values())} by pauses, {len(result.wrong)} wrong, '
         f'{len(result.lost)} times not back; '
         f'{sum(pace.late for pace in result.paces.values())} frames late, {memory:.1f} MB'
     )

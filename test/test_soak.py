@@ -21,6 +21,7 @@ from functools import partial
 import json
 import math
 import os
+import re
 import signal
 import time
 
@@ -109,11 +110,11 @@ def test_fault_is_named_and_with_busy_cores_shown_only(
     assert not busy.failures()
 
 
-def test_stop_as_the_machine_stood_still_is_shown_only() -> None:
+def test_stop_by_a_pause_is_shown_only() -> None:
     result = good()
     result.paused["e-stop source 'fort' stale: "] = 2
     assert not result.failures()
-    assert "machine, 2 times: e-stop source 'fort' stale" in result.table()
+    assert "by a pause, 2 times: e-stop source 'fort' stale" in result.table()
 
 
 def test_wrong_decision_fails_on_any_machine() -> None:
@@ -168,6 +169,18 @@ def test_pulse_that_gets_no_time_tells_of_a_pause() -> None:
     assert title(pulse) == ''
 
 
+def test_process_that_holds_its_threads_up_is_a_pause() -> None:
+    with Pauses() as pauses:
+
+        def is_told() -> bool:
+            begin = time.monotonic()
+            re.match('(a+)+b', 'a' * 22)  # holds the interpreter's lock
+            taken = time.monotonic() - begin
+            return pauses.between(begin, begin + taken) > 0.5 * taken
+
+        wait_for(is_told)
+
+
 def test_growth_is_between_first_and_last_and_no_single_peak() -> None:
     samples = [Held(10.0, 2, 5)] * 4 + [Held(90.0, 9, 9)] + [Held(10.5, 2, 6)] * 4
     assert growth(samples) == Held(0.5, 0, 1)
@@ -178,7 +191,13 @@ def test_table_and_json_tell_all() -> None:
     result = good()
     stop_by_itself(result)
     text = result.table()
-    for part in (*PERIODS, 'the stack', 'e-stop', "'fort' stale", '2 stops asked for, 2 false'):
+    for part in (
+        *PERIODS,
+        'the stack',
+        'e-stop',
+        "'fort' stale",
+        '2 false, 0 by pauses',
+    ):
         assert part in text
     told = json.loads(json.dumps(result.as_json()))
     assert told['stops']['e-stop']['n'] == 2
