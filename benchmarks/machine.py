@@ -34,27 +34,35 @@ from sensor_msgs.msg import Joy
 from std_msgs.msg import Bool
 
 from benchmarks.rig import busy_cores
+from benchmarks.rig import family
 from benchmarks.rig import wires_of
 from esi_drive_bridge.simulator import Simulator as DriveSimulator
+from rugged_teleop.multicasts import free_port
+from rugged_teleop.multicasts import LOOPBACK
+from rugged_teleop.multicasts import MulticastDevice
+from rugged_teleop.ports import DevicePort
 from rugged_teleop.stack import wiring
 from test.rig import NodeProcess
 from test.rig import Observer
-from test.stage import Device
 from test.stage import DRIVE
 from test.stage import MUX
 from test.stage import Stage
+from test.stage import UNIT
 from test.stage import VSC
 from test.talkers import Diagnostics
 from test.talkers import Talker
+from vm110_bridge.simulator import Simulator as UnitSimulator
 
-SPINE = (VSC, MUX, DRIVE)
+NODES = (VSC, UNIT, MUX, DRIVE)
 STACK = 'stack'
 _DEFAULTS = {
     VSC: {'link_timeout': 0.25},
+    UNIT: {'link_timeout': 0.5},
     MUX: {
         'stall_limit': 0.1,
         'estop.fort.timeout': 0.25,
         'estop.drive.timeout': 0.25,
+        'estop.vm110.timeout': 0.25,
         'drive_enabled_timeout': 0.25,
         'feedback.timeout': 0.25,
         'operator.fort.timeout': 0.25,
@@ -130,12 +138,18 @@ def descriptors(pid: int) -> int:
 
 
 class Machine(Stage):
-    """VSC bridge, mux and drive node on simulated devices: three processes, or one."""
+    """
+    VSC bridge, mux and drive node on simulated devices, and a VM-110's, which has a stop alone.
+
+    They are four processes, or one.
+    """
 
     def __init__(self, folder: Path, observer: Observer, setting: Setting) -> None:
-        super().__init__(folder, observer, SPINE)
+        super().__init__(folder, observer, NODES)
         self.setting = setting
         self.drive.exchange(LyingDrive(command_timeout=0.1 * setting.patience))
+        self.unit = self.add(MulticastDevice(UnitSimulator(), free_port()))
+        self.devices: dict[str, Any] = {VSC: self.vsc, UNIT: self.unit, DRIVE: self.drive}
         self.windows: list[float] = []  # moments at which the deadman was pressed, all at rest
         self.held = False
         self.diagnostics = Diagnostics(observer, DRIVE)
@@ -148,7 +162,13 @@ class Machine(Stage):
         self._parameters: dict[str, dict[str, Any]] = {
             VSC: {'port': str(self.vsc.path)},
             DRIVE: {'port': str(self.drive.path)},
-            MUX: {'reset_silence': 0.0, 'feedback.topic': f'{DRIVE}/joint_states'},
+            UNIT: {'input_port': self.unit.port, 'interface_address': LOOPBACK},
+            MUX: {
+                'reset_silence': 0.0,
+                'feedback.topic': f'{DRIVE}/joint_states',
+                'estop_sources': ['fort', 'drive', 'vm110'],
+                'estop.vm110.topic': f'{UNIT}/estop',
+            },
         }
         if setting.patience > 1.0:
             for name, timeouts in _DEFAULTS.items():
@@ -160,13 +180,13 @@ class Machine(Stage):
     @property
     def names(self) -> tuple[str, ...]:
         """The processes."""
-        return (STACK,) if self.setting.stack else SPINE
+        return (STACK,) if self.setting.stack else NODES
 
     def start_node(self, name: str) -> None:
         """Start one of ``names``, or start it again."""
         if name == STACK:
-            given = {f'{n}:{key}': v for n in SPINE for key, v in self._parameters[n].items()}
-            self.start(STACK, 'rugged_teleop.stack', given, ('--', *SPINE))
+            given = {f'{n}:{key}': v for n in NODES for key, v in self._parameters[n].items()}
+            self.start(STACK, 'rugged_teleop.stack', given, ('--', *NODES))
         else:
             self.start(name, f'{name}.node', self._parameters[name], wiring([name]))
 
@@ -186,6 +206,11 @@ class Machine(Stage):
         node = self.nodes[self.owner(DRIVE)]
         return wires_of(node.process.pid) if node.process.poll() is None else []
 
+    def processes(self) -> list[int]:
+        """Return the nodes and their wires."""
+        running = [node.process for node in self.nodes.values() if node.process.poll() is None]
+        return [pid for process in running for pid in family(process.pid)]
+
     def start_neighbour(self) -> None:
         """Have another process listen to all e-stops."""
         if self.neighbour is None or self.neighbour.process.poll() is not None:
@@ -197,7 +222,12 @@ class Machine(Stage):
         end = time.monotonic() + seconds
         self.wait(lambda: time.monotonic() >= end, 'time', seconds + 5.0)
 
-    # What the person at the remote does.
+    # What the persons at the remotes do.
+
+    def arm_unit(self) -> None:
+        """Arm the VM-110's remote; nothing, if the base unit does not allow it just now."""
+        with contextlib.suppress(ValueError):
+            self.unit.apply('arm 1')
 
     def hold(self) -> None:
         self.windows.append(time.monotonic())
@@ -210,7 +240,7 @@ class Machine(Stage):
 
     # What is undone after whatever was done.
 
-    def noise(self, device: Device) -> None:
+    def noise(self, device: DevicePort) -> None:
         """Have the device's line carry noise between its frames."""
         self._noise = ended = threading.Event()
         chunk = int(_NOISE_RATE * _NOISE_PERIOD)
@@ -273,6 +303,7 @@ class Machine(Stage):
             self.nodes[name].signal(signal.SIGCONT)
         self.vsc.apply('clear', 'radio on', 'estop remote off', 'ack', 'mode operational')
         self.drive.apply('clear', 'mute off', 'deaf off')
+        self.unit.apply('clear', 'stop 1 off', 'radio 1 on')
 
     def close(self) -> None:
         self.calm()

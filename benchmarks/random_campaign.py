@@ -234,12 +234,10 @@ class Campaign:
             elif machine.mux_says('STOPPED'):
                 if machine.may_reset():
                     machine.reset()
-                elif (
-                    now > asked + _BETWEEN
-                    and machine.estop(DRIVE)
-                    and machine.offers(CLEAR_ERRORS)
-                ):
-                    machine.ask(CLEAR_ERRORS)
+                elif now > asked + _BETWEEN:
+                    machine.arm_unit()
+                    if machine.estop(DRIVE) and machine.offers(CLEAR_ERRORS):
+                        machine.ask(CLEAR_ERRORS)
                     asked = now
             elif machine.is_rested('fort'):
                 machine.hold()

@@ -34,9 +34,9 @@ from typing import Final
 from benchmarks.machine import address_space
 from benchmarks.machine import descriptors
 from benchmarks.machine import Machine
+from benchmarks.machine import NODES
 from benchmarks.machine import SECOND
 from benchmarks.machine import Setting
-from benchmarks.machine import SPINE
 from benchmarks.machine import STACK
 from benchmarks.two_hosts import TwoHosts
 from esi_drive_bridge.simulator import FAULTS as DRIVE_FAULTS
@@ -44,6 +44,7 @@ from esi_drive_bridge.simulator import Simulator as DriveSimulator
 from fort_vsc_bridge.simulator import Simulator as VscSimulator
 from test.stage import DRIVE
 from test.stage import MUX
+from test.stage import UNIT
 from test.stage import VSC
 
 # Bounds of docs/safety.md, in s from the cause to the first packet that disables; the hops from
@@ -54,7 +55,9 @@ DEAD, HUNG = 0.02, 0.11  # of the process at the actuator's side
 WIRE = 0.45  # the wire's process: nothing is sent until its successor begins
 DEAF = 0.25  # of what the drive hears, 0.1, and its next status
 OVERSPEED = 0.65  # overspeed_time, and the packet that says it
-_TIMEOUTS = (SILENT, HUNG, WIRE, DEAF)  # these are longer for the patient
+UNIT_SILENT = 0.55  # the VM-110's link_timeout, 0.5
+UNIT_RADIO = 0.45  # of its base unit, 0.3, and the next VRPI
+_TIMEOUTS = (SILENT, HUNG, WIRE, DEAF, UNIT_SILENT)  # these are longer for the patient
 _BAD_LINE = 0.3  # most that is lost or damaged of a line that still carries something
 _DOUBT = 3.2  # s after which the drive node trusts a topic again that had two publishers
 
@@ -90,7 +93,7 @@ Draw = Callable[[random.Random, bool], Fault]
 
 def _steps(name: str, lines: Sequence[str]) -> Callable[[Machine], float | None]:
     def act(machine: Machine) -> float | None:
-        device = machine.vsc if name == VSC else machine.drive
+        device = machine.devices[name]
         return device.apply(*lines) if lines else None
 
     return act
@@ -127,12 +130,14 @@ def _wrong_device(name: str) -> Draw:
         right: list[Any] = []
 
         def begin(machine: Machine) -> float:
-            device = machine.vsc if name == VSC else machine.drive
+            device = machine.devices[name]
             right.append(device.simulator)
-            return device.swap(DriveSimulator() if name == VSC else VscSimulator())
+            other = DriveSimulator() if name == VSC else VscSimulator()
+            at: float = device.swap(other)
+            return at
 
         def end(machine: Machine) -> None:
-            (machine.vsc if name == VSC else machine.drive).swap(right[0])
+            machine.devices[name].swap(right[0])
 
         return Fault('', begin, end, chance.uniform(0.05, 1.0), SILENT)
 
@@ -146,13 +151,13 @@ def _taken(name: str, bound: float, *, hears: bool) -> Draw:
         del stack
 
         def lock(machine: Machine, how: int) -> None:
-            device = machine.vsc if name == VSC else machine.drive
+            device = machine.devices[name]
             with contextlib.suppress(BlockingIOError):  # the node was faster
                 device.call(lambda *_: fcntl.flock(device._slave, how | fcntl.LOCK_NB))
 
         def begin(machine: Machine) -> float:
-            device = machine.vsc if name == VSC else machine.drive
-            at = device.apply('unplug')
+            device = machine.devices[name]
+            at: float = device.apply('unplug')
             device.apply('plug')
             lock(machine, fcntl.LOCK_EX)
             return at
@@ -170,7 +175,7 @@ def _noisy(name: str) -> Draw:
         del stack
 
         def begin(machine: Machine) -> None:
-            machine.noise(machine.vsc if name == VSC else machine.drive)
+            machine.noise(machine.devices[name])
 
         return Fault('', begin, Machine.calm, chance.uniform(0.1, 1.0))
 
@@ -218,21 +223,20 @@ def _late_enabling(chance: random.Random, stack: bool) -> Fault:
     return Fault('', begin, end, 0.2, HEARD, at_once=True, detail=f'after {seconds:.2f} s')
 
 
+_ENDINGS = (signal.SIGKILL, signal.SIGSTOP, signal.SIGTERM)
 _NODE_BOUNDS = {
-    (VSC, signal.SIGKILL): SILENT,
+    **{(name, number): SILENT for name in (VSC, UNIT) for number in _ENDINGS},
     (MUX, signal.SIGKILL): HUNG,
     (DRIVE, signal.SIGKILL): DEAD,
-    (VSC, signal.SIGSTOP): SILENT,
     (MUX, signal.SIGSTOP): HUNG,
     (DRIVE, signal.SIGSTOP): HUNG,
-    (VSC, signal.SIGTERM): SILENT,
     (MUX, signal.SIGTERM): HUNG,
     (DRIVE, signal.SIGTERM): HUNG,
 }
 
 
 def _node(name: str, number: signal.Signals) -> Draw:
-    """Signal a node; in the stack all three, which then stop as soon as the drive node does."""
+    """Signal a node; in the stack all of them, which then stop as soon as the drive node does."""
 
     def draw(chance: random.Random, stack: bool) -> Fault:
         bound = _NODE_BOUNDS[DRIVE if stack else name, number]
@@ -282,7 +286,7 @@ def _wire(number: signal.Signals) -> Draw:
 
 def _restarts(chance: random.Random, stack: bool) -> Fault:
     """End all nodes, or kill them, in any order, and start them in another."""
-    names = [STACK] if stack else chance.sample(SPINE, 3)
+    names = [STACK] if stack else chance.sample(NODES, len(NODES))
     back = chance.sample(names, len(names))
     number = chance.choice([signal.SIGTERM, signal.SIGKILL])
     gaps = [chance.uniform(0.0, 0.1) for _ in names]
@@ -301,6 +305,31 @@ def _restarts(chance: random.Random, stack: bool) -> Fault:
 
     detail = f'{number.name} {", ".join(names)}; back {", ".join(back)}'
     return Fault('', begin, end, 0.3, SILENT, at_once=True, detail=detail)
+
+
+def _asleep(chance: random.Random, stack: bool) -> Fault:
+    """
+    Have the computer sleep, as far as nodes and wires can tell, while the devices go on.
+
+    Their clock goes on in a computer's sleep, too.
+    """
+    del stack
+    halted: list[int] = []
+
+    def begin(machine: Machine) -> float:
+        halted.extend(machine.processes())
+        at = time.monotonic()
+        for pid in halted:
+            os.kill(pid, signal.SIGSTOP)
+        return at
+
+    def end(machine: Machine) -> None:
+        del machine
+        for pid in halted:
+            with contextlib.suppress(ProcessLookupError):  # a wire, ended by its node
+                os.kill(pid, signal.SIGCONT)
+
+    return Fault('', begin, end, chance.choice([0.05, 0.2, 1.0, 3.0]), HUNG, hears=False)
 
 
 def _second(topic: str) -> Draw:
@@ -407,6 +436,16 @@ KINDS: Final[dict[str, Draw]] = {
     'VSC: frames late': _device(VSC, 'delay {} out', 'delay 0 out'),
     'VSC: noise of 1 MB/s': _noisy(VSC),
     'VSC: another device': _wrong_device(VSC),
+    'VM-110: stop switch': _device(UNIT, 'stop 1 on', 'stop 1 off', HEARD, at_once=True),
+    'VM-110: radio lost': _device(UNIT, 'radio 1 off', 'radio 1 on', UNIT_RADIO),
+    'VM-110: unplugged': _device(UNIT, 'unplug', 'plug', UNIT_SILENT),
+    'VM-110: silent': _device(UNIT, 'drop 1 out', 'drop 0 out', UNIT_SILENT),
+    'VM-110: stalled': _device(UNIT, 'stall on', 'stall off', UNIT_SILENT),
+    'VM-110: hears nothing': _device(UNIT, 'drop 1 in', 'drop 0 in'),
+    'VM-110: reboots': _device(UNIT, 'reboot', '', UNIT_SILENT, lasts=(1.05, 1.3)),
+    'VM-110: bits flipped': _device(UNIT, 'corrupt {} out', 'corrupt 0 out'),
+    'VM-110: packets doubled, and in another order': _device(UNIT, 'double 3, swap'),
+    'VM-110: noise of 1 MB/s': _noisy(UNIT),
     'drive: unplugged': _device(DRIVE, 'unplug', 'plug', DEAD, at_once=True, hears=False),
     'drive: port taken': _taken(DRIVE, DEAD, hears=False),
     'drive: silent': _device(DRIVE, 'mute on', 'mute off', SILENT),
@@ -420,12 +459,9 @@ KINDS: Final[dict[str, Draw]] = {
     'drive: another device': _wrong_device(DRIVE),
     'drive: lies about its speed': _lie,
     'drive: enables late': _late_enabling,
-    **{
-        f'{name}: {number.name}': _node(name, number)
-        for name in SPINE
-        for number in (signal.SIGKILL, signal.SIGSTOP, signal.SIGTERM)
-    },
+    **{f'{name}: {number.name}': _node(name, number) for name in NODES for number in _ENDINGS},
     'all nodes restarted': _restarts,
+    'all nodes asleep': _asleep,
     'wire: SIGKILL': _wire(signal.SIGKILL),
     'wire: SIGSTOP': _wire(signal.SIGSTOP),
     **{f'second publisher: {topic}': _second(topic) for topic in SECOND},
