@@ -24,6 +24,7 @@ for what its other threads hold, as each simulated device does.
 from __future__ import annotations
 
 from collections.abc import Callable
+from collections.abc import Iterable
 from collections.abc import Iterator
 import contextlib
 import os
@@ -49,36 +50,35 @@ class Pauses(contextlib.ExitStack):
 
     def __init__(self) -> None:
         super().__init__()
-        self._cores: list[tuple[int, list[Pause]]] = []
+        self._found: list[list[Pause]] = []  # by pulse
         for core in sorted(os.sched_getaffinity(0)):
-            reading, writing = os.pipe()
-            self.callback(os.close, reading)
             command = [sys.executable, '-S', __file__, str(core)]
-            pulse = self.enter_context(subprocess.Popen(command, stdout=writing))
+            pulse = self.enter_context(
+                subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+            )
+            assert pulse.stdout is not None
+            self._collect(_told(pulse.stdout))
             self.callback(pulse.kill)
-            os.close(writing)
-            os.set_blocking(reading, False)
-            self._cores.append((reading, []))
-        self._own: list[Pause] = []
         ended = threading.Event()
-        thread = threading.Thread(target=self._watch, args=(ended.is_set,), name='pulse')
-        self.callback(thread.join)
+        self._collect(_pulse(ended.is_set))
         self.callback(ended.set)
-        thread.start()
 
-    def _watch(self, is_over: Callable[[], bool]) -> None:
-        for pause in _pulse(is_over):
-            self._own.append(pause)
+    def _collect(self, pulse: Iterator[Pause]) -> None:
+        """Take its pauses, in a thread that ends with it."""
+        found: list[Pause] = []
+
+        def collect() -> None:
+            for pause in pulse:
+                found.append(pause)
+
+        self._found.append(found)
+        thread = threading.Thread(target=collect, name='pulse')
+        thread.start()
+        self.callback(thread.join)
 
     def between(self, begin: float, end: float) -> float:
         """Return the seconds lost between two moments (monotonic), where most was."""
-        for reading, found in self._cores:
-            with contextlib.suppress(BlockingIOError):
-                # As much as a pipe holds, and a pulse writes whole lines at once: none is cut.
-                while said := os.read(reading, 1 << 16):
-                    found += [Pause(*map(float, line.split())) for line in said.splitlines()]
-        pulses = (self._own[:], *(found for _, found in self._cores))
-        return max(lost(found, begin, end) for found in pulses)
+        return max(lost(found, begin, end) for found in self._found)
 
 
 def lost(pauses: list[Pause], begin: float, end: float) -> float:
@@ -88,13 +88,18 @@ def lost(pauses: list[Pause], begin: float, end: float) -> float:
 
 def _pulse(is_over: Callable[[], bool] = lambda: False) -> Iterator[Pause]:
     """Yield the pauses, each as soon as it is over."""
-    due = time.monotonic() + _SLEEP
     while not is_over():
+        due = time.monotonic() + _SLEEP
         time.sleep(_SLEEP)
         now = time.monotonic()
         if now - due > _LATE:
             yield Pause(due, now)
-        due = now + _SLEEP
+
+
+def _told(lines: Iterable[str]) -> Iterator[Pause]:
+    """Yield what a pulse has written."""
+    for line in lines:
+        yield Pause(*map(float, line.split()))
 
 
 def main(core: int) -> None:
@@ -103,7 +108,7 @@ def main(core: int) -> None:
     with contextlib.suppress(PermissionError):
         os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(1))
     for pause in _pulse():
-        os.write(1, f'{pause.begin} {pause.end}\n'.encode())  # print may write it in parts
+        print(*pause, flush=True)
 
 
 if __name__ == '__main__':

@@ -65,7 +65,7 @@ def come_late(result: Result) -> None:
 
 
 def come_never(result: Result) -> None:
-    result.paces["the VM-110's VRPO"] = Pace(PERIODS["the VM-110's VRPO"])
+    result.paces["the VM-110's VRPO"] = Pace(*PERIODS["the VM-110's VRPO"])
 
 
 def grow(*more: float) -> Callable[[Result], None]:
@@ -132,20 +132,27 @@ def test_only_what_moves_after_a_stop_is_wrong() -> None:
 
 
 def test_pace_counts_gaps_within_a_stretch_of_motion_only() -> None:
-    pace = Pace(0.1)
+    pace = Pace(0.1, 0.2)
     assert pace.drift == math.inf
     pace.add((1.0, 1.1, 1.2), no_pause)
     pace.add((60.0, 60.1), no_pause)
-    assert (pace.gaps, pace.late) == (3, 0)
+    assert (pace.gaps, pace.over, pace.late) == (3, 0, 0)
     assert pace.drift == pytest.approx(0.0)
 
 
+def test_frame_over_two_periods_counts_and_is_late_from_its_limit_on() -> None:
+    pace = Pace(0.1, 0.5)
+    pace.add((1.0, 1.3, 1.9), no_pause)
+    assert (pace.gaps, pace.over, pace.paused, pace.late) == (2, 2, 0, 1)
+    assert pace.longest == pytest.approx(0.6)
+
+
 def test_late_frame_is_the_machines_if_its_pause_is_what_made_it_late() -> None:
-    pace = Pace(0.1)
+    pace = Pace(0.1, 0.2)
     pauses = [Pause(1.05, 1.2), Pause(2.15, 2.2)]
     pace.add((1.0, 1.3), partial(lost, pauses))
     pace.add((2.0, 2.3), partial(lost, pauses))
-    assert (pace.gaps, pace.late, pace.held_up) == (2, 1, 1)
+    assert (pace.gaps, pace.over, pace.paused, pace.late) == (2, 2, 1, 1)
 
 
 def test_of_a_pause_counts_what_is_within_the_time() -> None:
@@ -170,13 +177,14 @@ def test_pulse_that_gets_no_time_tells_of_a_pause() -> None:
 
 
 def test_process_that_holds_its_threads_up_is_a_pause() -> None:
+    held = []
     with Pauses() as pauses:
 
         def is_told() -> bool:
             begin = time.monotonic()
             re.match('(a+)+b', 'a' * 22)  # holds the interpreter's lock
-            taken = time.monotonic() - begin
-            return pauses.between(begin, begin + taken) > 0.5 * taken
+            held.append((begin, time.monotonic()))
+            return any(pauses.between(*times) > 0.5 * (times[1] - times[0]) for times in held)
 
         wait_for(is_told)
 
@@ -196,7 +204,7 @@ def test_table_and_json_tell_all() -> None:
         'the stack',
         'e-stop',
         "'fort' stale",
-        '2 false, 0 by pauses',
+        '2 stops asked for, 2 false, 0 by pauses',
     ):
         assert part in text
     told = json.loads(json.dumps(result.as_json()))
