@@ -15,22 +15,26 @@
 """
 Run hostile inputs through everything that reads what others wrote.
 
-    make fuzz                              # ten million for each parser, and what it lacks of that
+    make fuzz                              # ten million for each parser, 100 000 for all else
     make fuzz ARGS='--count 100000 ssc'    # those whose name contains ssc
     make fuzz ARGS='--grow 5000 vsc'       # look for inputs that reach more, and keep them
 
-A run that was cut goes on where it was, as build/fuzz.json has it. Exit status: 0 nothing was
+A run that was cut goes on where it was, as build/fuzz has it. Exit status: 0 nothing was
 found; 1 an input shows a fault, and is printed.
 """
 
 from __future__ import annotations
 
 import argparse
+from collections.abc import Callable
 from collections.abc import Sequence
 from contextlib import redirect_stderr
+from functools import partial
 import gzip
 import io
 import json
+import multiprocessing
+import os
 from pathlib import Path
 import sys
 import time
@@ -42,37 +46,26 @@ from test.fuzz.campaign import corpus
 from test.fuzz.campaign import corpus_of
 from test.fuzz.campaign import Fuzzer
 from test.fuzz.campaign import smallest
-from test.fuzz.campaign import Target
 from test.fuzz.campaign import watch_for_hangs
 from test.rig import ROOT
 
-RESULTS = ROOT / 'build' / 'fuzz.json'
-_COUNT = 10_000_000
+RESULTS = ROOT / 'build' / 'fuzz'  # a file for each target
+_PARSED, _COUNT = 10_000_000, 100_000
 _BATCH = 2000
 _KEPT = 60  # inputs of each target in the corpus
 
 
-def _load(path: Path) -> dict[str, Any]:
-    return dict(json.loads(path.read_text(encoding='utf-8'))) if path.exists() else {}
-
-
-def _store(path: Path, content: Any) -> None:
-    path.parent.mkdir(exist_ok=True)
-    scratch = path.with_suffix('.new')
-    scratch.write_text(json.dumps(content, indent=1) + '\n', encoding='utf-8')
-    scratch.replace(path)
-
-
-def _run(target: Target, count: int, path: Path) -> bool:
+def _run(name: str, count: int | None, folder: Path) -> bool:
     """Run batches up to a count; tell whether nothing was found."""
-    fuzzer = Fuzzer(target, corpus_of(corpus().get(target.name, [])))
+    target, path = TARGETS[name], folder / f'{name.replace(" ", "_")}.json'
+    count = count or (_PARSED if 'parser' in name else _COUNT)
+    row: dict[str, Any] = {'target': name, 'inputs': 0, 'seconds': 0.0, 'findings': []}
+    if path.exists():
+        row = json.loads(path.read_text(encoding='utf-8'))
+    fuzzer = Fuzzer(target, corpus_of(corpus().get(name, [])))
     for reads in fuzzer.pool:
         fuzzer.check(reads)
-    while True:
-        results = _load(path)
-        row = results.setdefault(target.name, {'inputs': 0, 'seconds': 0.0, 'findings': []})
-        if row['inputs'] >= count or row['findings']:
-            break
+    while row['inputs'] < count and not row['findings']:
         begun = time.process_time()
         outcome = fuzzer.batch(row['inputs'], min(_BATCH, count - row['inputs']))
         row['inputs'] += outcome.inputs
@@ -80,31 +73,38 @@ def _run(target: Target, count: int, path: Path) -> bool:
         row['findings'] += [str(finding) for finding in outcome.findings]
         row['reached'] = len(fuzzer.pairs)
         row['corpus'] = len(fuzzer.pool)
-        _store(path, results)
-    print(f'{target.name}: {row["inputs"]} inputs, {row["seconds"]} s', flush=True)
-    for finding in row['findings']:
-        print(finding)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        scratch = path.with_suffix('.new')
+        scratch.write_text(json.dumps(row) + '\n', encoding='utf-8')
+        scratch.replace(path)
+    print(f'{name}: {row["inputs"]} inputs, {row["seconds"]} s', *row['findings'], sep='\n')
     return not row['findings']
 
 
-def _grow(target: Target, count: int, path: Path) -> bool:
+def _grow(name: str, count: int) -> bool:
     """Look for inputs that reach more than those of the corpus; keep the smallest that do."""
-    del path
-    stored = corpus()
-    fuzzer = Fuzzer(target, corpus_of(stored.get(target.name, [])))
+    target, stored = TARGETS[name], corpus()
+    fuzzer = Fuzzer(target, corpus_of(stored.get(name, [])))
     for reads in fuzzer.pool:
         fuzzer.check(reads)
     outcome = fuzzer.batch(len(fuzzer.pool) + 1_000_000, count, traced=1)
     for finding in outcome.findings:
         print(finding)
     kept = smallest(target, [*fuzzer.pool, *outcome.found])[:_KEPT]
-    stored[target.name] = [[[pause, data.hex()] for pause, data in reads] for reads in kept]
+    stored[name] = [[[pause, data.hex()] for pause, data in reads] for reads in kept]
     text = json.dumps(dict(sorted(stored.items())), separators=(',', ':'))
     CORPUS.write_bytes(gzip.compress(text.encode(), mtime=0))
-    print(
-        f'{target.name}: {len(kept)} inputs kept, {len(fuzzer.pairs)} pairs of lines', flush=True
-    )
+    print(f'{name}: {len(kept)} inputs kept, {len(fuzzer.pairs)} pairs of lines')
     return not outcome.findings
+
+
+def _aside(work: Callable[[str], bool], name: str) -> bool:
+    """Do it without what libraries tell of each damaged line, and without hanging."""
+    watch_for_hangs()
+    with redirect_stderr(io.StringIO()):
+        clean = work(name)
+    sys.stdout.flush()
+    return clean
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -112,24 +112,23 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(prog='test.fuzz', description=(__doc__ or '').strip())
     parser.formatter_class = argparse.RawDescriptionHelpFormatter
     parser.add_argument('names', nargs='*', metavar='NAME', help='a part of a name; default: all')
-    parser.add_argument('--count', type=int, default=_COUNT, help='inputs of each')
+    parser.add_argument('--count', type=int, help='inputs of each; default: see above')
     parser.add_argument(
         '--grow', type=int, metavar='N', help='look for N inputs, traced, and keep'
     )
     parser.add_argument('--results', type=Path, default=RESULTS, help='where they are kept')
+    parser.add_argument('--workers', type=int, default=os.cpu_count(), help='targets at a time')
     options = parser.parse_args(arguments)
     chosen = [
-        target
-        for name, target in TARGETS.items()
+        name
+        for name in TARGETS
         if not options.names or any(part in name for part in options.names)
     ]
-    watch_for_hangs()
-    with redirect_stderr(io.StringIO()) as said:  # libraries tell of each damaged line
-        clean = True
-        for target in chosen:
-            run = _grow if options.grow else _run
-            clean = run(target, options.grow or options.count, options.results) and clean
-            said.truncate(0)
+    work = partial(_run, count=options.count, folder=options.results)
+    if options.grow:  # one after the other, as they share the corpus
+        work, options.workers = partial(_grow, count=options.grow), 1
+    with multiprocessing.get_context('fork').Pool(options.workers) as pool:
+        clean = all([*pool.imap_unordered(partial(_aside, work), chosen)])
     return 0 if clean else 1
 
 
