@@ -32,31 +32,31 @@ import ast
 from collections.abc import Iterable
 from collections.abc import Iterator
 from collections.abc import Sequence
+from functools import partial
 import hashlib
 import importlib
-import importlib.abc
-import importlib.machinery
-import importlib.util
 import json
+import math
+import multiprocessing
 import os
 from pathlib import Path
 import random
-import resource
-import shutil
 import sys
-import tempfile
 from types import CodeType
-from types import ModuleType
 from typing import Any
 from typing import NamedTuple
 
+from test.mutant_runs import Bench
+from test.mutant_runs import compiled
+from test.mutant_runs import patience
+from test.mutant_runs import ROOT
+from test.mutant_runs import run_tests
+from test.mutant_runs import SURVIVED
+from test.mutant_runs import UnfitTestsError
 from test.mutants_excused import EXCUSED
 
-ROOT = Path(__file__).resolve().parent.parent
-RESULTS = ROOT / 'build' / 'mutants.json'
+RESULTS = ROOT / 'build' / 'mutants.jsonl'
 ENOUGH = 0.95  # of those that are not excused
-_MEMORY = 2 << 30  # bytes that a mutant may take
-_PATIENCE = 5.0  # times the processor time that the tests take without a mutant
 
 _MUX = tuple(
     f'safety_mux_{name}'
@@ -122,8 +122,6 @@ TESTS = {
     for file in _files(place)
 }
 
-_PACKAGES = {path.parent.name for path in ROOT.glob('*/__init__.py')}
-
 _COMPARISONS: dict[type[ast.cmpop], tuple[type[ast.cmpop], ...]] = {
     ast.Lt: (ast.LtE, ast.GtE),
     ast.LtE: (ast.Lt, ast.Gt),
@@ -155,7 +153,7 @@ class Mutant(NamedTuple):
     """One fault; ``key`` names it, and the package that it is in."""
 
     file: str
-    line: int
+    lines: range
     function: str
     before: str
     after: str
@@ -234,7 +232,7 @@ def mutants(file: str) -> Iterator[Mutant]:
             before, after = _shown(node), _shown(variant)
             name = f'{digest} {node.lineno} {node.col_offset} {before} {after}'
             yield Mutant(
-                *(file, node.lineno, function, before, after),
+                *(file, _lines(node), function, before, after),
                 code=compile(tree, str(ROOT / file), 'exec', dont_inherit=True),
                 key=hashlib.sha1(name.encode()).hexdigest(),
             )
@@ -254,6 +252,10 @@ def _places(node: ast.AST, function: str) -> Iterator[tuple[ast.AST, str, int | 
                 if hasattr(child, 'lineno'):
                     yield node, field, index, function
                 yield from _places(child, function)
+
+
+def _lines(node: ast.stmt | ast.expr) -> range:
+    return range(node.lineno, (node.end_lineno or node.lineno) + 1)
 
 
 def _put(parent: ast.AST, field: str, index: int | None, node: ast.AST) -> None:
@@ -281,81 +283,19 @@ def digest_of_tests(file: str) -> str:
 # What becomes of it.
 
 
-class Finder(importlib.abc.MetaPathFinder, importlib.abc.Loader):
-    """Has a module imported from this code."""
-
-    def __init__(self, file: str, code: CodeType) -> None:
-        self._name = file.removesuffix('.py').replace('/', '.')
-        self._path = str(ROOT / file)
-        self._code = code
-
-    def find_spec(
-        self, fullname: str, path: Any = None, target: Any = None
-    ) -> importlib.machinery.ModuleSpec | None:
-        if fullname != self._name:
-            return None
-        return importlib.util.spec_from_loader(fullname, self, origin=self._path)
-
-    def exec_module(self, module: ModuleType) -> None:
-        exec(self._code, module.__dict__)
-
-
-def run_tests(file: str, code: CodeType, limit: float) -> tuple[str, float]:
-    """
-    Run a file's tests with this code in its place, in a process of its own.
-
-    Return the outcome, ``survived``, ``killed`` or ``endless``, and its processor time in s.
-
-    :param limit: s of processor time. :raises RuntimeError: the tests could not be run.
-    """
-    sys.stdout.flush()
-    pid = os.fork()
-    if not pid:
-        os._exit(_child(file, code, limit))
-    _, status, used = os.wait4(pid, 0)
-    seconds = used.ru_utime + used.ru_stime
-    if os.WIFSIGNALED(status):
-        return 'endless', seconds
-    # 2: not even collected, 4: not even the conftest.
-    outcomes = {0: 'survived', 1: 'killed', 2: 'killed', 4: 'killed'}
-    if os.WEXITSTATUS(status) not in outcomes:
-        raise RuntimeError(f'pytest ended with {os.WEXITSTATUS(status)} for {file}')
-    return outcomes[os.WEXITSTATUS(status)], seconds
-
-
-def _child(file: str, code: CodeType, limit: float) -> int:
-    import pytest
-
-    resource.setrlimit(resource.RLIMIT_CPU, (round(limit) + 1,) * 2)
-    resource.setrlimit(resource.RLIMIT_AS, (_MEMORY, _MEMORY))
-    silence = os.open(os.devnull, os.O_WRONLY)
-    for descriptor in (1, 2):
-        os.dup2(silence, descriptor)
-    folder = tempfile.mkdtemp(prefix='mutant_')
-    os.environ['HYPOTHESIS_STORAGE_DIRECTORY'] = folder  # what one has found is not for others
-    for name in [name for name in sys.modules if name.partition('.')[0] in _PACKAGES]:
-        del sys.modules[name]  # what came with the conftest would stay without the fault
-    sys.meta_path.insert(0, Finder(file, code))
-    options = (
-        *('-x', '-q', '-m', 'not computes and not proof', '--hypothesis-seed=0'),
-        *('-p', 'no:cacheprovider', '-p', 'no:xdist'),
-    )
-    try:
-        # One after the other, as the first one kills most; to collect all of them takes longer.
-        outcomes = (int(pytest.main([*options, test])) for test in TESTS[file])
-        return next((outcome for outcome in outcomes if outcome), 0)
-    finally:
-        shutil.rmtree(folder, ignore_errors=True)
-
-
 class Results:
-    """Outcomes by the mutants' keys, in a file."""
+    """Outcomes by the mutants' keys, a line each, in a file that processes may share."""
 
     def __init__(self, path: Path) -> None:
         self._path = path
         self._known: dict[str, dict[str, Any]] = {}
-        if path.exists():
-            self._known = json.loads(path.read_text(encoding='utf-8'))
+
+    def read(self) -> Results:
+        """Learn what has been noted, by whomever; return itself."""
+        if self._path.exists():
+            lines = self._path.read_text(encoding='utf-8').splitlines()
+            self._known = dict(map(json.loads, lines))
+        return self
 
     def outcome(self, mutant: Mutant) -> str | None:
         """Return what became of it; None if that is not known."""
@@ -363,58 +303,76 @@ class Results:
         if known is None:
             return None
         outcome, tests = str(known['outcome']), known['tests']
-        return outcome if outcome != 'survived' or tests == digest_of_tests(mutant.file) else None
+        return outcome if outcome != SURVIVED or tests == digest_of_tests(mutant.file) else None
 
     def note(self, mutant: Mutant, outcome: str, seconds: float) -> None:
         """Keep it."""
-        self._known[mutant.key] = {
+        known = {
             'file': mutant.file,
-            'line': mutant.line,
+            'line': mutant.lines.start,
             'change': mutant.change,
             'outcome': outcome,
             'seconds': round(seconds, 2),
             'tests': digest_of_tests(mutant.file),
         }
         self._path.parent.mkdir(exist_ok=True)
-        scratch = self._path.with_suffix('.new')
-        scratch.write_text(json.dumps(self._known, indent=1), encoding='utf-8')
-        scratch.replace(self._path)
+        with self._path.open('a', encoding='utf-8') as file:
+            file.write(json.dumps([mutant.key, known]) + '\n')
 
 
-def judge(file: str, results: Results, sample: int | None) -> tuple[int, int]:
-    """Run the mutants of a file; return how many were killed, and of how many."""
-    source = (ROOT / file).read_text(encoding='utf-8')
-    whole = compile(source, str(ROOT / file), 'exec', dont_inherit=True)
-    outcome, seconds = run_tests(file, whole, 600.0)
-    if outcome != 'survived':
-        raise RuntimeError(f'the tests of {file} fail without a mutant: {" ".join(TESTS[file])}')
-    limit = 10.0 + _PATIENCE * seconds
+class Verdict(NamedTuple):
+    """Of a file's mutants: what to show of them, how many were killed, and of how many."""
+
+    words: list[str]
+    killed: int
+    of: int
+
+
+def judge(file: str, path: Path, sample: int | None) -> Verdict:
+    """
+    Run the mutants of a file. :param path: of the results.
+
+    :raises UnfitTestsError: the tests do not pass without them.
+    """
+    results = Results(path).read()
     found = list(mutants(file))
     if sample is not None:
         found = sorted(random.Random(0).sample(found, min(sample, len(found))), key=_line)
-    survivors = []
-    for number, mutant in enumerate(found, 1):
-        if results.outcome(mutant) is None:
-            results.note(mutant, *run_tests(file, mutant.code, limit))
-        if results.outcome(mutant) == 'survived':
-            survivors.append(mutant)
-        if sys.stderr.isatty():
-            print(f'\r{file}: {number} of {len(found)} ', end='', file=sys.stderr, flush=True)
+    unknown = [mutant for mutant in found if results.outcome(mutant) is None]
+
+    def judge_most(bench: Bench) -> None:
+        for mutant in unknown:
+            outcome, seconds = bench.outcome(mutant.code, mutant.lines)
+            if outcome:
+                results.note(mutant, outcome, seconds)
+
+    if unknown:
+        Bench.run(file, TESTS[file], judge_most)
+        unknown = [mutant for mutant in unknown if results.read().outcome(mutant) is None]
+    if unknown:
+        _, seconds = run_tests(file, TESTS[file], compiled(file), math.inf)
+        for mutant in unknown:
+            outcome = run_tests(file, TESTS[file], mutant.code, patience(seconds))
+            results.note(mutant, *outcome)
+        results.read()
+    return _verdict(file, found, results, sample is None)
+
+
+def _verdict(file: str, found: Sequence[Mutant], results: Results, whole: bool) -> Verdict:
+    survivors = [mutant for mutant in found if results.outcome(mutant) == SURVIVED]
     excuses = EXCUSED.get(file, {})
     excused = [mutant for mutant in survivors if mutant.change in excuses]
-    for mutant in survivors:
-        if mutant not in excused:
-            print(f'{file}:{mutant.line}: {mutant.change}')
-    for change in () if sample else excuses.keys() - {mutant.change for mutant in excused}:
-        print(f'{file}: has no such survivor any more: {change}')
-    count = len(found) - len(excused)
-    killed = len(found) - len(survivors)
-    print(f'{file}: {killed} of {count} killed, and {len(excused)} may survive', flush=True)
-    return killed, count
+    words = [f'{file}:{m.lines.start}: {m.change}' for m in survivors if m not in excused]
+    if whole:
+        gone = excuses.keys() - {mutant.change for mutant in excused}
+        words += [f'{file}: has no such survivor any more: {change}' for change in gone]
+    count, killed = len(found) - len(excused), len(found) - len(survivors)
+    words.append(f'{file}: {killed} of {count} killed, and {len(excused)} may survive')
+    return Verdict(words, killed, count)
 
 
 def _line(mutant: Mutant) -> int:
-    return mutant.line
+    return mutant.lines.start
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -423,18 +381,23 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument('files', nargs='*', metavar='FILE', choices=[*TESTS, []])
     parser.add_argument('--sample', type=int, metavar='N', help='only N of each file')
     parser.add_argument('--results', type=Path, default=RESULTS, help='where they are kept')
+    parser.add_argument('--workers', type=int, default=os.cpu_count(), help='files at a time')
     options = parser.parse_args(arguments)
     os.chdir(ROOT)
     # So that not each process has to import what these do.
     importlib.import_module('hypothesis.stateful')
     importlib.import_module('test.conftest')
-    results = Results(options.results)
-    try:
-        counts = [judge(file, results, options.sample) for file in options.files or TESTS]
-    except RuntimeError as error:
-        print(error, file=sys.stderr)
-        return 2
-    killed, count = (sum(column) for column in zip(*counts, strict=True))
+    work = partial(judge, path=options.results, sample=options.sample)
+    verdicts: list[Verdict] = []
+    with multiprocessing.get_context('fork').Pool(options.workers) as pool:
+        try:
+            for verdict in pool.imap_unordered(work, options.files or TESTS):
+                print(*verdict.words, sep='\n', flush=True)
+                verdicts.append(verdict)
+        except UnfitTestsError as error:
+            print(error, file=sys.stderr)
+            return 2
+    killed, count = (sum(v.killed for v in verdicts), sum(v.of for v in verdicts))
     print(f'{killed} of {count} killed: {killed / count:.1%}, {ENOUGH:.0%} is enough')
     return 0 if killed >= ENOUGH * count else 1
 

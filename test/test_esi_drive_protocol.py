@@ -29,6 +29,7 @@ import pytest
 from bridge_core.checksums import crc16_ccitt_false
 from bridge_core.framing import FrameError
 from bridge_core.framing import StreamParser
+from esi_drive_bridge import protocol
 from esi_drive_bridge.protocol import AxisCommand
 from esi_drive_bridge.protocol import AxisState
 from esi_drive_bridge.protocol import AxisStatus
@@ -235,6 +236,8 @@ def test_what_pads_a_single_axis_is_no_axis_and_kept() -> None:
     wire = packet('01 01 00 00 FF FF FF FF')
     assert Status.from_bytes(wire, Layout.PADDED) == Status(axes, b'\xff' * 4)
     assert Status.from_bytes(packet('01 01 00 00 00 00 00 00'), Layout.PADDED) == Status(axes)
+    wire = packet('01 01 00 00 00 00 00 01')
+    assert Status.from_bytes(wire, Layout.PADDED) == Status(axes, b'\0\0\0\1')
 
 
 @pytest.mark.parametrize('bit', [0x01, 0x02, 0x04, 0x08, 0x10, 0x20, 0x40])
@@ -290,6 +293,41 @@ def test_error_bit_of_axis_b_counts_without_the_summary_bit() -> None:
 def test_faulty_exactly_when_a_fault_is_named(state: AxisState, errors: MotorError) -> None:
     axis = AxisStatus(state, 0, errors)
     assert axis.faulty == bool(axis.faults()) == bool(axis.fault_names())
+
+
+@pytest.mark.parametrize(
+    ('state', 'errors', 'words'),
+    [
+        (AxisState.ERROR_CONDITION, 0, ['error condition without']),
+        (AxisState.ERROR_CONDITION, MotorError.OVERCURRENT, ['overcurrent']),
+        (AxisState.ERROR_CONDITION | AxisState.RS422_ERROR, 0, ['RS422']),
+    ],
+)
+def test_summary_bit_is_named_if_nothing_else_is(
+    state: AxisState, errors: int, words: list[str]
+) -> None:
+    faults = AxisStatus(state, 0, MotorError(errors)).faults()
+    assert [word in fault for word, fault in zip(words, faults, strict=True)] == [True]
+
+
+def test_status_repeats_another_with_the_same_bits_whatever_was_measured() -> None:
+    status = Status((AxisStatus(feedback=1), AxisStatus(AxisState.ENABLED)))
+    assert status.repeats(Status((AxisStatus(), AxisStatus(AxisState.ENABLED)))) is True
+    state = Status((AxisStatus(), AxisStatus()))
+    error = Status((AxisStatus(), AxisStatus(AxisState.ENABLED, 0, MotorError.OVERCURRENT)))
+    assert status.repeats(state) is status.repeats(error) is False
+
+
+def test_nothing_is_asked_or_said_unless_it_is_given() -> None:
+    assert AxisCommand() == AxisCommand(False, False, Mode.TORQUE, 0)
+    assert not AxisStatus().state
+    assert not AxisStatus().errors
+
+
+def test_line_and_poll_of_the_drive_are_those_of_the_manual() -> None:
+    assert protocol.BAUDS == (115200, 230400, 1000000)  # 4.5.2
+    assert protocol.BITS_PER_BYTE == 1 + 8 + 1  # 8N1 (4.5.2)
+    assert protocol.MAX_COMMAND_RATE == 1000.0  # Hz (4.5.1)
 
 
 def test_a_warning_is_not_an_error() -> None:

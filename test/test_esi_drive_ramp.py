@@ -305,3 +305,17 @@ def test_time_that_stands_or_runs_back_grows_nothing(later: float) -> None:
 def test_no_limit_follows_from_the_second_packet_on(mode: Mode) -> None:
     ramp = Ramp(axes(mode)[:1], TICK)
     assert [ramp.step((500,), now)[0] for now in (100.0, 100.0, 100.01)] == [0, 0, 500]
+
+
+@pytest.mark.parametrize('mode', Mode)
+@pytest.mark.parametrize('scale', [0.5, 4.0, -4.0])
+def test_limit_is_in_units_of_the_joint(mode: Mode, scale: float) -> None:
+    ramp = Ramp(axes(mode, scale, slew_limit=800.0)[:1], TICK)  # 8 a packet
+    said = [ramp.step((500,), 100.0 + TICK * n)[0] for n in range(4)]
+    assert said == [round(8.0 * n / abs(scale)) for n in range(4)]
+
+
+def test_a_goal_of_one_count_is_reached_in_parts_of_one() -> None:
+    ramp = Ramp(axes(Mode.VELOCITY, slew_limit=30.0)[:1], TICK)  # 0.3 counts a packet
+    said = [ramp.step((1,), 100.0 + TICK * n)[0] for n in range(6)]
+    assert said == [0, 0, 1, 1, 1, 1]

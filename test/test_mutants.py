@@ -18,24 +18,26 @@ from __future__ import annotations
 
 import ast
 import itertools
+from pathlib import Path
 import subprocess
 import sys
 
 import pytest
 
 from test import mutants
+from test.mutant_runs import ROOT
 from test.mutants_excused import EXCUSED
 
 # Of the mux: what shows, wires, or says what may be set.
 _NOT_DECIDING = {
     *('__init__', 'configuration', 'node', 'outputs', 'parameters', 'protocol', 'report'),
 }
-_BRIDGES = [path.parent.name for path in mutants.ROOT.glob('*_bridge/node.py')]
+_BRIDGES = [path.parent.name for path in ROOT.glob('*_bridge/node.py')]
 
 
 def deciding(folder: str) -> list[str]:
     """Return the files of a package that decide: its sessions and protocols, or the mux's own."""
-    root = mutants.ROOT
+    root = ROOT
     if folder == 'safety_mux':
         found = [*(root / folder).glob('*.py')]
         return [str(p.relative_to(root)) for p in found if p.stem not in _NOT_DECIDING]
@@ -54,7 +56,7 @@ def test_every_file_that_decides_has_mutants_and_tests(folder: str) -> None:
 def test_all_that_is_named_is_there() -> None:
     for file, tests in mutants.TESTS.items():
         for path in (file, *tests):
-            assert (mutants.ROOT / path).is_file(), path
+            assert (ROOT / path).is_file(), path
     assert not set(EXCUSED) - set(mutants.TESTS)
 
 
@@ -64,13 +66,57 @@ def test_comparison_has_the_mutants_that_are_nearest() -> None:
     assert shown == ['a <= b', 'a >= b']
 
 
+def in_python(code: str, *arguments: str) -> str:
+    """Run this apart from the tests that run here; return what it says."""
+    command = [sys.executable, '-c', code, *arguments]
+    return subprocess.run(command, capture_output=True, text=True, cwd=ROOT, check=True).stdout
+
+
 def test_fault_counts_in_a_module_that_is_loaded_already() -> None:
-    code = (
-        'import bridge_core.watchdog; from test import mutants; '
+    said = in_python(
+        'import bridge_core.watchdog; from test import mutant_runs; '
         'fault = compile("raise ImportError", "watchdog.py", "exec"); '
-        'print(mutants.run_tests("bridge_core/watchdog.py", fault, 60.0)[0])'
+        'tests = ["test/test_watchdog.py"]; '
+        'print(mutant_runs.run_tests("bridge_core/watchdog.py", tests, fault, 60.0)[0])'
     )
-    done = subprocess.run(
-        [sys.executable, '-c', code], capture_output=True, text=True, cwd=mutants.ROOT, check=True
+    assert said.split() == ['killed']
+
+
+_JUDGED = """
+import sys
+from test import mutant_runs, mutants
+
+FILE = 'bridge_core/checksums.py'
+
+def judge(bench):
+    for mutant in mutants.mutants(FILE):
+        if mutant.function in ('', 'crc16_ccitt_false'):
+            say(mutant.function or 'import', bench.outcome(mutant.code, mutant.lines))
+    say('no fault', bench.outcome(mutant_runs.compiled(FILE), range(1000)))
+
+def say(name, outcome):
+    print(name, outcome[0], file=said, flush=True)
+
+with open(sys.argv[1], 'w') as said:
+    mutant_runs.Bench.run(FILE, ['test/test_checksums.py'], judge)
+"""
+
+
+def test_bench_tells_of_faults_in_functions_alone(tmp_path: Path) -> None:
+    in_python(_JUDGED, str(tmp_path / 'said'))
+    said = {line.strip() for line in (tmp_path / 'said').open()}
+    assert said == {'crc16_ccitt_false killed', 'import None', 'no fault None'}
+
+
+def test_results_are_kept_and_taken_up_again(tmp_path: Path) -> None:
+    call = (
+        'import sys; from test import mutants; '
+        'mutants.main(["safety_mux/stamps.py", "--results", sys.argv[1], "--workers", "1"])'
     )
-    assert done.stdout.split() == ['killed']
+    results = tmp_path / 'results'
+    said = in_python(call, str(results))
+    known = results.read_text()
+    assert said.endswith('100.0%, 95% is enough\n')
+    assert len(known.splitlines()) == len([*mutants.mutants('safety_mux/stamps.py')])
+    assert in_python(call, str(results)) == said
+    assert results.read_text() == known
