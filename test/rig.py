@@ -210,7 +210,9 @@ class NodeProcess:
         patient: bool = False,
     ) -> None:
         modules = ['test.patience', module] if patient else [module]
-        command = [sys.executable, *(['-c', source] if source else ['-m', *modules])]
+        # It ends with the tests, however those do: left alone, it would try its port for ever.
+        command = ['setpriv', '--pdeathsig', 'KILL', sys.executable]
+        command += ['-c', source] if source else ['-m', *modules]
         command.append('--ros-args')
         for key, value in (parameters or {}).items():
             command += ['-p', f'{key}:={as_yaml(value)}']
