@@ -99,7 +99,14 @@ def test_age_is_told_in_words() -> None:
 
 @pytest.mark.parametrize(
     ('seconds', 'text'),
-    [(0.312, '312 ms'), (9.9, '9900 ms'), (10.0, '10 s'), (599.0, '599 s'), (3600.0, '60 min')],
+    [
+        (0.312, '312 ms'),
+        (9.9, '9900 ms'),
+        (10.0, '10 s'),
+        (599.0, '599 s'),
+        (600.0, '10 min'),
+        (3600.0, '60 min'),
+    ],
 )
 def test_ages_are_said_in_a_unit_that_is_read_at_a_glance(seconds: float, text: str) -> None:
     watchdog = Watchdog(0.25)
