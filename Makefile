@@ -7,8 +7,8 @@
 #   make test              ARGS='-k fort -x' and the like go to pytest; WORKERS=0 for one test at a time
 #   make proof             all the evidence, hours; goes on where it was, results in build/proof.json; ARGS=states for
 #                          every reachable state of what decides, minutes
-#   make fuzz              ten million hostile inputs for each parser, session, decoder and callback; hours, and goes
-#                          on where it was; ARGS='--count 100000 ssc' and the like
+#   make fuzz              ten million hostile inputs for each parser, 100 000 for each session, decoder and callback;
+#                          hours, and goes on where it was; ARGS='--count 100000 ssc' and the like
 #   make mutants           plant faults in what decides, and name those that no test notices; hours;
 #                          ARGS='safety_mux/limits.py --sample 50' and the like
 #   make lint              ruff and mypy
