@@ -65,7 +65,7 @@ _MUX = tuple(
     )
 )
 _ESI = tuple(f'esi_drive_session{name}' for name in ('', '_errors', '_edges', '_chance'))
-_SESSIONS = ('session_quiet', 'session_order')
+_SESSIONS = ('session_quiet', 'session_order', 'session_settings', 'session_reports')
 _AKRON = tuple(
     f'akron_session_{name}'
     for name in ('drive', 'unit', 'joysticks', 'finder', 'polls', 'report', 'loop', 'motion')
@@ -88,7 +88,9 @@ _NAMES_OF_TESTS = {
     'safety_mux/mapping.py': ('safety_mux_mapping',),
     'safety_mux/button.py': ('safety_mux_button',),
     'safety_mux/stamps.py': ('safety_mux_stamps',),
-    'esi_drive_bridge/session': (*_ESI[:-1], 'esi_drive_ramp', _ESI[-1]),
+    'esi_drive_bridge/session': (
+        *(*_ESI[:-1], 'esi_drive_ramp', 'session_settings', 'session_reports', _ESI[-1]),
+    ),
     'esi_drive_bridge/protocol.py': ('esi_drive_protocol', _ESI[0]),
     'fort_vsc_bridge/session': (
         *('fort_vsc_session', 'fort_vsc_wires', 'fort_vsc_hid', 'fort_vsc_can'),

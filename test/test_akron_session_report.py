@@ -162,3 +162,35 @@ def test_messages_for_the_makers_tools_are_shown_and_never_sent() -> None:
     assert found['diagnostic data'] == 'type 01: 00 00 00'
     bench.run(1.0)
     assert not [data for data in bench.asked(start) if data[:2] in ('FE', 'FD')]
+
+
+def test_fault_code_alone_is_a_fault_and_so_is_a_bit_alone() -> None:
+    (warning,) = told(ef('0200000000000B', destination=OURS))
+    assert warning.startswith('faults: none; pCode error code 11')
+    (warning,) = told(ef('02002000000000', destination=OURS))
+    assert warning.startswith('faults: internal fuse blown; pCode error code 0')
+
+
+def test_figures_tell_of_motion_that_the_unit_reports() -> None:
+    def turn(bench: Bench) -> None:
+        for degrees in ('1D9', '1E3', '1ED'):  # 47.3, 48.3, 49.3
+            bench.take(ef(f'01{degrees}40371000041'))
+            bench.wait(0.1)
+
+    assert figures(turn)['motion reported'] == 'moves'
+
+
+def test_figures_of_nothing_say_none() -> None:
+    found = figures()
+    for each in ('other Akron Brass devices', 'joysticks heard', 'motion reported'):
+        assert found[each] == 'none'
+    found = figures(lambda bench: bench.take(ef(f'21{"00" * 7}', destination=OURS)))
+    assert found['Vista: on'] == 'none'
+
+
+def test_devices_are_others_before_one_of_them_is_ours() -> None:
+    bench = Bench(device_pin='1032AE100801037')
+    bench.open()
+    bench.take(OTHER_ANNOUNCED)
+    others = bench.session.values(bench.now)['other Akron Brass devices']
+    assert others == f'{OTHER_PIN} at 81 (6032 Universal II)'

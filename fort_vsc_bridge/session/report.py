@@ -98,7 +98,7 @@ def remote_problems(remote: RemoteStatus | None) -> list[tuple[Level, str]]:
 
 
 def heartbeat_values(heartbeat: Heartbeat | None) -> dict[str, Any]:
-    """Return what the heartbeat says; 'unknown' without a fresh one."""
+    """Return what the heartbeat says; without a fresh one mode 'None', all else 'unknown'."""
     return {
         'mode': mode_name(heartbeat.mode if heartbeat else None),
         'e-stop indication': f'0x{heartbeat.estop:08X}' if heartbeat else 'unknown',

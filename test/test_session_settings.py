@@ -1,0 +1,128 @@
+# Copyright 2026 The rugged_teleop maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""What the sessions may be set to, at the very limits, and when a line carries what is asked."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from collections.abc import Sequence
+import re
+from typing import Any
+
+import pytest
+
+from akron_can_bridge.session import Settings as AkronSettings
+from bridge_core.parameters import Parameter
+from esi_drive_bridge.parameters import PARAMETERS as ESI_PARAMETERS
+from esi_drive_bridge.protocol import Layout
+from esi_drive_bridge.session import Settings as EsiSettings
+from fort_vsc_bridge.session import DeviceSettings
+from fort_vsc_bridge.session import Settings as VscSettings
+from ssc_bridge.channels import AxisInput
+from ssc_bridge.channels import ButtonInput
+from ssc_bridge.protocol import CommandState
+from ssc_bridge.protocol import Configuration
+from ssc_bridge.protocol import DigitalInput
+from ssc_bridge.protocol import PulseAccumulator
+from ssc_bridge.session import Settings as SscSettings
+from test.esi_drive_rig import make_settings
+
+PAN = AxisInput('pan', 1)
+
+
+def defaults(parameters: Sequence[Parameter], **changes: Any) -> Mapping[str, Any]:
+    return {each.name: each.default for each in parameters} | changes
+
+
+def refused(settings: Any, text: str, **options: Any) -> None:
+    with pytest.raises(ValueError, match=re.escape(text)):
+        settings(**options)
+
+
+def test_drive_has_as_many_axes_as_its_layout() -> None:
+    refused(make_settings, 'layout padded has 1 axes', layout=Layout.PADDED)
+
+
+def test_drive_is_as_its_parameters_say() -> None:
+    values = defaults(ESI_PARAMETERS, joint_names=['winch'], single_axis_layout='compact')
+    settings = EsiSettings.from_parameters(values)
+    assert [axis.joint for axis in settings.axes] == ['winch']
+    assert settings.layout is Layout.COMPACT
+    assert settings.baud == values['baud']
+
+
+def test_line_of_the_drive_carries_what_just_fits() -> None:
+    # 4.2, 4.3: 10 bytes to a drive of two axes, 12 from it; a byte is 10 bits.
+    just = {'baud': 120000, 'command_rate': 1000.0, 'status_rate': 1000.0}
+    assert make_settings(**just).line_warnings() == ()
+    (warning,) = make_settings(**just | {'baud': 119999}).line_warnings()
+    assert 'status packets of 12 bytes at 1000 Hz need 120000 bit/s' in warning
+    assert make_settings(**just | {'baud': 100000}).line_warnings() == (
+        warning.replace('119999', '100000'),
+    )
+    assert len(make_settings(**just | {'baud': 99999}).line_warnings()) == 2
+
+
+def test_one_message_of_the_vsc_may_be_missing() -> None:
+    interval = VscSettings().wire.INTERVAL
+    refused(VscSettings, 'link_timeout', link_timeout=interval)
+    at_the_limit = DeviceSettings(joystick_interval_ms=100, heartbeat_interval_ms=100)
+    VscSettings(link_timeout=0.2, device=at_the_limit)
+    for name in ('joystick_interval_ms', 'heartbeat_interval_ms'):
+        beyond = DeviceSettings(**{name: 101})
+        refused(VscSettings, f'{name} must not be above', link_timeout=0.2, device=beyond)
+
+
+def test_one_status_of_the_ssc_may_be_missing() -> None:
+    rest = SscSettings().poll_rates[1:]
+    SscSettings(link_timeout=0.2, poll_rates=(10.0, *rest))
+    refused(SscSettings, 'poll_rates', link_timeout=0.2, poll_rates=(9.9, *rest))
+    SscSettings(link_timeout=0.2, poll_rates=(0.0, *rest))  # it comes by itself
+
+
+def test_names_of_the_ssc_differ() -> None:
+    refused(SscSettings, 'must all differ', axes=(PAN,), buttons=(ButtonInput('pan', 2),))
+
+
+def test_calibration_of_the_ssc_is_within_what_is_plausible() -> None:
+    def settings(low: int, high: int) -> SscSettings:
+        return SscSettings(axes=(PAN,), plausible_us=(low, high))
+
+    settings(PAN.min_us, PAN.max_us)
+    for low, high in ((PAN.min_us + 1, PAN.max_us), (PAN.min_us, PAN.max_us - 1)):
+        with pytest.raises(ValueError, match=r'calibration\.pan: min_us and max_us'):
+            settings(low, high)
+
+
+def test_lost_link_may_be_named_as_a_stop_where_it_is_one() -> None:
+    states = frozenset({CommandState.MS_1_5})
+    SscSettings(estop_states=states, lost_link_is_stop=True)
+
+
+def test_line_of_the_ssc_carries_what_just_fits() -> None:
+    # 4.1, 4.2.1: 6 bytes around payloads of 2, outputs, 2 an output, 2 an input, 2 and 2 a word.
+    some = Configuration(0, 8, (PulseAccumulator(rising=True),) * 2 + (DigitalInput(),) * 4)
+    sizes = [6 + 2, 6 + 16, 6 + 32, 6 + 16, 6 + 2 + 4]
+    rates = (50.0, 20.0, 10.0, 50.0, 20.0)
+    bits = round(10 * sum(size * rate for size, rate in zip(sizes, rates, strict=True)))
+    for baud, warnings in ((bits, 0), (bits - 1, 1)):
+        settings = SscSettings(poll_rates=(0.0,) * 5, message_rates=rates, baud=baud)
+        assert len(settings.line_warnings(some)) == warnings
+
+
+def test_switches_of_the_monitor_beyond_the_first_message_need_the_second() -> None:
+    AkronSettings(button_switches=(1, 12))
+    refused(AkronSettings, 'need extended', button_switches=(1, 13))
+    AkronSettings(button_switches=(1, 13), extended=True)
