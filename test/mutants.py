@@ -391,16 +391,23 @@ def main(arguments: Sequence[str] | None = None) -> int:
     importlib.import_module('test.conftest')
     work = partial(judge, path=options.results, sample=options.sample)
     verdicts: list[Verdict] = []
+    unfit = False
     with multiprocessing.get_context('fork').Pool(options.workers) as pool:
-        try:
-            for verdict in pool.imap_unordered(work, options.files or TESTS):
-                print(*verdict.words, sep='\n', flush=True)
+        files = options.files or TESTS
+        coming = pool.imap_unordered(work, files)
+        for _ in files:
+            try:
+                verdict = next(coming)
+            except UnfitTestsError as error:
+                unfit = True
+                print(error, file=sys.stderr)
+            else:
                 verdicts.append(verdict)
-        except UnfitTestsError as error:
-            print(error, file=sys.stderr)
-            return 2
+                print(*verdict.words, sep='\n', flush=True)
     killed, count = (sum(v.killed for v in verdicts), sum(v.of for v in verdicts))
-    print(f'{killed} of {count} killed: {killed / count:.1%}, {ENOUGH:.0%} is enough')
+    print(f'{killed} of {count} killed: {killed / max(count, 1):.1%}, {ENOUGH:.0%} is enough')
+    if unfit:
+        return 2
     return 0 if killed >= ENOUGH * count else 1
 
 

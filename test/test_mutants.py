@@ -120,3 +120,22 @@ def test_results_are_kept_and_taken_up_again(tmp_path: Path) -> None:
     assert len(known.splitlines()) == len([*mutants.mutants('safety_mux/stamps.py')])
     assert in_python(call, str(results)) == said
     assert results.read_text() == known
+
+
+_UNFIT = """
+import sys
+from test import mutants
+
+def judged(file, path, sample):
+    if 'stamps' in file:
+        raise mutants.UnfitTestsError('unfit')
+    return mutants.Verdict(['fit'], 1, 1)
+
+mutants.judge = judged
+print(mutants.main(['safety_mux/stamps.py', 'safety_mux/limits.py', '--workers', '1']))
+"""
+
+
+def test_unfit_tests_of_a_file_are_told_and_the_other_files_judged() -> None:
+    said = in_python(_UNFIT).splitlines()
+    assert said == ['fit', '1 of 1 killed: 100.0%, 95% is enough', '2']
