@@ -52,6 +52,8 @@ from test.run_delay import RunDelay
 from test.run_delay import WIRE_HELD_UP
 from test.stage import Packet
 from test.stage import packets_in
+from test.toy_rig import children_of
+from test.toy_rig import is_running
 
 # By hand from the ESI manual, 4.2; CRC-16/CCITT-FALSE over the six bytes of the body.
 DISABLE = bytes.fromhex('f0f0 040000 040000 71d4')
@@ -382,14 +384,6 @@ def test_demo_without_msgpack_names_it_in_one_line(tmp_path: Path) -> None:
     assert 'msgpack not installed' in result.stderr
 
 
-def is_alive(pid: int) -> bool:
-    try:
-        os.kill(pid, 0)
-    except ProcessLookupError:
-        return False
-    return True
-
-
 def scratch_environment(tmp_path: Path) -> dict[str, str]:
     # Sizes of a terminal, where one is given, count before its own.
     kept = {name: text for name, text in os.environ.items() if name not in ('COLUMNS', 'LINES')}
@@ -411,7 +405,7 @@ def test_scene_holds_and_leaves_nothing_behind(tmp_path: Path) -> None:
     assert len(stops) == 20
     process = re.search(r'in process (\d+)', result.stdout)
     assert process is not None
-    assert not is_alive(int(process[1]))
+    assert not is_running(int(process[1]))
     assert list(tmp_path.iterdir()) == []
 
 
@@ -533,3 +527,12 @@ def test_terminated_demo_leaves_nothing_behind(tmp_path: Path) -> None:
         terminal.process.send_signal(signal.SIGTERM)
         assert terminal.end() == 128 + signal.SIGTERM
     assert list(tmp_path.iterdir()) == []
+
+
+def test_killed_demo_leaves_no_node_behind(tmp_path: Path) -> None:
+    with Terminal(tmp_path) as terminal:
+        terminal.wait('mux')
+        nodes = children_of(terminal.process.pid)
+        assert nodes
+        terminal.process.kill()
+        wait_for(lambda: not any(map(is_running, nodes)), 5.0, 'the end of the nodes')

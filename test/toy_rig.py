@@ -66,12 +66,13 @@ def wait_repeats(observer: Observer, record: Record, value: bool, count: int = 5
 
 def wires_of(node: int) -> list[int]:
     """Return the processes of wires that run for this node. :param node: its process."""
-    found = []
-    for folder in Path('/proc').glob('[0-9]*'):
-        pid = int(folder.name)
-        if is_running(pid) and _stat(pid)[1] == str(node) and ': wire ' in command_of(pid):
-            found.append(pid)
-    return found
+    return [pid for pid in children_of(node) if ': wire ' in command_of(pid)]
+
+
+def children_of(parent: int) -> list[int]:
+    """Return the processes that run and that this one has started."""
+    pids = (int(folder.name) for folder in Path('/proc').glob('[0-9]*'))
+    return [pid for pid in pids if is_running(pid) and _stat(pid)[1] == str(parent)]
 
 
 def is_running(pid: int) -> bool:
