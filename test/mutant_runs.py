@@ -15,7 +15,7 @@
 """
 What tests make of a module with other code, in processes of their own.
 
-A :class:`Bench` has collected a file's tests, and knows which of them run which lines of it. For a
+A :class:`Bench` has collected some files' tests, and knows which of them run which lines. For a
 fault within functions it forks, replaces their code, and runs the tests of those lines. That is
 quicker than :func:`run_tests`, which imports everything anew (65 faults in two small files: 25 s,
 not 64); but what was computed at the import stays without the fault, so the bench does not tell of
@@ -28,6 +28,7 @@ from collections import Counter
 from collections.abc import Callable
 from collections.abc import Iterable
 from collections.abc import Iterator
+from collections.abc import Mapping
 from collections.abc import Sequence
 import gc
 import importlib.abc
@@ -73,7 +74,7 @@ class Finder(importlib.abc.MetaPathFinder, importlib.abc.Loader):
 
     def __init__(self, file: str, code: CodeType) -> None:
         self._name = file.removesuffix('.py').replace('/', '.')
-        self._path = str(ROOT / file)
+        self._path = _path_of(file)
         self._code = code
 
     def find_spec(
@@ -90,7 +91,11 @@ class Finder(importlib.abc.MetaPathFinder, importlib.abc.Loader):
 def compiled(file: str) -> CodeType:
     """Return a file's own code."""
     source = (ROOT / file).read_text(encoding='utf-8')
-    return compile(source, str(ROOT / file), 'exec', dont_inherit=True)
+    return compile(source, _path_of(file), 'exec', dont_inherit=True)
+
+
+def _path_of(file: str) -> str:
+    return str(ROOT / file)
 
 
 def patience(seconds: float) -> float:
@@ -112,7 +117,7 @@ def run_tests(file: str, tests: Sequence[str], code: CodeType, limit: float) -> 
     # One after the other, as the first one kills most; to collect all of them takes longer.
     status, seconds = _forked(
         lambda: next(
-            (status for test in tests if (status := _pytest(file, code, ('-x', test)))), 0
+            (status for test in tests if (status := _pytest({file: code}, ('-x', test)))), 0
         ),
         limit,
     )
@@ -125,12 +130,12 @@ def run_tests(file: str, tests: Sequence[str], code: CodeType, limit: float) -> 
 
 
 def _pytest(
-    file: str, code: CodeType, arguments: Iterable[str], plugins: Sequence[object] = ()
+    codes: Mapping[str, CodeType], arguments: Iterable[str], plugins: Sequence[object] = ()
 ) -> int:
-    """Run pytest, in a process that is for nothing else, with this code; return its status."""
+    """Run pytest, in a process that is for nothing else, with files' code; return its status."""
     for name in [name for name in sys.modules if name.partition('.')[0] in _PACKAGES]:
         del sys.modules[name]  # what came with the conftest would stay without the fault
-    sys.meta_path.insert(0, Finder(file, code))
+    sys.meta_path[:0] = [Finder(file, code) for file, code in codes.items()]
     options = (
         *('-q', '-m', 'not computes and not proof', '--hypothesis-seed=0'),
         *('-p', 'no:cacheprovider', '-p', 'no:xdist', '-o', f'faulthandler_timeout={_HANGS}'),
@@ -172,47 +177,51 @@ def _forked(work: Callable[[], int], limit: float) -> tuple[int | None, float]:
 
 
 _Key = tuple[str, int, int]  # of a function: path, line, number of those of this path and line
+_Line = tuple[str, int]  # of a file, by its path
 
 
 class _Seen(NamedTuple):
-    """Of one test without a fault: s that it took, lines of the file that it ran."""
+    """Of one test without a fault: s that it took, lines of the files that it ran."""
 
     seconds: float
-    lines: frozenset[int]
+    lines: frozenset[_Line]
 
 
 class Bench:
     """
-    Runs a file's tests with one fault after the other, as a plugin of pytest.
+    Runs the tests of some files with one fault after the other, as a plugin of pytest.
 
     :param judge: called with the bench once its tests are collected.
     """
 
-    def __init__(self, file: str, judge: Callable[[Bench], None]) -> None:
-        self._path = str(ROOT / file)
-        self._whole = compiled(file)
+    def __init__(self, files: Iterable[str], judge: Callable[[Bench], None]) -> None:
+        self._whole = {file: compiled(file) for file in files}
+        self._paths = {_path_of(file) for file in self._whole}
         self._judge = judge
-        self._imported: set[int] = set()  # lines that run before the first test
+        self._imported: set[_Line] = set()  # lines that run before the first test
         self._alone: dict[int, bool] = {}  # whether a test passes alone, without a fault
         self._items: list[pytest.Item] = []
         self._seen: list[_Seen] = []
 
     @classmethod
-    def run(cls, file: str, tests: Sequence[str], judge: Callable[[Bench], None]) -> None:
+    def run(
+        cls, files: Iterable[str], tests: Sequence[str], judge: Callable[[Bench], None]
+    ) -> None:
         """
         Collect the tests, and have them judge.
 
         :raises UnfitTestsError: they cannot be collected, or fail without a fault.
         """
-        bench = cls(file, judge)
+        bench = cls(files, judge)
 
         def collect() -> int:
             sys.settrace(bench._tracer(bench._imported))
-            return _pytest(file, bench._whole, tests, (bench,))
+            return _pytest(bench._whole, tests, (bench,))
 
         status, _ = _forked(collect, 86400.0)
-        if status:
-            raise UnfitTestsError(f'the tests of {file} fail without a fault: {" ".join(tests)}')
+        if status != 0:
+            text = f'{", ".join(files)} fail without a fault: {" ".join(tests)}'
+            raise UnfitTestsError(f'the tests of {text}')
 
     def pytest_runtestloop(self, session: pytest.Session) -> bool:
         """Judge, in place of running all tests (a hook of pytest)."""
@@ -222,7 +231,7 @@ class Bench:
         self._functions = [
             each
             for each in gc.get_objects()
-            if isinstance(each, FunctionType) and each.__code__.co_filename == self._path
+            if isinstance(each, FunctionType) and each.__code__.co_filename in self._paths
         ]
         gc.freeze()  # a fork shares it then
         took = self._told(self._durations)
@@ -231,18 +240,19 @@ class Bench:
         self._judge(self)
         return True
 
-    def outcome(self, code: CodeType, lines: range) -> tuple[str | None, float]:
+    def outcome(self, file: str, code: CodeType, lines: range) -> tuple[str | None, float]:
         """
         Tell what becomes of a fault, None if that needs the import, and its processor time in s.
 
         :param code: the file's with the fault. :param lines: where it is.
         """
-        replaced = self._replaced(code)
+        replaced = self._replaced(self._whole[file], code)
+        places = {(_path_of(file), line) for line in lines}
         numbers = sorted(
-            (n for n, seen in enumerate(self._seen) if not seen.lines.isdisjoint(lines)),
+            (n for n, seen in enumerate(self._seen) if not seen.lines.isdisjoint(places)),
             key=lambda n: self._seen[n].seconds,
         )
-        if not (replaced and numbers and self._imported.isdisjoint(lines)):
+        if not (replaced and numbers and self._imported.isdisjoint(places)):
             return None, 0.0
         reading, writing = os.pipe()
         status, seconds = _forked(lambda: self._run(numbers, replaced, writing), _WHOLE)
@@ -261,9 +271,9 @@ class Bench:
             self._alone[number] = status == 0
         return self._alone[number]
 
-    def _replaced(self, code: CodeType) -> dict[FunctionType, CodeType]:
+    def _replaced(self, whole: CodeType, code: CodeType) -> dict[FunctionType, CodeType]:
         """Return what differs: functions, and the code that they are to have."""
-        old, new = (dict(_functions_in(each)) for each in (self._whole, code))
+        old, new = (dict(_functions_in(each)) for each in (whole, code))
         other = {old[key]: new[key] for key in old.keys() & new.keys() if old[key] != new[key]}
         return {each: other[each.__code__] for each in self._functions if each.__code__ in other}
 
@@ -299,10 +309,10 @@ class Bench:
         ends += [time.process_time() for _ in self._each(range(len(self._items)))]
         return [end - begin for begin, end in itertools.pairwise(ends)]
 
-    def _lines(self) -> list[frozenset[int]]:
+    def _lines(self) -> list[frozenset[_Line]]:
         """Return the lines that each test runs."""
-        lines: set[int] = set()
-        found: list[frozenset[int]] = []
+        lines: set[_Line] = set()
+        found: list[frozenset[_Line]] = []
 
         entered = self._tracer(lines)
         threading.settrace(entered)
@@ -313,15 +323,15 @@ class Bench:
             sys.settrace(entered)  # a test may have set another
         return found
 
-    def _tracer(self, lines: set[int]) -> Callable[[FrameType, str, object], Any]:
-        """Return what notes the lines of the file that run."""
+    def _tracer(self, lines: set[_Line]) -> Callable[[FrameType, str, object], Any]:
+        """Return what notes the lines of the files that run."""
 
         def within(frame: FrameType, event: str, argument: object) -> Any:
-            lines.add(frame.f_lineno)
+            lines.add((frame.f_code.co_filename, frame.f_lineno))
             return within
 
         def entered(frame: FrameType, event: str, argument: object) -> Any:
-            return within if frame.f_code.co_filename == self._path else None
+            return within if frame.f_code.co_filename in self._paths else None
 
         return entered
 

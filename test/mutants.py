@@ -330,34 +330,40 @@ class Verdict(NamedTuple):
     of: int
 
 
-def judge(file: str, path: Path, sample: int | None) -> Verdict:
+def judge(files: Sequence[str], path: Path, sample: int | None) -> list[Verdict]:
     """
-    Run the mutants of a file. :param path: of the results.
+    Run the mutants of files that have the same tests. :param path: of the results.
 
     :raises UnfitTestsError: the tests do not pass without them.
     """
-    results = Results(path).read()
-    found = list(mutants(file))
-    if sample is not None:
-        found = sorted(random.Random(0).sample(found, min(sample, len(found))), key=_line)
-    unknown = [mutant for mutant in found if results.outcome(mutant) is None]
+    found: dict[str, list[Mutant]] = {}
+    for file in files:
+        found[file] = list(mutants(file))
+        if sample is not None:
+            some = random.Random(0).sample(found[file], min(sample, len(found[file])))
+            found[file] = sorted(some, key=_line)
+    results = Results(path)
+    tests = TESTS[files[0]]
+
+    def unknown() -> list[Mutant]:
+        results.read()
+        return [m for file in files for m in found[file] if results.outcome(m) is None]
 
     def judge_most(bench: Bench) -> None:
-        for mutant in unknown:
-            outcome, seconds = bench.outcome(mutant.code, mutant.lines)
+        for mutant in unknown():
+            outcome, seconds = bench.outcome(mutant.file, mutant.code, mutant.lines)
             if outcome:
                 results.note(mutant, outcome, seconds)
 
-    if unknown:
-        Bench.run(file, TESTS[file], judge_most)
-        unknown = [mutant for mutant in unknown if results.read().outcome(mutant) is None]
-    if unknown:
-        _, seconds = run_tests(file, TESTS[file], compiled(file), math.inf)
-        for mutant in unknown:
-            outcome = run_tests(file, TESTS[file], mutant.code, patience(seconds))
+    if unknown():
+        Bench.run(files, tests, judge_most)
+    if left := unknown():
+        _, seconds = run_tests(files[0], tests, compiled(files[0]), math.inf)
+        for mutant in left:
+            outcome = run_tests(mutant.file, tests, mutant.code, patience(seconds))
             results.note(mutant, *outcome)
         results.read()
-    return _verdict(file, found, results, sample is None)
+    return [_verdict(file, found[file], results, sample is None) for file in files]
 
 
 def _verdict(file: str, found: Sequence[Mutant], results: Results, whole: bool) -> Verdict:
@@ -377,13 +383,26 @@ def _line(mutant: Mutant) -> int:
     return mutant.lines.start
 
 
+def _groups(files: Iterable[str]) -> list[list[str]]:
+    """Return the files that have the same tests together."""
+    groups: dict[tuple[str, ...], list[str]] = {}
+    for file in files:
+        groups.setdefault(TESTS[file], []).append(file)
+    return list(groups.values())
+
+
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run all; return the exit status."""
     parser = argparse.ArgumentParser(prog='test.mutants', description=(__doc__ or '').strip())
     parser.add_argument('files', nargs='*', metavar='FILE', choices=[*TESTS, []])
     parser.add_argument('--sample', type=int, metavar='N', help='only N of each file')
     parser.add_argument('--results', type=Path, default=RESULTS, help='where they are kept')
-    parser.add_argument('--workers', type=int, default=os.cpu_count(), help='files at a time')
+    parser.add_argument(
+        '--workers',
+        type=int,
+        default=os.cpu_count(),
+        help='groups of files with the same tests at a time',
+    )
     options = parser.parse_args(arguments)
     os.chdir(ROOT)
     # So that not each process has to import what these do.
@@ -393,17 +412,16 @@ def main(arguments: Sequence[str] | None = None) -> int:
     verdicts: list[Verdict] = []
     unfit = False
     with multiprocessing.get_context('fork').Pool(options.workers) as pool:
-        files = options.files or TESTS
-        coming = pool.imap_unordered(work, files)
-        for _ in files:
+        groups = _groups(options.files or TESTS)
+        coming = pool.imap_unordered(work, groups)
+        for _ in groups:
             try:
-                verdict = next(coming)
+                for verdict in next(coming):
+                    verdicts.append(verdict)
+                    print(*verdict.words, sep='\n', flush=True)
             except UnfitTestsError as error:
                 unfit = True
                 print(error, file=sys.stderr)
-            else:
-                verdicts.append(verdict)
-                print(*verdict.words, sep='\n', flush=True)
     killed, count = (sum(v.killed for v in verdicts), sum(v.of for v in verdicts))
     print(f'{killed} of {count} killed: {killed / max(count, 1):.1%}, {ENOUGH:.0%} is enough')
     if unfit:

@@ -91,14 +91,14 @@ FILE = 'bridge_core/checksums.py'
 def judge(bench):
     for mutant in mutants.mutants(FILE):
         if mutant.function in ('', 'crc16_ccitt_false'):
-            say(mutant.function or 'import', bench.outcome(mutant.code, mutant.lines))
-    say('no fault', bench.outcome(mutant_runs.compiled(FILE), range(1000)))
+            say(mutant.function or 'import', bench.outcome(FILE, mutant.code, mutant.lines))
+    say('no fault', bench.outcome(FILE, mutant_runs.compiled(FILE), range(1000)))
 
 def say(name, outcome):
     print(name, outcome[0], file=said, flush=True)
 
 with open(sys.argv[1], 'w') as said:
-    mutant_runs.Bench.run(FILE, ['test/test_checksums.py'], judge)
+    mutant_runs.Bench.run([FILE, 'bridge_core/watchdog.py'], ['test/test_checksums.py'], judge)
 """
 
 
@@ -126,10 +126,10 @@ _UNFIT = """
 import sys
 from test import mutants
 
-def judged(file, path, sample):
-    if 'stamps' in file:
+def judged(files, path, sample):
+    if 'stamps' in files[0]:
         raise mutants.UnfitTestsError('unfit')
-    return mutants.Verdict(['fit'], 1, 1)
+    return [mutants.Verdict(['fit'], 1, 1)]
 
 mutants.judge = judged
 print(mutants.main(['safety_mux/stamps.py', 'safety_mux/limits.py', '--workers', '1']))
