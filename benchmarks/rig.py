@@ -269,10 +269,21 @@ class Cost:
 
 
 @contextlib.contextmanager
-def running(*command: str, priority: int = 0) -> Iterator[subprocess.Popen[bytes]]:
-    """Run this Python with these arguments meanwhile. :param priority: SCHED_FIFO; 0: none."""
-    root = Path(__file__).parent.parent
-    process = subprocess.Popen([sys.executable, *command], cwd=root, stdin=subprocess.DEVNULL)
+def running(
+    *command: str, priority: int = 0, apart: bool = False
+) -> Iterator[subprocess.Popen[bytes]]:
+    """
+    Run this Python with these arguments meanwhile.
+
+    :param priority: SCHED_FIFO; 0: none. :param apart: as a program of another terminal or
+        service, with a share of the processors of its own (sched(7): autogroup).
+    """
+    process = subprocess.Popen(
+        [sys.executable, *command],
+        cwd=Path(__file__).parent.parent,
+        stdin=subprocess.DEVNULL,
+        start_new_session=apart,
+    )
     if priority:
         os.sched_setscheduler(process.pid, os.SCHED_FIFO, os.sched_param(priority))
     try:
@@ -287,9 +298,9 @@ def running(*command: str, priority: int = 0) -> Iterator[subprocess.Popen[bytes
 
 
 @contextlib.contextmanager
-def busy_cores() -> Iterator[None]:
-    """Have every core busy with other work, at nice 0."""
+def busy_cores(*, apart: bool = False) -> Iterator[None]:
+    """Have every core busy with other work, at nice 0. :param apart: as in running()."""
     with contextlib.ExitStack() as stack:
         for _ in range(os.cpu_count() or 1):
-            stack.enter_context(running('-S', '-c', 'while True: pass'))
+            stack.enter_context(running('-S', '-c', 'while True: pass', apart=apart))
         yield

@@ -496,7 +496,7 @@ def main() -> None:
         stage = exits.enter_context(contextlib.closing(DemoStage(folder, observer)))
         pauses = exits.enter_context(Pauses())
         if given.busy:
-            exits.enter_context(busy_cores())
+            exits.enter_context(busy_cores(apart=True))  # not with the devices
         try:
             soak(Soak(stage, result, pauses.between), given.hours * 3600.0)
         except (AssertionError, DemoError) as error:
