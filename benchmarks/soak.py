@@ -49,6 +49,8 @@ import tempfile
 import time
 from typing import NamedTuple
 
+from std_msgs.msg import Bool
+
 from akron_can_bridge.protocol import JOYSTICK_PERIOD
 from benchmarks.pauses import Pauses
 from benchmarks.rig import busy_cores
@@ -73,6 +75,7 @@ from test.rig import Observer
 from test.run_delay import WIRE_HELD_UP
 from test.stage import CLEAR_ERRORS
 from test.stage import END_TRIP
+from test.stage import MUX
 from vm110_bridge import protocol as vm110
 
 _DRIFT = 0.001  # s that a mean period may be off
@@ -267,6 +270,7 @@ class Soak(Scene):
         self.result = result
         self._pauses = pauses
         self._motion = _MOTION  # s until the next stop
+        self._estop = stage.record(Bool, f'/{MUX}/estop')
         vsc, unit, receiver = stage.vsc.apply, stage.unit.apply, stage.ssc.apply
         self._stops = itertools.cycle(
             (
@@ -403,15 +407,15 @@ class Soak(Scene):
             self.accepted_reset()
         except AssertionError as error:
             self.result.lost.append(f'{stop.name}: {shortened(str(error))}')
+        # Without the lost remote's sticks the drive is disabled before that is a stop of all.
+        stop_at = next((when for when, estop in self._estop.since(at) if estop.data), first)
         found = (
-            ('the drive', [(p.time, p.enables) for p in self.stage.drive.packets(at)]),
-            ('the monitor', self._frames(at)),
-            ('the servo', [(when, us != SHUT_US) for when, us in self._pulses(at)]),
+            ('the drive', first, [(p.time, p.enables) for p in self.stage.drive.packets(at)]),
+            ('the monitor', stop_at, self._frames(at)),
+            ('the servo', stop_at, [(when, us != SHUT_US) for when, us in self._pulses(at)]),
         )
-        for name, frames in found:
-            rest = next(
-                (when for when, moves in frames if not moves and when >= first - 0.02), first
-            )
+        for name, since, frames in found:
+            rest = next((when for when, moves in frames if not moves and when >= since), since)
             wrong += [f'{stop.name}: {text}' for text in moved(name, frames, rest)]
 
 
