@@ -261,7 +261,7 @@ class Machine(Stage):
         talker = Talker(self.observer, type(message), topic, message, rate=rate)
         self._seconds.append(talker)
         self.wait(talker.publisher.get_subscription_count, f'a subscriber of {topic}')
-        self.pause(_DISCOVERY)
+        self.pause(_DISCOVERY * self.setting.patience)
         at = time.monotonic()
         talker.say()
         return at

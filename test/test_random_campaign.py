@@ -74,6 +74,11 @@ def test_stop_that_never_comes_is_a_finding_however_long_the_machine_took() -> N
     assert 'never' in judged(packets((0.0, 12.0)), waited=5.0).findings[0]
 
 
+def test_machine_takes_a_second_at_most() -> None:
+    sent = packets((0.0, 11.25), (12.1, 20.0))  # it was let go at 11
+    assert 'late' in judged(sent, waited=5.0).findings[0]
+
+
 def test_drive_that_is_enabled_again_before_a_new_press_is_a_finding() -> None:
     trial = judged(packets((0.0, 10.05), (10.5, 10.52)))
     assert trial.again == 2
