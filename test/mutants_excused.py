@@ -41,6 +41,20 @@ EXCUSED: dict[str, dict[str, str]] = {
             for name in ('set_name', 'set_display_text', 'get_feedback')
         },
     },
+    'ssc_bridge/session/polling.py': {
+        'Poller.__init__: self._due = dict.fromkeys(rates, math.inf) -> pass': _SET_FIRST,
+    },
+    'ssc_bridge/session/sticks.py': {
+        'sticks_of: 0 -> 1': _FOR_TYPES,
+        'sticks_of: us[button.channel - 1] or 0 -> us[button.channel - 1]': _FOR_TYPES,
+    },
+    'vm110_bridge/session/encoder.py': {
+        'Encoder.__init__: 0 -> 1': _SET_FIRST,
+        'Encoder.__init__: self._last = 0 -> pass': _SET_FIRST,
+        'Encoder.take: value - self._last + 128 -> value - self._last - 128': (
+            'the same modulo 256'
+        ),
+    },
     'safety_mux/arbiter.py': {
         'Arbiter.__init__: False -> True': _SET_FIRST,
         'Arbiter.__init__: self._owner_since = 0.0 -> pass': _SET_FIRST,

@@ -352,3 +352,20 @@ def test_names_contend_by_all_their_bits() -> None:
     assert Name.from_bytes(high.to_bytes()).value == high.value
     assert high.to_bytes() == bytes.fromhex('0000C02800000110')
     assert Name(1, 326).to_bytes() == bytes.fromhex('0100C02800000000')
+
+
+@pytest.mark.parametrize('number', range(1, 13))
+def test_switches_that_start_motion_by_themselves(number: int) -> None:
+    # Appendix B: oscillate, its pause / resume, deploy, stow.
+    joystick = BasicJoystick(axis_of(0), axis_of(0), on(number, of=12))
+    assert joystick.automatic == (number in (4, 7, 8, 9))
+
+
+def test_target_of_either_angle_starts_motion_by_itself() -> None:
+    assert not ExtendedJoystick().automatic
+    assert ExtendedJoystick(grip_x=axis_of(0)).automatic
+    assert ExtendedJoystick(grip_y=axis_of(0)).automatic
+
+
+def test_request_names_the_group_low_byte_first() -> None:
+    assert protocol.FieldRequest(0xFEDA).to_bytes() == bytes.fromhex('DAFE00')

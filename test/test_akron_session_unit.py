@@ -309,6 +309,7 @@ def test_counters_tell_malformed_from_unknown_and_from_what_is_not_ours() -> Non
     bench = Bench().find_unit()
     counters = bench.session.counters
     before = (counters.frames, bench.session.decoder.other_frames)
+    size = counters.bytes
     bench.take(ef('8300'), ef('77'), ef('0100', source=0x55), CanFrame(0x18FEF100, b'\0'))
     bench.take(ef('41', destination=0x05))
     assert counters.malformed == 1
@@ -317,6 +318,7 @@ def test_counters_tell_malformed_from_unknown_and_from_what_is_not_ours() -> Non
     assert counters.malformed == 1
     assert counters.unknown_types == 1
     assert (counters.frames - before[0], bench.session.decoder.other_frames - before[1]) == (9, 7)
+    assert counters.bytes - size == 16
 
 
 def test_filters_pass_all_that_is_taken_and_hardly_more() -> None:

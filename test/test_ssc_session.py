@@ -29,6 +29,7 @@ from bridge_core.session import Verdict
 from ssc_bridge.channels import AxisInput
 from ssc_bridge.channels import ButtonInput
 from ssc_bridge.protocol import CommandState
+from ssc_bridge.protocol import MessageType
 from ssc_bridge.session import CommandStateChanged
 from ssc_bridge.session import ConfigurationRead
 from ssc_bridge.session import FailsafeBegun
@@ -38,6 +39,8 @@ from ssc_bridge.session import Session
 from ssc_bridge.session import Settings
 from ssc_bridge.session import SourcesChanged
 from ssc_bridge.session import Sticks
+from ssc_bridge.session.polling import Poller
+from ssc_bridge.session.sticks import sticks_of
 from test.ssc_rig import build_frame
 from test.ssc_rig import configuration
 from test.ssc_rig import OUTPUTS
@@ -731,3 +734,18 @@ def test_pulse_input_that_cannot_be_is_refused(channel: int) -> None:
 def test_thresholds_that_do_not_rise_are_refused(thresholds: tuple[int, ...]) -> None:
     with pytest.raises(ValueError, match='thresholds_us'):
         ButtonInput('x', 1, thresholds)
+
+
+def test_last_pulse_input_is_there_and_the_next_is_not() -> None:
+    settings = Settings(axes=(AxisInput('x', 8),), buttons=(ButtonInput('y', 9),))
+    assert sticks_of([1500] * 8, settings).faulty == ('y absent (there is no pulse input 9)',)
+
+
+def test_poll_of_a_closed_port_is_asked_for_no_more() -> None:
+    kind = MessageType.STATUS
+    poller = Poller({kind: 20.0})
+    poller.start(1.0)
+    assert poller.take(1.0, (kind,))
+    poller.start(2.0)
+    poller.heard(kind, 2.0)  # by itself
+    assert poller.deadline((kind,)) > 2.0

@@ -226,6 +226,21 @@ def test_states_in_the_manuals_words() -> None:
     assert state_name(None) == 'None'
 
 
+def test_links_and_reasons_have_the_manuals_numbers() -> None:
+    assert [state_name(LinkStatus(number)) for number in range(len(LinkStatus))] == [
+        *('Unused', 'Operational', 'No link', 'Link error', 'Interface error', 'Data error'),
+        'Passive',
+    ]
+    assert [state_name(Disabled(number)) for number in range(len(Disabled))] == [
+        *('Enabled', 'Tilting', 'Inactivity'),
+    ]
+
+
+def test_field_takes_whole_numbers_only() -> None:
+    with pytest.raises(ValueError, match='armed_ru must be a whole number'):
+        PeriodicInput(armed_ru=5.0)  # type: ignore[arg-type]
+
+
 def test_joystick_out_of_range_is_named() -> None:
     message = PeriodicInput(joysticks=(1000, -1001, 0, 32767))
     assert message.faulty == ('joystick_2 out of range (-1001)', 'joystick_4 out of range (32767)')

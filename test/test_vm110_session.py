@@ -44,6 +44,7 @@ from vm110_bridge.session import SerialNumbers
 from vm110_bridge.session import Session
 from vm110_bridge.session import Settings
 from vm110_bridge.session import Sticks
+from vm110_bridge.session.encoder import Encoder
 from vm110_bridge.simulator import build_packet
 from vm110_bridge.simulator import build_vrpi
 
@@ -329,6 +330,22 @@ def test_encoder_does_not_count_while_disabled_nor_over_a_change_of_remotes() ->
     bench.wait(1.0)
     bench.hear(build_vrpi(encoder=(0, 0), ru=0x4321))
     assert [event.position for event in of(EncoderTurned, bench.events)] == [0, 10, 11]
+
+
+def test_encoder_counts_from_where_a_remote_is_found_and_for_none_not_at_all() -> None:
+    encoder = Encoder()
+    assert not encoder.take(5, 0)
+    assert not encoder.take(9, 0)
+    assert encoder.take(7, 1)  # the first that is reported
+    assert encoder.take(8, 1)
+    assert not encoder.take(8, 1)
+    encoder.rest()
+    assert not encoder.take(50, 1)
+    assert encoder.position == 1
+    assert Encoder().take(0, 1)
+    beside = Encoder()
+    beside.take(9, 1)
+    assert beside.position == 0
 
 
 def test_remote_is_told_when_it_changes() -> None:
