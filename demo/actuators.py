@@ -44,7 +44,6 @@ IDLE_US = 1500  # the throttle at rest
 # s, for a receiver without pulses: no signal after 0.1 s, reported every 0.05 s; DEMAND_LIMIT.
 RECEIVER_LIMIT = 0.3
 _REST = akron.BasicJoystick(akron.NEUTRAL, akron.NEUTRAL)
-_TRIES = 5
 _TURN_LIMIT = 1.0  # s, from pushing the stick to the first frame that turns the monitor
 _TURNED = 1.0  # degrees, and more than that if it turns
 _WATCHED = 0.6  # s, thirty frames
@@ -91,7 +90,7 @@ class Actuators(Steering):
 
     def _push_aside(self) -> None:
         """Let go of the right stick, then push it; anew if a timeout has made it neutral."""
-        for _ in range(_TRIES):
+        for _ in range(self.tries):
             self.stage.vsc.apply(f'stick {MONITOR_STICK} 0')
             self.wait(lambda: self.stage.axes[3:5] == (0.0, 0.0))
             self.stage.vsc.apply(f'stick {MONITOR_STICK} 0.6')

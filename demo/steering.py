@@ -41,7 +41,7 @@ FORT, VM110, RC = 'fort', 'vm110', 'ssc'  # operators and their e-stops, as the 
 _WAIT = 5.0
 _STILL = 0.4  # s for which it is watched that nothing moves
 _READY = 0.5  # s within which the mux is READY after a reset
-_TRIES = 5
+_TRIES = 5  # of what a machine that is too busy may undo
 _UNRELIABLE = ('stale', 'silent')  # conditions of the mux's inputs
 _NO_TIMEOUT = {'none', 'trip', 'hold', 'motion'}  # causes of stops
 _ACKNOWLEDGE, _ARM = ('ack', 'mode operational'), ('arm 1',)
@@ -79,6 +79,7 @@ class Steering:
     def __init__(self, stage: DemoStage, patience: float = 1.0) -> None:
         self.stage = stage
         self.patience = patience  # what all limits are multiplied by, on a busy machine
+        self.tries = round(_TRIES * patience)
         self.reactions: list[tuple[str, float, float]] = []  # cause, s that it took, limit
         self.timeouts = 0  # stops that nobody asked for
         self.latest = 0.0  # s by which this process was woken too late, at worst
@@ -176,7 +177,7 @@ class Steering:
     def accepted_reset(self) -> str:
         """Let all go, acknowledge and rearm, then reset; return the answer."""
         self.let_go()
-        for _ in range(_TRIES):  # a timeout may come between the look and the reset, or end it
+        for _ in range(self.tries):  # a timeout may come between the look and the reset, or end it
             self.wait(self._may_reset)
             reply = self.stage.reset()
             with contextlib.suppress(AssertionError):
@@ -202,7 +203,7 @@ class Steering:
         :param expected: what it must be refused for, by the mux's fields, before it and after it,
             unless ``afterwards`` says what must be after it.
         """
-        for _ in range(_TRIES):
+        for _ in range(self.tries):
             self.wait(lambda: expected() and self.stage.may_repeat_reset())
             reply = self.stage.reset()
             assert not reply.success, f'it was accepted: {reply.message}'
@@ -253,7 +254,7 @@ class Steering:
                 return '; '.join([act(), *reports])
             except AssertionError as error:
                 again = isinstance(error, Late) if undo else self._is_timed_out()
-                if not again or len(reports) == _TRIES - 1:
+                if not again or len(reports) == self.tries - 1:
                     raise
                 reports.append(
                     f'at first: {shortened(str(error) if undo else self.stage.message)}'

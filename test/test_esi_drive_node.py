@@ -517,9 +517,12 @@ def test_torque_and_position_joints_have_their_fields_and_units(
         bench.quiet()
         bench.enabling()
         bench.wait(lambda: bench.commands(2000, -5215), 'the counts')
-        bench.wait(lambda: bench.joints.last.position[1] > 0.4, 'the place')
+        there = pytest.approx(2.0, abs=0.01)
+        bench.wait(
+            lambda: bench.joints.last.effort[0] == there and bench.joints.last.position[1] > 0.4,
+            'torque and place',
+        )
         last = bench.joints.last
-        assert last.effort[0] == pytest.approx(2.0, abs=0.01)
         assert math.isnan(last.effort[1])
         assert math.isnan(last.position[0])
         assert not last.velocity
