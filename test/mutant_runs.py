@@ -272,9 +272,11 @@ class Bench:
         return self._alone[number]
 
     def _replaced(self, whole: CodeType, code: CodeType) -> dict[FunctionType, CodeType]:
-        """Return what differs: functions, and the code that they are to have."""
+        """Return what differs, if it can be replaced: functions, and the code they are to have."""
         old, new = (dict(_functions_in(each)) for each in (whole, code))
         other = {old[key]: new[key] for key in old.keys() & new.keys() if old[key] != new[key]}
+        if any(before.co_freevars != after.co_freevars for before, after in other.items()):
+            return {}
         return {each: other[each.__code__] for each in self._functions if each.__code__ in other}
 
     def _run(
@@ -355,7 +357,7 @@ class Bench:
 def _functions_in(
     code: CodeType, path: str = ''
 ) -> Iterator[tuple[tuple[str, int, int], CodeType]]:
-    """Yield the functions that a module or class has, not those within them, each with a key."""
+    """Yield the functions that a module has, those within others too, each with a key."""
     count: Counter[tuple[str, int]] = Counter()
     for each in code.co_consts:
         if isinstance(each, CodeType):
@@ -364,5 +366,4 @@ def _functions_in(
             count[place] += 1
             if each.co_flags & 1:  # CO_OPTIMIZED: a function's, not a class's
                 yield (*place, count[place]), each
-            else:
-                yield from _functions_in(each, name)
+            yield from _functions_in(each, name)

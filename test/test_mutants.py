@@ -108,6 +108,27 @@ def test_bench_tells_of_faults_in_functions_alone(tmp_path: Path) -> None:
     assert said == {'crc16_ccitt_false killed', 'import None', 'no fault None'}
 
 
+_CLOSURE = """
+import sys
+from test import mutant_runs, mutants
+
+FILE = 'akron_can_bridge/protocol/fields.py'
+
+def judge(bench):
+    for mutant in mutants.mutants(FILE):
+        if mutant.function == 'degrees.pack' and 'value * 10' in mutant.change:
+            print(bench.outcome(FILE, mutant.code, mutant.lines)[0], file=said, flush=True)
+
+with open(sys.argv[1], 'w') as said:
+    mutant_runs.Bench.run([FILE], ['test/test_akron_protocol.py'], judge)
+"""
+
+
+def test_fault_counts_in_a_function_that_another_one_made_at_the_import(tmp_path: Path) -> None:
+    in_python(_CLOSURE, str(tmp_path / 'said'))
+    assert set((tmp_path / 'said').read_text().split()) == {'killed'}
+
+
 def test_results_are_kept_and_taken_up_again(tmp_path: Path) -> None:
     call = (
         'import sys; from test import mutants; '

@@ -1,0 +1,101 @@
+# Copyright 2026 The rugged_teleop maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Whose a stop of the VSC is: its own, or the echo of the one that our heartbeats ask for."""
+
+from __future__ import annotations
+
+import pytest
+
+from fort_vsc_bridge.protocol import AutonomyMode
+from fort_vsc_bridge.protocol import EStopBits
+from fort_vsc_bridge.protocol import Heartbeat
+from fort_vsc_bridge.protocol import Mode
+from fort_vsc_bridge.session.stops import ECHO_DELAY
+from fort_vsc_bridge.session.stops import StopJudge
+
+SOON = ECHO_DELAY / 2
+
+
+@pytest.fixture
+def judge() -> StopJudge:
+    return StopJudge()
+
+
+def clear(judge: StopJudge, now: float) -> None:
+    """Hear that the USER bit is clear."""
+    heartbeat = Heartbeat(Mode.OPERATIONAL, AutonomyMode.USER_CONTROL, 0)
+    judge.heard(heartbeat, now)
+    assert not judge.judge(heartbeat).estop
+
+
+def is_own(judge: StopJudge, now: float) -> bool:
+    """Hear that it is set; tell whether that counts as the VSC's own stop."""
+    heartbeat = Heartbeat(Mode.LOCAL, AutonomyMode.USER_CONTROL, EStopBits.USER)
+    judge.heard(heartbeat, now)
+    verdict = judge.judge(heartbeat)
+    assert verdict.estop
+    return verdict.own_estop
+
+
+def test_bit_that_stood_before_we_asked_is_its_own_until_seen_clear(judge: StopJudge) -> None:
+    assert is_own(judge, 1.0)
+    judge.asked('let go', 2.0)
+    assert is_own(judge, 2.0 + SOON)
+    clear(judge, 3.0)
+    assert not is_own(judge, 3.1)
+
+
+def test_bit_that_was_seen_clear_is_ours_as_soon_as_we_ask(judge: StopJudge) -> None:
+    assert is_own(judge, 1.0)
+    clear(judge, 2.0)
+    judge.asked('let go', 3.0)
+    assert not is_own(judge, 3.1)
+
+
+def test_echo_stays_ours_until_it_is_seen_clear(judge: StopJudge) -> None:
+    judge.asked('let go', 1.0)
+    assert not is_own(judge, 1.1)
+    judge.asked('', 2.0)
+    assert not is_own(judge, 2.0 + 9 * ECHO_DELAY)
+    clear(judge, 20.0)
+    assert is_own(judge, 20.1)
+
+
+@pytest.mark.parametrize('texts', [('let go',), ('let go', 'press the button')])
+def test_bit_after_an_echo_that_ended_is_its_own(judge: StopJudge, texts: tuple[str, ...]) -> None:
+    judge.asked(texts[0], 1.0)
+    assert not is_own(judge, 1.1)
+    judge.asked(texts[-1], 1.2)
+    judge.asked('', 2.0)
+    clear(judge, 2.0 + SOON / 2)
+    assert is_own(judge, 2.0 + SOON)
+
+
+def test_echo_that_was_not_heard_yet_may_come_for_a_while(judge: StopJudge) -> None:
+    for start in (1.0, 10.0):  # the second time, an earlier echo was heard
+        judge.asked('let go', start)
+        judge.asked('', start + 0.1)
+        clear(judge, start + 0.1 + SOON / 2)
+        assert not is_own(judge, start + 0.1 + SOON)
+        clear(judge, start + 5.0)
+        assert is_own(judge, start + 5.1)
+        clear(judge, start + 5.2)
+
+
+def test_echo_that_never_came_is_waited_for_no_longer(judge: StopJudge) -> None:
+    judge.asked('let go', 1.0)
+    judge.asked('', 1.1)
+    clear(judge, 1.1 + ECHO_DELAY)
+    assert is_own(judge, 1.2 + ECHO_DELAY)
