@@ -61,7 +61,6 @@ _PATIENCE = 5.0  # times the processor time that the tests take without a mutant
 _LEAST = 10.0  # s of it
 _LEAST_OF_ONE = 2.0  # s of it that each test may take
 _WHOLE = 3600.0  # s of it for all tests, each line traced
-_HANGS = 300  # s after which a test that waits for nothing is ended; traced ones take long
 _PACKAGES = {path.parent.name for path in ROOT.glob('*/__init__.py')}
 
 
@@ -138,7 +137,7 @@ def _pytest(
     sys.meta_path[:0] = [Finder(file, code) for file, code in codes.items()]
     options = (
         *('-q', '-m', 'not computes and not proof', '--hypothesis-seed=0'),
-        *('-p', 'no:cacheprovider', '-p', 'no:xdist', '-o', f'faulthandler_timeout={_HANGS}'),
+        *('-p', 'no:cacheprovider', '-p', 'no:xdist'),
     )
     return int(pytest.main([*options, *arguments], plugins=[*plugins]))
 

@@ -100,14 +100,16 @@ _NAMES_OF_TESTS = {
         *('fort_vsc_protocol', 'fort_vsc_can', 'fort_vsc_hid', 'fort_vsc_wires'),
         'fort_vsc_session',
     ),
-    'ssc_bridge/session': ('ssc_session', 'ssc_session_outputs', 'ssc_session_aux', *_SESSIONS),
+    'ssc_bridge/session': (
+        *('ssc_outputs', 'ssc_session', 'ssc_session_outputs', 'ssc_session_aux', *_SESSIONS),
+    ),
     'ssc_bridge/protocol': ('ssc_protocol', 'ssc_session'),
     'akron_can_bridge/session': (*_AKRON, *_SESSIONS),
     'akron_can_bridge/protocol': (
         *('akron_protocol', 'akron_protocol_bits', 'akron_protocol_errors'),
         *('akron_session_joysticks', 'akron_session_unit'),
     ),
-    'vm110_bridge/session': ('vm110_session', *_SESSIONS),
+    'vm110_bridge/session': ('vm110_stops', 'vm110_session', *_SESSIONS),
     'vm110_bridge/protocol': ('vm110_protocol', 'vm110_session'),
 }
 

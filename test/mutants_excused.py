@@ -19,6 +19,7 @@ _NOT_READ = 'until it was heard, it is not usable, and its value not read'
 _FOR_TYPES = 'the rest of the line is true of it; for the type checker'
 _ABSTRACT = 'each kind of input has its own'
 _FALSY = 'None is as false'
+_WITH_SILENCE = 'it is read where there was a silence, and set with that'
 _SELECTED = 'it is read of an owner only, and selecting it sets it'
 _OWNED = 'without a ramp there is an owner in ACTIVE, and in no other state'
 _IN_ONE_GO = 'so many bytes give the same in one go and in parts'
@@ -54,12 +55,28 @@ EXCUSED: dict[str, dict[str, str]] = {
             'where it is not ours any more, it is not read until we ask again'
         ),
     },
+    'ssc_bridge/session/outputs.py': {
+        'Channel.__init__: 0.0 -> 1.0': _SET_FIRST,
+        'Channel.__init__: self._target = 0.0 -> pass': _SET_FIRST,
+        'Channel.driven: 0.0 -> 1.0': 'no pulse is as short as 1 us',
+        'Channel.step: self.us or self._at -> self._at': 'they differ without a pulse only',
+        'Outputs.__init__: 0 -> 1': _SET_FIRST,
+        'Outputs.__init__: self._releases = 0 -> pass': _SET_FIRST,
+    },
     'ssc_bridge/session/polling.py': {
         'Poller.__init__: self._due = dict.fromkeys(rates, math.inf) -> pass': _SET_FIRST,
     },
     'ssc_bridge/session/sticks.py': {
         'sticks_of: 0 -> 1': _FOR_TYPES,
         'sticks_of: us[button.channel - 1] or 0 -> us[button.channel - 1]': _FOR_TYPES,
+    },
+    'vm110_bridge/session/stops.py': {
+        'StopJudge.__init__: 0.0 -> 1.0': 'both are below LEAST_SILENCE',
+        'StopJudge.__init__: -math.inf -> math.inf': _WITH_SILENCE,
+        'StopJudge.__init__: self._released_at = -math.inf -> pass': _WITH_SILENCE,
+        'StopJudge.hold: self._holding and (not holding) -> self._holding': (
+            'it is read once nothing is held, and set anew then'
+        ),
     },
     'vm110_bridge/session/encoder.py': {
         'Encoder.__init__: 0 -> 1': _SET_FIRST,
