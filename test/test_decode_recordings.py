@@ -47,7 +47,7 @@ T0 = 1_000_000_000.0
 def written(folder: Path, messages: Iterator[tuple[float, str, Any]]) -> Path:
     """Write messages: second, topic, message."""
     file = RecordingFile(folder / 'a.mcap')
-    file.add_metadata('parameters of /drive', {'port': '"/dev/ttyUSB0"'})
+    file.add_parameters({'/drive': {'port': '"/dev/ttyUSB0"'}})
     for at, topic, message in messages:
         package = type(message).__module__.split('.')[0]
         kind = f'{package}/msg/{type(message).__name__}'

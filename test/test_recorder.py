@@ -245,9 +245,11 @@ class Bench:
         joints = JointState(name=['left'], velocity=[1.5])
         joints.header.frame_id = 'base'
         before = [Heard(now - 2.0, now - 2.1, BOOL, estop(True))]
-        self.writer.begin('stop', {'/safety_mux': {'rate': '100.0'}}, before)
+        parameters = {'/safety_mux': {'rate': '100.0'}}
+        self.writer.begin('stop', parameters, before)
         self.writer.add([Heard(now, now, JOINTS, serialize_message(joints))])
-        self.writer.end('stop_trip')
+        late = {'/safety_mux': {'rate': '50.0'}, '/drive': {'axes': '1'}}  # known by the end
+        self.writer.end('stop_trip', parameters | late)
 
     def wait(self, *beginnings: str) -> None:
         wait_for(lambda: len(self.said) >= len(beginnings), what=lambda: str(self.said))
@@ -288,6 +290,7 @@ def test_file_is_read_back_by_the_readers_of_mcap(
     assert first.log_time - first.publish_time == pytest.approx(1e8, abs=1e4)
     assert metadata == {
         'parameters of /safety_mux': {'rate': '100.0'},
+        'parameters of /drive': {'axes': '1'},
         'recording': {'reason': 'stop_trip'},
     }
 

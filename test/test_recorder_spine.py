@@ -111,7 +111,11 @@ def bench(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Bench]:
                 if status.name == 'recorder: recordings'
             ]
             names = ', '.join(sorted(f'/{name}' for name in (VSC, MUX, DRIVE)))
-            return bool(found) and found[-1]['nodes'] == names and int(found[-1]['topics']) > 20
+            return (
+                bool(found)
+                and found[-1]['nodes'] == found[-1]['parameters of'] == names
+                and int(found[-1]['topics']) > 20
+            )
 
         spine.wait(hears_all, 'a recorder that hears all nodes', 20.0)
         yield Bench(spine, recorder, recordings)

@@ -161,7 +161,7 @@ def test_recording_without_a_stop_says_how_the_machine_is() -> None:
 
 def written(path: Path, messages: Iterable[Said]) -> Path:
     file = RecordingFile(path / '19700101T000000.000Z_stop.mcap')
-    file.add_metadata('parameters of /safety_mux', {'feedback.standstill': '0.05'})
+    file.add_parameters({'/safety_mux': {'feedback.standstill': '0.05'}})
     for each in messages:
         channel = Channel(each.topic, each.type, definition_of(each.type))
         file.add([Heard(each.at, each.at, channel, bytes(serialize_message(each.message)))])

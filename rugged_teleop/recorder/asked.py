@@ -25,7 +25,7 @@ from rcl_interfaces.srv import ListParameters
 from rclpy.node import Node
 from rclpy.parameter import parameter_value_to_python
 
-_PATIENCE = 5.0  # s; a node that does not know this one yet loses its answer
+_PATIENCE = 2.0  # s; a node that does not know this one yet loses its answer
 
 
 class _Asked:

@@ -216,7 +216,7 @@ class Recorder(ManagedNode):
         if self._schedule.is_open:
             self._writer.add(self._batch)
             self._batch = []
-            self._writer.end(self._reason())
+            self._writer.end(self._reason(), self._asked.known)
             self._schedule.end(clock.now())
         if not self.active:
             self._ring.clear()
@@ -280,6 +280,7 @@ class Recorder(ManagedNode):
             'messages in memory': len(self._ring),
             'memory (MB)': self._ring.size / _MB,
             'nodes': ', '.join(self._nodes.all) or 'none',
+            'parameters of': ', '.join(sorted(self._asked.known)) or 'none',
             'topics': len(self._topics),
         }
         values |= {f'not recorded {n}': text for n, text in enumerate(self._unknown.values(), 1)}

@@ -62,13 +62,20 @@ class RecordingFile:
         self._file: BinaryIO = os.fdopen(os.open(self._part, new, 0o640), 'wb')
         self._writer = Writer(self._file, chunk_size=_CHUNK)
         self._writer.start(profile='ros2', library='rugged_teleop')
+        self._nodes: set[str] = set()  # whose parameters it has
         self._schemas: dict[str, int] = {}
         self._channels: dict[str, int] = {}
         self._epoch = time.time() - clock.now()  # once a file: a clock that steps spoils no ages
 
-    def add_metadata(self, name: str, values: Mapping[str, str]) -> None:
-        """Add words by key."""
-        self._writer.add_metadata(name, dict(values))
+    def add_parameters(self, parameters: Parameters) -> None:
+        """Add those of the nodes that it has none of."""
+        for node in sorted(parameters.keys() - self._nodes):
+            self._writer.add_metadata(PARAMETERS_OF + node, dict(parameters[node]))
+            self._nodes.add(node)
+
+    def add_reason(self, reason: str) -> None:
+        """Add what it was begun for."""
+        self._writer.add_metadata('recording', {'reason': reason})
 
     def add(self, messages: Sequence[Heard]) -> None:
         """Add messages."""
@@ -146,9 +153,13 @@ class FileWriter:
         """Add messages to the file."""
         self._put(len(messages), self._add, messages)
 
-    def end(self, reason: str) -> None:
-        """Complete the file; it gets the name of the reason, as it is known by now."""
-        self._put(0, self._end, reason)
+    def end(self, reason: str, parameters: Parameters) -> None:
+        """
+        Complete the file, with the reason as it is known by now in its name.
+
+        :param parameters: as known by now, too: nodes that had just started may have answered.
+        """
+        self._put(0, self._end, reason, parameters)
 
     def stop(self, timeout: float) -> None:
         """Have the jobs done and the thread end; wait up to ``timeout`` s."""
@@ -184,8 +195,7 @@ class FileWriter:
     def _begin(self, name: str, parameters: Parameters, messages: Sequence[Heard]) -> None:
         self.error = ''
         self._file = RecordingFile(self._folder.path / name)
-        for node, values in parameters.items():
-            self._file.add_metadata(PARAMETERS_OF + node, values)
+        self._file.add_parameters(parameters)
         self._file.add(messages)
         self._file.flush()  # whatever becomes of this computer in the next seconds
 
@@ -194,14 +204,15 @@ class FileWriter:
             self._file.add(messages)
             self._file.flush()
 
-    def _end(self, reason: str) -> None:
+    def _end(self, reason: str, parameters: Parameters) -> None:
         file, self._file = self._file, None
         if file is None:
             return
         moment, _, _ = file.path.name.partition('_')
         name = file_name(0.0, reason).partition('_')[2]
         try:
-            file.add_metadata('recording', {'reason': reason})
+            file.add_parameters(parameters)
+            file.add_reason(reason)
             file.finish(file.path.with_name(f'{moment}_{name}'))
         finally:
             file.close()
