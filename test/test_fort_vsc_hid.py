@@ -92,6 +92,7 @@ def test_other_length_is_an_error(size: int) -> None:
         {'hat': 16},
         {'numbered': (True,) * 5},
         {'mode': 256},
+        {'estop': 256},
         {'estop': -1},
     ],
 )

@@ -117,6 +117,31 @@ def test_golden_frames_both_ways(name: str) -> None:
     assert MESSAGES[name].to_bytes() == GOLDEN[name]
 
 
+TABLES = {  # of 4.2: which payloads may follow which message ID
+    10: [0, 2],
+    11: range(25),  # up to 24 channels
+    12: range(0, 49, 2),  # two bytes each
+    13: range(0, 33, 2),  # the first 16 of them are inputs
+    14: range(0, 15, 2),  # two bytes, and two for each of 6 auxiliary channels
+    15: [0, 14],
+    20: range(2, 49, 2),
+    21: range(2, 15, 2),
+    98: [0],
+}
+
+
+def test_every_length_of_every_message_is_as_in_4_2() -> None:
+    size_of = protocol.PACKETS.size_of
+    sizes = {
+        kind: [size_of(bytes((0, 0, kind, length))) for length in range(256)] for kind in TABLES
+    }
+    assert {kind: [size - 6 for size in found if size] for kind, found in sizes.items()} == {
+        kind: [*lengths] for kind, lengths in TABLES.items()
+    }
+    assert protocol.PACKETS.max_size == 6 + 255
+    assert protocol.BAUD == 115_200
+
+
 @pytest.mark.parametrize('frame', GOLDEN.values(), ids=bytes.hex)
 def test_the_manuals_checksum_loop_agrees(frame: bytes) -> None:
     assert build_frame(frame[2], frame[4:-2]) == frame

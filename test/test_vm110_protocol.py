@@ -161,6 +161,18 @@ def test_size_that_does_not_match_is_malformed_though_the_crc_is_good() -> None:
     assert (reader.counters.frames, reader.counters.malformed) == (1, 1)
 
 
+def test_frame_by_itself_names_what_is_wrong_with_it() -> None:
+    for size in (19, 513):
+        with pytest.raises(FrameError, match=rf'^{size} bytes, but a packet has 20-512$'):
+            Frame.from_bytes(bytes(size), None)
+    with pytest.raises(FrameError, match=r'^revision 1 is not 0$'):
+        Frame.from_bytes(build_packet('VRPI', bytes(46), 0, revision=1), None)
+    whole = Frame(b'VRPO', 0, bytes(492))
+    assert whole.origin == 0  # the machine controller's
+    assert Frame.from_bytes(whole.to_bytes(), None) == whole
+    assert len(whole.to_bytes()) == 512
+
+
 def test_other_revision_is_malformed() -> None:
     reader = PacketDecoder(Crc.MPEG2)
     assert reader.feed(build_packet('VRPI', bytes(46), 0, revision=1), 0.0) == []
@@ -172,6 +184,11 @@ def test_unknown_id_is_sound_but_unknown() -> None:
     assert decode(Frame.from_bytes(data, Crc.MPEG2)) == Unknown(0x56525849)
     assert reader.feed(data, 0.0) == []
     assert (reader.counters.frames, reader.counters.unknown_types) == (1, 1)
+
+
+def test_periodic_input_of_nobody_is_all_zero() -> None:
+    assert PeriodicInput().to_bytes() == bytes(46)
+    assert PeriodicInput.from_bytes(bytes(46)) == PeriodicInput()
 
 
 def test_spare_bytes_mean_nothing() -> None:
@@ -273,13 +290,19 @@ def test_bursts_are_full_but_for_the_last_packet(size: int, lengths: list[int]) 
         (PeriodicOutput, {'packet_number': 0, 'data': bytes(489)}),
         (CommandOutput, {'command_id': -1, 'data': bytes(16)}),
         (CommandOutput, {'command_id': 0, 'data': bytes(15)}),
+        (CommandOutput, {'command_id': 0x10000, 'data': bytes(16)}),
         (AcknowledgeOutput, {'command_id': 0x10000}),
         (PeriodicInput, {'joysticks': (0, 0, 0)}),
-        (PeriodicInput, {'joysticks': (0, 0, 0, 40000)}),
+        (PeriodicInput, {'switches': (0,) * 7}),
+        (PeriodicInput, {'joysticks': (0, 0, 0, 0x8000)}),
+        (PeriodicInput, {'switches': (-0x8001,) + (0,) * 7}),
+        (PeriodicInput, {'bu_state': 256}),
+        (PeriodicInput, {'c_link': -1}),
         (PeriodicInput, {'armed_ru': 0x10000}),
         (PeriodicInput, {'ru_battery': 256}),
         (Frame, {'kind': b'VR', 'serial': 0, 'payload': b''}),
         (Frame, {'kind': b'VRPI', 'serial': 0x10000, 'payload': b''}),
+        (Frame, {'kind': b'VRPI', 'serial': 0, 'payload': b'', 'origin': 0x10000}),
         (Frame, {'kind': b'VRPI', 'serial': 0, 'payload': bytes(493)}),
     ],
 )

@@ -55,7 +55,7 @@ class CommandOutbox:
 
     def add(self, data: bytes, now: float) -> int:
         """Queue a command; return its ID. :raises ValueError: not 16 bytes, or too many wait."""
-        if self._outstanding is not None and len(self._waiting) >= QUEUE_SIZE:
+        if len(self._waiting) >= QUEUE_SIZE:
             raise ValueError(f'{QUEUE_SIZE} commands wait already; send them more slowly')
         if self._next_id is None:
             # The BU may remember the IDs of this node's last life: begin somewhere else.
