@@ -144,23 +144,27 @@ class DevicePort(ABC):
 
     def apply(self, *lines: str) -> float:
         """
-        Obey lines, ours (see HELP) or the device's; return when the last was (s, monotonic).
+        Obey lines, ours (see HELP) or the device's; return when (s, monotonic).
 
-        :raises ValueError: with one line that says what fits.
+        The device says nothing between two of them.
+
+        :raises ValueError: with one line that says what fits; the lines before it were obeyed.
         """
-        return [self._apply(line) for line in lines][-1]
 
-    def _apply(self, text: str) -> float:
         def act(device: Device, now: float) -> float:
-            words = text.split()
-            action = getattr(self, f'_do_{words[0]}', None) if words else None
-            if action is not None:
-                _obey(action, words)
-            else:
-                device.apply(' '.join(words[1:] if words[:1] == ['device'] else words))
+            for line in lines:
+                self._obey(device, line)
             return now
 
         return self.call(act)
+
+    def _obey(self, device: Device, text: str) -> None:
+        words = text.split()
+        action = getattr(self, f'_do_{words[0]}', None) if words else None
+        if action is not None:
+            _obey(action, words)
+        else:
+            device.apply(' '.join(words[1:] if words[:1] == ['device'] else words))
 
     def describe(self) -> dict[str, Any]:
         """Return what can be seen of the device and its port."""

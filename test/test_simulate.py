@@ -48,6 +48,7 @@ class Echo:
         self.heard = b''
         self.out: list[bytes] = []
         self.commands: list[str] = []
+        self.obeyed_at: list[int] = []  # the number of polls by then
         self.polls = 0
 
     def receive(self, data: bytes, now: float) -> None:
@@ -70,6 +71,7 @@ class Echo:
         if text == 'boom':
             raise ZeroDivisionError
         self.commands.append(text)
+        self.obeyed_at.append(self.polls)
         if text.startswith('say '):
             self.out.append(text[4:].encode())
 
@@ -202,6 +204,17 @@ def test_unknown_command_goes_to_the_device(device: PtyDevice, host: Host) -> No
     host.wait(b'hello')
     device.apply('device drop 3')  # the device's own, though the port has one of that name
     assert device.describe()['commands'] == ['say hello', 'drop 3']
+
+
+def test_device_says_nothing_between_lines_that_come_together(path: Path) -> None:
+    echo = Echo()
+    with PtyDevice(echo, path) as device:
+        with pytest.raises(ValueError, match=r'usage'):
+            device.apply('one', 'two', 'bad', 'three')
+        device.apply('drop 0', 'four', 'five')
+    assert echo.commands == ['one', 'two', 'four', 'five']
+    assert echo.obeyed_at[0] == echo.obeyed_at[1]
+    assert echo.obeyed_at[2] == echo.obeyed_at[3]
 
 
 @pytest.mark.parametrize(
