@@ -84,18 +84,18 @@ class Actuators(Steering):
             self.set_off()
         self._push_aside()
         before = self._rotation
-        self.wait(lambda: abs(self._rotation - before) > _TURNED, 'the monitor stays')
-        self.wait(self._is_open, lambda: f'the servo is at {self._last_pulse} us')
+        self.wait_in_motion(lambda: abs(self._rotation - before) > _TURNED, 'the monitor stays')
+        self.wait_in_motion(self._is_open, 'the servo stays')
         return f'it is at {self._rotation:.1f} degrees, the servo at {self._last_pulse} us'
 
     def _push_aside(self) -> None:
         """Let go of the right stick, then push it; anew if a timeout has made it neutral."""
         for _ in range(self.tries):
             self.stage.vsc.apply(f'stick {MONITOR_STICK} 0')
-            self.wait(lambda: self.stage.axes[3:5] == (0.0, 0.0))
+            self.wait_in_motion(lambda: self.stage.axes[3:5] == (0.0, 0.0))
             self.stage.vsc.apply(f'stick {MONITOR_STICK} 0.6')
             with contextlib.suppress(AssertionError):
-                self.wait(self._is_turned, limit=_TURN_LIMIT)
+                self.wait_in_motion(self._is_turned, limit=_TURN_LIMIT)
                 return
         raise AssertionError(f'no frame turns the monitor; the mux says: {self.stage.message}')
 
@@ -106,7 +106,7 @@ class Actuators(Steering):
 
     def drive_only(self, operator: str) -> str:
         """Drive, FORT's right stick pushed since before; nothing of it reaches the monitor."""
-        self.wait(lambda: self.stage.axes[3:4] not in ((), (0.0,)))
+        self.wait(self._is_pushed_aside, meanwhile=self.try_to_acknowledge)
         since = time.monotonic()
         happened = self.drive(operator)
         self.wait(lambda: time.monotonic() > since + _WATCHED)
@@ -118,7 +118,7 @@ class Actuators(Steering):
         return self.monitor_stopped(cause, release, DEMAND_LIMIT, 'READY')
 
     def stop_receiver(self) -> str:
-        self.wait(self._is_open, lambda: f'the servo is at {self._last_pulse} us')
+        self.wait(lambda: self._is_open() or self.is_stopped(), 'the servo stays')
         cut = partial(self.stage.ssc.apply, 'receiver off')
         cause = "the SSC's receiver lost"
         happened = self.stopped(cause, cut, RECEIVER_LIMIT)
@@ -132,10 +132,11 @@ class Actuators(Steering):
         self, cause: str, act: Callable[[], float], limit: float, state: str = 'STOPPED'
     ) -> str:
         """Stop motors and monitor in mid-motion, the servo open, and measure both."""
+        turn = partial(self.retry, self._turn)
         if not (self._is_turned() and self._is_open()):  # a timeout: see retry
-            self.retry(self._turn)
+            turn()
         happened = [
-            self.stopped(cause, act, limit, state),
+            self.stopped(cause, act, limit, state, turn),
             self.reacts(f'{cause}, to a neutral frame', 'monitor neutral', self._rest, limit),
         ]
         before = self._frames(self.caused_at - _OVERLAP)
@@ -150,7 +151,7 @@ class Actuators(Steering):
         """Let FORT report its sticks again, while the mux is STOPPED."""
         self.stage.vsc.apply('estop remote off')
         self.acknowledge()
-        self.wait(lambda: self.stage.axes[3:4] not in ((), (0.0,)))
+        self.wait(self._is_pushed_aside, meanwhile=self.try_to_acknowledge)
         return self.all_still(time.monotonic())
 
     def hold_over_reset(self) -> str:
@@ -191,6 +192,10 @@ class Actuators(Steering):
 
     def _shut(self, since: float) -> float:
         return next((at for at, us in self._pulses(since) if us == SHUT_US), 0.0)
+
+    def _is_pushed_aside(self) -> bool:
+        """Tell whether FORT reports its right stick as pushed."""
+        return self.stage.axes[3:4] not in ((), (0.0,))
 
     def _is_turned(self) -> bool:
         """Tell whether the newest frame turns the monitor."""

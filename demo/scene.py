@@ -173,15 +173,13 @@ class Scene(Actuators):
         started_at = time.monotonic()
 
         def connected() -> bool:
-            if all(self.stage.is_clear(node) for node in ESTOPS.values()):
-                return self.is_stopped()
-            self.acknowledge_and_rearm()  # the mux stops the VSC until it has heard the drive
-            return False
+            return all(map(self.stage.is_clear, ESTOPS.values())) and self.is_stopped()
 
         def missing() -> str:
             return f'missing: {[name for name in ESTOPS if not self.stage.is_clear(ESTOPS[name])]}'
 
-        self.wait(connected, missing, START_LIMIT)
+        # The mux stops the VSC until it has heard the drive.
+        self.wait(connected, missing, START_LIMIT, self.acknowledge_and_rearm)
         took = time.monotonic() - started_at
         return f'all without a stop after {took:.1f} s, the mux is {self.state}'
 
@@ -205,13 +203,13 @@ class Scene(Actuators):
         self._set_off()
         self.stage.relay.zone = ZONE
         try:
-            self.wait(lambda: self._slowest < ZONE * FAST_RPM * 1.3 or self.is_stopped())
-            self.wait(lambda: 'slowed' in self.stage.values or self.is_stopped())
+            self.wait_in_motion(lambda: self._slowest < ZONE * FAST_RPM * 1.3)
+            self.wait_in_motion(lambda: 'slowed' in self.stage.values)
             assert self.moving(), f'it does not move; the mux says: {self.stage.message}'
             slow = f'{self._slowest:.0f} rpm; the mux says: {self.stage.message}'
         finally:
             self.stage.relay.zone = 1.0
-        self.wait(lambda: self._slowest > FAST_RPM or self.is_stopped())
+        self.wait_in_motion(lambda: self._slowest > FAST_RPM)
         assert self.moving(), f'it does not move; the mux says: {self.stage.message}'
         return f'{slow}; then {self._slowest:.0f} rpm'
 
@@ -291,7 +289,8 @@ class Scene(Actuators):
     def plug(self) -> str:
         """Plug the VSC in again; stick and deadman are still held on the remote."""
         since = self.stage.vsc.apply('plug')
-        self.wait(lambda: self.stage.is_clear(VSC), limit=RETURN_LIMIT)
+        clear = partial(self.stage.is_clear, VSC)
+        self.wait(clear, limit=RETURN_LIMIT, meanwhile=self.try_to_acknowledge)
         took = time.monotonic() - since
         self.stage.check()
         pid = self.stage.nodes[STACK].process.pid
@@ -396,7 +395,7 @@ class Scene(Actuators):
             packets = self.stage.drive.packets(self.caused_at)
             return next((packet.time for packet in packets if packet.values[0] < 0), 0.0)
 
-        turned = self.wait(reversed_at, 'FORT has control, and nothing turns')
+        turned = self.wait_in_motion(reversed_at, 'FORT has control, and nothing turns')
         packets = [p for p in self.stage.drive.packets(self.caused_at) if p.time <= turned]
         # The mux is at zero for one decision, which may fall between two packets of the drive's.
         zero = next(packet for packet in packets if packet.values[0] <= 0)
@@ -437,7 +436,7 @@ class Scene(Actuators):
         """Let the base unit go on, and arm it anew if it has opened its relays meanwhile."""
         since = self.stage.unit.apply('stall off')
         self.arm_unit()
-        self.wait(lambda: self.stage.is_clear(UNIT))
+        self.wait(lambda: self.stage.is_clear(UNIT), meanwhile=self.acknowledge_and_rearm)
         return self.still(since)
 
     def open_relays(self) -> str:
@@ -452,9 +451,11 @@ class Scene(Actuators):
     def close_relays(self) -> str:
         self.stage.vsc.apply('estop remote off')
         self.acknowledge()
-        self.wait(lambda: self.stage.is_clear(VSC))
         unit = self.stage.unit
-        self.wait(lambda: unit.describe()['eg_link'] == 'Operational')
+        self.wait(
+            lambda: self.stage.is_clear(VSC) and unit.describe()['eg_link'] == 'Operational',
+            meanwhile=self.try_to_acknowledge,
+        )
         closed = unit.describe()['relays_closed']
         assert not closed, 'the relays have closed without being rearmed'
         since = self._arm()

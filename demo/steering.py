@@ -92,10 +92,32 @@ class Steering:
         condition: Callable[[], T],
         otherwise: str | Callable[[], str] = '',
         limit: float = _WAIT,
+        meanwhile: Callable[[], object] = lambda: None,
     ) -> T:
-        """Return its first true value, within ``limit`` s; ``otherwise`` says what is the case."""
+        """
+        Return its first true value, within ``limit`` s.
+
+        :param otherwise: says what is the case. :param meanwhile: undoes what hinders it; anew, as
+            on a machine that is too busy a timeout may stop it again.
+        """
         what = otherwise or (lambda: f'the mux says: {self.stage.message}')
-        return wait_for(condition, limit * self.patience, what, idle=self._spin)
+
+        def idle(seconds: float) -> None:
+            meanwhile()
+            self._spin(seconds)
+
+        return wait_for(condition, limit * self.patience, what, idle=idle)
+
+    def wait_in_motion(
+        self, condition: Callable[[], T], otherwise: str = '', limit: float = _WAIT
+    ) -> T:
+        """Return its first true value, as ``wait`` does. :raises AssertionError: it is STOPPED."""
+
+        def seen() -> T:
+            assert not self.is_stopped(), f'the mux says: {self.stage.message}'
+            return condition()
+
+        return self.wait(seen, otherwise, limit)
 
     def _spin(self, seconds: float) -> None:
         """Take what has come, or wait for it; note by how much this process was woken too late."""
@@ -115,10 +137,7 @@ class Steering:
         return self.stage.values.get('owner', 'none')
 
     def wait_for_owner(self, name: str) -> None:
-        self.wait(
-            lambda: self.state == 'ACTIVE' and self.owner == name,
-            lambda: f'the owner is {self.owner}',
-        )
+        self.wait_in_motion(lambda: self.state == 'ACTIVE' and self.owner == name)
 
     def source(self, name: str) -> str:
         """Return the condition of an e-stop source, in the mux's one word."""
@@ -164,13 +183,17 @@ class Steering:
         """Arm the VM-110's remote 1, once nothing else stops the base unit; return when."""
         return self.wait(lambda: _moment_of(self.stage.unit, *_ARM), 'the VM-110 is stopped')
 
+    def try_to_acknowledge(self) -> None:
+        """Acknowledge on FORT's remote where it can be done."""
+        _moment_of(self.stage.vsc, *_ACKNOWLEDGE)
+
     def acknowledge_and_rearm(self) -> None:
         """
         Acknowledge and rearm where it can be done.
 
         The stop of one device opens the hardware chains of the others; see CHAINS of the stage.
         """
-        _moment_of(self.stage.vsc, *_ACKNOWLEDGE)
+        self.try_to_acknowledge()
         if self.stage.unit.describe()['state'] == 'External link error':
             _moment_of(self.stage.unit, *_ARM)
 
@@ -264,10 +287,9 @@ class Steering:
     def _set_off(self) -> str:
         """Rest, then press the deadman, then push the stick; return the speed reached."""
         self.let_go()
-        self.wait(lambda: self.stage.is_rested(self.operator) or self.is_stopped())
+        self.wait_in_motion(lambda: self.stage.is_rested(self.operator))
         self.push()
-        self.wait(lambda: self._slowest > FAST_RPM or self.is_stopped())
-        assert not self.is_stopped(), f'the mux says: {self.stage.message}'
+        self.wait_in_motion(lambda: self._slowest > FAST_RPM)
         self.wait_for_owner(self.operator)
         return f'{self._slowest:.0f} rpm'
 
@@ -304,6 +326,7 @@ class Steering:
         act: Callable[[], float],
         limit: float = DEMAND_LIMIT,
         state: str = 'STOPPED',
+        again: Callable[[], object] | None = None,
     ) -> str:
         """
         Stop in mid-motion, and measure.
@@ -311,10 +334,11 @@ class Steering:
         :param act: causes the stop; returns the moment of the cause (seconds, monotonic).
         :param limit: s that it may take, and what this machine was late for us besides.
         :param state: what the mux must be afterwards, unless a timeout comes on top.
+        :param again: sets it in motion, if a timeout has stopped it since the step before.
         """
-        if not self.moving():  # a timeout has stopped it since the step before: see set_off
+        if not self.moving():
             self._recover()
-            self.set_off()
+            (again or self.set_off)()
         self._late = 0.0
         self.caused_at = act()
         took = self.reacts(cause, 'disabled', self._first_disable, limit)
