@@ -71,9 +71,14 @@ EXCUSED: dict[str, dict[str, str]] = {
         'sticks_of: us[button.channel - 1] or 0 -> us[button.channel - 1]': _FOR_TYPES,
     },
     'vm110_bridge/protocol/frames.py': {
-        "_M = TypeVar('_M', bound='Message') -> pass": _FOR_TYPES,
+        ": _M = TypeVar('_M', bound='Message') -> pass": _FOR_TYPES,
         'Message._from_payload: raise NotImplementedError -> pass': _ABSTRACT,
         'Message._to_payload: raise NotImplementedError -> pass': _ABSTRACT,
+    },
+    'vm110_bridge/protocol/messages.py': {
+        ": _C = TypeVar('_C', bound='_Command') -> pass": _FOR_TYPES,
+        ": _A = TypeVar('_A', bound='_Acknowledge') -> pass": _FOR_TYPES,
+        'burst: 1 -> 2': 'from 0, it is one packet with either',
     },
     'vm110_bridge/session/outbox.py': {
         'CommandOutbox.due: self._outstanding is None or now < self.sends_at -> '

@@ -72,7 +72,7 @@ def test_command_that_is_to_be_done_waits_for_it() -> None:
 def test_unheard_command_is_offered_again_and_counted_each_time() -> None:
     box = inbox()
     for count in (1, 2):
-        assert not box.published(PUBLISHED, heard=False)
+        assert box.published(PUBLISHED, heard=False) is False
         assert box.unheard == count
         assert box.take(ASKED, NOW, allowed=True) == NEW
     assert counts(box) == (0, 0, 0, 2, 0)

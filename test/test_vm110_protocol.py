@@ -235,6 +235,16 @@ def test_unknown_states_equal_no_known_one(value: int) -> None:
     assert message.to_bytes() == payload
 
 
+@pytest.mark.parametrize('value', [0, 1, 2, 255])
+def test_anything_but_zero_is_true(value: int) -> None:
+    cable, docked = (
+        PeriodicInput.from_bytes(bytes(place) + bytes((value,)) + bytes(45 - place))
+        for place in (11, 12)
+    )
+    assert (cable.ru_cable, cable.ru_docked) == (value > 0, False)
+    assert (docked.ru_cable, docked.ru_docked) == (False, value > 0)
+
+
 def test_states_in_the_manuals_words() -> None:
     assert state_name(BuState.EXTERNAL_LINK_ERROR) == 'External link error'
     assert state_name(LinkStatus.NO_LINK) == 'No link'

@@ -45,8 +45,8 @@ class MessageType(IntEnum):
 POLLED = tuple(kind for kind in MessageType if kind <= MessageType.CONFIGURATION)
 REPEATED = POLLED[:-1]  # they may come by themselves, at a rate; the configuration never does
 
-_PULSES = range(2, 2 * PULSE_CHANNELS + 1, 2)
-_AUX = range(2, 2 + 2 * AUX_CHANNELS + 1, 2)
+_PULSES = tuple(2 * channels for channels in range(1, PULSE_CHANNELS + 1))
+_AUX = tuple(2 + 2 * channels for channels in range(AUX_CHANNELS + 1))
 _LENGTHS: dict[int, tuple[int, ...]] = {  # bytes of payload
     MessageType.STATUS: (0, 2),
     MessageType.CHANNEL_SOURCE: tuple(range(PULSE_CHANNELS + 1)),
@@ -54,8 +54,8 @@ _LENGTHS: dict[int, tuple[int, ...]] = {  # bytes of payload
     MessageType.PULSE_INPUTS: (0, *_PULSES[:MAX_INPUTS]),
     MessageType.AUX_INPUTS: (0, *_AUX),
     MessageType.CONFIGURATION: (0, 14),
-    MessageType.PULSE_COMMAND: (*_PULSES,),
-    MessageType.AUX_OUTPUTS: (*_AUX,),
+    MessageType.PULSE_COMMAND: _PULSES,
+    MessageType.AUX_OUTPUTS: _AUX,
     MessageType.LOCKOUT: (0,),
 }
 
