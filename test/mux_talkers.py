@@ -195,8 +195,8 @@ class MuxBench:
 
     def active(self, forward: float = 0.5) -> None:
         """Be ACTIVE and in motion."""
-        self.ready()
         self.delay = RunDelay([self.node.process.pid])
+        self.ready()
 
         def moves() -> bool:
             """Press, then push; from the start where the machine held the mux up."""

@@ -144,12 +144,12 @@ class Spine(Stage):
 
         :param resets: how many there were.
         """
-        delay = self.run_delay()
+        self._delay = self.run_delay()
 
         def rested() -> bool:
             nonlocal resets
             if self.may_reset():
-                assert not resets or delay.seconds() > WIRE_HELD_UP, self.story()
+                assert not resets or self.held_up(), self.story()
                 resets += self.reset().success
             return self.is_rested('fort')
 
@@ -170,11 +170,10 @@ class Spine(Stage):
 
     def move(self) -> None:
         """Be in motion, from READY, by deadman and stick; see ``ready``."""
-        delay = self.run_delay()
 
         def moves() -> bool:
             if self.mux_says('STOPPED'):
-                assert delay.seconds() > WIRE_HELD_UP, self.story()
+                assert self.held_up(), self.story()
                 self.let_go()
                 self.ready()
                 self.hold()
@@ -194,11 +193,11 @@ class Spine(Stage):
         return RunDelay([node.process.pid for node in self.nodes.values()])
 
     def allowed(self, bound: float) -> float:
-        """Return a bound (seconds) for what happened since the last motion began."""
+        """Return a bound (seconds) for what happened since the last motion began, or its reset."""
         return bound + self._delay.seconds()
 
     def held_up(self) -> bool:
-        """Tell whether what happened since the last motion began may be the machine's doing."""
+        """Tell whether what happened since then may be the machine's doing."""
         return self._delay.seconds() > WIRE_HELD_UP
 
     def restart_rightly(self) -> None:

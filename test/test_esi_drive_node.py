@@ -14,6 +14,7 @@
 
 """The ESI drive bridge as a process on a port: every topic and service, on real bytes."""
 
+from collections.abc import Callable
 from collections.abc import Iterator
 import contextlib
 import itertools
@@ -125,22 +126,22 @@ class Bench:
         status = self.diagnostics.status(DEVICE)
         return '' if status is None else str(status.message.partition('last stop: ')[0])
 
-    def enabling(self, rpm: float = 0.0) -> None:
+    def enabling(self, until: Callable[[], bool] = lambda: True) -> None:
         """
         Give edges of enable until the drive follows: an input that stalls undoes an edge.
 
-        :param rpm: that it then reaches.
+        :param until: what then holds of the drive, unless an input stalls once more.
         """
         pressed_at = time.monotonic()
 
         def is_enabled() -> bool:
             nonlocal pressed_at
-            age = time.monotonic() - pressed_at
-            self.enable.message = Bool(data=age < 2.0)
-            if age > 2.2:
-                pressed_at = time.monotonic()
             follows = self.drive.enabled and self.enabled.last.data is True
-            return follows and self.drive.rpm >= rpm
+            age = time.monotonic() - pressed_at
+            if follows or age > 2.2:
+                pressed_at = time.monotonic()
+            self.enable.message = Bool(data=follows or age < 2.0)
+            return follows and until()
 
         self.enable.message = Bool(data=True)
         self.wait(is_enabled, 'an enabled drive')
@@ -198,10 +199,9 @@ def test_command_becomes_the_manuals_packet(bench: Bench) -> None:
 
 def test_joints_are_found_by_name_in_any_order_and_without_names_in_ours(bench: Bench) -> None:
     bench.command.message = command(10 * RPM, 20 * RPM, names=('right', 'left'))
-    bench.enabling()
-    bench.wait(lambda: bench.commands(20, 10), 'left 20, right 10')
+    bench.enabling(until=lambda: bench.commands(20, 10))
     bench.command.message = command(30 * RPM, 40 * RPM, names=())
-    bench.wait(lambda: bench.commands(30, 40), 'left 30, right 40')
+    bench.enabling(until=lambda: bench.commands(30, 40))
 
 
 def test_enable_held_from_the_start_enables_nothing(bench: Bench) -> None:
@@ -290,8 +290,7 @@ def test_command_that_makes_no_sense_stops_and_is_counted_and_explained(
 def test_command_beyond_16_bits_is_held_there_and_counted(bench: Bench) -> None:
     before = int(bench.value('saturated commands') or 0)
     bench.command.message = command(1e9, -1e9)
-    bench.enabling()
-    bench.wait(lambda: bench.commands(32767, -32768), 'the greatest values')
+    bench.enabling(until=lambda: bench.commands(32767, -32768))
     bench.wait(lambda: int(bench.value('saturated commands') or 0) > before, 'the count', 5.0)
 
 
@@ -474,7 +473,7 @@ def test_single_axis_drive_moves_in_both_layouts(
     bench.command.message = command(100 * RPM, names=('winch',))
     try:
         bench.quiet()
-        bench.enabling(50.0)
+        bench.enabling(until=lambda: bench.drive.rpm >= 50)
         bench.wait(lambda: bench.joints.last.velocity[0] > 50.0 * RPM, 'its feedback')
         assert list(bench.joints.last.name) == ['winch']
     finally:
@@ -515,13 +514,14 @@ def test_torque_and_position_joints_have_their_fields_and_units(
     bench.command.message = message
     try:
         bench.quiet()
-        bench.enabling()
-        bench.wait(lambda: bench.commands(2000, -5215), 'the counts')
+        bench.enabling(until=lambda: bench.commands(2000, -5215))
         there = pytest.approx(2.0, abs=0.01)
-        bench.wait(
-            lambda: bench.joints.last.effort[0] == there and bench.joints.last.position[1] > 0.4,
-            'torque and place',
-        )
+
+        def is_there() -> bool:
+            last = bench.joints.last
+            return bool(last.effort[0] == there and last.position[1] > 0.4)
+
+        bench.enabling(until=is_there)
         last = bench.joints.last
         assert math.isnan(last.effort[1])
         assert math.isnan(last.position[0])
@@ -570,7 +570,7 @@ def test_signal_mid_motion_leaves_the_drive_disabled(
     bench.command.message = command(100 * RPM, 0)
     try:
         bench.quiet()
-        bench.enabling(50.0)
+        bench.enabling(until=lambda: bench.drive.rpm >= 50)
         assert bench.node.end(number) == 0
         assert bench.drive.packets()[-1].values == (0, 0)
         assert not any(packet.enables for packet in bench.drive.packets()[-3:])

@@ -93,7 +93,6 @@ def clauses(text: str, least: int = 1) -> list[str]:
     return [part for part in found if len(WORD.findall(part)) >= least]
 
 
-@cache
 def parsed(path: Path) -> ast.Module:
     return ast.parse(path.read_text(encoding='utf-8'))
 
