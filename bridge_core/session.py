@@ -176,7 +176,6 @@ class Session(ABC, Generic[FrameT, MessageT, EventT]):
     def opened(self, now: float) -> Output[EventT, FrameT]:
         """Begin: the port was opened and nothing was heard on it. Return events and frames."""
         self._open = True
-        self._quiet_until = -math.inf
         self._begin(now)
         return self.poll(now)
 
@@ -301,7 +300,6 @@ class Session(ABC, Generic[FrameT, MessageT, EventT]):
 
     def _expire(self, now: float) -> None:
         """Let what has expired by ``now`` take effect, before anything new is taken in."""
-        self._quiet_until = -math.inf
         self._step(now)
         self._quiet_until = -math.inf  # what is asked now may expire sooner
 

@@ -1,0 +1,85 @@
+# Copyright 2026 The rugged_teleop maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Packets of a format of its own: what is refused, and in which words."""
+
+import re
+import struct
+
+import pytest
+
+from bridge_core.checksums import fletcher16
+from bridge_core.framing import ChecksumError
+from bridge_core.framing import FrameError
+from bridge_core.packets import Message
+from bridge_core.packets import PacketFormat
+
+PACKETS = PacketFormat(b'\x10\x20', max_length=4, lengths={1: (2, 3)}, summed_from=2)
+
+
+class Level(Message):
+    """A type with two bytes or three, of which the first two are its value, below 1000."""
+
+    PACKETS = PACKETS
+    TYPE = 1
+
+    def __init__(self, value: int) -> None:
+        if value >= 1000:
+            raise ValueError('too high')
+        self.value = value
+
+    @classmethod
+    def _from_payload(cls, payload: bytes) -> 'Level':
+        return cls(struct.unpack_from('<H', payload)[0])
+
+    def _to_payload(self) -> bytes:
+        return struct.pack('<H', self.value)
+
+
+PACKET = Level(0x0102).to_bytes()
+
+
+def test_packet_is_header_type_length_payload_and_sums() -> None:
+    # Sums of 01 02 02 01, modulo 256: 6, and 1 + 3 + 5 + 6.
+    assert PACKET.hex(' ') == '10 20 01 02 02 01 06 0f'
+    assert fletcher16(PACKET[2:-2]) == 0x0F06
+    assert Level.from_bytes(PACKET).value == 0x0102
+    assert Level.from_bytes(PACKETS.build(1, b'\x02\x01\xff')).value == 0x0102
+
+
+@pytest.mark.parametrize(
+    ('packet', 'error', 'words'),
+    [
+        (b'', FrameError, 'not a packet: '),
+        (PACKET[:5], FrameError, 'not a packet: 10200102'),
+        (b'\x10\x21' + PACKET[2:], FrameError, 'not a packet: 10210102'),
+        (PACKETS.build(1, b'\0'), FrameError, 'type 0x01 cannot have 1 bytes'),
+        (PACKETS.build(9, bytes(5)), FrameError, 'type 0x09 cannot have 5 bytes'),
+        (PACKET + b'\0', FrameError, '9 bytes, but the length byte says 2'),
+        (PACKET[:-1] + b'\0', ChecksumError, 'wrong checksum 0600'),
+        (PACKETS.build(9, bytes(2)), FrameError, 'type 0x09 is not Level'),
+        (PACKETS.build(1, b'\xff\xff'), FrameError, 'Level: too high'),
+    ],
+)
+def test_packet_that_is_none_is_refused_with_the_reason(
+    packet: bytes, error: type[FrameError], words: str
+) -> None:
+    with pytest.raises(FrameError, match=f'^{re.escape(words)}$') as caught:
+        Level.from_bytes(packet)
+    assert caught.type is error
+
+
+@pytest.mark.parametrize('length', range(6))
+def test_unknown_type_may_have_any_length_up_to_the_greatest(length: int) -> None:
+    assert PACKETS.size_of(bytes((0x10, 0x20, 9, length))) == (length + 6 if length <= 4 else 0)

@@ -1,0 +1,226 @@
+# Copyright 2026 The rugged_teleop maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The base of all sessions by itself, moment by moment, with a device that knows four words."""
+
+import math
+from typing import Any
+
+import pytest
+
+from bridge_core.framing import Decoder
+from bridge_core.session import INTERRUPTION_TIME
+from bridge_core.session import Level
+from bridge_core.session import Session
+from bridge_core.session import StopChanged
+from bridge_core.session import Verdict
+
+TIMEOUT = 0.5  # s; it and the moments below are exact, so that each edge can be met
+CLEAR = Verdict()
+LOST = Verdict.stop(link_up=False)
+STOP = Verdict.stop()
+
+
+class Words(Decoder[str, str]):
+    """What is received is a word; noise is none."""
+
+    def feed(self, data: str, now: float) -> list[str]:
+        del now
+        self.counters.frames += data != 'noise'
+        return [data] if data != 'noise' else []
+
+
+class Toy(Session[str, str, str]):
+    """
+    Its device says ``clear`` or ``stop``, and ``again`` for the same; ``ask`` has it asked.
+
+    A question goes out with the next poll, and is to be answered within TIMEOUT by a word; if
+    not, that is a stop.
+    """
+
+    def __init__(self) -> None:
+        super().__init__(Words(), TIMEOUT)
+        self.stopped = self.asks = False
+        self.asked_until = math.inf
+        self.failed = False
+        self.seen: list[tuple[str, float]] = []  # what time and messages led to
+
+    def ask(self, now: float) -> None:
+        """Ask the device something; a request."""
+        self._expire(now)
+        self.seen.append(('asked', now))
+        self.asks = True
+
+    def answer_within(self, seconds: float, now: float) -> None:
+        """Let what was asked before expire sooner; a request that leaves the verdict alone."""
+        self._expire(now)
+        self.asked_until = now + seconds
+
+    def _take(self, message: str, now: float) -> None:
+        self._heard.feed(now)
+        self.stopped = message == 'stop'
+        self.asked_until = math.inf
+
+    def _take_repeated(self, message: str, now: float) -> bool:
+        if message != 'again':
+            return bool(super()._take_repeated(message, now))
+        self._heard.feed(now)
+        return True
+
+    def _judge(self, now: float) -> Verdict:
+        return Verdict.stop('it says so') if self.stopped or self.failed else Verdict()
+
+    def _silence(self, now: float) -> str:
+        return 'garbled' if self._garbled(now) else 'silent'
+
+    def _follow(self, now: float) -> None:
+        self.failed |= now >= self.asked_until
+        if self.failed and not self.verdict.estop:
+            self.asked_until = math.inf
+            self._refresh(now)
+        self.seen.append(('followed', now))
+
+    def _expires_at(self) -> float:
+        return min(super()._expires_at(), self.asked_until)
+
+    def _due_frames(self, now: float) -> list[str]:
+        if not self.asks:
+            return []
+        self.asks, self.asked_until = False, now + TIMEOUT
+        return ['?']
+
+
+def opened(*words: str) -> Toy:
+    """Return a session that was opened at 0 and heard this at 1."""
+    session = Toy()
+    session.opened(0.0)
+    for word in words:
+        session.receive(word, 1.0)
+    return session
+
+
+def verdicts(events: list[Any]) -> list[Verdict]:
+    return [event.verdict for event in events if isinstance(event, StopChanged)]
+
+
+def test_base_inhibits_nothing_and_knows_no_more() -> None:
+    session = opened('clear')
+    assert session.inhibits(1.0) == []
+    assert session.values(1.0) == {}
+    assert session.farewell(1.0) == []
+
+
+def test_stop_of_a_device_that_is_heard_is_a_warning_and_silence_an_error() -> None:
+    assert opened('stop').problems(1.0) == [(Level.WARN, 'it says so')]
+    assert opened().problems(1.0) == [(Level.ERROR, 'silent')]
+    assert opened('clear').problems(1.0) == []
+
+
+def test_verdict_changes_at_the_moment_at_which_silence_is_too_long() -> None:
+    session = opened('clear', 'again')
+    assert session.deadline() == 1.5
+    before = math.nextafter(1.5, 0.0)
+    assert session.poll(before) == ([], [])
+    assert verdicts(session.poll(1.5)[0]) == [LOST]
+    assert session.deadline() == math.inf
+
+
+def test_time_alone_is_looked_at_when_something_may_change_and_not_before() -> None:
+    session = opened('clear')
+    session.seen.clear()
+    for now in (1.0, 1.125, 1.25):
+        session.receive('again', now)
+        session.poll(now)
+    assert session.seen == []
+
+
+def test_clock_that_runs_backwards_is_looked_at_anew() -> None:
+    session = opened('clear')
+    assert verdicts(session.poll(0.5)[0]) == [LOST]
+
+
+def test_question_that_went_out_expires_though_the_link_has_more_time() -> None:
+    """Sending may begin a time-out, which none of the moments known before are."""
+    session = opened('clear')
+    session.ask(1.0)
+    assert session.poll(1.0) == ([], ['?'])
+    session.receive('again', 1.25)
+    assert session.deadline() == 1.5
+    assert verdicts(session.poll(1.5)[0]) == [STOP]
+
+
+def test_request_may_let_something_expire_sooner() -> None:
+    session = opened('clear')
+    session.poll(1.0)
+    session.answer_within(0.125, 1.0625)
+    assert session.poll(1.125) == ([], [])
+    assert verdicts(session.poll(1.1875)[0]) == [STOP]
+
+
+def test_what_has_expired_comes_before_what_is_asked() -> None:
+    session = opened('clear')
+    session.seen.clear()
+    session.ask(1.5)
+    assert session.seen == [('followed', 1.5), ('asked', 1.5)]
+    assert verdicts(session.poll(1.5)[0]) == [LOST]
+
+
+@pytest.mark.parametrize('word', ['clear', 'again'])
+def test_discarded_input_is_a_stop_for_its_time_whatever_comes(word: str) -> None:
+    session = opened('clear')
+    session.interrupted('lost input', 2.0)
+    assert verdicts(session.poll(2.0)[0]) == [LOST]
+    assert session.stop_reasons(2.0) == ['lost input']
+    end = 2.0 + INTERRUPTION_TIME
+    events, _ = session.receive('clear', 2.0625)
+    assert verdicts(events) == [STOP]
+    assert session.stop_reasons(2.0625) == ['lost input']
+    assert session.deadline() == end
+    events, _ = session.receive(word, math.nextafter(end, 0.0))
+    assert verdicts(events) == []
+    assert verdicts(session.poll(end)[0]) == [CLEAR]
+    assert session.deadline() == math.nextafter(end, 0.0) + TIMEOUT
+
+
+def test_silence_behind_discarded_input_is_that_for_the_links_time() -> None:
+    session = opened('clear')
+    session.interrupted('lost input', 2.0)
+    assert session.stop_reasons(math.nextafter(2.5, 0.0)) == ['lost input']
+    assert session.stop_reasons(2.5) == ['silent']
+
+
+def test_discarded_input_of_a_port_that_is_closed_is_none() -> None:
+    session = opened('clear')
+    session.closed(2.0)
+    session.interrupted('lost input', 2.0)
+    assert session.stop_reasons(2.0) == [Toy.CLOSED]
+    session.opened(2.0)
+    assert session.stop_reasons(2.0) == ['silent']
+
+
+def test_noise_without_a_word_for_the_links_time_is_told_at_its_end() -> None:
+    session = opened()
+    for now in (1.0, 1.25, 1.5):
+        session.receive('noise', now)
+    assert session.stop_reasons(math.nextafter(1.5, 0.0)) == ['silent']
+    assert session.stop_reasons(1.5) == ['garbled']
+
+
+def test_noise_of_another_connection_does_not_count() -> None:
+    session = opened()
+    session.receive('noise', 1.0)
+    session.closed(1.25)
+    session.opened(1.25)
+    session.receive('noise', 1.375)
+    assert session.stop_reasons(1.75) == ['silent']
