@@ -26,6 +26,8 @@ import subprocess
 import sys
 from typing import Any
 
+from diagnostic_msgs.msg import DiagnosticArray
+from diagnostic_msgs.msg import DiagnosticStatus
 import pytest
 from sensor_msgs.msg import JointState
 from sensor_msgs.msg import Joy
@@ -33,6 +35,7 @@ from std_msgs.msg import Bool
 
 from esi_drive_bridge.simulator import Simulator
 from rugged_teleop.bench import course
+from rugged_teleop.bench.commander import Commander
 from rugged_teleop.bench.course import Course
 from rugged_teleop.bench.course import Facts
 from rugged_teleop.bench.course import Order
@@ -187,6 +190,28 @@ def bench(*arguments: str) -> Iterator[subprocess.Popen[str]]:
 def moves(drive: Drive) -> bool:
     rpm: Any = drive.rpm
     return bool(drive.enabled and rpm > 5.0)
+
+
+def test_diagnostic_that_is_ok_is_no_reason_for_a_stop(observer: Observer) -> None:
+    """A stop may come before the diagnostic that tells of it."""
+    device, said = DiagnosticStatus(name='a/drive: device'), DiagnosticArray()
+    said.status.append(device)
+    with Commander('speed', '/a/drive', 'left', 50.0) as commander:
+        listener = observer.node.create_publisher(DiagnosticArray, '/diagnostics', 10)
+        for level, words, reason in (
+            (DiagnosticStatus.OK, 'all well', 'see /diagnostics'),
+            (DiagnosticStatus.WARN, 'too hot', 'too hot'),
+        ):
+            device.level, device.message = level, words
+
+            def heard(words: str = words) -> bool:
+                listener.publish(said)
+                commander.spin()
+                return bool(commander.summary == words)
+
+            wait_for(heard, 10.0, words)
+            assert commander.facts().reason == reason
+        observer.node.destroy_publisher(listener)
 
 
 def test_joint_turns_for_its_time_and_ends_at_rest_and_disabled(drive: Drive, node: str) -> None:

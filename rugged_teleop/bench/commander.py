@@ -20,6 +20,7 @@ from types import TracebackType
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
+from diagnostic_msgs.msg import DiagnosticStatus
 from rcl_interfaces.srv import GetParameters
 import rclpy
 from rclpy.context import Context
@@ -62,7 +63,8 @@ class Commander:
         # Who does not say that it is enabled is taken to be what it was told.
         self._enabled: bool | None = None if self._target.is_measured else False
         self._measured: float | None = None
-        self._reason = ''
+        self._reason = ''  # empty where nothing is wrong as far as was told
+        self.summary = ''  # of the device's diagnostic
         self._due = clock.now()
         self._context = Context()
         rclpy.init(context=self._context, signal_handler_options=SignalHandlerOptions.NO)
@@ -139,7 +141,9 @@ class Commander:
         for status in message.status:
             if status.name == f'{self._node_name.lstrip("/")}: device':
                 why = {value.key: value.value for value in status.values}
-                self._reason = why.get('disabled because') or status.message
+                is_ok = status.level == DiagnosticStatus.OK
+                self._reason = why.get('disabled because') or ('' if is_ok else status.message)
+                self.summary = status.message
 
     def _on_parameters(self, answer: Any) -> None:
         joints, timeout, *mode = answer.result().values

@@ -81,11 +81,11 @@ def main(arguments: Sequence[str] | None = None, prog: str = 'rugged_teleop benc
     node = options.node or target.node
     with Commander(option, node, options.joint, options.rate) as commander:
         _run(course, commander, ended)
-        reason = commander.facts().reason
+        summary = commander.summary
     if course.problem:
         print(f'{prog}: {course.problem}', file=sys.stderr)
         sys.exit(_INTERRUPTED if ended else 1)
-    found = f'measured up to {course.peak:.3g} of {value:g}' if target.is_measured else reason
+    found = f'measured up to {course.peak:.3g} of {value:g}' if target.is_measured else summary
     print(f'at rest and disabled; {found}', flush=True)
 
 
