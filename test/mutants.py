@@ -93,7 +93,8 @@ _NAMES_OF_TESTS = {
     ),
     'esi_drive_bridge/protocol.py': ('esi_drive_protocol', _ESI[0]),
     'fort_vsc_bridge/session': (
-        *('fort_vsc_session', 'fort_vsc_stops', 'fort_vsc_wires', 'fort_vsc_hid', 'fort_vsc_can'),
+        *('fort_vsc_device', 'fort_vsc_session', 'fort_vsc_stops', 'fort_vsc_wires'),
+        *('fort_vsc_hid', 'fort_vsc_can'),
         *_SESSIONS,
     ),
     'fort_vsc_bridge/protocol': (

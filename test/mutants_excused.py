@@ -48,7 +48,43 @@ EXCUSED: dict[str, dict[str, str]] = {
         'HeldButtons.__init__: self._hides = False -> pass': _SET_FIRST,
         'HeldButtons.__init__: False -> True': _SET_FIRST,
     },
+    'fort_vsc_bridge/protocol/can.py': {
+        '_Sticks.__init__: self._since = 0.0 -> pass': _SET_FIRST,
+        '_Sticks.__init__: 0.0 -> 1.0': _SET_FIRST,
+    },
+    'fort_vsc_bridge/protocol/serial.py': {
+        **dict.fromkeys(
+            (
+                'SerialDecoder.feed: self._parser.deadline < math.inf -> '
+                'self._parser.deadline <= math.inf',
+                'SerialDecoder.feed: stream.count(PACKETS.header) > self.counters.frames - frames '
+                '-> stream.count(PACKETS.header) >= self.counters.frames - frames',
+                'SerialDecoder._unexpected: size - start < HEAD_SIZE -> size - start <= HEAD_SIZE',
+            ),
+            'it searches more often or later, and finds the same',
+        ),
+        'SerialDecoder.feed: 1 -> 2': 'both bytes together are no header',
+        'SerialDecoder._unexpected: 1 -> 2': 'no header begins at the second byte of one',
+    },
+    'fort_vsc_bridge/session/device.py': {
+        '_Setting._found: return False -> return None': _FALSY,
+        '_IntervalSetting.__init__: 0 -> 1': _SET_FIRST,
+        '_IntervalSetting.__init__: 0.0 -> 1.0': _SET_FIRST,
+        '_IntervalSetting.poll: 0 -> 1': 'no interval is of 1 ms',
+        '_IntervalSetting._matches: return False -> return None': _FALSY,
+    },
     'fort_vsc_bridge/session/session.py': {
+        "Session.__init__: self._rejection = '' -> pass": _SET_FIRST,
+        'Session.__init__: self._joystick_alone = False -> pass': _SET_FIRST,
+        'Session.__init__: self._software_estop = False -> pass': _SET_FIRST,
+        'Session.__init__: False -> True': _SET_FIRST,
+        'Session._sticks_of: button.value or False -> button.value': _FALSY,
+        'Session._silence: wire.GARBLED and self._garbled(now) -> self._garbled(now)': (
+            'of the wire without these words every read is a frame'
+        ),
+        'Session._forget: self._joystick_heard.reset() -> pass': (
+            'it has expired by the time at which it is read again'
+        ),
         'Session.__init__: self._settled_at = math.inf -> pass': _SET_FIRST,
         'Session.__init__: self._leaving = self._sent_stop = False -> pass': _SET_FIRST,
         'Session.set_feedback: self.settings.wire.require(MessageType.USER_FEEDBACK) -> pass': (

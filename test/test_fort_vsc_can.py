@@ -17,6 +17,7 @@
 from collections.abc import Iterator
 import itertools
 import json
+import math
 from pathlib import Path
 import random
 import struct
@@ -43,10 +44,12 @@ from fort_vsc_bridge.protocol import decode_data
 from fort_vsc_bridge.protocol import encode_frame
 from fort_vsc_bridge.protocol import ExtendedJoystick
 from fort_vsc_bridge.protocol import Heartbeat
+from fort_vsc_bridge.protocol import Joystick
 from fort_vsc_bridge.protocol import Mode
 from fort_vsc_bridge.protocol import RemoteStatus
 from fort_vsc_bridge.protocol import StringSegment
 from fort_vsc_bridge.protocol import UserFeedback
+from fort_vsc_bridge.protocol.can import CanDecoder
 from fort_vsc_bridge.session import DeviceSettings
 from fort_vsc_bridge.session import ModeChanged
 from fort_vsc_bridge.session import RemoteState
@@ -348,6 +351,57 @@ def test_joystick_frame_of_before_a_stop_does_not_count_after_it() -> None:
     assert sticks(bench.hear(heartbeat(), LEFT_Z)) == []
     bench.wait(0.01)
     assert sticks(bench.hear(*ALL_STICKS)) == [DEFLECTED]
+
+
+@pytest.mark.parametrize('begins', ['opened', 'opened again', 'in another mode'])
+def test_joystick_frames_of_before_operational_do_not_count_in_it(begins: str) -> None:
+    decoder = CanDecoder(CanIds(), LIMIT)
+    if begins == 'opened again':
+        decoder.feed(heartbeat(), 0.0)
+        decoder.reset()
+    elif begins == 'in another mode':
+        decoder.feed(heartbeat(Mode.PAUSE), 0.0)
+    for each in (LEFT, LEFT_Z, RIGHT):
+        assert decoder.feed(each, 0.0) == []
+    assert len(decoder.feed(heartbeat(), 0.0)) == 1
+    assert decoder.feed(RIGHT_Z, 0.0) == []
+    for each in (LEFT, LEFT_Z):
+        assert decoder.feed(each, 0.125) == []
+    assert len(decoder.feed(heartbeat(), 0.125)) == 1
+    assert len(decoder.feed(RIGHT, 0.125)) == 1
+
+
+def test_heartbeats_of_another_mode_do_not_divide_the_four_frames() -> None:
+    decoder = CanDecoder(CanIds(), LIMIT)
+    for each in (LEFT, LEFT_Z, RIGHT):
+        assert decoder.feed(each, 0.0) == []
+        assert len(decoder.feed(heartbeat(Mode.PAUSE), 0.0)) == 1
+    assert len(decoder.feed(RIGHT_Z, 0.0)) == 1
+
+
+def test_missing_frame_is_waited_for_up_to_the_limit() -> None:
+    decoder = CanDecoder(CanIds(), LIMIT)
+    assert decoder.feed(LEFT, 0.0) == []
+    assert decoder.feed(LEFT_Z, 0.125) == []
+    assert decoder.feed(LEFT, math.nextafter(LIMIT, 0.0)) == []
+    (joystick,) = decoder.feed(LEFT, LIMIT)
+    assert isinstance(joystick, Joystick)
+    assert [axis.value for axis in joystick.axes] == [1023, -296, 0, None, None, None]
+
+
+def test_zeroed_frames_of_one_side_are_not_neutral_on_both() -> None:
+    decoder = CanDecoder(CanIds(), LIMIT)
+    zeroed = frame('left_basic', bytes(8))
+    for now in (0.0, 0.125):
+        assert decoder.feed(zeroed, now) == []
+        assert decoder.feed(frame('left_extended', bytes(8)), now) == []
+    (joystick,) = decoder.feed(zeroed, LIMIT)
+    assert joystick != Joystick.neutral()
+
+
+def test_bytes_that_are_not_the_vscs_are_named() -> None:
+    with pytest.raises(FrameError, match=r'^unused bytes are 01 03 04, the VSC sends FF$'):
+        BasicJoystick.from_payload(bytes.fromhex('D0FF 044A 01 40 0304'))
 
 
 CONTROLS = {

@@ -43,6 +43,11 @@ from fort_vsc_bridge.protocol import RemoteStatus
 from fort_vsc_bridge.protocol import UserFeedback
 from fort_vsc_bridge.protocol import UserFeedbackGet
 from fort_vsc_bridge.protocol import UserFeedbackName
+from fort_vsc_bridge.protocol.frames import PACKETS
+from fort_vsc_bridge.protocol.frames import Rejected
+from fort_vsc_bridge.protocol.serial import SerialDecoder
+from fort_vsc_bridge.protocol.values import estop_sources
+from fort_vsc_bridge.protocol.values import mode_name
 from fort_vsc_bridge.simulator import build_frame  # the manual's own loop, not our codec
 from test.parser_rig import frames_of
 
@@ -407,3 +412,66 @@ def test_one_flipped_bit_loses_at_most_its_own_frame() -> None:
             corrupt[start + bit // 8] ^= 1 << bit % 8
             assert parse(bytes(corrupt)) == others, (frame.hex(), bit)
         start += len(frame)
+
+
+# -- words, and what is refused -------------------------------------------------------------------
+
+
+def test_modes_in_words() -> None:
+    assert mode_name(None) == 'None'
+    assert mode_name(Mode.LOCAL) == 'Local'
+    assert mode_name(0x33) == 'Unknown (0x33)'
+
+
+@pytest.mark.parametrize(
+    ('bits', 'words'),
+    [
+        (0, []),
+        (0x45, ['SRC (remote)', 'VSC (wired input)', 'USER (this computer)']),
+        (0x41, ['SRC (remote)', 'USER (this computer)']),
+        (0x80000008, ['unknown source (bits 0x80000008)']),
+        (0x0C, ['VSC (wired input)', 'unknown source (bits 0x8)']),
+    ],
+)
+def test_sources_of_a_stop_in_words(bits: int, words: list[str]) -> None:
+    assert estop_sources(bits) == words
+
+
+@pytest.mark.parametrize(('axes', 'buttons'), [(6, 7), (6, 9), (5, 8), (7, 8)])
+def test_joystick_of_other_counts_is_refused(axes: int, buttons: int) -> None:
+    with pytest.raises(ValueError, match=f'not {axes} and {buttons}'):
+        Joystick((Axis(0),) * axes, (Button(False),) * buttons)
+
+
+# -- sound frames of another length ---------------------------------------------------------------
+
+OTHER = build_frame(0x20, bytes(8))  # a heartbeat has 6 bytes
+
+
+def rejected(decoder: SerialDecoder, data: bytes) -> list[Rejected]:
+    return [each for each in decoder.feed(data, 1.0) if isinstance(each, Rejected)]
+
+
+@pytest.mark.parametrize('length', [0, 8, 248])
+def test_sound_frame_of_another_length_is_named_as_soon_as_it_is_whole(length: int) -> None:
+    decoder, other = SerialDecoder(), build_frame(0x20, bytes(length))
+    assert rejected(decoder, other[:-1]) == []
+    (found,) = rejected(decoder, other[-1:])
+    assert f'its heartbeat message has {length} bytes, not 6' in found.text
+    (again,) = rejected(decoder, GOLDEN[0] + other)
+    assert again == found
+
+
+@pytest.mark.parametrize('head', [b'\x20\xf9', b'\x60\xf0', b'\x20\x06'])
+def test_it_does_not_wait_for_the_body_of_a_head_that_cannot_be(head: bytes) -> None:
+    """Too long for any type, of an unknown type, or as long as that type is."""
+    decoder = SerialDecoder()
+    assert len(rejected(decoder, PACKETS.header + head + OTHER)) == 1
+
+
+@pytest.mark.parametrize('cut', range(1, len(OTHER)))
+def test_its_first_half_is_forgotten_with_the_port(cut: int) -> None:
+    decoder = SerialDecoder()
+    decoder.feed(OTHER[:cut], 1.0)
+    decoder.reset()
+    assert rejected(decoder, OTHER[cut:]) == []

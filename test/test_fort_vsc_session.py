@@ -159,6 +159,56 @@ def test_found_vsc_is_not_taken_for_one_without_a_heartbeat_or_without_joystick_
     assert text == 'set device.joystick_interval_ms: no joystick messages come'
 
 
+@pytest.mark.parametrize('heard', [False, True])
+def test_joystick_messages_alone_name_the_heartbeat_from_the_limit_on(heard: bool) -> None:
+    bench = opened()
+    if heard:  # and lost, which is what time counts from then
+        bench.hear(heartbeat())
+        bench.wait(LIMIT)
+    start = bench.now
+    for bench.now, named in (
+        (start + 0.125, False),
+        (math.nextafter(start + LIMIT, 0.0), False),
+        (start + LIMIT, True),
+    ):
+        bench.hear(DEFLECTED)
+        (reason,) = bench.session.stop_reasons(bench.now)
+        assert ('enable its heartbeat message' in reason) is named
+
+
+def test_joystick_messages_are_missed_from_the_limit_on_and_while_the_link_is_up() -> None:
+    bench = opened()
+    start = bench.now
+    for bench.now, missed in (
+        (start, False),
+        (start + 0.125, False),
+        (math.nextafter(start + LIMIT, 0.0), False),
+        (start + LIMIT, True),
+    ):
+        bench.hear(heartbeat())
+        assert bool(bench.session.problems(bench.now)) is missed
+    bench.wait(1.0)
+    assert [level for level, _ in bench.session.problems(bench.now)] == [Level.ERROR]
+
+
+def test_refused_message_is_named_once_by_a_link_that_is_down() -> None:
+    bench = opened()
+    bench.hear(build_frame(0x20, bytes(7)))
+    ((level, text),) = bench.session.problems(bench.now)
+    assert level == Level.ERROR
+    assert 'firmware' in text
+
+
+def test_broken_controls_are_a_value() -> None:
+    bench = opened()
+    bench.hear(heartbeat(), CENTRED)
+    assert bench.session.values(bench.now)['faulty controls'] == 'none'
+    bench.hear(heartbeat(), build_frame(0x10, bytes(2) + b'\1\0' * 5 + b'\0\0'))
+    named = bench.session.values(bench.now)['faulty controls']
+    assert named == ', '.join(bench.session.faulty)
+    assert named.startswith('left')
+
+
 def test_bytes_without_a_frame_name_the_baud_rate() -> None:
     bench = opened()
     bench.run(0.2, b'\x8e\x03\xfe\x10')
@@ -437,6 +487,16 @@ def test_button_held_through_a_stop_is_hidden_only_where_another_mode_follows(
     assert any(sticks(bench.hear(heartbeat(), DEFLECTED))[0].buttons) == held
 
 
+def test_stop_without_a_joystick_message_shows_what_is_held_all_the_same() -> None:
+    """The pause before it hid the button; who holds it through the stop prevents the reset."""
+    bench = opened()
+    bench.hear(heartbeat(), DEFLECTED)
+    bench.hear(heartbeat(Mode.PAUSE), CENTRED)
+    bench.hear(heartbeat(estop=SRC))
+    (event,) = sticks(bench.hear(heartbeat(), DEFLECTED))
+    assert any(event.buttons)
+
+
 def test_sticks_are_neutral_with_a_stop_in_operational() -> None:
     bench = opened()
     assert sticks(bench.hear(heartbeat(estop=1 << 31), DEFLECTED)) == [NEUTRAL]
@@ -511,6 +571,13 @@ def test_faulty_stick_makes_all_neutral_and_is_named() -> None:
     assert event.buttons == NEUTRAL.buttons
     assert event.faulty == ('left_y error', 'left_z unavailable', 'right_up unavailable')
     assert bench.session.faulty == event.faulty
+
+
+def test_silent_stick_is_not_called_broken_any_more() -> None:
+    bench = opened()
+    bench.hear(heartbeat(), FAULTY)
+    bench.run(2 * LIMIT, heartbeat())
+    assert bench.session.faulty == ()
 
 
 def test_joystick_message_of_zeros_is_neutral_and_no_fault() -> None:

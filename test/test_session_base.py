@@ -27,6 +27,7 @@ from bridge_core.session import StopChanged
 from bridge_core.session import Verdict
 
 TIMEOUT = 0.5  # s; it and the moments below are exact, so that each edge can be met
+ANSWER_TIME = 0.25
 CLEAR = Verdict()
 LOST = Verdict.stop(link_up=False)
 STOP = Verdict.stop()
@@ -45,8 +46,8 @@ class Toy(Session[str, str, str]):
     """
     Its device says ``clear`` or ``stop``, and ``again`` for the same; ``ask`` has it asked.
 
-    A question goes out with the next poll, and is to be answered within TIMEOUT by a word; if
-    not, that is a stop.
+    A question goes out with the next poll, and is to be answered within ANSWER_TIME by a word;
+    if not, that is a stop.
     """
 
     def __init__(self) -> None:
@@ -97,7 +98,7 @@ class Toy(Session[str, str, str]):
     def _due_frames(self, now: float) -> list[str]:
         if not self.asks:
             return []
-        self.asks, self.asked_until = False, now + TIMEOUT
+        self.asks, self.asked_until = False, now + ANSWER_TIME
         return ['?']
 
 
@@ -155,9 +156,9 @@ def test_question_that_went_out_expires_though_the_link_has_more_time() -> None:
     session = opened('clear')
     session.ask(1.0)
     assert session.poll(1.0) == ([], ['?'])
-    session.receive('again', 1.25)
-    assert session.deadline() == 1.5
-    assert verdicts(session.poll(1.5)[0]) == [STOP]
+    session.receive('again', 1.125)
+    assert session.deadline() == 1.25
+    assert verdicts(session.poll(1.25)[0]) == [STOP]
 
 
 def test_request_may_let_something_expire_sooner() -> None:

@@ -266,8 +266,9 @@ class CanDecoder(Decoder[CanFrame, Received]):
         self._operational = False
 
     def reset(self) -> None:
-        """Forget the sticks."""
+        """Forget the sticks, and the mode."""
         self._sticks.forget()
+        self._operational = False
 
     def feed(self, data: CanFrame, now: float) -> list[Received]:
         """Return the message in a frame."""
