@@ -429,12 +429,27 @@ def test_modes_in_words() -> None:
         (0, []),
         (0x45, ['SRC (remote)', 'VSC (wired input)', 'USER (this computer)']),
         (0x41, ['SRC (remote)', 'USER (this computer)']),
-        (0x80000008, ['unknown source (bits 0x80000008)']),
-        (0x0C, ['VSC (wired input)', 'unknown source (bits 0x8)']),
+        (0x80000010, ['unknown source (bits 0x80000010)']),
+        (0x14, ['VSC (wired input)', 'unknown source (bits 0x10)']),
     ],
 )
 def test_sources_of_a_stop_in_words(bits: int, words: list[str]) -> None:
     assert estop_sources(bits) == words
+
+
+@pytest.mark.parametrize(
+    ('axis', 'word'),
+    [
+        (Axis(0), 0x0001),
+        (Axis(1), 0x0050),
+        (Axis(-1), 0x0044),
+        (Axis(None, InputState.ERROR), 0x002A),
+        (Axis(None, InputState.UNAVAILABLE), 0xFFFF),
+    ],
+)
+def test_axes_as_words_of_table_30(axis: Axis, word: int) -> None:
+    assert axis.to_word() == word
+    assert Axis.from_word(word) == axis
 
 
 @pytest.mark.parametrize(('axes', 'buttons'), [(6, 7), (6, 9), (5, 8), (7, 8)])

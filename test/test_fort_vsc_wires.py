@@ -17,6 +17,7 @@
 from __future__ import annotations
 
 import contextlib
+import math
 from typing import Any
 
 from builtin_interfaces.msg import Time
@@ -32,6 +33,7 @@ from fort_vsc_bridge.protocol import BUTTON_NAMES
 from fort_vsc_bridge.protocol import CanWire
 from fort_vsc_bridge.protocol import HidWire
 from fort_vsc_bridge.protocol import SerialWire
+from fort_vsc_bridge.protocol import UserFeedback
 from fort_vsc_bridge.session import Session
 from fort_vsc_bridge.session import Settings
 from fort_vsc_bridge.session import Sticks
@@ -51,6 +53,20 @@ def test_wire_without_a_software_stop_says_so_to_who_asks_and_in_the_diagnostics
         session.set_software_estop(False, 100.0)
     text = 'wire that stop elsewhere: transport hid cannot carry software_estop'
     assert [level for level, why in session.problems(100.0) if text in why] == [Level.ERROR]
+
+
+@pytest.mark.parametrize('wire', [SerialWire(), CanWire(), HidWire()])
+def test_link_timeout_is_above_the_time_between_two_signs_of_life(wire: Any) -> None:
+    with pytest.raises(ValueError, match='link_timeout = '):
+        Settings(wire=wire, link_timeout=wire.INTERVAL)
+    Settings(wire=wire, link_timeout=math.nextafter(wire.INTERVAL, 1.0))
+
+
+def test_wire_that_carries_nothing_lets_nothing_pass() -> None:
+    message = UserFeedback(1, 1)
+    SerialWire().check(message)
+    with pytest.raises(ValueError, match='transport hid cannot carry'):
+        HidWire().check(message)
 
 
 class Bench(SessionBench[Session]):

@@ -187,7 +187,7 @@ class Axis:
         """Return the word of table 30; a faulty axis is faulty in all three statuses."""
         if self.value is None:
             return 0x002A if self.state is InputState.ERROR else 0xFFFF
-        direction = 0 if self.value == 0 else 2 if self.value < 0 else 4
+        direction = 4 if self.value > 0 else 2 if self.value < 0 else 0
         return abs(self.value) << 6 | _SET << direction
 
 
