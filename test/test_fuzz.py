@@ -38,6 +38,7 @@ from fort_vsc_bridge.session import Session
 from safety_mux.mapping import JoyMapping
 from safety_mux.protocol import MalformedInput
 from ssc_bridge.node import SscBridge
+from test.fuzz import guided
 from test.fuzz import TARGETS
 from test.fuzz.campaign import corpus
 from test.fuzz.campaign import corpus_of
@@ -69,6 +70,43 @@ def test_no_input_of_the_corpus_and_none_like_them_shows_a_fault(name: str) -> N
         count, traced = (INPUTS, 1000) if 'parser' in name else (_FEW, 100)
         outcome = fuzzer.batch(-1, count, traced=traced)
     assert not outcome.findings, outcome.findings[0]
+
+
+@pytest.mark.parametrize('name', TARGETS)
+def test_input_survives_the_form_that_libfuzzer_has(name: str) -> None:
+    pauses = TARGETS[name].kit.pauses
+    for reads in fuzzer_of(name).pool:
+        assert guided.unpacked(guided.packed(reads, pauses), pauses) == reads
+
+
+@pytest.mark.parametrize(
+    ('data', 'reads'),
+    [
+        ('', ()),
+        ('04', ((0.3, ''),)),
+        ('0900', ((0.3, ''),)),
+        ('00FFFF01', ((0.0, '01'),)),
+        ('03020001020001', ((0.06, '0102'), (0.0, ''))),
+    ],
+)
+def test_any_bytes_are_an_input(data: str, reads: tuple[tuple[float, str], ...]) -> None:
+    expected = tuple((pause, bytes.fromhex(part)) for pause, part in reads)
+    assert guided.unpacked(bytes.fromhex(data), (0.0, 0.0, 0.0, 0.06, 0.3)) == expected
+
+
+@pytest.mark.skipif(not guided.INSTALLED, reason='atheris has no wheel for this machine')
+def test_libfuzzer_reaches_more_and_finds_what_is_planted(monkeypatch: pytest.MonkeyPatch) -> None:
+    target = TARGETS['vsc session']
+    small = Fuzzer(target)
+    for reads in (*small.pool, *guided.look(target, target.kit.seeds, 2000)):
+        small.check(reads)
+    seeds = Fuzzer(target)
+    for reads in seeds.pool:
+        seeds.check(reads)
+    assert small.pairs > seeds.pairs
+    accept_wrong_checks(monkeypatch)
+    with pytest.raises(Finding, match='frames found'):
+        guided.look(TARGETS['vsc parser'], TARGETS['vsc parser'].kit.seeds, 2000)
 
 
 def test_same_number_gives_the_same_inputs() -> None:

@@ -40,11 +40,14 @@ import sys
 import time
 from typing import Any
 
+from test.fuzz import guided
 from test.fuzz import TARGETS
 from test.fuzz.campaign import CORPUS
 from test.fuzz.campaign import corpus
 from test.fuzz.campaign import corpus_of
+from test.fuzz.campaign import Finding
 from test.fuzz.campaign import Fuzzer
+from test.fuzz.campaign import Outcome
 from test.fuzz.campaign import smallest
 from test.fuzz.campaign import watch_for_hangs
 from test.rig import ROOT
@@ -87,14 +90,25 @@ def _grow(name: str, count: int) -> bool:
     fuzzer = Fuzzer(target, corpus_of(stored.get(name, [])))
     for reads in fuzzer.pool:
         fuzzer.check(reads)
-    outcome = fuzzer.batch(len(fuzzer.pool) + 1_000_000, count, traced=1)
-    for finding in outcome.findings:
-        print(finding)
-    kept = smallest(target, [*fuzzer.pool, *outcome.found])[:_KEPT]
+    before = len(fuzzer.pairs)
+    outcome = Outcome()
+    if guided.INSTALLED:
+        try:
+            outcome.found = guided.look(target, fuzzer.pool, count)
+        except Finding as finding:
+            outcome.findings.append(finding)
+    else:
+        outcome = fuzzer.batch(len(fuzzer.pool) + 1_000_000, count, traced=1)
+    for each in outcome.findings:
+        print(each)
+    kept = smallest(target, [*fuzzer.pool, *outcome.found], _KEPT)
     stored[name] = [[[pause, data.hex()] for pause, data in reads] for reads in kept]
     text = json.dumps(dict(sorted(stored.items())), separators=(',', ':'))
     CORPUS.write_bytes(gzip.compress(text.encode(), mtime=0))
-    print(f'{name}: {len(kept)} inputs kept, {len(fuzzer.pairs)} pairs of lines')
+    after = Fuzzer(target, kept)
+    for reads in after.pool:
+        after.check(reads)
+    print(f'{name}: {len(kept)} inputs kept; {len(after.pairs)} pairs of lines, {before} before')
     return not outcome.findings
 
 

@@ -61,6 +61,11 @@ _POOL = 500  # inputs that a batch keeps beside the corpus
 _TRACED = 1000  # of so many inputs of a batch one is traced
 
 
+def is_ours(code: CodeType) -> bool:
+    """Tell whether it is a part of the product, whose coverage counts."""
+    return code.co_filename.startswith(_OURS[:-1])
+
+
 class Finding(AssertionError):  # noqa: N818 - what is found is no error of ours
     """An input that shows a fault of the product."""
 
@@ -115,7 +120,7 @@ class Lines:
         code = frame.f_code
         ours = self._ours.get(code)
         if ours is None:
-            ours = code.co_filename.startswith(_OURS[:-1])
+            ours = is_ours(code)
             self._ours[code] = ours
         return self._line if ours else None
 
@@ -269,13 +274,22 @@ def size(reads: Input) -> int:
     return len(joined(reads)) + 4 * len(reads)
 
 
-def smallest(target: Target, inputs: Iterable[Input]) -> list[Input]:
-    """Return those inputs that reach all that these do, the small ones first."""
-    fuzzer = Fuzzer(target)
-    ordered = sorted(inputs, key=lambda reads: (size(reads), reads))
+def smallest(target: Target, inputs: Iterable[Input], most: int) -> list[Input]:
+    """Return ``most`` of the inputs that reach what these do: small ones, but those with more."""
+    fuzzer, reached = Fuzzer(target), {}
     for seed in target.kit.seeds:
         fuzzer.check(seed)
-    return [reads for reads in ordered if fuzzer.check(reads)]
+    seeds = set(fuzzer.pairs)
+    for reads in sorted(inputs, key=lambda reads: (size(reads), reads)):
+        if fuzzer.check(reads):
+            reached[reads] = fuzzer.lines.pairs - seeds
+    kept: list[Input] = []
+    while reached and len(kept) < most:
+        best = max(reached, key=lambda reads: len(reached[reads]))  # the first, so the smallest
+        kept.append(best)
+        gained = reached.pop(best)
+        reached = {reads: pairs - gained for reads, pairs in reached.items()}
+    return sorted(kept, key=lambda reads: (size(reads), reads))
 
 
 def corpus_of(stored: Iterable[Iterable[list[Any]]]) -> list[Input]:
