@@ -47,6 +47,7 @@ STEPS: Final = {
     'random-two-hosts': '-m benchmarks.campaign random -n 1000 --two-hosts --json FILE',
     'soak': '-m benchmarks.soak 1 --json FILE',
     'soak-busy': '-m benchmarks.soak 1 --busy --json FILE',
+    'suite': '-m test.saturated 10 --json FILE',
     'fuzz': '-m test.fuzz',
     'mutants': '-m test.mutants',
 }
