@@ -216,6 +216,7 @@ class MuxBench:
 
     def stopped_since(self, cause: float, within: float = TIMEOUT + 0.4) -> None:
         """See STOPPED in time, and nothing but stop, disable and 0 from then on."""
+        delay = RunDelay([self.node.process.pid])
         stops: list[float] = []  # ~/state may come first: it is another topic
 
         def is_stopped() -> bool:
@@ -223,7 +224,7 @@ class MuxBench:
             return bool(stops) and self.says('STOPPED')
 
         self.wait(is_stopped, 'STOPPED')
-        assert stops[0] - cause <= within
+        assert stops[0] - cause <= within + delay.seconds()
         self.wait(self.is_stopped, 'stop, disable and 0')
         self.observer.holds_for(self.is_stopped, 0.2)
 

@@ -62,6 +62,7 @@ from test.toy_rig import wait_value
 from test.toy_wire import Session
 
 toy = partial(toy_process, patient=True)  # unless it is about its limits
+OUTLASTS_GAPS = 5.0  # s; a link_timeout where a device that is held up must not count as silent
 
 
 @pytest.fixture(params=['thread', 'process'])
@@ -102,7 +103,8 @@ def test_default_subscriber_gets_the_stop_too(tmp_path: Path, observer: Observer
 def test_stop_is_repeated_at_its_rate_in_every_state(
     device: ToyDevice, observer: Observer, link: str
 ) -> None:
-    with toy(device.pty.path, link, autostart=False, estop_rate=50.0) as node:
+    options: dict[str, Any] = {'estop_rate': 50.0, 'link_timeout': OUTLASTS_GAPS}
+    with toy(device.pty.path, link, autostart=False, **options) as node:
         record = observer.record(Bool, ESTOP, latched())
         wait_value(observer, record, True)
         wait_repeats(observer, record, True, 20)  # unconfigured
@@ -163,7 +165,7 @@ def test_silence_says_stop(device: ToyDevice, observer: Observer, link: str) -> 
 def test_own_stop_leaves_out_what_the_node_itself_asked(
     device: ToyDevice, observer: Observer, link: str
 ) -> None:
-    with toy(device.pty.path, link):
+    with toy(device.pty.path, link, link_timeout=OUTLASTS_GAPS):
         estop = observer.record(Bool, ESTOP, latched())
         own = observer.record(Bool, '/toy_bridge/own_estop', latched())
         wait_value(observer, estop, False)
@@ -566,6 +568,7 @@ def test_two_nodes_in_one_process_do_not_share_anything(
         for name, pty in (('left', left), ('right', right))
         for part in ('-p', f'{name}:port:={as_yaml(str(pty.path))}')
     ]
+    arguments += ['-p', f'right:link_timeout:={OUTLASTS_GAPS}']
     devices = [ToyDevice(left, observer), ToyDevice(right, observer)]
     with NodeProcess('', source=source, arguments=arguments) as node:
         estops = [observer.record(Bool, f'/{name}/estop', latched()) for name in ('left', 'right')]

@@ -17,7 +17,8 @@ Run hostile inputs through everything that reads what others wrote.
 
     make fuzz                              # ten million for each parser, 100 000 for all else
     make fuzz ARGS='--count 100000 ssc'    # those whose name contains ssc
-    make fuzz ARGS='--grow 5000 vsc'       # look for inputs that reach more, and keep them
+    make fuzz ARGS='--grow 5000 vsc'       # look for inputs that reach more, and keep them;
+                                           # with atheris, where that is installed
 
 A run that was cut goes on where it was, as build/fuzz has it. Exit status: 0 nothing was
 found; 1 an input shows a fault, and is printed.
