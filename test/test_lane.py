@@ -99,6 +99,10 @@ def test_other_rclpy_is_noticed(context: Context, monkeypatch: pytest.MonkeyPatc
         assert not lane_module.wait_set_works(context)
 
 
+def test_lane_waits_by_the_wait_set_where_there_is_one(rig: Rig, way: str) -> None:
+    assert isinstance(rig.lane._waiter, lane_module._WaitSetWaiter) == (way == 'wait set')
+
+
 def test_messages_come_in_order_with_their_numbers(rig: Rig) -> None:
     numbers: list[int] = []
 
@@ -266,7 +270,7 @@ def test_call_that_was_given_up_is_never_made(rig: Rig) -> None:
     gate = threading.Event()
     rig.lane.start()
     rig.lane.post(gate.wait)
-    with pytest.raises(TimeoutError, match='listener lane'):
+    with pytest.raises(TimeoutError, match='nothing was done: listener lane'):
         rig.lane.call(rig.heard.append, 'late')
     gate.set()
     rig.lane.call(rig.heard.append, 'next')

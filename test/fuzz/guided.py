@@ -27,6 +27,7 @@ import gc
 import os
 from pathlib import Path
 import random
+import sys
 import tempfile
 from types import FunctionType
 from typing import Any
@@ -106,6 +107,7 @@ def _fuzz(target: Target, inputs: Sequence[Input], count: int, folder: Path) -> 
     words = os.open(folder / 'words', os.O_WRONLY | os.O_CREAT)
     for descriptor in (1, 2):
         os.dup2(words, descriptor)
+    sys.stdout, sys.stderr = sys.__stdout__, sys.__stderr__  # atheris asks for their descriptors
     gc.unfreeze()  # what is frozen is not listed
     for function in [each for each in gc.get_objects() if isinstance(each, FunctionType)]:
         if is_ours(function.__code__):
