@@ -18,9 +18,9 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from collections.abc import Iterable
+from collections.abc import Mapping
 import contextlib
 from pathlib import Path
-import random
 import resource
 import signal
 import threading
@@ -33,8 +33,11 @@ from sensor_msgs.msg import JointState
 from sensor_msgs.msg import Joy
 from std_msgs.msg import Bool
 
+from benchmarks.beside import BESIDE
+from benchmarks.beside import Beside
 from benchmarks.rig import busy_cores
 from benchmarks.rig import family
+from benchmarks.rig import title
 from benchmarks.rig import wires_of
 from esi_drive_bridge.simulator import Simulator as DriveSimulator
 from rugged_teleop.multicasts import free_port
@@ -53,9 +56,9 @@ from test.talkers import Diagnostics
 from test.talkers import Talker
 from vm110_bridge.simulator import Simulator as UnitSimulator
 
-NODES = (VSC, UNIT, MUX, DRIVE)
+NODES = (VSC, UNIT, MUX, DRIVE)  # without those of ``Setting.all_devices``
 STACK = 'stack'
-_DEFAULTS = {
+_DEFAULTS: Final[dict[str, dict[str, float]]] = {  # of what a busy machine may make late
     VSC: {'link_timeout': 0.25},
     UNIT: {'link_timeout': 0.5},
     MUX: {
@@ -71,8 +74,7 @@ _DEFAULTS = {
     DRIVE: {'command_timeout': 0.1, 'link_timeout': 0.25},
 }
 _DISCOVERY = 0.05  # s in which a subscriber that a publisher knows knows the publisher, too
-_NOISE_RATE = 1_000_000  # byte/s
-_NOISE_PERIOD = 0.004  # s
+NOISE_PERIOD = 0.004  # s
 _FULL = Joy(axes=[0.0, 1.0, 0.0, 0.0, 0.0, 0.0], buttons=[1, *[0] * 7])
 SECOND: Final[dict[str, Any]] = {  # what a second publisher says, on what somebody listens to
     f'/{VSC}/joy': _FULL,
@@ -82,6 +84,7 @@ SECOND: Final[dict[str, Any]] = {  # what a second publisher says, on what someb
     f'/{MUX}/enable': Bool(data=True),
     f'/{MUX}/estop': Bool(data=False),
 }
+MORE_SECOND: Final[dict[str, Any]] = {f'/{name}/estop': Bool(data=False) for name in BESIDE}
 _NEIGHBOUR = """
 import signal, sys, threading, time
 import rclpy
@@ -119,11 +122,21 @@ class LyingDrive(DriveSimulator):
 
 
 class Setting(NamedTuple):
-    """All nodes in one process; a factor for their time-outs, on a busy machine; two hosts."""
+    """
+    All nodes in one process; a factor for their time-outs, on a busy machine; two hosts.
+
+    :param all_devices: false: without SSC and Akron unit, where a processor is slow.
+    """
 
     stack: bool = False
     patience: float = 1.0
     two_hosts: bool = False
+    all_devices: bool = True
+
+    @property
+    def nodes(self) -> tuple[str, ...]:
+        """The nodes, in whatever processes."""
+        return (*NODES, *BESIDE) if self.all_devices else NODES
 
 
 def address_space(pid: int) -> int:
@@ -141,18 +154,17 @@ class Machine(Stage):
     """
     VSC bridge, mux and drive node on simulated devices, and a VM-110's, which has a stop alone.
 
-    They are four processes, or one.
+    They are four processes, or one; SSC and Akron unit beside them make two more.
     """
 
     def __init__(self, folder: Path, observer: Observer, setting: Setting) -> None:
-        super().__init__(folder, observer, NODES)
+        super().__init__(folder, observer, setting.nodes)
         self.setting = setting
         self.drive.exchange(LyingDrive(command_timeout=0.1 * setting.patience))
         self.unit = self.add(MulticastDevice(UnitSimulator(), free_port()))
         self.devices: dict[str, Any] = {VSC: self.vsc, UNIT: self.unit, DRIVE: self.drive}
         self.windows: list[float] = []  # moments at which the deadman was pressed, all at rest
         self.held = False
-        self.diagnostics = Diagnostics(observer, DRIVE)
         self.ended: list[NodeProcess] = []  # which have printed something
         self.neighbour: NodeProcess | None = None
         self._noise: threading.Event | None = None
@@ -170,23 +182,38 @@ class Machine(Stage):
                 'estop.vm110.topic': f'{UNIT}/estop',
             },
         }
+        self.wired = {DRIVE: str(self.drive.path)}  # actuators' nodes, and where their wires are
+        defaults = [_DEFAULTS]
+        self.beside = Beside(self, folder) if setting.all_devices else None
+        if self.beside:
+            self.devices |= self.beside.devices
+            self.wired |= self.beside.wired
+            self._give(self.beside.parameters)
+            defaults.append(self.beside.DEFAULTS)
+        self.diagnostics = {name: Diagnostics(observer, name) for name in self.wired}
         if setting.patience > 1.0:
-            for name, timeouts in _DEFAULTS.items():
-                patient = {key: value * setting.patience for key, value in timeouts.items()}
-                self._parameters[name].update(patient)
+            for table in defaults:
+                self._give(table, setting.patience)
         for name in self.names:
             self.start_node(name)
+
+    def _give(self, parameters: Mapping[str, Mapping[str, Any]], factor: float = 0.0) -> None:
+        """Add parameters of nodes. :param factor: of all values; 0: as they are."""
+        for name, values in parameters.items():
+            given = self._parameters.setdefault(name, {})
+            given |= {key: value * factor if factor else value for key, value in values.items()}
 
     @property
     def names(self) -> tuple[str, ...]:
         """The processes."""
-        return (STACK,) if self.setting.stack else NODES
+        return (STACK,) if self.setting.stack else self.setting.nodes
 
     def start_node(self, name: str) -> None:
         """Start one of ``names``, or start it again."""
         if name == STACK:
-            given = {f'{n}:{key}': v for n in NODES for key, v in self._parameters[n].items()}
-            self.start(STACK, 'rugged_teleop.stack', given, ('--', *NODES))
+            nodes = self.setting.nodes
+            given = {f'{n}:{key}': v for n in nodes for key, v in self._parameters[n].items()}
+            self.start(STACK, 'rugged_teleop.stack', given, ('--', *nodes))
         else:
             self.start(name, f'{name}.node', self._parameters[name], wiring([name]))
 
@@ -201,10 +228,11 @@ class Machine(Stage):
         """Return the process that this node is in."""
         return STACK if self.setting.stack else name
 
-    def wires(self) -> list[int]:
-        """Return the processes that own the drive's wire."""
-        node = self.nodes[self.owner(DRIVE)]
-        return wires_of(node.process.pid) if node.process.poll() is None else []
+    def wires(self, name: str) -> list[int]:
+        """Return the processes that own the wire of this node."""
+        process = self.nodes[self.owner(name)].process
+        found = wires_of(process.pid) if process.poll() is None else []
+        return [pid for pid in found if title(pid).startswith(f'{name}: ')]
 
     def processes(self) -> list[int]:
         """Return the nodes and their wires."""
@@ -233,23 +261,27 @@ class Machine(Stage):
         self.windows.append(time.monotonic())
         self.held = True
         self.vsc.apply('button left_down 1', 'stick left_y 0.5')
+        if self.beside:
+            self.beside.ask(motion=True)
 
     def let_go(self) -> float:
         self.held = False
+        if self.beside:
+            self.beside.ask(motion=False)
         return self.vsc.apply('stick left_y 0', 'button left_down 0')
 
     # What is undone after whatever was done.
 
-    def noise(self, device: DevicePort) -> None:
-        """Have the device's line carry noise between its frames."""
+    def noise(self, device: DevicePort, noise: Callable[[], list[bytes]]) -> None:
+        """Have the device's line carry more between its frames, every NOISE_PERIOD."""
         self._noise = ended = threading.Event()
-        chunk = int(_NOISE_RATE * _NOISE_PERIOD)
 
         def speak(_: Any, now: float) -> None:
-            device._lines['out'].put(random.randbytes(chunk), now)
+            for data in noise():
+                device._lines['out'].put(data, now)
 
         def run() -> None:
-            while not ended.wait(_NOISE_PERIOD):
+            while not ended.wait(NOISE_PERIOD):
                 with contextlib.suppress(RuntimeError):
                     device.call(speak)
 
@@ -257,7 +289,7 @@ class Machine(Stage):
 
     def second(self, topic: str, rate: float) -> float:
         """Publish where somebody else does; return the moment of its first message."""
-        message = SECOND[topic]
+        message = {**SECOND, **MORE_SECOND}[topic]
         talker = Talker(self.observer, type(message), topic, message, rate=rate)
         self._seconds.append(talker)
         self.wait(talker.publisher.get_subscription_count, f'a subscriber of {topic}')
@@ -271,7 +303,7 @@ class Machine(Stage):
 
     def limit(self, kind: int, used: Callable[[int], int]) -> None:
         """Let nodes and wires have no more of a resource than they use."""
-        for pid in [*(node.process.pid for node in self.nodes.values()), *self.wires()]:
+        for pid in self.processes():
             before = resource.prlimit(pid, kind)
             resource.prlimit(pid, kind, (used(pid), before[1]))
             self._limited.append((pid, kind, before))
@@ -304,6 +336,8 @@ class Machine(Stage):
         self.vsc.apply('clear', 'radio on', 'estop remote off', 'ack', 'mode operational')
         self.drive.apply('clear', 'mute off', 'deaf off')
         self.unit.apply('clear', 'stop 1 off', 'radio 1 on')
+        if self.beside:
+            self.beside.mend()
 
     def close(self) -> None:
         self.calm()

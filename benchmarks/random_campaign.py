@@ -46,9 +46,10 @@ from typing import Any
 
 from benchmarks.machine import Machine
 from benchmarks.machine import Setting
+from benchmarks.random_devices import Fault
+from benchmarks.random_devices import HEARD
+from benchmarks.random_devices import SILENT
 from benchmarks.random_faults import drawn
-from benchmarks.random_faults import Fault
-from benchmarks.random_faults import HEARD
 from benchmarks.rig import figures
 from benchmarks.rig import resident
 from benchmarks.rig import title
@@ -60,6 +61,7 @@ from test.rig import Observer
 from test.run_delay import RunDelay
 from test.stage import CLEAR_ERRORS
 from test.stage import DRIVE
+from test.stage import MUX
 from test.stage import Packet
 
 _COUNT = 1000
@@ -139,14 +141,29 @@ def _enabled_again(packets: Iterable[Packet], windows: Sequence[float]) -> int:
     return count
 
 
+def moved(sent: dict[str, list[tuple[float, bool]]], begin: float, end: float) -> list[str]:
+    """Return what must not be: who moves between two moments. :param sent: see ``Beside.sent``."""
+    late = {
+        name: [at for at, moves in told if moves and begin < at < end]
+        for name, told in sent.items()
+    }
+    return [f'{name} moves {len(times)} times in a stop' for name, times in late.items() if times]
+
+
 def _ms(seconds: float | None) -> str:
     return 'never' if seconds is None else f'{seconds * 1e3:.0f} ms'
 
 
 def _said(machine: Machine) -> str:
-    """Return what mux and drive node say about why nothing moves."""
-    found = [machine.diagnostics.status(part) for part in ('link', 'device')]
-    return '; '.join([machine.message, *(status.message for status in found if status)])
+    """Return what mux and actuators' nodes say about why nothing moves."""
+    found = [
+        status.message
+        for diagnostics in machine.diagnostics.values()
+        for part in ('link', 'device')
+        if (status := diagnostics.status(part))
+    ]
+    rest = machine.beside.resting() if machine.beside else []
+    return '; '.join([machine.message, *(f'{name} rests' for name in rest), *found])
 
 
 class Campaign:
@@ -181,6 +198,7 @@ class Campaign:
         machine.pause(end - time.monotonic())
         trial.why = machine.message
         fault.end(machine)
+        ended = time.monotonic()
         self._wait_for_nodes()
         machine.pause(_STILL)
         released = machine.let_go()
@@ -193,6 +211,7 @@ class Campaign:
         trial.false_stops += self._arm()
         machine.drive.apply('enabling 0.02')
         judge(trial, fault, machine.drive.packets(since), cause, released, machine.windows)
+        trial.findings += self._beside(trial, cause, ended)
         trial.findings += self._processes()
         trial.use = {name: usage(node.process.pid) for name, node in machine.nodes.items()}
         trial.took = time.monotonic() - begin
@@ -207,6 +226,34 @@ class Campaign:
     def _moves(self) -> bool:
         packets = self.machine.drive.packets(time.monotonic() - 0.1)
         return bool(packets) and packets[-1].moves
+
+    def _rest_moves(self) -> bool:
+        """Tell whether all moves, where the drive does; if not, ask for it again."""
+        beside = self.machine.beside
+        if beside is None:
+            return True
+        rest = beside.resting()
+        if rest:
+            beside.ask_again()
+        else:
+            beside.ask(motion=True)
+        return not rest
+
+    def _beside(self, trial: Trial, cause: float, ended: float) -> list[str]:
+        """
+        Return which actuator beside the drive moves in a stop of the mux.
+
+        :param ended: when the fault was; what waited at a stalled device is read only then.
+        """
+        machine, end = self.machine, self.machine.windows[0]
+        stops = machine.estops[MUX].since(cause)
+        stop = next((at for at, said in stops if said.data), end)
+        if machine.beside is None or stop >= end:
+            return []
+        begin = stop + SILENT * machine.setting.patience + min(trial.waited, _WIDEST)
+        if 'stalled' in trial.kind:
+            begin = max(begin, ended + _STILL)
+        return moved(machine.beside.sent(stop), begin, end)
 
     def _wait_for_nodes(self) -> None:
         """Wait until all nodes say something; the fault may have ended some."""
@@ -227,7 +274,7 @@ class Campaign:
             now = time.monotonic()
             if machine.held:
                 if self._moves():
-                    return True
+                    return self._rest_moves()
                 lost = machine.mux_says('STOPPED')
                 if lost or now > machine.windows[-1] + _UNMOVED:
                     undone.append(_said(machine))
@@ -244,15 +291,16 @@ class Campaign:
                 machine.hold()
             return False
 
-        machine.wait(moves, lambda: f'motion: {machine.message}', _LONGEST / 3)
+        machine.wait(moves, lambda: f'motion: {_said(machine)}', _LONGEST / 3)
         return undone
 
     def _processes(self) -> list[str]:
         """Return what is wrong with the processes, and what they said."""
         machine, found = self.machine, []
-        wires = _wires_at(machine.drive.path)
-        if wires != machine.wires() or len(wires) != 1:
-            found.append(f'wires {wires}, of the drive node {machine.wires()}')
+        for name, port in machine.wired.items():
+            wires, its = _wires_at(port), machine.wires(name)
+            if wires != its or len(wires) != 1:
+                found.append(f'wires {wires}, of {name} {its}')
         for name, node in machine.nodes.items():
             if node.process.poll() is not None:
                 found.append(f'{name} has ended: {node.output[-300:]}')
@@ -267,7 +315,7 @@ class Campaign:
         return found
 
 
-def _wires_at(port: Path) -> list[int]:
+def _wires_at(port: str) -> list[int]:
     """Return all processes of this computer that own the wire of a port."""
     pids = (int(path.name) for path in Path('/proc').glob('[0-9]*'))
     return sorted(pid for pid in pids if f': wire {port}' in title(pid))

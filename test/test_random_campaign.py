@@ -30,17 +30,20 @@ from benchmarks.machine import Setting
 from benchmarks.random_campaign import Campaign
 from benchmarks.random_campaign import growth
 from benchmarks.random_campaign import judge
+from benchmarks.random_campaign import moved
 from benchmarks.random_campaign import table
 from benchmarks.random_campaign import Trial
+from benchmarks.random_devices import Fault
+from benchmarks.random_devices import UNIT_RADIO
 from benchmarks.random_faults import CABLE
 from benchmarks.random_faults import drawn
-from benchmarks.random_faults import Fault
 from benchmarks.random_faults import HUNG
-from benchmarks.random_faults import KINDS
+from benchmarks.random_faults import kinds_of
 from test.rig import Observer
 from test.rig import ROOT
 from test.stage import Packet
 
+MANY = 1500  # trials in which all kinds come
 PERIOD = 0.01  # s between packets
 FAULT = Fault('a kind', lambda machine: None, bound=0.1)
 CAUSE, RELEASED, PRESSED = 10.0, 11.0, 12.0
@@ -103,19 +106,38 @@ def test_fault_that_needs_no_stop_is_judged_by_letting_go() -> None:
 
 def test_trial_of_a_seed_is_always_the_same_and_all_kinds_come() -> None:
     def texts(seed: int, setting: Setting) -> list[str]:
-        found = (drawn(seed, number, setting) for number in range(400))
+        found = (drawn(seed, number, setting) for number in range(MANY))
         return [f'{f.kind} {f.detail} {f.lasts} {f.bound} {moment}' for f, moment in found]
 
-    for setting in (Setting(), Setting(stack=True)):
+    for setting in (Setting(), Setting(stack=True), Setting(all_devices=False)):
         assert texts(1, setting) == texts(1, setting) != texts(2, setting)
-        assert {drawn(1, number, setting)[0].kind for number in range(400)} == set(KINDS)
+        kinds = {drawn(1, number, setting)[0].kind for number in range(MANY)}
+        assert kinds == set(kinds_of(setting))
 
 
-def test_stop_is_due_only_if_the_fault_lasts_for_longer_than_the_bound() -> None:
-    for number in range(400):
-        fault, _ = drawn(1, number, Setting(patience=3.0))
-        if fault.kind == 'safety_mux: SIGSTOP':
-            assert fault.bound == (3.0 * HUNG if fault.lasts > 3.0 * HUNG else None)
+@pytest.mark.parametrize(
+    ('kind', 'bound'), [('safety_mux: SIGSTOP', HUNG), ('VM-110: radio lost', UNIT_RADIO)]
+)
+def test_stop_is_due_only_if_the_fault_lasts_for_longer_than_the_bound(
+    kind: str, bound: float
+) -> None:
+    patient = Setting(patience=3.0)
+    found = [fault for n in range(MANY) if (fault := drawn(1, n, patient)[0]).kind == kind]
+    due = {fault.lasts > 3.0 * bound: fault.bound for fault in found}
+    assert due == {True: 3.0 * bound, False: None}
+
+
+def test_halted_wire_needs_no_stop_where_a_busy_machine_may_halt_it() -> None:
+    for patience in (1.0, 3.0):
+        found = (drawn(1, number, Setting(patience=patience))[0] for number in range(MANY))
+        bounds = {f.bound for f in found if f.kind.startswith('wire') and 'STOP' in f.kind}
+        assert (bounds == {None}) is (patience > 1.0)
+
+
+def test_actuator_beside_the_drive_that_moves_in_a_stop_is_a_finding() -> None:
+    told = [(at, True) for at in (10.0, 10.1, 12.1)] + [(11.0, False)]
+    assert not moved({'a servo': told}, 10.2, PRESSED)
+    assert moved({'a servo': told}, 10.05, PRESSED) == ['a servo moves 1 times in a stop']
 
 
 def test_table_counts_what_the_machine_excuses_and_what_nothing_does() -> None:
@@ -136,8 +158,11 @@ def test_growth_is_told_of_processes_that_lived_for_long() -> None:
 @pytest.mark.proof
 def test_stack_stands_a_few_random_faults(tmp_path: Path, observer: Observer) -> None:
     setting = Setting(stack=True, patience=3.0)
-    kinds = ['VSC: stalled', 'drive: drops out', 'drive: unplugged']
-    numbers = {drawn(1, number, setting)[0].kind: number for number in range(400)}
+    kinds = [
+        *('VSC: stalled', 'drive: drops out', 'drive: unplugged'),
+        *('SSC: unplugged', 'Akron: foreign joystick', 'wire of ssc_bridge: SIGKILL'),
+    ]
+    numbers = {drawn(1, number, setting)[0].kind: number for number in range(MANY)}
     with Machine(tmp_path, observer, setting) as machine:
         campaign = Campaign(machine, seed=1)
         assert [campaign.trial(numbers[kind]).findings for kind in kinds] == [[]] * len(kinds)
@@ -146,7 +171,7 @@ def test_stack_stands_a_few_random_faults(tmp_path: Path, observer: Observer) ->
 @pytest.mark.proof
 def test_cut_cable_between_two_hosts_stops_the_drive() -> None:
     setting = Setting(patience=3.0, two_hosts=True)
-    numbers = [n for n in range(300) if drawn(1, n, setting)[0].kind == CABLE]
+    numbers = [n for n in range(MANY) if drawn(1, n, setting)[0].kind == CABLE]
     for number in numbers[:2]:
         words = f'-m benchmarks.campaign random --two-hosts --patience 3 --first {number} -n 1'
         command = [sys.executable, *words.split()]

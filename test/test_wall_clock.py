@@ -29,7 +29,7 @@ import pytest
 from benchmarks.machine import Machine
 from benchmarks.machine import Setting
 from benchmarks.random_campaign import Campaign
-from benchmarks.random_faults import Fault
+from benchmarks.random_devices import Fault
 from test.can_rig import VARIABLE
 from test.rig import Observer
 
@@ -51,7 +51,9 @@ def step(seconds: float) -> None:
 def test_wall_clock_that_steps_starts_nothing_and_hides_no_stop(
     tmp_path: Path, observer: Observer
 ) -> None:
-    with Machine(tmp_path, observer, Setting(stack=True, patience=4.0)) as machine:
+    with Machine(
+        tmp_path, observer, Setting(stack=True, patience=4.0, all_devices=False)
+    ) as machine:
         campaign = Campaign(machine, seed=1)
         for seconds in (HOUR, -2.0 * HOUR, HOUR):
             alone = campaign.do(Fault('a step', lambda _, by=seconds: step(by)))  # type: ignore[misc]
