@@ -275,7 +275,7 @@ class Campaign:
             if machine.held:
                 if self._moves():
                     return self._rest_moves()
-                lost = machine.mux_says('STOPPED')
+                lost = machine.mux_says('STOPPED') and machine.values.get('state') == 'STOPPED'
                 if lost or now > machine.windows[-1] + _UNMOVED:
                     undone.append(_said(machine))
                     machine.let_go()
