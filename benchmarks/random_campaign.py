@@ -22,8 +22,8 @@ repeats it. With ``--json FILE`` that has trials of this seed it goes on after t
 
 A trial holds if the drive is disabled within the bound of docs/safety.md, widened only by what the
 machine's processes waited for a processor meanwhile, a second at most; if nothing enables it again
-before everything was let go and the deadman pressed anew; if that moves it; and if no process is
-left or missing.
+before everything was let go and the deadman pressed anew; if nothing moves servo and Akron unit
+while the mux says stop; if that press moves them all; and if no process is left or missing.
 """
 
 from __future__ import annotations
