@@ -25,12 +25,12 @@ import sys
 
 from bridge_core.transports import link
 from bridge_core.transports import process
-from bridge_core.transports import wire
+from test import patient_wire
 from test.rig import TIMEOUT_FACTOR
 
 vars(process).update(SILENCE_LIMIT=TIMEOUT_FACTOR, _KILL_TIME=2.0 * TIMEOUT_FACTOR)
-vars(link).update(INPUT_LIMIT=1.0, REQUEST_LIMIT=TIMEOUT_FACTOR)
-vars(wire).update(_FROZEN_TIME=1.0)
+vars(process).update(_PROGRAM=patient_wire.__name__)
+vars(link).update(INPUT_LIMIT=patient_wire.FROZEN_TIME, REQUEST_LIMIT=TIMEOUT_FACTOR)
 
 if __name__ == '__main__':
     del sys.argv[0]

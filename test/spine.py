@@ -34,6 +34,7 @@ from esi_drive_bridge.simulator import Simulator as DriveSimulator
 from fort_vsc_bridge.simulator import Simulator as VscSimulator
 from rugged_teleop.stack import wiring
 from test.rig import Observer
+from test.rig import TIMEOUT_FACTOR
 from test.run_delay import RunDelay
 from test.run_delay import WIRE_HELD_UP
 from test.stage import CLEAR_ERRORS
@@ -249,7 +250,7 @@ def exit_of(module: str, *arguments: str, timeout: float = 20.0) -> tuple[int, s
         cwd=Path(__file__).resolve().parent.parent,
     )
     try:
-        _, error = process.communicate(timeout=timeout)
+        _, error = process.communicate(timeout=timeout * TIMEOUT_FACTOR)
     except subprocess.TimeoutExpired:
         process.send_signal(signal.SIGKILL)
         process.communicate()

@@ -15,6 +15,7 @@
 """The processes of the SSC bridge, node or wire, are frozen or killed."""
 
 import contextlib
+from functools import partial
 import os
 from pathlib import Path
 import signal
@@ -25,6 +26,7 @@ from typing import Any
 import pytest
 from sensor_msgs.msg import JointState
 
+from test.rig import NodeProcess
 from test.rig import Observer
 from test.ssc_bench import Bench
 from test.ssc_bench import bench_of
@@ -35,6 +37,15 @@ from test.toy_rig import wires_of
 
 DRIVING = (1700, 1000)  # pan 0.5, tilt -1; see SERVOS
 FAILSAFE = (1200, 0)
+# The node is patient, its wire is as delivered: what a frozen wire may believe is the question.
+OWN_WIRE = """
+from bridge_core.transports import process
+program = process._PROGRAM
+import test.patience
+process._PROGRAM = program
+from ssc_bridge.node import main
+main()
+"""
 
 
 def drive(bench: Bench) -> None:
@@ -71,8 +82,10 @@ def frozen(bench: Bench, which: str) -> int:
 def test_freeze_publishes_a_stop_although_the_one_meanwhile_came_and_went(
     observer: Observer, tmp_path: Path, which: str, gone: float
 ) -> None:
-    # Patient: no timeout of its own would notice.
-    with bench_of(tmp_path, observer, link_timeout=2.0, command_timeout=2.0, **SERVOS) as bench:
+    # No timeout of its own would notice.
+    patient = {'link_timeout': 2.0, 'command_timeout': 2.0, **SERVOS}
+    start = partial(NodeProcess, source=OWN_WIRE)
+    with bench_of(tmp_path, observer, start=start, **patient) as bench:
         drive(bench)
         for _ in range(5):
             bench.wait(lambda: tuple(bench.seen()['serial_us'][:2]) == DRIVING, 'the servos')

@@ -49,6 +49,7 @@ from bridge_core.transports.wire import BACKOFF_START
 from bridge_core.transports.wire import Request
 from bridge_core.transports.wire import Wire
 
+_PROGRAM = 'bridge_core.transports.wire_process'
 SILENCE_LIMIT = 0.085  # s without any, after which the node demands a stop
 _KILL_TIME = 0.25  # s without any, after which another wire takes over
 _LATE = 0.005  # s
@@ -293,7 +294,7 @@ class ProcessLink(Link):
             process = subprocess.Popen(
                 [
                     f'{self.name}: wire {self.device}',
-                    *('-S', '-m', 'bridge_core.transports.wire_process'),
+                    *('-S', '-m', _PROGRAM),
                     *(str(theirs.fileno()), self._bridge.module),
                     *(str(self._reconnect_period), str(self._rt_priority), str(self._tap)),
                 ],
