@@ -108,8 +108,21 @@ EXCUSED: dict[str, dict[str, str]] = {
         ),
         **{
             f'Session.{name}: self._expire(now) -> pass': 'it expires nothing, and a poll follows'
-            for name in ('set_name', 'set_display_text', 'get_feedback')
+            for name in (
+                *('set_software_estop', 'set_feedback', 'set_name', 'set_display_text'),
+                *('get_feedback', 'rumble'),
+            )
         },
+        **{
+            f'Session.{name}: '
+            'self.settings.wire.require(MessageType.USER_FEEDBACK_NAME) -> pass': (
+                'the check of the name says the same'
+            )
+            for name in ('set_name', 'set_display_text')
+        },
+        'Session._sends_at: self.software_estop_in_use and (not self._sent_stop) -> not '
+        'self._sent_stop': 'what is not in use was never heard, and has no deadline',
+        "Session._software_stop: return '' -> return None": _FALSY,
     },
     'fort_vsc_bridge/session/stops.py': {
         'StopJudge.__init__: False -> True': _SET_FIRST,

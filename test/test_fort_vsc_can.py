@@ -371,6 +371,14 @@ def test_joystick_frames_of_before_operational_do_not_count_in_it(begins: str) -
     assert len(decoder.feed(RIGHT, 0.125)) == 1
 
 
+def test_joystick_frames_of_before_a_lost_port_do_not_count_with_those_after_it() -> None:
+    decoder = CanDecoder(CanIds(), LIMIT)
+    for each in (LEFT, LEFT_Z, RIGHT):
+        assert decoder.feed(each, 0.0) == []
+    decoder.reset()
+    assert decoder.feed(RIGHT_Z, 0.01) == []
+
+
 def test_heartbeats_of_another_mode_do_not_divide_the_four_frames() -> None:
     decoder = CanDecoder(CanIds(), LIMIT)
     for each in (LEFT, LEFT_Z, RIGHT):

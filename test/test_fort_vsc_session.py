@@ -384,6 +384,9 @@ def test_software_stop_goes_at_once_and_repeats() -> None:
     assert bench.session.poll(bench.now) == ([], [STOP])
     bench.wait(1.0)
     assert {frame for at, frame in bench.sent if at > 100.01} == {STOP}
+    bench.sent.clear()
+    bench.run(1.0, heartbeat())  # at its rate, however often there is something to hear
+    assert len(bench.sent) == pytest.approx(20, abs=1)
 
 
 def test_software_stop_that_is_not_repeated_is_a_stop() -> None:
@@ -637,6 +640,27 @@ def test_remote_status_that_comes_no_more_grows_stale() -> None:
     assert RemoteState(RemoteStatus(70, False, 2, 2)) in bench.hear(status())
 
 
+def test_remote_status_grows_stale_at_its_moment() -> None:
+    bench = opened(heartbeat_rate=4.0)
+    for _ in range(3):
+        bench.run(1.0, heartbeat())
+        bench.hear(status())
+    bench.run(4.98, heartbeat())
+    bench.wait(0.019)
+    assert bench.session.remote_status is not None
+    assert RemoteState(None) in bench.wait(0.002)
+
+
+def test_device_is_asked_when_that_is_due() -> None:
+    device = DeviceSettings(heartbeat_interval_ms=50, auto_off_enable=0)
+    bench = opened(configure_device=True, heartbeat_rate=4.0, device=device)
+    bench.hear(heartbeat())
+    for _ in range(100):
+        assert bench.session.deadline() <= bench.session._device.deadline
+        bench.hear(heartbeat())
+        bench.wait(0.03)
+
+
 def test_remote_status_of_a_long_interval_is_not_stale_between_two() -> None:
     bench = opened()
     for _ in range(3):
@@ -821,6 +845,18 @@ def test_display_text_fills_four_lines_and_switches_to_them_once() -> None:
     bench.session.set_display_text('three', bench.now)
     bench.wait(2.0)
     assert [f[5] for _, f in bench.frames(0x30)] == [1, 3]
+
+
+def test_display_has_four_lines_and_no_fifth() -> None:
+    bench = opened()
+    with pytest.raises(ValueError, match='the display has 4 lines, not 5'):
+        bench.session.set_display_text('1\n2\n3\n4\n5', bench.now)
+    bench.session.set_display_text('1\n2\n3\n4', bench.now)
+    bench.wait(2.0)
+    bench.session.set_name(93, 'four', bench.now)
+    bench.wait(2.0)
+    texts = [f[5:25].rstrip(b'\0') for _, f in bench.frames(0x31)]
+    assert texts == [b'1', b'2', b'3', b'4', b'four']
 
 
 @pytest.mark.parametrize(
