@@ -103,9 +103,6 @@ EXCUSED: dict[str, dict[str, str]] = {
         ),
         'Session.__init__: self._settled_at = math.inf -> pass': _SET_FIRST,
         'Session.__init__: self._leaving = self._sent_stop = False -> pass': _SET_FIRST,
-        'Session.set_feedback: self.settings.wire.require(MessageType.USER_FEEDBACK) -> pass': (
-            'the check of the value says the same'
-        ),
         **{
             f'Session.{name}: self._expire(now) -> pass': 'it expires nothing, and a poll follows'
             for name in (
