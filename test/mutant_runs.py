@@ -128,6 +128,18 @@ def run_tests(file: str, tests: Sequence[str], code: CodeType, limit: float) -> 
     return KILLED if status else SURVIVED, seconds
 
 
+def patience_of(file: str, tests: Sequence[str]) -> float:
+    """
+    Return the processor time that a file's tests may take, in s: see ``patience``.
+
+    :raises UnfitTestsError: they fail without a fault.
+    """
+    outcome, seconds = run_tests(file, tests, compiled(file), _WHOLE)
+    if outcome != SURVIVED:
+        raise UnfitTestsError(f'the tests of {file} fail without a fault: {" ".join(tests)}')
+    return patience(seconds)
+
+
 def _pytest(
     codes: Mapping[str, CodeType], arguments: Iterable[str], plugins: Sequence[object] = ()
 ) -> int:
@@ -137,7 +149,7 @@ def _pytest(
     sys.meta_path[:0] = [Finder(file, code) for file, code in codes.items()]
     options = (
         *('-q', '-m', 'not computes and not proof', '--hypothesis-seed=0'),
-        *('-p', 'no:cacheprovider', '-p', 'no:xdist'),
+        *('-p', 'no:cacheprovider', '-p', 'no:xdist', '--assert=plain', '--tb=no'),
     )
     return int(pytest.main([*options, *arguments], plugins=[*plugins]))
 

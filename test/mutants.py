@@ -36,7 +36,6 @@ from functools import partial
 import hashlib
 import importlib
 import json
-import math
 import multiprocessing
 import os
 from pathlib import Path
@@ -47,8 +46,7 @@ from typing import Any
 from typing import NamedTuple
 
 from test.mutant_runs import Bench
-from test.mutant_runs import compiled
-from test.mutant_runs import patience
+from test.mutant_runs import patience_of
 from test.mutant_runs import ROOT
 from test.mutant_runs import run_tests
 from test.mutant_runs import SURVIVED
@@ -361,10 +359,9 @@ def judge(files: Sequence[str], path: Path, sample: int | None) -> list[Verdict]
     if unknown():
         Bench.run(files, tests, judge_most)
     if left := unknown():
-        _, seconds = run_tests(files[0], tests, compiled(files[0]), math.inf)
+        limit = patience_of(files[0], tests)
         for mutant in left:
-            outcome = run_tests(mutant.file, tests, mutant.code, patience(seconds))
-            results.note(mutant, *outcome)
+            results.note(mutant, *run_tests(mutant.file, tests, mutant.code, limit))
         results.read()
     return [_verdict(file, found[file], results, sample is None) for file in files]
 

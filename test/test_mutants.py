@@ -82,6 +82,25 @@ def test_fault_counts_in_a_module_that_is_loaded_already() -> None:
     assert said.split() == ['killed']
 
 
+_PATIENCE = """
+import sys
+from test import mutant_runs
+
+FILE = 'bridge_core/watchdog.py'
+print(mutant_runs.patience_of(FILE, ['test/test_watchdog.py']))
+try:
+    mutant_runs.patience_of(FILE, ['test/test_nothing.py'])
+except mutant_runs.UnfitTestsError as error:
+    print('unfit')
+"""
+
+
+def test_patience_is_measured_by_tests_that_pass_without_a_fault() -> None:
+    patience, unfit = in_python(_PATIENCE).split()[-2:]
+    assert 10.0 < float(patience) < 600.0
+    assert unfit == 'unfit'
+
+
 _JUDGED = """
 import sys
 from test import mutant_runs, mutants
