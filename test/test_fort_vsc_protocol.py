@@ -46,7 +46,9 @@ from fort_vsc_bridge.protocol import UserFeedbackName
 from fort_vsc_bridge.protocol.frames import PACKETS
 from fort_vsc_bridge.protocol.frames import Rejected
 from fort_vsc_bridge.protocol.serial import SerialDecoder
+from fort_vsc_bridge.protocol.values import AutonomyMode
 from fort_vsc_bridge.protocol.values import estop_sources
+from fort_vsc_bridge.protocol.values import Key
 from fort_vsc_bridge.protocol.values import mode_name
 from fort_vsc_bridge.simulator import build_frame  # the manual's own loop, not our codec
 from test.parser_rig import frames_of
@@ -490,3 +492,10 @@ def test_its_first_half_is_forgotten_with_the_port(cut: int) -> None:
     decoder.feed(OTHER[:cut], 1.0)
     decoder.reset()
     assert rejected(decoder, OTHER[cut:]) == []
+
+
+def test_modes_and_keys_have_the_manuals_numbers() -> None:
+    # Tables 12, 19, 24, 27 and 29; modes 0 and 1 as seen on devices.
+    assert [*map(int, Mode)] == [0, 1, 4, 6, 9, 10, 11]
+    assert [*map(int, AutonomyMode)] == [0, 1, 2]
+    assert [*map(int, Key)] == [*range(1, 13), *range(80, 86), *range(90, 94), 99]
