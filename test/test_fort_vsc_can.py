@@ -14,6 +14,7 @@
 
 """The VSC on CAN: golden frames, what stops, what counts, what is sent and when."""
 
+from collections.abc import Callable
 from collections.abc import Iterator
 import itertools
 import json
@@ -174,6 +175,54 @@ def test_short_data_is_an_error_whatever_is_missing(
 def test_heartbeat_filled_up_to_eight_bytes_is_taken() -> None:
     message = decode_data('heartbeat', bytes.fromhex('06 01 00000000 FFFF'))
     assert message == Heartbeat(Mode.REMOTE, AutonomyMode.SHARED_CONTROL, 0)
+
+
+def test_value_filled_up_to_eight_bytes_is_taken() -> None:
+    assert decode_data('feedback_value', bytes.fromhex('0301000000FFFFFF')) == UserFeedback(3, 1)
+
+
+@pytest.mark.parametrize(
+    ('name', 'place'),
+    [
+        *(('left_basic', place) for place in (0, 1, 2, 3, 5)),
+        ('left_extended', 0),
+        ('left_extended', 1),
+    ],
+)
+def test_one_bit_beside_zeros_is_no_zeroed_message(name: str, place: int) -> None:
+    basic, extended = bytes.fromhex('00000000FF00FFFF'), bytes.fromhex('0000FFFFFFFFFFFF')
+    four = {
+        'left_basic': basic,
+        'left_extended': extended,
+        'right_basic': basic,
+        'right_extended': extended,
+    }
+    decoder = CanDecoder(CanIds(), LIMIT)
+    assert [decoder.feed(frame(*each), 0.0) for each in four.items()][-1] == [Joystick.neutral()]
+    changed = bytearray(four[name])
+    changed[place] = 1
+    assert decoder.feed(frame(name, bytes(changed)), 0.0) != [Joystick.neutral()]
+
+
+@pytest.mark.parametrize(
+    ('make', 'words'),
+    [
+        (lambda: BasicJoystick(Axis(0), Axis(0), pad()[:3]), 'a pad has 4 buttons, not 3'),
+        (lambda: StringSegment(-1, 0, ''), 'a feedback key'),
+        (lambda: StringSegment(100, 0, ''), 'a feedback key'),
+        (lambda: StringSegment(90, 3, ''), 'a segment'),
+        (lambda: StringSegment(90, 0, '7 chars'), 'not up to 6 printable characters'),
+        (lambda: StringSegment(90, 0, '\t'), 'not up to 6 printable characters'),
+        (lambda: StringSegment(90, 0, '°'), 'not up to 6 printable characters'),
+    ],
+)
+def test_what_no_frame_can_carry_is_refused(make: Callable[[], object], words: str) -> None:
+    with pytest.raises(ValueError, match=words):
+        make()
+
+
+def test_key_zero_is_one() -> None:
+    assert StringSegment(0, 0, '').key == 0
 
 
 @pytest.mark.parametrize(

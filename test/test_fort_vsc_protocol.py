@@ -495,6 +495,7 @@ def test_its_first_half_is_forgotten_with_the_port(cut: int) -> None:
 
 
 def test_modes_and_keys_have_the_manuals_numbers() -> None:
+    assert protocol.BAUD == 115200
     # Tables 12, 19, 24, 27 and 29; modes 0 and 1 as seen on devices.
     assert [*map(int, Mode)] == [0, 1, 4, 6, 9, 10, 11]
     assert [*map(int, AutonomyMode)] == [0, 1, 2]

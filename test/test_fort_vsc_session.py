@@ -574,6 +574,8 @@ def test_faulty_stick_makes_all_neutral_and_is_named() -> None:
     assert event.buttons == NEUTRAL.buttons
     assert event.faulty == ('left_y error', 'left_z unavailable', 'right_up unavailable')
     assert bench.session.faulty == event.faulty
+    words = f'have the remote repaired: it reports {", ".join(event.faulty)}'
+    assert (Level.ERROR, words) in bench.session.problems(bench.now)
 
 
 def test_silent_stick_is_not_called_broken_any_more() -> None:
@@ -654,10 +656,12 @@ def test_remote_status_grows_stale_at_its_moment() -> None:
 def test_device_is_asked_when_that_is_due() -> None:
     device = DeviceSettings(heartbeat_interval_ms=50, auto_off_enable=0)
     bench = opened(configure_device=True, heartbeat_rate=4.0, device=device)
-    bench.hear(heartbeat())
+    bench.wait(0.1)  # not when our heartbeat is due, too
+    bench.hear(heartbeat(Mode.LOCAL))  # for these it needs no remote
+    assert build_frame(0x32, b'\x51') in [frame for _, frame in bench.sent]
     for _ in range(100):
         assert bench.session.deadline() <= bench.session._device.deadline
-        bench.hear(heartbeat())
+        bench.hear(heartbeat(Mode.LOCAL))
         bench.wait(0.03)
 
 
