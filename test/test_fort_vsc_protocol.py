@@ -500,3 +500,9 @@ def test_modes_and_keys_have_the_manuals_numbers() -> None:
     assert [*map(int, Mode)] == [0, 1, 4, 6, 9, 10, 11]
     assert [*map(int, AutonomyMode)] == [0, 1, 2]
     assert [*map(int, Key)] == [*range(1, 13), *range(80, 86), *range(90, 94), 99]
+
+
+@pytest.mark.parametrize('length', [1, 2, 247, 248])
+def test_position_is_as_long_as_the_longest_payload_at_most(length: int) -> None:
+    (message,) = SerialDecoder().feed(build_frame(0x12, b'$' * length), 1.0)
+    assert isinstance(message, Gps)

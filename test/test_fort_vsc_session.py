@@ -96,7 +96,9 @@ def sticks(events: list[Any]) -> list[Sticks]:
 def test_stop_until_a_clean_heartbeat() -> None:
     bench = Bench()
     assert bench.session.estop
-    assert 'not open' in bench.session.stop_reasons(bench.now)[0]
+    assert bench.session.stop_reasons(bench.now) == [
+        'plug the VSC in, and check port (can: channel): it is not open'
+    ]
     bench.open()
     assert bench.session.estop
     assert bench.session.own_estop
@@ -651,6 +653,28 @@ def test_remote_status_grows_stale_at_its_moment() -> None:
     bench.wait(0.019)
     assert bench.session.remote_status is not None
     assert RemoteState(None) in bench.wait(0.002)
+
+
+@pytest.mark.parametrize(('gap', 'lasts'), [(None, 3 * 65.535), (10.0, 30.0), (100.0, 3 * 65.535)])
+def test_remote_status_lasts_for_three_of_its_intervals(gap: float | None, lasts: float) -> None:
+    bench = opened()
+    bench.hear(heartbeat())
+    if gap is not None:
+        bench.hear(status())
+        bench.run(gap, heartbeat())
+    bench.hear(status())
+    bench.run(lasts - 0.1, heartbeat())
+    assert bench.session.remote_status is not None
+    bench.run(0.2, heartbeat())
+    assert bench.session.remote_status is None
+
+
+def test_frame_that_is_looped_back_is_told_for_three_seconds() -> None:
+    bench = opened()
+    bench.hear(heartbeat(), CLEAR)
+    for age, told in ((2.9, True), (3.0, False)):
+        words = [text for _, text in bench.session.problems(100.0 + age)]
+        assert any('our own frames come back' in text for text in words) == told
 
 
 def test_device_is_asked_when_that_is_due() -> None:

@@ -28,6 +28,7 @@ import pytest
 
 from bridge_core.session import Level
 from fort_vsc_bridge.convert import joy
+from fort_vsc_bridge.parameters import PARAMETERS
 from fort_vsc_bridge.protocol import AXIS_NAMES
 from fort_vsc_bridge.protocol import BUTTON_NAMES
 from fort_vsc_bridge.protocol import CanWire
@@ -63,6 +64,23 @@ def test_link_timeout_is_above_the_time_between_two_signs_of_life(wire: Any) -> 
     least = Settings.TABLE['link_timeout'].minimum
     assert least is not None
     Settings(wire=wire, link_timeout=max(math.nextafter(wire.INTERVAL, 1.0), least))
+
+
+@pytest.mark.parametrize(
+    ('transport', 'kind'), [('serial', SerialWire), ('can', CanWire), ('hid', HidWire)]
+)
+def test_parameters_become_settings(transport: str, kind: type[Any]) -> None:
+    values = {parameter.name: parameter.default for parameter in PARAMETERS}
+    values |= {'transport': transport, 'link_timeout': 1.5, 'device.auto_off_enable': 1}
+    settings = Settings.from_parameters(values)
+    assert isinstance(settings.wire, kind)
+    assert (settings.link_timeout, settings.device.auto_off_enable) == (1.5, 1)
+    assert settings.device.user_estop_timeout == values['device.user_estop_timeout']
+
+
+def test_software_stop_that_no_wire_carries_is_not_required() -> None:
+    with pytest.raises(ValueError, match='require_software_estop = True: transport hid cannot'):
+        Settings(wire=HidWire(), require_software_estop=True)
 
 
 def test_wire_that_carries_nothing_lets_nothing_pass() -> None:
