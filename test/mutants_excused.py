@@ -155,6 +155,17 @@ EXCUSED: dict[str, dict[str, str]] = {
         'sticks_of: 0 -> 1': _FOR_TYPES,
         'sticks_of: us[button.channel - 1] or 0 -> us[button.channel - 1]': _FOR_TYPES,
     },
+    'akron_can_bridge/protocol/fields.py': {
+        'statuses.unpack: 3 -> 4': 'only the last ones count',
+    },
+    'vm110_bridge/session/serials.py': {
+        f'SerialNumbers.__init__: {change}': _SET_FIRST
+        for change in (
+            *('self._seen = 0 -> pass', 'self._length = 0 -> pass', '0 -> 1', '0.0 -> 1.0'),
+            *('self._count_gap = True -> pass', 'True -> False'),
+            'self._run_start = self._run_at = 0.0 -> pass',
+        )
+    },
     'vm110_bridge/protocol/frames.py': {
         ": _M = TypeVar('_M', bound='Message') -> pass": _FOR_TYPES,
         'Message._from_payload: raise NotImplementedError -> pass': _ABSTRACT,

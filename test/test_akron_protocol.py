@@ -346,6 +346,11 @@ def test_least_and_greatest_pin(pin: str) -> None:
     assert AddressAnnouncement.from_bytes(announced.to_bytes()) == announced
 
 
+def test_pin_beyond_its_bits_is_refused() -> None:
+    with pytest.raises(ValueError, match='digits 7-15'):
+        AddressAnnouncement(f'0000AE{1 << 29:09}')
+
+
 def test_names_contend_by_all_their_bits() -> None:
     low, high = Name(1, 326, industry_group=1), Name(0, 326, industry_group=1, reserved=1)
     assert low.value < high.value

@@ -14,9 +14,12 @@
 
 """Polls and requests of the Akron session, until their answer or its timeout."""
 
+import math
+
 import pytest
 
 from akron_can_bridge.session import Request
+from akron_can_bridge.session.asker import Asker
 from bridge_core.session import Answer
 from test.akron_session_rig import ANNOUNCED
 from test.akron_session_rig import Bench
@@ -34,6 +37,14 @@ from test.akron_session_rig import PIN
 from test.akron_session_rig import POSITION
 from test.akron_session_rig import REST
 from test.akron_session_rig import VERSIONS
+
+
+def test_first_answer_that_is_overdue_is_the_next_to_give_up() -> None:
+    asker = Asker(1.0)
+    assert asker.deadline == math.inf
+    asker.start(Request.POLL_FAULTS, 10.0)
+    asker.start(Request.POLL_VERSIONS, 10.5)
+    assert asker.deadline == 11.0
 
 
 def test_operational_error_has_the_faults_polled_at_once_and_every_second() -> None:
