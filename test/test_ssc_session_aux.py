@@ -35,6 +35,7 @@ from test.ssc_rig import Rig
 # Timer of 8 us between rising edges; accumulator of falling edges; digital output, high at start;
 # digital output, low; free running pulses of 2 us; one-shot pulses of 128 us.
 FUNCTIONS = (0x01B1, 0x0002, 0x0013, 0x0003, 0x0014, 0x0174)
+OTHERS = (0x0003,) * 6  # digital outputs, low
 
 
 def aux_rig(**changes: Any) -> Rig:
@@ -340,12 +341,33 @@ def test_other_configuration_ends_what_was_to_be_undone() -> None:
     set_all(rig)
     rig.mute = set(range(10, 16))
     rig.tick(40)
-    rig.mute, rig.aux, rig.aux_inputs = set(), (0x0003,) * 6, b'\0\0'
+    rig.mute, rig.aux, rig.aux_inputs = set(), OTHERS, b'\0\0'
     rig.tick(40)
     rig.sent.clear()
     rig.estop = True
     rig.tick(20)
     assert not rig.payloads(21)
+
+
+def replug(rig: Rig) -> None:
+    rig.session.closed(rig.now)
+    rig.session.opened(rig.now)
+
+
+@pytest.mark.parametrize('unplugged', [False, True])
+def test_what_is_not_undone_yet_never_reaches_another_configuration(unplugged: bool) -> None:
+    rig = aux_rig()
+    set_all(rig)
+    rig.do(lambda session, now: session.set_estop(True, now))
+    assert len(rig.payloads(21)) == 1  # of three
+    rig.sent.clear()
+    if unplugged:
+        replug(rig)
+    rig.aux, rig.aux_inputs = OTHERS, b'\0\0'
+    rig.hear(rig.answer(10) + rig.answer(15))
+    rig.tick(20)
+    assert not rig.payloads(21)
+    assert not [frame for frame in rig.session.farewell(rig.now) if frame[2] == 21]
 
 
 def test_stop_without_anything_set_sends_nothing() -> None:

@@ -103,6 +103,7 @@ class AuxOutputCommands:
             self._functions = functions
             self._levels.clear()
             self._pulsing.clear()
+            self._end_undo()  # it names channels that are something else now
         self._queue.clear()
         self._seen = ()
 
@@ -152,8 +153,7 @@ class AuxOutputCommands:
             self._queue.append(AuxOutputs(None, _at(periods), period=True))
         if pulses or levels is not None:
             self._queue.append(AuxOutputs(levels, _at(pulses)))
-        self._undos.stop()  # what is asked for now must not be undone
-        self._undos_left = 0
+        self._end_undo()  # what is asked for now must not be undone
 
     def stop(self, now: float) -> None:
         """Undo all that was ever set: levels as after power-on, no pulses; drop what waits."""
@@ -168,7 +168,7 @@ class AuxOutputCommands:
         self._undos.start(now)
         self._undos_left = UNDO_FRAMES
 
-    def take(self, now: float, *, at_once: bool = False) -> list[bytes]:
+    def take(self, now: float, *, at_once: bool) -> list[bytes]:
         """
         Return and forget the messages to be sent.
 
@@ -180,8 +180,12 @@ class AuxOutputCommands:
             self._undos.sent(now)
             self._undos_left -= 1
             if not self._undos_left:
-                self._undos.stop()
+                self._end_undo()
         return [message.to_bytes() for message in queue]
+
+    def _end_undo(self) -> None:
+        self._undos.stop()
+        self._undos_left = 0
 
     @property
     def deadline(self) -> float:
