@@ -662,13 +662,29 @@ def test_lockout_without_a_link_fails_at_once_and_sends_nothing() -> None:
     assert not rig.payloads(98)
 
 
-def test_lockout_is_told_failed_when_the_port_closes() -> None:
+def lose_port(rig: Rig) -> None:
+    rig.events += rig.session.closed(rig.now)
+
+
+@pytest.mark.parametrize(
+    ('lose', 'text'),
+    [
+        (lose_port, 'the port to the SSC is not open'),
+        (lambda rig: rig.session.interrupted('too much at once', rig.now), 'too much at once'),
+        (lambda rig: rig.tick(40), 'no status from the SSC'),
+    ],
+)
+def test_lockout_that_loses_the_device_says_how(lose: Callable[[Rig], None], text: str) -> None:
     rig = Rig()
     rig.available = True
     rig.start()
     rig.do(lambda session, now: session.lock_out(now))
-    (done,) = [e for e in rig.session.closed(rig.now) if isinstance(e, Answer)]
+    rig.mute = set(range(10, 16))
+    lose(rig)
+    rig.poll()
+    (done,) = rig.of(Answer)
     assert not done.success
+    assert text in done.text
 
 
 # -- settings and the line ------------------------------------------------------------------------

@@ -206,7 +206,7 @@ class Session(BaseSession[bytes, Message | Poll, Event]):
         self._poller.start(now)
 
     def _forget(self, now: float, reason: str) -> None:
-        self._forget_device(reason)
+        del reason  # of the verdict, which made _follow forget the device
         self._inputs_heard.reset()
         self._estop_in.reset()
         if self._open:  # the outputs go on to their failsafe
@@ -323,7 +323,7 @@ class Session(BaseSession[bytes, Message | Poll, Event]):
 
     def _follow(self, now: float) -> None:
         if not self.link_up and self.status is not None:
-            self._forget_device('the link was lost')
+            self._forget_device('; '.join(self.verdict.reasons))
         if self.command_state != self._published:
             self._published = self.command_state
             self._emit(CommandStateChanged(self._published))
