@@ -140,6 +140,20 @@ EXCUSED: dict[str, dict[str, str]] = {
             'where it is not ours any more, it is not read until we ask again'
         ),
     },
+    'ssc_bridge/session/auxiliary.py': {
+        ": _T = TypeVar('_T', DigitalOutput, PulseOutput) -> pass": _FOR_TYPES,
+        'counts_of: 1 -> 2': 'either is too many',
+        'AuxInputTotals.configure: False -> True': _SET_FIRST,
+        '_after: measured is None or not isinstance(before.function, PulseAccumulator) -> '
+        'not isinstance(before.function, PulseAccumulator)': (
+            'what fits the configuration has a measurement of each; for the type checker'
+        ),
+        'AuxOutputCommands.__init__: self._undo = AuxOutputs() -> pass': _SET_FIRST,
+        'AuxOutputCommands._is_one_shot: isinstance(function, PulseOutput) and function.one_shot '
+        '-> function.one_shot': _FOR_TYPES,
+        'AuxOutputCommands.stop: isinstance(function, DigitalOutput) and function.initially_high '
+        '-> function.initially_high': _FOR_TYPES,
+    },
     'ssc_bridge/session/outputs.py': {
         'Channel.__init__: 0.0 -> 1.0': _SET_FIRST,
         'Channel.__init__: self._target = 0.0 -> pass': _SET_FIRST,
@@ -150,6 +164,29 @@ EXCUSED: dict[str, dict[str, str]] = {
     },
     'ssc_bridge/session/polling.py': {
         'Poller.__init__: self._due = dict.fromkeys(rates, math.inf) -> pass': _SET_FIRST,
+    },
+    'ssc_bridge/session/session.py': {
+        'Session.__init__: self._estop_value = True -> pass': _SET_FIRST,
+        'Session.__init__: True -> False': _SET_FIRST,
+        'Session._forget: self._inputs_heard.reset() -> pass': (
+            'it is read once sticks are published again, which feeds it'
+        ),
+        'Session._forget_device: self.faulty = () -> pass': (
+            'a stop follows, and the neutral sticks that it owes clear it'
+        ),
+        'Session._take_checked: self._confirmed and self.link_up and self.configuration -> '
+        'self._confirmed and self.configuration': 'nothing is confirmed while the link is down',
+        'Session._take_checked: self._confirmed and self.link_up and self.configuration -> '
+        'self._confirmed and self.link_up': 'what is confirmed is known; for the type checker',
+        'Session._judge: state is not None and state in self.settings.stop_states -> '
+        'state in self.settings.stop_states': 'None is none of them; for the type checker',
+        'Session._follow: not self.link_up and self.status is not None -> not self.link_up': (
+            'without a status all that is forgotten already'
+        ),
+    },
+    'ssc_bridge/session/settings.py': {
+        'Settings._check_calibration: low <= axis.min_us < axis.max_us <= high -> '
+        'low <= axis.min_us <= axis.max_us <= high': 'the axis has its centre between them',
     },
     'ssc_bridge/session/sticks.py': {
         'sticks_of: 0 -> 1': _FOR_TYPES,

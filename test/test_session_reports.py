@@ -34,8 +34,10 @@ from fort_vsc_bridge.protocol import Mode
 from fort_vsc_bridge.protocol import RemoteStatus
 from fort_vsc_bridge.session import report as vsc
 from ssc_bridge.channels import Servo
+from ssc_bridge.protocol import CommandState
 from ssc_bridge.protocol import Configuration
 from ssc_bridge.protocol import DigitalInput
+from ssc_bridge.protocol import Status as SscStatus
 from ssc_bridge.session import report as ssc
 from ssc_bridge.session import Settings as SscSettings
 from test.esi_drive_rig import axes
@@ -126,6 +128,19 @@ def test_servo_at_the_last_output_is_there() -> None:
     for channel, count in ((16, 0), (17, 1)):
         settings = SscSettings(servos=(Servo(name='pan', channel=channel),))
         assert len(ssc.setup_warnings(settings, configuration)) == count
+
+
+@pytest.mark.parametrize(
+    ('status', 'menus'),
+    [
+        (None, 'unknown'),
+        (SscStatus(CommandState.MS_2, config_available=True), 'available'),
+        (SscStatus(CommandState.MS_2, config_available=False), 'locked out'),
+    ],
+)
+def test_menus_of_the_ssc_are_as_its_status_says(status: SscStatus | None, menus: str) -> None:
+    configuration = Configuration(7, 8, (DigitalInput(),) * 6)
+    assert ssc.setup_values(configuration, status)['configuration menus'] == menus
 
 
 @pytest.mark.parametrize(

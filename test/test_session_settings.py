@@ -32,6 +32,8 @@ from fort_vsc_bridge.session import DeviceSettings
 from fort_vsc_bridge.session import Settings as VscSettings
 from ssc_bridge.channels import AxisInput
 from ssc_bridge.channels import ButtonInput
+from ssc_bridge.channels import Failsafe
+from ssc_bridge.parameters import parameter_table
 from ssc_bridge.protocol import CommandState
 from ssc_bridge.protocol import Configuration
 from ssc_bridge.protocol import DigitalInput
@@ -90,6 +92,17 @@ def test_one_status_of_the_ssc_may_be_missing() -> None:
     SscSettings(link_timeout=0.2, poll_rates=(10.0, *rest))
     refused(SscSettings, 'poll_rates', link_timeout=0.2, poll_rates=(9.9, *rest))
     SscSettings(link_timeout=0.2, poll_rates=(0.0, *rest))  # it comes by itself
+
+
+def test_ssc_is_as_its_parameters_say() -> None:
+    changes = {'servos': ['pan'], 'failsafe': 'hold', 'estop_states': ['1 ms'], 'baud': 9600}
+    settings = SscSettings.from_parameters(defaults(parameter_table(changes), **changes))
+    assert [axis.name for axis in settings.axes] == ['turn', 'forward']
+    assert [button.name for button in settings.buttons] == ['deadman']
+    assert [servo.name for servo in settings.servos] == ['pan']
+    assert settings.failsafe is Failsafe.HOLD
+    assert settings.estop_states == {CommandState.MS_1}
+    assert (settings.baud, settings.poll_rates) == (9600, SscSettings().poll_rates)
 
 
 def test_names_of_the_ssc_differ() -> None:

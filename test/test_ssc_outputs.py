@@ -21,7 +21,6 @@ import math
 import pytest
 
 from ssc_bridge.protocol import PULSE_CHANNELS
-from ssc_bridge.session import RELEASE_FRAMES
 from ssc_bridge.session import Settings
 from ssc_bridge.session.outputs import Channel
 from ssc_bridge.session.outputs import Outputs
@@ -58,11 +57,11 @@ def test_command_of_no_pulse_is_sent_for_as_long_as_it_is_fresh() -> None:
     outputs.begin(NOW)
     assert outputs.frames(NOW, COUNT, at_once=True) == []
     outputs.ask(1, 0.0, NOW)
-    for _ in range(RELEASE_FRAMES + 2):
+    for _ in range(5):
         assert outputs.frames(NOW, COUNT, at_once=True)
     outputs.forget()
-    sent = [bool(outputs.frames(NOW, COUNT, at_once=True)) for _ in range(RELEASE_FRAMES + 2)]
-    assert sent == [True] * RELEASE_FRAMES + [False] * 2
+    sent = [bool(outputs.frames(NOW, COUNT, at_once=True)) for _ in range(5)]
+    assert sent == [True] * 3 + [False] * 2
 
 
 def test_command_that_never_went_out_needs_no_release() -> None:

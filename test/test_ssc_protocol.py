@@ -275,6 +275,13 @@ def test_own_bad_value_is_refused_when_made(make: Any) -> None:
     assert not isinstance(caught.value, FrameError)
 
 
+def test_refused_count_is_answered_with_those_that_do() -> None:
+    with pytest.raises(ValueError, match='commanded pulses: 1 to 24 are needed, not 0'):
+        PulseCommand(())
+    with pytest.raises(ValueError, match='levels: 6 are needed, not 5'):
+        AuxInputs((True,) * 5)
+
+
 @pytest.mark.parametrize(
     'frame',
     [

@@ -33,6 +33,7 @@ from ssc_bridge.protocol import MessageType
 from ssc_bridge.session import CommandStateChanged
 from ssc_bridge.session import ConfigurationRead
 from ssc_bridge.session import FailsafeBegun
+from ssc_bridge.session import LOCKOUT
 from ssc_bridge.session import PulsesIn
 from ssc_bridge.session import PulsesOut
 from ssc_bridge.session import Session
@@ -43,6 +44,7 @@ from ssc_bridge.session.polling import Poller
 from ssc_bridge.session.sticks import sticks_of
 from test.ssc_rig import build_frame
 from test.ssc_rig import configuration
+from test.ssc_rig import INPUTS
 from test.ssc_rig import OUTPUTS
 from test.ssc_rig import PAN
 from test.ssc_rig import Rig
@@ -161,6 +163,25 @@ def test_port_that_comes_back_is_asked_at_once() -> None:
     _, frames = rig.session.opened(rig.now)
     assert {frame[2] for frame in frames} == {10, 15}
     assert rig.session.frame_age(rig.now) == float('inf')
+
+
+def test_device_whose_bytes_were_discarded_is_asked_at_once() -> None:
+    rig = Rig().start()
+    rig.session.interrupted('full', rig.now)
+    _, frames = rig.session.poll(rig.now)
+    assert {frame[2] for frame in frames} == {10, 15}
+
+
+def test_estop_in_of_before_a_lost_port_does_not_count() -> None:
+    rig = servo_rig()
+    rig.session.closed(rig.now)
+    rig.session.opened(rig.now)
+    rig.hear(rig.answer(10) + rig.answer(15))
+    assert not rig.session.estop
+    (reason,) = rig.session.inhibits(rig.now)
+    assert 'e-stop input is stale: never heard' in reason
+    rig.do(lambda session, now: session.set_pulses([1500], now))
+    assert not rig.session.outputs.commanded()
 
 
 def test_link_lost_needs_the_configuration_again() -> None:
@@ -325,8 +346,17 @@ def test_echoed_frames_are_told_apart_and_vouch_for_nothing() -> None:
     session.receive(b''.join(frames) + build_frame(20, bytes(2)) + build_frame(98, b''), 0.0)
     assert session.looped_back == len(frames) + 2
     assert not session.link_up
-    assert any('RX wired to TX' in text for _, text in session.problems(1.0))
-    assert not any('RX wired to TX' in text for _, text in session.problems(10.0))  # mended
+    assert any('RX wired to TX' in text for _, text in session.problems(4.9))
+    assert not any('RX wired to TX' in text for _, text in session.problems(5.1))  # mended
+
+
+def test_packets_of_another_size_name_the_firmware_while_they_come() -> None:
+    session = Session(Settings())
+    session.opened(0.0)
+    for tick in range(60):
+        session.receive(build_frame(10, b'\0'), 0.01 * tick)
+    assert session.stop_reasons(0.6)[0].startswith('update the firmware of the SSC')
+    assert session.stop_reasons(2.0)[0].startswith("check the SSC's power")
 
 
 def test_bytes_without_a_frame_name_the_baud_rate() -> None:
@@ -400,6 +430,15 @@ def test_message_that_contradicts_the_configuration_is_a_stop(frame: bytes) -> N
     assert not rig.session.estop
 
 
+def test_contradiction_is_forgotten_with_the_device_that_was_lost() -> None:
+    rig = Rig().start()
+    contradicted(rig)
+    mute(rig)
+    rig.mute = {11}  # what comes back does not tell its sources
+    rig.tick(40)
+    assert not rig.session.estop
+
+
 def test_contradiction_and_its_end_in_one_read_are_both_reported_in_order() -> None:
     rig = stick_rig()
     wrong = build_frame(13, words([1500] * 7))
@@ -450,6 +489,16 @@ def test_what_comes_by_itself_is_not_polled() -> None:
     assert all(rig.polls(kind, since + TICK / 2) <= 1 for kind in range(10, 16))
 
 
+def test_configuration_that_comes_by_itself_is_not_polled() -> None:
+    rig = Rig()
+    rig.mute = {10, 15}  # without a status it does not count
+    rig.open()
+    for _ in range(100):
+        rig.tick()
+        rig.hear(rig.answer(15))
+    assert rig.polls(15) == 1
+
+
 def test_what_stops_to_come_by_itself_is_polled() -> None:
     rig = Rig().start()
     for _ in range(50):
@@ -471,9 +520,9 @@ def test_unanswered_poll_is_repeated_at_its_rate_and_no_faster() -> None:
 def test_only_status_and_configuration_are_polled_at_first() -> None:
     rig = Rig()
     rig.mute = {15}
-    rig.tick(100)
+    rig.tick(200)
     assert {kind for _, kind, _ in rig.sent} == {10, 15}
-    assert 3 <= rig.polls(15) <= 5
+    assert 8 <= rig.polls(15) <= 9  # 4 Hz
 
 
 # -- sticks ---------------------------------------------------------------------------------------
@@ -570,6 +619,34 @@ def test_silence_gives_one_neutral_then_none() -> None:
     assert rig.of(Sticks) == [Sticks((None, None), (0, 0))]
 
 
+def test_status_that_stays_away_gives_one_neutral_then_none() -> None:
+    rig = stick_rig()
+    rig.mute = {10}
+    rig.events.clear()
+    rig.tick(60)
+    lost = rig.events.index(StopChanged(Verdict(True, True, False)))
+    after = [event for event in rig.events[lost:] if isinstance(event, Sticks)]
+    assert after == [Sticks((None, None), (0, 0))]
+
+
+def test_controls_are_not_called_faulty_once_no_pulses_come() -> None:
+    rig = stick_rig()
+    rig.inputs[1] = 0x8000
+    rig.tick(3)
+    ((level, text),) = rig.session.problems(rig.now)
+    assert (level, 'no believable pulse: x' in text) == (Level.ERROR, True)
+    rig.mute = {13}
+    rig.tick(60)
+    assert rig.session.problems(rig.now) == []
+
+
+def test_pulses_of_the_outputs_are_told() -> None:
+    rig = Rig()
+    rig.outputs[:2] = 1500, 0
+    rig.start()
+    assert rig.of(PulsesOut)[-1].us == (1500, 0, *[None] * (OUTPUTS - 2))
+
+
 def test_without_axes_and_buttons_there_is_no_joy() -> None:
     rig = Rig().start()
     assert rig.of(PulsesIn)
@@ -596,6 +673,44 @@ def test_outputs_at_failsafe_by_a_stale_input_are_a_warning() -> None:
     rig.estop = True
     rig.tick()
     assert not levels(rig)  # that is no fault
+    rig.estop, rig.state = None, 'no signal'
+    rig.tick(30)
+    assert not levels(rig)  # the stop says enough
+
+
+def test_link_in_figures() -> None:
+    rig = stick_rig(servos=(PAN,))
+    rig.sources[0], rig.inputs[1] = 0x10, 0x8000
+    rig.tick(30, lambda session, now: session.set_servos({'pan': 1.05}, now))
+    values = rig.session.values(rig.now)
+    assert values.pop('limited commands') == 30
+    assert values == {
+        'command state': '2 ms',
+        'faulty controls': 'x invalid (pulse input 2)',
+        'outputs commanded': 'pan',
+        'commands not obeyed because': 'they are',
+        'refused commands': 0,
+        'own frames that came back': 0,
+        'messages before the configuration': 0,
+        'messages against the configuration': 0,
+        'configuration ID': 126,
+        'pulse inputs': INPUTS,
+        'pulse outputs': OUTPUTS,
+        'configuration menus': 'locked out',
+        **{f'aux {number}': 'Dig In' for number in range(1, 7)},
+        'source of output 1': 'PIN 2 (nibble 1)',
+        **{f'source of output {number}': 'SERIAL' for number in range(2, OUTPUTS + 1)},
+    }
+    rig.estop = True
+    rig.tick()
+    assert rig.session.values(rig.now)['commands not obeyed because'] == 'e-stop input is true'
+
+
+def test_figures_of_a_link_on_which_nothing_was_heard_or_commanded() -> None:
+    values = Session(Settings()).values(0.0)
+    assert [text for text in values.values() if text != 0] == [
+        *('unknown', 'none', 'none', 'there are none', 'not read yet')
+    ]
 
 
 def test_receiver_alone_is_not_told_of_outputs_that_nobody_commands() -> None:
@@ -660,6 +775,33 @@ def test_lockout_without_a_link_fails_at_once_and_sends_nothing() -> None:
     assert not done.success
     assert 'no status' in done.text
     assert not rig.payloads(98)
+
+
+def test_lockout_after_a_silence_that_no_poll_has_seen_fails_though_it_was_locked_out() -> None:
+    rig = Rig().start()
+    rig.now += 0.3
+    rig.do(lambda session, now: session.lock_out(now))
+    (done,) = rig.of(Answer)
+    assert not done.success
+    assert 'no status' in done.text
+
+
+def test_lockout_of_what_is_locked_out_already_succeeds_at_once_and_sends_nothing() -> None:
+    rig = Rig().start()
+    rig.session.lock_out(rig.now)
+    rig.poll()
+    assert rig.of(Answer) == [Answer(LOCKOUT, True, 'the configuration menus are locked out')]
+    assert not rig.payloads(98)
+
+
+def test_lockout_is_given_up_at_the_promised_deadline() -> None:
+    rig = Rig(link_timeout=2.0)
+    rig.available = True
+    rig.start()
+    rig.do(lambda session, now: session.lock_out(now))
+    rig.now += 1.0
+    rig.poll()
+    assert [done.success for done in rig.of(Answer)] == [False]
 
 
 def lose_port(rig: Rig) -> None:

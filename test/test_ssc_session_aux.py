@@ -15,6 +15,7 @@
 """Auxiliary channels: what they measure, adding up, and what may be set."""
 
 from collections.abc import Callable
+import itertools
 from typing import Any
 
 from hypothesis import given
@@ -28,9 +29,11 @@ from ssc_bridge.protocol import PulseAccumulator
 from ssc_bridge.protocol import TIME_BASES_US
 from ssc_bridge.protocol import TimerInput
 from ssc_bridge.session import AuxReading
+from ssc_bridge.session import ConfigurationRead
 from ssc_bridge.session import counts_of
 from ssc_bridge.session import Session
 from test.ssc_rig import Rig
+from test.ssc_rig import TICK
 
 # Timer of 8 us between rising edges; accumulator of falling edges; digital output, high at start;
 # digital output, low; free running pulses of 2 us; one-shot pulses of 128 us.
@@ -140,6 +143,18 @@ def test_level_before_any_message_of_the_pins_uses_the_initial_states() -> None:
     assert rig.payloads(21) == [b'\x8c\0']
 
 
+def test_level_after_a_silence_uses_the_initial_states_until_the_pins_are_told() -> None:
+    rig = aux_rig()
+    rig.aux_inputs = bytes.fromhex('08 03 43E8 0005')  # aux 3 low and aux 4 high
+    rig.tick(12)
+    rig.mute = set(range(10, 16))
+    rig.tick(40)
+    rig.mute = {14}
+    rig.tick(40)
+    rig.do(level(3, True))
+    assert rig.payloads(21) == [b'\x84\0']
+
+
 def test_pulse_time_and_period_are_converted_by_time_base() -> None:
     rig = aux_rig()
     rig.do(pulse(5, 0.0015))
@@ -227,9 +242,15 @@ def test_times_at_the_limits_of_every_time_base(time_base: int) -> None:
     assert counts_of(second, time_base) == 1
     assert counts_of(1000 * second, time_base) == 1000
     assert counts_of(32767 * second, time_base) == 32767
+    assert counts_of(32767.49 * second, time_base) == 32767
     for seconds in (0.4 * second, 32768 * second, 1e305, 1.7e308):
         with pytest.raises(ValueError, match='does not fit'):
             counts_of(seconds, time_base)
+
+
+def test_time_that_does_not_fit_is_answered_with_those_that_do() -> None:
+    with pytest.raises(ValueError, match=r'base of 2 us: 2e-06 to 0\.065534 s do'):
+        counts_of(0.0656, 2)
 
 
 @given(st.floats(0, 10), st.sampled_from(TIME_BASES_US))
@@ -296,6 +317,22 @@ def test_request_that_waits_when_a_stop_comes_is_dropped() -> None:
     assert not rig.payloads(21)
 
 
+def test_request_that_waits_when_another_configuration_comes_is_dropped() -> None:
+    rig = aux_rig(keep_aux_outputs=True)
+    pulse(6, 0.1)(rig.session, rig.now)
+    rig.aux = OTHERS
+    rig.hear(rig.answer(15))
+    assert not rig.payloads(21)
+
+
+def test_request_after_a_stop_that_no_poll_has_seen_is_refused() -> None:
+    rig = aux_rig(link_timeout=0.5)
+    rig.now += 0.3
+    with pytest.raises(ValueError, match='stopped: e-stop input is stale'):
+        rig.do(level(4, True))
+    assert not rig.payloads(21)
+
+
 def test_kept_outputs_are_left_alone_and_obey_during_a_stop() -> None:
     rig = aux_rig(keep_aux_outputs=True)
     set_all(rig)
@@ -325,6 +362,27 @@ def test_request_after_a_stop_is_not_undone_by_it() -> None:
     rig.do(level(4, True))
     rig.tick(20)
     assert rig.payloads(21)[-1] == b'\x8c\0'
+    assert rig.session.deadline() > rig.now  # nothing is due for ever
+
+
+def test_messages_that_undo_are_apart_and_then_none_is_due() -> None:
+    rig = aux_rig()
+    set_all(rig)
+    rig.estop = True
+    rig.tick(20)
+    moments = [at for at, kind, _ in rig.sent if kind == 21]
+    pauses = [after - before for before, after in itertools.pairwise(moments)]
+    assert pauses == pytest.approx([0.05] * 2, abs=1.5 * TICK)
+    assert rig.session.deadline() > rig.now
+
+
+def test_stop_undoes_levels_where_no_pulses_were_set() -> None:
+    rig = aux_rig()
+    rig.do(level(4, True))
+    rig.sent.clear()
+    rig.estop = True
+    rig.tick(20)
+    assert set(rig.payloads(21)) == {b'\x84\0'}
 
 
 def test_stop_leaves_digital_outputs_alone_that_nobody_set() -> None:
@@ -368,6 +426,28 @@ def test_what_is_not_undone_yet_never_reaches_another_configuration(unplugged: b
     rig.tick(20)
     assert not rig.payloads(21)
     assert not [frame for frame in rig.session.farewell(rig.now) if frame[2] == 21]
+
+
+def test_nothing_is_undone_until_it_is_known_what_was_plugged_in() -> None:
+    rig = aux_rig()
+    set_all(rig)
+    replug(rig)
+    rig.mute = {15}
+    rig.tick(20)
+    assert not rig.payloads(21)
+    assert rig.session.values(rig.now)['configuration'] == 'not read yet'
+    rig.mute = set()
+    rig.tick(40)
+    assert rig.payloads(21) == [bytes.fromhex('84 10 0000')] * 3
+
+
+def test_late_answer_with_the_same_configuration_undoes_nothing() -> None:
+    rig = aux_rig()
+    set_all(rig)
+    rig.hear(rig.answer(15))
+    rig.tick(20)
+    assert not rig.payloads(21)
+    assert len(rig.of(ConfigurationRead)) == 1
 
 
 def test_stop_without_anything_set_sends_nothing() -> None:

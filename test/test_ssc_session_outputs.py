@@ -76,6 +76,12 @@ def test_pulses_go_to_outputs_1_and_up() -> None:
     assert rig.pulses()[-1] == (1500, 0, 32000, *[0] * 13)
 
 
+def test_pulses_may_go_to_every_output() -> None:
+    rig = Rig().start()
+    rig.tick(3, pulses(*[1500] * OUTPUTS))
+    assert rig.pulses()[-1] == (1500,) * OUTPUTS
+
+
 def test_message_20_comes_at_the_command_rate() -> None:
     rig = Rig(command_rate=50.0).start()
     since = rig.now
@@ -83,11 +89,27 @@ def test_message_20_comes_at_the_command_rate() -> None:
     assert 48 <= len(rig.pulses(since)) <= 52
 
 
+def test_message_20_comes_at_the_command_rate_though_only_the_deadline_wakes_the_wire() -> None:
+    rig = Rig(command_rate=50.0, command_timeout=1.0, poll_rates=(10.0, 0, 0, 0, 0)).start()
+    rig.do(pulses(1500))
+    since = rig.now
+    while rig.now < since + 0.5:
+        rig.now = max(rig.session.deadline(), rig.now + 1e-5)
+        rig.poll()
+    assert 24 <= len(rig.pulses(since)) <= 27
+
+
 def test_pulse_beyond_a_servos_limits_is_limited_and_counted() -> None:
     rig = servo_rig()
     rig.tick(3, pulses(32000, 0, 1))
     assert rig.pulses()[-1][0] == 2000
     assert rig.session.outputs.limited > 0
+
+
+def test_position_that_is_beyond_1_by_rounding_only_is_the_end() -> None:
+    rig = servo_rig()
+    rig.tick(3, servos(pan=1.05))
+    assert rig.pulses()[-1][0] == PAN.max_us
 
 
 def test_no_pulse_is_always_allowed_and_never_becomes_the_lower_limit() -> None:
@@ -164,6 +186,17 @@ def test_command_without_sense_is_refused_and_ends_the_one_before(command: Any) 
     assert rig.pulses()[-1][0] == 0
     assert rig.session.refused_commands == 1
     assert 'refused' in rig.of(FailsafeBegun)[-1].reasons[0]
+
+
+def test_command_of_nothing_is_refused_before_the_configuration_too() -> None:
+    with pytest.raises(ValueError, match='nothing is commanded'):
+        Session(Settings()).set_servos({}, 0.0)
+
+
+def test_command_before_the_port_is_open_is_not_kept() -> None:
+    session = Session(Settings())
+    session.set_pulses([1500], 0.0)
+    assert session.outputs.commanded() == {}
 
 
 def test_servo_on_an_output_that_the_device_does_not_have() -> None:
@@ -255,6 +288,39 @@ def test_true_and_false_in_one_breath_is_still_a_stop() -> None:
     assert rig.pulses()[-1][0] == 0
     rig.tick(5)
     assert rig.pulses()[-1][0] == 0
+
+
+# What a thread that was held up would have noticed, had it polled in time.
+
+
+def test_estop_that_was_silent_is_a_stop_though_it_comes_before_the_poll() -> None:
+    rig = servo_rig(link_timeout=0.5)
+    rig.tick(5, servos(pan=0.5))
+    rig.now += 0.2
+    rig.do(servos(pan=0.5))  # fresh all along
+    rig.now += 0.1
+    rig.do(lambda session, now: session.set_estop(False, now))
+    assert rig.pulses()[-1][0] == 0
+    assert 'e-stop input is stale' in rig.of(FailsafeBegun)[-1].reasons[0]
+
+
+@pytest.mark.parametrize('command', [servos(pan=0.5), pulses(1750)])
+def test_command_during_a_silent_estop_is_not_taken_though_it_comes_before_the_poll(
+    command: Any,
+) -> None:
+    rig = servo_rig(link_timeout=0.5)
+    rig.now += 0.3
+    rig.do(command)
+    assert not rig.of(FailsafeBegun)  # there was nothing to end
+
+
+def test_command_that_went_stale_did_not_end_by_the_refusal_that_came_before_the_poll() -> None:
+    rig = servo_rig(link_timeout=0.5)
+    rig.tick(5, servos(pan=0.5))
+    rig.now += 0.3
+    rig.do(lambda session, now: session.refuse_command('unheard of', now))
+    (begun,) = rig.of(FailsafeBegun)
+    assert 'stale' in begun.reasons[0]
 
 
 def test_stop_goes_out_at_once_not_at_the_next_slot() -> None:
@@ -356,6 +422,19 @@ def test_release_is_repeated_when_the_port_comes_back() -> None:
     rig.session.opened(rig.now)
     rig.tick(90)
     assert rig.pulses(since) == [(0,) * OUTPUTS] * RELEASE_FRAMES
+
+
+def test_device_that_is_plugged_in_again_is_looked_at_before_it_is_commanded() -> None:
+    rig = Rig().start()
+    rig.tick(5, pulses(1500))
+    rig.session.closed(rig.now)
+    rig.session.opened(rig.now)
+    rig.sent.clear()
+    rig.hear(rig.answer(10) + rig.answer(15))
+    rig.tick(9)
+    assert rig.pulses() == []
+    rig.tick(3)
+    assert rig.pulses()
 
 
 def test_hold_before_any_command_keeps_what_the_device_has() -> None:
