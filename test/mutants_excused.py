@@ -140,6 +140,12 @@ EXCUSED: dict[str, dict[str, str]] = {
             'where it is not ours any more, it is not read until we ask again'
         ),
     },
+    'ssc_bridge/protocol/messages.py': {
+        ": _P = TypeVar('_P', bound='_Pulses') -> pass": _FOR_TYPES,
+    },
+    'ssc_bridge/protocol/values.py': {
+        'UnknownFunction.__post_init__: 0 -> 1': 'a word of 0 is a known function',
+    },
     'ssc_bridge/session/auxiliary.py': {
         ": _T = TypeVar('_T', DigitalOutput, PulseOutput) -> pass": _FOR_TYPES,
         'counts_of: 1 -> 2': 'either is too many',
@@ -169,7 +175,7 @@ EXCUSED: dict[str, dict[str, str]] = {
         'Session.__init__: self._estop_value = True -> pass': _SET_FIRST,
         'Session.__init__: True -> False': _SET_FIRST,
         'Session._forget: self._inputs_heard.reset() -> pass': (
-            'it is read once sticks are published again, which feeds it'
+            'it matters once sticks are published again, which feeds it'
         ),
         'Session._forget_device: self.faulty = () -> pass': (
             'a stop follows, and the neutral sticks that it owes clear it'

@@ -195,10 +195,32 @@ def test_digital_functions() -> None:
         (PulseAccumulator(False), 'PulAcc In (-)'),
         (DigitalOutput(False), 'Dig Out (-)'),
         (PulseOutput(False, False, 2), 'Pulse Out (2us,f,+)'),
+        (UnknownFunction(0x105), 'unknown (0x0105)'),  # nowhere in the menu
     ],
 )
 def test_functions_read_as_in_the_menu(function: AuxFunction, text: str) -> None:
     assert function.text == text
+
+
+@pytest.mark.parametrize(
+    ('function', 'word'),
+    [
+        (TimerInput(True, True), 0x181),
+        (PulseAccumulator(True), 0x082),
+        (DigitalOutput(), 0x003),
+        (PulseOutput(), 0x004),
+    ],
+)
+def test_function_of_which_no_more_is_said_has_no_bits_set(
+    function: AuxFunction, word: int
+) -> None:
+    assert function.to_word() == word
+
+
+@pytest.mark.parametrize('start_rising', [False, True])
+def test_timer_between_like_edges_measures_a_period(start_rising: bool) -> None:
+    assert TimerInput(start_rising, start_rising).measures_period
+    assert not TimerInput(start_rising, not start_rising).measures_period
 
 
 @given(st.integers(0, 0xFFFF))
@@ -273,6 +295,11 @@ def test_own_bad_value_is_refused_when_made(make: Any) -> None:
     with pytest.raises(ValueError, match=r'.') as caught:
         make()
     assert not isinstance(caught.value, FrameError)
+
+
+def test_pulse_time_of_0_is_sent_as_it_ends_the_pulses() -> None:
+    counts = (0, *(None,) * 4, 0x7FFF)
+    assert AuxOutputs(counts=counts).to_bytes() == build_frame(21, b'\0\x21\0\0\x7f\xff')
 
 
 def test_refused_count_is_answered_with_those_that_do() -> None:
