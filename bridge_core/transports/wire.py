@@ -50,6 +50,7 @@ from bridge_core.report import report
 from bridge_core.session import Level
 from bridge_core.session import Session
 from bridge_core.session import StopChanged
+from bridge_core.session import Verdict
 from bridge_core.transports import FrameT
 from bridge_core.transports import Transport
 from bridge_core.transports import TransportError
@@ -227,21 +228,21 @@ class Wire(Generic[FrameT]):
         now = clock.now()
         frozen = now - meant
         self._stepped_at = now
+        self._take_opened(now)  # first: a freeze makes old news of what waits in a new port, too
         if frozen > _FROZEN_TIME and self.status.is_open:
             self._guarded(lambda: self._forget_backlog(frozen, now))
             ready = [each for each in ready if each != self._port()]
         if self._requests.fileno() in ready:
             for request in self._take_requests():
                 self._guarded(lambda request=request: self._serve(request, now))  # type: ignore[misc]
-        self._take_opened(now)
         if self.status.is_open:
             readable = self._port() in ready
             if readable or now >= due:
                 self._exchange(readable, now)
         elif now >= self._open_at:
-            self._start_opening()
-        if now >= self._look_at:
-            self._report(now)
+            self._guarded(self._start_opening)
+        if now >= self._look_at:  # guarded: words that fail again and again must not end the pace
+            self._guarded(lambda: self._report(now))
         self._pace_at = max(self._owner.pace(now), now + _SHORTEST_WAIT)
 
     def _wait(self) -> tuple[float, float, list[int]]:
@@ -268,9 +269,14 @@ class Wire(Generic[FrameT]):
 
     def interrupt(self, reason: str, now: float) -> None:
         """Demand a stop: something was lost that may have been one. For the owner's ``pace``."""
-        if self._session is not None and self.status.is_open:
+        if self._session is None:
+            return
+        if self.status.is_open:
             self._session.interrupted(reason, now)
             self._exchange(False, now)
+        else:  # the session has stopped with the port, and it may be just that which was lost
+            verdict = Verdict.stop(self.status.error, link_up=False)
+            self._owner.on_events([StopChanged(verdict)], now)
 
     # -- what is asked ----------------------------------------------------------------------------
 
@@ -337,12 +343,11 @@ class Wire(Generic[FrameT]):
         self.status.is_open, self.status.error = False, 'the node is not active'
         if transport is None or session is None or not was_open:
             return
-        try:
-            self._say_farewell(transport, session.farewell(now))
+        with contextlib.ExitStack() as last:  # the last one first, and each if another one fails
+            last.callback(transport.close)
             # The stop is published before the port is closed, which may take a while.
-            self._owner.on_events(session.closed(now), now)
-        finally:
-            transport.close()
+            last.callback(lambda: self._owner.on_events(session.closed(now), now))
+            self._say_farewell(transport, session.farewell(now))
 
     def _say_farewell(self, transport: Transport[FrameT], frames: list[FrameT]) -> None:
         end = clock.now() + _FAREWELL_TIME
@@ -413,8 +418,9 @@ class Wire(Generic[FrameT]):
 
     def _start_opening(self) -> None:
         assert self._transport is not None
-        self._open_at, self._opening = math.inf, self._transport
         threading.Thread(target=self._open, args=(self._transport,), daemon=True).start()
+        # Not before: a thread that the system refuses opens nothing, and has to be tried again.
+        self._open_at, self._opening = math.inf, self._transport
 
     def _open(self, transport: Transport[FrameT]) -> None:
         """Open the port, beside the loop: a URL port may take seconds to refuse."""
@@ -460,12 +466,12 @@ class Wire(Generic[FrameT]):
         if transport is None or session is None:
             self._complain(lambda: self._owner.link_changed(error, False), now)
             return
-        self._retry_later(error, now)
-        try:
-            self._owner.on_events(session.closed(now) if was_open else [], now)
-        finally:
+        with contextlib.ExitStack() as last:  # the last one first, and each if another one fails
             if self._opening is not transport:
-                transport.close()
+                last.callback(transport.close)
+            if was_open:
+                last.callback(lambda: self._owner.on_events(session.closed(now), now))
+            self._retry_later(error, now)
 
     def _retry_later(self, error: str, now: float) -> None:
         news = self.status.is_open or self.status.error != error
