@@ -22,6 +22,7 @@ _FALSY = 'None is as false'
 _WITH_SILENCE = 'it is read where there was a silence, and set with that'
 _SELECTED = 'it is read of an owner only, and selecting it sets it'
 _OWNED = 'without a ramp there is an owner in ACTIVE, and in no other state'
+_SESSION_AND_PORT = 'there are both or neither; for the type checker'
 _IN_ONE_GO = 'so many bytes give the same in one go and in parts'
 
 EXCUSED: dict[str, dict[str, str]] = {
@@ -57,6 +58,35 @@ EXCUSED: dict[str, dict[str, str]] = {
         'self._stepped_at < now < self._quiet_until': 'it looks once more, and finds the same',
         'HeldButtons.__init__: self._hides = False -> pass': _SET_FIRST,
         'HeldButtons.__init__: False -> True': _SET_FIRST,
+    },
+    'bridge_core/transports/wire.py': {
+        ': 1.0 -> 2.0': 'the longest wait: the next look at the levels is due sooner',
+        'Wire.__init__: False -> True': 'without a session it is not active, resting or not',
+        'Wire.__init__: self._backoff = BACKOFF_START -> pass': _SET_FIRST,
+        'Wire.run: self._stepped_at = clock.now() -> pass': 'without a port no freeze counts',
+        'Wire._wait: self._session is not None and self.status.is_open -> '
+        'self.status.is_open': _SESSION_AND_PORT,
+        'Wire._wait: 64 -> 65': 'what is left wakes it once more',
+        'Wire._port: -1 -> 1': 'it is asked of an open port',
+        'Wire._port: 1 -> 2': 'it is asked of an open port',
+        "Wire._ask: return '' -> return None": _FALSY,
+        **{
+            'Wire._deactivate: transport is None or session is None or (not was_open) -> '
+            f'{name} is None or not was_open': _SESSION_AND_PORT
+            for name in ('session', 'transport')
+        },
+        'Wire._say_farewell: clock.now() < end -> clock.now() <= end': (
+            'one try more, at just that moment'
+        ),
+        'Wire._opened: transport is not self._transport or self._session is None -> '
+        'transport is not self._transport': _SESSION_AND_PORT,
+        'Wire._opened: self._polled_at = now -> pass': 'the poll that follows sets it',
+        **{
+            f'Wire._lose: transport is None or session is None -> {rest}': _SESSION_AND_PORT
+            for rest in (
+                *('transport is None and session is None', 'session is None', 'transport is None'),
+            )
+        },
     },
     'fort_vsc_bridge/protocol/can.py': {
         ': CanMessage = BasicJoystick | ExtendedJoystick | Heartbeat | RemoteStatus | '
