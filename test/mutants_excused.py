@@ -185,6 +185,8 @@ EXCUSED: dict[str, dict[str, str]] = {
             'what fits the configuration has a measurement of each; for the type checker'
         ),
         'AuxOutputCommands.__init__: self._undo = AuxOutputs() -> pass': _SET_FIRST,
+        'AuxOutputCommands.__init__: self._undos_left = 0 -> pass': _SET_FIRST,
+        'AuxOutputCommands.__init__: 0 -> 1': _SET_FIRST,
         'AuxOutputCommands._is_one_shot: isinstance(function, PulseOutput) and function.one_shot '
         '-> function.one_shot': _FOR_TYPES,
         'AuxOutputCommands.stop: isinstance(function, DigitalOutput) and function.initially_high '
