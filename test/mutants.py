@@ -64,9 +64,12 @@ _MUX = tuple(
 )
 _ESI = tuple(f'esi_drive_session{name}' for name in ('', '_errors', '_edges', '_chance'))
 _SESSIONS = ('session_quiet', 'session_order', 'session_settings', 'session_reports')
-_AKRON = tuple(
-    f'akron_session_{name}'
-    for name in ('drive', 'unit', 'joysticks', 'finder', 'polls', 'report', 'loop', 'motion')
+_AKRON = (
+    'akron_drive',
+    *(
+        f'akron_session_{name}'
+        for name in ('drive', 'unit', 'joysticks', 'finder', 'polls', 'report', 'loop', 'motion')
+    ),
 )
 # By file, or for all of a folder. What takes long comes last: most mutants are dead by then.
 _NAMES_OF_TESTS = {
