@@ -18,6 +18,8 @@ import math
 
 import pytest
 
+from akron_can_bridge.protocol import Fault
+from akron_can_bridge.protocol import FaultStatus
 from akron_can_bridge.session import Request
 from akron_can_bridge.session.asker import Asker
 from bridge_core.session import Answer
@@ -45,6 +47,15 @@ def test_first_answer_that_is_overdue_is_the_next_to_give_up() -> None:
     asker.start(Request.POLL_FAULTS, 10.0)
     asker.start(Request.POLL_VERSIONS, 10.5)
     assert asker.deadline == 11.0
+
+
+def test_poll_that_nobody_asked_for_is_answered_to_nobody() -> None:
+    asker = Asker(1.0)
+    asker.start(Request.POLL_FAULTS, 10.0)
+    assert asker.answered(FaultStatus(Fault(0), 0)) == []
+    assert not asker.is_open(Request.POLL_FAULTS)
+    asker.start(Request.POLL_FAULTS, 10.0)
+    assert asker.expire(11.0) == []
 
 
 def test_operational_error_has_the_faults_polled_at_once_and_every_second() -> None:
