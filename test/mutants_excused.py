@@ -239,6 +239,11 @@ EXCUSED: dict[str, dict[str, str]] = {
         'Finder.__init__: self._due = math.inf -> pass': _SET_FIRST,
         "Finder.announced: return '' -> return None": _FALSY,
     },
+    'akron_can_bridge/session/motion.py': {
+        'Motion.__init__: -math.inf -> math.inf': (
+            'without a step there is no motion, and the first step sets when that began'
+        ),
+    },
     'akron_can_bridge/protocol/fields.py': {
         'statuses.unpack: 3 -> 4': 'only the last ones count',
     },
