@@ -1,0 +1,238 @@
+# Copyright 2026 The rugged_teleop maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Motion of the unit that nobody asks for, by the moment: its stop, pause and permission."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+from akron_can_bridge.protocol import Axis
+from akron_can_bridge.protocol import BasicJoystick
+from akron_can_bridge.protocol import ExtendedJoystick
+from akron_can_bridge.protocol import Status
+from akron_can_bridge.session import Request
+from bridge_core.j1939 import CanFrame
+from test.akron_session_rig import Bench
+from test.akron_session_rig import ef
+from test.akron_session_rig import joystick
+from test.akron_session_rig import MOVE
+from test.akron_session_rig import MOVING
+from test.akron_session_rig import NEUTRAL
+from test.akron_session_rig import OUTPUTS
+from test.akron_session_rig import REST
+from test.akron_session_rig import SLOT
+
+COAST = 1.0
+OSCILLATES, STANDS = ef('81FED401C280'), ef('81FED401C200')  # the manual's
+AIMS = ef('83D051')  # Point Aim mode is active
+PAUSE = bytes.fromhex('0100010000000400')
+DEPLOY = (
+    BasicJoystick(Axis.of(0), Axis.of(0), tuple(Status(n == 8) for n in range(1, 13))),
+    ExtendedJoystick(),
+)
+ALLOWED = 0x33
+STICK = joystick('7D04010000000000', ALLOWED)  # X to the right
+
+
+class Turning(Bench):
+    """A session whose unit turns to the right while ``turns``, half a degree in 100 ms."""
+
+    def __init__(self, **options: Any) -> None:
+        super().__init__(**options)
+        self.turns = False
+        self.says: list[CanFrame] = []  # besides its position and its outputs
+        self._tenths = 0
+
+    def hear_unit(self) -> list[Any]:
+        self._tenths += self.turns
+        return self.take(OUTPUTS, ef(f'01{self._tenths:03X}40371000041'), *self.says)
+
+    def ready(self) -> Turning:
+        """Have the unit found, at rest for long."""
+        self.find_unit()
+        self.run(2.0, REST)
+        assert not self.session.estop
+        return self
+
+
+# -- a stop of the unit ---------------------------------------------------------------------------
+
+
+def test_coasting_is_no_stop_until_its_time_is_over() -> None:
+    bench = Turning().ready()
+    bench.turns = True
+    bench.run(3.0, MOVE)
+    assert not bench.session.estop
+    bench.run(SLOT, REST)
+    ends = bench.now + COAST
+    bench.run(COAST - SLOT, REST)
+    assert not bench.session.estop
+    assert [event for event in bench.events if 'nobody' in str(event)] == []
+    bench.wait(ends - 1e-6 - bench.now)
+    assert not bench.session.estop
+    bench.wait(2e-6)
+    assert bench.session.estop
+
+
+def test_unit_that_begins_to_move_alone_has_as_long() -> None:
+    bench = Turning().ready()
+    bench.turns = True
+    while not bench.session.motion.moving(bench.now):
+        bench.run(SLOT, REST)
+    ends = bench.session.motion.began_at + COAST
+    bench.run(ends - SLOT - bench.now, REST)
+    assert not bench.session.estop
+    bench.run(2 * SLOT, REST)
+    assert bench.session.estop
+
+
+def test_motion_by_a_switch_is_asked_for_until_a_stop() -> None:
+    bench = Turning(automatic_motion=True).ready()
+    bench.turns = True
+    bench.run(0.1, DEPLOY)
+    bench.run(3.0, REST)
+    assert not bench.session.estop
+    bench.run(SLOT, REST, estop=True)
+    bench.run(COAST - 2 * SLOT, REST)
+    assert not bench.session.estop
+    bench.run(3 * SLOT, REST)
+    assert bench.session.estop
+
+
+# -- the pause ------------------------------------------------------------------------------------
+
+
+def oscillating(**options: Any) -> Turning:
+    """Return one whose unit oscillates as it was asked to."""
+    bench = Turning(automatic_motion=True, **options).ready()
+    bench.turns, bench.says = True, [OSCILLATES]
+    bench.run(0.1, DEPLOY)
+    bench.run(1.0, REST)
+    assert not bench.session.estop
+    return bench
+
+
+def test_stop_presses_pause_at_once_for_a_while_and_once() -> None:
+    bench = oscillating()
+    bench.now += 0.001  # within a slot
+    start = bench.now
+    bench.estop_in(True)
+    assert bench.joystick_frames(start) == [PAUSE]
+    bench.run(3.0, REST, estop=True)
+    pressed = [at for at, f in bench.sent if at >= start and f.data == PAUSE]
+    assert 0.16 <= pressed[-1] - start < 0.2
+    assert bench.joystick_frames(pressed[-1] + 1e-9)[0] == NEUTRAL
+
+
+@pytest.mark.parametrize('turns', [False, True])
+def test_pause_is_pressed_only_where_an_oscillation_surely_runs(turns: bool) -> None:
+    bench = oscillating()
+    bench.turns = turns
+    bench.says = [STANDS if turns else OSCILLATES]
+    bench.run(0.6, REST)
+    start = bench.now
+    bench.run(1.0, REST, estop=True)
+    assert bench.all_neutral(start + 1e-9)
+
+
+def test_pause_is_not_pressed_against_a_joystick_that_commands_motion() -> None:
+    bench = oscillating(allowed_joysticks=frozenset({ALLOWED}))
+    bench.says.append(STICK)
+    bench.run(0.1, REST)
+    start = bench.now
+    bench.run(0.5, REST, estop=True)
+    assert bench.all_neutral(start + 1e-9)
+    bench.says.pop()
+    bench.run(0.5, REST, estop=True)
+    assert PAUSE in bench.joystick_frames(start)
+
+
+def test_oscillation_that_begins_long_after_the_stop_is_not_paused() -> None:
+    bench = Turning().ready()
+    bench.run(COAST + SLOT, REST, estop=True)
+    bench.turns, bench.says = True, [OSCILLATES]
+    start = bench.now
+    bench.run(1.0, REST, estop=True)
+    assert bench.all_neutral(start + 1e-9)
+
+
+def test_oscillation_that_is_seen_soon_after_the_stop_is_paused() -> None:
+    bench = Turning().ready()
+    bench.run(0.3, REST, estop=True)
+    bench.turns, bench.says = True, [OSCILLATES]
+    start = bench.now
+    bench.run(0.6, REST, estop=True)
+    assert PAUSE in bench.joystick_frames(start)
+
+
+# -- the permission of SOE mode -------------------------------------------------------------------
+
+
+def permission(bench: Bench) -> str:
+    """Return the last A1 that was sent."""
+    return [data.hex().upper() for data in bench.frames(0x18EF8038) if data[0] == 0xA1][-1]
+
+
+@pytest.mark.parametrize('what', ['switch', 'aims', 'alone', 'oscillates'])
+def test_stop_of_what_moves_by_itself_keeps_the_permission_until_the_stick_moves(
+    what: str,
+) -> None:
+    bench = Turning(soe_permissive=True, automatic_motion=True).ready()
+    assert permission(bench) == 'A1000F'
+    if what == 'switch':
+        bench.run(0.1, DEPLOY)
+        bench.run(0.1, REST)
+    bench.turns = what == 'alone'
+    bench.says = {'aims': [AIMS], 'oscillates': [OSCILLATES]}.get(what, [])
+    bench.run(0.4, REST)
+    assert permission(bench) == 'A1000F'
+    bench.run(0.1, REST, estop=True)
+    assert permission(bench) == 'A10000'
+    bench.turns, bench.says = False, [STANDS]
+    bench.run(1.0, REST)
+    assert bench.session.inhibits(bench.now) == []
+    assert permission(bench) == 'A10000'
+    assert bench.session.withheld
+    bench.run(2 * SLOT, MOVE)
+    assert bench.joystick_frames()[-1] == MOVING
+    assert permission(bench) == 'A1000F'
+    bench.run(0.2, REST)
+    assert permission(bench) == 'A1000F'
+
+
+def test_stop_of_what_the_stick_moves_gives_the_permission_back() -> None:
+    bench = Turning(soe_permissive=True).ready()
+    bench.turns = True
+    bench.run(2.0, MOVE)
+    bench.run(0.5, REST, estop=True)
+    bench.turns = False
+    bench.run(0.5, REST)
+    assert permission(bench) == 'A1000F'
+    assert not bench.session.withheld
+
+
+# -- requests -------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize('request_', [Request.ZERO_POSITIONS, Request.ENTER_SETUP])
+def test_request_that_needs_a_unit_at_rest_is_refused_while_it_turns(request_: Request) -> None:
+    bench = Turning().ready()
+    bench.turns = True
+    bench.run(0.5, REST)
+    with pytest.raises(ValueError, match='the unit moves; stop it first'):
+        bench.session.request(request_, bench.now)
+    bench.session.request(Request.RESET_CONTROLLER, bench.now)
