@@ -65,7 +65,7 @@ _MUX = tuple(
 _ESI = tuple(f'esi_drive_session{name}' for name in ('', '_errors', '_edges', '_chance'))
 _SESSIONS = ('session_quiet', 'session_order', 'session_settings', 'session_reports')
 _AKRON = (
-    *('akron_drive', 'akron_finder', 'akron_motion'),
+    *('akron_drive', 'akron_finder', 'akron_motion', 'akron_session_automatic'),
     *(
         f'akron_session_{name}'
         for name in ('drive', 'unit', 'joysticks', 'finder', 'polls', 'report', 'loop', 'motion')

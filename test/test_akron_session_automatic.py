@@ -170,6 +170,15 @@ def test_oscillation_that_begins_long_after_the_stop_is_not_paused() -> None:
     assert bench.all_neutral(start + 1e-9)
 
 
+def test_node_that_starts_with_a_stop_does_not_press_pause() -> None:
+    bench = Turning().find_unit()
+    assert isinstance(bench, Turning)
+    bench.turns, bench.says = True, [OSCILLATES]
+    bench.run(COAST - SLOT, REST, estop=True)
+    assert bench.session.motion.describe(bench.now) == 'oscillates'
+    assert bench.all_neutral(0.0)
+
+
 def test_oscillation_that_is_seen_soon_after_the_stop_is_paused() -> None:
     bench = Turning().ready()
     bench.run(0.3, REST, estop=True)
