@@ -105,3 +105,15 @@ def test_so_many_devices_are_remembered_and_followed_and_no_more() -> None:
     assert list(finder.devices) == pins[:MANY]
     finder.announced(0xA0, AddressAnnouncement(pins[5]), NOW)
     assert finder.devices[pins[5]] == 0xA0
+
+
+def test_only_a_change_of_the_address_counts_as_a_move() -> None:
+    finder = started()
+    moves = []
+    for address in (UNIT, UNIT, 0x82, UNIT):
+        finder.announced(address, OURS, NOW)
+        moves.append(finder.moves)
+    finder.claimed(UNIT, STRANGER, NOW)
+    assert finder.address is None
+    finder.announced(UNIT, OURS, NOW)
+    assert [*moves, finder.moves] == [0, 0, 1, 2, 2]
