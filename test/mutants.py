@@ -112,7 +112,9 @@ _NAMES_OF_TESTS = {
         *('akron_protocol', 'akron_protocol_bits', 'akron_protocol_errors'),
         *('akron_session_joysticks', 'akron_session_unit'),
     ),
-    'vm110_bridge/session': ('vm110_stops', 'vm110_commands', 'vm110_session', *_SESSIONS),
+    'vm110_bridge/session': (
+        *('vm110_serials', 'vm110_stops', 'vm110_commands', 'vm110_session', *_SESSIONS),
+    ),
     'vm110_bridge/protocol': ('vm110_protocol', 'vm110_session'),
 }
 
