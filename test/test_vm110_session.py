@@ -131,6 +131,16 @@ def test_stop_until_a_clean_periodic_input() -> None:
     assert bench.session.stop_reasons(bench.now) == []
 
 
+def test_session_knows_of_nothing_before_its_port_is_open() -> None:
+    bench = Bench()
+    session = bench.session
+    assert (session.armed, session.enabled, session.faulty) == (False, False, ())
+    assert not any((session.hold_output_in_use, session.hold_asked, session.output_held))
+    assert set(session.packets.values()) == {0}
+    assert session.problems(bench.now) == [(Level.ERROR, Session.CLOSED)]
+    assert of(ArmedChanged, bench.open()) == []
+
+
 def test_silence_is_a_stop_at_the_limit_and_gives_one_neutral() -> None:
     bench = armed()
     bench.hear(DEFLECTED)
@@ -172,6 +182,15 @@ def test_every_ru_state_to_its_stop_and_sticks(ru_state: int) -> None:
     assert any(any(sticks.axes) for sticks in of(Sticks, events)) == (ru_state == ENABLED_RU)
     assert bench.session.armed == (ru_state in (2, 3))
     assert bench.session.enabled == (ru_state == ENABLED_RU)
+
+
+@pytest.mark.parametrize(('ru', 'is_armed'), [(0, False), (1, True), (0xFFFF, True)])
+def test_base_unit_that_is_armed_without_a_remote_moves_nothing(ru: int, is_armed: bool) -> None:
+    bench = opened()
+    bench.hear(build_vrpi(ru=ru))
+    bench.hear(build_vrpi(ru=ru, joysticks=(500, 0, 0, 0)))
+    assert bench.session.armed == bench.session.enabled == is_armed
+    assert of(Sticks, bench.events)[-1].axes == ((500 if is_armed else 0), 0, 0, 0)
 
 
 @pytest.mark.parametrize('disabled', [1, 2, 3, 255])
@@ -285,6 +304,21 @@ def test_switch_held_through_a_pause_counts_once_it_was_let_go_of(pause: dict[st
     assert of(Sticks, bench.hear(DEFLECTED))[0].buttons == (1, -1, 1000, 0, 3, 0, 0, 0, 0)
 
 
+def test_switch_held_through_a_pause_and_a_stop_is_shown_as_it_keeps_a_reset_away() -> None:
+    bench = armed()
+    bench.hear(DEFLECTED)
+    bench.hear(build_vrpi(flags=(0, 0, 1)))
+    assert not any(of(Sticks, bench.hear(DEFLECTED))[0].buttons)
+    bench.wait(LIMIT)
+    assert bench.session.estop
+    assert of(Sticks, bench.hear(DEFLECTED))[-1].buttons == (1, -1, 1000, 0, 3, 0, 0, 0, 0)
+
+
+def test_sticks_of_the_first_remote_begin_neutral_whatever_its_number() -> None:
+    bench = opened()
+    assert of(Sticks, bench.hear(build_vrpi(ru=1, joysticks=(1000, 0, 0, 0)))) == [NEUTRAL]
+
+
 def test_sticks_of_another_remote_begin_neutral() -> None:
     bench = armed()
     bench.hear(DEFLECTED)
@@ -300,8 +334,21 @@ def test_joystick_out_of_range_is_zero_and_the_others_count_only_if_tolerated(
     bench = armed(tolerate_faulty_axes=tolerate)
     (sticks,) = of(Sticks, bench.hear(build_vrpi(joysticks=(1001, 500, 0, 0))))
     assert sticks.faulty == ('joystick_1 out of range (1001)',)
+    assert sticks.enabled
     assert sticks.axes == ((0, 500, 0, 0) if tolerate else (0, 0, 0, 0))
     assert bench.session.faulty == sticks.faulty
+
+
+def test_broken_joystick_is_told_of_while_its_remote_is_enabled() -> None:
+    bench = armed()
+    bench.hear(build_vrpi(joysticks=(0, 0, -1001, 0)))
+    ((level, text),) = bench.session.problems(bench.now)
+    assert level is Level.ERROR
+    assert text == 'have the remote repaired: it reports joystick_3 out of range (-1001)'
+    bench.hear(build_vrpi(joysticks=(0, 0, -1001, 0), ru_state=2))
+    assert bench.session.faulty == ()
+    bench.wait(LIMIT)
+    assert bench.session.faulty == ()
 
 
 def test_encoder_unwraps_both_ways() -> None:
@@ -330,6 +377,13 @@ def test_encoder_does_not_count_while_disabled_nor_over_a_change_of_remotes() ->
     bench.wait(1.0)
     bench.hear(build_vrpi(encoder=(0, 0), ru=0x4321))
     assert [event.position for event in of(EncoderTurned, bench.events)] == [0, 10, 11]
+
+
+def test_encoder_of_a_remote_that_is_not_enabled_is_not_reported() -> None:
+    bench = opened()
+    for value in (10, 40, 70):
+        bench.hear(build_vrpi(ru=1, encoder=(value, 0), ru_state=2))
+    assert of(EncoderTurned, bench.events) == []
 
 
 def test_encoder_counts_from_where_a_remote_is_found_and_for_none_not_at_all() -> None:
@@ -412,6 +466,17 @@ def test_stop_in_an_overtaken_packet_is_not_missed() -> None:
     assert bench.session.estop
     bench.take(numbered(103))
     assert not bench.session.estop
+
+
+def test_stop_in_an_overtaken_packet_disarms_until_the_next() -> None:
+    bench = opened()
+    for serial in (100, 101, 103):
+        bench.take(numbered(serial, DEFLECTED))
+    assert bench.session.enabled
+    events = bench.take(numbered(102, STOP))
+    assert events[1:] == [ArmedChanged(False, False), NEUTRAL]
+    bench.take(numbered(104, DEFLECTED))
+    assert bench.session.enabled
 
 
 def test_stop_and_its_end_in_one_read_are_both_reported_in_order() -> None:
@@ -634,6 +699,78 @@ def test_first_base_unit_is_locked_to_and_another_is_told_but_not_heard() -> Non
     assert bench.session.estop
 
 
+def test_base_unit_is_chosen_by_its_periodic_input_and_by_nothing_else() -> None:
+    bench = opened(crc='mpeg2')
+    bench.take(build_packet('VRCI', bytes(22), 5, 8))
+    assert (bench.session.bu_id, bench.session.foreign) == (0, 1)
+    bench.hear()
+    assert bench.session.bu_id == 7
+    assert not bench.session.estop
+
+
+def test_packets_of_other_base_units_are_counted_and_told_of_for_five_seconds() -> None:
+    bench = armed()
+    for count in (1, 2):
+        bench.take(build_packet('VRPI', CENTRED, count, 9))
+        assert bench.session.packets['packets of other base units'] == count
+    start = bench.now
+    warning = (
+        Level.WARN,
+        'give each base unit a port of its own: 9 is on this group beside ours, 7, and is not '
+        'listened to',
+    )
+    bench.run(4.875)
+    assert bench.session.problems(bench.now) == [warning]
+    bench.run(0.125)
+    assert bench.now == start + 5.0
+    assert bench.session.problems(bench.now) == []
+
+
+def test_eight_other_base_units_are_remembered_and_heard_again() -> None:
+    bench = armed()
+    for origin in range(10, 19):
+        bench.take(build_packet('VRPI', CENTRED, 0, origin))
+    assert bench.session.other_base_units(bench.now) == list(range(10, 18))
+    bench.run(3.0)
+    bench.take(build_packet('VRPI', CENTRED, 1, 12), build_packet('VRPI', CENTRED, 1, 18))
+    bench.run(3.0)
+    assert bench.session.other_base_units(bench.now) == [12]
+
+
+def test_what_another_port_heard_is_forgotten() -> None:
+    bench = armed()
+    bench.take(build_packet('VRPI', CENTRED, 0, 9))
+    bench.close()
+    bench.open()
+    assert bench.session.other_base_units(bench.now) == []
+    assert "check the BU's power" in bench.session.stop_reasons(bench.now)[0]
+
+
+@pytest.mark.parametrize(
+    ('datagram', 'hint'),
+    [
+        (build_packet('VRPI', CENTRED, 0, 7, 'iso_hdlc'), 'set crc to auto'),
+        (build_packet('VRPI', CENTRED, 0, 7)[:-1] + b'?', 'packets with a wrong CRC come'),
+    ],
+)
+def test_wrong_crc_is_named_for_five_seconds(datagram: bytes, hint: str) -> None:
+    bench = opened(crc='mpeg2')
+    bench.take(datagram)
+    assert hint in bench.session.stop_reasons(bench.now + 4.9375)[0]
+    assert "check the BU's power" in bench.session.stop_reasons(bench.now + 5.0)[0]
+
+
+def test_packets_of_machine_controllers_are_told_of_for_five_seconds() -> None:
+    bench = armed()
+    bench.take(build_packet('VRPO', bytes(2), 5))
+    bench.run(4.875)
+    ((level, text),) = bench.session.problems(bench.now)
+    assert level is Level.WARN
+    assert 'sends to the wrong port' in text
+    bench.run(0.125)
+    assert bench.session.problems(bench.now) == []
+
+
 def test_chosen_base_unit_is_waited_for() -> None:
     bench = opened(bu_id=9)
     bench.hear()
@@ -707,6 +844,16 @@ def test_configured_size_is_sent_as_zeros_at_first_and_kept_to() -> None:
     assert bench.frames(b'VRPO')[-1][1] == b'\0\x00123'
 
 
+def test_longest_output_is_taken_and_one_byte_more_is_refused() -> None:
+    bench = opened(crc='mpeg2')
+    longest = bytes(32 * 488)
+    bench.session.set_periodic_output(longest, bench.now)
+    with pytest.raises(ValueError, match='15616 are the most'):
+        bench.session.set_periodic_output(longest + b'!', bench.now)
+    bench.wait(0.1)
+    assert b''.join(payload[2:] for _, payload in bench.frames(b'VRPO')[1:]) == longest
+
+
 def test_hold_withholds_output_and_silence_withholds_it_too() -> None:
     bench = armed()
     bench.run(1.0)
@@ -739,6 +886,25 @@ def test_hold_does_not_keep_a_stopped_unit_from_being_rearmed() -> None:
     assert len(bench.sent) == before
     assert bench.session.estop
     assert not bench.session.own_estop
+
+
+@pytest.mark.parametrize(
+    'payload',
+    [
+        build_vrpi(bu_state=DISARMED, ru_state=STOPPED_RU),
+        build_vrpi(bu_state=ARMED, ru_state=STOPPED_RU),
+        build_vrpi(bu_state=0x12),
+    ],
+    ids=['disarmed', 'armed', 'unknown'],
+)
+def test_stop_with_closed_relays_does_not_undo_a_hold(payload: bytes) -> None:
+    bench = armed()
+    bench.run(1.0)
+    hold(bench, 0.125)
+    before = len(bench.sent)
+    hold(bench, 1.0, payload)
+    assert bench.session.own_estop
+    assert len(bench.sent) == before
 
 
 # -- whose stop -----------------------------------------------------------------------------------
@@ -775,6 +941,29 @@ def test_error_from_withheld_output_is_our_echo_until_rearmed() -> None:
     assert not bench.session.estop
     release(bench, 0.25, EXTERNAL)  # a new one, which nobody asked for
     assert bench.session.own_estop
+
+
+def test_error_that_stands_when_the_port_comes_back_is_the_units_own() -> None:
+    bench = armed()
+    bench.run(1.0)
+    hold(bench, 2.0)
+    hold(bench, 0.5, EXTERNAL)
+    assert not bench.session.own_estop
+    bench.close()
+    bench.open()
+    hold(bench, 0.5, EXTERNAL)
+    assert bench.session.own_estop
+
+
+def test_error_after_a_hold_that_began_and_ended_unseen_is_our_echo() -> None:
+    bench = armed()
+    bench.session.set_hold_output(False, bench.now)
+    bench.run(0.125)
+    bench.now += 3.0  # ~/hold_output was silent, and so were we
+    bench.session.set_hold_output(False, bench.now)
+    bench.hear(EXTERNAL)
+    assert bench.session.estop
+    assert not bench.session.own_estop
 
 
 def test_error_that_comes_too_soon_to_be_our_echo_is_the_units_own() -> None:
@@ -909,6 +1098,27 @@ def test_command_that_nobody_heard_is_not_acknowledged_and_tried_again() -> None
     bench.hear(vrci(1), 'VRCI')
     assert len(of(Command, bench.events)) == 4
     assert len(bench.frames(b'VRAO')) == 2
+
+
+def test_command_without_a_listener_is_told_of_for_five_seconds() -> None:
+    bench = armed()
+    bench.listeners = False
+    bench.hear(vrci(1), 'VRCI')
+    bench.run(4.875)
+    assert 'found no listener' in bench.session.problems(bench.now)[0][1]
+    bench.run(0.125)
+    assert bench.session.problems(bench.now) == []
+
+
+def test_acknowledgement_that_the_port_was_lost_before_is_not_sent_by_the_next() -> None:
+    bench = armed()
+    bench.listeners = None
+    (command,) = of(Command, bench.hear(vrci(1), 'VRCI'))
+    bench.session.command_published(command, True, bench.now)
+    bench.close()
+    bench.open()
+    bench.run(0.5)
+    assert bench.frames(b'VRAO') == []
 
 
 def test_command_is_not_acknowledged_before_it_was_published_nor_published_twice() -> None:
@@ -1077,6 +1287,13 @@ def test_commands_do_not_wait_for_a_lost_base_unit() -> None:
     bench.hear()
     bench.session.send_command(bytes(16), bench.now)
     assert of(CommandResult, bench.close())[0].outcome == 'the port was closed'
+
+
+def test_command_at_the_very_end_of_the_link_is_refused() -> None:
+    bench = armed()
+    bench.now += LIMIT
+    with pytest.raises(ValueError, match='no base unit is heard'):
+        bench.session.send_command(bytes(16), bench.now)
 
 
 @pytest.mark.parametrize('size', [0, 15, 17])
