@@ -209,6 +209,7 @@ def test_stop_neutralises_at_once() -> None:
     events = bench.hear(build_vrpi(bu_state=STOPPED, ru_state=STOPPED_RU, joysticks=(1000,) * 4))
     assert events[0] == StopChanged(Verdict(True, True, True))
     assert set(of(Sticks, events)) == {NEUTRAL}
+    assert not NEUTRAL.enabled
     assert bench.session.stop_reasons(bench.now) == [
         'release the stop switch on the remote, then rearm: BU state is Stopped'
     ]
