@@ -367,7 +367,8 @@ def test_what_can_cannot_carry_is_counted_and_explained(
     )
     assert text in bench.diagnostics.value(LINK, 'last refusal')
     bench.wait(lambda: bench.says(bench.estop, False), 'no stop')
-    assert bench.vsc.heard == []
+    # What was asked before is shown again to a remote that was lost on a busy machine.
+    assert not any(b'xx' in sent.data or sent.data[0] == 81 for sent in bench.vsc.heard)
 
 
 def test_software_estop_is_refused_loudly(other_bus: CanBus, observer: Observer) -> None:

@@ -383,7 +383,7 @@ def test_software_estop_stops_the_vsc_and_is_told_as_an_echo(fresh: Bench) -> No
     talker.message = Bool(data=True)
     fresh.wait(lambda: fresh.vsc.simulator.host_estop, 'a stop in our heartbeat')
     fresh.wait(lambda: fresh.says(fresh.estop, True), 'the stop of the VSC')
-    assert fresh.says(fresh.own_estop, False)
+    fresh.wait(lambda: fresh.says(fresh.own_estop, False), 'an echo, and nothing else')
     talker.message = Bool(data=False)
     fresh.wait(lambda: not fresh.vsc.simulator.host_estop, 'no stop in our heartbeat')
     fresh.vsc.apply('ack', 'mode operational')
@@ -501,6 +501,8 @@ def test_lifecycle_manager_opens_and_closes_the_port(tmp_path: Path, observer: O
         bench.wait(lambda: bench.says(bench.estop, False), 'no stop')
         assert observer.change_state(bench.name, 'deactivate')
         bench.wait(lambda: bench.says(bench.estop, True), 'a stop')
+        # The device may be held up, and read late what came before.
+        bench.wait(lambda: not bench.vsc.received(time.monotonic() - 0.1), 'the last frame')
         moment = time.monotonic()
         observer.holds_for(lambda: not bench.vsc.received(moment), 0.3, 'a silent wire')
         observer.holds_for(lambda: bench.says(bench.estop, True), 0.1, 'a stop, repeated')
