@@ -234,7 +234,8 @@ def test_port_whose_open_ends_is_used_at_once(bench: WireBench) -> None:
     assert bench.wire.status.is_open
 
 
-def test_port_of_an_earlier_activation_is_closed_when_it_opens_at_last(bench: WireBench) -> None:
+def opening_two(bench: WireBench) -> tuple[Any, Any]:
+    """Activate it twice; return the old port and the new one, both still being opened."""
     bench.blocks = True
     old, new = bench.port, bench.make_port('new port')
     bench.activate()
@@ -242,6 +243,11 @@ def test_port_of_an_earlier_activation_is_closed_when_it_opens_at_last(bench: Wi
     bench.port = new
     bench.activate()
     bench.step()
+    return old, new
+
+
+def test_port_of_an_earlier_activation_is_closed_when_it_opens_at_last(bench: WireBench) -> None:
+    old, new = opening_two(bench)
     assert len(bench.opening) == 2
     bench.opening.pop(0)()
     bench.step()
@@ -255,13 +261,7 @@ def test_port_of_an_earlier_activation_is_closed_when_it_opens_at_last(bench: Wi
 
 
 def test_ports_that_open_in_one_step_are_all_taken(bench: WireBench) -> None:
-    bench.blocks = True
-    old, new = bench.port, bench.make_port('new port')
-    bench.activate()
-    bench.step()
-    bench.port = new
-    bench.activate()
-    bench.step()
+    old, _ = opening_two(bench)
     bench.open_ports()
     bench.step()
     assert not old.is_open
