@@ -74,7 +74,8 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 def pytest_runtest_setup(item: pytest.Item) -> None:
     if computing(item)[0]:
-        os.setpriority(os.PRIO_PROCESS, 0, 5)  # more is next to nothing beside work at nice 0
+        # More is next to nothing beside work at nice 0; less is not everybody's to take.
+        os.setpriority(os.PRIO_PROCESS, 0, max(5, os.getpriority(os.PRIO_PROCESS, 0)))
 
 
 def computing(item: pytest.Item) -> tuple[bool, float]:
