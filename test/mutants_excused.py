@@ -286,22 +286,15 @@ EXCUSED: dict[str, dict[str, str]] = {
         'Session.faulty: self.vrpi is not None and self.enabled -> self.enabled': _FOR_TYPES,
         'Session._begin: self._follow_hold(now) -> pass': 'the poll that follows at once does it',
         'Session._is_ours: return False -> return None': _FALSY,
-        'Session._follow: self.vrpi is not None and (not self.link_up) -> not self.link_up': (
-            'all was dropped when it was lost, and nothing is added until it is up'
-        ),
         **{
             f'Session.{name}: self._expire(now) -> pass': (
-                'nothing that it does depends on time, and a poll follows'
+                'it depends on no verdict, and a poll follows'
             )
             for name in ('set_periodic_output', 'command_published', 'command_done')
         },
-        '_is_armed: vrpi is not None and vrpi.bu_state == BuState.ARMED and (vrpi.armed_ru != 0) '
-        'and (vrpi.ru_state in (RuState.ARMED, RuState.ENABLED)) -> vrpi.bu_state == '
-        'BuState.ARMED and vrpi.armed_ru != 0 and (vrpi.ru_state in (RuState.ARMED, '
-        'RuState.ENABLED))': 'without a VRPI there is a stop',
         '_is_enabled: vrpi is not None and vrpi.ru_state == RuState.ENABLED and '
         '(vrpi.ru_disabled == Disabled.ENABLED) -> vrpi.ru_state == RuState.ENABLED and '
-        'vrpi.ru_disabled == Disabled.ENABLED': 'without a VRPI there is a stop',
+        'vrpi.ru_disabled == Disabled.ENABLED': _FOR_TYPES,
     },
     'vm110_bridge/session/stops.py': {
         'StopJudge.__init__: False -> True': 'the state Initial hides it until it is set',

@@ -1297,6 +1297,21 @@ def test_command_at_the_very_end_of_the_link_is_refused() -> None:
         bench.session.send_command(bytes(16), bench.now)
 
 
+def test_clock_that_runs_backwards_moves_nothing_and_keeps_no_command_for_later() -> None:
+    bench = armed()
+    bench.hear(DEFLECTED)
+    bench.now -= 0.125
+    assert NEUTRAL in bench.poll()
+    assert bench.session.estop
+    bench.now += 0.125
+    bench.hear(vrci(1), 'VRCI')  # the state is not known again, though the link is
+    assert bench.session.link_up
+    assert not bench.session.armed
+    number = bench.session.send_command(bytes(16), bench.now)
+    results = of(CommandResult, bench.wait(LIMIT))
+    assert results == [CommandResult(number, 'the link was lost')]
+
+
 @pytest.mark.parametrize('size', [0, 15, 17])
 def test_command_of_another_size_is_refused(size: int) -> None:
     bench = armed()

@@ -283,8 +283,7 @@ class Session(BaseSession[bytes, Packet, Event]):
         return report.NO_CAUSE
 
     def _follow(self, now: float) -> None:
-        lost = self.vrpi is not None and not self.link_up
-        if lost:
+        if not self.link_up:
             self.vrpi, self._has_news = None, False
         self._follow_armed()
         if self.estop:
@@ -292,7 +291,7 @@ class Session(BaseSession[bytes, Packet, Event]):
         if self._stream.owes_neutral(fresh=self.link_up, counts=self.enabled):
             self._emit(_NEUTRAL)
         self._follow_remote()
-        if lost:
+        if not self.link_up:
             self._encoder.rest()
             for result in self.outbox.drop(
                 'the link was lost' if self._open else 'the port was closed'
