@@ -16,6 +16,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import pytest
@@ -168,6 +169,21 @@ def test_oscillation_that_begins_long_after_the_stop_is_not_paused() -> None:
     start = bench.now
     bench.run(1.0, REST, estop=True)
     assert bench.all_neutral(start + 1e-9)
+
+
+@pytest.mark.parametrize(('later', 'pressed'), [(-1e-6, True), (0.0, False)])
+def test_time_for_a_pause_is_over_at_its_end(later: float, pressed: bool) -> None:
+    bench = Turning().ready()
+    bench.turns = True
+    bench.now = float(math.ceil(bench.now))
+    ends = bench.now + COAST
+    bench.estop_in(True)
+    bench.run(COAST - SLOT, REST, estop=True)
+    bench.now = ends + later
+    bench.take(OSCILLATES)
+    start = bench.now
+    bench.run(0.2, REST, estop=True)
+    assert (PAUSE in bench.joystick_frames(start)) is pressed
 
 
 def test_node_that_starts_with_a_stop_does_not_press_pause() -> None:
