@@ -50,7 +50,26 @@ def latched_qos(deadline: float | None = None) -> QoSProfile:
     return qos
 
 
-class ManagedNode(LifecycleNode):
+class Quiet:
+    """
+    A node's first base: publishers and subscriptions without rclpy's default event handlers.
+
+    Each is one more thing that the executor waits for, at each wake-up, and all they do is log
+    that a QoS does not match; what matters of that is in diagnostics.
+    """
+
+    def create_publisher(self, *args: Any, **options: Any) -> Any:
+        """Create a publisher, without event handlers unless some are given."""
+        quiet = {'event_callbacks': PublisherEventCallbacks(use_default_callbacks=False)}
+        return super().create_publisher(*args, **{**quiet, **options})  # type: ignore[misc]
+
+    def create_subscription(self, *args: Any, **options: Any) -> Any:
+        """Create a subscription, without event handlers unless some are given."""
+        quiet = {'event_callbacks': SubscriptionEventCallbacks(use_default_callbacks=False)}
+        return super().create_subscription(*args, **{**quiet, **options})  # type: ignore[misc]
+
+
+class ManagedNode(Quiet, LifecycleNode):
     """
     A lifecycle node with checked parameters.
 
@@ -75,14 +94,6 @@ class ManagedNode(LifecycleNode):
             raise
         self.add_on_set_parameters_callback(self._on_set_parameters)
         self.lane = Lane(self, f'{name} lane')
-
-    def create_publisher(self, *args: Any, **options: Any) -> Any:
-        """Create a publisher without rclpy's default event handlers: see ``_quiet``."""
-        return super().create_publisher(*args, **_quiet(options, PublisherEventCallbacks))
-
-    def create_subscription(self, *args: Any, **options: Any) -> Any:
-        """Create a subscription without rclpy's default event handlers: see ``_quiet``."""
-        return super().create_subscription(*args, **_quiet(options, SubscriptionEventCallbacks))
 
     def destroy_node(self) -> None:
         """End the lane, then the node."""
@@ -188,16 +199,6 @@ class ManagedNode(LifecycleNode):
             self.get_logger().error(f'cannot {what}: {error}')
             return TransitionCallbackReturn.FAILURE
         return TransitionCallbackReturn.SUCCESS
-
-
-def _quiet(options: dict[str, Any], kind: Any) -> dict[str, Any]:
-    """
-    Do without rclpy's default event handlers, unless some were given.
-
-    Each is one more thing that the executor waits for, at each wake-up, and all they do is log
-    that a QoS does not match; what matters of that is in diagnostics.
-    """
-    return {'event_callbacks': kind(use_default_callbacks=False), **options}
 
 
 def _plain(value: Any) -> Any:

@@ -870,7 +870,7 @@ SCENES = {
 }
 
 
-_NEAR = 2000  # states
+_NEAR = 1000  # states
 
 
 @pytest.mark.parametrize('name', SCENES)
