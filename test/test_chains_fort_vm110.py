@@ -70,7 +70,7 @@ ORDERS = [  # every order of two presses and two releases, each release after it
     if order.index('press fort') < order.index('release fort')
     and order.index('press vm110') < order.index('release vm110')
 ]
-ROUNDS = 20  # of each order with either VSC
+ROUNDS = 8  # of each order with either VSC
 MANY = 85  # so more than 1 000 in all
 COMMANDS = {
     'press fort': 'estop remote on',
