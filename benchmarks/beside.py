@@ -28,6 +28,7 @@ from typing import Final
 from sensor_msgs.msg import JointState
 from sensor_msgs.msg import Joy
 
+from akron_can_bridge.protocol import JOYSTICK_ADDRESSES
 from akron_can_bridge.simulator import JoystickSimulator
 from akron_can_bridge.simulator import Simulator as MonitorSimulator
 from demo.actuators import pulses_in
@@ -44,6 +45,7 @@ from test.talkers import Talker
 
 BESIDE = (SSC, MONITOR)
 JOYSTICK = 'joystick'  # another one on the unit's bus, which is not to be there
+_OURS = JOYSTICK_ADDRESSES[-1]  # what the node sends as
 _SHUT_US = 1000
 _SERVO = 'throttle'
 _SERVOS = {
@@ -107,7 +109,7 @@ class Beside:
         """Return what each was told after ``since``: when, and whether it is motion."""
         before = since - _OVERLAP
         pulses = [(at, us != _SHUT_US) for at, us in pulses_in(self.ssc.received(before))]
-        found = {SSC: pulses, MONITOR: turns_in(self.monitor.received(before))}
+        found = {SSC: pulses, MONITOR: turns_in(self.monitor.received(before), _OURS)}
         return {name: [each for each in told if each[0] > since] for name, told in found.items()}
 
     def mend(self) -> None:

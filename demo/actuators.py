@@ -217,13 +217,19 @@ class Actuators(Steering):
         return float(self.stage.monitor.describe()['rotation_deg'])
 
 
-def turns_in(chunks: list[Chunk]) -> list[tuple[float, bool]]:
-    """Return the joystick frames among what a monitor has heard: when, and whether not neutral."""
+def turns_in(chunks: list[Chunk], source: int | None = None) -> list[tuple[float, bool]]:
+    """
+    Return the joystick frames among what a monitor has heard: when, and whether not neutral.
+
+    :param source: address of the joystick; None: of all.
+    """
     found = []
     for at, data in chunks:
         frame = unpack(data)
-        message = None if frame is None else akron.decode(frame).message
-        if isinstance(message, akron.BasicJoystick):
+        if frame is None:
+            continue
+        message, sender = akron.decode(frame)
+        if isinstance(message, akron.BasicJoystick) and source in (None, sender.source):
             found.append((at, message != _REST))
     return found
 

@@ -64,6 +64,8 @@ def test_frame_that_is_no_joysticks_turns_no_monitor() -> None:
     claim = bytes.fromhex('98eeff80 0000000000000000')
     chunks = [Chunk(1.0, AKRON_REST), Chunk(2.0, claim), Chunk(3.0, AKRON_TURN)]
     assert turns_in(chunks) == [(1.0, False), (3.0, True)]
+    foreign = bytes.fromhex('8cfdd633') + AKRON_TURN[4:]
+    assert turns_in([*chunks, Chunk(4.0, foreign)], 0x38) == [(1.0, False), (3.0, True)]
 
 
 def test_poll_of_the_ssc_is_no_pulse() -> None:
