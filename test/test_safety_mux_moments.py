@@ -378,6 +378,16 @@ def test_what_is_missing_for_a_reset_is_said_and_nothing_else() -> None:
     assert bench.arbiter.status(bench.now).stops_clear
 
 
+def test_reset_in_the_moment_in_which_a_stop_ends_is_too_early() -> None:
+    """No tick has seen all clear yet, so none of ``clear_time`` is over."""
+    bench = Bench()
+    bench.estops['fort'] = True
+    bench.run(1.0)
+    bench.arbiter.estop_message('fort', False, bench.now)
+    assert not bench.arbiter.status(bench.now).stops_clear
+    assert bench.reset().message == 'not reset: all stops have been clear for 0 ms of 500 ms'
+
+
 def test_reason_of_a_stop_is_said_where_it_is_not_all_there_any_more() -> None:
     bench = Bench().ready()
     for name in ('fort', 'gate'):
