@@ -34,11 +34,12 @@ from bridge_core.parameter_files import check_names
 from bridge_core.parameter_files import is_for
 from bridge_core.parameter_files import parameters_for
 from bridge_core.parameter_files import sections_of
-from rugged_teleop.canbuses import free_channel
+from rugged_teleop.canbuses import channel_of
 from rugged_teleop.canbuses import INTERFACE
 from rugged_teleop.multicasts import free_port
 from rugged_teleop.multicasts import GROUP
 from rugged_teleop.multicasts import LOOPBACK
+from rugged_teleop.multicasts import PORT_OFFSET
 from rugged_teleop.stack import NODES
 from rugged_teleop.stack import WIRING
 
@@ -218,6 +219,7 @@ class _Simulation:
     def __init__(self, file: Path, folder: Path) -> None:
         self._file, self._folder = file, folder
         self._channels: dict[tuple[str, str], str] = {}
+        self._ports: set[int] = set()  # given to somebody who will open them
 
     def of(self, node: str) -> tuple[list[str], Values]:
         """Return the arguments of ``simulate``, and the parameters by which its node finds it."""
@@ -237,13 +239,13 @@ class _Simulation:
     ) -> tuple[list[str], Values]:
         bus = (values.get('interface', ''), values.get('channel', ''))
         if bus not in self._channels:
-            self._channels[bus] = free_channel()
+            self._channels[bus] = channel_of(self._port())
         channel = self._channels[bus]
         words = [device, *options, '--interface', INTERFACE, '--channel', channel]
         return words, {'interface': INTERFACE, 'channel': channel, 'bitrate': 0}
 
     def _multicast(self, values: Values) -> tuple[list[str], Values]:
-        port = free_port()
+        port = self._port()
         words = ['vm110', '--port', str(port), '--group', GROUP, '--interface-address', LOOPBACK]
         if values.get('bu_id'):
             words += ['--bu-id', str(values['bu_id'])]
@@ -255,6 +257,11 @@ class _Simulation:
             'interface_address': LOOPBACK,
             'allowed_sources': [''],
         }
+
+    def _port(self) -> int:
+        port = free_port(self._ports)
+        self._ports |= {port, port + PORT_OFFSET}
+        return port
 
 
 def _serial_device(name: str, values: Values) -> list[str]:

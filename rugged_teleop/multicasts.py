@@ -16,6 +16,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 import contextlib
 import errno
 import random
@@ -62,16 +63,20 @@ class MulticastDevice(TransportDevice):
         super().__init__(device, transport, name, seed=seed)
 
 
-def free_port() -> int:
+def free_port(given: Collection[int] = ()) -> int:
     """
     Return a port that, with the one 2 higher, nobody on this machine has at the moment.
 
     It is one that the system gives to nobody who asks for any, and that DDS leaves out.
+
+    :param given: ports that are somebody's, who has not opened them yet.
     """
     blocks = range(FIRST_PORT, _FIRST_EPHEMERAL - PORTS, PORTS)
     candidates = [block + offset for block in blocks for offset in _UNUSED_OFFSETS]
     random.shuffle(candidates)
     for port in candidates:
+        if port in given or port + PORT_OFFSET in given:
+            continue
         with contextlib.ExitStack() as sockets, contextlib.suppress(OSError):
             for each in (port, port + PORT_OFFSET):
                 found = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)

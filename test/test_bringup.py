@@ -39,6 +39,7 @@ from rugged_teleop.bringup import nodes_of
 from rugged_teleop.bringup import PORTS
 from rugged_teleop.bringup import Process
 from rugged_teleop.bringup import processes
+from rugged_teleop.multicasts import PORT_OFFSET
 from test.rig import latched
 from test.rig import Observer
 from test.rig import ROOT
@@ -256,6 +257,35 @@ def test_simulated_device_is_as_the_file_says(file: Path, tmp_path: Path) -> Non
     shared = device('/a/akron_can_bridge').channel
     assert shared == device('/b/akron_can_bridge').channel
     assert shared != device('/a/fort_vsc_bridge').channel
+
+
+def test_simulated_devices_that_share_nothing_share_no_port(
+    file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Chance gave the same to two of them once in 750 times, as none is opened meanwhile."""
+    monkeypatch.setattr('random.shuffle', lambda candidates: None)
+    write(
+        file,
+        {
+            '/a/fort_vsc_bridge': {'transport': 'can', 'channel': 'can1'},
+            '/a/akron_can_bridge': {'channel': 'can0'},
+            '/a/vm110_bridge': {},
+            '/b/vm110_bridge': {},
+        },
+    )
+    found = processes(file, tmp_path, simulated=True)
+    devices = [
+        simulate.parser().parse_args(process.command[4:])
+        for process in found
+        if process.name.endswith(': device')
+    ]
+    inputs = [
+        each.port if each.device == 'vm110' else int(each.channel.split(':')[1])
+        for each in devices
+    ]
+    ports = [*inputs, *(port + PORT_OFFSET for port in inputs)]
+    assert len(devices) == 4
+    assert len(set(ports)) == len(ports)
 
 
 def test_simulated_and_a_port_of_a_real_device_contradict(tmp_path: Path) -> None:
