@@ -320,7 +320,8 @@ def test_pub_moves_the_drive_by_command_enable_and_estop_in(
 ) -> None:
     space = namespace()
     drive = Drive(tmp_path / 'drive')
-    parameters = {'port': drive.path, 'command_timeout': 2.0}  # outlasts the gap between two
+    outlasts = {'command_timeout': 2.0, 'link_timeout': GAP, 'enable_timeout': GAP}  # gaps
+    parameters = {'port': drive.path, **outlasts}
     with NodeProcess('esi_drive_bridge.node', parameters, namespace=space, patient=True):
         command = JointState(name=['left', 'right'], velocity=[5.0, 5.0])
         pubs = [
