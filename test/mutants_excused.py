@@ -286,6 +286,7 @@ EXCUSED: dict[str, dict[str, str]] = {
     },
     'vm110_bridge/session/session.py': {
         'Session.__init__: self._hold_output = False -> pass': _SET_FIRST,
+        'Session.__init__: self._has_news = False -> pass': _SET_FIRST,
         'Session.__init__: False -> True': _SET_FIRST,
         'Session.faulty: self.vrpi is not None and self.enabled -> self.enabled': _FOR_TYPES,
         'Session._begin: self._follow_hold(now) -> pass': 'the poll that follows at once does it',
