@@ -17,7 +17,8 @@ The suite, again and again while other work keeps all cores busy.
 
 ``python -m test.saturated [TIMES]`` runs what ``make test`` does TIMES times (ten), beside a loop
 at nice 0 on each core. A run that failed is not repeated: it counts. With ``--json FILE``, which
-has a line for each run, it goes on where it was. Exit status: 0 if all passed, 1 if one did not.
+has a line for each run, it goes on where it was, and keeps beside it what a run that failed said.
+Exit status: 0 if all passed, 1 if one did not.
 """
 
 from __future__ import annotations
@@ -42,13 +43,15 @@ _SUITE: Final = ('make', 'test')
 _FAILED = re.compile('^(?:FAILED|ERROR) .*', re.MULTILINE)
 
 
-def run(command: Sequence[str]) -> dict[str, Any]:
-    """Run the suite once; return what became of it."""
+def run(command: Sequence[str], log: Path | None) -> dict[str, Any]:
+    """Run the suite once; return what became of it. :param log: for what a failed one said."""
     begin = time.monotonic()
     ended = subprocess.run(
         command, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, check=False
     )
     lines = ended.stdout.splitlines() or ['']
+    if ended.returncode and log is not None:
+        log.write_text(ended.stdout, encoding='utf-8')
     return {
         'status': ended.returncode,
         'seconds': round(time.monotonic() - begin),
@@ -70,7 +73,8 @@ def main(arguments: Sequence[str] | None = None, command: Sequence[str] = _SUITE
         runs = [json.loads(line) for line in given.json.read_text(encoding='utf-8').splitlines()]
     with contextlib.nullcontext() if given.idle else busy_cores():
         while len(runs) < given.times:
-            runs.append(run(command))
+            log = given.json and given.json.with_suffix(f'.{len(runs) + 1}.log')
+            runs.append(run(command, log))
             print(f'{len(runs):3}', *runs[-1].values(), flush=True)
             if given.json:
                 with given.json.open('a', encoding='utf-8') as file:

@@ -394,6 +394,7 @@ def test_controller_of_ros2_control_drives_the_drive_and_sees_it_turn(
     wiring = {'command': 'command', 'enable': 'enable', 'estop_in': 'estop'}
     arguments = ['--params-file', str(file_of(recipe)), '-p', f'port:={drive.path}']
     arguments += ['-p', 'command_timeout:=1.0', '-p', 'status_rate:=100.0']
+    arguments += ['-p', 'link_timeout:=5.0']
     for ours, of_mux in wiring.items():
         arguments += ['-r', f'~/{ours}:=safety_mux/{of_mux}']
     hardware = TopicBasedSystem(observer, RECIPES / f'{recipe}.urdf')

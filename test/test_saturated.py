@@ -48,4 +48,9 @@ def test_each_run_counts_and_is_told_and_none_is_repeated(
     runs = [json.loads(line) for line in results.read_text().splitlines()]
     assert [run['status'] for run in runs] == [0, 1, 0]
     assert [run['failed'] for run in runs] == [[], ['FAILED test_a.py::test_b - why'], []]
+    (log,) = tmp_path.glob('*.log')
+    assert (log.name, log.read_text()) == (
+        'runs.2.log',
+        'FAILED test_a.py::test_b - why\n9 passed\n',
+    )
     assert capsys.readouterr().out.endswith('2 of 3 passed\n')
