@@ -68,7 +68,19 @@ _AKRON = (
     *('akron_drive', 'akron_finder', 'akron_motion', 'akron_session_automatic'),
     *(
         f'akron_session_{name}'
-        for name in ('drive', 'unit', 'joysticks', 'finder', 'polls', 'report', 'loop', 'motion')
+        for name in (
+            *(
+                'moments',
+                'drive',
+                'unit',
+                'joysticks',
+                'finder',
+                'polls',
+                'report',
+                'loop',
+                'motion',
+            ),
+        )
     ),
 )
 # By file, or for all of a folder. What takes long comes last: most mutants are dead by then.

@@ -16,6 +16,7 @@
 
 _SET_FIRST = 'it is set before it is read'
 _NOT_READ = 'until it was heard, it is not usable, and its value not read'
+_SAID_ANEW = 'a unit that is back is asked at once, and its next type 01 says it anew'
 _FOR_TYPES = 'the rest of the line is true of it; for the type checker'
 _ABSTRACT = 'each kind has its own'
 _FALSY = 'None is as false'
@@ -249,6 +250,13 @@ EXCUSED: dict[str, dict[str, str]] = {
         ' -> self.motion.began_at < self._pause_at': (
             'what is paused moves, so it has begun before; and what never began does not move'
         ),
+        'Session._follow: self._was_up and (not self.link_up) -> not self.link_up': (
+            'of a unit that is not heard nothing is known that could be forgotten'
+        ),
+        'Session._follow: self._in_error = False -> pass': _SAID_ANEW,
+        'Session._follow: False -> True': _SAID_ANEW,
+        'Session.set_directions: self._expire(now) -> pass': 'the refresh at its end does it',
+        'Session.set_directions: self._refresh(now) -> pass': 'no verdict depends on directions',
         'Session.__init__: False -> True': (
             'until all was clear once nothing is paused; and who asks for a reset sets the other'
         ),

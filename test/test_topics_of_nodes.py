@@ -36,6 +36,7 @@ from std_msgs.msg import Bool
 from std_msgs.msg import String
 from std_srvs.srv import SetBool
 
+from esi_drive_bridge.simulator import Simulator as DriveSimulator
 from test.mux_talkers import sticks
 from test.rig import latched
 from test.rig import NodeProcess
@@ -319,7 +320,7 @@ def test_pub_moves_the_drive_by_command_enable_and_estop_in(
     tmp_path: Any, observer: Observer
 ) -> None:
     space = namespace()
-    drive = Drive(tmp_path / 'drive')
+    drive = Drive(tmp_path / 'drive', DriveSimulator(command_timeout=GAP))
     outlasts = {'command_timeout': 2.0, 'link_timeout': GAP, 'enable_timeout': GAP}  # gaps
     parameters = {'port': drive.path, **outlasts}
     with NodeProcess('esi_drive_bridge.node', parameters, namespace=space, patient=True):

@@ -1,0 +1,229 @@
+# Copyright 2026 The rugged_teleop maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""What the Akron unit's session asks, forgets and refuses, to the moment and the order."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+
+from akron_can_bridge.protocol import Axis
+from akron_can_bridge.protocol import BasicJoystick
+from akron_can_bridge.protocol import ExtendedJoystick
+from akron_can_bridge.protocol import Permission
+from akron_can_bridge.protocol import Status
+from akron_can_bridge.session import Request
+from akron_can_bridge.session import Stopped
+from bridge_core.session import Answer
+from bridge_core.session import Level
+from test.akron_session_rig import ANNOUNCED
+from test.akron_session_rig import Bench
+from test.akron_session_rig import COMMAND_LIMIT
+from test.akron_session_rig import ef
+from test.akron_session_rig import joystick
+from test.akron_session_rig import LINK_LIMIT
+from test.akron_session_rig import MOVE
+from test.akron_session_rig import NO_FAULTS
+from test.akron_session_rig import NOT_ENABLED
+from test.akron_session_rig import of
+from test.akron_session_rig import OPERATIONAL_ERROR
+from test.akron_session_rig import OUTPUTS
+from test.akron_session_rig import POSITION
+from test.akron_session_rig import REST
+from test.akron_session_rig import UNIT
+from test.akron_session_rig import VERSIONS
+
+STICK = joystick('7D04010000000000', 0x33)
+DEPLOY = (
+    BasicJoystick(Axis.of(0), Axis.of(0), tuple(Status(n == 8) for n in range(1, 13))),
+    ExtendedJoystick(),
+)
+DISPLACED = ef('FF83150226021A0C')  # another unit announces itself at our unit's address
+
+
+def found(**options: object) -> Bench:
+    """Return one whose unit is heard, without a stop."""
+    bench = Bench(**options).find_unit()
+    assert not bench.session.estop
+    return bench
+
+
+# -- how bad it is --------------------------------------------------------------------------------
+
+
+def test_unit_that_is_not_enabled_is_a_warning_and_another_stop_is_an_error() -> None:
+    bench = found()
+    bench.take(NOT_ENABLED)
+    levels = {text: level for level, text in bench.session.problems(bench.now)}
+    assert levels['check what the unit is enabled by: the enable input is not asserted'] is (
+        Level.WARN
+    )
+    bench.take(STICK)
+    levels = {text: level for level, text in bench.session.problems(bench.now)}
+    (foreign,) = [text for text in levels if text.startswith('a foreign joystick')]
+    assert levels[foreign] is Level.ERROR
+
+
+# -- what a closed port leaves behind -------------------------------------------------------------
+
+
+def test_closed_port_leaves_nothing_due_and_nothing_known() -> None:
+    bench = Bench(soe_permissive=True).moving()
+    bench.take(OUTPUTS, POSITION)
+    assert bench.session.unit.outputs(bench.now).outputs is not None
+    bench.close()
+    assert bench.session.drive.due == math.inf
+    assert bench.session.unit.outputs(bench.now).outputs is None
+    assert bench.session.unit.faults is None
+
+
+def test_estop_input_of_before_the_port_closed_is_none_of_after_it() -> None:
+    bench = Bench().moving()
+    bench.close()
+    bench.find_unit()
+    bench.command(REST)
+    (reason, *_) = bench.session.inhibits(bench.now)
+    assert reason == 'e-stop input is stale: never heard, limit 250 ms'
+
+
+def test_motion_of_before_the_port_closed_is_none_of_after_it() -> None:
+    bench = found()
+    for tenths in (1, 2, 3):
+        bench.wait(0.1)
+        bench.take(OUTPUTS, ef(f'01{tenths * 10:03X}40371000041'))
+    assert bench.session.motion.moving(bench.now)
+    bench.close()
+    assert not bench.session.motion.moving(bench.now)
+
+
+# -- a unit that comes and goes -------------------------------------------------------------------
+
+
+def test_unit_that_was_never_heard_is_asked_nothing() -> None:
+    bench = Bench(unit_address=UNIT)
+    bench.open()
+    bench.take(STICK)
+    bench.wait(3.0)
+    assert bench.asked() == []
+    bench.take(OUTPUTS)
+    assert len(bench.asked()) > 1
+
+
+def test_error_of_before_a_silence_is_asked_about_when_it_is_back() -> None:
+    """Its faults are asked for at once if type 01 says so, and not each second if it does not."""
+    bench = found()
+    bench.take(*VERSIONS)
+    bench.take(OPERATIONAL_ERROR)
+    bench.wait(LINK_LIMIT + 0.1)
+    assert not bench.session.link_up
+    bench.take(POSITION, OUTPUTS, NO_FAULTS)
+    bench.wait(0.1)
+    bench.take(POSITION, OUTPUTS, NO_FAULTS)
+    since = bench.now
+    bench.run(3.0, REST)
+    assert bench.asked(since) == []
+
+
+# -- requests -------------------------------------------------------------------------------------
+
+
+def test_unit_that_fell_silent_meanwhile_is_asked_nothing() -> None:
+    bench = found()
+    bench.now += LINK_LIMIT + 0.01  # nobody has looked since
+    with pytest.raises(ValueError, match='heard'):
+        bench.session.request(Request.POLL_FAULTS, bench.now)
+
+
+def test_unit_whose_address_another_one_took_is_asked_nothing() -> None:
+    bench = found()
+    bench.take(DISPLACED)
+    assert bench.session.link_up
+    assert bench.session.finder.address is None
+    with pytest.raises(ValueError, match='no unit is heard at present'):
+        bench.session.request(Request.POLL_FAULTS, bench.now)
+
+
+def test_poll_may_be_asked_while_a_joystick_commands_motion() -> None:
+    bench = found(allowed_joysticks=frozenset({0x33}))
+    bench.take(STICK)
+    assert bench.session.joysticks.moving(bench.now)
+    bench.session.request(Request.POLL_FAULTS, bench.now)
+    with pytest.raises(ValueError, match='motion is commanded by joystick 33'):
+        bench.session.request(Request.RESET_CONTROLLER, bench.now)
+
+
+@pytest.mark.parametrize('request_', [Request.ZERO_POSITIONS, Request.RESET_CONTROLLER])
+def test_reset_is_answered_although_something_is_asked_meanwhile(request_: Request) -> None:
+    bench = found()
+    bench.session.request(Request.RESET_CONTROLLER, bench.now)
+    bench.wait(1.0)  # as it restarts
+    bench.take(OUTPUTS)
+    bench.session.request(request_, bench.now)
+    bench.take(ANNOUNCED)
+    (answer,) = [each for each in of(Answer, bench.events) if each.request == 'reset_controller']
+    assert answer.success
+
+
+# -- inputs ---------------------------------------------------------------------------------------
+
+
+def test_command_that_went_stale_before_a_refused_one_is_told_as_stale() -> None:
+    bench = Bench().moving()
+    bench.now += COMMAND_LIMIT + 0.01  # nobody has looked since
+    bench.session.refuse_command('axis 0 is nan', bench.now)
+    bench.poll()
+    (stopped,) = of(Stopped, bench.events)
+    assert stopped.reasons[0].startswith('command is stale')
+
+
+def test_automatic_motion_was_asked_for_however_briefly() -> None:
+    bench = Bench(automatic_motion=True).find_unit()
+    bench.estop_in(False)
+    bench.command(REST)
+    bench.session.set_command(*DEPLOY, bench.now)
+    bench.session.set_command(*REST, bench.now)
+    for tenths in range(1, 20):
+        bench.run(0.1, REST, unit=False)
+        bench.take(OUTPUTS, ef(f'01{tenths * 10:03X}40371000041'))
+    assert bench.session.motion.moving(bench.now)
+    assert not bench.session.estop
+
+
+@pytest.mark.parametrize('directions', [0, 15])
+def test_directions_that_are_a_sum_of_bits_are_taken(directions: int) -> None:
+    bench = found()
+    bench.session.set_directions(directions, bench.now)
+    assert bench.session.drive.directions(bench.now) == Permission(directions)
+
+
+@pytest.mark.parametrize('directions', [-1, 16])
+def test_directions_that_are_none_permit_nothing(directions: int) -> None:
+    bench = found()
+    with pytest.raises(ValueError, match='is no sum of 1 right, 2 left, 4 up, 8 down'):
+        bench.session.set_directions(directions, bench.now)
+    assert bench.session.drive.directions(bench.now) == Permission(0)
+
+
+def test_unit_may_coast_for_a_short_time_and_move_as_long_as_it_is_asked_to() -> None:
+    """``coast_time`` may be shorter than the time between two commands."""
+    bench = Bench(coast_time=0.1, command_timeout=2.0, estop_in_timeout=2.0).find_unit()
+    bench.estop_in(False)
+    bench.command(REST)
+    bench.command(MOVE)
+    for tenths in range(1, 12):
+        bench.wait(0.1)
+        bench.take(OUTPUTS, ef(f'01{tenths * 10:03X}40371000041'))
+        assert not bench.session.estop
