@@ -214,6 +214,16 @@ def test_latest_of_a_key_wins() -> None:
     assert take_all(*(('a', name, False) for name in 'xyz'), each=True) == ['x', 'y', 'z']
 
 
+def test_key_of_a_request_is_its_name_unless_another_is_given(
+    bench: Bench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    put: list[str] = []
+    monkeypatch.setattr(bench.link, '_put', lambda request, each: put.append(request.key))
+    bench.link.request('set_command', 1)
+    bench.link.request('set_command', 1, key='left')
+    assert put == ['set_command', 'left']
+
+
 def test_stop_is_not_replaced_by_a_release_and_comes_first() -> None:
     assert take_all(('e', 'stop', True), ('e', 'release', False)) == ['stop', 'release']
     assert take_all(('e', 'release', False), ('e', 'stop', True)) == ['stop']
@@ -456,6 +466,31 @@ def test_stop_without_start() -> None:
     bench = Bench()
     bench.link.stop()
     bench.link.stop()
+
+
+def test_stop_from_its_own_thread_ends_it(bench: Bench) -> None:
+    """As a node does that leaves because of what its wire has told."""
+    stopped = threading.Event()
+
+    def pace(now: float) -> float:
+        bench.link.stop()
+        stopped.set()
+        return now + PACE
+
+    bench.owner.pace = pace  # type: ignore[method-assign]
+    assert stopped.wait(5.0)
+    wait_for(lambda: thread_of(bench) is None, 5.0, 'its end')
+
+
+def test_program_that_ends_without_stop_does_not_wait_for_it(bench: Bench) -> None:
+    thread = thread_of(bench)
+    assert thread is not None
+    assert thread.daemon
+
+
+def thread_of(bench: Bench) -> threading.Thread | None:
+    """Return the link's thread, while it is alive."""
+    return next((t for t in threading.enumerate() if t.name == bench.link.name), None)
 
 
 def test_stop_does_not_wait_for_an_open_that_blocks(bench: Bench) -> None:
