@@ -232,6 +232,13 @@ def test_positions_alone_wait_for_a_remote(kind: MessageType, deadline: float) -
     assert bench.deadline == deadline
 
 
+def test_value_is_asked_for_once_and_without_a_remote() -> None:
+    bench = Bench(auto_off_enable=1)
+    bench.link(0.0)
+    assert bench.poll(0.0, remote=False) == [KEY]
+    assert bench.poll(0.01, remote=False) == []
+
+
 def test_position_that_was_judged_needs_no_remote_any_more() -> None:
     bench = watching(1000, GPS)
     assert bench.watched(GPS, (0.5, 1.5, 2.5), WATCH) == []
