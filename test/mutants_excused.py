@@ -244,6 +244,18 @@ EXCUSED: dict[str, dict[str, str]] = {
         'Asker._takes: return False -> return None': _FALSY,
     },
     'akron_can_bridge/session/finder.py': {
+        'Finder.claimed: source != fixed or is_ours -> is_ours': (
+            'a claim of another address that is not ours ends the same below'
+        ),
+        'Finder.request_due: return False -> return None': _FALSY,
+        'Finder.rivals: self.unit is None or self._settings.device_pin -> self.unit is None': (
+            'no other PIN is the one that was given'
+        ),
+        'Finder._is_ours: self.unit is None or source in self._others() -> '
+        'source in self._others()': 'a name has a number in common with none',
+        'Finder._has_identity: self.unit is not None and name.manufacturer == AKRON_BRASS and '
+        '(name.identity == self.unit.identity) -> name.manufacturer == AKRON_BRASS and '
+        '(name.identity == self.unit.identity)': _FOR_TYPES,
         'Finder.__init__: self._asked_at = -math.inf -> pass': _SET_FIRST,
         'Finder.__init__: -math.inf -> math.inf': _SET_FIRST,
         'Finder.__init__: self._due = math.inf -> pass': _SET_FIRST,
@@ -253,6 +265,11 @@ EXCUSED: dict[str, dict[str, str]] = {
         'Motion.__init__: -math.inf -> math.inf': (
             'without a step there is no motion, and the first step sets when that began'
         ),
+    },
+    'akron_can_bridge/session/joysticks.py': {
+        'Joysticks.__init__: self._extended = _NO_EXTENDED -> pass': _SET_FIRST,
+        'Joysticks.take: True -> False': 'its sticks always count, so only silence is owed for',
+        '_is_of_vsc: unused or () -> unused': _FOR_TYPES,
     },
     'akron_can_bridge/session/session.py': {
         'Session._is_to_pause: self.motion.began_at <= self._pause_at'

@@ -129,6 +129,21 @@ def test_permission_is_said_anew_on_a_port_that_was_opened_again() -> None:
     assert drive.permissive_frames(NOW + 0.02, UNIT, RIGHT) == [frame]
 
 
+def test_permission_is_said_anew_to_a_unit_that_is_back() -> None:
+    drive = Drive(Settings(soe_permissive=True))
+    frame = CanFrame(PERMISSION, bytes.fromhex('A10001'))
+    assert drive.permissive_frames(NOW, UNIT, RIGHT) == [frame]
+    assert drive.permissive_frames(NOW, None, RIGHT) == []
+    assert drive.permissive_frames(NOW + 0.02, UNIT, RIGHT) == [frame]
+
+
+def test_farewell_leaves_nothing_commanded_and_needs_no_unit() -> None:
+    drive = moving(soe_permissive=True)
+    frames = drive.farewell(None, NOW, pause=False)
+    assert {(frame.identifier, frame.data) for frame in frames} == {(JOYSTICK, NEUTRAL)}
+    assert not drive.moving
+
+
 # -- stale inputs ---------------------------------------------------------------------------------
 
 

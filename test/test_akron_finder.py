@@ -17,6 +17,9 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
+
+import pytest
 
 from akron_can_bridge.protocol import AddressAnnouncement
 from akron_can_bridge.protocol import Name
@@ -117,3 +120,71 @@ def test_only_a_change_of_the_address_counts_as_a_move() -> None:
     assert finder.address is None
     finder.announced(UNIT, OURS, NOW)
     assert [*moves, finder.moves] == [0, 0, 1, 2, 2]
+
+
+# -- whose a claimed address is -------------------------------------------------------------------
+
+
+def fixed() -> Finder:
+    """Return one whose unit is at an address that was given, and of which nothing was heard."""
+    finder = Finder(Settings(unit_address=UNIT))
+    finder.start(NOW)
+    return finder
+
+
+def test_fixed_address_is_lost_to_another_maker_and_comes_back_with_the_unit() -> None:
+    finder = fixed()
+    finder.announced(0x81, OTHER, NOW)
+    assert 'has lost address 80 to another device' in finder.claimed(UNIT, STRANGER, NOW)
+    assert finder.address is None
+    assert finder.claimed(0x90, NAME, NOW) == ''
+    assert finder.address is None
+    assert finder.claimed(UNIT, NAME, NOW) == ''
+    assert finder.address == UNIT
+
+
+def test_claims_of_other_addresses_leave_a_fixed_one() -> None:
+    finder = fixed()
+    for name in (STRANGER, NAME):
+        assert finder.claimed(0x90, name, NOW) == ''
+        assert finder.address == UNIT
+
+
+def test_fixed_address_does_not_come_back_with_another_unit_of_the_maker() -> None:
+    finder = fixed()
+    finder.announced(UNIT, OURS, NOW)
+    assert 'has lost address 80' in finder.announced(UNIT, OTHER, NOW)
+    assert finder.claimed(UNIT, NAME, NOW) == ''
+    assert finder.address is None
+
+
+def test_name_that_was_heard_counts_in_whole() -> None:
+    finder = started()
+    finder.announced(UNIT, OURS, NOW)
+    assert finder.claimed(UNIT, NAME, NOW) == ''
+    assert 'has lost address 80' in finder.claimed(UNIT, RENAMED, NOW)
+
+
+def test_name_at_another_address_is_not_kept_as_the_units() -> None:
+    finder = started()
+    finder.announced(UNIT, OURS, NOW)
+    assert 'and claims another' in finder.claimed(0x90, RENAMED, NOW)
+    finder.announced(UNIT, OURS, NOW)
+    assert finder.claimed(UNIT, NAME, NOW) == ''
+    assert finder.address == UNIT
+
+
+@pytest.mark.parametrize('other', [{'manufacturer': 0}, {'identity': NAME.identity + 1}])
+def test_name_of_another_maker_or_number_is_not_the_units(other: dict[str, Any]) -> None:
+    finder = started()
+    finder.announced(UNIT, OURS, NOW)
+    assert 'has lost address 80' in finder.claimed(UNIT, replace(NAME, **other), NOW)
+
+
+def test_without_a_unit_there_are_no_rivals() -> None:
+    finder = Finder(Settings(device_type=1042))
+    finder.start(NOW)
+    finder.announced(UNIT, OURS, NOW)
+    assert finder.unit is None
+    assert finder.devices
+    assert finder.rivals() == []

@@ -1,0 +1,86 @@
+# Copyright 2026 The rugged_teleop maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""What the Akron session keeps of other joysticks, and for how long."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from akron_can_bridge.protocol import Axis
+from akron_can_bridge.protocol import BasicJoystick
+from akron_can_bridge.protocol import ExtendedJoystick
+from akron_can_bridge.protocol import JOYSTICK_TIMEOUT
+from akron_can_bridge.protocol import Status
+from akron_can_bridge.session import Settings
+from akron_can_bridge.session.events import Sticks
+from akron_can_bridge.session.joysticks import Joysticks
+from test.akron_session_rig import joystick
+
+NOW = 100.0
+OTHER = 0x33
+RIGHT = BasicJoystick(Axis.of(500), Axis.of(0))
+CENTRED = BasicJoystick(Axis.of(0), Axis.of(0))
+GRIP = ExtendedJoystick(grip_x=Axis.of(250))
+BROKEN = BasicJoystick(Axis(0, Status.ERROR), Axis.of(0))
+
+
+def heard(*messages: Any) -> Joysticks:
+    """Return what has heard one joystick, which is published as ``~/joy``."""
+    joysticks = Joysticks(Settings(joy_source=OTHER))
+    joysticks.hear(joystick(), OTHER, NOW)
+    for message in messages:
+        joysticks.take(message, OTHER, NOW)
+    return joysticks
+
+
+def test_forgotten_joystick_is_not_there_and_moves_nothing() -> None:
+    joysticks = heard(RIGHT)
+    assert (joysticks.foreign(NOW), joysticks.moving(NOW)) == ([OTHER], [OTHER])
+    joysticks.forget()
+    assert (joysticks.foreign(NOW), joysticks.moving(NOW)) == ([], [])
+
+
+def test_grip_of_before_is_none_of_after() -> None:
+    joysticks = heard(GRIP)
+    (sticks,) = joysticks.take(CENTRED, OTHER, NOW)
+    assert sticks.axes[2] == 250
+    joysticks.forget()
+    (sticks,) = joysticks.take(CENTRED, OTHER, NOW)
+    assert sticks.axes[2] == 0
+
+
+def test_fault_of_a_joystick_is_forgotten_with_it_and_with_its_silence() -> None:
+    joysticks = heard(BROKEN)
+    assert joysticks.faulty
+    joysticks.forget()
+    assert joysticks.faulty == ()
+    joysticks.take(BROKEN, OTHER, NOW)
+    assert joysticks.expire(NOW + JOYSTICK_TIMEOUT) == [Sticks()]
+    assert joysticks.faulty == ()
+    assert joysticks.expire(NOW + JOYSTICK_TIMEOUT) == []
+
+
+def test_deflected_joystick_asks_for_motion_until_it_is_silent() -> None:
+    assert heard(RIGHT).asked_until == NOW + JOYSTICK_TIMEOUT
+
+
+def test_only_what_looks_like_a_vsc_is_called_one() -> None:
+    joysticks = heard()
+    assert 'list it in allowed_joysticks' in joysticks.describe([OTHER])
+    joysticks.hear(joystick('01000100FF00FFFF'), OTHER, NOW)
+    assert 'by identifier and bytes this is a FORT VSC' in joysticks.describe([OTHER])
+    other = 0x34
+    joysticks.hear(joystick('01000100FF00FFFF', other), other, NOW)
+    assert 'list it in allowed_joysticks' in joysticks.describe([other])
