@@ -18,6 +18,7 @@ _SET_FIRST = 'it is set before it is read'
 _NOT_READ = 'until it was heard, it is not usable, and its value not read'
 _SAID_ANEW = 'a unit that is back is asked at once, and its next type 01 says it anew'
 _OF_PROCESSES = 'a wire with a process of its own reads it: test_process_link.py, test_runner.py'
+_EARLIEST = 'of several ends the earliest counts anyway'
 _FOR_TYPES = 'the rest of the line is true of it; for the type checker'
 _ABSTRACT = 'each kind has its own'
 _FALSY = 'None is as false'
@@ -255,7 +256,7 @@ EXCUSED: dict[str, dict[str, str]] = {
         'source in self._others()': 'a name has a number in common with none',
         'Finder._has_identity: self.unit is not None and name.manufacturer == AKRON_BRASS and '
         '(name.identity == self.unit.identity) -> name.manufacturer == AKRON_BRASS and '
-        '(name.identity == self.unit.identity)': _FOR_TYPES,
+        'name.identity == self.unit.identity': _FOR_TYPES,
         'Finder.__init__: self._asked_at = -math.inf -> pass': _SET_FIRST,
         'Finder.__init__: -math.inf -> math.inf': _SET_FIRST,
         'Finder.__init__: self._due = math.inf -> pass': _SET_FIRST,
@@ -281,6 +282,13 @@ EXCUSED: dict[str, dict[str, str]] = {
         ),
         'Session._follow: self._in_error = False -> pass': _SAID_ANEW,
         'Session._follow: False -> True': _SAID_ANEW,
+        'Session._follow_motion: self._is_stopped = True -> pass': _EARLIEST,
+        'Session._follow_motion: True -> False': _EARLIEST,
+        'Session._may_resume: now >= self._asked_until + self.settings.coast_time -> '
+        'now > self._asked_until + self.settings.coast_time': (
+            'motion that goes on is withheld a moment later, and stays so'
+        ),
+        'Session._is_to_pause: return False -> return None': _FALSY,
         'Session.set_directions: self._expire(now) -> pass': 'the refresh at its end does it',
         'Session.set_directions: self._refresh(now) -> pass': 'no verdict depends on directions',
         'Session.__init__: False -> True': (
