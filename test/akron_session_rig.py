@@ -81,6 +81,10 @@ MOVE = (
     BasicJoystick(Axis.of(500), Axis.of(-400), (Status.OFF, Status.ON, *(Status.OFF,) * 10)),
     ExtendedJoystick(),
 )
+DEPLOY = (  # by switch 8, and on by itself
+    BasicJoystick(Axis.of(0), Axis.of(0), tuple(Status(n == 8) for n in range(1, 13))),
+    ExtendedJoystick(),
+)
 E = TypeVar('E')
 
 
@@ -150,6 +154,27 @@ class Bench(SessionBench[Session]):
     def all_neutral(self, since: float) -> bool:
         """Tell whether all joystick frames from a moment on are neutral, and there are some."""
         return set(self.joystick_frames(since)) == {NEUTRAL}
+
+
+class Turning(Bench):
+    """A session whose unit turns to the right while ``turns``, half a degree in 100 ms."""
+
+    def __init__(self, **options: Any) -> None:
+        super().__init__(**options)
+        self.turns = False
+        self.says: list[CanFrame] = []  # besides its position and its outputs
+        self._tenths = 0
+
+    def hear_unit(self) -> list[Any]:
+        self._tenths += self.turns
+        return self.take(OUTPUTS, ef(f'01{self._tenths:03X}40371000041'), *self.says)
+
+    def ready(self) -> Turning:
+        """Have the unit found, at rest for long."""
+        self.find_unit()
+        self.run(2.0, REST)
+        assert not self.session.estop
+        return self
 
 
 def of(kind: type[E], events: list[Any]) -> list[E]:

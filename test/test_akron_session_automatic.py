@@ -21,53 +21,24 @@ from typing import Any
 
 import pytest
 
-from akron_can_bridge.protocol import Axis
-from akron_can_bridge.protocol import BasicJoystick
-from akron_can_bridge.protocol import ExtendedJoystick
-from akron_can_bridge.protocol import Status
 from akron_can_bridge.session import Request
-from bridge_core.j1939 import CanFrame
 from test.akron_session_rig import Bench
+from test.akron_session_rig import DEPLOY
 from test.akron_session_rig import ef
 from test.akron_session_rig import joystick
 from test.akron_session_rig import MOVE
 from test.akron_session_rig import MOVING
 from test.akron_session_rig import NEUTRAL
-from test.akron_session_rig import OUTPUTS
 from test.akron_session_rig import REST
 from test.akron_session_rig import SLOT
+from test.akron_session_rig import Turning
 
 COAST = 1.0
 OSCILLATES, STANDS = ef('81FED401C280'), ef('81FED401C200')  # the manual's
 AIMS = ef('83D051')  # Point Aim mode is active
 PAUSE = bytes.fromhex('0100010000000400')
-DEPLOY = (
-    BasicJoystick(Axis.of(0), Axis.of(0), tuple(Status(n == 8) for n in range(1, 13))),
-    ExtendedJoystick(),
-)
 ALLOWED = 0x33
 STICK = joystick('7D04010000000000', ALLOWED)  # X to the right
-
-
-class Turning(Bench):
-    """A session whose unit turns to the right while ``turns``, half a degree in 100 ms."""
-
-    def __init__(self, **options: Any) -> None:
-        super().__init__(**options)
-        self.turns = False
-        self.says: list[CanFrame] = []  # besides its position and its outputs
-        self._tenths = 0
-
-    def hear_unit(self) -> list[Any]:
-        self._tenths += self.turns
-        return self.take(OUTPUTS, ef(f'01{self._tenths:03X}40371000041'), *self.says)
-
-    def ready(self) -> Turning:
-        """Have the unit found, at rest for long."""
-        self.find_unit()
-        self.run(2.0, REST)
-        assert not self.session.estop
-        return self
 
 
 # -- a stop of the unit ---------------------------------------------------------------------------

@@ -20,11 +20,7 @@ import math
 
 import pytest
 
-from akron_can_bridge.protocol import Axis
-from akron_can_bridge.protocol import BasicJoystick
-from akron_can_bridge.protocol import ExtendedJoystick
 from akron_can_bridge.protocol import Permission
-from akron_can_bridge.protocol import Status
 from akron_can_bridge.session import Request
 from akron_can_bridge.session import Stopped
 from bridge_core.session import Answer
@@ -32,6 +28,7 @@ from bridge_core.session import Level
 from test.akron_session_rig import ANNOUNCED
 from test.akron_session_rig import Bench
 from test.akron_session_rig import COMMAND_LIMIT
+from test.akron_session_rig import DEPLOY
 from test.akron_session_rig import ef
 from test.akron_session_rig import joystick
 from test.akron_session_rig import LINK_LIMIT
@@ -43,14 +40,12 @@ from test.akron_session_rig import OPERATIONAL_ERROR
 from test.akron_session_rig import OUTPUTS
 from test.akron_session_rig import POSITION
 from test.akron_session_rig import REST
+from test.akron_session_rig import SLOT
+from test.akron_session_rig import Turning
 from test.akron_session_rig import UNIT
 from test.akron_session_rig import VERSIONS
 
 STICK = joystick('7D04010000000000', 0x33)
-DEPLOY = (
-    BasicJoystick(Axis.of(0), Axis.of(0), tuple(Status(n == 8) for n in range(1, 13))),
-    ExtendedJoystick(),
-)
 DISPLACED = ef('FF83150226021A0C')  # another unit announces itself at our unit's address
 
 
@@ -100,10 +95,10 @@ def test_estop_input_of_before_the_port_closed_is_none_of_after_it() -> None:
 
 
 def test_motion_of_before_the_port_closed_is_none_of_after_it() -> None:
-    bench = found()
-    for tenths in (1, 2, 3):
-        bench.wait(0.1)
-        bench.take(OUTPUTS, ef(f'01{tenths * 10:03X}40371000041'))
+    bench = Turning()
+    bench.find_unit()
+    bench.turns = True
+    bench.run(0.3, REST)
     assert bench.session.motion.moving(bench.now)
     bench.close()
     assert not bench.session.motion.moving(bench.now)
@@ -190,14 +185,11 @@ def test_command_that_went_stale_before_a_refused_one_is_told_as_stale() -> None
 
 
 def test_automatic_motion_was_asked_for_however_briefly() -> None:
-    bench = Bench(automatic_motion=True).find_unit()
-    bench.estop_in(False)
-    bench.command(REST)
+    bench = Turning(automatic_motion=True).ready()
     bench.session.set_command(*DEPLOY, bench.now)
     bench.session.set_command(*REST, bench.now)
-    for tenths in range(1, 20):
-        bench.run(0.1, REST, unit=False)
-        bench.take(OUTPUTS, ef(f'01{tenths * 10:03X}40371000041'))
+    bench.turns = True
+    bench.run(1.9, REST)
     assert bench.session.motion.moving(bench.now)
     assert not bench.session.estop
 
@@ -219,11 +211,9 @@ def test_directions_that_are_none_permit_nothing(directions: int) -> None:
 
 def test_unit_may_coast_for_a_short_time_and_move_as_long_as_it_is_asked_to() -> None:
     """``coast_time`` may be shorter than the time between two commands."""
-    bench = Bench(coast_time=0.1, command_timeout=2.0, estop_in_timeout=2.0).find_unit()
-    bench.estop_in(False)
-    bench.command(REST)
+    bench = Turning(coast_time=0.1, command_timeout=2.0, estop_in_timeout=2.0).ready()
     bench.command(MOVE)
-    for tenths in range(1, 12):
-        bench.wait(0.1)
-        bench.take(OUTPUTS, ef(f'01{tenths * 10:03X}40371000041'))
+    bench.turns = True
+    for _ in range(55):
+        bench.run(SLOT, estop=None)
         assert not bench.session.estop

@@ -223,9 +223,7 @@ def test_fault_while_a_port_opens_neither_closes_it_nor_opens_it_twice(bench: Wi
 
 
 def test_port_whose_open_ends_is_used_at_once(bench: WireBench) -> None:
-    bench.blocks = True
-    bench.activate()
-    bench.step()
+    bench.begin_opening()
     bench.step()
     opened_at = bench.now
     bench.during_wait = bench.open_ports
@@ -236,10 +234,8 @@ def test_port_whose_open_ends_is_used_at_once(bench: WireBench) -> None:
 
 def opening_two(bench: WireBench) -> tuple[Any, Any]:
     """Activate it twice; return the old port and the new one, both still being opened."""
-    bench.blocks = True
     old, new = bench.port, bench.make_port('new port')
-    bench.activate()
-    bench.step()
+    bench.begin_opening()
     bench.port = new
     bench.activate()
     bench.step()
@@ -343,9 +339,7 @@ def test_freeze_without_a_port_is_none(bench: WireBench) -> None:
 
 
 def test_freeze_while_the_port_opens_makes_what_came_old_news(bench: WireBench) -> None:
-    bench.blocks = True
-    bench.activate()
-    bench.step()
+    bench.begin_opening()
     bench.open_ports()
     bench.port.say(b'old')
     bench.late = 1.0
@@ -849,9 +843,7 @@ def test_deactivation_without_a_port_says_no_farewell(bench: WireBench) -> None:
 def test_deactivation_does_not_wait_for_the_port_of_an_earlier_activation(
     bench: WireBench,
 ) -> None:
-    bench.blocks = True
-    bench.activate()
-    bench.step()
+    bench.begin_opening()
     bench.step()
     bench.go_on(0.1)
     bench.port = bench.make_port('new port')
@@ -864,9 +856,7 @@ def test_deactivation_does_not_wait_for_the_port_of_an_earlier_activation(
 
 
 def test_deactivation_waits_shortly_for_a_port_that_is_being_opened(bench: WireBench) -> None:
-    bench.blocks = True
-    bench.activate()
-    bench.step()
+    bench.begin_opening()
     bench.step()
     then = bench.now
     bench.deactivate()
@@ -880,9 +870,7 @@ def test_deactivation_waits_shortly_for_a_port_that_is_being_opened(bench: WireB
 
 
 def test_port_that_opens_in_the_last_moment_gets_its_farewell(bench: WireBench) -> None:
-    bench.blocks = True
-    bench.activate()
-    bench.step()
+    bench.begin_opening()
     bench.deactivate()
     bench.during_wait = lambda: bench.open_ports() if len(bench.waits) > waits + 1 else None
     waits = len(bench.waits)

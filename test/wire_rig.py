@@ -222,6 +222,12 @@ class WireBench:
         """Have it open the port; see ``step``."""
         self.ask('activate', {}, resting, stop=True)
 
+    def begin_opening(self) -> None:
+        """Activate it, and step, with a port that takes until ``open_ports`` to open."""
+        self.blocks = True
+        self.activate()
+        self.step()
+
     def deactivate(self) -> None:
         self.ask('deactivate', stop=True)
 
