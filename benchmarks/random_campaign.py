@@ -51,6 +51,7 @@ from benchmarks.random_devices import HEARD
 from benchmarks.random_devices import SILENT
 from benchmarks.random_faults import drawn
 from benchmarks.rig import figures
+from benchmarks.rig import is_wire
 from benchmarks.rig import resident
 from benchmarks.rig import title
 from benchmarks.rig import UnavailableError
@@ -318,7 +319,7 @@ class Campaign:
 def _wires_at(port: str) -> list[int]:
     """Return all processes of this computer that own the wire of a port."""
     pids = (int(path.name) for path in Path('/proc').glob('[0-9]*'))
-    return sorted(pid for pid in pids if f': wire {port}' in title(pid))
+    return sorted(pid for pid in pids if f': wire {port}' in title(pid) and is_wire(pid))
 
 
 def usage(pid: int) -> tuple[int, float, int, int]:

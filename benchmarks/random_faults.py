@@ -54,7 +54,8 @@ from test.stage import VSC
 
 # Bounds of docs/safety.md, in s, beside those of random_devices.
 HUNG = 0.11  # the process at the drive's side
-WIRE = 0.45  # the drive's wire: nothing is sent until its successor begins
+WIRE = 0.3  # the drive's wire, if it hangs: it gets 0.25 s until the spare takes over
+WIRE_DEAD = 0.1
 _TIMEOUTS = (SILENT, HUNG, WIRE, DEAF, UNIT_SILENT, MONITOR_SILENT)  # longer for the patient
 _DOUBT = 3.2  # s after which the drive node trusts a topic again that had two publishers
 
@@ -115,8 +116,8 @@ def _wire(name: str, number: signal.Signals) -> Draw:
             if begun[0] in machine.wires(name):
                 os.kill(begun[0], signal.SIGCONT)
 
-        bound = WIRE if name == DRIVE else HEARD
         is_dead = number == signal.SIGKILL
+        bound = HEARD if name != DRIVE else WIRE_DEAD if is_dead else WIRE
         return Fault('', begin, end, chance.uniform(0.02, 1.0), bound, at_once=is_dead)
 
     return draw

@@ -221,8 +221,15 @@ def family(pid: int) -> list[int]:
 
 
 def wires_of(pid: int) -> list[int]:
-    """Return the processes of a node, or of several, that own a wire; by their titles."""
-    return [member for member in family(pid)[1:] if ': wire ' in title(member)]
+    """Return the processes of a node, or of several, that run a wire; a spare does not."""
+    return [member for member in family(pid)[1:] if is_wire(member)]
+
+
+def is_wire(pid: int) -> bool:
+    """Tell whether a process runs a wire."""
+    with contextlib.suppress(OSError):
+        return Path(f'/proc/{pid}/comm').read_text() == 'wire\n'
+    return False
 
 
 def processor_time(pid: int) -> float:

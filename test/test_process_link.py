@@ -35,7 +35,9 @@ from signal import SIGKILL
 from signal import SIGQUIT
 from signal import SIGSEGV
 from signal import SIGSTOP
+from signal import SIGTERM
 import socket
+import subprocess
 import threading
 import time
 from types import SimpleNamespace
@@ -73,6 +75,7 @@ from test.toy_bridge import toy_process
 from test.toy_rig import command_of
 from test.toy_rig import ESTOP
 from test.toy_rig import is_running
+from test.toy_rig import spares_of
 from test.toy_rig import ToyDevice
 from test.toy_rig import wait_repeats
 from test.toy_rig import wait_value
@@ -104,6 +107,13 @@ class Toy:
     def wire(self) -> int:
         """Return the process of its wire, once there is one and only one."""
         return int(self.wait(lambda: wires_of(self.pid), 'a wire')[0])
+
+    def spare(self) -> int:
+        """Return the process that waits to take over, once it is ready."""
+        self.wait(lambda: self.diagnostics.value(LINK, 'spare process').isdigit(), 'a spare')
+        spare = int(self.diagnostics.value(LINK, 'spare process'))
+        self.wait(lambda: name_of(spare) == 'spare wire', 'a spare that is ready')
+        return spare
 
     def wait(self, condition: Callable[[], Any], what: str, timeout: float = 10.0) -> Any:
         return self.observer.wait_for(condition, timeout, what)
@@ -206,6 +216,13 @@ def test_ps_tells_what_a_wire_is(toy: Toy) -> None:
     assert command_of(toy.wire()).startswith(f'toy_bridge: wire {toy.pty.path} ')
 
 
+@pytest.mark.parametrize('number', [SIGKILL, SIGTERM])
+def test_spare_ends_with_its_node(toy: Toy, number: int) -> None:
+    wire, spare = toy.wire(), toy.spare()
+    toy.node.end(number)
+    toy.wait_gone(wire, spare)
+
+
 # The node hangs.
 
 
@@ -277,6 +294,54 @@ def test_wire_that_dies_is_a_stop_with_the_reason_and_is_replaced(toy: Toy) -> N
         assert toy.diagnostics.value(LINK, 'wire restarts') == str(restarts)
         assert toy.diagnostics.value(LINK, 'node process') == str(toy.pid)
     assert toy.node.output.count('was killed by SIGKILL') >= 3
+
+
+def test_spare_takes_over_from_a_wire_that_dies_or_hangs_each_time(toy: Toy) -> None:
+    for number in (SIGKILL, SIGKILL, SIGSTOP, SIGKILL):
+        wire, spare = toy.wire(), toy.spare()
+        assert toy.names(wire)
+        os.kill(wire, number)
+        assert toy.wait_new_wire(wire) == spare
+        assert not is_running(wire)
+        toy.wait(lambda spare=spare: toy.names(spare), 'it in the diagnostics')  # type: ignore[misc]
+        toy.wait_stop(False)
+
+
+@pytest.mark.parametrize('number', [SIGKILL, SIGSEGV])
+def test_spare_that_dies_is_replaced_and_stops_nothing(toy: Toy, number: int) -> None:
+    wire, spares = toy.wire(), [toy.spare()]
+    for _ in range(3):
+        os.kill(spares[-1], number)
+        toy.wait(lambda: spares_of(toy.pid) not in ([], spares[-1:]), 'another spare')
+        toy.wait_gone(spares[-1])
+        toy.wait(lambda: toy.diagnostics.value(LINK, 'spare process') != str(spares[-1]), 'it')
+        spares.append(toy.spare())
+    assert len(set(spares)) == 4
+    assert toy.wire() == wire
+    assert 'was killed' not in toy.node.output
+    assert toy.diagnostics.value(LINK, 'wire restarts') == '0'
+
+
+def test_spare_that_hangs_is_killed_once_it_has_to_take_over(toy: Toy) -> None:
+    wire, spare = toy.wire(), toy.spare()
+    os.kill(spare, SIGSTOP)
+    killed = time.monotonic()
+    os.kill(wire, SIGKILL)
+    toy.wait_gone(wire, spare)
+    toy.wait_stop_since(killed)
+    toy.wait_new_wire(wire, spare)
+    toy.wait_stop(False)
+
+
+def test_wire_and_spare_that_die_at_once_are_replaced(toy: Toy) -> None:
+    wire, spare = toy.wire(), toy.spare()
+    killed = time.monotonic()
+    for pid in (spare, wire):
+        os.kill(pid, SIGKILL)
+    toy.wait_stop_since(killed)
+    toy.wait_new_wire(wire, spare)
+    toy.wait_stop(False)
+    assert toy.spare() not in (wire, spare)
 
 
 def test_wire_that_dies_is_told_in_the_diagnostics(toy: Toy) -> None:
@@ -375,6 +440,11 @@ def test_wire_that_dies_at_once_each_time_is_tried_ever_more_seldom(
         assert len(toy.estop.data) > 10
         # A loop that is busy would take all of it.
         assert processor_time(toy.pid) - used < 0.7 * (time.monotonic() - begun)
+
+
+def name_of(pid: int) -> str:
+    """Return what ``ps -o comm`` shows."""
+    return Path(f'/proc/{pid}/comm').read_text().strip()
 
 
 def restarts(toy: Toy) -> int:
@@ -575,6 +645,29 @@ def test_end_of_a_stop_is_not_told_where_another_stop_waits_behind_it(direct: Di
     assert all(direct.owner.told)
 
 
+def test_wire_works_without_a_spare_where_no_more_processes_are_allowed(
+    direct: Direct, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    tries: list[Any] = []
+
+    def refuse(*arguments: Any, **options: Any) -> None:
+        tries.append(arguments)
+        raise OSError('no more processes')
+
+    wire = direct.wire()
+    [spare] = wait_for(lambda: spares_of(os.getpid()), 5.0, 'a spare')
+    monkeypatch.setattr(subprocess, 'Popen', refuse)
+    os.kill(spare, SIGKILL)
+    wait_for(lambda: direct.is_healthy() and len(tries) >= 3, 10.0, 'tries')
+    assert direct.wire() == wire
+    assert 'lost' not in direct.owner.log
+    assert 'no more processes' not in str(direct.owner.log)
+    os.kill(wire, SIGKILL)
+    wait_for(lambda: 'no more processes' in str(direct.owner.log), 10.0, 'the reason')
+    monkeypatch.undo()
+    wait_for(direct.is_healthy, 10.0, 'no stop')
+
+
 def test_link_that_is_stopped_without_a_start_or_twice(pty: Pty) -> None:
     link = ProcessLink('direct', BRIDGE, FakeOwner(), device=str(pty.path))
     link.stop()
@@ -590,11 +683,12 @@ def test_link_leaves_no_descriptors_and_processes(pty: Pty) -> None:
         direct = Direct(pty)
         direct.activate()
         wire = direct.wire()
+        [spare] = wait_for(lambda: spares_of(os.getpid()), 5.0, 'a spare')
         direct.link.stop()
         direct.link.stop()
         assert not is_running(wire)
+        assert not is_running(spare)
     assert count() == before
-    assert wires_of(os.getpid()) == []
 
 
 @pytest.fixture

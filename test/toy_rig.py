@@ -66,6 +66,15 @@ def wait_repeats(observer: Observer, record: Record, value: bool, count: int = 5
 
 def wires_of(node: int) -> list[int]:
     """Return the processes of wires that run for this node. :param node: its process."""
+    return [pid for pid in _started_for(node) if _read(pid, 'comm').strip() == 'wire']
+
+
+def spares_of(node: int) -> list[int]:
+    """Return the processes that wait to be the wire of this node, or start."""
+    return [pid for pid in _started_for(node) if _read(pid, 'comm').strip() != 'wire']
+
+
+def _started_for(node: int) -> list[int]:
     return [pid for pid in children_of(node) if ': wire ' in command_of(pid)]
 
 

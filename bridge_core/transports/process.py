@@ -18,13 +18,16 @@ A wire in a process of its own, for actuators: it outlives its node long enough 
 The two talk over a socket pair of messages (SOCK_SEQPACKET), and neither ever waits for the other.
 When the node is gone, in whatever way, the wire finds the socket ended, says its farewell and
 ends. When the node hangs, its requests grow stale at the session. When the wire is gone or hangs,
-the node demands a stop and starts a new one, which begins stopped.
+the node demands a stop and another one takes over, which begins stopped: a spare process that has
+loaded all it needs and waits to be told, since a start takes long on a busy machine.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 import contextlib
+from dataclasses import dataclass
+import math
 import os
 from pathlib import Path
 import pickle
@@ -53,18 +56,41 @@ _PROGRAM = 'bridge_core.transports.wire_process'
 SILENCE_LIMIT = 0.085  # s without any, after which the node demands a stop
 _KILL_TIME = 0.25  # s without any, after which another wire takes over
 _LATE = 0.005  # s
-_START_TIME = 25.0  # s that a new one may take to its first; a starved machine needs most of it
-_LONG_LIFE = 5.0  # s
+_START_TIME = 25.0  # s that a start may take; a starved machine needs most of it
+_LONG_LIFE = 5.0  # s, after which the next start comes at once
 _REPORT_PERIOD = 1.0  # s
+_TURN = Request(0, '', 'turn', (), 0.0)  # to a spare, which takes no notice of what it says
 _ROOM = 1 << 20  # bytes, for messages either way; the system may allow less
 # Messages before the owner is paced again: more than can wait, so that a node that was held up
 # says nothing of before until it has taken in all of them.
 _READS = 1024
 
 
+@dataclass
+class _Process:
+    """
+    One that runs the wire, or a spare.
+
+    :param socket: to it.
+    :param ready: it has started; for a spare all that is left is to be told.
+    """
+
+    process: subprocess.Popen[bytes]
+    socket: socket.socket
+    ready: bool = False
+
+    def end(self, timeout: float) -> None:
+        """Have it end; one that takes longer than ``timeout`` s is killed."""
+        self.socket.close()
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            self.process.wait(timeout)
+        self.process.kill()
+        self.process.wait()
+
+
 class ProcessLink(Link):
     """
-    Keeps a process running that runs the wire.
+    Keeps a process running that runs the wire, and a spare one.
 
     All that the owner is told, it is told by the thread that reads what the wire says. So an owner
     that hangs is silent, and nobody takes it for a healthy one.
@@ -73,16 +99,16 @@ class ProcessLink(Link):
     def __init__(self, *arguments: Any, **options: Any) -> None:
         super().__init__(*arguments, **options)
         self._lock = threading.Lock()  # of the next four
-        self._socket: socket.socket | None = None
+        self._wire: _Process | None = None
         self._commands: dict[int, Request] = {}  # not ended yet
         self._activation: Request | None = None  # in force
         self._unsent: list[Request] = []  # somebody waits for these
-        self._process: subprocess.Popen[bytes] | None = None
+        self._spare: _Process | None = None
         self._wake_fd = os.eventfd(0, os.EFD_NONBLOCK | os.EFD_CLOEXEC)
         self._ended = False
-        self._starts = 0
-        self._backoff = 0.0
-        self._start_at = self._started_at = self._pace_at = self._report_at = 0.0
+        self._restarts = -1
+        self._backoff = BACKOFF_START
+        self._start_at = self._took_over_at = self._pace_at = self._report_at = 0.0
         self._limit = self._kill_at = 0.0  # of silence
         self._verdict: Verdict | None = None  # the wire's own
         self._releases = False  # it is no stop, and the owner has not been told yet
@@ -111,13 +137,13 @@ class ProcessLink(Link):
             super().deactivate()
 
     def _send(self, request: Request) -> bool:
-        if self._socket is None:
+        if self._wire is None:
             return False  # commands wait in their list
         try:
-            self._socket.send(pickle.dumps(tuple(request)))
+            self._wire.socket.send(pickle.dumps(tuple(request)))
         except BlockingIOError:
-            if request.stop and self._process is not None:
-                self._process.kill()  # it takes nothing any more, not even a stop
+            if request.stop:
+                self._wire.process.kill()  # it takes nothing any more, not even a stop
             return False
         except OSError:  # it has ended; the reader finds out
             return False
@@ -146,13 +172,17 @@ class ProcessLink(Link):
 
     def _wait_and_step(self) -> None:
         now = clock.now()
-        if self._process is None and now >= self._start_at:
+        if now >= self._start_due():
             self._start(now)
+        if self._wire is None and self._spare is not None:
+            self._take_over(self._spare, now)
         meant = self._wait(now)
         now = clock.now()
         if now - meant > _LATE:  # held up ourselves, as it may have been: it gets that time, too
             self._limit += now - meant
             self._kill_at += now - meant
+        if self._spare is not None:
+            self._look_at(self._spare)
         if self._read(now) and self._trouble:
             self._be_sound(now)
         self._judge(now)
@@ -161,13 +191,11 @@ class ProcessLink(Link):
 
     def _wait(self, now: float) -> float:
         """Sleep until something is due; return when this should be over."""
-        moments = [self._pace_at]
+        moments = [self._pace_at, self._start_due()]
         descriptors = [self._wake_fd]
-        if self._socket is not None:
-            descriptors.append(self._socket.fileno())
+        descriptors += [each.socket.fileno() for each in (self._wire, self._spare) if each]
+        if self._wire is not None:
             moments.append(self._kill_at if self._trouble else self._limit)
-        else:
-            moments.append(self._start_at)
         if self._trouble:
             moments.append(self._report_at)
         timeout = max(0.0005, min(moments) - now)
@@ -179,19 +207,19 @@ class ProcessLink(Link):
         """Take what the wire says; tell whether it has said anything and lives."""
         heard = False
         for _ in range(_READS):
-            if self._socket is None:
+            if self._wire is None:
                 return False
             try:
-                data = self._socket.recv(_ROOM)
+                data = self._wire.socket.recv(_ROOM)
             except BlockingIOError:
                 self._release(now)
                 return heard
             except OSError:
                 data = b''
             if not data:
-                self._lost(now)
+                self._lost(self._wire, now)
                 return False
-            heard = True
+            heard = self._wire.ready = True
             heard_at = clock.now()  # later than now, if we are held up amid this
             self._limit, self._kill_at = heard_at + SILENCE_LIMIT, heard_at + _KILL_TIME
             name, arguments = pickle.loads(data)
@@ -206,14 +234,14 @@ class ProcessLink(Link):
             self._owner.on_refused(request.number, request.key, text)
 
     def _judge(self, now: float) -> None:
-        if self._process is not None and not self._trouble and now >= self._limit:
+        if self._wire is not None and not self._trouble and now >= self._limit:
             self._be_in_trouble(
-                f'its process {self._process.pid} hangs: nothing was heard of it for '
+                f'its process {self._wire.process.pid} hangs: nothing was heard of it for '
                 f'{(now - self._limit + SILENCE_LIMIT) * 1e3:.0f} ms',
                 now,
             )
-        if self._process is not None and now >= self._kill_at:
-            self._process.kill()
+        if self._wire is not None and now >= self._kill_at:
+            self._wire.process.kill()
             self._kill_at = now + _KILL_TIME
         if self._trouble and now >= self._report_at:
             self._report_trouble(now)
@@ -234,8 +262,9 @@ class ProcessLink(Link):
         self._owner.on_report(Report(status, Status(Level.ERROR, self._trouble, {})), now)
 
     def _processes(self) -> dict[str, Any]:
-        pid = 'none' if self._process is None else self._process.pid
-        return {'wire process': pid, 'wire restarts': max(0, self._starts - 1)}
+        pids = ['none' if each is None else each.process.pid for each in (self._wire, self._spare)]
+        restarts = max(0, self._restarts)
+        return {'wire process': pids[0], 'spare process': pids[1], 'wire restarts': restarts}
 
     # -- what a wire says -------------------------------------------------------------------------
 
@@ -284,13 +313,29 @@ class ProcessLink(Link):
         'beat': _on_beat,
     }
 
-    # -- the process ------------------------------------------------------------------------------
+    # -- the processes ----------------------------------------------------------------------------
+
+    def _start_due(self) -> float:
+        """Return when to start a process; a spare comes after the wire itself."""
+        wanted = self._spare is None and (self._wire is None or self._wire.ready)
+        return self._start_at if wanted else math.inf
 
     def _start(self, now: float) -> None:
-        ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
-        ours.setblocking(False)
-        ours.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _ROOM)
+        """Start a spare; the next one not before a while."""
+        self._start_at = now + self._backoff
+        self._backoff = min(2 * self._backoff, self._reconnect_period)
         try:
+            self._spare = self._new_process()
+        except OSError as error:
+            if self._wire is None:
+                self._be_in_trouble(f'no process can be started: {error}', now)
+
+    def _new_process(self) -> _Process:
+        ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+        with theirs, contextlib.ExitStack() as undo:
+            undo.callback(ours.close)
+            ours.setblocking(False)
+            ours.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _ROOM)
             process = subprocess.Popen(
                 [
                     f'{self.name}: wire {self.device}',
@@ -304,53 +349,57 @@ class ProcessLink(Link):
                 env=environment(self._bridge.module),
                 start_new_session=True,  # the terminal's signals are the node's business
             )
-        except OSError as error:
-            ours.close()
-            self._retry_later(now)
-            self._be_in_trouble(f'no process can be started: {error}', now)
+            undo.pop_all()
+        return _Process(process, ours)
+
+    def _look_at(self, spare: _Process) -> None:
+        """Take its only word, that it is ready, or its end, which harms nothing."""
+        try:
+            spare.ready = bool(spare.socket.recv(_ROOM))
+        except BlockingIOError:
             return
-        finally:
-            theirs.close()
-        self._starts += 1
-        self._started_at = now
-        self._process, self._verdict, self._releases = process, None, False
-        self._limit = self._kill_at = now + _START_TIME
+        except OSError:
+            spare.ready = False
+        if not spare.ready:
+            self._spare = None
+            spare.end(0.0)
+
+    def _take_over(self, spare: _Process, now: float) -> None:
+        """Make it the wire, which runs from its first request on."""
+        self._spare, self._verdict, self._releases = None, None, False
+        self._restarts += 1
+        self._took_over_at = now
+        self._limit = now + (SILENCE_LIMIT if spare.ready else _START_TIME)
+        self._kill_at = now + (_KILL_TIME if spare.ready else _START_TIME)
         with self._lock:
-            self._socket = ours
+            self._wire = spare
+            self._send(_TURN)
             activation = self._activation
             if activation is not None and activation.number not in self._commands:
                 self._send(activation)
             for command in self._commands.values():
                 self._send(command)
 
-    def _lost(self, now: float) -> None:
+    def _lost(self, wire: _Process, now: float) -> None:
         """Wait for the end of a wire that has closed its socket; the next one comes after it."""
-        assert self._process is not None
-        process = self._process
         with self._lock:
-            if self._socket is not None:
-                self._socket.close()
-            self._socket = None
-        _end_of(process, 0.0)
-        self._process = None
-        if now > self._started_at + _LONG_LIFE:
-            self._backoff = 0.0  # the first after a long life takes over at once
-        self._retry_later(now)
+            self._wire = None
+        wire.end(0.0)
+        if now > self._took_over_at + _LONG_LIFE:
+            self._backoff, self._start_at = BACKOFF_START, now
+        if self._spare is not None:
+            self._take_over(self._spare, now)  # first: the device may still be moving
+        process = wire.process
         self._be_in_trouble(f'its process {process.pid} {_cause(process.returncode)}', now)
         self._owner.on_lost()
 
-    def _retry_later(self, now: float) -> None:
-        self._start_at = now + self._backoff
-        self._backoff = min(max(BACKOFF_START, 2 * self._backoff), self._reconnect_period)
-
     def _leave(self) -> None:
         with self._lock:
-            if self._socket is not None:
-                self._socket.close()
-            self._socket = None
-        if self._process is not None:
-            _end_of(self._process, ANSWER_TIME / 2)
-            self._process = None
+            wire, self._wire = self._wire, None
+        if wire is not None:
+            wire.end(ANSWER_TIME / 2)
+        if self._spare is not None:
+            self._spare.end(0.0)
 
     def _end(self) -> None:
         self._ended = True
@@ -364,14 +413,6 @@ class ProcessLink(Link):
             if not self._thread.is_alive() and self._wake_fd >= 0:
                 os.close(self._wake_fd)
                 self._wake_fd = -1
-
-
-def _end_of(process: subprocess.Popen[bytes], timeout: float) -> None:
-    """Wait until a process has ended; one that takes longer than ``timeout`` s is killed."""
-    with contextlib.suppress(subprocess.TimeoutExpired):
-        process.wait(timeout)
-    process.kill()
-    process.wait()
 
 
 def _cause(returncode: int) -> str:

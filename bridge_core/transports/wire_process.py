@@ -13,7 +13,7 @@
 # limitations under the License.
 
 r"""
-The process that runs a wire: see process.py. It imports nothing of ROS.
+The process that runs a wire, once it is its turn: see process.py. It imports nothing of ROS.
 
 usage: python -S -m bridge_core.transports.wire_process \
            DESCRIPTOR MODULE RECONNECT_PERIOD RT_PRIORITY TAP
@@ -22,10 +22,12 @@ usage: python -S -m bridge_core.transports.wire_process \
 from __future__ import annotations
 
 from collections.abc import Sequence
+import contextlib
 import gc
 import importlib
 import os
 import pickle
+import select
 import signal
 import socket
 import sys
@@ -57,6 +59,17 @@ class Node:
     def fileno(self) -> int:
         """Return what becomes readable when there are requests, or there will be none."""
         return self._socket.fileno()
+
+    def wait_for_turn(self) -> bool:
+        """Say that this is ready; tell whether its turn has come, and not the end."""
+        self._tell('beat')
+        _show('spare wire')
+        select.select([self], [], [])
+        _show('wire')
+        try:
+            return bool(self._socket.recv(_LARGEST))
+        except OSError:
+            return False
 
     def take(self) -> list[Request]:
         """Return the requests that have come. :raises EOFError: the node is gone."""
@@ -120,6 +133,12 @@ class Node:
         return True
 
 
+def _show(name: str) -> None:
+    """Have ``ps -o comm`` and ``top`` show this, of 15 characters at most (proc(5), comm)."""
+    with contextlib.suppress(OSError), open('/proc/self/comm', 'w', encoding='ascii') as comm:
+        comm.write(name)
+
+
 def main() -> None:
     """Run until the node is gone, or has said that it is the end."""
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT):
@@ -128,11 +147,15 @@ def main() -> None:
     node = Node(int(descriptor))
     bridge = importlib.import_module(module).BRIDGE
     gc.freeze()
+    refusals: Sequence[str] = ()
     if int(rt_priority):
         from bridge_core.realtime import use_realtime  # late: it takes memory
 
-        for refusal in use_realtime(int(rt_priority)):
-            node.on_refused(0, 'rt_priority', refusal)
+        refusals = use_realtime(int(rt_priority))
+    if not node.wait_for_turn():
+        return
+    for refusal in refusals:
+        node.on_refused(0, 'rt_priority', refusal)
     node.wire = Wire(
         bridge,
         node,
