@@ -57,4 +57,11 @@ def check_port(values: Mapping[str, Any]) -> None:
     check_channel(values['interface'], values['channel'], values['bitrate'] or None)
 
 
-BRIDGE = Bridge(__name__, make_session, make_transport, make_resting_session, check_port)
+BRIDGE = Bridge(
+    __name__,
+    make_session,
+    make_transport,
+    make_resting_session,
+    check_port,
+    loads=('bridge_core.transports.can',),
+)

@@ -38,4 +38,4 @@ def make_transport(values: Mapping[str, Any]) -> Transport[bytes]:
     return SerialTransport(values['port'], values['baud'])
 
 
-BRIDGE = Bridge(__name__, make_session, make_transport)
+BRIDGE = Bridge(__name__, make_session, make_transport, loads=('bridge_core.transports.serial',))

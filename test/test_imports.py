@@ -27,6 +27,7 @@ from pathlib import Path
 import re
 import subprocess
 import sys
+from typing import Any
 
 import pytest
 
@@ -350,9 +351,12 @@ def test_process_of_an_actuators_wire_loads_nothing_of_ros(bridge: str) -> None:
     module = f'{bridge}.wire'
     importlib.import_module(module)  # as in the node
     program = f"""
+import importlib
 import sys
 import bridge_core.transports.wire_process
 import {module}
+for late in {module}.BRIDGE.loads:
+    importlib.import_module(late)
 print(*sys.modules)
 """
     loaded = subprocess.run(
@@ -365,3 +369,31 @@ print(*sys.modules)
     assert module in loaded
     tops = {name.split('.')[0] for name in loaded}
     assert not [top for top in tops if top.startswith(('rcl', 'rosidl')) or MESSAGES.match(top)]
+
+
+@pytest.mark.parametrize(
+    ('bridge', 'values'),
+    [
+        ('esi_drive_bridge', {'port': '/dev/none', 'baud': 115200}),
+        ('ssc_bridge', {'port': '/dev/none', 'baud': 9600}),
+        ('akron_can_bridge', {'interface': 'socketcan', 'channel': 'none'}),
+        ('akron_can_bridge', {'interface': 'udp_multicast', 'channel': '239.0.0.1'}),
+    ],
+)
+def test_wire_that_takes_over_has_loaded_all_it_needs(bridge: str, values: dict[str, Any]) -> None:
+    """It says that it is ready once; a wire that loads more then is silent for as long."""
+    program = f"""
+import importlib
+import sys
+import bridge_core.transports.wire_process
+bridge = importlib.import_module('{bridge}.wire').BRIDGE
+for late in bridge.loads:
+    importlib.import_module(late)
+before = set(sys.modules)
+bridge.make_transport({dict(values, bitrate=0)})
+print(*set(sys.modules) - before)
+"""
+    done = subprocess.run(
+        [sys.executable, '-c', program], capture_output=True, text=True, check=True
+    )
+    assert done.stdout.split() == []

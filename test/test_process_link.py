@@ -55,6 +55,7 @@ from bridge_core.session import Answer
 from bridge_core.session import Level
 from bridge_core.session import StopChanged
 from bridge_core.session import Verdict
+from bridge_core.transports import TransportError
 from bridge_core.transports.process import ProcessLink
 from bridge_core.transports.wire import Request
 from bridge_core.transports.wire_process import Node
@@ -596,6 +597,18 @@ def test_flood_to_a_stopped_wire_blocks_nobody_and_loses_no_stop(direct: Direct)
     direct.pty.wait_received(b'h')
     wait_for(direct.is_healthy, 5.0, 'a new one')
     assert direct.wire() != wire
+
+
+def test_device_of_a_wire_that_hangs_is_told_the_farewell_of_a_deactivation(
+    direct: Direct,
+) -> None:
+    direct.pty.clear()
+    os.kill(direct.wire(), SIGSTOP)
+    with contextlib.suppress(TransportError):  # a busy machine takes longer than it waits
+        direct.link.deactivate()
+    direct.pty.wait_received(b'BYE')
+    direct.activate()  # and it was done once: this one stays
+    assert direct.pty.received.count(b'BYE') == 1
 
 
 def test_stop_behind_a_flood_reaches_a_wire_that_runs(direct: Direct) -> None:

@@ -879,6 +879,20 @@ def test_port_that_opens_in_the_last_moment_gets_its_farewell(bench: WireBench) 
     assert not bench.port.is_open
 
 
+def test_deactivation_behind_an_activation_opens_the_port_for_the_farewell(
+    bench: WireBench,
+) -> None:
+    """The device may be moving: so it is where a wire died that nobody had deactivated."""
+    bench.activate()
+    bench.deactivate()
+    bench.step()
+    assert bench.port.sent == [b'hello', b'bye 1', b'bye 2']
+    assert not bench.port.is_open
+    assert bench.ends == [(1, ''), (2, '')]
+    bench.go_on(1.0)
+    assert len(bench.tried_at) == 1
+
+
 def test_farewell_waits_for_a_busy_line_for_a_tenth_of_a_second(bench: WireBench) -> None:
     bench.run()
     bench.port.busy = 5

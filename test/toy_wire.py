@@ -130,4 +130,4 @@ def make_transport(values: Mapping[str, Any]) -> SerialTransport:
     return kinds.get(fault, SerialTransport)(values['port'], 115200)
 
 
-BRIDGE = Bridge(__name__, make_session, make_transport)
+BRIDGE = Bridge(__name__, make_session, make_transport, loads=('bridge_core.transports.serial',))

@@ -51,6 +51,7 @@ from bridge_core.transports.link import Link
 from bridge_core.transports.wire import BACKOFF_START
 from bridge_core.transports.wire import Request
 from bridge_core.transports.wire import Wire
+from bridge_core.transports.wire_process import TURN
 
 _PROGRAM = 'bridge_core.transports.wire_process'
 SILENCE_LIMIT = 0.085  # s without any, after which the node demands a stop
@@ -59,7 +60,6 @@ _LATE = 0.005  # s
 _START_TIME = 25.0  # s that a start may take; a starved machine needs most of it
 _LONG_LIFE = 5.0  # s, after which the next start comes at once
 _REPORT_PERIOD = 1.0  # s
-_TURN = Request(0, '', 'turn', (), 0.0)  # to a spare, which takes no notice of what it says
 _ROOM = 1 << 20  # bytes, for messages either way; the system may allow less
 # Messages before the owner is paced again: more than can wait, so that a node that was held up
 # says nothing of before until it has taken in all of them.
@@ -72,11 +72,13 @@ class _Process:
     One that runs the wire, or a spare.
 
     :param socket: to it.
-    :param ready: it has started; for a spare all that is left is to be told.
+    :param started_at: s, as of clock.now.
+    :param ready: it has loaded what it needs; a spare waits to be told.
     """
 
     process: subprocess.Popen[bytes]
     socket: socket.socket
+    started_at: float
     ready: bool = False
 
     def end(self, timeout: float) -> None:
@@ -113,6 +115,7 @@ class ProcessLink(Link):
         self._verdict: Verdict | None = None  # the wire's own
         self._releases = False  # it is no stop, and the owner has not been told yet
         self._trouble = ''  # why there is no healthy wire
+        self._last_end = 'none'
 
     # -- requests, from any thread ----------------------------------------------------------------
 
@@ -121,8 +124,6 @@ class ProcessLink(Link):
         with self._lock:
             if request.name == 'activate':
                 self._activation = request
-            elif request.name == 'deactivate':
-                self._activation = None
             if request.name in Wire.COMMANDS:
                 self._commands[request.number] = request
             if not self._send(request) and request.waits:
@@ -141,11 +142,9 @@ class ProcessLink(Link):
             return False  # commands wait in their list
         try:
             self._wire.socket.send(pickle.dumps(tuple(request)))
-        except BlockingIOError:
+        except OSError:  # it is full, or it has ended
             if request.stop:
                 self._wire.process.kill()  # it takes nothing any more, not even a stop
-            return False
-        except OSError:  # it has ended; the reader finds out
             return False
         return True
 
@@ -175,7 +174,7 @@ class ProcessLink(Link):
         if now >= self._start_due():
             self._start(now)
         if self._wire is None and self._spare is not None:
-            self._take_over(self._spare, now)
+            self._take_over(self._spare)
         meant = self._wait(now)
         now = clock.now()
         if now - meant > _LATE:  # held up ourselves, as it may have been: it gets that time, too
@@ -263,8 +262,12 @@ class ProcessLink(Link):
 
     def _processes(self) -> dict[str, Any]:
         pids = ['none' if each is None else each.process.pid for each in (self._wire, self._spare)]
-        restarts = max(0, self._restarts)
-        return {'wire process': pids[0], 'spare process': pids[1], 'wire restarts': restarts}
+        return {
+            'wire process': pids[0],
+            'spare process': pids[1],
+            'wire restarts': max(0, self._restarts),
+            'last wire': self._last_end,
+        }
 
     # -- what a wire says -------------------------------------------------------------------------
 
@@ -297,8 +300,9 @@ class ProcessLink(Link):
     def _on_done(self, number: int, error: str) -> None:
         with self._lock:
             request = self._commands.pop(number, None)
-            if error and request is self._activation:
-                self._activation = None
+            ended = request is not None and (error or request.name == 'deactivate')
+            if ended and self._activation is not None and self._activation.number <= number:
+                self._activation = None  # not before: the next one may have to say farewell
         self._done(number, error)
 
     def _on_beat(self) -> None:
@@ -325,12 +329,12 @@ class ProcessLink(Link):
         self._start_at = now + self._backoff
         self._backoff = min(2 * self._backoff, self._reconnect_period)
         try:
-            self._spare = self._new_process()
+            self._spare = self._new_process(now)
         except OSError as error:
             if self._wire is None:
                 self._be_in_trouble(f'no process can be started: {error}', now)
 
-    def _new_process(self) -> _Process:
+    def _new_process(self, now: float) -> _Process:
         ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         with theirs, contextlib.ExitStack() as undo:
             undo.callback(ours.close)
@@ -350,7 +354,7 @@ class ProcessLink(Link):
                 start_new_session=True,  # the terminal's signals are the node's business
             )
             undo.pop_all()
-        return _Process(process, ours)
+        return _Process(process, ours, now)
 
     def _look_at(self, spare: _Process) -> None:
         """Take its only word, that it is ready, or its end, which harms nothing."""
@@ -364,16 +368,18 @@ class ProcessLink(Link):
             self._spare = None
             spare.end(0.0)
 
-    def _take_over(self, spare: _Process, now: float) -> None:
-        """Make it the wire, which runs from its first request on."""
+    def _take_over(self, spare: _Process) -> None:
+        """Make it the wire: it is its turn."""
         self._spare, self._verdict, self._releases = None, None, False
         self._restarts += 1
-        self._took_over_at = now
-        self._limit = now + (SILENCE_LIMIT if spare.ready else _START_TIME)
-        self._kill_at = now + (_KILL_TIME if spare.ready else _START_TIME)
+        self._took_over_at = now = clock.now()  # the end of the one before may have taken a while
+        self._limit = self._kill_at = spare.started_at + _START_TIME
+        if spare.ready:
+            self._limit, self._kill_at = now + SILENCE_LIMIT, now + _KILL_TIME
         with self._lock:
             self._wire = spare
-            self._send(_TURN)
+            with contextlib.suppress(OSError):  # it has just ended, as the reader finds
+                spare.socket.send(TURN)
             activation = self._activation
             if activation is not None and activation.number not in self._commands:
                 self._send(activation)
@@ -388,9 +394,9 @@ class ProcessLink(Link):
         if now > self._took_over_at + _LONG_LIFE:
             self._backoff, self._start_at = BACKOFF_START, now
         if self._spare is not None:
-            self._take_over(self._spare, now)  # first: the device may still be moving
-        process = wire.process
-        self._be_in_trouble(f'its process {process.pid} {_cause(process.returncode)}', now)
+            self._take_over(self._spare)  # first: the device may still be moving
+        self._last_end = _cause(wire.process.returncode)
+        self._be_in_trouble(f'its process {wire.process.pid} {self._last_end}', now)
         self._owner.on_lost()
 
     def _leave(self) -> None:

@@ -84,6 +84,8 @@ class Bridge(Generic[FrameT]):
         where the port is closed then.
     :param check_port: raises ValueError for what no port can be made from, at little cost; none
         where any may be tried.
+    :param loads: modules that make_transport imports late, so that only a wire's own process has
+        them: it loads them at its start, since it must not be silent for as long later.
     """
 
     module: str
@@ -91,6 +93,7 @@ class Bridge(Generic[FrameT]):
     make_transport: Callable[[dict[str, Any]], Transport[FrameT]]
     make_resting_session: Callable[[dict[str, Any]], Session[FrameT, Any, Any]] | None = None
     check_port: Callable[[dict[str, Any]], object] | None = None
+    loads: Sequence[str] = ()
 
     def check(self, values: dict[str, Any]) -> None:
         """:raises ValueError: session or port cannot be made from these parameters."""
@@ -334,6 +337,8 @@ class Wire(Generic[FrameT]):
 
     def _deactivate(self, now: float) -> None:
         """Send the farewell and close the port, one that is just being opened included."""
+        if self._opening is None and now >= self._open_at:  # of just now: the device may be moving
+            self._guarded(self._start_opening)
         if self._opening is not None and self._opening is self._transport:
             select.select([self._woken], [], [], _FAREWELL_TIME)
             self._take_opened(now)

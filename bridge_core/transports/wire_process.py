@@ -40,6 +40,7 @@ from bridge_core.transports.wire import Request
 from bridge_core.transports.wire import Wire
 
 _BEAT_PERIOD = 0.025  # s, between two signs of life
+TURN = b'turn'  # the first message to a wire
 _LARGEST = 1 << 20  # bytes of a message
 _READS = 64  # requests, before the port gets its turn again
 _LOST = 'the node did not take what its wire had to tell, and something of it is lost'
@@ -65,11 +66,11 @@ class Node:
         self._tell('beat')
         _show('spare wire')
         select.select([self], [], [])
-        _show('wire')
-        try:
-            return bool(self._socket.recv(_LARGEST))
-        except OSError:
-            return False
+        with contextlib.suppress(OSError):
+            if self._socket.recv(_LARGEST) == TURN:
+                _show('wire')
+                return True
+        return False
 
     def take(self) -> list[Request]:
         """Return the requests that have come. :raises EOFError: the node is gone."""
@@ -146,6 +147,8 @@ def main() -> None:
     descriptor, module, reconnect_period, rt_priority, tap = sys.argv[1:]
     node = Node(int(descriptor))
     bridge = importlib.import_module(module).BRIDGE
+    for late in bridge.loads:
+        importlib.import_module(late)
     gc.freeze()
     refusals: Sequence[str] = ()
     if int(rt_priority):
