@@ -41,6 +41,8 @@ SITE := docs/_build
 unexport _ROS_WHEELS_BOOTSTRAP_COMPLETE
 # A virtual environment that the caller has activated is only where $(PYTHON) comes from.
 unexport VIRTUAL_ENV
+# What starts nodes by the hundred has them compiled once.
+demo test campaign soak: export PYTHONDONTWRITEBYTECODE =
 
 .PHONY: demo test proof fuzz mutants lint bench bench-check campaign soak reference docs dist-check lock sbom clean
 
