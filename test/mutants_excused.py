@@ -296,6 +296,30 @@ EXCUSED: dict[str, dict[str, str]] = {
         ),
         'Session.__init__: self._faults_at = -math.inf -> pass': _SET_FIRST,
         'Session.__init__: -math.inf -> math.inf': _SET_FIRST,
+        'Session._wants_faults: return False -> return None': _FALSY,
+        'Session._concerns_us: return False -> return None': _FALSY,
+        'Session._wants_faults: now < self._faults_at + FAULT_PERIOD -> '
+        'now <= self._faults_at + FAULT_PERIOD': 'the poll is due now or a moment later',
+        'Session._take_proprietary: self._heard.age(now) >= _RESTART_SILENCE -> '
+        'self._heard.age(now) > _RESTART_SILENCE': 'no unit restarts in that very time',
+        'Session._take_proprietary: isinstance(message, MiniOutputs) and '
+        'self.settings.unit_type != MINI_UNIVERSAL -> self.settings.unit_type != MINI_UNIVERSAL': (
+            'of neighbours come types 84, 85 and FF, and Unit keeps no FF'
+        ),
+    },
+    'akron_can_bridge/session/report.py': {
+        '_bus_warnings: rivals and finder.unit is not None -> rivals': _FOR_TYPES,
+    },
+    'akron_can_bridge/session/settings.py': {
+        'Settings.__post_init__: self.allowed_joysticks <= set(JOYSTICK_ADDRESSES) -> '
+        'self.allowed_joysticks < set(JOYSTICK_ADDRESSES)': (
+            'all of them include our own, which is refused below'
+        ),
+        'Settings.__post_init__: 0 -> 1': 'neither is more than 12',
+    },
+    'akron_can_bridge/session/stops.py': {
+        f"{function}: return '' -> return None": _FALSY
+        for function in ('_enable_missing', '_mini_faulted', '_motor_fault')
     },
     'akron_can_bridge/protocol/fields.py': {
         'statuses.unpack: 3 -> 4': 'only the last ones count',

@@ -20,6 +20,8 @@ import math
 
 import pytest
 
+from akron_can_bridge.parameters import MINI_UNIVERSAL
+from akron_can_bridge.protocol import MiniOutputs
 from akron_can_bridge.protocol import Permission
 from akron_can_bridge.session import Request
 from akron_can_bridge.session import Stopped
@@ -37,6 +39,8 @@ from test.akron_session_rig import NO_FAULTS
 from test.akron_session_rig import NOT_ENABLED
 from test.akron_session_rig import of
 from test.akron_session_rig import OPERATIONAL_ERROR
+from test.akron_session_rig import OTHER_PIN
+from test.akron_session_rig import OURS
 from test.akron_session_rig import OUTPUTS
 from test.akron_session_rig import POSITION
 from test.akron_session_rig import REST
@@ -46,6 +50,8 @@ from test.akron_session_rig import UNIT
 from test.akron_session_rig import VERSIONS
 
 STICK = joystick('7D04010000000000', 0x33)
+ENTERED_SETUP = ef('46', destination=OURS)
+IN_SETUP = 'the unit is in setup mode; call ~/reset_controller once that is done'
 DISPLACED = ef('FF83150226021A0C')  # another unit announces itself at our unit's address
 
 
@@ -172,6 +178,16 @@ def test_reset_is_answered_although_something_is_asked_meanwhile(request_: Reque
     assert answer.success
 
 
+def test_poll_is_answered_while_the_unit_has_still_to_restart() -> None:
+    bench = found()
+    bench.session.request(Request.RESET_CONTROLLER, bench.now)
+    bench.session.request(Request.POLL_FAULTS, bench.now)
+    bench.take(NO_FAULTS)
+    (answer,) = of(Answer, bench.events)
+    assert answer.success
+    assert answer.request == Request.POLL_FAULTS.value
+
+
 # -- inputs ---------------------------------------------------------------------------------------
 
 
@@ -217,3 +233,70 @@ def test_unit_may_coast_for_a_short_time_and_move_as_long_as_it_is_asked_to() ->
     for _ in range(55):
         bench.run(SLOT, estop=None)
         assert not bench.session.estop
+
+
+# -- questions ------------------------------------------------------------------------------------
+
+
+def test_unit_that_is_back_is_asked_for_its_faults_at_once() -> None:
+    """Those of before may be others now, and type 01 need not come."""
+    bench = found()
+    bench.take(*VERSIONS)
+    bench.wait(LINK_LIMIT - 0.1)
+    bench.take(OPERATIONAL_ERROR)
+    assert bench.asked()[-1] == '02'
+    bench.take(NO_FAULTS)
+    bench.wait(LINK_LIMIT + 0.1)
+    assert not bench.session.link_up
+    since = bench.now
+    bench.take(OUTPUTS)
+    assert '02' in bench.asked(since)
+
+
+def test_vista_of_a_unit_that_fell_silent_is_not_polled() -> None:
+    bench = found(vista_rate=10.0)
+    bench.wait(LINK_LIMIT + 0.1)
+    assert not bench.session.link_up
+    since = bench.now
+    bench.wait(1.0)
+    assert '21' not in bench.asked(since)
+
+
+def test_only_the_announcement_of_a_setup_that_was_asked_for_puts_the_unit_into_it() -> None:
+    bench = found()
+    bench.run(0.1, REST)
+    bench.take(ENTERED_SETUP)
+    assert bench.session.inhibits(bench.now) == []
+    bench.session.request(Request.ENTER_SETUP, bench.now)
+    bench.poll()
+    bench.take(OUTPUTS)
+    assert IN_SETUP not in bench.session.inhibits(bench.now)
+    bench.take(ENTERED_SETUP)
+    bench.run(0.1, REST)
+    assert IN_SETUP in bench.session.inhibits(bench.now)
+
+
+def test_neighbours_mini_outputs_are_not_those_of_a_mini_unit() -> None:
+    bench = Bench(device_type=MINI_UNIVERSAL)
+    bench.open()
+    bench.take(ef('841000', 0x81))
+    assert bench.session.unit.broadcast(MiniOutputs, bench.now) is None
+
+
+# -- words ----------------------------------------------------------------------------------------
+
+
+def test_unit_that_is_wanted_by_its_pin_is_named_by_it() -> None:
+    bench = Bench(device_pin=OTHER_PIN)
+    bench.open()
+    assert f'no unit was found (wanted: {OTHER_PIN})' in bench.session.stop_reasons(0.0)[0]
+
+
+def test_permission_that_is_not_given_at_all_is_not_said_to_be_withheld() -> None:
+    bench = Turning(automatic_motion=True).ready()
+    bench.run(0.1, DEPLOY)
+    bench.turns = True
+    bench.run(0.4, REST)
+    bench.run(0.1, REST, estop=True)
+    assert bench.session.withheld
+    assert 'SOE permission again' not in str(bench.session.problems(bench.now))
