@@ -45,6 +45,7 @@ from benchmarks.random_devices import HEARD
 from benchmarks.random_devices import MONITOR_SILENT
 from benchmarks.random_devices import MORE_DEVICES
 from benchmarks.random_devices import SILENT
+from benchmarks.random_devices import UNIT_RADIO
 from benchmarks.random_devices import UNIT_SILENT
 from benchmarks.two_hosts import TwoHosts
 from test.stage import DRIVE
@@ -56,7 +57,8 @@ from test.stage import VSC
 HUNG = 0.11  # the process at the drive's side
 WIRE = 0.3  # the drive's wire, if it hangs: it gets 0.25 s until the spare takes over
 WIRE_DEAD = 0.1
-_TIMEOUTS = (SILENT, HUNG, WIRE, DEAF, UNIT_SILENT, MONITOR_SILENT)  # longer for the patient
+# Longer for the patient.
+_TIMEOUTS = (SILENT, HUNG, WIRE, DEAF, UNIT_RADIO, UNIT_SILENT, MONITOR_SILENT)
 _DOUBT = 3.2  # s after which the drive node trusts a topic again that had two publishers
 
 _ENDINGS = (signal.SIGKILL, signal.SIGSTOP, signal.SIGTERM)

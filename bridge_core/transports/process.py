@@ -56,6 +56,7 @@ from bridge_core.transports.wire_process import TURN
 _PROGRAM = 'bridge_core.transports.wire_process'
 SILENCE_LIMIT = 0.085  # s without any, after which the node demands a stop
 _KILL_TIME = 0.25  # s without any, after which another wire takes over
+_TAKE_OVER_TIME = 1.0  # s until the first; a machine that is so busy would start none sooner
 _LATE = 0.005  # s
 _START_TIME = 25.0  # s that a start may take; a starved machine needs most of it
 _LONG_LIFE = 5.0  # s, after which the next start comes at once
@@ -375,7 +376,7 @@ class ProcessLink(Link):
         self._took_over_at = now = clock.now()  # the end of the one before may have taken a while
         self._limit = self._kill_at = spare.started_at + _START_TIME
         if spare.ready:
-            self._limit, self._kill_at = now + SILENCE_LIMIT, now + _KILL_TIME
+            self._limit, self._kill_at = now + SILENCE_LIMIT, now + _TAKE_OVER_TIME
         with self._lock:
             self._wire = spare
             with contextlib.suppress(OSError):  # it has just ended, as the reader finds
