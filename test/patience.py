@@ -28,7 +28,8 @@ from bridge_core.transports import process
 from test import patient_wire
 from test.rig import TIMEOUT_FACTOR
 
-vars(process).update(SILENCE_LIMIT=TIMEOUT_FACTOR, _PROGRAM=patient_wire.__name__)
+vars(process).update(SILENCE_LIMIT=TIMEOUT_FACTOR, _SPARE_TIME=TIMEOUT_FACTOR)
+vars(process).update(_PROGRAM=patient_wire.__name__)
 vars(process).update(dict.fromkeys(('_KILL_TIME', '_TAKE_OVER_TIME'), 2.0 * TIMEOUT_FACTOR))
 vars(link).update(INPUT_LIMIT=patient_wire.FROZEN_TIME, REQUEST_LIMIT=TIMEOUT_FACTOR)
 

@@ -59,6 +59,7 @@ _KILL_TIME = 0.25  # s without any, after which another wire takes over
 _TAKE_OVER_TIME = 1.0  # s until the first; a machine that is so busy would start none sooner
 _LATE = 0.005  # s
 _START_TIME = 25.0  # s that a start may take; a starved machine needs most of it
+_SPARE_TIME = 1.0  # s after which a wire gets a spare; what starts is busy enough before
 _LONG_LIFE = 5.0  # s, after which the next start comes at once
 _REPORT_PERIOD = 1.0  # s
 _ROOM = 1 << 20  # bytes, for messages either way; the system may allow less
@@ -322,8 +323,11 @@ class ProcessLink(Link):
 
     def _start_due(self) -> float:
         """Return when to start a process; a spare comes after the wire itself."""
-        wanted = self._spare is None and (self._wire is None or self._wire.ready)
-        return self._start_at if wanted else math.inf
+        if self._wire is None and self._spare is None:
+            return self._start_at
+        if self._spare is None and self._wire is not None and self._wire.ready:
+            return max(self._start_at, self._took_over_at + _SPARE_TIME)
+        return math.inf
 
     def _start(self, now: float) -> None:
         """Start a spare; the next one not before a while."""
