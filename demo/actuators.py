@@ -175,9 +175,9 @@ class Actuators(Steering):
 
     def no_turn(self, since: float) -> str:
         """Return how many frames there were since then. :raises AssertionError: one turns it."""
+        self.wait(lambda: bool(self._frames(since)), 'no frame')  # of a wire that was replaced
         frames = self._frames(since)
-        still = frames and not any(turns for _, turns in frames)
-        assert still, f'{len(frames)} frames, or one of them turns the monitor'
+        assert not any(turns for _, turns in frames), f'one of {len(frames)} frames turns it'
         return f'{len(frames)} frames, all neutral'
 
     def _frames(self, since: float) -> list[tuple[float, bool]]:
