@@ -83,6 +83,15 @@ class _Process:
     started_at: float
     ready: bool = False
 
+    def receive(self) -> bytes | None:
+        """Return what it says next, without waiting; empty: it has ended; None: nothing."""
+        try:
+            return self.socket.recv(_ROOM)
+        except BlockingIOError:
+            return None
+        except OSError:
+            return b''
+
     def end(self, timeout: float) -> None:
         """Have it end; one that takes longer than ``timeout`` s is killed."""
         self.socket.close()
@@ -110,7 +119,7 @@ class ProcessLink(Link):
         self._spare: _Process | None = None
         self._wake_fd = os.eventfd(0, os.EFD_NONBLOCK | os.EFD_CLOEXEC)
         self._ended = False
-        self._restarts = -1
+        self._restarts = -1  # the first is none
         self._backoff = BACKOFF_START
         self._start_at = self._took_over_at = self._pace_at = self._report_at = 0.0
         self._limit = self._kill_at = 0.0  # of silence
@@ -210,13 +219,10 @@ class ProcessLink(Link):
         for _ in range(_READS):
             if self._wire is None:
                 return False
-            try:
-                data = self._wire.socket.recv(_ROOM)
-            except BlockingIOError:
+            data = self._wire.receive()
+            if data is None:
                 self._release(now)
                 return heard
-            except OSError:
-                data = b''
             if not data:
                 self._lost(self._wire, now)
                 return False
@@ -363,13 +369,10 @@ class ProcessLink(Link):
 
     def _look_at(self, spare: _Process) -> None:
         """Take its only word, that it is ready, or its end, which harms nothing."""
-        try:
-            spare.ready = bool(spare.socket.recv(_ROOM))
-        except BlockingIOError:
-            return
-        except OSError:
-            spare.ready = False
-        if not spare.ready:
+        word = spare.receive()
+        if word:
+            spare.ready = True
+        elif word is not None:
             self._spare = None
             spare.end(0.0)
 
