@@ -175,9 +175,9 @@ class Actuators(Steering):
 
     def no_turn(self, since: float) -> str:
         """Return how many frames there were since then. :raises AssertionError: one turns it."""
-        self.wait(lambda: bool(self._frames(since)), 'no frame')  # of a wire that was replaced
+        self.wait(lambda: bool(self._frames(since)), '0 frames', limit=1.0)  # its wire may be new
         frames = self._frames(since)
-        assert not any(turns for _, turns in frames), f'one of {len(frames)} frames turns it'
+        assert not any(turns for _, turns in frames), 'a frame turns the monitor'
         return f'{len(frames)} frames, all neutral'
 
     def _frames(self, since: float) -> list[tuple[float, bool]]:
