@@ -43,6 +43,8 @@ unexport _ROS_WHEELS_BOOTSTRAP_COMPLETE
 unexport VIRTUAL_ENV
 # What starts nodes by the hundred has them compiled once.
 demo test campaign soak: export PYTHONDONTWRITEBYTECODE =
+# The messages of nodes import numpy, whose threads spin at each start: a quarter of a second of work.
+demo test: export OPENBLAS_NUM_THREADS ?= 1
 
 .PHONY: demo test proof fuzz mutants lint bench bench-check campaign soak reference docs dist-check lock sbom clean
 

@@ -123,11 +123,18 @@ def can_bus() -> Iterator[CanBus]:
 
 
 @pytest.fixture
-def context() -> Iterator[Any]:
-    """Give an initialised rclpy context, for nodes in the test's own process."""
+def context(monkeypatch: pytest.MonkeyPatch) -> Iterator[Any]:
+    """
+    Give an initialised rclpy context, for nodes in the test's own process.
+
+    Their lanes answer however late a busy machine lets them.
+    """
     import rclpy
     from rclpy.context import Context
 
+    from bridge_core import lane
+
+    monkeypatch.setattr(lane, '_CALL_LIMIT', 20.0)
     result = Context()
     rclpy.init(context=result)
     yield result

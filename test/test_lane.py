@@ -16,6 +16,7 @@
 
 from collections.abc import Callable
 from collections.abc import Iterator
+from concurrent.futures import wait
 import threading
 from typing import Any
 
@@ -266,28 +267,46 @@ def test_call_without_a_thread_is_direct(rig: Rig) -> None:
     assert rig.lane.call(threading.current_thread) is threading.current_thread()
 
 
-def test_call_that_was_given_up_is_never_made(rig: Rig) -> None:
+def test_call_that_was_given_up_is_never_made(rig: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
     gate = threading.Event()
     rig.lane.start()
     rig.lane.post(gate.wait)
-    with pytest.raises(TimeoutError, match='nothing was done: listener lane'):
-        rig.lane.call(rig.heard.append, 'late')
+    with monkeypatch.context() as patch:
+        patch.setattr(lane_module, '_CALL_LIMIT', 0.1)
+        with pytest.raises(TimeoutError, match='nothing was done: listener lane'):
+            rig.lane.call(rig.heard.append, 'late')
     gate.set()
     rig.lane.call(rig.heard.append, 'next')
     assert rig.heard == ['next']
 
 
-def test_call_that_has_begun_is_never_said_not_to_be_made(rig: Rig) -> None:
-    gate = threading.Event()
+@pytest.mark.parametrize('waits', [1, 2])
+def test_call_that_has_begun_is_never_said_not_to_be_made(
+    rig: Rig, monkeypatch: pytest.MonkeyPatch, waits: int
+) -> None:
+    """It is given up after the second wait; an answer during that is worth it."""
+    gate, begun = threading.Event(), threading.Event()
+    over: list[bool] = []  # waits that were
+
+    def answer() -> bool:
+        begun.set()
+        return gate.wait(20.0)
+
+    def wait_in_vain(futures: Any, timeout: float) -> Any:
+        assert begun.wait(20.0)
+        over.append(True)
+        if len(over) > waits:
+            gate.set()
+        return wait(futures, 20.0 if gate.is_set() else 0.0)
+
+    monkeypatch.setattr(lane_module, 'wait', wait_in_vain)
     rig.lane.start()
-    with pytest.raises(TimeoutError, match='may still be done'):
-        rig.lane.call(gate.wait)
-    gate.set()
-    late = threading.Timer(0.6, gate.set)
-    gate.clear()
-    late.start()
-    assert rig.lane.call(gate.wait) is True  # it began in time, and its answer is worth a wait
-    late.join()
+    if waits == 1:
+        assert rig.lane.call(answer) is True
+    else:
+        with pytest.raises(TimeoutError, match='may still be done'):
+            rig.lane.call(answer)
+        gate.set()
 
 
 # Timers.

@@ -52,13 +52,19 @@ RECORDER = {'seconds': 5.0, 'after': 0.5, 'period': 1.0, 'files': 50}
 
 
 class Bench:
-    """A spine, a recorder, and its folder."""
+    """
+    A spine, a recorder that hears all of it, and its folder.
+
+    :param folder: what is in it was begun before that.
+    """
 
     def __init__(self, spine: Spine, recorder: NodeProcess, folder: Path) -> None:
         self.spine = spine
         self.recorder = recorder
         self._folder = folder
         self._told: dict[Path, list[str]] = {}
+        self.spine.wait(lambda: not self.parts(), 'an end of the recordings of the start')
+        self._before = set(folder.glob('*.mcap'))
 
     def moving(self) -> None:
         """Be in motion, and have told all that was recorded so far."""
@@ -67,7 +73,7 @@ class Bench:
         self.spine.moving()
 
     def files(self) -> list[Path]:
-        return sorted(self._folder.glob('*.mcap'))
+        return sorted(set(self._folder.glob('*.mcap')) - self._before)
 
     def parts(self) -> list[Path]:
         return list(self._folder.glob('*.part'))
