@@ -427,7 +427,10 @@ def test_destroyed_node_ends_the_thread_at_its_next_wake(rig: Rig) -> None:
     wait_for(lambda: not thread.is_alive(), what='its end')
 
 
-def test_lane_that_hangs_is_silent_alone(rig: Rig, context: Context) -> None:
+def test_lane_that_hangs_is_silent_alone(
+    rig: Rig, context: Context, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(lane_module, '_CALL_LIMIT', 0.1)
     other = Rig(context)
     gate = threading.Event()
     try:
