@@ -133,6 +133,14 @@ def test_pause_is_not_pressed_against_a_joystick_that_commands_motion() -> None:
     assert PAUSE in bench.joystick_frames(start)
 
 
+@pytest.mark.parametrize('asked', [False, True])
+def test_farewell_presses_pause_unless_the_stick_moves_the_unit(asked: bool) -> None:
+    bench = oscillating()
+    bench.run(SLOT, MOVE if asked else REST)
+    frames = bench.session.farewell(bench.now)
+    assert (PAUSE in [frame.data for frame in frames]) is not asked
+
+
 def test_oscillation_that_begins_long_after_the_stop_is_not_paused() -> None:
     bench = Turning().ready()
     bench.run(COAST + SLOT, REST, estop=True)

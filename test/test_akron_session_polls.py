@@ -20,6 +20,7 @@ import pytest
 
 from akron_can_bridge.protocol import Fault
 from akron_can_bridge.protocol import FaultStatus
+from akron_can_bridge.session import FaultsChanged
 from akron_can_bridge.session import Request
 from akron_can_bridge.session.asker import Asker
 from bridge_core.session import Answer
@@ -112,6 +113,20 @@ def test_faults_told_before_the_error_do_not_delay_the_poll() -> None:
     start = bench.now
     bench.take(OPERATIONAL_ERROR, NO_FAULTS)
     assert bench.asked(start) == ['02']
+
+
+def test_faults_without_an_error_are_polled_every_second_and_told_once() -> None:
+    bench = Bench().find_unit()
+    start, before = bench.now, len(bench.events)
+    bench.take(faults(2))
+    for _ in range(30):
+        polls = bench.asked().count('02')
+        bench.wait(0.1)
+        bench.take(POSITION, OUTPUTS, *[faults(2)] * (bench.asked().count('02') - polls))
+    assert bench.asked(start).count('02') in (2, 3)
+    bench.take(NO_FAULTS, NO_FAULTS)
+    told = of(FaultsChanged, bench.events[before:])
+    assert [len(event.faults) for event in told] == [1, 0]
 
 
 def test_faults_that_are_not_answered_are_not_known() -> None:
