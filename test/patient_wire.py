@@ -26,4 +26,4 @@ FROZEN_TIME = 1.0  # s; what is held up for as long has still heard everything
 vars(wire).update(_FROZEN_TIME=FROZEN_TIME)
 
 if __name__ == '__main__':
-    runpy.run_module('bridge_core.transports.wire_process', run_name='__main__', alter_sys=True)
+    runpy.run_module('bridge_core.start_wire', run_name='__main__', alter_sys=True)

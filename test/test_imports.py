@@ -103,6 +103,7 @@ SHARED = {
         *(*CORE, 'bridge_core.session', 'bridge_core.report', 'bridge_core.realtime'),
         *('bridge_core.clock', 'serial', 'can', 'STDLIB'),
     ),
+    'start_wire': ('bridge_core.transports',),
     'clock': ('STDLIB',),
     'lane': ('bridge_core.clock', 'rclpy', 'STDLIB'),
     'polled': ('bridge_core.lane', 'rclpy'),
@@ -353,6 +354,7 @@ def test_process_of_an_actuators_wire_loads_nothing_of_ros(bridge: str) -> None:
     program = f"""
 import importlib
 import sys
+import bridge_core.start_wire
 import bridge_core.transports.wire_process
 import {module}
 for late in {module}.BRIDGE.loads:
@@ -385,6 +387,7 @@ def test_wire_that_takes_over_has_loaded_all_it_needs(bridge: str, values: dict[
     program = f"""
 import importlib
 import sys
+import bridge_core.start_wire
 import bridge_core.transports.wire_process
 bridge = importlib.import_module('{bridge}.wire').BRIDGE
 for late in bridge.loads:

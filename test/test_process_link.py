@@ -38,6 +38,7 @@ from signal import SIGSTOP
 from signal import SIGTERM
 import socket
 import subprocess
+import sys
 import threading
 import time
 from types import SimpleNamespace
@@ -345,6 +346,47 @@ def test_wire_and_spare_that_die_at_once_are_replaced(toy: Toy) -> None:
     toy.wait_new_wire(wire, spare)
     toy.wait_stop(False)
     assert toy.spare() not in (wire, spare)
+
+
+@pytest.mark.parametrize(
+    ('source', 'reason'),
+    [
+        ('', "AttributeError: module 'lost.wire' has no attribute 'BRIDGE'"),
+        ('raise MemoryError', 'lost.wire: MemoryError()'),
+        ('import no_such_driver', 'No module named'),
+        ("open('/none')", 'No such file'),
+    ],
+)
+def test_process_that_cannot_load_its_wire_says_why(
+    tmp_path: Path, source: str, reason: str
+) -> None:
+    """In one line, but for what is a fault of the code."""
+    (tmp_path / 'lost').mkdir()
+    (tmp_path / 'lost' / 'wire.py').write_text(source)
+    ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+    with ours, theirs:
+        descriptor = str(theirs.fileno())
+        ended = subprocess.run(
+            [
+                sys.executable,
+                '-m',
+                'bridge_core.start_wire',
+                descriptor,
+                'lost.wire',
+                '1',
+                '0',
+                '-1',
+            ],
+            env={**os.environ, 'PYTHONPATH': f'{tmp_path}{os.pathsep}{os.getcwd()}'},
+            pass_fds=[theirs.fileno()],
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+    assert ended.returncode == 1
+    assert reason in ended.stderr
+    assert ended.stdout == ''
+    assert bool(source) == (ended.stderr.count('\n') == 1)
 
 
 def test_wire_that_dies_is_told_in_the_diagnostics(toy: Toy) -> None:

@@ -53,7 +53,7 @@ from bridge_core.transports.wire import Request
 from bridge_core.transports.wire import Wire
 from bridge_core.transports.wire_process import TURN
 
-_PROGRAM = 'bridge_core.transports.wire_process'
+_PROGRAM = 'bridge_core.start_wire'
 SILENCE_LIMIT = 0.085  # s without any, after which the node demands a stop
 _KILL_TIME = 0.25  # s without any, after which another wire takes over
 _TAKE_OVER_TIME = 1.0  # s until the first; a machine that is so busy would start none sooner

@@ -12,11 +12,10 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-r"""
+"""
 The process that runs a wire, once it is its turn: see process.py. It imports nothing of ROS.
 
-usage: python -S -m bridge_core.transports.wire_process \
-           DESCRIPTOR MODULE RECONNECT_PERIOD RT_PRIORITY TAP
+Its program is start_wire.py.
 """
 
 from __future__ import annotations
@@ -36,6 +35,7 @@ from typing import Any
 from bridge_core import clock
 from bridge_core.report import Report
 from bridge_core.transports.tap import Tap
+from bridge_core.transports.wire import Bridge
 from bridge_core.transports.wire import Request
 from bridge_core.transports.wire import Wire
 
@@ -140,16 +140,21 @@ def _show(name: str) -> None:
         comm.write(name)
 
 
-def main() -> None:
-    """Run until the node is gone, or has said that it is the end."""
+def load() -> tuple[Node, Bridge[Any]]:
+    """Load all that a wire needs. :return: the node's end, and what the wire is of."""
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT):
         signal.signal(number, signal.SIG_IGN)  # whatever ends the node ends this, too
-    descriptor, module, reconnect_period, rt_priority, tap = sys.argv[1:]
-    node = Node(int(descriptor))
-    bridge = importlib.import_module(module).BRIDGE
+    node = Node(int(sys.argv[1]))
+    bridge = importlib.import_module(sys.argv[2]).BRIDGE
     for late in bridge.loads:
         importlib.import_module(late)
     gc.freeze()
+    return node, bridge
+
+
+def run(node: Node, bridge: Bridge[Any]) -> None:
+    """Run until the node is gone, or has said that it is the end."""
+    reconnect_period, rt_priority, tap = sys.argv[3:]
     refusals: Sequence[str] = ()
     if int(rt_priority):
         from bridge_core.realtime import use_realtime  # late: it takes memory
@@ -168,7 +173,3 @@ def main() -> None:
     )
     node.wire.run()
     os._exit(0)  # a thread may be at work in a driver that does not return
-
-
-if __name__ == '__main__':
-    main()

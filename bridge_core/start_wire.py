@@ -1,0 +1,37 @@
+# Copyright 2026 The rugged_teleop maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+Start the process of a wire, or say in one line why it cannot: see transports/wire_process.py.
+
+usage: python -S -m bridge_core.start_wire DESCRIPTOR MODULE RECONNECT_PERIOD RT_PRIORITY TAP
+"""
+
+import sys
+
+
+def main() -> None:
+    """Load all that a wire needs, and run it once it is its turn."""
+    try:
+        from bridge_core.transports.wire_process import load  # late: it may fail
+        from bridge_core.transports.wire_process import run
+
+        loaded = load()
+    except (ImportError, MemoryError, OSError) as error:
+        sys.exit(f'the process of a wire cannot start: {sys.argv[2]}: {error!r}')
+    run(*loaded)
+
+
+if __name__ == '__main__':
+    main()
