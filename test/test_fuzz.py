@@ -49,7 +49,7 @@ from test.fuzz.campaign import watch_for_hangs
 CORPUS = corpus()
 INPUTS = 200_000  # for each parser, beside the corpus; less for what takes longer
 _FEW = 100
-pytestmark = pytest.mark.computes
+pytestmark = pytest.mark.computes(120)  # in all
 
 
 @pytest.fixture(autouse=True)
