@@ -361,32 +361,43 @@ def test_process_that_cannot_load_its_wire_says_why(
     tmp_path: Path, source: str, reason: str
 ) -> None:
     """In one line, but for what is a fault of the code."""
-    (tmp_path / 'lost').mkdir()
-    (tmp_path / 'lost' / 'wire.py').write_text(source)
+    ended = start_wire(tmp_path, source)
+    assert ended.returncode == 1
+    assert reason in ended.stderr
+    assert ended.stdout == ''
+    assert bool(source) == (ended.stderr.count('\n') == 1)
+
+
+@pytest.mark.parametrize('priority', [3, 0])
+def test_wire_loads_without_the_real_time_priority_of_its_node(
+    tmp_path: Path, priority: int
+) -> None:
+    """What loads for a quarter of a second, and never yields, would delay the stops of others."""
+    program = ['chrt', '--fifo', '3']
+    if subprocess.run([*program, 'true'], capture_output=True, check=False).returncode:
+        pytest.skip('this user may not use real-time priority')
+    source = 'import os\nprint(os.sched_getscheduler(0))\nraise MemoryError'
+    ended = start_wire(tmp_path, source, *program, priority=priority)
+    assert ended.stdout.split() == [str(os.SCHED_OTHER if priority else os.SCHED_FIFO)]
+
+
+def start_wire(
+    folder: Path, source: str, *program: str, priority: int = 0
+) -> subprocess.CompletedProcess[str]:
+    """Run the process of a wire whose module has this source until it ends."""
+    (folder / 'lost').mkdir()
+    (folder / 'lost' / 'wire.py').write_text(source)
     ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
     with ours, theirs:
-        descriptor = str(theirs.fileno())
-        ended = subprocess.run(
-            [
-                sys.executable,
-                '-m',
-                'bridge_core.start_wire',
-                descriptor,
-                'lost.wire',
-                '1',
-                '0',
-                '-1',
-            ],
-            env={**os.environ, 'PYTHONPATH': f'{tmp_path}{os.pathsep}{os.getcwd()}'},
+        arguments = (str(theirs.fileno()), 'lost.wire', '1', str(priority), '-1')
+        return subprocess.run(
+            [*program, sys.executable, '-m', 'bridge_core.start_wire', *arguments],
+            env={**os.environ, 'PYTHONPATH': f'{folder}{os.pathsep}{os.getcwd()}'},
             pass_fds=[theirs.fileno()],
             capture_output=True,
             text=True,
             check=False,
         )
-    assert ended.returncode == 1
-    assert reason in ended.stderr
-    assert ended.stdout == ''
-    assert bool(source) == (ended.stderr.count('\n') == 1)
 
 
 def test_wire_that_dies_is_told_in_the_diagnostics(toy: Toy) -> None:

@@ -144,6 +144,8 @@ def load() -> tuple[Node, Bridge[Any]]:
     """Load all that a wire needs. :return: the node's end, and what the wire is of."""
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT):
         signal.signal(number, signal.SIG_IGN)  # whatever ends the node ends this, too
+    if int(sys.argv[4]):  # its node's, for as long as it loads: a stop of others would wait for it
+        os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
     node = Node(int(sys.argv[1]))
     bridge = importlib.import_module(sys.argv[2]).BRIDGE
     for late in bridge.loads:
