@@ -55,6 +55,7 @@ MONITOR, DRIVE, MUX = 'akron_can_bridge', 'esi_drive_bridge', 'safety_mux'
 RESET, TRIP, END_TRIP = f'/{MUX}/reset', f'/{MUX}/trip', f'/{MUX}/end_trip'
 CLEAR_ERRORS = f'/{DRIVE}/clear_errors'
 BETWEEN_RESETS = 0.55  # s; within clear_time of another one, or of a trip, a reset does nothing
+_SILENCE = 5.1  # s; reset_silence, which has to follow a reset that came when there was no stop
 _KEPT = 2000  # messages of each topic
 _OVERLAP = 0.1  # s of bytes before the wanted ones, for a packet that began there
 _DRIVE_PACKET = struct.Struct('<BhBh')  # flags and value of each axis (ESI manual 4.2)
@@ -202,6 +203,8 @@ class Stage:
     :param nodes: those whose e-stops are recorded.
     """
 
+    _between_resets = BETWEEN_RESETS
+
     def __init__(self, folder: Path, observer: Observer, nodes: Iterable[str]) -> None:
         self.observer = observer
         self._exits = contextlib.ExitStack()
@@ -215,7 +218,7 @@ class Stage:
             name: observer.node.create_client(Trigger, name)
             for name in (RESET, TRIP, END_TRIP, CLEAR_ERRORS)
         }
-        self._reset_at = 0.0
+        self._reset_at, self._between_resets = 0.0, BETWEEN_RESETS
 
     def add(self, port: _PortT) -> _PortT:
         """Close this port with the stage."""
@@ -271,7 +274,7 @@ class Stage:
 
     def may_repeat_reset(self) -> bool:
         """Tell whether a reset would not count as the repetition of the last one."""
-        return time.monotonic() - self._reset_at > BETWEEN_RESETS
+        return time.monotonic() - self._reset_at > self._between_resets
 
     def may_reset(self) -> bool:
         """Tell whether nothing is missing but a reset."""
@@ -310,6 +313,8 @@ class Stage:
         """Call the mux's reset; return the response."""
         reply = self.call(RESET)
         self._reset_at = time.monotonic()  # not before: it may have waited for the mux
+        early = 'nothing to reset' in reply.message or 'none counts until' in reply.message
+        self._between_resets = _SILENCE if early else BETWEEN_RESETS
         return reply
 
     def ready(self) -> None:
