@@ -724,14 +724,39 @@ def test_mux_that_hangs_answers_that_nothing_was_done(
 ) -> None:
     gate = Event()
     own_mux.lane.post(gate.wait)
-    with monkeypatch.context() as patch:
-        patch.setattr(lane, '_CALL_LIMIT', 0.1)
-        for service in (own_mux._on_reset, own_mux._on_trip, own_mux._on_end_trip):
-            response = service(Trigger.Request(), Trigger.Response())
-            assert not response.success
-            assert 'nothing was done' in response.message
-        own_mux.shut_down()
-        assert own_mux.lane._calls  # the stop, for when it goes on
-    gate.set()
+    try:
+        with monkeypatch.context() as patch:
+            patch.setattr(lane, '_CALL_LIMIT', 0.1)
+            for service in (own_mux._on_reset, own_mux._on_trip, own_mux._on_end_trip):
+                response = service(Trigger.Request(), Trigger.Response())
+                assert not response.success
+                assert 'nothing was done' in response.message
+            own_mux.shut_down()
+            assert own_mux.lane._calls  # the stop, for when it goes on
+    finally:
+        gate.set()
     wait_for(lambda: own_mux.lane.call(lambda: own_mux._last_state) is State.STOPPED, what='it')
     assert not own_mux.lane.call(lambda: own_mux._arbiter.status(clock.now()).tripped)
+
+
+def test_mux_that_hangs_says_nothing(own_mux: SafetyMux, observer: Observer) -> None:
+    """Not even that all is well: a drive stops for silence. Afterwards it is stopped."""
+    name = own_mux.get_fully_qualified_name()
+    records = [
+        observer.record(Bool, f'{name}/estop', latched()),
+        observer.record(JointState, f'{name}/command'),
+    ]
+    observer.wait_for(lambda: all(len(each.times) > 3 for each in records), 15.0, 'both')
+    gate, hangs = Event(), Event()
+    own_mux.lane.post(hangs.set)
+    own_mux.lane.post(gate.wait)
+    try:
+        observer.wait_for(hangs.is_set, what='it hangs')
+        observer.holds_for(lambda: True, 0.1)  # what was on its way
+        for each in records:
+            each.clear()
+        observer.holds_for(lambda: not any(each.times for each in records), 0.3)
+    finally:
+        gate.set()
+    observer.wait_for(lambda: all(each.times for each in records), what='both again')
+    assert all(records[0].data)
