@@ -23,14 +23,15 @@ import sys
 
 def main() -> None:
     """Load all that a wire needs, and run it once it is its turn."""
+    descriptor, module, reconnect_period, rt_priority, tap = sys.argv[1:]
     try:
         from bridge_core.transports.wire_process import load  # late: it may fail
         from bridge_core.transports.wire_process import run
 
-        loaded = load()
+        node, bridge, refusals = load(int(descriptor), module, int(rt_priority))
     except (ImportError, MemoryError, OSError) as error:
-        sys.exit(f'the process of a wire cannot start: {sys.argv[2]}: {error!r}')
-    run(*loaded)
+        sys.exit(f'the process of a wire cannot start: {module}: {error!r}')
+    run(node, bridge, refusals, float(reconnect_period), int(tap))
 
 
 if __name__ == '__main__':

@@ -62,7 +62,7 @@ class FakeStage(DemoStage):
             holds_for=lambda condition, _, what: holds_for(condition, 0.01, what),
             wait_for=lambda condition, _, what: wait_for(condition, 0.1, what),
         )
-        self._reset_at = 0.0
+        self._reset_counts_at = 0.0
         self.say(**fields)
 
     def say(self, **fields: str) -> None:

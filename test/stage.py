@@ -203,8 +203,6 @@ class Stage:
     :param nodes: those whose e-stops are recorded.
     """
 
-    _between_resets = BETWEEN_RESETS
-
     def __init__(self, folder: Path, observer: Observer, nodes: Iterable[str]) -> None:
         self.observer = observer
         self._exits = contextlib.ExitStack()
@@ -218,7 +216,7 @@ class Stage:
             name: observer.node.create_client(Trigger, name)
             for name in (RESET, TRIP, END_TRIP, CLEAR_ERRORS)
         }
-        self._reset_at, self._between_resets = 0.0, BETWEEN_RESETS
+        self._reset_counts_at = 0.0
 
     def add(self, port: _PortT) -> _PortT:
         """Close this port with the stage."""
@@ -274,7 +272,7 @@ class Stage:
 
     def may_repeat_reset(self) -> bool:
         """Tell whether a reset would not count as the repetition of the last one."""
-        return time.monotonic() - self._reset_at > self._between_resets
+        return time.monotonic() > self._reset_counts_at
 
     def may_reset(self) -> bool:
         """Tell whether nothing is missing but a reset."""
@@ -312,9 +310,9 @@ class Stage:
     def reset(self) -> Any:
         """Call the mux's reset; return the response."""
         reply = self.call(RESET)
-        self._reset_at = time.monotonic()  # not before: it may have waited for the mux
         early = 'nothing to reset' in reply.message or 'none counts until' in reply.message
-        self._between_resets = _SILENCE if early else BETWEEN_RESETS
+        # From now on, not from the call: that may have waited for the mux.
+        self._reset_counts_at = time.monotonic() + (_SILENCE if early else BETWEEN_RESETS)
         return reply
 
     def ready(self) -> None:

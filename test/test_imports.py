@@ -387,7 +387,6 @@ def test_wire_that_takes_over_has_loaded_all_it_needs(bridge: str, values: dict[
     program = f"""
 import importlib
 import sys
-import bridge_core.start_wire
 import bridge_core.transports.wire_process
 bridge = importlib.import_module('{bridge}.wire').BRIDGE
 for late in bridge.loads:

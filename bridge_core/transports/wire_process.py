@@ -29,7 +29,6 @@ import pickle
 import select
 import signal
 import socket
-import sys
 from typing import Any
 
 from bridge_core import clock
@@ -140,28 +139,31 @@ def _show(name: str) -> None:
         comm.write(name)
 
 
-def load() -> tuple[Node, Bridge[Any]]:
-    """Load all that a wire needs. :return: the node's end, and what the wire is of."""
+def load(
+    descriptor: int, module: str, rt_priority: int
+) -> tuple[Node, Bridge[Any], Sequence[str]]:
+    """Load all that a wire needs; return the node's end, what the wire is of, and refusals."""
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT):
         signal.signal(number, signal.SIG_IGN)  # whatever ends the node ends this, too
-    if int(sys.argv[4]):  # its node's, for as long as it loads: a stop of others would wait for it
+    if rt_priority:  # its node's, for as long as it loads: a stop of others would wait for it
         os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
-    node = Node(int(sys.argv[1]))
-    bridge = importlib.import_module(sys.argv[2]).BRIDGE
+    node = Node(descriptor)
+    bridge = importlib.import_module(module).BRIDGE
     for late in bridge.loads:
         importlib.import_module(late)
     gc.freeze()
-    return node, bridge
-
-
-def run(node: Node, bridge: Bridge[Any]) -> None:
-    """Run until the node is gone, or has said that it is the end."""
-    reconnect_period, rt_priority, tap = sys.argv[3:]
     refusals: Sequence[str] = ()
-    if int(rt_priority):
+    if rt_priority:
         from bridge_core.realtime import use_realtime  # late: it takes memory
 
-        refusals = use_realtime(int(rt_priority))
+        refusals = use_realtime(rt_priority)
+    return node, bridge, refusals
+
+
+def run(
+    node: Node, bridge: Bridge[Any], refusals: Sequence[str], reconnect_period: float, tap: int
+) -> None:
+    """Run until the node is gone, or has said that it is the end."""
     if not node.wait_for_turn():
         return
     for refusal in refusals:
@@ -170,8 +172,8 @@ def run(node: Node, bridge: Bridge[Any]) -> None:
         bridge,
         node,
         node,
-        reconnect_period=float(reconnect_period),
-        tap=Tap(int(tap)) if int(tap) >= 0 else None,
+        reconnect_period=reconnect_period,
+        tap=Tap(tap) if tap >= 0 else None,
     )
     node.wire.run()
     os._exit(0)  # a thread may be at work in a driver that does not return
