@@ -79,7 +79,7 @@ _NAMES_OF_TESTS = {
     'bridge_core/watchdog.py': ('watchdog',),
     'bridge_core/session.py': ('session_base', 'shared_session', *_SESSIONS, 'fort_vsc_session'),
     'bridge_core/lane.py': ('lane',),
-    'bridge_core/transports/link.py': ('link', 'link_faults'),
+    'bridge_core/transports/link.py': ('link', 'link_faults', 'mailbox'),
     'bridge_core/transports/wire.py': ('wire',),
     'safety_mux/arbiter.py': (*_MUX, 'safety_mux_properties'),
     'safety_mux/inputs.py': _MUX,

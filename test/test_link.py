@@ -25,9 +25,7 @@ import pytest
 from bridge_core import clock
 from bridge_core.session import Level
 from bridge_core.transports import TransportError
-from bridge_core.transports.link import Mailbox
 from bridge_core.transports.wire import INPUT_LIMIT
-from bridge_core.transports.wire import Request
 from test.link_rig import Bench
 from test.link_rig import fails
 from test.link_rig import FakeTransport
@@ -198,22 +196,6 @@ def test_only_one_open_at_a_time_even_after_a_fault(bench: Bench) -> None:
 # Requests.
 
 
-def take_all(*puts: tuple[str, str, bool], each: bool = False) -> list[str]:
-    """Put requests of (key, name, whether it is a stop); return the names that come out."""
-    mailbox = Mailbox(lambda number, error: None)
-    for number, (key, name, stop) in enumerate(puts):
-        mailbox.put(Request(number, key, name, (), 0.0, stop=stop), each)
-    names = [request.name for request in mailbox.take()]
-    assert mailbox.take() == []
-    mailbox.close()
-    return names
-
-
-def test_latest_of_a_key_wins() -> None:
-    assert take_all(*(('a', name, False) for name in 'xyz')) == ['z']
-    assert take_all(*(('a', name, False) for name in 'xyz'), each=True) == ['x', 'y', 'z']
-
-
 def test_key_of_a_request_is_its_name_unless_another_is_given(
     bench: Bench, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -222,15 +204,6 @@ def test_key_of_a_request_is_its_name_unless_another_is_given(
     bench.link.request('set_command', 1)
     bench.link.request('set_command', 1, key='left')
     assert put == ['set_command', 'left']
-
-
-def test_stop_is_not_replaced_by_a_release_and_comes_first() -> None:
-    assert take_all(('e', 'stop', True), ('e', 'release', False)) == ['stop', 'release']
-    assert take_all(('e', 'release', False), ('e', 'stop', True)) == ['stop']
-    assert take_all(('e', 'stop', True), ('e', 'release', False), ('e', 'stop again', True)) == [
-        'stop again'
-    ]
-    assert take_all(('c', 'command', False), ('e', 'stop', True)) == ['stop', 'command']
 
 
 def test_stop_and_release_that_arrive_together_still_put_the_stop_on_the_wire(
