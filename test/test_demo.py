@@ -463,18 +463,21 @@ class Terminal:
         return text in self.shown
 
     def drive(self) -> None:
-        """Press the deadman, then push; anew where the machine held the nodes up."""
+        """Press the deadman, push, turn the monitor; anew where the machine held the nodes up."""
         delay = RunDelay([self.process.pid])
+        up = '\x1bOA'
+        steps = {'d': 'ACTIVE', up: 'enable velocity', 'h': 'command turn'}
+
+        def seen(key: str, text: str) -> bool:
+            self.press(key)
+            return self.sees(text)
 
         def moves() -> bool:
             self.shown = ''
-            self.press('d')
-            if self.sees('ACTIVE'):
-                self.press('\x1bOA')  # up
-                if self.sees('enable velocity'):
-                    return True
+            if all(itertools.starmap(seen, steps.items())):
+                return True
             assert delay.seconds() > WIRE_HELD_UP, self.shown[-2000:]
-            self.press('dc')  # let go
+            self.press('dcz')  # let go
             self.press_until('ar', "press the deadman of 'fort'")
             return False
 
@@ -509,8 +512,6 @@ def test_keyboard_resets_drives_and_stops(tmp_path: Path) -> None:
         terminal.press_until('ar', "press the deadman of 'fort'")
         terminal.press_until('m', 'remote 1 armed')
         terminal.drive()
-        terminal.press('h')
-        terminal.wait('command turn')
         terminal.press(' ')
         terminal.wait('disable velocity')
         terminal.wait('relays OPEN')
