@@ -63,6 +63,8 @@ _MUX = tuple(
     )
 )
 _ESI = tuple(f'esi_drive_session{name}' for name in ('', '_errors', '_edges', '_chance'))
+_VSC = tuple(f'fort_vsc_{name}' for name in ('session', 'echo', 'heard', 'sent'))
+_VM110 = tuple(f'vm110_{name}' for name in ('session', 'packets', 'outputs', 'session_commands'))
 _SESSIONS = ('session_quiet', 'session_order', 'session_settings', 'session_reports')
 _AKRON = (
     *('akron_drive', 'akron_finder', 'akron_joysticks', 'akron_motion', 'akron_session_automatic'),
@@ -77,7 +79,7 @@ _NAMES_OF_TESTS = {
     'bridge_core/checksums.py': ('checksums', 'crc32'),
     'bridge_core/j1939.py': ('j1939', 'akron_protocol'),
     'bridge_core/watchdog.py': ('watchdog',),
-    'bridge_core/session.py': ('session_base', 'shared_session', *_SESSIONS, 'fort_vsc_session'),
+    'bridge_core/session.py': ('session_base', 'shared_session', *_SESSIONS, *_VSC),
     'bridge_core/lane.py': ('lane',),
     'bridge_core/transports/link.py': ('link', 'link_faults', 'mailbox'),
     'bridge_core/transports/wire.py': ('wire',),
@@ -94,13 +96,13 @@ _NAMES_OF_TESTS = {
     ),
     'esi_drive_bridge/protocol.py': ('esi_drive_protocol', _ESI[0]),
     'fort_vsc_bridge/session': (
-        *('fort_vsc_device', 'fort_vsc_session', 'fort_vsc_stops', 'fort_vsc_wires'),
+        *('fort_vsc_device', *_VSC, 'fort_vsc_stops', 'fort_vsc_wires'),
         *('fort_vsc_hid', 'fort_vsc_can'),
         *_SESSIONS,
     ),
     'fort_vsc_bridge/protocol': (
         *('fort_vsc_protocol', 'fort_vsc_can', 'fort_vsc_hid', 'fort_vsc_wires'),
-        'fort_vsc_session',
+        *_VSC,
     ),
     'ssc_bridge/session': (
         *('ssc_outputs', 'ssc_session', 'ssc_session_outputs', 'ssc_session_aux', *_SESSIONS),
@@ -112,9 +114,9 @@ _NAMES_OF_TESTS = {
         *('akron_session_joysticks', 'akron_session_unit'),
     ),
     'vm110_bridge/session': (
-        *('vm110_serials', 'vm110_stops', 'vm110_commands', 'vm110_session', *_SESSIONS),
+        *('vm110_serials', 'vm110_stops', 'vm110_commands', *_VM110, *_SESSIONS),
     ),
-    'vm110_bridge/protocol': ('vm110_protocol', 'vm110_session'),
+    'vm110_bridge/protocol': ('vm110_protocol', *_VM110),
 }
 
 

@@ -24,13 +24,13 @@ from fort_vsc_bridge.session import Session
 from fort_vsc_bridge.session import Settings
 from fort_vsc_bridge.session import Sticks
 from test.explorer import visits_of
+from test.fort_vsc_rig import CLEAR
+from test.fort_vsc_rig import DEFLECTED
+from test.fort_vsc_rig import heartbeat
+from test.fort_vsc_rig import SRC
+from test.fort_vsc_rig import STOP
+from test.fort_vsc_rig import USER
 from test.session_world import SessionWorld
-from test.test_fort_vsc_session import CLEAR
-from test.test_fort_vsc_session import DEFLECTED
-from test.test_fort_vsc_session import heartbeat
-from test.test_fort_vsc_session import SRC
-from test.test_fort_vsc_session import STOP
-from test.test_fort_vsc_session import USER
 
 pytestmark = pytest.mark.computes
 LINK = ASKED = 2 * SessionWorld.STEP

@@ -42,9 +42,9 @@ import fort_vsc_bridge.session
 import ssc_bridge.session
 from test import akron_session_rig as akron
 from test import esi_drive_rig as esi
+from test import fort_vsc_rig as fort
 from test import ssc_rig as ssc
-from test import test_fort_vsc_session as fort
-from test import test_vm110_session as vm110
+from test import vm110_rig as vm110
 import vm110_bridge.session
 from vm110_bridge.simulator import build_packet
 from vm110_bridge.simulator import build_vrpi

@@ -23,11 +23,11 @@ import pytest
 from test.explorer import START
 from test.explorer import visits_of
 from test.session_world import SessionWorld
-from test.test_vm110_session import DEFLECTED
-from test.test_vm110_session import EXTERNAL
-from test.test_vm110_session import NOBODY
-from test.test_vm110_session import STOPPED
-from test.test_vm110_session import STOPPED_RU
+from test.vm110_rig import DEFLECTED
+from test.vm110_rig import EXTERNAL
+from test.vm110_rig import NOBODY
+from test.vm110_rig import STOPPED
+from test.vm110_rig import STOPPED_RU
 from vm110_bridge.session import Session
 from vm110_bridge.session import Settings
 from vm110_bridge.session import Sticks

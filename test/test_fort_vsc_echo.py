@@ -1,0 +1,182 @@
+# Copyright 2026 The rugged_teleop maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Our heartbeat to the VSC, the stop it asks for, and the echo of that stop."""
+
+import itertools
+
+import pytest
+
+from fort_vsc_bridge.protocol import Mode
+from test.fort_vsc_rig import ask
+from test.fort_vsc_rig import Bench
+from test.fort_vsc_rig import CLEAR
+from test.fort_vsc_rig import gaps
+from test.fort_vsc_rig import heartbeat
+from test.fort_vsc_rig import LIMIT
+from test.fort_vsc_rig import opened
+from test.fort_vsc_rig import SRC
+from test.fort_vsc_rig import STOP
+from test.fort_vsc_rig import USER
+from test.fort_vsc_rig import VSC
+
+# -- the echo of our own stop ---------------------------------------------------------------------
+
+
+def own(bench: Bench, mode: int, estop: int) -> bool:
+    """Hear one heartbeat; the device is stopped, but does it demand that by itself?"""
+    bench.hear(heartbeat(mode, estop))
+    assert bench.session.estop is True
+    return bench.session.own_estop
+
+
+def test_own_stop_comes_back_as_echo_until_seen_clear() -> None:
+    bench = opened(software_estop_timeout=5.0)
+    bench.hear(heartbeat())
+    ask(bench, True)
+    assert not own(bench, Mode.LOCAL, USER)
+    ask(bench, False)
+    assert not own(bench, Mode.LOCAL, USER)  # held by the VSC until acknowledged
+    bench.run(2.0, heartbeat(Mode.LOCAL, USER))
+    assert not bench.session.own_estop
+    assert not own(bench, Mode.LOCAL, 0)
+    assert own(bench, Mode.LOCAL, USER)  # nobody of us asked for that one
+
+
+def test_device_stop_during_our_own_is_no_echo() -> None:
+    bench = opened(software_estop_timeout=5.0)
+    ask(bench, True)
+    assert own(bench, Mode.LOCAL, USER | SRC)
+    assert own(bench, Mode.LOCAL, VSC)
+    assert not own(bench, Mode.LOCAL, USER)
+    assert own(bench, Mode.ERROR, USER)
+    assert own(bench, 0x33, USER)
+
+
+def test_user_bit_that_stood_before_we_asked_is_not_ours() -> None:
+    bench = opened(software_estop_timeout=5.0)
+    assert own(bench, Mode.LOCAL, USER)
+    ask(bench, True)
+    assert own(bench, Mode.LOCAL, USER)
+    assert not own(bench, Mode.LOCAL, 0)
+    assert not own(bench, Mode.LOCAL, USER)  # now it is
+
+
+def test_echo_that_comes_late_after_a_short_request() -> None:
+    bench = opened(software_estop_timeout=5.0)
+    ask(bench, True)
+    ask(bench, False)
+    bench.hear(heartbeat())  # sent before the VSC took note
+    assert not own(bench, Mode.LOCAL, USER)
+
+
+def test_request_without_any_echo_is_forgotten() -> None:
+    bench = opened(software_estop_timeout=5.0)
+    ask(bench, True)
+    ask(bench, False)
+    bench.run(1.0, heartbeat())
+    assert own(bench, Mode.LOCAL, USER)
+
+
+def test_silent_link_is_an_own_demand_even_while_we_ask() -> None:
+    bench = opened(software_estop_timeout=5.0)
+    ask(bench, True)
+    assert not own(bench, Mode.LOCAL, USER)
+    bench.wait(LIMIT)
+    assert bench.session.own_estop
+
+
+# -- our heartbeat and the software e-stop --------------------------------------------------------
+
+
+def test_heartbeat_goes_at_its_rate_though_nothing_is_heard() -> None:
+    bench = opened(heartbeat_rate=20.0)
+    bench.wait(10.0)
+    assert {frame for _, frame in bench.sent} == {CLEAR}
+    times = [at for at, _ in bench.sent]
+    assert times[0] == 100.0
+    assert len(times) in (200, 201)
+    assert all(b - a == pytest.approx(0.05) for a, b in itertools.pairwise(times))
+
+
+def test_heartbeat_keeps_its_rate_though_polls_come_late() -> None:
+    bench = opened()
+    for _ in range(1000):
+        bench.now += 0.01001
+        bench.hear()
+    assert len(bench.sent) == pytest.approx(200, abs=2)
+    assert max(gaps(bench.sent)) < 0.07
+
+
+def test_software_stop_goes_at_once_and_repeats() -> None:
+    bench = opened()
+    bench.wait(0.01)
+    bench.session.set_software_estop(True, bench.now)
+    assert bench.session.poll(bench.now) == ([], [STOP])
+    bench.wait(1.0)
+    assert {frame for at, frame in bench.sent if at > 100.01} == {STOP}
+    bench.sent.clear()
+    bench.run(1.0, heartbeat())  # at its rate, however often there is something to hear
+    assert len(bench.sent) == pytest.approx(20, abs=1)
+
+
+def test_software_stop_that_is_not_repeated_is_a_stop() -> None:
+    bench = opened(software_estop_timeout=0.2)
+    bench.session.set_software_estop(False, bench.now)
+    bench.wait(5.0)
+    assert bench.frames(0x21)[0][1] == CLEAR
+    first_stop = next(at for at, frame in bench.sent if frame == STOP)
+    assert first_stop == pytest.approx(100.2)
+    assert all(frame == (STOP if at >= first_stop else CLEAR) for at, frame in bench.sent)
+
+
+def test_required_software_stop_is_asked_until_the_topic_is_heard() -> None:
+    bench = opened(require_software_estop=True)
+    assert bench.sent == [(100.0, STOP)]
+    bench.wait(5.0)
+    assert {frame for _, frame in bench.sent} == {STOP}
+    bench.hear(heartbeat(Mode.LOCAL, USER))
+    assert not bench.session.own_estop
+    assert (
+        'start what publishes ~/software_estop (never heard'
+        in bench.session.stop_reasons(bench.now)[0]
+    )
+    bench.session.set_software_estop(False, bench.now)
+    bench.wait(0.06)
+    assert bench.sent[-1][1] == CLEAR
+    bench.wait(0.25)
+    assert bench.sent[-1][1] == STOP
+
+
+def test_required_software_stop_is_asked_again_after_a_lost_port_and_at_the_end() -> None:
+    bench = opened(require_software_estop=True)
+    bench.close()
+    bench.sent.clear()
+    bench.open()
+    assert bench.sent == [(100.0, STOP)]
+    assert bench.session.farewell(bench.now) == [STOP]
+
+
+def test_farewell_stops_only_if_software_estop_is_in_use() -> None:
+    bench = opened()
+    assert bench.session.farewell(bench.now) == []
+    bench.session.set_software_estop(False, bench.now)
+    assert bench.session.farewell(bench.now) == [STOP]
+    bench.wait(0.2)
+    assert bench.sent[-1][1] == STOP
+    bench.close()
+    assert bench.session.farewell(bench.now) == []
+    bench.session.set_software_estop(False, bench.now)
+    bench.open()
+    assert bench.sent[-1][1] == CLEAR
