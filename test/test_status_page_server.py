@@ -106,6 +106,7 @@ def test_name_that_could_be_rebound_is_refused(host: str, known: bool) -> None:
         ('https://127.0.0.1:8080', True),
         ('http://127.0.0.1:8081', False),
         ('http://evil.example', False),
+        ('http://r[::1obot:8080', False),
         ('null', False),
         (None, False),
     ],
