@@ -64,7 +64,10 @@ def test_stop_of_a_bridge_is_recorded_with_what_was_before(
         def recorded(reason: str = '') -> list[Path]:
             return sorted(folder.glob(f'*{reason}.mcap'))
 
-        device.wait_for(lambda: says('nodes') == '/toy_bridge', 'a recorder that has found it')
+        device.wait_for(
+            lambda: says('nodes') == '/toy_bridge',
+            lambda: f'a recorder that has found it; nodes: {says("nodes")!r}',
+        )
         device.wait_for(lambda: int(says('messages in memory')) > 50, 'something to record')
         reply = observer.call(Trigger, '/recorder/save', tries=3)
         assert reply.success, reply.message

@@ -16,6 +16,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 import time
 from typing import Any
@@ -40,7 +41,9 @@ class ToyDevice:
             self.pty.write(b'k')
             self.pty.read()
 
-    def wait_for(self, condition: Any, what: str, timeout: float = 10.0) -> None:
+    def wait_for(
+        self, condition: Any, what: str | Callable[[], str], timeout: float = 10.0
+    ) -> None:
         self.observer.wait_for(condition, timeout, what)
 
 
@@ -81,7 +84,8 @@ def _started_for(node: int) -> list[int]:
 def children_of(parent: int) -> list[int]:
     """Return the processes that run and that this one has started."""
     pids = (int(folder.name) for folder in Path('/proc').glob('[0-9]*'))
-    return [pid for pid in pids if is_running(pid) and _stat(pid)[1] == str(parent)]
+    # In this order: one that ends meanwhile has no state to read.
+    return [pid for pid in pids if _stat(pid)[1:2] == [str(parent)] and is_running(pid)]
 
 
 def is_running(pid: int) -> bool:
