@@ -18,6 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 import math
+import reprlib
 from typing import Any
 
 from sensor_msgs.msg import JointState
@@ -43,7 +44,8 @@ def command_values(message: Any, axes: Sequence[Axis]) -> tuple[float, ...]:
     names = list(message.name) or known
     if not set(known) <= set(names) or len(set(names)) < len(names):
         raise ValueError(
-            f'name each of {known} once: the command names {names}, and this drive has {known}'
+            f'name each of {known} once: the command names {reprlib.repr(names)}, '
+            f'and this drive has {known}'
         )
     return tuple(_value_of(message, axis, names) for axis in axes)
 

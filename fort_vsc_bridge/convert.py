@@ -22,6 +22,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 import math
+import reprlib
 
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import KeyValue
@@ -118,7 +119,7 @@ def _whole(text: str, what: str) -> int:
     try:
         return int(text)
     except ValueError:
-        raise ValueError(f'{what} must be a whole number, not {text!r}') from None
+        raise ValueError(f'{what} must be a whole number, not {reprlib.repr(text)}') from None
 
 
 def rumble_sides(message: JoyFeedback) -> tuple[bool, bool]:

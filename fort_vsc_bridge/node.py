@@ -15,6 +15,7 @@
 """The FORT VSC bridge: a wireless e-stop and remote as ROS topics."""
 
 from collections.abc import Callable
+import reprlib
 from typing import Any
 from typing import ClassVar
 
@@ -160,7 +161,7 @@ class FortVscBridge(BridgeNode[Event]):
         try:
             arguments = arguments_of(message)
         except ValueError as error:
-            self.refuse(f'{topic} {of}: {error}')
+            self.refuse(f'{topic} {reprlib.repr(of)}: {error}')
         else:
             self.request(method, *arguments, key=f'{topic} {of}')
 

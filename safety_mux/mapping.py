@@ -23,6 +23,7 @@ mapping is made.
 from collections.abc import Sequence
 from dataclasses import dataclass
 import math
+import reprlib
 from typing import Literal
 
 from safety_mux.protocol import Demand
@@ -241,7 +242,7 @@ class NamedJoints:
         """
         if len(names) == len(values) and sorted(names) != sorted(self.names):
             raise MalformedInput(
-                f'its joints are {", ".join(names) or "none"}, not {", ".join(self.names)}'
+                f'its joints are {reprlib.repr(list(names))}, not {list(self.names)}'
             )
         return self.among(names, values)
 

@@ -19,6 +19,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from collections.abc import Sequence
 import math
+import reprlib
 
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -36,6 +37,7 @@ from ssc_bridge.channels import AxisInput
 from ssc_bridge.protocol import CommandState
 from ssc_bridge.protocol import INVALID_PULSE
 from ssc_bridge.protocol import Measurement
+from ssc_bridge.protocol import PulseCommand
 from ssc_bridge.protocol import TimerInput
 
 UNKNOWN = 'unknown'
@@ -76,11 +78,15 @@ def command_state(state: CommandState | None) -> String:
 
 
 def pulse_command(message: UInt16MultiArray) -> list[int]:
-    """Return the pulses of a request, µs. :raises ValueError: its data_offset is beyond them."""
+    """
+    Return the pulses of a request, µs.
+
+    :raises ValueError: its data_offset is beyond them, or they are none that the SSC can be asked.
+    """
     offset = message.layout.data_offset
     if offset > len(message.data):
         raise ValueError(f'data_offset {offset}, but there are {len(message.data)} pulses')
-    return list(message.data[offset:])
+    return list(PulseCommand(tuple(message.data[offset:])).us)
 
 
 def servo_command(message: JointState, servos: Sequence[str]) -> dict[str, float]:
@@ -89,16 +95,18 @@ def servo_command(message: JointState, servos: Sequence[str]) -> dict[str, float
 
     Taken from the one field that is filled: position, or what a mux sends, velocity or effort.
 
-    :raises ValueError: for doubled names, or another number of values than names.
+    :raises ValueError: for unknown or doubled names, or another number of values than names.
     """
     names = list(message.name) or list(servos)
+    if unknown := set(names).difference(servos):
+        raise ValueError(f'no servo {reprlib.repr(min(unknown))}; there are {list(servos)}')
     if len(set(names)) < len(names):
-        raise ValueError(f'a servo is named twice: {names}')
+        raise ValueError(f'a servo is named twice: {reprlib.repr(names)}')
     filled = [field for field in (message.position, message.velocity, message.effort) if field]
     if len(filled) != 1:
         raise ValueError(f'one of position, velocity and effort is needed, not {len(filled)}')
     if len(filled[0]) != len(names):
-        raise ValueError(f'{len(filled[0])} values for the servos {names}')
+        raise ValueError(f'{len(filled[0])} values for the servos {reprlib.repr(names)}')
     return dict(zip(names, map(float, filled[0]), strict=True))
 
 
@@ -110,22 +118,22 @@ def aux_requests(message: KeyValue) -> list[AuxRequest]:
     """
     keys, values = message.key.split(','), message.value.split(',')
     if len(keys) != len(values):
-        raise ValueError(f'{len(values)} values for {len(keys)} keys: {message.key!r}')
+        raise ValueError(f'{len(values)} values for {len(keys)} keys: {reprlib.repr(message.key)}')
     return [_aux_request(*map(str.strip, pair)) for pair in zip(keys, values, strict=True)]
 
 
 def _aux_request(key: str, value: str) -> AuxRequest:
     number, dot, what = key.partition('.')
     if not (dot and number.isdecimal() and what in ('level', 'pulse', 'period')):
-        raise ValueError(f'{key!r}: {_AUX_KEY}')
+        raise ValueError(f'{reprlib.repr(key)}: {_AUX_KEY}')
     if what == 'level':
         if value not in _LEVELS:
-            raise ValueError(f'{value!r} is no level: high or low is needed')
+            raise ValueError(f'{reprlib.repr(value)} is no level: high or low is needed')
         return AuxRequest(int(number), what, float(_LEVELS[value]))
     try:
         return AuxRequest(int(number), what, float(value))
     except ValueError as error:
-        raise ValueError(f'{value!r} is no time in seconds') from error
+        raise ValueError(f'{reprlib.repr(value)} is no time in seconds') from error
 
 
 def channel_sources(sources: Sequence[str], name: str, hardware_id: str) -> DiagnosticStatus:

@@ -271,8 +271,12 @@ def test_enable_false_and_true_in_one_breath_passes_through_disable(bench: Bench
         (command(math.inf, 1.0), 'inf'),
         (JointState(name=['left', 'right'], position=[1.0, 1.0]), 'velocity'),
         (JointState(), 'velocity'),
+        (command(1.0, names=tuple(f'{n:0300}' for n in range(5000))), 'name each of'),
     ],
-    ids=['missing', 'unknown', 'doubled', 'short', 'NaN', 'infinite', 'other field', 'empty'],
+    ids=[
+        *('missing', 'unknown', 'doubled', 'short', 'NaN', 'infinite', 'other field', 'empty'),
+        'megabytes',
+    ],
 )
 def test_command_that_makes_no_sense_stops_and_is_counted_and_explained(
     bench: Bench, message: JointState, text: str
@@ -283,6 +287,7 @@ def test_command_that_makes_no_sense_stops_and_is_counted_and_explained(
     bench.stopped_since(time.monotonic())
     bench.wait(lambda: int(bench.value('refused commands') or 0) > before, 'the count', 5.0)
     bench.wait(lambda: text in bench.value('disabled because'), f'{text} in the reason', 5.0)
+    assert bench.diagnostics.value(LINK, 'wire restarts') == '0'
     bench.command.message = command(0, 0)
     bench.quiet()
     bench.enabling()

@@ -235,6 +235,22 @@ def test_nonsense_is_refused_told_and_ends_the_command_before(bench: Bench, serv
     assert 'nobody' in bench.value('last refusal', LINK)
 
 
+def test_request_of_any_size_is_refused_and_keeps_its_wire(bench: Bench, servo: Talker) -> None:
+    def refused(text: str) -> None:
+        bench.wait(lambda: text in bench.value('last refusal', LINK), f'{text}: the refusal')
+
+    out = bench.observer.publisher(KeyValue, f'{bench.name}/aux_outputs')
+    out.publish(KeyValue(key=','.join(['4.level'] * 9000), value=','.join(['high'] * 9000)))
+    refused('bytes; 65536 are allowed')
+    out.publish(KeyValue(key='x' * 3_000_000))
+    refused('a key such as')
+    assert bench.value('last refusal', LINK).count('x') < 100
+    servo.message = position(**{f'{n:01000}': 1.0 for n in range(3000)})
+    refused('no servo')
+    bench.wait(lambda: bench.seen()['outputs_us'][:2] == [1200, 0], 'the failsafe')
+    assert bench.value('wire restarts', LINK) == '0'
+
+
 def test_auxiliary_outputs_are_set_in_si_units_and_triggered(bench: Bench) -> None:
     out = bench.observer.publisher(KeyValue, f'{bench.name}/aux_outputs')
     for key, value in (('4.level', 'high'), ('5.pulse', '0.0015'), ('5.period', '0.02')):

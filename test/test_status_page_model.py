@@ -226,7 +226,7 @@ CHANGES: tuple[Callable[[MuxBench], object], ...] = (
         ("e-stop source 'fort' demands a stop: VSC reports e-stop", 'as it says'),
         ("operator 'fort' is invalid: it has 2 axes, 6 are needed", 'operator.<name>.axis'),
         ("operator 'fort' is invalid: two live publishers on /joy: stop one of them", 'a bridge'),
-        ('autonomy is invalid: its joints are a, not b', "the planner's fault"),
+        ("autonomy is invalid: its joints are ['a'], not ['b']", "the planner's fault"),
         ('nobody listens to ~/command: is the drive node running and wired?', 'the drive node'),
         ('stopping on a ramp: x; ramping, left at 3.0 rad/s', 'stop category 1'),
         ('something that nobody has thought of', ''),

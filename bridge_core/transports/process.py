@@ -63,6 +63,8 @@ _SPARE_TIME = 1.0  # s after which a wire gets a spare; what starts is busy enou
 _LONG_LIFE = 5.0  # s, after which the next start comes at once
 _REPORT_PERIOD = 1.0  # s
 _ROOM = 1 << 20  # bytes, for messages either way; the system may allow less
+_LARGEST = 1 << 16  # bytes of a request; any system has room for that
+_NOTHING_TAKEN = 'its wire takes nothing'
 # Messages before the owner is paced again: more than can wait, so that a node that was held up
 # says nothing of before until it has taken in all of them.
 _READS = 1024
@@ -115,7 +117,7 @@ class ProcessLink(Link):
         self._wire: _Process | None = None
         self._commands: dict[int, Request] = {}  # not ended yet
         self._activation: Request | None = None  # in force
-        self._unsent: list[Request] = []  # somebody waits for these
+        self._unsent: list[tuple[Request, str]] = []  # to be refused, and why
         self._spare: _Process | None = None
         self._wake_fd = os.eventfd(0, os.EFD_NONBLOCK | os.EFD_CLOEXEC)
         self._ended = False
@@ -137,8 +139,9 @@ class ProcessLink(Link):
                 self._activation = request
             if request.name in Wire.COMMANDS:
                 self._commands[request.number] = request
-            if not self._send(request) and request.waits:
-                self._unsent.append(request)
+            why = self._send(request)
+            if why and (request.waits or why is not _NOTHING_TAKEN):
+                self._unsent.append((request, why))
                 self._wake()
 
     def deactivate(self) -> None:
@@ -148,16 +151,20 @@ class ProcessLink(Link):
         if not idle:  # else there is no farewell to wait for, from a process that may just start
             super().deactivate()
 
-    def _send(self, request: Request) -> bool:
+    def _send(self, request: Request) -> str:
+        """Send it, if that is possible; return why not."""
         if self._wire is None:
-            return False  # commands wait in their list
+            return _NOTHING_TAKEN  # commands wait in their list
+        data = pickle.dumps(tuple(request))
+        if len(data) > _LARGEST and not request.stop:
+            return f'it takes {len(data)} bytes; {_LARGEST} are allowed'
         try:
-            self._wire.socket.send(pickle.dumps(tuple(request)))
+            self._wire.socket.send(data)
         except OSError:  # it is full, or it has ended
             if request.stop:
                 self._wire.process.kill()  # it takes nothing any more, not even a stop
-            return False
-        return True
+            return _NOTHING_TAKEN
+        return ''
 
     def _wake(self) -> None:
         if self._wake_fd >= 0:
@@ -236,9 +243,8 @@ class ProcessLink(Link):
     def _refuse_unsent(self) -> None:
         with self._lock:
             unsent, self._unsent = self._unsent, []
-        for request in unsent:
-            text = self._trouble or f'the wire of {self.name} takes nothing'
-            self._owner.on_refused(request.number, request.key, text)
+        for request, why in unsent:
+            self._owner.on_refused(request.number, request.key, self._trouble or why)
 
     def _judge(self, now: float) -> None:
         if self._wire is not None and not self._trouble and now >= self._limit:

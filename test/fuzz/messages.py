@@ -93,6 +93,7 @@ _WORDS = (
     *('9' * 5000, 'x' * 3000, '\0', 'ä\n', 'on', 'off', 'low', 'high', ' 1', '٣', '1_0', 'fort'),
 )
 _SIZES = (0, 1, 2, 3, 4, 6, 8, 16, 24, 3000)
+_LONGEST = 1000  # characters of a text for people, whatever it cites
 
 
 class Filler:
@@ -183,7 +184,7 @@ class BridgeNode:
         return 1
 
     def refuse(self, text: str) -> None:
-        assert len(text) < 50_000, 'a line without an end'
+        assert len(text) < _LONGEST, 'a line without an end'
         self.refused += 1
 
     def on_refused(self, number: int, key: str, text: str) -> None:
@@ -307,6 +308,8 @@ class MuxTarget(Target):
                 bench.now += 0.01
                 self._check(bench, ended)
             states.add(bench.decision.state)
+            words = bench.arbiter.status(bench.now).inhibits
+            assert all(len(text) < _LONGEST for text in words), 'a line without an end'
         return frozenset(states), bench.decision.owner
 
     def _check(self, bench: Bench, ended: bool) -> None:
