@@ -28,6 +28,7 @@ from collections.abc import Awaitable
 from collections.abc import Callable
 from concurrent.futures import Future
 import json
+import logging
 from pathlib import Path
 import socket
 import threading
@@ -35,6 +36,7 @@ from typing import Any
 
 from aiohttp import web
 from aiohttp import WSMsgType
+from aiohttp.http import HttpProcessingError
 
 from status_page.access import Access
 from status_page.recordings import recording
@@ -68,6 +70,8 @@ _HEADERS = {
     'X-Content-Type-Options': 'nosniff',
     'Cache-Control': 'no-store',
 }
+
+_LOG = logging.getLogger(__name__)
 
 # Action and mux; the future has whether it was done, and the answer in words.
 Control = Callable[[str, str], 'Future[tuple[bool, str]]']
@@ -153,7 +157,9 @@ class Server:
         return app
 
     async def _serve(self) -> None:
-        runner = web.AppRunner(self._application(), access_log=None, shutdown_timeout=0.1)
+        runner = web.AppRunner(
+            self._application(), access_log=None, shutdown_timeout=0.1, logger=_LOG
+        )
         await runner.setup()
         try:
             site = web.TCPSite(runner, self._host, self._port)
@@ -275,6 +281,14 @@ class Server:
     def _check_origin(self, request: web.Request) -> None:
         if not self._access.same_origin(request.headers.get('Origin'), request.host):
             raise web.HTTPForbidden(text='refused: this request comes from another site')
+
+
+def _is_own_fault(record: logging.LogRecord) -> bool:
+    """Leave out what is wrong with a request: that is told to whoever sent it."""
+    return not (record.exc_info and isinstance(record.exc_info[1], HttpProcessingError))
+
+
+_LOG.addFilter(_is_own_fault)
 
 
 def _token(request: web.Request) -> str:

@@ -128,14 +128,30 @@ def test_token_is_needed_beyond_loopback_and_for_control() -> None:
             assert access.needs_token is (control or not is_open)
 
 
-@pytest.mark.parametrize('header', ['Host', 'Sec-WebSocket-Key', 'Authorization'])
-def test_header_that_is_no_text_is_refused_and_no_fault(machine: Machine, header: str) -> None:
+def answer_to(machine: Machine, data: bytes) -> bytes:
+    """Return the beginning of what the server says to these bytes."""
     where = urlsplit(machine.address)
     assert where.hostname is not None
     assert where.port is not None
-    with socket.create_connection((where.hostname, where.port), 5.0) as plug:
-        plug.sendall(b'GET /live HTTP/1.0\r\n%s: \xff\r\n\r\n' % header.encode())
-        assert b' 400 ' in plug.recv(100)
+    with socket.create_connection((where.hostname, where.port), 20.0) as plug:
+        plug.sendall(data)
+        return plug.recv(100)
+
+
+@pytest.mark.parametrize('header', ['Host', 'Sec-WebSocket-Key', 'Authorization'])
+def test_header_that_is_no_text_is_refused_and_no_fault(machine: Machine, header: str) -> None:
+    data = b'GET /live HTTP/1.0\r\n%s: \xff\r\n\r\n' % header.encode()
+    assert b' 400 ' in answer_to(machine, data)
+
+
+@pytest.mark.parametrize(
+    'line', [b'\x81\x80\0', b'GET / HTTP/1.1\r\nSec-WebS\x7fcket: 1', b'GET / HTTP/9999999999']
+)
+def test_nonsense_is_answered_and_fills_no_log(
+    machine: Machine, line: bytes, caplog: pytest.LogCaptureFixture
+) -> None:
+    assert b' 400 ' in answer_to(machine, line + b'\r\n\r\n')
+    assert not caplog.records
 
 
 def test_foreign_host_gets_nothing(machine: Machine) -> None:

@@ -272,6 +272,7 @@ class HttpTarget(Target):
         server, loop, runner, plug = self._served
         self._asked.clear()
         self._faults.clear()
+        server._samples.clear()  # those of the last minute, but here no time passes
         server._show(json.dumps({'now': 1.0, 'sample': _SECRET}), 1.0, 0)
         transport = _Transport(plug)
         loop.run_until_complete(self._talk(server, runner.server(), transport, reads))
