@@ -140,7 +140,7 @@ class ProcessLink(Link):
             if request.name in Wire.COMMANDS:
                 self._commands[request.number] = request
             why = self._send(request)
-            if why and (request.waits or why is not _NOTHING_TAKEN):
+            if why and (request.waits or why != _NOTHING_TAKEN):
                 self._unsent.append((request, why))
                 self._wake()
 
