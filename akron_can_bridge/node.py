@@ -46,9 +46,9 @@ from bridge_core.runner import run
 from bridge_core.session import Level
 from bridge_core.transports.process import ProcessLink
 
-# A stop must not be overwritten by what follows it before it was read, hence the depth.
+# Neither a stop nor the one message of a second publisher may be overwritten before it was read.
 _STOP_QOS = QoSProfile(depth=10)
-_COMMAND_QOS = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
+_COMMAND_QOS = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
 
 
 class AkronCanBridge(BridgeNode[Event]):

@@ -43,9 +43,9 @@ from esi_drive_bridge.session import Session
 from esi_drive_bridge.session import Stopped
 from esi_drive_bridge.wire import BRIDGE
 
-# A stop must not be overwritten by what follows it before it was read, hence the depth.
+# Neither a stop nor the one message of a second publisher may be overwritten before it was read.
 _STOP_QOS = QoSProfile(depth=10)
-_COMMAND_QOS = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
+_COMMAND_QOS = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
 
 
 class EsiDriveBridge(BridgeNode[Event]):

@@ -53,7 +53,7 @@ from ssc_bridge.session import SourcesChanged
 from ssc_bridge.session import Sticks
 from ssc_bridge.wire import BRIDGE
 
-# A stop must not be overwritten by what follows it before it was read, hence the depth.
+# Neither a stop nor the one message of a second publisher may be overwritten before it was read.
 _STOP_QOS = QoSProfile(depth=10)
 _COMMAND_QOS = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
 

@@ -23,6 +23,8 @@ import math
 import os
 from pathlib import Path
 import re
+from signal import SIGCONT
+from signal import SIGSTOP
 import time
 from typing import Any
 
@@ -323,6 +325,24 @@ def test_second_mux_disables_and_its_stops_are_no_edges(bench: Bench) -> None:
         bench.holds(lambda: not any(p.enables for p in bench.drive.packets(told)), 1.0)
         # Nothing is wrong with the drive.
         assert not bench.estop.last.data, bench.diagnostics.status(DEVICE).message
+    bench.wait(lambda: DOUBLED not in bench.problems(), 'only one again')
+    bench.quiet()
+    bench.enabling()
+
+
+def test_second_commander_disables_by_one_word_that_others_follow_before_it_is_read(
+    bench: Bench,
+) -> None:
+    bench.enabling()
+    topic = f'{bench.name}/command'
+    second = bench.observer.publisher(JointState, topic)
+    bench.holds(lambda: True, 0.3)  # until the node knows it, too
+    bench.node.signal(SIGSTOP)
+    second.publish(command(0, 0))
+    bench.command.publisher.publish(command(0, 0))
+    bench.node.signal(SIGCONT)
+    bench.wait(lambda: DOUBLED in bench.problems(), 'the reason')
+    bench.observer.node.destroy_publisher(second)
     bench.wait(lambda: DOUBLED not in bench.problems(), 'only one again')
     bench.quiet()
     bench.enabling()
