@@ -18,8 +18,6 @@ from typing import Any
 from typing import ClassVar
 
 from diagnostic_msgs.msg import DiagnosticStatus
-from rclpy.qos import QoSProfile
-from rclpy.qos import ReliabilityPolicy
 from sensor_msgs.msg import JointState
 from sensor_msgs.msg import Joy
 from std_msgs.msg import Bool
@@ -40,15 +38,13 @@ from akron_can_bridge.session import UnitChanged
 from akron_can_bridge.wire import BRIDGE
 from bridge_core.managed_node import latched_qos
 from bridge_core.node import BridgeNode
+from bridge_core.node import COMMAND_QOS
+from bridge_core.node import STOP_QOS
 from bridge_core.parameters import ACTUATOR_PARAMETERS
 from bridge_core.parameters import Parameter
 from bridge_core.runner import run
 from bridge_core.session import Level
 from bridge_core.transports.process import ProcessLink
-
-# Neither a stop nor the one message of a second publisher may be overwritten before it was read.
-_STOP_QOS = QoSProfile(depth=10)
-_COMMAND_QOS = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
 
 
 class AkronCanBridge(BridgeNode[Event]):
@@ -72,10 +68,10 @@ class AkronCanBridge(BridgeNode[Event]):
         self._outputs = self.create_publisher(DiagnosticStatus, '~/outputs', latched_qos())
         # What comes first here is read first.
         self.watched_subscription(
-            Bool, '~/estop_in', self._on_estop_in, _STOP_QOS, is_stop=lambda m: bool(m.data)
+            Bool, '~/estop_in', self._on_estop_in, STOP_QOS, is_stop=lambda m: bool(m.data)
         )
-        self.watched_subscription(Joy, '~/cmd_joy', self._on_cmd_joy, _COMMAND_QOS)
-        self.create_subscription(UInt8, '~/soe_directions', self._on_soe_directions, _COMMAND_QOS)
+        self.watched_subscription(Joy, '~/cmd_joy', self._on_cmd_joy, COMMAND_QOS)
+        self.create_subscription(UInt8, '~/soe_directions', self._on_soe_directions, COMMAND_QOS)
 
     def forget_device(self) -> None:
         """Publish that nothing is known of the unit, and neutral sticks after others."""

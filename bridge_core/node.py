@@ -71,6 +71,10 @@ _WORDS_TIME = 0.01  # s that the words about a stop leave to the stop itself
 _LEAVE_TIME = 0.4  # s that leaving waits for a link thread that hangs
 # Best effort: whoever is too slow for it holds nobody up.
 _RAW_QOS = QoSProfile(depth=20, reliability=ReliabilityPolicy.BEST_EFFORT)
+# Of what an actuator is told. Neither a stop nor the one message of a second publisher
+# may be overwritten before it was read.
+STOP_QOS = QoSProfile(depth=10)
+COMMAND_QOS = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
 _INACTIVE = Verdict.stop('the node is not active', link_up=False)
 
 

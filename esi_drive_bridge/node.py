@@ -18,13 +18,13 @@ from collections.abc import Mapping
 from typing import Any
 from typing import ClassVar
 
-from rclpy.qos import QoSProfile
-from rclpy.qos import ReliabilityPolicy
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Bool
 
 from bridge_core.managed_node import latched_qos
 from bridge_core.node import BridgeNode
+from bridge_core.node import COMMAND_QOS
+from bridge_core.node import STOP_QOS
 from bridge_core.parameters import ACTUATOR_PARAMETERS
 from bridge_core.parameters import Parameter
 from bridge_core.runner import run
@@ -42,10 +42,6 @@ from esi_drive_bridge.session import Feedback
 from esi_drive_bridge.session import Session
 from esi_drive_bridge.session import Stopped
 from esi_drive_bridge.wire import BRIDGE
-
-# Neither a stop nor the one message of a second publisher may be overwritten before it was read.
-_STOP_QOS = QoSProfile(depth=10)
-_COMMAND_QOS = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
 
 
 class EsiDriveBridge(BridgeNode[Event]):
@@ -67,12 +63,12 @@ class EsiDriveBridge(BridgeNode[Event]):
         self._enabled = self.create_publisher(Bool, '~/enabled', latched_qos())
         # What comes first here is read first.
         self.watched_subscription(
-            Bool, '~/estop_in', self._on_estop_in, _STOP_QOS, is_stop=lambda m: bool(m.data)
+            Bool, '~/estop_in', self._on_estop_in, STOP_QOS, is_stop=lambda m: bool(m.data)
         )
         self.watched_subscription(
-            Bool, '~/enable', self._on_enable, _STOP_QOS, is_stop=lambda m: not m.data
+            Bool, '~/enable', self._on_enable, STOP_QOS, is_stop=lambda m: not m.data
         )
-        self.watched_subscription(JointState, '~/command', self._on_command, _COMMAND_QOS)
+        self.watched_subscription(JointState, '~/command', self._on_command, COMMAND_QOS)
 
     def take_parameters(self, values: Mapping[str, Any]) -> None:
         """Keep how the axes are scaled."""

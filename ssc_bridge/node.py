@@ -21,8 +21,6 @@ from typing import ClassVar
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from diagnostic_msgs.msg import KeyValue
-from rclpy.qos import QoSProfile
-from rclpy.qos import ReliabilityPolicy
 from sensor_msgs.msg import JointState
 from sensor_msgs.msg import Joy
 from std_msgs.msg import Bool
@@ -31,6 +29,8 @@ from std_msgs.msg import UInt16MultiArray
 
 from bridge_core.managed_node import latched_qos
 from bridge_core.node import BridgeNode
+from bridge_core.node import COMMAND_QOS
+from bridge_core.node import STOP_QOS
 from bridge_core.parameters import ACTUATOR_PARAMETERS
 from bridge_core.parameters import Parameter
 from bridge_core.runner import run
@@ -52,10 +52,6 @@ from ssc_bridge.session import Settings
 from ssc_bridge.session import SourcesChanged
 from ssc_bridge.session import Sticks
 from ssc_bridge.wire import BRIDGE
-
-# Neither a stop nor the one message of a second publisher may be overwritten before it was read.
-_STOP_QOS = QoSProfile(depth=10)
-_COMMAND_QOS = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
 
 
 class SscBridge(BridgeNode[Event]):
@@ -84,13 +80,13 @@ class SscBridge(BridgeNode[Event]):
         self._sources = self.create_publisher(DiagnosticStatus, '~/channel_sources', latched_qos())
         # What comes first here is read first.
         self.watched_subscription(
-            Bool, '~/estop_in', self._on_estop_in, _STOP_QOS, is_stop=lambda m: bool(m.data)
+            Bool, '~/estop_in', self._on_estop_in, STOP_QOS, is_stop=lambda m: bool(m.data)
         )
         self.watched_subscription(
-            UInt16MultiArray, '~/pulse_command', self._on_pulse_command, _COMMAND_QOS
+            UInt16MultiArray, '~/pulse_command', self._on_pulse_command, COMMAND_QOS
         )
         self.watched_subscription(
-            JointState, '~/servo_command', self._on_servo_command, _COMMAND_QOS
+            JointState, '~/servo_command', self._on_servo_command, COMMAND_QOS
         )
         self.create_subscription(KeyValue, '~/aux_outputs', self._on_aux_outputs, 10)
 

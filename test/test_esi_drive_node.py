@@ -336,7 +336,13 @@ def test_second_commander_disables_by_one_word_that_others_follow_before_it_is_r
     bench.enabling()
     topic = f'{bench.name}/command'
     second = bench.observer.publisher(JointState, topic)
-    bench.holds(lambda: True, 0.3)  # until the node knows it, too
+
+    def known() -> bool:  # to a node that was not held up meanwhile
+        delay = RunDelay([bench.node.process.pid])
+        bench.holds(lambda: True, 0.3)
+        return delay.seconds() < 0.1
+
+    bench.wait(known, 'a node that knows it, too')
     bench.node.signal(SIGSTOP)
     second.publish(command(0, 0))
     bench.command.publisher.publish(command(0, 0))

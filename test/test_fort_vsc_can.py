@@ -59,6 +59,7 @@ from fort_vsc_bridge.session import Settings
 from fort_vsc_bridge.session import Sticks
 from fort_vsc_bridge.simulator import build_frame
 from fort_vsc_bridge.simulator import CanSimulator
+from test.fort_vsc_rig import sticks
 from test.session_rig import SessionBench
 
 LIMIT = 0.25
@@ -281,10 +282,6 @@ def opened(wire: CanWire | None = None, **options: Any) -> Bench:
     bench = Bench(wire, **options)
     bench.open()
     return bench
-
-
-def sticks(events: list[Any]) -> list[Sticks]:
-    return [event for event in events if isinstance(event, Sticks)]
 
 
 def test_stop_until_a_clean_heartbeat() -> None:

@@ -36,6 +36,7 @@ from fort_vsc_bridge.session import Session
 from fort_vsc_bridge.session import Settings
 from fort_vsc_bridge.session import Sticks
 from fort_vsc_bridge.simulator import HidSimulator
+from test.fort_vsc_rig import sticks
 from test.session_rig import SessionBench
 
 LIMIT = 0.25
@@ -125,10 +126,6 @@ def opened(**options: Any) -> Bench:
     bench = Bench(**options)
     bench.open()
     return bench
-
-
-def sticks(events: list[Any]) -> list[Sticks]:
-    return [event for event in events if isinstance(event, Sticks)]
 
 
 def pressed(event: Sticks) -> list[str]:

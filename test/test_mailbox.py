@@ -41,8 +41,8 @@ def take_all(*puts: tuple[str, str, bool], each: bool = False) -> list[str]:
     """Put requests of (key, name, whether it is a stop); return the names that come out."""
     mailbox = Mailbox(lambda number, error: None)
     for number, (key, name, stop) in enumerate(puts):
-        mailbox.put(Request(number, key, name, (), 0.0, stop=stop), each)
-    names = [request.name for request in mailbox.take()]
+        mailbox.put(request(number, key, name, stop=stop), each)
+    names = [taken.name for taken in mailbox.take()]
     assert mailbox.take() == []
     mailbox.close()
     return names

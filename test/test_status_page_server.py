@@ -133,7 +133,7 @@ def answer_to(machine: Machine, data: bytes) -> bytes:
     where = urlsplit(machine.address)
     assert where.hostname is not None
     assert where.port is not None
-    with socket.create_connection((where.hostname, where.port), 20.0) as plug:
+    with socket.create_connection((where.hostname, where.port), 5.0) as plug:
         plug.sendall(data)
         return plug.recv(100)
 
