@@ -390,8 +390,8 @@ def test_fault_of_a_request_closes_the_port_and_keeps_the_others(bench: WireBenc
     bench.do(done.append)
     bench.step()
     log = bench.log()
-    assert 'ZeroDivisionError' in log[0]
-    assert log[1:3] == ['stop True', 'event closed']
+    assert 'ZeroDivisionError' in log[2]
+    assert log[3:] == ['stop True', 'event closed']
     assert done
     assert not bench.port.is_open
 
@@ -991,15 +991,16 @@ def test_port_that_opens_in_time_is_left_open(bench: WireBench) -> None:
 # Faults of ours.
 
 
-def test_fault_of_the_pace_is_a_stop_backs_off_and_ends(bench: WireBench) -> None:
+def test_fault_says_farewell_is_a_stop_backs_off_and_ends(bench: WireBench) -> None:
     bench.expects_fault = True
     bench.run()
     bench.log()
     bench.owner.faults.add('pace')
     bench.step()
     log = bench.log()
-    assert log[0].startswith('bad internal error: Traceback')
-    assert log[1:] == ['stop True', 'event closed']
+    assert log[:2] == ['sent bye 1', 'sent bye 2']
+    assert log[2].startswith('bad internal error: Traceback')
+    assert log[3:] == ['stop True', 'event closed']
     bench.owner.paced.clear()
     bench.waits.clear()
     bench.go_on(1.0)
@@ -1009,6 +1010,19 @@ def test_fault_of_the_pace_is_a_stop_backs_off_and_ends(bench: WireBench) -> Non
     bench.go_on(1.0)
     bench.hear(b'x')
     assert bench.owner.told[-1] is False
+
+
+def test_fault_of_the_farewell_at_a_fault_still_stops_and_closes(bench: WireBench) -> None:
+    bench.expects_fault = True
+    bench.run()
+    bench.log()
+    bench.owner.faults.add('pace')
+    bench.session.faults.add('farewell')
+    bench.step()
+    log = bench.log()
+    assert log[0].startswith('bad internal error: Traceback')
+    assert log[1:] == ['stop True', 'event closed']
+    assert not bench.port.is_open
 
 
 def test_fault_without_a_port_is_told_once_a_second(bench: WireBench) -> None:

@@ -215,7 +215,7 @@ class Wire(Generic[FrameT]):
             now = clock.now()
             self._pace_at = now + BACKOFF_START
             try:
-                self._lose(f'internal error: {traceback.format_exc()}', now)
+                self._lose(f'internal error: {traceback.format_exc()}', now, at_fault=True)
             except Exception:  # the owner fails, too
                 self._complain(traceback.print_exc, now)
 
@@ -465,8 +465,13 @@ class Wire(Generic[FrameT]):
             except TransportError as failure:
                 self._lose(str(failure), now)
 
-    def _lose(self, error: str, now: float) -> None:
-        """Take the port as gone: forget what was heard, publish that, try again later."""
+    def _lose(self, error: str, now: float, *, at_fault: bool = False) -> None:
+        """
+        Take the port as gone: forget what was heard, publish that, try again later.
+
+        :param at_fault: it is not gone, it is this wire that has to begin anew: say farewell, as
+            nobody knows for how long the device will hear nothing.
+        """
         transport, session, was_open = self._transport, self._session, self.status.is_open
         if transport is None or session is None:
             self._complain(lambda: self._owner.link_changed(error, False), now)
@@ -476,7 +481,9 @@ class Wire(Generic[FrameT]):
                 last.callback(transport.close)
             if was_open:
                 last.callback(lambda: self._owner.on_events(session.closed(now), now))
-            self._retry_later(error, now)
+            last.callback(self._retry_later, error, now)
+            if was_open and at_fault:
+                self._say_farewell(transport, session.farewell(now))
 
     def _retry_later(self, error: str, now: float) -> None:
         news = self.status.is_open or self.status.error != error
