@@ -1025,6 +1025,15 @@ def test_fault_of_the_farewell_at_a_fault_still_stops_and_closes(bench: WireBenc
     assert not bench.port.is_open
 
 
+def test_fault_while_the_port_opens_says_no_farewell(bench: WireBench) -> None:
+    bench.expects_fault = True
+    bench.begin_opening()
+    bench.owner.faults.add('pace')
+    bench.step()
+    assert bench.owner.log
+    assert 'farewell' not in bench.session.calls
+
+
 def test_fault_without_a_port_is_told_once_a_second(bench: WireBench) -> None:
     bench.expects_fault = True
     bench.owner.faults.add('pace')
