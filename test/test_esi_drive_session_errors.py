@@ -78,6 +78,17 @@ def test_silent_status_demands_a_stop_in_time(rig: Rig) -> None:
     assert 'last heard 250 ms ago, limit 250 ms' in rig.session.stop_reasons(rig.now)[0]
 
 
+def test_bytes_without_a_frame_name_the_baud_rate(rig: Rig) -> None:
+    silence, noise = rig.session.stop_reasons(rig.now)[0], b'\x8e\x03\xfe\x10'
+    assert silence.startswith("check power, the receive pair, and HiDS's SerialInterfaceEnable")
+    for _ in range(10):
+        rig.now += 0.1
+        rig.hear(noise)
+    assert rig.session.stop_reasons(rig.now)[0].startswith(
+        'check baud, that port is the drive, and single_axis_layout, as bytes come, but no frame'
+    )
+
+
 # Clearing errors.
 
 

@@ -31,6 +31,7 @@ import pytest
 
 from bridge_core.checksums import crc16_ccitt_false
 from bridge_core.framing import ChecksumError
+from bridge_core.framing import Decoder
 from bridge_core.framing import FrameError
 from bridge_core.framing import FrameFormat
 from bridge_core.framing import StreamParser
@@ -105,6 +106,16 @@ def pending(parser: StreamParser[bytes], frames: list[bytes]) -> int:
 
 def single_bytes(data: bytes) -> Iterator[bytes]:
     return (data[i : i + 1] for i in range(len(data)))
+
+
+def test_decoder_without_parts_has_nothing_to_expire() -> None:
+    decoder: Decoder[bytes, bytes] = Decoder()
+    assert decoder.deadline == math.inf
+    assert decoder.poll(1.0) == []
+
+
+def test_parser_tells_its_format() -> None:
+    assert StreamParser(LONG).format is LONG
 
 
 @both_formats

@@ -17,6 +17,7 @@
 import math
 from typing import Any
 
+from diagnostic_msgs.msg import DiagnosticStatus
 import pytest
 
 from bridge_core.framing import Decoder
@@ -120,6 +121,22 @@ def test_base_inhibits_nothing_and_knows_no_more() -> None:
     assert session.inhibits(1.0) == []
     assert session.values(1.0) == {}
     assert session.farewell(1.0) == []
+    assert Session._due_frames(session, 1.0) == []
+    assert (session.HELD, session.summary()) == ('held', 'ok')
+
+
+def test_levels_are_those_of_diagnostic_status() -> None:
+    assert {level.name: bytes([level]) for level in Level} == {
+        'OK': DiagnosticStatus.OK,
+        'WARN': DiagnosticStatus.WARN,
+        'ERROR': DiagnosticStatus.ERROR,
+        'STALE': DiagnosticStatus.STALE,
+    }
+
+
+def test_frame_age_is_that_of_the_last_sign_of_life() -> None:
+    assert opened().frame_age(1.0) == math.inf
+    assert opened('clear').frame_age(1.25) == 0.25
 
 
 def test_stop_of_a_device_that_is_heard_is_a_warning_and_silence_an_error() -> None:
