@@ -98,7 +98,7 @@ _NAMES_OF_TESTS = {
     'fort_vsc_bridge/session': (
         *('fort_vsc_device', *_VSC, 'fort_vsc_stops', 'fort_vsc_wires'),
         *('fort_vsc_hid', 'fort_vsc_can'),
-        *_SESSIONS,
+        *(*_SESSIONS, 'fort_vsc_parameters'),
     ),
     'fort_vsc_bridge/protocol': (
         *('fort_vsc_protocol', 'fort_vsc_can', 'fort_vsc_hid', 'fort_vsc_wires'),
