@@ -114,7 +114,7 @@ _NAMES_OF_TESTS = {
         *('akron_session_joysticks', 'akron_session_unit'),
     ),
     'vm110_bridge/session': (
-        *('vm110_serials', 'vm110_stops', 'vm110_commands', *_VM110, *_SESSIONS),
+        *('vm110_serials', 'vm110_stops', 'vm110_commands', *_VM110, *_SESSIONS, 'vm110_report'),
     ),
     'vm110_bridge/protocol': ('vm110_protocol', *_VM110),
 }
