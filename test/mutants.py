@@ -70,7 +70,8 @@ _AKRON = (
     *('akron_drive', 'akron_finder', 'akron_joysticks', 'akron_motion', 'akron_session_automatic'),
     *('akron_session_moments', 'akron_session_drive', 'akron_session_unit'),
     *('akron_session_joysticks', 'akron_session_finder', 'akron_session_polls'),
-    *('akron_session_report', 'akron_session_loop', 'akron_session_motion'),
+    *('akron_session_report', 'akron_session_resting', 'akron_session_loop'),
+    'akron_session_motion',
 )
 # By file, or for all of a folder. What takes long comes last: most mutants are dead by then.
 _NAMES_OF_TESTS = {
@@ -116,7 +117,7 @@ _NAMES_OF_TESTS = {
     'vm110_bridge/session': (
         *('vm110_serials', 'vm110_stops', 'vm110_commands', *_VM110, *_SESSIONS, 'vm110_report'),
     ),
-    'vm110_bridge/protocol': ('vm110_protocol', *_VM110),
+    'vm110_bridge/protocol': ('vm110_protocol', 'vm110_convert', *_VM110),
 }
 
 

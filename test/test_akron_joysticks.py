@@ -67,7 +67,7 @@ def test_fault_of_a_joystick_is_forgotten_with_it_and_with_its_silence() -> None
     joysticks.forget()
     assert joysticks.faulty == ()
     joysticks.take(BROKEN, OTHER, NOW)
-    assert joysticks.expire(NOW + JOYSTICK_TIMEOUT) == [Sticks()]
+    assert joysticks.expire(NOW + JOYSTICK_TIMEOUT) == [Sticks((0, 0, 0, 0, 0), (False,) * 16, ())]
     assert joysticks.faulty == ()
     assert joysticks.expire(NOW + JOYSTICK_TIMEOUT) == []
 

@@ -29,6 +29,7 @@ from test.akron_session_rig import REST
 # The manual's examples: 50 % right, 40 % back, switch 2; grips alike, switch 15, no theta.
 BASIC, EXTENDED = '107D046400100000', '107D0464FFFF0004'
 HOLD = 1.0
+AT_REST = Sticks((0, 0, 0, 0, 0), (False,) * 16, ())  # 16 switches, as the manual's
 
 
 def heard(bench: Bench, data: str = BASIC, source: int = 0x33, pgn: int = 0xFDD6) -> list[Sticks]:
@@ -167,14 +168,14 @@ def test_silent_joystick_gives_one_neutral_after_the_manuals_200_ms() -> None:
     bench = Bench(joy_source=0x33).find_unit()
     heard(bench)
     assert of(Sticks, bench.wait(0.199)) == []
-    assert of(Sticks, bench.wait(0.002)) == [Sticks()]
+    assert of(Sticks, bench.wait(0.002)) == [AT_REST]
     assert of(Sticks, bench.wait(5.0)) == []
 
 
 def test_closed_port_gives_one_neutral() -> None:
     bench = Bench(joy_source=0x33).find_unit()
     heard(bench)
-    assert of(Sticks, bench.close()) == [Sticks()]
+    assert of(Sticks, bench.close()) == [AT_REST]
 
 
 FAULTY = [

@@ -22,6 +22,9 @@ from typing import Any
 import pytest
 
 from bridge_core.j1939 import CanFrame
+from bridge_core.report import Damage
+from bridge_core.report import LinkStatus
+from bridge_core.report import report
 from bridge_core.session import Level
 from test.akron_session_rig import Bench
 from test.akron_session_rig import ef
@@ -80,6 +83,15 @@ def test_what_is_asked_for_is_no_warning() -> None:
     assert told(OTHER_ANNOUNCED, device_pin=PIN) == []
     # Not available is not broken: there are units without sensors and calibration.
     assert told(ef('01000F000F000043')) == []
+
+
+def test_unit_that_is_not_moved_is_said_to_be_neutral_and_why() -> None:
+    bench = Bench().find_unit()
+    bench.run(0.1, REST, estop=True)
+    session = bench.session
+    port = LinkStatus(is_open=True)
+    status = report(port, session, Damage(session.counters), {}, bench.now).device
+    assert '; neutral: ' in status.message
 
 
 def test_stale_input_is_a_warning_and_a_command_that_is_held_none() -> None:

@@ -41,6 +41,7 @@ from test.akron_session_rig import ef
 from test.akron_session_rig import faults
 from test.akron_session_rig import joystick
 from test.akron_session_rig import LINK_LIMIT
+from test.akron_session_rig import moved
 from test.akron_session_rig import NAME
 from test.akron_session_rig import NO_FAULTS
 from test.akron_session_rig import NOT_ENABLED
@@ -328,6 +329,7 @@ def test_filters_pass_all_that_is_taken_and_hardly_more() -> None:
     ours = (ANNOUNCED, NAME, POSITION, OUTPUTS, NO_FAULTS, joystick(), joystick(pgn=0xFDD7))
     assert all(passes(frame) for frame in ours)
     assert all(passes(CanFrame(frame.identifier & 0x03FFFFFF, b'')) for frame in ours)
+    assert all(passes(moved(frame, source)) for frame in ours for source in range(256))
     name_request = CanFrame(0x18EAFF38, bytes.fromhex('00EE00'))
     others = (name_request, joystick(pgn=0xFDD8), CanFrame(0x18FEF100, b''))
     assert not any(passes(frame) for frame in others)

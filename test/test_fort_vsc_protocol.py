@@ -50,6 +50,8 @@ from fort_vsc_bridge.protocol.values import AutonomyMode
 from fort_vsc_bridge.protocol.values import estop_sources
 from fort_vsc_bridge.protocol.values import Key
 from fort_vsc_bridge.protocol.values import mode_name
+from fort_vsc_bridge.protocol.values import PERSISTENT_KEYS
+from fort_vsc_bridge.protocol.values import VALUE_RANGES
 from fort_vsc_bridge.simulator import build_frame  # the manual's own loop, not our codec
 from test.parser_rig import frames_of
 
@@ -204,6 +206,7 @@ def test_unknown_mode_is_never_operational() -> None:
         lambda: UserFeedback(100, 0),
         lambda: UserFeedback(-1, 0),
         lambda: UserFeedback(1, 2**31),
+        lambda: UserFeedback(1, -(2**31) - 1),
         lambda: UserFeedback(1, 1.5),  # type: ignore[arg-type]
         lambda: UserFeedbackGet(100),
         lambda: UserFeedbackName(100, 'x'),
@@ -221,9 +224,13 @@ def test_unknown_mode_is_never_operational() -> None:
         lambda: Joystick((Axis(0),) * 5, (Button(False),) * 8),
         lambda: Gps(0, 'x' * 248),
         lambda: Gps(256, ''),
+        lambda: Gps(0, 'Zürich'),
         lambda: Heartbeat(256, 0, 0),
+        lambda: Heartbeat(4, 256, 0),
         lambda: Heartbeat(4, 0, 2**32),
         lambda: RemoteStatus(101, False, 0, 0),
+        lambda: RemoteStatus(1, False, 256, 0),
+        lambda: RemoteStatus(1, False, 0, 256),
         lambda: RemoteStatus(1, False, 0, 0, b''),
     ],
 )
@@ -263,6 +270,12 @@ def test_unsound_frame_is_the_peers_fault(frame: bytes) -> None:
 def test_from_bytes_refuses_another_type() -> None:
     with pytest.raises(FrameError):
         RemoteStatus.from_bytes(GOLDEN[0])
+
+
+@pytest.mark.parametrize('key', [0, 99])
+def test_first_and_last_key_may_be_sent(key: int) -> None:
+    for message in (UserFeedback(key, 0), UserFeedbackName(key, ''), UserFeedbackGet(key)):
+        assert protocol.decode(message.to_bytes()) == message
 
 
 keys = st.integers(0, 99)
@@ -500,6 +513,17 @@ def test_modes_and_keys_have_the_manuals_numbers() -> None:
     assert [*map(int, Mode)] == [0, 1, 4, 6, 9, 10, 11]
     assert [*map(int, AutonomyMode)] == [0, 1, 2]
     assert [*map(int, Key)] == [*range(1, 13), *range(80, 86), *range(90, 94), 99]
+
+
+def test_values_that_may_be_set_are_those_of_table_24() -> None:
+    whole, switch = (-(2**31), 2**31 - 1), (0, 1)
+    assert {
+        **dict.fromkeys(range(1, 10), whole),
+        **dict.fromkeys((10, 11, 12, 81, 82, 83, 84, 85), switch),
+        80: (0, 10),
+        99: (0, 3),
+    } == VALUE_RANGES
+    assert [*PERSISTENT_KEYS] == [80, 81, 82, 83, 84, 85]
 
 
 @pytest.mark.parametrize('length', [1, 2, 247, 248])

@@ -29,10 +29,16 @@ import pytest
 from bridge_core.session import Level
 from fort_vsc_bridge.convert import joy
 from fort_vsc_bridge.parameters import PARAMETERS
+from fort_vsc_bridge.protocol import AutonomyMode
 from fort_vsc_bridge.protocol import AXIS_NAMES
 from fort_vsc_bridge.protocol import BUTTON_NAMES
+from fort_vsc_bridge.protocol import CanIds
 from fort_vsc_bridge.protocol import CanWire
+from fort_vsc_bridge.protocol import encode_frame
+from fort_vsc_bridge.protocol import Heartbeat
 from fort_vsc_bridge.protocol import HidWire
+from fort_vsc_bridge.protocol import HostHeartbeat
+from fort_vsc_bridge.protocol import Mode
 from fort_vsc_bridge.protocol import SerialWire
 from fort_vsc_bridge.protocol import UserFeedback
 from fort_vsc_bridge.session import Session
@@ -43,6 +49,7 @@ from fort_vsc_bridge.simulator import HidSimulator
 from fort_vsc_bridge.simulator import Simulator
 from test.session_rig import SessionBench
 
+ALIVE = Heartbeat(Mode.OPERATIONAL, AutonomyMode.USER_CONTROL, 0)
 HID_STEP = 1 / 127
 OPPOSITE = ({'left_up', 'left_down'}, {'left_left', 'left_right'})  # a HID pad has no such
 
@@ -88,6 +95,40 @@ def test_wire_that_carries_nothing_lets_nothing_pass() -> None:
     SerialWire().check(message)
     with pytest.raises(ValueError, match='transport hid cannot carry'):
         HidWire().check(message)
+    with pytest.raises(ValueError, match='transport can cannot carry'):
+        CanWire().check(HostHeartbeat(estop=False))
+
+
+def test_nothing_is_sent_more_often_than_tables_17_and_34_allow() -> None:
+    serial = {kind.name: 1 / period for kind, period in SerialWire.PERIODS.items()}
+    assert serial == {
+        'HOST_HEARTBEAT': 20,
+        'USER_FEEDBACK': 20,
+        'USER_FEEDBACK_NAME': 4,
+        'USER_FEEDBACK_GET': 20,
+        'MESSAGE_CONTROL': 4,  # the table gives no rate
+    }
+    can = {kind.name: 1 / period for kind, period in CanWire.PERIODS.items()}
+    assert can == {'USER_FEEDBACK': 10, 'USER_FEEDBACK_NAME': 10}
+
+
+@pytest.mark.parametrize(
+    ('wire', 'frame', 'to_do'),
+    [
+        (SerialWire(), ALIVE.to_bytes(), 'set device.joystick_interval_ms'),
+        (CanWire(), encode_frame('heartbeat', ALIVE, CanIds()), 'compare can.left_basic'),
+    ],
+)
+def test_missing_joystick_messages_are_told_with_what_to_do(
+    wire: Any, frame: Any, to_do: str
+) -> None:
+    bench = SessionBench(Session(Settings(wire=wire)))
+    bench.open()
+    for _ in range(100):
+        bench.now += 0.05
+        bench.take(frame)
+    (text,) = [text for _, text in bench.session.problems(bench.now) if 'no joystick' in text]
+    assert text.startswith(to_do)
 
 
 class Bench(SessionBench[Session]):

@@ -23,6 +23,8 @@ from typing import Any
 
 import pytest
 
+from akron_can_bridge.parameters import Cause
+from akron_can_bridge.parameters import PARAMETERS as AKRON_PARAMETERS
 from akron_can_bridge.session import Settings as AkronSettings
 from bridge_core.parameters import Parameter
 from esi_drive_bridge.parameters import PARAMETERS as ESI_PARAMETERS
@@ -40,6 +42,8 @@ from ssc_bridge.protocol import DigitalInput
 from ssc_bridge.protocol import PulseAccumulator
 from ssc_bridge.session import Settings as SscSettings
 from test.esi_drive_rig import make_settings
+from vm110_bridge.parameters import PARAMETERS as VM110_PARAMETERS
+from vm110_bridge.session import Settings as Vm110Settings
 
 PAN = AxisInput('pan', 1)
 
@@ -139,3 +143,30 @@ def test_switches_of_the_monitor_beyond_the_first_message_need_the_second() -> N
     AkronSettings(button_switches=(1, 12))
     refused(AkronSettings, 'need extended', button_switches=(1, 13))
     AkronSettings(button_switches=(1, 13), extended=True)
+
+
+def test_switches_that_start_motion_are_asked_for_twice() -> None:
+    for switch in range(1, 13):
+        if switch in (4, 7, 8, 9):  # oscillate, its pause, deploy, stow
+            refused(AkronSettings, 'start motion', button_switches=(switch,))
+        AkronSettings(button_switches=(switch,), automatic_motion=True)
+
+
+def test_address_of_the_monitor_needs_its_type_and_is_no_joystick() -> None:
+    AkronSettings(unit_address=0x80, device_type=1040)
+    refused(AkronSettings, 'needs a device_type', unit_address=0x80, device_type=0)
+    refused(AkronSettings, '33 is a joystick', unit_address=0x33)
+
+
+def test_monitor_is_as_its_parameters_say() -> None:
+    changes = {'allowed_joysticks': [0, 0x33], 'button_switches': [1], 'estop_on': ['motor_fault']}
+    settings = AkronSettings.from_parameters(defaults(AKRON_PARAMETERS, **changes))
+    assert settings.allowed_joysticks == {0x33}  # 0 stands for none
+    assert settings.button_switches == (1,)
+    assert settings.estop_on == {Cause.MOTOR_FAULT}
+    assert settings.link_timeout == AkronSettings().link_timeout
+
+
+def test_base_unit_is_as_its_parameters_say() -> None:
+    settings = Vm110Settings.from_parameters(defaults(VM110_PARAMETERS, bu_id=7))
+    assert settings == Vm110Settings(bu_id=7)

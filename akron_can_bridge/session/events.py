@@ -47,8 +47,8 @@ class UnitChanged:
     """
 
     text: str
-    pin: str = ''
-    device_type: int = 0
+    pin: str
+    device_type: int
 
 
 @dataclass(frozen=True, slots=True)

@@ -57,7 +57,6 @@ class EStopBits(IntFlag):
 
     SRC = 0x03  # button of the remote, or the remote is lost
     VSC = 0x0C  # wired input of the VSC
-    RESERVED = 0x30
     USER = 0xC0  # host heartbeat 0x21: asked for, or missing past the User E-STOP Timeout
 
 
