@@ -145,12 +145,13 @@ class SafetyMux(ManagedNode):
     def on_configure(self, state: Any) -> TransitionCallbackReturn:
         """Take over parameters that were changed since construction."""
         del state
-        if self.values == self._built_from:
-            return TransitionCallbackReturn.SUCCESS
-        return self._transition(lambda: self.lane.call(self._rebuild), 'configure')
+        return self._transition(self._take_parameters, 'configure')
 
     def on_activate(self, state: Any) -> TransitionCallbackReturn:
-        """Begin to decide; STOPPED until a reset."""
+        """Take over parameters that were changed since, and begin to decide: STOPPED at first."""
+        result = self._transition(self._take_parameters, 'activate')
+        if result != TransitionCallbackReturn.SUCCESS:
+            return result
         self.active = True
         self.lane.post(self._let_go)
         return super().on_activate(state)
@@ -164,6 +165,11 @@ class SafetyMux(ManagedNode):
             self.lane.post(self._stop)
             self.get_logger().error(str(error))
 
+    def _take_parameters(self) -> None:
+        """Build all anew if a parameter is another one now."""
+        if self.values != self._built_from:
+            self.lane.call(self._rebuild)
+
     def _let_go(self) -> None:
         self._hold(clock.now())
 
@@ -174,7 +180,7 @@ class SafetyMux(ManagedNode):
 
     def _build(self) -> None:
         """Make the arbiter and subscribe to all that it listens to."""
-        values = self._built_from = self.values
+        values = self.values
         self._intake = Intake(values, clock.now(), self._on_sound_joy)
         self._arbiter = self._intake.arbiter
         self._hold(clock.now())
@@ -192,6 +198,7 @@ class SafetyMux(ManagedNode):
         for operator in self._intake.config.operators:
             if values[f'operator.{operator.name}.gated_joy']:
                 self._gated_joys[operator.name] = self._gated_joy(operator.name)
+        self._built_from = values
 
     def _gated_joy(self, name: str) -> GatedJoy:
         return GatedJoy(

@@ -541,6 +541,36 @@ def test_inactive_mux_says_stop_all_the_time_and_activation_is_stopped(
         mux.close()
 
 
+def test_parameters_that_are_set_while_inactive_count_from_the_activation_on(
+    observer: Observer,
+) -> None:
+    mux = MuxBench(observer)
+    try:
+        mux.active(1.0)
+        mux.wait(lambda: min(mux.command.last.velocity) > 2.5, 'a speed beyond the limit to come')
+        assert not observer.set_parameter(mux.name, 'joint.left.max', 2.0)[0]
+        assert observer.change_state(mux.name, 'deactivate')
+        button = Talker(observer, Bool, f'{mux.space}/button', Bool(data=False))
+        for name, value in (
+            ('operator.fort.scale', [2.0]),
+            ('joint.left.max', 2.0),
+            ('joint.right.max', 2.0),
+            ('estop.fort.topic', f'{mux.space}/button'),
+        ):
+            assert observer.set_parameter(mux.name, name, value) == (True, '')
+        mux.joy.message = sticks()
+        mux.command.clear()
+        assert observer.change_state(mux.name, 'activate')
+        mux.active(1.0)
+        mux.wait(lambda: max(mux.command.last.velocity) == 2.0, 'the new limit')
+        mux.observer.holds_for(lambda: max(mux.command.last.velocity) <= 2.0, 0.5)
+        assert max(max(message.velocity) for message in mux.command.messages) == 2.0
+        button.message = Bool(data=True)  # the topic of before still says clear
+        mux.wait(lambda: mux.says('STOPPED'), 'the stop of the new topic')
+    finally:
+        mux.close()
+
+
 def test_stop_that_follows_a_stop_is_logged_and_no_reason_is_told_twice(
     observer: Observer,
 ) -> None:
