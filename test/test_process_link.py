@@ -24,6 +24,7 @@ from collections.abc import Callable
 from collections.abc import Iterator
 from collections.abc import Sequence
 import contextlib
+import errno
 import functools
 import os
 from pathlib import Path
@@ -800,6 +801,27 @@ def test_node_that_takes_nothing_for_long_interrupts_the_session_once(
     assert len(interrupted) == 1
     node.on_events([StopChanged(Verdict.stop())], 2.0)
     assert 'on_events' in read_all(theirs)
+
+
+def test_what_the_kernel_had_no_memory_for_is_lost_too(
+    ends: tuple[Node, socket.socket], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    node, _ = ends
+    interrupted: list[float] = []
+    node.wire = SimpleNamespace(  # type: ignore[assignment]
+        interrupt=lambda reason, now: interrupted.append(now)
+    )
+
+    def send(data: bytes) -> None:
+        raise OSError(errno.ENOBUFS, 'no buffer space')
+
+    with monkeypatch.context() as patch:
+        patch.setattr(node, '_socket', SimpleNamespace(send=send))
+        node.on_events([StopChanged(Verdict.stop())], 1.0)
+        node.pace(clock.now())
+    assert interrupted == []
+    node.pace(clock.now())
+    assert len(interrupted) == 1
 
 
 def test_wire_takes_in_what_was_asked_before_the_node_went(

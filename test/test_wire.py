@@ -575,6 +575,14 @@ def test_owner_that_lost_the_loss_of_the_port_gets_its_stop(bench: WireBench) ->
     assert 'interrupted' not in bench.session.calls
 
 
+def test_owner_that_lost_the_stop_of_a_silent_device_gets_it(bench: WireBench) -> None:
+    bench.run()
+    bench.session.verdict = Verdict.stop('silent', link_up=False)  # it was told, but lost
+    bench.wire.interrupt('something was lost', bench.now)
+    assert bench.owner.told[-1] is True
+    assert bench.owner.verdicts[-1] == Verdict.stop(link_up=False)
+
+
 def test_owner_that_lost_something_of_no_session_gets_nothing(bench: WireBench) -> None:
     bench.step()
     bench.log()

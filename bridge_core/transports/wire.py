@@ -274,11 +274,15 @@ class Wire(Generic[FrameT]):
         """Demand a stop: something was lost that may have been one. For the owner's ``pace``."""
         if self._session is None:
             return
+        verdict = Verdict.stop(self.status.error, link_up=False)
+        told = False
         if self.status.is_open:
+            before = self._session.verdict
             self._session.interrupted(reason, now)
+            verdict = self._session.verdict
+            told = verdict != before
             self._exchange(False, now)
-        else:  # the session has stopped with the port, and it may be just that which was lost
-            verdict = Verdict.stop(self.status.error, link_up=False)
+        if not told:  # it has stopped before, and it may be just that which was lost
             self._owner.on_events([StopChanged(verdict)], now)
 
     # -- what is asked ----------------------------------------------------------------------------

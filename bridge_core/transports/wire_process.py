@@ -125,10 +125,8 @@ class Node:
         self._told_at = clock.now()
         try:
             self._socket.send(pickle.dumps((name, arguments)))
-        except BlockingIOError:
+        except OSError:  # no room; or the node is gone, as take() finds out
             self._lost = True
-            return False
-        except OSError:  # the node is gone; take() finds out
             return False
         return True
 
