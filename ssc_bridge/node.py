@@ -64,6 +64,7 @@ class SscBridge(BridgeNode[Event]):
 
     def __init__(self, **options: Any) -> None:
         self._streaming = False  # sticks that ask for something were published last
+        self._commanded = False  # outputs without a name were, which no session after this knows
         super().__init__('ssc_bridge', **options)
 
     def parameter_table(self, given: dict[str, Any]) -> tuple[Parameter, ...]:
@@ -120,6 +121,8 @@ class SscBridge(BridgeNode[Event]):
             self.log(Level.WARN, text, site='failsafe')
         elif isinstance(event, ConfigurationRead):
             self._log_configuration(event)
+            if self._commanded:
+                self.request(Session.claim_outputs, stop=True)
 
     def _publish_sticks(self, sticks: Sticks) -> None:
         axes = self._settings.axes
@@ -150,6 +153,7 @@ class SscBridge(BridgeNode[Event]):
         except ValueError as error:
             self._refuse_command('pulse_command', str(error))
         else:
+            self._commanded |= self.active
             self.request(Session.set_pulses, us, key='pulse_command')
 
     def _on_servo_command(self, message: Any) -> None:

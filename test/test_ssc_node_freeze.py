@@ -25,6 +25,8 @@ from typing import Any
 
 import pytest
 from sensor_msgs.msg import JointState
+from std_msgs.msg import Bool
+from std_msgs.msg import UInt16MultiArray
 
 from test.rig import NodeProcess
 from test.rig import Observer
@@ -150,6 +152,21 @@ def test_wire_that_dies_says_nothing_old_of_the_device(observer: Observer, tmp_p
         bench.wait(lambda: [m for m in bench.joy.messages if list(m.buttons) == [0]], 'neutral')
         bench.wait(lambda: [text for text in bench.state.data if text != before], 'no state')
         bench.wait(lambda: bench.state.last.data == before, 'the state of the new wire')
+
+
+def test_new_wire_releases_outputs_without_a_name_that_were_driven(
+    observer: Observer, tmp_path: Path
+) -> None:
+    """Nothing of the new process knows of them, and a stop lets no command through."""
+    with bench_of(tmp_path, observer) as bench:
+        bench.connect()
+        bench.talker(UInt16MultiArray, 'pulse_command', UInt16MultiArray(data=[1800]))
+        bench.wait(lambda: bench.seen()['serial_us'][0] == 1800, 'the output')
+        wire = frozen(bench, 'wire')
+        os.kill(wire, signal.SIGSTOP)  # it says no farewell of its own
+        bench.estop_in.message = Bool(data=True)
+        bench.wait(lambda: not is_running(wire), 'the end of the wire')
+        bench.wait(lambda: bench.seen()['serial_us'][0] == 0, 'the release')
 
 
 @pytest.mark.parametrize('number', [signal.SIGKILL, signal.SIGSEGV])

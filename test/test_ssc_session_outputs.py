@@ -25,17 +25,21 @@ from hypothesis import settings
 from hypothesis import strategies as st
 import pytest
 
+from bridge_core.transports import serial
 from ssc_bridge.channels import Failsafe
 from ssc_bridge.channels import Servo
 from ssc_bridge.session import FailsafeBegun
 from ssc_bridge.session import RELEASE_FRAMES
 from ssc_bridge.session import Session
 from ssc_bridge.session import Settings
+from ssc_bridge.session.outputs import RELEASE_TIME
 from test.ssc_rig import GRIP
 from test.ssc_rig import OUTPUTS
 from test.ssc_rig import PAN
 from test.ssc_rig import Rig
 from test.ssc_rig import TILT
+
+RELEASES = 50  # for a second, at the rate as delivered
 
 
 def servo_rig(**changes: Any) -> Rig:
@@ -382,16 +386,16 @@ def test_command_is_stale_at_the_promised_deadline() -> None:
     assert rig.now == pytest.approx(begun + 0.237, abs=1e-4)
 
 
-def test_released_means_a_few_messages_without_pulses_and_then_none() -> None:
+def test_released_means_messages_without_pulses_for_a_second_and_then_none() -> None:
     rig = Rig(servos=(PAN,)).start()
-    rig.tick(20)
-    assert rig.pulses() == [(0,) * OUTPUTS] * RELEASE_FRAMES  # what was before us is undone
+    rig.tick(150)
+    assert rig.pulses() == [(0,) * OUTPUTS] * RELEASES  # what was before us is undone
     rig.tick(10, servos(pan=0.0))
     since = rig.now + 0.001
-    rig.tick(100)
+    rig.tick(200)
     pulsing = [us for us in rig.pulses(since) if any(us)]
     assert 11 <= len(pulsing) <= 13  # until the command is stale
-    assert rig.pulses(since)[len(pulsing) :] == [(0,) * OUTPUTS] * RELEASE_FRAMES
+    assert rig.pulses(since)[len(pulsing) :] == [(0,) * OUTPUTS] * RELEASES
 
 
 @pytest.mark.parametrize('failsafe', [Failsafe.RELEASE, Failsafe.HOLD])
@@ -407,11 +411,11 @@ def test_release_is_repeated_when_the_device_comes_back() -> None:
     rig = Rig().start()
     rig.tick(5, pulses(1500))
     rig.mute = set(range(10, 16))
-    rig.tick(60)
+    rig.tick(160)
     rig.mute = set()
     since = rig.now + 0.001
-    rig.tick(60)
-    assert rig.pulses(since) == [(0,) * OUTPUTS] * RELEASE_FRAMES
+    rig.tick(160)
+    assert rig.pulses(since) == [(0,) * OUTPUTS] * RELEASES
 
 
 def test_release_is_repeated_when_the_port_comes_back() -> None:
@@ -420,8 +424,8 @@ def test_release_is_repeated_when_the_port_comes_back() -> None:
     rig.session.closed(rig.now)
     since = rig.now = rig.now + 1.0
     rig.session.opened(rig.now)
-    rig.tick(90)
-    assert rig.pulses(since) == [(0,) * OUTPUTS] * RELEASE_FRAMES
+    rig.tick(180)
+    assert rig.pulses(since) == [(0,) * OUTPUTS] * RELEASES
 
 
 def test_device_that_is_plugged_in_again_is_looked_at_before_it_is_commanded() -> None:
@@ -435,6 +439,66 @@ def test_device_that_is_plugged_in_again_is_looked_at_before_it_is_commanded() -
     assert rig.pulses() == []
     rig.tick(3)
     assert rig.pulses()
+
+
+def test_release_outlasts_a_port_that_takes_nothing_for_as_long_as_it_may() -> None:
+    """A port that takes nothing for half a second is closed; what it refuses is gone."""
+    rig = Rig().start()
+    rig.tick(5, pulses(1500))
+    rig.session.set_estop(True, rig.now)
+    stalled, since = rig.now + serial._STALL_TIMEOUT, rig.now
+    rig.tick(160)
+    assert all(not any(us) for us in rig.pulses(since + 1e-6))
+    assert len(rig.pulses(stalled)) >= RELEASE_FRAMES
+
+
+@pytest.mark.parametrize('rate', [1.0, 50.0, 200.0])
+def test_release_takes_its_time_at_any_rate(rate: float) -> None:
+    rig = Rig(servos=(PAN,), command_rate=rate).start()
+    rig.tick(500)
+    assert len(rig.pulses()) == max(RELEASE_FRAMES, rate * RELEASE_TIME)
+
+
+def test_outputs_of_a_session_before_are_released_once_they_are_claimed() -> None:
+    rig = Rig(failsafe=Failsafe.RELEASE).start()
+    rig.tick(50)
+    assert rig.pulses() == []
+    rig.session.claim_outputs(rig.now)
+    rig.tick(150)
+    assert rig.pulses() == [(0,) * OUTPUTS] * RELEASES
+    rig.session.claim_outputs(rig.now)
+    rig.tick(50)
+    assert len(rig.pulses()) == RELEASES
+
+
+def test_output_that_was_commanded_to_have_no_pulse_is_held_without_one() -> None:
+    rig = Rig(servos=(), failsafe=Failsafe.HOLD).start()
+    rig.tick(5, pulses(1800, 1600))
+    since = rig.now + 0.001
+    rig.tick(5, pulses(0, 1600))
+    rig.outputs[0] = 1800  # the device's answer is an older one
+    rig.session.set_estop(True, rig.now)
+    rig.tick(60)
+    assert {us[:2] for us in rig.pulses(since)} == {(0, 1600)}
+
+
+def test_what_is_to_be_held_is_looked_for_until_the_device_tells_it() -> None:
+    rig = Rig(servos=(GRIP, PAN))
+    rig.outputs[4] = 1234
+    rig.mute = {12}
+    rig.tick(80)
+    assert rig.pulses() == []
+    rig.mute = set()
+    rig.tick(50)
+    assert rig.pulses()
+    assert all(us[4] == 1234 for us in rig.pulses())
+
+
+def test_what_is_to_be_held_is_not_looked_for_for_ever() -> None:
+    rig = Rig(servos=(GRIP, PAN))
+    rig.mute = {12}
+    rig.tick(130)
+    assert rig.pulses()[0] == (0,) * OUTPUTS
 
 
 def test_hold_before_any_command_keeps_what_the_device_has() -> None:

@@ -34,8 +34,8 @@ from ssc_bridge.protocol import Measurement
 from ssc_bridge.protocol import PulseAccumulator
 from ssc_bridge.protocol import PulseOutput
 
-UNDO_FRAMES = 3  # one may be lost, or find the line busy
 _UNDO_PERIOD = 0.05  # s
+UNDO_FRAMES = 20  # for 1 s: as long as releases, see RELEASE_TIME in outputs
 _T = TypeVar('_T', DigitalOutput, PulseOutput)
 
 

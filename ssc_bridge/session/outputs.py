@@ -16,9 +16,9 @@
 What goes to the pulse outputs: limits, rates, and the failsafe of each.
 
 A message 20 carries all outputs at once (4.2.2.1), so none can be left out of it. Released means
-no pulse there: 0, as 3.3 has it for constants. Once all outputs are released, a few such messages
-go out and then none. Silence alone would not do: the manual does not say that the SSC ever forgets
-a command.
+no pulse there: 0, as 3.3 has it for constants. Once all outputs are released, such messages go out
+for a while and then none. Silence alone would not do: the manual does not say that the SSC ever
+forgets a command.
 """
 
 from __future__ import annotations
@@ -34,15 +34,19 @@ from ssc_bridge.protocol import PULSE_CHANNELS
 from ssc_bridge.protocol import PulseCommand
 from ssc_bridge.session.settings import Settings
 
-RELEASE_FRAMES = 3  # one may be lost
-# s from the configuration to the first command, for the device to tell what its outputs do now.
+RELEASE_FRAMES = 3  # at least; one may be lost
+# s; a port takes nothing for half as long before it is given up, and what it refuses is gone.
+RELEASE_TIME = 1.0
+# s from the configuration to the first command, for the device to tell what its outputs do now;
+# the longer one while that is not known of an output that is to be held.
 _LOOK_FIRST = 0.1
+_LOOK_LONGEST = 1.0
 
 
 class Channel:
     """One pulse output. :param timeout: s after which a command is stale."""
 
-    __slots__ = ('_at', '_target', 'command', 'servo', 'us')
+    __slots__ = ('_at', '_commanded', '_target', 'command', 'servo', 'us')
 
     def __init__(self, servo: Servo, timeout: float) -> None:
         self.servo = servo
@@ -50,11 +54,17 @@ class Channel:
         self.us = 0.0  # what goes out; 0: no pulse
         self._target = 0.0
         self._at = 0.0  # where the servo was last, as far as is known; 0: nowhere yet
+        self._commanded = False  # ``us`` is what was asked for last, not what was found
 
     @property
     def driven(self) -> bool:
         """Something has to be sent for it."""
         return self.command.heard or self.us > 0.0
+
+    @property
+    def is_sought(self) -> bool:
+        """What it has now is to be held, and is not known."""
+        return self.servo.failsafe is Failsafe.HOLD and not (self._commanded or self._at)
 
     def ask(self, us: float, now: float) -> bool:
         """Take a command; tell whether it had to be limited."""
@@ -71,12 +81,13 @@ class Channel:
         """Move on by this much time and return the pulse, µs."""
         if self.command.heard:
             self.us = self._towards(self._target, self.servo.rate_us_per_s * seconds)
+            self._commanded = True
         elif self.servo.failsafe is Failsafe.PULSE:
             self.us = self.servo.failsafe_us
         elif self.servo.failsafe is Failsafe.RELEASE:
             self.us = 0.0
-        else:
-            self.us = self.us or self._at
+        elif not self._commanded:  # else it is held: no pulse, too, if that was asked for
+            self.us = self._at
         self._at = self.us or self._at
         return round(self.us)
 
@@ -104,6 +115,8 @@ class Outputs:
         self._stepped = -math.inf
         self._urgent = False
         self._in_use = bool(settings.servos)  # outputs are ours: there is something to undo
+        self._release_frames = max(RELEASE_FRAMES, math.ceil(RELEASE_TIME * settings.command_rate))
+        self._looks_until: float | None = None  # at least, while something to be held is sought
         self._releases = 0  # frames without a pulse that are still to be sent
 
     def begin(self, now: float) -> None:
@@ -112,13 +125,21 @@ class Outputs:
 
         What was sent before it went, by this process or one before it, must not stay in force.
         """
-        self._pacer.start(now + _LOOK_FIRST)
-        self._releases = RELEASE_FRAMES if self._in_use else 0
+        is_sought = any(channel.is_sought for channel in self._channels)
+        self._looks_until = now + _LOOK_FIRST if is_sought else None
+        self._pacer.start(now + (_LOOK_LONGEST if is_sought else _LOOK_FIRST))
+        self._releases = self._release_frames if self._in_use else 0
+
+    def claim(self) -> None:
+        """Take the outputs as ours: somebody commanded them before this session."""
+        if not self._in_use:
+            self._in_use, self._releases = True, self._release_frames
 
     def end(self) -> None:
         """Send no more: the port is closed."""
         self.forget()
         self._pacer.stop()
+        self._looks_until = None
         self._urgent = False
 
     def ask(self, number: int, us: float, now: float) -> None:
@@ -141,8 +162,11 @@ class Outputs:
         self._urgent = self._urgent or bool(channels)
         return [channel.servo.name for channel in channels]
 
-    def driven_elsewhere(self, us: Sequence[int | None]) -> None:
+    def driven_elsewhere(self, us: Sequence[int | None], now: float) -> None:
         """Note what drives the outputs, as the device says."""
+        if self._looks_until is not None:
+            self._pacer.start(max(self._looks_until, now))
+            self._looks_until = None
         for channel, pulse in zip(self._channels, us, strict=False):
             if pulse is not None:
                 channel.driven_elsewhere(pulse)
@@ -170,7 +194,7 @@ class Outputs:
         channels = self._channels[:count]
         us = tuple(channel.step(seconds) for channel in channels)
         if any(channel.driven for channel in channels):
-            self._releases = RELEASE_FRAMES
+            self._releases = self._release_frames
         elif self._releases:
             self._releases -= 1
         else:

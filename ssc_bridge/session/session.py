@@ -195,7 +195,7 @@ class Session(BaseSession[bytes, Message | Poll, Event]):
     def farewell(self, now: float) -> list[bytes]:
         """Return what brings every output to its failsafe, as nobody will command any more."""
         self._stop(['the node leaves'], now)
-        # As often as releases are sent: one may be lost.
+        # One may be lost; what the port refuses, the wire tries again.
         return [
             frame
             for _ in range(RELEASE_FRAMES)
@@ -276,7 +276,7 @@ class Session(BaseSession[bytes, Message | Poll, Event]):
         if isinstance(message, PulseInputs):
             self._take_inputs(message, now)
         elif isinstance(message, PulseOutputs):
-            self.outputs.driven_elsewhere(message.us)
+            self.outputs.driven_elsewhere(message.us, now)
             self._emit(PulsesOut(message.us))
         elif isinstance(message, AuxInputs):
             self._aux_outputs.seen(message.levels)
@@ -398,6 +398,12 @@ class Session(BaseSession[bytes, Message | Poll, Event]):
         except ValueError as error:
             self.refuse_command(str(error), now)
             raise
+
+    def claim_outputs(self, now: float) -> None:
+        """Bring all outputs to their failsafe: a session before this one may have driven them."""
+        self._commanded = True
+        self.outputs.claim()
+        self._refresh(now)
 
     def refuse_command(self, reason: str, now: float) -> None:
         """Note a command that makes no sense: from now on there is no fresh one."""
