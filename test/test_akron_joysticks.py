@@ -18,6 +18,8 @@ from __future__ import annotations
 
 from typing import Any
 
+import pytest
+
 from akron_can_bridge.protocol import Axis
 from akron_can_bridge.protocol import BasicJoystick
 from akron_can_bridge.protocol import ExtendedJoystick
@@ -70,6 +72,18 @@ def test_fault_of_a_joystick_is_forgotten_with_it_and_with_its_silence() -> None
     assert joysticks.expire(NOW + JOYSTICK_TIMEOUT) == [Sticks((0, 0, 0, 0, 0), (False,) * 16, ())]
     assert joysticks.faulty == ()
     assert joysticks.expire(NOW + JOYSTICK_TIMEOUT) == []
+
+
+@pytest.mark.parametrize('source', [0x32, 0x39])
+def test_sender_that_no_unit_obeys_asks_for_nothing(source: int) -> None:
+    joysticks = Joysticks(Settings())
+    for message in (RIGHT, GRIP):
+        assert joysticks.take(message, source, NOW) == []
+    assert joysticks.moving(NOW) == []
+    assert joysticks.asked_until < NOW
+    assert not joysticks.automatic_asked
+    joysticks.take(GRIP, OTHER, NOW)
+    assert joysticks.automatic_asked
 
 
 def test_deflected_joystick_asks_for_motion_until_it_is_silent() -> None:

@@ -127,10 +127,22 @@ def test_pause_is_not_pressed_against_a_joystick_that_commands_motion() -> None:
     bench.run(0.1, REST)
     start = bench.now
     bench.run(0.5, REST, estop=True)
-    assert bench.all_neutral(start + 1e-9)
-    bench.says.pop()
+    bench.says.pop()  # and coasts
     bench.run(0.5, REST, estop=True)
-    assert PAUSE in bench.joystick_frames(start)
+    assert bench.all_neutral(start + 1e-9)
+
+
+@pytest.mark.parametrize('coasts', [0.0, 0.4])
+def test_stop_of_a_stick_does_not_resume_an_oscillation_that_is_paused(coasts: float) -> None:
+    """Type 81 may say "oscillating" of that too, and it is the stick that changes the angles."""
+    bench = oscillating()
+    bench.run(1.0, MOVE)
+    bench.estop_in(True)
+    start = bench.now
+    bench.run(coasts, REST, estop=True)
+    bench.turns = False
+    bench.run(3.0, REST, estop=True)
+    assert bench.all_neutral(start + 1e-9)
 
 
 @pytest.mark.parametrize('asked', [False, True])

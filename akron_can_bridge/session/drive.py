@@ -86,6 +86,7 @@ class Drive:
         self._is_open = False  # what is asked goes out
         self._command = REST
         self.asked_until = -math.inf  # our command asked the unit to move
+        self.steered_until = -math.inf  # by its stick
         self._pause_until = -math.inf
         self._pacer = Pacer(JOYSTICK_PERIOD)
         self._permissive_pacer = Pacer(PERMISSIVE_PERIOD)
@@ -192,9 +193,14 @@ class Drive:
         if command == REST and not self.forbidden(now, stops):
             self._is_open = True
         if self._is_open:
-            if self.moving:
-                self.asked_until = now
+            self._end_command(now)
             self._command = command
+
+    def _end_command(self, now: float) -> None:
+        if self.moving:
+            self.asked_until = now
+        if self._command.basic.x.value != 0 or self._command.basic.y.value != 0:
+            self.steered_until = now
 
     def refuse_command(self, reason: str) -> None:
         """Note a command that makes no sense: there is none that counts until the next one."""
@@ -251,8 +257,7 @@ class Drive:
     def _shut(self, reasons: Sequence[str], now: float) -> tuple[str, ...]:
         """Forget what was asked, and have a neutral frame go out with the next poll."""
         self._is_open = False
-        if self.moving:
-            self.asked_until = now
+        self._end_command(now)
         self._command = REST
         self.last_stop = tuple(reasons)
         self._pacer.start(now)

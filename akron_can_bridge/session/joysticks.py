@@ -34,6 +34,7 @@ from akron_can_bridge.session.events import AXIS_NAMES
 from akron_can_bridge.session.events import Sticks
 from akron_can_bridge.session.settings import Settings
 from bridge_core.j1939 import CanFrame
+from bridge_core.session import HeldButtons
 from bridge_core.session import StickStream
 from bridge_core.watchdog import Watchdog
 
@@ -66,6 +67,7 @@ class Joysticks:
         self._extended_heard = Watchdog(JOYSTICK_TIMEOUT)
         self._extended = _NO_EXTENDED
         self._stream = StickStream()
+        self._held = HeldButtons(JOYSTICK_TIMEOUT)
 
     def forget(self) -> None:
         """Forget all that was heard."""
@@ -83,7 +85,9 @@ class Joysticks:
     def take(
         self, message: BasicJoystick | ExtendedJoystick, source: int, now: float
     ) -> list[Sticks]:
-        """Take a sound frame; return what to report of it."""
+        """Take a sound frame; return what to report of it. A unit obeys no other addresses."""
+        if source not in JOYSTICK_ADDRESSES:
+            return []
         if isinstance(message, BasicJoystick):
             self._deflected.pop(source, None)
             if message.x.value != 0 or message.y.value != 0:
@@ -157,12 +161,10 @@ class Joysticks:
         switches = basic.switches + extended.switches
         faulty = (*_faulty_axes(axes), *_faulty_switches(switches))
         if faulty and not self._settings.tolerate_faulty_axes:
+            self._held.miss(now, stopped=False)
             return Sticks(faulty=faulty)
-        return Sticks(
-            tuple(axis.value or 0 for axis in axes),
-            tuple(switch is Status.ON for switch in switches),
-            faulty,
-        )
+        pressed = self._held.of(tuple(switch is Status.ON for switch in switches), now)
+        return Sticks(tuple(axis.value or 0 for axis in axes), tuple(map(bool, pressed)), faulty)
 
 
 def _is_of_vsc(frame: CanFrame) -> bool:

@@ -361,11 +361,14 @@ class Session(BaseSession[CanFrame, Received, Event]):
         Tell whether a stop is to press oscillate pause / resume.
 
         It is one switch for both: only an oscillation that surely runs is paused, and only once.
+        Angles that change while a stick steers the unit, or until it has coasted, say nothing.
         """
         if not now < self._pause_until or self.motion.began_at <= self._pause_at:
             return False
-        asked = self.drive.moving or self.joysticks.moving(now)
-        return self.motion.oscillates(now) and self.motion.moving(now) and not asked
+        steered_until = max(self.drive.steered_until, self.joysticks.asked_until)
+        if self.drive.moving or now < steered_until + self.settings.coast_time:
+            return False
+        return self.motion.oscillates(now) and self.motion.moving(now)
 
     def _permitted(self, now: float) -> Permission:
         stopped = self.withheld or self.drive.forbidden(now, self._holds())

@@ -77,7 +77,7 @@ def motion(what: str) -> str:
 def silent(foreign: str, silence: str) -> dict[Cause, str]:
     """Return the causes while the unit is not heard. :param silence: why it may be."""
     # Nothing else is known then either; said once, whichever of them counts.
-    found = dict.fromkeys((Cause.LINK, Cause.ENABLE, Cause.MOTOR_FAULT), silence)
+    found = dict.fromkeys((Cause.LINK, Cause.ENABLE, Cause.MOTOR_FAULT, Cause.MOTION), silence)
     return {**found, Cause.FOREIGN_JOYSTICK: foreign} if foreign else found
 
 
