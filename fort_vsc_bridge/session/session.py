@@ -238,6 +238,7 @@ class Session(BaseSession[Frame, Received, Event]):
             if control.value is None
         )
         if faulty and not self.settings.tolerate_faulty_axes:
+            self._held.miss(now, stopped=False)
             return Sticks(operational=True, faulty=faulty)
         buttons = self._held.of(tuple(button.value or False for button in message.buttons), now)
         return Sticks(

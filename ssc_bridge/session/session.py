@@ -18,10 +18,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from collections.abc import Sequence
+from dataclasses import replace
 import math
 from typing import Any
 
 from bridge_core.session import Answer
+from bridge_core.session import HeldButtons
 from bridge_core.session import Level
 from bridge_core.session import Pacer
 from bridge_core.session import Session as BaseSession
@@ -117,6 +119,7 @@ class Session(BaseSession[bytes, Message | Poll, Event]):
         self._published: CommandState | None = None
         self._published_sources: tuple[Selection, ...] = ()
         self._stream = StickStream()
+        self._held = HeldButtons(settings.link_timeout)
         self._aux_inputs = AuxInputTotals()
         self._aux_outputs = AuxOutputCommands()
         self._lockout = Pacer(_LOCKOUT_PERIOD)  # runs while one is asked for
@@ -291,6 +294,10 @@ class Session(BaseSession[bytes, Message | Poll, Event]):
             return
         counts = self._counts()
         sticks = sticks_of(message.us, self.settings) if counts else neutral(self.settings)
+        if sticks.faulty and not self.settings.tolerate_faulty_axes:
+            self._held.miss(now, stopped=False)
+        elif counts:
+            sticks = replace(sticks, buttons=self._held.of(sticks.buttons, now))
         self.faulty = sticks.faulty
         self._stream.published(counts=counts)
         self._emit(sticks)
@@ -330,6 +337,8 @@ class Session(BaseSession[bytes, Message | Poll, Event]):
         if self.selections != self._published_sources:
             self._published_sources = self.selections
             self._emit(SourcesChanged(tuple(self.source_texts())))
+        if self.estop:
+            self._held.miss(now, stopped=True)
         fresh = self.link_up and not self._inputs_heard.expired(now)
         if self._stream.owes_neutral(fresh=fresh, counts=self._counts()):
             self.faulty = ()

@@ -426,6 +426,7 @@ class Session(BaseSession[bytes, Packet, Event]):
             self._held.miss(now, stopped=self.estop)
             return _NEUTRAL
         if vrpi.faulty and not self.settings.tolerate_faulty_axes:
+            self._held.miss(now, stopped=False)
             return Sticks(enabled=True, faulty=vrpi.faulty)
         return Sticks(
             axes=tuple(value if abs(value) <= MAX_POSITION else 0 for value in vrpi.joysticks),
