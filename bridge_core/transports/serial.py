@@ -72,6 +72,7 @@ class SerialTransport:
         self._serial: Any = None
         self._pump: _Pump | None = None
         self._fd = -1
+        self._line = -1  # whose backlog counts
         self._backlog_request: int | None = None
         self._busy_since: float | None = None
 
@@ -98,24 +99,25 @@ class SerialTransport:
         """Get the descriptor, configure it and discard earlier input."""
         self._busy_since = self._backlog_request = None
         try:
-            self._fd = port.fileno()
+            self._line = self._fd = port.fileno()
         except io.UnsupportedOperation:
             self._pump = _Pump(port)
-            self._fd = self._pump.fileno()
+            self._fd, self._line = self._pump.fileno(), self._pump.line
+        if self._line < 0:
             return
-        if os.isatty(self._fd):
+        if os.isatty(self._line):
             self._backlog_request = termios.TIOCOUTQ
             self.low_latency = _set_low_latency(port)
-            _set_vmin(self._fd)
-            termios.tcflush(self._fd, termios.TCIOFLUSH)
+            _set_vmin(self._line)
+            termios.tcflush(self._line, termios.TCIOFLUSH)
         else:
             self._backlog_request = _SIOCOUTQNSD
-            _set_tcp_options(self._fd)
+            _set_tcp_options(self._line)
 
     def close(self) -> None:
         """Close the port; queued output gets 50 ms to leave."""
         port, pump, fd = self._serial, self._pump, self._fd
-        self._serial, self._pump, self._fd = None, None, -1
+        self._serial, self._pump, self._fd, self._line = None, None, -1, -1
         self._backlog_request = None
         if pump is not None:
             pump.close()
@@ -148,7 +150,7 @@ class SerialTransport:
     def _is_busy(self) -> bool:
         """Return whether too many bytes wait to be sent. :raises TransportError: it stalled."""
         request = self._backlog_request
-        if request is None or _backlog(self._fd, request) <= _BACKLOG_LIMIT:
+        if request is None or _backlog(self._line, request) <= _BACKLOG_LIMIT:
             self._busy_since = None
             return False
         now = clock.now()
@@ -238,7 +240,12 @@ def _quietly(function, *args) -> None:  # type: ignore[no-untyped-def]
 
 
 class _Pump:
-    """Carries bytes between a URL port and one end of a socket pair; the other end is ours."""
+    """
+    Carries bytes between a URL port and one end of a socket pair; the other end is ours.
+
+    ``line`` is the connection below an ``rfc2217://`` port, whose send buffer has no bound that
+    matters here; -1 for a port that has none.
+    """
 
     def __init__(self, port: Any) -> None:
         self._port = port
@@ -246,6 +253,8 @@ class _Pump:
         self._ours.setblocking(False)
         # A small buffer: queued commands arrive too late.
         self._ours.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, 1)
+        connection = getattr(port, '_socket', None)  # pyserial has no public name for it
+        self.line = -1 if connection is None else os.dup(connection.fileno())
         self._reader = threading.Thread(target=self._inward, daemon=True)
         self._writer = threading.Thread(target=self._outward, daemon=True)
         self._reader.start()
@@ -262,6 +271,8 @@ class _Pump:
 
     def _finish(self) -> None:
         self._writer.join(_DRAIN_TIMEOUT)
+        if self.line >= 0:
+            os.close(self.line)
         _quietly(self._port.close)
 
     # Drivers raise many kinds of error from a lost or closed port; each ends the thread.
