@@ -13,7 +13,7 @@
 # limitations under the License.
 
 """
-All the evidence: ``make proof``, or ``python -m test.proof [STEP]...``; hours.
+All the evidence: ``make proof``, or ``python -m test.proof [STEP]...``; takes a day.
 
 Each step is a command. One that has passed is not done again until the sources change; one that
 was interrupted goes on where it was, if it keeps that. ``build/proof.json`` has what each gave.
