@@ -56,9 +56,9 @@ Decided here, where the rules leave a choice:
   devices are asked to stop, until the joints stand.
 * A speed limit is no stop: the least of all scales what the owner demands, after the joints' own
   limits, and the output follows at their deceleration. One that is silent is at its lowest.
-* The output waits at rest until the drive says that it is enabled, and ramps from rest then: what
-  was sent before would come out as a step. A drive that drops out gets zero at once, and from a
-  ramp of category 1 leads to STOPPED. A drive that was never heard is not waited for.
+* The output waits at rest until each drive says that it is enabled, and ramps from rest then: what
+  was sent before would come out as a step. Once one drops out, all get zero at once, and from a
+  ramp of category 1 that leads to STOPPED. A drive that was never heard is not waited for.
 * Whatever would cut the output in ACTIVE also cuts the ramp of category 1: a stop of category 0, a
   lost owner, a released deadman. A stop that is released again does not end the ramp.
 * After a gap between ticks above stall_limit, or a clock that runs backwards, earlier input is no
@@ -126,9 +126,7 @@ class Arbiter:
         self._autonomy: AutonomyInput | None = None
         if config.autonomy is not None:
             self._autonomy = AutonomyInput(config.autonomy, config.neutral_time)
-        self._drive: DriveInput | None = None
-        if config.drive_timeout is not None:
-            self._drive = DriveInput(config.drive_timeout)
+        self._drives = {name: DriveInput(name, config.drive_timeout) for name in config.drives}
         self._feedback: FeedbackInput | None = None
         if config.feedback is not None:
             self._feedback = FeedbackInput(config.feedback, config.stop_time)
@@ -140,8 +138,8 @@ class Arbiter:
             self._named['operator', operator.name] = operator
         if self._autonomy is not None:
             self._named['autonomy', AUTONOMY] = self._autonomy
-        if self._drive is not None:
-            self._named['drive', 'drive'] = self._drive
+        for name, drive in self._drives.items():
+            self._named['drive', name] = drive
         if self._feedback is not None:
             self._named['feedback', 'feedback'] = self._feedback
         for name, limit in self._speed_limits.items():
@@ -207,11 +205,9 @@ class Arbiter:
         """Record a malformed command of autonomy; it is invalid until a good one."""
         self._known_autonomy().malformed(reason, now)
 
-    def drive_enabled(self, value: bool, now: float) -> None:
-        """Record whether the drive is enabled: until it is, the output waits at rest."""
-        if self._drive is None:
-            raise KeyError('drive')
-        self._drive.enabled(value, now)
+    def drive_enabled(self, name: str, value: bool, now: float) -> None:
+        """Record whether a drive is enabled: until all are, the output waits at rest."""
+        self._drives[name].enabled(value, now)
 
     def measured(self, speeds: Demand, now: float) -> None:
         """Record the measured speeds of the joints."""
@@ -577,7 +573,7 @@ class Arbiter:
 
     def _output(self, dt: float, now: float) -> Demand:
         """Return the next output; nothing else produces one other than zero."""
-        ready = self._drive is None or self._drive.ready(now)
+        ready = all(drive.ready(now) for drive in self._drives.values())
         if not ready:
             self._limiter.reset()
         if self._state is State.STOPPING:
@@ -640,9 +636,10 @@ class Arbiter:
             return []
         if self._overruled is not None:
             return [f'{self._owner.label} is losing control: {self._overruled}{self._motion(now)}']
-        if self._drive is not None and not self._drive.ready(now):
-            why = self._drive.problem(now) or self._drive.lapse or 'it says that it is not'
-            return [f'{self._owner.label} waits for the drive to be enabled: {why}']
+        for drive in self._drives.values():
+            if not drive.ready(now):
+                why = drive.problem(now) or drive.lapse or 'it says that it is not'
+                return [f'{self._owner.label} waits for {drive.label} to be enabled: {why}']
         if not self._through_zero and not any(self._owner.demand):
             return [f'{self._owner.label} has control and asks for zero']
         if self._through_zero or not any(self._limiter.output):

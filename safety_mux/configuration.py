@@ -24,6 +24,7 @@ from bridge_core.parameters import ParameterError
 from safety_mux.limits import JointLimit
 from safety_mux.mapping import JoyMapping
 from safety_mux.mapping import Stick
+from safety_mux.parameters import enabled_topic
 from safety_mux.parameters import GENERAL
 from safety_mux.protocol import Autonomy
 from safety_mux.protocol import EStopSource
@@ -53,9 +54,8 @@ def mux_config(values: Mapping[str, Any]) -> MuxConfig:
                 for name in names_of(values, 'operators')
             ),
             autonomy=Autonomy(values['autonomy.timeout']) if values['autonomy.topic'] else None,
-            drive_timeout=(
-                values['drive_enabled_timeout'] if values['drive_enabled_topic'] else None
-            ),
+            drives=_drives(values),
+            drive_timeout=values['drive_enabled_timeout'],
             feedback=_feedback(values) if values['feedback.topic'] else None,
             speed_limits=tuple(
                 SpeedLimit(
@@ -203,6 +203,14 @@ def _source(values: Mapping[str, Any], name: str) -> EStopSource:
         stop_category=values[f'{prefix}.stop_category'],
         own_topic=bool(values[f'{prefix}.own_topic']),
     )
+
+
+def _drives(values: Mapping[str, Any]) -> tuple[str, ...]:
+    names = ('', *names_of(values, 'estop_sources'))
+    found = tuple(name for name in names if values[enabled_topic(name)])
+    if len(found) > 1 and '' in found:
+        raise ValueError(f"drive_enabled_topic must be '', as {enabled_topic(found[1])} is given")
+    return found
 
 
 def _feedback(values: Mapping[str, Any]) -> Feedback:

@@ -179,15 +179,16 @@ class SourceInput(Input):
 
 class DriveInput(Input):
     """
-    The drive's own word that it is enabled.
+    A drive's own word that it is enabled.
 
-    One that has never said anything has no such topic, and is not waited for.
+    One without a name that has never said anything has no such topic, and is not waited for.
     """
 
-    __slots__ = ('known', 'value')
+    __slots__ = ('_is_named', 'known', 'value')
 
-    def __init__(self, timeout: float) -> None:
-        super().__init__('the drive', timeout)
+    def __init__(self, name: str, timeout: float) -> None:
+        super().__init__(f"drive '{name}'" if name else 'the drive', timeout)
+        self._is_named = bool(name)
         self.known = self.value = False
 
     def enabled(self, value: bool, now: float) -> None:
@@ -205,7 +206,7 @@ class DriveInput(Input):
     def ready(self, now: float) -> bool:
         """Return whether it is enabled, and was at all times since the last tick."""
         if not self.known:
-            return not self.faults
+            return not (self._is_named or self.faults)
         return self.value and self.lapse is None and self.usable(now)
 
 

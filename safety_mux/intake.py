@@ -35,6 +35,7 @@ from safety_mux.limits import JointLimiter
 from safety_mux.mapping import DifferentialDrive
 from safety_mux.mapping import forward_and_turn
 from safety_mux.mapping import NamedJoints
+from safety_mux.parameters import enabled_topic
 from safety_mux.protocol import AUTONOMY
 from safety_mux.protocol import Decision
 from safety_mux.protocol import Demand
@@ -108,8 +109,10 @@ class Intake:
                 yield Listened(f'{prefix}.own_topic', 'e-stop source', name, 'Bool', own)
             take: Callable[[Any, float], bool] = partial(self._estop, name)
             yield Listened(f'{prefix}.topic', 'e-stop source', name, 'Bool', take)
-        if config.drive_timeout is not None:
-            yield Listened('drive_enabled_topic', 'drive', 'drive', 'Bool', self._drive_enabled)
+        for name in config.drives:
+            yield Listened(
+                enabled_topic(name), 'drive', name, 'Bool', partial(self._drive_enabled, name)
+            )
         for limit in config.speed_limits:
             parameter, take = f'speed_limit.{limit.name}.topic', partial(self._limit, limit.name)
             yield Listened(parameter, 'speed limit', limit.name, 'Float64', take)
@@ -131,8 +134,8 @@ class Intake:
         self.arbiter.own_estop_message(name, message.data, now)
         return False
 
-    def _drive_enabled(self, message: Any, now: float) -> bool:
-        self.arbiter.drive_enabled(message.data, now)
+    def _drive_enabled(self, name: str, message: Any, now: float) -> bool:
+        self.arbiter.drive_enabled(name, message.data, now)
         return False
 
     def _limit(self, name: str, message: Any, now: float) -> bool:

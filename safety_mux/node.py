@@ -289,11 +289,11 @@ class SafetyMux(ManagedNode):
         if self._button is not None:
             self._button_watch.counted(self.count_publishers(self.values['reset_topic']))
         self._unpublished = []
-        for topic, (kind, _, watch) in self._watches.items():
+        for topic, (kind, name, watch) in self._watches.items():
             publishers = self.count_publishers(topic)
             watch.counted(publishers)
             self._look_at(topic, now)
-            if not publishers and kind != 'drive':  # one that never spoke is not waited for
+            if not publishers and (kind != 'drive' or name):  # see DriveInput
                 self._unpublished.append(topic)
         for publisher in (self._estop.publisher, self._enable.publisher, self._command):
             self._look_at_own(publisher)

@@ -296,6 +296,13 @@ ESTOP = (
         'topic', '', 'Topic of the stop: std_msgs/Bool, true = stop. Needed.', check=check_topic
     ),
     Parameter(
+        'enabled_topic',
+        '',
+        'Of one of several drives: where it says that it is enabled; drive_enabled_topic is '
+        'empty then. All joints wait until each drive has said so, and stand once one does not.',
+        check=check_topic,
+    ),
+    Parameter(
         'own_topic',
         '',
         'Topic of what the source demands by itself, without the echo of our own stop, for '
@@ -419,6 +426,11 @@ DEFAULTS: dict[str, Any] = {
     'operator.fort.axis': [1, 0],
     'operator.fort.scale': [10.0],
 }
+
+
+def enabled_topic(drive: str) -> str:
+    """Return the parameter that has its topic. :param drive: an e-stop source; '': the one."""
+    return f'estop.{drive}.enabled_topic' if drive else 'drive_enabled_topic'
 
 
 def parameter_table(given: Mapping[str, Any]) -> tuple[Parameter, ...]:

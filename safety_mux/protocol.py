@@ -189,8 +189,8 @@ class MuxConfig:
         joints stand after control. Above 0.
     :param reset_silence: seconds without a reset before one counts again, once resets were called
         with nothing to reset. 0 or more.
-    :param drive_timeout: seconds after which the drive's word that it is enabled is stale. Above
-        0. None: ``drive_enabled`` is never called, and the output does not wait for the drive.
+    :param drives: names of those that say that they are enabled: the output waits for all.
+    :param drive_timeout: seconds after which a drive's word that it is enabled is stale. Above 0.
     :param feedback: None: ``measured`` is never called, and the joints do what they are told.
     :raises ValueError: a value is out of range, a name or priority repeated, an operator unknown;
         there is no e-stop source, or an owner that no e-stop source would stop.
@@ -206,17 +206,16 @@ class MuxConfig:
     stall_limit: float = 0.1
     stop_time: float = 0.5
     reset_silence: float = 5.0
-    drive_timeout: float | None = None
+    drives: tuple[str, ...] = ()
+    drive_timeout: float = 0.25
     feedback: Feedback | None = None
     speed_limits: tuple[SpeedLimit, ...] = ()
 
     def __post_init__(self) -> None:
         if self.joints < 1:
             raise ValueError(f'joints must be 1 or more, not {self.joints}')
-        for name in ('clear_time', 'neutral_time', 'stall_limit', 'stop_time'):
+        for name in ('clear_time', 'neutral_time', 'stall_limit', 'stop_time', 'drive_timeout'):
             _check_seconds(name, getattr(self, name))
-        if self.drive_timeout is not None:
-            _check_seconds('drive_timeout', self.drive_timeout)
         if self.feedback is not None and len(self.feedback.joints) != self.joints:
             raise ValueError(f'feedback is of {len(self.feedback.joints)} joints')
         for name in ('hold_time', 'reset_silence'):
@@ -231,6 +230,7 @@ class MuxConfig:
             raise ValueError('there is no e-stop source: a mux without one is refused')
         _check_unique('e-stop sources', [source.name for source in self.sources])
         _check_unique('operators', [operator.name for operator in self.operators])
+        _check_unique('drives', [*self.drives])
         _check_unique('speed limits', [limit.name for limit in self.speed_limits])
         _check_unique('priorities', [operator.priority for operator in self.operators])
         known = {operator.name for operator in self.operators}

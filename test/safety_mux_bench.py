@@ -76,8 +76,9 @@ class Bench:
         for name, limit in self.limits.items():
             if limit is not None:
                 self.arbiter.speed_limit(name, limit, self.now)
-        if self.drive is not None and self.arbiter.config.drive_timeout is not None:
-            self.arbiter.drive_enabled(self.drive, self.now)
+        if self.drive is not None:
+            for name in self.arbiter.config.drives:
+                self.arbiter.drive_enabled(name, self.drive, self.now)
 
     def run(self, seconds: float, check: Callable[[Decision], None] | None = None) -> Decision:
         """Let time pass; return the last decision."""

@@ -71,6 +71,7 @@ CONFIG = MuxConfig(
     joints=1,
     sources=(EStopSource('source', TIMEOUT), EStopSource('drive', TIMEOUT)),
     operators=(Operator('low', 1, TIMEOUT),),
+    drives=('',),
     drive_timeout=TIMEOUT,
     clear_time=CLEAR,
     neutral_time=NEUTRAL,
@@ -185,7 +186,7 @@ class World:
         elif self.rest_since is None and doing['operator'] == 'rest':
             self.rest_since = now
         arbiter.estop_message('drive', self.session.estop, now)
-        arbiter.drive_enabled(self.session.enabled, now)
+        arbiter.drive_enabled('', self.session.enabled, now)
         if event == 'trip':
             arbiter.trip(now)
         done = event == 'reset' and arbiter.reset(now).ok

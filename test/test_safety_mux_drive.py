@@ -42,7 +42,7 @@ from test.safety_mux_bench import OFF
 from test.safety_mux_bench import TICK
 
 TIMEOUT = 0.25
-WITH_DRIVE = replace(CONFIG, drive_timeout=TIMEOUT)
+WITH_DRIVE = replace(CONFIG, drives=('',), drive_timeout=TIMEOUT)
 RATE = 10.0  # of the bench's joints, both ways, per second
 ZERO = (0.0, 0.0)
 
@@ -79,7 +79,7 @@ def test_ramp_begins_at_rest_when_a_slow_drive_is_enabled(delay: float) -> None:
     bench.run(delay, outputs)
     assert not outputs.moved
     bench.drive = True
-    bench.arbiter.drive_enabled(True, bench.now)
+    bench.arbiter.drive_enabled('', True, bench.now)
     assert bench.run(TICK, outputs).demand == ZERO, 'the first output after it is at rest'
     bench.run(0.5, outputs)
     assert bench.decision.demand == (1.0, 0.5)
@@ -103,7 +103,7 @@ def test_drive_that_never_says_anything_has_no_such_topic() -> None:
     bench.drive = None
     bench.active()
     assert bench.arbiter.status(bench.now).conditions['the drive'] == 'silent'
-    bench.arbiter.drive_enabled(False, bench.now)  # it has one: from now on its word counts
+    bench.arbiter.drive_enabled('', False, bench.now)  # it has one: from now on its word counts
     assert bench.tick().demand == ZERO
     assert bench.run(2 * TIMEOUT).demand == ZERO
 
@@ -111,7 +111,7 @@ def test_drive_that_never_says_anything_has_no_such_topic() -> None:
 def test_drive_that_drops_out_gets_zero_at_once_and_a_ramp_from_rest() -> None:
     bench = Bench(WITH_DRIVE).active()
     bench.drive = False
-    bench.arbiter.drive_enabled(False, bench.now)
+    bench.arbiter.drive_enabled('', False, bench.now)
     assert bench.tick().demand == ZERO
     assert bench.run(0.5).state is State.ACTIVE
     assert bench.arbiter.status(bench.now).conditions['the drive'] == 'not enabled'
@@ -126,7 +126,7 @@ def test_drop_out_between_two_ticks_is_not_missed() -> None:
     bench = Bench(WITH_DRIVE).active()
     assert bench.why() == ''
     for value in (False, True):
-        bench.arbiter.drive_enabled(value, bench.now)
+        bench.arbiter.drive_enabled('', value, bench.now)
     assert 'waits for the drive to be enabled: the drive was not enabled' in bench.why()
     assert bench.tick().demand == ZERO
     outputs = Outputs([bench.decision])
@@ -153,10 +153,10 @@ def test_word_of_a_drive_is_stale_exactly_at_its_timeout() -> None:
 
 def test_two_live_publishers_are_no_word_of_a_drive() -> None:
     bench = Bench(WITH_DRIVE).active()
-    bench.arbiter.set_invalid('drive', 'drive', 'publishers', 'two live publishers')
+    bench.arbiter.set_invalid('drive', '', 'publishers', 'two live publishers')
     assert bench.run(0.5).demand == ZERO
     assert 'the drive is invalid: two live publishers' in bench.why()
-    bench.arbiter.set_invalid('drive', 'drive', 'publishers', None)
+    bench.arbiter.set_invalid('drive', '', 'publishers', None)
     assert bench.run(0.5).demand == (1.0, 0.5)
 
 
@@ -164,7 +164,7 @@ def test_drive_that_drops_out_on_a_ramp_ends_it() -> None:
     bench = Bench(WITH_DRIVE).active()
     bench.arbiter.estop_message('gate', True, bench.now)
     assert bench.tick().state is State.STOPPING
-    bench.arbiter.drive_enabled(False, bench.now)
+    bench.arbiter.drive_enabled('', False, bench.now)
     assert_stopped(bench.tick())
 
 
@@ -208,13 +208,42 @@ def test_without_the_topic_the_ramp_waits_for_nothing() -> None:
     bench.samples['fort'] = DRIVE
     assert bench.run(0.3).demand == (1.0, 0.5)
     with pytest.raises(KeyError):
-        bench.arbiter.drive_enabled(True, bench.now)
+        bench.arbiter.drive_enabled('', True, bench.now)
+
+
+TWO_DRIVES = replace(CONFIG, drives=('front', 'rear'), drive_timeout=TIMEOUT)
+
+
+@pytest.mark.parametrize('name', TWO_DRIVES.drives)
+def test_what_one_of_two_drives_loses_both_lose(name: str) -> None:
+    bench = Bench(TWO_DRIVES).active()
+    assert bench.decision.demand == (1.0, 0.5)
+    for value in (False, True):
+        bench.arbiter.drive_enabled(name, value, bench.now)
+    assert f"waits for drive '{name}' to be enabled" in bench.why()
+    assert bench.tick().demand == ZERO
+    assert bench.decision.state is State.ACTIVE
+    outputs = Outputs([bench.decision])
+    assert bench.run(TICK, outputs).demand == ZERO
+    assert bench.run(0.5, outputs).demand == (1.0, 0.5)
+
+
+def test_drive_with_a_name_that_was_never_heard_is_waited_for() -> None:
+    bench = Bench(TWO_DRIVES)
+    bench.drive = None
+    bench.ready()
+    bench.samples['fort'] = DRIVE
+    assert bench.run(1.0).demand == ZERO
+    assert bench.decision.state is State.ACTIVE
+    assert "drive 'front' is silent: never heard, limit 250 ms: start its node" in bench.why()
+    bench.arbiter.drive_enabled('front', True, bench.now)
+    assert "waits for drive 'rear' to be enabled" in bench.why()
 
 
 @pytest.mark.parametrize('value', [0.0, -1.0, math.nan, math.inf])
 def test_timeout_that_is_none_is_refused(value: float) -> None:
     with pytest.raises(ValueError, match='drive_timeout'):
-        replace(CONFIG, drive_timeout=value)
+        replace(CONFIG, drives=('',), drive_timeout=value)
 
 
 LIMIT = JointLimit(magnitude=1.0, acceleration=5.0, deceleration=10.0)
@@ -223,6 +252,7 @@ SMALL = MuxConfig(
     sources=(EStopSource('stop'),),
     operators=(Operator('fort', 1),),
     neutral_time=0.25,
+    drives=('',),
     drive_timeout=0.1,
 )
 
@@ -253,7 +283,7 @@ def test_whatever_a_drive_says_it_starts_at_rest_and_never_steps_up(
         hear(REST_1)
         arbiter.tick(now)
     hear(DRIVE_1)
-    arbiter.drive_enabled(False, now)
+    arbiter.drive_enabled('', False, now)
     outputs = [(False, 0.0, arbiter.tick(now).demand[0])]
     heard, value = now, False
     for words, dt in story:
@@ -261,7 +291,7 @@ def test_whatever_a_drive_says_it_starts_at_rest_and_never_steps_up(
         hear(DRIVE_1)
         gap = bool(words) and not now < heard + 0.1
         for value in words:
-            arbiter.drive_enabled(value, now)
+            arbiter.drive_enabled('', value, now)
             heard = now
         ready = value and now < heard + 0.1 and False not in words and not gap
         outputs.append((ready, dt, arbiter.tick(now).demand[0]))

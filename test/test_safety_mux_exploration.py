@@ -129,7 +129,8 @@ class Scene:
             joints=self.joints,
             sources=sources,
             operators=operators,
-            drive_timeout=TIMEOUT if 'drive' in self.words else None,
+            drives=('',) if 'drive' in self.words else (),
+            drive_timeout=TIMEOUT,
             feedback=FEEDBACK if 'joints' in self.words else None,
             stall_limit=self.stall_limit,
             reset_silence=self.reset_silence,
@@ -354,7 +355,7 @@ class World:
             arbiter.set_invalid('e-stop source', name, 'publishers', doubled)
             arbiter.estop_message(name, what == 'stop', now)
         elif name == 'drive':
-            arbiter.drive_enabled(what == 'enabled', now)
+            arbiter.drive_enabled('', what == 'enabled', now)
         elif name == 'joints':
             arbiter.measured((SPEEDS.get(what, math.nan),), now)
         elif name == 'autonomy' and what == 'bad':

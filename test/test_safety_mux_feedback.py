@@ -150,12 +150,12 @@ def test_stop_of_category_1_disables_after_stop_time_whatever_the_joints_do() ->
 
 
 def test_drive_that_drops_out_ends_a_ramp_whatever_the_joints_do() -> None:
-    bench = Machine(replace(WITH_FEEDBACK, drive_timeout=0.25))
+    bench = Machine(replace(WITH_FEEDBACK, drives=('',)))
     bench.active()
     bench.rate = 0.0
     bench.arbiter.estop_message('gate', True, bench.now)
     assert bench.tick().state is State.STOPPING
-    bench.arbiter.drive_enabled(False, bench.now)
+    bench.arbiter.drive_enabled('', False, bench.now)
     assert_stopped(bench.tick())
 
 

@@ -30,6 +30,7 @@ from std_msgs.msg import Bool
 from std_msgs.msg import Float64
 
 from bridge_core.parameters import MANAGED_PARAMETERS
+from bridge_core.parameters import ParameterError
 from bridge_core.parameters import resolve
 from safety_mux.intake import Intake
 from safety_mux.parameters import parameter_table
@@ -91,12 +92,25 @@ def test_all_that_is_configured_is_listened_to_and_own_stops_first() -> None:
         ('estop.fort.own_topic', 'e-stop source', 'fort', 'Bool'),
         ('estop.fort.topic', 'e-stop source', 'fort', 'Bool'),
         ('estop.drive.topic', 'e-stop source', 'drive', 'Bool'),
-        ('drive_enabled_topic', 'drive', 'drive', 'Bool'),
+        ('drive_enabled_topic', 'drive', '', 'Bool'),
         ('speed_limit.zone.topic', 'speed limit', 'zone', 'Float64'),
         ('feedback.topic', 'feedback', 'feedback', 'JointState'),
         ('operator.fort.topic', 'operator', 'fort', 'Joy'),
         ('autonomy.topic', 'autonomy', 'autonomy', 'Twist'),
     ]
+
+
+def test_each_of_several_drives_is_listened_to() -> None:
+    fed = Fed({}, drive_enabled_topic='', estop__drive__enabled_topic='/drive/enabled')
+    (drive,) = (each for each in fed.intake.topics() if each.kind == 'drive')
+    assert (drive.parameter, drive.name) == ('estop.drive.enabled_topic', 'drive')
+    message = Bool(data=True)
+    assert fed.take(drive.parameter, message) == (False, [('drive_enabled', 'drive', True, 3.0)])
+
+
+def test_one_drive_and_several_are_not_both_there() -> None:
+    with pytest.raises(ParameterError, match="drive_enabled_topic must be ''"):
+        Fed({}, estop__drive__enabled_topic='/drive/enabled')
 
 
 def test_what_is_not_configured_is_not_listened_to() -> None:
@@ -118,7 +132,7 @@ def test_message_of_one_value_is_told_with_its_time(value: bool) -> None:
     assert fed.take('estop.fort.topic', message)[1] == [('estop_message', 'fort', value, 3.0)]
     own = [('own_estop_message', 'fort', value, 3.0)]
     assert fed.take('estop.fort.own_topic', message) == (False, own)
-    assert fed.take('drive_enabled_topic', message) == (False, [('drive_enabled', value, 3.0)])
+    assert fed.take('drive_enabled_topic', message) == (False, [('drive_enabled', '', value, 3.0)])
     limit = [('speed_limit', 'zone', 0.25, 3.0)]
     assert fed.take('speed_limit.zone.topic', Float64(data=0.25)) == (False, limit)
 

@@ -269,7 +269,7 @@ def test_takeover_follows_the_new_owner_at_once_and_the_former_no_more() -> None
 
 def test_owner_is_followed_while_the_joints_wait_for_the_drive() -> None:
     """A monitor turns although the motors do not, and a stick pushed meanwhile is not held."""
-    bench = Bench(replace(CONFIG, drive_timeout=0.25)).ready()
+    bench = Bench(replace(CONFIG, drives=('',))).ready()
     bench.samples['fort'], bench.drive = DRIVE, False
     assert bench.run(0.3).follows == 'fort'
     assert not any(bench.decision.demand)

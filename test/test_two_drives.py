@@ -64,6 +64,7 @@ class Vehicle:
             'estop_sources': list(JOINTS),
             'operators': [''],
             'drive_enabled_topic': '',
+            'drive_enabled_timeout': TIMEOUT,
             'autonomy.topic': f'{space}/plan',
             'autonomy.type': 'JointState',
             'autonomy.timeout': TIMEOUT,
@@ -88,6 +89,7 @@ class Vehicle:
             )
             self.estops.append(observer.record(Bool, f'{node}/estop', latched()))
             parameters[f'estop.{name}.topic'] = f'{node}/estop'
+            parameters[f'estop.{name}.enabled_topic'] = f'{node}/enabled'
             parameters[f'estop.{name}.timeout'] = TIMEOUT
         exits.enter_context(NodeProcess('safety_mux.node', parameters, namespace=space))
         self.reset_at = 0.0
@@ -134,3 +136,13 @@ def test_each_drive_gets_its_own_joints_and_a_fault_of_one_stops_both(vehicle: V
         vehicle.wait(lambda d=drive: d.first_disable(cause), 'a disable packet')
     vehicle.wait(lambda: vehicle.state.last.data == 'STOPPED', 'STOPPED')
     assert [vehicle.values(name) for name in JOINTS] == [(0, 0), (0, 0)]
+
+
+@pytest.mark.parametrize(('which', 'other'), [('front', 'rear'), ('rear', 'front')])
+def test_drive_that_drops_out_by_itself_holds_the_other_too(
+    vehicle: Vehicle, which: str, other: str
+) -> None:
+    vehicle.moving()
+    vehicle.drives[which].apply('trip a')
+    vehicle.wait(lambda: vehicle.values(other) == (0, 0), 'rest of the other drive')
+    vehicle.observer.holds_for(lambda: vehicle.values(other) == (0, 0), 0.5, 'rest')

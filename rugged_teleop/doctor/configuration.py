@@ -175,7 +175,8 @@ def sources(values: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
         ('speed_limit', 'speed_limits'),
     )
     names = [f'{prefix}.{name}.topic' for prefix, key in groups for name in names_of(values, key)]
-    names += [f'estop.{name}.own_topic' for name in names_of(values, 'estop_sources')]
+    for name in names_of(values, 'estop_sources'):
+        names += [f'estop.{name}.own_topic', f'estop.{name}.enabled_topic']
     for name in (*names, 'feedback.topic', 'autonomy.topic', 'reset_topic'):
         if values[name]:
             yield name, values[name]

@@ -115,7 +115,7 @@ class Beginning:
         elif each.kind == 'autonomy' and at_rest:
             arbiter.autonomy_command(zero, self.now)
         elif each.kind == 'drive':
-            arbiter.drive_enabled(self.decision.enable, self.now)
+            arbiter.drive_enabled(each.name, self.decision.enable, self.now)
         elif each.kind == 'feedback':
             arbiter.measured(self.decision.demand, self.now)
         else:

@@ -244,7 +244,7 @@ _MUX_CONFIG = MuxConfig(
     sources=(EStopSource('fort'), EStopSource('drive')),
     operators=(Operator('fort', priority=1), Operator('senior', priority=2)),
     autonomy=Autonomy(),
-    drive_timeout=0.25,
+    drives=('',),
     feedback=Feedback(('left', 'right')),
     speed_limits=(SpeedLimit('zone'),),
 )
