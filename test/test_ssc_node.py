@@ -73,7 +73,9 @@ def bench(shared: Bench) -> Bench:
         shared.port.apply(f'channel {channel} 1500')
     shared.estop_in.message = Bool(data=False)
     shared.estop_in.resume()
-    return shared.connect()
+    shared.connect()
+    shared.wait(lambda: shared.inputs.last.data[3] == 1500, 'the deadman let go of')
+    return shared
 
 
 @pytest.fixture

@@ -267,7 +267,7 @@ class MuxTarget(Target):
         ('_joy', Joy, ('senior',)),
         ('_estop', Bool, ('fort',)),
         ('_own_estop', Bool, ('fort',)),
-        ('_drive_enabled', Bool, ()),
+        ('_drive_enabled', Bool, ('',)),
         ('_limit', Float64, ('zone',)),
         ('_feedback', JointState, ()),
         ('_autonomy', Twist, ()),
@@ -407,6 +407,7 @@ MESSAGES = (
             ('_on_aux_outputs', KeyValue, ()),
         ),
         _settings=SscSettings(servos=(PAN, TILT)),
+        _commanded=False,
     ),
     CallbackTarget(
         'esi',
