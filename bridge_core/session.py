@@ -395,8 +395,14 @@ class HeldButtons:
         self._held: frozenset[int] = frozenset()
         self._hides = False  # when buttons ceased to count last, it was no stop in the end
 
-    def miss(self, now: float, *, stopped: bool) -> None:
-        """Note that buttons do not count now. :param stopped: because of a stop."""
+    def miss(self, now: float, *, stopped: bool, buttons: tuple[int, ...] = ()) -> None:
+        """
+        Note that buttons do not count now.
+
+        :param stopped: because of a stop. :param buttons: that are seen all the same; 0 may be
+            one that cannot be read.
+        """
+        self._pressed_at.update((n, now) for n, button in enumerate(buttons) if button)
         since = now - self._memory
         self._held |= {n for n, at in self._pressed_at.items() if at >= since}
         self._hides = not stopped

@@ -112,7 +112,7 @@ _NAMES_OF_TESTS = {
     'akron_can_bridge/session': (*_AKRON, *_SESSIONS),
     'akron_can_bridge/protocol': (
         *('akron_protocol', 'akron_protocol_bits', 'akron_protocol_errors'),
-        *('akron_session_joysticks', 'akron_session_unit'),
+        *('akron_session_joysticks', 'akron_session_unit', 'akron_session_automatic'),
     ),
     'vm110_bridge/session': (
         *('vm110_serials', 'vm110_stops', 'vm110_commands', *_VM110, *_SESSIONS, 'vm110_report'),

@@ -203,7 +203,6 @@ def test_broken_control_makes_all_neutral_unless_tolerated(data: str, text: str)
 
 def test_switch_held_while_a_control_is_broken_counts_once_it_was_let_go_of() -> None:
     bench = Bench(joy_source=0x33).find_unit()
-    heard(bench)
     assert heard(bench, '127D046400100000')[0].faulty
     assert heard(bench) == [Sticks((500, -400, 0, 0, 0), held())]
     heard(bench, '0100010000000000')

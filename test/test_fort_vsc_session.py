@@ -378,14 +378,20 @@ def test_faulty_stick_makes_all_neutral_and_is_named() -> None:
     assert (Level.ERROR, words) in bench.session.problems(bench.now)
 
 
-def test_button_held_while_a_stick_is_broken_counts_once_it_was_let_go_of() -> None:
+@pytest.mark.parametrize('pressed_before', [True, False])
+def test_button_held_while_a_stick_is_broken_counts_once_it_was_let_go_of(
+    pressed_before: bool,
+) -> None:
     """Or a loose wire of a stick would be a deadman that is pressed anew each time it holds."""
     bench = opened()
-    bench.hear(heartbeat(), DEFLECTED)
+    if pressed_before:
+        bench.hear(heartbeat(), DEFLECTED)
     bench.run(1.0, heartbeat(), FAULTY)
     (held,) = sticks(bench.hear(heartbeat(), DEFLECTED))
     assert held.axes == (1023, -296, 0, 0, 0, -1)
-    assert not any(held.buttons)
+    unseen = 6  # FAULTY does not show it
+    assert not any(held.buttons[:unseen])
+    assert held.buttons[unseen] is not pressed_before
     bench.hear(CENTRED)
     assert any(sticks(bench.hear(DEFLECTED))[0].buttons)
 

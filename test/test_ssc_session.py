@@ -562,14 +562,19 @@ def test_invalid_or_implausible_pulse_makes_the_whole_joy_neutral(word: int, pla
     assert rig.session.faulty == sticks.faulty
 
 
-def test_button_held_while_a_pulse_is_not_believed_counts_once_it_was_let_go_of() -> None:
+@pytest.mark.parametrize('before', [1900, 1100])
+def test_button_held_while_a_pulse_is_not_believed_counts_once_it_was_let_go_of(
+    before: int,
+) -> None:
     rig = stick_rig()
     buttons: list[tuple[int, ...]] = []
-    for word, button in ((1900, 1900), (0x8000, 1900), (1900, 1900), (1900, 1100), (1900, 1900)):
+    for word, button in ((1900, before), (0x8000, 1900), (1900, 1900), (1900, 1100), (1900, 1900)):
         rig.inputs = [1900, word, 1900, button, *[1900] * 4]
         rig.tick(30)
         buttons.append(tuple(rig.of(Sticks)[-1].buttons))
-    assert buttons == [(1, 2), (0, 0), (0, 0), (0, 0), (1, 0)]  # one of both was let go of
+    # Of both, one was let go of.
+    assert buttons[1:] == [(0, 0), (0, 0), (0, 0), (1, 0)]
+    assert buttons[0] == (int(before == 1900), 2)
 
 
 def test_button_held_through_a_stop_is_shown_as_it_keeps_a_reset_away() -> None:

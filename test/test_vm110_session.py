@@ -253,8 +253,8 @@ def test_switch_held_through_a_pause_counts_once_it_was_let_go_of(pause: dict[st
 
 def test_switch_held_while_a_joystick_is_broken_counts_once_it_was_let_go_of() -> None:
     bench = armed()
-    bench.hear(DEFLECTED)
-    assert of(Sticks, bench.hear(build_vrpi(joysticks=(1001, 0, 0, 0))))[0].faulty
+    broken = build_vrpi(joysticks=(1001, 0, 0, 0), switches=(1, -1, 1000, 0, 3, 0, 0, 0))
+    assert of(Sticks, bench.hear(broken))[0].faulty
     held = of(Sticks, bench.hear(DEFLECTED))[0]
     assert (held.axes, any(held.buttons)) == ((1000, -1000, 1, 0), False)
     bench.hear(CENTRED)

@@ -160,11 +160,12 @@ class Joysticks:
         axes = (basic.x, basic.y, extended.grip_x, extended.grip_y, extended.theta)
         switches = basic.switches + extended.switches
         faulty = (*_faulty_axes(axes), *_faulty_switches(switches))
+        pressed = tuple(switch is Status.ON for switch in switches)
         if faulty and not self._settings.tolerate_faulty_axes:
-            self._held.miss(now, stopped=False)
+            self._held.miss(now, stopped=False, buttons=pressed)
             return Sticks(faulty=faulty)
-        pressed = self._held.of(tuple(switch is Status.ON for switch in switches), now)
-        return Sticks(tuple(axis.value or 0 for axis in axes), tuple(map(bool, pressed)), faulty)
+        pressed = tuple(map(bool, self._held.of(pressed, now)))
+        return Sticks(tuple(axis.value or 0 for axis in axes), pressed, faulty)
 
 
 def _is_of_vsc(frame: CanFrame) -> bool:

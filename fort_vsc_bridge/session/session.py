@@ -237,13 +237,13 @@ class Session(BaseSession[Frame, Received, Event]):
             for name, control in zip(AXIS_NAMES + BUTTON_NAMES, controls, strict=True)
             if control.value is None
         )
+        buttons = tuple(button.value or False for button in message.buttons)
         if faulty and not self.settings.tolerate_faulty_axes:
-            self._held.miss(now, stopped=False)
+            self._held.miss(now, stopped=False, buttons=buttons)
             return Sticks(operational=True, faulty=faulty)
-        buttons = self._held.of(tuple(button.value or False for button in message.buttons), now)
         return Sticks(
             axes=tuple(axis.value or 0 for axis in message.axes),
-            buttons=tuple(map(bool, buttons)),
+            buttons=tuple(map(bool, self._held.of(buttons, now))),
             operational=True,
             faulty=faulty,
         )

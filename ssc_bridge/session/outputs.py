@@ -40,7 +40,7 @@ RELEASE_TIME = 1.0
 # s from the configuration to the first command, for the device to tell what its outputs do now;
 # the longer one while that is not known of an output that is to be held.
 _LOOK_FIRST = 0.1
-_LOOK_LONGEST = 1.0
+_LOOK_LONGEST = 0.3
 
 
 class Channel:
@@ -132,8 +132,7 @@ class Outputs:
 
     def claim(self) -> None:
         """Take the outputs as ours: somebody commanded them before this session."""
-        if not self._in_use:
-            self._in_use, self._releases = True, self._release_frames
+        self._in_use, self._releases = True, self._release_frames
 
     def end(self) -> None:
         """Send no more: the port is closed."""
@@ -183,8 +182,10 @@ class Outputs:
 
     def frames(self, now: float, count: int, *, at_once: bool = False) -> list[bytes]:
         """Return the message 20 for the first ``count`` outputs, if it is due and needed."""
-        if not (at_once or self._urgent or self._pacer.is_due(now)):
+        urgent = self._urgent and self._looks_until is None  # else nothing was sent yet
+        if not (at_once or urgent or self._pacer.is_due(now)):
             return []
+        self._looks_until = None
         # After a stall a servo must not jump by all the time that was lost.
         seconds = min(max(now - self._stepped, 0.0), 2.0 * self._pacer.period)
         self._pacer.sent(now)

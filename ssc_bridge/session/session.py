@@ -295,7 +295,8 @@ class Session(BaseSession[bytes, Message | Poll, Event]):
         counts = self._counts()
         sticks = sticks_of(message.us, self.settings) if counts else neutral(self.settings)
         if sticks.faulty and not self.settings.tolerate_faulty_axes:
-            self._held.miss(now, stopped=False)
+            self._held.miss(now, stopped=False, buttons=sticks.buttons)
+            sticks = neutral(self.settings, faulty=sticks.faulty, operational=True)
         elif counts:
             sticks = replace(sticks, buttons=self._held.of(sticks.buttons, now))
         self.faulty = sticks.faulty

@@ -34,15 +34,13 @@ def neutral(
 
 def sticks_of(us: Sequence[int | None], settings: Settings) -> Sticks:
     """
-    Return what the pulses ask for.
+    Return what the pulses ask for; of a control that is faulty, nothing.
 
     :param us: of the pulse inputs, input 1 first; None: invalid.
     """
     controls: tuple[AxisInput | ButtonInput, ...] = (*settings.axes, *settings.buttons)
     faults = {control.name: _fault(us, control.channel, settings) for control in controls}
     faulty = tuple(f'{name} {fault}' for name, fault in faults.items() if fault)
-    if faulty and not settings.tolerate_faulty_axes:
-        return neutral(settings, faulty=faulty, operational=True)
     return Sticks(
         axes=tuple(None if faults[axis.name] else us[axis.channel - 1] for axis in settings.axes),
         buttons=tuple(

@@ -425,12 +425,13 @@ class Session(BaseSession[bytes, Packet, Event]):
         if not self.enabled or not is_known:
             self._held.miss(now, stopped=self.estop)
             return _NEUTRAL
+        buttons = (*vrpi.switches, int(vrpi.encoder_switch))
         if vrpi.faulty and not self.settings.tolerate_faulty_axes:
-            self._held.miss(now, stopped=False)
+            self._held.miss(now, stopped=False, buttons=buttons)
             return Sticks(enabled=True, faulty=vrpi.faulty)
         return Sticks(
             axes=tuple(value if abs(value) <= MAX_POSITION else 0 for value in vrpi.joysticks),
-            buttons=self._held.of((*vrpi.switches, int(vrpi.encoder_switch)), now),
+            buttons=self._held.of(buttons, now),
             enabled=True,
             faulty=vrpi.faulty,
         )
