@@ -58,7 +58,8 @@ Decided here, where the rules leave a choice:
   limits, and the output follows at their deceleration. One that is silent is at its lowest.
 * The output waits at rest until each drive says that it is enabled, and ramps from rest then: what
   was sent before would come out as a step. Once one drops out, all get zero at once, and from a
-  ramp of category 1 that leads to STOPPED. A drive that was never heard is not waited for.
+  ramp of category 1 that leads to STOPPED. The one drive without a name is not waited for until
+  it was heard.
 * Whatever would cut the output in ACTIVE also cuts the ramp of category 1: a stop of category 0, a
   lost owner, a released deadman. A stop that is released again does not end the ramp.
 * After a gap between ticks above stall_limit, or a clock that runs backwards, earlier input is no
@@ -349,7 +350,12 @@ class Arbiter:
             tripped=self._tripped_at is not None,
             last_transition=self._transition,
             slowed=tuple(self._slowed(now)),
+            drives_enabled=self._drives_enabled(now),
         )
+
+    def _drives_enabled(self, now: float) -> bool | None:
+        drives = self._drives.values()
+        return all(each.condition(now) == 'enabled' for each in drives) if drives else None
 
     # -- stops -------------------------------------------------------------------------------
 

@@ -367,6 +367,7 @@ class Status:
         succeeds if both are true.
     :param tripped: a trip is active.
     :param slowed: what limits the speed at this moment, in words.
+    :param drives_enabled: each drive says so; None: none is there that could.
     """
 
     state: State
@@ -379,6 +380,7 @@ class Status:
     tripped: bool
     last_transition: Transition
     slowed: tuple[str, ...] = ()
+    drives_enabled: bool | None = None
 
 
 def milliseconds(seconds: float) -> str:

@@ -25,7 +25,6 @@ from bridge_core.watchdog import in_words
 from safety_mux.protocol import State
 from safety_mux.protocol import Status
 
-_OF_DRIVES = ('the drive', "drive '")  # how their labels begin
 _PATIENCE = 0.5  # s that a drive may take to enable before that is worth a word
 
 
@@ -87,22 +86,15 @@ def _fields(status: Status) -> dict[str, Any]:
         'operators at rest': status.operators_at_rest,
         'trip active': status.tripped,
     }
-    drives = _drives(status)
-    if drives:
-        values['drive enabled'] = set(drives) == {'enabled'}
+    if status.drives_enabled is not None:
+        values['drive enabled'] = status.drives_enabled
     if status.slowed:
         values['slowed'] = '; '.join(status.slowed)
     return values | {f'condition of {name}': word for name, word in status.conditions.items()}
 
 
-def _drives(status: Status) -> list[str]:
-    """Return the conditions of the drives that say that they are enabled, or not."""
-    return [word for name, word in status.conditions.items() if name.startswith(_OF_DRIVES)]
-
-
 def _further_inhibits(status: Status, around: Surroundings, now: float) -> list[str]:
     """Say what else keeps the machine, or a part of it, still, although the arbiter would not."""
-    enabled = set(_drives(status)) <= {'enabled'}
     why = []
     if around.button is not None and status.state is State.STOPPED:
         why.append(f'the reset button {around.button}')
@@ -115,7 +107,7 @@ def _further_inhibits(status: Status, around: Surroundings, now: float) -> list[
         )
     elif (
         status.state is State.ACTIVE
-        and not enabled
+        and status.drives_enabled is False
         and now - status.last_transition.at >= _PATIENCE
     ):
         why.append(

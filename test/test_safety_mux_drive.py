@@ -207,6 +207,7 @@ def test_without_the_topic_the_ramp_waits_for_nothing() -> None:
     bench.run(0.1)
     bench.samples['fort'] = DRIVE
     assert bench.run(0.3).demand == (1.0, 0.5)
+    assert bench.arbiter.status(bench.now).drives_enabled is None
     with pytest.raises(KeyError):
         bench.arbiter.drive_enabled('', True, bench.now)
 
@@ -221,6 +222,10 @@ def test_what_one_of_two_drives_loses_both_lose(name: str) -> None:
     for value in (False, True):
         bench.arbiter.drive_enabled(name, value, bench.now)
     assert f"waits for drive '{name}' to be enabled" in bench.why()
+    assert bench.arbiter.status(bench.now).drives_enabled is True  # again
+    bench.arbiter.drive_enabled(name, False, bench.now)
+    assert bench.arbiter.status(bench.now).drives_enabled is False
+    bench.arbiter.drive_enabled(name, True, bench.now)
     assert bench.tick().demand == ZERO
     assert bench.decision.state is State.ACTIVE
     outputs = Outputs([bench.decision])
