@@ -33,9 +33,10 @@ from ssc_bridge.protocol import MAX_PULSE_COUNTS
 from ssc_bridge.protocol import Measurement
 from ssc_bridge.protocol import PulseAccumulator
 from ssc_bridge.protocol import PulseOutput
+from ssc_bridge.session.outputs import RELEASE_TIME
 
 _UNDO_PERIOD = 0.05  # s
-UNDO_FRAMES = 20  # for 1 s: as long as releases, see RELEASE_TIME in outputs
+UNDO_FRAMES = round(RELEASE_TIME / _UNDO_PERIOD)  # for as long as outputs are released
 _T = TypeVar('_T', DigitalOutput, PulseOutput)
 
 
