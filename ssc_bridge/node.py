@@ -38,6 +38,8 @@ from bridge_core.session import Level
 from bridge_core.transports.process import ProcessLink
 from ssc_bridge import convert
 from ssc_bridge.parameters import parameter_table
+from ssc_bridge.protocol import AUX_CHANNELS
+from ssc_bridge.protocol import AuxFunction
 from ssc_bridge.session import AuxReading
 from ssc_bridge.session import CommandStateChanged
 from ssc_bridge.session import ConfigurationRead
@@ -53,6 +55,8 @@ from ssc_bridge.session import SourcesChanged
 from ssc_bridge.session import Sticks
 from ssc_bridge.wire import BRIDGE
 
+_AUX_NUMBERS = frozenset(range(1, AUX_CHANNELS + 1))
+
 
 class SscBridge(BridgeNode[Event]):
     """One SSC; see docs/devices/ssc.md."""
@@ -64,7 +68,11 @@ class SscBridge(BridgeNode[Event]):
 
     def __init__(self, **options: Any) -> None:
         self._streaming = False  # sticks that ask for something were published last
-        self._commanded = False  # outputs without a name were, which no session after this knows
+        # What no session after this knows of: that outputs without a name were commanded, and what
+        # was set of the auxiliary channels, while they are what they were then.
+        self._commanded = False
+        self._aux_set: set[int] = set()
+        self._aux_functions: tuple[AuxFunction, ...] = ()
         super().__init__('ssc_bridge', **options)
 
     def parameter_table(self, given: dict[str, Any]) -> tuple[Parameter, ...]:
@@ -121,8 +129,17 @@ class SscBridge(BridgeNode[Event]):
             self.log(Level.WARN, text, site='failsafe')
         elif isinstance(event, ConfigurationRead):
             self._log_configuration(event)
-            if self._commanded:
-                self.request(Session.claim_outputs, stop=True)
+            self._claim(event.configuration.aux)
+
+    def _claim(self, functions: tuple[AuxFunction, ...]) -> None:
+        """Have a session that may be new undo what was commanded before it."""
+        if functions != self._aux_functions:
+            self._aux_functions = functions
+            self._aux_set.clear()
+        if self._commanded:
+            self.request(Session.claim_outputs, stop=True)
+        if self._aux_set:
+            self.request(Session.claim_aux, self._aux_set, stop=True)
 
     def _publish_sticks(self, sticks: Sticks) -> None:
         axes = self._settings.axes
@@ -187,6 +204,8 @@ class SscBridge(BridgeNode[Event]):
         except ValueError as error:
             self.refuse(f'aux_outputs: {error}')
         else:
+            if self.active:
+                self._aux_set |= {request.number for request in requests} & _AUX_NUMBERS
             self.request(Session.set_aux, requests, key='aux_outputs', each=True)
 
 

@@ -23,6 +23,7 @@ import struct
 import time
 from typing import Any
 
+from diagnostic_msgs.msg import KeyValue
 import pytest
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Bool
@@ -154,19 +155,25 @@ def test_wire_that_dies_says_nothing_old_of_the_device(observer: Observer, tmp_p
         bench.wait(lambda: bench.state.last.data == before, 'the state of the new wire')
 
 
-def test_new_wire_releases_outputs_without_a_name_that_were_driven(
-    observer: Observer, tmp_path: Path
-) -> None:
-    """Nothing of the new process knows of them, and a stop lets no command through."""
+def test_new_wire_undoes_what_no_name_tells_it_of(observer: Observer, tmp_path: Path) -> None:
+    """Nothing of the new process knows of it, and a stop lets no command through."""
+
+    def driven() -> tuple[int, bool, int]:
+        seen = bench.seen()
+        return seen['serial_us'][0], bool(seen['aux'][3]['pin']), seen['aux'][4]['pulse_us']
+
     with bench_of(tmp_path, observer) as bench:
         bench.connect()
         bench.talker(UInt16MultiArray, 'pulse_command', UInt16MultiArray(data=[1800]))
-        bench.wait(lambda: bench.seen()['serial_us'][0] == 1800, 'the output')
+        bench.wait(lambda: driven()[0] == 1800, 'the output')
+        out = bench.observer.publisher(KeyValue, f'{bench.name}/aux_outputs')
+        out.publish(KeyValue(key='4.level,5.pulse', value='high,0.0015'))
+        bench.wait(lambda: driven() == (1800, True, 1500), 'the channels')
         wire = frozen(bench, 'wire')
         os.kill(wire, signal.SIGSTOP)  # it says no farewell of its own
         bench.estop_in.message = Bool(data=True)
         bench.wait(lambda: not is_running(wire), 'the end of the wire')
-        bench.wait(lambda: bench.seen()['serial_us'][0] == 0, 'the release')
+        bench.wait(lambda: driven() == (0, False, 0), 'the release')
 
 
 @pytest.mark.parametrize('number', [signal.SIGKILL, signal.SIGSEGV])

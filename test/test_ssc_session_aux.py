@@ -432,6 +432,53 @@ def test_what_is_not_undone_yet_never_reaches_another_configuration(unplugged: b
     assert not [frame for frame in rig.session.farewell(rig.now) if frame[2] == 21]
 
 
+def test_outputs_of_a_session_before_are_undone_once_they_are_claimed() -> None:
+    """One-shot pulses ended by themselves, and inputs are none."""
+    rig = aux_rig()
+    rig.tick(20)
+    rig.sent.clear()
+    rig.session.claim_aux({1, 4, 5, 6}, rig.now)
+    rig.tick(120)
+    assert rig.payloads(21) == [bytes.fromhex('84 10 0000')] * UNDO_FRAMES
+
+
+@pytest.mark.parametrize(
+    ('claimed', 'undoing'), [(4, {b'\x84\0'}), (5, {bytes.fromhex('00 10 0000')}), (6, set())]
+)
+def test_claim_undoes_no_more_than_was_set(claimed: int, undoing: set[bytes]) -> None:
+    rig = aux_rig()
+    rig.session.claim_aux({claimed}, rig.now)
+    rig.tick(20)
+    assert set(rig.payloads(21)) == undoing
+
+
+def test_claim_leaves_alone_what_this_session_has_set() -> None:
+    rig = aux_rig()
+    set_all(rig)
+    rig.session.claim_aux({3, 4, 5, 6}, rig.now)
+    rig.tick(20)
+    assert not rig.payloads(21)
+    rig.estop = True
+    rig.tick(20)
+    assert set(rig.payloads(21)) == {bytes.fromhex('84 10 0000')}
+
+
+def test_claim_of_a_level_keeps_what_this_session_has_set_of_others() -> None:
+    rig = aux_rig()
+    rig.do(level(3, False))
+    rig.sent.clear()
+    rig.session.claim_aux({4}, rig.now)
+    rig.tick(20)
+    assert set(rig.payloads(21)) == {b'\x80\0'}
+
+
+def test_kept_outputs_are_left_alone_by_a_claim() -> None:
+    rig = aux_rig(keep_aux_outputs=True)
+    rig.session.claim_aux({4, 5}, rig.now)
+    rig.tick(20)
+    assert not rig.payloads(21)
+
+
 def test_nothing_is_undone_until_it_is_known_what_was_plugged_in() -> None:
     rig = aux_rig()
     set_all(rig)

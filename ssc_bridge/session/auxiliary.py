@@ -16,6 +16,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from collections.abc import Mapping
 from collections.abc import Sequence
 import math
@@ -164,8 +165,27 @@ class AuxOutputCommands:
         for place in self._levels:
             function = self._functions[place]
             self._levels[place] = isinstance(function, DigitalOutput) and function.initially_high
+        self._begin_undo(self._pulsing, now)
+
+    def claim(self, numbers: Collection[int], now: float) -> None:
+        """Undo what was set of these channels, 1 to 6, before this session, if not set since."""
+        known = len(self._levels) + len(self._pulsing)
+        pulsing: list[int] = []
+        for place, function in enumerate(self._functions):
+            if place + 1 not in numbers:
+                continue
+            if isinstance(function, DigitalOutput):
+                self._levels.setdefault(place, function.initially_high)
+            elif isinstance(function, PulseOutput) and not function.one_shot:
+                pulsing += {place} - self._pulsing
+        self._pulsing.update(pulsing)
+        if len(self._levels) + len(self._pulsing) > known:
+            self._begin_undo(pulsing, now)
+
+    def _begin_undo(self, pulsing: Collection[int], now: float) -> None:
+        """Send all levels as they are to be, and no pulses of these places."""
         levels = self._all_levels() if self._levels else None
-        self._undo = AuxOutputs(levels, _at(dict.fromkeys(self._pulsing, 0)))
+        self._undo = AuxOutputs(levels, _at(dict.fromkeys(pulsing, 0)))
         self._undos.start(now)
         self._undos_left = UNDO_FRAMES
 

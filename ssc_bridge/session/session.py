@@ -16,6 +16,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from collections.abc import Mapping
 from collections.abc import Sequence
 from dataclasses import replace
@@ -413,6 +414,12 @@ class Session(BaseSession[bytes, Message | Poll, Event]):
         """Bring all outputs to their failsafe: a session before this one may have driven them."""
         self._commanded = True
         self.outputs.claim()
+        self._refresh(now)
+
+    def claim_aux(self, numbers: Collection[int], now: float) -> None:
+        """Undo what a session before this one may have set of these channels, 1 to 6."""
+        if not self.settings.keep_aux_outputs:
+            self._aux_outputs.claim(numbers, now)
         self._refresh(now)
 
     def refuse_command(self, reason: str, now: float) -> None:

@@ -408,6 +408,7 @@ MESSAGES = (
         ),
         _settings=SscSettings(servos=(PAN, TILT)),
         _commanded=False,
+        _aux_set=set(),
     ),
     CallbackTarget(
         'esi',
