@@ -108,6 +108,16 @@ def test_drive_that_never_says_anything_has_no_such_topic() -> None:
     assert bench.run(2 * TIMEOUT).demand == ZERO
 
 
+def test_drive_that_was_never_heard_counts_once_its_topic_is_in_doubt() -> None:
+    """A topic of two publishers is one, whatever of theirs was heard."""
+    bench = Bench(WITH_DRIVE)
+    bench.drive = None
+    bench.active()
+    bench.arbiter.set_invalid('drive', '', 'publishers', 'two live publishers')
+    assert bench.tick().demand == ZERO
+    assert 'waits for the drive to be enabled: the drive is invalid: two live' in bench.why()
+
+
 def test_drive_that_drops_out_gets_zero_at_once_and_a_ramp_from_rest() -> None:
     bench = Bench(WITH_DRIVE).active()
     bench.drive = False

@@ -557,8 +557,10 @@ def test_check_of_a_bridge_tries_session_and_port() -> None:
 def test_owner_that_lost_something_gets_a_stop(bench: WireBench) -> None:
     bench.run()
     bench.log()
+    bench.owner.verdicts.clear()
     bench.wire.interrupt('something was lost', bench.now)
     assert bench.log() == ['stop True']
+    assert bench.owner.verdicts == [Verdict.stop(link_up=False)]  # once
     assert bench.session.verdict == Verdict.stop(link_up=False)
     assert bench.session.verdict.reasons == ('something was lost',)
 
@@ -581,6 +583,7 @@ def test_owner_that_lost_the_stop_of_a_silent_device_gets_it(bench: WireBench) -
     bench.wire.interrupt('something was lost', bench.now)
     assert bench.owner.told[-1] is True
     assert bench.owner.verdicts[-1] == Verdict.stop(link_up=False)
+    assert bench.owner.verdicts[-1].reasons == ('something was lost',)
 
 
 def test_owner_that_lost_something_of_no_session_gets_nothing(bench: WireBench) -> None:
