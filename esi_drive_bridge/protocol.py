@@ -379,6 +379,11 @@ class Status:
         return all(axis.enabled for axis in self.axes)
 
     @property
+    def any_enabled(self) -> bool:
+        """One axis is enabled, or more."""
+        return any(axis.enabled for axis in self.axes)
+
+    @property
     def faulty(self) -> bool:
         """Any error bit of any axis is set."""
         return any(axis.faulty for axis in self.axes)

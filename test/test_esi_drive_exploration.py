@@ -46,7 +46,7 @@ VALID = ('idle', 'running', 'half', 'fault')
 COMMANDS = {'rest': 0, 'run': 8, 'back': -8}
 GROWTH = 4  # counts a packet
 APART = (  # see Memory
-    '_reported_at', '_sent_at', '_gap_at', '_disabled_since', '_saturated', 'clears',
+    '_reported_at', '_sent_at', '_gap_at', '_saturated', 'clears',
     'refused_commands', 'saturations', '_gap', '_own_gap',
 )  # fmt: skip
 
@@ -86,6 +86,7 @@ class World(SessionWorld[Session]):
         self.ran = False  # the drive was enabled since
         self.rested = False  # and got a packet at rest since
         self.packet = (False, False, 0)  # the newest, of axis A
+        self.disabled_at = math.inf  # since when packets say so
 
     def possible(self) -> Iterator[str]:
         yield from super().possible()
@@ -95,15 +96,21 @@ class World(SessionWorld[Session]):
     def step(self, event: str) -> None:
         if event == 'clear':
             self.session.clear_errors(self.now)
+        elif event == 'plug':
+            self.disabled_at = math.inf
         super().step('' if event == 'clear' else event)
 
     def fresh(self, name: str) -> bool:
         return self.now - self.asked_at[name] < self.FRESH
 
+    def sound(self) -> bool:
+        """Tell whether the drive demands no stop."""
+        disobeys = self.said in ('running', 'half') and self.now - self.disabled_at >= self.ENABLE
+        return self.vouched(self.LINK) and self.said != 'fault' and not disobeys
+
     def allowed(self) -> bool:
         """Tell whether all but command and enable hold."""
-        sound = self.vouched(self.LINK) and self.said != 'fault'
-        return sound and self.fresh('estop') and self.asked['estop'] == 'clear'
+        return self.sound() and self.fresh('estop') and self.asked['estop'] == 'clear'
 
     def fail(self) -> None:
         self.may = self.armed = self.ran = self.rested = False
@@ -169,8 +176,7 @@ class World(SessionWorld[Session]):
         if self.heard_at is None or self.now - self.heard_at >= self.LINK:
             self.said, self.heard_at = '', None
         verdict = self.verdict
-        sound = self.vouched(self.LINK) and self.said != 'fault'
-        assert verdict.estop == (not sound), f'after {self.said}: {verdict}'
+        assert verdict.estop == (not self.sound()), f'after {self.said}: {verdict}'
         fresh = self.heard_at is not None and self.now - self.heard_at < self.LINK
         enabled = self.open and fresh and self.said == 'running'
         assert self.session.enabled == enabled, 'enabled'
@@ -198,6 +204,7 @@ class World(SessionWorld[Session]):
             assert abs(value) <= max(abs(asked), was), 'more than is asked'
         self.rested |= self.ran and enable
         self.packet = a
+        self.disabled_at = math.inf if enable else min(self.disabled_at, self.now)
 
     def revive(self) -> None:
         self.play('', '', 'enable true', '', 'drive running', '', '')
@@ -233,9 +240,9 @@ SCENES: dict[str, dict[str, Any]] = {
     },
 }
 COUNTS: dict[str, tuple[int, int]] = {
-    'drive': (3879, 45634),
-    'mux': (3909, 35888),
-    'silence': (3125, 26091),
-    'one read': (11349, 195203),
+    'drive': (10707, 126012),
+    'mux': (11881, 111224),
+    'silence': (7921, 66959),
+    'one read': (30560, 526742),
 }  # states, and steps between them
 test_every_state_near_the_start, test_every_state = visits_of(World, SCENES, COUNTS, near=200)

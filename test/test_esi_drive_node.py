@@ -490,13 +490,14 @@ def test_clear_errors_of_a_silent_drive_fails_with_the_reason(bench: Bench) -> N
     assert 'no status from the drive' in reply.message
 
 
-def test_drive_that_stays_enabled_is_called_out(bench: Bench) -> None:
+def test_drive_that_stays_enabled_is_a_stop_and_called_out(bench: Bench) -> None:
     bench.enabling()
     bench.drive.apply('stuck a on')
     bench.enable.message = Bool(data=False)
-    bench.wait(
-        lambda: 'still enabled' in bench.diagnostics.status(DEVICE).message, 'a warning', 5.0
-    )
+    bench.wait(lambda: bench.estop.last.data, 'a stop')
+    bench.wait(lambda: 'still enabled' in bench.diagnostics.status(DEVICE).message, 'the reason')
+    bench.drive.apply('stuck a off')
+    bench.wait(lambda: not bench.estop.last.data, 'no stop any more')
 
 
 # Layouts, modes, lifecycle: a node each.

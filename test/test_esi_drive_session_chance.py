@@ -39,7 +39,7 @@ class AnyOrder(RuleBasedStateMachine):
     The rules are checked on the packets that come out, by a book-keeping of its own.
     """
 
-    PERIOD, LIMIT, STATUS_LIMIT = 0.02, 0.1, 0.25
+    PERIOD, LIMIT, STATUS_LIMIT, ENABLE_LIMIT = 0.02, 0.1, 0.25, 1.0
     SLEW_LIMIT = 100.0  # counts a second
 
     def __init__(self) -> None:
@@ -49,7 +49,8 @@ class AnyOrder(RuleBasedStateMachine):
         self.now = 500.0
         self.heard: dict[str, float] = {}
         self.value: dict[str, bool] = {}
-        self.fault = False
+        self.fault = self.says_enabled = False
+        self.disabled_at = math.inf  # since when packets say so
         self.open = False
         self.fresh_edge = False  # false, then true, since the last stop
         self.saw_false = False
@@ -89,6 +90,7 @@ class AnyOrder(RuleBasedStateMachine):
                 assert axes[0][2] == axes[1][2] == 0
             if self.was_enabled and not enable:
                 self.fresh_edge = False
+            self.disabled_at = math.inf if enable else min(self.disabled_at, self.now)
             self.was_enabled = enable
 
     def _poll(self) -> None:
@@ -101,6 +103,7 @@ class AnyOrder(RuleBasedStateMachine):
     def _open(self) -> None:
         self.open = True
         self.heard.clear()
+        self.disabled_at = math.inf
         self.saw_false = self.fresh_edge = self.was_enabled = self.fault = False
         self._check(self.session.opened(self.now)[1])
 
@@ -183,6 +186,7 @@ class AnyOrder(RuleBasedStateMachine):
             return
         self.heard['status'] = self.now
         self.fault = bool(errors or state & 0x6E)
+        self.says_enabled = bool(state & 1)
         self._check(self.session.receive(status(state, state & 1, errors=errors), self.now)[1])
 
     @rule(state=st.sampled_from([0, 0, 1, 1, 2, 0x10, 0x41]), errors=st.sampled_from([0, 0, 0, 4]))
@@ -215,7 +219,8 @@ class AnyOrder(RuleBasedStateMachine):
 
     @invariant()
     def reasons_agree_with_the_stop(self) -> None:
-        stop = self.fault or not self._fresh('status', self.STATUS_LIMIT)
+        disobeys = self.says_enabled and self.now >= self.disabled_at + self.ENABLE_LIMIT
+        stop = self.fault or disobeys or not self._fresh('status', self.STATUS_LIMIT)
         assert self.session.estop == stop
         assert bool(self.session.stop_reasons(self.now)) == stop
         says_enable = self.session.phase in (Phase.ENABLING, Phase.ENABLED)

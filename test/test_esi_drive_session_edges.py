@@ -23,6 +23,7 @@ from bridge_core.report import LinkStatus
 from bridge_core.report import report
 from bridge_core.session import Answer
 from bridge_core.session import Level
+from bridge_core.session import StopChanged
 from esi_drive_bridge.protocol import Mode
 from esi_drive_bridge.session import EnableRefused
 from esi_drive_bridge.session import Feedback
@@ -149,8 +150,12 @@ def test_interruption_disables_at_once_and_still_watches_the_drive(rig: Rig) -> 
     assert is_disable(frame)
     rig.status = RUNNING
     rig.tick(150)
-    assert all('still enabled 1.5 s' in text for text in rig.session.warnings(rig.now))
-    assert len(rig.session.warnings(rig.now)) == 2  # axes
+    reasons = rig.session.verdict.reasons
+    assert [text.split(',')[0] for text in reasons] == [
+        'cut the power of axis A',
+        'cut the power of axis B',
+    ]
+    assert all('still enabled 1000 ms after disable was sent' in text for text in reasons)
 
 
 def test_interruption_answers_who_clears_errors(rig: Rig) -> None:
@@ -212,13 +217,95 @@ def test_pause_is_remembered_for_less_than_a_second(rig: Rig, steps: int, ours: 
     assert ('as this node sent nothing' in blame(rig)) == ours
 
 
-@pytest.mark.parametrize(('age', 'told'), [(1.0, False), (1.0 + 1 / 64, True)])
-def test_axis_that_stays_enabled_is_told_after_enable_timeout(
+# A drive that does not obey disable.
+
+
+@pytest.mark.parametrize(('age', 'told'), [(1.0 - 1 / 64, False), (1.0, True)])
+def test_axis_that_stays_enabled_is_a_stop_after_enable_timeout(
     rig: Rig, age: float, told: bool
 ) -> None:
     rig.now += age
     rig.hear(status(0, 1))
-    assert bool(rig.session.warnings(rig.now)) == told
+    assert rig.session.estop == told
+
+
+def test_drive_that_ignores_disable_is_a_stop_until_it_obeys(rig: Rig) -> None:
+    rig.start()
+    rig.enable = False
+    rig.tick(98)
+    assert not rig.session.estop
+    rig.tick(4)
+    assert rig.session.estop
+    assert 'check our pair to the drive' in rig.session.verdict.reasons[0]
+    rig.enable = True  # it gets no further than that
+    assert all(is_disable(frame) for frame in rig.tick(10))
+    rig.enable = False
+    rig.status = IDLE
+    rig.tick()
+    assert not rig.session.estop
+    rig.assert_restarts_at_zero()
+
+
+def test_drive_that_ignores_disable_is_noticed_on_time_and_once() -> None:
+    """Its statuses say nothing new, and the wire sleeps in between."""
+    rig = Rig(command_rate=10.0, command_timeout=0.3, enable_timeout=0.52, link_timeout=2.0)
+    rig.start_slowly()
+    rig.do(lambda: rig.session.set_enable(False, rig.now))
+    due = rig.now + 0.52
+    rig.hear(RUNNING)
+    rig.events.clear()
+    while not rig.session.estop:
+        rig.now = rig.session.deadline()
+        rig.do(lambda: None)
+    assert rig.now == pytest.approx(due)
+    assert len(rig.of(StopChanged)) == 1
+    rig.hear(RUNNING)
+    assert rig.session.deadline() > rig.now  # nothing is due all the time
+
+
+def test_there_are_no_errors_to_clear_of_a_drive_that_ignores_disable(rig: Rig) -> None:
+    rig.start()
+    rig.enable = False
+    rig.tick(102)
+    assert rig.session.estop
+    rig.do(lambda: rig.session.clear_errors(rig.now))
+    assert rig.of(Answer) == [Answer('clear_errors', True, 'the drive reports no error')]
+    assert all(is_disable(frame) for frame in rig.tick(3))
+
+
+def test_drive_has_its_time_from_the_first_packet_that_says_disable(rig: Rig) -> None:
+    """Not from a moment at which this process had no processor."""
+    rig.start()
+    rig.now += 3.0
+    rig.session.interrupted('it was frozen', rig.now)
+    rig.do(lambda: None)
+    rig.status = RUNNING
+    rig.tick(90)
+    assert not rig.session.estop
+    rig.tick(11)
+    assert rig.session.estop
+
+
+def test_drive_that_is_enabled_anew_in_time_has_obeyed_enough(rig: Rig) -> None:
+    rig.start()
+    rig.enable = False
+    rig.tick(50)
+    rig.enable = True
+    rig.tick(100)
+    assert rig.phase() is Phase.ENABLED
+    assert not rig.session.estop
+
+
+def test_drive_that_is_enabled_when_the_port_is_opened_has_its_time(rig: Rig) -> None:
+    rig.start()
+    rig.session.closed(rig.now)
+    rig.now += 5.0
+    rig.session.opened(rig.now)
+    rig.enable = False
+    rig.tick(98)
+    assert not rig.session.estop
+    rig.tick(4)
+    assert rig.session.estop
 
 
 def test_error_from_before_the_pause_is_not_put_down_to_it(rig: Rig) -> None:

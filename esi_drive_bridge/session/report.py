@@ -65,11 +65,11 @@ def second_axis(status: Status) -> list[str]:
     ]
 
 
-def still_enabled(status: Status, age: float) -> list[str]:
-    """Name the axes that are enabled although disable is sent, for ``age`` s."""
+def still_enabled(status: Status, limit: float) -> list[str]:
+    """Name the axes that are enabled although disable is sent, for ``limit`` s or more."""
     return [
-        f'cut the power of axis {name}, then check who else commands the drive: it is still '
-        f'enabled {age:.1f} s after disable was sent'
+        f'cut the power of axis {name}, then check our pair to the drive, and who else commands '
+        f'it: it is still enabled {limit * 1e3:.0f} ms after disable was sent'
         for name, axis in status.lettered()
         if axis.enabled
     ]

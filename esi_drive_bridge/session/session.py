@@ -110,7 +110,8 @@ class Session(BaseSession[bytes, Status, Event]):
         self._counts = self._zeros
         self._saturated: list[str] = []  # what of the newest command was cut, in words
         self._urgent = self._clear_sent = False
-        self._until = self._disabled_since = -math.inf
+        self._until = -math.inf
+        self._disabled_since = math.inf  # when packets began to say so
 
     # What is known.
 
@@ -132,9 +133,6 @@ class Session(BaseSession[bytes, Status, Event]):
             texts += self._saturated
         if self.link_up and self.status is not None:
             texts += self.status.warnings() + second_axis(self.status)
-            age = now - self._disabled_since
-            if self.phase not in _ON_THE_WIRE and age > self.settings.enable_timeout:
-                texts += still_enabled(self.status, age)
         return texts
 
     def problems(self, now: float) -> list[tuple[Level, str]]:
@@ -232,9 +230,19 @@ class Session(BaseSession[bytes, Status, Event]):
             )
 
     def _judge(self, now: float) -> Verdict:
-        """Return a stop for an error bit; nothing that this node asks comes back as one."""
-        del now
-        return Verdict.stop(*self._faults) if self._faults else _HEALTHY
+        """
+        Return a stop for an error bit, and for a drive that does not obey disable.
+
+        Nothing that this node asks comes back as one.
+        """
+        reasons = [*self._faults, *self._disobedience(now)]
+        return Verdict.stop(*reasons) if reasons else _HEALTHY
+
+    def _disobedience(self, now: float) -> list[str]:
+        """Name the axes that are enabled, though disable is sent for as long as they may take."""
+        limit = self.settings.enable_timeout
+        late = now >= self._disabled_since + limit
+        return still_enabled(self.status, limit) if late and self.status is not None else []
 
     def _silence(self, now: float) -> str:
         to_do = "check power, the receive pair, and HiDS's SerialInterfaceEnable"
@@ -270,6 +278,8 @@ class Session(BaseSession[bytes, Status, Event]):
             moments.append(self._command.deadline)
         if self.phase not in (Phase.DISABLED, Phase.ENABLED):
             moments.append(self._until)
+        if self.status is not None and self.status.any_enabled and not self.verdict.estop:
+            moments.append(self._disabled_since + self.settings.enable_timeout)
         return min(moments)
 
     def _sends_at(self) -> float:
@@ -285,6 +295,10 @@ class Session(BaseSession[bytes, Status, Event]):
         self._sent_at = now
         self._urgent = False
         self._clear_sent = self.phase is Phase.CLEARING
+        if self.phase in _ON_THE_WIRE:
+            self._disabled_since = math.inf
+        elif self._disabled_since == math.inf:
+            self._disabled_since = now
         return [self._packet(now)]
 
     # What the node asks.
@@ -357,7 +371,7 @@ class Session(BaseSession[bytes, Status, Event]):
         self._expire(now)
         if not self.link_up:
             self._emit(Answer(CLEAR_ERRORS, False, '; '.join(self.stop_reasons(now))))
-        elif not self.estop:
+        elif not self._faults:
             self._emit(Answer(CLEAR_ERRORS, True, 'the drive reports no error'))
         elif self.phase is not Phase.CLEARING:
             self.phase = Phase.CLEARING
@@ -440,7 +454,6 @@ class Session(BaseSession[bytes, Status, Event]):
         self.last_stop = tuple(reasons)
         if was_on_the_wire:
             self._urgent = True
-            self._disabled_since = self._stepped_at
         self._emit((Stopped if was_on_the_wire else EnableRefused)(self.last_stop))
 
     def _finish_clearing(self, success: bool, text: str) -> None:
