@@ -24,6 +24,8 @@ from rcl_interfaces.msg import FloatingPointRange
 from rcl_interfaces.msg import IntegerRange
 from rcl_interfaces.msg import ParameterDescriptor
 from rcl_interfaces.msg import SetParametersResult
+from rcl_interfaces.srv import SetParameters
+from rcl_interfaces.srv import SetParametersAtomically
 from rclpy.duration import Duration
 from rclpy.event_handler import PublisherEventCallbacks
 from rclpy.event_handler import SubscriptionEventCallbacks
@@ -93,12 +95,33 @@ class ManagedNode(Quiet, LifecycleNode):
             super().destroy_node()
             raise
         self.add_on_set_parameters_callback(self._on_set_parameters)
+        self._service_change_state.callback = self._checked(self._service_change_state.callback)
         self.lane = Lane(self, f'{name} lane')
 
     def destroy_node(self) -> None:
         """End the lane, then the node."""
         self.lane.stop()
         super().destroy_node()
+
+    def create_service(
+        self, kind: type, name: str, callback: Callable[..., Any], **options: Any
+    ) -> Any:
+        """Create a service; what rclpy's own cannot read, such as a type of a parameter, fails."""
+        if kind in (SetParameters, SetParametersAtomically):
+            callback = self._checked(callback)
+        return super().create_service(kind, name, callback, **options)
+
+    def _checked(self, callback: Callable[..., Any]) -> Callable[..., Any]:
+        """Have what is asked of rclpy, and cannot be, be refused: it would end the process."""
+
+        def checked(request: Any, response: Any) -> Any:
+            try:
+                return callback(request, response)
+            except (RuntimeError, ValueError) as error:  # rcl's own error is a RuntimeError
+                self.get_logger().warning(f'refused: {error}')
+                return response
+
+        return checked
 
     @property
     def actuates(self) -> bool:

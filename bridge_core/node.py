@@ -400,6 +400,9 @@ class BridgeNode(ManagedNode, Generic[EventT]):
     # Diagnostics.
 
     def _diagnose(self, now: float) -> None:
+        for topic, watch in self._watches.items():
+            if watch.blind:  # else it knows better than discovery
+                watch.counted(self.count_publishers(topic))
         self._doubled = self._find_doubled(now)
         if self._report is None:
             return

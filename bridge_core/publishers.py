@@ -33,7 +33,8 @@ class PublisherWatch:
     Watches the publication sequence numbers of one topic.
 
     Two live publishers count as such for as long as discovery knows of two (``counted``), and for
-    3 s after they were last told apart.
+    3 s after they were last told apart. ``blind``: the middleware tells no numbers. Then all that
+    discovery knows count, one that has just died among them.
 
     :param window: seconds. Two steps back within a window mean two live publishers.
     :param settling_time: seconds after a step back until it is known that there is one.
@@ -46,6 +47,7 @@ class PublisherWatch:
         self._former: tuple[int, float] | None = None  # the same, before the numbers last jumped
         self._found_at: float | None = None  # two live publishers
         self._several = False
+        self.blind = False
         self._steps_back: deque[float] = deque(maxlen=2)
 
     def heard(self, sequence_number: int | None, now: float) -> int:
@@ -54,7 +56,8 @@ class PublisherWatch:
 
         Return the number of messages that were published before it and never arrived.
         """
-        if sequence_number is None or sequence_number in UNSUPPORTED:
+        self.blind = sequence_number in UNSUPPORTED
+        if sequence_number is None or self.blind:
             return 0
         before, self._last = self._last, (sequence_number, now)
         if before is None or sequence_number == before[0] + 1:
@@ -77,8 +80,8 @@ class PublisherWatch:
 
     def doubled(self, now: float) -> bool:
         """Return whether two live publishers were heard, and neither is known to be gone."""
-        if self._found_at is None:
-            return False
+        if self.blind or self._found_at is None:
+            return self.blind and self._several
         return self._several or now - self._found_at <= _LIVE
 
     def settled(self, now: float) -> bool:

@@ -327,8 +327,9 @@ class OperatorInput(OwnerInput):
 
     def sample(self, sample: OperatorSample, now: float) -> None:
         """Record a good message."""
+        before = None if self.watchdog.expired(now) else self.newest  # silence may hide anything
         self.hear(now)
-        before, self.newest = self.newest, sample
+        self.newest = sample
         self.demand = sample.demand
         if not sample.neutral and (before is None or before.neutral):
             self.acted = 'moved its sticks'

@@ -244,7 +244,10 @@ class SafetyMux(ManagedNode):
         for publisher in publishers:
             self.destroy_publisher(publisher)
         self._inputs, self._stop_demands, self._gated_joys = [], {}, {}
+        tripped = self._arbiter.status(clock.now()).tripped
         self._build()
+        if tripped:  # it ends by what somebody does, and this is no such thing
+            self._arbiter.trip(clock.now())
 
     # What arrives.
 
@@ -318,7 +321,7 @@ class SafetyMux(ManagedNode):
                     self._hold(now)
                     self._decide(now)
 
-            subscription = self.lane.subscribe(publisher.msg_type, topic, on_message, COMMAND_QOS)
+            subscription = self.lane.subscribe(publisher.msg_type, topic, on_message, DEMAND_QOS)
             self._own_watches[topic] = subscription, watch
 
     def _hold(self, now: float) -> None:
@@ -353,22 +356,36 @@ class SafetyMux(ManagedNode):
 
     def _on_trip(self, request: Any, response: Any) -> Any:
         del request
-        return self._answer(response, 'trip', self._trip)
+        return self._answer(response, 'trip', self._trip, is_stop=True)
 
     def _on_end_trip(self, request: Any, response: Any) -> Any:
         del request
         return self._answer(response, 'end_trip', self._end_trip)
 
     def _on_select_autonomy(self, request: Any, response: Any) -> Any:
-        return self._answer(response, 'select_autonomy', self._select_autonomy, request.data)
+        return self._answer(
+            response,
+            'select_autonomy',
+            self._select_autonomy,
+            request.data,
+            is_stop=not request.data,
+        )
 
     def _answer(
-        self, response: Any, service: str, ask: Callable[..., Reply], *arguments: Any
+        self,
+        response: Any,
+        service: str,
+        ask: Callable[..., Reply],
+        *arguments: Any,
+        is_stop: bool = False,
     ) -> Any:
         try:
             response.success, response.message = self.lane.call(ask, *arguments)
         except TimeoutError as error:
             response.message = str(error)
+            if is_stop:  # it is not taken back because it comes late
+                self.lane.post(ask, *arguments)
+                response.message = f'it stops as soon as it goes on: {error}'
         self.get_logger().info(f'~/{service}: {response.message}')
         return response
 

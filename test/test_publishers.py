@@ -140,8 +140,22 @@ def test_restarted_publisher_counts_again_once_it_is_known_to_be_alone() -> None
 
 
 @pytest.mark.parametrize('number', [None, 0, 0xFFFFFFFFFFFFFFFF])
-def test_middleware_without_sequence_numbers_is_no_second_publisher(number: int | None) -> None:
-    assert not heard(*[number] * 20)
+def test_middleware_without_sequence_numbers_leaves_it_to_discovery(number: int | None) -> None:
+    watch = PublisherWatch()
+    assert not heard(*[number] * 20, watch=watch)
+    assert watch.settled(100.0)
+    watch.counted(2)
+    assert watch.doubled(100.0)
+    assert not watch.settled(100.0)
+    watch.counted(1)
+    assert not watch.doubled(100.0)
+
+
+def test_discovery_alone_makes_no_second_publisher_where_numbers_are_told() -> None:
+    watch = PublisherWatch()
+    assert not heard(*range(1, 20), watch=watch)
+    watch.counted(2)
+    assert not watch.doubled(100.0)
 
 
 # Over real topics.

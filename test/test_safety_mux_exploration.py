@@ -385,7 +385,7 @@ class World:
         gaps = {n for n, heard in log.heard.items() if timeout(n) <= now - heard < math.inf}
         rested = {n: log.heard[n] - (log.calm_since.get(n) or math.inf) for n in OPERATORS}
         log.doing.update(event.changes)
-        acted = {name for name in OPERATORS if acts(log, event, name)}
+        acted = {n for n in OPERATORS if acts(log, event, n, after_gap=n in gaps)}
         self.speak_all(log.doing, now)
         for name, what in log.doing.items():
             if what != 'silent':
@@ -718,9 +718,9 @@ class Judge:
                 log.calm_since[name] = None if log.doing[name] == 'silent' else log.now
 
 
-def acts(log: Log, event: Event, name: str) -> bool:
-    """Tell whether an operator leaves neutral, or presses its deadman."""
-    said = log.sample[name]
+def acts(log: Log, event: Event, name: str, *, after_gap: bool) -> bool:
+    """Tell whether an operator leaves neutral, or presses its deadman; unseen counts, too."""
+    said = 'rest' if after_gap else log.sample[name]
     for who, what in (*event.changes, *event.late):
         if who == name and what in ('rest', 'off', *DRIVING):
             what = 'drive' if what in DRIVING else what

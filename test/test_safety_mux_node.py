@@ -29,7 +29,12 @@ from diagnostic_msgs.msg import DiagnosticArray
 from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import Twist
 from geometry_msgs.msg import TwistStamped
+from lifecycle_msgs.srv import ChangeState
 import pytest
+from rcl_interfaces.msg import Parameter
+from rcl_interfaces.msg import ParameterValue
+from rcl_interfaces.srv import SetParameters
+from rcl_interfaces.srv import SetParametersAtomically
 from rclpy.qos import DurabilityPolicy
 from rclpy.qos import QoSProfile
 from rclpy.qos import ReliabilityPolicy
@@ -39,10 +44,12 @@ from sensor_msgs.msg import Joy
 from std_msgs.msg import Bool
 from std_msgs.msg import Float64
 from std_msgs.msg import String
+from std_srvs.srv import SetBool
 from std_srvs.srv import Trigger
 
 from bridge_core import clock
 from bridge_core import lane
+from bridge_core.lane import _settle
 from safety_mux.node import ESTOP_QOS
 from safety_mux.node import SafetyMux
 from safety_mux.outputs import Repeated
@@ -541,6 +548,44 @@ def test_inactive_mux_says_stop_all_the_time_and_activation_is_stopped(
         mux.close()
 
 
+def test_requests_that_cannot_be_are_refused_and_end_nothing(observer: Observer) -> None:
+    """Of whatever lifecycle manager or tool: rclpy would end the process by them."""
+    mux = MuxBench(observer)
+    try:
+        mux.active()
+        moment = time.monotonic()
+        for number in (1, 3, 99):  # configure, activate, none
+            change = ChangeState.Request()
+            change.transition.id = number
+            assert not observer.call(ChangeState, f'{mux.name}/change_state', change).success
+        strange = [Parameter(name='rate', value=ParameterValue(type=77))]
+        for kind, service in (
+            (SetParameters, 'set_parameters'),
+            (SetParametersAtomically, 'set_parameters_atomically'),
+        ):
+            observer.call(kind, f'{mux.name}/{service}', kind.Request(parameters=strange))
+        assert observer.state(mux.name) == 'active'
+        mux.wait(lambda: mux.says('ACTIVE'), 'the same as before')
+        assert not any(message.data for _, message in mux.estop.since(moment))
+    finally:
+        mux.close()
+
+
+def test_trip_outlasts_an_activation_with_other_parameters(observer: Observer) -> None:
+    mux = MuxBench(observer)
+    try:
+        mux.active()
+        assert mux.trip().success
+        assert observer.change_state(mux.name, 'deactivate')
+        assert observer.set_parameter(mux.name, 'operator.fort.scale', [2.0]) == (True, '')
+        assert observer.change_state(mux.name, 'activate')
+        mux.status.clear()
+        mux.wait(lambda: mux.is_past('is silent'), 'sources that are heard')
+        assert values_of(mux.status.last)['trip active'] == 'true'
+    finally:
+        mux.close()
+
+
 def test_parameters_that_are_set_while_inactive_count_from_the_activation_on(
     observer: Observer,
 ) -> None:
@@ -757,7 +802,7 @@ def test_mux_that_hangs_answers_that_nothing_was_done(
     try:
         with monkeypatch.context() as patch:
             patch.setattr(lane, '_CALL_LIMIT', 0.1)
-            for service in (own_mux._on_reset, own_mux._on_trip, own_mux._on_end_trip):
+            for service in (own_mux._on_reset, own_mux._on_end_trip):
                 response = service(Trigger.Request(), Trigger.Response())
                 assert not response.success
                 assert 'nothing was done' in response.message
@@ -767,6 +812,30 @@ def test_mux_that_hangs_answers_that_nothing_was_done(
         gate.set()
     wait_for(lambda: own_mux.lane.call(lambda: own_mux._last_state) is State.STOPPED, what='it')
     assert not own_mux.lane.call(lambda: own_mux._arbiter.status(clock.now()).tripped)
+
+
+def test_stop_that_is_asked_of_a_mux_that_hangs_comes_when_it_goes_on(
+    own_mux: SafetyMux, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    gate = Event()
+    own_mux.lane.post(gate.wait)
+    try:
+        with monkeypatch.context() as patch:
+            patch.setattr(lane, '_CALL_LIMIT', 0.1)
+            trip = own_mux._on_trip(Trigger.Request(), Trigger.Response())
+            deselection = own_mux._on_select_autonomy(SetBool.Request(), SetBool.Response())
+            own_mux._on_select_autonomy(SetBool.Request(data=True), SetBool.Response())
+        for response in (trip, deselection):
+            assert not response.success
+            assert 'it stops as soon as it goes on: nothing was done' in response.message
+        late = [arguments for function, arguments in own_mux.lane._calls if function != _settle]
+        assert late == [(), (False,)]
+    finally:
+        gate.set()
+    wait_for(
+        lambda: own_mux.lane.call(lambda: own_mux._arbiter.status(clock.now()).tripped),
+        what='the trip',
+    )
 
 
 def test_mux_that_hangs_says_nothing(own_mux: SafetyMux, observer: Observer) -> None:

@@ -229,6 +229,21 @@ def test_lower_operator_does_not_take_over() -> None:
     assert bench.run(1.0).owner == 'senior'
 
 
+def test_higher_operator_that_comes_back_with_its_deadman_pressed_ends_control() -> None:
+    """Whether it was pressed anew nobody saw; nobody drives on against it."""
+    bench = Bench().ready()
+    bench.samples['senior'] = DRIVE
+    bench.run(0.1)
+    bench.samples['senior'] = None
+    bench.run(1.0)
+    bench.ready()
+    bench.samples['fort'] = DRIVE
+    assert bench.run(0.7).owner == 'fort'
+    bench.samples['senior'] = DRIVE
+    assert bench.run(0.5).state is State.READY
+    assert not any(bench.decision.demand)
+
+
 def test_no_takeover_within_hold_time() -> None:
     bench = Bench().ready()
     bench.samples['fort'] = DRIVE

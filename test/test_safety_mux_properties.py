@@ -123,12 +123,13 @@ class Sequences(RuleBasedStateMachine):
 
     @rule(name=operators, sample=samples)
     def stick(self, name: str, sample: OperatorSample) -> None:
+        before = self.newest.get(name) if self.fresh(name) else None
         heard = self.hear(name, False)
         since, length = heard.calm_since, heard.calm_until - (heard.calm_since or 0.0)
         self.holding.discard(name)
-        before, self.newest[name] = self.newest.get(name), sample
-        if before is not None and (
-            (before.neutral and not sample.neutral) or (sample.deadman and not before.deadman)
+        self.newest[name] = sample
+        if (not sample.neutral and (before is None or before.neutral)) or (
+            sample.deadman and (before is None or not before.deadman)
         ):
             self.acted.add(name)
         if sample.deadman:
