@@ -257,7 +257,7 @@ class BridgeNode(ManagedNode, Generic[EventT]):
         waits: bool = False,
     ) -> int:
         """
-        Have ``method(session, *arguments, now)`` called soon; return a number, 0 if not active.
+        Have ``method(session, *arguments, now)`` called soon; return a number, 0 if it is in vain.
 
         A ValueError is a refusal of what somebody asked: it is counted and logged, nothing else.
 

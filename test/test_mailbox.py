@@ -120,9 +120,10 @@ class SilentLink(Link):
         self.ended = threading.Event()
         self.start()
 
-    def _put(self, request: Request, each: bool) -> None:
+    def _put(self, request: Request, each: bool) -> bool:
         self.put.append((request, each))
         self.has_put.set()
+        return True
 
     def _run(self) -> None:
         self.ended.wait()

@@ -57,10 +57,12 @@ from bridge_core.session import Answer
 from bridge_core.session import Level
 from bridge_core.session import StopChanged
 from bridge_core.session import Verdict
+from bridge_core.transports import process
 from bridge_core.transports import TransportError
 from bridge_core.transports.process import ProcessLink
 from bridge_core.transports.wire import Request
 from bridge_core.transports.wire_process import Node
+from test import gated_wire
 from test.endings import each_ending
 from test.link_rig import FakeOwner
 from test.rig import as_yaml
@@ -636,13 +638,15 @@ class Direct:
     def wire(self) -> int:
         return wait_for(lambda: wires_of(os.getpid()), 5.0, 'a wire')[0]
 
+    def close(self) -> None:
+        self.link.stop()
+
 
 @pytest.fixture
 def direct(pty: Pty) -> Iterator[Direct]:
-    result = Direct(pty)
-    result.activate()
-    yield result
-    result.link.stop()
+    with contextlib.closing(Direct(pty)) as result:
+        result.activate()
+        yield result
 
 
 def test_flood_to_a_stopped_wire_blocks_nobody_and_loses_no_stop(direct: Direct) -> None:
@@ -656,6 +660,26 @@ def test_flood_to_a_stopped_wire_blocks_nobody_and_loses_no_stop(direct: Direct)
     direct.pty.wait_received(b'h')
     wait_for(direct.is_healthy, 5.0, 'a new one')
     assert direct.wire() != wire
+
+
+def test_stops_kill_no_wire_that_loads(
+    pty: Pty, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    gate = tmp_path / 'gate'
+    os.mkfifo(gate)
+    monkeypatch.setenv('WIRE_GATE', str(gate))
+    monkeypatch.setattr(process, '_PROGRAM', gated_wire.__name__)
+    with contextlib.closing(Direct(pty)) as direct:
+        [loads] = wait_for(lambda: spares_of(os.getpid()), 5.0, 'a process')
+        # None is said to be taken, so whoever asks once only knows that it was in vain.
+        assert not any(direct.link.request('request_stop', True, stop=True) for _ in range(5000))
+        pinged = direct.link.request('ping', waits=True)
+        refused = (pinged, 'ping', 'its wire takes nothing')
+        wait_for(lambda: direct.owner.refused == [refused], 5.0, 'a refusal at once')
+        gate.open('w').close()
+        direct.activate()
+        assert direct.wire() == loads
+        assert direct.link.request('request_stop', True, stop=True)
 
 
 def test_device_of_a_wire_that_hangs_is_told_the_farewell_of_a_deactivation(

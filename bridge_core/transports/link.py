@@ -104,7 +104,8 @@ class Link:
         """
         Have the session's method ``name`` called with ``arguments`` soon; return a number.
 
-        A refusal comes to the owner's ``on_refused`` with that number.
+        A refusal comes to the owner's ``on_refused`` with that number. 0: no wire takes it now,
+        and nobody waits for it.
 
         :param key: of one key the newest request may be the only one; empty: the name.
         :param each: no request replaces this one.
@@ -116,8 +117,8 @@ class Link:
         at, limit = clock.now(), REQUEST_LIMIT
         if received_at is not None:
             at, limit = received_at, INPUT_LIMIT
-        self._put(Request(number, key or name, name, arguments, at, limit, stop, waits), each)
-        return number
+        request = Request(number, key or name, name, arguments, at, limit, stop, waits)
+        return number if self._put(request, each) else 0
 
     def activate(self, values: dict[str, Any], *, resting: bool = False) -> None:
         """
@@ -173,7 +174,8 @@ class Link:
 
     # -- what the two do differently --------------------------------------------------------------
 
-    def _put(self, request: Request, each: bool) -> None:
+    def _put(self, request: Request, each: bool) -> bool:
+        """Put it where the wire takes it; tell whether it does, or it will be refused."""
         raise NotImplementedError
 
     def _run(self) -> None:
@@ -268,8 +270,9 @@ class ThreadLink(Link):
         if not self._thread.is_alive():
             self._mailbox.close()
 
-    def _put(self, request: Request, each: bool) -> None:
+    def _put(self, request: Request, each: bool) -> bool:
         self._mailbox.put(request, each)
+        return True
 
     def _run(self) -> None:
         self.wire.run()

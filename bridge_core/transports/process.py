@@ -132,7 +132,7 @@ class ProcessLink(Link):
 
     # -- requests, from any thread ----------------------------------------------------------------
 
-    def _put(self, request: Request, each: bool) -> None:
+    def _put(self, request: Request, each: bool) -> bool:
         del each  # none replaces another: all are sent
         with self._lock:
             if request.name == 'activate':
@@ -140,9 +140,11 @@ class ProcessLink(Link):
             if request.name in Wire.COMMANDS:
                 self._commands[request.number] = request
             why = self._send(request)
-            if why and (request.waits or why != _NOTHING_TAKEN):
+            refused = why != '' and (request.waits or why != _NOTHING_TAKEN)
+            if refused:
                 self._unsent.append((request, why))
                 self._wake()
+        return refused or not why
 
     def deactivate(self) -> None:
         """Send the farewell and close the port; as of Link."""
@@ -153,8 +155,10 @@ class ProcessLink(Link):
 
     def _send(self, request: Request) -> str:
         """Send it, if that is possible; return why not."""
-        if self._wire is None:
-            return _NOTHING_TAKEN  # commands wait in their list
+        if self._wire is None or not (self._wire.ready or request.name in Wire.COMMANDS):
+            # Commands wait. All else would fill the socket of a process that loads, which ended at
+            # the first stop too many, and so would the next. It begins stopped without them.
+            return _NOTHING_TAKEN
         data = pickle.dumps(tuple(request))
         if len(data) > _LARGEST and not request.stop:
             return f'it takes {len(data)} bytes; {_LARGEST} are allowed'
