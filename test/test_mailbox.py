@@ -116,6 +116,7 @@ class SilentLink(Link):
         bridge: Any = None
         super().__init__('silent', bridge, owner)
         self.put: list[tuple[Request, bool]] = []
+        self.takes = True
         self.has_put = threading.Event()
         self.ended = threading.Event()
         self.start()
@@ -123,7 +124,7 @@ class SilentLink(Link):
     def _put(self, request: Request, each: bool) -> bool:
         self.put.append((request, each))
         self.has_put.set()
-        return True
+        return self.takes
 
     def _run(self) -> None:
         self.ended.wait()
@@ -147,6 +148,15 @@ def test_command_is_no_request_that_another_replaces_or_age_refuses() -> None:
     silent.answer('')
     caller.join(20.0)
     assert not caller.is_alive()
+    silent.stop()
+
+
+@pytest.mark.parametrize('takes', [True, False])
+def test_request_that_no_wire_takes_has_no_number(takes: bool) -> None:
+    silent = SilentLink()
+    silent.takes = takes
+    number = silent.request('ping')
+    assert number == (silent.put[0][0].number if takes else 0)
     silent.stop()
 
 

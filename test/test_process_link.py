@@ -795,8 +795,7 @@ def ends() -> Iterator[tuple[Node, socket.socket]]:
     node = Node(ours.detach())
     yield node, theirs
     theirs.close()
-    with contextlib.suppress(OSError):
-        os.close(node.fileno())
+    node._socket.close()
 
 
 def read_all(theirs: socket.socket) -> list[str]:

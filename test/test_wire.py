@@ -624,6 +624,18 @@ def test_port_that_is_lost_at_a_write_is_a_stop(bench: WireBench) -> None:
     assert bench.log() == ['bad cannot write', 'stop True', 'event closed']
 
 
+def test_stop_that_its_session_has_told_is_not_lost_with_a_port_that_fails_at_it(
+    bench: WireBench,
+) -> None:
+    bench.run()
+    bench.log()
+    fails(bench.port, 'send', 'cannot write')
+    bench.session.stop = True
+    bench.do(lambda now: bench.session.interrupted('why', now), stop=True)
+    bench.step()
+    assert bench.log() == ['stop True', 'bad cannot write', 'event closed']
+
+
 def test_session_is_polled_when_it_is_due(bench: WireBench) -> None:
     bench.owner.next = 100.0
     bench.open()

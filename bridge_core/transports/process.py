@@ -313,6 +313,8 @@ class ProcessLink(Link):
         self._owner.on_refused(number, key, text)
 
     def _link_changed(self, text: str, ok: bool) -> None:
+        if not ok:  # a stop to the owner, whatever the session says of it
+            self._verdict, self._releases = Verdict.stop(text, link_up=False), False
         self._owner.link_changed(text, ok)
 
     def _on_done(self, number: int, error: str) -> None:

@@ -389,22 +389,24 @@ class Wire(Generic[FrameT]):
             self._backoff = BACKOFF_START
 
     def _deliver(self, output: tuple[Sequence[Any], Sequence[FrameT]], now: float) -> None:
-        """Frames first (a stop on the wire), then the events."""
+        """Frames first (a stop on the wire), then the events, also where the port fails."""
         assert self._transport is not None
         events, frames = output
         taken: list[FrameT] = []
-        for frame in frames:
-            if self._transport.send(frame):
-                self.status.sent += 1
-                taken.append(frame)
-            else:
-                self.status.dropped += 1
-        at = clock.now()
-        if events:
-            self._owner.on_events(events, now)
-            if any(isinstance(event, StopChanged) for event in events):
-                self._look_at = now + _WORDS_TIME  # its reason is in the report
-        self._show(True, taken, at)
+        try:
+            for frame in frames:
+                if self._transport.send(frame):
+                    self.status.sent += 1
+                    taken.append(frame)
+                else:
+                    self.status.dropped += 1
+        finally:
+            at = clock.now()
+            if events:
+                self._owner.on_events(events, now)
+                if any(isinstance(event, StopChanged) for event in events):
+                    self._look_at = now + _WORDS_TIME  # its reason is in the report
+            self._show(True, taken, at)
 
     def _show(self, sent: bool, frames: Iterable[FrameT], at: float) -> None:
         if self._tap is not None:

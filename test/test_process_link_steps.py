@@ -1,0 +1,130 @@
+# Copyright 2026 The rugged_teleop maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""A link to a wire's process step by step, by a clock of the test's; the process is the test."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from collections.abc import Sequence
+import math
+import select
+import socket
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from bridge_core import clock
+from bridge_core.session import StopChanged
+from bridge_core.session import Verdict
+from bridge_core.transports import process
+from bridge_core.transports.process import ProcessLink
+from bridge_core.transports.wire_process import Node
+from test.link_rig import FakeOwner
+from test.toy_wire import BRIDGE
+
+
+class StoppedOwner(FakeOwner):
+    """To whom a link that is lost is a stop, as to the node."""
+
+    def link_changed(self, text: str, ok: bool) -> None:
+        super().link_changed(text, ok)
+        if not ok:
+            self._publish(True)
+
+
+class LinkBench:
+    """A link whose thread is the test's, and ``wire``, the end of its process."""
+
+    def __init__(self, patch: pytest.MonkeyPatch) -> None:
+        self.now = 100.0
+        self.owner = StoppedOwner()
+        self.link = ProcessLink('link', BRIDGE, self.owner)
+        ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+        ours.setblocking(False)
+        self.ours = ours
+        self.wire = Node(theirs.detach())
+        self.wire.wire = SimpleNamespace(interrupt=self._interrupt)  # type: ignore[assignment]
+        child: Any = SimpleNamespace(pid=1, kill=lambda: None)
+        self.link._wire = process._Process(child, ours, self.now, ready=True)
+        self.link._start_at = math.inf  # no spare
+        self.link._limit = self.link._kill_at = self.now + process.SILENCE_LIMIT
+        patch.setattr(clock, 'now', lambda: self.now)
+        patch.setattr(process, 'select', SimpleNamespace(select=self._select))
+
+    def _interrupt(self, reason: str, now: float) -> None:
+        self.wire.on_events([StopChanged(Verdict.stop(reason))], now)
+
+    def _select(
+        self, readers: Sequence[int], writers: list[int], others: list[int], timeout: float
+    ) -> tuple[list[Any], list[Any], list[Any]]:
+        found = select.select(readers, writers, others, 0.0)
+        if not found[0]:
+            self.now += timeout
+        return found
+
+    def close(self) -> None:
+        self.ours.close()
+        self.wire._socket.close()
+        self.link.stop()
+
+    # What a test does.
+
+    def step(self) -> None:
+        self.link._wait_and_step()
+
+    def say(self, *events: Any) -> None:
+        """Have the wire tell events."""
+        self.wire.on_events(events, self.now)
+
+    def beat(self) -> None:
+        """Let the wire be heard, 25 ms later."""
+        self.now += 0.025
+        self.wire.pace(self.now)
+
+    def run(self) -> None:
+        """Have a wire that demands no stop."""
+        self.say(StopChanged(Verdict()))
+        self.step()
+        assert self.owner.told[-1] is False
+        self.owner.told.clear()
+
+
+@pytest.fixture
+def bench(monkeypatch: pytest.MonkeyPatch) -> Iterator[LinkBench]:
+    bench = LinkBench(monkeypatch)
+    yield bench
+    bench.close()
+
+
+def test_wire_that_was_silent_and_is_heard_again_goes_on(bench: LinkBench) -> None:
+    bench.run()
+    while bench.owner.told[-1:] != [True]:
+        bench.step()
+    bench.beat()
+    bench.step()
+    assert bench.owner.told[-1] is False
+
+
+def test_wire_that_has_lost_its_port_is_no_healthy_one_after_a_silence(bench: LinkBench) -> None:
+    bench.run()
+    bench.wire.link_changed('unplugged', False)
+    bench.step()
+    while 'hangs' not in bench.owner.log[-1]:
+        bench.step()
+    bench.beat()
+    bench.step()
+    assert bench.owner.told
+    assert all(bench.owner.told)
