@@ -16,6 +16,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from collections.abc import Iterator
 from collections.abc import Sequence
 import math
@@ -50,6 +51,7 @@ class LinkBench:
 
     def __init__(self, patch: pytest.MonkeyPatch) -> None:
         self.now = 100.0
+        self.on_interrupt: Callable[[], None] = lambda: None
         self.owner = StoppedOwner()
         self.link = ProcessLink('link', BRIDGE, self.owner)
         ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
@@ -65,6 +67,7 @@ class LinkBench:
         patch.setattr(process, 'select', SimpleNamespace(select=self._select))
 
     def _interrupt(self, reason: str, now: float) -> None:
+        self.on_interrupt()
         self.wire.on_events([StopChanged(Verdict.stop(reason))], now)
 
     def _select(
@@ -128,3 +131,59 @@ def test_wire_that_has_lost_its_port_is_no_healthy_one_after_a_silence(bench: Li
     bench.step()
     assert bench.owner.told
     assert all(bench.owner.told)
+
+
+def test_node_that_was_held_up_says_nothing_before_it_has_taken_in_all(
+    bench: LinkBench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(process, '_READS', 4)
+    bench.run()
+    for _ in range(10):
+        bench.say('event')
+    bench.say(StopChanged(Verdict.stop()))
+    bench.now += 1.0
+    for _ in range(5):
+        bench.step()
+    assert bench.owner.told
+    assert all(bench.owner.told)
+
+
+def test_stop_that_did_not_fit_comes_before_anything_else(bench: LinkBench) -> None:
+    bench.run()
+    bench.wire._socket.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, 1)
+    bench.say(StopChanged(Verdict.stop()))
+    bench.say(StopChanged(Verdict()))
+    while not bench.wire._lost:
+        bench.say('event')
+    bench.say(StopChanged(Verdict.stop()))
+    bench.now += 1.0
+    bench.on_interrupt = bench.step  # which reads that there is room again, and nothing else yet
+    bench.step()
+    bench.say('event')
+    bench.step()
+    bench.beat()
+    bench.step()
+    assert 'event event' in bench.owner.log
+    assert bench.owner.told
+    assert all(bench.owner.told)
+
+
+def test_node_that_was_held_up_goes_on_once_its_wire_says_something_new(bench: LinkBench) -> None:
+    bench.run()
+    bench.beat()
+    bench.now += 1.0
+    bench.step()
+    assert bench.owner.told == []
+    bench.beat()
+    bench.step()
+    assert bench.owner.told == [False]
+    assert 'hangs' not in str(bench.owner.log)
+
+
+def test_stop_is_repeated_however_old_it_is(bench: LinkBench) -> None:
+    bench.say(StopChanged(Verdict.stop()))
+    bench.now += 1.0
+    bench.step()
+    bench.owner.told.clear()
+    bench.step()
+    assert bench.owner.told == [True]

@@ -65,9 +65,7 @@ _REPORT_PERIOD = 1.0  # s
 _ROOM = 1 << 20  # bytes, for messages either way; the system may allow less
 _LARGEST = 1 << 16  # bytes of a request; any system has room for that
 _NOTHING_TAKEN = 'its wire takes nothing'
-# Messages before the owner is paced again: more than can wait, so that a node that was held up
-# says nothing of before until it has taken in all of them.
-_READS = 1024
+_READS = 1024  # messages before the silence is judged again, and requests are refused
 
 
 @dataclass
@@ -127,6 +125,7 @@ class ProcessLink(Link):
         self._limit = self._kill_at = 0.0  # of silence
         self._verdict: Verdict | None = None  # the wire's own
         self._releases = False  # it is no stop, and the owner has not been told yet
+        self._said_at = 0.0  # when the wire said what was read last; 0: something before is lost
         self._trouble = ''  # why there is no healthy wire
         self._last_end = 'none'
 
@@ -204,11 +203,15 @@ class ProcessLink(Link):
             self._kill_at += now - meant
         if self._spare is not None:
             self._look_at(self._spare)
-        if self._read(now) and self._trouble:
+        knows = self._read(now)
+        if knows:
             self._be_sound(now)
         self._judge(now)
         self._refuse_unsent()
-        self._pace_at = self._owner.pace(now)
+        if knows or self._trouble or self._verdict is None or self._verdict.estop:
+            self._pace_at = self._owner.pace(now)
+        else:  # what it repeats may not be so any more: silence, until the wire or _judge tells
+            self._pace_at = now + SILENCE_LIMIT
 
     def _wait(self, now: float) -> float:
         """Sleep until something is due; return when this should be over."""
@@ -225,24 +228,22 @@ class ProcessLink(Link):
         return now + timeout
 
     def _read(self, now: float) -> bool:
-        """Take what the wire says; tell whether it has said anything and lives."""
-        heard = False
+        """Take what the wire says; tell whether that is all, and of just now."""
         for _ in range(_READS):
             if self._wire is None:
                 return False
             data = self._wire.receive()
             if data is None:
-                self._release(now)
-                return heard
+                return clock.now() <= self._said_at + SILENCE_LIMIT
             if not data:
                 self._lost(self._wire, now)
                 return False
-            heard = self._wire.ready = True
+            self._wire.ready = True
             heard_at = clock.now()  # later than now, if we are held up amid this
             self._limit, self._kill_at = heard_at + SILENCE_LIMIT, heard_at + _KILL_TIME
-            name, arguments = pickle.loads(data)
+            name, arguments, self._said_at = pickle.loads(data)
             self._MESSAGES[name](self, *arguments)
-        return heard
+        return False
 
     def _refuse_unsent(self) -> None:
         with self._lock:
@@ -264,11 +265,14 @@ class ProcessLink(Link):
             self._report_trouble(now)
 
     def _be_sound(self, now: float) -> None:
-        self._trouble = ''
-        if self._verdict is not None:
+        """Tell the end of trouble or of a stop; not before, as another stop may be behind it."""
+        ends = self._trouble or self._releases
+        self._trouble, self._releases = '', False
+        if ends and self._verdict is not None:
             self._owner.on_events([StopChanged(self._verdict)], now)
 
     def _be_in_trouble(self, text: str, now: float) -> None:
+        self._said_at = 0.0  # before the end of this it has to say something more
         self._trouble = f'the wire of {self.name} does not work, {text}'
         self._owner.link_changed(self._trouble, False)
         self._report_trouble(now)
@@ -297,12 +301,6 @@ class ProcessLink(Link):
             if not (isinstance(event, StopChanged) and self._releases):
                 told.append(event)
         self._owner.on_events(told, now)
-
-    def _release(self, now: float) -> None:
-        """Tell the end of a stop when all is read: another stop may have waited behind it."""
-        if self._releases and self._verdict is not None:
-            self._releases = False
-            self._owner.on_events([StopChanged(self._verdict)], now)
 
     def _on_report(self, report: Report, now: float) -> None:
         values = {**report.link.values, **self._processes()}

@@ -123,8 +123,9 @@ class Node:
 
     def _tell(self, name: str, *arguments: Any) -> bool:
         self._told_at = clock.now()
+        at = 0.0 if self._lost else self._told_at  # 0: the node does not know all that was before
         try:
-            self._socket.send(pickle.dumps((name, arguments)))
+            self._socket.send(pickle.dumps((name, arguments, at)))
         except OSError:  # no room; or the node is gone, as take() finds out
             self._lost = True
             return False
