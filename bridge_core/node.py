@@ -28,6 +28,7 @@ from contextlib import ExitStack
 import math
 import os
 import threading
+import traceback
 from typing import Any
 from typing import ClassVar
 from typing import Generic
@@ -365,6 +366,12 @@ class BridgeNode(ManagedNode, Generic[EventT]):
         """Publish what a session would have at its end: its wire is gone without one."""
         self._tell_later()  # or what it said last would stand
         self.forget_device()
+
+    def link_ended(self, error: BaseException) -> None:
+        """End the process: ``~/estop`` is silent, and must not be so for a node that goes on."""
+        if not self.lane.fault.done():
+            self.lane.fault.set_exception(error)
+        self.get_logger().fatal(f'the link ends: {traceback.format_exc()}')
 
     def stamp(self) -> Any:
         """Return the time for a header, in ROS time: it never decides anything."""

@@ -225,6 +225,9 @@ class FakeOwner:
     def on_lost(self) -> None:
         self.log.append('lost')
 
+    def link_ended(self, error: BaseException) -> None:
+        self.log.append(f'ended {error!r}')
+
     def pace(self, now: float) -> float:
         self.threads.add(threading.get_ident())
         self.paced.append(now)

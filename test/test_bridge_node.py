@@ -316,6 +316,20 @@ def test_wire_that_does_not_answer_is_no_fault_of_the_parameters(
     node.destroy_node()
 
 
+def test_node_whose_link_ends_by_a_fault_ends_its_process(
+    context: Context, monkeypatch: pytest.MonkeyPatch, link: str
+) -> None:
+    """The runner waits for this fault, too; nodes of silent ~/estop must not go on."""
+    node = make_toy(context, link, port='/dev/nothing')
+
+    def leave(now: float) -> float:
+        raise SystemExit
+
+    monkeypatch.setattr(node, 'pace', leave)
+    assert isinstance(node.lane.fault.exception(20.0), SystemExit)
+    node.destroy_node()
+
+
 def test_stop_that_comes_and_goes_in_one_read_is_published(
     context: Context, pty: Pty, observer: Observer, link: str
 ) -> None:

@@ -16,7 +16,9 @@
 
 from collections.abc import Callable
 import contextlib
+import errno
 import math
+import traceback
 
 import pytest
 
@@ -132,3 +134,27 @@ def test_fault_without_a_port_is_told_once_a_second_at_most(bench: Bench) -> Non
     assert sum(line.startswith('bad internal error') for line in bench.owner.log) == 1
     bench.owner.faults.clear()
     wait_for(lambda: bench.owner.told, 2.0, 'pacing again')
+
+
+def test_fault_that_cannot_be_logged_ends_nothing(
+    bench: Bench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The log is on a disk that is full, say."""
+
+    def refuse() -> None:
+        raise OSError(errno.ENOSPC, 'no space left')
+
+    monkeypatch.setattr(traceback, 'print_exc', refuse)
+    bench.run()
+    bench.owner.faults |= {'pace', 'on_events', 'link_changed'}
+    assert bench.steps_within(0.5) > 1
+    bench.owner.faults.clear()
+    wait_for(lambda: bench.opened(2), 3.0, 'an open port')
+
+
+def test_thread_that_ends_by_a_fault_says_so(bench: Bench) -> None:
+    def leave(now: float) -> float:
+        raise SystemExit
+
+    bench.owner.pace = leave  # type: ignore[method-assign]
+    wait_for(lambda: bench.owner.log[-1:] == ['ended SystemExit()'], 2.0, 'the end')

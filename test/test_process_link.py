@@ -720,6 +720,18 @@ def test_stop_behind_an_event_that_the_owner_fails_at_is_not_lost(direct: Direct
     wait_for(stopped, 5.0, 'the stop')
 
 
+def test_thread_that_ends_by_a_fault_says_so_and_takes_its_wire_along(direct: Direct) -> None:
+    wire = direct.wire()
+
+    def leave(now: float) -> float:
+        raise SystemExit
+
+    direct.owner.pace = leave  # type: ignore[method-assign]
+    wait_for(lambda: direct.owner.log[-1:] == ['ended SystemExit()'], 5.0, 'the end')
+    direct.pty.wait_received(b'BYE')
+    assert not is_running(wire)
+
+
 def test_end_of_a_stop_is_not_told_where_another_stop_waits_behind_it(direct: Direct) -> None:
     pace, gate, held = direct.owner.pace, threading.Event(), threading.Event()
 

@@ -19,9 +19,11 @@ from __future__ import annotations
 from collections.abc import Callable
 from collections.abc import Iterator
 from collections.abc import Sequence
+import errno
 import math
 import select
 import socket
+import traceback
 from types import SimpleNamespace
 from typing import Any
 
@@ -86,7 +88,7 @@ class LinkBench:
     # What a test does.
 
     def step(self) -> None:
-        self.link._wait_and_step()
+        self.link._guarded_step()
 
     def say(self, *events: Any) -> None:
         """Have the wire tell events."""
@@ -187,3 +189,50 @@ def test_stop_is_repeated_however_old_it_is(bench: LinkBench) -> None:
     bench.owner.told.clear()
     bench.step()
     assert bench.owner.told == [True]
+
+
+@pytest.mark.parametrize('disk_is_full', [False, True])
+def test_owner_that_fails_at_each_event_goes_on_to_be_paced(
+    bench: LinkBench,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    disk_is_full: bool,
+) -> None:
+    """The stop is repeated, and the fault is not."""
+
+    def refuse() -> None:
+        raise OSError(errno.ENOSPC, 'no space left')
+
+    if disk_is_full:
+        monkeypatch.setattr(traceback, 'print_exc', refuse)
+    bench.run()
+    bench.owner.faults = {'on_events'}
+    for _ in range(100):
+        bench.now += 0.025
+        bench.say('event')
+        bench.step()
+    assert bench.owner.told.count(True) > 95
+    assert not bench.owner.told.count(False)
+    assert [line for line in bench.owner.log if 'bad' in line] == [
+        'bad the wire of link does not work, internal error, see the log'
+    ]
+    assert capsys.readouterr().err.count('Traceback') == (not disk_is_full)
+    bench.owner.faults.clear()
+    fault_at = bench.now
+    while bench.owner.told[-1]:
+        bench.beat()
+        bench.step()
+    assert bench.now - fault_at > 0.9
+
+
+def test_stop_that_the_owner_fails_at_is_told_again(bench: LinkBench) -> None:
+    bench.run()
+    bench.owner.faults = {'on_events', 'link_changed'}
+    bench.say('event')
+    bench.step()
+    bench.owner.faults.clear()
+    bench.owner.told.clear()
+    bench.beat()
+    bench.step()
+    assert bench.owner.told
+    assert all(bench.owner.told)

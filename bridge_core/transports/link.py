@@ -50,6 +50,9 @@ class LinkOwner(Owner, Protocol):
     def on_lost(self) -> None:
         """Take that the wire is gone, and with it the session, which could tell nothing more."""
 
+    def link_ended(self, error: BaseException) -> None:
+        """Take that the thread of the link has ended by a fault: nothing more will be told."""
+
 
 class Link:
     """
@@ -83,7 +86,7 @@ class Link:
         self._tap = tap
         self._numbers = itertools.count(1)
         self._waiting: dict[int, Callable[[str], None]] = {}  # for the end of a command
-        self._thread = threading.Thread(target=self._run, name=name, daemon=True)
+        self._thread = threading.Thread(target=self._work, name=name, daemon=True)
 
     # -- for the node -----------------------------------------------------------------------------
 
@@ -165,6 +168,12 @@ class Link:
             raise TransportError(f'the link of {self.name} does not answer')
         if errors[0]:
             raise ValueError(errors[0])
+
+    def _work(self) -> None:
+        try:
+            self._run()
+        except BaseException as error:
+            self._owner.link_ended(error)
 
     def _done(self, number: int, error: str) -> None:
         """Tell who waits for a command that it has ended."""

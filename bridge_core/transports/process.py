@@ -62,6 +62,7 @@ _START_TIME = 25.0  # s that a start may take; a starved machine needs most of i
 _SPARE_TIME = 1.0  # s after which a wire gets a spare; what starts is busy enough before
 _LONG_LIFE = 5.0  # s, after which the next start comes at once
 _REPORT_PERIOD = 1.0  # s
+_FAULT_TIME = 1.0  # s that the stop after a fault of the owner lasts
 _ROOM = 1 << 20  # bytes, for messages either way; the system may allow less
 _LARGEST = 1 << 16  # bytes of a request; any system has room for that
 _NOTHING_TAKEN = 'its wire takes nothing'
@@ -123,6 +124,7 @@ class ProcessLink(Link):
         self._backoff = BACKOFF_START
         self._start_at = self._took_over_at = self._pace_at = self._report_at = 0.0
         self._limit = self._kill_at = 0.0  # of silence
+        self._sound_at = 0.0  # not before, after a fault of the owner
         self._verdict: Verdict | None = None  # the wire's own
         self._releases = False  # it is no stop, and the owner has not been told yet
         self._said_at = 0.0  # when the wire said what was read last; 0: something before is lost
@@ -176,19 +178,27 @@ class ProcessLink(Link):
     # -- the reader's thread ----------------------------------------------------------------------
 
     def _run(self) -> None:
-        while not self._ended:
-            try:
-                self._wait_and_step()
-            except Exception:
-                traceback.print_exc()
-                self._take_as_stop(clock.now())
-        self._leave()
+        try:
+            while not self._ended:
+                self._guarded_step()
+        finally:
+            self._leave()
+
+    def _guarded_step(self) -> None:
+        try:
+            self._wait_and_step()
+        except Exception:
+            self._take_as_stop(clock.now())
 
     def _take_as_stop(self, now: float) -> None:
         """Stop after a fault of the owner: what it did not take may have been one."""
-        self._pace_at = now + BACKOFF_START
+        if now >= self._sound_at:  # it may fail at every event
+            with contextlib.suppress(Exception):  # a log on a full disk
+                traceback.print_exc()
+        self._sound_at, self._pace_at = now + _FAULT_TIME, now + BACKOFF_START
         with contextlib.suppress(Exception):  # it fails at this, too
-            self._be_in_trouble('internal error, see the log', now)
+            self._judge(now)
+            self._pace_at = self._owner.pace(now)
 
     def _wait_and_step(self) -> None:
         now = clock.now()
@@ -204,7 +214,7 @@ class ProcessLink(Link):
         if self._spare is not None:
             self._look_at(self._spare)
         knows = self._read(now)
-        if knows:
+        if knows and now >= self._sound_at:
             self._be_sound(now)
         self._judge(now)
         self._refuse_unsent()
@@ -252,6 +262,8 @@ class ProcessLink(Link):
             self._owner.on_refused(request.number, request.key, self._trouble or why)
 
     def _judge(self, now: float) -> None:
+        if now < self._sound_at and not self._trouble:
+            self._be_in_trouble('internal error, see the log', now)
         if self._wire is not None and not self._trouble and now >= self._limit:
             self._be_in_trouble(
                 f'its process {self._wire.process.pid} hangs: nothing was heard of it for '
@@ -273,8 +285,9 @@ class ProcessLink(Link):
 
     def _be_in_trouble(self, text: str, now: float) -> None:
         self._said_at = 0.0  # before the end of this it has to say something more
-        self._trouble = f'the wire of {self.name} does not work, {text}'
-        self._owner.link_changed(self._trouble, False)
+        reason = f'the wire of {self.name} does not work, {text}'
+        self._owner.link_changed(reason, False)
+        self._trouble = reason  # not before it was told
         self._report_trouble(now)
 
     def _report_trouble(self, now: float) -> None:
@@ -419,7 +432,8 @@ class ProcessLink(Link):
 
     def _leave(self) -> None:
         with self._lock:
-            wire, self._wire = self._wire, None
+            wire, self._wire, self._activation = self._wire, None, None
+            self._commands.clear()
         if wire is not None:
             wire.end(ANSWER_TIME / 2)
         if self._spare is not None:

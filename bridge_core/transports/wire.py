@@ -223,7 +223,8 @@ class Wire(Generic[FrameT]):
         """Say something about a fault that may come again and again, once a second at most."""
         if now >= self._complain_at:
             self._complain_at = now + 1.0
-            say()
+            with contextlib.suppress(Exception):  # a log on a full disk
+                say()
 
     def _wait_and_step(self) -> None:
         # Anything that a request changes counts at once, so read the clock after the wait.
