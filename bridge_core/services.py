@@ -73,7 +73,9 @@ class Waiting:
 
     def fail(self, text: str) -> None:
         """Tell all who wait that there will be no answer, and why."""
-        for request in list(self._futures):
+        with self._lock:  # one that is just being sent waits, too
+            requests = list(self._futures)
+        for request in requests:
             self.answer(Answer(request, False, text))
 
     def _settle(self, future: Future, answer: Answer) -> None:

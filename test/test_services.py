@@ -56,3 +56,19 @@ def test_answer_from_another_thread_wakes_the_executor(context: Context) -> None
     thread.join()
     executor.shutdown()
     node.destroy_node()
+
+
+def test_request_that_is_being_sent_while_all_fail_fails_too(context: Context) -> None:
+    node = Node('waiting', context=context)
+    waiting = Waiting(node)
+    failing = threading.Thread(target=waiting.fail, args=('the port is lost',), daemon=True)
+
+    def send() -> int:
+        failing.start()
+        failing.join(0.2)  # if it does not wait for this
+        return 1
+
+    future = waiting.ask('clear_errors', send, 'not active')
+    wait_for(future.done, what='an answer')
+    assert future.result() == Answer('clear_errors', False, 'the port is lost')
+    node.destroy_node()
