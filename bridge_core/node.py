@@ -485,7 +485,11 @@ class BridgeNode(ManagedNode, Generic[EventT]):
         def activate() -> None:
             self.take_parameters(self.values)
             self.active = True
-            self.link.activate(self.values)
+            try:
+                self.link.activate(self.values)
+            except TransportError:
+                self.leave()  # or a wire that is there at last would open the port
+                raise
 
         result = self._transition(activate, 'activate')
         if result != TransitionCallbackReturn.SUCCESS:

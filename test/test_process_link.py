@@ -46,6 +46,7 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
+from rclpy.context import Context
 from std_msgs.msg import Bool
 from std_msgs.msg import Float32
 from std_srvs.srv import Trigger
@@ -66,6 +67,7 @@ from test import gated_wire
 from test.endings import each_ending
 from test.link_rig import FakeOwner
 from test.rig import as_yaml
+from test.rig import holds_for
 from test.rig import latched
 from test.rig import NodeProcess
 from test.rig import Observer
@@ -77,6 +79,7 @@ from test.run_delay import RunDelay
 from test.run_delay import WIRE_HELD_UP
 from test.talkers import Diagnostics
 from test.test_esi_drive_node import Bench as DriveBench
+from test.toy_bridge import make_toy
 from test.toy_bridge import toy_process
 from test.toy_rig import command_of
 from test.toy_rig import ESTOP
@@ -662,13 +665,17 @@ def test_flood_to_a_stopped_wire_blocks_nobody_and_loses_no_stop(direct: Direct)
     assert direct.wire() != wire
 
 
-def test_stops_kill_no_wire_that_loads(
-    pty: Pty, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    gate = tmp_path / 'gate'
-    os.mkfifo(gate)
-    monkeypatch.setenv('WIRE_GATE', str(gate))
+@pytest.fixture
+def gate(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Have wires load only when this pipe is opened to write."""
+    path = tmp_path / 'gate'
+    os.mkfifo(path)
+    monkeypatch.setenv('WIRE_GATE', str(path))
     monkeypatch.setattr(process, '_PROGRAM', gated_wire.__name__)
+    return path
+
+
+def test_stops_kill_no_wire_that_loads(pty: Pty, gate: Path) -> None:
     with contextlib.closing(Direct(pty)) as direct:
         [loads] = wait_for(lambda: spares_of(os.getpid()), 5.0, 'a process')
         # None is said to be taken, so whoever asks once only knows that it was in vain.
@@ -680,6 +687,25 @@ def test_stops_kill_no_wire_that_loads(
         direct.activate()
         assert direct.wire() == loads
         assert direct.link.request('request_stop', True, stop=True)
+
+
+def test_activation_that_was_given_up_is_undone_once_the_wire_is_there(
+    context: Context, pty: Pty, gate: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr('bridge_core.transports.link.ACTIVATE_TIME', 0.1)
+    node = make_toy(context, 'process', port=str(pty.path))
+    with pytest.raises(TransportError, match='does not answer'):
+        node.autostart()
+    gate.open('w').close()
+    pty.wait_received(b'BYE')
+    pty.clear()
+
+    def is_silent() -> bool:
+        pty.read()
+        return not pty.received
+
+    holds_for(is_silent, 0.3)
+    node.destroy_node()
 
 
 def test_device_of_a_wire_that_hangs_is_told_the_farewell_of_a_deactivation(
