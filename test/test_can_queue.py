@@ -34,6 +34,7 @@ from typing import Any
 import can
 import pytest
 
+from bridge_core import clock
 from bridge_core.j1939 import CanFrame
 from bridge_core.transports.can_ports import PumpedPort
 from bridge_core.transports.can_ports import Unconfirmed
@@ -85,10 +86,13 @@ class BlockedBus:
     """A bus of python-can whose ``send`` waits until it is let go."""
 
     def __init__(self) -> None:
+        self.sending = threading.Event()
         self.let_go = threading.Event()
         self.sent: list[bytes] = []
+        self.is_shut = False
 
     def send(self, frame: can.Message) -> None:
+        self.sending.set()
         self.let_go.wait(20.0)
         self.sent.append(bytes(frame.data))
 
@@ -96,7 +100,7 @@ class BlockedBus:
         threading.Event().wait(timeout)
 
     def shutdown(self) -> None:
-        pass
+        self.is_shut = True
 
 
 def test_frames_that_waited_for_a_blocked_driver_are_not_sent_after_it(
@@ -114,6 +118,29 @@ def test_frames_that_waited_for_a_blocked_driver_are_not_sent_after_it(
     assert port.write(message(1, b'neutral'))
     wait_for(lambda: bus.sent == [b'motion', b'neutral'], 5.0, lambda: str(bus.sent))
     port.close()
+
+
+@pytest.mark.parametrize(
+    ('held_up', 'sent'), [(0.19, [b'motion', b'neutral']), (0.2, [b'motion'])]
+)
+def test_newest_frame_takes_the_place_of_old_ones_and_leaves_soon_or_never(
+    monkeypatch: pytest.MonkeyPatch, held_up: float, sent: list[bytes]
+) -> None:
+    now, bus = 100.0, BlockedBus()
+    monkeypatch.setattr(clock, 'now', lambda: now)
+    monkeypatch.setattr(can, 'Bus', lambda **options: bus)
+    port = PumpedPort({}, (), Counter())
+    assert port.write(message(1, b'motion'))
+    assert bus.sending.wait(5.0)
+    assert all(port.write(message(1, b'motion')) for _ in range(16))
+    assert not port.write(message(1, b'neutral'))
+    now += 0.015
+    assert port.write(message(1, b'neutral'))
+    port.close()
+    now += held_up
+    bus.let_go.set()
+    wait_for(lambda: bus.is_shut, 5.0, 'an end')
+    assert bus.sent == sent
 
 
 # A real interface whose driver confirms what was sent, as those of controllers do.

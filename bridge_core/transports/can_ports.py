@@ -36,7 +36,6 @@ import errno
 import fcntl
 import os
 from pathlib import Path
-import queue
 import socket
 import struct
 import threading
@@ -251,8 +250,9 @@ class PumpedPort:
         self._counts = counts
         self._wake_fd = os.eventfd(0, os.EFD_NONBLOCK | os.EFD_CLOEXEC)
         self._lock = threading.Lock()
+        self._to_send = threading.Condition(self._lock)
         self._received: deque[can.Message] = deque()
-        self._outgoing: queue.SimpleQueue[tuple[float, can.Message] | None] = queue.SimpleQueue()
+        self._outgoing: deque[tuple[float, can.Message]] = deque()
         self._failure: Exception | None = None
         self._closing = False
         self._reader = threading.Thread(target=self._inward, daemon=True)
@@ -278,20 +278,22 @@ class PumpedPort:
         return messages
 
     def write(self, message: can.Message) -> bool:
-        """Pass it to the writer thread; drop it while its queue is full."""
+        """Pass it to the writer thread; drop it while its queue is full of what is not old."""
         if self._failure is not None:
             raise self._failure
-        if self._outgoing.qsize() >= _SEND_QUEUE_LIMIT:
-            return False
-        self._outgoing.put((clock.now(), message))
+        with self._to_send:
+            if self._count_waiting() >= _SEND_QUEUE_LIMIT:
+                return False
+            self._outgoing.append((clock.now(), message))
+            self._to_send.notify()
         return True
 
     def close(self) -> None:
-        """End the threads; the writer first sends its queue, then closes the bus."""
-        with self._lock:
+        """End the threads; the writer first sends what is not old, then closes the bus."""
+        with self._to_send:
             self._closing = True
             os.close(self._wake_fd)
-        self._outgoing.put(None)
+            self._to_send.notify()
         self._writer.join(_CLOSE_TIMEOUT)  # so that a reopen finds the port free
 
     def _inward(self) -> None:
@@ -305,19 +307,29 @@ class PumpedPort:
 
     def _outward(self) -> None:
         try:
-            while (waiting := self._outgoing.get()) is not None:
-                at, message = waiting
-                if clock.now() < at + _OLD or self._closing:  # what leaves last is wanted
-                    self._bus.send(message)
-                else:
-                    self._counts['frames too old to send'] += 1
+            while (message := self._next()) is not None:
+                self._bus.send(message)
         except Exception as error:
             self._fail(error)
-            while self._outgoing.get() is not None:
-                pass
+            with self._to_send:
+                self._to_send.wait_for(lambda: self._closing)
         self._reader.join()
         with contextlib.suppress(Exception):  # closing what is already gone
             self._bus.shutdown()
+
+    def _next(self) -> can.Message | None:
+        """Wait for a frame to send; None: there will be none."""
+        with self._to_send:
+            self._to_send.wait_for(lambda: self._count_waiting() or self._closing)
+            return self._outgoing.popleft()[1] if self._outgoing else None
+
+    def _count_waiting(self) -> int:
+        """Return how many frames wait to be sent, without old ones; the lock is held."""
+        limit = _CLOSE_TIMEOUT if self._closing else _OLD  # what leaves last is wanted
+        while self._outgoing and clock.now() >= self._outgoing[0][0] + limit:
+            self._outgoing.popleft()
+            self._counts['frames too old to send'] += 1
+        return len(self._outgoing)
 
     def _put(self, message: can.Message) -> None:
         with self._lock:
