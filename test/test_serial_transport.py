@@ -331,16 +331,18 @@ def test_frame_is_dropped_while_the_line_is_busy_and_the_stall_told(
     peer = PtyPeer(tmp_path / 'device')
     transport = SerialTransport(peer.url, 115200)
     transport.open()
-    backlog, now = 65, 100.0
+    backlog, now = 0, 100.0
     monkeypatch.setattr(serial_module, '_backlog', lambda fd, request=0: backlog)
     monkeypatch.setattr(clock, 'now', lambda: now)
+    assert transport.send(bytes(65)) is True
+    backlog = 65
     assert transport.send(b'first') is False
     now += 0.4
     assert transport.send(b'second') is False
     backlog = 64
     assert transport.send(b'third') is True
     peer.wait_received(b'third')
-    assert peer.received == b'third'
+    assert peer.received == bytes(65) + b'third'
     # Busy again: the time counts from here.
     backlog = 65
     now += 0.4
@@ -351,6 +353,25 @@ def test_frame_is_dropped_while_the_line_is_busy_and_the_stall_told(
     monkeypatch.undo()
     transport.close()
     peer.unplug()
+
+
+def test_backlog_in_whole_buffers_of_the_driver_counts_as_what_was_written(
+    pty: Pty, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """So cdc_acm counts."""
+    transport = SerialTransport(str(pty.path), 115200)
+    transport.open()
+    backlog = 0
+    monkeypatch.setattr(serial_module, '_backlog', lambda fd, request=0: backlog)
+    for _ in range(3):
+        backlog = 0
+        assert transport.send(bytes(32))
+        backlog = 1280
+        assert transport.send(bytes(32))
+        assert transport.send(bytes(1))
+        assert not transport.send(bytes(1))
+    monkeypatch.undo()
+    transport.close()
 
 
 # What keeps a port from being opened, in words.
