@@ -345,6 +345,17 @@ def test_serial_adapter_gets_the_bit_rate_carries_frames_and_may_be_unplugged(pt
     transport.close()
 
 
+def test_line_that_a_serial_adapter_cuts_short_is_a_lost_port(pty: Pty) -> None:
+    transport = CanTransport('slcan', str(pty.path))
+    transport.open()
+    pty.write(b'T0CFD\r')
+    with pytest.raises(TransportError, match=r'slcan .*index out of range'):
+        wait_frames(transport, 1)
+    with pytest.raises(TransportError, match='cannot send'):
+        transport.send(LAST)
+    transport.close()
+
+
 def test_serial_adapter_that_takes_nothing_never_blocks_us(pty: Pty) -> None:
     transport = CanTransport('slcan', str(pty.path))
     transport.open()

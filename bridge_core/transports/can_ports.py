@@ -340,6 +340,8 @@ class PumpedPort:
             self._wake()
 
     def _fail(self, error: Exception) -> None:
+        if not isinstance(error, can.CanError | OSError):  # drivers raise many kinds
+            error = can.CanOperationError(repr(error))
         with self._lock:
             self._failure = self._failure or error
             self._wake()
