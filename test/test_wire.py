@@ -925,12 +925,24 @@ def test_farewell_waits_for_a_busy_line_for_a_tenth_of_a_second(bench: WireBench
     assert bench.port.sent[-2:] == [b'bye 1', b'bye 2']
     assert 0.004 <= bench.now - then <= 0.006
     bench.run()
+    bench.log()
     bench.port.busy = 10**9
     then = bench.now
     bench.deactivate()
     bench.step()
     assert 0.099 <= bench.now - then <= 0.102
+    said = 'bad no farewell: port takes nothing'
+    assert bench.log() == [said, 'stop True', 'event closed']
     assert not bench.port.is_open
+
+
+def test_first_part_of_a_farewell_that_is_refused_is_told(bench: WireBench) -> None:
+    bench.run()
+    bench.log()
+    bench.port.busy = 101
+    bench.deactivate()
+    bench.step()
+    assert bench.log()[:2] == ['sent bye 2', 'bad no farewell: port takes nothing']
 
 
 def test_farewell_to_a_lost_port_is_told_and_still_stops_and_closes(bench: WireBench) -> None:

@@ -361,6 +361,7 @@ class Wire(Generic[FrameT]):
 
     def _say_farewell(self, transport: Transport[FrameT], frames: list[FrameT]) -> None:
         end = clock.now() + _FAREWELL_TIME
+        refused = False
         try:
             for frame in frames:
                 # A line busy with earlier frames is no reason to leave the device moving.
@@ -368,8 +369,12 @@ class Wire(Generic[FrameT]):
                     time.sleep(0.001)
                 if taken:
                     self._show(True, [frame], clock.now())
+                refused = refused or not taken
         except TransportError as error:
             self._owner.link_changed(f'no farewell: {error}', False)
+        else:
+            if refused:
+                self._owner.link_changed(f'no farewell: {transport.name} takes nothing', False)
 
     # -- port and session -------------------------------------------------------------------------
 
