@@ -23,9 +23,14 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable
 from collections.abc import Iterator
+import contextlib
 import ctypes
+import errno
 import os
+import queue
 import select
+import socket
+import struct
 import subprocess
 import threading
 import time
@@ -36,9 +41,13 @@ import pytest
 
 from bridge_core import clock
 from bridge_core.j1939 import CanFrame
+from bridge_core.transports import can_ports
+from bridge_core.transports import TransportError
+from bridge_core.transports.can import CanTransport
 from bridge_core.transports.can_ports import PumpedPort
 from bridge_core.transports.can_ports import Unconfirmed
 from test.can_rig import drain
+from test.can_rig import error_frame
 from test.can_rig import message
 from test.can_rig import VARIABLE
 from test.can_rig import VirtualInterface
@@ -89,6 +98,7 @@ class BlockedBus:
         self.sending = threading.Event()
         self.let_go = threading.Event()
         self.sent: list[bytes] = []
+        self.heard = queue.SimpleQueue[can.Message]()
         self.is_shut = False
 
     def send(self, frame: can.Message) -> None:
@@ -96,8 +106,10 @@ class BlockedBus:
         self.let_go.wait(20.0)
         self.sent.append(bytes(frame.data))
 
-    def recv(self, timeout: float) -> None:
-        threading.Event().wait(timeout)
+    def recv(self, timeout: float) -> can.Message | None:
+        with contextlib.suppress(queue.Empty):
+            return self.heard.get(timeout=timeout)
+        return None
 
     def shutdown(self) -> None:
         self.is_shut = True
@@ -141,6 +153,162 @@ def test_newest_frame_takes_the_place_of_old_ones_and_leaves_soon_or_never(
     bus.let_go.set()
     wait_for(lambda: bus.is_shut, 5.0, 'an end')
     assert bus.sent == sent
+
+
+# A port that takes nothing is lost if others are heard on the bus.
+
+
+class Controller:
+    """SocketcanBus and its socket: ``confirms`` what is sent, or has a queue that is ``full``."""
+
+    def __init__(self) -> None:
+        self.socket = self
+        self.confirms = self.full = False
+        self.waiting: list[can.Message] = []
+        self._inbox: list[tuple[can.Message, int]] = []
+
+    def setsockopt(self, *_: Any) -> None:
+        pass
+
+    def shutdown(self) -> None:
+        pass
+
+    def hear(self, frame: can.Message, flags: int = 0) -> None:
+        self._inbox.append((frame, flags))
+
+    def recvmsg(self, *_: Any) -> tuple[bytes, list[Any], int, None]:
+        if self.confirms:
+            for each in self.waiting:
+                self.hear(each, socket.MSG_CONFIRM)
+            self.waiting.clear()
+        if not self._inbox:
+            raise BlockingIOError
+        frame, flags = self._inbox.pop(0)
+        kind = 0x20000000 if frame.is_error_frame else 0x80000000
+        head = struct.pack('=IB3x', frame.arbitration_id | kind, len(frame.data))
+        return head + bytes(frame.data), [], flags, None
+
+    def send(self, frame: can.Message) -> None:
+        if self.full:
+            raise can.CanOperationError('full', errno.ENOBUFS)
+        self.waiting.append(frame)
+
+
+class Talk:
+    """A transport that sends each 20 ms, by a clock of its own."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        self.now = 100.0
+        self.controller = Controller()
+        monkeypatch.setattr(clock, 'now', lambda: self.now)
+        monkeypatch.setattr(can_ports, '_check_interface', lambda name: None)
+        monkeypatch.setattr(can_ports, 'SocketcanBus', lambda *_, **__: self.controller)
+        self.transport = CanTransport('socketcan', 'can0')
+        self.transport.open()
+
+    def lasts(self, seconds: float, heard: can.Message | None) -> float:
+        """Hear it before each frame, if any; return after how many seconds the port is lost."""
+        begin = self.now
+        while self.now < begin + seconds:
+            self.now += 0.02
+            if heard is not None:
+                self.controller.hear(heard)
+            self.transport.receive()
+            try:
+                self.transport.send(MOTION)
+            except TransportError as error:
+                assert str(error) == 'can0: took no frame for 1 s'  # noqa: PT017
+                return self.now - begin
+        return seconds
+
+
+@pytest.fixture
+def talk(monkeypatch: pytest.MonkeyPatch) -> Iterator[Talk]:
+    talk = Talk(monkeypatch)
+    yield talk
+    talk.transport.close()
+
+
+OTHERS = message(2, b'others')
+
+
+@pytest.mark.parametrize('full', [False, True])
+def test_controller_that_hears_but_takes_nothing_is_lost(talk: Talk, full: bool) -> None:
+    talk.controller.full = full
+    assert 1.0 < talk.lasts(5.0, OTHERS) < 1.2
+    talk.transport.open()
+    assert 1.0 < talk.lasts(5.0, OTHERS) < 1.2
+
+
+@pytest.mark.parametrize('full', [False, True])
+@pytest.mark.parametrize('heard', [None, error_frame(0x20)])
+def test_bus_on_which_nobody_acknowledges_is_not_lost(
+    talk: Talk, full: bool, heard: can.Message | None
+) -> None:
+    talk.controller.full = full
+    assert talk.lasts(5.0, heard) == 5.0
+
+
+def test_controller_that_takes_frames_is_not_lost(talk: Talk) -> None:
+    talk.controller.confirms = True
+    assert talk.lasts(3.0, OTHERS) == 3.0
+    for _ in range(3):
+        talk.controller.confirms = False
+        assert talk.lasts(0.9, OTHERS) == 0.9
+        talk.controller.confirms = True
+        assert talk.lasts(0.04, OTHERS) == 0.04
+
+
+def test_bus_that_is_replugged_is_not_lost_before_its_first_confirmation(talk: Talk) -> None:
+    talk.controller.confirms = True
+    talk.lasts(1.0, OTHERS)
+    talk.controller.confirms = False
+    assert talk.lasts(3.0, None) == 3.0
+    assert talk.lasts(0.4, OTHERS) == 0.4
+    talk.controller.confirms = True
+    assert talk.lasts(3.0, OTHERS) == 3.0
+
+
+def test_confirmation_lost_before_a_pause_is_no_lost_port(talk: Talk) -> None:
+    talk.lasts(0.1, OTHERS)
+    talk.controller.waiting.clear()
+    talk.controller.confirms = True
+    for _ in range(150):
+        talk.now += 0.02
+        talk.controller.hear(OTHERS)
+        talk.transport.receive()
+    assert talk.transport.send(NEUTRAL)
+    assert talk.transport.send(NEUTRAL)
+
+
+@pytest.mark.parametrize('others', [True, False])
+def test_blocked_driver_that_others_are_heard_by_is_a_lost_port(
+    monkeypatch: pytest.MonkeyPatch, others: bool
+) -> None:
+    now, bus = 100.0, BlockedBus()
+    monkeypatch.setattr(clock, 'now', lambda: now)
+    monkeypatch.setattr(can, 'Bus', lambda **options: bus)
+    transport = CanTransport('virtual', 'blocked')
+    transport.open()
+    transport.send(MOTION)
+    assert bus.sending.wait(5.0)
+    for _ in range(10):
+        now += 0.1
+        assert transport.send(NEUTRAL)
+        if others:
+            bus.heard.put(OTHERS)
+            wait_for(transport.receive, 5.0, 'a frame')
+    now += 0.2
+    if others:
+        bus.heard.put(OTHERS)
+        wait_for(transport.receive, 5.0, 'a frame')
+        with pytest.raises(TransportError, match='took no frame for 1 s'):
+            transport.send(NEUTRAL)
+    else:
+        now += 5.0
+        assert transport.send(NEUTRAL)
+    bus.let_go.set()
+    transport.close()
 
 
 # A real interface whose driver confirms what was sent, as those of controllers do.

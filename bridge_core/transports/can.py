@@ -18,6 +18,9 @@ CAN through python-can: extended data frames of classic CAN up, everything else 
 A bus is lost when its interface goes down, is deleted, or has gone bus-off. Then the port is
 closed and opened anew with the link's back-off, so a bus in trouble costs no processor time, and
 one that has come back, even as a new interface of the same name, is found.
+
+So is one that takes none of our frames for a second in which those of others come. Where none
+come, nobody may be there to acknowledge ours, and silence is the stop.
 """
 
 from __future__ import annotations
@@ -26,10 +29,12 @@ from collections import Counter
 from collections.abc import Sequence
 import errno
 import logging
+import math
 import os
 
 import can
 
+from bridge_core import clock
 from bridge_core.j1939 import CanFrame
 from bridge_core.transports import TransportError
 from bridge_core.transports.can_channel import check_channel
@@ -48,6 +53,7 @@ _COUNTED = (
 )
 _GONE = (errno.ENODEV, errno.ENXIO)
 _NO_CAN = (errno.EAFNOSUPPORT, errno.EPROTONOSUPPORT)
+_TAKE_TIMEOUT = 1.0  # s
 _PORT_ERRORS = (can.CanError, OSError, ValueError, NotImplementedError, BusOffError)
 
 # python-can logs at each try what we say once, in better words; without a handler of its own
@@ -81,6 +87,8 @@ class CanTransport:
         self._filters = tuple(filters)
         self._counts = Counter(dict.fromkeys(_COUNTED, 0))
         self._port: CanPort | None = None
+        # When others were heard last, and since when, without a gap of _TAKE_TIMEOUT.
+        self._heard_at = self._heard_since = -math.inf
 
     def counts(self) -> dict[str, int | str]:
         """Return what was received but not handed up, by kind, since construction."""
@@ -89,6 +97,7 @@ class CanTransport:
     def open(self) -> None:
         """Join the bus. :raises TransportError: with the reason and what to do."""
         self.close()
+        self._heard_at = self._heard_since = -math.inf
         try:
             self._port = self._open_port()
         except (*_PORT_ERRORS, TransportError) as error:
@@ -119,6 +128,8 @@ class CanTransport:
             raise TransportError(f'{self.name}: not open')
         try:
             messages = self._port.read()
+            if not all(message.is_error_frame for message in messages):
+                self._note_heard(clock.now())
             return [frame for message in messages if (frame := self._sort(message)) is not None]
         except _PORT_ERRORS as error:
             raise TransportError(f'{self.name}: {self._explain(error)}') from error
@@ -131,9 +142,18 @@ class CanTransport:
             arbitration_id=frame.identifier, data=frame.data, is_extended_id=True
         )
         try:
-            return self._port.write(message)
+            taken = self._port.write(message)
         except _PORT_ERRORS as error:
             raise TransportError(f'{self.name}: cannot send, {self._explain(error)}') from error
+        begin = max(self._port.stuck_since(), self._heard_since)
+        if self._heard_at - begin > _TAKE_TIMEOUT:
+            raise TransportError(f'{self.name}: took no frame for {_TAKE_TIMEOUT:.0f} s')
+        return taken
+
+    def _note_heard(self, now: float) -> None:
+        if now - self._heard_at > _TAKE_TIMEOUT:
+            self._heard_since = now
+        self._heard_at = now
 
     def _sort(self, message: can.Message) -> CanFrame | None:
         """Return what is for the session; count the rest. :raises BusOffError: so says the bus."""

@@ -34,6 +34,7 @@ from collections.abc import Sequence
 import contextlib
 import errno
 import fcntl
+import math
 import os
 from pathlib import Path
 import socket
@@ -88,6 +89,9 @@ class CanPort(Protocol):
     def write(self, message: can.Message) -> bool:
         """Send without waiting; return False if the port was busy and dropped it."""
 
+    def stuck_since(self) -> float:
+        """Return since when no frame of ours gets out; math.inf: they do, or nobody knows."""
+
     def close(self) -> None:
         """Leave the bus; queued frames may still go out."""
 
@@ -103,6 +107,7 @@ class Unconfirmed:
 
     def __init__(self) -> None:
         self._frames: deque[tuple[bytes, float]] = deque(maxlen=_RECEIVE_QUEUE_LIMIT)
+        self._refused_since = self._refused_at = -math.inf
 
     def may_send(self, now: float) -> bool:
         """Tell whether a frame that is sent at ``now`` will not wait behind an old one."""
@@ -110,15 +115,29 @@ class Unconfirmed:
             return True
         return now >= self._frames[-1][1] + _LOST
 
-    def sent(self, frame: bytes, now: float) -> None:
-        """Note that it was handed to the kernel."""
-        self._frames.append((frame, now))
+    def sent(self, frame: bytes, now: float, *, is_confirmed: bool = True) -> None:
+        """Note that it was handed to the kernel. :param is_confirmed: confirmed() will follow."""
+        if is_confirmed:
+            self._frames.append((frame, now))
+        elif not self._frames:
+            self._refused_at = -math.inf
+
+    def refused(self, now: float) -> None:
+        """Note that a frame was not sent."""
+        if now > self._refused_at + _LOST:
+            self._refused_since = now
+        self._refused_at = now
+
+    def stuck_since(self, now: float) -> float:
+        """Return since when frames are refused and none is confirmed; math.inf: it is not so."""
+        return self._refused_since if now <= self._refused_at + _LOST else math.inf
 
     def confirmed(self, frame: bytes) -> None:
         """Note that it was on the bus; what was sent before it will not be any more."""
         if any(waiting == frame for waiting, _ in self._frames):
             while self._frames.popleft()[0] != frame:
                 pass
+            self._refused_at = -math.inf
 
 
 class SocketCanPort:
@@ -173,17 +192,26 @@ class SocketCanPort:
         if not self._unconfirmed.may_send(clock.now()):
             self._kept += self._take()  # after a pause of ours the confirmation is there, unread
         now = clock.now()
-        if not self._unconfirmed.may_send(now):
-            return False
+        taken = self._unconfirmed.may_send(now) and self._hand_over(message)
+        if taken:
+            confirmed = _passes(message, self._filters)
+            self._unconfirmed.sent(_key(message), now, is_confirmed=confirmed)
+        else:
+            self._unconfirmed.refused(now)
+        return taken
+
+    def _hand_over(self, message: can.Message) -> bool:
         try:
             self._bus.send(message)
         except can.CanOperationError as error:
             if error.error_code in _BUSY:
                 return False
             raise
-        if _passes(message, self._filters):
-            self._unconfirmed.sent(_key(message), now)
         return True
+
+    def stuck_since(self) -> float:
+        """Return since when the kernel has confirmed none of our frames, and we drop them."""
+        return self._unconfirmed.stuck_since(clock.now())
 
     def close(self) -> None:
         """Close the socket."""
@@ -222,6 +250,10 @@ class MulticastPort:
         message.channel = self._token
         return self._udp.send(multicast_wire.pack_message(message))
 
+    def stuck_since(self) -> float:
+        """Return that datagrams get out."""
+        return math.inf
+
     def close(self) -> None:
         """Leave the group."""
         self._udp.close()
@@ -255,6 +287,7 @@ class PumpedPort:
         self._outgoing: deque[tuple[float, can.Message]] = deque()
         self._failure: Exception | None = None
         self._closing = False
+        self._sending_since = math.inf
         self._reader = threading.Thread(target=self._inward, daemon=True)
         self._writer = threading.Thread(target=self._outward, daemon=True)
         self._reader.start()
@@ -288,6 +321,10 @@ class PumpedPort:
             self._to_send.notify()
         return True
 
+    def stuck_since(self) -> float:
+        """Return since when the writer thread waits for the driver."""
+        return self._sending_since
+
     def close(self) -> None:
         """End the threads; the writer first sends what is not old, then closes the bus."""
         with self._to_send:
@@ -308,7 +345,9 @@ class PumpedPort:
     def _outward(self) -> None:
         try:
             while (message := self._next()) is not None:
+                self._sending_since = clock.now()
                 self._bus.send(message)
+                self._sending_since = math.inf
         except Exception as error:
             self._fail(error)
             with self._to_send:
