@@ -392,7 +392,7 @@ class PumpedPort:
 
 def _open_multicast(group: str, port: int) -> MulticastTransport:
     """Open on the same interface as python-can, or on loopback if there is no network."""
-    udp = MulticastTransport(group, port, port, ttl=0)
+    udp = MulticastTransport(group, port, port, ttl=0, needs_cable=False)
     try:
         udp.open()
     except TransportError:

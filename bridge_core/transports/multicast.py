@@ -17,8 +17,8 @@ UDP over IPv4 multicast: one datagram is one frame.
 
 When an interface disappears, a receiver sees only silence: the kernel drops the group membership
 without an error and does not restore it when the interface comes back. So this transport also
-listens to the kernel's rtnetlink notifications; a port whose interface is gone counts as
-unplugged, and reopening it joins the group again.
+listens to the kernel's rtnetlink notifications; a port whose interface is gone, or has lost its
+carrier, counts as unplugged, and reopening it joins the group again.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ from bridge_core.transports import TransportError
 _READ_SIZE = 2048  # bytes; larger than any frame, so that an over-long one is detected
 _READS = 64  # datagrams a call: bounds how long a flood delays a stop
 _SIOCGIFFLAGS = 0x8913  # linux/sockios.h
-_IFF_UP = 0x1
+_IFF_UP, _IFF_RUNNING = 0x1, 0x40  # linux/if.h; the latter: the cable is in
 _IP_MULTICAST_ALL = 49  # linux/in.h; 0: only groups that this socket has joined
 _RTMGRP_LINK, _RTMGRP_IPV4_IFADDR = 0x1, 0x10  # linux/rtnetlink.h
 _RTM_NEWADDR, _RTM_GETADDR = 20, 22
@@ -56,6 +56,7 @@ class MulticastTransport:
     :param ttl: 0-255 hops; 1 stays in the local network.
     :param interface_address: IPv4 address of the network interface; empty: by routing table.
     :param allowed_sources: IPv4 addresses of accepted senders; empty: all.
+    :param needs_cable: False where nothing leaves this machine.
     :raises ValueError: for an invalid address.
     """
 
@@ -68,6 +69,7 @@ class MulticastTransport:
         ttl: int = 1,
         interface_address: str = '',
         allowed_sources: Collection[str] = (),
+        needs_cable: bool = True,
     ) -> None:
         if not ipaddress.IPv4Address(group).is_multicast:
             raise ValueError(f'{group} is not an IPv4 multicast address')
@@ -82,6 +84,7 @@ class MulticastTransport:
         self._ttl = ttl
         self._given_address = interface_address
         self._allowed = frozenset(str(ipaddress.IPv4Address(source)) for source in allowed_sources)
+        self._flags = _IFF_UP | (_IFF_RUNNING if needs_cable else 0)
         self._interface = (0, '')  # index and address
         self._input: socket.socket | None = None
         self._sender: socket.socket | None = None
@@ -102,7 +105,7 @@ class MulticastTransport:
             address = self._given_address or self._routed_address()
             # Subscribe to changes before looking, so that none is missed in between.
             self._netlink = _open_netlink()
-            self._interface = (_interface_of(address), address)
+            self._interface = (_interface_of(address, self._flags), address)
             self._input = self._open_input(address)
             self._sender = self._open_sender(address)
             self._epoll = select.epoll()
@@ -167,7 +170,7 @@ class MulticastTransport:
             return
         index, address = self._interface
         try:
-            same = _interface_of(address) == index
+            same = _interface_of(address, self._flags) == index
         except OSError as error:
             raise TransportError(f'{self.name}: {_explain(error)}') from error
         if not same:
@@ -236,23 +239,23 @@ def _drain(netlink: socket.socket) -> bool:
     return changed
 
 
-def _interface_of(address: str) -> int:
-    """Return the index of the interface with this address. :raises OSError: there is none up."""
+def _interface_of(address: str, flags: int) -> int:
+    """Return the index of the interface with address and flags. :raises OSError: there is none."""
     wanted = socket.inet_aton(address)
     for index, found in addresses():
-        if found == wanted and _is_up(index):
+        if found == wanted and _has(index, flags):
             return index
     raise OSError(errno.ENODEV, f'no network interface with address {address} is up')
 
 
-def _is_up(index: int) -> bool:
+def _has(index: int, flags: int) -> bool:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         try:
             request = struct.pack('16s240x', socket.if_indextoname(index).encode())
             answer = fcntl.ioctl(probe, _SIOCGIFFLAGS, request)
         except OSError:  # it has just disappeared
             return False
-    return bool(struct.unpack_from('H', answer, 16)[0] & _IFF_UP)
+    return not flags & ~struct.unpack_from('H', answer, 16)[0]
 
 
 def addresses() -> list[tuple[int, bytes]]:
