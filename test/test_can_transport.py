@@ -245,7 +245,7 @@ def test_what_cannot_be_is_refused_in_one_line(make: Callable[[], Any], text: st
     [
         ('socketcan', 'nocan7', 'there is no CAN interface nocan7; plug it in, or set channel'),
         ('socketcan', 'lo', r'cannot open lo: (there is no CAN|this kernel has no CAN)'),
-        ('slcan', '/dev/nothing', 'cannot open slcan /dev/nothing: .*nothing'),
+        ('slcan', '/dev/nothing', 'cannot open slcan /dev/nothing: No such file or directory'),
         ('pcan', 'PCAN_USBBUS1', 'cannot open pcan PCAN_USBBUS1: '),
     ],
 )
@@ -343,6 +343,20 @@ def test_serial_adapter_gets_the_bit_rate_carries_frames_and_may_be_unplugged(pt
     with pytest.raises(TransportError, match=r'slcan .*device'):
         wait_frames(transport, 1)
     transport.close()
+
+
+def test_serial_adapter_is_for_one_program(pty: Pty) -> None:
+    first = CanTransport('slcan', str(pty.path))
+    second = CanTransport('slcan', f'{pty.path}@115200')
+    first.open()
+    for _ in range(2):
+        with pytest.raises(TransportError, match=r'cannot open slcan .*: in use by another'):
+            second.open()
+    pty.write(b'T18FEF53320102\r')
+    assert wait_frames(first, 1) == [CanFrame(0x18FEF533, b'\x01\x02')]
+    first.close()
+    second.open()
+    second.close()
 
 
 def test_line_that_a_serial_adapter_cuts_short_is_a_lost_port(pty: Pty) -> None:

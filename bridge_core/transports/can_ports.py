@@ -274,10 +274,15 @@ class PumpedPort:
     A python-can bus that may block: one thread reads from it, another writes to it.
 
     :param options: for can.Bus. :param counts: gets the number of receive overflows.
+    :raises TransportError: another program has locked the serial adapter.
     """
 
     def __init__(self, options: dict[str, Any], filters: Filters, counts: Counter[str]) -> None:
-        self._bus = can.Bus(**options, ignore_config=True)
+        with contextlib.ExitStack() as held:
+            if options.get('interface') == 'slcan':
+                _lock_tty(options['channel'], held)
+            self._bus = can.Bus(**options, ignore_config=True)
+            self._held = held.pop_all()  # for as long as the writer thread lives
         self._filters = filters  # python-can's own would drop error frames
         self._counts = counts
         self._wake_fd = os.eventfd(0, os.EFD_NONBLOCK | os.EFD_CLOEXEC)
@@ -355,6 +360,7 @@ class PumpedPort:
         self._reader.join()
         with contextlib.suppress(Exception):  # closing what is already gone
             self._bus.shutdown()
+        self._held.close()
 
     def _next(self) -> can.Message | None:
         """Wait for a frame to send; None: there will be none."""
@@ -399,6 +405,18 @@ def _open_multicast(group: str, port: int) -> MulticastTransport:
         udp = MulticastTransport(group, port, port, ttl=0, interface_address='127.0.0.1')
         udp.open()
     return udp
+
+
+def _lock_tty(channel: str, held: contextlib.ExitStack) -> None:
+    """Keep others that lock out of a serial adapter; pyserial's URLs have no lock."""
+    if '://' in channel:
+        return
+    tty = os.open(channel.split('@')[0], os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK | os.O_CLOEXEC)
+    held.callback(os.close, tty)
+    try:
+        fcntl.flock(tty, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError as error:
+        raise TransportError('in use by another program; close that one') from error
 
 
 def _check_interface(name: str) -> None:
