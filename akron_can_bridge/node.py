@@ -14,6 +14,7 @@
 
 """The Akron CAN bridge: a monitor of the 6000 series as ROS topics."""
 
+import math
 from typing import Any
 from typing import ClassVar
 
@@ -27,6 +28,7 @@ from akron_can_bridge import convert
 from akron_can_bridge.parameters import PARAMETERS
 from akron_can_bridge.session import Event
 from akron_can_bridge.session import FaultsChanged
+from akron_can_bridge.session import Handover
 from akron_can_bridge.session import LimitsChanged
 from akron_can_bridge.session import OutputsChanged
 from akron_can_bridge.session import Positions
@@ -36,6 +38,7 @@ from akron_can_bridge.session import Sticks
 from akron_can_bridge.session import Stopped
 from akron_can_bridge.session import UnitChanged
 from akron_can_bridge.wire import BRIDGE
+from bridge_core import clock
 from bridge_core.managed_node import latched_qos
 from bridge_core.node import BridgeNode
 from bridge_core.node import COMMAND_QOS
@@ -58,6 +61,8 @@ class AkronCanBridge(BridgeNode[Event]):
     def __init__(self, **options: Any) -> None:
         self._unit = '', 0  # its PIN and type, as far as known
         self._streaming = False  # sticks that ask for something were published last
+        self._handover: Handover | None = None  # for the next session; None: there was none yet
+        self._lost_at = -math.inf  # when a wire was lost whose unit nobody has taken over yet
         super().__init__('akron_can_bridge', **options)
 
     def create_interfaces(self) -> None:
@@ -103,6 +108,20 @@ class AkronCanBridge(BridgeNode[Event]):
             self.log(Level.WARN, f'neutral: {"; ".join(event.reasons)}')
         elif isinstance(event, FaultsChanged):
             self._log_faults(event)
+        elif isinstance(event, Handover):
+            self._handover = event
+
+    def link_changed(self, text: str, ok: bool) -> None:
+        """Have a session that may be new take over from the one before."""
+        super().link_changed(text, ok)
+        if ok and self.active and self._handover is not None:
+            self.request(Session.take_over, self._handover, self._lost_at, stop=True)
+            self._lost_at = -math.inf
+
+    def on_lost(self) -> None:
+        """Note when: what the unit was told last may go on."""
+        self._lost_at = clock.now()
+        super().on_lost()
 
     def _log_faults(self, event: FaultsChanged) -> None:
         if event.faults:

@@ -18,14 +18,17 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 import os
+from pathlib import Path
 import signal
 import time
 
 import pytest
+from sensor_msgs.msg import Joy
 from std_msgs.msg import Bool
 
 from akron_can_bridge.simulator import JoystickSimulator
 from akron_can_bridge.simulator import Simulator
+from rugged_teleop.canbuses import frames
 from test.akron_node_rig import Bench
 from test.akron_node_rig import bench_of
 from test.akron_node_rig import NAME
@@ -39,7 +42,11 @@ from test.rig import NodeProcess
 from test.rig import Observer
 from test.rig import ROOT
 from test.toy_rig import is_running
+from test.toy_rig import spares_of
 from test.toy_rig import wires_of
+
+LET_GO, PRESS = (Joy(axes=[0.0, 0.0], buttons=[button]) for button in (0, 1))
+PAUSE = bytes.fromhex('0100010000000400')
 
 
 @pytest.fixture
@@ -76,6 +83,87 @@ def test_wire_that_is_killed_with_its_node_leaves_the_unit_to_its_own_watchdog(
         assert own_unit.joystick_frames(0x38)[-1] == RIGHT
         assert time.monotonic() - killed < 5.0
         bench.wait(lambda: not own_unit.look('moving'), 'rest')
+
+
+def ready_to_lose(bench: Bench) -> None:
+    """Have another process ready to take over."""
+    bench.connect()
+    pid = bench.node.process.pid
+    bench.wait(lambda: any(command == 'spare wire' for command in map(name_of, spares_of(pid))))
+
+
+def name_of(pid: int) -> str:
+    return Path(f'/proc/{pid}/comm').read_text().strip()
+
+
+def lose_wire(bench: Bench) -> None:
+    os.kill(wires_of(bench.node.process.pid)[0], signal.SIGKILL)
+    bench.wait(lambda: 'SIGKILL' in bench.value('last wire', 'link'), 'its end')
+
+
+def test_oscillation_that_a_dead_wire_leaves_is_paused(
+    observer: Observer, can_bus: CanBus, own_unit: Station
+) -> None:
+    given = {'automatic_motion': True, 'button_switches': [4], 'coast_time': 10.0}
+    with bench_of(observer, can_bus, given) as bench:
+        ready_to_lose(bench)
+        bench.drive(own_unit, PRESS)
+        bench.asked = LET_GO
+        bench.wait(lambda: own_unit.joystick_frames(0x38)[-3:] == [NEUTRAL] * 3, 'neutral')
+        lose_wire(bench)
+        bench.stop = True
+        bench.wait(lambda: PAUSE in own_unit.joystick_frames(0x38), 'the switch')
+        bench.wait(lambda: not own_unit.look('moving'), 'rest')
+
+
+def test_reset_after_a_dead_wire_moves_nothing_that_was_under_way(
+    observer: Observer, can_bus: CanBus, own_unit: Station
+) -> None:
+    given = {'automatic_motion': True, 'button_switches': [8], 'soe_permissive': True}
+    own_unit.steer('soe on', 'position 1 170')
+
+    def permissions() -> list[bytes]:
+        heard = frames(own_unit.received(own_unit.since))
+        return [f.data[:3] for f in heard if f.identifier == 0x18EF8038 and f.data[0] == 0xA1]
+
+    with bench_of(observer, can_bus, given) as bench:
+        ready_to_lose(bench)
+        bench.drive(own_unit, PRESS)  # deploy: goes on for 8 s
+        bench.asked, bench.stop = LET_GO, True
+        lose_wire(bench)
+        bench.wait(lambda: not own_unit.look('moving'), 'rest')
+        bench.wait_stop(False)
+        bench.stop = False
+        bench.wait(lambda: bench.value('neutral because') == 'commands go out', 'the reset')
+        own_unit.since = time.monotonic()
+        bench.wait(lambda: len(permissions()) > 5, 'permissions')
+        assert set(permissions()) == {bytes.fromhex('A10000')}
+        assert not own_unit.look('moving')
+        bench.drive(own_unit)
+
+
+def test_setup_mode_outlives_wire_and_activation(
+    observer: Observer, can_bus: CanBus, own_unit: Station
+) -> None:
+    with bench_of(observer, can_bus) as bench:
+        ready_to_lose(bench)
+        assert bench.call('enter_setup').success
+
+        def is_told() -> bool:
+            return 'the unit is in setup mode' in bench.value('neutral because')
+
+        bench.wait(is_told, 'setup mode')
+        lose_wire(bench)
+        bench.wait_stop(False)
+        bench.diagnostics.clear()
+        bench.wait(is_told, 'setup mode of the next wire')
+        assert bench.observer.change_state(bench.prefix, 'deactivate')
+        assert bench.observer.change_state(bench.prefix, 'activate')
+        bench.wait_stop(False)
+        bench.diagnostics.clear()
+        bench.wait(is_told, 'setup mode of the next activation')
+        bench.wait(lambda: bench.call('reset_controller').success, 'the reset')
+        bench.drive(own_unit)
 
 
 @each_ending

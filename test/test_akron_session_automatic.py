@@ -21,6 +21,7 @@ from typing import Any
 
 import pytest
 
+from akron_can_bridge.session import Handover
 from akron_can_bridge.session import Request
 from test.akron_session_rig import Bench
 from test.akron_session_rig import DEPLOY
@@ -29,6 +30,7 @@ from test.akron_session_rig import joystick
 from test.akron_session_rig import MOVE
 from test.akron_session_rig import MOVING
 from test.akron_session_rig import NEUTRAL
+from test.akron_session_rig import of
 from test.akron_session_rig import REST
 from test.akron_session_rig import SLOT
 from test.akron_session_rig import Turning
@@ -239,6 +241,95 @@ def test_stop_of_what_the_stick_moves_gives_the_permission_back() -> None:
     bench.run(0.5, REST)
     assert permission(bench) == 'A1000F'
     assert not bench.session.withheld
+
+
+# -- what a session before this one knew ----------------------------------------------------------
+
+
+def following(before: Handover, lost: float = math.inf, **options: Any) -> Turning:
+    """Return a new session whose unit oscillates. :param lost: s since the wire before was."""
+    bench = Turning(automatic_motion=True, **options)
+    bench.turns, bench.says = True, [OSCILLATES]
+    bench.open()
+    bench.session.take_over(before, bench.now - lost, bench.now)
+    bench.find_unit()
+    return bench
+
+
+@pytest.mark.parametrize(
+    ('before', 'lost', 'options', 'pressed'),
+    [
+        (Handover(free=True), COAST - 0.1, {}, True),
+        (Handover(free=True), COAST, {}, False),
+        (Handover(free=True), math.inf, {}, False),  # it said farewell
+        (Handover(free=True, steered=True), 0.1, {}, False),
+        (Handover(free=True), 0.1, {'allowed_joysticks': frozenset({ALLOWED})}, False),
+        (Handover(), 0.1, {}, False),  # it may have been paused
+    ],
+)
+def test_oscillation_is_paused_for_a_wire_that_died_where_it_surely_runs(
+    before: Handover, lost: float, options: dict[str, Any], pressed: bool
+) -> None:
+    bench = following(before, lost, **options)
+    bench.run(3 * COAST, REST, estop=True)
+    assert (PAUSE in bench.joystick_frames()) is pressed
+
+
+def test_paused_oscillation_is_not_resumed_for_a_wire_that_died() -> None:
+    bench = following(Handover(free=True), 0.1)
+    bench.turns = False
+    bench.run(COAST, REST, estop=True)
+    bench.turns = True
+    bench.run(COAST, REST, estop=True)
+    assert bench.all_neutral(0.0)
+
+
+def test_session_tells_what_the_next_one_has_to_know() -> None:
+    bench = Turning().ready()
+    bench.run(SLOT, MOVE)
+    bench.run(COAST - SLOT, REST)
+    assert of(Handover, bench.events) == [Handover(free=True), Handover(free=True, steered=True)]
+    bench.events.clear()
+    bench.run(2 * SLOT, REST)
+    bench.run(SLOT, REST, estop=True)
+    assert of(Handover, bench.events) == [Handover(free=True), Handover()]
+
+
+def test_oscillation_is_not_paused_again_where_the_next_wire_dies_too() -> None:
+    bench = following(Handover(free=True), 0.1)
+    assert of(Handover, bench.events) == [Handover()]
+
+
+def test_unit_that_was_asked_for_setup_mode_may_be_in_it() -> None:
+    bench = Turning().ready()
+    bench.session.request(Request.ENTER_SETUP, bench.now)
+    bench.run(SLOT, REST)
+    told = of(Handover, bench.events)[-1]
+    assert told.in_setup
+    bench = Turning()
+    bench.open()
+    bench.session.take_over(told, -math.inf, bench.now)
+    bench.ready()
+    assert 'the unit is in setup mode' in bench.session.inhibits(bench.now)[0]
+
+
+def test_permission_after_another_session_takes_a_push_of_the_stick_once() -> None:
+    bench = Turning(soe_permissive=True)
+    bench.open()
+    bench.session.take_over(Handover(), -math.inf, bench.now)
+    bench.ready()
+    assert permission(bench) == 'A10000'
+    bench.run(0.1, MOVE)
+    assert permission(bench) == 'A1000F'
+    start = bench.now
+    bench.session.take_over(Handover(), -math.inf, bench.now)
+    bench.run(0.1, MOVE)
+    assert set(bench.joystick_frames(start)) == {MOVING}
+    assert permission(bench) == 'A1000F'
+    bench.run(0.1, REST, estop=True)
+    bench.session.take_over(Handover(free=True, in_setup=True), bench.now, bench.now)
+    bench.run(0.1, REST)
+    assert permission(bench) == 'A1000F'
 
 
 # -- requests -------------------------------------------------------------------------------------

@@ -147,7 +147,7 @@ def test_estop_is_neutral_at_once_and_repeats() -> None:
     start = bench.now
     events = bench.estop_in(True)
     assert bench.sent[-1] == (start, CanFrame(0x0CFDD638, NEUTRAL))
-    assert events == [Stopped(('e-stop input is true',))]
+    assert of(Stopped, events) == [Stopped(('e-stop input is true',))]
     bench.run(1.0, MOVE, estop=True)
     assert bench.all_neutral(start)
     assert len(bench.joystick_frames(start)) >= 50

@@ -182,7 +182,8 @@ def test_request_is_sent_once_and_its_acknowledgement_is_the_answer(
     bench.poll()
     bench.run(0.5)
     assert bench.asked(start) == [data]
-    assert bench.take(ef(data, destination=OURS)) == [Answer(request_.value, True, 'acknowledged')]
+    events = bench.take(ef(data, destination=OURS))
+    assert of(Answer, events) == [Answer(request_.value, True, 'acknowledged')]
 
 
 @pytest.mark.parametrize(('request_', 'data'), ACKNOWLEDGED.items())

@@ -23,6 +23,7 @@ from akron_can_bridge.parameters import Cause
 from akron_can_bridge.session.events import AXIS_NAMES
 from akron_can_bridge.session.events import Event
 from akron_can_bridge.session.events import FaultsChanged
+from akron_can_bridge.session.events import Handover
 from akron_can_bridge.session.events import LimitsChanged
 from akron_can_bridge.session.events import OutputsChanged
 from akron_can_bridge.session.events import Positions
@@ -41,6 +42,7 @@ __all__ = [
     'Cause',
     'Event',
     'FaultsChanged',
+    'Handover',
     'LimitsChanged',
     'OutputsChanged',
     'Positions',

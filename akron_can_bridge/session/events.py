@@ -103,6 +103,20 @@ class Stopped:
     reasons: tuple[str, ...]
 
 
+@dataclass(frozen=True, slots=True)
+class Handover:
+    """
+    What the session after this one has to know, as the unit does not tell it.
+
+    :param free: nothing forbade motion. :param steered: a stick moved the unit, or it may have
+        coasted from that. :param in_setup: it may be in setup mode.
+    """
+
+    free: bool = False
+    steered: bool = False
+    in_setup: bool = False
+
+
 AXIS_NAMES = ('x', 'y', 'grip_x', 'grip_y', 'theta')
 SWITCHES = 16
 
@@ -123,4 +137,13 @@ class Sticks:
     faulty: tuple[str, ...] = ()
 
 
-Event = UnitChanged | Positions | LimitsChanged | OutputsChanged | FaultsChanged | Stopped | Sticks
+Event = (
+    UnitChanged
+    | Positions
+    | LimitsChanged
+    | OutputsChanged
+    | FaultsChanged
+    | Stopped
+    | Sticks
+    | Handover
+)

@@ -55,6 +55,7 @@ from akron_can_bridge.session.drive import Command
 from akron_can_bridge.session.drive import Drive
 from akron_can_bridge.session.events import Event
 from akron_can_bridge.session.events import FaultsChanged
+from akron_can_bridge.session.events import Handover
 from akron_can_bridge.session.events import LimitsChanged
 from akron_can_bridge.session.events import OutputsChanged
 from akron_can_bridge.session.events import Positions
@@ -128,6 +129,7 @@ class Session(BaseSession[CanFrame, Received, Event]):
         self._pause_until = -math.inf  # a stop may pause an oscillation until then
         self._pause_at = -math.inf  # when it did
         self._in_setup = False
+        self._handover = Handover()  # as reported last, or taken over
         self._restarted = False  # the unit, since it was asked to be reset
         self._limits, self._outputs = LimitsChanged(), OutputsChanged()  # as reported last
         self._in_error = False  # type 01 says operational error
@@ -249,6 +251,7 @@ class Session(BaseSession[CanFrame, Received, Event]):
         if outputs != self._outputs:
             self._emit(outputs)
         self._limits, self._outputs = limits, outputs
+        self._hand_over(now)
 
     def _expires_at(self) -> float:
         moments = [super()._expires_at(), self._asker.deadline]
@@ -296,6 +299,23 @@ class Session(BaseSession[CanFrame, Received, Event]):
         self._refresh(now)
         if not sound:
             raise ValueError(f'{directions} is no sum of 1 right, 2 left, 4 up, 8 down')
+
+    def take_over(self, before: Handover, lost_at: float, now: float) -> None:
+        """
+        Take what a session before this one knew; a session that has had its own stop does not.
+
+        :param lost_at: when its process ended without a farewell; -inf: it did not.
+        """
+        self._expire(now)
+        if not math.isfinite(self._pause_until):
+            self.withheld = True
+            self._in_setup |= before.in_setup
+            # Nobody has heard the allowed joysticks meanwhile: they may have moved the unit.
+            runs = before.free and not before.steered and not self.settings.allowed_joysticks
+            if runs and now < lost_at + self.settings.coast_time:
+                self._pause_until = now + self.settings.coast_time
+        self._handover = before
+        self._refresh(now)
 
     def request(self, request: Request, now: float) -> None:
         """
@@ -365,10 +385,21 @@ class Session(BaseSession[CanFrame, Received, Event]):
         """
         if not now < self._pause_until or self.motion.began_at <= self._pause_at:
             return False
-        steered_until = max(self.drive.steered_until, self.joysticks.asked_until)
-        if self.drive.moving or now < steered_until + self.settings.coast_time:
+        if self._is_steered(now):
             return False
         return self.motion.oscillates(now) and self.motion.moving(now)
+
+    def _is_steered(self, now: float) -> bool:
+        steered_until = max(self.drive.steered_until, self.joysticks.asked_until)
+        return self.drive.moving or now < steered_until + self.settings.coast_time
+
+    def _hand_over(self, now: float) -> None:
+        """Report what a session after this one would have to know, once it has changed."""
+        in_setup = self._in_setup or self._asker.is_open(Request.ENTER_SETUP)
+        handover = Handover(not self._is_stopped, self._is_steered(now), in_setup)
+        if handover != self._handover:
+            self._handover = handover
+            self._emit(handover)
 
     def _permitted(self, now: float) -> Permission:
         stopped = self.withheld or self.drive.forbidden(now, self._holds())
