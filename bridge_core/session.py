@@ -383,15 +383,16 @@ class HeldButtons:
     Otherwise a deadman that is held through a pause would be pressed anew when that ends. What
     counts again straight after a stop is shown as it is: who holds a button prevents the reset.
 
-    :param memory: s for which a button counts as held, as it may seem to be let go of before the
-        device says why.
+    :param memory: s for which a button that seems to be let go of counts as held, as a device may
+        say why only later.
     """
 
-    __slots__ = ('_held', '_hides', '_memory', '_pressed_at')
+    __slots__ = ('_held', '_hides', '_let_go_at', '_memory', '_pressed')
 
     def __init__(self, memory: float) -> None:
         self._memory = memory
-        self._pressed_at: dict[int, float] = {}  # when they were seen last
+        self._pressed: frozenset[int] = frozenset()  # when they were seen last, however long ago
+        self._let_go_at: dict[int, float] = {}
         self._held: frozenset[int] = frozenset()
         self._hides = False  # when buttons ceased to count last, it was no stop in the end
 
@@ -402,19 +403,24 @@ class HeldButtons:
         :param stopped: because of a stop. :param buttons: that are seen all the same; 0 may be
             one that cannot be read.
         """
-        self._pressed_at.update((n, now) for n, button in enumerate(buttons) if button)
         since = now - self._memory
-        self._held |= {n for n, at in self._pressed_at.items() if at >= since}
+        self._held |= self._pressed | _pressed_of(buttons)
+        self._held |= {n for n, at in self._let_go_at.items() if at >= since}
         self._hides = not stopped
 
     def of(self, buttons: tuple[int, ...], now: float) -> tuple[int, ...]:
         """Return what counts of the buttons that came now."""
-        pressed = [n for n, button in enumerate(buttons) if button]
-        self._pressed_at.update(dict.fromkeys(pressed, now))
+        pressed = _pressed_of(buttons)
+        self._let_go_at.update(dict.fromkeys(self._pressed - pressed, now))
+        self._pressed = pressed
         if self._held:
-            self._held = self._held.intersection(pressed if self._hides else ())
+            self._held = self._held & pressed if self._hides else frozenset()
             buttons = tuple(0 if n in self._held else b for n, b in enumerate(buttons))
         return buttons
+
+
+def _pressed_of(buttons: tuple[int, ...]) -> frozenset[int]:
+    return frozenset(n for n, button in enumerate(buttons) if button)
 
 
 class Pacer:

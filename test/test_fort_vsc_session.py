@@ -300,6 +300,28 @@ def test_stop_without_a_joystick_message_shows_what_is_held_all_the_same() -> No
     assert any(event.buttons)
 
 
+@pytest.mark.parametrize('zeroed_before', [False, True])
+@pytest.mark.parametrize('mode', [Mode.REMOTE, Mode.MENU, Mode.PAUSE])
+def test_button_held_through_silence_and_another_mode_counts_once_it_was_let_go_of(
+    mode: int, zeroed_before: bool
+) -> None:
+    """The silence is told late, and in the mode after it the mux may be reset."""
+    bench, zeros = opened(), build_frame(0x10, bytes(14))
+    bench.hear(heartbeat(), DEFLECTED)
+    bench.wait(0.01)
+    if zeroed_before:
+        bench.hear(zeros)
+    bench.wait(0.04)
+    bench.hear(heartbeat())
+    bench.wait(LIMIT)
+    assert bench.session.estop
+    bench.run(1.0, heartbeat(mode), zeros)
+    (held,) = sticks(bench.hear(heartbeat(), DEFLECTED))
+    assert not any(held.buttons)
+    bench.hear(CENTRED)
+    assert any(sticks(bench.hear(DEFLECTED))[0].buttons)
+
+
 def test_sticks_are_neutral_with_a_stop_in_operational() -> None:
     bench = opened()
     assert sticks(bench.hear(heartbeat(estop=1 << 31), DEFLECTED)) == [NEUTRAL]

@@ -75,7 +75,8 @@ def test_button_held_while_nothing_counted_counts_once_it_was_let_go_of() -> Non
 @pytest.mark.parametrize(('gap', 'counts'), [(0.25, 0), (0.26, 1)])
 def test_button_that_went_just_before_was_held(gap: float, counts: int) -> None:
     buttons = HeldButtons(0.25)
-    buttons.of((1,), 1.0)
+    buttons.of((1,), 0.0)
+    buttons.of((0,), 1.0)
     buttons.of((0,), 1.01)
     buttons.miss(1.0 + gap, stopped=False)
     assert buttons.of((1,), 2.0) == (counts,)
@@ -93,6 +94,14 @@ def test_button_held_through_a_stop_counts_unless_a_pause_follows(
     assert buttons.of((1, 0), 3.0) == (counts, 0)
     assert buttons.of((0, 0), 3.1) == (0, 0)
     assert buttons.of((1, 0), 3.2) == (1, 0)
+
+
+def test_button_that_was_pressed_when_it_was_seen_last_is_held_however_long_ago() -> None:
+    buttons = HeldButtons(0.25)
+    buttons.of((1, 0), 1.0)
+    buttons.miss(60.0, stopped=True)
+    buttons.miss(60.1, stopped=False)
+    assert buttons.of((1, 1), 60.2) == (0, 1)
 
 
 def test_nothing_is_owed_where_nothing_was_published() -> None:

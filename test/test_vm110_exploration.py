@@ -199,8 +199,8 @@ SCENES: dict[str, dict[str, Any]] = {
     },
 }
 COUNTS: dict[str, tuple[int, int]] = {
-    'device': (2572, 28220),
-    'noise': (8867, 109440),
-    'echo': (5818, 39920),
+    'device': (1884, 20664),
+    'noise': (7123, 88091),
+    'echo': (4303, 29515),
 }  # states, and steps between them
 test_every_state_near_the_start, test_every_state = visits_of(World, SCENES, COUNTS, near=200)

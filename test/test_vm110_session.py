@@ -251,6 +251,39 @@ def test_switch_held_through_a_pause_counts_once_it_was_let_go_of(pause: dict[st
     assert of(Sticks, bench.hear(DEFLECTED))[0].buttons == (1, -1, 1000, 0, 3, 0, 0, 0, 0)
 
 
+@pytest.mark.parametrize('zeroed_before', [False, True])
+@pytest.mark.parametrize('pause', [{'bu_state': DISARMED, 'ru_state': 0}, {'flags': (0, 0, 1)}])
+def test_switch_held_through_silence_and_a_pause_counts_once_it_was_let_go_of(
+    pause: dict[str, Any], zeroed_before: bool
+) -> None:
+    """The silence is told late, and in the pause after it the mux may be reset."""
+    bench = armed()
+    bench.hear(DEFLECTED)
+    if zeroed_before:
+        bench.hear(CENTRED)
+    bench.now += LIMIT + 1e-3
+    bench.poll()
+    assert bench.session.estop
+    bench.run(1.0, build_vrpi(**pause))
+    assert not any(of(Sticks, bench.hear(DEFLECTED))[0].buttons)
+    bench.hear(CENTRED)
+    assert any(of(Sticks, bench.hear(DEFLECTED))[0].buttons)
+
+
+@pytest.mark.parametrize('seen', [{'flags': (0, 0, 1)}, {'bu_state': STOPPED, 'ru_state': 4}])
+def test_switch_that_is_seen_pressed_while_none_counts_is_held(seen: dict[str, Any]) -> None:
+    bench = armed()
+    bench.hear(build_vrpi(**seen, switches=(1, 0, 0, 0, 0, 0, 0, 0)))
+    bench.hear(build_vrpi(flags=(0, 0, 1)))
+    assert of(Sticks, bench.hear(DEFLECTED))[0].buttons == (0, -1, 1000, 0, 3, 0, 0, 0, 0)
+
+
+def test_switch_held_as_a_remote_is_found_enabled_is_shown_as_it_keeps_a_reset_away() -> None:
+    bench = opened()
+    bench.hear(DEFLECTED)
+    assert of(Sticks, bench.hear(DEFLECTED))[0].buttons == (1, -1, 1000, 0, 3, 0, 0, 0, 0)
+
+
 def test_switch_held_while_a_joystick_is_broken_counts_once_it_was_let_go_of() -> None:
     bench = armed()
     broken = build_vrpi(joysticks=(1001, 0, 0, 0), switches=(1, -1, 1000, 0, 3, 0, 0, 0))

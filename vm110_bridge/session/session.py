@@ -100,7 +100,8 @@ class Session(BaseSession[bytes, Packet, Event]):
         self._unheard_at = -math.inf  # a command found no listener
         self._looped_back_at = -math.inf
         self._stream = StickStream()
-        self._held = HeldButtons(settings.link_timeout)
+        # The VRPI that says why switches are zero may be the first one that is lost.
+        self._held = HeldButtons(2.0 * settings.link_timeout)
         self._has_news = False  # a VRPI was taken in that is not published yet
         self._stick_ru = 0  # whose sticks were published last
         self._remote: Remote | None = None
@@ -422,10 +423,12 @@ class Session(BaseSession[bytes, Packet, Event]):
     def _sticks_of(self, vrpi: PeriodicInput, now: float) -> Sticks:
         # Another remote's sticks do not go on where those of the one before left off.
         is_known, self._stick_ru = vrpi.armed_ru == self._stick_ru, vrpi.armed_ru
-        if not self.enabled or not is_known:
-            self._held.miss(now, stopped=self.estop)
-            return _NEUTRAL
         buttons = (*vrpi.switches, int(vrpi.encoder_switch))
+        if not self.enabled or not is_known:
+            # What is held as a remote is found enabled is not hidden: it prevents the mux's reset.
+            seen = () if self.enabled else buttons
+            self._held.miss(now, stopped=self.estop, buttons=seen)
+            return _NEUTRAL
         if vrpi.faulty and not self.settings.tolerate_faulty_axes:
             self._held.miss(now, stopped=False, buttons=buttons)
             return Sticks(enabled=True, faulty=vrpi.faulty)
