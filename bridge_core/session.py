@@ -382,6 +382,7 @@ class HeldButtons:
 
     Otherwise a deadman that is held through a pause would be pressed anew when that ends. What
     counts again straight after a stop is shown as it is: who holds a button prevents the reset.
+    One that cannot be read counts as held: nobody sees whether it is.
 
     :param memory: s for which a button that seems to be let go of counts as held, as a device may
         say why only later.
@@ -394,33 +395,34 @@ class HeldButtons:
         self._pressed: frozenset[int] = frozenset()  # when they were seen last, however long ago
         self._let_go_at: dict[int, float] = {}
         self._held: frozenset[int] = frozenset()
-        self._hides = False  # when buttons ceased to count last, it was no stop in the end
+        self._hides = False  # they ceased to count last for what was no stop in the end
 
-    def miss(self, now: float, *, stopped: bool, buttons: tuple[int, ...] = ()) -> None:
+    def miss(self, now: float, *, stopped: bool, buttons: tuple[int | None, ...] = ()) -> None:
         """
         Note that buttons do not count now.
 
-        :param stopped: because of a stop. :param buttons: that are seen all the same; 0 may be
-            one that cannot be read.
+        :param stopped: because of a stop. :param buttons: that are seen all the same; None: one
+            that cannot be read.
         """
         since = now - self._memory
-        self._held |= self._pressed | _pressed_of(buttons)
+        self._held |= self._pressed | _not_let_go(buttons)
         self._held |= {n for n, at in self._let_go_at.items() if at >= since}
         self._hides = not stopped
 
-    def of(self, buttons: tuple[int, ...], now: float) -> tuple[int, ...]:
-        """Return what counts of the buttons that came now."""
-        pressed = _pressed_of(buttons)
+    def of(self, buttons: tuple[int | None, ...], now: float) -> tuple[int, ...]:
+        """Return what counts of the buttons that came now. One that is None is held from now."""
+        pressed = _not_let_go(buttons)
         self._let_go_at.update(dict.fromkeys(self._pressed - pressed, now))
         self._pressed = pressed
-        if self._held:
-            self._held = self._held & pressed if self._hides else frozenset()
-            buttons = tuple(0 if n in self._held else b for n, b in enumerate(buttons))
-        return buttons
+        held = self._held & pressed if self._hides else frozenset()
+        self._held = held | {n for n, button in enumerate(buttons) if button is None}
+        self._hides = True
+        return tuple(0 if n in self._held else button or 0 for n, button in enumerate(buttons))
 
 
-def _pressed_of(buttons: tuple[int, ...]) -> frozenset[int]:
-    return frozenset(n for n, button in enumerate(buttons) if button)
+def _not_let_go(buttons: tuple[int | None, ...]) -> frozenset[int]:
+    """Return those that are pressed, or may be, as they cannot be read."""
+    return frozenset(n for n, button in enumerate(buttons) if button != 0)
 
 
 class Pacer:

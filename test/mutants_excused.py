@@ -65,7 +65,6 @@ EXCUSED: dict[str, dict[str, str]] = {
         'Session._take_repeated: return False -> return None': _FALSY,
         'Session._step: self._stepped_at <= now < self._quiet_until -> '
         'self._stepped_at < now < self._quiet_until': 'it looks once more, and finds the same',
-        'HeldButtons.__init__: self._hides = False -> pass': _SET_FIRST,
         'HeldButtons.__init__: False -> True': _SET_FIRST,
     },
     'bridge_core/transports/link.py': {

@@ -209,6 +209,26 @@ def test_switch_held_while_a_control_is_broken_counts_once_it_was_let_go_of() ->
     assert heard(bench) == [Sticks((500, -400, 0, 0, 0), held(s2=True))]
 
 
+def test_switch_that_could_not_be_read_counts_once_it_was_let_go_of() -> None:
+    bench = Bench(joy_source=0x33, tolerate_faulty_axes=True).find_unit()
+    heard(bench)
+    heard(bench, '107D046400200000')  # switch 2 error
+    assert heard(bench) == [Sticks((500, -400, 0, 0, 0), held())]
+    heard(bench, '0100010000000000')
+    assert heard(bench) == [Sticks((500, -400, 0, 0, 0), held(s2=True))]
+
+
+def test_switch_whose_frame_was_missing_counts_once_it_was_let_go_of() -> None:
+    bench = Bench(joy_source=0x33).find_unit()
+    heard(bench, EXTENDED, pgn=0xFDD7)
+    assert heard(bench)[0].switches == held(s2=True, s15=True)
+    bench.wait(0.2)
+    for data, pressed in ((EXTENDED, False), (EXTENDED[:-2] + '00', False), (EXTENDED, True)):
+        heard(bench)
+        heard(bench, data, pgn=0xFDD7)
+        assert heard(bench)[0].switches == held(s2=True, s15=pressed)
+
+
 def test_switches_and_grips_that_are_not_fitted_are_no_fault() -> None:
     bench = Bench(joy_source=0x33).find_unit()
     # As a VSC sends them: bytes 5, 7 and 8 are FF.

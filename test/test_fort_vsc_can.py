@@ -504,6 +504,20 @@ def test_tolerated_missing_frame_lets_the_others_count() -> None:
     assert last.buttons == (False, False, False, True, False, False, False, False)
 
 
+@pytest.mark.parametrize('before', [ALL_STICKS, (LEFT_Z, RIGHT, RIGHT_Z)])
+def test_button_whose_frame_is_missing_counts_once_it_was_seen_let_go_of(
+    before: tuple[CanFrame, ...],
+) -> None:
+    """Or a loose frame would be a deadman that is pressed anew each time it comes."""
+    bench = opened(tolerate_faulty_axes=True)
+    bench.run(0.5, heartbeat(), *before)
+    bench.run(1.0, heartbeat(), LEFT_Z, RIGHT, RIGHT_Z)
+    back = sticks(bench.run(0.5, heartbeat(), *ALL_STICKS))[-1]
+    assert back == replace(DEFLECTED, buttons=(False,) * 4 + DEFLECTED.buttons[4:])
+    bench.hear(frame('left_basic', '0100 0100 FF 00 FFFF'))
+    assert sticks(bench.hear(heartbeat(), LEFT))[-1] == DEFLECTED
+
+
 def test_broken_stick_makes_all_neutral_and_is_named() -> None:
     bench = opened()
     broken = frame('right_extended', '2A00 FFFFFFFFFFFF')

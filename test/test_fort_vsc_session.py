@@ -411,9 +411,7 @@ def test_button_held_while_a_stick_is_broken_counts_once_it_was_let_go_of(
     bench.run(1.0, heartbeat(), FAULTY)
     (held,) = sticks(bench.hear(heartbeat(), DEFLECTED))
     assert held.axes == (1023, -296, 0, 0, 0, -1)
-    unseen = 6  # FAULTY does not show it
-    assert not any(held.buttons[:unseen])
-    assert held.buttons[unseen] is not pressed_before
+    assert not any(held.buttons)  # nor the one that FAULTY does not show
     bench.hear(CENTRED)
     assert any(sticks(bench.hear(DEFLECTED))[0].buttons)
 

@@ -104,6 +104,19 @@ def test_button_that_was_pressed_when_it_was_seen_last_is_held_however_long_ago(
     assert buttons.of((1, 1), 60.2) == (0, 1)
 
 
+def test_button_that_cannot_be_read_is_held_until_it_is_seen_let_go_of() -> None:
+    buttons = HeldButtons(0.25)
+    assert buttons.of((1, None, 1), 1.0) == (1, 0, 1)
+    assert buttons.of((None, None, 1), 1.1) == (0, 0, 1)
+    assert buttons.of((1, 1, 1), 60.0) == (0, 0, 1)
+    assert buttons.of((0, None, 1), 60.1) == (0, 0, 1)
+    assert buttons.of((1, 1, 1), 60.2) == (1, 0, 1)
+    buttons.miss(60.3, stopped=False, buttons=(0, 0, None))
+    assert buttons.of((0, 0, 0), 61.0) == (0, 0, 0)
+    buttons.miss(62.0, stopped=False, buttons=(0, None, 0))
+    assert buttons.of((1, 1, 1), 62.1) == (1, 0, 1)
+
+
 def test_nothing_is_owed_where_nothing_was_published() -> None:
     assert not StickStream().owes_neutral(fresh=False, counts=False)
 

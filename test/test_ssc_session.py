@@ -600,6 +600,18 @@ def test_tolerated_faulty_axis_leaves_the_others() -> None:
     assert sticks.faulty == ('x invalid (pulse input 2)',)
 
 
+def test_button_whose_pulse_was_not_believed_counts_once_it_was_let_go_of() -> None:
+    """Though others count meanwhile."""
+    rig = stick_rig(tolerate_faulty_axes=True)
+    seen: list[tuple[int, ...]] = []
+    for word in (1900, 0x8000, 1900, 1100, 1900):
+        rig.inputs = [1900] * 8
+        rig.inputs[3] = word
+        rig.tick(30)
+        seen.append(tuple(rig.of(Sticks)[-1].buttons))
+    assert seen == [(1, 2), (0, 2), (0, 2), (0, 2), (1, 2)]
+
+
 def test_reversed_button_without_a_pulse_is_not_pressed() -> None:
     rig = Rig(buttons=(ButtonInput('a', 4, reversed=True),), tolerate_faulty_axes=True)
     rig.inputs[3] = 0x8000

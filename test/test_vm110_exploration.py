@@ -199,8 +199,8 @@ SCENES: dict[str, dict[str, Any]] = {
     },
 }
 COUNTS: dict[str, tuple[int, int]] = {
-    'device': (1884, 20664),
-    'noise': (7123, 88091),
-    'echo': (4303, 29515),
+    'device': (1876, 20560),
+    'noise': (7078, 87506),
+    'echo': (4216, 28906),
 }  # states, and steps between them
 test_every_state_near_the_start, test_every_state = visits_of(World, SCENES, COUNTS, near=200)

@@ -50,6 +50,7 @@ _VSC_HINT = (
     "by identifier and bytes this is a FORT VSC's left joystick: change the VSC's identifiers "
     'with its configuration tool, or give the unit a bus of its own'
 )
+_SWITCHES = {Status.OFF: False, Status.ON: True}  # others cannot be read
 _NO_EXTENDED = ExtendedJoystick(switches=(Status.NOT_AVAILABLE,) * 4)
 
 
@@ -160,11 +161,11 @@ class Joysticks:
         axes = (basic.x, basic.y, extended.grip_x, extended.grip_y, extended.theta)
         switches = basic.switches + extended.switches
         faulty = (*_faulty_axes(axes), *_faulty_switches(switches))
-        pressed = tuple(switch is Status.ON for switch in switches)
+        seen = tuple(_SWITCHES.get(switch) for switch in switches)
         if faulty and not self._settings.tolerate_faulty_axes:
-            self._held.miss(now, stopped=False, buttons=pressed)
+            self._held.miss(now, stopped=False, buttons=seen)
             return Sticks(faulty=faulty)
-        pressed = tuple(map(bool, self._held.of(pressed, now)))
+        pressed = tuple(map(bool, self._held.of(seen, now)))
         return Sticks(tuple(axis.value or 0 for axis in axes), pressed, faulty)
 
 

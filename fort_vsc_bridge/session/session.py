@@ -238,7 +238,7 @@ class Session(BaseSession[Frame, Received, Event]):
             for name, control in zip(AXIS_NAMES + BUTTON_NAMES, controls, strict=True)
             if control.value is None
         )
-        buttons = tuple(button.value or False for button in message.buttons)
+        buttons = tuple(button.value for button in message.buttons)
         if faulty and not self.settings.tolerate_faulty_axes:
             self._held.miss(now, stopped=False, buttons=buttons)
             return Sticks(operational=True, faulty=faulty)

@@ -67,6 +67,7 @@ from ssc_bridge.session.report import setup_warnings
 from ssc_bridge.session.report import state_text
 from ssc_bridge.session.report import without_effect
 from ssc_bridge.session.settings import Settings
+from ssc_bridge.session.sticks import buttons_of
 from ssc_bridge.session.sticks import neutral
 from ssc_bridge.session.sticks import sticks_of
 from ssc_bridge.session.stops import Checked
@@ -296,10 +297,11 @@ class Session(BaseSession[bytes, Message | Poll, Event]):
         counts = self._counts()
         sticks = sticks_of(message.us, self.settings) if counts else neutral(self.settings)
         if sticks.faulty and not self.settings.tolerate_faulty_axes:
-            self._held.miss(now, stopped=False, buttons=sticks.buttons)
+            self._held.miss(now, stopped=False, buttons=buttons_of(message.us, self.settings))
             sticks = neutral(self.settings, faulty=sticks.faulty, operational=True)
         elif counts:
-            sticks = replace(sticks, buttons=self._held.of(sticks.buttons, now))
+            buttons = self._held.of(buttons_of(message.us, self.settings), now)
+            sticks = replace(sticks, buttons=buttons)
         self.faulty = sticks.faulty
         self._stream.published(counts=counts)
         self._emit(sticks)

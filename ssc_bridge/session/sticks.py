@@ -43,12 +43,17 @@ def sticks_of(us: Sequence[int | None], settings: Settings) -> Sticks:
     faulty = tuple(f'{name} {fault}' for name, fault in faults.items() if fault)
     return Sticks(
         axes=tuple(None if faults[axis.name] else us[axis.channel - 1] for axis in settings.axes),
-        buttons=tuple(
-            0 if faults[button.name] else button.value(us[button.channel - 1] or 0)
-            for button in settings.buttons
-        ),
+        buttons=tuple(value or 0 for value in buttons_of(us, settings)),
         operational=True,
         faulty=faulty,
+    )
+
+
+def buttons_of(us: Sequence[int | None], settings: Settings) -> tuple[int | None, ...]:
+    """Return the values of the buttons; None: one that is faulty."""
+    return tuple(
+        None if _fault(us, button.channel, settings) else button.value(us[button.channel - 1] or 0)
+        for button in settings.buttons
     )
 
 
