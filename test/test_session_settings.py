@@ -170,3 +170,5 @@ def test_monitor_is_as_its_parameters_say() -> None:
 def test_base_unit_is_as_its_parameters_say() -> None:
     settings = Vm110Settings.from_parameters(defaults(VM110_PARAMETERS, bu_id=7))
     assert settings == Vm110Settings(bu_id=7)
+    lit = Vm110Settings.from_parameters(defaults(VM110_PARAMETERS, led_switches=[0, 3]))
+    assert lit == Vm110Settings(led_switches=frozenset({3}))

@@ -239,6 +239,22 @@ def test_sticks_and_switches_are_passed_on() -> None:
     ]
 
 
+def test_led_of_a_push_button_is_no_press() -> None:
+    bench = armed(led_switches=frozenset({2}))
+    switches = [build_vrpi(switches=(0, value, value, 0, 0, 0, 0, 0)) for value in (1, 3, 2, 0)]
+    seen = [of(Sticks, bench.hear(each))[0].buttons[1:3] for each in switches]
+    assert seen == [(1, 1), (1, 3), (0, 2), (0, 0)]
+
+
+def test_button_whose_led_is_lit_was_let_go_of() -> None:
+    bench = armed(led_switches=frozenset({1}))
+    lit = build_vrpi(switches=(2, 0, 0, 0, 0, 0, 0, 0))
+    bench.hear(build_vrpi(switches=(3, 0, 0, 0, 0, 0, 0, 0)))
+    bench.hear(build_vrpi(flags=(0, 0, 1)))
+    bench.hear(lit)
+    assert of(Sticks, bench.hear(build_vrpi(switches=(3, *[0] * 7))))[0].buttons[0] == 1
+
+
 @pytest.mark.parametrize('pause', [{'bu_state': DISARMED, 'ru_state': 0}, {'flags': (0, 0, 1)}])
 def test_switch_held_through_a_pause_counts_once_it_was_let_go_of(pause: dict[str, Any]) -> None:
     bench = armed()

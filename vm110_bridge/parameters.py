@@ -27,6 +27,7 @@ from bridge_core.parameters import TOLERATE_FAULTY_AXES
 from vm110_bridge.protocol import AXIS_NAMES
 from vm110_bridge.protocol import Crc
 from vm110_bridge.protocol import MAX_BURST_DATA
+from vm110_bridge.protocol import SWITCH_NAMES
 
 OUTPUT_PORT_OFFSET = 2  # the output port is always input + 2 (manual 2.2)
 MAX_OUTPUT = 32 * MAX_BURST_DATA  # bytes of periodic data: a burst is sent in one go
@@ -50,6 +51,11 @@ def _check_sources(texts: Sequence[str]) -> None:
 def _check_inverted(flags: Sequence[bool]) -> None:
     if len(flags) not in (1, len(AXIS_NAMES)):
         raise ValueError('allowed is one value, or one for each of 4 axes')
+
+
+def _check_leds(numbers: Sequence[int]) -> None:
+    if len(set(numbers)) < len(numbers):
+        raise ValueError('allowed is each switch once')
 
 
 def _address(text: str) -> ipaddress.IPv4Address:
@@ -182,6 +188,15 @@ PARAMETERS = (
         'positive in ~/joy: turn the stick and look.',
         check=_check_inverted,
         section='the sticks',
+    ),
+    Parameter(
+        'led_switches',
+        [0],
+        'Numbers of the switches that are push buttons with an LED; [0]: none. The BU adds 2 to '
+        'these while the LED is lit (manual 4.1.5); ~/joy has 0 or 1 of them.',
+        minimum=0,
+        maximum=len(SWITCH_NAMES),
+        check=_check_leds,
     ),
     DEADBAND,
     TOLERATE_FAULTY_AXES,

@@ -41,7 +41,8 @@ class Sticks:
     What the operator asks for.
 
     :param axes: 4 in the order of AXIS_NAMES, -1000 to 1000, signs as the device sends them.
-    :param buttons: 9 in the order of BUTTON_NAMES: the raw switch values, then 0 or 1.
+    :param buttons: 9 in the order of BUTTON_NAMES: the raw switch values (of ``led_switches``
+        without their LED), then 0 or 1.
     :param enabled: the sticks count; if not, all is neutral.
     :param faulty: joysticks that cannot be where they say they are. They are 0; without
         ``tolerate_faulty_axes`` all is neutral then.

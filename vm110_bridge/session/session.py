@@ -60,6 +60,7 @@ from vm110_bridge.session.stops import StopJudge
 
 _NEUTRAL = Sticks()
 _MANY = 8  # other base units that are remembered
+_PUSHED = 1  # bit of a push button with an LED (4.1.5)
 _MEMORY = 5.0  # seconds for which what was heard last counts as being there
 
 
@@ -423,7 +424,7 @@ class Session(BaseSession[bytes, Packet, Event]):
     def _sticks_of(self, vrpi: PeriodicInput, now: float) -> Sticks:
         # Another remote's sticks do not go on where those of the one before left off.
         is_known, self._stick_ru = vrpi.armed_ru == self._stick_ru, vrpi.armed_ru
-        buttons = (*vrpi.switches, int(vrpi.encoder_switch))
+        buttons = (*self._switches_of(vrpi), int(vrpi.encoder_switch))
         if not self.enabled or not is_known:
             # What is held as a remote is found enabled is not hidden: it prevents the mux's reset.
             seen = () if self.enabled else buttons
@@ -438,6 +439,14 @@ class Session(BaseSession[bytes, Packet, Event]):
             enabled=True,
             faulty=vrpi.faulty,
         )
+
+    def _switches_of(self, vrpi: PeriodicInput) -> list[int]:
+        """Return the values of the switches; the LED of one that has one is no press (4.1.5)."""
+        leds = self.settings.led_switches
+        return [
+            value & _PUSHED if number in leds else value
+            for number, value in enumerate(vrpi.switches, 1)
+        ]
 
     # Packets.
 

@@ -29,7 +29,11 @@ _TABLE = table_of(PARAMETERS)
 
 @dataclass(frozen=True, kw_only=True)
 class Settings(CheckedSettings):
-    """What a session needs to know; fields are parameters. :raises ValueError: out of range."""
+    """
+    What a session needs to know; fields are parameters. :raises ValueError: out of range.
+
+    :param led_switches: without the 0 that stands for none.
+    """
 
     TABLE = _TABLE
     bu_id: int = _TABLE['bu_id'].default
@@ -43,8 +47,10 @@ class Settings(CheckedSettings):
     accept_unarmed_commands: bool = _TABLE['accept_unarmed_commands'].default
     command_timeout: float = _TABLE['command_timeout'].default
     tolerate_faulty_axes: bool = _TABLE['tolerate_faulty_axes'].default
+    led_switches: frozenset[int] = frozenset()
 
     @classmethod
     def from_parameters(cls, values: Mapping[str, Any]) -> Settings:
         """Return what the parameters say. :raises ValueError: what cannot be."""
-        return cls(**cls.named(values))
+        leds = frozenset(values['led_switches']) - {0}
+        return cls(led_switches=leds, **cls.named(values))
