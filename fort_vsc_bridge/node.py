@@ -31,6 +31,7 @@ from std_msgs.msg import UInt8
 
 from bridge_core.managed_node import latched_qos
 from bridge_core.node import BridgeNode
+from bridge_core.node import STOP_QOS
 from bridge_core.parameters import BRIDGE_PARAMETERS
 from bridge_core.parameters import Parameter
 from bridge_core.runner import run
@@ -67,7 +68,13 @@ class FortVscBridge(BridgeNode[Event]):
         self._fix = self.create_publisher(NavSatFix, '~/fix', 10)
         self._nmea = self.create_publisher(String, '~/nmea', 10)
         self._user_values = self.create_publisher(KeyValue, '~/user_values', 10)
-        self.lane.subscribe(Bool, '~/software_estop', self._on_software_estop, 10)
+        self.watched_subscription(
+            Bool,
+            '~/software_estop',
+            self._on_software_estop,
+            STOP_QOS,
+            is_stop=lambda m: bool(m.data),
+        )
         self.create_subscription(JoyFeedback, '~/set_feedback', self._on_set_feedback, 10)
         self.create_subscription(KeyValue, '~/set_user_value', self._on_set_user_value, 10)
         self.create_subscription(KeyValue, '~/set_user_name', self._on_set_user_name, 10)
@@ -122,9 +129,15 @@ class FortVscBridge(BridgeNode[Event]):
 
     # Requests.
 
-    def _on_software_estop(self, message: Any, info: Any) -> None:
-        del info
-        stop = message.data
+    def on_doubled(self, text: str) -> None:
+        """Ask the VSC to stop at once: two publishers are heard on ~/software_estop."""
+        del text
+        self._ask_stop(True)
+
+    def _on_software_estop(self, message: Any) -> None:
+        self._ask_stop(message.data)
+
+    def _ask_stop(self, stop: bool) -> None:
         self.request(Session.set_software_estop, stop, key='software_estop', stop=stop)
 
     def _on_set_feedback(self, message: Any) -> None:

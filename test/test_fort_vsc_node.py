@@ -392,6 +392,25 @@ def test_software_estop_stops_the_vsc_and_is_told_as_an_echo(fresh: Bench) -> No
     fresh.wait(lambda: fresh.vsc.simulator.host_estop, 'a stop in our heartbeat')
 
 
+def test_second_publisher_of_the_software_estop_undoes_no_stop(fresh: Bench) -> None:
+    topic = f'{fresh.name}/software_estop'
+    first = Talker(fresh.observer, Bool, topic, Bool(data=True), rate=20.0)
+    Talker(fresh.observer, Bool, topic, Bool(data=False), rate=20.0)
+    doubled = f'stop one of the two publishers of {topic}'
+
+    def message() -> str:
+        status = fresh.diagnostics.status(DEVICE)
+        return '' if status is None else str(status.message)
+
+    fresh.wait(lambda: doubled in message(), 'why')
+    since = time.monotonic()
+    fresh.observer.holds_for(lambda: fresh.vsc.simulator.host_estop, 0.5, 'the stop')
+    assert build_frame(0x21, b'\0') not in b''.join(c.data for c in fresh.vsc.received(since))
+    first.leave()
+    fresh.wait(lambda: doubled not in message(), 'only one again')
+    fresh.wait(lambda: not fresh.vsc.simulator.host_estop, 'no stop in our heartbeat')
+
+
 def test_software_estop_in_use_is_a_stop_when_the_node_ends(fresh: Bench) -> None:
     Talker(fresh.observer, Bool, f'{fresh.name}/software_estop', Bool(data=False))
     fresh.wait(

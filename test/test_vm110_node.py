@@ -47,6 +47,7 @@ from test.rig import NodeProcess
 from test.rig import Observer
 from test.rig import Record
 from test.rig import ROOT
+from test.talkers import Talker
 from vm110_bridge.node import Vm110Bridge
 from vm110_bridge.protocol import BuState
 from vm110_bridge.simulator import build_packet
@@ -286,6 +287,26 @@ def test_hold_output_opens_the_relays_which_close_only_after_rearming(bench: Ben
     bench.wait_stop(False)
     # A hold_output that falls silent is a hold.
     bench.wait(lambda: bench.station.look(lambda unit: not unit.relays_closed), 'open relays')
+
+
+def test_second_publisher_of_hold_output_lets_nothing_go(bench: Bench) -> None:
+    bench.arm()
+
+    def outputs() -> int:
+        return int(bench.station.look(lambda unit: unit.received['VRPO']))
+
+    topic = f'{bench.prefix}/hold_output'
+    first = Talker(bench.observer, Bool, topic, Bool(data=True), rate=20.0)
+    second = Talker(bench.observer, Bool, topic, Bool(data=False), rate=20.0)
+    doubled = f'stop one of the two publishers of {topic}'
+    bench.wait(lambda: doubled in bench.status().message, 'why')
+    before = outputs()
+    bench.observer.holds_for(lambda: outputs() <= before + 1, 0.5, 'no VRPO')
+    first.leave()
+    bench.wait(lambda: doubled not in bench.status().message, 'only one again')
+    before = outputs()
+    bench.wait(lambda: outputs() > before + 3, 'VRPO again')
+    second.leave()
 
 
 def test_periodic_output_reaches_the_display_in_a_burst(observer: Observer) -> None:

@@ -29,6 +29,7 @@ from std_msgs.msg import UInt16
 
 from bridge_core.managed_node import latched_qos
 from bridge_core.node import BridgeNode
+from bridge_core.node import STOP_QOS
 from bridge_core.parameters import BRIDGE_PARAMETERS
 from bridge_core.parameters import Parameter
 from bridge_core.runner import run
@@ -72,7 +73,9 @@ class Vm110Bridge(BridgeNode[Event]):
         self.create_subscription(
             UInt8MultiArray, '~/send_command', self._on_send_command, _COMMAND_DEPTH
         )
-        self.lane.subscribe(Bool, '~/hold_output', self._on_hold_output, 10)
+        self.watched_subscription(
+            Bool, '~/hold_output', self._on_hold_output, STOP_QOS, is_stop=lambda m: bool(m.data)
+        )
         self.create_subscription(UInt16, '~/command_done', self._on_command_done, _COMMAND_DEPTH)
         self._publish_armed(ArmedChanged(armed=False, enabled=False))
 
@@ -138,8 +141,12 @@ class Vm110Bridge(BridgeNode[Event]):
         if key == 'send_command':
             self._result.publish(convert.command_result(None, text))
 
-    def _on_hold_output(self, message: Any, info: Any) -> None:
-        del info
+    def on_doubled(self, text: str) -> None:
+        """Withhold VRPO at once: two publishers are heard on ~/hold_output."""
+        del text
+        self.request(Session.set_hold_output, True, stop=True)
+
+    def _on_hold_output(self, message: Any) -> None:
         self.request(Session.set_hold_output, message.data, stop=message.data)
 
     def _on_periodic_output(self, message: Any) -> None:

@@ -367,7 +367,7 @@ MESSAGES = (
         FortVscBridge,
         partial(FortSession, FortSettings()),
         (
-            ('_on_software_estop', Bool, (None,)),
+            ('_on_software_estop', Bool, ()),
             ('_on_set_feedback', JoyFeedback, ()),
             ('_on_set_user_value', KeyValue, ()),
             ('_on_set_user_name', KeyValue, ()),
@@ -380,7 +380,7 @@ MESSAGES = (
         Vm110Bridge,
         partial(Vm110Session, Vm110Settings()),
         (
-            ('_on_hold_output', Bool, (None,)),
+            ('_on_hold_output', Bool, ()),
             ('_on_periodic_output', UInt8MultiArray, ()),
             ('_on_send_command', UInt8MultiArray, ()),
             ('_on_command_done', UInt16, ()),
