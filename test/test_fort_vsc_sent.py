@@ -61,16 +61,36 @@ def test_texts_and_values_are_shown_again_to_a_new_remote_a_rumble_is_not() -> N
     bench.wait(1.0)
     bench.session.rumble(True, True, bench.now)
     bench.close()
-    bench.wait(1.0)
-    bench.session.get_feedback(1, bench.now)
     bench.sent.clear()
     bench.open()
     bench.wait(1.0)
     assert not bench.frames(0x30)
-    assert [f[4:5] for _, f in bench.frames(0x32)] == [b'\1']
     bench.run(1.0, heartbeat())
     assert [f for _, f in bench.frames(0x30)] == [build_frame(0x30, b'\1\7\0\0\0')]
     assert [f[5:10] for _, f in bench.frames(0x31)] == [b'speed']
+
+
+def test_what_waits_while_input_is_discarded_is_not_done_later() -> None:
+    bench = opened()
+    bench.session.rumble(True, False, bench.now)
+    bench.session.interrupted('this node was held up', bench.now)
+    bench.wait(1.0)
+    assert not bench.frames(0x30)
+
+
+def test_what_was_asked_while_the_port_was_closed_is_not_done_later() -> None:
+    """But the remote shows what was set meanwhile."""
+    bench = opened(configure_device=True)
+    bench.close()
+    bench.session.rumble(True, False, bench.now)
+    bench.session.set_feedback(81, 0, bench.now)
+    bench.session.get_feedback(1, bench.now)
+    bench.session.set_feedback(1, 7, bench.now)
+    bench.wait(3600.0)
+    bench.open()
+    bench.wait(1.0)
+    assert [f for _, f in bench.frames(0x30)] == [build_frame(0x30, b'\1\7\0\0\0')]
+    assert not bench.frames(0x32)
 
 
 @pytest.mark.parametrize(

@@ -82,7 +82,7 @@ class SendQueue:
 
     def drop_passing(self) -> None:
         """
-        Drop what is of no use later: the link is interrupted.
+        Drop what is of no use later: the link is interrupted, or begins.
 
         A late rumble would mislead, nobody waits for an old answer, what wears out an EEPROM is
         not repeated blindly, and the rest of a string is no string. What the remote shows waits.
