@@ -21,12 +21,15 @@ from typing import Any
 
 import pytest
 
+from bridge_core.session import Level
+from fort_vsc_bridge.protocol import CanWire
 from fort_vsc_bridge.session import DeviceSettings
 from fort_vsc_bridge.session import Session
 from fort_vsc_bridge.session import Settings
 from fort_vsc_bridge.simulator import build_frame
 from fort_vsc_bridge.simulator import Simulator
 from test.fort_vsc_rig import Bench
+from test.fort_vsc_rig import CENTRED
 from test.fort_vsc_rig import CLEAR
 from test.fort_vsc_rig import converse
 from test.fort_vsc_rig import gaps
@@ -80,7 +83,7 @@ def test_what_waits_while_input_is_discarded_is_not_done_later() -> None:
 
 def test_what_was_asked_while_the_port_was_closed_is_not_done_later() -> None:
     """But the remote shows what was set meanwhile."""
-    bench = opened(configure_device=True)
+    bench = opened(configure_device=True, device=DeviceSettings(auto_off_enable=1))
     bench.close()
     bench.session.rumble(True, False, bench.now)
     bench.session.set_feedback(81, 0, bench.now)
@@ -91,6 +94,7 @@ def test_what_was_asked_while_the_port_was_closed_is_not_done_later() -> None:
     bench.wait(1.0)
     assert [f for _, f in bench.frames(0x30)] == [build_frame(0x30, b'\1\7\0\0\0')]
     assert not bench.frames(0x32)
+    assert bench.session.setting_states == {'auto_off_enable': 'not known yet'}
 
 
 @pytest.mark.parametrize(
@@ -203,6 +207,11 @@ WANTED = DeviceSettings(
 )
 
 
+def warnings(bench: Bench) -> str:
+    problems = bench.session.problems(bench.now)
+    return '; '.join(text for level, text in problems if level is Level.WARN)
+
+
 def test_eeprom_is_never_written_without_configure_device() -> None:
     bench, device = opened(device=WANTED), Simulator()
     bench.session.set_feedback(1, 1, bench.now)
@@ -210,6 +219,17 @@ def test_eeprom_is_never_written_without_configure_device() -> None:
     assert device.eeprom_writes == 0
     assert bench.session.setting_states == {}
     assert not bench.frames(0x23)
+
+
+def test_setting_that_is_given_and_not_written_is_a_warning() -> None:
+    device = DeviceSettings(user_estop_timeout=1, auto_off_enable=0)
+    words = 'set configure_device, or leave device.auto_off_enable, device.user_estop_timeout out'
+    said = [(Level.WARN, f'{words}: nothing is written while it is false')]
+    bench = opened(device=device)
+    bench.hear(heartbeat(), CENTRED)
+    assert bench.session.problems(bench.now) == said
+    assert Settings(device=device, configure_device=True).passed_over == []
+    assert Settings(wire=CanWire(), device=device).passed_over == []  # it has none of them
 
 
 def test_only_settings_that_differ_are_written_and_once() -> None:
@@ -256,6 +276,8 @@ def test_device_that_does_not_take_a_setting_is_not_worn_out() -> None:
         assert set(bench.session.setting_states.values()) == {
             'differs, and the device does not take it'
         }
+        for name in ('auto_off_enable', 'remote_status_interval_ms'):
+            assert f'device.{name}: differs, and the device does not take it' in warnings(bench)
         assert len(bench.frames(0x30)) == min(connection, 3)
         assert len(bench.frames(0x23)) == min(connection, 3)
         bench.close()
@@ -279,9 +301,24 @@ def test_answer_from_before_a_write_does_not_speak_against_it() -> None:
 def test_device_that_does_not_answer_is_not_written_to() -> None:
     wanted = DeviceSettings(auto_off_enable=0)
     bench = opened(device=wanted, configure_device=True)
-    bench.run(10.0, heartbeat())
+    bench.run(7.9, heartbeat(), CENTRED)
+    assert bench.session.problems(bench.now) == []
+    bench.run(2.1, heartbeat(), CENTRED)
+    assert 'device.auto_off_enable: not known, as the device does not' in warnings(bench)
     assert not bench.frames(0x30)
     assert 4 <= len(bench.frames(0x32)) <= 6
     bench.session.set_feedback(81, 0, bench.now)  # asked for in so many words
     bench.wait(0.1)
     assert len(bench.frames(0x30)) == 1
+
+
+def test_setting_that_a_request_overrules_is_a_warning_until_it_is_as_wanted() -> None:
+    bench, device = opened(device=WANTED, configure_device=True), Simulator()
+    converse(bench, device, 20.0)
+    for value, overruled in ((3, True), (4, False)):  # minutes - 1
+        bench.session.set_feedback(80, value, bench.now)
+        converse(bench, device, 5.0)
+        assert device.eeprom[80] == value
+        said = 'device.inactivity_pause_minutes: overruled by ~/set_user_value' in warnings(bench)
+        assert said is overruled
+    assert set(bench.session.setting_states.values()) == {'as wanted'}

@@ -34,12 +34,15 @@ MAX_WRITES = 3
 _ASK_PERIOD = 2.0  # seconds between two questions, and from a write to the look at its effect
 _SHORTEST_WATCH = 3.0  # seconds to watch how often a message comes
 _WATCHED_INTERVALS = 4
+_QUESTIONS = 4  # without an answer until that is said
 _TOLERANCE = 0.2  # of an interval, for a schedule of the device that is not ours
 
 UNKNOWN = 'not known yet'
+UNANSWERED = 'not known, as the device does not answer'
 AS_WANTED = 'as wanted'
 WRITTEN = 'written, not confirmed yet'
 REFUSED = 'differs, and the device does not take it'
+OVERRULED = 'overruled by ~/set_user_value'
 
 _KEYS = {
     'inactivity_pause_minutes': Key.INACTIVITY_PAUSE,
@@ -72,7 +75,7 @@ class _Setting:
     @property
     def is_open(self) -> bool:
         """Tell whether there is still something to find out."""
-        return self.state in (UNKNOWN, WRITTEN)
+        return self.state in (UNKNOWN, UNANSWERED, WRITTEN)
 
     def forget(self) -> None:
         """Begin again: the port was opened."""
@@ -98,18 +101,30 @@ class _KeySetting(_Setting):
         self._key = key
         self._value = value
         self._asked = False
+        self._questions = 0
 
     def start(self, now: float) -> None:
         """Ask at once: the link came up."""
         self._asked = False
+        self._questions = 0
         self.due = now
 
     def poll(self, now: float) -> None:
         """Ask, and ask again."""
         if now >= self.due:
+            if self.state == UNKNOWN and self._questions >= _QUESTIONS:
+                self.state = UNANSWERED
             self._queue.get_value(self._key)
             self._asked = True
+            self._questions += 1
             self.due = now + _ASK_PERIOD
+
+    def overrule(self, key: int, value: int, now: float) -> None:
+        """Take note of what the user wrote; it is looked at if that is what is wanted."""
+        if key == self._key:
+            self.state = WRITTEN if value == self._value else OVERRULED
+            self._asked = False
+            self.due = now + _ASK_PERIOD if self.is_open else math.inf
 
     def answered(self, key: int, value: int, now: float) -> None:
         """Compare; an answer to what was asked before a write is not looked at."""
@@ -205,6 +220,11 @@ class Configurator:
                 setting.due = math.inf
                 if link_up:
                     setting.start(now)
+
+    def overrule(self, key: int, value: int, now: float) -> None:
+        """Take note that the user writes a key's value by a request."""
+        for setting in self._keys.values():
+            setting.overrule(key, value, now)
 
     def answered(self, key: int, value: int, now: float) -> None:
         """Take a key's value from the device."""

@@ -16,6 +16,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from collections.abc import Sequence
 from typing import Any
 
@@ -27,6 +28,9 @@ from fort_vsc_bridge.protocol import Heartbeat
 from fort_vsc_bridge.protocol import mode_name
 from fort_vsc_bridge.protocol import MODES_AFTER_A_STOP
 from fort_vsc_bridge.protocol import RemoteStatus
+from fort_vsc_bridge.session.device import OVERRULED
+from fort_vsc_bridge.session.device import REFUSED
+from fort_vsc_bridge.session.device import UNANSWERED
 
 LOOPED_BACK = 'look for RX wired to TX, or an echo on the line: our own frames come back'
 _LOW_BATTERY_PERCENT = 20
@@ -34,6 +38,11 @@ _WEAK_RADIO = (
     'bring the remote nearer, or its way to the VSC clear of metal: the radio is at its weakest '
     '(strength 0), and the next step is a stop'
 )
+_SETTINGS_TO_DO = {
+    REFUSED: "see the VSC's firmware and the maker's tool",
+    UNANSWERED: 'connect a remote, and see that the VSC hears this computer',
+    OVERRULED: 'change the parameter, or what ~/set_user_value says',
+}
 _USER = 'VSC reports e-stop: USER (this computer)'
 
 
@@ -94,6 +103,26 @@ def remote_problems(remote: RemoteStatus | None) -> list[tuple[Level, str]]:
         problems.append((Level.WARN, f'charge the remote: its battery is at {battery} %'))
     if remote.strength_vsc == 0:
         problems.append((Level.WARN, _WEAK_RADIO))
+    return problems
+
+
+def setting_problems(
+    states: Mapping[str, str], passed_over: Sequence[str]
+) -> list[tuple[Level, str]]:
+    """
+    Name the settings of the device that are wanted and not in force.
+
+    :param states: by name. :param passed_over: parameters that are given, but not written.
+    """
+    problems = [
+        (Level.WARN, f'{_SETTINGS_TO_DO[state]}: device.{name}: {state}')
+        for name, state in states.items()
+        if state in _SETTINGS_TO_DO
+    ]
+    if passed_over:
+        names = ', '.join(passed_over)
+        text = f'set configure_device, or leave {names} out: nothing is written while it is false'
+        problems.append((Level.WARN, text))
     return problems
 
 

@@ -131,7 +131,7 @@ class Session(BaseSession[Frame, Received, Event]):
         return self._device.states
 
     def problems(self, now: float) -> list[tuple[Level, str]]:
-        """Return stops, broken controls, what does not come, and a battery that runs low."""
+        """Return stops, broken controls, what does not come or is not set, and a low battery."""
         wire = self.settings.wire
         problems = super().problems(now) + report.control_problems(self.faulty)
         if self.link_up and not self._rejected_lately.expired(now):
@@ -139,6 +139,7 @@ class Session(BaseSession[Frame, Received, Event]):
         if self.link_up and now >= self._settled_at and self._joystick_heard.expired(now):
             problems.append((Level.WARN, f'{wire.NO_JOYSTICK}: no joystick messages come'))
         problems += report.remote_problems(self.remote_status)
+        problems += report.setting_problems(self.setting_states, self.settings.passed_over)
         if self.software_estop_refused:
             problems.append((Level.ERROR, report.refused_software_estop(wire.NAME)))
         if not self._looped_back_lately.expired(now):
@@ -175,7 +176,8 @@ class Session(BaseSession[Frame, Received, Event]):
     def _begin(self, now: float) -> None:
         self._leaving = self._joystick_alone = False
         self._settled_at = now + self.settings.link_timeout
-        self._queue.drop_passing()  # asked while the port was closed, perhaps of another VSC
+        self._device.forget()  # what was asked while the port was closed, perhaps of another VSC
+        self._queue.drop_passing()
         if self.settings.wire.carries(MessageType.HOST_HEARTBEAT):
             self._pacer.start(now)
 
@@ -363,6 +365,7 @@ class Session(BaseSession[Frame, Received, Event]):
             raise ValueError(f'key {key} takes {low} to {high}, not {value}')
         self.settings.wire.check(UserFeedback(key, value))
         self._queue.set_value(key, value)
+        self._device.overrule(key, value, now)
 
     def set_name(self, key: int, name: str, now: float) -> None:
         """Queue a user value's name (keys 1-9) or a line of text (90-93), else ValueError."""

@@ -109,6 +109,13 @@ class Settings(CheckedSettings):
         """What the device is to be set to, by name."""
         return self.device.wanted if self.configure_device else {}
 
+    @property
+    def passed_over(self) -> list[str]:
+        """The parameters ``device.*`` that are given, but not written. CAN and HID never do."""
+        readable = self.wire.carries(MessageType.USER_FEEDBACK_GET)
+        wanted = self.device.wanted if readable and not self.configure_device else {}
+        return [_DEVICE + name for name in wanted]
+
     @classmethod
     def from_parameters(cls, values: Mapping[str, Any]) -> Settings:
         """Return what the parameters say. :raises ValueError: what cannot be."""
