@@ -60,6 +60,7 @@ EXCUSED: dict[str, dict[str, str]] = {
         'Message._to_payload: raise NotImplementedError -> pass': _ABSTRACT,
     },
     'bridge_core/session.py': {
+        'HeldButtons.of: button or 0 -> button': _FOR_TYPES,
         'Session.__init__: -math.inf -> math.inf': 'the first step looks at everything either way',
         "Session.__init__: self._interruption = '' -> pass": _SET_FIRST,
         'Session._take_repeated: return False -> return None': _FALSY,
@@ -440,6 +441,7 @@ EXCUSED: dict[str, dict[str, str]] = {
         'OwnerInput.at_rest: raise NotImplementedError -> pass': _ABSTRACT,
         'OwnerInput.given_up: raise NotImplementedError -> pass': _ABSTRACT,
         'Input.silence: self.forget() -> pass': 'a freeze also stops, and every stop forgets',
+        'OperatorInput.silence: self.newest = None -> pass': 'silence hides it anyway',
         'SourceInput.__init__: True -> False': _NOT_READ,
         'SpeedLimitInput.__init__: 1.0 -> 2.0': 'until it was heard the lowest counts, if less',
         'Run.__init__: self.until = 0.0 -> pass': _SET_FIRST,
@@ -502,7 +504,9 @@ EXCUSED: dict[str, dict[str, str]] = {
         ),
         'Session._reset: True -> False': 'it is read only once it was heard, which sets it',
         'Session._reset: self._counts = self._zeros -> pass': _SET_FIRST,
-        'Session._reset: self._until = self._disabled_since = -math.inf -> pass': _SET_FIRST,
+        'Session._reset: self._until = -math.inf -> pass': _SET_FIRST,
+        'Session._reset: self._disabled_since = math.inf -> pass': _SET_FIRST,
+        'Session._disobedience: late and self.status is not None -> late': _FOR_TYPES,
         'Session._reset: -math.inf -> math.inf': _SET_FIRST,
         'Session.warnings: self.link_up and self.status is not None -> self.link_up': _FOR_TYPES,
         'Session._take_repeated: known is None or not settled or self.verdict.estop or '

@@ -127,6 +127,51 @@ def test_restart_that_loses_messages_is_no_second_publisher() -> None:
     assert not heard(*range(3, 499), 501, 502, watch=watch, start=0.1 + 102 * PERIOD)
 
 
+@pytest.mark.parametrize(
+    ('number', 'lost', 'two'), [(501, 0, True), (511, 10, True), (512, 510, False)]
+)
+def test_publisher_that_is_heard_again_may_have_lost_ten(
+    number: int, lost: int, two: bool
+) -> None:
+    watch = PublisherWatch()
+    for each in (500, 1):
+        watch.heard(each, 100.0)
+    assert watch.heard(number, 100.0) == lost
+    assert watch.doubled(100.0) == two
+
+
+@pytest.mark.parametrize(('moment', 'two'), [(103.0, True), (103.125, False)])
+def test_publisher_is_alive_for_three_seconds(moment: float, two: bool) -> None:
+    watch = PublisherWatch()
+    watch.heard(500, 100.0)
+    watch.heard(1, 101.0)
+    watch.heard(501, moment)
+    assert watch.doubled(moment) == two
+    if two:
+        assert watch.doubled(moment + 3.0)
+        assert not watch.doubled(moment + 3.125)
+
+
+@pytest.mark.parametrize(('moment', 'two'), [(101.5, True), (101.625, False)])
+def test_two_steps_back_within_a_second_are_two_publishers(moment: float, two: bool) -> None:
+    watch = PublisherWatch()
+    watch.heard(10, 100.0)
+    watch.heard(4, 100.5)
+    watch.heard(3, moment)
+    assert watch.doubled(moment) == two
+    assert watch.settled(moment) is False
+
+
+def test_number_that_comes_again_is_a_step_back() -> None:
+    assert heard(5, 5, 5)
+
+
+def test_two_publishers_of_whom_nothing_was_heard_yet_are_not_told_apart() -> None:
+    watch = PublisherWatch()
+    watch.counted(2)
+    assert not watch.doubled(100.0)
+
+
 def test_restarted_publisher_counts_again_once_it_is_known_to_be_alone() -> None:
     watch = PublisherWatch()
     assert watch.settled(100.0)
