@@ -80,8 +80,10 @@ class PublisherWatch:
 
     def doubled(self, now: float) -> bool:
         """Return whether two live publishers were heard, and neither is known to be gone."""
-        if self.blind or self._found_at is None:
-            return self.blind and self._several
+        if self.blind:
+            return self._several
+        if self._found_at is None:
+            return False
         return self._several or now - self._found_at <= _LIVE
 
     def settled(self, now: float) -> bool:
