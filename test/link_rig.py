@@ -255,8 +255,10 @@ class Bench:
         self.owner, self.session = FakeOwner(), FakeSession()
         self.transport: Any = FakeTransport()
         self.on_make: Callable[[], None] = lambda: None  # may raise what contradicts
-        bridge: Bridge[Any] = Bridge(__name__, self._make_session, lambda values: self.transport)
-        self.link = ThreadLink('link', bridge, self.owner, reconnect_period=0.4)
+        self.bridge: Bridge[Any] = Bridge(
+            __name__, self._make_session, lambda values: self.transport
+        )
+        self.link = ThreadLink('link', self.bridge, self.owner, reconnect_period=0.4)
 
     def _make_session(self, values: dict[str, Any]) -> FakeSession:
         self.on_make()

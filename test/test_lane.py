@@ -18,12 +18,16 @@ from collections.abc import Callable
 from collections.abc import Iterator
 from concurrent.futures import wait
 import threading
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
 import rclpy
 from rclpy.context import Context
+from rclpy.exceptions import InvalidHandle
 from rclpy.executors import SingleThreadedExecutor
+from rclpy.guard_condition import GuardCondition
+from rclpy.impl.implementation_singleton import rclpy_implementation as _rclpy
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from std_msgs.msg import Bool
@@ -100,6 +104,45 @@ def test_other_rclpy_is_noticed(context: Context, monkeypatch: pytest.MonkeyPatc
         assert not lane_module.wait_set_works(context)
 
 
+class OtherWaitSet:
+    """As rclpy's, but for one method that it has not, or that finds nothing."""
+
+    def __init__(self, lacks: str, *arguments: Any) -> None:
+        self._lacks = lacks
+        self._real = _rclpy.WaitSet(*arguments)
+
+    def __getattr__(self, name: str) -> Any:
+        if name == self._lacks:
+            raise AttributeError(name)
+        return (lambda *_: False) if f'{name} finds' == self._lacks else getattr(self._real, name)
+
+
+@pytest.mark.parametrize(
+    'lacks',
+    ['clear_entities', 'add_guard_condition', 'wait', 'is_ready', 'is_ready finds'],
+)
+def test_other_wait_set_is_noticed(
+    context: Context, monkeypatch: pytest.MonkeyPatch, lacks: str
+) -> None:
+    monkeypatch.undo()
+    other = SimpleNamespace(
+        WaitSet=lambda *arguments: OtherWaitSet(lacks, *arguments),
+        Subscription=_rclpy.Subscription,
+    )
+    monkeypatch.setattr(lane_module, '_rclpy', other)
+    assert not lane_module.wait_set_works(context)
+
+
+@pytest.mark.parametrize('has', ['take_message', '__enter__'])
+def test_other_subscription_is_noticed(
+    context: Context, monkeypatch: pytest.MonkeyPatch, has: str
+) -> None:
+    monkeypatch.undo()
+    other = SimpleNamespace(WaitSet=_rclpy.WaitSet, Subscription=SimpleNamespace(**{has: None}))
+    monkeypatch.setattr(lane_module, '_rclpy', other)
+    assert not lane_module.wait_set_works(context)
+
+
 def test_lane_waits_by_the_wait_set_where_there_is_one(rig: Rig, way: str) -> None:
     assert isinstance(rig.lane._waiter, lane_module._WaitSetWaiter) == (way == 'wait set')
 
@@ -124,6 +167,13 @@ def test_messages_come_in_order_with_their_numbers(rig: Rig) -> None:
 def test_topic_has_the_namespace_of_the_node(rig: Rig) -> None:
     subscription = rig.lane.subscribe(Int32, '~/number', rig.hear, 10)
     assert subscription.topic_name == '/lane/listener/number'
+    assert not list(subscription.event_handlers)  # nobody would ever serve them
+
+
+def test_group_of_a_lane_lets_no_executor_begin() -> None:
+    group = lane_module.NotForExecutors()
+    assert not group.can_execute(object())
+    assert not group.beginning_execution(object())
 
 
 def test_no_stop_among_a_thousand_messages_is_lost(rig: Rig) -> None:
@@ -309,7 +359,50 @@ def test_call_that_has_begun_is_never_said_not_to_be_made(
         gate.set()
 
 
+def test_call_that_the_lane_posts_itself_needs_no_wake(rig: Rig) -> None:
+    assert rig.lane._timeout() is None
+    rig.lane.post(int)
+    assert rig.lane._timeout() == 0.0
+    rig.lane.post(rig.lane.post, rig.heard.append, 1)
+    rig.lane.start()
+    rig.wait_heard(1)
+
+
 # Timers.
+
+
+@pytest.fixture
+def time(monkeypatch: pytest.MonkeyPatch) -> Any:
+    """Have a lane that was not started take its time from here: ``time.now()``, ``time.at``."""
+    result = SimpleNamespace(at=0.0)
+    result.now = lambda: result.at
+    monkeypatch.setattr(lane_module, 'clock', result)
+    return result
+
+
+def test_timer_is_called_when_it_is_due_and_once(rig: Rig, time: Any) -> None:
+    rig.lane.every(1.0, rig.heard.append)
+    for at in (0.9, 1.0, 1.0, 1.9, 2.2, 2.9, 3.0, 5.0, 5.0, 5.9, 6.0):
+        time.at = at
+        rig.lane._call_timers()
+    assert rig.heard == [1.0, 2.2, 3.0, 5.0, 6.0]
+
+
+def test_wait_is_as_long_as_to_the_next_timer(rig: Rig, time: Any) -> None:
+    rig.lane.every(9.0, rig.heard.append)
+    rig.lane.every(1.0, rig.heard.append)
+    assert rig.lane._timeout() == 1.0
+    time.at = 1.5
+    assert rig.lane._timeout() == 0.0
+
+
+def test_faults_are_reported_once_a_second(
+    rig: Rig, time: Any, capfd: pytest.CaptureFixture[str]
+) -> None:
+    for at in (0.0, 0.9, 1.0, 1.9, 2.0):
+        time.at = at
+        rig.lane._guarded(lambda: 1 / 0)
+    assert capfd.readouterr().err.count('ZeroDivisionError') == 3
 
 
 def test_timer_keeps_its_rate(rig: Rig) -> None:
@@ -352,19 +445,34 @@ def thread_of(lane: Lane) -> threading.Thread:
     return lane._thread
 
 
+def assert_gives_back(lane: Lane) -> None:
+    """What wakes it is rclpy's no more."""
+    waiter: Any = lane._waiter
+    guard: GuardCondition = waiter._guard
+    with pytest.raises(InvalidHandle):
+        guard.trigger()
+
+
 def test_stop_ends_the_wait_and_may_be_repeated(rig: Rig) -> None:
     rig.listen()
     rig.lane.start()
     rig.lane.call(int)
     rig.lane.stop()
     assert not thread_of(rig.lane).is_alive()
+    assert_gives_back(rig.lane)
     rig.lane.stop()
 
 
 def test_stop_without_a_start(rig: Rig) -> None:
     rig.listen()
     rig.lane.stop()
+    assert_gives_back(rig.lane)
     rig.lane.post(int)
+
+
+def test_lane_that_hangs_holds_no_process(rig: Rig) -> None:
+    rig.lane.start()
+    assert thread_of(rig.lane).daemon
 
 
 def test_what_was_posted_before_the_stop_is_called(rig: Rig) -> None:
@@ -372,6 +480,16 @@ def test_what_was_posted_before_the_stop_is_called(rig: Rig) -> None:
     rig.lane.post(rig.heard.append, 1)
     rig.lane.stop()
     assert rig.heard == [1]
+
+
+def test_what_the_last_call_posts_is_called(rig: Rig) -> None:
+    def end() -> None:
+        rig.lane.stop()
+        rig.lane.post(rig.heard.append, 1)
+
+    rig.lane.start()
+    rig.lane.post(end)
+    rig.wait_heard(1)
 
 
 def test_stop_from_its_own_thread(rig: Rig) -> None:
@@ -383,7 +501,7 @@ def test_stop_from_its_own_thread(rig: Rig) -> None:
 
 @pytest.mark.parametrize('fault', [ZeroDivisionError, SystemExit])
 def test_timer_that_raises_ends_the_thread_which_is_told(
-    rig: Rig, fault: type[BaseException]
+    rig: Rig, fault: type[BaseException], capfd: pytest.CaptureFixture[str]
 ) -> None:
     def act(now: float) -> None:
         raise fault
@@ -394,6 +512,7 @@ def test_timer_that_raises_ends_the_thread_which_is_told(
     rig.lane.start()
     wait_for(lambda: told, what='the fault')
     assert isinstance(rig.lane.fault.exception(0.0), fault)
+    assert 'listener lane ends: Traceback' in capfd.readouterr().err
     assert rig.lane.call(threading.current_thread) is threading.current_thread()
 
 

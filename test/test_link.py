@@ -25,6 +25,8 @@ import pytest
 from bridge_core import clock
 from bridge_core.session import Level
 from bridge_core.transports import TransportError
+from bridge_core.transports.link import ANSWER_TIME
+from bridge_core.transports.link import ThreadLink
 from bridge_core.transports.wire import INPUT_LIMIT
 from test.link_rig import Bench
 from test.link_rig import fails
@@ -36,6 +38,22 @@ from test.rig import holds_for
 from test.rig import wait_for
 
 # Opening, losing, opening again.
+
+
+def test_wire_that_does_not_answer_leaves_the_process_its_second_to_end() -> None:
+    assert 2 * ANSWER_TIME < 1.0  # the farewell, then the end of its thread
+
+
+def test_request_is_no_stop_and_the_newest_of_its_key_unless_it_says_so(bench: Bench) -> None:
+    link = ThreadLink('link', bench.bridge, bench.owner)  # without a thread that takes them
+    link.request('do', 'early')
+    link.request('do', 'kept', each=True)
+    link.request('do', 'late')
+    link.request('do', 'first', key='other', stop=True)
+    taken = link._mailbox.take()
+    assert [request.arguments for request in taken] == [('first',), ('kept',), ('late',)]
+    assert [request.stop for request in taken] == [True, False, False]
+    link.stop()
 
 
 def test_the_stop_is_paced_without_a_port_and_without_a_session(bench: Bench) -> None:
