@@ -166,6 +166,29 @@ def test_number_that_comes_again_is_a_step_back() -> None:
     assert heard(5, 5, 5)
 
 
+@pytest.mark.parametrize(
+    ('numbers', 'two'),
+    [
+        ((100, 1, 2, 101), True),  # the first goes on after two of the second
+        ((3, 5, 5), True),  # the first has lost one, and says as much as the second
+        ((1, 3, 5), False),  # one that loses every other message
+        ((5, 5, 7), False),  # it was restarted, and lost one
+        ((5, 1, 5), False),  # it was restarted, and lost three
+    ],
+)
+def test_numbers_that_go_on_where_others_came_between_are_of_two(
+    numbers: tuple[int, ...], two: bool
+) -> None:
+    assert heard(*numbers) == two
+
+
+def test_the_last_two_steps_back_count_however_many_there_were() -> None:
+    watch = PublisherWatch()
+    for number, now in ((40, 100.0), (30, 110.0), (20, 120.0), (10, 121.0)):
+        watch.heard(number, now)
+    assert watch.doubled(121.0)
+
+
 def test_two_publishers_of_whom_nothing_was_heard_yet_are_not_told_apart() -> None:
     watch = PublisherWatch()
     watch.counted(2)
