@@ -428,6 +428,15 @@ EXCUSED: dict[str, dict[str, str]] = {
             'the same modulo 256'
         ),
     },
+    'safety_mux/outputs.py': {
+        'Repeated.__init__: self._due = -math.inf -> pass': _SET_FIRST,
+        'Repeated.__init__: -math.inf -> math.inf': _SET_FIRST,
+        'Repeated.say: value != self._value or self._message is None -> value != self._value': (
+            'no value is None'
+        ),
+        'GatedJoy.__init__: self._waits = False -> pass': _SET_FIRST,
+        'GatedJoy.__init__: False -> True': _SET_FIRST,
+    },
     'safety_mux/arbiter.py': {
         'Arbiter.__init__: False -> True': _SET_FIRST,
         'Arbiter.__init__: self._owner_since = 0.0 -> pass': _SET_FIRST,

@@ -231,6 +231,18 @@ def test_reserved_bits_are_ignored() -> None:
     assert Command.from_bytes(packet('F1 00 00 00 00 00'), Layout.PADDED).axes[0].enable
 
 
+@pytest.mark.parametrize(
+    ('states', 'every', 'one'),
+    [('00', False, False), ('01', False, True), ('10', False, True), ('11', True, True)],
+)
+def test_drive_is_enabled_if_all_are_and_moves_if_one_is(
+    states: str, every: bool, one: bool
+) -> None:
+    off, on = AxisStatus(), AxisStatus(AxisState.ENABLED)
+    status = Status(tuple(on if state == '1' else off for state in states))
+    assert (status.enabled, status.any_enabled) == (every, one)
+
+
 def test_what_pads_a_single_axis_is_no_axis_and_kept() -> None:
     axes = (AxisStatus(AxisState.ENABLED, 1),)
     wire = packet('01 01 00 00 FF FF FF FF')

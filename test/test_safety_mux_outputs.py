@@ -40,6 +40,7 @@ from std_msgs.msg import Header
 from safety_mux.node import SafetyMux
 from safety_mux.outputs import command_of
 from safety_mux.outputs import GatedJoy
+from safety_mux.outputs import Repeated
 from safety_mux.protocol import Decision
 from safety_mux.protocol import State
 from test.mux_talkers import MuxBench
@@ -90,6 +91,42 @@ class Gate:
         self.hear(0.0, 0.0)
         assert self.tick(True) == [([0.0, 0.0], [1, 0])]
         return self
+
+
+# A topic that is repeated.
+
+
+class Said:
+    """A repeated topic, once a second, and what it has published, with the time."""
+
+    def __init__(self) -> None:
+        self.messages: list[tuple[float, bool]] = []
+        self.topic = Repeated(self, Bool, 1.0)
+        self.now = 0.0
+
+    def publish(self, message: Bool) -> None:
+        self.messages.append((self.now, message.data))
+
+    def say(self, *story: tuple[float, bool]) -> list[tuple[float, bool]]:
+        for self.now, value in story:
+            self.topic.say(value, self.now)
+        return self.messages
+
+
+def test_value_is_said_at_once_and_then_once_in_a_period() -> None:
+    story = ((5.0, False), (5.5, False), (6.0, False), (6.9, False), (7.2, False), (8.0, False))
+    assert Said().say(*story) == [(5.0, False), (6.0, False), (7.2, False), (8.0, False)]
+
+
+def test_change_is_said_at_once_and_the_period_begins_with_it() -> None:
+    story = ((0.0, False), (0.4, True), (1.0, True), (1.4, True), (1.5, False), (2.4, False))
+    assert Said().say(*story) == [(0.0, False), (0.4, True), (1.4, True), (1.5, False)]
+
+
+def test_what_was_due_while_nobody_asked_is_said_once() -> None:
+    story = ((0.0, True), (9.0, True), (9.0, True), (9.9, True), (10.0, True), (12.0, True))
+    told = [(0.0, True), (9.0, True), (10.0, True), (12.0, True)]
+    assert Said().say(*story, (12.0, True), (12.9, True), (13.0, True)) == [*told, (13.0, True)]
 
 
 # One operator's gate.
@@ -145,6 +182,24 @@ def test_axis_and_button_that_were_held_before_control_are_zero_until_let_go_of(
     assert gate.gate.held == []
     gate.hear(0.3, 0.5, buttons=(1, 1))
     assert gate.tick(True, 0.01) == [([pytest.approx(0.3), 0.5], [1, 1])]
+
+
+def test_nothing_is_held_back_before_the_first_message_nor_while_the_gate_is_closed() -> None:
+    gate = Gate()
+    gate.tick(True)
+    assert gate.gate.held == []
+    gate.tick(False)
+    gate.hear(0.0, 0.6)
+    gate.tick(False)
+    assert gate.gate.held == []
+
+
+def test_axis_is_let_go_of_at_the_deadband_which_is_zero_if_none_is_given() -> None:
+    wide, none = GatedJoy(Said(), Time, deadband=0.5), GatedJoy(Said(), Time)
+    for gate, held in ((wide, []), (none, ['axis 0'])):
+        gate.hear(joy(0.5, 0.0, buttons=()))
+        gate.decide(True, 0.0)
+        assert gate.held == held
 
 
 def test_stop_and_new_control_forget_what_was_let_go_of() -> None:
@@ -297,6 +352,7 @@ def values(output: str) -> dict[str, Any]:
 
 def test_command_of_joints_has_their_names_the_field_of_the_interface_and_the_stamp() -> None:
     command = command_of(values('joints'))
+    assert command.topic == '~/command'
     command.message((9.0, 9.0, 9.0), Time())
     message = command.message((1.0, -2.0, 0.5), STAMP)
     assert list(message.name) == ['left', 'right', 'mast']
@@ -309,6 +365,7 @@ def test_command_of_joints_has_their_names_the_field_of_the_interface_and_the_st
 @pytest.mark.parametrize('output', ['twist', 'twist_stamped'])
 def test_twist_is_forward_and_turn_and_nothing_else(output: str) -> None:
     command = command_of(values(output))
+    assert command.topic == '~/cmd_vel'
     command.message((9.0, 9.0), Time())
     message = command.message((0.5, -0.25), STAMP)
     if output == 'twist_stamped':
