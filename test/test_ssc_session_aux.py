@@ -363,9 +363,46 @@ def test_request_after_a_stop_is_not_undone_by_it() -> None:
     rig.do(lambda session, now: session.set_estop(True, now))
     rig.tick()
     rig.do(level(4, True))
+    rig.sent.clear()
     rig.tick(20)
-    assert rig.payloads(21)[-1] == b'\x8c\0'
+    assert set(rig.payloads(21)) == {bytes.fromhex('8c 10 0000')}
+    rig.do(pulse(5, 0.001))
+    rig.sent.clear()
+    rig.tick(20)
+    assert set(rig.payloads(21)) == {b'\x8c\0'}
+    rig.tick(120)
     assert rig.session.deadline() > rig.now  # nothing is due for ever
+
+
+@pytest.mark.parametrize('request_of_another', [pulse(6, 0.1), level(3, True)])
+def test_request_for_another_output_ends_no_undoing(
+    request_of_another: Callable[[Session, float], None],
+) -> None:
+    """A line may refuse half a second of the messages, or lose the first."""
+    rig = aux_rig()
+    set_all(rig)
+    rig.do(lambda session, now: session.set_estop(True, now))
+    rig.tick()
+    rig.do(lambda session, now: session.set_estop(False, now))
+    rig.tick()
+    rig.sent.clear()
+    rig.do(request_of_another)
+    rig.tick(120)
+    undoing = [payload for payload in rig.payloads(21) if payload[1] == 0x10]
+    assert len(undoing) >= UNDO_FRAMES - 2
+    assert {payload[2:] for payload in undoing} == {bytes(2)}
+    assert not any(payload[0] & 0x08 for payload in undoing)  # aux 4 is low
+
+
+def test_undoing_ends_at_once_where_nothing_is_left_to_undo() -> None:
+    rig = aux_rig()
+    rig.do(pulse(5, 0.001))
+    rig.do(lambda session, now: session.set_estop(True, now))
+    rig.do(lambda session, now: session.set_estop(False, now))
+    rig.do(pulse(5, 0.002))
+    rig.sent.clear()
+    rig.tick(120)
+    assert not rig.payloads(21)
 
 
 def test_messages_that_undo_are_apart_and_then_none_is_due() -> None:
@@ -450,6 +487,16 @@ def test_claim_undoes_no_more_than_was_set(claimed: int, undoing: set[bytes]) ->
     rig.session.claim_aux({claimed}, rig.now)
     rig.tick(20)
     assert set(rig.payloads(21)) == undoing
+
+
+def test_second_claim_goes_on_with_what_the_first_undoes() -> None:
+    rig = aux_rig()
+    rig.session.claim_aux({5}, rig.now)
+    rig.tick(20)
+    rig.session.claim_aux({4, 5}, rig.now)
+    rig.sent.clear()
+    rig.tick(120)
+    assert rig.payloads(21) == [bytes.fromhex('84 10 0000')] * UNDO_FRAMES
 
 
 def test_claim_leaves_alone_what_this_session_has_set() -> None:

@@ -95,7 +95,8 @@ class AuxOutputCommands:
         self._seen: tuple[bool, ...] = ()  # of the pins, in the newest message
         self._pulsing: set[int] = set()  # free running outputs that we have set
         self._queue: list[AuxOutputs] = []
-        self._undo = AuxOutputs()
+        self._undone_levels = False  # all of them, as they are to be
+        self._undone_pulses: set[int] = set()
         self._undos = Pacer(_UNDO_PERIOD)
         self._undos_left = 0
 
@@ -155,7 +156,8 @@ class AuxOutputCommands:
             self._queue.append(AuxOutputs(None, _at(periods), period=True))
         if pulses or levels is not None:
             self._queue.append(AuxOutputs(levels, _at(pulses)))
-        self._end_undo()  # what is asked for now must not be undone
+        self._undone_pulses -= pulses.keys()  # what is asked for now must not be undone
+        self._end_undo_of_nothing()
 
     def stop(self, now: float) -> None:
         """Undo all that was ever set: levels as after power-on, no pulses; drop what waits."""
@@ -183,9 +185,9 @@ class AuxOutputCommands:
             self._begin_undo(pulsing, now)
 
     def _begin_undo(self, pulsing: Collection[int], now: float) -> None:
-        """Send all levels as they are to be, and no pulses of these places."""
-        levels = self._all_levels() if self._levels else None
-        self._undo = AuxOutputs(levels, _at(dict.fromkeys(pulsing, 0)))
+        """Send all levels as they are to be, and no pulses of these places and those before."""
+        self._undone_levels |= bool(self._levels)
+        self._undone_pulses |= set(pulsing)
         self._undos.start(now)
         self._undos_left = UNDO_FRAMES
 
@@ -197,14 +199,21 @@ class AuxOutputCommands:
         """
         queue, self._queue = self._queue, []
         if self._undos_left and (at_once or self._undos.is_due(now)):
-            queue.append(self._undo)
+            levels = self._all_levels() if self._undone_levels else None
+            queue.append(AuxOutputs(levels, _at(dict.fromkeys(self._undone_pulses, 0))))
             self._undos.sent(now)
             self._undos_left -= 1
             if not self._undos_left:
                 self._end_undo()
         return [message.to_bytes() for message in queue]
 
+    def _end_undo_of_nothing(self) -> None:
+        if not (self._undone_levels or self._undone_pulses):
+            self._end_undo()
+
     def _end_undo(self) -> None:
+        self._undone_levels = False
+        self._undone_pulses.clear()
         self._undos.stop()
         self._undos_left = 0
 
