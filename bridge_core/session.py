@@ -397,6 +397,11 @@ class HeldButtons:
         self._held: frozenset[int] = frozenset()
         self._hides = False  # they ceased to count last for what was no stop in the end
 
+    @property
+    def after_stop(self) -> bool:
+        """Tell whether it was for a stop that they ceased to count last, and none came since."""
+        return not self._hides
+
     def miss(self, now: float, *, stopped: bool, buttons: tuple[int | None, ...] = ()) -> None:
         """
         Note that buttons do not count now.

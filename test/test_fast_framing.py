@@ -64,7 +64,7 @@ LINES: dict[str, tuple[Any, list[bytes], bytes]] = {
     'fort_vsc': (
         fort.parser,
         [
-            fort.Joystick.neutral().to_bytes(),
+            fort.Joystick().to_bytes(),
             _vsc_frame(0x10, bytes(range(14))),
             _vsc_frame(0x10, b'\x10\x01\x10\x0e' * 3 + b'\x10\x01'),  # heads in the payload
             fort.Heartbeat(fort.Mode.OPERATIONAL, 0, 0).to_bytes(),

@@ -200,10 +200,12 @@ def test_one_bit_beside_zeros_is_no_zeroed_message(name: str, place: int) -> Non
         'right_extended': extended,
     }
     decoder = CanDecoder(CanIds(), LIMIT)
-    assert [decoder.feed(frame(*each), 0.0) for each in four.items()][-1] == [Joystick.neutral()]
+    assert [decoder.feed(frame(*each), 0.0) for each in four.items()][-1] == [
+        Joystick(zeroed=True)
+    ]
     changed = bytearray(four[name])
     changed[place] = 1
-    assert decoder.feed(frame(name, bytes(changed)), 0.0) != [Joystick.neutral()]
+    assert decoder.feed(frame(name, bytes(changed)), 0.0) != [Joystick(zeroed=True)]
 
 
 @pytest.mark.parametrize(
@@ -451,7 +453,7 @@ def test_zeroed_frames_of_one_side_are_not_neutral_on_both() -> None:
         assert decoder.feed(zeroed, now) == []
         assert decoder.feed(frame('left_extended', bytes(8)), now) == []
     (joystick,) = decoder.feed(zeroed, LIMIT)
-    assert joystick != Joystick.neutral()
+    assert joystick != Joystick(zeroed=True)
 
 
 def test_bytes_that_are_not_the_vscs_are_named() -> None:

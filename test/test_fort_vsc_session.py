@@ -322,6 +322,23 @@ def test_button_held_through_silence_and_another_mode_counts_once_it_was_let_go_
     assert any(sticks(bench.hear(DEFLECTED))[0].buttons)
 
 
+@pytest.mark.parametrize('seconds', [0.02, 0.4])
+@pytest.mark.parametrize('mode', [Mode.OPERATIONAL, Mode.PAUSE])
+def test_button_held_through_zeros_in_operational_counts_once_it_was_let_go_of(
+    mode: int, seconds: float
+) -> None:
+    """Zeros are the VSC's: a stick at rest says Neutral (table 31), and lets go of the button."""
+    bench, zeros = opened(), build_frame(0x10, bytes(14))
+    bench.hear(heartbeat(), DEFLECTED)
+    if mode != Mode.OPERATIONAL:
+        bench.run(1.0, heartbeat(mode), zeros)
+    bench.run(seconds, heartbeat(), zeros)
+    (held,) = sticks(bench.hear(DEFLECTED))
+    assert not any(held.buttons)
+    bench.hear(CENTRED)
+    assert any(sticks(bench.hear(DEFLECTED))[0].buttons)
+
+
 def test_sticks_are_neutral_with_a_stop_in_operational() -> None:
     bench = opened()
     assert sticks(bench.hear(heartbeat(estop=1 << 31), DEFLECTED)) == [NEUTRAL]

@@ -300,6 +300,16 @@ def test_switch_held_as_a_remote_is_found_enabled_is_shown_as_it_keeps_a_reset_a
     assert of(Sticks, bench.hear(DEFLECTED))[0].buttons == (1, -1, 1000, 0, 3, 0, 0, 0, 0)
 
 
+def test_switch_held_since_before_its_remote_was_armed_counts_once_it_was_let_go_of() -> None:
+    """An upright remote is enabled at once (4.1.3), and nobody saw its switches until then."""
+    bench = opened()
+    bench.run(1.0, build_vrpi(bu_state=DISARMED, ru=0, ru_state=0))
+    bench.hear(DEFLECTED)
+    assert not any(of(Sticks, bench.hear(DEFLECTED))[0].buttons)
+    bench.hear(CENTRED)
+    assert any(of(Sticks, bench.hear(DEFLECTED))[0].buttons)
+
+
 def test_switch_held_while_a_joystick_is_broken_counts_once_it_was_let_go_of() -> None:
     bench = armed()
     broken = build_vrpi(joysticks=(1001, 0, 0, 0), switches=(1, -1, 1000, 0, 3, 0, 0, 0))

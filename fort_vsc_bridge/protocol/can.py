@@ -348,7 +348,7 @@ class _Sticks:
 
     def _joystick(self) -> Joystick:
         if len(self._heard) == len(_PARTS) and all(part[2] for part in self._heard.values()):
-            return Joystick.neutral()
+            return Joystick(zeroed=True)
         left, right = self._part('left_basic', _NO_BASIC), self._part('right_basic', _NO_BASIC)
         left_z = self._part('left_extended', _NO_EXTENDED).z
         right_z = self._part('right_extended', _NO_EXTENDED).z

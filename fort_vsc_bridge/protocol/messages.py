@@ -60,14 +60,17 @@ class Joystick(Message):
     """
     Sticks and buttons of the SRC (7.3.1, 7.4, 7.5), 50 Hz; zeroed unless Operational.
 
-    A payload of zeros is neutral. In Operational it comes where no SRC is paired (6.5).
+    A payload of zeros is neutral, but no remote's: a stick at rest says so (table 31). In
+    Operational it comes where no SRC is paired (6.5).
 
     :param axes: 6, in the order of AXIS_NAMES. :param buttons: 8, in the order of BUTTON_NAMES.
+    :param zeroed: a payload of zeros, whatever axes and buttons are.
     """
 
     TYPE = MessageType.JOYSTICK
-    axes: tuple[Axis, ...]
-    buttons: tuple[Button, ...]
+    axes: tuple[Axis, ...] = (Axis(0),) * len(AXIS_NAMES)
+    buttons: tuple[Button, ...] = (Button(False),) * len(BUTTON_NAMES)
+    zeroed: bool = False
 
     def __post_init__(self) -> None:
         if len(self.axes) != 6 or len(self.buttons) != 8:
@@ -75,15 +78,10 @@ class Joystick(Message):
             raise ValueError(f'a joystick message has 6 axes and 8 buttons, not {count}')
 
     @classmethod
-    def neutral(cls) -> Joystick:
-        """Return all sticks at rest and no button pressed."""
-        return cls((Axis(0),) * len(AXIS_NAMES), (Button(False),) * len(BUTTON_NAMES))
-
-    @classmethod
     def from_payload(cls, payload: bytes) -> Any:
         """Read a payload of this type's length, all of which are sound."""
         if payload == _ZEROS:
-            return cls.neutral()
+            return cls(zeroed=True)
         left_x, left_y, left_z, right_x, right_y, right_z, left, right = _JOYSTICK.unpack(payload)
         message = _DraftJoystick()
         message.axes = (
@@ -91,10 +89,13 @@ class Joystick(Message):
             *(AXES[right_x], AXES[right_y], AXES[right_z]),
         )
         message.buttons = PADS[left] + PADS[right]
+        message.zeroed = False
         message.__class__ = cls
         return message
 
     def _to_payload(self) -> bytes:
+        if self.zeroed:
+            return _ZEROS
         words = (axis.to_word() for axis in self.axes)
         return _JOYSTICK.pack(*words, pack_pad(self.buttons[:4]), pack_pad(self.buttons[4:]))
 

@@ -235,6 +235,9 @@ class Session(BaseSession[Frame, Received, Event]):
         if not self.operational:
             self._held.miss(now, stopped=self.estop)
             return _NEUTRAL  # the VSC zeroes the whole message: nothing in it is the remote's
+        if message.zeroed:  # its heartbeat may say why later, or was the first to say so
+            self._held.miss(now, stopped=False)
+            return Sticks(operational=True)
         controls: tuple[Axis | Button, ...] = message.axes + message.buttons
         faulty = tuple(
             f'{name} {control.state.value}'

@@ -426,8 +426,9 @@ class Session(BaseSession[bytes, Packet, Event]):
         is_known, self._stick_ru = vrpi.armed_ru == self._stick_ru, vrpi.armed_ru
         buttons = (*self._switches_of(vrpi), int(vrpi.encoder_switch))
         if not self.enabled or not is_known:
-            # What is held as a remote is found enabled is not hidden: it prevents the mux's reset.
-            seen = () if self.enabled else buttons
+            # What is held as a remote is found enabled straight after a stop is not hidden: it
+            # prevents the mux's reset.
+            seen = () if self.enabled and self._held.after_stop else buttons
             self._held.miss(now, stopped=self.estop, buttons=seen)
             return _NEUTRAL
         if vrpi.faulty and not self.settings.tolerate_faulty_axes:
