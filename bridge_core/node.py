@@ -65,11 +65,16 @@ from bridge_core.transports.link import Link
 from bridge_core.transports.link import ThreadLink
 from bridge_core.transports.process import ProcessLink
 from bridge_core.transports.wire import Bridge
+from bridge_core.watchdog import FreezeWatch
 
 _LOG_PERIOD = 1.0  # s, of each site
 _MOST_WORDS = 1000  # lines that wait to be logged
 _WORDS_TIME = 0.01  # s that the words about a stop leave to the stop itself
 _LEAVE_TIME = 0.4  # s that leaving waits for a link thread that hangs
+_LOOK_PERIOD = 0.02  # s
+_FREEZE = 0.2  # s without a look
+_SETTLING_TIME = 0.25  # s in which all comes in that waited in the kernel during a freeze
+_FROZEN = 'this node was frozen, so it may have waited as long; ask again'
 # Best effort: whoever is too slow for it holds nobody up.
 _RAW_QOS = QoSProfile(depth=20, reliability=ReliabilityPolicy.BEST_EFFORT)
 # Of what an actuator is told. Neither a stop nor the one message of a second publisher
@@ -120,6 +125,8 @@ class BridgeNode(ManagedNode, Generic[EventT]):
         self.refusal = ''
         self._input = threading.local()  # when what a watched callback is in came
         self._watches: dict[str, PublisherWatch] = {}  # by topic
+        self._freeze = FreezeWatch(_FREEZE, _SETTLING_TIME)
+        self.lane.every(_LOOK_PERIOD, self._freeze.look)
         self._raw: RawTopics | None = None
         if self.values['publish_raw']:
             received = self.create_publisher(UInt8MultiArray, '~/raw/received', _RAW_QOS)
@@ -261,6 +268,7 @@ class BridgeNode(ManagedNode, Generic[EventT]):
         Have ``method(session, *arguments, now)`` called soon; return a number, 0 if it is in vain.
 
         A ValueError is a refusal of what somebody asked: it is counted and logged, nothing else.
+        So is what comes right after a freeze of this node, but for stops: it may be as old.
 
         :param method: of the session's class. :param key: of one key the newest request may be the
             only one; the method's name if none is given. :param each: no request replaces another.
@@ -268,6 +276,9 @@ class BridgeNode(ManagedNode, Generic[EventT]):
         :param waits: for an Answer, so it is refused at once while the port is not open.
         """
         if not self.active:
+            return 0
+        if not stop and self._freeze.settling(clock.now()):
+            self.refuse(f'{key or method.__name__}: {_FROZEN}')
             return 0
         received_at = getattr(self._input, 'received_at', None)
         return self.link.request(
@@ -292,10 +303,11 @@ class BridgeNode(ManagedNode, Generic[EventT]):
         async def serve(request: Any, response: Any) -> Any:
             """Answer when the device has: the executor goes on meanwhile."""
             del request
+            frozen = self._freeze.settling(clock.now())
             answer = await self._waiting.ask(
                 name,
                 lambda: self.request(method, *arguments, key=name, each=True, waits=True),
-                _INACTIVE.reasons[0],
+                _FROZEN if frozen and self.active else _INACTIVE.reasons[0],
             )
             response.success, response.message = answer.success, answer.text
             return response

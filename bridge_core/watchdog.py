@@ -71,6 +71,36 @@ class Watchdog:
         return f'last heard {in_words(self.age(now))} ago, {limit}'
 
 
+class FreezeWatch:
+    """
+    Notices that this process was frozen: what comes in just after may have waited as long.
+
+    Look often, from any thread. Nothing else tells the age of what waits in the kernel.
+
+    :param limit: seconds between two looks; more is a freeze.
+    :param settling_time: seconds after a freeze until all that waited has come in.
+    """
+
+    __slots__ = ('_limit', '_looked_at', '_settled_at', '_settling_time')
+
+    def __init__(self, limit: float, settling_time: float) -> None:
+        self._limit = limit
+        self._settling_time = settling_time
+        self._looked_at = math.inf
+        self._settled_at = -math.inf
+
+    def look(self, now: float) -> None:
+        """Note that this process runs at ``now`` (seconds, monotonic)."""
+        if now - self._looked_at > self._limit:
+            self._settled_at = now + self._settling_time
+        self._looked_at = now
+
+    def settling(self, now: float) -> bool:
+        """Look, and tell whether what comes at ``now`` may have waited."""
+        self.look(now)
+        return now < self._settled_at
+
+
 def in_words(seconds: float) -> str:
     """Return a time in the unit that is read at a glance: ms, s from 10 s on, min from 10 min."""
     if seconds < 10.0:

@@ -23,6 +23,7 @@ of these limits measure how long the machine held them up; tests of all else use
 import runpy
 import sys
 
+from bridge_core import node
 from bridge_core.transports import link
 from bridge_core.transports import process
 from test import patient_wire
@@ -32,6 +33,7 @@ vars(process).update(SILENCE_LIMIT=TIMEOUT_FACTOR, _SPARE_TIME=TIMEOUT_FACTOR)
 vars(process).update(_PROGRAM=patient_wire.__name__)
 vars(process).update(dict.fromkeys(('_KILL_TIME', '_TAKE_OVER_TIME'), 2.0 * TIMEOUT_FACTOR))
 vars(link).update(INPUT_LIMIT=patient_wire.FROZEN_TIME, REQUEST_LIMIT=TIMEOUT_FACTOR)
+vars(node).update(_FREEZE=patient_wire.FROZEN_TIME, _SETTLING_TIME=patient_wire.FROZEN_TIME)
 
 if __name__ == '__main__':
     del sys.argv[0]

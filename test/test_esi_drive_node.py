@@ -354,6 +354,29 @@ def test_second_commander_disables_by_one_word_that_others_follow_before_it_is_r
     bench.enabling()
 
 
+def test_what_waited_while_the_node_was_frozen_enables_nothing(bench: Bench) -> None:
+    """The kernel keeps it, and the middleware calls it new: here of a mux that has died since."""
+    bench.quiet()
+    bench.node.signal(SIGSTOP)
+    try:
+        bench.command.message, bench.enable.message = command(10, 10), Bool(data=True)
+        bench.observer.holds_for(lambda: True, 1.0)  # stale, so that enable is a new one
+        for talker in bench.inputs:
+            talker.pause()
+        bench.observer.holds_for(lambda: True, 1.0)
+    finally:
+        bench.node.signal(SIGCONT)
+    woken = time.monotonic()
+    bench.wait(lambda: 'frozen' in bench.diagnostics.value(LINK, 'last refusal'), 'refusals')
+    bench.observer.holds_for(
+        lambda: not any(packet.enables for packet in bench.drive.packets(woken)), 1.0
+    )
+    for talker in bench.inputs:
+        talker.resume()
+    bench.quiet()
+    bench.enabling()
+
+
 # Feedback.
 
 

@@ -20,6 +20,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 import pytest
 
+from bridge_core.watchdog import FreezeWatch
 from bridge_core.watchdog import Watchdog
 
 MOMENTS = st.floats(0.0, 1e9)
@@ -112,3 +113,22 @@ def test_ages_are_said_in_a_unit_that_is_read_at_a_glance(seconds: float, text: 
     watchdog = Watchdog(0.25)
     watchdog.feed(100.0)
     assert watchdog.describe(100.0 + seconds) == f'last heard {text} ago, limit 250 ms'
+
+
+def test_freeze_is_noticed_by_whoever_looks_first_and_settles_after_a_while() -> None:
+    watch = FreezeWatch(0.25, 0.5)
+    assert not watch.settling(100.0)  # the first look, whenever that is
+    watch.look(100.25)
+    assert not watch.settling(100.25)  # exactly the limit
+    assert watch.settling(101.0)
+    watch.look(101.25)
+    assert watch.settling(101.4375)
+    assert not watch.settling(101.5)
+
+
+def test_freeze_amid_the_settling_begins_it_anew() -> None:
+    watch = FreezeWatch(0.25, 0.5)
+    for now in (0.0, 1.0, 1.375, 1.625):
+        watch.look(now)
+    assert watch.settling(1.8125)
+    assert not watch.settling(1.875)

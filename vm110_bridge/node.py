@@ -131,7 +131,8 @@ class Vm110Bridge(BridgeNode[Event]):
         )
         if heard:
             self._command.publish(convert.command(command.command_id, command.data))
-        self.request(Session.command_published, command, heard, each=True)
+        # As a stop: it counts however late it comes.
+        self.request(Session.command_published, command, heard, each=True, stop=True)
 
     # Requests.
 
