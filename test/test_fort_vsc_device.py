@@ -166,7 +166,9 @@ def test_another_connection_begins_again_once_its_link_is_up() -> None:
     [
         (500, (0.5, 1.0, 1.5)),
         (1000, (0.5, 1.5, 2.5)),
-        (1000, (0.5, 0.5, 1.5, 1.5, 2.5, 2.5)),  # several sentences of one position
+        (500, (0.5, 0.5, 1.5, 1.5, 2.5, 2.5)),  # two a read
+        (500, (0.5, 1.0, 2.5, 2.5, 2.5)),  # a freeze
+        (500, (0.5, 0.5, 0.5, 0.5625, 0.5625, 1.0625, 1.5625)),  # at first what had waited
         (2000, (0.125, 2.125)),  # two are enough, and the first may come at once
         (2000, (0.0, 2.0)),
         (5000, (0.0, 6.0)),  # a fifth off
@@ -189,7 +191,9 @@ def test_interval_that_is_as_wanted_is_left_alone(
     [
         (1000, ()),
         (1000, (1.0,)),
+        (1000, (0.5, 0.5, 1.5, 1.5, 2.5, 2.5)),  # two a read, of half the interval
         (1000, (0.0, 0.2, 1.2)),  # a fifth of the interval is not at once any more
+        (1000, (0.0, 0.125, 0.25, 0.375, 0.5)),
         (5000, (0.0, 6.25)),
         (5000, (0.0, 3.75)),
         (0, (1.0,)),
@@ -203,6 +207,20 @@ def test_interval_that_differs_is_written_and_watched_after_a_while(
     (written,) = bench.watched(JOYSTICK, times, watch)
     assert written == MessageControl(JOYSTICK, interval_ms > 0, interval_ms or 1000)
     assert (bench.state, bench.deadline) == (WRITTEN, watch + ASK + watch)
+
+
+@pytest.mark.parametrize(
+    ('times', 'state'),
+    [
+        ((0.5, 0.5, 0.625, 1.5, 1.5, 2.5, 2.5), AS_WANTED),
+        ((0.0, 0.2, 1.2), WRITTEN),
+        ((0.5, 0.5, 1.0, 1.0, 1.5, 1.5), WRITTEN),
+    ],
+)
+def test_sentences_of_one_position_count_as_one(times: tuple[float, ...], state: str) -> None:
+    bench = watching(1000, GPS)
+    bench.watched(GPS, times, WATCH)
+    assert bench.state == state
 
 
 def test_what_comes_until_a_write_has_its_effect_does_not_count() -> None:

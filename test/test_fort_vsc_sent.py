@@ -256,6 +256,38 @@ def test_message_is_switched_off() -> None:
     assert device.eeprom_writes == 2
 
 
+@pytest.mark.parametrize(
+    ('wanted', 'interval', 'writes'), [(20, 0.02, 0), (40, 0.02, 1), (20, 0.04, 1)]
+)
+@pytest.mark.parametrize('each', [1, 2, 5])
+def test_interval_is_judged_alike_where_several_frames_come_in_one_read(
+    each: int, wanted: int, interval: float, writes: int
+) -> None:
+    device = DeviceSettings(joystick_interval_ms=wanted)
+    bench = opened(configure_device=True, device=device)
+    while bench.now < 104.0:
+        bench.hear(heartbeat(), *[CENTRED] * each)
+        bench.wait(each * interval)
+    assert len(bench.frames(0x23)) == writes
+    state = 'written, not confirmed yet' if writes else 'as wanted'
+    assert bench.session.setting_states == {'joystick_interval_ms': state}
+
+
+def test_interval_is_as_wanted_after_a_stall_of_the_line() -> None:
+    device = DeviceSettings(joystick_interval_ms=20)
+    bench = opened(configure_device=True, device=device)
+    for _ in range(3):
+        bench.run(2.0, heartbeat(), CENTRED)
+        bench.wait(1.0)
+        bench.hear(heartbeat(), *[CENTRED] * 30)  # in two reads
+        bench.wait(0.001)
+        bench.hear(*[CENTRED] * 20)
+        bench.wait(0.019)
+    bench.run(3.1, heartbeat(), CENTRED)
+    assert not bench.frames(0x23)
+    assert bench.session.setting_states == {'joystick_interval_ms': 'as wanted'}
+
+
 def test_gps_is_not_judged_without_a_remote() -> None:
     wanted = DeviceSettings(gps_interval_ms=1000)
     bench, device = opened(device=wanted, configure_device=True), Simulator()

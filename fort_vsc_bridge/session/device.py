@@ -143,23 +143,29 @@ class _IntervalSetting(_Setting):
         self.needs_remote = kind is MessageType.GPS  # the receiver is in the remote
         self._wanted = interval_ms * 1e-3
         self._interval_ms = interval_ms
-        self._count = 0
-        self._since = self._first = self._last = 0.0
+        self._since = 0.0
+        self._first, self._last = math.inf, -math.inf
+        self._count = 0  # later than the first
 
     def start(self, now: float) -> None:
         """Begin to watch."""
-        self._count = 0
+        self._first, self._last, self._count = math.inf, -math.inf, 0
         self._since = now
         self.due = now + max(_SHORTEST_WATCH, _WATCHED_INTERVALS * self._wanted)
 
     def heard(self, now: float) -> None:
-        """Count a message; several at once (the sentences of one position) count as one."""
-        early = self._count and now - self._last < _TOLERANCE * self._wanted
-        if now < self._since or early:
+        """
+        Count a message; several sentences of one position count as one.
+
+        Others may come several at once, late. What had waited when the watch began is not counted.
+        """
+        early = now - self._last < _TOLERANCE * self._wanted
+        if now < self._since or (early and self.kind is MessageType.GPS):
             return
-        if not self._count:
+        if math.isinf(self._first) or (early and not self._count):
             self._first = now
-        self._count += 1
+        else:
+            self._count += 1
         self._last = now
 
     def poll(self, now: float) -> None:
@@ -173,10 +179,10 @@ class _IntervalSetting(_Setting):
 
     def _matches(self) -> bool:
         if not self._interval_ms:
-            return self._count == 0
-        if self._count < 2:
+            return math.isinf(self._first)
+        if not self._count:
             return False
-        seen = (self._last - self._first) / (self._count - 1)
+        seen = (self._last - self._first) / self._count
         return abs(seen - self._wanted) <= _TOLERANCE * self._wanted
 
 
