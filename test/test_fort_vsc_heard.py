@@ -36,12 +36,15 @@ from test.fort_vsc_rig import CENTRED
 from test.fort_vsc_rig import CLEAR
 from test.fort_vsc_rig import DEFLECTED
 from test.fort_vsc_rig import heartbeat
+from test.fort_vsc_rig import LIMIT
 from test.fort_vsc_rig import opened
 from test.fort_vsc_rig import SRC
 from test.fort_vsc_rig import sticks
 from test.fort_vsc_rig import USER
 
 STATUS = build_frame(0x22, bytes((70, 1, 1, 1, 0xC4, 0)))
+POSITION = build_frame(0x12, b'\x01$GPGGA,*56\r\n')
+VALUE = build_frame(0x30, b'\x03\xff\xff\xff\xff')
 
 
 def test_remote_status_is_shown_only_while_a_remote_is_connected() -> None:
@@ -180,8 +183,52 @@ def test_every_problem_says_first_what_to_do_within_what_ros2_topic_echo_shows()
 
 def test_gps_and_user_values_are_handed_on() -> None:
     bench = opened()
-    assert bench.hear(build_frame(0x12, b'\x01$GPGGA,*56\r\n')) == [GpsSentence(1, '$GPGGA,*56')]
-    assert bench.hear(build_frame(0x30, b'\x03\xff\xff\xff\xff')) == [UserValue(3, -1)]
+    bench.hear(heartbeat())
+    assert bench.hear(POSITION) == [GpsSentence(1, '$GPGGA,*56')]
+    assert bench.hear(VALUE) == [UserValue(3, -1)]
+
+
+def test_gps_and_user_values_count_for_nothing_without_a_heartbeat() -> None:
+    bench = opened()
+    assert bench.hear(POSITION, VALUE) == []
+    bench.hear(heartbeat())
+    bench.wait(LIMIT)
+    assert bench.hear(POSITION, VALUE) == []
+
+
+@pytest.mark.parametrize('alive', [(), (heartbeat(),)])
+def test_own_value_on_a_line_that_loops_is_none_of_the_remotes(alive: tuple[bytes, ...]) -> None:
+    bench = opened()
+    came_back = 0
+    for _ in range(100):
+        bench.session.set_feedback(1, 42, bench.now)
+        bench.wait(0.02)
+        frames = [frame for _, frame in bench.sent[came_back:]]
+        came_back += len(frames)
+        bench.hear(*alive, *frames)
+    assert bench.frames(0x30)
+    assert bench.session.link_up is bool(alive)
+    assert not [event for event in bench.events if isinstance(event, UserValue)]
+
+
+def test_values_count_again_three_seconds_after_a_line_looped() -> None:
+    bench = opened()
+    bench.hear(CLEAR)
+    bench.run(2.98, heartbeat())
+    assert bench.hear(heartbeat(), VALUE) == []
+    bench.wait(0.03)
+    assert bench.hear(heartbeat(), VALUE) == [UserValue(3, -1)]
+
+
+def test_answer_on_a_line_that_loops_leads_to_no_write() -> None:
+    device = DeviceSettings(auto_off_enable=0)
+    bench = opened(configure_device=True, device=device)
+    bench.hear(heartbeat())
+    bench.wait(0.1)
+    bench.hear(heartbeat(), CLEAR, build_frame(0x30, b'\x51\1\0\0\0'))
+    bench.wait(0.1)
+    assert not bench.frames(0x30)
+    assert bench.session.setting_states == {'auto_off_enable': 'not known yet'}
 
 
 def test_unknown_malformed_and_looped_back_are_counted_and_nothing_is_lost() -> None:

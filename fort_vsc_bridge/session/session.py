@@ -61,7 +61,7 @@ from fort_vsc_bridge.session.settings import Settings
 from fort_vsc_bridge.session.stops import StopJudge
 
 _NEUTRAL = Sticks()
-_LATELY = 3.0  # seconds that diagnostics name what came once
+_LATELY = 3.0  # seconds for which what came once is named, and a line counts as looped
 _LONGEST_INTERVAL = 65.535  # seconds between two remote status messages (7.3.5)
 _STATUS_INTERVALS = 3  # that may pass without one
 _SHORTEST_STATUS_TIME = 5.0  # seconds
@@ -204,10 +204,13 @@ class Session(BaseSession[Frame, Received, Event]):
             if self.remote_connected:  # else it is that of a remote long gone (7.3.3)
                 self._take_remote_status(message, now)
         elif isinstance(message, Gps):
-            self._emit(GpsSentence(message.source, message.sentence.strip('\r\n\0 ')))
+            if self.link_up:
+                self._emit(GpsSentence(message.source, message.sentence.strip('\r\n\0 ')))
         elif isinstance(message, UserFeedback):
-            self._device.answered(message.key, message.value, now)
-            self._emit(UserValue(message.key, message.value))
+            # On a line that loops it may be one of ours, which looks the same (table 17).
+            if self.link_up and self._looped_back_lately.expired(now):
+                self._device.answered(message.key, message.value, now)
+                self._emit(UserValue(message.key, message.value))
         else:
             self.looped_back += 1
             self._looped_back_lately.feed(now)
