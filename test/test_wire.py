@@ -1017,6 +1017,35 @@ def test_port_that_opens_after_the_end_is_closed(bench: WireBench) -> None:
     assert bench.port.calls['close'] == 1
 
 
+def test_end_of_the_requests_while_the_port_opens_leaves_a_farewell(bench: WireBench) -> None:
+    """So a node dies whose device is back, and may go on with what it heard before."""
+    bench.begin_opening()
+    bench.during_wait = lambda: bench.open_ports() if bench.wire._quit else None
+    bench.requests.end()
+    bench.wire.run()
+    assert bench.port.sent == [b'hello', b'bye 1', b'bye 2']
+    assert bench.session.calls[-2:] == ['farewell', 'closed']
+    assert not bench.port.is_open
+    assert bench.port.calls['close'] == 1
+
+
+def test_port_that_opens_just_behind_the_wait_for_it_is_closed(
+    bench: WireBench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    bench.begin_opening()
+    deactivate = bench.wire._deactivate
+
+    def deactivate_then_open(now: float) -> None:
+        deactivate(now)
+        bench.open_ports()
+
+    monkeypatch.setattr(bench.wire, '_deactivate', deactivate_then_open)
+    bench.requests.end()
+    bench.wire.run()
+    assert not bench.port.is_open
+    assert bench.port.calls['close'] == 1
+
+
 def test_port_that_opens_in_time_is_left_open(bench: WireBench) -> None:
     bench.open()
     assert bench.port.is_open

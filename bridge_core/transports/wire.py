@@ -194,7 +194,8 @@ class Wire(Generic[FrameT]):
         self._open_at = math.inf
         self._pace_at = self._polled_at = self._complain_at = self._stepped_at = 0.0
         self._look_at = self._report_at = 0.0
-        self._quit = False
+        self._quit = False  # there will be no more requests
+        self._ended = False  # and the farewell was said
 
     def run(self) -> None:
         """Run until the requests end; farewell included. Raises nothing."""
@@ -202,6 +203,8 @@ class Wire(Generic[FrameT]):
         while not self._quit:
             self._guarded(self._wait_and_step)
         self._guarded(lambda: self._deactivate(clock.now()))
+        self._ended = True
+        self._take_opened(clock.now())  # what came between the two
         self._wake.close()
         self._woken.close()
         if self._tap is not None:
@@ -449,7 +452,7 @@ class Wire(Generic[FrameT]):
         except Exception:  # whatever a driver throws is a port that did not open
             error = f'cannot open {transport.name}: {traceback.format_exc()}'
         self._opened_ports.append((transport, error))
-        if self._quit:
+        if self._ended:
             transport.close()
         with contextlib.suppress(OSError):  # the loop has ended meanwhile
             self._wake.send(b'\0')
