@@ -32,6 +32,7 @@ import select
 import socket
 import struct
 import subprocess
+import termios
 import threading
 import time
 from typing import Any
@@ -46,11 +47,13 @@ from bridge_core.transports import TransportError
 from bridge_core.transports.can import CanTransport
 from bridge_core.transports.can_ports import PumpedPort
 from bridge_core.transports.can_ports import Unconfirmed
+from bridge_core.transports.line import Line
 from test.can_rig import drain
 from test.can_rig import error_frame
 from test.can_rig import message
 from test.can_rig import VARIABLE
 from test.can_rig import VirtualInterface
+from test.rig import Pty
 from test.rig import wait_for
 
 MOTION = CanFrame(0x0CFDD638, bytes.fromhex('107D010000000000'))
@@ -153,6 +156,145 @@ def test_newest_frame_takes_the_place_of_old_ones_and_leaves_soon_or_never(
     bus.let_go.set()
     wait_for(lambda: bus.is_shut, 5.0, 'an end')
     assert bus.sent == sent
+
+
+# A serial adapter whose driver takes more than its line gets rid of.
+
+
+class LineBus(BlockedBus):
+    """A bus on the serial line ``pty``, whose driver takes what it gets at once."""
+
+    def __init__(self, pty: Pty) -> None:
+        super().__init__()
+        self.let_go.set()
+        self._tty = os.open(pty.path, os.O_RDWR | os.O_NOCTTY)
+
+    def fileno(self) -> int:
+        return self._tty
+
+    def shutdown(self) -> None:
+        os.close(self._tty)
+        super().shutdown()
+
+
+class Adapter:
+    """A transport on a LineBus; ``backlog`` is what waits in its driver, as a pty has none."""
+
+    def __init__(self, patch: pytest.MonkeyPatch, pty: Pty) -> None:
+        self.now, self.backlog = 100.0, 0
+        self.flushed: list[int] = []
+        self.bus = LineBus(pty)
+        patch.setattr(clock, 'now', lambda: self.now)
+        patch.setattr(can, 'Bus', lambda **options: self.bus)
+        patch.setattr(Line, 'backlog', lambda line: self.backlog)
+        patch.setattr(termios, 'tcflush', lambda fd, queue: self.flushed.append(queue))
+        self.transport = CanTransport('slcan', 'socket://adapter')
+        self.transport.open()
+
+    def send(self, data: bytes) -> None:
+        assert self.transport.send(CanFrame(1, data))
+
+    def fill(self) -> None:
+        """Let its driver keep what it gets from now on."""
+        self.bus.sent.clear()
+        self.backlog = 64
+        for _ in range(3):  # of 27 bytes each
+            self.send(b'taken')
+        wait_for(lambda: len(self.bus.sent) == 3, 5.0, 'frames')
+        self.bus.sent.clear()
+        self.backlog = 65
+
+    def too_old(self) -> int | str:
+        return self.transport.counts().get('frames too old to send', 0)
+
+
+@pytest.fixture
+def adapter(monkeypatch: pytest.MonkeyPatch, pty: Pty) -> Iterator[Adapter]:
+    adapter = Adapter(monkeypatch, pty)
+    yield adapter
+    adapter.backlog = 0
+    adapter.transport.close()
+
+
+def test_nothing_is_sent_behind_what_a_serial_adapter_does_not_take(adapter: Adapter) -> None:
+    adapter.fill()
+    for count in range(1, 6):
+        adapter.send(b'motion')
+        adapter.now += 0.02
+        wait_for(lambda count=count: adapter.too_old() == count, 5.0, 'an old frame')  # type: ignore[misc]
+    adapter.send(b'neutral')
+    adapter.backlog = 64
+    wait_for(lambda: adapter.bus.sent, 5.0, 'a frame')
+    assert adapter.bus.sent == [b'neutral']
+
+
+def test_serial_adapter_that_takes_nothing_for_half_a_second_is_lost_and_its_line_flushed(
+    adapter: Adapter,
+) -> None:
+    adapter.fill()
+    adapter.send(b'motion')
+    adapter.now += 0.4
+    adapter.backlog = 0
+    wait_for(lambda: adapter.too_old() == 1, 5.0, 'an old frame')
+    adapter.send(b'motion')
+    wait_for(lambda: adapter.bus.sent, 5.0, 'a frame')
+    adapter.fill()  # again: the time counts from here
+    adapter.send(b'motion')
+    adapter.now += 0.4
+    adapter.send(b'motion')
+    assert not adapter.flushed
+    adapter.now += 0.11
+    with pytest.raises(TransportError, match=r'^slcan .*: cannot send, took no bytes for 500 ms'):
+        adapter.send(b'motion')
+    assert adapter.flushed == [termios.TCOFLUSH]
+    adapter.backlog = 0
+    adapter.transport.close()
+    wait_for(lambda: adapter.bus.is_shut, 5.0, 'an end')
+    assert adapter.bus.sent == []
+
+
+def test_what_a_driver_does_not_send_within_50_ms_of_the_close_is_flushed(
+    adapter: Adapter, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """To close a tty takes up to 30 s while bytes wait, and they may be motion."""
+    monkeypatch.setattr(clock, 'now', time.monotonic)
+    adapter.fill()
+    adapter.transport.close()
+    assert adapter.flushed == [termios.TCOFLUSH]
+
+
+def test_line_of_an_adapter_is_not_held_open(adapter: Adapter, pty: Pty) -> None:
+    name = os.ttyname(adapter.bus.fileno())
+
+    def users() -> int:
+        paths = [f'/proc/self/fd/{each}' for each in os.listdir('/proc/self/fd')]
+        return sum(os.path.exists(each) and os.readlink(each) == name for each in paths)
+
+    assert users() == 3  # the pty's own, the bus, and the transport's
+    adapter.transport.close()
+    wait_for(lambda: users() == 1, 5.0, 'an end')
+
+
+def test_network_adapter_that_takes_nothing_is_lost_and_little_waits_for_it() -> None:
+    with socket.create_server(('127.0.0.1', 0)) as server:
+        server.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 2048)
+        transport = CanTransport('slcan', f'socket://127.0.0.1:{server.getsockname()[1]}')
+        transport.open()
+        errors: list[TransportError] = []
+
+        def is_lost() -> bool:
+            try:
+                transport.send(MOTION)
+            except TransportError as error:
+                errors.append(error)
+            return bool(errors)
+
+        wait_for(is_lost, 20.0, 'an error from a port that takes nothing')
+        assert 'took no bytes for 500 ms' in str(errors[0])
+        port = transport._port
+        assert isinstance(port, PumpedPort)
+        assert 64 < port._line.backlog() <= 64 + 27
+        transport.close()
 
 
 # A port that takes nothing is lost if others are heard on the bus.

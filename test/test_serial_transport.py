@@ -33,8 +33,8 @@ import serial
 from serial.rfc2217 import PortManager
 
 from bridge_core import clock
-from bridge_core.transports import serial as serial_module
 from bridge_core.transports import TransportError
+from bridge_core.transports.line import Line
 from bridge_core.transports.serial import SerialTransport
 from test.rig import Pty
 from test.rig import wait_for
@@ -332,7 +332,7 @@ def test_frame_is_dropped_while_the_line_is_busy_and_the_stall_told(
     transport = SerialTransport(peer.url, 115200)
     transport.open()
     backlog, now = 0, 100.0
-    monkeypatch.setattr(serial_module, '_backlog', lambda fd, request=0: backlog)
+    monkeypatch.setattr(Line, 'backlog', lambda line: backlog)
     monkeypatch.setattr(clock, 'now', lambda: now)
     assert transport.send(bytes(65)) is True
     backlog = 65
@@ -362,7 +362,7 @@ def test_backlog_in_whole_buffers_of_the_driver_counts_as_what_was_written(
     transport = SerialTransport(str(pty.path), 115200)
     transport.open()
     backlog = 0
-    monkeypatch.setattr(serial_module, '_backlog', lambda fd, request=0: backlog)
+    monkeypatch.setattr(Line, 'backlog', lambda line: backlog)
     for _ in range(3):
         backlog = 0
         assert transport.send(bytes(32))

@@ -22,7 +22,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 import pytest
 
-from bridge_core.transports import serial
+from bridge_core.transports.line import STALL_TIMEOUT
 from ssc_bridge.channels import AuxRequest
 from ssc_bridge.protocol import DigitalInput
 from ssc_bridge.protocol import Measurement
@@ -413,7 +413,7 @@ def test_messages_that_undo_are_apart_and_then_none_is_due() -> None:
     moments = [at for at, kind, _ in rig.sent if kind == 21]
     pauses = [after - before for before, after in itertools.pairwise(moments)]
     assert pauses == pytest.approx([0.05] * (UNDO_FRAMES - 1), abs=1.5 * TICK)
-    assert moments[-1] - moments[0] > serial._STALL_TIMEOUT  # for as long, a port takes nothing
+    assert moments[-1] - moments[0] > STALL_TIMEOUT  # for as long, a port takes nothing
     assert rig.session.deadline() > rig.now
 
 

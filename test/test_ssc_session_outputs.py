@@ -25,7 +25,7 @@ from hypothesis import settings
 from hypothesis import strategies as st
 import pytest
 
-from bridge_core.transports import serial
+from bridge_core.transports.line import STALL_TIMEOUT
 from ssc_bridge.channels import Failsafe
 from ssc_bridge.channels import Servo
 from ssc_bridge.session import FailsafeBegun
@@ -446,7 +446,7 @@ def test_release_outlasts_a_port_that_takes_nothing_for_as_long_as_it_may() -> N
     rig = Rig().start()
     rig.tick(5, pulses(1500))
     rig.session.set_estop(True, rig.now)
-    stalled, since = rig.now + serial._STALL_TIMEOUT, rig.now
+    stalled, since = rig.now + STALL_TIMEOUT, rig.now
     rig.tick(160)
     assert all(not any(us) for us in rig.pulses(since + 1e-6))
     assert len(rig.pulses(stalled)) >= RELEASE_FRAMES

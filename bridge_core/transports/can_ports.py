@@ -19,7 +19,8 @@ SocketCAN has a descriptor to wait on, and filters in the kernel. ``udp_multicas
 simulated bus between processes. Only its wire format is used here: python-can's own class returns
 our own frames to us, needs a network, and may send joystick commands out into it. All other
 interfaces of python-can (slcan, virtual, pcan ...) may block or have no descriptor, so two threads
-carry their frames.
+carry their frames. Those on a serial line (slcan, robotell, seeedstudio, serial) say which one it
+is, so that as little waits in the kernel as for a serial device; of the others nobody knows.
 
 While nobody acknowledges, a controller repeats its first frame for ever, and what is queued behind
 it goes out when the bus is back: old motion before a newer stop. The kernel lets nobody take back
@@ -52,6 +53,9 @@ from can.typechecking import CanFilters
 from bridge_core import clock
 from bridge_core.transports import TransportError
 from bridge_core.transports.can_channel import multicast_address
+from bridge_core.transports.line import Line
+from bridge_core.transports.line import STALL_TIMEOUT
+from bridge_core.transports.line import STALLED
 from bridge_core.transports.multicast import MulticastTransport
 
 # Frames a call: bounds how long a stop waits while the bus is full.
@@ -69,6 +73,8 @@ _EXTENDED, _REMOTE, _ERROR = 0x80000000, 0x40000000, 0x20000000
 _RECEIVE_QUEUE_LIMIT = 1024
 _RECV_TIMEOUT = 0.05  # s; the reader thread ends within it
 _CLOSE_TIMEOUT = 0.2  # s
+_LINE_FRAME = 27  # bytes, of a frame of 8 as slcan writes it, the longest
+_LOOK_PERIOD = 0.001  # s, between two looks at a line that is busy
 
 Filters = Sequence[tuple[int, int]]
 
@@ -293,6 +299,7 @@ class PumpedPort:
         self._failure: Exception | None = None
         self._closing = False
         self._sending_since = math.inf
+        self._line = _line_of(self._bus)
         self._reader = threading.Thread(target=self._inward, daemon=True)
         self._writer = threading.Thread(target=self._outward, daemon=True)
         self._reader.start()
@@ -320,6 +327,10 @@ class PumpedPort:
         if self._failure is not None:
             raise self._failure
         with self._to_send:
+            if clock.now() - self._line.busy_since() > STALL_TIMEOUT:
+                self._outgoing.clear()
+                self._line.discard()
+                raise can.CanOperationError(STALLED)
             if self._count_waiting() >= _SEND_QUEUE_LIMIT:
                 return False
             self._outgoing.append((clock.now(), message))
@@ -337,6 +348,11 @@ class PumpedPort:
             os.close(self._wake_fd)
             self._to_send.notify()
         self._writer.join(_CLOSE_TIMEOUT)  # so that a reopen finds the port free
+        with self._to_send:
+            line, self._line = self._line, Line()
+        line.drain()
+        if line.fd >= 0:
+            os.close(line.fd)
 
     def _inward(self) -> None:
         try:
@@ -351,6 +367,7 @@ class PumpedPort:
         try:
             while (message := self._next()) is not None:
                 self._sending_since = clock.now()
+                self._line.wrote(_LINE_FRAME)
                 self._bus.send(message)
                 self._sending_since = math.inf
         except Exception as error:
@@ -363,10 +380,13 @@ class PumpedPort:
         self._held.close()
 
     def _next(self) -> can.Message | None:
-        """Wait for a frame to send; None: there will be none."""
+        """Wait for a frame to send, and for a line to take it; None: there will be none."""
         with self._to_send:
-            self._to_send.wait_for(lambda: self._count_waiting() or self._closing)
-            return self._outgoing.popleft()[1] if self._outgoing else None
+            while not self._count_waiting() or self._line.busy_since() < math.inf:
+                if self._closing and not self._outgoing:
+                    return None
+                self._to_send.wait(_LOOK_PERIOD if self._outgoing else None)
+            return self._outgoing.popleft()[1]
 
     def _count_waiting(self) -> int:
         """Return how many frames wait to be sent, without old ones; the lock is held."""
@@ -394,6 +414,14 @@ class PumpedPort:
     def _wake(self) -> None:
         if not self._closing:  # after close the number may belong to another file
             os.eventfd_write(self._wake_fd, 1)
+
+
+def _line_of(bus: can.BusABC) -> Line:
+    """Return the serial line or TCP connection of an adapter, with a descriptor of its own."""
+    with contextlib.suppress(Exception):  # drivers raise many kinds where there is none
+        Line(bus.fileno()).backlog()
+        return Line(os.dup(bus.fileno()))
+    return Line()
 
 
 def _open_multicast(group: str, port: int) -> MulticastTransport:

@@ -22,21 +22,22 @@ bytes to a socket pair.
 
 import contextlib
 import errno
-import fcntl
 import io
+import math
 import os
 import select
 import socket
-import struct
 import termios
 import threading
-import time
 from typing import Any
 
 import serial
 
 from bridge_core import clock
 from bridge_core.transports import TransportError
+from bridge_core.transports.line import Line
+from bridge_core.transports.line import STALL_TIMEOUT
+from bridge_core.transports.line import STALLED
 
 _HINTS = {
     errno.ENOENT: 'no such port; plug the device in, or set the parameter port',
@@ -47,13 +48,7 @@ _HINTS = {
     errno.ENXIO: 'the device does not answer; is it plugged in?',
     errno.ENODEV: 'the device does not answer; is it plugged in?',
 }
-# Frames that wait in the kernel delay a stop: 64 bytes take 5.6 ms at 115200 baud.
-_BACKLOG_LIMIT = 64
-_DRAIN_TIMEOUT = 0.05  # s
-# A line busy for longer is blocked: at 9600 baud 64 bytes take 0.07 s.
-_STALL_TIMEOUT = 0.5  # s
-_SIOCOUTQNSD = 0x894B  # linux/sockios.h: as TIOCOUTQ, less what was sent but not acknowledged
-_TCP_USER_TIMEOUT_MS = 2000
+_FINISH_TIMEOUT = 0.05  # s
 
 
 class SerialTransport:
@@ -72,10 +67,7 @@ class SerialTransport:
         self._serial: Any = None
         self._pump: _Pump | None = None
         self._fd = -1
-        self._line = -1  # whose backlog counts
-        self._backlog_request: int | None = None
-        self._busy_since: float | None = None
-        self._written = 0  # bytes since nothing waited
+        self._line = Line()  # whose backlog counts
 
     def counts(self) -> dict[str, int | str]:
         """Return nothing: no input is dropped."""
@@ -98,36 +90,28 @@ class SerialTransport:
 
     def _prepare(self, port: Any) -> None:
         """Get the descriptor, configure it and discard earlier input."""
-        self._busy_since = self._backlog_request = None
         try:
-            self._line = self._fd = port.fileno()
+            line = self._fd = port.fileno()
         except io.UnsupportedOperation:
             self._pump = _Pump(port)
-            self._fd, self._line = self._pump.fileno(), self._pump.line
-        if self._line < 0:
-            return
-        if os.isatty(self._line):
-            self._backlog_request = termios.TIOCOUTQ
+            self._fd, line = self._pump.fileno(), self._pump.line
+        self._line = Line(line)
+        if self._line.is_tty:
             self.low_latency = _set_low_latency(port)
-            _set_vmin(self._line)
-            termios.tcflush(self._line, termios.TCIOFLUSH)
-        else:
-            self._backlog_request = _SIOCOUTQNSD
-            _set_tcp_options(self._line)
+            _set_vmin(line)
+            termios.tcflush(line, termios.TCIOFLUSH)
 
     def close(self) -> None:
         """Close the port; queued output gets 50 ms to leave."""
-        port, pump, fd = self._serial, self._pump, self._fd
-        self._serial, self._pump, self._fd, self._line = None, None, -1, -1
-        self._backlog_request = None
+        port, pump, line = self._serial, self._pump, self._line
+        self._serial, self._pump, self._fd, self._line = None, None, -1, Line()
         if pump is not None:
             pump.close()
         elif '://' in self.name and port is not None:
             # pyserial sleeps in close; the kernel sends what was written.
             threading.Thread(target=_quietly, args=(port.close,), daemon=True).start()
         elif port is not None:
-            if fd >= 0:
-                _drain(fd)
+            line.drain()
             _quietly(port.close)
 
     def fileno(self) -> int:
@@ -144,27 +128,17 @@ class SerialTransport:
             if self._is_busy():
                 return False
             self._write(frame)
-            self._written += len(frame)
+            self._line.wrote(len(frame))
         except OSError as error:
             raise TransportError(f'{self.name}: cannot write ({error.strerror})') from error
         return True
 
     def _is_busy(self) -> bool:
         """Return whether too many bytes wait to be sent. :raises TransportError: it stalled."""
-        request = self._backlog_request
-        waiting = 0 if request is None else _backlog(self._line, request)
-        if not waiting:
-            self._written = 0
-        # cdc_acm counts whole buffers of its own: 1280 bytes for a frame of 8.
-        if min(waiting, self._written) <= _BACKLOG_LIMIT:
-            self._busy_since = None
-            return False
-        now = clock.now()
-        if self._busy_since is None:
-            self._busy_since = now
-        elif now - self._busy_since > _STALL_TIMEOUT:
-            raise TransportError(f'{self.name}: took no bytes for {_STALL_TIMEOUT * 1e3:.0f} ms')
-        return True
+        since = self._line.busy_since()
+        if clock.now() - since > STALL_TIMEOUT:
+            raise TransportError(f'{self.name}: {STALLED}')
+        return since < math.inf
 
     def _write(self, data: bytes) -> None:
         end = clock.now() + self._write_timeout
@@ -215,31 +189,6 @@ def _set_vmin(fd: int) -> None:
     termios.tcsetattr(fd, termios.TCSANOW, attributes)
 
 
-def _set_tcp_options(fd: int) -> None:
-    """Make a TCP connection send small frames at once and detect a lost peer."""
-    with contextlib.suppress(OSError), socket.socket(fileno=os.dup(fd)) as connection:
-        connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-        connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, _TCP_USER_TIMEOUT_MS)
-
-
-def _backlog(fd: int, request: int = termios.TIOCOUTQ) -> int:
-    """Return how many bytes the kernel has still to send."""
-    (count,) = struct.unpack('i', fcntl.ioctl(fd, request, b'\0' * 4))
-    return int(count)
-
-
-def _drain(fd: int) -> None:
-    """Wait up to 50 ms for queued bytes to leave; close alone could block for 30 s."""
-    end = clock.now() + _DRAIN_TIMEOUT
-    try:
-        while _backlog(fd) and clock.now() < end:
-            time.sleep(0.001)
-        if _backlog(fd):  # only then: on a pty, a flush discards what the peer has not read
-            termios.tcflush(fd, termios.TCOFLUSH)
-    except (OSError, termios.error):
-        pass  # unplugged: nothing to drain
-
-
 def _quietly(function, *args) -> None:  # type: ignore[no-untyped-def]
     with contextlib.suppress(OSError):  # closing what is already gone
         function(*args)
@@ -276,7 +225,7 @@ class _Pump:
         threading.Thread(target=self._finish, daemon=True).start()
 
     def _finish(self) -> None:
-        self._writer.join(_DRAIN_TIMEOUT)
+        self._writer.join(_FINISH_TIMEOUT)
         if self.line >= 0:
             os.close(self.line)
         _quietly(self._port.close)
