@@ -135,6 +135,8 @@ def check(values: Mapping[str, Any], resolved: Callable[[str], str]) -> None:
         )
     if values['output'] != 'joints':
         _check_twist(values)
+    if values['interface'] == 'effort':
+        _check_effort(values)
     _check_unused(values)
     twist = values['autonomy.type'] != 'JointState'
     if values['autonomy.topic'] and twist and len(values['joints']) != 2:
@@ -165,6 +167,22 @@ def _check_twist(values: Mapping[str, Any]) -> None:
         if values[name] != value:
             raise ParameterError(
                 f'parameter {name} = {values[name]!r}: output {values["output"]} needs {value!r}'
+            )
+
+
+def _check_effort(values: Mapping[str, Any]) -> None:
+    """Refuse speeds beside torques: one does not become the other by another unit."""
+    speeds = {
+        'autonomy.type': bool(values['autonomy.topic'])
+        and values['autonomy.type'] != 'JointState',
+        'feedback.topic': bool(values['feedback.topic']),
+        'speed_limits': bool(names_of(values, 'speed_limits')),
+    }
+    for name, given in speeds.items():
+        if given:
+            raise ParameterError(
+                f"parameter interface = 'effort': {name} = {values[name]!r} is about speeds and "
+                "needs 'velocity'"
             )
 
 
@@ -214,8 +232,6 @@ def _drives(values: Mapping[str, Any]) -> tuple[str, ...]:
 
 
 def _feedback(values: Mapping[str, Any]) -> Feedback:
-    if values['interface'] != 'velocity':
-        raise ValueError('feedback.topic: speeds cannot be compared with interface effort')
     names = ('timeout', 'standstill', 'overspeed_tolerance', 'overspeed_time')
     given = {name: values[f'feedback.{name}'] for name in names}
     return Feedback(tuple(values['joints']), **given)

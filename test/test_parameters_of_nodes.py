@@ -395,7 +395,22 @@ CONTRADICTIONS: dict[str, tuple[str, dict[str, Any], str]] = {
     'speeds for a command of torques': (
         'mux',
         {'interface': 'effort', 'feedback.topic': 'joint_states'},
-        'feedback.topic: speeds cannot be compared',
+        r"interface = 'effort': feedback\.topic = 'joint_states' is about speeds",
+    ),
+    "a planner's speed as a torque": (
+        'mux',
+        {'interface': 'effort', 'autonomy.topic': 'cmd_vel'},
+        r"interface = 'effort': autonomy\.type = 'Twist' is about speeds and needs 'velocity'",
+    ),
+    "a planner's stamped speed as a torque": (
+        'mux',
+        {'interface': 'effort', 'autonomy.topic': 'cmd_vel', 'autonomy.type': 'TwistStamped'},
+        r"interface = 'effort': autonomy\.type = 'TwistStamped' is about speeds",
+    ),
+    'a speed limit of torques': (
+        'mux',
+        {'interface': 'effort', 'speed_limits': ['zone'], 'speed_limit.zone.topic': 'zone'},
+        r"interface = 'effort': speed_limits = \['zone'\] is about speeds",
     ),
     'a speed limit that nobody gives': (
         'mux',
