@@ -29,12 +29,14 @@ position  CommandPositionScale     position            rad = motor rad / gear
 from __future__ import annotations
 
 from collections.abc import Mapping
+from collections.abc import Sequence
 from dataclasses import dataclass
 import math
 from typing import Any
 
 from esi_drive_bridge.protocol import Mode
 from esi_drive_bridge.protocol import VALUE_MAX
+from esi_drive_bridge.protocol import VALUE_MIN
 
 FIELDS = {Mode.TORQUE: 'effort', Mode.VELOCITY: 'velocity', Mode.POSITION: 'position'}
 _SCALES = {
@@ -129,3 +131,33 @@ def axes_of(values: Mapping[str, Any]) -> tuple[Axis, ...]:
     scales = [spread(_SCALES[mode])[index] for index, mode in enumerate(modes)]
     rest = map(spread, ('gear_ratio', 'torque_constant', 'inverted', 'slew_limit'))
     return tuple(map(Axis, joints, modes, scales, *rest))
+
+
+def to_counts(values: Sequence[float], axes: Sequence[Axis]) -> tuple[tuple[int, ...], list[str]]:
+    """
+    Return a command in counts, and what of it was cut, in words.
+
+    Where a velocity or torque is beyond what a packet can say, those of all axes are reduced by
+    the same factor, so that a curve stays.
+
+    :raises ValueError: for a value that is not finite, and for a position that is beyond.
+    """
+    wanted = [value / axis.si_per_count for value, axis in zip(values, axes, strict=True)]
+    if not all(map(math.isfinite, wanted)):
+        raise ValueError(f'not finite in counts: {list(values)}')
+    beyond = [n for n, count in enumerate(wanted) if abs(count - _held(count)) > 0.5]
+    for n in beyond:
+        if axes[n].mode is Mode.POSITION:
+            raise ValueError(axes[n].beyond(values[n]))
+    factor = min((_held(wanted[n]) / wanted[n] for n in beyond), default=1.0)
+    counts = tuple(
+        round(_held(count if axis.mode is Mode.POSITION else count * factor))
+        for count, axis in zip(wanted, axes, strict=True)
+    )
+    how = f'so every velocity and torque is cut to {100.0 * factor:.3g} %'
+    return counts, [f'{axes[n].beyond(values[n])}, {how}' for n in beyond]
+
+
+def _held(count: float) -> float:
+    """Return the nearest that a packet can say."""
+    return min(max(count, VALUE_MIN), VALUE_MAX)

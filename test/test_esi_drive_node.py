@@ -298,7 +298,7 @@ def test_command_that_makes_no_sense_stops_and_is_counted_and_explained(
 def test_command_beyond_16_bits_is_held_there_and_counted(bench: Bench) -> None:
     before = int(bench.value('saturated commands') or 0)
     bench.command.message = command(1e9, -1e9)
-    bench.enabling(until=lambda: bench.commands(32767, -32768))
+    bench.enabling(until=lambda: bench.commands(32767, -32767))
     bench.wait(lambda: int(bench.value('saturated commands') or 0) > before, 'the count', 5.0)
 
 

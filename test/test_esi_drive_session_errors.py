@@ -17,11 +17,14 @@
 import math
 from typing import Any
 
+from hypothesis import given
+from hypothesis import strategies as st
 import pytest
 
 from bridge_core.session import Answer
 from bridge_core.session import Level
 from esi_drive_bridge.axes import Axis
+from esi_drive_bridge.axes import to_counts
 from esi_drive_bridge.protocol import Layout
 from esi_drive_bridge.protocol import Mode
 from esi_drive_bridge.session import FaultsChanged
@@ -178,7 +181,7 @@ def test_values_saturate_and_are_counted() -> None:
     rig = Rig(
         axes=(
             Axis('left', Mode.TORQUE, 0.5),
-            Axis('right', Mode.TORQUE, 1e-300, inverted=True),
+            Axis('right', Mode.TORQUE, 0.25, inverted=True),
         )
     )
     rig.command = (0.0, 0.0)
@@ -187,8 +190,8 @@ def test_values_saturate_and_are_counted() -> None:
     rig.tick()
     rig.status = RUNNING
     rig.tick()
-    rig.command = (-1e308, -1e300)
-    assert [axis[2] for axis in fields(rig.tick(2)[-1])] == [-32768, 32767]
+    rig.command = (-1e300, -0.5e300)
+    assert [axis[2] for axis in fields(rig.tick(2)[-1])] == [-32767, 32767]
     assert rig.session.saturations == 4
     rig.command = (50.0, 0.0)
     assert [axis[2] for axis in fields(rig.tick(2)[-1])] == [100, 0]
@@ -200,11 +203,52 @@ def test_what_is_cut_is_a_warning_while_it_is_commanded() -> None:
     rig.command = (1e6, 0.0)
     rig.tick(3)
     (text,) = rig.session.warnings(rig.now)
-    assert text.startswith('command left within ±3.277e+04 rad/s')
+    assert text == (
+        'command left within ±3.277e+04 rad/s: 1e+06 is beyond, so every velocity and torque is '
+        'cut to 3.28 %'
+    )
     assert rig.session.problems(rig.now) == [(Level.WARN, text)]
     rig.command = (1.0, 0.0)
     rig.tick()
     assert rig.session.warnings(rig.now) == []
+
+
+@pytest.mark.parametrize('mode', [Mode.VELOCITY, Mode.TORQUE])
+def test_curve_beyond_a_packet_stays_the_same_curve(mode: Mode) -> None:
+    rig = Rig(axes=axes(mode, 0.001))
+    rig.start_slowly()
+    rig.command = (20.0, -50.0)
+    assert [axis[2] for axis in fields(rig.tick(2)[-1])] == [13107, -32768]
+
+
+def test_position_beside_a_velocity_that_is_cut_stays() -> None:
+    values, (text,) = to_counts((1000.0, 1e6), (axes(Mode.POSITION)[0], axes(Mode.TORQUE)[1]))
+    assert values == (1000, 32767)
+    assert text.startswith('command right')
+
+
+@pytest.mark.parametrize('value', [math.nan, math.inf, -1e308])
+def test_value_that_no_count_can_be_computed_of_is_refused(value: float) -> None:
+    with pytest.raises(ValueError, match='not finite'):
+        to_counts((value,), (Axis('left', Mode.TORQUE, 0.5),))
+
+
+@given(
+    wanted=st.lists(st.floats(-1e9, 1e9), min_size=2, max_size=2),
+    mode=st.sampled_from([Mode.VELOCITY, Mode.TORQUE]),
+    inverted=st.booleans(),
+)
+def test_what_is_cut_keeps_ratio_signs_and_zeros_within_a_count(
+    wanted: list[float], mode: Mode, inverted: bool
+) -> None:
+    counts, _ = to_counts(wanted, axes(mode, -1.0 if inverted else 1.0))
+    assert all(-32768 <= count <= 32767 for count in counts)
+    factor = min([1.0, *(32768.0 / abs(value) for value in wanted if value)])
+    for value, count in zip(wanted, counts, strict=True):
+        signed = -count if inverted else count
+        assert abs(signed) <= abs(value) + 0.5
+        assert signed * value >= 0.0
+        assert abs(signed - value * factor) < 1.6, 'its own half, and that 32767 is not 32768'
 
 
 def test_position_beyond_a_packet_is_refused_and_stops() -> None:

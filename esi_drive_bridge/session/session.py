@@ -26,6 +26,7 @@ from bridge_core.session import Level
 from bridge_core.session import Session as BaseSession
 from bridge_core.session import Verdict
 from bridge_core.watchdog import Watchdog
+from esi_drive_bridge.axes import to_counts
 from esi_drive_bridge.protocol import AxisCommand
 from esi_drive_bridge.protocol import Command
 from esi_drive_bridge.protocol import Mode
@@ -491,18 +492,9 @@ class Session(BaseSession[bytes, Status, Event]):
         return held_back(self.settings.axes, self._ramp.counts, self._counts)
 
     def _to_counts(self, values: Sequence[float]) -> tuple[int, ...]:
-        """Scale and saturate. :raises ValueError: for a wrong number of values or not finite."""
+        """Scale and saturate. :raises ValueError: for a wrong number of values; see to_counts."""
         if len(values) != self.settings.layout.axes:
             raise ValueError(f'{len(values)} values for {self.settings.layout.axes} axes')
-        if not all(math.isfinite(value) for value in values):
-            raise ValueError(f'not finite: {list(values)}')
-        axes = self.settings.axes
-        wanted = [value / axis.si_per_count for value, axis in zip(values, axes, strict=True)]
-        held = [round(min(max(count, VALUE_MIN), VALUE_MAX)) for count in wanted]
-        beyond = [n for n, count in enumerate(wanted) if abs(count - held[n]) > 0.5]
-        for n in beyond:
-            if axes[n].mode is Mode.POSITION:
-                raise ValueError(axes[n].beyond(values[n]))
-        self.saturations += len(beyond)
-        self._saturated = [f'{axes[n].beyond(values[n])}, and was cut to that' for n in beyond]
-        return tuple(held)
+        counts, self._saturated = to_counts(values, self.settings.axes)
+        self.saturations += len(self._saturated)
+        return counts
