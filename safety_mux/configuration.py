@@ -107,6 +107,7 @@ def joint_limits(values: Mapping[str, Any]) -> list[JointLimit]:
                 deceleration=values[f'joint.{name}.deceleration'],
                 group=values[f'joint.{name}.group'],
                 jerk=values[f'joint.{name}.jerk'],
+                together=values['interface'] == 'velocity',
             )
             for name in values['joints']
         ]

@@ -34,9 +34,12 @@ class JointLimit:
     :param magnitude: greatest absolute value. Above 0.
     :param acceleration: greatest change per second away from zero. Above 0.
     :param deceleration: greatest change per second towards zero. Above 0.
-    :param group: joints of one group keep their proportion where one would exceed its magnitude.
+    :param group: joints of one group keep their proportion where one would exceed its magnitude,
+        and while they grow.
     :param jerk: greatest change per second of the acceleration, which rises from 0 and is 0 again
         when the target is reached. 0: none. The way towards zero is as without it.
+    :param together: whether it grows in proportion to its group. Not for a torque, of which growth
+        may brake.
     :raises ValueError: for a value that is not finite or not above 0; a jerk below 0.
     """
 
@@ -45,6 +48,7 @@ class JointLimit:
     deceleration: float
     group: str = ''
     jerk: float = 0.0
+    together: bool = True
 
     def __post_init__(self) -> None:
         for name in ('magnitude', 'acceleration', 'deceleration'):
@@ -60,9 +64,10 @@ class JointLimiter:
     Follows a target within the limits, beginning at zero.
 
     A target beyond one joint's magnitude is reduced for all joints of its group by the same
-    factor, so that a curve stays the same curve. The rates are those of each joint by itself. A
-    change of sign stops at zero for the rest of that step. A target that is not finite counts as
-    zero.
+    factor, so that a curve stays the same curve. Of the joints of a group that grow each takes the
+    same share of its way in a step, unless one of the group has a jerk. Towards zero each goes at
+    its own deceleration and waits for no other. A change of sign stops at zero for the rest of
+    that step. A target that is not finite counts as zero.
 
     :param max_dt: seconds, the longest step: after a late one the output continues from its last
         value and does not jump to make up for the time.
@@ -77,6 +82,7 @@ class JointLimiter:
         '_max_dt',
         '_ramp',
         '_rates',
+        '_together',
         '_values',
     )
 
@@ -88,6 +94,7 @@ class JointLimiter:
         self._limits = tuple(limits)
         self._magnitudes = tuple(limit.magnitude for limit in limits)
         self._eased = any(limit.jerk for limit in limits)
+        self._together = _together(limits)
         self._max_dt = max_dt
         self._values = (0.0,) * len(self._limits)
         self._ramp: tuple[float, ...] | None = None
@@ -124,7 +131,8 @@ class JointLimiter:
             rates = self._accelerations
         else:
             rates = tuple(map(_eased, self._values, target, self._limits, self._rates, repeat(dt)))
-        self._values = tuple(map(_follow, self._values, target, self._limits, rates, repeat(dt)))
+        values = tuple(map(_follow, self._values, target, self._limits, rates, repeat(dt)))
+        self._values = self._joined(values, target, dt) if self._together else values
         if self._eased:
             steps = zip(self._values, target, rates, strict=True)
             self._rates = tuple(0.0 if value == goal else rate for value, goal, rate in steps)
@@ -137,6 +145,27 @@ class JointLimiter:
                 excess[limit.group] = max(excess[limit.group], abs(goal) / limit.magnitude)
         pairs = zip(target, self._limits, strict=True)
         return [goal / excess[limit.group] for goal, limit in pairs]
+
+    def _joined(
+        self, values: tuple[float, ...], target: Sequence[float], dt: float
+    ) -> tuple[float, ...]:
+        """Return the values with those that grow held to the least share of their group."""
+        joined = list(values)
+        for group in self._together:
+            left = {
+                n: abs(target[n]) - abs(self._values[n])
+                for n in group
+                if abs(self._values[n]) < abs(target[n]) < math.inf
+                and self._values[n] * target[n] >= 0.0
+            }
+            share = min(
+                (self._accelerations[n] * dt / way for n, way in left.items()), default=1.0
+            )
+            if share < 1.0:
+                for n, way in left.items():
+                    size = min(abs(self._values[n]) + share * way, abs(values[n]))
+                    joined[n] = math.copysign(size, target[n]) + 0.0  # no -0.0
+        return tuple(joined)
 
     def ramp(self, dt: float, stop_time: float) -> tuple[float, ...]:
         """
@@ -158,6 +187,18 @@ class JointLimiter:
             for value, slope in zip(self._values, self._ramp, strict=True)
         )
         return self._values
+
+
+def _together(limits: Sequence[JointLimit]) -> list[list[int]]:
+    """Return the joints, by number, of each group that grows in proportion."""
+    groups: dict[str, list[int]] = {}
+    for n, limit in enumerate(limits):
+        groups.setdefault(limit.group, []).append(n)
+    return [
+        group
+        for group in groups.values()
+        if len(group) > 1 and all(limits[n].together and not limits[n].jerk for n in group)
+    ]
 
 
 def _forward(dt: float) -> float:

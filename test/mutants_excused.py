@@ -517,7 +517,7 @@ EXCUSED: dict[str, dict[str, str]] = {
     },
     'esi_drive_bridge/protocol.py': {': 256 -> 257': _FOR_A_BYTE},
     'esi_drive_bridge/session/ramp.py': {
-        '_grow: value * goal > 0.0 -> value * goal >= 0.0': 'without a size, or without a goal',
+        '_start: value * goal > 0.0 -> value * goal >= 0.0': 'without a size, or without a goal',
     },
     'esi_drive_bridge/session/session.py': {
         'Session.__init__: -math.inf -> math.inf': (

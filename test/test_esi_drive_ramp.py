@@ -17,6 +17,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from itertools import pairwise
 from typing import Any
 
@@ -319,3 +320,55 @@ def test_a_goal_of_one_count_is_reached_in_parts_of_one() -> None:
     ramp = Ramp(axes(Mode.VELOCITY, slew_limit=30.0)[:1], TICK)  # 0.3 counts a packet
     said = [ramp.step((1,), 100.0 + TICK * n)[0] for n in range(6)]
     assert said == [0, 0, 1, 1, 1, 1]
+
+
+# Two axes.
+
+COUNTS = st.integers(-32768, 32767)
+
+
+@given(goals=st.tuples(COUNTS, COUNTS), scale=st.sampled_from([1.0, -0.25]))
+def test_curve_from_rest_stays_that_curve_within_a_count(
+    goals: tuple[int, int], scale: float
+) -> None:
+    left, right = axes(Mode.VELOCITY, scale, slew_limit=LIMIT * 100)
+    ramp = Ramp((left, replace(right, slew_limit=LIMIT * 70)), TICK)
+    most = max(map(abs, goals))
+    said = [ramp.step(goals, 100.0 + TICK * n) for n in range(60)]
+    for pair in said:
+        share = max(map(abs, pair)) / most if most else 1.0
+        for value, goal in zip(pair, goals, strict=True):
+            assert abs(value - share * goal) <= 1.0
+            assert value * goal >= 0
+    assert said[-1] == goals
+
+
+@given(story=st.lists(st.tuples(st.tuples(COUNTS, COUNTS), st.floats(0.0, 0.02)), min_size=1))
+def test_velocity_beside_another_is_never_above_its_own_and_slows_down_at_once(
+    story: list[tuple[tuple[int, int], float]],
+) -> None:
+    both, now = Ramp(axes(Mode.VELOCITY, slew_limit=LIMIT), TICK), 100.0
+    was: tuple[int, ...] = (0, 0)
+    for goals, pause in story:
+        said = both.step(goals, now)
+        for before, value, goal in zip(was, said, goals, strict=True):
+            assert value * goal >= 0
+            if before * goal >= 0 and abs(goal) <= abs(before):
+                assert value == goal
+            else:
+                size = abs(before) if before * goal > 0 else 0
+                assert abs(value) <= min(abs(goal), size + STEP + 1)
+        was, now = said, now + pause
+
+
+def test_torque_grows_by_itself_as_it_may_brake() -> None:
+    ramp = Ramp(axes(Mode.TORQUE, slew_limit=LIMIT), TICK)
+    ramp.step((100, -20), 100.0)
+    assert ramp.step((100, -20), 100.0 + TICK) == (10, -10)
+
+
+def test_velocity_beside_a_position_does_not_wait_for_it() -> None:
+    pair = axes(Mode.VELOCITY, slew_limit=LIMIT)[0], axes(Mode.POSITION, slew_limit=LIMIT)[1]
+    ramp = Ramp(pair, TICK)
+    ramp.step((20, 1000), 100.0)
+    assert [ramp.step((20, 1000), 100.0 + TICK * n) for n in (1, 2)] == [(10, 10), (20, 20)]

@@ -32,6 +32,7 @@ from std_msgs.msg import Float64
 from bridge_core.parameters import MANAGED_PARAMETERS
 from bridge_core.parameters import ParameterError
 from bridge_core.parameters import resolve
+from safety_mux.configuration import joint_limits
 from safety_mux.intake import Intake
 from safety_mux.parameters import parameter_table
 from safety_mux.protocol import State
@@ -240,6 +241,13 @@ def test_joint_state_is_read_where_the_interface_says(interface: str) -> None:
     message = JointState(name=['left', 'right'], **values)
     _, told = fed.take('autonomy.topic', message)
     assert told == [('autonomy_command', tuple(values[interface]), 3.0)]
+
+
+@pytest.mark.parametrize(('interface', 'together'), [('velocity', True), ('effort', False)])
+def test_velocities_grow_together_and_torques_do_not(interface: str, together: bool) -> None:
+    given = {'interface': interface}
+    limits = joint_limits(resolve((*MANAGED_PARAMETERS, *parameter_table(given)), given))
+    assert [limit.together for limit in limits] == [together, together]
 
 
 def test_malformed_autonomy_is_told_as_such() -> None:

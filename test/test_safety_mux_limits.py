@@ -163,6 +163,80 @@ def test_ramp_without_time_is_zero_at_once(stop_time: float) -> None:
     assert limited.ramp(0.01, stop_time) == (0.0,)
 
 
+# Joints together.
+
+WHEEL = JointLimit(magnitude=10.0, acceleration=20.0, deceleration=40.0)
+SLOW = JointLimit(magnitude=10.0, acceleration=5.0, deceleration=8.0)
+pairs = st.tuples(st.floats(-20.0, 20.0), st.floats(-20.0, 20.0))
+
+
+def test_curve_from_rest_is_that_curve_from_the_first_step_on() -> None:
+    limited = limiter(WHEEL, SLOW)
+    story = [limited.step((10.0, -2.0), 0.01) for _ in range(60)]
+    assert story[0] == pytest.approx((0.2, -0.04))
+    assert all(right == pytest.approx(-0.2 * left) for left, right in story)
+    assert story[-1] == (10.0, -2.0)
+
+
+@given(st.floats(0.05, 20.0), st.floats(-20.0, 20.0), st.sampled_from([0.001, 0.01, 0.1]))
+def test_from_rest_every_ratio_is_kept_and_the_goal_is_reached(
+    left: float, right: float, dt: float
+) -> None:
+    limited = limiter(WHEEL, SLOW)
+    time = max(min(left, 10.0) / 20.0, min(abs(right), 10.0) / 5.0)
+    for _ in range(math.ceil(time / dt) + 1):
+        values = limited.step((left, right), dt)
+        assert values[0] * right == pytest.approx(values[1] * left)
+    factor = min(1.0, 10.0 / max(left, abs(right)))
+    assert values == pytest.approx((left * factor, right * factor))
+
+
+@given(st.lists(st.tuples(pairs, st.sampled_from([0.0, 0.001, 0.01, 0.1]))))
+def test_joint_beside_others_is_never_faster_than_alone_and_brakes_as_fast(
+    story: list[tuple[tuple[float, float], float]],
+) -> None:
+    limited = limiter(WHEEL, SLOW)
+    for target, dt in story:
+        was = limited.output
+        alone = []
+        for n, limit in enumerate((WHEEL, SLOW)):
+            single = limiter(JointLimit(10.0, limit.acceleration, limit.deceleration))
+            single._values = (was[n],)
+            factor = min(1.0, 10.0 / max(map(abs, (*target, 1e-9))))
+            alone.append(single.step((target[n] * factor,), dt)[0])
+        for before, value, most in zip(was, limited.step(target, dt), alone, strict=True):
+            assert abs(value) <= abs(most) + 1e-9
+            assert value * most >= 0.0
+            if abs(most) <= abs(before):
+                assert value == pytest.approx(most), 'braking waits for nobody'
+
+
+def test_stop_in_a_curve_is_that_of_each_joint() -> None:
+    limited = limiter(WHEEL, WHEEL)
+    limited.step((2.0, 10.0), 1.0)
+    assert limited.step((0.0, 0.0), 0.05) == (0.0, 8.0)
+
+
+def test_joint_that_brakes_holds_no_other_back() -> None:
+    limited = limiter(WHEEL, WHEEL)
+    limited.step((5.0, 5.0), 1.0)
+    assert limited.step((-5.0, 10.0), 0.1) == (1.0, 7.0)
+
+
+@pytest.mark.parametrize(
+    'slow',
+    [
+        JointLimit(10.0, 5.0, 8.0, 'mast'),
+        JointLimit(10.0, 5.0, 8.0, together=False),
+        JointLimit(10.0, 5.0, 8.0, jerk=1e9),
+    ],
+)
+def test_joint_of_another_group_a_torque_and_one_with_a_jerk_grow_by_themselves(
+    slow: JointLimit,
+) -> None:
+    assert limiter(WHEEL, slow).step((10.0, 10.0), 0.1) == pytest.approx((2.0, 0.5))
+
+
 # Jerk.
 
 EASED = JointLimit(magnitude=4.0, acceleration=2.0, deceleration=8.0, jerk=4.0)

@@ -33,21 +33,17 @@ class Ramp:
     Follows commands, in counts, within the ``slew_limit`` of each axis.
 
     Of a torque or a velocity only the growth away from 0 is limited: slowing down must not wait. A
-    position is limited both ways.
+    position is limited both ways. Velocities that grow take the same share of their way in a
+    packet, so that a curve stays; torques do not, as one that grows may brake.
 
     :param max_dt: seconds, the longest step; what a late packet has missed is not made up for.
     """
 
-    __slots__ = ('_at', '_axes', '_max_dt', '_values')
+    __slots__ = ('_at', '_limits', '_max_dt', '_modes', '_values')
 
     def __init__(self, axes: Sequence[Axis], max_dt: float) -> None:
-        self._axes = tuple(
-            (
-                axis.slew_limit / abs(axis.si_per_count),
-                _move if axis.mode is Mode.POSITION else _grow,
-            )
-            for axis in axes
-        )
+        self._limits = tuple(axis.slew_limit / abs(axis.si_per_count) for axis in axes)
+        self._modes = tuple(axis.mode for axis in axes)
         self._max_dt = max_dt
         self.begin((0,) * len(axes))
 
@@ -67,17 +63,26 @@ class Ramp:
         self._at = now
         if self._values == goals:  # as most of the time
             return goals
+        mosts = [limit * dt if dt else 0.0 for limit in self._limits]
+        starts = tuple(map(_start, self._values, goals, self._modes))
+        shares = tuple(map(_share, starts, goals, mosts))
+        together = zip(shares, self._modes, strict=True)
+        least = min((share for share, mode in together if mode is Mode.VELOCITY), default=1.0)
         self._values = tuple(
-            follow(value, goal, limit * dt if dt else 0.0)
-            for (limit, follow), value, goal in zip(self._axes, self._values, goals, strict=True)
+            goal - (1.0 - (least if mode is Mode.VELOCITY else share)) * (goal - start)
+            for start, goal, share, mode in zip(starts, goals, shares, self._modes, strict=True)
         )
         return self.counts
 
 
-def _grow(value: float, goal: float, most: float) -> float:
-    size = abs(value) if value * goal > 0.0 else 0.0
-    return math.copysign(min(abs(goal), size + most), goal)
+def _start(value: float, goal: float, mode: Mode) -> float:
+    """Return from where the way to the goal is limited: nothing is, of what slows down."""
+    if mode is Mode.POSITION:
+        return value
+    return math.copysign(min(abs(value), abs(goal)), goal) if value * goal > 0.0 else 0.0
 
 
-def _move(value: float, goal: float, most: float) -> float:
-    return min(max(goal, value - most), value + most)
+def _share(start: float, goal: float, most: float) -> float:
+    """Return what of its way an axis may go at once."""
+    way = abs(goal - start)
+    return most / way if most < way else 1.0
