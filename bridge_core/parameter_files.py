@@ -31,6 +31,7 @@ from bridge_core.parameters import ParameterError
 
 _MOST = 10_000  # values; aliases (*) make as many as they like, and endless ones
 _TOKENS = {'**': '(/[^/]+)*', '*': '/[^/]+'}
+_TWICE = 'stands there twice; only one would count'
 _LIKE = 0.8  # how like a misspelt name is; twist_mux is not meant to be safety_mux
 
 
@@ -46,7 +47,7 @@ def sections_of(file: Path) -> list[str]:
 
     :raises ParameterError: it cannot be read or is not a parameter file.
     """
-    return [name for name, _ in _sections(_content(file), '')]
+    return [*_all_sections(file)]
 
 
 def parameters_for(node: str, files: Sequence[Path]) -> dict[str, Any]:
@@ -58,16 +59,28 @@ def parameters_for(node: str, files: Sequence[Path]) -> dict[str, Any]:
     """
     given: dict[str, Any] = {}
     for file in files:
-        for section, value in _sections(_content(file), ''):
+        for section, value in _all_sections(file).items():
             if is_for(section, node) and isinstance(value, dict):
                 given |= _flat(value.get('ros__parameters') or {}, file)
     return given
 
 
+class _Loader(yaml.SafeLoader):
+    """Refuses a key that stands twice, of which PyYAML keeps one and ROS another or both."""
+
+    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
+        names: set[str] = set()
+        for key in (key for key, _ in node.value if isinstance(key, yaml.ScalarNode)):
+            if key.value in names:
+                raise ValueError(f'line {key.start_mark.line + 1}: {key.value!r} {_TWICE}')
+            names.add(key.value)
+        return super().construct_mapping(node, deep)
+
+
 def _content(file: Path) -> dict[Any, Any]:
     """:raises ParameterError: it cannot be read or is not a parameter file."""
     try:
-        content = yaml.safe_load(file.read_text())
+        content = yaml.load(file.read_text(), _Loader)
     except Exception as error:  # of the file, of PyYAML, of what it makes dates and numbers with
         raise ParameterError(f'parameter file {file}: {" ".join(str(error).split())}') from error
     if not isinstance(content, dict):
@@ -81,6 +94,15 @@ def _content(file: Path) -> dict[Any, Any]:
     raise ParameterError(
         f'parameter file {file}: has more than {_MOST} values; does an alias repeat?'
     )
+
+
+def _all_sections(file: Path) -> dict[str, Any]:
+    sections: dict[str, Any] = {}
+    for name, value in _sections(_content(file), ''):
+        if name in sections:
+            raise ParameterError(f'parameter file {file}: section {name} {_TWICE}')
+        sections[name] = value
+    return sections
 
 
 def _sections(content: dict[Any, Any], above: str) -> Iterator[tuple[str, Any]]:
@@ -100,11 +122,11 @@ def _flat(values: Any, file: Path, above: str = '') -> dict[str, Any]:
         )
     flat: dict[str, Any] = {}
     for key, value in values.items():
-        flat |= (
-            _flat(value, file, f'{above}{key}.')
-            if isinstance(value, dict)
-            else {f'{above}{key}': value}
-        )
+        name = f'{above}{key}'
+        below = _flat(value, file, f'{name}.') if isinstance(value, dict) else {name: value}
+        for twice in flat.keys() & below.keys():
+            raise ParameterError(f'parameter file {file}: {twice!r} {_TWICE}')
+        flat |= below
     return flat
 
 

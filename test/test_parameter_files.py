@@ -199,3 +199,37 @@ def test_file_that_yaml_reads_and_nobody_can_use_is_refused(
     file.write_text(text)
     with pytest.raises(ParameterError, match=why):
         parameters_for(NODE, [file])
+
+
+_TWICE = 'stands there twice; only one would count'
+
+
+@pytest.mark.parametrize(
+    ('text', 'why'),
+    [
+        (
+            '/**:\n  ros__parameters:\n    joints: [a]\n    rate: 50.0\n    joints: [b]\n',
+            "line 5: 'joints'",
+        ),
+        (section('/**/safety_mux') * 2, "line 2: '/\\*\\*/safety_mux'"),
+        ('/**: {ros__parameters: {joint: {a: 1, "a": 2}}}', "line 1: 'a'"),
+        ('/**: {ros__parameters: {joint.a.max: 1.0, joint: {a: {max: 2.0}}}}', "'joint.a.max'"),
+        (section('left/safety_mux') + 'left: {' + section('safety_mux').strip() + '}', NODE),
+    ],
+    ids=['parameter', 'section', 'quoted', 'dotted and nested', 'section by two spellings'],
+)
+def test_what_stands_twice_in_a_file_is_refused(text: str, why: str, file: Path) -> None:
+    """ROS takes both sections and the later value, PyYAML the later of both."""
+    file.write_text(text)
+    with pytest.raises(ParameterError, match=f'{why} {_TWICE}'):
+        parameters_for(NODE, [file])
+
+
+def test_node_does_not_lose_an_estop_source_that_is_given_twice(file: Path, capfd: Any) -> None:
+    file.write_text(
+        '/**/safety_mux:\n  ros__parameters:\n'
+        '    estop_sources: [fort, drive]\n    estop_sources: [fort]\n'
+    )
+    assert run([SafetyMux], ['node', '--ros-args', '--params-file', str(file)]) == 2
+    (line,) = capfd.readouterr().err.splitlines()
+    assert line == f"rugged_teleop: parameter file {file}: line 4: 'estop_sources' {_TWICE}"
