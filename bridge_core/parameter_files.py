@@ -30,6 +30,7 @@ import yaml
 from bridge_core.parameters import ParameterError
 
 _MOST = 10_000  # values; aliases (*) make as many as they like, and endless ones
+_OVERRIDE = re.compile(r'(?P<name>(?P<node>\w+):[^:]+):=')  # of -p
 _TOKENS = {'**': '(/[^/]+)*', '*': '/[^/]+'}
 _TWICE = 'stands there twice; only one would count'
 _LIKE = 0.8  # how like a misspelt name is; twist_mux is not meant to be safety_mux
@@ -173,12 +174,39 @@ def check_names(nodes: Collection[str], files: Sequence[Path]) -> None:
             raise ParameterError(f'parameter file {file}: {hint} Its section {section} is no node')
 
 
+def check_overrides(nodes: Sequence[str], arguments: Sequence[str]) -> None:
+    """
+    Refuse a ``-p NODE:name:=value`` that is for none of these nodes.
+
+    :param nodes: full names. :raises ParameterError: it.
+    """
+    bases = {node.rsplit('/', 1)[-1]: node for node in nodes}
+    for option, rule in itertools.pairwise(arguments):
+        found = _OVERRIDE.match(rule) if option in ('-p', '--param') else None
+        if found is None or any(is_for(f'/{found["node"]}', node) for node in nodes):
+            continue
+        name = found['node']
+        hint = f'there is no node {name}; {_hint(name, bases)}'
+        if name in bases:
+            hint = f'ROS takes it for /{name} and not for {bases[name]}; set it in a file'
+        raise ParameterError(f'-p {found["name"]}: {hint}')
+
+
+def _hint(name: str, nodes: Collection[str]) -> str:
+    like = _like(name, nodes)
+    return f'did you mean {like}?' if like else f'there is {", ".join(nodes)}'
+
+
+def _like(name: str, nodes: Collection[str]) -> str:
+    return ''.join(difflib.get_close_matches(name, nodes, 1, _LIKE))
+
+
 def strangers(nodes: Collection[str], file: Path) -> Iterator[tuple[str, str]]:
     """Yield sections whose last name is none of these nodes, and the node that it is like."""
     for section in sections_of(file):
         base = section.rsplit('/', 1)[-1]
         if base not in _TOKENS and base not in nodes:
-            yield section, ''.join(difflib.get_close_matches(base, nodes, 1, _LIKE))
+            yield section, _like(base, nodes)
 
 
 def is_for(section: str, node: str) -> bool:

@@ -36,6 +36,7 @@ from bridge_core.help import help_text
 from bridge_core.managed_node import ManagedNode
 from bridge_core.output import unblocked_output
 from bridge_core.parameter_files import check_files
+from bridge_core.parameter_files import check_overrides
 from bridge_core.parameter_files import files_of
 from bridge_core.parameters import ParameterError
 from bridge_core.realtime import use_realtime
@@ -154,7 +155,9 @@ def _run(factories: Sequence[Callable[..., ManagedNode]], argv: list[str]) -> in
         files = files_of(argv)
         for factory in factories:
             nodes.append(factory(parameter_files=files))
-        check_files([node.get_fully_qualified_name() for node in nodes], files)
+        names = [node.get_fully_qualified_name() for node in nodes]
+        check_files(names, files)
+        check_overrides(names, argv)
         if nodes and note:
             nodes[0].get_logger().info(note)
         _prefer(nodes)

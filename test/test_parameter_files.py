@@ -25,6 +25,7 @@ from rclpy.node import Node
 import yaml
 
 from bridge_core.parameter_files import check_files
+from bridge_core.parameter_files import check_overrides
 from bridge_core.parameter_files import check_sections
 from bridge_core.parameter_files import files_of
 from bridge_core.parameter_files import parameters_for
@@ -233,3 +234,34 @@ def test_node_does_not_lose_an_estop_source_that_is_given_twice(file: Path, capf
     assert run([SafetyMux], ['node', '--ros-args', '--params-file', str(file)]) == 2
     (line,) = capfd.readouterr().err.splitlines()
     assert line == f"rugged_teleop: parameter file {file}: line 4: 'estop_sources' {_TWICE}"
+
+
+@pytest.mark.parametrize(
+    ('rule', 'why'),
+    [
+        ('safty_mux:rate:=50.0', 'there is no node safty_mux; did you mean safety_mux?'),
+        ('esi_drive_bridge:baud:=1', 'there is no node esi_drive_bridge; there is safety_mux'),
+    ],
+)
+def test_parameter_of_a_node_that_is_not_there_is_refused(rule: str, why: str, capfd: Any) -> None:
+    assert run([SafetyMux], ['node', '--ros-args', '-p', rule]) == 2
+    line = f'rugged_teleop: -p {rule.split(":=")[0]}: {why}'
+    assert line in capfd.readouterr().err.splitlines()
+
+
+@pytest.mark.parametrize('space', ['/', '/left'])
+def test_a_parameter_by_a_nodes_name_is_refused_where_ros_passes_it_over(space: str) -> None:
+    arguments = ['--ros-args', '-p', 'safety_mux:rate:=50.0']
+    context = Context()
+    rclpy.init(args=arguments, context=context)
+    node = Node('safety_mux', namespace=space, context=context)
+    name = node.get_fully_qualified_name()
+    try:
+        if 'rate' in node._parameter_overrides:
+            check_overrides(['/other', name], arguments)
+        else:
+            with pytest.raises(ParameterError, match='not for /left/safety_mux; set it in a file'):
+                check_overrides(['/other', name], arguments)
+    finally:
+        node.destroy_node()
+        context.try_shutdown()
