@@ -131,6 +131,11 @@ class Lane:
         self._waiter.wake()
         return entry.subscription
 
+    @property
+    def subscriptions(self) -> list[Any]:
+        """Return those that there are."""
+        return [entry.subscription for entry in self._topics]
+
     def unsubscribe(self, subscription: Any) -> None:
         """Destroy a subscription; but for a call that another thread is in, none follows."""
         with self._lock:

@@ -40,6 +40,7 @@ from bridge_core.parameter_files import check_overrides
 from bridge_core.parameter_files import files_of
 from bridge_core.parameters import ParameterError
 from bridge_core.realtime import use_realtime
+from bridge_core.remappings import check_remappings
 from bridge_core.share import shared
 from bridge_core.transports import TransportError
 
@@ -120,7 +121,7 @@ def run(
             'and see --help'
         )
     with unblocked_output():
-        return _run(factories, argv)
+        return _run(factories, argv, names)
 
 
 def words_beside_ros(argv: Sequence[str]) -> list[str]:
@@ -140,7 +141,9 @@ def words_beside_ros(argv: Sequence[str]) -> list[str]:
     return words[1:]
 
 
-def _run(factories: Sequence[Callable[..., ManagedNode]], argv: list[str]) -> int:
+def _run(
+    factories: Sequence[Callable[..., ManagedNode]], argv: list[str], names: Collection[str]
+) -> int:
     note = avoid_shared_memory()
     try:
         # With ROS's own handlers the context would be gone before the last stop was published.
@@ -155,9 +158,10 @@ def _run(factories: Sequence[Callable[..., ManagedNode]], argv: list[str]) -> in
         files = files_of(argv)
         for factory in factories:
             nodes.append(factory(parameter_files=files))
-        names = [node.get_fully_qualified_name() for node in nodes]
-        check_files(names, files)
-        check_overrides(names, argv)
+        full_names = [node.get_fully_qualified_name() for node in nodes]
+        check_files(full_names, files)
+        check_overrides(full_names, argv)
+        check_remappings(nodes, argv, names)
         if nodes and note:
             nodes[0].get_logger().info(note)
         _prefer(nodes)

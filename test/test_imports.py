@@ -112,6 +112,7 @@ SHARED = {
     'diagnostics': ('bridge_core.report', 'MESSAGES'),
     'managed_node': ('bridge_core', 'rclpy', 'MESSAGES', 'STDLIB'),
     'node': ('bridge_core', 'rclpy', 'MESSAGES', 'STDLIB'),
+    'remappings': ('bridge_core', 'rclpy', 'STDLIB'),
     'runner': ('bridge_core', 'rclpy', 'STDLIB'),
     'help': ('bridge_core', 'rclpy', 'STDLIB'),
     'output': ('STDLIB',),  # and the process that writes it
