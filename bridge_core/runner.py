@@ -19,6 +19,7 @@ from collections.abc import Collection
 from collections.abc import Sequence
 import gc
 import os
+import re
 import signal
 import sys
 import threading
@@ -38,6 +39,7 @@ from bridge_core.output import unblocked_output
 from bridge_core.parameter_files import check_files
 from bridge_core.parameter_files import check_overrides
 from bridge_core.parameter_files import files_of
+from bridge_core.parameter_files import sections_of
 from bridge_core.parameters import ParameterError
 from bridge_core.realtime import use_realtime
 from bridge_core.remappings import check_remappings
@@ -50,6 +52,7 @@ _PROFILES = ('FASTRTPS_DEFAULT_PROFILES_FILE', 'FASTDDS_DEFAULT_PROFILES_FILE')
 # Who has set one of these has chosen the transports of Fast DDS.
 _CHOICES = {'FASTDDS_BUILTIN_TRANSPORTS', *_PROFILES}
 _LOOPBACK = 'config/fastdds_loopback.xml'
+_SOURCE = re.compile(r', at /\S+\.c:\d+')  # of rcl, which nobody here has
 _GARBAGE = 50_000  # objects until the collector looks for cycles
 # s for which a thread may keep the interpreter while others want it; 5 ms by default. A stop waits
 # for that long if it comes amid other work.
@@ -145,17 +148,19 @@ def _run(
     factories: Sequence[Callable[..., ManagedNode]], argv: list[str], names: Collection[str]
 ) -> int:
     note = avoid_shared_memory()
+    files = files_of(argv)
     try:
+        for file in files:
+            sections_of(file)
         # With ROS's own handlers the context would be gone before the last stop was published.
         rclpy.init(args=argv, signal_handler_options=SignalHandlerOptions.NO)
     except Exception as error:  # RCLError and others are not exported; all mean bad arguments
-        return _refuse(str(error))
+        return _refuse(_SOURCE.sub('', str(error)))
     end = _End()
     nodes: list[ManagedNode] = []
     if not gc.get_freeze_count():
         gc.freeze()  # what was imported stays to the end, and need not be searched again and again
     try:
-        files = files_of(argv)
         for factory in factories:
             nodes.append(factory(parameter_files=files))
         full_names = [node.get_fully_qualified_name() for node in nodes]

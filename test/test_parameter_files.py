@@ -265,3 +265,19 @@ def test_a_parameter_by_a_nodes_name_is_refused_where_ros_passes_it_over(space: 
     finally:
         node.destroy_node()
         context.try_shutdown()
+
+
+@pytest.mark.parametrize('text', [None, 'safety_mux: [1,\n', '- a\n'])
+def test_file_that_is_none_is_one_line(text: str | None, file: Path, capfd: Any) -> None:
+    if text is not None:
+        file.write_text(text)
+    assert run([SafetyMux], ['node', '--ros-args', '--params-file', str(file)]) == 2
+    (line,) = capfd.readouterr().err.splitlines()
+    assert line.startswith(f'rugged_teleop: parameter file {file}: ')
+
+
+def test_argument_that_ros_refuses_is_told_without_its_sources(capfd: Any) -> None:
+    assert run([SafetyMux], ['node', '--ros-args', '-p', 'rate']) == 2
+    line = capfd.readouterr().err.splitlines()[-1]
+    assert "'-p rate'" in line
+    assert '.c:' not in line
