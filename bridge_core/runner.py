@@ -33,6 +33,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.signals import SignalHandlerOptions
 
 from bridge_core import clock
+from bridge_core.descriptors import fill_standard_descriptors
 from bridge_core.help import help_text
 from bridge_core.managed_node import ManagedNode
 from bridge_core.output import unblocked_output
@@ -113,6 +114,7 @@ def run(
     :param args: with the program's name first; sys.argv if there are none.
     :param names: arguments that are no argument of ROS, and known all the same.
     """
+    fill_standard_descriptors()
     argv = list(sys.argv if args is None else args)
     unknown = [word for word in words_beside_ros(argv) if word not in names]
     if {'-h', '--help'} & set(unknown):

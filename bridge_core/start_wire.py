@@ -20,9 +20,12 @@ usage: python -S -m bridge_core.start_wire DESCRIPTOR MODULE RECONNECT_PERIOD RT
 
 import sys
 
+from bridge_core.descriptors import fill_standard_descriptors
+
 
 def main() -> None:
     """Load all that a wire needs, and run it once it is its turn."""
+    fill_standard_descriptors()
     descriptor, module, reconnect_period, rt_priority, tap = sys.argv[1:]
     try:
         from bridge_core.transports.wire_process import load  # late: it may fail

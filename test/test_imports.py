@@ -103,7 +103,7 @@ SHARED = {
         *(*CORE, 'bridge_core.session', 'bridge_core.report', 'bridge_core.realtime'),
         *('bridge_core.clock', 'serial', 'can', 'STDLIB'),
     ),
-    'start_wire': ('bridge_core.transports',),
+    'start_wire': ('bridge_core.descriptors', 'bridge_core.transports'),
     'clock': ('STDLIB',),
     'lane': ('bridge_core.clock', 'rclpy', 'STDLIB'),
     'polled': ('bridge_core.lane', 'rclpy'),
@@ -116,6 +116,7 @@ SHARED = {
     'runner': ('bridge_core', 'rclpy', 'STDLIB'),
     'help': ('bridge_core', 'rclpy', 'STDLIB'),
     'output': ('STDLIB',),  # and the process that writes it
+    'descriptors': ('STDLIB',),
     'drain': ('STDLIB',),
     'parameter_files': ('bridge_core.parameters', 'yaml'),
 }

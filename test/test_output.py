@@ -148,3 +148,36 @@ def test_print_into_a_pipe_that_takes_nothing_raises_nothing() -> None:
         'print("nobody hears it")\n'
     )
     subprocess.run([sys.executable, '-c', source], cwd=ROOT, check=True, timeout=20.0)
+
+
+_CLOSED = ['sh', '-c', 'exec "$@" <&- >&- 2>&-', 'sh', sys.executable]
+_PIPE = """
+import os, sys
+from bridge_core.descriptors import fill_standard_descriptors
+fill_standard_descriptors()
+sys.exit(min(os.pipe()) < 3 or not all(map(os.get_inheritable, range(3))))
+"""
+
+
+def test_what_is_opened_first_is_no_standard_descriptor() -> None:
+    assert subprocess.run([*_CLOSED, '-c', _PIPE], cwd=ROOT).returncode == 0
+
+
+def test_node_that_is_started_without_descriptors_runs() -> None:
+    """With a pipe or the log file of ROS as standard output it would end by itself."""
+    process = subprocess.Popen([*_CLOSED, '-m', 'safety_mux.node'], cwd=ROOT)
+    own = Path(f'/proc/{process.pid}')
+
+    def runs() -> bool:
+        assert process.poll() is None
+        names = {path.read_text() for path in own.glob('task/*/comm')}
+        return any(name.startswith('dds.udp') for name in names)
+
+    try:
+        wait_for(runs, 20.0, 'a running node')
+        assert [os.readlink(own / f'fd/{number}') for number in range(3)] == ['/dev/null'] * 3
+        process.terminate()
+        assert process.wait(10.0) == 0
+    finally:
+        process.kill()
+        process.wait()
