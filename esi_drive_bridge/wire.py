@@ -20,6 +20,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from bridge_core.transports import Transport
+from bridge_core.transports.serial_name import check_serial_port
 from bridge_core.transports.wire import Bridge
 from esi_drive_bridge.session import Session
 from esi_drive_bridge.session import Settings
@@ -38,4 +39,10 @@ def make_transport(values: Mapping[str, Any]) -> Transport[bytes]:
     return SerialTransport(values['port'], values['baud'])
 
 
-BRIDGE = Bridge(__name__, make_session, make_transport, loads=('bridge_core.transports.serial',))
+BRIDGE = Bridge(
+    __name__,
+    make_session,
+    make_transport,
+    check_port=check_serial_port,
+    loads=('bridge_core.transports.serial',),
+)

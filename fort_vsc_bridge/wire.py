@@ -22,6 +22,7 @@ from typing import Any
 from bridge_core.transports import Transport
 from bridge_core.transports.hidraw import HidrawTransport
 from bridge_core.transports.serial import SerialTransport
+from bridge_core.transports.serial_name import check_serial_port
 from bridge_core.transports.wire import Bridge
 from fort_vsc_bridge.protocol import CanWire
 from fort_vsc_bridge.protocol import HidWire
@@ -43,6 +44,7 @@ def make_transport(values: Mapping[str, Any]) -> Transport[Any]:
         return _can_transport(values, wire.filters)
     if isinstance(wire, HidWire):
         return HidrawTransport(values['port'], REPORT_SIZE)
+    check_serial_port(values)
     return SerialTransport(values['port'], values['baud'])
 
 

@@ -284,6 +284,17 @@ def test_name_that_nobody_knows_is_refused_with_the_nearest(
 
 CONTRADICTIONS: dict[str, tuple[str, dict[str, Any], str]] = {
     # What is wrong: node, values, what the line must speak of.
+    'no name of a port': ('fort', {'port': ''}, "parameter port = '': allowed is a device file"),
+    'a network port without its number': (
+        'esi',
+        {'port': 'socket://host'},
+        "parameter port = 'socket://host': allowed is a device file",
+    ),
+    'a URL of nothing': (
+        'ssc',
+        {'port': 'sockt://host:1'},
+        "parameter port = 'sockt://host:1': a",
+    ),
     'two operators of equal priority': (
         'mux',
         {'operators': ['fort', 'b'], 'operator.b.topic': 'joy', 'operator.b.mixing': 'arcade'},

@@ -20,6 +20,7 @@ import contextlib
 import errno
 import os
 from pathlib import Path
+import re
 import select
 import socket
 import termios
@@ -36,6 +37,7 @@ from bridge_core import clock
 from bridge_core.transports import TransportError
 from bridge_core.transports.line import Line
 from bridge_core.transports.serial import SerialTransport
+from bridge_core.transports.serial_name import check_serial_port
 from test.rig import Pty
 from test.rig import wait_for
 
@@ -400,7 +402,12 @@ def test_link_to_an_unplugged_port_is_told(tmp_path: Path) -> None:
 
 def test_file_that_is_no_port_is_told(tmp_path: Path) -> None:
     (tmp_path / 'file').write_text('')
-    open_error(str(tmp_path / 'file'))
+    for name in (str(tmp_path / 'file'), '/dev/null'):
+        assert open_error(name).endswith(': no serial port; set the parameter port')
+
+
+def test_folder_is_told(tmp_path: Path) -> None:
+    assert open_error(str(tmp_path)).endswith(': a folder; set the parameter port')
 
 
 @pytest.mark.parametrize(
@@ -434,9 +441,30 @@ def test_port_in_use_by_another_program_is_told(pty: Pty) -> None:
     second.close()
 
 
-@pytest.mark.parametrize('name', ['', 'nonsense://x', 'socket://', 'socket://127.0.0.1'])
+IMPOSSIBLE = [
+    '',
+    'nonsense://x',
+    'socket://',
+    'socket://127.0.0.1',
+    'rfc2217://a:b',
+    'socket://a:0',
+]
+
+
+@pytest.mark.parametrize('name', IMPOSSIBLE)
 def test_impossible_name_is_an_error_and_no_crash(name: str) -> None:
     open_error(name)
+
+
+@pytest.mark.parametrize('name', IMPOSSIBLE)
+def test_impossible_name_is_refused_as_a_parameter(name: str) -> None:
+    with pytest.raises(ValueError, match=re.escape(f'port = {name!r}: allowed is a device file')):
+        check_serial_port({'port': name})
+
+
+@pytest.mark.parametrize('name', ['/dev/a', 'a', 'socket://a:1', 'RFC2217://[::1]:1', 'loop://'])
+def test_possible_name_is_not_refused(name: str) -> None:
+    check_serial_port({'port': name})
 
 
 def test_impossible_baud_is_an_error_and_no_crash(pty: Pty) -> None:

@@ -41,6 +41,8 @@ from bridge_core.transports.line import STALLED
 
 _HINTS = {
     errno.ENOENT: 'no such port; plug the device in, or set the parameter port',
+    errno.EISDIR: 'a folder; set the parameter port',
+    errno.ENOTTY: 'no serial port; set the parameter port',
     errno.EACCES: 'no permission; add your user to the group dialout and log in again',
     errno.EAGAIN: 'in use by another program; close that one',
     errno.EBUSY: 'in use by another program; close that one',
@@ -167,7 +169,9 @@ def read_port(fd: int, name: str) -> list[bytes]:
 
 
 def _explain_open(name: str, error: Exception) -> str:
-    hint = _HINTS.get(getattr(error, 'errno', None) or 0, str(error))
+    # Where pyserial cannot configure a port, the number is in the termios.error below.
+    numbers = (getattr(error, 'errno', None), *getattr(error.__context__, 'args', ()))
+    hint = next((_HINTS[each] for each in numbers if each in _HINTS), str(error))
     if 'Could not exclusively lock' in str(error):
         hint = _HINTS[errno.EBUSY]
     return f'cannot open {name}: {hint}'

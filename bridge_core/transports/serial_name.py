@@ -1,0 +1,43 @@
+# Copyright 2026 The rugged_teleop maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Which names a serial port can have; pyserial need not be loaded to check one."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+from urllib.parse import urlsplit
+
+_NETWORK = ('socket', 'rfc2217')
+_OTHERS = ('alt', 'cp2110', 'hwgrep', 'loop', 'spy')  # what else pyserial opens
+
+
+def check_serial_port(values: Mapping[str, Any]) -> None:
+    """:raises ValueError: the parameter ``port`` can never name a serial port."""
+    port = values['port']
+    if not _is_possible(port):
+        raise ValueError(
+            f'port = {port!r}: allowed is a device file, socket://host:port or rfc2217://host:port'
+        )
+
+
+def _is_possible(port: str) -> bool:
+    if '://' not in port:
+        return bool(port)
+    try:
+        url = urlsplit(port)
+        return url.scheme in _OTHERS or (url.scheme in _NETWORK and bool(url.port))
+    except ValueError:  # the port is no number, or none of TCP
+        return False
