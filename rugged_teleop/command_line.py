@@ -15,6 +15,9 @@
 """What the commands have in common on the command line."""
 
 import argparse
+from collections.abc import Callable
+import contextlib
+import math
 import os
 from typing import Any
 from typing import NoReturn
@@ -30,6 +33,20 @@ class Parser(argparse.ArgumentParser):
     def error(self, message: str) -> NoReturn:
         """Exit with status 2."""
         self.exit(2, f'{self.prog}: {message}; see {self.prog} --help\n')
+
+
+def number_within(low: float = -math.inf, high: float = math.inf) -> Callable[[str], float]:
+    """Return what reads a finite number within these limits, as the ``type`` of an argument."""
+    allowed = 'a finite number' if math.isinf(high) else f'within {low:g} to {high:g}'
+
+    def read(text: str) -> float:
+        with contextlib.suppress(ValueError):
+            value = float(text)
+            if math.isfinite(value) and low <= value <= high:
+                return value
+        raise argparse.ArgumentTypeError(f'{text} is not {allowed}')
+
+    return read
 
 
 def completes() -> bool:

@@ -25,6 +25,7 @@ import argparse
 from collections.abc import Callable
 from collections.abc import Iterator
 from collections.abc import Sequence
+import contextlib
 from dataclasses import dataclass
 import os
 from pathlib import Path
@@ -47,6 +48,7 @@ from fort_vsc_bridge.simulator import Simulator as FortSimulator
 from rugged_teleop.canbuses import CanBusDevice
 from rugged_teleop.canbuses import CHANNEL
 from rugged_teleop.canbuses import INTERFACE
+from rugged_teleop.command_line import number_within
 from rugged_teleop.command_line import Parser
 from rugged_teleop.multicasts import GROUP
 from rugged_teleop.multicasts import INPUT_PORT
@@ -156,7 +158,9 @@ def parser(prog: str = 'simulate') -> Parser:
     drive = devices.choices['esi_drive']
     drive.add_argument('--axes', type=int, choices=(1, 2), default=2)
     drive.add_argument('--compact', action='store_true', help='short packets, for 1 axis')
-    drive.add_argument('--status-rate', type=_rate, default=100.0, help='Hz, 1 to 1000')
+    drive.add_argument(
+        '--status-rate', type=number_within(1.0, 1000.0), default=100.0, help='Hz, 1 to 1000'
+    )
     controller = devices.choices['ssc']
     controller.add_argument('--inputs', type=int, choices=range(1, 17), default=8, help='1 to 16')
     return result
@@ -235,13 +239,6 @@ def _leave(*_: object) -> None:
     sys.exit(0)
 
 
-def _rate(text: str) -> float:
-    value = float(text)
-    if not 1.0 <= value <= 1000.0:
-        raise argparse.ArgumentTypeError(f'{text} is not within 1 to 1000')
-    return value
-
-
 def _input_port(text: str) -> int:
     return _whole(text, 0xFFFF - PORT_OFFSET)
 
@@ -251,10 +248,11 @@ def _bu_id(text: str) -> int:
 
 
 def _address(text: str) -> int:
-    value = int(text, 16)
-    if not 0 <= value <= 0xFD:
-        raise argparse.ArgumentTypeError(f'{text} is not within 0 to FD hex')
-    return value
+    with contextlib.suppress(ValueError):
+        value = int(text, 16)
+        if 0 <= value <= 0xFD:
+            return value
+    raise argparse.ArgumentTypeError(f'{text} is not within 0 to FD hex')
 
 
 def _whole(text: str, high: int) -> int:

@@ -21,6 +21,7 @@ import sys
 
 import pytest
 
+from rugged_teleop.__main__ import main
 from rugged_teleop.stack import NODES
 from test.rig import ROOT
 
@@ -65,6 +66,35 @@ def test_unknown_argument_starts_nothing(arguments: tuple[str, ...]) -> None:
     assert (status, text) == (2, '')
     assert error.count('\n') == 1
     assert error.startswith('rugged_teleop: ')
+
+
+@pytest.mark.parametrize(
+    ('arguments', 'words'),
+    [
+        ('bench --joint left --speed abc', '--speed: abc is not a finite number'),
+        ('bench --joint left --speed inf', '--speed: inf is not a finite number'),
+        ('bench --joint left --stick x', '--stick: x is not within -1 to 1'),
+        ('bench --joint left --speed 1 --seconds x', '--seconds: x is not within 0.1 to 60'),
+        ('bench --joint left --speed 1 --rate nan', '--rate: nan is not within 20 to 500'),
+        ('doctor --seconds x', '--seconds: x is not within 0.2 to 60'),
+        ('doctor --seconds 61', '--seconds: 61 is not within 0.2 to 60'),
+        ('replay --tolerance x F', '--tolerance: x is not within 0 to 1'),
+        (
+            'simulate esi_drive --port F --status-rate x',
+            '--status-rate: x is not within 1 to 1000',
+        ),
+        ('simulate akron --address x', '--address: x is not within 0 to FD hex'),
+    ],
+)
+def test_argument_that_is_no_number_is_told_what_is_allowed(
+    arguments: str, words: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit) as caught:
+        main(arguments.split())
+    error = capsys.readouterr().err
+    assert caught.value.code == 2
+    assert error.count('\n') == 1
+    assert f'argument {words}; see ' in error
 
 
 def test_help_of_the_stack_names_the_nodes() -> None:

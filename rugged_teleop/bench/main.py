@@ -26,11 +26,8 @@ arguments; 130 it was interrupted.
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Sequence
 import contextlib
-from functools import partial
-import math
 import os
 import signal
 import sys
@@ -40,6 +37,7 @@ from bridge_core import clock
 from rugged_teleop.bench.course import Course
 from rugged_teleop.bench.course import Phase
 from rugged_teleop.bench.targets import TARGETS
+from rugged_teleop.command_line import number_within
 from rugged_teleop.command_line import Parser
 
 _EXAMPLES = """\
@@ -60,9 +58,21 @@ def parser(prog: str) -> Parser:
     add('--joint', required=True, help="as the node's joint_names or servos has it")
     value = result.add_mutually_exclusive_group(required=True)
     for option, target in TARGETS.items():
-        value.add_argument(f'--{option}', type=partial(_number, target.limit), help=target.help)
-    add('--seconds', type=_seconds, default=3.0, help='at that value, 0.1 to 60 (3)')
-    add('--rate', type=_rate, default=50.0, help='of what is published, 20 to 500 Hz (50)')
+        value.add_argument(
+            f'--{option}', type=number_within(-target.limit, target.limit), help=target.help
+        )
+    add(
+        '--seconds',
+        type=number_within(0.1, 60.0),
+        default=3.0,
+        help='at that value, 0.1 to 60 (3)',
+    )
+    add(
+        '--rate',
+        type=number_within(20.0, 500.0),
+        default=50.0,
+        help='of what is published, 20 to 500 Hz (50)',
+    )
     add('--node', help="full name of the node (its kind's in the root namespace)")
     return result
 
@@ -113,25 +123,3 @@ def _say(text: str) -> None:
     with contextlib.suppress(OSError):
         print(text, flush=True)
     os.set_blocking(sys.stdout.fileno(), True)
-
-
-def _number(limit: float, text: str) -> float:
-    value = float(text)
-    if not math.isfinite(value):
-        raise argparse.ArgumentTypeError(f'{text} is no finite number')
-    return _within(text, -limit, limit)
-
-
-def _seconds(text: str) -> float:
-    return _within(text, 0.1, 60.0)
-
-
-def _rate(text: str) -> float:
-    return _within(text, 20.0, 500.0)
-
-
-def _within(text: str, low: float, high: float) -> float:
-    value = float(text)
-    if not low <= value <= high:
-        raise argparse.ArgumentTypeError(f'{text} is not within {low:g} to {high:g}')
-    return value

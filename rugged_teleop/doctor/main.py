@@ -33,6 +33,7 @@ import json
 from pathlib import Path
 import sys
 
+from rugged_teleop.command_line import number_within
 from rugged_teleop.command_line import Parser
 from rugged_teleop.doctor.buses import bus_findings
 from rugged_teleop.doctor.buses import hear_bus
@@ -84,7 +85,12 @@ def parser(prog: str) -> Parser:
     add = result.add_argument
     add('--params-file', action='append', default=[], type=Path, metavar='FILE', dest='files')
     add('--port', action='append', default=[], help='say what speaks on this serial port')
-    add('--seconds', type=_seconds, default=_LISTEN, help=f'to listen, {_LISTEN:g} by default')
+    add(
+        '--seconds',
+        type=number_within(0.2, 60.0),
+        default=_LISTEN,
+        help=f'to listen, {_LISTEN:g} by default',
+    )
     add('--probe', action='store_true', help='send what nodes send while nobody commands them')
     add('--json', action='store_true', help='an array of findings')
     return result
@@ -152,13 +158,6 @@ def _openable(nodes: Iterable[Configured]) -> tuple[list[Configured], list[Findi
 
 def _named_port(port: str) -> list[Finding]:
     return port_findings(port_facts(port), this_user()) or [unknown_port(port)]
-
-
-def _seconds(text: str) -> float:
-    value = float(text)
-    if not 0.2 <= value <= 60.0:
-        raise argparse.ArgumentTypeError(f'{text} is not within 0.2 to 60')
-    return value
 
 
 def _as_json(findings: Iterable[Finding]) -> str:

@@ -31,6 +31,7 @@ from functools import partial
 from pathlib import Path
 import sys
 
+from rugged_teleop.command_line import number_within
 from rugged_teleop.command_line import Parser
 from rugged_teleop.loaded import Loaded
 from rugged_teleop.loaded import look_at
@@ -49,17 +50,10 @@ def parser(prog: str) -> Parser:
     result.add_argument(
         '--tolerance',
         metavar='SECONDS',
-        type=_seconds,
+        type=number_within(0.0, 1.0),
         help='how much sooner or later it may be; default: two periods of the recorded rate',
     )
     return result
-
-
-def _seconds(text: str) -> float:
-    value = float(text)
-    if not 0.0 <= value <= 1.0:
-        raise ValueError(text)
-    return value
 
 
 def main(arguments: Sequence[str] | None = None, prog: str = 'rugged_teleop replay') -> None:
