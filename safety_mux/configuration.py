@@ -83,17 +83,23 @@ def joy_mapping(values: Mapping[str, Any], operator: str) -> JoyMapping:
 
     def build() -> JoyMapping:
         columns = (spread(name) for name in ('scale', 'inverted', 'deadband', 'expo'))
-        mapping = JoyMapping(
+        return JoyMapping(
             sticks=tuple(Stick(*row) for row in zip(axes, *columns, strict=True)),
             deadman=tuple(values[f'{prefix}.deadman_buttons']),
             mixing=values[f'{prefix}.mixing'],
             pressed_at=values[f'{prefix}.pressed_at'],
         )
-        if mapping.joints != len(values['joints']):
-            raise ValueError(f'gives {mapping.joints} joints, there are {len(values["joints"])}')
-        return mapping
 
-    return _built(f'{prefix}.*', build)
+    if not values[f'{prefix}.deadman_buttons']:
+        raise ParameterError(f'parameter {prefix}.deadman_buttons = []: one or more are needed')
+    mapping = _built(f'{prefix}.*', build)
+    if mapping.joints != len(values['joints']):
+        name = f'{prefix}.axis' if mapping.mixing == 'none' else f'{prefix}.mixing'
+        raise ParameterError(
+            f'parameter {name} = {values[name]!r}: makes {mapping.joints} joints, joints has '
+            f'{len(values["joints"])}'
+        )
+    return mapping
 
 
 def joint_limits(values: Mapping[str, Any]) -> list[JointLimit]:

@@ -441,7 +441,31 @@ CONTRADICTIONS: dict[str, tuple[str, dict[str, Any], str]] = {
     ),
     'a joint twice': ('mux', {'joints': ['a', 'a']}, 'parameter joints'),
     'a joint without a name': ('mux', {'joints': ['', 'b']}, 'parameter joints'),
-    'more joints than the operator moves': ('mux', {'joints': ['a', 'b', 'c']}, 'joints'),
+    'more joints than the operator moves': (
+        'mux',
+        {'joints': ['a', 'b', 'c']},
+        r"parameter operator\.fort\.mixing = 'arcade': makes 2 joints, joints has 3",
+    ),
+    'fewer joints than axes': (
+        'mux',
+        {'joints': ['a'], 'operator.fort.mixing': 'none'},
+        r'parameter operator\.fort\.axis = \[1, 0\]: makes 2 joints, joints has 1',
+    ),
+    'no deadman button': (
+        'mux',
+        {'operator.fort.deadman_buttons': []},
+        r'parameter operator\.fort\.deadman_buttons = \[\]: one or more are needed',
+    ),
+    'a joystick that is this node': (
+        'akron',
+        {'allowed_joysticks': [0x38]},
+        r'parameter allowed_joysticks = \[56\]: 0x38 is our own source_address',
+    ),
+    'a commander that is this node': (
+        'akron',
+        {'joy_source': 0x38},
+        'parameter joy_source = 56: 0x38 is our own source_address',
+    ),
     'two samples for a rest': (
         'mux',
         {'operator.fort.timeout': 0.31, 'neutral_time': 0.3},

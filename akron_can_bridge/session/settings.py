@@ -64,8 +64,11 @@ class Settings(CheckedSettings):
         super().__post_init__()
         if not self.allowed_joysticks <= set(JOYSTICK_ADDRESSES):
             raise ValueError(f'allowed_joysticks cannot be {sorted(self.allowed_joysticks)}')
-        if self.source_address in (self.joy_source, *self.allowed_joysticks):
-            raise ValueError('joy_source and allowed_joysticks cannot be our source_address')
+        own = f'0x{self.source_address:X} is our own source_address'
+        if self.source_address == self.joy_source:
+            raise ValueError(f'joy_source = {self.joy_source}: {own}')
+        if self.source_address in self.allowed_joysticks:
+            raise ValueError(f'allowed_joysticks = {sorted(self.allowed_joysticks)}: {own}')
         if self.unit_address and not self.unit_type:
             raise ValueError('unit_address needs a device_type or device_pin')
         if self.unit_address in JOYSTICK_ADDRESSES:
