@@ -201,7 +201,12 @@ def _plug_in(options: argparse.Namespace) -> DevicePort:
     simulated = DEVICES[options.device]
     device = simulated.make(options)
     if simulated.port == 'pty':
-        return PtyDevice(device, options.port, seed=options.seed)
+        try:
+            return PtyDevice(device, options.port, seed=options.seed)
+        except FileExistsError as error:
+            raise ValueError(
+                f'--port {options.port}: exists and is no link of ours; name another path'
+            ) from error
     if simulated.port == 'can':
         return CanBusDevice(
             device, options.channel, interface=options.interface, seed=options.seed

@@ -95,7 +95,13 @@ def test_port_that_is_not_there(tmp_path: Path) -> None:
 
 
 def test_file_is_no_port(tmp_path: Path) -> None:
-    assert kinds(port_findings(port_facts(str(tmp_path)), ROBOT, NODE)) == ['no port']
+    (found,) = port_findings(port_facts(str(tmp_path)), ROBOT, NODE)
+    assert found.text == f'{tmp_path} of {NODE}: is a file or a folder, and no port'
+
+
+def test_port_of_no_node_is_told_without_one() -> None:
+    (found,) = port_findings(PortFacts('/dev/none'), ROBOT)
+    assert found.text == '/dev/none: there is no such port'
 
 
 def process(proc: Path, pid: int, command: str) -> Path:

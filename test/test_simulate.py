@@ -385,6 +385,11 @@ def test_group_carries_both_ways_is_recorded_and_can_be_left() -> None:
         (['esi_drive', '--port', 'x', '--axes', '2', '--compact'], 'compact'),
         (['esi_drive', '--port', 'x', '--status-rate', '0'], 'status-rate'),
         (['fort_vsc', '--port', '/nowhere/port'], '/nowhere/port'),
+        (
+            ['fort_vsc_hid', '--port', '/dev/null'],
+            '--port /dev/null: exists and is no link of ours',
+        ),
+        (['fort_vsc', '--port', ''], '--port .: exists and is no link of ours; name another path'),
         (['vm110', '--port', '/dev/null'], '/dev/null is not within 1 to 65533'),
         (['vm110', '--port', '65534'], '65534'),
         (['vm110', '--bu-id', '0'], 'bu-id'),

@@ -195,7 +195,10 @@ def test_binary_file_is_no_image(file: Path, capsys: pytest.CaptureFixture[str])
 
 @pytest.mark.parametrize('arguments', [[], ['fly'], ['dump', 'x'], ['restore', 'x'], ['show']])
 def test_wrong_arguments(arguments: list[str], capsys: pytest.CaptureFixture[str]) -> None:
-    assert run(capsys, *arguments)[0] == 2
+    status, _, error = run(capsys, *arguments)
+    assert status == 2
+    assert error.count('\n') == 1
+    assert error.startswith('ssc_config')
 
 
 def test_dump_does_not_overwrite_a_backup(file: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -204,6 +207,7 @@ def test_dump_does_not_overwrite_a_backup(file: Path, capsys: pytest.CaptureFixt
     status, _, error = run(capsys, 'dump', file, '--port', '/nowhere', '--force')
     assert status == 4
     assert 'cannot open /nowhere: no such port' in error
+    assert 'plug the device in, or set --port. ' in error
     assert file.read_text() == TEXT
 
 

@@ -102,7 +102,9 @@ CATALOGUE = {
         '{port} of {node}: there is no such port',
         'plug the device in, or set port; ls -l /dev/serial/by-id',
     ),
-    'no port': Kind(_DO, 'port', '{port} of {node}: is a file, and no port', 'set port'),
+    'no port': Kind(
+        _DO, 'port', '{port} of {node}: is a file or a folder, and no port', 'set port'
+    ),
     'no permission': Kind(
         _DO,
         'port',
@@ -390,9 +392,14 @@ CATALOGUE = {
 
 
 def finding(kind: str, **words: Any) -> Finding:
-    """Return a finding of this kind, its words filled in. :raises KeyError: one is missing."""
+    """
+    Return a finding of this kind, its words filled in. :raises KeyError: one is missing.
+
+    :param words: with an empty ``node``, whose it is is left out.
+    """
     which = CATALOGUE[kind]
-    text, remedy = (each.format_map(words).strip() for each in (which.text, which.remedy))
+    says = which.text if words.get('node', True) else which.text.replace(' of {node}', '')
+    text, remedy = (each.format_map(words).strip() for each in (says, which.remedy))
     return Finding(kind, which.level, which.area, text, remedy)
 
 

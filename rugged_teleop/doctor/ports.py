@@ -183,9 +183,9 @@ def port_findings(
     """
     Return what is wrong with a port before anybody opens it; empty: nothing.
 
-    :param node: whose port it is.
+    :param node: whose port it is; empty: of no node.
     """
-    words = {'port': facts.path, 'node': node or 'no node', 'user': user.name}
+    words = {'port': facts.path, 'node': node, 'user': user.name}
     if not facts.device:
         ruled = facts.path.startswith(_BY_RULE) and not any(rule.exists() for rule in rules)
         return [finding('rules missing' if ruled else 'port missing', **words)]

@@ -31,6 +31,7 @@ from pathlib import Path
 import select
 import signal
 import sys
+from typing import NoReturn
 from typing import TextIO
 
 from bridge_core import clock
@@ -131,7 +132,10 @@ def converse(port: str, dialogue: Dialogue) -> Image:
     :raises TransportError: the port failed. :raises MenuError: the unit did, or the user.
     """
     transport = SerialTransport(port, BAUD)
-    transport.open()
+    try:
+        transport.open()
+    except TransportError as error:  # it speaks to a node's user
+        raise TransportError(str(error).replace('the parameter port', '--port')) from error
     try:
         with Interrupts() as interrupts:
             _pump(transport, dialogue, interrupts)
@@ -269,9 +273,17 @@ examples:
 """
 
 
+class _Parser(argparse.ArgumentParser):
+    """Says what is wrong in one line, as the commands of rugged_teleop do."""
+
+    def error(self, message: str) -> NoReturn:
+        """Exit with status 2."""
+        self.exit(Exit.USAGE, f'{self.prog}: {message}; see {self.prog} --help\n')
+
+
 def parser() -> argparse.ArgumentParser:
     """Return the parser of the command line."""
-    result = argparse.ArgumentParser(
+    result = _Parser(
         prog='ssc_config',
         description=__doc__,
         epilog=_EXAMPLES,
