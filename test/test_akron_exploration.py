@@ -59,7 +59,8 @@ PERMITTED = 0.3  # s for which a permission holds at the unit
 FOREIGN = 1.0  # s for which a foreign joystick is a stop
 APART = (  # see Memory
     'refused', 'moves', 'other_frames', '_stream', '_names', 'motion', 'asked_until',
-    'steered_until', '_automatic_until', '_pause_until', '_due', '_asked_at', '_handover',
+    'steered_until', '_automatic_until', '_stopped_at', '_pause_until', '_due', '_asked_at',
+    '_handover',
 )  # fmt: skip
 
 

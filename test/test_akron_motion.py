@@ -69,6 +69,17 @@ def test_unit_stands_half_a_second_after_its_last_step() -> None:
     assert not motion.moving(stands)
 
 
+def test_motion_runs_since_its_last_step_but_one() -> None:
+    motion = turning(100, 110)
+    assert motion.runs_since == -math.inf
+    turning(120, motion=motion, since=NOW + 2 * PERIOD)
+    assert motion.runs_since == NOW + PERIOD
+    motion.take(at(130), motion.ends_at)
+    assert motion.runs_since == NOW + PERIOD
+    motion.forget()
+    assert motion.runs_since == -math.inf
+
+
 def test_step_at_the_moment_at_which_it_stands_begins_anew() -> None:
     motion = turning(100, 110, 120)
     motion.take(at(130), motion.ends_at)

@@ -100,16 +100,29 @@ def oscillating(**options: Any) -> Turning:
     return bench
 
 
-def test_stop_presses_pause_at_once_for_a_while_and_once() -> None:
+def test_stop_presses_pause_once_it_saw_two_steps_for_a_while_and_once() -> None:
     bench = oscillating()
     bench.now += 0.001  # within a slot
     start = bench.now
     bench.estop_in(True)
-    assert bench.joystick_frames(start) == [PAUSE]
     bench.run(3.0, REST, estop=True)
+    steps = 2 * SLOT * 5  # half a degree each
     pressed = [at for at, f in bench.sent if at >= start and f.data == PAUSE]
-    assert 0.16 <= pressed[-1] - start < 0.2
+    assert steps - SLOT * 5 < pressed[0] - start <= steps + SLOT
+    assert 0.16 <= pressed[-1] - pressed[0] < 0.2
     assert bench.joystick_frames(pressed[-1] + 1e-9)[0] == NEUTRAL
+
+
+def test_one_step_after_the_stop_is_no_oscillation_that_runs() -> None:
+    bench = oscillating()
+    start = bench.now
+    bench.estop_in(True)
+    steps = bench.session.motion.ends_at
+    while bench.session.motion.ends_at == steps:
+        bench.run(SLOT, REST, estop=True)
+    bench.turns = False
+    bench.run(3.0, REST, estop=True)
+    assert bench.all_neutral(start + 1e-9)
 
 
 @pytest.mark.parametrize('turns', [False, True])

@@ -34,6 +34,7 @@ from test.akron_session_rig import NEUTRAL
 from test.akron_session_rig import REST
 
 COAST = 1.0
+ALLOWED = 0x33
 OSCILLATE, PAUSE, DEPLOY, STOW = 4, 7, 8, 9
 AUTOMATIC: dict[str, Any] = {'automatic_motion': True}
 
@@ -93,6 +94,53 @@ def test_paused_oscillation_is_left_alone() -> None:
     bench.ours.stop = True
     bench.run(1.0)
     assert sum(switch_7(bench)) == 0
+    assert not bench.unit.motion.moving
+
+
+def paused_by(who: str) -> Bench:
+    """Return one whose unit oscillated until somebody paused it 0.1 s ago."""
+    stick = JoystickSimulator(ALLOWED)
+    bench = start(Bench(stick, allowed_joysticks=frozenset({ALLOWED}), **AUTOMATIC), OSCILLATE)
+    if who == 'command':
+        bench.ours.command = press(PAUSE)
+        bench.run(0.1)
+        bench.ours.command = REST
+    elif who == 'joystick':
+        stick.apply('switch 7 on')
+        bench.run(0.1)
+        stick.apply('switch 7 off')
+    else:
+        bench.unit.motion.paused = True
+    bench.run(0.1)
+    assert bench.unit.motion.paused
+    return bench
+
+
+@pytest.mark.parametrize('who', ['command', 'joystick', 'unit'])
+def test_stop_does_not_resume_what_somebody_has_just_paused(who: str) -> None:
+    bench = paused_by(who)
+    bench.ours.stop = True
+    bench.run(2.0)
+    assert sum(switch_7(bench)) == 0
+    assert not bench.unit.motion.moving
+    assert bench.reasons == []
+
+
+@pytest.mark.parametrize('who', ['command', 'joystick'])
+def test_node_that_leaves_does_not_resume_what_a_joystick_has_just_paused(who: str) -> None:
+    bench = paused_by(who)
+    frames = [frame.data for frame in bench.session.farewell(bench.now)]
+    assert frames == [NEUTRAL] * 3
+
+
+def test_stop_pauses_what_was_resumed_before_it_once_that_is_sure() -> None:
+    bench = paused_by('unit')
+    bench.ours.command = press(PAUSE)
+    bench.run(0.1)
+    bench.ours.command = REST
+    bench.run(0.4)
+    bench.ours.stop = True
+    bench.run(COAST)
     assert not bench.unit.motion.moving
 
 

@@ -82,6 +82,12 @@ class BasicJoystick(Sendable):
         return message
 
     @property
+    def steers(self) -> bool:
+        """What the angles show may be its doing: its stick, or oscillate pause / resume."""
+        pauses = self.switches[PAUSE_SWITCH - 1] is Status.ON
+        return pauses or self.x.value != 0 or self.y.value != 0
+
+    @property
     def automatic(self) -> bool:
         """It starts motion that goes on by itself."""
         return any(self.switches[number - 1] is Status.ON for number in AUTOMATIC_SWITCHES)

@@ -86,7 +86,7 @@ class Drive:
         self._is_open = False  # what is asked goes out
         self._command = REST
         self.asked_until = -math.inf  # our command asked the unit to move
-        self.steered_until = -math.inf  # by its stick
+        self.steered_until = -math.inf  # by its stick, or by switch 7
         self._pause_until = -math.inf
         self._pacer = Pacer(JOYSTICK_PERIOD)
         self._permissive_pacer = Pacer(PERMISSIVE_PERIOD)
@@ -199,7 +199,7 @@ class Drive:
     def _end_command(self, now: float) -> None:
         if self.moving:
             self.asked_until = now
-        if self._command.basic.x.value != 0 or self._command.basic.y.value != 0:
+        if self._command.basic.steers:
             self.steered_until = now
 
     def refuse_command(self, reason: str) -> None:

@@ -60,6 +60,7 @@ class Joysticks:
     def __init__(self, settings: Settings) -> None:
         self.faulty: tuple[str, ...] = ()  # controls of joy_source
         self.asked_until = -math.inf  # one of them asks the unit to move
+        self.steered_until = -math.inf  # or presses switch 7
         self.automatic_asked = False  # to move by itself; whoever sees to it takes it back
         self._settings = settings
         self._heard: dict[int, tuple[float, CanFrame]] = {}  # when, and the frame
@@ -94,6 +95,8 @@ class Joysticks:
             if message.x.value != 0 or message.y.value != 0:
                 self._deflected[source] = now
                 self.asked_until = now + JOYSTICK_TIMEOUT
+            if message.steers:
+                self.steered_until = now + JOYSTICK_TIMEOUT
         self.automatic_asked |= message.automatic
         if source != self._settings.joy_source:
             return []

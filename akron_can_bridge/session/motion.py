@@ -40,6 +40,7 @@ class Motion:
 
     def __init__(self, unit: Unit) -> None:
         self.began_at = -math.inf
+        self.runs_since = -math.inf  # when the last step but one came, if it moves
         self._unit = unit
         self._stepped_at = -math.inf
         self._degrees: list[float | None] = [None, None]  # at the last step of each
@@ -54,6 +55,8 @@ class Motion:
                 self._degrees[place] = degrees
                 if now >= self.ends_at:
                     self.began_at = now
+                elif now > self._stepped_at:
+                    self.runs_since = self._stepped_at
                 self._stepped_at = now
 
     @property
@@ -78,5 +81,5 @@ class Motion:
 
     def forget(self) -> None:
         """Forget what was reported."""
-        self.began_at = self._stepped_at = -math.inf
+        self.began_at = self._stepped_at = self.runs_since = -math.inf
         self._degrees = [None, None]

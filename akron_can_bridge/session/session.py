@@ -126,6 +126,7 @@ class Session(BaseSession[CanFrame, Received, Event]):
         self._automatic = False  # somebody asked for motion that goes on by itself
         self._automatic_until = -math.inf  # when a stop took that back
         self._is_stopped = False
+        self._stopped_at = -math.inf
         self._pause_until = -math.inf  # a stop may pause an oscillation until then
         self._pause_at = -math.inf  # when it did
         self._in_setup = False
@@ -182,7 +183,7 @@ class Session(BaseSession[CanFrame, Received, Event]):
         """Return neutral frames, and none of the permission."""
         if not self._open:
             return []
-        pause = self._is_to_pause(now)
+        pause = self._may_pause(now)
         return self.drive.farewell(self.finder.address, now, pause=pause)
 
     def _begin(self, now: float) -> None:
@@ -360,12 +361,12 @@ class Session(BaseSession[CanFrame, Received, Event]):
             self.withheld &= not self.drive.moving
             return
         if not self._is_stopped:
-            self._is_stopped = True
+            self._is_stopped, self._stopped_at = True, now
             self._pause_until = min(self._pause_until, now + self.settings.coast_time)
         self.withheld |= self._may_resume(now)
         if self._automatic:
             self._automatic, self._automatic_until = False, now
-        if self._is_to_pause(now):
+        if self._may_pause(now) and self.motion.runs_since > self._stopped_at:
             self._pause_at = now
             self.drive.pause(now)
 
@@ -376,12 +377,13 @@ class Session(BaseSession[CanFrame, Received, Event]):
         alone = self.motion.moving(now) and now >= self._asked_until + self.settings.coast_time
         return self._automatic or aims or alone or self.motion.oscillates(now)
 
-    def _is_to_pause(self, now: float) -> bool:
+    def _may_pause(self, now: float) -> bool:
         """
-        Tell whether a stop is to press oscillate pause / resume.
+        Tell whether a stop may press oscillate pause / resume.
 
         It is one switch for both: only an oscillation that surely runs is paused, and only once.
-        Angles that change while a stick steers the unit, or until it has coasted, say nothing.
+        Angles that change while a stick steers the unit or switch 7 is pressed, or until it has
+        coasted, say nothing. A stop waits until they have changed in it; a farewell cannot.
         """
         if not now < self._pause_until or self.motion.began_at <= self._pause_at:
             return False
@@ -390,7 +392,7 @@ class Session(BaseSession[CanFrame, Received, Event]):
         return self.motion.oscillates(now) and self.motion.moving(now)
 
     def _is_steered(self, now: float) -> bool:
-        steered_until = max(self.drive.steered_until, self.joysticks.asked_until)
+        steered_until = max(self.drive.steered_until, self.joysticks.steered_until)
         return self.drive.moving or now < steered_until + self.settings.coast_time
 
     def _hand_over(self, now: float) -> None:
