@@ -147,6 +147,18 @@ def test_pause_is_not_pressed_against_a_joystick_that_commands_motion() -> None:
     assert bench.all_neutral(start + 1e-9)
 
 
+def test_pause_by_a_joystick_that_fell_silent_is_not_undone_while_the_unit_coasts() -> None:
+    bench = oscillating(allowed_joysticks=frozenset({ALLOWED}), coast_time=3.0)
+    bench.says.append(joystick('0100010000000400', ALLOWED))
+    bench.run(0.1, REST)
+    bench.says.pop()
+    bench.run(1.2, REST)
+    start = bench.now
+    bench.run(1.0, REST, estop=True)
+    assert bench.all_neutral(start + 1e-9)
+    assert {frame.data for frame in bench.session.farewell(bench.now)} == {NEUTRAL}
+
+
 @pytest.mark.parametrize('coasts', [0.0, 0.4])
 def test_stop_of_a_stick_does_not_resume_an_oscillation_that_is_paused(coasts: float) -> None:
     """Type 81 may say "oscillating" of that too, and it is the stick that changes the angles."""

@@ -28,9 +28,13 @@ from akron_can_bridge.session import Cause
 from akron_can_bridge.session import Request
 from akron_can_bridge.session import Settings
 from akron_can_bridge.simulator import JoystickSimulator
+from akron_can_bridge.simulator import Simulator
 from test.akron_loop_rig import Bench
+from test.akron_loop_rig import Ours
 from test.akron_session_rig import MOVE
 from test.akron_session_rig import NEUTRAL
+from test.akron_session_rig import OTHER_PIN
+from test.akron_session_rig import PIN
 from test.akron_session_rig import REST
 
 COAST = 1.0
@@ -100,7 +104,8 @@ def test_paused_oscillation_is_left_alone() -> None:
 def paused_by(who: str) -> Bench:
     """Return one whose unit oscillated until somebody paused it 0.1 s ago."""
     stick = JoystickSimulator(ALLOWED)
-    bench = start(Bench(stick, allowed_joysticks=frozenset({ALLOWED}), **AUTOMATIC), OSCILLATE)
+    others = [stick] * (who == 'joystick')
+    bench = start(Bench(*others, allowed_joysticks=frozenset({ALLOWED}), **AUTOMATIC), OSCILLATE)
     if who == 'command':
         bench.ours.command = press(PAUSE)
         bench.run(0.1)
@@ -158,6 +163,42 @@ def test_node_that_leaves_pauses_an_oscillation() -> None:
     bench = start(Bench(**AUTOMATIC), OSCILLATE)
     frames = [frame.data.hex() for frame in bench.session.farewell(bench.now)]
     assert frames == ['0100010000000400'.lower()] * 3 + [NEUTRAL.hex()] * 3
+
+
+# Each joystick frame reaches every unit on the bus.
+
+
+@pytest.mark.parametrize(('kind', 'pressed'), [(1032, 0), (1052, 0), (1033, 10)])
+def test_stop_does_not_press_pause_where_another_unit_would_hear_it(
+    kind: int, pressed: int
+) -> None:
+    other = Simulator(pin=f'{kind}AE100801036', device_type=kind)
+    bench = start(Bench(other, device_pin=PIN, **AUTOMATIC), OSCILLATE)
+    other.motion.paused = True
+    bench.run(1.0)
+    bench.ours.stop = True
+    bench.run(COAST + 0.3)
+    assert sum(switch_7(bench)) == pressed
+    if not pressed:
+        assert 'it oscillates though nobody asks it to' in bench.reasons[0]
+        assert not other.motion.moving
+        assert {f.data for f in bench.session.farewell(bench.now)} == {NEUTRAL}
+
+
+def test_farewell_does_not_press_pause_where_another_unit_would_hear_it() -> None:
+    other = Simulator(pin=OTHER_PIN)
+    bench = start(Bench(other, device_pin=PIN, **AUTOMATIC), OSCILLATE)
+    assert {frame.data for frame in bench.session.farewell(bench.now)} == {NEUTRAL}
+
+
+def test_two_nodes_with_one_stop_do_not_pause_and_resume_each_other() -> None:
+    two = Ours(source_address=0x37, allowed_joysticks=frozenset({0x38}), **AUTOMATIC)
+    bench = Bench(two, allowed_joysticks=frozenset({0x37}), **AUTOMATIC)
+    start(bench, OSCILLATE)
+    bench.ours.stop = two.stop = True
+    bench.run(COAST + 0.3)
+    assert sum(switch_7(bench)) == 0
+    assert 'it oscillates though nobody asks it to' in bench.reasons[0]
 
 
 @pytest.mark.parametrize('switch', [DEPLOY, STOW])

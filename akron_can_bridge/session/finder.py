@@ -146,8 +146,16 @@ class Finder:
         """Return the PINs that ``device_type`` fits as well as it fits our unit's."""
         if self.unit is None or self._settings.device_pin:
             return []
-        others = (pin for pin in self.devices if pin != self.unit.pin)
-        return [pin for pin in others if self._fits(AddressAnnouncement(pin))]
+        return [device.pin for device in self._neighbours() if self._fits(device)]
+
+    @property
+    def alone(self) -> bool:
+        """No other monitor controller was heard, which would obey our joystick frames, too."""
+        return all(device.device_type not in CONTROLLERS for device in self._neighbours())
+
+    def _neighbours(self) -> list[AddressAnnouncement]:
+        others = (pin for pin in self.devices if self.unit is None or pin != self.unit.pin)
+        return [AddressAnnouncement(pin) for pin in others]
 
     def _is_ours(self, source: int, name: Name) -> bool:
         """Tell a NAME by all of it: others may share the 21 bits that are left of our PIN."""

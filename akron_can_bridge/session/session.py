@@ -384,10 +384,12 @@ class Session(BaseSession[CanFrame, Received, Event]):
         It is one switch for both: only an oscillation that surely runs is paused, and only once.
         Angles that change while a stick steers the unit or switch 7 is pressed, or until it has
         coasted, say nothing. A stop waits until they have changed in it; a farewell cannot.
+        It reaches every unit on the bus: it would resume one that is paused, or pause and resume
+        one whose own node presses it, too. A joystick that is heard may be such a node.
         """
         if not now < self._pause_until or self.motion.began_at <= self._pause_at:
             return False
-        if self._is_steered(now):
+        if self._is_steered(now) or self.joysticks.present(now) or not self.finder.alone:
             return False
         return self.motion.oscillates(now) and self.motion.moving(now)
 
