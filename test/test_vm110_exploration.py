@@ -28,9 +28,11 @@ from test.vm110_rig import EXTERNAL
 from test.vm110_rig import NOBODY
 from test.vm110_rig import STOPPED
 from test.vm110_rig import STOPPED_RU
+from vm110_bridge.protocol import PeriodicInput
 from vm110_bridge.session import Session
 from vm110_bridge.session import Settings
 from vm110_bridge.session import Sticks
+from vm110_bridge.session.serials import WINDOW
 from vm110_bridge.session.stops import StopJudge
 from vm110_bridge.simulator import build_packet
 from vm110_bridge.simulator import build_vrpi
@@ -48,9 +50,10 @@ SAID = {
     'external': EXTERNAL,
     'strange': build_vrpi(bu_state=0x77),
 }
+STOP = PeriodicInput.from_bytes(SAID['stopped'])
 LEAST_SILENCE, ECHO = 1.5, 0.5  # s without VRPO until the BU says so; until it is heard
 APART = (  # see Memory
-    '_others', 'refused', 'delivered', 'repeats', 'bad_crc_at', 'other_crc_at',
+    '_others', 'refused', 'delivered', 'repeats', 'bad_crc_at', 'other_crc_at', 'other_layout_at',
     '_looped_back_at', 'foreign', 'lost', 'repeated', 'reordered', 'restarts', '_serial',
     'dropped_commands', '_known', '_missed', '_resumed_at',
 )  # fmt: skip
@@ -119,14 +122,14 @@ class World(SessionWorld[Session]):
             if what == 'silent':
                 continue
             before = self.session.serials._newest
-            seen = self.session.serials._seen
+            overtaken = self.session.serials._recent[1:2]
             self.keep(self.session.receive(self.packet(what), self.now))
             if before is None:  # the first of all numbers is new
                 what = {'late': 'ok', 'copy': 'ok', 'latestopped': 'stopped'}.get(what, what)
             if what in SAID:
                 self.said, self.late, self.heard_at = what, False, self.now
                 self.stop_said |= what not in CLEAN
-            elif what == 'latestopped' and not seen & 2:
+            elif what == 'latestopped' and overtaken != [STOP]:
                 self.late = self.stop_said = True
 
     def ask(self, name: str, what: str) -> None:
@@ -169,6 +172,7 @@ class World(SessionWorld[Session]):
             serials._newest += change
             serials._run_newest += change
             serials._seen &= 0b111
+            serials._recent[2:] = [None] * (WINDOW - 2)  # no word has their numbers
             serials._length = min(serials._length, 3)
             if not serials._run_length:
                 serials._run_newest, serials._run_start, serials._run_at = 0, 0.0, 0.0
@@ -200,7 +204,7 @@ SCENES: dict[str, dict[str, Any]] = {
 }
 COUNTS: dict[str, tuple[int, int]] = {
     'device': (1876, 20560),
-    'noise': (7078, 87506),
+    'noise': (10178, 124481),
     'echo': (4216, 28906),
 }  # states, and steps between them
 test_every_state_near_the_start, test_every_state = visits_of(World, SCENES, COUNTS, near=200)

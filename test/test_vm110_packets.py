@@ -131,21 +131,44 @@ def test_stop_in_an_overtaken_packet_stays_until_the_next_in_order() -> None:
 STOP = build_vrpi(bu_state=STOPPED, ru_state=STOPPED_RU)
 
 
-@pytest.mark.parametrize('behind', [64, 65, 1000, 0x7FFF])
-def test_stop_in_a_packet_overtaken_long_ago_counts_unless_it_is_a_copy(behind: int) -> None:
+@pytest.mark.parametrize('behind', [64, 65, 1000, 0x7FFC])
+def test_stop_in_a_packet_overtaken_long_ago_counts_each_time(behind: int) -> None:
     bench = opened()
     bench.take(numbered(0))
     bench.take(numbered(behind + 1))
     bench.take(numbered(1))
     assert not bench.session.estop
-    bench.take(numbered(1, STOP))  # its number came already
-    assert not bench.session.estop
-    bench.take(numbered(2, STOP))
+    for after in (2, 3):
+        bench.take(numbered(1, STOP))
+        assert bench.session.estop
+        bench.take(numbered(behind + after))
+        assert not bench.session.estop
+
+
+@pytest.mark.parametrize('behind', [0, 1, 63, 64, 1000, 0x7FFF])
+def test_stop_under_a_number_that_was_used_before_counts(behind: int) -> None:
+    bench = opened()
+    for serial in (0, behind):
+        bench.take(numbered(serial))
+    bench.take(numbered(0, STOP))
     assert bench.session.estop
-    bench.take(numbered(behind + 2))
+    bench.take(numbered(0))
+    assert bench.session.estop
+    bench.take(numbered(behind + 1))
     assert not bench.session.estop
-    bench.take(numbered(2, STOP))
+
+
+@pytest.mark.parametrize('behind', [1, 2, 62])
+def test_copy_of_a_stop_is_no_stop_after_its_end(behind: int) -> None:
+    bench = opened()
+    for serial in (65535, 1):
+        bench.take(numbered(serial))
+    bench.take(numbered(0, STOP), numbered(0, STOP))
+    assert bench.session.estop
+    bench.take(numbered(1 + behind))
+    bench.take(numbered(0, STOP))
     assert not bench.session.estop
+    assert bench.session.packets['packets repeated'] == 2
 
 
 def test_stop_from_before_the_first_packet_counts() -> None:
@@ -161,6 +184,26 @@ def test_base_unit_that_restarts_stopped_is_a_stop_before_the_link_is_silent() -
     bench.take(numbered(1000))
     bench.take(numbered(0, build_vrpi(bu_state=INITIAL, ru=0, ru_state=0)))
     assert bench.session.estop
+
+
+@pytest.mark.parametrize('began', [build_vrpi(bu_state=INITIAL, ru=0, ru_state=0), CENTRED])
+def test_base_unit_that_was_heard_from_its_start_and_restarts_is_a_stop_at_once(
+    began: bytes,
+) -> None:
+    bench = opened()
+    for serial in range(80):
+        bench.take(numbered(serial, began if serial < 8 else CENTRED))
+    assert not bench.session.estop
+    bench.take(numbered(0, build_vrpi(bu_state=INITIAL, ru=0, ru_state=0)))
+    assert bench.session.estop
+
+
+def test_command_under_a_number_that_was_used_before_is_not_executed() -> None:
+    bench = opened()
+    for serial in (0, 1):
+        bench.take(numbered(serial))
+    bench.take(build_packet('VRCI', vrci(1), 0, 7))
+    assert of(Command, bench.events) == []
 
 
 @pytest.mark.parametrize('behind', [1, 63, 64, 1000])
@@ -217,9 +260,9 @@ def test_restarted_unit_may_use_a_command_id_again_at_once() -> None:
 
 def test_old_line_of_numbers_is_no_restart_while_the_link_is_not_silent() -> None:
     numbers = SerialNumbers()
-    numbers.hear(30000, 0.0, silent=False)
+    numbers.hear(30000, 0.0, silent=False, content=b'')
     for serial in range(50):
-        numbers.hear(serial, 0.125 * serial, silent=False)
+        numbers.hear(serial, 0.125 * serial, silent=False, content=b'')
     assert numbers.restarts == 0
 
 
@@ -248,7 +291,7 @@ def test_gap_of_a_closed_port_is_not_counted_as_lost() -> None:
 def test_lost_is_what_never_came(start: int, steps: list[int]) -> None:
     numbers = SerialNumbers()
     newest, came, copies = start, {start}, 0
-    numbers.hear(start & 0xFFFF, 0.0, silent=False)
+    numbers.hear(start & 0xFFFF, 0.0, silent=False, content=b'')
     for step in steps:
         serial = newest + step
         if serial < start:
@@ -256,7 +299,7 @@ def test_lost_is_what_never_came(start: int, steps: list[int]) -> None:
         copies += serial in came
         came.add(serial)
         newest = max(newest, serial)
-        numbers.hear(serial & 0xFFFF, 0.0, silent=False)
+        numbers.hear(serial & 0xFFFF, 0.0, silent=False, content=b'')
     assert numbers.lost == newest - start + 1 - len(came)
     assert numbers.repeated == copies
 

@@ -33,7 +33,7 @@ def heard(*serials: int) -> SerialNumbers:
     """Return the numbers of a sender of which these came, all in time."""
     numbers = SerialNumbers()
     for serial in serials:
-        numbers.hear(serial, START, silent=False)
+        numbers.hear(serial, START, silent=False, content=b'')
     return numbers
 
 
@@ -48,7 +48,7 @@ def counts(numbers: SerialNumbers) -> tuple[int, int, int, int]:
 def test_first_packet_is_new_and_nothing_was_lost_before_it(serial: int) -> None:
     numbers = SerialNumbers()
     assert counts(numbers) == (0, 0, 0, 0)
-    assert numbers.hear(serial, START, silent=True) is Arrival.NEW
+    assert numbers.hear(serial, START, silent=True, content=b'') is Arrival.NEW
     assert counts(numbers) == (0, 0, 0, 0)
     assert not numbers.restarting(START)
 
@@ -56,12 +56,12 @@ def test_first_packet_is_new_and_nothing_was_lost_before_it(serial: int) -> None
 @pytest.mark.parametrize('first', [0, 1, NEWEST, HALF, 0xFFFF])
 def test_packet_is_newer_up_to_half_the_numbers_ahead(first: int) -> None:
     numbers = heard(first)
-    assert numbers.hear(first + HALF - 1 & 0xFFFF, START, silent=False) is Arrival.NEW
+    assert numbers.hear(first + HALF - 1 & 0xFFFF, START, silent=False, content=b'') is Arrival.NEW
     assert counts(numbers) == (HALF - 2, 0, 0, 0)
     numbers = heard(first)
-    assert numbers.hear(first + HALF & 0xFFFF, START, silent=False) is OLD
+    assert numbers.hear(first + HALF & 0xFFFF, START, silent=False, content=b'') is OLD
     assert counts(numbers) == (0, 0, 1, 0)
-    assert numbers.hear(first + HALF & 0xFFFF, START, silent=False) is Arrival.COPY
+    assert numbers.hear(first + HALF & 0xFFFF, START, silent=False, content=b'') is OLD
     assert counts(numbers) == (0, 1, 1, 0)
 
 
@@ -72,31 +72,47 @@ def test_late_packet_was_not_lost_and_is_history_after_a_while(
     behind: int, arrival: Arrival
 ) -> None:
     assert WINDOW == 64
+    again = Arrival.COPY if behind < WINDOW else OLD
     numbers = heard(0, behind + 1)
     assert numbers.lost == behind
-    assert numbers.hear(1, START, silent=False) is arrival
+    assert numbers.hear(1, START, silent=False, content=b'') is arrival
     assert counts(numbers) == (behind - 1, 0, 1, 0)
-    assert numbers.hear(1, START, silent=False) is Arrival.COPY
+    assert numbers.hear(1, START, silent=False, content=b'') is again
     assert counts(numbers) == (behind - 1, 1, 1, 0)
 
 
 def test_packet_from_before_the_first_is_old_and_was_not_lost() -> None:
     numbers = heard(100, 101)
-    assert numbers.hear(99, START, silent=False) is OLD
+    assert numbers.hear(99, START, silent=False, content=b'') is OLD
     assert counts(numbers) == (0, 0, 1, 0)
 
 
 def test_packet_half_the_numbers_behind_is_not_lost_any_more() -> None:
     numbers = heard(0, HALF - 1, 2 * HALF - 2)
     lost = numbers.lost
-    assert numbers.hear(HALF - 2, START, silent=False) is OLD
+    assert numbers.hear(HALF - 2, START, silent=False, content=b'') is OLD
     assert counts(numbers) == (lost - 1, 0, 1, 0)
 
 
-@pytest.mark.parametrize('behind', [0, 1, WINDOW, HALF - 1, HALF])
-def test_copy_is_known_up_to_half_the_numbers_behind(behind: int) -> None:
+@pytest.mark.parametrize('behind', [0, 1, WINDOW - 1, WINDOW, HALF - 1, HALF])
+def test_copy_comes_soon_and_its_number_is_known_for_longer(behind: int) -> None:
     numbers = heard(7, 7 + min(behind, 5), 7 + behind // 2, 7 + behind)
-    assert numbers.hear(7, START, silent=False) is Arrival.COPY
+    again = Arrival.COPY if behind < WINDOW else OLD
+    for count in (1, 2):
+        repeated = numbers.repeated
+        assert numbers.hear(7, START, silent=False, content=b'') is again
+        assert numbers.repeated == repeated + 1, count
+
+
+@pytest.mark.parametrize('behind', [0, 1, WINDOW - 1])
+def test_packet_that_says_something_else_is_no_copy_but_the_next_like_it_is(behind: int) -> None:
+    numbers = heard(7, 7 + behind)
+    lost = numbers.lost
+    for content in (b'else', b''):
+        assert numbers.hear(7, START, silent=False, content=content) is OLD
+        assert numbers.hear(7, START, silent=False, content=content) is Arrival.COPY
+    assert numbers.lost == lost
+    assert numbers.reordered == 0
 
 
 # -- while nobody listened ------------------------------------------------------------------------
@@ -105,13 +121,13 @@ def test_copy_is_known_up_to_half_the_numbers_behind(behind: int) -> None:
 def test_gap_is_forgiven_once_and_what_comes_of_it_later_was_not_lost() -> None:
     numbers = heard(100)
     numbers.forgive_gap()
-    assert numbers.hear(500, START, silent=False) is Arrival.NEW
-    assert numbers.hear(499, START, silent=False) is OLD
+    assert numbers.hear(500, START, silent=False, content=b'') is Arrival.NEW
+    assert numbers.hear(499, START, silent=False, content=b'') is OLD
     assert counts(numbers) == (0, 0, 1, 0)
-    assert numbers.hear(503, START, silent=False) is Arrival.NEW
+    assert numbers.hear(503, START, silent=False, content=b'') is Arrival.NEW
     assert counts(numbers) == (2, 0, 1, 0)
-    assert numbers.hear(502, START, silent=False) is Arrival.LATE
-    assert numbers.hear(498, START, silent=False) is OLD
+    assert numbers.hear(502, START, silent=False, content=b'') is Arrival.LATE
+    assert numbers.hear(498, START, silent=False, content=b'') is OLD
     assert counts(numbers) == (1, 0, 3, 0)
 
 
@@ -119,7 +135,7 @@ def test_gap_before_a_restart_does_not_hide_one_after_it() -> None:
     numbers = heard(NEWEST)
     numbers.forgive_gap()
     assert line(numbers, (7, 8, 9, 10, 11))[-1] is Arrival.NEW
-    assert numbers.hear(14, START + 2.0, silent=False) is Arrival.NEW
+    assert numbers.hear(14, START + 2.0, silent=False, content=b'') is Arrival.NEW
     assert counts(numbers) == (2, 0, 4, 1)
 
 
@@ -131,7 +147,7 @@ def line(
 ) -> list[Arrival]:
     """Hear these in silence, one after each step; return what they are."""
     return [
-        numbers.hear(serial & 0xFFFF, start + step * count, silent=True)
+        numbers.hear(serial & 0xFFFF, start + step * count, silent=True, content=b'')
         for count, serial in enumerate(serials)
     ]
 
@@ -145,21 +161,24 @@ def test_line_from_the_past_is_a_restart_after_a_second(first: int, by: int) -> 
     assert line(numbers, serials) == [OLD] * 4 + [Arrival.NEW]
     assert counts(numbers) == (0, 0, 4, 1)
     assert not numbers.restarting(START + 1.0)
-    assert numbers.hear(serials[-1] + 3 & 0xFFFF, START + 1.0, silent=False) is Arrival.NEW
+    assert (
+        numbers.hear(serials[-1] + 3 & 0xFFFF, START + 1.0, silent=False, content=b'')
+        is Arrival.NEW
+    )
     assert counts(numbers) == (2, 0, 4, 1)
 
 
 def test_second_of_a_restart_begins_with_the_first_packet() -> None:
     numbers = heard(NEWEST)
     assert line(numbers, (0, 1, 2)) == [OLD] * 3
-    assert numbers.hear(3, START + 1.0 - STEP / 2, silent=True) is OLD
-    assert numbers.hear(4, START + 1.0, silent=True) is Arrival.NEW
+    assert numbers.hear(3, START + 1.0 - STEP / 2, silent=True, content=b'') is OLD
+    assert numbers.hear(4, START + 1.0, silent=True, content=b'') is Arrival.NEW
 
 
 def test_three_packets_are_no_restart_and_the_fourth_is() -> None:
     numbers = heard(NEWEST)
     assert line(numbers, (0, 1, 2), step=0.75) == [OLD] * 3
-    assert numbers.hear(3, START + 2.0, silent=True) is Arrival.NEW
+    assert numbers.hear(3, START + 2.0, silent=True, content=b'') is Arrival.NEW
 
 
 def test_number_too_far_on_begins_another_line() -> None:
@@ -172,7 +191,7 @@ def test_number_too_far_on_begins_another_line() -> None:
 
 def test_copies_in_silence_neither_carry_on_a_restart_nor_break_it() -> None:
     numbers = heard(NEWEST)
-    assert line(numbers, (5, 5, 5, 5, 5, 5)) == [OLD] + [Arrival.COPY] * 5
+    assert line(numbers, (5, 5, 5, 5, 5, 5)) == [OLD] * 6
     assert not numbers.restarting(START + 1.0)
     assert counts(numbers) == (0, 5, 1, 0)
     numbers = heard(NEWEST)
@@ -192,12 +211,12 @@ def test_what_breaks_a_line_has_a_restart_begin_anew(serial: int, silent: bool) 
     numbers = heard(NEWEST - 1)
     assert line(numbers, (0, 1, 2)) == [OLD] * 3
     if serial == NEWEST or not silent:
-        numbers.hear(serial, START + 0.75, silent=silent)
+        numbers.hear(serial, START + 0.75, silent=silent, content=b'')
         assert not numbers.restarting(START + 0.75)
     else:
         numbers.forgive_gap()
         assert not numbers.restarting(START + 0.5)
-    assert numbers.hear(4, START + 1.0, silent=True) is OLD
+    assert numbers.hear(4, START + 1.0, silent=True, content=b'') is OLD
     assert not numbers.restarting(START + 1.0)
     assert line(numbers, (5, 6, 7, 8), START + 1.25) == [OLD] * 3 + [Arrival.NEW]
 
@@ -205,7 +224,7 @@ def test_what_breaks_a_line_has_a_restart_begin_anew(serial: int, silent: bool) 
 def test_line_in_time_is_never_a_restart() -> None:
     numbers = heard(NEWEST)
     for count in range(20):
-        assert numbers.hear(count, START + STEP * count, silent=False) is OLD
+        assert numbers.hear(count, START + STEP * count, silent=False, content=b'') is OLD
         assert not numbers.restarting(START + STEP * count)
     assert counts(numbers) == (0, 0, 20, 0)
 

@@ -17,7 +17,9 @@ Which packet is newer: manual section 3.2, 'Serial'.
 
 A network loses, doubles and reorders datagrams. Only a packet that is newer than all before it
 may say how things are now. Numbers wrap at 65536; a base unit that was restarted begins anew,
-which looks like very old packets, so a new beginning has to last before it is believed.
+which looks like very old packets, so a new beginning has to last before it is believed. Until then
+its packets are not taken for copies of those that had their numbers: a copy comes soon, and says
+the same.
 """
 
 from __future__ import annotations
@@ -37,8 +39,8 @@ class Arrival(Enum):
 
     NEW = 'newer than all before'
     LATE = 'overtaken by a newer one, not seen before'
-    OLD = 'overtaken long ago, or from before the first, not seen before'
-    COPY = 'seen before'
+    OLD = 'overtaken long ago, from before the first, or with a number that was used before'
+    COPY = 'seen before, not long ago'
 
 
 class SerialNumbers:
@@ -51,6 +53,7 @@ class SerialNumbers:
         self.restarts = 0
         self._newest: int | None = None
         self._seen = 0  # bit n: the number n below the newest came
+        self._recent: list[object] = []  # at n: what came last with the number n below the newest
         self._length = (
             0  # numbers since the line began, the newest apart; those before are not lost
         )
@@ -68,31 +71,34 @@ class SerialNumbers:
         self._count_gap = False
         self._run_length = 0
 
-    def hear(self, serial: int, now: float, *, silent: bool) -> Arrival:
+    def hear(self, serial: int, now: float, *, silent: bool, content: object) -> Arrival:
         """
         Place a packet.
 
         :param silent: nothing new has come for so long that the link counts as lost.
+        :param content: what the packet says; two that say the same are equal.
         """
         newest = self._newest
         ahead = _HALF if newest is None else (serial - newest) & 0xFFFF
         if newest is None:
-            self._start(serial)
+            self._start(serial, content)
         elif 0 < ahead < _HALF:
-            self._advance(serial, ahead)
+            self._advance(serial, ahead, content)
         elif self._has_restarted(serial, now, silent):
             self.restarts += 1
-            self._start(serial)
+            self._start(serial, content)
         else:
-            return self._place_behind((newest - serial) & 0xFFFF)
+            return self._place_behind((newest - serial) & 0xFFFF, content)
         return Arrival.NEW
 
-    def _start(self, serial: int) -> None:
+    def _start(self, serial: int, content: object) -> None:
         self._newest, self._seen, self._length = serial, 1, 0
+        self._recent = [content, *[None] * (WINDOW - 1)]
         self._run_length, self._count_gap = 0, True
 
-    def _advance(self, serial: int, ahead: int) -> None:
+    def _advance(self, serial: int, ahead: int, content: object) -> None:
         self._seen = (self._seen << ahead | 1) & _ALL
+        self._recent = [content, *[None] * (ahead - 1), *self._recent][:WINDOW]
         self._newest = serial
         self._run_length = 0
         if self._count_gap:
@@ -101,11 +107,14 @@ class SerialNumbers:
         else:
             self._count_gap, self._length = True, 0
 
-    def _place_behind(self, behind: int) -> Arrival:
-        bit = 1 << behind
+    def _place_behind(self, behind: int, content: object) -> Arrival:
+        bit, is_copy = 1 << behind, False
+        if behind < WINDOW:
+            is_copy = self._recent[behind] == content
+            self._recent[behind] = content
         if self._seen & bit:
             self.repeated += 1
-            return Arrival.COPY
+            return Arrival.COPY if is_copy else Arrival.OLD
         self._seen |= bit
         self.reordered += 1
         if behind > self._length:

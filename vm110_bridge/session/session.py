@@ -209,7 +209,7 @@ class Session(BaseSession[bytes, Packet, Event]):
             self.looped_back += 1
             self._looped_back_at = now
         elif self._is_ours(message, now):
-            self._take_input(message.message, self._arrival(message.serial, now), now)
+            self._take_input(message.message, self._arrival(message, now), now)
 
     def _is_ours(self, packet: Packet, now: float) -> bool:
         """Tell whether our base unit sent it; the first VRPI decides which that is."""
@@ -224,9 +224,11 @@ class Session(BaseSession[bytes, Packet, Event]):
             self._packets.lock(packet.crc)
         return True
 
-    def _arrival(self, serial: int, now: float) -> Arrival:
+    def _arrival(self, packet: Packet, now: float) -> Arrival:
         restarts = self.serials.restarts
-        arrival = self.serials.hear(serial, now, silent=not self.link_up)
+        arrival = self.serials.hear(
+            packet.serial, now, silent=not self.link_up, content=packet.message
+        )
         if self.serials.restarts > restarts:
             self.inbox.restart()
         return arrival
