@@ -377,6 +377,14 @@ def test_base_unit_is_chosen_by_its_periodic_input_and_by_nothing_else() -> None
     assert not bench.session.estop
 
 
+def test_command_before_the_first_periodic_input_is_of_no_other_base_unit() -> None:
+    bench = opened(crc='mpeg2')
+    bench.hear(vrci(1), 'VRCI')
+    assert "check the BU's power" in bench.session.stop_reasons(bench.now)[0]
+    bench.hear()
+    assert bench.session.problems(bench.now) == []
+
+
 def test_packets_of_other_base_units_are_counted_and_told_of_for_five_seconds() -> None:
     bench = armed()
     for count in (1, 2):
@@ -406,6 +414,15 @@ def test_eight_other_base_units_are_remembered_and_heard_again() -> None:
     assert bench.session.other_base_units(bench.now) == [12]
 
 
+def test_other_base_unit_is_named_after_eight_others_that_are_gone() -> None:
+    bench = armed()
+    for origin in range(10, 18):
+        bench.take(build_packet('VRPI', CENTRED, 0, origin))
+    bench.run(5.0)
+    bench.take(build_packet('VRPI', CENTRED, 0, 18))
+    assert bench.session.other_base_units(bench.now) == [18]
+
+
 def test_what_another_port_heard_is_forgotten() -> None:
     bench = armed()
     bench.take(build_packet('VRPI', CENTRED, 0, 9))
@@ -420,13 +437,21 @@ def test_what_another_port_heard_is_forgotten() -> None:
     [
         (build_packet('VRPI', CENTRED, 0, 7, 'iso_hdlc'), 'set crc to auto'),
         (build_packet('VRPI', CENTRED, 0, 7)[:-1] + b'?', 'packets with a wrong CRC come'),
+        (build_packet('VRPI', CENTRED, 0, 7, revision=1), 'of another revision or size come'),
+        (build_packet('VRPI', bytes(48), 0, 7), 'of another revision or size come'),
     ],
 )
-def test_wrong_crc_is_named_for_five_seconds(datagram: bytes, hint: str) -> None:
+def test_what_cannot_be_read_is_named_for_five_seconds(datagram: bytes, hint: str) -> None:
     bench = opened(crc='mpeg2')
     bench.take(datagram)
     assert hint in bench.session.stop_reasons(bench.now + 4.9375)[0]
     assert "check the BU's power" in bench.session.stop_reasons(bench.now + 5.0)[0]
+
+
+def test_packets_of_another_layout_that_are_no_periodic_input_explain_no_silence() -> None:
+    bench = opened(crc='mpeg2')
+    bench.take(build_packet('VRPO', b'', 0, 0))
+    assert "check the BU's power" in bench.session.stop_reasons(bench.now)[0]
 
 
 def test_packets_of_machine_controllers_are_told_of_for_five_seconds() -> None:
@@ -453,6 +478,7 @@ def test_origin_zero_is_nobody() -> None:
     bench = opened()
     bench.take(build_packet('VRPI', CENTRED, 5, 0))
     assert bench.session.estop
+    assert "check the BU's power" in bench.session.stop_reasons(bench.now)[0]
     assert bench.session.counters.malformed == 1
 
 

@@ -25,6 +25,7 @@ from bridge_core.framing import FrameError
 from bridge_core.framing import Unknown
 from vm110_bridge.protocol.frames import Crc
 from vm110_bridge.protocol.frames import Frame
+from vm110_bridge.protocol.frames import LayoutError
 from vm110_bridge.protocol.frames import MAX_FRAME
 from vm110_bridge.protocol.frames import Message
 from vm110_bridge.protocol.frames import MIN_FRAME
@@ -63,6 +64,7 @@ class PacketDecoder(Decoder[bytes, Packet]):
         self.other_crc_at = (
             self.bad_crc_at
         ) = -math.inf  # the last of them; the last that none would
+        self.other_layout_at = -math.inf  # the last sound VRPI of another revision or size
 
     def lock(self, crc: Crc) -> None:
         """Take this reading, and no other, from now on."""
@@ -91,8 +93,10 @@ class PacketDecoder(Decoder[bytes, Packet]):
             else:
                 self.bad_crc_at = now
             return []
-        except FrameError:
+        except FrameError as error:
             self.counters.malformed += 1
+            if isinstance(error, LayoutError) and data.startswith(PacketId.PERIODIC_INPUT):
+                self.other_layout_at = now
         else:
             if isinstance(packet, Unknown):
                 self.counters.unknown_types += 1

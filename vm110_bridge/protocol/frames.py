@@ -38,6 +38,10 @@ MIN_FRAME = HEAD_SIZE + _CHECK.size
 MAX_FRAME = MIN_FRAME + MAX_LENGTH
 
 
+class LayoutError(FrameError):
+    """The packet is sound, but not laid out as the manual has it: another revision or size."""
+
+
 class PacketId(bytes, Enum):
     """Section 3.1: kind is P(eriodic), C(ommand) or A(cknowledge); I(nput) comes from the BU."""
 
@@ -106,9 +110,9 @@ class Frame:
             raise ChecksumError(f'wrong CRC {datagram[-_CHECK.size :].hex()}')
         kind, revision, origin, serial, size = _HEAD.unpack_from(datagram)
         if revision != REVISION:
-            raise FrameError(f'revision {revision} is not {REVISION}')
+            raise LayoutError(f'revision {revision} is not {REVISION}')
         if size != len(datagram) - MIN_FRAME:
-            raise FrameError(f'size {size}, but {len(datagram) - MIN_FRAME} bytes of payload')
+            raise LayoutError(f'size {size}, but {len(datagram) - MIN_FRAME} bytes of payload')
         return cls(kind, serial, datagram[HEAD_SIZE : -_CHECK.size], origin, found)
 
     def to_bytes(self) -> bytes:
@@ -129,12 +133,12 @@ class Message:
 
     @classmethod
     def from_bytes(cls: type[_M], payload: bytes) -> _M:
-        """Read a payload. :raises FrameError: if it is not a sound one of this packet."""
+        """Read a payload. :raises LayoutError: if it is not one of this packet."""
         try:
             return cls._from_payload(payload)
         except (ValueError, struct.error) as error:
             # What we must not send ourselves is the peer's fault here.
-            raise FrameError(f'{cls.__name__}: {error}') from error
+            raise LayoutError(f'{cls.__name__}: {error}') from error
 
     def to_bytes(self) -> bytes:
         """Return the payload."""

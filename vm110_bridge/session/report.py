@@ -49,6 +49,10 @@ LOOPED_BACK = (
 )
 NO_CAUSE = "check the BU's power, its EG-Link cable, group, input_port and interface_address"
 RESTARTING = 'wait a second, as its serial numbers begin anew'
+OTHER_LAYOUT = (
+    'check which version of the manual the system follows, as packets of another revision or size '
+    'come'
+)
 WRONG_CRC = 'look for what else uses this group and port, as packets with a wrong CRC come'
 
 

@@ -217,12 +217,17 @@ class Session(BaseSession[bytes, Packet, Event]):
             self.bu_id = packet.origin
         if packet.origin != self.bu_id:
             self.foreign += 1
-            if len(self._others) < _MANY or packet.origin in self._others:
-                self._others[packet.origin] = now
+            if self.bu_id:
+                self._remember(packet.origin, now)
             return False
         if self.crc is None:
             self._packets.lock(packet.crc)
         return True
+
+    def _remember(self, origin: int, now: float) -> None:
+        self._others = {each: self._others[each] for each in self.other_base_units(now)}
+        if len(self._others) < _MANY or origin in self._others:
+            self._others[origin] = now
 
     def _arrival(self, packet: Packet, now: float) -> Arrival:
         restarts = self.serials.restarts
@@ -282,6 +287,8 @@ class Session(BaseSession[bytes, Packet, Event]):
             return report.RESTARTING
         if now - self._packets.other_crc_at < _MEMORY:
             return report.other_crc(chosen=self.settings.crc != 'auto')
+        if now - self._packets.other_layout_at < _MEMORY:
+            return report.OTHER_LAYOUT
         if now - self._packets.bad_crc_at < _MEMORY:
             return report.WRONG_CRC
         return report.NO_CAUSE
