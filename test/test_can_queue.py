@@ -53,6 +53,7 @@ from test.can_rig import error_frame
 from test.can_rig import message
 from test.can_rig import VARIABLE
 from test.can_rig import VirtualInterface
+from test.rig import holds_for
 from test.rig import Pty
 from test.rig import wait_for
 
@@ -220,6 +221,7 @@ def test_nothing_is_sent_behind_what_a_serial_adapter_does_not_take(adapter: Ada
     adapter.fill()
     for count in range(1, 6):
         adapter.send(b'motion')
+        holds_for(lambda: not adapter.bus.sent, 0.03, 'nothing sent')
         adapter.now += 0.02
         wait_for(lambda count=count: adapter.too_old() == count, 5.0, 'an old frame')  # type: ignore[misc]
     adapter.send(b'neutral')
@@ -273,6 +275,49 @@ def test_line_of_an_adapter_is_not_held_open(adapter: Adapter, pty: Pty) -> None
     assert users() == 3  # the pty's own, the bus, and the transport's
     adapter.transport.close()
     wait_for(lambda: users() == 1, 5.0, 'an end')
+
+
+def opens(transport: CanTransport) -> bool:
+    with contextlib.suppress(TransportError):
+        transport.open()
+    return transport.fileno() >= 0
+
+
+def test_serial_adapter_that_took_nothing_can_be_opened_again(pty: Pty) -> None:
+    transport = CanTransport('slcan', str(pty.path))
+    transport.open()
+    port = transport._port
+    assert port is not None
+
+    def is_full() -> bool:
+        for _ in range(10):
+            transport.send(MOTION)
+        return port.stuck_since() < clock.now() - 0.2
+
+    wait_for(is_full, 20.0, 'a writer that waits')
+    transport.close()
+    wait_for(lambda: opens(transport), 5.0, 'an open port')
+    pty.clear()
+    transport.send(NEUTRAL)
+    pty.wait_received(b'T0CFDD63880100010000000000\r')
+    transport.close()
+
+
+def test_serial_adapter_whose_driver_waits_is_not_said_to_be_in_use(
+    monkeypatch: pytest.MonkeyPatch, pty: Pty
+) -> None:
+    bus = BlockedBus()
+    monkeypatch.setattr(can, 'Bus', lambda **options: bus)
+    transport = CanTransport('slcan', str(pty.path))
+    transport.open()
+    transport.send(MOTION)
+    assert bus.sending.wait(5.0)
+    transport.close()
+    with pytest.raises(TransportError, match=r'cannot open slcan .*: unplug the adapter and plug'):
+        transport.open()
+    bus.let_go.set()
+    wait_for(lambda: opens(transport), 5.0, 'an open port')
+    transport.close()
 
 
 def test_network_adapter_that_takes_nothing_is_lost_and_little_waits_for_it() -> None:

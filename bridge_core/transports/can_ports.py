@@ -77,6 +77,8 @@ _LINE_FRAME = 27  # bytes, of a frame of 8 as slcan writes it, the longest
 _LOOK_PERIOD = 0.001  # s, between two looks at a line that is busy
 
 Filters = Sequence[tuple[int, int]]
+# Writers that did not end with their ports, by channel: they hold a serial adapter's lock.
+_stuck_writers: dict[str, threading.Thread] = {}
 
 
 class BusOffError(Exception):
@@ -280,7 +282,7 @@ class PumpedPort:
     A python-can bus that may block: one thread reads from it, another writes to it.
 
     :param options: for can.Bus. :param counts: gets the number of receive overflows.
-    :raises TransportError: another program has locked the serial adapter.
+    :raises TransportError: another program has locked the serial adapter, or we still have it.
     """
 
     def __init__(self, options: dict[str, Any], filters: Filters, counts: Counter[str]) -> None:
@@ -289,6 +291,7 @@ class PumpedPort:
                 _lock_tty(options['channel'], held)
             self._bus = can.Bus(**options, ignore_config=True)
             self._held = held.pop_all()  # for as long as the writer thread lives
+        self._channel = options.get('channel', '')
         self._filters = filters  # python-can's own would drop error frames
         self._counts = counts
         self._wake_fd = os.eventfd(0, os.EFD_NONBLOCK | os.EFD_CLOEXEC)
@@ -350,6 +353,11 @@ class PumpedPort:
         self._writer.join(_CLOSE_TIMEOUT)  # so that a reopen finds the port free
         with self._to_send:
             line, self._line = self._line, Line()
+        if self._writer.is_alive():
+            _stuck_writers[self._channel] = self._writer
+            line.discard()
+            with contextlib.suppress(Exception):  # only pyserial's need this to be woken
+                self._bus.serialPortOrig.cancel_write()  # type: ignore[attr-defined]
         line.drain()
         if line.fd >= 0:
             os.close(line.fd)
@@ -444,7 +452,12 @@ def _lock_tty(channel: str, held: contextlib.ExitStack) -> None:
     try:
         fcntl.flock(tty, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError as error:
-        raise TransportError('in use by another program; close that one') from error
+        writer = _stuck_writers.get(channel)
+        if writer is not None and writer.is_alive():
+            text = 'unplug the adapter and plug it in; its driver waits for it to take a frame'
+        else:
+            text = 'in use by another program; close that one'
+        raise TransportError(text) from error
 
 
 def _check_interface(name: str) -> None:
