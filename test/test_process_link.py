@@ -720,6 +720,23 @@ def test_device_of_a_wire_that_hangs_is_told_the_farewell_of_a_deactivation(
     assert direct.pty.received.count(b'BYE') == 1
 
 
+def test_session_behind_a_refused_activation_goes_on_and_can_be_ended(direct: Direct) -> None:
+    values = {'port': str(direct.pty.path), 'link_timeout': 0.25, 'fault': 'no transport'}
+    with pytest.raises(ValueError, match='no such transport'):
+        direct.link.activate(values)
+    os.kill(direct.wire(), SIGKILL)
+    wait_for(lambda: 'lost' in direct.owner.log, 5.0, 'the end of the wire')
+    wait_for(direct.is_healthy, 5.0, 'a new one with the activation in force')
+    direct.pty.clear()
+    direct.link.deactivate()
+    direct.pty.wait_received(b'BYE')
+    with pytest.raises(ValueError, match='no such transport'):
+        direct.link.activate(values)
+    direct.pty.clear()
+    direct.link.deactivate()
+    assert direct.pty.read() == b''
+
+
 def test_stop_behind_a_flood_reaches_a_wire_that_runs(direct: Direct) -> None:
     direct.owner.told.clear()
     for _ in range(2000):

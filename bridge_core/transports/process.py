@@ -112,10 +112,11 @@ class ProcessLink(Link):
 
     def __init__(self, *arguments: Any, **options: Any) -> None:
         super().__init__(*arguments, **options)
-        self._lock = threading.Lock()  # of the next four
+        self._lock = threading.Lock()  # of the next five
         self._wire: _Process | None = None
         self._commands: dict[int, Request] = {}  # not ended yet
-        self._activation: Request | None = None  # in force
+        self._activation: Request | None = None  # in force, or asked for
+        self._before: Request | None = None  # in force where that one is refused
         self._unsent: list[tuple[Request, str]] = []  # to be refused, and why
         self._spare: _Process | None = None
         self._wake_fd = os.eventfd(0, os.EFD_NONBLOCK | os.EFD_CLOEXEC)
@@ -137,6 +138,8 @@ class ProcessLink(Link):
         del each  # none replaces another: all are sent
         with self._lock:
             if request.name == 'activate':
+                if self._activation is None or self._activation.number not in self._commands:
+                    self._before = self._activation
                 self._activation = request
             if request.name in Wire.COMMANDS:
                 self._commands[request.number] = request
@@ -331,9 +334,17 @@ class ProcessLink(Link):
     def _on_done(self, number: int, error: str) -> None:
         with self._lock:
             request = self._commands.pop(number, None)
-            ended = request is not None and (error or request.name == 'deactivate')
-            if ended and self._activation is not None and self._activation.number <= number:
-                self._activation = None  # not before: the next one may have to say farewell
+            newest = self._activation
+            if request is None:
+                pass
+            elif request.name == 'deactivate':
+                self._before = None
+                if newest is not None and newest.number <= number:
+                    self._activation = None  # not before: the next one may have to say farewell
+            elif not error:
+                self._before = request
+            elif request is newest:
+                self._activation = self._before  # it goes on
         self._done(number, error)
 
     def _on_beat(self) -> None:
@@ -412,7 +423,9 @@ class ProcessLink(Link):
             with contextlib.suppress(OSError):  # it has just ended, as the reader finds
                 spare.socket.send(TURN)
             activation = self._activation
-            if activation is not None and activation.number not in self._commands:
+            if activation is not None and activation.number in self._commands:
+                activation = self._before
+            if activation is not None:
                 self._send(activation)
             for command in self._commands.values():
                 self._send(command)
@@ -432,7 +445,7 @@ class ProcessLink(Link):
 
     def _leave(self) -> None:
         with self._lock:
-            wire, self._wire, self._activation = self._wire, None, None
+            wire, self._wire, self._activation, self._before = self._wire, None, None, None
             self._commands.clear()
         if wire is not None:
             wire.end(ANSWER_TIME / 2)
