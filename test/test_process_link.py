@@ -34,6 +34,7 @@ from signal import SIGHUP
 from signal import SIGINT
 from signal import SIGKILL
 from signal import SIGQUIT
+from signal import SIGRTMIN
 from signal import SIGSEGV
 from signal import SIGSTOP
 from signal import SIGTERM
@@ -735,6 +736,18 @@ def test_session_behind_a_refused_activation_goes_on_and_can_be_ended(direct: Di
     direct.pty.clear()
     direct.link.deactivate()
     assert direct.pty.read() == b''
+
+
+@pytest.mark.parametrize(
+    ('number', 'cause'),
+    [(SIGKILL, 'was killed by SIGKILL'), (SIGRTMIN + 1, f'was killed by signal {SIGRTMIN + 1}')],
+)
+def test_owner_is_told_the_end_of_its_session_whatever_signal_kills_the_wire(
+    direct: Direct, number: int, cause: str
+) -> None:
+    os.kill(direct.wire(), number)
+    wait_for(lambda: 'lost' in direct.owner.log, 5.0, 'the end of the session')
+    assert any(cause in line for line in direct.owner.log)
 
 
 def test_stop_behind_a_flood_reaches_a_wire_that_runs(direct: Direct) -> None:

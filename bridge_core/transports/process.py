@@ -468,7 +468,9 @@ class ProcessLink(Link):
 
 def _cause(returncode: int) -> str:
     if returncode < 0:
-        return f'was killed by {signal.Signals(-returncode).name}'
+        with contextlib.suppress(ValueError):  # a real-time signal has no name
+            return f'was killed by {signal.Signals(-returncode).name}'
+        return f'was killed by signal {-returncode}'
     return f'ended with {returncode}'
 
 
