@@ -196,14 +196,22 @@ def _check_effort(values: Mapping[str, Any]) -> None:
 def _check_unused(values: Mapping[str, Any]) -> None:
     """Refuse what was given and would have no effect."""
     output, kind = values['output'], values['autonomy.type']
-    wheels = not values['autonomy.topic'] or (output == 'joints' and kind != 'JointState')
+    planned, measured = bool(values['autonomy.topic']), bool(values['feedback.topic'])
+    wheels = planned and output == 'joints' and kind != 'JointState'
     users = {
         'frame_id': (output == 'twist_stamped', 'output twist_stamped has one'),
+        'autonomy.type': (planned, 'autonomy.topic needs it'),
         'autonomy.wheel_separation': (wheels, 'a Twist of autonomy with output joints needs it'),
         'autonomy.wheel_radius': (wheels, 'a Twist of autonomy with output joints needs it'),
     }
+    for name in values:
+        if name.startswith('feedback.') and name != 'feedback.topic':
+            users[name] = (measured, 'feedback.topic needs it')
+    for name in names_of(values, 'estop_sources'):
+        owned = values[f'estop.{name}.counts'] == 'when_owner'
+        users[f'estop.{name}.operator'] = (owned, 'counts when_owner needs it')
     for name, (used, user) in users.items():
-        if not used and values[name] != _DEFAULTS[name]:
+        if not used and values[name] != _DEFAULTS.get(name, ''):
             raise ParameterError(f'parameter {name} = {values[name]!r}: is not used; only {user}')
 
 

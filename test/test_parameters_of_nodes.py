@@ -317,7 +317,7 @@ CONTRADICTIONS: dict[str, tuple[str, dict[str, Any], str]] = {
     'when_owner without an operator': ('mux', {'estop.fort.counts': 'when_owner'}, 'when_owner'),
     'a source of an operator that is not there': (
         'mux',
-        {'estop.fort.operator': 'nobody'},
+        {'estop.fort.counts': 'when_owner', 'estop.fort.operator': 'nobody'},
         "operator 'nobody'",
     ),
     'a twist for three joints': (
@@ -380,6 +380,36 @@ CONTRADICTIONS: dict[str, tuple[str, dict[str, Any], str]] = {
             'autonomy.wheel_separation': 0.6,
         },
         r'parameter autonomy\.wheel_separation = 0\.6: is not used',
+    ),
+    'the operator of a stop that counts always': (
+        'mux',
+        {'estop.fort.operator': 'fort'},
+        r'parameter estop\.fort\.operator = .*: is not used',
+    ),
+    'a type of no autonomy': (
+        'mux',
+        {'autonomy.type': 'JointState'},
+        r'parameter autonomy\.type = .*: is not used',
+    ),
+    'wheels of no autonomy': (
+        'mux',
+        {'autonomy.wheel_radius': 0.2},
+        r'parameter autonomy\.wheel_radius = .*: is not used',
+    ),
+    'a timeout of no feedback': (
+        'mux',
+        {'feedback.timeout': 1.0},
+        r'parameter feedback\.timeout = .*: is not used',
+    ),
+    'a standstill that nobody measures': (
+        'mux',
+        {'feedback.standstill': 0.1},
+        r'parameter feedback\.standstill = .*: is not used',
+    ),
+    'an overspeed that nobody measures': (
+        'mux',
+        {'feedback.overspeed_tolerance': 1.0},
+        r'parameter feedback\.overspeed_tolerance = .*: is not used',
     ),
     'three axes to mix': ('mux', {'operator.fort.axis': [0, 1, 2]}, r'operator\.fort.*arcade'),
     'one axis to mix': ('mux', {'operator.fort.axis': [0]}, r'operator\.fort.*arcade'),
