@@ -91,7 +91,9 @@ class ManagedNode(Quiet, LifecycleNode):
         try:
             check_sections(self.get_fully_qualified_name(), parameter_files)
             self.values: dict[str, Any] = self._declare()
-        except BaseException:
+        except BaseException as error:
+            if isinstance(error, ParameterError):
+                error.node = self.get_fully_qualified_name()
             super().destroy_node()
             raise
         self.add_on_set_parameters_callback(self._on_set_parameters)

@@ -37,7 +37,13 @@ Value = Any  # bool, int, float, str, or a list of one of the last three
 
 
 class ParameterError(ValueError):
-    """A parameter is unknown, of the wrong type, out of range, or contradicts another one."""
+    """
+    A parameter is unknown, of the wrong type, out of range, or contradicts another one.
+
+    ``node`` is the full name of the node that it is of, where that is known.
+    """
+
+    node = ''
 
 
 @dataclass(frozen=True)

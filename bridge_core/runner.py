@@ -30,6 +30,7 @@ from rclpy.duration import Duration
 from rclpy.exceptions import ParameterException
 from rclpy.executors import ExternalShutdownException
 from rclpy.executors import SingleThreadedExecutor
+from rclpy.logging import LoggingSeverity
 from rclpy.signals import SignalHandlerOptions
 
 from bridge_core import clock
@@ -174,7 +175,10 @@ def _run(
         _prefer(nodes)
         return _spin(nodes, end)
     except (ParameterError, ParameterException) as error:
-        return _refuse(str(error))
+        for node in nodes:
+            node.get_logger().set_level(LoggingSeverity.ERROR)  # their stop is no news
+        of = getattr(error, 'node', '') if len(factories) > 1 else ''
+        return _refuse(f'{of}: {error}' if of else str(error))
     finally:
         _leave(nodes)
         end.close()
