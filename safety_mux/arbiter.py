@@ -48,7 +48,8 @@ Decided here, where the rules leave a choice:
   the trip was ended and they are clear again. One reset is enough then. So that no trip lasts for
   ever, a reset that is refused for nothing but the echo ends it, too.
 * A ``when_owner`` source that is not clear does not prevent a reset, but its operator cannot
-  acquire. It stops the machine while its operator is owner, also in a takeover and on the ramp,
+  acquire, and his rest begins after it: a device may send neutral in its stop whatever is held. It
+  stops the machine while its operator is owner, also in a takeover and on the ramp,
   and for its own timeout after that: an operator who presses a stop also releases the deadman.
 * With feedback, zero is reached when the joints stand. What waits for zero waits for them: the
   demand of a new owner, the end of an overruled one, the end of a ramp, at most for stop_time. Who
@@ -318,6 +319,9 @@ class Arbiter:
             for each in self._inputs:
                 each.silence()
         self._advance(stops, now)
+        for operator in self._operators.values():
+            if self._blocks(operator, now):  # what it sends meanwhile need not be what is held
+                operator.rest.end()
         demand = self._output(dt, now)
         stop_demand = self._stop_demand(now)
         for each in self._inputs:
@@ -535,10 +539,11 @@ class Arbiter:
 
     def _refusal(self, operator: OperatorInput, now: float) -> str | None:
         """Return why an operator that has acted gets no control; None if it does."""
+        blocks = self._blocks(operator, now)
         if not (operator.pressed and self._settled):
-            return ''
+            return ''.join(f'; {reason}' for reason in blocks)
         problem = operator.problem(now)
-        missing = self._blocks(operator, now) if problem is None else [problem]
+        missing = blocks if problem is None else [problem]
         missing += self._unseen(now)
         among_operators = self._owner is not None and self._owner is not self._autonomy
         if among_operators and not now - self._owner_since >= self.config.hold_time:
@@ -680,19 +685,20 @@ class Arbiter:
             if source.config.own_topic and source.own_watchdog.expired(now)
         ]
         for operator in self._operators.values():
-            why += [
-                f'{operator.label} cannot take control: {r}' for r in self._blocks(operator, now)
-            ]
-            why += self._advice(operator, now)
+            blocks = self._blocks(operator, now)
+            why += [f'{operator.label} cannot take control: {reason}' for reason in blocks]
+            why += self._advice(operator, now, blocked=bool(blocks))
         if self._autonomy is not None:
             why += self._advice(self._autonomy, now)
         return why
 
-    def _advice(self, each: OperatorInput | AutonomyInput, now: float) -> list[str]:
+    def _advice(
+        self, each: OperatorInput | AutonomyInput, now: float, *, blocked: bool = False
+    ) -> list[str]:
         problem = each.problem(now)
         if problem is not None:
             return [problem]
-        return [each.advice()] if self._state is State.READY else []
+        return [each.advice()] if self._state is State.READY and not blocked else []
 
     def _known_feedback(self) -> FeedbackInput:
         if self._feedback is None:

@@ -32,6 +32,7 @@ from safety_mux.protocol import Operator
 from safety_mux.protocol import OperatorSample
 from safety_mux.protocol import State
 from test.safety_mux_bench import assert_stopped
+from test.safety_mux_bench import BACK
 from test.safety_mux_bench import Bench
 from test.safety_mux_bench import CONFIG
 from test.safety_mux_bench import DRIVE
@@ -113,6 +114,45 @@ def test_when_owner_source_keeps_its_operator_from_acquiring() -> None:
     assert "operator 'senior' cannot take control: e-stop source 'spare' demands" in bench.why()
     bench.samples['senior'] = DRIVE
     assert bench.run(0.5).state is State.READY
+
+
+@pytest.mark.parametrize('driver', [None, 'fort', 'autonomy'])
+@pytest.mark.parametrize('own_stop', ['pressed', 'silent', 'invalid'])
+@pytest.mark.parametrize('rest', [0.0, 0.125, 0.25])  # s; neutral_time is 0.3
+def test_own_stop_that_ends_gives_no_control_without_a_rest_after_it(
+    driver: str | None, own_stop: str, rest: float
+) -> None:
+    bench = Bench()
+    bench.estops['spare'] = {'pressed': True, 'silent': None}.get(own_stop, False)
+    if own_stop == 'invalid':
+        bench.arbiter.set_invalid('e-stop source', 'spare', 'a test', 'it is')
+    bench.ready() if driver is None else bench.active(driver)
+    bench.run(0.75)  # senior holds his deadman, and his device sends neutral all the same
+    bench.arbiter.set_invalid('e-stop source', 'spare', 'a test', None)
+    bench.estops['spare'] = False
+    bench.next_message = bench.now
+    bench.run(rest + TICK)
+    bench.samples['senior'] = BACK
+    bench.run(1.0, lambda decision: assert_never_owner(decision, 'senior'))
+    assert bench.decision.state is State.READY
+    bench.samples['senior'] = REST
+    bench.run(0.4)
+    bench.samples['senior'] = BACK
+    assert bench.run(EVERY + TICK).owner == 'senior'
+
+
+def assert_never_owner(decision: Decision, name: str) -> None:
+    assert decision.owner != name
+
+
+def test_operator_is_told_to_wait_only_once_his_own_stop_is_clear() -> None:
+    bench = Bench().ready()
+    bench.estops['spare'] = True
+    bench.run(0.5)
+    assert "operator 'senior' has" not in bench.why()
+    bench.estops['spare'] = False
+    bench.run(0.125)
+    assert "operator 'senior' has been neutral for" in bench.why()
 
 
 def test_when_owner_source_stops_its_owner() -> None:

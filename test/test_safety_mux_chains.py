@@ -47,7 +47,7 @@ STEP = 0.125
 TIMEOUT = 1.5 * STEP
 CLEAR = 2 * STEP
 PATIENCE = 16  # steps after which a reset must have succeeded
-COUNTS = {'always': (3262, 32620), 'when_owner': (4463, 44630)}  # states, and steps between them
+COUNTS = {'always': (3262, 32620), 'when_owner': (4314, 43140)}  # states, and steps between them
 NEAR = 1000  # states
 SAMPLES = {
     'rest': OperatorSample(neutral=True, deadman=False, demand=(0.0,)),

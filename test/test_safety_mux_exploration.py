@@ -712,7 +712,9 @@ class Judge:
         for name in RANK:
             deposed = name == self.before.owner != self.after.owner
             calm = log.said[name] == CALM[name] and log.fresh(name)
-            if forgotten or deposed or not calm or any(who == name for who, _ in self.event.late):
+            late = any(who == name for who, _ in self.event.late)
+            in_its_stop = name == 'high' and self.unwell('remote')
+            if forgotten or deposed or not calm or late or in_its_stop:
                 log.calm_since[name] = None
             elif name in self.gaps or log.calm_since.get(name) is None:
                 log.calm_since[name] = None if log.doing[name] == 'silent' else log.now
@@ -742,6 +744,8 @@ def events(scene: Scene) -> list[Event]:
     services += ['end trip'] if 'own' in free else []
     found = [Event(), Event(steps=2)]
     found += [Event(changes=change) for change in changes]
+    if 'high' in free and 'remote' in free:  # held through its own stop, in which it was neutral
+        found.append(Event(changes=(('remote', 'clear'), ('high', 'drive'))))
     found += [Event(service=service) for service in services]
     found += [Event(late=late) for late in blips + bounces]
     found += [Event(service='reset', late=late) for late in blips[:1]]
@@ -754,7 +758,7 @@ def events(scene: Scene) -> list[Event]:
 def possible(log: Log, event: Event) -> bool:
     """Tell whether a step makes sense here, with so many devices doing anything unusual."""
     doing = log.doing | dict(event.changes)
-    if event.changes and doing == log.doing:
+    if any(log.doing[name] == what for name, what in event.changes):
         return False
     calm = log.scene.calm
     if sum(what != calm[name] for name, what in doing.items()) > log.scene.most_uneasy:
@@ -787,8 +791,8 @@ SCENES = {
     ),
     'remote': Scene(
         {'low': 'rest drive', 'high': 'rest drive silent', 'remote': 'clear stop silent'},
-        states=20537,
-        steps=215029,
+        states=19456,
+        steps=218919,
     ),
     'stops': Scene(
         {'always': 'clear stop doubled silent', 'soft': 'clear stop', 'high': 'rest drive bad'},
@@ -824,14 +828,14 @@ SCENES = {
     ),
     'short freezes': Scene(
         {'low': 'rest drive', 'high': 'rest drive silent', 'remote': 'clear stop'},
-        states=24785,
-        steps=260939,
+        states=25203,
+        steps=280724,
         timeouts=dict.fromkeys(SOURCES, 3.5 * STEP) | dict.fromkeys(OPERATORS, NEUTRAL),
     ),
     'soft remote': Scene(
         {'low': 'rest drive', 'high': 'rest drive', 'remote': 'clear stop', 'soft': 'clear stop'},
-        states=5936,
-        steps=67955,
+        states=6353,
+        steps=76147,
         remote_category=1,
     ),
     'no time': Scene(
@@ -864,8 +868,8 @@ SCENES = {
             'high': 'rest drive',
             'autonomy': 'zero go',
         },
-        states=15523,
-        steps=238833,
+        states=18515,
+        steps=295204,
         most_uneasy=2,
     ),
 }

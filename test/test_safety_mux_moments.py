@@ -449,5 +449,13 @@ def test_press_that_did_not_count_is_told_with_all_that_was_missing() -> None:
     bench.run(0.125)
     bench.samples['senior'] = DRIVE
     bench.run(0.5)
-    assert "which did not count: e-stop source 'spare' demands a stop" in bench.reason()
+    assert "before it could count; e-stop source 'spare' demands a stop" in bench.reason()
     assert 'hold' not in bench.reason()
+
+
+def test_press_in_the_moment_of_its_own_stop_is_told_with_that_stop() -> None:
+    bench = Bench().active()
+    bench.arbiter.estop_message('spare', True, bench.now)
+    bench.arbiter.operator_sample('senior', DRIVE, bench.now)
+    bench.tick()
+    assert "which did not count: e-stop source 'spare' demands a stop" in bench.why()

@@ -199,6 +199,22 @@ class Sequences(RuleBasedStateMachine):
         self.stick(name, OperatorSample(False, True, (demand,)))
         self.tick()
 
+    @precondition(lambda self: self.decision.owner != 'high')
+    @rule(demand=demands)
+    def hold_through_own_stop(self, demand: float) -> None:
+        if self.decision.state is State.STOPPED:
+            self.run_and_reset()
+            self.tick()
+        for _ in range(8):
+            self.everything_is_well()
+            self.estop('remote', True)
+            self.stick('high', OperatorSample(True, False, (0.0,)))
+            self.autonomy(0.0)
+            self.pass_time(0.05)
+        self.estop('remote', False)
+        self.stick('high', OperatorSample(False, True, (demand,)))
+        self.tick()
+
     @precondition(lambda self: self.decision.owner is None)
     @rule(demand=demands)
     def hand_to_autonomy(self, demand: float) -> None:
@@ -313,6 +329,8 @@ class Sequences(RuleBasedStateMachine):
                 heard.calm_since = None
         if was.owner == 'autonomy' != now.owner:
             self.heard['autonomy'].calm_since = None
+        if self.unwell('remote'):
+            self.heard['high'].calm_since = None
 
     def judge_new_owner(self) -> None:
         owner, previous = self.decision.owner, self.before.owner
