@@ -422,6 +422,8 @@ class SafetyMux(ManagedNode):
         decision = self._intake.decide(now)
         self._estop.say(decision.estop, now)
         self._enable.say(decision.enable, now)
+        for name, demanded in decision.stop_demand.items():
+            self._stop_demands[name].say(demanded, now)
         for name, joy in self._gated_joys.items():
             joy.decide(name == decision.follows, now)
         return decision
@@ -432,8 +434,6 @@ class SafetyMux(ManagedNode):
         self._command.publish(self._words.message(decision.demand, stamp))
         for joy in self._gated_joys.values():
             joy.say(now)
-        for name, demanded in decision.stop_demand.items():
-            self._stop_demands[name].say(demanded, now)
         self._state.say(decision.state.value, now)
         if decision.state is not self._last_state:
             self._last_state = decision.state

@@ -56,6 +56,7 @@ from safety_mux.outputs import Repeated
 from safety_mux.protocol import Decision
 from safety_mux.protocol import State
 from test.endings import each_ending
+from test.fed_mux import SteppedMux
 from test.mux_talkers import CLEAR_TIME
 from test.mux_talkers import MuxBench
 from test.mux_talkers import sticks
@@ -790,8 +791,32 @@ def test_stop_goes_out_before_all_else(own_mux: SafetyMux) -> None:
 
     own_mux.lane.call(play)
     names = [name for name, _ in story][:5]
-    assert names == ['_estop', '_enable', '_command', 'stop_demand', '_state']
+    assert names == ['_estop', '_enable', 'stop_demand', '_command', '_state']
     assert story[:2] == [('_estop', True), ('_enable', False)]
+
+
+@pytest.mark.parametrize('moments', [(0.003, 0.005), (0.008, 0.012)])  # s; a tick is at 0.01
+def test_stop_that_is_gone_before_the_next_tick_is_demanded_of_the_other_devices(
+    context: Any, monkeypatch: pytest.MonkeyPatch, moments: tuple[float, float]
+) -> None:
+    stepped = SteppedMux(context, monkeypatch)
+    mux = stepped.mux
+    assert mux._reset().ok
+    assert stepped.run(0.1) is State.READY
+    began = stepped.now
+    story: list[Any] = []
+    mux._stop_demands['fort'].publisher = Publisher(story, 'fort')
+    drive = next(t for t in mux._intake.topics() if t.parameter == 'estop.drive.topic')
+    for at, value in sorted([(moments[0], True), (moments[1], False), (0.01, None), (0.02, None)]):
+        stepped.now = began + at
+        if value is None:
+            mux._tick(stepped.now)
+        elif drive.take(Bool(data=value), stepped.now):
+            mux._decide(stepped.now)
+    assert mux._last_state is State.STOPPED
+    assert ('fort', True) in story
+    assert story[-1] == ('fort', False)
+    mux.destroy_node()
 
 
 def test_mux_that_hangs_answers_that_nothing_was_done(
