@@ -445,14 +445,18 @@ class Arbiter:
             each.forget()
         self._through_zero = False
 
+    @property
+    def _runs_on(self) -> bool:
+        """Whether the joints move as nobody asked them to."""
+        return self._feedback is not None and self._feedback.fault is not None
+
     def _stop_demand(self, now: float) -> dict[str, bool]:
         demanding = {
             name
             for name, source in self._sources.items()
             if source.demands_itself(now) and self._counts(source, now)
         }
-        runs_on = self._feedback is not None and self._feedback.fault is not None
-        everyone = self._tripped_at is not None or runs_on
+        everyone = self._tripped_at is not None or self._runs_on
         return {name: everyone or len(demanding) > (name in demanding) for name in self._sources}
 
     # -- reset -------------------------------------------------------------------------------
@@ -491,7 +495,7 @@ class Arbiter:
         """Return whether only the echo of a trip, or clear_time after it, prevents a reset."""
         if self._tripped_at is None or self._trip or self._hold or self._stalled(now):
             return False
-        if not now - self._tripped_at >= self.config.clear_time:
+        if self._runs_on or not now - self._tripped_at >= self.config.clear_time:
             return False
         return not any(
             self._counts(source, now) and source.demands_itself(now)

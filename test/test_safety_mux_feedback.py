@@ -195,6 +195,30 @@ def test_machine_that_does_not_stop_when_told_stops_all_devices() -> None:
     assert bench.reset().ok
 
 
+def test_refused_reset_ends_no_trip_while_the_joints_run_on() -> None:
+    fort, *others = WITH_FEEDBACK.sources
+    bench = Machine(replace(WITH_FEEDBACK, sources=(replace(fort, own_topic=True), *others)))
+    bench.active()
+    bench.rate = 0.0
+    bench.arbiter.trip(bench.now)
+    bench.samples['fort'] = REST
+    bench.estops['fort'] = True  # the echo of the trip
+
+    def reset() -> str:
+        bench.arbiter.own_estop_message('fort', False, bench.now)
+        bench.run(TICK)
+        return bench.reset().message
+
+    bench.run(1.0)
+    message = reset()
+    assert 'the joints do not stand' in message
+    assert 'the trip is ended' not in message
+    bench.rate = PROMPT
+    bench.run(1.0)
+    assert bench.decision.stop_demand == EVERYONE, 'nobody has ended the trip'
+    assert 'the trip is ended' in reset()
+
+
 def test_machine_that_stands_in_time_is_no_stop() -> None:
     bench = Machine()
     bench.active()
