@@ -36,13 +36,14 @@ class FeedbackInput(Input):
     :param stop_time: seconds within which the joints stand after ``told_to_stand``.
     """
 
-    __slots__ = ('_fast_since', '_told_at', 'config', 'fault', 'speeds', 'stop_time')
+    __slots__ = ('_fast_since', '_told_at', '_unknown', 'config', 'fault', 'speeds', 'stop_time')
 
     def __init__(self, config: Feedback, stop_time: float) -> None:
         super().__init__('the feedback', config.timeout)
         self.config = config
         self.stop_time = stop_time
-        self.speeds: Demand = (math.inf,) * len(config.joints)
+        self._unknown: Demand = (math.inf,) * len(config.joints)
+        self.speeds = self._unknown
         self.fault: str | None = None
         self._told_at: float | None = None  # set: they are on their way to standstill
         self._fast_since: dict[str, float] = {}  # by joint
@@ -73,11 +74,14 @@ class FeedbackInput(Input):
     def left(self, now: float) -> str:
         """Return in words what is left of the motion."""
         problem = self.problem(now)
+        if problem is None and self.speeds == self._unknown:
+            return 'not measured since'
         return problem or f'left at {max(map(abs, self.speeds)):.1f} rad/s'
 
     def told_to_stand(self, now: float) -> None:
-        """Note that control has ended: the joints have to stand within ``stop_time``."""
+        """Note that control has ended: the joints have to be seen to stand within ``stop_time``."""
         self._told_at = now
+        self.speeds = self._unknown  # what was measured before says nothing of it
 
     def judge(self, commanded: Demand, now: float) -> None:
         """Compare what was measured with what is commanded; call it once a tick or more often."""

@@ -312,9 +312,10 @@ class Log:
 
     def stands(self) -> bool:
         """Tell whether the joints are known to stand, where they are measured."""
-        return 'joints' not in self.said or (
-            self.said['joints'] == 'stand' and self.fresh('joints')
-        )
+        if 'joints' not in self.said:
+            return True
+        seen = self.told_at is None or self.heard['joints'] > self.told_at
+        return seen and self.said['joints'] == 'stand' and self.fresh('joints')
 
     def fresh(self, name: str) -> bool:
         return self.now - self.heard[name] < self.scene.timeout(name)
@@ -851,13 +852,13 @@ SCENES = {
     ),
     'joints': Scene(
         {'joints': 'stand run silent bad', 'low': 'rest drive', 'soft': 'clear stop'},
-        states=8022,
-        steps=90712,
+        states=8037,
+        steps=90848,
     ),
     'takeover': Scene(
         {'joints': 'stand reverse', 'low': 'rest drive', 'high': 'rest drive'},
-        states=6340,
-        steps=50553,
+        states=6296,
+        steps=50197,
     ),
     'together': Scene(
         {

@@ -402,6 +402,28 @@ def test_feedback_that_judges_nothing_is_refused(name: str, value: float) -> Non
         replace(CONFIG, feedback=Feedback(('left',)))
 
 
+@pytest.mark.parametrize('timeout', [0.25, 2.0])  # s; shorter than stop_time, and longer
+def test_standstill_that_was_measured_before_the_end_of_control_is_none(timeout: float) -> None:
+    bench = Machine(replace(WITH_FEEDBACK, feedback=replace(FEEDBACK, timeout=timeout)))
+    bench.rate = 0.0
+    bench.ready()
+    bench.samples['fort'] = DRIVE
+    bench.run(0.0625)
+    bench.reports = False
+    bench.run(0.1)
+    assert any(bench.decision.demand), 'it drives, and was last measured at rest'
+    bench.samples['fort'] = REST
+    bench.run(0.0625)
+    assert bench.decision.state is State.READY
+    assert 'waiting for standstill: not measured since' in bench.why()
+    bench.run(STOP_TIME)
+    assert bench.decision.stop_demand == EVERYONE
+    assert 'the joints do not stand 500 ms after control: ' in bench.why()
+    bench.reports = True
+    bench.run(0.1)
+    assert bench.decision.stop_demand == NOBODY
+
+
 speeds = st.sampled_from([0.0, 0.05, 0.3, 0.7, 3.0])
 steps = st.tuples(
     st.sampled_from([0.0, 0.01, 0.1, 0.3]), st.none() | speeds, speeds, st.booleans()
@@ -421,7 +443,7 @@ def test_a_fault_has_its_time_and_lasts_until_the_joints_stand(
             heard, speed = now, measured
         if ends:
             feedback.told_to_stand(now)
-            told = now
+            told, speed = now, math.inf  # what was measured before says nothing of it
         had = feedback.fault
         feedback.judge((commanded,), now)
         fresh = now < heard + 0.25
