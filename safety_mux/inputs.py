@@ -245,17 +245,22 @@ class SpeedLimitInput(Input):
 
 
 class Run:
-    """An unbroken sequence of samples. Only samples extend it: silence is not neutral."""
+    """
+    An unbroken sequence of samples. Only samples extend it: silence is not neutral.
 
-    __slots__ = ('since', 'until')
+    :param gap: seconds. A sample that comes so long after the last one begins another sequence.
+    """
 
-    def __init__(self) -> None:
+    __slots__ = ('gap', 'since', 'until')
+
+    def __init__(self, gap: float) -> None:
+        self.gap = gap
         self.since: float | None = None
         self.until = 0.0
 
     def extend(self, now: float) -> None:
         """Add a sample, the first one included."""
-        if self.since is None:
+        if self.since is None or now - self.until >= self.gap:
             self.since = now
         self.until = now
 
@@ -278,7 +283,7 @@ class OwnerInput(Input):
         super().__init__(label, timeout)
         self.name = name
         self.neutral_time = neutral_time
-        self.rest = Run()
+        self.rest = Run(neutral_time)
         self.demand: Demand = ()
 
     @property

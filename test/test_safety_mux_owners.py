@@ -20,6 +20,7 @@ import math
 
 import pytest
 
+from safety_mux.protocol import Autonomy
 from safety_mux.protocol import Decision
 from safety_mux.protocol import Operator
 from safety_mux.protocol import OperatorSample
@@ -386,6 +387,17 @@ def test_autonomy_silent_or_senseless_cannot_be_selected(silent: bool) -> None:
     bench.autonomy = None if silent else (math.nan, 0.0)
     bench.run(0.5)
     assert not bench.arbiter.select_autonomy(True, bench.now).ok
+
+
+@pytest.mark.parametrize(('gap', 'rested'), [(4.0, False), (0.26, False), (0.2, True)])
+def test_silence_of_autonomy_within_its_timeout_is_no_rest(gap: float, rested: bool) -> None:
+    bench = Bench(replace(CONFIG, neutral_time=0.25, autonomy=Autonomy(timeout=5.0)))
+    bench.autonomy = None
+    bench.ready()
+    for pause in (gap, gap, 0.0):
+        bench.arbiter.autonomy_command((0.0, 0.0), bench.now)
+        bench.run(pause)
+    assert bench.arbiter.select_autonomy(True, bench.now).ok is rested
 
 
 def test_autonomy_is_not_selected_while_stopped_and_not_queued() -> None:
