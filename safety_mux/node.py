@@ -66,7 +66,8 @@ from safety_mux.report import Surroundings
 
 # A stop must not be overwritten by what follows it before it was read, hence the depth.
 ESTOP_QOS = QoSProfile(depth=100)
-# Sticks and velocities may come from a publisher of either kind; the newest is what counts.
+# Sticks and velocities may come from a publisher of either kind; the newest is what counts, so a
+# message that was lost is no stop. Their time-outs bound what that may hide.
 DEMAND_QOS = QoSProfile(depth=5, reliability=ReliabilityPolicy.BEST_EFFORT)
 # Never transient local: an old command must not reach a drive that starts later.
 COMMAND_QOS = QoSProfile(depth=1)

@@ -40,7 +40,7 @@ class FedMux:
     def __init__(self, context: Any, **parameters: Any) -> None:
         values = {**PATIENT, **parameters}
         given = [Parameter(name, value=value) for name, value in values.items()]
-        self.joy = sticks()
+        self.joy: Any = sticks()  # None: silence
         self.stop = False
         self.mux = SafetyMux(context=context, namespace=namespace(), parameter_overrides=given)
         self.mux.autostart()
@@ -53,7 +53,8 @@ class FedMux:
             'operator.fort.topic': self.joy,
         }
         for each in self.mux._intake.topics():
-            if each.parameter in messages and each.take(messages[each.parameter], now):
+            message = messages.get(each.parameter)
+            if message is not None and each.take(message, now):
                 self.mux._decide(now)
 
     def state(self) -> State:

@@ -819,6 +819,29 @@ def test_stop_that_is_gone_before_the_next_tick_is_demanded_of_the_other_devices
     mux.destroy_node()
 
 
+@pytest.mark.parametrize('silence', [TIMEOUT - 0.1, TIMEOUT + 0.1])
+def test_lost_sticks_stop_once_they_are_missing_for_the_timeout(
+    context: Any, monkeypatch: pytest.MonkeyPatch, silence: float
+) -> None:
+    stepped = SteppedMux(context, monkeypatch)
+    assert stepped.mux._reset().ok
+    assert stepped.run(TIMEOUT + 0.1) is State.READY
+    hear = next(
+        each.callback
+        for each in stepped.mux.lane._topics
+        if each.subscription.topic_name.endswith('/joy')
+    )
+    stepped.joy = sticks(0.5, deadman=True)
+    assert stepped.run(0.1) is State.ACTIVE
+    hear(stepped.joy, {'publication_sequence_number': 1})
+    stepped.joy = None
+    stepped.run(silence)
+    hear(sticks(0.5, deadman=True), {'publication_sequence_number': 12})
+    state = stepped.run(0.02)
+    assert state is (State.ACTIVE if silence < TIMEOUT else State.STOPPED)
+    stepped.mux.destroy_node()
+
+
 def test_mux_that_hangs_answers_that_nothing_was_done(
     own_mux: SafetyMux, monkeypatch: pytest.MonkeyPatch
 ) -> None:
