@@ -61,6 +61,7 @@ class AkronCanBridge(BridgeNode[Event]):
     def __init__(self, **options: Any) -> None:
         self._unit = '', 0  # its PIN and type, as far as known
         self._streaming = False  # sticks that ask for something were published last
+        self._limited = False  # ~/soe_directions was ever heard
         self._handover: Handover | None = None  # for the next session; None: there was none yet
         self._lost_at = -math.inf  # when a wire was lost whose unit nobody has taken over yet
         super().__init__('akron_can_bridge', **options)
@@ -117,6 +118,8 @@ class AkronCanBridge(BridgeNode[Event]):
         if ok and self.active and self._handover is not None:
             self.request(Session.take_over, self._handover, self._lost_at, stop=True)
             self._lost_at = -math.inf
+        if ok and self.active and self._limited:
+            self.request(Session.limit_directions, stop=True)
 
     def on_lost(self) -> None:
         """Note when: what the unit was told last may go on."""
@@ -189,6 +192,7 @@ class AkronCanBridge(BridgeNode[Event]):
         self.request(Session.set_estop, message.data, stop=message.data)
 
     def _on_soe_directions(self, message: Any) -> None:
+        self._limited = True
         self.request(Session.set_directions, message.data, key='soe_directions')
 
 

@@ -86,6 +86,26 @@ def test_claim_within_a_second_of_our_request_is_its_answer_and_no_restart() -> 
     assert not finder.restarts(UNIT, STRANGER, NOW + 2.0)
 
 
+def test_unit_of_a_session_before_is_the_only_one() -> None:
+    finder = started()
+    assert not finder.keep('')
+    assert not finder.keep(PIN)
+    finder.announced(0x81, AddressAnnouncement(OTHER_PIN), NOW)
+    assert finder.unit is None
+    finder.announced(UNIT, OURS, NOW)
+    assert not finder.keep('')
+    assert finder.keep(OTHER_PIN)
+    assert finder.pin == OTHER_PIN
+    finder.announced(UNIT, OURS, NOW)
+    assert finder.unit is None
+
+
+def test_unit_of_a_session_before_does_not_overrule_the_pin_that_is_given() -> None:
+    finder = Finder(Settings(device_pin=PIN))
+    assert not finder.keep(OTHER_PIN)
+    assert finder.pin == PIN
+
+
 def test_pin_of_the_unit_at_its_fixed_address_is_told_once() -> None:
     finder = Finder(Settings(unit_address=UNIT, device_type=1032))
     finder.start(NOW)

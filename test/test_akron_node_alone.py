@@ -25,6 +25,7 @@ import time
 import pytest
 from sensor_msgs.msg import Joy
 from std_msgs.msg import Bool
+from std_msgs.msg import UInt8
 
 from akron_can_bridge.simulator import JoystickSimulator
 from akron_can_bridge.simulator import Simulator
@@ -140,6 +141,38 @@ def test_reset_after_a_dead_wire_moves_nothing_that_was_under_way(
         assert set(permissions()) == {bytes.fromhex('A10000')}
         assert not own_unit.look('moving')
         bench.drive(own_unit)
+
+
+def test_limit_of_directions_outlives_wire_and_activation(
+    observer: Observer, can_bus: CanBus, own_unit: Station
+) -> None:
+    def permitted() -> set[bytes]:
+        since = time.monotonic() - 0.5
+        heard = frames(own_unit.received(since))
+        return {f.data[:3] for f in heard if f.identifier == 0x18EF8038 and f.data[0] == 0xA1}
+
+    nothing, right = bytes.fromhex('A10000'), bytes.fromhex('A10001')
+    with bench_of(observer, can_bus, {'soe_permissive': True}) as bench:
+        ready_to_lose(bench)
+        limiter = observer.node.create_publisher(UInt8, f'{bench.prefix}/soe_directions', 1)
+
+        def is_limited() -> bool:
+            limiter.publish(UInt8(data=1))
+            return right in permitted()
+
+        bench.wait(is_limited, 'the limit')
+        observer.node.destroy_publisher(limiter)
+        lose_wire(bench)
+        bench.wait_stop(False)
+        bench.drive(own_unit)
+        bench.observer.holds_for(lambda: permitted() <= {nothing, right}, 1.0)
+        bench.wait(lambda: permitted() == {nothing}, 'the limit in the next wire')
+        assert bench.observer.change_state(bench.prefix, 'deactivate')
+        assert bench.observer.change_state(bench.prefix, 'activate')
+        bench.wait_stop(False)
+        bench.drive(own_unit)
+        bench.observer.holds_for(lambda: permitted() <= {nothing}, 1.0)
+        bench.wait(lambda: permitted() == {nothing}, 'the limit in the next activation')
 
 
 def test_setup_mode_outlives_wire_and_activation(

@@ -16,6 +16,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 import math
 from typing import Any
 
@@ -23,6 +24,7 @@ import pytest
 
 from akron_can_bridge.session import Handover
 from akron_can_bridge.session import Request
+from test.akron_session_rig import ANNOUNCED
 from test.akron_session_rig import Bench
 from test.akron_session_rig import DEPLOY
 from test.akron_session_rig import ef
@@ -31,6 +33,10 @@ from test.akron_session_rig import MOVE
 from test.akron_session_rig import MOVING
 from test.akron_session_rig import NEUTRAL
 from test.akron_session_rig import of
+from test.akron_session_rig import OTHER_ANNOUNCED
+from test.akron_session_rig import OTHER_PIN
+from test.akron_session_rig import OURS
+from test.akron_session_rig import PIN
 from test.akron_session_rig import REST
 from test.akron_session_rig import SLOT
 from test.akron_session_rig import Turning
@@ -313,16 +319,52 @@ def test_session_tells_what_the_next_one_has_to_know() -> None:
     bench = Turning().ready()
     bench.run(SLOT, MOVE)
     bench.run(COAST - SLOT, REST)
-    assert of(Handover, bench.events) == [Handover(free=True), Handover(free=True, steered=True)]
+    free = Handover(free=True, pin=PIN)
+    found, *told = of(Handover, bench.events)
+    assert found == Handover(pin=PIN)
+    assert told == [free, replace(free, steered=True)]
     bench.events.clear()
     bench.run(2 * SLOT, REST)
     bench.run(SLOT, REST, estop=True)
-    assert of(Handover, bench.events) == [Handover(free=True), Handover()]
+    assert of(Handover, bench.events) == [free, found]
 
 
 def test_oscillation_is_not_paused_again_where_the_next_wire_dies_too() -> None:
     bench = following(Handover(free=True), 0.1)
-    assert of(Handover, bench.events) == [Handover()]
+    assert of(Handover, bench.events) == [Handover(), Handover(pin=PIN)]
+
+
+@pytest.mark.parametrize('late', [False, True])
+@pytest.mark.parametrize(('lost', 'followed'), [(0.1, PIN), (math.inf, OTHER_PIN)])
+def test_wire_after_one_that_died_follows_the_same_unit(
+    late: bool, lost: float, followed: str
+) -> None:
+    bench = Turning(soe_permissive=True)
+    bench.open()
+    if late:  # the request comes after the first answer
+        bench.take(OTHER_ANNOUNCED)
+    bench.session.take_over(Handover(pin=PIN), bench.now - lost, bench.now)
+    bench.take(OTHER_ANNOUNCED, ANNOUNCED)
+    assert bench.session.finder.name == followed
+    assert bench.session.finder.rivals() == [OTHER_PIN if followed == PIN else PIN]
+
+
+def test_wire_that_dies_before_it_found_the_unit_tells_whose_it_was() -> None:
+    bench = Turning()
+    bench.open()
+    bench.session.take_over(Handover(free=True, pin=PIN), bench.now, bench.now)
+    bench.poll()
+    assert of(Handover, bench.events) == [Handover(pin=PIN)]
+
+
+@pytest.mark.parametrize('lost', [0.1, math.inf])
+def test_unit_of_another_wire_that_was_found_is_forgotten(lost: float) -> None:
+    bench = Turning().ready()
+    bench.session.take_over(Handover(pin=OTHER_PIN), bench.now - lost, bench.now)
+    bench.poll()
+    assert bench.session.estop is (lost < math.inf)
+    asked = [data.hex() for data in bench.frames(0x18EAFF00 | OURS, bench.now)]
+    assert asked == ['00ee00'] * (lost < math.inf)
 
 
 def test_unit_that_was_asked_for_setup_mode_may_be_in_it() -> None:

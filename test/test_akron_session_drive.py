@@ -394,6 +394,19 @@ def test_permission_by_direction_is_the_manuals_and_goes_stale() -> None:
     bench.wait(5.0)  # SessionBench sees to it that this takes few steps
 
 
+def test_limit_of_a_session_before_permits_nothing_until_it_is_said_again() -> None:
+    bench = Bench(soe_permissive=True)
+    bench.open()
+    bench.session.limit_directions(bench.now)
+    bench.find_unit()
+    bench.run(0.3)
+    assert set(permissions(bench)) == {'A10000'}
+    bench.session.set_directions(0b0001, bench.now)
+    bench.session.limit_directions(bench.now)
+    bench.poll()
+    assert permissions(bench)[-1] == 'A10001'
+
+
 def test_direction_is_never_permitted_during_a_stop() -> None:
     bench = Bench(soe_permissive=True).find_unit()
     bench.run(0.3)

@@ -81,7 +81,7 @@ class Drive:
         self._heard = Watchdog(settings.command_timeout)
         self._estop_in = Watchdog(settings.estop_in_timeout)
         self._limited = Watchdog(settings.estop_in_timeout)
-        self._directions: Permission | None = None  # permitted at most; None: nobody says
+        self._directions: Permission | None = None  # permitted at most; None: nobody ever said
         self._refusal = ''
         self._is_open = False  # what is asked goes out
         self._command = REST
@@ -179,6 +179,10 @@ class Drive:
         """Take which directions may be permitted at most; from now on it has to be repeated."""
         self._limited.feed(now)
         self._directions = directions
+
+    def limit_directions(self) -> None:
+        """Permit no direction until somebody says which: somebody once did."""
+        self._directions = self._directions or _NOTHING
 
     def directions(self, now: float) -> Permission:
         """Return which directions may be permitted; all, if nobody ever said."""

@@ -110,11 +110,13 @@ class Handover:
 
     :param free: nothing forbade motion. :param steered: a stick moved the unit, or it may have
         coasted from that. :param in_setup: it may be in setup mode.
+    :param pin: of the unit that was followed; empty: none yet.
     """
 
     free: bool = False
     steered: bool = False
     in_setup: bool = False
+    pin: str = ''
 
 
 AXIS_NAMES = ('x', 'y', 'grip_x', 'grip_y', 'theta')

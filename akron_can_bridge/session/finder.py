@@ -47,6 +47,7 @@ class Finder:
     """
 
     def __init__(self, settings: Settings) -> None:
+        self.pin = settings.device_pin  # of our unit; empty: whichever comes first
         self.unit: AddressAnnouncement | None = None  # ours, once it was heard
         self.address: int | None = None
         self.moves = 0  # to another address
@@ -87,6 +88,14 @@ class Finder:
         self._asked_at = -math.inf
         self._due = now
 
+    def keep(self, pin: str) -> bool:
+        """Follow the unit of a session before; tell whether another one was found already."""
+        self.pin = self._settings.device_pin or pin or self.pin
+        if self.unit is None or self.unit.matches(self.pin):
+            return False
+        self.unit = self._name = None
+        return True
+
     def announced(self, source: int, device: AddressAnnouncement, now: float) -> str:
         """Take a type FF; say in words what it changed for our unit, if anything."""
         if source >= NULL_ADDRESS:
@@ -96,7 +105,7 @@ class Finder:
         if self._settings.unit_address not in (0, source):
             return ''
         if self.unit is None and self._fits(device):
-            self.unit = device
+            self.unit, self.pin = device, device.pin
             if source == self.address:
                 return f'unit {device.pin} is at address {source:02X}'
         if self.unit is None or device.pin != self.unit.pin:
@@ -146,7 +155,7 @@ class Finder:
         """Return the PINs that ``device_type`` fits as well as it fits our unit's."""
         if self.unit is None or self._settings.device_pin:
             return []
-        return [device.pin for device in self._neighbours() if self._fits(device)]
+        return [device.pin for device in self._neighbours() if self._has_type(device)]
 
     @property
     def alone(self) -> bool:
@@ -175,8 +184,9 @@ class Finder:
         return {at for pin, at in self.devices.items() if self.unit and pin != self.unit.pin}
 
     def _fits(self, device: AddressAnnouncement) -> bool:
-        if self._settings.device_pin:
-            return device.matches(self._settings.device_pin)
+        return device.matches(self.pin) if self.pin else self._has_type(device)
+
+    def _has_type(self, device: AddressAnnouncement) -> bool:
         wanted = self._settings.device_type
         return device.device_type in ((wanted,) if wanted else CONTROLLERS)
 

@@ -301,6 +301,12 @@ class Session(BaseSession[CanFrame, Received, Event]):
         if not sound:
             raise ValueError(f'{directions} is no sum of 1 right, 2 left, 4 up, 8 down')
 
+    def limit_directions(self, now: float) -> None:
+        """Give no SOE permission until directions are said: they were, to a session before."""
+        self._expire(now)
+        self.drive.limit_directions()
+        self._refresh(now)
+
     def take_over(self, before: Handover, lost_at: float, now: float) -> None:
         """
         Take what a session before this one knew; a session that has had its own stop does not.
@@ -308,6 +314,8 @@ class Session(BaseSession[CanFrame, Received, Event]):
         :param lost_at: when its process ended without a farewell; -inf: it did not.
         """
         self._expire(now)
+        if math.isfinite(lost_at) and self.finder.keep(before.pin):
+            self._forget_all(now, 'another unit answered first')
         if not math.isfinite(self._pause_until):
             self.withheld = True
             self._in_setup |= before.in_setup
@@ -400,7 +408,8 @@ class Session(BaseSession[CanFrame, Received, Event]):
     def _hand_over(self, now: float) -> None:
         """Report what a session after this one would have to know, once it has changed."""
         in_setup = self._in_setup or self._asker.is_open(Request.ENTER_SETUP)
-        handover = Handover(not self._is_stopped, self._is_steered(now), in_setup)
+        steered = self._is_steered(now)
+        handover = Handover(not self._is_stopped, steered, in_setup, self.finder.pin)
         if handover != self._handover:
             self._handover = handover
             self._emit(handover)

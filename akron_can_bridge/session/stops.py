@@ -84,7 +84,7 @@ def silent(foreign: str, silence: str) -> dict[Cause, str]:
 def silence(settings: Settings, finder: Finder, heard: str) -> str:
     """Return why the unit may not be heard, and what to do. :param heard: how long ago it was."""
     if not finder.known:
-        wanted = settings.device_pin or DEVICE_TYPES.get(settings.device_type, 'controller')
+        wanted = finder.pin or DEVICE_TYPES.get(settings.device_type, 'controller')
         others = ', '.join(finder.devices)
         text = f'no unit was found (wanted: {wanted})'
         if others:
