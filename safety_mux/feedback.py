@@ -79,7 +79,7 @@ class FeedbackInput(Input):
         return problem or f'left at {max(map(abs, self.speeds)):.1f} rad/s'
 
     def told_to_stand(self, now: float) -> None:
-        """Note that control has ended: the joints have to be seen to stand within ``stop_time``."""
+        """Note that control has ended: they have to be seen to stand within ``stop_time``."""
         self._told_at = now
         self.speeds = self._unknown  # what was measured before says nothing of it
 

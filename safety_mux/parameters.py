@@ -287,8 +287,8 @@ JOINT = (
         'group',
         '',
         'Joints with the same word are reduced by the same factor where one would exceed its max, '
-        'and their velocities grow together (unless one has a jerk), so that a curve stays. Another '
-        'word for what moves by itself, such as a mast, which would hold the others back.',
+        'and their velocities grow together (unless one has a jerk), so that a curve stays. '
+        'Another word for what moves by itself, such as a mast, which would hold the others back.',
     ),
 )
 
