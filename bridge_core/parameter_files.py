@@ -61,8 +61,8 @@ def parameters_for(node: str, files: Sequence[Path]) -> dict[str, Any]:
     given: dict[str, Any] = {}
     for file in files:
         for section, value in _all_sections(file).items():
-            if is_for(section, node) and isinstance(value, dict):
-                given |= _flat(value.get('ros__parameters') or {}, file)
+            if is_for(section, node):
+                given |= value
     return given
 
 
@@ -97,12 +97,14 @@ def _content(file: Path) -> dict[Any, Any]:
     )
 
 
-def _all_sections(file: Path) -> dict[str, Any]:
-    sections: dict[str, Any] = {}
+def _all_sections(file: Path) -> dict[str, dict[str, Any]]:
+    """Return the parameters by the full names of sections. :raises ParameterError: as above."""
+    sections: dict[str, dict[str, Any]] = {}
     for name, value in _sections(_content(file), ''):
         if name in sections:
             raise ParameterError(f'parameter file {file}: section {name} {_TWICE}')
-        sections[name] = value
+        parameters = value.get('ros__parameters') if isinstance(value, dict) else None
+        sections[name] = _flat(parameters or {}, file)
     return sections
 
 

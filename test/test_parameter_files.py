@@ -222,8 +222,9 @@ _TWICE = 'stands there twice; only one would count'
 def test_what_stands_twice_in_a_file_is_refused(text: str, why: str, file: Path) -> None:
     """ROS takes both sections and the later value, PyYAML the later of both."""
     file.write_text(text)
-    with pytest.raises(ParameterError, match=f'{why} {_TWICE}'):
-        parameters_for(NODE, [file])
+    for read in (lambda: parameters_for(NODE, [file]), lambda: check_sections(NODE, [file])):
+        with pytest.raises(ParameterError, match=f'{why} {_TWICE}'):
+            read()
 
 
 def test_node_does_not_lose_an_estop_source_that_is_given_twice(file: Path, capfd: Any) -> None:
