@@ -51,7 +51,7 @@ from test.akron_session_rig import VERSIONS
 
 STICK = joystick('7D04010000000000', 0x33)
 ENTERED_SETUP = ef('46', destination=OURS)
-IN_SETUP = 'the unit is in setup mode; call ~/reset_controller once that is done'
+IN_SETUP = 'the unit is in setup mode, or may be; call ~/reset_controller once that is done'
 DISPLACED = ef('FF83150226021A0C')  # another unit announces itself at our unit's address
 
 
@@ -262,18 +262,45 @@ def test_vista_of_a_unit_that_fell_silent_is_not_polled() -> None:
     assert '21' not in bench.asked(since)
 
 
-def test_only_the_announcement_of_a_setup_that_was_asked_for_puts_the_unit_into_it() -> None:
+def asked_for_setup() -> Bench:
     bench = found()
     bench.run(0.1, REST)
-    bench.take(ENTERED_SETUP)
-    assert bench.session.inhibits(bench.now) == []
     bench.session.request(Request.ENTER_SETUP, bench.now)
     bench.poll()
     bench.take(OUTPUTS)
     assert IN_SETUP not in bench.session.inhibits(bench.now)
-    bench.take(ENTERED_SETUP)
-    bench.run(0.1, REST)
+    return bench
+
+
+def test_unit_that_says_so_is_in_setup_mode_asked_or_not() -> None:
+    for bench in (asked_for_setup(), found()):
+        bench.take(ENTERED_SETUP)
+        bench.run(0.1, REST)
+        assert IN_SETUP in bench.session.inhibits(bench.now)
+
+
+@pytest.mark.parametrize('lost', ['acknowledgement', 'input', 'port'])
+def test_unit_that_was_asked_for_setup_mode_may_be_in_it_without_its_acknowledgement(
+    lost: str,
+) -> None:
+    bench = asked_for_setup()
+    if lost == 'input':
+        bench.session.interrupted('this node was held up', bench.now)
+        bench.poll()
+    elif lost == 'port':
+        bench.session.closed(bench.now)
+        bench.open()
+    bench.take(ANNOUNCED, OUTPUTS, NO_FAULTS)
+    start = bench.now
+    bench.run(1.1, REST)
+    bench.run(0.1, MOVE)
     assert IN_SETUP in bench.session.inhibits(bench.now)
+    assert bench.all_neutral(start)
+    bench.session.request(Request.RESET_CONTROLLER, bench.now)
+    bench.run(2.0, unit=False)
+    bench.take(ANNOUNCED, OUTPUTS, NO_FAULTS)
+    bench.run(0.1, REST)
+    assert bench.session.inhibits(bench.now) == []
 
 
 def test_neighbours_mini_outputs_are_not_those_of_a_mini_unit() -> None:

@@ -94,7 +94,7 @@ _FROM_ANYONE = tuple(
 )
 _DIRECTIONS = sum(Permission)
 _NO_FAULT = FaultStatus(Fault(0), 0)
-_IN_SETUP = 'the unit is in setup mode; call ~/reset_controller once that is done'
+_IN_SETUP = 'the unit is in setup mode, or may be; call ~/reset_controller once that is done'
 # What must not meet a moving unit, and what it is called meanwhile.
 _AT_REST = {
     Request.ZERO_POSITIONS: 'its zero positions are being set',
@@ -129,7 +129,7 @@ class Session(BaseSession[CanFrame, Received, Event]):
         self._stopped_at = -math.inf
         self._pause_until = -math.inf  # a stop may pause an oscillation until then
         self._pause_at = -math.inf  # when it did
-        self._in_setup = False
+        self._in_setup = False  # the unit, or it may be
         self._handover = Handover()  # as reported last, or taken over
         self._restarted = False  # the unit, since it was asked to be reset
         self._limits, self._outputs = LimitsChanged(), OutputsChanged()  # as reported last
@@ -191,6 +191,7 @@ class Session(BaseSession[CanFrame, Received, Event]):
         self.finder.start(now)
 
     def _forget(self, now: float, reason: str) -> None:
+        self._in_setup |= self._asker.is_open(Request.ENTER_SETUP)
         self._report(self._asker.drop(reason))
         self.drive.forget()
         self.unit.forget()
@@ -239,6 +240,7 @@ class Session(BaseSession[CanFrame, Received, Event]):
         self._was_up = self.link_up
         if self._asker.overdue(Request.POLL_FAULTS, now):
             self.unit.faults = None
+        self._in_setup |= self._asker.overdue(Request.ENTER_SETUP, now)
         self._report(self._asker.expire(now))
         self._follow_motion(now)
         reasons = self.drive.watch(now, self._holds())
@@ -492,7 +494,7 @@ class Session(BaseSession[CanFrame, Received, Event]):
         if isinstance(message, PositionLimit):
             self.motion.take(message, now)
             self._take_position(message)
-        elif isinstance(message, EnterSetup) and self._asker.is_open(Request.ENTER_SETUP):
+        elif isinstance(message, EnterSetup):
             self._in_setup = True
         elif isinstance(message, FaultStatus):
             self._take_faults(message, now)
