@@ -23,6 +23,7 @@ from akron_can_bridge.protocol import FaultStatus
 from akron_can_bridge.session import FaultsChanged
 from akron_can_bridge.session import Request
 from akron_can_bridge.session.asker import Asker
+from bridge_core.j1939 import CanFrame
 from bridge_core.session import Answer
 from test.akron_session_rig import ANNOUNCED
 from test.akron_session_rig import Bench
@@ -229,6 +230,33 @@ def test_fresh_claim_answers_a_reset_though_nobody_missed_the_unit() -> None:
     bench.run(0.2)
     (answer,) = of(Answer, bench.take(NAME, ANNOUNCED))
     assert answer.success
+
+
+NAME_REQUEST = CanFrame(0x18EAFF37, bytes.fromhex('00EE00'))
+
+
+@pytest.mark.parametrize(
+    ('asked', 'restarted'),
+    [
+        (NAME_REQUEST, False),
+        (CanFrame(0x18EA8037, NAME_REQUEST.data), False),
+        (CanFrame(0x18EA8137, NAME_REQUEST.data), True),  # of another device
+        (CanFrame(0x18EAFF37, bytes.fromhex('EBFE00')), True),  # for something else
+        (CanFrame(0x18EAFF37, bytes.fromhex('00EE')), True),
+    ],
+)
+def test_claim_that_somebody_asked_for_is_no_reset(asked: CanFrame, restarted: bool) -> None:
+    bench = Bench().find_unit()
+    bench.run(1.5, REST)
+    bench.session.request(Request.RESET_CONTROLLER, bench.now)
+    bench.poll()
+    bench.run(0.2)
+    answers = of(Answer, bench.take(asked, NAME, ANNOUNCED))
+    assert [answer.success for answer in answers] == [True] * restarted
+    bench.run(0.4, unit=False)
+    bench.take(ANNOUNCED)
+    assert [answer.success for answer in of(Answer, bench.events)] == [True]
+    assert bench.session.counters.malformed == 0
 
 
 def test_reset_without_a_return_times_out() -> None:

@@ -140,15 +140,20 @@ class Finder:
             return ''
         return self._lose(now, 'and claims another' if is_ours else 'to another device')
 
+    def asked(self, now: float) -> None:
+        """Note that NAMEs are asked for, by us or by anybody."""
+        self._asked_at = now
+
     def restarts(self, source: int, name: Name, now: float) -> bool:
-        """Tell whether a claim is our unit's, and no answer to a NAME request of ours."""
+        """Tell whether a claim is our unit's, and no answer to a NAME request."""
         return self._is_ours(source, name) and now > self._asked_at + REQUEST_PERIOD
 
     def request_due(self, now: float, *, heard: bool) -> bool:
         """Tell whether a NAME request is to go out now. :param heard: our unit is."""
         if (heard and self.address is not None) or now < self._due:
             return False
-        self._asked_at, self._due = now, now + REQUEST_PERIOD
+        self.asked(now)
+        self._due = now + REQUEST_PERIOD
         return True
 
     def rivals(self) -> list[str]:

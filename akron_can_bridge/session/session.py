@@ -32,6 +32,7 @@ from akron_can_bridge.protocol import EXTENDED_JOYSTICK_PGN
 from akron_can_bridge.protocol import ExtendedJoystick
 from akron_can_bridge.protocol import Fault
 from akron_can_bridge.protocol import FaultStatus
+from akron_can_bridge.protocol import FIELD_REQUEST_PGN
 from akron_can_bridge.protocol import FieldRequest
 from akron_can_bridge.protocol import Message
 from akron_can_bridge.protocol import MessageType
@@ -83,6 +84,7 @@ FILTERS = (
     (BASIC_JOYSTICK_PGN << 8, 0x03FFFF00),
     (EXTENDED_JOYSTICK_PGN << 8, 0x03FFFF00),
     (NAME_PGN << 8, 0x03FF0000),
+    (FIELD_REQUEST_PGN << 8, 0x03FF0000),
     (PROPRIETARY_PGN << 8, 0x03FF0000),
 )
 _FROM_ANYONE = tuple(
@@ -93,6 +95,7 @@ _FROM_ANYONE = tuple(
     )
 )
 _DIRECTIONS = sum(Permission)
+_NAME_REQUEST = FieldRequest().to_bytes()
 _NO_FAULT = FaultStatus(Fault(0), 0)
 _IN_SETUP = 'the unit is in setup mode, or may be; call ~/reset_controller once that is done'
 # What must not meet a moving unit, and what it is called meanwhile.
@@ -212,6 +215,8 @@ class Session(BaseSession[CanFrame, Received, Event]):
         elif isinstance(content, Name):
             self._restarted |= self.finder.restarts(sender.source, content, now)
             self._unit_changed(self.finder.claimed(sender.source, content, now))
+        elif isinstance(content, FieldRequest):
+            self.finder.asked(now)
         elif content is not None:
             self._take_proprietary(content, sender.source, now)
 
@@ -466,6 +471,9 @@ class Session(BaseSession[CanFrame, Received, Event]):
 
     def _concerns_us(self, sender: J1939Id, data: bytes) -> bool:
         """Tell whether a frame is for us; PGN EF00 is every maker's own."""
+        if sender.pgn == FIELD_REQUEST_PGN:
+            to_unit = sender.destination in (GLOBAL_ADDRESS, self.finder.address)
+            return to_unit and data == _NAME_REQUEST
         if sender.pgn != PROPRIETARY_PGN:
             return sender.pgn == NAME_PGN or sender.pgn in JOYSTICK_PGNS
         if sender.destination not in (GLOBAL_ADDRESS, self.settings.source_address):
