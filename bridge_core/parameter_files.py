@@ -81,7 +81,7 @@ class _Loader(yaml.SafeLoader):
 def _content(file: Path) -> dict[Any, Any]:
     """:raises ParameterError: it cannot be read or is not a parameter file."""
     try:
-        content = yaml.load(file.read_text(), _Loader)
+        content = _Loader(file.read_text()).get_single_data()
     except Exception as error:  # of the file, of PyYAML, of what it makes dates and numbers with
         raise ParameterError(f'parameter file {file}: {" ".join(str(error).split())}') from error
     if not isinstance(content, dict):

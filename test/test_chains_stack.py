@@ -33,7 +33,11 @@ from test.rig import Observer
 from test.run_delay import RunDelay
 from test.run_delay import WIRE_HELD_UP
 
-ALWAYS = ('-p', 'safety_mux:estop.vm110.counts:=always')  # not only while it drives
+# Not only while it drives.
+ALWAYS = [
+    *('-p', 'safety_mux:estop.vm110.counts:=always'),
+    *('-p', "safety_mux:estop.vm110.operator:=''"),
+]
 
 
 def asked(stage: DemoStage) -> bool:

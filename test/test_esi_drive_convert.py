@@ -95,6 +95,13 @@ def test_joints_are_found_by_name() -> None:
     assert command_values(message, (LEFT, RIGHT)) == (1.0, 2.0)
 
 
+def test_refusal_of_megabytes_is_short() -> None:
+    message = JointState(name=[f'{n:0300}' for n in range(5000)])
+    with pytest.raises(ValueError, match='name each of') as refusal:
+        command_values(message, (LEFT, RIGHT))
+    assert len(str(refusal.value)) < 500
+
+
 def test_without_names_the_order_counts() -> None:
     assert command_values(JointState(velocity=[1.0, 2.0]), (LEFT, RIGHT)) == (1.0, 2.0)
 

@@ -133,6 +133,15 @@ def test_pulse_command_begins_at_its_offset() -> None:
         convert.pulse_command(message)
 
 
+def test_refusal_of_megabytes_is_short() -> None:
+    with pytest.raises(ValueError, match='no servo') as refusal:
+        convert.servo_command(JointState(name=[f'{n:01000}' for n in range(3000)]), ['pan'])
+    assert len(str(refusal.value)) < 500
+    with pytest.raises(ValueError, match='a key such as') as refusal:
+        convert.aux_requests(KeyValue(key='x' * 3_000_000))
+    assert len(str(refusal.value)) < 500
+
+
 def test_servos_by_name_some_of_them_or_all_in_order() -> None:
     names = ['pan', 'tilt']
     assert convert.servo_command(JointState(name=['tilt'], position=[0.5]), names) == {'tilt': 0.5}
