@@ -489,6 +489,25 @@ EXCUSED: dict[str, dict[str, str]] = {
         'AutonomyInput.forget: False -> True': _SELECTED,
     },
     'safety_mux/limits.py': {
+        'JointLimiter._joined: self._values[n] * target[n] -> self._values[n] / target[n]': (
+            'it is asked for the sign, and the target is not 0'
+        ),
+        **dict.fromkeys(
+            [
+                'JointLimiter._joined: 1.0 -> 2.0',
+                'JointLimiter._joined: share < 1.0 -> share <= 1.0',
+            ],
+            'no joint is faster than alone either way',
+        ),
+        **dict.fromkeys(
+            [
+                '_together: len(group) > 1 and all((limits[n].together and (not limits[n].jerk) '
+                'for n in group)) -> all((limits[n].together and (not limits[n].jerk) for n in '
+                'group))',
+                '_together: len(group) > 1 -> len(group) >= 1',
+            ],
+            'alone, its share is the least',
+        ),
         'JointLimiter.step: 1.0 -> 2.0': 'times 1.0 is the same',
         '_forward: dt > 0.0 -> dt >= 0.0': 'zero either way',
         '_eased: 0.0 < left < math.inf -> 0.0 <= left < math.inf': 'nothing grows where it is',

@@ -475,6 +475,9 @@ def test_joints_stand_up_to_standstill_while_they_are_heard(feedback: FeedbackIn
     assert (feedback.use, feedback.standing(0.0)) == ('standing', True)
     assert not feedback.standing(0.25)
     assert feedback.left(0.25).startswith('the feedback is stale')
+    feedback.told_to_stand(0.0)
+    assert feedback.left(0.0) == 'not measured since'
+    assert feedback.left(0.25).startswith('the feedback is stale')
     feedback.measured((0.0, -0.126), 0.25)
     assert (feedback.use, feedback.standing(0.25)) == ('moving', False)
 

@@ -237,6 +237,22 @@ def test_joint_of_another_group_a_torque_and_one_with_a_jerk_grow_by_themselves(
     assert limiter(WHEEL, slow).step((10.0, 10.0), 0.1) == pytest.approx((2.0, 0.5))
 
 
+def test_growth_amid_a_curve_takes_the_same_share_of_what_is_left() -> None:
+    limited = limiter(WHEEL, SLOW)
+    limited.step((4.0, 0.0), 1.0)
+    assert limited.output == (4.0, 0.0)
+    assert limited.step((6.0, 1.0), 0.01) == pytest.approx((4.1, 0.05))
+
+
+def test_joint_without_a_demand_that_is_a_number_holds_no_other_back() -> None:
+    assert limiter(WHEEL, SLOW).step((math.inf, 1.0), 0.1) == (0.0, 0.5)
+
+
+def test_no_zero_of_several_is_negative() -> None:
+    values = limiter(WHEEL, SLOW).step((-1.0, -1.0), 0.0)
+    assert [math.copysign(1.0, value) for value in values] == [1.0, 1.0]
+
+
 # Jerk.
 
 EASED = JointLimit(magnitude=4.0, acceleration=2.0, deceleration=8.0, jerk=4.0)

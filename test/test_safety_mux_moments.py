@@ -19,6 +19,7 @@ import math
 
 import pytest
 
+from safety_mux.inputs import Run
 from safety_mux.protocol import EStopSource
 from safety_mux.protocol import Feedback
 from safety_mux.protocol import Operator
@@ -278,6 +279,14 @@ def test_deadman_counts_from_neutral_time_on(wait: float, owner: str | None) -> 
     bench.arbiter.operator_sample('fort', REST, bench.now)
     bench.arbiter.operator_sample('fort', HELD, bench.now)
     assert bench.tick().owner == owner
+
+
+@pytest.mark.parametrize(('later', 'length'), [(0.75 - TICK, 0.75 - TICK), (0.75, 0.0)])
+def test_rest_is_broken_by_a_silence_of_neutral_time(later: float, length: float) -> None:
+    rest = Run(0.5)
+    for now in (0.0, 0.25, later):
+        rest.extend(now)
+    assert rest.length == length
 
 
 def test_hold_time_keeps_nobody_from_what_is_free() -> None:

@@ -258,6 +258,17 @@ def test_no_takeover_within_hold_time() -> None:
     assert bench.run(0.1).owner == 'senior'
 
 
+def test_stick_that_follows_a_press_which_did_not_count_takes_nothing() -> None:
+    bench = Bench().ready()
+    bench.samples['fort'] = DRIVE
+    bench.run(0.2)
+    bench.samples['senior'] = HELD  # within hold_time
+    bench.run(2.0)
+    bench.samples['senior'] = DRIVE
+    assert bench.run(1.0).state is State.READY
+    assert not any(bench.decision.demand)
+
+
 @pytest.mark.parametrize('owner', ['fort', 'autonomy'])
 @pytest.mark.parametrize(
     ('doing', 'why'),
