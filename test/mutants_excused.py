@@ -164,6 +164,10 @@ EXCUSED: dict[str, dict[str, str]] = {
         'Wire.frames: raise NotImplementedError -> pass': _ABSTRACT,
     },
     'fort_vsc_bridge/session/device.py': {
+        '_KeySetting.__init__: self._questions = 0 -> pass': _SET_FIRST,
+        '_KeySetting.__init__: 0 -> 1': _SET_FIRST,
+        '_IntervalSetting.__init__: -math.inf -> math.inf': _SET_FIRST,
+        '_IntervalSetting.__init__: self._count = 0 -> pass': _SET_FIRST,
         '_Setting._found: return False -> return None': _FALSY,
         '_IntervalSetting.__init__: 0 -> 1': _SET_FIRST,
         '_IntervalSetting.__init__: 0.0 -> 1.0': _SET_FIRST,
@@ -222,6 +226,8 @@ EXCUSED: dict[str, dict[str, str]] = {
         'UnknownFunction.__post_init__: 0 -> 1': 'a word of 0 is a known function',
     },
     'ssc_bridge/session/auxiliary.py': {
+        'AuxOutputCommands.__init__: self._undone_levels = False -> pass': _SET_FIRST,
+        'AuxOutputCommands.__init__: False -> True': _SET_FIRST,
         ": _T = TypeVar('_T', DigitalOutput, PulseOutput) -> pass": _FOR_TYPES,
         'counts_of: 1 -> 2': 'either is too many',
         'AuxInputTotals.configure: False -> True': _SET_FIRST,
@@ -536,6 +542,7 @@ EXCUSED: dict[str, dict[str, str]] = {
     },
     'esi_drive_bridge/protocol.py': {': 256 -> 257': _FOR_A_BYTE},
     'esi_drive_bridge/session/ramp.py': {
+        'Ramp.step: 1.0 -> 2.0': 'it is read of velocities, and then it is not the default',
         '_start: value * goal > 0.0 -> value * goal >= 0.0': 'without a size, or without a goal',
     },
     'esi_drive_bridge/session/session.py': {

@@ -24,7 +24,9 @@ from fort_vsc_bridge.protocol import MessageControl
 from fort_vsc_bridge.protocol import MessageType
 from fort_vsc_bridge.session.device import AS_WANTED
 from fort_vsc_bridge.session.device import Configurator
+from fort_vsc_bridge.session.device import OVERRULED
 from fort_vsc_bridge.session.device import REFUSED
+from fort_vsc_bridge.session.device import UNANSWERED
 from fort_vsc_bridge.session.device import UNKNOWN
 from fort_vsc_bridge.session.device import WRITTEN
 from fort_vsc_bridge.session.send_queue import SendQueue
@@ -149,6 +151,40 @@ def test_write_is_looked_at_a_while_later_and_refused_then() -> None:
     assert bench.poll(2.5 + ASK) == [KEY]
     bench.answer(0, 5.0)
     assert (bench.state, bench.deadline) == (REFUSED, math.inf)
+
+
+def test_setting_that_is_not_answered_for_is_said_so_and_asked_for_all_the_same() -> None:
+    bench = Bench(auto_off_enable=1)
+    for began in (1.0, 100.0):  # at each connection anew
+        bench.link(began)
+        for n in range(4):
+            assert bench.poll(began + n * ASK) == [KEY]
+            assert bench.state == UNKNOWN
+        assert bench.poll(began + 4 * ASK) == [KEY]
+        assert bench.state == UNANSWERED
+        bench.link(began + 20.0, up=False)
+        bench.configurator.forget()
+
+
+def test_setting_that_was_written_is_not_called_unanswered() -> None:
+    bench = Bench(auto_off_enable=1)
+    bench.link(1.0)
+    bench.poll(1.0)
+    bench.answer(0, 1.5)
+    for n in range(1, 9):
+        assert bench.poll(1.5 + n * ASK) == [KEY]
+        assert bench.state == WRITTEN
+
+
+@pytest.mark.parametrize(('value', 'state'), [(1, WRITTEN), (0, OVERRULED)])
+def test_value_that_the_user_writes_is_looked_at_a_while_later(value: int, state: str) -> None:
+    bench = Bench(auto_off_enable=1)
+    bench.link(1.0)
+    bench.poll(1.0)
+    bench.configurator.overrule(KEY, value, 1.5)
+    bench.answer(1, 1.75)  # to the question of before
+    assert bench.state == state
+    assert bench.deadline == (1.5 + ASK if state is WRITTEN else math.inf)
 
 
 def test_another_connection_begins_again_once_its_link_is_up() -> None:
