@@ -81,6 +81,16 @@ def test_what_waits_while_input_is_discarded_is_not_done_later() -> None:
     assert not bench.frames(0x30)
 
 
+def test_settings_are_not_known_any_more_once_the_port_is_closed() -> None:
+    bench = opened(configure_device=True, device=DeviceSettings(auto_off_enable=1))
+    bench.hear(heartbeat())
+    bench.wait(0.1)
+    bench.hear(heartbeat(), build_frame(0x30, b'\x51\1\0\0\0'))
+    assert bench.session.setting_states == {'auto_off_enable': 'as wanted'}
+    bench.close()
+    assert bench.session.setting_states == {'auto_off_enable': 'not known yet'}
+
+
 def test_what_was_asked_while_the_port_was_closed_is_not_done_later() -> None:
     """But the remote shows what was set meanwhile."""
     bench = opened(configure_device=True, device=DeviceSettings(auto_off_enable=1))

@@ -16,10 +16,12 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 import math
 
 import pytest
 
+from ssc_bridge.channels import Failsafe
 from ssc_bridge.protocol import PULSE_CHANNELS
 from ssc_bridge.session import Settings
 from ssc_bridge.session.outputs import Channel
@@ -70,6 +72,54 @@ def test_command_that_never_went_out_needs_no_release() -> None:
     outputs.ask(1, 1500.0, NOW)
     outputs.forget()
     assert outputs.frames(NOW, COUNT, at_once=True) == []
+
+
+HELD = replace(PAN, channel=1, failsafe=Failsafe.HOLD)
+
+
+def held(*told: float) -> Outputs:
+    """Return outputs of one servo to be held, told of so many s after the start."""
+    outputs = Outputs(Settings(servos=(HELD,)))
+    outputs.begin(NOW)
+    for seconds in told:
+        outputs.driven_elsewhere([1600], NOW + seconds)
+    return outputs
+
+
+@pytest.mark.parametrize(
+    ('told', 'due'), [((), 0.3), ((0.05,), 0.1), ((0.2,), 0.2), ((0.05, 0.25), 0.1)]
+)
+def test_first_message_waits_for_what_is_to_be_held(told: tuple[float, ...], due: float) -> None:
+    assert held(*told).sends_at() == pytest.approx(NOW + due)
+
+
+def test_what_was_told_or_commanded_before_is_not_waited_for() -> None:
+    told = held(0.05)
+    commanded = held()
+    commanded.ask(1, 0.0, NOW)  # no pulse is held, too
+    commanded.frames(NOW, COUNT, at_once=True)
+    for outputs in (told, commanded):
+        outputs.begin(NOW + 9.0)
+        assert outputs.sends_at() == pytest.approx(NOW + 9.1)
+
+
+def test_device_that_tells_after_the_first_message_holds_up_none() -> None:
+    outputs = held()
+    assert outputs.frames(NOW + 0.3, COUNT)
+    due = outputs.sends_at()
+    outputs.driven_elsewhere([1600], NOW + 5.0)
+    assert outputs.sends_at() == due
+
+
+def test_nothing_is_sent_to_a_port_that_is_closed_whatever_was_waited_for() -> None:
+    outputs = held()
+    outputs.end()
+    outputs.driven_elsewhere([1600], NOW)
+    assert outputs.sends_at() == math.inf
+
+
+def test_nothing_is_sent_before_the_device_could_tell(outputs: Outputs) -> None:
+    assert outputs.frames(NOW, COUNT) == []
 
 
 def test_servo_with_a_rate_loses_its_pulse_at_once() -> None:
