@@ -203,7 +203,7 @@ SCENES: dict[str, dict[str, Any]] = {
     },
 }
 COUNTS: dict[str, tuple[int, int]] = {
-    'device': (1876, 20560),
+    'device': (2430, 26606),
     'noise': (10178, 124481),
     'echo': (4216, 28906),
 }  # states, and steps between them
