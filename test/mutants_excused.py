@@ -244,6 +244,7 @@ EXCUSED: dict[str, dict[str, str]] = {
         '-> function.initially_high': _FOR_TYPES,
     },
     'ssc_bridge/session/outputs.py': {
+        ': 3 -> 4': 'one may be lost; three or four',
         'Channel.__init__: 0.0 -> 1.0': _SET_FIRST,
         'Channel.__init__: self._target = 0.0 -> pass': _SET_FIRST,
         'Channel.driven: 0.0 -> 1.0': 'no pulse is as short as 1 us',
@@ -254,6 +255,9 @@ EXCUSED: dict[str, dict[str, str]] = {
         'Poller.__init__: self._due = dict.fromkeys(rates, math.inf) -> pass': _SET_FIRST,
     },
     'ssc_bridge/session/session.py': {
+        'Session.claim_outputs: self._refresh(now) -> pass': (
+            'messages are paced, whether there is anything to release or not'
+        ),
         'Session.__init__: self._estop_value = True -> pass': _SET_FIRST,
         'Session.__init__: True -> False': _SET_FIRST,
         'Session._forget: self._inputs_heard.reset() -> pass': (
@@ -277,6 +281,12 @@ EXCUSED: dict[str, dict[str, str]] = {
         'low <= axis.min_us <= axis.max_us <= high': 'the axis has its centre between them',
     },
     'ssc_bridge/session/sticks.py': {
+        **{
+            f'sticks_of: value or 0 -> {other}': 'the session puts those of HeldButtons there'
+            for other in ('0', 'value', 'value and 0')
+        },
+        'buttons_of: us[button.channel - 1] or 0 -> us[button.channel - 1]': _FOR_TYPES,
+        'buttons_of: 0 -> 1': _FOR_TYPES,
         'sticks_of: 0 -> 1': _FOR_TYPES,
         'sticks_of: us[button.channel - 1] or 0 -> us[button.channel - 1]': _FOR_TYPES,
     },
@@ -284,6 +294,7 @@ EXCUSED: dict[str, dict[str, str]] = {
         'Asker._takes: return False -> return None': _FALSY,
     },
     'akron_can_bridge/session/finder.py': {
+        'Finder.keep: return False -> return None': _FALSY,
         'Finder.claimed: source != fixed or is_ours -> is_ours': (
             'a claim of another address that is not ours ends the same below'
         ),
@@ -312,7 +323,8 @@ EXCUSED: dict[str, dict[str, str]] = {
         '_is_of_vsc: unused or () -> unused': _FOR_TYPES,
     },
     'akron_can_bridge/session/session.py': {
-        'Session._is_to_pause: self.motion.began_at <= self._pause_at'
+        'Session.__init__: self._stopped_at = -math.inf -> pass': _SET_FIRST,
+        'Session._may_pause: self.motion.began_at <= self._pause_at'
         ' -> self.motion.began_at < self._pause_at': (
             'what is paused moves, so it has begun before; and what never began does not move'
         ),
@@ -327,7 +339,7 @@ EXCUSED: dict[str, dict[str, str]] = {
         'now > self._asked_until + self.settings.coast_time': (
             'motion that goes on is withheld a moment later, and stays so'
         ),
-        'Session._is_to_pause: return False -> return None': _FALSY,
+        'Session._may_pause: return False -> return None': _FALSY,
         'Session.set_directions: self._expire(now) -> pass': 'the refresh at its end does it',
         'Session.set_directions: self._refresh(now) -> pass': 'no verdict depends on directions',
         'Session.__init__: False -> True': (

@@ -208,3 +208,11 @@ def test_without_a_unit_there_are_no_rivals() -> None:
     assert finder.unit is None
     assert finder.devices
     assert finder.rivals() == []
+    assert not finder.alone
+
+
+def test_without_a_unit_none_of_its_type_is_a_rival() -> None:
+    finder = Finder(Settings())
+    finder.start(NOW)
+    finder.devices[OTHER_PIN] = 0x81
+    assert finder.rivals() == []

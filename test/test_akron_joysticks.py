@@ -88,6 +88,8 @@ def test_sender_that_no_unit_obeys_asks_for_nothing(source: int) -> None:
 
 def test_deflected_joystick_asks_for_motion_until_it_is_silent() -> None:
     assert heard(RIGHT).asked_until == NOW + JOYSTICK_TIMEOUT
+    assert heard(RIGHT).steered_until == NOW + JOYSTICK_TIMEOUT
+    assert heard(CENTRED).steered_until < NOW
 
 
 def test_only_what_looks_like_a_vsc_is_called_one() -> None:

@@ -16,6 +16,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 import math
 
 from akron_can_bridge.protocol import Position
@@ -59,6 +60,14 @@ def test_one_jump_is_no_motion() -> None:
     motion = turning(100, 900, 900)
     assert motion.began_at == NOW + PERIOD
     assert not motion.moving(NOW + 2 * PERIOD)
+
+
+def test_steps_of_both_angles_in_one_message_are_one() -> None:
+    motion = Motion(Unit(0.3))
+    for number, tenths in enumerate((100, 110, 120)):
+        up = Position(tenths, positive=Status.ON)
+        motion.take(replace(at(tenths), elevation=up), NOW + PERIOD * number)
+    assert motion.runs_since == NOW + PERIOD
 
 
 def test_unit_stands_half_a_second_after_its_last_step() -> None:

@@ -346,15 +346,19 @@ def test_kept_outputs_are_left_alone_and_obey_during_a_stop() -> None:
     assert len(rig.payloads(21)) == 1
 
 
-def test_what_a_dead_line_kept_from_being_undone_is_undone_when_it_is_back() -> None:
-    rig = aux_rig()
+@pytest.mark.parametrize('keep', [False, True])
+@pytest.mark.parametrize('ticks', [40, 200])
+def test_what_a_dead_line_kept_from_being_undone_is_undone_when_it_is_back(
+    ticks: int, keep: bool
+) -> None:
+    rig = aux_rig(keep_aux_outputs=keep)
     set_all(rig)
     rig.mute = set(range(10, 16))
-    rig.tick(40)
+    rig.tick(ticks)
     rig.mute = set()
     rig.sent.clear()
     rig.tick(40)
-    assert bytes.fromhex('84 10 0000') in rig.payloads(21)
+    assert (bytes.fromhex('84 10 0000') in rig.payloads(21)) is not keep
 
 
 def test_request_after_a_stop_is_not_undone_by_it() -> None:
@@ -475,6 +479,7 @@ def test_outputs_of_a_session_before_are_undone_once_they_are_claimed() -> None:
     rig.tick(20)
     rig.sent.clear()
     rig.session.claim_aux({1, 4, 5, 6}, rig.now)
+    assert rig.session.deadline() <= rig.now
     rig.tick(120)
     assert rig.payloads(21) == [bytes.fromhex('84 10 0000')] * UNDO_FRAMES
 

@@ -463,7 +463,9 @@ def test_outputs_of_a_session_before_are_released_once_they_are_claimed() -> Non
     rig = Rig(failsafe=Failsafe.RELEASE).start()
     rig.tick(50)
     assert rig.pulses() == []
+    assert rig.session.values(rig.now)['commands not obeyed because'] == 'there are none'
     rig.session.claim_outputs(rig.now)
+    assert rig.session.values(rig.now)['commands not obeyed because'] != 'there are none'
     rig.tick(150)
     assert rig.pulses() == [(0,) * OUTPUTS] * RELEASES
 
