@@ -322,6 +322,21 @@ def test_button_held_through_silence_and_another_mode_counts_once_it_was_let_go_
     assert any(sticks(bench.hear(DEFLECTED))[0].buttons)
 
 
+@pytest.mark.parametrize(('seconds', 'held'), [(1.9 * LIMIT, True), (2.1 * LIMIT, False)])
+def test_button_let_go_of_twice_the_link_timeout_before_a_pause_is_not_held(
+    seconds: float, held: bool
+) -> None:
+    bench = opened()
+    bench.hear(heartbeat(), DEFLECTED)
+    bench.hear(CENTRED)
+    bench.wait(seconds / 2)
+    bench.hear(heartbeat(), CENTRED)
+    bench.wait(seconds / 2)
+    bench.hear(heartbeat(Mode.PAUSE), build_frame(0x10, bytes(14)))
+    (back,) = sticks(bench.hear(heartbeat(), DEFLECTED))
+    assert any(back.buttons) is not held
+
+
 @pytest.mark.parametrize('seconds', [0.02, 0.4])
 @pytest.mark.parametrize('mode', [Mode.OPERATIONAL, Mode.PAUSE])
 def test_button_held_through_zeros_in_operational_counts_once_it_was_let_go_of(

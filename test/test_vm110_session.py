@@ -267,6 +267,19 @@ def test_switch_held_through_a_pause_counts_once_it_was_let_go_of(pause: dict[st
     assert of(Sticks, bench.hear(DEFLECTED))[0].buttons == (1, -1, 1000, 0, 3, 0, 0, 0, 0)
 
 
+@pytest.mark.parametrize(('seconds', 'held'), [(1.9 * LIMIT, True), (2.1 * LIMIT, False)])
+def test_switch_let_go_of_twice_the_link_timeout_before_a_pause_is_not_held(
+    seconds: float, held: bool
+) -> None:
+    bench = armed()
+    bench.hear(DEFLECTED)
+    for _ in range(3):
+        bench.hear(CENTRED)
+        bench.wait(seconds / 3)
+    bench.hear(build_vrpi(flags=(0, 0, 1)))
+    assert any(of(Sticks, bench.hear(DEFLECTED))[0].buttons) is not held
+
+
 @pytest.mark.parametrize('zeroed_before', [False, True])
 @pytest.mark.parametrize('pause', [{'bu_state': DISARMED, 'ru_state': 0}, {'flags': (0, 0, 1)}])
 def test_switch_held_through_silence_and_a_pause_counts_once_it_was_let_go_of(
