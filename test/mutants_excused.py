@@ -341,6 +341,8 @@ EXCUSED: dict[str, dict[str, str]] = {
         ),
         'Session._may_pause: return False -> return None': _FALSY,
         'Session.set_directions: self._expire(now) -> pass': 'the refresh at its end does it',
+        'Session._is_steered: now < steered_until + self.settings.coast_time -> '
+        'now <= steered_until + self.settings.coast_time': 'a pause is pressed one step later',
         'Session.limit_directions: self._expire(now) -> pass': 'the refresh at its end does it',
         'Session.limit_directions: self._refresh(now) -> pass': 'no verdict depends on directions',
         'Session.take_over: self._expire(now) -> pass': 'the refresh at its end does it',

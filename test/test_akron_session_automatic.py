@@ -186,6 +186,13 @@ def test_farewell_presses_pause_unless_the_stick_moves_the_unit(asked: bool) -> 
     assert (PAUSE in [frame.data for frame in frames]) is not asked
 
 
+def test_farewell_does_not_press_pause_where_the_angles_stand() -> None:
+    bench = oscillating()
+    bench.turns = False
+    bench.run(3.0, REST)
+    assert {frame.data for frame in bench.session.farewell(bench.now)} == {NEUTRAL}
+
+
 def test_oscillation_that_begins_long_after_the_stop_is_not_paused() -> None:
     bench = Turning().ready()
     bench.run(COAST + SLOT, REST, estop=True)

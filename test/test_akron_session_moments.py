@@ -23,6 +23,7 @@ import pytest
 from akron_can_bridge.parameters import MINI_UNIVERSAL
 from akron_can_bridge.protocol import MiniOutputs
 from akron_can_bridge.protocol import Permission
+from akron_can_bridge.session import Handover
 from akron_can_bridge.session import Request
 from akron_can_bridge.session import Stopped
 from bridge_core.session import Answer
@@ -277,6 +278,7 @@ def test_unit_that_says_so_is_in_setup_mode_asked_or_not() -> None:
         bench.take(ENTERED_SETUP)
         bench.run(0.1, REST)
         assert IN_SETUP in bench.session.inhibits(bench.now)
+        assert [e for e in bench.events if isinstance(e, Handover)][-1].in_setup
 
 
 @pytest.mark.parametrize('lost', ['acknowledgement', 'input', 'port'])
