@@ -364,6 +364,12 @@ def test_switches_that_start_motion_by_themselves(number: int) -> None:
     # Appendix B: oscillate, its pause / resume, deploy, stow.
     joystick = BasicJoystick(axis_of(0), axis_of(0), on(number, of=12))
     assert joystick.automatic == (number in (4, 7, 8, 9))
+    assert joystick.steers == (number == 7)
+
+
+@pytest.mark.parametrize(('x', 'y'), [(0, 0), (500, 0), (0, -500)])
+def test_stick_steers_by_either_axis(x: int, y: int) -> None:
+    assert BasicJoystick(axis_of(x), axis_of(y)).steers == (x != y)
 
 
 def test_target_of_either_angle_starts_motion_by_itself() -> None:
