@@ -134,6 +134,12 @@ def test_sound_frame_of_an_unknown_type_is_unknown() -> None:
     assert protocol.decode(build_frame(0x40, b'abc')) == Unknown(0x40)
 
 
+def test_joystick_without_more_is_at_rest_and_a_remotes() -> None:
+    rest = Joystick.from_payload(bytes.fromhex('0100' * 6 + '0000'))
+    assert rest == Joystick()
+    assert not any(Joystick(zeroed=True).to_bytes()[4:18])
+
+
 def test_any_host_estop_value_above_zero_is_a_stop() -> None:
     assert protocol.decode(build_frame(0x21, b'\x80')) == HostHeartbeat(True)
 

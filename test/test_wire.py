@@ -319,6 +319,25 @@ def test_freeze_amid_a_step_counts_too(bench: WireBench) -> None:
     assert bench.owner.told[-1] is True
 
 
+@pytest.mark.parametrize(('late', 'sent'), [(0.1875, True), (0.25, False)])
+def test_frame_that_was_made_before_a_freeze_is_not_sent_after_it(
+    bench: WireBench, late: float, sent: bool
+) -> None:
+    bench.run()
+    bench.session.wanted = [b'move']
+
+    def freeze(now: float) -> None:
+        bench.now += late
+
+    dropped = bench.wire.status.dropped
+    bench.do(freeze)
+    bench.step()
+    assert (b'move' in bench.port.sent) is sent
+    assert (bench.wire.status.dropped == dropped) is sent
+    bench.step()
+    assert bench.owner.told[-1] is not sent
+
+
 def test_step_in_time_discards_nothing(bench: WireBench) -> None:
     bench.run()
     for number in range(5):

@@ -398,13 +398,17 @@ class Wire(Generic[FrameT]):
             self._backoff = BACKOFF_START
 
     def _deliver(self, output: tuple[Sequence[Any], Sequence[FrameT]], now: float) -> None:
-        """Frames first (a stop on the wire), then the events, also where the port fails."""
+        """
+        Frames first (a stop on the wire), then the events, also where the port fails.
+
+        Frames are dropped if there was a freeze since they were made: the next step says stop.
+        """
         assert self._transport is not None
         events, frames = output
         taken: list[FrameT] = []
         try:
             for frame in frames:
-                if self._transport.send(frame):
+                if clock.now() - now <= _FROZEN_TIME and self._transport.send(frame):
                     self.status.sent += 1
                     taken.append(frame)
                 else:
