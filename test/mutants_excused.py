@@ -179,7 +179,6 @@ EXCUSED: dict[str, dict[str, str]] = {
         'Session.__init__: self._joystick_alone = False -> pass': _SET_FIRST,
         'Session.__init__: self._software_estop = False -> pass': _SET_FIRST,
         'Session.__init__: False -> True': _SET_FIRST,
-        'Session._sticks_of: button.value or False -> button.value': _FALSY,
         'Session._silence: wire.GARBLED and self._garbled(now) -> self._garbled(now)': (
             'of the wire without these words every read is a frame'
         ),

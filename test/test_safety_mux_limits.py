@@ -245,7 +245,10 @@ def test_growth_amid_a_curve_takes_the_same_share_of_what_is_left() -> None:
 
 
 def test_joint_without_a_demand_that_is_a_number_holds_no_other_back() -> None:
-    assert limiter(WHEEL, SLOW).step((math.inf, 1.0), 0.1) == (0.0, 0.5)
+    limited = limiter(WHEEL, SLOW)
+    assert limited.step((math.inf, 1.0), 0.1) == (0.0, 0.5)
+    limited.step((4.0, 0.5), 1.0)
+    assert limited.step((math.inf, 1.0), 0.01) == pytest.approx((3.6, 0.55))
 
 
 def test_no_zero_of_several_is_negative() -> None:
