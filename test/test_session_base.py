@@ -21,6 +21,7 @@ from diagnostic_msgs.msg import DiagnosticStatus
 import pytest
 
 from bridge_core.framing import Decoder
+from bridge_core.session import HeldButtons
 from bridge_core.session import INTERRUPTION_TIME
 from bridge_core.session import Level
 from bridge_core.session import Session
@@ -242,3 +243,14 @@ def test_noise_of_another_connection_does_not_count() -> None:
     session.opened(1.25)
     session.receive('noise', 1.375)
     assert session.stop_reasons(1.75) == ['silent']
+
+
+def test_held_buttons_know_whether_a_stop_came_last() -> None:
+    held = HeldButtons(1.0)
+    assert held.after_stop
+    held.miss(0.0, stopped=False)
+    assert not held.after_stop
+    held.miss(1.0, stopped=True)
+    assert held.after_stop
+    held.of((1,), 2.0)
+    assert not held.after_stop
