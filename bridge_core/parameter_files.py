@@ -195,12 +195,13 @@ def check_overrides(nodes: Sequence[str], arguments: Sequence[str]) -> None:
 
 
 def _hint(name: str, nodes: Collection[str]) -> str:
-    like = _like(name, nodes)
+    like = nearest(name, nodes)
     return f'did you mean {like}?' if like else f'there is {", ".join(nodes)}'
 
 
-def _like(name: str, nodes: Collection[str]) -> str:
-    return ''.join(difflib.get_close_matches(name, nodes, 1, _LIKE))
+def nearest(name: str, names: Collection[str]) -> str:
+    """Return which of these names may be meant by a misspelt one; empty: none is like it."""
+    return ''.join(difflib.get_close_matches(name, names, 1, _LIKE))
 
 
 def strangers(nodes: Collection[str], file: Path) -> Iterator[tuple[str, str]]:
@@ -208,7 +209,7 @@ def strangers(nodes: Collection[str], file: Path) -> Iterator[tuple[str, str]]:
     for section in sections_of(file):
         base = section.rsplit('/', 1)[-1]
         if base not in _TOKENS and base not in nodes:
-            yield section, _like(base, nodes)
+            yield section, nearest(base, nodes)
 
 
 def is_for(section: str, node: str) -> bool:

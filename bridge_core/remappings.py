@@ -18,18 +18,16 @@ from __future__ import annotations
 
 from collections.abc import Collection
 from collections.abc import Sequence
-import difflib
 import itertools
 import re
 
 from bridge_core.managed_node import ManagedNode
+from bridge_core.parameter_files import nearest
 from bridge_core.parameters import ParameterError
 
 _RULE = re.compile(r'(?:(?P<node>\w+):)?(?P<name>~/[\w/]+):=')
 # A node has the first without telling, and the others with publish_raw.
 _MAYBE = {'~/transition_event', '~/raw/received', '~/raw/sent'}
-
-_LIKE = 0.8  # how like a misspelt name is
 
 
 def check_remappings(
@@ -54,8 +52,8 @@ def check_remappings(
 
 
 def _error(rule: str, name: str, names: Sequence[str]) -> ParameterError:
-    like = difflib.get_close_matches(name, names, 1, _LIKE)
-    hint = f'did you mean {like[0]}?' if like else 'see --help'
+    like = nearest(name, names)
+    hint = f'did you mean {like}?' if like else 'see --help'
     return ParameterError(f'-r {rule}: there is no {name}; {hint}')
 
 
