@@ -34,16 +34,17 @@ def neutral(
 
 def sticks_of(us: Sequence[int | None], settings: Settings) -> Sticks:
     """
-    Return what the pulses ask for; of a control that is faulty, nothing.
+    Return what the pulses ask for; of an axis that is faulty, nothing.
 
-    :param us: of the pulse inputs, input 1 first; None: invalid.
+    :param us: of the pulse inputs, input 1 first; None: invalid. The buttons are 0: which of
+        ``buttons_of`` count depends on what was held before.
     """
     controls: tuple[AxisInput | ButtonInput, ...] = (*settings.axes, *settings.buttons)
     faults = {control.name: _fault(us, control.channel, settings) for control in controls}
     faulty = tuple(f'{name} {fault}' for name, fault in faults.items() if fault)
     return Sticks(
         axes=tuple(None if faults[axis.name] else us[axis.channel - 1] for axis in settings.axes),
-        buttons=tuple(value or 0 for value in buttons_of(us, settings)),
+        buttons=(0,) * len(settings.buttons),
         operational=True,
         faulty=faulty,
     )
