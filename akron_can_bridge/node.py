@@ -115,11 +115,12 @@ class AkronCanBridge(BridgeNode[Event]):
     def link_changed(self, text: str, ok: bool) -> None:
         """Have a session that may be new take over from the one before."""
         super().link_changed(text, ok)
-        if ok and self.active and self._handover is not None:
+        if ok and self.active:
+            self._tell_later()  # what the one before said last, behind a stop
+            if self._limited:  # first: once it has taken over, it may permit directions
+                self.request(Session.limit_directions, stop=True)
             self.request(Session.take_over, self._handover, self._lost_at, stop=True)
             self._lost_at = -math.inf
-        if ok and self.active and self._limited:
-            self.request(Session.limit_directions, stop=True)
 
     def on_lost(self) -> None:
         """Note when: what the unit was told last may go on."""

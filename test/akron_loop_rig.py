@@ -53,7 +53,9 @@ class Ours:
             return []
         if not self._opened:
             self._opened = True
-            return self._keep(self.session.opened(now))
+            sent = self._keep(self.session.opened(now))
+            self.session.take_over(None, -math.inf, now)
+            return sent
         if now >= self._due:
             self._due = now + 0.02
             self.session.set_estop(self.stop, now)

@@ -16,6 +16,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 from typing import TypeVar
 
@@ -23,6 +24,7 @@ from akron_can_bridge.protocol import Axis
 from akron_can_bridge.protocol import BasicJoystick
 from akron_can_bridge.protocol import ExtendedJoystick
 from akron_can_bridge.protocol import Status
+from akron_can_bridge.session import Handover
 from akron_can_bridge.session import Session
 from akron_can_bridge.session import Settings
 from bridge_core.j1939 import CanFrame
@@ -94,13 +96,19 @@ class Bench(SessionBench[Session]):
     def __init__(self, **options: Any) -> None:
         super().__init__(Session(Settings(**options)))
 
+    def open(self, before: Handover | None = None, lost: float = math.inf) -> list[Any]:
+        """Open the port as the node does. :param lost: s since the wire of ``before`` was."""
+        found = super().open()
+        self.session.take_over(before, self.now - lost, self.now)
+        return found + self.poll()
+
     def hear_unit(self) -> list[Any]:
         """Hear what a sound unit broadcasts every 100 ms."""
         return self.take(OUTPUTS, POSITION)
 
-    def find_unit(self) -> Bench:
+    def find_unit(self, before: Handover | None = None, lost: float = math.inf) -> Bench:
         """Open the port, find the unit, get its faults: no stop any more."""
-        self.open()
+        self.open(before, lost)
         self.take(ANNOUNCED, OUTPUTS, NO_FAULTS)
         return self
 
@@ -169,9 +177,9 @@ class Turning(Bench):
         self._tenths += self.turns
         return self.take(OUTPUTS, ef(f'01{self._tenths:03X}40371000041'), *self.says)
 
-    def ready(self) -> Turning:
+    def ready(self, before: Handover | None = None) -> Turning:
         """Have the unit found, at rest for long."""
-        self.find_unit()
+        self.find_unit(before)
         self.run(2.0, REST)
         assert not self.session.estop
         return self

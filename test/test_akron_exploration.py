@@ -87,6 +87,7 @@ class World(SessionWorld[Session]):
             'stick_at': self.FRESH,
         }
         super().__init__(Session(settings), said, reads=reads, old=old, apart=APART)
+        self.session.take_over(None, -math.inf, self.now)
         self.known: dict[str, Any] = {}  # what the unit said: when, or what
         self.foreign_at = -math.inf
         self.asked, self.asked_at = '', -math.inf  # of the e-stop input

@@ -32,14 +32,17 @@ from test.akron_session_rig import joystick
 from test.akron_session_rig import MOVE
 from test.akron_session_rig import MOVING
 from test.akron_session_rig import NEUTRAL
+from test.akron_session_rig import NO_FAULTS
 from test.akron_session_rig import of
 from test.akron_session_rig import OTHER_ANNOUNCED
 from test.akron_session_rig import OTHER_PIN
 from test.akron_session_rig import OURS
+from test.akron_session_rig import OUTPUTS
 from test.akron_session_rig import PIN
 from test.akron_session_rig import REST
 from test.akron_session_rig import SLOT
 from test.akron_session_rig import Turning
+from test.session_rig import SessionBench
 
 COAST = 1.0
 OSCILLATES, STANDS = ef('81FED401C280'), ef('81FED401C200')  # the manual's
@@ -288,9 +291,7 @@ def following(before: Handover, lost: float = math.inf, **options: Any) -> Turni
     """Return a new session whose unit oscillates. :param lost: s since the wire before was."""
     bench = Turning(automatic_motion=True, **options)
     bench.turns, bench.says = True, [OSCILLATES]
-    bench.open()
-    bench.session.take_over(before, bench.now - lost, bench.now)
-    bench.find_unit()
+    bench.find_unit(before, lost)
     return bench
 
 
@@ -327,8 +328,8 @@ def test_session_tells_what_the_next_one_has_to_know() -> None:
     bench.run(SLOT, MOVE)
     bench.run(COAST - SLOT, REST)
     free = Handover(free=True, pin=PIN)
-    found, *told = of(Handover, bench.events)
-    assert found == Handover(pin=PIN)
+    first, found, *told = of(Handover, bench.events)
+    assert (first, found) == (Handover(), Handover(pin=PIN))
     assert told == [free, replace(free, steered=True)]
     bench.events.clear()
     bench.run(2 * SLOT, REST)
@@ -358,9 +359,7 @@ def test_wire_after_one_that_died_follows_the_same_unit(
 
 def test_wire_that_dies_before_it_found_the_unit_tells_whose_it_was() -> None:
     bench = Turning()
-    bench.open()
-    bench.session.take_over(Handover(free=True, pin=PIN), bench.now, bench.now)
-    bench.poll()
+    bench.open(Handover(free=True, pin=PIN), 0.0)
     assert of(Handover, bench.events) == [Handover(pin=PIN)]
 
 
@@ -380,18 +379,36 @@ def test_unit_that_was_asked_for_setup_mode_may_be_in_it() -> None:
     bench.run(SLOT, REST)
     told = of(Handover, bench.events)[-1]
     assert told.in_setup
-    bench = Turning()
-    bench.open()
-    bench.session.take_over(told, -math.inf, bench.now)
-    bench.ready()
+    bench = Turning().ready(told)
     assert 'the unit is in setup mode' in bench.session.inhibits(bench.now)[0]
+
+
+def test_session_that_was_told_nothing_yet_tells_nothing_and_permits_nothing() -> None:
+    bench = Turning(soe_permissive=True, device_pin=PIN)
+    SessionBench.open(bench)
+    bench.take(ANNOUNCED, OUTPUTS, NO_FAULTS)
+    bench.run(0.5, REST)
+    assert not bench.session.estop
+    assert permission(bench) == 'A10000'
+    assert of(Handover, bench.events) == []
+    bench.session.take_over(None, -math.inf, bench.now)
+    bench.run(0.2, REST)
+    assert permission(bench) == 'A1000F'
+    assert of(Handover, bench.events) == [Handover(free=True, pin=PIN)]
+
+
+def test_session_that_is_told_late_or_again_tells_it_on() -> None:
+    bench = Turning().ready()
+    for _ in range(2):
+        bench.events.clear()
+        bench.session.take_over(Handover(in_setup=True, pin=PIN), -math.inf, bench.now)
+        bench.poll()
+        assert of(Handover, bench.events)[-1].in_setup
 
 
 def test_permission_after_another_session_takes_a_push_of_the_stick_once() -> None:
     bench = Turning(soe_permissive=True)
-    bench.open()
-    bench.session.take_over(Handover(), -math.inf, bench.now)
-    bench.ready()
+    bench.ready(Handover())
     assert permission(bench) == 'A10000'
     bench.run(0.1, MOVE)
     assert permission(bench) == 'A1000F'
@@ -401,7 +418,7 @@ def test_permission_after_another_session_takes_a_push_of_the_stick_once() -> No
     assert set(bench.joystick_frames(start)) == {MOVING}
     assert permission(bench) == 'A1000F'
     bench.run(0.1, REST, estop=True)
-    bench.session.take_over(Handover(free=True, in_setup=True), bench.now, bench.now)
+    bench.session.take_over(Handover(free=True), bench.now, bench.now)
     bench.run(0.1, REST)
     assert permission(bench) == 'A1000F'
 

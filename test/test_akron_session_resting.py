@@ -16,6 +16,7 @@
 
 from __future__ import annotations
 
+from akron_can_bridge.session import Handover
 from akron_can_bridge.session import Resting
 from akron_can_bridge.session import Settings
 from bridge_core.session import Level
@@ -24,6 +25,7 @@ from test.akron_session_rig import moved
 from test.akron_session_rig import NEUTRAL
 from test.akron_session_rig import OURS
 from test.akron_session_rig import OUTPUTS
+from test.akron_session_rig import PIN
 from test.akron_session_rig import SLOT
 from test.session_rig import SessionBench
 
@@ -48,6 +50,14 @@ def test_it_hears_nothing() -> None:
     assert bench.take(ANNOUNCED, OUTPUTS, moved(ANNOUNCED, OURS)) == []
     assert len(bench.sent) == sent
     assert bench.session.finder.unit is None
+
+
+def test_it_hands_nothing_over_so_that_what_is_known_outlives_it() -> None:
+    bench = SessionBench(Resting(Settings(device_pin=PIN)))
+    bench.open()
+    bench.wait(1.0)
+    bench.close()
+    assert not [event for event in bench.events if isinstance(event, Handover)]
 
 
 def test_it_is_a_stop_with_its_reason() -> None:

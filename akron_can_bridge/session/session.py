@@ -133,7 +133,8 @@ class Session(BaseSession[CanFrame, Received, Event]):
         self._pause_until = -math.inf  # a stop may pause an oscillation until then
         self._pause_at = -math.inf  # when it did
         self._in_setup = False  # the unit, or it may be
-        self._handover = Handover()  # as reported last, or taken over
+        self._informed = False  # of what a session before this one knew
+        self._handover: Handover | None = None  # as reported last
         self._restarted = False  # the unit, since it was asked to be reset
         self._limits, self._outputs = LimitsChanged(), OutputsChanged()  # as reported last
         self._in_error = False  # type 01 says operational error
@@ -314,24 +315,32 @@ class Session(BaseSession[CanFrame, Received, Event]):
         self.drive.limit_directions()
         self._refresh(now)
 
-    def take_over(self, before: Handover, lost_at: float, now: float) -> None:
+    def take_over(self, before: Handover | None, lost_at: float, now: float) -> None:
         """
         Take what a session before this one knew; a session that has had its own stop does not.
 
+        Until then it gives no SOE permission and reports no Handover: that would be one of a
+        session that knows nothing, to the next one.
+
+        :param before: None: there was none.
         :param lost_at: when its process ended without a farewell; -inf: it did not.
         """
         self._expire(now)
+        self._informed, self._handover = True, None
+        if before is not None:
+            self._follow_on(before, lost_at, now)
+        self._refresh(now)
+
+    def _follow_on(self, before: Handover, lost_at: float, now: float) -> None:
         if math.isfinite(lost_at) and self.finder.keep(before.pin):
             self._forget_all(now, 'another unit answered first')
+        self._in_setup |= before.in_setup
         if not math.isfinite(self._pause_until):
             self.withheld = True
-            self._in_setup |= before.in_setup
             # Nobody has heard the allowed joysticks meanwhile: they may have moved the unit.
             runs = before.free and not before.steered and not self.settings.allowed_joysticks
             if runs and now < lost_at + self.settings.coast_time:
                 self._pause_until = now + self.settings.coast_time
-        self._handover = before
-        self._refresh(now)
 
     def request(self, request: Request, now: float) -> None:
         """
@@ -414,6 +423,8 @@ class Session(BaseSession[CanFrame, Received, Event]):
 
     def _hand_over(self, now: float) -> None:
         """Report what a session after this one would have to know, once it has changed."""
+        if not self._informed:
+            return
         in_setup = self._in_setup or self._asker.is_open(Request.ENTER_SETUP)
         steered = self._is_steered(now)
         handover = Handover(not self._is_stopped, steered, in_setup, self.finder.pin)
@@ -422,7 +433,8 @@ class Session(BaseSession[CanFrame, Received, Event]):
             self._emit(handover)
 
     def _permitted(self, now: float) -> Permission:
-        stopped = self.withheld or self.drive.forbidden(now, self._holds())
+        given = self._informed and not self.withheld
+        stopped = not given or self.drive.forbidden(now, self._holds())
         return Permission(0) if stopped else self.drive.directions(now)
 
     # Questions to the unit.
