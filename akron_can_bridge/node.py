@@ -110,7 +110,7 @@ class AkronCanBridge(BridgeNode[Event]):
         elif isinstance(event, FaultsChanged):
             self._log_faults(event)
         elif isinstance(event, Handover):
-            self._handover = event
+            self._handover, self._lost_at = event, -math.inf
 
     def link_changed(self, text: str, ok: bool) -> None:
         """Have a session that may be new take over from the one before."""
@@ -120,12 +120,12 @@ class AkronCanBridge(BridgeNode[Event]):
             if self._limited:  # first: once it has taken over, it may permit directions
                 self.request(Session.limit_directions, stop=True)
             self.request(Session.take_over, self._handover, self._lost_at, stop=True)
-            self._lost_at = -math.inf
 
     def on_lost(self) -> None:
         """Note when: what the unit was told last may go on."""
-        self._lost_at = clock.now()
-        super().on_lost()
+        super().on_lost()  # it may have told something
+        if self.active:
+            self._lost_at = clock.now()
 
     def _log_faults(self, event: FaultsChanged) -> None:
         if event.faults:

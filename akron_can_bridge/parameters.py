@@ -214,8 +214,8 @@ PARAMETERS = (
     Parameter(
         'soe_permissive',
         False,
-        'Send A1, the permission to move in SOE mode, every 0.1 s while no stop is active. Needed '
-        'where the unit is in SOE mode and nobody else sends A1.',
+        'Send A1, the permission to move in SOE mode, every 0.1 s from a push of a stick on until '
+        'the next stop. Needed where the unit is in SOE mode and nobody else sends A1.',
     ),
     Parameter(
         'joy_source',

@@ -87,6 +87,10 @@ DEPLOY = (  # by switch 8, and on by itself
     BasicJoystick(Axis.of(0), Axis.of(0), tuple(Status(n == 8) for n in range(1, 13))),
     ExtendedJoystick(),
 )
+WATER = (  # switch 3, that moves nothing
+    BasicJoystick(Axis.of(0), Axis.of(0), tuple(Status(n == 3) for n in range(1, 13))),
+    ExtendedJoystick(),
+)
 E = TypeVar('E')
 
 

@@ -76,8 +76,10 @@ def test_wire_that_is_killed_with_its_node_leaves_the_unit_to_its_own_watchdog(
 ) -> None:
     with bench_of(observer, can_bus) as bench:
         bench.connect().drive(own_unit)
-        os.kill(wires_of(bench.node.process.pid)[0], signal.SIGKILL)
-        bench.node.end(signal.SIGKILL)  # before another wire can start
+        wire = wires_of(bench.node.process.pid)[0]
+        os.kill(bench.node.process.pid, signal.SIGSTOP)  # so that it starts no other wire
+        os.kill(wire, signal.SIGKILL)
+        bench.node.end(signal.SIGKILL)
         killed = time.monotonic()
         bench.commanding = False
         bench.wait(lambda: own_unit.look('cleared')['38'] == 1, 'its own watchdog')
@@ -156,6 +158,7 @@ def test_limit_of_directions_outlives_wire_and_activation(
     nothing, right = bytes.fromhex('A10000'), bytes.fromhex('A10001')
     with bench_of(observer, can_bus, {'soe_permissive': True}) as bench:
         ready_to_lose(bench)
+        bench.drive(own_unit)
         limiter = observer.node.create_publisher(UInt8, f'{bench.prefix}/soe_directions', 1)
 
         def is_limited() -> bool:

@@ -42,6 +42,7 @@ from test.akron_session_rig import PIN
 from test.akron_session_rig import REST
 from test.akron_session_rig import SLOT
 from test.akron_session_rig import Turning
+from test.akron_session_rig import WATER
 from test.session_rig import SessionBench
 
 COAST = 1.0
@@ -80,6 +81,13 @@ def test_unit_that_begins_to_move_alone_has_as_long() -> None:
     bench.run(ends - SLOT - bench.now, REST)
     assert not bench.session.estop
     bench.run(2 * SLOT, REST)
+    assert bench.session.estop
+
+
+def test_water_asks_for_no_motion() -> None:
+    bench = Turning().ready()
+    bench.turns = True
+    bench.run(COAST + 1.0, WATER)
     assert bench.session.estop
 
 
@@ -251,6 +259,8 @@ def test_stop_of_what_moves_by_itself_keeps_the_permission_until_the_stick_moves
     what: str,
 ) -> None:
     bench = Turning(soe_permissive=True, automatic_motion=True).ready()
+    bench.run(SLOT, MOVE)
+    bench.run(COAST, REST)
     assert permission(bench) == 'A1000F'
     if what == 'switch':
         bench.run(0.1, DEPLOY)
@@ -273,15 +283,16 @@ def test_stop_of_what_moves_by_itself_keeps_the_permission_until_the_stick_moves
     assert permission(bench) == 'A1000F'
 
 
-def test_stop_of_what_the_stick_moves_gives_the_permission_back() -> None:
+@pytest.mark.parametrize('later', [0.0, 0.35, 2.0])
+def test_motion_that_began_soon_after_a_push_is_not_resumed_either(later: float) -> None:
     bench = Turning(soe_permissive=True).ready()
+    bench.run(0.1, MOVE)
     bench.turns = True
-    bench.run(2.0, MOVE)
+    bench.run(later, REST)
     bench.run(0.5, REST, estop=True)
-    bench.turns = False
     bench.run(0.5, REST)
-    assert permission(bench) == 'A1000F'
-    assert not bench.session.withheld
+    assert permission(bench) == 'A10000'
+    assert bench.session.withheld
 
 
 # -- what a session before this one knew ----------------------------------------------------------
@@ -373,6 +384,27 @@ def test_unit_of_another_wire_that_was_found_is_forgotten(lost: float) -> None:
     assert asked == ['00ee00'] * (lost < math.inf)
 
 
+def test_node_knows_of_setup_mode_before_the_unit_does() -> None:
+    bench = Turning().ready()
+    bench.events.clear()
+    start = bench.now
+    bench.session.request(Request.ENTER_SETUP, bench.now)
+    bench.poll()
+    assert of(Handover, bench.events)[-1].in_setup
+    assert bench.asked(start) == []
+    bench.wait(SLOT)
+    assert bench.asked(start) == ['46']
+
+
+def test_what_is_handed_over_is_told_again_where_it_may_be_lost() -> None:
+    bench = Turning().ready()
+    bench.take(ef('46', destination=OURS))
+    bench.events.clear()
+    bench.session.interrupted('messages were lost', bench.now)
+    bench.poll()
+    assert of(Handover, bench.events)[-1].in_setup
+
+
 def test_unit_that_was_asked_for_setup_mode_may_be_in_it() -> None:
     bench = Turning().ready()
     bench.session.request(Request.ENTER_SETUP, bench.now)
@@ -391,10 +423,13 @@ def test_session_that_was_told_nothing_yet_tells_nothing_and_permits_nothing() -
     assert not bench.session.estop
     assert permission(bench) == 'A10000'
     assert of(Handover, bench.events) == []
+    bench.run(0.1, MOVE)
+    assert bench.all_neutral(0.0)
     bench.session.take_over(None, -math.inf, bench.now)
-    bench.run(0.2, REST)
-    assert permission(bench) == 'A1000F'
+    bench.run(0.1, REST)
     assert of(Handover, bench.events) == [Handover(free=True, pin=PIN)]
+    bench.run(0.1, MOVE)
+    assert permission(bench) == 'A1000F'
 
 
 def test_session_that_is_told_late_or_again_tells_it_on() -> None:
@@ -420,7 +455,7 @@ def test_permission_after_another_session_takes_a_push_of_the_stick_once() -> No
     bench.run(0.1, REST, estop=True)
     bench.session.take_over(Handover(free=True), bench.now, bench.now)
     bench.run(0.1, REST)
-    assert permission(bench) == 'A1000F'
+    assert permission(bench) == 'A10000'
 
 
 # -- requests -------------------------------------------------------------------------------------

@@ -21,9 +21,11 @@ from typing import Any
 
 import pytest
 
+from akron_can_bridge.parameters import Cause
 from akron_can_bridge.protocol import Axis
 from akron_can_bridge.protocol import ExtendedJoystick
 from akron_can_bridge.protocol import Status
+from akron_can_bridge.session import Handover
 from akron_can_bridge.session import Stopped
 from bridge_core.j1939 import CanFrame
 from bridge_core.session import StopChanged
@@ -35,6 +37,7 @@ from test.akron_session_rig import ESTOP_LIMIT
 from test.akron_session_rig import joystick
 from test.akron_session_rig import LINK_LIMIT
 from test.akron_session_rig import MOVE
+from test.akron_session_rig import moved
 from test.akron_session_rig import MOVING
 from test.akron_session_rig import name
 from test.akron_session_rig import NEUTRAL
@@ -47,6 +50,7 @@ from test.akron_session_rig import POSITION
 from test.akron_session_rig import REST
 from test.akron_session_rig import SLOT
 from test.akron_session_rig import UNIT
+from test.akron_session_rig import WATER
 
 GRIPS = (
     MOVE[0],
@@ -320,14 +324,15 @@ def test_permission_every_100_ms_to_the_unit_alone() -> None:
     assert permissions(bench) == []
     bench.take(ANNOUNCED, OUTPUTS, NO_FAULTS)
     assert permissions(bench) == ['A10000']  # no e-stop input yet
-    bench.run(1.0, REST)
+    bench.run(0.2, REST)
+    bench.run(0.8, MOVE)
     times = [at for at, frame in bench.sent if frame.identifier == A1 and frame.data[0] == 0xA1]
-    assert permissions(bench)[2:] == ['A1000F'] * (len(times) - 2)
+    assert permissions(bench)[3:] == ['A1000F'] * (len(times) - 3)
     assert all(b - a <= 0.1 + SLOT for a, b in itertools.pairwise(times))
     assert 10 <= len(times) <= 13
 
 
-def test_permission_ends_with_a_stop_at_once_and_comes_back_without_motion() -> None:
+def test_permission_ends_with_a_stop_at_once_and_comes_back_with_the_next_push() -> None:
     bench = Bench(soe_permissive=True).moving()
     start = bench.now
     bench.estop_in(True)
@@ -337,14 +342,67 @@ def test_permission_ends_with_a_stop_at_once_and_comes_back_without_motion() -> 
     assert len(permissions(bench, start)) >= 5
     start = bench.now + 1e-9
     bench.run(0.3, MOVE)
-    assert permissions(bench, start)[-1] == 'A1000F'
+    bench.run(0.3, REST)
+    assert set(permissions(bench, start)) == {'A10000'}
     assert bench.all_neutral(start)
-
-
-def test_permission_does_not_wait_for_a_command() -> None:
-    bench = Bench(soe_permissive=True).find_unit()
-    bench.run(0.3)
+    bench.command(MOVE)
     assert permissions(bench)[-1] == 'A1000F'
+    assert bench.joystick_frames()[-1] == NEUTRAL  # its slot is later: no motion waits for it
+
+
+@pytest.mark.parametrize('again', ['start', 'link', 'wire'])
+def test_reset_gives_no_permission_to_motion_that_was_interrupted(again: str) -> None:
+    bench = Bench(soe_permissive=True, link_timeout=0.6, estop_on=frozenset({Cause.LINK}))
+    bench.find_unit(Handover() if again == 'wire' else None)
+    if again == 'link':
+        bench.run(0.1, REST)
+        bench.run(0.1, MOVE)
+        bench.run(0.1, REST)
+        assert permissions(bench)[-1] == 'A1000F'
+        bench.wait(1.0)
+    start = bench.now
+    bench.run(1.0, REST)
+    assert bench.session.inhibits(bench.now) == []
+    assert set(permissions(bench, start)) == {'A10000'}
+
+
+@pytest.mark.parametrize('command', [WATER, REST])
+def test_what_moves_nothing_gives_no_permission(command: tuple[Any, Any]) -> None:
+    bench = Bench(soe_permissive=True).find_unit()
+    bench.run(0.1, REST)
+    bench.run(0.3, command)
+    assert set(permissions(bench)) == {'A10000'}
+
+
+def test_allowed_joystick_gives_the_permission_once_it_was_let_go_and_pushed() -> None:
+    let_go, pushed, broken = (joystick(x + '010000000000') for x in ('0100', '107D', '127D'))
+    bench = Bench(soe_permissive=True, allowed_joysticks=frozenset({0x33})).find_unit()
+
+    def given(*frames: CanFrame) -> bool:
+        for frame in frames:
+            bench.run(SLOT)
+            bench.take(frame)
+        return permissions(bench)[-1] == 'A1000F'
+
+    assert not given(let_go)
+    assert given(pushed, let_go)
+    bench.run(SLOT, estop=True)
+    assert not given(pushed, pushed)  # held through the stop
+    assert not given(let_go, broken)
+    assert not given(pushed)
+    assert not given(moved(let_go, 0x34), moved(pushed, 0x34))
+    bench.run(1.1)  # that was a stop
+    assert given(let_go, pushed)
+
+
+def test_permission_ends_at_once_where_the_address_is_forgotten() -> None:
+    bench = Bench(soe_permissive=True).moving()
+    start = bench.now
+    bench.session.interrupted('frozen', bench.now)
+    bench.poll()
+    assert permissions(bench, start) == ['A10000']
+    bench.wait(1.0)
+    assert permissions(bench, start) == ['A10000']
 
 
 def test_missing_permission_is_no_stop() -> None:
@@ -365,8 +423,7 @@ def test_permission_of_a_stale_estop_input_ends_without_spinning() -> None:
 
 
 def test_permission_to_a_unit_that_lost_its_address_ends_without_spinning() -> None:
-    bench = Bench(soe_permissive=True).find_unit()
-    bench.run(0.3)
+    bench = Bench(soe_permissive=True).moving()
     assert permissions(bench)[-1] == 'A1000F'
     bench.take(name('0100000000000000', UNIT))
     start = bench.now
@@ -375,8 +432,7 @@ def test_permission_to_a_unit_that_lost_its_address_ends_without_spinning() -> N
 
 
 def test_permission_by_direction_is_the_manuals_and_goes_stale() -> None:
-    bench = Bench(soe_permissive=True).find_unit()
-    bench.run(0.3)
+    bench = Bench(soe_permissive=True).moving()
     start = bench.now
     bench.session.set_directions(0b1001, bench.now)  # down and right only
     bench.poll()
@@ -396,10 +452,8 @@ def test_permission_by_direction_is_the_manuals_and_goes_stale() -> None:
 
 def test_limit_of_a_session_before_permits_nothing_until_it_is_said_again() -> None:
     bench = Bench(soe_permissive=True)
-    bench.open()
     bench.session.limit_directions(bench.now)
-    bench.find_unit()
-    bench.run(0.3)
+    bench.moving()
     assert set(permissions(bench)) == {'A10000'}
     bench.session.set_directions(0b0001, bench.now)
     bench.session.limit_directions(bench.now)
@@ -408,8 +462,7 @@ def test_limit_of_a_session_before_permits_nothing_until_it_is_said_again() -> N
 
 
 def test_direction_is_never_permitted_during_a_stop() -> None:
-    bench = Bench(soe_permissive=True).find_unit()
-    bench.run(0.3)
+    bench = Bench(soe_permissive=True).moving()
     bench.estop_in(True)
     start = bench.now
     bench.session.set_directions(0b1111, bench.now)

@@ -253,7 +253,9 @@ def test_claim_that_somebody_asked_for_is_no_reset(asked: CanFrame, restarted: b
     bench.run(0.2)
     answers = of(Answer, bench.take(asked, NAME, ANNOUNCED))
     assert [answer.success for answer in answers] == [True] * restarted
-    bench.run(0.4, unit=False)
+    bench.run(1.1, unit=False)
+    asked_by_us = bench.frames(0x18EAFF38, bench.now - 1.1)
+    assert asked_by_us == [] or restarted
     bench.take(ANNOUNCED)
     assert [answer.success for answer in of(Answer, bench.events)] == [True]
     assert bench.session.counters.malformed == 0

@@ -61,6 +61,7 @@ WARNINGS: dict[str, tuple[list[CanFrame], dict[str, Any]]] = {
         {'joy_source': 0x33, 'allowed_joysticks': frozenset({0x33})},
     ),
     'SOE mode is active': ([ef('83C851')], {}),
+    'move the stick to give the SOE permission': ([ef('83C851')], {'soe_permissive': True}),
     'the unit is not calibrated': ([ef('011D940371000040')], {}),
     'the rotation position is in error': ([ef('011D9A0371000041')], {}),
     'the elevation position is in error': ([ef('011D94037A000041')], {}),
@@ -79,7 +80,7 @@ def test_each_cause_has_its_sentence(text: str) -> None:
 
 
 def test_what_is_asked_for_is_no_warning() -> None:
-    assert told(ef('83C851'), soe_permissive=True) == []
+    assert told(soe_permissive=True) == []
     assert told(OTHER_ANNOUNCED, device_pin=PIN) == []
     # Not available is not broken: there are units without sensors and calibration.
     assert told(ef('01000F000F000043')) == []

@@ -58,6 +58,7 @@ _QUESTIONS: dict[Request, dict[type[Message], Sendable]] = {
         ConfigVersion: ConfigPoll(),
     },
 }
+_TOLD_TIME = 0.001  # s; the next poll is later, and the node knows by then
 _POLLS = (Request.POLL_FAULTS, Request.POLL_VERSIONS)
 
 
@@ -87,7 +88,9 @@ class Asker:
         """Ask. Who asks the same again before the answer gets that answer, too."""
         if request not in self._open:
             timeout = RESET_TIME if request is Request.RESET_CONTROLLER else self._timeout
-            self._open[request] = _Open(dict(_QUESTIONS[request]), now + timeout, now)
+            # Not sent before the node knows: its wire may die right after that.
+            send_at = now + _TOLD_TIME if request is Request.ENTER_SETUP else now
+            self._open[request] = _Open(dict(_QUESTIONS[request]), now + timeout, send_at)
         self._open[request].asked |= asked
 
     def answered(self, message: Message) -> list[Answer]:

@@ -91,6 +91,7 @@ class Drive:
         self._pacer = Pacer(JOYSTICK_PERIOD)
         self._permissive_pacer = Pacer(PERMISSIVE_PERIOD)
         self._permissive: tuple[int | None, Permission] = (None, _NOTHING)  # as sent last
+        self._revoke: int | None = None  # whom to take back what was permitted
 
     def start(self, now: float) -> None:
         """Begin with neutral frames."""
@@ -100,6 +101,7 @@ class Drive:
         """Send no more."""
         self._pacer.stop()
         self._permissive_pacer.stop()
+        self._revoke = None
 
     def forget(self) -> None:
         """Forget what was heard."""
@@ -109,12 +111,21 @@ class Drive:
         self._is_open = False
         self._command = REST
         self._pause_until = -math.inf
+        unit, permitted = self._permissive
+        if permitted:
+            self._revoke = unit
         self._permissive = (None, _NOTHING)
 
     @property
     def moving(self) -> bool:
-        """Motion is commanded: what goes out is not neutral."""
+        """Motion is commanded, or something else: what goes out is not neutral."""
         return self._command != REST
+
+    @property
+    def pushes(self) -> bool:
+        """The command asks for motion: by the stick, or by what starts some that goes on."""
+        basic = self._command.basic
+        return self.automatic or basic.x.value != 0 or basic.y.value != 0
 
     @property
     def automatic(self) -> bool:
@@ -201,7 +212,7 @@ class Drive:
             self._command = command
 
     def _end_command(self, now: float) -> None:
-        if self.moving:
+        if self.pushes:
             self.asked_until = now
         if self._command.basic.steers:
             self.steered_until = now
@@ -223,6 +234,10 @@ class Drive:
         self, now: float, unit: int | None, permitted: Permission
     ) -> list[CanFrame]:
         """Return the A1 that is due: periodically, and at once when it changes."""
+        source = self._settings.source_address
+        revoke, self._revoke = self._revoke, None
+        if revoke is not None and revoke != unit:
+            return [SoePermissive(_NOTHING).to_frame(source, revoke)]
         if not self._settings.soe_permissive or unit is None:
             self._permissive_pacer.stop()
             self._permissive = (None, _NOTHING)
@@ -233,7 +248,7 @@ class Drive:
             return []
         self._permissive_pacer.sent(now)
         self._permissive = (unit, permitted)
-        return [SoePermissive(permitted).to_frame(self._settings.source_address, unit)]
+        return [SoePermissive(permitted).to_frame(source, unit)]
 
     def farewell(self, unit: int | None, now: float, *, pause: bool) -> list[CanFrame]:
         """Return what leaves the unit at rest. :param pause: it oscillates, and is to pause."""

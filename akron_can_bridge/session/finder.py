@@ -144,9 +144,13 @@ class Finder:
         """Note that NAMEs are asked for, by us or by anybody."""
         self._asked_at = now
 
+    def is_asked(self, now: float) -> bool:
+        """Tell whether what is claimed and announced may be an answer."""
+        return now <= self._asked_at + REQUEST_PERIOD
+
     def restarts(self, source: int, name: Name, now: float) -> bool:
         """Tell whether a claim is our unit's, and no answer to a NAME request."""
-        return self._is_ours(source, name) and now > self._asked_at + REQUEST_PERIOD
+        return self._is_ours(source, name) and not self.is_asked(now)
 
     def request_due(self, now: float, *, heard: bool) -> bool:
         """Tell whether a NAME request is to go out now. :param heard: our unit is."""

@@ -65,6 +65,7 @@ class Joysticks:
         self._settings = settings
         self._heard: dict[int, tuple[float, CanFrame]] = {}  # when, and the frame
         self._deflected: dict[int, float] = {}  # when it was last out of its neutral
+        self._rested: set[int] = set()  # who was neutral since the last stop, and sound
         self._source = Watchdog(JOYSTICK_TIMEOUT)
         self._extended_heard = Watchdog(JOYSTICK_TIMEOUT)
         self._extended = _NO_EXTENDED
@@ -75,6 +76,7 @@ class Joysticks:
         """Forget all that was heard."""
         self._heard.clear()
         self._deflected.clear()
+        self._rested.clear()
         self._source.reset()
         self._extended_heard.reset()
         self.faulty = ()
@@ -92,9 +94,14 @@ class Joysticks:
             return []
         if isinstance(message, BasicJoystick):
             self._deflected.pop(source, None)
-            if message.x.value != 0 or message.y.value != 0:
+            axes = message.x.value, message.y.value
+            if axes != (0, 0):
                 self._deflected[source] = now
                 self.asked_until = now + JOYSTICK_TIMEOUT
+            if None in axes:
+                self._rested.discard(source)
+            elif axes == (0, 0):
+                self._rested.add(source)
             if message.steers:
                 self.steered_until = now + JOYSTICK_TIMEOUT
         self.automatic_asked |= message.automatic
@@ -131,6 +138,15 @@ class Joysticks:
     def moving(self, now: float) -> list[int]:
         """Return the addresses of those that ask the unit to move; ones that are broken may."""
         return [at for at, said in self._deflected.items() if now < said + JOYSTICK_TIMEOUT]
+
+    def stop(self) -> None:
+        """Have a stick that is held through a stop count as none that is pushed."""
+        self._rested.clear()
+
+    def pushes(self, now: float) -> bool:
+        """Tell whether one that is allowed was let go since the last stop, and pushed."""
+        allowed = self._settings.allowed_joysticks
+        return any(at in allowed and at in self._rested for at in self.moving(now))
 
     def foreign(self, now: float) -> list[int]:
         """Return the addresses of those that nobody allowed, our own among them."""

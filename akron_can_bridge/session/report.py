@@ -75,17 +75,16 @@ def _bus_warnings(session: Session) -> list[str]:
 
 
 def _soe_warnings(session: Session, now: float) -> list[str]:
-    if session.withheld and session.settings.soe_permissive:
-        return [
-            'move the stick to give the SOE permission again: the unit moved by itself, or could, '
-            'when it was stopped'
-        ]
     outputs = session.unit.broadcast(DigitalOutputs, now)
-    if outputs is None or session.settings.soe_permissive:
+    if outputs is None or Output.SOE_MODE_ACTIVE not in outputs.outputs:
         return []
-    if Output.SOE_MODE_ACTIVE not in outputs.outputs:
-        return []
-    return ['SOE mode is active, so the unit moves only with permission; set soe_permissive']
+    if not session.settings.soe_permissive:
+        return ['SOE mode is active, so the unit moves only with permission; set soe_permissive']
+    if session.withheld:
+        return [
+            'move the stick to give the SOE permission: each stop takes it back, no reset gives it'
+        ]
+    return []
 
 
 def _position_warnings(session: Session, now: float) -> list[str]:

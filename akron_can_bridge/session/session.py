@@ -26,7 +26,6 @@ from akron_can_bridge.protocol import AddressAnnouncement
 from akron_can_bridge.protocol import BASIC_JOYSTICK_PGN
 from akron_can_bridge.protocol import BasicJoystick
 from akron_can_bridge.protocol import DigitalInputs
-from akron_can_bridge.protocol import DigitalOutputs
 from akron_can_bridge.protocol import EnterSetup
 from akron_can_bridge.protocol import EXTENDED_JOYSTICK_PGN
 from akron_can_bridge.protocol import ExtendedJoystick
@@ -39,7 +38,6 @@ from akron_can_bridge.protocol import MessageType
 from akron_can_bridge.protocol import MiniOutputs
 from akron_can_bridge.protocol import Name
 from akron_can_bridge.protocol import NAME_PGN
-from akron_can_bridge.protocol import Output
 from akron_can_bridge.protocol import Permission
 from akron_can_bridge.protocol import PositionLimit
 from akron_can_bridge.protocol import PROPRIETARY_PGN
@@ -98,6 +96,7 @@ _DIRECTIONS = sum(Permission)
 _NAME_REQUEST = FieldRequest().to_bytes()
 _NO_FAULT = FaultStatus(Fault(0), 0)
 _IN_SETUP = 'the unit is in setup mode, or may be; call ~/reset_controller once that is done'
+_NOT_INFORMED = 'this node has yet to tell what it knew of the unit before'
 # What must not meet a moving unit, and what it is called meanwhile.
 _AT_REST = {
     Request.ZERO_POSITIONS: 'its zero positions are being set',
@@ -123,7 +122,7 @@ class Session(BaseSession[CanFrame, Received, Event]):
         self.joysticks = Joysticks(settings)
         self.drive = Drive(settings)
         self.motion = Motion(self.unit)
-        self.withheld = False  # no SOE permission: it would resume motion that a stop ended
+        self.withheld = True  # no SOE permission until a stick is pushed: motion would go on
         self._asker = Asker(settings.answer_timeout)
         self._was_up = False  # link_up as of the last refresh
         self._automatic = False  # somebody asked for motion that goes on by itself
@@ -196,6 +195,7 @@ class Session(BaseSession[CanFrame, Received, Event]):
 
     def _forget(self, now: float, reason: str) -> None:
         self._in_setup |= self._asker.is_open(Request.ENTER_SETUP)
+        self._handover = None  # what was reported may be lost, too
         self._report(self._asker.drop(reason))
         self.drive.forget()
         self.unit.forget()
@@ -319,8 +319,8 @@ class Session(BaseSession[CanFrame, Received, Event]):
         """
         Take what a session before this one knew; a session that has had its own stop does not.
 
-        Until then it gives no SOE permission and reports no Handover: that would be one of a
-        session that knows nothing, to the next one.
+        Until then it is neutral and reports no Handover: that would be one of a session that
+        knows nothing, to the next one.
 
         :param before: None: there was none.
         :param lost_at: when its process ended without a farewell; -inf: it did not.
@@ -335,12 +335,11 @@ class Session(BaseSession[CanFrame, Received, Event]):
         if math.isfinite(lost_at) and self.finder.keep(before.pin):
             self._forget_all(now, 'another unit answered first')
         self._in_setup |= before.in_setup
-        if not math.isfinite(self._pause_until):
-            self.withheld = True
-            # Nobody has heard the allowed joysticks meanwhile: they may have moved the unit.
-            runs = before.free and not before.steered and not self.settings.allowed_joysticks
-            if runs and now < lost_at + self.settings.coast_time:
-                self._pause_until = now + self.settings.coast_time
+        # Nobody has heard the allowed joysticks meanwhile: they may have moved the unit.
+        runs = before.free and not before.steered and not self.settings.allowed_joysticks
+        is_new = not math.isfinite(self._pause_until)
+        if runs and is_new and now < lost_at + self.settings.coast_time:
+            self._pause_until = now + self.settings.coast_time
 
     def request(self, request: Request, now: float) -> None:
         """
@@ -361,13 +360,14 @@ class Session(BaseSession[CanFrame, Received, Event]):
         if request is Request.RESET_CONTROLLER and not self._asker.is_open(request):
             self._restarted = False
         self._asker.start(request, now, asked=True)
+        self._refresh(now)
 
     # Motion that a neutral stick does not end.
 
     @property
     def _asked_until(self) -> float:
         """Until when somebody asked the unit to move; infinite: somebody does."""
-        if self.drive.moving or self._automatic:
+        if self.drive.pushes or self._automatic:
             return math.inf
         return max(self._automatic_until, self.drive.asked_until, self.joysticks.asked_until)
 
@@ -382,24 +382,18 @@ class Session(BaseSession[CanFrame, Received, Event]):
         self.joysticks.automatic_asked = False
         if not self.drive.forbidden(now, self._holds()):
             self._is_stopped, self._pause_until = False, math.inf
-            self.withheld &= not self.drive.moving
+            self.withheld &= not (self.drive.pushes or self.joysticks.pushes(now))
             return
+        self.withheld = True
+        self.joysticks.stop()
         if not self._is_stopped:
             self._is_stopped, self._stopped_at = True, now
             self._pause_until = min(self._pause_until, now + self.settings.coast_time)
-        self.withheld |= self._may_resume(now)
         if self._automatic:
             self._automatic, self._automatic_until = False, now
         if self._may_pause(now) and self.motion.runs_since > self._stopped_at:
             self._pause_at = now
             self.drive.pause(now)
-
-    def _may_resume(self, now: float) -> bool:
-        """Tell whether the unit might move by itself once it has permission."""
-        outputs = self.unit.broadcast(DigitalOutputs, now)
-        aims = outputs is not None and Output.POINT_AIM_MODE_ACTIVE in outputs.outputs
-        alone = self.motion.moving(now) and now >= self._asked_until + self.settings.coast_time
-        return self._automatic or aims or alone or self.motion.oscillates(now)
 
     def _may_pause(self, now: float) -> bool:
         """
@@ -424,7 +418,7 @@ class Session(BaseSession[CanFrame, Received, Event]):
     def _hand_over(self, now: float) -> None:
         """Report what a session after this one would have to know, once it has changed."""
         if not self._informed:
-            return
+            return  # see take_over
         in_setup = self._in_setup or self._asker.is_open(Request.ENTER_SETUP)
         steered = self._is_steered(now)
         handover = Handover(not self._is_stopped, steered, in_setup, self.finder.pin)
@@ -433,8 +427,7 @@ class Session(BaseSession[CanFrame, Received, Event]):
             self._emit(handover)
 
     def _permitted(self, now: float) -> Permission:
-        given = self._informed and not self.withheld
-        stopped = not given or self.drive.forbidden(now, self._holds())
+        stopped = self.withheld or self.drive.forbidden(now, self._holds())
         return Permission(0) if stopped else self.drive.directions(now)
 
     # Questions to the unit.
@@ -453,13 +446,17 @@ class Session(BaseSession[CanFrame, Received, Event]):
 
     def _busy(self) -> list[str]:
         busy = [text for request, text in _AT_REST.items() if self._asker.is_open(request)]
+        if not self._informed:
+            busy.append(_NOT_INFORMED)
         return [*busy, _IN_SETUP] if self._in_setup else busy
 
     def _questions(self, now: float) -> list[CanFrame]:
         """Return the requests and polls that are due."""
         source, unit = self.settings.source_address, self.finder.address
         frames = []
-        if self.finder.request_due(now, heard=self.link_up):
+        # A unit that is being reset announces itself: unasked, or it would be no sign of that.
+        resetting = self._asker.is_open(Request.RESET_CONTROLLER)
+        if not resetting and self.finder.request_due(now, heard=self.link_up):
             frames.append(FieldRequest().to_frame(source))
         if self._wants_faults(now):
             self._faults_at = now
@@ -518,10 +515,10 @@ class Session(BaseSession[CanFrame, Received, Event]):
             self._in_setup = True
         elif isinstance(message, FaultStatus):
             self._take_faults(message, now)
-        # It announces itself when anybody asks, too: that alone is no reset.
-        if self._restarted or not isinstance(message, AddressAnnouncement):
-            if isinstance(message, AddressAnnouncement):
-                self._in_setup &= not self._asker.is_open(Request.RESET_CONTROLLER)
+        if not isinstance(message, AddressAnnouncement):
+            self._report(self._asker.answered(message))
+        elif self._restarted and not self.finder.is_asked(now):
+            self._in_setup &= not self._asker.is_open(Request.RESET_CONTROLLER)
             self._report(self._asker.answered(message))
 
     def _take_position(self, message: PositionLimit) -> None:

@@ -17,6 +17,7 @@
 from __future__ import annotations
 
 from functools import partial
+import math
 from typing import Any
 
 from akron_can_bridge.node import AkronCanBridge
@@ -335,6 +336,7 @@ def _ef(frame: CanFrame, source: int) -> bool:
 
 
 def _akron_before(session: AkronSession, number: int, now: float) -> None:
+    session.take_over(None, -math.inf, now)
     session.set_estop(False, now)
     session.set_command(*(akron.REST if number % 5 == 0 else akron.MOVE), now)
 
