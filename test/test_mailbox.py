@@ -62,6 +62,16 @@ def test_stop_is_not_replaced_by_a_release_and_comes_first() -> None:
     assert take_all(('c', 'command', False), ('e', 'stop', True)) == ['stop', 'command']
 
 
+def test_stop_that_replaces_one_comes_behind_the_activation_that_it_was_asked_after() -> None:
+    mailbox = Mailbox(lambda number, error: None)
+    mailbox.put(request(1, 'e', 'stop', stop=True), False)
+    for number, name in ((2, 'deactivate'), (3, 'activate')):
+        mailbox.put(request(number, name, name, stop=True), True)
+    mailbox.put(request(4, 'e', 'stop', stop=True), False)
+    assert [each.number for each in mailbox.take()] == [2, 3, 4]
+    mailbox.close()
+
+
 def test_request_that_nothing_replaces_has_no_number_in_common_with_the_newest() -> None:
     mailbox = Mailbox(lambda number, error: None)
     mailbox.put(request(0, 'a'), False)

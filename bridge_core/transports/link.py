@@ -229,6 +229,8 @@ class Mailbox:
             if self._ended:
                 return
             self._newest.pop(key, None)
+            if request.stop:
+                self._stops.pop(key, None)  # its place may be before a command to end the session
             (self._stops if request.stop else self._newest)[key] = request
             os.eventfd_write(self._wake_fd, 1)
 
