@@ -61,6 +61,7 @@ from bridge_core.session import StopChanged
 from bridge_core.session import Verdict
 from bridge_core.transports import process
 from bridge_core.transports import TransportError
+from bridge_core.transports import wire_process
 from bridge_core.transports.process import ProcessLink
 from bridge_core.transports.wire import Request
 from bridge_core.transports.wire_process import Node
@@ -915,16 +916,28 @@ def test_what_the_kernel_had_no_memory_for_is_lost_too(
     assert len(interrupted) == 1
 
 
+@pytest.mark.parametrize('unread', [False, True])
 def test_wire_takes_in_what_was_asked_before_the_node_went(
-    ends: tuple[Node, socket.socket],
+    ends: tuple[Node, socket.socket], unread: bool
 ) -> None:
     node, theirs = ends
+    if unread:
+        node.done(1, '')
     asked = Request(1, 'estop', 'set_estop', (True,), 1.0, stop=True)
     theirs.send(pickle.dumps(tuple(asked)))
     theirs.close()
     assert node.take() == [asked]
     with pytest.raises(EOFError):
         node.take()
+
+
+def test_turn_of_a_spare_counts_though_the_node_went_before_it_heard_that_it_is_ready(
+    ends: tuple[Node, socket.socket], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    node, theirs = ends
+    monkeypatch.setattr(wire_process, '_show', lambda name: theirs.close())  # right behind it
+    theirs.send(wire_process.TURN)
+    assert node.wait_for_turn()
 
 
 def test_nothing_is_raised_by_telling_a_node_that_is_gone(

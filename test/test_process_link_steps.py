@@ -61,7 +61,9 @@ class LinkBench:
         self.ours = ours
         self.wire = Node(theirs.detach())
         self.wire.wire = SimpleNamespace(interrupt=self._interrupt)  # type: ignore[assignment]
-        child: Any = SimpleNamespace(pid=1, kill=lambda: None)
+        child: Any = SimpleNamespace(
+            pid=1, kill=lambda: None, wait=lambda timeout=None: None, returncode=0
+        )
         self.link._wire = process._Process(child, ours, self.now, ready=True)
         self.link._start_at = math.inf  # no spare
         self.link._limit = self.link._kill_at = self.now + process.SILENCE_LIMIT
@@ -236,3 +238,14 @@ def test_stop_that_the_owner_fails_at_is_told_again(bench: LinkBench) -> None:
     bench.step()
     assert bench.owner.told
     assert all(bench.owner.told)
+
+
+def test_wire_that_ends_with_requests_unread_is_heard_out(bench: LinkBench) -> None:
+    bench.run()
+    bench.say('first')
+    bench.say('last')
+    assert bench.link.request('anything')
+    bench.wire._socket.close()
+    bench.step()
+    heard = [line for line in bench.owner.log if line in ('event first', 'event last', 'lost')]
+    assert heard == ['event first', 'event last', 'lost']

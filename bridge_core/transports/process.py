@@ -51,6 +51,7 @@ from bridge_core.transports.link import Link
 from bridge_core.transports.wire import BACKOFF_START
 from bridge_core.transports.wire import Request
 from bridge_core.transports.wire import Wire
+from bridge_core.transports.wire_process import receive
 from bridge_core.transports.wire_process import TURN
 
 _PROGRAM = 'bridge_core.start_wire'
@@ -86,12 +87,7 @@ class _Process:
 
     def receive(self) -> bytes | None:
         """Return what it says next, without waiting; empty: it has ended; None: nothing."""
-        try:
-            return self.socket.recv(_ROOM)
-        except BlockingIOError:
-            return None
-        except OSError:
-            return b''
+        return receive(self.socket)
 
     def end(self, timeout: float) -> None:
         """Have it end; one that takes longer than ``timeout`` s is killed."""

@@ -45,6 +45,20 @@ _READS = 64  # requests, before the port gets its turn again
 _LOST = 'the node did not take what its wire had to tell, and something of it is lost'
 
 
+def receive(end: socket.socket) -> bytes | None:
+    """Return the next message, without waiting; empty: the other end is gone; None: nothing."""
+    for _ in range(2):
+        try:
+            return end.recv(_LARGEST)
+        except BlockingIOError:
+            return None
+        except ConnectionResetError:
+            continue  # it left messages unread; told once, before those that it has sent
+        except OSError:
+            break
+    return b''
+
+
 class Node:
     """The node's end of the socket, as owner of the wire and as source of requests."""
 
@@ -65,28 +79,24 @@ class Node:
         self._tell('beat')
         _show('spare wire')
         select.select([self], [], [])
-        with contextlib.suppress(OSError):
-            if self._socket.recv(_LARGEST) == TURN:
-                _show('wire')
-                return True
-        return False
+        if receive(self._socket) != TURN:
+            return False
+        _show('wire')
+        return True
 
     def take(self) -> list[Request]:
         """Return the requests that have come. :raises EOFError: the node is gone."""
         requests: list[Request] = []
         if self._ended:
             raise EOFError
-        try:
-            for _ in range(_READS):
-                data = self._socket.recv(_LARGEST)
-                if not data:
-                    self._ended = True
-                    break
-                requests.append(Request(*pickle.loads(data)))
-        except BlockingIOError:
-            pass
-        except OSError:
-            self._ended = True
+        for _ in range(_READS):
+            data = receive(self._socket)
+            if data is None:
+                break
+            if not data:
+                self._ended = True
+                break
+            requests.append(Request(*pickle.loads(data)))
         if self._ended and not requests:
             raise EOFError
         return requests
