@@ -21,6 +21,7 @@ from collections.abc import Iterator
 from collections.abc import Sequence
 import errno
 import math
+import pickle
 import select
 import socket
 import traceback
@@ -34,7 +35,9 @@ from bridge_core.session import StopChanged
 from bridge_core.session import Verdict
 from bridge_core.transports import process
 from bridge_core.transports.process import ProcessLink
+from bridge_core.transports.wire import Request
 from bridge_core.transports.wire_process import Node
+from bridge_core.transports.wire_process import TURN
 from test.link_rig import FakeOwner
 from test.toy_wire import BRIDGE
 
@@ -107,6 +110,23 @@ class LinkBench:
         self.step()
         assert self.owner.told[-1] is False
         self.owner.told.clear()
+
+    def command(self, number: int, name: str, told: list[int]) -> None:
+        """Give the wire a command, whose number is in ``told`` once its end is."""
+        self.link._waiting[number] = lambda error: told.append(number)
+        self.link._put(Request(number, name, name, (), self.now, stop=True), True)
+
+    def take_over(self) -> list[str]:
+        """Have another wire take over; return what it is told."""
+        self.ours.close()
+        self.ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+        child: Any = SimpleNamespace(pid=2, kill=lambda: None)
+        with theirs:
+            self.link._take_over(process._Process(child, self.ours, self.now, ready=True))
+            assert theirs.recv(1 << 16) == TURN
+            self.ours.close()
+            told = iter(lambda: theirs.recv(1 << 16), b'')
+            return ['{} {}'.format(*pickle.loads(data)[:3:2]) for data in told]
 
 
 @pytest.fixture
@@ -249,3 +269,31 @@ def test_wire_that_ends_with_requests_unread_is_heard_out(bench: LinkBench) -> N
     bench.step()
     heard = [line for line in bench.owner.log if line in ('event first', 'event last', 'lost')]
     assert heard == ['event first', 'event last', 'lost']
+
+
+@pytest.mark.parametrize(('error', 'in_force'), [('', ['3 activate']), ('bad values', [])])
+def test_command_whose_end_found_no_room_has_ended_with_one_behind_it(
+    bench: LinkBench, error: str, in_force: list[str]
+) -> None:
+    told: list[int] = []
+    bench.command(1, 'activate', told)
+    bench.wire.done(1, '')
+    bench.step()
+    for number, name in ((2, 'deactivate'), (3, 'activate'), (4, 'activate')):
+        bench.command(number, name, told)
+    bench.wire.done(3, error)
+    bench.step()
+    assert told == [1, 2, 3]
+    assert bench.take_over() == [*in_force, '4 activate']
+
+
+def test_end_of_a_command_is_none_of_those_behind_it_whatever_their_numbers(
+    bench: LinkBench,
+) -> None:
+    told: list[int] = []
+    bench.command(2, 'activate', told)
+    bench.command(1, 'deactivate', told)  # of another thread, which was later
+    bench.wire.done(2, '')
+    bench.step()
+    assert told == [2]
+    assert bench.take_over() == ['2 activate', '1 deactivate']

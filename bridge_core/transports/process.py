@@ -27,6 +27,7 @@ from __future__ import annotations
 from collections.abc import Callable
 import contextlib
 from dataclasses import dataclass
+from itertools import takewhile
 import math
 import os
 from pathlib import Path
@@ -328,20 +329,29 @@ class ProcessLink(Link):
         self._owner.link_changed(text, ok)
 
     def _on_done(self, number: int, error: str) -> None:
+        """Take the end of a command, and of those before it: theirs found no room."""
+        ended: dict[int, str] = {}
         with self._lock:
-            request = self._commands.pop(number, None)
-            newest = self._activation
-            if request is None:
-                pass
-            elif request.name == 'deactivate':
-                self._before = None
-                if newest is not None and newest.number <= number:
-                    self._activation = None  # not before: the next one may have to say farewell
-            elif not error:
-                self._before = request
-            elif request is newest:
-                self._activation = self._before  # it goes on
-        self._done(number, error)
+            if number in self._commands:  # in the order in which they were sent and are served
+                ended = dict.fromkeys(takewhile(lambda each: each != number, self._commands), '')
+            ended[number] = error
+            for each, failure in ended.items():
+                self._end_command(self._commands.pop(each, None), failure)
+        for each, failure in ended.items():
+            self._done(each, failure)
+
+    def _end_command(self, request: Request | None, error: str) -> None:
+        newest = self._activation
+        if request is None:
+            pass
+        elif request.name == 'deactivate':
+            self._before = None
+            if newest is not None and newest.number <= request.number:
+                self._activation = None  # not before: the next one may have to say farewell
+        elif not error:
+            self._before = request
+        elif request is newest:
+            self._activation = self._before  # it goes on
 
     def _on_beat(self) -> None:
         """Nothing more than a sign of life."""
