@@ -358,7 +358,8 @@ class BridgeNode(ManagedNode, Generic[EventT]):
         """Repeat the stop at ``estop_rate``; return when to be called next."""
         if now >= self._repeat_at:
             self._log_late(now)
-            self._publish_verdict(self.verdict)
+            with self._lock:  # or a stop of another thread comes between the two, and is undone
+                self._publish_verdict(self.verdict)
             self._repeat_at = now + self._period
             if self._doubled != self._find_doubled(now):
                 self._diagnose(now)

@@ -30,6 +30,7 @@ from signal import SIGTERM
 import socket
 import threading
 import time
+from types import SimpleNamespace
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
@@ -302,6 +303,30 @@ def test_lost_wire_is_forgotten_behind_what_it_has_said(
     node.on_lost()
     node.pace(2.0)
     assert told == ['enabled', 'forgotten']
+    node.destroy_node()
+
+
+def test_stop_of_another_thread_stands_though_the_repeat_before_it_is_held_up(
+    context: Context, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr('bridge_core.node._LEAVE_TIME', 20.0)
+    node = held_behind_a_stop(context)
+    node.link._thread.join(20.0)  # a busy machine lets it repeat after all
+    node.on_events([StopChanged(Verdict())], 1.0)
+    told: list[bool] = []
+    others: list[threading.Thread] = []
+
+    def publish(message: Bool) -> None:
+        if not others:  # the repeat
+            others.append(threading.Thread(target=node.leave))
+            others[0].start()
+            others[0].join(0.2)  # or it waits for us
+        told.append(message.data)
+
+    monkeypatch.setattr(node, '_estop_publisher', SimpleNamespace(publish=publish))
+    node.pace(100.0)
+    others[0].join(20.0)
+    assert told == [False, True]
     node.destroy_node()
 
 
