@@ -134,8 +134,9 @@ class SscBridge(BridgeNode[Event]):
     def _claim(self, functions: tuple[AuxFunction, ...]) -> None:
         """Have a session that may be new undo what was commanded before it."""
         if functions != self._aux_functions:
+            if self._aux_functions:  # else it was set of these, while they were on their way here
+                self._aux_set.clear()
             self._aux_functions = functions
-            self._aux_set.clear()
         if self._commanded:
             self.request(Session.claim_outputs, stop=True)
         if self._aux_set:

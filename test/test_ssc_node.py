@@ -33,6 +33,8 @@ import yaml
 from bridge_core.runner import run
 from rugged_teleop.ptys import PtyDevice
 from ssc_bridge.node import SscBridge
+from ssc_bridge.protocol import Configuration
+from ssc_bridge.session import ConfigurationRead
 from test.rig import as_yaml
 from test.rig import latched
 from test.rig import NodeProcess
@@ -40,6 +42,7 @@ from test.rig import Observer
 from test.rig import Pty
 from test.rig import ROOT
 from test.rig import wait_for
+from test.ssc_bench import AUX
 from test.ssc_bench import Bench
 from test.ssc_bench import bench_of
 from test.ssc_bench import DEVICE
@@ -49,6 +52,7 @@ from test.ssc_bench import new_simulator
 from test.ssc_bench import position
 from test.ssc_bench import SERVOS
 from test.ssc_rig import build_frame
+from test.ssc_rig import configuration
 from test.ssc_rig import status
 from test.talkers import Diagnostics
 from test.talkers import Talker
@@ -273,6 +277,31 @@ def test_auxiliary_outputs_are_set_in_si_units_and_triggered(bench: Bench) -> No
     out.publish(KeyValue(key='4.level', value='high'))
     bench.wait(lambda: 'stopped' in bench.value('last refusal', LINK), 'the refusal')
     assert bench.seen()['aux'][5]['shots'] - shots == 2
+
+
+def test_outputs_that_were_set_before_the_first_configuration_was_told_are_undone(
+    context: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A session takes requests from its configuration on, of which the node hears later."""
+    asked: list[tuple[Any, ...]] = []
+
+    def request(name: str, *arguments: Any, **_: Any) -> int:
+        asked.append((name, *arguments))
+        return 1
+
+    node = SscBridge(context=context, cli_args=['--ros-args', '-p', 'autostart:=false'])
+    try:
+        monkeypatch.setattr(node, 'active', True)
+        monkeypatch.setattr(node.link, 'request', request)
+        node._on_aux_outputs(KeyValue(key='4.level', value='high'))
+        for aux in (AUX, AUX, AUX[::-1]):  # of the wire, of the next one, of another device
+            asked.clear()
+            parsed = Configuration.from_bytes(configuration(aux=aux))
+            node.on_event(ConfigurationRead(parsed))
+            assert asked == ([('claim_aux', {4})] if aux == AUX else [])
+    finally:
+        monkeypatch.undo()
+        node.destroy_node()
 
 
 # -- the lockout ----------------------------------------------------------------------------------
