@@ -677,6 +677,14 @@ def gate(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return path
 
 
+def opens(gate: Path) -> bool:
+    """Open the gate, where somebody waits for that."""
+    with contextlib.suppress(OSError):  # ENXIO
+        os.close(os.open(gate, os.O_WRONLY | os.O_NONBLOCK))
+        return True
+    return False
+
+
 def test_stops_kill_no_wire_that_loads(pty: Pty, gate: Path) -> None:
     with contextlib.closing(Direct(pty)) as direct:
         [loads] = wait_for(lambda: spares_of(os.getpid()), 5.0, 'a process')
@@ -689,6 +697,27 @@ def test_stops_kill_no_wire_that_loads(pty: Pty, gate: Path) -> None:
         direct.activate()
         assert direct.wire() == loads
         assert direct.link.request('request_stop', True, stop=True)
+
+
+@each_ending
+def test_wire_that_loads_when_the_node_ends_says_farewell_for_the_one_before(
+    direct: Direct, number: int, request: pytest.FixtureRequest
+) -> None:
+    """Whoever ends the node may signal to the process that loads, too."""
+    wire = direct.wire()
+    [spare] = wait_for(lambda: spares_of(os.getpid()), 5.0, 'a spare')
+    gate = request.getfixturevalue('gate')
+    for pid in (spare, wire):
+        os.kill(pid, SIGKILL)
+    [loads] = wait_for(lambda: set(spares_of(os.getpid())) - {spare}, 5.0, 'a process')
+    direct.pty.clear()
+    direct.link.stop()
+    os.kill(loads, number)
+    assert direct.pty.read() == b''
+    wait_for(lambda: opens(gate), 5.0, 'a process that still loads')
+    direct.pty.wait_received(b'BYE')
+    wait_for(lambda: not is_running(loads), 5.0, 'its end')
+    assert direct.pty.received.count(b'BYE') == 1
 
 
 def test_activation_that_was_given_up_is_undone_once_the_wire_is_there(

@@ -52,6 +52,7 @@ from bridge_core.transports.link import Link
 from bridge_core.transports.wire import BACKOFF_START
 from bridge_core.transports.wire import Request
 from bridge_core.transports.wire import Wire
+from bridge_core.transports.wire_process import ENDING
 from bridge_core.transports.wire_process import receive
 from bridge_core.transports.wire_process import TURN
 
@@ -178,6 +179,8 @@ class ProcessLink(Link):
     # -- the reader's thread ----------------------------------------------------------------------
 
     def _run(self) -> None:
+        # A process inherits that, and may not be ended before it can ignore them: see load().
+        signal.pthread_sigmask(signal.SIG_BLOCK, ENDING)
         try:
             while not self._ended:
                 self._guarded_step()
@@ -451,9 +454,15 @@ class ProcessLink(Link):
 
     def _leave(self) -> None:
         with self._lock:
-            wire, self._wire, self._activation, self._before = self._wire, None, None, None
+            wire, self._wire = self._wire, None
+            moves = self._activation is not None or bool(self._commands)
+            self._activation = self._before = None
             self._commands.clear()
-        if wire is not None:
+        if wire is not None and moves and not wire.ready:
+            # The one before may have left the device moving. The activation waits in the socket,
+            # and the end behind it: once it has loaded it says farewell, and ends.
+            wire.socket.close()
+        elif wire is not None:
             wire.end(ANSWER_TIME / 2)
         if self._spare is not None:
             self._spare.end(0.0)

@@ -38,6 +38,7 @@ from bridge_core.transports.wire import Bridge
 from bridge_core.transports.wire import Request
 from bridge_core.transports.wire import Wire
 
+ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT)  # ask a process to end
 _BEAT_PERIOD = 0.025  # s, between two signs of life
 TURN = b'turn'  # the first message to a wire
 _LARGEST = 1 << 20  # bytes of a message
@@ -152,7 +153,7 @@ def load(
     descriptor: int, module: str, rt_priority: int
 ) -> tuple[Node, Bridge[Any], Sequence[str]]:
     """Load all that a wire needs; return the node's end, what the wire is of, and refusals."""
-    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT):
+    for number in ENDING:
         signal.signal(number, signal.SIG_IGN)  # whatever ends the node ends this, too
     if rt_priority:  # its node's, for as long as it loads: a stop of others would wait for it
         os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
