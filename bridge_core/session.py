@@ -215,6 +215,10 @@ class Session(ABC, Generic[FrameT, MessageT, EventT]):
                 self._quiet_until = -math.inf
         return self._take_events(), frames
 
+    def refused(self, frame: FrameT, now: float) -> None:
+        """Take back what a frame of the last poll counted as: it did not go out."""
+        del frame, now
+
     def deadline(self) -> float:
         """Return when poll must be called at the latest; infinite while the port is closed."""
         if not self._open:

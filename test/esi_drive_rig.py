@@ -98,10 +98,15 @@ class Rig:
         self.command: tuple[float, float] | None = (0.0, 0.0)
         self.enable: bool | None = False
         self.estop: bool | None = False
+        self.busy = False  # the line takes no packet
         self._take(self.session.opened(self.now))
 
     def _take(self, output: tuple[list[Any], list[bytes]]) -> list[bytes]:
         self.events += output[0]
+        if self.busy:
+            for frame in output[1]:
+                self.session.refused(frame, self.now)
+            return []
         self.frames += [(self.now, frame) for frame in output[1]]
         return output[1]
 

@@ -634,6 +634,25 @@ def test_frames_are_counted_as_sent_or_as_dropped(bench: WireBench) -> None:
     assert (bench.wire.status.sent, bench.wire.status.dropped) == (2, 2)
 
 
+def test_session_is_told_of_each_frame_that_does_not_go_out(bench: WireBench) -> None:
+    bench.open()
+    told = bench.session.told_refused
+    bench.port.busy = 2
+    bench.do(lambda now: bench.session.wanted.extend([b'a', b'b', b'c']))
+    bench.step()
+    assert told == [(b'a', bench.now), (b'b', bench.now)]
+    then = bench.now
+
+    def freeze(now: float) -> None:
+        bench.session.wanted.append(b'd')
+        bench.now += 1.0
+
+    bench.do(freeze)
+    bench.step()
+    assert told[2:] == [(b'd', then)]
+    assert bench.port.sent == [b'hello', b'c']
+
+
 def test_port_that_is_lost_at_a_write_is_a_stop(bench: WireBench) -> None:
     bench.run()
     bench.log()

@@ -402,8 +402,10 @@ class Wire(Generic[FrameT]):
         Frames first (a stop on the wire), then the events, also where the port fails.
 
         Frames are dropped if there was a freeze since they were made: the next step says stop.
+        The session is told of each that does not go out, for it may count on what it has sent.
         """
         assert self._transport is not None
+        assert self._session is not None
         events, frames = output
         taken: list[FrameT] = []
         try:
@@ -413,6 +415,7 @@ class Wire(Generic[FrameT]):
                     taken.append(frame)
                 else:
                     self.status.dropped += 1
+                    self._session.refused(frame, now)
         finally:
             at = clock.now()
             if events:

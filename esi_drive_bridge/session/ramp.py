@@ -53,6 +53,15 @@ class Ramp:
         self._at = math.inf  # of the last packet; infinite: none yet
 
     @property
+    def state(self) -> tuple[tuple[float, ...], float]:
+        """What the last packet said and when; set where a later one did not go out."""
+        return self._values, self._at
+
+    @state.setter
+    def state(self, state: tuple[tuple[float, ...], float]) -> None:
+        self._values, self._at = state
+
+    @property
     def counts(self) -> tuple[int, ...]:
         """What the last packet said."""
         return tuple(map(round, self._values))

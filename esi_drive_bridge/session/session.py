@@ -53,6 +53,7 @@ FAREWELL_PACKETS = 3  # a lost or flipped one must not leave the motor enabled
 CLEAR_ERRORS = 'clear_errors'  # the request's name in its Answer
 _LEAST_GAP = 0.05  # s without a packet of ours that a drive may take for a timeout
 _GAP_MEMORY = 1.0  # s, in which its error bit is put down to that
+_RETRY = 0.001  # s after a packet that did not go out; the drive looks no more often
 
 
 class Phase(Enum):
@@ -96,6 +97,7 @@ class Session(BaseSession[bytes, Status, Event]):
         self._sent_at = math.inf
         self._gap, self._gap_at = 0.0, -math.inf  # the last pause of our own packets
         self._reset()
+        self._before = self._sent()
 
     def _reset(self) -> None:
         for watchdog in (self._command, self._enable, self._estop_in):
@@ -164,9 +166,15 @@ class Session(BaseSession[bytes, Status, Event]):
         self.phase = Phase.DISABLED
         return [self._packet(now)] * FAREWELL_PACKETS
 
+    def refused(self, frame: bytes, now: float) -> None:
+        """Stand by what went out last, and try again soon, with what is asked for then."""
+        del frame
+        self._ramp.state, self._sent_at, self._clear_sent, self._disabled_since = self._before
+        self._next_send = min(self._next_send, now + _RETRY)
+
     def _begin(self, now: float) -> None:
-        self._next_send = self._disabled_since = now
-        self._sent_at = math.inf
+        self._next_send = now
+        self._sent_at = self._disabled_since = math.inf
 
     def _forget(self, now: float, reason: str) -> None:
         del now
@@ -293,6 +301,7 @@ class Session(BaseSession[bytes, Status, Event]):
         late = self._urgent or following <= now
         self._next_send = now + self._period if late else following
         self._note_gap(now)
+        self._before = self._sent()
         self._sent_at = now
         self._urgent = False
         self._clear_sent = self.phase is Phase.CLEARING
@@ -467,6 +476,10 @@ class Session(BaseSession[bytes, Status, Event]):
             self._emit(EnabledChanged(enabled))
 
     # Packets.
+
+    def _sent(self) -> tuple[Any, ...]:
+        """Return all that counts on packets that went out; see refused."""
+        return self._ramp.state, self._sent_at, self._clear_sent, self._disabled_since
 
     def _packet(self, now: float) -> bytes:
         enable, clear = self.phase in _ON_THE_WIRE, self.phase is Phase.CLEARING
