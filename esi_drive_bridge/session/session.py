@@ -185,6 +185,7 @@ class Session(BaseSession[bytes, Status, Event]):
         self._disabled_since, self._urgent = kept
 
     def _take(self, message: Status, now: float) -> None:
+        before = self.status
         self.status = self._known = message
         self._heard.feed(now)
         self._report(message, now)
@@ -198,7 +199,7 @@ class Session(BaseSession[bytes, Status, Event]):
         if faults != self._faults:
             self._faults = faults
             self._emit(FaultsChanged(faults))
-        self._advance(message)
+        self._advance(message, before)
 
     def _take_repeated(self, message: Status, now: float) -> bool:
         """Take a status without a new bit, where what is measured decides nothing."""
@@ -223,13 +224,17 @@ class Session(BaseSession[bytes, Status, Event]):
         if gap > max(_LEAST_GAP, 2 * self._period):
             self._gap, self._gap_at = gap, now
 
-    def _advance(self, status: Status) -> None:
-        """Take the step that the drive's answer allows; faults are the verdict's business."""
+    def _advance(self, status: Status, before: Status | None) -> None:
+        """
+        Take the step that the drive's answer allows; faults are the verdict's business.
+
+        :param before: the status before this one.
+        """
         if self.phase is Phase.CLEARING:
             if self._clear_sent and not status.faulty:
                 self._finish_clearing(True, 'the errors are cleared')
         elif self.phase is Phase.ENABLING and not (status.faulty or self._off_scale()):
-            self._rest()
+            self._rest(before)
             if status.enabled:
                 self.phase = Phase.ENABLED
         elif self.phase is Phase.ENABLED and not status.enabled and not status.faulty:
@@ -489,15 +494,24 @@ class Session(BaseSession[bytes, Status, Event]):
             tuple(AxisCommand(enable, clear, axis.mode, value) for axis, value in axes)
         ).to_bytes(self.settings.layout)
 
-    def _rest(self) -> None:
-        """Ask for no motion, and let what is asked later begin there."""
-        self._counts = self._zeros
-        if self.status is not None:
-            axes = zip(self.settings.axes, self.status.axes, strict=True)
-            self._counts = tuple(
-                each.feedback if axis.mode is Mode.POSITION else 0 for axis, each in axes
-            )
-        self._ramp.begin(self._counts)
+    def _rest(self, before: Status | None = None) -> None:
+        """
+        Ask for no motion, and let what is asked later begin there.
+
+        :param before: an axis that was enabled in it stays at what was asked of it: it gives way
+            under a load, and would run away from a rest that follows.
+        """
+        rest = self._zeros if self.status is None else self._standing(self.status)
+        if before is not None:
+            axes = zip(before.axes, self._counts, rest, strict=True)
+            rest = tuple(count if axis.enabled else stands for axis, count, stands in axes)
+        self._counts = rest
+        self._ramp.begin(rest)
+
+    def _standing(self, status: Status) -> tuple[int, ...]:
+        """Return what each axis is told where it is to stay."""
+        axes = zip(self.settings.axes, status.axes, strict=True)
+        return tuple(each.feedback if axis.mode is Mode.POSITION else 0 for axis, each in axes)
 
     def _held_back(self) -> str:
         if self.phase is not Phase.ENABLED:
