@@ -52,13 +52,20 @@ APART = (  # see Memory
 
 
 class World(SessionWorld[Session]):
-    """A drive that says anything, and a mux that asks for anything."""
+    """A drive that says anything, a mux that asks for anything, and a line that may be busy."""
 
     LINK, ENABLE = 3 * SessionWorld.STEP, 4 * SessionWorld.STEP
     FRESH = 2 * SessionWorld.STEP
-    CALM = {'drive': 'idle', 'estop': 'clear', 'command': 'run', 'enable': 'false'}
+    CALM = {'drive': 'idle', 'estop': 'clear', 'command': 'run', 'enable': 'false', 'line': 'free'}
 
-    def __init__(self, reads: Sequence[str] = (), *, clears: bool = False, **said: str) -> None:
+    def __init__(
+        self,
+        reads: Sequence[str] = (),
+        *,
+        clears: bool = False,
+        line: str = 'free',
+        **said: str,
+    ) -> None:
         settings = make_settings(
             axes=axes(Mode.VELOCITY, slew_limit=GROWTH / self.STEP),
             command_rate=1.0 / self.STEP,
@@ -74,7 +81,12 @@ class World(SessionWorld[Session]):
             'may_since': self.ENABLE + self.FRESH,
         }
         super().__init__(
-            Session(settings), said, reads=reads, old=old, apart=APART, unnamed=('status',)
+            Session(settings),
+            {**said, 'line': line},
+            reads=reads,
+            old=old,
+            apart=APART,
+            unnamed=('status', '_next_send'),
         )
         self.clears = clears
         self.said = ''  # by the newest status
@@ -85,7 +97,8 @@ class World(SessionWorld[Session]):
         self.may_since = -math.inf
         self.ran = False  # the drive was enabled since
         self.rested = False  # and got a packet at rest since
-        self.packet = (False, False, 0)  # the newest, of axis A
+        self.packet = (False, False, 0)  # the newest that went out, of axis A
+        self.enables = False  # the newest says so, whether it went out or not
         self.disabled_at = math.inf  # since when packets say so
 
     def possible(self) -> Iterator[str]:
@@ -119,13 +132,13 @@ class World(SessionWorld[Session]):
     def lapse(self) -> None:
         self.watch()
         waits = self.may and not self.ran
-        if waits and self.packet[0] and self.now - self.may_since >= self.ENABLE + self.FRESH:
+        if waits and self.enables and self.now - self.may_since >= self.ENABLE + self.FRESH:
             self.fail()
 
     def watch(self) -> None:
         """Note what holds no more."""
         commanded = self.fresh('command') and self.asked['command'] in COMMANDS
-        lost = self.may and self.packet[0] and not commanded
+        lost = self.may and self.enables and not commanded
         if not (self.allowed() and self.fresh('enable')) or lost:
             self.fail()
 
@@ -138,15 +151,30 @@ class World(SessionWorld[Session]):
                 if self.ran and each != 'running':
                     self.fail()
                 self.watch()
-                self.ran |= self.packet[0] and self.may and each == 'running'
+                self.ran |= self.enables and self.may and each == 'running'
                 if self.ran:
                     self.may_since = -math.inf
         self.stop_said |= 'fault' in said
+
+    def keep(self, output: tuple[list[Any], list[Any]]) -> None:
+        events, frames = output
+        for frame in frames:
+            self.enables = fields(frame)[0][0]
+            if self.busy:
+                self.session.refused(frame, self.now)
+        super().keep((events, [] if self.busy else frames))
+
+    @property
+    def busy(self) -> bool:
+        return self.doing['line'] == 'busy'
 
     def ask(self, name: str, what: str) -> None:
         for each in {'blip': ['stop', 'clear'], 'edge': ['false', 'true']}.get(what, [what]):
             if each != 'silent':
                 getattr(self, f'ask_{name}')(each)
+
+    def ask_line(self, what: str) -> None:
+        """Ask nothing: see keep."""
 
     def ask_estop(self, what: str) -> None:
         self.session.set_estop(what == 'stop', self.now)
@@ -182,7 +210,7 @@ class World(SessionWorld[Session]):
         assert self.session.enabled == enabled, 'enabled'
         if not verdict.estop:
             assert self.session.deadline() <= (self.heard_at or 0.0) + self.LINK, 'slept'
-        assert self.frames or not self.open, 'no packet'
+        assert self.frames or self.busy or not self.open, 'no packet'
         for frame in self.frames:
             self.judge_packet(*fields(frame))
 
@@ -238,11 +266,19 @@ SCENES: dict[str, dict[str, Any]] = {
         'reads': ('running fault', 'fault running', 'cut running', 'running idle', 'idle running'),
         'clears': True,
     },
+    'busy': {
+        'drive': 'idle running',
+        'estop': 'clear',
+        'command': 'run back',
+        'enable': 'false true',
+        'line': 'free busy',
+    },
 }
 COUNTS: dict[str, tuple[int, int]] = {
     'drive': (10707, 126012),
     'mux': (11881, 111224),
     'silence': (7921, 66959),
     'one read': (30560, 526742),
+    'busy': (6309, 52875),
 }  # states, and steps between them
 test_every_state_near_the_start, test_every_state = visits_of(World, SCENES, COUNTS, near=200)
