@@ -167,6 +167,17 @@ class Arbiter:
         self.stops: list[Stop] = []  # of the last tick
         self._transition = Transition(now, State.STOPPED, State.STOPPED, 'the mux has started')
 
+    def go_on(self, before: 'Arbiter', now: float) -> None:
+        """
+        Take over from the arbiter before what ends by itself or by what somebody does.
+
+        A new configuration, which is of the same joints, is no such thing.
+        """
+        if before._tripped_at is not None:
+            self.trip(now)
+        if self._feedback is not None and before._feedback is not None:
+            self._feedback.go_on(before._feedback)
+
     # -- inputs ------------------------------------------------------------------------------
 
     def estop_message(self, name: str, value: bool, now: float) -> None:
@@ -360,6 +371,13 @@ class Arbiter:
     def _drives_enabled(self, now: float) -> bool | None:
         drives = self._drives.values()
         return all(each.condition(now) == 'enabled' for each in drives) if drives else None
+
+    def motion(self, now: float) -> str:
+        """Return in words which motion has to end; empty if the joints were seen to stand."""
+        if self._feedback is None:
+            return ''
+        awaited = f'waiting for standstill: {self._feedback.left(now)}'
+        return self._feedback.fault or awaited * self._feedback.awaited
 
     # -- stops -------------------------------------------------------------------------------
 

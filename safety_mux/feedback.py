@@ -83,6 +83,10 @@ class FeedbackInput(Input):
         self._told_at = now
         self.speeds = self._unknown  # what was measured before says nothing of it
 
+    def go_on(self, before: 'FeedbackInput') -> None:
+        """Wait for the standstill that the one before, of the same joints, has not seen."""
+        self.fault, self._told_at = before.fault, before._told_at
+
     def judge(self, commanded: Demand, now: float) -> None:
         """Compare what was measured with what is commanded; call it once a tick or more often."""
         if self.standing(now):

@@ -46,6 +46,7 @@ from bridge_core.managed_node import latched_qos
 from bridge_core.managed_node import ManagedNode
 from bridge_core.parameters import MANAGED_PARAMETERS
 from bridge_core.parameters import Parameter
+from bridge_core.parameters import ParameterError
 from bridge_core.publishers import PublisherWatch
 from bridge_core.runner import run
 from safety_mux.button import ResetButton
@@ -238,6 +239,7 @@ class SafetyMux(ManagedNode):
         self._arbiter.set_invalid(kind, name, 'lost messages', None)
 
     def _rebuild(self) -> None:
+        self._keep_watching()
         for subscription in self._inputs:
             self.lane.unsubscribe(subscription)
         publishers = [each.publisher for each in self._stop_demands.values()]
@@ -245,10 +247,23 @@ class SafetyMux(ManagedNode):
         for publisher in publishers:
             self.destroy_publisher(publisher)
         self._inputs, self._stop_demands, self._gated_joys = [], {}, {}
-        tripped = self._arbiter.status(clock.now()).tripped
+        before = self._arbiter
         self._build()
-        if tripped:  # it ends by what somebody does, and this is no such thing
-            self._arbiter.trip(clock.now())
+        self._arbiter.go_on(before, clock.now())
+
+    def _keep_watching(self) -> None:
+        """
+        Refuse to do without feedback before the joints stand.
+
+        Nobody would see whether they do, and as a trip it would end by a reset.
+
+        :raises ParameterError: saying how they move.
+        """
+        motion = self._arbiter.motion(clock.now())
+        if motion and not self.values['feedback.topic']:
+            raise ParameterError(
+                f'feedback.topic: let the joints stand, or restart the node, to empty it: {motion}'
+            )
 
     # What arrives.
 

@@ -1,0 +1,131 @@
+# Copyright 2026 The rugged_teleop maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""An activation with other parameters undoes nothing that only standstill or a person ends."""
+
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+from rclpy.lifecycle import TransitionCallbackReturn
+from rclpy.parameter import Parameter
+from sensor_msgs.msg import JointState
+
+from bridge_core import clock
+from safety_mux.protocol import State
+from test.fed_mux import SteppedMux
+from test.mux_talkers import sticks
+
+STOP_TIME = 0.5
+RUNS_ON = 1.8  # rad/s; faster than standstill, and no overspeed
+
+
+class WatchedMux(SteppedMux):
+    """A mux with feedback. :ivar speed: of the left joint; None: silence."""
+
+    def __init__(self, context: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+        self.speed: float | None = 0.0
+        parameters = {'feedback.topic': 'joints', 'estop.fort.own_topic': ''}
+        super().__init__(context, monkeypatch, stop_time=STOP_TIME, **parameters)
+
+    def _feed(self, now: float) -> None:
+        super()._feed(now)
+        for each in self.mux._intake.topics():
+            if each.parameter == 'feedback.topic' and self.speed is not None:
+                names = list(self.mux.values['joints'])
+                speeds = [self.speed] + [0.0] * (len(names) - 1)
+                each.take(JointState(name=names, velocity=speeds), now)
+
+    def moving(self) -> None:
+        """Drive, and have the joints run on when the operator lets go."""
+        assert self.mux._reset().ok
+        self.run(1.5)
+        self.joy = sticks(0.5, deadman=True)
+        self.run(0.1)
+        self.speed = RUNS_ON
+        assert self.run(0.3) is State.ACTIVE
+        self.joy = sticks()
+
+    def change(self, **parameters: Any) -> bool:
+        """Deactivate, set parameters, activate at once; tell whether that is accepted."""
+        self.mux.trigger_deactivate()
+        changes = [Parameter(name, value=value) for name, value in parameters.items()]
+        assert all(result.successful for result in self.mux.set_parameters(changes))
+        accepted = bool(self.mux.trigger_activate() == TransitionCallbackReturn.SUCCESS)
+        self.mux._hold(clock.now())  # as its thread does
+        return accepted
+
+    def all_stop(self) -> bool:
+        """Tell whether every device is asked to stop."""
+        return all(demand._value for demand in self.mux._stop_demands.values())
+
+
+@pytest.fixture
+def mux(context: Any, monkeypatch: pytest.MonkeyPatch) -> Iterator[WatchedMux]:
+    result = WatchedMux(context, monkeypatch)
+    yield result
+    result.mux.destroy_node()
+
+
+@pytest.mark.parametrize('fault', [True, False], ids=['fault', 'awaited'])
+def test_motion_that_nobody_asked_for_outlasts_other_parameters(
+    mux: WatchedMux, fault: bool
+) -> None:
+    mux.moving()
+    if fault:
+        mux.run(STOP_TIME + 0.2)
+        assert mux.all_stop()
+    assert mux.change(hold_time=0.6)
+    mux.run(2.0)
+    assert mux.all_stop()
+    assert 'the joints do not stand' in mux.message()
+    assert not mux.mux._reset().ok
+    mux.speed = 0.0
+    mux.run(2.0)
+    assert not mux.all_stop(), 'it ends when the joints stand'
+    assert mux.mux._reset().ok
+
+
+def test_standstill_that_is_seen_in_time_is_no_fault_with_other_parameters(
+    mux: WatchedMux,
+) -> None:
+    mux.moving()
+    assert mux.change(hold_time=0.6)
+    mux.run(STOP_TIME / 2)
+    mux.speed = 0.0
+    mux.run(2.0)
+    assert not mux.all_stop()
+    assert mux.mux._reset().ok
+
+
+@pytest.mark.parametrize('fault', [True, False], ids=['fault', 'awaited'])
+def test_joints_that_have_to_stand_are_not_put_out_of_sight(mux: WatchedMux, fault: bool) -> None:
+    mux.moving()
+    mux.run(STOP_TIME + 0.2 if fault else 0.1)
+    assert not mux.change(**{'feedback.topic': ''})
+    assert 'let the joints stand, or restart the node' in str(mux.mux._failure)
+    mux.run(2.0)
+    assert mux.all_stop()
+    mux.speed = 0.0
+    mux.run(0.1)
+    assert not mux.all_stop()
+    assert mux.mux.trigger_activate() == TransitionCallbackReturn.SUCCESS
+
+
+def test_feedback_may_come_and_go_while_the_joints_stand(mux: WatchedMux) -> None:
+    for topic in ('', 'joints', 'others'):
+        assert mux.change(**{'feedback.topic': topic})
+        mux.run(2.0)
+        assert mux.mux._reset().ok
+        assert mux.run(0.1) is State.READY
