@@ -175,6 +175,7 @@ class Arbiter:
         """
         if before._tripped_at is not None:
             self.trip(now)
+        self._reset_asked, self._resets_go_on = before._reset_asked, before._resets_go_on
         if self._feedback is not None and before._feedback is not None:
             self._feedback.go_on(before._feedback)
 

@@ -129,3 +129,19 @@ def test_feedback_may_come_and_go_while_the_joints_stand(mux: WatchedMux) -> Non
         mux.run(2.0)
         assert mux.mux._reset().ok
         assert mux.run(0.1) is State.READY
+
+
+@pytest.mark.parametrize('changes', [{}, {'hold_time': 0.6}], ids=['as it was', 'changed'])
+def test_script_that_resets_for_ever_resets_nothing_after_an_activation(
+    mux: WatchedMux, changes: dict[str, float]
+) -> None:
+    assert mux.mux._reset().ok
+    for _ in range(3):
+        mux.run(1.0)
+        assert 'nothing to reset' in mux.mux._reset().message
+    assert mux.change(**changes)
+    for _ in range(4):
+        mux.run(1.0)
+        assert 'none counts until there was none' in mux.mux._reset().message
+    mux.run(mux.mux.values['reset_silence'])
+    assert mux.mux._reset().ok
