@@ -284,6 +284,31 @@ def test_hold_output_opens_the_relays_which_close_only_after_rearming(bench: Ben
     bench.wait(lambda: bench.station.look(lambda unit: not unit.relays_closed), 'open relays')
 
 
+@pytest.mark.parametrize('heard', [True, False])
+def test_activation_undoes_no_hold_of_a_publisher_that_is_gone(
+    observer: Observer, heard: bool
+) -> None:
+    with bench_of(observer, {'crc': 'mpeg2'}) as bench:  # known, so that the first goes at once
+        bench.arm()
+        if heard:
+            hold = Talker(observer, Bool, f'{bench.prefix}/hold_output', Bool(data=False))
+            bench.wait(lambda: bench.value('hold output in use') == 'true', 'a hold in use')
+            hold.leave()
+        assert observer.change_state(bench.prefix, 'deactivate')
+        before = int(bench.station.look(lambda unit: unit.received['VRPO']))
+
+        def outputs() -> int:
+            return int(bench.station.look(lambda unit: unit.received['VRPO'])) - before
+
+        assert observer.change_state(bench.prefix, 'activate')
+        if not heard:
+            bench.wait(lambda: outputs() > 3, 'VRPO')
+            return
+        bench.wait(lambda: 'what publishes ~/hold_output' in bench.status().message, 'why')
+        assert outputs() == 0
+        bench.wait(lambda: bench.station.look(lambda unit: not unit.relays_closed), 'open relays')
+
+
 def test_second_publisher_of_hold_output_lets_nothing_go(bench: Bench) -> None:
     bench.arm()
 

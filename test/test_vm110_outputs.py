@@ -111,6 +111,22 @@ def test_hold_withholds_output_and_silence_withholds_it_too() -> None:
     assert len(bench.sent) == before + 1
 
 
+def test_hold_that_is_expected_withholds_output_from_the_first_on() -> None:
+    bench = Bench(crc='mpeg2')
+    bench.session.expect_hold()
+    for _ in range(2):  # a port that is lost as well
+        bench.open()
+        bench.run(3.0)
+        assert bench.sent == []
+        assert 'start what publishes ~/hold_output' in bench.session.problems(bench.now)[0][1]
+        bench.close()
+    bench.open()
+    bench.hear()
+    bench.session.set_hold_output(False, bench.now)
+    bench.wait(0.2)
+    assert bench.frames(b'VRPO')
+
+
 def test_hold_does_not_keep_a_stopped_unit_from_being_rearmed() -> None:
     bench = armed()
     bench.run(1.0)

@@ -20,6 +20,7 @@ from typing import Any
 from typing import ClassVar
 
 from diagnostic_msgs.msg import KeyValue
+from rclpy.lifecycle import TransitionCallbackReturn
 from sensor_msgs.msg import BatteryState
 from sensor_msgs.msg import Joy
 from std_msgs.msg import Bool
@@ -45,6 +46,7 @@ from vm110_bridge.session import RemoteState
 from vm110_bridge.session import Session
 from vm110_bridge.session import Sticks
 from vm110_bridge.wire import BRIDGE
+from vm110_bridge.wire import HOLD_HEARD
 
 _COMMAND_DEPTH = 50  # a burst of commands must not lose its first to a slow listener
 
@@ -56,6 +58,7 @@ class Vm110Bridge(BridgeNode[Event]):
     BRIDGE = BRIDGE
 
     def __init__(self, **options: Any) -> None:
+        self._hold_heard = False  # ever, and so it has to be repeated for as long as this node is
         super().__init__('vm110_bridge', **options)
 
     def create_interfaces(self) -> None:
@@ -82,6 +85,11 @@ class Vm110Bridge(BridgeNode[Event]):
     def take_parameters(self, values: Mapping[str, Any]) -> None:
         """Keep which axes are inverted."""
         self._axis_inverted = axis_signs(values)
+
+    def on_activate(self, state: Any) -> TransitionCallbackReturn:
+        """Open the port; what withholds VRPO does so from the first on, or its silence does."""
+        self.values = {**self.values, HOLD_HEARD: self._hold_heard}
+        return super().on_activate(state)
 
     @property
     def hardware_name(self) -> str:
@@ -145,10 +153,14 @@ class Vm110Bridge(BridgeNode[Event]):
     def on_doubled(self, text: str) -> None:
         """Withhold VRPO at once: two publishers are heard on ~/hold_output."""
         del text
-        self.request(Session.set_hold_output, True, stop=True)
+        self._ask_hold(True)
 
     def _on_hold_output(self, message: Any) -> None:
-        self.request(Session.set_hold_output, message.data, stop=message.data)
+        self._ask_hold(message.data)
+
+    def _ask_hold(self, hold: bool) -> None:
+        self._hold_heard = True
+        self.request(Session.set_hold_output, hold, stop=hold)
 
     def _on_periodic_output(self, message: Any) -> None:
         self._request_with_data(Session.set_periodic_output, message, 'periodic_output')

@@ -25,10 +25,15 @@ from vm110_bridge.parameters import OUTPUT_PORT_OFFSET
 from vm110_bridge.session import Session
 from vm110_bridge.session import Settings
 
+HOLD_HEARD = 'hold_output was heard'  # beside the parameters, for no request precedes a first VRPO
+
 
 def make_session(values: Mapping[str, Any]) -> Session:
-    """Return a session for UDP EG-Link."""
-    return Session(Settings.from_parameters(values))
+    """Return a session for UDP EG-Link, which expects a hold if one before may have had it."""
+    session = Session(Settings.from_parameters(values))
+    if values.get(HOLD_HEARD):
+        session.expect_hold()
+    return session
 
 
 def make_transport(values: Mapping[str, Any]) -> MulticastTransport:

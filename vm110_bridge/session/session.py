@@ -373,6 +373,10 @@ class Session(BaseSession[bytes, Packet, Event]):
 
     # What the node asks.
 
+    def expect_hold(self) -> None:
+        """Withhold VRPO from the first on, until the node says not to: not after the opening."""
+        self.hold_output_in_use = True
+
     def set_hold_output(self, value: bool, now: float) -> None:
         """Withhold VRPO, or not; from the first call on, silence withholds them too."""
         self._expire(now)
