@@ -20,6 +20,7 @@ from typing import Any
 from typing import ClassVar
 
 from diagnostic_msgs.msg import KeyValue
+from rclpy.lifecycle import TransitionCallbackReturn
 from sensor_msgs.msg import BatteryState
 from sensor_msgs.msg import Joy
 from sensor_msgs.msg import JoyFeedback
@@ -45,6 +46,7 @@ from fort_vsc_bridge.session import Session
 from fort_vsc_bridge.session import Sticks
 from fort_vsc_bridge.session import UserValue
 from fort_vsc_bridge.wire import BRIDGE
+from fort_vsc_bridge.wire import STOP_HEARD
 
 
 class FortVscBridge(BridgeNode[Event]):
@@ -56,6 +58,7 @@ class FortVscBridge(BridgeNode[Event]):
     def __init__(self, **options: Any) -> None:
         self._bad_sentences = 0
         self._gga_heard = False
+        self._stop_heard = False  # ever, and so it has to be repeated for as long as this node is
         super().__init__('fort_vsc_bridge', **options)
 
     def create_interfaces(self) -> None:
@@ -80,6 +83,11 @@ class FortVscBridge(BridgeNode[Event]):
         self.create_subscription(KeyValue, '~/set_user_name', self._on_set_user_name, 10)
         self.create_subscription(String, '~/display_text', self._on_display_text, 10)
         self.create_subscription(UInt8, '~/get_user_value', self._on_get_user_value, 10)
+
+    def on_activate(self, state: Any) -> TransitionCallbackReturn:
+        """Open the port; what asked for stops has to be heard again, or its silence is one."""
+        self.values = {**self.values, STOP_HEARD: self._stop_heard}
+        return super().on_activate(state)
 
     @property
     def hardware_name(self) -> str:
@@ -138,6 +146,7 @@ class FortVscBridge(BridgeNode[Event]):
         self._ask_stop(message.data)
 
     def _ask_stop(self, stop: bool) -> None:
+        self._stop_heard = True
         self.request(Session.set_software_estop, stop, key='software_estop', stop=stop)
 
     def _on_set_feedback(self, message: Any) -> None:

@@ -31,10 +31,16 @@ from fort_vsc_bridge.session import Session
 from fort_vsc_bridge.session import Settings
 from fort_vsc_bridge.session import wire_of
 
+# Beside the parameters, as the first heartbeat goes before any request is served.
+STOP_HEARD = 'software_estop was heard'
+
 
 def make_session(values: Mapping[str, Any]) -> Session:
-    """Return a session for the wire that ``transport`` names."""
-    return Session(Settings.from_parameters(values))
+    """Return a session for the wire that ``transport`` names, which expects what was heard."""
+    session = Session(Settings.from_parameters(values))
+    if values.get(STOP_HEARD):
+        session.expect_software_estop()
+    return session
 
 
 def make_transport(values: Mapping[str, Any]) -> Transport[Any]:

@@ -168,6 +168,17 @@ def test_required_software_stop_is_asked_again_after_a_lost_port_and_at_the_end(
     assert bench.session.farewell(bench.now) == [STOP]
 
 
+def test_software_stop_that_is_expected_is_asked_from_the_first_heartbeat_on() -> None:
+    bench = Bench()
+    bench.session.expect_software_estop()
+    bench.open()
+    bench.wait(5.0)
+    assert {frame for _, frame in bench.sent} == {STOP}
+    bench.session.set_software_estop(False, bench.now)
+    bench.wait(0.06)
+    assert bench.sent[-1][1] == CLEAR
+
+
 def test_farewell_stops_only_if_software_estop_is_in_use() -> None:
     bench = opened()
     assert bench.session.farewell(bench.now) == []

@@ -411,6 +411,22 @@ def test_second_publisher_of_the_software_estop_undoes_no_stop(fresh: Bench) -> 
     fresh.wait(lambda: not fresh.vsc.simulator.host_estop, 'no stop in our heartbeat')
 
 
+def test_activation_undoes_no_stop_of_a_publisher_that_is_gone(fresh: Bench) -> None:
+    talker = Talker(fresh.observer, Bool, f'{fresh.name}/software_estop', Bool(data=False))
+    fresh.wait(
+        lambda: fresh.diagnostics.value(DEVICE, 'software e-stop in use') == 'true', 'in use'
+    )
+    talker.leave()
+    fresh.wait(lambda: fresh.vsc.simulator.host_estop, 'the stop of silence')
+    assert fresh.observer.change_state(fresh.name, 'deactivate')
+    since = time.monotonic()
+    before = fresh.vsc.simulator.host_heartbeats
+    assert fresh.observer.change_state(fresh.name, 'activate')
+    fresh.wait(lambda: fresh.vsc.simulator.host_heartbeats > before + 10, 'heartbeats')
+    assert fresh.vsc.simulator.host_estop
+    assert build_frame(0x21, b'\0') not in b''.join(c.data for c in fresh.vsc.received(since))
+
+
 def test_software_estop_in_use_is_a_stop_when_the_node_ends(fresh: Bench) -> None:
     Talker(fresh.observer, Bool, f'{fresh.name}/software_estop', Bool(data=False))
     fresh.wait(

@@ -343,6 +343,11 @@ class Session(BaseSession[Frame, Received, Event]):
 
     # What the node asks.
 
+    def expect_software_estop(self) -> None:
+        """Ask for a stop from the first heartbeat on, as with ``require_software_estop``."""
+        if self.settings.wire.carries(MessageType.HOST_HEARTBEAT):
+            self.software_estop_in_use = True
+
     def set_software_estop(self, value: bool, now: float) -> None:
         """
         Ask the VSC to stop, or not to; from the first call on, silence is a stop too.
