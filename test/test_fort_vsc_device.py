@@ -24,6 +24,7 @@ from fort_vsc_bridge.protocol import MessageControl
 from fort_vsc_bridge.protocol import MessageType
 from fort_vsc_bridge.session.device import AS_WANTED
 from fort_vsc_bridge.session.device import Configurator
+from fort_vsc_bridge.session.device import MAX_WRITES
 from fort_vsc_bridge.session.device import OVERRULED
 from fort_vsc_bridge.session.device import REFUSED
 from fort_vsc_bridge.session.device import UNANSWERED
@@ -192,6 +193,55 @@ def test_another_connection_begins_again_once_its_link_is_up() -> None:
     bench.link(1.0)
     bench.configurator.forget()
     assert (bench.state, bench.deadline) == (UNKNOWN, math.inf)
+
+
+def test_device_that_may_be_another_one_is_asked_anew_and_written_where_it_differs() -> None:
+    bench = Bench(auto_off_enable=1)
+    now = 0.0
+    for answer, state, writes in [(1, AS_WANTED, 0)] * 9 + [(0, WRITTEN, 1), (1, AS_WANTED, 0)]:
+        bench.link(now)
+        assert bench.state == UNKNOWN
+        assert bench.poll(now) == [KEY]
+        bench.answer(answer, now + 0.5)
+        assert bench.state == state
+        assert len(bench.queue.said) == 1 + writes
+        bench.link(now + 1.0, up=False)
+        now += 2.0
+
+
+def test_link_that_comes_and_goes_wears_out_no_device_that_takes_nothing() -> None:
+    bench = Bench(auto_off_enable=1)
+    written: list[object] = []
+    for now in range(0, 200, 2):
+        bench.link(now)
+        bench.poll(now)
+        bench.answer(0, now + 0.5)
+        written += bench.queue.said[1:]
+        bench.link(now + 1.0, up=False)
+    assert written == [(KEY, 1)] * MAX_WRITES
+    assert bench.state == REFUSED
+
+
+def test_what_the_user_wrote_instead_outlasts_the_link() -> None:
+    bench = Bench(auto_off_enable=1)
+    bench.link(0.0)
+    bench.configurator.overrule(KEY, 0, 0.5)
+    bench.link(1.0, up=False)
+    bench.link(2.0)
+    assert bench.poll(2.0) == []
+    bench.answer(0, 2.5)
+    assert bench.queue.said == []
+    assert bench.state == OVERRULED
+
+
+def test_interval_is_watched_anew_once_the_link_is_back() -> None:
+    bench = watching(500)
+    assert bench.watched(JOYSTICK, (0.5, 1.0, 1.5), 3.0) == []
+    assert bench.state == AS_WANTED
+    bench.link(4.0, up=False)
+    bench.link(5.0)
+    assert len(bench.watched(JOYSTICK, (6.0, 7.0, 8.0), 8.0)) == 1
+    assert bench.state == WRITTEN
 
 
 # Intervals, which are watched.

@@ -220,8 +220,15 @@ class Configurator:
             setting.forget()
 
     def link_changed(self, link_up: bool, now: float) -> None:
-        """Begin to ask and watch when the link comes up; wait while it is down."""
+        """
+        Begin to ask and watch when the link comes up; wait while it is down.
+
+        It may come up with another device at the same port, so what was found counts no more. What
+        the user wrote instead does: nothing is written against it.
+        """
         for setting in self._all:
+            if link_up and setting.state != OVERRULED:
+                setting.forget()
             if setting.is_open:
                 setting.due = math.inf
                 if link_up:
