@@ -278,7 +278,7 @@ COUNTS: dict[str, tuple[int, int]] = {
     'drive': (10707, 126012),
     'mux': (11881, 111224),
     'silence': (7921, 66959),
-    'one read': (30560, 526742),
+    'one read': (30512, 525878),
     'busy': (6309, 52875),
 }  # states, and steps between them
 test_every_state_near_the_start, test_every_state = visits_of(World, SCENES, COUNTS, near=200)

@@ -458,7 +458,7 @@ class ProcessLink(Link):
             moves = self._activation is not None or bool(self._commands)
             self._activation = self._before = None
             self._commands.clear()
-        if wire is not None and moves and not wire.ready:
+        if wire is not None and moves and not wire.ready and self._restarts > 0:
             # The one before may have left the device moving. The activation waits in the socket,
             # and the end behind it: once it has loaded it says farewell, and ends.
             wire.socket.close()
