@@ -80,6 +80,7 @@ class Rig:
         self.aux: Sequence[int] = (0,) * 6
         self.aux_inputs = b'\0\0'
         self.mute: set[int] = set()  # IDs that are not answered
+        self.busy = False  # the line takes no message 20
         self.estop: bool | None = False  # what the mux says; None: nothing
         self._opened = False
 
@@ -148,6 +149,9 @@ class Rig:
         answers = b''
         for frame in frames:
             assert build_frame(frame[2], frame[4:-2]) == frame
+            if self.busy and frame[2] == 20:
+                self.session.refused(frame, self.now)
+                continue
             self.sent.append((self.now, frame[2], frame[4:-2]))
             if frame[2] in range(10, 16) and frame[2] not in self.mute:
                 answers += self.answer(frame[2])

@@ -147,6 +147,36 @@ def test_stalled_process_does_not_make_up_for_the_lost_time() -> None:
     assert rig.pulses()[-1][2] - before <= 41
 
 
+@given(st.lists(st.booleans(), max_size=60))
+def test_servo_does_not_jump_by_what_a_busy_line_did_not_take(busy: list[bool]) -> None:
+    slow = Servo(name='slow', channel=2, rate_us_per_s=1000.0)
+    rig = Rig(servos=(slow,), command_rate=100.0).start()
+    rig.tick(5, servos(slow=0.0))
+    for taken in busy:
+        rig.busy = taken
+        rig.tick(1, servos(slow=1.0))
+    rig.busy = False
+    rig.tick(30, servos(slow=1.0))
+    said = [message[1] for message in rig.pulses() if message[1]]
+    assert all(0 <= after - before <= 20 for before, after in itertools.pairwise(said))
+    assert said[-1] > said[0]
+
+
+def test_failsafe_that_a_busy_line_did_not_take_is_tried_again_soon() -> None:
+    rig = Rig(servos=(PAN,), command_rate=1.0, poll_rates=(20.0, 0, 0, 0, 0)).start()
+    rig.do(servos(pan=0.5))
+    rig.tick(101, servos(pan=0.5))
+    rig.busy = True
+    start = rig.now
+    rig.do(lambda session, now: session.set_estop(True, now))
+    assert rig.pulses(start + 1e-9) == []
+    assert rig.session.deadline() <= start + 0.001
+    rig.busy = False
+    rig.now = rig.session.deadline()
+    rig.poll()
+    assert [message[0] for message in rig.pulses(start + 1e-9)] == [0]
+
+
 def test_first_pulse_begins_where_the_device_has_the_servo() -> None:
     slow = Servo(name='slow', channel=2, rate_us_per_s=100.0)
     rig = Rig(servos=(slow,))

@@ -25,6 +25,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 import math
+from typing import Any
 
 from bridge_core.session import Pacer
 from bridge_core.watchdog import Watchdog
@@ -34,6 +35,7 @@ from ssc_bridge.protocol import PULSE_CHANNELS
 from ssc_bridge.protocol import PulseCommand
 from ssc_bridge.session.settings import Settings
 
+_RETRY = 0.001  # s after a message that the line did not take
 RELEASE_FRAMES = 3  # at least; one may be lost
 # s; a port takes nothing for half as long before it is given up, and what it refuses is gone.
 RELEASE_TIME = 1.0
@@ -55,6 +57,15 @@ class Channel:
         self._target = 0.0
         self._at = 0.0  # where the servo was last, as far as is known; 0: nowhere yet
         self._commanded = False  # ``us`` is what was asked for last, not what was found
+
+    @property
+    def state(self) -> tuple[float, float, bool]:
+        """What counts on the last message; set where that did not go out."""
+        return self.us, self._at, self._commanded
+
+    @state.setter
+    def state(self, state: tuple[float, float, bool]) -> None:
+        self.us, self._at, self._commanded = state
 
     @property
     def driven(self) -> bool:
@@ -118,6 +129,8 @@ class Outputs:
         self._release_frames = max(RELEASE_FRAMES, math.ceil(RELEASE_TIME * settings.command_rate))
         self._looks_until: float | None = None  # at least, while something to be held is sought
         self._releases = 0  # frames without a pulse that are still to be sent
+        self._last = b''  # message
+        self._before: tuple[Any, ...] = ()  # what it has changed; see refused
 
     def begin(self, now: float) -> None:
         """
@@ -186,6 +199,8 @@ class Outputs:
         if not (at_once or urgent or self._pacer.is_due(now)):
             return []
         self._looks_until = None
+        states = [channel.state for channel in self._channels]
+        self._before = self._stepped, self._urgent, self._releases, states
         # After a stall a servo must not jump by all the time that was lost.
         seconds = min(max(now - self._stepped, 0.0), 2.0 * self._pacer.period)
         self._pacer.sent(now)
@@ -200,7 +215,16 @@ class Outputs:
             self._releases -= 1
         else:
             return []
-        return [PulseCommand(us).to_bytes()]
+        self._last = PulseCommand(us).to_bytes()
+        return [self._last]
+
+    def refused(self, frame: bytes, now: float) -> None:
+        """Stand by what went out last, and try again soon: a servo must not jump by the rest."""
+        if frame is self._last:
+            self._stepped, self._urgent, self._releases, states = self._before
+            for channel, state in zip(self._channels, states, strict=True):
+                channel.state = state
+            self._pacer.start(now + _RETRY)
 
     def expires_at(self) -> float:
         """Return when the next command becomes stale."""

@@ -207,6 +207,10 @@ class Session(BaseSession[bytes, Message | Poll, Event]):
             for frame in self._output_frames(now, at_once=True)
         ]
 
+    def refused(self, frame: bytes, now: float) -> None:
+        """Have the outputs go on from where they are."""
+        self.outputs.refused(frame, now)
+
     def _begin(self, now: float) -> None:
         self._poller.start(now)
 
