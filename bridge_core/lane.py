@@ -56,7 +56,7 @@ _REPORT_PERIOD = 1.0  # s
 class _Topic:
     kind: Any
     callback: Callable[[Any, dict[str, Any]], object]
-    raw: bool = False
+    raw: bool
     subscription: Any = None
     wanted: bool = True
 

@@ -55,6 +55,15 @@ EXCUSED: dict[str, dict[str, str]] = {
         'threading.current_thread() or (not thread.is_alive())': 'a thread with a fault ends',
         '_exists: return False -> return None': _FALSY,
         'NotForExecutors.can_execute: return False -> return None': _FALSY,
+        'NotForExecutors.beginning_execution: return False -> return None': _FALSY,
+        ': 0.4 -> 1.4': 'a time that others can wait for',
+        ': 20 -> 21': 'a few of one topic',
+        ': 10000 -> 10001': 'a great many',
+        '_WaitSetWaiter.wait: 1 -> 2': 'any number below 0 waits for ever',
+        '_WaitSetWaiter.wait: 1000000000.0 -> 1000000001.0': 'it waits a billionth longer',
+        '_WaitSetWaiter._release: self._set = None -> pass': 'another set follows, or the end',
+        '_ExecutorWaiter.__init__: False -> True': 'its node has one thing more, not used',
+        '_ExecutorWaiter.close: self._executor.shutdown() -> pass': 'nobody spins it any more',
         'wait_set_works: return False -> return None': _FALSY,
         'wait_set_works: 0 -> 1': 'a set with room for one more; a wait of a nanosecond',
         '_wait_set: 0 -> 1': 'a set with room for one more',
@@ -96,6 +105,9 @@ EXCUSED: dict[str, dict[str, str]] = {
         'Mailbox.close: 1 -> 2': 'any number does that is no descriptor',
     },
     'bridge_core/transports/wire.py': {
+        'Wire._deliver: clock.now() - now <= _FROZEN_TIME -> clock.now() - now < _FROZEN_TIME': (
+            'a freeze is no more exact'
+        ),
         ': 1.0 -> 2.0': 'the longest wait: the next look at the levels is due sooner',
         'Wire.__init__: False -> True': 'without a session it is not active, resting or not',
         'Wire.__init__: self._backoff = BACKOFF_START -> pass': _SET_FIRST,

@@ -216,6 +216,88 @@ def test_subscription_is_added_while_it_waits(rig: Rig) -> None:
     rig.wait_heard(1)
 
 
+@pytest.mark.parametrize(
+    ('received', 'waited'),
+    [(0, 0.0), (1, 9.999999999), (7_500_000_000, 2.5), (10_000_000_009, 0.0)],
+)
+def test_message_waited_since_the_middleware_took_it_in(
+    monkeypatch: pytest.MonkeyPatch, received: int, waited: float
+) -> None:
+    monkeypatch.setattr('bridge_core.lane.time.time_ns', lambda: 10_000_000_000)
+    assert lane_module.waited({'received_timestamp': received}) == pytest.approx(waited)
+
+
+def test_lane_tells_its_subscriptions(rig: Rig) -> None:
+    first, second = (
+        rig.lane.subscribe(Int32, topic, rig.hear, QoSProfile(depth=1)) for topic in 'ab'
+    )
+    assert rig.lane.subscriptions == [first, second]
+    rig.lane.unsubscribe(first)
+    assert rig.lane.subscriptions == [second]
+
+
+def test_lane_that_has_nothing_to_do_sleeps(rig: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
+    publish = rig.listen()
+    waiter = rig.lane._waiter
+    real, waits = waiter.wait, []
+
+    def wait_counted(*arguments: Any) -> None:
+        waits.append(arguments)
+        real(*arguments)
+
+    monkeypatch.setattr(waiter, 'wait', wait_counted)
+    called = threading.Event()
+    rig.lane.every(0.5, lambda now: called.set())
+    rig.lane.start()
+    publish(1)
+    rig.wait_heard(1)
+    called.clear()
+    assert called.wait(30.0)
+    assert len(waits) < 50
+
+
+def test_set_is_made_anew_for_other_topics_alone(
+    rig: Rig, way: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    if way != 'wait set':
+        return
+    real, made = lane_module._wait_set, []
+
+    def make_counted(*arguments: Any) -> Any:
+        made.append(arguments)
+        return real(*arguments)
+
+    monkeypatch.setattr(lane_module, '_wait_set', make_counted)
+    publish = rig.listen()
+    rig.lane.start()
+    for number in range(20):
+        publish(number)
+        wait_for(lambda: rig.heard[-1:] == [number])  # noqa: B023 - waited for here
+    assert len(made) == 1
+
+
+def test_subscription_that_others_destroy_takes_nothing_else_along(rig: Rig) -> None:
+    lost = rig.lane.subscribe(Int32, 'lost', rig.hear, QoSProfile(depth=1))
+    publish = rig.listen()
+    lost.destroy()
+    rig.lane.start()
+    publish(1)
+    rig.wait_heard(1)
+    assert not rig.lane.fault.done()
+
+
+def test_lane_that_has_ended_holds_no_subscription(rig: Rig) -> None:
+    publish = rig.listen()
+    rig.lane.start()
+    publish(1)
+    rig.wait_heard(1)
+    [subscription] = rig.lane.subscriptions
+    rig.lane.stop()
+    subscription.destroy()
+    with pytest.raises(InvalidHandle):
+        subscription.handle.__enter__()
+
+
 def test_subscription_is_removed_while_it_waits(rig: Rig) -> None:
     say_first = rig.listen('first')
     second = rig.lane.subscribe(Int32, 'second', lambda *_: rig.heard.append('removed'), 10)
