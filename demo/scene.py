@@ -274,12 +274,13 @@ class Scene(Actuators):
     def trip(self) -> float:
         at = time.monotonic()
         self.stage.call(TRIP)
+        self.tripped_by = time.monotonic()  # the call may have been on its way until now
         return at
 
     def end_trip(self) -> str:
         """End the trip, and with it what stops the VSC; that has to be acknowledged."""
         self.let_go()
-        may_end_at = self.caused_at + BETWEEN_RESETS  # clear_time
+        may_end_at = self.tripped_by + BETWEEN_RESETS  # clear_time
         self.wait(lambda: self.demanded(FORT) and time.monotonic() > may_end_at)
         since = time.monotonic()
         reply = self.stage.call(END_TRIP)

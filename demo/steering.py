@@ -85,6 +85,7 @@ class Steering:
         self.latest = 0.0  # s by which this process was woken too late, at worst
         self.operator = FORT  # whose remote moves it
         self.caused_at = 0.0  # when the last stop was caused
+        self.tripped_by = 0.0  # when ~/trip had answered
         self._late = 0.0  # s, the worst since then
 
     def wait(
