@@ -211,6 +211,7 @@ def bench_of(
         'command_timeout': 2.0,
         'estop_in_timeout': 2.0,
         'link_timeout': 3.0,
+        'answer_timeout': 3.0,
         **(parameters or {}),
     }
     with NodeProcess('akron_can_bridge.node', given, namespace=namespace, patient=True) as node:
