@@ -246,7 +246,6 @@ EXCUSED: dict[str, dict[str, str]] = {
         'not isinstance(before.function, PulseAccumulator)': (
             'what fits the configuration has a measurement of each; for the type checker'
         ),
-        'AuxOutputCommands.__init__: self._undo = AuxOutputs() -> pass': _SET_FIRST,
         'AuxOutputCommands.__init__: self._undos_left = 0 -> pass': _SET_FIRST,
         'AuxOutputCommands.__init__: 0 -> 1': _SET_FIRST,
         'AuxOutputCommands._is_one_shot: isinstance(function, PulseOutput) and function.one_shot '
@@ -329,6 +328,7 @@ EXCUSED: dict[str, dict[str, str]] = {
         '_is_of_vsc: unused or () -> unused': _FOR_TYPES,
     },
     'akron_can_bridge/session/session.py': {
+        'Session.__init__: True -> False': 'what it is not told yet is a stop',
         'Session.__init__: self._stopped_at = -math.inf -> pass': _SET_FIRST,
         'Session._may_pause: self.motion.began_at <= self._pause_at'
         ' -> self.motion.began_at < self._pause_at': (
@@ -339,12 +339,7 @@ EXCUSED: dict[str, dict[str, str]] = {
         ),
         'Session._follow: self._in_error = False -> pass': _SAID_ANEW,
         'Session._follow: False -> True': _SAID_ANEW,
-        'Session._follow_motion: self._is_stopped = True -> pass': _EARLIEST,
         'Session._follow_motion: True -> False': _EARLIEST,
-        'Session._may_resume: now >= self._asked_until + self.settings.coast_time -> '
-        'now > self._asked_until + self.settings.coast_time': (
-            'motion that goes on is withheld a moment later, and stays so'
-        ),
         'Session._may_pause: return False -> return None': _FALSY,
         'Session.set_directions: self._expire(now) -> pass': 'the refresh at its end does it',
         'Session._is_steered: now < steered_until + self.settings.coast_time -> '
@@ -573,6 +568,7 @@ EXCUSED: dict[str, dict[str, str]] = {
         '_start: value * goal > 0.0 -> value * goal >= 0.0': 'without a size, or without a goal',
     },
     'esi_drive_bridge/session/session.py': {
+        'Session.__init__: self._before = self._sent() -> pass': _SET_FIRST,
         'Session.__init__: -math.inf -> math.inf': (
             'it is set before it is read, or lies ahead: no report and no pause is either'
         ),
@@ -618,6 +614,5 @@ EXCUSED: dict[str, dict[str, str]] = {
         'Session._stop: self._counts = self._zeros -> pass': (
             'packets that disable say 0, and what enables begins at rest'
         ),
-        'Session._rest: self._counts = self._zeros -> pass': 'a status was heard by then',
     },
 }
