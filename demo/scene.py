@@ -191,9 +191,14 @@ class Scene(Actuators):
         """Set off with a drive whose brake takes its time, and look at the packets it gets."""
         drive, usual = self.stage.drive, self.stage.drive.simulator.enable_delay
         since = drive.apply(f'enabling {SLOW}')
-        self.set_off()
-        drive.apply(f'enabling {usual}')
-        return from_rest(drive.packets_since_disabled(since))
+        try:
+            return self.retry(lambda: self._set_off_from_rest(since))
+        finally:
+            drive.apply(f'enabling {usual}')
+
+    def _set_off_from_rest(self, since: float) -> str:
+        self._set_off()
+        return from_rest(self.stage.drive.packets_since_disabled(since))
 
     def slow_down(self) -> str:
         return self.retry(self._slow_down)
@@ -467,6 +472,7 @@ class Scene(Actuators):
 def from_rest(packets: list[Packet]) -> str:
     """Say how a slow drive was started. :raises AssertionError: not from rest, or with a step."""
     moving = [packet.time for packet in packets if packet.moves]
+    assert moving, 'it was disabled again at once'
     after, step = moving[0] - packets[0].time, greatest_step(packets)
     assert after > SLOW, f'motion is asked for {after:.2f} s after enable, and it is not enabled'
     assert step <= GREATEST_STEP, f'a step of {step} rpm, allowed are {GREATEST_STEP}'
