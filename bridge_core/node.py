@@ -250,6 +250,14 @@ class BridgeNode(ManagedNode, Generic[EventT]):
         except (ValueError, ImportError) as error:
             raise ParameterError(f'parameter {error}') from error
 
+    def carried_over(self) -> dict[str, Any]:
+        """
+        Return what a new session has to know of those before, beside the parameters.
+
+        A request would come too late for it: the first frame goes before any is served.
+        """
+        return {}
+
     def on_event(self, event: EventT) -> None:
         """Publish one event of the session; stops and answers are published by the base."""
 
@@ -499,7 +507,7 @@ class BridgeNode(ManagedNode, Generic[EventT]):
             self.take_parameters(self.values)
             self.active = True
             try:
-                self.link.activate(self.values)
+                self.link.activate({**self.values, **self.carried_over()})
             except TransportError:
                 self.leave()  # or a wire that is there at last would open the port
                 raise

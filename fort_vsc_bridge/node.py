@@ -20,7 +20,6 @@ from typing import Any
 from typing import ClassVar
 
 from diagnostic_msgs.msg import KeyValue
-from rclpy.lifecycle import TransitionCallbackReturn
 from sensor_msgs.msg import BatteryState
 from sensor_msgs.msg import Joy
 from sensor_msgs.msg import JoyFeedback
@@ -84,10 +83,9 @@ class FortVscBridge(BridgeNode[Event]):
         self.create_subscription(String, '~/display_text', self._on_display_text, 10)
         self.create_subscription(UInt8, '~/get_user_value', self._on_get_user_value, 10)
 
-    def on_activate(self, state: Any) -> TransitionCallbackReturn:
-        """Open the port; what asked for stops has to be heard again, or its silence is one."""
-        self.values = {**self.values, STOP_HEARD: self._stop_heard}
-        return super().on_activate(state)
+    def carried_over(self) -> dict[str, Any]:
+        """What asked for stops has to be heard again, or its silence is one."""
+        return {STOP_HEARD: self._stop_heard}
 
     @property
     def hardware_name(self) -> str:

@@ -31,8 +31,7 @@ from fort_vsc_bridge.session import Session
 from fort_vsc_bridge.session import Settings
 from fort_vsc_bridge.session import wire_of
 
-# Beside the parameters, as the first heartbeat goes before any request is served.
-STOP_HEARD = 'software_estop was heard'
+STOP_HEARD = 'software_estop was heard'  # beside the parameters
 
 
 def make_session(values: Mapping[str, Any]) -> Session:

@@ -373,12 +373,12 @@ class Arbiter:
         drives = self._drives.values()
         return all(each.condition(now) == 'enabled' for each in drives) if drives else None
 
-    def motion(self, now: float) -> str:
+    def motion_left(self, now: float) -> str:
         """Return in words which motion has to end; empty if the joints were seen to stand."""
-        if self._feedback is None:
+        feedback = self._feedback
+        if feedback is None or not (feedback.fault or feedback.awaited):
             return ''
-        awaited = f'waiting for standstill: {self._feedback.left(now)}'
-        return self._feedback.fault or awaited * self._feedback.awaited
+        return feedback.fault or f'waiting for standstill: {feedback.left(now)}'
 
     # -- stops -------------------------------------------------------------------------------
 

@@ -259,7 +259,7 @@ class SafetyMux(ManagedNode):
 
         :raises ParameterError: saying how they move.
         """
-        motion = self._arbiter.motion(clock.now())
+        motion = self._arbiter.motion_left(clock.now())
         if motion and not self.values['feedback.topic']:
             raise ParameterError(
                 f'feedback.topic: let the joints stand, or restart the node, to empty it: {motion}'

@@ -20,7 +20,6 @@ from typing import Any
 from typing import ClassVar
 
 from diagnostic_msgs.msg import KeyValue
-from rclpy.lifecycle import TransitionCallbackReturn
 from sensor_msgs.msg import BatteryState
 from sensor_msgs.msg import Joy
 from std_msgs.msg import Bool
@@ -86,10 +85,9 @@ class Vm110Bridge(BridgeNode[Event]):
         """Keep which axes are inverted."""
         self._axis_inverted = axis_signs(values)
 
-    def on_activate(self, state: Any) -> TransitionCallbackReturn:
-        """Open the port; what withholds VRPO does so from the first on, or its silence does."""
-        self.values = {**self.values, HOLD_HEARD: self._hold_heard}
-        return super().on_activate(state)
+    def carried_over(self) -> dict[str, Any]:
+        """What withholds VRPO does so from the first on, or its silence does."""
+        return {HOLD_HEARD: self._hold_heard}
 
     @property
     def hardware_name(self) -> str:

@@ -25,7 +25,7 @@ from vm110_bridge.parameters import OUTPUT_PORT_OFFSET
 from vm110_bridge.session import Session
 from vm110_bridge.session import Settings
 
-HOLD_HEARD = 'hold_output was heard'  # beside the parameters, for no request precedes a first VRPO
+HOLD_HEARD = 'hold_output was heard'  # beside the parameters
 
 
 def make_session(values: Mapping[str, Any]) -> Session:

@@ -95,13 +95,13 @@ class Joysticks:
         if isinstance(message, BasicJoystick):
             self._deflected.pop(source, None)
             axes = message.x.value, message.y.value
-            if axes != (0, 0):
+            if axes == (0, 0):
+                self._rested.add(source)
+            else:
                 self._deflected[source] = now
                 self.asked_until = now + JOYSTICK_TIMEOUT
             if None in axes:
                 self._rested.discard(source)
-            elif axes == (0, 0):
-                self._rested.add(source)
             if message.steers:
                 self.steered_until = now + JOYSTICK_TIMEOUT
         self.automatic_asked |= message.automatic

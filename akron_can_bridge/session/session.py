@@ -317,7 +317,7 @@ class Session(BaseSession[CanFrame, Received, Event]):
 
     def take_over(self, before: Handover | None, lost_at: float, now: float) -> None:
         """
-        Take what a session before this one knew; a session that has had its own stop does not.
+        Take what a session before this one knew.
 
         Until then it is neutral and reports no Handover: that would be one of a session that
         knows nothing, to the next one.
@@ -515,11 +515,12 @@ class Session(BaseSession[CanFrame, Received, Event]):
             self._in_setup = True
         elif isinstance(message, FaultStatus):
             self._take_faults(message, now)
-        if not isinstance(message, AddressAnnouncement):
-            self._report(self._asker.answered(message))
-        elif self._restarted and not self.finder.is_asked(now):
+        if isinstance(message, AddressAnnouncement):
+            # It announces itself when anybody asks, too: that alone is no reset.
+            if not self._restarted or self.finder.is_asked(now):
+                return
             self._in_setup &= not self._asker.is_open(Request.RESET_CONTROLLER)
-            self._report(self._asker.answered(message))
+        self._report(self._asker.answered(message))
 
     def _take_position(self, message: PositionLimit) -> None:
         in_error = message.operational_error in (Status.ON, Status.ERROR)
