@@ -207,8 +207,16 @@ def test_silence_is_a_stop_and_one_neutral_joy(bench: Bench) -> None:
     bench.joy.clear()
     bench.observer.holds_for(lambda: bench.joy.messages == [], 1.0, 'no further joy')
     bench.wait(lambda: 'no VRPI from the BU' in bench.status('link').message, 'the reason')
-    bench.station.apply('stall off')
+    rearm_after_stall(bench)
     bench.wait_stop(False)
+
+
+def rearm_after_stall(bench: Bench) -> None:
+    """Let the BU hear and speak, and arm its remote: what was silent for 2 s is disarmed."""
+    heard = bench.station.look(lambda unit: unit.received['VRPO'])
+    bench.station.apply('stall off')
+    bench.wait(lambda: bench.station.look(lambda unit: unit.received['VRPO']) > heard, 'VRPO')
+    bench.station.apply('arm 1')
 
 
 def frozen_after_a_vrpi(bench: Bench) -> float:
