@@ -135,12 +135,16 @@ class Rig:
             self._take(self.session.poll(self.now))
         return [frame for _, frame in self.frames[start:]]
 
-    def start(self) -> None:
-        """Bring it to ENABLED by the book, with the command 100 on axis A."""
+    def press(self) -> None:
+        """Give an edge of enable; a position waits for the next status."""
         self.tick(3)
         self.enable = True
-        self.tick()
+        self.tick(2 if Mode.POSITION in [axis.mode for axis in self.session.settings.axes] else 1)
         assert self.phase() is Phase.ENABLING
+
+    def start(self) -> None:
+        """Bring it to ENABLED by the book, with the command 100 on axis A."""
+        self.press()
         self.status = RUNNING
         self.tick()
         assert self.phase() is Phase.ENABLED
@@ -150,9 +154,7 @@ class Rig:
 
     def start_slowly(self) -> None:
         """Bring it to ENABLED where packets are rarer than ticks."""
-        self.tick(3)
-        self.enable = True
-        self.tick()
+        self.press()
         self.status = RUNNING
         self.tick()
         assert self.phase() is Phase.ENABLED

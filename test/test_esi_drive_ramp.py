@@ -21,6 +21,7 @@ from dataclasses import replace
 from itertools import pairwise
 from typing import Any
 
+from hypothesis import example
 from hypothesis import given
 from hypothesis import strategies as st
 import pytest
@@ -58,10 +59,7 @@ def rig() -> Rig:
 
 def enabling(rig: Rig) -> None:
     rig.status, rig.enable = IDLE, False
-    rig.tick(3)
-    rig.enable = True
-    rig.tick()
-    assert rig.phase() is Phase.ENABLING
+    rig.press()
 
 
 def enabled(rig: Rig, packets: int = 1) -> list[bytes]:
@@ -233,9 +231,7 @@ def test_a_position_begins_where_the_axis_stands_and_moves_both_ways() -> None:
     rig = Rig(axes=axes(Mode.POSITION, slew_limit=LIMIT))
     rig.status = status(feedback=(1000, -1000))
     rig.command = (1025.0, -2000.0)
-    rig.tick(3)
-    rig.enable = True
-    rig.tick()
+    rig.press()
     rig.status = status(1, 1, feedback=(1003, -1000))
     assert values(rig.tick(5)) == [1003, 1013, 1023, 1025, 1025]
     assert fields(rig.frames[-1][1])[1][2] == -1040
@@ -248,9 +244,7 @@ def test_position_of_the_axis_that_is_enabled_first_is_held_under_a_load(first: 
     rig = Rig(axes=axes(Mode.POSITION, slew_limit=LIMIT))
     rig.command = (9000.0, 9000.0)
     rig.status = status(feedback=(1000, 1000))
-    rig.tick(3)
-    rig.enable = True
-    rig.tick()
+    rig.press()
     state = (1, 0) if first == 0 else (0, 1)
     place = [1003, 1003]  # by the first status that knows it enabled, it may have moved
     held = 1003
@@ -288,6 +282,71 @@ def test_rest_of_an_axis_follows_it_until_a_status_knew_it_enabled(
         if a and b:
             break
         was, before = (a, b), want
+
+
+@pytest.mark.parametrize('state', [0, 1])
+def test_position_waits_for_a_status_younger_than_the_edge(state: int) -> None:
+    rig = Rig(axes=axes(Mode.POSITION, slew_limit=LIMIT))
+    rig.status = status(state, state)
+    rig.tick(3)
+    rig.status = None
+    rig.tick(10)
+    rig.enable = True
+    assert all(map(is_disable, rig.tick(10)))
+    assert rig.phase() is Phase.WAITING
+    rig.status = status(state, state, feedback=(2000, -2000))
+    assert set(values(rig.tick(2))) == {2000}
+
+
+def test_position_whose_place_stays_unknown_waits_no_longer_than_for_a_command() -> None:
+    rig = Rig(axes=axes(Mode.POSITION), link_timeout=5.0)
+    rig.tick(3)
+    rig.status, rig.enable = None, True
+    assert all(map(is_disable, rig.tick(9)))
+    assert rig.phase() is Phase.WAITING
+    rig.tick(3)
+    assert rig.phase() is Phase.DISABLED
+    assert 'no status since enable went true' in rig.session.inhibits(rig.now)[-1]
+    rig.status = RUNNING
+    assert all(map(is_disable, rig.tick(30)))
+
+
+SINKS = 3  # counts a tick, while disabled
+FOLLOWS = 5
+SCENES = st.tuples(
+    st.integers(1, 20),
+    st.sampled_from(['', 'busy', 'no status']),
+    st.sampled_from([True, True, False]),
+    st.sampled_from([0.0, 300.0, -500.0]),
+)
+
+
+BUSY_PRESS = [
+    *((2, '', False, 0.0), (20, '', True, 300.0)),
+    *((1, 'busy', False, 300.0), (20, 'busy', True, 300.0), (3, '', True, 300.0)),
+]
+
+
+@given(story=st.lists(SCENES, max_size=20))
+@example(story=BUSY_PRESS)
+def test_position_goes_on_from_what_it_was_told_or_from_where_it_stands(
+    story: list[tuple[int, str, bool, float]],
+) -> None:
+    rig = Rig(axes=axes(Mode.POSITION, slew_limit=LIMIT))
+    place = told = 0
+    enabled = False
+    for ticks, fault, rig.enable, goal in story:
+        rig.busy, rig.command = fault == 'busy', (goal, goal)
+        for _ in range(ticks):
+            now = status(int(enabled), int(enabled), feedback=(place, place))
+            rig.status = None if fault == 'no status' else now
+            for frame in rig.tick():
+                was_enabled, (enabled, _, target) = enabled, fields(frame)[0]
+                if enabled:
+                    step = min(abs(target - at) for at in (place, told if was_enabled else place))
+                    assert step <= STEP + 1 + SINKS
+                    told = target
+            place += max(-FOLLOWS, min(told - place, FOLLOWS)) if enabled else -SINKS
 
 
 def test_what_is_held_back_is_said(rig: Rig) -> None:

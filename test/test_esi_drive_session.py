@@ -161,9 +161,8 @@ def test_one_axis_enabled_is_not_enabled(rig: Rig) -> None:
 def test_position_is_held_where_it_is_while_enabling() -> None:
     rig = Rig(axes=(Axis('left', Mode.POSITION, 1.0), Axis('right', Mode.TORQUE, 1.0)))
     rig.status = status(feedback=(1234, 99))
-    rig.tick(3)
-    rig.enable = True
-    assert [axis[2] for axis in fields(rig.tick()[-1])] == [1234, 0]
+    rig.press()
+    assert [axis[2] for axis in fields(rig.frames[-1][1])] == [1234, 0]
     rig.status = None
     rig.command = None
     rig.hear(status(1, 1, feedback=(1230, 99)))

@@ -273,10 +273,7 @@ def test_position_at_its_limit_enables_nothing(feedback: int) -> None:
     assert all(is_disable(frame) for frame in rig.tick(30))
     assert 'move right by hand' in rig.session.inhibits(rig.now)[0]
     rig.enable, rig.status = False, IDLE
-    rig.tick(3)
-    rig.enable = True
-    rig.tick()
-    assert rig.phase() is Phase.ENABLING
+    rig.press()
     rig.status = status(1, 1, feedback=(feedback, 0))  # it was pushed there meanwhile
     assert all(is_disable(frame) for frame in rig.tick(30)[1:])
     assert rig.phase() is Phase.DISABLED

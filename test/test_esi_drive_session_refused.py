@@ -54,17 +54,10 @@ def make_rig(mode: Mode = Mode.VELOCITY, **changes: Any) -> Rig:
     return rig
 
 
-def enabling(rig: Rig) -> None:
-    rig.tick(3)
-    rig.enable = True
-    rig.tick()
-    assert rig.phase() is Phase.ENABLING
-
-
 @pytest.fixture
 def moving() -> Rig:
     rig = make_rig()
-    enabling(rig)
+    rig.press()
     rig.status = RUNNING
     assert value(rig.tick(21)[-1]) == 200
     return rig
@@ -103,7 +96,7 @@ def test_packets_that_stay_here_grow_nothing(moving: Rig, count: int) -> None:
 @pytest.mark.parametrize('count', [1, 30])
 def test_first_packet_that_an_enabled_drive_hears_is_at_rest(mode: Mode, count: int) -> None:
     rig = make_rig(mode)
-    enabling(rig)
+    rig.press()
     rig.status, rig.busy = RUNNING, True
     rig.tick(count)
     assert rig.phase() is Phase.ENABLED
@@ -119,7 +112,7 @@ def test_whatever_stays_here_the_drive_hears_no_step(
     story: list[tuple[bool, float]], mode: Mode
 ) -> None:
     rig = make_rig(mode)
-    enabling(rig)
+    rig.press()
     rig.status = RUNNING
     for rig.busy, goal in story:
         rig.command = (goal, goal)

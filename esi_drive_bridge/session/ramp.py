@@ -39,7 +39,7 @@ class Ramp:
     :param max_dt: seconds, the longest step; what a late packet has missed is not made up for.
     """
 
-    __slots__ = ('_at', '_limits', '_max_dt', '_modes', '_values')
+    __slots__ = ('_at', '_limits', '_max_dt', '_modes', '_values', 'begun')
 
     def __init__(self, axes: Sequence[Axis], max_dt: float) -> None:
         self._limits = tuple(axis.slew_limit / abs(axis.si_per_count) for axis in axes)
@@ -48,18 +48,23 @@ class Ramp:
         self.begin((0,) * len(axes))
 
     def begin(self, rest: Sequence[int]) -> None:
-        """Start anew: the next packet says ``rest``, whatever is asked for."""
+        """Start anew, at ``rest``."""
+        self.begun = False  # a packet has gone out since
+        self.rest(rest)
+
+    def rest(self, rest: Sequence[int]) -> None:
+        """Let the next packet say ``rest``, whatever is asked for."""
         self._values: tuple[float, ...] = tuple(rest)
         self._at = math.inf  # of the last packet; infinite: none yet
 
     @property
-    def state(self) -> tuple[tuple[float, ...], float]:
+    def state(self) -> tuple[tuple[float, ...], float, bool]:
         """What the last packet said and when; set where a later one did not go out."""
-        return self._values, self._at
+        return self._values, self._at, self.begun
 
     @state.setter
-    def state(self, state: tuple[tuple[float, ...], float]) -> None:
-        self._values, self._at = state
+    def state(self, state: tuple[tuple[float, ...], float, bool]) -> None:
+        self._values, self._at, self.begun = state
 
     @property
     def counts(self) -> tuple[int, ...]:
@@ -69,7 +74,7 @@ class Ramp:
     def step(self, goals: tuple[int, ...], now: float) -> tuple[int, ...]:
         """Return what a packet that goes ``now`` says on the way to ``goals``."""
         dt = min(max(now - self._at, 0.0), self._max_dt)
-        self._at = now
+        self._at, self.begun = now, True
         if self._values == goals:  # as most of the time
             return goals
         mosts = [limit * dt if dt else 0.0 for limit in self._limits]

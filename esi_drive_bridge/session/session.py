@@ -90,6 +90,7 @@ class Session(BaseSession[bytes, Status, Event]):
         self._report_period = 0.9 / settings.joint_state_rate
         self._zeros = (0,) * settings.layout.axes
         self._ramp = Ramp(settings.axes, self._period)
+        self._holds_place = any(axis.mode is Mode.POSITION for axis in settings.axes)
         self._command = Watchdog(settings.command_timeout)
         self._enable = Watchdog(settings.command_timeout)
         self._estop_in = Watchdog(settings.command_timeout)
@@ -199,7 +200,7 @@ class Session(BaseSession[bytes, Status, Event]):
         if faults != self._faults:
             self._faults = faults
             self._emit(FaultsChanged(faults))
-        self._advance(message, before)
+        self._advance(message, before, now)
 
     def _take_repeated(self, message: Status, now: float) -> bool:
         """Take a status without a new bit, where what is measured decides nothing."""
@@ -224,7 +225,7 @@ class Session(BaseSession[bytes, Status, Event]):
         if gap > max(_LEAST_GAP, 2 * self._period):
             self._gap, self._gap_at = gap, now
 
-    def _advance(self, status: Status, before: Status | None) -> None:
+    def _advance(self, status: Status, before: Status | None, now: float) -> None:
         """
         Take the step that the drive's answer allows; faults are the verdict's business.
 
@@ -233,9 +234,12 @@ class Session(BaseSession[bytes, Status, Event]):
         if self.phase is Phase.CLEARING:
             if self._clear_sent and not status.faulty:
                 self._finish_clearing(True, 'the errors are cleared')
+        elif self.phase is Phase.WAITING and not (status.faulty or self._off_scale()):
+            self._end_waiting(now)
         elif self.phase is Phase.ENABLING and not (status.faulty or self._off_scale()):
+            assert before is not None  # without one nothing is allowed
             self._rest(before)
-            if status.enabled:
+            if status.enabled and self._ramp.begun:
                 self.phase = Phase.ENABLED
         elif self.phase is Phase.ENABLED and not status.enabled and not status.faulty:
             # It has had its reason; it must not start again by itself once that is gone.
@@ -335,8 +339,8 @@ class Session(BaseSession[bytes, Status, Event]):
         self._refusal = ''
         if self.phase is Phase.ENABLED:
             self._counts = counts
-        elif self.phase is Phase.WAITING:
-            self._begin_enabling(now)
+        elif self.phase is Phase.WAITING and not self._holds_place:
+            self._end_waiting(now)
 
     def refuse_command(self, reason: str, now: float) -> None:
         """Note a command that makes no sense: from now on there is no fresh one, so stop."""
@@ -405,6 +409,8 @@ class Session(BaseSession[bytes, Status, Event]):
         late = now >= self._until
         if self.phase is not Phase.WAITING or late:
             reasons += self._command_missing(now)
+        if self.phase is Phase.WAITING and late and not reasons:
+            reasons.append(f'no status since enable went true: {self._heard.describe(now)}')
         if self.phase is Phase.ENABLING and late:
             limit = self.settings.enable_timeout
             reasons.append(f'the drive did not become enabled within {limit * 1e3:.0f} ms')
@@ -451,13 +457,22 @@ class Session(BaseSession[bytes, Status, Event]):
         self.phase = Phase.WAITING
         self._stepped_at = now
         self._until = now + self.settings.command_timeout
-        if not self._command.expired(now):
-            self._begin_enabling(now)
+        if not self._holds_place:
+            self._end_waiting(now)
 
-    def _begin_enabling(self, now: float) -> None:
+    def _end_waiting(self, now: float) -> None:
+        """
+        Begin to enable if there is a command.
+
+        An axis in position mode is to stay where it stands, which only a status that comes now
+        tells: the one before may be as old as link_timeout.
+        """
+        if self._command.expired(now):
+            return
         self.phase = Phase.ENABLING
         self._until = now + self.settings.enable_timeout
-        self._rest()
+        self._counts = self._standing()
+        self._ramp.begin(self._counts)
         self._urgent = True
 
     def _stop(self, reasons: Sequence[str]) -> None:
@@ -494,23 +509,25 @@ class Session(BaseSession[bytes, Status, Event]):
             tuple(AxisCommand(enable, clear, axis.mode, value) for axis, value in axes)
         ).to_bytes(self.settings.layout)
 
-    def _rest(self, before: Status | None = None) -> None:
+    def _rest(self, before: Status) -> None:
         """
         Ask for no motion, and let what is asked later begin there.
 
-        :param before: an axis that was enabled in it stays at what was asked of it: it gives way
-            under a load, and would run away from a rest that follows.
+        :param before: an axis that was enabled in it stays at what was asked of it, if anything of
+            this enabling went out: it gives way under a load, and would run away from a rest that
+            follows.
         """
-        rest = self._zeros if self.status is None else self._standing(self.status)
-        if before is not None:
-            axes = zip(before.axes, self._counts, rest, strict=True)
-            rest = tuple(count if axis.enabled else stands for axis, count, stands in axes)
-        self._counts = rest
-        self._ramp.begin(rest)
+        axes = zip(before.axes, self._counts, self._standing(), strict=True)
+        kept = self._ramp.begun
+        self._counts = tuple(
+            count if kept and axis.enabled else stands for axis, count, stands in axes
+        )
+        self._ramp.rest(self._counts)
 
-    def _standing(self, status: Status) -> tuple[int, ...]:
+    def _standing(self) -> tuple[int, ...]:
         """Return what each axis is told where it is to stay."""
-        axes = zip(self.settings.axes, status.axes, strict=True)
+        assert self.status is not None  # or nothing is allowed
+        axes = zip(self.settings.axes, self.status.axes, strict=True)
         return tuple(each.feedback if axis.mode is Mode.POSITION else 0 for axis, each in axes)
 
     def _held_back(self) -> str:
