@@ -605,12 +605,16 @@ def test_owner_that_lost_the_stop_of_a_silent_device_gets_it(bench: WireBench) -
     assert bench.owner.verdicts[-1].reasons == ('something was lost',)
 
 
-def test_owner_that_lost_something_of_no_session_gets_nothing(bench: WireBench) -> None:
+def test_owner_that_lost_the_end_of_a_session_gets_its_stop(bench: WireBench) -> None:
+    bench.run()
+    bench.deactivate()
     bench.step()
-    bench.log()
+    bench.owner.stop = False  # as if it had not taken the stop
+    bench.owner.told.append(False)
     bench.wire.interrupt('something was lost', bench.now)
-    assert bench.log() == []
-    assert bench.session.calls == []
+    assert bench.owner.told[-1] is True
+    assert bench.owner.verdicts[-1].reasons == ('the node is not active',)
+    assert 'interrupted' not in bench.session.calls
 
 
 # Both directions.

@@ -276,11 +276,8 @@ class Wire(Generic[FrameT]):
 
     def interrupt(self, reason: str, now: float) -> None:
         """Demand a stop: something was lost that may have been one. For the owner's ``pace``."""
-        if self._session is None:
-            return
-        verdict = Verdict.stop(self.status.error, link_up=False)
-        told = False
-        if self.status.is_open:
+        verdict, told = Verdict.stop(self.status.error, link_up=False), False
+        if self._session is not None and self.status.is_open:
             before = self._session.verdict
             self._session.interrupted(reason, now)
             verdict = self._session.verdict
