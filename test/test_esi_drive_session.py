@@ -338,6 +338,15 @@ def test_a_clock_that_ran_backwards_stops(rig: Rig) -> None:
     assert is_disable(rig.hear(RUNNING)[-1])
 
 
+def test_an_interruption_tells_again_that_the_drive_is_not_enabled(rig: Rig) -> None:
+    rig.start()
+    rig.hear(IDLE)
+    rig.events.clear()  # lost, a disabled drive among them
+    rig.session.interrupted('the node was held up', rig.now)
+    rig.do(lambda: None)
+    assert rig.of(EnabledChanged) == [EnabledChanged(False)]
+
+
 def test_a_lost_port_stops_and_forgets(rig: Rig) -> None:
     rig.start()
     rig.events += rig.session.closed(rig.now)

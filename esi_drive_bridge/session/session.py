@@ -184,6 +184,7 @@ class Session(BaseSession[bytes, Status, Event]):
         kept = self._disabled_since, self._urgent  # a disable packet may be due
         self._reset()
         self._disabled_since, self._urgent = kept
+        self._emit(EnabledChanged(False))  # told before, but it may be just that which was lost
 
     def _take(self, message: Status, now: float) -> None:
         before = self.status
