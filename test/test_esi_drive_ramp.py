@@ -27,7 +27,9 @@ from hypothesis import strategies as st
 import pytest
 
 from esi_drive_bridge.protocol import Mode
+from esi_drive_bridge.session import EnableRefused
 from esi_drive_bridge.session import Phase
+from esi_drive_bridge.session import Stopped
 from esi_drive_bridge.session.ramp import Ramp
 from test.esi_drive_rig import axes
 from test.esi_drive_rig import fields
@@ -284,9 +286,11 @@ def test_rest_of_an_axis_follows_it_until_a_status_knew_it_enabled(
         was, before = (a, b), want
 
 
+@pytest.mark.parametrize('second', [Mode.POSITION, Mode.TORQUE])
 @pytest.mark.parametrize('state', [0, 1])
-def test_position_waits_for_a_status_younger_than_the_edge(state: int) -> None:
-    rig = Rig(axes=axes(Mode.POSITION, slew_limit=LIMIT))
+def test_position_waits_for_a_status_younger_than_the_edge(state: int, second: Mode) -> None:
+    first = axes(Mode.POSITION, slew_limit=LIMIT)[0]
+    rig = Rig(axes=(first, axes(second, slew_limit=LIMIT)[1]))
     rig.status = status(state, state)
     rig.tick(3)
     rig.status = None
@@ -309,6 +313,32 @@ def test_position_whose_place_stays_unknown_waits_no_longer_than_for_a_command()
     assert 'no status since enable went true' in rig.session.inhibits(rig.now)[-1]
     rig.status = RUNNING
     assert all(map(is_disable, rig.tick(30)))
+
+
+@pytest.mark.parametrize(
+    'said', [status(2), status(feedback=(0, 32767))], ids=['error', 'at its limit']
+)
+def test_position_waits_for_no_status_that_forbids_motion(said: bytes) -> None:
+    rig = Rig(axes=axes(Mode.POSITION))
+    rig.tick(3)
+    rig.status, rig.enable = None, True
+    rig.tick()
+    assert rig.phase() is Phase.WAITING
+    rig.events.clear()
+    assert all(map(is_disable, rig.hear(said)))
+    assert rig.phase() is Phase.DISABLED
+    assert [len(rig.of(kind)) for kind in (EnableRefused, Stopped)] == [1, 0]
+
+
+def test_position_that_waits_for_a_command_blames_no_status() -> None:
+    rig = Rig(axes=axes(Mode.POSITION))
+    rig.command = None
+    rig.tick(12)
+    rig.enable = True
+    rig.tick(12)
+    assert rig.phase() is Phase.DISABLED
+    (reason,) = rig.session.last_stop
+    assert reason.startswith('command is stale')
 
 
 SINKS = 3  # counts a tick, while disabled

@@ -338,6 +338,20 @@ def test_a_clock_that_ran_backwards_stops(rig: Rig) -> None:
     assert is_disable(rig.hear(RUNNING)[-1])
 
 
+def test_silence_tells_that_the_drive_is_not_enabled(rig: Rig) -> None:
+    rig.start()
+    rig.status = None
+    rig.tick(30)
+    assert rig.of(EnabledChanged)[-1] == EnabledChanged(False)
+
+
+def test_first_packet_leaves_as_the_port_opens_however_soon_after_the_last() -> None:
+    rig = Rig(command_rate=1.0)
+    rig.now += 0.1
+    rig.session.closed(rig.now)
+    assert rig._take(rig.session.opened(rig.now))
+
+
 def test_an_interruption_tells_again_that_the_drive_is_not_enabled(rig: Rig) -> None:
     rig.start()
     rig.hear(IDLE)
