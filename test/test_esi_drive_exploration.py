@@ -95,6 +95,7 @@ class World(SessionWorld[Session]):
         self.armed = False  # enable was false while all else held, and all holds since
         self.may = False  # it has risen since
         self.may_since = -math.inf
+        self.told = False  # a packet that went out has said so since
         self.ran = False  # the drive was enabled since
         self.rested = False  # and got a packet at rest since
         self.packet = (False, False, 0)  # the newest that went out, of axis A
@@ -126,7 +127,7 @@ class World(SessionWorld[Session]):
         return self.sound() and self.fresh('estop') and self.asked['estop'] == 'clear'
 
     def fail(self) -> None:
-        self.may = self.armed = self.ran = self.rested = False
+        self.may = self.armed = self.told = self.ran = self.rested = False
         self.may_since = -math.inf
 
     def lapse(self) -> None:
@@ -144,6 +145,7 @@ class World(SessionWorld[Session]):
 
     def hear(self, said: Sequence[str]) -> None:
         self.stop_said = self.heard_at is not None and self.now - self.heard_at >= self.LINK
+        told = self.told
         self.keep(self.session.receive(b''.join(SAID[each] for each in said), self.now))
         for each in said:
             if each in VALID:
@@ -151,7 +153,7 @@ class World(SessionWorld[Session]):
                 if self.ran and each != 'running':
                     self.fail()
                 self.watch()
-                self.ran |= self.enables and self.may and each == 'running'
+                self.ran |= told and self.enables and self.may and each == 'running'
                 if self.ran:
                     self.may_since = -math.inf
         self.stop_said |= 'fault' in said
@@ -160,6 +162,7 @@ class World(SessionWorld[Session]):
         events, frames = output
         for frame in frames:
             self.enables = fields(frame)[0][0]
+            self.told |= self.enables and not self.busy
             if self.busy:
                 self.session.refused(frame, self.now)
         super().keep((events, [] if self.busy else frames))
@@ -275,10 +278,10 @@ SCENES: dict[str, dict[str, Any]] = {
     },
 }
 COUNTS: dict[str, tuple[int, int]] = {
-    'drive': (10707, 126012),
-    'mux': (11881, 111224),
-    'silence': (7921, 66959),
-    'one read': (30512, 525878),
-    'busy': (6309, 52875),
+    'drive': (12211, 143532),
+    'mux': (13279, 124180),
+    'silence': (9337, 78951),
+    'one read': (36937, 636432),
+    'busy': (7257, 60879),
 }  # states, and steps between them
 test_every_state_near_the_start, test_every_state = visits_of(World, SCENES, COUNTS, near=200)
