@@ -34,6 +34,7 @@ OURS, UNIT = 0x38, 0x80
 PIN = '1032AE100801035'
 SLOT = 0.02
 COMMAND_LIMIT, ESTOP_LIMIT, LINK_LIMIT = 0.15, 0.25, 0.3
+COAST = 1.0
 
 
 def ef(data: str, source: int = UNIT, destination: int = 0xFF) -> CanFrame:
@@ -65,6 +66,7 @@ ANNOUNCED = ef('FF83150226021A0B')
 NAME = name('0B1AC22800420090', UNIT)
 POSITION = ef('011D940371000041')
 OUTPUTS = ef('83C051')  # enable is asserted
+OSCILLATES = ef('81FED401C280')
 # By hand from them.
 OTHER_PIN = '1032AE100801036'
 OTHER_ANNOUNCED = ef('FF83150226021A0C', 0x81)
@@ -76,6 +78,7 @@ VERSIONS = tuple(
 )
 
 NEUTRAL = bytes.fromhex('0100010000000000')
+PAUSE = bytes.fromhex('0100010000000400')  # switch 7
 NO_TARGETS = bytes.fromhex('FFFFFFFFFFFF0000')
 MOVING = bytes.fromhex('107D046400100000')  # the manual's: 50 % right, 40 % back, switch 2
 REST = (BasicJoystick(Axis.of(0), Axis.of(0)), ExtendedJoystick())
@@ -187,6 +190,16 @@ class Turning(Bench):
         self.run(2.0, REST)
         assert not self.session.estop
         return self
+
+
+def oscillating(**options: Any) -> Turning:
+    """Return one whose unit oscillates as it was asked to."""
+    bench = Turning(automatic_motion=True, **options).ready()
+    bench.turns, bench.says = True, [OSCILLATES]
+    bench.run(0.1, DEPLOY)
+    bench.run(1.0, REST)
+    assert not bench.session.estop
+    return bench
 
 
 def of(kind: type[E], events: list[Any]) -> list[E]:

@@ -330,10 +330,6 @@ EXCUSED: dict[str, dict[str, str]] = {
     'akron_can_bridge/session/session.py': {
         'Session.__init__: True -> False': 'what it is not told yet is a stop',
         'Session.__init__: self._stopped_at = -math.inf -> pass': _SET_FIRST,
-        'Session._may_pause: self.motion.began_at <= self._pause_at'
-        ' -> self.motion.began_at < self._pause_at': (
-            'what is paused moves, so it has begun before; and what never began does not move'
-        ),
         'Session._follow: self._was_up and (not self.link_up) -> not self.link_up': (
             'of a unit that is not heard nothing is known that could be forgotten'
         ),

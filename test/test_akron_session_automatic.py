@@ -26,18 +26,19 @@ from akron_can_bridge.session import Handover
 from akron_can_bridge.session import Request
 from test.akron_session_rig import ANNOUNCED
 from test.akron_session_rig import Bench
+from test.akron_session_rig import COAST
 from test.akron_session_rig import DEPLOY
 from test.akron_session_rig import ef
-from test.akron_session_rig import joystick
 from test.akron_session_rig import MOVE
 from test.akron_session_rig import MOVING
-from test.akron_session_rig import NEUTRAL
 from test.akron_session_rig import NO_FAULTS
 from test.akron_session_rig import of
+from test.akron_session_rig import OSCILLATES
 from test.akron_session_rig import OTHER_ANNOUNCED
 from test.akron_session_rig import OTHER_PIN
 from test.akron_session_rig import OURS
 from test.akron_session_rig import OUTPUTS
+from test.akron_session_rig import PAUSE
 from test.akron_session_rig import PIN
 from test.akron_session_rig import REST
 from test.akron_session_rig import SLOT
@@ -45,12 +46,9 @@ from test.akron_session_rig import Turning
 from test.akron_session_rig import WATER
 from test.session_rig import SessionBench
 
-COAST = 1.0
-OSCILLATES, STANDS = ef('81FED401C280'), ef('81FED401C200')  # the manual's
+STANDS = ef('81FED401C200')
 AIMS = ef('83D051')  # Point Aim mode is active
-PAUSE = bytes.fromhex('0100010000000400')
 ALLOWED = 0x33
-STICK = joystick('7D04010000000000', ALLOWED)  # X to the right
 
 
 # -- a stop of the unit ---------------------------------------------------------------------------
@@ -102,148 +100,6 @@ def test_motion_by_a_switch_is_asked_for_until_a_stop() -> None:
     assert not bench.session.estop
     bench.run(3 * SLOT, REST)
     assert bench.session.estop
-
-
-# -- the pause ------------------------------------------------------------------------------------
-
-
-def oscillating(**options: Any) -> Turning:
-    """Return one whose unit oscillates as it was asked to."""
-    bench = Turning(automatic_motion=True, **options).ready()
-    bench.turns, bench.says = True, [OSCILLATES]
-    bench.run(0.1, DEPLOY)
-    bench.run(1.0, REST)
-    assert not bench.session.estop
-    return bench
-
-
-def test_stop_presses_pause_once_it_saw_two_steps_for_a_while_and_once() -> None:
-    bench = oscillating()
-    bench.now += 0.001  # within a slot
-    start = bench.now
-    bench.estop_in(True)
-    bench.run(3.0, REST, estop=True)
-    steps = 2 * SLOT * 5  # half a degree each
-    pressed = [at for at, f in bench.sent if at >= start and f.data == PAUSE]
-    assert steps - SLOT * 5 < pressed[0] - start <= steps + SLOT
-    assert 0.16 <= pressed[-1] - pressed[0] < 0.2
-    assert bench.joystick_frames(pressed[-1] + 1e-9)[0] == NEUTRAL
-
-
-def test_one_step_after_the_stop_is_no_oscillation_that_runs() -> None:
-    bench = oscillating()
-    start = bench.now
-    bench.estop_in(True)
-    steps = bench.session.motion.ends_at
-    while bench.session.motion.ends_at == steps:
-        bench.run(SLOT, REST, estop=True)
-    bench.turns = False
-    bench.run(3.0, REST, estop=True)
-    assert bench.all_neutral(start + 1e-9)
-
-
-@pytest.mark.parametrize('turns', [False, True])
-def test_pause_is_pressed_only_where_an_oscillation_surely_runs(turns: bool) -> None:
-    bench = oscillating()
-    bench.turns = turns
-    bench.says = [STANDS if turns else OSCILLATES]
-    bench.run(0.6, REST)
-    start = bench.now
-    bench.run(1.0, REST, estop=True)
-    assert bench.all_neutral(start + 1e-9)
-
-
-def test_pause_is_not_pressed_against_a_joystick_that_commands_motion() -> None:
-    bench = oscillating(allowed_joysticks=frozenset({ALLOWED}))
-    bench.says.append(STICK)
-    bench.run(0.1, REST)
-    start = bench.now
-    bench.run(0.5, REST, estop=True)
-    bench.says.pop()  # and coasts
-    bench.run(0.5, REST, estop=True)
-    assert bench.all_neutral(start + 1e-9)
-
-
-def test_pause_by_a_joystick_that_fell_silent_is_not_undone_while_the_unit_coasts() -> None:
-    bench = oscillating(allowed_joysticks=frozenset({ALLOWED}), coast_time=3.0)
-    bench.says.append(joystick('0100010000000400', ALLOWED))
-    bench.run(0.1, REST)
-    bench.says.pop()
-    bench.run(1.2, REST)
-    start = bench.now
-    bench.run(1.0, REST, estop=True)
-    assert bench.all_neutral(start + 1e-9)
-    assert {frame.data for frame in bench.session.farewell(bench.now)} == {NEUTRAL}
-
-
-@pytest.mark.parametrize('coasts', [0.0, 0.4])
-def test_stop_of_a_stick_does_not_resume_an_oscillation_that_is_paused(coasts: float) -> None:
-    """Type 81 may say "oscillating" of that too, and it is the stick that changes the angles."""
-    bench = oscillating()
-    bench.run(1.0, MOVE)
-    bench.estop_in(True)
-    start = bench.now
-    bench.run(coasts, REST, estop=True)
-    bench.turns = False
-    bench.run(3.0, REST, estop=True)
-    assert bench.all_neutral(start + 1e-9)
-
-
-@pytest.mark.parametrize('asked', [False, True])
-def test_farewell_presses_pause_unless_the_stick_moves_the_unit(asked: bool) -> None:
-    bench = oscillating()
-    bench.run(SLOT, MOVE if asked else REST)
-    frames = bench.session.farewell(bench.now)
-    assert (PAUSE in [frame.data for frame in frames]) is not asked
-
-
-def test_farewell_does_not_press_pause_where_the_angles_stand() -> None:
-    bench = oscillating()
-    bench.turns = False
-    bench.run(3.0, REST)
-    assert {frame.data for frame in bench.session.farewell(bench.now)} == {NEUTRAL}
-
-
-def test_oscillation_that_begins_long_after_the_stop_is_not_paused() -> None:
-    bench = Turning().ready()
-    bench.run(COAST + SLOT, REST, estop=True)
-    bench.turns, bench.says = True, [OSCILLATES]
-    start = bench.now
-    bench.run(1.0, REST, estop=True)
-    assert bench.all_neutral(start + 1e-9)
-
-
-@pytest.mark.parametrize(('later', 'pressed'), [(-1e-6, True), (0.0, False)])
-def test_time_for_a_pause_is_over_at_its_end(later: float, pressed: bool) -> None:
-    bench = Turning().ready()
-    bench.turns = True
-    bench.now = float(math.ceil(bench.now))
-    ends = bench.now + COAST
-    bench.estop_in(True)
-    bench.run(COAST - SLOT, REST, estop=True)
-    bench.now = ends + later
-    bench.take(OSCILLATES)
-    start = bench.now
-    bench.run(0.2, REST, estop=True)
-    assert (PAUSE in bench.joystick_frames(start)) is pressed
-
-
-def test_node_that_starts_with_a_stop_does_not_press_pause() -> None:
-    bench = Turning().find_unit()
-    assert isinstance(bench, Turning)
-    bench.turns, bench.says = True, [OSCILLATES]
-    bench.run(COAST - SLOT, REST, estop=True)
-    assert bench.session.motion.describe(bench.now) == 'oscillates'
-    assert bench.all_neutral(0.0)
-
-
-def test_oscillation_that_is_seen_soon_after_the_stop_is_paused() -> None:
-    bench = Turning().ready()
-    bench.run(0.3, REST, estop=True)
-    bench.turns, bench.says = True, [OSCILLATES]
-    start = bench.now
-    bench.run(0.6, REST, estop=True)
-    assert PAUSE in bench.joystick_frames(start)
 
 
 # -- the permission of SOE mode -------------------------------------------------------------------

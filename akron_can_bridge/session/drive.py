@@ -134,7 +134,7 @@ class Drive:
 
     def pause(self, now: float) -> None:
         """Press oscillate pause / resume once, with a neutral stick."""
-        self._pause_until = now + PAUSE_TIME
+        self._pause_until = self.steered_until = now + PAUSE_TIME
         self._pacer.start(now)
 
     @property
@@ -253,6 +253,8 @@ class Drive:
     def farewell(self, unit: int | None, now: float, *, pause: bool) -> list[CanFrame]:
         """Return what leaves the unit at rest. :param pause: it oscillates, and is to pause."""
         self._shut(['the node leaves'], now)
+        if pause:  # and a port that is opened again after this must not resume it
+            self.steered_until = now
         begin = self._frames(_PAUSE) * FAREWELL_FRAMES if pause else []
         frames = self._frames(REST)
         if self._settings.soe_permissive and unit is not None:

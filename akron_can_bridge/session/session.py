@@ -130,7 +130,6 @@ class Session(BaseSession[CanFrame, Received, Event]):
         self._is_stopped = False
         self._stopped_at = -math.inf
         self._pause_until = -math.inf  # a stop may pause an oscillation until then
-        self._pause_at = -math.inf  # when it did
         self._in_setup = False  # the unit, or it may be
         self._informed = False  # of what a session before this one knew
         self._handover: Handover | None = None  # as reported last
@@ -392,22 +391,22 @@ class Session(BaseSession[CanFrame, Received, Event]):
         if self._automatic:
             self._automatic, self._automatic_until = False, now
         if self._may_pause(now) and self.motion.runs_since > self._stopped_at:
-            self._pause_at = now
             self.drive.pause(now)
 
     def _may_pause(self, now: float) -> bool:
         """
         Tell whether a stop may press oscillate pause / resume.
 
-        It is one switch for both: only an oscillation that surely runs is paused, and only once.
-        Angles that change while a stick steers the unit or switch 7 is pressed, or until it has
-        coasted, say nothing. A stop waits until they have changed in it; a farewell cannot.
+        It is one switch for both: only an oscillation that surely runs is paused. Angles that
+        change while a stick steers the unit or switch 7 is pressed, or until it has coasted, say
+        nothing; so a stop presses it once. It waits until they have changed in it; a farewell
+        cannot.
         It reaches every unit on the bus: it would resume one that is paused, or pause and resume
         one whose own node presses it, too. A joystick that is heard may be such a node.
         """
-        if not now < self._pause_until or self.motion.began_at <= self._pause_at:
+        if not now < self._pause_until or self._is_steered(now):
             return False
-        if self._is_steered(now) or self.joysticks.present(now) or not self.finder.alone:
+        if self.joysticks.present(now) or not self.finder.alone:
             return False
         return self.motion.oscillates(now) and self.motion.moving(now)
 

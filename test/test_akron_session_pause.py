@@ -1,0 +1,242 @@
+# Copyright 2026 The rugged_teleop maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""When a stop or a farewell presses switch 7, pause and resume in one, by the moment."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+
+from akron_can_bridge.session import Handover
+from test.akron_session_rig import ANNOUNCED
+from test.akron_session_rig import COAST
+from test.akron_session_rig import DEPLOY
+from test.akron_session_rig import ef
+from test.akron_session_rig import joystick
+from test.akron_session_rig import MOVE
+from test.akron_session_rig import NEUTRAL
+from test.akron_session_rig import NO_FAULTS
+from test.akron_session_rig import OSCILLATES
+from test.akron_session_rig import oscillating
+from test.akron_session_rig import PAUSE
+from test.akron_session_rig import PIN
+from test.akron_session_rig import REST
+from test.akron_session_rig import SLOT
+from test.akron_session_rig import Turning
+
+STANDS = ef('81FED401C200')
+ALLOWED = 0x33
+STICK = joystick('7D04010000000000', ALLOWED)  # X to the right
+
+
+def test_stop_presses_pause_once_it_saw_two_steps_for_a_while_and_once() -> None:
+    bench = oscillating()
+    bench.now += 0.001  # within a slot
+    start = bench.now
+    bench.estop_in(True)
+    bench.run(3.0, REST, estop=True)
+    steps = 2 * SLOT * 5  # half a degree each
+    pressed = [at for at, f in bench.sent if at >= start and f.data == PAUSE]
+    assert steps - SLOT * 5 < pressed[0] - start <= steps + SLOT
+    assert 0.16 <= pressed[-1] - pressed[0] < 0.2
+    assert bench.joystick_frames(pressed[-1] + 1e-9)[0] == NEUTRAL
+
+
+def test_one_step_after_the_stop_is_no_oscillation_that_runs() -> None:
+    bench = oscillating()
+    start = bench.now
+    bench.estop_in(True)
+    steps = bench.session.motion.ends_at
+    while bench.session.motion.ends_at == steps:
+        bench.run(SLOT, REST, estop=True)
+    bench.turns = False
+    bench.run(3.0, REST, estop=True)
+    assert bench.all_neutral(start + 1e-9)
+
+
+@pytest.mark.parametrize('turns', [False, True])
+def test_pause_is_pressed_only_where_an_oscillation_surely_runs(turns: bool) -> None:
+    bench = oscillating()
+    bench.turns = turns
+    bench.says = [STANDS if turns else OSCILLATES]
+    bench.run(0.6, REST)
+    start = bench.now
+    bench.run(1.0, REST, estop=True)
+    assert bench.all_neutral(start + 1e-9)
+
+
+def test_pause_is_not_pressed_against_a_joystick_that_commands_motion() -> None:
+    bench = oscillating(allowed_joysticks=frozenset({ALLOWED}))
+    bench.says.append(STICK)
+    bench.run(0.1, REST)
+    start = bench.now
+    bench.run(0.5, REST, estop=True)
+    bench.says.pop()  # and coasts
+    bench.run(0.5, REST, estop=True)
+    assert bench.all_neutral(start + 1e-9)
+
+
+def test_pause_by_a_joystick_that_fell_silent_is_not_undone_while_the_unit_coasts() -> None:
+    bench = oscillating(allowed_joysticks=frozenset({ALLOWED}), coast_time=3.0)
+    bench.says.append(joystick('0100010000000400', ALLOWED))
+    bench.run(0.1, REST)
+    bench.says.pop()
+    bench.run(1.2, REST)
+    start = bench.now
+    bench.run(1.0, REST, estop=True)
+    assert bench.all_neutral(start + 1e-9)
+    assert {frame.data for frame in bench.session.farewell(bench.now)} == {NEUTRAL}
+
+
+@pytest.mark.parametrize('coasts', [0.0, 0.4])
+def test_stop_of_a_stick_does_not_resume_an_oscillation_that_is_paused(coasts: float) -> None:
+    """Type 81 may say "oscillating" of that too, and it is the stick that changes the angles."""
+    bench = oscillating()
+    bench.run(1.0, MOVE)
+    bench.estop_in(True)
+    start = bench.now
+    bench.run(coasts, REST, estop=True)
+    bench.turns = False
+    bench.run(3.0, REST, estop=True)
+    assert bench.all_neutral(start + 1e-9)
+
+
+@pytest.mark.parametrize('asked', [False, True])
+def test_farewell_presses_pause_unless_the_stick_moves_the_unit(asked: bool) -> None:
+    bench = oscillating()
+    bench.run(SLOT, MOVE if asked else REST)
+    frames = bench.session.farewell(bench.now)
+    assert (PAUSE in [frame.data for frame in frames]) is not asked
+
+
+def test_farewell_does_not_press_pause_where_the_angles_stand() -> None:
+    bench = oscillating()
+    bench.turns = False
+    bench.run(3.0, REST)
+    assert {frame.data for frame in bench.session.farewell(bench.now)} == {NEUTRAL}
+
+
+def test_oscillation_that_begins_long_after_the_stop_is_not_paused() -> None:
+    bench = Turning().ready()
+    bench.run(COAST + SLOT, REST, estop=True)
+    bench.turns, bench.says = True, [OSCILLATES]
+    start = bench.now
+    bench.run(1.0, REST, estop=True)
+    assert bench.all_neutral(start + 1e-9)
+
+
+@pytest.mark.parametrize(('later', 'pressed'), [(-1e-6, True), (0.0, False)])
+def test_time_for_a_pause_is_over_at_its_end(later: float, pressed: bool) -> None:
+    bench = Turning().ready()
+    bench.turns = True
+    bench.now = float(math.ceil(bench.now))
+    ends = bench.now + COAST
+    bench.estop_in(True)
+    bench.run(COAST - SLOT, REST, estop=True)
+    bench.now = ends + later
+    bench.take(OSCILLATES)
+    start = bench.now
+    bench.run(0.2, REST, estop=True)
+    assert (PAUSE in bench.joystick_frames(start)) is pressed
+
+
+def test_node_that_starts_with_a_stop_does_not_press_pause() -> None:
+    bench = Turning().find_unit()
+    assert isinstance(bench, Turning)
+    bench.turns, bench.says = True, [OSCILLATES]
+    bench.run(COAST - SLOT, REST, estop=True)
+    assert bench.session.motion.describe(bench.now) == 'oscillates'
+    assert bench.all_neutral(0.0)
+
+
+def test_oscillation_that_is_seen_soon_after_the_stop_is_paused() -> None:
+    bench = Turning().ready()
+    bench.run(0.3, REST, estop=True)
+    bench.turns, bench.says = True, [OSCILLATES]
+    start = bench.now
+    bench.run(0.6, REST, estop=True)
+    assert PAUSE in bench.joystick_frames(start)
+
+
+# -- once in a stop -------------------------------------------------------------------------------
+
+
+def pressed_once(bench: Turning) -> float:
+    """Have a stop press it; return a moment after the first frame of that."""
+    start = bench.now
+    bench.estop_in(True)
+    while PAUSE not in bench.joystick_frames(start):
+        assert bench.now < start + COAST
+        bench.run(SLOT, REST, estop=True)
+    return bench.now + 1e-9
+
+
+def test_stop_that_presses_it_and_misses_messages_does_not_press_it_again() -> None:
+    bench = oscillating()
+    start = pressed_once(bench)
+    bench.session.interrupted('messages were lost', bench.now)
+    bench.take(ANNOUNCED)  # it still coasts
+    bench.run(3 * COAST, REST, estop=True)
+    assert bench.all_neutral(start)
+
+
+@pytest.mark.parametrize('at_fault', [False, True])
+def test_port_that_is_back_has_the_same_stop_press_it_no_more(at_fault: bool) -> None:
+    bench = oscillating()
+    if at_fault:  # of this process: the farewell presses it
+        assert PAUSE in [frame.data for frame in bench.session.farewell(bench.now)]
+    start = bench.now + 1e-9 if at_fault else pressed_once(bench)
+    bench.close()
+    bench.wait(0.1)
+    bench.find_unit(Handover(pin=PIN))
+    bench.run(3 * COAST, REST, estop=True)
+    assert bench.all_neutral(start)
+
+
+def test_motion_by_other_controls_in_the_stop_that_pressed_it_has_it_pressed_no_more() -> None:
+    bench = oscillating(coast_time=3.0)
+    start = pressed_once(bench)
+    bench.run(0.2, REST, estop=True)
+    bench.turns = False
+    bench.run(0.8, REST, estop=True)
+    bench.turns = True
+    bench.run(3.0, REST, estop=True)
+    assert set(bench.joystick_frames(start + 0.2)) == {NEUTRAL}
+
+
+def test_stop_right_after_the_one_that_pressed_it_waits_until_the_unit_has_coasted() -> None:
+    bench = oscillating()
+    pressed_once(bench)
+    bench.run(0.3, REST, estop=True)
+    start = bench.now + 1e-9
+    bench.session.interrupted('messages were lost', bench.now)
+    bench.take(ANNOUNCED, NO_FAULTS)
+    bench.run(0.24, REST)
+    assert bench.session.drive.inhibits(bench.now, bench.session.stop_reasons(bench.now)) == []
+    bench.run(0.5, REST, estop=True)
+    assert bench.all_neutral(start)
+
+
+def test_each_stop_presses_it_where_the_unit_oscillates_again() -> None:
+    bench = oscillating()
+    pressed_once(bench)
+    bench.turns = False
+    bench.run(2.0, REST, estop=True)
+    bench.run(0.1, REST)
+    bench.turns = True
+    bench.run(0.1, DEPLOY)
+    bench.run(2.0, REST)
+    pressed_once(bench)
