@@ -29,6 +29,7 @@ from akron_can_bridge.parameters import PARAMETERS
 from akron_can_bridge.session import Event
 from akron_can_bridge.session import FaultsChanged
 from akron_can_bridge.session import Handover
+from akron_can_bridge.session import HandoverWanted
 from akron_can_bridge.session import LimitsChanged
 from akron_can_bridge.session import OutputsChanged
 from akron_can_bridge.session import Positions
@@ -111,21 +112,19 @@ class AkronCanBridge(BridgeNode[Event]):
             self._log_faults(event)
         elif isinstance(event, Handover):
             self._handover, self._lost_at = event, -math.inf
-
-    def link_changed(self, text: str, ok: bool) -> None:
-        """Have a session that may be new take over from the one before."""
-        super().link_changed(text, ok)
-        if ok and self.active:
-            self._tell_later()  # what the one before said last, behind a stop
-            if self._limited:  # first: once it has taken over, it may permit directions
-                self.request(Session.limit_directions, stop=True)
-            self.request(Session.take_over, self._handover, self._lost_at, stop=True)
+        elif isinstance(event, HandoverWanted):
+            self._hand_over()
 
     def on_lost(self) -> None:
         """Note when: what the unit was told last may go on."""
         super().on_lost()  # it may have told something
         if self.active:
             self._lost_at = clock.now()
+
+    def _hand_over(self) -> None:
+        if self._limited:  # first: once it has taken over, it may permit directions
+            self.request(Session.limit_directions, stop=True)
+        self.request(Session.take_over, self._handover, self._lost_at, stop=True)
 
     def _log_faults(self, event: FaultsChanged) -> None:
         if event.faults:

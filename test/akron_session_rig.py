@@ -202,5 +202,10 @@ def oscillating(**options: Any) -> Turning:
     return bench
 
 
+def permission(bench: Bench) -> str:
+    """Return the last A1 that was sent."""
+    return [data.hex().upper() for data in bench.frames(0x18EF8038) if data[0] == 0xA1][-1]
+
+
 def of(kind: type[E], events: list[Any]) -> list[E]:
     return [event for event in events if isinstance(event, kind)]

@@ -73,7 +73,7 @@ _AKRON = (
     *('akron_session_moments', 'akron_session_drive', 'akron_session_unit'),
     *('akron_session_joysticks', 'akron_session_finder', 'akron_session_polls'),
     *('akron_session_report', 'akron_session_resting', 'akron_session_loop'),
-    *('akron_session_motion', 'akron_session_pause'),
+    *('akron_session_motion', 'akron_session_pause', 'akron_session_handover'),
 )
 # By file, or for all of a folder. What takes long comes last: most mutants are dead by then.
 _NAMES_OF_TESTS = {

@@ -17,6 +17,7 @@
 from __future__ import annotations
 
 from akron_can_bridge.session import Handover
+from akron_can_bridge.session import HandoverWanted
 from akron_can_bridge.session import Resting
 from akron_can_bridge.session import Settings
 from bridge_core.session import Level
@@ -52,12 +53,12 @@ def test_it_hears_nothing() -> None:
     assert bench.session.finder.unit is None
 
 
-def test_it_hands_nothing_over_so_that_what_is_known_outlives_it() -> None:
+def test_it_hands_nothing_over_and_asks_for_nothing_so_that_what_is_known_outlives_it() -> None:
     bench = SessionBench(Resting(Settings(device_pin=PIN)))
     bench.open()
     bench.wait(1.0)
     bench.close()
-    assert not [event for event in bench.events if isinstance(event, Handover)]
+    assert not [each for each in bench.events if isinstance(each, Handover | HandoverWanted)]
 
 
 def test_it_is_a_stop_with_its_reason() -> None:

@@ -24,6 +24,7 @@ from akron_can_bridge.session.events import AXIS_NAMES
 from akron_can_bridge.session.events import Event
 from akron_can_bridge.session.events import FaultsChanged
 from akron_can_bridge.session.events import Handover
+from akron_can_bridge.session.events import HandoverWanted
 from akron_can_bridge.session.events import LimitsChanged
 from akron_can_bridge.session.events import OutputsChanged
 from akron_can_bridge.session.events import Positions
@@ -43,6 +44,7 @@ __all__ = [
     'Event',
     'FaultsChanged',
     'Handover',
+    'HandoverWanted',
     'LimitsChanged',
     'OutputsChanged',
     'Positions',

@@ -119,6 +119,11 @@ class Handover:
     pin: str = ''
 
 
+@dataclass(frozen=True, slots=True)
+class HandoverWanted:
+    """The session is neutral until it is told what the one before knew; see Session.take_over."""
+
+
 AXIS_NAMES = ('x', 'y', 'grip_x', 'grip_y', 'theta')
 SWITCHES = 16
 
@@ -148,4 +153,5 @@ Event = (
     | Stopped
     | Sticks
     | Handover
+    | HandoverWanted
 )

@@ -32,6 +32,9 @@ class Resting(Session):
 
     CLOSED = 'the node is not active'
 
+    def _begin(self, now: float) -> None:
+        self.drive.start(now)
+
     def receive(self, data: CanFrame, now: float) -> Output[Event, CanFrame]:
         """Ignore it."""
         del data, now

@@ -55,6 +55,7 @@ from akron_can_bridge.session.drive import Drive
 from akron_can_bridge.session.events import Event
 from akron_can_bridge.session.events import FaultsChanged
 from akron_can_bridge.session.events import Handover
+from akron_can_bridge.session.events import HandoverWanted
 from akron_can_bridge.session.events import LimitsChanged
 from akron_can_bridge.session.events import OutputsChanged
 from akron_can_bridge.session.events import Positions
@@ -191,6 +192,8 @@ class Session(BaseSession[CanFrame, Received, Event]):
     def _begin(self, now: float) -> None:
         self.drive.start(now)
         self.finder.start(now)
+        if not self._informed:  # again after lost messages: the question may be among them
+            self._emit(HandoverWanted())
 
     def _forget(self, now: float, reason: str) -> None:
         self._in_setup |= self._asker.is_open(Request.ENTER_SETUP)
@@ -201,7 +204,7 @@ class Session(BaseSession[CanFrame, Received, Event]):
         self.motion.forget()
         self.joysticks.forget()
         if self._open:
-            self.finder.start(now)
+            self._begin(now)
         else:
             self.drive.stop()
         self._follow(now)
