@@ -25,6 +25,8 @@ from fort_vsc_bridge.simulator import CanSimulator
 from test.akron_loop_rig import Bench
 from test.akron_loop_rig import Ours
 from test.akron_session_rig import MOVE
+from test.akron_session_rig import OTHER_PIN
+from test.akron_session_rig import PIN
 
 WATCHDOG = 0.2  # the unit's own, Appendix B
 
@@ -182,3 +184,15 @@ def test_two_units_and_two_sessions_on_one_bus() -> None:
     bench.run(0.3)
     assert bench.reasons == []
     assert 'enable input' in theirs.session.stop_reasons(bench.now)[0]
+
+
+def test_unit_leaves_setup_mode_though_another_node_asks_for_its_own_unit_each_second() -> None:
+    other = Ours(source_address=0x37, device_pin=OTHER_PIN, allowed_joysticks=frozenset({0x38}))
+    bench = Bench(other, device_pin=PIN, allowed_joysticks=frozenset({0x37}))
+    bench.session.request(Request.ENTER_SETUP, bench.now)
+    bench.wait(lambda: bench.unit.motion.setup)
+    bench.run(0.1)
+    bench.session.request(Request.RESET_CONTROLLER, bench.now)
+    bench.run(5.0)
+    assert not bench.unit.motion.setup
+    bench.move()

@@ -15,6 +15,7 @@
 """Polls and requests of the Akron session, until their answer or its timeout."""
 
 import math
+from typing import Any
 
 import pytest
 
@@ -40,6 +41,7 @@ from test.akron_session_rig import OUTPUTS
 from test.akron_session_rig import PIN
 from test.akron_session_rig import POSITION
 from test.akron_session_rig import REST
+from test.akron_session_rig import UNIT
 from test.akron_session_rig import VERSIONS
 
 
@@ -217,7 +219,7 @@ def test_announcement_for_somebody_else_is_no_answer_to_a_reset() -> None:
     bench.poll()
     bench.run(0.2)
     assert of(Answer, bench.take(ANNOUNCED)) == []
-    bench.run(0.4, unit=False)
+    bench.run(0.6, unit=False)
     (answer,) = of(Answer, bench.take(ANNOUNCED))
     assert answer.success
 
@@ -259,6 +261,99 @@ def test_claim_that_somebody_asked_for_is_no_reset(asked: CanFrame, restarted: b
     bench.take(ANNOUNCED)
     assert [answer.success for answer in of(Answer, bench.events)] == [True]
     assert bench.session.counters.malformed == 0
+
+
+ASKED = (NAME_REQUEST, NAME, ANNOUNCED)  # and answered
+
+
+def in_setup(**options: Any) -> Bench:
+    """Return one whose unit is in setup mode, and is asked to be reset."""
+    bench = Bench(**options)
+    bench.open()
+    bench.take(*[ANNOUNCED] * ('unit_address' not in options), OUTPUTS, NO_FAULTS)
+    bench.run(1.5, REST)
+    bench.session.request(Request.ENTER_SETUP, bench.now)
+    bench.take(ef('46', destination=OURS))
+    bench.session.request(Request.RESET_CONTROLLER, bench.now)
+    bench.events.clear()
+    return bench
+
+
+def is_left(bench: Bench) -> bool:
+    """Tell whether the reset has ended setup mode; answer and frames say the same."""
+    succeeded = [answer.success for answer in of(Answer, bench.events)] == [True]
+    held = 'the unit is in setup mode'
+    assert succeeded is not any(why.startswith(held) for why in bench.session.inhibits(bench.now))
+    return succeeded
+
+
+@pytest.mark.parametrize(('silent', 'left'), [(0.49, False), (0.51, True), (2.5, True)])
+def test_silence_of_a_restart_counts_though_somebody_asks_for_names_each_second(
+    silent: float, left: bool
+) -> None:
+    bench = in_setup()
+    bench.wait(silent % 1.0)
+    for _ in range(int(silent)):
+        bench.take(NAME_REQUEST)
+        bench.wait(1.0)
+    bench.take(NAME_REQUEST, OUTPUTS)
+    assert not is_left(bench)  # it speaks already, and has not announced itself yet
+    bench.run(0.3)
+    bench.take(*ASKED)
+    assert is_left(bench) is left
+
+
+def test_unit_that_ignores_the_reset_does_not_count_while_somebody_asks_each_second() -> None:
+    bench = in_setup()
+    for _ in range(6):
+        bench.take(*ASKED)
+        bench.run(1.0)
+    assert not is_left(bench)
+
+
+def test_claim_that_defends_an_address_makes_no_reset_of_a_later_answer() -> None:
+    bench = in_setup()
+    bench.take(NAME)
+    bench.run(1.1)
+    bench.take(*ASKED)
+    assert not is_left(bench)
+    bench.run(1.1)
+    bench.take(ANNOUNCED)
+    assert is_left(bench)
+
+
+FIXED: dict[str, Any] = {'unit_address': UNIT, 'device_type': 1032}
+
+
+def test_unit_that_never_announces_itself_is_back_once_it_is_heard_after_a_silence() -> None:
+    bench = in_setup(**FIXED)
+    bench.run(1.0)
+    assert not is_left(bench)
+    bench.wait(0.6)
+    bench.take(OUTPUTS)
+    assert is_left(bench)
+    assert [answer.text for answer in of(Answer, bench.events)] == ['unit at 80 is back']
+    bench.take(NO_FAULTS)
+    bench.run(0.1, REST)
+    assert bench.session.inhibits(bench.now) == []
+
+
+def test_unit_that_never_announces_itself_and_ignores_the_reset_stays_in_setup_mode() -> None:
+    bench = in_setup(**FIXED)
+    bench.run(6.0)
+    bench.wait(0.6)  # too late
+    bench.take(OUTPUTS)
+    assert not is_left(bench)
+
+
+def test_unit_at_a_fixed_address_that_did_announce_itself_is_waited_for_to_do_so_again() -> None:
+    bench = in_setup(**FIXED)
+    bench.take(ANNOUNCED)
+    bench.wait(0.6)
+    bench.take(OUTPUTS)
+    assert not is_left(bench)
+    bench.take(ANNOUNCED)
+    assert is_left(bench)
 
 
 def test_reset_without_a_return_times_out() -> None:

@@ -102,6 +102,10 @@ class Asker:
         ]
         return [answer for answers in ended for answer in answers]
 
+    def returned(self, unit: str) -> list[Answer]:
+        """Take the unit, by its name, as back from its reset; return what to tell."""
+        return self._end(Request.RESET_CONTROLLER, True, f'unit {unit} is back')
+
     def is_open(self, request: Request) -> bool:
         """Tell whether it was asked and is not answered yet."""
         return request in self._open
@@ -172,6 +176,4 @@ def in_words(message: Message) -> str:
         return f'style {message.style}, subtype {message.subtype}, pCode {message.version}'
     if isinstance(message, ConfigVersion):
         return f'config type {message.config_type}, config {message.version}'
-    if isinstance(message, AddressAnnouncement):
-        return f'unit {message.pin} is back'
     return 'acknowledged'

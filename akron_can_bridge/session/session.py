@@ -76,7 +76,8 @@ from bridge_core.session import Pacer
 from bridge_core.session import Session as BaseSession
 from bridge_core.session import Verdict
 
-_RESTART_SILENCE = 0.3  # what comes from a unit every 100 ms stays out at least this long
+# Longer than a change of address takes (0.25 s, J1939-81) and whatever comes every 100 ms.
+_RESTART_SILENCE = 0.5
 FAULT_PERIOD = 1.0  # of fault polls while something is wrong
 # All that this session takes, as (identifier, mask); the priority does not count.
 FILTERS = (
@@ -134,7 +135,8 @@ class Session(BaseSession[CanFrame, Received, Event]):
         self._in_setup = False  # the unit, or it may be
         self._informed = False  # of what a session before this one knew
         self._handover: Handover | None = None  # as reported last
-        self._restarted = False  # the unit, since it was asked to be reset
+        self._restarted = False  # the unit, since it was asked to be reset: it was silent for long
+        self._claimed = False  # its address since then, with nobody asking
         self._limits, self._outputs = LimitsChanged(), OutputsChanged()  # as reported last
         self._in_error = False  # type 01 says operational error
         self._faults: tuple[str, ...] = ()  # as reported last
@@ -216,7 +218,7 @@ class Session(BaseSession[CanFrame, Received, Event]):
         if isinstance(content, BasicJoystick | ExtendedJoystick):
             self._report(self.joysticks.take(content, sender.source, now))
         elif isinstance(content, Name):
-            self._restarted |= self.finder.restarts(sender.source, content, now)
+            self._claimed |= self.finder.restarts(sender.source, content, now)
             self._unit_changed(self.finder.claimed(sender.source, content, now))
         elif isinstance(content, FieldRequest):
             self.finder.asked(now)
@@ -360,7 +362,7 @@ class Session(BaseSession[CanFrame, Received, Event]):
             names = ', '.join(f'{address:02X}' for address in others)
             raise ValueError(f'motion is commanded by joystick {names}; let go of it first')
         if request is Request.RESET_CONTROLLER and not self._asker.is_open(request):
-            self._restarted = False
+            self._restarted = self._claimed = False
         self._asker.start(request, now, asked=True)
         self._refresh(now)
 
@@ -517,12 +519,24 @@ class Session(BaseSession[CanFrame, Received, Event]):
             self._in_setup = True
         elif isinstance(message, FaultStatus):
             self._take_faults(message, now)
-        if isinstance(message, AddressAnnouncement):
-            # It announces itself when anybody asks, too: that alone is no reset.
-            if not self._restarted or self.finder.is_asked(now):
-                return
-            self._in_setup &= not self._asker.is_open(Request.RESET_CONTROLLER)
-        self._report(self._asker.answered(message))
+        if not isinstance(message, AddressAnnouncement):
+            self._report(self._asker.answered(message))
+        if self._asker.is_open(Request.RESET_CONTROLLER) and self._is_back(message, now):
+            self._in_setup = False
+            self._report(self._asker.returned(self.finder.name))
+
+    def _is_back(self, message: Message, now: float) -> bool:
+        """
+        Tell whether the unit says this as one that was reset: it acknowledges nothing.
+
+        It announces itself when anybody asks, too, and somebody may ask each second for ever; so
+        does one that ignores the reset. A claim is less than a silence: it may defend its address.
+        """
+        if self.finder.unit is None:  # at its fixed address; it never announced itself
+            return self._restarted
+        if not isinstance(message, AddressAnnouncement):
+            return False
+        return self._restarted or (self._claimed and not self.finder.is_asked(now))
 
     def _take_position(self, message: PositionLimit) -> None:
         in_error = message.operational_error in (Status.ON, Status.ERROR)
