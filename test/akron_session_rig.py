@@ -16,6 +16,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+import itertools
 import math
 from typing import Any
 from typing import TypeVar
@@ -102,6 +104,15 @@ class Bench(SessionBench[Session]):
 
     def __init__(self, **options: Any) -> None:
         super().__init__(Session(Settings(**options)))
+        self.refuses: Callable[[CanFrame], bool] = lambda frame: False  # the line, so busy is it
+
+    def _keep(self, output: tuple[list[Any], list[Any]]) -> list[Any]:
+        events, frames = output
+        refused = list(map(self.refuses, frames))
+        for frame in itertools.compress(frames, refused):
+            self.session.refused(frame, self.now)
+        taken = [frame for frame, lost in zip(frames, refused, strict=True) if not lost]
+        return super()._keep((events, taken))
 
     def open(self, before: Handover | None = None, lost: float = math.inf) -> list[Any]:
         """Open the port as the node does. :param lost: s since the wire of ``before`` was."""

@@ -74,6 +74,7 @@ _AKRON = (
     *('akron_session_joysticks', 'akron_session_finder', 'akron_session_polls'),
     *('akron_session_report', 'akron_session_resting', 'akron_session_loop'),
     *('akron_session_motion', 'akron_session_pause', 'akron_session_handover'),
+    'akron_session_refused',
 )
 # By file, or for all of a folder. What takes long comes last: most mutants are dead by then.
 _NAMES_OF_TESTS = {

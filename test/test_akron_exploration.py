@@ -60,7 +60,7 @@ FOREIGN = 1.0  # s for which a foreign joystick is a stop
 APART = (  # see Memory
     'refused', 'moves', 'other_frames', '_stream', '_names', 'motion', 'asked_until',
     'steered_until', '_automatic_until', '_stopped_at', '_pause_until', '_due', '_asked_at',
-    '_handover',
+    '_handover', '_before',
 )  # fmt: skip
 
 

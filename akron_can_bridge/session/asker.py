@@ -133,6 +133,13 @@ class Asker:
                 question.send_at = again if request in _POLLS else question.give_up_at
         return messages
 
+    def refused(self, data: bytes, now: float) -> None:
+        """Have what is sent once be sent anew: it did not go out. Polls are repeated anyway."""
+        for request, question in self._open.items():
+            sent = [message.to_bytes() for message in question.missing.values()]
+            if request not in _POLLS and data in sent:
+                question.send_at = now
+
     def drop(self, reason: str) -> list[Answer]:
         """Give up all of them; return what to tell."""
         return self._give_up(list(self._open), reason)

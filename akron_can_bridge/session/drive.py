@@ -47,6 +47,7 @@ from bridge_core.session import Pacer
 from bridge_core.watchdog import Watchdog
 
 PAUSE_TIME = 0.2  # for which the pause switch is held: twice the longest period of a joystick
+RETRY = 0.001  # s after a frame that the line did not take
 FAREWELL_FRAMES = 3  # of each kind: a lost one must not leave the unit moving for its 200 ms
 _NOTHING = Permission(0)
 _ALL = Permission.LEFT | Permission.RIGHT | Permission.UP | Permission.DOWN
@@ -88,10 +89,14 @@ class Drive:
         self.asked_until = -math.inf  # our command asked the unit to move
         self.steered_until = -math.inf  # by its stick, or by switch 7
         self._pause_until = -math.inf
+        self._pressed = False  # in a frame of this press
+        self._begins_press = False  # the last frame, if it went out
         self._pacer = Pacer(JOYSTICK_PERIOD)
         self._permissive_pacer = Pacer(PERMISSIVE_PERIOD)
         self._permissive: tuple[int | None, Permission] = (None, _NOTHING)  # as sent last
         self._revoke: int | None = None  # whom to take back what was permitted
+        # The last two, as they were before the last A1.
+        self._before: tuple[int | None, tuple[int | None, Permission]] = None, (None, _NOTHING)
 
     def start(self, now: float) -> None:
         """Begin with neutral frames."""
@@ -135,6 +140,7 @@ class Drive:
     def pause(self, now: float) -> None:
         """Press oscillate pause / resume once, with a neutral stick."""
         self._pause_until = self.steered_until = now + PAUSE_TIME
+        self._pressed = False
         self._pacer.start(now)
 
     @property
@@ -228,13 +234,22 @@ class Drive:
             return []
         self._pacer.sent(now)
         pausing = now < self._pause_until and not self.moving
+        self._begins_press = pausing and not self._pressed
+        self._pressed = self._pressed or pausing
         return self._frames(_PAUSE if pausing else self._command)
+
+    def stick_refused(self, now: float) -> None:
+        """Have a frame go soon in place of the last; if that was to press a switch, nobody did."""
+        self._pacer.start(now + RETRY)
+        if self._begins_press:
+            self._pause_until = self.steered_until = -math.inf
 
     def permissive_frames(
         self, now: float, unit: int | None, permitted: Permission
     ) -> list[CanFrame]:
         """Return the A1 that is due: periodically, and at once when it changes."""
         source = self._settings.source_address
+        self._before = self._revoke, self._permissive
         revoke, self._revoke = self._revoke, None
         if revoke is not None and revoke != unit:
             return [SoePermissive(_NOTHING).to_frame(source, revoke)]
@@ -249,6 +264,11 @@ class Drive:
         self._permissive_pacer.sent(now)
         self._permissive = (unit, permitted)
         return [SoePermissive(permitted).to_frame(source, unit)]
+
+    def permission_refused(self, now: float) -> None:
+        """Stand by the A1 that went out last, and have another one go soon."""
+        self._revoke, self._permissive = self._before
+        self._permissive_pacer.start(now + RETRY)
 
     def farewell(self, unit: int | None, now: float, *, pause: bool) -> list[CanFrame]:
         """Return what leaves the unit at rest. :param pause: it oscillates, and is to pause."""

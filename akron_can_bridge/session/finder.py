@@ -58,6 +58,7 @@ class Finder:
         self._names: dict[int, Name] = {}  # the last that was claimed, by address
         self._last: int | None = None  # the address that it had last
         self._asked_at = -math.inf
+        self._owes_request = True  # to all, since the start, whatever is heard
         self._due = math.inf
 
     @property
@@ -86,6 +87,7 @@ class Finder:
         self.devices.clear()
         self._names.clear()
         self._asked_at = -math.inf
+        self._owes_request = True
         self._due = now
 
     def keep(self, pin: str) -> bool:
@@ -154,11 +156,17 @@ class Finder:
 
     def request_due(self, now: float, *, heard: bool) -> bool:
         """Tell whether a NAME request is to go out now. :param heard: our unit is."""
-        if (heard and self.address is not None) or now < self._due:
+        found = heard and self.address is not None and not self._owes_request
+        if found or now < self._due:
             return False
         self.asked(now)
+        self._owes_request = False
         self._due = now + REQUEST_PERIOD
         return True
+
+    def request_refused(self, now: float) -> None:
+        """Ask anew: the NAME request did not go out."""
+        self._owes_request, self._due = True, now
 
     def rivals(self) -> list[str]:
         """Return the PINs that ``device_type`` fits as well as it fits our unit's."""
@@ -168,8 +176,9 @@ class Finder:
 
     @property
     def alone(self) -> bool:
-        """No other monitor controller was heard, which would obey our joystick frames, too."""
-        return all(device.device_type not in CONTROLLERS for device in self._neighbours())
+        """All were asked, and no other controller was heard that would obey our frames, too."""
+        others = (device.device_type for device in self._neighbours())
+        return not self._owes_request and all(kind not in CONTROLLERS for kind in others)
 
     def _neighbours(self) -> list[AddressAnnouncement]:
         others = (pin for pin in self.devices if self.unit is None or pin != self.unit.pin)

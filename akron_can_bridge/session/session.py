@@ -184,6 +184,18 @@ class Session(BaseSession[CanFrame, Received, Event]):
 
     # The link's side; the base has the rest.
 
+    def refused(self, frame: CanFrame, now: float) -> None:
+        """Take back what a frame that did not go out counted as, and try again soon."""
+        pgn = J1939Id.from_identifier(frame.identifier).pgn
+        if pgn == BASIC_JOYSTICK_PGN:
+            self.drive.stick_refused(now)
+        elif pgn == FIELD_REQUEST_PGN:
+            self.finder.request_refused(now)
+        elif pgn == PROPRIETARY_PGN and frame.data[0] == MessageType.SOE_PERMISSIVE:
+            self.drive.permission_refused(now)
+        else:
+            self._asker.refused(frame.data, now)
+
     def farewell(self, now: float) -> list[CanFrame]:
         """Return neutral frames, and none of the permission."""
         if not self._open:
