@@ -254,7 +254,8 @@ class BridgeNode(ManagedNode, Generic[EventT]):
         """
         Return what a new session has to know of those before, beside the parameters.
 
-        A request would come too late for it: the first frame goes before any is served.
+        A request would come too late for it: the first frame goes before any is served. It is
+        asked for again where a wire takes over.
         """
         return {}
 

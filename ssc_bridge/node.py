@@ -47,6 +47,8 @@ from ssc_bridge.session import Event
 from ssc_bridge.session import FailsafeBegun
 from ssc_bridge.session import LOCKOUT
 from ssc_bridge.session import neutral
+from ssc_bridge.session import OutputsSent
+from ssc_bridge.session import OutputState
 from ssc_bridge.session import PulsesIn
 from ssc_bridge.session import PulsesOut
 from ssc_bridge.session import Session
@@ -54,6 +56,7 @@ from ssc_bridge.session import Settings
 from ssc_bridge.session import SourcesChanged
 from ssc_bridge.session import Sticks
 from ssc_bridge.wire import BRIDGE
+from ssc_bridge.wire import OUTPUTS_SENT
 
 _AUX_NUMBERS = frozenset(range(1, AUX_CHANNELS + 1))
 
@@ -71,6 +74,8 @@ class SscBridge(BridgeNode[Event]):
         # What no session after this knows of: that outputs without a name were commanded, and what
         # was set of the auxiliary channels, while they are what they were then.
         self._commanded = False
+        self._outputs_sent: tuple[OutputState, ...] = ()  # what the newest session has sent them
+        self._port = ''  # where that is
         self._aux_set: set[int] = set()
         self._aux_functions: tuple[AuxFunction, ...] = ()
         super().__init__('ssc_bridge', **options)
@@ -109,6 +114,12 @@ class SscBridge(BridgeNode[Event]):
     def take_parameters(self, values: Mapping[str, Any]) -> None:
         """Keep the configured channels."""
         self._settings = Settings.from_parameters(values)
+        if values['port'] != self._port:  # whatever is there, it was not sent that
+            self._port, self._outputs_sent = values['port'], ()
+
+    def carried_over(self) -> dict[str, Any]:
+        """What was sent to outputs is in force until a session undoes it, or the next one."""
+        return {OUTPUTS_SENT: self._outputs_sent}
 
     def on_event(self, event: Event) -> None:
         """Publish one event of the session."""
@@ -124,6 +135,8 @@ class SscBridge(BridgeNode[Event]):
             self._aux_inputs.publish(convert.aux_inputs(event.channels, *self._part('aux')))
         elif isinstance(event, SourcesChanged):
             self._publish_sources(event.sources)
+        elif isinstance(event, OutputsSent):
+            self._outputs_sent = event.states
         elif isinstance(event, FailsafeBegun):
             text = f'failsafe of {", ".join(event.names)}: {"; ".join(event.reasons)}'
             self.log(Level.WARN, text, site='failsafe')

@@ -25,10 +25,15 @@ from bridge_core.transports.wire import Bridge
 from ssc_bridge.session import Session
 from ssc_bridge.session import Settings
 
+OUTPUTS_SENT = 'the outputs that were commanded'  # beside the parameters
+
 
 def make_session(values: Mapping[str, Any]) -> Session:
-    """Return a session for the configured channels."""
-    return Session(Settings.from_parameters(values))
+    """Return a session for the configured channels, which goes on from what was sent to them."""
+    session = Session(Settings.from_parameters(values))
+    if values.get(OUTPUTS_SENT):
+        session.follow_on(values[OUTPUTS_SENT])
+    return session
 
 
 def make_transport(values: Mapping[str, Any]) -> Transport[bytes]:

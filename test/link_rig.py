@@ -210,6 +210,7 @@ class FakeOwner:
         self.refused: list[tuple[int, str, str]] = []
         self.next: float | None = None
         self.threads: set[int] = set()
+        self.carried: dict[str, Any] = {}
 
     def on_events(self, events: Sequence[Any], now: float) -> None:
         for event in events:
@@ -225,6 +226,9 @@ class FakeOwner:
 
     def on_refused(self, number: int, key: str, text: str) -> None:
         self.refused.append((number, key, text))
+
+    def carried_over(self) -> dict[str, Any]:
+        return self.carried
 
     def on_lost(self) -> None:
         self.log.append('lost')

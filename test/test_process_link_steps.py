@@ -57,6 +57,7 @@ class LinkBench:
     def __init__(self, patch: pytest.MonkeyPatch) -> None:
         self.now = 100.0
         self.on_interrupt: Callable[[], None] = lambda: None
+        self.told: list[Request] = []  # what took over
         self.owner = StoppedOwner()
         self.link = ProcessLink('link', BRIDGE, self.owner)
         ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
@@ -114,10 +115,11 @@ class LinkBench:
     def command(self, number: int, name: str, told: list[int]) -> None:
         """Give the wire a command, whose number is in ``told`` once its end is."""
         self.link._waiting[number] = lambda error: told.append(number)
-        self.link._put(Request(number, name, name, (), self.now, stop=True), True)
+        arguments: tuple[Any, ...] = ({}, False) if name == 'activate' else ()
+        self.link._put(Request(number, name, name, arguments, self.now, stop=True), True)
 
     def take_over(self) -> list[str]:
-        """Have another wire take over; return what it is told."""
+        """Have another wire take over; return what it is told, and keep it all."""
         self.ours.close()
         self.ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         child: Any = SimpleNamespace(pid=2, kill=lambda: None)
@@ -126,7 +128,8 @@ class LinkBench:
             assert theirs.recv(1 << 16) == TURN
             self.ours.close()
             told = iter(lambda: theirs.recv(1 << 16), b'')
-            return ['{} {}'.format(*pickle.loads(data)[:3:2]) for data in told]
+            self.told = [Request(*pickle.loads(data)) for data in told]
+        return [f'{request.number} {request.name}' for request in self.told]
 
 
 @pytest.fixture
@@ -297,3 +300,17 @@ def test_end_of_a_command_is_none_of_those_behind_it_whatever_their_numbers(
     bench.step()
     assert told == [2]
     assert bench.take_over() == ['2 activate', '1 deactivate']
+
+
+def test_wire_that_takes_over_is_told_what_is_carried_over_by_then(bench: LinkBench) -> None:
+    told: list[int] = []
+    bench.owner.carried = {'sent': 1}
+    bench.command(1, 'activate', told)
+    bench.wire.done(1, '')
+    bench.step()
+    bench.command(2, 'deactivate', told)
+    bench.command(3, 'activate', told)
+    bench.owner.carried = {'sent': 2}
+    assert bench.take_over() == ['1 activate', '2 deactivate', '3 activate']
+    arguments = [request.arguments for request in bench.told]
+    assert arguments == [({'sent': 2}, False), (), ({'sent': 2}, False)]

@@ -35,6 +35,8 @@ from rugged_teleop.ptys import PtyDevice
 from ssc_bridge.node import SscBridge
 from ssc_bridge.protocol import Configuration
 from ssc_bridge.session import ConfigurationRead
+from ssc_bridge.session import OutputsSent
+from ssc_bridge.wire import make_session
 from test.rig import as_yaml
 from test.rig import latched
 from test.rig import NodeProcess
@@ -301,6 +303,21 @@ def test_outputs_that_were_set_before_the_first_configuration_was_told_are_undon
             assert asked == ([('claim_aux', {4})] if aux == AUX else [])
     finally:
         monkeypatch.undo()
+        node.destroy_node()
+
+
+def test_what_was_sent_to_outputs_is_carried_over_to_the_same_port_only(context: Any) -> None:
+    node = SscBridge(context=context, cli_args=['--ros-args', '-p', 'autostart:=false'])
+    try:
+        node.take_parameters(node.values)
+        sent = ((1700.0, 1700.0, True),)
+        node.on_event(OutputsSent(sent))
+        node.take_parameters(node.values)
+        assert make_session({**node.values, **node.carried_over()}).outputs.sent == sent
+        elsewhere = {**node.values, 'port': '/dev/other'}
+        node.take_parameters(elsewhere)
+        assert make_session({**elsewhere, **node.carried_over()}).outputs.sent == ()
+    finally:
         node.destroy_node()
 
 

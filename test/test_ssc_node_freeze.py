@@ -36,10 +36,12 @@ from test.ssc_bench import bench_of
 from test.ssc_bench import position
 from test.ssc_bench import SERVOS
 from test.toy_rig import is_running
+from test.toy_rig import spares_of
 from test.toy_rig import wires_of
 
 DRIVING = (1700, 1000)  # pan 0.5, tilt -1; see SERVOS
 FAILSAFE = (1200, 0)
+POLL = b'\x81\xa1\x0f\x00'  # of the configuration
 # The node is patient, its wire is as delivered: what a frozen wire may believe is the question.
 OWN_WIRE = """
 from bridge_core.transports import process
@@ -66,9 +68,13 @@ def let_pass(bench: Bench, seconds: float) -> None:
     bench.observer.holds_for(lambda: True, seconds)
 
 
+def received_since(bench: Bench, moment: float) -> bytes:
+    return b''.join(chunk for _, chunk in bench.port.received(moment))
+
+
 def pulses_since(bench: Bench, moment: float) -> list[tuple[int, ...]]:
     """Return the pulses of outputs 1 and 2 in every message 20 that came whole."""
-    data = b''.join(chunk for _, chunk in bench.port.received(moment))
+    data = received_since(bench, moment)
     starts = [place for place in range(len(data)) if data.startswith(b'\x81\xa1\x14', place)]
     return [
         struct.unpack_from('>2H', data, place + 4) for place in starts if place + 8 < len(data)
@@ -213,5 +219,34 @@ def test_node_that_dies_leaves_the_failsafe(
         wire, cause = frozen(bench, 'wire'), time.monotonic()
         bench.node.end(number)
         bench.wait(lambda: not is_running(wire), 'the end of the wire')
+        bench.wait(lambda: FAILSAFE in pulses_since(bench, cause), 'the failsafe')
+        assert pulses_since(bench, cause)[-1] == FAILSAFE
+
+
+@pytest.mark.parametrize('spare', [True, False])
+@pytest.mark.parametrize('number', [signal.SIGTERM, signal.SIGKILL])
+def test_node_that_ends_behind_a_wire_that_died_leaves_the_failsafe(
+    observer: Observer, tmp_path: Path, number: int, spare: bool
+) -> None:
+    """The one that takes over hears nothing of the device: it knows what was sent before it."""
+    patient = {'link_timeout': 2.0, 'command_timeout': 2.0, **SERVOS}  # no failsafe by itself
+    with bench_of(tmp_path, observer, **patient) as bench:
+        drive(bench)
+        node = bench.node.process.pid
+        wire, *_ = wires_of(node)
+        [waits] = bench.wait(lambda: spares_of(node), 'a spare')
+        bench.port.apply('mute on')
+        if not spare:
+            os.kill(waits, signal.SIGKILL)
+        os.kill(wire, signal.SIGKILL)
+        bench.wait(lambda: not is_running(wire), 'the end of the wire')
+        cause = time.monotonic()
+        if spare:
+            bench.wait(lambda: POLL in received_since(bench, cause), 'the one that takes over')
+        else:
+            bench.wait(lambda: {*wires_of(node), *spares_of(node)} - {waits}, 'one that loads')
+            let_pass(bench, 0.05)  # it is told that it is its turn
+        assert set(pulses_since(bench, cause)) <= {DRIVING}
+        bench.node.end(number)
         bench.wait(lambda: FAILSAFE in pulses_since(bench, cause), 'the failsafe')
         assert pulses_since(bench, cause)[-1] == FAILSAFE

@@ -15,6 +15,7 @@
 """Commands to the pulse outputs: limits, rates, failsafes, and what a stop forgets."""
 
 from collections.abc import Callable
+from dataclasses import replace
 import itertools
 import math
 import random
@@ -29,6 +30,7 @@ from bridge_core.transports.line import STALL_TIMEOUT
 from ssc_bridge.channels import Failsafe
 from ssc_bridge.channels import Servo
 from ssc_bridge.session import FailsafeBegun
+from ssc_bridge.session import OutputsSent
 from ssc_bridge.session import RELEASE_FRAMES
 from ssc_bridge.session import Session
 from ssc_bridge.session import Settings
@@ -555,6 +557,86 @@ def test_farewell_brings_every_output_to_its_failsafe() -> None:
     assert len(frames) == RELEASE_FRAMES
     for frame in frames:
         assert frame[4:14] == bytes.fromhex('0000 0000 044C 0000 06D6')
+
+
+FAILSAFES = bytes.fromhex('0000 0000 044C 0000 06D6')  # of PAN, TILT and GRIP, that was at 0.5
+
+
+def last_words(frames: list[bytes]) -> list[bytes]:
+    """Return the first five outputs in each message 20."""
+    return [frame[4:14] for frame in frames if frame[2] == 20]
+
+
+def test_farewell_is_said_to_a_port_that_is_so_new_that_its_device_told_nothing() -> None:
+    rig = servo_rig()
+    rig.tick(100, servos(pan=0.5, tilt=0.5, grip=0.5))
+    rig.session.closed(rig.now)
+    rig.session.opened(rig.now)
+    frames = rig.session.farewell(rig.now)
+    assert last_words(frames) == [FAILSAFES] * RELEASE_FRAMES
+    assert {len(frame) for frame in frames} == {6 + 2 * OUTPUTS}
+
+
+def follow(before: Rig, **changes: Any) -> Rig:
+    """Return a rig with the session of a wire that takes over, on a device that says nothing."""
+    rig = Rig(**changes)
+    rig.session.follow_on(before.of(OutputsSent)[-1].states)
+    rig.mute = set(range(10, 16))
+    return rig.open()
+
+
+def test_farewell_of_a_wire_that_takes_over_needs_no_word_of_the_device() -> None:
+    before = servo_rig()
+    before.tick(100, servos(pan=0.5, tilt=0.5, grip=0.5))
+    rig = follow(before, servos=(PAN, TILT, GRIP))
+    rig.tick(100)
+    assert rig.pulses() == []  # it has not looked yet
+    assert last_words(rig.session.farewell(rig.now)) == [FAILSAFES] * RELEASE_FRAMES
+
+
+def test_wire_that_takes_over_releases_what_no_name_tells_it_of() -> None:
+    before = Rig().start()
+    before.tick(5, pulses(1500))
+    rig = follow(before)
+    assert last_words(rig.session.farewell(rig.now)) == [bytes(10)] * RELEASE_FRAMES
+
+
+def test_wire_that_takes_over_holds_what_was_sent_last() -> None:
+    before = servo_rig()
+    before.tick(100, servos(grip=0.5))
+    before.busy = True
+    before.tick(1, servos(grip=0.6))  # which does not go out
+    rig = follow(before, servos=(GRIP,))
+    rig.mute, rig.outputs[4] = set(), 1234  # of a source that is not SERIAL
+    rig.tick(50)
+    assert {us[4] for us in rig.pulses()} == {1750}
+
+
+def test_what_is_held_is_within_limits_that_are_narrower_now() -> None:
+    before = servo_rig()
+    before.tick(100, servos(grip=0.5))
+    rig = follow(before, servos=(replace(GRIP, max_us=1600),))
+    frames = rig.session.farewell(rig.now)
+    assert {words[8:] for words in last_words(frames)} == {bytes.fromhex('0640')}
+
+
+@pytest.mark.parametrize('mute', [{12}, {12, 15}])
+def test_who_has_sent_nothing_has_no_farewell(mute: set[int]) -> None:
+    """It would take the pulse from an output that is to be held, and is still looked for."""
+    rig = Rig(servos=(PAN, GRIP))
+    rig.mute = mute
+    rig.tick(8)
+    assert rig.pulses() == []
+    assert rig.session.farewell(rig.now) == []
+
+
+def test_what_was_sent_is_reported_once_for_each_change() -> None:
+    rig = Rig(servos=(TILT,)).start()
+    rig.tick(200)
+    assert len(rig.of(OutputsSent)) == 1
+    rig.tick(20, servos(tilt=1.0))
+    sent = [event.states[2][0] for event in rig.of(OutputsSent)]
+    assert [round(us) for us in sent] == [1100, *(us[2] for us in rig.pulses() if us[2] > 1100)]
 
 
 def test_nothing_is_sent_to_a_closed_port() -> None:

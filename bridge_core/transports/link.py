@@ -47,6 +47,9 @@ ANSWER_TIME = 0.4  # s; a process has to be gone within a second of its signal
 class LinkOwner(Owner, Protocol):
     """Who takes what a link has to tell."""
 
+    def carried_over(self) -> dict[str, Any]:
+        """Return what a new session has to know of those before, beside the parameters."""
+
     def on_lost(self) -> None:
         """Take that the wire is gone, and with it the session, which could tell nothing more."""
 

@@ -435,9 +435,16 @@ class ProcessLink(Link):
             if activation is not None and activation.number in self._commands:
                 activation = self._before
             if activation is not None:
-                self._send(activation)
+                self._send(self._informed(activation))
             for command in self._commands.values():
-                self._send(command)
+                self._send(self._informed(command))
+
+    def _informed(self, command: Request) -> Request:
+        """Return it for a wire that takes over: it has to know what the one before has done."""
+        if command.name != 'activate':
+            return command
+        values, resting = command.arguments
+        return command._replace(arguments=({**values, **self._owner.carried_over()}, resting))
 
     def _lost(self, wire: _Process, now: float) -> None:
         """Wait for the end of a wire that has closed its socket; the next one comes after it."""

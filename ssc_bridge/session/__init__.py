@@ -31,10 +31,12 @@ from ssc_bridge.session.events import CommandStateChanged
 from ssc_bridge.session.events import ConfigurationRead
 from ssc_bridge.session.events import Event
 from ssc_bridge.session.events import FailsafeBegun
+from ssc_bridge.session.events import OutputsSent
 from ssc_bridge.session.events import PulsesIn
 from ssc_bridge.session.events import PulsesOut
 from ssc_bridge.session.events import SourcesChanged
 from ssc_bridge.session.events import Sticks
+from ssc_bridge.session.outputs import OutputState
 from ssc_bridge.session.outputs import RELEASE_FRAMES
 from ssc_bridge.session.session import LOCKOUT
 from ssc_bridge.session.session import Session
@@ -49,6 +51,8 @@ __all__ = [
     'ConfigurationRead',
     'Event',
     'FailsafeBegun',
+    'OutputState',
+    'OutputsSent',
     'PulsesIn',
     'PulsesOut',
     'Session',

@@ -21,6 +21,7 @@ from dataclasses import dataclass
 from ssc_bridge.channels import AuxChannel
 from ssc_bridge.protocol import CommandState
 from ssc_bridge.protocol import Configuration
+from ssc_bridge.session.outputs import OutputState
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,6 +57,13 @@ class PulsesOut:
     """Pulses that drive the outputs, µs, output 1 first; None: invalid."""
 
     us: tuple[int | None, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class OutputsSent:
+    """What a session after this one has to know: the outputs as of the last message 20."""
+
+    states: tuple[OutputState, ...]
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,6 +104,7 @@ Event = (
     | ConfigurationRead
     | PulsesIn
     | PulsesOut
+    | OutputsSent
     | Sticks
     | AuxReading
     | FailsafeBegun

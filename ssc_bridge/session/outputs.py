@@ -35,6 +35,8 @@ from ssc_bridge.protocol import PULSE_CHANNELS
 from ssc_bridge.protocol import PulseCommand
 from ssc_bridge.session.settings import Settings
 
+# Of an output: what goes out, where its servo was last, and whether it was commanded; see Channel.
+OutputState = tuple[float, float, bool]
 _RETRY = 0.001  # s after a message that the line did not take
 RELEASE_FRAMES = 3  # at least; one may be lost
 # s; a port takes nothing for half as long before it is given up, and what it refuses is gone.
@@ -59,13 +61,18 @@ class Channel:
         self._commanded = False  # ``us`` is what was asked for last, not what was found
 
     @property
-    def state(self) -> tuple[float, float, bool]:
+    def state(self) -> OutputState:
         """What counts on the last message; set where that did not go out."""
         return self.us, self._at, self._commanded
 
     @state.setter
-    def state(self, state: tuple[float, float, bool]) -> None:
+    def state(self, state: OutputState) -> None:
         self.us, self._at, self._commanded = state
+
+    def follow_on(self, state: OutputState) -> None:
+        """Go on from where a session before this one has left it, within the limits of now."""
+        us, at, commanded = state
+        self.state = self.servo.limited(us), self.servo.limited(at), commanded
 
     @property
     def driven(self) -> bool:
@@ -115,6 +122,7 @@ class Outputs:
         named = {servo.channel: servo for servo in settings.servos}
         self.servos = {servo.name: servo for servo in settings.servos}
         self.limited = 0  # commands that were beyond an output's limits
+        self.sent: tuple[OutputState, ...] = ()  # in the last message; empty: there was none yet
         self._channels = [
             Channel(
                 named.get(number) or Servo.unnamed(number, settings.failsafe),
@@ -131,6 +139,13 @@ class Outputs:
         self._releases = 0  # frames without a pulse that are still to be sent
         self._last = b''  # message
         self._before: tuple[Any, ...] = ()  # what it has changed; see refused
+
+    def follow_on(self, states: Sequence[OutputState]) -> None:
+        """Take the outputs as ours, as a session before this one has left them."""
+        self.claim()
+        self.sent = tuple(states)
+        for channel, state in zip(self._channels, states, strict=False):
+            channel.follow_on(state)
 
     def begin(self, now: float) -> None:
         """
@@ -200,7 +215,7 @@ class Outputs:
             return []
         self._looks_until = None
         states = [channel.state for channel in self._channels]
-        self._before = self._stepped, self._urgent, self._releases, states
+        self._before = self._stepped, self._urgent, self._releases, self.sent, states
         # After a stall a servo must not jump by all the time that was lost.
         seconds = min(max(now - self._stepped, 0.0), 2.0 * self._pacer.period)
         self._pacer.sent(now)
@@ -216,12 +231,13 @@ class Outputs:
         else:
             return []
         self._last = PulseCommand(us).to_bytes()
+        self.sent = tuple(channel.state for channel in channels)
         return [self._last]
 
     def refused(self, frame: bytes, now: float) -> None:
         """Stand by what went out last, and try again soon: a servo must not jump by the rest."""
         if frame is self._last:
-            self._stepped, self._urgent, self._releases, states = self._before
+            self._stepped, self._urgent, self._releases, self.sent, states = self._before
             for channel, state in zip(self._channels, states, strict=True):
                 channel.state = state
             self._pacer.start(now + _RETRY)

@@ -53,10 +53,12 @@ from ssc_bridge.session.events import CommandStateChanged
 from ssc_bridge.session.events import ConfigurationRead
 from ssc_bridge.session.events import Event
 from ssc_bridge.session.events import FailsafeBegun
+from ssc_bridge.session.events import OutputsSent
 from ssc_bridge.session.events import PulsesIn
 from ssc_bridge.session.events import PulsesOut
 from ssc_bridge.session.events import SourcesChanged
 from ssc_bridge.session.outputs import Outputs
+from ssc_bridge.session.outputs import OutputState
 from ssc_bridge.session.outputs import RELEASE_FRAMES
 from ssc_bridge.session.polling import Poller
 from ssc_bridge.session.report import control_problems
@@ -109,6 +111,7 @@ class Session(BaseSession[bytes, Message | Poll, Event]):
         self.looped_back = 0  # frames that only a host sends: the line echoes
         self._echo = Watchdog(_ECHO_MEMORY)
         self.outputs = Outputs(settings)
+        self._told: tuple[OutputState, ...] = ()  # of them, to the session after this one
         self._commanded = bool(settings.servos)  # somebody is to command outputs, or did
         rates = dict(zip(REPEATED, settings.poll_rates, strict=True))
         self._poller = Poller({**rates, MessageType.CONFIGURATION: _CONFIGURATION_RATE})
@@ -197,15 +200,25 @@ class Session(BaseSession[bytes, Message | Poll, Event]):
 
     # The link's side; the base has the rest.
 
+    def follow_on(self, states: Sequence[OutputState]) -> None:
+        """Go on from what a session before this one has sent: it is in force until undone."""
+        self._commanded = True
+        self.outputs.follow_on(states)
+
     def farewell(self, now: float) -> list[bytes]:
-        """Return what brings every output to its failsafe, as nobody will command any more."""
+        """
+        Return what brings every output to its failsafe, as nobody will command any more.
+
+        Only what was sent has to be undone; and it has to, although this port, or this session,
+        is so new that the device has not told how many outputs it has.
+        """
         self._stop(['the node leaves'], now)
-        # One may be lost; what the port refuses, the wire tries again.
-        return [
-            frame
-            for _ in range(RELEASE_FRAMES)
-            for frame in self._output_frames(now, at_once=True)
-        ]
+        frames: list[bytes] = []
+        for _ in range(RELEASE_FRAMES):  # one may be lost; what the port refuses is tried again
+            if self.outputs.sent:
+                frames += self.outputs.frames(now, self._count(), at_once=True)
+            frames += self._aux_outputs.take(now, at_once=True)
+        return frames
 
     def refused(self, frame: bytes, now: float) -> None:
         """Have the outputs go on from where they are."""
@@ -511,8 +524,16 @@ class Session(BaseSession[bytes, Message | Poll, Event]):
         """Return what may be polled; without the configuration nothing else makes sense."""
         return REPEATED if self._confirmed else _AT_START
 
-    def _output_frames(self, now: float, *, at_once: bool = False) -> list[bytes]:
+    def _count(self) -> int:
+        """Return how many outputs there are, as far as is known."""
+        known = self.configuration
+        return len(self.outputs.sent) if known is None else known.outputs
+
+    def _output_frames(self, now: float) -> list[bytes]:
         if self.configuration is None:
             return []
-        pulses = self.outputs.frames(now, self.configuration.outputs, at_once=at_once)
-        return pulses + self._aux_outputs.take(now, at_once=at_once)
+        pulses = self.outputs.frames(now, self._count())
+        if self.outputs.sent != self._told:
+            self._told = self.outputs.sent
+            self._emit(OutputsSent(self._told))
+        return pulses + self._aux_outputs.take(now, at_once=False)
