@@ -543,6 +543,53 @@ def test_hold_before_any_command_keeps_what_the_device_has() -> None:
     assert all(us[4] == 1234 for us in rig.pulses())
 
 
+PIN, SERIAL = 0x30, 3
+
+
+def flown(source: int) -> Rig:
+    """Return a rig of an output to be held; the pilot has it at 1900 at first, then at 1500."""
+    rig = Rig(servos=(GRIP,))
+    rig.sources[4], rig.outputs[4], rig.estop = source, 1900, True
+    rig.start()
+    assert rig.pulses()[-1][4] == 1900
+    rig.outputs[4] = 1500
+    return rig
+
+
+def test_hold_before_any_command_follows_what_drives_the_output() -> None:
+    rig = flown(PIN)
+    rig.tick(30)
+    assert rig.pulses()[-1][4] == 1500
+    rig.outputs[4] = 2300  # beyond its limits
+    rig.tick(30)
+    assert rig.pulses()[-1][4] == GRIP.max_us
+    rig.outputs[4] = 0x8000  # his receiver is off
+    rig.tick(30)
+    assert rig.pulses()[-1][4] == GRIP.max_us
+
+
+def test_hold_does_not_follow_what_we_drive_the_output_with() -> None:
+    """If the device told it with an error, it would run away."""
+    rig = flown(SERIAL)
+    rig.tick(30)
+    assert rig.pulses()[-1][4] == 1900
+
+
+def test_hold_after_a_command_follows_nothing() -> None:
+    rig = flown(PIN)
+    rig.estop = False
+    rig.tick(30, servos(grip=0.5))
+    rig.tick(60)
+    assert rig.pulses()[-1][4] == 1750
+
+
+def test_wire_that_takes_over_follows_the_pilot_where_nothing_was_commanded() -> None:
+    rig = follow(flown(PIN), servos=(GRIP,))
+    rig.mute, rig.sources[4], rig.outputs[4] = set(), PIN, 1500
+    rig.tick(50)
+    assert rig.pulses()[-1][4] == 1500
+
+
 def test_unnamed_outputs_hold_where_configured() -> None:
     rig = Rig(failsafe=Failsafe.HOLD).start()
     rig.tick(5, pulses(1500, 1600))

@@ -23,6 +23,7 @@ forgets a command.
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from collections.abc import Sequence
 import math
 from typing import Any
@@ -90,9 +91,17 @@ class Channel:
         self.command.feed(now)
         return self._target != us
 
-    def driven_elsewhere(self, us: int) -> None:
-        """Note what the device drives the output with, while that is not our doing."""
-        if us and not self.us:
+    def driven_elsewhere(self, us: int, *, serial: bool) -> None:
+        """
+        Note what the device drives the output with, while that is not our doing.
+
+        An output to be held that was never commanded goes on following that: else it would jump to
+        where a pilot had it at the start as soon as he gives it to us.
+
+        :param serial: it is driven with what is sent, as far as is known.
+        """
+        follows = self.servo.failsafe is Failsafe.HOLD and not (self._commanded or serial)
+        if us and (follows or not self.us):
             self._at = self.servo.limited(us)
 
     def step(self, seconds: float) -> int:
@@ -189,14 +198,16 @@ class Outputs:
         self._urgent = self._urgent or bool(channels)
         return [channel.servo.name for channel in channels]
 
-    def driven_elsewhere(self, us: Sequence[int | None], now: float) -> None:
-        """Note what drives the outputs, as the device says."""
+    def driven_elsewhere(
+        self, us: Sequence[int | None], now: float, serial: Collection[int] = ()
+    ) -> None:
+        """Note what drives the outputs, as the device says. :param serial: those on SERIAL."""
         if self._looks_until is not None:
             self._pacer.start(max(self._looks_until, now))
             self._looks_until = None
-        for channel, pulse in zip(self._channels, us, strict=False):
+        for number, pulse in enumerate(us, 1):
             if pulse is not None:
-                channel.driven_elsewhere(pulse)
+                self._channels[number - 1].driven_elsewhere(pulse, serial=number in serial)
 
     def commanded(self) -> dict[int, str]:
         """Return the outputs with a fresh command: number to name."""

@@ -45,6 +45,7 @@ from ssc_bridge.protocol import PulseInputs
 from ssc_bridge.protocol import PulseOutputs
 from ssc_bridge.protocol import REPEATED
 from ssc_bridge.protocol import Selection
+from ssc_bridge.protocol import Source
 from ssc_bridge.protocol import Status
 from ssc_bridge.session.auxiliary import AuxInputTotals
 from ssc_bridge.session.auxiliary import AuxOutputCommands
@@ -298,7 +299,9 @@ class Session(BaseSession[bytes, Message | Poll, Event]):
         if isinstance(message, PulseInputs):
             self._take_inputs(message, now)
         elif isinstance(message, PulseOutputs):
-            self.outputs.driven_elsewhere(message.us, now)
+            rows = enumerate(self.selections, 1)
+            serial = {number for number, each in rows if each.source == Source.SERIAL}
+            self.outputs.driven_elsewhere(message.us, now, serial)
             self._emit(PulsesOut(message.us))
         elif isinstance(message, AuxInputs):
             self._aux_outputs.seen(message.levels)
