@@ -35,11 +35,14 @@ from ssc_bridge.session import RELEASE_FRAMES
 from ssc_bridge.session import Session
 from ssc_bridge.session import Settings
 from ssc_bridge.session.outputs import RELEASE_TIME
+from test.ssc_rig import build_frame
 from test.ssc_rig import GRIP
+from test.ssc_rig import INPUTS
 from test.ssc_rig import OUTPUTS
 from test.ssc_rig import PAN
 from test.ssc_rig import Rig
 from test.ssc_rig import TILT
+from test.ssc_rig import words
 
 RELEASES = 50  # for a second, at the rate as delivered
 
@@ -365,6 +368,23 @@ def test_stop_goes_out_at_once_not_at_the_next_slot() -> None:
     assert rig.pulses()[-1][0] == 1750
     at = rig.now
     rig.do(lambda session, now: session.set_estop(True, now))
+    assert rig.pulses(since=at)[-1][0] == 0
+
+
+@pytest.mark.parametrize('busy', [False, True])
+def test_configuration_in_the_same_read_holds_up_no_stop(busy: bool) -> None:
+    """It is a late answer, and the pulse of an output that is to be held is not known."""
+    rig = servo_rig(command_rate=1.0)
+    rig.tick(250, servos(pan=0.5))
+    at = rig.now
+    rig.busy = busy
+    strange = build_frame(13, words([1500] * (INPUTS - 1)))
+    rig.hear(strange + rig.answer(15))
+    rig.busy = False
+    if busy:
+        rig.now = rig.session.deadline()
+        assert rig.now <= at + 0.001
+        rig.poll()
     assert rig.pulses(since=at)[-1][0] == 0
 
 

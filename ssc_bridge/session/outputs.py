@@ -141,7 +141,7 @@ class Outputs:
         ]
         self._pacer = Pacer(1.0 / settings.command_rate)
         self._stepped = -math.inf
-        self._urgent = False
+        self._urgent = False  # a failsafe has begun, and what was sent before is in force
         self._in_use = bool(settings.servos)  # outputs are ours: there is something to undo
         self._release_frames = max(RELEASE_FRAMES, math.ceil(RELEASE_TIME * settings.command_rate))
         self._looks_until: float | None = None  # at least, while something to be held is sought
@@ -162,10 +162,13 @@ class Outputs:
 
         What was sent before it went, by this process or one before it, must not stay in force.
         """
+        self._releases = self._release_frames if self._in_use else 0
+        if self._urgent:  # a failsafe waits for nothing that the device might tell
+            self._pacer.start(now)
+            return
         is_sought = any(channel.is_sought for channel in self._channels)
         self._looks_until = now + _LOOK_FIRST if is_sought else None
         self._pacer.start(now + (_LOOK_LONGEST if is_sought else _LOOK_FIRST))
-        self._releases = self._release_frames if self._in_use else 0
 
     def claim(self) -> None:
         """Take the outputs as ours: somebody commanded them before this session."""
@@ -195,7 +198,7 @@ class Outputs:
     def _drop(self, channels: Sequence[Channel]) -> list[str]:
         for channel in channels:
             channel.command.reset()
-        self._urgent = self._urgent or bool(channels)
+        self._urgent = self._urgent or bool(channels and self.sent)
         return [channel.servo.name for channel in channels]
 
     def driven_elsewhere(
@@ -221,8 +224,7 @@ class Outputs:
 
     def frames(self, now: float, count: int, *, at_once: bool = False) -> list[bytes]:
         """Return the message 20 for the first ``count`` outputs, if it is due and needed."""
-        urgent = self._urgent and self._looks_until is None  # else nothing was sent yet
-        if not (at_once or urgent or self._pacer.is_due(now)):
+        if not (at_once or self._urgent or self._pacer.is_due(now)):
             return []
         self._looks_until = None
         states = [channel.state for channel in self._channels]
