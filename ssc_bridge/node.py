@@ -55,6 +55,7 @@ from ssc_bridge.session import Session
 from ssc_bridge.session import Settings
 from ssc_bridge.session import SourcesChanged
 from ssc_bridge.session import Sticks
+from ssc_bridge.wire import AUX_SET
 from ssc_bridge.wire import BRIDGE
 from ssc_bridge.wire import OUTPUTS_SENT
 
@@ -115,11 +116,12 @@ class SscBridge(BridgeNode[Event]):
         """Keep the configured channels."""
         self._settings = Settings.from_parameters(values)
         if values['port'] != self._port:  # whatever is there, it was not sent that
-            self._port, self._outputs_sent = values['port'], ()
+            self._port, self._outputs_sent, self._aux_functions = values['port'], (), ()
 
     def carried_over(self) -> dict[str, Any]:
         """What was sent to outputs is in force until a session undoes it, or the next one."""
-        return {OUTPUTS_SENT: self._outputs_sent}
+        aux = self._aux_functions, frozenset(self._aux_set)
+        return {OUTPUTS_SENT: self._outputs_sent, AUX_SET: aux}
 
     def on_event(self, event: Event) -> None:
         """Publish one event of the session."""

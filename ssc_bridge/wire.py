@@ -25,14 +25,18 @@ from bridge_core.transports.wire import Bridge
 from ssc_bridge.session import Session
 from ssc_bridge.session import Settings
 
-OUTPUTS_SENT = 'the outputs that were commanded'  # beside the parameters
+# Beside the parameters: what sessions before have sent, which is in force until it is undone.
+OUTPUTS_SENT = 'the pulse outputs as they were commanded'
+AUX_SET = 'what the auxiliary channels are, and which were set'
 
 
 def make_session(values: Mapping[str, Any]) -> Session:
-    """Return a session for the configured channels, which goes on from what was sent to them."""
+    """Return a session for the configured channels, which knows what was sent to them."""
     session = Session(Settings.from_parameters(values))
     if values.get(OUTPUTS_SENT):
         session.follow_on(values[OUTPUTS_SENT])
+    if values.get(AUX_SET):
+        session.follow_on_aux(*values[AUX_SET])
     return session
 
 

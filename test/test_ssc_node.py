@@ -36,6 +36,7 @@ from ssc_bridge.node import SscBridge
 from ssc_bridge.protocol import Configuration
 from ssc_bridge.session import ConfigurationRead
 from ssc_bridge.session import OutputsSent
+from ssc_bridge.session import RELEASE_FRAMES
 from ssc_bridge.wire import make_session
 from test.rig import as_yaml
 from test.rig import latched
@@ -306,17 +307,21 @@ def test_outputs_that_were_set_before_the_first_configuration_was_told_are_undon
         node.destroy_node()
 
 
-def test_what_was_sent_to_outputs_is_carried_over_to_the_same_port_only(context: Any) -> None:
+def test_what_was_sent_is_carried_over_to_the_same_port_only(context: Any) -> None:
     node = SscBridge(context=context, cli_args=['--ros-args', '-p', 'autostart:=false'])
     try:
         node.take_parameters(node.values)
         sent = ((1700.0, 1700.0, True),)
         node.on_event(OutputsSent(sent))
-        node.take_parameters(node.values)
-        assert make_session({**node.values, **node.carried_over()}).outputs.sent == sent
-        elsewhere = {**node.values, 'port': '/dev/other'}
-        node.take_parameters(elsewhere)
-        assert make_session({**elsewhere, **node.carried_over()}).outputs.sent == ()
+        node.on_event(ConfigurationRead(Configuration.from_bytes(configuration(aux=AUX))))
+        node._aux_set.add(4)
+        for port, count in ((node.values['port'], 1), ('/dev/other', 0)):
+            values = {**node.values, 'port': port}
+            node.take_parameters(values)
+            session = make_session({**values, **node.carried_over()})
+            session.opened(0.0)
+            frames = session.farewell(0.0)
+            assert [frame[2] for frame in frames] == [20, 21] * count * RELEASE_FRAMES
     finally:
         node.destroy_node()
 

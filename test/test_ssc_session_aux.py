@@ -24,6 +24,7 @@ import pytest
 
 from bridge_core.transports.line import STALL_TIMEOUT
 from ssc_bridge.channels import AuxRequest
+from ssc_bridge.protocol import Configuration
 from ssc_bridge.protocol import DigitalInput
 from ssc_bridge.protocol import Measurement
 from ssc_bridge.protocol import PulseAccumulator
@@ -35,19 +36,21 @@ from ssc_bridge.session import counts_of
 from ssc_bridge.session import RELEASE_FRAMES
 from ssc_bridge.session import Session
 from ssc_bridge.session.auxiliary import UNDO_FRAMES
+from test.ssc_rig import configuration
 from test.ssc_rig import Rig
 from test.ssc_rig import TICK
 
 # Timer of 8 us between rising edges; accumulator of falling edges; digital output, high at start;
 # digital output, low; free running pulses of 2 us; one-shot pulses of 128 us.
 FUNCTIONS = (0x01B1, 0x0002, 0x0013, 0x0003, 0x0014, 0x0174)
+AUX_INPUTS = bytes.fromhex('04 03 43E8 0005')  # 1000 counts, running; 5 pulses
 OTHERS = (0x0003,) * 6  # digital outputs, low
 
 
 def aux_rig(**changes: Any) -> Rig:
     rig = Rig(**changes)
     rig.aux = FUNCTIONS
-    rig.aux_inputs = bytes.fromhex('04 03 43E8 0005')  # 1000 counts, running; 5 pulses
+    rig.aux_inputs = AUX_INPUTS
     return rig.start()
 
 
@@ -539,6 +542,40 @@ def test_nothing_is_undone_until_it_is_known_what_was_plugged_in() -> None:
     rig.tick(20)
     assert not rig.payloads(21)
     assert rig.session.values(rig.now)['configuration'] == 'not read yet'
+    rig.mute = set()
+    rig.tick(140)
+    assert rig.payloads(21) == [bytes.fromhex('84 10 0000')] * UNDO_FRAMES
+
+
+def test_farewell_undoes_what_was_set_before_the_port_was_lost() -> None:
+    rig = aux_rig()
+    set_all(rig)
+    rig.session.closed(rig.now)
+    rig.session.opened(rig.now)
+    undoing = [frame for frame in rig.session.farewell(rig.now) if frame[2] == 21]
+    assert [frame[4:-2].hex() for frame in undoing] == ['84100000'] * RELEASE_FRAMES
+
+
+def follow(**changes: Any) -> Rig:
+    """Return a rig with the session of a wire that takes over, and knows no configuration."""
+    rig = Rig(**changes)
+    rig.aux, rig.aux_inputs, rig.mute = FUNCTIONS, AUX_INPUTS, {15}
+    functions = Configuration.from_bytes(configuration(aux=FUNCTIONS)).aux
+    rig.session.follow_on_aux(functions, {4, 5})
+    rig.tick(20)
+    assert not rig.payloads(21)
+    return rig
+
+
+@pytest.mark.parametrize(('keep', 'frames'), [(False, RELEASE_FRAMES), (True, 0)])
+def test_farewell_undoes_what_was_set_by_a_session_before(keep: bool, frames: int) -> None:
+    rig = follow(keep_aux_outputs=keep)
+    undoing = [frame[4:-2].hex() for frame in rig.session.farewell(rig.now)]
+    assert undoing == ['84100000'] * frames
+
+
+def test_what_was_set_by_a_session_before_is_undone_once_the_device_is_known() -> None:
+    rig = follow()
     rig.mute = set()
     rig.tick(140)
     assert rig.payloads(21) == [bytes.fromhex('84 10 0000')] * UNDO_FRAMES

@@ -32,6 +32,7 @@ from bridge_core.session import StickStream
 from bridge_core.session import Verdict
 from bridge_core.watchdog import Watchdog
 from ssc_bridge.channels import AuxRequest
+from ssc_bridge.protocol import AuxFunction
 from ssc_bridge.protocol import AuxInputs
 from ssc_bridge.protocol import CommandState
 from ssc_bridge.protocol import Configuration
@@ -205,6 +206,12 @@ class Session(BaseSession[bytes, Message | Poll, Event]):
         """Go on from what a session before this one has sent: it is in force until undone."""
         self._commanded = True
         self.outputs.follow_on(states)
+
+    def follow_on_aux(self, functions: tuple[AuxFunction, ...], numbers: Collection[int]) -> None:
+        """Undo, at the end if not before, what one before this may have set of these channels."""
+        self._aux_outputs.configure(functions)
+        if not self.settings.keep_aux_outputs:
+            self._aux_outputs.claim(numbers, -math.inf)
 
     def farewell(self, now: float) -> list[bytes]:
         """
