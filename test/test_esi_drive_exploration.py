@@ -280,7 +280,7 @@ SCENES: dict[str, dict[str, Any]] = {
 COUNTS: dict[str, tuple[int, int]] = {
     'drive': (12211, 143532),
     'mux': (13279, 124180),
-    'silence': (9337, 78951),
+    'silence': (9347, 79041),
     'one read': (36937, 636432),
     'busy': (7257, 60879),
 }  # states, and steps between them
