@@ -307,6 +307,9 @@ _NO_AXIS = Axis(None, InputState.UNAVAILABLE)
 _NO_BUTTON = Button(None, InputState.UNAVAILABLE)
 _NO_BASIC = BasicJoystick(_NO_AXIS, _NO_AXIS, (_NO_BUTTON,) * 4)
 _NO_EXTENDED = ExtendedJoystick(_NO_AXIS)
+_BROKEN = Axis(None, InputState.ERROR)
+# Zeros are not the remote's: they let go of no button.
+_ZEROED = BasicJoystick(_BROKEN, _BROKEN, (Button(None, InputState.ERROR),) * 4)
 
 
 class _Sticks:
@@ -314,7 +317,8 @@ class _Sticks:
     Puts the four joystick frames of CAN together.
 
     Every frame counts at once, with the newest of the others. One that does not come any more is
-    not at its last position: it is not available. Four that are zero are neutral, as on serial.
+    not at its last position: it is not available. Four that are zero are neutral, as on serial;
+    one among others is broken throughout.
     """
 
     def __init__(self, timeout: float) -> None:
@@ -341,6 +345,8 @@ class _Sticks:
         }
         if not self._heard:
             self._since = now
+        if zeroed and isinstance(message, BasicJoystick):
+            message = _ZEROED
         self._heard[name] = (now, message, zeroed)
         if len(self._heard) < len(_PARTS) and now - self._since < self._timeout:
             return []
