@@ -390,13 +390,15 @@ class HeldButtons:
 
     :param memory: s for which a button that seems to be let go of counts as held, as a device may
         say why only later.
+    :param unseen: buttons of a device that does not show them meanwhile: a new session may begin
+        then, and one may be held since before.
     """
 
     __slots__ = ('_held', '_hides', '_let_go_at', '_memory', '_pressed')
 
-    def __init__(self, memory: float) -> None:
+    def __init__(self, memory: float, unseen: int = 0) -> None:
         self._memory = memory
-        self._pressed: frozenset[int] = frozenset()  # when they were seen last, however long ago
+        self._pressed = frozenset(range(unseen))  # when they were seen last, however long ago
         self._let_go_at: dict[int, float] = {}
         self._held: frozenset[int] = frozenset()
         self._hides = False  # they ceased to count last for what was no stop in the end

@@ -148,7 +148,7 @@ SCENES: dict[str, dict[str, Any]] = {
     },
 }
 COUNTS: dict[str, tuple[int, int]] = {
-    'device': (1422, 26872),
-    'echo': (4984, 51004),
+    'device': (1627, 30692),
+    'echo': (5086, 52116),
 }  # states, and steps between them
 test_every_state_near_the_start, test_every_state = visits_of(World, SCENES, COUNTS, near=200)

@@ -73,9 +73,15 @@ class Bench(SessionBench[Session]):
         config = MuxConfig(1, (EStopSource('fort'),), (Operator('fort', priority=1),))
         limit = JointLimit(magnitude=1.0, acceleration=10.0, deceleration=10.0)
         self.arbiter = Arbiter(config, JointLimiter([limit]), self.now)
-        self.state = State.STOPPED
         self._told = 0
         self.open()
+
+    def activate_anew(self) -> None:
+        """Begin a new session, as the node does, and let the mux hear of that."""
+        self.session = Session(self.session.settings)
+        self.open()
+        self.hear()
+        assert self._state is State.STOPPED
 
     def cycles(self, count: int, mode: int, frames: Sequence[CanFrame]) -> list[bool]:
         """Hear this often what comes in 1/16 s; return what the deadman said."""
@@ -102,7 +108,10 @@ class Bench(SessionBench[Session]):
             self.arbiter.operator_sample('fort', sample, self.now)
         self._told = len(self.events)
         self.arbiter.estop_message('fort', self.session.estop, self.now)
-        self.state = self.arbiter.tick(self.now).state
+        self._state = self.arbiter.tick(self.now).state
+
+    def in_control(self) -> bool:
+        return self._state is State.ACTIVE
 
 
 @pytest.mark.parametrize('zeros', ZEROS.values(), ids=ZEROS)
@@ -122,12 +131,44 @@ def test_deadman_held_through_zeros_on_can_is_not_pressed_anew(
     assert bench.arbiter.reset(bench.now).ok
     bench.cycles(10, Mode.OPERATIONAL, four(REST))
     assert bench.cycles(8, Mode.OPERATIONAL, held)[-1]
-    assert bench.state is State.ACTIVE
+    assert bench.in_control()
     bench.cycles(paused, Mode.PAUSE, four(zeros))
     bench.cycles(after, Mode.OPERATIONAL, four(zeros))
     assert set(bench.cycles(8, Mode.OPERATIONAL, held)) == {False}
     assert set(bench.cycles(8, Mode.OPERATIONAL, four(REST, **{pad: PUSHED}))) == {False}
-    assert bench.state is not State.ACTIVE
+    assert not bench.in_control()
     assert set(bench.cycles(10, Mode.OPERATIONAL, four(REST))) == {False}
     assert bench.cycles(8, Mode.OPERATIONAL, held)[-1]
-    assert bench.state is State.ACTIVE
+    assert bench.in_control()
+
+
+@pytest.mark.parametrize('zeros', [*ZEROS.values(), REST], ids=[*ZEROS, 'at rest'])
+@pytest.mark.parametrize('pad', PADS)
+@pytest.mark.parametrize('mode', [Mode.REMOTE, Mode.MENU, Mode.PAUSE])
+def test_deadman_held_since_before_a_new_activation_is_not_pressed_anew(
+    zeros: dict[str, str], pad: str, mode: int
+) -> None:
+    """In that mode the mux may be reset, and nobody sees that the deadman is held."""
+    held = four(REST, **{pad: HELD})
+    bench = Bench(pad)
+    bench.cycles(20, Mode.OPERATIONAL, held)
+    bench.activate_anew()
+    bench.cycles(20, mode, four(zeros))
+    assert bench.arbiter.reset(bench.now).ok
+    bench.cycles(20, mode, four(zeros))
+    assert set(bench.cycles(8, Mode.OPERATIONAL, held)) == {False}
+    assert not bench.in_control()
+    bench.cycles(10, Mode.OPERATIONAL, four(REST))
+    assert bench.cycles(8, Mode.OPERATIONAL, held)[-1]
+    assert bench.in_control()
+
+
+@pytest.mark.parametrize('pad', PADS)
+def test_deadman_held_as_an_activation_finds_the_remote_operational_keeps_a_reset_away(
+    pad: str,
+) -> None:
+    bench = Bench(pad)
+    bench.activate_anew()
+    bench.cycles(8, Mode.LOCAL, four(REST))
+    assert bench.cycles(20, Mode.OPERATIONAL, four(REST, **{pad: HELD}))[-1]
+    assert not bench.arbiter.reset(bench.now).ok

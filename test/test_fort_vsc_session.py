@@ -277,6 +277,17 @@ def test_button_held_through_another_mode_counts_once_it_was_let_go_of(
     assert any(sticks(bench.hear(DEFLECTED))[0].buttons)
 
 
+@pytest.mark.parametrize('mode', [Mode.REMOTE, Mode.MENU, Mode.PAUSE])
+def test_button_held_since_before_a_session_that_begins_in_another_mode_counts_once_let_go_of(
+    mode: int,
+) -> None:
+    bench = opened()
+    bench.run(1.0, heartbeat(mode), build_frame(0x10, bytes(14)))
+    assert not any(sticks(bench.hear(heartbeat(), DEFLECTED))[0].buttons)
+    bench.hear(CENTRED)
+    assert any(sticks(bench.hear(DEFLECTED))[0].buttons)
+
+
 @pytest.mark.parametrize(
     ('modes', 'held'), [([Mode.LOCAL], True), ([Mode.LOCAL, Mode.REMOTE], False)]
 )

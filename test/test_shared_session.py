@@ -104,6 +104,18 @@ def test_button_that_was_pressed_when_it_was_seen_last_is_held_however_long_ago(
     assert buttons.of((1, 1), 60.2) == (0, 1)
 
 
+@pytest.mark.parametrize(('pauses', 'counts'), [((), 1), ((True,), 1), ((True, False), 0)])
+def test_button_that_nobody_has_seen_is_held_where_a_pause_comes_first(
+    pauses: tuple[bool, ...], counts: int
+) -> None:
+    buttons = HeldButtons(0.25, unseen=2)
+    for at, stopped in enumerate(pauses):
+        buttons.miss(at, stopped=stopped)
+    assert buttons.of((1, 0), 3.0) == (counts, 0)
+    assert buttons.of((0, 1), 3.1) == (0, 1)
+    assert buttons.of((1, 1), 3.2) == (1, 1)
+
+
 def test_button_that_cannot_be_read_is_held_until_it_is_seen_let_go_of() -> None:
     buttons = HeldButtons(0.25)
     assert buttons.of((1, None, 1), 1.0) == (1, 0, 1)

@@ -323,6 +323,15 @@ def test_switch_held_since_before_its_remote_was_armed_counts_once_it_was_let_go
     assert any(of(Sticks, bench.hear(DEFLECTED))[0].buttons)
 
 
+def test_switch_held_since_before_a_session_that_finds_its_remote_disabled_is_held() -> None:
+    bench = opened()
+    bench.run(1.0, build_vrpi(flags=(0, 0, 1), switches=(1, -1, 1000, 0, 3, 0, 0, 0)))
+    assert not bench.session.estop
+    assert not any(of(Sticks, bench.hear(DEFLECTED))[0].buttons)
+    bench.hear(CENTRED)
+    assert any(of(Sticks, bench.hear(DEFLECTED))[0].buttons)
+
+
 def test_switch_held_while_a_joystick_is_broken_counts_once_it_was_let_go_of() -> None:
     bench = armed()
     broken = build_vrpi(joysticks=(1001, 0, 0, 0), switches=(1, -1, 1000, 0, 3, 0, 0, 0))

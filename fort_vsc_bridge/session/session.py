@@ -94,7 +94,7 @@ class Session(BaseSession[Frame, Received, Event]):
         self._settled_at = math.inf  # long enough after the link came up, or was opened, or lost
         self._stream = StickStream()
         # The heartbeat that says why the VSC zeroes its buttons may be the first one that is lost.
-        self._held = HeldButtons(2.0 * settings.link_timeout)
+        self._held = HeldButtons(2.0 * settings.link_timeout, len(BUTTON_NAMES))
         self._judgement = StopJudge()
         self._software_estop = False
         self._software_estop_heard = Watchdog(settings.software_estop_timeout)
