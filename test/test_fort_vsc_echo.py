@@ -15,10 +15,13 @@
 """Our heartbeat to the VSC, the stop it asks for, and the echo of that stop."""
 
 import itertools
+from typing import Any
 
 import pytest
 
 from fort_vsc_bridge.protocol import Mode
+from fort_vsc_bridge.session import Session
+from fort_vsc_bridge.session import Settings
 from test.fort_vsc_rig import ask
 from test.fort_vsc_rig import Bench
 from test.fort_vsc_rig import CLEAR
@@ -30,6 +33,8 @@ from test.fort_vsc_rig import SRC
 from test.fort_vsc_rig import STOP
 from test.fort_vsc_rig import USER
 from test.fort_vsc_rig import VSC
+from test.link_rig import FakeTransport
+from test.wire_rig import WireBench
 
 # -- the echo of our own stop ---------------------------------------------------------------------
 
@@ -191,3 +196,100 @@ def test_farewell_stops_only_if_software_estop_is_in_use() -> None:
     bench.session.set_software_estop(False, bench.now)
     bench.open()
     assert bench.sent[-1][1] == CLEAR
+
+
+# -- a line that is busy --------------------------------------------------------------------------
+
+RETRY = 0.001
+
+
+@pytest.mark.parametrize('rate', [4.0, 20.0])
+def test_stop_that_a_busy_line_did_not_take_is_tried_again_at_once_but_does_not_spin(
+    rate: float,
+) -> None:
+    bench = opened(heartbeat_rate=rate, software_estop_timeout=5.0)
+    ask(bench, False)
+    bench.busy = True
+    bench.session.set_software_estop(True, bench.now)
+    bench.poll()
+    for _ in range(5):
+        assert bench.session.deadline() == pytest.approx(bench.now + RETRY)
+        assert not bench.session.poll(bench.now)[1]
+        bench.now = bench.session.deadline()
+        bench.poll()
+    bench.busy = False
+    before = len(bench.sent)
+    bench.wait(RETRY)
+    assert [frame for _, frame in bench.sent[before:]] == [STOP]
+    bench.wait(2.0)
+    assert gaps(bench.sent[before:]) == pytest.approx([1.0 / rate] * round(2.0 * rate), abs=RETRY)
+
+
+@pytest.mark.parametrize(('then', 'frame'), [(False, CLEAR), (True, STOP)], ids=['clear', 'stop'])
+def test_what_is_tried_again_is_what_is_asked_for_then(then: bool, frame: bytes) -> None:
+    bench = opened(software_estop_timeout=5.0)
+    ask(bench, not then)
+    bench.busy = True
+    bench.wait(0.06)
+    bench.busy = False
+    before = len(bench.sent)
+    bench.session.set_software_estop(then, bench.now)
+    bench.wait(RETRY)
+    assert [sent for _, sent in bench.sent[before:]] == [frame]
+
+
+def test_silence_of_the_software_estop_on_a_busy_line_does_not_spin() -> None:
+    bench = opened()
+    ask(bench, False)
+    bench.busy = True
+    bench.wait(1.0)
+    bench.busy = False
+    before = len(bench.sent)
+    bench.wait(RETRY)
+    assert [frame for _, frame in bench.sent[before:]] == [STOP]
+
+
+def test_value_that_a_busy_line_did_not_take_brings_no_heartbeat_forward() -> None:
+    bench = opened()
+    bench.wait(0.01)
+    due = bench.session.deadline()
+    bench.busy = True
+    bench.session.set_feedback(1, 7, bench.now)
+    bench.poll()
+    assert bench.session.deadline() == due
+
+
+def test_stop_that_never_went_out_has_no_echo() -> None:
+    bench = opened(software_estop_timeout=5.0)
+    bench.hear(heartbeat())
+    bench.busy = True
+    ask(bench, True)
+    assert own(bench, Mode.LOCAL, USER)
+
+
+def test_release_that_did_not_go_out_ends_no_echo() -> None:
+    """The VSC may be late with what was asked before, and asked for all the time."""
+    bench = opened(software_estop_timeout=5.0)
+    bench.hear(heartbeat())
+    ask(bench, True)
+    bench.busy = True
+    ask(bench, False)
+    bench.run(1.0, heartbeat())
+    assert not own(bench, Mode.LOCAL, USER)
+
+
+def test_wire_whose_line_was_busy_says_stop_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    wire: Any = WireBench(monkeypatch)
+    wire.port = port = FakeTransport()
+    wire.session = Session(Settings(heartbeat_rate=4.0, software_estop_timeout=5.0))
+    wire.open()
+    wire.ask('set_software_estop', False)
+    wire.go_on(0.1)
+    port.busy = 10**9
+    wire.ask('set_software_estop', True)
+    wire.go_on(0.01)
+    assert STOP not in port.sent
+    port.busy = 0
+    wire.go_on(2 * RETRY)
+    assert port.sent[-1] == STOP
+    wire.close()

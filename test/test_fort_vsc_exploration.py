@@ -49,24 +49,33 @@ SAID = {
 }
 VALID = ('ok', 'src', 'user', 'both', 'unlinked', 'strange')
 APART = (  # see Memory
-    '_settled_at', '_rejected_lately', '_looped_back_lately', 'rejected',
+    '_settled_at', '_rejected_lately', '_looped_back_lately', 'rejected', '_before', '_said',
 )  # fmt: skip
 
 
 class World(SessionWorld[Session]):
-    """A VSC that says anything, with sticks deflected, and somebody who asks for its stop."""
+    """
+    A VSC that says anything, with sticks deflected, and somebody who asks for its stop.
 
-    CALM = {'estop': 'go', 'vsc': 'ok', 'sticks': 'deflected'}
+    The line to it may be busy.
+    """
 
-    def __init__(self, reads: Sequence[str] = (), **said: str) -> None:
+    CALM = {'estop': 'go', 'vsc': 'ok', 'sticks': 'deflected', 'line': 'free'}
+
+    def __init__(self, reads: Sequence[str] = (), *, line: str = 'free', **said: str) -> None:
         settings = Settings(link_timeout=LINK, heartbeat_rate=8.0, software_estop_timeout=ASKED)
         old = {'': LINK, '_released_at': ECHO, 'released_at': ECHO, '_free_at': 0.0}
         super().__init__(
-            Session(settings), said, reads=reads, old=old, apart=APART, unnamed=('_newest',)
+            Session(settings),
+            {**said, 'line': line},
+            reads=reads,
+            old=old,
+            apart=APART,
+            unnamed=('_newest',),
         )
         self.said = ''  # by the newest heartbeat
         self.asked, self.asked_at = '', -math.inf  # the stop that is asked for
-        self.sent = CLEAR
+        self.sent = CLEAR  # what the VSC has heard last
         self.released_at = -math.inf  # we sent no stop any more
         self.ours = False  # a stop of the USER may be our doing
         self.theirs = False  # it stood before we asked
@@ -99,19 +108,28 @@ class World(SessionWorld[Session]):
             self.asked, self.asked_at = what, self.now
 
     def keep(self, output: tuple[list[Any], list[Any]]) -> None:
-        super().keep(output)
-        for frame in output[1]:
+        events, frames = output
+        if self.busy:
+            for frame in frames:
+                self.session.refused(frame, self.now)
+            frames = []
+        super().keep((events, frames))
+        for frame in frames:
             if frame == STOP and self.sent == CLEAR:
                 self.ours = self.ours or not self.theirs
             elif frame == CLEAR and self.sent == STOP:
                 self.released_at = self.now
             self.sent = frame
 
+    @property
+    def busy(self) -> bool:
+        return self.doing['line'] == 'busy'
+
     def judge(self) -> None:
         verdict, vouched = self.verdict, self.vouched(LINK)
         assert verdict.estop == (not vouched or self.said != 'ok'), f'estop: {verdict}'
         wanted = self.asked and (self.asked == 'stop' or self.now - self.asked_at >= ASKED)
-        if self.open:
+        if self.open and not self.busy:
             assert self.frames, 'no host heartbeat'
             assert self.sent == STOP or not wanted, f'host heartbeat: {self.frames}'
         if verdict.estop and not verdict.own_estop:
@@ -146,9 +164,16 @@ SCENES: dict[str, dict[str, Any]] = {
         'estop': 'silent go stop',
         'reads': ('ok user', 'user ok'),
     },
+    'busy': {
+        'vsc': 'ok user',
+        'sticks': 'none',
+        'estop': 'silent go stop',
+        'line': 'free busy',
+    },
 }
 COUNTS: dict[str, tuple[int, int]] = {
     'device': (1627, 30692),
     'echo': (5086, 52116),
+    'busy': (4873, 37311),
 }  # states, and steps between them
 test_every_state_near_the_start, test_every_state = visits_of(World, SCENES, COUNTS, near=200)

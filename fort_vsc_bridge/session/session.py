@@ -65,6 +65,7 @@ _LATELY = 3.0  # seconds for which what came once is named, and a line counts as
 _LONGEST_INTERVAL = 65.535  # seconds between two remote status messages (7.3.5)
 _STATUS_INTERVALS = 3  # that may pass without one
 _SHORTEST_STATUS_TIME = 5.0  # seconds
+_RETRY = 0.001  # seconds after a heartbeat of ours that the line did not take
 
 
 class Session(BaseSession[Frame, Received, Event]):
@@ -99,6 +100,7 @@ class Session(BaseSession[Frame, Received, Event]):
         self._software_estop = False
         self._software_estop_heard = Watchdog(settings.software_estop_timeout)
         self._leaving = self._sent_stop = False
+        self._said: Frame | None = None  # our last heartbeat
         self._pacer = Pacer(1.0 / settings.heartbeat_rate)
         self._queue = SendQueue(wire)
         self._device = Configurator(settings.to_configure, self._queue)
@@ -172,6 +174,12 @@ class Session(BaseSession[Frame, Received, Event]):
             return []
         self._leaving = True
         return self._heartbeat_frames(now, at_once=True)
+
+    def refused(self, frame: Frame, now: float) -> None:
+        """Try our heartbeat again soon, with what is asked for then: it may be a stop."""
+        if frame is self._said:
+            self._judgement.unasked()
+            self._pacer.start(now + _RETRY)
 
     def _begin(self, now: float) -> None:
         self._leaving = self._joystick_alone = False
@@ -328,7 +336,8 @@ class Session(BaseSession[Frame, Received, Event]):
         self._pacer.sent(now)
         self._sent_stop = stop
         self._judgement.asked(asked, now)
-        return self.settings.wire.frames(HostHeartbeat(stop))
+        (self._said,) = frames = self.settings.wire.frames(HostHeartbeat(stop))
+        return frames
 
     def _software_stop(self, now: float) -> str:
         """Return what ends the stop that our heartbeat asks for; empty if it asks for none."""

@@ -41,15 +41,24 @@ class StopJudge:
         self._echo_heard = False  # they were seen since we asked last
         self._foreign = False  # USER bits stood before we asked
         self._released_at = 0.0
+        self._before = self._of_asking()
 
     def asked(self, remedy: str, now: float) -> None:
         """Note what ends the stop that our heartbeat asks for from ``now`` on; empty: none."""
+        self._before = self._of_asking()
         if remedy and not self._asked:
             self._echo = self._echo or not self._foreign
             self._echo_heard = False
         elif self._asked and not remedy:
             self._released_at = now
         self._asked = remedy
+
+    def unasked(self) -> None:
+        """Take the last one back: our heartbeat did not go out."""
+        self._asked, self._echo, self._echo_heard, self._released_at = self._before
+
+    def _of_asking(self) -> tuple[str, bool, bool, float]:
+        return self._asked, self._echo, self._echo_heard, self._released_at
 
     def heard(self, heartbeat: Heartbeat, now: float) -> None:
         """Keep USER bits ours until they are seen clear: the VSC may hold them for a while."""
