@@ -222,11 +222,15 @@ def test_link_that_comes_and_goes_wears_out_no_device_that_takes_nothing() -> No
     assert bench.state == REFUSED
 
 
-def test_what_the_user_wrote_instead_outlasts_the_link() -> None:
+@pytest.mark.parametrize('forgotten', [False, True])
+def test_what_the_user_wrote_instead_outlasts_the_link(forgotten: bool) -> None:
+    """Lost alone, or with the port, or by a freeze."""
     bench = Bench(auto_off_enable=1)
     bench.link(0.0)
     bench.configurator.overrule(KEY, 0, 0.5)
     bench.link(1.0, up=False)
+    if forgotten:
+        bench.configurator.forget()
     bench.link(2.0)
     assert bench.poll(2.0) == []
     bench.answer(0, 2.5)

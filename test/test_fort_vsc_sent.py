@@ -91,6 +91,27 @@ def test_settings_are_not_known_any_more_once_the_port_is_closed() -> None:
     assert bench.session.setting_states == {'auto_off_enable': 'not known yet'}
 
 
+@pytest.mark.parametrize('lost', ['heartbeats', 'input', 'port'])
+def test_what_the_user_wrote_stays_whatever_is_lost(lost: str) -> None:
+    bench = opened(configure_device=True, device=DeviceSettings(user_estop_timeout=0))
+    device = Simulator()
+    converse(bench, device, 4.0)
+    bench.session.set_feedback(85, 1, bench.now)
+    converse(bench, device, 4.0)
+    assert device.eeprom[85] == 1
+    if lost == 'heartbeats':
+        bench.wait(1.0)
+    elif lost == 'input':
+        bench.session.interrupted('this node was held up', bench.now)
+    else:
+        bench.close()
+        bench.session.set_feedback(85, 0, bench.now)  # which is dropped
+        bench.open()
+    converse(bench, device, 6.0)
+    assert device.eeprom[85] == 1
+    assert bench.session.setting_states == {'user_estop_timeout': 'overruled by ~/set_user_value'}
+
+
 def test_what_was_asked_while_the_port_was_closed_is_not_done_later() -> None:
     """But the remote shows what was set meanwhile."""
     bench = opened(configure_device=True, device=DeviceSettings(auto_off_enable=1))
@@ -99,6 +120,7 @@ def test_what_was_asked_while_the_port_was_closed_is_not_done_later() -> None:
     bench.session.set_feedback(81, 0, bench.now)
     bench.session.get_feedback(1, bench.now)
     bench.session.set_feedback(1, 7, bench.now)
+    assert bench.session.setting_states == {'auto_off_enable': 'not known yet'}
     bench.wait(3600.0)
     bench.open()
     bench.wait(1.0)

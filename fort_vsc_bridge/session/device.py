@@ -78,9 +78,10 @@ class _Setting:
         return self.state in (UNKNOWN, UNANSWERED, WRITTEN)
 
     def forget(self) -> None:
-        """Begin again: the port was opened."""
-        self.state = UNKNOWN
-        self.due = math.inf
+        """Begin again; nothing is written against what the user wrote instead."""
+        if self.state != OVERRULED:
+            self.state = UNKNOWN
+            self.due = math.inf
 
     def _found(self, same: bool) -> bool:
         """Take the device's setting; return whether it is to be written now."""
@@ -215,7 +216,7 @@ class Configurator:
         return {name: s.state for name, s in {**self._keys, **self._intervals}.items()}
 
     def forget(self) -> None:
-        """Begin again: the port was opened or closed."""
+        """Begin again: the port was opened or closed, or input was discarded."""
         for setting in self._all:
             setting.forget()
 
@@ -223,11 +224,10 @@ class Configurator:
         """
         Begin to ask and watch when the link comes up; wait while it is down.
 
-        It may come up with another device at the same port, so what was found counts no more. What
-        the user wrote instead does: nothing is written against it.
+        It may come up with another device at the same port, so what was found counts no more.
         """
         for setting in self._all:
-            if link_up and setting.state != OVERRULED:
+            if link_up:
                 setting.forget()
             if setting.is_open:
                 setting.due = math.inf

@@ -385,7 +385,8 @@ class Session(BaseSession[Frame, Received, Event]):
             raise ValueError(f'key {key} takes {low} to {high}, not {value}')
         self.settings.wire.check(UserFeedback(key, value))
         self._queue.set_value(key, value)
-        self._device.overrule(key, value, now)
+        if self._open:  # else it is dropped, and overrules nothing
+            self._device.overrule(key, value, now)
 
     def set_name(self, key: int, name: str, now: float) -> None:
         """Queue a user value's name (keys 1-9) or a line of text (90-93), else ValueError."""
