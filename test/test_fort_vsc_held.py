@@ -16,14 +16,20 @@
 
 from collections.abc import Sequence
 import struct
+from typing import Any
 
 import pytest
 
 from bridge_core.j1939 import CanFrame
 from fort_vsc_bridge.protocol import CanWire
+from fort_vsc_bridge.protocol import HidWire
 from fort_vsc_bridge.protocol import Mode
+from fort_vsc_bridge.protocol import SerialWire
 from fort_vsc_bridge.session import Session
 from fort_vsc_bridge.session import Settings
+from fort_vsc_bridge.simulator import CanSimulator
+from fort_vsc_bridge.simulator import HidSimulator
+from fort_vsc_bridge.simulator import Simulator
 from fort_vsc_bridge.simulator.can import IDENTIFIERS
 from safety_mux.arbiter import Arbiter
 from safety_mux.limits import JointLimit
@@ -172,3 +178,37 @@ def test_deadman_held_as_an_activation_finds_the_remote_operational_keeps_a_rese
     bench.cycles(8, Mode.LOCAL, four(REST))
     assert bench.cycles(20, Mode.OPERATIONAL, four(REST, **{pad: HELD}))[-1]
     assert not bench.arbiter.reset(bench.now).ok
+
+
+DEVICES = {
+    'serial': (SerialWire(), Simulator),
+    'can': (CanWire(), CanSimulator),
+    'hid': (HidWire(), HidSimulator),
+}
+
+
+@pytest.mark.parametrize('zeros', ['values', 'all', 'rest'])
+@pytest.mark.parametrize('mode', ['remote', 'menu', 'pause'])
+@pytest.mark.parametrize('tolerant', [False, True])
+@pytest.mark.parametrize('wire', DEVICES)
+def test_button_that_a_simulated_remote_holds_through_another_mode_is_not_pressed_anew(
+    wire: str, tolerant: bool, mode: str, zeros: str
+) -> None:
+    kind, simulator = DEVICES[wire]
+    settings: dict[str, Any] = {'wire': kind, 'tolerate_faulty_axes': tolerant}
+    bench, device = SessionBench(Session(Settings(**settings))), simulator()
+    bench.open()
+    device.apply(f'zeros {zeros}')
+    told: list[bool] = []
+    for command, pressed in (
+        *(('mode operational', False), ('button right_down 1', True), (f'mode {mode}', False)),
+        *(('mode operational', False), ('button right_down 0', False)),
+        ('button right_down 1', True),
+    ):
+        device.apply(command)
+        told.clear()
+        for _ in range(100):
+            bench.now += 0.01
+            told += [event.buttons[4] for event in sticks(bench.take(*device.poll(bench.now)))]
+        assert any(told[4:]) is pressed, command  # on CAN those are of the last of four frames
+    assert not bench.session.faulty

@@ -99,16 +99,19 @@ def test_messages_come_at_their_default_rates() -> None:
     assert device.of(0x22) == []
 
 
-def test_sticks_are_zeroed_unless_operational() -> None:
+@pytest.mark.parametrize(('zeros', 'word'), [('', 0), ('all', 0), ('values', 0), ('rest', 1)])
+def test_sticks_are_zeroed_unless_operational(zeros: str, word: int) -> None:
     device = Device().apply('stick left_y 0.8').apply('button left_up 1')
-    neutral = struct.pack('<6H', *[1] * 6) + b'\0\0'
+    if zeros:
+        device.apply(f'zeros {zeros}')
+    zeroed = struct.pack('<6H', *[word] * 6) + b'\0\0'
     for mode in ('remote', 'menu', 'pause'):
         device.apply(f'mode {mode}')
-        assert set(device.of(0x10)) == {neutral}
+        assert set(device.of(0x10)) == {zeroed}
     device.apply('mode operational')
-    assert device.of(0x10)[-1] != neutral
+    assert device.of(0x10)[-1] == struct.pack('<6H', 1, 818 << 6 | 0x10, 1, 1, 1, 1) + b'\x10\0'
     device.apply('estop remote on')
-    assert device.of(0x10)[-1] == neutral
+    assert device.of(0x10)[-1] == zeroed
 
 
 @pytest.mark.parametrize(

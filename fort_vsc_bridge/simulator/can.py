@@ -90,11 +90,12 @@ class CanSimulator(Vsc):
 
     def _joysticks(self) -> list[CanFrame]:
         frames = []
+        unused = b'\0' if self.zeros == 'all' and not self._active else b'\xff'
         for side, names in (('left', BUTTON_NAMES[:4]), ('right', BUTTON_NAMES[4:])):
             basic = self._word(f'{side}_x') + self._word(f'{side}_y')
-            basic += bytes((0xFF, self._pad(names), 0xFF, 0xFF))
+            basic += unused + bytes((self._pad(names),)) + unused * 2
             frames.append(CanFrame(self.identifiers[f'{side}_basic'], basic))
-            extended = self._word(f'{side}_z') + b'\xff' * 6
+            extended = self._word(f'{side}_z') + unused * 6
             frames.append(CanFrame(self.identifiers[f'{side}_extended'], extended))
         return frames
 

@@ -45,6 +45,9 @@ _CHOSEN_MODES = {
     'menu': Mode.MENU,
     'pause': Mode.PAUSE,
 }
+# What sticks say unless Operational: all values are 0 (6.1 to 6.6). The manual leaves open whether
+# bytes that are FF on CAN are values, too, and whether 0 may mean what a stick at rest says.
+_ZEROS = ('values', 'all', 'rest')
 _FAULTS = {'ok': None, 'error': 0b10, 'unavailable': 0b11}
 _NEUTRAL, _NEGATIVE, _POSITIVE = 0b000001, 0b000100, 0b010000  # tables 30 and 45
 
@@ -72,6 +75,7 @@ class Vsc:
         self.charging = False
         self.strength = 2
         self.autonomy = 0
+        self.zeros = _ZEROS[0]
         self.position: tuple[float, float] | None = (60.1699, 24.9384)  # degrees
         self.radio = True
         self.remote_estop = False
@@ -230,9 +234,11 @@ class Vsc:
         return self.mode == Mode.OPERATIONAL
 
     def _axis_word(self, name: str) -> int:
-        value = self.sticks[name] if self._active else 0
-        if self._active and name in self.faults:
+        if not self._active:
+            return _NEUTRAL if self.zeros == 'rest' else 0
+        if name in self.faults:
             return self.faults[name] * 0b010101 | 0xFFC0
+        value = self.sticks[name]
         status = _NEUTRAL if value == 0 else _NEGATIVE if value < 0 else _POSITIVE
         return status | abs(value) << 6
 
@@ -297,6 +303,9 @@ class Vsc:
             raise ValueError('stopped; take the cause away and say ack first')
         self._mode = mode
 
+    def _set_zeros(self, kind: str) -> None:
+        self.zeros = one_of(_ZEROS, kind)
+
     def _set_radio(self, value: str) -> None:
         self.radio = switch(value)
 
@@ -328,6 +337,7 @@ class Vsc:
         'fault': ('AXIS|BUTTON ok|error|unavailable', _set_fault),
         'estop': ('remote|vsc on|off', _set_estop),
         'mode': ('remote|operational|menu|pause', _set_mode),
+        'zeros': ('values|all|rest', _set_zeros),
         'radio': ('on|off', _set_radio),
         'battery': ('0..100', _set_battery),
         'charging': ('on|off', _set_charging),
