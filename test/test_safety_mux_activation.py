@@ -143,5 +143,5 @@ def test_script_that_resets_for_ever_resets_nothing_after_an_activation(
     for _ in range(4):
         mux.run(1.0)
         assert 'none counts until there was none' in mux.mux._reset().message
-    mux.run(mux.mux.values['reset_silence'])
+    mux.run(mux.mux.values['reset_silence'] + 0.1)
     assert mux.mux._reset().ok
