@@ -115,6 +115,7 @@ def test_joints_that_have_to_stand_are_not_put_out_of_sight(mux: WatchedMux, fau
     mux.run(STOP_TIME + 0.2 if fault else 0.1)
     assert not mux.change(**{'feedback.topic': ''})
     assert 'let the joints stand, or restart the node' in str(mux.mux._failure)
+    assert ('waiting for standstill' in str(mux.mux._failure)) is not fault
     mux.run(2.0)
     assert mux.all_stop()
     mux.speed = 0.0
@@ -129,6 +130,20 @@ def test_feedback_may_come_and_go_while_the_joints_stand(mux: WatchedMux) -> Non
         mux.run(2.0)
         assert mux.mux._reset().ok
         assert mux.run(0.1) is State.READY
+
+
+def test_trip_outlasts_other_parameters(mux: WatchedMux) -> None:
+    mux.mux._arbiter.trip(clock.now())
+    assert mux.change(hold_time=0.6)
+    mux.run(2.0)
+    assert mux.all_stop()
+    assert mux.mux._reset().ok
+    mux.run(0.1)
+    assert not mux.all_stop()
+
+
+def test_no_motion_is_left_while_the_joints_stand(mux: WatchedMux) -> None:
+    assert mux.mux._arbiter.motion_left(clock.now()) == ''
 
 
 @pytest.mark.parametrize('changes', [{}, {'hold_time': 0.6}], ids=['as it was', 'changed'])
