@@ -85,6 +85,7 @@ _BRIEF = 2.0  # s of it, where none lasts longer
 _PUSH = 1.0  # s for which sticks stay where they are
 _OVERLAP = 0.1  # s that are looked at twice
 _BEFORE = 1.0  # s before a false stop in which pauses count: longer than any time-out
+_COUNTS = 0.25  # s for which a command counts, as the nodes' defaults are
 _HELD = 0.6  # s for which stick and deadman are held in a stop
 _WARM_UP = 120.0  # s, at most a fifth of the run
 _LINE = 60.0  # s between two lines
@@ -250,6 +251,21 @@ def moved(name: str, frames: Iterable[tuple[float, bool]], since: float) -> list
     return [f'{name} moves {times[0] - since:.2f} s after it was stopped'] if times else []
 
 
+def rested(frames: Sequence[tuple[float, bool]], since: float) -> float:
+    """
+    Return when an actuator is seen to rest in a stop: it must not move from then on.
+
+    One that rested already, as its command was stale, shows by no frame when the stop reaches it:
+    what was asked before may move it for as long as it counts.
+
+    :param frames: when, and whether it moves, from before the stop on. :param since: the stop's.
+    """
+    before = [moves for at, moves in frames if at < since]
+    if not (before and before[-1]):
+        since += _COUNTS
+    return next((at for at, moves in frames if not moves and at >= since), since)
+
+
 # What is done.
 
 
@@ -408,15 +424,16 @@ class Soak(Scene):
         except AssertionError as error:
             self.result.lost.append(f'{stop.name}: {shortened(str(error))}')
         # Without the lost remote's sticks the drive is disabled before that is a stop of all.
+        begin = at - _OVERLAP
         stop_at = next((when for when, estop in self._estop.since(at) if estop.data), first)
         found = (
-            ('the drive', first, [(p.time, p.enables) for p in self.stage.drive.packets(at)]),
-            ('the monitor', stop_at, self._frames(at)),
-            ('the servo', stop_at, [(when, us != SHUT_US) for when, us in self._pulses(at)]),
+            ('the drive', first, [(p.time, p.enables) for p in self.stage.drive.packets(begin)]),
+            ('the monitor', stop_at, self._frames(begin)),
+            ('the servo', stop_at, [(when, us != SHUT_US) for when, us in self._pulses(begin)]),
         )
         for name, since, frames in found:
-            rest = next((when for when, moves in frames if not moves and when >= since), since)
-            wrong += [f'{stop.name}: {text}' for text in moved(name, frames, rest)]
+            found_wrong = moved(name, frames, rested(frames, since))
+            wrong += [f'{stop.name}: {text}' for text in found_wrong]
 
 
 def heartbeats_in(chunks: Iterable[Chunk]) -> list[float]:

@@ -38,6 +38,7 @@ from benchmarks.soak import held_by
 from benchmarks.soak import moved
 from benchmarks.soak import Pace
 from benchmarks.soak import PERIODS
+from benchmarks.soak import rested
 from benchmarks.soak import Result
 from test.rig import holds_for
 from test.rig import wait_for
@@ -121,6 +122,26 @@ def test_wrong_decision_fails_on_any_machine() -> None:
     for result in (good(), good(busy=True)):
         result.wrong.append('~/trip: the drive moves')
         assert result.failures() == ['wrong: ~/trip: the drive moves']
+
+
+@pytest.mark.parametrize(
+    ('frames', 'rest'),
+    [
+        ([(0.9, True), (1.1, True), (1.2, False), (1.3, True)], 1.2),
+        (
+            [(0.9, True), (0.95, False), (1.1, False), (1.2, True), (1.24, False), (1.26, False)],
+            1.26,
+        ),
+        ([(1.1, False), (1.3, False)], 1.3),
+        ([(0.9, True), (1.1, True)], 1.0),
+        ([], 1.25),
+    ],
+    ids=['moving', 'at rest before', 'silent before', 'never at rest', 'silent'],
+)
+def test_rest_in_a_stop_is_the_first_frame_that_shows_it(
+    frames: list[tuple[float, bool]], rest: float
+) -> None:
+    assert rested(frames, 1.0) == rest
 
 
 def test_only_what_moves_after_a_stop_is_wrong() -> None:
