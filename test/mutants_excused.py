@@ -465,7 +465,6 @@ EXCUSED: dict[str, dict[str, str]] = {
         'Arbiter.__init__: False -> True': _SET_FIRST,
         'Arbiter.__init__: self._owner_since = 0.0 -> pass': _SET_FIRST,
         'Arbiter.__init__: self._stopping_since = 0.0 -> pass': _SET_FIRST,
-        'Arbiter.__init__: self._resets_go_on = False -> pass': _SET_FIRST,
         'Arbiter.__init__: self._settled = False -> pass': _SET_FIRST,
         'Arbiter.__init__: 0.0 -> 1.0': _SET_FIRST,
         'Arbiter.select_autonomy: self._autonomy.problem(now) or self._autonomy.lapse -> '
@@ -568,7 +567,6 @@ EXCUSED: dict[str, dict[str, str]] = {
         'Session.__init__: -math.inf -> math.inf': (
             'it is set before it is read, or lies ahead: no report and no pause is either'
         ),
-        'Session.__init__: self._sent_at = math.inf -> pass': _SET_FIRST,
         'Session.__init__: 0.0 -> 1.0': 'without its moment the pause is none',
         'Session._reset: False -> True': (
             'what was not heard disarms; the first packet is due anyway, and sets the other'
@@ -576,7 +574,6 @@ EXCUSED: dict[str, dict[str, str]] = {
         'Session._reset: True -> False': 'it is read only once it was heard, which sets it',
         'Session._reset: self._counts = self._zeros -> pass': _SET_FIRST,
         'Session._reset: self._until = -math.inf -> pass': _SET_FIRST,
-        'Session._reset: self._disabled_since = math.inf -> pass': _SET_FIRST,
         'Session._disobedience: late and self.status is not None -> late': _FOR_TYPES,
         'Session._reset: -math.inf -> math.inf': _SET_FIRST,
         'Session.warnings: self.link_up and self.status is not None -> self.link_up': _FOR_TYPES,
