@@ -432,8 +432,8 @@ class Soak(Scene):
             ('the servo', stop_at, [(when, us != SHUT_US) for when, us in self._pulses(begin)]),
         )
         for name, since, frames in found:
-            found_wrong = moved(name, frames, rested(frames, since))
-            wrong += [f'{stop.name}: {text}' for text in found_wrong]
+            rest = rested(frames, since)
+            wrong += [f'{stop.name}: {text}' for text in moved(name, frames, rest)]
 
 
 def heartbeats_in(chunks: Iterable[Chunk]) -> list[float]:

@@ -40,6 +40,7 @@ from bridge_core.watchdog import Watchdog
 # A stop for discarded input lasts this long (s), so that a listener who keeps only the newest
 # message cannot miss it.
 INTERRUPTION_TIME = 0.2
+RETRY = 0.001  # s after a frame that did not go out; see Session.refused
 
 FrameT = TypeVar('FrameT')
 MessageT = TypeVar('MessageT')

@@ -44,10 +44,10 @@ from akron_can_bridge.protocol import Status
 from akron_can_bridge.session.settings import Settings
 from bridge_core.j1939 import CanFrame
 from bridge_core.session import Pacer
+from bridge_core.session import RETRY
 from bridge_core.watchdog import Watchdog
 
 PAUSE_TIME = 0.2  # for which the pause switch is held: twice the longest period of a joystick
-RETRY = 0.001  # s after a frame that the line did not take
 FAREWELL_FRAMES = 3  # of each kind: a lost one must not leave the unit moving for its 200 ms
 _NOTHING = Permission(0)
 _ALL = Permission.LEFT | Permission.RIGHT | Permission.UP | Permission.DOWN

@@ -23,6 +23,7 @@ from typing import Any
 
 from bridge_core.session import Answer
 from bridge_core.session import Level
+from bridge_core.session import RETRY
 from bridge_core.session import Session as BaseSession
 from bridge_core.session import Verdict
 from bridge_core.watchdog import Watchdog
@@ -53,7 +54,6 @@ FAREWELL_PACKETS = 3  # a lost or flipped one must not leave the motor enabled
 CLEAR_ERRORS = 'clear_errors'  # the request's name in its Answer
 _LEAST_GAP = 0.05  # s without a packet of ours that a drive may take for a timeout
 _GAP_MEMORY = 1.0  # s, in which its error bit is put down to that
-_RETRY = 0.001  # s after a packet that did not go out; the drive looks no more often
 
 
 class Phase(Enum):
@@ -171,7 +171,7 @@ class Session(BaseSession[bytes, Status, Event]):
         """Stand by what went out last, and try again soon, with what is asked for then."""
         del frame
         self._ramp.state, self._sent_at, self._clear_sent, self._disabled_since = self._before
-        self._next_send = min(self._next_send, now + _RETRY)
+        self._next_send = min(self._next_send, now + RETRY)
 
     def _begin(self, now: float) -> None:
         self._next_send = now

@@ -22,6 +22,7 @@ from typing import Any
 from bridge_core.session import HeldButtons
 from bridge_core.session import Level
 from bridge_core.session import Pacer
+from bridge_core.session import RETRY
 from bridge_core.session import Session as BaseSession
 from bridge_core.session import StickStream
 from bridge_core.session import Verdict
@@ -65,7 +66,6 @@ _LATELY = 3.0  # seconds for which what came once is named, and a line counts as
 _LONGEST_INTERVAL = 65.535  # seconds between two remote status messages (7.3.5)
 _STATUS_INTERVALS = 3  # that may pass without one
 _SHORTEST_STATUS_TIME = 5.0  # seconds
-_RETRY = 0.001  # seconds after a heartbeat of ours that the line did not take
 
 
 class Session(BaseSession[Frame, Received, Event]):
@@ -179,7 +179,7 @@ class Session(BaseSession[Frame, Received, Event]):
         """Try our heartbeat again soon, with what is asked for then: it may be a stop."""
         if frame is self._said:
             self._judgement.unasked()
-            self._pacer.start(now + _RETRY)
+            self._pacer.start(now + RETRY)
 
     def _begin(self, now: float) -> None:
         self._leaving = self._joystick_alone = False

@@ -29,6 +29,7 @@ import math
 from typing import Any
 
 from bridge_core.session import Pacer
+from bridge_core.session import RETRY
 from bridge_core.watchdog import Watchdog
 from ssc_bridge.channels import Failsafe
 from ssc_bridge.channels import Servo
@@ -38,7 +39,6 @@ from ssc_bridge.session.settings import Settings
 
 # Of an output: what goes out, where its servo was last, and whether it was commanded; see Channel.
 OutputState = tuple[float, float, bool]
-_RETRY = 0.001  # s after a message that the line did not take
 RELEASE_FRAMES = 3  # at least; one may be lost
 # s; a port takes nothing for half as long before it is given up, and what it refuses is gone.
 RELEASE_TIME = 1.0
@@ -253,7 +253,7 @@ class Outputs:
             self._stepped, self._urgent, self._releases, self.sent, states = self._before
             for channel, state in zip(self._channels, states, strict=True):
                 channel.state = state
-            self._pacer.start(now + _RETRY)
+            self._pacer.start(now + RETRY)
 
     def expires_at(self) -> float:
         """Return when the next command becomes stale."""
