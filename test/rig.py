@@ -337,7 +337,6 @@ class Observer:
     def __init__(self, name: str = 'observer') -> None:
         import rclpy
         from rclpy.context import Context
-        from rclpy.executors import SingleThreadedExecutor
 
         from test.observer_node import ObserverNode
 
@@ -345,13 +344,11 @@ class Observer:
         self.context = Context()
         rclpy.init(context=self.context)
         self.node = ObserverNode(name, context=self.context)
-        self.executor = SingleThreadedExecutor(context=self.context)
-        self.executor.add_node(self.node)
         self._clients: dict[str, Any] = {}
 
     def spin(self, duration: float = 0.0) -> None:
         """Process what has arrived; wait at most ``duration`` s for it."""
-        self.executor.spin_once(timeout_sec=duration)
+        self.node.take(duration)
 
     def wait_for(
         self,
@@ -450,7 +447,6 @@ class Observer:
 
     def close(self) -> None:
         """Leave the graph."""
-        self.executor.shutdown()
         self.node.destroy_node()
         self.context.try_shutdown()
 

@@ -98,7 +98,7 @@ def test_any_bytes_are_an_input(data: str, reads: tuple[tuple[float, str], ...])
 def test_libfuzzer_reaches_more_and_finds_what_is_planted(monkeypatch: pytest.MonkeyPatch) -> None:
     target = TARGETS['vsc session']
     small = Fuzzer(target)
-    for reads in (*small.pool, *guided.look(target, target.kit.seeds, 2000)):
+    for reads in (*small.pool, *guided.look(target, target.kit.seeds, 300)):
         small.check(reads)
     seeds = Fuzzer(target)
     for reads in seeds.pool:
@@ -106,7 +106,7 @@ def test_libfuzzer_reaches_more_and_finds_what_is_planted(monkeypatch: pytest.Mo
     assert small.pairs > seeds.pairs
     accept_wrong_checks(monkeypatch)
     with pytest.raises(Finding, match='frames found'):
-        guided.look(TARGETS['vsc parser'], TARGETS['vsc parser'].kit.seeds, 2000)
+        guided.look(TARGETS['vsc parser'], TARGETS['vsc parser'].kit.seeds, 300)
 
 
 def test_same_number_gives_the_same_inputs() -> None:

@@ -154,6 +154,7 @@ def test_estop_pressed_mid_motion_disables_and_release_alone_moves_nothing(
 
 
 def test_stick_out_of_neutral_refuses_reset(spine: Spine) -> None:
+    spine.wait(spine.may_reset, 'nothing missing but a reset')
     since = spine.vsc.apply(f'stick {STICK} 0.3')
     spine.wait(lambda: 'not at neutral' in spine.status.last.message, 'not at neutral')
     reply = spine.reset()
@@ -164,6 +165,7 @@ def test_stick_out_of_neutral_refuses_reset(spine: Spine) -> None:
 
 
 def test_deadman_held_through_reset_refuses_it_and_moves_nothing(spine: Spine) -> None:
+    spine.wait(spine.may_reset, 'nothing missing but a reset')
     since = spine.vsc.apply(f'button {DEADMAN} 1')
     spine.wait(lambda: 'not at neutral' in spine.status.last.message, 'not at neutral')
     assert not spine.reset().success
