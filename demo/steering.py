@@ -277,6 +277,8 @@ class Steering:
             try:
                 return '; '.join([act(), *reports])
             except AssertionError as error:
+                # The state comes before the status that gives its reason.
+                self.wait(partial(self.stage.status_since, time.monotonic()))
                 again = isinstance(error, Late) if undo else self._is_timed_out()
                 if not again or len(reports) == self.tries - 1:
                     raise

@@ -91,10 +91,11 @@ class ObserverNode(Quiet, Node):
         return beat
 
     def destroy_timer(self, timer: Beat) -> bool:
-        """Have it called no more."""
+        """Have it called no more; tell whether it would have been."""
         timer.cancel()
-        self._beats.remove(timer)
-        return True
+        known = timer in self._beats
+        self._beats = [beat for beat in self._beats if beat is not timer]
+        return known
 
     def take(self, duration: float) -> None:
         """Process one message, response or timer; wait at most ``duration`` s for it."""
