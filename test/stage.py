@@ -217,6 +217,8 @@ class Stage:
             for name in (RESET, TRIP, END_TRIP, CLEAR_ERRORS)
         }
         self._reset_counts_at = 0.0
+        self._read: Any = None  # the status that the values are of
+        self._values: dict[str, str] = {}
 
     def add(self, port: _PortT) -> _PortT:
         """Close this port with the stage."""
@@ -238,7 +240,9 @@ class Stage:
     def values(self) -> dict[str, str]:
         """The fields of the mux's newest status; empty before the first."""
         status = self.status.last
-        return {} if status is None else {value.key: value.value for value in status.values}
+        if status is not self._read:
+            self._read, self._values = status, {each.key: each.value for each in status.values}
+        return self._values
 
     @property
     def message(self) -> str:
@@ -330,11 +334,15 @@ class Stage:
 
     def holds_still(self, since: float, duration: float = 0.6) -> int:
         """Watch for ``duration`` s that no packet after ``since`` enables; return their number."""
-        self.observer.holds_for(
-            lambda: not any(packet.enables for packet in self.drive.packets(since)),
-            duration,
-            'disable packets only',
-        )
+        seen = since
+
+        def still() -> bool:
+            nonlocal seen
+            packets = self.drive.packets(seen)
+            seen = packets[-1].time if packets else seen
+            return not any(packet.enables for packet in packets)
+
+        self.observer.holds_for(still, duration, 'disable packets only')
         packets = self.wait(lambda: self.drive.packets(since), 'packets, which never end')
         assert not any(packet.enables for packet in packets), self.message
         return len(packets)

@@ -46,7 +46,6 @@ from bridge_core.session import Verdict
 from bridge_core.transports import TransportError
 from test.endings import each_ending
 from test.rig import as_yaml
-from test.rig import ENDING
 from test.rig import latched
 from test.rig import NodeProcess
 from test.rig import Observer
@@ -431,7 +430,7 @@ def test_signal_says_farewell_and_stop_and_exits_0(
         assert estop.data[-1] is True
 
 
-@pytest.mark.parametrize('number', ENDING)
+@each_ending
 @pytest.mark.parametrize('trouble', ['blocking port', 'silent server', 'absent', 'full'])
 def test_signal_ends_it_with_0_whatever_the_port_does(
     pty: Pty, tmp_path: Path, number: int, trouble: str, link: str

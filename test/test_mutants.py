@@ -121,6 +121,7 @@ with open(sys.argv[1], 'w') as said:
 """
 
 
+@pytest.mark.proof
 def test_bench_tells_of_faults_in_functions_alone(tmp_path: Path) -> None:
     in_python(_JUDGED, str(tmp_path / 'said'))
     said = {line.strip() for line in (tmp_path / 'said').open()}

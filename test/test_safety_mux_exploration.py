@@ -876,7 +876,7 @@ SCENES = {
 }
 
 
-_NEAR = 1000  # states
+_NEAR = 400  # states
 
 
 @pytest.mark.parametrize('name', SCENES)
