@@ -26,6 +26,7 @@ import binascii
 from collections.abc import Callable
 from collections.abc import Iterable
 from collections.abc import Iterator
+from collections.abc import Mapping
 import contextlib
 import itertools
 from pathlib import Path
@@ -203,6 +204,9 @@ class Stage:
     :param nodes: those whose e-stops are recorded.
     """
 
+    _read: Any = None  # the status that the values are of
+    _values: Mapping[str, str] = {}
+
     def __init__(self, folder: Path, observer: Observer, nodes: Iterable[str]) -> None:
         self.observer = observer
         self._exits = contextlib.ExitStack()
@@ -217,8 +221,6 @@ class Stage:
             for name in (RESET, TRIP, END_TRIP, CLEAR_ERRORS)
         }
         self._reset_counts_at = 0.0
-        self._read: Any = None  # the status that the values are of
-        self._values: dict[str, str] = {}
 
     def add(self, port: _PortT) -> _PortT:
         """Close this port with the stage."""
@@ -237,7 +239,7 @@ class Stage:
     # What is seen.
 
     @property
-    def values(self) -> dict[str, str]:
+    def values(self) -> Mapping[str, str]:
         """The fields of the mux's newest status; empty before the first."""
         status = self.status.last
         if status is not self._read:
