@@ -21,6 +21,7 @@ from typing import Any
 
 from ssc_bridge.channels import Failsafe
 from ssc_bridge.channels import Servo
+from ssc_bridge.session import OutputsSent
 from ssc_bridge.session import Session
 from ssc_bridge.session import Settings
 
@@ -170,3 +171,15 @@ class Rig:
 
     def polls(self, kind: int, since: float = 0.0) -> int:
         return len(self.payloads(kind, since))
+
+
+def servos(**positions: float) -> Callable[[Session, float], None]:
+    return lambda session, now: session.set_servos(positions, now)
+
+
+def follow(before: Rig, **changes: Any) -> Rig:
+    """Return a rig with the session of a wire that takes over, on a device that says nothing."""
+    rig = Rig(**changes)
+    rig.session.follow_on(before.of(OutputsSent)[-1].states)
+    rig.mute = set(range(10, 16))
+    return rig.open()

@@ -36,11 +36,13 @@ from ssc_bridge.session import Session
 from ssc_bridge.session import Settings
 from ssc_bridge.session.outputs import RELEASE_TIME
 from test.ssc_rig import build_frame
+from test.ssc_rig import follow
 from test.ssc_rig import GRIP
 from test.ssc_rig import INPUTS
 from test.ssc_rig import OUTPUTS
 from test.ssc_rig import PAN
 from test.ssc_rig import Rig
+from test.ssc_rig import servos
 from test.ssc_rig import TILT
 from test.ssc_rig import words
 
@@ -49,10 +51,6 @@ RELEASES = 50  # for a second, at the rate as delivered
 
 def servo_rig(**changes: Any) -> Rig:
     return Rig(servos=(PAN, TILT, GRIP), **changes).start()
-
-
-def servos(**positions: float) -> Callable[[Session, float], None]:
-    return lambda session, now: session.set_servos(positions, now)
 
 
 def pulses(*us: int) -> Callable[[Session, float], None]:
@@ -642,14 +640,6 @@ def test_farewell_is_said_to_a_port_that_is_so_new_that_its_device_told_nothing(
     frames = rig.session.farewell(rig.now)
     assert last_words(frames) == [FAILSAFES] * RELEASE_FRAMES
     assert {len(frame) for frame in frames} == {6 + 2 * OUTPUTS}
-
-
-def follow(before: Rig, **changes: Any) -> Rig:
-    """Return a rig with the session of a wire that takes over, on a device that says nothing."""
-    rig = Rig(**changes)
-    rig.session.follow_on(before.of(OutputsSent)[-1].states)
-    rig.mute = set(range(10, 16))
-    return rig.open()
 
 
 def test_farewell_of_a_wire_that_takes_over_needs_no_word_of_the_device() -> None:

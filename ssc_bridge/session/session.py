@@ -231,6 +231,7 @@ class Session(BaseSession[bytes, Message | Poll, Event]):
     def refused(self, frame: bytes, now: float) -> None:
         """Have the outputs go on from where they are."""
         self.outputs.refused(frame, now)
+        self._tell_sent()
 
     def _begin(self, now: float) -> None:
         self._poller.start(now)
@@ -244,6 +245,8 @@ class Session(BaseSession[bytes, Message | Poll, Event]):
         else:
             self.configuration = None
             self.outputs.end()
+        self._told = ()  # it may be just that which was lost; nor was the farewell told
+        self._tell_sent()
 
     def _forget_device(self, reason: str) -> None:
         """Forget what only a device that answers vouches for, but not what is to be undone."""
@@ -543,7 +546,10 @@ class Session(BaseSession[bytes, Message | Poll, Event]):
         if self.configuration is None:
             return []
         pulses = self.outputs.frames(now, self._count())
+        self._tell_sent()
+        return pulses + self._aux_outputs.take(now, at_once=False)
+
+    def _tell_sent(self) -> None:
         if self.outputs.sent != self._told:
             self._told = self.outputs.sent
             self._emit(OutputsSent(self._told))
-        return pulses + self._aux_outputs.take(now, at_once=False)
