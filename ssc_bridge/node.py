@@ -123,6 +123,21 @@ class SscBridge(BridgeNode[Event]):
         aux = self._aux_functions, frozenset(self._aux_set)
         return {OUTPUTS_SENT: self._outputs_sent, AUX_SET: aux}
 
+    def on_events(self, events: Sequence[Any], now: float) -> None:
+        """Note at once what a wire that takes over has to know: it may do so behind a stop."""
+        for event in events:
+            if isinstance(event, OutputsSent):
+                self._outputs_sent = event.states
+            elif isinstance(event, ConfigurationRead):
+                self._note_functions(event.configuration.aux)
+        super().on_events(events, now)
+
+    def _note_functions(self, functions: tuple[AuxFunction, ...]) -> None:
+        if functions != self._aux_functions:
+            if self._aux_functions:  # else it was set of these, while they were on their way here
+                self._aux_set.clear()
+            self._aux_functions = functions
+
     def on_event(self, event: Event) -> None:
         """Publish one event of the session."""
         if isinstance(event, Sticks):
@@ -137,21 +152,15 @@ class SscBridge(BridgeNode[Event]):
             self._aux_inputs.publish(convert.aux_inputs(event.channels, *self._part('aux')))
         elif isinstance(event, SourcesChanged):
             self._publish_sources(event.sources)
-        elif isinstance(event, OutputsSent):
-            self._outputs_sent = event.states
         elif isinstance(event, FailsafeBegun):
             text = f'failsafe of {", ".join(event.names)}: {"; ".join(event.reasons)}'
             self.log(Level.WARN, text, site='failsafe')
         elif isinstance(event, ConfigurationRead):
             self._log_configuration(event)
-            self._claim(event.configuration.aux)
+            self._claim()
 
-    def _claim(self, functions: tuple[AuxFunction, ...]) -> None:
+    def _claim(self) -> None:
         """Have a session that may be new undo what was commanded before it."""
-        if functions != self._aux_functions:
-            if self._aux_functions:  # else it was set of these, while they were on their way here
-                self._aux_set.clear()
-            self._aux_functions = functions
         if self._commanded:
             self.request(Session.claim_outputs, stop=True)
         if self._aux_set:

@@ -33,11 +33,6 @@ import yaml
 from bridge_core.runner import run
 from rugged_teleop.ptys import PtyDevice
 from ssc_bridge.node import SscBridge
-from ssc_bridge.protocol import Configuration
-from ssc_bridge.session import ConfigurationRead
-from ssc_bridge.session import OutputsSent
-from ssc_bridge.session import RELEASE_FRAMES
-from ssc_bridge.wire import make_session
 from test.rig import as_yaml
 from test.rig import latched
 from test.rig import NodeProcess
@@ -45,7 +40,6 @@ from test.rig import Observer
 from test.rig import Pty
 from test.rig import ROOT
 from test.rig import wait_for
-from test.ssc_bench import AUX
 from test.ssc_bench import Bench
 from test.ssc_bench import bench_of
 from test.ssc_bench import DEVICE
@@ -55,7 +49,6 @@ from test.ssc_bench import new_simulator
 from test.ssc_bench import position
 from test.ssc_bench import SERVOS
 from test.ssc_rig import build_frame
-from test.ssc_rig import configuration
 from test.ssc_rig import status
 from test.talkers import Diagnostics
 from test.talkers import Talker
@@ -280,50 +273,6 @@ def test_auxiliary_outputs_are_set_in_si_units_and_triggered(bench: Bench) -> No
     out.publish(KeyValue(key='4.level', value='high'))
     bench.wait(lambda: 'stopped' in bench.value('last refusal', LINK), 'the refusal')
     assert bench.seen()['aux'][5]['shots'] - shots == 2
-
-
-def test_outputs_that_were_set_before_the_first_configuration_was_told_are_undone(
-    context: Any, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """A session takes requests from its configuration on, of which the node hears later."""
-    asked: list[tuple[Any, ...]] = []
-
-    def request(name: str, *arguments: Any, **_: Any) -> int:
-        asked.append((name, *arguments))
-        return 1
-
-    node = SscBridge(context=context, cli_args=['--ros-args', '-p', 'autostart:=false'])
-    try:
-        monkeypatch.setattr(node, 'active', True)
-        monkeypatch.setattr(node.link, 'request', request)
-        node._on_aux_outputs(KeyValue(key='4.level', value='high'))
-        for aux in (AUX, AUX, AUX[::-1]):  # of the wire, of the next one, of another device
-            asked.clear()
-            parsed = Configuration.from_bytes(configuration(aux=aux))
-            node.on_event(ConfigurationRead(parsed))
-            assert asked == ([('claim_aux', {4})] if aux == AUX else [])
-    finally:
-        monkeypatch.undo()
-        node.destroy_node()
-
-
-def test_what_was_sent_is_carried_over_to_the_same_port_only(context: Any) -> None:
-    node = SscBridge(context=context, cli_args=['--ros-args', '-p', 'autostart:=false'])
-    try:
-        node.take_parameters(node.values)
-        sent = ((1700.0, 1700.0, True),)
-        node.on_event(OutputsSent(sent))
-        node.on_event(ConfigurationRead(Configuration.from_bytes(configuration(aux=AUX))))
-        node._aux_set.add(4)
-        for port, count in ((node.values['port'], 1), ('/dev/other', 0)):
-            values = {**node.values, 'port': port}
-            node.take_parameters(values)
-            session = make_session({**values, **node.carried_over()})
-            session.opened(0.0)
-            frames = session.farewell(0.0)
-            assert [frame[2] for frame in frames] == [20, 21] * count * RELEASE_FRAMES
-    finally:
-        node.destroy_node()
 
 
 # -- the lockout ----------------------------------------------------------------------------------

@@ -1,0 +1,94 @@
+# Copyright 2026 The rugged_teleop maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""What the SSC node has a new session know of those before: what is in force until undone."""
+
+from collections.abc import Iterator
+from typing import Any
+
+from diagnostic_msgs.msg import KeyValue
+import pytest
+from rclpy.parameter import Parameter as RosParameter
+
+from bridge_core.session import StopChanged
+from bridge_core.session import Verdict
+from ssc_bridge.node import SscBridge
+from ssc_bridge.protocol import Configuration
+from ssc_bridge.session import ConfigurationRead
+from ssc_bridge.session import OutputsSent
+from ssc_bridge.session import RELEASE_FRAMES
+from ssc_bridge.wire import AUX_SET
+from ssc_bridge.wire import make_session
+from ssc_bridge.wire import OUTPUTS_SENT
+from test.ssc_bench import AUX
+from test.ssc_rig import configuration
+
+SENT = ((1700.0, 1700.0, True),)
+
+
+@pytest.fixture
+def node(context: Any) -> Iterator[SscBridge]:
+    """Give a node that counts as active; its link's part is the test's."""
+    node = SscBridge(context=context, parameter_overrides=[RosParameter('autostart', value=False)])
+    node.link.stop()
+    node.take_parameters(node.values)
+    node.active = True
+    yield node
+    node.destroy_node()
+
+
+@pytest.fixture
+def asked(node: SscBridge, monkeypatch: pytest.MonkeyPatch) -> list[tuple[Any, ...]]:
+    """Give what is asked of the session."""
+    asked: list[tuple[Any, ...]] = []
+
+    def request(name: str, *arguments: Any, **_: Any) -> int:
+        asked.append((name, *arguments))
+        return 1
+
+    monkeypatch.setattr(node.link, 'request', request)
+    return asked
+
+
+def read(aux: Any = AUX) -> ConfigurationRead:
+    return ConfigurationRead(Configuration.from_bytes(configuration(aux=aux)))
+
+
+def test_outputs_that_were_set_before_the_first_configuration_was_told_are_undone(
+    node: SscBridge, asked: list[tuple[Any, ...]]
+) -> None:
+    """A session takes requests from its configuration on, of which the node hears later."""
+    node._on_aux_outputs(KeyValue(key='4.level', value='high'))
+    for aux in (AUX, AUX, AUX[::-1]):  # of the wire, of the next one, of another device
+        asked.clear()
+        node.on_events([read(aux)], 0.0)
+        assert asked == ([('claim_aux', {4})] if aux == AUX else [])
+
+
+def test_what_was_sent_is_carried_over_to_the_same_port_only(node: SscBridge) -> None:
+    node.on_events([OutputsSent(SENT), read()], 0.0)
+    node._aux_set.add(4)
+    for port, count in ((node.values['port'], 1), ('/dev/other', 0)):
+        values = {**node.values, 'port': port}
+        node.take_parameters(values)
+        session = make_session({**values, **node.carried_over()})
+        session.opened(0.0)
+        frames = session.farewell(0.0)
+        assert [frame[2] for frame in frames] == [20, 21] * count * RELEASE_FRAMES
+
+
+def test_what_was_sent_behind_a_stop_is_carried_over_at_once(node: SscBridge) -> None:
+    node.on_events([StopChanged(Verdict.stop('silent')), OutputsSent(SENT), read()], 0.0)
+    functions = read().configuration.aux
+    assert node.carried_over() == {OUTPUTS_SENT: SENT, AUX_SET: (functions, frozenset())}
