@@ -250,13 +250,14 @@ class BridgeNode(ManagedNode, Generic[EventT]):
         except (ValueError, ImportError) as error:
             raise ParameterError(f'parameter {error}') from error
 
-    def carried_over(self) -> dict[str, Any]:
+    def carried_over(self, values: Mapping[str, Any]) -> dict[str, Any]:
         """
-        Return what a new session has to know of those before, beside the parameters.
+        Return what a session with these parameters has to know of those before it.
 
         A request would come too late for it: the first frame goes before any is served. It is
         asked for again where a wire takes over.
         """
+        del values
         return {}
 
     def on_event(self, event: EventT) -> None:
@@ -508,7 +509,7 @@ class BridgeNode(ManagedNode, Generic[EventT]):
             self.take_parameters(self.values)
             self.active = True
             try:
-                self.link.activate({**self.values, **self.carried_over()})
+                self.link.activate({**self.values, **self.carried_over(self.values)})
             except TransportError:
                 self.leave()  # or a wire that is there at last would open the port
                 raise

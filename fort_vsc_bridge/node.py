@@ -15,6 +15,7 @@
 """The FORT VSC bridge: a wireless e-stop and remote as ROS topics."""
 
 from collections.abc import Callable
+from collections.abc import Mapping
 import reprlib
 from typing import Any
 from typing import ClassVar
@@ -83,8 +84,9 @@ class FortVscBridge(BridgeNode[Event]):
         self.create_subscription(String, '~/display_text', self._on_display_text, 10)
         self.create_subscription(UInt8, '~/get_user_value', self._on_get_user_value, 10)
 
-    def carried_over(self) -> dict[str, Any]:
+    def carried_over(self, values: Mapping[str, Any]) -> dict[str, Any]:
         """What asked for stops has to be heard again, or its silence is one."""
+        del values
         return {STOP_HEARD: self._stop_heard}
 
     @property

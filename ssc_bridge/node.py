@@ -14,8 +14,11 @@
 
 """The SSC bridge: an RC receiver as operator, and servos as actuators."""
 
+from collections import defaultdict
 from collections.abc import Mapping
 from collections.abc import Sequence
+from dataclasses import dataclass
+from dataclasses import field
 from typing import Any
 from typing import ClassVar
 
@@ -62,6 +65,29 @@ from ssc_bridge.wire import OUTPUTS_SENT
 _AUX_NUMBERS = frozenset(range(1, AUX_CHANNELS + 1))
 
 
+@dataclass
+class _Sent:
+    """
+    What was sent to one port: it is in force until a session undoes it.
+
+    :param outputs: as the newest session has sent them.
+    :param commanded: outputs without a name were; no session after that one knows.
+    :param aux: what the auxiliary channels are.
+    :param aux_set: which were set, while they are that.
+    """
+
+    outputs: tuple[OutputState, ...] = ()
+    commanded: bool = False
+    aux: tuple[AuxFunction, ...] = ()
+    aux_set: set[int] = field(default_factory=set)
+
+    def note(self, aux: tuple[AuxFunction, ...]) -> None:
+        """Note what the auxiliary channels are: others than before are of another device."""
+        if self.aux not in ((), aux):  # none: it was set of these, while they were on their way
+            self.aux_set.clear()
+        self.aux = aux
+
+
 class SscBridge(BridgeNode[Event]):
     """One SSC; see docs/devices/ssc.md."""
 
@@ -72,13 +98,8 @@ class SscBridge(BridgeNode[Event]):
 
     def __init__(self, **options: Any) -> None:
         self._streaming = False  # sticks that ask for something were published last
-        # What no session after this knows of: that outputs without a name were commanded, and what
-        # was set of the auxiliary channels, while they are what they were then.
-        self._commanded = False
-        self._outputs_sent: tuple[OutputState, ...] = ()  # what the newest session has sent them
-        self._port = ''  # where that is
-        self._aux_set: set[int] = set()
-        self._aux_functions: tuple[AuxFunction, ...] = ()
+        self._ports: defaultdict[str, _Sent] = defaultdict(_Sent)
+        self._sent = _Sent()  # to the port of now
         super().__init__('ssc_bridge', **options)
 
     def parameter_table(self, given: dict[str, Any]) -> tuple[Parameter, ...]:
@@ -115,28 +136,21 @@ class SscBridge(BridgeNode[Event]):
     def take_parameters(self, values: Mapping[str, Any]) -> None:
         """Keep the configured channels."""
         self._settings = Settings.from_parameters(values)
-        if values['port'] != self._port:  # whatever is there, it was not sent that
-            self._port, self._outputs_sent, self._aux_functions = values['port'], (), ()
+        self._sent = self._ports[values['port']]  # whatever is there, it was sent nothing else
 
-    def carried_over(self) -> dict[str, Any]:
-        """What was sent to outputs is in force until a session undoes it, or the next one."""
-        aux = self._aux_functions, frozenset(self._aux_set)
-        return {OUTPUTS_SENT: self._outputs_sent, AUX_SET: aux}
+    def carried_over(self, values: Mapping[str, Any]) -> dict[str, Any]:
+        """What was sent is in force until a session undoes it, or the next one on its port."""
+        sent = self._ports[values['port']]
+        return {OUTPUTS_SENT: sent.outputs, AUX_SET: (sent.aux, frozenset(sent.aux_set))}
 
     def on_events(self, events: Sequence[Any], now: float) -> None:
         """Note at once what a wire that takes over has to know: it may do so behind a stop."""
         for event in events:
             if isinstance(event, OutputsSent):
-                self._outputs_sent = event.states
+                self._ports[event.port].outputs = event.states
             elif isinstance(event, ConfigurationRead):
-                self._note_functions(event.configuration.aux)
+                self._sent.note(event.configuration.aux)
         super().on_events(events, now)
-
-    def _note_functions(self, functions: tuple[AuxFunction, ...]) -> None:
-        if functions != self._aux_functions:
-            if self._aux_functions:  # else it was set of these, while they were on their way here
-                self._aux_set.clear()
-            self._aux_functions = functions
 
     def on_event(self, event: Event) -> None:
         """Publish one event of the session."""
@@ -161,10 +175,10 @@ class SscBridge(BridgeNode[Event]):
 
     def _claim(self) -> None:
         """Have a session that may be new undo what was commanded before it."""
-        if self._commanded:
+        if self._sent.commanded:
             self.request(Session.claim_outputs, stop=True)
-        if self._aux_set:
-            self.request(Session.claim_aux, self._aux_set, stop=True)
+        if self._sent.aux_set:
+            self.request(Session.claim_aux, self._sent.aux_set, stop=True)
 
     def _publish_sticks(self, sticks: Sticks) -> None:
         axes = self._settings.axes
@@ -195,7 +209,7 @@ class SscBridge(BridgeNode[Event]):
         except ValueError as error:
             self._refuse_command('pulse_command', str(error))
         else:
-            self._commanded |= self.active
+            self._sent.commanded |= self.active
             self.request(Session.set_pulses, us, key='pulse_command')
 
     def _on_servo_command(self, message: Any) -> None:
@@ -230,7 +244,7 @@ class SscBridge(BridgeNode[Event]):
             self.refuse(f'aux_outputs: {error}')
         else:
             if self.active:
-                self._aux_set |= {request.number for request in requests} & _AUX_NUMBERS
+                self._sent.aux_set |= {request.number for request in requests} & _AUX_NUMBERS
             self.request(Session.set_aux, requests, key='aux_outputs', each=True)
 
 

@@ -16,6 +16,7 @@
 
 from collections import Counter
 from collections.abc import Callable
+from collections.abc import Mapping
 from collections.abc import Sequence
 import math
 import socket
@@ -227,8 +228,8 @@ class FakeOwner:
     def on_refused(self, number: int, key: str, text: str) -> None:
         self.refused.append((number, key, text))
 
-    def carried_over(self) -> dict[str, Any]:
-        return self.carried
+    def carried_over(self, values: Mapping[str, Any]) -> dict[str, Any]:
+        return {**self.carried, 'to': values.get('number')}
 
     def on_lost(self) -> None:
         self.log.append('lost')

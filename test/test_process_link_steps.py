@@ -115,7 +115,7 @@ class LinkBench:
     def command(self, number: int, name: str, told: list[int]) -> None:
         """Give the wire a command, whose number is in ``told`` once its end is."""
         self.link._waiting[number] = lambda error: told.append(number)
-        arguments: tuple[Any, ...] = ({}, False) if name == 'activate' else ()
+        arguments: tuple[Any, ...] = ({'number': number}, False) if name == 'activate' else ()
         self.link._put(Request(number, name, name, arguments, self.now, stop=True), True)
 
     def take_over(self) -> list[str]:
@@ -302,7 +302,9 @@ def test_end_of_a_command_is_none_of_those_behind_it_whatever_their_numbers(
     assert bench.take_over() == ['2 activate', '1 deactivate']
 
 
-def test_wire_that_takes_over_is_told_what_is_carried_over_by_then(bench: LinkBench) -> None:
+def test_wire_that_takes_over_is_told_what_is_carried_over_to_each_activation_by_then(
+    bench: LinkBench,
+) -> None:
     told: list[int] = []
     bench.owner.carried = {'sent': 1}
     bench.command(1, 'activate', told)
@@ -313,4 +315,5 @@ def test_wire_that_takes_over_is_told_what_is_carried_over_by_then(bench: LinkBe
     bench.owner.carried = {'sent': 2}
     assert bench.take_over() == ['1 activate', '2 deactivate', '3 activate']
     arguments = [request.arguments for request in bench.told]
-    assert arguments == [({'sent': 2}, False), (), ({'sent': 2}, False)]
+    first, last = ({'number': number, 'sent': 2, 'to': number} for number in (1, 3))
+    assert arguments == [(first, False), (), (last, False)]

@@ -34,6 +34,7 @@ from ssc_bridge.wire import OUTPUTS_SENT
 from test.ssc_bench import AUX
 from test.ssc_rig import configuration
 
+PORT, OTHER = '/dev/ssc', '/dev/other'
 SENT = ((1700.0, 1700.0, True),)
 
 
@@ -77,18 +78,40 @@ def test_outputs_that_were_set_before_the_first_configuration_was_told_are_undon
 
 
 def test_what_was_sent_is_carried_over_to_the_same_port_only(node: SscBridge) -> None:
-    node.on_events([OutputsSent(SENT), read()], 0.0)
-    node._aux_set.add(4)
-    for port, count in ((node.values['port'], 1), ('/dev/other', 0)):
-        values = {**node.values, 'port': port}
-        node.take_parameters(values)
-        session = make_session({**values, **node.carried_over()})
-        session.opened(0.0)
-        frames = session.farewell(0.0)
-        assert [frame[2] for frame in frames] == [20, 21] * count * RELEASE_FRAMES
+    node.on_events([OutputsSent(PORT, SENT), read()], 0.0)
+    node._on_aux_outputs(KeyValue(key='4.level', value='high'))
+    for port in (PORT, OTHER, PORT):
+        node.take_parameters({**node.values, 'port': port})
+        for told, count in ((PORT, 1), (OTHER, 0)):  # one may be asked for, and one in force yet
+            values = {**node.values, 'port': told}
+            session = make_session({**values, **node.carried_over(values)})
+            session.opened(0.0)
+            frames = session.farewell(0.0)
+            assert [frame[2] for frame in frames] == [20, 21] * count * RELEASE_FRAMES
+
+
+def test_last_words_of_another_port_are_not_taken_for_those_of_this_one(node: SscBridge) -> None:
+    values = {**node.values, 'port': OTHER}
+    node.take_parameters(values)
+    node.on_events([OutputsSent(PORT, SENT)], 0.0)  # of the farewell there, which was late
+    assert node.carried_over(values)[OUTPUTS_SENT] == ()
+    assert node.carried_over(node.values)[OUTPUTS_SENT] == SENT
+
+
+def test_what_was_sent_to_another_port_is_not_undone_on_this_one(
+    node: SscBridge, asked: list[tuple[Any, ...]]
+) -> None:
+    node.on_events([read()], 0.0)
+    node._on_aux_outputs(KeyValue(key='4.level', value='high'))
+    node._sent.commanded = True
+    for port, undone in ((OTHER, []), (PORT, [('claim_outputs',), ('claim_aux', {4})])):
+        node.take_parameters({**node.values, 'port': port})
+        asked.clear()
+        node.on_events([read()], 0.0)
+        assert asked == undone
 
 
 def test_what_was_sent_behind_a_stop_is_carried_over_at_once(node: SscBridge) -> None:
-    node.on_events([StopChanged(Verdict.stop('silent')), OutputsSent(SENT), read()], 0.0)
-    functions = read().configuration.aux
-    assert node.carried_over() == {OUTPUTS_SENT: SENT, AUX_SET: (functions, frozenset())}
+    node.on_events([StopChanged(Verdict.stop('silent')), OutputsSent(PORT, SENT), read()], 0.0)
+    aux = read().configuration.aux, frozenset[int]()
+    assert node.carried_over(node.values) == {OUTPUTS_SENT: SENT, AUX_SET: aux}

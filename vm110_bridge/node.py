@@ -85,8 +85,9 @@ class Vm110Bridge(BridgeNode[Event]):
         """Keep which axes are inverted."""
         self._axis_inverted = axis_signs(values)
 
-    def carried_over(self) -> dict[str, Any]:
+    def carried_over(self, values: Mapping[str, Any]) -> dict[str, Any]:
         """What withholds VRPO does so from the first on, or its silence does."""
+        del values
         return {HOLD_HEARD: self._hold_heard}
 
     @property

@@ -23,6 +23,7 @@ which must be left safe by a node that dies or hangs. To the node both look alik
 from __future__ import annotations
 
 from collections.abc import Callable
+from collections.abc import Mapping
 import contextlib
 import itertools
 import os
@@ -47,8 +48,8 @@ ANSWER_TIME = 0.4  # s; a process has to be gone within a second of its signal
 class LinkOwner(Owner, Protocol):
     """Who takes what a link has to tell."""
 
-    def carried_over(self) -> dict[str, Any]:
-        """Return what a new session has to know of those before, beside the parameters."""
+    def carried_over(self, values: Mapping[str, Any]) -> dict[str, Any]:
+        """Return what a session with these parameters has to know of those before it."""
 
     def on_lost(self) -> None:
         """Take that the wire is gone, and with it the session, which could tell nothing more."""

@@ -444,7 +444,8 @@ class ProcessLink(Link):
         if command.name != 'activate':
             return command
         values, resting = command.arguments
-        return command._replace(arguments=({**values, **self._owner.carried_over()}, resting))
+        known = self._owner.carried_over(values)  # of its port, which may not be that of now
+        return command._replace(arguments=({**values, **known}, resting))
 
     def _lost(self, wire: _Process, now: float) -> None:
         """Wait for the end of a wire that has closed its socket; the next one comes after it."""

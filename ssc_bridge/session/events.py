@@ -61,8 +61,9 @@ class PulsesOut:
 
 @dataclass(frozen=True, slots=True)
 class OutputsSent:
-    """What a session after this one has to know: the outputs as of the last message 20."""
+    """What the next session on this port has to know: the outputs as of the last message 20."""
 
+    port: str
     states: tuple[OutputState, ...]
 
 

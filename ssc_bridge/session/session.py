@@ -552,4 +552,4 @@ class Session(BaseSession[bytes, Message | Poll, Event]):
     def _tell_sent(self) -> None:
         if self.outputs.sent != self._told:
             self._told = self.outputs.sent
-            self._emit(OutputsSent(self._told))
+            self._emit(OutputsSent(self.settings.port, self._told))
