@@ -81,7 +81,7 @@ GENERAL = (
         'poll_rates',
         [20.0, 5.0, 10.0, 50.0, 10.0],
         f'Ask for a message that does not come by itself this often; 0: never. {_RATES} Status '
-        'must come twice within link_timeout.',
+        "must come twice within link_timeout; the failsafe 'hold' needs the channel source.",
         unit='Hz',
         minimum=0.0,
         maximum=100.0,
@@ -90,7 +90,8 @@ GENERAL = (
     Parameter(
         'message_rates',
         [0.0, 0.0, 0.0, 0.0, 0.0],
-        f'Rates in the menu of the SSC, only to warn when the line is too slow. {_RATES}',
+        'Rates in the menu of the SSC: what comes by itself, and whether the line is too slow. '
+        f'{_RATES}',
         unit='Hz',
         minimum=0.0,
         maximum=50.0,

@@ -42,6 +42,8 @@ from ssc_bridge.protocol import DigitalInput
 from ssc_bridge.protocol import PulseAccumulator
 from ssc_bridge.session import Settings as SscSettings
 from test.esi_drive_rig import make_settings
+from test.ssc_rig import GRIP
+from test.ssc_rig import TILT
 from vm110_bridge.parameters import PARAMETERS as VM110_PARAMETERS
 from vm110_bridge.session import Settings as Vm110Settings
 
@@ -96,6 +98,17 @@ def test_one_status_of_the_ssc_may_be_missing() -> None:
     SscSettings(link_timeout=0.2, poll_rates=(10.0, *rest))
     refused(SscSettings, 'poll_rates', link_timeout=0.2, poll_rates=(9.9, *rest))
     SscSettings(link_timeout=0.2, poll_rates=(0.0, *rest))  # it comes by itself
+
+
+@pytest.mark.parametrize(
+    'changes', [{'failsafe': Failsafe.HOLD}, {'servos': (GRIP,)}], ids=['unnamed', 'named']
+)
+def test_ssc_that_tells_no_channel_sources_is_no_place_to_hold(changes: dict[str, Any]) -> None:
+    """An output that was never commanded would follow its own echo, and swing for ever."""
+    by_itself, unasked = (0.0, 5.0, 0.0, 0.0, 0.0), (20.0, 0.0, 10.0, 50.0, 10.0)
+    SscSettings(poll_rates=unasked, servos=(TILT,))
+    SscSettings(poll_rates=unasked, message_rates=by_itself, **changes)
+    refused(SscSettings, 'poll_rates, message_rates', poll_rates=unasked, **changes)
 
 
 def test_ssc_is_as_its_parameters_say() -> None:

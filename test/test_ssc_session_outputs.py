@@ -423,7 +423,9 @@ def test_staleness_of_one_servo_leaves_the_other() -> None:
 
 
 def test_command_is_stale_at_the_promised_deadline() -> None:
-    rig = servo_rig(command_timeout=0.237, command_rate=1.0, poll_rates=(20.0, 0, 0, 0, 0))
+    rig = Rig(
+        servos=(PAN,), command_timeout=0.237, command_rate=1.0, poll_rates=(20.0, 0, 0, 0, 0)
+    ).start()
     rig.now += 0.003
     rig.do(servos(pan=1.0))
     begun = rig.now

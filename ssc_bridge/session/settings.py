@@ -96,6 +96,12 @@ class Settings(CheckedSettings):
             raise ValueError("lost_link_is_stop = false contradicts '1.5 ms' in estop_states")
         if self.failsafe is Failsafe.PULSE:
             raise ValueError('failsafe: a pulse needs an output with a name, see servos')
+        holds = Failsafe.HOLD in (self.failsafe, *(servo.failsafe for servo in self.servos))
+        if holds and not (self.poll_rates[1] or self.message_rates[1]):
+            raise ValueError(
+                "poll_rates, message_rates: the failsafe 'hold' needs a rate of the channel "
+                'source in one of them, or an output would follow its own echo'
+            )
 
     def _check_calibration(self, axis: AxisInput) -> None:
         low, high = self.plausible_us
