@@ -87,8 +87,9 @@ class EsiDriveBridge(BridgeNode[Event]):
         return due
 
     def _say_enabled(self, enabled: bool) -> None:
-        self._is_enabled = enabled
-        self._enabled.publish(Bool(data=enabled))
+        # What came last of a wire may be lost: an inactive node has told the drive to disable.
+        self._is_enabled = enabled and self.active
+        self._enabled.publish(Bool(data=self._is_enabled))
 
     def forget_device(self) -> None:
         """Publish that the drive is not enabled; a new wire reports to whoever listens or not."""

@@ -34,8 +34,6 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Bool
 from std_srvs.srv import Trigger
 
-from bridge_core import clock
-from esi_drive_bridge.node import EsiDriveBridge
 from esi_drive_bridge.simulator import Simulator
 from test.endings import each_ending
 from test.esi_drive_rig import status
@@ -718,25 +716,3 @@ def test_line_too_slow_for_its_rates_is_warned_of(tmp_path: Path, observer: Obse
         bench.wait(lambda: '120000 bit/s' in bench.diagnostics.status(DEVICE).message, 'it', 5.0)
     finally:
         bench.close()
-
-
-def test_that_somebody_listens_again_counts_however_late(
-    context: Any, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """A refusal for its age would leave a listener of ~/joint_states waiting for ever."""
-    asked: list[tuple[Any, ...]] = []
-
-    def request(name: str, *arguments: Any, stop: bool, **_: Any) -> int:
-        asked.append((name, *arguments, stop))
-        return 1
-
-    node = EsiDriveBridge(context=context, cli_args=['--ros-args', '-p', 'autostart:=false'])
-    try:
-        monkeypatch.setattr(node, 'active', True)
-        monkeypatch.setattr(node.link, 'request', request)
-        node.pace(clock.now())
-        node.pace(clock.now())
-    finally:
-        monkeypatch.undo()
-        node.destroy_node()
-    assert asked == [('set_reporting', False, True)]

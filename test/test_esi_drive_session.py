@@ -361,6 +361,13 @@ def test_an_interruption_tells_again_that_the_drive_is_not_enabled(rig: Rig) -> 
     assert rig.of(EnabledChanged) == [EnabledChanged(False)]
 
 
+def test_a_closed_port_tells_again_that_the_drive_is_not_enabled(rig: Rig) -> None:
+    """Of what is told as the port goes, something may be lost."""
+    rig.start()
+    rig.session.closed(rig.now)
+    assert rig.session.closed(rig.now) == [EnabledChanged(False)]
+
+
 def test_a_lost_port_stops_and_forgets(rig: Rig) -> None:
     rig.start()
     rig.events += rig.session.closed(rig.now)

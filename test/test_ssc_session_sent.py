@@ -75,3 +75,11 @@ def test_what_was_sent_is_told_again_where_it_may_be_lost() -> None:
     rig.session.interrupted('something was lost', rig.now)
     rig.poll()
     assert rig.of(OutputsSent)[0] == told
+
+
+def test_what_was_sent_is_told_again_of_a_closed_port() -> None:
+    rig = Rig(servos=(TILT,)).start()
+    rig.tick(60, servos(tilt=1.0))
+    told = rig.of(OutputsSent)[-1]
+    for _ in range(2):
+        assert told in rig.session.closed(rig.now)

@@ -277,14 +277,17 @@ class Wire(Generic[FrameT]):
     def interrupt(self, reason: str, now: float) -> None:
         """Demand a stop: something was lost that may have been one. For the owner's ``pace``."""
         verdict, told = Verdict.stop(self.status.error, link_up=False), False
+        ended: Sequence[Any] = ()
         if self._session is not None and self.status.is_open:
             before = self._session.verdict
             self._session.interrupted(reason, now)
             verdict = self._session.verdict
             told = verdict != before
             self._exchange(False, now)
+        elif self._session is not None:
+            ended = self._session.closed(now)  # says again what it said as the port went
         if not told:  # it has stopped before, and it may be just that which was lost
-            self._owner.on_events([StopChanged(verdict)], now)
+            self._owner.on_events([StopChanged(verdict), *ended], now)
 
     # -- what is asked ----------------------------------------------------------------------------
 
