@@ -26,6 +26,7 @@ from collections.abc import Sequence
 import contextlib
 import errno
 import functools
+import math
 import os
 from pathlib import Path
 import pickle
@@ -749,6 +750,32 @@ def test_device_of_a_wire_that_hangs_is_told_the_farewell_of_a_deactivation(
     direct.pty.wait_received(b'BYE')
     direct.activate()  # and it was done once: this one stays
     assert direct.pty.received.count(b'BYE') == 1
+
+
+def test_spare_says_the_farewell_for_a_wire_that_hangs_as_the_node_ends(direct: Direct) -> None:
+    wait_for(lambda: spares_of(os.getpid()), 5.0, 'a spare')
+    wire = direct.wire()
+    direct.pty.clear()
+    os.kill(wire, SIGSTOP)
+    direct.link.stop()
+    assert not is_running(wire)
+    direct.pty.wait_received(b'BYE')
+    assert direct.pty.received.count(b'BYE') == 1
+
+
+def test_wire_that_gets_no_processor_as_the_node_ends_says_farewell_once_it_does(
+    pty: Pty, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(process, '_SPARE_TIME', math.inf)  # as soon after the last take-over
+    direct = Direct(pty)
+    direct.activate()
+    wire = direct.wire()
+    pty.clear()
+    os.kill(wire, SIGSTOP)
+    direct.link.stop()
+    os.kill(wire, SIGCONT)
+    pty.wait_received(b'BYE')
+    wait_for(lambda: not is_running(wire), 5.0, 'its end')
 
 
 def test_session_behind_a_refused_activation_goes_on_and_can_be_ended(direct: Direct) -> None:

@@ -93,11 +93,16 @@ class _Process:
 
     def end(self, timeout: float) -> None:
         """Have it end; one that takes longer than ``timeout`` s is killed."""
-        self.socket.close()
-        with contextlib.suppress(subprocess.TimeoutExpired):
-            self.process.wait(timeout)
+        self.ends(timeout)
         self.process.kill()
         self.process.wait()
+
+    def ends(self, timeout: float) -> bool:
+        """Have it end; tell whether it has within ``timeout`` s, farewell included."""
+        self.socket.close()
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            return self.process.wait(timeout) == 0
+        return False
 
 
 class ProcessLink(Link):
@@ -464,16 +469,33 @@ class ProcessLink(Link):
         with self._lock:
             wire, self._wire = self._wire, None
             moves = self._activation is not None or bool(self._commands)
-            self._activation = self._before = None
-            self._commands.clear()
-        if wire is not None and moves and not wire.ready and self._restarts > 0:
-            # The one before may have left the device moving. The activation waits in the socket,
-            # and the end behind it: once it has loaded it says farewell, and ends.
-            wire.socket.close()
+        if wire is not None and moves and (wire.ready or self._restarts > 0):
+            self._leave_safe(wire)
         elif wire is not None:
             wire.end(ANSWER_TIME / 2)
+        with self._lock:
+            self._activation = self._before = None
+            self._commands.clear()
         if self._spare is not None:
             self._spare.end(0.0)
+
+    def _leave_safe(self, wire: _Process) -> None:
+        """
+        Have the farewell said, if need be behind our own end.
+
+        The device may be moving. What a process that loads, or gets no processor, has to do waits
+        in its socket, and the end behind it: so it says the farewell, and ends. For one that does
+        not end in time its spare does.
+        """
+        if not wire.ready:
+            wire.socket.close()
+        elif not wire.ends(ANSWER_TIME / 2) and self._spare is not None:
+            wire.end(0.0)
+            self._take_over(self._spare)
+            with self._lock:
+                spare, self._wire = self._wire, None
+            if spare is not None:
+                spare.socket.close()
 
     def _end(self) -> None:
         self._ended = True
