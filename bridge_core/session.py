@@ -391,17 +391,17 @@ class HeldButtons:
 
     :param memory: s for which a button that seems to be let go of counts as held, as a device may
         say why only later.
-    :param unseen: buttons of a device that does not show them meanwhile: a new session may begin
-        then, and one may be held since before.
+    :param unseen: buttons of a device that shows none meanwhile: one may be held since before the
+        session, or be pressed in a stop, and a pause may follow.
     """
 
-    __slots__ = ('_held', '_hides', '_let_go_at', '_memory', '_pressed')
+    __slots__ = ('_held', '_hides', '_let_go_at', '_memory', '_pressed', '_unseen')
 
     def __init__(self, memory: float, unseen: int = 0) -> None:
         self._memory = memory
-        self._pressed = frozenset(range(unseen))  # when they were seen last, however long ago
+        self._pressed: frozenset[int] = frozenset()  # when they were seen last, however long ago
         self._let_go_at: dict[int, float] = {}
-        self._held: frozenset[int] = frozenset()
+        self._held = self._unseen = frozenset(range(unseen))
         self._hides = False  # they ceased to count last for what was no stop in the end
 
     @property
@@ -419,6 +419,8 @@ class HeldButtons:
         since = now - self._memory
         self._held |= self._pressed | _not_let_go(buttons)
         self._held |= {n for n, at in self._let_go_at.items() if at >= since}
+        if stopped:
+            self._held |= self._unseen
         self._hides = not stopped
 
     def of(self, buttons: tuple[int | None, ...], now: float) -> tuple[int, ...]:

@@ -172,8 +172,8 @@ SCENES: dict[str, dict[str, Any]] = {
     },
 }
 COUNTS: dict[str, tuple[int, int]] = {
-    'device': (1627, 30692),
-    'echo': (5086, 52116),
-    'busy': (4873, 37311),
+    'device': (1422, 26872),
+    'echo': (4984, 51004),
+    'busy': (4764, 36386),
 }  # states, and steps between them
 test_every_state_near_the_start, test_every_state = visits_of(World, SCENES, COUNTS, near=200)

@@ -39,6 +39,7 @@ from safety_mux.protocol import MuxConfig
 from safety_mux.protocol import Operator
 from safety_mux.protocol import OperatorSample
 from safety_mux.protocol import State
+from test.fort_vsc_rig import SRC
 from test.fort_vsc_rig import sticks
 from test.session_rig import SessionBench
 
@@ -82,6 +83,20 @@ class Bench(SessionBench[Session]):
         self._told = 0
         self.open()
 
+    def stop(self, how: str) -> None:
+        """Have a stop in which nobody sees a button."""
+        if how == 'red button':
+            self.cycles(4, Mode.LOCAL, four(ZEROS['zero throughout']), SRC)
+        elif how == 'silence':
+            self.wait(1.2)
+        else:
+            self.close()
+            self.hear()
+            self.wait(0.5)
+            self.open()
+        self.hear()
+        assert self._state is State.STOPPED
+
     def activate_anew(self) -> None:
         """Begin a new session, as the node does, and let the mux hear of that."""
         self.session = Session(self.session.settings)
@@ -89,12 +104,15 @@ class Bench(SessionBench[Session]):
         self.hear()
         assert self._state is State.STOPPED
 
-    def cycles(self, count: int, mode: int, frames: Sequence[CanFrame]) -> list[bool]:
+    def cycles(
+        self, count: int, mode: int, frames: Sequence[CanFrame], estop: int = 0
+    ) -> list[bool]:
         """Hear this often what comes in 1/16 s; return what the deadman said."""
         before = len(self.events)
         for cycle in range(count):
             if cycle % 2 == 0:
-                self.hear(CanFrame(IDENTIFIERS['heartbeat'], struct.pack('<BBI', mode, 0, 0)))
+                said = struct.pack('<BBI', mode, 0, estop)
+                self.hear(CanFrame(IDENTIFIERS['heartbeat'], said))
             for each in frames:
                 if each.identifier != self._missing:
                     self.hear(each)
@@ -170,6 +188,29 @@ def test_deadman_held_since_before_a_new_activation_is_not_pressed_anew(
 
 
 @pytest.mark.parametrize('pad', PADS)
+@pytest.mark.parametrize('mode', [Mode.REMOTE, Mode.MENU, Mode.PAUSE])
+@pytest.mark.parametrize('stop', ['silence', 'lost port', 'red button'])
+def test_deadman_pressed_in_a_stop_before_a_pause_is_not_pressed_anew(
+    stop: str, mode: int, pad: str
+) -> None:
+    """Nobody saw the press, nor sees the deadman in the pause, in which the mux may be reset."""
+    zeros, held = four(ZEROS['zero throughout']), four(REST, **{pad: HELD})
+    bench = Bench(pad)
+    bench.cycles(20, Mode.OPERATIONAL, four(REST))
+    assert bench.arbiter.reset(bench.now).ok
+    bench.cycles(20, Mode.OPERATIONAL, four(REST))
+    bench.stop(stop)
+    bench.cycles(20, mode, zeros)
+    assert bench.arbiter.reset(bench.now).ok
+    bench.cycles(20, mode, zeros)
+    assert set(bench.cycles(8, Mode.OPERATIONAL, held)) == {False}
+    assert not bench.in_control()
+    bench.cycles(10, Mode.OPERATIONAL, four(REST))
+    assert bench.cycles(8, Mode.OPERATIONAL, held)[-1]
+    assert bench.in_control()
+
+
+@pytest.mark.parametrize('pad', PADS)
 def test_deadman_held_as_an_activation_finds_the_remote_operational_keeps_a_reset_away(
     pad: str,
 ) -> None:
@@ -187,6 +228,16 @@ DEVICES = {
 }
 
 
+def hear_out(bench: SessionBench[Session], device: Any) -> list[bool]:
+    """Hear a simulated remote for 1 s; return what its button right_down said."""
+    before = len(bench.events)
+    for _ in range(100):
+        bench.now += 0.01
+        bench.take(*device.poll(bench.now))
+    told = [event.buttons[4] for event in sticks(bench.events[before:])]
+    return told[4:]  # on CAN those are of the last of four frames
+
+
 @pytest.mark.parametrize('zeros', ['values', 'all', 'rest'])
 @pytest.mark.parametrize('mode', ['remote', 'menu', 'pause'])
 @pytest.mark.parametrize('tolerant', [False, True])
@@ -199,16 +250,42 @@ def test_button_that_a_simulated_remote_holds_through_another_mode_is_not_presse
     bench, device = SessionBench(Session(Settings(**settings))), simulator()
     bench.open()
     device.apply(f'zeros {zeros}')
-    told: list[bool] = []
     for command, pressed in (
         *(('mode operational', False), ('button right_down 1', True), (f'mode {mode}', False)),
         *(('mode operational', False), ('button right_down 0', False)),
         ('button right_down 1', True),
     ):
         device.apply(command)
-        told.clear()
-        for _ in range(100):
-            bench.now += 0.01
-            told += [event.buttons[4] for event in sticks(bench.take(*device.poll(bench.now)))]
-        assert any(told[4:]) is pressed, command  # on CAN those are of the last of four frames
+        assert any(hear_out(bench, device)) is pressed, command
     assert not bench.session.faulty
+
+
+@pytest.mark.parametrize('mode', ['remote', 'menu', 'pause', ''])
+@pytest.mark.parametrize('stop', ['silence', 'lost port', 'red button'])
+@pytest.mark.parametrize('wire', DEVICES)
+def test_button_that_a_simulated_remote_holds_since_a_stop_counts_unless_a_pause_follows(
+    wire: str, stop: str, mode: str
+) -> None:
+    """Straight after a stop it keeps a reset away."""
+    kind, simulator = DEVICES[wire]
+    bench, device = SessionBench(Session(Settings(wire=kind))), simulator()
+    bench.open()
+    device.apply('mode operational')
+    hear_out(bench, device)
+    if stop == 'red button':
+        device.apply('estop remote on')
+        hear_out(bench, device)
+        device.apply('estop remote off')
+        device.apply('ack')
+    elif stop == 'silence':
+        bench.wait(1.2)
+    else:
+        bench.close()
+        bench.open()
+    assert bench.session.estop
+    device.apply('button right_down 1')
+    if mode:
+        device.apply(f'mode {mode}')
+        hear_out(bench, device)
+    device.apply('mode operational')
+    assert set(hear_out(bench, device)) == {not mode}

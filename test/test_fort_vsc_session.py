@@ -339,10 +339,9 @@ def test_button_let_go_of_twice_the_link_timeout_before_a_pause_is_not_held(
 ) -> None:
     bench = opened()
     bench.hear(heartbeat(), DEFLECTED)
-    bench.hear(CENTRED)
-    bench.wait(seconds / 2)
-    bench.hear(heartbeat(), CENTRED)
-    bench.wait(seconds / 2)
+    for _ in range(3):
+        bench.hear(heartbeat(), CENTRED)
+        bench.wait(seconds / 3)
     bench.hear(heartbeat(Mode.PAUSE), build_frame(0x10, bytes(14)))
     (back,) = sticks(bench.hear(heartbeat(), DEFLECTED))
     assert any(back.buttons) is not held

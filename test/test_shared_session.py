@@ -114,6 +114,10 @@ def test_button_that_nobody_has_seen_is_held_where_a_pause_comes_first(
     assert buttons.of((1, 0), 3.0) == (counts, 0)
     assert buttons.of((0, 1), 3.1) == (0, 1)
     assert buttons.of((1, 1), 3.2) == (1, 1)
+    buttons.of((0, 0), 4.0)
+    for at, stopped in enumerate(pauses, 5):
+        buttons.miss(at, stopped=stopped)
+    assert buttons.of((1, 0), 8.0) == (counts, 0)
 
 
 def test_button_that_cannot_be_read_is_held_until_it_is_seen_let_go_of() -> None:
