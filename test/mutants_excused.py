@@ -220,14 +220,8 @@ EXCUSED: dict[str, dict[str, str]] = {
     'fort_vsc_bridge/session/stops.py': {
         'StopJudge.__init__: False -> True': _SET_FIRST,
         'StopJudge.__init__: 0.0 -> 1.0': _SET_FIRST,
-        'StopJudge.asked: self._echo or not self._foreign -> not self._foreign': (
-            'bits are either ours or foreign'
-        ),
         'StopJudge.asked: self._asked and (not remedy) -> self._asked': (
             'it is read once nothing is asked, and set anew then'
-        ),
-        'StopJudge.heard: self._echo_heard or self._echo -> self._echo': (
-            'where it is not ours any more, it is not read until we ask again'
         ),
     },
     'ssc_bridge/protocol/messages.py': {

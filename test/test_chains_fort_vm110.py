@@ -13,7 +13,7 @@
 # limitations under the License.
 
 """
-FORT and VM-110 wired into each other's hardware chains by the mux: none holds another for ever.
+FORT and VM-110, or two FORTs, in each other's hardware chains by the mux: none holds another.
 
 The arbiter, both sessions and both simulated devices are the real ones; only time, ports and
 topics are played, at their real rates, each topic with a delay of its own. Properties: once nobody
@@ -25,7 +25,9 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Callable
+from collections.abc import Iterable
 import contextlib
+import copy
 from dataclasses import dataclass
 import heapq
 import itertools
@@ -55,13 +57,13 @@ from vm110_bridge.session import Sticks as VmSticks
 from vm110_bridge.simulator import Simulator as BaseUnit
 
 pytestmark = pytest.mark.computes
-FORT, VM110 = 'fort', 'vm110'
+FORT, VM110, FORT2 = 'fort', 'vm110', 'fort2'
 TICK = 0.01  # s, of the mux
 REPEAT = 0.05  # s, of ~/estop and ~/own_estop
 DELAYS = (0.0, 1e-3, 5e-3, 20e-3)  # s, that a topic may take
 # s from an open chain to STOPPED: the device tells (VSC every 50 ms, base unit every 125 ms), the
 # topic takes its time.
-REACTIONS = {FORT: 0.1, VM110: 0.175}
+REACTIONS = {FORT: 0.1, VM110: 0.175, FORT2: 0.1}
 ORDERS = [  # every order of two presses and two releases, each release after its press
     order
     for order in itertools.permutations(
@@ -101,6 +103,7 @@ class Party:
     repeat_at: float = 0.0
     due: float = 0.0  # when step is wanted next
     open_since: float | None = None  # its hardware chain
+    busy: bool = False  # its line takes no frame
 
     def step(self, now: float) -> None:
         for data in self.device.poll(now):
@@ -113,7 +116,10 @@ class Party:
         """Do as the link does: frames first, then the stop topics, then everything else."""
         events, frames = output
         for frame in frames:
-            self.device.receive(frame, now)
+            if self.busy:
+                self.session.refused(frame, now)
+            else:
+                self.device.receive(frame, now)
         if events:
             self.tell(now)
         for event in events:
@@ -145,6 +151,7 @@ class Chains:
     Devices, bridges, mux, and all topics between them.
 
     :param counts: of the VM-110's source. :param own_topics: the mux hears ``~/own_estop`` too.
+    :param two_vscs: in place of the VM-110 there is another VSC.
     """
 
     def __init__(
@@ -153,26 +160,37 @@ class Chains:
         latch_bits: bool = True,
         counts: Literal['always', 'when_owner'] = 'always',
         own_topics: bool = True,
+        two_vscs: bool = False,
     ) -> None:
         self.now = 10.0
         self.counts = counts
         self.delays: dict[tuple[str, str], float] = defaultdict(float)
-        self.arbiter = _arbiter(counts, own_topics, self.now)
-        self.decision: Decision = self.arbiter.tick(self.now)
         self.vsc, self.unit = Vsc(latch_bits=latch_bits), BaseUnit()
         self.vsc.messages[MessageType.JOYSTICK] = (True, 0.1)  # 50 Hz would only cost time
         self.vsc.messages[MessageType.GPS] = (False, 1.0)
-        fort, vm110 = FortSession(FortSettings()), VmSession(VmSettings())
-        self.parties = {
-            FORT: Party(FORT, self.vsc, fort, fort.set_software_estop, self._publish),
-            VM110: Party(VM110, self.unit, vm110, vm110.set_hold_output, self._publish),
-        }
-        self._tick_at = self.now
-        self._mail: list[tuple[float, int, str, str, Any]] = []  # a heap
+        other = {FORT2: copy.deepcopy(self.vsc)} if two_vscs else {VM110: self.unit}
+        self.devices: dict[str, Any] = {FORT: self.vsc, **other}
+        self._own_topics = own_topics
         self._numbers = itertools.count()
+        self.start()
+
+    def start(self, *, mux_after: float = 0.0) -> None:
+        """Start all nodes anew. :param mux_after: seconds; the mux decides so much later."""
+        self.arbiter = _arbiter(self.devices, self.counts, self._own_topics, self.now)
+        self.decision: Decision = self.arbiter.tick(self.now)
+        self.parties = {name: self._party(name, device) for name, device in self.devices.items()}
+        self._tick_at = self.now + mux_after
+        self._mail: list[tuple[float, int, str, str, Any]] = []  # a heap
         self._arrived: dict[tuple[str, str], float] = defaultdict(float)
         for party in self.parties.values():
             party.take(party.session.opened(self.now), self.now)
+
+    def _party(self, name: str, device: Any) -> Party:
+        if name == VM110:
+            unit = VmSession(VmSettings())
+            return Party(name, device, unit, unit.set_hold_output, self._publish)
+        vsc = FortSession(FortSettings())
+        return Party(name, device, vsc, vsc.set_software_estop, self._publish)
 
     # Time.
 
@@ -251,7 +269,7 @@ class Chains:
         if self.now - party.open_since < REACTIONS[party.name]:
             return
         assert self.decision.owner != party.name, f'{party.name} drives with its chain open'
-        if party.name == FORT or self.counts == 'always':
+        if party.name != VM110 or self.counts == 'always':
             assert self.decision.state is State.STOPPED, f'the stop of {party.name} is missed'
 
     # People.
@@ -266,11 +284,10 @@ class Chains:
 
     def tend(self) -> None:
         """Let go of all; acknowledge and rearm, as far as the devices let it be done."""
-        for name, commands in LET_GO.items():
-            self.apply(name, *commands)
-        for name, command in ((FORT, 'ack'), (VM110, 'arm 1')):
+        for name in self.parties:
+            self.apply(name, *LET_GO[VM110 if name == VM110 else FORT])
             with contextlib.suppress(ValueError):
-                self.apply(name, command)
+                self.apply(name, 'arm 1' if name == VM110 else 'ack')
 
     @property
     def clear(self) -> bool:
@@ -290,7 +307,7 @@ class Chains:
     def clear_up(self) -> None:
         """Tend to the devices until they are clear."""
         for _ in range(60):
-            if self.clear and self.unit.armed:
+            if self.clear and (self.unit.armed or VM110 not in self.parties):
                 return
             self.tend()
             self.run(0.25)
@@ -310,14 +327,21 @@ class Chains:
         return f'{self.arbiter.status(self.now).inhibits}, {reasons}'
 
 
-def _arbiter(counts: Literal['always', 'when_owner'], own_topics: bool, now: float) -> Arbiter:
+def _arbiter(
+    names: Iterable[str], counts: Literal['always', 'when_owner'], own_topics: bool, now: float
+) -> Arbiter:
+    sources = {name: EStopSource(name, own_topic=own_topics) for name in (FORT, FORT2)} | {
+        VM110: EStopSource(VM110, counts=counts, operator=VM110, own_topic=own_topics)
+    }
+    operators = {
+        FORT: Operator(FORT, priority=2),
+        FORT2: Operator(FORT2, priority=1),
+        VM110: Operator(VM110, priority=1, timeout=0.5),
+    }
     config = MuxConfig(
         joints=1,
-        sources=(
-            EStopSource(FORT, own_topic=own_topics),
-            EStopSource(VM110, counts=counts, operator=VM110, own_topic=own_topics),
-        ),
-        operators=(Operator(FORT, priority=2), Operator(VM110, priority=1, timeout=0.5)),
+        sources=tuple(sources[name] for name in names),
+        operators=tuple(operators[name] for name in names),
         neutral_time=0.5,
         reset_silence=0.0,  # who resets here does so again and again
     )
@@ -439,3 +463,36 @@ def test_a_stop_of_the_owner_is_latched_although_the_neutral_joy_overtakes_it() 
     chains.do('press vm110')
     chains.run(0.5)
     assert chains.decision.state is State.STOPPED
+
+
+def two_vscs(*, latch_bits: bool) -> Chains:
+    """Return two VSCs that stop by themselves without our heartbeat (key 85)."""
+    chains = Chains(two_vscs=True, latch_bits=latch_bits)
+    for device in chains.devices.values():
+        device.eeprom[85] = 1
+    chains.run(1.0)
+    chains.recover()
+    return chains
+
+
+@pytest.mark.parametrize('latch_bits', [True, False], ids=['latched', 'unlatched'])
+def test_two_vscs_whose_lines_were_busy_do_not_hold_each_other(latch_bits: bool) -> None:
+    """Both say USER before their nodes ask for anything; then each asks for the other's."""
+    chains = two_vscs(latch_bits=latch_bits)
+    for busy in (True, False):
+        for party in chains.parties.values():
+            party.busy = busy
+        chains.run(0.8)
+    chains.recover()
+
+
+@pytest.mark.parametrize('latch_bits', [True, False], ids=['latched', 'unlatched'])
+def test_two_vscs_whose_nodes_were_gone_do_not_hold_each_other(latch_bits: bool) -> None:
+    """Both tell their own node so before the mux is back."""
+    chains = two_vscs(latch_bits=latch_bits)
+    chains.now += 1.0
+    for device in chains.devices.values():
+        device.poll(chains.now)
+    chains.start(mux_after=0.3)
+    chains.run(0.8)
+    chains.recover()

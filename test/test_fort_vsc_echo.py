@@ -69,13 +69,16 @@ def test_device_stop_during_our_own_is_no_echo() -> None:
     assert own(bench, 0x33, USER)
 
 
-def test_user_bit_that_stood_before_we_asked_is_not_ours() -> None:
+def test_user_bit_that_stood_before_we_asked_is_echo_from_then_on() -> None:
+    """It does not clear while we ask, and what makes us ask may wait for just that."""
     bench = opened(software_estop_timeout=5.0)
     assert own(bench, Mode.LOCAL, USER)
     ask(bench, True)
-    assert own(bench, Mode.LOCAL, USER)
+    assert not own(bench, Mode.LOCAL, USER)
+    ask(bench, False)
+    assert not own(bench, Mode.LOCAL, USER)
     assert not own(bench, Mode.LOCAL, 0)
-    assert not own(bench, Mode.LOCAL, USER)  # now it is
+    assert own(bench, Mode.LOCAL, USER)
 
 
 def test_echo_that_comes_late_after_a_short_request() -> None:

@@ -78,7 +78,6 @@ class World(SessionWorld[Session]):
         self.sent = CLEAR  # what the VSC has heard last
         self.released_at = -math.inf  # we sent no stop any more
         self.ours = False  # a stop of the USER may be our doing
-        self.theirs = False  # it stood before we asked
         self.moving = False  # the newest sticks are not neutral
 
     def hear(self, said: Sequence[str]) -> None:
@@ -93,13 +92,7 @@ class World(SessionWorld[Session]):
 
     def note_user(self, stop: bool) -> None:
         """Note whose doing a stop of the USER may be."""
-        if stop:
-            self.theirs = not self.ours
-            return
-        self.theirs = False
-        if self.sent == STOP:
-            self.ours = True
-        elif self.now - self.released_at >= ECHO:
+        if not stop and self.sent == CLEAR and self.now - self.released_at >= ECHO:
             self.ours = False
 
     def ask(self, name: str, what: str) -> None:
@@ -116,7 +109,7 @@ class World(SessionWorld[Session]):
         super().keep((events, frames))
         for frame in frames:
             if frame == STOP and self.sent == CLEAR:
-                self.ours = self.ours or not self.theirs
+                self.ours = True
             elif frame == CLEAR and self.sent == STOP:
                 self.released_at = self.now
             self.sent = frame
@@ -172,8 +165,8 @@ SCENES: dict[str, dict[str, Any]] = {
     },
 }
 COUNTS: dict[str, tuple[int, int]] = {
-    'device': (1422, 26872),
-    'echo': (4984, 51004),
-    'busy': (4764, 36386),
+    'device': (1090, 20960),
+    'echo': (2824, 29160),
+    'busy': (2851, 21935),
 }  # states, and steps between them
 test_every_state_near_the_start, test_every_state = visits_of(World, SCENES, COUNTS, near=200)

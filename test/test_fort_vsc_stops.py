@@ -49,12 +49,14 @@ def is_own(judge: StopJudge, now: float) -> bool:
     return verdict.own_estop
 
 
-def test_bit_that_stood_before_we_asked_is_its_own_until_seen_clear(judge: StopJudge) -> None:
+def test_bit_that_stood_before_we_asked_is_ours_until_it_is_seen_clear(judge: StopJudge) -> None:
     assert is_own(judge, 1.0)
     judge.asked('let go', 2.0)
-    assert is_own(judge, 2.0 + SOON)
-    clear(judge, 3.0)
-    assert not is_own(judge, 3.1)
+    assert not is_own(judge, 2.0 + SOON)
+    judge.asked('', 3.0)
+    assert not is_own(judge, 3.0 + 9 * ECHO_DELAY)
+    clear(judge, 20.0)
+    assert is_own(judge, 20.1)
 
 
 def test_bit_that_was_seen_clear_is_ours_as_soon_as_we_ask(judge: StopJudge) -> None:

@@ -39,7 +39,6 @@ class StopJudge:
         self._asked = ''  # what ends the stop that our heartbeats ask for
         self._echo = False  # USER bits are our doing
         self._echo_heard = False  # they were seen since we asked last
-        self._foreign = False  # USER bits stood before we asked
         self._released_at = 0.0
         self._before = self._of_asking()
 
@@ -47,7 +46,9 @@ class StopJudge:
         """Note what ends the stop that our heartbeat asks for from ``now`` on; empty: none."""
         self._before = self._of_asking()
         if remedy and not self._asked:
-            self._echo = self._echo or not self._foreign
+            # Bits that stood before, too: while we ask they do not clear, and two devices whose
+            # stops ask for each other's would never be clear.
+            self._echo = True
             self._echo_heard = False
         elif self._asked and not remedy:
             self._released_at = now
@@ -63,13 +64,8 @@ class StopJudge:
     def heard(self, heartbeat: Heartbeat, now: float) -> None:
         """Keep USER bits ours until they are seen clear: the VSC may hold them for a while."""
         if heartbeat.estop & EStopBits.USER:
-            self._echo_heard = self._echo_heard or self._echo
-            self._foreign = not self._echo
-            return
-        self._foreign = False
-        if self._asked:
-            self._echo = True
-        elif self._echo_heard or now - self._released_at >= ECHO_DELAY:
+            self._echo_heard = self._echo
+        elif not self._asked and (self._echo_heard or now - self._released_at >= ECHO_DELAY):
             self._echo = False
 
     def judge(self, heartbeat: Heartbeat) -> Verdict:
