@@ -332,8 +332,11 @@ EXCUSED: dict[str, dict[str, str]] = {
         'Session._follow_motion: True -> False': _EARLIEST,
         'Session._may_pause: return False -> return None': _FALSY,
         'Session.set_directions: self._expire(now) -> pass': 'the refresh at its end does it',
-        'Session._is_steered: now < steered_until + self.settings.coast_time -> '
-        'now <= steered_until + self.settings.coast_time': 'a pause is pressed one step later',
+        'Session._may_pause: self.motion.runs_since < self._steered_until -> '
+        'self.motion.runs_since <= self._steered_until': 'a pause is pressed one step later',
+        'Session._hand_over: now < self._steered_until -> now <= self._steered_until': (
+            'the next session is told one step later'
+        ),
         'Session.limit_directions: self._expire(now) -> pass': 'the refresh at its end does it',
         'Session.limit_directions: self._refresh(now) -> pass': 'no verdict depends on directions',
         'Session.take_over: self._expire(now) -> pass': 'the refresh at its end does it',

@@ -17,9 +17,14 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import pytest
 
+from akron_can_bridge.protocol import Axis
+from akron_can_bridge.protocol import BasicJoystick
+from akron_can_bridge.protocol import ExtendedJoystick
+from akron_can_bridge.protocol import Status
 from akron_can_bridge.session import Handover
 from test.akron_session_rig import ANNOUNCED
 from test.akron_session_rig import COAST
@@ -40,6 +45,12 @@ from test.akron_session_rig import Turning
 STANDS = ef('81FED401C200')
 ALLOWED = 0x33
 STICK = joystick('7D04010000000000', ALLOWED)  # X to the right
+SWITCH_7 = (
+    BasicJoystick(Axis.of(0), Axis.of(0), tuple(Status(n == 7) for n in range(1, 13))),
+    ExtendedJoystick(),
+)
+STEP = 5 * SLOT  # in which the unit turns by half a degree
+COASTS = 0.9 * COAST
 
 
 def test_stop_presses_pause_once_it_saw_two_steps_for_a_while_and_once() -> None:
@@ -48,9 +59,8 @@ def test_stop_presses_pause_once_it_saw_two_steps_for_a_while_and_once() -> None
     start = bench.now
     bench.estop_in(True)
     bench.run(3.0, REST, estop=True)
-    steps = 2 * SLOT * 5  # half a degree each
     pressed = [at for at, f in bench.sent if at >= start and f.data == PAUSE]
-    assert steps - SLOT * 5 < pressed[0] - start <= steps + SLOT
+    assert STEP < pressed[0] - start <= 2 * STEP + SLOT
     assert 0.16 <= pressed[-1] - pressed[0] < 0.2
     assert bench.joystick_frames(pressed[-1] + 1e-9)[0] == NEUTRAL
 
@@ -171,6 +181,55 @@ def test_oscillation_that_is_seen_soon_after_the_stop_is_paused() -> None:
     assert PAUSE in bench.joystick_frames(start)
 
 
+# -- angles that changed while it coasted ---------------------------------------------------------
+
+
+@pytest.mark.parametrize('command', [SWITCH_7, MOVE])
+@pytest.mark.parametrize('after', [0.1, 0.3, 0.5, 0.7])
+def test_stop_does_not_resume_by_steps_of_the_coasting(after: float, command: Any) -> None:
+    bench = oscillating()
+    bench.run(0.1, command)
+    bench.run(after, REST)
+    start = bench.now + 1e-9
+    bench.run(COASTS - after, REST, estop=True)
+    bench.turns = False
+    bench.run(2 * COAST, REST, estop=True)
+    assert bench.all_neutral(start)
+
+
+@pytest.mark.parametrize(
+    ('coast_time', 'coasts', 'after'),
+    [(1.0, 0.7, 1.1), (1.0, 0.9, 1.3), (0.3, 0.0, 0.4), (0.1, 0.0, 0.2)],
+)
+def test_farewell_does_not_resume_by_steps_of_the_coasting(
+    coast_time: float, coasts: float, after: float
+) -> None:
+    bench = oscillating(coast_time=coast_time)
+    bench.run(0.1, SWITCH_7)
+    bench.run(coasts, REST)
+    bench.turns = False
+    bench.run(after - coasts, REST)
+    assert bench.session.motion.moving(bench.now)
+    assert {frame.data for frame in bench.session.farewell(bench.now)} == {NEUTRAL}
+
+
+def test_oscillation_that_runs_on_is_paused_two_steps_after_the_coasting() -> None:
+    bench = oscillating()
+    bench.run(0.1, SWITCH_7)
+    coasted = bench.now + COAST
+    bench.run(COAST / 2, REST)
+    bench.run(COAST, REST, estop=True)
+    pressed = [at for at, f in bench.sent if at >= coasted and f.data == PAUSE]
+    assert STEP <= pressed[0] - coasted <= 2 * STEP + SLOT
+
+
+def test_farewell_pauses_an_oscillation_that_took_two_steps_after_the_coasting() -> None:
+    bench = oscillating()
+    bench.run(0.1, SWITCH_7)
+    bench.run(COAST + 2 * STEP, REST)
+    assert PAUSE in [frame.data for frame in bench.session.farewell(bench.now)]
+
+
 # -- once in a stop -------------------------------------------------------------------------------
 
 
@@ -227,6 +286,17 @@ def test_stop_right_after_the_one_that_pressed_it_waits_until_the_unit_has_coast
     bench.run(0.24, REST)
     assert bench.session.drive.inhibits(bench.now, bench.session.stop_reasons(bench.now)) == []
     bench.run(0.5, REST, estop=True)
+    assert bench.all_neutral(start)
+
+
+def test_stop_after_the_one_that_pressed_it_does_not_resume_by_steps_of_the_coasting() -> None:
+    bench = oscillating()
+    start = pressed_once(bench) + 0.2
+    bench.run(0.3, REST, estop=True)
+    bench.run(0.3, REST)
+    bench.run(0.5, REST, estop=True)
+    bench.turns = False
+    bench.run(2 * COAST, REST, estop=True)
     assert bench.all_neutral(start)
 
 

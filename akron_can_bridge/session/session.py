@@ -415,28 +415,32 @@ class Session(BaseSession[CanFrame, Received, Event]):
         Tell whether a stop may press oscillate pause / resume.
 
         It is one switch for both: only an oscillation that surely runs is paused. Angles that
-        change while a stick steers the unit or switch 7 is pressed, or until it has coasted, say
-        nothing; so a stop presses it once. It waits until they have changed in it; a farewell
-        cannot.
+        changed while a stick steered the unit or switch 7 was pressed, or until it had coasted,
+        say nothing, however late one looks at them; so a stop presses it once. It waits until
+        they have changed in it; a farewell cannot.
         It reaches every unit on the bus: it would resume one that is paused, or pause and resume
         one whose own node presses it, too. A joystick that is heard may be such a node.
         """
-        if not now < self._pause_until or self._is_steered(now):
+        if not now < self._pause_until or self.motion.runs_since < self._steered_until:
             return False
         if self.joysticks.present(now) or not self.finder.alone:
             return False
         return self.motion.oscillates(now) and self.motion.moving(now)
 
-    def _is_steered(self, now: float) -> bool:
+    @property
+    def _steered_until(self) -> float:
+        """Until when a stick or switch 7 may change the angles; infinite: our command may."""
+        if self.drive.moving:
+            return math.inf
         steered_until = max(self.drive.steered_until, self.joysticks.steered_until)
-        return self.drive.moving or now < steered_until + self.settings.coast_time
+        return steered_until + self.settings.coast_time
 
     def _hand_over(self, now: float) -> None:
         """Report what a session after this one would have to know, once it has changed."""
         if not self._informed:
             return  # see take_over
         in_setup = self._in_setup or self._asker.is_open(Request.ENTER_SETUP)
-        steered = self._is_steered(now)
+        steered = now < self._steered_until
         handover = Handover(not self._is_stopped, steered, in_setup, self.finder.pin)
         if handover != self._handover:
             self._handover = handover
