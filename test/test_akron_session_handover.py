@@ -75,6 +75,23 @@ def test_oscillation_is_paused_for_a_wire_that_died_where_it_surely_runs(
     assert (PAUSE in bench.joystick_frames()) is pressed
 
 
+@pytest.mark.parametrize(
+    ('before', 'allowed'),
+    [(Handover(free=True, steered=True), ()), (Handover(free=True), (ALLOWED,))],
+)
+def test_session_after_one_that_steered_does_not_resume_by_steps_of_the_coasting(
+    before: Handover, allowed: tuple[int, ...]
+) -> None:
+    bench = following(before, SLOT, allowed_joysticks=frozenset(allowed))
+    bench.run(0.3, REST)
+    start = bench.now + 1e-9
+    bench.run(0.6, REST, estop=True)
+    bench.turns = False
+    bench.run(COAST, REST, estop=True)
+    assert bench.all_neutral(start)
+    assert Handover(steered=True, pin=PIN) in of(Handover, bench.events)  # as for the next one
+
+
 def test_paused_oscillation_is_not_resumed_for_a_wire_that_died() -> None:
     bench = following(Handover(free=True), 0.1)
     bench.turns = False

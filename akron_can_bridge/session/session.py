@@ -352,9 +352,10 @@ class Session(BaseSession[CanFrame, Received, Event]):
             self._forget_all(now, 'another unit answered first')
         self._in_setup |= before.in_setup
         # Nobody has heard the allowed joysticks meanwhile: they may have moved the unit.
-        runs = before.free and not before.steered and not self.settings.allowed_joysticks
+        if before.steered or self.settings.allowed_joysticks:
+            self.drive.steered_until = now
         is_new = not math.isfinite(self._pause_until)
-        if runs and is_new and now < lost_at + self.settings.coast_time:
+        if before.free and is_new and now < lost_at + self.settings.coast_time:
             self._pause_until = now + self.settings.coast_time
 
     def request(self, request: Request, now: float) -> None:
