@@ -76,13 +76,17 @@ def test_oscillation_is_paused_for_a_wire_that_died_where_it_surely_runs(
 
 
 @pytest.mark.parametrize(
-    ('before', 'allowed'),
-    [(Handover(free=True, steered=True), ()), (Handover(free=True), (ALLOWED,))],
+    ('before', 'lost', 'allowed'),
+    [
+        (Handover(free=True, steered=True), SLOT, ()),
+        (Handover(free=True), SLOT, (ALLOWED,)),
+        (Handover(free=True), math.inf, ()),  # its farewell may have pressed switch 7
+    ],
 )
 def test_session_after_one_that_steered_does_not_resume_by_steps_of_the_coasting(
-    before: Handover, allowed: tuple[int, ...]
+    before: Handover, lost: float, allowed: tuple[int, ...]
 ) -> None:
-    bench = following(before, SLOT, allowed_joysticks=frozenset(allowed))
+    bench = following(before, lost, allowed_joysticks=frozenset(allowed))
     bench.run(0.3, REST)
     start = bench.now + 1e-9
     bench.run(0.6, REST, estop=True)

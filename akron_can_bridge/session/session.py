@@ -351,8 +351,10 @@ class Session(BaseSession[CanFrame, Received, Event]):
         if math.isfinite(lost_at) and self.finder.keep(before.pin):
             self._forget_all(now, 'another unit answered first')
         self._in_setup |= before.in_setup
-        # Nobody has heard the allowed joysticks meanwhile: they may have moved the unit.
-        if before.steered or self.settings.allowed_joysticks:
+        # Nobody has heard the allowed joysticks meanwhile: they may have moved the unit; and a
+        # farewell may have pressed switch 7.
+        has_left = not math.isfinite(lost_at)
+        if before.steered or has_left or self.settings.allowed_joysticks:
             self.drive.steered_until = now
         is_new = not math.isfinite(self._pause_until)
         if before.free and is_new and now < lost_at + self.settings.coast_time:
