@@ -268,5 +268,5 @@ class Machine(Stage):
         self.devices[operator].apply(end)
         self.at_rest()
         if not as_expected:
-            assert delay.seconds() > WIRE_HELD_UP, f'{cause}; {self.story()}'
+            assert delay.exceeds(WIRE_HELD_UP), f'{cause}; {self.story()}'
             self.stop(operator, cause)

@@ -212,7 +212,7 @@ class MuxBench:
 
     def held_up(self) -> bool:
         """Tell whether a stop since ``active`` may be the doing of a busy machine."""
-        return self.delay.seconds() > WIRE_HELD_UP
+        return self.delay.exceeds(WIRE_HELD_UP)
 
     def stopped_since(self, cause: float, within: float = TIMEOUT + 0.4) -> None:
         """See STOPPED in time, and nothing but stop, disable and 0 from then on."""

@@ -21,6 +21,8 @@ import contextlib
 import os
 from pathlib import Path
 
+from test.rig import wait_for
+
 HELD_UP = 0.15  # s; a bridge that is held up for 0.2 s demands a stop
 WIRE_HELD_UP = 0.05  # s; a wire is silent for 0.085 s then, with the 0.025 s between its beats
 
@@ -46,6 +48,12 @@ class RunDelay:
         after = self._waited()
         waited = sum(after[thread] - self._before.get(thread, 0) for thread in after)
         return 1e-9 * waited + _stolen() - self._stolen_before
+
+    def exceeds(self, bound: float) -> bool:
+        """Tell whether it is more; a wait is counted at its end, so look for another second."""
+        with contextlib.suppress(AssertionError):
+            return wait_for(lambda: self.seconds() > bound, 1.0)
+        return False
 
     def _waited(self) -> dict[str, int]:
         """Return the nanoseconds of each thread (kernel: Documentation/scheduler/sched-stats)."""

@@ -163,7 +163,7 @@ class Spine(Stage):
         def answer() -> Any:
             reply = self.call(CLEAR_ERRORS)
             if 'the wire of' in reply.message:
-                assert delay.seconds() > WIRE_HELD_UP, reply.message
+                assert delay.exceeds(WIRE_HELD_UP), reply.message
                 return None
             return reply
 
@@ -199,7 +199,7 @@ class Spine(Stage):
 
     def held_up(self) -> bool:
         """Tell whether what happened since then may be the machine's doing."""
-        return self._delay.seconds() > WIRE_HELD_UP
+        return self._delay.exceeds(WIRE_HELD_UP)
 
     def restart_rightly(self) -> None:
         """Show that the way back is open: all let go, reset, which moves nothing, deadman."""

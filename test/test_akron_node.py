@@ -98,7 +98,7 @@ def test_silent_command_stops_it_with_neutral_and_never_silence(
     bench.commanding = False
     bench.wait(lambda: not unit.look('moving'), 'rest')
     # Not by the unit's own watchdog, of 0.2 s; unless the machine let it expire.
-    assert unit.look('cleared')['38'] == 0 or delay.seconds() > 0.15
+    assert unit.look('cleared')['38'] == 0 or delay.exceeds(0.15)
     bench.wait(lambda: unit.joystick_frames(0x38)[-1] == NEUTRAL, 'neutral')
 
 
@@ -221,7 +221,7 @@ def test_reset_and_setup_are_refused_in_motion(bench: Bench, unit: Station) -> N
             bench.wait(future.done, 'the answer')
             if 'motion is commanded' in future.result().message:
                 return not future.result().success
-            assert delay.seconds() > WIRE_HELD_UP, future.result().message
+            assert delay.exceeds(WIRE_HELD_UP), future.result().message
             unit.steer('setup off')
             return False
 

@@ -85,7 +85,7 @@ def recover(stage: DemoStage) -> None:
         nonlocal resets
         if may_reset(stage):
             reply = stage.reset()
-            assert (reply.success and not resets) or delay.seconds() > WIRE_HELD_UP, reply.message
+            assert (reply.success and not resets) or delay.exceeds(WIRE_HELD_UP), reply.message
             resets += 1
         return stage.mux_says('READY')
 

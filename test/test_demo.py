@@ -476,7 +476,7 @@ class Terminal:
             self.shown = ''
             if all(itertools.starmap(seen, steps.items())):
                 return True
-            assert delay.seconds() > WIRE_HELD_UP, self.shown[-2000:]
+            assert delay.exceeds(WIRE_HELD_UP), self.shown[-2000:]
             self.press('dcz')  # let go
             self.press_until('ar', "press the deadman of 'fort'")
             return False

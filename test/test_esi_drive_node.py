@@ -402,7 +402,7 @@ def test_enabled_is_repeated_without_a_change(bench: Bench) -> None:
     bench.enabling()
     bench.enabled.clear()
     bench.wait(lambda: len(bench.enabled.data) > 5 or False in bench.enabled.data, 'repeats')
-    assert all(bench.enabled.data) or bench.delay.seconds() > 0.1
+    assert all(bench.enabled.data) or bench.delay.exceeds(0.1)
 
 
 def test_every_error_bit_is_named_and_a_stop(bench: Bench) -> None:
@@ -466,7 +466,7 @@ def test_warning_bit_is_a_warning_and_no_stop(bench: Bench) -> None:
     bench.drive.apply('fault a warning on')
     bench.wait(lambda: bench.value('axis A (left) warning') == 'true', 'the warning', 5.0)
     assert bench.diagnostics.status(DEVICE).level == DiagnosticStatus.WARN
-    assert bench.drive.enabled or bench.delay.seconds() > 0.1  # an input that stalls disables
+    assert bench.drive.enabled or bench.delay.exceeds(0.1)  # an input that stalls disables
     bench.wait(lambda: not bench.estop.last.data, 'no stop')
 
 
@@ -479,7 +479,7 @@ def test_clear_errors_without_an_error_says_so(bench: Bench) -> None:
         reply = bench.observer.call(Trigger, f'{bench.name}/clear_errors', tries=5)
         if not reply.success:  # only where the machine held the drive's status up
             assert 'no status' in reply.message
-            assert delay.seconds() > HELD_UP
+            assert delay.exceeds(HELD_UP)
         return reply if reply.success else None
 
     assert 'no error' in bench.wait(answer, 'the answer').message

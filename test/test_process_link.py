@@ -314,7 +314,7 @@ def test_spare_takes_over_from_a_wire_that_dies_or_hangs_each_time(toy: Toy) -> 
         assert toy.names(wire)
         os.kill(wire, number)
         new = toy.wait_new_wire(wire)
-        assert new == spare or delay.seconds() > HELD_UP  # then it may count as hung, too
+        assert new == spare or delay.exceeds(HELD_UP)  # then it may count as hung, too
         assert not is_running(wire)
         toy.wait_stop(False)
         toy.wait(lambda: toy.names(toy.wire()), 'it in the diagnostics')
@@ -422,7 +422,7 @@ def test_request_that_waits_for_a_dead_wire_is_answered(toy: Toy) -> None:
     def counts(answer: str) -> bool:
         """Tell whether it is no answer of a wire that the machine held up."""
         held_up = 'hangs' in answer
-        assert not held_up or delay.seconds() > WIRE_HELD_UP, answer
+        assert not held_up or delay.exceeds(WIRE_HELD_UP), answer
         return not held_up
 
     def answered() -> bool:  # a first call may come before the node knows this client

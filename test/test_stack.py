@@ -151,7 +151,7 @@ class Stack(Stage):
             if self.mux_says('STOPPED'):
                 self.vsc.apply('stick left_y 0', 'button left_down 0')
                 if self.may_reset():
-                    assert not resets or delay.seconds() > WIRE_HELD_UP, self.process.output
+                    assert not resets or delay.exceeds(WIRE_HELD_UP), self.process.output
                     resets += self.reset().success
             elif self.mux_says('READY') and self.is_rested('fort'):
                 self.vsc.apply('button left_down 1', 'stick left_y 0.5')

@@ -141,7 +141,7 @@ class Walk:
             if expected in done.stdout:
                 return
             assert 'demands a stop' in done.stderr, (done.stdout, done.stderr)
-            assert delay.seconds() > WIRE_HELD_UP, done.stderr
+            assert delay.exceeds(WIRE_HELD_UP), done.stderr
 
     def _doctor(self, arguments: list[str], expected: str) -> None:
         """Run it until it says so: who was held up has heard the device in part."""

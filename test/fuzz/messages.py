@@ -29,6 +29,7 @@ import copy
 from functools import partial
 import math
 import struct
+from types import SimpleNamespace
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -407,8 +408,7 @@ MESSAGES = (
             ('_on_aux_outputs', KeyValue, ()),
         ),
         _settings=SscSettings(servos=(PAN, TILT)),
-        _commanded=False,
-        _aux_set=set(),
+        _sent=SimpleNamespace(commanded=False, aux_set=set()),
     ),
     CallbackTarget(
         'esi',
