@@ -917,7 +917,7 @@ def test_deactivation_does_not_wait_for_the_port_of_an_earlier_activation(
     bench.activate()
     bench.deactivate()
     bench.step()
-    assert bench.now == pytest.approx(then + 0.1)  # for the first of them, and once
+    assert bench.now == pytest.approx(then + 0.25)  # for the first of them, and once
     assert bench.ends[1:] == [(2, ''), (3, '')]
 
 
@@ -925,10 +925,12 @@ def test_deactivation_waits_shortly_for_a_port_that_is_being_opened(bench: WireB
     bench.begin_opening()
     bench.step()
     then = bench.now
+    bench.log()
     bench.deactivate()
     bench.step()
-    assert bench.now == pytest.approx(then + 0.1)
+    assert bench.now == pytest.approx(then + 0.25)
     assert bench.ends[-1] == (2, '')
+    assert bench.log() == ['bad no farewell: port was still being opened']
     bench.open_ports()
     bench.step()
     assert not bench.port.is_open
@@ -941,6 +943,22 @@ def test_port_that_opens_in_the_last_moment_gets_its_farewell(bench: WireBench) 
     bench.during_wait = lambda: bench.open_ports() if len(bench.waits) > waits + 1 else None
     waits = len(bench.waits)
     bench.step()
+    assert bench.port.sent == [b'hello', b'bye 1', b'bye 2']
+    assert not bench.port.is_open
+
+
+def test_port_that_opens_in_two_seconds_at_the_end_gets_its_farewell(bench: WireBench) -> None:
+    """Nobody waits for it, and a spare may be there for nothing else."""
+    bench.begin_opening()
+    bench.requests.end()
+
+    def opens() -> None:
+        if bench.waits[-1] > 1.0:
+            bench.now += 1.5
+            bench.open_ports()
+
+    bench.during_wait = opens
+    bench.wire.run()
     assert bench.port.sent == [b'hello', b'bye 1', b'bye 2']
     assert not bench.port.is_open
 
@@ -1078,8 +1096,8 @@ def test_port_that_opens_just_behind_the_wait_for_it_is_closed(
     bench.begin_opening()
     deactivate = bench.wire._deactivate
 
-    def deactivate_then_open(now: float) -> None:
-        deactivate(now)
+    def deactivate_then_open(now: float, patience: float) -> None:
+        deactivate(now, patience)
         bench.open_ports()
 
     monkeypatch.setattr(bench.wire, '_deactivate', deactivate_then_open)

@@ -62,6 +62,8 @@ _LONGEST_WAIT = 1.0
 # fault, and must not take the whole processor.
 _SHORTEST_WAIT = 0.0005
 _FAREWELL_TIME = 0.1
+_OPEN_TIME = 0.25  # s that the farewell waits for a port that is being opened
+_LAST_OPEN_TIME = 2.0  # s, where nobody waits for it; rfc2217:// takes 0.4 s
 # Waking this much later than meant, this process was frozen: what waits in the port is old news.
 _FROZEN_TIME = 0.2
 _DISCARD_READS = 1000
@@ -202,7 +204,7 @@ class Wire(Generic[FrameT]):
         self._stepped_at = clock.now()
         while not self._quit:
             self._guarded(self._wait_and_step)
-        self._guarded(lambda: self._deactivate(clock.now()))
+        self._guarded(lambda: self._deactivate(clock.now(), _LAST_OPEN_TIME))
         self._ended = True
         self._take_opened(clock.now())  # what came between the two
         self._wake.close()
@@ -343,12 +345,20 @@ class Wire(Generic[FrameT]):
         self._open_at = now
         self._report(now)
 
-    def _deactivate(self, now: float) -> None:
+    def _deactivate(self, now: float, patience: float = _OPEN_TIME) -> None:
         """Send the farewell and close the port, one that is just being opened included."""
         if self._opening is None and now >= self._open_at:  # of just now: the device may be moving
             self._guarded(self._start_opening)
-        if self._opening is not None and self._opening is self._transport:
-            select.select([self._woken], [], [], _FAREWELL_TIME)
+        end = clock.now() + patience
+        while self._opening is not None and self._opening is self._transport:
+            left = end - clock.now()
+            if left <= 0.0:
+                text = f'no farewell: {self._transport.name} was still being opened'
+                self._owner.link_changed(text, False)
+                break
+            if select.select([self._woken], [], [], left)[0]:
+                self._woken.recv(64)
+            now = clock.now()
             self._take_opened(now)
         transport, session, was_open = self._transport, self._session, self.status.is_open
         self._transport = self._session = None  # first, so that no fault below opens it again
