@@ -485,7 +485,8 @@ def test_failed_attempts_leak_no_descriptors(tmp_path: Path, pty: Pty) -> None:
     for _ in range(20):
         open_error(str(pty.path))
         open_error(str(tmp_path / 'nothing'))
-    assert len(os.listdir('/proc/self/fd')) == before
+    # Not more; what a test before this one left may be collected meanwhile.
+    assert len(os.listdir('/proc/self/fd')) <= before
     lock.close()
 
 
