@@ -14,11 +14,16 @@
 
 """A test for each signal that ends a node: SIGTERM in make test, the others in make proof."""
 
+from typing import Any
+
 import pytest
 
 from test.rig import ENDING
 
-_FIRST, *_OTHERS = ENDING
-each_ending = pytest.mark.parametrize(
-    'number', [_FIRST, *(pytest.param(number, marks=pytest.mark.proof) for number in _OTHERS)]
-)
+
+def first_of(first: Any, *others: Any) -> list[Any]:
+    """Return what one parameter may be: the first in make test, the others in make proof."""
+    return [first, *(pytest.param(each, marks=pytest.mark.proof) for each in others)]
+
+
+each_ending = pytest.mark.parametrize('number', first_of(*ENDING))

@@ -68,6 +68,7 @@ from bridge_core.transports.wire import Request
 from bridge_core.transports.wire_process import Node
 from test import gated_wire
 from test.endings import each_ending
+from test.endings import first_of
 from test.link_rig import FakeOwner
 from test.rig import as_yaml
 from test.rig import holds_for
@@ -184,7 +185,7 @@ def running(pty: Pty, observer: Observer, **parameters: Any) -> Iterator[Toy]:
 # The node dies.
 
 
-@pytest.mark.parametrize('number', [SIGKILL, SIGSEGV])
+@pytest.mark.parametrize('number', first_of(SIGKILL, SIGSEGV))
 def test_node_that_dies_leaves_a_farewell_and_no_process(toy: Toy, number: int) -> None:
     wire = toy.wire()
     toy.pty.clear()
@@ -206,7 +207,7 @@ def test_node_that_is_ended_says_farewell_once(toy: Toy, number: int) -> None:
     assert toy.pty.received.count(b'BYE') == 1
 
 
-@pytest.mark.parametrize('number', [SIGINT, SIGQUIT, SIGHUP])
+@pytest.mark.parametrize('number', first_of(SIGINT, SIGQUIT, SIGHUP))
 def test_signal_of_the_terminal_reaches_the_node_only(toy: Toy, number: int) -> None:
     wire = toy.wire()
     assert os.getsid(wire) == wire != os.getsid(toy.pid)
@@ -320,7 +321,7 @@ def test_spare_takes_over_from_a_wire_that_dies_or_hangs_each_time(toy: Toy) -> 
         toy.wait(lambda: toy.names(toy.wire()), 'it in the diagnostics')
 
 
-@pytest.mark.parametrize('number', [SIGKILL, SIGSEGV])
+@pytest.mark.parametrize('number', first_of(SIGKILL, SIGSEGV))
 def test_spare_that_dies_is_replaced_and_stops_nothing(toy: Toy, number: int) -> None:
     wire, spares = toy.wire(), [toy.spare()]
     for _ in range(3):

@@ -43,6 +43,7 @@ from std_msgs.msg import Bool
 import yaml
 
 from esi_drive_bridge.simulator import Simulator as DriveSimulator
+from test.endings import first_of
 from test.mux_talkers import MuxBench
 from test.mux_talkers import sticks
 from test.rig import latched
@@ -356,7 +357,7 @@ def test_stop_and_death_of_the_mux_lock_all_topics_of_twist_mux(observer: Observ
 # diff_drive_controller.
 
 
-@pytest.mark.parametrize('number', [SIGKILL, SIGSTOP])
+@pytest.mark.parametrize('number', first_of(SIGKILL, SIGSTOP))
 def test_operator_turns_the_wheels_and_they_stop_with_the_mux(
     observer: Observer, number: int
 ) -> None:

@@ -27,6 +27,7 @@ from esi_drive_bridge.simulator import Simulator as DriveSimulator
 from rugged_teleop.stack import configured_nodes
 from rugged_teleop.stack import NODES
 from rugged_teleop.stack import wired
+from test.endings import first_of
 from test.rig import NodeProcess
 from test.rig import Observer
 from test.run_delay import RunDelay
@@ -166,7 +167,7 @@ def stack(tmp_path: Path, observer: Observer) -> Iterator[Stack]:
         yield result
 
 
-@pytest.mark.parametrize('number', [SIGTERM, SIGINT], ids=['SIGTERM', 'SIGINT'])
+@pytest.mark.parametrize('number', first_of(SIGTERM, SIGINT))
 def test_stack_turns_the_motor_and_leaves_it_disabled_when_it_is_ended(
     stack: Stack, number: int
 ) -> None:
