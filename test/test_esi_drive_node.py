@@ -190,12 +190,9 @@ def bench(shared: Bench) -> Bench:
 def test_command_becomes_the_manuals_packet(bench: Bench) -> None:
     (entry,) = [entry for entry in VECTORS['command'] if entry['unit'] == 'rpm']
     bench.command.message = command(*(value * RPM for value in entry['value']))
-    bench.enabling()
     frame = bytes.fromhex(entry['hex'])
     since = time.monotonic()
-    bench.wait(
-        lambda: frame in b''.join(chunk.data for chunk in bench.drive.received(since)), 'the frame'
-    )
+    bench.enabling(lambda: frame in b''.join(c.data for c in bench.drive.received(since)))
 
 
 def test_joints_are_found_by_name_in_any_order_and_without_names_in_ours(bench: Bench) -> None:
