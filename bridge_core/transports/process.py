@@ -489,13 +489,12 @@ class ProcessLink(Link):
         """
         if not wire.ready:
             wire.socket.close()
-        elif not wire.ends(ANSWER_TIME / 2) and self._spare is not None:
+        elif not wire.ends(ANSWER_TIME / 2) and (spare := self._spare) is not None:
             wire.end(0.0)
-            self._take_over(self._spare)
+            self._take_over(spare)
             with self._lock:
-                spare, self._wire = self._wire, None
-            if spare is not None:
-                spare.socket.close()
+                self._wire = None
+            spare.socket.close()
 
     def _end(self) -> None:
         self._ended = True
