@@ -243,7 +243,8 @@ class Stage:
         """The fields of the mux's newest status; empty before the first."""
         status = self.status.last
         if status is not self._read:
-            self._read, self._values = status, {each.key: each.value for each in status.values}
+            fields = () if status is None else status.values
+            self._read, self._values = status, {each.key: each.value for each in fields}
         return self._values
 
     @property

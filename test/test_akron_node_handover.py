@@ -21,7 +21,6 @@ import math
 from typing import Any
 
 import pytest
-from rclpy.parameter import Parameter as RosParameter
 
 from akron_can_bridge.node import AkronCanBridge
 from akron_can_bridge.session import Handover
@@ -30,6 +29,7 @@ from akron_can_bridge.session import Session
 from bridge_core import clock
 from bridge_core.session import StopChanged
 from bridge_core.session import Verdict
+from test.node_alone import alone
 
 KNOWN = Handover(in_setup=True, pin='1032AE100801035')
 Asked = list[tuple[Any, ...]]
@@ -37,14 +37,8 @@ Asked = list[tuple[Any, ...]]
 
 @pytest.fixture
 def node(context: Any) -> Iterator[AkronCanBridge]:
-    """Give a node that counts as active; its link's part is the test's."""
-    node = AkronCanBridge(
-        context=context, parameter_overrides=[RosParameter('autostart', value=False)]
-    )
-    node.link.stop()
-    node.active = True
-    yield node
-    node.destroy_node()
+    with alone(AkronCanBridge, context) as node:
+        yield node
 
 
 @pytest.fixture

@@ -18,23 +18,17 @@ from collections.abc import Iterator
 from typing import Any
 
 import pytest
-from rclpy.parameter import Parameter as RosParameter
 
 from bridge_core import clock
 from esi_drive_bridge.node import EsiDriveBridge
 from esi_drive_bridge.session import EnabledChanged
+from test.node_alone import alone
 
 
 @pytest.fixture
 def node(context: Any) -> Iterator[EsiDriveBridge]:
-    """Give a node that counts as active; its link's part is the test's."""
-    node = EsiDriveBridge(
-        context=context, parameter_overrides=[RosParameter('autostart', value=False)]
-    )
-    node.link.stop()
-    node.active = True
-    yield node
-    node.destroy_node()
+    with alone(EsiDriveBridge, context) as node:
+        yield node
 
 
 def test_that_somebody_listens_again_counts_however_late(

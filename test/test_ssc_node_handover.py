@@ -19,7 +19,6 @@ from typing import Any
 
 from diagnostic_msgs.msg import KeyValue
 import pytest
-from rclpy.parameter import Parameter as RosParameter
 
 from bridge_core.session import StopChanged
 from bridge_core.session import Verdict
@@ -31,6 +30,7 @@ from ssc_bridge.session import RELEASE_FRAMES
 from ssc_bridge.wire import AUX_SET
 from ssc_bridge.wire import make_session
 from ssc_bridge.wire import OUTPUTS_SENT
+from test.node_alone import alone
 from test.ssc_bench import AUX
 from test.ssc_rig import configuration
 
@@ -40,13 +40,8 @@ SENT = ((1700.0, 1700.0, True),)
 
 @pytest.fixture
 def node(context: Any) -> Iterator[SscBridge]:
-    """Give a node that counts as active; its link's part is the test's."""
-    node = SscBridge(context=context, parameter_overrides=[RosParameter('autostart', value=False)])
-    node.link.stop()
-    node.take_parameters(node.values)
-    node.active = True
-    yield node
-    node.destroy_node()
+    with alone(SscBridge, context) as node:
+        yield node
 
 
 @pytest.fixture
