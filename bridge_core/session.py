@@ -24,6 +24,7 @@ from __future__ import annotations
 
 from abc import ABC
 from abc import abstractmethod
+from collections.abc import Iterable
 from collections.abc import Sequence
 from dataclasses import dataclass
 from dataclasses import field
@@ -226,8 +227,8 @@ class Session(ABC, Generic[FrameT, MessageT, EventT]):
             return math.inf
         return min(self._decoder.deadline, self._expires_at(), self._sends_at())
 
-    def farewell(self, now: float) -> list[FrameT]:
-        """Return the frames that leave the device in its safe state."""
+    def farewell(self, now: float) -> Iterable[FrameT]:
+        """Return the frames that leave the device in its safe state; refused as those of poll."""
         del now
         return []
 

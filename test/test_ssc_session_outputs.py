@@ -456,7 +456,7 @@ def test_outputs_that_nobody_named_or_commanded_are_never_touched(failsafe: Fail
     rig.outputs = [1500] * OUTPUTS  # what the receiver drives them with
     rig.start().tick(100)
     assert rig.pulses() == []
-    assert rig.session.farewell(rig.now) == []
+    assert list(rig.session.farewell(rig.now)) == []
 
 
 def test_release_is_repeated_when_the_device_comes_back() -> None:
@@ -620,7 +620,7 @@ def test_unnamed_outputs_hold_where_configured() -> None:
 def test_farewell_brings_every_output_to_its_failsafe() -> None:
     rig = servo_rig()
     rig.tick(100, servos(pan=0.5, tilt=0.5, grip=0.5))
-    frames = rig.session.farewell(rig.now)
+    frames = list(rig.session.farewell(rig.now))
     assert len(frames) == RELEASE_FRAMES
     for frame in frames:
         assert frame[4:14] == bytes.fromhex('0000 0000 044C 0000 06D6')
@@ -639,7 +639,7 @@ def test_farewell_is_said_to_a_port_that_is_so_new_that_its_device_told_nothing(
     rig.tick(100, servos(pan=0.5, tilt=0.5, grip=0.5))
     rig.session.closed(rig.now)
     rig.session.opened(rig.now)
-    frames = rig.session.farewell(rig.now)
+    frames = list(rig.session.farewell(rig.now))
     assert last_words(frames) == [FAILSAFES] * RELEASE_FRAMES
     assert {len(frame) for frame in frames} == {6 + 2 * OUTPUTS}
 
@@ -650,14 +650,14 @@ def test_farewell_of_a_wire_that_takes_over_needs_no_word_of_the_device() -> Non
     rig = follow(before, servos=(PAN, TILT, GRIP))
     rig.tick(100)
     assert rig.pulses() == []  # it has not looked yet
-    assert last_words(rig.session.farewell(rig.now)) == [FAILSAFES] * RELEASE_FRAMES
+    assert last_words(list(rig.session.farewell(rig.now))) == [FAILSAFES] * RELEASE_FRAMES
 
 
 def test_wire_that_takes_over_releases_what_no_name_tells_it_of() -> None:
     before = Rig().start()
     before.tick(5, pulses(1500))
     rig = follow(before)
-    assert last_words(rig.session.farewell(rig.now)) == [bytes(10)] * RELEASE_FRAMES
+    assert last_words(list(rig.session.farewell(rig.now))) == [bytes(10)] * RELEASE_FRAMES
 
 
 def test_wire_that_takes_over_holds_what_was_sent_last() -> None:
@@ -675,7 +675,7 @@ def test_what_is_held_is_within_limits_that_are_narrower_now() -> None:
     before = servo_rig()
     before.tick(100, servos(grip=0.5))
     rig = follow(before, servos=(replace(GRIP, max_us=1600),))
-    frames = rig.session.farewell(rig.now)
+    frames = list(rig.session.farewell(rig.now))
     assert {words[8:] for words in last_words(frames)} == {bytes.fromhex('0640')}
 
 
@@ -686,7 +686,7 @@ def test_who_has_sent_nothing_has_no_farewell(mute: set[int]) -> None:
     rig.mute = mute
     rig.tick(8)
     assert rig.pulses() == []
-    assert rig.session.farewell(rig.now) == []
+    assert list(rig.session.farewell(rig.now)) == []
 
 
 def test_what_was_sent_is_reported_once_for_each_change() -> None:

@@ -28,8 +28,10 @@ from test.ssc_rig import TILT
 
 
 def leave(rig: Rig) -> None:
-    """Do as a wire that is deactivated, with a farewell that goes out."""
-    rig.session.farewell(rig.now)
+    """Do as a wire that is deactivated: its farewell goes out, but where the line is busy."""
+    for frame in rig.session.farewell(rig.now):
+        if rig.busy:
+            rig.session.refused(frame, rig.now)
     rig.events += rig.session.closed(rig.now)
 
 
@@ -62,6 +64,17 @@ def test_command_that_a_busy_line_did_not_take_is_not_told_as_sent(first: float)
     before.events += before.session.closed(before.now)
     assert before.of(OutputsSent)[-1].states[4][0] == before.pulses()[-1][4]
     rig = follow(before, servos=(GRIP,))
+    rig.mute, rig.estop = set(), True
+    rig.tick(60)
+    assert {us[4] for us in rig.pulses()} == {before.pulses()[-1][4]}
+
+
+def test_farewell_that_a_busy_line_did_not_take_is_not_told_as_sent() -> None:
+    before = Rig(servos=(replace(GRIP, failsafe=Failsafe.RELEASE),)).start()
+    before.tick(60, servos(grip=1.0))
+    before.busy = True
+    leave(before)
+    rig = follow(before, servos=(GRIP,))  # which is to be held
     rig.mute, rig.estop = set(), True
     rig.tick(60)
     assert {us[4] for us in rig.pulses()} == {before.pulses()[-1][4]}

@@ -612,10 +612,15 @@ def test_owner_that_lost_the_end_of_a_session_gets_its_stop(bench: WireBench) ->
     bench.step()
     bench.owner.stop = False  # as if it had not taken the stop
     bench.owner.told.append(False)
+    bench.log()
     bench.wire.interrupt('something was lost', bench.now)
-    assert bench.owner.told[-1] is True
+    assert bench.log() == ['stop True', 'event closed']  # and what came with it
     assert bench.owner.verdicts[-1].reasons == ('the node is not active',)
     assert 'interrupted' not in bench.session.calls
+    bench.deactivate()  # again, with nothing to leave
+    bench.step()
+    bench.wire.interrupt('something was lost', bench.now)
+    assert bench.log()[-1] == 'event closed'
 
 
 # Both directions.
@@ -1004,6 +1009,7 @@ def test_first_part_of_a_farewell_that_is_refused_is_told(bench: WireBench) -> N
     bench.deactivate()
     bench.step()
     assert bench.log()[:2] == ['sent bye 2', 'bad no farewell: port takes nothing']
+    assert [frame for frame, _ in bench.session.told_refused] == [b'bye 1']
 
 
 def test_farewell_to_a_lost_port_is_told_and_still_stops_and_closes(bench: WireBench) -> None:
@@ -1013,6 +1019,7 @@ def test_farewell_to_a_lost_port_is_told_and_still_stops_and_closes(bench: WireB
     bench.deactivate()
     bench.step()
     assert bench.log() == ['bad no farewell: unplugged', 'stop True', 'event closed']
+    assert [frame for frame, _ in bench.session.told_refused] == [b'bye 1', b'bye 2']
     assert not bench.port.is_open
     assert bench.ends[-1] == (2, '')
 

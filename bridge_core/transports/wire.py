@@ -189,6 +189,7 @@ class Wire(Generic[FrameT]):
         self._transport: Transport[FrameT] | None = None
         self._opening: Transport[FrameT] | None = None  # a thread is at work in its open()
         self._session: Session[FrameT, Any, Any] | None = None
+        self._left: Session[FrameT, Any, Any] | None = None  # the one before, of a wire at rest
         self._resting = False
         self._damage = Damage(Counters())
         self._levels: tuple[Level, ...] = ()
@@ -286,8 +287,8 @@ class Wire(Generic[FrameT]):
             verdict = self._session.verdict
             told = verdict != before
             self._exchange(False, now)
-        elif self._session is not None:
-            ended = self._session.closed(now)  # says again what it said as the port went
+        elif last := self._session or self._left:
+            ended = last.closed(now)  # says again what it said as the port went
         if not told:  # it has stopped before, and it may be just that which was lost
             self._owner.on_events([StopChanged(verdict), *ended], now)
 
@@ -361,6 +362,7 @@ class Wire(Generic[FrameT]):
             now = clock.now()
             self._take_opened(now)
         transport, session, was_open = self._transport, self._session, self.status.is_open
+        self._left = session or self._left
         self._transport = self._session = None  # first, so that no fault below opens it again
         self._open_at = math.inf
         self.status.is_open, self.status.error = False, 'the node is not active'
@@ -370,24 +372,28 @@ class Wire(Generic[FrameT]):
             last.callback(transport.close)
             # The stop is published before the port is closed, which may take a while.
             last.callback(lambda: self._owner.on_events(session.closed(now), now))
-            self._say_farewell(transport, session.farewell(now))
+            self._say_farewell(transport, session, now)
 
-    def _say_farewell(self, transport: Transport[FrameT], frames: list[FrameT]) -> None:
+    def _say_farewell(
+        self, transport: Transport[FrameT], session: Session[FrameT, Any, Any], now: float
+    ) -> None:
+        """Send it, and tell the session of each frame that does not go out, as ever."""
         end = clock.now() + _FAREWELL_TIME
-        refused = False
-        try:
-            for frame in frames:
+        error = ''
+        for frame in session.farewell(now):
+            try:
                 # A line busy with earlier frames is no reason to leave the device moving.
                 while not (taken := transport.send(frame)) and clock.now() < end:
                     time.sleep(0.001)
-                if taken:
-                    self._show(True, [frame], clock.now())
-                refused = refused or not taken
-        except TransportError as error:
+            except TransportError as failure:
+                taken, error = False, str(failure)
+            if taken:
+                self._show(True, [frame], clock.now())
+            else:
+                session.refused(frame, now)
+                error = error or f'{transport.name} takes nothing'
+        if error:
             self._owner.link_changed(f'no farewell: {error}', False)
-        else:
-            if refused:
-                self._owner.link_changed(f'no farewell: {transport.name} takes nothing', False)
 
     # -- port and session -------------------------------------------------------------------------
 
@@ -515,7 +521,7 @@ class Wire(Generic[FrameT]):
                 last.callback(lambda: self._owner.on_events(session.closed(now), now))
             last.callback(self._retry_later, error, now)
             if was_open and at_fault:
-                self._say_farewell(transport, session.farewell(now))
+                self._say_farewell(transport, session, now)
 
     def _retry_later(self, error: str, now: float) -> None:
         news = self.status.is_open or self.status.error != error

@@ -17,6 +17,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection
+from collections.abc import Iterator
 from collections.abc import Mapping
 from collections.abc import Sequence
 from dataclasses import replace
@@ -213,20 +214,18 @@ class Session(BaseSession[bytes, Message | Poll, Event]):
         if not self.settings.keep_aux_outputs:
             self._aux_outputs.claim(numbers, -math.inf)
 
-    def farewell(self, now: float) -> list[bytes]:
+    def farewell(self, now: float) -> Iterator[bytes]:
         """
-        Return what brings every output to its failsafe, as nobody will command any more.
+        Yield what brings every output to its failsafe, as nobody will command any more.
 
         Only what was sent has to be undone; and it has to, although this port, or this session,
         is so new that the device has not told how many outputs it has.
         """
         self._stop(['the node leaves'], now)
-        frames: list[bytes] = []
         for _ in range(RELEASE_FRAMES):  # one may be lost; what the port refuses is tried again
             if self.outputs.sent:
-                frames += self.outputs.frames(now, self._count(), at_once=True)
-            frames += self._aux_outputs.take(now, at_once=True)
-        return frames
+                yield from self.outputs.frames(now, self._count(), at_once=True)
+            yield from self._aux_outputs.take(now, at_once=True)
 
     def refused(self, frame: bytes, now: float) -> None:
         """Have the outputs go on from where they are."""
