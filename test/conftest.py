@@ -68,8 +68,16 @@ def pytest_unconfigure() -> None:
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Let what computes come last, the longest first: it is in the way of all with timeouts."""
+    """Let what computes come last, the longest last: one worker begins there."""
     items.sort(key=computing)
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
+    """Have one worker compute all the time: the others wait for most of theirs."""
+    from test.scheduling import Scheduling
+
+    return Scheduling(config, log)
 
 
 def pytest_runtest_setup(item: pytest.Item) -> None:
@@ -79,9 +87,9 @@ def pytest_runtest_setup(item: pytest.Item) -> None:
 
 
 def computing(item: pytest.Item) -> tuple[bool, float]:
-    """Tell whether it has the mark ``computes``, and minus the seconds that this gives."""
+    """Tell whether it has the mark ``computes``, and the seconds that this gives."""
     mark = item.get_closest_marker('computes')
-    return mark is not None, -sum(mark.args) if mark else 0
+    return mark is not None, sum(mark.args) if mark else 0
 
 
 def pytest_collection_finish() -> None:
