@@ -19,7 +19,7 @@ from xdist.workermanage import WorkerController
 
 
 class Scheduling(LoadFileScheduling):
-    """File by file in their order; but the last worker, if there are several, begins at the end."""
+    """File by file in their order; but the last of several workers begins at the end."""
 
     def _assign_work_unit(self, node: WorkerController) -> None:
         if node is self.nodes[-1] and len(self.nodes) > 1:
