@@ -220,6 +220,7 @@ EXCUSED: dict[str, dict[str, str]] = {
     'fort_vsc_bridge/session/stops.py': {
         'StopJudge.__init__: False -> True': _SET_FIRST,
         'StopJudge.__init__: 0.0 -> 1.0': _SET_FIRST,
+        'StopJudge.__init__: self._before = self._of_asking() -> pass': _SET_FIRST,
         'StopJudge.asked: self._asked and (not remedy) -> self._asked': (
             'it is read once nothing is asked, and set anew then'
         ),

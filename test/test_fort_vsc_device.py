@@ -109,6 +109,13 @@ def test_nothing_is_due_before_the_link_is_up() -> None:
     assert Bench().deadline == math.inf
 
 
+def test_answer_to_a_question_of_somebody_else_counts_for_nothing() -> None:
+    bench = Bench(auto_off_enable=1)
+    bench.answer(0, 0.0)
+    assert bench.state == UNKNOWN
+    assert bench.queue.said == []
+
+
 def test_first_of_several_is_due() -> None:
     bench = Bench(auto_off_enable=1, joystick_interval_ms=1000)
     bench.link(1.0)

@@ -49,6 +49,17 @@ def is_own(judge: StopJudge, now: float) -> bool:
     return verdict.own_estop
 
 
+def test_echo_that_was_heard_once_ends_no_later_one_before_it_is_heard(judge: StopJudge) -> None:
+    judge.asked('let go', 1.0)
+    assert not is_own(judge, 1.1)
+    judge.asked('', 2.0)
+    clear(judge, 2.1)
+    judge.asked('let go', 3.0)
+    judge.asked('', 3.1)
+    clear(judge, 3.2)  # the VSC has not taken the second one yet
+    assert not is_own(judge, 3.1 + SOON)
+
+
 def test_bit_that_stood_before_we_asked_is_ours_until_it_is_seen_clear(judge: StopJudge) -> None:
     assert is_own(judge, 1.0)
     judge.asked('let go', 2.0)

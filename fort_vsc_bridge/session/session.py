@@ -184,8 +184,7 @@ class Session(BaseSession[Frame, Received, Event]):
     def _begin(self, now: float) -> None:
         self._leaving = self._joystick_alone = False
         self._settled_at = now + self.settings.link_timeout
-        self._device.forget()  # what was asked while the port was closed, perhaps of another VSC
-        self._queue.drop_passing()
+        self._queue.drop_passing()  # asked while the port was closed, perhaps of another VSC
         if self.settings.wire.carries(MessageType.HOST_HEARTBEAT):
             self._pacer.start(now)
 
