@@ -329,24 +329,20 @@ def usage(pid: int) -> tuple[int, float, int, int]:
     return pid, resident(pid), threads, descriptors
 
 
-def growth(trials: Sequence[dict[str, Any]]) -> dict[int, tuple[str, int, float, int, int]]:
+def growth(trials: Sequence[dict[str, Any]]) -> dict[tuple[str, int], tuple[int, float, int, int]]:
     """
-    Return by process its name, trials lived, and the growth of MB, threads and descriptors.
+    Return by process, its name and number, trials lived, and growth of MB, threads, descriptors.
 
     It counts from the eleventh trial of its life to the last, for those that lived for longer
-    than _SETTLED.
+    than _SETTLED. A number comes again after some ten thousand processes.
     """
-    lives: dict[int, list[tuple[str, list[Any]]]] = {}
+    lives: dict[tuple[str, int], list[list[Any]]] = {}
     for trial in trials:
         for name, (pid, *used) in trial['use'].items():
-            lives.setdefault(pid, []).append((name, used))
+            lives.setdefault((name, pid), []).append(used)
     return {
-        pid: (
-            life[0][0],
-            len(life),
-            *(b - a for a, b in zip(life[10][1], life[-1][1], strict=True)),
-        )
-        for pid, life in lives.items()
+        process: (len(life), *(b - a for a, b in zip(life[10], life[-1], strict=True)))
+        for process, life in lives.items()
         if len(life) > _SETTLED
     }
 
@@ -384,9 +380,9 @@ def table(trials: Sequence[dict[str, Any]]) -> str:
         f'{len(trials)} trials, {sum(t["took"] for t in trials) / max(1, len(trials)):.1f} s '
         f'each; packets that enabled after a stop: {sum(t["again"] for t in trials)}. Growth of '
         f'the {len(grown)} processes that lived for more than {_SETTLED} trials, at most: '
-        f'{max((g[2] for g in grown), default=0.0):.1f} MB, '
-        f'{max((g[3] for g in grown), default=0)} threads, '
-        f'{max((g[4] for g in grown), default=0)} descriptors.',
+        f'{max((g[1] for g in grown), default=0.0):.1f} MB, '
+        f'{max((g[2] for g in grown), default=0)} threads, '
+        f'{max((g[3] for g in grown), default=0)} descriptors.',
     ]
     return '\n'.join(lines)
 

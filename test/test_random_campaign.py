@@ -152,7 +152,11 @@ def test_table_counts_what_the_machine_excuses_and_what_nothing_does() -> None:
 def test_growth_is_told_of_processes_that_lived_for_long() -> None:
     uses = [{'mux': (7, 70.0 + n, 9, 20), 'vsc': (100 + n, 60.0, 9, 20)} for n in range(30)]
     trials = [asdict(Trial(n, '', '', 0.5, use=use)) for n, use in enumerate(uses)]
-    assert growth(trials) == {7: ('mux', 30, 19.0, 0, 0)}
+    assert growth(trials) == {('mux', 7): (30, 19.0, 0, 0)}
+    # Another process may get its number.
+    for trial in trials[5:]:
+        trial['use'] = {'drive': trial['use']['mux']}
+    assert growth(trials) == {('drive', 7): (25, 14.0, 0, 0)}
 
 
 @pytest.mark.proof
