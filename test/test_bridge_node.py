@@ -52,17 +52,18 @@ from test.rig import Observer
 from test.rig import Pty
 from test.rig import Record
 from test.rig import wait_for
+from test.run_delay import RunDelay
 from test.toy_bridge import make_toy
 from test.toy_bridge import toy_process
 from test.toy_bridge import ToyBridge
 from test.toy_rig import ESTOP
+from test.toy_rig import OUTLASTS_GAPS
 from test.toy_rig import ToyDevice
 from test.toy_rig import wait_repeats
 from test.toy_rig import wait_value
 from test.toy_wire import Session
 
 toy = partial(toy_process, patient=True)  # unless it is about its limits
-OUTLASTS_GAPS = 5.0  # s; a link_timeout where a device that is held up must not count as silent
 
 
 @pytest.fixture(params=['thread', 'process'])
@@ -542,7 +543,8 @@ def test_diagnostics_tell_link_and_device_and_change_at_once(
         last = statuses(diagnostics)[-1] if diagnostics.messages else {}
         return [last[name].level for name in names if name in last]
 
-    with toy(device.pty.path, link, hardware_id='the toy'):
+    options: dict[str, Any] = {'hardware_id': 'the toy', 'link_timeout': OUTLASTS_GAPS}
+    with toy(device.pty.path, link, **options) as node:
         good = [DiagnosticStatus.OK, DiagnosticStatus.OK]
         observer.wait_for(lambda: levels() == good, 15.0, 'all well')
         port, toy_device = (statuses(diagnostics)[-1][name] for name in names)
@@ -561,16 +563,17 @@ def test_diagnostics_tell_link_and_device_and_change_at_once(
         } <= set(values)
         assert int(values['sent']) > 0
         # Steady: once a second.
-        count = len(diagnostics.messages)
+        count, delay = len(diagnostics.messages), RunDelay([node.process.pid])
         observer.wait_for(lambda: len(diagnostics.messages) >= count + 4, 10.0, 'four more')
         # At twice the rate they would take 1.5 s; the first may have been late by up to a second.
-        assert diagnostics.times[count + 3] - diagnostics.times[count] > 1.9
+        span = diagnostics.times[count + 3] - diagnostics.times[count]
+        assert span > 1.9 - delay.seconds()
         # A change does not wait for the next second.
-        changed = time.monotonic()
+        changed, delay = time.monotonic(), RunDelay([node.process.pid])
         device.talking = False
         device.pty.write(b's')
         observer.wait_for(lambda: levels()[1] == DiagnosticStatus.ERROR, 5.0, 'the stop')
-        assert diagnostics.times[-1] - changed < 0.9
+        assert diagnostics.times[-1] - changed < 0.9 + delay.seconds()
         device.pty.unplug()
         observer.wait_for(lambda: levels()[0] == DiagnosticStatus.ERROR, 5.0, 'the loss')
         assert 'no such port' in statuses(diagnostics)[-1][names[0]].message or (

@@ -26,6 +26,7 @@ from test.rig import Pty
 from test.rig import Record
 
 ESTOP = '/toy_bridge/estop'
+OUTLASTS_GAPS = 5.0  # s; a link_timeout where a device that is held up must not count as silent
 
 
 class ToyDevice:
