@@ -41,12 +41,17 @@ class RunDelay:
     def __init__(self, pids: Sequence[int]) -> None:
         self._pids = (*pids, os.getpid())
         self._before = self._waited()
+        self._last = dict(self._before)
         self._stolen_before = _stolen()
 
     def seconds(self) -> float:
-        """Return the sum; without what has ended, and 0 where the kernel keeps no account."""
-        after = self._waited()
-        waited = sum(after[thread] - self._before.get(thread, 0) for thread in after)
+        """
+        Return the sum; 0 where the kernel keeps no account.
+
+        Of what has ended it knows only what was so when it was asked last.
+        """
+        self._last |= self._waited()
+        waited = sum(self._last[thread] - self._before.get(thread, 0) for thread in self._last)
         return 1e-9 * waited + _stolen() - self._stolen_before
 
     def exceeds(self, bound: float) -> bool:
