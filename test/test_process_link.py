@@ -88,6 +88,7 @@ from test.toy_bridge import toy_process
 from test.toy_rig import command_of
 from test.toy_rig import ESTOP
 from test.toy_rig import is_running
+from test.toy_rig import OUTLASTS_GAPS
 from test.toy_rig import spares_of
 from test.toy_rig import ToyDevice
 from test.toy_rig import wait_repeats
@@ -112,6 +113,7 @@ class Toy:
         self.pid = self.node.process.pid
         self.estop = observer.record(Bool, ESTOP, latched())
         self.diagnostics = Diagnostics(observer, 'toy_bridge')
+        self.delay = RunDelay([self.pid])  # since it was healthy
 
     @property
     def pty(self) -> Pty:
@@ -121,12 +123,18 @@ class Toy:
         """Return the process of its wire, once there is one and only one."""
         return int(self.wait(lambda: wires_of(self.pid), 'a wire')[0])
 
+    def held_up(self) -> bool:
+        """Tell whether the machine may have made a wire count as hung, which then is replaced."""
+        return self.delay.exceeds(HELD_UP)
+
     def spare(self) -> int:
         """Return the process that waits to take over, once it is ready."""
-        self.wait(lambda: self.diagnostics.value(LINK, 'spare process').isdigit(), 'a spare')
-        spare = int(self.diagnostics.value(LINK, 'spare process'))
-        self.wait(lambda: name_of(spare) == 'spare wire', 'a spare that is ready')
-        return spare
+
+        def ready() -> int:
+            told = self.diagnostics.value(LINK, 'spare process')
+            return int(told) if told.isdigit() and name_of(int(told)) == 'spare wire' else 0
+
+        return int(self.wait(ready, 'a spare that is ready'))
 
     def wait(self, condition: Callable[[], Any], what: str, timeout: float = 10.0) -> Any:
         return self.observer.wait_for(condition, timeout, what)
@@ -148,7 +156,11 @@ class Toy:
         return self.diagnostics.value(LINK, 'wire process') == str(wire)
 
     def wait_gone(self, *pids: int) -> None:
-        self.wait(lambda: not any(map(is_running, pids)), f'the end of {pids}')
+        def gone() -> bool:
+            self.delay.seconds()  # what has ended cannot be asked any more
+            return not any(map(is_running, pids))
+
+        self.wait(gone, f'the end of {pids}')
 
     def wait_new_wire(self, *old: int) -> int:
         found = self.wait(lambda: [w for w in wires_of(self.pid) if w not in old], 'a new wire')
@@ -172,6 +184,7 @@ class Toy:
 def toy(pty: Pty, observer: Observer) -> Iterator[Toy]:
     with running(pty, observer) as result:
         result.wait_stop(False)
+        result.delay = RunDelay([result.pid])
         yield result
 
 
@@ -200,11 +213,12 @@ def test_node_that_dies_leaves_a_farewell_and_no_process(toy: Toy, number: int) 
 @each_ending
 def test_node_that_is_ended_says_farewell_once(toy: Toy, number: int) -> None:
     wire = toy.wire()
-    assert toy.node.end(number) == 0
-    assert not is_running(wire)
+    toy.node.signal(number)
+    toy.wait_gone(toy.pid, wire)
+    assert toy.node.wait() == 0
     toy.pty.wait_received(b'BYE')
     assert toy.pty.received.endswith(b'BYE')
-    assert toy.pty.received.count(b'BYE') == 1
+    assert toy.pty.received.count(b'BYE') == 1 or toy.held_up()  # then its spare says it, too
 
 
 @pytest.mark.parametrize('number', first_of(SIGINT, SIGQUIT, SIGHUP))
@@ -212,9 +226,10 @@ def test_signal_of_the_terminal_reaches_the_node_only(toy: Toy, number: int) -> 
     wire = toy.wire()
     assert os.getsid(wire) == wire != os.getsid(toy.pid)
     os.killpg(os.getpgid(toy.pid), number)
+    toy.wait_gone(toy.pid, wire)
     assert toy.node.wait() == 0
     toy.pty.wait_received(b'BYE')
-    assert toy.pty.received.count(b'BYE') == 1
+    assert toy.pty.received.count(b'BYE') == 1 or toy.held_up()
 
 
 @each_ending
@@ -222,7 +237,7 @@ def test_signal_to_the_wire_ends_nothing(toy: Toy, number: int) -> None:
     wire, count = toy.wire(), toy.keep_alives()
     os.kill(wire, number)
     toy.wait(lambda: toy.keep_alives() > count + 5, 'keep-alives')
-    assert toy.wire() == wire
+    assert toy.wire() == wire or toy.held_up()
 
 
 def test_ps_tells_what_a_wire_is(toy: Toy) -> None:
@@ -245,23 +260,24 @@ def test_wire_of_a_stopped_node_goes_on_and_so_does_the_node_later(toy: Toy) -> 
     toy.wait(lambda: toy.keep_alives() > count + 20, 'keep-alives')
     toy.node.signal(SIGCONT)
     toy.wait_stop(False)
-    assert toy.wire() == wire
+    assert toy.wire() == wire or toy.held_up()
 
 
 def test_wire_of_a_node_whose_interpreter_is_held_goes_on(toy: Toy) -> None:
     hang = toy.observer.publisher(Float32, '/toy_bridge/hang')
     wire, count = toy.wire(), toy.keep_alives()
-    hang.publish(Float32(data=1.5))
+    hang.publish(Float32(data=3.0))
     toy.wait(lambda: time.monotonic() - toy.estop.times[-1] > 0.3, 'a node that is silent')
     silent, quiet = toy.keep_alives(), len(toy.estop.times)
     toy.wait(lambda: toy.keep_alives() > silent + 10, 'keep-alives meanwhile')
-    assert len(toy.estop.times) == quiet
+    assert len(toy.estop.times) == quiet or toy.held_up()
     assert silent > count
     toy.wait_stop(False)
-    assert toy.wire() == wire
+    assert toy.wire() == wire or toy.held_up()
 
 
 def test_stop_of_a_node_that_was_stopped_comes_before_anything_else(toy: Toy) -> None:
+    first = []
     for _ in range(3):
         toy.device.talking = True
         toy.wait_stop(False)
@@ -275,7 +291,10 @@ def test_stop_of_a_node_that_was_stopped_comes_before_anything_else(toy: Toy) ->
         toy.estop.clear()
         toy.node.signal(SIGCONT)
         toy.wait(lambda: len(toy.estop.data) >= 5, 'messages')
-        assert all(toy.estop.data)
+        first.append(toy.estop.data[0])
+        assert all(toy.estop.data[1:])
+    # Stopped during a publish, which is rare, it goes on with that one.
+    assert first.count(True) >= 2
 
 
 def test_stop_that_came_and_went_while_the_node_was_stopped_is_told(toy: Toy) -> None:
@@ -294,31 +313,32 @@ def test_stop_that_came_and_went_while_the_node_was_stopped_is_told(toy: Toy) ->
 
 
 def test_wire_that_dies_is_a_stop_with_the_reason_and_is_replaced(toy: Toy) -> None:
-    wires = [toy.wire()]
-    for restarts in (1, 2, 3):
+    wires: list[int] = []
+    for number in (1, 2, 3):
         killed = time.monotonic()
+        wires.append(toy.wire())
         os.kill(wires[-1], SIGKILL)
         toy.wait_stop_since(killed)
-        new = toy.wait_new_wire(*wires)
+        toy.wait_new_wire(*wires)
         assert not is_running(wires[-1])
         toy.wait_stop(False)
-        wires.append(new)
-        toy.wait(functools.partial(toy.names, new), 'its pid in the diagnostics')
-        assert toy.diagnostics.value(LINK, 'wire restarts') == str(restarts)
+        toy.wait(lambda: toy.names(toy.wire()), 'its pid in the diagnostics')
+        assert restarts(toy) == number or toy.held_up()
         assert toy.diagnostics.value(LINK, 'node process') == str(toy.pid)
     assert toy.node.output.count('was killed by SIGKILL') >= 3
 
 
 def test_spare_takes_over_from_a_wire_that_dies_or_hangs_each_time(toy: Toy) -> None:
     for number in (SIGKILL, SIGKILL, SIGSTOP, SIGKILL):
-        wire, spare, delay = toy.wire(), toy.spare(), RunDelay([toy.pid])
-        assert toy.names(wire)
+        toy.wait(lambda: toy.names(toy.wire()), 'it in the diagnostics')
+        toy.delay = RunDelay([toy.pid])
+        spare, wire = toy.spare(), toy.wire()
         os.kill(wire, number)
         new = toy.wait_new_wire(wire)
-        assert new == spare or delay.exceeds(HELD_UP)  # then it may count as hung, too
+        assert new == spare or toy.held_up()
         assert not is_running(wire)
         toy.wait_stop(False)
-        toy.wait(lambda: toy.names(toy.wire()), 'it in the diagnostics')
+    toy.wait(lambda: toy.names(toy.wire()), 'it in the diagnostics')
 
 
 @pytest.mark.parametrize('number', first_of(SIGKILL, SIGSEGV))
@@ -331,9 +351,10 @@ def test_spare_that_dies_is_replaced_and_stops_nothing(toy: Toy, number: int) ->
         toy.wait(lambda: toy.diagnostics.value(LINK, 'spare process') != str(spares[-1]), 'it')
         spares.append(toy.spare())
     assert len(set(spares)) == 4
-    assert toy.wire() == wire
-    assert 'was killed' not in toy.node.output
-    assert toy.diagnostics.value(LINK, 'wire restarts') == '0'
+    if toy.wire() == wire and restarts(toy) == 0:
+        assert 'was killed' not in toy.node.output
+    else:
+        assert toy.held_up()
 
 
 def test_spare_that_hangs_is_killed_once_it_has_to_take_over(toy: Toy) -> None:
@@ -420,33 +441,31 @@ def test_request_that_waits_for_a_dead_wire_is_answered(toy: Toy) -> None:
     toy.wait(client.service_is_ready, 'the service')
     delay = RunDelay([toy.pid])
 
-    def counts(answer: str) -> bool:
-        """Tell whether it is no answer of a wire that the machine held up."""
-        held_up = 'hangs' in answer
-        assert not held_up or delay.exceeds(WIRE_HELD_UP), answer
-        return not held_up
+    def counts(answer: Any, word: str) -> bool:
+        """Tell whether it is this one, and none of a node or a wire that the machine held up."""
+        as_meant = word in answer.message
+        assert as_meant or delay.exceeds(WIRE_HELD_UP), answer
+        return as_meant
 
     def answered() -> bool:  # a first call may come before the node knows this client
         pong = client.call_async(Trigger.Request())
         for _ in range(20):
             toy.pty.write(b'a')
             toy.observer.spin(0.01)
-        if not pong.done() or not counts(pong.result().message):
-            return False
-        assert pong.result().message == 'pong'
-        return True
+        return bool(pong.done()) and counts(pong.result(), 'pong')
 
     def killed() -> bool:
         toy.wait(answered, 'a pong')
         toy.pty.clear()
+        toy.wait(lambda: toy.keep_alives() > 1, 'a wire that has read each answer')
         wire, asked = toy.wire(), client.call_async(Trigger.Request())
         toy.wait(lambda: asked.done() or toy.hears(b'p'), 'that it is asked')
-        if asked.done() and not counts(asked.result().message):
+        if not asked.done():
+            os.kill(wire, SIGKILL)
+            toy.wait(asked.done, 'an answer')
+        if not counts(asked.result(), 'SIGKILL'):
             return False
-        os.kill(wire, SIGKILL)
-        toy.wait(asked.done, 'an answer')
         assert not asked.result().success
-        assert 'SIGKILL' in asked.result().message or not counts(asked.result().message)
         return True
 
     toy.wait(killed, 'the answer of a wire that was killed', 20.0)
@@ -482,13 +501,17 @@ def test_stopped_wire_is_a_stop_and_is_gone_before_another_one_comes(toy: Toy) -
 def test_wire_that_is_stopped_for_a_moment_comes_back_by_itself(toy: Toy) -> None:
     wire = toy.wire()
     for _ in range(5):
+        toy.delay = RunDelay([toy.pid])
         stopped = time.monotonic()
         os.kill(wire, SIGSTOP)
         toy.wait_stop_since(stopped)
-        os.kill(wire, SIGCONT)
+        with contextlib.suppress(ProcessLookupError):
+            os.kill(wire, SIGCONT)
         toy.wait_stop(False)
-    assert toy.wire() == wire
-    assert toy.diagnostics.value(LINK, 'wire restarts') == '0'
+        if toy.wire() != wire:  # that took longer than the node waits
+            assert toy.held_up()
+            return
+    assert restarts(toy) == 0
 
 
 def test_wire_that_dies_at_once_each_time_is_tried_ever_more_seldom(
@@ -510,7 +533,10 @@ def test_wire_that_dies_at_once_each_time_is_tried_ever_more_seldom(
 
 def name_of(pid: int) -> str:
     """Return what ``ps -o comm`` shows."""
-    return Path(f'/proc/{pid}/comm').read_text().strip()
+    try:
+        return Path(f'/proc/{pid}/comm').read_text().strip()
+    except (FileNotFoundError, ProcessLookupError):  # it has ended
+        return ''
 
 
 def restarts(toy: Toy) -> int:
@@ -533,6 +559,7 @@ def test_wire_that_is_killed_disturbs_no_other_node_of_the_process(
         for name, port in ports.items()
         for word in ('-p', f'{name}:port:={as_yaml(str(port.path))}')
     ]
+    arguments += ['-p', f'right:link_timeout:={OUTLASTS_GAPS}']
     source = "import test.patience; from test.toy_bridge import main_two; main_two('process')"
     with NodeProcess('', source=source, arguments=arguments) as node:
         left, right = (observer.record(Bool, f'/{name}/estop', latched()) for name in ports)
@@ -571,7 +598,7 @@ def test_lifecycle_over_a_process(toy: Toy) -> None:
         assert toy.pty.received.count(b'BYE') == 1
         assert toy.observer.change_state('/toy_bridge', 'activate')
         toy.wait_stop(False)
-    assert toy.wire() == wire
+    assert toy.wire() == wire or toy.held_up()
 
 
 def test_wire_that_is_replaced_while_inactive_opens_no_port(toy: Toy) -> None:
@@ -596,10 +623,14 @@ def test_deactivation_while_the_wire_hangs_leaves_the_node_stopped(toy: Toy) -> 
     wait_repeats(toy.observer, toy.estop, True, 10)
     toy.wait_gone(wire)
     toy.wait_new_wire(wire)
+    toy.wait(
+        lambda: toy.hears(b'BYE') or 'was still being opened' in toy.node.output,
+        'the farewell of the new one',
+    )
     toy.pty.clear()
     wait_repeats(toy.observer, toy.estop, True, 10)
     toy.pty.read()
-    assert toy.pty.received == b''  # the new one is inactive, too
+    assert toy.pty.received == b''  # which is inactive, too
 
 
 def test_many_wires_and_ports_leave_no_descriptors(toy: Toy) -> None:
@@ -647,6 +678,11 @@ class Direct:
 
     def close(self) -> None:
         self.link.stop()
+        wait_for(
+            lambda: not (wires_of(os.getpid()) or spares_of(os.getpid())),
+            5.0,
+            'the end of its processes',
+        )
 
 
 @pytest.fixture
@@ -687,7 +723,10 @@ def opens(gate: Path) -> bool:
     return False
 
 
-def test_stops_kill_no_wire_that_loads(pty: Pty, gate: Path) -> None:
+def test_stops_kill_no_wire_that_loads(
+    pty: Pty, gate: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(process, '_KILL_TIME', math.inf)  # a busy machine kills none, either
     with contextlib.closing(Direct(pty)) as direct:
         [loads] = wait_for(lambda: spares_of(os.getpid()), 5.0, 'a process')
         # None is said to be taken, so whoever asks once only knows that it was in vain.
@@ -759,7 +798,7 @@ def test_spare_says_the_farewell_for_a_wire_that_hangs_as_the_node_ends(direct: 
     direct.pty.clear()
     os.kill(wire, SIGSTOP)
     direct.link.stop()
-    assert not is_running(wire)
+    wait_for(lambda: not is_running(wire), 5.0, 'its end')
     direct.pty.wait_received(b'BYE')
     assert direct.pty.received.count(b'BYE') == 1
 
@@ -785,10 +824,12 @@ def test_session_behind_a_refused_activation_goes_on_and_can_be_ended(direct: Di
         direct.link.activate(values)
     os.kill(direct.wire(), SIGKILL)
     wait_for(lambda: 'lost' in direct.owner.log, 5.0, 'the end of the wire')
-    wait_for(direct.is_healthy, 5.0, 'a new one with the activation in force')
     direct.pty.clear()
-    direct.link.deactivate()
-    direct.pty.wait_received(b'BYE')
+    direct.pty.wait_received(b'h', 5.0)  # of a new one with the activation in force
+    direct.pty.clear()
+    with contextlib.suppress(TransportError):  # a busy machine takes longer than it waits
+        direct.link.deactivate()
+    direct.pty.wait_received(b'BYE', 5.0)
     with pytest.raises(ValueError, match='no such transport'):
         direct.link.activate(values)
     direct.pty.clear()
@@ -843,7 +884,7 @@ def test_thread_that_ends_by_a_fault_says_so_and_takes_its_wire_along(direct: Di
     direct.owner.pace = leave  # type: ignore[method-assign]
     wait_for(lambda: direct.owner.log[-1:] == ['ended SystemExit()'], 5.0, 'the end')
     direct.pty.wait_received(b'BYE')
-    assert not is_running(wire)
+    wait_for(lambda: not is_running(wire), 5.0, 'its end')
 
 
 def test_end_of_a_stop_is_not_told_where_another_stop_waits_behind_it(direct: Direct) -> None:
@@ -878,6 +919,7 @@ def test_wire_works_without_a_spare_where_no_more_processes_are_allowed(
 
     wire = direct.wire()
     [spare] = wait_for(lambda: spares_of(os.getpid()), 5.0, 'a spare')
+    monkeypatch.setattr(process, '_KILL_TIME', math.inf)  # there is none for one that hangs
     monkeypatch.setattr(subprocess, 'Popen', refuse)
     os.kill(spare, SIGKILL)
     wait_for(lambda: direct.is_healthy() and len(tries) >= 3, 10.0, 'tries')
@@ -897,20 +939,25 @@ def test_link_that_is_stopped_without_a_start_or_twice(pty: Pty) -> None:
 
 
 def test_link_leaves_no_descriptors_and_processes(pty: Pty) -> None:
+    directs: list[Direct] = []
+
     def count() -> int:
+        for each in directs:
+            each.link.stop()  # closes what is left where its thread took longer to end
         return len(os.listdir('/proc/self/fd'))
 
     before = count()
     for _ in range(3):
         direct = Direct(pty)
+        directs.append(direct)
         direct.activate()
         wire = direct.wire()
         [spare] = wait_for(lambda: spares_of(os.getpid()), 5.0, 'a spare')
         direct.link.stop()
-        direct.link.stop()
+        direct.close()
         assert not is_running(wire)
         assert not is_running(spare)
-    assert count() == before
+    wait_for(lambda: count() == before, 5.0, f'{before} descriptors again')
 
 
 @pytest.fixture
