@@ -16,6 +16,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from collections.abc import Mapping
 import fcntl
 import os
@@ -45,6 +46,9 @@ from test.stage import VSC
 
 MODULES = {VSC: 'fort_vsc_bridge.node', MUX: 'safety_mux.node', DRIVE: 'esi_drive_bridge.node'}
 DEADMAN, STICK = 'left_down', 'left_y'  # the mux's defaults: button 0, axis 1
+_PRESS_TIME = 3.0  # s from a press of the deadman to an enabled drive
+# In the answers of a drive node that was held up, or whose wire was.
+_LATE_WORDS = ('the wire of', 'held up', 'frozen', 'takes nothing')
 
 
 class Spine(Stage):
@@ -131,11 +135,26 @@ class Spine(Stage):
 
     def ready(self) -> None:
         """Reset, once nothing else is missing, and let FORT's operator rest for long enough."""
+        self._delay = self.run_delay()
         self._rest_operator(resets=0)
 
     def rested(self) -> None:
-        """Wait, after a reset, until FORT's deadman gets control."""
+        """Wait, after ``reset_once`` or a motion, until FORT's deadman gets control."""
         self._rest_operator(resets=1)
+
+    def reset_once(self) -> float:
+        """Reset, once nothing else is missing; return a moment just before."""
+        self._delay = self.run_delay()
+
+        def accepted() -> float:
+            if not self.may_reset():
+                return 0.0
+            before = time.monotonic()
+            reply = self.reset()
+            assert reply.success or self.held_up(), reply.message
+            return before if reply.success else 0.0
+
+        return float(self.wait(accepted, 'a reset that counts'))
 
     def _rest_operator(self, resets: int) -> None:
         """
@@ -145,7 +164,6 @@ class Spine(Stage):
 
         :param resets: how many there were.
         """
-        self._delay = self.run_delay()
 
         def rested() -> bool:
             nonlocal resets
@@ -157,37 +175,47 @@ class Spine(Stage):
         self.wait(rested, 'a reset, and a rested operator')
 
     def clear_errors(self) -> Any:
-        """Return the drive's answer; only a wire that was held up is asked once more."""
+        """Return the drive's answer; only a node that was held up is asked once more."""
         delay = self.run_delay()
 
         def answer() -> Any:
             reply = self.call(CLEAR_ERRORS)
-            if 'the wire of' in reply.message:
+            if any(words in reply.message for words in _LATE_WORDS):
                 assert delay.exceeds(WIRE_HELD_UP), reply.message
                 return None
             return reply
 
         return self.wait(answer, "the drive's answer")
 
-    def move(self) -> None:
-        """Be in motion, from READY, by deadman and stick; see ``ready``."""
+    def move(self, until: Callable[[], bool] = lambda: True) -> None:
+        """
+        Be in motion, from READY, by deadman and stick; see ``ready``.
+
+        A node that was held up stops the machine, or disables the drive until the next press.
+
+        :param until: what then holds.
+        """
+        pressed_at = time.monotonic()
 
         def moves() -> bool:
-            if self.mux_says('STOPPED'):
+            nonlocal pressed_at
+            late = not self.drive.enabled and time.monotonic() > pressed_at + _PRESS_TIME
+            if late or self.mux_says('STOPPED'):
                 assert self.held_up(), self.story()
                 self.let_go()
                 self.ready()
                 self.hold()
-            return self.drive.enabled and self.drive.rpm > 20.0
+                pressed_at = time.monotonic()
+            return self.drive.enabled and self.drive.rpm > 20.0 and until()
 
         self.hold()
         self.wait(moves, 'motion')
         self._delay = self.run_delay()
 
-    def moving(self) -> None:
-        """Be in motion, from STOPPED."""
+    def moving(self, until: Callable[[], bool] = lambda: True) -> None:
+        """Be in motion, from STOPPED; see ``move``."""
         self.ready()
-        self.move()
+        self.move(until)
 
     def run_delay(self) -> RunDelay:
         """Count from now on how long nodes and devices wait for a processor."""
@@ -200,6 +228,13 @@ class Spine(Stage):
     def held_up(self) -> bool:
         """Tell whether what happened since then may be the machine's doing."""
         return self._delay.exceeds(WIRE_HELD_UP)
+
+    def says_or_held_up(self, state: str) -> bool:
+        """Tell whether the mux says this, or STOPPED, where that may be the machine's doing."""
+        if self.mux_says('STOPPED'):
+            assert self.held_up(), self.story()
+            return True
+        return self.mux_says(state)
 
     def restart_rightly(self) -> None:
         """Show that the way back is open: all let go, reset, which moves nothing, deadman."""

@@ -180,6 +180,11 @@ class Drive(Device):
         """Return the first packet after ``since`` that disables both axes."""
         return next((p for p in self.packets(since) if not p.enables), None)
 
+    def heard_farewell(self) -> bool:
+        """Tell whether the newest three packets disable, and ask for nothing."""
+        last = self.packets()[-3:]
+        return len(last) == 3 and not any(p.enables or any(p.values) for p in last)
+
     def packets_since_disabled(self, since: float) -> list[Packet]:
         """Return the packets after ``since`` that follow the last one that disables."""
         enabling = itertools.takewhile(lambda p: p.enables, reversed(self.packets(since)))
