@@ -57,7 +57,7 @@ def test_second_commander_of_servos_brings_the_failsafe(controller: ssc.Bench) -
 @each_ending
 def test_signal_leaves_servos_at_their_failsafe(controller: ssc.Bench, number: int) -> None:
     assert controller.node.end(number) == 0
-    assert controller.seen()['outputs_us'][:2] == [1200, 0]
+    controller.wait(lambda: controller.seen()['outputs_us'][:2] == [1200, 0], 'the failsafe')
 
 
 def test_second_commander_of_a_monitor_makes_it_neutral(

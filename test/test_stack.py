@@ -173,7 +173,7 @@ def test_stack_turns_the_motor_and_leaves_it_disabled_when_it_is_ended(
 ) -> None:
     stack.moving()
     assert stack.process.end(number) == 0  # within the 5 s that launch and others give
-    assert not any(packet.enables for packet in stack.drive.packets()[-3:])
+    stack.wait(stack.drive.heard_farewell, 'the farewell')
     estops = stack.estops.values()
     stack.wait(lambda: all(estop.last.data for estop in estops), 'a last stop of each')
 

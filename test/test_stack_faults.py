@@ -90,7 +90,7 @@ def test_fault_of_our_own_ends_the_process_with_all_farewells(
         stack.wait(lambda: stack.process.process.poll() is not None, 'its end')
         assert stack.process.wait() == 1
         assert f'PlantedFault: {method}' in stack.process.output
-        assert not any(packet.enables for packet in stack.drive.packets()[-3:])
+        stack.wait(stack.drive.heard_farewell, 'the farewell')
         stack.disabled_for_good(cause)
         stack.wait(lambda: all(stack.estops[n].last.data for n in (VSC, DRIVE)), 'a last stop')
 
