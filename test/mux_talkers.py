@@ -57,7 +57,7 @@ OUTPUTS = {
     'twist': (Twist, 'cmd_vel'),
     'twist_stamped': (TwistStamped, 'cmd_vel'),
 }
-FRESH = 0.2  # s; of ~/state, four periods
+FRESH = 0.4  # s; of ~/state, four periods
 CLEAR_TIME = 0.5  # the mux's default; a reset within it of another counts as repeated
 
 
@@ -96,7 +96,7 @@ class MuxBench:
         self.estop = record(Bool, f'{self.name}/estop', latched())
         self.enable = record(Bool, f'{self.name}/enable')
         kind, topic = OUTPUTS[self.given.get('output', 'joints')]
-        self.command = record(kind, f'{self.name}/{topic}')
+        self.command = record(kind, f'{self.name}/{topic}', 1000)
         self.state = record(String, f'{self.name}/state', latched())
         self.status = record(DiagnosticStatus, f'{self.name}/status', latched())
         self.stop_demand = {

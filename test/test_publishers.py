@@ -268,9 +268,9 @@ def test_second_publisher_that_says_stop_among_clear_ones_latches(mux: MuxBench)
 def test_second_mux_is_noticed_by_the_first_and_both_stay_stopped(mux: MuxBench) -> None:
     mux.active()
     with NodeProcess('safety_mux.node', mux.given, namespace=mux.space):
-        mux.wait(lambda: 'stop the other publisher' in mux.why(), 'why')
+        mux.wait(lambda: 'stop the other publisher' in mux.node.output, 'why')
         mux.joy.message = sticks()
-        mux.observer.spin()
+        mux.wait(lambda: mux.state.data[-5:] == ['STOPPED'] * 5, 'what both say')
         mux.state.clear()
         mux.observer.holds_for(lambda: set(mux.state.data) <= {'STOPPED'}, 1.0)
         assert not mux.reset().success

@@ -219,7 +219,7 @@ def test_slow_zone_slows_the_machine_and_status_says_so(observer: Observer) -> N
         zone.pause()
         mux.wait(lambda: not any(mux.command.last.velocity), 'the lowest, which is 0')
         mux.wait(lambda: mux.explains("'zone' allows 0 %: speed limit 'zone' is stale"), 'why')
-        assert mux.says('ACTIVE')
+        mux.wait(lambda: mux.says('ACTIVE'), 'ACTIVE')
     finally:
         zone.leave()
         mux.close()
@@ -344,7 +344,7 @@ def test_stop_demand_leaves_out_whose_own_stop_it_is(mux: MuxBench) -> None:
     assert not mux.stop_demand['fort'].last.data
     mux.fort_own_estop.message = Bool(data=False)  # its stop is but the echo of another's
     mux.wait(lambda: not mux.stop_demand['drive'].last.data, 'the drive is not asked')
-    assert mux.says('STOPPED')
+    mux.wait(lambda: mux.says('STOPPED'), 'STOPPED')
     mux.fort_own_estop.pause()
     mux.wait(lambda: mux.stop_demand['drive'].last.data, 'silence is a demand')
 
