@@ -29,6 +29,7 @@ from typing import Any
 from diagnostic_msgs.msg import DiagnosticArray
 from diagnostic_msgs.msg import DiagnosticStatus
 import pytest
+from rclpy.task import Future
 from sensor_msgs.msg import JointState
 from sensor_msgs.msg import Joy
 from std_msgs.msg import Bool
@@ -212,6 +213,27 @@ def test_diagnostic_that_is_ok_is_no_reason_for_a_stop(observer: Observer) -> No
             wait_for(heard, 10.0, words)
             assert commander.facts().reason == reason
         observer.node.destroy_publisher(listener)
+
+
+def test_node_whose_first_response_is_lost_is_asked_for_its_parameters_once_more(
+    node: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked: list[Any] = []
+    with Commander('speed', node, 'left', 50.0) as commander:
+        ask = commander._parameters.call_async
+
+        def lose_the_first(request: Any) -> Any:
+            asked.append(request)
+            return ask(request) if len(asked) > 1 else Future()
+
+        def listens() -> bool:
+            commander.spin()
+            return commander.facts().listens
+
+        monkeypatch.setattr(commander._parameters, 'call_async', lose_the_first)
+        wait_for(listens, 10.0, 'a node that listens and is known')
+        monkeypatch.undo()
+    assert len(asked) > 1
 
 
 def test_joint_turns_for_its_time_and_ends_at_rest_and_disabled(drive: Drive, node: str) -> None:

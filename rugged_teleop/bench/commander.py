@@ -16,6 +16,7 @@
 
 from __future__ import annotations
 
+import math
 from types import TracebackType
 from typing import Any
 
@@ -42,6 +43,7 @@ from rugged_teleop.bench.targets import TARGETS
 _KINDS = {'axes': Joy}  # by the field of the command; of all others JointState
 _PERIODS = 3  # that command_timeout has to be long
 _ACKNOWLEDGE_LIMIT = 0.2  # s
+_ASK_PERIOD = 1.0  # s; a node that has not discovered who asks first drops its response
 
 
 class Commander:
@@ -81,7 +83,7 @@ class Commander:
         ]
         self._listen()
         self._parameters = self._node.create_client(GetParameters, f'{node}/get_parameters')
-        self._answer: Any = None
+        self._ask_at = 0.0  # for its parameters, until it has answered
 
     def _listen(self) -> None:
         create, name = self._node.create_subscription, self._node_name
@@ -118,11 +120,10 @@ class Commander:
 
     def spin(self) -> None:
         """Take in what comes, until it is time to publish again."""
-        if self._answer is None and self._parameters.service_is_ready():
-            self._answer = self._parameters.call_async(
-                GetParameters.Request(names=self._target.parameters)
-            )
-            self._answer.add_done_callback(self._on_parameters)
+        if clock.now() >= self._ask_at and self._parameters.service_is_ready():
+            self._ask_at = clock.now() + _ASK_PERIOD
+            request = GetParameters.Request(names=self._target.parameters)
+            self._parameters.call_async(request).add_done_callback(self._on_parameters)
         self._due = max(self._due + 1.0 / self._rate, clock.now())
         while (left := self._due - clock.now()) > 0.0:
             self._executor.spin_once(timeout_sec=left)
@@ -146,6 +147,7 @@ class Commander:
                 self.summary = status.message
 
     def _on_parameters(self, answer: Any) -> None:
+        self._ask_at = math.inf
         joints, timeout, *mode = answer.result().values
         names = list(joints.string_array_value)
         modes = [word for each in mode for word in each.string_array_value]
