@@ -28,6 +28,7 @@ from hypothesis import HealthCheck
 from hypothesis import settings
 import pytest
 
+from bridge_core.transports import can_ports
 from test.can_rig import CanBus
 from test.can_rig import make_bus
 from test.link_rig import Bench
@@ -128,6 +129,12 @@ def can_bus() -> Iterator[CanBus]:
     result = make_bus()
     yield result
     result.close()
+
+
+@pytest.fixture
+def patient_writer(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Keep a CAN port's frames for a writer thread that a busy machine holds up."""
+    monkeypatch.setattr(can_ports, '_OLD', 20.0)
 
 
 @pytest.fixture

@@ -122,13 +122,14 @@ class BlockedBus:
 def test_frames_that_waited_for_a_blocked_driver_are_not_sent_after_it(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    bus, counts = BlockedBus(), Counter[str]()
+    now, bus, counts = 100.0, BlockedBus(), Counter[str]()
+    monkeypatch.setattr(clock, 'now', lambda: now)
     monkeypatch.setattr(can, 'Bus', lambda **options: bus)
     port = PumpedPort({}, (), counts)
-    for _ in range(5):
-        assert port.write(message(1, b'motion'))
-    begin = time.monotonic()
-    wait_for(lambda: time.monotonic() > begin + 0.05, 5.0, 'age')
+    assert port.write(message(1, b'motion'))
+    wait_for(bus.sending.is_set, 5.0, 'a driver that blocks')
+    assert all(port.write(message(1, b'motion')) for _ in range(4))
+    now += 0.05
     bus.let_go.set()
     wait_for(lambda: counts['frames too old to send'] == 4, 5.0, lambda: str(counts))
     assert port.write(message(1, b'neutral'))
@@ -255,6 +256,7 @@ def test_serial_adapter_that_takes_nothing_for_half_a_second_is_lost_and_its_lin
     assert adapter.bus.sent == []
 
 
+@pytest.mark.usefixtures('patient_writer')
 def test_what_a_driver_does_not_send_within_50_ms_of_the_close_is_flushed(
     adapter: Adapter, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -283,6 +285,7 @@ def opens(transport: CanTransport) -> bool:
     return transport.fileno() >= 0
 
 
+@pytest.mark.usefixtures('patient_writer')
 def test_serial_adapter_that_took_nothing_can_be_opened_again(pty: Pty) -> None:
     transport = CanTransport('slcan', str(pty.path))
     transport.open()
@@ -303,6 +306,7 @@ def test_serial_adapter_that_took_nothing_can_be_opened_again(pty: Pty) -> None:
     transport.close()
 
 
+@pytest.mark.usefixtures('patient_writer')
 def test_serial_adapter_whose_driver_waits_is_not_said_to_be_in_use(
     monkeypatch: pytest.MonkeyPatch, pty: Pty
 ) -> None:
@@ -553,11 +557,15 @@ def every_20_ms(seconds: float, step: Callable[[], Any]) -> None:
 @on_an_interface
 @pytest.mark.real_can
 def test_replugged_bus_gets_the_newest_frame_after_one_old_one_at_most(
-    controller: VirtualInterface,
+    monkeypatch: pytest.MonkeyPatch, controller: VirtualInterface
 ) -> None:
+    now = 100.0  # its own: after 0.5 s another old one would be tried
+    monkeypatch.setattr(clock, 'now', lambda: now)
     witness, transport = controller.endpoint(), controller.transport()
 
     def send(frame: CanFrame) -> None:
+        nonlocal now
+        now += 0.02
         while select.select([transport.fileno()], [], [], 0)[0]:
             assert transport.receive() == []  # a confirmation is no frame
         transport.send(frame)
