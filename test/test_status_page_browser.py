@@ -80,6 +80,7 @@ def machine(browser: Browser) -> Iterator[Machine]:
     """Give a machine whose page is shown, and which has shown no error in the end."""
     with Machine() as result:
         browser.show(*DESK)
+        browser.load('about:blank')  # the page before it would go on trying to connect
         browser.problems.clear()
         browser.load(result.address)
         shows(browser, 'Stopped')
