@@ -715,14 +715,6 @@ def gate(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return path
 
 
-def opens(gate: Path) -> bool:
-    """Open the gate, where somebody waits for that."""
-    with contextlib.suppress(OSError):  # ENXIO
-        os.close(os.open(gate, os.O_WRONLY | os.O_NONBLOCK))
-        return True
-    return False
-
-
 def test_stops_kill_no_wire_that_loads(
     pty: Pty, gate: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -755,7 +747,7 @@ def test_wire_that_loads_when_the_node_ends_says_farewell_for_the_one_before(
     direct.link.stop()
     os.kill(loads, number)
     assert direct.pty.read() == b''
-    wait_for(lambda: opens(gate), 5.0, 'a process that still loads')
+    wait_for(lambda: gated_wire.opens(gate), 5.0, 'a process that still loads')
     direct.pty.wait_received(b'BYE')
     wait_for(lambda: not is_running(loads), 5.0, 'its end')
     assert direct.pty.received.count(b'BYE') == 1

@@ -29,12 +29,16 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Bool
 from std_msgs.msg import UInt16MultiArray
 
+from test import gated_wire
 from test.rig import NodeProcess
 from test.rig import Observer
+from test.rig import wait_for
 from test.ssc_bench import Bench
 from test.ssc_bench import bench_of
+from test.ssc_bench import LINK
 from test.ssc_bench import position
 from test.ssc_bench import SERVOS
+from test.ssc_bench import start_patient
 from test.toy_rig import is_running
 from test.toy_rig import spares_of
 from test.toy_rig import wires_of
@@ -48,6 +52,15 @@ from bridge_core.transports import process
 program = process._PROGRAM
 import test.patience
 process._PROGRAM = program
+from ssc_bridge.node import main
+main()
+"""
+
+# A patient node, whose wires load when the test lets them: see gated_wire.py.
+GATED_WIRES = """
+import test.patience
+from bridge_core.transports import process
+process._PROGRAM = 'test.gated_wire'
 from ssc_bridge.node import main
 main()
 """
@@ -168,7 +181,7 @@ def test_new_wire_undoes_what_no_name_tells_it_of(observer: Observer, tmp_path: 
         seen = bench.seen()
         return seen['serial_us'][0], bool(seen['aux'][3]['pin']), seen['aux'][4]['pulse_us']
 
-    with bench_of(tmp_path, observer) as bench:
+    with bench_of(tmp_path, observer, command_timeout=2.0) as bench:
         bench.connect()
         bench.talker(UInt16MultiArray, 'pulse_command', UInt16MultiArray(data=[1800]))
         bench.wait(lambda: driven()[0] == 1800, 'the output')
@@ -226,17 +239,27 @@ def test_node_that_dies_leaves_the_failsafe(
 @pytest.mark.parametrize('spare', [True, False])
 @pytest.mark.parametrize('number', [signal.SIGTERM, signal.SIGKILL])
 def test_node_that_ends_behind_a_wire_that_died_leaves_the_failsafe(
-    observer: Observer, tmp_path: Path, number: int, spare: bool
+    observer: Observer,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    number: int,
+    spare: bool,
 ) -> None:
     """The one that takes over hears nothing of the device: it knows what was sent before it."""
     patient = {'link_timeout': 2.0, 'command_timeout': 2.0, **SERVOS}  # no failsafe by itself
-    with bench_of(tmp_path, observer, **patient) as bench:
+    start = start_patient if spare else partial(NodeProcess, source=GATED_WIRES)
+    gate, closed = tmp_path / 'gate', tmp_path / 'closed'
+    gate.touch()  # which is open
+    os.mkfifo(closed)
+    monkeypatch.setenv('WIRE_GATE', str(gate))
+    with bench_of(tmp_path, observer, start=start, **patient) as bench:
         drive(bench)
         node = bench.node.process.pid
         wire, *_ = wires_of(node)
         [waits] = bench.wait(lambda: spares_of(node), 'a spare')
         bench.port.apply('mute on')
         if not spare:
+            closed.rename(gate)
             os.kill(waits, signal.SIGKILL)
         os.kill(wire, signal.SIGKILL)
         bench.wait(lambda: not is_running(wire), 'the end of the wire')
@@ -244,9 +267,11 @@ def test_node_that_ends_behind_a_wire_that_died_leaves_the_failsafe(
         if spare:
             bench.wait(lambda: POLL in received_since(bench, cause), 'the one that takes over')
         else:
-            bench.wait(lambda: {*wires_of(node), *spares_of(node)} - {waits}, 'one that loads')
-            let_pass(bench, 0.05)  # it is told that it is its turn
+            [loads] = bench.wait(lambda: set(spares_of(node)) - {waits}, 'one that loads')
+            bench.wait(lambda: bench.value('wire process', LINK) == str(loads), 'its turn')
         assert set(pulses_since(bench, cause)) <= {DRIVING}
         bench.node.end(number)
+        if not spare:
+            wait_for(lambda: gated_wire.opens(gate), 5.0, 'a process that still loads')
         bench.wait(lambda: FAILSAFE in pulses_since(bench, cause), 'the failsafe')
         assert pulses_since(bench, cause)[-1] == FAILSAFE
