@@ -29,6 +29,8 @@ from hypothesis import settings
 import pytest
 
 from bridge_core.transports import can_ports
+from bridge_core.transports import link
+from bridge_core.transports import wire
 from test.can_rig import CanBus
 from test.can_rig import make_bus
 from test.link_rig import Bench
@@ -113,7 +115,15 @@ def observer() -> Iterator[Observer]:
 
 
 @pytest.fixture
-def bench() -> Iterator[Bench]:
+def patient_link(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Have a link in this process take all, however late a busy machine lets it."""
+    monkeypatch.setattr(wire, '_FROZEN_TIME', 20.0)
+    monkeypatch.setattr(link, 'REQUEST_LIMIT', 20.0)
+    monkeypatch.setattr(link, 'ANSWER_TIME', 20.0)
+
+
+@pytest.fixture
+def bench(patient_link: None) -> Iterator[Bench]:
     """Give a link with fakes all around, its thread running."""
     result = Bench()
     port = result.transport

@@ -24,6 +24,7 @@ import threading
 import time
 from typing import Any
 
+from bridge_core import clock
 from bridge_core.framing import Decoder
 from bridge_core.report import LinkStatus
 from bridge_core.report import Report
@@ -305,9 +306,9 @@ class Bench:
 
     def steps_within(self, duration: float) -> int:
         """Count how often the owner was paced: every step of the thread does."""
-        start = len(self.owner.paced)
+        begin = clock.now()
         holds_for(lambda: True, duration)
-        return len(self.owner.paced) - start
+        return sum(begin <= at < begin + duration for at in self.owner.paced)
 
 
 def fault(now: float) -> None:

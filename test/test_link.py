@@ -24,7 +24,9 @@ import pytest
 
 from bridge_core import clock
 from bridge_core.session import Level
+from bridge_core.transports import link
 from bridge_core.transports import TransportError
+from bridge_core.transports import wire
 from bridge_core.transports.link import ANSWER_TIME
 from bridge_core.transports.link import ThreadLink
 from bridge_core.transports.wire import INPUT_LIMIT
@@ -36,6 +38,7 @@ from test.link_rig import PACE
 from test.link_rig import wait_at
 from test.rig import holds_for
 from test.rig import wait_for
+from test.run_delay import RunDelay
 
 # Opening, losing, opening again.
 
@@ -148,10 +151,12 @@ def test_port_that_opens_but_never_gets_healthy_backs_off(bench: Bench) -> None:
 
 def test_back_off_starts_anew_only_after_a_healthy_link(bench: Bench) -> None:
     bench.run()
+    delay = RunDelay([])
     bench.transport.unplug()
     lost = time.monotonic()
     wait_for(lambda: len(bench.transport.opens_at) == 2, 2.0, 'the next attempt')
-    assert bench.transport.opens_at[1] - lost < 0.4 + PACE  # 0.1 s, and not the longest pause
+    paused = bench.transport.opens_at[1] - lost  # 0.1 s, and not the longest pause
+    assert paused < 0.4 + PACE + delay.seconds()
 
 
 def test_open_that_blocks_stops_neither_pacing_nor_requests(bench: Bench) -> None:
@@ -310,13 +315,14 @@ def test_fault_in_one_request_does_not_lose_the_others(bench: Bench) -> None:
 
 @pytest.mark.parametrize('stop', [False, True])
 def test_request_that_waited_for_long_is_refused_unless_it_is_a_stop(
-    bench: Bench, stop: bool
+    bench: Bench, monkeypatch: pytest.MonkeyPatch, stop: bool
 ) -> None:
     bench.run()
     hold, begun = threading.Event(), threading.Event()
     seen: list[float] = []
     bench.do(wait_at(hold, begun=begun), 'hold')
     assert begun.wait(2.0)
+    monkeypatch.setattr(link, 'REQUEST_LIMIT', wire.REQUEST_LIMIT)
     asked = time.monotonic()
     number = bench.do(seen.append, 'late', stop=stop)
     wait_for(lambda: time.monotonic() > asked + 0.25, what='its age')
@@ -398,7 +404,8 @@ def test_deactivation_sends_the_farewell_tells_the_stop_and_closes(bench: Bench)
     assert bench.session.calls.count('farewell') == 1
 
 
-def test_farewell_waits_for_a_busy_line(bench: Bench) -> None:
+def test_farewell_waits_for_a_busy_line(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(wire, '_FAREWELL_TIME', 20.0)
     bench.run()
     bench.transport.busy = 5
     bench.link.deactivate()
@@ -408,7 +415,9 @@ def test_farewell_waits_for_a_busy_line(bench: Bench) -> None:
 def test_farewell_on_a_line_that_stays_busy_ends(bench: Bench) -> None:
     bench.run()
     bench.transport.busy = 10**9
+    begin, delay = time.monotonic(), RunDelay([])
     bench.link.deactivate()
+    assert time.monotonic() - begin < ANSWER_TIME + delay.seconds()
     assert not bench.transport.is_open
 
 
@@ -484,7 +493,10 @@ def thread_of(bench: Bench) -> threading.Thread | None:
     return next((t for t in threading.enumerate() if t.name == bench.link.name), None)
 
 
-def test_stop_does_not_wait_for_an_open_that_blocks(bench: Bench) -> None:
+def test_stop_does_not_wait_for_an_open_that_blocks(
+    bench: Bench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(link, 'ANSWER_TIME', ANSWER_TIME)
     bench.transport.gate.clear()
     bench.activate()
     wait_for(lambda: bench.transport.openers == 1, 2.0, 'an open in progress')
@@ -515,6 +527,7 @@ def test_deactivations_from_several_threads_all_return(bench: Bench) -> None:
     assert bench.session.calls.count('farewell') == 1
 
 
+@pytest.mark.usefixtures('patient_link')
 def test_links_leak_no_descriptors_and_threads() -> None:
     def count() -> tuple[int, int]:
         return len(os.listdir('/proc/self/fd')), threading.active_count()

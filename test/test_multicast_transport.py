@@ -359,6 +359,7 @@ def test_without_an_address_the_routing_table_decides() -> None:
     in_network_namespace(body)
 
 
+@pytest.mark.usefixtures('patient_link')
 def test_link_comes_back_by_itself_when_the_interface_does() -> None:
     def body() -> None:
         add_cable()
