@@ -47,6 +47,7 @@ _REST = akron.BasicJoystick(akron.NEUTRAL, akron.NEUTRAL)
 _TURN_LIMIT = 1.0  # s, from pushing the stick to the first frame that turns the monitor
 _TURNED = 1.0  # degrees, and more than that if it turns
 _WATCHED = 0.6  # s, thirty frames
+_LOOK_BACK = 1.0  # s in which a wire sends something, however late it is
 _OVERLAP = 0.1  # s of bytes before the wanted ones, for a frame that began there
 
 # docs/devices/akron.md: what a neutral stick does not end.
@@ -139,7 +140,7 @@ class Actuators(Steering):
             self.stopped(cause, act, limit, state, turn),
             self.reacts(f'{cause}, to a neutral frame', 'monitor neutral', self._rest, limit),
         ]
-        before = self._frames(self.caused_at - _OVERLAP)
+        before = self._frames(self.caused_at - _LOOK_BACK)
         turned = any(turns for at, turns in before if at < self.caused_at)
         assert turned, 'no frame turned the monitor before'
         return '; '.join(happened)
@@ -169,7 +170,9 @@ class Actuators(Steering):
     def all_still(self, since: float) -> str:
         """Watch that after ``since`` no packet, frame or pulse moves motor, monitor or servo."""
         happened = self.still(since)
-        frames, pulses = self.no_turn(since), {us for _, us in self._pulses(since)}
+        frames = self.no_turn(since)
+        self.wait(lambda: bool(self._pulses(since)), 'the servo gets [] us', limit=1.0)  # as there
+        pulses = {us for _, us in self._pulses(since)}
         assert pulses == {SHUT_US}, f'the servo gets {sorted(pulses)} us'
         return f'{happened}; {frames}; servo shut'
 
