@@ -249,7 +249,9 @@ def test_frames_keep_their_20_ms(
 ) -> None:
     since, delay = time.monotonic(), RunDelay([bench.node.process.pid])
     bench.observer.holds_for(lambda: True, 2.0)
-    times = [c.at for c in unit.received(since) if c.data[:4] == b'\x8c\xfd\xd6\x38']
+    heard = [c for c in unit.received(since) if c.at < since + 2.0]
+    times = [c.at for c in heard if c.data[:4] == b'\x8c\xfd\xd6\x38']
     gaps = [b - a for a, b in itertools.pairwise(times)]
     record_property('longest_gap_ms', round(1e3 * max(gaps), 1))
-    assert 85 - delay.seconds() / 0.02 <= len(times) <= 115
+    late = delay.seconds() / 0.02
+    assert 85 - late <= len(times) <= 115 + late
