@@ -137,7 +137,8 @@ class Bench:
         space = namespace()
         self.name = f'{space}/{NAME}'
         where = {'transport': 'can', 'interface': bus.interface, 'channel': bus.channel}
-        self.node = NodeProcess(f'{NAME}.node', {**where, **parameters}, namespace=space)
+        given = {**where, **parameters}
+        self.node = NodeProcess(f'{NAME}.node', given, namespace=space, patient=True)
         record = observer.record
         self.estop = record(Bool, f'{self.name}/estop', latched())
         self.joy = record(Joy, f'{self.name}/joy', 50)

@@ -58,9 +58,8 @@ class Bench:
         self.observer = observer
         space = namespace()
         self.name = f'{space}/{NAME}'
-        self.node = NodeProcess(
-            f'{NAME}.node', {'transport': 'hid', 'port': path, **parameters}, namespace=space
-        )
+        given = {'transport': 'hid', 'port': path, **parameters}
+        self.node = NodeProcess(f'{NAME}.node', given, namespace=space, patient=True)
         record = observer.record
         self.estop = record(Bool, f'{self.name}/estop', latched())
         self.joy = record(Joy, f'{self.name}/joy', 50)

@@ -45,7 +45,7 @@ def test_stop_of_a_bridge_is_recorded_with_what_was_before(
     folder = tmp_path / 'recordings'
     parameters = {**PARAMETERS, 'folder': folder}
     with (
-        toy_process(pty.path, link_timeout=1.0),
+        toy_process(pty.path, patient=True, link_timeout=1.0),
         NodeProcess('rugged_teleop.recorder.node', parameters) as recorder,
     ):
         diagnostics = observer.record(DiagnosticArray, '/diagnostics', keep=20)
