@@ -25,6 +25,7 @@ import importlib
 from pathlib import Path
 from typing import Any
 
+from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import Twist
 import pytest
 from rclpy.qos import DurabilityPolicy
@@ -273,7 +274,12 @@ def test_pub_stands_in_for_estop_source_and_operator(observer: Observer) -> None
         ]
         joy = Pub(observer, f'{space}/{VSC}/joy', sticks())
         reset(observer, f'{space}/{MUX}')
-        observer.holds_for(lambda: True, GAP + 0.5)
+        status = observer.record(DiagnosticStatus, f'{space}/{MUX}/status', latched())
+        observer.wait_for(
+            lambda: status.last and 'press the deadman' in status.last.message,
+            2 * GAP,
+            'a rested operator',
+        )
         joy = joy.instead(observer, sticks(0.5, deadman=True))
         observer.wait_for(lambda: state.last.data == 'ACTIVE', 10.0, 'ACTIVE')
         observer.wait_for(lambda: any(command.last.velocity), 10.0, 'motion')
