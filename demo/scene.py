@@ -214,12 +214,12 @@ class Scene(Actuators):
         try:
             self.wait_in_motion(lambda: self._slowest < ZONE * FAST_RPM * 1.3)
             self.wait_in_motion(lambda: 'slowed' in self.stage.values)
-            assert self.moving(), f'it does not move; the mux says: {self.stage.message}'
+            self.wait_in_motion(self.moving)
             slow = f'{self._slowest:.0f} rpm; the mux says: {self.stage.message}'
         finally:
             self.stage.relay.zone = 1.0
         self.wait_in_motion(lambda: self._slowest > FAST_RPM)
-        assert self.moving(), f'it does not move; the mux says: {self.stage.message}'
+        self.wait_in_motion(self.moving)
         return f'{slow}; then {self._slowest:.0f} rpm'
 
     def run_on(self) -> str:
