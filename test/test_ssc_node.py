@@ -57,7 +57,7 @@ from test.talkers import values_of
 
 @pytest.fixture(scope='module')
 def shared(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Bench]:
-    patient = {'link_timeout': 1.0, 'command_timeout': 1.0, **SERVOS}
+    patient = {'link_timeout': 1.0, 'command_timeout': 2.0, **SERVOS}
     with (
         Observer() as observer,
         bench_of(tmp_path_factory.mktemp('ssc'), observer, **patient) as bench,
