@@ -112,6 +112,10 @@ class MuxBench:
         self.drive_estop = talker(Bool, 'esi_drive_bridge/estop', Bool(data=False))
         self.drive_enabled = talker(Bool, 'esi_drive_bridge/enabled', Bool(data=True))
         self.joy = talker(Joy, 'fort_vsc_bridge/joy', sticks())
+        # Now: a mux that discovers a client late may drop its first response.
+        for service in ('reset', 'trip', 'end_trip'):
+            observer.client(Trigger, f'{self.name}/{service}')
+        observer.client(SetBool, f'{self.name}/select_autonomy')
 
     def start(self) -> None:
         """Start the mux, or start it again."""

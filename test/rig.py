@@ -390,6 +390,12 @@ class Observer:
         )
         return publisher
 
+    def client(self, kind: Any, service: str) -> Any:
+        """Return the client of a service. It is kept: have it long before a first ``call``."""
+        if service not in self._clients:
+            self._clients[service] = self.node.create_client(kind, service)
+        return self._clients[service]
+
     def call(
         self, kind: Any, service: str, request: Any = None, timeout: float = 15.0, tries: int = 1
     ) -> Any:
@@ -400,9 +406,7 @@ class Observer:
         this happens to a first call only; set ``tries`` above 1 only for services that may be
         called twice.
         """
-        if service not in self._clients:
-            self._clients[service] = self.node.create_client(kind, service)
-        client = self._clients[service]
+        client = self.client(kind, service)
         self.wait_for(client.service_is_ready, timeout, f'service {service}')
         for remaining in reversed(range(tries)):
             future = client.call_async(kind.Request() if request is None else request)

@@ -558,13 +558,15 @@ def test_requests_that_cannot_be_are_refused_and_end_nothing(observer: Observer)
         for number in (1, 3, 99):  # configure, activate, none
             change = ChangeState.Request()
             change.transition.id = number
-            assert not observer.call(ChangeState, f'{mux.name}/change_state', change).success
+            reply = observer.call(ChangeState, f'{mux.name}/change_state', change, tries=5)
+            assert not reply.success
         strange = [Parameter(name='rate', value=ParameterValue(type=77))]
         for kind, service in (
             (SetParameters, 'set_parameters'),
             (SetParametersAtomically, 'set_parameters_atomically'),
         ):
-            observer.call(kind, f'{mux.name}/{service}', kind.Request(parameters=strange))
+            request = kind.Request(parameters=strange)
+            observer.call(kind, f'{mux.name}/{service}', request, tries=5)
         assert observer.state(mux.name) == 'active'
         mux.wait(lambda: mux.says('ACTIVE'), 'the same as before')
         assert not any(message.data for _, message in mux.estop.since(moment))

@@ -92,6 +92,9 @@ class Vehicle:
             parameters[f'estop.{name}.enabled_topic'] = f'{node}/enabled'
             parameters[f'estop.{name}.timeout'] = TIMEOUT
         exits.enter_context(NodeProcess('safety_mux.node', parameters, namespace=space))
+        # Now: a mux that discovers a client late may drop its first response.
+        observer.client(Trigger, f'{self.mux}/reset')
+        observer.client(SetBool, f'{self.mux}/select_autonomy')
         self.reset_at = 0.0
         self.planner = Talker(observer, JointState, f'{space}/plan', plan(0, 0, 0, 0))
 
