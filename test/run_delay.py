@@ -39,7 +39,7 @@ class RunDelay:
     """
 
     def __init__(self, pids: Sequence[int]) -> None:
-        self._pids = (*pids, os.getpid())
+        self._pids = {*pids, os.getpid()}
         self._before = self._waited()
         self._last = dict(self._before)
         self._stolen_before = _stolen()
@@ -48,7 +48,8 @@ class RunDelay:
         """
         Return the sum; 0 where the kernel keeps no account.
 
-        Of what has ended it knows only what was so when it was asked last.
+        Of what has ended it knows only what was so when it was asked last. A wire outlives its
+        node, and still counts.
         """
         self._last |= self._waited()
         waited = sum(self._last[thread] - self._before.get(thread, 0) for thread in self._last)
@@ -63,7 +64,8 @@ class RunDelay:
     def _waited(self) -> dict[str, int]:
         """Return the nanoseconds of each thread (kernel: Documentation/scheduler/sched-stats)."""
         found: dict[str, int] = {}
-        for pid in [each for node in self._pids for each in _family(node)]:
+        self._pids.update(*map(_family, self._pids))
+        for pid in self._pids:
             for file in Path(f'/proc/{pid}/task').glob('*/schedstat'):
                 with contextlib.suppress(OSError):  # it has ended
                     found[str(file)] = int(file.read_text().split()[1])
