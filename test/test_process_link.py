@@ -246,7 +246,7 @@ def test_ps_tells_what_a_wire_is(toy: Toy) -> None:
 
 @pytest.mark.parametrize('number', [SIGKILL, SIGTERM])
 def test_spare_ends_with_its_node(toy: Toy, number: int) -> None:
-    wire, spare = toy.wire(), toy.spare()
+    spare, wire = toy.spare(), toy.wire()
     toy.node.end(number)
     toy.wait_gone(wire, spare)
 
@@ -358,7 +358,7 @@ def test_spare_that_dies_is_replaced_and_stops_nothing(toy: Toy, number: int) ->
 
 
 def test_spare_that_hangs_is_killed_once_it_has_to_take_over(toy: Toy) -> None:
-    wire, spare = toy.wire(), toy.spare()
+    spare, wire = toy.spare(), toy.wire()
     os.kill(spare, SIGSTOP)
     killed = time.monotonic()
     os.kill(wire, SIGKILL)
@@ -369,7 +369,7 @@ def test_spare_that_hangs_is_killed_once_it_has_to_take_over(toy: Toy) -> None:
 
 
 def test_wire_and_spare_that_die_at_once_are_replaced(toy: Toy) -> None:
-    wire, spare = toy.wire(), toy.spare()
+    spare, wire = toy.spare(), toy.wire()
     killed = time.monotonic()
     for pid in (spare, wire):
         os.kill(pid, SIGKILL)
