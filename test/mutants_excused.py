@@ -27,6 +27,7 @@ _SELECTED = 'it is read of an owner only, and selecting it sets it'
 _OWNED = 'without a ramp there is an owner in ACTIVE, and in no other state'
 _SESSION_AND_PORT = 'there are both or neither; for the type checker'
 _WAKES = 'any number wakes'
+_LOOKS_AGAIN = 'what is left wakes it again and again, and the port is looked at all the same'
 _NO_STDIN = 'descriptor 0 is the standard input'
 _FOR_A_BYTE = 'it is asked for a byte'
 _NO_NINTH = 'no frame of CAN has a ninth byte'
@@ -115,6 +116,11 @@ EXCUSED: dict[str, dict[str, str]] = {
         'Wire._wait: self._session is not None and self.status.is_open -> '
         'self.status.is_open': _SESSION_AND_PORT,
         'Wire._wait: 64 -> 65': 'what is left wakes it once more',
+        'Wire.interrupt: self._session is not None and self.status.is_open -> '
+        'self.status.is_open': _SESSION_AND_PORT,
+        'Wire._deactivate: 0 -> 1': _LOOKS_AGAIN,
+        'Wire._deactivate: self._woken.recv(64) -> pass': _LOOKS_AGAIN,
+        'Wire._deactivate: 64 -> 65': _LOOKS_AGAIN,
         'Wire._port: -1 -> 1': 'it is asked of an open port',
         'Wire._port: 1 -> 2': 'it is asked of an open port',
         "Wire._ask: return '' -> return None": _FALSY,

@@ -120,6 +120,13 @@ def test_button_that_nobody_has_seen_is_held_where_a_pause_comes_first(
     assert buttons.of((1, 0), 8.0) == (counts, 0)
 
 
+def test_button_of_a_device_that_shows_it_all_the_time_is_not_held_unseen() -> None:
+    buttons = HeldButtons(0.25)
+    buttons.miss(1.0, stopped=True)
+    buttons.miss(2.0, stopped=False)
+    assert buttons.of((1, 1), 3.0) == (1, 1)
+
+
 def test_button_that_cannot_be_read_is_held_until_it_is_seen_let_go_of() -> None:
     buttons = HeldButtons(0.25)
     assert buttons.of((1, None, 1), 1.0) == (1, 0, 1)

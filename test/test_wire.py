@@ -968,6 +968,15 @@ def test_port_that_opens_in_two_seconds_at_the_end_gets_its_farewell(bench: Wire
     assert not bench.port.is_open
 
 
+def test_port_that_opens_after_two_seconds_at_the_end_gets_none(bench: WireBench) -> None:
+    bench.begin_opening()
+    bench.requests.end()
+    then = bench.now
+    bench.wire.run()
+    assert 2.0 <= bench.now - then <= 2.5
+    assert 'bad no farewell: port was still being opened' in bench.log()
+
+
 def test_deactivation_behind_an_activation_opens_the_port_for_the_farewell(
     bench: WireBench,
 ) -> None:
