@@ -46,6 +46,7 @@ from test.stage import BETWEEN_RESETS
 from test.stage import CLEAR_ERRORS
 from test.stage import END_TRIP
 from test.stage import greatest_step
+from test.stage import LATE_WORDS
 from test.stage import Packet
 from test.stage import TRIP
 from test.stage import UNIT
@@ -60,9 +61,8 @@ DOWNHILL_RPM = 300  # of the motors, 3.1 rad/s of the joints
 GREATEST_STEP = 39  # rpm a packet: 40 rad/s a second, geared 10 to 1, every 0.01 s; and rounding
 START_LIMIT = 30.0  # s, for discovery on a busy machine
 _WATCHED = 0.6  # s: several VRPI, and longer than the mux's hold_time
-# What a service of a bridge says on a machine that is too busy: its wire, or all of it, was held
-# up, or another wire takes over, which has heard nothing yet.
-_IN_VAIN = ('held up', 'frozen', 'the wire of', 'its wire', 'not opened yet', 'no status from')
+# And where another wire takes over, which has heard nothing yet.
+_IN_VAIN = (*LATE_WORDS, 'its wire', 'not opened yet', 'no status from')
 
 
 class Scene(Actuators):

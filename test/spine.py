@@ -40,6 +40,7 @@ from test.run_delay import RunDelay
 from test.run_delay import WIRE_HELD_UP
 from test.stage import CLEAR_ERRORS
 from test.stage import DRIVE
+from test.stage import LATE_WORDS
 from test.stage import MUX
 from test.stage import Stage
 from test.stage import VSC
@@ -47,8 +48,6 @@ from test.stage import VSC
 MODULES = {VSC: 'fort_vsc_bridge.node', MUX: 'safety_mux.node', DRIVE: 'esi_drive_bridge.node'}
 DEADMAN, STICK = 'left_down', 'left_y'  # the mux's defaults: button 0, axis 1
 _PRESS_TIME = 3.0  # s from a press of the deadman to an enabled drive
-# In the answers of a drive node that was held up, or whose wire was.
-_LATE_WORDS = ('the wire of', 'held up', 'frozen', 'takes nothing')
 
 
 class Spine(Stage):
@@ -180,7 +179,7 @@ class Spine(Stage):
 
         def answer() -> Any:
             reply = self.call(CLEAR_ERRORS)
-            if any(words in reply.message for words in _LATE_WORDS):
+            if any(words in reply.message for words in LATE_WORDS):
                 assert delay.exceeds(WIRE_HELD_UP), reply.message
                 return None
             return reply

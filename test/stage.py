@@ -55,6 +55,8 @@ VSC, UNIT, SSC = 'fort_vsc_bridge', 'vm110_bridge', 'ssc_bridge'
 MONITOR, DRIVE, MUX = 'akron_can_bridge', 'esi_drive_bridge', 'safety_mux'
 RESET, TRIP, END_TRIP = f'/{MUX}/reset', f'/{MUX}/trip', f'/{MUX}/end_trip'
 CLEAR_ERRORS = f'/{DRIVE}/clear_errors'
+# In the answer of a service of a bridge that was held up, or whose wire was.
+LATE_WORDS = ('the wire of', 'held up', 'frozen', 'takes nothing')
 BETWEEN_RESETS = 0.55  # s; within clear_time of another one, or of a trip, a reset does nothing
 _SILENCE = 5.1  # s; reset_silence, which has to follow a reset that came when there was no stop
 _KEPT = 2000  # messages of each topic

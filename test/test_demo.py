@@ -444,21 +444,8 @@ class Terminal:
     def press(self, keys: str) -> None:
         os.write(self.master, keys.encode())
 
-    def press_until(self, key: str, text: str) -> None:
-        """Press a key that may be refused for a while, once a second."""
-        pressed_at = 0.0
-
-        def found() -> bool:
-            nonlocal pressed_at
-            if time.monotonic() - pressed_at > 1.0:
-                pressed_at = time.monotonic()
-                self.press(key)
-            return text in self.read()
-
-        wait_for(found, 30.0, lambda: f'{text!r} in {self.shown[-2000:]!r}')
-
-    def reset(self) -> None:
-        """Acknowledge and reset; a reset that came too early has to be waited for."""
+    def press_until(self, keys: str, text: str) -> None:
+        """Press keys that may be refused for a while, once a second; no r that is too early."""
         pressed_at = 0.0
 
         def found() -> bool:
@@ -466,10 +453,10 @@ class Terminal:
             if time.monotonic() - pressed_at > 1.0:
                 pressed_at = time.monotonic()
                 newest = self.read().rpartition('mux      ')[2]
-                self.press('a' if TOO_EARLY in newest else 'ar')
-            return "press the deadman of 'fort'" in self.read()
+                self.press(keys.replace('r', '') if TOO_EARLY in newest else keys)
+            return text in self.read()
 
-        wait_for(found, 30.0, lambda: self.shown[-2000:])
+        wait_for(found, 30.0, lambda: f'{text!r} in {self.shown[-2000:]!r}')
 
     def sees(self, text: str) -> bool:
         """Tell whether it is shown within 5 s."""
@@ -494,7 +481,7 @@ class Terminal:
                 return True
             assert delay.exceeds(WIRE_HELD_UP), self.shown[-2000:]
             self.press('dcz')  # let go
-            self.reset()
+            self.press_until('ar', "press the deadman of 'fort'")
             return False
 
         wait_for(moves, 30.0, lambda: f'motion in {self.shown[-2000:]!r}')
@@ -525,7 +512,7 @@ def test_keyboard_resets_drives_and_stops(tmp_path: Path) -> None:
         terminal.wait('space  e-stop')
         terminal.press('?')
         terminal.wait("'?' is no key of the demo")
-        terminal.reset()
+        terminal.press_until('ar', "press the deadman of 'fort'")
         terminal.press_until('m', 'remote 1 armed')
         terminal.drive()
         terminal.press(' ')
