@@ -43,6 +43,9 @@ _STILL = 0.4  # s for which it is watched that nothing moves
 _READY = 0.5  # s within which the mux is READY after a reset
 _TRIES = 5  # of what a machine that is too busy may undo
 _UNRELIABLE = ('stale', 'silent')  # conditions of the mux's inputs
+# What the mux says where a timeout took motion back without a stop: let go of the deadman first.
+_LOST = ('held its deadman before it could count', 'then give control back')
+_LOST_TIME = 1.0  # s of that; a drive takes its time to enable, too
 _NO_TIMEOUT = {'none', 'trip', 'hold', 'motion'}  # causes of stops
 _ACKNOWLEDGE, _ARM = ('ack', 'mode operational'), ('arm 1',)
 
@@ -112,10 +115,19 @@ class Steering:
     def wait_in_motion(
         self, condition: Callable[[], T], otherwise: str = '', limit: float = _WAIT
     ) -> T:
-        """Return its first true value, as ``wait`` does. :raises AssertionError: it is STOPPED."""
+        """
+        Return its first true value, as ``wait`` does.
+
+        :raises AssertionError: it is STOPPED, or waits for the deadman to be pressed anew.
+        """
+        kept_at = time.monotonic()
 
         def seen() -> T:
-            assert not self.is_stopped(), f'the mux says: {self.stage.message}'
+            nonlocal kept_at
+            if not self._is_lost:
+                kept_at = time.monotonic()
+            lost = self.is_stopped() or time.monotonic() > kept_at + _LOST_TIME
+            assert not lost, f'the mux says: {self.stage.message}'
             return condition()
 
         return self.wait(seen, otherwise, limit)
@@ -147,6 +159,11 @@ class Steering:
     def is_stopped(self) -> bool:
         """Tell whether it is STOPPED, with the status that says why; either may be the later."""
         return self.state == self.stage.values.get('state') == 'STOPPED'
+
+    @property
+    def _is_lost(self) -> bool:
+        """Tell whether a timeout has taken motion back without a stop; see _LOST."""
+        return any(words in self.stage.message for words in _LOST)
 
     def moving(self) -> bool:
         packets = self.stage.drive.packets(time.monotonic() - 0.2)
@@ -313,7 +330,7 @@ class Steering:
             causes = values['stopped by'].split(', ')
             invalid = any(self.stage.condition(cause) == 'invalid' for cause in causes)
             return _NO_TIMEOUT.isdisjoint(causes) and not invalid
-        if self.state == 'ACTIVE' and values.get('drive enabled') == 'false':
+        if self._is_lost or (self.state == 'ACTIVE' and values.get('drive enabled') == 'false'):
             return True
         operator = self.stage.condition(f"operator '{self.operator}'")
         return operator in _UNRELIABLE or self.source(self.operator) in (*_UNRELIABLE, 'stop')

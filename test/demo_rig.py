@@ -65,12 +65,12 @@ class FakeStage(DemoStage):
         self._reset_counts_at = 0.0
         self.say(**fields)
 
-    def say(self, **fields: str) -> None:
+    def say(self, message: str = '', **fields: str) -> None:
         """Let this be all that the mux says; it does not grow old."""
         fields = {'state': 'STOPPED', 'stopped_by': 'none'} | fields
         values = [KeyValue(key=k.replace('_', ' '), value=value) for k, value in fields.items()]
         later = [time.monotonic() + 60.0]
-        self.status = Record('', [DiagnosticStatus(values=values)], later)
+        self.status = Record('', [DiagnosticStatus(message=message, values=values)], later)
         self.state = Record('', [String(data=fields['state'])], later)
 
     def output(self) -> str:

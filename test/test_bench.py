@@ -16,6 +16,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from collections.abc import Iterator
 import contextlib
 from dataclasses import replace
@@ -193,6 +194,18 @@ def moves(drive: Drive) -> bool:
     return bool(drive.enabled and rpm > 5.0)
 
 
+def wait_while_it_runs(
+    child: subprocess.Popen[str], condition: Callable[[], bool], what: str | Callable[[], str]
+) -> None:
+    """Wait for the condition. :raises AssertionError: the trial ended before; with its words."""
+
+    def met() -> bool:
+        assert child.poll() is None, child.communicate()[0]
+        return condition()
+
+    wait_for(met, 30.0, what)
+
+
 def test_diagnostic_that_is_ok_is_no_reason_for_a_stop(observer: Observer) -> None:
     """A stop may come before the diagnostic that tells of it."""
     device, said = DiagnosticStatus(name='a/drive: device'), DiagnosticArray()
@@ -238,7 +251,7 @@ def test_node_whose_first_response_is_lost_is_asked_for_its_parameters_once_more
 
 def test_joint_turns_for_its_time_and_ends_at_rest_and_disabled(drive: Drive, node: str) -> None:
     with bench('--node', node, '--joint', 'left', '--speed', '1.0', '--seconds', '1') as child:
-        wait_for(lambda: moves(drive), 30.0, 'motion')
+        wait_while_it_runs(child, lambda: moves(drive), 'motion')
         text, _ = child.communicate(timeout=30.0)
     assert (child.returncode, 'at rest and disabled' in text) == (0, True), text
     assert not drive.enabled
@@ -250,7 +263,7 @@ def test_whatever_ends_it_the_drive_is_disabled(
     number: int, status: int, drive: Drive, node: str
 ) -> None:
     with bench('--node', node, '--joint', 'left', '--speed', '1', '--seconds', '60') as child:
-        wait_for(lambda: moves(drive), 30.0, 'motion')
+        wait_while_it_runs(child, lambda: moves(drive), 'motion')
         child.send_signal(number)
         assert child.wait(15.0) == status
         wait_for(lambda: not drive.enabled, 10.0, 'a disabled drive')
@@ -305,7 +318,7 @@ def test_servo_goes_where_it_is_told_and_then_to_its_failsafe(tmp_path: Path) ->
         NodeProcess('ssc_bridge.node', values, namespace='/trial', patient=True),
         bench('--node', name, '--joint', 'pan', '--position', '0.5', '--seconds', '1') as child,
     ):
-        wait_for(lambda: goes(port), 30.0, lambda: f'the pulse of 0.5: {seen[-5:]}')
+        wait_while_it_runs(child, lambda: goes(port), lambda: f'the pulse of 0.5: {seen[-5:]}')
         text, _ = child.communicate(timeout=30.0)
         assert (child.returncode, 'at rest and disabled' in text) == (0, True), text
         wait_for(lambda: port.describe()['serial_us'][0] != 1750, 10.0, 'its failsafe')

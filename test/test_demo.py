@@ -57,6 +57,7 @@ from test.toy_rig import is_running
 
 # By hand from the ESI manual, 4.2; CRC-16/CCITT-FALSE over the six bytes of the body.
 DISABLE = bytes.fromhex('f0f0 040000 040000 71d4')
+LOST = "operator 'fort' held its deadman before it could count: release it"
 # Of the mux, in the view: pressed again and again, no reset would ever count.
 TOO_EARLY = '\n         resets have been called since before'
 
@@ -175,6 +176,8 @@ def test_stop_that_was_undone_is_not_tried_again_as_a_late_one() -> None:
         ),
         ({'state': 'ACTIVE', 'drive_enabled': 'false'}, True),
         ({'state': 'ACTIVE', 'drive_enabled': 'true'}, False),
+        ({'state': 'READY', 'message': LOST}, True),
+        ({'state': 'READY', 'message': "press the deadman of 'fort' to take control"}, False),
     ],
 )
 def test_only_what_a_timeout_has_stopped_is_tried_again(
@@ -200,6 +203,25 @@ def test_only_what_a_timeout_has_stopped_is_tried_again(
         with pytest.raises(AssertionError, match='it stopped'):
             steering.retry(act)
     assert bool(recovered) is again
+
+
+@pytest.mark.parametrize('fields', [{'state': 'STOPPED'}, {'state': 'READY', 'message': LOST}])
+def test_motion_that_cannot_come_any_more_is_not_waited_for(fields: dict[str, str]) -> None:
+    steering = Steering(FakeStage(**fields), patience=1000.0)
+    with pytest.raises(AssertionError, match='the mux says'):
+        steering.wait_in_motion(lambda: False)
+
+
+def test_motion_is_waited_for_although_it_was_taken_back_before() -> None:
+    stage = FakeStage(state='READY', message=LOST)
+    seen: list[float] = []
+
+    def moves() -> bool:
+        seen.append(time.monotonic())
+        stage.say(state='ACTIVE')
+        return seen[-1] > seen[0] + 1.1
+
+    assert Steering(stage).wait_in_motion(moves)
 
 
 def test_enable_packet_after_the_stop_is_missed() -> None:
@@ -393,14 +415,17 @@ def scratch_environment(tmp_path: Path) -> dict[str, str]:
 
 
 def test_scene_holds_and_leaves_nothing_behind(tmp_path: Path) -> None:
-    result = subprocess.run(
-        [sys.executable, '-m', 'demo', '--once', '--patience', '8'],
-        cwd=ROOT,
-        env=scratch_environment(tmp_path),
-        capture_output=True,
-        text=True,
-        timeout=280.0,
-    )
+    try:
+        result = subprocess.run(
+            [sys.executable, '-m', 'demo', '--once', '--patience', '8'],
+            cwd=ROOT,
+            env=scratch_environment(tmp_path),
+            capture_output=True,
+            text=True,
+            timeout=280.0,
+        )
+    except subprocess.TimeoutExpired as late:
+        raise AssertionError((late.stdout or b'').decode()) from late
     assert result.returncode == 0, result.stdout + result.stderr
     assert 'FAILED' not in result.stdout
     stops = re.findall(r'^ +[\d.]+ ms  ', result.stdout, re.MULTILINE)
