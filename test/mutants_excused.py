@@ -269,6 +269,10 @@ EXCUSED: dict[str, dict[str, str]] = {
         'Session.claim_outputs: self._refresh(now) -> pass': (
             'messages are paced, whether there is anything to release or not'
         ),
+        'Session.claim_aux: self._refresh(now) -> pass': 'no verdict depends on what is claimed',
+        'Session.follow_on_aux: -math.inf -> math.inf': (
+            'the configuration begins it anew; before it, only a farewell asks'
+        ),
         'Session.__init__: self._estop_value = True -> pass': _SET_FIRST,
         'Session.__init__: True -> False': _SET_FIRST,
         'Session._forget: self._inputs_heard.reset() -> pass': (

@@ -147,3 +147,41 @@ def test_closed_port_forgets_commands_and_sends_nothing(outputs: Outputs) -> Non
     assert outputs.commanded() == {}
     assert outputs.sends_at() == math.inf
     assert outputs.frames(NOW + 1.0, COUNT) == []
+
+
+def test_failsafe_pulse_goes_out_for_as_long_as_there_is_no_command() -> None:
+    outputs = Outputs(Settings(servos=(TILT,)))
+    outputs.begin(NOW)
+    assert all(outputs.frames(NOW, COUNT, at_once=True) for _ in range(200))
+
+
+@pytest.mark.parametrize('failsafe', [Failsafe.PULSE, Failsafe.HOLD])
+def test_command_begins_at_our_last_pulse_whoever_drives_the_output_now(
+    failsafe: Failsafe,
+) -> None:
+    """At a failsafe pulse, or held after a command; it may be handed over to us at any time."""
+    channel = Channel(replace(TILT, failsafe=failsafe), 0.3)
+    if failsafe is Failsafe.HOLD:
+        channel.ask(TILT.failsafe_us, NOW)
+        channel.step(0.02)
+        channel.command.reset()
+    assert channel.step(0.02) == TILT.failsafe_us
+    channel.driven_elsewhere(1900, serial=False)
+    channel.ask(2000.0, NOW)
+    assert channel.step(0.02) == TILT.failsafe_us + 20  # 1000 us/s
+
+
+def test_other_frame_that_was_refused_before_the_first_message_changes_nothing(
+    outputs: Outputs,
+) -> None:
+    due = outputs.sends_at()
+    outputs.refused(b'a poll', NOW)
+    assert outputs.sends_at() == due
+
+
+def test_failsafe_that_began_before_the_device_was_there_is_due_at_once(outputs: Outputs) -> None:
+    outputs.ask(PAN.channel, 1700.0, NOW)
+    assert outputs.frames(NOW, COUNT, at_once=True)
+    outputs.forget()
+    outputs.begin(NOW + 1.0)
+    assert outputs.sends_at() == NOW + 1.0

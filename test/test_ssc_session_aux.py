@@ -595,3 +595,43 @@ def test_stop_without_anything_set_sends_nothing() -> None:
     rig.estop = True
     rig.tick(20)
     assert not rig.payloads(21)
+
+
+@pytest.mark.parametrize(
+    ('before', 'functions', 'after', 'undoing'),
+    [
+        (pulse(5, 0.001), OTHERS, level(4, True), '80 00'),
+        (level(4, True), (0x0014,) * 6, pulse(6, 0.001), '00 20 0000'),
+    ],
+    ids=['pulses', 'levels'],
+)
+def test_what_was_undone_of_one_configuration_is_not_undone_of_the_next(
+    before: Any, functions: tuple[int, ...], after: Any, undoing: str
+) -> None:
+    rig = aux_rig()
+    rig.do(before)
+    rig.estop = True
+    rig.tick(120)
+    rig.estop, rig.mute = False, set(range(10, 16))
+    rig.tick(40)
+    rig.mute, rig.aux, rig.aux_inputs = set(), functions, b'\0\0'
+    rig.tick(40)
+    rig.do(after)
+    rig.sent.clear()
+    rig.estop = True
+    rig.tick(20)
+    assert {payload.hex() for payload in rig.payloads(21)} == {undoing.replace(' ', '')}
+
+
+def test_pulse_request_ends_no_undoing_of_another_pulse() -> None:
+    rig = Rig()
+    rig.aux = (0x0014,) * 6
+    rig.start()
+    rig.do(pulse(5, 0.001))
+    rig.do(lambda session, now: session.set_estop(True, now))
+    rig.do(lambda session, now: session.set_estop(False, now))
+    rig.sent.clear()
+    rig.do(pulse(6, 0.001))
+    rig.tick(120)
+    undoing = [payload for payload in rig.payloads(21) if payload == bytes.fromhex('00 10 0000')]
+    assert len(undoing) >= UNDO_FRAMES - 2

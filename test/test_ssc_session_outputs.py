@@ -679,6 +679,13 @@ def test_what_is_held_is_within_limits_that_are_narrower_now() -> None:
     assert {words[8:] for words in last_words(frames)} == {bytes.fromhex('0640')}
 
 
+def test_wire_that_takes_over_says_why_no_command_is_obeyed_where_nothing_has_a_name() -> None:
+    before = Rig().start()
+    before.tick(5, pulses(1500))
+    rig = follow(before)
+    assert rig.session.inhibits(rig.now)
+
+
 @pytest.mark.parametrize('mute', [{12}, {12, 15}])
 def test_who_has_sent_nothing_has_no_farewell(mute: set[int]) -> None:
     """It would take the pulse from an output that is to be held, and is still looked for."""
@@ -696,6 +703,27 @@ def test_what_was_sent_is_reported_once_for_each_change() -> None:
     rig.tick(20, servos(tilt=1.0))
     sent = [event.states[2][0] for event in rig.of(OutputsSent)]
     assert [round(us) for us in sent] == [1100, *(us[2] for us in rig.pulses() if us[2] > 1100)]
+
+
+def test_report_of_what_was_sent_is_taken_back_if_the_port_refuses_it() -> None:
+    rig = Rig(servos=(PAN,)).start()
+    rig.tick(20, servos(pan=0.5))
+    rig.busy = True
+    rig.do(lambda session, now: session.set_estop(True, now))
+    rig.busy = False
+    rig.poll()
+    assert [event.states[0][0] for event in rig.of(OutputsSent)][-4:] == [1750, 0, 1750, 0]
+
+
+def test_what_was_sent_is_reported_anew_where_a_port_was_lost() -> None:
+    rig = Rig(servos=(PAN,)).start()
+    rig.tick(20, servos(pan=0.5))
+    before = len(rig.of(OutputsSent))
+    rig.events += rig.session.closed(rig.now)
+    assert len(rig.of(OutputsSent)) == before + 1
+    rig.session.opened(rig.now)
+    rig.tick(20, servos(pan=0.5))
+    assert rig.of(OutputsSent)[-1].states[0][0] == 1750
 
 
 def test_nothing_is_sent_to_a_closed_port() -> None:
