@@ -125,8 +125,10 @@ class Commander:
             request = GetParameters.Request(names=self._target.parameters)
             self._parameters.call_async(request).add_done_callback(self._on_parameters)
         self._due = max(self._due + 1.0 / self._rate, clock.now())
-        while (left := self._due - clock.now()) > 0.0:
-            self._executor.spin_once(timeout_sec=left)
+        while True:  # once at least, however late we are
+            self._executor.spin_once(timeout_sec=max(0.0, self._due - clock.now()))
+            if clock.now() >= self._due:
+                return
 
     def _on_estop(self, message: Any) -> None:
         self._estop = message.data
