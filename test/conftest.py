@@ -15,6 +15,7 @@
 """Every test process gets a ROS domain and a log directory of its own, before rclpy can start."""
 
 from collections.abc import Iterator
+import contextlib
 import gc
 from importlib.util import find_spec
 import os
@@ -39,6 +40,7 @@ from test.rig import Observer
 from test.rig import own_domain
 from test.rig import Pty
 
+_PRIORITY = os.getpriority(os.PRIO_PROCESS, 0)
 _LOG_DIR = tempfile.mkdtemp(prefix='rugged_teleop_log_')
 os.environ['ROS_LOG_DIR'] = _LOG_DIR
 own_domain()
@@ -84,9 +86,9 @@ def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
 
 
 def pytest_runtest_setup(item: pytest.Item) -> None:
-    if computing(item)[0]:
-        # More is next to nothing beside work at nice 0; less is not everybody's to take.
-        os.setpriority(os.PRIO_PROCESS, 0, max(5, os.getpriority(os.PRIO_PROCESS, 0)))
+    # More is next to nothing beside work at nice 0; less is not everybody's to take.
+    with contextlib.suppress(PermissionError):
+        os.setpriority(os.PRIO_PROCESS, 0, max(5 * computing(item)[0], _PRIORITY))
 
 
 def computing(item: pytest.Item) -> tuple[bool, float]:

@@ -35,6 +35,7 @@ from status_page.model import Model
 from status_page.remedies import Remedies
 from status_page.server import Server
 from test.rig import ROOT
+from test.rig import TIMEOUT_FACTOR
 
 TOKEN = 'a-token-of-the-test'
 _PERIOD = 0.05  # s
@@ -225,4 +226,4 @@ async def watch(
                     return snapshot
             raise AssertionError(f'the page left with {stream.close_code}')
 
-    return await asyncio.wait_for(look(), timeout)
+    return await asyncio.wait_for(look(), timeout * TIMEOUT_FACTOR)

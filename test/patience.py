@@ -17,15 +17,18 @@
 
 A wire of which nothing is heard for 85 ms hangs, and an input that took 30 ms does not count: on a
 machine that is busy with something else that happens to healthy processes, and stops them. Tests
-of these limits measure how long the machine held them up; tests of all else use this.
+of these limits measure how long the machine held them up; tests of all else use this. So do those
+of ``rugged_teleop bench``, which gives up what does not come.
 """
 
 import runpy
 import sys
 
 from bridge_core import node
+from bridge_core import runner
 from bridge_core.transports import link
 from bridge_core.transports import process
+from rugged_teleop.bench import course
 from test import patient_wire
 from test.rig import TIMEOUT_FACTOR
 
@@ -33,6 +36,9 @@ vars(process).update(SILENCE_LIMIT=TIMEOUT_FACTOR, _SPARE_TIME=TIMEOUT_FACTOR)
 vars(process).update(_PROGRAM=patient_wire.__name__)
 vars(process).update(dict.fromkeys(('_KILL_TIME', '_TAKE_OVER_TIME'), 2.0 * TIMEOUT_FACTOR))
 vars(link).update(INPUT_LIMIT=patient_wire.FROZEN_TIME, REQUEST_LIMIT=TIMEOUT_FACTOR)
+vars(runner).update(_ACKNOWLEDGE_LIMIT=TIMEOUT_FACTOR)
+vars(course).update(FIND_LIMIT=20.0 * TIMEOUT_FACTOR)
+course._LIMITS.update(dict.fromkeys(course._LIMITS, 20.0 * TIMEOUT_FACTOR))
 vars(node).update(_FREEZE=patient_wire.FROZEN_TIME, _SETTLING_TIME=patient_wire.FROZEN_TIME)
 
 if __name__ == '__main__':

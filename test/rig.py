@@ -277,7 +277,7 @@ class NodeProcess:
             self.process.send_signal(SIGCONT)
             self.process.terminate()
             try:
-                self.process.wait(3.0)
+                self.process.wait(3.0 * TIMEOUT_FACTOR)
             except subprocess.TimeoutExpired:
                 self.process.kill()
                 self.process.wait()

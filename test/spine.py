@@ -264,10 +264,10 @@ class UntouchedPort:
 
     @property
     def was_opened(self) -> bool:
-        """Tell whether it was opened and closed again: only then there is a hang-up to see."""
+        """Tell whether somebody spoke there, or has opened and closed it: a hang-up."""
         poll = select.poll()
         poll.register(self._master, select.POLLIN)
-        return any(events & select.POLLHUP for _, events in poll.poll(0))
+        return bool(poll.poll(0))
 
     def close(self) -> None:
         """Give it back."""

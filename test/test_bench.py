@@ -49,6 +49,7 @@ from test.rig import latched
 from test.rig import NodeProcess
 from test.rig import Observer
 from test.rig import ROOT
+from test.rig import TIMEOUT_FACTOR
 from test.rig import wait_for
 from test.stage import Drive
 
@@ -178,9 +179,13 @@ def node(drive: Drive, observer: Observer) -> Iterator[str]:
 
 @contextlib.contextmanager
 def bench(*arguments: str) -> Iterator[subprocess.Popen[str]]:
-    command = [sys.executable, '-m', 'rugged_teleop', 'bench', *arguments]
     child = subprocess.Popen(
-        command, cwd=ROOT, text=True, stdout=subprocess.PIPE, stderr=subprocess.STDOUT
+        [sys.executable, '-m', 'test.patience', 'rugged_teleop', 'bench', *arguments],
+        cwd=ROOT,
+        text=True,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        start_new_session=True,
     )
     try:
         yield child
@@ -252,7 +257,7 @@ def test_node_whose_first_response_is_lost_is_asked_for_its_parameters_once_more
 def test_joint_turns_for_its_time_and_ends_at_rest_and_disabled(drive: Drive, node: str) -> None:
     with bench('--node', node, '--joint', 'left', '--speed', '1.0', '--seconds', '1') as child:
         wait_while_it_runs(child, lambda: moves(drive), 'motion')
-        text, _ = child.communicate(timeout=30.0)
+        text, _ = child.communicate(timeout=30.0 * TIMEOUT_FACTOR)
     assert (child.returncode, 'at rest and disabled' in text) == (0, True), text
     assert not drive.enabled
     wait_for(lambda: drive.rpm < 1.0, 5.0, 'rest')
@@ -265,7 +270,7 @@ def test_whatever_ends_it_the_drive_is_disabled(
     with bench('--node', node, '--joint', 'left', '--speed', '1', '--seconds', '60') as child:
         wait_while_it_runs(child, lambda: moves(drive), 'motion')
         child.send_signal(number)
-        assert child.wait(15.0) == status
+        assert child.wait(15.0 * TIMEOUT_FACTOR) == status
         wait_for(lambda: not drive.enabled, 10.0, 'a disabled drive')
 
 
@@ -273,11 +278,11 @@ def test_what_the_drive_cannot_do_and_other_commanders_are_refused(
     drive: Drive, node: str, observer: Observer
 ) -> None:
     with bench('--node', node, '--joint', 'middle', '--speed', '1') as child:
-        text, _ = child.communicate(timeout=30.0)
+        text, _ = child.communicate(timeout=30.0 * TIMEOUT_FACTOR)
     assert (child.returncode, "no joint 'middle'" in text) == (1, True), text
     observer.publisher(Bool, f'{node}/enable')
     with bench('--node', node, '--joint', 'left', '--speed', '1') as child:
-        text, _ = child.communicate(timeout=30.0)
+        text, _ = child.communicate(timeout=30.0 * TIMEOUT_FACTOR)
     assert (child.returncode, f'publishes {node}/enable' in text) == (1, True), text
     assert not any(packet.enables for packet in drive.packets())
 
@@ -319,6 +324,6 @@ def test_servo_goes_where_it_is_told_and_then_to_its_failsafe(tmp_path: Path) ->
         bench('--node', name, '--joint', 'pan', '--position', '0.5', '--seconds', '1') as child,
     ):
         wait_while_it_runs(child, lambda: goes(port), lambda: f'the pulse of 0.5: {seen[-5:]}')
-        text, _ = child.communicate(timeout=30.0)
+        text, _ = child.communicate(timeout=30.0 * TIMEOUT_FACTOR)
         assert (child.returncode, 'at rest and disabled' in text) == (0, True), text
         wait_for(lambda: port.describe()['serial_us'][0] != 1750, 10.0, 'its failsafe')

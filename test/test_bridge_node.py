@@ -108,6 +108,7 @@ def test_stop_is_repeated_at_its_rate_in_every_state(
     with toy(device.pty.path, link, autostart=False, **options) as node:
         record = observer.record(Bool, ESTOP, latched())
         wait_value(observer, record, True)
+        delay = RunDelay([node.process.pid])
         wait_repeats(observer, record, True, 20)  # unconfigured
         assert observer.change_state('/toy_bridge', 'configure')
         wait_repeats(observer, record, True, 20)  # inactive
@@ -115,8 +116,9 @@ def test_stop_is_repeated_at_its_rate_in_every_state(
         wait_value(observer, record, False)
         wait_repeats(observer, record, False, 20)  # active and healthy
         span = record.times[-1] - record.times[0]
-        # Never faster than requested; how much slower depends on the machine.
-        assert len(record.times) - 1 <= span * 50.0 * 1.5 + 2
+        # Never faster than requested, though they may come at once to who was held up; how much
+        # slower depends on the machine.
+        assert len(record.times) - 1 <= (span + delay.seconds()) * 50.0 * 1.5 + 2
         assert observer.change_state('/toy_bridge', 'deactivate')
         wait_repeats(observer, record, True, 20)  # inactive again
         assert observer.change_state('/toy_bridge', 'cleanup')
@@ -373,7 +375,7 @@ def test_stop_that_comes_and_goes_in_one_read_is_published(
             stops.clear()
             pty.write(b'ksk')
             observer.wait_for(lambda: True in stops.data, 2.0, 'the stop')
-            observer.wait_for(lambda: not stops.data[-1], 2.0, 'its end')
+            observer.wait_for(is_healthy, 2.0, 'its end')
     finally:
         node.shut_down()
         node.destroy_node()

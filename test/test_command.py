@@ -28,6 +28,7 @@ from rugged_teleop.__main__ import COMMANDS
 from rugged_teleop.__main__ import executables
 from rugged_teleop.__main__ import main
 from test.rig import ROOT
+from test.rig import TIMEOUT_FACTOR
 
 TOOLS = sorted((ROOT / 'tools').iterdir())  # what only ros2 run finds
 # As where ROS is not installed.
@@ -49,7 +50,7 @@ def outcome(*arguments: str) -> subprocess.CompletedProcess[str]:
         capture_output=True,
         text=True,
         cwd=ROOT,
-        timeout=60.0,
+        timeout=60.0 * TIMEOUT_FACTOR,
     )
 
 
@@ -77,14 +78,18 @@ def test_executable_is_the_command_of_its_name(path: Path) -> None:
     assert os.access(path, os.X_OK)
     command = [sys.executable, str(path), '--help']
     environment = {**os.environ, 'PYTHONPATH': str(ROOT)}
-    done = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=60.0)
+    done = subprocess.run(
+        command, env=environment, capture_output=True, text=True, timeout=60.0 * TIMEOUT_FACTOR
+    )
     assert done.stdout.startswith(f'usage: rugged_teleop {path.name} '), done.stderr
 
 
 @pytest.mark.parametrize('name', sorted(executables()))
 def test_command_runs_the_executables_where_there_is_no_ros2_run(name: str) -> None:
     command = [sys.executable, '-m', 'rugged_teleop', name, '--help']
-    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=60.0)
+    done = subprocess.run(
+        command, cwd=ROOT, capture_output=True, text=True, timeout=60.0 * TIMEOUT_FACTOR
+    )
     assert done.returncode == 0
     assert done.stdout.startswith(f'usage: {name} '), done.stderr
 
@@ -124,7 +129,7 @@ def completions(line: str, path: Path) -> set[str]:
         [sys.executable, '-m', 'rugged_teleop'],
         env={**os.environ, **asked},
         cwd=ROOT,
-        timeout=60.0,
+        timeout=60.0 * TIMEOUT_FACTOR,
     )
     assert done.returncode == 0
     return {word.strip() for word in path.read_text().split('\n')}

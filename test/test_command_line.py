@@ -24,6 +24,7 @@ import pytest
 from rugged_teleop.__main__ import main
 from rugged_teleop.stack import NODES
 from test.rig import ROOT
+from test.rig import TIMEOUT_FACTOR
 
 
 def outcome(module: str, *arguments: str) -> tuple[int, str, str]:
@@ -32,7 +33,7 @@ def outcome(module: str, *arguments: str) -> tuple[int, str, str]:
         capture_output=True,
         text=True,
         cwd=ROOT,
-        timeout=30.0,
+        timeout=30.0 * TIMEOUT_FACTOR,
     )
     return done.returncode, done.stdout, done.stderr
 

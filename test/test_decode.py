@@ -36,6 +36,7 @@ from test.captures import STREAMS
 from test.captures import udp
 from test.captures import vectors
 from test.rig import ROOT
+from test.rig import TIMEOUT_FACTOR
 
 FORT = STREAMS['fort_serial']
 
@@ -262,7 +263,7 @@ def test_nothing_of_ours_is_status_1(path: Path, capsys: pytest.CaptureFixture[s
 
 def run(*arguments: str, **options: Any) -> subprocess.CompletedProcess[bytes]:
     command = [sys.executable, '-m', 'rugged_teleop', 'decode', *arguments]
-    return subprocess.run(command, cwd=ROOT, timeout=60.0, **options)
+    return subprocess.run(command, cwd=ROOT, timeout=60.0 * TIMEOUT_FACTOR, **options)
 
 
 def test_standard_input_is_read(path: Path) -> None:

@@ -422,7 +422,7 @@ def test_scene_holds_and_leaves_nothing_behind(tmp_path: Path) -> None:
             env=scratch_environment(tmp_path),
             capture_output=True,
             text=True,
-            timeout=280.0,
+            timeout=580.0,
         )
     except subprocess.TimeoutExpired as late:
         raise AssertionError((late.stdout or b'').decode()) from late

@@ -186,7 +186,7 @@ def test_faults_among_live_nodes_are_found() -> None:
 
         def all_found() -> bool:
             assert mux.process.poll() is None, mux.output
-            found = graph_findings(look(1.0), ['/fort_vsc_bridge'])
+            found = graph_findings(look(3.0), ['/fort_vsc_bridge'])
             by_kind.clear()
             by_kind.update((each.kind, each) for each in found)
             return wanted <= by_kind.keys()

@@ -296,6 +296,7 @@ def test_missing_joystick_frame_makes_joy_neutral_and_is_named(bench: Bench) -> 
 def test_garbage_is_counted_and_releases_nothing(bench: Bench) -> None:
     bench.vsc.apply('estop remote on')
     bench.wait(lambda: 'SRC (remote)' in bench.told(DEVICE), 'the stop of the remote')
+    bench.wait(lambda: bench.says(bench.estop, True), 'the stop')
     before = int(bench.diagnostics.value(LINK, 'malformed') or 0)
     cause = time.monotonic()
     for size in range(6):

@@ -489,8 +489,8 @@ def test_faults_are_reported_once_a_second(
 
 def test_timer_keeps_its_rate(rig: Rig) -> None:
     """No drift: a call that is late does not make the later ones late."""
-    rig.lane.every(PERIOD, rig.heard.append)
     started = clock.now()
+    rig.lane.every(PERIOD, rig.heard.append)
     rig.lane.start()
     wait_for(lambda: len(rig.heard) >= 50, what='50 calls')
     for n, now in enumerate(rig.heard):

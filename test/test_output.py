@@ -26,6 +26,7 @@ import sys
 
 from bridge_core import drain
 from test.rig import ROOT
+from test.rig import TIMEOUT_FACTOR
 from test.rig import wait_for
 
 LINE = b'0123456789abcdef' * 64 + b'\n'
@@ -69,7 +70,7 @@ def test_drain_copies_in_order_and_ends_with_its_input() -> None:
         wait_for(lambda: drained.read() == b'one\n', 5.0, 'a line')
         drained.input.write(b'two')
         drained.input.close()
-        assert drained.process.wait(5.0) == 0
+        assert drained.process.wait(5.0 * TIMEOUT_FACTOR) == 0
         assert drained.read() == b'one\ntwo'
 
 
@@ -93,7 +94,7 @@ def test_drain_of_an_output_that_stays_blocked_ends_all_the_same() -> None:
     with Drained() as drained:
         drained.input.write(LINE * 200)
         drained.input.close()
-        assert drained.process.wait(5.0) == 0
+        assert drained.process.wait(5.0 * TIMEOUT_FACTOR) == 0
 
 
 def test_interrupt_of_the_terminal_is_left_to_the_node() -> None:
@@ -116,7 +117,7 @@ def test_interrupt_of_the_terminal_is_left_to_the_node() -> None:
     assert process.stdout.read(3) == b'up\n'
     os.killpg(process.pid, signal.SIGINT)
     assert process.stdout.read() == b'last words\n'
-    assert process.wait(5.0) == 0
+    assert process.wait(5.0 * TIMEOUT_FACTOR) == 0
 
 
 def test_files_are_written_to_directly(tmp_path: Path) -> None:
@@ -177,7 +178,7 @@ def test_node_that_is_started_without_descriptors_runs() -> None:
         wait_for(runs, 20.0, 'a running node')
         assert [os.readlink(own / f'fd/{number}') for number in range(3)] == ['/dev/null'] * 3
         process.terminate()
-        assert process.wait(10.0) == 0
+        assert process.wait(10.0 * TIMEOUT_FACTOR) == 0
     finally:
         process.kill()
         process.wait()

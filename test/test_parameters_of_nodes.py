@@ -49,6 +49,7 @@ from ssc_bridge.node import SscBridge
 from status_page.node import StatusPage
 from test.multicast_rig import free_port
 from test.rig import as_yaml
+from test.rig import TIMEOUT_FACTOR
 from test.rig import wait_for
 from test.spine import exit_of
 from test.spine import UntouchedPort
@@ -89,8 +90,11 @@ class UntouchedGroup:
         threading.Thread(target=self._watch, args=(f':{port:04X} ',), daemon=True).start()
 
     def _watch(self, address: str) -> None:
+        before = False  # who looks for a free port binds to it for an instant, too
         while not self._closed.wait(0.01):
-            self.was_opened |= address in Path('/proc/net/udp').read_text()
+            bound = address in Path('/proc/net/udp').read_text()
+            self.was_opened |= bound and before
+            before = bound
 
     def close(self) -> None:
         """End the watch."""
@@ -177,7 +181,7 @@ def started(node: str, arguments: Sequence[str], port: Untouched | None = None) 
     over = threading.Event()
 
     def rescue() -> None:
-        end = time.monotonic() + 3.0
+        end = time.monotonic() + 10.0 * TIMEOUT_FACTOR
         while not over.wait(0.02):
             if time.monotonic() > end or (port is not None and port.was_opened):
                 os.kill(os.getpid(), signal.SIGTERM)

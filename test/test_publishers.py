@@ -259,8 +259,8 @@ def test_second_live_publisher_stops_until_it_is_gone(
 
 def test_second_publisher_that_says_stop_among_clear_ones_latches(mux: MuxBench) -> None:
     mux.active()
-    cause = time.monotonic()
     second = mux.observer.publisher(Bool, f'{mux.space}/esi_drive_bridge/estop')
+    cause = time.monotonic()
     second.publish(Bool(data=True))
     mux.stopped_since(cause, 3.0)
 

@@ -38,6 +38,7 @@ from rugged_teleop.ports import HELP as PORT_HELP
 from rugged_teleop.ptys import PtyDevice
 from test.multicast_rig import free_port
 from test.rig import ROOT
+from test.rig import TIMEOUT_FACTOR
 from test.rig import wait_for
 
 
@@ -442,7 +443,7 @@ class Command:
 
     def end(self, number: int) -> int:
         self.process.send_signal(number)
-        return self.process.wait(5.0)
+        return self.process.wait(5.0 * TIMEOUT_FACTOR)
 
     def __enter__(self) -> Command:
         return self
@@ -481,7 +482,7 @@ def test_help_lists_names_and_quit_ends_it(path: Path, device: str, names: Seque
         for word in ('quit', *names):
             command.wait(word)
         command.say('quit')
-        assert command.process.wait(5.0) == 0
+        assert command.process.wait(5.0 * TIMEOUT_FACTOR) == 0
     assert not path.is_symlink()
 
 

@@ -15,9 +15,11 @@
 """The stack: all configured nodes in one process, wired, ended together."""
 
 from collections.abc import Iterator
+import math
 from pathlib import Path
 from signal import SIGINT
 from signal import SIGTERM
+import time
 from typing import Any
 
 import pytest
@@ -146,16 +148,21 @@ class Stack(Stage):
         """Drive: connected, reset, deadman, stick; only a stack that was held up is reset anew."""
         self.vsc.apply('mode operational')
         delay, resets = RunDelay([self.process.process.pid]), 0
+        pressed_at = math.inf
 
         def moves() -> bool:
-            nonlocal resets
+            nonlocal pressed_at, resets
             if self.mux_says('STOPPED'):
                 self.vsc.apply('stick left_y 0', 'button left_down 0')
                 if self.may_reset():
                     assert not resets or delay.exceeds(WIRE_HELD_UP), self.process.output
                     resets += self.reset().success
             elif self.mux_says('READY') and self.is_rested('fort'):
-                self.vsc.apply('button left_down 1', 'stick left_y 0.5')
+                pressed_at = self.vsc.apply('button left_down 1', 'stick left_y 0.5')
+            elif not self.drive.enabled and time.monotonic() > pressed_at + 3.0:
+                assert delay.exceeds(WIRE_HELD_UP), self.process.output
+                self.vsc.apply('stick left_y 0', 'button left_down 0')
+                pressed_at = math.inf
             return self.drive.enabled and self.drive.rpm > 20.0
 
         self.wait(moves, 'motion', 60.0)

@@ -134,7 +134,8 @@ class Walk:
 
     def _bench(self, arguments: list[str], expected: str) -> None:
         """Run it, anew only where the machine held up the node or its wire: that is a stop."""
-        tool = [sys.executable, '-m', 'rugged_teleop', *arguments, '--seconds', '0.5']
+        tool = [sys.executable, '-m', 'test.patience', 'rugged_teleop', *arguments]
+        tool += ['--seconds', '0.5']
         while True:
             delay = RunDelay(self._nodes)
             done = subprocess.run(tool, cwd=ROOT, text=True, capture_output=True, check=False)

@@ -27,6 +27,7 @@ from urllib.parse import urlsplit
 import aiohttp
 import pytest
 
+from status_page import server
 from status_page.access import Access
 from status_page.recordings import recordings
 from status_page.server import WRONG_TOKEN
@@ -35,6 +36,7 @@ from test.page_rig import Machine
 from test.page_rig import MUX
 from test.page_rig import TOKEN
 from test.page_rig import watch
+from test.rig import TIMEOUT_FACTOR
 
 WISH = {'action': 'reset', 'mux': MUX, 'confirmed': True}
 BEARER = {'Authorization': f'Bearer {TOKEN}'}
@@ -312,7 +314,10 @@ def test_new_browser_gets_the_last_minute_first(machine: Machine) -> None:
     assert f'axis|{FORT}|0' in start['history'][-1][1]
 
 
-def test_browser_that_takes_nothing_is_dropped_and_holds_up_nobody(machine: Machine) -> None:
+def test_browser_that_takes_nothing_is_dropped_and_holds_up_nobody(
+    machine: Machine, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(server, '_TAKE_LIMIT', 2.0 * TIMEOUT_FACTOR)  # of a busy machine
     lazy = socket.create_connection(('127.0.0.1', machine.port))
     lazy.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
     lazy.sendall(
@@ -362,7 +367,10 @@ def test_page_that_only_shows_does_nothing_with_any_token(machine: Machine) -> N
     assert machine.wishes == []
 
 
-def test_wish_is_done_only_with_origin_token_and_confirmation() -> None:
+def test_wish_is_done_only_with_origin_token_and_confirmation(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(server, '_SEEN_LIMIT', 10.0 * TIMEOUT_FACTOR)  # of a busy machine
     with Machine(control=True, answer=(False, 'not reset: why')) as machine:
         now = seen_by(machine)
         good = WISH | {'seen': now}

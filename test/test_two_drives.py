@@ -146,6 +146,11 @@ def test_drive_that_drops_out_by_itself_holds_the_other_too(
     vehicle: Vehicle, which: str, other: str
 ) -> None:
     vehicle.moving()
-    vehicle.drives[which].apply('trip a')
-    vehicle.wait(lambda: vehicle.values(other) == (0, 0), 'rest of the other drive')
-    vehicle.observer.holds_for(lambda: vehicle.values(other) == (0, 0), 0.5, 'rest')
+    cause = vehicle.drives[which].apply('trip a')
+
+    def rests() -> bool:
+        newest = vehicle.drives[other].packets(cause)[-1:]
+        return bool(newest) and not newest[0].moves
+
+    vehicle.wait(rests, 'rest of the other drive')
+    vehicle.observer.holds_for(rests, 0.5, 'rest')
