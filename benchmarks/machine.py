@@ -50,6 +50,7 @@ from test.rig import Observer
 from test.stage import DRIVE
 from test.stage import MUX
 from test.stage import Stage
+from test.stage import TIMEOUTS
 from test.stage import UNIT
 from test.stage import VSC
 from test.talkers import Diagnostics
@@ -58,21 +59,6 @@ from vm110_bridge.simulator import Simulator as UnitSimulator
 
 NODES = (VSC, UNIT, MUX, DRIVE)  # without those of ``Setting.all_devices``
 STACK = 'stack'
-_DEFAULTS: Final[dict[str, dict[str, float]]] = {  # of what a busy machine may make late
-    VSC: {'link_timeout': 0.25},
-    UNIT: {'link_timeout': 0.5},
-    MUX: {
-        'stall_limit': 0.1,
-        'estop.fort.timeout': 0.25,
-        'estop.drive.timeout': 0.25,
-        'estop.vm110.timeout': 0.25,
-        'drive_enabled_timeout': 0.25,
-        'feedback.timeout': 0.25,
-        'operator.fort.timeout': 0.25,
-        'neutral_time': 0.3,
-    },
-    DRIVE: {'command_timeout': 0.1, 'link_timeout': 0.25},
-}
 _DISCOVERY = 0.05  # s in which a subscriber that a publisher knows knows the publisher, too
 NOISE_PERIOD = 0.004  # s
 _FULL = Joy(axes=[0.0, 1.0, 0.0, 0.0, 0.0, 0.0], buttons=[1, *[0] * 7])
@@ -159,7 +145,7 @@ class Machine(Stage):
 
     def __init__(self, folder: Path, observer: Observer, setting: Setting) -> None:
         super().__init__(folder, observer, setting.nodes)
-        self.setting = setting
+        self.setting, self.is_patient = setting, setting.patience > 1.0
         self.drive.exchange(LyingDrive(command_timeout=0.1 * setting.patience))
         self.unit = self.add(MulticastDevice(UnitSimulator(), free_port()))
         self.devices: dict[str, Any] = {VSC: self.vsc, UNIT: self.unit, DRIVE: self.drive}
@@ -183,7 +169,7 @@ class Machine(Stage):
             },
         }
         self.wired = {DRIVE: str(self.drive.path)}  # actuators' nodes, and where their wires are
-        defaults = [_DEFAULTS]
+        defaults = [TIMEOUTS]
         self.beside = Beside(self, folder) if setting.all_devices else None
         if self.beside:
             self.devices |= self.beside.devices
@@ -191,7 +177,7 @@ class Machine(Stage):
             self._give(self.beside.parameters)
             defaults.append(self.beside.DEFAULTS)
         self.diagnostics = {name: Diagnostics(observer, name) for name in self.wired}
-        if setting.patience > 1.0:
+        if self.is_patient:
             for table in defaults:
                 self._give(table, setting.patience)
         for name in self.names:
@@ -220,9 +206,7 @@ class Machine(Stage):
     def start(self, name: str, module: str, parameters: Any, arguments: Iterable[str]) -> None:
         if name in self.nodes:
             self.ended.append(self.nodes[name])
-        is_patient = self.setting.patience > 1.0
-        node = NodeProcess(module, parameters, arguments=tuple(arguments), patient=is_patient)
-        self.nodes[name] = self._exits.enter_context(node)
+        super().start(name, module, parameters, arguments)
 
     def owner(self, name: str) -> str:
         """Return the process that this node is in."""

@@ -40,7 +40,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     command_line = Parser(prog='python -m demo', description=__doc__)
     add = command_line.add_argument
     add('--once', action='store_true', help='play the scripted scene and leave')
-    patience = "multiply the scene's time limits, on a machine that is busy with other work (1)"
+    patience = 'multiply all time limits and time-outs, on a machine that is busy otherwise (1)'
     add('--patience', type=float, default=1.0, metavar='N', help=patience)
     options = command_line.parse_args(arguments)
     if not options.patience >= 1.0:
@@ -51,7 +51,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         signal.signal(number, lambda number, frame: sys.exit(128 + number))
     try:
         with contextlib.ExitStack() as exits:
-            stage = _open(exits)
+            stage = _open(exits, options.patience)
             if options.once:
                 held = Scene(stage, options.patience).play(partial(print, flush=True))
                 sys.exit(0 if held else 1)
@@ -62,13 +62,14 @@ def main(arguments: Sequence[str] | None = None) -> None:
         sys.exit(1)
 
 
-def _open(exits: contextlib.ExitStack) -> DemoStage:
+def _open(exits: contextlib.ExitStack, patience: float) -> DemoStage:
     """Return the stage, in a ROS domain and a folder of its own. :raises DemoError: it fails."""
     folder = Path(exits.enter_context(tempfile.TemporaryDirectory(prefix='rugged_teleop_demo_')))
     os.environ['ROS_LOG_DIR'] = str(folder / 'log')
     try:
         observer = exits.enter_context(Observer('demo'))
-        return exits.enter_context(contextlib.closing(DemoStage(folder, observer)))
+        stage = DemoStage(folder, observer, patience=patience)
+        return exits.enter_context(contextlib.closing(stage))
     except (OSError, RuntimeError) as error:  # no port, no domain
         raise DemoError(str(error)) from error
 

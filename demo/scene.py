@@ -166,7 +166,8 @@ class Scene(Actuators):
             '(a takeover: to zero or the other direction), or to what is named:'
         )
         for cause, seconds, limit in self.reactions:
-            say(f'  {seconds * 1e3:7.1f} ms  {cause} (at most {limit * 1e3:.0f} ms)')
+            most = limit * self.patience * 1e3
+            say(f'  {seconds * 1e3:7.1f} ms  {cause} (at most {most:.0f} ms)')
         if self.timeouts:
             say(f'this machine is busy: timeouts stopped the motors {self.timeouts} times')
         return True

@@ -33,6 +33,7 @@ from sensor_msgs.msg import Joy
 from std_msgs.msg import Float64
 
 from akron_can_bridge.simulator import Simulator as MonitorSimulator
+from esi_drive_bridge.simulator import Simulator as DriveSimulator
 from rugged_teleop.canbuses import CanBusDevice
 from rugged_teleop.canbuses import free_channel
 from rugged_teleop.multicasts import free_port
@@ -47,6 +48,7 @@ from test.stage import MONITOR
 from test.stage import MUX
 from test.stage import SSC
 from test.stage import Stage
+from test.stage import TIMEOUTS
 from test.stage import UNIT
 from test.stage import VSC
 from vm110_bridge.simulator import Simulator as UnitSimulator
@@ -61,6 +63,23 @@ STACK = 'stack'
 PAGE = 'page'
 _PAGE_PORTS = range(8080, 8180)
 CONFIG = ROOT / 'config' / 'demo.yaml'
+# s, beside those as delivered: what CONFIG has, and what only all devices need.
+_TIMEOUTS = {
+    **TIMEOUTS,
+    VSC: {'link_timeout': 0.25, 'software_estop_timeout': 0.25},
+    UNIT: {'link_timeout': 0.5, 'hold_output_timeout': 0.25},
+    MONITOR: {'link_timeout': 0.3, 'command_timeout': 0.25, 'estop_in_timeout': 0.25},
+    SSC: {'link_timeout': 0.25, 'command_timeout': 0.25},
+    MUX: {
+        **TIMEOUTS[MUX],
+        'estop.vm110.timeout': 0.5,
+        'estop.ssc.timeout': 0.5,
+        'operator.vm110.timeout': 0.5,
+        'operator.ssc.timeout': 0.25,
+        'speed_limit.zone.timeout': 0.5,
+        'neutral_time': 0.5,
+    },
+}
 SHUT_US = 1000  # the throttle's failsafe; see CONFIG
 SERVO = 'throttle'  # as config/demo.yaml names it
 FULL_SPEED = 20.0  # rad/s of the joints, at which it is open
@@ -138,27 +157,35 @@ class DemoStage(Stage):
     All devices, and the stack with ``CONFIG``.
 
     :param arguments: further ROS arguments for the stack.
+    :param patience: what its time-outs are multiplied by, on a busy machine.
     :raises OSError: a port cannot be made.
     """
 
     page_address = ''  # where the status page is shown, if it is
 
-    def __init__(self, folder: Path, observer: Observer, *arguments: str) -> None:
+    def __init__(
+        self, folder: Path, observer: Observer, *arguments: str, patience: float = 1.0
+    ) -> None:
         super().__init__(folder, observer, ESTOPS.values())
+        self.is_patient = patience > 1.0
+        self.drive.exchange(DriveSimulator(command_timeout=0.1 * patience))
         self.unit = self.add(MulticastDevice(UnitSimulator(), free_port()))
         self.monitor = self.add(CanBusDevice(MonitorSimulator(), free_channel()))
         self.ssc = self.add(Device(folder / 'ssc', _ssc_simulator()))
         self.relay = Relay(observer.node, lambda: self.mux_says('ACTIVE'))
-        parameters = {
-            f'{VSC}:port': self.vsc.path,
-            f'{DRIVE}:port': self.drive.path,
-            f'{UNIT}:input_port': self.unit.port,
-            f'{SSC}:port': self.ssc.path,
-        }
+        values = [
+            f'{VSC}:port:={self.vsc.path}',
+            f'{DRIVE}:port:={self.drive.path}',
+            f'{UNIT}:input_port:={self.unit.port}',
+            f'{SSC}:port:={self.ssc.path}',
+            f'{MONITOR}:channel:={self.monitor.channel}',
+            *_timeouts(patience),
+        ]
         chains = [word for rule in CHAINS.items() for word in ('-r', ':='.join(rule))]
-        channel = ('-p', f'{MONITOR}:channel:={self.monitor.channel}')  # the file has another
-        everything = ('--params-file', str(CONFIG), *channel, *chains, *arguments)
-        self.start(STACK, 'rugged_teleop.stack', parameters, everything)
+        # The file has others of some: of a node, what was named first counts least.
+        given = [word for value in values for word in ('-p', value)]
+        everything = ('--params-file', str(CONFIG), *given, *chains, *arguments)
+        self.start(STACK, 'rugged_teleop.stack', {}, everything)
 
     def show_page(self) -> None:
         """Serve the status page, at 8080 or the next port that is free."""
@@ -180,6 +207,15 @@ class DemoStage(Stage):
         status = self.nodes[STACK].process.poll()
         if status is not None:
             raise DemoError(f'the stack has ended with status {status}:\n{self.output()}')
+
+
+def _timeouts(factor: float) -> list[str]:
+    """Return the nodes' time-outs, as ``-p`` takes them, multiplied by this."""
+    return [
+        f'{node}:{name}:={seconds * factor}'
+        for node, values in _TIMEOUTS.items()
+        for name, seconds in values.items()
+    ]
 
 
 def _is_free(port: int) -> bool:

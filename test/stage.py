@@ -33,6 +33,7 @@ from pathlib import Path
 import struct
 import time
 from typing import Any
+from typing import Final
 from typing import NamedTuple
 from typing import TypeVar
 
@@ -55,6 +56,22 @@ VSC, UNIT, SSC = 'fort_vsc_bridge', 'vm110_bridge', 'ssc_bridge'
 MONITOR, DRIVE, MUX = 'akron_can_bridge', 'esi_drive_bridge', 'safety_mux'
 RESET, TRIP, END_TRIP = f'/{MUX}/reset', f'/{MUX}/trip', f'/{MUX}/end_trip'
 CLEAR_ERRORS = f'/{DRIVE}/clear_errors'
+# Of what a busy machine may make late, in s, as delivered.
+TIMEOUTS: Final[dict[str, dict[str, float]]] = {
+    VSC: {'link_timeout': 0.25},
+    UNIT: {'link_timeout': 0.5},
+    MUX: {
+        'stall_limit': 0.1,
+        'estop.fort.timeout': 0.25,
+        'estop.drive.timeout': 0.25,
+        'estop.vm110.timeout': 0.25,
+        'drive_enabled_timeout': 0.25,
+        'feedback.timeout': 0.25,
+        'operator.fort.timeout': 0.25,
+        'neutral_time': 0.3,
+    },
+    DRIVE: {'command_timeout': 0.1, 'link_timeout': 0.25},
+}
 # In the answer of a service of a bridge that was held up, or whose wire was.
 LATE_WORDS = ('the wire of', 'held up', 'frozen', 'takes nothing')
 BETWEEN_RESETS = 0.55  # s; within clear_time of another one, or of a trip, a reset does nothing
@@ -211,6 +228,7 @@ class Stage:
     :param nodes: those whose e-stops are recorded.
     """
 
+    is_patient = False  # the nodes let a busy machine hold their wires up
     _read: Any = None  # the status that the values are of
     _values: Mapping[str, str] = {}
 
@@ -240,7 +258,8 @@ class Stage:
 
     def start(self, name: str, module: str, parameters: Any, arguments: Iterable[str]) -> None:
         """Start a node, or start it again, under this name in ``nodes``."""
-        node = NodeProcess(module, parameters, arguments=tuple(arguments))
+        words = tuple(arguments)
+        node = NodeProcess(module, parameters, arguments=words, patient=self.is_patient)
         self.nodes[name] = self._exits.enter_context(node)
 
     # What is seen.
