@@ -171,7 +171,7 @@ class Spine(Stage):
                 resets += self.reset().success
             return self.is_rested('fort')
 
-        self.wait(rested, 'a reset, and a rested operator')
+        self.wait(rested, 'a reset, and a rested operator', 30.0)
 
     def clear_errors(self) -> Any:
         """Return the drive's answer; only a node that was held up is asked once more."""
