@@ -103,7 +103,6 @@ EXCUSED: dict[str, dict[str, str]] = {
         'Mailbox.end: 1 -> 2': _WAKES,
         'Mailbox.close: self._wake_fd >= 0 -> self._wake_fd > 0': _NO_STDIN,
         'Mailbox.close: 0 -> 1': _NO_STDIN,
-        'Mailbox.close: 1 -> 2': 'any number does that is no descriptor',
     },
     'bridge_core/transports/wire.py': {
         'Wire._deliver: clock.now() - now <= _FROZEN_TIME -> clock.now() - now < _FROZEN_TIME': (
@@ -247,8 +246,6 @@ EXCUSED: dict[str, dict[str, str]] = {
         'not isinstance(before.function, PulseAccumulator)': (
             'what fits the configuration has a measurement of each; for the type checker'
         ),
-        'AuxOutputCommands.__init__: self._undos_left = 0 -> pass': _SET_FIRST,
-        'AuxOutputCommands.__init__: 0 -> 1': _SET_FIRST,
         'AuxOutputCommands._is_one_shot: isinstance(function, PulseOutput) and function.one_shot '
         '-> function.one_shot': _FOR_TYPES,
         'AuxOutputCommands.stop: isinstance(function, DigitalOutput) and function.initially_high '
