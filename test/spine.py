@@ -29,6 +29,7 @@ import sys
 import time
 from typing import Any
 
+from rcl_interfaces.srv import GetParameters
 from sensor_msgs.msg import JointState
 
 from esi_drive_bridge.simulator import Simulator as DriveSimulator
@@ -79,6 +80,15 @@ class Spine(Stage):
             parameters['port'] = device.path
         self.start(name, MODULES[name], parameters, wiring([name]))
 
+    def restart_and_meet(self, name: str) -> None:
+        """
+        Start a node again, and wait until it can answer us.
+
+        It hears of our clients in their order: of one that is younger than the others, last.
+        """
+        self.restart(name)
+        self.observer.call(GetParameters, f'/{name}/get_parameters', tries=3)
+
     def wait(self, condition: Any, what: str, timeout: float = 10.0) -> Any:
         """Spin until it is true; the error says what the mux said last."""
         return super().wait(condition, lambda: f'{what}; {self.story()}', timeout)
@@ -102,7 +112,7 @@ class Spine(Stage):
         )  # a busy machine is no wiring fault
         for name, node in self.nodes.items():
             if node.process.poll() is not None:
-                self.restart(name)
+                self.restart_and_meet(name)
         self.operational()
         self.vsc.apply('estop remote on')
         self.wait(lambda: self.mux_says('STOPPED'), 'STOPPED')

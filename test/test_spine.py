@@ -267,7 +267,7 @@ def test_mux_lost_mid_motion_disables_the_drive(spine: Spine, number: int) -> No
         spine.nodes[MUX].signal(SIGCONT)
     else:
         assert spine.nodes[MUX].wait() == -SIGKILL
-        spine.restart(MUX)
+        spine.restart_and_meet(MUX)
     stays_stopped_until_restarted(spine, cause + reaction)
 
 
@@ -327,7 +327,7 @@ def test_drive_node_ended_mid_motion_leaves_with_disable_packets(
     spine.wait(spine.drive.heard_farewell, 'the farewell')
     assert not any(packet.enables for packet in spine.drive.packets(cause + reaction))
     spine.wait(lambda: spine.mux_says('STOPPED'), 'the mux hears of it')
-    spine.restart(DRIVE)
+    spine.restart_and_meet(DRIVE)
     spine.wait(lambda: spine.is_clear(DRIVE), 'the drive without a stop', 15.0)
     stays_stopped_until_restarted(spine, time.monotonic())
 
