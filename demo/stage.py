@@ -21,6 +21,7 @@ Nothing of it meets a robot: all traffic stays on this machine, in a ROS domain 
 from __future__ import annotations
 
 from collections.abc import Callable
+from collections.abc import Iterator
 import contextlib
 from pathlib import Path
 import socket
@@ -33,6 +34,7 @@ from sensor_msgs.msg import Joy
 from std_msgs.msg import Float64
 
 from akron_can_bridge.simulator import Simulator as MonitorSimulator
+from bridge_core.parameter_files import parameters_for
 from esi_drive_bridge.simulator import Simulator as DriveSimulator
 from rugged_teleop.canbuses import CanBusDevice
 from rugged_teleop.canbuses import free_channel
@@ -63,21 +65,19 @@ STACK = 'stack'
 PAGE = 'page'
 _PAGE_PORTS = range(8080, 8180)
 CONFIG = ROOT / 'config' / 'demo.yaml'
-# s, beside those as delivered: what CONFIG has, and what only all devices need.
+# s, as delivered; where CONFIG has another one, that counts.
 _TIMEOUTS = {
-    **TIMEOUTS,
-    VSC: {'link_timeout': 0.25, 'software_estop_timeout': 0.25},
-    UNIT: {'link_timeout': 0.5, 'hold_output_timeout': 0.25},
-    MONITOR: {'link_timeout': 0.3, 'command_timeout': 0.25, 'estop_in_timeout': 0.25},
+    VSC: {**TIMEOUTS[VSC], 'software_estop_timeout': 0.25},
+    UNIT: {**TIMEOUTS[UNIT], 'hold_output_timeout': 0.25},
+    DRIVE: TIMEOUTS[DRIVE],
+    MONITOR: {'link_timeout': 0.3, 'command_timeout': 0.15, 'estop_in_timeout': 0.25},
     SSC: {'link_timeout': 0.25, 'command_timeout': 0.25},
     MUX: {
         **TIMEOUTS[MUX],
-        'estop.vm110.timeout': 0.5,
-        'estop.ssc.timeout': 0.5,
-        'operator.vm110.timeout': 0.5,
+        'estop.ssc.timeout': 0.25,
+        'operator.vm110.timeout': 0.25,
         'operator.ssc.timeout': 0.25,
-        'speed_limit.zone.timeout': 0.5,
-        'neutral_time': 0.5,
+        'speed_limit.zone.timeout': 0.25,
     },
 }
 SHUT_US = 1000  # the throttle's failsafe; see CONFIG
@@ -179,7 +179,7 @@ class DemoStage(Stage):
             f'{UNIT}:input_port:={self.unit.port}',
             f'{SSC}:port:={self.ssc.path}',
             f'{MONITOR}:channel:={self.monitor.channel}',
-            *_timeouts(patience),
+            *(_timeouts(patience) if self.is_patient else ()),
         ]
         chains = [word for rule in CHAINS.items() for word in ('-r', ':='.join(rule))]
         # The file has others of some: of a node, what was named first counts least.
@@ -209,13 +209,12 @@ class DemoStage(Stage):
             raise DemoError(f'the stack has ended with status {status}:\n{self.output()}')
 
 
-def _timeouts(factor: float) -> list[str]:
-    """Return the nodes' time-outs, as ``-p`` takes them, multiplied by this."""
-    return [
-        f'{node}:{name}:={seconds * factor}'
-        for node, values in _TIMEOUTS.items()
-        for name, seconds in values.items()
-    ]
+def _timeouts(factor: float) -> Iterator[str]:
+    """Yield the nodes' time-outs, as ``-p`` takes them, multiplied by this."""
+    for node, values in _TIMEOUTS.items():
+        given = parameters_for(f'/{node}', [CONFIG])
+        for name, seconds in values.items():
+            yield f'{node}:{name}:={given.get(name, seconds) * factor}'
 
 
 def _is_free(port: int) -> bool:

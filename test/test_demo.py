@@ -37,6 +37,7 @@ import pytest
 from demo import __main__ as demo
 from demo.scene import from_rest
 from demo.scene import Scene
+from demo.stage import _timeouts
 from demo.steering import Late
 from demo.steering import shortened
 from demo.steering import Steering
@@ -81,6 +82,12 @@ def test_enabled_axis_at_zero_enables_and_does_not_move() -> None:
     assert packet.enables
     assert not packet.moves
     assert turn(0.0).moves
+
+
+def test_patience_multiplies_what_the_demos_file_has_or_else_the_default() -> None:
+    given = set(_timeouts(2.0))
+    assert 'safety_mux:neutral_time:=1.0' in given  # 0.5 in config/demo.yaml
+    assert 'esi_drive_bridge:command_timeout:=0.2' in given
 
 
 def test_two_demos_get_different_domains(monkeypatch: pytest.MonkeyPatch) -> None:
