@@ -19,7 +19,10 @@ from __future__ import annotations
 import math
 from typing import Any
 
+import pytest
+
 from akron_can_bridge.protocol import Axis
+from akron_can_bridge.protocol import BasicJoystick
 from akron_can_bridge.protocol import ExtendedJoystick
 from akron_can_bridge.protocol import Permission
 from akron_can_bridge.session import Settings
@@ -68,6 +71,15 @@ def test_stopped_drive_has_no_frame_due() -> None:
     assert drive.due == math.inf
     assert drive.joystick_frames(NOW + 9.0) == []
     assert drive.permissive_frames(NOW + 9.0, UNIT, RIGHT) == []
+
+
+def test_former_unit_is_told_nothing_on_a_port_that_was_opened_again() -> None:
+    drive = moving(soe_permissive=True)
+    assert drive.permissive_frames(NOW, UNIT, RIGHT)
+    drive.forget()
+    drive.stop()
+    drive.start(NOW + 1.0)
+    assert drive.permissive_frames(NOW + 1.0, None, Permission(0)) == []
 
 
 # -- what a port that closed, or input that was lost, leaves behind -------------------------------
@@ -201,6 +213,15 @@ def test_motion_was_asked_for_until_the_stick_was_let_go_of() -> None:
     assert drive.asked_until == NOW + 0.1
     drive.set_command(AT_REST, NOW + 0.2, [])
     assert drive.asked_until == NOW + 0.1
+
+
+@pytest.mark.parametrize(('x', 'y'), [(1, 0), (0, -1)])
+def test_stick_that_leaves_its_centre_on_one_axis_asks_for_motion(x: int, y: int) -> None:
+    drive = moving()
+    drive.set_command(Command(BasicJoystick(Axis.of(x), Axis.of(y)), REST[1]), NOW + 0.1, [])
+    assert drive.pushes
+    drive.set_command(AT_REST, NOW + 0.2, [])
+    assert drive.asked_until == NOW + 0.2
 
 
 def test_motion_was_asked_for_until_a_stop() -> None:

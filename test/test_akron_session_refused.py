@@ -261,6 +261,17 @@ def test_request_that_did_not_go_out_goes_soon_and_once(request_: Request, data:
     assert bench.asked(start) == [data]
 
 
+def test_request_that_went_out_is_not_sent_anew_for_another_that_did_not() -> None:
+    bench = Bench(vista_rate=10.0).find_unit()
+    bench.run(1.5)
+    start = bench.now
+    bench.session.request(Request.RESET_CONTROLLER, bench.now)
+    bench.poll()
+    bench.refuses = lambda frame: frame.data.hex() == '21'  # a poll
+    bench.run(1.0)
+    assert bench.asked(start) == ['45']
+
+
 def test_poll_that_did_not_go_out_keeps_to_its_period() -> None:
     bench = Bench().find_unit()
     bench.run(1.5)
