@@ -204,6 +204,52 @@ def test_command_is_not_lost_to_a_pause_that_is_still_pressed() -> None:
     assert said(drive, NOW) == MOVING
 
 
+# -- a press that the line did not take -----------------------------------------------------------
+
+
+def test_press_of_which_nothing_went_out_is_none() -> None:
+    drive = Drive(Settings())
+    drive.start(NOW)
+    drive.pause(NOW)
+    assert said(drive, NOW) == PAUSE
+    drive.stick_refused(NOW)
+    assert drive.steered_until == -math.inf
+    assert said(drive, NOW + 0.001) == NEUTRAL
+
+
+def test_press_of_which_something_went_out_goes_on() -> None:
+    drive = Drive(Settings())
+    drive.start(NOW)
+    drive.pause(NOW)
+    assert said(drive, NOW) == PAUSE
+    assert said(drive, NOW + 0.02) == PAUSE
+    drive.stick_refused(NOW + 0.02)
+    assert drive.steered_until == NOW + PAUSE_TIME
+    assert said(drive, NOW + 0.021) == PAUSE
+
+
+def test_press_goes_on_behind_a_command_in_its_midst() -> None:
+    drive = moving()
+    drive.set_command(AT_REST, NOW, [])
+    drive.pause(NOW)
+    assert said(drive, NOW) == PAUSE
+    drive.set_command(AT_WORK, NOW + 0.025, [])
+    assert said(drive, NOW + 0.025) == MOVING
+    drive.set_command(AT_REST, NOW + 0.05, [])
+    assert said(drive, NOW + 0.05) == PAUSE
+    drive.stick_refused(NOW + 0.05)
+    assert said(drive, NOW + 0.051) == PAUSE
+
+
+def test_stick_that_did_not_go_out_has_steered_until_it_was_let_go_of() -> None:
+    drive = moving()
+    drive.set_command(AT_REST, NOW, [])
+    assert drive.steered_until == NOW
+    assert said(drive, NOW) == NEUTRAL
+    drive.stick_refused(NOW)
+    assert drive.steered_until == NOW
+
+
 # -- until when we asked for the motion that the unit reports -------------------------------------
 
 
