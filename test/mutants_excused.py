@@ -305,6 +305,8 @@ EXCUSED: dict[str, dict[str, str]] = {
         'Drive.__init__: self._begins_press = False -> pass': _SET_FIRST,
     },
     'akron_can_bridge/session/finder.py': {
+        'Finder.__init__: self._owes_request = True -> pass': _SET_FIRST,
+        'Finder.__init__: True -> False': _SET_FIRST,
         'Finder.keep: return False -> return None': _FALSY,
         'Finder.claimed: source != fixed or is_ours -> is_ours': (
             'a claim of another address that is not ours ends the same below'
