@@ -54,6 +54,16 @@ def test_forgotten_joystick_is_not_there_and_moves_nothing() -> None:
     assert (joysticks.foreign(NOW), joysticks.moving(NOW)) == ([], [])
 
 
+def test_forgotten_joystick_that_is_held_does_not_count_until_it_was_let_go_of() -> None:
+    joysticks = Joysticks(Settings(allowed_joysticks=frozenset({OTHER})))
+    for message in (CENTRED, RIGHT):
+        joysticks.take(message, OTHER, NOW)
+    assert joysticks.pushes(NOW)
+    joysticks.forget()
+    joysticks.take(RIGHT, OTHER, NOW)
+    assert not joysticks.pushes(NOW)
+
+
 def test_grip_of_before_is_none_of_after() -> None:
     joysticks = heard(GRIP)
     (sticks,) = joysticks.take(CENTRED, OTHER, NOW)

@@ -105,6 +105,17 @@ def test_paused_oscillation_is_not_resumed_for_a_wire_that_died() -> None:
     assert bench.all_neutral(0.0)
 
 
+def test_session_that_is_told_twice_of_a_wire_that_died_has_no_longer_to_pause_for_it() -> None:
+    bench = following(Handover(free=True), 0.1)
+    bench.turns = False
+    bench.run(COAST / 2, REST, estop=True)
+    bench.session.take_over(Handover(free=True), bench.now - 0.6, bench.now)
+    bench.run(COAST / 2 - 8 * SLOT, REST, estop=True)
+    bench.turns = True
+    bench.run(COAST, REST, estop=True)
+    assert bench.all_neutral(0.0)
+
+
 def test_session_tells_what_the_next_one_has_to_know() -> None:
     bench = Turning().ready()
     bench.run(SLOT, MOVE)

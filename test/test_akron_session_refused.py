@@ -20,6 +20,7 @@ from collections.abc import Callable
 
 import pytest
 
+from akron_can_bridge.protocol import ExtendedJoystick
 from akron_can_bridge.session import Request
 from bridge_core.j1939 import CanFrame
 from bridge_core.session import Answer
@@ -153,6 +154,15 @@ def test_unit_that_moved_has_its_permission_taken_back_at_its_former_address() -
     assert permissions(bench, start) == [(1.0, NONE)]
     bench.wait(SLOT)
     assert [said for _, said in permissions(bench, start, 0x90)] == [NONE]
+
+
+def test_grip_that_did_not_go_out_is_no_permission_whatever_its_first_byte_is() -> None:
+    bench = permitted()
+    frame = ExtendedJoystick().to_frame(OURS)
+    start = bench.now
+    bench.session.refused(CanFrame(frame.identifier, b'\xa1' + frame.data[1:]), bench.now)
+    bench.wait(SLOT / 2)
+    assert permissions(bench, start) == []
 
 
 # -- NAMEs ----------------------------------------------------------------------------------------

@@ -246,14 +246,17 @@ def test_lane_that_has_nothing_to_do_sleeps(rig: Rig, monkeypatch: pytest.Monkey
         real(*arguments)
 
     monkeypatch.setattr(waiter, 'wait', wait_counted)
+    rig.lane.start()
+    for number in range(20):
+        publish(number)
+        wait_for(lambda: rig.heard[-1:] == [number])  # noqa: B023 - waited for here
+    assert len(waits) < 100
     called = threading.Event()
     rig.lane.every(0.5, lambda now: called.set())
-    rig.lane.start()
-    publish(1)
-    rig.wait_heard(1)
-    called.clear()
-    assert called.wait(30.0)
-    assert len(waits) < 50
+    for _ in range(2):
+        assert called.wait(30.0)
+        called.clear()
+    assert len(waits) < 150
 
 
 def test_set_is_made_anew_for_other_topics_alone(
@@ -294,8 +297,7 @@ def test_lane_that_has_ended_holds_no_subscription(rig: Rig) -> None:
     [subscription] = rig.lane.subscriptions
     rig.lane.stop()
     subscription.destroy()
-    with pytest.raises(InvalidHandle):
-        subscription.handle.__enter__()
+    wait_for(lambda: rig.talker.count_subscribers('number') == 0)
 
 
 def test_subscription_is_removed_while_it_waits(rig: Rig) -> None:
