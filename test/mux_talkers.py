@@ -35,6 +35,7 @@ from test.rig import as_yaml
 from test.rig import latched
 from test.rig import NodeProcess
 from test.rig import Observer
+from test.rig import TIMEOUT_FACTOR
 from test.run_delay import RunDelay
 from test.run_delay import WIRE_HELD_UP
 from test.talkers import namespace
@@ -42,9 +43,9 @@ from test.talkers import Talker
 from test.talkers import values_of
 
 # Longer than the defaults: a busy machine is not what these tests are about.
-TIMEOUT = 1.0
+TIMEOUT = TIMEOUT_FACTOR
 PATIENT = {
-    'stall_limit': TIMEOUT,
+    'stall_limit': 1.0,  # the most that there may be; test.patience multiplies it
     'estop.fort.timeout': TIMEOUT,
     'estop.drive.timeout': TIMEOUT,
     'drive_enabled_timeout': TIMEOUT,
@@ -121,7 +122,8 @@ class MuxBench:
         """Start the mux, or start it again."""
         given = (('-p', f'{name}:={as_yaml(value)}') for name, value in self.given.items())
         arguments = (*self.arguments, *chain.from_iterable(given))  # the last one counts
-        self.node = NodeProcess('safety_mux.node', arguments=arguments, namespace=self.space)
+        module, space = 'safety_mux.node', self.space
+        self.node = NodeProcess(module, arguments=arguments, namespace=space, patient=True)
 
     def wait(self, condition: Any, what: str, timeout: float = 10.0) -> Any:
         return self.observer.wait_for(condition, timeout, lambda: f'{what}; {self.report()}')
