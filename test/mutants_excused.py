@@ -345,6 +345,7 @@ EXCUSED: dict[str, dict[str, str]] = {
         'Session._follow: False -> True': _SAID_ANEW,
         'Session._follow_motion: True -> False': _EARLIEST,
         'Session._may_pause: return False -> return None': _FALSY,
+        'Session._is_back: return False -> return None': _FALSY,
         'Session._permitted: self.withheld or self.drive.forbidden(now, self._holds()) -> '
         'self.withheld': 'whatever forbids motion withholds it in the same step',
         'Session.set_directions: self._expire(now) -> pass': 'the refresh at its end does it',
