@@ -32,13 +32,14 @@ from test.talkers import namespace
 from test.talkers import values_of
 
 TICK, EVERY = 0.01, 0.05  # s
+LIMIT = 1.0  # s, of all that may be late
 
 
 class FedMux:
     """A mux in this process that hears all it needs; its lane never hears nothing."""
 
     def __init__(self, context: Any, **parameters: Any) -> None:
-        values = {**dict.fromkeys(PATIENT, 1.0), **parameters}  # s; no machine is late here
+        values = {**dict.fromkeys(PATIENT, LIMIT), **parameters}
         given = [Parameter(name, value=value) for name, value in values.items()]
         self.joy: Any = sticks()  # None: silence
         self.stop = False

@@ -56,6 +56,7 @@ from safety_mux.outputs import Repeated
 from safety_mux.protocol import Decision
 from safety_mux.protocol import State
 from test.endings import each_ending
+from test.fed_mux import LIMIT
 from test.fed_mux import SteppedMux
 from test.mux_talkers import CLEAR_TIME
 from test.mux_talkers import MuxBench
@@ -833,13 +834,13 @@ def test_stop_that_is_gone_before_the_next_tick_is_demanded_of_the_other_devices
     mux.destroy_node()
 
 
-@pytest.mark.parametrize('silence', [TIMEOUT - 0.1, TIMEOUT + 0.1])
+@pytest.mark.parametrize('silence', [LIMIT - 0.1, LIMIT + 0.1])
 def test_lost_sticks_stop_once_they_are_missing_for_the_timeout(
     context: Any, monkeypatch: pytest.MonkeyPatch, silence: float
 ) -> None:
     stepped = SteppedMux(context, monkeypatch)
     assert stepped.mux._reset().ok
-    assert stepped.run(TIMEOUT + 0.1) is State.READY
+    assert stepped.run(LIMIT + 0.1) is State.READY
     hear = next(
         each.callback
         for each in stepped.mux.lane._topics
@@ -852,7 +853,7 @@ def test_lost_sticks_stop_once_they_are_missing_for_the_timeout(
     stepped.run(silence)
     hear(sticks(0.5, deadman=True), {'publication_sequence_number': 12})
     state = stepped.run(0.02)
-    assert state is (State.ACTIVE if silence < TIMEOUT else State.STOPPED)
+    assert state is (State.ACTIVE if silence < LIMIT else State.STOPPED)
     stepped.mux.destroy_node()
 
 

@@ -21,9 +21,9 @@ from diagnostic_msgs.msg import DiagnosticStatus
 import pytest
 
 from safety_mux.protocol import State
+from test.fed_mux import LIMIT
 from test.fed_mux import SteppedMux
 from test.mux_talkers import sticks
-from test.mux_talkers import TIMEOUT
 
 SAME = 'its stamp has been the same for'
 
@@ -44,9 +44,9 @@ class StampedMux(SteppedMux):
 
     def active(self) -> None:
         self.joy = sticks()
-        self.run(TIMEOUT)
+        self.run(LIMIT)
         assert self.mux._reset().ok
-        assert self.run(TIMEOUT + 0.1) is State.READY
+        assert self.run(LIMIT + 0.1) is State.READY
         self.joy = sticks(0.5, deadman=True)
         assert self.run(2.0) is State.ACTIVE
 
@@ -57,7 +57,7 @@ def test_required_stamp_that_stays_the_same_loses_the_owner(
     mux = StampedMux(context, monkeypatch, required=True)
     mux.active()
     mux.moves = False
-    assert mux.run(TIMEOUT + 0.1) is State.STOPPED
+    assert mux.run(LIMIT + 0.1) is State.STOPPED
     assert f"operator 'fort' is invalid: {SAME}" in mux.values()['last transition']
     mux.joy = sticks()
     mux.run(1.0)
@@ -75,7 +75,7 @@ def test_other_stamp_that_stays_the_same_is_a_warning(
     mux.active()
     assert 'warning 1' not in mux.values()
     mux.moves = False
-    assert mux.run(TIMEOUT + 0.1) is State.ACTIVE
+    assert mux.run(LIMIT + 0.1) is State.ACTIVE
     warning = mux.values()['warning 1']
     assert warning.startswith("operator 'fort' may be gone")
     assert SAME in warning
