@@ -14,16 +14,22 @@
 
 """What the Akron session makes of what the unit says: stops, events, noise."""
 
+from collections.abc import Callable
 import math
 import random
 from typing import Any
 
 import pytest
 
+from akron_can_bridge.protocol import decode
 from akron_can_bridge.protocol import DigitalOutputs
 from akron_can_bridge.protocol import Fault
+from akron_can_bridge.protocol import FaultStatus
 from akron_can_bridge.protocol import Output
 from akron_can_bridge.protocol import Status
+from akron_can_bridge.protocol import Vista
+from akron_can_bridge.protocol import VistaData
+from akron_can_bridge.protocol import VistaPosition
 from akron_can_bridge.session import Cause
 from akron_can_bridge.session import FaultsChanged
 from akron_can_bridge.session import FILTERS
@@ -32,6 +38,7 @@ from akron_can_bridge.session import OutputsChanged
 from akron_can_bridge.session import Positions
 from akron_can_bridge.session import Session
 from akron_can_bridge.session import Settings
+from akron_can_bridge.session.unit import Unit
 from bridge_core.j1939 import CanFrame
 from bridge_core.session import StopChanged
 from bridge_core.session import Verdict
@@ -53,6 +60,8 @@ from test.akron_session_rig import PIN
 from test.akron_session_rig import POSITION
 from test.akron_session_rig import REST
 from test.akron_session_rig import VERSIONS
+
+VISTA = (VistaData(240, 0, 0, Vista(0)), VistaPosition(1, 2))
 
 # -- stops ----------------------------------------------------------------------------------------
 
@@ -391,3 +400,28 @@ def test_settings_that_cannot_be_are_refused(options: dict[str, Any]) -> None:
 def test_fault_flags_are_those_of_the_manual() -> None:
     assert sum(1 << bit for bit in FAULT_BITS) == sum(Fault)
     assert Session(Settings()).estop
+
+
+# -- what is known of a unit that was lost --------------------------------------------------------
+
+
+def known() -> Unit:
+    """Return what has heard all that is kept: faults, versions and Vista data."""
+    unit = Unit(LINK_LIMIT)
+    unit.faults = FaultStatus(Fault(0), 0)
+    for frame in VERSIONS:
+        assert not unit.versions_known
+        unit.take(decode(frame).message, 0.0)  # type: ignore[arg-type]
+    for message in VISTA:
+        unit.take(message, 0.0)
+    return unit
+
+
+@pytest.mark.parametrize('lose', [Unit.lost, Unit.forget])
+def test_lost_unit_keeps_its_versions_alone(lose: Callable[[Unit], None]) -> None:
+    unit = known()
+    assert all(unit.kept(type(message)) == message for message in VISTA)
+    lose(unit)
+    assert unit.versions_known
+    assert unit.faults is None
+    assert not any(unit.kept(type(message)) for message in VISTA)
