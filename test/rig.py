@@ -185,6 +185,17 @@ class Pty:
         self.received = b''
 
 
+def ending_with(parent: int) -> list[str]:
+    """
+    Return what to put before a command that has to end with us, however we do.
+
+    A node that is left alone would try its port for ever. A parent that was killed before the
+    command asked for its signal sends none: there is another parent then.
+    """
+    words = ['setpriv', '--pdeathsig', 'KILL', 'sh', '-c', '[ "$PPID" = "$0" ] && exec "$@"']
+    return [*words, str(parent)]
+
+
 class NodeProcess:
     """
     A child process: a module that runs a node, or ``source`` code. Use it as a context manager.
@@ -210,8 +221,7 @@ class NodeProcess:
         patient: bool = False,
     ) -> None:
         modules = ['test.patience', module] if patient else [module]
-        # It ends with the tests, however those do: left alone, it would try its port for ever.
-        command = ['setpriv', '--pdeathsig', 'KILL', sys.executable]
+        command = [*ending_with(os.getpid()), sys.executable]
         command += ['-c', source] if source else ['-m', *modules]
         command.append('--ros-args')
         for key, value in (parameters or {}).items():

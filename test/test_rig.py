@@ -14,9 +14,13 @@
 
 """What the tests start does not outlive them."""
 
+import os
 import subprocess
 import sys
 
+import pytest
+
+from test.rig import ending_with
 from test.rig import ROOT
 from test.rig import wait_for
 from test.toy_rig import is_running
@@ -40,3 +44,11 @@ def test_node_ends_with_tests_that_are_killed() -> None:
         assert is_running(node)
         tests.kill()
     wait_for(lambda: not is_running(node), 5.0, 'the end of the node')
+
+
+@pytest.mark.parametrize('ours', [True, False])
+def test_command_whose_parent_is_another_already_never_begins(ours: bool) -> None:
+    command = [*ending_with(os.getpid() if ours else 0), 'printf', 'here']
+    ended = subprocess.run(command, stdout=subprocess.PIPE, timeout=60.0, check=False)
+    assert ended.stdout == (b'here' if ours else b'')
+    assert (ended.returncode == 0) is ours
