@@ -44,6 +44,7 @@ from test.talkers import values_of
 
 # Longer than the defaults: a busy machine is not what these tests are about.
 TIMEOUT = TIMEOUT_FACTOR
+STOPPED_WITHIN, SILENCE_STOPS_WITHIN = 1.4, TIMEOUT + 0.4  # s
 PATIENT = {
     'stall_limit': 1.0,  # the most that there may be; test.patience multiplies it
     'estop.fort.timeout': TIMEOUT,
@@ -122,8 +123,9 @@ class MuxBench:
         """Start the mux, or start it again."""
         given = (('-p', f'{name}:={as_yaml(value)}') for name, value in self.given.items())
         arguments = (*self.arguments, *chain.from_iterable(given))  # the last one counts
-        module, space = 'safety_mux.node', self.space
-        self.node = NodeProcess(module, arguments=arguments, namespace=space, patient=True)
+        self.node = NodeProcess(
+            'safety_mux.node', arguments=arguments, namespace=self.space, patient=True
+        )
 
     def wait(self, condition: Any, what: str, timeout: float = 10.0) -> Any:
         return self.observer.wait_for(condition, timeout, lambda: f'{what}; {self.report()}')
@@ -220,7 +222,7 @@ class MuxBench:
         """Tell whether a stop since ``active`` may be the doing of a busy machine."""
         return self.delay.exceeds(WIRE_HELD_UP)
 
-    def stopped_since(self, cause: float, within: float = TIMEOUT + 0.4) -> None:
+    def stopped_since(self, cause: float, within: float = STOPPED_WITHIN) -> None:
         """See STOPPED in time, and nothing but stop, disable and 0 from then on."""
         delay = RunDelay([self.node.process.pid])
         stops: list[float] = []  # ~/state may come first: it is another topic

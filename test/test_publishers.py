@@ -24,6 +24,7 @@ from std_msgs.msg import Bool
 
 from bridge_core.publishers import PublisherWatch
 from test.mux_talkers import MuxBench
+from test.mux_talkers import SILENCE_STOPS_WITHIN
 from test.mux_talkers import sticks
 from test.rig import NodeProcess
 from test.rig import Observer
@@ -298,7 +299,7 @@ def test_killed_source_does_not_keep_its_successor_out(mux: MuxBench) -> None:
         mux.active()
         cause = time.monotonic()
         assert first.end(SIGKILL) == -SIGKILL
-        mux.stopped_since(cause)
+        mux.stopped_since(cause, SILENCE_STOPS_WITHIN)
     mux.joy.message = sticks()
     with NodeProcess(source=source):
         # Discovery still counts the dead one.

@@ -60,7 +60,9 @@ from test.fed_mux import LIMIT
 from test.fed_mux import SteppedMux
 from test.mux_talkers import CLEAR_TIME
 from test.mux_talkers import MuxBench
+from test.mux_talkers import SILENCE_STOPS_WITHIN
 from test.mux_talkers import sticks
+from test.mux_talkers import STOPPED_WITHIN
 from test.mux_talkers import TIMEOUT
 from test.rig import latched
 from test.rig import NodeProcess
@@ -209,14 +211,6 @@ def test_slow_zone_slows_the_machine_and_status_says_so(observer: Observer) -> N
         speed_limit__zone__timeout=TIMEOUT,
     )
     zone = Talker(observer, Float64, f'{mux.space}/zone', Float64(data=1.0))
-
-    def goes_on_at_nothing() -> bool:
-        """By a limit that is stale; a mux that was held up stops, and may have forgotten it."""
-        if mux.says('STOPPED'):
-            return mux.held_up() and mux.explains("speed limit 'zone' allows 0 %")
-        stale = "speed limit 'zone' allows 0 %: speed limit 'zone' is stale"
-        return mux.explains(stale) and mux.says('ACTIVE')
-
     try:
         mux.active(1.0)
         mux.wait(lambda: mux.command.last.velocity[0] == 10.0, 'full speed')
@@ -227,7 +221,8 @@ def test_slow_zone_slows_the_machine_and_status_says_so(observer: Observer) -> N
         assert values_of(mux.status.last)["condition of speed limit 'zone'"] == '30 %'
         zone.pause()
         mux.wait(lambda: not any(mux.command.last.velocity), 'the lowest, which is 0')
-        mux.wait(goes_on_at_nothing, 'ACTIVE, and why it stands')
+        mux.wait(lambda: mux.explains("'zone' allows 0 %: speed limit 'zone' is stale"), 'why')
+        mux.wait(lambda: mux.says('ACTIVE'), 'ACTIVE')
     finally:
         zone.leave()
         mux.close()
@@ -288,19 +283,15 @@ def test_silence_of_any_source_stops_with_age_and_limit_in_words(
 ) -> None:
     mux.active()
     getattr(mux, f'{source}_estop').pause()
-    mux.stopped_since(time.monotonic())
-    mux.wait(
-        lambda: mux.explains(
-            f"e-stop source '{source}' is stale", f'limit {TIMEOUT * 1e3:.0f} ms'
-        ),
-        'why',
-    )
+    mux.stopped_since(time.monotonic(), SILENCE_STOPS_WITHIN)
+    limit = f'limit {TIMEOUT * 1e3:.0f} ms'
+    mux.wait(lambda: mux.explains(f"e-stop source '{source}' is stale", limit), 'why')
 
 
 def test_silence_of_the_operator_stops(mux: MuxBench) -> None:
     mux.active()
     mux.joy.pause()
-    mux.stopped_since(time.monotonic())
+    mux.stopped_since(time.monotonic(), SILENCE_STOPS_WITHIN)
     said = 'the owner was lost'
     mux.wait(lambda: said in values_of(mux.status.last)['last transition'], 'why')
 
@@ -484,7 +475,10 @@ def test_autonomy_that_falls_silent_or_mad_stops(observer: Observer) -> None:
     mad = Twist()
     mad.angular.x = math.nan  # of no use for wheels, but not of a sane planner
     try:
-        for spoil in (autonomy.pause, lambda: setattr(autonomy, 'message', mad)):
+        for spoil, within in (
+            (autonomy.pause, SILENCE_STOPS_WITHIN),
+            (lambda: setattr(autonomy, 'message', mad), STOPPED_WITHIN),
+        ):
             mux.ready()
             mux.wait(lambda: mux.explains('~/select_autonomy'), 'rested autonomy')
             assert mux.select_autonomy().success
@@ -492,7 +486,7 @@ def test_autonomy_that_falls_silent_or_mad_stops(observer: Observer) -> None:
             autonomy.message.linear.x = 0.2
             mux.wait(lambda: any(mux.command.last.velocity), 'motion')
             spoil()
-            mux.stopped_since(time.monotonic())
+            mux.stopped_since(time.monotonic(), within)
             autonomy.message = Twist()
             autonomy.resume()
     finally:
@@ -713,7 +707,7 @@ def test_simulated_time_that_stands_or_jumps_changes_no_stop(observer: Observer)
         assert any(mux.command.last.velocity) or mux.held_up()
         mux.joy.pause()
         clock.publish(Clock(clock=Time(sec=1)))
-        mux.stopped_since(time.monotonic())
+        mux.stopped_since(time.monotonic(), SILENCE_STOPS_WITHIN)
     finally:
         mux.close()
 
