@@ -606,7 +606,10 @@ def test_second_publisher_of_the_twist_stops(observer: Observer) -> None:
         other = Talker(observer, Twist, f'{mux.name}/cmd_vel', Twist())
         try:
             mux.wait(lambda: mux.explains('stop the other publisher', 'cmd_vel'), 'why')
-            other.pause()  # what it says is heard as the mux's
+            other.pause()  # what it says is heard as the mux's, up to its last
+            other.message.linear.y = 1.0
+            other.say()
+            mux.wait(lambda: any(each.linear.y for each in mux.command.messages), 'its last')
             mux.stopped_since(cause, 5.0)
         finally:
             other.leave()
