@@ -17,6 +17,7 @@
 from collections.abc import Callable
 from collections.abc import Collection
 from collections.abc import Sequence
+from collections.abc import Set
 import gc
 import os
 import re
@@ -61,6 +62,7 @@ _GARBAGE = 50_000  # objects until the collector looks for cycles
 _SWITCH_INTERVAL = 0.0002
 
 _ACKNOWLEDGE_LIMIT = 0.2  # s; of a reader that is frozen or was killed nothing ever comes
+_THREADS_LIMIT = 2.0  # s; one that hangs in a port never ends
 _SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT)
 
 
@@ -152,6 +154,7 @@ def _run(
 ) -> int:
     note = avoid_shared_memory()
     files = files_of(argv)
+    others = set(threading.enumerate())
     try:
         for file in files:
             sections_of(file)
@@ -181,6 +184,7 @@ def _run(
         return _refuse(f'{of}: {error}' if of else str(error))
     finally:
         _leave(nodes)
+        _await_threads(others)
         end.close()
 
 
@@ -279,6 +283,18 @@ def _leave(nodes: list[ManagedNode]) -> None:
     # Nodes are in reference cycles. Left to the collector, the middleware would end some time, in
     # whichever thread allocates next, and its threads and descriptors would stay until then.
     gc.collect()
+
+
+def _await_threads(others: Set[threading.Thread]) -> None:
+    """
+    Wait until no thread but ``others`` is left, at most for _THREADS_LIMIT.
+
+    A busy machine may give one no time until then. If the interpreter's end found it amid a call
+    of the middleware, the process would abort.
+    """
+    end = clock.now() + _THREADS_LIMIT
+    for thread in set(threading.enumerate()) - others:
+        thread.join(max(0.0, end - clock.now()))
 
 
 def _wait_acknowledged(nodes: Sequence[ManagedNode]) -> None:

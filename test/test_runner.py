@@ -85,6 +85,35 @@ def test_actuators_leave_first_and_all_do_whatever_one_raises(
     assert all(node.story[-1] == 'gone' for node in nodes.values())
 
 
+_LATE = """
+import time
+from rclpy.executors import SingleThreadedExecutor
+from test.toy_bridge import main
+
+once = SingleThreadedExecutor.spin_once
+
+def spin_once(executor):
+    try:
+        once(executor)
+    finally:
+        if not executor.context.ok():
+            time.sleep(0.5)
+            print('the last')
+
+SingleThreadedExecutor.create_task = lambda *_: None  # what wakes it is late
+SingleThreadedExecutor.spin_once = spin_once
+main()
+"""
+
+
+def test_process_ends_after_its_threads() -> None:
+    """One that is amid the middleware when the interpreter ends aborts the process."""
+    with NodeProcess(source=_LATE, namespace=namespace()) as node:
+        node.wait_output('cannot open')
+        assert node.end(timeout=20.0) == 0
+        assert node.output.endswith('the last\n'), node.output
+
+
 # The middleware.
 
 CHOICES = sorted(runner._CHOICES)
