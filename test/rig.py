@@ -49,6 +49,8 @@ from typing import Any
 from typing import TypeVar
 
 from rugged_teleop.domains import claim_domain
+from test.forks import ForkedProcess
+from test.forks import Server
 
 ROOT = Path(__file__).resolve().parent.parent
 ENDING = (SIGTERM, SIGINT, SIGHUP, SIGQUIT)  # what ends a node
@@ -196,6 +198,13 @@ def ending_with(parent: int) -> list[str]:
     return [*words, str(parent)]
 
 
+@functools.cache
+def forks() -> Server:
+    """Return what forks nodes for this process, once."""
+    own_domain()
+    return Server(ending_with(os.getpid()))
+
+
 class NodeProcess:
     """
     A child process: a module that runs a node, or ``source`` code. Use it as a context manager.
@@ -220,22 +229,20 @@ class NodeProcess:
         terminal: int | None = None,
         patient: bool = False,
     ) -> None:
-        modules = ['test.patience', module] if patient else [module]
-        command = [*ending_with(os.getpid()), sys.executable]
-        command += ['-c', source] if source else ['-m', *modules]
-        command.append('--ros-args')
-        for key, value in (parameters or {}).items():
-            command += ['-p', f'{key}:={as_yaml(value)}']
-        if name:
-            command += ['-r', f'__node:={name}']
-        if namespace:
-            command += ['-r', f'__ns:={namespace}']
+        arguments = ['--ros-args', *_remapped(parameters or {}, name, namespace), *arguments]
         # A file, not a pipe: a node with much output must not block until the test reads it.
         self._output = tempfile.TemporaryFile()  # noqa: SIM115 - closed on exit
+        stdout = self._output.fileno() if terminal is None else terminal
+        modules = ['test.patience', module] if patient else [module]
+        program = ['-c', source] if source else ['-m', *modules]
+        self.process: subprocess.Popen[bytes] | ForkedProcess
+        if forks().serves():
+            self.process = ForkedProcess(forks(), [*program, *arguments], stdout)
+            return
         self.process = subprocess.Popen(
-            [*command, *arguments],
+            [*ending_with(os.getpid()), sys.executable, *program, *arguments],
             stdin=subprocess.DEVNULL,
-            stdout=self._output if terminal is None else terminal,
+            stdout=stdout,
             stderr=subprocess.STDOUT,
             cwd=ROOT,
             env={**os.environ, 'PYTHONUNBUFFERED': '1'},
@@ -263,7 +270,7 @@ class NodeProcess:
             timeout,
             lambda: f'the end of {self.process.args!r}:\n{self.output}',
         )
-        return int(self.process.returncode)
+        return self.process.wait()
 
     def signal(self, number: int) -> None:
         """Send a signal, such as SIGSTOP."""
@@ -294,6 +301,16 @@ class NodeProcess:
         if error is not None and not self._output.closed:
             print(f'{self.process.args!r} printed:\n{self.output}')
         self._output.close()
+
+
+def _remapped(parameters: Mapping[str, Any], name: str, namespace: str) -> Iterator[str]:
+    """Return ROS arguments for parameters and a name."""
+    for key, value in parameters.items():
+        yield from ('-p', f'{key}:={as_yaml(value)}')
+    if name:
+        yield from ('-r', f'__node:={name}')
+    if namespace:
+        yield from ('-r', f'__ns:={namespace}')
 
 
 def as_yaml(value: Any) -> str:
