@@ -80,7 +80,7 @@ class MuxBench:
     def __init__(
         self,
         observer: Observer,
-        rate: float = 50.0,
+        rate: float = 25.0,
         *,
         arguments: Sequence[str] = (),
         space: str | None = None,
