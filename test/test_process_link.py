@@ -654,6 +654,15 @@ def test_many_wires_and_ports_leave_no_descriptors(toy: Toy) -> None:
 # Neither end waits for the other.
 
 
+def descriptors() -> set[tuple[int, str]]:
+    """Return this process's descriptors, with what they are of."""
+    found = set()
+    for name in os.listdir('/proc/self/fd'):
+        with contextlib.suppress(FileNotFoundError):  # of the list itself
+            found.add((int(name), os.readlink(f'/proc/self/fd/{name}')))
+    return found
+
+
 class Direct:
     """A link without a node, on a toy device."""
 
@@ -935,12 +944,13 @@ def test_link_that_is_stopped_without_a_start_or_twice(pty: Pty) -> None:
 def test_link_leaves_no_descriptors_and_processes(pty: Pty) -> None:
     directs: list[Direct] = []
 
-    def count() -> int:
+    def opened() -> set[tuple[int, str]]:
+        """Not those of a test before this one: they may be closed meanwhile."""
         for each in directs:
             each.link.stop()  # closes what is left where its thread took longer to end
-        return len(os.listdir('/proc/self/fd'))
+        return descriptors() - before
 
-    before = count()
+    before = descriptors()
     for _ in range(3):
         direct = Direct(pty)
         directs.append(direct)
@@ -951,7 +961,7 @@ def test_link_leaves_no_descriptors_and_processes(pty: Pty) -> None:
         direct.close()
         assert not is_running(wire)
         assert not is_running(spare)
-    wait_for(lambda: count() == before, 5.0, f'{before} descriptors again')
+    wait_for(lambda: not opened(), 5.0, lambda: f'all closed again: {opened()}')
 
 
 @pytest.fixture
