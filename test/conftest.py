@@ -36,6 +36,7 @@ from test.can_rig import CanBus
 from test.can_rig import make_bus
 from test.link_rig import Bench
 from test.rig import ENDING
+from test.rig import NodeProcess
 from test.rig import Observer
 from test.rig import own_domain
 from test.rig import Pty
@@ -44,6 +45,7 @@ _PRIORITY = os.getpriority(os.PRIO_PROCESS, 0)
 _LOG_DIR = tempfile.mkdtemp(prefix='rugged_teleop_log_')
 os.environ['ROS_LOG_DIR'] = _LOG_DIR
 own_domain()
+NodeProcess.forked = True
 # No test asserts a speed: an example that takes long is one on a busy machine. The examples are
 # the same each time: what passed once passes on.
 settings.register_profile(

@@ -217,6 +217,8 @@ class NodeProcess:
     :param patient: a module's wire may be held up, see ``test.patience``.
     """
 
+    forked = False  # in all tests, see test.forks; what measures starts as users do
+
     def __init__(
         self,
         module: str = '',
@@ -236,7 +238,7 @@ class NodeProcess:
         modules = ['test.patience', module] if patient else [module]
         program = ['-c', source] if source else ['-m', *modules]
         self.process: subprocess.Popen[bytes] | ForkedProcess
-        if forks().serves():
+        if self.forked and forks().serves():
             self.process = ForkedProcess(forks(), [*program, *arguments], stdout)
             return
         self.process = subprocess.Popen(

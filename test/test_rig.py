@@ -36,16 +36,21 @@ WAIT = 10.0 * TIMEOUT_FACTOR
 _STARTS = """
 from test.rig import NodeProcess
 
+NodeProcess.forked = {}
 with NodeProcess({}) as node:
     print(node.process.pid, flush=True)
     node.wait(600.0)
 """
 
 
+@pytest.mark.parametrize('forked', [True, False])
 @pytest.mark.parametrize('node', ["'safety_mux.node'", "source='import signal; signal.pause()'"])
-def test_node_ends_with_tests_that_are_killed(node: str) -> None:
+def test_node_ends_with_tests_that_are_killed(node: str, forked: bool) -> None:
     with subprocess.Popen(
-        [sys.executable, '-c', _STARTS.format(node)], stdout=subprocess.PIPE, text=True, cwd=ROOT
+        [sys.executable, '-c', _STARTS.format(forked, node)],
+        stdout=subprocess.PIPE,
+        text=True,
+        cwd=ROOT,
     ) as tests:
         assert tests.stdout is not None
         pid = int(tests.stdout.readline())
