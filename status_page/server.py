@@ -38,6 +38,7 @@ from aiohttp import web
 from aiohttp import WSMsgType
 from aiohttp.http import HttpProcessingError
 
+from bridge_core import clock
 from status_page.access import Access
 from status_page.recordings import recording
 
@@ -106,7 +107,6 @@ class Server:
         self._ending = asyncio.Event()
         self._news = asyncio.Event()  # set and cleared at once: it wakes those who wait
         self._text = ''
-        self._now = 0.0  # of the newest snapshot
         self._samples: deque[tuple[float, Any]] = deque()  # of the last minute
         self.browsers = 0  # that look at this moment
         self._started: Future[int] = Future()
@@ -171,7 +171,7 @@ class Server:
             await runner.cleanup()
 
     def _show(self, text: str, now: float, sample: Any) -> None:
-        self._text, self._now = text, now
+        self._text = text
         self._samples.append((now, sample))
         while self._samples[0][0] < now - _HISTORY:
             self._samples.popleft()
@@ -260,7 +260,7 @@ class Server:
             confirmed = False
         if not confirmed:
             raise web.HTTPBadRequest(text='not done: the request makes no sense')
-        if action in _TOWARDS_MOTION and not abs(self._now - seen) <= _SEEN_LIMIT:
+        if action in _TOWARDS_MOTION and not abs(clock.now() - seen) <= _SEEN_LIMIT:
             raise web.HTTPConflict(text='not done: what you saw was not up to date; look again')
         try:
             future = asyncio.wrap_future(self._control(action, mux))

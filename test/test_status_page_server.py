@@ -27,6 +27,7 @@ from urllib.parse import urlsplit
 import aiohttp
 import pytest
 
+from bridge_core import clock
 from status_page import server
 from status_page.access import Access
 from status_page.recordings import recordings
@@ -400,6 +401,20 @@ def test_wish_is_done_only_with_origin_token_and_confirmation(
         # A stop does not depend on what was seen.
         assert asked(machine, good | {'action': 'trip', 'seen': 0.0}, ours)[0] == 200
         assert machine.wishes[1:] == [('trip', MUX)]
+
+
+def test_wish_of_who_saw_a_page_that_hangs_is_refused_but_a_trip(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """It is the newest page there is, and old: all may have changed since."""
+    with Machine(control=True) as machine:
+        now = seen_by(machine)
+        machine.hangs = True
+        monkeypatch.setattr(clock, 'now', lambda: now + 2.1)
+        for action, expected in (('reset', 409), ('select autonomy', 409), ('trip', 200)):
+            wish = WISH | {'action': action, 'seen': now}
+            assert asked(machine, wish, machine.origin | BEARER)[0] == expected, action
+        assert machine.wishes == [('trip', MUX)]
 
 
 def test_number_that_is_none_is_not_seen() -> None:
