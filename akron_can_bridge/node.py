@@ -19,6 +19,7 @@ from typing import Any
 from typing import ClassVar
 
 from diagnostic_msgs.msg import DiagnosticStatus
+from rclpy.lifecycle import TransitionCallbackReturn
 from sensor_msgs.msg import JointState
 from sensor_msgs.msg import Joy
 from std_msgs.msg import Bool
@@ -120,6 +121,11 @@ class AkronCanBridge(BridgeNode[Event]):
         super().on_lost()  # it may have told something
         if self.active:
             self._lost_at = clock.now()
+
+    def on_activate(self, state: Any) -> TransitionCallbackReturn:
+        """Begin anew: by now there may be another unit."""
+        self._lost_at = -math.inf
+        return super().on_activate(state)
 
     def _hand_over(self) -> None:
         if self._limited:  # first: once it has taken over, it may permit directions

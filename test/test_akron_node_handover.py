@@ -91,6 +91,18 @@ def test_session_of_a_new_wire_is_told_when_the_one_before_was_lost(
     assert asked[2:] == [(Session.take_over, KNOWN, -math.inf)]
 
 
+def test_session_of_a_new_activation_is_not_held_to_the_unit_of_a_wire_that_was_lost(
+    node: AkronCanBridge, asked: Asked
+) -> None:
+    """A wire that took over and never had its port open has told nothing."""
+    node.on_events([KNOWN], 100.0)
+    node.on_lost()
+    node.active = False
+    node.on_activate(None)
+    node.on_events([HandoverWanted()], 100.0)
+    assert asked == [(Session.take_over, KNOWN, -math.inf)]
+
+
 def test_session_is_told_of_limited_directions_before_it_may_permit_any(
     node: AkronCanBridge, asked: Asked
 ) -> None:

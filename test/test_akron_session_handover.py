@@ -48,7 +48,7 @@ from test.session_rig import SessionBench
 ALLOWED = 0x33
 
 
-def following(before: Handover, lost: float = math.inf, **options: Any) -> Turning:
+def following(before: Handover | None, lost: float = math.inf, **options: Any) -> Turning:
     """Return a new session whose unit oscillates. :param lost: s since the wire before was."""
     bench = Turning(automatic_motion=True, **options)
     bench.turns, bench.says = True, [OSCILLATES]
@@ -81,10 +81,11 @@ def test_oscillation_is_paused_for_a_wire_that_died_where_it_surely_runs(
         (Handover(free=True, steered=True), SLOT, ()),
         (Handover(free=True), SLOT, (ALLOWED,)),
         (Handover(free=True), math.inf, ()),  # its farewell may have pressed switch 7
+        (None, math.inf, ()),  # and so may that of another process
     ],
 )
 def test_session_after_one_that_steered_does_not_resume_by_steps_of_the_coasting(
-    before: Handover, lost: float, allowed: tuple[int, ...]
+    before: Handover | None, lost: float, allowed: tuple[int, ...]
 ) -> None:
     bench = following(before, lost, allowed_joysticks=frozenset(allowed))
     bench.run(0.3, REST)
@@ -94,6 +95,28 @@ def test_session_after_one_that_steered_does_not_resume_by_steps_of_the_coasting
     bench.run(COAST, REST, estop=True)
     assert bench.all_neutral(start)
     assert Handover(steered=True, pin=PIN) in of(Handover, bench.events)  # as for the next one
+
+
+@pytest.mark.parametrize('freezes', [False, True])
+def test_allowed_joystick_that_nobody_heard_steer_has_nothing_resumed(freezes: bool) -> None:
+    """It did while the port was closed, or messages were lost, and was switched off then."""
+    bench = Turning(automatic_motion=True, allowed_joysticks=frozenset({ALLOWED})).ready()
+    bench.says = [OSCILLATES]
+    bench.run(3 * COAST, REST)
+    if freezes:
+        bench.now += 0.3
+        bench.session.interrupted('the wire was frozen', bench.now)
+    else:
+        bench.close()
+        bench.now += 0.3
+        SessionBench.open(bench)
+    bench.take(ANNOUNCED, OUTPUTS, NO_FAULTS)
+    start = bench.now
+    bench.turns = True
+    bench.run(COAST / 2, REST, estop=True)
+    bench.turns = False
+    bench.run(COAST, REST, estop=True)
+    assert bench.all_neutral(start)
 
 
 def test_paused_oscillation_is_not_resumed_for_a_wire_that_died() -> None:
@@ -118,12 +141,13 @@ def test_session_that_is_told_twice_of_a_wire_that_died_has_no_longer_to_pause_f
 
 def test_session_tells_what_the_next_one_has_to_know() -> None:
     bench = Turning().ready()
+    found, free = Handover(pin=PIN), Handover(free=True, pin=PIN)
+    steered = [replace(each, steered=True) for each in (Handover(), found, free)]
+    assert of(Handover, bench.events) == [*steered, free]  # as a process before may have steered
+    bench.events.clear()
     bench.run(SLOT, MOVE)
     bench.run(COAST - SLOT, REST)
-    free = Handover(free=True, pin=PIN)
-    first, found, *told = of(Handover, bench.events)
-    assert (first, found) == (Handover(), Handover(pin=PIN))
-    assert told == [free, replace(free, steered=True)]
+    assert of(Handover, bench.events) == [replace(free, steered=True)]
     bench.events.clear()
     bench.run(2 * SLOT, REST)
     bench.run(SLOT, REST, estop=True)
@@ -209,7 +233,7 @@ def test_session_that_was_told_nothing_yet_tells_nothing_and_permits_nothing() -
     assert bench.all_neutral(0.0)
     bench.session.take_over(None, -math.inf, bench.now)
     bench.run(0.1, REST)
-    assert of(Handover, bench.events) == [Handover(free=True, pin=PIN)]
+    assert of(Handover, bench.events) == [Handover(free=True, steered=True, pin=PIN)]
     bench.run(0.1, MOVE)
     assert permission(bench) == 'A1000F'
 
@@ -257,7 +281,7 @@ def test_session_asks_for_it_until_it_was_told_and_tells_nothing_before() -> Non
     assert wanted(bench, SessionBench.open(bench)) == 1
     bench.session.take_over(None, -math.inf, bench.now)
     told = bench.poll()
-    assert of(Handover, told) == [Handover()]
+    assert of(Handover, told) == [Handover(steered=True)]
     assert wanted(bench, told) == 0
 
 

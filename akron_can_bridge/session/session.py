@@ -206,6 +206,8 @@ class Session(BaseSession[CanFrame, Received, Event]):
     def _begin(self, now: float) -> None:
         self.drive.start(now)
         self.finder.start(now)
+        if self.settings.allowed_joysticks:  # nobody heard them meanwhile
+            self.drive.steered_until = now
         if not self._informed:  # again after lost messages: the question may be among them
             self._emit(HandoverWanted())
 
@@ -338,11 +340,14 @@ class Session(BaseSession[CanFrame, Received, Event]):
         Until then it is neutral and reports no Handover: that would be one of a session that
         knows nothing, to the next one.
 
-        :param before: None: there was none.
+        :param before: None: there was none in this process.
         :param lost_at: when its process ended without a farewell; -inf: it did not.
         """
         self._expire(now)
         self._informed, self._handover = True, None
+        # A farewell, that of another process too, may have pressed switch 7.
+        if before is None or before.steered or not math.isfinite(lost_at):
+            self.drive.steered_until = now
         if before is not None:
             self._follow_on(before, lost_at, now)
         self._refresh(now)
@@ -351,11 +356,6 @@ class Session(BaseSession[CanFrame, Received, Event]):
         if math.isfinite(lost_at) and self.finder.keep(before.pin):
             self._forget_all(now, 'another unit answered first')
         self._in_setup |= before.in_setup
-        # Nobody has heard the allowed joysticks meanwhile: they may have moved the unit; and a
-        # farewell may have pressed switch 7.
-        has_left = not math.isfinite(lost_at)
-        if before.steered or has_left or self.settings.allowed_joysticks:
-            self.drive.steered_until = now
         is_new = not math.isfinite(self._pause_until)
         if before.free and is_new and now < lost_at + self.settings.coast_time:
             self._pause_until = now + self.settings.coast_time
