@@ -942,6 +942,33 @@ def test_deactivation_waits_shortly_for_a_port_that_is_being_opened(bench: WireB
     assert bench.session.calls == []
 
 
+def test_wire_that_waits_for_its_port_shows_that_it_does_not_hang(bench: WireBench) -> None:
+    bench.begin_opening()
+    bench.step()
+    bench.deactivate()
+    bench.owner.paced.clear()
+    bench.step()
+    *waiting, _ = bench.owner.paced
+    gaps = [after - before for before, after in itertools.pairwise(waiting)]
+    assert sum(gaps) >= 0.2
+    assert max(gaps) == pytest.approx(PACE)
+
+
+def test_deactivation_is_one_whoever_fails_while_it_waits(bench: WireBench) -> None:
+    def fail(now: float) -> None:
+        if bench.now < then + 0.2:  # not in the step itself
+            raise RuntimeError('fault in pace')
+
+    bench.begin_opening()
+    bench.step()
+    then = bench.now
+    bench.owner.on_pace = fail
+    bench.deactivate()
+    bench.step()
+    assert bench.ends[-1] == (2, '')
+    assert 'no farewell: port was still being opened' in bench.log()[-1]
+
+
 def test_port_that_opens_in_the_last_moment_gets_its_farewell(bench: WireBench) -> None:
     bench.begin_opening()
     bench.deactivate()
@@ -957,9 +984,10 @@ def test_port_that_opens_in_two_seconds_at_the_end_gets_its_farewell(bench: Wire
     bench.begin_opening()
     bench.requests.end()
 
+    then = bench.now
+
     def opens() -> None:
-        if bench.waits[-1] > 1.0:
-            bench.now += 1.5
+        if bench.now > then + 1.5:
             bench.open_ports()
 
     bench.during_wait = opens

@@ -352,12 +352,18 @@ class Wire(Generic[FrameT]):
             self._guarded(self._start_opening)
         end = clock.now() + patience
         while self._opening is not None and self._opening is self._transport:
-            left = end - clock.now()
+            now = clock.now()
+            left = end - now
             if left <= 0.0:
                 text = f'no farewell: {self._transport.name} was still being opened'
                 self._owner.link_changed(text, False)
                 break
-            if select.select([self._woken], [], [], left)[0]:
+            # Not to be taken for a wire that hangs, nor to take itself for one. What fails here
+            # fails in each step, too, and is told there.
+            self._pace_at = now + BACKOFF_START
+            with contextlib.suppress(Exception):
+                self._pace_at = max(self._owner.pace(now), now + _SHORTEST_WAIT)
+            if select.select([self._woken], [], [], min(left, self._pace_at - now))[0]:
                 self._woken.recv(64)
             now = clock.now()
             self._take_opened(now)
