@@ -94,7 +94,7 @@ class Lane:
         self._timers: tuple[_Timer, ...] = ()
         self._calls: deque[tuple[Callable[..., object], tuple[Any, ...]]] = deque(maxlen=_CAPACITY)
         self._lock = threading.Lock()  # of the two tuples, which are replaced and never changed
-        self._thread: threading.Thread | None = None
+        self.thread: threading.Thread | None = None
         self._ending = False
         self._report_at = -math.inf
         self.fault: Future[None] = Future()  # that has ended the thread
@@ -160,7 +160,7 @@ class Lane:
     def post(self, function: Callable[..., object], *args: Any) -> None:
         """Have the lane's thread call ``function(*args)``, in the order of posting."""
         self._calls.append((function, args))
-        if threading.current_thread() is not self._thread:
+        if threading.current_thread() is not self.thread:
             self._waiter.wake()
 
     def call(self, function: Callable[..., Any], *args: Any) -> Any:
@@ -172,7 +172,7 @@ class Lane:
         :raises TimeoutError: it has not begun within 0.4 s, and never will; or it has, and takes
             another 0.4 s.
         """
-        thread = self._thread
+        thread = self.thread
         if (
             thread is None
             or thread is threading.current_thread()
@@ -194,17 +194,17 @@ class Lane:
     def start(self) -> None:
         """Start the thread. It ends by ``stop``, and with the node or its context."""
         self._context.on_shutdown(self._wake)
-        self._thread = threading.Thread(target=self._run, name=self._name, daemon=True)
-        self._thread.start()
+        self.thread = threading.Thread(target=self._run, name=self._name, daemon=True)
+        self.thread.start()
 
     def stop(self) -> None:
         """Have posted calls executed and the thread end; wait up to 0.4 s. May be repeated."""
         self._ending = True
         self._waiter.wake()
-        if self._thread is None:
+        if self.thread is None:
             self._waiter.close()
-        elif self._thread is not threading.current_thread():
-            self._thread.join(_CALL_LIMIT)
+        elif self.thread is not threading.current_thread():
+            self.thread.join(_CALL_LIMIT)
 
     def _wake(self) -> None:  # a context keeps methods only
         self._waiter.wake()

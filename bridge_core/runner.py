@@ -16,8 +16,8 @@
 
 from collections.abc import Callable
 from collections.abc import Collection
+from collections.abc import Iterable
 from collections.abc import Sequence
-from collections.abc import Set
 import gc
 import os
 import re
@@ -62,7 +62,7 @@ _GARBAGE = 50_000  # objects until the collector looks for cycles
 _SWITCH_INTERVAL = 0.0002
 
 _ACKNOWLEDGE_LIMIT = 0.2  # s; of a reader that is frozen or was killed nothing ever comes
-_THREADS_LIMIT = 2.0  # s; one that hangs in a port never ends
+_THREADS_LIMIT = 2.0  # s
 _SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT)
 
 
@@ -154,7 +154,7 @@ def _run(
 ) -> int:
     note = avoid_shared_memory()
     files = files_of(argv)
-    others = set(threading.enumerate())
+    threads: list[threading.Thread] = []
     try:
         for file in files:
             sections_of(file)
@@ -176,15 +176,16 @@ def _run(
         if nodes and note:
             nodes[0].get_logger().info(note)
         _prefer(nodes)
-        return _spin(nodes, end)
+        return _spin(nodes, end, threads)
     except (ParameterError, ParameterException) as error:
         for node in nodes:
             node.get_logger().set_level(LoggingSeverity.ERROR)  # their stop is no news
         of = getattr(error, 'node', '') if len(factories) > 1 else ''
         return _refuse(f'{of}: {error}' if of else str(error))
     finally:
+        threads += filter(None, (node.lane.thread for node in nodes))
         _leave(nodes)
-        _await_threads(others)
+        _await(threads)
         end.close()
 
 
@@ -225,8 +226,8 @@ def _prefer(nodes: Sequence[ManagedNode]) -> None:
         nodes[0].get_logger().warning(text)
 
 
-def _spin(nodes: Sequence[ManagedNode], end: _End) -> int:
-    """Spin until the end; return the exit status."""
+def _spin(nodes: Sequence[ManagedNode], end: _End, threads: list[threading.Thread]) -> int:
+    """Spin until the end, in ``threads`` that are added; return the exit status."""
     stop = threading.Event()
     statuses = [0]
     executors = [SingleThreadedExecutor() for _ in nodes]
@@ -253,10 +254,10 @@ def _spin(nodes: Sequence[ManagedNode], end: _End) -> int:
             node.get_logger().fatal(traceback.format_exc())
             end_by_fault()
 
-    threads = [
+    threads += (
         threading.Thread(target=spin, args=pair, daemon=True)
         for pair in zip(nodes, executors, strict=True)
-    ]
+    )
     for thread in threads:
         thread.start()
     for node in nodes:
@@ -285,15 +286,15 @@ def _leave(nodes: list[ManagedNode]) -> None:
     gc.collect()
 
 
-def _await_threads(others: Set[threading.Thread]) -> None:
+def _await(threads: Iterable[threading.Thread]) -> None:
     """
-    Wait until no thread but ``others`` is left, at most for _THREADS_LIMIT.
+    Wait for the ends of threads, at most for _THREADS_LIMIT.
 
     A busy machine may give one no time until then. If the interpreter's end found it amid a call
     of the middleware, the process would abort.
     """
     end = clock.now() + _THREADS_LIMIT
-    for thread in set(threading.enumerate()) - others:
+    for thread in threads:
         thread.join(max(0.0, end - clock.now()))
 
 

@@ -528,8 +528,8 @@ def test_timer_added_while_it_waits_for_ever_comes(rig: Rig) -> None:
 
 
 def thread_of(lane: Lane) -> threading.Thread:
-    assert lane._thread is not None
-    return lane._thread
+    assert lane.thread is not None
+    return lane.thread
 
 
 def assert_gives_back(lane: Lane) -> None:
