@@ -32,6 +32,7 @@ from bridge_core import node
 from bridge_core import runner
 from bridge_core.transports import link
 from bridge_core.transports import process
+from rugged_teleop.bench import commander
 from rugged_teleop.bench import course
 from safety_mux import configuration
 from safety_mux.protocol import MuxConfig
@@ -53,7 +54,8 @@ vars(process).update(_PROGRAM=patient_wire.__name__)
 vars(process).update(dict.fromkeys(('_KILL_TIME', '_TAKE_OVER_TIME'), 2.0 * TIMEOUT_FACTOR))
 vars(link).update(INPUT_LIMIT=patient_wire.FROZEN_TIME, REQUEST_LIMIT=TIMEOUT_FACTOR)
 vars(runner).update(_ACKNOWLEDGE_LIMIT=TIMEOUT_FACTOR)
-vars(course).update(FIND_LIMIT=20.0 * TIMEOUT_FACTOR)
+vars(course).update(FIND_LIMIT=20.0 * TIMEOUT_FACTOR, STALL_LIMIT=TIMEOUT_FACTOR)
+vars(commander).update(SILENCE_LIMIT=TIMEOUT_FACTOR)
 course._LIMITS.update(dict.fromkeys(course._LIMITS, 20.0 * TIMEOUT_FACTOR))
 vars(node).update(_FREEZE=patient_wire.FROZEN_TIME, _SETTLING_TIME=patient_wire.FROZEN_TIME)
 

@@ -34,7 +34,9 @@ from rclpy.task import Future
 from sensor_msgs.msg import JointState
 from sensor_msgs.msg import Joy
 from std_msgs.msg import Bool
+from std_msgs.msg import UInt16MultiArray
 
+from bridge_core import clock
 from esi_drive_bridge.simulator import Simulator
 from rugged_teleop.bench import course
 from rugged_teleop.bench.commander import Commander
@@ -124,6 +126,18 @@ def test_whatever_goes_wrong_amid_is_a_stop(facts: Facts, says: str) -> None:
     assert trial.run(facts) == STOP
     assert trial.run(ENABLED, 1.0) == STOP  # and stays one
     assert says in trial.course.problem
+
+
+def test_trial_that_was_held_up_ends_and_one_that_waits_goes_on() -> None:
+    """What it heard before is no news: a stop may have come and gone."""
+    trial = Trial().moving()
+    trial.now += 0.2
+    assert trial.run(ENABLED) == STOP
+    assert trial.course.problem == 'this trial was held up for 0.2 s'
+    trial = Trial()
+    trial.now += 0.5
+    assert trial.run(READY) is None
+    assert not trial.course.problem
 
 
 @pytest.mark.parametrize(
@@ -231,6 +245,44 @@ def test_diagnostic_that_is_ok_is_no_reason_for_a_stop(observer: Observer) -> No
             wait_for(heard, 10.0, words)
             assert commander.facts().reason == reason
         observer.node.destroy_publisher(listener)
+
+
+def test_stop_that_came_and_went_and_silence_count_as_a_stop(
+    observer: Observer, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    limit = 10.0 * TIMEOUT_FACTOR
+    monkeypatch.setattr('rugged_teleop.bench.commander.SILENCE_LIMIT', limit)
+    with Commander('position', '/a/ssc', 'pan', 50.0) as commander:
+        estop = observer.node.create_publisher(Bool, '/a/ssc/estop', latched())
+
+        def hears(*values: bool) -> bool:
+            """Say it anew; the trial is held up meanwhile."""
+            if estop.get_subscription_count():
+                for value in values:
+                    estop.publish(Bool(data=value))
+            end = clock.now() + 0.3
+            while clock.now() < end:
+                commander.spin()
+            return commander._estop is values[-1]
+
+        wait_for(lambda: hears(False), 10.0, 'no stop')
+        commander.facts()
+        assert commander.facts().estop is False
+        wait_for(lambda: hears(True, False), 10.0, 'a stop, and none')
+        assert [commander.facts().estop for _ in range(2)] == [True, False]
+        monkeypatch.setattr(commander, '_estop_at', clock.now() - limit)
+        assert commander.facts().estop
+        assert commander.facts().reason == 'its e-stop fell silent'
+        observer.node.destroy_publisher(estop)
+
+
+def test_whoever_sends_pulses_to_the_servos_is_noticed(observer: Observer) -> None:
+    with Commander('position', '/a/ssc', 'pan', 50.0) as commander:
+        assert commander.facts().others == ()
+        other = observer.node.create_publisher(UInt16MultiArray, '/a/ssc/pulse_command', 10)
+        wait_for(lambda: commander.facts().others, 10.0, 'the other publisher')
+        assert commander.facts().others == ('/a/ssc/pulse_command',)
+        observer.node.destroy_publisher(other)
 
 
 def test_node_whose_first_response_is_lost_is_asked_for_its_parameters_once_more(

@@ -43,6 +43,7 @@ from rugged_teleop.bench.targets import TARGETS
 _KINDS = {'axes': Joy}  # by the field of the command; of all others JointState
 _PERIODS = 3  # that command_timeout has to be long
 _ACKNOWLEDGE_LIMIT = 0.2  # s
+SILENCE_LIMIT = 0.5  # s; its e-stop comes at 5 Hz or more
 _ASK_PERIOD = 1.0  # s; a node that has not discovered who asks first drops its response
 
 
@@ -62,6 +63,8 @@ class Commander:
         self._node_name, self._joint, self._rate = node, joint, rate
         self._joints: list[str] = []
         self._estop: bool | None = None
+        self._estop_at = 0.0
+        self._stopped = False  # since facts were asked for
         # Who does not say that it is enabled is taken to be what it was told.
         self._enabled: bool | None = None if self._target.is_measured else False
         self._measured: float | None = None
@@ -78,6 +81,7 @@ class Commander:
         if self._target.is_measured:
             inputs[f'{node}/enable'] = Bool
         self._topics = list(inputs)
+        self._beside = [f'{node}/{topic}' for topic in self._target.beside]
         self._publishers = [
             self._node.create_publisher(kind, topic, 10) for topic, kind in inputs.items()
         ]
@@ -87,7 +91,9 @@ class Commander:
 
     def _listen(self) -> None:
         create, name = self._node.create_subscription, self._node_name
-        create(Bool, f'{name}/estop', self._on_estop, latched_qos())
+        qos = latched_qos()
+        qos.depth = 10  # one that came and went while we were held up, too
+        create(Bool, f'{name}/estop', self._on_estop, qos)
         if self._target.is_measured:
             create(Bool, f'{name}/enabled', self._on_enabled, latched_qos())
             create(JointState, f'{name}/joint_states', self._on_joints, 10)
@@ -95,15 +101,19 @@ class Commander:
 
     def facts(self) -> Facts:
         """Return what is known by now."""
-        counts = {topic: self._node.count_publishers(topic) for topic in self._topics}
+        ours = self._topics
+        counts = {topic: self._node.count_publishers(topic) for topic in (*ours, *self._beside)}
         listeners = [publisher.get_subscription_count() for publisher in self._publishers]
+        silent = self._estop is not None and clock.now() - self._estop_at > SILENCE_LIMIT
+        estop, self._stopped = self._stopped or silent or self._estop, False
+        reason = 'its e-stop fell silent' if silent else self._reason or 'see /diagnostics'
         return Facts(
             listens=all(listeners) and bool(self._joints),
-            others=tuple(topic for topic, count in counts.items() if count > 1),
-            estop=self._estop,
+            others=tuple(topic for topic, count in counts.items() if count > (topic in ours)),
+            estop=estop,
             enabled=self._enabled,
             measured=self._measured,
-            reason=self._reason or 'see /diagnostics',
+            reason=reason,
         )
 
     def publish(self, order: Order) -> None:
@@ -131,7 +141,8 @@ class Commander:
                 return
 
     def _on_estop(self, message: Any) -> None:
-        self._estop = message.data
+        self._estop, self._estop_at = message.data, clock.now()
+        self._stopped |= message.data
 
     def _on_enabled(self, message: Any) -> None:
         self._enabled = message.data

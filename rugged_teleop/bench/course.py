@@ -26,6 +26,7 @@ HEALTHY_LIMIT = 3.0  # until its e-stop is clear
 ENABLE_LIMIT = 12.0  # longer than the largest enable_timeout
 REST_LIMIT = 2.0
 DISABLE_TIME, DISABLE_LIMIT = 0.3, 3.0
+STALL_LIMIT = 0.2  # between two steps; all that was heard may have changed meanwhile
 _REST = 0.05  # of what was asked for, and counts as rest
 
 
@@ -82,7 +83,7 @@ class Course:
         self.problem = ''
         self.peak = 0.0  # the largest value measured
         self._value, self._seconds = value, seconds
-        self._since = self._alone_since = now
+        self._since = self._alone_since = self._stepped_at = now
 
     def interrupt(self, problem: str, now: float) -> None:
         """Stop; where nothing was published yet, end."""
@@ -96,7 +97,10 @@ class Course:
 
     def step(self, facts: Facts, now: float) -> Order | None:
         """Return what to publish now; None is nothing."""
+        held_up, self._stepped_at = now - self._stepped_at, now
         problem = self._problem(facts, now)
+        if held_up > STALL_LIMIT and self.phase is not Phase.WAITING:
+            problem = problem or f'this trial was held up for {held_up:.1f} s'
         if problem:
             self.interrupt(problem, now)
         else:

@@ -44,6 +44,7 @@ class Target:
     mode: str = ''
     limit: float = math.inf
     is_measured: bool = False
+    beside: tuple[str, ...] = ()
 
     @property
     def parameters(self) -> list[str]:
@@ -92,6 +93,7 @@ TARGETS = {
         'servo_command',
         'position',
         limit=1.0,
+        beside=('pulse_command',),
     ),
     'stick': Target(
         '-1 to 1, left or up positive, of a fire monitor',
