@@ -16,7 +16,9 @@
 
 from collections.abc import Callable
 from collections.abc import Sequence
+import functools
 from pathlib import Path
+import traceback
 from typing import Any
 from typing import ClassVar
 
@@ -42,6 +44,8 @@ from bridge_core.parameters import Parameter
 from bridge_core.parameters import ParameterError
 from bridge_core.parameters import resolve
 from bridge_core.transports import TransportError
+
+_REPORT_PERIOD = 1.0  # s, between two lines on what messages of a topic fail with
 
 
 def latched_qos(deadline: float | None = None) -> QoSProfile:
@@ -99,6 +103,21 @@ class ManagedNode(Quiet, LifecycleNode):
         self.add_on_set_parameters_callback(self._on_set_parameters)
         self._service_change_state.callback = self._checked(self._service_change_state.callback)
         self.lane = Lane(self, f'{name} lane')
+
+    def create_subscription(
+        self, kind: Any, topic: str, callback: Callable[..., Any], *args: Any, **options: Any
+    ) -> Any:
+        """Create one, also of rclpy's own, that survives what its callback raises."""
+
+        @functools.wraps(callback)  # rclpy looks at its parameters
+        def survive(*message: Any) -> None:
+            try:
+                callback(*message)
+            except Exception:
+                text = f'{topic}: {traceback.format_exc()}'
+                self.get_logger().error(text, throttle_duration_sec=_REPORT_PERIOD)
+
+        return super().create_subscription(kind, topic, survive, *args, **options)
 
     def destroy_node(self) -> None:
         """End the lane, then the node."""
