@@ -148,6 +148,14 @@ def test_probe_asks_and_releases_nothing(tmp_path: Path) -> None:
         assert unit.received()
 
 
+def test_probe_sends_a_vsc_nothing(tmp_path: Path) -> None:
+    """A heartbeat would take back the stop that a node has left in it."""
+    with PtyDevice(Vsc(), tmp_path / 'vsc') as port:
+        vsc = node(tmp_path, 'fort_vsc_bridge', port=str(port.path))
+        found_by(lambda: line_findings([hear(vsc, SECONDS, True)]), 'device well')
+        assert port.received() == []
+
+
 def test_list_says_that_it_has_sent(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     with PtyDevice(Drive(), tmp_path / 'port') as port:
         file = parameter_file(tmp_path, esi_drive_bridge={'port': str(port.path)})
