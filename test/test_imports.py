@@ -78,7 +78,7 @@ BRIDGE = {
     # What the mux's decisions become.
     'outputs': ('{bridge}.protocol', 'MESSAGES'),
     # What browsers are served by.
-    'server': ('{bridge}', 'aiohttp', 'STDLIB'),
+    'server': ('{bridge}', 'bridge_core.clock', 'aiohttp', 'STDLIB'),
     # What runs without the node, where there may be no ROS.
     'wire': (
         *('{bridge}.session', '{bridge}.protocol', '{bridge}.parameters'),
