@@ -109,12 +109,16 @@ def lose_wire(bench: Bench) -> None:
 def test_oscillation_that_a_dead_wire_leaves_is_paused(
     observer: Observer, can_bus: CanBus, own_unit: Station
 ) -> None:
-    given = {'automatic_motion': True, 'button_switches': [4], 'coast_time': 10.0}
+    coast_time = 10.0
+    given = {'automatic_motion': True, 'button_switches': [4], 'coast_time': coast_time}
     with bench_of(observer, can_bus, given) as bench:
         ready_to_lose(bench)
+        ready_at = time.monotonic()
         bench.drive(own_unit, PRESS)
         bench.asked = LET_GO
         bench.wait(lambda: own_unit.joystick_frames(0x38)[-3:] == [NEUTRAL] * 3, 'neutral')
+        # Until then what turns may be what another process steered.
+        bench.wait(lambda: time.monotonic() > ready_at + coast_time, 'nothing coasts')
         lose_wire(bench)
         bench.stop = True
         bench.wait(lambda: PAUSE in own_unit.joystick_frames(0x38), 'the switch')
