@@ -158,7 +158,7 @@ class Bench:
         def moving() -> Any:
             is_free = self.value('neutral because') == 'commands go out'
             self.asked = joy if is_free else Joy(axes=[0.0, 0.0])
-            return station.look('moving')
+            return is_free and station.look('moving')  # it may still be from before
 
         self.wait(moving, 'motion')
 
