@@ -94,11 +94,11 @@ once = SingleThreadedExecutor.spin_once
 
 def spin_once(executor):
     try:
-        once(executor)
+        while executor.context.ok():  # it hears of the end last
+            once(executor)
     finally:
-        if not executor.context.ok():
-            time.sleep(0.5)
-            print('the last')
+        time.sleep(0.5)
+        print('the last')
 
 SingleThreadedExecutor.create_task = lambda *_: None  # what wakes it is late
 SingleThreadedExecutor.spin_once = spin_once
