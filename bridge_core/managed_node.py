@@ -45,7 +45,7 @@ from bridge_core.parameters import ParameterError
 from bridge_core.parameters import resolve
 from bridge_core.transports import TransportError
 
-_REPORT_PERIOD = 1.0  # s, between two lines on what messages of a topic fail with
+_REPORT_PERIOD = 1.0  # s, between two lines on messages that failed
 
 
 def latched_qos(deadline: float | None = None) -> QoSProfile:

@@ -62,7 +62,7 @@ _GARBAGE = 50_000  # objects until the collector looks for cycles
 _SWITCH_INTERVAL = 0.0002
 
 _ACKNOWLEDGE_LIMIT = 0.2  # s; of a reader that is frozen or was killed nothing ever comes
-_THREADS_LIMIT = 2.0  # s
+_THREADS_LIMIT = 2.0  # s; see docs/common.md, When it is stopped
 _SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT)
 
 
