@@ -42,6 +42,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
     add('--once', action='store_true', help='play the scripted scene and leave')
     patience = 'multiply all time limits and time-outs, on a machine that is busy otherwise (1)'
     add('--patience', type=float, default=1.0, metavar='N', help=patience)
+    untimed = 'say how long a stop took, and do not fail if that was too long'
+    add('--untimed', action='store_true', help=untimed)
     options = command_line.parse_args(arguments)
     if not options.patience >= 1.0:
         command_line.error(f'--patience: {options.patience:g} is not 1 or more')
@@ -53,8 +55,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
         with contextlib.ExitStack() as exits:
             stage = _open(exits, options.patience)
             if options.once:
-                held = Scene(stage, options.patience).play(partial(print, flush=True))
-                sys.exit(0 if held else 1)
+                scene = Scene(stage, options.patience, timed=not options.untimed)
+                sys.exit(0 if scene.play(partial(print, flush=True)) else 1)
             stage.show_page()
             live(stage)
     except DemoError as error:

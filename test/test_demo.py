@@ -108,7 +108,9 @@ def test_two_demos_get_different_domains(monkeypatch: pytest.MonkeyPatch) -> Non
 # A scene that can fail: what it must notice.
 
 
-def stop_with(delay: float, *, again: bool = False, patience: float = 1.0) -> str:
+def stop_with(
+    delay: float, *, again: bool = False, patience: float = 1.0, timed: bool = True
+) -> str:
     """Let the scene measure a stop whose first disable packet comes ``delay`` s after it."""
     now = time.monotonic()
     stage = FakeStage(turn(now - 0.01))
@@ -119,7 +121,7 @@ def stop_with(delay: float, *, again: bool = False, patience: float = 1.0) -> st
             stage.drive.all_packets += (turn(now + delay + 0.01),)
         return now
 
-    steering: Any = Steering(stage, patience)
+    steering: Any = Steering(stage, patience, timed=timed)
     steering._spin = lambda seconds: None  # nobody was late
     return str(steering.stopped('a stop', act, 0.15))
 
@@ -134,6 +136,12 @@ def test_stop_that_comes_too_late_is_missed() -> None:
     with pytest.raises(AssertionError, match=r'disabled 310.0 ms .* allowed are 300 ms'):
         stop_with(0.31, patience=2.0)
     assert 'disabled 290.0 ms' in stop_with(0.29, patience=2.0)
+
+
+def test_untimed_stop_may_take_long_but_not_be_undone() -> None:
+    assert 'disabled 200.0 ms' in stop_with(0.2, timed=False)
+    with pytest.raises(AssertionError, match='enable again'):
+        stop_with(0.2, again=True, timed=False)
 
 
 def test_late_stop_is_tried_again_and_reported_but_not_for_ever() -> None:
@@ -424,7 +432,7 @@ def scratch_environment(tmp_path: Path) -> dict[str, str]:
 def test_scene_holds_and_leaves_nothing_behind(tmp_path: Path) -> None:
     try:
         result = subprocess.run(
-            [sys.executable, '-m', 'demo', '--once', '--patience', '3'],
+            [sys.executable, '-m', 'demo', '--once', '--patience', '3', '--untimed'],
             cwd=ROOT,
             env=scratch_environment(tmp_path),
             capture_output=True,

@@ -404,6 +404,8 @@ def test_second_publisher_of_the_software_estop_undoes_no_stop(fresh: Bench) -> 
         return '' if status is None else str(status.message)
 
     fresh.wait(lambda: doubled in message(), 'why')
+    before = fresh.vsc.simulator.host_heartbeats  # the wire may be behind the diagnostics
+    fresh.wait(lambda: fresh.vsc.simulator.host_heartbeats > before + 10, 'heartbeats')
     since = time.monotonic()
     fresh.observer.holds_for(lambda: fresh.vsc.simulator.host_estop, 0.5, 'the stop')
     assert build_frame(0x21, b'\0') not in b''.join(c.data for c in fresh.vsc.received(since))

@@ -321,6 +321,11 @@ def outputs(bench: Bench) -> int:
     return int(bench.station.look(lambda unit: unit.received['VRPO']))
 
 
+def outputs_since(bench: Bench, before: int) -> int:
+    """Return how many VRPO were sent to the base unit after ``before`` of them."""
+    return outputs(bench) - before
+
+
 @pytest.mark.parametrize('heard', [True, False])
 def test_activation_undoes_no_hold_of_a_publisher_that_is_gone(
     observer: Observer, monkeypatch: pytest.MonkeyPatch, heard: bool
@@ -353,6 +358,7 @@ def test_second_publisher_of_hold_output_lets_nothing_go(bench: Bench) -> None:
     second = Talker(bench.observer, Bool, topic, Bool(data=False), rate=20.0)
     doubled = f'stop one of the two publishers of {topic}'
     bench.wait(lambda: doubled in bench.status().message, 'why')
+    bench.wait(lambda: outputs_since(bench, outputs(bench)) == 0, 'the wire to hear of it')
     before = outputs(bench)
     bench.observer.holds_for(lambda: outputs(bench) <= before + 1, 0.5, 'no VRPO')
     first.leave()
