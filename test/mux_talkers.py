@@ -213,7 +213,9 @@ class MuxBench:
                 self.joy.message = sticks()
                 self.ready()
             self.joy.message = sticks(forward if self.says('ACTIVE') else 0.0, deadman=True)
-            return self.says('ACTIVE') and any(self.demand)
+            # What has not come of a topic yet would come after a stop of the others.
+            enabled = self.enable.last.data and not self.estop.last.data
+            return self.says('ACTIVE') and any(self.demand) and enabled
 
         self.wait(moves, 'motion', 20.0)
         self.delay = RunDelay([self.node.process.pid])
@@ -234,7 +236,7 @@ class MuxBench:
         self.wait(is_stopped, 'STOPPED')
         assert stops[0] - cause <= within + delay.seconds()
         self.wait(self.is_stopped, 'stop, disable and 0')
-        self.observer.holds_for(self.is_stopped, 0.2)
+        self.observer.holds_for(self.is_stopped, 0.2, 'stop, disable and 0')
 
     def is_stopped(self) -> bool:
         """Tell whether the newest outputs are stop, disable and 0."""
