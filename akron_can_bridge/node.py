@@ -66,6 +66,7 @@ class AkronCanBridge(BridgeNode[Event]):
         self._limited = False  # ~/soe_directions was ever heard
         self._handover: Handover | None = None  # for the next session; None: there was none yet
         self._lost_at = -math.inf  # when a wire was lost whose unit nobody has taken over yet
+        self._told = False  # a session of this activation has told what the next has to know
         super().__init__('akron_can_bridge', **options)
 
     def create_interfaces(self) -> None:
@@ -112,19 +113,20 @@ class AkronCanBridge(BridgeNode[Event]):
         elif isinstance(event, FaultsChanged):
             self._log_faults(event)
         elif isinstance(event, Handover):
-            self._handover, self._lost_at = event, -math.inf
+            self._handover, self._lost_at, self._told = event, -math.inf, True
         elif isinstance(event, HandoverWanted):
             self._hand_over()
 
     def on_lost(self) -> None:
         """Note when: what the unit was told last may go on."""
         super().on_lost()  # it may have told something
-        if self.active:
+        if self.active and self._told:  # else it followed no unit that anybody knows
             self._lost_at = clock.now()
 
     def on_activate(self, state: Any) -> TransitionCallbackReturn:
         """Begin anew: by now there may be another unit."""
         self._lost_at = -math.inf
+        self._told = False
         return super().on_activate(state)
 
     def _hand_over(self) -> None:
@@ -189,7 +191,7 @@ class AkronCanBridge(BridgeNode[Event]):
         else:
             self.request(Session.set_command, *command, key='cmd_joy')
 
-    def on_doubled(self, text: str) -> None:
+    def on_distrusted(self, text: str) -> None:
         """Be neutral at once: two publishers are heard on an input."""
         del text
         self.request(Session.set_estop, True, stop=True)

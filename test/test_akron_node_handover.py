@@ -103,6 +103,24 @@ def test_session_of_a_new_activation_is_not_held_to_the_unit_of_a_wire_that_was_
     assert asked == [(Session.take_over, KNOWN, -math.inf)]
 
 
+def test_wire_that_is_lost_before_it_told_anything_is_none_of_the_activation_before(
+    node: AkronCanBridge, asked: Asked, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its unit may be another one, and coast from what another process steered."""
+    monkeypatch.setattr(node.link, 'activate', lambda values: None)
+    node.on_events([KNOWN], 100.0)
+    node.active = False
+    node.on_activate(None)
+    assert node.active
+    node.on_lost()
+    node.on_events([HandoverWanted()], 100.0)
+    assert asked == [(Session.take_over, KNOWN, -math.inf)]
+    node.on_events([KNOWN], 100.0)
+    node.on_lost()
+    node.on_events([HandoverWanted()], 100.0)
+    assert asked[1:] == [(Session.take_over, KNOWN, 100.0)]
+
+
 def test_session_is_told_of_limited_directions_before_it_may_permit_any(
     node: AkronCanBridge, asked: Asked
 ) -> None:
