@@ -92,7 +92,7 @@ class Commander:
     def _listen(self) -> None:
         create, name = self._node.create_subscription, self._node_name
         qos = latched_qos()
-        qos.depth = 10  # one that came and went while we were held up, too
+        qos.depth = 100  # one that came and went while we were held up, too
         create(Bool, f'{name}/estop', self._on_estop, qos)
         if self._target.is_measured:
             create(Bool, f'{name}/enabled', self._on_enabled, latched_qos())

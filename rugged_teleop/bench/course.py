@@ -95,12 +95,16 @@ class Course:
             return
         self.problem = problem
 
+    def is_held_up(self, now: float) -> bool:
+        """Tell whether the last step is so long ago that what it saw may have changed."""
+        return now - self._stepped_at > STALL_LIMIT
+
     def step(self, facts: Facts, now: float) -> Order | None:
         """Return what to publish now; None is nothing."""
-        held_up, self._stepped_at = now - self._stepped_at, now
         problem = self._problem(facts, now)
-        if held_up > STALL_LIMIT and self.phase is not Phase.WAITING:
-            problem = problem or f'this trial was held up for {held_up:.1f} s'
+        if self.is_held_up(now) and self.phase is not Phase.WAITING:
+            problem = problem or f'this trial was held up for {now - self._stepped_at:.1f} s'
+        self._stepped_at = now
         if problem:
             self.interrupt(problem, now)
         else:
@@ -125,11 +129,11 @@ class Course:
         if self.phase is Phase.WAITING and age > FIND_LIMIT:
             missing = 'reports its state' if facts.listens else 'listens to its inputs'
             return f'no node {missing}: is it running, with this name and in this domain?'
-        if self.phase in (Phase.MOVING, Phase.RESTING):
-            if facts.estop:
-                return f'the device demands a stop: {facts.reason}'
-            if not facts.enabled:
-                return f'the drive is not enabled any more: {facts.reason}'
+        in_motion = self.phase in (Phase.MOVING, Phase.RESTING)
+        if facts.estop and (in_motion or self.phase is Phase.ENABLING):
+            return f'the device demands a stop: {facts.reason}'
+        if in_motion and not facts.enabled:
+            return f'the drive is not enabled any more: {facts.reason}'
         limit = _LIMITS.get(self.phase)
         if limit is not None and age > limit:
             asked = 'its e-stop is' if facts.estop else 'it is'

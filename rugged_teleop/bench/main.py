@@ -109,7 +109,7 @@ def _run(course: Course, commander: Any, ended: Sequence[int]) -> None:
         if commander.refusal:
             course.interrupt(commander.refusal, now)
         order = course.step(commander.facts(), now)
-        if order is not None:
+        if order is not None and (order.estop or not course.is_held_up(clock.now())):
             commander.publish(order)
         if course.phase is not told:
             told = course.phase
