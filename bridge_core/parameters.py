@@ -150,6 +150,8 @@ def with_named(
     """
     Return all parameters; what a given (or default) list names follows that list.
 
+    Such a list is fixed: a running node has no parameters of a name that is new.
+
     :param groups: each a list's name, the prefix of what it names, and the parameters of each.
     :param defaults: by full name, such as 'joint.left.max', where they are not the group's own.
     :raises ParameterError: a list that is none.
@@ -157,9 +159,10 @@ def with_named(
     named = {list_name: (prefix, parameters) for list_name, prefix, parameters in groups}
     table: dict[str, Parameter] = {}
     for parameter in general:
-        table[parameter.name] = parameter
         if parameter.name not in named:
+            table[parameter.name] = parameter
             continue
+        table[parameter.name] = replace(parameter, fixed=True)
         prefix, members = named[parameter.name]
         names = parameter.validate(given.get(parameter.name, parameter.default))
         for name, member in itertools.product(filter(None, names), members):

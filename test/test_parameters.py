@@ -219,6 +219,13 @@ def test_each_name_in_a_list_has_the_parameters_of_its_group(
     ]
 
 
+def test_list_of_names_is_fixed() -> None:
+    """A running node has no parameters of a name that is new."""
+    first, *others = with_named(_GENERAL, _GROUPS, {}, {})
+    assert first.fixed
+    assert not any(each.fixed for each in others)
+
+
 def test_list_of_names_that_is_none_is_refused() -> None:
     with pytest.raises(ParameterError, match='parameter joints = 5'):
         with_named(_GENERAL, _GROUPS, {'joints': 5}, {})

@@ -386,6 +386,10 @@ def test_deactivated_leaves_the_failsafe(bench: Bench, servo: Talker) -> None:
     assert bench.observer.change_state(bench.name, 'deactivate')
     bench.wait_stop(True)
     bench.wait(lambda: bench.seen()['serial_us'][:2] == [1200, 0], 'the failsafe')
+    # Names of which a running node has no parameters.
+    for names in ('servos', 'axes', 'buttons'):
+        done, why = bench.observer.set_parameter(bench.name, names, ['other'])
+        assert (done, 'restart the node' in why) == (False, True), why
     assert bench.observer.change_state(bench.name, 'activate')
     bench.wait_stop(False)
 
