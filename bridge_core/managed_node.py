@@ -35,6 +35,7 @@ from rclpy.lifecycle import LifecycleNode
 from rclpy.lifecycle import TransitionCallbackReturn
 from rclpy.qos import DurabilityPolicy
 from rclpy.qos import QoSProfile
+from rclpy.qos import ReliabilityPolicy
 
 from bridge_core.lane import Lane
 from bridge_core.parameter_files import check_sections
@@ -143,6 +144,15 @@ class ManagedNode(Quiet, LifecycleNode):
                 return response
 
         return checked
+
+    def unheard_publisher(self, topic: str) -> str | None:
+        """Name who promises less than a stop needs there, so that nothing of it is ever heard."""
+        for endpoint in self.get_publishers_info_by_topic(topic):
+            if endpoint.topic_type != 'std_msgs/msg/Bool':
+                return f'{endpoint.node_name} publishes {endpoint.topic_type} on {topic}, not Bool'
+            if endpoint.qos_profile.reliability == ReliabilityPolicy.BEST_EFFORT:
+                return f'{endpoint.node_name} publishes {topic} best effort: make it reliable'
+        return None
 
     @property
     def actuates(self) -> bool:

@@ -72,6 +72,7 @@ _MOST_WORDS = 1000  # lines that wait to be logged
 _WORDS_TIME = 0.01  # s that the words about a stop leave to the stop itself
 _LEAVE_TIME = 0.4  # s that leaving waits for a link thread that hangs
 _LOOK_PERIOD = 0.02  # s
+_LOOK_AROUND_PERIOD = 0.5  # s
 _FREEZE = 0.2  # s without a look
 _SETTLING_TIME = 0.25  # s in which all comes in that waited in the kernel during a freeze
 _FROZEN = 'this node was frozen, so it may have waited as long; ask again'
@@ -113,7 +114,9 @@ class BridgeNode(ManagedNode, Generic[EventT]):
         self._lock = threading.RLock()  # of the verdict, and the order in which it is published
         self.verdict = _INACTIVE  # as published last
         self._report: Report | None = None
-        self._doubled: list[str] = []  # topics, as of the last diagnostics
+        self._distrusted: list[str] = []  # why, as of the last diagnostics
+        self._stop_topics: list[str] = []
+        self._unheard: dict[str, str] = {}  # by topic: who publishes there in vain
         self._logged_at: dict[str, float] = {}  # by site
         self._late_logs: dict[str, tuple[Level, str]] = {}
         self._words: deque[tuple[Level, str]] = deque(maxlen=_MOST_WORDS)
@@ -127,6 +130,7 @@ class BridgeNode(ManagedNode, Generic[EventT]):
         self._watches: dict[str, PublisherWatch] = {}  # by topic
         self._freeze = FreezeWatch(_FREEZE, _SETTLING_TIME)
         self.lane.every(_LOOK_PERIOD, self._freeze.look)
+        self.lane.every(_LOOK_AROUND_PERIOD, self._look_around)
         self._raw: RawTopics | None = None
         if self.values['publish_raw']:
             received = self.create_publisher(UInt8MultiArray, '~/raw/received', _RAW_QOS)
@@ -163,7 +167,8 @@ class BridgeNode(ManagedNode, Generic[EventT]):
         """
         Subscribe to what one publisher alone may say, such as the mux.
 
-        While two are heard, and until it is known that there is one, stops alone are passed on.
+        While two are heard, and until it is known that there is one, stops alone are passed on;
+        so while somebody publishes there who is never heard.
 
         :param is_stop: tells whether a message is a stop.
         """
@@ -172,22 +177,45 @@ class BridgeNode(ManagedNode, Generic[EventT]):
         def on_message(message: Any, info: Any) -> None:
             now = clock.now()
             watch.heard(info['publication_sequence_number'], now)
-            if watch.settled(now) or is_stop(message):
+            fault = self._fault_of(subscription.topic_name, now)
+            if is_stop(message) or (watch.settled(now) and not fault):
                 self._input.received_at = now - waited(info)
                 try:
                     callback(message)
                 finally:
                     self._input.received_at = None
-            elif watch.doubled(now):
-                text = _doubled(subscription.topic_name)
-                self.log(Level.ERROR, text, site=text)
-                self.on_doubled(text)
+            elif fault:
+                self._distrust(fault)
 
         subscription = self.lane.subscribe(kind, topic, on_message, qos)
         self._watches[subscription.topic_name] = watch
+        if qos is STOP_QOS:
+            self._stop_topics.append(subscription.topic_name)
 
-    def on_doubled(self, text: str) -> None:
-        """Stop: two publishers are heard on an input. It grows stale besides, as none counts."""
+    def _fault_of(self, topic: str, now: float) -> str:
+        if self._watches[topic].doubled(now):
+            found = f'stop one of the two publishers of {topic}'
+            return f'{found}: while both are heard, only stops count'
+        return self._unheard.get(topic, '')
+
+    def _look_around(self, now: float) -> None:
+        """Stop for whoever publishes stops that are never heard."""
+        del now
+        faults = {topic: self.unheard_publisher(topic) for topic in self._stop_topics}
+        self._unheard = {topic: fault for topic, fault in faults.items() if fault is not None}
+        for fault in self._unheard.values():
+            self._distrust(fault)
+
+    def _distrust(self, fault: str) -> None:
+        self.log(Level.ERROR, fault, site=fault)
+        self.on_distrusted(fault)
+
+    def on_distrusted(self, text: str) -> None:
+        """
+        Stop: two publishers are heard on an input, or one never can be.
+
+        It grows stale besides, as no other message counts.
+        """
 
     def log(self, level: Level, text: str, *, site: str = '') -> None:
         """
@@ -371,7 +399,7 @@ class BridgeNode(ManagedNode, Generic[EventT]):
             with self._lock:  # or a stop of another thread comes between the two, and is undone
                 self._publish_verdict(self.verdict)
             self._repeat_at = now + self._period
-            if self._doubled != self._find_doubled(now):
+            if self._distrusted != self._faults(now):
                 self._diagnose(now)
             self._write_at = min(self._write_at, now)  # whatever another thread did to it
         if now >= self._write_at:
@@ -433,7 +461,7 @@ class BridgeNode(ManagedNode, Generic[EventT]):
         for topic, watch in self._watches.items():
             if watch.blind:  # else it knows better than discovery
                 watch.counted(self.count_publishers(topic))
-        self._doubled = self._find_doubled(now)
+        self._distrusted = self._faults(now)
         if self._report is None:
             return
         name = self.get_fully_qualified_name().lstrip('/')
@@ -447,8 +475,8 @@ class BridgeNode(ManagedNode, Generic[EventT]):
         array.header.stamp = self.stamp()
         self._diagnostics_publisher.publish(array)
 
-    def _find_doubled(self, now: float) -> list[str]:
-        return [topic for topic, watch in self._watches.items() if watch.doubled(now)]
+    def _faults(self, now: float) -> list[str]:
+        return [fault for topic in self._watches if (fault := self._fault_of(topic, now))]
 
     @property
     def actuates(self) -> bool:
@@ -472,9 +500,9 @@ class BridgeNode(ManagedNode, Generic[EventT]):
     def _device_status(self) -> Status:
         assert self._report is not None
         level, message, values = self._report.device
-        if self._doubled:
+        if self._distrusted:
             level = Level.ERROR
-            message = '; '.join([*map(_doubled, self._doubled), message])
+            message = '; '.join([*self._distrusted, message])
         return Status(level, message, {**values, **self.extra_values()})
 
     def _link_status(self) -> Status:
@@ -571,7 +599,3 @@ class BridgeNode(ManagedNode, Generic[EventT]):
         if self._raw is not None:
             self._raw.stop()
         super().destroy_node()
-
-
-def _doubled(topic: str) -> str:
-    return f'stop one of the two publishers of {topic}: while both are heard, only stops count'

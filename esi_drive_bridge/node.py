@@ -122,7 +122,7 @@ class EsiDriveBridge(BridgeNode[Event]):
 
     # Requests.
 
-    def on_doubled(self, text: str) -> None:
+    def on_distrusted(self, text: str) -> None:
         """Disable at once: two muxes, say, and each enable of one follows a stop of the other."""
         self.request(Session.refuse_command, text, key='command', stop=True)
 

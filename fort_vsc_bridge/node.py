@@ -137,7 +137,7 @@ class FortVscBridge(BridgeNode[Event]):
 
     # Requests.
 
-    def on_doubled(self, text: str) -> None:
+    def on_distrusted(self, text: str) -> None:
         """Ask the VSC to stop at once: two publishers are heard on ~/software_estop."""
         del text
         self._ask_stop(True)

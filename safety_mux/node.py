@@ -51,6 +51,7 @@ from bridge_core.publishers import PublisherWatch
 from bridge_core.runner import run
 from safety_mux.button import ResetButton
 from safety_mux.configuration import check
+from safety_mux.configuration import joy_mapping
 from safety_mux.intake import Intake
 from safety_mux.intake import Listened
 from safety_mux.outputs import command_of
@@ -75,6 +76,7 @@ COMMAND_QOS = QoSProfile(depth=1)
 
 _TYPES = {each.__name__: each for each in (Bool, Float64, JointState, Joy, Twist, TwistStamped)}
 _TWIST_TYPES = {'twist': Twist, 'twist_stamped': TwistStamped}
+_DEADBAND = 0.05  # of axes that move no joint
 _DEMAND_PERIOD = 0.05  # s, of ~/stop_demand; devices time out on it
 _STATE_PERIOD = 0.1  # s, of ~/state, for people
 _LOOK_AROUND_PERIOD = 0.5
@@ -122,7 +124,9 @@ class SafetyMux(ManagedNode):
         if self.values['reset_topic']:
             self._button = ResetButton()
             topic = self.values['reset_topic']
-            self.lane.subscribe(Bool, topic, self._on_button, DEMAND_QOS)
+            self._button_topic = self.lane.subscribe(
+                Bool, topic, self._on_button, DEMAND_QOS
+            ).topic_name
         self.create_subscription(DiagnosticArray, '/diagnostics', self._on_diagnostics, 10)
         self.lane.every(1.0 / rate, self._tick)
         self.lane.every(_LOOK_AROUND_PERIOD, self._look_around)
@@ -203,10 +207,12 @@ class SafetyMux(ManagedNode):
         self._built_from = values
 
     def _gated_joy(self, name: str) -> GatedJoy:
+        sticks = joy_mapping(self.values, name).sticks
         return GatedJoy(
             self.create_publisher(Joy, f'~/joy/{name}', 10),
             lambda: self.get_clock().now().to_msg(),
-            deadband=max(self.values[f'operator.{name}.deadband']),
+            deadbands={stick.axis: stick.deadband for stick in sticks},
+            deadband=_DEADBAND,
             deadman=self.values[f'operator.{name}.deadman_buttons'],
         )
 
@@ -306,7 +312,7 @@ class SafetyMux(ManagedNode):
     def _look_around(self, now: float) -> None:
         """Find topics with two live publishers, or with one that could never be heard."""
         if self._button is not None:
-            self._button_watch.counted(self.count_publishers(self.values['reset_topic']))
+            self._button_watch.counted(self.count_publishers(self._button_topic))
         self._unpublished = []
         for topic, (kind, name, watch) in self._watches.items():
             publishers = self.count_publishers(topic)
@@ -352,17 +358,9 @@ class SafetyMux(ManagedNode):
         self._arbiter.set_invalid(
             kind, name, f'publishers of {topic}', doubled if watch.doubled(now) else None
         )
-        if kind == 'e-stop source':
-            self._arbiter.set_invalid(kind, name, f'QoS of {topic}', self._qos_fault(topic))
-
-    def _qos_fault(self, topic: str) -> str | None:
-        """Name a publisher that promises less than an e-stop needs, so that it is never heard."""
-        for endpoint in self.get_publishers_info_by_topic(topic):
-            if endpoint.topic_type != 'std_msgs/msg/Bool':
-                return f'{endpoint.node_name} publishes {endpoint.topic_type} on {topic}, not Bool'
-            if endpoint.qos_profile.reliability == ReliabilityPolicy.BEST_EFFORT:
-                return f'{endpoint.node_name} publishes {topic} best effort: make it reliable'
-        return None
+        if kind in ('e-stop source', 'drive'):
+            fault = self.unheard_publisher(topic)
+            self._arbiter.set_invalid(kind, name, f'QoS of {topic}', fault)
 
     # What is asked; in the executor's thread.
 

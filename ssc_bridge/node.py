@@ -229,7 +229,7 @@ class SscBridge(BridgeNode[Event]):
         self.refuse(f'{what}: {reason}')
         self.request(Session.refuse_command, reason, key=what, stop=True)
 
-    def on_doubled(self, text: str) -> None:
+    def on_distrusted(self, text: str) -> None:
         """Bring the failsafe at once: two publishers are heard on an input."""
         del text
         self.request(Session.set_estop, True, stop=True)

@@ -27,6 +27,8 @@ from typing import Any
 from diagnostic_msgs.msg import DiagnosticStatus
 from diagnostic_msgs.msg import KeyValue
 import pytest
+from rclpy.qos import QoSProfile
+from rclpy.qos import ReliabilityPolicy
 from sensor_msgs.msg import BatteryState
 from sensor_msgs.msg import Joy
 from sensor_msgs.msg import JoyFeedback
@@ -411,6 +413,24 @@ def test_second_publisher_of_the_software_estop_undoes_no_stop(fresh: Bench) -> 
     assert build_frame(0x21, b'\0') not in b''.join(c.data for c in fresh.vsc.received(since))
     first.leave()
     fresh.wait(lambda: doubled not in message(), 'only one again')
+    fresh.wait(lambda: not fresh.vsc.simulator.host_estop, 'no stop in our heartbeat')
+
+
+def test_software_estop_that_can_never_be_heard_is_a_stop(fresh: Bench) -> None:
+    """Such as of a panel that publishes best effort: its stop would be lost without a word."""
+    topic = f'{fresh.name}/software_estop'
+    qos = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
+    panel = Talker(fresh.observer, Bool, topic, Bool(data=True), qos=qos)
+
+    def message() -> str:
+        status = fresh.diagnostics.status(DEVICE)
+        return '' if status is None else str(status.message)
+
+    fresh.wait(lambda: fresh.vsc.simulator.host_estop, 'a stop')
+    fresh.wait(lambda: f'publishes {topic} best effort: make it reliable' in message(), 'why')
+    Talker(fresh.observer, Bool, topic, Bool(data=False), rate=20.0)
+    fresh.observer.holds_for(lambda: fresh.vsc.simulator.host_estop, 1.5, 'the stop')
+    panel.leave()
     fresh.wait(lambda: not fresh.vsc.simulator.host_estop, 'no stop in our heartbeat')
 
 

@@ -31,6 +31,8 @@ from diagnostic_msgs.msg import DiagnosticArray
 from diagnostic_msgs.msg import DiagnosticStatus
 from diagnostic_msgs.msg import KeyValue
 import pytest
+from rclpy.qos import QoSProfile
+from rclpy.qos import ReliabilityPolicy
 from sensor_msgs.msg import BatteryState
 from sensor_msgs.msg import Joy
 from std_msgs.msg import Bool
@@ -365,6 +367,20 @@ def test_second_publisher_of_hold_output_lets_nothing_go(bench: Bench) -> None:
     bench.wait(lambda: doubled not in bench.status().message, 'only one again')
     bench.wait(lambda: outputs(bench) > before + 3, 'VRPO again')
     second.leave()
+
+
+def test_hold_output_that_can_never_be_heard_lets_nothing_go(bench: Bench) -> None:
+    bench.arm()
+    topic = f'{bench.prefix}/hold_output'
+    qos = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
+    panel = Talker(bench.observer, Bool, topic, Bool(data=False), qos=qos)
+    bench.wait(lambda: 'best effort: make it reliable' in bench.status().message, 'why')
+    bench.wait(lambda: outputs_since(bench, outputs(bench)) == 0, 'no VRPO')
+    panel.leave()
+    heard = Talker(bench.observer, Bool, topic, Bool(data=False), rate=20.0)
+    before = outputs(bench)
+    bench.wait(lambda: outputs(bench) > before + 3, 'VRPO again')
+    heard.leave()
 
 
 def test_periodic_output_reaches_the_display_in_a_burst(observer: Observer) -> None:

@@ -149,7 +149,7 @@ class Vm110Bridge(BridgeNode[Event]):
         if key == 'send_command':
             self._result.publish(convert.command_result(None, text))
 
-    def on_doubled(self, text: str) -> None:
+    def on_distrusted(self, text: str) -> None:
         """Withhold VRPO at once: two publishers are heard on ~/hold_output."""
         del text
         self._ask_hold(True)
