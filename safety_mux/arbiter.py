@@ -312,8 +312,8 @@ class Arbiter:
         problem = self._autonomy.problem(now) or self._autonomy.lapse
         if problem is not None:
             missing.append(problem)
-        elif not self._autonomy.rested:
-            missing.append(self._autonomy.advice())
+        elif not self._autonomy.rests(now):
+            missing.append(self._autonomy.advice(now))
         if missing:
             return Reply(False, 'not selected: ' + '; '.join(missing))
         self._autonomy.selected = True
@@ -721,7 +721,7 @@ class Arbiter:
         problem = each.problem(now)
         if problem is not None:
             return [problem]
-        return [each.advice()] if self._state is State.READY and not blocked else []
+        return [each.advice(now)] if self._state is State.READY and not blocked else []
 
     def _known_feedback(self) -> FeedbackInput:
         if self._feedback is None:

@@ -15,6 +15,7 @@
 """The objects that are made from the mux's parameters."""
 
 from collections.abc import Callable
+from collections.abc import Iterator
 from collections.abc import Mapping
 from typing import Any
 from typing import TypeVar
@@ -24,6 +25,7 @@ from bridge_core.parameters import ParameterError
 from safety_mux.limits import JointLimit
 from safety_mux.mapping import JoyMapping
 from safety_mux.mapping import Stick
+from safety_mux.parameters import DEFAULTS
 from safety_mux.parameters import enabled_topic
 from safety_mux.parameters import GENERAL
 from safety_mux.protocol import Autonomy
@@ -215,15 +217,37 @@ def _check_unused(values: Mapping[str, Any]) -> None:
             raise ParameterError(f'parameter {name} = {values[name]!r}: is not used; only {user}')
 
 
+def _outputs(values: Mapping[str, Any]) -> Iterator[str]:
+    yield from ('~/estop', '~/enable', '~/state', '~/status')
+    yield '~/command' if values['output'] == 'joints' else '~/cmd_vel'
+    for topic, names in (('~/stop_demand', 'estop_sources'), ('~/joy', 'operators')):
+        # A name that cannot be a topic is refused as such.
+        yield from (f'{topic}/{name}' for name in names_of(values, names) if name.isidentifier())
+
+
 def _check_topics(values: Mapping[str, Any], resolved: Callable[[str], str]) -> None:
-    """Refuse one topic for two inputs: which of them it is for would be ambiguous."""
-    users: dict[str, str] = {}
+    """
+    Refuse one topic for two inputs, and an input from this mux itself.
+
+    Which of the two it is for would be ambiguous; a mux that hears itself hears nobody else.
+    """
+    users = {resolved(topic): f'{topic}, which this node says' for topic in _outputs(values)}
     for name, topic in values.items():
         if not name.endswith(('.topic', '_topic')) or not topic:
             continue
         user = users.setdefault(resolved(topic), name)
         if user != name:
             raise ParameterError(f'parameter {name} = {topic!r}: is also that of {user}')
+    for name in names_of(values, 'estop_sources'):
+        topic, own = (f'estop.{name}.{what}' for what in ('topic', 'own_topic'))
+        given = values[own]
+        if not given or given != DEFAULTS.get(own) or not values[topic]:
+            continue
+        if resolved(given).rpartition('/')[0] != resolved(values[topic]).rpartition('/')[0]:
+            raise ParameterError(
+                f'parameter {own} = {given!r}: {topic} is of another node; give its '
+                "own_estop, or ''"
+            )
 
 
 def _source(values: Mapping[str, Any], name: str) -> EStopSource:

@@ -22,6 +22,7 @@ the next tick. Of everything else only the newest value counts.
 
 import math
 
+from bridge_core.watchdog import in_words
 from bridge_core.watchdog import Watchdog
 from safety_mux.protocol import AUTONOMY
 from safety_mux.protocol import Autonomy
@@ -382,8 +383,9 @@ class OperatorInput(OwnerInput):
             return f'{self.label} is not at neutral: let go of its sticks and of its deadman'
         return None
 
-    def advice(self) -> str:
+    def advice(self, now: float) -> str:
         """Return what a fresh and valid operator has to do to take control."""
+        del now
         if self.rested:
             return f"press the deadman of '{self.name}' to take control"
         if self.newest is not None and self.newest.deadman:
@@ -445,10 +447,17 @@ class AutonomyInput(OwnerInput):
         super().forget()
         self.selected = False
 
-    def advice(self) -> str:
+    def rests(self, now: float) -> bool:
+        """Tell whether it has rested until now: silence as long as a rest is none."""
+        return self.rested and now - self.rest.until < self.neutral_time
+
+    def advice(self, now: float) -> str:
         """Return what is missing before autonomy, fresh and valid, can be selected."""
-        if self.rested:
+        if self.rests(now):
             return 'call ~/select_autonomy to give autonomy control'
+        if self.rested:
+            silent = in_words(self.watchdog.age(now))
+            return f'autonomy has not asked for zero for {silent}: silence is no rest'
         return (
             f'autonomy has asked for zero for {self.rest.length * 1e3:.0f} ms '
             f'of {self.neutral_time * 1e3:.0f} ms'

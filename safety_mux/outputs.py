@@ -22,6 +22,7 @@ from collections.abc import Iterable
 from collections.abc import Mapping
 from collections.abc import Sequence
 import math
+from types import MappingProxyType
 from typing import Any
 
 from geometry_msgs.msg import Twist
@@ -123,7 +124,8 @@ class GatedJoy:
 
     :param publisher: of Joy.
     :param stamp: returns the time for the header of a neutral one.
-    :param deadband: deflection up to which an axis is let go of.
+    :param deadbands: by index, deflections up to which axes are let go of.
+    :param deadband: the same of all other axes.
     :param deadman: indices of its buttons.
     """
 
@@ -132,12 +134,13 @@ class GatedJoy:
         publisher: Any,
         stamp: Callable[[], Any],
         *,
+        deadbands: Mapping[int, float] = MappingProxyType({}),
         deadband: float = 0.0,
         deadman: Iterable[int] = (),
     ) -> None:
         self.publisher = publisher
         self._stamp = stamp
-        self._deadband = deadband
+        self._deadbands, self._deadband = deadbands, deadband
         self._deadman = frozenset(deadman)
         self._is_open = False
         self._heard: Joy | None = None  # the newest
@@ -188,7 +191,9 @@ class GatedJoy:
         ]
 
     def _note(self, joy: Joy) -> None:
-        self._free_axes |= {i for i, v in enumerate(joy.axes) if abs(v) <= self._deadband}
+        limits = (self._deadbands.get(i, self._deadband) for i in range(len(joy.axes)))
+        pairs = zip(joy.axes, limits, strict=True)
+        self._free_axes |= {i for i, (value, limit) in enumerate(pairs) if abs(value) <= limit}
         self._free_buttons |= {i for i, value in enumerate(joy.buttons) if value == 0}
 
     def _passed(self, joy: Joy) -> Joy:

@@ -159,7 +159,6 @@ GENERAL = (
         'joints',
         ['left', 'right'],
         'Names of the joints in ~/command, in this order, as the drive names them.',
-        fixed=True,
         section='the joints',
     ),
     Parameter(
@@ -197,7 +196,6 @@ GENERAL = (
         'estop_sources',
         ['fort', 'drive'],
         'Names of the e-stop sources; one or more.',
-        fixed=True,
         section='who can stop the machine',
     ),
     Parameter(
@@ -205,14 +203,12 @@ GENERAL = (
         [''],
         "Names of speed limits of the moment, such as a scanner's slow zone or a key switch; the "
         'least of them scales what the owner demands of all joints.',
-        fixed=True,
         section='how fast, at this moment',
     ),
     Parameter(
         'operators',
         ['fort'],
         "Names of the operators; [''] for none: then autonomy must be there.",
-        fixed=True,
         section='who can drive',
     ),
     Parameter(
@@ -307,7 +303,8 @@ ESTOP = (
         'own_topic',
         '',
         'Topic of what the source demands by itself, without the echo of our own stop, for '
-        '~/stop_demand/<source>. Empty: as topic; the stop of a drive is never that echo.',
+        '~/stop_demand/<source>. Empty: as topic; the stop of a drive is never that echo. Where '
+        'topic is given, the default is empty.',
         check=check_topic,
     ),
     _seconds(
@@ -442,4 +439,8 @@ def parameter_table(given: Mapping[str, Any]) -> tuple[Parameter, ...]:
         ('speed_limits', 'speed_limit', SPEED_LIMIT),
         ('operators', 'operator', OPERATOR),
     )
-    return with_named(GENERAL, groups, given, DEFAULTS)
+    defaults = dict(DEFAULTS)
+    topic, own = 'estop.fort.topic', 'estop.fort.own_topic'
+    if given.get(topic, DEFAULTS[topic]) != DEFAULTS[topic]:  # of another node than the default's
+        del defaults[own]
+    return with_named(GENERAL, groups, given, defaults)

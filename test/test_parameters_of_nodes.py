@@ -467,6 +467,35 @@ CONTRADICTIONS: dict[str, tuple[str, dict[str, Any], str]] = {
         {'drive_enabled_topic': 'esi_drive_bridge/estop'},
         'is also that of drive_enabled_topic',
     ),
+    'own_estop of another node': (
+        'mux',
+        {'estop.fort.topic': '/near/estop', 'estop.fort.own_topic': 'fort_vsc_bridge/own_estop'},
+        r'own_topic = .*estop\.fort\.topic is of another node',
+    ),
+    'its own e-stop': ('mux', {'estop.drive.topic': '~/estop'}, '~/estop, which this node says'),
+    'its own command as feedback': (
+        'mux',
+        {'feedback.topic': 'safety_mux/command'},
+        r'feedback\.topic = .*~/command, which this node says',
+    ),
+    'its own enable': ('mux', {'drive_enabled_topic': '~/enable'}, '~/enable, which'),
+    'its own stop demand': (
+        'mux',
+        {'reset_topic': '/safety_mux/stop_demand/fort'},
+        '~/stop_demand/fort, which',
+    ),
+    'its own twist': (
+        'mux',
+        {
+            'output': 'twist',
+            'joints': ['linear', 'angular'],
+            'operator.fort.mixing': 'none',
+            'operator.fort.scale': [1.0],
+            'autonomy.topic': '~/cmd_vel',
+        },
+        '~/cmd_vel, which this node says',
+    ),
+    'its own Joy': ('mux', {'operator.fort.topic': '~/joy/fort'}, '~/joy/fort, which'),
     'a scale of 0': ('mux', {'operator.fort.scale': [0.0]}, r'operator\.fort.*scale'),
     'a deadman button twice': (
         'mux',

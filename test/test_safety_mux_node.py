@@ -407,6 +407,25 @@ def test_best_effort_estop_publisher_is_named(mux: MuxBench) -> None:
     mux.ready()
 
 
+def test_best_effort_publisher_of_a_drives_word_is_named(observer: Observer) -> None:
+    """Unheard, it could never say that the drive is not enabled."""
+    mux = MuxBench(observer)
+    qos = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
+    topic = f'{mux.space}/esi_drive_bridge/enabled'
+    try:
+        mux.drive_enabled.leave()
+        weak = Talker(observer, Bool, topic, Bool(data=False), qos=qos)
+        mux.ready()
+        mux.joy.message = sticks(deadman=True)
+        waits = 'waits for the drive to be enabled: the drive is invalid'
+        mux.wait(lambda: mux.explains(waits, 'observer publishes', 'best effort'), 'its name')
+        mux.joy.message = sticks(0.5, deadman=True)
+        observer.holds_for(lambda: not any(mux.demand), 0.5, 'no demand')
+        weak.leave()
+    finally:
+        mux.close()
+
+
 def test_publisher_of_another_type_on_an_estop_topic_is_named(mux: MuxBench) -> None:
     with NodeProcess(source=_STRINGS.format(topic=f'{mux.space}/fort_vsc_bridge/estop')):
         mux.wait(lambda: mux.explains('publishes std_msgs/msg/String', 'not Bool'), 'it')
@@ -610,6 +629,7 @@ def test_parameters_that_are_set_while_inactive_count_from_the_activation_on(
             ('operator.fort.scale', [2.0]),
             ('joint.left.max', 2.0),
             ('joint.right.max', 2.0),
+            ('estop.fort.own_topic', ''),  # not that of another node
             ('estop.fort.topic', f'{mux.space}/button'),
         ):
             assert observer.set_parameter(mux.name, name, value) == (True, '')

@@ -202,6 +202,13 @@ def test_axis_is_let_go_of_at_the_deadband_which_is_zero_if_none_is_given() -> N
         assert gate.held == held
 
 
+def test_wide_deadband_of_one_stick_is_that_of_no_other() -> None:
+    gate = GatedJoy(Said(), Time, deadbands={0: 0.5}, deadband=0.05)
+    gate.hear(joy(0.45, 0.45, buttons=()))
+    gate.decide(True, 0.0)
+    assert gate.held == ['axis 1']
+
+
 def test_stop_and_new_control_forget_what_was_let_go_of() -> None:
     gate = Gate().in_control()
     gate.hear(0.0, 0.5)

@@ -411,6 +411,20 @@ def test_silence_of_autonomy_within_its_timeout_is_no_rest(gap: float, rested: b
     assert bench.arbiter.select_autonomy(True, bench.now).ok is rested
 
 
+def test_autonomy_that_rested_and_fell_silent_is_not_selected() -> None:
+    """It may hang, and go on with a demand when it wakes up."""
+    bench = Bench(replace(CONFIG, neutral_time=0.25, autonomy=Autonomy(timeout=5.0))).ready()
+    bench.autonomy = None
+    bench.run(0.26)
+    reply = bench.arbiter.select_autonomy(True, bench.now)
+    assert not reply.ok
+    assert 'silence is no rest' in reply.message
+    assert 'silence is no rest' in bench.why()
+    bench.arbiter.autonomy_command((0.0, 0.0), bench.now)
+    bench.run(0.1)
+    assert not bench.arbiter.select_autonomy(True, bench.now).ok
+
+
 def test_autonomy_is_not_selected_while_stopped_and_not_queued() -> None:
     bench = Bench()
     bench.run(0.6)
