@@ -265,13 +265,12 @@ def test_wire_of_a_stopped_node_goes_on_and_so_does_the_node_later(toy: Toy) -> 
 
 def test_wire_of_a_node_whose_interpreter_is_held_goes_on(toy: Toy) -> None:
     hang = toy.observer.publisher(Float32, '/toy_bridge/hang')
-    wire, count = toy.wire(), toy.keep_alives()
+    wire = toy.wire()
     hang.publish(Float32(data=3.0))
     toy.wait(lambda: time.monotonic() - toy.estop.times[-1] > 0.3, 'a node that is silent')
     silent, quiet = toy.keep_alives(), len(toy.estop.times)
     toy.wait(lambda: toy.keep_alives() > silent + 10, 'keep-alives meanwhile')
     assert len(toy.estop.times) == quiet or toy.held_up()
-    assert silent > count
     toy.wait_stop(False)
     assert toy.wire() == wire or toy.held_up()
 
