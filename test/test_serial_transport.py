@@ -457,8 +457,8 @@ def test_impossible_name_is_an_error_and_no_crash(name: str) -> None:
     open_error(name)
 
 
-@pytest.mark.parametrize('name', IMPOSSIBLE)
-def test_impossible_name_is_refused_as_a_parameter(name: str) -> None:
+@pytest.mark.parametrize('name', [*IMPOSSIBLE, 'spy:///dev/a', 'alt:///dev/a', 'hwgrep://a'])
+def test_impossible_name_and_one_that_is_not_locked_is_refused_as_a_parameter(name: str) -> None:
     with pytest.raises(ValueError, match=re.escape(f'port = {name!r}: allowed is a device file')):
         check_serial_port({'port': name})
 

@@ -21,7 +21,9 @@ from typing import Any
 from urllib.parse import urlsplit
 
 _NETWORK = ('socket', 'rfc2217')
-_OTHERS = ('alt', 'cp2110', 'hwgrep', 'loop', 'spy')  # what else pyserial opens
+# What else pyserial opens (alt, cp2110, hwgrep, spy) is a local device that it does not lock: two
+# nodes would have it open.
+_NOWHERE = 'loop'
 
 
 def check_serial_port(values: Mapping[str, Any]) -> None:
@@ -38,6 +40,6 @@ def _is_possible(port: str) -> bool:
         return bool(port)
     try:
         url = urlsplit(port)
-        return url.scheme in _OTHERS or (url.scheme in _NETWORK and bool(url.port))
+        return url.scheme == _NOWHERE or (url.scheme in _NETWORK and bool(url.port))
     except ValueError:  # the port is no number, or none of TCP
         return False
