@@ -20,6 +20,7 @@ import math
 
 import pytest
 
+from safety_mux.inputs import AutonomyInput
 from safety_mux.protocol import Autonomy
 from safety_mux.protocol import Decision
 from safety_mux.protocol import Operator
@@ -423,6 +424,14 @@ def test_autonomy_that_rested_and_fell_silent_is_not_selected() -> None:
     bench.arbiter.autonomy_command((0.0, 0.0), bench.now)
     bench.run(0.1)
     assert not bench.arbiter.select_autonomy(True, bench.now).ok
+
+
+def test_rest_of_autonomy_ends_with_silence_as_long() -> None:
+    autonomy = AutonomyInput(Autonomy(timeout=5.0), neutral_time=0.25)
+    for now in (0.0, 0.125, 0.25):
+        autonomy.command((0.0, 0.0), now)
+    assert autonomy.rests(0.4375)
+    assert not autonomy.rests(0.5)
 
 
 def test_autonomy_is_not_selected_while_stopped_and_not_queued() -> None:
