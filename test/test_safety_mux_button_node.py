@@ -19,10 +19,12 @@ import math
 from typing import Any
 
 import pytest
+from rclpy.parameter import Parameter
 from std_msgs.msg import Bool
 
 from bridge_core import clock
 from bridge_core.parameters import ParameterError
+from safety_mux.node import SafetyMux
 from safety_mux.protocol import State
 from test.fed_mux import EVERY
 from test.fed_mux import FedMux
@@ -226,3 +228,25 @@ def test_button_on_a_topic_resets_the_node(observer: Observer) -> None:
     finally:
         button.leave()
         bench.close()
+
+
+def test_publishers_of_a_remapped_button_are_counted(
+    context: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    given = {'reset_topic': 'button', 'autostart': False}
+    mux = SafetyMux(
+        context=context,
+        parameter_overrides=[Parameter(name, value=value) for name, value in given.items()],
+        cli_args=['--ros-args', '-r', 'button:=/panel/button'],
+    )
+    counted: list[str] = []
+
+    def count(topic: str) -> int:
+        counted.append(topic)
+        return 1
+
+    monkeypatch.setattr(mux, 'count_publishers', count)
+    mux.lane.call(lambda: mux._look_around(clock.now()))
+    mux.destroy_node()
+    assert '/panel/button' in counted
+    assert 'button' not in counted

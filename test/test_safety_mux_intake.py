@@ -257,3 +257,18 @@ def test_malformed_autonomy_is_told_as_such() -> None:
     assert why
     endless = twist(math.nan, 0.0)
     assert Fed().take('autonomy.topic', endless)[1][0][0] == 'autonomy_invalid'
+
+
+@pytest.mark.parametrize(
+    ('given', 'heard'),
+    [
+        ({}, 'fort_vsc_bridge/own_estop'),
+        ({'estop.fort.topic': 'fort_vsc_bridge/estop'}, 'fort_vsc_bridge/own_estop'),
+        ({'estop.fort.topic': 'near/estop'}, ''),
+        ({'estop.fort.topic': 'near/estop', 'estop.fort.own_topic': 'near/own'}, 'near/own'),
+    ],
+)
+def test_own_estop_is_that_of_the_default_node_only_with_its_estop(
+    given: dict[str, Any], heard: str
+) -> None:
+    assert resolve(parameter_table(given), given)['estop.fort.own_topic'] == heard
