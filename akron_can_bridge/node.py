@@ -192,7 +192,7 @@ class AkronCanBridge(BridgeNode[Event]):
             self.request(Session.set_command, *command, key='cmd_joy')
 
     def on_distrusted(self, text: str) -> None:
-        """Be neutral at once: two publishers are heard on an input."""
+        """Be neutral at once: it is not known what an input says."""
         del text
         self.request(Session.set_estop, True, stop=True)
 

@@ -80,7 +80,7 @@ _FROZEN = 'this node was frozen, so it may have waited as long; ask again'
 _RAW_QOS = QoSProfile(depth=20, reliability=ReliabilityPolicy.BEST_EFFORT)
 # Of what an actuator is told. Neither a stop nor the one message of a second publisher
 # may be overwritten before it was read.
-STOP_QOS = QoSProfile(depth=10)
+STOP_QOS = QoSProfile(depth=100)
 COMMAND_QOS = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
 _INACTIVE = Verdict.stop('the node is not active', link_up=False)
 
@@ -117,6 +117,7 @@ class BridgeNode(ManagedNode, Generic[EventT]):
         self._distrusted: list[str] = []  # why, as of the last diagnostics
         self._stop_topics: list[str] = []
         self._unheard: dict[str, str] = {}  # by topic: who publishes there in vain
+        self._was_unheard = False
         self._logged_at: dict[str, float] = {}  # by site
         self._late_logs: dict[str, tuple[Level, str]] = {}
         self._words: deque[tuple[Level, str]] = deque(maxlen=_MOST_WORDS)
@@ -176,7 +177,11 @@ class BridgeNode(ManagedNode, Generic[EventT]):
 
         def on_message(message: Any, info: Any) -> None:
             now = clock.now()
-            watch.heard(info['publication_sequence_number'], now)
+            lost = watch.heard(info['publication_sequence_number'], now)
+            if lost and qos is STOP_QOS:
+                self._distrust(
+                    f'messages of {subscription.topic_name} were lost: one may have been a stop'
+                )
             fault = self._fault_of(subscription.topic_name, now)
             if is_stop(message) or (watch.settled(now) and not fault):
                 self._input.received_at = now - waited(info)
@@ -204,7 +209,11 @@ class BridgeNode(ManagedNode, Generic[EventT]):
         faults = {topic: self.unheard_publisher(topic) for topic in self._stop_topics}
         self._unheard = {topic: fault for topic, fault in faults.items() if fault is not None}
         for fault in self._unheard.values():
-            self._distrust(fault)
+            self.log(Level.ERROR, fault, site=fault)
+            self.on_unheard(fault)
+        self._was_unheard |= bool(self._unheard)
+        if self._was_unheard and not self._unheard:  # again and again: a wire may begin meanwhile
+            self.on_unheard_gone()
 
     def _distrust(self, fault: str) -> None:
         self.log(Level.ERROR, fault, site=fault)
@@ -212,10 +221,17 @@ class BridgeNode(ManagedNode, Generic[EventT]):
 
     def on_distrusted(self, text: str) -> None:
         """
-        Stop: two publishers are heard on an input, or one never can be.
+        Stop: two publishers are heard on an input, or messages of one were lost.
 
-        It grows stale besides, as no other message counts.
+        With two it grows stale besides, as no other message counts.
         """
+
+    def on_unheard(self, text: str) -> None:
+        """Stop, again and again while it is so: a publisher of a stop input is never heard."""
+        self.on_distrusted(text)
+
+    def on_unheard_gone(self) -> None:
+        """End a stop that nothing but ``on_unheard`` asked for."""
 
     def log(self, level: Level, text: str, *, site: str = '') -> None:
         """

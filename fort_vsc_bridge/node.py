@@ -87,7 +87,7 @@ class FortVscBridge(BridgeNode[Event]):
     def carried_over(self, values: Mapping[str, Any]) -> dict[str, Any]:
         """What asked for stops has to be heard again, or its silence is one."""
         del values
-        return {STOP_HEARD: self._stop_heard}
+        return {STOP_HEARD: self._stop_heard or bool(self._unheard)}
 
     @property
     def hardware_name(self) -> str:
@@ -138,9 +138,19 @@ class FortVscBridge(BridgeNode[Event]):
     # Requests.
 
     def on_distrusted(self, text: str) -> None:
-        """Ask the VSC to stop at once: two publishers are heard on ~/software_estop."""
+        """Ask the VSC to stop at once: it is not known what ~/software_estop says."""
         del text
         self._ask_stop(True)
+
+    def on_unheard(self, text: str) -> None:
+        """Ask the VSC to stop; the topic is not in use by that."""
+        del text
+        self.request(Session.set_software_estop, True, key='software_estop', stop=True)
+
+    def on_unheard_gone(self) -> None:
+        """Go on as before, if nobody was ever heard."""
+        if not self._stop_heard:
+            self.request(Session.forget_software_estop, key='software_estop', stop=True)
 
     def _on_software_estop(self, message: Any) -> None:
         self._ask_stop(message.data)

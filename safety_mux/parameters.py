@@ -441,6 +441,6 @@ def parameter_table(given: Mapping[str, Any]) -> tuple[Parameter, ...]:
     )
     defaults = dict(DEFAULTS)
     topic, own = 'estop.fort.topic', 'estop.fort.own_topic'
-    if given.get(topic, DEFAULTS[topic]) != DEFAULTS[topic]:  # of another node than the default's
+    if str(given.get(topic, DEFAULTS[topic])).lstrip('/') != DEFAULTS[topic]:  # of another node
         del defaults[own]
     return with_named(GENERAL, groups, given, defaults)

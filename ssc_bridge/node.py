@@ -230,7 +230,7 @@ class SscBridge(BridgeNode[Event]):
         self.request(Session.refuse_command, reason, key=what, stop=True)
 
     def on_distrusted(self, text: str) -> None:
-        """Bring the failsafe at once: two publishers are heard on an input."""
+        """Bring the failsafe at once: it is not known what an input says."""
         del text
         self.request(Session.set_estop, True, stop=True)
 

@@ -434,6 +434,24 @@ def test_software_estop_that_can_never_be_heard_is_a_stop(fresh: Bench) -> None:
     fresh.wait(lambda: not fresh.vsc.simulator.host_estop, 'no stop in our heartbeat')
 
 
+def test_topic_of_a_publisher_that_was_never_heard_is_not_in_use_once_it_has_gone(
+    fresh: Bench,
+) -> None:
+    topic = f'{fresh.name}/software_estop'
+    panel = Talker(fresh.observer, String, topic, String(data='true'))
+    fresh.wait(lambda: fresh.vsc.simulator.host_estop, 'a stop')
+    assert fresh.observer.change_state(fresh.name, 'deactivate')
+    before = fresh.vsc.simulator.host_heartbeats
+    assert fresh.observer.change_state(fresh.name, 'activate')
+    fresh.wait(lambda: fresh.vsc.simulator.host_heartbeats > before + 10, 'heartbeats')
+    assert fresh.vsc.simulator.host_estop
+    panel.leave()
+    fresh.wait(lambda: not fresh.vsc.simulator.host_estop, 'no stop in our heartbeat')
+    fresh.wait(
+        lambda: fresh.diagnostics.value(DEVICE, 'software e-stop in use') == 'false', 'not in use'
+    )
+
+
 def test_activation_undoes_no_stop_of_a_publisher_that_is_gone(fresh: Bench) -> None:
     talker = Talker(fresh.observer, Bool, f'{fresh.name}/software_estop', Bool(data=False))
     fresh.wait(

@@ -73,6 +73,20 @@ def test_texts_and_values_are_shown_again_to_a_new_remote_a_rumble_is_not() -> N
     assert [f[5:10] for _, f in bench.frames(0x31)] == [b'speed']
 
 
+@pytest.mark.parametrize('required', [False, True])
+def test_software_estop_that_is_forgotten_is_in_use_only_where_it_is_required(
+    required: bool,
+) -> None:
+    bench = opened(require_software_estop=required)
+    bench.session.set_software_estop(True, bench.now)
+    bench.wait(0.2)
+    assert bench.frames(0x21)[-1][1] == build_frame(0x21, b'\1')
+    bench.session.forget_software_estop(bench.now)
+    bench.wait(1.0)
+    assert bench.session.software_estop_in_use is required
+    assert bench.frames(0x21)[-1][1] == build_frame(0x21, bytes([required]))
+
+
 def test_what_waits_while_input_is_discarded_is_not_done_later() -> None:
     bench = opened()
     bench.session.rumble(True, False, bench.now)

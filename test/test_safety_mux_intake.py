@@ -264,6 +264,7 @@ def test_malformed_autonomy_is_told_as_such() -> None:
     [
         ({}, 'fort_vsc_bridge/own_estop'),
         ({'estop.fort.topic': 'fort_vsc_bridge/estop'}, 'fort_vsc_bridge/own_estop'),
+        ({'estop.fort.topic': '/fort_vsc_bridge/estop'}, 'fort_vsc_bridge/own_estop'),
         ({'estop.fort.topic': 'near/estop'}, ''),
         ({'estop.fort.topic': 'near/estop', 'estop.fort.own_topic': 'near/own'}, 'near/own'),
     ],

@@ -127,6 +127,18 @@ def test_hold_that_is_expected_withholds_output_from_the_first_on() -> None:
     assert bench.frames(b'VRPO')
 
 
+def test_hold_that_is_forgotten_is_not_in_use() -> None:
+    bench = armed()
+    bench.run(1.0)
+    bench.session.set_hold_output(True, bench.now)
+    bench.wait(0.2)
+    before = len(bench.sent)
+    bench.session.forget_hold_output(bench.now)
+    bench.wait(3.0)
+    assert len(bench.sent) > before + 20
+    assert not bench.session.hold_output_in_use
+
+
 def test_hold_does_not_keep_a_stopped_unit_from_being_rearmed() -> None:
     bench = armed()
     bench.run(1.0)

@@ -88,7 +88,7 @@ class Vm110Bridge(BridgeNode[Event]):
     def carried_over(self, values: Mapping[str, Any]) -> dict[str, Any]:
         """What withholds VRPO does so from the first on, or its silence does."""
         del values
-        return {HOLD_HEARD: self._hold_heard}
+        return {HOLD_HEARD: self._hold_heard or bool(self._unheard)}
 
     @property
     def hardware_name(self) -> str:
@@ -150,9 +150,19 @@ class Vm110Bridge(BridgeNode[Event]):
             self._result.publish(convert.command_result(None, text))
 
     def on_distrusted(self, text: str) -> None:
-        """Withhold VRPO at once: two publishers are heard on ~/hold_output."""
+        """Withhold VRPO at once: it is not known what ~/hold_output says."""
         del text
         self._ask_hold(True)
+
+    def on_unheard(self, text: str) -> None:
+        """Withhold VRPO; the topic is not in use by that."""
+        del text
+        self.request(Session.set_hold_output, True, stop=True)
+
+    def on_unheard_gone(self) -> None:
+        """Go on as before, if nobody was ever heard."""
+        if not self._hold_heard:
+            self.request(Session.forget_hold_output, stop=True)
 
     def _on_hold_output(self, message: Any) -> None:
         self._ask_hold(message.data)

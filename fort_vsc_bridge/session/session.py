@@ -371,6 +371,13 @@ class Session(BaseSession[Frame, Received, Event]):
         self._software_estop = value
         self._software_estop_heard.feed(now)
 
+    def forget_software_estop(self, now: float) -> None:
+        """Be as before the first call of ``set_software_estop``."""
+        self._expire(now)
+        self.software_estop_in_use = self.settings.require_software_estop
+        self.software_estop_refused = self._software_estop = False
+        self._software_estop_heard.reset()
+
     def set_feedback(self, key: int, value: int, now: float) -> None:
         """Queue a value for a key. :raises ValueError: key, value, or EEPROM not allowed."""
         self._expire(now)

@@ -385,6 +385,13 @@ class Session(BaseSession[bytes, Packet, Event]):
         self._hold_heard.feed(now)
         self._refresh(now)
 
+    def forget_hold_output(self, now: float) -> None:
+        """Be as before the first call of ``set_hold_output``."""
+        self._expire(now)
+        self.hold_output_in_use = self._hold_output = False
+        self._hold_heard.reset()
+        self._refresh(now)
+
     def set_periodic_output(self, data: bytes, now: float) -> None:
         """
         Set what VRPO carry from now on.
