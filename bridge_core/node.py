@@ -177,12 +177,11 @@ class BridgeNode(ManagedNode, Generic[EventT]):
 
         def on_message(message: Any, info: Any) -> None:
             now = clock.now()
+            name = subscription.topic_name
             lost = watch.heard(info['publication_sequence_number'], now)
             if lost and qos is STOP_QOS:
-                self._distrust(
-                    f'messages of {subscription.topic_name} were lost: one may have been a stop'
-                )
-            fault = self._fault_of(subscription.topic_name, now)
+                self._distrust(name, f'messages of {name} were lost: one may have been a stop')
+            fault = self._fault_of(name, now)
             if is_stop(message) or (watch.settled(now) and not fault):
                 self._input.received_at = now - waited(info)
                 try:
@@ -190,7 +189,7 @@ class BridgeNode(ManagedNode, Generic[EventT]):
                 finally:
                     self._input.received_at = None
             elif fault:
-                self._distrust(fault)
+                self._distrust(name, fault)
 
         subscription = self.lane.subscribe(kind, topic, on_message, qos)
         self._watches[subscription.topic_name] = watch
@@ -208,15 +207,15 @@ class BridgeNode(ManagedNode, Generic[EventT]):
         del now
         faults = {topic: self.unheard_publisher(topic) for topic in self._stop_topics}
         self._unheard = {topic: fault for topic, fault in faults.items() if fault is not None}
-        for fault in self._unheard.values():
-            self.log(Level.ERROR, fault, site=fault)
+        for topic, fault in self._unheard.items():
+            self.log(Level.ERROR, fault, site=topic)
             self.on_unheard(fault)
         self._was_unheard |= bool(self._unheard)
         if self._was_unheard and not self._unheard:  # again and again: a wire may begin meanwhile
             self.on_unheard_gone()
 
-    def _distrust(self, fault: str) -> None:
-        self.log(Level.ERROR, fault, site=fault)
+    def _distrust(self, topic: str, fault: str) -> None:
+        self.log(Level.ERROR, fault, site=topic)
         self.on_distrusted(fault)
 
     def on_distrusted(self, text: str) -> None:

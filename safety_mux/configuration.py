@@ -241,7 +241,7 @@ def _check_topics(values: Mapping[str, Any], resolved: Callable[[str], str]) -> 
     for name in names_of(values, 'estop_sources'):
         topic, own = (f'estop.{name}.{what}' for what in ('topic', 'own_topic'))
         given = values[own]
-        if not given or given != DEFAULTS.get(own) or not values[topic]:
+        if not given or given != DEFAULTS.get(own):
             continue
         if resolved(given).rpartition('/')[0] != resolved(values[topic]).rpartition('/')[0]:
             raise ParameterError(

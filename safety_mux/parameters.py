@@ -304,7 +304,7 @@ ESTOP = (
         '',
         'Topic of what the source demands by itself, without the echo of our own stop, for '
         '~/stop_demand/<source>. Empty: as topic; the stop of a drive is never that echo. Where '
-        'topic is given, the default is empty.',
+        'topic is of another node, the default is empty.',
         check=check_topic,
     ),
     _seconds(

@@ -16,6 +16,7 @@
 
 from __future__ import annotations
 
+import itertools
 import threading
 from typing import Any
 
@@ -71,7 +72,6 @@ def test_stop_that_was_lost_among_others_is_one(
         other = Node('other', context=context)
         name = f'{node.get_fully_qualified_name()}/{topic}'
         publisher = other.create_publisher(Bool, name, QoSProfile(depth=2 * STOP_QOS.depth))
-        publisher.publish(Bool(data=clear))
 
         def is_heard() -> bool:
             publisher.publish(Bool(data=clear))
@@ -90,7 +90,25 @@ def test_stop_that_was_lost_among_others_is_one(
         publisher.publish(Bool(data=not clear))
         for _ in range(STOP_QOS.depth + 10):
             publisher.publish(Bool(data=clear))
-        wait_for(lambda: publisher.wait_for_all_acked(), 10.0, 'all there')
+        wait_for(publisher.wait_for_all_acked, 10.0, 'all there')
         go_on.set()
         wait_for(lambda: stop in [call[: len(stop)] for call in asked], 10.0, 'a stop')
         other.destroy_node()
+
+
+def test_publishers_that_are_never_heard_fill_no_log(
+    context: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Each ``ros2 topic pub`` has a name of its own."""
+    with alone(FortVscBridge, context) as node:
+        names = itertools.count()
+
+        def unheard(topic: str) -> str:
+            return f'panel {next(names)} publishes {topic} best effort'
+
+        monkeypatch.setattr(node, 'unheard_publisher', unheard)
+        for _ in range(5):
+            node.lane.call(node._look_around, 0.0)
+        assert [site for site in node._logged_at if 'software_estop' in site] == [
+            f'{node.get_fully_qualified_name()}/software_estop'
+        ]
