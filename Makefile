@@ -29,7 +29,7 @@ PYTHON ?= python3
 ARGS ?=
 HOURS ?= 1
 # Most tests wait most of the time: more of them at once than there are processors. One worker computes.
-WORKERS ?= 4
+WORKERS ?= 6
 VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.ready

@@ -75,8 +75,8 @@ def pytest_unconfigure() -> None:
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Let what computes come last, the longest last: one worker begins there."""
-    items.sort(key=computing)
+    """Let what waits long come first, what computes last: one worker begins there."""
+    items.sort(key=lambda item: (*computing(item), -seconds(item, 'waits')))
 
 
 @pytest.hookimpl(optionalhook=True)
@@ -95,8 +95,13 @@ def pytest_runtest_setup(item: pytest.Item) -> None:
 
 def computing(item: pytest.Item) -> tuple[bool, float]:
     """Tell whether it has the mark ``computes``, and the seconds that this gives."""
-    mark = item.get_closest_marker('computes')
-    return mark is not None, sum(mark.args) if mark else 0
+    return item.get_closest_marker('computes') is not None, seconds(item, 'computes')
+
+
+def seconds(item: pytest.Item, name: str) -> float:
+    """Return what its mark of this name gives, 0 without one."""
+    mark = item.get_closest_marker(name)
+    return sum(mark.args) if mark else 0
 
 
 def pytest_collection_finish() -> None:

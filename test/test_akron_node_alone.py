@@ -48,6 +48,7 @@ from test.toy_rig import is_running
 from test.toy_rig import spares_of
 from test.toy_rig import wires_of
 
+pytestmark = pytest.mark.waits(80)
 LET_GO, PRESS = (Joy(axes=[0.0, 0.0], buttons=[button]) for button in (0, 1))
 PAUSE = bytes.fromhex('0100010000000400')
 

@@ -63,6 +63,7 @@ from test.toy_rig import wait_repeats
 from test.toy_rig import wait_value
 from test.toy_wire import Session
 
+pytestmark = pytest.mark.waits(60)
 toy = partial(toy_process, patient=True)  # unless it is about its limits
 
 

@@ -56,6 +56,7 @@ from test.stage import packets_in
 from test.toy_rig import children_of
 from test.toy_rig import is_running
 
+pytestmark = pytest.mark.waits(90)
 # By hand from the ESI manual, 4.2; CRC-16/CCITT-FALSE over the six bytes of the body.
 DISABLE = bytes.fromhex('f0f0 040000 040000 71d4')
 LOST = "operator 'fort' held its deadman before it could count: release it"

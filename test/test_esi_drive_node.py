@@ -47,6 +47,7 @@ from test.talkers import Diagnostics
 from test.talkers import namespace
 from test.talkers import Talker
 
+pytestmark = pytest.mark.waits(100)
 NAME = 'esi_drive_bridge'
 LINK, DEVICE = 'link', 'device'  # the parts of its diagnostics
 COMMAND_TIMEOUT = 0.1

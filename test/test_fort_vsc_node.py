@@ -50,6 +50,7 @@ from test.talkers import Diagnostics
 from test.talkers import namespace
 from test.talkers import Talker
 
+pytestmark = pytest.mark.waits(80)
 NAME = 'fort_vsc_bridge'
 LINK, DEVICE = 'link', 'device'  # the parts of its diagnostics
 LINK_TIMEOUT = 1.0  # s; longer than a busy machine holds heartbeats up

@@ -98,6 +98,8 @@ from test.toy_wire import BRIDGE
 
 LINK, DEVICE = 'link', 'device'  # the parts of the diagnostics
 
+pytestmark = pytest.mark.waits(80)
+
 
 def wait_stop_since(observer: Observer, estop: Record, cause: float) -> None:
     observer.wait_for(lambda: any(m.data for _, m in estop.since(cause)), 10.0, 'a stop')

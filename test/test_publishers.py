@@ -30,6 +30,7 @@ from test.rig import NodeProcess
 from test.rig import Observer
 from test.talkers import Talker
 
+pytestmark = pytest.mark.waits(60)
 PERIOD = 0.05  # s between messages
 
 

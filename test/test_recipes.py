@@ -53,6 +53,7 @@ from test.rig import ROOT
 from test.stage import Drive
 from test.talkers import Talker
 
+pytestmark = pytest.mark.waits(60)
 RECIPES = ROOT / 'config' / 'recipes'
 NAMES = sorted(path.stem for path in RECIPES.glob('*.yaml'))
 

@@ -72,6 +72,8 @@ from test.talkers import namespace
 from test.talkers import Talker
 from test.talkers import values_of
 
+pytestmark = pytest.mark.waits(240)
+
 
 @pytest.fixture(scope='module')
 def shared() -> Iterator[MuxBench]:

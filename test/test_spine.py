@@ -48,6 +48,7 @@ from test.stage import greatest_step
 from test.stage import MUX
 from test.stage import VSC
 
+pytestmark = pytest.mark.waits(150)
 # Seconds. A process that has to wait for a processor for longer than a timeout stops the machine,
 # as it should; so these are four times the defaults, with which the demo plays.
 LINK_TIMEOUT = 1.0

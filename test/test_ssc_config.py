@@ -38,6 +38,7 @@ from test.endings import each_ending
 from test.rig import ROOT
 from test.rig import wait_for
 
+pytestmark = pytest.mark.waits(60)
 VECTOR = json.loads((Path(__file__).parent / 'vectors' / 'ssc.json').read_text())['config_image']
 GOLDEN = bytes.fromhex(''.join(VECTOR['lines']))
 TEXT = ''.join(f'{line}\n' for line in VECTOR['lines'])

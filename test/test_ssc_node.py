@@ -54,6 +54,8 @@ from test.talkers import Diagnostics
 from test.talkers import Talker
 from test.talkers import values_of
 
+pytestmark = pytest.mark.waits(60)
+
 
 @pytest.fixture(scope='module')
 def shared(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Bench]:

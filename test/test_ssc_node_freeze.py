@@ -43,6 +43,7 @@ from test.toy_rig import is_running
 from test.toy_rig import spares_of
 from test.toy_rig import wires_of
 
+pytestmark = pytest.mark.waits(60)
 DRIVING = (1700, 1000)  # pan 0.5, tilt -1; see SERVOS
 FAILSAFE = (1200, 0)
 POLL = b'\x81\xa1\x0f\x00'  # of the configuration

@@ -59,6 +59,7 @@ from vm110_bridge.simulator import build_packet
 from vm110_bridge.simulator import build_vrpi
 from vm110_bridge.simulator import Simulator
 
+pytestmark = pytest.mark.waits(120)
 NAME = 'vm110_bridge'
 
 
