@@ -38,13 +38,19 @@ from bridge_core.convert import joy_message
 from bridge_core.convert import scaled
 from bridge_core.convert import unknown_battery
 from fort_vsc_bridge.protocol import AutonomyMode
+from fort_vsc_bridge.protocol import check_range
+from fort_vsc_bridge.protocol import INT32
 from fort_vsc_bridge.protocol import MAX_MAGNITUDE
 from fort_vsc_bridge.protocol import Mode
 from fort_vsc_bridge.protocol import mode_name
+from fort_vsc_bridge.protocol import NAME_SIZE
 from fort_vsc_bridge.protocol import RemoteStatus
+from fort_vsc_bridge.protocol import TEXT_KEYS
+from fort_vsc_bridge.protocol import UserFeedbackName
 
 # The device counts X to the right; in ROS left is positive. Y (forward) and Z stay.
 _SIGNS = (-1.0, 1.0, 1.0, -1.0, 1.0, 1.0)
+_LONGEST_TEXT = len(TEXT_KEYS) * (NAME_SIZE + len('\r\n'))
 _HIGH_STRENGTH = 2  # of the radio (7.3.3)
 
 
@@ -111,15 +117,28 @@ def key_and_value(message: KeyValue) -> tuple[int, int]:
 
 
 def key_and_text(message: KeyValue) -> tuple[int, str]:
-    """Return key and text of a request. :raises ValueError: if the key is not a whole number."""
-    return _whole(message.key, 'key'), message.value
+    """Return key and text of a request. :raises ValueError: no whole number, or no name."""
+    request = UserFeedbackName(_whole(message.key, 'key'), message.value)
+    return request.key, request.name
+
+
+def display_text(message: String) -> tuple[str]:
+    """Return the lines that are asked for. :raises ValueError: more than can be shown."""
+    if len(message.data) > _LONGEST_TEXT:
+        raise ValueError(
+            f'the display has {len(TEXT_KEYS)} lines of {NAME_SIZE} characters, '
+            f'and the text {len(message.data)} characters'
+        )
+    return (message.data,)
 
 
 def _whole(text: str, what: str) -> int:
     try:
-        return int(text)
+        value = int(text)
     except ValueError:
         raise ValueError(f'{what} must be a whole number, not {reprlib.repr(text)}') from None
+    check_range(what, value, *INT32)
+    return value
 
 
 def rumble_sides(message: JoyFeedback) -> tuple[bool, bool]:

@@ -89,6 +89,11 @@ class FortVscBridge(BridgeNode[Event]):
         del values
         return {STOP_HEARD: self._stop_heard or bool(self._unheard)}
 
+    def forget_device(self) -> None:
+        """Publish that nothing is known of the VSC."""
+        self.on_event(ModeChanged(None))
+        self.on_event(RemoteState(None))
+
     @property
     def hardware_name(self) -> str:
         """The port, or the CAN channel."""
@@ -173,7 +178,9 @@ class FortVscBridge(BridgeNode[Event]):
         )
 
     def _on_display_text(self, message: Any) -> None:
-        self.request(Session.set_display_text, message.data, key='display_text')
+        self._convert(
+            'display_text', 'lines', convert.display_text, message, Session.set_display_text
+        )
 
     def _on_get_user_value(self, message: Any) -> None:
         key = f'get_user_value {message.data}'
@@ -195,7 +202,7 @@ class FortVscBridge(BridgeNode[Event]):
         except ValueError as error:
             self.refuse(f'{topic} {reprlib.repr(of)}: {error}')
         else:
-            self.request(method, *arguments, key=f'{topic} {of}')
+            self.request(method, *arguments, key=f'{topic} {reprlib.repr(of)}')
 
 
 def main() -> None:

@@ -241,6 +241,37 @@ def test_what_is_tried_again_is_what_is_asked_for_then(then: bool, frame: bytes)
     assert [sent for _, sent in bench.sent[before:]] == [frame]
 
 
+@pytest.mark.parametrize('busy', [0.003, 0.3])
+def test_stop_that_is_over_before_the_line_takes_it_is_asked_for_once(busy: float) -> None:
+    bench = opened(software_estop_timeout=5.0)
+    ask(bench, False)
+    bench.busy = True
+    for asked in (True, False):
+        bench.session.set_software_estop(asked, bench.now)
+        bench.poll()
+        bench.wait(busy / 2)
+    bench.busy = False
+    before = len(bench.sent)
+    bench.wait(1.0)
+    assert [frame for _, frame in bench.sent[before:]][:4] == [STOP, CLEAR, CLEAR, CLEAR]
+    assert [frame for _, frame in bench.sent[before:]].count(STOP) == 1
+
+
+def test_stop_that_no_line_took_is_not_asked_of_the_next_vsc() -> None:
+    bench = opened(software_estop_timeout=5.0)
+    ask(bench, False)
+    bench.busy = True
+    bench.session.set_software_estop(True, bench.now)
+    bench.poll()
+    bench.session.set_software_estop(False, bench.now)
+    bench.close()
+    bench.busy = False
+    before = len(bench.sent)
+    bench.open()
+    bench.wait(0.2)
+    assert {frame for _, frame in bench.sent[before:]} == {CLEAR}
+
+
 def test_silence_of_the_software_estop_on_a_busy_line_does_not_spin() -> None:
     bench = opened()
     ask(bench, False)

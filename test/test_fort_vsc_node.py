@@ -184,6 +184,23 @@ def test_silence_gives_one_neutral_joy_and_then_none(bench: Bench) -> None:
     bench.vsc.apply('stall off')
 
 
+def test_nothing_is_known_of_a_vsc_that_was_never_heard(
+    observer: Observer, tmp_path: Path
+) -> None:
+    space = namespace()
+    name = f'{space}/{NAME}'
+    mode = observer.record(String, f'{name}/mode', latched())
+    autonomy = observer.record(String, f'{name}/autonomy_mode', latched())
+    strength = observer.record(Int8, f'{name}/radio_strength', latched())
+    battery = observer.record(BatteryState, f'{name}/battery', latched())
+    records = (mode, autonomy, strength, battery)
+    port = {'port': str(tmp_path / 'none')}
+    with NodeProcess(f'{NAME}.node', port, namespace=space, patient=True):
+        observer.wait_for(lambda: all(record.last for record in records), 15.0, 'all four')
+        assert [record.last.data for record in (mode, autonomy, strength)] == ['None', 'None', -1]
+        assert not battery.last.present
+
+
 def test_faulty_stick_makes_joy_neutral_and_is_named(bench: Bench) -> None:
     bench.vsc.apply('stick left_y 1', 'button left_down 1')
     bench.wait(lambda: bench.joy.last.axes[1] == 1.0, 'full deflection')
@@ -343,6 +360,10 @@ def test_asked_value_is_answered(bench: Bench) -> None:
         (KeyValue, 'set_user_value', KeyValue(key='81', value='0'), 'configure_device'),
         (KeyValue, 'set_user_name', KeyValue(key='10', value='x'), '10'),
         (KeyValue, 'set_user_name', KeyValue(key='1', value='x' * 21), '20'),
+        (KeyValue, 'set_user_name', KeyValue(key='1', value='x' * 1_000_000), 'xxx...xxx'),
+        (KeyValue, 'set_user_name', KeyValue(key=' ' * 1_000_000 + '1', value='ü'), 'ASCII'),
+        (KeyValue, 'set_user_value', KeyValue(key='1', value='9' * 4000), 'whole number from'),
+        (String, 'display_text', String(data='x' * 1_000_000), '1000000 characters'),
         (String, 'display_text', String(data='\n'.join('12345')), 'lines'),
         (String, 'display_text', String(data='grün'), ''),
         (UInt8, 'get_user_value', UInt8(data=200), '200'),
@@ -362,6 +383,7 @@ def test_request_that_makes_no_sense_is_counted_and_explained(
         5.0,
     )
     assert text in bench.diagnostics.value(LINK, 'last refusal')
+    assert len(bench.diagnostics.value(LINK, 'last refusal')) < 1000
     bench.wait(lambda: bench.says(bench.estop, False), 'no stop')
     assert bench.vsc.simulator.eeprom_writes == 0
 

@@ -68,6 +68,7 @@ from fort_vsc_bridge.protocol.messages import Heartbeat
 from fort_vsc_bridge.protocol.messages import HostHeartbeat
 from fort_vsc_bridge.protocol.messages import Joystick
 from fort_vsc_bridge.protocol.messages import MessageControl
+from fort_vsc_bridge.protocol.messages import NAME_SIZE
 from fort_vsc_bridge.protocol.messages import parser
 from fort_vsc_bridge.protocol.messages import RemoteStatus
 from fort_vsc_bridge.protocol.messages import UserFeedback
@@ -78,10 +79,12 @@ from fort_vsc_bridge.protocol.values import Axis
 from fort_vsc_bridge.protocol.values import AXIS_NAMES
 from fort_vsc_bridge.protocol.values import Button
 from fort_vsc_bridge.protocol.values import BUTTON_NAMES
+from fort_vsc_bridge.protocol.values import check_range
 from fort_vsc_bridge.protocol.values import CONNECTED_MODES
 from fort_vsc_bridge.protocol.values import estop_sources
 from fort_vsc_bridge.protocol.values import EStopBits
 from fort_vsc_bridge.protocol.values import InputState
+from fort_vsc_bridge.protocol.values import INT32
 from fort_vsc_bridge.protocol.values import Key
 from fort_vsc_bridge.protocol.values import MAX_MAGNITUDE
 from fort_vsc_bridge.protocol.values import Mode
@@ -102,9 +105,11 @@ __all__ = [
     'BAUD',
     'BUTTON_NAMES',
     'CONNECTED_MODES',
+    'INT32',
     'MAX_IDENTIFIER',
     'MAX_MAGNITUDE',
     'MODES_AFTER_A_STOP',
+    'NAME_SIZE',
     'PACKETS',
     'PERSISTENT_KEYS',
     'REPORT_SIZE',
@@ -141,6 +146,7 @@ __all__ = [
     'UserFeedbackGet',
     'UserFeedbackName',
     'Wire',
+    'check_range',
     'decode',
     'decode_data',
     'encode_frame',

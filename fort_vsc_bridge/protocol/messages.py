@@ -17,6 +17,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+import reprlib
 import struct
 from typing import Any
 
@@ -275,9 +276,13 @@ class UserFeedbackName(Message):
     def __post_init__(self) -> None:
         check_range('a feedback key', self.key, 0, 99)
         if len(self.name) > NAME_SIZE:
-            raise ValueError(f'a name has at most {NAME_SIZE} characters: {self.name!r}')
+            raise ValueError(
+                f'a name has at most {NAME_SIZE} characters: {reprlib.repr(self.name)}'
+            )
         if not (self.name.isascii() and self.name.isprintable()):
-            raise ValueError(f'a name has printable ASCII characters only: {self.name!r}')
+            raise ValueError(
+                f'a name has printable ASCII characters only: {reprlib.repr(self.name)}'
+            )
 
     @classmethod
     def _from_payload(cls, payload: bytes) -> UserFeedbackName:

@@ -20,6 +20,7 @@ from dataclasses import dataclass
 from enum import Enum
 from enum import IntEnum
 from enum import IntFlag
+import reprlib
 
 
 class Mode(IntEnum):
@@ -132,7 +133,8 @@ def estop_sources(bits: int) -> list[str]:
 def check_range(what: str, value: int, low: int, high: int) -> None:
     """Let a value pass that fits its field. :raises ValueError: names ``what`` and the range."""
     if not (isinstance(value, int) and low <= value <= high):
-        raise ValueError(f'{what} must be a whole number from {low} to {high}, not {value!r}')
+        cited = reprlib.repr(value)
+        raise ValueError(f'{what} must be a whole number from {low} to {high}, not {cited}')
 
 
 class InputState(Enum):

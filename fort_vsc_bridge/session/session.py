@@ -100,6 +100,7 @@ class Session(BaseSession[Frame, Received, Event]):
         self._software_estop = False
         self._software_estop_heard = Watchdog(settings.software_estop_timeout)
         self._leaving = self._sent_stop = False
+        self._owed_stop = ''  # what ends, or ended, a stop that the VSC has not heard of yet
         self._said: Frame | None = None  # our last heartbeat
         self._pacer = Pacer(1.0 / settings.heartbeat_rate)
         self._queue = SendQueue(wire)
@@ -176,13 +177,18 @@ class Session(BaseSession[Frame, Received, Event]):
         return self._heartbeat_frames(now, at_once=True)
 
     def refused(self, frame: Frame, now: float) -> None:
-        """Try our heartbeat again soon, with what is asked for then: it may be a stop."""
+        """
+        Try our heartbeat again soon, with what is asked for then: it may be a stop.
+
+        A stop that did not go out at all is asked for once, even if it is over by then.
+        """
         if frame is self._said:
-            self._judgement.unasked()
+            self._owed_stop = self._judgement.unasked()
             self._pacer.start(now + RETRY)
 
     def _begin(self, now: float) -> None:
         self._leaving = self._joystick_alone = False
+        self._owed_stop = ''  # a VSC that was there then stopped as our heartbeats ended (7.3.4)
         self._settled_at = now + self.settings.link_timeout
         self._queue.drop_passing()  # asked while the port was closed, perhaps of another VSC
         if self.settings.wire.carries(MessageType.HOST_HEARTBEAT):
@@ -333,7 +339,7 @@ class Session(BaseSession[Frame, Received, Event]):
         if not (at_once or self._pacer.is_due(now) or (stop and not self._sent_stop)):
             return []
         self._pacer.sent(now)
-        self._sent_stop = stop
+        self._sent_stop, self._owed_stop = stop, ''
         self._judgement.asked(asked, now)
         (self._said,) = frames = self.settings.wire.frames(HostHeartbeat(stop))
         return frames
@@ -347,7 +353,7 @@ class Session(BaseSession[Frame, Received, Event]):
         if self._software_estop_heard.expired(now):
             heard = self._software_estop_heard.describe(now)
             return f'start what publishes ~/software_estop ({heard})'
-        return 'end what ~/software_estop asks for' if self._software_estop else ''
+        return 'end what ~/software_estop asks for' if self._software_estop else self._owed_stop
 
     # What the node asks.
 
@@ -376,6 +382,7 @@ class Session(BaseSession[Frame, Received, Event]):
         self._expire(now)
         self.software_estop_in_use = self.settings.require_software_estop
         self.software_estop_refused = self._software_estop = False
+        self._owed_stop = ''
         self._software_estop_heard.reset()
 
     def set_feedback(self, key: int, value: int, now: float) -> None:

@@ -54,9 +54,15 @@ class StopJudge:
             self._released_at = now
         self._asked = remedy
 
-    def unasked(self) -> None:
-        """Take the last one back: our heartbeat did not go out."""
+    def unasked(self) -> str:
+        """
+        Take the last one back: our heartbeat did not go out.
+
+        Return what ends the stop that it asked for, if the VSC has not heard of that one at all.
+        """
+        remedy = self._asked
         self._asked, self._echo, self._echo_heard, self._released_at = self._before
+        return '' if self._asked else remedy
 
     def _of_asking(self) -> tuple[str, bool, bool, float]:
         return self._asked, self._echo, self._echo_heard, self._released_at

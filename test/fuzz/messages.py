@@ -180,8 +180,8 @@ class BridgeNode:
         del options
         try:
             getattr(self._session, method.__name__)(*arguments, self.now)
-        except ValueError:  # a refusal, see BridgeNode.request
-            self.refused += 1
+        except ValueError as error:  # a refusal, see BridgeNode.request
+            self.refuse(str(error))
         return 1
 
     def refuse(self, text: str) -> None:
