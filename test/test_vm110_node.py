@@ -51,6 +51,7 @@ from test.rig import Observer
 from test.rig import Record
 from test.rig import ROOT
 from test.run_delay import RunDelay
+from test.talkers import namespace
 from test.talkers import Talker
 from vm110_bridge.node import Vm110Bridge
 from vm110_bridge.protocol import BuState
@@ -159,6 +160,16 @@ def delivered(observer: Observer) -> Iterator[Bench]:
     """Give one whose node takes a freeze for what it is."""
     with bench_of(observer, patient=False) as bench:
         yield bench
+
+
+def test_nothing_is_known_of_a_remote_before_a_base_unit_is_heard(observer: Observer) -> None:
+    given, space = {'input_port': free_port(), 'interface_address': LOOPBACK}, namespace()
+    armed = observer.record(Bool, f'{space}/{NAME}/armed', latched())
+    battery = observer.record(BatteryState, f'{space}/{NAME}/battery', latched())
+    with NodeProcess(f'{NAME}.node', given, namespace=space, patient=True):
+        observer.wait_for(lambda: armed.last and battery.last, 15.0, 'both')
+        assert not armed.last.data
+        assert not battery.last.present
 
 
 def test_sticks_switches_encoder_and_battery_come_out(bench: Bench) -> None:

@@ -229,7 +229,7 @@ def test_burst_of_stored_packets_after_a_silence_is_not_believed() -> None:
 
 def test_restarted_base_unit_is_believed_after_a_second() -> None:
     bench = opened()
-    for serial in range(30):
+    for serial in range(100):
         bench.take(numbered(serial))
         bench.wait(0.125)
     bench.wait(1.0)
@@ -243,6 +243,35 @@ def test_restarted_base_unit_is_believed_after_a_second() -> None:
     assert 1.0 <= bench.now - start <= 1.2
     assert bench.session.packets['restarts of the base unit'] == 1
     assert bench.session.packets['packets lost'] == 0
+
+
+def test_what_was_heard_before_and_comes_again_by_a_slower_way_is_no_restart() -> None:
+    bench = opened()
+    for serial in range(100, 124):
+        bench.take(numbered(serial))
+        bench.wait(0.125)
+    before = len(bench.events)
+    bench.wait(0.6)
+    for serial in range(108, 124):
+        assert bench.session.estop
+        bench.take(numbered(serial))
+        bench.wait(0.125)
+    assert bench.session.packets['restarts of the base unit'] == 0
+    assert not of(Sticks, bench.events[before:])[1:]  # the neutral one of the silence
+
+
+def test_unit_that_restarts_soon_and_says_the_same_is_believed_past_its_old_numbers() -> None:
+    bench = opened()
+    for serial in range(30):
+        bench.take(numbered(serial))
+        bench.wait(0.125)
+    bench.wait(1.0)
+    for serial in range(30):
+        bench.take(numbered(serial))
+        assert bench.session.estop
+        bench.wait(0.125)
+    bench.take(numbered(30))
+    assert not bench.session.estop
 
 
 def test_restarted_unit_may_use_a_command_id_again_at_once() -> None:

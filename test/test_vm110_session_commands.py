@@ -51,6 +51,17 @@ def test_command_is_delivered_once_and_acknowledged_every_time() -> None:
     assert bench.session.packets['commands repeated'] == 4
 
 
+def test_command_of_an_armed_remote_right_after_a_stall_is_delivered_by_a_repeat() -> None:
+    bench = armed()
+    bench.session.interrupted('this node was held up', bench.now)
+    bench.hear()
+    bench.hear(vrci(1), 'VRCI')
+    assert not of(Command, bench.events)
+    bench.run(0.5)
+    bench.hear(vrci(1), 'VRCI')
+    assert of(Command, bench.events) == [Command(1, bytes(16))]
+
+
 def test_acknowledgement_goes_out_with_the_packet_itself() -> None:
     bench = armed()
     sent = len(bench.sent)

@@ -79,7 +79,11 @@ class Vm110Bridge(BridgeNode[Event]):
             Bool, '~/hold_output', self._on_hold_output, STOP_QOS, is_stop=lambda m: bool(m.data)
         )
         self.create_subscription(UInt16, '~/command_done', self._on_command_done, _COMMAND_DEPTH)
-        self._publish_armed(ArmedChanged(armed=False, enabled=False))
+
+    def forget_device(self) -> None:
+        """Publish that nothing is known of the BU."""
+        self.on_event(ArmedChanged(armed=False, enabled=False))
+        self.on_event(RemoteState(None))
 
     def take_parameters(self, values: Mapping[str, Any]) -> None:
         """Keep which axes are inverted."""

@@ -80,15 +80,16 @@ class SerialNumbers:
         """
         newest = self._newest
         ahead = _HALF if newest is None else (serial - newest) & 0xFFFF
+        behind = -ahead & 0xFFFF
         if newest is None:
             self._start(serial, content)
         elif 0 < ahead < _HALF:
             self._advance(serial, ahead, content)
-        elif self._has_restarted(serial, now, silent):
+        elif not self._is_copy(behind, content) and self._has_restarted(serial, now, silent):
             self.restarts += 1
             self._start(serial, content)
         else:
-            return self._place_behind((newest - serial) & 0xFFFF, content)
+            return self._place_behind(behind, content)
         return Arrival.NEW
 
     def _start(self, serial: int, content: object) -> None:
@@ -107,10 +108,13 @@ class SerialNumbers:
         else:
             self._count_gap, self._length = True, 0
 
+    def _is_copy(self, behind: int, content: object) -> bool:
+        """Tell whether it says the same as what came under its number, not long ago."""
+        return bool(self._seen >> behind & 1) and content in self._recent[behind : behind + 1]
+
     def _place_behind(self, behind: int, content: object) -> Arrival:
-        bit, is_copy = 1 << behind, False
+        bit, is_copy = 1 << behind, self._is_copy(behind, content)
         if behind < WINDOW:
-            is_copy = self._recent[behind] == content
             self._recent[behind] = content
         if self._seen & bit:
             self.repeated += 1

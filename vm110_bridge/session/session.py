@@ -261,7 +261,7 @@ class Session(BaseSession[bytes, Packet, Event]):
         self.vrpi, self._has_news = vrpi, True
 
     def _take_command(self, command: CommandInput, now: float) -> None:
-        if not self.link_up:
+        if not self.link_up or self._is_interrupted(now):
             # Whether it is allowed is not known, so its repeats are to be judged anew.
             self.dropped_commands += 1
             return
