@@ -124,11 +124,13 @@ def axes_of(values: Mapping[str, Any]) -> tuple[Axis, ...]:
     def spread(name: str) -> list[Any]:
         given = values[name]
         if len(given) not in (1, len(joints)):
-            raise ValueError(f'{name} = {given}: 1 or {len(joints)} elements are needed')
+            needed = '1 element is' if len(joints) == 1 else f'1 or {len(joints)} elements are'
+            raise ValueError(f'{name} = {given}: {needed} needed')
         return list(given) * (len(joints) if len(given) == 1 else 1)
 
     modes = [Mode[name.upper()] for name in spread('mode')]
-    scales = [spread(_SCALES[mode])[index] for index, mode in enumerate(modes)]
+    every_scale = {mode: spread(name) for mode, name in _SCALES.items()}
+    scales = [every_scale[mode][index] for index, mode in enumerate(modes)]
     rest = map(spread, ('gear_ratio', 'torque_constant', 'inverted', 'slew_limit'))
     return tuple(map(Axis, joints, modes, scales, *rest))
 

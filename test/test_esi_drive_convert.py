@@ -23,6 +23,7 @@ from hypothesis import strategies as st
 import pytest
 from sensor_msgs.msg import JointState
 
+from esi_drive_bridge.axes import axes_of
 from esi_drive_bridge.axes import Axis
 from esi_drive_bridge.convert import command_values
 from esi_drive_bridge.convert import joint_state
@@ -85,6 +86,22 @@ def test_gear_torque_constant_and_direction(axis: Axis, expected: float, unit: s
 def test_bad_axes_are_refused(changes: dict[str, Any], text: str) -> None:
     with pytest.raises(ValueError, match=text):
         Axis(**{'joint': 'j', 'mode': Mode.VELOCITY, 'command_scale': 1.0, **changes})
+
+
+@pytest.mark.parametrize(
+    ('given', 'text'),
+    [
+        ({'mode': ['torque'] * 3}, 'mode = .*: 1 or 2 elements are needed'),
+        ({'command_current_scale': [0.1] * 3}, 'command_current_scale = .*: 1 or 2 elements are'),
+        ({'joint_names': ['j'], 'gear_ratio': [1.0] * 2}, 'gear_ratio = .*: 1 element is needed'),
+        ({'joint_names': ['j'], 'command_position_scale': []}, 'position_scale = .*: 1 element'),
+    ],
+)
+def test_list_that_does_not_fit_the_axes_is_refused_in_any_mode(
+    given: dict[str, Any], text: str
+) -> None:
+    with pytest.raises(ValueError, match=text):
+        axes_of({**DEFAULTS, **given})
 
 
 # Commands.
