@@ -100,15 +100,27 @@ def test_one_status_of_the_ssc_may_be_missing() -> None:
     SscSettings(link_timeout=0.2, poll_rates=(0.0, *rest))  # it comes by itself
 
 
-@pytest.mark.parametrize(
+hold = pytest.mark.parametrize(
     'changes', [{'failsafe': Failsafe.HOLD}, {'servos': (GRIP,)}], ids=['unnamed', 'named']
 )
+
+
+@hold
 def test_ssc_that_tells_no_channel_sources_is_no_place_to_hold(changes: dict[str, Any]) -> None:
     """An output that was never commanded would follow its own echo, and swing for ever."""
     by_itself, unasked = (0.0, 5.0, 0.0, 0.0, 0.0), (20.0, 0.0, 10.0, 50.0, 10.0)
     SscSettings(poll_rates=unasked, servos=(TILT,))
     SscSettings(poll_rates=unasked, message_rates=by_itself, **changes)
     refused(SscSettings, 'poll_rates, message_rates', poll_rates=unasked, **changes)
+
+
+@hold
+def test_ssc_that_tells_no_pulse_outputs_is_no_place_to_hold(changes: dict[str, Any]) -> None:
+    """An output that was never commanded would lose the pulse that it is to keep."""
+    by_itself, unasked = (0.0, 0.0, 5.0, 0.0, 0.0), (20.0, 5.0, 0.0, 50.0, 10.0)
+    SscSettings(poll_rates=unasked, servos=(TILT,))
+    SscSettings(poll_rates=unasked, message_rates=by_itself, **changes)
+    refused(SscSettings, 'pulse outputs', poll_rates=unasked, **changes)
 
 
 def test_ssc_is_as_its_parameters_say() -> None:

@@ -97,10 +97,11 @@ class Settings(CheckedSettings):
         if self.failsafe is Failsafe.PULSE:
             raise ValueError('failsafe: a pulse needs an output with a name, see servos')
         holds = Failsafe.HOLD in (self.failsafe, *(servo.failsafe for servo in self.servos))
-        if holds and not (self.poll_rates[1] or self.message_rates[1]):
+        if holds and not all(self.poll_rates[n] or self.message_rates[n] for n in (1, 2)):
             raise ValueError(
-                "poll_rates, message_rates: the failsafe 'hold' needs a rate of the channel "
-                'source in one of them, or an output would follow its own echo'
+                "poll_rates, message_rates: the failsafe 'hold' needs rates of channel source and "
+                'pulse outputs in one of them, or an output would follow its own echo, or lose '
+                'its pulse'
             )
 
     def _check_calibration(self, axis: AxisInput) -> None:
