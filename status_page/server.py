@@ -256,7 +256,7 @@ class Server:
             wish = await request.json()
             action, mux, seen = wish['action'], wish['mux'], float(wish['seen'])
             confirmed = wish['confirmed'] is True and action in ACTIONS
-        except (KeyError, TypeError, ValueError):
+        except (LookupError, OverflowError, RecursionError, TypeError, ValueError):
             confirmed = False
         if not confirmed:
             raise web.HTTPBadRequest(text='not done: the request makes no sense')

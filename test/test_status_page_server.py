@@ -67,12 +67,14 @@ def got(machine: Machine, path: str, **headers: str) -> tuple[int, dict[str, str
 
 
 def asked(machine: Machine, wish: Any, headers: dict[str, str]) -> tuple[int, str]:
-    """Return status and text of the answer to a wish."""
+    """Return status and text of the answer to a wish; a text goes out as it is."""
+    kind = {'Content-Type': 'application/json', **headers}
+    body = wish if isinstance(wish, str) else json.dumps(wish)
 
     async def ask() -> tuple[int, str]:
         async with (
             aiohttp.ClientSession() as session,
-            session.post(f'{machine.address}control', json=wish, headers=headers) as answer,
+            session.post(f'{machine.address}control', data=body, headers=kind) as answer,
         ):
             return answer.status, await answer.text()
 
@@ -386,7 +388,7 @@ def test_wish_is_done_only_with_origin_token_and_confirmation(
             (good | {'confirmed': 'yes'}, ours, 400),
             (good | {'action': 'move'}, ours, 400),
             ({'action': 'reset'}, ours, 400),
-            ('reset', ours, 400),
+            ('"reset"', ours, 400),
             (good | {'seen': now - 60.0}, ours, 409),
             (good | {'seen': float(10**9)}, ours, 409),
             (good | {'padding': 'x' * 10_000}, ours, 413),
@@ -401,6 +403,27 @@ def test_wish_is_done_only_with_origin_token_and_confirmation(
         # A stop does not depend on what was seen.
         assert asked(machine, good | {'action': 'trip', 'seen': 0.0}, ours)[0] == 200
         assert machine.wishes[1:] == [('trip', MUX)]
+
+
+@pytest.mark.parametrize(
+    ('body', 'kind'),
+    [
+        ('[' * 4000, 'application/json'),
+        (json.dumps(WISH | {'seen': 10**400}), 'application/json'),
+        (json.dumps(WISH | {'seen': 1.0}), 'application/json; charset=foo'),
+        ('not JSON', 'application/json'),
+    ],
+    ids=['nested', 'a number of 401 digits', 'an unknown charset', 'no JSON'],
+)
+def test_wish_that_cannot_be_read_makes_no_sense_and_is_no_fault(
+    body: str, kind: str, caplog: pytest.LogCaptureFixture
+) -> None:
+    with Machine(control=True) as machine:
+        headers = machine.origin | BEARER | {'Content-Type': kind}
+        answer = asked(machine, body, headers)
+        assert answer == (400, 'not done: the request makes no sense')
+        assert machine.wishes == []
+    assert not caplog.records
 
 
 def test_wish_of_who_saw_a_page_that_hangs_is_refused_but_a_trip(
