@@ -124,7 +124,7 @@ class EsiDriveBridge(BridgeNode[Event]):
 
     def on_distrusted(self, text: str) -> None:
         """Disable at once: two muxes, say, and each enable of one follows a stop of the other."""
-        self.request(Session.refuse_command, text, key='command', stop=True)
+        self.request(Session.distrust, text, stop=True)
 
     def _on_command(self, message: Any) -> None:
         if not self.active:

@@ -172,7 +172,8 @@ class World(SessionWorld[Session]):
         return self.doing['line'] == 'busy'
 
     def ask(self, name: str, what: str) -> None:
-        for each in {'blip': ['stop', 'clear'], 'edge': ['false', 'true']}.get(what, [what]):
+        both = {'blip': ['stop', 'clear'], 'gap': ['lost', 'clear'], 'edge': ['false', 'true']}
+        for each in both.get(what, [what]):
             if each != 'silent':
                 getattr(self, f'ask_{name}')(each)
 
@@ -180,6 +181,10 @@ class World(SessionWorld[Session]):
         """Ask nothing: see keep."""
 
     def ask_estop(self, what: str) -> None:
+        if what == 'lost':
+            self.session.distrust(what, self.now)
+            self.fail()
+            return
         self.session.set_estop(what == 'stop', self.now)
         self.asked['estop'], self.asked_at['estop'] = what, self.now
         self.watch()
@@ -251,7 +256,7 @@ SCENES: dict[str, dict[str, Any]] = {
     },
     'mux': {
         'drive': 'idle running',
-        'estop': 'clear stop',
+        'estop': 'clear stop gap',
         'command': 'run back',
         'enable': 'false true silent',
     },
@@ -279,7 +284,7 @@ SCENES: dict[str, dict[str, Any]] = {
 }
 COUNTS: dict[str, tuple[int, int]] = {
     'drive': (12211, 143532),
-    'mux': (13279, 124180),
+    'mux': (19663, 203395),
     'silence': (9347, 79041),
     'one read': (36949, 636648),
     'busy': (7257, 60879),

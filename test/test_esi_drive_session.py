@@ -201,6 +201,10 @@ def stop_by_refused_command(rig: Rig) -> list[bytes]:
     return rig.do(lambda: rig.session.refuse_command("joint 'x' is unknown", rig.now))
 
 
+def stop_by_distrust(rig: Rig) -> list[bytes]:
+    return rig.do(lambda: rig.session.distrust('messages were lost', rig.now))
+
+
 def stop_by_error_bit(rig: Rig) -> list[bytes]:
     return rig.hear(status(1, 1, errors=0x04))
 
@@ -218,6 +222,7 @@ STOPS = {
     'enable went false': stop_by_enable,
     'command refused: not finite': stop_by_nan,
     "command refused: joint 'x'": stop_by_refused_command,
+    'messages were lost': stop_by_distrust,
     'axis A: overspeed': stop_by_error_bit,
     'axis A: RS422': stop_by_rs422_bit,
     'axis B disabled itself': stop_by_drive_that_disabled_itself,

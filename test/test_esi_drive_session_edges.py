@@ -384,8 +384,29 @@ def test_status_that_comes_at_the_time_of_a_report_is_reported() -> None:
 # Requests.
 
 
+@pytest.mark.parametrize('mode', [Mode.VELOCITY, Mode.POSITION])
+def test_stop_that_may_be_lost_ends_waiting_and_needs_a_new_edge(mode: Mode) -> None:
+    rig = Rig(axes=axes(mode))
+    rig.tick(3)
+    if mode is Mode.VELOCITY:  # a position waits for a status besides
+        rig.command = None
+        rig.tick(12)
+    rig.do(lambda: rig.session.set_enable(True, rig.now))
+    assert rig.phase() is Phase.WAITING
+    rig.do(lambda: rig.session.distrust('messages were lost', rig.now))
+    assert rig.of(EnableRefused)[-1].reasons == ('messages were lost',)
+    rig.assert_latched()
+
+
+def test_stop_that_may_be_lost_takes_half_an_edge(rig: Rig) -> None:
+    rig.tick(3)
+    rig.session.distrust('messages were lost', rig.now)
+    rig.assert_latched()
+
+
 ASKED: dict[str, Callable[[Rig], None]] = {
     'refused command': lambda rig: rig.session.refuse_command('no such joint', rig.now),
+    'distrust': lambda rig: rig.session.distrust('messages were lost', rig.now),
     'reporting': lambda rig: rig.session.set_reporting(True, rig.now),
     'clearing': lambda rig: rig.session.clear_errors(rig.now),
 }

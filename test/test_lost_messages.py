@@ -47,8 +47,8 @@ from vm110_bridge.session import Session as Vm110
         (Vm110Bridge, 'hold_output', False, (Vm110.set_hold_output, True)),
         (AkronCanBridge, 'estop_in', False, (Akron.set_estop, True)),
         (SscBridge, 'estop_in', False, (Ssc.set_estop, True)),
-        (EsiDriveBridge, 'estop_in', False, (Esi.refuse_command,)),
-        (EsiDriveBridge, 'enable', True, (Esi.refuse_command,)),
+        (EsiDriveBridge, 'estop_in', False, (Esi.distrust,)),
+        (EsiDriveBridge, 'enable', True, (Esi.distrust,)),
     ],
 )
 def test_stop_that_was_lost_among_others_is_one(

@@ -68,6 +68,7 @@ ASKED: dict[str, list[Ask]] = {
         *[ask('set_enable', value) for value in (False, True)],
         ask('set_command', [0.5, -0.5]),
         ask('refuse_command', 'unheard of'),
+        ask('distrust', 'messages were lost'),
         ask('clear_errors'),
     ],
     'ssc': [

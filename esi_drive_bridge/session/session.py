@@ -352,6 +352,14 @@ class Session(BaseSession[bytes, Status, Event]):
         if self.phase in _ON_THE_WIRE:
             self._stop(self._command_missing(now))
 
+    def distrust(self, reason: str, now: float) -> None:
+        """Stop, as an input may have said so unheard: command or not, enable must rise anew."""
+        self._expire(now)
+        self._armed = False
+        if self.phase in _ACTIVE:
+            self._stop([reason])
+        self.refuse_command(reason, now)
+
     def set_enable(self, value: bool, now: float) -> None:
         """Take the enable input; only an edge from false to true, heard both, enables."""
         self._expire(now)
