@@ -35,9 +35,10 @@ from typing import TypeVar
 MessageT = TypeVar('MessageT')
 FrameT = TypeVar('FrameT')
 
-# Frames found inside an expired one are handed out up to this age, in multiples of ``expire``:
-# they waited behind a corrupt length. Anything older is history, not news.
-_OLDEST = 2.0
+_BITS_PER_BYTE = 10  # 8N1
+# s; frames found inside an expired one, where they waited behind a corrupt length, are handed out
+# until this long after its time. Anything older is history, not news.
+_LATE = 0.05
 
 
 def draft_of(kind: type[Any]) -> type[Any]:
@@ -143,12 +144,19 @@ class StreamParser(Decoder[bytes, MessageT]):
     Decodes a stream of bytes.
 
     :param expire: seconds after which a partial frame is given up.
+    :param baud: of the line; where that is longer, it is twice the time of the largest frame.
     """
 
-    def __init__(self, frame_format: FrameFormat[MessageT], *, expire: float = 0.05) -> None:
+    def __init__(
+        self,
+        frame_format: FrameFormat[MessageT],
+        *,
+        expire: float = 0.05,
+        baud: float = math.inf,
+    ) -> None:
         super().__init__()
         self._format = frame_format
-        self._expire = expire
+        self._expire = max(expire, 2.0 * frame_format.max_size * _BITS_PER_BYTE / baud)
         self._buffer = b''
         self._arrivals: list[tuple[int, float]] = []  # of the buffer: number of bytes, time
         self._in_sync = True
@@ -185,7 +193,7 @@ class StreamParser(Decoder[bytes, MessageT]):
         messages: list[MessageT] = []
         while now >= self.deadline:
             self.counters.expired += 1
-            oldest = now - _OLDEST * self._expire
+            oldest = now - self._expire - _LATE
             stale = max(1, sum(size for size, at in self._arrivals if at < oldest))
             self._discard(stale)
             messages += self._scan(stale)

@@ -32,6 +32,7 @@ from collections.abc import Callable
 from collections.abc import Collection
 from collections.abc import Mapping
 from dataclasses import dataclass
+import math
 import struct
 from types import MappingProxyType
 from typing import ClassVar
@@ -109,12 +110,14 @@ class PacketFormat:
         self,
         decode: Callable[[int, bytes], MessageT | Unknown],
         kinds: Mapping[int, Callable[[bytes], MessageT | Unknown]] = MappingProxyType({}),
+        baud: float = math.inf,
     ) -> StreamParser[MessageT]:
         """
         Return a parser for one direction of one link.
 
         :param decode: from type and payload to a message; raises FrameError for bad contents.
         :param kinds: by type, the same for the types that come often.
+        :param baud: of the line.
         """
         return StreamParser(
             FrameFormat(
@@ -133,7 +136,8 @@ class PacketFormat:
                     for reader in (self._reader(read),)
                     for length in self.lengths[kind]
                 },
-            )
+            ),
+            baud=baud,
         )
 
     def _reader(self, read: Callable[[bytes], MessageT | Unknown]) -> Reader[MessageT]:

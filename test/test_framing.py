@@ -222,6 +222,16 @@ def test_new_partial_frame_gets_its_full_time() -> None:
     assert parser.feed(frame[5:], 1.08) == [frame]
 
 
+@pytest.mark.parametrize(('baud', 'expire'), [(1200, 2 * 46 * 10 / 1200), (115200, EXPIRE)])
+def test_frame_on_a_slow_line_gets_twice_the_time_of_the_largest(baud: int, expire: float) -> None:
+    parser, now, got = StreamParser(LONG, baud=baud), 1.0, list[bytes]()
+    for byte in single_bytes(LONG_FRAMES[3] + LONG_FRAMES[0][:3]):
+        got += parser.poll(now) + parser.feed(byte, now)
+        now += 10 / baud
+    assert (got, parser.counters.expired) == ([LONG_FRAMES[3]], 0)
+    assert parser.deadline == pytest.approx(now - 3 * 10 / baud + expire)
+
+
 def test_partial_frame_behind_an_expired_one_gets_its_time() -> None:
     good = long_frame(b'0123456789')
     parser = StreamParser(LONG, expire=EXPIRE)

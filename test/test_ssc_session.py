@@ -359,6 +359,16 @@ def test_packets_of_another_size_name_the_firmware_while_they_come() -> None:
     assert session.stop_reasons(2.0)[0].startswith("check the SSC's power")
 
 
+def test_long_frame_on_a_slow_line_is_whole() -> None:
+    session, now = Session(Settings(baud=9600)), 1.0
+    session.opened(now)
+    for byte in build_frame(12, words([1500] * 23)):
+        session.poll(now)
+        session.receive(bytes((byte,)), now)
+        now += 10 / 9600
+    assert (session.counters.frames, session.counters.expired) == (1, 0)
+
+
 def test_bytes_without_a_frame_name_the_baud_rate() -> None:
     session = Session(Settings())
     session.opened(0.0)

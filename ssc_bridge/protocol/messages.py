@@ -20,6 +20,7 @@ from collections.abc import Iterable
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
+import math
 import struct
 from typing import ClassVar
 from typing import TypeVar
@@ -363,6 +364,6 @@ def _decode(kind: int, payload: bytes) -> Message | Poll | Unknown:
     return message.from_payload(payload)
 
 
-def parser() -> StreamParser[Message | Poll]:
-    """Return a parser for one direction of one link."""
-    return PACKETS.parser(_decode, {kind: partial(_decode, kind) for kind in MESSAGES})
+def parser(baud: float = math.inf) -> StreamParser[Message | Poll]:
+    """Return a parser for one direction of one link. :param baud: of the line."""
+    return PACKETS.parser(_decode, {kind: partial(_decode, kind) for kind in MESSAGES}, baud)

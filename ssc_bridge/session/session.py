@@ -102,7 +102,7 @@ class Session(BaseSession[bytes, Message | Poll, Event]):
     HELD = 'outputs at failsafe'
 
     def __init__(self, settings: Settings) -> None:
-        super().__init__(parser(), settings.link_timeout)
+        super().__init__(parser(settings.baud), settings.link_timeout)
         self.settings = settings
         self.status: Status | None = None  # the newest, while the link is up
         self.configuration: Configuration | None = None  # of what is, or was last, on this port
