@@ -349,6 +349,26 @@ def test_kept_outputs_are_left_alone_and_obey_during_a_stop() -> None:
     assert len(rig.payloads(21)) == 1
 
 
+def test_level_is_refused_while_it_would_change_what_is_kept_and_not_known() -> None:
+    """A message sets all digital outputs: one that an earlier process has set would go out."""
+    rig = Rig(keep_aux_outputs=True)
+    rig.aux, rig.aux_inputs, rig.mute = FUNCTIONS, AUX_INPUTS, {14}
+    rig.start()
+    with pytest.raises(ValueError, match=r'set aux 3 as well: .* has not reported its pins'):
+        rig.do(level(4, True))
+    assert not rig.payloads(21)
+    rig.do(pulse(6, 0.1))
+    rig.do(several((3, 'level', 0.0), (4, 'level', 1.0)))
+    rig.do(level(4, False))
+    assert rig.payloads(21)[1:] == [b'\x88\0', b'\x80\0']
+
+
+def test_level_is_obeyed_once_the_pins_are_known() -> None:
+    rig = aux_rig(keep_aux_outputs=True)
+    rig.do(level(4, True))
+    assert rig.payloads(21) == [b'\x8c\0']
+
+
 @pytest.mark.parametrize('keep', [False, True])
 @pytest.mark.parametrize('ticks', [40, 200])
 def test_what_a_dead_line_kept_from_being_undone_is_undone_when_it_is_back(

@@ -87,9 +87,12 @@ class AuxOutputCommands:
     What was set of the auxiliary outputs, and the messages to be sent.
 
     A message sets all digital outputs at once, so those that are not meant are sent as they are.
+
+    :param keep: what others have set is to stay.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, *, keep: bool) -> None:
+        self._keep = keep
         self._functions: tuple[AuxFunction, ...] = ()
         self._levels: dict[int, bool] = {}  # by place, 0 to 5, what we have set
         self._seen: tuple[bool, ...] = ()  # of the pins, in the newest message
@@ -118,7 +121,8 @@ class AuxOutputCommands:
         """
         Set outputs at once, all or none; a pulse time starts a one-shot pulse.
 
-        :raises ValueError: an output is set twice, is none of that kind, or a time does not fit.
+        :raises ValueError: an output is set twice, is none of that kind, or a time does not fit;
+            or the level of another one, which is to stay, is not known.
         """
         levels: dict[int, bool] = {}
         counts: dict[str, dict[int, int]] = {'pulse': {}, 'period': {}}
@@ -131,9 +135,20 @@ class AuxOutputCommands:
                 levels[number - 1] = bool(value)
             else:
                 counts[what][number - 1] = self._counts(number, what, value)
+        if levels and self._keep:
+            self._check_known({*self._levels, *levels})
         self._levels |= levels
         self._pulsing |= {place for place in counts['pulse'] if not self._is_one_shot(place)}
         self._send(self._all_levels() if levels else None, counts['pulse'], counts['period'])
+
+    def _check_known(self, places: Collection[int]) -> None:
+        """See that all levels are. :param places: of those that we set."""
+        for place, function in enumerate(self._functions):
+            if isinstance(function, DigitalOutput) and not (self._seen or place in places):
+                raise ValueError(
+                    f'set aux {place + 1} as well: the SSC has not reported its pins yet, give '
+                    'message 14 a rate'
+                )
 
     def _counts(self, number: int, what: str, seconds: float) -> int:
         output = self._output(number, PulseOutput)

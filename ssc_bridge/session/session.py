@@ -129,7 +129,7 @@ class Session(BaseSession[bytes, Message | Poll, Event]):
         self._stream = StickStream()
         self._held = HeldButtons(settings.link_timeout)
         self._aux_inputs = AuxInputTotals()
-        self._aux_outputs = AuxOutputCommands()
+        self._aux_outputs = AuxOutputCommands(keep=settings.keep_aux_outputs)
         self._lockout = Pacer(_LOCKOUT_PERIOD)  # runs while one is asked for
         self._lockout_until = math.inf
 
