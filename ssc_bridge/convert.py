@@ -34,6 +34,7 @@ from bridge_core.convert import scaled
 from ssc_bridge.channels import AuxChannel
 from ssc_bridge.channels import AuxRequest
 from ssc_bridge.channels import AxisInput
+from ssc_bridge.protocol import AUX_CHANNELS
 from ssc_bridge.protocol import CommandState
 from ssc_bridge.protocol import INVALID_PULSE
 from ssc_bridge.protocol import Measurement
@@ -42,6 +43,7 @@ from ssc_bridge.protocol import TimerInput
 
 UNKNOWN = 'unknown'
 _LEVELS = {'high': True, 'low': False, 'true': True, 'false': False, '1': True, '0': False}
+_AUX_NUMBERS = tuple(map(str, range(1, AUX_CHANNELS + 1)))
 _AUX_KEY = 'a key such as "4.level", "5.pulse" or "5.period" is needed'
 
 
@@ -126,6 +128,8 @@ def _aux_request(key: str, value: str) -> AuxRequest:
     number, dot, what = key.partition('.')
     if not (dot and number.isdecimal() and what in ('level', 'pulse', 'period')):
         raise ValueError(f'{reprlib.repr(key)}: {_AUX_KEY}')
+    if number not in _AUX_NUMBERS:
+        raise ValueError(f'there is no aux {reprlib.repr(number)}, only 1 to {AUX_CHANNELS}')
     if what == 'level':
         if value not in _LEVELS:
             raise ValueError(f'{reprlib.repr(value)} is no level: high or low is needed')

@@ -41,7 +41,6 @@ from bridge_core.session import Level
 from bridge_core.transports.process import ProcessLink
 from ssc_bridge import convert
 from ssc_bridge.parameters import parameter_table
-from ssc_bridge.protocol import AUX_CHANNELS
 from ssc_bridge.protocol import AuxFunction
 from ssc_bridge.session import AuxReading
 from ssc_bridge.session import CommandStateChanged
@@ -61,8 +60,6 @@ from ssc_bridge.session import Sticks
 from ssc_bridge.wire import AUX_SET
 from ssc_bridge.wire import BRIDGE
 from ssc_bridge.wire import OUTPUTS_SENT
-
-_AUX_NUMBERS = frozenset(range(1, AUX_CHANNELS + 1))
 
 
 @dataclass
@@ -244,7 +241,7 @@ class SscBridge(BridgeNode[Event]):
             self.refuse(f'aux_outputs: {error}')
         else:
             if self.active:
-                self._sent.aux_set |= {request.number for request in requests} & _AUX_NUMBERS
+                self._sent.aux_set |= {request.number for request in requests}
             self.request(Session.set_aux, requests, key='aux_outputs', each=True)
 
 

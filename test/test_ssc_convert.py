@@ -328,6 +328,13 @@ def test_request_that_makes_no_sense_is_refused(key: str, value: str) -> None:
         convert.aux_requests(KeyValue(key=key, value=value))
 
 
+@pytest.mark.parametrize('number', ['0', '7', '7' * 4000, '7' * 5000])
+def test_auxiliary_channel_that_is_not_there_is_refused_in_few_words(number: str) -> None:
+    with pytest.raises(ValueError, match=r'no aux .* only 1 to 6') as refusal:
+        convert.aux_requests(KeyValue(key=f'{number}.level', value='high'))
+    assert len(str(refusal.value)) < 100
+
+
 def test_several_requests_in_one_message() -> None:
     message = KeyValue(key='4.level, 5.pulse', value='high, 0.0015')
     assert convert.aux_requests(message) == [(4, 'level', 1.0), (5, 'pulse', 0.0015)]
