@@ -38,6 +38,8 @@ import time
 from typing import Any
 
 import can
+from hypothesis import given
+from hypothesis import strategies as st
 import pytest
 
 from bridge_core import clock
@@ -70,7 +72,7 @@ def test_nothing_is_sent_behind_a_frame_that_waits_too_long() -> None:
     assert waiting.may_send(10.014)
     assert not waiting.may_send(10.015)
     assert not waiting.may_send(10.499)
-    waiting.confirmed(b'1')
+    waiting.confirmed(b'1', 10.499)
     assert waiting.may_send(10.499)
 
 
@@ -81,15 +83,49 @@ def test_lost_confirmations_are_got_over_by_a_try() -> None:
     assert waiting.may_send(10.5)
     waiting.sent(b'3', 10.5)
     assert not waiting.may_send(10.6)
-    waiting.confirmed(b'3')
+    waiting.confirmed(b'3', 10.501)
     assert waiting.may_send(10.6)
 
 
 def test_confirmation_of_somebody_elses_frame_changes_nothing() -> None:
     waiting = Unconfirmed()
     waiting.sent(b'1', 10.0)
-    waiting.confirmed(b'2')
+    waiting.confirmed(b'2', 10.001)
     assert not waiting.may_send(10.1)
+
+
+@given(
+    frames=st.lists(st.sampled_from((b'motion', b'neutral', b'other')), min_size=80, max_size=80),
+    one_frame=st.booleans(),
+    lost=st.sets(st.integers(0, 39)),
+)
+def test_confirmations_that_are_lost_cost_one_pause_of_half_a_second(
+    frames: list[bytes], one_frame: bool, lost: set[int]
+) -> None:
+    waiting, taken, last = Unconfirmed(), [], 0.0
+    for number, frame in enumerate(frames[:1] * 80 if one_frame else frames):
+        now = number * 0.02
+        if waiting.may_send(now):
+            waiting.sent(frame, now)
+            taken.append(now)
+            if number in lost:
+                last = now
+            else:
+                waiting.confirmed(frame, now + 0.001)
+    assert [at for at in taken if at > last + 0.51] == [
+        number * 0.02 for number in range(80) if number * 0.02 > last + 0.51
+    ]
+
+
+def test_old_frames_that_leave_one_by_one_are_not_taken_for_lost() -> None:
+    waiting = Unconfirmed()
+    for now in (10.0, 10.5, 11.0):
+        waiting.sent(b'1', now)
+    for now in (11.3, 11.4):
+        waiting.confirmed(b'1', now)
+        assert not waiting.may_send(now)
+    waiting.confirmed(b'1', 11.5)
+    assert waiting.may_send(11.5)
 
 
 # A driver that blocks, as others than SocketCAN do.
@@ -469,6 +505,16 @@ def test_confirmation_lost_before_a_pause_is_no_lost_port(talk: Talk) -> None:
         talk.controller.hear(OTHERS)
         talk.transport.receive()
     assert talk.transport.send(NEUTRAL)
+    assert talk.transport.send(NEUTRAL)
+
+
+def test_stop_leaves_at_once_although_a_confirmation_of_equal_frames_was_lost(talk: Talk) -> None:
+    talk.transport.send(MOTION)
+    talk.controller.waiting.clear()
+    talk.controller.confirms = True
+    talk.lasts(2.0, OTHERS)
+    assert talk.transport.send(MOTION)
+    talk.now += 0.02
     assert talk.transport.send(NEUTRAL)
 
 

@@ -66,6 +66,7 @@ _IFF_UP = 0x1  # linux/if.h
 _SEND_QUEUE_LIMIT = 16  # frames: 8 ms of a bus at 250 kbit/s, and more would delay a stop
 _OLD = 0.015  # s; a frame that waits longer than this is not worth sending
 _LOST = 0.5  # s; after this long without a confirmation one more frame is tried
+_AT_ONCE = 0.05  # s in which a live bus confirms that frame; what it was tried behind is lost
 _SEND_BUFFER = 4096  # bytes, of which the kernel takes 768 a frame and doubles what is asked for
 _FRAME = struct.Struct('=IB3x')  # linux/can.h: identifier and flags, length; then the data
 _FD_FRAME_SIZE = 72
@@ -140,11 +141,16 @@ class Unconfirmed:
         """Return since when frames are refused and none is confirmed; math.inf: it is not so."""
         return self._refused_since if now <= self._refused_at + _LOST else math.inf
 
-    def confirmed(self, frame: bytes) -> None:
+    def confirmed(self, frame: bytes, now: float) -> None:
         """Note that it was on the bus; what was sent before it will not be any more."""
         if any(waiting == frame for waiting, _ in self._frames):
-            while self._frames.popleft()[0] != frame:
-                pass
+            (_, oldest), (newest, tried) = self._frames[0], self._frames[-1]
+            # Of equal frames it may be any: the one just tried, unless the bus has just come back.
+            if frame == newest and tried >= oldest + _LOST and now < tried + _AT_ONCE:
+                self._frames.clear()
+            else:
+                while self._frames.popleft()[0] != frame:
+                    pass
             self._refused_at = -math.inf
 
 
@@ -190,7 +196,7 @@ class SocketCanPort:
                 break
             message = _unpack(data)
             if flags & socket.MSG_CONFIRM:
-                self._unconfirmed.confirmed(_key(message))
+                self._unconfirmed.confirmed(_key(message), clock.now())
             else:
                 messages.append(message)
         return messages
