@@ -81,7 +81,7 @@ class Rig:
         self.aux: Sequence[int] = (0,) * 6
         self.aux_inputs = b'\0\0'
         self.mute: set[int] = set()  # IDs that are not answered
-        self.busy = False  # the line takes no message 20
+        self.busy = False  # the line takes no message 20 or 21
         self.estop: bool | None = False  # what the mux says; None: nothing
         self._opened = False
 
@@ -150,7 +150,7 @@ class Rig:
         answers = b''
         for frame in frames:
             assert build_frame(frame[2], frame[4:-2]) == frame
-            if self.busy and frame[2] == 20:
+            if self.busy and frame[2] in (20, 21):
                 self.session.refused(frame, self.now)
                 continue
             self.sent.append((self.now, frame[2], frame[4:-2]))

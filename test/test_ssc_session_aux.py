@@ -22,6 +22,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 import pytest
 
+from bridge_core.session import RETRY
 from bridge_core.transports.line import STALL_TIMEOUT
 from ssc_bridge.channels import AuxRequest
 from ssc_bridge.protocol import Configuration
@@ -268,6 +269,35 @@ def test_counts_are_the_nearest_or_refused(seconds: float, time_base: int) -> No
     else:
         assert abs(counts * time_base - seconds * 1e6) <= 0.5 * time_base + 1e-6
         assert 0 <= counts <= 32767
+
+
+def test_request_that_a_busy_line_did_not_take_is_sent_again_soon() -> None:
+    rig = aux_rig()
+    rig.busy = True
+    rig.do(several((5, 'period', 0.02), (5, 'pulse', 0.0015)))
+    for _ in range(3):
+        rig.now = rig.session.deadline()
+        rig.poll()
+    assert not rig.payloads(21)
+    since, rig.busy = rig.now, False
+    while len(rig.payloads(21)) < 2:
+        rig.now = rig.session.deadline()
+        assert rig.now <= since + RETRY
+        rig.poll()
+    rig.tick(20)
+    assert rig.payloads(21) == [bytes.fromhex('00 90 2710'), bytes.fromhex('00 10 02EE')]  # once
+
+
+@pytest.mark.parametrize('keep', [False, True])
+def test_request_that_a_busy_line_did_not_take_does_not_follow_a_stop(keep: bool) -> None:
+    rig = aux_rig(keep_aux_outputs=keep)
+    rig.busy = True
+    rig.do(several((5, 'pulse', 0.0015), (6, 'pulse', 0.1)))
+    rig.do(lambda session, now: session.set_estop(True, now))
+    rig.busy, rig.estop = False, True
+    rig.tick(120)
+    asked = bytes.fromhex('00 30 02EE 030D')
+    assert set(rig.payloads(21)) == ({asked} if keep else {bytes.fromhex('00 10 0000')})
 
 
 # -- stops ----------------------------------------------------------------------------------------

@@ -23,6 +23,7 @@ import math
 from typing import TypeVar
 
 from bridge_core.session import Pacer
+from bridge_core.session import RETRY
 from ssc_bridge.channels import AuxChannel
 from ssc_bridge.channels import AuxRequest
 from ssc_bridge.protocol import AUX_CHANNELS
@@ -97,7 +98,9 @@ class AuxOutputCommands:
         self._levels: dict[int, bool] = {}  # by place, 0 to 5, what we have set
         self._seen: tuple[bool, ...] = ()  # of the pins, in the newest message
         self._pulsing: set[int] = set()  # free running outputs that we have set
-        self._queue: list[AuxOutputs] = []
+        self._queue: list[bytes] = []  # what is asked for
+        self._taken: list[bytes] = []  # of it, the last time
+        self._retry_at = math.inf  # the port has refused some of that
         self._undone_levels = False  # all of them, as they are to be
         self._undone_pulses: set[int] = set()
         self._undos = Pacer(_UNDO_PERIOD)
@@ -110,7 +113,7 @@ class AuxOutputCommands:
             self._levels.clear()
             self._pulsing.clear()
             self._end_undo()  # it names channels that are something else now
-        self._queue.clear()
+        self._drop()
         self._seen = ()
 
     def seen(self, levels: tuple[bool, ...]) -> None:
@@ -168,15 +171,15 @@ class AuxOutputCommands:
     ) -> None:
         """Queue one message; two where periods and pulse times are set, which share a field."""
         if periods:
-            self._queue.append(AuxOutputs(None, _at(periods), period=True))
+            self._queue.append(AuxOutputs(None, _at(periods), period=True).to_bytes())
         if pulses or levels is not None:
-            self._queue.append(AuxOutputs(levels, _at(pulses)))
+            self._queue.append(AuxOutputs(levels, _at(pulses)).to_bytes())
         self._undone_pulses -= pulses.keys()  # what is asked for now must not be undone
         self._end_undo_of_nothing()
 
     def stop(self, now: float) -> None:
         """Undo all that was ever set: levels as after power-on, no pulses; drop what waits."""
-        self._queue.clear()
+        self._drop()
         if not (self._levels or self._pulsing):
             return
         for place in self._levels:
@@ -206,21 +209,34 @@ class AuxOutputCommands:
         self._undos.start(now)
         self._undos_left = UNDO_FRAMES
 
+    def _drop(self) -> None:
+        self._queue, self._taken = [], []
+        self._retry_at = math.inf
+
     def take(self, now: float, *, at_once: bool) -> list[bytes]:
         """
         Return and forget the messages to be sent.
 
         :param at_once: do not wait for the time of one that is to undo something.
         """
-        queue, self._queue = self._queue, []
+        frames = self._queue
+        self._drop()
+        self._taken = frames
         if self._undos_left and (at_once or self._undos.is_due(now)):
             levels = self._all_levels() if self._undone_levels else None
-            queue.append(AuxOutputs(levels, _at(dict.fromkeys(self._undone_pulses, 0))))
+            undo = AuxOutputs(levels, _at(dict.fromkeys(self._undone_pulses, 0)))
+            frames = [*frames, undo.to_bytes()]
             self._undos.sent(now)
             self._undos_left -= 1
             if not self._undos_left:
                 self._end_undo()
-        return [message.to_bytes() for message in queue]
+        return frames
+
+    def refused(self, frame: bytes, now: float) -> None:
+        """Have what was asked for go again soon. What undoes something is repeated anyway."""
+        if any(frame is taken for taken in self._taken):
+            self._queue.append(frame)
+            self._retry_at = now + RETRY
 
     def _end_undo_of_nothing(self) -> None:
         if not (self._undone_levels or self._undone_pulses):
@@ -235,7 +251,7 @@ class AuxOutputCommands:
     @property
     def deadline(self) -> float:
         """When take has something by itself; infinite if never."""
-        return self._undos.due
+        return min(self._undos.due, self._retry_at)
 
     def _all_levels(self) -> tuple[bool, ...]:
         """Return every digital output's level: as set, else as seen, else as after power-on."""

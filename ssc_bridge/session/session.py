@@ -228,8 +228,9 @@ class Session(BaseSession[bytes, Message | Poll, Event]):
             yield from self._aux_outputs.take(now, at_once=True)
 
     def refused(self, frame: bytes, now: float) -> None:
-        """Have the outputs go on from where they are."""
+        """Have the outputs go on from where they are, and what was asked go again soon."""
         self.outputs.refused(frame, now)
+        self._aux_outputs.refused(frame, now)
         self._tell_sent()
 
     def _begin(self, now: float) -> None:
