@@ -20,6 +20,7 @@ from collections.abc import Callable
 
 import pytest
 
+from akron_can_bridge.protocol import Axis
 from akron_can_bridge.protocol import ExtendedJoystick
 from akron_can_bridge.session import Request
 from bridge_core.j1939 import CanFrame
@@ -31,6 +32,7 @@ from test.akron_session_rig import ef
 from test.akron_session_rig import MOVE
 from test.akron_session_rig import NEUTRAL
 from test.akron_session_rig import NO_FAULTS
+from test.akron_session_rig import NO_TARGETS
 from test.akron_session_rig import of
 from test.akron_session_rig import OSCILLATES
 from test.akron_session_rig import oscillating
@@ -44,6 +46,7 @@ from test.akron_session_rig import Turning
 from test.akron_session_rig import UNIT
 
 RETRY = 0.001
+GRIP = 0x0CFDD700 | OURS
 ALL, NONE = '0F', '00'
 
 
@@ -116,6 +119,35 @@ def test_what_is_tried_again_is_what_is_asked_for_then() -> None:
     bench.estop_in(True)
     bench.wait(SLOT)
     assert bench.all_neutral(start)
+
+
+def test_grip_that_a_busy_line_did_not_take_goes_a_millisecond_later_and_alone() -> None:
+    bench = Bench(extended=True, automatic_motion=True).find_unit()
+    bench.run(0.1, REST)
+    bench.run(0.1, (REST[0], ExtendedJoystick(Axis.of(500), Axis.of(0))))
+    bench.now += RETRY / 2  # within a slot
+    start, bench.refuses = bench.now, lambda frame: frame.identifier == GRIP
+    bench.estop_in(True)
+    bench.wait(5 * RETRY)
+    assert (bench.joystick_frames(start), bench.frames(GRIP, start)) == ([NEUTRAL], [])
+    bench.refuses = nothing
+    bench.wait(RETRY)
+    assert bench.frames(GRIP, start) == [NO_TARGETS]
+    bench.wait(SLOT - 6 * RETRY)
+    assert bench.joystick_frames(start) == [NEUTRAL, NEUTRAL]
+    assert bench.frames(GRIP, start) == [NO_TARGETS, NO_TARGETS]
+
+
+def test_grip_of_a_port_that_is_closed_waits_for_nothing() -> None:
+    bench = Bench(extended=True).find_unit()
+    bench.refuses = lambda frame: frame.identifier == GRIP
+    bench.wait(SLOT)
+    bench.session.closed(bench.now)
+    bench.refuses = nothing
+    bench.open()
+    start = bench.now = bench.now + RETRY
+    bench.poll()
+    assert bench.frames(GRIP, start) == []
 
 
 # -- the permission -------------------------------------------------------------------------------

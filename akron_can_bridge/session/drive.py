@@ -92,6 +92,7 @@ class Drive:
         self._pressed = False  # in a frame of this press
         self._begins_press = False  # the last frame, if it went out
         self._pacer = Pacer(JOYSTICK_PERIOD)
+        self._extended_due = math.inf  # again, as the line took only the first one of a slot
         self._permissive_pacer = Pacer(PERMISSIVE_PERIOD)
         self._permissive: tuple[int | None, Permission] = (None, _NOTHING)  # as sent last
         self._revoke: int | None = None  # whom to take back what was permitted
@@ -105,6 +106,7 @@ class Drive:
     def stop(self) -> None:
         """Send no more."""
         self._pacer.stop()
+        self._extended_due = math.inf
         self._permissive_pacer.stop()
         self._revoke = None
 
@@ -146,7 +148,7 @@ class Drive:
     @property
     def due(self) -> float:
         """The moment at which a frame is due."""
-        return min(self._pacer.due, self._permissive_pacer.due)
+        return min(self._pacer.due, self._extended_due, self._permissive_pacer.due)
 
     @property
     def deadlines(self) -> tuple[float, ...]:
@@ -230,8 +232,12 @@ class Drive:
 
     def joystick_frames(self, now: float) -> list[CanFrame]:
         """Return the frames of this slot, if it is due."""
-        if not self._pacer.is_due(now):
+        slot = self._pacer.is_due(now)
+        if not slot and now < self._extended_due:
             return []
+        self._extended_due = math.inf
+        if not slot:
+            return self._frames(self._command)[1:]
         self._pacer.sent(now)
         pausing = now < self._pause_until and not self.moving
         self._begins_press = pausing and not self._pressed
@@ -243,6 +249,10 @@ class Drive:
         self._pacer.start(now + RETRY)
         if self._begins_press:
             self._pause_until = self.steered_until = -math.inf
+
+    def extended_refused(self, now: float) -> None:
+        """Have the second frame of a slot go soon, alone: the first one went out."""
+        self._extended_due = now + RETRY
 
     def permissive_frames(
         self, now: float, unit: int | None, permitted: Permission

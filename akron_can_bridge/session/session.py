@@ -189,6 +189,8 @@ class Session(BaseSession[CanFrame, Received, Event]):
         pgn = J1939Id.from_identifier(frame.identifier).pgn
         if pgn == BASIC_JOYSTICK_PGN:
             self.drive.stick_refused(now)
+        elif pgn == EXTENDED_JOYSTICK_PGN:
+            self.drive.extended_refused(now)
         elif pgn == FIELD_REQUEST_PGN:
             self.finder.request_refused(now)
         elif pgn == PROPRIETARY_PGN and frame.data[0] == MessageType.SOE_PERMISSIVE:
