@@ -626,6 +626,8 @@ class Arbiter:
             demand = self._limiter.step(target, dt, self._scale(now))
             in_motion = self._in_motion(demand, now)
             self._through_zero = not ready or (self._through_zero and in_motion)
+            if self._feedback is not None and to_zero and ready and in_motion and not any(demand):
+                self._feedback.told_to_stand(now)
             if self._overruled is None or in_motion:
                 return demand
             self._release(self._owner, self._overruled, now)

@@ -79,9 +79,14 @@ class FeedbackInput(Input):
         return problem or f'left at {max(map(abs, self.speeds)):.1f} rad/s'
 
     def told_to_stand(self, now: float) -> None:
-        """Note that control has ended: they have to be seen to stand within ``stop_time``."""
-        self._told_at = now
-        self.speeds = self._unknown  # what was measured before says nothing of it
+        """
+        Note that control has ended: they have to be seen to stand within ``stop_time``.
+
+        Told again meanwhile, as control begins and ends anew, they have no more time.
+        """
+        if self._told_at is None:
+            self._told_at = now
+            self.speeds = self._unknown  # what was measured before says nothing of it
 
     def go_on(self, before: 'FeedbackInput') -> None:
         """Wait for the standstill that the one before, of the same joints, has not seen."""

@@ -77,7 +77,7 @@ CONFIG = MuxConfig(
     stop_time=STOP_TIME,
 )
 FEEDBACK = Feedback(('joint',), TIMEOUT, 0.1, 0.1, 2 * STEP)
-SPEEDS = {'stand': 0.0, 'run': 0.5, 'reverse': -0.5}
+SPEEDS = {'stand': 0.0, 'creep': 0.15, 'run': 0.5, 'reverse': -0.5}
 SOURCES = ('always', 'soft', 'remote')
 OPERATORS = ('low', 'high')
 RANK = {'autonomy': 0, 'low': 1, 'high': 2}
@@ -467,6 +467,7 @@ class Judge:
         self.lost_or_released()
         self.nobody_drives_on_against_a_higher_operator()
         self.outputs()
+        self.note_told_to_stand()
         self.note_calm()
         if self.before.owner == 'high' != self.after.owner:
             self.log.high_until = self.log.now
@@ -567,7 +568,14 @@ class Judge:
                 log.fast_since = log.now
             else:
                 log.runs_on = log.now - log.fast_since >= FEEDBACK.overspeed_time
-        if 'joints' in log.said and self.before.enable and not self.after.enable:
+
+    def note_told_to_stand(self) -> None:
+        """Note that the joints are told to stand; told again meanwhile, they have no more time."""
+        log = self.log
+        ended = self.before.enable and not self.after.enable
+        waits = self.after.state is State.ACTIVE and (log.must_reach_zero or log.overruled)
+        at_zero = waits and not any(self.after.demand) and not log.stands()
+        if 'joints' in log.said and log.told_at is None and (ended or at_zero):
             log.told_at = log.now
 
     def note_clear(self, stopped: bool) -> None:
@@ -852,13 +860,13 @@ SCENES = {
     ),
     'joints': Scene(
         {'joints': 'stand run silent bad', 'low': 'rest drive', 'soft': 'clear stop'},
-        states=8037,
-        steps=90848,
+        states=8295,
+        steps=93870,
     ),
     'takeover': Scene(
-        {'joints': 'stand reverse', 'low': 'rest drive', 'high': 'rest drive'},
-        states=6296,
-        steps=50197,
+        {'joints': 'stand creep reverse', 'low': 'rest drive', 'high': 'rest drive'},
+        states=11358,
+        steps=102083,
     ),
     'together': Scene(
         {

@@ -26,12 +26,14 @@ from safety_mux.feedback import FeedbackInput
 from safety_mux.protocol import Decision
 from safety_mux.protocol import Feedback
 from safety_mux.protocol import MuxConfig
+from safety_mux.protocol import OperatorSample
 from safety_mux.protocol import State
 from test.safety_mux_bench import assert_stopped
 from test.safety_mux_bench import BACK
 from test.safety_mux_bench import Bench
 from test.safety_mux_bench import CONFIG
 from test.safety_mux_bench import DRIVE
+from test.safety_mux_bench import HELD
 from test.safety_mux_bench import OFF
 from test.safety_mux_bench import REST
 from test.safety_mux_bench import TICK
@@ -170,6 +172,37 @@ def test_stop_of_category_1_while_the_joints_run_on_at_zero_command_is_no_cut() 
 
 
 # Motion that nobody asked for.
+
+
+def test_deadman_that_is_pressed_again_and_again_gives_no_more_time_to_stand() -> None:
+    bench = Machine(replace(WITH_FEEDBACK, stop_time=1.0))
+    bench.active()
+    bench.rate = 0.0
+    owners = []
+    for _ in range(3):
+        bench.samples['fort'] = REST
+        bench.run(0.45)
+        bench.samples['fort'] = HELD
+        bench.run(0.15)
+        owners.append(bench.decision.owner)
+    assert owners[0] == 'fort'
+    assert_stopped(bench.decision)
+    assert bench.decision.stop_demand == EVERYONE
+
+
+@pytest.mark.parametrize('sample', [OFF, HELD], ids=['overruled', 'taken over'])
+def test_joints_that_creep_on_at_zero_command_are_a_stop_after_stop_time(
+    sample: OperatorSample,
+) -> None:
+    bench = Machine()
+    bench.active()
+    bench.rate, bench.speeds = 0.0, (0.55, 0.55)  # no overspeed
+    bench.samples['senior'] = sample
+    bench.run(0.1 + STOP_TIME)
+    assert bench.decision.state is State.ACTIVE
+    bench.run(0.2)
+    assert_stopped(bench.decision)
+    assert bench.decision.stop_demand == EVERYONE
 
 
 def test_machine_that_does_not_stop_when_told_stops_all_devices() -> None:
@@ -443,7 +476,8 @@ def test_a_fault_has_its_time_and_lasts_until_the_joints_stand(
             heard, speed = now, measured
         if ends:
             feedback.told_to_stand(now)
-            told, speed = now, math.inf  # what was measured before says nothing of it
+            if told == math.inf:  # told again meanwhile they have no more time
+                told, speed = now, math.inf  # what was measured before says nothing of it
         had = feedback.fault
         feedback.judge((commanded,), now)
         fresh = now < heard + 0.25
@@ -457,6 +491,7 @@ def test_a_fault_has_its_time_and_lasts_until_the_joints_stand(
             assert late or (fresh and speed > commanded + 0.5), 'no reason'
         if now - told >= 0.5:
             assert feedback.fault, 'not seen to stand'
+            told = math.inf
 
 
 # At the limits themselves. Sums of these times are exact.
