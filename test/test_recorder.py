@@ -28,17 +28,25 @@ from diagnostic_msgs.msg import KeyValue
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 import pytest
+from rcl_interfaces.msg import ListParametersResult
+from rcl_interfaces.msg import ParameterValue
+from rcl_interfaces.srv import GetParameters
+from rcl_interfaces.srv import ListParameters
+from rclpy.parameter import Parameter
 from rclpy.serialization import deserialize_message
 from rclpy.serialization import serialize_message
+from rclpy.task import Future
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Bool
 
 from bridge_core import clock
 from bridge_core.parameter_files import check_names
+from rugged_teleop.recorder.asked import AskedParameters
 from rugged_teleop.recorder.definitions import definition_of
 from rugged_teleop.recorder.definitions import message_class
 from rugged_teleop.recorder.folder import file_name
 from rugged_teleop.recorder.folder import Folder
+from rugged_teleop.recorder.node import Recorder
 from rugged_teleop.recorder.reasons import Nodes
 from rugged_teleop.recorder.reasons import Reasons
 from rugged_teleop.recorder.ring import Channel
@@ -47,6 +55,8 @@ from rugged_teleop.recorder.ring import Ring
 from rugged_teleop.recorder.schedule import Schedule
 from rugged_teleop.recorder.writer import FileWriter
 from rugged_teleop.recorder.writer import RecordingFile
+from rugged_teleop.recordings import read
+from rugged_teleop.recordings import Said
 from rugged_teleop.stack import BESIDE
 from rugged_teleop.stack import configured_nodes
 from rugged_teleop.stack import NODES
@@ -190,6 +200,61 @@ def test_trip_is_a_reason_though_the_machine_is_stopped_already() -> None:
     assert found.stopped_by == 'trip'
 
 
+# The parameters.
+
+
+class Foreign:
+    """Creates clients of a node with parameters a and b, which answer at once: ``values``."""
+
+    def __init__(self, *values: ParameterValue) -> None:
+        names = ListParametersResult(names=['a', 'b'])
+        self._answers = {
+            ListParameters: ListParameters.Response(result=names),
+            GetParameters: GetParameters.Response(values=values),
+        }
+
+    def create_client(self, kind: type, name: str) -> Any:
+        return Client(self._answers[kind])
+
+    def destroy_client(self, client: Client) -> None:
+        pass
+
+
+class Client:
+    def __init__(self, answer: Any) -> None:
+        self._answer = answer
+
+    def service_is_ready(self) -> bool:
+        return True
+
+    def call_async(self, request: Any) -> Future:
+        future = Future()
+        future.set_result(self._answer)
+        return future
+
+
+ONE = ParameterValue(type=Parameter.Type.INTEGER.value, integer_value=1)
+
+
+@pytest.mark.parametrize(
+    ('values', 'known'),
+    [
+        ((ONE, ParameterValue()), {'a': '1', 'b': 'null'}),
+        ((), {}),
+        ((ONE,), {}),
+        ((ONE, ParameterValue(type=99)), {}),
+    ],
+    ids=['all', 'none', 'too few', 'of an unknown type'],
+)
+def test_node_that_answers_wrongly_has_no_parameters(
+    values: tuple[ParameterValue, ...], known: dict[str, str]
+) -> None:
+    asked = AskedParameters(Foreign(*values))
+    for now in (0.0, 0.5):
+        asked.look(['/plc'], now)
+    assert asked.known == {'/plc': known}
+
+
 # The files.
 
 
@@ -295,6 +360,24 @@ def test_file_is_read_back_by_the_readers_of_mcap(
     }
 
 
+def test_what_was_heard_is_on_the_disk_before_the_recording_ends(
+    tmp_path: Path, make_bench: Callable[[Path], Bench]
+) -> None:
+    def count() -> int:
+        paths = [*tmp_path.iterdir()]
+        if not paths:
+            return 0
+        with paths[0].open('rb') as file:
+            return sum(isinstance(each, Said) for each in read(file))
+
+    writer, now = make_bench(tmp_path).writer, clock.now()
+    stop = [Heard(now, now, BOOL, estop(True))]
+    writer.begin('stop', {}, stop)
+    wait_for(lambda: count() == 1, what='the stop')
+    writer.add(stop)
+    wait_for(lambda: count() == 2, what='what came after it')
+
+
 def test_full_disk_is_said_and_the_next_recording_tried(
     tmp_path: Path, make_bench: Callable[[Path], Bench], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -326,6 +409,25 @@ def test_disk_that_hangs_costs_messages_and_no_memory(
 
 
 # The node.
+
+
+def test_stop_is_not_recorded_again_when_the_node_is_activated_again(
+    context: Any, tmp_path: Path
+) -> None:
+    values = {'folder': str(tmp_path), 'autostart': False}
+    overrides = [Parameter(name, value=value) for name, value in values.items()]
+    node = Recorder(context=context, parameter_overrides=overrides)
+    node.trigger_configure()
+    node.trigger_activate()
+    now = clock.now()
+    node.lane.call(node._schedule.ask, 'stop', now)
+    node.lane.call(node._step, now)
+    node.trigger_deactivate()
+    node.trigger_activate()
+    node.lane.call(node._step, now + 100.0)
+    node.shut_down()
+    node.destroy_node()
+    assert len([*tmp_path.iterdir()]) == 1
 
 
 @pytest.mark.parametrize(

@@ -17,6 +17,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from contextlib import suppress
 import json
 from typing import Any
 
@@ -52,8 +53,10 @@ class _Asked:
         future.add_done_callback(lambda future: self._got(names, future.result().values))
 
     def _got(self, names: list[str], values: Iterable[Any]) -> None:
-        plain = map(parameter_value_to_python, values)
-        self.values = dict(zip(names, map(_json, plain), strict=True))
+        self.values = {}
+        with suppress(ValueError, RuntimeError):  # too few, as of one not set; an unknown type
+            plain = map(parameter_value_to_python, values)
+            self.values = dict(zip(names, map(_json, plain), strict=True))
 
     def close(self) -> None:
         """Forget the services."""

@@ -220,6 +220,7 @@ class Recorder(ManagedNode):
             self._schedule.end(clock.now())
         if not self.active:
             self._ring.clear()
+            self._schedule.reason = ''
 
     def _reason(self) -> str:
         reason, by = self._schedule.reason, self._reasons.stopped_by

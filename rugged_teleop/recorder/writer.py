@@ -42,7 +42,7 @@ from rugged_teleop.recorder.folder import UNFINISHED
 from rugged_teleop.recorder.ring import Heard
 
 _NICE = 10  # of the thread: whoever decides comes first
-_CHUNK = 1 << 16  # bytes; only whole ones are on the disk
+_CHUNK = 1 << 16  # bytes
 _WAITING = 600  # batches that a slow disk may leave waiting
 Parameters = Mapping[str, Mapping[str, str]]  # by node and name, as JSON
 
@@ -103,7 +103,9 @@ class RecordingFile:
         return self._channels[topic]
 
     def flush(self) -> None:
-        """Have on the disk what was added, but for a chunk that is not full yet."""
+        """Have on the disk what was added."""
+        # A chunk that is not full yet would stay in memory, and mcap has no public way to end it.
+        self._writer._Writer__finalize_chunk()  # type: ignore[attr-defined]
         self._file.flush()
         os.fsync(self._file.fileno())
 
