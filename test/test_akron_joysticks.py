@@ -16,6 +16,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import pytest
@@ -92,12 +93,19 @@ def test_sender_that_no_unit_obeys_asks_for_nothing(source: int) -> None:
     assert joysticks.moving(NOW) == []
     assert joysticks.asked_until < NOW
     assert not joysticks.automatic_asked
-    joysticks.take(GRIP, OTHER, NOW)
-    assert joysticks.automatic_asked
 
 
-def test_deflected_joystick_asks_for_motion_until_it_is_silent() -> None:
-    assert heard(RIGHT).asked_until == NOW + JOYSTICK_TIMEOUT
+@pytest.mark.parametrize('allowed', [False, True])
+def test_motion_is_asked_for_by_an_allowed_joystick_alone(allowed: bool) -> None:
+    joysticks = Joysticks(Settings(allowed_joysticks=frozenset({OTHER} if allowed else ())))
+    for message in (RIGHT, GRIP):
+        joysticks.take(message, OTHER, NOW)
+    assert joysticks.automatic_asked is allowed
+    assert joysticks.asked_until == (NOW + JOYSTICK_TIMEOUT if allowed else -math.inf)
+    assert joysticks.steered_until == NOW + JOYSTICK_TIMEOUT  # it may have moved the unit
+
+
+def test_deflected_joystick_may_move_the_unit_until_it_is_silent() -> None:
     assert heard(RIGHT).steered_until == NOW + JOYSTICK_TIMEOUT
     assert heard(CENTRED).steered_until < NOW
 

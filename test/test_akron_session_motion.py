@@ -246,6 +246,18 @@ def test_motion_by_an_allowed_joystick_is_no_stop() -> None:
     assert bench.reasons == []
 
 
+@pytest.mark.parametrize('asks', ['stick x -1', 'switch 8 on'])
+def test_motion_by_a_foreign_joystick_is_a_stop(asks: str) -> None:
+    stick = JoystickSimulator(0x34)
+    bench = Bench(stick, estop_on=frozenset({Cause.MOTION}))
+    bench.unit.apply('position 1 175')
+    stick.apply(asks)
+    bench.run(COAST - 0.1)
+    assert bench.reasons == []
+    bench.run(2.0)
+    assert 'nobody asks it to' in bench.reasons[0]
+
+
 def test_oscillation_by_an_allowed_joystick_is_none_until_a_stop_that_cannot_end_it() -> None:
     stick = JoystickSimulator(0x33)
     bench = Bench(stick, allowed_joysticks=frozenset({0x33}))

@@ -59,9 +59,9 @@ class Joysticks:
 
     def __init__(self, settings: Settings) -> None:
         self.faulty: tuple[str, ...] = ()  # controls of joy_source
-        self.asked_until = -math.inf  # one of them asks the unit to move
-        self.steered_until = -math.inf  # or presses switch 7
-        self.automatic_asked = False  # to move by itself; whoever sees to it takes it back
+        self.asked_until = -math.inf  # one that is allowed asks the unit to move
+        self.automatic_asked = False  # so, by itself; whoever sees to it takes it back
+        self.steered_until = -math.inf  # any one moves the unit by its stick, or presses switch 7
         self._settings = settings
         self._heard: dict[int, tuple[float, CanFrame]] = {}  # when, and the frame
         self._deflected: dict[int, float] = {}  # when it was last out of its neutral
@@ -92,6 +92,7 @@ class Joysticks:
         """Take a sound frame; return what to report of it. A unit obeys no other addresses."""
         if source not in JOYSTICK_ADDRESSES:
             return []
+        allowed = source in self._settings.allowed_joysticks
         if isinstance(message, BasicJoystick):
             self._deflected.pop(source, None)
             axes = message.x.value, message.y.value
@@ -99,12 +100,13 @@ class Joysticks:
                 self._rested.add(source)
             else:
                 self._deflected[source] = now
-                self.asked_until = now + JOYSTICK_TIMEOUT
+                if allowed:
+                    self.asked_until = now + JOYSTICK_TIMEOUT
             if None in axes:
                 self._rested.discard(source)
             if message.steers:
                 self.steered_until = now + JOYSTICK_TIMEOUT
-        self.automatic_asked |= message.automatic
+        self.automatic_asked |= message.automatic and allowed
         if source != self._settings.joy_source:
             return []
         if isinstance(message, ExtendedJoystick):
