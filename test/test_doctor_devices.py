@@ -39,6 +39,7 @@ from rugged_teleop.doctor.listening import Heard
 from rugged_teleop.doctor.listening import listen
 from rugged_teleop.doctor.listening import SerialEar
 from rugged_teleop.doctor.main import main
+from rugged_teleop.doctor.ports import User
 from rugged_teleop.doctor.serial_lines import count_offset
 from rugged_teleop.doctor.serial_lines import hear
 from rugged_teleop.doctor.serial_lines import Line
@@ -294,6 +295,32 @@ def test_nothing_is_echoed_to_the_device(tmp_path: Path) -> None:
         pty.unplug()
 
 
+def test_port_that_somebody_has_unseen_keeps_its_settings(tmp_path: Path) -> None:
+    """As a program of another user does, which only root can see."""
+    pty = Pty(tmp_path / 'port')
+
+    def speed(baud: int = 0) -> int:
+        settings = termios.tcgetattr(pty._slave)
+        if baud:
+            settings[4] = settings[5] = baud
+            termios.tcsetattr(pty._slave, termios.TCSANOW, settings)
+        return int(settings[4])
+
+    try:
+        speed(termios.B57600)
+        ear = SerialEar(str(pty.path), 9600)
+        ear.open()
+        assert speed() == termios.B9600
+        ear.close()
+        assert speed() == termios.B57600
+        ear.open()
+        speed(termios.B230400)  # by whoever has opened it meanwhile
+        ear.close()
+        assert speed() == termios.B230400
+    finally:
+        pty.unplug()
+
+
 # The whole command
 
 
@@ -303,6 +330,46 @@ port = os.open({path!r}, os.O_RDWR | os.O_NOCTTY)
 print('held', flush=True)
 time.sleep(600)
 """
+
+
+@pytest.mark.parametrize(('uid', 'told'), [(0, False), (1000, True)])
+def test_command_says_that_programs_of_other_users_are_unseen(
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+    uid: int,
+    told: bool,
+) -> None:
+    monkeypatch.setattr('rugged_teleop.doctor.main.this_user', lambda: User('robot', uid, ()))
+    file = parameter_file(tmp_path, fort_vsc_bridge={'port': str(tmp_path / 'port')})
+    with PtyDevice(Vsc(), tmp_path / 'port') as port:
+        port.path.chmod(0o666)
+        found = Visit(capsys, '--params-file', file, '--seconds', '0.3')
+    assert ('users unseen' in found.kinds) is told
+    if told:
+        assert str(port.path) in found.of('users unseen')['text']
+
+
+def test_port_that_cannot_be_opened_is_not_said_to_be_silent() -> None:
+    found = unknown_port('/dev/full')
+    assert found.kind == 'port not opened'
+    assert 'Inappropriate ioctl' in found.text
+
+
+def test_port_that_a_node_has_in_the_file_is_opened_once(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path, link = tmp_path / 'port', tmp_path / 'link'
+    file = parameter_file(tmp_path, fort_vsc_bridge={'port': str(path)})
+    with PtyDevice(Vsc(), path):
+        link.symlink_to(path)
+
+        def visit() -> list[Visit]:
+            found = Visit(capsys, '--params-file', file, '--port', link, '--seconds', '0.5')
+            assert not {'port not opened', 'nobody speaks'} & {*found.kinds}
+            return [found] if 'device well' in found.kinds else []
+
+        wait_for(visit, 30.0)
 
 
 def test_command_finds_port_in_use_and_a_device_that_is_well(

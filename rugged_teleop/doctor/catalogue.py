@@ -126,6 +126,12 @@ CATALOGUE = {
     'port of a node': Kind(
         _FINE, 'port', '{port} of {node}: {holder} has it, so it was not listened to'
     ),
+    'users unseen': Kind(
+        _FINE,
+        'port',
+        '{ports}: opened, though a program of another user is seen by a lock only',
+        'only if there may be one: run it as root, which sees them all',
+    ),
     'port not opened': Kind(
         _DO, 'port', '{port} of {node}: {error}', 'ls -l, plug, and who else uses the port'
     ),

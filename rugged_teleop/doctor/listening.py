@@ -23,6 +23,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from collections.abc import Sequence
+import contextlib
 from dataclasses import dataclass
 import errno
 import fcntl
@@ -78,21 +79,26 @@ class SerialEar:
     """
     A serial port, 8N1, for reading only, and locked meanwhile.
 
-    Opening raises DTR and RTS, as any opening does: that is the kernel's doing. The port stays raw
-    when it is closed: with the kernel's settings it would echo what comes.
+    Opening raises DTR and RTS, as any opening does: that is the kernel's doing. When it is closed
+    the port gets its settings back, as another user may have it unseen; but one that echoed what
+    comes stays raw.
     """
 
     def __init__(self, path: str, baud: int) -> None:
         self.name = path
         self._baud = baud
         self._fd = -1
+        self._before: list[Any] = []  # its settings
+        self._ours: list[Any] = []
 
     def open(self) -> None:
         """:raises TransportError: it cannot be opened, is locked, or does not have the baud."""
         try:
             flags = os.O_RDONLY | os.O_NOCTTY | os.O_NONBLOCK | os.O_CLOEXEC
             self._fd = os.open(self.name, flags)
+            self._before = termios.tcgetattr(self._fd)
             tty.setraw(self._fd, termios.TCSANOW)  # first of all: nothing is echoed from now on
+            self._ours = termios.tcgetattr(self._fd)
             fcntl.flock(self._fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
             self._set_baud()
             termios.tcflush(self._fd, termios.TCIFLUSH)
@@ -110,11 +116,15 @@ class SerialEar:
         settings[2] = settings[2] & ~(termios.CSTOPB | termios.CRTSCTS) | termios.CLOCAL
         settings[4] = settings[5] = speed
         termios.tcsetattr(self._fd, termios.TCSANOW, settings)
+        self._ours = termios.tcgetattr(self._fd)
 
     def close(self) -> None:
         """Close it."""
         fd, self._fd = self._fd, -1
         if fd >= 0:
+            with contextlib.suppress(termios.error):  # it is gone, or no serial port
+                if termios.tcgetattr(fd) == self._ours and not self._before[3] & termios.ECHO:
+                    termios.tcsetattr(fd, termios.TCSANOW, self._before)
             os.close(fd)
 
     def fileno(self) -> int:
@@ -217,9 +227,15 @@ def told(data: bytes) -> str:
 
 
 def search(path: str, bauds: Sequence[int] = BAUDS) -> tuple[str, int]:
-    """Return the protocol that is spoken on a port, and its baud; empty and 0: none is known."""
+    """
+    Return the protocol that is spoken on a port, and its baud; empty and 0: none is known.
+
+    :raises TransportError: it cannot be opened, or is gone.
+    """
     for baud in bauds:
         heard = listen(None, SerialEar(path, baud), _BAUD_TIME)
+        if heard.error:
+            raise TransportError(heard.error)
         protocol = told(b''.join(heard.chunks))
         if protocol:
             return protocol, baud

@@ -17,7 +17,7 @@ Say why it does not work: ports, devices, networks, this computer, parameter fil
 
 With a parameter file it looks at what the nodes in it need; without one, at what there is. It ends
 with a list: what is fine, where to look, what to do. Devices are only listened to: without --probe
-it never sends them a byte, and it does not open a port that another program has.
+it never sends them a byte, and it does not open a port that another program is seen to have.
 
 Exit status: 0 all is fine; 1 there is something to look at; 2 there is something to do, or the
 arguments are wrong.
@@ -30,6 +30,7 @@ from collections.abc import Iterable
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 import json
+import os
 from pathlib import Path
 import sys
 
@@ -54,8 +55,10 @@ from rugged_teleop.doctor.networks import network_filters
 from rugged_teleop.doctor.ports import port_facts
 from rugged_teleop.doctor.ports import port_findings
 from rugged_teleop.doctor.ports import this_user
+from rugged_teleop.doctor.ports import unseen_findings
 from rugged_teleop.doctor.ports import usb_findings
 from rugged_teleop.doctor.ports import usb_ports
+from rugged_teleop.doctor.ports import User
 from rugged_teleop.doctor.serial_lines import hear
 from rugged_teleop.doctor.serial_lines import line_findings
 from rugged_teleop.doctor.serial_lines import unknown_port
@@ -113,12 +116,15 @@ def examine(options: argparse.Namespace) -> list[Finding]:
     findings += [*wiring(nodes), *usb_findings(usb_ports())]
     priorities = [node.values['rt_priority'] for node in nodes]
     findings += computer_findings(this_computer(), max(priorities, default=0))
-    to_hear, found = _openable(nodes)
-    findings += found
+    user = this_user()
+    to_hear, found = _openable(nodes, user)
+    heard = [serial_port(node) for node in to_hear]
+    to_search, others = _unheard(options.port, heard, user)
+    findings += [*found, *others, *unseen_findings([*heard, *to_search], user)]
     with ThreadPoolExecutor(_AT_ONCE) as pool:
         names = [node.full for node in nodes]
         graph = pool.submit(look_apart, _DISCOVERY + options.seconds, names)
-        named = [pool.submit(_named_port, port) for port in options.port]
+        named = [pool.submit(unknown_port, port) for port in to_search]
         lines = [pool.submit(hear, node, options.seconds, options.probe) for node in to_hear]
         groups = [
             pool.submit(hear_group, node, options.seconds)
@@ -130,7 +136,7 @@ def examine(options: argparse.Namespace) -> list[Finding]:
             for node in nodes
             if on_can(node) and is_passive(node)
         ]
-        findings += [each for port in named for each in port.result()]
+        findings += [port.result() for port in named]
         findings += line_findings([line.result() for line in lines])
         filters = network_filters()
         findings += [each for group in groups for each in group_findings(group.result(), filters)]
@@ -139,9 +145,9 @@ def examine(options: argparse.Namespace) -> list[Finding]:
     return findings
 
 
-def _openable(nodes: Iterable[Configured]) -> tuple[list[Configured], list[Finding]]:
+def _openable(nodes: Iterable[Configured], user: User) -> tuple[list[Configured], list[Finding]]:
     """Return the nodes whose serial ports nobody has, and what is found about the others."""
-    user, openable, findings = this_user(), [], []
+    openable, findings = [], []
     for node in nodes:
         port = serial_port(node)
         if '://' in port:
@@ -156,8 +162,17 @@ def _openable(nodes: Iterable[Configured]) -> tuple[list[Configured], list[Findi
     return openable, findings
 
 
-def _named_port(port: str) -> list[Finding]:
-    return port_findings(port_facts(port), this_user()) or [unknown_port(port)]
+def _unheard(
+    ports: Iterable[str], heard: Iterable[str], user: User
+) -> tuple[list[str], list[Finding]]:
+    """Return the ports that nobody has, without those that are heard, and what is found."""
+    known, unheard, findings = {os.path.realpath(port) for port in heard}, [], []
+    for port in ports:
+        found = port_findings(port_facts(port), user)
+        findings += found
+        if not found and os.path.realpath(port) not in known:
+            unheard.append(port)
+    return unheard, findings
 
 
 def _as_json(findings: Iterable[Finding]) -> str:

@@ -202,6 +202,11 @@ def port_findings(
     return [finding('port of a node', holder=str(ours[0]), **words)] if ours else []
 
 
+def unseen_findings(opened: Sequence[str], user: User) -> list[Finding]:
+    """Say who may have ports without that it can be seen. :param opened: these."""
+    return [finding('users unseen', ports=', '.join(opened))] if opened and user.uid else []
+
+
 # What is plugged in
 
 

@@ -25,6 +25,7 @@ from typing import Any
 
 from bridge_core.packets import CHECK_SIZE
 from bridge_core.packets import HEAD_SIZE
+from bridge_core.transports import TransportError
 from rugged_teleop.doctor.catalogue import finding
 from rugged_teleop.doctor.configuration import Configured
 from rugged_teleop.doctor.configuration import serial_port
@@ -100,7 +101,10 @@ def hear(node: Configured, seconds: float, probe: bool = False) -> Line:
     if count_offset(data):
         return Line(node, heard)
     others = [each for each in BAUDS if each != baud]
-    return Line(node, heard, *search(serial_port(node), others))
+    try:
+        return Line(node, heard, *search(serial_port(node), others))
+    except TransportError as error:
+        return Line(node, Heard(error=str(error)))
 
 
 def line_findings(lines: Sequence[Line]) -> list[Finding]:
@@ -174,7 +178,10 @@ def count_offset(data: bytes) -> int:
 
 def unknown_port(path: str) -> Finding:
     """Say what speaks on a port that no node is configured for."""
-    protocol, baud = search(path)
+    try:
+        protocol, baud = search(path)
+    except TransportError as error:
+        return finding('port not opened', port=path, node='', error=error)
     node = SPEAKERS.get(protocol, 'none: a host speaks there')
     if not protocol:
         return finding('nobody speaks', port=path)
