@@ -126,21 +126,19 @@ def bench(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Bench]:
             listeners = observer.node.get_subscriptions_info_by_topic(topic)
             return any(each.node_name == 'recorder' for each in listeners)
 
-        def hears_all() -> bool:
+        def missing() -> list[str]:
             found = [
                 {value.key: value.value for value in status.values}
                 for array in diagnostics.messages
                 for status in array.status
                 if status.name == 'recorder: recordings'
-            ]
+            ] or [{}]
             names = ', '.join(sorted(f'/{name}' for name in (VSC, MUX, DRIVE)))
-            return (
-                bool(found)
-                and found[-1]['nodes'] == found[-1]['parameters of'] == names
-                and all(map(is_recorded, TOPICS))
-            )
+            told = {key: found[-1].get(key) for key in ('nodes', 'parameters of')}
+            lists = [f'{key}: {value}' for key, value in told.items() if value != names]
+            return lists + [topic for topic in TOPICS if not is_recorded(topic)]
 
-        spine.wait(hears_all, 'a recorder that hears all nodes', 20.0)
+        observer.wait_for(lambda: not missing(), 20.0, lambda: f'{missing()}\n{recorder.output}')
         yield Bench(spine, recorder, recordings)
 
 
