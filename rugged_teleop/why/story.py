@@ -35,6 +35,7 @@ from rugged_teleop.why.wire import wire_events
 
 _BEFORE, _AFTER = 3.0, 10.0  # s of a story
 _TOGETHER = 1.0  # s within which two ends of motion are one
+_OBEYS_WITHIN = 1.0  # s from a stop on, as the drive's enable_timeout by default
 _SLOW = 0.05  # s by which what was said at once may be heard in another order
 # What is said of a drive that goes on, and of one that does not, by the event.
 _OBEDIENCE = {
@@ -171,6 +172,9 @@ def _obeyed(what: str, moment: float, events: Sequence[Event], until: float) -> 
         yield f'  {node} {off} {(ended.at - moment) * 1e3:.0f} ms after the stop'
         for event in [each for each in after if each.value and each.at > ended.at][:1]:
             yield f'  {node} {on} again {(event.at - moment):.1f} s after the stop'
+    elif before and before[-1].value and until - moment < _OBEYS_WITHIN:
+        ms = (until - moment) * 1e3
+        yield f'  {node} {on} {ms:.0f} ms after the stop, where the recording ends'
     elif before and before[-1].value:
         yield f'  {node} DID NOT OBEY: it {on} {until - moment:.1f} s after the stop'
     elif before:
