@@ -42,12 +42,14 @@ class Said:
     :param at: seconds since 1970 at which it came. :param type: such as ``std_msgs/msg/Bool``.
     :param message: its fields are attributes, which ``__slots__`` names; None where nobody can
         decode it.
+    :param sent_at: when it was published, by the clock of its node's computer; None: unknown.
     """
 
     at: float
     topic: str
     type: str
     message: Any
+    sent_at: float | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -114,4 +116,5 @@ def _said(
         message = None if decode is None else decode(record.data)
     except Exception:  # of mcap_ros2, struct and others: the message or its definition is damaged
         message = None
-    return Said(record.log_time * 1e-9, channel.topic, kind, message)
+    sent_at = record.publish_time * 1e-9
+    return Said(record.log_time * 1e-9, channel.topic, kind, message, sent_at)

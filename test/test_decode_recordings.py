@@ -47,6 +47,7 @@ T0 = 1_000_000_000.0
 def written(folder: Path, messages: Iterator[tuple[float, str, Any]]) -> Path:
     """Write messages: second, topic, message."""
     file = RecordingFile(folder / 'a.mcap')
+    file._epoch = T0  # the clock that the labels of raw() have
     file.add_parameters({'/drive': {'port': '"/dev/ttyUSB0"'}})
     for at, topic, message in messages:
         package = type(message).__module__.split('.')[0]
@@ -81,7 +82,7 @@ def test_bytes_of_each_port_are_read_by_their_protocol_with_their_times(tmp_path
     vsc = [entry for entry in of['/vsc/raw/received'] if not entry.damaged]
     assert [entry.data for entry in vsc] == STREAMS['fort_serial']
     assert {entry.protocol for entry in vsc} == {'fort_serial'}
-    assert [entry.at for entry in vsc[:2]] == [T0 + 0.5, T0 + 0.75]
+    assert [entry.at for entry in vsc[:2]] == pytest.approx([T0 + 0.5, T0 + 0.75], abs=1e-5)
     assert {entry.protocol for entry in of['/drive/raw/sent']} == {'esi_command'}
     assert [(e.identifier, e.data) for e in of['/unit/raw/sent']] == CAN
     assert 'akron' in {entry.protocol for entry in of['/unit/raw/sent']}

@@ -18,6 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -34,6 +35,7 @@ from std_msgs.msg import String
 from bridge_core.raw import raw_message
 from bridge_core.transports.tap import Chunk
 import esi_drive_bridge.protocol as esi
+from rugged_teleop.decode.recorded import pieces_of
 from rugged_teleop.recorder.definitions import definition_of
 from rugged_teleop.recorder.ring import Channel
 from rugged_teleop.recorder.ring import Heard
@@ -126,16 +128,34 @@ def test_drive_that_goes_on_did_not_obey() -> None:
     assert f'{DRIVE} DID NOT OBEY: it moves 2.0 s after the stop' in text
 
 
-def test_packet_that_disables_is_told_by_its_own_time() -> None:
+def test_recording_that_ends_right_behind_the_stop_says_nothing_of_obedience() -> None:
+    found = story([*driving(), *stopping()])
+    assert f'  {DRIVE} is enabled 4 ms after the stop, where the recording ends' in found
+    assert f'  {DRIVE} moves 4 ms after the stop, where the recording ends' in found
+    assert 'DID NOT OBEY' not in '\n'.join(found)
+
+
+@pytest.mark.parametrize('ahead', [0.0, 0.3, -0.3, 1e6])
+def test_packet_that_disables_is_told_by_its_own_time(ahead: float) -> None:
+    """Whatever the clock of the drive's computer says."""
+
     def packet(ms: float, enable: bool) -> Said:
         command = esi.Command((esi.AxisCommand(enable=enable),) * 2).to_bytes(esi.Layout.DUAL)
         chunk = Chunk(T0 + ms * 1e-3, 0, True, None, command)
-        return said(ms + 40, f'{DRIVE}/raw/sent', raw_message([chunk], 0.0))
+        message = said(ms + 40, f'{DRIVE}/raw/sent', raw_message([chunk], ahead))
+        return replace(message, sent_at=message.at + ahead)
 
     packets = [packet(ms, ms < 0) for ms in (-20, -10, 2, 12)]
     found = story([*driving(), *stopping(), *obeying(), *packets])
     assert f'        +2 ms  {DRIVE} tells the drive to disable, on the wire' in found
     assert f'  {DRIVE} told its drive to disable 2 ms after the stop' in found
+
+
+def test_packets_of_another_clock_sent_nobody_knows_when_were_sent_when_they_were_heard() -> None:
+    command = esi.Command((esi.AxisCommand(),) * 2).to_bytes(esi.Layout.DUAL)
+    chunks = [Chunk(T0 - 5e3 + ms * 1e-3, 0, True, None, command) for ms in (2, 12)]
+    pieces = pieces_of(said(20, f'{DRIVE}/raw/sent', raw_message(chunks, 0.0)))
+    assert [piece.at for piece in pieces] == pytest.approx([T0 + 0.01, T0 + 0.02], abs=1e-5)
 
 
 def test_released_deadman_is_told_though_nothing_was_stopped() -> None:

@@ -30,6 +30,7 @@ from rugged_teleop.recordings import read
 from rugged_teleop.recordings import Said
 
 _RAW = ('/raw/received', '/raw/sent')  # ends of topics
+_SENT_WITHIN = 1.0  # s, from the last that a message has to the message
 
 
 def mcap(file: BinaryIO) -> Iterator[Piece | Damage | Recorded]:
@@ -59,17 +60,29 @@ def pieces_of(said: Said, offset: int = 0) -> list[Piece | Damage]:
 
 def _pieces(said: Said, offset: int) -> Iterator[Piece]:
     data, start = bytes(said.message.data), 0
-    for dimension in said.message.layout.dim:
-        at, _, identifier = dimension.label.partition(' ')
+    dimensions = said.message.layout.dim
+    labels = [dimension.label.partition(' ') for dimension in dimensions]
+    times = [float(at) for at, _, _ in labels]
+    for dimension, at, (_, _, identifier) in zip(dimensions, times, labels, strict=True):
         end = start + dimension.size
         yield Piece(
             offset,
             data[start:end],
-            float(at),
+            said.at - (_sent_at(said, times[-1]) - at),
             said.topic,
             int(identifier, 16) if identifier else None,
         )
         start = end
+
+
+def _sent_at(said: Said, last: float) -> float:
+    """
+    Return when a message was published by the clock that its labels have.
+
+    :param last: the last label, which counts where what is known is of another clock.
+    """
+    sent_at = said.at if said.sent_at is None else said.sent_at
+    return sent_at if abs(sent_at - last) < _SENT_WITHIN else last
 
 
 def _plain(value: Any) -> Any:
