@@ -35,10 +35,20 @@ from typing import TypeVar
 MessageT = TypeVar('MessageT')
 FrameT = TypeVar('FrameT')
 
+_EXPIRE = 0.05  # s
 _BITS_PER_BYTE = 10  # 8N1
 # s; frames found inside an expired one, where they waited behind a corrupt length, are handed out
 # until this long after its time. Anything older is history, not news.
 _LATE = 0.05
+
+
+def expiry(size: int, baud: float) -> float:
+    """
+    Return after how many seconds a partial frame is given up: twice the time that it may take.
+
+    :param size: bytes of the largest frame that comes. :param baud: of the line.
+    """
+    return max(_EXPIRE, 2.0 * size * _BITS_PER_BYTE / baud)
 
 
 def draft_of(kind: type[Any]) -> type[Any]:
@@ -143,20 +153,13 @@ class StreamParser(Decoder[bytes, MessageT]):
     """
     Decodes a stream of bytes.
 
-    :param expire: seconds after which a partial frame is given up.
-    :param baud: of the line; where that is longer, it is twice the time of the largest frame.
+    :param expire: seconds after which a partial frame is given up; see expiry.
     """
 
-    def __init__(
-        self,
-        frame_format: FrameFormat[MessageT],
-        *,
-        expire: float = 0.05,
-        baud: float = math.inf,
-    ) -> None:
+    def __init__(self, frame_format: FrameFormat[MessageT], *, expire: float = _EXPIRE) -> None:
         super().__init__()
         self._format = frame_format
-        self._expire = max(expire, 2.0 * frame_format.max_size * _BITS_PER_BYTE / baud)
+        self._expire = expire
         self._buffer = b''
         self._arrivals: list[tuple[int, float]] = []  # of the buffer: number of bytes, time
         self._in_sync = True

@@ -41,6 +41,7 @@ from typing import TypeVar
 from bridge_core.checksums import fletcher16
 from bridge_core.checksums import is_fletcher16
 from bridge_core.framing import ChecksumError
+from bridge_core.framing import expiry
 from bridge_core.framing import FrameError
 from bridge_core.framing import FrameFormat
 from bridge_core.framing import MessageT
@@ -137,7 +138,7 @@ class PacketFormat:
                     for length in self.lengths[kind]
                 },
             ),
-            baud=baud,
+            expire=expiry(OVERHEAD + max(map(max, self.lengths.values())), baud),
         )
 
     def _reader(self, read: Callable[[bytes], MessageT | Unknown]) -> Reader[MessageT]:

@@ -45,6 +45,7 @@ from typing import Any
 from bridge_core.checksums import crc16_ccitt_false
 from bridge_core.framing import ChecksumError
 from bridge_core.framing import draft_of
+from bridge_core.framing import expiry
 from bridge_core.framing import FrameError
 from bridge_core.framing import FrameFormat
 from bridge_core.framing import MessageT
@@ -488,5 +489,5 @@ def _parser(
             decode=lambda frame: from_body(_body_of(frame, size)),
             readers={HEADER: (size, read)},
         ),
-        baud=baud,
+        expire=expiry(size, baud),
     )

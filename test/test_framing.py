@@ -32,6 +32,7 @@ import pytest
 from bridge_core.checksums import crc16_ccitt_false
 from bridge_core.framing import ChecksumError
 from bridge_core.framing import Decoder
+from bridge_core.framing import expiry
 from bridge_core.framing import FrameError
 from bridge_core.framing import FrameFormat
 from bridge_core.framing import StreamParser
@@ -224,7 +225,8 @@ def test_new_partial_frame_gets_its_full_time() -> None:
 
 @pytest.mark.parametrize(('baud', 'expire'), [(1200, 2 * 46 * 10 / 1200), (115200, EXPIRE)])
 def test_frame_on_a_slow_line_gets_twice_the_time_of_the_largest(baud: int, expire: float) -> None:
-    parser, now, got = StreamParser(LONG, baud=baud), 1.0, list[bytes]()
+    parser = StreamParser(LONG, expire=expiry(len(LONG_FRAMES[3]), baud))
+    now, got = 1.0, list[bytes]()
     for byte in single_bytes(LONG_FRAMES[3] + LONG_FRAMES[0][:3]):
         got += parser.poll(now) + parser.feed(byte, now)
         now += 10 / baud

@@ -367,6 +367,8 @@ def test_long_frame_on_a_slow_line_is_whole() -> None:
         session.receive(bytes((byte,)), now)
         now += 10 / 9600
     assert (session.counters.frames, session.counters.expired) == (1, 0)
+    session.receive(status()[:4], now)
+    assert session._decoder.deadline == pytest.approx(now + 2 * 54 * 10 / 9600)  # 24 outputs
 
 
 def test_bytes_without_a_frame_name_the_baud_rate() -> None:
