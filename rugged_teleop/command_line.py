@@ -19,6 +19,7 @@ from collections.abc import Callable
 import contextlib
 import math
 import os
+import re
 from typing import Any
 from typing import NoReturn
 
@@ -47,6 +48,14 @@ def number_within(low: float = -math.inf, high: float = math.inf) -> Callable[[s
         raise argparse.ArgumentTypeError(f'{text} is not {allowed}')
 
     return read
+
+
+def full_name(text: str) -> str:
+    """Read the full name of a node, as the ``type`` of an argument; a slash may be left out."""
+    name = '/' + text.removeprefix('/')
+    if re.fullmatch(r'(/[A-Za-z_]\w*)+', name, re.ASCII):
+        return name
+    raise argparse.ArgumentTypeError(f'{text} is no name such as /front/a')
 
 
 def completes() -> bool:

@@ -34,6 +34,7 @@ from xml.etree import ElementTree
 
 from bridge_core.parameter_files import check_names
 from bridge_core.parameters import ParameterError
+from rugged_teleop.command_line import full_name
 from rugged_teleop.command_line import Parser
 
 _EXAMPLES = """\
@@ -50,8 +51,13 @@ def parser(prog: str) -> Parser:
     """Return the parser of the command line."""
     result = Parser(prog=prog, description=__doc__, epilog=_EXAMPLES.format(prog=prog))
     result.add_argument('file', type=Path, metavar='FILE', help='parameters, as for the stack')
-    result.add_argument('--namespace', default='/', help='in which the nodes run (/)')
+    add = result.add_argument
+    add('--namespace', type=_namespace, default='/', help='in which the nodes run (/)')
     return result
+
+
+def _namespace(text: str) -> str:
+    return text if text == '/' else full_name(text)
 
 
 def main(arguments: Sequence[str] | None = None, prog: str = 'rugged_teleop policy') -> None:

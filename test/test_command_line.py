@@ -77,6 +77,9 @@ def test_unknown_argument_starts_nothing(arguments: tuple[str, ...]) -> None:
         ('bench --joint left --stick x', '--stick: x is not within -1 to 1'),
         ('bench --joint left --speed 1 --seconds x', '--seconds: x is not within 0.1 to 60'),
         ('bench --joint left --speed 1 --rate nan', '--rate: nan is not within 20 to 500'),
+        ('bench --joint left --speed 1 --node a//b', '--node: a//b is no name such as /front/a'),
+        ('bench --joint left --speed 1 --node /', '--node: / is no name such as /front/a'),
+        ('policy my.yaml --namespace 1st', '--namespace: 1st is no name such as /front/a'),
         ('doctor --seconds x', '--seconds: x is not within 0.2 to 60'),
         ('doctor --seconds 61', '--seconds: 61 is not within 0.2 to 60'),
         ('replay --tolerance x F', '--tolerance: x is not within 0 to 1'),
@@ -87,7 +90,7 @@ def test_unknown_argument_starts_nothing(arguments: tuple[str, ...]) -> None:
         ('simulate akron --address x', '--address: x is not within 0 to FD hex'),
     ],
 )
-def test_argument_that_is_no_number_is_told_what_is_allowed(
+def test_argument_that_is_wrong_is_told_what_is_allowed(
     arguments: str, words: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     with pytest.raises(SystemExit) as caught:

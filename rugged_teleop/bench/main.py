@@ -37,6 +37,7 @@ from bridge_core import clock
 from rugged_teleop.bench.course import Course
 from rugged_teleop.bench.course import Phase
 from rugged_teleop.bench.targets import TARGETS
+from rugged_teleop.command_line import full_name
 from rugged_teleop.command_line import number_within
 from rugged_teleop.command_line import Parser
 
@@ -73,7 +74,7 @@ def parser(prog: str) -> Parser:
         default=50.0,
         help='of what is published, 20 to 500 Hz (50)',
     )
-    add('--node', help="full name of the node (its kind's in the root namespace)")
+    add('--node', type=full_name, help="full name of the node (its kind's in the root namespace)")
     return result
 
 
