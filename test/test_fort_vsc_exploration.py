@@ -77,6 +77,7 @@ class World(SessionWorld[Session]):
         self.asked, self.asked_at = '', -math.inf  # the stop that is asked for
         self.sent = CLEAR  # what the VSC has heard last
         self.released_at = -math.inf  # we sent no stop any more
+        self.owed = False  # the VSC has not heard of a stop that was asked for
         self.ours = False  # a stop of the USER may be our doing
         self.moving = False  # the newest sticks are not neutral
 
@@ -112,6 +113,7 @@ class World(SessionWorld[Session]):
                 self.ours = True
             elif frame == CLEAR and self.sent == STOP:
                 self.released_at = self.now
+            self.owed &= frame != STOP
             self.sent = frame
 
     @property
@@ -125,6 +127,8 @@ class World(SessionWorld[Session]):
         if self.open and not self.busy:
             assert self.frames, 'no host heartbeat'
             assert self.sent == STOP or not wanted, f'host heartbeat: {self.frames}'
+            assert not self.owed, 'the VSC never hears of a stop'
+        self.owed = self.open and (self.owed or bool(wanted and self.sent == CLEAR))
         if verdict.estop and not verdict.own_estop:
             assert vouched, 'an echo of nobody'
             assert self.said == 'user', f'an echo in spite of {self.said}'
@@ -167,6 +171,6 @@ SCENES: dict[str, dict[str, Any]] = {
 COUNTS: dict[str, tuple[int, int]] = {
     'device': (1090, 20960),
     'echo': (2824, 29160),
-    'busy': (2851, 21935),
+    'busy': (3446, 26524),
 }  # states, and steps between them
 test_every_state_near_the_start, test_every_state = visits_of(World, SCENES, COUNTS, near=200)
