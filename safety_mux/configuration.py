@@ -221,8 +221,18 @@ def _outputs(values: Mapping[str, Any]) -> Iterator[str]:
     yield from ('~/estop', '~/enable', '~/state', '~/status')
     yield '~/command' if values['output'] == 'joints' else '~/cmd_vel'
     for topic, names in (('~/stop_demand', 'estop_sources'), ('~/joy', 'operators')):
-        # A name that cannot be a topic is refused as such.
-        yield from (f'{topic}/{name}' for name in names_of(values, names) if name.isidentifier())
+        for name in names_of(values, names):
+            if name.isascii() and name.isidentifier():  # else it is refused as a name
+                yield f'{topic}/{name}'
+
+
+def _full(what: str, topic: str, resolved: Callable[[str], str]) -> str:
+    try:
+        return resolved(topic)
+    except RuntimeError as error:  # rcl's own; all else that it refuses has been checked
+        raise ParameterError(
+            f'{what}: too long, a topic with its namespace has 247 characters at most'
+        ) from error
 
 
 def _check_topics(values: Mapping[str, Any], resolved: Callable[[str], str]) -> None:
@@ -231,13 +241,17 @@ def _check_topics(values: Mapping[str, Any], resolved: Callable[[str], str]) -> 
 
     Which of the two it is for would be ambiguous; a mux that hears itself hears nobody else.
     """
-    users = {resolved(topic): f'{topic}, which this node says' for topic in _outputs(values)}
+    users = {
+        _full(topic, topic, resolved): f'{topic}, which this node says'
+        for topic in _outputs(values)
+    }
     for name, topic in values.items():
         if not name.endswith(('.topic', '_topic')) or not topic:
             continue
-        user = users.setdefault(resolved(topic), name)
+        given = f'parameter {name} = {topic!r}'
+        user = users.setdefault(_full(given, topic, resolved), name)
         if user != name:
-            raise ParameterError(f'parameter {name} = {topic!r}: is also that of {user}')
+            raise ParameterError(f'{given}: is also that of {user}')
     for name in names_of(values, 'estop_sources'):
         topic, own = (f'estop.{name}.{what}' for what in ('topic', 'own_topic'))
         given = values[own]

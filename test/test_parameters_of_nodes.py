@@ -623,7 +623,7 @@ TOPICS = [name for name, each in PARAMETERS['mux'].items() if name.endswith('top
 def test_topic_name_that_ros_forbids_is_one_line_and_status_2(
     name: str, ports: Ports, capfd: Any
 ) -> None:
-    for topic in ('two words', 'a//b', '1st', 'ends/', '~x'):
+    for topic in ('two words', 'a//b', '1st', 'ends/', '~x', 'a' * 247):
         assert name in refusal('mux', {name: topic}, ports, capfd), topic
 
 
@@ -651,18 +651,19 @@ def test_one_topic_under_two_names_is_one_line_and_status_2(
     assert 'is also that of estop' in line
 
 
+@pytest.mark.parametrize('name', ['main gate', 'gr\u00fcn', 'g' * 230])
 def test_source_name_that_cannot_be_a_topic_is_one_line_and_status_2(
-    tmp_path: Path, capfd: Any
+    name: str, tmp_path: Path, capfd: Any
 ) -> None:
     file = tmp_path / 'mux.yaml'
     file.write_text(
-        'safety_mux:\n  ros__parameters:\n    estop_sources: ["main gate"]\n'
-        '    estop: {"main gate": {topic: gate/estop}}\n'
+        f'safety_mux:\n  ros__parameters:\n    estop_sources: ["{name}"]\n'
+        f'    estop: {{"{name}": {{topic: gate/estop}}}}\n'
     )
     capfd.readouterr()
     assert started('mux', ['--params-file', str(file)]) == 2
     (line,) = capfd.readouterr().err.splitlines()
-    assert 'main gate' in line
+    assert name in line
 
 
 # As processes.
