@@ -203,6 +203,8 @@ def _check_unused(values: Mapping[str, Any]) -> None:
     users = {
         'frame_id': (output == 'twist_stamped', 'output twist_stamped has one'),
         'autonomy.type': (planned, 'autonomy.topic needs it'),
+        'autonomy.timeout': (planned, 'autonomy.topic needs it'),
+        'drive_enabled_timeout': (bool(_telling_drives(values)), 'drive_enabled_topic needs it'),
         'autonomy.wheel_separation': (wheels, 'a Twist of autonomy with output joints needs it'),
         'autonomy.wheel_radius': (wheels, 'a Twist of autonomy with output joints needs it'),
     }
@@ -276,9 +278,13 @@ def _source(values: Mapping[str, Any], name: str) -> EStopSource:
     )
 
 
-def _drives(values: Mapping[str, Any]) -> tuple[str, ...]:
+def _telling_drives(values: Mapping[str, Any]) -> tuple[str, ...]:
     names = ('', *names_of(values, 'estop_sources'))
-    found = tuple(name for name in names if values[enabled_topic(name)])
+    return tuple(name for name in names if values[enabled_topic(name)])
+
+
+def _drives(values: Mapping[str, Any]) -> tuple[str, ...]:
+    found = _telling_drives(values)
     if len(found) > 1 and '' in found:
         raise ValueError(f"drive_enabled_topic must be '', as {enabled_topic(found[1])} is given")
     return found

@@ -25,7 +25,7 @@ from std_msgs.msg import Bool
 from bridge_core import clock
 from safety_mux.node import SafetyMux
 from safety_mux.protocol import State
-from test.mux_talkers import PATIENT
+from test.mux_talkers import patient
 from test.mux_talkers import sticks
 from test.rig import wait_for
 from test.talkers import namespace
@@ -39,7 +39,7 @@ class FedMux:
     """A mux in this process that hears all it needs; its lane never hears nothing."""
 
     def __init__(self, context: Any, **parameters: Any) -> None:
-        values = {**dict.fromkeys(PATIENT, LIMIT), **parameters}
+        values = {**dict.fromkeys(patient(parameters), LIMIT), **parameters}
         given = [Parameter(name, value=value) for name, value in values.items()]
         self.joy: Any = sticks()  # None: silence
         self.stop = False

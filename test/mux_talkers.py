@@ -16,6 +16,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from collections.abc import Sequence
 from itertools import chain
 import time
@@ -63,6 +64,16 @@ FRESH = 0.4  # s; of ~/state, four periods
 CLEAR_TIME = 0.5  # the mux's default; a reset within it of another counts as repeated
 
 
+def patient(parameters: Mapping[str, Any]) -> dict[str, float]:
+    """Return PATIENT without what a mux with these parameters has no use for."""
+    unused = set()
+    if not parameters.get('autonomy.topic'):
+        unused.add('autonomy.timeout')
+    if parameters.get('drive_enabled_topic') == '':
+        unused.add('drive_enabled_timeout')
+    return {name: value for name, value in PATIENT.items() if name not in unused}
+
+
 def sticks(forward: float = 0.0, *, deadman: bool = False) -> Joy:
     """Return what a FORT remote sends: axis 1 is forward, button 0 the deadman."""
     return Joy(axes=[0.0, float(forward), 0.0, 0.0, 0.0, 0.0], buttons=[int(deadman), *[0] * 7])
@@ -90,7 +101,8 @@ class MuxBench:
         self.arguments = arguments
         self.space = namespace() if space is None else space
         self.name = f'{self.space}/safety_mux'
-        given = PATIENT | {key.replace('__', '.'): value for key, value in parameters.items()}
+        given = {key.replace('__', '.'): value for key, value in parameters.items()}
+        given = patient(given) | given
         self.given = {name: value for name, value in given.items() if value is not None}
         self.start()
         self.reset_at = 0.0

@@ -400,6 +400,16 @@ CONTRADICTIONS: dict[str, tuple[str, dict[str, Any], str]] = {
         {'autonomy.wheel_radius': 0.2},
         r'parameter autonomy\.wheel_radius = .*: is not used',
     ),
+    'a timeout of no autonomy': (
+        'mux',
+        {'autonomy.timeout': 1.0},
+        r'parameter autonomy\.timeout = .*: is not used; only autonomy\.topic needs it',
+    ),
+    'a timeout of no drive': (
+        'mux',
+        {'drive_enabled_topic': '', 'drive_enabled_timeout': 1.0},
+        r'parameter drive_enabled_timeout = .*: is not used',
+    ),
     'a timeout of no feedback': (
         'mux',
         {'feedback.timeout': 1.0},

@@ -70,8 +70,11 @@ def parameters(recipe: str, node: str) -> Any:
 
 def bench(observer: Observer, recipe: str, *arguments: str, **options: Any) -> MuxBench:
     """Start a mux with the recipe's file, as a busy machine needs it."""
-    if 'drive' not in parameters(recipe, 'safety_mux')['estop_sources']:
+    given = parameters(recipe, 'safety_mux')
+    if 'drive' not in given['estop_sources']:
         options['estop__drive__timeout'] = None
+    options.setdefault('autonomy__topic', given.get('autonomy', {}).get('topic'))
+    options.setdefault('drive_enabled_topic', given.get('drive_enabled_topic'))
     return MuxBench(
         observer, arguments=('--params-file', str(file_of(recipe)), *arguments), **options
     )
