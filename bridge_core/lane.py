@@ -48,7 +48,7 @@ from bridge_core import clock
 
 _CALL_LIMIT = 0.4  # s that others wait for the lane's thread
 _BATCH = 20  # messages of one topic before the next topic has its turn
-_CAPACITY = 10_000  # posted calls that a lane which hangs keeps
+_CAPACITY = 10_000  # calls that may wait; what is posted always may, as it may be a stop
 _REPORT_PERIOD = 1.0  # s
 
 
@@ -92,7 +92,7 @@ class Lane:
         self._name = name
         self._topics: tuple[_Topic, ...] = ()
         self._timers: tuple[_Timer, ...] = ()
-        self._calls: deque[tuple[Callable[..., object], tuple[Any, ...]]] = deque(maxlen=_CAPACITY)
+        self._calls: deque[tuple[Callable[..., object], tuple[Any, ...]]] = deque()
         self._lock = threading.Lock()  # of the two tuples, which are replaced and never changed
         self.thread: threading.Thread | None = None
         self._ending = False
@@ -158,7 +158,11 @@ class Lane:
         self._waiter.wake()
 
     def post(self, function: Callable[..., object], *args: Any) -> None:
-        """Have the lane's thread call ``function(*args)``, in the order of posting."""
+        """
+        Have the lane's thread call ``function(*args)``, in the order of posting.
+
+        However long it hangs, nothing is dropped: who posts often has to wait for it.
+        """
         self._calls.append((function, args))
         if threading.current_thread() is not self.thread:
             self._waiter.wake()
@@ -180,11 +184,14 @@ class Lane:
             or self.fault.done()
         ):
             return function(*args)
+        nothing_done = f'nothing was done: {self._name} hangs or is overloaded'
+        if len(self._calls) >= _CAPACITY:
+            raise TimeoutError(nothing_done)
         future: Future[Any] = Future()
         self.post(_settle, future, function, args)
         if not wait([future], _CALL_LIMIT).done:
             if future.cancel():
-                raise TimeoutError(f'nothing was done: {self._name} hangs or is overloaded')
+                raise TimeoutError(nothing_done)
             if not wait([future], _CALL_LIMIT).done:
                 raise TimeoutError(f'what was asked may still be done: {self._name} hangs amid it')
         return future.result()

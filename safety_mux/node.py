@@ -118,6 +118,8 @@ class SafetyMux(ManagedNode):
         self._stop_demands: dict[str, Repeated] = {}
         self._gated_joys: dict[str, GatedJoy] = {}
         self._source_of: dict[str, str] = {}  # by the name of the device's diagnostic
+        self._reasons: dict[str, str] = {}  # by the same, that the lane has not taken yet
+        self._reasons_posted = False
         self._build()
         self._button: ResetButton | None = None
         self._button_watch = PublisherWatch()
@@ -278,11 +280,17 @@ class SafetyMux(ManagedNode):
         for status in message.status:
             if status.name in self._source_of:
                 bad = status.level != DiagnosticStatus.OK
-                self.lane.post(self._explain, status.name, status.message if bad else '')
+                self._reasons[status.name] = status.message if bad else ''
+        if self._reasons and not self._reasons_posted:  # once, however long the lane hangs
+            self._reasons_posted = True
+            self.lane.post(self._explain)
 
-    def _explain(self, name: str, why: str) -> None:
-        if name in self._source_of:
-            self._arbiter.explain_source(self._source_of[name], why)
+    def _explain(self) -> None:
+        self._reasons_posted = False  # first: what comes from now on may be missed below
+        for name in list(self._reasons):
+            why = self._reasons.pop(name)
+            if name in self._source_of:
+                self._arbiter.explain_source(self._source_of[name], why)
 
     def _on_sound_joy(self, name: str, message: Any) -> None:
         if name in self._gated_joys:

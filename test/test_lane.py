@@ -446,6 +446,24 @@ def test_call_that_has_begun_is_never_said_not_to_be_made(
         gate.set()
 
 
+def test_nothing_that_was_posted_is_lost_behind_calls_that_were_given_up(
+    rig: Rig, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(lane_module, '_CALL_LIMIT', 0.0)
+    monkeypatch.setattr(lane_module, '_CAPACITY', 20)
+    rig.lane.stop()
+    rig.lane = Lane(rig.node, 'listener lane')
+    gate = threading.Event()
+    rig.lane.start()
+    rig.lane.post(gate.wait)
+    for number in range(30):
+        rig.lane.post(rig.heard.append, number)
+        with pytest.raises(TimeoutError, match='nothing was done: listener lane'):
+            rig.lane.call(rig.heard.append, 'late')
+    gate.set()
+    rig.wait_heard(*range(30))
+
+
 def test_call_that_the_lane_posts_itself_needs_no_wake(rig: Rig) -> None:
     assert rig.lane._timeout() is None
     rig.lane.post(int)

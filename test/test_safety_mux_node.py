@@ -918,6 +918,32 @@ def test_stop_that_is_asked_of_a_mux_that_hangs_comes_when_it_goes_on(
     )
 
 
+def test_trip_is_kept_for_a_mux_that_hangs_whatever_diagnostics_say_meanwhile(
+    own_mux: SafetyMux, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    gate = Event()
+    own_mux.lane.post(gate.wait)
+    try:
+        with monkeypatch.context() as patch:
+            patch.setattr(lane, '_CALL_LIMIT', 0.1)
+            own_mux._on_trip(Trigger.Request(), Trigger.Response())
+        waits = len(own_mux.lane._calls)
+        name, source = next(iter(own_mux._source_of.items()))
+        level = DiagnosticStatus.ERROR
+        status = [DiagnosticStatus(level=level, name=name, message=str(n)) for n in range(100)]
+        for _ in range(100):
+            own_mux._on_diagnostics(DiagnosticArray(status=status))
+        assert len(own_mux.lane._calls) == waits + 1
+    finally:
+        gate.set()
+
+    def explained() -> bool:
+        tripped = own_mux._arbiter.status(clock.now()).tripped
+        return tripped and own_mux._arbiter._sources[source].why == '99'
+
+    wait_for(lambda: own_mux.lane.call(explained), what='the trip, and the newest text')
+
+
 def test_mux_that_hangs_says_nothing(own_mux: SafetyMux, observer: Observer) -> None:
     """Not even that all is well: a drive stops for silence. Afterwards it is stopped."""
     name = own_mux.get_fully_qualified_name()
