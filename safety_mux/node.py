@@ -120,6 +120,7 @@ class SafetyMux(ManagedNode):
         self._source_of: dict[str, str] = {}  # by the name of the device's diagnostic
         self._reasons: dict[str, str] = {}  # by the same, that the lane has not taken yet
         self._reasons_posted = False
+        self._level: bytes | None = None  # as in /diagnostics last
         self._build()
         self._button: ResetButton | None = None
         self._button_watch = PublisherWatch()
@@ -479,10 +480,17 @@ class SafetyMux(ManagedNode):
             self.get_logger().info(f'STOPPED: {"; ".join(further)}')
 
     def _publish_status(self, now: float) -> None:
-        self._status.publish(self._status_message(now))
+        status = self._status_message(now)
+        self._status.publish(status)
+        if status.level != self._level:
+            self._diagnose(status)
 
     def _publish_diagnostics(self, now: float) -> None:
-        message = DiagnosticArray(status=[self._status_message(now)])
+        self._diagnose(self._status_message(now))
+
+    def _diagnose(self, status: Any) -> None:
+        self._level = status.level
+        message = DiagnosticArray(status=[status])
         message.header.stamp = self.get_clock().now().to_msg()
         self._diagnostics.publish(message)
 

@@ -14,6 +14,7 @@
 
 """The safety mux as a process: topics, services, lifecycle, clocks, and what it refuses."""
 
+from collections.abc import Callable
 from collections.abc import Iterator
 from itertools import pairwise
 import math
@@ -375,6 +376,25 @@ def test_diagnostics_carry_the_status_too(mux: MuxBench) -> None:
 
     status = mux.wait(mine, 'a status')[0]
     assert values_of(status)['state'] == 'STOPPED'
+
+
+def test_diagnostics_carry_another_level_at_once(
+    context: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    stepped = SteppedMux(context, monkeypatch)
+    mux = stepped.mux
+    mux._publish_diagnostics(stepped.now)
+    levels: list[Any] = []
+    monkeypatch.setattr(mux, '_diagnostics', Publisher(levels, read=lambda m: m.status[0].level))
+    assert mux._reset().ok
+    assert stepped.run(0.3) is State.READY
+    stepped.stop = True
+    assert stepped.run(0.3) is State.STOPPED
+    mux._publish_diagnostics(stepped.now)
+    mux._publish_status(stepped.now)
+    good, bad = DiagnosticStatus.OK, DiagnosticStatus.WARN
+    assert [level for _, level in levels] == [good, bad, bad]
+    mux.destroy_node()
 
 
 def test_nobody_hears_the_command_is_said(mux: MuxBench) -> None:
@@ -758,11 +778,16 @@ def test_status_and_state_reach_who_comes_late(mux: MuxBench) -> None:
 class Publisher:
     """Records what is published, in a story that several share."""
 
-    def __init__(self, story: list[Any], name: str = '') -> None:
-        self._story, self._name = story, name
+    def __init__(
+        self,
+        story: list[Any],
+        name: str = '',
+        read: Callable[[Any], Any] = lambda message: getattr(message, 'data', None),
+    ) -> None:
+        self._story, self._name, self._read = story, name, read
 
     def publish(self, message: Any) -> None:
-        self._story.append((self._name, getattr(message, 'data', None)))
+        self._story.append((self._name, self._read(message)))
 
     def get_subscription_count(self) -> int:
         return 1
