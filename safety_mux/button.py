@@ -20,6 +20,8 @@ was neither too short (a bounce, a disturbance) nor too long (a button that stic
 down), and of which nothing was missed.
 """
 
+import math
+
 from bridge_core.watchdog import in_words
 from bridge_core.watchdog import Watchdog
 
@@ -30,12 +32,14 @@ TIMEOUT = 0.25  # s
 class ResetButton:
     """Follows one button by its messages."""
 
-    __slots__ = ('_fault', '_pressed', '_since', '_watchdog')
+    __slots__ = ('_fault', '_heard_at', '_pressed', '_since', '_watchdog', 'free_at')
 
     def __init__(self) -> None:
         self._watchdog = Watchdog(TIMEOUT)
         self._pressed = False
-        self._since = 0.0  # of the newest press
+        self._heard_at = -math.inf
+        self.free_at = -math.inf  # the last message before the newest press
+        self._since = 0.0  # of that press
         self._fault = ''  # why that one does not count
 
     def hear(self, pressed: bool, now: float, trouble: str = '') -> str | None:
@@ -51,7 +55,8 @@ class ResetButton:
         self._watchdog.feed(now)
         before, self._pressed = self._pressed, pressed
         if pressed and not before:
-            self._since, self._fault = now, ''
+            self.free_at, self._since, self._fault = self._heard_at, now, ''
+        self._heard_at = now
         self._fault = self._fault or trouble
         return self._fault or self._wrong_length(now) if before and not pressed else None
 

@@ -83,6 +83,7 @@ _LOOK_AROUND_PERIOD = 0.5
 _DIAGNOSTICS_PERIOD = 1.0
 _LOG_PERIOD = 1.0
 _INACTIVE = 'the mux is not active: activate the node'
+_EARLY = 'was pressed before the stop'
 
 
 class SafetyMux(ManagedNode):
@@ -304,6 +305,8 @@ class SafetyMux(ManagedNode):
         why_not = self._button.hear(message.data, now, trouble)
         if why_not is None:
             return
+        if self._arbiter.status(now).last_transition.at > self._button.free_at:
+            why_not = why_not or _EARLY  # it came between two messages
         if why_not and self._last_state is State.STOPPED:
             self._refused_reset = now, f'not reset: the reset button {why_not}'
         else:
@@ -316,7 +319,7 @@ class SafetyMux(ManagedNode):
             return 'has two live publishers: stop one of them'
         if lost or not self._button_watch.settled(now):
             return 'has lost messages, or a new publisher'
-        return '' if self._last_state is State.STOPPED else 'was pressed before the stop'
+        return '' if self._last_state is State.STOPPED else _EARLY
 
     def _look_around(self, now: float) -> None:
         """Find topics with two live publishers, or with one that could never be heard."""

@@ -140,6 +140,35 @@ def test_press_that_began_before_the_stop_is_not_meant_for_it(mux: ButtonMux) ->
     assert mux.press() is State.READY
 
 
+@pytest.mark.parametrize('late', [0.0, 0.02])  # s from the stop to the first word of the press
+def test_press_that_began_before_a_stop_between_two_of_its_messages_is_not_meant_for_it(
+    mux: ButtonMux, late: float
+) -> None:
+    drive = next(t for t in mux.mux._intake.topics() if t.parameter == 'estop.drive.topic')
+
+    def stop() -> None:
+        drive.take(Bool(data=True), mux.now)
+        mux.mux._tick(mux.now)
+        drive.take(Bool(data=False), mux.now)
+
+    mux.run(1.0)
+    if late:  # in READY, and nothing was heard of it yet
+        assert mux.mux._reset().ok
+        mux.run(10.0 + EVERY / 2)
+        stop()
+    mux.button = True
+    mux.run(0.2)
+    if not late:  # a reset by the service, and the next stop, before its next message
+        assert mux.mux._reset().ok
+        mux.run(0.02)
+        stop()
+    assert mux.run(1.0) is State.STOPPED
+    mux.button = False
+    assert mux.run(1.0) is State.STOPPED
+    assert mux.said() == 'not reset: the reset button was pressed before the stop'
+    assert mux.press() is State.READY
+
+
 def test_button_that_is_pulsed_for_ever_does_not_rearm_after_a_stop(mux: ButtonMux) -> None:
     for _ in range(5):
         mux.run(1.0)
