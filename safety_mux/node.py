@@ -256,10 +256,13 @@ class SafetyMux(ManagedNode):
         publishers += [each.publisher for each in self._gated_joys.values()]
         for publisher in publishers:
             self.destroy_publisher(publisher)
+        before, gates = self._arbiter, self._gated_joys
         self._inputs, self._stop_demands, self._gated_joys = [], {}, {}
         before = self._arbiter
         self._build()
         self._arbiter.go_on(before, clock.now())
+        for name in gates.keys() & self._gated_joys.keys():
+            self._gated_joys[name].go_on(gates[name])
 
     def _keep_watching(self) -> None:
         """

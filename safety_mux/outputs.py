@@ -149,6 +149,10 @@ class GatedJoy:
         self._free_buttons: set[int] = set()
         self._due = -math.inf  # of the next neutral one
 
+    def go_on(self, before: GatedJoy) -> None:
+        """Be neutral from now on if ``before``, which this one replaces, was."""
+        self._heard = before._heard
+
     def hear(self, joy: Joy) -> None:
         """Take a message, which is well-formed."""
         self._heard = joy

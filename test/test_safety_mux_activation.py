@@ -21,8 +21,10 @@ import pytest
 from rclpy.lifecycle import TransitionCallbackReturn
 from rclpy.parameter import Parameter
 from sensor_msgs.msg import JointState
+from sensor_msgs.msg import Joy
 
 from bridge_core import clock
+from safety_mux.outputs import GatedJoy
 from safety_mux.protocol import State
 from test.fed_mux import SteppedMux
 from test.mux_talkers import sticks
@@ -34,9 +36,9 @@ RUNS_ON = 1.8  # rad/s; faster than standstill, and no overspeed
 class WatchedMux(SteppedMux):
     """A mux with feedback. :ivar speed: of the left joint; None: silence."""
 
-    def __init__(self, context: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    def __init__(self, context: Any, monkeypatch: pytest.MonkeyPatch, **parameters: Any) -> None:
         self.speed: float | None = 0.0
-        parameters = {'feedback.topic': 'joints', 'estop.fort.own_topic': ''}
+        parameters |= {'feedback.topic': 'joints', 'estop.fort.own_topic': ''}
         super().__init__(context, monkeypatch, stop_time=STOP_TIME, **parameters)
 
     def _feed(self, now: float) -> None:
@@ -130,6 +132,23 @@ def test_feedback_may_come_and_go_while_the_joints_stand(mux: WatchedMux) -> Non
         mux.run(2.0)
         assert mux.mux._reset().ok
         assert mux.run(0.1) is State.READY
+
+
+def test_gated_joy_is_neutral_after_an_activation_with_other_parameters(
+    context: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    mux = WatchedMux(context, monkeypatch, **{'operator.fort.gated_joy': True})
+    mux.moving()
+    mux.joy = None
+    said: list[Any] = []
+    monkeypatch.setattr(GatedJoy, '_neutral', lambda self, joy: said.append(joy) or Joy())
+    for parameters in ({}, {'hold_time': 0.6}):
+        assert mux.change(**parameters)
+        said.clear()
+        mux.run(1.0)
+        assert len(said) == pytest.approx(20, abs=1)
+        assert [len(joy.axes) for joy in said] == [len(sticks().axes)] * len(said)
+    mux.mux.destroy_node()
 
 
 def test_trip_outlasts_other_parameters(mux: WatchedMux) -> None:
