@@ -141,7 +141,12 @@ def test_gated_joy_is_neutral_after_an_activation_with_other_parameters(
     mux.moving()
     mux.joy = None
     said: list[Any] = []
-    monkeypatch.setattr(GatedJoy, '_neutral', lambda self, joy: said.append(joy) or Joy())
+
+    def neutral(_: GatedJoy, joy: Joy) -> Joy:
+        said.append(joy)
+        return Joy()
+
+    monkeypatch.setattr(GatedJoy, '_neutral', neutral)
     for parameters in ({}, {'hold_time': 0.6}):
         assert mux.change(**parameters)
         said.clear()
