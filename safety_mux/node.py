@@ -29,6 +29,8 @@ from diagnostic_msgs.msg import DiagnosticArray
 from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import Twist
 from geometry_msgs.msg import TwistStamped
+from rclpy.clock import Clock
+from rclpy.clock import ClockType
 from rclpy.lifecycle import TransitionCallbackReturn
 from rclpy.qos import QoSProfile
 from rclpy.qos import ReliabilityPolicy
@@ -49,6 +51,7 @@ from bridge_core.parameters import Parameter
 from bridge_core.parameters import ParameterError
 from bridge_core.publishers import PublisherWatch
 from bridge_core.runner import run
+from bridge_core.watchdog import FreezeWatch
 from safety_mux.button import ResetButton
 from safety_mux.configuration import check
 from safety_mux.configuration import joy_mapping
@@ -82,6 +85,10 @@ _STATE_PERIOD = 0.1  # s, of ~/state, for people
 _LOOK_AROUND_PERIOD = 0.5
 _DIAGNOSTICS_PERIOD = 1.0
 _LOG_PERIOD = 1.0
+_LOOK_PERIOD = 0.1  # s; each look wakes the executor
+_FREEZE = 0.2 + _LOOK_PERIOD  # s without a look: what bridges take for a freeze, at the least
+_SETTLING_TIME = 0.25  # s, as of bridges
+_FROZEN = 'this node was frozen, so it may have waited as long; ask again'
 _INACTIVE = 'the mux is not active: activate the node'
 _EARLY = 'was pressed before the stop'
 
@@ -111,6 +118,8 @@ class SafetyMux(ManagedNode):
         self.create_service(Trigger, '~/trip', self._on_trip)
         self.create_service(Trigger, '~/end_trip', self._on_end_trip)
         self.create_service(SetBool, '~/select_autonomy', self._on_select_autonomy)
+        self._freeze = FreezeWatch(_FREEZE, _SETTLING_TIME)  # of the executor's thread
+        self.create_timer(_LOOK_PERIOD, self._look, clock=Clock(clock_type=ClockType.STEADY_TIME))
         self._causes: set[str] = set()  # of stops, as logged
         self._logged_at = -math.inf
         self._refused_reset: tuple[float, str] | None = None  # since the last one that counted
@@ -258,7 +267,6 @@ class SafetyMux(ManagedNode):
             self.destroy_publisher(publisher)
         before, gates = self._arbiter, self._gated_joys
         self._inputs, self._stop_demands, self._gated_joys = [], {}, {}
-        before = self._arbiter
         self._build()
         self._arbiter.go_on(before, clock.now())
         for name in gates.keys() & self._gated_joys.keys():
@@ -379,6 +387,9 @@ class SafetyMux(ManagedNode):
 
     # What is asked; in the executor's thread.
 
+    def _look(self) -> None:
+        self._freeze.look(clock.now())
+
     def _on_reset(self, request: Any, response: Any) -> Any:
         del request
         return self._answer(response, 'reset', self._reset)
@@ -408,8 +419,12 @@ class SafetyMux(ManagedNode):
         *arguments: Any,
         is_stop: bool = False,
     ) -> Any:
+        frozen = self._freeze.settling(clock.now())  # who asked may have gone away since
         try:
-            response.success, response.message = self.lane.call(ask, *arguments)
+            if frozen and not is_stop:
+                response.message = _FROZEN
+            else:
+                response.success, response.message = self.lane.call(ask, *arguments)
         except TimeoutError as error:
             response.message = str(error)
             if is_stop:  # it is not taken back because it comes late

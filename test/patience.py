@@ -15,9 +15,10 @@
 """
 ``python -m test.patience MODULE``: run a node that lets a busy machine hold it or its wire up.
 
-A wire of which nothing is heard for 85 ms hangs, an input that took 30 ms does not count, and no
-mux may be frozen for more than a second, whatever its ``stall_limit``: on a machine that is busy
-with something else that happens to healthy processes, and stops them. Tests of these limits
+A wire of which nothing is heard for 85 ms hangs, an input that took 30 ms does not count, services
+of a mux that stood still for 0.3 s refuse what may have waited, and no mux may be frozen for more
+than a second, whatever its ``stall_limit``: on a machine that is busy with something else that
+happens to healthy processes, and stops them. Tests of these limits
 measure how long the machine held them up; tests of all else use this. So do those of
 ``rugged_teleop bench``, which gives up what does not come.
 """
@@ -30,6 +31,7 @@ from typing import Any
 
 from bridge_core import node
 from bridge_core import runner
+from bridge_core import watchdog
 from bridge_core.transports import link
 from bridge_core.transports import process
 from rugged_teleop.bench import commander
@@ -42,13 +44,24 @@ from test.rig import TIMEOUT_FACTOR
 _mux_config = configuration.mux_config
 
 
+class PatientFreezeWatch(watchdog.FreezeWatch):
+    """One that takes nothing for a freeze that a busy machine may do."""
+
+    __slots__ = ()
+
+    def __init__(self, limit: float, settling_time: float) -> None:
+        super().__init__(limit * TIMEOUT_FACTOR, settling_time)
+
+
 def patient_config(values: Mapping[str, Any]) -> MuxConfig:
     """Return the mux's configuration, with a longer ``stall_limit``."""
     config = _mux_config(values)
     return replace(config, stall_limit=TIMEOUT_FACTOR * config.stall_limit)
 
 
-vars(configuration).update(mux_config=patient_config)  # before others import it from there
+# Before others import it from there.
+vars(configuration).update(mux_config=patient_config)
+vars(watchdog).update(FreezeWatch=PatientFreezeWatch)
 vars(process).update(SILENCE_LIMIT=TIMEOUT_FACTOR, _SPARE_TIME=TIMEOUT_FACTOR)
 vars(process).update(_PROGRAM=patient_wire.__name__)
 vars(process).update(dict.fromkeys(('_KILL_TIME', '_TAKE_OVER_TIME'), 2.0 * TIMEOUT_FACTOR))

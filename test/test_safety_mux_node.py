@@ -16,12 +16,14 @@
 
 from collections.abc import Callable
 from collections.abc import Iterator
+from functools import partial
 from itertools import pairwise
 import math
 from signal import SIGCONT
 from signal import SIGSTOP
 from signal import SIGTERM
 from threading import Event
+from threading import Thread
 import time
 from typing import Any
 
@@ -36,6 +38,7 @@ from rcl_interfaces.msg import Parameter
 from rcl_interfaces.msg import ParameterValue
 from rcl_interfaces.srv import SetParameters
 from rcl_interfaces.srv import SetParametersAtomically
+from rclpy.executors import SingleThreadedExecutor
 from rclpy.qos import DurabilityPolicy
 from rclpy.qos import QoSProfile
 from rclpy.qos import ReliabilityPolicy
@@ -50,15 +53,20 @@ from std_srvs.srv import Trigger
 
 from bridge_core import clock
 from bridge_core import lane
+from bridge_core import node as bridge_node
 from bridge_core.lane import _settle
+from bridge_core.watchdog import FreezeWatch
+from safety_mux import node
 from safety_mux.node import ESTOP_QOS
 from safety_mux.node import SafetyMux
 from safety_mux.outputs import Repeated
 from safety_mux.protocol import Decision
 from safety_mux.protocol import State
 from test.endings import each_ending
+from test.fed_mux import FedMux
 from test.fed_mux import LIMIT
 from test.fed_mux import SteppedMux
+from test.fed_mux import TICK
 from test.mux_talkers import CLEAR_TIME
 from test.mux_talkers import MuxBench
 from test.mux_talkers import SILENCE_STOPS_WITHIN
@@ -821,6 +829,7 @@ def test_repeated_value_makes_up_for_nothing_after_a_pause() -> None:
 @pytest.fixture
 def own_mux(context: Any) -> Iterator[SafetyMux]:
     mux = SafetyMux(context=context, namespace=namespace())
+    mux._freeze = FreezeWatch(math.inf, 0.0)  # no executor looks
     mux.autostart()
     yield mux
     mux.destroy_node()
@@ -967,6 +976,79 @@ def test_trip_is_kept_for_a_mux_that_hangs_whatever_diagnostics_say_meanwhile(
         return tripped and own_mux._arbiter._sources[source].why == '99'
 
     wait_for(lambda: own_mux.lane.call(explained), what='the trip, and the newest text')
+
+
+def reset_of(mux: SafetyMux) -> str:
+    return str(mux._on_reset(Trigger.Request(), Trigger.Response()).message)
+
+
+def test_what_is_asked_right_after_a_hang_of_the_services_is_not_done_but_a_stop(
+    context: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    stepped = SteppedMux(context, monkeypatch, **{'autonomy.topic': 'plan'})
+    mux = stepped.mux
+    mux._look()
+    stepped.run(5.0)
+    assert 'frozen' in reset_of(mux)
+    stepped.run(0.24)
+    assert 'frozen' in reset_of(mux)
+    assert 'frozen' in mux._on_end_trip(Trigger.Request(), Trigger.Response()).message
+    selection = mux._on_select_autonomy(SetBool.Request(data=True), SetBool.Response())
+    assert 'frozen' in selection.message
+    stepped.run(0.02)
+    assert reset_of(mux).startswith('reset: READY')
+    mux._look()
+    stepped.run(5.0)
+    assert mux._on_select_autonomy(SetBool.Request(), SetBool.Response()).success
+    assert mux._on_trip(Trigger.Request(), Trigger.Response()).success
+    assert stepped.run(0.02) is State.STOPPED
+    mux.destroy_node()
+
+
+def test_hang_of_the_services_that_no_bridge_would_notice_refuses_nothing(
+    context: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    stepped = SteppedMux(context, monkeypatch)
+    stepped.mux._look()
+    stepped.run(node._LOOK_PERIOD + bridge_node._FREEZE - TICK)
+    assert reset_of(stepped.mux).startswith('reset: READY')
+    stepped.mux.destroy_node()
+
+
+def test_reset_that_waits_for_services_that_hang_is_not_done(
+    context: Any, observer: Observer
+) -> None:
+    """Whoever asked may have given up by then, and be where the machine moves."""
+    fed = FedMux(context, use_sim_time=True)  # which stands
+    gate, ending = Event(), Event()
+    executor = SingleThreadedExecutor(context=context)
+    executor.add_node(fed.mux)
+
+    def spin() -> None:
+        while not ending.is_set():
+            executor.spin_once(timeout_sec=0.1)
+
+    thread = Thread(target=spin)
+    thread.start()
+    try:
+        name = fed.mux.get_fully_qualified_name()
+        observer.wait_for(fed.may_reset, what='all clear')
+        assert observer.call(Trigger, f'{name}/end_trip', tries=5).message  # it knows us
+        executor.create_task(gate.wait)
+        reply = observer.client(Trigger, f'{name}/reset').call_async(Trigger.Request())
+        observer.holds_for(lambda: not reply.done(), 1.0, 'no answer')
+        gate.set()
+        observer.wait_for(reply.done, what='the answer')
+        assert 'this node was frozen' in reply.result().message
+        assert fed.state() is State.STOPPED
+        reset = partial(observer.call, Trigger, f'{name}/reset')
+        observer.wait_for(lambda: fed.may_reset() and reset().success, what='one in time')
+    finally:
+        gate.set()
+        ending.set()
+        thread.join()
+        executor.shutdown()
+        fed.mux.destroy_node()
 
 
 def test_mux_that_hangs_says_nothing(own_mux: SafetyMux, observer: Observer) -> None:
