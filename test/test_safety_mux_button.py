@@ -15,6 +15,7 @@
 """The reset button: what counts is the release after a press of the right length."""
 
 from itertools import pairwise
+import math
 
 from hypothesis import given
 from hypothesis import strategies as st
@@ -127,6 +128,16 @@ def test_clock_that_jumps_amid_a_press_spoils_it(bench: Bench, step: float) -> N
     bench.hold(True, 0.5)
     bench.now += step
     assert bench.button.hear(False, bench.now)
+
+
+def test_press_may_have_begun_right_after_the_last_message_before_it() -> None:
+    button = ResetButton()
+    assert button.free_at == -math.inf
+    button.hear(True, 1.0)
+    assert button.free_at == -math.inf
+    for pressed, now in ((False, 1.5), (False, 1.55), (True, 1.6), (True, 1.65), (False, 1.8)):
+        button.hear(pressed, now)
+    assert button.free_at == 1.55
 
 
 def test_press_amid_trouble_does_not_count(bench: Bench) -> None:
