@@ -16,12 +16,18 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import pytest
 
+from akron_can_bridge.session import Cause
 from akron_can_bridge.session import Request
+from test.akron_session_rig import ANNOUNCED
+from test.akron_session_rig import Bench
 from test.akron_session_rig import COAST
 from test.akron_session_rig import DEPLOY
 from test.akron_session_rig import ef
+from test.akron_session_rig import joystick
 from test.akron_session_rig import MOVE
 from test.akron_session_rig import MOVING
 from test.akron_session_rig import OSCILLATES
@@ -116,6 +122,54 @@ def test_stop_of_what_moves_by_itself_keeps_the_permission_until_the_stick_moves
     assert bench.joystick_frames()[-1] == MOVING
     assert permission(bench) == 'A1000F'
     bench.run(0.2, REST)
+    assert permission(bench) == 'A1000F'
+
+
+def permitted(**options: Any) -> Bench:
+    """Return one that has the permission, and for which a lost link is no stop."""
+    causes = frozenset({Cause.FOREIGN_JOYSTICK})
+    bench = Bench(soe_permissive=True, estop_on=causes, **options).find_unit()
+    bench.run(0.1, REST)
+    bench.run(0.1, MOVE)
+    assert permission(bench) == 'A1000F'
+    return bench
+
+
+@pytest.mark.parametrize('said', [REST, MOVE], ids=['let go', 'held'])
+def test_lost_link_takes_the_permission_until_the_stick_is_pushed_anew(said: Any) -> None:
+    bench = permitted()
+    bench.run(1.0, said, unit=False)
+    assert not bench.session.estop
+    assert permission(bench) == 'A10000'
+    bench.take(ANNOUNCED)
+    bench.run(0.2, said)
+    assert bench.session.link_up
+    assert permission(bench) == 'A10000'
+    bench.run(2 * SLOT, REST)
+    bench.run(2 * SLOT, MOVE)
+    assert permission(bench) == 'A1000F'
+
+
+def test_link_that_is_back_takes_the_permission_that_was_given_in_its_silence() -> None:
+    bench = permitted()
+    bench.run(1.0, REST, unit=False)
+    bench.run(0.1, MOVE, unit=False)
+    assert permission(bench) == 'A1000F'
+    bench.take(ANNOUNCED)
+    bench.run(0.2, MOVE)
+    assert permission(bench) == 'A10000'
+
+
+def test_joystick_held_through_a_lost_link_gives_no_permission() -> None:
+    bench = permitted(allowed_joysticks=frozenset({ALLOWED}))
+    bench.run(0.1, REST)
+    held = joystick('107D046400000000')
+    for unit in (False, True):
+        for _ in range(25):
+            bench.take(held)
+            bench.run(SLOT, REST, unit=unit)
+        assert permission(bench) == 'A10000'
+    bench.take(joystick(), held)
     assert permission(bench) == 'A1000F'
 
 

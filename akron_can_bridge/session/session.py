@@ -125,6 +125,7 @@ class Session(BaseSession[CanFrame, Received, Event]):
         self.drive = Drive(settings)
         self.motion = Motion(self.unit)
         self.withheld = True  # no SOE permission until a stick is pushed: motion would go on
+        self._is_held = True  # that of the command has not been let go since
         self._asker = Asker(settings.answer_timeout)
         self._was_up = False  # link_up as of the last refresh
         self._automatic = False  # somebody asked for motion that goes on by itself
@@ -258,11 +259,13 @@ class Session(BaseSession[CanFrame, Received, Event]):
         return stops.silence(self.settings, self.finder, self._heard.describe(now))
 
     def _follow(self, now: float) -> None:
-        if self.link_up and not self._was_up:
-            self._meet(now)
-        elif self._was_up and not self.link_up:
-            self.unit.lost()
-            self._in_error = False
+        if self.link_up != self._was_up:
+            self._withhold()  # be it a stop or not
+            if self.link_up:
+                self._meet(now)
+            else:
+                self.unit.lost()
+                self._in_error = False
         self._was_up = self.link_up
         if self._asker.overdue(Request.POLL_FAULTS, now):
             self.unit.faults = None
@@ -401,12 +404,13 @@ class Session(BaseSession[CanFrame, Received, Event]):
         """Note who asks the unit to move by itself; a stop ends that as far as it can be ended."""
         self._automatic |= self.drive.automatic or self.joysticks.automatic_asked
         self.joysticks.automatic_asked = False
+        self._is_held &= self.drive.pushes
         if not self.drive.forbidden(now, self._holds()):
             self._is_stopped, self._pause_until = False, math.inf
-            self.withheld &= not (self.drive.pushes or self.joysticks.pushes(now))
+            pushed = self.drive.pushes and not self._is_held
+            self.withheld &= not (pushed or self.joysticks.pushes(now))
             return
-        self.withheld = True
-        self.joysticks.stop()
+        self._withhold()
         if not self._is_stopped:
             self._is_stopped, self._stopped_at = True, now
             self._pause_until = min(self._pause_until, now + self.settings.coast_time)
@@ -414,6 +418,11 @@ class Session(BaseSession[CanFrame, Received, Event]):
             self._automatic, self._automatic_until = False, now
         if self._may_pause(now) and self.motion.runs_since > self._stopped_at:
             self.drive.pause(now)
+
+    def _withhold(self) -> None:
+        """Give no permission before a stick was let go, and is pushed."""
+        self.withheld = self._is_held = True
+        self.joysticks.stop()
 
     def _may_pause(self, now: float) -> bool:
         """
