@@ -155,6 +155,8 @@ def _explained() -> Any:
     node: Any = SimpleNamespace(
         lane=SimpleNamespace(post=lambda function, *arguments: function(*arguments)),
         _source_of=dict.fromkeys(_NAMES[:2], 'fort'),
+        _reasons={},
+        _reasons_posted=False,
         _arbiter=bench.arbiter,
     )
     node._explain = functools.partial(SafetyMux._explain, node)
