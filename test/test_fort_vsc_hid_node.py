@@ -226,7 +226,7 @@ def test_what_hid_cannot_do_is_refused_with_a_clear_message(
     assert not bench.remote.received()
     told = bench.told(DEVICE)
     assert ('cannot carry software_estop' in told) is (topic == 'software_estop')
-    assert bench.battery.last is None  # nothing of it is known
+    assert not bench.battery.last.present  # nothing of it is known
 
 
 def test_fifo_stands_in_for_a_device(tmp_path: Path, observer: Observer) -> None:
