@@ -180,7 +180,39 @@ def test_several_outputs_are_set_by_one_message() -> None:
 def test_period_goes_before_the_pulse_time_that_shares_its_field() -> None:
     rig = aux_rig()
     rig.do(several((5, 'pulse', 0.0015), (5, 'period', 0.02), (4, 'level', 1.0)))
+    rig.tick()
     assert rig.payloads(21) == [bytes.fromhex('00 90 2710'), bytes.fromhex('8C 10 02EE')]
+
+
+@pytest.mark.parametrize(
+    ('requests', 'order'),
+    [
+        ((level(4, True), level(4, False)), ['8c00', '8400']),
+        ((pulse(5, 0.0015), pulse(5, 0.0)), ['001002ee', '00100000']),
+        ((several((5, 'period', 0.02), (5, 'pulse', 0.0015)),), ['00902710', '001002ee']),
+    ],
+    ids=['low after high', 'no pulse after a pulse', 'pulse after period'],
+)
+def test_what_a_busy_line_did_not_take_is_not_sent_behind_what_was_asked_later(
+    requests: Any, order: list[str]
+) -> None:
+    rig = aux_rig()
+    rig.busy = True
+    for request in requests:
+        rig.do(request)
+    take = rig._take
+
+    def refuse_first(output: Any) -> None:
+        """Refuse the first message of a poll alone: then the line has taken some bytes."""
+        rig._take = take  # type: ignore[method-assign]
+        for frame in output[1]:
+            rig.busy = frame == output[1][0]
+            take(([], [frame]))
+        rig.busy = False
+
+    rig._take = refuse_first  # type: ignore[method-assign]
+    rig.tick(5)
+    assert [payload.hex() for payload in rig.payloads(21)] == order
 
 
 @pytest.mark.parametrize(

@@ -219,9 +219,11 @@ class AuxOutputCommands:
 
         :param at_once: do not wait for the time of one that is to undo something.
         """
-        frames = self._queue
+        frames, rest = self._queue[:1], self._queue[1:]  # none overtakes one that is refused
         self._drop()
-        self._taken = frames
+        self._taken, self._queue = frames, rest
+        if rest:
+            self._retry_at = now
         if self._undos_left and (at_once or self._undos.is_due(now)):
             levels = self._all_levels() if self._undone_levels else None
             undo = AuxOutputs(levels, _at(dict.fromkeys(self._undone_pulses, 0)))
@@ -235,7 +237,7 @@ class AuxOutputCommands:
     def refused(self, frame: bytes, now: float) -> None:
         """Have what was asked for go again soon. What undoes something is repeated anyway."""
         if any(frame is taken for taken in self._taken):
-            self._queue.append(frame)
+            self._queue.insert(0, frame)
             self._retry_at = now + RETRY
 
     def _end_undo_of_nothing(self) -> None:
