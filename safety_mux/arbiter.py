@@ -271,15 +271,24 @@ class Arbiter:
         """Stop while there is a reason, such as that the node is not active; None ends it."""
         self._hold = reason
 
-    def reset(self, now: float) -> Reply:
-        """Go from STOPPED to READY if all is clear. Nothing moves, nothing is queued."""
-        going_on = self._going_on(now)
-        before, self._reset_asked = self._reset_asked, now
-        self._resets_go_on = bool(going_on) or self._state is not State.STOPPED
+    def reset(self, now: float, late: str = '') -> Reply:
+        """
+        Go from STOPPED to READY if all is clear. Nothing moves, nothing is queued.
+
+        :param late: why it may be one of long ago. It resets nothing then, but breaks no line of
+            resets that go on.
+        """
+        going_on, before = self._going_on(now), self._reset_asked
+        goes_on = bool(going_on) or self._state is not State.STOPPED
+        goes_on = goes_on or bool(late and self._resets_go_on)
+        if goes_on or not late:
+            self._reset_asked, self._resets_go_on = now, goes_on
         if self._state is not State.STOPPED:
             return Reply(False, f'nothing to reset: the mux is {self._state.value}')
         if going_on:
             return Reply(False, f'not reset: {going_on[0]}')
+        if late:
+            return Reply(False, f'not reset: {late}')
         if before is not None and not now - before >= self.config.clear_time:
             return Reply(
                 False,
@@ -626,7 +635,8 @@ class Arbiter:
             demand = self._limiter.step(target, dt, self._scale(now))
             in_motion = self._in_motion(demand, now)
             self._through_zero = not ready or (self._through_zero and in_motion)
-            if self._feedback is not None and to_zero and ready and in_motion and not any(demand):
+            ends = ready or self._overruled is not None
+            if self._feedback is not None and to_zero and ends and in_motion and not any(demand):
                 self._feedback.told_to_stand(now)
             if self._overruled is None or in_motion:
                 return demand

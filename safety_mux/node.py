@@ -21,6 +21,7 @@ a mux that is not active says stop, disable and 0.
 """
 
 from collections.abc import Callable
+from functools import partial
 import math
 from typing import Any
 from typing import ClassVar
@@ -392,52 +393,58 @@ class SafetyMux(ManagedNode):
 
     def _on_reset(self, request: Any, response: Any) -> Any:
         del request
-        return self._answer(response, 'reset', self._reset)
+        return self._answer(response, 'reset', self._reset, late=self._note_reset)
 
     def _on_trip(self, request: Any, response: Any) -> Any:
         del request
-        return self._answer(response, 'trip', self._trip, is_stop=True)
+        return self._answer(response, 'trip', self._trip, late=self._trip)
 
     def _on_end_trip(self, request: Any, response: Any) -> Any:
         del request
         return self._answer(response, 'end_trip', self._end_trip)
 
     def _on_select_autonomy(self, request: Any, response: Any) -> Any:
-        return self._answer(
-            response,
-            'select_autonomy',
-            self._select_autonomy,
-            request.data,
-            is_stop=not request.data,
-        )
+        select = partial(self._select_autonomy, request.data)
+        late = None if request.data else select
+        return self._answer(response, 'select_autonomy', select, late=late)
 
     def _answer(
         self,
         response: Any,
         service: str,
-        ask: Callable[..., Reply],
-        *arguments: Any,
-        is_stop: bool = False,
+        ask: Callable[[], Reply],
+        *,
+        late: Callable[[], Reply] | None = None,
     ) -> Any:
-        frozen = self._freeze.settling(clock.now())  # who asked may have gone away since
+        """
+        Do what is asked for.
+
+        :param late: what to do where that may have waited, as who asked may have gone away since;
+            ``ask`` itself if it is a stop.
+        """
+        to_do = late if self._freeze.settling(clock.now()) else ask
         try:
-            if frozen and not is_stop:
+            if to_do is None:
                 response.message = _FROZEN
             else:
-                response.success, response.message = self.lane.call(ask, *arguments)
+                response.success, response.message = self.lane.call(to_do)
         except TimeoutError as error:
             response.message = str(error)
-            if is_stop:  # it is not taken back because it comes late
-                self.lane.post(ask, *arguments)
+            if late is not None:
+                self.lane.post(late)
+            if late == ask:
                 response.message = f'it stops as soon as it goes on: {error}'
         self.get_logger().info(f'~/{service}: {response.message}')
         return response
 
     # The same on the lane.
 
-    def _reset(self) -> Reply:
+    def _note_reset(self) -> Reply:
+        return self._reset(late=True)
+
+    def _reset(self, *, late: bool = False) -> Reply:
         now = clock.now()
-        reply = self._arbiter.reset(now)
+        reply = self._arbiter.reset(now, _FROZEN if late else '')
         self._refused_reset = None if reply.ok else (now, reply.message)
         return reply
 

@@ -190,6 +190,17 @@ def test_deadman_that_is_pressed_again_and_again_gives_no_more_time_to_stand() -
     assert bench.decision.stop_demand == EVERYONE
 
 
+def test_joints_that_creep_on_as_an_overruled_owner_ends_are_one_whatever_the_drive_says() -> None:
+    bench = Machine(replace(WITH_FEEDBACK, drives=('',)))
+    bench.active()
+    bench.rate, bench.speeds = 0.0, (0.55, 0.55)
+    bench.samples['senior'] = OFF
+    bench.drive = False  # it has disabled itself, and nothing brakes
+    bench.run(1.0)
+    assert_stopped(bench.decision)
+    assert bench.decision.stop_demand == EVERYONE
+
+
 @pytest.mark.parametrize('sample', [OFF, HELD], ids=['overruled', 'taken over'])
 def test_joints_that_creep_on_at_zero_command_are_a_stop_after_stop_time(
     sample: OperatorSample,

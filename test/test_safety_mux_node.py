@@ -942,8 +942,10 @@ def test_stop_that_is_asked_of_a_mux_that_hangs_comes_when_it_goes_on(
         for response in (trip, deselection):
             assert not response.success
             assert 'it stops as soon as it goes on: nothing was done' in response.message
-        late = [arguments for function, arguments in own_mux.lane._calls if function != _settle]
-        assert late == [(), (False,)]
+        trip_, select = [function for function, _ in own_mux.lane._calls if function != _settle]
+        assert trip_ == own_mux._trip
+        assert isinstance(select, partial)
+        assert select.args == (False,)
     finally:
         gate.set()
     wait_for(
@@ -1002,6 +1004,36 @@ def test_what_is_asked_right_after_a_hang_of_the_services_is_not_done_but_a_stop
     assert mux._on_select_autonomy(SetBool.Request(), SetBool.Response()).success
     assert mux._on_trip(Trigger.Request(), Trigger.Response()).success
     assert stepped.run(0.02) is State.STOPPED
+    mux.destroy_node()
+
+
+@pytest.mark.parametrize('hang', [4.5, 6.5])
+def test_script_that_resets_for_ever_does_not_rearm_after_a_hang_of_the_services(
+    context: Any, monkeypatch: pytest.MonkeyPatch, hang: float
+) -> None:
+    stepped = SteppedMux(context, monkeypatch)
+    mux = stepped.mux
+
+    def go_on(seconds: float) -> None:
+        for _ in range(round(seconds / 0.1)):
+            mux._look()
+            stepped.run(0.1)
+
+    go_on(1.0)
+    assert reset_of(mux).startswith('reset')
+    for _ in range(3):  # a script, from here on
+        go_on(1.0)
+        assert 'nothing to reset' in reset_of(mux)
+    stepped.run(1.5)
+    stepped.stop = True
+    stepped.run(0.2)
+    stepped.stop = False
+    assert stepped.run(hang - 1.7) is State.STOPPED
+    for _ in range(4):  # those that have waited
+        assert not reset_of(mux).startswith('reset')
+    for _ in range(8):
+        go_on(0.5)
+        assert 'resets have been called since before the stop' in reset_of(mux)
     mux.destroy_node()
 
 
