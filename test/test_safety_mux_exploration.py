@@ -573,8 +573,13 @@ class Judge:
         """Note that the joints are told to stand; told again meanwhile, they have no more time."""
         log = self.log
         ended = self.before.enable and not self.after.enable
-        waits = self.after.state is State.ACTIVE and (log.must_reach_zero or log.overruled)
-        at_zero = waits and not any(self.after.demand) and not log.stands()
+        waits = (log.must_reach_zero and not log.drive_waited) or log.overruled
+        at_zero = (
+            self.after.state is State.ACTIVE
+            and waits
+            and not any(self.after.demand)
+            and not log.stands()
+        )
         if 'joints' in log.said and log.told_at is None and (ended or at_zero):
             log.told_at = log.now
 
@@ -691,6 +696,8 @@ class Judge:
             assert not any(after.demand), 'rule 15: not at rest until the drive is enabled'
             assert after.state is State.ACTIVE, 'rule 10: a ramp that no drive follows'
         log.drive_waited = waits
+        from_rest = waits and 'joints' in log.said
+        log.must_reach_zero |= from_rest
         for was, value in zip(before.demand, after.demand, strict=True):
             assert abs(value) <= LIMIT.magnitude, 'rule 10: magnitude'
             assert was * value >= 0.0, 'rule 7: through zero without being there'
@@ -706,7 +713,7 @@ class Judge:
             assert self.falls(), 'rule 10: a ramp that does not go down'
         elif log.must_reach_zero:
             assert self.falls(), 'rule 7: not towards zero first'
-            log.must_reach_zero = any(after.demand) or not log.stands()
+            log.must_reach_zero = from_rest or any(after.demand) or not log.stands()
         elif after.owner is not None and not log.overruled:
             target = self.scene.target(after.owner, log.sample[after.owner])
             for was, value, goal in zip(before.demand, after.demand, target, strict=True):
@@ -867,6 +874,16 @@ SCENES = {
         {'joints': 'stand creep reverse', 'low': 'rest drive', 'high': 'rest drive'},
         states=11358,
         steps=102083,
+    ),
+    'drive and joints': Scene(
+        {
+            'drive': 'enabled disabled',
+            'joints': 'stand creep',
+            'low': 'rest drive',
+            'high': 'rest off',
+        },
+        states=5335,
+        steps=52240,
     ),
     'together': Scene(
         {
