@@ -17,8 +17,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+import os
 from pathlib import Path
 from signal import SIGTERM
+import socket
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
@@ -28,6 +30,7 @@ import pytest
 from std_srvs.srv import Trigger
 
 from esi_drive_bridge.simulator import Simulator as DriveSimulator
+from rugged_teleop.domains import claim_domain
 from rugged_teleop.recordings import Parameters
 from rugged_teleop.recordings import read
 from rugged_teleop.recordings import Said
@@ -110,12 +113,20 @@ def told(path: Path) -> list[str]:
     return story(said, parameters)
 
 
+def other_domain(patch: pytest.MonkeyPatch) -> socket.socket:
+    """Claim a domain that no test before had: a node of the mux's name there would be recorded."""
+    patch.setenv('ROS_DOMAIN_ID', os.environ['ROS_DOMAIN_ID'])  # so that it comes back
+    return claim_domain()
+
+
 @pytest.fixture(scope='module')
 def bench(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Bench]:
     folder = tmp_path_factory.mktemp('recorder')
     recordings = folder / 'recordings'
     parameters: dict[str, Any] = {**RECORDER, 'folder': recordings}
     with (
+        pytest.MonkeyPatch.context() as patch,
+        other_domain(patch),
         Observer() as observer,
         PatientSpine(folder, observer, PARAMETERS) as spine,
         NodeProcess('rugged_teleop.recorder.node', parameters) as recorder,
