@@ -66,6 +66,7 @@ from bridge_core.transports.link import ThreadLink
 from bridge_core.transports.process import ProcessLink
 from bridge_core.transports.wire import Bridge
 from bridge_core.watchdog import FreezeWatch
+from bridge_core.watchdog import FROZEN
 
 _LOG_PERIOD = 1.0  # s, of each site
 _MOST_WORDS = 1000  # lines that wait to be logged
@@ -75,7 +76,6 @@ _LOOK_PERIOD = 0.02  # s
 _LOOK_AROUND_PERIOD = 0.5  # s
 _FREEZE = 0.2  # s without a look
 _SETTLING_TIME = 0.25  # s in which all comes in that waited in the kernel during a freeze
-_FROZEN = 'this node was frozen, so it may have waited as long; ask again'
 # Best effort: whoever is too slow for it holds nobody up.
 _RAW_QOS = QoSProfile(depth=20, reliability=ReliabilityPolicy.BEST_EFFORT)
 # Of what an actuator is told. Neither a stop nor the one message of a second publisher
@@ -331,7 +331,7 @@ class BridgeNode(ManagedNode, Generic[EventT]):
         if not self.active:
             return 0
         if not stop and self._freeze.settling(clock.now()):
-            self.refuse(f'{key or method.__name__}: {_FROZEN}')
+            self.refuse(f'{key or method.__name__}: {FROZEN}')
             return 0
         received_at = getattr(self._input, 'received_at', None)
         return self.link.request(
@@ -360,7 +360,7 @@ class BridgeNode(ManagedNode, Generic[EventT]):
             answer = await self._waiting.ask(
                 name,
                 lambda: self.request(method, *arguments, key=name, each=True, waits=True),
-                _FROZEN if frozen and self.active else _INACTIVE.reasons[0],
+                FROZEN if frozen and self.active else _INACTIVE.reasons[0],
             )
             response.success, response.message = answer.success, answer.text
             return response

@@ -16,6 +16,9 @@
 
 import math
 
+# Why what is asked just after a freeze is not done.
+FROZEN = 'this node was frozen, so it may have waited as long; ask again'
+
 
 class Watchdog:
     """

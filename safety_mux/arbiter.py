@@ -279,8 +279,8 @@ class Arbiter:
             resets that go on.
         """
         going_on, before = self._going_on(now), self._reset_asked
-        goes_on = bool(going_on) or self._state is not State.STOPPED
-        goes_on = goes_on or bool(late and self._resets_go_on)
+        kept_up = going_on or (late and self._resets_go_on)
+        goes_on = self._state is not State.STOPPED or bool(kept_up)
         if goes_on or not late:
             self._reset_asked, self._resets_go_on = now, goes_on
         if self._state is not State.STOPPED:

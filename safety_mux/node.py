@@ -53,6 +53,7 @@ from bridge_core.parameters import ParameterError
 from bridge_core.publishers import PublisherWatch
 from bridge_core.runner import run
 from bridge_core.watchdog import FreezeWatch
+from bridge_core.watchdog import FROZEN
 from safety_mux.button import ResetButton
 from safety_mux.configuration import check
 from safety_mux.configuration import joy_mapping
@@ -89,7 +90,6 @@ _LOG_PERIOD = 1.0
 _LOOK_PERIOD = 0.1  # s; each look wakes the executor
 _FREEZE = 0.2 + _LOOK_PERIOD  # s without a look: what bridges take for a freeze, at the least
 _SETTLING_TIME = 0.25  # s, as of bridges
-_FROZEN = 'this node was frozen, so it may have waited as long; ask again'
 _INACTIVE = 'the mux is not active: activate the node'
 _EARLY = 'was pressed before the stop'
 
@@ -393,7 +393,7 @@ class SafetyMux(ManagedNode):
 
     def _on_reset(self, request: Any, response: Any) -> Any:
         del request
-        return self._answer(response, 'reset', self._reset, late=self._note_reset)
+        return self._answer(response, 'reset', self._reset, late=partial(self._reset, late=True))
 
     def _on_trip(self, request: Any, response: Any) -> Any:
         del request
@@ -425,7 +425,7 @@ class SafetyMux(ManagedNode):
         to_do = late if self._freeze.settling(clock.now()) else ask
         try:
             if to_do is None:
-                response.message = _FROZEN
+                response.message = FROZEN
             else:
                 response.success, response.message = self.lane.call(to_do)
         except TimeoutError as error:
@@ -439,12 +439,9 @@ class SafetyMux(ManagedNode):
 
     # The same on the lane.
 
-    def _note_reset(self) -> Reply:
-        return self._reset(late=True)
-
     def _reset(self, *, late: bool = False) -> Reply:
         now = clock.now()
-        reply = self._arbiter.reset(now, _FROZEN if late else '')
+        reply = self._arbiter.reset(now, FROZEN if late else '')
         self._refused_reset = None if reply.ok else (now, reply.message)
         return reply
 

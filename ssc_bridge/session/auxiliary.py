@@ -99,8 +99,8 @@ class AuxOutputCommands:
         self._seen: tuple[bool, ...] = ()  # of the pins, in the newest message
         self._pulsing: set[int] = set()  # free running outputs that we have set
         self._queue: list[bytes] = []  # what is asked for
-        self._taken: list[bytes] = []  # of it, the last time
-        self._retry_at = math.inf  # the port has refused some of that
+        self._taken: list[bytes] = []  # of it, the last time: one at most
+        self._next_at = math.inf  # when the next of it goes
         self._undone_levels = False  # all of them, as they are to be
         self._undone_pulses: set[int] = set()
         self._undos = Pacer(_UNDO_PERIOD)
@@ -211,7 +211,7 @@ class AuxOutputCommands:
 
     def _drop(self) -> None:
         self._queue, self._taken = [], []
-        self._retry_at = math.inf
+        self._next_at = math.inf
 
     def take(self, now: float, *, at_once: bool) -> list[bytes]:
         """
@@ -219,11 +219,9 @@ class AuxOutputCommands:
 
         :param at_once: do not wait for the time of one that is to undo something.
         """
-        frames, rest = self._queue[:1], self._queue[1:]  # none overtakes one that is refused
-        self._drop()
-        self._taken, self._queue = frames, rest
-        if rest:
-            self._retry_at = now
+        frames, self._queue = self._queue[:1], self._queue[1:]  # none overtakes a refused one
+        self._taken = frames
+        self._next_at = now if self._queue else math.inf
         if self._undos_left and (at_once or self._undos.is_due(now)):
             levels = self._all_levels() if self._undone_levels else None
             undo = AuxOutputs(levels, _at(dict.fromkeys(self._undone_pulses, 0)))
@@ -238,7 +236,7 @@ class AuxOutputCommands:
         """Have what was asked for go again soon. What undoes something is repeated anyway."""
         if any(frame is taken for taken in self._taken):
             self._queue.insert(0, frame)
-            self._retry_at = now + RETRY
+            self._next_at = now + RETRY
 
     def _end_undo_of_nothing(self) -> None:
         if not (self._undone_levels or self._undone_pulses):
@@ -253,7 +251,7 @@ class AuxOutputCommands:
     @property
     def deadline(self) -> float:
         """When take has something by itself; infinite if never."""
-        return min(self._undos.due, self._retry_at)
+        return min(self._undos.due, self._next_at)
 
     def _all_levels(self) -> tuple[bool, ...]:
         """Return every digital output's level: as set, else as seen, else as after power-on."""
