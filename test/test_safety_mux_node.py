@@ -16,6 +16,7 @@
 
 from collections.abc import Callable
 from collections.abc import Iterator
+import contextlib
 from functools import partial
 from itertools import pairwise
 import math
@@ -908,37 +909,36 @@ def test_lost_sticks_stop_once_they_are_missing_for_the_timeout(
     stepped.mux.destroy_node()
 
 
-def test_mux_that_hangs_answers_that_nothing_was_done(
-    own_mux: SafetyMux, monkeypatch: pytest.MonkeyPatch
-) -> None:
+@contextlib.contextmanager
+def hanging(mux: SafetyMux) -> Iterator[None]:
+    """Have its lane hang meanwhile; who asks it for something is answered soon."""
     gate = Event()
-    own_mux.lane.post(gate.wait)
+    mux.lane.post(gate.wait)
     try:
-        with monkeypatch.context() as patch:
+        with pytest.MonkeyPatch.context() as patch:
             patch.setattr(lane, '_CALL_LIMIT', 0.1)
-            for service in (own_mux._on_reset, own_mux._on_end_trip):
-                response = service(Trigger.Request(), Trigger.Response())
-                assert not response.success
-                assert 'nothing was done' in response.message
-            own_mux.shut_down()
-            assert own_mux.lane._calls  # the stop, for when it goes on
+            yield
     finally:
         gate.set()
+
+
+def test_mux_that_hangs_answers_that_nothing_was_done(own_mux: SafetyMux) -> None:
+    with hanging(own_mux):
+        for service in (own_mux._on_reset, own_mux._on_end_trip):
+            response = service(Trigger.Request(), Trigger.Response())
+            assert not response.success
+            assert 'nothing was done' in response.message
+        own_mux.shut_down()
+        assert own_mux.lane._calls  # the stop, for when it goes on
     wait_for(lambda: own_mux.lane.call(lambda: own_mux._last_state) is State.STOPPED, what='it')
     assert not own_mux.lane.call(lambda: own_mux._arbiter.status(clock.now()).tripped)
 
 
-def test_stop_that_is_asked_of_a_mux_that_hangs_comes_when_it_goes_on(
-    own_mux: SafetyMux, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    gate = Event()
-    own_mux.lane.post(gate.wait)
-    try:
-        with monkeypatch.context() as patch:
-            patch.setattr(lane, '_CALL_LIMIT', 0.1)
-            trip = own_mux._on_trip(Trigger.Request(), Trigger.Response())
-            deselection = own_mux._on_select_autonomy(SetBool.Request(), SetBool.Response())
-            own_mux._on_select_autonomy(SetBool.Request(data=True), SetBool.Response())
+def test_stop_that_is_asked_of_a_mux_that_hangs_comes_when_it_goes_on(own_mux: SafetyMux) -> None:
+    with hanging(own_mux):
+        trip = own_mux._on_trip(Trigger.Request(), Trigger.Response())
+        deselection = own_mux._on_select_autonomy(SetBool.Request(), SetBool.Response())
+        own_mux._on_select_autonomy(SetBool.Request(data=True), SetBool.Response())
         for response in (trip, deselection):
             assert not response.success
             assert 'it stops as soon as it goes on: nothing was done' in response.message
@@ -946,8 +946,6 @@ def test_stop_that_is_asked_of_a_mux_that_hangs_comes_when_it_goes_on(
         assert trip_ == own_mux._trip
         assert isinstance(select, partial)
         assert select.args == (False,)
-    finally:
-        gate.set()
     wait_for(
         lambda: own_mux.lane.call(lambda: own_mux._arbiter.status(clock.now()).tripped),
         what='the trip',
@@ -955,14 +953,10 @@ def test_stop_that_is_asked_of_a_mux_that_hangs_comes_when_it_goes_on(
 
 
 def test_trip_is_kept_for_a_mux_that_hangs_whatever_diagnostics_say_meanwhile(
-    own_mux: SafetyMux, monkeypatch: pytest.MonkeyPatch
+    own_mux: SafetyMux,
 ) -> None:
-    gate = Event()
-    own_mux.lane.post(gate.wait)
-    try:
-        with monkeypatch.context() as patch:
-            patch.setattr(lane, '_CALL_LIMIT', 0.1)
-            own_mux._on_trip(Trigger.Request(), Trigger.Response())
+    with hanging(own_mux):
+        own_mux._on_trip(Trigger.Request(), Trigger.Response())
         waits = len(own_mux.lane._calls)
         name, source = next(iter(own_mux._source_of.items()))
         level = DiagnosticStatus.ERROR
@@ -970,8 +964,6 @@ def test_trip_is_kept_for_a_mux_that_hangs_whatever_diagnostics_say_meanwhile(
         for _ in range(100):
             own_mux._on_diagnostics(DiagnosticArray(status=status))
         assert len(own_mux.lane._calls) == waits + 1
-    finally:
-        gate.set()
 
     def explained() -> bool:
         tripped = own_mux._arbiter.status(clock.now()).tripped

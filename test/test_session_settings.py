@@ -106,21 +106,26 @@ hold = pytest.mark.parametrize(
 
 
 @hold
-def test_ssc_that_tells_no_channel_sources_is_no_place_to_hold(changes: dict[str, Any]) -> None:
-    """An output that was never commanded would follow its own echo, and swing for ever."""
-    by_itself, unasked = (0.0, 5.0, 0.0, 0.0, 0.0), (20.0, 0.0, 10.0, 50.0, 10.0)
+@pytest.mark.parametrize(
+    ('by_itself', 'unasked'),
+    [
+        ((0.0, 5.0, 0.0, 0.0, 0.0), (20.0, 0.0, 10.0, 50.0, 10.0)),
+        ((0.0, 0.0, 5.0, 0.0, 0.0), (20.0, 5.0, 0.0, 50.0, 10.0)),
+    ],
+    ids=['channel sources', 'pulse outputs'],
+)
+def test_ssc_that_tells_not_what_drives_an_output_and_how_is_no_place_to_hold(
+    changes: dict[str, Any], by_itself: tuple[float, ...], unasked: tuple[float, ...]
+) -> None:
+    """
+    An output that was never commanded would follow its own echo, and swing for ever.
+
+    Or it would lose the pulse that it is to keep.
+    """
     SscSettings(poll_rates=unasked, servos=(TILT,))
     SscSettings(poll_rates=unasked, message_rates=by_itself, **changes)
-    refused(SscSettings, 'poll_rates, message_rates', poll_rates=unasked, **changes)
-
-
-@hold
-def test_ssc_that_tells_no_pulse_outputs_is_no_place_to_hold(changes: dict[str, Any]) -> None:
-    """An output that was never commanded would lose the pulse that it is to keep."""
-    by_itself, unasked = (0.0, 0.0, 5.0, 0.0, 0.0), (20.0, 5.0, 0.0, 50.0, 10.0)
-    SscSettings(poll_rates=unasked, servos=(TILT,))
-    SscSettings(poll_rates=unasked, message_rates=by_itself, **changes)
-    refused(SscSettings, 'pulse outputs', poll_rates=unasked, **changes)
+    need = "the failsafe 'hold' needs rates of channel source and pulse outputs"
+    refused(SscSettings, f'poll_rates, message_rates: {need}', poll_rates=unasked, **changes)
 
 
 def test_ssc_is_as_its_parameters_say() -> None:

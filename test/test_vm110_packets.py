@@ -22,6 +22,7 @@ from bridge_core.session import Level
 from bridge_core.session import StopChanged
 from bridge_core.session import Verdict
 from test.vm110_rig import armed
+from test.vm110_rig import Bench
 from test.vm110_rig import CENTRED
 from test.vm110_rig import DEFLECTED
 from test.vm110_rig import INITIAL
@@ -45,6 +46,13 @@ from vm110_bridge.simulator import build_vrpi
 
 def numbered(serial: int, payload: bytes = CENTRED) -> bytes:
     return build_packet('VRPI', payload, serial & 0xFFFF, 7)
+
+
+def hear_line(bench: Bench, serials: range) -> None:
+    """Hear a VRPI every 125 ms."""
+    for serial in serials:
+        bench.take(numbered(serial))
+        bench.wait(0.125)
 
 
 def test_numbers_wrap() -> None:
@@ -229,9 +237,7 @@ def test_burst_of_stored_packets_after_a_silence_is_not_believed() -> None:
 
 def test_restarted_base_unit_is_believed_after_a_second() -> None:
     bench = opened()
-    for serial in range(100):
-        bench.take(numbered(serial))
-        bench.wait(0.125)
+    hear_line(bench, range(100))
     bench.wait(1.0)
     start = bench.now
     for serial in range(20):
@@ -247,9 +253,7 @@ def test_restarted_base_unit_is_believed_after_a_second() -> None:
 
 def test_what_was_heard_before_and_comes_again_by_a_slower_way_is_no_restart() -> None:
     bench = opened()
-    for serial in range(100, 124):
-        bench.take(numbered(serial))
-        bench.wait(0.125)
+    hear_line(bench, range(100, 124))
     before = len(bench.events)
     bench.wait(0.6)
     for serial in range(108, 124):
@@ -262,9 +266,7 @@ def test_what_was_heard_before_and_comes_again_by_a_slower_way_is_no_restart() -
 
 def test_unit_that_restarts_soon_and_says_the_same_is_believed_past_its_old_numbers() -> None:
     bench = opened()
-    for serial in range(30):
-        bench.take(numbered(serial))
-        bench.wait(0.125)
+    hear_line(bench, range(30))
     bench.wait(1.0)
     for serial in range(30):
         bench.take(numbered(serial))
@@ -279,9 +281,7 @@ def test_restarted_unit_may_use_a_command_id_again_at_once() -> None:
     bench.take(numbered(30000))
     bench.take(build_packet('VRCI', vrci(1), 30001, 7))
     bench.wait(0.6)
-    for serial in range(10):
-        bench.take(numbered(serial))
-        bench.wait(0.125)
+    hear_line(bench, range(10))
     bench.take(numbered(10))
     bench.take(build_packet('VRCI', vrci(1), 11, 7))
     assert of(Command, bench.events) == [Command(1, bytes(16))] * 2
