@@ -129,7 +129,13 @@ def run(
             'and see --help'
         )
     with unblocked_output():
-        return _run(factories, argv, names)
+        try:
+            return _run(factories, argv, names)
+        finally:
+            # Nodes are in reference cycles. Left to the collector, the middleware would end some
+            # time, in whichever thread allocates next, and its threads and descriptors would stay
+            # until then. No frame here names a node any more.
+            gc.collect()
 
 
 def words_beside_ros(argv: Sequence[str]) -> list[str]:
@@ -281,9 +287,6 @@ def _leave(nodes: list[ManagedNode]) -> None:
     while nodes:
         _guarded(nodes.pop().destroy_node)
     _guarded(rclpy.try_shutdown)
-    # Nodes are in reference cycles. Left to the collector, the middleware would end some time, in
-    # whichever thread allocates next, and its threads and descriptors would stay until then.
-    gc.collect()
 
 
 def _await(threads: Iterable[threading.Thread]) -> None:

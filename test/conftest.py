@@ -93,6 +93,13 @@ def pytest_runtest_setup(item: pytest.Item) -> None:
         os.setpriority(os.PRIO_PROCESS, 0, max(5 * computing(item)[0], _PRIORITY))
 
 
+@pytest.hookimpl(hookwrapper=True)
+def pytest_runtest_protocol(item: pytest.Item) -> Iterator[None]:
+    yield
+    if 'context' in getattr(item, 'fixturenames', ()):
+        gc.collect()  # nodes are in cycles, and would stay in the graph of the tests that follow
+
+
 def computing(item: pytest.Item) -> tuple[bool, float]:
     """Tell whether it has the mark ``computes``, and the seconds that this gives."""
     return item.get_closest_marker('computes') is not None, seconds(item, 'computes')

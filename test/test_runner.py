@@ -20,11 +20,13 @@ from pathlib import Path
 import resource
 import threading
 from typing import Any
+import weakref
 
 import pytest
 
 from bridge_core import realtime
 from bridge_core import runner
+from safety_mux.node import SafetyMux
 from test.rig import NodeProcess
 from test.rig import wait_for
 from test.talkers import namespace
@@ -112,6 +114,18 @@ def test_process_ends_after_its_threads() -> None:
         node.wait_output('cannot open')
         assert node.end(timeout=20.0) == 0
         assert node.output.endswith('the last\n'), node.output
+
+
+def test_node_that_is_refused_leaves_the_graph_where_its_process_goes_on() -> None:
+    nodes: list[weakref.ref[SafetyMux]] = []
+
+    def make(**options: Any) -> SafetyMux:
+        node = SafetyMux(**options)
+        nodes.append(weakref.ref(node))
+        return node
+
+    assert runner.run([make], ['node', '--ros-args', '-p', 'safty_mux:rate:=50.0']) == 2
+    assert [node() for node in nodes] == [None]
 
 
 # The middleware.
