@@ -450,16 +450,18 @@ def test_nothing_that_was_posted_is_lost_behind_calls_that_were_given_up(
     rig: Rig, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(lane_module, '_CALL_LIMIT', 0.0)
-    monkeypatch.setattr(lane_module, '_CAPACITY', 20)
+    monkeypatch.setattr(lane_module, '_CAPACITY', 19)
     rig.lane.stop()
     rig.lane = Lane(rig.node, 'listener lane')
     gate = threading.Event()
     rig.lane.start()
     rig.lane.post(gate.wait)
+    wait_for(lambda: not rig.lane._calls, 20.0, 'hanging')
     for number in range(30):
         rig.lane.post(rig.heard.append, number)
         with pytest.raises(TimeoutError, match='nothing was done: listener lane'):
             rig.lane.call(rig.heard.append, 'late')
+    assert len(rig.lane._calls) == 39, 'calls that are given up pile up'
     gate.set()
     rig.wait_heard(*range(30))
 
