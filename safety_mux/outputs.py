@@ -30,6 +30,7 @@ from geometry_msgs.msg import TwistStamped
 from sensor_msgs.msg import JointState
 from sensor_msgs.msg import Joy
 
+from bridge_core.session import Pacer
 from safety_mux.protocol import Demand
 
 _NEUTRAL_PERIOD = 0.05  # s; who obeys a Joy times out on it
@@ -147,7 +148,8 @@ class GatedJoy:
         self._waits = False  # and it was not passed on yet
         self._free_axes: set[int] = set()  # let go of since the gate is open
         self._free_buttons: set[int] = set()
-        self._due = -math.inf  # of the next neutral one
+        self._pacer = Pacer(_NEUTRAL_PERIOD)
+        self._pacer.start(-math.inf)
 
     def go_on(self, before: GatedJoy) -> None:
         """Be neutral from now on if ``before``, which this one replaces, was."""
@@ -169,7 +171,7 @@ class GatedJoy:
             if self._heard is not None:
                 self._note(self._heard)
         else:
-            self._due = now
+            self._pacer.start(now)
             self.say(now)
 
     def say(self, now: float) -> None:
@@ -179,9 +181,9 @@ class GatedJoy:
         if self._is_open:
             if self._waits:
                 self.publisher.publish(self._passed(self._heard))
-        elif now >= self._due:
+        elif self._pacer.is_due(now):
             self.publisher.publish(self._neutral(self._heard))
-            self._due = now + _NEUTRAL_PERIOD
+            self._pacer.sent(now)
         self._waits = False
 
     @property
