@@ -71,7 +71,7 @@ class Axis:
 
     def __post_init__(self) -> None:
         if not self.joint:
-            raise ValueError('a joint needs a name')
+            raise ValueError('joint_names: each joint needs a name')
         for name in ('command_scale', 'gear_ratio'):
             value = getattr(self, name)
             if not (math.isfinite(value) and value > 0.0):

@@ -178,6 +178,10 @@ class Arbiter:
         self._reset_asked, self._resets_go_on = before._reset_asked, before._resets_go_on
         if self._feedback is not None and before._feedback is not None:
             self._feedback.go_on(before._feedback)
+        for name in self._drives.keys() & before._drives.keys():
+            self._drives[name].go_on(before._drives[name])
+        for name in self._speed_limits.keys() & before._speed_limits.keys():
+            self._speed_limits[name].go_on(before._speed_limits[name])
 
     # -- inputs ------------------------------------------------------------------------------
 
@@ -379,7 +383,7 @@ class Arbiter:
         )
 
     def _drives_enabled(self, now: float) -> bool | None:
-        drives = self._drives.values()
+        drives = [each for each in self._drives.values() if each.awaited]
         return all(each.condition(now) == 'enabled' for each in drives) if drives else None
 
     def motion_left(self, now: float) -> str:

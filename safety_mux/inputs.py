@@ -199,6 +199,15 @@ class DriveInput(Input):
         if not value:
             self.lapse = f'{self.label} was not enabled'
 
+    def go_on(self, before: 'DriveInput') -> None:
+        """Be waited for if ``before``, which this one replaces, was heard."""
+        self.known = before.known
+
+    @property
+    def awaited(self) -> bool:
+        """Whether motion waits for it."""
+        return self.known or self._is_named or bool(self.faults)
+
     @property
     def use(self) -> str:
         """``enabled`` or ``not enabled``."""
@@ -206,9 +215,8 @@ class DriveInput(Input):
 
     def ready(self, now: float) -> bool:
         """Return whether it is enabled, and was at all times since the last tick."""
-        if not self.known:
-            return not (self._is_named or self.faults)
-        return self.value and self.lapse is None and self.usable(now)
+        enabled = self.value and self.lapse is None and self.usable(now)
+        return enabled or not self.awaited
 
 
 class SpeedLimitInput(Input):
@@ -228,6 +236,10 @@ class SpeedLimitInput(Input):
             return
         self.hear(now)
         self.value = value
+
+    def go_on(self, before: 'SpeedLimitInput') -> None:
+        """Allow no more than ``before``, which this one replaces, until it is heard."""
+        self.value = before.value
 
     @property
     def use(self) -> str:

@@ -87,6 +87,7 @@ _STATE_PERIOD = 0.1  # s, of ~/state, for people
 _LOOK_AROUND_PERIOD = 0.5
 _DIAGNOSTICS_PERIOD = 1.0
 _LOG_PERIOD = 1.0
+_MOST_WORDS = 1000  # characters of why a source demands a stop
 _LOOK_PERIOD = 0.1  # s; each look wakes the executor
 _FREEZE = 0.2 + _LOOK_PERIOD  # s without a look: what bridges take for a freeze, at the least
 _SETTLING_TIME = 0.25  # s, as of bridges
@@ -126,6 +127,7 @@ class SafetyMux(ManagedNode):
         self._refused_reset: tuple[float, str] | None = None  # since the last one that counted
         self._own_watches: dict[str, tuple[Any, PublisherWatch]] = {}  # while others are there
         self._inputs: list[Any] = []
+        self._watches: dict[str, tuple[Kind, str, PublisherWatch]] = {}
         self._stop_demands: dict[str, Repeated] = {}
         self._gated_joys: dict[str, GatedJoy] = {}
         self._source_of: dict[str, str] = {}  # by the name of the device's diagnostic
@@ -205,7 +207,8 @@ class SafetyMux(ManagedNode):
         self._arbiter = self._intake.arbiter
         self._hold(clock.now())
         self._last_state: State | None = None
-        self._watches: dict[str, tuple[Kind, str, PublisherWatch]] = {}
+        watches = {topic: watch for topic, (_, _, watch) in self._watches.items()}
+        self._watches = {}
         self._unpublished: list[str] = []  # as of the last look around
         self._source_of = {}
         self._words = command_of(values)
@@ -214,7 +217,8 @@ class SafetyMux(ManagedNode):
                 Bool, f'~/stop_demand/{source.name}', latched_qos(), _DEMAND_PERIOD
             )
         for each in self._intake.topics():
-            self._subscribe(each)
+            topic = self.resolve_topic_name(self.values[each.parameter])
+            self._subscribe(each, watches.get(topic) or PublisherWatch())
         for operator in self._intake.config.operators:
             if values[f'operator.{operator.name}.gated_joy']:
                 self._gated_joys[operator.name] = self._gated_joy(operator.name)
@@ -230,9 +234,8 @@ class SafetyMux(ManagedNode):
             deadman=self.values[f'operator.{name}.deadman_buttons'],
         )
 
-    def _subscribe(self, listened: Listened) -> None:
+    def _subscribe(self, listened: Listened, watch: PublisherWatch) -> None:
         _, kind, name, message_type, take = listened
-        watch = PublisherWatch()
 
         def on_message(message: Any, info: Any) -> None:
             now = clock.now()
@@ -294,7 +297,7 @@ class SafetyMux(ManagedNode):
         for status in message.status:
             if status.name in self._source_of:
                 bad = status.level != DiagnosticStatus.OK
-                self._reasons[status.name] = status.message if bad else ''
+                self._reasons[status.name] = status.message[:_MOST_WORDS] if bad else ''
         if self._reasons and not self._reasons_posted:  # once, however long the lane hangs
             self._reasons_posted = True
             self.lane.post(self._explain)

@@ -21,6 +21,8 @@ from collections.abc import Callable
 from collections.abc import Iterable
 from collections.abc import Mapping
 from collections.abc import Sequence
+from itertools import chain
+from itertools import islice
 import math
 from types import MappingProxyType
 from typing import Any
@@ -33,6 +35,7 @@ from sensor_msgs.msg import Joy
 from bridge_core.session import Pacer
 from safety_mux.protocol import Demand
 
+_MOST_HELD = 10  # that are named
 _NEUTRAL_PERIOD = 0.05  # s; who obeys a Joy times out on it
 
 
@@ -188,13 +191,15 @@ class GatedJoy:
 
     @property
     def held(self) -> list[str]:
-        """What is not passed on because it was held when control began, in words."""
+        """The first of what is not passed on because it was held when control began."""
         if self._heard is None or not self._is_open:
             return []
-        axes, buttons = self._heard.axes, self._heard.buttons
-        return [f'axis {i}' for i in range(len(axes)) if i not in self._free_axes] + [
-            f'button {i}' for i in range(len(buttons)) if i not in self._free_buttons
-        ]
+        axes, buttons = range(len(self._heard.axes)), range(len(self._heard.buttons))
+        held = chain(
+            (f'axis {i}' for i in axes if i not in self._free_axes),
+            (f'button {i}' for i in buttons if i not in self._free_buttons),
+        )
+        return [*islice(held, _MOST_HELD)]
 
     def _note(self, joy: Joy) -> None:
         limits = (self._deadbands.get(i, self._deadband) for i in range(len(joy.axes)))

@@ -22,6 +22,8 @@ from rclpy.lifecycle import TransitionCallbackReturn
 from rclpy.parameter import Parameter
 from sensor_msgs.msg import JointState
 from sensor_msgs.msg import Joy
+from std_msgs.msg import Bool
+from std_msgs.msg import Float64
 
 from bridge_core import clock
 from safety_mux.outputs import GatedJoy
@@ -154,6 +156,87 @@ def test_gated_joy_is_neutral_after_an_activation_with_other_parameters(
         assert len(said) == pytest.approx(20, abs=1)
         assert [len(joy.axes) for joy in said] == [len(sticks().axes)] * len(said)
     mux.mux.destroy_node()
+
+
+class Limited(WatchedMux):
+    """A mux with a speed limit and a drive that says whether it is enabled; None: silence."""
+
+    def __init__(
+        self, context: Any, monkeypatch: pytest.MonkeyPatch, *, enabled: bool | None = True
+    ) -> None:
+        self.zone: float | None = 0.1
+        self.enabled = enabled
+        parameters = {
+            'speed_limits': ['zone'],
+            'speed_limit.zone.topic': 'zone',
+            'speed_limit.zone.lowest': 0.5,
+            'feedback.overspeed_tolerance': 1000.0,
+        }
+        super().__init__(context, monkeypatch, **parameters)
+
+    def _feed(self, now: float) -> None:
+        super()._feed(now)
+        messages = {'drive': (Bool, self.enabled), 'speed limit': (Float64, self.zone)}
+        for each in self.mux._intake.topics():
+            message, value = messages.get(each.kind, (None, None))
+            if message is not None and value is not None:
+                each.take(message(data=value), now)
+
+    def fastest(self) -> float:
+        """Return how fast a full stick moves the joints."""
+        self.run(2.0)
+        assert self.mux._reset().ok
+        self.run(1.5)
+        self.joy = sticks(1.0, deadman=True)
+        assert self.run(1.5) is State.ACTIVE
+        return float(max(map(abs, self.mux._arbiter._limiter.output)))
+
+
+@pytest.mark.parametrize('parameters', [{}, {'hold_time': 0.6}], ids=['as it was', 'changed'])
+@pytest.mark.parametrize(
+    ('silent', 'speed'), [('zone', 1.0), ('enabled', 0.0)], ids=['speed limit', 'drive']
+)
+def test_silence_makes_nothing_faster_by_an_activation(
+    context: Any,
+    monkeypatch: pytest.MonkeyPatch,
+    silent: str,
+    speed: float,
+    parameters: dict[str, Any],
+) -> None:
+    mux = Limited(context, monkeypatch)
+    mux.run(0.5)
+    setattr(mux, silent, None)
+    mux.run(1.0)
+    assert mux.change(**parameters)
+    assert mux.fastest() == pytest.approx(speed)
+    mux.mux.destroy_node()
+
+
+def test_drive_that_was_never_heard_keeps_nothing_still(
+    context: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    mux = Limited(context, monkeypatch, enabled=None)
+    mux.zone = 1.0
+    assert mux.fastest() == pytest.approx(10.0)
+    assert 'drive enabled' not in mux.values(), 'nobody could say so'
+    mux.mux.destroy_node()
+
+
+@pytest.mark.parametrize('parameters', [{}, {'hold_time': 0.6}], ids=['as it was', 'changed'])
+def test_two_publishers_outlast_other_parameters(
+    mux: WatchedMux, monkeypatch: pytest.MonkeyPatch, parameters: dict[str, Any]
+) -> None:
+    (topic,) = (name for name in mux.mux._watches if name.endswith('fort_vsc_bridge/estop'))
+    monkeypatch.setattr(mux.mux, 'count_publishers', lambda name: 1 + (name == topic))
+    for number in (100, 1, 101, 2):
+        mux.mux._watches[topic][2].heard(number, clock.now())
+    mux.mux._look_around(clock.now())
+    mux.run(0.1)
+    assert 'two live publishers' in mux.message()
+    assert mux.change(**parameters)
+    mux.mux._look_around(clock.now())
+    mux.run(4.0)
+    assert 'two live publishers' in mux.message()
 
 
 def test_trip_outlasts_other_parameters(mux: WatchedMux) -> None:

@@ -24,6 +24,7 @@ import time
 from typing import Any
 
 from builtin_interfaces.msg import Time
+from diagnostic_msgs.msg import DiagnosticArray
 from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import Twist
 from geometry_msgs.msg import TwistStamped
@@ -221,6 +222,13 @@ def test_stop_and_new_control_forget_what_was_let_go_of() -> None:
     gate.hear(0.0, 0.5)
     assert gate.tick(True) == [([0.0, 0.0], [1, 0])]
     assert gate.gate.held == ['axis 1']
+
+
+def test_what_is_left_out_is_named_in_part() -> None:
+    gate = Gate()
+    gate.hear(*[0.5] * 4, buttons=(1,) * 1000)
+    gate.tick(True)
+    assert gate.gate.held[::3] == ['axis 0', 'axis 3', 'button 3', 'button 6']
 
 
 def test_message_that_becomes_longer_or_shorter_is_passed_on() -> None:
@@ -431,6 +439,19 @@ def test_neutral_goes_out_with_the_stop_and_behind_it(own_mux: SafetyMux) -> Non
 
     own_mux.lane.call(play)
     assert story == ['estop', 'enable', 'joy']
+
+
+def test_words_of_a_device_are_cited_in_part(own_mux: SafetyMux) -> None:
+    device, source = next(iter(own_mux._source_of.items()))
+
+    def said() -> str:
+        now = time.monotonic()
+        own_mux._arbiter.estop_message(source, True, now)
+        return str(own_mux._status_message(now).message)
+
+    words = DiagnosticStatus(name=device, level=b'\2', message='x' * 300_000)
+    own_mux._on_diagnostics(DiagnosticArray(status=[words]))
+    assert own_mux.lane.call(said).count('x') == pytest.approx(1000, abs=10)
 
 
 def test_mux_that_is_not_asked_for_it_publishes_no_joy(observer: Observer) -> None:
