@@ -478,6 +478,11 @@ class Arbiter:
         self._through_zero = False
 
     @property
+    def clear_since(self) -> float:
+        """The first tick in STOPPED without a stop; -inf while one stands."""
+        return -math.inf if self._clear_since is None else self._clear_since
+
+    @property
     def _runs_on(self) -> bool:
         """Whether the joints move as nobody asked them to."""
         return self._feedback is not None and self._feedback.fault is not None

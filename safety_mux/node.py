@@ -92,7 +92,7 @@ _LOOK_PERIOD = 0.1  # s; each look wakes the executor
 _FREEZE = 0.2 + _LOOK_PERIOD  # s without a look: what bridges take for a freeze, at the least
 _SETTLING_TIME = 0.25  # s, as of bridges
 _INACTIVE = 'the mux is not active: activate the node'
-_EARLY = 'was pressed before the stop'
+_EARLY = 'was pressed before the stop was over'
 
 
 class SafetyMux(ManagedNode):
@@ -320,8 +320,9 @@ class SafetyMux(ManagedNode):
         why_not = self._button.hear(message.data, now, trouble)
         if why_not is None:
             return
-        if self._arbiter.status(now).last_transition.at > self._button.free_at:
-            why_not = why_not or _EARLY  # it came between two messages
+        stopped_at = max(self._arbiter.status(now).last_transition.at, self._arbiter.clear_since)
+        if stopped_at > self._button.free_at:
+            why_not = why_not or _EARLY  # it may have come between two messages
         if why_not and self._last_state is State.STOPPED:
             self._refused_reset = now, f'not reset: the reset button {why_not}'
         else:

@@ -136,7 +136,24 @@ def test_press_that_began_before_the_stop_is_not_meant_for_it(mux: ButtonMux) ->
     mux.run(1.0)
     mux.button = False
     assert mux.run(1.0) is State.STOPPED
-    assert mux.said() == 'not reset: the reset button was pressed before the stop'
+    assert mux.said() == 'not reset: the reset button was pressed before the stop was over'
+    assert mux.press() is State.READY
+
+
+@pytest.mark.parametrize('before', [0.0, 0.2])  # s of the press before it
+def test_press_that_a_stop_comes_into_while_stopped_is_none(mux: ButtonMux, before: float) -> None:
+    assert mux.mux._last_state is State.STOPPED
+    mux.stop = not before
+    mux.run(1.0)
+    mux.button = True
+    mux.run(before)
+    mux.stop = True
+    mux.run(0.2)
+    mux.stop = False
+    mux.run(1.0)
+    mux.button = False
+    assert mux.run(EVERY) is State.STOPPED
+    assert mux.said() == 'not reset: the reset button was pressed before the stop was over'
     assert mux.press() is State.READY
 
 
@@ -165,7 +182,7 @@ def test_press_that_began_before_a_stop_between_two_of_its_messages_is_not_meant
     assert mux.run(1.0) is State.STOPPED
     mux.button = False
     assert mux.run(1.0) is State.STOPPED
-    assert mux.said() == 'not reset: the reset button was pressed before the stop'
+    assert mux.said() == 'not reset: the reset button was pressed before the stop was over'
     assert mux.press() is State.READY
 
 
