@@ -257,19 +257,27 @@ def test_stop_that_is_over_before_the_line_takes_it_is_asked_for_once(busy: floa
     assert [frame for _, frame in bench.sent[before:]].count(STOP) == 1
 
 
-def test_stop_that_no_line_took_is_not_asked_of_the_next_vsc() -> None:
-    bench = opened(software_estop_timeout=5.0)
+@pytest.mark.parametrize('way', ['refused', 'lost', 'closed', 'silent', 'at once'])
+def test_stop_that_no_line_took_is_asked_for_once_the_port_is_open(way: str) -> None:
+    """A VSC as delivered does not stop as our heartbeats end (7.3.4, key 85)."""
+    bench = opened(software_estop_timeout=0.3)
     ask(bench, False)
-    bench.busy = True
-    bench.session.set_software_estop(True, bench.now)
-    bench.poll()
+    if way in ('closed', 'silent', 'at once'):
+        bench.close()
+    bench.busy = way == 'refused'
+    if way == 'silent':
+        bench.wait(0.3)
+    else:
+        bench.session.set_software_estop(True, bench.now)
+    if way != 'at once':
+        bench.poll()
     bench.session.set_software_estop(False, bench.now)
     bench.close()
     bench.busy = False
     before = len(bench.sent)
     bench.open()
     bench.wait(0.2)
-    assert {frame for _, frame in bench.sent[before:]} == {CLEAR}
+    assert [frame for _, frame in bench.sent[before:]] == [STOP, CLEAR, CLEAR, CLEAR, CLEAR]
 
 
 def test_silence_of_the_software_estop_on_a_busy_line_does_not_spin() -> None:

@@ -62,6 +62,7 @@ from fort_vsc_bridge.session.settings import Settings
 from fort_vsc_bridge.session.stops import StopJudge
 
 _NEUTRAL = Sticks()
+_ASKED = 'end what ~/software_estop asks for'
 _LATELY = 3.0  # seconds for which what came once is named, and a line counts as looped
 _LONGEST_INTERVAL = 65.535  # seconds between two remote status messages (7.3.5)
 _STATUS_INTERVALS = 3  # that may pass without one
@@ -187,8 +188,9 @@ class Session(BaseSession[Frame, Received, Event]):
             self._pacer.start(now + RETRY)
 
     def _begin(self, now: float) -> None:
+        if self._sent_stop and not self._leaving:  # which the line may not have taken
+            self._owed_stop = _ASKED
         self._leaving = self._joystick_alone = False
-        self._owed_stop = ''  # a VSC that was there then stopped as our heartbeats ended (7.3.4)
         self._settled_at = now + self.settings.link_timeout
         self._queue.drop_passing()  # asked while the port was closed, perhaps of another VSC
         if self.settings.wire.carries(MessageType.HOST_HEARTBEAT):
@@ -353,7 +355,7 @@ class Session(BaseSession[Frame, Received, Event]):
         if self._software_estop_heard.expired(now):
             heard = self._software_estop_heard.describe(now)
             return f'start what publishes ~/software_estop ({heard})'
-        return 'end what ~/software_estop asks for' if self._software_estop else self._owed_stop
+        return _ASKED if self._software_estop else self._owed_stop
 
     # What the node asks.
 
@@ -373,9 +375,12 @@ class Session(BaseSession[Frame, Received, Event]):
         self._expire(now)
         self.software_estop_refused = not self.settings.wire.carries(MessageType.HOST_HEARTBEAT)
         self.settings.wire.require(MessageType.HOST_HEARTBEAT)
+        before = self._software_stop(now) if self._software_estop_heard.heard else ''
         self.software_estop_in_use = True
         self._software_estop = value
         self._software_estop_heard.feed(now)
+        if not self._sent_stop:  # it may be over before a line that is busy, or closed, takes it
+            self._owed_stop = before or self._software_stop(now)
 
     def forget_software_estop(self, now: float) -> None:
         """Be as before the first call of ``set_software_estop``."""
