@@ -431,6 +431,17 @@ def test_level_is_obeyed_once_the_pins_are_known() -> None:
     assert rig.payloads(21) == [b'\x8c\0']
 
 
+def test_output_that_is_back_as_after_power_on_is_not_set_with_another() -> None:
+    rig = aux_rig(keep_aux_outputs=True)
+    rig.do(level(4, True))
+    rig.mute = set(range(10, 16))
+    rig.tick(100)
+    rig.mute = set()
+    rig.tick(200)
+    rig.do(level(3, True))
+    assert rig.payloads(21) == [b'\x8c\0', b'\x84\0']
+
+
 @pytest.mark.parametrize('keep', [False, True])
 @pytest.mark.parametrize('ticks', [40, 200])
 def test_what_a_dead_line_kept_from_being_undone_is_undone_when_it_is_back(

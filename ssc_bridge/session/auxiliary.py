@@ -113,6 +113,8 @@ class AuxOutputCommands:
             self._levels.clear()
             self._pulsing.clear()
             self._end_undo()  # it names channels that are something else now
+        if self._keep:
+            self._levels.clear()  # the SSC may have been off meanwhile
         self._drop()
         self._seen = ()
 
