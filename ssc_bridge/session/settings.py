@@ -42,6 +42,7 @@ from ssc_bridge.protocol import OVERHEAD
 _TABLE = table_of(GENERAL)
 _STATES = {state.text: state for state in CommandState}
 _FAILSAFE = Failsafe(_TABLE['failsafe'].default)
+_OFTEN = 4.0  # Hz: outputs are looked for, for 0.3 s, before they are commanded
 _LISTS = ('poll_rates', 'message_rates', 'plausible_us')
 
 
@@ -97,11 +98,12 @@ class Settings(CheckedSettings):
         if self.failsafe is Failsafe.PULSE:
             raise ValueError('failsafe: a pulse needs an output with a name, see servos')
         holds = Failsafe.HOLD in (self.failsafe, *(servo.failsafe for servo in self.servos))
-        if holds and not all(self.poll_rates[n] or self.message_rates[n] for n in (1, 2)):
+        told = [self.poll_rates[n] or self.message_rates[n] >= _OFTEN for n in (1, 2)]
+        if holds and not all(told):
             raise ValueError(
-                "poll_rates, message_rates: the failsafe 'hold' needs rates of channel source and "
-                'pulse outputs in one of them, or an output would follow its own echo, or lose '
-                'its pulse'
+                "poll_rates, message_rates: the failsafe 'hold' needs channel source and pulse "
+                f'outputs polled, or {_OFTEN:g} Hz by themselves, or an output would follow its '
+                'own echo, or lose its pulse'
             )
 
     def _check_calibration(self, axis: AxisInput) -> None:
