@@ -283,6 +283,7 @@ def test_nothing_is_echoed_to_the_device(tmp_path: Path) -> None:
     try:
         settings = termios.tcgetattr(pty._slave)
         settings[3] |= termios.ECHO | termios.ICANON
+        settings[4] = settings[5] = termios.B9600
         termios.tcsetattr(pty._slave, termios.TCSANOW, settings)  # as the kernel makes them
         ear = SerialEar(str(pty.path), 115200)
         ear.open()
@@ -291,6 +292,7 @@ def test_nothing_is_echoed_to_the_device(tmp_path: Path) -> None:
         ear.close()
         pty.write(FORT)  # others may still come
         assert pty.read() == b''
+        assert termios.tcgetattr(pty._slave)[4:6] == [termios.B9600] * 2
     finally:
         pty.unplug()
 

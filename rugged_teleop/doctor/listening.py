@@ -123,8 +123,11 @@ class SerialEar:
         fd, self._fd = self._fd, -1
         if fd >= 0:
             with contextlib.suppress(termios.error):  # it is gone, or no serial port
-                if termios.tcgetattr(fd) == self._ours and not self._before[3] & termios.ECHO:
-                    termios.tcsetattr(fd, termios.TCSANOW, self._before)
+                if termios.tcgetattr(fd) == self._ours:
+                    back = list(self._before)
+                    if back[3] & termios.ECHO:  # it stays raw, or the device would hear itself
+                        back[:2], back[3], back[6] = self._ours[:2], self._ours[3], self._ours[6]
+                    termios.tcsetattr(fd, termios.TCSANOW, back)
             os.close(fd)
 
     def fileno(self) -> int:
