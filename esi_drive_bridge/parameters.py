@@ -33,7 +33,7 @@ PARAMETERS = (
         "The drive's SerialBaud in HiDS: 115200, 230400 or 1000000 (manual 4.5.2). 115200 does "
         'not carry 1000 dual status packets a second.',
         unit='bit/s',
-        minimum=1200,
+        minimum=9600,
         maximum=4_000_000,
     ),
     Parameter(

@@ -38,14 +38,12 @@ from dataclasses import dataclass
 from enum import Enum
 from enum import IntEnum
 from enum import IntFlag
-import math
 import struct
 from typing import Any
 
 from bridge_core.checksums import crc16_ccitt_false
 from bridge_core.framing import ChecksumError
 from bridge_core.framing import draft_of
-from bridge_core.framing import expiry
 from bridge_core.framing import FrameError
 from bridge_core.framing import FrameFormat
 from bridge_core.framing import MessageT
@@ -467,14 +465,12 @@ def command_parser(layout: Layout) -> StreamParser[Command]:
     return _parser(layout.command_size, lambda body: Command.from_body(body, layout))
 
 
-def status_parser(layout: Layout, baud: float = math.inf) -> StreamParser[Status]:
-    """Return a parser for the direction from the drive. :param baud: of the line."""
-    return _parser(layout.status_size, lambda body: Status.from_body(body, layout), baud)
+def status_parser(layout: Layout) -> StreamParser[Status]:
+    """Return a parser for the direction from the drive."""
+    return _parser(layout.status_size, lambda body: Status.from_body(body, layout))
 
 
-def _parser(
-    size: int, from_body: Callable[[bytes], MessageT], baud: float = math.inf
-) -> StreamParser[MessageT]:
+def _parser(size: int, from_body: Callable[[bytes], MessageT]) -> StreamParser[MessageT]:
     def read(buffer: bytes, start: int, end: int) -> MessageT | None:
         check = end - CHECK_SIZE
         body = buffer[start + len(HEADER) : check]
@@ -488,6 +484,5 @@ def _parser(
             size_of=lambda head: size,
             decode=lambda frame: from_body(_body_of(frame, size)),
             readers={HEADER: (size, read)},
-        ),
-        expire=expiry(size, baud),
+        )
     )

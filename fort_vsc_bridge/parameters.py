@@ -93,7 +93,7 @@ PARAMETERS = (
         BAUD,
         'serial: of the RS232 port; the VSC has but one (manual 7), and USB ignores it.',
         'bit/s',
-        1200,
+        9600,
         4_000_000,
     ),
     Parameter(

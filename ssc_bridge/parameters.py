@@ -65,7 +65,7 @@ GENERAL = (
         BAUD,
         'That of the SSC is fixed (manual 3.4); another only for what stands between.',
         unit='bit/s',
-        minimum=1200,
+        minimum=9600,
         maximum=4_000_000,
     ),
     Parameter(

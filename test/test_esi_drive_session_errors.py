@@ -81,14 +81,6 @@ def test_silent_status_demands_a_stop_in_time(rig: Rig) -> None:
     assert 'last heard 250 ms ago, limit 250 ms' in rig.session.stop_reasons(rig.now)[0]
 
 
-def test_status_on_a_slow_line_is_whole() -> None:
-    rig = Rig(baud=1200, link_timeout=0.5)
-    for byte in IDLE:
-        rig.hear(bytes((byte,)))
-        rig.now += 10 / 1200
-    assert (rig.session.counters.frames, rig.session.counters.expired) == (1, 0)
-
-
 def test_bytes_without_a_frame_name_the_baud_rate(rig: Rig) -> None:
     silence, noise = rig.session.stop_reasons(rig.now)[0], b'\x8e\x03\xfe\x10'
     assert silence.startswith("check power, the receive pair, and HiDS's SerialInterfaceEnable")

@@ -377,6 +377,35 @@ def test_backlog_in_whole_buffers_of_the_driver_counts_as_what_was_written(
     transport.close()
 
 
+@pytest.mark.parametrize(
+    ('size', 'moves', 'seconds', 'left'),
+    [(94, True, 0.098, 0), (94, False, 0.148, 94), (1280, True, 0.148, 1138)],
+    ids=['slow', 'stuck', 'buffers of the driver'],
+)
+def test_last_frames_have_the_time_that_they_take(
+    monkeypatch: pytest.MonkeyPatch, size: int, moves: bool, seconds: float, left: int
+) -> None:
+    """94 bytes at 9600 bit/s; of what the driver calls its backlog no more count."""
+    line, now = Line(), 100.0
+    discarded: list[int] = []
+
+    def backlog(line: Line) -> int:
+        return max(0, size - int((now - 100.0) * 960.0)) if moves else size
+
+    def sleep(time: float) -> None:
+        nonlocal now
+        now += time
+
+    monkeypatch.setattr(clock, 'now', lambda: now)
+    monkeypatch.setattr(time, 'sleep', sleep)
+    monkeypatch.setattr(Line, 'backlog', backlog)
+    monkeypatch.setattr(Line, 'discard', lambda line: discarded.append(backlog(line)))
+    line.wrote(94)
+    line.drain(9600)
+    assert now - 100.0 == pytest.approx(seconds, abs=2e-3)
+    assert sum(discarded) == pytest.approx(left, abs=2)
+
+
 # What keeps a port from being opened, in words.
 
 

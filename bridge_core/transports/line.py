@@ -32,6 +32,7 @@ _BACKLOG_LIMIT = 64  # bytes, which take 5.6 ms at 115200 baud
 STALL_TIMEOUT = 0.5  # s
 STALLED = f'took no bytes for {STALL_TIMEOUT * 1e3:.0f} ms'
 _DRAIN_TIMEOUT = 0.05  # s
+_BITS_PER_BYTE = 10  # 8N1
 _SIOCOUTQNSD = 0x894B  # linux/sockios.h: as TIOCOUTQ, less what was sent but not acknowledged
 _TCP_USER_TIMEOUT_MS = 2000
 
@@ -81,10 +82,15 @@ class Line:
             with contextlib.suppress(termios.error):  # unplugged
                 termios.tcflush(self.fd, termios.TCOFLUSH)
 
-    def drain(self) -> None:
-        """Wait up to 50 ms for queued bytes to leave; close alone could block for 30 s."""
-        end = clock.now() + _DRAIN_TIMEOUT
+    def drain(self, baud: float = math.inf) -> None:
+        """
+        Wait for queued bytes to leave, as the last of them stop the device; discard what does not.
+
+        For as long as they take at ``baud`` and 50 ms more: close alone could block for 30 s.
+        """
         with contextlib.suppress(OSError):  # unplugged: nothing to drain
+            takes = min(self.backlog(), self._written) * _BITS_PER_BYTE / baud
+            end = clock.now() + takes + _DRAIN_TIMEOUT
             while self.backlog() and clock.now() < end:
                 time.sleep(0.001)
             if self.backlog():

@@ -104,7 +104,7 @@ class SerialTransport:
             termios.tcflush(line, termios.TCIOFLUSH)
 
     def close(self) -> None:
-        """Close the port; queued output gets 50 ms to leave."""
+        """Close the port; queued output gets the time that it needs, and 50 ms more."""
         port, pump, line = self._serial, self._pump, self._line
         self._serial, self._pump, self._fd, self._line = None, None, -1, Line()
         if pump is not None:
@@ -113,7 +113,7 @@ class SerialTransport:
             # pyserial sleeps in close; the kernel sends what was written.
             threading.Thread(target=_quietly, args=(port.close,), daemon=True).start()
         elif port is not None:
-            line.drain()
+            line.drain(self._baud)
             _quietly(port.close)
 
     def fileno(self) -> int:

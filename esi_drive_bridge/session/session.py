@@ -78,7 +78,7 @@ class Session(BaseSession[bytes, Status, Event]):
     HELD = 'disabled'
 
     def __init__(self, settings: Settings) -> None:
-        super().__init__(status_parser(settings.layout, settings.baud), settings.link_timeout)
+        super().__init__(status_parser(settings.layout), settings.link_timeout)
         self.settings = settings
         self.saturations = 0  # command values cut to what 16 bits hold, one an axis and command
         self.refused_commands = 0
