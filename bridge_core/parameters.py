@@ -276,8 +276,8 @@ ACTUATOR_PARAMETERS = (
     Parameter(
         'wire_rt_priority',
         0,
-        'Of actuators: real-time priority of the process at the port alone. 0: that of '
-        'rt_priority.',
+        'Of actuators: real-time priority of the process at the port alone. 0: the rt_priority of '
+        'this node.',
         minimum=0,
         maximum=98,
         fixed=True,

@@ -43,12 +43,20 @@ def use_realtime(priority: int) -> list[str]:
     ]
 
 
+def user_name() -> str:
+    """Return the name of whoever runs this; the number, if that has none as in a container."""
+    try:
+        return getpass.getuser()
+    except (KeyError, OSError):
+        return str(os.getuid())
+
+
 def _try(step: Callable[[], None], limit: str, setting: str) -> list[str]:
     try:
         step()
     except OSError as error:
         return [
-            f'add "{getpass.getuser()} - {limit}" to /etc/security/limits.conf and log in again, '
+            f'add "{user_name()} - {limit}" to /etc/security/limits.conf and log in again, '
             f'or {setting} to the systemd unit: rt_priority was refused, {error.strerror}'
         ]
     return []

@@ -16,8 +16,11 @@
 Start the process of a wire, or say in one line why it cannot: see transports/wire_process.py.
 
 usage: python -S -m bridge_core.start_wire DESCRIPTOR MODULE RECONNECT_PERIOD RT_PRIORITY TAP
+
+RT_PRIORITY 0 is that of the process that starts it, -1 none.
 """
 
+import os
 import sys
 
 from bridge_core.descriptors import fill_standard_descriptors
@@ -25,8 +28,10 @@ from bridge_core.descriptors import fill_standard_descriptors
 
 def main() -> None:
     """Load all that a wire needs, and run it once it is its turn."""
-    fill_standard_descriptors()
     descriptor, module, reconnect_period, rt_priority, tap = sys.argv[1:]
+    if rt_priority != '0':  # not its node's for as long as it loads: stops of others would wait
+        os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
+    fill_standard_descriptors()
     try:
         from bridge_core.transports.wire_process import load  # late: it may fail
         from bridge_core.transports.wire_process import run

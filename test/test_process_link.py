@@ -20,6 +20,7 @@ Real processes with a toy device; the drive in motion is at the end.
 
 from __future__ import annotations
 
+import ast
 from collections.abc import Callable
 from collections.abc import Iterator
 from collections.abc import Sequence
@@ -400,7 +401,7 @@ def test_process_that_cannot_load_its_wire_says_why(
     assert bool(source) == (ended.stderr.count('\n') == 1)
 
 
-@pytest.mark.parametrize('priority', [3, 0])
+@pytest.mark.parametrize('priority', [3, -1, 0])
 def test_wire_loads_without_the_real_time_priority_of_its_node(
     tmp_path: Path, priority: int
 ) -> None:
@@ -411,6 +412,26 @@ def test_wire_loads_without_the_real_time_priority_of_its_node(
     source = 'import os\nprint(os.sched_getscheduler(0))\nraise MemoryError'
     ended = start_wire(tmp_path, source, *program, priority=priority)
     assert ended.stdout.split() == [str(os.SCHED_OTHER if priority else os.SCHED_FIFO)]
+
+
+def test_wire_gives_the_priority_of_its_node_up_before_it_loads_anything() -> None:
+    source = """
+import os
+import sys
+from bridge_core.start_wire import main
+
+def give_up(*_):
+    print([name for name in sys.modules if name.startswith('bridge_core.')])
+    sys.exit()
+
+os.sched_setscheduler = give_up
+sys.argv = ['start_wire', '0', 'nothing', '1', '3', '-1']
+main()
+"""
+    said = subprocess.run(
+        [sys.executable, '-c', source], capture_output=True, text=True, check=True
+    ).stdout
+    assert ast.literal_eval(said) == ['bridge_core.descriptors', 'bridge_core.start_wire']
 
 
 def start_wire(

@@ -21,9 +21,11 @@ from collections.abc import Iterator
 from collections.abc import Sequence
 import errno
 import math
+import os
 import pickle
 import select
 import socket
+import subprocess
 import traceback
 from types import SimpleNamespace
 from typing import Any
@@ -317,3 +319,33 @@ def test_wire_that_takes_over_is_told_what_is_carried_over_to_each_activation_by
     arguments = [request.arguments for request in bench.told]
     first, last = ({'number': number, 'sent': 2, 'to': number} for number in (1, 3))
     assert arguments == [(first, False), (), (last, False)]
+
+
+@pytest.mark.parametrize('ready', [True, False])
+def test_process_that_cannot_start_has_time_for_its_last_words(
+    bench: LinkBench, ready: bool
+) -> None:
+    """One that was at work has none: the device may still be moving."""
+    waited: list[float | None] = []
+    child: Any = SimpleNamespace(pid=1, kill=lambda: None, returncode=1)
+    child.wait = lambda timeout=None: waited.append(timeout)
+    bench.link._wire = process._Process(child, bench.ours, bench.now, ready=ready)
+    bench.wire._socket.close()
+    bench.step()
+    assert waited == [0.0 if ready else 0.2, None]
+
+
+@pytest.mark.parametrize(('own', 'told'), [(0, ['-1', '0']), (7, ['7', '7'])])
+def test_wire_has_the_priority_of_its_own_node(
+    monkeypatch: pytest.MonkeyPatch, own: int, told: list[str]
+) -> None:
+    """Its process takes the highest of all nodes in it, once they are made: not its own."""
+    started: list[list[str]] = []
+    monkeypatch.setattr(subprocess, 'Popen', lambda words, **_: started.append(words))
+    for policy in (os.SCHED_OTHER, os.SCHED_FIFO):
+        monkeypatch.setattr(os, 'sched_getscheduler', lambda pid, policy=policy: policy)
+        link = ProcessLink('link', BRIDGE, FakeOwner(), rt_priority=own)
+        monkeypatch.setattr(os, 'sched_getscheduler', lambda pid: os.SCHED_FIFO)
+        link._new_process(100.0).socket.close()
+        link.stop()
+    assert [words[-2] for words in started] == told

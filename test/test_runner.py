@@ -15,11 +15,13 @@
 """How nodes run: middleware and priority; how they end: the last stop arrives first."""
 
 import functools
+import getpass
 import os
 from pathlib import Path
 import resource
 import threading
 from typing import Any
+from unittest import mock
 import weakref
 
 import pytest
@@ -269,6 +271,13 @@ def test_refused_rights_are_a_line_each_with_what_to_do(monkeypatch: pytest.Monk
     assert 'rtprio 40' in texts[0]
     assert 'Operation not permitted' in texts[0]
     assert 'memlock unlimited' in texts[1]
+
+
+def test_user_without_a_name_is_a_number(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As in a container: KeyError, from Python 3.13 on OSError."""
+    for fault in (KeyError, OSError):
+        monkeypatch.setattr(getpass, 'getuser', mock.Mock(side_effect=fault))
+        assert realtime.user_name() == str(os.getuid())
 
 
 def test_node_without_the_rights_runs(environment: pytest.MonkeyPatch) -> None:

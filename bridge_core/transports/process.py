@@ -62,6 +62,7 @@ _KILL_TIME = 0.25  # s without any, after which another wire takes over
 _TAKE_OVER_TIME = 1.0  # s until the first; a machine that is so busy would start none sooner
 _LATE = 0.005  # s
 _START_TIME = 25.0  # s that a start may take; a starved machine needs most of it
+_LAST_WORDS = 0.2  # s to say why it cannot start, and end
 _SPARE_TIME = 1.0  # s after which a wire gets a spare; what starts is busy enough before
 _LONG_LIFE = 5.0  # s, after which the next start comes at once
 _REPORT_PERIOD = 1.0  # s
@@ -124,6 +125,8 @@ class ProcessLink(Link):
         self._spare: _Process | None = None
         self._wake_fd = os.eventfd(0, os.EFD_NONBLOCK | os.EFD_CLOEXEC)
         self._ended = False
+        # What this process becomes later, it becomes for another node in it.
+        self._begins_ordinary = os.sched_getscheduler(0) == os.SCHED_OTHER
         self._restarts = -1  # the first is none
         self._backoff = BACKOFF_START
         self._start_at = self._took_over_at = self._pace_at = self._report_at = 0.0
@@ -395,6 +398,7 @@ class ProcessLink(Link):
 
     def _new_process(self, now: float) -> _Process:
         ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+        priority = self._rt_priority or -self._begins_ordinary
         with theirs, contextlib.ExitStack() as undo:
             undo.callback(ours.close)
             ours.setblocking(False)
@@ -404,7 +408,7 @@ class ProcessLink(Link):
                     f'{self.name}: wire {self.device}',
                     *('-S', '-m', _PROGRAM),
                     *(str(theirs.fileno()), self._bridge.module),
-                    *(str(self._reconnect_period), str(self._rt_priority), str(self._tap)),
+                    *(str(self._reconnect_period), str(priority), str(self._tap)),
                 ],
                 executable=sys.executable,
                 pass_fds=[theirs.fileno(), *([self._tap] if self._tap >= 0 else [])],
@@ -456,11 +460,11 @@ class ProcessLink(Link):
         """Wait for the end of a wire that has closed its socket; the next one comes after it."""
         with self._lock:
             self._wire = None
-        wire.end(0.0)
+        wire.end(0.0 if wire.ready else _LAST_WORDS)  # the device may still be moving
         if now > self._took_over_at + _LONG_LIFE:
             self._backoff, self._start_at = BACKOFF_START, now
         if self._spare is not None:
-            self._take_over(self._spare)  # first: the device may still be moving
+            self._take_over(self._spare)  # first, for the same reason
         self._last_end = _cause(wire.process.returncode)
         self._be_in_trouble(f'its process {wire.process.pid} {self._last_end}', now)
         self._owner.on_lost()

@@ -155,15 +155,13 @@ def load(
     """Load all that a wire needs; return the node's end, what the wire is of, and refusals."""
     for number in ENDING:
         signal.signal(number, signal.SIG_IGN)  # whatever ends the node ends this, too
-    if rt_priority:  # its node's, for as long as it loads: a stop of others would wait for it
-        os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
     node = Node(descriptor)
     bridge = importlib.import_module(module).BRIDGE
     for late in bridge.loads:
         importlib.import_module(late)
     gc.freeze()
     refusals: Sequence[str] = ()
-    if rt_priority:
+    if rt_priority > 0:
         from bridge_core.realtime import use_realtime  # late: it takes memory
 
         refusals = use_realtime(rt_priority)

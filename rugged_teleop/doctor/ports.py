@@ -22,7 +22,6 @@ from collections.abc import Iterator
 from collections.abc import Sequence
 import contextlib
 from dataclasses import dataclass
-import getpass
 import grp
 import os
 from pathlib import Path
@@ -31,6 +30,7 @@ import stat
 
 from serial.tools import list_ports
 
+from bridge_core.realtime import user_name
 from rugged_teleop.doctor.catalogue import finding
 from rugged_teleop.doctor.findings import Finding
 from rugged_teleop.reference import NODES
@@ -94,7 +94,7 @@ class PortFacts:
 
 def this_user() -> User:
     """Return who runs this."""
-    name = getpass.getuser()
+    name = user_name()
     entered = [group.gr_gid for group in grp.getgrall() if name in group.gr_mem]
     return User(name, os.geteuid(), {os.getegid(), *os.getgroups()}, entered)
 
