@@ -168,6 +168,18 @@ def test_socket_that_takes_no_more_drops_frames_without_waiting(
     wait_for(lambda: transport.send(FRAME), 5.0, 'room')
 
 
+def test_frames_that_the_kernel_has_lost_are_a_lost_port(interface: VirtualInterface) -> None:
+    """They may have said stop; the socket holds some hundred."""
+    peer, transport = interface.endpoint(), interface.transport()
+    for number in range(2000):
+        peer.send(message(number))
+    with pytest.raises(TransportError, match='frames were lost, and may have said stop'):
+        list(iter(transport.receive, []))
+    transport.open()
+    peer.send(message(1, b'again'))
+    assert wait_frames(transport, 1) == [CanFrame(1, b'again')]
+
+
 def test_kernel_filters_keep_foreign_traffic_from_waking_us(interface: VirtualInterface) -> None:
     peer, transport = interface.endpoint(), interface.transport([(1, 0x1FFFFFFF)])
     witness = interface.transport()

@@ -391,6 +391,7 @@ class Controller:
     def __init__(self) -> None:
         self.socket = self
         self.confirms = self.full = False
+        self.beside: list[Any] = []  # what each message says beside its data
         self.waiting: list[can.Message] = []
         self._inbox: list[tuple[can.Message, int]] = []
 
@@ -413,7 +414,7 @@ class Controller:
         frame, flags = self._inbox.pop(0)
         kind = 0x20000000 if frame.is_error_frame else 0x80000000
         head = struct.pack('=IB3x', frame.arbitration_id | kind, len(frame.data))
-        return head + bytes(frame.data), [], flags, None
+        return head + bytes(frame.data), self.beside, flags, None
 
     def send(self, frame: can.Message) -> None:
         if self.full:
@@ -494,6 +495,17 @@ def test_bus_that_is_replugged_is_not_lost_before_its_first_confirmation(talk: T
     assert talk.lasts(0.4, OTHERS) == 0.4
     talk.controller.confirms = True
     assert talk.lasts(3.0, OTHERS) == 3.0
+
+
+def test_frames_that_the_kernel_has_dropped_are_a_lost_port(talk: Talk) -> None:
+    """They may have said stop; python-can has each message say its time."""
+    talk.controller.beside = [(socket.SOL_SOCKET, 35, bytes(16))]
+    talk.controller.hear(OTHERS)
+    assert talk.transport.receive() == [CanFrame(2, b'others')]
+    talk.controller.beside += [(socket.SOL_SOCKET, 40, struct.pack('I', 7))]  # SO_RXQ_OVFL
+    talk.controller.hear(OTHERS)
+    with pytest.raises(TransportError, match='frames were lost, and may have said stop'):
+        talk.transport.receive()
 
 
 def test_confirmation_lost_before_a_pause_is_no_lost_port(talk: Talk) -> None:

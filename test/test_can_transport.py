@@ -164,6 +164,17 @@ def test_bus_off_is_a_lost_port_that_can_be_opened_again(bus: CanBus) -> None:
     assert counted(transport) == {'error frames': 1, 'bus off': 1}
 
 
+def test_frames_that_the_controller_has_lost_are_a_lost_port(bus: CanBus) -> None:
+    peer, transport = bus.endpoint(), bus.transport()
+    peer.send(error_frame(0x04, controller=0x01))
+    wait_for(lambda: is_readable(transport), 5.0, 'the error frame')
+    with pytest.raises(TransportError, match='frames were lost, and may have said stop'):
+        transport.receive()
+    transport.open()
+    peer.send(message(LAST.identifier, LAST.data))
+    assert arrives(transport) == []
+
+
 def test_full_bus_hands_up_a_bounded_number_at_once_and_loses_none(bus: CanBus) -> None:
     peer, transport = bus.endpoint(), bus.transport()
     for number in range(3 * READS):
@@ -392,7 +403,8 @@ def test_frame_that_cannot_be_is_counted() -> None:
     bus.close()
 
 
-def test_flood_that_nobody_reads_keeps_the_newest_and_counts_the_rest() -> None:
+def test_flood_that_nobody_reads_is_counted_and_loses_the_bus() -> None:
+    """What was thrown away may have said stop."""
     bus = CanBus('virtual', 'flood')
     peer, transport = bus.endpoint(), bus.transport()
     for number in range(1500):
@@ -400,5 +412,11 @@ def test_flood_that_nobody_reads_keeps_the_newest_and_counts_the_rest() -> None:
     peer.send(message(LAST.identifier, LAST.data))
     lost = 1501 - 1024
     wait_for(lambda: counted(transport) == {'receive overflows': lost}, 5.0, 'the flood')
-    assert [each.identifier for each in arrives(transport)] == list(range(lost, 1500))
+    for _ in range(1024 // 64):
+        assert transport.receive()
+    with pytest.raises(TransportError, match='frames were lost, and may have said stop'):
+        transport.receive()
+    transport.open()
+    peer.send(message(LAST.identifier, LAST.data))
+    assert arrives(transport) == []
     bus.close()

@@ -19,8 +19,9 @@ A bus is lost when its interface goes down, is deleted, or has gone bus-off. The
 closed and opened anew with the link's back-off, so a bus in trouble costs no processor time, and
 one that has come back, even as a new interface of the same name, is found.
 
-So is one that takes none of our frames for a second in which those of others come. Where none
-come, nobody may be there to acknowledge ours, and silence is the stop.
+So is one of which frames were thrown away unread, by the controller, the kernel or here: they may
+have said stop. And so is one that takes none of our frames for a second in which those of others
+come. Where none come, nobody may be there to acknowledge ours, and silence is the stop.
 """
 
 from __future__ import annotations
@@ -41,8 +42,10 @@ from bridge_core.transports.can_channel import check_channel
 from bridge_core.transports.can_errors import BUS_OFF
 from bridge_core.transports.can_errors import KINDS
 from bridge_core.transports.can_errors import kinds_of
+from bridge_core.transports.can_errors import RECEIVE_OVERFLOWS
 from bridge_core.transports.can_ports import BusOffError
 from bridge_core.transports.can_ports import CanPort
+from bridge_core.transports.can_ports import LostFramesError
 from bridge_core.transports.can_ports import MulticastPort
 from bridge_core.transports.can_ports import PumpedPort
 from bridge_core.transports.can_ports import SocketCanPort
@@ -54,7 +57,10 @@ _COUNTED = (
 _GONE = (errno.ENODEV, errno.ENXIO)
 _NO_CAN = (errno.EAFNOSUPPORT, errno.EPROTONOSUPPORT)
 _TAKE_TIMEOUT = 1.0  # s
-_PORT_ERRORS = (can.CanError, OSError, ValueError, NotImplementedError, BusOffError)
+_PORT_ERRORS = (
+    *(can.CanError, OSError, ValueError, NotImplementedError),
+    *(BusOffError, LostFramesError),
+)
 
 # python-can logs at each try what we say once, in better words; without a handler of its own
 # that would land on stderr.
@@ -156,7 +162,11 @@ class CanTransport:
         self._heard_at = now
 
     def _sort(self, message: can.Message) -> CanFrame | None:
-        """Return what is for the session; count the rest. :raises BusOffError: so says the bus."""
+        """
+        Return what is for the session; count the rest.
+
+        :raises BusOffError: the controller says so; :raises LostFramesError: or so.
+        """
         if message.is_error_frame:
             self._take_error(message)
         elif message.is_remote_frame:
@@ -177,6 +187,8 @@ class CanTransport:
         self._counts.update(('error frames', *kinds))
         if BUS_OFF in kinds:
             raise BusOffError
+        if RECEIVE_OVERFLOWS in kinds:
+            raise LostFramesError
 
     def _explain(self, error: Exception) -> str:
         """Return the reason and what to do."""
@@ -186,6 +198,8 @@ class CanTransport:
             if self._interface == 'socketcan':
                 text += f', then `ip link set {self._channel} down` and `{up}`'
             return text
+        if isinstance(error, LostFramesError):
+            return 'frames were lost, and may have said stop; give computer and bus less work'
         code = error.errno if isinstance(error, OSError) else getattr(error, 'error_code', None)
         if code == errno.ENETDOWN:
             return f'the interface is down; `{up}`'

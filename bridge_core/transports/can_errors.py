@@ -28,7 +28,7 @@ byte 1        controller: overflows, warnings (96 errors), passive (128), active
 """
 
 _CONTROLLER = 0x004
-BUS_OFF = 'bus off'
+BUS_OFF, RECEIVE_OVERFLOWS = 'bus off', 'receive overflows'
 _KINDS = (  # bit of the identifier, name of the count
     (0x001, 'transmit timeouts'),
     (0x002, 'arbitrations lost'),
@@ -40,7 +40,7 @@ _KINDS = (  # bit of the identifier, name of the count
     (0x100, 'controller restarts'),
 )
 _CONTROLLER_KINDS = (  # bits of byte 1
-    (0x01, 'receive overflows'),
+    (0x01, RECEIVE_OVERFLOWS),
     (0x02, 'transmit overflows'),
     (0x0C, 'error warnings'),
     (0x30, 'error passive'),

@@ -53,6 +53,7 @@ from can.typechecking import CanFilters
 from bridge_core import clock
 from bridge_core.transports import TransportError
 from bridge_core.transports.can_channel import multicast_address
+from bridge_core.transports.can_errors import RECEIVE_OVERFLOWS
 from bridge_core.transports.line import Line
 from bridge_core.transports.line import STALL_TIMEOUT
 from bridge_core.transports.line import STALLED
@@ -70,6 +71,8 @@ _AT_ONCE = 0.05  # s in which a live bus confirms that frame; what it was tried 
 _SEND_BUFFER = 4096  # bytes, of which the kernel takes 768 a frame and doubles what is asked for
 _FRAME = struct.Struct('=IB3x')  # linux/can.h: identifier and flags, length; then the data
 _FD_FRAME_SIZE = 72
+_SO_RXQ_OVFL = 40  # asm-generic/socket.h: have each message say how many were dropped before it
+_ANCILLARY = socket.CMSG_SPACE(16) + socket.CMSG_SPACE(4)  # python-can asks for a time, too
 _EXTENDED, _REMOTE, _ERROR = 0x80000000, 0x40000000, 0x20000000
 _RECEIVE_QUEUE_LIMIT = 1024
 _RECV_TIMEOUT = 0.05  # s; the reader thread ends within it
@@ -84,6 +87,10 @@ _stuck_writers: dict[str, threading.Thread] = {}
 
 class BusOffError(Exception):
     """The controller has left the bus."""
+
+
+class LostFramesError(Exception):
+    """Frames were thrown away unread, and may have said stop."""
 
 
 class CanPort(Protocol):
@@ -173,6 +180,7 @@ class SocketCanPort:
         )
         self._socket = self._bus.socket
         self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _SEND_BUFFER)
+        self._socket.setsockopt(socket.SOL_SOCKET, _SO_RXQ_OVFL, 1)
         self._filters = filters
         self._unconfirmed = Unconfirmed()
         self._kept: list[can.Message] = []  # read by write
@@ -191,9 +199,13 @@ class SocketCanPort:
         messages: list[can.Message] = []
         for _ in range(READS):
             try:
-                data, _, flags, _ = self._socket.recvmsg(_FD_FRAME_SIZE, 0, socket.MSG_DONTWAIT)
+                data, beside, flags, _ = self._socket.recvmsg(
+                    _FD_FRAME_SIZE, _ANCILLARY, socket.MSG_DONTWAIT
+                )
             except BlockingIOError:
                 break
+            if any(kind == _SO_RXQ_OVFL for _, kind, _ in beside):
+                raise LostFramesError
             message = _unpack(data)
             if flags & socket.MSG_CONFIRM:
                 self._unconfirmed.confirmed(_key(message), clock.now())
@@ -414,7 +426,8 @@ class PumpedPort:
         with self._lock:
             if len(self._received) >= _RECEIVE_QUEUE_LIMIT:
                 self._received.popleft()
-                self._counts['receive overflows'] += 1
+                self._counts[RECEIVE_OVERFLOWS] += 1
+                self._failure = self._failure or LostFramesError()
             self._received.append(message)
             self._wake()
 
