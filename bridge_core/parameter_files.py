@@ -168,6 +168,24 @@ def check_files(nodes: Sequence[str], files: Sequence[Path]) -> None:
             )
 
 
+def check_each_used(nodes: Sequence[str], files: Sequence[Path]) -> None:
+    """
+    Refuse a section that names one of these nodes in another namespace: it would be passed over.
+
+    :param nodes: full names. :raises ParameterError: it.
+    """
+    bases = {node.rsplit('/', 1)[-1] for node in nodes}
+    for file in files:
+        for section in sections_of(file):
+            if section.rsplit('/', 1)[-1] not in bases:
+                continue
+            if not any(is_for(section, node) for node in nodes):
+                raise ParameterError(
+                    f'parameter file {file}: its section {section} is for none of '
+                    f'{", ".join(nodes)}; several of a kind start with bringup.launch.py'
+                )
+
+
 def check_names(nodes: Collection[str], files: Sequence[Path]) -> None:
     """Refuse sections whose last name is none of these nodes. :raises ParameterError: it."""
     for file in files:

@@ -39,6 +39,7 @@ from bridge_core.descriptors import fill_standard_descriptors
 from bridge_core.help import help_text
 from bridge_core.managed_node import ManagedNode
 from bridge_core.output import unblocked_output
+from bridge_core.parameter_files import check_each_used
 from bridge_core.parameter_files import check_files
 from bridge_core.parameter_files import check_overrides
 from bridge_core.parameter_files import files_of
@@ -108,6 +109,7 @@ def run(
     args: Sequence[str] | None = None,
     *,
     names: Collection[str] = (),
+    configured: bool = False,
 ) -> int:
     """
     Run nodes until a signal ends them, each with an executor and a thread of its own.
@@ -116,6 +118,7 @@ def run(
 
     :param args: with the program's name first; sys.argv if there are none.
     :param names: arguments that are no argument of ROS, and known all the same.
+    :param configured: these are all nodes that the parameter files have a section for.
     """
     fill_standard_descriptors()
     argv = list(sys.argv if args is None else args)
@@ -130,7 +133,7 @@ def run(
         )
     with unblocked_output():
         try:
-            return _run(factories, argv, names)
+            return _run(factories, argv, names, configured=configured)
         finally:
             # Nodes are in reference cycles. Left to the collector, the middleware would end some
             # time, in whichever thread allocates next, and its threads and descriptors would stay
@@ -156,7 +159,11 @@ def words_beside_ros(argv: Sequence[str]) -> list[str]:
 
 
 def _run(
-    factories: Sequence[Callable[..., ManagedNode]], argv: list[str], names: Collection[str]
+    factories: Sequence[Callable[..., ManagedNode]],
+    argv: list[str],
+    names: Collection[str],
+    *,
+    configured: bool,
 ) -> int:
     note = avoid_shared_memory()
     files = files_of(argv)
@@ -177,6 +184,8 @@ def _run(
             nodes.append(factory(parameter_files=files))
         full_names = [node.get_fully_qualified_name() for node in nodes]
         check_files(full_names, files)
+        if configured:
+            check_each_used(full_names, files)
         check_overrides(full_names, argv)
         check_remappings(nodes, argv, names)
         if nodes and note:

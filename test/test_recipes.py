@@ -101,6 +101,8 @@ class TwistMux:
     """
     Stands for twist_mux: passes on the topic of the highest priority that is not masked.
 
+    As from version 4.4 on it does not start without ``use_stamped``.
+
     :param values: its parameters. :param resolved: gives the full name of a topic.
     """
 
@@ -109,7 +111,7 @@ class TwistMux:
     ) -> None:
         self._topics, self._locks = values['topics'], values.get('locks', {})
         self._heard: dict[str, tuple[float, bool]] = {}  # by topic or lock: when, and its value
-        node, kind = observer.node, TwistStamped if values.get('use_stamped') else Twist
+        node, kind = observer.node, TwistStamped if values['use_stamped'] else Twist
         self._publisher = node.create_publisher(kind, output, 1)
         self._subscriptions = [
             node.create_subscription(

@@ -32,6 +32,7 @@ from rugged_teleop.stack import wired
 from test.endings import first_of
 from test.rig import NodeProcess
 from test.rig import Observer
+from test.rig import ROOT
 from test.run_delay import RunDelay
 from test.run_delay import WIRE_HELD_UP
 from test.spine import exit_of
@@ -77,6 +78,15 @@ def test_section_that_is_no_node_is_refused(tmp_path: Path) -> None:
     (line,) = error.splitlines()
     assert 'did you mean safety_mux?' in line
     assert '/**/safety_mxu' in line
+
+
+def test_section_of_a_second_node_of_a_kind_is_not_passed_over() -> None:
+    file = ROOT / 'config' / 'recipes' / 'four_wheels.yaml'
+    status, error = exit_of('rugged_teleop.stack', '--ros-args', '--params-file', str(file))
+    assert status == 2
+    line = error.splitlines()[-1]
+    assert 'its section /front/esi_drive_bridge is for none of ' in line
+    assert line.endswith('several of a kind start with bringup.launch.py')
 
 
 @pytest.mark.parametrize(
