@@ -21,6 +21,7 @@ from collections.abc import Iterator
 from collections.abc import Sequence
 import difflib
 import itertools
+import math
 from pathlib import Path
 import re
 from typing import Any
@@ -33,6 +34,18 @@ _MOST = 10_000  # values; aliases (*) make as many as they like, and endless one
 _OVERRIDE = re.compile(r'(?P<name>(?P<node>\w+):[^:]+):=')  # of -p
 _TOKENS = {'**': '(/[^/]+)*', '*': '/[^/]+'}
 _TWICE = 'stands there twice; only one would count'
+_PLAIN = '!plain'  # tag of a value without quotes
+_BOOLS = {
+    word: truth
+    for words, truth in (('y yes true on', True), ('n no false off', False))
+    for lower in words.split()
+    for word in (lower, lower.capitalize(), lower.upper())
+}
+_INTEGER = re.compile('[-+]?(0[xX][0-9a-fA-F]+|0[0-7]*|[1-9][0-9]*)')
+_FLOAT = re.compile(
+    r'[-+]?(([0-9]+\.?[0-9]*|\.[0-9]+)([eE][-+]?[0-9]+)?|(?i:inf|infinity|nan)|\.inf|\.Inf|\.INF)'
+    r'|\.nan|\.NaN|\.NAN'
+)
 _LIKE = 0.8  # how like a misspelt name is; twist_mux is not meant to be safety_mux
 
 
@@ -67,7 +80,11 @@ def parameters_for(node: str, files: Sequence[Path]) -> dict[str, Any]:
 
 
 class _Loader(yaml.SafeLoader):
-    """Refuses a key that stands twice, of which PyYAML keeps one and ROS another or both."""
+    """
+    Reads values as ROS does, by rules of YAML 1.1 and of C, and names as they stand.
+
+    Refuses a key that stands twice, of which PyYAML keeps one and ROS another or both.
+    """
 
     def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
         names: set[str] = set()
@@ -75,7 +92,29 @@ class _Loader(yaml.SafeLoader):
             if key.value in names:
                 raise ValueError(f'line {key.start_mark.line + 1}: {key.value!r} {_TWICE}')
             names.add(key.value)
+            key.tag = 'tag:yaml.org,2002:str'
         return super().construct_mapping(node, deep)
+
+
+def _scalar(text: str) -> bool | int | float | str | None:
+    """Return what ROS makes of a value without quotes (get_value in rcl_yaml_param_parser)."""
+    if text in _BOOLS:
+        return _BOOLS[text]
+    if _INTEGER.fullmatch(text):
+        digits = text.lstrip('+-').lower()
+        number = int(digits, 16 if digits.startswith('0x') else 8 if digits[0] == '0' else 10)
+        number = -number if text.startswith('-') else number
+        if -(1 << 63) <= number < 1 << 63:
+            return number
+    if _FLOAT.fullmatch(text):
+        value = float(text.replace('.', '', 1) if text[-1] in 'fFnN' else text)
+        if math.isfinite(value) or text[-1] in 'fFnNyY':
+            return value
+    return text or None
+
+
+_Loader.yaml_implicit_resolvers = {None: [(_PLAIN, re.compile(''))]}
+_Loader.add_constructor(_PLAIN, lambda loader, node: _scalar(node.value))
 
 
 def _content(file: Path) -> dict[Any, Any]:

@@ -19,6 +19,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from collections.abc import Mapping
 import contextlib
+import json
 from pathlib import Path
 import runpy
 from signal import SIGINT
@@ -31,7 +32,6 @@ from typing import Any
 from diagnostic_msgs.msg import DiagnosticStatus
 import pytest
 from std_msgs.msg import Bool
-import yaml
 
 from bridge_core.parameter_files import parameters_for
 from rugged_teleop import simulate
@@ -52,9 +52,7 @@ Sections = Mapping[str, Mapping[str, Any]]
 
 def write(path: Path, sections: Sections) -> Path:
     path.write_text(
-        yaml.safe_dump(
-            {name: {'ros__parameters': dict(values)} for name, values in sections.items()}
-        )
+        json.dumps({name: {'ros__parameters': dict(values)} for name, values in sections.items()})
     )
     return path
 

@@ -39,6 +39,7 @@ import pytest
 from bridge_core.j1939 import CanFrame
 from bridge_core.transports import TransportError
 from bridge_core.transports.can import CanTransport
+from bridge_core.transports.can_ports import READS
 from test.can_rig import CanBus
 from test.can_rig import message
 from test.can_rig import receive
@@ -169,10 +170,12 @@ def test_socket_that_takes_no_more_drops_frames_without_waiting(
 
 
 def test_frames_that_the_kernel_has_lost_are_a_lost_port(interface: VirtualInterface) -> None:
-    """They may have said stop; the socket holds some hundred."""
+    """They may have said stop; the socket holds some hundred, and the next one tells."""
     peer, transport = interface.endpoint(), interface.transport()
     for number in range(2000):
         peer.send(message(number))
+    assert len(list(iter(transport.receive, []))) * READS < 2000
+    peer.send(message(1))
     with pytest.raises(TransportError, match='frames were lost, and may have said stop'):
         list(iter(transport.receive, []))
     transport.open()
