@@ -24,6 +24,7 @@ import itertools
 import math
 from pathlib import Path
 import re
+import reprlib
 from typing import Any
 
 import yaml
@@ -165,6 +166,13 @@ def _flat(values: Any, file: Path, above: str = '') -> dict[str, Any]:
     flat: dict[str, Any] = {}
     for key, value in values.items():
         name = f'{above}{key}'
+        if value is None:
+            raise ParameterError(f'parameter file {file}: {name} has no value')
+        if isinstance(value, list) and len({type(each) for each in value}) > 1:
+            raise ParameterError(
+                f'parameter file {file}: {name} = {reprlib.repr(value)} has values of several '
+                'types, which ROS refuses'
+            )
         below = _flat(value, file, f'{name}.') if isinstance(value, dict) else {name: value}
         for twice in flat.keys() & below.keys():
             raise ParameterError(f'parameter file {file}: {twice!r} {_TWICE}')

@@ -82,7 +82,7 @@ GENERAL = (
         [20.0, 5.0, 10.0, 50.0, 10.0],
         f'Ask for a message that does not come by itself this often; 0: never. {_RATES} Status '
         "must come twice within link_timeout; the failsafe 'hold' needs channel source and pulse "
-        'outputs, unless message_rates has 4 Hz or more of them.',
+        'outputs at 4 Hz or more, here or in message_rates.',
         unit='Hz',
         minimum=0.0,
         maximum=100.0,

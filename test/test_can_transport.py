@@ -412,8 +412,6 @@ def test_flood_that_nobody_reads_is_counted_and_loses_the_bus() -> None:
     peer.send(message(LAST.identifier, LAST.data))
     lost = 1501 - 1024
     wait_for(lambda: counted(transport) == {'receive overflows': lost}, 5.0, 'the flood')
-    for _ in range(1024 // 64):
-        assert transport.receive()
     with pytest.raises(TransportError, match='frames were lost, and may have said stop'):
         transport.receive()
     transport.open()

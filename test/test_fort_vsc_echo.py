@@ -257,9 +257,16 @@ def test_stop_that_is_over_before_the_line_takes_it_is_asked_for_once(busy: floa
     assert [frame for _, frame in bench.sent[before:]].count(STOP) == 1
 
 
-@pytest.mark.parametrize('way', ['refused', 'lost', 'closed', 'silent', 'at once'])
-def test_stop_that_no_line_took_is_asked_for_once_the_port_is_open(way: str) -> None:
-    """A VSC as delivered does not stop as our heartbeats end (7.3.4, key 85)."""
+@pytest.mark.parametrize('is_busy', [False, True], ids=['', 'busy again'])
+@pytest.mark.parametrize(
+    'way', ['nothing', 'refused', 'lost', 'release refused', 'closed', 'silent', 'at once']
+)
+def test_line_that_is_opened_anew_asks_for_a_stop_once(way: str, is_busy: bool) -> None:
+    """
+    What the one before has carried, nobody knows: a stop may have waited in it.
+
+    A VSC as delivered does not stop as our heartbeats end (7.3.4, key 85).
+    """
     bench = opened(software_estop_timeout=0.3)
     ask(bench, False)
     if way in ('closed', 'silent', 'at once'):
@@ -267,17 +274,31 @@ def test_stop_that_no_line_took_is_asked_for_once_the_port_is_open(way: str) -> 
     bench.busy = way == 'refused'
     if way == 'silent':
         bench.wait(0.3)
-    else:
+    elif way != 'nothing':
         bench.session.set_software_estop(True, bench.now)
     if way != 'at once':
         bench.poll()
+    bench.busy |= way == 'release refused'
     bench.session.set_software_estop(False, bench.now)
+    bench.wait(0.06)
     bench.close()
+    before = len(bench.sent)
+    bench.busy = is_busy
+    bench.open()
+    bench.wait(0.002)
     bench.busy = False
+    bench.wait(0.2)
+    assert [frame for _, frame in bench.sent[before:]] == [STOP, CLEAR, CLEAR, CLEAR, CLEAR]
+
+
+def test_line_that_is_opened_anew_asks_nothing_where_nobody_may() -> None:
+    bench = opened()
+    bench.wait(0.1)
+    bench.close()
     before = len(bench.sent)
     bench.open()
     bench.wait(0.2)
-    assert [frame for _, frame in bench.sent[before:]] == [STOP, CLEAR, CLEAR, CLEAR, CLEAR]
+    assert {frame for _, frame in bench.sent[before:]} == {CLEAR}
 
 
 def test_silence_of_the_software_estop_on_a_busy_line_does_not_spin() -> None:

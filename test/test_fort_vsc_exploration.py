@@ -78,6 +78,7 @@ class World(SessionWorld[Session]):
         self.sent = CLEAR  # what the VSC has heard last
         self.released_at = -math.inf  # we sent no stop any more
         self.owed = False  # the VSC has not heard of a stop that was asked for
+        self.spoke = False  # the line has carried something
         self.ours = False  # a stop of the USER may be our doing
         self.moving = False  # the newest sticks are not neutral
 
@@ -114,6 +115,7 @@ class World(SessionWorld[Session]):
             elif frame == CLEAR and self.sent == STOP:
                 self.released_at = self.now
             self.owed &= frame != STOP
+            self.spoke = True
             self.sent = frame
 
     @property
@@ -129,6 +131,7 @@ class World(SessionWorld[Session]):
             assert self.sent == STOP or not wanted, f'host heartbeat: {self.frames}'
             assert not self.owed, 'the VSC never hears of a stop'
         self.owed |= bool(wanted and self.sent == CLEAR)
+        self.owed |= bool(self.asked) and self.spoke and not self.open
         if verdict.estop and not verdict.own_estop:
             assert vouched, 'an echo of nobody'
             assert self.said == 'user', f'an echo in spite of {self.said}'
@@ -169,8 +172,8 @@ SCENES: dict[str, dict[str, Any]] = {
     },
 }
 COUNTS: dict[str, tuple[int, int]] = {
-    'device': (1090, 20960),
-    'echo': (3773, 37452),
-    'busy': (5127, 38625),
+    'device': (1110, 21220),
+    'echo': (6242, 62088),
+    'busy': (13427, 102435),
 }  # states, and steps between them
 test_every_state_near_the_start, test_every_state = visits_of(World, SCENES, COUNTS, near=200)

@@ -230,6 +230,17 @@ def test_our_idea_of_a_value_is_that_of_ros(file: Path) -> None:
         context.try_shutdown()
 
 
+@pytest.mark.parametrize('text', ['[20, 5.0]', '[a, 1]', '[yes, 1]', ''])
+def test_values_that_ros_refuses_are_refused(text: str, file: Path) -> None:
+    file.write_text(f'/**:\n  ros__parameters:\n    rates: {text}\n')
+    context = Context()
+    with pytest.raises(RuntimeError, match="Couldn't parse params file"):
+        rclpy.init(args=['--ros-args', '--params-file', str(file)], context=context)
+    why = 'rates = .* has values of several types, which ROS' if text else 'rates has no value'
+    with pytest.raises(ParameterError, match=why):
+        parameters_for('/x', [file])
+
+
 _TWICE = 'stands there twice; only one would count'
 
 

@@ -150,6 +150,21 @@ def test_wire_that_was_silent_and_is_heard_again_goes_on(bench: LinkBench) -> No
     assert bench.owner.told[-1] is False
 
 
+def test_wire_that_closes_its_port_has_time_for_what_the_line_has_to_send(
+    bench: LinkBench,
+) -> None:
+    """Up to 0.12 s at 9600 baud; one that hangs amid it is no healthy one all the same."""
+    bench.run()
+    began = bench.now
+    bench.command(1, 'deactivate', [])
+    while bench.now < began + 0.18:
+        bench.step()
+    assert 'hangs' not in str(bench.owner.log)
+    while bench.now < began + 0.19:
+        bench.step()
+    assert 'hangs' in str(bench.owner.log)
+
+
 def test_wire_that_has_lost_its_port_is_no_healthy_one_after_a_silence(bench: LinkBench) -> None:
     bench.run()
     bench.wire.link_changed('unplugged', False)

@@ -125,9 +125,10 @@ def test_ssc_that_tells_not_what_drives_an_output_and_how_is_no_place_to_hold(
     SscSettings(poll_rates=unasked, servos=(TILT,))
     SscSettings(poll_rates=unasked, message_rates=by_itself, **changes)
     seldom = tuple(0.79 * rate for rate in by_itself)  # may come after what waits for it
-    for rates in ((0.0,) * 5, seldom):
-        asked = {**changes, 'poll_rates': unasked, 'message_rates': rates}
-        need = "the failsafe 'hold' needs channel source and pulse outputs polled, or 4 Hz by"
+    polled = tuple(map(max, unasked, seldom))
+    for polls, rates in ((unasked, (0.0,) * 5), (unasked, seldom), (polled, seldom)):
+        asked = {**changes, 'poll_rates': polls, 'message_rates': rates}
+        need = "the failsafe 'hold' needs channel source and pulse outputs at 4 Hz or more in one"
         refused(SscSettings, f'poll_rates, message_rates: {need}', **asked)
 
 

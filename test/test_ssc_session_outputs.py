@@ -823,3 +823,18 @@ def test_two_servos_of_one_name_or_output_are_refused() -> None:
         Settings(servos=(PAN, Servo(name='tilt', channel=1)))
     with pytest.raises(ValueError, match='failsafe'):
         Settings(failsafe=Failsafe.PULSE)
+
+
+def test_pulse_that_came_before_the_configuration_puts_off_no_poll() -> None:
+    """It did not count: what is to be held would lose its pulse."""
+    rig = Rig(poll_rates=(20.0, 5.0, 4.0, 50.0, 10.0), servos=(GRIP,))
+    rig.outputs = [1700] * OUTPUTS
+    rig.mute = {12, 15}
+    rig.open()
+    rig.tick(5)
+    rig.mute = set()
+    rig.hear(rig.answer(12))
+    rig.hear(rig.answer(15))
+    rig.tick(150)
+    channel = GRIP.channel - 1
+    assert {pulses[channel] for pulses in rig.pulses()} == {1700}

@@ -331,7 +331,11 @@ class PumpedPort:
         return self._wake_fd
 
     def read(self) -> list[can.Message]:
-        """Return the received frames; once there are none, raise the error that ended a thread."""
+        """
+        Return the received frames; once there are none, raise the error that ended a thread.
+
+        :raises LostFramesError: at once.
+        """
         with self._lock:
             with contextlib.suppress(BlockingIOError):
                 os.eventfd_read(self._wake_fd)
@@ -339,7 +343,9 @@ class PumpedPort:
             messages = [self._received.popleft() for _ in range(count)]
             if self._received or self._failure:
                 self._wake()
-        if self._failure is not None and not messages:
+        if self._failure is not None and (
+            not messages or isinstance(self._failure, LostFramesError)
+        ):
             raise self._failure
         return messages
 

@@ -62,6 +62,7 @@ _KILL_TIME = 0.25  # s without any, after which another wire takes over
 _TAKE_OVER_TIME = 1.0  # s until the first; a machine that is so busy would start none sooner
 _LATE = 0.005  # s
 _START_TIME = 25.0  # s that a start may take; a starved machine needs most of it
+_CLOSE_TIME = 0.1  # s more, for a wire whose port is being closed: a slow line has bytes to send
 _LAST_WORDS = 0.2  # s to say why it cannot start, and end
 _SPARE_TIME = 1.0  # s after which a wire gets a spare; what starts is busy enough before
 _LONG_LIFE = 5.0  # s, after which the next start comes at once
@@ -240,7 +241,7 @@ class ProcessLink(Link):
         descriptors = [self._wake_fd]
         descriptors += [each.socket.fileno() for each in (self._wire, self._spare) if each]
         if self._wire is not None:
-            moments.append(self._kill_at if self._trouble else self._limit)
+            moments.append(self._kill_at if self._trouble else self._limit_now())
         if self._trouble:
             moments.append(self._report_at)
         timeout = max(0.0005, min(moments) - now)
@@ -272,10 +273,15 @@ class ProcessLink(Link):
         for request, why in unsent:
             self._owner.on_refused(request.number, request.key, self._trouble or why)
 
+    def _limit_now(self) -> float:
+        with self._lock:
+            closes = any(each.name == 'deactivate' for each in self._commands.values())
+        return self._limit + _CLOSE_TIME * closes
+
     def _judge(self, now: float) -> None:
         if now < self._sound_at and not self._trouble:
             self._be_in_trouble('internal error, see the log', now)
-        if self._wire is not None and not self._trouble and now >= self._limit:
+        if self._wire is not None and not self._trouble and now >= self._limit_now():
             self._be_in_trouble(
                 f'its process {self._wire.process.pid} hangs: nothing was heard of it for '
                 f'{(now - self._limit + SILENCE_LIMIT) * 1e3:.0f} ms',

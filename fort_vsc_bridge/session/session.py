@@ -188,8 +188,9 @@ class Session(BaseSession[Frame, Received, Event]):
             self._pacer.start(now + RETRY)
 
     def _begin(self, now: float) -> None:
-        if self._sent_stop and not self._leaving:  # which the line may not have taken
-            self._owed_stop = _ASKED
+        if self._said is not None and not self._leaving:  # what that line has carried nobody knows
+            self._owed_stop = self._owed_stop or 'wait: the port was opened anew'
+        self._judgement.asked('', now)
         self._leaving = self._joystick_alone = False
         self._settled_at = now + self.settings.link_timeout
         self._queue.drop_passing()  # asked while the port was closed, perhaps of another VSC

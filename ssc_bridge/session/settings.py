@@ -98,11 +98,11 @@ class Settings(CheckedSettings):
         if self.failsafe is Failsafe.PULSE:
             raise ValueError('failsafe: a pulse needs an output with a name, see servos')
         holds = Failsafe.HOLD in (self.failsafe, *(servo.failsafe for servo in self.servos))
-        told = [self.poll_rates[n] or self.message_rates[n] >= _OFTEN for n in (1, 2)]
-        if holds and not all(told):
+        rates = [max(self.poll_rates[n], self.message_rates[n]) for n in (1, 2)]
+        if holds and min(rates) < _OFTEN:
             raise ValueError(
                 "poll_rates, message_rates: the failsafe 'hold' needs channel source and pulse "
-                f'outputs polled, or {_OFTEN:g} Hz by themselves, or an output would follow its '
+                f'outputs at {_OFTEN:g} Hz or more in one of them, or an output would follow its '
                 'own echo, or lose its pulse'
             )
 
