@@ -14,6 +14,7 @@
 
 """Every state of the Akron session that decides about a stop or a joystick frame; see explorer."""
 
+from collections.abc import Mapping
 from collections.abc import Sequence
 import math
 from typing import Any
@@ -69,6 +70,13 @@ class World(SessionWorld[Session]):
 
     LINK = FRESH = 2 * SessionWorld.STEP
     CALM = {'unit': 'ok', 'estop': 'clear', 'stick': 'rest'}
+    APART: Sequence[str] = APART
+    OPTIONS: Mapping[str, Any] = {'soe_permissive': True}
+    OLD: Mapping[str, float] = {}
+    STICKS: Mapping[str, tuple[tuple[Any, Any], bytes]] = {
+        'rest': (REST, NEUTRAL),
+        'move': (MOVE, MOVING),
+    }
 
     def __init__(self, reads: Sequence[str] = (), **said: str) -> None:
         settings = Settings(
@@ -77,7 +85,7 @@ class World(SessionWorld[Session]):
             command_timeout=self.FRESH,
             estop_in_timeout=self.FRESH,
             answer_timeout=4 * self.STEP,
-            soe_permissive=True,
+            **self.OPTIONS,
         )
         old = {
             '': FOREIGN,
@@ -85,8 +93,9 @@ class World(SessionWorld[Session]):
             'permitted_at': PERMITTED,
             'asked_at': self.FRESH,
             'stick_at': self.FRESH,
+            **self.OLD,
         }
-        super().__init__(Session(settings), said, reads=reads, old=old, apart=APART)
+        super().__init__(Session(settings), said, reads=reads, old=old, apart=self.APART)
         self.session.take_over(None, -math.inf, self.now)
         self.known: dict[str, Any] = {}  # what the unit said: when, or what
         self.foreign_at = -math.inf
@@ -159,7 +168,7 @@ class World(SessionWorld[Session]):
             self.stick = what
             self.watch()
         elif what != 'silent':
-            self.session.set_command(*{'rest': REST, 'move': MOVE}[what], self.now)
+            self.session.set_command(*self.STICKS[what][0], self.now)
             self.stick, self.stick_at = what, self.now
             self.may |= what == 'rest' and self.clear()
             self.watch()
@@ -173,10 +182,10 @@ class World(SessionWorld[Session]):
         sticks = [frame.data for frame in self.frames if frame.identifier == STICK]
         assert sticks or not self.open, 'no joystick frame'
         for data in sticks:
-            assert data in (NEUTRAL, MOVING)
+            assert data in {frame for _, frame in self.STICKS.values()}
         if sticks and sticks[-1] != NEUTRAL:
             assert self.may, f'motion: {self.asked}, {self.stick}, {self.known}'
-            assert self.stick == 'move', 'motion that nobody asks for now'
+            assert sticks[-1] == self.STICKS[self.stick][1], 'motion that nobody asks for now'
         for frame in self.frames:
             if frame.identifier == PERMISSION and frame.data[0] == 0xA1:
                 self.permitted_at = self.now if any(frame.data[1:]) else -math.inf

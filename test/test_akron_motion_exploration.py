@@ -1,0 +1,194 @@
+# Copyright 2026 The rugged_teleop maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Every state in which the Akron session judges motion by itself, or pauses it; see explorer."""
+
+from collections.abc import Iterator
+from collections.abc import Sequence
+import math
+from typing import Any
+
+import pytest
+
+from test.akron_session_rig import DEPLOY
+from test.akron_session_rig import ef
+from test.akron_session_rig import joystick
+from test.akron_session_rig import MOVING
+from test.akron_session_rig import NEUTRAL
+from test.akron_session_rig import OSCILLATES
+from test.akron_session_rig import OURS
+from test.akron_session_rig import OUTPUTS
+from test.akron_session_rig import PAUSE
+from test.explorer import visits_of
+from test.test_akron_exploration import FOREIGN
+from test.test_akron_exploration import STICK
+from test.test_akron_exploration import World as AkronWorld
+
+pytestmark = pytest.mark.computes
+DEPLOYING = bytes.fromhex('0100010000000100')  # switch 8
+ANGLES = (ef('0100040371000041'), ef('010A040371000041'))  # a degree apart
+LIMITS = (ef('81FED401C200'), OSCILLATES)
+TURNING = ('turns', 'oscillates', 'crowded')
+OSCILLATING = ('oscillates', 'crowded', 'paused')
+HOLD = 0.5  # s after its last step for which a unit counts as moving
+PRESS = 0.2  # s for which switch 7 is held
+
+
+class World(AkronWorld):
+    """A unit that moves or not, and oscillates or not, whatever is asked of it."""
+
+    STEP = 0.25
+    LINK = FRESH = 2 * STEP
+    COAST = 3 * STEP
+    CALM = {'unit': 'still', 'estop': 'clear', 'stick': 'rest'}
+    APART = ('refused', 'moves', 'other_frames', '_stream', '_names', '_due', '_asked_at',
+             '_handover', '_before')  # fmt: skip
+    OLD = {
+        '_pause_until': 0.0,
+        **dict.fromkeys(('_stopped_at', 'stop_at', 'over_at', 'run_at', 'began_at'), COAST),
+        **dict.fromkeys(('asked_until', 'pushed_until', '_automatic_until', 'taken_at'), COAST),
+        **dict.fromkeys(('steered_until', 'steered'), COAST + 2 * HOLD),
+        'pressed_at': PRESS,
+    }
+    OPTIONS = {'coast_time': COAST, 'automatic_motion': True}
+    STICKS = {**AkronWorld.STICKS, 'deploy': (DEPLOY, DEPLOYING)}
+
+    def __init__(self, reads: Sequence[str] = (), **said: str) -> None:
+        self.side = False  # of its two angles
+        self.seen = False  # an angle, since all was forgotten
+        self.steps: tuple[float, ...] = ()  # the last two moments of steps, of a run
+        self.run_at = -math.inf  # when it began
+        self.oscillates = False
+        self.pushed_until = -math.inf  # until when our frames ask for motion
+        self.steered = -math.inf
+        self.by_itself = False  # our frames asked for such motion since the last stop
+        self.taken_at = -math.inf  # when a stop took that back
+        self.stop_at = -math.inf  # when the last stop began
+        self.over_at = -math.inf  # and ended
+        self.pressed_at = -math.inf
+        self.presses = 0  # in this stop
+        super().__init__(reads, **said)
+
+    def sound(self) -> bool:
+        return super().sound() and not self.unasked()
+
+    def unasked(self) -> bool:
+        """Tell whether the unit has moved for long though nobody asks for it."""
+        asked_until = max(self.run_at, self.pushed_until, self.taken_at)
+        moves = len(self.steps) > 1 and self.now - self.steps[-1] < HOLD
+        return moves and not self.by_itself and self.now >= asked_until + self.COAST
+
+    def possible(self) -> Iterator[str]:
+        return (step for step in super().possible() if step != 'overflow')  # as a freeze
+
+    def lapse(self) -> None:
+        super().lapse()
+        if self.heard_at is None:
+            self.seen, self.steps, self.run_at, self.oscillates = False, (), -math.inf, False
+
+    def hear(self, said: Sequence[str]) -> None:
+        for each in said:
+            oscillates, turns = each in OSCILLATING, each in TURNING
+            self.side ^= turns
+            if each == 'crowded':
+                self.keep(self.session.receive(joystick(), self.now))
+                self.foreign_at, self.stop_said = self.now, True
+            frames = (*self.answers('ok'), OUTPUTS, LIMITS[oscillates], ANGLES[self.side])
+            for frame in frames:
+                self.keep(self.session.receive(frame, self.now))
+            self.heard_at = self.known['outputs'] = self.now
+            self.known['enabled'], self.known['faults'] = True, 'none'
+            self.oscillates = oscillates
+            if turns and self.seen:
+                self.note_step()
+            self.seen = True
+            self.watch()
+
+    def watch(self) -> None:
+        super().watch()
+        if self.clear() and not self.verdict.estop:
+            self.over_at = min(self.over_at, self.now)
+        elif self.over_at < math.inf:  # or it began anew in this step
+            self.stop_at, self.over_at, self.presses = self.now, math.inf, 0
+
+    def note_step(self) -> None:
+        if not self.steps or self.now - self.steps[-1] >= HOLD:
+            self.run_at, self.steps = self.now, ()
+        if self.now not in self.steps:
+            self.steps = (*self.steps[-1:], self.now)
+
+    def judge(self) -> None:
+        sticks = [frame.data for frame in self.frames if frame.identifier == STICK]
+        still = joystick(NEUTRAL.hex(), OURS)  # what a press is, but for its switch
+        self.frames = [still if frame.data == PAUSE else frame for frame in self.frames]
+        super().judge()
+        self.judge_press(PAUSE in sticks)
+        pushing = bool(sticks) and sticks[-1] in (MOVING, DEPLOYING)
+        if pushing or self.pushed_until == math.inf:
+            self.pushed_until = math.inf if pushing else self.now
+        steering = MOVING in sticks[-1:]
+        if steering or self.steered == math.inf:
+            self.steered = math.inf if steering else self.now
+        self.by_itself |= DEPLOYING in sticks
+        if self.over_at == math.inf and self.by_itself:
+            self.by_itself, self.taken_at = False, self.now
+        said = any('though nobody asks' in reason for reason in self.session.verdict.reasons)
+        assert said == self.unasked() or not self.vouched(self.LINK), 'whether it moves by itself'
+
+    def judge_press(self, pressed: bool) -> None:
+        """Check that a press pauses what surely runs, and never resumes what is paused."""
+        if not pressed or self.now - self.pressed_at < PRESS:
+            return
+        self.pressed_at = self.now
+        self.presses += 1
+        assert self.now <= self.over_at, 'switch 7 without a stop'
+        assert self.presses == 1, 'switch 7 twice in a stop'
+        assert self.oscillates, 'nothing oscillates'
+        assert self.now - self.foreign_at >= FOREIGN, 'whose switch is pressed, too?'
+        assert self.now - max(self.steps) < HOLD, 'it stands'
+        assert len(self.steps) > 1, 'one step is no motion'
+        assert self.steps[0] > self.stop_at, 'it may have been paused since'
+        assert self.steps[0] >= self.steered + self.COAST, 'it may coast'
+
+    def revive(self) -> None:
+        super().revive()
+        self.play('stick rest', 'stick deploy', 'unit oscillates', 'stick rest', *[''] * 8)
+        assert not self.verdict.estop, 'no oscillation that was asked for'
+        self.play('estop stop', '', '')
+        assert self.presses == 1, 'an oscillation goes on in a stop'
+
+
+SCENES: dict[str, dict[str, Any]] = {
+    'stops': {
+        'unit': 'still oscillates paused',
+        'estop': 'clear stop',
+        'stick': 'rest',
+    },
+    'sticks': {
+        'unit': 'still turns',
+        'estop': 'clear',
+        'stick': 'rest move deploy',
+    },
+    'neighbours': {
+        'unit': 'still oscillates crowded',
+        'estop': 'clear',
+        'stick': 'rest',
+    },
+}
+COUNTS: dict[str, tuple[int, int]] = {
+    'stops': (48245, 325540),
+    'sticks': (77639, 525739),
+    'neighbours': (31989, 183992),
+}  # states, and steps between them
+test_every_state_near_the_start, test_every_state = visits_of(World, SCENES, COUNTS, near=100)
