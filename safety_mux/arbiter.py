@@ -380,10 +380,11 @@ class Arbiter:
             last_transition=self._transition,
             slowed=tuple(self._slowed(now)),
             drives_enabled=self._drives_enabled(now),
+            drives_ready=all(each.ready(now) for each in self._drives.values()),
         )
 
     def _drives_enabled(self, now: float) -> bool | None:
-        drives = [each for each in self._drives.values() if each.awaited]
+        drives = self._drives.values()
         return all(each.condition(now) == 'enabled' for each in drives) if drives else None
 
     def motion_left(self, now: float) -> str:

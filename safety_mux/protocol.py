@@ -368,6 +368,7 @@ class Status:
     :param tripped: a trip is active.
     :param slowed: what limits the speed at this moment, in words.
     :param drives_enabled: each drive says so; None: none is there that could.
+    :param drives_ready: motion waits for none of them.
     """
 
     state: State
@@ -381,6 +382,7 @@ class Status:
     last_transition: Transition
     slowed: tuple[str, ...] = ()
     drives_enabled: bool | None = None
+    drives_ready: bool = True
 
 
 def milliseconds(seconds: float) -> str:

@@ -107,7 +107,7 @@ def _further_inhibits(status: Status, around: Surroundings, now: float) -> list[
         )
     elif (
         status.state is State.ACTIVE
-        and status.drives_enabled is False
+        and not status.drives_ready
         and now - status.last_transition.at >= _PATIENCE
     ):
         why.append(

@@ -76,7 +76,7 @@ BRIDGE = {
     # From messages to the arbiter, for the node and for a replay.
     'intake': ('{bridge}',),
     # What the mux's decisions become.
-    'outputs': ('{bridge}.protocol', 'MESSAGES'),
+    'outputs': ('{bridge}.protocol', 'bridge_core.session', 'MESSAGES'),
     # What browsers are served by.
     'server': ('{bridge}', 'bridge_core.clock', 'aiohttp', 'STDLIB'),
     # What runs without the node, where there may be no ROS.

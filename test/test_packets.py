@@ -83,3 +83,15 @@ def test_packet_that_is_none_is_refused_with_the_reason(
 @pytest.mark.parametrize('length', range(6))
 def test_unknown_type_may_have_any_length_up_to_the_greatest(length: int) -> None:
     assert PACKETS.size_of(bytes((0x10, 0x20, 9, length))) == (length + 6 if length <= 4 else 0)
+
+
+@pytest.mark.parametrize(('baud', 'seconds'), [(1000, 2 * 9 * 10 / 1000), (115200, 0.05)])
+def test_partial_packet_has_twice_the_time_that_the_longest_known_one_takes(
+    baud: int, seconds: float
+) -> None:
+    """One of three bytes, six about it: here a type of two lengths and a shorter one."""
+    lengths = {1: (2, 3), 2: (1,)}
+    packets = PacketFormat(b'\x10\x20', max_length=200, lengths=lengths, summed_from=2)
+    parser = packets.parser(lambda kind, payload: payload, {}, baud)
+    parser.feed(PACKET[:3], 100.0)
+    assert parser.deadline == pytest.approx(100.0 + seconds)
