@@ -36,7 +36,7 @@ MessageT = TypeVar('MessageT')
 FrameT = TypeVar('FrameT')
 
 _EXPIRE = 0.05  # s
-_BITS_PER_BYTE = 10  # 8N1
+BITS_PER_BYTE = 10  # 8N1
 # s; frames found inside an expired one, where they waited behind a corrupt length, are handed out
 # until this long after its time. Anything older is history, not news.
 _LATE = 0.05
@@ -48,7 +48,7 @@ def expiry(size: int, baud: float) -> float:
 
     :param size: bytes of the largest frame that comes. :param baud: of the line.
     """
-    return max(_EXPIRE, 2.0 * size * _BITS_PER_BYTE / baud)
+    return max(_EXPIRE, 2.0 * size * BITS_PER_BYTE / baud)
 
 
 def draft_of(kind: type[Any]) -> type[Any]:

@@ -204,19 +204,15 @@ class DriveInput(Input):
         self.known = before.known
 
     @property
-    def awaited(self) -> bool:
-        """Whether motion waits for it."""
-        return self.known or self._is_named or bool(self.faults)
-
-    @property
     def use(self) -> str:
         """``enabled`` or ``not enabled``."""
         return 'enabled' if self.value else 'not enabled'
 
     def ready(self, now: float) -> bool:
         """Return whether it is enabled, and was at all times since the last tick."""
-        enabled = self.value and self.lapse is None and self.usable(now)
-        return enabled or not self.awaited
+        if not self.known:
+            return not (self._is_named or self.faults)
+        return self.value and self.lapse is None and self.usable(now)
 
 
 class SpeedLimitInput(Input):

@@ -26,13 +26,13 @@ import termios
 import time
 
 from bridge_core import clock
+from bridge_core.framing import BITS_PER_BYTE
 
 _BACKLOG_LIMIT = 64  # bytes, which take 5.6 ms at 115200 baud
 # A line busy for longer is blocked: at 9600 baud 64 bytes take 0.07 s.
 STALL_TIMEOUT = 0.5  # s
 STALLED = f'took no bytes for {STALL_TIMEOUT * 1e3:.0f} ms'
 _DRAIN_TIMEOUT = 0.05  # s
-_BITS_PER_BYTE = 10  # 8N1
 _SIOCOUTQNSD = 0x894B  # linux/sockios.h: as TIOCOUTQ, less what was sent but not acknowledged
 _TCP_USER_TIMEOUT_MS = 2000
 
@@ -89,7 +89,7 @@ class Line:
         For as long as they take at ``baud`` and 50 ms more: close alone could block for 30 s.
         """
         with contextlib.suppress(OSError):  # unplugged: nothing to drain
-            takes = min(self.backlog(), self._written) * _BITS_PER_BYTE / baud
+            takes = min(self.backlog(), self._written) * BITS_PER_BYTE / baud
             end = clock.now() + takes + _DRAIN_TIMEOUT
             while self.backlog() and clock.now() < end:
                 time.sleep(0.001)
