@@ -264,6 +264,14 @@ class Bench(SessionBench[Session]):
 
     def __init__(self, wire: CanWire | None = None, **options: Any) -> None:
         super().__init__(Session(Settings(wire=wire or CanWire(), **options)))
+        self.busy = False  # the line takes no frame
+
+    def _keep(self, output: tuple[list[Any], list[Any]]) -> list[Any]:
+        events, frames = output
+        if self.busy:
+            for frame in frames:
+                self.session.refused(frame, self.now)
+        return super()._keep((events, [] if self.busy else frames))
 
     def hear(self, *frames: CanFrame) -> list[Any]:
         """Hear frames that the transport read at once."""
@@ -708,6 +716,25 @@ def test_string_set_anew_while_under_way_is_finished_and_then_replaced() -> None
     assert vsc.broken_strings == 0
     assert vsc.names == {1: 'third'}
     assert len(bench.sent) == 6
+
+
+@pytest.mark.parametrize('third', [0, 1, 2])
+def test_third_of_a_string_that_a_busy_line_refuses_goes_again_in_its_place(third: int) -> None:
+    bench, vsc = opened(), CanSimulator()
+    bench.session.set_name(90, 'BOOM LOW  ARM LOCK', bench.now)
+    bench.session.set_name(91, 'second line', bench.now)
+    if third:
+        bench.wait(0.1 * third - 0.05)
+    bench.busy = True
+    bench.wait(0.35)
+    bench.busy = False
+    bench.wait(1.0)
+    for at, sent in bench.sent:
+        vsc.receive(sent, at)
+    assert vsc.names == {90: 'BOOM LOW  ARM LOCK', 91: 'second line'}
+    assert [data[1] for _, data in bench.sent_as('feedback_string')] == [0, 1, 2] * 2
+    assert vsc.broken_strings == 0
+    assert set(vsc.too_fast.values()) == {0}
 
 
 def test_string_cut_by_a_lost_bus_is_sent_whole_when_the_remote_is_back() -> None:

@@ -73,6 +73,23 @@ def test_texts_and_values_are_shown_again_to_a_new_remote_a_rumble_is_not() -> N
     assert [f[5:10] for _, f in bench.frames(0x31)] == [b'speed']
 
 
+def test_what_the_remote_shows_goes_again_where_a_busy_line_refuses_it_a_rumble_does_not() -> None:
+    bench = opened()
+    bench.busy = True
+    bench.session.set_name(1, 'speed', bench.now)
+    bench.session.set_feedback(1, 7, bench.now)
+    bench.session.rumble(True, True, bench.now)
+    bench.session.get_feedback(2, bench.now)
+    bench.wait(0.1)
+    bench.session.set_feedback(1, 8, bench.now)
+    bench.wait(0.4)
+    bench.busy = False
+    bench.wait(1.0)
+    assert [f for _, f in bench.frames(0x30)] == [build_frame(0x30, b'\1\x08\0\0\0')]
+    assert [f[5:10] for _, f in bench.frames(0x31)] == [b'speed']
+    assert not bench.frames(0x32)
+
+
 @pytest.mark.parametrize('required', [False, True])
 def test_software_estop_that_is_forgotten_is_in_use_only_where_it_is_required(
     required: bool,

@@ -49,6 +49,7 @@ class SendQueue:
         self._lines: dict[MessageType, dict[int, Message]] = {kind: {} for kind in wire.PERIODS}
         self._begun: dict[MessageType, list[Frame]] = {kind: [] for kind in wire.PERIODS}
         self._free_at = dict.fromkeys(wire.PERIODS, -math.inf)
+        self._taken: dict[MessageType, tuple[int, Frame]] = {}  # key and frame, the newest
         self._shown: dict[tuple[MessageType, int], Message] = {}
 
     def set_value(self, key: int, value: int) -> None:
@@ -99,11 +100,27 @@ class SendQueue:
             begun = self._begun[kind]
             if now < self._free_at[kind] or not (line or begun):
                 continue
+            key = self._taken[kind][0] if begun else next(iter(line))
             if not begun:
-                begun += self._wire.frames(line.pop(next(iter(line))))
-            frames.append(begun.pop(0))
+                begun += self._wire.frames(line.pop(key))
+            self._taken[kind] = key, begun.pop(0)
+            frames.append(self._taken[kind][1])
             self._free_at[kind] = now + self._wire.PERIODS[kind]
         return frames
+
+    def refused(self, frame: Frame) -> None:
+        """
+        Have what the remote shows go again in its turn: it did not go out.
+
+        The VSC puts a string together once the last third comes (8.2.8), so the rest of one waits.
+        """
+        for kind, (key, taken) in self._taken.items():
+            if taken is not frame or (kind, key) not in self._shown:
+                continue
+            if kind is MessageType.USER_FEEDBACK_NAME:
+                self._begun[kind].insert(0, frame)
+            else:  # at the end of the line: a rumble must not wait for it
+                self._lines[kind].setdefault(key, self._shown[kind, key])
 
     @property
     def deadline(self) -> float:

@@ -181,11 +181,14 @@ class Session(BaseSession[Frame, Received, Event]):
         """
         Try our heartbeat again soon, with what is asked for then: it may be a stop.
 
-        A stop that did not go out at all is asked for once, even if it is over by then.
+        A stop that did not go out at all is asked for once, even if it is over by then. What the
+        remote shows goes again, too.
         """
         if frame is self._said:
             self._owed_stop = self._judgement.unasked()
             self._pacer.start(now + RETRY)
+        else:
+            self._queue.refused(frame)
 
     def _begin(self, now: float) -> None:
         if self._said is not None and not self._leaving:  # what that line has carried nobody knows
