@@ -40,6 +40,7 @@ from rugged_teleop.multicasts import free_port
 from rugged_teleop.multicasts import GROUP
 from rugged_teleop.multicasts import LOOPBACK
 from rugged_teleop.multicasts import PORT_OFFSET
+from rugged_teleop.stack import BESIDE
 from rugged_teleop.stack import NODES
 from rugged_teleop.stack import WIRING
 
@@ -110,7 +111,7 @@ def processes(
         if not autostart:
             values['autostart'] = False
         own = _resolved(node, file, values, folder) if values else file
-        rules = _rules(node, nodes) + ([f'~/cmd_joy:={cmd_joy}'] if node == monitor else [])
+        rules = wiring(node, nodes) + ([f'~/cmd_joy:={cmd_joy}'] if node == monitor else [])
         result.append(_node_process(node, own, rules))
     return [*devices, *result]
 
@@ -120,12 +121,12 @@ def nodes_of(file: Path, namespace: str = '') -> list[str]:
     Return the full names of the nodes that a file has sections for, in order of NODES.
 
     A section with a full name is one node. One with wildcards is a node in ``namespace``, or where
-    there are full names of its kind, what they share.
+    there are full names of its kind, what they share. Recorder and status page start otherwise.
 
-    :raises ValueError: the file is none, or has sections that are for no node.
+    :raises ValueError: the file is none, has sections that are for no node, or none for a node.
     """
-    check_names(NODES, [file])
-    sections = sections_of(file)
+    check_names({**NODES, **BESIDE}, [file])
+    sections = [section for section in sections_of(file) if _name_of(section) not in BESIDE]
     named = [section for section in sections if '*' not in section]
     kinds = set(map(_name_of, named))
     above = '/' + namespace.strip('/') if namespace.strip('/') else ''
@@ -137,6 +138,8 @@ def nodes_of(file: Path, namespace: str = '') -> list[str]:
     for section in sections:
         if not any(is_for(section, node) for node in nodes):
             raise ValueError(f'parameter file {file}: its section {section} is for no node in it')
+    if not nodes:
+        raise ValueError(f'parameter file {file}: has no section for one of {", ".join(NODES)}')
     return nodes
 
 
@@ -159,17 +162,17 @@ def _the_only(name: str, nodes: Iterable[str], argument: str) -> str:
     return meant[0]
 
 
-def _rules(node: str, nodes: Sequence[str]) -> list[str]:
+def wiring(node: str, nodes: Sequence[str]) -> list[str]:
     """Return the remappings to the mux in the node's namespace, or the nearest above."""
-    wiring = WIRING.get(_name_of(node), {})
+    topics = WIRING.get(_name_of(node), {})
     muxes = [other for other in nodes if _name_of(other) == _MUX]
     above = [mux for mux in muxes if f'{node}/'.startswith(mux.removesuffix(_MUX))]
-    if not wiring or not muxes:
+    if not topics or not muxes:
         return []
     if not above:
         raise ValueError(f'{node}: no {_MUX} is in its namespace or above it, to stop it')
     root = max(above, key=len).removesuffix(_MUX)
-    return [f'{topic}:={root}{source}' for topic, source in wiring.items()]
+    return [f'{topic}:={root}{source}' for topic, source in topics.items()]
 
 
 def _resolved(node: str, file: Path, values: Values, folder: Path) -> Path:

@@ -101,6 +101,11 @@ def test_wildcard_is_a_node_in_the_namespace_that_is_given(file: Path) -> None:
     assert nodes_of(file) == ['/ssc_bridge']
 
 
+def test_recorder_and_page_may_have_their_sections_in_the_file(file: Path) -> None:
+    write(file, {'/**/ssc_bridge': {}, '/**/recorder': {}, '/a/status_page': {}})
+    assert nodes_of(file) == ['/ssc_bridge']
+
+
 @pytest.mark.parametrize(
     ('sections', 'namespace', 'says'),
     [
@@ -109,6 +114,7 @@ def test_wildcard_is_a_node_in_the_namespace_that_is_given(file: Path) -> None:
         (['/a/ssc_bridge', '/b/**'], '', 'its section /b/\\*\\* is for no node'),
         (['/a/*/ssc_bridge'], '', 'for no node'),
         (['/**'], '', 'for no node'),
+        (['/**/recorder'], '', 'no section for one of fort_vsc_bridge'),
         (['/a/ssc_bridge', '/b/safety_mux'], '', 'no safety_mux is in its namespace or above'),
     ],
 )
