@@ -15,16 +15,15 @@
 """
 Write what SROS 2 has to allow the nodes of a parameter file, and nothing else.
 
-The nodes are made with their parameters, wired as the launch files do it, and asked for their
-topics and services. Nobody can discover them meanwhile, and no port is opened. Each gets an
-enclave of its name. ros2 security create_permission takes the result.
+The nodes are those that bringup.launch.py starts. They are made with their parameters, wired as
+it does it, and asked for their topics and services. Nobody can discover them meanwhile, and no
+port is opened. Each gets an enclave of its name. ros2 security create_permission takes the result.
 
 Exit status: 0; 2 wrong arguments, or a parameter that its node refuses.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from collections.abc import Iterator
 from collections.abc import Sequence
 from pathlib import Path
@@ -32,8 +31,6 @@ import sys
 from typing import Any
 from xml.etree import ElementTree
 
-from bridge_core.parameter_files import check_names
-from bridge_core.parameters import ParameterError
 from rugged_teleop.command_line import full_name
 from rugged_teleop.command_line import Parser
 
@@ -52,7 +49,7 @@ def parser(prog: str) -> Parser:
     result = Parser(prog=prog, description=__doc__, epilog=_EXAMPLES.format(prog=prog))
     result.add_argument('file', type=Path, metavar='FILE', help='parameters, as for the stack')
     add = result.add_argument
-    add('--namespace', type=_namespace, default='/', help='in which the nodes run (/)')
+    add('--namespace', type=_namespace, default='/', help='of sections that name none (/)')
     return result
 
 
@@ -63,42 +60,46 @@ def _namespace(text: str) -> str:
 def main(arguments: Sequence[str] | None = None, prog: str = 'rugged_teleop policy') -> None:
     """Print the policy; the command's entry point."""
     given = parser(prog).parse_args(arguments)
-    from rugged_teleop import stack  # late: the help needs no ROS
+    from rclpy.exceptions import ParameterException  # late: the help needs no ROS
 
-    words = ['--params-file', str(given.file)]
     try:
-        names = stack.configured_nodes(['--ros-args', *words])
-        check_names({**stack.NODES, **stack.BESIDE}, [given.file])
-        if not names:
-            raise ValueError(f'{given.file} has no section for one of our nodes')
-        words += stack.wiring(names) if 'safety_mux' in names else []
-        factories = [stack.node_factory(name) for name in names]
-        print(policy(factories, [*words, '-r', f'__ns:={given.namespace}']), end='')
-    except (ValueError, ParameterError) as error:
-        print(f'{prog}: {error}', file=sys.stderr)
+        print(policy(given.file, given.namespace), end='')
+    except (ValueError, ParameterException, RuntimeError) as error:  # the last: of rcl
+        print(f'{prog}: {" ".join(str(error).split())}', file=sys.stderr)
         sys.exit(2)
 
 
-def policy(factories: Sequence[Callable[..., Any]], arguments: Sequence[str]) -> str:
-    """Return the policy of these nodes, as XML. :param arguments: of ROS."""
+def policy(file: Path, namespace: str = '/') -> str:
+    """Return the policy of a file's nodes, as XML. :raises ValueError: none of them is allowed."""
     from bridge_core.help import unseen  # late, too
+    from rugged_teleop.bringup import nodes_of
+    from rugged_teleop.bringup import wiring
+    from rugged_teleop.stack import node_factory
 
     root = ElementTree.Element('policy', version=_VERSION)
     enclaves = ElementTree.SubElement(root, 'enclaves')
-    for node in unseen(factories, arguments):
-        full = node.get_fully_qualified_name()
-        profiles = ElementTree.SubElement(
-            ElementTree.SubElement(enclaves, 'enclave', path=full), 'profiles'
-        )
-        place = {'ns': node.get_namespace(), 'node': node.get_name()}
-        profile = ElementTree.SubElement(profiles, 'profile', place)
-        for kind, right, allowed in _rights(node, full):
-            group = ElementTree.SubElement(profile, f'{kind}s', {right: 'ALLOW'})
-            for name in sorted(allowed):
-                ElementTree.SubElement(group, kind).text = name
+    nodes = nodes_of(file, namespace)
+    for full in nodes:
+        above, _, name = full.rpartition('/')
+        rules = [f'__ns:={above or "/"}', *wiring(full, nodes)]
+        words = ['--params-file', str(file), *(word for rule in rules for word in ('-r', rule))]
+        for node in unseen([node_factory(name)], words):
+            _add(node, full, enclaves)
     ElementTree.indent(root)
     text = ElementTree.tostring(root, encoding='unicode')
     return f'<?xml version="1.0" encoding="UTF-8"?>\n{text}\n'
+
+
+def _add(node: Any, full: str, enclaves: ElementTree.Element) -> None:
+    profiles = ElementTree.SubElement(
+        ElementTree.SubElement(enclaves, 'enclave', path=full), 'profiles'
+    )
+    place = {'ns': node.get_namespace(), 'node': node.get_name()}
+    profile = ElementTree.SubElement(profiles, 'profile', place)
+    for kind, right, allowed in _rights(node, full):
+        group = ElementTree.SubElement(profile, f'{kind}s', {right: 'ALLOW'})
+        for name in sorted(allowed):
+            ElementTree.SubElement(group, kind).text = name
 
 
 def _rights(node: Any, full: str) -> Iterator[tuple[str, str, set[str]]]:
