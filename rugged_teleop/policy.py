@@ -41,6 +41,8 @@ examples:
 """
 # What rclpy's inner parts publish, which a node does not list among its own.
 _INNER = ('/rosout', '~/transition_event')
+# What a node subscribes to while it runs: a mux to its outputs, once another publishes there too.
+_WATCHED = {'safety_mux': ('command', 'enable', 'estop')}
 _VERSION = '0.2.0'  # of the format
 
 
@@ -105,10 +107,11 @@ def _add(node: Any, full: str, enclaves: ElementTree.Element) -> None:
 def _rights(node: Any, full: str) -> Iterator[tuple[str, str, set[str]]]:
     """Yield kind, right and names of what a node does."""
     inner = {name.replace('~', full) for name in _INNER}
+    watched = {f'{full}/{topic}' for topic in _WATCHED.get(node.get_name(), ())}
     published = {each.topic_name for each in node.publishers}
     rights = [
         ('topic', 'publish', published | inner),
-        ('topic', 'subscribe', {each.topic_name for each in node.subscriptions}),
+        ('topic', 'subscribe', {each.topic_name for each in node.subscriptions} | watched),
         ('service', 'reply', {each.service_name for each in node.services}),
         ('service', 'request', {each.service_name for each in node.clients}),
     ]

@@ -56,7 +56,8 @@ def test_policy_follows_parameters_and_namespace(tmp_path: Path) -> None:
     rights = allowed(outcome(str(file), '--namespace', '/front').stdout)
     (enclave,) = rights
     assert enclave == '/front/safety_mux'
-    assert rights[enclave]['subscribe'] == {'/site/estop', '/front/cmd_vel', '/diagnostics'}
+    own = {f'{enclave}/{topic}' for topic in ('command', 'enable', 'estop')}
+    assert rights[enclave]['subscribe'] == {'/site/estop', '/front/cmd_vel', '/diagnostics', *own}
 
 
 def test_every_node_of_a_file_has_an_enclave_and_hears_the_mux() -> None:

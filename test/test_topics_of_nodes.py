@@ -21,6 +21,7 @@ best effort and volatile, depth 5. (ros2cli, branch jazzy: ros2topic/verb/pub.py
 """
 
 from collections.abc import Iterator
+import contextlib
 import importlib
 from pathlib import Path
 from typing import Any
@@ -28,6 +29,7 @@ from typing import Any
 from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import Twist
 import pytest
+from rclpy.node import NodeNameNonExistentError
 from rclpy.qos import DurabilityPolicy
 from rclpy.qos import QoSPresetProfiles
 from rclpy.qos import QoSProfile
@@ -81,6 +83,7 @@ PUBLISHED = {
     ),
     DRIVE: (*STOP, 'joint_states', 'enabled'),
 }
+WATCHED = {'command': JointState, 'enable': Bool, 'estop': Bool}  # of a mux: its own
 TAKEN = {
     VSC: (
         f'/{VSC}/software_estop',
@@ -243,7 +246,33 @@ def test_policy_allows_what_the_running_nodes_do_and_nothing_else(
             'request': graph.get_client_names_and_types_by_node(node, '/'),
         }
         names = {right: {name for name, _ in found} for right, found in running.items() if found}
+        if node == MUX:  # as below
+            names['subscribe'] |= {f'/{MUX}/{topic}' for topic in WATCHED}
         assert policy[f'/{node}'] == names, node
+
+
+def test_policy_lets_a_mux_hear_who_publishes_in_its_place(
+    observer: Observer, tmp_path: Path
+) -> None:
+    space = namespace()
+    file = tmp_path / 'mux.yaml'
+    file.write_text(f'/**/{MUX}: {{ros__parameters: {{}}}}\n')
+    policy = allowed(outcome(str(file), '--namespace', space).stdout)[f'{space}/{MUX}']
+    graph = observer.node
+    pubs = [Pub(observer, f'{space}/{MUX}/{topic}', kind()) for topic, kind in WATCHED.items()]
+
+    def heard() -> set[str]:
+        with contextlib.suppress(NodeNameNonExistentError):
+            found = graph.get_subscriber_names_and_types_by_node(MUX, space)
+            return {name for name, _ in found}
+        return set()
+
+    with NodeProcess('safety_mux.node', namespace=space):
+        outputs = {pub.publisher.topic_name for pub in pubs}
+        observer.wait_for(lambda: outputs <= heard(), 30.0, 'the mux listening to its outputs')
+        assert heard() == policy['subscribe']
+    for pub in pubs:
+        pub.leave()
 
 
 # Standing in, by hand as it were: a program that says one thing, and another when that has ended.
