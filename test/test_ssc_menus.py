@@ -277,6 +277,61 @@ def test_image_that_is_always_damaged_is_refused_and_the_unit_runs_on() -> None:
     assert bench.drives
 
 
+def with_a_line_of_zeros() -> bytes:
+    """Return an image whose sums stay right where the fourth line is lost."""
+    body = bytearray(GOLDEN.data[:-2])
+    body[104:152] = bytes(48)  # no constants
+    body[6] = next(n for n in range(256) if (sum(body[:108]) - body[6] + n) % 64 == 0)
+    return bytes(body) + sums(bytes(body))
+
+
+def losing_zeros(times: int) -> Callable[[bytes], bytes]:
+    """Lose a line of zeros of so many images."""
+    left = times
+
+    def change(data: bytes) -> bytes:
+        nonlocal left
+        place = data.find(b'0' * 72 + b'\r\n')
+        if place < 0 or not left:
+            return data
+        left -= 1
+        return data[:place] + data[place + 74 :]
+
+    return change
+
+
+@pytest.mark.parametrize('times', [0, 1])
+def test_lost_line_of_zeros_that_the_sums_do_not_see_is_read_again(times: int) -> None:
+    image = Image(with_a_line_of_zeros())
+    bench = Bench(Simulator(image=image.data), from_unit=losing_zeros(times))
+    assert bench.dump().result == bench.unit.image == image
+    assert bench.drives
+
+
+def test_image_of_another_size_counts_once_it_came_twice_alike() -> None:
+    image = with_a_line_of_zeros()
+    bench = Bench(Simulator(image=image), from_unit=losing_zeros(2))
+    assert bench.dump().result == bench.unit.image == Image(image[:108] + image[144:])
+    assert bench.keys.replace(ENTRY, b'').count(b'D') == 2
+
+
+def test_image_of_another_size_that_came_only_once_is_refused() -> None:
+    readings = 0
+
+    def change(data: bytes) -> bytes:
+        nonlocal readings
+        readings += b'0' * 72 in data
+        return short(data) if readings == 1 else data.replace(b'4E20', b'4E21')
+
+    short = losing_zeros(1)
+    bench = Bench(Simulator(image=with_a_line_of_zeros()), from_unit=change)
+    dialogue = bench.dump()
+    assert dialogue.result is bench.unit.image is None
+    assert 'printed no sound image in two tries' in str(dialogue.error)
+    assert bench.unit.how_it_stands == Standing.UNCHANGED.value
+    assert bench.drives
+
+
 # Writing.
 
 

@@ -28,6 +28,7 @@ from enum import Enum
 
 from ssc_bridge.config.image import Image
 from ssc_bridge.config.image import ImageError
+from ssc_bridge.config.image import KNOWN_SIZE
 from ssc_bridge.config.menus import has_image
 from ssc_bridge.config.menus import has_words
 from ssc_bridge.config.menus import image_in
@@ -271,9 +272,15 @@ class Maintenance:
     # -- images ----------------------------------------------------------------------------------
 
     def _read(self) -> Script[Image]:
-        """Read the working memory, from any menu. :raises MenuError: no sound image comes."""
+        """
+        Read the working memory, from any menu. :raises MenuError: no sound image comes.
+
+        The sums may miss a lost line. So an image of another size than the manual's has to come
+        twice alike.
+        """
         yield from self._walk_to(Screen.CONFIG)
         fault = ''
+        before: Image | None = None
         for _ in range(2):
             text = yield Step(b'D', has_image, _PRINT)
             if text is None:
@@ -281,9 +288,13 @@ class Maintenance:
                 raise MenuError('the SSC does not print its image')
             yield from self._walk_to(Screen.CONFIG, text)
             try:
-                return image_in(text)
+                image = image_in(text)
             except ImageError as error:
                 fault = str(error)
+                continue
+            if image.has_known_layout or image == before:
+                return image
+            before, fault = image, f'{len(image.data)} bytes, not {KNOWN_SIZE}, came only once'
         raise MenuError(f'the SSC printed no sound image in two tries: {fault}')
 
     def _load(self, image: Image) -> Script[None]:
