@@ -57,7 +57,7 @@ class FortVscBridge(BridgeNode[Event]):
 
     def __init__(self, **options: Any) -> None:
         self._bad_sentences = 0
-        self._gga_heard = False
+        self._gga_heard = False  # since the last RMC; the next remote may send none
         self._stop_heard = False  # ever, and so it has to be repeated for as long as this node is
         super().__init__('fort_vsc_bridge', **options)
 
@@ -136,9 +136,9 @@ class FortVscBridge(BridgeNode[Event]):
         if fix is None:
             self._bad_sentences += kind in ('GGA', 'RMC')
             return
-        self._gga_heard = self._gga_heard or kind == 'GGA'
         if kind == 'GGA' or not self._gga_heard:  # RMC has no altitude: only where it is all
             self._fix.publish(fix)
+        self._gga_heard = kind == 'GGA'
 
     # Requests.
 

@@ -250,6 +250,25 @@ def test_gps_sentence_becomes_fix_and_raw_text(bench: Bench) -> None:
     assert fix.header.frame_id == 'remote'
 
 
+def test_remote_without_gga_has_a_fix_although_another_has_sent_gga(bench: Bench) -> None:
+    bench.vsc.enable_message(0x12, False)
+    sentences = [
+        build_sentence('GPGGA,123519,2100.000,N,01131.000,E,1,08,0.9,545.4,M,46.9,M,,'),
+        build_sentence('GPRMC,123519,A,2200.000,N,01131.000,E,0,0,230394,,'),  # the same remote's
+        build_sentence('GPRMC,123520,A,2300.000,N,01131.000,E,0,0,230394,,'),
+        build_sentence('GPRMC,123521,A,2400.000,N,01131.000,E,0,0,230394,,'),
+    ]
+    frames = (build_frame(0x12, b'\0' + sentence.encode()) for sentence in sentences)
+    cause = bench.vsc.write(b''.join(frames))
+
+    def latitudes() -> list[int]:
+        found = (round(fix.latitude) for _, fix in bench.fix.since(cause))
+        return [latitude for latitude in found if latitude in range(21, 25)]
+
+    bench.wait(lambda: 24 in latitudes(), 'its fix')
+    assert latitudes() == [21, 23, 24]
+
+
 def test_gps_sentence_with_a_bad_checksum_is_shown_and_counted_but_no_fix(bench: Bench) -> None:
     bench.vsc.enable_message(0x12, False)
     before = int(bench.diagnostics.value(DEVICE, 'bad GPS sentences') or 0)
