@@ -51,6 +51,9 @@ from bridge_core.share import shared
 from bridge_core.transports import TransportError
 
 _RANGE = 'ROS_AUTOMATIC_DISCOVERY_RANGE'
+_WIDE = ('', 'SUBNET', 'SYSTEM_DEFAULT', 'OFF')  # any other word is LOCALHOST to rcl
+_ONLY = 'ROS_LOCALHOST_ONLY'  # rcl puts a 1 above range and peers
+_PEERS = 'ROS_STATIC_PEERS'
 # Jazzy's Fast DDS knows the first, later ones the second.
 _PROFILES = ('FASTRTPS_DEFAULT_PROFILES_FILE', 'FASTDDS_DEFAULT_PROFILES_FILE')
 # Who has set one of these has chosen the transports of Fast DDS.
@@ -214,21 +217,29 @@ def avoid_shared_memory() -> str:
     """
     Have Fast DDS use UDP, unless the user has chosen: see docs/decisions/0012.
 
-    Under ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST that takes a profile. Nodes with it and without
-    it meet. Return what the user should know.
+    Where ROS stays on this machine that takes a profile. Nodes with it and without it meet. Return
+    what the user should know.
     """
     middleware = os.environ.get('RMW_IMPLEMENTATION') or 'rmw_fastrtps_cpp'
     if _CHOICES & os.environ.keys() or not middleware.startswith('rmw_fastrtps'):
         return ''
-    if os.environ.get(_RANGE) != 'LOCALHOST' or os.environ.get('ROS_STATIC_PEERS'):
+    by = _ONLY if os.environ.get(_ONLY) == '1' else _RANGE
+    if by == _RANGE and os.environ.get(_RANGE, '') in _WIDE:
         os.environ['FASTDDS_BUILTIN_TRANSPORTS'] = 'UDPv4'
         return ''
+    local = f'{by} is {os.environ[by]}'
+    if by == _RANGE and os.environ.get(_PEERS):  # nothing but LOCALHOST has peers and no multicast
+        return (
+            f'unset {_PEERS}, or set {_RANGE} to SUBNET: shared memory is in use, which can '
+            f'block, because {_PEERS} is set and {local}'
+        )
     profile = str(shared(_LOOPBACK))
     os.environ[_RANGE] = 'SYSTEM_DEFAULT'  # as the profile says
+    os.environ.pop(_ONLY, None)
     os.environ |= dict.fromkeys(_PROFILES, profile)
     return (
         f'set {_PROFILES[0]} to have another profile than {profile}, which is in '
-        f'use because {_RANGE} is LOCALHOST and shared memory can block'
+        f'use because {local} and shared memory can block'
     )
 
 

@@ -47,6 +47,7 @@ def claim_domain() -> socket.socket:
 
 def _stay_on_this_machine() -> None:
     os.environ.pop('ROS_STATIC_PEERS', None)
+    os.environ.pop('ROS_LOCALHOST_ONLY', None)  # rcl adds shared memory to any profile for it
     if os.environ.get('RMW_IMPLEMENTATION', 'rmw_fastrtps_cpp').startswith('rmw_fastrtps'):
         os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'SYSTEM_DEFAULT'  # as the profile says
         os.environ['FASTDDS_DEFAULT_PROFILES_FILE'] = str(shared('config/fastdds_loopback.xml'))

@@ -94,7 +94,8 @@ def test_patience_multiplies_what_the_demos_file_has_or_else_the_default() -> No
 def test_two_demos_get_different_domains(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv('RMW_IMPLEMENTATION', raising=False)
     names = ('ROS_DOMAIN_ID', 'ROS_AUTOMATIC_DISCOVERY_RANGE', 'ROS_STATIC_PEERS')
-    for name in (*names, 'FASTDDS_DEFAULT_PROFILES_FILE', 'FASTRTPS_DEFAULT_PROFILES_FILE'):
+    profiles = ('FASTDDS_DEFAULT_PROFILES_FILE', 'FASTRTPS_DEFAULT_PROFILES_FILE')
+    for name in (*names, *profiles, 'ROS_LOCALHOST_ONLY'):
         monkeypatch.setenv(name, 'x')
     with claim_domain():
         first = os.environ['ROS_DOMAIN_ID']
@@ -104,6 +105,7 @@ def test_two_demos_get_different_domains(monkeypatch: pytest.MonkeyPatch) -> Non
     profile = Path(os.environ['FASTDDS_DEFAULT_PROFILES_FILE'])
     assert '<address>127.0.0.1</address>' in profile.read_text(encoding='utf-8')
     assert 'ROS_STATIC_PEERS' not in os.environ
+    assert 'ROS_LOCALHOST_ONLY' not in os.environ  # with it rcl adds shared memory to any profile
 
 
 # A scene that can fail: what it must notice.

@@ -14,6 +14,7 @@
 
 """How nodes run: middleware and priority; how they end: the last stop arrives first."""
 
+from collections.abc import Mapping
 import functools
 import getpass
 import os
@@ -136,33 +137,63 @@ def test_node_that_is_refused_leaves_the_graph_where_its_process_goes_on() -> No
 
 CHOICES = sorted(runner._CHOICES)
 RANGE = 'ROS_AUTOMATIC_DISCOVERY_RANGE'
+ONLY = 'ROS_LOCALHOST_ONLY'
+PEERS = 'ROS_STATIC_PEERS'
+ONE_MACHINE = (
+    {RANGE: 'LOCALHOST'},
+    {RANGE: 'localhost'},  # what rcl does not know is LOCALHOST to it
+    {ONLY: '1'},
+    {ONLY: '1', RANGE: 'SUBNET', PEERS: '192.0.2.1'},  # which rcl passes over
+)
 
 
 @pytest.fixture
 def environment(monkeypatch: pytest.MonkeyPatch) -> pytest.MonkeyPatch:
     """Give an environment of somebody who has chosen nothing."""
-    for name in (*CHOICES, RANGE, 'RMW_IMPLEMENTATION', 'ROS_STATIC_PEERS'):
+    for name in (*CHOICES, RANGE, 'RMW_IMPLEMENTATION', PEERS, ONLY):
         monkeypatch.setenv(name, '')  # so that it is restored whatever the runner sets
         monkeypatch.delenv(name)
     return monkeypatch
 
 
-@pytest.mark.parametrize('range_', ['', 'SUBNET', 'SYSTEM_DEFAULT'])
-def test_network_is_used_by_udp(environment: pytest.MonkeyPatch, range_: str) -> None:
-    environment.setenv(RANGE, range_)
+def set_all(environment: pytest.MonkeyPatch, given: Mapping[str, str]) -> None:
+    for name, value in given.items():
+        environment.setenv(name, value)
+
+
+@pytest.mark.parametrize('only', ['', '0', 'true'])  # rcl takes 1 alone for a yes
+@pytest.mark.parametrize('range_', ['', 'SUBNET', 'SYSTEM_DEFAULT', 'OFF'])
+def test_network_is_used_by_udp(environment: pytest.MonkeyPatch, range_: str, only: str) -> None:
+    set_all(environment, {RANGE: range_, ONLY: only, PEERS: '192.0.2.1'})
     assert runner.avoid_shared_memory() == ''
     assert os.environ['FASTDDS_BUILTIN_TRANSPORTS'] == 'UDPv4'
     assert os.environ[RANGE] == range_
 
 
-def test_one_machine_has_the_loopback_profile_and_says_so(environment: pytest.MonkeyPatch) -> None:
-    environment.setenv(RANGE, 'LOCALHOST')
+@pytest.mark.parametrize('given', ONE_MACHINE)
+def test_one_machine_has_the_loopback_profile_and_says_so(
+    environment: pytest.MonkeyPatch, given: dict[str, str]
+) -> None:
+    set_all(environment, given)
     text = runner.avoid_shared_memory()
     profile = os.environ['FASTRTPS_DEFAULT_PROFILES_FILE']
     assert profile == os.environ['FASTDDS_DEFAULT_PROFILES_FILE']
     assert Path(profile).name == 'fastdds_loopback.xml'
     assert profile in text
+    name, value = next(iter(given.items()))
+    assert f'{name} is {value}' in text
     assert '127.0.0.1' in Path(profile).read_text(encoding='utf-8')
+    assert os.environ[RANGE] == 'SYSTEM_DEFAULT'
+    assert ONLY not in os.environ  # or rcl makes it LOCALHOST again
+
+
+def test_static_peers_of_one_machine_are_kept_and_shared_memory_is_told(
+    environment: pytest.MonkeyPatch,
+) -> None:
+    set_all(environment, {RANGE: 'LOCALHOST', PEERS: '192.0.2.1'})
+    before = dict(os.environ)
+    assert 'shared memory' in runner.avoid_shared_memory()
+    assert dict(os.environ) == before
 
 
 @pytest.mark.parametrize('choice', CHOICES)
@@ -206,9 +237,11 @@ def threads(process: NodeProcess) -> list[str]:
     return [(task / 'comm').read_text(encoding='utf-8') for task in tasks.iterdir()]
 
 
-@pytest.mark.parametrize('range_', ['LOCALHOST', 'SUBNET'])
-def test_nodes_use_no_shared_memory(environment: pytest.MonkeyPatch, range_: str) -> None:
-    environment.setenv(RANGE, range_)
+@pytest.mark.parametrize('given', [*ONE_MACHINE, {RANGE: 'SUBNET'}])
+def test_nodes_use_no_shared_memory(
+    environment: pytest.MonkeyPatch, given: dict[str, str]
+) -> None:
+    set_all(environment, given)
     with NodeProcess('safety_mux.node', namespace=namespace()) as mux:
         mux.wait_output('STOPPED')
         names = threads(mux)
@@ -216,10 +249,13 @@ def test_nodes_use_no_shared_memory(environment: pytest.MonkeyPatch, range_: str
         assert not any(name.startswith('dds.shm') for name in names)
 
 
+@pytest.mark.parametrize('given', [{RANGE: 'LOCALHOST'}, {ONLY: '1'}])
 @pytest.mark.parametrize('first', ['plain', 'ours'])
-def test_nodes_on_one_machine_meet_plain_ones(environment: pytest.MonkeyPatch, first: str) -> None:
+def test_nodes_on_one_machine_meet_plain_ones(
+    environment: pytest.MonkeyPatch, first: str, given: dict[str, str]
+) -> None:
     """A plain node without a profile and ours with one find each other, whoever comes late."""
-    environment.setenv(RANGE, 'LOCALHOST')
+    set_all(environment, given)
     space = namespace()
     if first == 'plain':
         with NodeProcess(source=_PLAIN, namespace=space) as plain:

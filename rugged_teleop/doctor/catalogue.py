@@ -334,8 +334,9 @@ CATALOGUE = {
     'localhost only': Kind(
         _LOOK,
         'ROS',
-        'ROS_LOCALHOST_ONLY is set, which overrides the discovery range',
-        'unset it; export ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST does the same',
+        'ROS_LOCALHOST_ONLY is set: it overrides range and static peers, and has Fast DDS add '
+        'shared memory to a profile',
+        'unset it; export ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST, with a profile SYSTEM_DEFAULT',
     ),
     'other middleware': Kind(
         _LOOK,
