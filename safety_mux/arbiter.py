@@ -727,7 +727,9 @@ class Arbiter:
             f'own e-stop of {source.label}: {source.own_watchdog.describe(now)}; '
             'other devices are asked to stop'
             for source in self._sources.values()
-            if source.config.own_topic and source.own_watchdog.expired(now)
+            if source.config.own_topic
+            and source.own_watchdog.expired(now)
+            and self._counts(source, now)
         ]
         for operator in self._operators.values():
             blocks = self._blocks(operator, now)

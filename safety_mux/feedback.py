@@ -36,7 +36,10 @@ class FeedbackInput(Input):
     :param stop_time: seconds within which the joints stand after ``told_to_stand``.
     """
 
-    __slots__ = ('_fast_since', '_told_at', '_unknown', 'config', 'fault', 'speeds', 'stop_time')
+    __slots__ = (
+        *('_at_zero', '_fast_since', '_told_at', '_unknown'),
+        *('config', 'fault', 'speeds', 'stop_time'),
+    )
 
     def __init__(self, config: Feedback, stop_time: float) -> None:
         super().__init__('the feedback', config.timeout)
@@ -44,6 +47,7 @@ class FeedbackInput(Input):
         self.stop_time = stop_time
         self._unknown: Demand = (math.inf,) * len(config.joints)
         self.speeds = self._unknown
+        self._at_zero = False  # the speeds were measured since the command became 0
         self.fault: str | None = None
         self._told_at: float | None = None  # set: they are on their way to standstill
         self._fast_since: dict[str, float] = {}  # by joint
@@ -52,6 +56,7 @@ class FeedbackInput(Input):
         """Record a good message; rad/s, one number a joint."""
         self.hear(now)
         self.speeds = speeds
+        self._at_zero = True
 
     @property
     def use(self) -> str:
@@ -68,13 +73,15 @@ class FeedbackInput(Input):
         return self._told_at is not None
 
     def standing(self, now: float) -> bool:
-        """Return whether all joints stand, as far as is known."""
-        return self._slow and self.usable(now)
+        """Return whether all joints stand, measured since the command became 0."""
+        return self._slow and self._at_zero and self.usable(now)
 
     def left(self, now: float) -> str:
         """Return in words what is left of the motion."""
         problem = self.problem(now)
-        if problem is None and self.speeds == self._unknown:
+        if problem is None and (
+            self.speeds == self._unknown or (self._slow and not self._at_zero)
+        ):
             return 'not measured since'
         return problem or f'left at {max(map(abs, self.speeds)):.1f} rad/s'
 
@@ -94,6 +101,8 @@ class FeedbackInput(Input):
 
     def judge(self, commanded: Demand, now: float) -> None:
         """Compare what was measured with what is commanded; call it once a tick or more often."""
+        if any(commanded):
+            self._at_zero = False
         if self.standing(now):
             self.fault = self._told_at = None
             self._fast_since.clear()

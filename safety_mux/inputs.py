@@ -20,6 +20,7 @@ and a released deadman must not be lost in between: they are kept, as ``lapse`` 
 the next tick. Of everything else only the newest value counts.
 """
 
+from dataclasses import replace
 import math
 
 from bridge_core.watchdog import in_words
@@ -365,6 +366,12 @@ class OperatorInput(OwnerInput):
             if before is not None and before.partial:
                 self.rest.end()
             self.rest.extend(now)
+
+    def malformed(self, reason: str, now: float) -> None:
+        """Record a malformed message, behind which the deadman may be let go of."""
+        super().malformed(reason, now)
+        if self.newest is not None:
+            self.newest = replace(self.newest, deadman=False)
 
     def _press(self) -> None:
         if self.rested:

@@ -122,6 +122,15 @@ def test_no_device_is_asked_to_stop_once_all_were_heard() -> None:
     assert all(bench.decision.stop_demand.values())
 
 
+def test_own_topic_of_a_source_that_does_not_count_is_no_stop_of_others() -> None:
+    spare = EStopSource('spare', counts='when_owner', operator='senior', own_topic=True)
+    bench = Bench(replace(CONFIG, sources=(EStopSource('fort'), spare)))
+    bench.estops['spare'] = bench.samples['senior'] = None  # switched off while nobody uses it
+    bench.ready()
+    assert not any(bench.decision.stop_demand.values())
+    assert 'asked to stop' not in bench.why()
+
+
 @pytest.mark.parametrize('silent', ['own', 'main'])
 def test_source_of_which_a_topic_is_silent_may_demand_a_stop_by_itself(silent: str) -> None:
     bench = Bench(TWO)

@@ -186,7 +186,7 @@ class Memory:
             if isinstance(each, DriveInput):
                 yield from ((each, name) for name in ('value', 'known'))
             if isinstance(each, FeedbackInput):
-                names = ('speeds', 'fault', '_told_at', '_fast_since')
+                names = ('speeds', '_at_zero', 'fault', '_told_at', '_fast_since')
                 yield from ((each, name) for name in names)
             if isinstance(each, OwnerInput):
                 yield from ((each.rest, 'since'), (each.rest, 'until'), (each, 'demand'))
@@ -231,7 +231,8 @@ class Memory:
             if isinstance(each, DriveInput):
                 parts.append(fresh and each.value)
             if isinstance(each, FeedbackInput):
-                parts += [fresh and each.speeds, bool(each.fault), age(each._told_at)]
+                parts += [fresh and (each.speeds, each._at_zero)]
+                parts += [bool(each.fault), age(each._told_at)]
                 parts.append(age(each._fast_since.get('joint')))
             if isinstance(each, OwnerInput):
                 parts.append(each.rested or age(each.rest.since) if fresh else None)
@@ -285,6 +286,7 @@ class Log:
     trip: str = 'no'  # 'yes'; 'asked': a reset was asked for since
     drive_waited: bool = False  # to be enabled, in the step before
     told_at: float | None = None  # that the joints have to stand
+    moved_at: float = -math.inf  # until when a command was not 0
     fast_since: float | None = None
     runs_on: bool = False
 
@@ -307,14 +309,16 @@ class Log:
         zero = self.must_reach_zero, self.overruled
         high = age(self.high_until, self.now, old)
         motion = (age(moment, self.now, old) for moment in (self.told_at, self.fast_since))
-        more = self.trip, self.drive_waited, self.runs_on, *motion
+        at_zero = self.heard.get('joints', math.inf) > self.moved_at
+        more = self.trip, self.drive_waited, self.runs_on, at_zero, *motion
         return (*self.doing.values(), *samples, *calm, clear, *zero, asked, high, *more)
 
     def stands(self) -> bool:
         """Tell whether the joints are known to stand, where they are measured."""
         if 'joints' not in self.said:
             return True
-        seen = self.told_at is None or self.heard['joints'] > self.told_at
+        since = max(self.moved_at, -math.inf if self.told_at is None else self.told_at)
+        seen = self.heard['joints'] > since
         return seen and self.said['joints'] == 'stand' and self.fresh('joints')
 
     def fresh(self, name: str) -> bool:
@@ -552,6 +556,8 @@ class Judge:
     def note_motion(self) -> None:
         """Note motion that nobody asked for, until the joints stand."""
         log, asked = self.log, self.before.demand[0]
+        if asked:
+            log.moved_at = log.now
         if log.stands():
             log.told_at = log.fast_since = None
             log.runs_on = False
@@ -739,6 +745,8 @@ class Judge:
 def acts(log: Log, event: Event, name: str, *, after_gap: bool) -> bool:
     """Tell whether an operator leaves neutral, or presses its deadman; unseen counts, too."""
     said = 'rest' if after_gap else log.sample[name]
+    if log.said[name] == 'bad' and said in DRIVING:
+        said = 'off'  # it may have been let go of
     for who, what in (*event.changes, *event.late):
         if who == name and what in ('rest', 'off', *DRIVING):
             what = 'drive' if what in DRIVING else what
@@ -819,6 +827,9 @@ SCENES = {
     'owners': Scene(
         {'low': 'rest drive silent', 'high': 'rest off drive silent'}, states=13708, steps=128420
     ),
+    'malformed': Scene(
+        {'low': 'rest drive', 'high': 'rest off drive bad'}, states=4660, steps=40304
+    ),
     'own topic': Scene(
         {'always': 'clear stop silent', 'own': 'clear stop silent', 'low': 'rest drive'},
         states=1753,
@@ -867,13 +878,13 @@ SCENES = {
     ),
     'joints': Scene(
         {'joints': 'stand run silent bad', 'low': 'rest drive', 'soft': 'clear stop'},
-        states=8295,
-        steps=93870,
+        states=8730,
+        steps=98590,
     ),
     'takeover': Scene(
         {'joints': 'stand creep reverse', 'low': 'rest drive', 'high': 'rest drive'},
-        states=11358,
-        steps=102083,
+        states=11627,
+        steps=104560,
     ),
     'drive and joints': Scene(
         {
@@ -882,8 +893,8 @@ SCENES = {
             'low': 'rest drive',
             'high': 'rest off',
         },
-        states=5335,
-        steps=52240,
+        states=5466,
+        steps=53621,
     ),
     'together': Scene(
         {

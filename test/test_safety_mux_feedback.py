@@ -468,6 +468,40 @@ def test_standstill_that_was_measured_before_the_end_of_control_is_none(timeout:
     assert bench.decision.stop_demand == NOBODY
 
 
+def driving_since_it_was_measured_at_rest() -> Machine:
+    bench = Machine(replace(WITH_FEEDBACK, feedback=replace(FEEDBACK, timeout=1.0)))
+    bench.rate = 0.0
+    bench.ready()
+    assert bench.arbiter.select_autonomy(True, bench.now).ok
+    bench.run(0.1)
+    bench.reports = False
+    bench.autonomy = (1.0, 0.5)
+    bench.run(0.2)
+    assert bench.decision.demand == (1.0, 0.5)
+    return bench
+
+
+def test_takeover_waits_for_a_standstill_that_was_measured_since_the_command_is_zero() -> None:
+    bench = driving_since_it_was_measured_at_rest()
+    bench.samples['senior'] = BACK
+    bench.run(0.3)
+    assert (bench.decision.owner, bench.decision.demand) == ('senior', (0.0, 0.0))
+    assert 'waiting for standstill, not measured since' in bench.why()
+    bench.reports = True
+    bench.run(0.2)
+    assert bench.decision.demand == (-1.0, -0.5)
+
+
+def test_ramp_of_category_1_ends_at_a_standstill_that_was_measured_since() -> None:
+    bench = driving_since_it_was_measured_at_rest()
+    bench.estops['gate'] = True
+    bench.run(0.3)
+    assert (bench.decision.state, bench.decision.demand) == (State.STOPPING, (0.0, 0.0))
+    bench.reports = True
+    bench.run(0.1)
+    assert bench.decision.state is State.STOPPED
+
+
 speeds = st.sampled_from([0.0, 0.05, 0.3, 0.7, 3.0])
 steps = st.tuples(
     st.sampled_from([0.0, 0.01, 0.1, 0.3]), st.none() | speeds, speeds, st.booleans()
@@ -479,12 +513,12 @@ def test_a_fault_has_its_time_and_lasts_until_the_joints_stand(
     story: list[tuple[float, float | None, float, bool]],
 ) -> None:
     feedback, now = FeedbackInput(Feedback(('left',), 0.25, 0.1, 0.5, 0.2), 0.5), 10.0
-    heard, speed, told = -math.inf, math.inf, math.inf
+    heard, speed, told, at_zero = -math.inf, math.inf, math.inf, False
     for dt, measured, commanded, ends in story:
         now += dt
         if measured is not None:
             feedback.measured((measured,), now)
-            heard, speed = now, measured
+            heard, speed, at_zero = now, measured, True
         if ends:
             feedback.told_to_stand(now)
             if told == math.inf:  # told again meanwhile they have no more time
@@ -492,7 +526,8 @@ def test_a_fault_has_its_time_and_lasts_until_the_joints_stand(
         had = feedback.fault
         feedback.judge((commanded,), now)
         fresh = now < heard + 0.25
-        if fresh and speed <= 0.1:
+        at_zero &= not commanded
+        if fresh and at_zero and speed <= 0.1:
             assert feedback.fault is None
             told = math.inf
             continue

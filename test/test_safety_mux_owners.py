@@ -246,6 +246,36 @@ def test_higher_operator_that_comes_back_with_its_deadman_pressed_ends_control()
     assert not any(bench.decision.demand)
 
 
+@pytest.mark.parametrize('again', [DRIVE, HELD])
+def test_deadman_of_a_higher_operator_after_malformed_messages_ends_control(
+    again: OperatorSample,
+) -> None:
+    bench = Bench().ready()
+    for doing in (OFF, again, None):  # without effect
+        bench.samples['senior'] = doing
+        bench.run(0.1)
+
+    def malformed(decision: Decision) -> None:
+        bench.arbiter.operator_invalid('senior', 'axis 2 is 1.06', bench.now)
+
+    bench.run(0.5, malformed)
+    bench.samples['fort'] = DRIVE
+    assert bench.run(0.7, malformed).owner == 'fort'
+    bench.samples['senior'] = again
+    assert bench.run(0.5).state is State.READY
+    assert "operator 'senior' pressed its deadman before it could count" in bench.reason()
+
+
+def test_stick_that_is_off_neutral_amid_malformed_messages_ends_no_control() -> None:
+    bench = Bench().ready()
+    bench.samples['senior'] = OFF
+    bench.run(0.5)
+    bench.samples['fort'] = DRIVE
+    bench.run(0.7)
+    bench.arbiter.operator_invalid('senior', 'axis 2 is 1.06', bench.now)
+    assert bench.run(0.5).owner == 'fort'
+
+
 def test_no_takeover_within_hold_time() -> None:
     bench = Bench().ready()
     bench.samples['fort'] = DRIVE

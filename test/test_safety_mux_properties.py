@@ -20,6 +20,7 @@ decision against the newest input.
 """
 
 from dataclasses import dataclass
+from dataclasses import replace
 import math
 
 from hypothesis import settings
@@ -151,6 +152,8 @@ class Sequences(RuleBasedStateMachine):
     def senseless(self, name: str) -> None:
         self.hear(name, True)
         self.holding.discard(name)
+        if name in self.newest:  # it may be let go of, and pressed anew
+            self.newest[name] = replace(self.newest[name], deadman=False)
         self.arbiter.operator_invalid(name, 'axis 0 is nan', self.now)
 
     @rule(value=demands)
