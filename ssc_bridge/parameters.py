@@ -80,9 +80,9 @@ GENERAL = (
     Parameter(
         'poll_rates',
         [20.0, 5.0, 10.0, 50.0, 10.0],
-        f'Ask for a message that does not come by itself this often; 0: never. {_RATES} Status '
-        "must come twice within link_timeout; the failsafe 'hold' needs channel source and pulse "
-        'outputs at 4 Hz or more, here or in message_rates.',
+        f'Ask for a message that does not come by itself this often; 0: never. {_RATES} Here or '
+        'in message_rates, status must come twice within link_timeout, and for the failsafe '
+        "'hold' channel source and pulse outputs at 4 Hz or more.",
         unit='Hz',
         minimum=0.0,
         maximum=100.0,

@@ -97,7 +97,12 @@ def test_one_status_of_the_ssc_may_be_missing() -> None:
     rest = SscSettings().poll_rates[1:]
     SscSettings(link_timeout=0.2, poll_rates=(10.0, *rest))
     refused(SscSettings, 'poll_rates', link_timeout=0.2, poll_rates=(9.9, *rest))
-    SscSettings(link_timeout=0.2, poll_rates=(0.0, *rest))  # it comes by itself
+    seldom, by_itself = ((rate, 0.0, 0.0, 0.0, 0.0) for rate in (9.9, 10.0))
+    for polled in (0.0, 9.9):
+        polls = (polled, *rest)
+        SscSettings(link_timeout=0.2, poll_rates=polls, message_rates=by_itself)
+        refused(SscSettings, 'status at', link_timeout=0.2, poll_rates=polls, message_rates=seldom)
+    refused(SscSettings, 'status at 0 Hz is too rare', poll_rates=(0.0, *rest))
 
 
 hold = pytest.mark.parametrize(

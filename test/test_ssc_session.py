@@ -700,6 +700,36 @@ def test_controls_are_not_called_faulty_once_no_pulses_come() -> None:
     assert (level, 'no believable pulse: x' in text) == (Level.ERROR, True)
     rig.mute = {13}
     rig.tick(60)
+    assert rig.session.problems(rig.now) == [NO_INPUTS]
+
+
+NO_INPUTS = (
+    Level.WARN,
+    'check poll_rates, and the wire from our TX to R1: no pulse inputs come within link_timeout '
+    '(message 13), so ~/joy says nothing',
+)
+
+
+@pytest.mark.parametrize('controls', [{'axes': AXES}, {'buttons': BUTTONS}])
+def test_pulse_inputs_that_never_come_are_a_warning(controls: dict[str, Any]) -> None:
+    rig = Rig(poll_rates=(20.0, 5.0, 10.0, 0.0, 10.0), **controls)
+    rig.tick(20)
+    assert rig.session.problems(rig.now) == []  # they may yet come
+    rig.tick(10)
+    assert rig.session.problems(rig.now) == [NO_INPUTS]
+    rig.hear_at(13)
+    assert rig.session.problems(rig.now) == []
+    rig.mute = set(range(10, 16))
+    rig.tick(60)
+    assert NO_INPUTS not in rig.session.problems(rig.now)  # the silence says enough
+    rig.mute = set()
+    rig.tick(20)
+    assert rig.session.problems(rig.now) == []
+
+
+def test_pulse_inputs_that_nobody_wants_are_not_missed() -> None:
+    rig = Rig(poll_rates=(20.0, 5.0, 10.0, 0.0, 10.0)).start()
+    rig.tick(60)
     assert rig.session.problems(rig.now) == []
 
 

@@ -29,6 +29,10 @@ from ssc_bridge.protocol import Status
 from ssc_bridge.session.settings import Settings
 
 UNKNOWN = 'unknown'
+NO_INPUTS = (
+    'check poll_rates, and the wire from our TX to R1: no pulse inputs come within link_timeout '
+    '(message 13), so ~/joy says nothing'
+)
 ECHO = 'is RX wired to TX, or echo on? Our own frames come back'
 
 

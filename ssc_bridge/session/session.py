@@ -67,6 +67,7 @@ from ssc_bridge.session.polling import Poller
 from ssc_bridge.session.report import control_problems
 from ssc_bridge.session.report import ECHO
 from ssc_bridge.session.report import no_command
+from ssc_bridge.session.report import NO_INPUTS
 from ssc_bridge.session.report import setup_values
 from ssc_bridge.session.report import setup_warnings
 from ssc_bridge.session.report import state_text
@@ -123,6 +124,7 @@ class Session(BaseSession[bytes, Message | Poll, Event]):
         self._estop_value = True
         self._stopped = True  # nothing may be commanded
         self._confirmed = False  # the configuration was read, and nothing contradicted it since
+        self._settled_at = math.inf  # long enough after it was for pulse inputs to have come
         self._contradictions: dict[MessageType, str] = {}  # of the newest message of each type
         self._published: CommandState | None = None
         self._published_sources: tuple[Selection, ...] = ()
@@ -157,8 +159,11 @@ class Session(BaseSession[bytes, Message | Poll, Event]):
         ]
 
     def problems(self, now: float) -> list[tuple[Level, str]]:
-        """Return stops, controls that are not believed, stale inputs, and warnings."""
+        """Return stops, controls that are not believed, what does not come, and warnings."""
         warnings = [*self._stale(now), *self.warnings()]
+        awaited = self._confirmed and (self.settings.axes or self.settings.buttons)
+        if awaited and now >= self._settled_at and self._inputs_heard.expired(now):
+            warnings.append(NO_INPUTS)
         if not self._echo.expired(now):
             warnings.append(ECHO)
         return [
@@ -285,6 +290,7 @@ class Session(BaseSession[bytes, Message | Poll, Event]):
         if not self.link_up or (self._confirmed and configuration == self.configuration):
             return  # nothing vouches for it; or it is the late answer to an earlier poll
         self._confirmed = True
+        self._settled_at = now + self.settings.link_timeout
         self.configuration = configuration
         self.outputs.begin(now)
         self._aux_inputs.configure(configuration.aux)

@@ -82,11 +82,11 @@ class Settings(CheckedSettings):
         super().__post_init__()
         for name in _LISTS:
             _TABLE[name].validate(list(getattr(self, name)))
-        polled = self.poll_rates[0]
-        if polled and 2.0 / polled > self.link_timeout:
+        rate = max(self.poll_rates[0], self.message_rates[0])
+        if not rate or 2.0 / rate > self.link_timeout:
             raise ValueError(
-                f'poll_rates: status at {polled:g} Hz is too rare for a link_timeout of '
-                f'{self.link_timeout:g} s: one lost message must not be a stop'
+                f'poll_rates, message_rates: status at {rate:g} Hz is too rare for a link_timeout '
+                f'of {self.link_timeout:g} s: one lost message must not be a stop'
             )
         _check_different('axes, buttons', [each.name for each in (*self.axes, *self.buttons)])
         _check_different('servos', [servo.name for servo in self.servos])
