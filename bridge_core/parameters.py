@@ -194,7 +194,7 @@ def check_topic(name: str) -> None:
 
 def is_ros_parameter(name: str) -> bool:
     """Tell whether every node has this parameter, whatever its table says."""
-    return name in _OF_ROS or name.startswith('qos_overrides.')
+    return name in _OF_ROS
 
 
 def resolve(parameters: Iterable[Parameter], given: Mapping[str, Value]) -> dict[str, Value]:

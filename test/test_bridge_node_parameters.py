@@ -33,6 +33,7 @@ from test.toy_bridge import toy_process
 
 BAD: dict[str, tuple[dict[str, Any], str]] = {
     'unknown name': ({'prot': '/dev/x'}, 'parameter prot: there is no such parameter; did you'),
+    'QoS override': ({'qos_overrides./x.publisher.depth': 7}, 'parameter qos_overrides./x.pub'),
     'int for a string': ({'port': 3}, 'parameter port = 3: allowed is a string'),
     'string for a float': ({'estop_rate': '20'}, "parameter estop_rate = '20': allowed is a num"),
     'bool for an int': ({'count': True}, 'parameter count = True: allowed is a whole number'),
