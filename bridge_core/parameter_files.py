@@ -31,11 +31,11 @@ import yaml
 
 from bridge_core.parameters import ParameterError
 
-_MOST = 10_000  # values; aliases (*) make as many as they like, and endless ones
 _OVERRIDE = re.compile(r'(?P<name>(?P<node>\w+):[^:]+):=')  # of -p
 _TOKENS = {'**': '(/[^/]+)*', '*': '/[^/]+'}
 _TWICE = 'stands there twice; only one would count'
 _PLAIN = '!plain'  # tag of a value without quotes
+_STRING = 'tag:yaml.org,2002:str'
 _BOOLS = {
     word: truth
     for words, truth in (('y yes true on', True), ('n no false off', False))
@@ -84,8 +84,22 @@ class _Loader(yaml.SafeLoader):
     """
     Reads values as ROS does, by rules of YAML 1.1 and of C, and names as they stand.
 
-    Refuses a key that stands twice, of which PyYAML keeps one and ROS another or both.
+    Refuses a key that stands twice, of which PyYAML keeps one and ROS another or both, and aliases
+    (*), as ROS does. Of tags (!!) ROS knows !!str alone.
     """
+
+    def compose_node(self, parent: yaml.Node | None, index: Any) -> yaml.Node | None:
+        event: Any = self.peek_event()  # type: ignore[no-untyped-call]
+        if isinstance(event, yaml.AliasEvent):
+            line = event.start_mark.line + 1
+            raise ValueError(f'line {line}: ROS takes no alias (*); write the values again')
+        return super().compose_node(parent, index)
+
+    def compose_scalar_node(self, anchor: Any) -> yaml.ScalarNode:
+        node = super().compose_scalar_node(anchor)
+        if node.tag != _STRING:
+            node.tag = _STRING if node.style else _PLAIN
+        return node
 
     def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
         names: set[str] = set()
@@ -93,7 +107,7 @@ class _Loader(yaml.SafeLoader):
             if key.value in names:
                 raise ValueError(f'line {key.start_mark.line + 1}: {key.value!r} {_TWICE}')
             names.add(key.value)
-            key.tag = 'tag:yaml.org,2002:str'
+            key.tag = _STRING
         return super().construct_mapping(node, deep)
 
 
@@ -121,20 +135,12 @@ _Loader.add_constructor(_PLAIN, lambda loader, node: _scalar(node.value))
 def _content(file: Path) -> dict[Any, Any]:
     """:raises ParameterError: it cannot be read or is not a parameter file."""
     try:
-        content = _Loader(file.read_text()).get_single_data()
-    except Exception as error:  # of the file, of PyYAML, of what it makes dates and numbers with
+        content = _Loader(file.read_bytes()).get_single_data()
+    except Exception as error:  # of the file, of PyYAML
         raise ParameterError(f'parameter file {file}: {" ".join(str(error).split())}') from error
     if not isinstance(content, dict):
         raise ParameterError(f'parameter file {file}: is not a map from node names to parameters')
-    todo: list[Any] = [content]
-    for _ in range(_MOST):
-        if not todo:
-            return content
-        part = todo.pop()
-        todo += part.values() if isinstance(part, dict) else part if isinstance(part, list) else ()
-    raise ParameterError(
-        f'parameter file {file}: has more than {_MOST} values; does an alias repeat?'
-    )
+    return content
 
 
 def _all_sections(file: Path) -> dict[str, dict[str, Any]]:
@@ -143,26 +149,29 @@ def _all_sections(file: Path) -> dict[str, dict[str, Any]]:
     for name, value in _sections(_content(file), ''):
         if name in sections:
             raise ParameterError(f'parameter file {file}: section {name} {_TWICE}')
-        parameters = value.get('ros__parameters') if isinstance(value, dict) else None
-        sections[name] = _flat(parameters or {}, file)
+        if name.endswith('/') or '//' in name:
+            raise ParameterError(f"parameter file {file}: section {name} has a '/' too many")
+        parameters = value.get('ros__parameters', {}) if isinstance(value, dict) else value
+        if not isinstance(parameters, dict):
+            fault = 'no values: leave it out, or write ros__parameters: {}'
+            if parameters is not None:
+                fault = f'{reprlib.repr(parameters)}, not a map from names to values'
+            raise ParameterError(f'parameter file {file}: section {name} has {fault}')
+        sections[name] = _flat(parameters, file)
     return sections
 
 
 def _sections(content: dict[Any, Any], above: str) -> Iterator[tuple[str, Any]]:
     for key, value in content.items():
-        name = f'{above}/{str(key).strip("/")}'
+        name = f'{above}/{str(key).removeprefix("/")}'
         if not isinstance(value, dict) or 'ros__parameters' in value or not value:
             yield name, value
         else:
             yield from _sections(value, name)
 
 
-def _flat(values: Any, file: Path, above: str = '') -> dict[str, Any]:
-    """Return nested parameters by their full names. :raises ParameterError: it is no map."""
-    if not isinstance(values, dict):
-        raise ParameterError(
-            f'parameter file {file}: ros__parameters is {values!r}, not a map from names to values'
-        )
+def _flat(values: dict[Any, Any], file: Path, above: str = '') -> dict[str, Any]:
+    """Return nested parameters by their full names. :raises ParameterError: ROS refuses them."""
     flat: dict[str, Any] = {}
     for key, value in values.items():
         name = f'{above}{key}'

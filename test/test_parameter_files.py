@@ -14,8 +14,10 @@
 
 """Parameter files: which sections are for a node, and that none is passed over in silence."""
 
-import itertools
+import os
 from pathlib import Path
+import subprocess
+import sys
 from typing import Any
 
 import pytest
@@ -33,6 +35,7 @@ from bridge_core.parameter_files import sections_of
 from bridge_core.parameters import ParameterError
 from bridge_core.runner import run
 from safety_mux.node import SafetyMux
+from test.rig import ROOT
 
 NODE = '/left/safety_mux'
 FOR_IT = (
@@ -176,27 +179,24 @@ def test_parameters_of_a_node_are_those_that_ros_gives_it(file: Path, tmp_path: 
     assert parameters_for(NODE, [file, other]) == by_ros
 
 
-# Each line nine times the one before.
-_MULTIPLYING = 'a: &a [0]\n' + ''.join(
-    f'{name}: &{name} [{", ".join([f"*{before}"] * 9)}]\n'
-    for before, name in itertools.pairwise('abcdefgh')
-)
-
-
 @pytest.mark.parametrize(
     ('text', 'why'),
     [
-        ('/**: {ros__parameters: 5}', 'ros__parameters is 5, not a map'),
-        ('/**: &whole\n  ros__parameters: {again: *whole}', 'does an alias repeat'),
-        (_MULTIPLYING, 'does an alias repeat'),
-        ('/**: {ros__parameters: {count: !!int ""}}', 'parameter file'),
+        ('/**: {ros__parameters: 5}', 'section /\\*\\* has 5, not a map'),
+        ('/**/x:\n  ros__parameters:\n    # rate: 5.0\n', '/\\*\\*/x has no values: leave it out'),
+        ('/**/x:\n/**:\n  ros__parameters: {rate: 5.0}\n', '/\\*\\*/x has no values'),
+        ('/**/x: {ros__parameters: ""}\n', "has '', not a map"),
+        ('rate: 5.0\n/**: {ros__parameters: {}}\n', 'section /rate has 5.0, not a map'),
+        ('/**: &whole\n  ros__parameters: {again: *whole}', 'line 2: ROS takes no alias'),
+        ('/**/x: {ros__parameters: {a: &v 5, b: *v}}\n', 'line 1: ROS takes no alias'),
+        ('/**/x/: {ros__parameters: {}}\n', "/\\*\\*/x/ has a '/' too many"),
+        ('//x: {ros__parameters: {}}\n', "//x has a '/' too many"),
     ],
-    ids=['no map', 'a part that holds itself', 'aliases that multiply', 'no number'],
 )
-def test_file_that_yaml_reads_and_nobody_can_use_is_refused(
-    text: str, why: str, file: Path
-) -> None:
+def test_file_that_yaml_reads_and_ros_does_not_is_refused(text: str, why: str, file: Path) -> None:
     file.write_text(text)
+    with pytest.raises(RuntimeError, match="Couldn't parse params file"):
+        rclpy.init(args=['--ros-args', '--params-file', str(file)], context=Context())
     with pytest.raises(ParameterError, match=why):
         parameters_for(NODE, [file])
 
@@ -208,6 +208,7 @@ SCALARS = (
     *('.inf', '-.inf', '.Inf', 'inf', '-INF', 'Infinity', '.nan', '.NaN', 'nan', 'NaN', '-nan'),
     *('y', 'Y', 'n', 'N', 'yes', 'Yes', 'no', 'NO', 'on', 'Off', 'true', 'True', 'tRue', 'FALSE'),
     *('null', '~', 'abc', "'y'", '"1e2"', "''"),
+    *('!!int "5"', '!!int ""', '!!float 5', '!!str 5', '!!bool "yes"', '!!null x', '!mine 5'),
 )
 
 
@@ -228,6 +229,20 @@ def test_our_idea_of_a_value_is_that_of_ros(file: Path) -> None:
     finally:
         node.destroy_node()
         context.try_shutdown()
+
+
+def test_file_is_read_as_utf_8_whatever_the_locale_says(file: Path) -> None:
+    file.write_text('/**/x: {ros__parameters: {port: /dev/ü}}\n', encoding='utf-8')
+    program = (
+        'from pathlib import Path; from bridge_core.parameter_files import parameters_for as get; '
+        f'print(ascii(get("/x", [Path({str(file)!r})])))'
+    )
+    plain = {'LC_ALL': 'C', 'PYTHONCOERCECLOCALE': '0', 'PYTHONUTF8': '0'}
+    command = [sys.executable, '-c', program]
+    done = subprocess.run(
+        command, cwd=ROOT, env={**os.environ, **plain}, capture_output=True, text=True
+    )
+    assert done.stdout.strip() == ascii({'port': '/dev/ü'}), done.stderr
 
 
 @pytest.mark.parametrize('text', ['[20, 5.0]', '[a, 1]', '[yes, 1]', ''])
