@@ -128,6 +128,7 @@ def test_each_kind_is_found_by_some_code() -> None:
         ('recorder', {'period': 100.0}, 'period must not be above seconds'),
         ('status_page', {'port': 70000}, 'parameter port = 70000'),
         ('safety_mxu', {}, 'did you mean safety_mux?'),
+        ('vm110_bridge', {'use_sim_time': 1}, 'use_sim_time = 1: allowed is true or false'),
     ],
 )
 def test_what_a_node_would_refuse_is_found(
@@ -149,6 +150,14 @@ def test_shared_section_is_no_node_and_others_may_be_of_another_package(tmp_path
     assert [node.full for node in nodes] == ['/front/esi_drive_bridge']
     assert nodes[0].values['gear_ratio'] == [20.0]
     assert kinds(findings) == ['section elsewhere', 'parameters good']
+
+
+def test_section_that_is_not_for_the_node_that_it_names_is_found(tmp_path: Path) -> None:
+    path = tmp_path / 'my.yaml'
+    path.write_text('/*/fort_vsc_bridge: {ros__parameters: {baud: 5}}\n')
+    nodes, (found,) = configured([path])
+    assert (nodes, found.kind) == ([], 'parameters refused')
+    assert 'its section /*/fort_vsc_bridge is not for /fort_vsc_bridge' in found.text
 
 
 def test_good_file_gives_each_node_its_values(tmp_path: Path) -> None:

@@ -217,3 +217,16 @@ def test_without_ros_one_line_says_so(
     (tmp_path / 'rclpy.py').write_text("raise ImportError('no rclpy here')")
     monkeypatch.syspath_prepend(tmp_path)
     assert 'no rclpy here' in Visit(capsys, '--seconds', '0.2').of('no ROS')['text']
+
+
+def test_file_that_ros_itself_cannot_read_is_found(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """What Python's YAML takes and that of ROS does not is for ROS to say."""
+    path = tmp_path / 'my.yaml'
+    path.write_text('/**/ssc_bridge: {ros__parameters: {}, x: {ros__parameters: {y: 1}}}\n')
+    visit = Visit(capsys, '--params-file', path, '--seconds', 0.2)
+    text = visit.of('parameters refused')['text']
+    assert text.startswith(f'parameter file {path}: ROS cannot read it: ')
+    assert '\n' not in text
+    assert 'parameters good' not in visit.kinds

@@ -24,6 +24,7 @@ import importlib
 from pathlib import Path
 from typing import Any
 
+from bridge_core.parameter_files import check_sections
 from bridge_core.parameter_files import parameters_for
 from bridge_core.parameter_files import sections_of
 from bridge_core.parameter_files import strangers
@@ -112,11 +113,12 @@ def _full_names(files: Sequence[Path]) -> Iterator[str]:
 def _configured(full: str, files: Sequence[Path]) -> Configured:
     """Check as the node itself does. :raises ValueError, ImportError: what it would refuse."""
     name = full.rpartition('/')[2]
-    given = {
-        key: [] if value is None else value
-        for key, value in parameters_for(full, files).items()
-        if not is_ros_parameter(key)
-    }
+    check_sections(full, files)
+    given = parameters_for(full, files)
+    for key in filter(is_ros_parameter, [*given]):
+        value = given.pop(key)
+        if not key.startswith('qos_overrides.') and not isinstance(value, bool):
+            raise ParameterError(f'parameter {key} = {value!r}: allowed is true or false')
     node = _NODES[name]
     values = resolve((*node.common, *node.table(given)), given)
     result = Configured(name, full, values)

@@ -29,6 +29,7 @@ from dataclasses import dataclass
 import itertools
 import json
 import os
+from pathlib import Path
 import subprocess
 import sys
 from typing import Any
@@ -94,9 +95,14 @@ class Graph:
     said: Sequence[Said] = ()
 
 
-def look_apart(seconds: float, expected: Iterable[str]) -> list[Finding]:
-    """Return what a process of its own finds. :param expected: as of ``graph_findings``."""
-    command = [sys.executable, '-m', __spec__.name, str(seconds), *expected]
+def look_apart(seconds: float, expected: Sequence[str], files: Iterable[Path]) -> list[Finding]:
+    """
+    Return what a process of its own finds, of parameter files, too.
+
+    :param expected: as of ``graph_findings``.
+    """
+    words = [str(seconds), json.dumps(expected), *map(str, files)]
+    command = [sys.executable, '-m', __spec__.name, *words]
     path = os.pathsep.join(folder or os.getcwd() for folder in sys.path)
     limit = seconds + _START_TIME
     try:
@@ -113,6 +119,23 @@ def look_apart(seconds: float, expected: Iterable[str]) -> list[Finding]:
     except ValueError:
         error = (done.stderr.strip() or f'exit status {done.returncode}').splitlines()[-1]
         return [finding('no ROS', error=error)]
+
+
+def refused_files(files: Iterable[str]) -> Iterator[Finding]:
+    """Yield what ROS itself says of parameter files that it cannot read."""
+    import rclpy
+    from rclpy.context import Context
+
+    for file in files:
+        context = Context()
+        try:
+            rclpy.init(args=['--ros-args', '--params-file', file], context=context)
+        except Exception as error:  # RCLError is not exported
+            reason = ' '.join(str(error).split()).partition(' Error: ')[2] or str(error)
+            text = f'parameter file {file}: ROS cannot read it: {reason.partition(", at /")[0]}'
+            yield finding('parameters refused', error=text)
+        finally:
+            context.try_shutdown()
 
 
 def look(seconds: float) -> Graph:
@@ -239,5 +262,6 @@ def _said_findings(said: Said) -> Iterator[Finding]:
 
 
 if __name__ == '__main__':
-    found = graph_findings(look(float(sys.argv[1])), sys.argv[2:])
+    of_graph = graph_findings(look(float(sys.argv[1])), json.loads(sys.argv[2]))
+    found = [*refused_files(sys.argv[3:]), *of_graph]
     print(json.dumps([each.to_json() for each in found]))

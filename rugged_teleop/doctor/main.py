@@ -113,6 +113,7 @@ def main(arguments: Sequence[str] | None = None, prog: str = 'rugged_teleop doct
 def examine(options: argparse.Namespace) -> list[Finding]:
     """Return all that is found."""
     nodes, findings = configured(options.files)
+    readable = [] if _refuses(findings) else options.files
     findings += [*wiring(nodes), *usb_findings(usb_ports())]
     priorities = [node.values['rt_priority'] for node in nodes]
     findings += computer_findings(this_computer(), max(priorities, default=0))
@@ -123,7 +124,7 @@ def examine(options: argparse.Namespace) -> list[Finding]:
     findings += [*found, *others, *unseen_findings([*heard, *to_search], user)]
     with ThreadPoolExecutor(_AT_ONCE) as pool:
         names = [node.full for node in nodes]
-        graph = pool.submit(look_apart, _DISCOVERY + options.seconds, names)
+        graph = pool.submit(look_apart, _DISCOVERY + options.seconds, names, readable)
         named = [pool.submit(unknown_port, port) for port in to_search]
         lines = [pool.submit(hear, node, options.seconds, options.probe) for node in to_hear]
         groups = [
@@ -141,8 +142,14 @@ def examine(options: argparse.Namespace) -> list[Finding]:
         filters = network_filters()
         findings += [each for group in groups for each in group_findings(group.result(), filters)]
         findings += [each for bus in buses for each in bus_findings(bus.result())]
-        findings += graph.result()
-    return findings
+        of_graph = graph.result()
+    if _refuses(of_graph):
+        findings = [each for each in findings if each.kind != 'parameters good']
+    return [*findings, *of_graph]
+
+
+def _refuses(findings: Iterable[Finding]) -> bool:
+    return any(each.kind == 'parameters refused' for each in findings)
 
 
 def _openable(nodes: Iterable[Configured], user: User) -> tuple[list[Configured], list[Finding]]:
