@@ -92,6 +92,10 @@ DEPLOY = (  # by switch 8, and on by itself
     BasicJoystick(Axis.of(0), Axis.of(0), tuple(Status(n == 8) for n in range(1, 13))),
     ExtendedJoystick(),
 )
+OSCILLATE = (  # by switch 4, and on by itself
+    BasicJoystick(Axis.of(0), Axis.of(0), tuple(Status(n == 4) for n in range(1, 13))),
+    ExtendedJoystick(),
+)
 WATER = (  # switch 3, that moves nothing
     BasicJoystick(Axis.of(0), Axis.of(0), tuple(Status(n == 3) for n in range(1, 13))),
     ExtendedJoystick(),
@@ -207,7 +211,7 @@ def oscillating(**options: Any) -> Turning:
     """Return one whose unit oscillates as it was asked to."""
     bench = Turning(automatic_motion=True, **options).ready()
     bench.turns, bench.says = True, [OSCILLATES]
-    bench.run(0.1, DEPLOY)
+    bench.run(0.1, OSCILLATE)
     bench.run(1.0, REST)
     assert not bench.session.estop
     return bench

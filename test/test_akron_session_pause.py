@@ -16,30 +16,38 @@
 
 from __future__ import annotations
 
+from copy import deepcopy
+from functools import cache
 import math
 from typing import Any
 
+from hypothesis import given
+from hypothesis import strategies as st
 import pytest
 
+from akron_can_bridge.parameters import Cause
 from akron_can_bridge.protocol import Axis
 from akron_can_bridge.protocol import BasicJoystick
 from akron_can_bridge.protocol import ExtendedJoystick
 from akron_can_bridge.protocol import Status
+from test.akron_loop_rig import Bench as Loop
 from test.akron_session_rig import ANNOUNCED
 from test.akron_session_rig import COAST
-from test.akron_session_rig import DEPLOY
 from test.akron_session_rig import ef
 from test.akron_session_rig import joystick
 from test.akron_session_rig import MOVE
 from test.akron_session_rig import NEUTRAL
 from test.akron_session_rig import NO_FAULTS
 from test.akron_session_rig import OSCILLATES
+from test.akron_session_rig import OSCILLATE
 from test.akron_session_rig import oscillating
+from test.akron_session_rig import OURS
 from test.akron_session_rig import OUTPUTS
 from test.akron_session_rig import PAUSE
 from test.akron_session_rig import REST
 from test.akron_session_rig import SLOT
 from test.akron_session_rig import Turning
+from test.akron_session_rig import WATER
 from test.session_rig import SessionBench
 
 STANDS = ef('81FED401C200')
@@ -49,6 +57,7 @@ SWITCH_7 = (
     BasicJoystick(Axis.of(0), Axis.of(0), tuple(Status(n == 7) for n in range(1, 13))),
     ExtendedJoystick(),
 )
+COMMANDS = {'rest': REST, 'water': WATER, 'move': MOVE, 'oscillate': OSCILLATE}
 STEP = 5 * SLOT  # in which the unit turns by half a degree
 COASTS = 0.9 * COAST
 
@@ -243,6 +252,60 @@ def pressed_once(bench: Turning) -> float:
     return bench.now + 1e-9
 
 
+def edges(frames: list[bytes], before: bytes = NEUTRAL) -> int:
+    """Return how often switch 7 is turned on in these joystick frames."""
+    return sum(last != PAUSE == now for last, now in zip([before, *frames], frames, strict=False))
+
+
+@pytest.mark.parametrize('command', [WATER, MOVE])
+def test_press_that_a_command_interrupts_does_not_go_on_after_it(command: Any) -> None:
+    bench = oscillating()
+    start = pressed_once(bench)
+    bench.turns = False
+    for each in (REST, command, REST):
+        bench.run(2 * SLOT, each)
+    bench.run(0.3, REST)
+    assert bench.joystick_frames(start)[0] == PAUSE
+    assert edges(bench.joystick_frames(start), PAUSE) == 0
+
+
+@cache
+def swinging() -> Loop:
+    """Return a bus whose unit oscillates; no motion of it is a stop."""
+    loop = Loop(automatic_motion=True, estop_on=frozenset(Cause) - {Cause.MOTION})
+    loop.unit.motion.switched_on(frozenset({4}))
+    loop.run(1.0)
+    return loop
+
+
+@given(
+    st.lists(
+        st.tuples(
+            st.sampled_from(['rest', 'rest', 'rest', *COMMANDS]),
+            st.sampled_from([False, False, False, True]),
+            st.sampled_from([1, 2, 3, 15]),
+        ),
+        min_size=3,
+        max_size=6,
+    )
+)
+def test_stop_turns_switch_7_on_once_and_never_where_it_is_paused(
+    plays: list[tuple[str, bool, int]],
+) -> None:
+    loop, last, pressed = deepcopy(swinging()), NEUTRAL, 0
+    for command, stop, slots in [('rest', True, 9), *plays, ('rest', False, 9)]:
+        pressed *= stop <= loop.ours.stop  # a stop that begins
+        loop.ours.command, loop.ours.stop = COMMANDS[command], stop
+        for _ in range(slots):
+            paused = loop.unit.motion.paused
+            loop.run(SLOT)
+            frames = [bytes.fromhex(data) for data in loop.of(f'0CFDD6{OURS:02X}')]
+            begun = edges(frames, last)
+            last, pressed = frames[-1], pressed + begun
+            assert pressed <= 1
+            assert not (begun and paused)
+
+
 def test_stop_that_presses_it_and_misses_messages_does_not_press_it_again() -> None:
     bench = oscillating()
     start = pressed_once(bench)
@@ -308,6 +371,6 @@ def test_each_stop_presses_it_where_the_unit_oscillates_again() -> None:
     bench.run(2.0, REST, estop=True)
     bench.run(0.1, REST)
     bench.turns = True
-    bench.run(0.1, DEPLOY)
+    bench.run(0.1, OSCILLATE)
     bench.run(2.0, REST)
     pressed_once(bench)

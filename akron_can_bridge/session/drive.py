@@ -239,6 +239,8 @@ class Drive:
         if not slot:
             return self._frames(self._command)[1:]
         self._pacer.sent(now)
+        if self._pressed and self.moving:  # a second press would resume what the first paused
+            self._pause_until = -math.inf
         pausing = now < self._pause_until and not self.moving
         self._begins_press = pausing and not self._pressed
         self._pressed = self._pressed or pausing
