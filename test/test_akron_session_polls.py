@@ -44,6 +44,8 @@ from test.akron_session_rig import REST
 from test.akron_session_rig import UNIT
 from test.akron_session_rig import VERSIONS
 
+ERROR_NOT_AVAILABLE = ef('011D94037100004D')  # the manual's POSITION, but for its error
+
 
 def test_first_answer_that_is_overdue_is_the_next_to_give_up() -> None:
     asker = Asker(1.0)
@@ -84,13 +86,13 @@ def test_operational_error_has_the_faults_polled_at_once_and_every_second() -> N
     assert bench.asked(start) == []
 
 
-def answered(bench: Bench, seconds: float) -> int:
-    """Have a unit without type 01 answer fault polls; return how many there were."""
+def answered(bench: Bench, seconds: float, *says: CanFrame) -> int:
+    """Have a unit that says this answer fault polls; return how many there were."""
     start = bench.now + 1e-9
     for _ in range(round(seconds / 0.1)):
         before = len(bench.asked())
         bench.wait(0.1)
-        bench.take(OUTPUTS, *[NO_FAULTS] * bench.asked()[before:].count('02'))
+        bench.take(OUTPUTS, *says, *[NO_FAULTS] * bench.asked()[before:].count('02'))
     return bench.asked(start).count('02')
 
 
@@ -108,6 +110,14 @@ def test_faults_are_polled_again_once_type_01_ceases() -> None:
     bench = Bench().find_unit()
     bench.run(2.0)
     assert answered(bench, 3.0) in (2, 3)
+
+
+def test_faults_are_polled_where_type_01_does_not_tell_of_errors() -> None:
+    bench = Bench().find_unit()
+    bench.take(NO_FAULTS)
+    assert answered(bench, 3.0, ERROR_NOT_AVAILABLE) in (2, 3)
+    bench.take(faults(2))
+    assert 'motor axis 1 fault' in bench.session.stop_reasons(bench.now)[0]
 
 
 def test_faults_told_before_the_error_do_not_delay_the_poll() -> None:

@@ -507,8 +507,9 @@ class Session(BaseSession[CanFrame, Received, Event]):
         """Tell whether a fault poll is due: all is not well, or no type 01 would say so."""
         if not self.link_up or now < self._faults_at + FAULT_PERIOD:
             return False
-        is_known = self.unit.broadcast(PositionLimit, now) is not None
-        return self._in_error or self.unit.faults != _NO_FAULT or not is_known
+        said = self.unit.broadcast(PositionLimit, now)
+        tells = said is not None and said.operational_error is not Status.NOT_AVAILABLE
+        return self._in_error or self.unit.faults != _NO_FAULT or not tells
 
     # What the unit and its neighbours say.
 
