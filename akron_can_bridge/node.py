@@ -120,7 +120,8 @@ class AkronCanBridge(BridgeNode[Event]):
     def on_lost(self) -> None:
         """Note when: what the unit was told last may go on."""
         super().on_lost()  # it may have told something
-        if self.active and self._told:  # else it followed no unit that anybody knows
+        is_first = not math.isfinite(self._lost_at)  # that of the stop
+        if self.active and self._told and is_first:  # else it followed no unit that anybody knows
             self._lost_at = clock.now()
 
     def on_activate(self, state: Any) -> TransitionCallbackReturn:

@@ -91,6 +91,20 @@ def test_session_of_a_new_wire_is_told_when_the_one_before_was_lost(
     assert asked[2:] == [(Session.take_over, KNOWN, -math.inf)]
 
 
+def test_wire_that_is_lost_before_it_told_anything_makes_the_stop_no_younger(
+    node: AkronCanBridge, asked: Asked, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    node.on_events([KNOWN], 100.0)
+    node.on_lost()
+    monkeypatch.setattr(clock, 'now', lambda: 103.0)
+    node.on_lost()
+    node.on_events([HandoverWanted(), KNOWN], 103.0)
+    assert asked == [(Session.take_over, KNOWN, 100.0)]
+    node.on_lost()
+    node.on_events([HandoverWanted()], 103.0)
+    assert asked[1:] == [(Session.take_over, KNOWN, 103.0)]
+
+
 def test_session_of_a_new_activation_is_not_held_to_the_unit_of_a_wire_that_was_lost(
     node: AkronCanBridge, asked: Asked
 ) -> None:
