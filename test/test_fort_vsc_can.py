@@ -580,10 +580,36 @@ def test_zeroed_joystick_frames_are_neutral_and_no_fault(zeroed: list[CanFrame])
     assert bench.session.problems(bench.now) == []
 
 
-def test_one_zeroed_joystick_frame_among_others_is_a_fault() -> None:
+@pytest.mark.parametrize('zeroed', ZEROED.values(), ids=ZEROED)
+@pytest.mark.parametrize('first', range(4))
+@pytest.mark.parametrize('tolerate', [False, True])
+def test_pause_whose_four_frames_are_zeroed_one_after_another_is_no_fault(
+    zeroed: list[CanFrame], first: int, tolerate: bool
+) -> None:
+    bench = opened(tolerate_faulty_axes=tolerate)
+    bench.run(0.5, heartbeat(), *ALL_STICKS)
+    told: list[Sticks] = []
+    for place in range(12):
+        mode = Mode.PAUSE if place in range(1, 4) else Mode.OPERATIONAL
+        frames = zeroed if place < 8 else ALL_STICKS
+        told += sticks(bench.hear(heartbeat(mode), frames[(first + place) % 4]))
+        assert bench.session.problems(bench.now) == []
+        bench.wait(0.015625)
+    assert not any(each.faulty for each in told)
+    assert tolerate or set(told[:-1]) == {Sticks(operational=True), NEUTRAL}
+    assert told[-1].axes == DEFLECTED.axes
+
+
+def test_one_zeroed_joystick_frame_among_others_is_neutral_and_later_a_fault() -> None:
     bench = opened()
-    bench.run(0.5, heartbeat(), LEFT, LEFT_Z, RIGHT, ZEROED['zero throughout'][3])
+    bench.run(0.5, heartbeat(), *ALL_STICKS)
+    others = (LEFT, LEFT_Z, RIGHT, ZEROED['zero throughout'][3])
+    assert set(sticks(bench.run(0.25, heartbeat(), *others))[3:]) == {Sticks(operational=True)}
+    assert bench.session.problems(bench.now) == []
+    bench.run(0.0625, heartbeat(), *others)
     assert bench.session.faulty == ('right_z error',)
+    ((level, text),) = bench.session.problems(bench.now)
+    assert (level, 'have the remote repaired' in text) == (Level.ERROR, True)
 
 
 # What else comes.

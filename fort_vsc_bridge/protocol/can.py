@@ -318,13 +318,14 @@ class _Sticks:
 
     Every frame counts at once, with the newest of the others. One that does not come any more is
     not at its last position: it is not available. Four that are zero are neutral, as on serial;
-    one among others is broken throughout.
+    one among others is broken throughout. That is how a pause begins and ends, for a while.
     """
 
     def __init__(self, timeout: float) -> None:
         self._timeout = timeout
         self._heard: dict[str, tuple[float, BasicJoystick | ExtendedJoystick, bool]] = {}
         self._since = 0.0  # when the first frame came after a silence
+        self._alike_at = 0.0  # when all were zero last, or none
 
     def forget(self) -> None:
         self._heard.clear()
@@ -348,18 +349,21 @@ class _Sticks:
         if zeroed and isinstance(message, BasicJoystick):
             message = _ZEROED
         self._heard[name] = (now, message, zeroed)
+        mixed = len({part[2] for part in self._heard.values()}) > 1
+        if not mixed:
+            self._alike_at = now
         if len(self._heard) < len(_PARTS) and now - self._since < self._timeout:
             return []
-        return [self._joystick()]
+        return [self._joystick(pausing=mixed and now - self._alike_at < self._timeout)]
 
-    def _joystick(self) -> Joystick:
+    def _joystick(self, *, pausing: bool) -> Joystick:
         if len(self._heard) == len(_PARTS) and all(part[2] for part in self._heard.values()):
             return Joystick(zeroed=True)
         left, right = self._part('left_basic', _NO_BASIC), self._part('right_basic', _NO_BASIC)
         left_z = self._part('left_extended', _NO_EXTENDED).z
         right_z = self._part('right_extended', _NO_EXTENDED).z
         axes = (left.x, left.y, left_z, right.x, right.y, right_z)
-        return Joystick(axes, left.buttons + right.buttons)
+        return Joystick(axes, left.buttons + right.buttons, pausing=pausing)
 
     def _part(self, name: str, missing: Any) -> Any:
         return self._heard[name][1] if name in self._heard else missing

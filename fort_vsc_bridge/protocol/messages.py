@@ -66,12 +66,14 @@ class Joystick(Message):
 
     :param axes: 6, in the order of AXIS_NAMES. :param buttons: 8, in the order of BUTTON_NAMES.
     :param zeroed: a payload of zeros, whatever axes and buttons are.
+    :param pausing: on CAN, some frames are of zeros and others not yet; their controls are broken.
     """
 
     TYPE = MessageType.JOYSTICK
     axes: tuple[Axis, ...] = (Axis(0),) * len(AXIS_NAMES)
     buttons: tuple[Button, ...] = (Button(False),) * len(BUTTON_NAMES)
     zeroed: bool = False
+    pausing: bool = False
 
     def __post_init__(self) -> None:
         if len(self.axes) != 6 or len(self.buttons) != 8:
@@ -90,7 +92,7 @@ class Joystick(Message):
             *(AXES[right_x], AXES[right_y], AXES[right_z]),
         )
         message.buttons = PADS[left] + PADS[right]
-        message.zeroed = False
+        message.zeroed = message.pausing = False
         message.__class__ = cls
         return message
 

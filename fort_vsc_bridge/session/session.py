@@ -266,15 +266,16 @@ class Session(BaseSession[Frame, Received, Event]):
             for name, control in zip(AXIS_NAMES + BUTTON_NAMES, controls, strict=True)
             if control.value is None
         )
+        named = () if message.pausing else faulty
         buttons = tuple(button.value for button in message.buttons)
         if faulty and not self.settings.tolerate_faulty_axes:
             self._held.miss(now, stopped=False, buttons=buttons)
-            return Sticks(operational=True, faulty=faulty)
+            return Sticks(operational=True, faulty=named)
         return Sticks(
             axes=tuple(axis.value or 0 for axis in message.axes),
             buttons=tuple(map(bool, self._held.of(buttons, now))),
             operational=True,
-            faulty=faulty,
+            faulty=named,
         )
 
     def _judge(self, now: float) -> Verdict:
