@@ -20,6 +20,7 @@ from collections.abc import Callable
 from collections.abc import Iterator
 from collections.abc import Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 import fcntl
 from pathlib import Path
 import struct
@@ -229,6 +230,34 @@ def test_swapped_ports_are_found_once(tmp_path: Path) -> None:
     assert all(each in found.text for each in (*paths, '/fort_vsc_bridge', '/ssc_bridge'))
 
 
+def test_swapped_ports_of_which_one_stands_there_twice_are_found(tmp_path: Path) -> None:
+    vsc = node(tmp_path, 'fort_vsc_bridge', port='/dev/a')
+    drive = node(tmp_path, 'esi_drive_bridge', port='/dev/b')
+    lines = [
+        Line(vsc, Heard((b'x',)), 'esi_status', 115200),
+        Line(drive, Heard((b'x',)), 'fort_serial', 115200),
+        Line(replace(drive, full='/rear/esi_drive_bridge'), Heard(error='locked')),
+    ]
+    assert kinds(line_findings(lines)) == ['ports swapped']
+
+
+def test_port_that_two_nodes_have_is_heard_once(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path, link = tmp_path / 'port', tmp_path / 'link'
+    link.symlink_to(path)
+    file = tmp_path / 'my.yaml'
+    file.write_text(
+        f'/a/fort_vsc_bridge: {{ros__parameters: {{port: {path}}}}}\n'
+        f'/b/fort_vsc_bridge: {{ros__parameters: {{port: {link}}}}}\n'
+    )
+    with PtyDevice(Vsc(), path):
+        found = Visit(capsys, '--params-file', file, '--seconds', '0.3')
+    both = 'both /a/fort_vsc_bridge and /b/fort_vsc_bridge have it'
+    assert found.of('port twice')['text'] == f'{link}: {both}'
+    assert 'port not opened' not in found.kinds
+
+
 def test_device_of_another_node_is_found(tmp_path: Path) -> None:
     found = heard(tmp_path, Ssc(), 'fort_vsc_bridge', 'other device', 'for ssc_bridge')
     assert len(found) == 1
@@ -372,6 +401,12 @@ def test_port_that_a_node_has_in_the_file_is_opened_once(
             return [found] if 'device well' in found.kinds else []
 
         wait_for(visit, 30.0)
+
+
+def test_port_over_a_network_is_not_looked_for_here(capsys: pytest.CaptureFixture[str]) -> None:
+    found = Visit(capsys, '--port', 'socket://127.0.0.1:1', '--seconds', '0.2')
+    assert 'port missing' not in found.kinds
+    assert found.of('network port')['text'].startswith('socket://127.0.0.1:1: reached over')
 
 
 def test_command_finds_port_in_use_and_a_device_that_is_well(

@@ -64,6 +64,12 @@ def test_owner_everybody_and_root_may_open(mode: int, uid: int) -> None:
     assert port_findings(facts, user, NODE) == []
 
 
+def test_port_that_an_access_list_allows_is_allowed() -> None:
+    facts = replace(PORT, allowed=True)  # as setfacl -m u:robot:rw does
+    assert port_findings(facts, User('robot', 1000, {1000}), NODE) == []
+    assert port_facts('/dev/null').allowed
+
+
 def test_port_in_use_names_who_has_it() -> None:
     facts = replace(PORT, holders=(Holder(7, '/usr/sbin/ModemManager'),))
     (found,) = port_findings(facts, ROBOT, NODE)
@@ -94,9 +100,11 @@ def test_port_that_is_not_there(tmp_path: Path) -> None:
     assert kinds(port_findings(missing, ROBOT, NODE, rules=[rule])) == ['port missing']
 
 
-def test_file_is_no_port(tmp_path: Path) -> None:
-    (found,) = port_findings(port_facts(str(tmp_path)), ROBOT, NODE)
-    assert found.text == f'{tmp_path} of {NODE}: is a file or a folder, and no port'
+@pytest.mark.parametrize('path', ['/tmp', '/dev/null'])
+def test_file_is_no_port(path: str) -> None:
+    """Nearly every process has /dev/null open."""
+    (found,) = port_findings(port_facts(path), ROBOT, NODE)
+    assert found.text == f'{path} of {NODE}: is no port'
 
 
 def test_port_of_no_node_is_told_without_one() -> None:

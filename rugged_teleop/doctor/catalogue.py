@@ -102,9 +102,7 @@ CATALOGUE = {
         '{port} of {node}: there is no such port',
         'plug the device in, or set port; ls -l /dev/serial/by-id',
     ),
-    'no port': Kind(
-        _DO, 'port', '{port} of {node}: is a file or a folder, and no port', 'set port'
-    ),
+    'no port': Kind(_DO, 'port', '{port} of {node}: is no port', 'set port'),
     'no permission': Kind(
         _DO,
         'port',

@@ -21,6 +21,7 @@ from collections.abc import Mapping
 from collections.abc import Sequence
 from dataclasses import dataclass
 import importlib
+import os
 from pathlib import Path
 from typing import Any
 
@@ -197,7 +198,7 @@ def _doubled_ports(nodes: Sequence[Configured]) -> Iterator[Finding]:
     users: dict[str, str] = {}
     for node in nodes:
         port = serial_port(node)
-        user = users.setdefault(port, node.full) if port else node.full
+        user = users.setdefault(os.path.realpath(port), node.full) if port else node.full
         if user != node.full:
             yield finding('port twice', port=port, node=node.full, other=user)
 

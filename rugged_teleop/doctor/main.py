@@ -153,8 +153,13 @@ def _refuses(findings: Iterable[Finding]) -> bool:
 
 
 def _openable(nodes: Iterable[Configured], user: User) -> tuple[list[Configured], list[Finding]]:
-    """Return the nodes whose serial ports nobody has, and what is found about the others."""
-    openable, findings = [], []
+    """
+    Return the nodes whose serial ports nobody has, and what is found about the others.
+
+    Of nodes that have the same one the first alone hears it.
+    """
+    openable: dict[str, Configured] = {}  # by the device in the end
+    findings: list[Finding] = []
     for node in nodes:
         port = serial_port(node)
         if '://' in port:
@@ -162,11 +167,12 @@ def _openable(nodes: Iterable[Configured], user: User) -> tuple[list[Configured]
         elif port:
             found = port_findings(port_facts(port), user, node.full)
             findings += found
-            openable += [] if found else [node]
+            if not found:
+                openable.setdefault(os.path.realpath(port), node)
         elif on_can(node) and not is_passive(node):
             words = {name: node.values[name] for name in ('interface', 'channel')}
             findings.append(finding('adapter', node=node.full, **words))
-    return openable, findings
+    return [*openable.values()], findings
 
 
 def _unheard(
@@ -175,7 +181,10 @@ def _unheard(
     """Return the ports that nobody has, without those that are heard, and what is found."""
     known, unheard, findings = {os.path.realpath(port) for port in heard}, [], []
     for port in ports:
-        found = port_findings(port_facts(port), user)
+        if '://' in port:
+            found = [finding('network port', port=port, node='')]
+        else:
+            found = port_findings(port_facts(port), user)
         findings += found
         if not found and os.path.realpath(port) not in known:
             unheard.append(port)

@@ -43,6 +43,7 @@ _RULES = tuple(
 _BY_RULE = ('/dev/fort_vsc', '/dev/esi_drive', '/dev/ssc')  # the names that the rules give
 _FORT_VENDOR = 0x2A99
 _LOCK = re.compile(r'\d+: (?:FLOCK|OFDLCK|POSIX) .* (-?\d+) ([0-9a-f]+):([0-9a-f]+):(\d+) \S+ \S+')
+_MEMORY_MAJOR = 1  # /dev/null and the like
 _PTY_MAJORS = range(136, 144)  # linux/major.h
 _OURS = re.compile(rf'\b({"|".join(("rugged_teleop_stack", *(node.name for node in NODES)))})\b')
 
@@ -80,6 +81,7 @@ class PortFacts:
 
     :param path: as it was given. :param device: what that is in the end; empty: nothing.
     :param mode: its permissions. :param group: name of the group ``gid``.
+    :param allowed: the kernel lets this process read and write it, as an access list may say.
     """
 
     path: str
@@ -90,6 +92,7 @@ class PortFacts:
     group: str = ''
     is_port: bool = True
     holders: tuple[Holder, ...] = ()
+    allowed: bool = False
 
 
 def this_user() -> User:
@@ -110,6 +113,7 @@ def port_facts(path: str, proc: Path = PROC) -> PortFacts:
     except KeyError:
         group = str(status.st_gid)
     device = os.path.realpath(path)
+    is_port = stat.S_ISCHR(status.st_mode) and os.major(status.st_rdev) != _MEMORY_MAJOR
     return PortFacts(
         path,
         device,
@@ -117,8 +121,9 @@ def port_facts(path: str, proc: Path = PROC) -> PortFacts:
         status.st_uid,
         status.st_gid,
         group,
-        stat.S_ISCHR(status.st_mode),
-        tuple(holders_of(device, status, proc)),
+        is_port,
+        tuple(holders_of(device, status, proc)) if is_port else (),
+        os.access(path, os.R_OK | os.W_OK, effective_ids=True),
     )
 
 
@@ -191,7 +196,7 @@ def port_findings(
         return [finding('rules missing' if ruled else 'port missing', **words)]
     if not facts.is_port:
         return [finding('no port', **words)]
-    if not may_open(facts, user, user.groups):
+    if not facts.allowed and not may_open(facts, user, user.groups):
         words |= {'group': facts.group, 'mode': f'{facts.mode:o}'}
         entered = may_open(facts, user, {*user.groups, *user.entered})
         return [finding('not logged in again' if entered else 'no permission', **words)]

@@ -121,7 +121,7 @@ def line_findings(lines: Sequence[Line]) -> list[Finding]:
         if not pairs:
             findings += _line_findings(line)
         elif pairs[0] == min(pairs[0], pairs[0][::-1]):
-            (other,) = (each for each in lines if each.port == pairs[0][1])
+            other = next(each for each in lines if each.port == pairs[0][1])
             words = {'node': line.node.full, 'other': other.node.full}
             findings.append(finding('ports swapped', port=line.port, second=other.port, **words))
     return findings
