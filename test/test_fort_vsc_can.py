@@ -246,7 +246,7 @@ def test_value_that_cannot_be_is_the_peers_fault(name: str, data: str) -> None:
 @pytest.mark.parametrize(
     ('given', 'words'),
     [
-        ({'heartbeat': 0x0CFDD633}, 'heartbeat must not be that of left_basic: CFDD633'),
+        ({'heartbeat': 0x0CFDD633}, 'heartbeat must not be that of left_basic: 0x0CFDD633'),
         ({'left_basic': 0x20000000}, 'left_basic must be a whole number from 0 to 536870911'),
         ({'left_basic': -1}, 'left_basic must be'),
     ],
@@ -554,7 +554,7 @@ def test_joystick_frame_of_another_device_is_refused_and_named(foreign: CanFrame
     assert session.rejected == session.counters.malformed == 16
     ((level, text),) = session.problems(bench.now)
     assert level == Level.ERROR
-    assert f'({foreign.identifier:08X}) off this bus' in text
+    assert f'(0x{foreign.identifier:08X}) off this bus' in text
     bench.run(4.0, heartbeat(), *ALL_STICKS)
     assert session.problems(bench.now) == []
 

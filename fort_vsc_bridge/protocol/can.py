@@ -70,7 +70,7 @@ SEGMENT_SIZE = 6  # characters
 MAX_IDENTIFIER = 0x1FFFFFFF
 
 _FOREIGN = (
-    'take the other sender of can.{name} ({identifier:08X}) off this bus, an Akron joystick or '
+    'take the other sender of can.{name} (0x{identifier:08X}) off this bus, an Akron joystick or '
     "node? Or change the VSC's identifiers: its frames are refused"
 )
 _BASIC = struct.Struct('<2H2BH')  # X, Y; not used, buttons, not used
@@ -107,7 +107,8 @@ class CanIds:
         for name, identifier in self.by_name.items():
             check_range(name, identifier, 0, MAX_IDENTIFIER)
             if identifier in names:
-                raise ValueError(f'{name} must not be that of {names[identifier]}: {identifier:X}')
+                other = names[identifier]
+                raise ValueError(f'{name} must not be that of {other}: 0x{identifier:08X}')
             names[identifier] = name
 
     @property
