@@ -224,6 +224,39 @@ def test_topic_that_a_node_does_not_have_is_found(tmp_path: Path) -> None:
     assert kinds(found) == ['source misspelt', 'e-stop unheard']
 
 
+@pytest.mark.parametrize(
+    'mux',
+    [
+        {'drive_enabled_topic': 'esi_drive_bridge/enabld'},
+        {
+            'drive_enabled_topic': '',
+            'estop': {'drive': {'enabled_topic': 'esi_drive_bridge/enabld'}},
+        },
+    ],
+)
+def test_topic_of_a_drives_enabled_that_is_misspelt_is_found(
+    mux: dict[str, Any], tmp_path: Path
+) -> None:
+    found = wired(tmp_path, fort_vsc_bridge={}, safety_mux=mux, esi_drive_bridge={})
+    assert kinds(found) == ['source misspelt']
+    elsewhere = {'drive_enabled_topic': 'base/enabled'}
+    found = wired(tmp_path, fort_vsc_bridge={}, safety_mux=elsewhere, esi_drive_bridge={})
+    assert kinds(found) == ['wired']
+
+
+def test_mux_may_listen_to_another_mux(tmp_path: Path) -> None:
+    path = tmp_path / 'my.yaml'
+    path.write_text(
+        '/a/safety_mux: {ros__parameters: {estop_sources: [site], estop.site.topic: /site}}\n'
+        '/b/safety_mux: {ros__parameters: {estop_sources: [first, other],'
+        ' estop.first.topic: /a/safety_mux/estop, estop.other.topic: /a/safety_mux/e_stop}}\n'
+    )
+    nodes, _ = configured([path])
+    found = [each for each in wiring(nodes) if each.kind.startswith('source')]
+    texts = [each.text for each in found if 'estop.' in each.text]
+    assert [text.partition(':')[0] for text in texts] == ['/site', '/a/safety_mux/e_stop']
+
+
 def test_remote_that_is_left_over_is_found(tmp_path: Path) -> None:
     nodes: dict[str, Any] = {'fort_vsc_bridge': {}, 'vm110_bridge': {}, 'esi_drive_bridge': {}}
     found = wired(tmp_path, safety_mux={}, **nodes)

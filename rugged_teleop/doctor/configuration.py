@@ -51,6 +51,7 @@ TOPICS = {
     'ssc_bridge': ('joy',),
     'vm110_bridge': ('joy', 'armed', 'enabled'),
 }
+_OF_MUX = ('estop', 'enable', 'command', 'cmd_vel', 'state', 'status')
 _OPERATORS = ('fort_vsc_bridge', 'vm110_bridge')
 _LISTS = {'estop': 'estop_sources', 'operator': 'operators', 'speed_limit': 'speed_limits'}
 _NODES = {node.name: node for node in NODES}
@@ -142,22 +143,17 @@ def wiring(nodes: Sequence[Configured]) -> list[Finding]:
     if not muxes:
         return findings
     bridges = [node for node in nodes if node.name != MUX]
-    published = {
-        f'{node.full}/{topic}'
-        for node in bridges
-        for topic in (*_OF_EVERY_BRIDGE, *TOPICS[node.name])
-    }
+    published = {f'{node.full}/{topic}' for node in nodes for topic in _topics(node)}
     wanted = {
-        mux.topic(topic): f'{name} of {mux.full}'
-        for mux in muxes
-        for name, topic in sources(mux.values)
+        mux.topic(topic): (name, mux.full) for mux in muxes for name, topic in sources(mux.values)
     }
-    for topic, parameter in wanted.items():
-        if topic in published:
+    for topic, (name, mux) in wanted.items():
+        owners = [node.full for node in nodes if topic.startswith(f'{node.full}/')]
+        if topic in published or (name == 'drive_enabled_topic' and not owners):
             continue
-        owners = [node.full for node in bridges if topic.startswith(f'{node.full}/')]
+        words = {'topic': topic, 'parameter': f'{name} of {mux}'}
         kind = 'source misspelt' if owners else 'source elsewhere'
-        findings.append(finding(kind, topic=topic, parameter=parameter, node=''.join(owners[:1])))
+        findings.append(finding(kind, node=''.join(owners[:1]), **words))
     for node in bridges:
         if f'{node.full}/estop' not in wanted:
             findings.append(finding('e-stop unheard', node=node.full))
@@ -170,8 +166,17 @@ def wiring(nodes: Sequence[Configured]) -> list[Finding]:
     return findings
 
 
+def _topics(node: Configured) -> tuple[str, ...]:
+    """Return what a node publishes that a mux may listen to."""
+    if node.name != MUX:
+        return *_OF_EVERY_BRIDGE, *TOPICS[node.name]
+    demands = (f'stop_demand/{name}' for name in names_of(node.values, 'estop_sources'))
+    sticks = (f'joy/{name}' for name in names_of(node.values, 'operators'))
+    return *_OF_MUX, *demands, *sticks
+
+
 def sources(values: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
-    """Yield parameter and topic of what a mux needs to hear."""
+    """Yield parameter and topic of what a mux needs to hear, or hears where it is there."""
     groups = (
         ('estop', 'estop_sources'),
         ('operator', 'operators'),
@@ -180,7 +185,7 @@ def sources(values: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
     names = [f'{prefix}.{name}.topic' for prefix, key in groups for name in names_of(values, key)]
     for name in names_of(values, 'estop_sources'):
         names += [f'estop.{name}.own_topic', f'estop.{name}.enabled_topic']
-    for name in (*names, 'feedback.topic', 'autonomy.topic', 'reset_topic'):
+    for name in (*names, 'feedback.topic', 'autonomy.topic', 'reset_topic', 'drive_enabled_topic'):
         if values[name]:
             yield name, values[name]
 
