@@ -93,6 +93,8 @@ class ManagedNode(Quiet, LifecycleNode):
         self.active = False
         self.starting = False  # configured to be activated at once
         self._failure: Exception | None = None  # of the last transition
+        self._fault: Exception | None = None  # of ours, in a transition
+        self._callbacks = {state: self._telling(each) for state, each in self._callbacks.items()}
         try:
             check_sections(self.get_fully_qualified_name(), parameter_files)
             self.values: dict[str, Any] = self._declare()
@@ -203,16 +205,36 @@ class ManagedNode(Quiet, LifecycleNode):
 
         :raises ParameterError: what the parameters ask for cannot be made; it was logged.
         :raises TransportError: the wire did not answer, on a computer that is too busy.
+        :raises Exception: a fault of this software.
         """
         if not self.values['autostart']:
             return
         self.starting = True
         for trigger in (self.trigger_configure, self.trigger_activate):
             if trigger() != TransitionCallbackReturn.SUCCESS:
+                self._raise_fault()
                 if isinstance(self._failure, TransportError):
                     raise TransportError(f'give the computer less work: {self._failure}')
                 raise ParameterError(f'{self.get_name()} cannot start with these parameters')
         self.starting = False
+
+    def _telling(self, callback: Callable[[Any], Any]) -> Callable[[Any], Any]:
+        """Have a fault in a transition end the executor, once it has answered; rclpy hides it."""
+
+        def telling(state: Any) -> Any:
+            try:
+                return callback(state)
+            except Exception as error:
+                self._fault = self._fault or error
+                if self.executor is not None:
+                    self.executor.create_task(self._raise_fault)
+                raise
+
+        return telling
+
+    def _raise_fault(self) -> None:
+        if self._fault is not None:
+            raise self._fault
 
     def _declare(self) -> dict[str, Any]:
         # rclpy has no public name for what was given, and cannot declare an empty list by itself.

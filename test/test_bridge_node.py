@@ -35,8 +35,11 @@ from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
 from diagnostic_msgs.msg import DiagnosticStatus
+from lifecycle_msgs.msg import Transition
+from lifecycle_msgs.srv import ChangeState
 import pytest
 from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter
 from std_msgs.msg import Bool
 
@@ -527,6 +530,68 @@ def test_shut_down_that_raises_runs_once_and_every_other_node_says_farewell(
         assert 'a fault of ours' in node.output
     for port in ports.values():
         port.unplug()
+
+
+BAD_TRANSITION = """
+from functools import partial
+
+from bridge_core.runner import run
+from test.toy_bridge import ToyBridge
+
+
+class BadNode(ToyBridge):
+    def carried_over(self, values):
+        raise KeyError('a fault of ours')
+
+
+raise SystemExit(run([partial(BadNode, 'left'), partial(ToyBridge, 'right')]))
+"""
+
+
+ACTIVATE = ChangeState.Request(transition=Transition(id=Transition.TRANSITION_ACTIVATE))
+
+
+def test_fault_in_a_transition_is_answered_and_ends_the_executor(
+    context: Context, monkeypatch: pytest.MonkeyPatch, link: str
+) -> None:
+    node = make_toy(context, link, port='/dev/nothing')
+    executor = SingleThreadedExecutor(context=context)
+    executor.add_node(node)
+    try:
+        node.trigger_configure()
+        monkeypatch.setattr(node, 'carried_over', dict[str, Any]().__getitem__)
+        answer = node._service_change_state.callback(ACTIVATE, ChangeState.Response())
+        assert not answer.success
+        assert node.verdict.estop
+        assert not node.active
+        with pytest.raises(TypeError, match='unhashable'):
+            executor.spin_once(10.0)
+    finally:
+        executor.shutdown()
+        node.shut_down()
+        node.destroy_node()
+
+
+def test_fault_at_autostart_is_not_put_down_to_the_parameters(pty: Pty) -> None:
+    with NodeProcess('', {'port': str(pty.path)}, source=BAD_TRANSITION) as node:
+        assert node.wait() == 1, node.output
+        assert "KeyError: 'a fault of ours'" in node.output
+        assert 'with these parameters' not in node.output
+
+
+def test_fault_in_a_transition_that_was_asked_for_ends_the_process_with_a_farewell(
+    device: ToyDevice, observer: Observer
+) -> None:
+    arguments = ('-p', 'left:autostart:=False', '-p', f'right:port:={device.pty.path}')
+    with NodeProcess('', source=BAD_TRANSITION, arguments=arguments) as node:
+        wait_value(observer, observer.record(Bool, '/right/estop', latched()), False)
+        left = observer.record(Bool, '/left/estop', latched())
+        assert observer.change_state('/left', 'configure')
+        observer.client(ChangeState, '/left/change_state').call_async(ACTIVATE)
+        assert node.wait() == 1, node.output
+        assert "KeyError: 'a fault of ours'" in node.output
+        device.pty.wait_received(b'BYE')
+        assert set(left.data) == {True}
 
 
 # Diagnostics.
