@@ -25,7 +25,6 @@ from collections.abc import Mapping
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-import sys
 from typing import Any
 
 import yaml
@@ -36,6 +35,7 @@ from bridge_core.parameter_files import parameters_for
 from bridge_core.parameter_files import sections_of
 from rugged_teleop.canbuses import channel_of
 from rugged_teleop.canbuses import INTERFACE
+from rugged_teleop.command_line import RUN_MODULE
 from rugged_teleop.multicasts import free_port
 from rugged_teleop.multicasts import GROUP
 from rugged_teleop.multicasts import LOOPBACK
@@ -204,11 +204,11 @@ def _node_process(node: str, file: Path, rules: Iterable[str]) -> Process:
         words += ['-r', rule]
     module, _ = NODES[name]
     # A bridge says stop until its link is proved, and a mux begins STOPPED: each may come back.
-    return Process(node, (sys.executable, '-m', module, '--ros-args', *words), respawn=True)
+    return Process(node, (*RUN_MODULE, module, '--ros-args', *words), respawn=True)
 
 
 def _simulator(node: str, device: Iterable[str]) -> Process:
-    command = (sys.executable, '-m', 'rugged_teleop', 'simulate', *device)
+    command = (*RUN_MODULE, 'rugged_teleop', 'simulate', *device)
     return Process(f'{node}: device', command, respawn=False)
 
 

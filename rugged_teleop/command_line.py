@@ -20,8 +20,12 @@ import contextlib
 import math
 import os
 import re
+import sys
 from typing import Any
 from typing import NoReturn
+
+# Begins a command that runs a module; from Python 3.11 it imports nothing from where it starts.
+RUN_MODULE = (sys.executable, *(('-P',) if sys.version_info >= (3, 11) else ()), '-m')
 
 
 class Parser(argparse.ArgumentParser):

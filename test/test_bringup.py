@@ -16,6 +16,7 @@
 
 from __future__ import annotations
 
+import argparse
 from collections.abc import Iterator
 from collections.abc import Mapping
 import contextlib
@@ -71,6 +72,12 @@ def after(process: Process, option: str) -> list[str]:
     """Return what a command gives for an option, each time."""
     words = process.command
     return [words[i + 1] for i, word in enumerate(words) if word == option]
+
+
+def simulated(process: Process) -> argparse.Namespace:
+    """Return what a simulated device's command line says."""
+    words = process.command[process.command.index('simulate') + 1 :]
+    return simulate.parser().parse_args(words)
 
 
 def parameters(process: Process) -> dict[str, Any]:
@@ -209,7 +216,7 @@ def test_every_device_is_simulated_where_its_node_looks(tmp_path: Path) -> None:
     for name in REAL:
         node, device = of(found, f'/{name}'), of(found, f'/{name}: device')
         assert not device.respawn
-        options = simulate.parser().parse_args(device.command[4:])
+        options = simulated(device)
         values = parameters(node)
         if 'interface' in values:
             assert (values['interface'], values['channel']) == (options.interface, options.channel)
@@ -248,7 +255,7 @@ def test_simulated_device_is_as_the_file_says(file: Path, tmp_path: Path) -> Non
     found = processes(file, tmp_path, simulated=True)
 
     def device(node: str) -> Any:
-        return simulate.parser().parse_args(of(found, f'{node}: device').command[4:])
+        return simulated(of(found, f'{node}: device'))
 
     assert device('/a/esi_drive_bridge').axes == 1
     assert device('/a/esi_drive_bridge').compact
@@ -278,11 +285,7 @@ def test_simulated_devices_that_share_nothing_share_no_port(
         },
     )
     found = processes(file, tmp_path, simulated=True)
-    devices = [
-        simulate.parser().parse_args(process.command[4:])
-        for process in found
-        if process.name.endswith(': device')
-    ]
+    devices = [simulated(process) for process in found if process.name.endswith(': device')]
     inputs = [
         each.port if each.device == 'vm110' else int(each.channel.split(':')[1])
         for each in devices
@@ -318,6 +321,18 @@ def running(found: list[Process]) -> Iterator[dict[str, subprocess.Popen[bytes]]
             except subprocess.TimeoutExpired:
                 child.kill()
                 child.wait()
+
+
+@pytest.mark.skipif(sys.version_info < (3, 11), reason='Python 3.10 has no -P')
+def test_nothing_is_run_from_the_folder_where_launch_was_started(tmp_path: Path) -> None:
+    (tmp_path / 'yaml.py').write_text("raise ImportError('from here')")
+    device, node, *_ = processes(
+        write(tmp_path / 'my.yaml', {'ssc_bridge': {}}), tmp_path, simulated=True
+    )
+    for process in (device, node):
+        words = process.command[: process.command.index('-m') + 2]
+        done = subprocess.run([*words, '--help'], cwd=tmp_path, capture_output=True, text=True)
+        assert done.returncode == 0, done.stderr
 
 
 def test_node_finds_its_simulated_device_and_its_mux(observer: Observer, tmp_path: Path) -> None:
@@ -391,7 +406,8 @@ def test_launch_file_starts_the_processes(launched: Any) -> None:
     commands = {made.options['name']: made.options for made in launched(params_file=str(DEMO))}
     assert set(commands) == {*REAL, 'safety_mux'}
     assert all(options['respawn'] for options in commands.values())
-    assert commands['safety_mux']['cmd'][1:4] == ['-m', 'safety_mux.node', '--ros-args']
+    command = commands['safety_mux']['cmd']
+    assert command[command.index('-m') :][:3] == ['-m', 'safety_mux.node', '--ros-args']
 
 
 def test_launch_file_hands_its_arguments_on(launched: Any) -> None:
@@ -400,7 +416,8 @@ def test_launch_file_hands_its_arguments_on(launched: Any) -> None:
     assert all('x.' in made.options['name'] for made in found)
     found = launched(params_file=str(DEMO), ssc_port='/dev/x')
     (node,) = (made.options for made in found if made.options['name'] == 'ssc_bridge')
-    assert parameters_for('/ssc_bridge', [Path(node['cmd'][5])])['port'] == '/dev/x'
+    file = Path(node['cmd'][node['cmd'].index('--params-file') + 1])
+    assert parameters_for('/ssc_bridge', [file])['port'] == '/dev/x'
 
 
 def test_launch_file_takes_a_path_from_where_one_stands(

@@ -19,6 +19,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+import sys
 import threading
 
 from diagnostic_msgs.msg import DiagnosticArray
@@ -230,3 +231,13 @@ def test_file_that_ros_itself_cannot_read_is_found(
     assert text.startswith(f'parameter file {path}: ROS cannot read it: ')
     assert '\n' not in text
     assert 'parameters good' not in visit.kinds
+
+
+@pytest.mark.skipif(sys.version_info < (3, 11), reason='Python 3.10 has no -P')
+def test_nothing_is_run_from_the_folder_where_doctor_was_started(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / 'rclpy.py').write_text("raise ImportError('from here')")
+    monkeypatch.setattr(sys, 'path', [folder for folder in sys.path if folder])
+    monkeypatch.chdir(tmp_path)
+    assert 'no ROS' not in Visit(capsys, '--seconds', '0.2').kinds

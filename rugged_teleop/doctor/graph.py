@@ -36,6 +36,7 @@ from typing import Any
 
 from bridge_core import clock
 from bridge_core.session import Level as NodeLevel
+from rugged_teleop.command_line import RUN_MODULE
 from rugged_teleop.doctor.catalogue import finding
 from rugged_teleop.doctor.configuration import DRIVE
 from rugged_teleop.doctor.configuration import MUX
@@ -102,7 +103,7 @@ def look_apart(seconds: float, expected: Sequence[str], files: Iterable[Path]) -
     :param expected: as of ``graph_findings``.
     """
     words = [str(seconds), json.dumps(expected), *map(str, files)]
-    command = [sys.executable, '-m', __spec__.name, *words]
+    command = [*RUN_MODULE, __spec__.name, *words]
     path = os.pathsep.join(folder or os.getcwd() for folder in sys.path)
     limit = seconds + _START_TIME
     try:
