@@ -498,6 +498,10 @@ EXCUSED: dict[str, dict[str, str]] = {
         'self._owner is not None': _OWNED,
         'Arbiter._output: self._state is State.ACTIVE and self._owner is not None -> '
         'self._state is State.ACTIVE': _OWNED,
+        'Arbiter._output: self._feedback is not None and to_zero and ends and in_motion and '
+        '(not any(demand)) -> to_zero and ends and in_motion and (not any(demand))': (
+            'without feedback what is at zero is not in motion'
+        ),
         'Arbiter._why_still: return [] -> return None': _OWNED,
     },
     'safety_mux/inputs.py': {

@@ -234,7 +234,8 @@ def test_what_one_of_two_drives_loses_both_lose(name: str) -> None:
     assert f"waits for drive '{name}' to be enabled" in bench.why()
     assert bench.arbiter.status(bench.now).drives_enabled is True  # again
     bench.arbiter.drive_enabled(name, False, bench.now)
-    assert bench.arbiter.status(bench.now).drives_enabled is False
+    status = bench.arbiter.status(bench.now)
+    assert (status.drives_enabled, status.drives_ready) == (False, False)
     bench.arbiter.drive_enabled(name, True, bench.now)
     assert bench.tick().demand == ZERO
     assert bench.decision.state is State.ACTIVE

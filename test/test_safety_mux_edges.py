@@ -24,6 +24,8 @@ from safety_mux.limits import JointLimit
 from safety_mux.limits import JointLimiter
 from safety_mux.protocol import AUTONOMY
 from safety_mux.protocol import EStopSource
+from safety_mux.protocol import Reply
+from safety_mux.protocol import SpeedLimit
 from safety_mux.protocol import State
 from test import safety_mux_bench
 from test.safety_mux_bench import assert_stopped
@@ -81,6 +83,67 @@ def test_reset_counts_from_reset_silence_after_one_in_vain(
     bench.run(wait)
     assert bench.decision.state is State.STOPPED
     assert bench.reset().ok == counts
+
+
+LATE = 'it may have waited'
+
+
+def test_late_reset_resets_nothing_and_is_no_reset_in_vain(bench: Bench) -> None:
+    bench.run(1.0)
+    assert bench.arbiter.reset(bench.now, LATE) == Reply(False, f'not reset: {LATE}')
+    assert bench.reset().ok
+
+
+def test_late_reset_in_ready_is_one_in_vain(bench: Bench) -> None:
+    bench.ready()
+    assert not bench.arbiter.reset(bench.now, LATE).ok
+    bench.arbiter.estop_message('fort', True, bench.now)
+    bench.run(1.0)
+    assert 'resets have been called since before the stop' in bench.reset().message
+
+
+def test_late_reset_keeps_a_line_of_resets_in_vain_going(bench: Bench) -> None:
+    bench.ready()
+    assert not bench.reset().ok
+    bench.arbiter.estop_message('fort', True, bench.now)
+    bench.run(5.0)  # the one of now would count
+    assert not bench.arbiter.reset(bench.now, LATE).ok
+    bench.run(1.0)
+    assert 'resets have been called since before the stop' in bench.reset().message
+
+
+def test_reset_that_is_refused_for_something_else_ends_a_line_of_resets_in_vain(
+    bench: Bench,
+) -> None:
+    bench.ready()
+    assert not bench.reset().ok
+    bench.arbiter.estop_message('fort', True, bench.now)
+    bench.samples['fort'] = OFF
+    bench.run(5.0)
+    assert 'not at neutral' in bench.reset().message
+    bench.samples['fort'] = REST
+    bench.run(0.5)
+    assert bench.reset().ok
+
+
+def test_clear_since_is_the_first_tick_without_a_stop(bench: Bench) -> None:
+    bench.run(1.0)
+    bench.arbiter.estop_message('fort', True, bench.now)
+    bench.tick()
+    assert bench.arbiter.clear_since == -math.inf
+    bench.send()
+    bench.run(TICK)
+    clear = bench.now
+    bench.run(0.25)
+    assert bench.arbiter.clear_since == clear
+
+
+def test_what_one_arbiter_alone_has_is_taken_over_by_none(bench: Bench) -> None:
+    limited = replace(CONFIG, drives=('',), speed_limits=(SpeedLimit('zone'),))
+    other = Bench(limited)
+    for one, before in ((other, bench), (bench, other)):
+        one.arbiter.go_on(before.arbiter, one.now)
+    assert other.ready().decision.state is State.READY
 
 
 def test_first_call_of_all_may_be_a_reset_and_is_in_vain() -> None:

@@ -216,6 +216,17 @@ def test_joints_that_creep_on_at_zero_command_are_a_stop_after_stop_time(
     assert bench.decision.stop_demand == EVERYONE
 
 
+@pytest.mark.parametrize('enabled', [True, False], ids=['asks for zero', 'drive is disabled'])
+def test_joints_that_creep_while_their_owner_keeps_control_are_none(enabled: bool) -> None:
+    bench = Machine(replace(WITH_FEEDBACK, drives=('',)))
+    bench.active()
+    bench.rate, bench.speeds = 0.0, (0.55, 0.55)
+    bench.drive = enabled
+    bench.samples['fort'] = HELD
+    bench.run(2.0 * STOP_TIME)
+    assert (bench.decision.state, bench.decision.demand) == (State.ACTIVE, (0.0, 0.0))
+
+
 def test_machine_that_does_not_stop_when_told_stops_all_devices() -> None:
     bench = Machine()
     bench.active()
