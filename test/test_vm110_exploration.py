@@ -55,7 +55,7 @@ LEAST_SILENCE, ECHO = 1.5, 0.5  # s without VRPO until the BU says so; until it 
 APART = (  # see Memory
     '_others', 'refused', 'delivered', 'repeats', 'bad_crc_at', 'other_crc_at', 'other_layout_at',
     '_looped_back_at', 'foreign', 'lost', 'repeated', 'reordered', 'restarts', '_serial',
-    'dropped_commands', '_known', '_missed', '_resumed_at',
+    'dropped_commands', '_known', '_missed', '_resumed_at', 'no_origin_at',
 )  # fmt: skip
 
 

@@ -19,6 +19,7 @@ from __future__ import annotations
 import pytest
 
 from vm110_bridge.session.serials import Arrival
+from vm110_bridge.session.serials import FORMER_TIME
 from vm110_bridge.session.serials import RESTART_TIME
 from vm110_bridge.session.serials import SerialNumbers
 from vm110_bridge.session.serials import WINDOW
@@ -88,9 +89,11 @@ def test_packet_from_before_the_first_is_old_and_was_not_lost() -> None:
 
 
 def test_packet_half_the_numbers_behind_is_not_lost_any_more() -> None:
-    numbers = heard(0, HALF - 1, 2 * HALF - 2)
-    lost = numbers.lost
-    assert numbers.hear(HALF - 2, START, silent=False, content=b'') is OLD
+    numbers = SerialNumbers()
+    for count, serial in enumerate((0, HALF - 1, 2 * HALF - 2)):
+        numbers.hear(serial, START + FORMER_TIME * count, silent=False, content=b'')
+    lost, now = numbers.lost, START + 3 * FORMER_TIME
+    assert numbers.hear(HALF - 2, now, silent=False, content=b'') is OLD
     assert counts(numbers) == (lost - 1, 0, 1, 0)
 
 
@@ -239,3 +242,90 @@ def test_restart_is_told_of_from_the_second_packet_for_a_second(age: float, goes
     line(numbers, (1,), START + STEP)
     assert numbers.restarting(START + STEP)
     assert numbers.restarting(START + STEP + age) == goes_on
+
+
+# -- what comes late of the numbers before --------------------------------------------------------
+
+FIVE = (0, 1, 2, 3, 4)  # the numbers of a sender that began anew, and was believed with the last
+
+
+def restarted(newest: int = NEWEST) -> SerialNumbers:
+    """Return the numbers of a sender that was believed to have restarted, at START."""
+    numbers = heard(newest - 1, newest)
+    assert line(numbers, FIVE, START - 1.0)[-1] is Arrival.NEW
+    assert numbers.lines == 1
+    return numbers
+
+
+@pytest.mark.parametrize('content', [b'', b'else'])
+@pytest.mark.parametrize(
+    ('ahead', 'arrival'),
+    [(1 - WINDOW, OLD), (0, OLD), (8, OLD), (-WINDOW, Arrival.NEW), (9, Arrival.NEW)],
+)
+def test_late_packet_of_before_a_restart_is_not_new(
+    ahead: int, arrival: Arrival, content: bytes
+) -> None:
+    numbers = restarted()
+    before = counts(numbers)
+    assert numbers.hear(NEWEST + ahead, START, silent=False, content=content) is arrival
+    if arrival is OLD:
+        assert counts(numbers) == (before[0], before[1] + 1, *before[2:])
+
+
+def test_line_of_before_a_restart_that_goes_on_after_all_counts_at_once() -> None:
+    """A restart is told by a second of silence, in which more numbers would have been used."""
+    numbers = heard(NEWEST)
+    assert line(numbers, FIVE)[-1] is Arrival.NEW
+    assert numbers.hear(NEWEST + 9, START + 1.0, silent=False, content=b'') is Arrival.NEW
+
+
+@pytest.mark.parametrize(
+    ('age', 'arrival'), [(FORMER_TIME - STEP, OLD), (FORMER_TIME, Arrival.NEW)]
+)
+def test_numbers_of_before_a_restart_count_again_after_eight_seconds(
+    age: float, arrival: Arrival
+) -> None:
+    assert FORMER_TIME == 8.0  # as long as a window of VRPI takes
+    assert restarted().hear(NEWEST, START + age, silent=False, content=b'') is arrival
+
+
+def test_numbers_of_before_two_restarts_are_known_both() -> None:
+    numbers = restarted()
+    assert line(numbers, (60_000, 60_001, 60_002, 60_003, 60_004), START)[-1] is Arrival.NEW
+    for serial in (NEWEST, 4):
+        assert numbers.hear(serial, START + 1.0, silent=False, content=b'') is OLD
+
+
+def test_numbers_that_leap_for_ever_are_not_all_remembered() -> None:
+    numbers = heard(0)
+    for count in range(1, 600):
+        numbers.hear(100 * count & 0xFFFF, START, silent=False, content=b'')
+    assert numbers.lines == 599
+    assert len(numbers._former) == 4
+
+
+@pytest.mark.parametrize(
+    ('content', 'arrival'), [(b'', OLD), (b'else', Arrival.NEW)], ids=['same', 'else']
+)
+@pytest.mark.parametrize('newest', [5, 8, 4 + WINDOW])
+def test_number_that_both_lines_have_is_told_by_what_it_says(
+    newest: int, content: bytes, arrival: Arrival
+) -> None:
+    numbers = heard(newest - 1, newest)
+    for count in FIVE:
+        numbers.hear(count, START - 1.0 + STEP * count, silent=True, content=b'anew')
+    assert numbers.restarts == 1
+    assert numbers.hear(newest, START, silent=False, content=content) is arrival
+
+
+def test_number_that_one_line_alone_has_is_of_that_line_whatever_it_says() -> None:
+    numbers = restarted(5 + WINDOW)
+    assert numbers.hear(5 + WINDOW, START, silent=False, content=b'else') is OLD
+
+
+@pytest.mark.parametrize(('by', 'lines'), [(WINDOW, 0), (WINDOW + 1, 1), (HALF - 1, 1)])
+def test_numbers_far_ahead_may_be_a_line_that_began_anew(by: int, lines: int) -> None:
+    numbers = heard(NEWEST)
+    assert numbers.hear(NEWEST + by & 0xFFFF, START, silent=False, content=b'') is Arrival.NEW
+    assert (numbers.lines, numbers.restarts) == (lines, 0)
+    assert numbers.hear(NEWEST, START, silent=False, content=b'else') is OLD

@@ -23,6 +23,7 @@ import pytest
 
 from bridge_core.session import Level
 from test.vm110_rig import armed
+from test.vm110_rig import CENTRED
 from test.vm110_rig import DEFLECTED
 from test.vm110_rig import LIMIT
 from test.vm110_rig import NEUTRAL
@@ -107,6 +108,31 @@ def test_acknowledgement_that_the_port_was_lost_before_is_not_sent_by_the_next()
     assert bench.frames(b'VRAO') == []
 
 
+def test_what_was_done_while_the_port_was_closed_is_acknowledged_by_a_repeat_alone() -> None:
+    bench = armed(acknowledge='explicit')
+    bench.hear(vrci(5), 'VRCI')
+    bench.close()
+    bench.session.command_done(5, bench.now)
+    bench.open()
+    bench.run(0.5)
+    assert bench.frames(b'VRAO') == []
+    bench.hear(vrci(5), 'VRCI')
+    assert [payload for _, payload in bench.frames(b'VRAO')] == [b'\5\0']
+
+
+def test_what_was_published_while_the_port_was_closed_is_acknowledged_by_a_repeat_alone() -> None:
+    bench = armed()
+    bench.listeners = None
+    (command,) = of(Command, bench.hear(vrci(5), 'VRCI'))
+    bench.close()
+    bench.session.command_published(command, True, bench.now)
+    bench.open()
+    bench.run(0.5)
+    assert bench.frames(b'VRAO') == []
+    bench.hear(vrci(5), 'VRCI')
+    assert [payload for _, payload in bench.frames(b'VRAO')] == [b'\5\0']
+
+
 def test_command_is_not_acknowledged_before_it_was_published_nor_published_twice() -> None:
     bench = armed()
     bench.listeners = None
@@ -184,6 +210,33 @@ def test_command_of_an_unarmed_remote_is_dropped_and_not_executed_by_arming(
     assert bench.frames(b'VRAO') == []
     bench.hear(vrci(2), 'VRCI')
     assert len(of(Command, bench.events)) == 1
+
+
+def test_command_of_an_unarmed_remote_that_its_arming_overtakes_is_dropped() -> None:
+    bench = opened()
+    bench.run(1.0, NOBODY)
+    command, arming = bench.packet('VRCI', vrci(5)), bench.packet('VRPI', CENTRED)
+    bench.take(arming, command)
+    assert of(Command, bench.events) == []
+
+
+def test_command_that_a_stop_and_rearming_overtake_is_forgotten() -> None:
+    bench = armed()
+    late = bench.packet('VRCI', vrci(5))
+    bench.run(1.0, build_vrpi(bu_state=STOPPED, ru_state=STOPPED_RU))
+    bench.run(1.0, NOBODY)
+    bench.run(1.0)
+    bench.take(late)
+    assert of(Command, bench.events) == []
+
+
+def test_command_whose_first_packet_comes_after_all_repeats_is_executed_once() -> None:
+    bench = armed()
+    late = bench.packet('VRCI', vrci(5))
+    bench.hear(vrci(5), 'VRCI')
+    bench.run(6.0)
+    bench.take(late)
+    assert of(Command, bench.events) == [Command(5, bytes(16))]
 
 
 def test_command_while_the_link_counts_as_down_is_executed_once_it_is_up() -> None:

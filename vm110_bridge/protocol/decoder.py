@@ -65,6 +65,7 @@ class PacketDecoder(Decoder[bytes, Packet]):
             self.bad_crc_at
         ) = -math.inf  # the last of them; the last that none would
         self.other_layout_at = -math.inf  # the last sound VRPI of another revision or size
+        self.no_origin_at = -math.inf  # the last one, else sound, of origin 0
 
     def lock(self, crc: Crc) -> None:
         """Take this reading, and no other, from now on."""
@@ -95,8 +96,11 @@ class PacketDecoder(Decoder[bytes, Packet]):
             return []
         except FrameError as error:
             self.counters.malformed += 1
-            if isinstance(error, LayoutError) and data.startswith(PacketId.PERIODIC_INPUT):
-                self.other_layout_at = now
+            if data.startswith(PacketId.PERIODIC_INPUT):
+                if isinstance(error, LayoutError):
+                    self.other_layout_at = now
+                else:
+                    self.no_origin_at = now
         else:
             if isinstance(packet, Unknown):
                 self.counters.unknown_types += 1

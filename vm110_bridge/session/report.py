@@ -53,6 +53,10 @@ OTHER_LAYOUT = (
     'check which version of the manual the system follows, as packets of another revision or size '
     'come'
 )
+NO_ORIGIN = (
+    'give the base unit an ID other than 0, as VRPI of origin 0 come, which is the machine '
+    'controller'
+)
 WRONG_CRC = 'look for what else uses this group and port, as packets with a wrong CRC come'
 
 

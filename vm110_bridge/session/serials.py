@@ -19,11 +19,14 @@ A network loses, doubles and reorders datagrams. Only a packet that is newer tha
 may say how things are now. Numbers wrap at 65536; a base unit that was restarted begins anew,
 which looks like very old packets, so a new beginning has to last before it is believed. Until then
 its packets are not taken for copies of those that had their numbers: a copy comes soon, and says
-the same.
+the same. After that, what comes late of the numbers before would look new: it is known by them for
+a while, and where both lines have the same numbers, by what it says.
 """
 
 from __future__ import annotations
 
+from collections import deque
+from dataclasses import dataclass
 from enum import Enum
 
 _HALF = 0x8000  # further ahead than this is behind
@@ -32,6 +35,9 @@ WINDOW = 64  # overtaken by more than this, a packet is history
 RESTART_TIME = 1.0  # seconds that a line of numbers from the past has to go on, in silence
 _RESTART_PACKETS = 4
 _LARGEST_STEP = 64  # within such a line
+FORMER_TIME = 8.0  # s for which packets of the line before may come, as long as WINDOW VRPI take
+_FORMER_AHEAD = 8  # of its last, lost; a line that goes on after all is further by RESTART_TIME
+_MOST_FORMER = 4  # a base unit takes seconds to restart
 
 
 class Arrival(Enum):
@@ -43,6 +49,22 @@ class Arrival(Enum):
     COPY = 'seen before, not long ago'
 
 
+@dataclass(frozen=True, slots=True)
+class _Former:
+    """A line of numbers that may have ended; ``recent`` is as of SerialNumbers."""
+
+    newest: int
+    recent: list[object]
+    ends_at: float
+
+    def has(self, serial: int, content: object, *, shared: bool) -> bool:
+        """Tell whether a packet is of it. :param shared: the newer line has such numbers, too."""
+        behind = (self.newest - serial) & 0xFFFF
+        if shared:
+            return content in self.recent[behind : behind + 1]
+        return (behind + _FORMER_AHEAD) & 0xFFFF < WINDOW + _FORMER_AHEAD
+
+
 class SerialNumbers:
     """The numbers of one sender."""
 
@@ -51,6 +73,7 @@ class SerialNumbers:
         self.repeated = 0
         self.reordered = 0
         self.restarts = 0
+        self.lines = 0  # how often numbers began anew, or may have: they went on far ahead
         self._newest: int | None = None
         self._seen = 0  # bit n: the number n below the newest came
         self._recent: list[object] = []  # at n: what came last with the number n below the newest
@@ -58,6 +81,7 @@ class SerialNumbers:
             0  # numbers since the line began, the newest apart; those before are not lost
         )
         self._count_gap = True
+        self._former: deque[_Former] = deque(maxlen=_MOST_FORMER)
         self._run_start = self._run_at = 0.0
         self._run_newest = 0
         self._run_length = 0
@@ -83,14 +107,31 @@ class SerialNumbers:
         behind = -ahead & 0xFFFF
         if newest is None:
             self._start(serial, content)
+        elif self._is_former(serial, newest, content, now):
+            self.repeated += 1
+            return Arrival.OLD
         elif 0 < ahead < _HALF:
+            if ahead > WINDOW:
+                self._leave(newest, now)
             self._advance(serial, ahead, content)
         elif not self._is_copy(behind, content) and self._has_restarted(serial, now, silent):
             self.restarts += 1
+            self._leave(newest, now)
             self._start(serial, content)
         else:
             return self._place_behind(behind, content)
         return Arrival.NEW
+
+    def _leave(self, newest: int, now: float) -> None:
+        self.lines += 1
+        self._former.append(_Former(newest, self._recent, now + FORMER_TIME))
+
+    def _is_former(self, serial: int, newest: int, content: object, now: float) -> bool:
+        shared = (serial - newest + WINDOW) & 0xFFFF <= 2 * WINDOW
+        return any(
+            now < line.ends_at and line.has(serial, content, shared=shared)
+            for line in self._former
+        )
 
     def _start(self, serial: int, content: object) -> None:
         self._newest, self._seen, self._length = serial, 1, 0

@@ -230,11 +230,11 @@ class Session(BaseSession[bytes, Packet, Event]):
             self._others[origin] = now
 
     def _arrival(self, packet: Packet, now: float) -> Arrival:
-        restarts = self.serials.restarts
+        lines = self.serials.lines
         arrival = self.serials.hear(
             packet.serial, now, silent=not self.link_up, content=packet.message
         )
-        if self.serials.restarts > restarts:
+        if self.serials.lines > lines:
             self.inbox.restart()
         return arrival
 
@@ -246,7 +246,8 @@ class Session(BaseSession[bytes, Packet, Event]):
         elif arrival is Arrival.OLD:
             return
         elif isinstance(message, CommandInput):
-            self._take_command(message, now)
+            if arrival is Arrival.NEW:  # a late one is of an unknown moment; its repeats are not
+                self._take_command(message, now)
         else:
             for result in self.outbox.acknowledged(message.command_id, now):
                 self._emit(result)
@@ -289,6 +290,8 @@ class Session(BaseSession[bytes, Packet, Event]):
             return report.other_crc(chosen=self.settings.crc != 'auto')
         if now - self._packets.other_layout_at < _MEMORY:
             return report.OTHER_LAYOUT
+        if now - self._packets.no_origin_at < _MEMORY:
+            return report.NO_ORIGIN
         if now - self._packets.bad_crc_at < _MEMORY:
             return report.WRONG_CRC
         return report.NO_CAUSE
@@ -425,7 +428,7 @@ class Session(BaseSession[bytes, Packet, Event]):
         """
         self._expire(now)
         if self.inbox.published(command, heard=heard):
-            self._acknowledgements.append(command.command_id)
+            self._acknowledge(command.command_id)
         if not heard:
             self._unheard_at = now
 
@@ -437,7 +440,11 @@ class Session(BaseSession[bytes, Packet, Event]):
         """
         self._expire(now)
         self.inbox.done(command_id, now)
-        self._acknowledgements.append(command_id)
+        self._acknowledge(command_id)
+
+    def _acknowledge(self, command_id: int) -> None:
+        if self._open and self.crc is not None:  # else its repeats are acknowledged
+            self._acknowledgements.append(command_id)
 
     # What VRPI mean.
 
