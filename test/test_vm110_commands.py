@@ -129,6 +129,33 @@ def test_base_unit_that_restarts_may_count_anew() -> None:
     assert box.take(ASKED, NOW, allowed=True) == NEW
 
 
+@pytest.mark.parametrize(('age', 'result'), [(MEMORY - STEP, REPEAT), (MEMORY, NEW)])
+def test_what_a_session_before_has_delivered_is_neither_delivered_nor_acknowledged_again(
+    age: float, result: tuple[bool, bool]
+) -> None:
+    box = CommandInbox(explicit=False)
+    box.remember(
+        [(Command(7, OTHER), NOW - 1.0), (Command(8, DATA), NOW - STEP), (PUBLISHED, NOW)]
+    )
+    assert counts(box) == (0, 0, 0, 0, 0)
+    assert not box.published(PUBLISHED, heard=True)
+    assert box.take(ASKED, NOW + age, allowed=True) == result
+
+
+def test_what_a_session_before_has_delivered_is_acknowledged_once_it_is_done() -> None:
+    box = CommandInbox(explicit=False)
+    box.remember([(PUBLISHED, NOW)])
+    box.done(7, NOW)
+    assert box.take(ASKED, NOW, allowed=True) == AGAIN
+
+
+def test_what_a_session_before_has_delivered_is_forgotten_oldest_first() -> None:
+    box = CommandInbox(explicit=False)
+    box.remember([(Command(7, OTHER), NOW - 2.0), (Command(8, DATA), NOW - 1.0), (PUBLISHED, NOW)])
+    assert box.take(CommandInput(8, DATA), NOW - 1.0 + MEMORY, allowed=True) == NEW
+    assert box.take(ASKED, NOW - 1.0 + MEMORY, allowed=True) == REPEAT
+
+
 # To the application.
 
 

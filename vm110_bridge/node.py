@@ -14,6 +14,7 @@
 
 """The VM-110 bridge: a base unit with its remotes as ROS topics."""
 
+from collections import deque
 from collections.abc import Callable
 from collections.abc import Mapping
 from typing import Any
@@ -27,12 +28,14 @@ from std_msgs.msg import Int32
 from std_msgs.msg import UInt8MultiArray
 from std_msgs.msg import UInt16
 
+from bridge_core import clock
 from bridge_core.managed_node import latched_qos
 from bridge_core.node import BridgeNode
 from bridge_core.node import STOP_QOS
 from bridge_core.parameters import BRIDGE_PARAMETERS
 from bridge_core.parameters import Parameter
 from bridge_core.runner import run
+from bridge_core.watchdog import FROZEN
 from vm110_bridge import convert
 from vm110_bridge.parameters import axis_signs
 from vm110_bridge.parameters import PARAMETERS
@@ -45,6 +48,7 @@ from vm110_bridge.session import RemoteState
 from vm110_bridge.session import Session
 from vm110_bridge.session import Sticks
 from vm110_bridge.wire import BRIDGE
+from vm110_bridge.wire import DELIVERED
 from vm110_bridge.wire import HOLD_HEARD
 
 _COMMAND_DEPTH = 50  # a burst of commands must not lose its first to a slow listener
@@ -58,6 +62,7 @@ class Vm110Bridge(BridgeNode[Event]):
 
     def __init__(self, **options: Any) -> None:
         self._hold_heard = False  # ever, and so it has to be repeated for as long as this node is
+        self._delivered: deque[tuple[Command, float]] = deque(maxlen=_COMMAND_DEPTH)
         super().__init__('vm110_bridge', **options)
 
     def create_interfaces(self) -> None:
@@ -90,9 +95,17 @@ class Vm110Bridge(BridgeNode[Event]):
         self._axis_inverted = axis_signs(values)
 
     def carried_over(self, values: Mapping[str, Any]) -> dict[str, Any]:
-        """What withholds VRPO does so from the first on, or its silence does."""
+        """
+        Return what a session has to know of those before it.
+
+        What withholds VRPO does so from the first on, or its silence does. And a command that was
+        delivered is not delivered again.
+        """
         del values
-        return {HOLD_HEARD: self._hold_heard or bool(self._unheard)}
+        return {
+            HOLD_HEARD: self._hold_heard or bool(self._unheard),
+            DELIVERED: tuple(self._delivered),
+        }
 
     @property
     def hardware_name(self) -> str:
@@ -141,6 +154,7 @@ class Vm110Bridge(BridgeNode[Event]):
             self.values['acknowledge'] == 'always' or self._command.get_subscription_count() > 0
         )
         if heard:
+            self._delivered.append((command, clock.now()))
             self._command.publish(convert.command(command.command_id, command.data))
         # As a stop: it counts however late it comes.
         self.request(Session.command_published, command, heard, each=True, stop=True)
@@ -150,6 +164,9 @@ class Vm110Bridge(BridgeNode[Event]):
     def on_refused(self, number: int, key: str, text: str) -> None:
         """Count and log why a request makes no sense; a command's sender is told, too."""
         super().on_refused(number, key, text)
+        self._tell_refused(key, text)
+
+    def _tell_refused(self, key: str, text: str) -> None:
         if key == 'send_command':
             self._result.publish(convert.command_result(None, text))
 
@@ -189,7 +206,8 @@ class Vm110Bridge(BridgeNode[Event]):
         except ValueError as error:
             self.on_refused(0, key, str(error))
         else:
-            self.request(method, data, key=key, **options)
+            if not self.request(method, data, key=key, **options):
+                self._tell_refused(key, FROZEN if self.active else 'the node is not active')
 
     def _on_command_done(self, message: Any) -> None:
         self.request(Session.command_done, message.data, key=f'command_done {message.data}')

@@ -25,12 +25,15 @@ from vm110_bridge.parameters import OUTPUT_PORT_OFFSET
 from vm110_bridge.session import Session
 from vm110_bridge.session import Settings
 
-HOLD_HEARD = 'hold_output was heard'  # beside the parameters
+# Beside the parameters:
+HOLD_HEARD = 'hold_output was heard'
+DELIVERED = 'commands that were delivered'
 
 
 def make_session(values: Mapping[str, Any]) -> Session:
     """Return a session for UDP EG-Link, which expects a hold if one before may have had it."""
     session = Session(Settings.from_parameters(values))
+    session.inbox.remember(values.get(DELIVERED, ()))
     if values.get(HOLD_HEARD):
         session.expect_hold()
     return session

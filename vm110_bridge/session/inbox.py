@@ -22,6 +22,7 @@ may be lost: a repeat is answered again, and handed on only the first time.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from enum import Enum
 
@@ -38,6 +39,7 @@ class _State(Enum):
     WAITING = 'waiting to be done'
     DONE = 'done'
     REFUSED = 'refused'
+    BEFORE = 'delivered by the session before, whose base unit this one may not be'
 
 
 @dataclass(slots=True)
@@ -111,6 +113,17 @@ class CommandInbox:
         if known is None or known.state is _State.REFUSED:
             raise ValueError(f'no command with ID {command_id} was delivered lately')
         known.state = _State.DONE
+
+    def remember(self, delivered: Iterable[tuple[Command, float]]) -> None:
+        """
+        Take over what a session before this one has delivered, oldest first.
+
+        It is neither delivered again nor acknowledged but by ``done``: this base unit may be
+        another, whose operator has to be told that it was not carried out.
+        """
+        for command, at in delivered:
+            self._known.pop(command.command_id, None)
+            self._known[command.command_id] = _Known(command.data, at, _State.BEFORE)
 
     def restart(self) -> None:
         """Forget all: the BU counts anew."""
