@@ -45,8 +45,9 @@ PARAMETERS = (
     Parameter(
         'single_axis_layout',
         'padded',
-        'Packets of a single-axis drive: padded to the dual lengths, or compact. The manual '
-        'leaves it open; try the other if no status is understood.',
+        'Packets of a single-axis drive: padded to the dual lengths, or compact, which is refused '
+        'with two joint_names. The manual leaves it open; try the other if no status is '
+        'understood.',
         choices=('padded', 'compact'),
     ),
     Parameter(
@@ -132,7 +133,8 @@ PARAMETERS = (
     Parameter(
         'joint_state_rate',
         100.0,
-        'How often ~/joint_states is published at most.',
+        'About how often ~/joint_states is published: a ninth more at most, so that none is left '
+        'out where the drive sends at this rate.',
         unit='Hz',
         minimum=1.0,
         maximum=1000.0,

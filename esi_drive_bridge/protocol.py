@@ -111,8 +111,8 @@ def layout_of(axes: int, single_axis_layout: str = 'padded') -> Layout:
     """
     Return the layout for 1 or 2 axes.
 
-    :param single_axis_layout: 'padded' or 'compact'; without effect for 2 axes.
-    :raises ValueError: for any other number or word.
+    :param single_axis_layout: 'padded' or 'compact'; 2 axes have a layout of their own.
+    :raises ValueError: for any other number or word, and for 2 axes and 'compact'.
     """
     if axes not in (1, 2):
         raise ValueError(f'a drive has 1 or 2 axes, not {axes}')
@@ -120,6 +120,8 @@ def layout_of(axes: int, single_axis_layout: str = 'padded') -> Layout:
         raise ValueError(
             f"single_axis_layout is 'padded' or 'compact', not {single_axis_layout!r}"
         )
+    if axes == 2 and single_axis_layout == 'compact':
+        raise ValueError('single_axis_layout = compact: one name is needed in joint_names, not 2')
     return Layout.DUAL if axes == 2 else Layout(single_axis_layout)
 
 

@@ -194,13 +194,18 @@ def test_axis_b_has_no_rs422_bit() -> None:
 
 
 def test_layout_of_parameters() -> None:
-    assert layout_of(2) is layout_of(2, 'compact') is Layout.DUAL
+    assert layout_of(2) is layout_of(2, 'padded') is Layout.DUAL
     assert layout_of(1) is Layout.PADDED
     assert layout_of(1, 'compact') is Layout.COMPACT
     with pytest.raises(ValueError, match='1 or 2 axes, not 3'):
         layout_of(3)
     with pytest.raises(ValueError, match="'dual'"):
         layout_of(1, 'dual')
+
+
+def test_compact_layout_of_two_axes_is_refused_and_not_passed_over() -> None:
+    with pytest.raises(ValueError, match=r'layout = compact: .*joint_names'):
+        layout_of(2, 'compact')
 
 
 def test_mode_3_is_refused() -> None:

@@ -23,7 +23,7 @@ from esi_drive_bridge.protocol import Status
 
 @dataclass(frozen=True, slots=True)
 class Feedback:
-    """A status packet came; reported at ``joint_state_rate`` at most."""
+    """A status packet came; reported at about ``joint_state_rate``."""
 
     status: Status
 
