@@ -145,5 +145,6 @@ def test_bus_off_is_a_stop_in_words_until_the_bus_is_back(
     bench.wait(lambda: not unit.plugged, 'a unit that is off as well')
     unit.steer('plug')
     bench.wait_stop(False)
-    assert 'bus off; check bit rate, wiring and termination' in bench.node.output
+    words = 'bus off; check bit rate, wiring and termination'
+    bench.wait(lambda: words in bench.node.output, words)
     bench.drive(unit)
