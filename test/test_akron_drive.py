@@ -182,8 +182,10 @@ def test_gate_says_nothing_while_nothing_forbids_motion_and_its_reason_once() ->
 def test_target_of_the_grip_is_motion_that_goes_on_by_itself() -> None:
     drive = moving()
     assert not drive.automatic
+    assert not drive.travels
     drive.set_command(Command(REST[0], ExtendedJoystick(grip_x=Axis.of(0))), NOW, [])
     assert drive.automatic
+    assert drive.travels
 
 
 def test_pause_is_pressed_at_once_and_no_longer_than_its_time() -> None:
@@ -228,7 +230,7 @@ def test_press_of_which_something_went_out_goes_on() -> None:
     assert said(drive, NOW + 0.021) == PAUSE
 
 
-def test_press_goes_on_behind_a_command_in_its_midst() -> None:
+def test_press_does_not_go_on_behind_a_command_in_its_midst() -> None:
     drive = moving()
     drive.set_command(AT_REST, NOW, [])
     drive.pause(NOW)
@@ -236,9 +238,17 @@ def test_press_goes_on_behind_a_command_in_its_midst() -> None:
     drive.set_command(AT_WORK, NOW + 0.025, [])
     assert said(drive, NOW + 0.025) == MOVING
     drive.set_command(AT_REST, NOW + 0.05, [])
-    assert said(drive, NOW + 0.05) == PAUSE
-    drive.stick_refused(NOW + 0.05)
-    assert said(drive, NOW + 0.051) == PAUSE
+    assert said(drive, NOW + 0.05) == NEUTRAL
+
+
+def test_press_begins_behind_a_command_before_its_first_frame() -> None:
+    drive = moving()
+    drive.pause(NOW)
+    assert said(drive, NOW) == MOVING
+    drive.set_command(AT_REST, NOW + 0.02, [])
+    assert said(drive, NOW + 0.02) == PAUSE
+    drive.stick_refused(NOW + 0.02)
+    assert said(drive, NOW + 0.021) == NEUTRAL
 
 
 def test_stick_that_did_not_go_out_has_steered_until_it_was_let_go_of() -> None:
