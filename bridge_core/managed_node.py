@@ -94,7 +94,7 @@ class ManagedNode(Quiet, LifecycleNode):
         self.starting = False  # configured to be activated at once
         self._failure: Exception | None = None  # of the last transition
         self._fault: Exception | None = None  # of ours, in a transition
-        self._callbacks = {state: self._telling(each) for state, each in self._callbacks.items()}
+        self._callbacks.update({key: self._telling(each) for key, each in self._callbacks.items()})
         try:
             check_sections(self.get_fully_qualified_name(), parameter_files)
             self.values: dict[str, Any] = self._declare()

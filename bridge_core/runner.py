@@ -98,11 +98,11 @@ class _End:
     def wait(self) -> None:
         os.read(self._read, 1)
 
-    def close(self) -> None:
-        """Give the signals back to whoever had them."""
+    def close(self, *, last: bool) -> None:
+        """Give the signals back to whoever had them, or have them change no status any more."""
         signal.set_wakeup_fd(self._wakeup)
         for number, handler in self._handlers.items():
-            signal.signal(number, handler)
+            signal.signal(number, signal.SIG_IGN if last else handler)
         os.close(self._read)
         os.close(self._write)
 
@@ -113,6 +113,7 @@ def run(
     *,
     names: Collection[str] = (),
     configured: bool = False,
+    last: bool = False,
 ) -> int:
     """
     Run nodes until a signal ends them, each with an executor and a thread of its own.
@@ -122,6 +123,7 @@ def run(
     :param args: with the program's name first; sys.argv if there are none.
     :param names: arguments that are no argument of ROS, and known all the same.
     :param configured: these are all nodes that the parameter files have a section for.
+    :param last: the process ends with the nodes, as it does anyway where no args are given.
     """
     fill_standard_descriptors()
     argv = list(sys.argv if args is None else args)
@@ -134,14 +136,18 @@ def run(
             f'{unknown[0]!r} is unknown; give parameters as --ros-args -p name:=value, '
             'and see --help'
         )
-    with unblocked_output():
-        try:
-            return _run(factories, argv, names, configured=configured)
-        finally:
-            # Nodes are in reference cycles. Left to the collector, the middleware would end some
-            # time, in whichever thread allocates next, and its threads and descriptors would stay
-            # until then. No frame here names a node any more.
-            gc.collect()
+    end = _End()
+    try:
+        with unblocked_output():
+            try:
+                return _run(factories, argv, names, end, configured=configured)
+            finally:
+                # Nodes are in reference cycles. Left to the collector, the middleware would end
+                # some time, in whichever thread allocates next, and its threads and descriptors
+                # would stay until then. No frame here names a node any more.
+                gc.collect()
+    finally:
+        end.close(last=last or args is None)
 
 
 def words_beside_ros(argv: Sequence[str]) -> list[str]:
@@ -165,6 +171,7 @@ def _run(
     factories: Sequence[Callable[..., ManagedNode]],
     argv: list[str],
     names: Collection[str],
+    end: _End,
     *,
     configured: bool,
 ) -> int:
@@ -178,7 +185,6 @@ def _run(
         rclpy.init(args=argv, signal_handler_options=SignalHandlerOptions.NO)
     except Exception as error:  # RCLError and others are not exported; all mean bad arguments
         return _refuse(_SOURCE.sub('', str(error)))
-    end = _End()
     nodes: list[ManagedNode] = []
     if not gc.get_freeze_count():
         gc.freeze()  # what was imported stays to the end, and need not be searched again and again
@@ -204,7 +210,6 @@ def _run(
         threads += filter(None, (node.lane.thread for node in nodes))
         _leave(nodes)
         _await(threads)
-        end.close()
 
 
 def _refuse(text: str) -> int:

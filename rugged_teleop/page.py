@@ -69,4 +69,4 @@ def main(arguments: Sequence[str] | None = None, prog: str = 'rugged_teleop page
     from bridge_core.runner import run  # late: the help needs no ROS
     from status_page.node import StatusPage
 
-    sys.exit(run([StatusPage], [prog, '--ros-args', *parameters, *words[end + 1 :]]))
+    sys.exit(run([StatusPage], [prog, '--ros-args', *parameters, *words[end + 1 :]], last=True))

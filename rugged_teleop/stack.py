@@ -125,7 +125,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     except ValueError as error:
         print(f'rugged_teleop_stack: {error}', file=sys.stderr)
         sys.exit(2)
-    sys.exit(run(factories, wired(argv, names), names=names, configured=not words))
+    sys.exit(run(factories, wired(argv, names), names=names, configured=not words, last=True))
 
 
 if __name__ == '__main__':

@@ -20,6 +20,8 @@ import getpass
 import os
 from pathlib import Path
 import resource
+import signal
+from signal import SIGTERM
 import threading
 from typing import Any
 from unittest import mock
@@ -30,6 +32,7 @@ import pytest
 from bridge_core import realtime
 from bridge_core import runner
 from safety_mux.node import SafetyMux
+from test.rig import ENDING
 from test.rig import NodeProcess
 from test.rig import wait_for
 from test.talkers import namespace
@@ -119,6 +122,30 @@ def test_process_ends_after_its_threads() -> None:
         node.wait_output('cannot open')
         assert node.end(timeout=30.0) == 0
         assert node.output.endswith('the last\n'), node.output
+
+
+@pytest.mark.parametrize(
+    ('module', 'arguments'),
+    [('safety_mux.node', ()), ('rugged_teleop.stack', ('--', 'safety_mux'))],
+)
+def test_signals_until_the_very_end_leave_the_status_at_0(
+    module: str, arguments: tuple[str, ...]
+) -> None:
+    with NodeProcess(module, namespace=namespace(), arguments=arguments) as node:
+        node.wait_output('[INFO]')
+
+        def has_ended() -> bool:
+            node.signal(SIGTERM)
+            return node.process.poll() is not None
+
+        wait_for(has_ended, what=lambda: node.output)
+        assert node.wait() == 0, node.output
+
+
+def test_process_that_goes_on_has_its_signals_back() -> None:
+    before = {number: signal.getsignal(number) for number in ENDING}
+    assert runner.run([SafetyMux], ['node', '--ros-args', '-p', 'rate:=0.0']) == 2
+    assert {number: signal.getsignal(number) for number in ENDING} == before
 
 
 def test_node_that_is_refused_leaves_the_graph_where_its_process_goes_on() -> None:

@@ -55,7 +55,7 @@ def main(arguments: Sequence[str] | None = None, prog: str = 'rugged_teleop reco
     from bridge_core.runner import run  # late: the help needs no ROS
     from rugged_teleop.recorder.node import Recorder
 
-    sys.exit(run([Recorder], [prog, *words]))
+    sys.exit(run([Recorder], [prog, *words], last=True))
 
 
 if __name__ == '__main__':
