@@ -713,8 +713,10 @@ NO_INPUTS = (
 @pytest.mark.parametrize('controls', [{'axes': AXES}, {'buttons': BUTTONS}])
 def test_pulse_inputs_that_never_come_are_a_warning(controls: dict[str, Any]) -> None:
     rig = Rig(poll_rates=(20.0, 5.0, 10.0, 0.0, 10.0), **controls)
+    confirmed_at = rig.open().now
     rig.tick(20)
-    assert rig.session.problems(rig.now) == []  # they may yet come
+    assert rig.session.problems(confirmed_at + 0.249) == []  # they may yet come
+    assert rig.session.problems(confirmed_at + 0.25) == [NO_INPUTS]
     rig.tick(10)
     assert rig.session.problems(rig.now) == [NO_INPUTS]
     rig.hear_at(13)
