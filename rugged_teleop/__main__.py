@@ -29,6 +29,7 @@ from typing import Any
 from rugged_teleop.command_line import complete
 from rugged_teleop.command_line import completes
 from rugged_teleop.command_line import Parser
+from rugged_teleop.command_line import standard_streams
 
 # By name: what it does, and the module whose main(arguments, prog) does it.
 COMMANDS = {
@@ -89,7 +90,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
         problem = f'there is no command {name!r}' if name else 'name a command'
         print(f'rugged_teleop: {problem}; there is {", ".join(like)}', file=sys.stderr)
         sys.exit(2)
-    _module(name).main(rest, prog=f'rugged_teleop {name}')
+    with standard_streams(f'rugged_teleop {name}'):
+        _module(name).main(rest, prog=f'rugged_teleop {name}')
 
 
 def _module(name: str) -> Any:

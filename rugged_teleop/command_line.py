@@ -16,13 +16,18 @@
 
 import argparse
 from collections.abc import Callable
+from collections.abc import Iterator
 import contextlib
+import errno
+import io
 import math
 import os
 import re
 import sys
 from typing import Any
 from typing import NoReturn
+
+from bridge_core.descriptors import fill_standard_descriptors
 
 # Begins a command that runs a module; from Python 3.11 it imports nothing from where it starts.
 RUN_MODULE = (sys.executable, *(('-P',) if sys.version_info >= (3, 11) else ()), '-m')
@@ -38,6 +43,51 @@ class Parser(argparse.ArgumentParser):
     def error(self, message: str) -> NoReturn:
         """Exit with status 2."""
         self.exit(2, f'{self.prog}: {message}; see {self.prog} --help\n')
+
+
+@contextlib.contextmanager
+def standard_streams(prog: str) -> Iterator[None]:
+    """
+    Have a command use standard input and outputs, whatever they are.
+
+    Closed ones become /dev/null, and what cannot be encoded, such as the name of a file that is no
+    text, an escape. A reader that leaves, as head does, has seen enough: exit status 0. Where
+    there is no room for what is printed, a line says so: 2.
+    """
+    fill_standard_descriptors()
+    for number, (name, mode) in enumerate((('stdin', 'r'), ('stdout', 'w'), ('stderr', 'w'))):
+        if getattr(sys, name) is None:
+            setattr(sys, name, os.fdopen(number, mode))
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors='backslashreplace')
+    try:
+        try:
+            yield
+        finally:
+            sys.stdout.flush()
+    except OSError as error:
+        if not is_of_output(error):
+            raise
+        for stream in (sys.stdout, sys.stderr):
+            _leave(stream)
+        if error.errno == errno.EPIPE:
+            sys.exit(0)
+        print(f'{prog}: standard output: {error.strerror}', file=sys.stderr)
+        sys.exit(2)
+
+
+def is_of_output(error: BaseException) -> bool:
+    """Tell whether an error says that an output has lost its reader, or has no room."""
+    return isinstance(error, OSError) and error.errno in (errno.EPIPE, errno.ENOSPC)
+
+
+def _leave(stream: Any) -> None:
+    """Have a stream that takes nothing any more write to nowhere, as it will when it is closed."""
+    try:
+        stream.flush()
+    except OSError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
 
 
 def number_within(low: float = -math.inf, high: float = math.inf) -> Callable[[str], float]:

@@ -24,6 +24,8 @@ import sys
 from typing import Any
 from typing import TYPE_CHECKING
 
+from rugged_teleop.command_line import is_of_output
+
 if TYPE_CHECKING:
     from rugged_teleop.recordings import Said
 
@@ -87,6 +89,8 @@ def look_at(files: Sequence[Path], look: Callable[[Loaded], int], prog: str) -> 
             recording = load(path)
             status = max(status, look(recording))
         except (OSError, ValueError, ImportError) as error:
+            if is_of_output(error):
+                raise
             reason = error.strerror if isinstance(error, OSError) else error
             print(f'{prog}: {path}: {reason}', file=sys.stderr)
             status = 2

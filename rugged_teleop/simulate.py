@@ -50,6 +50,7 @@ from rugged_teleop.canbuses import CHANNEL
 from rugged_teleop.canbuses import INTERFACE
 from rugged_teleop.command_line import number_within
 from rugged_teleop.command_line import Parser
+from rugged_teleop.command_line import standard_streams
 from rugged_teleop.multicasts import GROUP
 from rugged_teleop.multicasts import INPUT_PORT
 from rugged_teleop.multicasts import LOOPBACK
@@ -222,6 +223,11 @@ def _plug_in(options: argparse.Namespace) -> DevicePort:
 
 def main(arguments: Sequence[str] | None = None, prog: str = 'simulate') -> None:
     """Run a simulator; the executable's entry point."""
+    with standard_streams(prog):
+        _simulate(arguments, prog)
+
+
+def _simulate(arguments: Sequence[str] | None, prog: str) -> None:
     command_line = parser(prog)
     options = command_line.parse_args(arguments)
     try:

@@ -16,6 +16,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 import importlib
 import os
 from pathlib import Path
@@ -117,6 +118,66 @@ def test_command_says_its_whole_name_in_an_error(capsys: pytest.CaptureFixture[s
     with pytest.raises(SystemExit):
         main(['simulate', 'nothing'])
     assert capsys.readouterr().err.startswith('rugged_teleop simulate: ')
+
+
+# Standard input and outputs.
+
+INCIDENT = 'test/recordings/pressed_estop.mcap'
+
+
+def of_shell(words: str) -> subprocess.CompletedProcess[str]:
+    """Return what a command of ours does that a shell starts, with redirections."""
+    return subprocess.run(
+        ['bash', '-c', f'"$0" -m rugged_teleop {words}', sys.executable],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        stdin=subprocess.DEVNULL,
+        timeout=60.0 * TIMEOUT_FACTOR,
+    )
+
+
+@pytest.mark.parametrize('command', ['decode', 'why', 'replay'])
+def test_full_output_is_not_the_fault_of_the_file(command: str) -> None:
+    done = of_shell(f'{command} {INCIDENT} 2>&1 >/dev/full | grep -v "^#"')
+    prog = f'rugged_teleop {command}'
+    assert done.stdout == f'{prog}: standard output: No space left on device\n'
+
+
+@pytest.mark.parametrize(
+    'words', [('why', INCIDENT), ('replay', INCIDENT), ('doctor', '--seconds', '0.2')]
+)
+def test_reader_that_has_seen_enough_is_no_error(words: Sequence[str]) -> None:
+    read, write = os.pipe()
+    os.close(read)
+    command = [sys.executable, '-m', 'rugged_teleop', *words]
+    done = subprocess.run(command, cwd=ROOT, stdout=write, stderr=subprocess.PIPE, text=True)
+    os.close(write)
+    assert (done.returncode, done.stderr) == (0, '')
+
+
+@pytest.mark.parametrize(
+    ('words', 'status', 'error'),
+    [
+        (f'decode {INCIDENT} >&-', 0, ''),
+        (f'decode {INCIDENT} >&- 2>&-', 0, ''),
+        ('decode - <&-', 2, 'rugged_teleop decode: -: is empty\n'),
+    ],
+)
+def test_closed_input_and_outputs_are_no_fault(words: str, status: int, error: str) -> None:
+    done = of_shell(words)
+    assert done.returncode == status
+    assert error in done.stderr
+    assert 'Traceback' not in done.stderr
+
+
+def test_file_name_that_is_no_text_is_said_as_well_as_it_can_be(tmp_path: Path) -> None:
+    path = os.fsencode(tmp_path) + b'/caf\xe9'
+    Path(os.fsdecode(path)).write_text('(0.5) can0 0CFDE801#090000000000\n')
+    command = [sys.executable, '-m', 'rugged_teleop', 'decode', '--as', 'json', os.fsdecode(path)]
+    utf8 = {**os.environ, 'PYTHONIOENCODING': 'utf-8:strict'}
+    done = subprocess.run(command, cwd=ROOT, env=utf8, capture_output=True)
+    assert (done.returncode, b'caf\\udce9' in done.stdout) == (0, True), done.stderr
 
 
 # Completion, as bash asks for it.

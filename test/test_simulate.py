@@ -548,6 +548,15 @@ def test_command_outlives_the_end_of_its_input(path: Path) -> None:
         command.process.stdin = None
 
 
+def test_command_runs_without_input_and_output(path: Path) -> None:
+    words = ['-m', 'rugged_teleop.simulate', 'fort_vsc', '--port', str(path)]
+    closed = ['sh', '-c', 'exec "$@" <&- >&- 2>&-', 'sh', sys.executable, *words]
+    with subprocess.Popen(closed, cwd=ROOT) as process:
+        wait_for(lambda: path.is_symlink() or process.poll() is not None, 20.0, 'the port')
+        process.terminate()
+        assert process.wait(10.0) == 0
+
+
 def test_verbose_command_tells_changes_once(path: Path) -> None:
     with Command('fort_vsc', '--port', str(path), '--verbose') as command:
         command.wait('type help')

@@ -27,11 +27,11 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Sequence
-import os
 import sys
 from typing import TextIO
 
 from bridge_core import clock
+from rugged_teleop.command_line import is_of_output
 from rugged_teleop.command_line import Parser
 from rugged_teleop.decode.captures import Capture
 from rugged_teleop.decode.captures import FORMATS
@@ -74,10 +74,6 @@ def main(arguments: Sequence[str] | None = None, prog: str = 'rugged_teleop deco
     options = parser(prog).parse_args(arguments)
     try:
         status = _decode(options, prog)
-        sys.stdout.flush()
-    except BrokenPipeError:  # whoever reads has seen enough, as head has
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        status = 0
     except KeyboardInterrupt:
         status = 130
     sys.exit(status)
@@ -98,7 +94,7 @@ def _decode(options: argparse.Namespace, prog: str) -> int:
             with opened(name, options.format) as capture:
                 _copy(capture, options.protocol, writer, statistics, picture)
         except (OSError, ValueError) as error:
-            if isinstance(error, BrokenPipeError):
+            if is_of_output(error):
                 raise
             reason = error.strerror if isinstance(error, OSError) else error
             print(f'{prog}: {name}: {reason}', file=sys.stderr)
