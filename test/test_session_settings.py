@@ -102,7 +102,7 @@ def test_one_status_of_the_ssc_may_be_missing() -> None:
         polls = (polled, *rest)
         SscSettings(link_timeout=0.2, poll_rates=polls, message_rates=by_itself)
         refused(SscSettings, 'status at', link_timeout=0.2, poll_rates=polls, message_rates=seldom)
-    refused(SscSettings, 'status at 0 Hz is too rare', poll_rates=(0.0, *rest))
+    SscSettings(link_timeout=0.2, poll_rates=(0.0, *rest))  # by itself, at a rate that is not told
 
 
 hold = pytest.mark.parametrize(

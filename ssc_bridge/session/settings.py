@@ -83,7 +83,7 @@ class Settings(CheckedSettings):
         for name in _LISTS:
             _TABLE[name].validate(list(getattr(self, name)))
         rate = max(self.poll_rates[0], self.message_rates[0])
-        if not rate or 2.0 / rate > self.link_timeout:
+        if rate and 2.0 / rate > self.link_timeout:  # neither: the menu's, which is not told
             raise ValueError(
                 f'poll_rates, message_rates: status at {rate:g} Hz is too rare for a link_timeout '
                 f'of {self.link_timeout:g} s: one lost message must not be a stop'
