@@ -586,6 +586,7 @@ def test_fault_in_a_transition_that_was_asked_for_ends_the_process_with_a_farewe
     with NodeProcess('', source=BAD_TRANSITION, arguments=arguments) as node:
         wait_value(observer, observer.record(Bool, '/right/estop', latched()), False)
         left = observer.record(Bool, '/left/estop', latched())
+        wait_value(observer, left, True)
         assert observer.change_state('/left', 'configure')
         observer.client(ChangeState, '/left/change_state').call_async(ACTIVATE)
         assert node.wait() == 1, node.output
