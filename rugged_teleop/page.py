@@ -64,7 +64,7 @@ def main(arguments: Sequence[str] | None = None, prog: str = 'rugged_teleop page
         word
         for name, value in given.items()
         if value is not None
-        for word in ('-p', f'{name}:={json.dumps(value)}')
+        for word in ('-p', f'{name}:={json.dumps(value, ensure_ascii=False)}')
     ]
     from bridge_core.runner import run  # late: the help needs no ROS
     from status_page.node import StatusPage

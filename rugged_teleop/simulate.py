@@ -35,6 +35,7 @@ import sys
 from typing import Any
 from typing import Literal
 
+from akron_can_bridge.protocol import is_pin
 from akron_can_bridge.simulator import JoystickSimulator as AkronJoystick
 from akron_can_bridge.simulator import Simulator as AkronSimulator
 from bridge_core.simulation import help_text
@@ -150,7 +151,7 @@ def parser(prog: str = 'simulate') -> Parser:
     unit.add_argument('--crc', choices=('mpeg2', 'iso_hdlc'), default='mpeg2')
     monitor = devices.choices['akron']
     monitor.add_argument('--type', type=int, default=1032, help='device type, 1032: a 6032')
-    monitor.add_argument('--pin', default='', help='device PIN; empty: one of that type')
+    monitor.add_argument('--pin', type=_pin, default='', help='empty: one of that type')
     monitor.add_argument('--address', type=_address, default=0x80, help='first address, hex')
     monitor.add_argument('--no-feedback', action='store_true', help='has no position feedback')
     joystick = devices.choices['akron_joystick']
@@ -256,6 +257,12 @@ def _input_port(text: str) -> int:
 
 def _bu_id(text: str) -> int:
     return _whole(text, 0xFFFF)
+
+
+def _pin(text: str) -> str:
+    if not text or is_pin(text):
+        return text
+    raise argparse.ArgumentTypeError(f'{text} is no device PIN such as 1032AE100801035')
 
 
 def _address(text: str) -> int:

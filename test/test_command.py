@@ -24,7 +24,11 @@ import subprocess
 import sys
 
 import pytest
+import rclpy
+from rclpy.context import Context
+from rclpy.node import Node
 
+from rugged_teleop import page
 from rugged_teleop.__main__ import COMMANDS
 from rugged_teleop.__main__ import executables
 from rugged_teleop.__main__ import main
@@ -178,6 +182,24 @@ def test_file_name_that_is_no_text_is_said_as_well_as_it_can_be(tmp_path: Path) 
     utf8 = {**os.environ, 'PYTHONIOENCODING': 'utf-8:strict'}
     done = subprocess.run(command, cwd=ROOT, env=utf8, capture_output=True)
     assert (done.returncode, b'caf\\udce9' in done.stdout) == (0, True), done.stderr
+
+
+def test_folder_of_the_page_may_have_any_character(monkeypatch: pytest.MonkeyPatch) -> None:
+    folder = '/tmp/ü 😀'
+    given: list[str] = []
+    monkeypatch.setattr(
+        'bridge_core.runner.run', lambda nodes, words, **options: given.extend(words)
+    )
+    with pytest.raises(SystemExit):
+        page.main(['--recordings', folder])
+    context = Context()
+    rclpy.init(args=given, context=context)
+    node = Node('x', context=context, automatically_declare_parameters_from_overrides=True)
+    try:
+        assert node.get_parameter('recordings').value == folder
+    finally:
+        node.destroy_node()
+        context.try_shutdown()
 
 
 # Completion, as bash asks for it.

@@ -391,6 +391,8 @@ def test_group_carries_both_ways_is_recorded_and_can_be_left() -> None:
             '--port /dev/null: exists and is no link of ours',
         ),
         (['fort_vsc', '--port', ''], '--port .: exists and is no link of ours; name another path'),
+        (['akron', '--pin', 'xyz'], '--pin: xyz is no device PIN such as 1032AE100801035'),
+        (['akron', '--pin', '1032AE10080103'], 'is no device PIN'),
         (['vm110', '--port', '/dev/null'], '/dev/null is not within 1 to 65533'),
         (['vm110', '--port', '65534'], '65534'),
         (['vm110', '--bu-id', '0'], 'bu-id'),
