@@ -25,11 +25,13 @@ import subprocess
 import sys
 from typing import Any
 
+import can
 import pytest
 
 from rugged_teleop.decode.main import main
 from rugged_teleop.decode.protocols import Entry
 from rugged_teleop.decode.writers import Csv
+from test.captures import CAN
 from test.captures import ethernet
 from test.captures import pcap_file
 from test.captures import STREAMS
@@ -271,6 +273,29 @@ def test_standard_input_is_read(path: Path) -> None:
     done = run('-', input=text, capture_output=True)
     assert done.returncode == 0, done.stderr
     assert done.stdout.count(b'heartbeat') == 3
+
+
+@pytest.mark.parametrize('kind', ['blf', 'db', 'mcap'])
+@pytest.mark.parametrize('piped', [True, False])
+def test_standard_input_may_be_a_binary_file(kind: str, piped: bool, tmp_path: Path) -> None:
+    path = tmp_path / f'a.{kind}'
+    if kind == 'mcap':
+        path = ROOT / 'test' / 'recordings' / 'pressed_estop.mcap'
+    else:
+        with can.Logger(str(path)) as log:
+            for identifier, data in CAN:
+                log.on_message_received(can.Message(1.0, identifier, data=data))
+    folder = tmp_path / 'here'
+    folder.mkdir()
+    command = [sys.executable, '-m', 'rugged_teleop', 'decode', '--as', 'csv']
+    options: dict[str, Any] = {'cwd': folder, 'capture_output': True}
+    by_name = subprocess.run([*command, str(path)], **options)
+    with path.open('rb') as file:
+        source: dict[str, Any] = {'input': file.read()} if piped else {'stdin': file}
+        done = subprocess.run([*command, '-'], **source, **options)
+    assert done.returncode == by_name.returncode == 0, done.stderr
+    assert done.stdout.replace(b'standard input', bytes(path)) == by_name.stdout
+    assert [*folder.iterdir()] == []
 
 
 def test_reader_that_has_seen_enough_is_no_error(path: Path) -> None:

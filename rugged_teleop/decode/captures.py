@@ -18,11 +18,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from contextlib import nullcontext
 from dataclasses import dataclass
 from dataclasses import field
 import os
 from pathlib import Path
+import shutil
 import sys
+from tempfile import NamedTemporaryFile
 from typing import Any
 from typing import BinaryIO
 
@@ -71,6 +74,8 @@ _READERS = {
 STREAMS = ('raw', 'hex')  # without times, and any piece may hold a part of a frame
 LOGS = ('asc', 'blf', 'csv', 'db', 'mf4', 'trc')  # python-can's
 RECORDING = 'mcap'  # with what topics said beside the bytes
+_NAMED = 'db'  # SQLite opens its file by itself
+_SEEKING = ('blf', 'mf4', RECORDING)  # are not read from a pipe
 FORMATS = (*_READERS, *LOGS, RECORDING)
 
 
@@ -99,10 +104,26 @@ def opened(name: str, kind: str = '') -> Iterator[Capture]:
     :raises OSError: it cannot be read. :raises ValueError: it is no capture that is known here.
     """
     if name == '-':
-        yield _capture('standard input', sys.stdin.buffer, kind)
+        standard: Any = sys.stdin.buffer
+        kind = kind or format_of(standard.peek(_HEAD)[:_HEAD])
+        copied = kind == _NAMED or (kind in _SEEKING and not standard.seekable())
+        with _copy(standard) if copied else nullcontext(standard) as file:
+            yield _capture('standard input', file, kind)
         return
     with Path(name).open('rb') as file:
         yield _capture(name, file, kind)
+
+
+@contextmanager
+def _copy(file: BinaryIO) -> Iterator[Any]:
+    """Give a copy of a file that has a name. :raises ValueError: there is no room for it."""
+    with NamedTemporaryFile() as copy:
+        try:
+            shutil.copyfileobj(file, copy)
+            copy.seek(0)
+        except OSError as error:
+            raise ValueError(f'is not copied to {copy.name}: {error.strerror}') from error
+        yield copy
 
 
 def _capture(name: str, file: Any, kind: str) -> Capture:
