@@ -21,11 +21,11 @@ from typing import Any
 
 import pytest
 
-from test.akron_session_rig import DEPLOY
 from test.akron_session_rig import ef
 from test.akron_session_rig import joystick
 from test.akron_session_rig import MOVING
 from test.akron_session_rig import NEUTRAL
+from test.akron_session_rig import OSCILLATE
 from test.akron_session_rig import OSCILLATES
 from test.akron_session_rig import OURS
 from test.akron_session_rig import OUTPUTS
@@ -36,7 +36,7 @@ from test.test_akron_exploration import STICK
 from test.test_akron_exploration import World as AkronWorld
 
 pytestmark = pytest.mark.computes
-DEPLOYING = bytes.fromhex('0100010000000100')  # switch 8
+STARTING = bytes.fromhex('0100010000010000')  # switch 4
 ANGLES = (ef('0100040371000041'), ef('010A040371000041'))  # a degree apart
 LIMITS = (ef('81FED401C200'), OSCILLATES)
 TURNING = ('turns', 'oscillates', 'crowded')
@@ -62,7 +62,7 @@ class World(AkronWorld):
         'pressed_at': PRESS,
     }
     OPTIONS = {'coast_time': COAST, 'automatic_motion': True}
-    STICKS = {**AkronWorld.STICKS, 'deploy': (DEPLOY, DEPLOYING)}
+    STICKS = {**AkronWorld.STICKS, 'oscillate': (OSCILLATE, STARTING)}
 
     def __init__(self, reads: Sequence[str] = (), **said: str) -> None:
         self.side = False  # of its two angles
@@ -134,13 +134,13 @@ class World(AkronWorld):
         self.frames = [still if frame.data == PAUSE else frame for frame in self.frames]
         super().judge()
         self.judge_press(PAUSE in sticks)
-        pushing = bool(sticks) and sticks[-1] in (MOVING, DEPLOYING)
+        pushing = bool(sticks) and sticks[-1] in (MOVING, STARTING)
         if pushing or self.pushed_until == math.inf:
             self.pushed_until = math.inf if pushing else self.now
         steering = MOVING in sticks[-1:]
         if steering or self.steered == math.inf:
             self.steered = math.inf if steering else self.now
-        self.by_itself |= DEPLOYING in sticks
+        self.by_itself |= STARTING in sticks
         if self.over_at == math.inf and self.by_itself:
             self.by_itself, self.taken_at = False, self.now
         said = any('though nobody asks' in reason for reason in self.session.verdict.reasons)
@@ -163,7 +163,7 @@ class World(AkronWorld):
 
     def revive(self) -> None:
         super().revive()
-        self.play('stick rest', 'stick deploy', 'unit oscillates', 'stick rest', *[''] * 8)
+        self.play('stick rest', 'stick oscillate', 'unit oscillates', 'stick rest', *[''] * 8)
         assert not self.verdict.estop, 'no oscillation that was asked for'
         self.play('estop stop', '', '')
         assert self.presses == 1, 'an oscillation goes on in a stop'
@@ -178,7 +178,7 @@ SCENES: dict[str, dict[str, Any]] = {
     'sticks': {
         'unit': 'still turns',
         'estop': 'clear',
-        'stick': 'rest move deploy',
+        'stick': 'rest move oscillate',
     },
     'neighbours': {
         'unit': 'still oscillates crowded',

@@ -364,6 +364,7 @@ def test_switches_that_start_motion_by_themselves(number: int) -> None:
     # Appendix B: oscillate, its pause / resume, deploy, stow.
     joystick = BasicJoystick(axis_of(0), axis_of(0), on(number, of=12))
     assert joystick.automatic == (number in (4, 7, 8, 9))
+    assert joystick.travels == (number in (8, 9))
     assert joystick.steers == (number == 7)
 
 
@@ -376,6 +377,14 @@ def test_target_of_either_angle_starts_motion_by_itself() -> None:
     assert not ExtendedJoystick().automatic
     assert ExtendedJoystick(grip_x=axis_of(0)).automatic
     assert ExtendedJoystick(grip_y=axis_of(0)).automatic
+
+
+def test_grip_at_rest_is_no_travel_and_a_broken_one_may_be() -> None:
+    assert not ExtendedJoystick().travels
+    assert not ExtendedJoystick(grip_x=axis_of(0), grip_y=axis_of(0)).travels
+    assert ExtendedJoystick(grip_x=axis_of(0), grip_y=axis_of(-1)).travels
+    assert ExtendedJoystick(grip_x=axis_of(1)).travels
+    assert ExtendedJoystick(grip_y=Axis(0, Status.ERROR)).travels
 
 
 def test_request_names_the_group_low_byte_first() -> None:

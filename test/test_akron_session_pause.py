@@ -30,14 +30,17 @@ from akron_can_bridge.protocol import Axis
 from akron_can_bridge.protocol import BasicJoystick
 from akron_can_bridge.protocol import ExtendedJoystick
 from akron_can_bridge.protocol import Status
+from bridge_core.j1939 import CanFrame
 from test.akron_loop_rig import Bench as Loop
 from test.akron_session_rig import ANNOUNCED
 from test.akron_session_rig import COAST
+from test.akron_session_rig import DEPLOY
 from test.akron_session_rig import ef
 from test.akron_session_rig import joystick
 from test.akron_session_rig import MOVE
 from test.akron_session_rig import NEUTRAL
 from test.akron_session_rig import NO_FAULTS
+from test.akron_session_rig import NO_TARGETS
 from test.akron_session_rig import OSCILLATES
 from test.akron_session_rig import OSCILLATE
 from test.akron_session_rig import oscillating
@@ -57,7 +60,13 @@ SWITCH_7 = (
     BasicJoystick(Axis.of(0), Axis.of(0), tuple(Status(n == 7) for n in range(1, 13))),
     ExtendedJoystick(),
 )
-COMMANDS = {'rest': REST, 'water': WATER, 'move': MOVE, 'oscillate': OSCILLATE}
+COMMANDS = {
+    'rest': REST,
+    'water': WATER,
+    'move': MOVE,
+    'oscillate': OSCILLATE,
+    'deploy': DEPLOY,
+}
 STEP = 5 * SLOT  # in which the unit turns by half a degree
 COASTS = 0.9 * COAST
 
@@ -237,6 +246,100 @@ def test_farewell_pauses_an_oscillation_that_took_two_steps_after_the_coasting()
     bench.run(0.1, SWITCH_7)
     bench.run(COAST + 2 * STEP, REST)
     assert PAUSE in [frame.data for frame in bench.session.farewell(bench.now)]
+
+
+# -- travels: type 81 may say "oscillating" of one that is paused, for as long as they last --------
+
+STOW = (
+    BasicJoystick(Axis.of(0), Axis.of(0), tuple(Status(n == 9) for n in range(1, 13))),
+    ExtendedJoystick(),
+)
+TARGET = (REST[0], ExtendedJoystick(grip_x=Axis.of(0)))
+TRAVELS = {
+    'deploy': joystick('0100010000000100', ALLOWED),
+    'stow': joystick('0100010000000040', ALLOWED),
+    'target': joystick('FFFF107DFFFF0000', ALLOWED, 0xFDD7),  # grip Y
+    'broken': joystick('FEFFFFFFFFFF0000', ALLOWED, 0xFDD7),  # grip X
+}
+
+
+def paused(**options: Any) -> Turning:
+    """Return one whose unit has been told to pause its oscillation long ago."""
+    bench = oscillating(**options)
+    bench.run(0.1, SWITCH_7)
+    bench.turns = False
+    bench.run(3 * COAST, REST)
+    return bench
+
+
+def presses(bench: Turning, seconds: float = COAST) -> bool:
+    """Tell whether a stop presses switch 7."""
+    start = bench.now + 1e-9
+    bench.run(seconds, REST, estop=True)
+    return PAUSE in bench.joystick_frames(start)
+
+
+@pytest.mark.parametrize('command', [DEPLOY, STOW, TARGET])
+@pytest.mark.parametrize('lag', [0.0, 0.7 * COAST])
+def test_stop_does_not_take_a_travel_for_an_oscillation(command: Any, lag: float) -> None:
+    bench = paused(extended=True)
+    bench.run(0.1, command)
+    bench.run(lag, REST)
+    bench.turns = True
+    bench.run(2 * COAST, REST)
+    assert not presses(bench)
+    assert {frame.data for frame in bench.session.farewell(bench.now)} == {NEUTRAL, NO_TARGETS}
+
+
+@pytest.mark.parametrize('frame', TRAVELS.values(), ids=TRAVELS)
+def test_stop_does_not_take_the_travel_of_a_joystick_for_an_oscillation(frame: CanFrame) -> None:
+    bench = paused(allowed_joysticks=frozenset({ALLOWED}))
+    bench.take(frame)
+    bench.turns = True
+    bench.run(3 * COAST, REST)
+    assert not bench.session.joysticks.present(bench.now)
+    assert not presses(bench)
+
+
+def test_grip_that_a_joystick_leaves_in_neutral_is_no_travel() -> None:
+    bench = oscillating(allowed_joysticks=frozenset({ALLOWED}))
+    bench.take(joystick('0100010001000000', ALLOWED, 0xFDD7))
+    bench.run(3 * COAST, REST)
+    assert presses(bench)
+
+
+def test_oscillation_is_paused_after_a_travel_that_has_ended() -> None:
+    bench = paused()
+    bench.run(0.1, DEPLOY)
+    bench.turns = True
+    bench.run(2 * COAST, REST)
+    bench.turns = False
+    bench.run(1.5 * COAST, REST)
+    bench.turns = True  # resumed by its own controls
+    bench.run(0.8 * COAST, REST)
+    assert presses(bench)
+
+
+def test_oscillation_that_begins_during_a_travel_that_ended_another_is_paused() -> None:
+    bench = paused()
+    bench.run(0.1, DEPLOY)
+    bench.turns, bench.says = True, [STANDS]
+    bench.run(COAST, REST)
+    bench.says = [OSCILLATES]
+    bench.run(SLOT, REST)
+    assert presses(bench)
+
+
+def test_travel_of_a_unit_that_says_nothing_of_oscillating_is_one_as_well() -> None:
+    bench = paused()
+    bench.says = []
+    bench.run(COAST, REST)
+    bench.run(0.1, DEPLOY)
+    bench.turns = True
+    bench.run(COAST, REST)
+    bench.says = [OSCILLATES]
+    bench.run(COAST, REST)
+    assert not presses(bench)
 
 
 # -- once in a stop -------------------------------------------------------------------------------

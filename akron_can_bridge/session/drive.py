@@ -87,7 +87,7 @@ class Drive:
         self._is_open = False  # what is asked goes out
         self._command = REST
         self.asked_until = -math.inf  # our command asked the unit to move
-        self.steered_until = -math.inf  # by its stick, or by switch 7
+        self.steered_until = -math.inf  # by its stick, by switch 7, or by a travel
         self._pause_until = -math.inf
         self._pressed = False  # in a frame of this press
         self._begins_press = False  # the last frame, if it went out
@@ -138,6 +138,11 @@ class Drive:
     def automatic(self) -> bool:
         """The command starts motion that goes on by itself."""
         return self._command.basic.automatic or self._command.extended.automatic
+
+    @property
+    def travels(self) -> bool:
+        """The command sends the unit somewhere."""
+        return self._command.basic.travels or self._command.extended.automatic
 
     def pause(self, now: float) -> None:
         """Press oscillate pause / resume once, with a neutral stick."""

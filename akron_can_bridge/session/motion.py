@@ -73,6 +73,10 @@ class Motion:
         limits = self._unit.broadcast(RotationSoftLimits, now)
         return limits is not None and limits.oscillating
 
+    def may_oscillate(self, now: float) -> bool:
+        """Tell whether it does not say that it does not."""
+        return self._unit.broadcast(RotationSoftLimits, now) is None or self.oscillates(now)
+
     def describe(self, now: float) -> str:
         """Say what it does; empty: nothing that it reports."""
         if self.oscillates(now):

@@ -130,6 +130,7 @@ class Session(BaseSession[CanFrame, Received, Event]):
         self._was_up = False  # link_up as of the last refresh
         self._automatic = False  # somebody asked for motion that goes on by itself
         self._automatic_until = -math.inf  # when a stop took that back
+        self._travels = False  # somebody sent it somewhere, and it has not stood since
         self._is_stopped = False
         self._stopped_at = -math.inf
         self._pause_until = -math.inf  # a stop may pause an oscillation until then
@@ -404,6 +405,7 @@ class Session(BaseSession[CanFrame, Received, Event]):
         """Note who asks the unit to move by itself; a stop ends that as far as it can be ended."""
         self._automatic |= self.drive.automatic or self.joysticks.automatic_asked
         self.joysticks.automatic_asked = False
+        self._follow_travel(now)
         self._is_held &= self.drive.pushes
         if not self.drive.forbidden(now, self._holds()):
             self._is_stopped, self._pause_until = False, math.inf
@@ -418,6 +420,19 @@ class Session(BaseSession[CanFrame, Received, Event]):
             self._automatic, self._automatic_until = False, now
         if self._may_pause(now) and self.motion.runs_since > self._stopped_at:
             self.drive.pause(now)
+
+    def _follow_travel(self, now: float) -> None:
+        """
+        Have a travel count as steering until the unit stands, or says that it does not oscillate.
+
+        It may have begun while an oscillation was paused, and type 81 may tell of that all along.
+        """
+        begins = self.drive.travels or self.joysticks.travel_asked
+        self.joysticks.travel_asked = False
+        self._travels = (self._travels or begins) and self.motion.may_oscillate(now)
+        if self._travels and (begins or now < self.motion.ends_at):
+            self.drive.steered_until = now
+        self._travels &= now < self._steered_until
 
     def _withhold(self) -> None:
         """Give no permission before a stick was let go, and is pushed."""
