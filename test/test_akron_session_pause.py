@@ -41,8 +41,8 @@ from test.akron_session_rig import MOVE
 from test.akron_session_rig import NEUTRAL
 from test.akron_session_rig import NO_FAULTS
 from test.akron_session_rig import NO_TARGETS
-from test.akron_session_rig import OSCILLATES
 from test.akron_session_rig import OSCILLATE
+from test.akron_session_rig import OSCILLATES
 from test.akron_session_rig import oscillating
 from test.akron_session_rig import OURS
 from test.akron_session_rig import OUTPUTS
@@ -248,7 +248,7 @@ def test_farewell_pauses_an_oscillation_that_took_two_steps_after_the_coasting()
     assert PAUSE in [frame.data for frame in bench.session.farewell(bench.now)]
 
 
-# -- travels: type 81 may say "oscillating" of one that is paused, for as long as they last --------
+# -- motion by a travel: type 81 may say "oscillating" of one that is paused all along -----------
 
 STOW = (
     BasicJoystick(Axis.of(0), Axis.of(0), tuple(Status(n == 9) for n in range(1, 13))),
