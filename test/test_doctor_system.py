@@ -52,6 +52,7 @@ def test_computer(computer: Computer, priority: int, found: list[str]) -> None:
         ('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST', []),
         ('ROS_AUTOMATIC_DISCOVERY_RANGE', 'OFF', ['no discovery']),
         ('ROS_LOCALHOST_ONLY', '1', ['localhost only']),
+        ('ROS_LOCALHOST_ONLY', 'true', []),
         ('RMW_IMPLEMENTATION', 'rmw_fastrtps_dynamic_cpp', []),
         ('RMW_IMPLEMENTATION', 'rmw_cyclonedds_cpp', ['other middleware']),
         ('FASTRTPS_DEFAULT_PROFILES_FILE', __file__, []),

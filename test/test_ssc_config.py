@@ -133,6 +133,15 @@ def test_check_of_the_printed_image(file: Path, capsys: pytest.CaptureFixture[st
     assert run(capsys, 'check', file) == (0, f'{file}: 220 bytes, check C87C right\n', '')
 
 
+def test_file_name_that_is_no_text_is_said_as_well_as_it_can_be(tmp_path: Path) -> None:
+    path = os.fsencode(tmp_path) + b'/caf\xe9'
+    Path(os.fsdecode(path)).write_text(TEXT)
+    command = [sys.executable, '-m', 'ssc_bridge.config.main', 'check', os.fsdecode(path)]
+    utf8 = {**os.environ, 'PYTHONIOENCODING': 'utf-8:strict'}
+    done = subprocess.run(command, cwd=ROOT, env=utf8, capture_output=True, check=False)
+    assert (done.returncode, b'caf\\udce9' in done.stdout) == (0, True), done.stderr
+
+
 def test_check_warns_of_a_value_out_of_range(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

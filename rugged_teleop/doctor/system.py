@@ -101,7 +101,7 @@ def environment_findings(environment: Mapping[str, str]) -> Iterator[Finding]:
         yield finding('other domain', **words)
     if reach not in _RANGES:
         yield finding('no discovery', **words)
-    if environment.get('ROS_LOCALHOST_ONLY', '0') not in ('', '0'):
+    if environment.get('ROS_LOCALHOST_ONLY') == '1':  # any other word is none to rcl
         yield finding('localhost only')
     if not middleware.startswith('rmw_fastrtps'):
         yield finding('other middleware', **words)

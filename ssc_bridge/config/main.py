@@ -26,6 +26,7 @@ from __future__ import annotations
 import argparse
 from collections.abc import Sequence
 from enum import IntEnum
+import io
 import os
 from pathlib import Path
 import select
@@ -311,6 +312,9 @@ def parser() -> argparse.ArgumentParser:
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run the command; the executable's entry point."""
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):  # the name of a file may be no text
+            stream.reconfigure(errors='backslashreplace')
     options = parser().parse_args(arguments)
     try:
         status = options.act(options)
