@@ -40,6 +40,7 @@ from rugged_teleop import simulate
 from rugged_teleop.bringup import Process
 from rugged_teleop.bringup import processes
 from rugged_teleop.canbuses import CanBusDevice
+from rugged_teleop.command_line import RUN_MODULE
 from rugged_teleop.multicasts import MulticastDevice
 from ssc_bridge.simulator import Simulator as SscSimulator
 from test.rig import NodeProcess
@@ -157,11 +158,12 @@ class Machine(Stage):
         self.monitors: list[CanBusDevice] = []
         file = RECIPES / f'{recipe}.yaml'
         found = processes(file, folder, simulated=True, cmd_joy=cmd_joy)
-        nodes = [process.command[2:] for process in found if process.respawn]
+        run = len(RUN_MODULE)
+        nodes = [process.command[run:] for process in found if process.respawn]
         patience = ['--params-file', str(_patience(file, found, folder))]
         for process in found:
             if not process.respawn:
-                options = simulate.parser().parse_args(process.command[4:])
+                options = simulate.parser().parse_args(process.command[run + 2 :])
                 getattr(self, f'_plug_in_{options.device}')(options)
         if stack:
             # The mux's is the recipe itself, and the last file counts.
