@@ -231,14 +231,17 @@ def main(arguments: Sequence[str] | None = None, prog: str = 'simulate') -> None
 def _simulate(arguments: Sequence[str] | None, prog: str) -> None:
     command_line = parser(prog)
     options = command_line.parse_args(arguments)
+    signal.pthread_sigmask(signal.SIG_BLOCK, _ENDING)  # until what is made is taken away again
     try:
         device = _plug_in(options)
     except (OSError, ValueError) as error:
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, _ENDING)
         command_line.error(str(error))
     for number in _ENDING:
         signal.signal(number, _leave)
     help_lines = f'{_OWN_HELP}\n{PORT_HELP}\n\n{options.device}:\n{DEVICES[options.device].help}'
     with device:
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, _ENDING)
         print(f'{options.device} on {device.name}; type help', flush=True)
         for line in _lines(device, options.verbose):
             _obey(device, line, help_lines)
