@@ -530,6 +530,10 @@ EXCUSED: dict[str, dict[str, str]] = {
         'AutonomyInput.forget: self.selected = False -> pass': _SELECTED,
         'AutonomyInput.forget: False -> True': _SELECTED,
     },
+    'safety_mux/feedback.py': {
+        'FeedbackInput.__init__: self._at_zero = False -> pass': _SET_FIRST,
+        'FeedbackInput.__init__: False -> True': _SET_FIRST,
+    },
     'safety_mux/limits.py': {
         'JointLimiter._joined: self._values[n] * target[n] -> self._values[n] / target[n]': (
             'it is asked for the sign, and the target is not 0'

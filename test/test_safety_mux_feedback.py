@@ -508,6 +508,7 @@ def test_ramp_of_category_1_ends_at_a_standstill_that_was_measured_since() -> No
     bench.estops['gate'] = True
     bench.run(0.3)
     assert (bench.decision.state, bench.decision.demand) == (State.STOPPING, (0.0, 0.0))
+    assert 'waiting for standstill, not measured since' in bench.why()
     bench.reports = True
     bench.run(0.1)
     assert bench.decision.state is State.STOPPED
@@ -572,6 +573,27 @@ def test_joints_stand_up_to_standstill_while_they_are_heard(feedback: FeedbackIn
     assert feedback.left(0.25).startswith('the feedback is stale')
     feedback.measured((0.0, -0.126), 0.25)
     assert (feedback.use, feedback.standing(0.25)) == ('moving', False)
+
+
+@pytest.mark.parametrize('commanded', [(0.0, 0.25), (0.25, 0.0)])
+def test_joints_that_are_commanded_do_not_stand_however_slow_they_were(
+    feedback: FeedbackInput, commanded: tuple[float, float]
+) -> None:
+    feedback.measured((0.125, 0.0), 0.0)
+    feedback.judge((0.0, 0.0), 0.0)
+    assert (feedback.standing(0.0), feedback.left(0.0)) == (True, 'left at 0.1 rad/s')
+    feedback.judge(commanded, 0.0)
+    assert (feedback.standing(0.0), feedback.left(0.0)) == (False, 'not measured since')
+    feedback.measured((0.125, 0.0), 0.125)
+    feedback.judge((0.0, 0.0), 0.125)
+    assert feedback.standing(0.125)
+
+
+def test_joint_that_stood_meanwhile_has_its_overspeed_time_anew(feedback: FeedbackInput) -> None:
+    for now, speed in ((0.0, 1.0), (0.125, 0.0), (0.25, 1.0)):
+        feedback.measured((speed, 0.0), now)
+        feedback.judge((0.0, 0.0), now)
+    assert feedback.fault is None
 
 
 def test_joints_are_awaited_for_stop_time(feedback: FeedbackInput) -> None:
