@@ -1048,7 +1048,7 @@ def test_reset_that_waits_for_services_that_hang_is_not_done(
 ) -> None:
     """Whoever asked may have given up by then, and be where the machine moves."""
     fed = FedMux(context, use_sim_time=True)  # which stands
-    gate, ending = Event(), Event()
+    hangs, gate, ending = Event(), Event(), Event()
     executor = SingleThreadedExecutor(context=context)
     executor.add_node(fed.mux)
 
@@ -1056,13 +1056,18 @@ def test_reset_that_waits_for_services_that_hang_is_not_done(
         while not ending.is_set():
             executor.spin_once(timeout_sec=0.1)
 
+    def hang() -> None:
+        hangs.set()
+        gate.wait()
+
     thread = Thread(target=spin)
     thread.start()
     try:
         name = fed.mux.get_fully_qualified_name()
         observer.wait_for(fed.may_reset, what='all clear')
         assert observer.call(Trigger, f'{name}/end_trip', tries=5).message  # it knows us
-        executor.create_task(gate.wait)
+        executor.create_task(hang)
+        observer.wait_for(hangs.is_set, what='services that hang')
         reply = observer.client(Trigger, f'{name}/reset').call_async(Trigger.Request())
         observer.holds_for(lambda: not reply.done(), 1.0, 'no answer')
         gate.set()
