@@ -151,6 +151,12 @@ def _all_sections(file: Path) -> dict[str, dict[str, Any]]:
             raise ParameterError(f'parameter file {file}: section {name} {_TWICE}')
         if name.endswith('/') or '//' in name:
             raise ParameterError(f"parameter file {file}: section {name} has a '/' too many")
+        if isinstance(value, dict) and len(value) > 1:
+            beside = next(key for key in value if key != 'ros__parameters')
+            raise ParameterError(
+                f'parameter file {file}: section {name} has {beside!r} beside ros__parameters: '
+                'give it a section of its own'
+            )
         parameters = value.get('ros__parameters', {}) if isinstance(value, dict) else value
         if not isinstance(parameters, dict):
             fault = 'no values: leave it out, or write ros__parameters: {}'
@@ -175,7 +181,7 @@ def _flat(values: dict[Any, Any], file: Path, above: str = '') -> dict[str, Any]
     flat: dict[str, Any] = {}
     for key, value in values.items():
         name = f'{above}{key}'
-        if value is None:
+        if value is None or value == {}:
             raise ParameterError(f'parameter file {file}: {name} has no value')
         if isinstance(value, list) and len({type(each) for each in value}) > 1:
             raise ParameterError(

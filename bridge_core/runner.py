@@ -226,7 +226,7 @@ def avoid_shared_memory() -> str:
     what the user should know.
     """
     middleware = os.environ.get('RMW_IMPLEMENTATION') or 'rmw_fastrtps_cpp'
-    if _CHOICES & os.environ.keys() or not middleware.startswith('rmw_fastrtps'):
+    if any(map(os.environ.get, _CHOICES)) or not middleware.startswith('rmw_fastrtps'):
         return ''
     by = _ONLY if os.environ.get(_ONLY) == '1' else _RANGE
     if by == _RANGE and os.environ.get(_RANGE, '') in _WIDE:
@@ -240,7 +240,8 @@ def avoid_shared_memory() -> str:
         )
     profile = str(shared(_LOOPBACK))
     os.environ[_RANGE] = 'SYSTEM_DEFAULT'  # as the profile says
-    os.environ.pop(_ONLY, None)
+    for name in (_ONLY, *_CHOICES):  # none, or an empty one
+        os.environ.pop(name, None)
     os.environ |= dict.fromkeys(_PROFILES, profile)
     return (
         f'set {_PROFILES[0]} to have another profile than {profile}, which is in '

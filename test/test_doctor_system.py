@@ -51,6 +51,7 @@ def test_computer(computer: Computer, priority: int, found: list[str]) -> None:
         ('ROS_DOMAIN_ID', 'robot', ['other domain']),
         ('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST', []),
         ('ROS_AUTOMATIC_DISCOVERY_RANGE', 'OFF', ['no discovery']),
+        ('ROS_AUTOMATIC_DISCOVERY_RANGE', 'localhost', ['unknown range']),
         ('ROS_LOCALHOST_ONLY', '1', ['localhost only']),
         ('ROS_LOCALHOST_ONLY', 'true', []),
         ('RMW_IMPLEMENTATION', 'rmw_fastrtps_dynamic_cpp', []),
@@ -65,6 +66,11 @@ def test_environment(name: str, value: str, found: list[str]) -> None:
     findings = list(environment_findings({name: value}))
     assert kinds(findings) == [*found, 'environment']
     assert findings[-1].level is Level.FINE
+
+
+def test_localhost_only_overrides_the_range() -> None:
+    both = {'ROS_AUTOMATIC_DISCOVERY_RANGE': 'OFF', 'ROS_LOCALHOST_ONLY': '1'}
+    assert kinds(list(environment_findings(both))) == ['localhost only', 'environment']
 
 
 def test_this_computer_can_be_looked_at() -> None:

@@ -182,6 +182,22 @@ def test_parameters_of_a_node_are_those_that_ros_gives_it(file: Path, tmp_path: 
 @pytest.mark.parametrize(
     ('text', 'why'),
     [
+        (
+            '/**:\n  x: {ros__parameters: {a: 5}}\n  ros__parameters: {b: 5}\n',
+            r"/\*\* has 'x' beside ros__parameters: give it a section",
+        ),
+        ('/**/x: {ros__parameters: {a: {}, b: {}}}\n', 'a has no value'),  # ROS has a alone
+    ],
+)
+def test_file_of_which_ros_takes_more_or_less_is_refused(text: str, why: str, file: Path) -> None:
+    file.write_text(text)
+    with pytest.raises(ParameterError, match=why):
+        sections_of(file)
+
+
+@pytest.mark.parametrize(
+    ('text', 'why'),
+    [
         ('/**: {ros__parameters: 5}', 'section /\\*\\* has 5, not a map'),
         ('/**/x:\n  ros__parameters:\n    # rate: 5.0\n', '/\\*\\*/x has no values: leave it out'),
         ('/**/x:\n/**:\n  ros__parameters: {rate: 5.0}\n', '/\\*\\*/x has no values'),

@@ -169,6 +169,7 @@ PEERS = 'ROS_STATIC_PEERS'
 ONE_MACHINE = (
     {RANGE: 'LOCALHOST'},
     {RANGE: 'localhost'},  # what rcl does not know is LOCALHOST to it
+    {RANGE: 'LOCALHOST', 'FASTDDS_BUILTIN_TRANSPORTS': ''},  # which chooses nothing
     {ONLY: '1'},
     {ONLY: '1', RANGE: 'SUBNET', PEERS: '192.0.2.1'},  # which rcl passes over
 )

@@ -329,6 +329,12 @@ CATALOGUE = {
         'ROS_AUTOMATIC_DISCOVERY_RANGE is {range}: nodes do not find each other',
         'unset it, or set it to SUBNET or LOCALHOST',
     ),
+    'unknown range': Kind(
+        _LOOK,
+        'ROS',
+        'ROS_AUTOMATIC_DISCOVERY_RANGE is {range}, which is none: ROS takes it for LOCALHOST',
+        'unset it, or set it to SUBNET or LOCALHOST',
+    ),
     'localhost only': Kind(
         _LOOK,
         'ROS',

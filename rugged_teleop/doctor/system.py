@@ -33,7 +33,7 @@ _TIMEX_SIZE = 512  # bytes; more than struct timex has
 _TIME_ERROR = 5  # sys/timex.h: nobody disciplines the clock
 _SLEPT = 1.0  # s
 _LAST_DOMAIN = 101  # beyond, the ports of DDS are within those that the kernel hands out
-_RANGES = ('', 'SUBNET', 'LOCALHOST', 'SYSTEM_DEFAULT')
+_RANGES = ('', 'SUBNET', 'LOCALHOST', 'SYSTEM_DEFAULT', 'OFF')
 _PROFILES = ('FASTRTPS_DEFAULT_PROFILES_FILE', 'FASTDDS_DEFAULT_PROFILES_FILE')
 _WITHOUT_SHARED_MEMORY = ('', 'UDPv4', 'UDPv6')
 
@@ -99,10 +99,12 @@ def environment_findings(environment: Mapping[str, str]) -> Iterator[Finding]:
     words = {'domain': domain, 'range': reach or 'SUBNET', 'middleware': middleware}
     if not domain.isdecimal() or int(domain) > _LAST_DOMAIN:
         yield finding('other domain', **words)
-    if reach not in _RANGES:
-        yield finding('no discovery', **words)
     if environment.get('ROS_LOCALHOST_ONLY') == '1':  # any other word is none to rcl
         yield finding('localhost only')
+    elif reach == 'OFF':
+        yield finding('no discovery', **words)
+    elif reach not in _RANGES:
+        yield finding('unknown range', **words)
     if not middleware.startswith('rmw_fastrtps'):
         yield finding('other middleware', **words)
     for name in _PROFILES:
