@@ -320,6 +320,25 @@ def test_oscillation_is_paused_after_a_travel_that_has_ended() -> None:
     assert presses(bench)
 
 
+@pytest.mark.parametrize('start', [SWITCH_7, OSCILLATE, REST], ids=['7', '4', 'its own controls'])
+@pytest.mark.parametrize('stands', [0.6, 0.8 * COAST, 1.2 * COAST])  # s; it has arrived after 0.5
+@pytest.mark.parametrize('coasts', [True, False])
+def test_oscillation_that_begins_soon_after_a_travel_is_paused(
+    start: Any, stands: float, coasts: bool
+) -> None:
+    bench = paused()
+    bench.turns = coasts
+    bench.run(0.1, DEPLOY)
+    bench.turns = True
+    bench.run(2 * COAST, REST)
+    bench.turns = False
+    bench.run(stands, REST)
+    bench.run(0.1, start)
+    bench.turns = True
+    bench.run(5 * COAST, REST)
+    assert presses(bench)
+
+
 def test_oscillation_that_begins_during_a_travel_that_ended_another_is_paused() -> None:
     bench = paused()
     bench.run(0.1, DEPLOY)

@@ -298,9 +298,10 @@ def test_numbers_of_before_two_restarts_are_known_both() -> None:
 
 def test_numbers_that_leap_for_ever_are_not_all_remembered() -> None:
     numbers = heard(0)
-    for count in range(1, 600):
-        numbers.hear(100 * count & 0xFFFF, START, silent=False, content=b'')
-    assert numbers.lines == 599
+    for count in range(100):
+        for serial in (20_000, 40_000 + 100 * count, 0):
+            numbers.hear(serial, START, silent=False, content=b'')
+    assert numbers.lines == 100
     assert len(numbers._former) == 4
 
 
@@ -323,9 +324,11 @@ def test_number_that_one_line_alone_has_is_of_that_line_whatever_it_says() -> No
     assert numbers.hear(5 + WINDOW, START, silent=False, content=b'else') is OLD
 
 
-@pytest.mark.parametrize(('by', 'lines'), [(WINDOW, 0), (WINDOW + 1, 1), (HALF - 1, 1)])
-def test_numbers_far_ahead_may_be_a_line_that_began_anew(by: int, lines: int) -> None:
-    numbers = heard(NEWEST)
-    assert numbers.hear(NEWEST + by & 0xFFFF, START, silent=False, content=b'') is Arrival.NEW
-    assert (numbers.lines, numbers.restarts) == (lines, 0)
-    assert numbers.hear(NEWEST, START, silent=False, content=b'else') is OLD
+@pytest.mark.parametrize('by', [WINDOW, WINDOW + 1, HALF - 1])
+@pytest.mark.parametrize('serial', [0, WINDOW - 1, WINDOW, NEWEST, 0xFFFF])
+def test_numbers_far_ahead_from_0_on_may_be_a_line_that_began_anew(serial: int, by: int) -> None:
+    before = serial - by & 0xFFFF
+    numbers = heard(before)
+    assert numbers.hear(serial, START, silent=False, content=b'') is Arrival.NEW
+    assert (numbers.lines, numbers.restarts) == (by > WINDOW > serial, 0)
+    assert numbers.hear(before, START, silent=False, content=b'else') is OLD

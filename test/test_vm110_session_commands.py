@@ -23,6 +23,7 @@ import pytest
 
 from bridge_core.session import Level
 from test.vm110_rig import armed
+from test.vm110_rig import Bench
 from test.vm110_rig import CENTRED
 from test.vm110_rig import DEFLECTED
 from test.vm110_rig import LIMIT
@@ -210,6 +211,34 @@ def test_command_of_an_unarmed_remote_is_dropped_and_not_executed_by_arming(
     assert bench.frames(b'VRAO') == []
     bench.hear(vrci(2), 'VRCI')
     assert len(of(Command, bench.events)) == 1
+
+
+def cut(bench: Bench, payload: bytes) -> list[int]:
+    """Ask for four commands, and lose all packets for 1.5 s; return what is delivered."""
+    before, start = len(bench.events), bench.now
+    for ms in range(0, 2400, 25):
+        bench.now = start + ms / 1000
+        packets = []
+        if ms % 125 == 0:
+            packets.append(bench.packet('VRPI', payload if ms < 1000 else CENTRED))
+        for count in range(4):
+            if 0 <= ms - 100 * count < 2000 and ms % 100 == 0:
+                packets.append(bench.packet('VRCI', vrci(5 + count)))
+        if not 350 <= ms < 1850:
+            for packet in packets:
+                bench.take(packet)
+    return [command.command_id for command in of(Command, bench.events[before:])]
+
+
+@pytest.mark.parametrize('serial', [100, 20_000, 40_000])
+@pytest.mark.parametrize(('payload', 'delivered'), [(CENTRED, [5, 6, 7, 8]), (NOBODY, [])])
+def test_commands_are_known_however_many_packets_are_lost(
+    serial: int, payload: bytes, delivered: list[int]
+) -> None:
+    bench = opened(acknowledge='explicit')
+    bench.serial = serial
+    bench.run(1.0, payload)
+    assert cut(bench, payload) == delivered
 
 
 def test_command_of_an_unarmed_remote_that_its_arming_overtakes_is_dropped() -> None:

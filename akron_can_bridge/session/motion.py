@@ -68,6 +68,10 @@ class Motion:
         """Tell whether its angles change."""
         return self.began_at < self._stepped_at and now < self.ends_at
 
+    def arrived(self, since: float, now: float) -> bool:
+        """Tell whether it has moved since then, and stands."""
+        return since < self._stepped_at and now >= self.ends_at
+
     def oscillates(self, now: float) -> bool:
         """Tell whether it says so, be it paused or not."""
         limits = self._unit.broadcast(RotationSoftLimits, now)

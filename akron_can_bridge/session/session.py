@@ -131,6 +131,7 @@ class Session(BaseSession[CanFrame, Received, Event]):
         self._automatic = False  # somebody asked for motion that goes on by itself
         self._automatic_until = -math.inf  # when a stop took that back
         self._travels = False  # somebody sent it somewhere, and it has not stood since
+        self._travel_at = -math.inf  # somebody said so last
         self._is_stopped = False
         self._stopped_at = -math.inf
         self._pause_until = -math.inf  # a stop may pause an oscillation until then
@@ -430,9 +431,12 @@ class Session(BaseSession[CanFrame, Received, Event]):
         begins = self.drive.travels or self.joysticks.travel_asked
         self.joysticks.travel_asked = False
         self._travels = (self._travels or begins) and self.motion.may_oscillate(now)
+        if begins:
+            self._travel_at = now
         if self._travels and (begins or now < self.motion.ends_at):
             self.drive.steered_until = now
-        self._travels &= now < self._steered_until
+        arrived = self.motion.arrived(self._travel_at, now)
+        self._travels &= now < self._steered_until and not arrived
 
     def _withhold(self) -> None:
         """Give no permission before a stick was let go, and is pushed."""

@@ -111,7 +111,7 @@ class SerialNumbers:
             self.repeated += 1
             return Arrival.OLD
         elif 0 < ahead < _HALF:
-            if ahead > WINDOW:
+            if ahead > WINDOW > serial:  # a restart begins at 0; all else is loss
                 self._leave(newest, now)
             self._advance(serial, ahead, content)
         elif not self._is_copy(behind, content) and self._has_restarted(serial, now, silent):
