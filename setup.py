@@ -46,9 +46,9 @@ setup(
     # What one node or command alone needs.
     extras_require={
         'completion': ['argcomplete>=3'],
-        'page': ['aiohttp>=3.8'],
+        'page': ['aiohttp>=3.9'],
         'plot': ['matplotlib>=3.6'],
-        'record': ['mcap>=1.1', 'mcap-ros2-support>=0.5'],
+        'record': ['mcap>=1.2', 'mcap-ros2-support>=0.5'],
         # By this colcon knows what to test with. make test has all of requirements-dev.txt.
         'test': ['pytest', 'hypothesis'],
     },

@@ -17,6 +17,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+import io
 from itertools import islice
 from pathlib import Path
 import re
@@ -30,6 +31,7 @@ from hypothesis import settings
 from hypothesis import strategies as st
 import pytest
 
+from rugged_teleop.decode import logs
 from rugged_teleop.decode.captures import format_of
 from rugged_teleop.decode.captures import FORMATS
 from rugged_teleop.decode.logs import read_log
@@ -324,9 +326,26 @@ def test_no_text_makes_it_fail(kind: str, tmp_path: Path, data: st.DataObject) -
     assert list(statistics.lines())
 
 
+def test_lines_are_a_file_to_python_can_before_4_6() -> None:
+    lines = logs._Lines(io.BytesIO())
+    assert all(hasattr(lines, name) for name in ('read', 'write'))
+
+
+def test_reader_that_fails_before_the_first_line_is_damage(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fails(lines: Any) -> Any:
+        raise TypeError('expected a path')
+
+    monkeypatch.setitem(logs._TEXTS, 'asc', fails)
+    entries = decoded(write(tmp_path / 'a.asc', 'date\n'), kind='asc')
+    assert 'TypeError of python-can: expected a path' in entries[0].content
+    assert 'the rest is not read' in entries[-1].content
+
+
 def test_log_of_nothing_that_its_reader_knows_says_so(tmp_path: Path) -> None:
     """python-can's reader passes over what is of no known type."""
-    text = ';$FILEVERSION=1.1\n     1)      1059.9 Xx 0300 1 00\n'
+    text = ';$FILEVERSION=1.1\n;$STARTTIME=45000.5\n     1)      1059.9 Xx 0300 1 00\n'
     statistics = Statistics(250000)
     assert not decoded(write(tmp_path / 'a.trc', text), kind='trc')
     assert list(statistics.lines()) == ['nothing was found in it']

@@ -62,6 +62,8 @@ def read_log(kind: str, file: BinaryIO) -> Iterator[Piece | Damage]:
 class _Lines:
     """What a reader of python-can reads; after an error a new one can go on with the next line."""
 
+    read = write = None  # python-can before 4.6 takes nothing else for a file, and uses neither
+
     def __init__(self, file: BinaryIO) -> None:
         self._lines = lines_of(file)
         self._head: list[str] = []  # before the first frame: a new reader needs it, too
@@ -89,7 +91,7 @@ class _Lines:
 
     def restart(self) -> None:
         """Begin with the head again; then go on behind the last line, which is damaged."""
-        if self._in_head:
+        if self._in_head and self._head:
             self._head.pop()
         self._again.extend(self._head)
 
