@@ -435,17 +435,19 @@ EXCUSED: dict[str, dict[str, str]] = {
         'now < self.sends_at': _FOR_TYPES,
     },
     'vm110_bridge/session/session.py': {
-        'Session.__init__: self._hold_output = False -> pass': _SET_FIRST,
         'Session.__init__: self._has_news = False -> pass': _SET_FIRST,
         'Session.__init__: False -> True': _SET_FIRST,
+        'Session.forget_hold_output: self._refresh(now) -> pass': 'the poll that follows does it',
         'Session.faulty: self.vrpi is not None and self.enabled -> self.enabled': _FOR_TYPES,
-        'Session._begin: self._follow_hold(now) -> pass': 'the poll that follows at once does it',
         'Session._is_ours: return False -> return None': _FALSY,
         **{
             f'Session.{name}: self._expire(now) -> pass': (
                 'it depends on no verdict, and a poll follows'
             )
-            for name in ('set_periodic_output', 'command_published', 'command_done')
+            for name in (
+                *('set_periodic_output', 'command_published', 'command_done'),
+                'forget_hold_output',
+            )
         },
         '_is_enabled: vrpi is not None and vrpi.ru_state == RuState.ENABLED and '
         '(vrpi.ru_disabled == Disabled.ENABLED) -> vrpi.ru_state == RuState.ENABLED and '

@@ -319,6 +319,15 @@ def test_number_that_both_lines_have_is_told_by_what_it_says(
     assert numbers.hear(newest, START, silent=False, content=content) is arrival
 
 
+def test_number_that_both_lines_have_is_told_by_what_it_says_itself() -> None:
+    numbers = SerialNumbers()
+    for serial, content in ((5, b'other'), (6, b'')):
+        numbers.hear(serial, START - 2.0, silent=False, content=content)
+    for count in FIVE:
+        numbers.hear(count, START - 1.0 + STEP * count, silent=True, content=b'anew')
+    assert numbers.hear(6, START, silent=False, content=b'other') is Arrival.NEW
+
+
 def test_number_that_one_line_alone_has_is_of_that_line_whatever_it_says() -> None:
     numbers = restarted(5 + WINDOW)
     assert numbers.hear(5 + WINDOW, START, silent=False, content=b'else') is OLD

@@ -121,6 +121,16 @@ def test_what_was_done_while_the_port_was_closed_is_acknowledged_by_a_repeat_alo
     assert [payload for _, payload in bench.frames(b'VRAO')] == [b'\5\0']
 
 
+def test_what_was_done_before_a_base_unit_is_heard_is_acknowledged_by_a_repeat_alone() -> None:
+    bench = opened(acknowledge='explicit')
+    bench.session.inbox.remember([(Command(5, bytes(16)), bench.now)])
+    bench.session.command_done(5, bench.now)
+    bench.run(0.5)
+    assert bench.frames(b'VRAO') == []
+    bench.hear(vrci(5), 'VRCI')
+    assert [payload for _, payload in bench.frames(b'VRAO')] == [b'\5\0']
+
+
 def test_what_was_published_while_the_port_was_closed_is_acknowledged_by_a_repeat_alone() -> None:
     bench = armed()
     bench.listeners = None

@@ -151,7 +151,7 @@ class SerialNumbers:
 
     def _is_copy(self, behind: int, content: object) -> bool:
         """Tell whether it says the same as what came under its number, not long ago."""
-        return bool(self._seen >> behind & 1) and content in self._recent[behind : behind + 1]
+        return content in self._recent[behind : behind + 1]
 
     def _place_behind(self, behind: int, content: object) -> Arrival:
         bit, is_copy = 1 << behind, self._is_copy(behind, content)
