@@ -37,6 +37,7 @@ from signal import SIGCONT
 from signal import SIGHUP
 from signal import SIGINT
 from signal import SIGQUIT
+from signal import SIGSTOP
 from signal import SIGTERM
 import socket
 import subprocess
@@ -205,6 +206,11 @@ def forks() -> Server:
     return Server(ending_with(os.getpid()))
 
 
+def _is_stopped(pid: int) -> bool:
+    threads = Path(f'/proc/{pid}/task').glob('*/stat')
+    return all(thread.read_text().rpartition(') ')[2].startswith('T') for thread in threads)
+
+
 class NodeProcess:
     """
     A child process: a module that runs a node, or ``source`` code. Use it as a context manager.
@@ -275,8 +281,10 @@ class NodeProcess:
         return self.process.wait()
 
     def signal(self, number: int) -> None:
-        """Send a signal, such as SIGSTOP."""
+        """Send a signal. No thread runs after SIGSTOP: they do until one of them has taken it."""
         self.process.send_signal(number)
+        if number == SIGSTOP:
+            wait_for(lambda: _is_stopped(self.process.pid), 5.0, 'a process that is stopped')
 
     def end(self, number: int = SIGTERM, timeout: float = 5.0) -> int:
         """Send a signal that ends it; return the exit status."""

@@ -20,6 +20,7 @@ from collections.abc import Callable
 from collections.abc import Iterator
 import contextlib
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from signal import SIGINT
 from signal import SIGKILL
@@ -420,12 +421,18 @@ def test_servo_goes_where_it_is_told_and_then_to_its_failsafe(tmp_path: Path) ->
         seen.append(port.describe()['serial_us'][0])
         return seen[-1] == 1750
 
+    def goes_or_ends(port: PtyDevice, child: subprocess.Popen[str]) -> bool:
+        return goes(port) or child.poll() is not None
+
     with (
         PtyDevice(Ssc(), path) as port,
         NodeProcess('ssc_bridge.node', values, namespace='/trial', patient=True),
-        bench('--node', name, '--joint', 'pan', '--position', '0.5', '--seconds', '1') as child,
     ):
-        wait_while_it_runs(child, lambda: goes(port), lambda: f'the pulse of 0.5: {seen[-5:]}')
-        text, _ = child.communicate(timeout=30.0 * TIMEOUT_FACTOR)
+        words = ('--node', name, '--joint', 'pan', '--position', '0.5', '--seconds', '1')
+        while 1750 not in seen:  # anew only where the machine held the node up
+            with bench(*words) as child:
+                wait_for(partial(goes_or_ends, port, child), 60.0, 'the pulse, or its end')
+                text, _ = child.communicate(timeout=30.0 * TIMEOUT_FACTOR)
+            assert 1750 in seen or 'held up' in text, (seen[-5:], text)
         assert (child.returncode, 'at rest and disabled' in text) == (0, True), text
         wait_for(lambda: port.describe()['serial_us'][0] != 1750, 10.0, 'its failsafe')
