@@ -71,6 +71,13 @@ def unblocked_output() -> Iterator[None]:
                 drain.wait(_LAST_TIME)
 
 
+def escape_what_is_no_text() -> None:
+    """Have standard output and error escape what they cannot encode, such as a file's name."""
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors='backslashreplace')
+
+
 def _may_block(number: int) -> bool:
     """Tell whether a descriptor is a terminal, a pipe or a socket; files and /dev/null are not."""
     try:

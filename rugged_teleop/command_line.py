@@ -19,7 +19,6 @@ from collections.abc import Callable
 from collections.abc import Iterator
 import contextlib
 import errno
-import io
 import math
 import os
 import re
@@ -28,6 +27,7 @@ from typing import Any
 from typing import NoReturn
 
 from bridge_core.descriptors import fill_standard_descriptors
+from bridge_core.output import escape_what_is_no_text
 
 # Begins a command that runs a module; from Python 3.11 it imports nothing from where it starts.
 RUN_MODULE = (sys.executable, *(('-P',) if sys.version_info >= (3, 11) else ()), '-m')
@@ -58,9 +58,7 @@ def standard_streams(prog: str) -> Iterator[None]:
     for number, (name, mode) in enumerate((('stdin', 'r'), ('stdout', 'w'), ('stderr', 'w'))):
         if getattr(sys, name) is None:
             setattr(sys, name, os.fdopen(number, mode))
-    for stream in (sys.stdout, sys.stderr):
-        if isinstance(stream, io.TextIOWrapper):
-            stream.reconfigure(errors='backslashreplace')
+    escape_what_is_no_text()
     try:
         try:
             yield

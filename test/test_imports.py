@@ -89,7 +89,8 @@ BRIDGE = {
     # A device's configuration and the dialogue with its menus: pure. Only the command has a port.
     'config': ('{bridge}.protocol', 'bridge_core.checksums'),
     'config.main': (
-        *('{bridge}.protocol', 'bridge_core.clock', 'bridge_core.transports', 'STDLIB'),
+        *('{bridge}.protocol', 'bridge_core.clock', 'bridge_core.output'),
+        *('bridge_core.transports', 'STDLIB'),
     ),
 }
 # The same for bridge_core, which knows no device.

@@ -26,7 +26,6 @@ from __future__ import annotations
 import argparse
 from collections.abc import Sequence
 from enum import IntEnum
-import io
 import os
 from pathlib import Path
 import select
@@ -36,6 +35,7 @@ from typing import NoReturn
 from typing import TextIO
 
 from bridge_core import clock
+from bridge_core.output import escape_what_is_no_text
 from bridge_core.transports import TransportError
 from bridge_core.transports.serial import SerialTransport
 from ssc_bridge.config.image import compare
@@ -312,9 +312,7 @@ def parser() -> argparse.ArgumentParser:
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run the command; the executable's entry point."""
-    for stream in (sys.stdout, sys.stderr):
-        if isinstance(stream, io.TextIOWrapper):  # the name of a file may be no text
-            stream.reconfigure(errors='backslashreplace')
+    escape_what_is_no_text()
     options = parser().parse_args(arguments)
     try:
         status = options.act(options)
