@@ -43,18 +43,10 @@ def heartbeat(mode: int = Mode.OPERATIONAL, estop: int = 0) -> bytes:
 
 
 class Bench(SessionBench[Session]):
-    """A session that hears frames of a VSC, on a line that may be busy."""
+    """A session that hears frames of a VSC."""
 
     def __init__(self, **options: Any) -> None:
         super().__init__(Session(Settings(**options)))
-        self.busy = False  # the line takes no frame
-
-    def _keep(self, output: tuple[list[Any], list[Any]]) -> list[Any]:
-        events, frames = output
-        if self.busy:
-            for frame in frames:
-                self.session.refused(frame, self.now)
-        return super()._keep((events, [] if self.busy else frames))
 
     def hear(self, *frames: bytes) -> list[Any]:
         """Hear the frames in one read."""

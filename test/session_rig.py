@@ -34,6 +34,7 @@ class SessionBench(Generic[SessionT]):
         self.now = 100.0
         self.events: list[Any] = []
         self.sent: list[tuple[float, Any]] = []
+        self.busy = False  # the line takes no frame
 
     def open(self) -> list[Any]:
         """Open the port; return the events, as all these methods do."""
@@ -70,5 +71,9 @@ class SessionBench(Generic[SessionT]):
     def _keep(self, output: tuple[list[Any], list[Any]]) -> list[Any]:
         events, frames = output
         self.events += events
-        self.sent += [(self.now, frame) for frame in frames]
+        for frame in frames:
+            if self.busy:
+                self.session.refused(frame, self.now)
+            else:
+                self.sent.append((self.now, frame))
         return events

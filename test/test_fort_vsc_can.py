@@ -264,14 +264,6 @@ class Bench(SessionBench[Session]):
 
     def __init__(self, wire: CanWire | None = None, **options: Any) -> None:
         super().__init__(Session(Settings(wire=wire or CanWire(), **options)))
-        self.busy = False  # the line takes no frame
-
-    def _keep(self, output: tuple[list[Any], list[Any]]) -> list[Any]:
-        events, frames = output
-        if self.busy:
-            for frame in frames:
-                self.session.refused(frame, self.now)
-        return super()._keep((events, [] if self.busy else frames))
 
     def hear(self, *frames: CanFrame) -> list[Any]:
         """Hear frames that the transport read at once."""
