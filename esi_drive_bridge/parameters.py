@@ -168,8 +168,8 @@ PARAMETERS = (
     Parameter(
         'enable_timeout',
         1.0,
-        'How long the drive may take to report itself enabled (a brake may have to open), '
-        'or disabled: longer is a stop.',
+        'How long the drive may take to report itself enabled (a brake may have to open): '
+        'longer disables. And disabled: longer is a stop.',
         unit='s',
         minimum=0.05,
         maximum=10.0,

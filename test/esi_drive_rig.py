@@ -159,6 +159,15 @@ class Rig:
         self.tick()
         assert self.phase() is Phase.ENABLED
 
+    def stop_slowly(self) -> None:
+        """Let it run, then ask for no motion; the drive takes its time to disable."""
+        self.press()
+        self.status = RUNNING
+        self.tick()
+        self.enable = False
+        self.do(lambda: self.session.set_enable(False, self.now))
+        assert is_disable(self.frames[-1][1])
+
     def phase(self) -> Phase:
         return self.session.phase
 

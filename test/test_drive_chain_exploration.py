@@ -260,8 +260,8 @@ SCENES: dict[str, dict[str, Any]] = {
     'drive': {'operator': 'rest drive', 'drive': 'well lazy faulty mute'},
 }
 COUNTS: dict[str, tuple[int, int]] = {
-    'operator': (4845, 33915),
-    'processes': (9050, 54300),
-    'drive': (5715, 40005),
+    'operator': (4838, 33866),
+    'processes': (9045, 54270),
+    'drive': (5708, 39956),
 }  # states, and steps between them
 test_every_state_near_the_start, test_every_state = visits_of(World, SCENES, COUNTS, near=200)

@@ -100,7 +100,7 @@ class World(SessionWorld[Session]):
         self.rested = False  # and got a packet at rest since
         self.packet = (False, False, 0)  # the newest that went out, of axis A
         self.enables = False  # the newest says so, whether it went out or not
-        self.disabled_at = math.inf  # since when packets say so
+        self.disabled_at = -math.inf  # since when packets say so
 
     def possible(self) -> Iterator[str]:
         yield from super().possible()
@@ -111,7 +111,7 @@ class World(SessionWorld[Session]):
         if event == 'clear':
             self.session.clear_errors(self.now)
         elif event == 'plug':
-            self.disabled_at = math.inf
+            self.disabled_at = -math.inf
         super().step('' if event == 'clear' else event)
 
     def fresh(self, name: str) -> bool:
@@ -283,10 +283,10 @@ SCENES: dict[str, dict[str, Any]] = {
     },
 }
 COUNTS: dict[str, tuple[int, int]] = {
-    'drive': (12211, 143532),
-    'mux': (19663, 203395),
-    'silence': (9347, 79041),
-    'one read': (36949, 636648),
-    'busy': (7257, 60879),
+    'drive': (9457, 110718),
+    'mux': (14815, 151315),
+    'silence': (7336, 61198),
+    'one read': (34775, 599105),
+    'busy': (8341, 69323),
 }  # states, and steps between them
 test_every_state_near_the_start, test_every_state = visits_of(World, SCENES, COUNTS, near=200)

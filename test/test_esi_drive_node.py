@@ -160,7 +160,7 @@ class Bench:
         self.wait(lambda: self.drive.first_disable(cause), 'a disable packet')
         packet = self.drive.first_disable(cause)
         assert packet is not None
-        assert packet.time - cause <= within + self.delay.seconds()
+        assert packet.time - cause <= self.delay.allowed(within)
         assert packet.values == (0, 0)
         self.holds(lambda: not any(p.enables for p in self.drive.packets(packet.time)), 0.3)
 

@@ -108,7 +108,7 @@ def test_several_statuses_in_one_read_are_one_beginning(rig: Rig) -> None:
 
 
 def test_a_drive_that_was_enabled_all_the_time_begins_at_rest(rig: Rig) -> None:
-    rig.status = RUNNING
+    rig.stop_slowly()
     rig.tick(3)
     rig.enable = True
     assert values(rig.tick(5)[-5:]) == [0, 0, 10, 20, 30]
@@ -291,6 +291,7 @@ def test_rest_of_an_axis_follows_it_until_a_status_knew_it_enabled(
 def test_position_waits_for_a_status_younger_than_the_edge(state: int, second: Mode) -> None:
     first = axes(Mode.POSITION, slew_limit=LIMIT)[0]
     rig = Rig(axes=(first, axes(second, slew_limit=LIMIT)[1]))
+    rig.stop_slowly()
     rig.status = status(state, state)
     rig.tick(3)
     rig.status = None
@@ -298,6 +299,7 @@ def test_position_waits_for_a_status_younger_than_the_edge(state: int, second: M
     rig.enable = True
     assert all(map(is_disable, rig.tick(10)))
     assert rig.phase() is Phase.WAITING
+    assert rig.session.inhibits(rig.now)[0] == 'wait for a status that says where the axis stands'
     rig.status = status(state, state, feedback=(2000, -2000))
     assert set(values(rig.tick(2))) == {2000}
 

@@ -148,8 +148,7 @@ def test_enabling_that_the_drive_does_not_answer_ends(rig: Rig) -> None:
 
 
 def test_one_axis_enabled_is_not_enabled(rig: Rig) -> None:
-    rig.tick(3)
-    rig.enable = True
+    rig.press()
     rig.status = status(1, 0)
     rig.command = (100.0, 100.0)
     frames = rig.tick(20)

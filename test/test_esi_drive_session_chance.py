@@ -50,7 +50,7 @@ class AnyOrder(RuleBasedStateMachine):
         self.heard: dict[str, float] = {}
         self.value: dict[str, bool] = {}
         self.fault = self.says_enabled = False
-        self.disabled_at = math.inf  # since when packets say so
+        self.disabled_at = -math.inf  # since when packets say so
         self.open = False
         self.fresh_edge = False  # false, then true, since the last stop
         self.saw_false = False
@@ -103,7 +103,7 @@ class AnyOrder(RuleBasedStateMachine):
     def _open(self) -> None:
         self.open = True
         self.heard.clear()
-        self.disabled_at = math.inf
+        self.disabled_at = -math.inf
         self.saw_false = self.fresh_edge = self.was_enabled = self.fault = False
         self._check(self.session.opened(self.now)[1])
 

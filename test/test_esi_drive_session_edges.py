@@ -224,6 +224,7 @@ def test_pause_is_remembered_for_less_than_a_second(rig: Rig, steps: int, ours: 
 def test_axis_that_stays_enabled_is_a_stop_after_enable_timeout(
     rig: Rig, age: float, told: bool
 ) -> None:
+    rig.stop_slowly()
     rig.now += age
     rig.hear(status(0, 1))
     assert rig.session.estop == told
@@ -296,16 +297,30 @@ def test_drive_that_is_enabled_anew_in_time_has_obeyed_enough(rig: Rig) -> None:
     assert not rig.session.estop
 
 
-def test_drive_that_is_enabled_when_the_port_is_opened_has_its_time(rig: Rig) -> None:
-    rig.start()
+@pytest.mark.parametrize('closed_for', [0.1, 5.0])
+@pytest.mark.parametrize('ran', [True, False])
+def test_drive_that_is_enabled_when_the_port_is_opened_is_a_stop_until_it_says_otherwise(
+    rig: Rig, ran: bool, closed_for: float
+) -> None:
+    """Whether this node had enabled it before, or found that it does not obey."""
+    rig.status = RUNNING
+    rig.tick(102)
+    assert rig.session.estop
+    rig.status = IDLE
+    rig.tick()
+    if ran:
+        rig.start()
     rig.session.closed(rig.now)
-    rig.now += 5.0
+    rig.now += closed_for
     rig.session.opened(rig.now)
     rig.enable = False
-    rig.tick(98)
-    assert not rig.session.estop
-    rig.tick(4)
+    rig.status = RUNNING
+    rig.tick()
     assert rig.session.estop
+    assert 'not by this node since it opened the port' in rig.session.stop_reasons(rig.now)[0]
+    rig.status = IDLE
+    rig.tick()
+    assert not rig.session.estop
 
 
 def test_error_from_before_the_pause_is_not_put_down_to_it(rig: Rig) -> None:

@@ -331,6 +331,7 @@ def test_status_at_1_khz_does_not_fit_115200() -> None:
 
 
 def test_a_warning_bit_is_told_and_an_axis_that_stays_enabled_is_a_stop(rig: Rig) -> None:
+    rig.stop_slowly()
     rig.status = status(0x10, 0x01)
     rig.tick(50)
     (warning,) = rig.session.warnings(rig.now)

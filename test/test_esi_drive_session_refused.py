@@ -184,15 +184,6 @@ def test_enable_that_stays_here_gives_a_drive_no_more_time_to_disable(moving: Ri
     assert moving.session.estop
 
 
-def test_disable_that_stays_here_at_the_opening_was_not_sent() -> None:
-    rig = Rig()
-    rig.session.closed(rig.now)
-    rig.busy, rig.status = True, RUNNING
-    rig._take(rig.session.opened(rig.now))
-    rig.tick(150)
-    assert not rig.session.estop
-
-
 def test_errors_are_not_cleared_by_a_packet_that_stays_here() -> None:
     rig = Rig()
     rig.status = FAULT

@@ -65,11 +65,20 @@ def second_axis(status: Status) -> list[str]:
     ]
 
 
-def still_enabled(status: Status, limit: float) -> list[str]:
-    """Name the axes that are enabled although disable is sent, for ``limit`` s or more."""
+def still_enabled(status: Status, limit: float | None) -> list[str]:
+    """
+    Name the axes that are enabled, and should not be.
+
+    :param limit: disable is sent for these s or more; None: since the port was opened.
+    """
+    what = (
+        'enabled, and was not by this node since it opened the port'
+        if limit is None
+        else f'still enabled {limit * 1e3:.0f} ms after disable was sent'
+    )
     return [
         f'cut the power of axis {name}, then check our pair to the drive, and who else commands '
-        f'it: it is still enabled {limit * 1e3:.0f} ms after disable was sent'
+        f'it: it is {what}'
         for name, axis in status.lettered()
         if axis.enabled
     ]

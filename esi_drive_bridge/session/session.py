@@ -115,7 +115,7 @@ class Session(BaseSession[bytes, Status, Event]):
         self._saturated: list[str] = []  # what of the newest command was cut, in words
         self._urgent = self._clear_sent = False
         self._until = -math.inf
-        self._disabled_since = math.inf  # when packets began to say so
+        self._disabled_since = -math.inf  # when packets began to say so; of old before the first
 
     # What is known.
 
@@ -124,7 +124,9 @@ class Session(BaseSession[bytes, Status, Event]):
         if self.phase in _ON_THE_WIRE:
             return []
         reasons = self._forbidden(now) + self._enable_missing(now) + self._command_missing(now)
-        if not reasons:
+        if not reasons and self.phase is Phase.WAITING:
+            reasons.append('wait for a status that says where the axis stands')
+        elif not reasons:
             reasons.append('enable must go false, then true again')
         if self.last_stop:
             reasons.append(f'last stop: {"; ".join(self.last_stop)}')
@@ -175,7 +177,7 @@ class Session(BaseSession[bytes, Status, Event]):
 
     def _begin(self, now: float) -> None:
         self._next_send = now
-        self._sent_at = self._disabled_since = math.inf
+        self._sent_at, self._disabled_since = math.inf, -math.inf
 
     def _forget(self, now: float, reason: str) -> None:
         del now
@@ -258,10 +260,15 @@ class Session(BaseSession[bytes, Status, Event]):
         return Verdict.stop(*reasons) if reasons else _HEALTHY
 
     def _disobedience(self, now: float) -> list[str]:
-        """Name the axes that are enabled, though disable is sent for as long as they may take."""
+        """
+        Name the axes that are enabled, though disable is sent for as long as they may take.
+
+        Since the port was opened nobody here has enabled any: they have had their time before.
+        """
         limit = self.settings.enable_timeout
-        late = now >= self._disabled_since + limit
-        return still_enabled(self.status, limit) if late and self.status is not None else []
+        if self.status is None or now < self._disabled_since + limit:
+            return []
+        return still_enabled(self.status, limit if math.isfinite(self._disabled_since) else None)
 
     def _silence(self, now: float) -> str:
         to_do = "check power, the receive pair, and HiDS's SerialInterfaceEnable"
