@@ -19,9 +19,12 @@ from typing import Any
 
 import pytest
 
+from bridge_core.session import Level
 from fort_vsc_bridge.protocol import Mode
 from fort_vsc_bridge.session import Session
 from fort_vsc_bridge.session import Settings
+from fort_vsc_bridge.session.report import DEAF
+from fort_vsc_bridge.session.stops import OBEY_TIME
 from test.fort_vsc_rig import ask
 from test.fort_vsc_rig import Bench
 from test.fort_vsc_rig import CLEAR
@@ -103,6 +106,44 @@ def test_silent_link_is_an_own_demand_even_while_we_ask() -> None:
     assert not own(bench, Mode.LOCAL, USER)
     bench.wait(LIMIT)
     assert bench.session.own_estop
+
+
+def test_vsc_that_is_asked_to_stop_and_does_not_is_an_error() -> None:
+    bench = opened(software_estop_timeout=5.0)
+    bench.run(1.0, heartbeat())
+    ask(bench, True)
+    bench.run(OBEY_TIME - 0.1, heartbeat())
+    assert (Level.ERROR, DEAF) not in bench.session.problems(bench.now)
+    bench.run(0.1, heartbeat())
+    assert (Level.ERROR, DEAF) in bench.session.problems(bench.now)
+    assert not bench.session.estop  # what asks has stopped the rest
+    bench.hear(heartbeat(Mode.LOCAL, USER))
+    assert (Level.ERROR, DEAF) not in bench.session.problems(bench.now)
+    bench.hear(heartbeat())
+    assert (Level.ERROR, DEAF) in bench.session.problems(bench.now)
+    ask(bench, False)
+    assert (Level.ERROR, DEAF) not in bench.session.problems(bench.now)
+
+
+def test_stop_that_did_not_go_out_is_no_fault_of_the_vsc() -> None:
+    bench = opened(software_estop_timeout=5.0)
+    bench.session.set_software_estop(True, bench.now)
+    (stop,) = bench.session.poll(bench.now)[1]
+    bench.session.refused(stop, bench.now)
+    bench.now += OBEY_TIME
+    bench.hear(heartbeat())
+    ask(bench, True)
+    assert (Level.ERROR, DEAF) not in bench.session.problems(bench.now)
+
+
+def test_vsc_that_was_just_found_has_not_refused_to_stop() -> None:
+    bench = opened(software_estop_timeout=5.0)
+    ask(bench, True)
+    bench.wait(2.0)
+    bench.hear(heartbeat())
+    assert (Level.ERROR, DEAF) not in bench.session.problems(bench.now)
+    bench.run(2.0 * LIMIT, heartbeat())
+    assert (Level.ERROR, DEAF) in bench.session.problems(bench.now)
 
 
 # -- our heartbeat and the software e-stop --------------------------------------------------------

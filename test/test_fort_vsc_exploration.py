@@ -50,6 +50,7 @@ SAID = {
 VALID = ('ok', 'src', 'user', 'both', 'unlinked', 'strange')
 APART = (  # see Memory
     '_settled_at', '_rejected_lately', '_looped_back_lately', 'rejected', '_before', '_said',
+    '_asked_at',
 )  # fmt: skip
 
 

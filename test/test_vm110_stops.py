@@ -27,6 +27,7 @@ from vm110_bridge.protocol import PeriodicInput
 from vm110_bridge.protocol import RuState
 from vm110_bridge.session.stops import ECHO_DELAY
 from vm110_bridge.session.stops import LEAST_SILENCE
+from vm110_bridge.session.stops import OBEY_TIME
 from vm110_bridge.session.stops import StopJudge
 
 START, STEP = 100.0, 0.0625  # s; a step is exact in binary
@@ -90,6 +91,22 @@ def test_error_is_ours_for_a_moment_after_the_hold(
         judge.hold(False, NOW + LEAST_SILENCE + STEP)
     judge.output_sent(NOW + LEAST_SILENCE)
     assert is_own(judge, NOW + LEAST_SILENCE + seconds) == own
+
+
+def test_unit_that_stays_armed_without_output_does_not_obey(judge: StopJudge) -> None:
+    assert not judge.is_disobeyed(NOW + OBEY_TIME)  # nothing is asked of it
+    judge.hold(True, NOW + 1.0)
+    assert not judge.is_disobeyed(NOW + OBEY_TIME - STEP)
+    assert judge.is_disobeyed(NOW + OBEY_TIME)
+    judge.take(ARMED, NOW + OBEY_TIME)
+    assert judge.is_disobeyed(NOW + OBEY_TIME)
+    judge.take(replace(ARMED, bu_state=BuState.DISARMED), NOW + OBEY_TIME)
+    assert not judge.is_disobeyed(NOW + OBEY_TIME)  # it watches its output while it is armed
+    judge.take(ARMED, NOW + OBEY_TIME)
+    assert not judge.is_disobeyed(NOW + 2.0 * OBEY_TIME - STEP)
+    assert judge.is_disobeyed(NOW + 2.0 * OBEY_TIME)
+    judge.hold(False, NOW + 2.0 * OBEY_TIME)
+    assert not judge.is_disobeyed(NOW + 2.0 * OBEY_TIME)
 
 
 def test_short_hold_explains_no_error(judge: StopJudge) -> None:

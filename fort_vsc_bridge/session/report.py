@@ -33,6 +33,10 @@ from fort_vsc_bridge.session.device import REFUSED
 from fort_vsc_bridge.session.device import UNANSWERED
 
 LOOPED_BACK = 'look for RX wired to TX, or an echo on the line: our own frames come back'
+DEAF = (
+    'check the line from this computer to the VSC (its serial RX), then press a wired stop: it is '
+    'asked to stop, and does not'
+)
 _LOW_BATTERY_PERCENT = 20
 _WEAK_RADIO = (
     'bring the remote nearer, or its way to the VSC clear of metal: the radio is at its weakest '

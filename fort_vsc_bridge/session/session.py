@@ -140,8 +140,11 @@ class Session(BaseSession[Frame, Received, Event]):
         problems = super().problems(now) + report.control_problems(self.faulty)
         if self.link_up and not self._rejected_lately.expired(now):
             problems.append((Level.ERROR, self._rejection))
-        if self.link_up and now >= self._settled_at and self._joystick_heard.expired(now):
-            problems.append((Level.WARN, f'{wire.NO_JOYSTICK}: no joystick messages come'))
+        if self.link_up and now >= self._settled_at:
+            if self._judgement.awaits_stop(now) and not self.estop:
+                problems.append((Level.ERROR, report.DEAF))
+            if self._joystick_heard.expired(now):
+                problems.append((Level.WARN, f'{wire.NO_JOYSTICK}: no joystick messages come'))
         problems += report.remote_problems(self.remote_status)
         problems += report.setting_problems(self.setting_states, self.settings.passed_over)
         if self.software_estop_refused:

@@ -30,6 +30,7 @@ from fort_vsc_bridge.session.report import stop_reasons
 
 # The VSC may answer our heartbeat with some delay; 500 ms is its own limit for ours (7.3.4).
 ECHO_DELAY = 0.5
+OBEY_TIME = 2.0 * ECHO_DELAY  # a VSC that does not stop within this does not hear us
 
 
 class StopJudge:
@@ -39,7 +40,7 @@ class StopJudge:
         self._asked = ''  # what ends the stop that our heartbeats ask for
         self._echo = False  # USER bits are our doing
         self._echo_heard = False  # they were seen since we asked last
-        self._released_at = 0.0
+        self._asked_at = self._released_at = 0.0
         self._before = self._of_asking()
 
     def asked(self, remedy: str, now: float) -> None:
@@ -50,6 +51,7 @@ class StopJudge:
             # stops ask for each other's would never be clear.
             self._echo = True
             self._echo_heard = False
+            self._asked_at = now
         elif self._asked and not remedy:
             self._released_at = now
         self._asked = remedy
@@ -61,11 +63,15 @@ class StopJudge:
         Return what ends the stop that it asked for, if the VSC has not heard of that one at all.
         """
         remedy = self._asked
-        self._asked, self._echo, self._echo_heard, self._released_at = self._before
+        self._asked, self._echo, self._echo_heard, self._asked_at, self._released_at = self._before
         return '' if self._asked else remedy
 
-    def _of_asking(self) -> tuple[str, bool, bool, float]:
-        return self._asked, self._echo, self._echo_heard, self._released_at
+    def _of_asking(self) -> tuple[str, bool, bool, float, float]:
+        return self._asked, self._echo, self._echo_heard, self._asked_at, self._released_at
+
+    def awaits_stop(self, now: float) -> bool:
+        """Tell whether our heartbeat has asked for so long that the VSC ought to be stopped."""
+        return bool(self._asked) and now - self._asked_at >= OBEY_TIME
 
     def heard(self, heartbeat: Heartbeat, now: float) -> None:
         """Keep USER bits ours until they are seen clear: the VSC may hold them for a while."""

@@ -43,6 +43,10 @@ UNHEARD = (
     'start what subscribes to ~/command: a command of the remote found no listener, so it is not '
     'acknowledged'
 )
+DEAF = (
+    'find who else sends VRPO to the base unit, or have it repaired: its relays stay closed '
+    'although VRPO are withheld'
+)
 LOOPED_BACK = (
     'look for a machine controller that sends to the wrong port: its packets come to the input '
     'port'

@@ -34,6 +34,8 @@ from vm110_bridge.protocol import state_name
 
 # The BU reports the missing VRPO after 2 s (5.1.2). An error that comes sooner is not our doing.
 LEAST_SILENCE = 1.5
+# An armed BU that has not opened its relays after this gets VRPO of somebody else, or is broken.
+OBEY_TIME = 3.0
 # A VRPI may be on its way when VRPO begin to flow again.
 ECHO_DELAY = 0.5
 # What a BU may say of EG-Link while it gets no VRPO; the others are faults of its own.
@@ -60,6 +62,7 @@ class StopJudge:
         self._released_at = -math.inf
         self._resumed_at = now  # VRPO began to flow, or did so again after LEAST_SILENCE
         self._newest = PeriodicInput()  # Initial, a stop
+        self._armed_at = now  # of the newest, while it is Armed
         self._late = Verdict()  # the worst of the VRPI that the newest has overtaken
         self._echo = False  # the external link error is our doing, as hold_output asked
         self._missed = False  # VRPO were missing when it began
@@ -77,6 +80,12 @@ class StopJudge:
             self._resumed_at = now
         self._output_at = now
 
+    def is_disobeyed(self, now: float) -> bool:
+        """Tell whether VRPO have been withheld, and the BU is armed in spite of it."""
+        armed = self._newest.bu_state == BuState.ARMED
+        withheld_for = now - max(self._output_at, self._armed_at)
+        return self._holding and armed and withheld_for >= OBEY_TIME
+
     def take(self, vrpi: PeriodicInput, now: float) -> None:
         """Take the newest VRPI."""
         if not _in_error(vrpi):
@@ -85,6 +94,8 @@ class StopJudge:
             self._echo = self._may_be_ours(now)
             silent = now - self._output_at >= LEAST_SILENCE
             self._missed = silent or now - self._resumed_at < ECHO_DELAY
+        if self._newest.bu_state != BuState.ARMED:
+            self._armed_at = now
         self._newest, self._late = vrpi, Verdict()
 
     def take_late(self, vrpi: PeriodicInput) -> None:
