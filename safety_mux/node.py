@@ -197,8 +197,9 @@ class SafetyMux(ManagedNode):
 
     def _stop(self) -> None:
         now = clock.now()
-        self._hold(now)
+        self._arbiter.hold(_INACTIVE)  # also if it was activated anew since this was asked
         self._tick(now)
+        self._hold(now)
 
     def _build(self) -> None:
         """Make the arbiter and subscribe to all that it listens to."""
@@ -225,11 +226,11 @@ class SafetyMux(ManagedNode):
         self._built_from = values
 
     def _gated_joy(self, name: str) -> GatedJoy:
-        sticks = joy_mapping(self.values, name).sticks
+        sticks = ((s.axis, s.deadband) for s in joy_mapping(self.values, name).sticks)
         return GatedJoy(
             self.create_publisher(Joy, f'~/joy/{name}', 10),
             lambda: self.get_clock().now().to_msg(),
-            deadbands={stick.axis: stick.deadband for stick in sticks},
+            deadbands=dict(sorted(sticks, reverse=True)),  # of an axis with several, the least
             deadband=_DEADBAND,
             deadman=self.values[f'operator.{name}.deadman_buttons'],
         )

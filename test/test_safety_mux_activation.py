@@ -136,6 +136,32 @@ def test_feedback_may_come_and_go_while_the_joints_stand(mux: WatchedMux) -> Non
         assert mux.run(0.1) is State.READY
 
 
+def test_stop_of_a_deactivation_is_not_undone_by_an_activation_before_it(
+    context: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The mux's thread is held up for longer than a transition waits, and not for a stall."""
+    mux = SteppedMux(context, monkeypatch, stall_limit=1.0, neutral_time=1.0)
+    assert mux.mux._reset().ok
+    mux.run(1.5)
+    mux.joy = sticks(0.5, deadman=True)
+    assert mux.run(0.3) is State.ACTIVE
+    late: list[Any] = []
+
+    def held_up(what: Any) -> None:
+        raise TimeoutError('the lane hangs')
+
+    monkeypatch.setattr(mux.mux.lane, 'call', held_up)
+    monkeypatch.setattr(mux.mux.lane, 'post', late.append)
+    assert mux.mux.trigger_deactivate() == TransitionCallbackReturn.SUCCESS
+    assert mux.mux.trigger_activate() == TransitionCallbackReturn.SUCCESS
+    mux.now += 0.45
+    for each in late:
+        each()
+    assert mux.mux._last_state is State.STOPPED
+    assert mux.run(0.1) is State.STOPPED
+    mux.mux.destroy_node()
+
+
 def test_gated_joy_is_neutral_after_an_activation_with_other_parameters(
     context: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -21,6 +21,7 @@ from dataclasses import replace
 from itertools import pairwise
 import math
 import time
+from types import SimpleNamespace
 from typing import Any
 
 from builtin_interfaces.msg import Time
@@ -410,6 +411,21 @@ def parameters(values: dict[str, Any]) -> list[Any]:
     from rclpy.parameter import Parameter
 
     return [Parameter(name, value=value) for name, value in values.items()]
+
+
+def test_axis_of_two_joints_is_let_go_of_at_the_lesser_of_their_deadbands(context: Any) -> None:
+    for deadbands in ([0.05, 0.6], [0.6, 0.05]):
+        values = {'gated_joy': True, 'mixing': 'none', 'axis': [1, 1], 'deadband': deadbands}
+        overrides = parameters({f'operator.fort.{name}': value for name, value in values.items()})
+        mux = SafetyMux(context=context, namespace=namespace(), parameter_overrides=overrides)
+        gate = mux._gated_joys['fort']
+        said: list[Any] = []
+        gate.publisher = SimpleNamespace(publish=said.append)
+        gate.hear(sticks(0.5, deadman=True))
+        gate.decide(True, 1.0)
+        gate.say(1.0)
+        mux.destroy_node()
+        assert said[-1].axes[1] == 0.0, 'held as control began'
 
 
 def test_neutral_goes_out_with_the_stop_and_behind_it(own_mux: SafetyMux) -> None:
