@@ -34,6 +34,7 @@ import serial
 from serial.rfc2217 import PortManager
 
 from bridge_core import clock
+from bridge_core.transports import serial as serial_transport
 from bridge_core.transports import TransportError
 from bridge_core.transports.line import Line
 from bridge_core.transports.serial import SerialTransport
@@ -315,6 +316,35 @@ def test_input_from_before_opening_is_discarded(tmp_path: Path) -> None:
     assert take(transport, 5) == b'fresh'
     transport.close()
     peer.unplug()
+
+
+def test_last_frame_has_left_once_a_url_port_is_closed(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The process may end right behind that, and its threads with it."""
+    monkeypatch.setattr(serial_transport, '_FINISH_TIMEOUT', 10.0)
+
+    class Port:
+        in_waiting = 0
+
+        def __init__(self) -> None:
+            self.written = b''
+            self.closed = threading.Event()
+
+        def read(self, size: int) -> bytes:
+            self.closed.wait(10.0)
+            return b''
+
+        def write(self, data: bytes) -> None:
+            self.closed.wait(0.05)  # it is slow
+            self.written += data
+
+        def close(self) -> None:
+            self.closed.set()
+
+    port = Port()
+    pump = serial_transport._Pump(port)
+    pump._ours.send(b'farewell')
+    pump.close()
+    assert port.written == b'farewell'
 
 
 def test_last_frame_leaves_although_the_port_is_closed_behind_it(

@@ -223,13 +223,13 @@ class _Pump:
         return self._ours.fileno()
 
     def close(self) -> None:
-        """Close both without waiting; queued output gets 50 ms to leave."""
+        """Close both; queued output gets 50 ms to leave, as the process may end behind this."""
         _quietly(self._ours.shutdown, socket.SHUT_RDWR)
         self._ours.close()
-        threading.Thread(target=self._finish, daemon=True).start()
+        self._writer.join(_FINISH_TIMEOUT)
+        threading.Thread(target=self._finish, daemon=True).start()  # it may take a while
 
     def _finish(self) -> None:
-        self._writer.join(_FINISH_TIMEOUT)
         if self.line >= 0:
             os.close(self.line)
         _quietly(self._port.close)
