@@ -240,7 +240,7 @@ class _Simulation:
     def _can(
         self, device: str, values: Values, options: Iterable[str] = ()
     ) -> tuple[list[str], Values]:
-        bus = (values.get('interface', ''), values.get('channel', ''))
+        bus = (values.get('interface', 'socketcan'), values.get('channel', 'can0'))
         if bus not in self._channels:
             self._channels[bus] = channel_of(self._port())
         channel = self._channels[bus]

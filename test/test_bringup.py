@@ -248,7 +248,7 @@ def test_simulated_device_is_as_the_file_says(file: Path, tmp_path: Path) -> Non
             '/a/fort_vsc_bridge': {'transport': 'can', 'channel': 'can1'},
             '/b/fort_vsc_bridge': {'transport': 'hid'},
             '/a/akron_can_bridge': {'device_pin': pin, 'interface': 'socketcan'},
-            '/b/akron_can_bridge': {'unit_address': 0x91, 'interface': 'socketcan'},
+            '/b/akron_can_bridge': {'unit_address': 0x91, 'channel': 'can0'},
             '/a/vm110_bridge': {'bu_id': 9, 'crc': 'iso_hdlc'},
         },
     )

@@ -189,15 +189,37 @@ def test_fault_is_a_reason_once_and_those_of_strangers_are_none() -> None:
     assert [told('camera: image', level) for level in levels] == ['', '', '']
 
 
+def status_of(by: str, tripped: str = 'false') -> bytes:
+    values = [KeyValue(key='trip active', value=tripped), KeyValue(key='stopped by', value=by)]
+    return bytes(serialize_message(DiagnosticStatus(values=values)))
+
+
 def test_trip_is_a_reason_though_the_machine_is_stopped_already() -> None:
     found = reasons(Nodes((MUX,), (MUX,)))
+    assert not found.of(f'{MUX}/status', status_of("operator 'fort'"))
+    assert found.of(f'{MUX}/status', status_of('trip', 'true')) == 'trip'
 
-    def told(tripped: str, by: str) -> str:
-        values = [KeyValue(key='trip active', value=tripped), KeyValue(key='stopped by', value=by)]
-        return found.of(f'{MUX}/status', serialize_message(DiagnosticStatus(values=values)))
 
-    assert [told('false', "operator 'fort'"), told('true', 'trip')] == ['', 'trip']
+def test_stop_is_named_by_the_mux_that_stopped_and_by_that_stop() -> None:
+    other = '/right/safety_mux'
+    found = reasons(Nodes((MUX, other), (MUX, other)))
+
+    def stop(mux: str) -> None:
+        assert not found.of(f'{mux}/estop', estop(False))
+        assert found.of(f'{mux}/estop', estop(True)) == 'stop'
+
+    stop(MUX)
+    found.of(f'{MUX}/status', status_of('trip'))
+    found.of(f'{MUX}/status', status_of('none'))  # it was reset
     assert found.stopped_by == 'trip'
+    stop(other)
+    found.of(f'{MUX}/status', status_of('trip'))
+    assert found.stopped_by == '', 'not what the other one was stopped by'
+    found.of(f'{other}/status', status_of("operator 'fort'"))
+    assert found.stopped_by == "operator 'fort'"
+    stop(MUX)  # as its process ended; the next one knows of no cause
+    found.of(f'{MUX}/status', status_of('none'))
+    assert found.stopped_by == ''
 
 
 # The parameters.

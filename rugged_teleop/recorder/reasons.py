@@ -47,7 +47,13 @@ class Reasons:
         self._stops: dict[str, bool] = {}  # by topic, as heard last
         self._tripped: dict[str, bool] = {}  # by topic of ~/status
         self._levels: dict[str, bytes] = {}  # by name of a status
-        self.stopped_by = ''  # what the mux says of its newest stop
+        self._stopped = ''  # the mux that did so last
+        self._causes: dict[str, str] = {}  # by mux, what it has said of its newest stop
+
+    @property
+    def stopped_by(self) -> str:
+        """What the mux that stopped last says of that stop; empty before it does."""
+        return self._causes.get(self._stopped, '')
 
     def know(self, nodes: Nodes) -> None:
         """Take which nodes there are."""
@@ -70,12 +76,17 @@ class Reasons:
         self._stops[topic] = stop
         if not stop or before is not False:
             return ''
-        return STOP if self._nodes.muxes else f'{STOP}_{topic.removesuffix("/estop").strip("/")}'
+        name = topic.removesuffix('/estop')
+        if not self._nodes.muxes:
+            return f'{STOP}_{name.strip("/")}'
+        self._stopped = name
+        self._causes.pop(name, None)  # that of the stop before
+        return STOP
 
     def _of_status(self, topic: str, status: Any) -> str:
         values = {value.key: value.value for value in status.values}
         if values.get('stopped by', 'none') != 'none':
-            self.stopped_by = values['stopped by']
+            self._causes[topic.removesuffix('/status')] = values['stopped by']
         tripped = values.get('trip active') == 'true'
         before = self._tripped.get(topic)
         self._tripped[topic] = tripped
