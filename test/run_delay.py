@@ -25,6 +25,7 @@ from test.rig import wait_for
 
 HELD_UP = 0.15  # s; a bridge that is held up for 0.2 s demands a stop
 WIRE_HELD_UP = 0.05  # s; a wire is silent for 0.085 s then, with the 0.025 s between its beats
+WIRE_HUNG = 0.3  # s, until another one takes over from it
 
 
 class RunDelay:
@@ -54,6 +55,15 @@ class RunDelay:
         self._last |= self._waited()
         waited = sum(self._last[thread] - self._before.get(thread, 0) for thread in self._last)
         return 1e-9 * waited + _stolen() - self._stolen_before
+
+    def allowed(self, bound: float) -> float:
+        """
+        Return a bound (seconds) on a reaction at a wire, with what the machine may add to it.
+
+        A wire that was held up is taken for one that hangs: then the bound on that counts.
+        """
+        seconds = self.seconds()
+        return (bound if seconds < WIRE_HELD_UP else max(bound, WIRE_HUNG)) + seconds
 
     def exceeds(self, bound: float) -> bool:
         """Tell whether it is more; a wait is counted at its end, so look for another second."""

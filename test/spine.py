@@ -232,7 +232,7 @@ class Spine(Stage):
 
     def allowed(self, bound: float) -> float:
         """Return a bound (seconds) for what happened since the last motion began, or its reset."""
-        return bound + self._delay.seconds()
+        return self._delay.allowed(bound)
 
     def held_up(self) -> bool:
         """Tell whether what happened since then may be the machine's doing."""
