@@ -20,6 +20,7 @@ import struct
 import pytest
 
 from bridge_core.session import INTERRUPTION_TIME
+from bridge_core.session import Level
 from test.vm110_rig import ARMED
 from test.vm110_rig import armed
 from test.vm110_rig import Bench
@@ -33,6 +34,7 @@ from test.vm110_rig import LINK_ERROR
 from test.vm110_rig import opened
 from test.vm110_rig import STOPPED
 from test.vm110_rig import STOPPED_RU
+from vm110_bridge.session.report import DEAF
 from vm110_bridge.simulator import build_vrpi
 
 # -- VRPO -----------------------------------------------------------------------------------------
@@ -116,9 +118,12 @@ def test_hold_that_is_expected_withholds_output_from_the_first_on() -> None:
     bench.session.expect_hold()
     for _ in range(2):  # a port that is lost as well
         bench.open()
-        bench.run(3.0)
+        bench.run(2.0)
         assert bench.sent == []
         assert 'start what publishes ~/hold_output' in bench.session.problems(bench.now)[0][1]
+        bench.run(1.0)
+        assert bench.sent == []
+        assert bench.session.problems(bench.now)[0] == (Level.ERROR, DEAF)
         bench.close()
     bench.open()
     bench.hear()
