@@ -599,7 +599,8 @@ EXCUSED: dict[str, dict[str, str]] = {
         'Session._reset: True -> False': 'it is read only once it was heard, which sets it',
         'Session._reset: self._counts = self._zeros -> pass': _SET_FIRST,
         'Session._reset: self._until = -math.inf -> pass': _SET_FIRST,
-        'Session._disobedience: late and self.status is not None -> late': _FOR_TYPES,
+        'Session._disobedience: self.status is None or now < self._disabled_since + limit -> '
+        'now < self._disabled_since + limit': _FOR_TYPES,
         'Session._reset: -math.inf -> math.inf': _SET_FIRST,
         'Session.warnings: self.link_up and self.status is not None -> self.link_up': _FOR_TYPES,
         'Session._take_repeated: known is None or not settled or self.verdict.estop or '

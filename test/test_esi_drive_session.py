@@ -109,6 +109,8 @@ def test_a_missing_command_is_waited_for_shortly(rig: Rig) -> None:
     rig.enable = True
     assert all(is_disable(frame) for frame in rig.tick(3))
     assert rig.phase() is Phase.WAITING
+    (reason,) = rig.session.inhibits(rig.now)
+    assert reason.startswith('command is stale')
     rig.command = (100.0, 0.0)
     assert fields(rig.tick(1)[-1])[0] == (True, False, 0)
 

@@ -38,6 +38,7 @@ from akron_can_bridge.session import Request
 from bridge_core.session import Session
 from esi_drive_bridge.protocol import Mode
 import esi_drive_bridge.session
+from esi_drive_bridge.session import Phase
 from test import esi_drive_rig as esi
 from test.test_session_order import PLAYS
 from test.test_session_order import START
@@ -123,6 +124,9 @@ def same_all_along(
     return quick
 
 
+_ENABLING_PAUSE = 0.01  # s: a drive that is enabled before it was told to be is a stop
+
+
 def hears(frame: Any) -> Ask:
     return lambda session, now: session.receive(frame, now)
 
@@ -150,7 +154,7 @@ def test_drive_in_motion_is_judged_as_if_every_status_were_new(
 ) -> None:
     """From a drive that is enabled on: fed at a pace, as in motion, and whatever may end that."""
     enabling = [
-        *(ask('set_estop', False), ask('set_enable', False), hears(esi.IDLE), ask('poll')),
+        *(ask('set_estop', False), hears(esi.IDLE), ask('set_enable', False), ask('poll')),
         *(ask('set_enable', True), ask('set_command', [0.0, 0.0]), hears(esi.RUNNING)),
     ]
     frames = [*MEASURED, esi.RUNNING, esi.IDLE, esi.status(1, 0), esi.status(2, errors=1)]
@@ -160,7 +164,8 @@ def test_drive_in_motion_is_judged_as_if_every_status_were_new(
     steps = enabling + data.draw(st.lists(st.sampled_from(quiet), max_size=30))
     steps += data.draw(st.lists(any_step, max_size=20))
     pauses = data.draw(st.lists(PAUSES, min_size=len(steps), max_size=len(steps)))
-    pauses = [0.0 if n < len(enabling) else min(pause, 0.04) for n, pause in enumerate(pauses)]
+    pauses = [min(pause, 0.04) for pause in pauses]
+    pauses[: len(enabling)] = [_ENABLING_PAUSE] * len(enabling)
     make = partial(esi_drive_bridge.session.Session, esi.make_settings(axes=esi.axes(mode)))
     same_all_along(make, list(zip(steps, pauses, strict=True)))
 
@@ -168,12 +173,15 @@ def test_drive_in_motion_is_judged_as_if_every_status_were_new(
 def test_repeated_status_of_a_drive_in_motion_needs_no_judgement() -> None:
     session = esi_drive_bridge.session.Session(esi.make_settings())
     session.opened(START)
-    for step in (ask('set_estop', False), ask('set_enable', False), hears(esi.IDLE)):
+    for step in (ask('set_estop', False), hears(esi.IDLE), ask('set_enable', False)):
         step(session, START)
-    for step in (ask('set_enable', True), ask('set_command', [0.0, 0.0]), hears(esi.RUNNING)):
+    for step in (ask('set_enable', True), ask('set_command', [0.0, 0.0])):
         step(session, START)
-    assert session.enabled
-    (status,) = session._decoder.feed(MEASURED[0], START)
-    assert session._take_repeated(status, START)
-    (status,) = session._decoder.feed(esi.status(2, errors=1), START)
-    assert not session._take_repeated(status, START)
+    now = START + _ENABLING_PAUSE
+    session.poll(now)
+    hears(esi.RUNNING)(session, now)
+    assert session.phase is Phase.ENABLED
+    (status,) = session._decoder.feed(MEASURED[0], now)
+    assert session._take_repeated(status, now)
+    (status,) = session._decoder.feed(esi.status(2, errors=1), now)
+    assert not session._take_repeated(status, now)
