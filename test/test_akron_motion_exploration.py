@@ -53,7 +53,9 @@ class World(AkronWorld):
     COAST = 3 * STEP
     CALM = {'unit': 'still', 'estop': 'clear', 'stick': 'rest'}
     APART = ('refused', 'moves', 'other_frames', '_stream', '_names', '_due', '_asked_at',
-             '_handover', '_before')  # fmt: skip
+             '_handover', '_before',
+             # Of travels, and nothing here begins one:
+             '_heard_at', '_still_since', '_measured')  # fmt: skip
     OLD = {
         '_pause_until': 0.0,
         **dict.fromkeys(('_stopped_at', 'stop_at', 'over_at', 'run_at', 'began_at'), COAST),

@@ -291,6 +291,53 @@ def test_stop_does_not_take_a_travel_for_an_oscillation(command: Any, lag: float
     assert {frame.data for frame in bench.session.farewell(bench.now)} == {NEUTRAL, NO_TARGETS}
 
 
+@pytest.mark.parametrize('silence', [0.1, 0.45, 0.55, 0.6, 1.2])
+@pytest.mark.parametrize('how', ['silent', 'closed', 'error'])
+def test_travel_of_a_unit_that_was_not_heard_for_a_while_is_one_as_well(
+    silence: float, how: str
+) -> None:
+    bench = paused()
+    bench.run(0.1, STOW)
+    bench.turns = True
+    bench.run(2 * COAST, REST)
+    if how == 'closed':
+        bench.close()
+        bench.now += silence
+        bench.open()
+        bench.take(ANNOUNCED)
+    elif how == 'error':
+        for _ in range(round(silence / SLOT)):
+            bench.take(OUTPUTS, ef('01000A0371000041'), OSCILLATES)  # of rotation
+            bench.run(SLOT, REST, unit=False)
+    else:
+        bench.run(silence, REST, unit=False)
+    bench._tenths += round(silence / SLOT)  # it has gone on meanwhile
+    bench.says = [OSCILLATES, NO_FAULTS]
+    start = bench.now
+    bench.run(3 * COAST, REST)  # motion is a stop by then
+    assert PAUSE not in bench.joystick_frames(start)
+    assert not presses(bench)
+
+
+@pytest.mark.parametrize(
+    ('coasts', 'stands', 'coast_time'),
+    [(0.0, 0.6, COAST), (0.3, 0.6, COAST), (0.3, 0.4, COAST), (0.5, 0.8, 2 * COAST)],
+)
+def test_travel_that_begins_after_the_unit_has_coasted_and_stood_is_one_as_well(
+    coasts: float, stands: float, coast_time: float
+) -> None:
+    bench = paused(coast_time=coast_time)
+    bench.turns = True
+    bench.run(1.0, MOVE)
+    bench.run(0.1, STOW)
+    bench.run(coasts, REST)
+    bench.turns = False
+    bench.run(stands, REST)
+    bench.turns = True
+    bench.run(2 * coast_time + COAST, REST)
+    assert not presses(bench)
+
+
 @pytest.mark.parametrize('frame', TRAVELS.values(), ids=TRAVELS)
 def test_stop_does_not_take_the_travel_of_a_joystick_for_an_oscillation(frame: CanFrame) -> None:
     bench = paused(allowed_joysticks=frozenset({ALLOWED}))

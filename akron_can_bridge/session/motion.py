@@ -43,21 +43,33 @@ class Motion:
         self.runs_since = -math.inf  # when the last step but one came, if it moves
         self._unit = unit
         self._stepped_at = -math.inf
+        self._heard_at = -math.inf  # all angles that it has
+        self._still_since = math.inf  # they have been heard all along since, without a step
+        self._measured: set[int] = set()  # places that had an angle
         self._degrees: list[float | None] = [None, None]  # at the last step of each
 
     def take(self, message: PositionLimit, now: float) -> None:
         """Take a type 01. One step is no motion yet: zeroing looks like that."""
-        for place, position in enumerate((message.rotation, message.elevation)):
-            before, degrees = self._degrees[place], position.degrees
-            if before is None or degrees is None:
-                self._degrees[place] = degrees
+        angles = [position.degrees for position in (message.rotation, message.elevation)]
+        measured = {place for place, degrees in enumerate(angles) if degrees is not None}
+        self._measured |= measured
+        if measured == self._measured:
+            if now >= self._heard_at + _HOLD:
+                self._still_since = now
+            self._heard_at = now
+        for place, degrees in enumerate(angles):
+            before = self._degrees[place]
+            if degrees is None:
+                self._degrees[place] = None
+            elif before is None:
+                self._degrees[place], self._still_since = degrees, now
             elif abs(degrees - before) >= _STEP_DEG:
                 self._degrees[place] = degrees
                 if now >= self.ends_at:
                     self.began_at = now
                 elif now > self._stepped_at:
                     self.runs_since = self._stepped_at
-                self._stepped_at = now
+                self._stepped_at = self._still_since = now
 
     @property
     def ends_at(self) -> float:
@@ -68,9 +80,14 @@ class Motion:
         """Tell whether its angles change."""
         return self.began_at < self._stepped_at and now < self.ends_at
 
+    def stands(self, now: float) -> bool:
+        """Tell whether it is heard to stand: one that is not heard may do anything."""
+        heard = now < self._heard_at + _HOLD
+        return heard and self._heard_at - self._still_since >= _HOLD
+
     def arrived(self, since: float, now: float) -> bool:
         """Tell whether it has moved since then, and stands."""
-        return since < self._stepped_at and now >= self.ends_at
+        return since < self._stepped_at and self.stands(now)
 
     def oscillates(self, now: float) -> bool:
         """Tell whether it says so, be it paused or not."""
@@ -89,5 +106,5 @@ class Motion:
 
     def forget(self) -> None:
         """Forget what was reported."""
-        self.began_at = self._stepped_at = self.runs_since = -math.inf
+        self.began_at = self._stepped_at = self.runs_since = self._heard_at = -math.inf
         self._degrees = [None, None]

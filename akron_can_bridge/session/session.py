@@ -427,15 +427,17 @@ class Session(BaseSession[CanFrame, Received, Event]):
         Have a travel count as steering until the unit stands, or says that it does not oscillate.
 
         It may have begun while an oscillation was paused, and type 81 may tell of that all along.
+        It may also begin only ``coast_time`` later, when the unit has coasted and stood.
         """
         begins = self.drive.travels or self.joysticks.travel_asked
         self.joysticks.travel_asked = False
         self._travels = (self._travels or begins) and self.motion.may_oscillate(now)
         if begins:
             self._travel_at = now
-        if self._travels and (begins or now < self.motion.ends_at):
+        if self._travels and (begins or not self.motion.stands(now)):
             self.drive.steered_until = now
-        arrived = self.motion.arrived(self._travel_at, now)
+        begun = now >= self._travel_at + self.settings.coast_time
+        arrived = begun and self.motion.arrived(self._travel_at, now)
         self._travels &= now < self._steered_until and not arrived
 
     def _withhold(self) -> None:
