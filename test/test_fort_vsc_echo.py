@@ -125,6 +125,16 @@ def test_vsc_that_is_asked_to_stop_and_does_not_is_an_error() -> None:
     assert (Level.ERROR, DEAF) not in bench.session.problems(bench.now)
 
 
+def test_vsc_that_falls_silent_before_it_can_stop_is_not_said_to_disobey() -> None:
+    bench = opened(software_estop_timeout=5.0, link_timeout=5.0)
+    bench.run(6.0, heartbeat())
+    ask(bench, True)
+    bench.hear(heartbeat())
+    bench.wait(2.0 * OBEY_TIME)
+    assert bench.session.link_up
+    assert (Level.ERROR, DEAF) not in bench.session.problems(bench.now)
+
+
 def test_stop_that_did_not_go_out_is_no_fault_of_the_vsc() -> None:
     bench = opened(software_estop_timeout=5.0)
     bench.session.set_software_estop(True, bench.now)

@@ -56,6 +56,7 @@ APART = (  # see Memory
     '_others', 'refused', 'delivered', 'repeats', 'bad_crc_at', 'other_crc_at', 'other_layout_at',
     '_looped_back_at', 'foreign', 'lost', 'repeated', 'reordered', 'restarts', '_serial',
     'dropped_commands', '_known', '_missed', '_resumed_at', 'no_origin_at',
+    '_armed_at', '_taken_at',
 )  # fmt: skip
 
 

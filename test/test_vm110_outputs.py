@@ -121,7 +121,7 @@ def test_hold_that_is_expected_withholds_output_from_the_first_on() -> None:
         bench.run(2.0)
         assert bench.sent == []
         assert 'start what publishes ~/hold_output' in bench.session.problems(bench.now)[0][1]
-        bench.run(1.0)
+        bench.run(1.25)
         assert bench.sent == []
         assert bench.session.problems(bench.now)[0] == (Level.ERROR, DEAF)
         bench.close()

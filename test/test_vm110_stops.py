@@ -94,19 +94,23 @@ def test_error_is_ours_for_a_moment_after_the_hold(
 
 
 def test_unit_that_stays_armed_without_output_does_not_obey(judge: StopJudge) -> None:
-    assert not judge.is_disobeyed(NOW + OBEY_TIME)  # nothing is asked of it
-    judge.hold(True, NOW + 1.0)
-    assert not judge.is_disobeyed(NOW + OBEY_TIME - STEP)
-    assert judge.is_disobeyed(NOW + OBEY_TIME)
-    judge.take(ARMED, NOW + OBEY_TIME)
-    assert judge.is_disobeyed(NOW + OBEY_TIME)
-    judge.take(replace(ARMED, bu_state=BuState.DISARMED), NOW + OBEY_TIME)
-    assert not judge.is_disobeyed(NOW + OBEY_TIME)  # it watches its output while it is armed
-    judge.take(ARMED, NOW + OBEY_TIME)
-    assert not judge.is_disobeyed(NOW + 2.0 * OBEY_TIME - STEP)
-    assert judge.is_disobeyed(NOW + 2.0 * OBEY_TIME)
-    judge.hold(False, NOW + 2.0 * OBEY_TIME)
-    assert not judge.is_disobeyed(NOW + 2.0 * OBEY_TIME)
+    def disobeys(vrpi: PeriodicInput, seconds: float) -> bool:
+        judge.take(vrpi, NOW + seconds)
+        return judge.is_disobeyed
+
+    assert not disobeys(ARMED, OBEY_TIME)  # nothing is asked of it
+    judge.hold(True, NOW + OBEY_TIME)  # VRPO went out last at NOW
+    assert judge.is_disobeyed
+    judge.output_sent(NOW + OBEY_TIME)
+    assert not disobeys(ARMED, 2.0 * OBEY_TIME - STEP)  # nor is it known while it is silent
+    assert disobeys(ARMED, 2.0 * OBEY_TIME)
+    # It watches its output while it is armed.
+    assert not disobeys(replace(ARMED, bu_state=BuState.DISARMED), 2.0 * OBEY_TIME)
+    assert not disobeys(ARMED, 2.0 * OBEY_TIME)
+    assert not disobeys(ARMED, 3.0 * OBEY_TIME - STEP)
+    assert disobeys(ARMED, 3.0 * OBEY_TIME)
+    judge.hold(False, NOW + 3.0 * OBEY_TIME)
+    assert not judge.is_disobeyed
 
 
 def test_short_hold_explains_no_error(judge: StopJudge) -> None:

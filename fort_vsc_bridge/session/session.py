@@ -141,7 +141,7 @@ class Session(BaseSession[Frame, Received, Event]):
         if self.link_up and not self._rejected_lately.expired(now):
             problems.append((Level.ERROR, self._rejection))
         if self.link_up and now >= self._settled_at:
-            if self._judgement.awaits_stop(now) and not self.estop:
+            if self._judgement.awaits_stop and not self.estop:
                 problems.append((Level.ERROR, report.DEAF))
             if self._joystick_heard.expired(now):
                 problems.append((Level.WARN, f'{wire.NO_JOYSTICK}: no joystick messages come'))

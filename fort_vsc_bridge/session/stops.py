@@ -40,7 +40,7 @@ class StopJudge:
         self._asked = ''  # what ends the stop that our heartbeats ask for
         self._echo = False  # USER bits are our doing
         self._echo_heard = False  # they were seen since we asked last
-        self._asked_at = self._released_at = 0.0
+        self._heard_at = self._asked_at = self._released_at = 0.0
         self._before = self._of_asking()
 
     def asked(self, remedy: str, now: float) -> None:
@@ -69,12 +69,14 @@ class StopJudge:
     def _of_asking(self) -> tuple[str, bool, bool, float, float]:
         return self._asked, self._echo, self._echo_heard, self._asked_at, self._released_at
 
-    def awaits_stop(self, now: float) -> bool:
-        """Tell whether our heartbeat has asked for so long that the VSC ought to be stopped."""
-        return bool(self._asked) and now - self._asked_at >= OBEY_TIME
+    @property
+    def awaits_stop(self) -> bool:
+        """Whether the newest heartbeat came so long after we asked that it ought to say stop."""
+        return bool(self._asked) and self._heard_at - self._asked_at >= OBEY_TIME
 
     def heard(self, heartbeat: Heartbeat, now: float) -> None:
         """Keep USER bits ours until they are seen clear: the VSC may hold them for a while."""
+        self._heard_at = now
         if heartbeat.estop & EStopBits.USER:
             self._echo_heard = self._echo
         elif not self._asked and (self._echo_heard or now - self._released_at >= ECHO_DELAY):

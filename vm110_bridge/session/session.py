@@ -143,7 +143,7 @@ class Session(BaseSession[bytes, Packet, Event]):
         problems += [(Level.ERROR, text) for text in report.faults(self.faulty)]
         if self.link_up:
             warnings += report.others(self.other_base_units(now), self.bu_id)
-            if self._stops.is_disobeyed(now):
+            if self._stops.is_disobeyed:
                 problems.append((Level.ERROR, report.DEAF))
             elif self.hold_asked:
                 silent = '' if self._hold_output else self._hold_heard.describe(now)

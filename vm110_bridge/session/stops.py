@@ -62,7 +62,7 @@ class StopJudge:
         self._released_at = -math.inf
         self._resumed_at = now  # VRPO began to flow, or did so again after LEAST_SILENCE
         self._newest = PeriodicInput()  # Initial, a stop
-        self._armed_at = now  # of the newest, while it is Armed
+        self._taken_at = self._armed_at = now  # of the newest; while it is Armed, of the first
         self._late = Verdict()  # the worst of the VRPI that the newest has overtaken
         self._echo = False  # the external link error is our doing, as hold_output asked
         self._missed = False  # VRPO were missing when it began
@@ -80,10 +80,11 @@ class StopJudge:
             self._resumed_at = now
         self._output_at = now
 
-    def is_disobeyed(self, now: float) -> bool:
-        """Tell whether VRPO have been withheld, and the BU is armed in spite of it."""
+    @property
+    def is_disobeyed(self) -> bool:
+        """Whether the newest VRPI says Armed although VRPO had been withheld for long."""
         armed = self._newest.bu_state == BuState.ARMED
-        withheld_for = now - max(self._output_at, self._armed_at)
+        withheld_for = self._taken_at - max(self._output_at, self._armed_at)
         return self._holding and armed and withheld_for >= OBEY_TIME
 
     def take(self, vrpi: PeriodicInput, now: float) -> None:
@@ -96,6 +97,7 @@ class StopJudge:
             self._missed = silent or now - self._resumed_at < ECHO_DELAY
         if self._newest.bu_state != BuState.ARMED:
             self._armed_at = now
+        self._taken_at = now
         self._newest, self._late = vrpi, Verdict()
 
     def take_late(self, vrpi: PeriodicInput) -> None:
