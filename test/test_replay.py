@@ -17,12 +17,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+import importlib
 import math
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
 
+from bridge_core.parameters import BRIDGE_PARAMETERS
 from fort_vsc_bridge.session import Session
 from rugged_teleop.loaded import load
 from rugged_teleop.loaded import Loaded
@@ -34,11 +37,14 @@ from rugged_teleop.replay.track import Track
 from safety_mux.arbiter import Arbiter
 from safety_mux.limits import JointLimiter
 from safety_mux.protocol import State
+from test import akron_session_rig
+from test import esi_drive_rig
 
 # The recorder's, of running nodes: of test_recorder_spine.py, without what replay does not read.
 FOLDER = Path(__file__).parent / 'recordings'
 INCIDENTS = ('pressed_estop', 'lost_remote', 'drive_fault')
 MUX, VSC = '/safety_mux', '/fort_vsc_bridge'
+EPOCH = 1.7e9  # s
 
 
 @pytest.fixture(scope='module')
@@ -189,6 +195,69 @@ def test_session_that_misses_a_stop_in_the_bytes_is_noticed(
     monkeypatch.setattr(Session, '_judge', lambda self, now: type(judge(self, now))(link_up=True))
     (found,) = replay_session(VSC, recording.said, recording.parameters[VSC], None).found
     assert (found.what, found.recorded, found.replayed) == ('e-stop', 'true', 'false')
+
+
+def said_by(name: str, now: float, session: Any, data: bytes, identifier: str = '') -> list[Said]:
+    """Return what a bridge publishes of bytes that its session has just taken."""
+    label = f'{EPOCH + now:.6f} {identifier}'.strip()
+    layout = SimpleNamespace(dim=[SimpleNamespace(label=label, size=len(data))])
+    raw = SimpleNamespace(data=data, layout=layout)
+    return [
+        Said(EPOCH + now, f'{name}/raw/received', 'std_msgs/msg/UInt8MultiArray', raw),
+        Said(EPOCH + now, f'{name}/estop', '', SimpleNamespace(data=session.estop)),
+        Said(EPOCH + now, f'{name}/link_up', '', SimpleNamespace(data=session.link_up)),
+    ]
+
+
+class RecordedDrive(esi_drive_rig.Rig):
+    def __init__(self) -> None:
+        self.said: list[Said] = []
+        super().__init__()
+
+    def hear(self, data: bytes) -> list[bytes]:
+        sent = super().hear(data)
+        self.said += said_by('/esi_drive_bridge', self.now, self.session, data)
+        return sent
+
+    def play(self) -> None:
+        self.start()
+        self.tick(100)
+        self.enable, self.status = False, esi_drive_rig.IDLE
+        self.tick(10)
+
+
+class RecordedUnit(akron_session_rig.Turning):
+    def __init__(self) -> None:
+        self.said: list[Said] = []
+        super().__init__()
+
+    def take(self, *frames: Any) -> list[Any]:
+        events = super().take(*frames)
+        for frame in frames:
+            words = frame.data, f'{frame.identifier:08X}'
+            self.said += said_by('/akron_can_bridge', self.now, self.session, *words)
+        return events
+
+    def play(self) -> None:
+        self.ready()
+        self.turns = True
+        self.run(4.0, akron_session_rig.MOVE)
+        self.turns = False
+        self.run(1.0, akron_session_rig.REST)
+
+
+@pytest.mark.parametrize('make', [RecordedDrive, RecordedUnit])
+def test_motion_that_was_asked_for_is_not_told_as_a_stop_of_today(make: Any) -> None:
+    """Its bytes alone are those of a device that nobody asked to move."""
+    recorded = make()
+    recorded.play()
+    name = recorded.said[0].topic.removesuffix('/raw/received')
+    before = Said(recorded.said[0].at, f'{name}/estop', '', SimpleNamespace(data=True))
+    table = importlib.import_module(f'{name[1:]}.parameters').PARAMETERS
+    values = {each.name: each.default for each in (*BRIDGE_PARAMETERS, *table)}
+    outcome = replay_session(name, [before, *recorded.said], values, None)
+    assert outcome.found == []
+    assert any('who asked it to is not replayed' in note for note in outcome.notes)
 
 
 def test_what_is_missing_for_a_session_is_named(recordings: dict[str, Loaded]) -> None:

@@ -24,6 +24,7 @@ from typing import Any
 
 from bridge_core.j1939 import CanFrame
 from bridge_core.session import StopChanged
+from bridge_core.session import Verdict
 from rugged_teleop.decode.pieces import Piece
 from rugged_teleop.decode.recorded import pieces_of
 from rugged_teleop.recordings import Said
@@ -39,6 +40,9 @@ _BRIDGES = (
     *('ssc_bridge', 'vm110_bridge'),
 )
 _RECEIVED = '/raw/received'
+# Words of a stop for motion that the session did not ask for: it was asked for nothing here.
+_UNASKED = ('though nobody ', 'and was not by this node since it opened the port')
+_MAY_BE_ASKED = 'it moved, and who asked it to is not replayed'
 _LOGGED = 0.1  # s between a stop and its line in the log
 _HELD_UP = 'stop: this node was held up'
 _STEP = 1e-3  # s, between two polls at least
@@ -82,9 +86,10 @@ def replay_session(
     table = importlib.import_module(f'{package}.parameters').PARAMETERS
     values = {each.name: each.default for each in table} | dict(given)
     bridge = importlib.import_module(f'{package}.wire').BRIDGE
-    replayed = Track()
-    for at, estop in _course(bridge.make_session(values), pieces, said[-1].at):
-        replayed.add(at, estop)
+    replayed, unasked = Track(), Track()
+    for at, verdict in _course(bridge.make_session(values), pieces, said[-1].at):
+        replayed.add(at, verdict.estop)
+        unasked.add(at, _is_unasked(verdict))
     slack = 1.0 / values['estop_rate'] if tolerance is None else tolerance
     since = _settled(recorded, replayed, slack)
     notes = [f'its session began anew with the first bytes; compared from {utc(since)} on']
@@ -95,6 +100,8 @@ def replay_session(
             why = 'it had lost its port or its wire, though bytes came'
         elif span.recorded:
             why = _held_up(name, said, span)
+        elif unasked.at(span.since):
+            why = _MAY_BE_ASKED
         if why:
             ms = (span.until - span.since) * 1e3
             notes.append(f'not compared at {utc(span.since)} for {ms:.0f} ms: {why}')
@@ -103,6 +110,11 @@ def replay_session(
             found.append(Found(span.since, span.until, 'e-stop', *words))
     compared = ['e-stop, by the bytes of its port']
     return Outcome(name, since, said[-1].at, notes, compared, found)
+
+
+def _is_unasked(verdict: Verdict) -> bool:
+    reasons = verdict.reasons
+    return bool(reasons) and all(any(each in reason for each in _UNASKED) for reason in reasons)
 
 
 def _recorded(topic: str, said: Sequence[Said]) -> Track:
@@ -125,7 +137,9 @@ def _held_up(name: str, said: Sequence[Said], span: Difference) -> str:
     return ''
 
 
-def _course(session: Any, pieces: Sequence[Piece], until: float) -> Iterator[tuple[float, bool]]:
+def _course(
+    session: Any, pieces: Sequence[Piece], until: float
+) -> Iterator[tuple[float, Verdict]]:
     """Yield the session's verdict whenever it had something to do."""
     now = pieces[0].at or 0.0
     session.opened(now)
@@ -134,16 +148,16 @@ def _course(session: Any, pieces: Sequence[Piece], until: float) -> Iterator[tup
         while session.deadline() <= end and now + _STEP <= end:
             now = max(now + _STEP, session.deadline())
             session.poll(now)
-            yield now, session.estop
+            yield now, session.verdict
         if piece is not None:
             now = max(now, end)
             data: Any = piece.data
             if piece.identifier is not None:
                 data = CanFrame(piece.identifier, piece.data)
             events, _ = session.receive(data, now)
-            yield from ((now, e.verdict.estop) for e in events if isinstance(e, StopChanged))
+            yield from ((now, e.verdict) for e in events if isinstance(e, StopChanged))
             session.poll(now)
-            yield now, session.estop
+            yield now, session.verdict
 
 
 def _settled(recorded: Track, replayed: Track, tolerance: float) -> float:
