@@ -51,8 +51,8 @@ def standard_streams(prog: str) -> Iterator[None]:
     Have a command use standard input and outputs, whatever they are.
 
     Closed ones become /dev/null, and what cannot be encoded, such as the name of a file that is no
-    text, an escape. A reader that leaves, as head does, has seen enough: exit status 0. Where
-    there is no room for what is printed, a line says so: 2.
+    text, an escape. A reader that leaves, as head does, has seen enough: exit status 0, or the one
+    that the command had come to. Where there is no room for what is printed, a line says so: 2.
     """
     fill_standard_descriptors()
     for number, (name, mode) in enumerate((('stdin', 'r'), ('stdout', 'w'), ('stderr', 'w'))):
@@ -70,7 +70,8 @@ def standard_streams(prog: str) -> Iterator[None]:
         for stream in (sys.stdout, sys.stderr):
             _leave(stream)
         if error.errno == errno.EPIPE:
-            sys.exit(0)
+            ended = error.__context__  # by its own word, and only what it had printed was left
+            sys.exit(ended.code if isinstance(ended, SystemExit) else 0)
         print(f'{prog}: standard output: {error.strerror}', file=sys.stderr)
         sys.exit(2)
 

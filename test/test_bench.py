@@ -26,6 +26,7 @@ from signal import SIGINT
 from signal import SIGKILL
 import subprocess
 import sys
+from types import SimpleNamespace
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
@@ -46,6 +47,7 @@ from rugged_teleop.bench.course import Facts
 from rugged_teleop.bench.course import Order
 from rugged_teleop.bench.course import Phase
 from rugged_teleop.bench.main import _run
+from rugged_teleop.bench.main import main
 from rugged_teleop.bench.targets import TARGETS
 from rugged_teleop.ptys import PtyDevice
 from ssc_bridge.simulator import Simulator as Ssc
@@ -409,6 +411,24 @@ def test_each_kind_is_commanded_in_its_own_words(
     assert (rest if rest is None else list(getattr(rest, target.field))) == at_rest
     assert target.message(Order(0.5, enable=True), joints, joint) == moving
     assert target.message(STOP, joints, joint) == rest
+
+
+def test_status_is_that_of_the_trial_though_nobody_reads_why(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def run(trial: Course, *_: Any) -> None:
+        trial.problem = 'no node listens to its inputs'
+
+    def gone(_: str) -> None:
+        raise BrokenPipeError
+
+    commander = contextlib.nullcontext(SimpleNamespace(summary=''))
+    monkeypatch.setattr(f'{Commander.__module__}.Commander', lambda *_: commander)
+    monkeypatch.setattr(f'{_run.__module__}._run', run)
+    monkeypatch.setattr(sys, 'stderr', SimpleNamespace(write=gone))
+    with pytest.raises(SystemExit) as ended:
+        main(['--speed', '1', '--joint', 'left'])
+    assert ended.value.code == 1
 
 
 def test_servo_goes_where_it_is_told_and_then_to_its_failsafe(tmp_path: Path) -> None:

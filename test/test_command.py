@@ -160,6 +160,22 @@ def test_reader_that_has_seen_enough_is_no_error(words: Sequence[str]) -> None:
     assert (done.returncode, done.stderr) == (0, '')
 
 
+@pytest.mark.parametrize(('end', 'status'), [('', 0), ('sys.exit(3)', 3)])
+def test_reader_that_has_left_is_not_how_a_command_ends(end: str, status: int) -> None:
+    program = (
+        'import contextlib\nimport sys\n'
+        'from rugged_teleop.command_line import standard_streams\n'
+        'with standard_streams("x"):\n'
+        f'    with contextlib.suppress(OSError):\n        print("said")\n    {end}\n'
+    )
+    read, write = os.pipe()
+    os.close(read)
+    command = [sys.executable, '-c', program]
+    done = subprocess.run(command, cwd=ROOT, stdout=write, stderr=subprocess.PIPE, text=True)
+    os.close(write)
+    assert (done.returncode, done.stderr) == (status, '')
+
+
 @pytest.mark.parametrize(
     ('words', 'status', 'error'),
     [

@@ -17,6 +17,7 @@
 from __future__ import annotations
 
 import csv
+from functools import partial
 import io
 import json
 import os
@@ -28,6 +29,7 @@ from typing import Any
 import can
 import pytest
 
+from rugged_teleop.decode import captures
 from rugged_teleop.decode.main import main
 from rugged_teleop.decode.protocols import Entry
 from rugged_teleop.decode.writers import Csv
@@ -296,6 +298,15 @@ def test_standard_input_may_be_a_binary_file(kind: str, piped: bool, tmp_path: P
     assert done.returncode == by_name.returncode == 0, done.stderr
     assert done.stdout.replace(b'standard input', bytes(path)) == by_name.stdout
     assert [*folder.iterdir()] == []
+
+
+def test_copy_that_finds_no_room_is_not_the_fault_of_the_output(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    full = partial(open, '/dev/full', 'r+b')
+    monkeypatch.setattr(captures, 'NamedTemporaryFile', full)
+    with pytest.raises(ValueError, match='is not copied to /dev/full: No space left'):
+        captures._copy(io.BytesIO(bytes(100))).__enter__()
 
 
 def test_reader_that_has_seen_enough_is_no_error(path: Path) -> None:

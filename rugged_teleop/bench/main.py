@@ -94,7 +94,8 @@ def main(arguments: Sequence[str] | None = None, prog: str = 'rugged_teleop benc
         _run(course, commander, ended)
         summary = commander.summary
     if course.problem:
-        print(f'{prog}: {course.problem}', file=sys.stderr)
+        with contextlib.suppress(OSError):  # its reader has left
+            print(f'{prog}: {course.problem}', file=sys.stderr)
         sys.exit(_INTERRUPTED if ended else 1)
     found = f'measured up to {course.peak:.3g} of {value:g}' if target.is_measured else summary
     print(f'at rest and disabled; {found}', flush=True)

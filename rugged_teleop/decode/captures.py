@@ -19,6 +19,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 from contextlib import nullcontext
+from contextlib import suppress
 from dataclasses import dataclass
 from dataclasses import field
 import os
@@ -122,6 +123,8 @@ def _copy(file: BinaryIO) -> Iterator[Any]:
             shutil.copyfileobj(file, copy)
             copy.seek(0)
         except OSError as error:
+            with suppress(OSError):
+                copy.close()  # it tries again what found no room
             raise ValueError(f'is not copied to {copy.name}: {error.strerror}') from error
         yield copy
 
