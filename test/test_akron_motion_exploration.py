@@ -21,6 +21,7 @@ from typing import Any
 
 import pytest
 
+from test.akron_session_rig import DEPLOY
 from test.akron_session_rig import ef
 from test.akron_session_rig import joystick
 from test.akron_session_rig import MOVING
@@ -30,6 +31,8 @@ from test.akron_session_rig import OSCILLATES
 from test.akron_session_rig import OURS
 from test.akron_session_rig import OUTPUTS
 from test.akron_session_rig import PAUSE
+from test.akron_session_rig import REST
+from test.explorer import explore
 from test.explorer import visits_of
 from test.test_akron_exploration import FOREIGN
 from test.test_akron_exploration import STICK
@@ -37,6 +40,7 @@ from test.test_akron_exploration import World as AkronWorld
 
 pytestmark = pytest.mark.computes
 STARTING = bytes.fromhex('0100010000010000')  # switch 4
+DEPLOYING = bytes.fromhex('0100010000000100')  # switch 8
 ANGLES = (ef('0100040371000041'), ef('010A040371000041'))  # a degree apart
 LIMITS = (ef('81FED401C200'), OSCILLATES)
 TURNING = ('turns', 'oscillates', 'crowded')
@@ -52,10 +56,11 @@ class World(AkronWorld):
     LINK = FRESH = 2 * STEP
     COAST = 3 * STEP
     CALM = {'unit': 'still', 'estop': 'clear', 'stick': 'rest'}
-    APART = ('refused', 'moves', 'other_frames', '_stream', '_names', '_due', '_asked_at',
-             '_handover', '_before',
-             # Of travels, and nothing here begins one:
-             '_heard_at', '_still_since', '_measured')  # fmt: skip
+    APART: Sequence[str] = (
+        'refused', 'moves', 'other_frames', '_stream', '_names', '_due', '_asked_at',
+        '_handover', '_before',
+        '_heard_at', '_still_since', '_measured',  # of travels, and nothing here begins one
+    )  # fmt: skip
     OLD = {
         '_pause_until': 0.0,
         **dict.fromkeys(('_stopped_at', 'stop_at', 'over_at', 'run_at', 'began_at'), COAST),
@@ -136,13 +141,14 @@ class World(AkronWorld):
         self.frames = [still if frame.data == PAUSE else frame for frame in self.frames]
         super().judge()
         self.judge_press(PAUSE in sticks)
-        pushing = bool(sticks) and sticks[-1] in (MOVING, STARTING)
+        starts = STARTING in sticks or DEPLOYING in sticks
+        pushing = bool(sticks) and sticks[-1] in (MOVING, STARTING, DEPLOYING)
         if pushing or self.pushed_until == math.inf:
             self.pushed_until = math.inf if pushing else self.now
         steering = MOVING in sticks[-1:]
         if steering or self.steered == math.inf:
             self.steered = math.inf if steering else self.now
-        self.by_itself |= STARTING in sticks
+        self.by_itself |= starts
         if self.over_at == math.inf and self.by_itself:
             self.by_itself, self.taken_at = False, self.now
         said = any('though nobody asks' in reason for reason in self.session.verdict.reasons)
@@ -194,3 +200,52 @@ COUNTS: dict[str, tuple[int, int]] = {
     'neighbours': (31989, 183992),
 }  # states, and steps between them
 test_every_state_near_the_start, test_every_state = visits_of(World, SCENES, COUNTS, near=100)
+
+
+class Sent(World):
+    """
+    A unit that is sent somewhere, and says all along that it oscillates, as when that is paused.
+
+    Motion is the travel where it begins within ``coast_time`` of asking, until it has stood.
+    """
+
+    CALM = {'unit': 'paused', 'estop': 'clear', 'stick': 'rest'}
+    APART: Sequence[str] = tuple(
+        name for name in World.APART if name not in ('_heard_at', '_still_since', '_measured')
+    )
+    OLD = {**World.OLD, '_still_since': 2 * HOLD,
+           **dict.fromkeys(('_travel_at', 'sent_at'), World.COAST)}  # fmt: skip
+    STICKS = {'rest': (REST, NEUTRAL), 'deploy': (DEPLOY, DEPLOYING)}
+
+    def __init__(self, reads: Sequence[str] = (), **said: str) -> None:
+        self.travels = False
+        self.sent_at = -math.inf  # somewhere, last
+        self.turned_at = -math.inf  # heard or not
+        super().__init__(reads, **said)
+
+    def hear(self, said: Sequence[str]) -> None:
+        super().hear([each for each in said if each != 'unheard'])
+
+    def judge(self) -> None:
+        if self.doing['unit'] in ('oscillates', 'unheard'):
+            self.turned_at = self.now
+            self.travels |= self.now - self.sent_at < self.COAST
+        elif self.now - max(self.turned_at, self.sent_at + self.COAST - HOLD) >= HOLD:
+            self.travels = False
+        super().judge()
+        if any(frame.data == DEPLOYING for frame in self.frames if frame.identifier == STICK):
+            self.sent_at = self.now
+            self.travels |= self.turned_at == self.now
+
+    def judge_press(self, pressed: bool) -> None:
+        super().judge_press(pressed)
+        assert not (pressed and self.travels), 'a travel is no oscillation'
+
+    def revive(self) -> None:
+        self.play(*[''] * 8, 'unit oscillates', '', 'estop stop', '', '')
+        assert self.presses == 1, 'an oscillation goes on in a stop'
+
+
+@pytest.mark.parametrize('most', [100, pytest.param(math.inf, marks=pytest.mark.proof)])
+def test_no_stop_takes_a_travel_for_an_oscillation(most: float) -> None:
+    explore(Sent(unit='paused oscillates unheard', estop='clear stop', stick='rest deploy'), most)

@@ -942,10 +942,10 @@ def test_wire_works_without_a_spare_where_no_more_processes_are_allowed(
         tries.append(arguments)
         raise OSError('no more processes')
 
-    wire = direct.wire()
-    [spare] = wait_for(lambda: spares_of(os.getpid()), 5.0, 'a spare')
     monkeypatch.setattr(process, '_KILL_TIME', math.inf)  # there is none for one that hangs
+    [spare] = wait_for(lambda: spares_of(os.getpid()), 5.0, 'a spare')
     monkeypatch.setattr(subprocess, 'Popen', refuse)
+    wire = direct.wire()  # not before: the spare may have taken over while it was waited for
     os.kill(spare, SIGKILL)
     wait_for(lambda: direct.is_healthy() and len(tries) >= 3, 10.0, 'tries')
     assert direct.wire() == wire
