@@ -736,15 +736,18 @@ def test_string_set_anew_while_under_way_is_finished_and_then_replaced() -> None
     assert len(bench.sent) == 6
 
 
+@pytest.mark.parametrize('busy', [0.09, 0.35], ids=['once', 'often'])
 @pytest.mark.parametrize('third', [0, 1, 2])
-def test_third_of_a_string_that_a_busy_line_refuses_goes_again_in_its_place(third: int) -> None:
+def test_third_of_a_string_that_a_busy_line_refuses_goes_again_in_its_place(
+    third: int, busy: float
+) -> None:
     bench, vsc = opened(), CanSimulator()
     bench.session.set_name(90, 'BOOM LOW  ARM LOCK', bench.now)
     bench.session.set_name(91, 'second line', bench.now)
     if third:
         bench.wait(0.1 * third - 0.05)
     bench.busy = True
-    bench.wait(0.35)
+    bench.wait(busy)
     bench.busy = False
     bench.wait(1.0)
     for at, sent in bench.sent:
@@ -843,6 +846,8 @@ def test_refused_software_estop_is_remembered_for_whoever_looks() -> None:
     with pytest.raises(ValueError, match=r'transport can'):
         bench.session.set_software_estop(False, bench.now)
     assert bench.session.software_estop_refused
+    bench.session.forget_software_estop(bench.now)
+    assert not bench.session.software_estop_refused
 
 
 def test_key_in_eeprom_needs_leave_to_configure() -> None:

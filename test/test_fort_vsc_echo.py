@@ -352,6 +352,40 @@ def test_line_that_is_opened_anew_asks_nothing_where_nobody_may() -> None:
     assert {frame for _, frame in bench.sent[before:]} == {CLEAR}
 
 
+@pytest.mark.parametrize('by_silence', [False, True])
+def test_stop_that_is_over_before_the_next_poll_is_asked_for_once(by_silence: bool) -> None:
+    bench = opened(software_estop_timeout=0.2)
+    ask(bench, False)
+    before = len(bench.sent)
+    if by_silence:
+        bench.now += 0.2
+    else:
+        bench.session.set_software_estop(True, bench.now)
+    bench.session.set_software_estop(False, bench.now)
+    bench.wait(0.15)
+    assert [frame for _, frame in bench.sent[before:]][:2] == [STOP, CLEAR]
+
+
+def test_line_that_is_opened_for_the_first_time_asks_for_no_stop() -> None:
+    bench = Bench(software_estop_timeout=5.0)
+    bench.session.set_software_estop(False, bench.now)
+    bench.open()
+    bench.wait(0.2)
+    assert {frame for _, frame in bench.sent} == {CLEAR}
+
+
+def test_stop_that_was_asked_while_the_port_was_closed_says_who_asked() -> None:
+    bench = opened(software_estop_timeout=5.0)
+    ask(bench, False)
+    bench.close()
+    bench.session.set_software_estop(True, bench.now)
+    bench.session.set_software_estop(False, bench.now)
+    bench.open()
+    bench.hear(heartbeat(Mode.LOCAL, USER))
+    reason = bench.session.stop_reasons(bench.now)[0]
+    assert reason.startswith('end what ~/software_estop asks for')
+
+
 def test_silence_of_the_software_estop_on_a_busy_line_does_not_spin() -> None:
     bench = opened()
     ask(bench, False)

@@ -104,6 +104,25 @@ def test_software_estop_that_is_forgotten_is_in_use_only_where_it_is_required(
     assert bench.frames(0x21)[-1][1] == build_frame(0x21, bytes([required]))
 
 
+def test_software_estop_that_is_forgotten_leaves_no_stop_behind() -> None:
+    bench = opened(software_estop_timeout=5.0)
+    for asked in (False, True, False):
+        bench.session.set_software_estop(asked, bench.now)
+    bench.session.forget_software_estop(bench.now)
+    bench.session.set_software_estop(False, bench.now)  # somebody else
+    bench.wait(0.2)
+    assert {frame for _, frame in bench.frames(0x21)} == {build_frame(0x21, b'\0')}
+
+
+def test_required_software_estop_that_is_forgotten_is_not_clear_by_what_was_heard() -> None:
+    bench = opened(require_software_estop=True, software_estop_timeout=5.0)
+    bench.session.set_software_estop(False, bench.now)
+    bench.wait(0.2)
+    bench.session.forget_software_estop(bench.now)
+    bench.wait(0.1)
+    assert bench.frames(0x21)[-1][1] == build_frame(0x21, b'\1')
+
+
 def test_what_waits_while_input_is_discarded_is_not_done_later() -> None:
     bench = opened()
     bench.session.rumble(True, False, bench.now)
