@@ -161,9 +161,7 @@ class Rig:
 
     def stop_slowly(self) -> None:
         """Let it run, then ask for no motion; the drive takes its time to disable."""
-        self.press()
-        self.status = RUNNING
-        self.tick()
+        self.start_slowly()
         self.enable = False
         self.do(lambda: self.session.set_enable(False, self.now))
         assert is_disable(self.frames[-1][1])

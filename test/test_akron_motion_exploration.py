@@ -49,6 +49,10 @@ HOLD = 0.5  # s after its last step for which a unit counts as moving
 PRESS = 0.2  # s for which switch 7 is held
 
 
+# Of travels: they decide nothing where none begins.
+OF_TRAVELS = ('_heard_at', '_still_since', '_measured')
+
+
 class World(AkronWorld):
     """A unit that moves or not, and oscillates or not, whatever is asked of it."""
 
@@ -58,8 +62,7 @@ class World(AkronWorld):
     CALM = {'unit': 'still', 'estop': 'clear', 'stick': 'rest'}
     APART: Sequence[str] = (
         'refused', 'moves', 'other_frames', '_stream', '_names', '_due', '_asked_at',
-        '_handover', '_before',
-        '_heard_at', '_still_since', '_measured',  # of travels, and nothing here begins one
+        '_handover', '_before', *OF_TRAVELS,
     )  # fmt: skip
     OLD = {
         '_pause_until': 0.0,
@@ -210,9 +213,7 @@ class Sent(World):
     """
 
     CALM = {'unit': 'paused', 'estop': 'clear', 'stick': 'rest'}
-    APART: Sequence[str] = tuple(
-        name for name in World.APART if name not in ('_heard_at', '_still_since', '_measured')
-    )
+    APART = tuple(name for name in World.APART if name not in OF_TRAVELS)
     OLD = {**World.OLD, '_still_since': 2 * HOLD,
            **dict.fromkeys(('_travel_at', 'sent_at'), World.COAST)}  # fmt: skip
     STICKS = {'rest': (REST, NEUTRAL), 'deploy': (DEPLOY, DEPLOYING)}

@@ -41,7 +41,7 @@ _BRIDGES = (
 )
 _RECEIVED = '/raw/received'
 # Words of a stop for motion that the session did not ask for: it was asked for nothing here.
-_UNASKED = ('though nobody ', 'and was not by this node since it opened the port')
+_UNASKED = ('though nobody asks it to', 'and was not by this node since it opened the port')
 _MAY_BE_ASKED = 'it moved, and who asked it to is not replayed'
 _LOGGED = 0.1  # s between a stop and its line in the log
 _HELD_UP = 'stop: this node was held up'
