@@ -203,12 +203,11 @@ EXCUSED: dict[str, dict[str, str]] = {
             'it has expired by the time at which it is read again'
         ),
         'Session.__init__: self._settled_at = math.inf -> pass': _SET_FIRST,
-        'Session.__init__: self._leaving = self._sent_stop = False -> pass': _SET_FIRST,
         **{
             f'Session.{name}: self._expire(now) -> pass': 'it expires nothing, and a poll follows'
             for name in (
                 *('set_software_estop', 'set_feedback', 'set_name', 'set_display_text'),
-                *('get_feedback', 'rumble'),
+                *('get_feedback', 'rumble', 'forget_software_estop'),
             )
         },
         **{
@@ -218,6 +217,9 @@ EXCUSED: dict[str, dict[str, str]] = {
             )
             for name in ('set_name', 'set_display_text')
         },
+        'Session.set_software_estop: before or self._software_stop(now) -> before': (
+            'a stop that stands when the next call comes is owed then'
+        ),
         'Session._sends_at: self.software_estop_in_use and (not self._sent_stop) -> not '
         'self._sent_stop': 'what is not in use was never heard, and has no deadline',
         "Session._software_stop: return '' -> return None": _FALSY,

@@ -112,3 +112,16 @@ def test_echo_that_never_came_is_waited_for_no_longer(judge: StopJudge) -> None:
     judge.asked('', 1.1)
     clear(judge, 1.1 + ECHO_DELAY)
     assert is_own(judge, 1.2 + ECHO_DELAY)
+
+
+def test_vsc_has_a_second_to_stop_from_when_it_was_asked(judge: StopJudge) -> None:
+    """The VSC's page promises that second."""
+    judge.asked('let go', 1.0)
+    clear(judge, 2.0 - 1 / 64)
+    assert not judge.awaits_stop
+    clear(judge, 2.0)
+    assert judge.awaits_stop
+    judge.asked('let go', 2.0)
+    assert judge.awaits_stop, 'asked on'
+    judge.asked('', 2.0)
+    assert not judge.awaits_stop
