@@ -265,6 +265,7 @@ EXCUSED: dict[str, dict[str, str]] = {
         'Poller.__init__: self._due = dict.fromkeys(rates, math.inf) -> pass': _SET_FIRST,
     },
     'ssc_bridge/session/session.py': {
+        'Session.__init__: self._settled_at = math.inf -> pass': _SET_FIRST,
         'Session.claim_outputs: self._refresh(now) -> pass': (
             'messages are paced, whether there is anything to release or not'
         ),
@@ -457,6 +458,9 @@ EXCUSED: dict[str, dict[str, str]] = {
     },
     'vm110_bridge/session/stops.py': {
         'StopJudge.__init__: False -> True': 'the state Initial hides it until it is set',
+        'StopJudge.__init__: self._taken_at = self._armed_at = now -> pass': (
+            'the state Initial hides them until they are set'
+        ),
         'StopJudge.__init__: 0.0 -> 1.0': 'both are below LEAST_SILENCE',
         'StopJudge.__init__: -math.inf -> math.inf': _WITH_SILENCE,
         'StopJudge.__init__: self._released_at = -math.inf -> pass': _WITH_SILENCE,
