@@ -187,17 +187,20 @@ class Bench(SessionBench[Session]):
 
 
 class Turning(Bench):
-    """A session whose unit turns to the right while ``turns``, half a degree in 100 ms."""
+    """A session whose unit turns to the right while ``turns``, ``speed`` degrees a second."""
 
     def __init__(self, **options: Any) -> None:
         super().__init__(**options)
         self.turns = False
+        self.speed = 5.0
+        self.elevation = '0371'
         self.says: list[CanFrame] = []  # besides its position and its outputs
-        self._tenths = 0
+        self._tenths = 0.0
 
     def hear_unit(self) -> list[Any]:
-        self._tenths += self.turns
-        return self.take(OUTPUTS, ef(f'01{self._tenths:03X}40371000041'), *self.says)
+        self._tenths += self.turns * self.speed * 10.0 * SLOT
+        place = f'01{int(self._tenths + 1e-6):03X}4{self.elevation}000041'
+        return self.take(OUTPUTS, ef(place), *self.says)
 
     def ready(self, before: Handover | None = None) -> Turning:
         """Have the unit found, at rest for long."""

@@ -50,7 +50,7 @@ PRESS = 0.2  # s for which switch 7 is held
 
 
 # Of travels: they decide nothing where none begins.
-OF_TRAVELS = ('_heard_at', '_still_since', '_measured')
+OF_TRAVELS = ('_heard_at', '_still_since')
 
 
 class World(AkronWorld):
@@ -62,7 +62,7 @@ class World(AkronWorld):
     CALM = {'unit': 'still', 'estop': 'clear', 'stick': 'rest'}
     APART: Sequence[str] = (
         'refused', 'moves', 'other_frames', '_stream', '_names', '_due', '_asked_at',
-        '_handover', '_before', *OF_TRAVELS,
+        '_handover', '_before', '_measured', *OF_TRAVELS,
     )  # fmt: skip
     OLD = {
         '_pause_until': 0.0,

@@ -67,6 +67,7 @@ COMMANDS = {
     'oscillate': OSCILLATE,
     'deploy': DEPLOY,
 }
+LOST = 30.0  # s for which an angle that is missing may change
 STEP = 5 * SLOT  # in which the unit turns by half a degree
 COASTS = 0.9 * COAST
 
@@ -336,6 +337,41 @@ def test_travel_that_begins_after_the_unit_has_coasted_and_stood_is_one_as_well(
     bench.turns = True
     bench.run(2 * coast_time + COAST, REST)
     assert not presses(bench)
+
+
+@pytest.mark.parametrize(('speed', 'lag'), [(5.0, 0.95), (2.5, 0.85), (1.25, 0.7), (1.25, 0.95)])
+def test_travel_is_one_by_when_it_begins_and_not_by_its_first_step(
+    speed: float, lag: float
+) -> None:
+    bench = paused()
+    bench.speed = speed
+    bench.run(0.1, STOW)
+    bench.run(lag * COAST, REST)
+    bench.turns = True
+    bench.run(3 * COAST, REST)
+    assert not presses(bench)
+
+
+@pytest.mark.parametrize('elevation', ['FFFF', '037A'], ids=['missing', 'error'])
+def test_angle_that_is_lost_for_good_does_not_make_a_travel_of_all_that_follows(
+    elevation: str,
+) -> None:
+    bench = paused()
+    bench.run(0.1, DEPLOY)
+    bench.turns = True
+    bench.run(COAST, REST)
+    bench.elevation = elevation
+    bench.turns = False
+    bench.run(LOST - 1.0, REST)
+    bench.turns = True
+    bench.run(2 * COAST, REST)
+    assert not presses(bench)  # it may still have travelled, unseen
+    bench.turns = False
+    bench.run(2 * COAST, REST)
+    bench.run(0.1, SWITCH_7)
+    bench.turns = True
+    bench.run(5 * COAST, REST)
+    assert presses(bench)
 
 
 @pytest.mark.parametrize('frame', TRAVELS.values(), ids=TRAVELS)

@@ -28,7 +28,8 @@ from akron_can_bridge.protocol import RotationSoftLimits
 from akron_can_bridge.session.unit import Unit
 
 _STEP_DEG = 0.5  # less is noise of the sensors
-_HOLD = 0.5  # seconds in which a unit that moves makes such a step
+STEP_TIME = 0.5  # seconds in which a unit that moves makes such a step
+_LOST = 30.0  # seconds for which an angle that is missing may change
 
 
 class Motion:
@@ -45,16 +46,15 @@ class Motion:
         self._stepped_at = -math.inf
         self._heard_at = -math.inf  # all angles that it has
         self._still_since = math.inf  # they have been heard all along since, without a step
-        self._measured: set[int] = set()  # places that had an angle
+        self._measured: dict[int, float] = {}  # when each place last had an angle
         self._degrees: list[float | None] = [None, None]  # at the last step of each
 
     def take(self, message: PositionLimit, now: float) -> None:
         """Take a type 01. One step is no motion yet: zeroing looks like that."""
         angles = [position.degrees for position in (message.rotation, message.elevation)]
-        measured = {place for place, degrees in enumerate(angles) if degrees is not None}
-        self._measured |= measured
-        if measured == self._measured:
-            if now >= self._heard_at + _HOLD:
+        self._measured |= {n: now for n, degrees in enumerate(angles) if degrees is not None}
+        if all(at == now or now >= at + _LOST for at in self._measured.values()):
+            if now >= self._heard_at + STEP_TIME:
                 self._still_since = now
             self._heard_at = now
         for place, degrees in enumerate(angles):
@@ -74,7 +74,7 @@ class Motion:
     @property
     def ends_at(self) -> float:
         """When the unit counts as standing if it does not move further."""
-        return self._stepped_at + _HOLD
+        return self._stepped_at + STEP_TIME
 
     def moving(self, now: float) -> bool:
         """Tell whether its angles change."""
@@ -82,8 +82,8 @@ class Motion:
 
     def stands(self, now: float) -> bool:
         """Tell whether it is heard to stand: one that is not heard may do anything."""
-        heard = now < self._heard_at + _HOLD
-        return heard and self._heard_at - self._still_since >= _HOLD
+        heard = now < self._heard_at + STEP_TIME
+        return heard and self._heard_at - self._still_since >= STEP_TIME
 
     def arrived(self, since: float, now: float) -> bool:
         """Tell whether it has moved since then, and stands."""

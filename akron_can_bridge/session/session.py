@@ -65,6 +65,7 @@ from akron_can_bridge.session.events import UnitChanged
 from akron_can_bridge.session.finder import Finder
 from akron_can_bridge.session.joysticks import Joysticks
 from akron_can_bridge.session.motion import Motion
+from akron_can_bridge.session.motion import STEP_TIME
 from akron_can_bridge.session.settings import Settings
 from akron_can_bridge.session.unit import Unit
 from bridge_core.j1939 import CanFrame
@@ -427,7 +428,8 @@ class Session(BaseSession[CanFrame, Received, Event]):
         Have a travel count as steering until the unit stands, or says that it does not oscillate.
 
         It may have begun while an oscillation was paused, and type 81 may tell of that all along.
-        It may also begin only ``coast_time`` later, when the unit has coasted and stood.
+        It may also begin only ``coast_time`` later, when the unit has coasted and stood, and that
+        is seen by its first step.
         """
         begins = self.drive.travels or self.joysticks.travel_asked
         self.joysticks.travel_asked = False
@@ -436,9 +438,9 @@ class Session(BaseSession[CanFrame, Received, Event]):
             self._travel_at = now
         if self._travels and (begins or not self.motion.stands(now)):
             self.drive.steered_until = now
-        begun = now >= self._travel_at + self.settings.coast_time
-        arrived = begun and self.motion.arrived(self._travel_at, now)
-        self._travels &= now < self._steered_until and not arrived
+        if now >= self._travel_at + self.settings.coast_time + STEP_TIME:
+            arrived = self.motion.arrived(self._travel_at, now)
+            self._travels &= now < self._steered_until and not arrived
 
     def _withhold(self) -> None:
         """Give no permission before a stick was let go, and is pushed."""
