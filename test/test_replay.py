@@ -209,6 +209,11 @@ def said_by(name: str, now: float, session: Any, data: bytes, identifier: str = 
     ]
 
 
+def defaults_of(name: str) -> dict[str, Any]:
+    table = importlib.import_module(f'{name[1:]}.parameters').PARAMETERS
+    return {each.name: each.default for each in (*BRIDGE_PARAMETERS, *table)}
+
+
 class RecordedDrive(esi_drive_rig.Rig):
     def __init__(self) -> None:
         self.said: list[Said] = []
@@ -253,11 +258,28 @@ def test_motion_that_was_asked_for_is_not_told_as_a_stop_of_today(make: Any) -> 
     recorded.play()
     name = recorded.said[0].topic.removesuffix('/raw/received')
     before = Said(recorded.said[0].at, f'{name}/estop', '', SimpleNamespace(data=True))
-    table = importlib.import_module(f'{name[1:]}.parameters').PARAMETERS
-    values = {each.name: each.default for each in (*BRIDGE_PARAMETERS, *table)}
-    outcome = replay_session(name, [before, *recorded.said], values, None)
+    outcome = replay_session(name, [before, *recorded.said], defaults_of(name), None)
     assert outcome.found == []
     assert any('who asked it to is not replayed' in note for note in outcome.notes)
+
+
+def test_error_that_was_no_stop_is_told_though_the_drive_moved() -> None:
+    recorded = RecordedDrive()
+    recorded.start()
+    recorded.tick(100)
+    since = recorded.now
+    recorded.status = esi_drive_rig.status(1, 1, errors=1)
+    recorded.tick(100)
+    recorded.status = esi_drive_rig.IDLE
+    recorded.tick(100)
+    name = '/esi_drive_bridge'
+    for each in recorded.said:
+        if each.topic == f'{name}/estop' and each.at >= EPOCH + since:
+            each.message.data = False
+    outcome = replay_session(name, recorded.said, defaults_of(name), None)
+    told = [(found.recorded, found.replayed) for found in outcome.found]
+    assert told == [('false', 'true')]
+    assert outcome.found[0].since == pytest.approx(EPOCH + since, abs=0.1)
 
 
 def test_what_is_missing_for_a_session_is_named(recordings: dict[str, Loaded]) -> None:

@@ -86,30 +86,36 @@ def replay_session(
     table = importlib.import_module(f'{package}.parameters').PARAMETERS
     values = {each.name: each.default for each in table} | dict(given)
     bridge = importlib.import_module(f'{package}.wire').BRIDGE
-    replayed, unasked = Track(), Track()
+    replayed, due = Track(), Track()
     for at, verdict in _course(bridge.make_session(values), pieces, said[-1].at):
         replayed.add(at, verdict.estop)
-        unasked.add(at, _is_unasked(verdict))
+        due.add(at, verdict.estop and not _is_unasked(verdict))
     slack = 1.0 / values['estop_rate'] if tolerance is None else tolerance
     since = _settled(recorded, replayed, slack)
     notes = [f'its session began anew with the first bytes; compared from {utc(since)} on']
-    found = []
+    missed = [each for each in differences(recorded, due, since, slack) if each.replayed]
+    found = [_found(span) for span in missed]
     for span in differences(recorded, replayed, since, slack):
-        why = ''
-        if span.recorded and False in link_up.around(span.since, slack):
-            why = 'it had lost its port or its wire, though bytes came'
-        elif span.recorded:
-            why = _held_up(name, said, span)
-        elif unasked.at(span.since):
+        if not (span.recorded or due.at(span.since)):
             why = _MAY_BE_ASKED
+        elif not span.recorded:
+            continue  # missed
+        elif False in link_up.around(span.since, slack):
+            why = 'it had lost its port or its wire, though bytes came'
+        else:
+            why = _held_up(name, said, span)
         if why:
             ms = (span.until - span.since) * 1e3
             notes.append(f'not compared at {utc(span.since)} for {ms:.0f} ms: {why}')
         else:
-            words = [str(value).lower() for value in (span.recorded, span.replayed)]
-            found.append(Found(span.since, span.until, 'e-stop', *words))
+            found.append(_found(span))
     compared = ['e-stop, by the bytes of its port']
-    return Outcome(name, since, said[-1].at, notes, compared, found)
+    return Outcome(name, since, said[-1].at, notes, compared, sorted(found))
+
+
+def _found(span: Difference) -> Found:
+    words = [str(value).lower() for value in (span.recorded, span.replayed)]
+    return Found(span.since, span.until, 'e-stop', *words)
 
 
 def _is_unasked(verdict: Verdict) -> bool:
