@@ -68,10 +68,11 @@ class World(Protocol[StepT]):
         """Check what holds in each state; may go on from there. :raises AssertionError: if not."""
 
 
-def explore(world: World[StepT], most: float = math.inf) -> tuple[int, int]:
+def explore(world: World[StepT], made: str, most: float = math.inf) -> tuple[int, int]:
     """
     Visit states, so many at most; return how many, and how many steps between them.
 
+    :param made: how, in Python, where ``here`` is the module of the world.
     :raises AssertionError: a rule is violated; with the shortest way there, to be played.
     """
     seen = {world.key()}
@@ -93,19 +94,20 @@ def explore(world: World[StepT], most: float = math.inf) -> tuple[int, int]:
                 ways.append((world.take(), further))
                 world.arrived()
             except AssertionError as error:
-                raise AssertionError(f'{error}\n{_to_paste(further)}') from error
+                raise AssertionError(f'{error}\n{_to_paste(world, made, further)}') from error
             if len(seen) == most:
                 return len(seen), steps
     return len(seen), steps
 
 
-def check(world: World[StepT], counts: tuple[int, int], most: float = math.inf) -> None:
+def check(world: World[StepT], made: str, counts: tuple[int, int], most: float = math.inf) -> None:
     """
     Visit states, so many at most, and see that there are as many as there were.
 
+    :param made: see ``explore``.
     :param counts: of all states and steps; others mean that the rules have changed.
     """
-    found = explore(world, most)
+    found = explore(world, made, most)
     assert found == counts or found[0] == most < counts[0], f'{found}, were {counts}'
 
 
@@ -118,19 +120,24 @@ def visits_of(
     """
     Return a test of the states near the start of each scene, and one of all, for make proof.
 
-    :param scenes: arguments of the world, by name. :param counts: see ``check``.
-    :param near: how many states are near.
+    :param scenes: SCENES of its module: arguments of the world, by name.
+    :param counts: see ``check``. :param near: how many states are near.
     """
+
+    def visit(name: str, most: float = math.inf) -> None:
+        made = f'here.{world.__name__}(**here.SCENES[{name!r}])'
+        check(world(**scenes[name]), made, counts[name], most)
+
     each_scene = pytest.mark.parametrize('name', scenes)
 
     @each_scene
     def near_the_start(name: str) -> None:
-        check(world(**scenes[name]), counts[name], near)
+        visit(name, near)
 
     @pytest.mark.proof
     @each_scene
     def everywhere(name: str) -> None:
-        check(world(**scenes[name]), counts[name])
+        visit(name)
 
     return near_the_start, everywhere
 
@@ -142,14 +149,15 @@ def play(world: World[StepT], events: Sequence[StepT]) -> None:
     world.arrived()
 
 
-def _to_paste(way: Any) -> str:
+def _to_paste(world: object, made: str, way: Any) -> str:
     events: list[Any] = []
     while way is not None:
         way, event = way
         events.insert(0, event)
     lines = ''.join(f'        {event!r},\n' for event in events)
     return (
-        f'def test_this_way_is_safe() -> None:\n    play(World(**SCENES[name]), [\n{lines}    ])'
+        f'import {type(world).__module__} as here\nfrom test.explorer import play\n\n\n'
+        f'def test_this_way_is_safe() -> None:\n    play({made}, [\n{lines}    ])\n'
     )
 
 

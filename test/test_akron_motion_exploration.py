@@ -247,7 +247,10 @@ class Sent(World):
         assert self.presses == 1, 'an oscillation goes on in a stop'
 
 
+SENT = {'unit': 'paused oscillates unheard', 'estop': 'clear stop', 'stick': 'rest deploy'}
+
+
 @pytest.mark.parametrize('most', [100, pytest.param(100_000, marks=pytest.mark.proof)])
 def test_no_stop_takes_a_travel_for_an_oscillation(most: int) -> None:
     """There are more states than anybody has waited for."""
-    explore(Sent(unit='paused oscillates unheard', estop='clear stop', stick='rest deploy'), most)
+    explore(Sent(**SENT), 'here.Sent(**here.SENT)', most)

@@ -23,7 +23,6 @@ from bridge_core.watchdog import Watchdog
 from test.explorer import check
 from test.explorer import explore
 from test.explorer import Memory
-from test.explorer import play
 from test.explorer import START
 
 
@@ -68,19 +67,22 @@ class Lamp:
 
 def test_all_states_are_found_once() -> None:
     # Never lit; lit for 0 or 1 s after 1, 2 or 3 presses; dark again.
-    check(Lamp(), (8, 16))
+    check(Lamp(), 'here.Lamp()', (8, 16))
 
 
 def test_other_counts_are_noticed() -> None:
     with pytest.raises(AssertionError, match=r'\(8, 16\), were \(9, 16\)'):
-        check(Lamp(), (9, 16))
-    check(Lamp(), (8, 16), most=4)
+        check(Lamp(), 'here.Lamp()', (9, 16))
+    check(Lamp(), 'here.Lamp()', (8, 16), most=4)
 
 
 def test_the_shortest_way_to_a_fault_can_be_played() -> None:
     with pytest.raises(AssertionError, match='burnt out') as caught:
-        explore(Lamp(fragile=True))
-    way = ['press'] * 3
-    assert str(caught.value).count("'press',") == len(way)
+        explore(Lamp(fragile=True), 'here.Lamp(fragile=True)')
+    printed = str(caught.value)
+    printed = printed[printed.index('import ') :]
+    assert printed.count("'press',") == 3
+    pasted: dict[str, Any] = {}
+    exec(printed, pasted)
     with pytest.raises(AssertionError, match='burnt out'):
-        play(Lamp(fragile=True), way)
+        pasted['test_this_way_is_safe']()

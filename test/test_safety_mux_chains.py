@@ -176,13 +176,13 @@ def plant(own_topic: bool, counts: Literal['always', 'when_owner']) -> Plant:
 def test_no_chain_of_stops_holds_itself(
     counts: Literal['always', 'when_owner'], most: float
 ) -> None:
-    check(plant(True, counts), COUNTS[counts], most)
+    check(plant(True, counts), f'here.plant(True, {counts!r})', COUNTS[counts], most)
 
 
 def test_a_device_without_an_own_estop_is_held_by_its_echo() -> None:
     """The property can fail: this is the deadlock that ``~/own_estop`` is there against."""
     with pytest.raises(AssertionError, match='no reset succeeds'):
-        explore(plant(False, 'always'))
+        explore(plant(False, 'always'), "here.plant(False, 'always')")
 
 
 def test_a_stop_is_passed_on_to_the_others_and_never_back() -> None:
