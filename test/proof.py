@@ -37,6 +37,7 @@ from typing import Final
 
 ROOT = Path(__file__).resolve().parent.parent
 RESULTS = ROOT / 'build' / 'proof.json'
+_SOURCES: Final = ('py', 'yaml', 'xml', 'c', 'json.gz')
 _WORDS = 60  # lines of each step's end that are kept
 # FILE is one for the step's figures, its own for each state of the sources.
 STEPS: Final = {
@@ -54,8 +55,8 @@ STEPS: Final = {
 
 
 def digest_of_sources() -> str:
-    """Return what changes with any module of the package and of its tests."""
-    files = sorted(ROOT.glob('[a-z]*/**/*.py'))
+    """Return what changes with any file of the package, and of its tests, that a step reads."""
+    files = sorted(path for kind in _SOURCES for path in ROOT.glob(f'[a-z]*/**/*.{kind}'))
     return hashlib.sha1(b''.join(path.read_bytes() for path in files)).hexdigest()[:12]
 
 

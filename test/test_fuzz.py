@@ -29,9 +29,11 @@ from typing import Any
 
 import pytest
 
+from akron_can_bridge.protocol import messages
 from bridge_core import packets
 from bridge_core.framing import FrameError
 from bridge_core.framing import StreamParser
+from fort_vsc_bridge.protocol import can
 from fort_vsc_bridge.protocol.hid import InputReport
 from fort_vsc_bridge.protocol.serial import SerialDecoder
 from fort_vsc_bridge.session import Session
@@ -45,11 +47,12 @@ from test.fuzz.campaign import corpus_of
 from test.fuzz.campaign import Finding
 from test.fuzz.campaign import Fuzzer
 from test.fuzz.campaign import watch_for_hangs
+from vm110_bridge.protocol import Crc
 
 CORPUS = corpus()
 INPUTS = 200_000  # for each parser, beside the corpus; less for what takes longer
 _FEW = 100
-pytestmark = pytest.mark.computes(120)  # in all
+pytestmark = pytest.mark.computes(160)  # in all
 
 
 @pytest.fixture(autouse=True)
@@ -145,6 +148,20 @@ def _fields_of(report: bytes) -> tuple[Any, ...]:
     return (0,) * 6, 8, (False,) * 4, report[7], report[8]
 
 
+def take_either_check(plant: pytest.MonkeyPatch) -> None:
+    plant.setattr(Crc, 'is_good', lambda crc, datagram: True)
+
+
+def refuse_short_heartbeats(plant: pytest.MonkeyPatch) -> None:
+    kind, payload_size, size = can._LAYOUTS['heartbeat']
+    plant.setitem(can._LAYOUTS, 'heartbeat', (kind, payload_size, size + 1))
+
+
+def skip_outputs(plant: pytest.MonkeyPatch) -> None:
+    readers = {key: reader for key, reader in messages._READERS.items() if key[1] != 0x83}
+    plant.setattr(messages, '_READERS', readers)
+
+
 def keep_all_that_came(plant: pytest.MonkeyPatch) -> None:
     feed = SerialDecoder.feed
 
@@ -213,6 +230,10 @@ def find(fuzzer: Fuzzer) -> None:
         (accept_wrong_checks, 'ssc session', 'ended a stop|says so'),
         (skip_a_whole_frame_after_a_wrong_check, 'vsc parser', 'frames found'),
         (hand_out_a_frame_before_its_end, 'vsc session on hid', 'ended a stop|says so'),
+        (hand_out_a_frame_before_its_end, 'vsc hid parser', 'no message'),
+        (take_either_check, 'vm110 parser', 'no message'),
+        (refuse_short_heartbeats, 'vsc can parser', ': a message'),
+        (skip_outputs, 'akron parser', ': a message'),
         (keep_all_that_came, 'vsc session', 'kept'),
         (take_long_for_each_byte, 'vsc parser', 'lines'),
         (overlook_silence, 'vsc session', 'the session spins|silence is no stop|says so'),

@@ -17,6 +17,7 @@
 from __future__ import annotations
 
 from test.fuzz.campaign import Target
+from test.fuzz.decoders import DECODERS
 from test.fuzz.devices import SESSIONS
 from test.fuzz.files import FILES
 from test.fuzz.messages import MESSAGES
@@ -24,5 +25,6 @@ from test.fuzz.onlookers import ONLOOKERS
 from test.fuzz.parsers import PARSERS
 
 TARGETS: dict[str, Target] = {
-    target.name: target for target in (*PARSERS, *SESSIONS, *FILES, *MESSAGES, *ONLOOKERS)
+    target.name: target
+    for target in (*PARSERS, *DECODERS, *SESSIONS, *FILES, *MESSAGES, *ONLOOKERS)
 }

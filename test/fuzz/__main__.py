@@ -20,8 +20,8 @@ Run hostile inputs through everything that reads what others wrote.
     make fuzz ARGS='--grow 5000 vsc'       # look for inputs that reach more, and keep them;
                                            # with atheris, where that is installed
 
-A run that was cut goes on where it was, as build/fuzz has it. Exit status: 0 nothing was
-found; 1 an input shows a fault, and is printed.
+A run that was cut goes on where it was, as build/fuzz has it, if no source has changed since.
+Exit status: 0 nothing was found; 1 an input shows a fault, and is printed.
 """
 
 from __future__ import annotations
@@ -51,6 +51,7 @@ from test.fuzz.campaign import Fuzzer
 from test.fuzz.campaign import Outcome
 from test.fuzz.campaign import smallest
 from test.fuzz.campaign import watch_for_hangs
+from test.proof import digest_of_sources
 from test.rig import ROOT
 
 RESULTS = ROOT / 'build' / 'fuzz'  # a file for each target
@@ -64,11 +65,16 @@ def _run(name: str, count: int | None, folder: Path) -> bool:
     target, path = TARGETS[name], folder / f'{name.replace(" ", "_")}.json'
     count = count or (_PARSED if 'parser' in name else _COUNT)
     row: dict[str, Any] = {'target': name, 'inputs': 0, 'seconds': 0.0, 'findings': []}
+    row['sources'] = digest_of_sources()
     if path.exists():
-        row = json.loads(path.read_text(encoding='utf-8'))
+        known = json.loads(path.read_text(encoding='utf-8'))
+        row = known if known.get('sources') == row['sources'] else row
     fuzzer = Fuzzer(target, corpus_of(corpus().get(name, [])))
-    for reads in fuzzer.pool:
-        fuzzer.check(reads)
+    try:
+        for reads in fuzzer.pool:
+            fuzzer.check(reads)
+    except Finding as finding:
+        row['findings'] = [str(finding)]
     while row['inputs'] < count and not row['findings']:
         begun = time.process_time()
         outcome = fuzzer.batch(row['inputs'], min(_BATCH, count - row['inputs']))

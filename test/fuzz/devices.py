@@ -91,14 +91,14 @@ def _can(identifier: int, data: bytes) -> bytes:
     return identifier.to_bytes(4, 'big') + data
 
 
-def _can_frame(read: bytes) -> CanFrame:
+def can_frame(read: bytes) -> CanFrame:
     return CanFrame(int.from_bytes(read[:4], 'big') & 0x1FFFFFFF, read[4:12])
 
 
 def _vsc_can_releases(lately: list[bytes], ever: list[bytes]) -> bool:
     return any(
         frame.identifier == 0x0CFDE801 and len(frame.data) >= 6 and _is_clear(frame.data)
-        for frame in map(_can_frame, lately)
+        for frame in map(can_frame, lately)
     )
 
 
@@ -124,7 +124,7 @@ VSC_CAN = Device(
     (_CAN_CLEAR[:-1],),
     [whole(_CAN_CLEAR, *_CAN_STICKS, _CAN_STOP), whole(_CAN_CLEAR)],
     [_CAN_CLEAR, _CAN_STOP, *_CAN_STICKS, *(frame[:4] for frame in _CAN_STICKS)],
-    frame_of=_can_frame,
+    frame_of=can_frame,
 )
 
 
@@ -321,8 +321,8 @@ _PIN = (akron.ANNOUNCED.data, akron.ANNOUNCED.data.replace(b'\x26', b'\x06'))
 
 def _akron_releases(lately: list[bytes], ever: list[bytes]) -> bool:
     """Announced with the PIN, enabled, and asked about its faults: all by one address."""
-    frames = [_can_frame(each) for each in ever]
-    fresh = [_can_frame(each) for each in lately]
+    frames = [can_frame(each) for each in ever]
+    fresh = [can_frame(each) for each in lately]
     return any(
         any(_ef(f, source) and f.data[0] == 0x83 and f.data[1] & 0x80 for f in fresh)
         and any(_ef(f, source) and f.data[0] == 0x02 and len(f.data) == 7 for f in frames)
@@ -345,7 +345,7 @@ def _akron_may_send(frame: CanFrame, lately: list[bytes]) -> bool:
     """Deflections need the enable input, seen lately."""
     if frame.identifier >> 8 & 0xFFFF != 0xFDD6 or frame.data[:4] == akron.NEUTRAL[:4]:
         return True
-    fresh = [_can_frame(each) for each in lately]
+    fresh = [can_frame(each) for each in lately]
     return any(
         _ef(f, f.identifier & 0xFF) and f.data[0] == 0x83 and f.data[1] & 0x80 for f in fresh
     )
@@ -373,7 +373,7 @@ AKRON = Device(
         tuple((0.02, each) for each in (*_AKRON_HEALTH, *[_AKRON_OUTPUTS] * 5)),
     ],
     [*_AKRON_HEALTH, _AKRON_OUTPUTS, *_GOLDEN_CAN, _of(akron.NAME), b'\x18\xef\x38\x80'],
-    frame_of=_can_frame,
+    frame_of=can_frame,
     before=_akron_before,
     may_send=_akron_may_send,
     node=AkronCanBridge,
