@@ -76,10 +76,12 @@ _AKRON = (
     *('akron_session_motion', 'akron_session_pause', 'akron_session_handover'),
     'akron_session_refused',
 )
+_CONVERT = ('akron', 'esi_drive', 'fort_vsc', 'ssc', 'vm110')
 # By file, or for all of a folder. What takes long comes last: most mutants are dead by then.
 _NAMES_OF_TESTS = {
     'bridge_core/framing.py': ('framing_counts', 'framing', 'fast_framing'),
     'bridge_core/packets.py': ('packets', 'fort_vsc_protocol', 'ssc_protocol', 'fast_framing'),
+    'bridge_core/convert.py': ('shared_convert', *(f'{name}_convert' for name in _CONVERT)),
     'bridge_core/checksums.py': ('checksums', 'crc32'),
     'bridge_core/j1939.py': ('j1939', 'akron_protocol'),
     'bridge_core/watchdog.py': ('watchdog', 'safety_mux_activation'),
@@ -91,6 +93,7 @@ _NAMES_OF_TESTS = {
     'safety_mux/arbiter.py': (*_MUX, 'safety_mux_activation', 'safety_mux_properties'),
     'safety_mux/inputs.py': (*_MUX, 'safety_mux_activation'),
     'safety_mux/intake.py': ('safety_mux_intake',),
+    'safety_mux/protocol.py': ('safety_mux_intake', 'safety_mux_mapping', *_MUX),
     'safety_mux/outputs.py': ('safety_mux_outputs',),
     'safety_mux/feedback.py': ('safety_mux_feedback', 'safety_mux_activation'),
     'safety_mux/limits.py': ('safety_mux_limits', 'safety_mux_speed_limits'),
@@ -101,6 +104,9 @@ _NAMES_OF_TESTS = {
         *(*_ESI[:-1], 'esi_drive_ramp', 'session_settings', 'session_reports', _ESI[-1]),
     ),
     'esi_drive_bridge/protocol.py': ('esi_drive_protocol', _ESI[0]),
+    'esi_drive_bridge/axes.py': ('esi_drive_convert', 'esi_drive_ramp', *_ESI[:2]),
+    **{f'{name}_bridge/convert.py': (f'{name}_convert',) for name in _CONVERT if name != 'akron'},
+    'akron_can_bridge/convert.py': ('akron_convert',),
     'fort_vsc_bridge/session': (
         *('fort_vsc_device', *_VSC, 'fort_vsc_stops', 'fort_vsc_wires'),
         *('fort_vsc_hid', 'fort_vsc_can'),
@@ -112,6 +118,10 @@ _NAMES_OF_TESTS = {
     ),
     'ssc_bridge/session': (
         *('ssc_outputs', 'ssc_session', 'ssc_session_outputs', 'ssc_session_aux', *_SESSIONS),
+    ),
+    'ssc_bridge/channels.py': (
+        *('ssc_convert', 'ssc_outputs', 'ssc_session_outputs', 'ssc_session_aux'),
+        'session_settings',
     ),
     'ssc_bridge/protocol': ('ssc_protocol', 'ssc_session'),
     'akron_can_bridge/session': (*_AKRON, *_SESSIONS),
