@@ -14,12 +14,19 @@
 
 """Every state of the VSC's session that decides about a stop; see test/explorer.py."""
 
+from collections.abc import Mapping
 from collections.abc import Sequence
 import math
 from typing import Any
 
 import pytest
 
+from bridge_core.j1939 import CanFrame
+from fort_vsc_bridge.protocol import CanWire
+from fort_vsc_bridge.protocol import HidWire
+from fort_vsc_bridge.protocol import MessageType
+from fort_vsc_bridge.protocol import SerialWire
+from fort_vsc_bridge.protocol import Wire
 from fort_vsc_bridge.session import Session
 from fort_vsc_bridge.session import Settings
 from fort_vsc_bridge.session import Sticks
@@ -31,6 +38,9 @@ from test.fort_vsc_rig import SRC
 from test.fort_vsc_rig import STOP
 from test.fort_vsc_rig import USER
 from test.session_world import SessionWorld
+from test.test_fort_vsc_can import ALL_STICKS
+from test.test_fort_vsc_can import frame
+from test.test_fort_vsc_can import heartbeat as heartbeat_on_can
 
 pytestmark = pytest.mark.computes
 LINK = ASKED = 2 * SessionWorld.STEP
@@ -62,9 +72,16 @@ class World(SessionWorld[Session]):
     """
 
     CALM = {'estop': 'go', 'vsc': 'ok', 'sticks': 'deflected', 'line': 'free'}
+    WIRE: Wire = SerialWire()
+    SAID: Mapping[str, Any] = SAID
 
     def __init__(self, reads: Sequence[str] = (), *, line: str = 'free', **said: str) -> None:
-        settings = Settings(link_timeout=LINK, heartbeat_rate=8.0, software_estop_timeout=ASKED)
+        settings = Settings(
+            wire=self.WIRE,
+            link_timeout=LINK,
+            heartbeat_rate=8.0,
+            software_estop_timeout=ASKED,
+        )
         old = {'': LINK, '_released_at': ECHO, 'released_at': ECHO, '_free_at': 0.0}
         super().__init__(
             Session(settings),
@@ -85,13 +102,18 @@ class World(SessionWorld[Session]):
 
     def hear(self, said: Sequence[str]) -> None:
         self.stop_said = self.heard_at is not None and self.now - self.heard_at >= LINK
-        sticks = DEFLECTED if self.doing['sticks'] == 'deflected' else b''
-        self.keep(self.session.receive(b''.join(SAID[each] for each in said) + sticks, self.now))
+        for read in self.reads_of(said):
+            self.keep(self.session.receive(read, self.now))
         for each in said:
             if each in VALID:
                 self.said, self.heard_at = each, self.now
                 self.note_user('user' in each or each == 'both')
                 self.stop_said |= each != 'ok'
+
+    def reads_of(self, said: Sequence[str]) -> list[Any]:
+        """Return what the port hands out at once."""
+        sticks = DEFLECTED if self.doing['sticks'] == 'deflected' else b''
+        return [b''.join(self.SAID[each] for each in said) + sticks]
 
     def note_user(self, stop: bool) -> None:
         """Note whose doing a stop of the USER may be."""
@@ -127,7 +149,8 @@ class World(SessionWorld[Session]):
         verdict, vouched = self.verdict, self.vouched(LINK)
         assert verdict.estop == (not vouched or self.said != 'ok'), f'estop: {verdict}'
         wanted = self.asked and (self.asked == 'stop' or self.now - self.asked_at >= ASKED)
-        if self.open and not self.busy:
+        assert self.WIRE.carries(MessageType.HOST_HEARTBEAT) or not self.frames, 'who hears it?'
+        if self.open and not self.busy and self.WIRE.carries(MessageType.HOST_HEARTBEAT):
             assert self.frames, 'no host heartbeat'
             assert self.sent == STOP or not wanted, f'host heartbeat: {self.frames}'
             assert not self.owed, 'the VSC never hears of a stop'
@@ -152,6 +175,69 @@ class World(SessionWorld[Session]):
         assert self.sent == CLEAR, 'a stop that nobody asks for goes on'
 
 
+class CanWorld(World):
+    """A VSC on CAN, which hears no heartbeat of ours; its sticks come in four frames."""
+
+    CALM = {**World.CALM, 'estop': 'silent'}
+    WIRE = CanWire()
+    SAID = {
+        'ok': heartbeat_on_can(),
+        'src': heartbeat_on_can(estop=SRC),
+        'user': heartbeat_on_can(estop=USER),
+        'unlinked': heartbeat_on_can(mode=0),
+        'strange': heartbeat_on_can(mode=99),
+        'damaged': CanFrame(heartbeat_on_can().identifier, heartbeat_on_can().data[:5]),
+        'foreign': CanFrame(heartbeat_on_can().identifier + 1, heartbeat_on_can().data),
+        'silent': None,
+    }
+    STICKS = {
+        'none': (),
+        'deflected': ALL_STICKS,
+        'left': ALL_STICKS[:2],
+        'zeroed': [frame(name, bytes(8)) for name in ('left_basic', 'right_basic')],
+    }
+
+    def __init__(self, reads: Sequence[str] = (), **said: str) -> None:
+        self.whole_at = -math.inf  # all four frames came
+        super().__init__(reads, **said)
+
+    def reads_of(self, said: Sequence[str]) -> list[Any]:
+        sticks = self.doing['sticks']
+        if sticks == 'deflected':
+            self.whole_at = self.now
+        frames = (*(self.SAID[each] for each in said), *self.STICKS[sticks])
+        return [each for each in frames if each is not None]
+
+    def judge(self) -> None:
+        super().judge()
+        moving = [e for e in self.events if isinstance(e, Sticks) and any((*e.axes, *e.buttons))]
+        assert not moving or self.now - self.whole_at < LINK, 'of sticks that come in part'
+
+
+class HidWorld(World):
+    """A remote on USB, whose report has sticks and stop."""
+
+    CALM = {**World.CALM, 'estop': 'silent'}
+    WIRE = HidWire()
+    SAID = {
+        'ok': b'\x09\0',
+        'src': b'\x09\1',
+        'user': b'\x09\x40',
+        'unlinked': b'\0\0',
+        'strange': b'\x63\0',
+        'damaged': b'\x09',
+        'long': b'\x09\0\0',
+    }
+
+    def reads_of(self, said: Sequence[str]) -> list[Any]:
+        sticks = b'\5\7' if self.doing['sticks'] == 'deflected' else b'\0\0'
+        return [sticks + b'\0\0\0\0\x08' + self.SAID[e] for e in said if e != 'silent']
+
+
+def world_on(wire: str = 'serial', **scene: Any) -> World:
+    return {'serial': World, 'can': CanWorld, 'hid': HidWorld}[wire](**scene)
+
+
 SCENES: dict[str, dict[str, Any]] = {
     'device': {
         'vsc': ' '.join(SAID),
@@ -171,10 +257,26 @@ SCENES: dict[str, dict[str, Any]] = {
         'estop': 'silent go stop',
         'line': 'free busy',
     },
+    'can': {
+        'wire': 'can',
+        'vsc': ' '.join(CanWorld.SAID),
+        'sticks': ' '.join(CanWorld.STICKS),
+        'estop': 'silent',
+        'reads': ('ok src', 'src ok', 'damaged ok', 'foreign user'),
+    },
+    'hid': {
+        'wire': 'hid',
+        'vsc': ' '.join([*HidWorld.SAID, 'silent']),
+        'sticks': 'none deflected',
+        'estop': 'silent',
+        'reads': ('ok src', 'src ok', 'damaged ok', 'long src'),
+    },
 }
 COUNTS: dict[str, tuple[int, int]] = {
     'device': (1110, 21220),
     'echo': (6242, 62088),
     'busy': (13427, 102435),
+    'can': (12781, 239203),
+    'hid': (286, 4574),
 }  # states, and steps between them
-test_every_state_near_the_start, test_every_state = visits_of(World, SCENES, COUNTS, near=200)
+test_every_state_near_the_start, test_every_state = visits_of(world_on, SCENES, COUNTS, near=200)
