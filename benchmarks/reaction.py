@@ -15,9 +15,11 @@
 """
 Wire to wire: from a stop in at the VSC's port to the first disable packet out at the drive's.
 
+Or from another place of the stick to the first packet with another command.
+
 ``python -m benchmarks.reaction KIND TRIALS [WHAT] [--rt PRIORITY] [--load]``. KIND: floor (one
 thread, no topic), bare (three rclpy processes without logic), three (our nodes, a process each),
-stack (our nodes in one process). WHAT: estop, deadman, silence.
+stack (our nodes in one process). WHAT: estop, deadman, silence; stick with three and stack.
 """
 
 from __future__ import annotations
@@ -43,6 +45,7 @@ from benchmarks.rig import use_own_domain
 
 KINDS = ('floor', 'bare', 'three', 'stack')
 STOPS = ('estop', 'deadman', 'silence')
+STICK = 'stick'
 RT_PRIORITY = 50  # SCHED_FIFO
 _MOST_LOST = 10  # of what does not even move
 
@@ -149,6 +152,7 @@ def measure(quick: bool = False) -> dict[str, Figures]:
     for what in STOPS[1:]:
         found[f'three {what}'] = react('three', fewer, what).figures()
         bare.append(react('bare', fewer))
+    found['three stick'] = react('three', fewer, STICK).figures()
     found['bare rest'] = {'cpu': sum(bare[0].shares.values())}
     found['bare estop'] = together(bare).figures()
     return found
@@ -186,7 +190,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(prog='python -m benchmarks.reaction', description=__doc__)
     parser.add_argument('kind', choices=KINDS)
     parser.add_argument('trials', type=int)
-    parser.add_argument('what', choices=STOPS, nargs='?', default='estop')
+    parser.add_argument('what', choices=(*STOPS, STICK), nargs='?', default='estop')
     parser.add_argument('--rt', type=int, default=0, metavar='PRIORITY', help='SCHED_FIFO, 1-97')
     parser.add_argument('--load', action='store_true', help='with all cores busy')
     parser.add_argument('--rest', type=float, default=10.0, help='s for which it is at rest')
