@@ -30,9 +30,10 @@ STAMP = Time(sec=3, nanosec=4)
 
 def test_deadband_has_no_step_at_its_edge() -> None:
     assert scaled(100, 1000, 0.1) == 0.0
-    assert scaled(-100, 1000, 0.1) == 0.0
+    assert math.copysign(1.0, scaled(-100, 1000, 0.1)) == 1.0  # no -0.0
     assert scaled(101, 1000, 0.1) == pytest.approx(0.001 / 0.9)
     assert scaled(-1000, 1000, 0.1) == -1.0
+    assert scaled(500, 1000) == 0.5
 
 
 @given(st.integers(-0x8000, 0x7FFF), st.integers(1, 1023), st.floats(0.0, 0.99))
@@ -50,7 +51,8 @@ def test_joy_has_no_negative_zero() -> None:
 
 
 def test_nothing_is_claimed_of_an_unknown_battery() -> None:
-    battery = unknown_battery('remote', STAMP, 'remote')
+    battery = unknown_battery('remote', STAMP, 'pad')
+    assert (battery.header.stamp, battery.header.frame_id) == (STAMP, 'pad')
     assert not battery.present
     assert math.isnan(battery.percentage)
     assert math.isnan(battery.voltage)
