@@ -253,6 +253,8 @@ DEVICES: Final[dict[str, Draw]] = {
     'VM-110: hears nothing': _device(UNIT, 'drop 1 in', 'drop 0 in'),
     'VM-110: reboots': _device(UNIT, 'reboot', '', UNIT_SILENT, lasts=(1.05, 1.3)),
     'VM-110: bits flipped': _device(UNIT, 'corrupt {} out', 'corrupt 0 out'),
+    'VM-110: packets lost': _device(UNIT, 'drop {} out', 'drop 0 out'),
+    'VM-110: packets late': _device(UNIT, 'delay {} out', 'delay 0 out'),
     'VM-110: packets doubled, and in another order': _device(UNIT, 'double 3, swap'),
     'VM-110: noise of 1 MB/s': _noisy(UNIT),
     'drive: unplugged': _device(DRIVE, 'unplug', 'plug', DEAD, at_once=True, hears=False),
