@@ -91,7 +91,7 @@ def command(
         )
     axes = message.axes[: _ALL_AXES if has_target else _BASIC_AXES]
     given = [
-        _deflection(number, sign * value)
+        _deflection(number, value, sign)
         for number, (sign, value) in enumerate(zip(_SIGNS, axes, strict=False))
     ]
     x, y, grip_x, grip_y, theta = given + [UNAVAILABLE] * (_ALL_AXES - len(given))
@@ -101,10 +101,10 @@ def command(
     return basic, ExtendedJoystick(grip_x, grip_y, theta, statuses[_BASIC_SWITCHES:])
 
 
-def _deflection(number: int, value: float) -> Axis:
+def _deflection(number: int, value: float, sign: float) -> Axis:
     if not abs(value) <= _BEYOND:  # so that NaN does not pass
         raise ValueError(f'axis {number} is {value:g}; allowed is -1 to 1')
-    return Axis.of(round(max(-1.0, min(1.0, value)) * FULL_SCALE))
+    return Axis.of(round(sign * max(-1.0, min(1.0, value)) * FULL_SCALE))
 
 
 def _pressed(buttons: Sequence[int], switches: Sequence[int]) -> set[int]:

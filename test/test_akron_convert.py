@@ -123,8 +123,13 @@ def test_what_lies_beyond_is_not_looked_at() -> None:
     assert sent([0.0] * 5 + [nan], [0] * 16 + [7], extended=True)[0] == NEUTRAL
 
 
-def test_slightly_beyond_1_is_full_deflection() -> None:
-    assert sent([1.05, -1.05])[0] == sent([1.0, -1.0])[0]
+@pytest.mark.parametrize(
+    ('axes', 'basic'),
+    [([1.05, -1.05], '04FA04FA00000000'), ([-1.05, 1.05], '10FA10FA00000000')],
+)
+def test_slightly_beyond_1_is_full_deflection(axes: list[float], basic: str) -> None:
+    # By hand, as above: right is 10, back 04.
+    assert sent(axes)[0] == basic
 
 
 @pytest.mark.parametrize(
@@ -135,6 +140,7 @@ def test_slightly_beyond_1_is_full_deflection() -> None:
         ([math.nan, 0.0], [], 'axis 0 is nan'),
         ([0.0, math.inf], [], 'axis 1 is inf'),
         ([0.0, -1.06], [], 'axis 1 is -1.06'),
+        ([1.06, 0.0], [], 'axis 0 is 1.06'),
         ([0.0, 0.0], [0, 2], 'button 1 is 2'),
         ([0.0, 0.0], [-1], 'button 0 is -1'),
     ],
@@ -180,6 +186,18 @@ def test_joint_states_are_in_rad_with_nan_for_what_is_not_known() -> None:
     assert math.isnan(state.position[1])
     turned = convert.joint_state((0.5, -0.2), ('pan', 'tilt'), STAMP, '', inverted=(True, False))
     assert list(turned.position) == [0.5, -0.2]
+
+
+def test_joint_states_have_up_positive_stamp_and_frame() -> None:
+    state = convert.joint_state((0.5, 0.25), ('pan', 'tilt'), STAMP, 'base')
+    assert list(state.position) == [-0.5, 0.25]
+    assert (state.header.stamp, state.header.frame_id) == (STAMP, 'base')
+
+
+@pytest.mark.parametrize('inverted', [(False, False), (True, True)])
+def test_joint_at_zero_is_never_minus_zero(inverted: tuple[bool, bool]) -> None:
+    state = convert.joint_state((0.0, 0.0), ('pan', 'tilt'), STAMP, '', inverted=inverted)
+    assert [math.copysign(1.0, position) for position in state.position] == [1.0, 1.0]
 
 
 def values(status: DiagnosticStatus) -> dict[str, str]:
@@ -247,3 +265,8 @@ def test_faulted_riser_is_a_warning() -> None:
     mini = MiniOutputs.from_bytes(bytes.fromhex('84C000'))
     status = convert.outputs(None, mini, None, '')
     assert (status.level, status.message) == (DiagnosticStatus.WARN, '6033: device faulted')
+
+
+def test_outputs_without_a_6033_are_no_fault() -> None:
+    status = convert.outputs(DigitalOutputs.from_bytes(GOLDEN['digital outputs']), None, None, '')
+    assert (status.level, status.message) == (DiagnosticStatus.OK, 'ok')

@@ -25,6 +25,7 @@ from sensor_msgs.msg import JointState
 
 from esi_drive_bridge.axes import axes_of
 from esi_drive_bridge.axes import Axis
+from esi_drive_bridge.axes import to_counts
 from esi_drive_bridge.convert import command_values
 from esi_drive_bridge.convert import joint_state
 from esi_drive_bridge.parameters import PARAMETERS
@@ -80,12 +81,34 @@ def test_gear_torque_constant_and_direction(axis: Axis, expected: float, unit: s
         ({'torque_constant': math.inf}, 'torque_constant'),
         ({'slew_limit': 0.0}, 'slew_limit must be above 0'),
         ({'slew_limit': math.nan}, 'slew_limit'),
-        ({'command_scale': 1e-300, 'gear_ratio': 1e300}, 'a count'),
+        ({'command_scale': 1e-300, 'gear_ratio': 1e300}, 'give 0.0 a count'),
+        ({'command_scale': 1e300, 'gear_ratio': 1e-300}, 'give inf a count'),
     ],
 )
 def test_bad_axes_are_refused(changes: dict[str, Any], text: str) -> None:
     with pytest.raises(ValueError, match=text):
         Axis(**{'joint': 'j', 'mode': Mode.VELOCITY, 'command_scale': 1.0, **changes})
+
+
+@pytest.mark.parametrize('slew_limit', [1e-9, 0.5, math.inf])
+def test_slew_limit_is_any_number_above_0(slew_limit: float) -> None:
+    assert Axis('j', Mode.VELOCITY, 1.0, slew_limit=slew_limit).slew_limit == slew_limit
+
+
+@pytest.mark.parametrize('joints', [[], ['a', 'b', 'c'], ['a', 'a']])
+def test_one_or_two_different_joints_are_needed(joints: list[str]) -> None:
+    with pytest.raises(ValueError, match='one or two different names are needed'):
+        axes_of({**DEFAULTS, 'joint_names': joints})
+
+
+def test_one_element_is_for_all_axes_and_two_are_one_an_axis() -> None:
+    values = {'mode': ['torque', 'velocity'], 'inverted': [False, True], 'slew_limit': [3.0]}
+    assert axes_of({**DEFAULTS, **values}) == (
+        Axis('left', Mode.TORQUE, 0.001, slew_limit=3.0),
+        Axis('right', Mode.VELOCITY, 1.0, inverted=True, slew_limit=3.0),
+    )
+    (only,) = axes_of({**DEFAULTS, 'joint_names': ['tilt'], 'mode': ['position']})
+    assert only == Axis('tilt', Mode.POSITION, 0.000191753, slew_limit=20.0)
 
 
 @pytest.mark.parametrize(
@@ -150,6 +173,21 @@ def test_each_axis_reads_the_field_of_its_mode() -> None:
 def test_wrong_commands_are_refused_with_the_reason(message: JointState, text: str) -> None:
     with pytest.raises(ValueError, match=text):
         command_values(message, (LEFT, RIGHT))
+
+
+@pytest.mark.parametrize('mode', [Mode.TORQUE, Mode.POSITION])
+@pytest.mark.parametrize(('wanted', 'count'), [(32767.5, 32767), (-32768.5, -32768)])
+def test_half_a_count_beyond_a_packet_is_rounded(mode: Mode, wanted: float, count: int) -> None:
+    assert to_counts((wanted,), (Axis('j', mode, 1.0),)) == ((count,), [])
+
+
+@pytest.mark.parametrize(('wanted', 'count'), [(32768.0, 32767), (-32769.0, -32768)])
+def test_a_count_beyond_a_packet_is_cut_and_a_position_refused(wanted: float, count: int) -> None:
+    values, (text,) = to_counts((wanted,), (Axis('j', Mode.TORQUE, 1.0),))
+    assert values == (count,)
+    assert text.startswith('command j within ±3.277e+04 A')
+    with pytest.raises(ValueError, match='command j within'):
+        to_counts((wanted,), (Axis('j', Mode.POSITION, 1.0),))
 
 
 # Feedback.

@@ -56,7 +56,9 @@ LOPSIDED = axis(min_us=1100, centre_us=1400, max_us=2000)
     [
         (1100, -1.0),
         (1250, -0.5),
+        (1399, -1 / 300),
         (1400, 0.0),
+        (1401, 1 / 600),
         (1700, 0.5),
         (2000, 1.0),
         (2300, 1.0),
@@ -131,6 +133,13 @@ def test_pulse_command_begins_at_its_offset() -> None:
     message.layout.data_offset = 4
     with pytest.raises(ValueError, match='data_offset'):
         convert.pulse_command(message)
+
+
+@pytest.mark.parametrize('data', [[], [1500]])
+def test_pulse_command_of_no_pulses_is_refused_as_such(data: list[int]) -> None:
+    layout = MultiArrayLayout(data_offset=len(data))  # not beyond them, and none are left
+    with pytest.raises(ValueError, match='1 to 24 are needed, not 0'):
+        convert.pulse_command(UInt16MultiArray(layout=layout, data=data))
 
 
 def test_refusal_of_megabytes_is_short() -> None:
@@ -297,6 +306,8 @@ def test_every_function_has_its_line() -> None:
         ('4.level', 'high', (4, 'level', 1.0)),
         ('4.level', 'low', (4, 'level', 0.0)),
         ('1.level', '1', (1, 'level', 1.0)),
+        ('2.level', '0', (2, 'level', 0.0)),
+        ('3.level', 'true', (3, 'level', 1.0)),
         ('6.level', 'false', (6, 'level', 0.0)),
         ('5.pulse', '0.0015', (5, 'pulse', 0.0015)),
         ('5.period', '2e-2', (5, 'period', 0.02)),
@@ -343,5 +354,6 @@ def test_several_requests_in_one_message() -> None:
 def test_sources_of_the_outputs_by_number() -> None:
     message = convert.channel_sources(('SERIAL', 'PIN 2 (nibble 1)'), 'name', 'hardware')
     assert values_of(message) == {'output 1': 'SERIAL', 'output 2': 'PIN 2 (nibble 1)'}
-    assert message.level == DiagnosticStatus.OK
-    assert convert.channel_sources((), 'name', 'hardware').level == DiagnosticStatus.STALE
+    assert (message.level, message.message) == (DiagnosticStatus.OK, 'ok')
+    none = convert.channel_sources((), 'name', 'hardware')
+    assert (none.level, none.message) == (DiagnosticStatus.STALE, 'unknown')

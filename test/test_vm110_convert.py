@@ -20,6 +20,7 @@ from typing import Any
 from builtin_interfaces.msg import Time
 import pytest
 from sensor_msgs.msg import BatteryState
+from std_msgs.msg import MultiArrayLayout
 from std_msgs.msg import UInt8MultiArray
 
 from vm110_bridge import convert
@@ -70,6 +71,11 @@ def test_battery_of_no_remote_is_not_present() -> None:
     assert math.isnan(message.percentage)
 
 
+@pytest.mark.parametrize(('percent', 'percentage'), [(0, 0.0), (100, 1.0)])
+def test_empty_and_full_batteries_are_numbers(percent: int, percentage: float) -> None:
+    assert convert.battery_state(percent, STAMP, 'remote').percentage == percentage
+
+
 def test_battery_above_a_hundred_is_not_a_number() -> None:
     assert math.isnan(convert.battery_state(101, STAMP, 'remote').percentage)
 
@@ -96,6 +102,12 @@ def test_data_offset_is_honoured_and_a_wild_one_refused() -> None:
     message.layout.data_offset = 4
     with pytest.raises(ValueError, match='data_offset 4'):
         convert.data_of(message)
+
+
+@pytest.mark.parametrize('data', [[], [1, 2, 3]])
+def test_data_offset_at_the_end_leaves_no_bytes(data: list[int]) -> None:
+    layout = MultiArrayLayout(data_offset=len(data))
+    assert convert.data_of(UInt8MultiArray(layout=layout, data=data)) == b''
 
 
 def test_command_results() -> None:
