@@ -22,6 +22,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 import math
+import re
 import reprlib
 
 from builtin_interfaces.msg import Time
@@ -176,14 +177,18 @@ _SERVICES = {
 }
 
 
+_ADDRESS = re.compile('[$][^P,][^,]{4},')  # talker and type; P: a maker's own
+_MOST_DEGREES = {2: 90.0, 3: 180.0}  # by the digits of the whole ones
+
+
 def nmea_fields(sentence: str) -> list[str] | None:
     """
     Return the fields, the first being talker and type; None for a bad or missing checksum.
 
     A missing one counts as bad: a sentence that was cut short looks just like that.
     """
-    body, star, check = sentence.strip().partition('*')
-    if not body.startswith('$') or not star:
+    body, _, check = sentence.strip().partition('*')
+    if not body.startswith('$'):
         return None
     total = 0
     for character in body[1:]:
@@ -193,7 +198,7 @@ def nmea_fields(sentence: str) -> list[str] | None:
 
 def nmea_type(sentence: str) -> str:
     """Return 'GGA', 'RMC' and the like; empty if it is none. Does not look at the checksum."""
-    return sentence[3:6] if sentence.startswith('$') and sentence[6:7] == ',' else ''
+    return sentence[3:6] if _ADDRESS.match(sentence) else ''
 
 
 def nav_sat_fix(sentence: str, stamp: Time, frame_id: str) -> NavSatFix | None:
@@ -204,7 +209,7 @@ def nav_sat_fix(sentence: str, stamp: Time, frame_id: str) -> NavSatFix | None:
     so it needs GGA with height and geoid separation, else it is NaN.
     """
     fields = nmea_fields(sentence)
-    if fields is None or len(fields[0]) != 5:
+    if fields is None or not nmea_type(sentence.strip()):
         return None
     try:
         if fields[0].endswith('GGA'):
@@ -245,16 +250,17 @@ def _rmc(fields: list[str]) -> tuple[int, float, float, float]:
 
 def _position(fields: list[str]) -> tuple[float, float]:
     """Return latitude and longitude in degrees from value, N/S, value, E/W."""
-    latitude = _degrees(fields[0], fields[1], 'NS', 90.0)
-    return latitude, _degrees(fields[2], fields[3], 'EW', 180.0)
+    latitude = _degrees(fields[0], fields[1], 'NS', 2)
+    return latitude, _degrees(fields[2], fields[3], 'EW', 3)
 
 
-def _degrees(text: str, side: str, sides: str, limit: float) -> float:
-    """Return degrees from (d)ddmm.mmm. :raises ValueError: if it is not one."""
-    point = text.find('.') if '.' in text else len(text)
-    minutes = _number(text[point - 2 :]) if point > 2 else math.inf
-    degrees = _number(text[: point - 2]) + minutes / 60.0
-    if side not in tuple(sides) or minutes >= 60.0 or not 0.0 <= degrees <= limit:
+def _degrees(text: str, side: str, sides: str, digits: int) -> float:
+    """Return degrees from ddmm.mmm or dddmm.mmm. :raises ValueError: if it is not one."""
+    whole, rest = text[:digits], text[digits:]
+    sound = whole.isdecimal() and rest[:2].isdecimal()  # neither has a sign or a point
+    minutes = _number(rest)
+    degrees = _number(whole) + minutes / 60.0 if sound else math.inf
+    if side not in tuple(sides) or minutes >= 60.0 or degrees > _MOST_DEGREES[digits]:
         raise ValueError(f'not a position: {text} {side}')
     return degrees if side == sides[0] else -degrees
 

@@ -25,6 +25,7 @@ import pytest
 from sensor_msgs.msg import BatteryState
 from sensor_msgs.msg import JoyFeedback
 from sensor_msgs.msg import NavSatStatus
+from std_msgs.msg import String
 
 from fort_vsc_bridge import convert
 from fort_vsc_bridge.protocol import Mode
@@ -104,9 +105,30 @@ def test_request_that_is_no_number_is_refused(key: str, value: str) -> None:
         convert.key_and_value(KeyValue(key=key, value=value))
 
 
+@pytest.mark.parametrize(('key', 'value'), [('2147483648', '1'), ('1', '-2147483649')])
+def test_request_of_more_than_32_bits_is_refused(key: str, value: str) -> None:
+    with pytest.raises(ValueError, match='from -2147483648 to 2147483647'):
+        convert.key_and_value(KeyValue(key=key, value=value))
+
+
+def test_text_that_fills_the_display_is_passed_on() -> None:
+    text = ('x' * 20 + '\r\n') * 4
+    assert convert.display_text(String(data=text)) == (text,)
+
+
+def test_text_that_no_display_can_hold_is_refused() -> None:
+    with pytest.raises(ValueError, match='the text 89 characters'):
+        convert.display_text(String(data=('x' * 20 + '\r\n') * 4 + 'x'))
+
+
 @pytest.mark.parametrize(
     ('number', 'intensity', 'sides'),
-    [(0, 1.0, (True, False)), (1, 0.1, (False, True)), (1, 0.0, (False, False))],
+    [
+        (0, 1.0, (True, False)),
+        (1, 0.1, (False, True)),
+        (0, 0.0, (False, False)),
+        (1, 0.0, (False, False)),
+    ],
 )
 def test_rumble(number: int, intensity: float, sides: tuple[bool, bool]) -> None:
     message = JoyFeedback(type=JoyFeedback.TYPE_RUMBLE, id=number, intensity=intensity)
@@ -170,8 +192,45 @@ def test_estimated_manual_and_simulated_positions_are_no_fix(quality: str) -> No
     assert message.status.status == NavSatStatus.STATUS_NO_FIX
 
 
-def test_altitude_without_geoid_separation_is_unknown() -> None:
-    assert math.isnan(fix(checked('GPGGA,1,5321.6802,N,00630.3372,W,1,8,1,61.7,M,,M,,')).altitude)
+@pytest.mark.parametrize(('height', 'separation'), [('61.7', ''), ('', '55.2'), ('', '')])
+def test_altitude_without_height_or_geoid_separation_is_unknown(
+    height: str, separation: str
+) -> None:
+    position = '5321.6802,N,00630.3372,W'
+    message = fix(checked(f'GPGGA,1,{position},1,8,1,{height},M,{separation},M,,'))
+    assert message.latitude == pytest.approx(53 + 21.6802 / 60)
+    assert math.isnan(message.altitude)
+
+
+@pytest.mark.parametrize(
+    ('position', 'latitude', 'longitude'),
+    [
+        ('0000.0000,N,00000.0000,E', 0.0, 0.0),
+        ('0030.0000,S,00030.0000,W', -0.5, -0.5),
+        ('9000.0000,N,18000.0000,E', 90.0, 180.0),
+        ('9000.0000,S,18000.0000,W', -90.0, -180.0),
+    ],
+)
+def test_equator_pole_and_date_line_are_positions(
+    position: str, latitude: float, longitude: float
+) -> None:
+    message = fix(checked(f'GPRMC,123519,A,{position},022.4,084.4,230394,003.1,W'))
+    assert (message.latitude, message.longitude) == (latitude, longitude)
+
+
+@pytest.mark.parametrize(
+    ('talker', 'service'),
+    [
+        ('GP', NavSatStatus.SERVICE_GPS),
+        ('GL', NavSatStatus.SERVICE_GLONASS),
+        ('GA', NavSatStatus.SERVICE_GALILEO),
+        ('GB', NavSatStatus.SERVICE_COMPASS),
+        ('BD', NavSatStatus.SERVICE_COMPASS),
+    ],
+)
+def test_talker_names_the_service(talker: str, service: int) -> None:
+    message = fix(checked(f'{talker}GGA,1,5321.6802,N,00630.3372,W,1,8,1,61.7,M,55.2,M,,'))
+    assert message.status.service == service
 
 
 @pytest.mark.parametrize(
@@ -182,6 +241,7 @@ def test_altitude_without_geoid_separation_is_unknown() -> None:
         GGA[:-1],
         GGA[:-3],  # cut short
         GGA[1:],
+        GGA.replace('$', '!'),  # the checksum does not cover it
         GGA.replace('5321', '5322'),
         GGA[:-2] + '00',
         GSV,
@@ -190,10 +250,19 @@ def test_altitude_without_geoid_separation_is_unknown() -> None:
         checked('GPGGA,1,5321.6802,X,00630.3372,W,1,8,1,61.7,M,55.2,M,,'),
         checked('GPGGA,1,5360.0000,N,00630.3372,W,1,8,1,61.7,M,55.2,M,,'),
         checked('GPGGA,1,9100.0000,N,00630.3372,W,1,8,1,61.7,M,55.2,M,,'),
+        checked('GPGGA,1,5321.6802,N,18030.0000,W,1,8,1,61.7,M,55.2,M,,'),
         checked('GPGGA,1,-5321.6802,N,00630.3372,W,1,8,1,61.7,M,55.2,M,,'),
+        checked('GPGGA,1,53-1.5,N,00630.3372,W,1,8,1,61.7,M,55.2,M,,'),
+        checked('GPGGA,1,-021.6802,N,00630.3372,W,1,8,1,61.7,M,55.2,M,,'),
+        checked('GPGGA,1,521.6802,N,00630.3372,W,1,8,1,61.7,M,55.2,M,,'),
+        checked('GPGGA,1,00530.5,N,00630.3372,W,1,8,1,61.7,M,55.2,M,,'),
+        checked('GPGGA,1,5321.6802,N,0630.3372,W,1,8,1,61.7,M,55.2,M,,'),
+        checked('PGRMC,A,218.8,100,6378137.000,298.257223563,,,,A,3,1,1,4,30'),
         checked('GPGGA,1,,N,,W,1,8,1,61.7,M,55.2,M,,'),
         checked('GPGGA,1,nan.0,N,inf.0,W,1,8,1,61.7,M,55.2,M,,'),
         checked('GPGGA,1,5321.6802,N,00630.3372,W,1,8,1,1e9,M,55.2,M,,'),
+        checked('GGA,1,5321.6802,N,00630.3372,W,1,8,1,61.7,M,55.2,M,,'),
+        checked('GPXGGA,1,5321.6802,N,00630.3372,W,1,8,1,61.7,M,55.2,M,,'),
         checked('GPRMC,123519,A'),
     ],
 )
@@ -213,6 +282,11 @@ def test_sentence_type() -> None:
         '',
         '',
     ]
+
+
+@pytest.mark.parametrize('sentence', ['$GPGGA', '$GPGGAX,1', '!GPGGA,1', '$PGRMC,A'])
+def test_sentence_without_dollar_or_comma_in_its_place_has_no_type(sentence: str) -> None:
+    assert convert.nmea_type(sentence) == ''
 
 
 @given(st.text(max_size=90) | st.text('$GPAR,MC*0123456789.-NSEW', max_size=90).map(checked))

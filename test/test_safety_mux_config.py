@@ -1,0 +1,98 @@
+# Copyright 2026 The rugged_teleop maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""What a mux cannot be: refused, as no machine may run with it."""
+
+from typing import Any
+
+import pytest
+
+from safety_mux.protocol import Autonomy
+from safety_mux.protocol import EStopSource
+from safety_mux.protocol import Feedback
+from safety_mux.protocol import MuxConfig
+from safety_mux.protocol import Operator
+from safety_mux.protocol import SpeedLimit
+
+REMOTE = Operator('remote', priority=1)
+GATE = EStopSource('gate')
+OWN = EStopSource('own', counts='when_owner', operator='remote')
+GIVEN: dict[str, Any] = {'joints': 1, 'sources': (GATE,), 'operators': (REMOTE,)}
+
+
+@pytest.mark.parametrize(
+    ('given', 'words'),
+    [
+        ({'sources': ()}, 'a mux without one is refused'),
+        ({'sources': (GATE, GATE)}, 'e-stop sources must differ: gate'),
+        ({'drives': ('left', 'left')}, 'drives must differ: left'),
+        ({'operators': ()}, 'nobody could drive'),
+        ({'sources': (OWN,), 'autonomy': Autonomy()}, "no e-stop source would stop 'autonomy'"),
+        (
+            {'sources': (OWN,), 'operators': (REMOTE, Operator('second', priority=2))},
+            "no e-stop source would stop 'second'",
+        ),
+        ({'operators': (Operator('remote', 1, timeout=0.31),)}, 'at most neutral_time, 0.3 s'),
+        ({'joints': 0}, 'joints must be 1 or more'),
+    ],
+)
+def test_mux_that_could_not_stop_or_drive_is_refused(given: dict[str, Any], words: str) -> None:
+    with pytest.raises(ValueError, match=words):
+        MuxConfig(**{**GIVEN, **given})
+
+
+@pytest.mark.parametrize(
+    'given',
+    [
+        {},
+        {'sources': (OWN,)},
+        {'sources': (OWN, GATE), 'autonomy': Autonomy()},
+        {'operators': (), 'autonomy': Autonomy()},
+        {'operators': (Operator('remote', 1, timeout=0.3),)},
+    ],
+)
+def test_mux_with_a_stop_for_whoever_drives_is_none_of_these(given: dict[str, Any]) -> None:
+    MuxConfig(**{**GIVEN, **given})
+
+
+@pytest.mark.parametrize('make', [EStopSource, SpeedLimit, lambda name: Operator(name, 1)])
+@pytest.mark.parametrize('name', ['', '1st', 'a/b', 'ä'])
+def test_name_that_is_no_part_of_a_topic_is_refused(make: Any, name: str) -> None:
+    with pytest.raises(ValueError, match='a name has letters, digits and _'):
+        make(name)
+
+
+@pytest.mark.parametrize('timeout', [0.0, -1.0, float('inf'), float('nan')])
+def test_time_that_never_ends_or_begins_is_refused(timeout: float) -> None:
+    with pytest.raises(ValueError, match=r'timeout of .* must be above 0 s and finite'):
+        SpeedLimit('floor', timeout=timeout)
+
+
+def test_what_a_speed_limit_is_while_it_is_stale_is_0_to_1() -> None:
+    assert SpeedLimit('floor').lowest == 0.0
+    assert SpeedLimit('floor', lowest=1.0).lowest == 1.0
+    for lowest in (-0.1, 1.1):
+        with pytest.raises(ValueError, match='must be from 0 to 1'):
+            SpeedLimit('floor', lowest=lowest)
+
+
+def test_times_are_those_of_the_parameters_as_delivered() -> None:
+    """As docs/safety_mux.md lists them."""
+    measured = Feedback(('left',))
+    assert (measured.standstill, measured.overspeed_tolerance) == (0.2, 2.0)
+    assert (measured.timeout, measured.overspeed_time) == (0.25, 0.5)
+    config = MuxConfig(**GIVEN)
+    assert (config.clear_time, config.neutral_time, config.hold_time) == (0.5, 0.3, 0.5)
+    assert (config.stall_limit, config.stop_time, config.drive_timeout) == (0.1, 0.5, 0.25)
+    assert config.reset_silence == 5.0

@@ -1,0 +1,75 @@
+# Copyright 2026 The rugged_teleop maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""What the inputs and outputs of an SSC may be, as docs/devices/ssc.md lists it."""
+
+from typing import Any
+
+import pytest
+
+from ssc_bridge.channels import ButtonInput
+from ssc_bridge.channels import Failsafe
+from ssc_bridge.channels import Servo
+
+PULSE = {'failsafe': Failsafe.PULSE}
+
+
+def test_button_counts_the_thresholds_that_the_pulse_is_above() -> None:
+    button = ButtonInput('gear', 5, (1300, 1700))
+    assert [button.value(us) for us in (1300, 1301, 1700, 1701)] == [0, 1, 1, 2]
+    turned = ButtonInput('gear', 5, (1300, 1700), reversed=True)
+    assert [turned.value(us) for us in (1300, 1301, 1700, 1701)] == [2, 1, 1, 0]
+
+
+@pytest.mark.parametrize('thresholds', [(), (1700, 1300), (1500, 1500)])
+def test_thresholds_rise_and_there_is_one(thresholds: tuple[int, ...]) -> None:
+    with pytest.raises(ValueError, match=r'button\.gear\.thresholds_us = .*each greater'):
+        ButtonInput('gear', 5, thresholds)
+
+
+def test_button_is_checked_by_its_parameters() -> None:
+    with pytest.raises(ValueError, match=r'button\.gear\.channel'):
+        ButtonInput('gear', 0)
+
+
+@pytest.mark.parametrize(
+    'given',
+    [
+        {**PULSE, 'min_us': 1500, 'centre_us': 1500, 'failsafe_us': 1500},
+        {**PULSE, 'centre_us': 2000, 'max_us': 2000, 'failsafe_us': 2000},
+        {'min_us': 1200, 'centre_us': 1500, 'failsafe_us': 1000, 'failsafe': Failsafe.HOLD},
+        {'rate_us_per_s': 0.5},
+    ],
+)
+def test_servo_may_be_at_its_limits(given: dict[str, Any]) -> None:
+    servo = Servo(name='pan', channel=1, **given)
+    assert servo.centre_us == given.get('centre_us', 1500)
+
+
+@pytest.mark.parametrize(
+    ('given', 'words'),
+    [
+        ({'min_us': 1501, 'centre_us': 1500}, 'rising numbers'),
+        ({'rate_us_per_s': 0.0}, 'rate_us_per_s must be above 0'),
+        ({**PULSE, 'min_us': 1200, 'failsafe_us': 1199}, 'failsafe_us = 1199: must be within'),
+    ],
+)
+def test_servo_that_cannot_be_is_refused(given: dict[str, Any], words: str) -> None:
+    with pytest.raises(ValueError, match=words):
+        Servo(name='pan', channel=1, **given)
+
+
+def test_output_without_a_name_may_have_any_pulse() -> None:
+    servo = Servo.unnamed(7, Failsafe.RELEASE)
+    assert [servo.limited(us) for us in (0.0, 0.5, 1.0, 40000.0)] == [0.0, 1.0, 1.0, 32000.0]
