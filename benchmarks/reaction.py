@@ -15,7 +15,7 @@
 """
 Wire to wire: from a stop in at the VSC's port to the first disable packet out at the drive's.
 
-Or from another place of the stick to the first packet with another command.
+Or from the stick that is let go to the first packet with a lesser command.
 
 ``python -m benchmarks.reaction KIND TRIALS [WHAT] [--rt PRIORITY] [--load]``. KIND: floor (one
 thread, no topic), bare (three rclpy processes without logic), three (our nodes, a process each),

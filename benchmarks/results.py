@@ -100,7 +100,7 @@ TARGETS = (
         {'p50': 0.7, 'p99': 1.0},
     ),
     Target('deadman released to disable', 'three deadman', 'ms', _BARE, {'p50': 1.2}),
-    Target('stick in to command out', 'three stick', 'ms', _BARE),
+    Target('stick let go, to a lesser command', 'three stick', 'ms', _BARE),
     Target('VSC silent to disable (its time-out is 250 ms)', 'three silence', 'ms'),
     Target('three bare rclpy processes, cores busy', 'bare estop, load', 'ms'),
     Target('three processes, cores busy', 'three estop, load', 'ms', 'bare estop, load'),

@@ -23,7 +23,7 @@
  *   silence 0|1          1: the VSC says nothing
  *   fire estop|deadman|silence   the same, timed from just before the last byte goes out: "t NANOSECONDS" once a disable
  *                        packet is complete. Any other command but the next two ends the timing.
- *   fire stick           the stick to half of where it is, timed until a packet has another command
+ *   fire stick           the stick let go, timed until a packet has a lesser command than the one before
  *   stat                 "s ENABLE COMMAND COUNT BAD STEP": the newest packet, packets and bad bytes since the start, and
  *                        the largest step of the command since the last stat
  *   packets SINCE        "k TIME ENABLE COMMAND" of each packet kept that came after SINCE, then "end"
@@ -49,7 +49,7 @@ static int vsc, drive;                                                  /* the p
 static int stick, deadman, estop, silent;
 static int64_t sent_at, fired_at;                                       /* of the VSC's last frame; 0: nothing is timed */
 static int enable, command, step;
-static int turns, command_before;                                       /* whether a command is waited for; other than this */
+static int slows;                                                       /* a lesser command is waited for, no disable */
 static int64_t asked_at, enable_ns;
 static long count, bad;
 static struct { int64_t at; int enable, command; } kept[KEPT];
@@ -152,7 +152,7 @@ static void take_packet(const uint8_t *packet, int64_t at)
     kept[count % KEPT].enable = enable;
     kept[count % KEPT].command = command;
     count++;
-    if (fired_at && (turns ? command != command_before : !enable)) {
+    if (fired_at && (slows ? abs(command) < abs(before) : !enable)) {
         printf("t %lld\n", (long long)(at - fired_at));
         fired_at = 0;
     }
@@ -191,9 +191,9 @@ static void obey(const char *line, int64_t *next_joystick)
     } else if (!strcmp(word, "fire")) {
         if (!strcmp(argument, "estop")) { estop = 1; send_heartbeat(); *next_joystick = now() + JOYSTICK_NS; }
         else if (!strcmp(argument, "deadman")) { deadman = 0; send_joystick(); }
-        else if (!strcmp(argument, "stick")) { stick /= 2; command_before = command; send_joystick(); }
+        else if (!strcmp(argument, "stick")) { stick = 0; send_joystick(); }
         else silent = 1;
-        turns = !strcmp(argument, "stick");
+        slows = !strcmp(argument, "stick");
         fired_at = sent_at;
     } else {
         fired_at = 0;
