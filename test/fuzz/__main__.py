@@ -79,7 +79,7 @@ def _run(name: str, count: int | None, folder: Path) -> bool:
         begun = time.process_time()
         outcome = fuzzer.batch(row['inputs'], min(_BATCH, count - row['inputs']))
         row['inputs'] += outcome.inputs
-        row['seconds'] = round(row['seconds'] + time.process_time() - begun, 1)
+        row['seconds'] = round(row['seconds'] + time.process_time() - begun, 3)
         row['findings'] += [str(finding) for finding in outcome.findings]
         row['reached'] = len(fuzzer.pairs)
         row['corpus'] = len(fuzzer.pool)
