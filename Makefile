@@ -6,7 +6,7 @@
 #   make demo              simulators, stack and a live view; ARGS=--once plays the scripted scene
 #   make test              ARGS='-k fort -x' and the like go to pytest; WORKERS=0 for one test at a time
 #   make proof             all the evidence, a day; goes on where it was, results in build/proof.json; ARGS=states for
-#                          every reachable state of what decides, minutes
+#                          every state of each world of docs/safety.md but one, minutes
 #   make fuzz              ten million hostile inputs for each parser, 100 000 for each session, decoder and callback;
 #                          hours, and goes on where it was; ARGS='--count 100000 ssc' and the like
 #   make mutants           plant faults in what decides, and name those that no test notices; hours;
