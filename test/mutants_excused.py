@@ -361,6 +361,7 @@ EXCUSED: dict[str, dict[str, str]] = {
         'Motion.__init__: -math.inf -> math.inf': (
             'without a step there is no motion, and the first step sets when that began'
         ),
+        'Motion.__init__: self._still_since = math.inf -> pass': _SET_FIRST,
     },
     'akron_can_bridge/session/joysticks.py': {
         'Joysticks.__init__: self._extended = _NO_EXTENDED -> pass': _SET_FIRST,
@@ -374,6 +375,13 @@ EXCUSED: dict[str, dict[str, str]] = {
             'of a unit that is not heard nothing is known that could be forgotten'
         ),
         'Session._follow: self._in_error = False -> pass': _SAID_ANEW,
+        'Session._follow_travel: now < self._steered_until -> now <= self._steered_until': (
+            'a moment later it is over'
+        ),
+        'Session.refused: pgn == PROPRIETARY_PGN and frame.data[0] == '
+        'MessageType.SOE_PERMISSIVE -> frame.data[0] == MessageType.SOE_PERMISSIVE': (
+            'no joystick frame of ours begins with A1'
+        ),
         'Session._follow: False -> True': _SAID_ANEW,
         'Session._follow_motion: True -> False': _EARLIEST,
         'Session._may_pause: return False -> return None': _FALSY,

@@ -403,6 +403,27 @@ def test_oscillation_is_paused_after_a_travel_that_has_ended() -> None:
     assert presses(bench)
 
 
+def test_oscillation_is_paused_after_the_travel_of_a_joystick_has_ended() -> None:
+    bench = paused(allowed_joysticks=frozenset({ALLOWED}))
+    bench.take(TRAVELS['stow'])
+    bench.turns = True
+    bench.run(2 * COAST, REST)
+    bench.turns = False
+    bench.run(1.5 * COAST, REST)
+    bench.turns = True  # resumed by its own controls
+    bench.run(0.8 * COAST, REST)
+    assert presses(bench)
+
+
+def test_travel_that_never_begins_is_forgotten() -> None:
+    bench = paused()
+    bench.run(0.1, STOW)
+    bench.run(3 * COAST, REST)
+    bench.turns = True  # resumed by its own controls
+    bench.run(0.8 * COAST, REST)
+    assert presses(bench)
+
+
 @pytest.mark.parametrize('start', [SWITCH_7, OSCILLATE, REST], ids=['7', '4', 'its own controls'])
 @pytest.mark.parametrize('stands', [0.6, 0.8 * COAST, 1.2 * COAST])  # s; it has arrived after 0.5
 @pytest.mark.parametrize('coasts', [True, False])
