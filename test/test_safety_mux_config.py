@@ -27,6 +27,8 @@ from safety_mux.protocol import SpeedLimit
 
 REMOTE = Operator('remote', priority=1)
 GATE = EStopSource('gate')
+SECOND = Operator('second', priority=2)
+OTHER = EStopSource('other', counts='when_owner', operator='second')
 OWN = EStopSource('own', counts='when_owner', operator='remote')
 GIVEN: dict[str, Any] = {'joints': 1, 'sources': (GATE,), 'operators': (REMOTE,)}
 
@@ -40,7 +42,7 @@ GIVEN: dict[str, Any] = {'joints': 1, 'sources': (GATE,), 'operators': (REMOTE,)
         ({'operators': ()}, 'nobody could drive'),
         ({'sources': (OWN,), 'autonomy': Autonomy()}, "no e-stop source would stop 'autonomy'"),
         (
-            {'sources': (OWN,), 'operators': (REMOTE, Operator('second', priority=2))},
+            {'sources': (OWN,), 'operators': (REMOTE, SECOND)},
             "no e-stop source would stop 'second'",
         ),
         ({'operators': (Operator('remote', 1, timeout=0.31),)}, 'at most neutral_time, 0.3 s'),
@@ -57,6 +59,7 @@ def test_mux_that_could_not_stop_or_drive_is_refused(given: dict[str, Any], word
     [
         {},
         {'sources': (OWN,)},
+        {'sources': (OWN, OTHER), 'operators': (REMOTE, SECOND)},
         {'sources': (OWN, GATE), 'autonomy': Autonomy()},
         {'operators': (), 'autonomy': Autonomy()},
         {'operators': (Operator('remote', 1, timeout=0.3),)},
