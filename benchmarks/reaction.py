@@ -195,6 +195,8 @@ def main() -> None:
     parser.add_argument('--load', action='store_true', help='with all cores busy')
     parser.add_argument('--rest', type=float, default=10.0, help='s for which it is at rest')
     given = parser.parse_args()
+    if given.what == STICK and given.kind not in ('three', 'stack'):
+        parser.error(f'{given.kind} knows no {STICK}')
     use_own_domain()
     try:
         result = react(

@@ -208,13 +208,13 @@ def nav_sat_fix(sentence: str, stamp: Time, frame_id: str) -> NavSatFix | None:
     Without a fix the status says so and the position is NaN. The altitude is above the ellipsoid,
     so it needs GGA with height and geoid separation, else it is NaN.
     """
-    fields = nmea_fields(sentence)
-    if fields is None or not nmea_type(sentence.strip()):
+    fields, kind = nmea_fields(sentence), nmea_type(sentence.strip())
+    if fields is None:
         return None
     try:
-        if fields[0].endswith('GGA'):
+        if kind == 'GGA':
             position = _gga(fields)
-        elif fields[0].endswith('RMC'):
+        elif kind == 'RMC':
             position = _rmc(fields)
         else:
             return None

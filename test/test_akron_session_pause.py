@@ -391,21 +391,13 @@ def test_grip_that_a_joystick_leaves_in_neutral_is_no_travel() -> None:
     assert presses(bench)
 
 
-def test_oscillation_is_paused_after_a_travel_that_has_ended() -> None:
-    bench = paused()
-    bench.run(0.1, DEPLOY)
-    bench.turns = True
-    bench.run(2 * COAST, REST)
-    bench.turns = False
-    bench.run(1.5 * COAST, REST)
-    bench.turns = True  # resumed by its own controls
-    bench.run(0.8 * COAST, REST)
-    assert presses(bench)
-
-
-def test_oscillation_is_paused_after_the_travel_of_a_joystick_has_ended() -> None:
-    bench = paused(allowed_joysticks=frozenset({ALLOWED}))
-    bench.take(TRAVELS['stow'])
+@pytest.mark.parametrize('by_joystick', [False, True])
+def test_oscillation_is_paused_after_a_travel_that_has_ended(by_joystick: bool) -> None:
+    bench = paused(allowed_joysticks=frozenset({ALLOWED} if by_joystick else ()))
+    if by_joystick:
+        bench.take(TRAVELS['stow'])
+    else:
+        bench.run(0.1, DEPLOY)
     bench.turns = True
     bench.run(2 * COAST, REST)
     bench.turns = False

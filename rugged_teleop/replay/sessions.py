@@ -96,10 +96,10 @@ def replay_session(
     missed = [each for each in differences(recorded, due, since, slack) if each.replayed]
     found = [_found(span) for span in missed]
     for span in differences(recorded, replayed, since, slack):
-        if not (span.recorded or due.at(span.since)):
-            why = _MAY_BE_ASKED
-        elif not span.recorded:
+        if not span.recorded and due.at(span.since):
             continue  # missed
+        if not span.recorded:
+            why = _MAY_BE_ASKED
         elif False in link_up.around(span.since, slack):
             why = 'it had lost its port or its wire, though bytes came'
         else:

@@ -64,11 +64,17 @@ def _run(name: str, count: int | None, folder: Path) -> bool:
     """Run batches up to a count; tell whether nothing was found."""
     target, path = TARGETS[name], folder / f'{name.replace(" ", "_")}.json'
     count = count or (_PARSED if 'parser' in name else _COUNT)
-    row: dict[str, Any] = {'target': name, 'inputs': 0, 'seconds': 0.0, 'findings': []}
-    row['sources'] = digest_of_sources()
+    sources = digest_of_sources()
+    row: dict[str, Any] = {
+        'target': name,
+        'sources': sources,
+        'inputs': 0,
+        'seconds': 0.0,
+        'findings': [],
+    }
     if path.exists():
         known = json.loads(path.read_text(encoding='utf-8'))
-        row = known if known.get('sources') == row['sources'] else row
+        row = known if known.get('sources') == sources else row
     fuzzer = Fuzzer(target, corpus_of(corpus().get(name, [])))
     try:
         for reads in fuzzer.pool:
