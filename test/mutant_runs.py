@@ -33,7 +33,6 @@ from collections.abc import Sequence
 import gc
 import importlib.abc
 import importlib.machinery
-import importlib.util
 import itertools
 import os
 from pathlib import Path
@@ -81,7 +80,9 @@ class Finder(importlib.abc.MetaPathFinder, importlib.abc.Loader):
     ) -> importlib.machinery.ModuleSpec | None:
         if fullname != self._name:
             return None
-        return importlib.util.spec_from_loader(fullname, self, origin=self._path)
+        spec = importlib.machinery.ModuleSpec(fullname, self, origin=self._path)
+        spec.has_location = True  # so that it knows its __file__
+        return spec
 
     def exec_module(self, module: ModuleType) -> None:
         exec(self._code, module.__dict__)

@@ -118,13 +118,13 @@ EXCUSED: dict[str, dict[str, str]] = {
         'Session._take_repeated: return False -> return None': _FALSY,
         'Session._step: self._stepped_at <= now < self._quiet_until -> '
         'self._stepped_at < now < self._quiet_until': 'it looks once more, and finds the same',
-        'HeldButtons.__init__: False -> True': _SET_FIRST,
     },
     'bridge_core/transports/link.py': {
         ': 60.0 -> 61.0': 'for a machine that is starved; any minute does',
         'Link.__init__: 1.0 -> 2.0': 'each node has its parameter reconnect_period',
         'Link.__init__: 0 -> 1': _OF_PROCESSES,
         'Link._put: raise NotImplementedError -> pass': _ABSTRACT,
+        'Mailbox.close: 1 -> 2': 'any number below 0 is no descriptor',
         'Link._run: raise NotImplementedError -> pass': _ABSTRACT,
         'Link._end: raise NotImplementedError -> pass': _ABSTRACT,
         'ThreadLink.__init__: self._tap >= 0 -> self._tap > 0': _NO_STDIN,

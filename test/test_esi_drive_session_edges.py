@@ -419,6 +419,14 @@ def test_stop_that_may_be_lost_takes_half_an_edge(rig: Rig) -> None:
     rig.assert_latched()
 
 
+def test_command_from_before_a_stop_that_may_be_lost_enables_nothing(rig: Rig) -> None:
+    rig.tick(3)
+    rig.session.distrust('messages were lost', rig.now)
+    for value in (False, True):
+        rig.do(lambda value=value: rig.session.set_enable(value, rig.now))  # type: ignore[misc]
+    assert rig.phase() is Phase.WAITING
+
+
 ASKED: dict[str, Callable[[Rig], None]] = {
     'refused command': lambda rig: rig.session.refuse_command('no such joint', rig.now),
     'distrust': lambda rig: rig.session.distrust('messages were lost', rig.now),

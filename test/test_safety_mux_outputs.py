@@ -230,6 +230,13 @@ def test_what_is_left_out_is_named_in_part() -> None:
     gate.hear(*[0.5] * 4, buttons=(1,) * 1000)
     gate.tick(True)
     assert gate.gate.held[::3] == ['axis 0', 'axis 3', 'button 3', 'button 6']
+    assert len(gate.gate.held) == 10
+
+
+def test_gate_that_replaces_another_is_neutral_from_its_first_tick_on() -> None:
+    before, after = Gate().in_control(), Gate()
+    after.gate.go_on(before.gate)
+    assert after.tick(False) == [([0.0, 0.0], [0, 0])]
 
 
 def test_message_that_becomes_longer_or_shorter_is_passed_on() -> None:

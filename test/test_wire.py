@@ -954,6 +954,21 @@ def test_wire_that_waits_for_its_port_shows_that_it_does_not_hang(bench: WireBen
     assert max(gaps) == pytest.approx(PACE)
 
 
+def test_owner_who_is_due_each_time_is_called_no_more_often_while_a_port_opens(
+    bench: WireBench,
+) -> None:
+    bench.begin_opening()
+    bench.step()
+    bench.owner.next = 0.0
+    bench.deactivate()
+    bench.owner.paced.clear()
+    bench.step()
+    *waiting, _ = bench.owner.paced
+    gaps = [after - before for before, after in itertools.pairwise(waiting)]
+    assert sum(gaps) >= 0.2
+    assert min(gaps) == pytest.approx(0.0005)
+
+
 def test_deactivation_is_one_whoever_fails_while_it_waits(bench: WireBench) -> None:
     def fail(now: float) -> None:
         if bench.now < then + 0.2:  # not in the step itself

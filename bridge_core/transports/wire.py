@@ -350,9 +350,9 @@ class Wire(Generic[FrameT]):
         """Send the farewell and close the port, one that is just being opened included."""
         if self._opening is None and now >= self._open_at:  # of just now: the device may be moving
             self._guarded(self._start_opening)
-        end = clock.now() + patience
+        now = clock.now()
+        end = now + patience
         while self._opening is not None and self._opening is self._transport:
-            now = clock.now()
             left = end - now
             if left <= 0.0:
                 text = f'no farewell: {self._transport.name} was still being opened'
