@@ -101,7 +101,7 @@ _NAMES_OF_TESTS = {
         'safety_mux_mapping',
         *_MUX,
     ),
-    'safety_mux/outputs.py': ('safety_mux_outputs',),
+    'safety_mux/outputs.py': ('safety_mux_outputs', 'safety_mux_gate_exploration'),
     'safety_mux/feedback.py': ('safety_mux_feedback', 'safety_mux_activation'),
     'safety_mux/limits.py': ('safety_mux_limits', 'safety_mux_speed_limits'),
     'safety_mux/mapping.py': ('safety_mux_mapping',),

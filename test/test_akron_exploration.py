@@ -73,6 +73,7 @@ class World(SessionWorld[Session]):
     APART: Sequence[str] = APART
     OPTIONS: Mapping[str, Any] = {'soe_permissive': True}
     OLD: Mapping[str, float] = {}
+    UNNAMED: Sequence[str] = ()
     STICKS: Mapping[str, tuple[tuple[Any, Any], bytes]] = {
         'rest': (REST, NEUTRAL),
         'move': (MOVE, MOVING),
@@ -95,7 +96,14 @@ class World(SessionWorld[Session]):
             'stick_at': self.FRESH,
             **self.OLD,
         }
-        super().__init__(Session(settings), said, reads=reads, old=old, apart=self.APART)
+        super().__init__(
+            Session(settings),
+            said,
+            reads=reads,
+            old=old,
+            apart=self.APART,
+            unnamed=self.UNNAMED,
+        )
         self.session.take_over(None, -math.inf, self.now)
         self.known: dict[str, Any] = {}  # what the unit said: when, or what
         self.foreign_at = -math.inf

@@ -71,6 +71,7 @@ class World(AkronWorld):
         **dict.fromkeys(('steered_until', 'steered'), COAST + 2 * HOLD),
         'pressed_at': PRESS,
     }
+    UNNAMED = ('_faults_at',)  # when it was asked about its faults: it tells of them unasked
     OPTIONS = {'coast_time': COAST, 'automatic_motion': True}
     STICKS = {**AkronWorld.STICKS, 'oscillate': (OSCILLATE, STARTING)}
 
@@ -96,16 +97,20 @@ class World(AkronWorld):
     def unasked(self) -> bool:
         """Tell whether the unit has moved for long though nobody asks for it."""
         asked_until = max(self.run_at, self.pushed_until, self.taken_at)
-        moves = len(self.steps) > 1 and self.now - self.steps[-1] < HOLD
+        moves = len(self.steps) > 1
         return moves and not self.by_itself and self.now >= asked_until + self.COAST
 
     def possible(self) -> Iterator[str]:
         return (step for step in super().possible() if step != 'overflow')  # as a freeze
 
     def lapse(self) -> None:
-        super().lapse()
         if self.heard_at is None:
-            self.seen, self.steps, self.run_at, self.oscillates = False, (), -math.inf, False
+            self.seen, self.steps, self.oscillates = False, (), False
+        if self.steps and self.now - self.steps[-1] >= HOLD:
+            self.steps = ()
+        if not self.steps:
+            self.run_at = -math.inf
+        super().lapse()
 
     def hear(self, said: Sequence[str]) -> None:
         for each in said:
@@ -133,8 +138,8 @@ class World(AkronWorld):
             self.stop_at, self.over_at, self.presses = self.now, math.inf, 0
 
     def note_step(self) -> None:
-        if not self.steps or self.now - self.steps[-1] >= HOLD:
-            self.run_at, self.steps = self.now, ()
+        if not self.steps:
+            self.run_at = self.now
         if self.now not in self.steps:
             self.steps = (*self.steps[-1:], self.now)
 
@@ -167,7 +172,6 @@ class World(AkronWorld):
         assert self.presses == 1, 'switch 7 twice in a stop'
         assert self.oscillates, 'nothing oscillates'
         assert self.now - self.foreign_at >= FOREIGN, 'whose switch is pressed, too?'
-        assert self.now - max(self.steps) < HOLD, 'it stands'
         assert len(self.steps) > 1, 'one step is no motion'
         assert self.steps[0] > self.stop_at, 'it may have been paused since'
         assert self.steps[0] >= self.steered + self.COAST, 'it may coast'
@@ -214,8 +218,14 @@ class Sent(World):
 
     CALM = {'unit': 'paused', 'estop': 'clear', 'stick': 'rest'}
     APART = tuple(name for name in World.APART if name not in OF_TRAVELS)
-    OLD = {**World.OLD, '_still_since': 2 * HOLD,
-           **dict.fromkeys(('_travel_at', 'sent_at'), World.COAST)}  # fmt: skip
+    OLD = {
+        **World.OLD,
+        'turned_at': HOLD,
+        '_heard_at': HOLD,
+        '_still_since': 2 * HOLD,
+        'sent_at': World.COAST,
+        '_travel_at': World.COAST + HOLD,
+    }
     STICKS = {'rest': (REST, NEUTRAL), 'deploy': (DEPLOY, DEPLOYING)}
 
     def __init__(self, reads: Sequence[str] = (), **said: str) -> None:
