@@ -172,6 +172,7 @@ class Memory:
     :param old: s by name of an attribute: no limit looks further back there; '' is all others.
     :param apart: names of attributes that decide nothing: counters, words, settings.
     :param unnamed: names of those that only say again, or sooner, what others do.
+    :param never: names of moments of which never, -inf, is the same as long ago.
     """
 
     def __init__(
@@ -180,11 +181,13 @@ class Memory:
         old: Mapping[str, float],
         apart: Iterable[str] = (),
         unnamed: Iterable[str] = (),
+        never: Iterable[str] = (),
     ) -> None:
         self._root = root
         self._old = old
         self._apart = frozenset(apart)
         self._unnamed = frozenset(unnamed)
+        self._never = frozenset(never)
         self._slots: dict[type, tuple[str, ...]] = {}
         self._followed: dict[type, bool] = {}
 
@@ -255,6 +258,8 @@ class Memory:
                 for name in self._names(each):
                     value, length = getattr(each, name), len(key)
                     old = each.timeout if kind is Watchdog else self._old.get(name, self._old[''])
+                    if name in self._never and value == -math.inf:
+                        value = START - old - shift
                     if name not in self._apart and not callable(value):
                         contents.append((name, keep(value, old)))
                     if name in self._unnamed:

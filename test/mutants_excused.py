@@ -138,6 +138,9 @@ EXCUSED: dict[str, dict[str, str]] = {
         'Mailbox.close: 0 -> 1': _NO_STDIN,
     },
     'bridge_core/transports/wire.py': {
+        'Wire._deactivate: now = clock.now() -> pass': (
+            'what is before it has just begun, or has waited for long enough'
+        ),
         'Wire._deliver: clock.now() - now <= _FROZEN_TIME -> clock.now() - now < _FROZEN_TIME': (
             'a freeze is no more exact'
         ),
@@ -179,6 +182,7 @@ EXCUSED: dict[str, dict[str, str]] = {
         'UserFeedback | StringSegment -> pass': _FOR_TYPES,
         ': 8 -> 9': _NO_NINTH,
         '_Sticks.__init__: self._since = 0.0 -> pass': _SET_FIRST,
+        '_Sticks.__init__: self._alike_at = 0.0 -> pass': _SET_FIRST,
         '_Sticks.__init__: 0.0 -> 1.0': _SET_FIRST,
     },
     'fort_vsc_bridge/protocol/frames.py': {
@@ -272,6 +276,10 @@ EXCUSED: dict[str, dict[str, str]] = {
         'UnknownFunction.__post_init__: 0 -> 1': 'a word of 0 is a known function',
     },
     'ssc_bridge/session/auxiliary.py': {
+        'AuxOutputCommands.__init__: self._next_at = math.inf -> pass': _SET_FIRST,
+        'AuxOutputCommands._drop: self._next_at = math.inf -> pass': (
+            'it looks once more, and finds nothing'
+        ),
         'AuxOutputCommands.__init__: self._undone_levels = False -> pass': _SET_FIRST,
         'AuxOutputCommands.__init__: False -> True': _SET_FIRST,
         ": _T = TypeVar('_T', DigitalOutput, PulseOutput) -> pass": _FOR_TYPES,
@@ -339,6 +347,9 @@ EXCUSED: dict[str, dict[str, str]] = {
     'akron_can_bridge/session/drive.py': {
         'Drive.__init__: False -> True': 'a press begins with a pause, which sets both',
         'Drive.__init__: self._begins_press = False -> pass': _SET_FIRST,
+        'Drive.joystick_frames: self._pressed or pausing -> pausing': (
+            'what is not pressed any more is pressed again by a new pause only, which sets both'
+        ),
     },
     'akron_can_bridge/session/finder.py': {
         'Finder.__init__: self._owes_request = True -> pass': _SET_FIRST,

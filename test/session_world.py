@@ -50,7 +50,7 @@ class SessionWorld(Generic[SessionT]):
     :param words: what each may say, spaced; the first is what is in order. The first of all is the
         device.
     :param reads: pairs that the device may say at once.
-    :param old: see Memory; so ``apart`` and ``unnamed``.
+    :param old: see Memory; so ``apart``, ``unnamed`` and ``never``.
     """
 
     STEP = 0.125
@@ -64,6 +64,7 @@ class SessionWorld(Generic[SessionT]):
         old: Mapping[str, float],
         apart: Sequence[str] = (),
         unnamed: Sequence[str] = (),
+        never: Sequence[str] = (),
     ) -> None:
         self.now = START
         self.session = session
@@ -81,7 +82,9 @@ class SessionWorld(Generic[SessionT]):
         self.frames: list[Any] = []
         self.live: set[Any] = set()  # states from which it was brought to what it is there for
         lately = dict.fromkeys(('interrupted_at', '_interrupted_at'), 2 * self.STEP)
-        self.memory = Memory(self, {**lately, **old}, (*_APART, *apart), (*_UNNAMED, *unnamed))
+        self.memory = Memory(
+            self, {**lately, **old}, (*_APART, *apart), (*_UNNAMED, *unnamed), never
+        )
 
     # -- as the explorer wants it -----------------------------------------------------------------
 

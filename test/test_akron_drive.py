@@ -67,6 +67,7 @@ def test_stopped_drive_has_no_frame_due() -> None:
     drive = moving(soe_permissive=True)
     assert drive.permissive_frames(NOW, UNIT, RIGHT)
     assert drive.due == NOW
+    drive.extended_refused(NOW)
     drive.stop()
     assert drive.due == math.inf
     assert drive.joystick_frames(NOW + 9.0) == []

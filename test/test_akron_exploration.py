@@ -74,6 +74,7 @@ class World(SessionWorld[Session]):
     OPTIONS: Mapping[str, Any] = {'soe_permissive': True}
     OLD: Mapping[str, float] = {}
     UNNAMED: Sequence[str] = ()
+    NEVER: Sequence[str] = ()
     STICKS: Mapping[str, tuple[tuple[Any, Any], bytes]] = {
         'rest': (REST, NEUTRAL),
         'move': (MOVE, MOVING),
@@ -103,6 +104,7 @@ class World(SessionWorld[Session]):
             old=old,
             apart=self.APART,
             unnamed=self.UNNAMED,
+            never=self.NEVER,
         )
         self.session.take_over(None, -math.inf, self.now)
         self.known: dict[str, Any] = {}  # what the unit said: when, or what

@@ -64,9 +64,10 @@ WORDS = {
     'operator': ('rest', 'drive', 'silent'),
     'source': ('clear', 'stop', 'silent'),
     'mux': ('runs', 'frozen'),
-    'wire': ('joined', 'cut'),  # from the mux to the drive's node
+    'wire': ('joined', 'cut', 'deaf', 'off'),  # between mux and drive node; see TO, FRO
     'drive': ('well', 'lazy', 'faulty', 'mute'),  # lazy: it never enables
 }
+TO, FRO = ('joined', 'deaf'), ('joined', 'cut')  # wires that carry commands, and what is said back
 CONFIG = MuxConfig(
     joints=1,
     sources=(EStopSource('source', TIMEOUT), EStopSource('drive', TIMEOUT)),
@@ -136,7 +137,7 @@ class World:
         self.words = {name: each.split() for name, each in words.items()}
         self.doing = {name: each[0] for name, each in WORDS.items()}
         self.said = {'operator': 'rest', 'source': 'clear'}
-        self.heard = dict.fromkeys(('operator', 'source', 'status'), self.now)
+        self.heard = dict.fromkeys(('operator', 'source', 'node', 'status'), self.now)
         self.reset = False  # since the last stop
         self.rest_since: float | None = None  # since when the operator has been at rest
         self.pressed = False  # since then, and held
@@ -186,20 +187,22 @@ class World:
             self.rest_since = None
         elif self.rest_since is None and doing['operator'] == 'rest':
             self.rest_since = now
-        arbiter.estop_message('drive', self.session.estop, now)
-        arbiter.drive_enabled('', self.session.enabled, now)
+        if doing['wire'] in FRO:
+            self.heard['node'] = now
+            arbiter.estop_message('drive', self.session.estop, now)
+            arbiter.drive_enabled('', self.session.enabled, now)
         if event == 'trip':
             arbiter.trip(now)
         done = event == 'reset' and arbiter.reset(now).ok
         self.rest_since = None if done else self.rest_since
         decision = arbiter.tick(now)
         stopped = event == 'trip' or self.said['source'] == 'stop' or self.session.estop
-        silent = now - self.heard['source'] >= TIMEOUT
+        silent = any(now - self.heard[each] >= TIMEOUT for each in ('source', 'node'))
         self.reset = (self.reset or done) and not (stopped or silent)
         away = now - self.heard['operator'] >= TIMEOUT or self.said['operator'] != 'drive'
         self.pressed &= self.reset and not away
         self.enables = decision.enable
-        if self.doing['wire'] == 'joined':
+        if doing['wire'] in TO:
             self.granted_at = now if self.pressed else -math.inf
             self.session.set_estop(decision.estop, now)
             self.session.set_command((decision.demand[0] * FULL, 0.0), now)
@@ -256,7 +259,7 @@ class World:
 
 SCENES: dict[str, dict[str, Any]] = {
     'operator': {'operator': 'rest drive silent', 'source': 'clear stop silent'},
-    'processes': {'operator': 'rest drive', 'mux': 'runs frozen', 'wire': 'joined cut'},
+    'processes': {'operator': 'rest drive', 'mux': 'runs frozen', 'wire': 'joined cut deaf off'},
     'drive': {'operator': 'rest drive', 'drive': 'well lazy faulty mute'},
 }
 COUNTS: dict[str, tuple[int, int]] = {

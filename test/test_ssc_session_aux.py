@@ -16,6 +16,7 @@
 
 from collections.abc import Callable
 import itertools
+import math
 from typing import Any
 
 from hypothesis import given
@@ -29,6 +30,7 @@ from ssc_bridge.protocol import Configuration
 from ssc_bridge.protocol import DigitalInput
 from ssc_bridge.protocol import Measurement
 from ssc_bridge.protocol import PulseAccumulator
+from ssc_bridge.protocol import PulseOutput
 from ssc_bridge.protocol import TIME_BASES_US
 from ssc_bridge.protocol import TimerInput
 from ssc_bridge.session import AuxReading
@@ -36,6 +38,7 @@ from ssc_bridge.session import ConfigurationRead
 from ssc_bridge.session import counts_of
 from ssc_bridge.session import RELEASE_FRAMES
 from ssc_bridge.session import Session
+from ssc_bridge.session.auxiliary import AuxOutputCommands
 from ssc_bridge.session.auxiliary import UNDO_FRAMES
 from test.ssc_rig import configuration
 from test.ssc_rig import Rig
@@ -728,3 +731,17 @@ def test_pulse_request_ends_no_undoing_of_another_pulse() -> None:
     rig.tick(120)
     undoing = [payload for payload in rig.payloads(21) if payload == bytes.fromhex('00 10 0000')]
     assert len(undoing) >= UNDO_FRAMES - 2
+
+
+def test_of_two_messages_the_second_goes_at_once_and_a_refused_one_before_it() -> None:
+    commands, now = AuxOutputCommands(keep=False), 100.0
+    commands.configure((PulseOutput(), PulseOutput()))
+    commands.ask([AuxRequest(1, 'period', 0.001), AuxRequest(2, 'pulse', 0.001)])
+    (first,) = commands.take(now, at_once=False)
+    assert commands.deadline == now
+    commands.refused(first, now)
+    assert commands.deadline == now + RETRY
+    assert commands.take(now, at_once=False) == [first]
+    (second,) = commands.take(now, at_once=False)
+    assert second != first
+    assert commands.deadline == math.inf
