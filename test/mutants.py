@@ -90,8 +90,12 @@ _NAMES_OF_TESTS = {
     'bridge_core/lane.py': ('lane',),
     'bridge_core/transports/link.py': ('link', 'link_faults', 'mailbox'),
     'bridge_core/transports/wire.py': ('wire',),
-    'bridge_core/transports/process.py': ('process_link_steps', 'process_link_exploration'),
-    'bridge_core/transports/wire_process.py': ('process_link_steps', 'process_link_exploration'),
+    'bridge_core/transports/process.py': (
+        *('process_link_steps', 'process_link_starts', 'process_link_exploration'),
+    ),
+    'bridge_core/transports/wire_process.py': (
+        *('process_link_steps', 'process_link_starts', 'process_link_exploration'),
+    ),
     'safety_mux/arbiter.py': (*_MUX, 'safety_mux_activation', 'safety_mux_properties'),
     'safety_mux/inputs.py': (*_MUX, 'safety_mux_activation'),
     'safety_mux/intake.py': ('safety_mux_intake',),

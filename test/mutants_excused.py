@@ -32,6 +32,11 @@ _NO_STDIN = 'descriptor 0 is the standard input'
 _FOR_A_BYTE = 'it is asked for a byte'
 _NO_NINTH = 'no frame of CAN has a ninth byte'
 _IN_ONE_GO = 'so many bytes give the same in one go and in parts'
+_JUST_THEN = 'at just that moment either will do'
+_LONG_PAST = 'the clock is far beyond it'
+_WITH_VERDICT = 'it counts with a verdict, and is set with that'
+_ALLOWED = 'the system may allow less, and either is much'
+_IN_FORCE = 'what is in force is there since the command for it has ended'
 
 EXCUSED: dict[str, dict[str, str]] = {
     'akron_can_bridge/convert.py': {
@@ -136,6 +141,71 @@ EXCUSED: dict[str, dict[str, str]] = {
         'Mailbox.end: 1 -> 2': _WAKES,
         'Mailbox.close: self._wake_fd >= 0 -> self._wake_fd > 0': _NO_STDIN,
         'Mailbox.close: 0 -> 1': _NO_STDIN,
+    },
+    'bridge_core/transports/process.py': {
+        ': 1 -> 2': _ALLOWED,
+        ': 20 -> 21': _ALLOWED,
+        ': 1024 -> 1025': 'a great many',
+        '_Process.ends: return False -> return None': _FALSY,
+        'ProcessLink.__init__: 0 -> 1': 'it wakes once more',
+        'ProcessLink.__init__: 0.0 -> 1.0': _LONG_PAST,
+        'ProcessLink.__init__: False -> True': _WITH_VERDICT,
+        'ProcessLink._put: self._activation is None or self._activation.number not in '
+        'self._commands -> self._activation is None': _IN_FORCE,
+        'ProcessLink._put: self._before = self._activation -> pass': _IN_FORCE,
+        'ProcessLink._wake: self._wake_fd >= 0 -> self._wake_fd > 0': _NO_STDIN,
+        'ProcessLink._wake: 0 -> 1': _NO_STDIN,
+        'ProcessLink._wake: 1 -> 2': _WAKES,
+        'ProcessLink._take_as_stop: now >= self._sound_at -> now > self._sound_at': _JUST_THEN,
+        'ProcessLink._wait_and_step: now - meant > _LATE -> now - meant >= _LATE': _JUST_THEN,
+        'ProcessLink._wait_and_step: now >= self._sound_at -> now > self._sound_at': _JUST_THEN,
+        'ProcessLink._read: return False -> return None': _FALSY,
+        'ProcessLink._read: clock.now() <= self._said_at + SILENCE_LIMIT -> '
+        'clock.now() < self._said_at + SILENCE_LIMIT': _JUST_THEN,
+        'ProcessLink._judge: now < self._sound_at -> now <= self._sound_at': _JUST_THEN,
+        'ProcessLink._judge: self._wire is not None and (not self._trouble) and '
+        '(now >= self._limit_now()) -> not self._trouble and now >= self._limit_now()': (
+            'without a wire there is trouble; for the type checker'
+        ),
+        'ProcessLink._be_in_trouble: 0.0 -> 1.0': _LONG_PAST,
+        'ProcessLink._end_command: newest.number <= request.number -> '
+        'newest.number < request.number': 'each command has a number of its own',
+        'ProcessLink._start_due: self._wire is None and self._spare is None -> '
+        'self._wire is None': 'a spare without a wire has taken over before this is asked',
+        'ProcessLink._start_due: self._spare is None and self._wire is not None and '
+        'self._wire.ready -> self._spare is None and self._wire.ready': _FOR_TYPES,
+        'ProcessLink._new_process: self._tap >= 0 -> self._tap > 0': _NO_STDIN,
+        'ProcessLink._new_process: 0 -> 1': _NO_STDIN,
+        'ProcessLink._take_over: False -> True': _WITH_VERDICT,
+        'ProcessLink._take_over: now + SILENCE_LIMIT -> now - SILENCE_LIMIT': (
+            'it is in trouble until it is heard, which sets this anew'
+        ),
+        'ProcessLink._take_over: activation is not None and activation.number in self._commands '
+        '-> activation is not None': _IN_FORCE,
+        'ProcessLink._lost: now > self._took_over_at + _LONG_LIFE -> '
+        'now >= self._took_over_at + _LONG_LIFE': _JUST_THEN,
+        'ProcessLink.stop: self._wake_fd >= 0 -> self._wake_fd > 0': _NO_STDIN,
+        'ProcessLink.stop: 0 -> 1': _NO_STDIN,
+        'ProcessLink.stop: 1 -> 2': 'any number below 0 is no descriptor',
+        "environment: sys.modules[name].__file__ or '' -> sys.modules[name].__file__": _FOR_TYPES,
+    },
+    'bridge_core/transports/wire_process.py': {
+        ': 1 -> 2': _ALLOWED,
+        ': 20 -> 21': _ALLOWED,
+        ': 64 -> 65': 'the port has its turn, one request later',
+        'receive: 2 -> 3': 'unread messages are told once',
+        'receive: continue -> pass': 'it is the last of the loop',
+        'receive: break -> pass': 'it fails once more',
+        'Node.__init__: self._told_at = 0.0 -> pass': _SET_FIRST,
+        'Node.__init__: 0.0 -> 1.0': _SET_FIRST,
+        'Node.wait_for_turn: return False -> return None': _FALSY,
+        'Node.take: raise EOFError -> pass': 'the end is found once more',
+        'Node._tell: 0.0 -> 1.0': _LONG_PAST,
+        'Node._tell: return False -> return None': _FALSY,
+        '_show: comm.write(name) -> pass': 'test_process_link.py asks ps for the name',
+        'load: gc.freeze() -> pass': 'the collector looks at more, and finds the same',
+        'run: tap >= 0 -> tap > 0': _NO_STDIN,
+        'run: 0 -> 1': _NO_STDIN,
     },
     'bridge_core/transports/wire.py': {
         'Wire._deactivate: now = clock.now() -> pass': (
