@@ -234,11 +234,17 @@ SCENES: dict[str, dict[str, Any]] = {
         'estop': 'clear',
         'stick': 'rest',
     },
+    'together': {
+        'unit': 'still turns oscillates paused',
+        'estop': 'clear stop',
+        'stick': 'rest move oscillate',
+    },
 }
 COUNTS: dict[str, tuple[int, int]] = {
     'stops': (2752, 18577),
     'sticks': (5291, 35508),
     'neighbours': (2936, 17075),
+    'together': (55428, 538655),
 }  # states, and steps between them
 test_every_state_near_the_start, test_every_state = visits_of(World, SCENES, COUNTS, near=100)
 
@@ -248,7 +254,7 @@ class Sent(World):
     A unit that is sent somewhere, and says all along that it oscillates, as when that is paused.
 
     Motion is the travel where it begins within ``coast_time`` of asking, until it has stood. One
-    step more is 'creep': it turns, and not so far that it could be seen.
+    step more is 'creep': it begins to turn, and not so far yet that it could be seen.
     """
 
     CALM = {'unit': 'paused', 'estop': 'clear', 'stick': 'rest'}
@@ -271,7 +277,7 @@ class Sent(World):
 
     def possible(self) -> Iterator[str]:
         yield from super().possible()
-        if self.open and self.doing['unit'] == 'paused' and not self.crept:
+        if self.open and self.doing['unit'] == 'paused' and self.now - self.turned_at >= HOLD:
             yield 'creep'
 
     def step(self, event: str) -> None:

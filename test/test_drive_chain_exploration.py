@@ -264,7 +264,7 @@ SCENES: dict[str, dict[str, Any]] = {
 }
 COUNTS: dict[str, tuple[int, int]] = {
     'operator': (4838, 33866),
-    'processes': (9045, 54270),
+    'processes': (37860, 302880),
     'drive': (5708, 39956),
 }  # states, and steps between them
 test_every_state_near_the_start, test_every_state = visits_of(World, SCENES, COUNTS, near=200)
