@@ -452,8 +452,15 @@ EXCUSED: dict[str, dict[str, str]] = {
         'Joysticks.__init__: self._extended = _NO_EXTENDED -> pass': _SET_FIRST,
         'Joysticks.take: True -> False': 'its sticks always count, so only silence is owed for',
         '_is_of_vsc: unused or () -> unused': _FOR_TYPES,
+        'Joysticks.pushes: at in allowed and at in self._rested -> at in self._rested': (
+            'one that nobody allowed is a stop, in which this is not asked'
+        ),
     },
     'akron_can_bridge/session/session.py': {
+        'Session._follow_travel: begins or not self.motion.stands(now) -> '
+        'not self.motion.stands(now)': 'what begins a travel counts as steering by itself',
+        'Session._follow_travel: now >= self._travel_at + self.settings.coast_time + STEP_TIME -> '
+        'now > self._travel_at + self.settings.coast_time + STEP_TIME': _JUST_THEN,
         'Session.__init__: True -> False': 'what it is not told yet is a stop',
         'Session.__init__: self._stopped_at = -math.inf -> pass': _SET_FIRST,
         'Session._follow: self._was_up and (not self.link_up) -> not self.link_up': (

@@ -33,6 +33,7 @@ from test.akron_session_rig import OUTPUTS
 from test.akron_session_rig import PAUSE
 from test.akron_session_rig import REST
 from test.explorer import check
+from test.explorer import explore
 from test.explorer import visits_of
 from test.test_akron_exploration import FOREIGN
 from test.test_akron_exploration import STICK
@@ -253,8 +254,7 @@ class Sent(World):
     """
     A unit that is sent somewhere, and says all along that it oscillates, as when that is paused.
 
-    Motion is the travel where it begins within ``coast_time`` of asking, until it has stood. One
-    step more is 'creep': it begins to turn, and not so far yet that it could be seen.
+    Motion is the travel where it begins within ``coast_time`` of asking, until it has stood.
     """
 
     CALM = {'unit': 'paused', 'estop': 'clear', 'stick': 'rest'}
@@ -274,15 +274,6 @@ class Sent(World):
         self.sent_at = -math.inf  # somewhere, last
         self.turned_at = -math.inf  # heard or not
         super().__init__(reads, **said)
-
-    def possible(self) -> Iterator[str]:
-        yield from super().possible()
-        if self.open and self.doing['unit'] == 'paused' and self.now - self.turned_at >= HOLD:
-            yield 'creep'
-
-    def step(self, event: str) -> None:
-        self.crept = event == 'creep'
-        super().step('' if self.crept else event)
 
     def hear(self, said: Sequence[str]) -> None:
         super().hear([each for each in said if each != 'unheard'])
@@ -307,9 +298,28 @@ class Sent(World):
         assert self.presses == 1, 'an oscillation goes on in a stop'
 
 
+class Creeping(Sent):
+    """One that may begin with 'creep': it turns, and not so far yet that it could be seen."""
+
+    def possible(self) -> Iterator[str]:
+        yield from super().possible()
+        if self.open and self.doing['unit'] == 'paused' and self.now - self.turned_at >= HOLD:
+            yield 'creep'
+
+    def step(self, event: str) -> None:
+        self.crept = event == 'creep'
+        super().step('' if self.crept else event)
+
+
 SENT = {'unit': 'paused oscillates unheard', 'estop': 'clear stop', 'stick': 'rest deploy'}
 
 
 @pytest.mark.parametrize('most', [100, pytest.param(math.inf, marks=pytest.mark.proof)])
 def test_no_stop_takes_a_travel_for_an_oscillation(most: float) -> None:
     check(Sent(**SENT), 'here.Sent(**here.SENT)', (35342, 275467), most)
+
+
+@pytest.mark.parametrize('most', [100, pytest.param(10_000, marks=pytest.mark.proof)])
+def test_nor_one_that_begins_unseen(most: int) -> None:
+    """There are more states than anybody has waited for."""
+    explore(Creeping(**SENT), 'here.Creeping(**here.SENT)', most)
