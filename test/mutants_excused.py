@@ -610,8 +610,6 @@ EXCUSED: dict[str, dict[str, str]] = {
         'Repeated.say: value != self._value or self._message is None -> value != self._value': (
             'no value is None'
         ),
-        'GatedJoy.__init__: self._waits = False -> pass': _SET_FIRST,
-        'GatedJoy.__init__: False -> True': _SET_FIRST,
     },
     'safety_mux/arbiter.py': {
         'Arbiter.__init__: False -> True': _SET_FIRST,
