@@ -281,6 +281,31 @@ class Memory:
         return (*self._slots[kind], *getattr(each, '__dict__', ()))
 
 
+class Remembered:
+    """The half of a world that is alike in all whose ``memory`` keeps them."""
+
+    now: float
+    memory: Memory
+
+    def step(self, event: Any) -> object:
+        raise NotImplementedError
+
+    def play(self, *events: Any) -> None:
+        """Take steps."""
+        for event in events:
+            self.step(event)
+
+    def key(self) -> tuple[Any, ...]:
+        return self.memory.key()
+
+    def take(self) -> Any:
+        return self.memory.take()
+
+    def give(self, memory: Any) -> None:
+        self.memory.give(memory)
+        self.now = START
+
+
 def _is_followed(kind: type) -> bool:
     """Tell whether objects of a class can change."""
     if kind in (list, dict, set, deque):

@@ -76,6 +76,7 @@ _AKRON = (
     *('akron_session_motion', 'akron_session_pause', 'akron_session_handover'),
     'akron_session_refused',
 )
+_PROCESSES = tuple(f'process_link_{name}' for name in ('steps', 'starts', 'exploration'))
 _CONVERT = ('akron', 'esi_drive', 'fort_vsc', 'ssc', 'vm110')
 # By file, or for all of a folder. What takes long comes last: most mutants are dead by then.
 _NAMES_OF_TESTS = {
@@ -90,12 +91,8 @@ _NAMES_OF_TESTS = {
     'bridge_core/lane.py': ('lane',),
     'bridge_core/transports/link.py': ('link', 'link_faults', 'mailbox'),
     'bridge_core/transports/wire.py': ('wire',),
-    'bridge_core/transports/process.py': (
-        *('process_link_steps', 'process_link_starts', 'process_link_exploration'),
-    ),
-    'bridge_core/transports/wire_process.py': (
-        *('process_link_steps', 'process_link_starts', 'process_link_exploration'),
-    ),
+    'bridge_core/transports/process.py': _PROCESSES,
+    'bridge_core/transports/wire_process.py': _PROCESSES,
     'safety_mux/arbiter.py': (*_MUX, 'safety_mux_activation', 'safety_mux_properties'),
     'safety_mux/inputs.py': (*_MUX, 'safety_mux_activation'),
     'safety_mux/intake.py': ('safety_mux_intake',),

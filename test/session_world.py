@@ -25,6 +25,7 @@ from typing import TypeVar
 from bridge_core.session import INTERRUPTION_TIME
 from bridge_core.session import StopChanged
 from test.explorer import Memory
+from test.explorer import Remembered
 from test.explorer import START
 
 SessionT = TypeVar('SessionT', bound=Any)
@@ -38,7 +39,7 @@ _APART = (
 _UNNAMED = ('_quiet_until', '_stepped_at', 'due')  # what is sent, is sent in each step
 
 
-class SessionWorld(Generic[SessionT]):
+class SessionWorld(Remembered, Generic[SessionT]):
     """
     Whoever talks to a session says the same in each step until it changes.
 
@@ -130,16 +131,6 @@ class SessionWorld(Generic[SessionT]):
         assert self.stopped() or not self.stop_said, f'no stop is reported of {said}'
         self.judge()
 
-    def key(self) -> tuple[Any, ...]:
-        return self.memory.key()
-
-    def take(self) -> Any:
-        return self.memory.take()
-
-    def give(self, memory: Any) -> None:
-        self.memory.give(memory)
-        self.now = START
-
     def arrived(self) -> None:
         """Whoever is in order again brings the session to what it is there for."""
         self.play(*['plug'] * (not self.open), *self.changes(self.CALM), '', '')
@@ -198,8 +189,3 @@ class SessionWorld(Generic[SessionT]):
         return self.was_stopped or any(
             isinstance(event, StopChanged) and event.verdict.estop for event in self.events
         )
-
-    def play(self, *events: str) -> None:
-        """Take steps."""
-        for event in events:
-            self.step(event)

@@ -43,6 +43,7 @@ from test.esi_drive_rig import make_settings
 from test.esi_drive_rig import RUNNING
 from test.esi_drive_rig import status
 from test.explorer import Memory
+from test.explorer import Remembered
 from test.explorer import START
 from test.explorer import visits_of
 from test.test_safety_mux_exploration import CLEAR
@@ -125,7 +126,7 @@ class Motor:
         return self.enabled and self.value != 0
 
 
-class World:
+class World(Remembered):
     """All three, and the log of what was said to the mux."""
 
     def __init__(self, **words: str) -> None:
@@ -248,13 +249,6 @@ class World:
 
     def key(self) -> tuple[Any, ...]:
         return self.naming.key() + self.of_arbiter.key(self.now)
-
-    def take(self) -> Any:
-        return self.memory.take()
-
-    def give(self, memory: Any) -> None:
-        self.memory.give(memory)
-        self.now = START
 
 
 SCENES: dict[str, dict[str, Any]] = {

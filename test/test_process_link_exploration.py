@@ -36,6 +36,7 @@ from bridge_core.transports.process import ProcessLink
 from bridge_core.transports.wire import Request
 from bridge_core.transports.wire_process import TURN
 from test.explorer import Memory
+from test.explorer import Remembered
 from test.explorer import START
 from test.explorer import visits_of
 from test.toy_wire import BRIDGE
@@ -82,7 +83,7 @@ class Link(ProcessLink):
         return process._Process(child, child.ours, now)
 
 
-class World:
+class World(Remembered):
     """
     A link, its processes, its owner, and a device that demands a stop or not.
 
@@ -358,20 +359,6 @@ class World:
             self.play(*[''] * LONG)
             assert not self.stopped, f'no way out: {self.link._trouble}'
             self.live.add(key)
-
-    def play(self, *events: str) -> None:
-        for event in events:
-            self.step(event)
-
-    def key(self) -> Hashable:
-        return self.memory.key()
-
-    def take(self) -> Any:
-        return self.memory.take()
-
-    def give(self, memory: Any) -> None:
-        self.memory.give(memory)
-        self.now = START
 
 
 APART = (

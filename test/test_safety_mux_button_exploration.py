@@ -20,7 +20,6 @@ The mux's own callback hears the button, with the watch of its publishers, and r
 
 from __future__ import annotations
 
-from collections.abc import Hashable
 from collections.abc import Iterator
 from dataclasses import replace
 import math
@@ -45,6 +44,7 @@ from safety_mux.protocol import Operator
 from safety_mux.protocol import OperatorSample
 from safety_mux.protocol import State
 from test.explorer import Memory
+from test.explorer import Remembered
 from test.explorer import START
 from test.explorer import visits_of
 from test.test_safety_mux_exploration import CLEAR
@@ -90,7 +90,7 @@ class Mux:
         self.world.reset = self._arbiter.reset(self.world.now).ok and was is State.STOPPED
 
 
-class World:
+class World(Remembered):
     """
     A button that says in each step whether it is pressed, a stop source, and the mux.
 
@@ -115,7 +115,6 @@ class World:
         self.source_at = START  # the source was heard
         self.reset = False  # the mux, by the last message
         self.mux: Any = Mux(self)
-        self.live: set[Hashable] = set()
         self.memory = Memory(self, OLD, APART)
         self.naming = Memory(self, OLD, (*APART, 'arbiter', '_arbiter'), SAID_AGAIN)
         self.of_arbiter = ArbiterMemory(self.arbiter, FORGOTTEN)
@@ -191,10 +190,6 @@ class World:
             self.play('button down', '', 'button up')
         assert self.arbiter._state is not State.STOPPED, f'no way out: {self.mux._refused_reset}'
 
-    def play(self, *events: str) -> None:
-        for event in events:
-            self.step(event)
-
     def count_anew(self) -> None:
         """Forget what decides nothing, and have the newest number as ever: so states end."""
         pressed, stale = self.mux._button, self.now - self.heard_at >= STALE
@@ -223,22 +218,18 @@ class World:
         number, at = last[0] + more, last[1]
         return (number if self.now - at <= LIVE else max(number, FAR - 2)), at
 
-    def key(self) -> Hashable:
+    def key(self) -> tuple[Any, ...]:
         return self.naming.key() + self.of_arbiter.key(self.now)
 
-    def take(self) -> Any:
-        return self.memory.take()
-
     def give(self, memory: Any) -> None:
-        self.memory.give(memory)
-        self.now = START
+        super().give(memory)
         last = self.arbiter._transition
         self.arbiter._transition = replace(last, at=self.changed_at)
 
 
 APART = (
-    *('memory', 'naming', 'of_arbiter', 'live', 'now', 'words', 'events', 'config', '_transition'),
-    *('reset', '_refused_reset', '_fault_words'),
+    *('memory', 'naming', 'of_arbiter', 'now', 'words', 'events', 'config', '_transition'),
+    *('reset', '_refused_reset'),
 )
 SAID_AGAIN = ('heard_at', 'free_at', 'pressed_at', 'source_at')
 OLD = {'': LONGEST + STALE, '_heard_at': STALE, 'source_at': TIMEOUT, '_last': LIVE}  # see Memory

@@ -16,7 +16,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable
 from collections.abc import Iterator
 import math
 from typing import Any
@@ -27,6 +26,7 @@ from sensor_msgs.msg import Joy
 from safety_mux.outputs import GatedJoy
 from test.explorer import check
 from test.explorer import Memory
+from test.explorer import Remembered
 from test.explorer import START
 
 STEP = 0.03125  # s
@@ -47,7 +47,7 @@ APART = ('memory', 'now', 'published', '_heard', '_deadbands')  # see Memory
 COUNTS = (891, 7128)  # states, and steps between them
 
 
-class World:
+class World(Remembered):
     """
     A gate, an operator whose Joy is ``doing['joy']`` in each step, and a mux that gives control.
 
@@ -121,19 +121,8 @@ class World:
         self.play('joy rest', 'control yes', 'joy all')
         assert self.published == [VALUES['all']]
 
-    def play(self, *events: str) -> None:
-        for event in events:
-            self.step(event)
-
-    def key(self) -> Hashable:
-        return self.memory.key()
-
-    def take(self) -> Any:
-        return self.memory.take()
-
     def give(self, memory: Any) -> None:
-        self.memory.give(memory)
-        self.now = START
+        super().give(memory)
         self.gate._heard = JOYS.get(self.said)
 
 
