@@ -16,8 +16,7 @@
 
 from pathlib import Path
 
-from setuptools import find_packages
-from setuptools import setup
+from setuptools import find_packages, setup
 
 PACKAGE = 'rugged_teleop'
 SHARED = ('config', 'container', 'dbc', 'docs', 'launch', 'layouts', 'systemd', 'udev')

@@ -27,32 +27,31 @@ import math
 from typing import Any
 
 from builtin_interfaces.msg import Time
-from diagnostic_msgs.msg import DiagnosticStatus
-from diagnostic_msgs.msg import KeyValue
-from sensor_msgs.msg import JointState
-from sensor_msgs.msg import Joy
+from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
+from sensor_msgs.msg import JointState, Joy
 
-from akron_can_bridge.protocol import Axis
-from akron_can_bridge.protocol import AXIS_USAGE
-from akron_can_bridge.protocol import BasicJoystick
-from akron_can_bridge.protocol import DigitalInputs
-from akron_can_bridge.protocol import DigitalOutputs
-from akron_can_bridge.protocol import ElevationSoftLimits
-from akron_can_bridge.protocol import ExtendedJoystick
-from akron_can_bridge.protocol import FLAG_NAMES
-from akron_can_bridge.protocol import FULL_SCALE
-from akron_can_bridge.protocol import HARD_STOP_NAMES
-from akron_can_bridge.protocol import Input
-from akron_can_bridge.protocol import MiniOutput
-from akron_can_bridge.protocol import MiniOutputs
-from akron_can_bridge.protocol import Output
-from akron_can_bridge.protocol import Position
-from akron_can_bridge.protocol import PositionLimit
-from akron_can_bridge.protocol import RotationSoftLimits
-from akron_can_bridge.protocol import Status
-from akron_can_bridge.protocol import UNAVAILABLE
-from bridge_core.convert import joy_message
-from bridge_core.convert import scaled
+from akron_can_bridge.protocol import (
+    Axis,
+    AXIS_USAGE,
+    BasicJoystick,
+    DigitalInputs,
+    DigitalOutputs,
+    ElevationSoftLimits,
+    ExtendedJoystick,
+    FLAG_NAMES,
+    FULL_SCALE,
+    HARD_STOP_NAMES,
+    Input,
+    MiniOutput,
+    MiniOutputs,
+    Output,
+    Position,
+    PositionLimit,
+    RotationSoftLimits,
+    Status,
+    UNAVAILABLE,
+)
+from bridge_core.convert import joy_message, scaled
 
 _BEYOND = 1.05  # a Joy axis further out than this is a fault of its sender
 _SIGNS = (-1.0, 1.0, -1.0, 1.0, 1.0)  # x, y, grip_x, grip_y, theta

@@ -15,38 +15,34 @@
 """The Akron CAN bridge: a monitor of the 6000 series as ROS topics."""
 
 import math
-from typing import Any
-from typing import ClassVar
+from typing import Any, ClassVar
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.lifecycle import TransitionCallbackReturn
-from sensor_msgs.msg import JointState
-from sensor_msgs.msg import Joy
-from std_msgs.msg import Bool
-from std_msgs.msg import UInt8
+from sensor_msgs.msg import JointState, Joy
+from std_msgs.msg import Bool, UInt8
 
 from akron_can_bridge import convert
 from akron_can_bridge.parameters import PARAMETERS
-from akron_can_bridge.session import Event
-from akron_can_bridge.session import FaultsChanged
-from akron_can_bridge.session import Handover
-from akron_can_bridge.session import HandoverWanted
-from akron_can_bridge.session import LimitsChanged
-from akron_can_bridge.session import OutputsChanged
-from akron_can_bridge.session import Positions
-from akron_can_bridge.session import Request
-from akron_can_bridge.session import Session
-from akron_can_bridge.session import Sticks
-from akron_can_bridge.session import Stopped
-from akron_can_bridge.session import UnitChanged
+from akron_can_bridge.session import (
+    Event,
+    FaultsChanged,
+    Handover,
+    HandoverWanted,
+    LimitsChanged,
+    OutputsChanged,
+    Positions,
+    Request,
+    Session,
+    Sticks,
+    Stopped,
+    UnitChanged,
+)
 from akron_can_bridge.wire import BRIDGE
 from bridge_core import clock
 from bridge_core.managed_node import latched_qos
-from bridge_core.node import BridgeNode
-from bridge_core.node import COMMAND_QOS
-from bridge_core.node import STOP_QOS
-from bridge_core.parameters import ACTUATOR_PARAMETERS
-from bridge_core.parameters import Parameter
+from bridge_core.node import BridgeNode, COMMAND_QOS, STOP_QOS
+from bridge_core.parameters import ACTUATOR_PARAMETERS, Parameter
 from bridge_core.runner import run
 from bridge_core.session import Level
 from bridge_core.transports.process import ProcessLink

@@ -20,12 +20,8 @@ from collections.abc import Sequence
 from enum import Enum
 from typing import Any
 
-from akron_can_bridge.protocol import AXIS_USAGE
-from akron_can_bridge.protocol import is_pin
-from akron_can_bridge.protocol import JOYSTICK_ADDRESSES
-from bridge_core.parameters import DEADBAND
-from bridge_core.parameters import Parameter
-from bridge_core.parameters import TOLERATE_FAULTY_AXES
+from akron_can_bridge.protocol import AXIS_USAGE, is_pin, JOYSTICK_ADDRESSES
+from bridge_core.parameters import DEADBAND, Parameter, TOLERATE_FAULTY_AXES
 
 CONTROLLERS = tuple(AXIS_USAGE)  # those that obey joysticks (Appendix B) and send type 83
 MINI_UNIVERSAL = 1033

@@ -19,10 +19,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from akron_can_bridge.session import FILTERS
-from akron_can_bridge.session import Resting
-from akron_can_bridge.session import Session
-from akron_can_bridge.session import Settings
+from akron_can_bridge.session import FILTERS, Resting, Session, Settings
 from bridge_core.j1939 import CanFrame
 from bridge_core.transports import Transport
 from bridge_core.transports.can_channel import check_channel

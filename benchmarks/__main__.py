@@ -33,11 +33,8 @@ import platform
 import sys
 import time
 
-from benchmarks import reaction
-from benchmarks import results
-from benchmarks.rig import Figures
-from benchmarks.rig import UnavailableError
-from benchmarks.rig import use_own_domain
+from benchmarks import reaction, results
+from benchmarks.rig import Figures, UnavailableError, use_own_domain
 
 Measure = Callable[[bool], dict[str, Figures]]
 

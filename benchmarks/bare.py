@@ -82,8 +82,7 @@ def pace(drive: str) -> None:
 
 def spin(role: str, vsc: str, drive: str) -> None:
     import rclpy
-    from rclpy.executors import ExternalShutdownException
-    from rclpy.executors import SingleThreadedExecutor
+    from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
     from std_msgs.msg import Bool
 
     rclpy.init()

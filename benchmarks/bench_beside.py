@@ -27,14 +27,9 @@ from typing import Any
 
 import aiohttp
 
-from benchmarks.chain import chain_of
-from benchmarks.chain import Nodes
-from benchmarks.reaction import react
-from benchmarks.reaction import trials
-from benchmarks.rig import Cost
-from benchmarks.rig import Figures
-from benchmarks.rig import figures
-from benchmarks.rig import use_own_domain
+from benchmarks.chain import chain_of, Nodes
+from benchmarks.reaction import react, trials
+from benchmarks.rig import Cost, Figures, figures, use_own_domain
 from test.page_rig import watch
 from test.rig import NodeProcess
 

@@ -32,13 +32,8 @@ from typing import Any
 
 import can
 
-from benchmarks.rig import Figures
-from benchmarks.rig import figures
-from benchmarks.rig import processor_time
-from benchmarks.rig import running
-from benchmarks.rig import use_own_domain
-from rugged_teleop.canbuses import free_channel
-from rugged_teleop.canbuses import INTERFACE
+from benchmarks.rig import Figures, figures, processor_time, running, use_own_domain
+from rugged_teleop.canbuses import free_channel, INTERFACE
 
 JOYSTICK = 0x0CFDD638  # the bridge's own, by default
 FRAMES_PER_S = 250_000 / 131  # bits of an extended frame with 8 bytes, without any stuffing

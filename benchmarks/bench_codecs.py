@@ -27,17 +27,13 @@ import cantools
 
 from akron_can_bridge import protocol as akron
 from bridge_core.framing import Decoder
-from esi_drive_bridge import protocol as esi
-from esi_drive_bridge import session as esi_session
+from esi_drive_bridge import protocol as esi, session as esi_session
 from esi_drive_bridge.axes import Axis
 from fort_vsc_bridge import protocol as fort
 from fort_vsc_bridge.protocol.can import BasicJoystick as FortBasicJoystick
 from safety_mux.arbiter import Arbiter
-from safety_mux.limits import JointLimit
-from safety_mux.limits import JointLimiter
-from safety_mux.protocol import EStopSource
-from safety_mux.protocol import MuxConfig
-from safety_mux.protocol import Operator
+from safety_mux.limits import JointLimit, JointLimiter
+from safety_mux.protocol import EStopSource, MuxConfig, Operator
 
 DBC = Path(__file__).parent.parent / 'dbc' / 'akron_brass_6000.dbc'
 CHUNK = 50  # frames a read

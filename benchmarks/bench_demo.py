@@ -20,8 +20,7 @@ import re
 import subprocess
 import sys
 
-from benchmarks.rig import Figures
-from benchmarks.rig import figures
+from benchmarks.rig import Figures, figures
 from test.rig import ROOT
 
 _TIME = 300.0  # s

@@ -27,16 +27,17 @@ import sys
 import tempfile
 import time
 
-from benchmarks.rig import Cost
-from benchmarks.rig import Figures
-from benchmarks.rig import figures
-from benchmarks.rig import gaps
-from benchmarks.rig import Rig
-from benchmarks.rig import running
-from benchmarks.rig import UnavailableError
-from benchmarks.rig import use_own_domain
-from test.rig import NodeProcess
-from test.rig import wait_for
+from benchmarks.rig import (
+    Cost,
+    Figures,
+    figures,
+    gaps,
+    Rig,
+    running,
+    UnavailableError,
+    use_own_domain,
+)
+from test.rig import NodeProcess, wait_for
 
 NODE = 'esi_drive_bridge'
 PERIOD = 0.001  # s

@@ -30,13 +30,8 @@ import time
 import tty
 
 from benchmarks.chain import chain_of
-from benchmarks.reaction import react
-from benchmarks.reaction import trials
-from benchmarks.rig import Cost
-from benchmarks.rig import Figures
-from benchmarks.rig import figures
-from benchmarks.rig import running
-from benchmarks.rig import use_own_domain
+from benchmarks.reaction import react, trials
+from benchmarks.rig import Cost, Figures, figures, running, use_own_domain
 from test.rig import NodeProcess
 
 RATE, PERIOD = 1_000_000, 0.005  # bytes/s, s

@@ -28,28 +28,12 @@ import tempfile
 
 from akron_can_bridge.simulator import Simulator as MonitorSimulator
 from benchmarks.bench_start import BARE
-from benchmarks.rig import Cost
-from benchmarks.rig import Figures
-from benchmarks.rig import resident
-from benchmarks.rig import Rig
-from benchmarks.rig import title
-from benchmarks.rig import use_own_domain
-from benchmarks.rig import wires_of
-from rugged_teleop.canbuses import CanBusDevice
-from rugged_teleop.canbuses import free_channel
-from rugged_teleop.multicasts import free_port
-from rugged_teleop.multicasts import MulticastDevice
+from benchmarks.rig import Cost, Figures, resident, Rig, title, use_own_domain, wires_of
+from rugged_teleop.canbuses import CanBusDevice, free_channel
+from rugged_teleop.multicasts import free_port, MulticastDevice
 from ssc_bridge.simulator import Simulator as SscSimulator
-from test.rig import NodeProcess
-from test.rig import Observer
-from test.rig import ROOT
-from test.stage import Device
-from test.stage import DRIVE
-from test.stage import MONITOR
-from test.stage import SSC
-from test.stage import Stage
-from test.stage import UNIT
-from test.stage import VSC
+from test.rig import NodeProcess, Observer, ROOT
+from test.stage import Device, DRIVE, MONITOR, SSC, Stage, UNIT, VSC
 from vm110_bridge.simulator import Simulator as UnitSimulator
 
 _SETTLE = 3.0  # s

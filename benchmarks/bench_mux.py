@@ -18,14 +18,8 @@ from collections.abc import Callable
 from time import perf_counter
 
 from safety_mux.arbiter import Arbiter
-from safety_mux.limits import JointLimit
-from safety_mux.limits import JointLimiter
-from safety_mux.protocol import Autonomy
-from safety_mux.protocol import EStopSource
-from safety_mux.protocol import MuxConfig
-from safety_mux.protocol import Operator
-from safety_mux.protocol import OperatorSample
-from safety_mux.protocol import State
+from safety_mux.limits import JointLimit, JointLimiter
+from safety_mux.protocol import Autonomy, EStopSource, MuxConfig, Operator, OperatorSample, State
 
 PERIOD = 0.01  # s between decisions; messages come at a fifth of that rate
 DECISIONS = 5

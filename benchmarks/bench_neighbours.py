@@ -22,8 +22,7 @@ import subprocess
 import sys
 import time
 
-from benchmarks.rig import Figures
-from benchmarks.rig import use_own_domain
+from benchmarks.rig import Figures, use_own_domain
 from bridge_core.share import shared
 
 _SLOW = 0.03  # s

@@ -20,12 +20,8 @@ import time
 
 from std_msgs.msg import Bool
 
-from benchmarks.rig import Figures
-from benchmarks.rig import figures
-from benchmarks.rig import use_own_domain
-from test.rig import latched
-from test.rig import NodeProcess
-from test.rig import Observer
+from benchmarks.rig import Figures, figures, use_own_domain
+from test.rig import latched, NodeProcess, Observer
 
 NODE = 'fort_vsc_bridge'
 BARE = """

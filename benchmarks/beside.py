@@ -22,25 +22,16 @@ from __future__ import annotations
 
 from pathlib import Path
 import time
-from typing import Any
-from typing import Final
+from typing import Any, Final
 
-from sensor_msgs.msg import JointState
-from sensor_msgs.msg import Joy
+from sensor_msgs.msg import JointState, Joy
 
 from akron_can_bridge.protocol import JOYSTICK_ADDRESSES
-from akron_can_bridge.simulator import JoystickSimulator
-from akron_can_bridge.simulator import Simulator as MonitorSimulator
-from demo.actuators import pulses_in
-from demo.actuators import turns_in
-from rugged_teleop.canbuses import CanBusDevice
-from rugged_teleop.canbuses import free_channel
+from akron_can_bridge.simulator import JoystickSimulator, Simulator as MonitorSimulator
+from demo.actuators import pulses_in, turns_in
+from rugged_teleop.canbuses import CanBusDevice, free_channel
 from ssc_bridge.simulator import Simulator as SscSimulator
-from test.stage import Device
-from test.stage import MONITOR
-from test.stage import MUX
-from test.stage import SSC
-from test.stage import Stage
+from test.stage import Device, MONITOR, MUX, SSC, Stage
 from test.talkers import Talker
 
 BESIDE = (SSC, MONITOR)

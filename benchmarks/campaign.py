@@ -37,13 +37,9 @@ from __future__ import annotations
 
 import argparse
 from collections import Counter
-from collections.abc import Callable
-from collections.abc import Iterator
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 import contextlib
-from dataclasses import asdict
-from dataclasses import dataclass
-from dataclasses import replace
+from dataclasses import asdict, dataclass, replace
 import gc
 import itertools
 import json
@@ -56,19 +52,10 @@ import tempfile
 import time
 from typing import Any
 
-from benchmarks import held_lock
-from benchmarks import random_campaign
+from benchmarks import held_lock, random_campaign
 from benchmarks.chain import Variant
-from benchmarks.rig import family
-from benchmarks.rig import running
-from benchmarks.rig import UnavailableError
-from benchmarks.rig import use_own_domain
-from benchmarks.rig import wires_of
-from benchmarks.subjects import Sent
-from benchmarks.subjects import Subject
-from benchmarks.subjects import SUBJECTS
-from benchmarks.subjects import Terminal
-from benchmarks.subjects import TIMEOUT
+from benchmarks.rig import family, running, UnavailableError, use_own_domain, wires_of
+from benchmarks.subjects import Sent, Subject, SUBJECTS, Terminal, TIMEOUT
 from test.rig import Observer
 from test.run_delay import RunDelay
 

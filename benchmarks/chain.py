@@ -16,26 +16,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 import contextlib
 from pathlib import Path
 import random
 import subprocess
 import time
-from typing import Any
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from std_srvs.srv import Trigger
 
-from benchmarks.rig import Rig
-from benchmarks.rig import running
-from benchmarks.rig import UnavailableError
+from benchmarks.rig import Rig, running, UnavailableError
 from rugged_teleop.stack import wiring
-from test.rig import NodeProcess
-from test.rig import Observer
-from test.rig import wait_for
+from test.rig import NodeProcess, Observer, wait_for
 
 VSC, MUX, DRIVE = 'fort_vsc_bridge', 'safety_mux', 'esi_drive_bridge'
 SPINE = (VSC, MUX, DRIVE)

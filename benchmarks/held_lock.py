@@ -33,8 +33,7 @@ from typing import Any
 
 import rclpy
 from rclpy.executors import ExternalShutdownException
-from rclpy.qos import HistoryPolicy
-from rclpy.qos import QoSProfile
+from rclpy.qos import HistoryPolicy, QoSProfile
 from std_msgs.msg import Bool
 
 from bridge_core.managed_node import ManagedNode

@@ -16,45 +16,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from collections.abc import Iterable
-from collections.abc import Mapping
+from collections.abc import Callable, Iterable, Mapping
 import contextlib
 from pathlib import Path
 import resource
 import signal
 import threading
 import time
-from typing import Any
-from typing import Final
-from typing import NamedTuple
+from typing import Any, Final, NamedTuple
 
-from sensor_msgs.msg import JointState
-from sensor_msgs.msg import Joy
+from sensor_msgs.msg import JointState, Joy
 from std_msgs.msg import Bool
 
-from benchmarks.beside import BESIDE
-from benchmarks.beside import Beside
-from benchmarks.rig import busy_cores
-from benchmarks.rig import family
-from benchmarks.rig import title
-from benchmarks.rig import wires_of
+from benchmarks.beside import BESIDE, Beside
+from benchmarks.rig import busy_cores, family, title, wires_of
 from esi_drive_bridge.simulator import Simulator as DriveSimulator
-from rugged_teleop.multicasts import free_port
-from rugged_teleop.multicasts import LOOPBACK
-from rugged_teleop.multicasts import MulticastDevice
+from rugged_teleop.multicasts import free_port, LOOPBACK, MulticastDevice
 from rugged_teleop.ports import DevicePort
 from rugged_teleop.stack import wiring
-from test.rig import NodeProcess
-from test.rig import Observer
-from test.stage import DRIVE
-from test.stage import MUX
-from test.stage import Stage
-from test.stage import TIMEOUTS
-from test.stage import UNIT
-from test.stage import VSC
-from test.talkers import Diagnostics
-from test.talkers import Talker
+from test.rig import NodeProcess, Observer
+from test.stage import DRIVE, MUX, Stage, TIMEOUTS, UNIT, VSC
+from test.talkers import Diagnostics, Talker
 from vm110_bridge.simulator import Simulator as UnitSimulator
 
 NODES = (VSC, UNIT, MUX, DRIVE)  # without those of ``Setting.all_devices``

@@ -23,9 +23,7 @@ for what its other threads hold, as each simulated device does.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from collections.abc import Iterable
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
 import contextlib
 import os
 import subprocess

@@ -29,11 +29,8 @@ while the mux says stop; if that press moves them all; and if no process is left
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterable
-from collections.abc import Sequence
-from dataclasses import asdict
-from dataclasses import dataclass
-from dataclasses import field
+from collections.abc import Iterable, Sequence
+from dataclasses import asdict, dataclass, field
 from functools import partial
 import gc
 import json
@@ -44,26 +41,14 @@ import tempfile
 import time
 from typing import Any
 
-from benchmarks.machine import Machine
-from benchmarks.machine import Setting
-from benchmarks.random_devices import Fault
-from benchmarks.random_devices import HEARD
-from benchmarks.random_devices import SILENT
+from benchmarks.machine import Machine, Setting
+from benchmarks.random_devices import Fault, HEARD, SILENT
 from benchmarks.random_faults import drawn
-from benchmarks.rig import figures
-from benchmarks.rig import is_wire
-from benchmarks.rig import resident
-from benchmarks.rig import title
-from benchmarks.rig import UnavailableError
-from benchmarks.rig import use_own_domain
-from benchmarks.two_hosts import Cable
-from benchmarks.two_hosts import TwoHosts
+from benchmarks.rig import figures, is_wire, resident, title, UnavailableError, use_own_domain
+from benchmarks.two_hosts import Cable, TwoHosts
 from test.rig import Observer
 from test.run_delay import RunDelay
-from test.stage import CLEAR_ERRORS
-from test.stage import DRIVE
-from test.stage import MUX
-from test.stage import Packet
+from test.stage import CLEAR_ERRORS, DRIVE, MUX, Packet
 
 _COUNT = 1000
 _STILL = 0.2  # s for which all stays held after a fault, and nothing may move

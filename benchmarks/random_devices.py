@@ -16,29 +16,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 import contextlib
 from dataclasses import dataclass
 import fcntl
 import random
-from typing import Any
-from typing import Final
+from typing import Any, Final
 
 from benchmarks.beside import JOYSTICK
-from benchmarks.machine import Machine
-from benchmarks.machine import NOISE_PERIOD
-from benchmarks.machine import Setting
+from benchmarks.machine import Machine, NOISE_PERIOD, Setting
 from bridge_core.j1939 import CanFrame
-from esi_drive_bridge.simulator import FAULTS as DRIVE_FAULTS
-from esi_drive_bridge.simulator import Simulator as DriveSimulator
+from esi_drive_bridge.simulator import FAULTS as DRIVE_FAULTS, Simulator as DriveSimulator
 from fort_vsc_bridge.simulator import Simulator as VscSimulator
 from rugged_teleop.canbuses import pack
-from test.stage import DRIVE
-from test.stage import MONITOR
-from test.stage import SSC
-from test.stage import UNIT
-from test.stage import VSC
+from test.stage import DRIVE, MONITOR, SSC, UNIT, VSC
 
 # Bounds of docs/safety.md, in s from the cause to the first packet that disables; the hops from
 # wire to wire, and how often a device speaks, are in them.

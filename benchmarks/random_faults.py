@@ -28,30 +28,31 @@ import time
 from typing import Final
 
 from benchmarks.beside import BESIDE
-from benchmarks.machine import address_space
-from benchmarks.machine import descriptors
-from benchmarks.machine import Machine
-from benchmarks.machine import MORE_SECOND
-from benchmarks.machine import NODES
-from benchmarks.machine import SECOND
-from benchmarks.machine import Setting
-from benchmarks.machine import STACK
-from benchmarks.random_devices import DEAD
-from benchmarks.random_devices import DEAF
-from benchmarks.random_devices import DEVICES
-from benchmarks.random_devices import Draw
-from benchmarks.random_devices import Fault
-from benchmarks.random_devices import HEARD
-from benchmarks.random_devices import MONITOR_SILENT
-from benchmarks.random_devices import MORE_DEVICES
-from benchmarks.random_devices import SILENT
-from benchmarks.random_devices import UNIT_RADIO
-from benchmarks.random_devices import UNIT_SILENT
+from benchmarks.machine import (
+    address_space,
+    descriptors,
+    Machine,
+    MORE_SECOND,
+    NODES,
+    SECOND,
+    Setting,
+    STACK,
+)
+from benchmarks.random_devices import (
+    DEAD,
+    DEAF,
+    DEVICES,
+    Draw,
+    Fault,
+    HEARD,
+    MONITOR_SILENT,
+    MORE_DEVICES,
+    SILENT,
+    UNIT_RADIO,
+    UNIT_SILENT,
+)
 from benchmarks.two_hosts import TwoHosts
-from test.stage import DRIVE
-from test.stage import MUX
-from test.stage import UNIT
-from test.stage import VSC
+from test.stage import DRIVE, MUX, UNIT, VSC
 
 # Bounds of docs/safety.md, in s, beside those of random_devices.
 HUNG = 0.11  # the process at the drive's side

@@ -33,15 +33,8 @@ import sys
 import tempfile
 from typing import NamedTuple
 
-from benchmarks.chain import Bare
-from benchmarks.chain import chain_of
-from benchmarks.chain import Nodes
-from benchmarks.rig import busy_cores
-from benchmarks.rig import Cost
-from benchmarks.rig import Figures
-from benchmarks.rig import figures
-from benchmarks.rig import UnavailableError
-from benchmarks.rig import use_own_domain
+from benchmarks.chain import Bare, chain_of, Nodes
+from benchmarks.rig import busy_cores, Cost, Figures, figures, UnavailableError, use_own_domain
 
 KINDS = ('floor', 'bare', 'three', 'stack')
 STOPS = ('estop', 'deadman', 'silence')

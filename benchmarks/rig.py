@@ -17,9 +17,7 @@
 from __future__ import annotations
 
 import atexit
-from collections.abc import Iterable
-from collections.abc import Iterator
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 import contextlib
 import functools
 import itertools

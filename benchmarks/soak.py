@@ -30,13 +30,9 @@ fail.
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable
-from collections.abc import Iterable
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
 import contextlib
-from dataclasses import asdict
-from dataclasses import dataclass
-from dataclasses import field
+from dataclasses import asdict, dataclass, field
 from functools import partial
 import gc
 import itertools
@@ -53,29 +49,15 @@ from std_msgs.msg import Bool
 
 from akron_can_bridge.protocol import JOYSTICK_PERIOD
 from benchmarks.pauses import Pauses
-from benchmarks.rig import busy_cores
-from benchmarks.rig import family
-from benchmarks.rig import Figures
-from benchmarks.rig import figures
-from benchmarks.rig import resident
-from benchmarks.rig import title
-from benchmarks.rig import use_own_domain
+from benchmarks.rig import busy_cores, family, Figures, figures, resident, title, use_own_domain
 from demo.scene import Scene
-from demo.stage import DemoError
-from demo.stage import DemoStage
-from demo.stage import SHUT_US
-from demo.stage import STACK
-from demo.steering import FORT
-from demo.steering import RC
-from demo.steering import shortened
-from demo.steering import VM110
+from demo.stage import DemoError, DemoStage, SHUT_US, STACK
+from demo.steering import FORT, RC, shortened, VM110
 from fort_vsc_bridge import protocol as fort
 from rugged_teleop.ports import Chunk
 from test.rig import Observer
 from test.run_delay import WIRE_HELD_UP
-from test.stage import CLEAR_ERRORS
-from test.stage import END_TRIP
-from test.stage import MUX
+from test.stage import CLEAR_ERRORS, END_TRIP, MUX
 from vm110_bridge import protocol as vm110
 
 _DRIFT = 0.001  # s that a mean period may be off

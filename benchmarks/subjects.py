@@ -16,8 +16,7 @@
 
 from __future__ import annotations
 
-from abc import ABC
-from abc import abstractmethod
+from abc import ABC, abstractmethod
 from collections.abc import Callable
 import contextlib
 import functools
@@ -27,28 +26,18 @@ import struct
 import termios
 import threading
 import time
-from typing import Any
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
-from sensor_msgs.msg import JointState
-from sensor_msgs.msg import Joy
+from sensor_msgs.msg import JointState, Joy
 from std_msgs.msg import Bool
 
 from akron_can_bridge.simulator import Simulator as MonitorSimulator
-from benchmarks.chain import DRIVE
-from benchmarks.chain import MUX
-from benchmarks.chain import Nodes
-from benchmarks.chain import Variant
+from benchmarks.chain import DRIVE, MUX, Nodes, Variant
 from benchmarks.rig import Rig
-from rugged_teleop.canbuses import frames
-from rugged_teleop.canbuses import free_channel
-from rugged_teleop.canbuses import INTERFACE
-from test import akron_node_rig
-from test import ssc_bench
+from rugged_teleop.canbuses import frames, free_channel, INTERFACE
+from test import akron_node_rig, ssc_bench
 from test.can_rig import CanBus
-from test.rig import latched
-from test.rig import NodeProcess
-from test.rig import Observer
+from test.rig import latched, NodeProcess, Observer
 from test.talkers import Diagnostics
 
 TIMEOUT = 0.1  # s, command_timeout of all three

@@ -21,8 +21,7 @@ the right to make namespaces, which root has.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor
 import ctypes
 import os
@@ -31,8 +30,7 @@ import subprocess
 import threading
 from typing import Any
 
-from benchmarks.machine import Machine
-from benchmarks.machine import Setting
+from benchmarks.machine import Machine, Setting
 from benchmarks.rig import UnavailableError
 from test.rig import Observer
 from test.stage import DRIVE

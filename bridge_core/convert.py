@@ -18,8 +18,7 @@ from collections.abc import Sequence
 import math
 
 from builtin_interfaces.msg import Time
-from sensor_msgs.msg import BatteryState
-from sensor_msgs.msg import Joy
+from sensor_msgs.msg import BatteryState, Joy
 
 
 def scaled(value: float, full_scale: float, deadband: float = 0.0) -> float:

@@ -16,8 +16,7 @@
 
 from typing import Any
 
-from diagnostic_msgs.msg import DiagnosticStatus
-from diagnostic_msgs.msg import KeyValue
+from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 
 from bridge_core.report import Status
 

@@ -23,14 +23,10 @@ frames behind it), holds no more than one largest frame, and expires a frame tha
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from collections.abc import Mapping
-from dataclasses import dataclass
-from dataclasses import field
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 import math
-from typing import Any
-from typing import Generic
-from typing import TypeVar
+from typing import Any, Generic, TypeVar
 
 MessageT = TypeVar('MessageT')
 FrameT = TypeVar('FrameT')

@@ -22,18 +22,15 @@ callback that hangs makes this node silent, which others take for a stop, and no
 """
 
 from collections import deque
-from collections.abc import Callable
-from collections.abc import Mapping
-from concurrent.futures import Future
-from concurrent.futures import wait
+from collections.abc import Callable, Mapping
+from concurrent.futures import Future, wait
 from contextlib import suppress
 from dataclasses import dataclass
 import math
 import threading
 import time
 import traceback
-from typing import Any
-from typing import Protocol
+from typing import Any, Protocol
 
 from rclpy.callback_groups import CallbackGroup
 from rclpy.event_handler import SubscriptionEventCallbacks

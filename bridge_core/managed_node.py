@@ -14,36 +14,33 @@
 
 """A lifecycle node with checked parameters: the base of the bridges and of the mux."""
 
-from collections.abc import Callable
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 import functools
 from pathlib import Path
 import traceback
-from typing import Any
-from typing import ClassVar
+from typing import Any, ClassVar
 
-from rcl_interfaces.msg import FloatingPointRange
-from rcl_interfaces.msg import IntegerRange
-from rcl_interfaces.msg import ParameterDescriptor
-from rcl_interfaces.msg import SetParametersResult
-from rcl_interfaces.srv import SetParameters
-from rcl_interfaces.srv import SetParametersAtomically
+from rcl_interfaces.msg import (
+    FloatingPointRange,
+    IntegerRange,
+    ParameterDescriptor,
+    SetParametersResult,
+)
+from rcl_interfaces.srv import SetParameters, SetParametersAtomically
 from rclpy.duration import Duration
-from rclpy.event_handler import PublisherEventCallbacks
-from rclpy.event_handler import SubscriptionEventCallbacks
-from rclpy.lifecycle import LifecycleNode
-from rclpy.lifecycle import TransitionCallbackReturn
-from rclpy.qos import DurabilityPolicy
-from rclpy.qos import QoSProfile
-from rclpy.qos import ReliabilityPolicy
+from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
+from rclpy.lifecycle import LifecycleNode, TransitionCallbackReturn
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
 from bridge_core.lane import Lane
 from bridge_core.parameter_files import check_sections
-from bridge_core.parameters import is_ros_parameter
-from bridge_core.parameters import MANAGED_PARAMETERS
-from bridge_core.parameters import Parameter
-from bridge_core.parameters import ParameterError
-from bridge_core.parameters import resolve
+from bridge_core.parameters import (
+    is_ros_parameter,
+    MANAGED_PARAMETERS,
+    Parameter,
+    ParameterError,
+    resolve,
+)
 from bridge_core.transports import TransportError
 
 _REPORT_PERIOD = 1.0  # s, between two lines on messages that failed

@@ -21,52 +21,36 @@ not.
 """
 
 from collections import deque
-from collections.abc import Callable
-from collections.abc import Mapping
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 import math
 import os
 import threading
 import traceback
-from typing import Any
-from typing import ClassVar
-from typing import Generic
+from typing import Any, ClassVar, Generic
 
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.lifecycle import TransitionCallbackReturn
-from rclpy.qos import QoSProfile
-from rclpy.qos import ReliabilityPolicy
-from std_msgs.msg import Bool
-from std_msgs.msg import UInt8MultiArray
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+from std_msgs.msg import Bool, UInt8MultiArray
 from std_srvs.srv import Trigger
 
 from bridge_core import clock
 from bridge_core.diagnostics import to_msg
 from bridge_core.lane import waited
-from bridge_core.managed_node import latched_qos
-from bridge_core.managed_node import ManagedNode
-from bridge_core.parameters import BRIDGE_PARAMETERS
-from bridge_core.parameters import Parameter
-from bridge_core.parameters import ParameterError
+from bridge_core.managed_node import latched_qos, ManagedNode
+from bridge_core.parameters import BRIDGE_PARAMETERS, Parameter, ParameterError
 from bridge_core.publishers import PublisherWatch
 from bridge_core.raw import RawTopics
-from bridge_core.report import Report
-from bridge_core.report import Status
+from bridge_core.report import Report, Status
 from bridge_core.services import Waiting
-from bridge_core.session import Answer
-from bridge_core.session import EventT
-from bridge_core.session import Level
-from bridge_core.session import StopChanged
-from bridge_core.session import Verdict
+from bridge_core.session import Answer, EventT, Level, StopChanged, Verdict
 from bridge_core.transports import TransportError
-from bridge_core.transports.link import Link
-from bridge_core.transports.link import ThreadLink
+from bridge_core.transports.link import Link, ThreadLink
 from bridge_core.transports.process import ProcessLink
 from bridge_core.transports.wire import Bridge
-from bridge_core.watchdog import FreezeWatch
-from bridge_core.watchdog import FROZEN
+from bridge_core.watchdog import FreezeWatch, FROZEN
 
 _LOG_PERIOD = 1.0  # s, of each site
 _MOST_WORDS = 1000  # lines that wait to be logged

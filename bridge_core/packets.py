@@ -28,26 +28,24 @@ N+4     2     Fletcher sums, modulo 256: the plain sum, then the sum of sums
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from collections.abc import Collection
-from collections.abc import Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 import math
 import struct
 from types import MappingProxyType
-from typing import ClassVar
-from typing import TypeVar
+from typing import ClassVar, TypeVar
 
-from bridge_core.checksums import fletcher16
-from bridge_core.checksums import is_fletcher16
-from bridge_core.framing import ChecksumError
-from bridge_core.framing import expiry
-from bridge_core.framing import FrameError
-from bridge_core.framing import FrameFormat
-from bridge_core.framing import MessageT
-from bridge_core.framing import Reader
-from bridge_core.framing import StreamParser
-from bridge_core.framing import Unknown
+from bridge_core.checksums import fletcher16, is_fletcher16
+from bridge_core.framing import (
+    ChecksumError,
+    expiry,
+    FrameError,
+    FrameFormat,
+    MessageT,
+    Reader,
+    StreamParser,
+    Unknown,
+)
 
 HEAD_SIZE = 4  # header, type, length
 CHECK_SIZE = 2

@@ -19,12 +19,8 @@ From the same table come the declaration in ROS, the check before any port opens
 line, and, by ``make reference``, the annotated files of config/ and the tables of docs/.
 """
 
-from collections.abc import Callable
-from collections.abc import Iterable
-from collections.abc import Mapping
-from collections.abc import Sequence
-from dataclasses import dataclass
-from dataclasses import replace
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 import difflib
 import itertools
 import math

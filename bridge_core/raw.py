@@ -24,13 +24,10 @@ import threading
 import time
 from typing import Any
 
-from std_msgs.msg import MultiArrayDimension
-from std_msgs.msg import MultiArrayLayout
-from std_msgs.msg import UInt8MultiArray
+from std_msgs.msg import MultiArrayDimension, MultiArrayLayout, UInt8MultiArray
 
 from bridge_core import clock
-from bridge_core.transports.tap import Chunk
-from bridge_core.transports.tap import tap_pair
+from bridge_core.transports.tap import Chunk, tap_pair
 
 _PERIOD = 0.05  # s, between two messages; one carries all since the last
 _LARGEST = 1 << 20  # bytes of a chunk

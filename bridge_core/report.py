@@ -20,17 +20,13 @@ It is written beside the session, which may be in another process than the node.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from collections.abc import Mapping
-from dataclasses import asdict
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping
+from dataclasses import asdict, dataclass
 import math
-from typing import Any
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from bridge_core.framing import Counters
-from bridge_core.session import Level
-from bridge_core.session import Session
+from bridge_core.session import Level, Session
 
 _DAMAGED = 'check cable, shield, ground and bit rate: {:.0%} of what comes is damaged'
 _INACTIVE = 'the node is not active'

@@ -14,10 +14,7 @@
 
 """Running nodes: start, signals, the exit status, and leaving the devices safe."""
 
-from collections.abc import Callable
-from collections.abc import Collection
-from collections.abc import Iterable
-from collections.abc import Sequence
+from collections.abc import Callable, Collection, Iterable, Sequence
 import gc
 import os
 import re
@@ -29,8 +26,7 @@ import traceback
 import rclpy
 from rclpy.duration import Duration
 from rclpy.exceptions import ParameterException
-from rclpy.executors import ExternalShutdownException
-from rclpy.executors import SingleThreadedExecutor
+from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.logging import LoggingSeverity
 from rclpy.signals import SignalHandlerOptions
 
@@ -39,11 +35,13 @@ from bridge_core.descriptors import fill_standard_descriptors
 from bridge_core.help import help_text
 from bridge_core.managed_node import ManagedNode
 from bridge_core.output import unblocked_output
-from bridge_core.parameter_files import check_each_used
-from bridge_core.parameter_files import check_files
-from bridge_core.parameter_files import check_overrides
-from bridge_core.parameter_files import files_of
-from bridge_core.parameter_files import sections_of
+from bridge_core.parameter_files import (
+    check_each_used,
+    check_files,
+    check_overrides,
+    files_of,
+    sections_of,
+)
 from bridge_core.parameters import ParameterError
 from bridge_core.realtime import use_realtime
 from bridge_core.remappings import check_remappings

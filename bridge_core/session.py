@@ -22,18 +22,12 @@ order in which things happened, so a stop that comes and goes within one read is
 
 from __future__ import annotations
 
-from abc import ABC
-from abc import abstractmethod
-from collections.abc import Iterable
-from collections.abc import Sequence
-from dataclasses import dataclass
-from dataclasses import field
+from abc import ABC, abstractmethod
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
 from enum import IntEnum
 import math
-from typing import Any
-from typing import Generic
-from typing import TypeVar
-from typing import Union
+from typing import Any, Generic, TypeVar, Union
 
 from bridge_core.framing import Decoder
 from bridge_core.watchdog import Watchdog

@@ -18,8 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import fields
-from typing import Any
-from typing import ClassVar
+from typing import Any, ClassVar
 
 from bridge_core.parameters import Parameter
 

@@ -14,9 +14,7 @@
 
 """Text commands of simulators. Production code never imports this."""
 
-from collections.abc import Callable
-from collections.abc import Collection
-from collections.abc import Mapping
+from collections.abc import Callable, Collection, Mapping
 from typing import Any
 
 Commands = Mapping[str, tuple[str, Callable[..., None]]]

@@ -33,8 +33,10 @@ def main() -> None:
         os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
     fill_standard_descriptors()
     try:
-        from bridge_core.transports.wire_process import load  # late: it may fail
-        from bridge_core.transports.wire_process import run
+        from bridge_core.transports.wire_process import (
+            load,  # late: it may fail
+            run,
+        )
 
         node, bridge, refusals = load(int(descriptor), module, int(rt_priority))
     except (ImportError, MemoryError, OSError) as error:

@@ -29,8 +29,7 @@ import sys
 import tempfile
 
 from demo.scene import Scene
-from demo.stage import DemoError
-from demo.stage import DemoStage
+from demo.stage import DemoError, DemoStage
 from demo.view import live
 from rugged_teleop.command_line import Parser
 from test.rig import Observer

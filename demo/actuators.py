@@ -28,12 +28,7 @@ import time
 
 from akron_can_bridge import protocol as akron
 from demo.stage import SHUT_US
-from demo.steering import DEMAND_LIMIT
-from demo.steering import FORT
-from demo.steering import RC
-from demo.steering import Steering
-from demo.steering import Step
-from demo.steering import step
+from demo.steering import DEMAND_LIMIT, FORT, RC, Steering, Step, step
 from rugged_teleop.canbuses import unpack
 from rugged_teleop.ports import Chunk
 from ssc_bridge import protocol as ssc

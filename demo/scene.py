@@ -28,31 +28,32 @@ from functools import partial
 import time
 
 from demo.actuators import Actuators
-from demo.stage import DemoError
-from demo.stage import ESTOPS
-from demo.stage import STACK
-from demo.steering import FAST_RPM
-from demo.steering import FORT
-from demo.steering import RAMP_LIMIT
-from demo.steering import shortened
-from demo.steering import SILENT_LIMIT
-from demo.steering import Step
-from demo.steering import step
-from demo.steering import UNIT_SILENT_LIMIT
-from demo.steering import VM110
+from demo.stage import DemoError, ESTOPS, STACK
+from demo.steering import (
+    FAST_RPM,
+    FORT,
+    RAMP_LIMIT,
+    shortened,
+    SILENT_LIMIT,
+    Step,
+    step,
+    UNIT_SILENT_LIMIT,
+    VM110,
+)
 from fort_vsc_bridge.protocol import Heartbeat
 from test.rig import wait_for
-from test.stage import BETWEEN_RESETS
-from test.stage import CLEAR_ERRORS
-from test.stage import END_TRIP
-from test.stage import greatest_step
-from test.stage import LATE_WORDS
-from test.stage import Packet
-from test.stage import TRIP
-from test.stage import UNIT
-from test.stage import VSC
-from vm110_bridge.protocol import BuState
-from vm110_bridge.protocol import PeriodicInput
+from test.stage import (
+    BETWEEN_RESETS,
+    CLEAR_ERRORS,
+    END_TRIP,
+    greatest_step,
+    LATE_WORDS,
+    Packet,
+    TRIP,
+    UNIT,
+    VSC,
+)
+from vm110_bridge.protocol import BuState, PeriodicInput
 
 RETURN_LIMIT = 2.0  # s, from plugging in to a healthy link
 SLOW = 0.5  # s

@@ -20,8 +20,7 @@ Nothing of it meets a robot: all traffic stays on this machine, in a ROS domain 
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 import contextlib
 from pathlib import Path
 import socket
@@ -29,30 +28,17 @@ from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.qos import QoSProfile
-from sensor_msgs.msg import JointState
-from sensor_msgs.msg import Joy
+from sensor_msgs.msg import JointState, Joy
 from std_msgs.msg import Float64
 
 from akron_can_bridge.simulator import Simulator as MonitorSimulator
 from bridge_core.parameter_files import parameters_for
 from esi_drive_bridge.simulator import Simulator as DriveSimulator
-from rugged_teleop.canbuses import CanBusDevice
-from rugged_teleop.canbuses import free_channel
-from rugged_teleop.multicasts import free_port
-from rugged_teleop.multicasts import MulticastDevice
-from ssc_bridge.simulator import Settings as SscSettings
-from ssc_bridge.simulator import Simulator as SscSimulator
-from test.rig import Observer
-from test.rig import ROOT
-from test.stage import Device
-from test.stage import DRIVE
-from test.stage import MONITOR
-from test.stage import MUX
-from test.stage import SSC
-from test.stage import Stage
-from test.stage import TIMEOUTS
-from test.stage import UNIT
-from test.stage import VSC
+from rugged_teleop.canbuses import CanBusDevice, free_channel
+from rugged_teleop.multicasts import free_port, MulticastDevice
+from ssc_bridge.simulator import Settings as SscSettings, Simulator as SscSimulator
+from test.rig import Observer, ROOT
+from test.stage import Device, DRIVE, MONITOR, MUX, SSC, Stage, TIMEOUTS, UNIT, VSC
 from vm110_bridge.simulator import Simulator as UnitSimulator
 
 ESTOPS = {'VSC': VSC, 'VM-110': UNIT, 'drive': DRIVE, 'monitor': MONITOR, 'SSC': SSC}

@@ -20,13 +20,11 @@ from collections.abc import Callable
 import contextlib
 from functools import partial
 import time
-from typing import ParamSpec
-from typing import TypeVar
+from typing import ParamSpec, TypeVar
 
 from bridge_core.framing import FrameError
 from demo.stage import DemoStage
-from esi_drive_bridge.protocol import Layout
-from esi_drive_bridge.protocol import Status
+from esi_drive_bridge.protocol import Layout, Status
 from fort_vsc_bridge import protocol as fort
 from rugged_teleop.ports import DevicePort
 from test.rig import wait_for

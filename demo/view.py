@@ -22,8 +22,7 @@ The live view: remotes, e-stops, the mux and its reasons, the wires, what moves;
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
-from dataclasses import field
+from dataclasses import dataclass, field
 from functools import partial
 import os
 import re
@@ -37,13 +36,8 @@ import tty
 from typing import Any
 
 from demo.actuators import turns_in
-from demo.stage import DemoStage
-from demo.stage import ESTOPS
-from test.stage import CLEAR_ERRORS
-from test.stage import END_TRIP
-from test.stage import Packet
-from test.stage import RESET
-from test.stage import TRIP
+from demo.stage import DemoStage, ESTOPS
+from test.stage import CLEAR_ERRORS, END_TRIP, Packet, RESET, TRIP
 
 PERIOD = 0.1
 _SPIN = 0.01  # s, at most, between two looks for a key

@@ -28,15 +28,12 @@ position  CommandPositionScale     position            rad = motor rad / gear
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 import math
 from typing import Any
 
-from esi_drive_bridge.protocol import Mode
-from esi_drive_bridge.protocol import VALUE_MAX
-from esi_drive_bridge.protocol import VALUE_MIN
+from esi_drive_bridge.protocol import Mode, VALUE_MAX, VALUE_MIN
 
 FIELDS = {Mode.TORQUE: 'effort', Mode.VELOCITY: 'velocity', Mode.POSITION: 'position'}
 _SCALES = {

@@ -15,32 +15,30 @@
 """The ESI drive bridge: one or two servo axes on RS422 as ROS topics."""
 
 from collections.abc import Mapping
-from typing import Any
-from typing import ClassVar
+from typing import Any, ClassVar
 
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Bool
 
 from bridge_core.managed_node import latched_qos
-from bridge_core.node import BridgeNode
-from bridge_core.node import COMMAND_QOS
-from bridge_core.node import STOP_QOS
-from bridge_core.parameters import ACTUATOR_PARAMETERS
-from bridge_core.parameters import Parameter
+from bridge_core.node import BridgeNode, COMMAND_QOS, STOP_QOS
+from bridge_core.parameters import ACTUATOR_PARAMETERS, Parameter
 from bridge_core.runner import run
 from bridge_core.session import Level
 from bridge_core.transports.process import ProcessLink
 from esi_drive_bridge import convert
 from esi_drive_bridge.axes import axes_of
 from esi_drive_bridge.parameters import PARAMETERS
-from esi_drive_bridge.session import CLEAR_ERRORS
-from esi_drive_bridge.session import EnabledChanged
-from esi_drive_bridge.session import EnableRefused
-from esi_drive_bridge.session import Event
-from esi_drive_bridge.session import FaultsChanged
-from esi_drive_bridge.session import Feedback
-from esi_drive_bridge.session import Session
-from esi_drive_bridge.session import Stopped
+from esi_drive_bridge.session import (
+    CLEAR_ERRORS,
+    EnabledChanged,
+    EnableRefused,
+    Event,
+    FaultsChanged,
+    Feedback,
+    Session,
+    Stopped,
+)
 from esi_drive_bridge.wire import BRIDGE
 
 

@@ -32,22 +32,21 @@ occur inside a body: only the CRC decides.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from enum import Enum
-from enum import IntEnum
-from enum import IntFlag
+from enum import Enum, IntEnum, IntFlag
 import struct
 from typing import Any
 
 from bridge_core.checksums import crc16_ccitt_false
-from bridge_core.framing import ChecksumError
-from bridge_core.framing import draft_of
-from bridge_core.framing import FrameError
-from bridge_core.framing import FrameFormat
-from bridge_core.framing import MessageT
-from bridge_core.framing import StreamParser
+from bridge_core.framing import (
+    ChecksumError,
+    draft_of,
+    FrameError,
+    FrameFormat,
+    MessageT,
+    StreamParser,
+)
 
 HEADER = b'\xf0\xf0'
 CHECK_SIZE = 2

@@ -30,16 +30,11 @@ What the manual leaves undecided is decided like this, on the less helpful side:
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from dataclasses import field
+from dataclasses import dataclass, field
 import math
 import struct
 
-from bridge_core.simulation import Commands
-from bridge_core.simulation import obey
-from bridge_core.simulation import one_of
-from bridge_core.simulation import switch
-from bridge_core.simulation import within
+from bridge_core.simulation import Commands, obey, one_of, switch, within
 
 _HEADER = b'\xf0\xf0'
 _RPM = 60.0 / (2.0 * math.pi)  # rpm of one rad/s

@@ -22,8 +22,7 @@ from typing import Any
 from bridge_core.transports import Transport
 from bridge_core.transports.serial_name import check_serial_port
 from bridge_core.transports.wire import Bridge
-from esi_drive_bridge.session import Session
-from esi_drive_bridge.session import Settings
+from esi_drive_bridge.session import Session, Settings
 
 
 def make_session(values: Mapping[str, Any]) -> Session:

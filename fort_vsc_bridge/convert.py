@@ -27,27 +27,22 @@ import reprlib
 
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import KeyValue
-from sensor_msgs.msg import BatteryState
-from sensor_msgs.msg import Joy
-from sensor_msgs.msg import JoyFeedback
-from sensor_msgs.msg import NavSatFix
-from sensor_msgs.msg import NavSatStatus
-from std_msgs.msg import Int8
-from std_msgs.msg import String
+from sensor_msgs.msg import BatteryState, Joy, JoyFeedback, NavSatFix, NavSatStatus
+from std_msgs.msg import Int8, String
 
-from bridge_core.convert import joy_message
-from bridge_core.convert import scaled
-from bridge_core.convert import unknown_battery
-from fort_vsc_bridge.protocol import AutonomyMode
-from fort_vsc_bridge.protocol import check_range
-from fort_vsc_bridge.protocol import INT32
-from fort_vsc_bridge.protocol import MAX_MAGNITUDE
-from fort_vsc_bridge.protocol import Mode
-from fort_vsc_bridge.protocol import mode_name
-from fort_vsc_bridge.protocol import NAME_SIZE
-from fort_vsc_bridge.protocol import RemoteStatus
-from fort_vsc_bridge.protocol import TEXT_KEYS
-from fort_vsc_bridge.protocol import UserFeedbackName
+from bridge_core.convert import joy_message, scaled, unknown_battery
+from fort_vsc_bridge.protocol import (
+    AutonomyMode,
+    check_range,
+    INT32,
+    MAX_MAGNITUDE,
+    Mode,
+    mode_name,
+    NAME_SIZE,
+    RemoteStatus,
+    TEXT_KEYS,
+    UserFeedbackName,
+)
 
 # The device counts X to the right; in ROS left is positive. Y (forward) and Z stay.
 _SIGNS = (-1.0, 1.0, 1.0, -1.0, 1.0, 1.0)

@@ -14,39 +14,30 @@
 
 """The FORT VSC bridge: a wireless e-stop and remote as ROS topics."""
 
-from collections.abc import Callable
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 import reprlib
-from typing import Any
-from typing import ClassVar
+from typing import Any, ClassVar
 
 from diagnostic_msgs.msg import KeyValue
-from sensor_msgs.msg import BatteryState
-from sensor_msgs.msg import Joy
-from sensor_msgs.msg import JoyFeedback
-from sensor_msgs.msg import NavSatFix
-from std_msgs.msg import Bool
-from std_msgs.msg import Int8
-from std_msgs.msg import String
-from std_msgs.msg import UInt8
+from sensor_msgs.msg import BatteryState, Joy, JoyFeedback, NavSatFix
+from std_msgs.msg import Bool, Int8, String, UInt8
 
 from bridge_core.managed_node import latched_qos
-from bridge_core.node import BridgeNode
-from bridge_core.node import STOP_QOS
-from bridge_core.parameters import BRIDGE_PARAMETERS
-from bridge_core.parameters import Parameter
+from bridge_core.node import BridgeNode, STOP_QOS
+from bridge_core.parameters import BRIDGE_PARAMETERS, Parameter
 from bridge_core.runner import run
 from fort_vsc_bridge import convert
 from fort_vsc_bridge.parameters import PARAMETERS
-from fort_vsc_bridge.session import Event
-from fort_vsc_bridge.session import GpsSentence
-from fort_vsc_bridge.session import ModeChanged
-from fort_vsc_bridge.session import RemoteState
-from fort_vsc_bridge.session import Session
-from fort_vsc_bridge.session import Sticks
-from fort_vsc_bridge.session import UserValue
-from fort_vsc_bridge.wire import BRIDGE
-from fort_vsc_bridge.wire import STOP_HEARD
+from fort_vsc_bridge.session import (
+    Event,
+    GpsSentence,
+    ModeChanged,
+    RemoteState,
+    Session,
+    Sticks,
+    UserValue,
+)
+from fort_vsc_bridge.wire import BRIDGE, STOP_HEARD
 
 
 class FortVscBridge(BridgeNode[Event]):

@@ -16,13 +16,8 @@
 
 from collections.abc import Callable
 
-from bridge_core.parameters import DEADBAND
-from bridge_core.parameters import Parameter
-from bridge_core.parameters import TOLERATE_FAULTY_AXES
-from fort_vsc_bridge.protocol import BAUD
-from fort_vsc_bridge.protocol import CanIds
-from fort_vsc_bridge.protocol import MAX_IDENTIFIER
-from fort_vsc_bridge.protocol import MAX_MAGNITUDE
+from bridge_core.parameters import DEADBAND, Parameter, TOLERATE_FAULTY_AXES
+from fort_vsc_bridge.protocol import BAUD, CanIds, MAX_IDENTIFIER, MAX_MAGNITUDE
 
 LEAVE = -1  # do not touch this setting of the device
 

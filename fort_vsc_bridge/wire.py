@@ -24,12 +24,8 @@ from bridge_core.transports.hidraw import HidrawTransport
 from bridge_core.transports.serial import SerialTransport
 from bridge_core.transports.serial_name import check_serial_port
 from bridge_core.transports.wire import Bridge
-from fort_vsc_bridge.protocol import CanWire
-from fort_vsc_bridge.protocol import HidWire
-from fort_vsc_bridge.protocol import REPORT_SIZE
-from fort_vsc_bridge.session import Session
-from fort_vsc_bridge.session import Settings
-from fort_vsc_bridge.session import wire_of
+from fort_vsc_bridge.protocol import CanWire, HidWire, REPORT_SIZE
+from fort_vsc_bridge.session import Session, Settings, wire_of
 
 STOP_HEARD = 'software_estop was heard'  # beside the parameters
 

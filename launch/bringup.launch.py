@@ -18,14 +18,11 @@ from pathlib import Path
 import tempfile
 from typing import Any
 
-from launch.actions import DeclareLaunchArgument
-from launch.actions import ExecuteProcess
-from launch.actions import OpaqueFunction
+from launch.actions import DeclareLaunchArgument, ExecuteProcess, OpaqueFunction
 from launch.substitutions import LaunchConfiguration
 
 from launch import LaunchDescription
-from rugged_teleop.bringup import PORTS
-from rugged_teleop.bringup import processes
+from rugged_teleop.bringup import PORTS, processes
 
 _RESPAWN_DELAY = 1.0  # s
 _SWITCH = {'true': True, 'false': False}

@@ -26,10 +26,7 @@ import os
 import sys
 from typing import Any
 
-from rugged_teleop.command_line import complete
-from rugged_teleop.command_line import completes
-from rugged_teleop.command_line import Parser
-from rugged_teleop.command_line import standard_streams
+from rugged_teleop.command_line import complete, completes, Parser, standard_streams
 
 # By name: what it does, and the module whose main(arguments, prog) does it.
 COMMANDS = {

@@ -20,29 +20,18 @@ launch/bringup.launch.py starts them.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from collections.abc import Mapping
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import yaml
 
-from bridge_core.parameter_files import check_names
-from bridge_core.parameter_files import is_for
-from bridge_core.parameter_files import parameters_for
-from bridge_core.parameter_files import sections_of
-from rugged_teleop.canbuses import channel_of
-from rugged_teleop.canbuses import INTERFACE
+from bridge_core.parameter_files import check_names, is_for, parameters_for, sections_of
+from rugged_teleop.canbuses import channel_of, INTERFACE
 from rugged_teleop.command_line import RUN_MODULE
-from rugged_teleop.multicasts import free_port
-from rugged_teleop.multicasts import GROUP
-from rugged_teleop.multicasts import LOOPBACK
-from rugged_teleop.multicasts import PORT_OFFSET
-from rugged_teleop.stack import BESIDE
-from rugged_teleop.stack import NODES
-from rugged_teleop.stack import WIRING
+from rugged_teleop.multicasts import free_port, GROUP, LOOPBACK, PORT_OFFSET
+from rugged_teleop.stack import BESIDE, NODES, WIRING
 
 # Arguments of the launch file that say where a device is: the node and its parameter.
 PORTS = {

@@ -20,9 +20,7 @@ import struct
 
 from bridge_core.j1939 import CanFrame
 from rugged_teleop.multicasts import free_port
-from rugged_teleop.ports import Chunk
-from rugged_teleop.ports import Device
-from rugged_teleop.ports import TransportDevice
+from rugged_teleop.ports import Chunk, Device, TransportDevice
 
 INTERFACE = 'udp_multicast'  # a bus of several processes on one machine
 _GROUP = '239.255.42.21'

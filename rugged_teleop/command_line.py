@@ -15,16 +15,14 @@
 """What the commands have in common on the command line."""
 
 import argparse
-from collections.abc import Callable
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 import contextlib
 import errno
 import math
 import os
 import re
 import sys
-from typing import Any
-from typing import NoReturn
+from typing import Any, NoReturn
 
 from bridge_core.descriptors import fill_standard_descriptors
 from bridge_core.output import escape_what_is_no_text

@@ -18,8 +18,7 @@ The catalogue of messages, docs/messages.md: every table of a page that says wha
 The tables stand on the pages of nodes and tools, where they belong; here they are put together.
 """
 
-from collections.abc import Iterator
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 import posixpath
 import re
 

@@ -23,10 +23,8 @@ import random
 import socket
 
 from bridge_core.transports.multicast import MulticastTransport
-from rugged_teleop.domains import FIRST_PORT
-from rugged_teleop.domains import PORTS
-from rugged_teleop.ports import Device
-from rugged_teleop.ports import TransportDevice
+from rugged_teleop.domains import FIRST_PORT, PORTS
+from rugged_teleop.ports import Device, TransportDevice
 
 LOOPBACK = '127.0.0.1'
 GROUP = '239.255.42.20'  # this and the port: the VM-110's, as delivered (manual 2.2)

@@ -24,15 +24,13 @@ Exit status: 0; 2 wrong arguments, or a parameter that its node refuses.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 import sys
 from typing import Any
 from xml.etree import ElementTree
 
-from rugged_teleop.command_line import full_name
-from rugged_teleop.command_line import Parser
+from rugged_teleop.command_line import full_name, Parser
 
 _EXAMPLES = """\
 examples:
@@ -74,8 +72,7 @@ def main(arguments: Sequence[str] | None = None, prog: str = 'rugged_teleop poli
 def policy(file: Path, namespace: str = '/') -> str:
     """Return the policy of a file's nodes, as XML. :raises ValueError: none of them is allowed."""
     from bridge_core.help import unseen  # late, too
-    from rugged_teleop.bringup import nodes_of
-    from rugged_teleop.bringup import wiring
+    from rugged_teleop.bringup import nodes_of, wiring
     from rugged_teleop.stack import node_factory
 
     root = ElementTree.Element('policy', version=_VERSION)

@@ -21,11 +21,9 @@ the simulator, so simulators need no locks. The port can be unplugged and the li
 
 from __future__ import annotations
 
-from abc import ABC
-from abc import abstractmethod
+from abc import ABC, abstractmethod
 from collections import deque
-from collections.abc import Callable
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import Future
 import os
 import queue
@@ -34,13 +32,9 @@ import select
 import threading
 import time
 from types import TracebackType
-from typing import Any
-from typing import NamedTuple
-from typing import Protocol
-from typing import TypeVar
+from typing import Any, NamedTuple, Protocol, TypeVar
 
-from bridge_core.transports import Transport
-from bridge_core.transports import TransportError
+from bridge_core.transports import Transport, TransportError
 from rugged_teleop.faults import FaultyLine
 
 HELP = """\

@@ -21,8 +21,7 @@ import os
 from pathlib import Path
 import tty
 
-from rugged_teleop.ports import Device
-from rugged_teleop.ports import DevicePort
+from rugged_teleop.ports import Device, DevicePort
 
 _READ_SIZE = 4096
 

@@ -19,13 +19,9 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 import json
-from typing import Any
-from typing import BinaryIO
+from typing import Any, BinaryIO
 
-from mcap.records import Channel
-from mcap.records import Message
-from mcap.records import Metadata
-from mcap.records import Schema
+from mcap.records import Channel, Message, Metadata, Schema
 from mcap.stream_reader import StreamReader
 from mcap_ros2.decoder import DecoderFactory
 

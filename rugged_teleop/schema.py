@@ -20,8 +20,7 @@ What contradicts another parameter is found by the node alone.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 import json
 import re
 from typing import Any

@@ -22,9 +22,7 @@ when it leaves.
 """
 
 import argparse
-from collections.abc import Callable
-from collections.abc import Iterator
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 import contextlib
 from dataclasses import dataclass
 import os
@@ -32,36 +30,27 @@ from pathlib import Path
 import select
 import signal
 import sys
-from typing import Any
-from typing import Literal
+from typing import Any, Literal
 
 from akron_can_bridge.protocol import is_pin
-from akron_can_bridge.simulator import JoystickSimulator as AkronJoystick
-from akron_can_bridge.simulator import Simulator as AkronSimulator
+from akron_can_bridge.simulator import (
+    JoystickSimulator as AkronJoystick,
+    Simulator as AkronSimulator,
+)
 from bridge_core.simulation import help_text
-from esi_drive_bridge.simulator import FAULTS
-from esi_drive_bridge.simulator import Simulator as EsiSimulator
-from fort_vsc_bridge.protocol import AXIS_NAMES
-from fort_vsc_bridge.protocol import BUTTON_NAMES
-from fort_vsc_bridge.simulator import CanSimulator as FortCanSimulator
-from fort_vsc_bridge.simulator import HidSimulator as FortHidSimulator
-from fort_vsc_bridge.simulator import Simulator as FortSimulator
-from rugged_teleop.canbuses import CanBusDevice
-from rugged_teleop.canbuses import CHANNEL
-from rugged_teleop.canbuses import INTERFACE
-from rugged_teleop.command_line import number_within
-from rugged_teleop.command_line import Parser
-from rugged_teleop.command_line import standard_streams
-from rugged_teleop.multicasts import GROUP
-from rugged_teleop.multicasts import INPUT_PORT
-from rugged_teleop.multicasts import LOOPBACK
-from rugged_teleop.multicasts import MulticastDevice
-from rugged_teleop.multicasts import PORT_OFFSET
-from rugged_teleop.ports import DevicePort
-from rugged_teleop.ports import HELP as PORT_HELP
+from esi_drive_bridge.simulator import FAULTS, Simulator as EsiSimulator
+from fort_vsc_bridge.protocol import AXIS_NAMES, BUTTON_NAMES
+from fort_vsc_bridge.simulator import (
+    CanSimulator as FortCanSimulator,
+    HidSimulator as FortHidSimulator,
+    Simulator as FortSimulator,
+)
+from rugged_teleop.canbuses import CanBusDevice, CHANNEL, INTERFACE
+from rugged_teleop.command_line import number_within, Parser, standard_streams
+from rugged_teleop.multicasts import GROUP, INPUT_PORT, LOOPBACK, MulticastDevice, PORT_OFFSET
+from rugged_teleop.ports import DevicePort, HELP as PORT_HELP
 from rugged_teleop.ptys import PtyDevice
-from ssc_bridge.simulator import Settings as SscSettings
-from ssc_bridge.simulator import Simulator as SscSimulator
+from ssc_bridge.simulator import Settings as SscSettings, Simulator as SscSimulator
 from vm110_bridge.simulator import Simulator as Vm110Simulator
 
 _OWN_HELP = """\

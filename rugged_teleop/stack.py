@@ -20,18 +20,13 @@ nodes; without names, those that have a section in the parameter files. Each nod
 executor and thread, so that none waits for another. Actuators subscribe to the mux.
 """
 
-from collections.abc import Callable
-from collections.abc import Iterable
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
 import importlib
 import sys
 
 from bridge_core.managed_node import ManagedNode
-from bridge_core.parameter_files import check_names
-from bridge_core.parameter_files import files_of
-from bridge_core.parameter_files import sections_of
-from bridge_core.runner import run
-from bridge_core.runner import words_beside_ros
+from bridge_core.parameter_files import check_names, files_of, sections_of
+from bridge_core.runner import run, words_beside_ros
 
 # Module and class of each node; a lazy import, for the nodes that run only.
 NODES = {

@@ -71,28 +71,32 @@ import math
 
 from bridge_core.watchdog import in_words
 from safety_mux.feedback import FeedbackInput
-from safety_mux.inputs import AutonomyInput
-from safety_mux.inputs import demand_fault
-from safety_mux.inputs import DriveInput
-from safety_mux.inputs import Input
-from safety_mux.inputs import OperatorInput
-from safety_mux.inputs import OwnerInput
-from safety_mux.inputs import SourceInput
-from safety_mux.inputs import SpeedLimitInput
-from safety_mux.protocol import AUTONOMY
-from safety_mux.protocol import Causes
-from safety_mux.protocol import Decision
-from safety_mux.protocol import Demand
-from safety_mux.protocol import Kind
-from safety_mux.protocol import Limiter
-from safety_mux.protocol import milliseconds
-from safety_mux.protocol import MuxConfig
-from safety_mux.protocol import OperatorSample
-from safety_mux.protocol import Reply
-from safety_mux.protocol import State
-from safety_mux.protocol import Status
-from safety_mux.protocol import Stop
-from safety_mux.protocol import Transition
+from safety_mux.inputs import (
+    AutonomyInput,
+    demand_fault,
+    DriveInput,
+    Input,
+    OperatorInput,
+    OwnerInput,
+    SourceInput,
+    SpeedLimitInput,
+)
+from safety_mux.protocol import (
+    AUTONOMY,
+    Causes,
+    Decision,
+    Demand,
+    Kind,
+    Limiter,
+    milliseconds,
+    MuxConfig,
+    OperatorSample,
+    Reply,
+    State,
+    Status,
+    Stop,
+    Transition,
+)
 
 
 class Arbiter:

@@ -22,8 +22,7 @@ down), and of which nothing was missed.
 
 import math
 
-from bridge_core.watchdog import in_words
-from bridge_core.watchdog import Watchdog
+from bridge_core.watchdog import in_words, Watchdog
 
 SHORTEST, LONGEST = 0.1, 2.0  # s
 TIMEOUT = 0.25  # s

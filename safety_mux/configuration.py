@@ -14,26 +14,14 @@
 
 """The objects that are made from the mux's parameters."""
 
-from collections.abc import Callable
-from collections.abc import Iterator
-from collections.abc import Mapping
-from typing import Any
-from typing import TypeVar
+from collections.abc import Callable, Iterator, Mapping
+from typing import Any, TypeVar
 
-from bridge_core.parameters import names_of
-from bridge_core.parameters import ParameterError
+from bridge_core.parameters import names_of, ParameterError
 from safety_mux.limits import JointLimit
-from safety_mux.mapping import JoyMapping
-from safety_mux.mapping import Stick
-from safety_mux.parameters import DEFAULTS
-from safety_mux.parameters import enabled_topic
-from safety_mux.parameters import GENERAL
-from safety_mux.protocol import Autonomy
-from safety_mux.protocol import EStopSource
-from safety_mux.protocol import Feedback
-from safety_mux.protocol import MuxConfig
-from safety_mux.protocol import Operator
-from safety_mux.protocol import SpeedLimit
+from safety_mux.mapping import JoyMapping, Stick
+from safety_mux.parameters import DEFAULTS, enabled_topic, GENERAL
+from safety_mux.protocol import Autonomy, EStopSource, Feedback, MuxConfig, Operator, SpeedLimit
 
 _T = TypeVar('_T')
 _DEFAULTS = {parameter.name: parameter.default for parameter in GENERAL}

@@ -22,9 +22,7 @@ What is not known counts as motion where standstill is asked for, and never as o
 import math
 
 from safety_mux.inputs import Input
-from safety_mux.protocol import Demand
-from safety_mux.protocol import Feedback
-from safety_mux.protocol import milliseconds
+from safety_mux.protocol import Demand, Feedback, milliseconds
 
 
 class FeedbackInput(Input):

@@ -23,15 +23,16 @@ the next tick. Of everything else only the newest value counts.
 from dataclasses import replace
 import math
 
-from bridge_core.watchdog import in_words
-from bridge_core.watchdog import Watchdog
-from safety_mux.protocol import AUTONOMY
-from safety_mux.protocol import Autonomy
-from safety_mux.protocol import Demand
-from safety_mux.protocol import EStopSource
-from safety_mux.protocol import Operator
-from safety_mux.protocol import OperatorSample
-from safety_mux.protocol import SpeedLimit
+from bridge_core.watchdog import in_words, Watchdog
+from safety_mux.protocol import (
+    AUTONOMY,
+    Autonomy,
+    Demand,
+    EStopSource,
+    Operator,
+    OperatorSample,
+    SpeedLimit,
+)
 
 _MESSAGE = 'message'  # the fault of the newest message; a good message clears it
 

@@ -20,28 +20,16 @@ Made of the parameters alone. A message is anything with the fields of its ROS t
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from collections.abc import Iterator
-from collections.abc import Mapping
+from collections.abc import Callable, Iterator, Mapping
 from functools import partial
-from typing import Any
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from safety_mux.arbiter import Arbiter
-from safety_mux.configuration import joint_limits
-from safety_mux.configuration import joy_mapping
-from safety_mux.configuration import mux_config
+from safety_mux.configuration import joint_limits, joy_mapping, mux_config
 from safety_mux.limits import JointLimiter
-from safety_mux.mapping import DifferentialDrive
-from safety_mux.mapping import forward_and_turn
-from safety_mux.mapping import NamedJoints
+from safety_mux.mapping import DifferentialDrive, forward_and_turn, NamedJoints
 from safety_mux.parameters import enabled_topic
-from safety_mux.protocol import AUTONOMY
-from safety_mux.protocol import Decision
-from safety_mux.protocol import Demand
-from safety_mux.protocol import Kind
-from safety_mux.protocol import MalformedInput
-from safety_mux.protocol import State
+from safety_mux.protocol import AUTONOMY, Decision, Demand, Kind, MalformedInput, State
 from safety_mux.stamps import StampWatch
 
 

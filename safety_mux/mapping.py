@@ -26,9 +26,7 @@ import math
 import reprlib
 from typing import Literal
 
-from safety_mux.protocol import Demand
-from safety_mux.protocol import MalformedInput
-from safety_mux.protocol import OperatorSample
+from safety_mux.protocol import Demand, MalformedInput, OperatorSample
 
 AXIS_LIMIT = 1.05  # axes of Joy are -1...1; drivers may overshoot a little
 Mixing = Literal['none', 'tank', 'arcade']

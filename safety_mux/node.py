@@ -23,53 +23,31 @@ a mux that is not active says stop, disable and 0.
 from collections.abc import Callable
 from functools import partial
 import math
-from typing import Any
-from typing import ClassVar
+from typing import Any, ClassVar
 
-from diagnostic_msgs.msg import DiagnosticArray
-from diagnostic_msgs.msg import DiagnosticStatus
-from geometry_msgs.msg import Twist
-from geometry_msgs.msg import TwistStamped
-from rclpy.clock import Clock
-from rclpy.clock import ClockType
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from geometry_msgs.msg import Twist, TwistStamped
+from rclpy.clock import Clock, ClockType
 from rclpy.lifecycle import TransitionCallbackReturn
-from rclpy.qos import QoSProfile
-from rclpy.qos import ReliabilityPolicy
-from sensor_msgs.msg import JointState
-from sensor_msgs.msg import Joy
-from std_msgs.msg import Bool
-from std_msgs.msg import Float64
-from std_msgs.msg import String
-from std_srvs.srv import SetBool
-from std_srvs.srv import Trigger
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+from sensor_msgs.msg import JointState, Joy
+from std_msgs.msg import Bool, Float64, String
+from std_srvs.srv import SetBool, Trigger
 
 from bridge_core import clock
 from bridge_core.diagnostics import to_msg
-from bridge_core.managed_node import latched_qos
-from bridge_core.managed_node import ManagedNode
-from bridge_core.parameters import MANAGED_PARAMETERS
-from bridge_core.parameters import Parameter
-from bridge_core.parameters import ParameterError
+from bridge_core.managed_node import latched_qos, ManagedNode
+from bridge_core.parameters import MANAGED_PARAMETERS, Parameter, ParameterError
 from bridge_core.publishers import PublisherWatch
 from bridge_core.runner import run
-from bridge_core.watchdog import FreezeWatch
-from bridge_core.watchdog import FROZEN
+from bridge_core.watchdog import FreezeWatch, FROZEN
 from safety_mux.button import ResetButton
-from safety_mux.configuration import check
-from safety_mux.configuration import joy_mapping
-from safety_mux.intake import Intake
-from safety_mux.intake import Listened
-from safety_mux.outputs import command_of
-from safety_mux.outputs import GatedJoy
-from safety_mux.outputs import Repeated
-from safety_mux.parameters import GENERAL
-from safety_mux.parameters import parameter_table
-from safety_mux.protocol import Decision
-from safety_mux.protocol import Kind
-from safety_mux.protocol import Reply
-from safety_mux.protocol import State
-from safety_mux.report import report_of
-from safety_mux.report import Surroundings
+from safety_mux.configuration import check, joy_mapping
+from safety_mux.intake import Intake, Listened
+from safety_mux.outputs import command_of, GatedJoy, Repeated
+from safety_mux.parameters import GENERAL, parameter_table
+from safety_mux.protocol import Decision, Kind, Reply, State
+from safety_mux.report import report_of, Surroundings
 
 # A stop must not be overwritten by what follows it before it was read, hence the depth.
 ESTOP_QOS = QoSProfile(depth=100)

@@ -17,20 +17,14 @@
 from __future__ import annotations
 
 from array import array
-from collections.abc import Callable
-from collections.abc import Iterable
-from collections.abc import Mapping
-from collections.abc import Sequence
-from itertools import chain
-from itertools import islice
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from itertools import chain, islice
 import math
 from types import MappingProxyType
 from typing import Any
 
-from geometry_msgs.msg import Twist
-from geometry_msgs.msg import TwistStamped
-from sensor_msgs.msg import JointState
-from sensor_msgs.msg import Joy
+from geometry_msgs.msg import Twist, TwistStamped
+from sensor_msgs.msg import JointState, Joy
 
 from bridge_core.session import Pacer
 from safety_mux.protocol import Demand

@@ -23,9 +23,7 @@ unless they begin with a slash.
 from collections.abc import Mapping
 from typing import Any
 
-from bridge_core.parameters import check_topic
-from bridge_core.parameters import Parameter
-from bridge_core.parameters import with_named
+from bridge_core.parameters import check_topic, Parameter, with_named
 
 
 def _seconds(name: str, default: float, description: str, **limits: Any) -> Parameter:

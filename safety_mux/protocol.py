@@ -25,9 +25,7 @@ from dataclasses import dataclass
 from enum import Enum
 import math
 import re
-from typing import Literal
-from typing import NamedTuple
-from typing import Protocol
+from typing import Literal, NamedTuple, Protocol
 
 AUTONOMY = 'autonomy'  # the owner's name while no operator has control
 _NAME = re.compile(r'[A-Za-z][A-Za-z0-9_]*')  # names become parts of topics: ~/stop_demand/<name>

@@ -14,16 +14,13 @@
 
 """What ``~/status`` says: the whole answer to 'why does it not move?'."""
 
-from collections.abc import Mapping
-from collections.abc import Sequence
-from typing import Any
-from typing import NamedTuple
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
 
 from bridge_core import report
 from bridge_core.session import Level
 from bridge_core.watchdog import in_words
-from safety_mux.protocol import State
-from safety_mux.protocol import Status
+from safety_mux.protocol import State, Status
 
 _PATIENCE = 0.5  # s that a drive may take to enable before that is worth a word
 

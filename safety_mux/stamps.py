@@ -20,8 +20,7 @@ tell that, by its stamps. They are compared with each other, and never with a cl
 are late, early or step back is no matter.
 """
 
-from bridge_core.watchdog import in_words
-from bridge_core.watchdog import Watchdog
+from bridge_core.watchdog import in_words, Watchdog
 
 _NONE = (0, 0)  # what nobody has set
 

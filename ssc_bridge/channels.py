@@ -16,26 +16,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from collections.abc import Mapping
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum
 import math
-from typing import Any
-from typing import ClassVar
-from typing import NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
-from bridge_core.parameters import names_of
-from bridge_core.parameters import Parameter
-from bridge_core.settings import CheckedSettings
-from bridge_core.settings import table_of
-from ssc_bridge.parameters import BUTTON
-from ssc_bridge.parameters import CALIBRATION
-from ssc_bridge.parameters import SERVO
-from ssc_bridge.protocol import AuxFunction
-from ssc_bridge.protocol import MAX_PULSE_US
-from ssc_bridge.protocol import Measurement
+from bridge_core.parameters import names_of, Parameter
+from bridge_core.settings import CheckedSettings, table_of
+from ssc_bridge.parameters import BUTTON, CALIBRATION, SERVO
+from ssc_bridge.protocol import AuxFunction, MAX_PULSE_US, Measurement
 
 _CALIBRATION, _BUTTON, _SERVO = table_of(CALIBRATION), table_of(BUTTON), table_of(SERVO)
 

@@ -16,30 +16,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 import math
 import reprlib
 
 from builtin_interfaces.msg import Time
-from diagnostic_msgs.msg import DiagnosticStatus
-from diagnostic_msgs.msg import KeyValue
-from sensor_msgs.msg import JointState
-from sensor_msgs.msg import Joy
-from std_msgs.msg import String
-from std_msgs.msg import UInt16MultiArray
+from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
+from sensor_msgs.msg import JointState, Joy
+from std_msgs.msg import String, UInt16MultiArray
 
-from bridge_core.convert import joy_message
-from bridge_core.convert import scaled
-from ssc_bridge.channels import AuxChannel
-from ssc_bridge.channels import AuxRequest
-from ssc_bridge.channels import AxisInput
-from ssc_bridge.protocol import AUX_CHANNELS
-from ssc_bridge.protocol import CommandState
-from ssc_bridge.protocol import INVALID_PULSE
-from ssc_bridge.protocol import Measurement
-from ssc_bridge.protocol import PulseCommand
-from ssc_bridge.protocol import TimerInput
+from bridge_core.convert import joy_message, scaled
+from ssc_bridge.channels import AuxChannel, AuxRequest, AxisInput
+from ssc_bridge.protocol import (
+    AUX_CHANNELS,
+    CommandState,
+    INVALID_PULSE,
+    Measurement,
+    PulseCommand,
+    TimerInput,
+)
 
 UNKNOWN = 'unknown'
 _LEVELS = {'high': True, 'low': False, 'true': True, 'false': False, '1': True, '0': False}

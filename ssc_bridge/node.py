@@ -15,51 +15,41 @@
 """The SSC bridge: an RC receiver as operator, and servos as actuators."""
 
 from collections import defaultdict
-from collections.abc import Mapping
-from collections.abc import Sequence
-from dataclasses import dataclass
-from dataclasses import field
-from typing import Any
-from typing import ClassVar
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, ClassVar
 
-from diagnostic_msgs.msg import DiagnosticStatus
-from diagnostic_msgs.msg import KeyValue
-from sensor_msgs.msg import JointState
-from sensor_msgs.msg import Joy
-from std_msgs.msg import Bool
-from std_msgs.msg import String
-from std_msgs.msg import UInt16MultiArray
+from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
+from sensor_msgs.msg import JointState, Joy
+from std_msgs.msg import Bool, String, UInt16MultiArray
 
 from bridge_core.managed_node import latched_qos
-from bridge_core.node import BridgeNode
-from bridge_core.node import COMMAND_QOS
-from bridge_core.node import STOP_QOS
-from bridge_core.parameters import ACTUATOR_PARAMETERS
-from bridge_core.parameters import Parameter
+from bridge_core.node import BridgeNode, COMMAND_QOS, STOP_QOS
+from bridge_core.parameters import ACTUATOR_PARAMETERS, Parameter
 from bridge_core.runner import run
 from bridge_core.session import Level
 from bridge_core.transports.process import ProcessLink
 from ssc_bridge import convert
 from ssc_bridge.parameters import parameter_table
 from ssc_bridge.protocol import AuxFunction
-from ssc_bridge.session import AuxReading
-from ssc_bridge.session import CommandStateChanged
-from ssc_bridge.session import ConfigurationRead
-from ssc_bridge.session import Event
-from ssc_bridge.session import FailsafeBegun
-from ssc_bridge.session import LOCKOUT
-from ssc_bridge.session import neutral
-from ssc_bridge.session import OutputsSent
-from ssc_bridge.session import OutputState
-from ssc_bridge.session import PulsesIn
-from ssc_bridge.session import PulsesOut
-from ssc_bridge.session import Session
-from ssc_bridge.session import Settings
-from ssc_bridge.session import SourcesChanged
-from ssc_bridge.session import Sticks
-from ssc_bridge.wire import AUX_SET
-from ssc_bridge.wire import BRIDGE
-from ssc_bridge.wire import OUTPUTS_SENT
+from ssc_bridge.session import (
+    AuxReading,
+    CommandStateChanged,
+    ConfigurationRead,
+    Event,
+    FailsafeBegun,
+    LOCKOUT,
+    neutral,
+    OutputsSent,
+    OutputState,
+    PulsesIn,
+    PulsesOut,
+    Session,
+    Settings,
+    SourcesChanged,
+    Sticks,
+)
+from ssc_bridge.wire import AUX_SET, BRIDGE, OUTPUTS_SENT
 
 
 @dataclass

@@ -22,15 +22,15 @@ parameters of its own, such as ``calibration.turn.channel`` or ``servo.pan.min_u
 from collections.abc import Mapping
 from typing import Any
 
-from bridge_core.parameters import Parameter
-from bridge_core.parameters import TOLERATE_FAULTY_AXES
-from bridge_core.parameters import with_named
-from ssc_bridge.protocol import BAUD
-from ssc_bridge.protocol import CommandState
-from ssc_bridge.protocol import MAX_INPUTS
-from ssc_bridge.protocol import MAX_PULSE_US
-from ssc_bridge.protocol import PULSE_CHANNELS
-from ssc_bridge.protocol import REPEATED
+from bridge_core.parameters import Parameter, TOLERATE_FAULTY_AXES, with_named
+from ssc_bridge.protocol import (
+    BAUD,
+    CommandState,
+    MAX_INPUTS,
+    MAX_PULSE_US,
+    PULSE_CHANNELS,
+    REPEATED,
+)
 
 _RATES = 'One each for status, channel source, pulse outputs, pulse inputs and auxiliary inputs.'
 

@@ -22,8 +22,7 @@ from typing import Any
 from bridge_core.transports import Transport
 from bridge_core.transports.serial_name import check_serial_port
 from bridge_core.transports.wire import Bridge
-from ssc_bridge.session import Session
-from ssc_bridge.session import Settings
+from ssc_bridge.session import Session, Settings
 
 # Beside the parameters: what sessions before have sent, which is in force until it is undone.
 OUTPUTS_SENT = 'the pulse outputs as they were commanded'

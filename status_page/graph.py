@@ -16,10 +16,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
-from collections.abc import Mapping
-from dataclasses import dataclass
-from dataclasses import replace
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass, replace
 
 _BOOL = 'std_msgs/msg/Bool'
 _STATUS = 'diagnostic_msgs/msg/DiagnosticStatus'

@@ -22,16 +22,12 @@ that is gone stays on the page, silent, for that is what one wants to see of it.
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterable
-from collections.abc import Mapping
-from collections.abc import Sequence
-from dataclasses import dataclass
-from dataclasses import field
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
 import math
 from typing import Any
 
-from status_page.graph import Bridge
-from status_page.graph import Found
+from status_page.graph import Bridge, Found
 from status_page.remedies import Remedies
 
 SILENT = 0.5  # s; e-stops come at 20 Hz, the state of a mux at 10 Hz

@@ -32,41 +32,27 @@ import secrets
 import socket
 import sys
 import time
-from typing import Any
-from typing import ClassVar
-from typing import TYPE_CHECKING
+from typing import Any, ClassVar, TYPE_CHECKING
 
-from diagnostic_msgs.msg import DiagnosticArray
-from diagnostic_msgs.msg import DiagnosticStatus
-from geometry_msgs.msg import Twist
-from geometry_msgs.msg import TwistStamped
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from geometry_msgs.msg import Twist, TwistStamped
 from rcl_interfaces.srv import GetParameters
 from rclpy.lifecycle import TransitionCallbackReturn
 from rclpy.parameter import parameter_value_to_python
-from rclpy.qos import QoSProfile
-from rclpy.qos import ReliabilityPolicy
-from sensor_msgs.msg import JointState
-from sensor_msgs.msg import Joy
-from std_msgs.msg import Bool
-from std_msgs.msg import String
-from std_srvs.srv import SetBool
-from std_srvs.srv import Trigger
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+from sensor_msgs.msg import JointState, Joy
+from std_msgs.msg import Bool, String
+from std_srvs.srv import SetBool, Trigger
 
 from bridge_core import clock
-from bridge_core.managed_node import latched_qos
-from bridge_core.managed_node import ManagedNode
-from bridge_core.parameters import full_topic
-from bridge_core.parameters import MANAGED_PARAMETERS
-from bridge_core.parameters import names_of
-from bridge_core.parameters import Parameter
+from bridge_core.managed_node import latched_qos, ManagedNode
+from bridge_core.parameters import full_topic, MANAGED_PARAMETERS, names_of, Parameter
 from bridge_core.polled import Polled
 from bridge_core.runner import run
 from bridge_core.share import shared
 from status_page.access import Access
-from status_page.graph import find
-from status_page.graph import Mux
-from status_page.model import Diagnostic
-from status_page.model import Model
+from status_page.graph import find, Mux
+from status_page.model import Diagnostic, Model
 from status_page.parameters import PARAMETERS
 from status_page.recordings import recordings
 from status_page.remedies import Remedies

@@ -24,8 +24,7 @@ from __future__ import annotations
 
 import asyncio
 from collections import deque
-from collections.abc import Awaitable
-from collections.abc import Callable
+from collections.abc import Awaitable, Callable
 from concurrent.futures import Future
 import json
 import logging
@@ -34,8 +33,7 @@ import socket
 import threading
 from typing import Any
 
-from aiohttp import web
-from aiohttp import WSMsgType
+from aiohttp import web, WSMsgType
 from aiohttp.http import HttpProcessingError
 
 from bridge_core import clock

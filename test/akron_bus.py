@@ -17,9 +17,7 @@
 from __future__ import annotations
 
 import math
-from typing import Any
-from typing import NamedTuple
-from typing import Protocol
+from typing import Any, NamedTuple, Protocol
 
 from akron_can_bridge.simulator import Simulator
 from bridge_core.j1939 import CanFrame

@@ -23,47 +23,48 @@ from typing import Any
 from hypothesis import strategies as st
 
 from akron_can_bridge import protocol
-from akron_can_bridge.protocol import AddressAnnouncement
-from akron_can_bridge.protocol import Axis
-from akron_can_bridge.protocol import BasicJoystick
-from akron_can_bridge.protocol import ConfigPoll
-from akron_can_bridge.protocol import ConfigVersion
-from akron_can_bridge.protocol import DigitalInputs
-from akron_can_bridge.protocol import DigitalOutputs
-from akron_can_bridge.protocol import ElevationSoftLimits
-from akron_can_bridge.protocol import EnterSetup
-from akron_can_bridge.protocol import ExtendedJoystick
-from akron_can_bridge.protocol import Fault
-from akron_can_bridge.protocol import FaultPoll
-from akron_can_bridge.protocol import FaultStatus
-from akron_can_bridge.protocol import FieldRequest
-from akron_can_bridge.protocol import FirmwarePoll
-from akron_can_bridge.protocol import FirmwareVersion
-from akron_can_bridge.protocol import Input
-from akron_can_bridge.protocol import Message
-from akron_can_bridge.protocol import MiniOutput
-from akron_can_bridge.protocol import MiniOutputs
-from akron_can_bridge.protocol import Name
-from akron_can_bridge.protocol import Output
-from akron_can_bridge.protocol import PcodePoll
-from akron_can_bridge.protocol import PcodeVersion
-from akron_can_bridge.protocol import Permission
-from akron_can_bridge.protocol import Position
-from akron_can_bridge.protocol import PositionLimit
-from akron_can_bridge.protocol import ResetController
-from akron_can_bridge.protocol import RotationSoftLimits
-from akron_can_bridge.protocol import Sendable
-from akron_can_bridge.protocol import SoePermissive
-from akron_can_bridge.protocol import Status
-from akron_can_bridge.protocol import Version
-from akron_can_bridge.protocol import Vista
-from akron_can_bridge.protocol import VistaData
-from akron_can_bridge.protocol import VistaPoll
-from akron_can_bridge.protocol import VistaPosition
-from akron_can_bridge.protocol import Writable
-from akron_can_bridge.protocol import ZeroPositions
-from bridge_core.j1939 import CanFrame
-from bridge_core.j1939 import J1939Id
+from akron_can_bridge.protocol import (
+    AddressAnnouncement,
+    Axis,
+    BasicJoystick,
+    ConfigPoll,
+    ConfigVersion,
+    DigitalInputs,
+    DigitalOutputs,
+    ElevationSoftLimits,
+    EnterSetup,
+    ExtendedJoystick,
+    Fault,
+    FaultPoll,
+    FaultStatus,
+    FieldRequest,
+    FirmwarePoll,
+    FirmwareVersion,
+    Input,
+    Message,
+    MiniOutput,
+    MiniOutputs,
+    Name,
+    Output,
+    PcodePoll,
+    PcodeVersion,
+    Permission,
+    Position,
+    PositionLimit,
+    ResetController,
+    RotationSoftLimits,
+    Sendable,
+    SoePermissive,
+    Status,
+    Version,
+    Vista,
+    VistaData,
+    VistaPoll,
+    VistaPosition,
+    Writable,
+    ZeroPositions,
+)
+from bridge_core.j1939 import CanFrame, J1939Id
 
 VECTORS = json.loads((Path(__file__).parent / 'vectors' / 'akron.json').read_text())['frames']
 GOLDEN = {vector['is']: (vector['id'], vector['data']) for vector in VECTORS}

@@ -20,13 +20,11 @@ from collections.abc import Callable
 import math
 from typing import Any
 
-from akron_can_bridge.session import Session
-from akron_can_bridge.session import Settings
+from akron_can_bridge.session import Session, Settings
 from akron_can_bridge.simulator import Simulator
 from bridge_core.j1939 import CanFrame
 from test.akron_bus import Bus
-from test.akron_session_rig import MOVE
-from test.akron_session_rig import REST
+from test.akron_session_rig import MOVE, REST
 
 
 class Ours:

@@ -16,28 +16,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from collections.abc import Iterator
-from collections.abc import Mapping
+from collections.abc import Callable, Iterator, Mapping
 import contextlib
 import time
 from typing import Any
 
-from diagnostic_msgs.msg import DiagnosticArray
-from diagnostic_msgs.msg import DiagnosticStatus
-from sensor_msgs.msg import JointState
-from sensor_msgs.msg import Joy
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from sensor_msgs.msg import JointState, Joy
 from std_msgs.msg import Bool
 from std_srvs.srv import Trigger
 
 from bridge_core.j1939 import CanFrame
-from rugged_teleop.canbuses import CanBusDevice
-from rugged_teleop.canbuses import frames
+from rugged_teleop.canbuses import CanBusDevice, frames
 from test.can_rig import CanBus
-from test.rig import latched
-from test.rig import NodeProcess
-from test.rig import Observer
-from test.rig import Record
+from test.rig import latched, NodeProcess, Observer, Record
 
 NAME = 'akron_can_bridge'
 START_LIMIT = 60.0  # a process may take long to start

@@ -19,16 +19,10 @@ from __future__ import annotations
 from collections.abc import Callable
 import itertools
 import math
-from typing import Any
-from typing import TypeVar
+from typing import Any, TypeVar
 
-from akron_can_bridge.protocol import Axis
-from akron_can_bridge.protocol import BasicJoystick
-from akron_can_bridge.protocol import ExtendedJoystick
-from akron_can_bridge.protocol import Status
-from akron_can_bridge.session import Handover
-from akron_can_bridge.session import Session
-from akron_can_bridge.session import Settings
+from akron_can_bridge.protocol import Axis, BasicJoystick, ExtendedJoystick, Status
+from akron_can_bridge.session import Handover, Session, Settings
 from bridge_core.j1939 import CanFrame
 from test.session_rig import SessionBench
 

@@ -47,12 +47,9 @@ import pytest
 
 from bridge_core.j1939 import CanFrame
 from bridge_core.transports.can import CanTransport
-from rugged_teleop.canbuses import channel_of
-from rugged_teleop.canbuses import INTERFACE
-from test.multicast_rig import free_port
-from test.multicast_rig import run_ip
-from test.rig import TIMEOUT_FACTOR
-from test.rig import wait_for
+from rugged_teleop.canbuses import channel_of, INTERFACE
+from test.multicast_rig import free_port, run_ip
+from test.rig import TIMEOUT_FACTOR, wait_for
 
 VARIABLE = 'RUGGED_TELEOP_CAN'
 _ANY_GROUP = '239.255.42.21'

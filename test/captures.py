@@ -22,8 +22,7 @@ import struct
 from typing import Any
 
 from rugged_teleop.decode.captures import opened
-from rugged_teleop.decode.protocols import entries_of
-from rugged_teleop.decode.protocols import Entry
+from rugged_teleop.decode.protocols import entries_of, Entry
 from test.rig import ROOT
 
 

@@ -28,8 +28,7 @@ import os
 from pathlib import Path
 import shutil
 import subprocess
-from typing import Any
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import aiohttp
 import pytest

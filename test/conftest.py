@@ -25,21 +25,13 @@ import signal
 import tempfile
 from typing import Any
 
-from hypothesis import HealthCheck
-from hypothesis import settings
+from hypothesis import HealthCheck, settings
 import pytest
 
-from bridge_core.transports import can_ports
-from bridge_core.transports import link
-from bridge_core.transports import wire
-from test.can_rig import CanBus
-from test.can_rig import make_bus
+from bridge_core.transports import can_ports, link, wire
+from test.can_rig import CanBus, make_bus
 from test.link_rig import Bench
-from test.rig import ENDING
-from test.rig import NodeProcess
-from test.rig import Observer
-from test.rig import own_domain
-from test.rig import Pty
+from test.rig import ENDING, NodeProcess, Observer, own_domain, Pty
 
 _PRIORITY = os.getpriority(os.PRIO_PROCESS, 0)
 _LOG_DIR = tempfile.mkdtemp(prefix='rugged_teleop_log_')

@@ -20,16 +20,12 @@ import time
 from types import SimpleNamespace
 from typing import Any
 
-from diagnostic_msgs.msg import DiagnosticStatus
-from diagnostic_msgs.msg import KeyValue
+from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 from std_msgs.msg import String
 
 from demo.stage import DemoStage
-from test.rig import holds_for
-from test.rig import Record
-from test.rig import wait_for
-from test.stage import Drive
-from test.stage import Packet
+from test.rig import holds_for, Record, wait_for
+from test.stage import Drive, Packet
 
 
 def still(at: float) -> Packet:

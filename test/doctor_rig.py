@@ -16,8 +16,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 import json
 from pathlib import Path
 from typing import Any
@@ -25,8 +24,7 @@ from typing import Any
 import pytest
 
 from bridge_core.checksums import fletcher16
-from rugged_teleop.doctor.configuration import Configured
-from rugged_teleop.doctor.configuration import configured
+from rugged_teleop.doctor.configuration import Configured, configured
 from rugged_teleop.doctor.findings import Finding
 from rugged_teleop.doctor.main import main
 from test.rig import wait_for

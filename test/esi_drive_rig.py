@@ -20,11 +20,8 @@ import struct
 from typing import Any
 
 from esi_drive_bridge.axes import Axis
-from esi_drive_bridge.protocol import Layout
-from esi_drive_bridge.protocol import Mode
-from esi_drive_bridge.session import Phase
-from esi_drive_bridge.session import Session
-from esi_drive_bridge.session import Settings
+from esi_drive_bridge.protocol import Layout, Mode
+from esi_drive_bridge.session import Phase, Session, Settings
 
 TICK = 0.01
 ONE_COUNT = 60.0 / (2.0 * math.pi)  # command_velocity_scale: a count is 1 rad/s

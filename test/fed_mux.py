@@ -25,11 +25,9 @@ from std_msgs.msg import Bool
 from bridge_core import clock
 from safety_mux.node import SafetyMux
 from safety_mux.protocol import State
-from test.mux_talkers import patient
-from test.mux_talkers import sticks
+from test.mux_talkers import patient, sticks
 from test.rig import wait_for
-from test.talkers import namespace
-from test.talkers import values_of
+from test.talkers import namespace, values_of
 
 TICK, EVERY = 0.01, 0.05  # s
 LIMIT = 1.0  # s, of all that may be late

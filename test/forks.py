@@ -22,8 +22,7 @@ this package is imported anew. What a start from nothing takes is tested where c
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 import contextlib
 import ctypes
 import gc

@@ -18,14 +18,10 @@ import itertools
 import struct
 from typing import Any
 
-from bridge_core.session import StopChanged
-from bridge_core.session import Verdict
+from bridge_core.session import StopChanged, Verdict
 from fort_vsc_bridge.protocol import Mode
-from fort_vsc_bridge.session import Session
-from fort_vsc_bridge.session import Settings
-from fort_vsc_bridge.session import Sticks
-from fort_vsc_bridge.simulator import build_frame
-from fort_vsc_bridge.simulator import Simulator
+from fort_vsc_bridge.session import Session, Settings, Sticks
+from fort_vsc_bridge.simulator import build_frame, Simulator
 from test.session_rig import SessionBench
 
 NEUTRAL = Sticks()

@@ -15,9 +15,7 @@
 """Fakes of all that a link has around it: port, session and owner, each of which can fail."""
 
 from collections import Counter
-from collections.abc import Callable
-from collections.abc import Mapping
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 import math
 import socket
 import threading
@@ -26,16 +24,12 @@ from typing import Any
 
 from bridge_core import clock
 from bridge_core.framing import Decoder
-from bridge_core.report import LinkStatus
-from bridge_core.report import Report
-from bridge_core.session import Session
-from bridge_core.session import StopChanged
-from bridge_core.session import Verdict
+from bridge_core.report import LinkStatus, Report
+from bridge_core.session import Session, StopChanged, Verdict
 from bridge_core.transports import TransportError
 from bridge_core.transports.link import ThreadLink
 from bridge_core.transports.wire import Bridge
-from test.rig import holds_for
-from test.rig import wait_for
+from test.rig import holds_for, wait_for
 
 PACE = 0.02
 

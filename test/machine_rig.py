@@ -22,13 +22,11 @@ in between.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 import contextlib
 from pathlib import Path
 import time
-from typing import Any
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import yaml
 
@@ -37,20 +35,14 @@ from bridge_core.parameter_files import parameters_for
 from demo.actuators import turns_in
 from esi_drive_bridge.simulator import Simulator as DriveSimulator
 from rugged_teleop import simulate
-from rugged_teleop.bringup import Process
-from rugged_teleop.bringup import processes
+from rugged_teleop.bringup import Process, processes
 from rugged_teleop.canbuses import CanBusDevice
 from rugged_teleop.command_line import RUN_MODULE
 from rugged_teleop.multicasts import MulticastDevice
 from ssc_bridge.simulator import Simulator as SscSimulator
-from test.rig import NodeProcess
-from test.rig import Observer
-from test.rig import ROOT
-from test.run_delay import RunDelay
-from test.run_delay import WIRE_HELD_UP
-from test.stage import Device
-from test.stage import Drive
-from test.stage import Stage
+from test.rig import NodeProcess, Observer, ROOT
+from test.run_delay import RunDelay, WIRE_HELD_UP
+from test.stage import Device, Drive, Stage
 from vm110_bridge.simulator import Simulator as UnitSimulator
 
 RECIPES = ROOT / 'config' / 'recipes'

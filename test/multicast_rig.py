@@ -26,8 +26,7 @@ from typing import Any
 import pytest
 
 from rugged_teleop import multicasts
-from rugged_teleop.multicasts import MulticastDevice
-from rugged_teleop.multicasts import PORT_OFFSET
+from rugged_teleop.multicasts import MulticastDevice, PORT_OFFSET
 from test.rig import claim
 
 _CLONE_NEWNET = 0x40000000  # linux/sched.h

@@ -25,11 +25,7 @@ lines that run there.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable
-from collections.abc import Iterable
-from collections.abc import Iterator
-from collections.abc import Mapping
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 import gc
 import importlib.abc
 import importlib.machinery
@@ -44,12 +40,8 @@ import sys
 import tempfile
 import threading
 import time
-from types import CodeType
-from types import FrameType
-from types import FunctionType
-from types import ModuleType
-from typing import Any
-from typing import NamedTuple
+from types import CodeType, FrameType, FunctionType, ModuleType
+from typing import Any, NamedTuple
 
 import pytest
 

@@ -29,9 +29,7 @@ from __future__ import annotations
 
 import argparse
 import ast
-from collections.abc import Iterable
-from collections.abc import Iterator
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from functools import partial
 import hashlib
 import importlib
@@ -42,15 +40,9 @@ from pathlib import Path
 import random
 import sys
 from types import CodeType
-from typing import Any
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
-from test.mutant_runs import Bench
-from test.mutant_runs import patience_of
-from test.mutant_runs import ROOT
-from test.mutant_runs import run_tests
-from test.mutant_runs import SURVIVED
-from test.mutant_runs import UnfitTestsError
+from test.mutant_runs import Bench, patience_of, ROOT, run_tests, SURVIVED, UnfitTestsError
 from test.mutants_excused import EXCUSED
 
 RESULTS = ROOT / 'build' / 'mutants.jsonl'

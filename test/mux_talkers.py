@@ -16,32 +16,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from itertools import chain
 import time
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
-from geometry_msgs.msg import Twist
-from geometry_msgs.msg import TwistStamped
-from sensor_msgs.msg import JointState
-from sensor_msgs.msg import Joy
-from std_msgs.msg import Bool
-from std_msgs.msg import String
-from std_srvs.srv import SetBool
-from std_srvs.srv import Trigger
+from geometry_msgs.msg import Twist, TwistStamped
+from sensor_msgs.msg import JointState, Joy
+from std_msgs.msg import Bool, String
+from std_srvs.srv import SetBool, Trigger
 
-from test.rig import as_yaml
-from test.rig import latched
-from test.rig import NodeProcess
-from test.rig import Observer
-from test.rig import TIMEOUT_FACTOR
-from test.run_delay import RunDelay
-from test.run_delay import WIRE_HELD_UP
-from test.talkers import namespace
-from test.talkers import Talker
-from test.talkers import values_of
+from test.rig import as_yaml, latched, NodeProcess, Observer, TIMEOUT_FACTOR
+from test.run_delay import RunDelay, WIRE_HELD_UP
+from test.talkers import namespace, Talker, values_of
 
 # Longer than the defaults: a busy machine is not what these tests are about.
 TIMEOUT = TIMEOUT_FACTOR

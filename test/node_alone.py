@@ -14,11 +14,9 @@
 
 """A bridge's node without its link, for tests of what the node knows and says by itself."""
 
-from collections.abc import Callable
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 import contextlib
-from typing import Any
-from typing import TypeVar
+from typing import Any, TypeVar
 
 from rclpy.parameter import Parameter
 

@@ -30,12 +30,10 @@ import aiohttp
 from bridge_core import clock
 from status_page.access import Access
 from status_page.graph import find
-from status_page.model import Diagnostic
-from status_page.model import Model
+from status_page.model import Diagnostic, Model
 from status_page.remedies import Remedies
 from status_page.server import Server
-from test.rig import ROOT
-from test.rig import TIMEOUT_FACTOR
+from test.rig import ROOT, TIMEOUT_FACTOR
 
 TOKEN = 'a-token-of-the-test'
 _PERIOD = 0.05  # s

@@ -17,9 +17,7 @@
 from dataclasses import replace
 from typing import Any
 
-from bridge_core.framing import Reader
-from bridge_core.framing import StreamParser
-from bridge_core.framing import Unknown
+from bridge_core.framing import Reader, StreamParser, Unknown
 
 
 def frames_of(parser: StreamParser[Any]) -> StreamParser[bytes]:

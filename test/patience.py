@@ -29,13 +29,9 @@ import runpy
 import sys
 from typing import Any
 
-from bridge_core import node
-from bridge_core import runner
-from bridge_core import watchdog
-from bridge_core.transports import link
-from bridge_core.transports import process
-from rugged_teleop.bench import commander
-from rugged_teleop.bench import course
+from bridge_core import node, runner, watchdog
+from bridge_core.transports import link, process
+from rugged_teleop.bench import commander, course
 from safety_mux import configuration
 from safety_mux.protocol import MuxConfig
 from test import patient_wire

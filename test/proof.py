@@ -24,16 +24,14 @@ from __future__ import annotations
 
 import argparse
 from collections import deque
-from collections.abc import Mapping
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 import hashlib
 import json
 from pathlib import Path
 import subprocess
 import sys
 import time
-from typing import Any
-from typing import Final
+from typing import Any, Final
 
 ROOT = Path(__file__).resolve().parent.parent
 RESULTS = ROOT / 'build' / 'proof.json'

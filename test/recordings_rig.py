@@ -20,8 +20,7 @@ from collections.abc import Iterable
 import io
 from typing import Any
 
-from mcap.writer import CompressionType
-from mcap.writer import Writer
+from mcap.writer import CompressionType, Writer
 from rclpy.serialization import serialize_message
 
 from rugged_teleop.recorder.definitions import definition_of

@@ -21,24 +21,15 @@ what is missing.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from collections.abc import Iterator
-from collections.abc import Mapping
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 import contextlib
-from dataclasses import dataclass
-from dataclasses import field
+from dataclasses import dataclass, field
 import functools
 import json
 import os
 from pathlib import Path
 import select
-from signal import SIGCONT
-from signal import SIGHUP
-from signal import SIGINT
-from signal import SIGQUIT
-from signal import SIGSTOP
-from signal import SIGTERM
+from signal import SIGCONT, SIGHUP, SIGINT, SIGQUIT, SIGSTOP, SIGTERM
 import socket
 import subprocess
 import sys
@@ -46,12 +37,10 @@ import tempfile
 import time
 import tty
 from types import TracebackType
-from typing import Any
-from typing import TypeVar
+from typing import Any, TypeVar
 
 from rugged_teleop.domains import claim_domain
-from test.forks import ForkedProcess
-from test.forks import Server
+from test.forks import ForkedProcess, Server
 
 ROOT = Path(__file__).resolve().parent.parent
 ENDING = (SIGTERM, SIGINT, SIGHUP, SIGQUIT)  # what ends a node
@@ -504,7 +493,6 @@ def latched() -> Any:
 
     It keeps 100 values, 5 s of an e-stop: a test that a busy machine holds up misses no short one.
     """
-    from rclpy.qos import DurabilityPolicy
-    from rclpy.qos import QoSProfile
+    from rclpy.qos import DurabilityPolicy, QoSProfile
 
     return QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)

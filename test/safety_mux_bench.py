@@ -17,16 +17,17 @@
 from collections.abc import Callable
 
 from safety_mux.arbiter import Arbiter
-from safety_mux.limits import JointLimit
-from safety_mux.limits import JointLimiter
-from safety_mux.protocol import Autonomy
-from safety_mux.protocol import Decision
-from safety_mux.protocol import EStopSource
-from safety_mux.protocol import MuxConfig
-from safety_mux.protocol import Operator
-from safety_mux.protocol import OperatorSample
-from safety_mux.protocol import Reply
-from safety_mux.protocol import State
+from safety_mux.limits import JointLimit, JointLimiter
+from safety_mux.protocol import (
+    Autonomy,
+    Decision,
+    EStopSource,
+    MuxConfig,
+    Operator,
+    OperatorSample,
+    Reply,
+    State,
+)
 
 REST = OperatorSample(neutral=True, deadman=False, demand=(0.0, 0.0))
 OFF = OperatorSample(neutral=False, deadman=False, demand=(1.0, 1.0))

@@ -32,8 +32,7 @@ import re
 import subprocess
 import sys
 import time
-from typing import Any
-from typing import Final
+from typing import Any, Final
 
 from benchmarks.rig import busy_cores
 

@@ -14,9 +14,7 @@
 
 """A session and its clock, for tests: a wire's part, without a thread or a port."""
 
-from typing import Any
-from typing import Generic
-from typing import TypeVar
+from typing import Any, Generic, TypeVar
 
 SessionT = TypeVar('SessionT', bound=Any)
 

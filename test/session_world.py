@@ -14,19 +14,12 @@
 
 """A session in a world to explore: its device, its port, and whoever asks something of it."""
 
-from collections.abc import Iterator
-from collections.abc import Mapping
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 import math
-from typing import Any
-from typing import Generic
-from typing import TypeVar
+from typing import Any, Generic, TypeVar
 
-from bridge_core.session import INTERRUPTION_TIME
-from bridge_core.session import StopChanged
-from test.explorer import Memory
-from test.explorer import Remembered
-from test.explorer import START
+from bridge_core.session import INTERRUPTION_TIME, StopChanged
+from test.explorer import Memory, Remembered, START
 
 SessionT = TypeVar('SessionT', bound=Any)
 

@@ -16,8 +16,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 import fcntl
 import os
 from pathlib import Path
@@ -35,16 +34,9 @@ from sensor_msgs.msg import JointState
 from esi_drive_bridge.simulator import Simulator as DriveSimulator
 from fort_vsc_bridge.simulator import Simulator as VscSimulator
 from rugged_teleop.stack import wiring
-from test.rig import Observer
-from test.rig import TIMEOUT_FACTOR
-from test.run_delay import RunDelay
-from test.run_delay import WIRE_HELD_UP
-from test.stage import CLEAR_ERRORS
-from test.stage import DRIVE
-from test.stage import LATE_WORDS
-from test.stage import MUX
-from test.stage import Stage
-from test.stage import VSC
+from test.rig import Observer, TIMEOUT_FACTOR
+from test.run_delay import RunDelay, WIRE_HELD_UP
+from test.stage import CLEAR_ERRORS, DRIVE, LATE_WORDS, MUX, Stage, VSC
 
 MODULES = {VSC: 'fort_vsc_bridge.node', MUX: 'safety_mux.node', DRIVE: 'esi_drive_bridge.node'}
 DEADMAN, STICK = 'left_down', 'left_y'  # the mux's defaults: button 0, axis 1

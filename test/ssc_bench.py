@@ -14,29 +14,20 @@
 
 """One SSC bridge as a process of its own, on a pty with a simulated SSC, and a mux's part."""
 
-from collections.abc import Callable
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 import contextlib
 import functools
 from pathlib import Path
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
-from sensor_msgs.msg import JointState
-from sensor_msgs.msg import Joy
-from std_msgs.msg import Bool
-from std_msgs.msg import String
-from std_msgs.msg import UInt16MultiArray
+from sensor_msgs.msg import JointState, Joy
+from std_msgs.msg import Bool, String, UInt16MultiArray
 
 from rugged_teleop.ptys import PtyDevice
-from ssc_bridge.simulator import Settings
-from ssc_bridge.simulator import Simulator
-from test.rig import latched
-from test.rig import NodeProcess
-from test.rig import Observer
-from test.talkers import Diagnostics
-from test.talkers import namespace
-from test.talkers import Talker
+from ssc_bridge.simulator import Settings, Simulator
+from test.rig import latched, NodeProcess, Observer
+from test.talkers import Diagnostics, namespace, Talker
 
 NAME = 'ssc_bridge'
 LINK, DEVICE = 'link', 'device'  # the parts of its diagnostics

@@ -14,16 +14,12 @@
 
 """A session with an SSC and a mux around it, built from frames written by hand."""
 
-from collections.abc import Callable
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 import struct
 from typing import Any
 
-from ssc_bridge.channels import Failsafe
-from ssc_bridge.channels import Servo
-from ssc_bridge.session import OutputsSent
-from ssc_bridge.session import Session
-from ssc_bridge.session import Settings
+from ssc_bridge.channels import Failsafe, Servo
+from ssc_bridge.session import OutputsSent, Session, Settings
 
 TICK = 0.01
 INPUTS = 8

@@ -23,34 +23,23 @@ records.
 from __future__ import annotations
 
 import binascii
-from collections.abc import Callable
-from collections.abc import Iterable
-from collections.abc import Iterator
-from collections.abc import Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 import contextlib
 import itertools
 from pathlib import Path
 import struct
 import time
-from typing import Any
-from typing import Final
-from typing import NamedTuple
-from typing import TypeVar
+from typing import Any, Final, NamedTuple, TypeVar
 
 from diagnostic_msgs.msg import DiagnosticStatus
-from std_msgs.msg import Bool
-from std_msgs.msg import String
+from std_msgs.msg import Bool, String
 from std_srvs.srv import Trigger
 
 from esi_drive_bridge.simulator import Simulator as DriveSimulator
 from fort_vsc_bridge.simulator import Simulator as VscSimulator
-from rugged_teleop.ports import Chunk
-from rugged_teleop.ports import DevicePort
+from rugged_teleop.ports import Chunk, DevicePort
 from rugged_teleop.ptys import PtyDevice
-from test.rig import latched
-from test.rig import NodeProcess
-from test.rig import Observer
-from test.rig import wait_for
+from test.rig import latched, NodeProcess, Observer, wait_for
 
 VSC, UNIT, SSC = 'fort_vsc_bridge', 'vm110_bridge', 'ssc_bridge'
 MONITOR, DRIVE, MUX = 'akron_can_bridge', 'esi_drive_bridge', 'safety_mux'

@@ -24,16 +24,17 @@ import pytest
 from sensor_msgs.msg import Joy
 
 from akron_can_bridge import convert
-from akron_can_bridge.protocol import BasicJoystick
-from akron_can_bridge.protocol import DigitalInputs
-from akron_can_bridge.protocol import DigitalOutputs
-from akron_can_bridge.protocol import ElevationSoftLimits
-from akron_can_bridge.protocol import ExtendedJoystick
-from akron_can_bridge.protocol import MiniOutputs
-from akron_can_bridge.protocol import PositionLimit
-from akron_can_bridge.protocol import RotationSoftLimits
-from akron_can_bridge.session.drive import Command
-from akron_can_bridge.session.drive import REST
+from akron_can_bridge.protocol import (
+    BasicJoystick,
+    DigitalInputs,
+    DigitalOutputs,
+    ElevationSoftLimits,
+    ExtendedJoystick,
+    MiniOutputs,
+    PositionLimit,
+    RotationSoftLimits,
+)
+from akron_can_bridge.session.drive import Command, REST
 from test.rig import ROOT
 
 STAMP = Time(sec=3)

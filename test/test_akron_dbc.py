@@ -16,27 +16,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 import string
 from typing import Any
 
 import cantools
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 import pytest
 
 from akron_can_bridge import protocol
-from akron_can_bridge.protocol import Axis
-from akron_can_bridge.protocol import Message
-from akron_can_bridge.protocol import Version
-from akron_can_bridge.protocol import Writable
+from akron_can_bridge.protocol import Axis, Message, Version, Writable
 from bridge_core.framing import FrameError
-from bridge_core.j1939 import CanFrame
-from bridge_core.j1939 import J1939Id
-from test.akron_frames import messages
-from test.akron_frames import VECTORS
+from bridge_core.j1939 import CanFrame, J1939Id
+from test.akron_frames import messages, VECTORS
 
 DBC = Path(__file__).parent.parent / 'dbc' / 'akron_brass_6000.dbc'
 DATABASE: Any = cantools.database.load_file(DBC, strict=True)

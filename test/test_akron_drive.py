@@ -21,22 +21,11 @@ from typing import Any
 
 import pytest
 
-from akron_can_bridge.protocol import Axis
-from akron_can_bridge.protocol import BasicJoystick
-from akron_can_bridge.protocol import ExtendedJoystick
-from akron_can_bridge.protocol import Permission
+from akron_can_bridge.protocol import Axis, BasicJoystick, ExtendedJoystick, Permission
 from akron_can_bridge.session import Settings
-from akron_can_bridge.session.drive import Command
-from akron_can_bridge.session.drive import Drive
-from akron_can_bridge.session.drive import PAUSE_TIME
+from akron_can_bridge.session.drive import Command, Drive, PAUSE_TIME
 from bridge_core.j1939 import CanFrame
-from test.akron_session_rig import COMMAND_LIMIT
-from test.akron_session_rig import ESTOP_LIMIT
-from test.akron_session_rig import MOVE
-from test.akron_session_rig import MOVING
-from test.akron_session_rig import NEUTRAL
-from test.akron_session_rig import REST
-from test.akron_session_rig import UNIT
+from test.akron_session_rig import COMMAND_LIMIT, ESTOP_LIMIT, MOVE, MOVING, NEUTRAL, REST, UNIT
 
 NOW = 100.0
 RIGHT = Permission.RIGHT

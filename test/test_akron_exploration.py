@@ -14,33 +14,33 @@
 
 """Every state of the Akron session that decides about a stop or a joystick frame; see explorer."""
 
-from collections.abc import Mapping
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 import math
 from typing import Any
 
 import pytest
 
-from akron_can_bridge.session import Session
-from akron_can_bridge.session import Settings
+from akron_can_bridge.session import Session, Settings
 from bridge_core.j1939 import CanFrame
-from test.akron_session_rig import ANNOUNCED
-from test.akron_session_rig import ef
-from test.akron_session_rig import faults
-from test.akron_session_rig import joystick
-from test.akron_session_rig import MOVE
-from test.akron_session_rig import MOVING
-from test.akron_session_rig import NEUTRAL
-from test.akron_session_rig import NO_FAULTS
-from test.akron_session_rig import NOT_ENABLED
-from test.akron_session_rig import OTHER_ANNOUNCED
-from test.akron_session_rig import OURS
-from test.akron_session_rig import OUTPUTS
-from test.akron_session_rig import PIN
-from test.akron_session_rig import POSITION
-from test.akron_session_rig import REST
-from test.akron_session_rig import UNIT
-from test.akron_session_rig import VERSIONS
+from test.akron_session_rig import (
+    ANNOUNCED,
+    ef,
+    faults,
+    joystick,
+    MOVE,
+    MOVING,
+    NEUTRAL,
+    NO_FAULTS,
+    NOT_ENABLED,
+    OTHER_ANNOUNCED,
+    OURS,
+    OUTPUTS,
+    PIN,
+    POSITION,
+    REST,
+    UNIT,
+    VERSIONS,
+)
 from test.explorer import visits_of
 from test.session_world import SessionWorld
 

@@ -21,15 +21,11 @@ from typing import Any
 
 import pytest
 
-from akron_can_bridge.protocol import AddressAnnouncement
-from akron_can_bridge.protocol import Name
+from akron_can_bridge.protocol import AddressAnnouncement, Name
 from akron_can_bridge.session import Settings
 from akron_can_bridge.session.finder import Finder
 from bridge_core.j1939 import NULL_ADDRESS
-from test.akron_session_rig import NAME as NAME_FRAME
-from test.akron_session_rig import OTHER_PIN
-from test.akron_session_rig import PIN
-from test.akron_session_rig import UNIT
+from test.akron_session_rig import NAME as NAME_FRAME, OTHER_PIN, PIN, UNIT
 
 NOW = 100.0
 OURS, OTHER = AddressAnnouncement(PIN), AddressAnnouncement(OTHER_PIN)

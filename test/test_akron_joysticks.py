@@ -21,11 +21,13 @@ from typing import Any
 
 import pytest
 
-from akron_can_bridge.protocol import Axis
-from akron_can_bridge.protocol import BasicJoystick
-from akron_can_bridge.protocol import ExtendedJoystick
-from akron_can_bridge.protocol import JOYSTICK_TIMEOUT
-from akron_can_bridge.protocol import Status
+from akron_can_bridge.protocol import (
+    Axis,
+    BasicJoystick,
+    ExtendedJoystick,
+    JOYSTICK_TIMEOUT,
+    Status,
+)
 from akron_can_bridge.session import Settings
 from akron_can_bridge.session.events import Sticks
 from akron_can_bridge.session.joysticks import Joysticks

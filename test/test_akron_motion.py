@@ -21,9 +21,7 @@ import math
 
 import pytest
 
-from akron_can_bridge.protocol import Position
-from akron_can_bridge.protocol import PositionLimit
-from akron_can_bridge.protocol import Status
+from akron_can_bridge.protocol import Position, PositionLimit, Status
 from akron_can_bridge.session.motion import Motion
 from akron_can_bridge.session.unit import Unit
 

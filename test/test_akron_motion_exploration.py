@@ -14,30 +14,27 @@
 
 """Every state in which the Akron session judges motion by itself, or pauses it; see explorer."""
 
-from collections.abc import Iterator
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 import math
 from typing import Any
 
 import pytest
 
-from test.akron_session_rig import DEPLOY
-from test.akron_session_rig import ef
-from test.akron_session_rig import joystick
-from test.akron_session_rig import MOVING
-from test.akron_session_rig import NEUTRAL
-from test.akron_session_rig import OSCILLATE
-from test.akron_session_rig import OSCILLATES
-from test.akron_session_rig import OURS
-from test.akron_session_rig import OUTPUTS
-from test.akron_session_rig import PAUSE
-from test.akron_session_rig import REST
-from test.explorer import check
-from test.explorer import explore
-from test.explorer import visits_of
-from test.test_akron_exploration import FOREIGN
-from test.test_akron_exploration import STICK
-from test.test_akron_exploration import World as AkronWorld
+from test.akron_session_rig import (
+    DEPLOY,
+    ef,
+    joystick,
+    MOVING,
+    NEUTRAL,
+    OSCILLATE,
+    OSCILLATES,
+    OURS,
+    OUTPUTS,
+    PAUSE,
+    REST,
+)
+from test.explorer import check, explore, visits_of
+from test.test_akron_exploration import FOREIGN, STICK, World as AkronWorld
 
 pytestmark = pytest.mark.computes
 STARTING = bytes.fromhex('0100010000010000')  # switch 4

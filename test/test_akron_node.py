@@ -16,8 +16,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 import itertools
 import time
 from typing import Any
@@ -29,16 +28,10 @@ from std_msgs.msg import Bool
 from std_srvs.srv import Trigger
 
 from akron_can_bridge.simulator import Simulator
-from test.akron_node_rig import Bench
-from test.akron_node_rig import bench_of
-from test.akron_node_rig import NEUTRAL
-from test.akron_node_rig import RIGHT
-from test.akron_node_rig import Station
+from test.akron_node_rig import Bench, bench_of, NEUTRAL, RIGHT, Station
 from test.can_rig import make_bus
-from test.rig import Observer
-from test.rig import Record
-from test.run_delay import RunDelay
-from test.run_delay import WIRE_HELD_UP
+from test.rig import Observer, Record
+from test.run_delay import RunDelay, WIRE_HELD_UP
 
 
 @pytest.fixture(scope='module')

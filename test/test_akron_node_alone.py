@@ -25,28 +25,16 @@ from typing import Any
 
 import pytest
 from sensor_msgs.msg import Joy
-from std_msgs.msg import Bool
-from std_msgs.msg import UInt8
+from std_msgs.msg import Bool, UInt8
 
-from akron_can_bridge.simulator import JoystickSimulator
-from akron_can_bridge.simulator import Simulator
+from akron_can_bridge.simulator import JoystickSimulator, Simulator
 from rugged_teleop.canbuses import frames
-from test.akron_node_rig import Bench
-from test.akron_node_rig import bench_of
-from test.akron_node_rig import NAME
-from test.akron_node_rig import NEUTRAL
-from test.akron_node_rig import RIGHT
-from test.akron_node_rig import START_LIMIT
-from test.akron_node_rig import Station
+from test.akron_node_rig import Bench, bench_of, NAME, NEUTRAL, RIGHT, START_LIMIT, Station
 from test.can_rig import CanBus
 from test.endings import each_ending
-from test.rig import NodeProcess
-from test.rig import Observer
-from test.rig import ROOT
+from test.rig import NodeProcess, Observer, ROOT
 from test.run_delay import RunDelay
-from test.toy_rig import is_running
-from test.toy_rig import spares_of
-from test.toy_rig import wires_of
+from test.toy_rig import is_running, spares_of, wires_of
 
 pytestmark = pytest.mark.waits(80)
 LET_GO, PRESS = (Joy(axes=[0.0, 0.0], buttons=[button]) for button in (0, 1))

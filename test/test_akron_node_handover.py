@@ -23,12 +23,9 @@ from typing import Any
 import pytest
 
 from akron_can_bridge.node import AkronCanBridge
-from akron_can_bridge.session import Handover
-from akron_can_bridge.session import HandoverWanted
-from akron_can_bridge.session import Session
+from akron_can_bridge.session import Handover, HandoverWanted, Session
 from bridge_core import clock
-from bridge_core.session import StopChanged
-from bridge_core.session import Verdict
+from bridge_core.session import StopChanged, Verdict
 from test.node_alone import alone
 
 KNOWN = Handover(in_setup=True, pin='1032AE100801035')

@@ -18,31 +18,30 @@ from __future__ import annotations
 
 import math
 
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 import pytest
 
 from akron_can_bridge import protocol
-from akron_can_bridge.protocol import AddressAnnouncement
-from akron_can_bridge.protocol import Axis
-from akron_can_bridge.protocol import BasicJoystick
-from akron_can_bridge.protocol import DigitalInputs
-from akron_can_bridge.protocol import DigitalOutputs
-from akron_can_bridge.protocol import ExtendedJoystick
-from akron_can_bridge.protocol import FaultStatus
-from akron_can_bridge.protocol import MiniOutputs
-from akron_can_bridge.protocol import Output
-from akron_can_bridge.protocol import Position
-from akron_can_bridge.protocol import PositionLimit
-from akron_can_bridge.protocol import SoePermissive
-from akron_can_bridge.protocol import Status
-from akron_can_bridge.protocol import VistaData
-from akron_can_bridge.protocol import Writable
+from akron_can_bridge.protocol import (
+    AddressAnnouncement,
+    Axis,
+    BasicJoystick,
+    DigitalInputs,
+    DigitalOutputs,
+    ExtendedJoystick,
+    FaultStatus,
+    MiniOutputs,
+    Output,
+    Position,
+    PositionLimit,
+    SoePermissive,
+    Status,
+    VistaData,
+    Writable,
+)
 from bridge_core.framing import FrameError
-from bridge_core.j1939 import CanFrame
-from bridge_core.j1939 import J1939Id
-from test.akron_frames import check
-from test.akron_frames import frame_of
+from bridge_core.j1939 import CanFrame, J1939Id
+from test.akron_frames import check, frame_of
 
 OFF, ON, ERROR, ABSENT = Status
 

@@ -19,48 +19,45 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 import pytest
 
 from akron_can_bridge import protocol
-from akron_can_bridge.protocol import AddressAnnouncement
-from akron_can_bridge.protocol import AsciiPipe
-from akron_can_bridge.protocol import AsciiPipeAcknowledgement
-from akron_can_bridge.protocol import Axis
-from akron_can_bridge.protocol import BasicJoystick
-from akron_can_bridge.protocol import ConfigVersion
-from akron_can_bridge.protocol import DiagnosticData
-from akron_can_bridge.protocol import DigitalOutputs
-from akron_can_bridge.protocol import ElevationSoftLimits
-from akron_can_bridge.protocol import ExtendedJoystick
-from akron_can_bridge.protocol import Fault
-from akron_can_bridge.protocol import FaultPoll
-from akron_can_bridge.protocol import FaultStatus
-from akron_can_bridge.protocol import FieldRequest
-from akron_can_bridge.protocol import FirmwareVersion
-from akron_can_bridge.protocol import Message
-from akron_can_bridge.protocol import Name
-from akron_can_bridge.protocol import Output
-from akron_can_bridge.protocol import PcodeVersion
-from akron_can_bridge.protocol import Position
-from akron_can_bridge.protocol import PositionLimit
-from akron_can_bridge.protocol import RotationSoftLimits
-from akron_can_bridge.protocol import Sendable
-from akron_can_bridge.protocol import Status
-from akron_can_bridge.protocol import Version
-from akron_can_bridge.protocol import Vista
-from akron_can_bridge.protocol import VistaData
-from akron_can_bridge.protocol import VistaPosition
-from akron_can_bridge.protocol import Writable
-from akron_can_bridge.protocol import ZeroPositions
-from bridge_core.framing import FrameError
-from bridge_core.framing import Unknown
-from bridge_core.j1939 import CanFrame
-from bridge_core.j1939 import J1939Id
-from test.akron_frames import frame_of
-from test.akron_frames import messages
-from test.akron_frames import VECTORS
+from akron_can_bridge.protocol import (
+    AddressAnnouncement,
+    AsciiPipe,
+    AsciiPipeAcknowledgement,
+    Axis,
+    BasicJoystick,
+    ConfigVersion,
+    DiagnosticData,
+    DigitalOutputs,
+    ElevationSoftLimits,
+    ExtendedJoystick,
+    Fault,
+    FaultPoll,
+    FaultStatus,
+    FieldRequest,
+    FirmwareVersion,
+    Message,
+    Name,
+    Output,
+    PcodeVersion,
+    Position,
+    PositionLimit,
+    RotationSoftLimits,
+    Sendable,
+    Status,
+    Version,
+    Vista,
+    VistaData,
+    VistaPosition,
+    Writable,
+    ZeroPositions,
+)
+from bridge_core.framing import FrameError, Unknown
+from bridge_core.j1939 import CanFrame, J1939Id
+from test.akron_frames import frame_of, messages, VECTORS
 
 OFF, ON, ERROR, ABSENT = Status
 

@@ -20,22 +20,23 @@ from typing import Any
 
 import pytest
 
-from akron_can_bridge.session import Cause
-from akron_can_bridge.session import Request
-from test.akron_session_rig import ANNOUNCED
-from test.akron_session_rig import Bench
-from test.akron_session_rig import COAST
-from test.akron_session_rig import DEPLOY
-from test.akron_session_rig import ef
-from test.akron_session_rig import joystick
-from test.akron_session_rig import MOVE
-from test.akron_session_rig import MOVING
-from test.akron_session_rig import OSCILLATES
-from test.akron_session_rig import permission
-from test.akron_session_rig import REST
-from test.akron_session_rig import SLOT
-from test.akron_session_rig import Turning
-from test.akron_session_rig import WATER
+from akron_can_bridge.session import Cause, Request
+from test.akron_session_rig import (
+    ANNOUNCED,
+    Bench,
+    COAST,
+    DEPLOY,
+    ef,
+    joystick,
+    MOVE,
+    MOVING,
+    OSCILLATES,
+    permission,
+    REST,
+    SLOT,
+    Turning,
+    WATER,
+)
 
 STANDS = ef('81FED401C200')
 AIMS = ef('83D051')  # Point Aim mode is active

@@ -22,35 +22,33 @@ from typing import Any
 import pytest
 
 from akron_can_bridge.parameters import Cause
-from akron_can_bridge.protocol import Axis
-from akron_can_bridge.protocol import ExtendedJoystick
-from akron_can_bridge.protocol import Status
-from akron_can_bridge.session import Handover
-from akron_can_bridge.session import Stopped
+from akron_can_bridge.protocol import Axis, ExtendedJoystick, Status
+from akron_can_bridge.session import Handover, Stopped
 from bridge_core.j1939 import CanFrame
-from bridge_core.session import StopChanged
-from bridge_core.session import Verdict
-from test.akron_session_rig import ANNOUNCED
-from test.akron_session_rig import Bench
-from test.akron_session_rig import COMMAND_LIMIT
-from test.akron_session_rig import ESTOP_LIMIT
-from test.akron_session_rig import joystick
-from test.akron_session_rig import LINK_LIMIT
-from test.akron_session_rig import MOVE
-from test.akron_session_rig import moved
-from test.akron_session_rig import MOVING
-from test.akron_session_rig import name
-from test.akron_session_rig import NEUTRAL
-from test.akron_session_rig import NO_FAULTS
-from test.akron_session_rig import NO_TARGETS
-from test.akron_session_rig import NOT_ENABLED
-from test.akron_session_rig import of
-from test.akron_session_rig import OUTPUTS
-from test.akron_session_rig import POSITION
-from test.akron_session_rig import REST
-from test.akron_session_rig import SLOT
-from test.akron_session_rig import UNIT
-from test.akron_session_rig import WATER
+from bridge_core.session import StopChanged, Verdict
+from test.akron_session_rig import (
+    ANNOUNCED,
+    Bench,
+    COMMAND_LIMIT,
+    ESTOP_LIMIT,
+    joystick,
+    LINK_LIMIT,
+    MOVE,
+    moved,
+    MOVING,
+    name,
+    NEUTRAL,
+    NO_FAULTS,
+    NO_TARGETS,
+    NOT_ENABLED,
+    of,
+    OUTPUTS,
+    POSITION,
+    REST,
+    SLOT,
+    UNIT,
+    WATER,
+)
 
 GRIPS = (
     MOVE[0],

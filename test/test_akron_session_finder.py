@@ -18,32 +18,32 @@ from typing import Any
 
 import pytest
 
-from akron_can_bridge.session import Positions
-from akron_can_bridge.session import UnitChanged
+from akron_can_bridge.session import Positions, UnitChanged
 from bridge_core.j1939 import CanFrame
-from bridge_core.session import StopChanged
-from bridge_core.session import Verdict
-from test.akron_session_rig import ANNOUNCED
-from test.akron_session_rig import Bench
-from test.akron_session_rig import ef
-from test.akron_session_rig import joystick
-from test.akron_session_rig import LINK_LIMIT
-from test.akron_session_rig import MOVE
-from test.akron_session_rig import moved
-from test.akron_session_rig import MOVING
-from test.akron_session_rig import NAME
-from test.akron_session_rig import name
-from test.akron_session_rig import NO_FAULTS
-from test.akron_session_rig import NOT_ENABLED
-from test.akron_session_rig import of
-from test.akron_session_rig import OTHER_ANNOUNCED
-from test.akron_session_rig import OTHER_PIN
-from test.akron_session_rig import OURS
-from test.akron_session_rig import OUTPUTS
-from test.akron_session_rig import PIN
-from test.akron_session_rig import POSITION
-from test.akron_session_rig import REST
-from test.akron_session_rig import UNIT
+from bridge_core.session import StopChanged, Verdict
+from test.akron_session_rig import (
+    ANNOUNCED,
+    Bench,
+    ef,
+    joystick,
+    LINK_LIMIT,
+    MOVE,
+    moved,
+    MOVING,
+    NAME,
+    name,
+    NO_FAULTS,
+    NOT_ENABLED,
+    of,
+    OTHER_ANNOUNCED,
+    OTHER_PIN,
+    OURS,
+    OUTPUTS,
+    PIN,
+    POSITION,
+    REST,
+    UNIT,
+)
 
 NAME_REQUEST = CanFrame(0x18EAFF38, bytes.fromhex('00EE00'))  # the manual's, from address 38
 STRANGER = '0100000000000000'  # a NAME that is not Akron Brass's

@@ -22,27 +22,27 @@ from typing import Any
 
 import pytest
 
-from akron_can_bridge.session import Handover
-from akron_can_bridge.session import HandoverWanted
-from akron_can_bridge.session import Request
-from test.akron_session_rig import ANNOUNCED
-from test.akron_session_rig import COAST
-from test.akron_session_rig import ef
-from test.akron_session_rig import MOVE
-from test.akron_session_rig import MOVING
-from test.akron_session_rig import NO_FAULTS
-from test.akron_session_rig import of
-from test.akron_session_rig import OSCILLATES
-from test.akron_session_rig import OTHER_ANNOUNCED
-from test.akron_session_rig import OTHER_PIN
-from test.akron_session_rig import OURS
-from test.akron_session_rig import OUTPUTS
-from test.akron_session_rig import PAUSE
-from test.akron_session_rig import permission
-from test.akron_session_rig import PIN
-from test.akron_session_rig import REST
-from test.akron_session_rig import SLOT
-from test.akron_session_rig import Turning
+from akron_can_bridge.session import Handover, HandoverWanted, Request
+from test.akron_session_rig import (
+    ANNOUNCED,
+    COAST,
+    ef,
+    MOVE,
+    MOVING,
+    NO_FAULTS,
+    of,
+    OSCILLATES,
+    OTHER_ANNOUNCED,
+    OTHER_PIN,
+    OURS,
+    OUTPUTS,
+    PAUSE,
+    permission,
+    PIN,
+    REST,
+    SLOT,
+    Turning,
+)
 from test.session_rig import SessionBench
 
 ALLOWED = 0x33

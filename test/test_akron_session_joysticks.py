@@ -17,14 +17,8 @@
 import pytest
 
 from akron_can_bridge.session import Sticks
-from bridge_core.session import StopChanged
-from bridge_core.session import Verdict
-from test.akron_session_rig import Bench
-from test.akron_session_rig import joystick
-from test.akron_session_rig import MOVE
-from test.akron_session_rig import of
-from test.akron_session_rig import OURS
-from test.akron_session_rig import REST
+from bridge_core.session import StopChanged, Verdict
+from test.akron_session_rig import Bench, joystick, MOVE, of, OURS, REST
 
 # The manual's examples: 50 % right, 40 % back, switch 2; grips alike, switch 15, no theta.
 BASIC, EXTENDED = '107D046400100000', '107D0464FFFF0004'

@@ -19,14 +19,10 @@ from __future__ import annotations
 import pytest
 
 from akron_can_bridge.session import Request
-from akron_can_bridge.simulator import JoystickSimulator
-from akron_can_bridge.simulator import Simulator
+from akron_can_bridge.simulator import JoystickSimulator, Simulator
 from fort_vsc_bridge.simulator import CanSimulator
-from test.akron_loop_rig import Bench
-from test.akron_loop_rig import Ours
-from test.akron_session_rig import MOVE
-from test.akron_session_rig import OTHER_PIN
-from test.akron_session_rig import PIN
+from test.akron_loop_rig import Bench, Ours
+from test.akron_session_rig import MOVE, OTHER_PIN, PIN
 
 WATCHDOG = 0.2  # the unit's own, Appendix B
 

@@ -21,34 +21,32 @@ import math
 import pytest
 
 from akron_can_bridge.parameters import MINI_UNIVERSAL
-from akron_can_bridge.protocol import MiniOutputs
-from akron_can_bridge.protocol import Permission
-from akron_can_bridge.session import Handover
-from akron_can_bridge.session import Request
-from akron_can_bridge.session import Stopped
-from bridge_core.session import Answer
-from bridge_core.session import Level
-from test.akron_session_rig import ANNOUNCED
-from test.akron_session_rig import Bench
-from test.akron_session_rig import COMMAND_LIMIT
-from test.akron_session_rig import DEPLOY
-from test.akron_session_rig import ef
-from test.akron_session_rig import joystick
-from test.akron_session_rig import LINK_LIMIT
-from test.akron_session_rig import MOVE
-from test.akron_session_rig import NO_FAULTS
-from test.akron_session_rig import NOT_ENABLED
-from test.akron_session_rig import of
-from test.akron_session_rig import OPERATIONAL_ERROR
-from test.akron_session_rig import OTHER_PIN
-from test.akron_session_rig import OURS
-from test.akron_session_rig import OUTPUTS
-from test.akron_session_rig import POSITION
-from test.akron_session_rig import REST
-from test.akron_session_rig import SLOT
-from test.akron_session_rig import Turning
-from test.akron_session_rig import UNIT
-from test.akron_session_rig import VERSIONS
+from akron_can_bridge.protocol import MiniOutputs, Permission
+from akron_can_bridge.session import Handover, Request, Stopped
+from bridge_core.session import Answer, Level
+from test.akron_session_rig import (
+    ANNOUNCED,
+    Bench,
+    COMMAND_LIMIT,
+    DEPLOY,
+    ef,
+    joystick,
+    LINK_LIMIT,
+    MOVE,
+    NO_FAULTS,
+    NOT_ENABLED,
+    of,
+    OPERATIONAL_ERROR,
+    OTHER_PIN,
+    OURS,
+    OUTPUTS,
+    POSITION,
+    REST,
+    SLOT,
+    Turning,
+    UNIT,
+    VERSIONS,
+)
 
 STICK = joystick('7D04010000000000', 0x33)
 ENTERED_SETUP = ef('46', destination=OURS)

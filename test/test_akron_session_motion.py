@@ -20,22 +20,11 @@ from typing import Any
 
 import pytest
 
-from akron_can_bridge.protocol import Axis
-from akron_can_bridge.protocol import BasicJoystick
-from akron_can_bridge.protocol import ExtendedJoystick
-from akron_can_bridge.protocol import Status
-from akron_can_bridge.session import Cause
-from akron_can_bridge.session import Request
-from akron_can_bridge.session import Settings
-from akron_can_bridge.simulator import JoystickSimulator
-from akron_can_bridge.simulator import Simulator
-from test.akron_loop_rig import Bench
-from test.akron_loop_rig import Ours
-from test.akron_session_rig import MOVE
-from test.akron_session_rig import NEUTRAL
-from test.akron_session_rig import OTHER_PIN
-from test.akron_session_rig import PIN
-from test.akron_session_rig import REST
+from akron_can_bridge.protocol import Axis, BasicJoystick, ExtendedJoystick, Status
+from akron_can_bridge.session import Cause, Request, Settings
+from akron_can_bridge.simulator import JoystickSimulator, Simulator
+from test.akron_loop_rig import Bench, Ours
+from test.akron_session_rig import MOVE, NEUTRAL, OTHER_PIN, PIN, REST
 
 COAST = 1.0
 ALLOWED = 0x33

@@ -21,36 +21,34 @@ from functools import cache
 import math
 from typing import Any
 
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 import pytest
 
 from akron_can_bridge.parameters import Cause
-from akron_can_bridge.protocol import Axis
-from akron_can_bridge.protocol import BasicJoystick
-from akron_can_bridge.protocol import ExtendedJoystick
-from akron_can_bridge.protocol import Status
+from akron_can_bridge.protocol import Axis, BasicJoystick, ExtendedJoystick, Status
 from bridge_core.j1939 import CanFrame
 from test.akron_loop_rig import Bench as Loop
-from test.akron_session_rig import ANNOUNCED
-from test.akron_session_rig import COAST
-from test.akron_session_rig import DEPLOY
-from test.akron_session_rig import ef
-from test.akron_session_rig import joystick
-from test.akron_session_rig import MOVE
-from test.akron_session_rig import NEUTRAL
-from test.akron_session_rig import NO_FAULTS
-from test.akron_session_rig import NO_TARGETS
-from test.akron_session_rig import OSCILLATE
-from test.akron_session_rig import OSCILLATES
-from test.akron_session_rig import oscillating
-from test.akron_session_rig import OURS
-from test.akron_session_rig import OUTPUTS
-from test.akron_session_rig import PAUSE
-from test.akron_session_rig import REST
-from test.akron_session_rig import SLOT
-from test.akron_session_rig import Turning
-from test.akron_session_rig import WATER
+from test.akron_session_rig import (
+    ANNOUNCED,
+    COAST,
+    DEPLOY,
+    ef,
+    joystick,
+    MOVE,
+    NEUTRAL,
+    NO_FAULTS,
+    NO_TARGETS,
+    OSCILLATE,
+    OSCILLATES,
+    oscillating,
+    OURS,
+    OUTPUTS,
+    PAUSE,
+    REST,
+    SLOT,
+    Turning,
+    WATER,
+)
 from test.session_rig import SessionBench
 
 STANDS = ef('81FED401C200')

@@ -19,30 +19,30 @@ from typing import Any
 
 import pytest
 
-from akron_can_bridge.protocol import Fault
-from akron_can_bridge.protocol import FaultStatus
-from akron_can_bridge.session import FaultsChanged
-from akron_can_bridge.session import Request
+from akron_can_bridge.protocol import Fault, FaultStatus
+from akron_can_bridge.session import FaultsChanged, Request
 from akron_can_bridge.session.asker import Asker
 from bridge_core.j1939 import CanFrame
 from bridge_core.session import Answer
-from test.akron_session_rig import ANNOUNCED
-from test.akron_session_rig import Bench
-from test.akron_session_rig import ef
-from test.akron_session_rig import faults
-from test.akron_session_rig import joystick
-from test.akron_session_rig import MOVE
-from test.akron_session_rig import NAME
-from test.akron_session_rig import NO_FAULTS
-from test.akron_session_rig import of
-from test.akron_session_rig import OPERATIONAL_ERROR
-from test.akron_session_rig import OURS
-from test.akron_session_rig import OUTPUTS
-from test.akron_session_rig import PIN
-from test.akron_session_rig import POSITION
-from test.akron_session_rig import REST
-from test.akron_session_rig import UNIT
-from test.akron_session_rig import VERSIONS
+from test.akron_session_rig import (
+    ANNOUNCED,
+    Bench,
+    ef,
+    faults,
+    joystick,
+    MOVE,
+    NAME,
+    NO_FAULTS,
+    of,
+    OPERATIONAL_ERROR,
+    OURS,
+    OUTPUTS,
+    PIN,
+    POSITION,
+    REST,
+    UNIT,
+    VERSIONS,
+)
 
 ERROR_NOT_AVAILABLE = ef('011D94037100004D')  # the manual's POSITION, but for its error
 

@@ -20,30 +20,31 @@ from collections.abc import Callable
 
 import pytest
 
-from akron_can_bridge.protocol import Axis
-from akron_can_bridge.protocol import ExtendedJoystick
+from akron_can_bridge.protocol import Axis, ExtendedJoystick
 from akron_can_bridge.session import Request
 from bridge_core.j1939 import CanFrame
 from bridge_core.session import Answer
-from test.akron_session_rig import ANNOUNCED
-from test.akron_session_rig import Bench
-from test.akron_session_rig import COAST
-from test.akron_session_rig import ef
-from test.akron_session_rig import MOVE
-from test.akron_session_rig import NEUTRAL
-from test.akron_session_rig import NO_FAULTS
-from test.akron_session_rig import NO_TARGETS
-from test.akron_session_rig import of
-from test.akron_session_rig import OSCILLATES
-from test.akron_session_rig import oscillating
-from test.akron_session_rig import OTHER_ANNOUNCED
-from test.akron_session_rig import OURS
-from test.akron_session_rig import OUTPUTS
-from test.akron_session_rig import PAUSE
-from test.akron_session_rig import REST
-from test.akron_session_rig import SLOT
-from test.akron_session_rig import Turning
-from test.akron_session_rig import UNIT
+from test.akron_session_rig import (
+    ANNOUNCED,
+    Bench,
+    COAST,
+    ef,
+    MOVE,
+    NEUTRAL,
+    NO_FAULTS,
+    NO_TARGETS,
+    of,
+    OSCILLATES,
+    oscillating,
+    OTHER_ANNOUNCED,
+    OURS,
+    OUTPUTS,
+    PAUSE,
+    REST,
+    SLOT,
+    Turning,
+    UNIT,
+)
 
 RETRY = 0.001
 GRIP = 0x0CFDD700 | OURS

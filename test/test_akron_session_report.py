@@ -22,22 +22,22 @@ from typing import Any
 import pytest
 
 from bridge_core.j1939 import CanFrame
-from bridge_core.report import Damage
-from bridge_core.report import LinkStatus
-from bridge_core.report import report
+from bridge_core.report import Damage, LinkStatus, report
 from bridge_core.session import Level
-from test.akron_session_rig import Bench
-from test.akron_session_rig import ef
-from test.akron_session_rig import joystick
-from test.akron_session_rig import MOVE
-from test.akron_session_rig import name
-from test.akron_session_rig import OTHER_ANNOUNCED
-from test.akron_session_rig import OTHER_PIN
-from test.akron_session_rig import OURS
-from test.akron_session_rig import PIN
-from test.akron_session_rig import POSITION
-from test.akron_session_rig import REST
-from test.akron_session_rig import VERSIONS
+from test.akron_session_rig import (
+    Bench,
+    ef,
+    joystick,
+    MOVE,
+    name,
+    OTHER_ANNOUNCED,
+    OTHER_PIN,
+    OURS,
+    PIN,
+    POSITION,
+    REST,
+    VERSIONS,
+)
 
 
 def told(*frames: CanFrame, **options: Any) -> list[str]:

@@ -16,18 +16,9 @@
 
 from __future__ import annotations
 
-from akron_can_bridge.session import Handover
-from akron_can_bridge.session import HandoverWanted
-from akron_can_bridge.session import Resting
-from akron_can_bridge.session import Settings
+from akron_can_bridge.session import Handover, HandoverWanted, Resting, Settings
 from bridge_core.session import Level
-from test.akron_session_rig import ANNOUNCED
-from test.akron_session_rig import moved
-from test.akron_session_rig import NEUTRAL
-from test.akron_session_rig import OURS
-from test.akron_session_rig import OUTPUTS
-from test.akron_session_rig import PIN
-from test.akron_session_rig import SLOT
+from test.akron_session_rig import ANNOUNCED, moved, NEUTRAL, OURS, OUTPUTS, PIN, SLOT
 from test.session_rig import SessionBench
 
 

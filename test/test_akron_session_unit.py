@@ -21,45 +21,50 @@ from typing import Any
 
 import pytest
 
-from akron_can_bridge.protocol import decode
-from akron_can_bridge.protocol import DigitalOutputs
-from akron_can_bridge.protocol import Fault
-from akron_can_bridge.protocol import FaultStatus
-from akron_can_bridge.protocol import Output
-from akron_can_bridge.protocol import Status
-from akron_can_bridge.protocol import Vista
-from akron_can_bridge.protocol import VistaData
-from akron_can_bridge.protocol import VistaPosition
-from akron_can_bridge.session import Cause
-from akron_can_bridge.session import FaultsChanged
-from akron_can_bridge.session import FILTERS
-from akron_can_bridge.session import LimitsChanged
-from akron_can_bridge.session import OutputsChanged
-from akron_can_bridge.session import Positions
-from akron_can_bridge.session import Session
-from akron_can_bridge.session import Settings
+from akron_can_bridge.protocol import (
+    decode,
+    DigitalOutputs,
+    Fault,
+    FaultStatus,
+    Output,
+    Status,
+    Vista,
+    VistaData,
+    VistaPosition,
+)
+from akron_can_bridge.session import (
+    Cause,
+    FaultsChanged,
+    FILTERS,
+    LimitsChanged,
+    OutputsChanged,
+    Positions,
+    Session,
+    Settings,
+)
 from akron_can_bridge.session.unit import Unit
 from bridge_core.j1939 import CanFrame
-from bridge_core.session import StopChanged
-from bridge_core.session import Verdict
-from test.akron_session_rig import ANNOUNCED
-from test.akron_session_rig import Bench
-from test.akron_session_rig import ef
-from test.akron_session_rig import faults
-from test.akron_session_rig import joystick
-from test.akron_session_rig import LINK_LIMIT
-from test.akron_session_rig import moved
-from test.akron_session_rig import NAME
-from test.akron_session_rig import NO_FAULTS
-from test.akron_session_rig import NOT_ENABLED
-from test.akron_session_rig import of
-from test.akron_session_rig import OTHER_ANNOUNCED
-from test.akron_session_rig import OURS
-from test.akron_session_rig import OUTPUTS
-from test.akron_session_rig import PIN
-from test.akron_session_rig import POSITION
-from test.akron_session_rig import REST
-from test.akron_session_rig import VERSIONS
+from bridge_core.session import StopChanged, Verdict
+from test.akron_session_rig import (
+    ANNOUNCED,
+    Bench,
+    ef,
+    faults,
+    joystick,
+    LINK_LIMIT,
+    moved,
+    NAME,
+    NO_FAULTS,
+    NOT_ENABLED,
+    of,
+    OTHER_ANNOUNCED,
+    OURS,
+    OUTPUTS,
+    PIN,
+    POSITION,
+    REST,
+    VERSIONS,
+)
 
 VISTA = (VistaData(240, 0, 0, Vista(0)), VistaPosition(1, 2))
 

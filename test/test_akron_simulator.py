@@ -19,19 +19,13 @@ from __future__ import annotations
 from collections.abc import Callable
 import json
 
-from hypothesis import given
-from hypothesis import settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 import pytest
 
 from akron_can_bridge import protocol
-from akron_can_bridge.simulator import BOOT_TIME
-from akron_can_bridge.simulator import frames
-from akron_can_bridge.simulator import Simulator
+from akron_can_bridge.simulator import BOOT_TIME, frames, Simulator
 from bridge_core.j1939 import CanFrame
-from test.akron_bus import Bench
-from test.akron_bus import Bus
-from test.akron_bus import RIGHT
+from test.akron_bus import Bench, Bus, RIGHT
 from test.akron_frames import GOLDEN
 
 # -- its frames, against the vectors --------------------------------------------------------------

@@ -18,12 +18,8 @@ from __future__ import annotations
 
 import pytest
 
-from akron_can_bridge.simulator import JoystickSimulator
-from akron_can_bridge.simulator import Simulator
-from test.akron_bus import Bus
-from test.akron_bus import LEFT
-from test.akron_bus import REST
-from test.akron_bus import STICK
+from akron_can_bridge.simulator import JoystickSimulator, Simulator
+from test.akron_bus import Bus, LEFT, REST, STICK
 from test.akron_frames import GOLDEN
 
 

@@ -20,13 +20,7 @@ import itertools
 
 import pytest
 
-from test.akron_bus import BACK
-from test.akron_bus import Bench
-from test.akron_bus import FORWARD
-from test.akron_bus import HALF_RIGHT
-from test.akron_bus import LEFT
-from test.akron_bus import REST
-from test.akron_bus import RIGHT
+from test.akron_bus import BACK, Bench, FORWARD, HALF_RIGHT, LEFT, REST, RIGHT
 
 UP_TO_SPEED = 0.25  # seconds from rest to 20 degrees a second
 

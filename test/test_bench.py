@@ -16,47 +16,33 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 import contextlib
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from signal import SIGINT
-from signal import SIGKILL
+from signal import SIGINT, SIGKILL
 import subprocess
 import sys
 from types import SimpleNamespace
 from typing import Any
 
-from diagnostic_msgs.msg import DiagnosticArray
-from diagnostic_msgs.msg import DiagnosticStatus
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 import pytest
 from rclpy.task import Future
-from sensor_msgs.msg import JointState
-from sensor_msgs.msg import Joy
-from std_msgs.msg import Bool
-from std_msgs.msg import UInt16MultiArray
+from sensor_msgs.msg import JointState, Joy
+from std_msgs.msg import Bool, UInt16MultiArray
 
 from bridge_core import clock
 from esi_drive_bridge.simulator import Simulator
 from rugged_teleop.bench import course
 from rugged_teleop.bench.commander import Commander
-from rugged_teleop.bench.course import Course
-from rugged_teleop.bench.course import Facts
-from rugged_teleop.bench.course import Order
-from rugged_teleop.bench.course import Phase
-from rugged_teleop.bench.main import _run
-from rugged_teleop.bench.main import main
+from rugged_teleop.bench.course import Course, Facts, Order, Phase
+from rugged_teleop.bench.main import _run, main
 from rugged_teleop.bench.targets import TARGETS
 from rugged_teleop.ptys import PtyDevice
 from ssc_bridge.simulator import Simulator as Ssc
-from test.rig import latched
-from test.rig import NodeProcess
-from test.rig import Observer
-from test.rig import ROOT
-from test.rig import TIMEOUT_FACTOR
-from test.rig import wait_for
+from test.rig import latched, NodeProcess, Observer, ROOT, TIMEOUT_FACTOR, wait_for
 from test.stage import Drive
 
 READY = Facts(listens=True, estop=False, enabled=False, reason='as it says')

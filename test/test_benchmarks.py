@@ -25,19 +25,19 @@ from typing import Any
 
 import pytest
 
-from benchmarks import campaign
-from benchmarks import results
-from benchmarks.campaign import Fault
-from benchmarks.campaign import Trial
-from benchmarks.rig import build
-from benchmarks.rig import family
-from benchmarks.rig import figures
-from benchmarks.rig import gaps
-from benchmarks.rig import Packet
-from benchmarks.rig import Rig
-from benchmarks.rig import running
-from benchmarks.rig import UnavailableError
-from benchmarks.rig import wires_of
+from benchmarks import campaign, results
+from benchmarks.campaign import Fault, Trial
+from benchmarks.rig import (
+    build,
+    family,
+    figures,
+    gaps,
+    Packet,
+    Rig,
+    running,
+    UnavailableError,
+    wires_of,
+)
 from rugged_teleop.reference import with_table
 from test.rig import wait_for
 

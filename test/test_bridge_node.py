@@ -23,18 +23,14 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 import random
-from signal import SIGCONT
-from signal import SIGINT
-from signal import SIGSTOP
-from signal import SIGTERM
+from signal import SIGCONT, SIGINT, SIGSTOP, SIGTERM
 import socket
 import threading
 import time
 from types import SimpleNamespace
 from typing import Any
 
-from diagnostic_msgs.msg import DiagnosticArray
-from diagnostic_msgs.msg import DiagnosticStatus
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
 import pytest
@@ -43,27 +39,13 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter
 from std_msgs.msg import Bool
 
-from bridge_core.session import Level
-from bridge_core.session import StopChanged
-from bridge_core.session import Verdict
+from bridge_core.session import Level, StopChanged, Verdict
 from bridge_core.transports import TransportError
 from test.endings import each_ending
-from test.rig import as_yaml
-from test.rig import latched
-from test.rig import NodeProcess
-from test.rig import Observer
-from test.rig import Pty
-from test.rig import Record
-from test.rig import wait_for
+from test.rig import as_yaml, latched, NodeProcess, Observer, Pty, Record, wait_for
 from test.run_delay import RunDelay
-from test.toy_bridge import make_toy
-from test.toy_bridge import toy_process
-from test.toy_bridge import ToyBridge
-from test.toy_rig import ESTOP
-from test.toy_rig import OUTLASTS_GAPS
-from test.toy_rig import ToyDevice
-from test.toy_rig import wait_repeats
-from test.toy_rig import wait_value
+from test.toy_bridge import make_toy, toy_process, ToyBridge
+from test.toy_rig import ESTOP, OUTLASTS_GAPS, ToyDevice, wait_repeats, wait_value
 from test.toy_wire import Session
 
 pytestmark = pytest.mark.waits(60)

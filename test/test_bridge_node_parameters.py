@@ -22,11 +22,8 @@ import pytest
 from rclpy.context import Context
 
 from bridge_core.parameters import ParameterError
-from test.rig import NodeProcess
-from test.rig import Observer
-from test.rig import Pty
-from test.toy_bridge import make_toy
-from test.toy_bridge import toy_process
+from test.rig import NodeProcess, Observer, Pty
+from test.toy_bridge import make_toy, toy_process
 
 # Parameters, in this process: each bad one before anything is opened.
 

@@ -17,8 +17,7 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterator
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 import contextlib
 import json
 from pathlib import Path
@@ -36,14 +35,9 @@ from std_msgs.msg import Bool
 
 from bridge_core.parameter_files import parameters_for
 from rugged_teleop import simulate
-from rugged_teleop.bringup import nodes_of
-from rugged_teleop.bringup import PORTS
-from rugged_teleop.bringup import Process
-from rugged_teleop.bringup import processes
+from rugged_teleop.bringup import nodes_of, PORTS, Process, processes
 from rugged_teleop.multicasts import PORT_OFFSET
-from test.rig import latched
-from test.rig import Observer
-from test.rig import ROOT
+from test.rig import latched, Observer, ROOT
 
 DEMO = ROOT / 'config' / 'demo.yaml'
 LAUNCH_FILE = ROOT / 'launch' / 'bringup.launch.py'

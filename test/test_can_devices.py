@@ -20,19 +20,12 @@ from collections.abc import Iterator
 import math
 from typing import Any
 
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 import pytest
 
 from bridge_core.j1939 import CanFrame
-from rugged_teleop.canbuses import CanBusDevice
-from rugged_teleop.canbuses import frames
-from rugged_teleop.canbuses import pack
-from rugged_teleop.canbuses import unpack
-from test.can_rig import CanBus
-from test.can_rig import drain
-from test.can_rig import message
-from test.can_rig import receive
+from rugged_teleop.canbuses import CanBusDevice, frames, pack, unpack
+from test.can_rig import CanBus, drain, message, receive
 from test.rig import wait_for
 
 ANY_FRAME = st.builds(CanFrame, st.integers(0, 0x1FFFFFFF), st.binary(max_size=8))

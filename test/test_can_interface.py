@@ -40,17 +40,11 @@ from bridge_core.j1939 import CanFrame
 from bridge_core.transports import TransportError
 from bridge_core.transports.can import CanTransport
 from bridge_core.transports.can_ports import READS
-from test.can_rig import CanBus
-from test.can_rig import message
-from test.can_rig import receive
-from test.can_rig import VARIABLE
-from test.can_rig import VirtualInterface
-from test.can_rig import wait_frames
+from test.can_rig import CanBus, message, receive, VARIABLE, VirtualInterface, wait_frames
 from test.link_rig import Bench
 from test.multicast_rig import run_ip
 from test.rig import wait_for
-from test.test_can_link import activate
-from test.test_can_link import CanSession
+from test.test_can_link import activate, CanSession
 
 if os.environ.get(VARIABLE) != 'socketcan':
     pytest.skip('makes CAN interfaces; runs inside user-mode-linux', allow_module_level=True)

@@ -23,15 +23,9 @@ import pytest
 
 from bridge_core.j1939 import CanFrame
 from bridge_core.transports.can import CanTransport
-from test.can_rig import CanBus
-from test.can_rig import error_frame
-from test.can_rig import message
-from test.can_rig import receive
-from test.link_rig import Bench
-from test.link_rig import FakeSession
-from test.link_rig import Output
-from test.rig import holds_for
-from test.rig import wait_for
+from test.can_rig import CanBus, error_frame, message, receive
+from test.link_rig import Bench, FakeSession, Output
+from test.rig import holds_for, wait_for
 
 HELLO = CanFrame(0x18EAFF33, b'\x00\xee\x00')
 

@@ -27,12 +27,8 @@ import pytest
 from std_msgs.msg import Bool
 
 from akron_can_bridge.simulator import Simulator
-from test.akron_node_rig import Bench
-from test.akron_node_rig import bench_of
-from test.akron_node_rig import Station
-from test.can_rig import CanBus
-from test.can_rig import error_frame
-from test.can_rig import make_bus
+from test.akron_node_rig import Bench, bench_of, Station
+from test.can_rig import CanBus, error_frame, make_bus
 from test.neighbour_rig import Neighbour
 from test.rig import Observer
 

@@ -21,8 +21,7 @@ The part with the mark real_can runs inside user-mode-linux (test_uml.py).
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 import contextlib
 import ctypes
 import errno
@@ -38,26 +37,17 @@ import time
 from typing import Any
 
 import can
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 import pytest
 
 from bridge_core import clock
 from bridge_core.j1939 import CanFrame
-from bridge_core.transports import can_ports
-from bridge_core.transports import TransportError
+from bridge_core.transports import can_ports, TransportError
 from bridge_core.transports.can import CanTransport
-from bridge_core.transports.can_ports import PumpedPort
-from bridge_core.transports.can_ports import Unconfirmed
+from bridge_core.transports.can_ports import PumpedPort, Unconfirmed
 from bridge_core.transports.line import Line
-from test.can_rig import drain
-from test.can_rig import error_frame
-from test.can_rig import message
-from test.can_rig import VARIABLE
-from test.can_rig import VirtualInterface
-from test.rig import holds_for
-from test.rig import Pty
-from test.rig import wait_for
+from test.can_rig import drain, error_frame, message, VARIABLE, VirtualInterface
+from test.rig import holds_for, Pty, wait_for
 
 MOTION = CanFrame(0x0CFDD638, bytes.fromhex('107D010000000000'))
 NEUTRAL = CanFrame(0x0CFDD638, bytes.fromhex('0100010000000000'))

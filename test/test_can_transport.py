@@ -16,8 +16,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import fields
 import select
 import socket
@@ -32,18 +31,11 @@ from bridge_core.framing import Counters
 from bridge_core.j1939 import CanFrame
 from bridge_core.transports import TransportError
 from bridge_core.transports.can import CanTransport
-from bridge_core.transports.can_errors import KINDS
-from bridge_core.transports.can_errors import kinds_of
+from bridge_core.transports.can_errors import KINDS, kinds_of
 from bridge_core.transports.can_ports import READS
-from test.can_rig import CanBus
-from test.can_rig import error_frame
-from test.can_rig import frame
-from test.can_rig import message
-from test.can_rig import receive
-from test.can_rig import wait_frames
+from test.can_rig import CanBus, error_frame, frame, message, receive, wait_frames
 from test.multicast_rig import in_network_namespace
-from test.rig import Pty
-from test.rig import wait_for
+from test.rig import Pty, wait_for
 from test.run_delay import RunDelay
 
 pytestmark = pytest.mark.usefixtures('patient_writer')  # their age: test_can_queue.py

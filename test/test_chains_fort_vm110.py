@@ -24,36 +24,28 @@ long as a device's chain is open, the mux is STOPPED.
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Callable
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 import contextlib
 import copy
 from dataclasses import dataclass
 import heapq
 import itertools
 import random
-from typing import Any
-from typing import Literal
+from typing import Any, Literal
 
 import pytest
 
 from fort_vsc_bridge.protocol import MessageType
-from fort_vsc_bridge.session import Session as FortSession
-from fort_vsc_bridge.session import Settings as FortSettings
-from fort_vsc_bridge.session import Sticks as FortSticks
+from fort_vsc_bridge.session import (
+    Session as FortSession,
+    Settings as FortSettings,
+    Sticks as FortSticks,
+)
 from fort_vsc_bridge.simulator import Simulator as Vsc
 from safety_mux.arbiter import Arbiter
-from safety_mux.limits import JointLimit
-from safety_mux.limits import JointLimiter
-from safety_mux.protocol import Decision
-from safety_mux.protocol import EStopSource
-from safety_mux.protocol import MuxConfig
-from safety_mux.protocol import Operator
-from safety_mux.protocol import OperatorSample
-from safety_mux.protocol import State
-from vm110_bridge.session import Session as VmSession
-from vm110_bridge.session import Settings as VmSettings
-from vm110_bridge.session import Sticks as VmSticks
+from safety_mux.limits import JointLimit, JointLimiter
+from safety_mux.protocol import Decision, EStopSource, MuxConfig, Operator, OperatorSample, State
+from vm110_bridge.session import Session as VmSession, Settings as VmSettings, Sticks as VmSticks
 from vm110_bridge.simulator import Simulator as BaseUnit
 
 pytestmark = pytest.mark.computes

@@ -21,8 +21,7 @@ time: test_chains_fort_vm110.py.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 import contextlib
 from typing import Any
 
@@ -30,8 +29,7 @@ import pytest
 
 from demo.stage import DemoStage
 from test.rig import Observer
-from test.run_delay import RunDelay
-from test.run_delay import WIRE_HELD_UP
+from test.run_delay import RunDelay, WIRE_HELD_UP
 
 # Not only while it drives.
 ALWAYS = [

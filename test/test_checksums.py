@@ -19,9 +19,7 @@ import random
 
 import pytest
 
-from bridge_core.checksums import crc16_ccitt_false
-from bridge_core.checksums import fletcher16
-from bridge_core.checksums import is_fletcher16
+from bridge_core.checksums import crc16_ccitt_false, fletcher16, is_fletcher16
 
 LENGTHS = range(601)
 Check = Callable[[bytes], int]

@@ -26,12 +26,9 @@ import pytest
 from bridge_core import clock
 from safety_mux.protocol import State
 from test.fed_mux import FedMux
-from test.link_rig import Bench
-from test.link_rig import wait_at
-from test.rig import holds_for
-from test.rig import wait_for
-from test.test_imports import modules
-from test.test_imports import within
+from test.link_rig import Bench, wait_at
+from test.rig import holds_for, wait_for
+from test.test_imports import modules, within
 
 HOUR = 3600.0
 _OTHER_CLOCK = re.compile(r'\btime\.(monotonic|perf_counter|time)(_ns)?\b|clock_gettime')

@@ -29,11 +29,8 @@ from rclpy.context import Context
 from rclpy.node import Node
 
 from rugged_teleop import page
-from rugged_teleop.__main__ import COMMANDS
-from rugged_teleop.__main__ import executables
-from rugged_teleop.__main__ import main
-from test.rig import ROOT
-from test.rig import TIMEOUT_FACTOR
+from rugged_teleop.__main__ import COMMANDS, executables, main
+from test.rig import ROOT, TIMEOUT_FACTOR
 
 TOOLS = sorted((ROOT / 'tools').iterdir())  # what only ros2 run finds
 # As where ROS is not installed.

@@ -23,8 +23,7 @@ import pytest
 
 from rugged_teleop.__main__ import main
 from rugged_teleop.stack import NODES
-from test.rig import ROOT
-from test.rig import TIMEOUT_FACTOR
+from test.rig import ROOT, TIMEOUT_FACTOR
 
 
 def outcome(module: str, *arguments: str) -> tuple[int, str, str]:

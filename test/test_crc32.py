@@ -19,8 +19,7 @@ import random
 
 import pytest
 
-from bridge_core.checksums import crc32_iso_hdlc
-from bridge_core.checksums import crc32_mpeg2
+from bridge_core.checksums import crc32_iso_hdlc, crc32_mpeg2
 
 LENGTHS = range(601)  # a packet has 20 to 512 bytes
 

@@ -33,14 +33,8 @@ from rugged_teleop.decode import captures
 from rugged_teleop.decode.main import main
 from rugged_teleop.decode.protocols import Entry
 from rugged_teleop.decode.writers import Csv
-from test.captures import CAN
-from test.captures import ethernet
-from test.captures import pcap_file
-from test.captures import STREAMS
-from test.captures import udp
-from test.captures import vectors
-from test.rig import ROOT
-from test.rig import TIMEOUT_FACTOR
+from test.captures import CAN, ethernet, pcap_file, STREAMS, udp, vectors
+from test.rig import ROOT, TIMEOUT_FACTOR
 
 FORT = STREAMS['fort_serial']
 

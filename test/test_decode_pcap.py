@@ -19,21 +19,20 @@ from __future__ import annotations
 from pathlib import Path
 import struct
 
-from hypothesis import given
-from hypothesis import HealthCheck
-from hypothesis import settings
-from hypothesis import strategies as st
+from hypothesis import given, HealthCheck, settings, strategies as st
 import pytest
 
-from test.captures import block
-from test.captures import decoded
-from test.captures import ethernet
-from test.captures import pcap_file
-from test.captures import pcap_record
-from test.captures import pcapng_file
-from test.captures import pcapng_packet
-from test.captures import STREAMS
-from test.captures import udp
+from test.captures import (
+    block,
+    decoded,
+    ethernet,
+    pcap_file,
+    pcap_record,
+    pcapng_file,
+    pcapng_packet,
+    STREAMS,
+    udp,
+)
 
 VRPI, BLOCKED, COMMAND = STREAMS['vm110']
 PACKETS = [(1700000000.25, VRPI), (1700000000.375, BLOCKED), (1700000001.0, COMMAND)]

@@ -23,8 +23,7 @@ import pytest
 
 from rugged_teleop.decode.captures import opened
 from rugged_teleop.decode.main import main
-from rugged_teleop.decode.plot import Line
-from rugged_teleop.decode.plot import Picture
+from rugged_teleop.decode.plot import Line, Picture
 from rugged_teleop.decode.protocols import entries_of
 
 ROOT = Path(__file__).resolve().parent

@@ -25,19 +25,14 @@ from typing import Any
 import pytest
 from rclpy.serialization import serialize_message
 from sensor_msgs.msg import BatteryState
-from std_msgs.msg import Bool
-from std_msgs.msg import String
-from std_msgs.msg import UInt8MultiArray
+from std_msgs.msg import Bool, String, UInt8MultiArray
 
 from bridge_core.raw import raw_message
 from bridge_core.transports.tap import Chunk
 from rugged_teleop.recorder.definitions import definition_of
-from rugged_teleop.recorder.ring import Channel
-from rugged_teleop.recorder.ring import Heard
+from rugged_teleop.recorder.ring import Channel, Heard
 from rugged_teleop.recorder.writer import RecordingFile
-from test.captures import CAN
-from test.captures import decoded
-from test.captures import STREAMS
+from test.captures import CAN, decoded, STREAMS
 from test.recordings_rig import recording
 from test.test_decode import Outcome
 

@@ -20,21 +20,15 @@ from pathlib import Path
 import random
 import tracemalloc
 
-from hypothesis import given
-from hypothesis import HealthCheck
-from hypothesis import settings
-from hypothesis import strategies as st
+from hypothesis import given, HealthCheck, settings, strategies as st
 import pytest
 
 from bridge_core.checksums import crc16_ccitt_false
 from fort_vsc_bridge.protocol import PACKETS
 import rugged_teleop.decode.captures as captures
 from rugged_teleop.decode.pieces import Piece
-from rugged_teleop.decode.protocols import entries_of
-from rugged_teleop.decode.protocols import Entry
-from rugged_teleop.decode.protocols import STREAM_PROTOCOLS
-from test.captures import decoded
-from test.captures import STREAMS
+from rugged_teleop.decode.protocols import entries_of, Entry, STREAM_PROTOCOLS
+from test.captures import decoded, STREAMS
 
 each_protocol = pytest.mark.parametrize('protocol', STREAMS)
 

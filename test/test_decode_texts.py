@@ -25,24 +25,17 @@ from typing import Any
 import zlib
 
 import can
-from hypothesis import given
-from hypothesis import HealthCheck
-from hypothesis import settings
-from hypothesis import strategies as st
+from hypothesis import given, HealthCheck, settings, strategies as st
 import pytest
 
 from rugged_teleop.decode import logs
-from rugged_teleop.decode.captures import format_of
-from rugged_teleop.decode.captures import FORMATS
+from rugged_teleop.decode.captures import format_of, FORMATS
 from rugged_teleop.decode.logs import read_log
-from rugged_teleop.decode.pieces import Damage
-from rugged_teleop.decode.pieces import Piece
+from rugged_teleop.decode.pieces import Damage, Piece
 from rugged_teleop.decode.protocols import Entry
 from rugged_teleop.decode.statistics import Statistics
 from rugged_teleop.decode.texts import HexListing
-from test.captures import CAN
-from test.captures import decoded
-from test.captures import STREAMS
+from test.captures import CAN, decoded, STREAMS
 
 HEARTBEAT = STREAMS['fort_serial'][0]
 

@@ -35,26 +35,16 @@ from typing import Any
 import pytest
 
 from demo import __main__ as demo
-from demo.scene import from_rest
-from demo.scene import Scene
+from demo.scene import from_rest, Scene
 from demo.stage import _timeouts
-from demo.steering import Late
-from demo.steering import shortened
-from demo.steering import Steering
-from demo.steering import Step
+from demo.steering import Late, shortened, Steering, Step
 from rugged_teleop.domains import claim_domain
 from rugged_teleop.ports import Chunk
-from test.demo_rig import FakeStage
-from test.demo_rig import still
-from test.demo_rig import turn
-from test.rig import ROOT
-from test.rig import wait_for
-from test.run_delay import RunDelay
-from test.run_delay import WIRE_HELD_UP
-from test.stage import Packet
-from test.stage import packets_in
-from test.toy_rig import children_of
-from test.toy_rig import is_running
+from test.demo_rig import FakeStage, still, turn
+from test.rig import ROOT, wait_for
+from test.run_delay import RunDelay, WIRE_HELD_UP
+from test.stage import Packet, packets_in
+from test.toy_rig import children_of, is_running
 
 pytestmark = pytest.mark.waits(90)
 # By hand from the ESI manual, 4.2; CRC-16/CCITT-FALSE over the six bytes of the body.

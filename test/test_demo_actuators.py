@@ -21,18 +21,12 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
-from sensor_msgs.msg import JointState
-from sensor_msgs.msg import Joy
+from sensor_msgs.msg import JointState, Joy
 
-from demo.actuators import Actuators
-from demo.actuators import pulses_in
-from demo.actuators import turns_in
-from demo.stage import monitor_command
-from demo.stage import servo_command
+from demo.actuators import Actuators, pulses_in, turns_in
+from demo.stage import monitor_command, servo_command
 from rugged_teleop.ports import Chunk
-from test.demo_rig import FakeStage
-from test.demo_rig import still
-from test.demo_rig import turn
+from test.demo_rig import FakeStage, still, turn
 
 # By hand from Akron's Appendix B: a neutral stick; the manual's own example of one that is not.
 AKRON_REST = bytes.fromhex('8cfdd638 0100 0100 00000000')

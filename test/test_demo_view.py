@@ -21,18 +21,12 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
-from sensor_msgs.msg import JointState
-from sensor_msgs.msg import Joy
+from sensor_msgs.msg import JointState, Joy
 
-from demo.view import coloured
-from demo.view import Keyboard
-from demo.view import keys_in
-from demo.view import picture
+from demo.view import coloured, Keyboard, keys_in, picture
 from rugged_teleop.ports import Chunk
-from test.demo_rig import FakeStage
-from test.demo_rig import turn
-from test.stage import DRIVE
-from test.stage import VSC
+from test.demo_rig import FakeStage, turn
+from test.stage import DRIVE, VSC
 
 PACKET = bytes.fromhex('f0f0 040000 040000 71d4')
 

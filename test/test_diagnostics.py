@@ -17,10 +17,7 @@
 import pytest
 
 from bridge_core.framing import Counters
-from bridge_core.report import Damage
-from bridge_core.report import levels
-from bridge_core.report import LinkStatus
-from bridge_core.report import report
+from bridge_core.report import Damage, levels, LinkStatus, report
 from bridge_core.session import Level
 from test.link_rig import FakeSession
 

@@ -29,8 +29,7 @@ import pytest
 
 from bridge_core.parameters import MANAGED_PARAMETERS
 from rugged_teleop import reference
-from rugged_teleop.stack import BESIDE
-from rugged_teleop.stack import NODES
+from rugged_teleop.stack import BESIDE, NODES
 
 ROOT = reference.ROOT
 COMMON_PAGE = 'docs/common.md'

@@ -22,9 +22,7 @@ it. All else has a reason.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from collections.abc import Iterable
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
 import importlib
 import itertools
 import re
@@ -37,16 +35,9 @@ from bridge_core.parameters import resolve
 from rugged_teleop import reference
 from rugged_teleop.__main__ import COMMANDS
 from rugged_teleop.stack import WIRING
-from test.docs_rig import blocks
-from test.docs_rig import Command
-from test.docs_rig import commands
-from test.docs_rig import PAGES
-from test.docs_rig import text_of
+from test.docs_rig import blocks, Command, commands, PAGES, text_of
 from test.rig import ROOT
-from test.test_docs import common_interfaces
-from test.test_docs import executables
-from test.test_docs import generic
-from test.test_docs import node_interfaces
+from test.test_docs import common_interfaces, executables, generic, node_interfaces
 
 NODES = {node.name: node for node in reference.NODES}
 _PICTURE = re.compile('[─│▶◀▲]')

@@ -31,19 +31,14 @@ import signal
 import subprocess
 import sys
 import tempfile
-from typing import Any
-from typing import IO
-from typing import NamedTuple
+from typing import Any, IO, NamedTuple
 
 import pytest
 
 from rugged_teleop import reference
 from test.docs_rig import Command
-from test.rig import ROOT
-from test.rig import wait_for
-from test.test_docs_commands import begins
-from test.test_docs_commands import found
-from test.test_docs_commands import REASONS
+from test.rig import ROOT, wait_for
+from test.test_docs_commands import begins, found, REASONS
 
 RUN = 'ros2 run rugged_teleop '
 ELSEWHERE = {

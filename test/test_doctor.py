@@ -24,17 +24,10 @@ import pytest
 
 from rugged_teleop import reference
 from rugged_teleop.doctor import main as command
-from rugged_teleop.doctor.catalogue import CATALOGUE
-from rugged_teleop.doctor.catalogue import finding
-from rugged_teleop.doctor.configuration import Configured
-from rugged_teleop.doctor.configuration import configured
-from rugged_teleop.doctor.configuration import TOPICS
-from rugged_teleop.doctor.configuration import wiring
-from rugged_teleop.doctor.findings import Finding
-from rugged_teleop.doctor.findings import Level
-from test.doctor_rig import kinds
-from test.doctor_rig import parameter_file
-from test.doctor_rig import Visit
+from rugged_teleop.doctor.catalogue import CATALOGUE, finding
+from rugged_teleop.doctor.configuration import Configured, configured, TOPICS, wiring
+from rugged_teleop.doctor.findings import Finding, Level
+from test.doctor_rig import kinds, parameter_file, Visit
 from test.rig import ROOT
 from test.test_docs import node_interfaces
 

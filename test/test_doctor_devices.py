@@ -16,9 +16,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from collections.abc import Iterator
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 import fcntl
@@ -31,36 +29,20 @@ from typing import Any
 import pytest
 
 from esi_drive_bridge.simulator import Simulator as Drive
-from fort_vsc_bridge.simulator import HidSimulator as HidVsc
-from fort_vsc_bridge.simulator import Simulator as Vsc
+from fort_vsc_bridge.simulator import HidSimulator as HidVsc, Simulator as Vsc
 from rugged_teleop.doctor.configuration import configured
-from rugged_teleop.doctor.findings import Finding
-from rugged_teleop.doctor.findings import Level
-from rugged_teleop.doctor.listening import Heard
-from rugged_teleop.doctor.listening import listen
-from rugged_teleop.doctor.listening import SerialEar
+from rugged_teleop.doctor.findings import Finding, Level
+from rugged_teleop.doctor.listening import Heard, listen, SerialEar
 from rugged_teleop.doctor.main import main
 from rugged_teleop.doctor.ports import User
-from rugged_teleop.doctor.serial_lines import count_offset
-from rugged_teleop.doctor.serial_lines import hear
-from rugged_teleop.doctor.serial_lines import Line
-from rugged_teleop.doctor.serial_lines import line_findings
-from rugged_teleop.doctor.serial_lines import unknown_port
+from rugged_teleop.doctor.serial_lines import count_offset, hear, Line, line_findings, unknown_port
 from rugged_teleop.ports import Device
 from rugged_teleop.ptys import PtyDevice
 from ssc_bridge.simulator import Simulator as Ssc
 from test import stage
 from test.captures import STREAMS
-from test.doctor_rig import counted
-from test.doctor_rig import found_by
-from test.doctor_rig import kinds
-from test.doctor_rig import node
-from test.doctor_rig import noise
-from test.doctor_rig import parameter_file
-from test.doctor_rig import Visit
-from test.rig import NodeProcess
-from test.rig import Pty
-from test.rig import wait_for
+from test.doctor_rig import counted, found_by, kinds, node, noise, parameter_file, Visit
+from test.rig import NodeProcess, Pty, wait_for
 
 SECONDS = 0.6
 FORT = b''.join(STREAMS['fort_serial'])

@@ -22,28 +22,16 @@ from pathlib import Path
 import sys
 import threading
 
-from diagnostic_msgs.msg import DiagnosticArray
-from diagnostic_msgs.msg import DiagnosticStatus
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 import pytest
-from rclpy.qos import DurabilityPolicy
-from rclpy.qos import QoSProfile
-from rclpy.qos import ReliabilityPolicy
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import Joy
-from std_msgs.msg import Bool
-from std_msgs.msg import String
+from std_msgs.msg import Bool, String
 
-from rugged_teleop.doctor.findings import Finding
-from rugged_teleop.doctor.findings import Level
-from rugged_teleop.doctor.graph import Endpoint
-from rugged_teleop.doctor.graph import Graph
-from rugged_teleop.doctor.graph import graph_findings
-from rugged_teleop.doctor.graph import look
-from rugged_teleop.doctor.graph import Said
-from test.doctor_rig import kinds
-from test.doctor_rig import Visit
-from test.rig import NodeProcess
-from test.rig import Observer
-from test.rig import wait_for
+from rugged_teleop.doctor.findings import Finding, Level
+from rugged_teleop.doctor.graph import Endpoint, Graph, graph_findings, look, Said
+from test.doctor_rig import kinds, Visit
+from test.rig import NodeProcess, Observer, wait_for
 
 STOP = '/site/estop'
 BOOL = 'std_msgs/msg/Bool'

@@ -23,36 +23,27 @@ from typing import Any
 
 import pytest
 
-from akron_can_bridge.simulator import JoystickSimulator
-from akron_can_bridge.simulator import Simulator as Monitor
+from akron_can_bridge.simulator import JoystickSimulator, Simulator as Monitor
 from bridge_core.j1939 import CanFrame
 from fort_vsc_bridge.simulator import CanSimulator as Vsc
-from rugged_teleop.canbuses import CanBusDevice
-from rugged_teleop.canbuses import frames
-from rugged_teleop.canbuses import INTERFACE
-from rugged_teleop.doctor.buses import Bus
-from rugged_teleop.doctor.buses import bus_findings
-from rugged_teleop.doctor.buses import hear_bus
-from rugged_teleop.doctor.buses import is_passive
-from rugged_teleop.doctor.buses import link_facts
+from rugged_teleop.canbuses import CanBusDevice, frames, INTERFACE
+from rugged_teleop.doctor.buses import Bus, bus_findings, hear_bus, is_passive, link_facts
 from rugged_teleop.doctor.configuration import Configured
-from rugged_teleop.doctor.findings import Finding
-from rugged_teleop.doctor.findings import Level
+from rugged_teleop.doctor.findings import Finding, Level
 from rugged_teleop.doctor.listening import Heard
-from rugged_teleop.doctor.networks import elsewhere
-from rugged_teleop.doctor.networks import Filters
-from rugged_teleop.doctor.networks import Group
-from rugged_teleop.doctor.networks import group_findings
-from rugged_teleop.doctor.networks import hear_group
-from rugged_teleop.doctor.networks import network_filters
-from rugged_teleop.multicasts import LOOPBACK
-from rugged_teleop.multicasts import MulticastDevice
+from rugged_teleop.doctor.networks import (
+    elsewhere,
+    Filters,
+    Group,
+    group_findings,
+    hear_group,
+    network_filters,
+)
+from rugged_teleop.multicasts import LOOPBACK, MulticastDevice
 from rugged_teleop.ports import Device
 from test.can_rig import free_channel
 from test.captures import CAN
-from test.doctor_rig import found_by
-from test.doctor_rig import kinds
-from test.doctor_rig import node
+from test.doctor_rig import found_by, kinds, node
 from test.multicast_rig import free_port
 from test.rig import wait_for
 from vm110_bridge.simulator import Simulator as BaseUnit

@@ -24,15 +24,17 @@ from pathlib import Path
 import pytest
 
 from rugged_teleop.doctor.findings import Level
-from rugged_teleop.doctor.ports import Holder
-from rugged_teleop.doctor.ports import holders_of
-from rugged_teleop.doctor.ports import port_facts
-from rugged_teleop.doctor.ports import port_findings
-from rugged_teleop.doctor.ports import PortFacts
-from rugged_teleop.doctor.ports import this_user
-from rugged_teleop.doctor.ports import usb_findings
-from rugged_teleop.doctor.ports import UsbPort
-from rugged_teleop.doctor.ports import User
+from rugged_teleop.doctor.ports import (
+    Holder,
+    holders_of,
+    port_facts,
+    port_findings,
+    PortFacts,
+    this_user,
+    usb_findings,
+    UsbPort,
+    User,
+)
 from test.doctor_rig import kinds
 
 DIALOUT = 20

@@ -19,10 +19,12 @@ from __future__ import annotations
 import pytest
 
 from rugged_teleop.doctor.findings import Level
-from rugged_teleop.doctor.system import Computer
-from rugged_teleop.doctor.system import computer_findings
-from rugged_teleop.doctor.system import environment_findings
-from rugged_teleop.doctor.system import this_computer
+from rugged_teleop.doctor.system import (
+    Computer,
+    computer_findings,
+    environment_findings,
+    this_computer,
+)
 from test.doctor_rig import kinds
 
 

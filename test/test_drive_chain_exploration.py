@@ -29,28 +29,11 @@ import pytest
 from esi_drive_bridge.protocol import Mode
 from esi_drive_bridge.session import Session
 from safety_mux.arbiter import Arbiter
-from safety_mux.limits import JointLimit
-from safety_mux.limits import JointLimiter
-from safety_mux.protocol import EStopSource
-from safety_mux.protocol import MuxConfig
-from safety_mux.protocol import Operator
-from safety_mux.protocol import OperatorSample
-from safety_mux.protocol import State
-from test.esi_drive_rig import axes
-from test.esi_drive_rig import fields
-from test.esi_drive_rig import IDLE
-from test.esi_drive_rig import make_settings
-from test.esi_drive_rig import RUNNING
-from test.esi_drive_rig import status
-from test.explorer import Memory
-from test.explorer import Remembered
-from test.explorer import START
-from test.explorer import visits_of
-from test.test_safety_mux_exploration import CLEAR
-from test.test_safety_mux_exploration import Memory as ArbiterMemory
-from test.test_safety_mux_exploration import NEUTRAL
-from test.test_safety_mux_exploration import STEP
-from test.test_safety_mux_exploration import TIMEOUT
+from safety_mux.limits import JointLimit, JointLimiter
+from safety_mux.protocol import EStopSource, MuxConfig, Operator, OperatorSample, State
+from test.esi_drive_rig import axes, fields, IDLE, make_settings, RUNNING, status
+from test.explorer import Memory, Remembered, START, visits_of
+from test.test_safety_mux_exploration import CLEAR, Memory as ArbiterMemory, NEUTRAL, STEP, TIMEOUT
 
 pytestmark = pytest.mark.computes
 FRESH, LINK, ENABLE = 2 * STEP, 3 * STEP, 4 * STEP

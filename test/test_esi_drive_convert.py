@@ -18,22 +18,14 @@ from pathlib import Path
 from typing import Any
 
 from builtin_interfaces.msg import Time
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 import pytest
 from sensor_msgs.msg import JointState
 
-from esi_drive_bridge.axes import axes_of
-from esi_drive_bridge.axes import Axis
-from esi_drive_bridge.axes import to_counts
-from esi_drive_bridge.convert import command_values
-from esi_drive_bridge.convert import joint_state
+from esi_drive_bridge.axes import axes_of, Axis, to_counts
+from esi_drive_bridge.convert import command_values, joint_state
 from esi_drive_bridge.parameters import PARAMETERS
-from esi_drive_bridge.protocol import AxisState
-from esi_drive_bridge.protocol import AxisStatus
-from esi_drive_bridge.protocol import Mode
-from esi_drive_bridge.protocol import MotorError
-from esi_drive_bridge.protocol import Status
+from esi_drive_bridge.protocol import AxisState, AxisStatus, Mode, MotorError, Status
 from esi_drive_bridge.session.report import status_values
 
 VECTORS = json.loads((Path(__file__).parent / 'vectors' / 'esi.json').read_text())

@@ -14,8 +14,7 @@
 
 """Every state of the ESI drive's session and its gate to the motor; see test/explorer.py."""
 
-from collections.abc import Iterator
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 import math
 from typing import Any
 
@@ -23,12 +22,7 @@ import pytest
 
 from esi_drive_bridge.protocol import Mode
 from esi_drive_bridge.session import Session
-from test.esi_drive_rig import axes
-from test.esi_drive_rig import fields
-from test.esi_drive_rig import IDLE
-from test.esi_drive_rig import make_settings
-from test.esi_drive_rig import RUNNING
-from test.esi_drive_rig import status
+from test.esi_drive_rig import axes, fields, IDLE, make_settings, RUNNING, status
 from test.explorer import visits_of
 from test.session_world import SessionWorld
 

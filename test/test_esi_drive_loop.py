@@ -21,16 +21,11 @@ from typing import Any
 import pytest
 
 from bridge_core.session import Answer
-from esi_drive_bridge.protocol import Layout
-from esi_drive_bridge.protocol import Mode
-from esi_drive_bridge.session import Feedback
-from esi_drive_bridge.session import Phase
-from esi_drive_bridge.session import Session
+from esi_drive_bridge.protocol import Layout, Mode
+from esi_drive_bridge.session import Feedback, Phase, Session
 from esi_drive_bridge.simulator import Simulator
 from rugged_teleop.faults import FaultyLine
-from test.esi_drive_rig import axes as both
-from test.esi_drive_rig import make_settings
-from test.esi_drive_rig import TICK
+from test.esi_drive_rig import axes as both, make_settings, TICK
 
 
 class Loop:

@@ -14,8 +14,7 @@
 
 """The ESI drive bridge as a process on a port: every topic and service, on real bytes."""
 
-from collections.abc import Callable
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 import contextlib
 import itertools
 import json
@@ -23,8 +22,7 @@ import math
 import os
 from pathlib import Path
 import re
-from signal import SIGCONT
-from signal import SIGSTOP
+from signal import SIGCONT, SIGSTOP
 import time
 from typing import Any
 
@@ -37,15 +35,10 @@ from std_srvs.srv import Trigger
 from esi_drive_bridge.simulator import Simulator
 from test.endings import each_ending
 from test.esi_drive_rig import status
-from test.rig import latched
-from test.rig import NodeProcess
-from test.rig import Observer
-from test.run_delay import HELD_UP
-from test.run_delay import RunDelay
+from test.rig import latched, NodeProcess, Observer
+from test.run_delay import HELD_UP, RunDelay
 from test.stage import Drive
-from test.talkers import Diagnostics
-from test.talkers import namespace
-from test.talkers import Talker
+from test.talkers import Diagnostics, namespace, Talker
 
 pytestmark = pytest.mark.waits(100)
 NAME = 'esi_drive_bridge'

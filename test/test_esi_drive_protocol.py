@@ -21,26 +21,25 @@ from pathlib import Path
 import random
 from typing import Any
 
-from hypothesis import given
-from hypothesis import settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 import pytest
 
 from bridge_core.checksums import crc16_ccitt_false
-from bridge_core.framing import FrameError
-from bridge_core.framing import StreamParser
+from bridge_core.framing import FrameError, StreamParser
 from esi_drive_bridge import protocol
-from esi_drive_bridge.protocol import AxisCommand
-from esi_drive_bridge.protocol import AxisState
-from esi_drive_bridge.protocol import AxisStatus
-from esi_drive_bridge.protocol import Command
-from esi_drive_bridge.protocol import command_parser
-from esi_drive_bridge.protocol import Layout
-from esi_drive_bridge.protocol import layout_of
-from esi_drive_bridge.protocol import Mode
-from esi_drive_bridge.protocol import MotorError
-from esi_drive_bridge.protocol import Status
-from esi_drive_bridge.protocol import status_parser
+from esi_drive_bridge.protocol import (
+    AxisCommand,
+    AxisState,
+    AxisStatus,
+    Command,
+    command_parser,
+    Layout,
+    layout_of,
+    Mode,
+    MotorError,
+    Status,
+    status_parser,
+)
 from test.parser_rig import frames_of
 
 VECTORS = json.loads((Path(__file__).parent / 'vectors' / 'esi.json').read_text())

@@ -21,24 +21,13 @@ from dataclasses import replace
 from itertools import pairwise
 from typing import Any
 
-from hypothesis import example
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import example, given, strategies as st
 import pytest
 
 from esi_drive_bridge.protocol import Mode
-from esi_drive_bridge.session import EnableRefused
-from esi_drive_bridge.session import Phase
-from esi_drive_bridge.session import Stopped
+from esi_drive_bridge.session import EnableRefused, Phase, Stopped
 from esi_drive_bridge.session.ramp import Ramp
-from test.esi_drive_rig import axes
-from test.esi_drive_rig import fields
-from test.esi_drive_rig import IDLE
-from test.esi_drive_rig import is_disable
-from test.esi_drive_rig import Rig
-from test.esi_drive_rig import RUNNING
-from test.esi_drive_rig import status
-from test.esi_drive_rig import TICK
+from test.esi_drive_rig import axes, fields, IDLE, is_disable, Rig, RUNNING, status, TICK
 
 LIMIT = 1000.0  # counts a second: 10 a packet
 STEP = 10

@@ -22,19 +22,8 @@ import pytest
 
 from esi_drive_bridge.axes import Axis
 from esi_drive_bridge.protocol import Mode
-from esi_drive_bridge.session import EnabledChanged
-from esi_drive_bridge.session import EnableRefused
-from esi_drive_bridge.session import Feedback
-from esi_drive_bridge.session import Phase
-from esi_drive_bridge.session import Stopped
-from test.esi_drive_rig import DISABLE
-from test.esi_drive_rig import fields
-from test.esi_drive_rig import IDLE
-from test.esi_drive_rig import is_disable
-from test.esi_drive_rig import Rig
-from test.esi_drive_rig import RUNNING
-from test.esi_drive_rig import status
-from test.esi_drive_rig import TICK
+from esi_drive_bridge.session import EnabledChanged, EnableRefused, Feedback, Phase, Stopped
+from test.esi_drive_rig import DISABLE, fields, IDLE, is_disable, Rig, RUNNING, status, TICK
 
 
 @pytest.fixture

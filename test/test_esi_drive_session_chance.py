@@ -16,20 +16,12 @@
 
 import math
 
-from hypothesis import settings as hypothesis_settings
-from hypothesis import strategies as st
-from hypothesis.stateful import initialize
-from hypothesis.stateful import invariant
-from hypothesis.stateful import rule
-from hypothesis.stateful import RuleBasedStateMachine
+from hypothesis import settings as hypothesis_settings, strategies as st
+from hypothesis.stateful import initialize, invariant, rule, RuleBasedStateMachine
 
 from esi_drive_bridge.protocol import Mode
-from esi_drive_bridge.session import Phase
-from esi_drive_bridge.session import Session
-from test.esi_drive_rig import axes as both
-from test.esi_drive_rig import fields
-from test.esi_drive_rig import make_settings
-from test.esi_drive_rig import status
+from esi_drive_bridge.session import Phase, Session
+from test.esi_drive_rig import axes as both, fields, make_settings, status
 
 
 class AnyOrder(RuleBasedStateMachine):

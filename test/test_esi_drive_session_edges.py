@@ -18,25 +18,12 @@ from collections.abc import Callable
 
 import pytest
 
-from bridge_core.report import Damage
-from bridge_core.report import LinkStatus
-from bridge_core.report import report
-from bridge_core.session import Answer
-from bridge_core.session import Level
-from bridge_core.session import StopChanged
+from bridge_core.report import Damage, LinkStatus, report
+from bridge_core.session import Answer, Level, StopChanged
 from esi_drive_bridge.protocol import Mode
-from esi_drive_bridge.session import EnableRefused
-from esi_drive_bridge.session import Feedback
-from esi_drive_bridge.session import Phase
-from esi_drive_bridge.session import Stopped
+from esi_drive_bridge.session import EnableRefused, Feedback, Phase, Stopped
 from test import esi_drive_rig
-from test.esi_drive_rig import axes
-from test.esi_drive_rig import fields
-from test.esi_drive_rig import IDLE
-from test.esi_drive_rig import is_disable
-from test.esi_drive_rig import Rig
-from test.esi_drive_rig import RUNNING
-from test.esi_drive_rig import status
+from test.esi_drive_rig import axes, fields, IDLE, is_disable, Rig, RUNNING, status
 
 
 @pytest.fixture

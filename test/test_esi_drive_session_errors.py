@@ -17,26 +17,14 @@
 import math
 from typing import Any
 
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 import pytest
 
-from bridge_core.session import Answer
-from bridge_core.session import Level
-from esi_drive_bridge.axes import Axis
-from esi_drive_bridge.axes import to_counts
-from esi_drive_bridge.protocol import Layout
-from esi_drive_bridge.protocol import Mode
-from esi_drive_bridge.session import FaultsChanged
-from esi_drive_bridge.session import Phase
-from test.esi_drive_rig import axes
-from test.esi_drive_rig import fields
-from test.esi_drive_rig import IDLE
-from test.esi_drive_rig import is_disable
-from test.esi_drive_rig import make_settings
-from test.esi_drive_rig import Rig
-from test.esi_drive_rig import RUNNING
-from test.esi_drive_rig import status
+from bridge_core.session import Answer, Level
+from esi_drive_bridge.axes import Axis, to_counts
+from esi_drive_bridge.protocol import Layout, Mode
+from esi_drive_bridge.session import FaultsChanged, Phase
+from test.esi_drive_rig import axes, fields, IDLE, is_disable, make_settings, Rig, RUNNING, status
 
 
 @pytest.fixture

@@ -17,23 +17,23 @@
 from itertools import pairwise
 from typing import Any
 
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 import pytest
 
 from bridge_core.session import Answer
 from esi_drive_bridge.protocol import Mode
-from esi_drive_bridge.session import Phase
-from esi_drive_bridge.session import Session
-from test.esi_drive_rig import axes
-from test.esi_drive_rig import fields
-from test.esi_drive_rig import IDLE
-from test.esi_drive_rig import is_disable
-from test.esi_drive_rig import make_settings
-from test.esi_drive_rig import Rig
-from test.esi_drive_rig import RUNNING
-from test.esi_drive_rig import status
-from test.esi_drive_rig import TICK
+from esi_drive_bridge.session import Phase, Session
+from test.esi_drive_rig import (
+    axes,
+    fields,
+    IDLE,
+    is_disable,
+    make_settings,
+    Rig,
+    RUNNING,
+    status,
+    TICK,
+)
 from test.link_rig import FakeTransport
 from test.wire_rig import WireBench
 

@@ -19,14 +19,8 @@ from typing import Any
 
 import pytest
 
-from esi_drive_bridge.protocol import AxisCommand
-from esi_drive_bridge.protocol import Command
-from esi_drive_bridge.protocol import Layout
-from esi_drive_bridge.protocol import Mode
-from esi_drive_bridge.protocol import Status
-from esi_drive_bridge.simulator import FAULTS
-from esi_drive_bridge.simulator import Motor
-from esi_drive_bridge.simulator import Simulator
+from esi_drive_bridge.protocol import AxisCommand, Command, Layout, Mode, Status
+from esi_drive_bridge.simulator import FAULTS, Motor, Simulator
 
 MANUAL_1000_RPM = bytes.fromhex('F0F005E8030518FC55A0')  # 4.2.4
 MANUAL_5_A = bytes.fromhex('F0F00188130178EC5461')  # 4.2.3

@@ -20,10 +20,7 @@ from typing import Any
 import pytest
 
 from bridge_core.watchdog import Watchdog
-from test.explorer import check
-from test.explorer import explore
-from test.explorer import Memory
-from test.explorer import START
+from test.explorer import check, explore, Memory, START
 
 
 class Lamp:

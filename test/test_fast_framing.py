@@ -21,18 +21,15 @@ bytes, their cuts and the pauses between them, it must give the same messages an
 
 from __future__ import annotations
 
-from dataclasses import fields
-from dataclasses import replace
+from dataclasses import fields, replace
 import itertools
 import pickle
 from typing import Any
 
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 import pytest
 
-from akron_can_bridge.protocol import BasicJoystick
-from akron_can_bridge.protocol import ExtendedJoystick
+from akron_can_bridge.protocol import BasicJoystick, ExtendedJoystick
 from bridge_core.checksums import crc16_ccitt_false
 from bridge_core.framing import StreamParser
 import esi_drive_bridge.protocol as esi

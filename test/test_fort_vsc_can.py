@@ -14,8 +14,7 @@
 
 """The VSC on CAN: golden frames, what stops, what counts, what is sent and when."""
 
-from collections.abc import Callable
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 import itertools
 import json
@@ -25,41 +24,39 @@ import random
 import struct
 from typing import Any
 
-from hypothesis import given
-from hypothesis import settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 import pytest
 
 from bridge_core.framing import FrameError
-from bridge_core.j1939 import CanFrame
-from bridge_core.j1939 import J1939Id
-from bridge_core.session import Level
-from bridge_core.session import StopChanged
-from bridge_core.session import Verdict
-from fort_vsc_bridge.protocol import AutonomyMode
-from fort_vsc_bridge.protocol import Axis
-from fort_vsc_bridge.protocol import BasicJoystick
-from fort_vsc_bridge.protocol import Button
-from fort_vsc_bridge.protocol import CanIds
-from fort_vsc_bridge.protocol import CanWire
-from fort_vsc_bridge.protocol import decode_data
-from fort_vsc_bridge.protocol import encode_frame
-from fort_vsc_bridge.protocol import ExtendedJoystick
-from fort_vsc_bridge.protocol import Heartbeat
-from fort_vsc_bridge.protocol import Joystick
-from fort_vsc_bridge.protocol import Mode
-from fort_vsc_bridge.protocol import RemoteStatus
-from fort_vsc_bridge.protocol import StringSegment
-from fort_vsc_bridge.protocol import UserFeedback
+from bridge_core.j1939 import CanFrame, J1939Id
+from bridge_core.session import Level, StopChanged, Verdict
+from fort_vsc_bridge.protocol import (
+    AutonomyMode,
+    Axis,
+    BasicJoystick,
+    Button,
+    CanIds,
+    CanWire,
+    decode_data,
+    encode_frame,
+    ExtendedJoystick,
+    Heartbeat,
+    Joystick,
+    Mode,
+    RemoteStatus,
+    StringSegment,
+    UserFeedback,
+)
 from fort_vsc_bridge.protocol.can import CanDecoder
-from fort_vsc_bridge.session import DeviceSettings
-from fort_vsc_bridge.session import ModeChanged
-from fort_vsc_bridge.session import RemoteState
-from fort_vsc_bridge.session import Session
-from fort_vsc_bridge.session import Settings
-from fort_vsc_bridge.session import Sticks
-from fort_vsc_bridge.simulator import build_frame
-from fort_vsc_bridge.simulator import CanSimulator
+from fort_vsc_bridge.session import (
+    DeviceSettings,
+    ModeChanged,
+    RemoteState,
+    Session,
+    Settings,
+    Sticks,
+)
+from fort_vsc_bridge.simulator import build_frame, CanSimulator
 from test.fort_vsc_rig import sticks
 from test.session_rig import SessionBench
 

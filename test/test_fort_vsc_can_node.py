@@ -16,34 +16,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 import struct
 import time
 from typing import Any
 
-from diagnostic_msgs.msg import DiagnosticStatus
-from diagnostic_msgs.msg import KeyValue
+from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 import pytest
-from sensor_msgs.msg import BatteryState
-from sensor_msgs.msg import Joy
-from sensor_msgs.msg import JoyFeedback
-from std_msgs.msg import Bool
-from std_msgs.msg import String
-from std_msgs.msg import UInt8
+from sensor_msgs.msg import BatteryState, Joy, JoyFeedback
+from std_msgs.msg import Bool, String, UInt8
 
 from bridge_core.j1939 import CanFrame
 from fort_vsc_bridge.simulator import CanSimulator
 from rugged_teleop import canbuses
 from rugged_teleop.canbuses import CanBusDevice
-from test.can_rig import CanBus
-from test.can_rig import make_bus
-from test.rig import latched
-from test.rig import NodeProcess
-from test.rig import Observer
-from test.rig import Record
-from test.talkers import Diagnostics
-from test.talkers import namespace
+from test.can_rig import CanBus, make_bus
+from test.rig import latched, NodeProcess, Observer, Record
+from test.talkers import Diagnostics, namespace
 
 NAME = 'fort_vsc_bridge'
 LINK, DEVICE = 'link', 'device'  # the parts of its diagnostics

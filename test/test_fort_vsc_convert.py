@@ -19,17 +19,13 @@ from typing import Any
 
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import KeyValue
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 import pytest
-from sensor_msgs.msg import BatteryState
-from sensor_msgs.msg import JoyFeedback
-from sensor_msgs.msg import NavSatStatus
+from sensor_msgs.msg import BatteryState, JoyFeedback, NavSatStatus
 from std_msgs.msg import String
 
 from fort_vsc_bridge import convert
-from fort_vsc_bridge.protocol import Mode
-from fort_vsc_bridge.protocol import RemoteStatus
+from fort_vsc_bridge.protocol import Mode, RemoteStatus
 
 STAMP = Time(sec=12, nanosec=34)
 

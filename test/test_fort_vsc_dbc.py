@@ -20,25 +20,26 @@ from pathlib import Path
 from typing import Any
 
 import cantools
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 import pytest
 
 from bridge_core.framing import FrameError
-from fort_vsc_bridge.protocol import Axis
-from fort_vsc_bridge.protocol import BasicJoystick
-from fort_vsc_bridge.protocol import Button
-from fort_vsc_bridge.protocol import CanIds
-from fort_vsc_bridge.protocol import decode_data
-from fort_vsc_bridge.protocol import encode_frame
-from fort_vsc_bridge.protocol import ExtendedJoystick
-from fort_vsc_bridge.protocol import Heartbeat
-from fort_vsc_bridge.protocol import InputState
-from fort_vsc_bridge.protocol import Key
-from fort_vsc_bridge.protocol import Mode
-from fort_vsc_bridge.protocol import RemoteStatus
-from fort_vsc_bridge.protocol import StringSegment
-from fort_vsc_bridge.protocol import UserFeedback
+from fort_vsc_bridge.protocol import (
+    Axis,
+    BasicJoystick,
+    Button,
+    CanIds,
+    decode_data,
+    encode_frame,
+    ExtendedJoystick,
+    Heartbeat,
+    InputState,
+    Key,
+    Mode,
+    RemoteStatus,
+    StringSegment,
+    UserFeedback,
+)
 
 DBC = Path(__file__).parent.parent / 'dbc' / 'fort_vsc.dbc'
 DATABASE: Any = cantools.database.load_file(DBC, strict=True)

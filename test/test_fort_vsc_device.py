@@ -19,17 +19,17 @@ import math
 
 import pytest
 
-from fort_vsc_bridge.protocol import Key
-from fort_vsc_bridge.protocol import MessageControl
-from fort_vsc_bridge.protocol import MessageType
-from fort_vsc_bridge.session.device import AS_WANTED
-from fort_vsc_bridge.session.device import Configurator
-from fort_vsc_bridge.session.device import MAX_WRITES
-from fort_vsc_bridge.session.device import OVERRULED
-from fort_vsc_bridge.session.device import REFUSED
-from fort_vsc_bridge.session.device import UNANSWERED
-from fort_vsc_bridge.session.device import UNKNOWN
-from fort_vsc_bridge.session.device import WRITTEN
+from fort_vsc_bridge.protocol import Key, MessageControl, MessageType
+from fort_vsc_bridge.session.device import (
+    AS_WANTED,
+    Configurator,
+    MAX_WRITES,
+    OVERRULED,
+    REFUSED,
+    UNANSWERED,
+    UNKNOWN,
+    WRITTEN,
+)
 from fort_vsc_bridge.session.send_queue import SendQueue
 
 # All of these moments and intervals (s) are exact.

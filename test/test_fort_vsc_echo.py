@@ -21,21 +21,22 @@ import pytest
 
 from bridge_core.session import Level
 from fort_vsc_bridge.protocol import Mode
-from fort_vsc_bridge.session import Session
-from fort_vsc_bridge.session import Settings
+from fort_vsc_bridge.session import Session, Settings
 from fort_vsc_bridge.session.report import DEAF
 from fort_vsc_bridge.session.stops import OBEY_TIME
-from test.fort_vsc_rig import ask
-from test.fort_vsc_rig import Bench
-from test.fort_vsc_rig import CLEAR
-from test.fort_vsc_rig import gaps
-from test.fort_vsc_rig import heartbeat
-from test.fort_vsc_rig import LIMIT
-from test.fort_vsc_rig import opened
-from test.fort_vsc_rig import SRC
-from test.fort_vsc_rig import STOP
-from test.fort_vsc_rig import USER
-from test.fort_vsc_rig import VSC
+from test.fort_vsc_rig import (
+    ask,
+    Bench,
+    CLEAR,
+    gaps,
+    heartbeat,
+    LIMIT,
+    opened,
+    SRC,
+    STOP,
+    USER,
+    VSC,
+)
 from test.link_rig import FakeTransport
 from test.wire_rig import WireBench
 

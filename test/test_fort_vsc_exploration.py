@@ -14,33 +14,19 @@
 
 """Every state of the VSC's session that decides about a stop; see test/explorer.py."""
 
-from collections.abc import Mapping
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 import math
 from typing import Any
 
 import pytest
 
 from bridge_core.j1939 import CanFrame
-from fort_vsc_bridge.protocol import CanWire
-from fort_vsc_bridge.protocol import HidWire
-from fort_vsc_bridge.protocol import MessageType
-from fort_vsc_bridge.protocol import SerialWire
-from fort_vsc_bridge.protocol import Wire
-from fort_vsc_bridge.session import Session
-from fort_vsc_bridge.session import Settings
-from fort_vsc_bridge.session import Sticks
+from fort_vsc_bridge.protocol import CanWire, HidWire, MessageType, SerialWire, Wire
+from fort_vsc_bridge.session import Session, Settings, Sticks
 from test.explorer import visits_of
-from test.fort_vsc_rig import CLEAR
-from test.fort_vsc_rig import DEFLECTED
-from test.fort_vsc_rig import heartbeat
-from test.fort_vsc_rig import SRC
-from test.fort_vsc_rig import STOP
-from test.fort_vsc_rig import USER
+from test.fort_vsc_rig import CLEAR, DEFLECTED, heartbeat, SRC, STOP, USER
 from test.session_world import SessionWorld
-from test.test_fort_vsc_can import ALL_STICKS
-from test.test_fort_vsc_can import frame
-from test.test_fort_vsc_can import heartbeat as heartbeat_on_can
+from test.test_fort_vsc_can import ALL_STICKS, frame, heartbeat as heartbeat_on_can
 
 pytestmark = pytest.mark.computes
 LINK = ASKED = 2 * SessionWorld.STEP

@@ -16,31 +16,31 @@
 
 import struct
 
-from hypothesis import given
-from hypothesis import settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 import pytest
 
 from bridge_core.session import Level
-from fort_vsc_bridge.protocol import AutonomyMode
-from fort_vsc_bridge.protocol import Mode
-from fort_vsc_bridge.protocol import RemoteStatus
-from fort_vsc_bridge.session import DeviceSettings
-from fort_vsc_bridge.session import GpsSentence
-from fort_vsc_bridge.session import ModeChanged
-from fort_vsc_bridge.session import RemoteState
-from fort_vsc_bridge.session import UserValue
+from fort_vsc_bridge.protocol import AutonomyMode, Mode, RemoteStatus
+from fort_vsc_bridge.session import (
+    DeviceSettings,
+    GpsSentence,
+    ModeChanged,
+    RemoteState,
+    UserValue,
+)
 from fort_vsc_bridge.simulator import build_frame
-from test.fort_vsc_rig import ask
-from test.fort_vsc_rig import CENTRED
-from test.fort_vsc_rig import CLEAR
-from test.fort_vsc_rig import DEFLECTED
-from test.fort_vsc_rig import heartbeat
-from test.fort_vsc_rig import LIMIT
-from test.fort_vsc_rig import opened
-from test.fort_vsc_rig import SRC
-from test.fort_vsc_rig import sticks
-from test.fort_vsc_rig import USER
+from test.fort_vsc_rig import (
+    ask,
+    CENTRED,
+    CLEAR,
+    DEFLECTED,
+    heartbeat,
+    LIMIT,
+    opened,
+    SRC,
+    sticks,
+    USER,
+)
 
 STATUS = build_frame(0x22, bytes((70, 1, 1, 1, 0xC4, 0)))
 POSITION = build_frame(0x12, b'\x01$GPGGA,*56\r\n')

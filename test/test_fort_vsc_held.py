@@ -21,26 +21,14 @@ from typing import Any
 import pytest
 
 from bridge_core.j1939 import CanFrame
-from fort_vsc_bridge.protocol import CanWire
-from fort_vsc_bridge.protocol import HidWire
-from fort_vsc_bridge.protocol import Mode
-from fort_vsc_bridge.protocol import SerialWire
-from fort_vsc_bridge.session import Session
-from fort_vsc_bridge.session import Settings
-from fort_vsc_bridge.simulator import CanSimulator
-from fort_vsc_bridge.simulator import HidSimulator
-from fort_vsc_bridge.simulator import Simulator
+from fort_vsc_bridge.protocol import CanWire, HidWire, Mode, SerialWire
+from fort_vsc_bridge.session import Session, Settings
+from fort_vsc_bridge.simulator import CanSimulator, HidSimulator, Simulator
 from fort_vsc_bridge.simulator.can import IDENTIFIERS
 from safety_mux.arbiter import Arbiter
-from safety_mux.limits import JointLimit
-from safety_mux.limits import JointLimiter
-from safety_mux.protocol import EStopSource
-from safety_mux.protocol import MuxConfig
-from safety_mux.protocol import Operator
-from safety_mux.protocol import OperatorSample
-from safety_mux.protocol import State
-from test.fort_vsc_rig import SRC
-from test.fort_vsc_rig import sticks
+from safety_mux.limits import JointLimit, JointLimiter
+from safety_mux.protocol import EStopSource, MuxConfig, Operator, OperatorSample, State
+from test.fort_vsc_rig import SRC, sticks
 from test.session_rig import SessionBench
 
 PADS = {'left_basic': 0, 'right_basic': 4}  # place of the deadman among the buttons

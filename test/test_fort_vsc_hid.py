@@ -18,23 +18,13 @@ import itertools
 import random
 from typing import Any
 
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 import pytest
 
 from bridge_core.framing import FrameError
-from bridge_core.session import StopChanged
-from bridge_core.session import Verdict
-from fort_vsc_bridge.protocol import AXIS_NAMES
-from fort_vsc_bridge.protocol import BUTTON_NAMES
-from fort_vsc_bridge.protocol import HidWire
-from fort_vsc_bridge.protocol import InputReport
-from fort_vsc_bridge.protocol import Mode
-from fort_vsc_bridge.session import DeviceSettings
-from fort_vsc_bridge.session import ModeChanged
-from fort_vsc_bridge.session import Session
-from fort_vsc_bridge.session import Settings
-from fort_vsc_bridge.session import Sticks
+from bridge_core.session import StopChanged, Verdict
+from fort_vsc_bridge.protocol import AXIS_NAMES, BUTTON_NAMES, HidWire, InputReport, Mode
+from fort_vsc_bridge.session import DeviceSettings, ModeChanged, Session, Settings, Sticks
 from fort_vsc_bridge.simulator import HidSimulator
 from test.fort_vsc_rig import sticks
 from test.session_rig import SessionBench

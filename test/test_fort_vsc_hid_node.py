@@ -22,25 +22,15 @@ from pathlib import Path
 import time
 from typing import Any
 
-from diagnostic_msgs.msg import DiagnosticStatus
-from diagnostic_msgs.msg import KeyValue
+from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 import pytest
-from sensor_msgs.msg import BatteryState
-from sensor_msgs.msg import Joy
-from sensor_msgs.msg import JoyFeedback
-from std_msgs.msg import Bool
-from std_msgs.msg import String
-from std_msgs.msg import UInt8
+from sensor_msgs.msg import BatteryState, Joy, JoyFeedback
+from std_msgs.msg import Bool, String, UInt8
 
 from fort_vsc_bridge.simulator import HidSimulator
-from test.rig import latched
-from test.rig import NodeProcess
-from test.rig import Observer
-from test.rig import Record
-from test.rig import wait_for
+from test.rig import latched, NodeProcess, Observer, Record, wait_for
 from test.stage import Device
-from test.talkers import Diagnostics
-from test.talkers import namespace
+from test.talkers import Diagnostics, namespace
 
 NAME = 'fort_vsc_bridge'
 LINK, DEVICE = 'link', 'device'  # the parts of its diagnostics

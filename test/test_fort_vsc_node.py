@@ -18,37 +18,20 @@ from collections.abc import Iterator
 import json
 import math
 from pathlib import Path
-from signal import SIGCONT
-from signal import SIGSTOP
-from signal import SIGTERM
+from signal import SIGCONT, SIGSTOP, SIGTERM
 import time
 from typing import Any
 
-from diagnostic_msgs.msg import DiagnosticStatus
-from diagnostic_msgs.msg import KeyValue
+from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 import pytest
-from rclpy.qos import QoSProfile
-from rclpy.qos import ReliabilityPolicy
-from sensor_msgs.msg import BatteryState
-from sensor_msgs.msg import Joy
-from sensor_msgs.msg import JoyFeedback
-from sensor_msgs.msg import NavSatFix
-from std_msgs.msg import Bool
-from std_msgs.msg import Int8
-from std_msgs.msg import String
-from std_msgs.msg import UInt8
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+from sensor_msgs.msg import BatteryState, Joy, JoyFeedback, NavSatFix
+from std_msgs.msg import Bool, Int8, String, UInt8
 
-from fort_vsc_bridge.simulator import build_frame
-from fort_vsc_bridge.simulator import build_sentence
-from fort_vsc_bridge.simulator import Simulator
-from test.rig import latched
-from test.rig import NodeProcess
-from test.rig import Observer
-from test.rig import Record
+from fort_vsc_bridge.simulator import build_frame, build_sentence, Simulator
+from test.rig import latched, NodeProcess, Observer, Record
 from test.stage import Device
-from test.talkers import Diagnostics
-from test.talkers import namespace
-from test.talkers import Talker
+from test.talkers import Diagnostics, namespace, Talker
 
 pytestmark = pytest.mark.waits(80)
 NAME = 'fort_vsc_bridge'

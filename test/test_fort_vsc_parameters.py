@@ -27,12 +27,8 @@ from bridge_core.parameters import resolve
 from bridge_core.runner import run
 from fort_vsc_bridge.node import FortVscBridge
 from fort_vsc_bridge.parameters import PARAMETERS
-from fort_vsc_bridge.protocol import CanIds
-from fort_vsc_bridge.protocol import CanWire
-from fort_vsc_bridge.protocol import HidWire
-from fort_vsc_bridge.protocol import SerialWire
-from fort_vsc_bridge.session import Settings
-from fort_vsc_bridge.session import wire_of
+from fort_vsc_bridge.protocol import CanIds, CanWire, HidWire, SerialWire
+from fort_vsc_bridge.session import Settings, wire_of
 from test.rig import as_yaml
 
 CONFIG = Path(__file__).parent.parent / 'config' / 'fort_vsc_bridge.yaml'

@@ -19,39 +19,37 @@ import json
 from pathlib import Path
 from typing import Any
 
-from hypothesis import example
-from hypothesis import given
-from hypothesis import settings
-from hypothesis import strategies as st
+from hypothesis import example, given, settings, strategies as st
 import pytest
 
-from bridge_core.framing import FrameError
-from bridge_core.framing import StreamParser
-from bridge_core.framing import Unknown
+from bridge_core.framing import FrameError, StreamParser, Unknown
 from fort_vsc_bridge import protocol
-from fort_vsc_bridge.protocol import Axis
-from fort_vsc_bridge.protocol import Button
-from fort_vsc_bridge.protocol import Gps
-from fort_vsc_bridge.protocol import Heartbeat
-from fort_vsc_bridge.protocol import HostHeartbeat
-from fort_vsc_bridge.protocol import InputState
-from fort_vsc_bridge.protocol import Joystick
-from fort_vsc_bridge.protocol import Message
-from fort_vsc_bridge.protocol import MessageControl
-from fort_vsc_bridge.protocol import Mode
-from fort_vsc_bridge.protocol import RemoteStatus
-from fort_vsc_bridge.protocol import UserFeedback
-from fort_vsc_bridge.protocol import UserFeedbackGet
-from fort_vsc_bridge.protocol import UserFeedbackName
-from fort_vsc_bridge.protocol.frames import PACKETS
-from fort_vsc_bridge.protocol.frames import Rejected
+from fort_vsc_bridge.protocol import (
+    Axis,
+    Button,
+    Gps,
+    Heartbeat,
+    HostHeartbeat,
+    InputState,
+    Joystick,
+    Message,
+    MessageControl,
+    Mode,
+    RemoteStatus,
+    UserFeedback,
+    UserFeedbackGet,
+    UserFeedbackName,
+)
+from fort_vsc_bridge.protocol.frames import PACKETS, Rejected
 from fort_vsc_bridge.protocol.serial import SerialDecoder
-from fort_vsc_bridge.protocol.values import AutonomyMode
-from fort_vsc_bridge.protocol.values import estop_sources
-from fort_vsc_bridge.protocol.values import Key
-from fort_vsc_bridge.protocol.values import mode_name
-from fort_vsc_bridge.protocol.values import PERSISTENT_KEYS
-from fort_vsc_bridge.protocol.values import VALUE_RANGES
+from fort_vsc_bridge.protocol.values import (
+    AutonomyMode,
+    estop_sources,
+    Key,
+    mode_name,
+    PERSISTENT_KEYS,
+    VALUE_RANGES,
+)
 from fort_vsc_bridge.simulator import build_frame  # the manual's own loop, not our codec
 from test.parser_rig import frames_of
 

@@ -23,18 +23,9 @@ import pytest
 
 from bridge_core.session import Level
 from fort_vsc_bridge.protocol import CanWire
-from fort_vsc_bridge.session import DeviceSettings
-from fort_vsc_bridge.session import Session
-from fort_vsc_bridge.session import Settings
-from fort_vsc_bridge.simulator import build_frame
-from fort_vsc_bridge.simulator import Simulator
-from test.fort_vsc_rig import Bench
-from test.fort_vsc_rig import CENTRED
-from test.fort_vsc_rig import CLEAR
-from test.fort_vsc_rig import converse
-from test.fort_vsc_rig import gaps
-from test.fort_vsc_rig import heartbeat
-from test.fort_vsc_rig import opened
+from fort_vsc_bridge.session import DeviceSettings, Session, Settings
+from fort_vsc_bridge.simulator import build_frame, Simulator
+from test.fort_vsc_rig import Bench, CENTRED, CLEAR, converse, gaps, heartbeat, opened
 
 # -- what is sent ---------------------------------------------------------------------------------
 

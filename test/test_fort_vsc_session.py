@@ -18,31 +18,27 @@ import itertools
 import math
 import random
 
-from hypothesis import given
-from hypothesis import settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 import pytest
 
-from bridge_core.session import Level
-from bridge_core.session import StopChanged
-from bridge_core.session import Verdict
+from bridge_core.session import Level, StopChanged, Verdict
 from fort_vsc_bridge.protocol import Mode
-from fort_vsc_bridge.session import ModeChanged
-from fort_vsc_bridge.session import Sticks
-from fort_vsc_bridge.simulator import build_frame
-from fort_vsc_bridge.simulator import Simulator
-from test.fort_vsc_rig import Bench
-from test.fort_vsc_rig import CENTRED
-from test.fort_vsc_rig import converse
-from test.fort_vsc_rig import DEFLECTED
-from test.fort_vsc_rig import gaps
-from test.fort_vsc_rig import heartbeat
-from test.fort_vsc_rig import LIMIT
-from test.fort_vsc_rig import LOST
-from test.fort_vsc_rig import NEUTRAL
-from test.fort_vsc_rig import opened
-from test.fort_vsc_rig import SRC
-from test.fort_vsc_rig import sticks
+from fort_vsc_bridge.session import ModeChanged, Sticks
+from fort_vsc_bridge.simulator import build_frame, Simulator
+from test.fort_vsc_rig import (
+    Bench,
+    CENTRED,
+    converse,
+    DEFLECTED,
+    gaps,
+    heartbeat,
+    LIMIT,
+    LOST,
+    NEUTRAL,
+    opened,
+    SRC,
+    sticks,
+)
 
 # -- stop and link --------------------------------------------------------------------------------
 

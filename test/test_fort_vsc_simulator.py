@@ -20,9 +20,7 @@ import struct
 
 import pytest
 
-from fort_vsc_bridge.simulator import build_frame
-from fort_vsc_bridge.simulator import build_sentence
-from fort_vsc_bridge.simulator import Simulator
+from fort_vsc_bridge.simulator import build_frame, build_sentence, Simulator
 
 VECTORS = json.loads((Path(__file__).parent / 'vectors' / 'fort_vsc.json').read_text())['serial']
 GOLDEN = {vector['is']: bytes.fromhex(vector['hex']) for vector in VECTORS}

@@ -18,12 +18,8 @@ from __future__ import annotations
 
 import pytest
 
-from fort_vsc_bridge.protocol import AutonomyMode
-from fort_vsc_bridge.protocol import EStopBits
-from fort_vsc_bridge.protocol import Heartbeat
-from fort_vsc_bridge.protocol import Mode
-from fort_vsc_bridge.session.stops import ECHO_DELAY
-from fort_vsc_bridge.session.stops import StopJudge
+from fort_vsc_bridge.protocol import AutonomyMode, EStopBits, Heartbeat, Mode
+from fort_vsc_bridge.session.stops import ECHO_DELAY, StopJudge
 
 SOON = ECHO_DELAY / 2
 

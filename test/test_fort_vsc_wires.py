@@ -21,32 +21,28 @@ import math
 from typing import Any
 
 from builtin_interfaces.msg import Time
-from hypothesis import given
-from hypothesis import settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 import pytest
 
 from bridge_core.session import Level
 from fort_vsc_bridge.convert import joy
 from fort_vsc_bridge.parameters import PARAMETERS
-from fort_vsc_bridge.protocol import AutonomyMode
-from fort_vsc_bridge.protocol import AXIS_NAMES
-from fort_vsc_bridge.protocol import BUTTON_NAMES
-from fort_vsc_bridge.protocol import CanIds
-from fort_vsc_bridge.protocol import CanWire
-from fort_vsc_bridge.protocol import encode_frame
-from fort_vsc_bridge.protocol import Heartbeat
-from fort_vsc_bridge.protocol import HidWire
-from fort_vsc_bridge.protocol import HostHeartbeat
-from fort_vsc_bridge.protocol import Mode
-from fort_vsc_bridge.protocol import SerialWire
-from fort_vsc_bridge.protocol import UserFeedback
-from fort_vsc_bridge.session import Session
-from fort_vsc_bridge.session import Settings
-from fort_vsc_bridge.session import Sticks
-from fort_vsc_bridge.simulator import CanSimulator
-from fort_vsc_bridge.simulator import HidSimulator
-from fort_vsc_bridge.simulator import Simulator
+from fort_vsc_bridge.protocol import (
+    AutonomyMode,
+    AXIS_NAMES,
+    BUTTON_NAMES,
+    CanIds,
+    CanWire,
+    encode_frame,
+    Heartbeat,
+    HidWire,
+    HostHeartbeat,
+    Mode,
+    SerialWire,
+    UserFeedback,
+)
+from fort_vsc_bridge.session import Session, Settings, Sticks
+from fort_vsc_bridge.simulator import CanSimulator, HidSimulator, Simulator
 from test.session_rig import SessionBench
 
 ALIVE = Heartbeat(Mode.OPERATIONAL, AutonomyMode.USER_CONTROL, 0)

@@ -19,24 +19,24 @@ The stream parser against a hostile line, with toy formats that no device uses.
 itself. ``FIXED``: header 0xF0 0xF0, six bytes, CRC-16 over the body; its header overlaps itself.
 """
 
-from collections.abc import Iterable
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 import itertools
 import math
 import random
 
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 import pytest
 
 from bridge_core.checksums import crc16_ccitt_false
-from bridge_core.framing import ChecksumError
-from bridge_core.framing import Decoder
-from bridge_core.framing import expiry
-from bridge_core.framing import FrameError
-from bridge_core.framing import FrameFormat
-from bridge_core.framing import StreamParser
-from bridge_core.framing import Unknown
+from bridge_core.framing import (
+    ChecksumError,
+    Decoder,
+    expiry,
+    FrameError,
+    FrameFormat,
+    StreamParser,
+    Unknown,
+)
 
 EXPIRE = 0.05
 

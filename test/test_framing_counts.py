@@ -16,12 +16,14 @@
 
 import pytest
 
-from bridge_core.framing import ChecksumError
-from bridge_core.framing import Counters
-from bridge_core.framing import FrameError
-from bridge_core.framing import FrameFormat
-from bridge_core.framing import StreamParser
-from bridge_core.framing import Unknown
+from bridge_core.framing import (
+    ChecksumError,
+    Counters,
+    FrameError,
+    FrameFormat,
+    StreamParser,
+    Unknown,
+)
 
 EXPIRE = 0.25  # s; sums of its multiples are exact
 HEADER = b'\xaa\xaa\xaa'  # may begin anew at its second byte

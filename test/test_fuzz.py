@@ -31,8 +31,7 @@ import pytest
 
 from akron_can_bridge.protocol import messages
 from bridge_core import packets
-from bridge_core.framing import FrameError
-from bridge_core.framing import StreamParser
+from bridge_core.framing import FrameError, StreamParser
 from fort_vsc_bridge.protocol import can
 from fort_vsc_bridge.protocol.hid import InputReport
 from fort_vsc_bridge.protocol.serial import SerialDecoder
@@ -40,13 +39,8 @@ from fort_vsc_bridge.session import Session
 from safety_mux.mapping import JoyMapping
 from safety_mux.protocol import MalformedInput
 from ssc_bridge.node import SscBridge
-from test.fuzz import guided
-from test.fuzz import TARGETS
-from test.fuzz.campaign import corpus
-from test.fuzz.campaign import corpus_of
-from test.fuzz.campaign import Finding
-from test.fuzz.campaign import Fuzzer
-from test.fuzz.campaign import watch_for_hangs
+from test.fuzz import guided, TARGETS
+from test.fuzz.campaign import corpus, corpus_of, Finding, Fuzzer, watch_for_hangs
 from vm110_bridge.protocol import Crc
 
 CORPUS = corpus()

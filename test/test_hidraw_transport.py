@@ -25,11 +25,9 @@ from typing import Any
 
 import pytest
 
-from bridge_core.transports import hidraw
-from bridge_core.transports import TransportError
+from bridge_core.transports import hidraw, TransportError
 from bridge_core.transports.hidraw import HidrawTransport
-from test.rig import Pty
-from test.rig import wait_for
+from test.rig import Pty, wait_for
 
 SIZE = 9
 ONE, TWO = bytes(range(SIZE)), bytes(range(100, 100 + SIZE))

@@ -14,14 +14,10 @@
 
 """Identifiers of SAE J1939-21, taken apart and put together."""
 
-from hypothesis import given
-from hypothesis import strategies
+from hypothesis import given, strategies
 import pytest
 
-from bridge_core.j1939 import CanFrame
-from bridge_core.j1939 import GLOBAL_ADDRESS
-from bridge_core.j1939 import J1939Id
-from bridge_core.j1939 import NULL_ADDRESS
+from bridge_core.j1939 import CanFrame, GLOBAL_ADDRESS, J1939Id, NULL_ADDRESS
 
 
 @pytest.mark.parametrize(

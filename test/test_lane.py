@@ -14,8 +14,7 @@
 
 """The way of a stop through a node, on rclpy's wait set and on its public executor."""
 
-from collections.abc import Callable
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from concurrent.futures import wait
 import threading
 from types import SimpleNamespace
@@ -30,11 +29,9 @@ from rclpy.guard_condition import GuardCondition
 from rclpy.impl.implementation_singleton import rclpy_implementation as _rclpy
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
-from std_msgs.msg import Bool
-from std_msgs.msg import Int32
+from std_msgs.msg import Bool, Int32
 
-from bridge_core import clock
-from bridge_core import lane as lane_module
+from bridge_core import clock, lane as lane_module
 from bridge_core.lane import Lane
 from test.rig import wait_for
 

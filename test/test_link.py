@@ -24,20 +24,11 @@ import pytest
 
 from bridge_core import clock
 from bridge_core.session import Level
-from bridge_core.transports import link
-from bridge_core.transports import TransportError
-from bridge_core.transports import wire
-from bridge_core.transports.link import ANSWER_TIME
-from bridge_core.transports.link import ThreadLink
+from bridge_core.transports import link, TransportError, wire
+from bridge_core.transports.link import ANSWER_TIME, ThreadLink
 from bridge_core.transports.wire import INPUT_LIMIT
-from test.link_rig import Bench
-from test.link_rig import fails
-from test.link_rig import FakeTransport
-from test.link_rig import fault
-from test.link_rig import PACE
-from test.link_rig import wait_at
-from test.rig import holds_for
-from test.rig import wait_for
+from test.link_rig import Bench, fails, FakeTransport, fault, PACE, wait_at
+from test.rig import holds_for, wait_for
 from test.run_delay import RunDelay
 
 # Opening, losing, opening again.

@@ -23,10 +23,8 @@ import traceback
 import pytest
 
 from bridge_core.transports import TransportError
-from test.link_rig import Bench
-from test.link_rig import PACE
-from test.rig import holds_for
-from test.rig import wait_for
+from test.link_rig import Bench, PACE
+from test.rig import holds_for, wait_for
 
 
 def test_quiet_link_sleeps(bench: Bench) -> None:

@@ -17,12 +17,10 @@
 from __future__ import annotations
 
 from types import SimpleNamespace
-from typing import Any
-from typing import cast
+from typing import Any, cast
 
 from akron_can_bridge.node import AkronCanBridge
-from akron_can_bridge.session import FaultsChanged
-from akron_can_bridge.session import UnitChanged
+from akron_can_bridge.session import FaultsChanged, UnitChanged
 from ssc_bridge.node import SscBridge
 from ssc_bridge.protocol import Configuration
 from ssc_bridge.session import ConfigurationRead

@@ -21,10 +21,8 @@ from typing import Any
 
 import pytest
 
-from bridge_core.transports import link
-from bridge_core.transports import TransportError
-from bridge_core.transports.link import Link
-from bridge_core.transports.link import Mailbox
+from bridge_core.transports import link, TransportError
+from bridge_core.transports.link import Link, Mailbox
 from bridge_core.transports.wire import Request
 from test.rig import wait_for
 

@@ -23,15 +23,11 @@ from typing import Any
 
 import pytest
 
-from bridge_core.transports import multicast
-from bridge_core.transports import TransportError
+from bridge_core.transports import multicast, TransportError
 from bridge_core.transports.multicast import MulticastTransport
-from rugged_teleop.multicasts import GROUP
-from rugged_teleop.multicasts import LOOPBACK
+from rugged_teleop.multicasts import GROUP, LOOPBACK
 from test.link_rig import Bench
-from test.multicast_rig import free_port
-from test.multicast_rig import in_network_namespace
-from test.multicast_rig import run_ip
+from test.multicast_rig import free_port, in_network_namespace, run_ip
 from test.rig import wait_for
 
 Ports = tuple[MulticastTransport, MulticastTransport]

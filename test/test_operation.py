@@ -21,8 +21,7 @@ from typing import Any
 import pytest
 import yaml
 
-from bridge_core.parameter_files import parameters_for
-from bridge_core.parameter_files import sections_of
+from bridge_core.parameter_files import parameters_for, sections_of
 from rugged_teleop.stack import NODES
 from test.rig import ROOT
 

@@ -25,9 +25,7 @@ import subprocess
 import sys
 
 from bridge_core import drain
-from test.rig import ROOT
-from test.rig import TIMEOUT_FACTOR
-from test.rig import wait_for
+from test.rig import ROOT, TIMEOUT_FACTOR, wait_for
 
 LINE = b'0123456789abcdef' * 64 + b'\n'
 

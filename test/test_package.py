@@ -27,8 +27,7 @@ import pytest
 from setuptools import find_packages
 
 from bridge_core.parameter_files import sections_of
-from rugged_teleop.stack import BESIDE
-from rugged_teleop.stack import NODES
+from rugged_teleop.stack import BESIDE, NODES
 
 ROOT = Path(__file__).resolve().parent.parent
 PACKAGE = 'rugged_teleop'

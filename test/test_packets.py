@@ -20,10 +20,8 @@ import struct
 import pytest
 
 from bridge_core.checksums import fletcher16
-from bridge_core.framing import ChecksumError
-from bridge_core.framing import FrameError
-from bridge_core.packets import Message
-from bridge_core.packets import PacketFormat
+from bridge_core.framing import ChecksumError, FrameError
+from bridge_core.packets import Message, PacketFormat
 
 PACKETS = PacketFormat(b'\x10\x20', max_length=4, lengths={1: (2, 3)}, summed_from=2)
 

@@ -26,12 +26,14 @@ from rclpy.context import Context
 from rclpy.node import Node
 import yaml
 
-from bridge_core.parameter_files import check_files
-from bridge_core.parameter_files import check_overrides
-from bridge_core.parameter_files import check_sections
-from bridge_core.parameter_files import files_of
-from bridge_core.parameter_files import parameters_for
-from bridge_core.parameter_files import sections_of
+from bridge_core.parameter_files import (
+    check_files,
+    check_overrides,
+    check_sections,
+    files_of,
+    parameters_for,
+    sections_of,
+)
 from bridge_core.parameters import ParameterError
 from bridge_core.runner import run
 from safety_mux.node import SafetyMux

@@ -17,15 +17,10 @@
 import math
 from typing import Any
 
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 import pytest
 
-from bridge_core.parameters import names_of
-from bridge_core.parameters import Parameter
-from bridge_core.parameters import ParameterError
-from bridge_core.parameters import resolve
-from bridge_core.parameters import with_named
+from bridge_core.parameters import names_of, Parameter, ParameterError, resolve, with_named
 
 RATE = Parameter('rate', 20.0, 'How often.', unit='Hz', minimum=5.0, maximum=200.0)
 TIMEOUT = Parameter('timeout', 0.25, 'How long.', unit='s', above=0.0)

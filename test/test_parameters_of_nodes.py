@@ -18,9 +18,7 @@ Every bad parameter of each node: exit status 2, one line that names it, no port
 Most run in this process through the function that the executables call; a few as processes.
 """
 
-from collections.abc import Callable
-from collections.abc import Iterator
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 import gc
 import math
 import os
@@ -29,16 +27,13 @@ import re
 import signal
 import threading
 import time
-from typing import Any
-from typing import Protocol
+from typing import Any, Protocol
 
 import can
 import pytest
 
 from akron_can_bridge.node import AkronCanBridge
-from bridge_core.parameters import Parameter
-from bridge_core.parameters import ParameterError
-from bridge_core.parameters import resolve
+from bridge_core.parameters import Parameter, ParameterError, resolve
 from bridge_core.runner import run
 from esi_drive_bridge.node import EsiDriveBridge
 from fort_vsc_bridge.node import FortVscBridge
@@ -48,11 +43,8 @@ from safety_mux.parameters import parameter_table
 from ssc_bridge.node import SscBridge
 from status_page.node import StatusPage
 from test.multicast_rig import free_port
-from test.rig import as_yaml
-from test.rig import TIMEOUT_FACTOR
-from test.rig import wait_for
-from test.spine import exit_of
-from test.spine import UntouchedPort
+from test.rig import as_yaml, TIMEOUT_FACTOR, wait_for
+from test.spine import exit_of, UntouchedPort
 from vm110_bridge.node import Vm110Bridge
 
 

@@ -21,10 +21,7 @@ same cause, and what to do about it.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from collections.abc import Iterable
-from collections.abc import Iterator
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
 import errno
 import importlib
@@ -34,45 +31,26 @@ import re
 from typing import Any
 
 import pytest
-from rclpy.qos import QoSProfile
-from rclpy.qos import ReliabilityPolicy
+from rclpy.qos import QoSProfile, ReliabilityPolicy
 import serial
 from std_msgs.msg import Bool
 
-from bridge_core.report import Damage
-from bridge_core.report import LinkStatus
-from bridge_core.report import Report
-from bridge_core.report import report
+from bridge_core.report import Damage, LinkStatus, Report, report
 from bridge_core.transports import TransportError
 from fort_vsc_bridge.simulator import Simulator as Vsc
 from rugged_teleop.doctor.configuration import Configured
 from rugged_teleop.doctor.findings import Finding
-from rugged_teleop.doctor.graph import Endpoint
-from rugged_teleop.doctor.graph import Graph
-from rugged_teleop.doctor.graph import graph_findings
-from rugged_teleop.doctor.listening import device_findings
-from rugged_teleop.doctor.listening import Heard
-from rugged_teleop.doctor.networks import Filters
-from rugged_teleop.doctor.networks import Group
-from rugged_teleop.doctor.networks import group_findings
-from rugged_teleop.doctor.ports import Holder
-from rugged_teleop.doctor.ports import port_findings
-from rugged_teleop.doctor.ports import PortFacts
-from rugged_teleop.doctor.ports import User
-from rugged_teleop.doctor.serial_lines import Line
-from rugged_teleop.doctor.serial_lines import line_findings
-from safety_mux.report import report_of
-from safety_mux.report import Surroundings
+from rugged_teleop.doctor.graph import Endpoint, Graph, graph_findings
+from rugged_teleop.doctor.listening import device_findings, Heard
+from rugged_teleop.doctor.networks import Filters, Group, group_findings
+from rugged_teleop.doctor.ports import Holder, port_findings, PortFacts, User
+from rugged_teleop.doctor.serial_lines import Line, line_findings
+from safety_mux.report import report_of, Surroundings
 from status_page.model import Diagnostic
 from test.captures import STREAMS
-from test.doctor_rig import counted
-from test.doctor_rig import node
-from test.doctor_rig import noise
+from test.doctor_rig import counted, node, noise
 from test.fed_mux import SteppedMux
-from test.page_rig import FORT
-from test.page_rig import model
-from test.page_rig import MUX
-from test.page_rig import remedies
+from test.page_rig import FORT, model, MUX, remedies
 from test.rig import wait_for
 from test.safety_mux_bench import Bench
 from vm110_bridge.simulator import Simulator as BaseUnit

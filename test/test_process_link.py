@@ -21,9 +21,7 @@ Real processes with a toy device; the drive in motion is at the end.
 from __future__ import annotations
 
 import ast
-from collections.abc import Callable
-from collections.abc import Iterator
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 import contextlib
 import errno
 import functools
@@ -31,15 +29,7 @@ import math
 import os
 from pathlib import Path
 import pickle
-from signal import SIGCONT
-from signal import SIGHUP
-from signal import SIGINT
-from signal import SIGKILL
-from signal import SIGQUIT
-from signal import SIGRTMIN
-from signal import SIGSEGV
-from signal import SIGSTOP
-from signal import SIGTERM
+from signal import SIGCONT, SIGHUP, SIGINT, SIGKILL, SIGQUIT, SIGRTMIN, SIGSEGV, SIGSTOP, SIGTERM
 import socket
 import subprocess
 import sys
@@ -50,51 +40,35 @@ from typing import Any
 
 import pytest
 from rclpy.context import Context
-from std_msgs.msg import Bool
-from std_msgs.msg import Float32
+from std_msgs.msg import Bool, Float32
 from std_srvs.srv import Trigger
 
 from bridge_core import clock
-from bridge_core.report import Report
-from bridge_core.report import Status
-from bridge_core.session import Answer
-from bridge_core.session import Level
-from bridge_core.session import StopChanged
-from bridge_core.session import Verdict
-from bridge_core.transports import process
-from bridge_core.transports import TransportError
-from bridge_core.transports import wire_process
+from bridge_core.report import Report, Status
+from bridge_core.session import Answer, Level, StopChanged, Verdict
+from bridge_core.transports import process, TransportError, wire_process
 from bridge_core.transports.process import ProcessLink
 from bridge_core.transports.wire import Request
 from bridge_core.transports.wire_process import Node
 from test import gated_wire
-from test.endings import each_ending
-from test.endings import first_of
+from test.endings import each_ending, first_of
 from test.link_rig import FakeOwner
-from test.rig import as_yaml
-from test.rig import holds_for
-from test.rig import latched
-from test.rig import NodeProcess
-from test.rig import Observer
-from test.rig import Pty
-from test.rig import Record
-from test.rig import wait_for
-from test.run_delay import HELD_UP
-from test.run_delay import RunDelay
-from test.run_delay import WIRE_HELD_UP
+from test.rig import as_yaml, holds_for, latched, NodeProcess, Observer, Pty, Record, wait_for
+from test.run_delay import HELD_UP, RunDelay, WIRE_HELD_UP
 from test.talkers import Diagnostics
 from test.test_esi_drive_node import Bench as DriveBench
-from test.toy_bridge import make_toy
-from test.toy_bridge import toy_process
-from test.toy_rig import command_of
-from test.toy_rig import ESTOP
-from test.toy_rig import is_running
-from test.toy_rig import OUTLASTS_GAPS
-from test.toy_rig import spares_of
-from test.toy_rig import ToyDevice
-from test.toy_rig import wait_repeats
-from test.toy_rig import wait_value
-from test.toy_rig import wires_of
+from test.toy_bridge import make_toy, toy_process
+from test.toy_rig import (
+    command_of,
+    ESTOP,
+    is_running,
+    OUTLASTS_GAPS,
+    spares_of,
+    ToyDevice,
+    wait_repeats,
+    wait_value,
+    wires_of,
+)
 from test.toy_wire import BRIDGE
 
 LINK, DEVICE = 'link', 'device'  # the parts of the diagnostics

@@ -21,29 +21,20 @@ The link is the product's; for the processes see wire_children. Time is in steps
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Hashable
-from collections.abc import Iterator
-from collections.abc import Sequence
+from collections.abc import Hashable, Iterator, Sequence
 import math
 from types import SimpleNamespace
 from typing import Any
 from unittest.mock import patch
 
 from bridge_core.session import StopChanged
-from bridge_core.transports import process
-from bridge_core.transports import wire_process
+from bridge_core.transports import process, wire_process
 from bridge_core.transports.process import ProcessLink
 from bridge_core.transports.wire import Request
 from bridge_core.transports.wire_process import TURN
-from test.explorer import Memory
-from test.explorer import Remembered
-from test.explorer import START
-from test.explorer import visits_of
+from test.explorer import Memory, Remembered, START, visits_of
 from test.toy_wire import BRIDGE
-from test.wire_children import Child
-from test.wire_children import ROOM
-from test.wire_children import STEP
-from test.wire_children import Values
+from test.wire_children import Child, ROOM, STEP, Values
 
 SILENCE = 2 * STEP
 LIMITS: dict[str, Any] = {

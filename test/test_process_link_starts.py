@@ -20,9 +20,7 @@ The clock is the test's, and so are the processes.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from collections.abc import Iterator
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 import errno
 import importlib
 import itertools
@@ -40,16 +38,10 @@ from typing import Any
 import pytest
 
 from bridge_core import realtime
-from bridge_core.session import StopChanged
-from bridge_core.session import Verdict
-from bridge_core.transports import process
-from bridge_core.transports import wire_process
-from bridge_core.transports.wire_process import ENDING
-from bridge_core.transports.wire_process import Node
-from bridge_core.transports.wire_process import receive
-from bridge_core.transports.wire_process import TURN
-from test.test_process_link_steps import Child
-from test.test_process_link_steps import StepBench
+from bridge_core.session import StopChanged, Verdict
+from bridge_core.transports import process, wire_process
+from bridge_core.transports.wire_process import ENDING, Node, receive, TURN
+from test.test_process_link_steps import Child, StepBench
 from test.toy_wire import BRIDGE
 
 

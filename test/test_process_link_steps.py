@@ -16,9 +16,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from collections.abc import Iterator
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 import errno
 import math
 import os
@@ -33,17 +31,12 @@ from typing import Any
 import pytest
 
 from bridge_core import clock
-from bridge_core.report import Report
-from bridge_core.report import Status
-from bridge_core.session import Level
-from bridge_core.session import StopChanged
-from bridge_core.session import Verdict
+from bridge_core.report import Report, Status
+from bridge_core.session import Level, StopChanged, Verdict
 from bridge_core.transports import process
 from bridge_core.transports.process import ProcessLink
 from bridge_core.transports.wire import Request
-from bridge_core.transports.wire_process import Node
-from bridge_core.transports.wire_process import receive
-from bridge_core.transports.wire_process import TURN
+from bridge_core.transports.wire_process import Node, receive, TURN
 from test.link_rig import FakeOwner
 from test.toy_wire import BRIDGE
 

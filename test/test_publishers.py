@@ -23,11 +23,8 @@ from sensor_msgs.msg import Joy
 from std_msgs.msg import Bool
 
 from bridge_core.publishers import PublisherWatch
-from test.mux_talkers import MuxBench
-from test.mux_talkers import SILENCE_STOPS_WITHIN
-from test.mux_talkers import sticks
-from test.rig import NodeProcess
-from test.rig import Observer
+from test.mux_talkers import MuxBench, SILENCE_STOPS_WITHIN, sticks
+from test.rig import NodeProcess, Observer
 from test.talkers import Talker
 
 pytestmark = pytest.mark.waits(60)

@@ -17,30 +17,18 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 import subprocess
 import sys
 
 import pytest
 
-from benchmarks.machine import Machine
-from benchmarks.machine import Setting
-from benchmarks.random_campaign import Campaign
-from benchmarks.random_campaign import growth
-from benchmarks.random_campaign import judge
-from benchmarks.random_campaign import moved
-from benchmarks.random_campaign import table
-from benchmarks.random_campaign import Trial
-from benchmarks.random_devices import Fault
-from benchmarks.random_devices import UNIT_RADIO
-from benchmarks.random_faults import CABLE
-from benchmarks.random_faults import drawn
-from benchmarks.random_faults import HUNG
-from benchmarks.random_faults import kinds_of
-from test.rig import Observer
-from test.rig import ROOT
+from benchmarks.machine import Machine, Setting
+from benchmarks.random_campaign import Campaign, growth, judge, moved, table, Trial
+from benchmarks.random_devices import Fault, UNIT_RADIO
+from benchmarks.random_faults import CABLE, drawn, HUNG, kinds_of
+from test.rig import Observer, ROOT
 from test.stage import Packet
 
 MANY = 1500  # trials in which all kinds come

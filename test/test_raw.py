@@ -22,24 +22,16 @@ import time
 from typing import Any
 
 import pytest
-from rclpy.qos import QoSProfile
-from rclpy.qos import ReliabilityPolicy
-from std_msgs.msg import Bool
-from std_msgs.msg import UInt8MultiArray
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+from std_msgs.msg import Bool, UInt8MultiArray
 
 from bridge_core import clock
 from bridge_core.j1939 import CanFrame
 from bridge_core.raw import raw_message
-from bridge_core.transports.tap import Chunk
-from bridge_core.transports.tap import Tap
-from bridge_core.transports.tap import tap_pair
-from test.rig import latched
-from test.rig import Observer
-from test.rig import Pty
+from bridge_core.transports.tap import Chunk, Tap, tap_pair
+from test.rig import latched, Observer, Pty
 from test.toy_bridge import toy_process
-from test.toy_rig import ESTOP
-from test.toy_rig import ToyDevice
-from test.toy_rig import wait_value
+from test.toy_rig import ESTOP, ToyDevice, wait_value
 
 BEST_EFFORT = QoSProfile(depth=100, reliability=ReliabilityPolicy.BEST_EFFORT)
 

@@ -21,20 +21,16 @@ same file, and nothing else.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from functools import partial
 import math
 from pathlib import Path
-from signal import SIGKILL
-from signal import SIGSTOP
+from signal import SIGKILL, SIGSTOP
 import time
 from typing import Any
 from xml.etree import ElementTree
 
-from geometry_msgs.msg import Twist
-from geometry_msgs.msg import TwistStamped
-from geometry_msgs.msg import Vector3
+from geometry_msgs.msg import Twist, TwistStamped, Vector3
 import pytest
 from rclpy.qos import qos_profile_sensor_data
 from rclpy.time import Time
@@ -44,12 +40,8 @@ import yaml
 
 from esi_drive_bridge.simulator import Simulator as DriveSimulator
 from test.endings import first_of
-from test.mux_talkers import MuxBench
-from test.mux_talkers import sticks
-from test.rig import latched
-from test.rig import NodeProcess
-from test.rig import Observer
-from test.rig import ROOT
+from test.mux_talkers import MuxBench, sticks
+from test.rig import latched, NodeProcess, Observer, ROOT
 from test.stage import Drive
 from test.talkers import Talker
 

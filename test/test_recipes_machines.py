@@ -26,8 +26,7 @@ from sensor_msgs.msg import Joy
 from akron_can_bridge.convert import command
 from fort_vsc_bridge.protocol import AXIS_NAMES
 from rugged_teleop.bringup import processes
-from rugged_teleop.doctor.configuration import configured
-from rugged_teleop.doctor.configuration import wiring
+from rugged_teleop.doctor.configuration import configured, wiring
 from rugged_teleop.doctor.findings import Level
 from safety_mux.configuration import joy_mapping
 from test.rig import ROOT

@@ -22,19 +22,14 @@ from pathlib import Path
 import threading
 from typing import Any
 
-from diagnostic_msgs.msg import DiagnosticArray
-from diagnostic_msgs.msg import DiagnosticStatus
-from diagnostic_msgs.msg import KeyValue
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 import pytest
-from rcl_interfaces.msg import ListParametersResult
-from rcl_interfaces.msg import ParameterValue
-from rcl_interfaces.srv import GetParameters
-from rcl_interfaces.srv import ListParameters
+from rcl_interfaces.msg import ListParametersResult, ParameterValue
+from rcl_interfaces.srv import GetParameters, ListParameters
 from rclpy.parameter import Parameter
-from rclpy.serialization import deserialize_message
-from rclpy.serialization import serialize_message
+from rclpy.serialization import deserialize_message, serialize_message
 from rclpy.task import Future
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Bool
@@ -42,27 +37,16 @@ from std_msgs.msg import Bool
 from bridge_core import clock
 from bridge_core.parameter_files import check_names
 from rugged_teleop.recorder.asked import AskedParameters
-from rugged_teleop.recorder.definitions import definition_of
-from rugged_teleop.recorder.definitions import message_class
-from rugged_teleop.recorder.folder import file_name
-from rugged_teleop.recorder.folder import Folder
+from rugged_teleop.recorder.definitions import definition_of, message_class
+from rugged_teleop.recorder.folder import file_name, Folder
 from rugged_teleop.recorder.node import Recorder
-from rugged_teleop.recorder.reasons import Nodes
-from rugged_teleop.recorder.reasons import Reasons
-from rugged_teleop.recorder.ring import Channel
-from rugged_teleop.recorder.ring import Heard
-from rugged_teleop.recorder.ring import Ring
+from rugged_teleop.recorder.reasons import Nodes, Reasons
+from rugged_teleop.recorder.ring import Channel, Heard, Ring
 from rugged_teleop.recorder.schedule import Schedule
-from rugged_teleop.recorder.writer import FileWriter
-from rugged_teleop.recorder.writer import RecordingFile
-from rugged_teleop.recordings import read
-from rugged_teleop.recordings import Said
-from rugged_teleop.stack import BESIDE
-from rugged_teleop.stack import configured_nodes
-from rugged_teleop.stack import NODES
-from test.rig import NodeProcess
-from test.rig import own_domain
-from test.rig import wait_for
+from rugged_teleop.recorder.writer import FileWriter, RecordingFile
+from rugged_teleop.recordings import read, Said
+from rugged_teleop.stack import BESIDE, configured_nodes, NODES
+from test.rig import NodeProcess, own_domain, wait_for
 
 BOOL = Channel('/mux/estop', 'std_msgs/msg/Bool', definition_of('std_msgs/msg/Bool'))
 JOINTS = Channel(

@@ -25,14 +25,9 @@ from mcap_ros2.decoder import DecoderFactory
 from std_msgs.msg import Bool
 from std_srvs.srv import Trigger
 
-from test.rig import latched
-from test.rig import NodeProcess
-from test.rig import Observer
-from test.rig import Pty
+from test.rig import latched, NodeProcess, Observer, Pty
 from test.toy_bridge import toy_process
-from test.toy_rig import ESTOP
-from test.toy_rig import ToyDevice
-from test.toy_rig import wait_value
+from test.toy_rig import ESTOP, ToyDevice, wait_value
 
 PARAMETERS = {'seconds': 5.0, 'after': 0.3, 'period': 1.0}
 LINK_UP = '/toy_bridge/link_up'

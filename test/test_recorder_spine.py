@@ -31,18 +31,12 @@ from std_srvs.srv import Trigger
 
 from esi_drive_bridge.simulator import Simulator as DriveSimulator
 from rugged_teleop.domains import claim_domain
-from rugged_teleop.recordings import Parameters
-from rugged_teleop.recordings import read
-from rugged_teleop.recordings import Said
+from rugged_teleop.recordings import Parameters, read, Said
 from rugged_teleop.why.story import story
-from test.rig import NodeProcess
-from test.rig import Observer
+from test.rig import NodeProcess, Observer
 from test.spine import Spine
-from test.stage import DRIVE
-from test.stage import MUX
-from test.stage import VSC
-from test.test_spine import LINK_TIMEOUT
-from test.test_spine import PARAMETERS
+from test.stage import DRIVE, MUX, VSC
+from test.test_spine import LINK_TIMEOUT, PARAMETERS
 
 # What each recording has to have.
 TOPICS = {

@@ -20,12 +20,9 @@ from typing import Any
 import pytest
 import yaml
 
-from bridge_core.parameters import Parameter
-from bridge_core.parameters import resolve
+from bridge_core.parameters import Parameter, resolve
 from rugged_teleop import reference
-from rugged_teleop.reference import Node
-from rugged_teleop.reference import NODES
-from rugged_teleop.reference import Table
+from rugged_teleop.reference import Node, NODES, Table
 from rugged_teleop.schema import GENERIC
 
 each_node = pytest.mark.parametrize('node', NODES, ids=lambda node: node.name)

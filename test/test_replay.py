@@ -27,8 +27,7 @@ import pytest
 
 from bridge_core.parameters import BRIDGE_PARAMETERS
 from fort_vsc_bridge.session import Session
-from rugged_teleop.loaded import load
-from rugged_teleop.loaded import Loaded
+from rugged_teleop.loaded import load, Loaded
 from rugged_teleop.recordings import Said
 from rugged_teleop.replay.main import main
 from rugged_teleop.replay.mux import MuxReplay
@@ -37,8 +36,7 @@ from rugged_teleop.replay.track import Track
 from safety_mux.arbiter import Arbiter
 from safety_mux.limits import JointLimiter
 from safety_mux.protocol import State
-from test import akron_session_rig
-from test import esi_drive_rig
+from test import akron_session_rig, esi_drive_rig
 
 # The recorder's, of running nodes: of test_recorder_spine.py, without what replay does not read.
 FOLDER = Path(__file__).parent / 'recordings'

@@ -22,8 +22,7 @@ from typing import Any
 
 import pytest
 
-from bridge_core.parameters import MANAGED_PARAMETERS
-from bridge_core.parameters import resolve
+from bridge_core.parameters import MANAGED_PARAMETERS, resolve
 from rugged_teleop.recordings import Said
 from rugged_teleop.replay.found import Outcome
 from rugged_teleop.replay.mux import MuxReplay

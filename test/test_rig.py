@@ -24,11 +24,7 @@ import tempfile
 import pytest
 
 from test.forks import ForkedProcess
-from test.rig import ending_with
-from test.rig import forks
-from test.rig import ROOT
-from test.rig import TIMEOUT_FACTOR
-from test.rig import wait_for
+from test.rig import ending_with, forks, ROOT, TIMEOUT_FACTOR, wait_for
 from test.toy_rig import is_running
 
 WAIT = 10.0 * TIMEOUT_FACTOR

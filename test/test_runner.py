@@ -29,12 +29,9 @@ import weakref
 
 import pytest
 
-from bridge_core import realtime
-from bridge_core import runner
+from bridge_core import realtime, runner
 from safety_mux.node import SafetyMux
-from test.rig import ENDING
-from test.rig import NodeProcess
-from test.rig import wait_for
+from test.rig import ENDING, NodeProcess, wait_for
 from test.talkers import namespace
 
 NAMES = ('remote', 'drive', 'mux', 'servos')

@@ -20,10 +20,8 @@ from typing import Any
 import pytest
 from rclpy.lifecycle import TransitionCallbackReturn
 from rclpy.parameter import Parameter
-from sensor_msgs.msg import JointState
-from sensor_msgs.msg import Joy
-from std_msgs.msg import Bool
-from std_msgs.msg import Float64
+from sensor_msgs.msg import JointState, Joy
+from std_msgs.msg import Bool, Float64
 
 from bridge_core import clock
 from safety_mux.outputs import GatedJoy

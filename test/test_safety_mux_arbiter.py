@@ -23,25 +23,21 @@ from typing import Any
 import pytest
 
 from safety_mux.arbiter import Arbiter
-from safety_mux.limits import JointLimit
-from safety_mux.limits import JointLimiter
-from safety_mux.protocol import Autonomy
-from safety_mux.protocol import Decision
-from safety_mux.protocol import EStopSource
-from safety_mux.protocol import Operator
-from safety_mux.protocol import OperatorSample
-from safety_mux.protocol import State
-from test.safety_mux_bench import assert_stopped
-from test.safety_mux_bench import BACK
-from test.safety_mux_bench import Bench
-from test.safety_mux_bench import CONFIG
-from test.safety_mux_bench import DRIVE
-from test.safety_mux_bench import EVERY
-from test.safety_mux_bench import HALF
-from test.safety_mux_bench import HELD
-from test.safety_mux_bench import OFF
-from test.safety_mux_bench import REST
-from test.safety_mux_bench import TICK
+from safety_mux.limits import JointLimit, JointLimiter
+from safety_mux.protocol import Autonomy, Decision, EStopSource, Operator, OperatorSample, State
+from test.safety_mux_bench import (
+    assert_stopped,
+    BACK,
+    Bench,
+    CONFIG,
+    DRIVE,
+    EVERY,
+    HALF,
+    HELD,
+    OFF,
+    REST,
+    TICK,
+)
 
 # Rule 1: an e-stop source is clear only if it is fresh, says false, and its QoS matches.
 

@@ -17,14 +17,10 @@
 from itertools import pairwise
 import math
 
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 import pytest
 
-from safety_mux.button import LONGEST
-from safety_mux.button import ResetButton
-from safety_mux.button import SHORTEST
-from safety_mux.button import TIMEOUT
+from safety_mux.button import LONGEST, ResetButton, SHORTEST, TIMEOUT
 
 EVERY = 0.05  # s between messages
 HOUR = 3600.0

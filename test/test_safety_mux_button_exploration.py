@@ -29,28 +29,16 @@ from unittest.mock import patch
 import pytest
 from std_msgs.msg import Bool
 
-from bridge_core import clock
-from bridge_core import publishers
+from bridge_core import clock, publishers
 from bridge_core.publishers import PublisherWatch
 from safety_mux import button
 from safety_mux.arbiter import Arbiter
 from safety_mux.button import ResetButton
-from safety_mux.limits import JointLimit
-from safety_mux.limits import JointLimiter
+from safety_mux.limits import JointLimit, JointLimiter
 from safety_mux.node import SafetyMux
-from safety_mux.protocol import EStopSource
-from safety_mux.protocol import MuxConfig
-from safety_mux.protocol import Operator
-from safety_mux.protocol import OperatorSample
-from safety_mux.protocol import State
-from test.explorer import Memory
-from test.explorer import Remembered
-from test.explorer import START
-from test.explorer import visits_of
-from test.test_safety_mux_exploration import CLEAR
-from test.test_safety_mux_exploration import Memory as ArbiterMemory
-from test.test_safety_mux_exploration import STEP
-from test.test_safety_mux_exploration import TIMEOUT
+from safety_mux.protocol import EStopSource, MuxConfig, Operator, OperatorSample, State
+from test.explorer import Memory, Remembered, START, visits_of
+from test.test_safety_mux_exploration import CLEAR, Memory as ArbiterMemory, STEP, TIMEOUT
 
 pytestmark = pytest.mark.computes
 STALE, LONGEST = 2 * STEP, 4 * STEP  # of the button's messages, of a press

@@ -26,11 +26,8 @@ from bridge_core import clock
 from bridge_core.parameters import ParameterError
 from safety_mux.node import SafetyMux
 from safety_mux.protocol import State
-from test.fed_mux import EVERY
-from test.fed_mux import FedMux
-from test.fed_mux import SteppedMux
-from test.mux_talkers import MuxBench
-from test.mux_talkers import sticks
+from test.fed_mux import EVERY, FedMux, SteppedMux
+from test.mux_talkers import MuxBench, sticks
 from test.rig import Observer
 from test.talkers import Talker
 

@@ -21,27 +21,18 @@ as its own. Property: from every reachable state, once no device demands a stop 
 can succeed.
 """
 
-from dataclasses import dataclass
-from dataclasses import field
+from dataclasses import dataclass, field
 import math
 import pickle
-from typing import Any
-from typing import Literal
+from typing import Any, Literal
 
 import pytest
 
 from safety_mux.arbiter import Arbiter
 from safety_mux.inputs import SourceInput
-from safety_mux.limits import JointLimit
-from safety_mux.limits import JointLimiter
-from safety_mux.protocol import Decision
-from safety_mux.protocol import EStopSource
-from safety_mux.protocol import MuxConfig
-from safety_mux.protocol import Operator
-from safety_mux.protocol import OperatorSample
-from safety_mux.protocol import State
-from test.explorer import check
-from test.explorer import explore
+from safety_mux.limits import JointLimit, JointLimiter
+from safety_mux.protocol import Decision, EStopSource, MuxConfig, Operator, OperatorSample, State
+from test.explorer import check, explore
 
 STEP = 0.125
 TIMEOUT = 1.5 * STEP

@@ -18,12 +18,7 @@ from typing import Any
 
 import pytest
 
-from safety_mux.protocol import Autonomy
-from safety_mux.protocol import EStopSource
-from safety_mux.protocol import Feedback
-from safety_mux.protocol import MuxConfig
-from safety_mux.protocol import Operator
-from safety_mux.protocol import SpeedLimit
+from safety_mux.protocol import Autonomy, EStopSource, Feedback, MuxConfig, Operator, SpeedLimit
 
 REMOTE = Operator('remote', priority=1)
 GATE = EStopSource('gate')

@@ -21,10 +21,7 @@ from typing import Any
 
 import pytest
 
-from safety_mux.protocol import EStopSource
-from safety_mux.protocol import MuxConfig
-from safety_mux.protocol import Operator
-from safety_mux.protocol import OperatorSample
+from safety_mux.protocol import EStopSource, MuxConfig, Operator, OperatorSample
 from test.safety_mux_bench import Bench
 
 

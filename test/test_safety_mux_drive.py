@@ -18,28 +18,23 @@ from dataclasses import replace
 from itertools import pairwise
 import math
 
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 import pytest
 
 from safety_mux.arbiter import Arbiter
-from safety_mux.limits import JointLimit
-from safety_mux.limits import JointLimiter
-from safety_mux.protocol import Decision
-from safety_mux.protocol import EStopSource
-from safety_mux.protocol import MuxConfig
-from safety_mux.protocol import Operator
-from safety_mux.protocol import OperatorSample
-from safety_mux.protocol import State
-from test.safety_mux_bench import assert_stopped
-from test.safety_mux_bench import BACK
-from test.safety_mux_bench import Bench
-from test.safety_mux_bench import CONFIG
-from test.safety_mux_bench import DRIVE
-from test.safety_mux_bench import EVERY
-from test.safety_mux_bench import HELD
-from test.safety_mux_bench import OFF
-from test.safety_mux_bench import TICK
+from safety_mux.limits import JointLimit, JointLimiter
+from safety_mux.protocol import Decision, EStopSource, MuxConfig, Operator, OperatorSample, State
+from test.safety_mux_bench import (
+    assert_stopped,
+    BACK,
+    Bench,
+    CONFIG,
+    DRIVE,
+    EVERY,
+    HELD,
+    OFF,
+    TICK,
+)
 
 TIMEOUT = 0.25
 WITH_DRIVE = replace(CONFIG, drives=('',), drive_timeout=TIMEOUT)

@@ -20,20 +20,10 @@ import math
 import pytest
 
 from safety_mux.arbiter import Arbiter
-from safety_mux.limits import JointLimit
-from safety_mux.limits import JointLimiter
-from safety_mux.protocol import AUTONOMY
-from safety_mux.protocol import EStopSource
-from safety_mux.protocol import Reply
-from safety_mux.protocol import SpeedLimit
-from safety_mux.protocol import State
+from safety_mux.limits import JointLimit, JointLimiter
+from safety_mux.protocol import AUTONOMY, EStopSource, Reply, SpeedLimit, State
 from test import safety_mux_bench
-from test.safety_mux_bench import assert_stopped
-from test.safety_mux_bench import Bench
-from test.safety_mux_bench import CONFIG
-from test.safety_mux_bench import DRIVE
-from test.safety_mux_bench import OFF
-from test.safety_mux_bench import REST
+from test.safety_mux_bench import assert_stopped, Bench, CONFIG, DRIVE, OFF, REST
 
 TICK = 1 / 128  # s; sums of it are exact
 

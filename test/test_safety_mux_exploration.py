@@ -22,11 +22,8 @@ long. Times longer ago than every limit are all the same. From every state, too,
 reset and a deadman must lead to motion: no way to stop may be one for ever.
 """
 
-from collections.abc import Iterator
-from collections.abc import Sequence
-from dataclasses import dataclass
-from dataclasses import field
-from dataclasses import replace
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field, replace
 import math
 from typing import Any
 
@@ -34,23 +31,20 @@ import pytest
 
 from safety_mux.arbiter import Arbiter
 from safety_mux.feedback import FeedbackInput
-from safety_mux.inputs import AutonomyInput
-from safety_mux.inputs import DriveInput
-from safety_mux.inputs import OperatorInput
-from safety_mux.inputs import OwnerInput
-from safety_mux.inputs import SourceInput
-from safety_mux.limits import JointLimit
-from safety_mux.limits import JointLimiter
-from safety_mux.protocol import Autonomy
-from safety_mux.protocol import Decision
-from safety_mux.protocol import Demand
-from safety_mux.protocol import EStopSource
-from safety_mux.protocol import Feedback
-from safety_mux.protocol import MuxConfig
-from safety_mux.protocol import Operator
-from safety_mux.protocol import OperatorSample
-from safety_mux.protocol import Reply
-from safety_mux.protocol import State
+from safety_mux.inputs import AutonomyInput, DriveInput, OperatorInput, OwnerInput, SourceInput
+from safety_mux.limits import JointLimit, JointLimiter
+from safety_mux.protocol import (
+    Autonomy,
+    Decision,
+    Demand,
+    EStopSource,
+    Feedback,
+    MuxConfig,
+    Operator,
+    OperatorSample,
+    Reply,
+    State,
+)
 from test.explorer import check
 
 pytestmark = pytest.mark.computes

@@ -18,25 +18,12 @@ from collections.abc import Callable
 from dataclasses import replace
 import math
 
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 import pytest
 
 from safety_mux.feedback import FeedbackInput
-from safety_mux.protocol import Decision
-from safety_mux.protocol import Feedback
-from safety_mux.protocol import MuxConfig
-from safety_mux.protocol import OperatorSample
-from safety_mux.protocol import State
-from test.safety_mux_bench import assert_stopped
-from test.safety_mux_bench import BACK
-from test.safety_mux_bench import Bench
-from test.safety_mux_bench import CONFIG
-from test.safety_mux_bench import DRIVE
-from test.safety_mux_bench import HELD
-from test.safety_mux_bench import OFF
-from test.safety_mux_bench import REST
-from test.safety_mux_bench import TICK
+from safety_mux.protocol import Decision, Feedback, MuxConfig, OperatorSample, State
+from test.safety_mux_bench import assert_stopped, BACK, Bench, CONFIG, DRIVE, HELD, OFF, REST, TICK
 
 FEEDBACK = Feedback(('left', 'right'), standstill=0.1, overspeed_tolerance=0.5, overspeed_time=0.2)
 WITH_FEEDBACK = replace(CONFIG, feedback=FEEDBACK)

@@ -24,10 +24,7 @@ from builtin_interfaces.msg import Time
 from sensor_msgs.msg import Joy
 
 from safety_mux.outputs import GatedJoy
-from test.explorer import check
-from test.explorer import Memory
-from test.explorer import Remembered
-from test.explorer import START
+from test.explorer import check, Memory, Remembered, START
 
 STEP = 0.03125  # s
 PERIOD = 0.05  # s in which a neutral one is repeated

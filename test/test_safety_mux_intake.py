@@ -18,20 +18,14 @@ from __future__ import annotations
 
 import math
 from types import SimpleNamespace
-from typing import Any
-from typing import cast
+from typing import Any, cast
 
-from geometry_msgs.msg import Twist
-from geometry_msgs.msg import TwistStamped
+from geometry_msgs.msg import Twist, TwistStamped
 import pytest
-from sensor_msgs.msg import JointState
-from sensor_msgs.msg import Joy
-from std_msgs.msg import Bool
-from std_msgs.msg import Float64
+from sensor_msgs.msg import JointState, Joy
+from std_msgs.msg import Bool, Float64
 
-from bridge_core.parameters import MANAGED_PARAMETERS
-from bridge_core.parameters import ParameterError
-from bridge_core.parameters import resolve
+from bridge_core.parameters import MANAGED_PARAMETERS, ParameterError, resolve
 from safety_mux.configuration import joint_limits
 from safety_mux.intake import Intake
 from safety_mux.parameters import parameter_table

@@ -17,12 +17,10 @@
 from itertools import pairwise
 import math
 
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 import pytest
 
-from safety_mux.limits import JointLimit
-from safety_mux.limits import JointLimiter
+from safety_mux.limits import JointLimit, JointLimiter
 
 LIMIT = JointLimit(magnitude=4.0, acceleration=2.0, deceleration=8.0)
 numbers = st.floats(allow_nan=True, allow_infinity=True)

@@ -18,16 +18,11 @@ import math
 import re
 from typing import Any
 
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 import pytest
 
-from safety_mux.mapping import DifferentialDrive
-from safety_mux.mapping import JoyMapping
-from safety_mux.mapping import NamedJoints
-from safety_mux.mapping import Stick
-from safety_mux.protocol import MalformedInput
-from safety_mux.protocol import OperatorSample
+from safety_mux.mapping import DifferentialDrive, JoyMapping, NamedJoints, Stick
+from safety_mux.protocol import MalformedInput, OperatorSample
 
 STRAIGHT = Stick(0, deadband=0.0)
 PLAIN = JoyMapping((STRAIGHT, Stick(1, deadband=0.0)), deadman=(0,))

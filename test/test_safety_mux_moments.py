@@ -20,20 +20,9 @@ import math
 import pytest
 
 from safety_mux.inputs import Run
-from safety_mux.protocol import EStopSource
-from safety_mux.protocol import Feedback
-from safety_mux.protocol import Operator
-from safety_mux.protocol import State
+from safety_mux.protocol import EStopSource, Feedback, Operator, State
 from test import safety_mux_bench
-from test.safety_mux_bench import assert_stopped
-from test.safety_mux_bench import BACK
-from test.safety_mux_bench import Bench
-from test.safety_mux_bench import CONFIG
-from test.safety_mux_bench import DRIVE
-from test.safety_mux_bench import HALF
-from test.safety_mux_bench import HELD
-from test.safety_mux_bench import OFF
-from test.safety_mux_bench import REST
+from test.safety_mux_bench import assert_stopped, BACK, Bench, CONFIG, DRIVE, HALF, HELD, OFF, REST
 
 TICK = 1 / 128  # s; sums of it are exact
 

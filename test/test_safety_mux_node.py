@@ -14,73 +14,49 @@
 
 """The safety mux as a process: topics, services, lifecycle, clocks, and what it refuses."""
 
-from collections.abc import Callable
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 import contextlib
 from functools import partial
 from itertools import pairwise
 import math
-from signal import SIGCONT
-from signal import SIGSTOP
-from signal import SIGTERM
-from threading import Event
-from threading import Thread
+from signal import SIGCONT, SIGSTOP, SIGTERM
+from threading import Event, Thread
 import time
 from typing import Any
 
 from builtin_interfaces.msg import Time
-from diagnostic_msgs.msg import DiagnosticArray
-from diagnostic_msgs.msg import DiagnosticStatus
-from geometry_msgs.msg import Twist
-from geometry_msgs.msg import TwistStamped
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from geometry_msgs.msg import Twist, TwistStamped
 from lifecycle_msgs.srv import ChangeState
 import pytest
-from rcl_interfaces.msg import Parameter
-from rcl_interfaces.msg import ParameterValue
-from rcl_interfaces.srv import SetParameters
-from rcl_interfaces.srv import SetParametersAtomically
+from rcl_interfaces.msg import Parameter, ParameterValue
+from rcl_interfaces.srv import SetParameters, SetParametersAtomically
 from rclpy.executors import SingleThreadedExecutor
-from rclpy.qos import DurabilityPolicy
-from rclpy.qos import QoSProfile
-from rclpy.qos import ReliabilityPolicy
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rosgraph_msgs.msg import Clock
-from sensor_msgs.msg import JointState
-from sensor_msgs.msg import Joy
-from std_msgs.msg import Bool
-from std_msgs.msg import Float64
-from std_msgs.msg import String
-from std_srvs.srv import SetBool
-from std_srvs.srv import Trigger
+from sensor_msgs.msg import JointState, Joy
+from std_msgs.msg import Bool, Float64, String
+from std_srvs.srv import SetBool, Trigger
 
-from bridge_core import clock
-from bridge_core import lane
-from bridge_core import node as bridge_node
+from bridge_core import clock, lane, node as bridge_node
 from bridge_core.lane import _settle
 from bridge_core.watchdog import FreezeWatch
 from safety_mux import node
-from safety_mux.node import ESTOP_QOS
-from safety_mux.node import SafetyMux
+from safety_mux.node import ESTOP_QOS, SafetyMux
 from safety_mux.outputs import Repeated
-from safety_mux.protocol import Decision
-from safety_mux.protocol import State
+from safety_mux.protocol import Decision, State
 from test.endings import each_ending
-from test.fed_mux import FedMux
-from test.fed_mux import LIMIT
-from test.fed_mux import SteppedMux
-from test.fed_mux import TICK
-from test.mux_talkers import CLEAR_TIME
-from test.mux_talkers import MuxBench
-from test.mux_talkers import SILENCE_STOPS_WITHIN
-from test.mux_talkers import sticks
-from test.mux_talkers import STOPPED_WITHIN
-from test.mux_talkers import TIMEOUT
-from test.rig import latched
-from test.rig import NodeProcess
-from test.rig import Observer
-from test.rig import wait_for
-from test.talkers import namespace
-from test.talkers import Talker
-from test.talkers import values_of
+from test.fed_mux import FedMux, LIMIT, SteppedMux, TICK
+from test.mux_talkers import (
+    CLEAR_TIME,
+    MuxBench,
+    SILENCE_STOPS_WITHIN,
+    sticks,
+    STOPPED_WITHIN,
+    TIMEOUT,
+)
+from test.rig import latched, NodeProcess, Observer, wait_for
+from test.talkers import namespace, Talker, values_of
 
 pytestmark = pytest.mark.waits(240)
 

@@ -25,38 +25,22 @@ from types import SimpleNamespace
 from typing import Any
 
 from builtin_interfaces.msg import Time
-from diagnostic_msgs.msg import DiagnosticArray
-from diagnostic_msgs.msg import DiagnosticStatus
-from geometry_msgs.msg import Twist
-from geometry_msgs.msg import TwistStamped
-from geometry_msgs.msg import Vector3
-from hypothesis import given
-from hypothesis import strategies as st
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from geometry_msgs.msg import Twist, TwistStamped, Vector3
+from hypothesis import given, strategies as st
 import pytest
 from rclpy.qos import DurabilityPolicy
 from rclpy.time import Time as Clock
 from sensor_msgs.msg import Joy
-from std_msgs.msg import Bool
-from std_msgs.msg import Header
+from std_msgs.msg import Bool, Header
 
 from safety_mux.node import SafetyMux
-from safety_mux.outputs import command_of
-from safety_mux.outputs import GatedJoy
-from safety_mux.outputs import Repeated
-from safety_mux.protocol import Decision
-from safety_mux.protocol import State
-from test.mux_talkers import MuxBench
-from test.mux_talkers import sticks
-from test.rig import latched
-from test.rig import NodeProcess
-from test.rig import Observer
-from test.safety_mux_bench import Bench
-from test.safety_mux_bench import CONFIG
-from test.safety_mux_bench import DRIVE
-from test.safety_mux_bench import OFF
-from test.safety_mux_bench import REST
-from test.talkers import namespace
-from test.talkers import Talker
+from safety_mux.outputs import command_of, GatedJoy, Repeated
+from safety_mux.protocol import Decision, State
+from test.mux_talkers import MuxBench, sticks
+from test.rig import latched, NodeProcess, Observer
+from test.safety_mux_bench import Bench, CONFIG, DRIVE, OFF, REST
+from test.talkers import namespace, Talker
 
 DEADBAND = 0.05
 DEADMAN = 0

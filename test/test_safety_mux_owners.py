@@ -21,21 +21,19 @@ import math
 import pytest
 
 from safety_mux.inputs import AutonomyInput
-from safety_mux.protocol import Autonomy
-from safety_mux.protocol import Decision
-from safety_mux.protocol import Operator
-from safety_mux.protocol import OperatorSample
-from safety_mux.protocol import State
-from test.safety_mux_bench import assert_stopped
-from test.safety_mux_bench import BACK
-from test.safety_mux_bench import Bench
-from test.safety_mux_bench import CONFIG
-from test.safety_mux_bench import DRIVE
-from test.safety_mux_bench import HALF
-from test.safety_mux_bench import HELD
-from test.safety_mux_bench import OFF
-from test.safety_mux_bench import REST
-from test.safety_mux_bench import TICK
+from safety_mux.protocol import Autonomy, Decision, Operator, OperatorSample, State
+from test.safety_mux_bench import (
+    assert_stopped,
+    BACK,
+    Bench,
+    CONFIG,
+    DRIVE,
+    HALF,
+    HELD,
+    OFF,
+    REST,
+    TICK,
+)
 
 # Rule 4: a reset never moves anything; motion needs a new acquire.
 

@@ -19,26 +19,15 @@ Hypothesis gives an arbiter all kinds of input, in any order and with any gap, a
 decision against the newest input.
 """
 
-from dataclasses import dataclass
-from dataclasses import replace
+from dataclasses import dataclass, replace
 import math
 
-from hypothesis import settings
-from hypothesis import strategies as st
-from hypothesis.stateful import invariant
-from hypothesis.stateful import precondition
-from hypothesis.stateful import rule
-from hypothesis.stateful import RuleBasedStateMachine
+from hypothesis import settings, strategies as st
+from hypothesis.stateful import invariant, precondition, rule, RuleBasedStateMachine
 
 from safety_mux.arbiter import Arbiter
-from safety_mux.limits import JointLimit
-from safety_mux.limits import JointLimiter
-from safety_mux.protocol import Autonomy
-from safety_mux.protocol import EStopSource
-from safety_mux.protocol import MuxConfig
-from safety_mux.protocol import Operator
-from safety_mux.protocol import OperatorSample
-from safety_mux.protocol import State
+from safety_mux.limits import JointLimit, JointLimiter
+from safety_mux.protocol import Autonomy, EStopSource, MuxConfig, Operator, OperatorSample, State
 
 CONFIG = MuxConfig(
     joints=1,

@@ -17,21 +17,12 @@
 from dataclasses import replace
 import math
 
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 import pytest
 
-from safety_mux.limits import JointLimit
-from safety_mux.limits import JointLimiter
-from safety_mux.protocol import Decision
-from safety_mux.protocol import SpeedLimit
-from safety_mux.protocol import State
-from test.safety_mux_bench import assert_stopped
-from test.safety_mux_bench import Bench
-from test.safety_mux_bench import CONFIG
-from test.safety_mux_bench import DRIVE
-from test.safety_mux_bench import EVERY
-from test.safety_mux_bench import TICK
+from safety_mux.limits import JointLimit, JointLimiter
+from safety_mux.protocol import Decision, SpeedLimit, State
+from test.safety_mux_bench import assert_stopped, Bench, CONFIG, DRIVE, EVERY, TICK
 
 LIMITED = replace(CONFIG, speed_limits=(SpeedLimit('zone', lowest=0.2), SpeedLimit('key')))
 RATE = 10.0  # of the bench's joints, both ways, per second

@@ -21,8 +21,7 @@ from diagnostic_msgs.msg import DiagnosticStatus
 import pytest
 
 from safety_mux.protocol import State
-from test.fed_mux import LIMIT
-from test.fed_mux import SteppedMux
+from test.fed_mux import LIMIT, SteppedMux
 from test.mux_talkers import sticks
 
 SAME = 'its stamp has been the same for'

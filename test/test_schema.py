@@ -23,10 +23,8 @@ import pytest
 import yaml
 
 from bridge_core.parameter_files import sections_of
-from rugged_teleop.reference import ROOT
-from rugged_teleop.reference import SCHEMA
-from rugged_teleop.stack import BESIDE
-from rugged_teleop.stack import NODES
+from rugged_teleop.reference import ROOT, SCHEMA
+from rugged_teleop.stack import BESIDE, NODES
 
 CONFIG = ROOT / 'config'
 VALIDATOR = Draft202012Validator(json.loads((CONFIG / SCHEMA).read_text(encoding='utf-8')))

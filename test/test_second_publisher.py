@@ -20,12 +20,10 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from sensor_msgs.msg import JointState
-from sensor_msgs.msg import Joy
+from sensor_msgs.msg import JointState, Joy
 
 from akron_can_bridge.simulator import Simulator as Unit
-from test import akron_node_rig as akron
-from test import ssc_bench as ssc
+from test import akron_node_rig as akron, ssc_bench as ssc
 from test.can_rig import CanBus
 from test.endings import each_ending
 from test.rig import Observer

@@ -14,8 +14,7 @@
 
 """One contract for every kind of serial port: a local one, socket:// and rfc2217://."""
 
-from collections.abc import Callable
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 import contextlib
 import errno
 import os
@@ -26,22 +25,18 @@ import socket
 import termios
 import threading
 import time
-from typing import Any
-from typing import Protocol
+from typing import Any, Protocol
 
 import pytest
 import serial
 from serial.rfc2217 import PortManager
 
 from bridge_core import clock
-from bridge_core.transports import serial as serial_transport
-from bridge_core.transports import TransportError
+from bridge_core.transports import serial as serial_transport, TransportError
 from bridge_core.transports.line import Line
 from bridge_core.transports.serial import SerialTransport
 from bridge_core.transports.serial_name import check_serial_port
-from test.rig import Pty
-from test.rig import TIMEOUT_FACTOR
-from test.rig import wait_for
+from test.rig import Pty, TIMEOUT_FACTOR, wait_for
 
 
 class Peer(Protocol):

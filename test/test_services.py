@@ -23,8 +23,7 @@ from rclpy.node import Node
 
 from bridge_core.services import Waiting
 from bridge_core.session import Answer
-from test.rig import holds_for
-from test.rig import wait_for
+from test.rig import holds_for, wait_for
 
 
 def test_answer_from_another_thread_wakes_the_executor(context: Context) -> None:

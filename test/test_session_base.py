@@ -21,12 +21,14 @@ from diagnostic_msgs.msg import DiagnosticStatus
 import pytest
 
 from bridge_core.framing import Decoder
-from bridge_core.session import HeldButtons
-from bridge_core.session import INTERRUPTION_TIME
-from bridge_core.session import Level
-from bridge_core.session import Session
-from bridge_core.session import StopChanged
-from bridge_core.session import Verdict
+from bridge_core.session import (
+    HeldButtons,
+    INTERRUPTION_TIME,
+    Level,
+    Session,
+    StopChanged,
+    Verdict,
+)
 
 TIMEOUT = 0.5  # s; it and the moments below are exact, so that each edge can be met
 ANSWER_TIME = 0.25

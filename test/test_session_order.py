@@ -22,32 +22,28 @@ changes of the verdict, in the same order.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from collections.abc import Iterable
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 import itertools
 from typing import Any
 
-from hypothesis import given
-from hypothesis import settings as hypothesis_settings
-from hypothesis import strategies as st
+from hypothesis import given, settings as hypothesis_settings, strategies as st
 import pytest
 
 import akron_can_bridge.session
-from bridge_core.session import Session
-from bridge_core.session import StopChanged
+from bridge_core.session import Session, StopChanged
 import esi_drive_bridge.session
 import fort_vsc_bridge.session
 import ssc_bridge.session
-from test import akron_session_rig as akron
-from test import esi_drive_rig as esi
-from test import fort_vsc_rig as fort
-from test import ssc_rig as ssc
-from test import vm110_rig as vm110
+from test import (
+    akron_session_rig as akron,
+    esi_drive_rig as esi,
+    fort_vsc_rig as fort,
+    ssc_rig as ssc,
+    vm110_rig as vm110,
+)
 import vm110_bridge.session
-from vm110_bridge.simulator import build_packet
-from vm110_bridge.simulator import build_vrpi
+from vm110_bridge.simulator import build_packet, build_vrpi
 
 START = 100.0
 

@@ -26,22 +26,17 @@ from collections.abc import Callable
 from functools import partial
 from typing import Any
 
-from hypothesis import given
-from hypothesis import settings as hypothesis_settings
-from hypothesis import strategies as st
+from hypothesis import given, settings as hypothesis_settings, strategies as st
 import pytest
 
-from akron_can_bridge.protocol import Axis
-from akron_can_bridge.protocol import BasicJoystick
-from akron_can_bridge.protocol import ExtendedJoystick
+from akron_can_bridge.protocol import Axis, BasicJoystick, ExtendedJoystick
 from akron_can_bridge.session import Request
 from bridge_core.session import Session
 from esi_drive_bridge.protocol import Mode
 import esi_drive_bridge.session
 from esi_drive_bridge.session import Phase
 from test import esi_drive_rig as esi
-from test.test_session_order import PLAYS
-from test.test_session_order import START
+from test.test_session_order import PLAYS, START
 
 Ask = Callable[[Any, float], Any]  # what a node asks of a session at a time
 DRIVE = BasicJoystick(Axis.of(300), Axis.of(0)), ExtendedJoystick()

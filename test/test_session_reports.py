@@ -20,26 +20,20 @@ from typing import Any
 
 import pytest
 
-from esi_drive_bridge.protocol import AxisState
-from esi_drive_bridge.protocol import AxisStatus
-from esi_drive_bridge.protocol import Mode as DriveMode
-from esi_drive_bridge.protocol import MotorError
-from esi_drive_bridge.protocol import RS422_FAULT
-from esi_drive_bridge.protocol import Status
+from esi_drive_bridge.protocol import (
+    AxisState,
+    AxisStatus,
+    Mode as DriveMode,
+    MotorError,
+    RS422_FAULT,
+    Status,
+)
 from esi_drive_bridge.session import report as esi
-from fort_vsc_bridge.protocol import AutonomyMode
-from fort_vsc_bridge.protocol import EStopBits
-from fort_vsc_bridge.protocol import Heartbeat
-from fort_vsc_bridge.protocol import Mode
-from fort_vsc_bridge.protocol import RemoteStatus
+from fort_vsc_bridge.protocol import AutonomyMode, EStopBits, Heartbeat, Mode, RemoteStatus
 from fort_vsc_bridge.session import report as vsc
 from ssc_bridge.channels import Servo
-from ssc_bridge.protocol import CommandState
-from ssc_bridge.protocol import Configuration
-from ssc_bridge.protocol import DigitalInput
-from ssc_bridge.protocol import Status as SscStatus
-from ssc_bridge.session import report as ssc
-from ssc_bridge.session import Settings as SscSettings
+from ssc_bridge.protocol import CommandState, Configuration, DigitalInput, Status as SscStatus
+from ssc_bridge.session import report as ssc, Settings as SscSettings
 from test.esi_drive_rig import axes
 from vm110_bridge.protocol import PeriodicInput
 from vm110_bridge.session import report as vm110

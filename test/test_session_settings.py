@@ -16,34 +16,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 import re
 from typing import Any
 
 import pytest
 
-from akron_can_bridge.parameters import Cause
-from akron_can_bridge.parameters import PARAMETERS as AKRON_PARAMETERS
+from akron_can_bridge.parameters import Cause, PARAMETERS as AKRON_PARAMETERS
 from akron_can_bridge.session import Settings as AkronSettings
 from bridge_core.parameters import Parameter
 from esi_drive_bridge.parameters import PARAMETERS as ESI_PARAMETERS
 from esi_drive_bridge.protocol import Layout
 from esi_drive_bridge.session import Settings as EsiSettings
-from fort_vsc_bridge.session import DeviceSettings
-from fort_vsc_bridge.session import Settings as VscSettings
-from ssc_bridge.channels import AxisInput
-from ssc_bridge.channels import ButtonInput
-from ssc_bridge.channels import Failsafe
+from fort_vsc_bridge.session import DeviceSettings, Settings as VscSettings
+from ssc_bridge.channels import AxisInput, ButtonInput, Failsafe
 from ssc_bridge.parameters import parameter_table
-from ssc_bridge.protocol import CommandState
-from ssc_bridge.protocol import Configuration
-from ssc_bridge.protocol import DigitalInput
-from ssc_bridge.protocol import PulseAccumulator
+from ssc_bridge.protocol import CommandState, Configuration, DigitalInput, PulseAccumulator
 from ssc_bridge.session import Settings as SscSettings
 from test.esi_drive_rig import make_settings
-from test.ssc_rig import GRIP
-from test.ssc_rig import TILT
+from test.ssc_rig import GRIP, TILT
 from vm110_bridge.parameters import PARAMETERS as VM110_PARAMETERS
 from vm110_bridge.session import Settings as Vm110Settings
 

@@ -17,13 +17,10 @@
 import math
 
 from builtin_interfaces.msg import Time
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 import pytest
 
-from bridge_core.convert import joy_message
-from bridge_core.convert import scaled
-from bridge_core.convert import unknown_battery
+from bridge_core.convert import joy_message, scaled, unknown_battery
 
 STAMP = Time(sec=3, nanosec=4)
 

@@ -16,17 +16,12 @@
 
 import math
 
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 import pytest
 
-from bridge_core.session import HeldButtons
-from bridge_core.session import Pacer
-from bridge_core.session import StickStream
-from bridge_core.session import Verdict
+from bridge_core.session import HeldButtons, Pacer, StickStream, Verdict
 from esi_drive_bridge.session import Session as DriveSession
-from test.esi_drive_rig import IDLE
-from test.esi_drive_rig import make_settings
+from test.esi_drive_rig import IDLE, make_settings
 
 
 def test_verdicts_that_differ_in_words_only_are_equal() -> None:

@@ -14,8 +14,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 import contextlib
 import math
 import os
@@ -31,15 +30,11 @@ import pytest
 from bridge_core.transports.multicast import MulticastTransport
 from rugged_teleop import simulate
 from rugged_teleop.faults import FaultyLine
-from rugged_teleop.multicasts import GROUP
-from rugged_teleop.multicasts import LOOPBACK
-from rugged_teleop.multicasts import MulticastDevice
+from rugged_teleop.multicasts import GROUP, LOOPBACK, MulticastDevice
 from rugged_teleop.ports import HELP as PORT_HELP
 from rugged_teleop.ptys import PtyDevice
 from test.multicast_rig import free_port
-from test.rig import ROOT
-from test.rig import TIMEOUT_FACTOR
-from test.rig import wait_for
+from test.rig import ROOT, TIMEOUT_FACTOR, wait_for
 
 
 class Echo:

@@ -18,10 +18,7 @@ from typing import Any
 
 import pytest
 
-from bridge_core.simulation import help_text
-from bridge_core.simulation import obey
-from bridge_core.simulation import switch
-from bridge_core.simulation import within
+from bridge_core.simulation import help_text, obey, switch, within
 
 COMMANDS: dict[str, tuple[str, Any]] = {
     'stick': ('-1..1', lambda seen, value: seen.append(within(value, -1, 1))),

@@ -30,15 +30,10 @@ from std_msgs.msg import Bool
 import yaml
 
 from rugged_teleop.ptys import PtyDevice
-from safety_mux.configuration import check
-from safety_mux.configuration import joy_mapping
+from safety_mux.configuration import check, joy_mapping
 from safety_mux.parameters import parameter_table
-from test.docs_rig import blocks
-from test.docs_rig import text_of
-from test.rig import latched
-from test.rig import NodeProcess
-from test.rig import Observer
-from test.rig import ROOT
+from test.docs_rig import blocks, text_of
+from test.rig import latched, NodeProcess, Observer, ROOT
 
 PAGE = 'docs/sixth_device.md'
 PACKAGE = 'acme_pendant_bridge'

@@ -27,21 +27,10 @@ import time
 
 import pytest
 
-from benchmarks.pauses import lost
-from benchmarks.pauses import Pause
-from benchmarks.pauses import Pauses
-from benchmarks.rig import children
-from benchmarks.rig import title
-from benchmarks.soak import growth
-from benchmarks.soak import Held
-from benchmarks.soak import held_by
-from benchmarks.soak import moved
-from benchmarks.soak import Pace
-from benchmarks.soak import PERIODS
-from benchmarks.soak import rested
-from benchmarks.soak import Result
-from test.rig import holds_for
-from test.rig import wait_for
+from benchmarks.pauses import lost, Pause, Pauses
+from benchmarks.rig import children, title
+from benchmarks.soak import growth, Held, held_by, moved, Pace, PERIODS, rested, Result
+from test.rig import holds_for, wait_for
 
 
 def no_pause(begin: float, end: float) -> float:

@@ -23,9 +23,7 @@ Run with ``-s`` to see what was measured.
 from collections.abc import Iterator
 from contextlib import ExitStack
 import itertools
-from signal import SIGCONT
-from signal import SIGKILL
-from signal import SIGSTOP
+from signal import SIGCONT, SIGKILL, SIGSTOP
 import time
 from typing import Any
 
@@ -35,18 +33,10 @@ from std_msgs.msg import Bool
 from esi_drive_bridge.simulator import Simulator as DriveSimulator
 from fort_vsc_bridge.simulator import build_frame
 from test.endings import each_ending
-from test.rig import latched
-from test.rig import NodeProcess
-from test.rig import Observer
-from test.rig import Record
+from test.rig import latched, NodeProcess, Observer, Record
 from test.run_delay import RunDelay
-from test.spine import DEADMAN
-from test.spine import Spine
-from test.spine import STICK
-from test.stage import DRIVE
-from test.stage import greatest_step
-from test.stage import MUX
-from test.stage import VSC
+from test.spine import DEADMAN, Spine, STICK
+from test.stage import DRIVE, greatest_step, MUX, VSC
 
 pytestmark = pytest.mark.waits(150)
 # Seconds. A process that has to wait for a processor for longer than a timeout stops the machine,

@@ -18,9 +18,7 @@ from typing import Any
 
 import pytest
 
-from ssc_bridge.channels import ButtonInput
-from ssc_bridge.channels import Failsafe
-from ssc_bridge.channels import Servo
+from ssc_bridge.channels import ButtonInput, Failsafe, Servo
 
 PULSE = {'failsafe': Failsafe.PULSE}
 

@@ -31,12 +31,9 @@ import pytest
 
 from rugged_teleop.ptys import PtyDevice
 from ssc_bridge.config.main import main
-from ssc_bridge.simulator import Settings
-from ssc_bridge.simulator import Simulator
-from ssc_bridge.simulator import sums
+from ssc_bridge.simulator import Settings, Simulator, sums
 from test.endings import each_ending
-from test.rig import ROOT
-from test.rig import wait_for
+from test.rig import ROOT, wait_for
 
 pytestmark = pytest.mark.waits(60)
 VECTOR = json.loads((Path(__file__).parent / 'vectors' / 'ssc.json').read_text())['config_image']

@@ -18,26 +18,24 @@ import math
 from typing import Any
 
 from builtin_interfaces.msg import Time
-from diagnostic_msgs.msg import DiagnosticStatus
-from diagnostic_msgs.msg import KeyValue
-from hypothesis import given
-from hypothesis import strategies as st
+from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
+from hypothesis import given, strategies as st
 import pytest
 from sensor_msgs.msg import JointState
-from std_msgs.msg import MultiArrayLayout
-from std_msgs.msg import UInt16MultiArray
+from std_msgs.msg import MultiArrayLayout, UInt16MultiArray
 
 from ssc_bridge import convert
-from ssc_bridge.channels import AuxChannel
-from ssc_bridge.channels import AxisInput
-from ssc_bridge.protocol import CommandState
-from ssc_bridge.protocol import DigitalInput
-from ssc_bridge.protocol import Measurement
-from ssc_bridge.protocol import PulseAccumulator
-from ssc_bridge.protocol import PulseOutput
-from ssc_bridge.protocol import TIME_BASES_US
-from ssc_bridge.protocol import TimerInput
-from ssc_bridge.protocol import UnknownFunction
+from ssc_bridge.channels import AuxChannel, AxisInput
+from ssc_bridge.protocol import (
+    CommandState,
+    DigitalInput,
+    Measurement,
+    PulseAccumulator,
+    PulseOutput,
+    TIME_BASES_US,
+    TimerInput,
+    UnknownFunction,
+)
 from test.talkers import values_of
 
 

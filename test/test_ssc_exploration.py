@@ -21,20 +21,11 @@ from typing import Any
 
 import pytest
 
-from ssc_bridge.channels import AxisInput
-from ssc_bridge.channels import Failsafe
-from ssc_bridge.channels import Servo
-from ssc_bridge.session import Session
-from ssc_bridge.session import Settings
-from ssc_bridge.session import Sticks
+from ssc_bridge.channels import AxisInput, Failsafe, Servo
+from ssc_bridge.session import Session, Settings, Sticks
 from test.explorer import visits_of
 from test.session_world import SessionWorld
-from test.ssc_rig import build_frame
-from test.ssc_rig import configuration
-from test.ssc_rig import INPUTS
-from test.ssc_rig import OUTPUTS
-from test.ssc_rig import status
-from test.ssc_rig import words
+from test.ssc_rig import build_frame, configuration, INPUTS, OUTPUTS, status, words
 
 pytestmark = pytest.mark.computes
 STICKS = build_frame(13, words([2000] * INPUTS))

@@ -21,16 +21,10 @@ import itertools
 import json
 from pathlib import Path
 
-from hypothesis import given
-from hypothesis import settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 import pytest
 
-from ssc_bridge.config.image import compare
-from ssc_bridge.config.image import Image
-from ssc_bridge.config.image import ImageError
-from ssc_bridge.config.image import KNOWN_SIZE
-from ssc_bridge.config.image import rate_text
+from ssc_bridge.config.image import compare, Image, ImageError, KNOWN_SIZE, rate_text
 
 VECTOR = json.loads((Path(__file__).parent / 'vectors' / 'ssc.json').read_text())['config_image']
 LINES: list[str] = VECTOR['lines']

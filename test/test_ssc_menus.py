@@ -21,32 +21,25 @@ The property that counts: whatever happens, what is said of the unit afterwards 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
-from dataclasses import field
+from dataclasses import dataclass, field
 import itertools
 import json
 from pathlib import Path
 
-from hypothesis import given
-from hypothesis import settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 import pytest
 
 from ssc_bridge.config.image import Image
-from ssc_bridge.config.menus import Dialogue
-from ssc_bridge.config.menus import readable
-from ssc_bridge.config.menus import Screen
-from ssc_bridge.config.menus import screen_of
-from ssc_bridge.config.menus import Script
-from ssc_bridge.config.scripts import DIGIT_PERIOD
-from ssc_bridge.config.scripts import ENTRY
-from ssc_bridge.config.scripts import ENTRY_TRIES
-from ssc_bridge.config.scripts import Maintenance
-from ssc_bridge.config.scripts import POWER_CYCLE
-from ssc_bridge.config.scripts import Standing
-from ssc_bridge.simulator import Settings
-from ssc_bridge.simulator import Simulator
-from ssc_bridge.simulator import sums
+from ssc_bridge.config.menus import Dialogue, readable, Screen, screen_of, Script
+from ssc_bridge.config.scripts import (
+    DIGIT_PERIOD,
+    ENTRY,
+    ENTRY_TRIES,
+    Maintenance,
+    POWER_CYCLE,
+    Standing,
+)
+from ssc_bridge.simulator import Settings, Simulator, sums
 from ssc_bridge.simulator.menus import Terminal
 
 pytestmark = pytest.mark.computes

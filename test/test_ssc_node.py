@@ -20,39 +20,20 @@ import signal
 import time
 from typing import Any
 
-from diagnostic_msgs.msg import DiagnosticStatus
-from diagnostic_msgs.msg import KeyValue
+from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 import pytest
 from sensor_msgs.msg import JointState
-from std_msgs.msg import Bool
-from std_msgs.msg import String
-from std_msgs.msg import UInt16MultiArray
+from std_msgs.msg import Bool, String, UInt16MultiArray
 from std_srvs.srv import Trigger
 import yaml
 
 from bridge_core.runner import run
 from rugged_teleop.ptys import PtyDevice
 from ssc_bridge.node import SscBridge
-from test.rig import as_yaml
-from test.rig import latched
-from test.rig import NodeProcess
-from test.rig import Observer
-from test.rig import Pty
-from test.rig import ROOT
-from test.rig import wait_for
-from test.ssc_bench import Bench
-from test.ssc_bench import bench_of
-from test.ssc_bench import DEVICE
-from test.ssc_bench import LINK
-from test.ssc_bench import NAME
-from test.ssc_bench import new_simulator
-from test.ssc_bench import position
-from test.ssc_bench import SERVOS
-from test.ssc_rig import build_frame
-from test.ssc_rig import status
-from test.talkers import Diagnostics
-from test.talkers import Talker
-from test.talkers import values_of
+from test.rig import as_yaml, latched, NodeProcess, Observer, Pty, ROOT, wait_for
+from test.ssc_bench import Bench, bench_of, DEVICE, LINK, NAME, new_simulator, position, SERVOS
+from test.ssc_rig import build_frame, status
+from test.talkers import Diagnostics, Talker, values_of
 
 pytestmark = pytest.mark.waits(60)
 

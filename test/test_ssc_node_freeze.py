@@ -26,22 +26,12 @@ from typing import Any
 from diagnostic_msgs.msg import KeyValue
 import pytest
 from sensor_msgs.msg import JointState
-from std_msgs.msg import Bool
-from std_msgs.msg import UInt16MultiArray
+from std_msgs.msg import Bool, UInt16MultiArray
 
 from test import gated_wire
-from test.rig import NodeProcess
-from test.rig import Observer
-from test.rig import wait_for
-from test.ssc_bench import Bench
-from test.ssc_bench import bench_of
-from test.ssc_bench import LINK
-from test.ssc_bench import position
-from test.ssc_bench import SERVOS
-from test.ssc_bench import start_patient
-from test.toy_rig import is_running
-from test.toy_rig import spares_of
-from test.toy_rig import wires_of
+from test.rig import NodeProcess, Observer, wait_for
+from test.ssc_bench import Bench, bench_of, LINK, position, SERVOS, start_patient
+from test.toy_rig import is_running, spares_of, wires_of
 
 pytestmark = pytest.mark.waits(60)
 DRIVING = (1700, 1000)  # pan 0.5, tilt -1; see SERVOS

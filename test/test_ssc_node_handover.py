@@ -20,16 +20,11 @@ from typing import Any
 from diagnostic_msgs.msg import KeyValue
 import pytest
 
-from bridge_core.session import StopChanged
-from bridge_core.session import Verdict
+from bridge_core.session import StopChanged, Verdict
 from ssc_bridge.node import SscBridge
 from ssc_bridge.protocol import Configuration
-from ssc_bridge.session import ConfigurationRead
-from ssc_bridge.session import OutputsSent
-from ssc_bridge.session import RELEASE_FRAMES
-from ssc_bridge.wire import AUX_SET
-from ssc_bridge.wire import make_session
-from ssc_bridge.wire import OUTPUTS_SENT
+from ssc_bridge.session import ConfigurationRead, OutputsSent, RELEASE_FRAMES
+from ssc_bridge.wire import AUX_SET, make_session, OUTPUTS_SENT
 from test.node_alone import alone
 from test.ssc_bench import AUX
 from test.ssc_rig import configuration

@@ -24,10 +24,8 @@ import pytest
 from ssc_bridge.channels import Failsafe
 from ssc_bridge.protocol import PULSE_CHANNELS
 from ssc_bridge.session import Settings
-from ssc_bridge.session.outputs import Channel
-from ssc_bridge.session.outputs import Outputs
-from test.ssc_rig import PAN
-from test.ssc_rig import TILT
+from ssc_bridge.session.outputs import Channel, Outputs
+from test.ssc_rig import PAN, TILT
 
 COUNT = 16
 NOW = 100.0

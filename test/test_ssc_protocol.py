@@ -19,39 +19,36 @@ import json
 from pathlib import Path
 from typing import Any
 
-from hypothesis import example
-from hypothesis import given
-from hypothesis import settings
-from hypothesis import strategies as st
+from hypothesis import example, given, settings, strategies as st
 import pytest
 
-from bridge_core.framing import FrameError
-from bridge_core.framing import StreamParser
-from bridge_core.framing import Unknown
+from bridge_core.framing import FrameError, StreamParser, Unknown
 from ssc_bridge import protocol
-from ssc_bridge.protocol import AuxFunction
-from ssc_bridge.protocol import AuxInputs
-from ssc_bridge.protocol import AuxOutputs
-from ssc_bridge.protocol import ChannelSource
-from ssc_bridge.protocol import CommandState
-from ssc_bridge.protocol import Configuration
-from ssc_bridge.protocol import DigitalInput
-from ssc_bridge.protocol import DigitalOutput
-from ssc_bridge.protocol import Lockout
-from ssc_bridge.protocol import Measurement
-from ssc_bridge.protocol import MessageType
-from ssc_bridge.protocol import Poll
-from ssc_bridge.protocol import PulseAccumulator
-from ssc_bridge.protocol import PulseCommand
-from ssc_bridge.protocol import PulseInputs
-from ssc_bridge.protocol import PulseOutput
-from ssc_bridge.protocol import PulseOutputs
-from ssc_bridge.protocol import Selection
-from ssc_bridge.protocol import Source
-from ssc_bridge.protocol import Status
-from ssc_bridge.protocol import TIME_BASES_US
-from ssc_bridge.protocol import TimerInput
-from ssc_bridge.protocol import UnknownFunction
+from ssc_bridge.protocol import (
+    AuxFunction,
+    AuxInputs,
+    AuxOutputs,
+    ChannelSource,
+    CommandState,
+    Configuration,
+    DigitalInput,
+    DigitalOutput,
+    Lockout,
+    Measurement,
+    MessageType,
+    Poll,
+    PulseAccumulator,
+    PulseCommand,
+    PulseInputs,
+    PulseOutput,
+    PulseOutputs,
+    Selection,
+    Source,
+    Status,
+    TIME_BASES_US,
+    TimerInput,
+    UnknownFunction,
+)
 from test.parser_rig import frames_of
 from test.ssc_rig import build_frame  # the manual's own loop, not our codec
 

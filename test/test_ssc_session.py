@@ -17,41 +17,38 @@
 from collections.abc import Callable
 from typing import Any
 
-from hypothesis import given
-from hypothesis import settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 import pytest
 
-from bridge_core.session import Answer
-from bridge_core.session import Level
-from bridge_core.session import StopChanged
-from bridge_core.session import Verdict
-from ssc_bridge.channels import AxisInput
-from ssc_bridge.channels import ButtonInput
-from ssc_bridge.protocol import CommandState
-from ssc_bridge.protocol import MessageType
-from ssc_bridge.session import CommandStateChanged
-from ssc_bridge.session import ConfigurationRead
-from ssc_bridge.session import FailsafeBegun
-from ssc_bridge.session import LOCKOUT
-from ssc_bridge.session import PulsesIn
-from ssc_bridge.session import PulsesOut
-from ssc_bridge.session import Session
-from ssc_bridge.session import Settings
-from ssc_bridge.session import SourcesChanged
-from ssc_bridge.session import Sticks
+from bridge_core.session import Answer, Level, StopChanged, Verdict
+from ssc_bridge.channels import AxisInput, ButtonInput
+from ssc_bridge.protocol import CommandState, MessageType
+from ssc_bridge.session import (
+    CommandStateChanged,
+    ConfigurationRead,
+    FailsafeBegun,
+    LOCKOUT,
+    PulsesIn,
+    PulsesOut,
+    Session,
+    Settings,
+    SourcesChanged,
+    Sticks,
+)
 from ssc_bridge.session.polling import Poller
 from ssc_bridge.session.sticks import sticks_of
-from test.ssc_rig import build_frame
-from test.ssc_rig import configuration
-from test.ssc_rig import INPUTS
-from test.ssc_rig import OUTPUTS
-from test.ssc_rig import PAN
-from test.ssc_rig import Rig
-from test.ssc_rig import STATES
-from test.ssc_rig import status
-from test.ssc_rig import TICK
-from test.ssc_rig import words
+from test.ssc_rig import (
+    build_frame,
+    configuration,
+    INPUTS,
+    OUTPUTS,
+    PAN,
+    Rig,
+    STATES,
+    status,
+    TICK,
+    words,
+)
 
 AXES = (AxisInput('x', 2), AxisInput('y', 3))
 BUTTONS = (ButtonInput('deadman', 4), ButtonInput('mode', 5, (1300, 1700)))

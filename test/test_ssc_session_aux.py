@@ -19,30 +19,24 @@ import itertools
 import math
 from typing import Any
 
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 import pytest
 
 from bridge_core.session import RETRY
 from bridge_core.transports.line import STALL_TIMEOUT
 from ssc_bridge.channels import AuxRequest
-from ssc_bridge.protocol import Configuration
-from ssc_bridge.protocol import DigitalInput
-from ssc_bridge.protocol import Measurement
-from ssc_bridge.protocol import PulseAccumulator
-from ssc_bridge.protocol import PulseOutput
-from ssc_bridge.protocol import TIME_BASES_US
-from ssc_bridge.protocol import TimerInput
-from ssc_bridge.session import AuxReading
-from ssc_bridge.session import ConfigurationRead
-from ssc_bridge.session import counts_of
-from ssc_bridge.session import RELEASE_FRAMES
-from ssc_bridge.session import Session
-from ssc_bridge.session.auxiliary import AuxOutputCommands
-from ssc_bridge.session.auxiliary import UNDO_FRAMES
-from test.ssc_rig import configuration
-from test.ssc_rig import Rig
-from test.ssc_rig import TICK
+from ssc_bridge.protocol import (
+    Configuration,
+    DigitalInput,
+    Measurement,
+    PulseAccumulator,
+    PulseOutput,
+    TIME_BASES_US,
+    TimerInput,
+)
+from ssc_bridge.session import AuxReading, ConfigurationRead, counts_of, RELEASE_FRAMES, Session
+from ssc_bridge.session.auxiliary import AuxOutputCommands, UNDO_FRAMES
+from test.ssc_rig import configuration, Rig, TICK
 
 # Timer of 8 us between rising edges; accumulator of falling edges; digital output, high at start;
 # digital output, low; free running pulses of 2 us; one-shot pulses of 128 us.

@@ -21,30 +21,14 @@ import math
 import random
 from typing import Any
 
-from hypothesis import given
-from hypothesis import settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 import pytest
 
 from bridge_core.transports.line import STALL_TIMEOUT
-from ssc_bridge.channels import Failsafe
-from ssc_bridge.channels import Servo
-from ssc_bridge.session import FailsafeBegun
-from ssc_bridge.session import OutputsSent
-from ssc_bridge.session import RELEASE_FRAMES
-from ssc_bridge.session import Session
-from ssc_bridge.session import Settings
+from ssc_bridge.channels import Failsafe, Servo
+from ssc_bridge.session import FailsafeBegun, OutputsSent, RELEASE_FRAMES, Session, Settings
 from ssc_bridge.session.outputs import RELEASE_TIME
-from test.ssc_rig import build_frame
-from test.ssc_rig import follow
-from test.ssc_rig import GRIP
-from test.ssc_rig import INPUTS
-from test.ssc_rig import OUTPUTS
-from test.ssc_rig import PAN
-from test.ssc_rig import Rig
-from test.ssc_rig import servos
-from test.ssc_rig import TILT
-from test.ssc_rig import words
+from test.ssc_rig import build_frame, follow, GRIP, INPUTS, OUTPUTS, PAN, Rig, servos, TILT, words
 
 RELEASES = 50  # for a second, at the rate as delivered
 

@@ -20,11 +20,7 @@ import pytest
 
 from ssc_bridge.channels import Failsafe
 from ssc_bridge.session import OutputsSent
-from test.ssc_rig import follow
-from test.ssc_rig import GRIP
-from test.ssc_rig import Rig
-from test.ssc_rig import servos
-from test.ssc_rig import TILT
+from test.ssc_rig import follow, GRIP, Rig, servos, TILT
 
 
 def leave(rig: Rig) -> None:

@@ -22,11 +22,7 @@ import struct
 
 import pytest
 
-from ssc_bridge.simulator import BOOT_TIME
-from ssc_bridge.simulator import build_frame
-from ssc_bridge.simulator import Settings
-from ssc_bridge.simulator import Simulator
-from ssc_bridge.simulator import sums
+from ssc_bridge.simulator import BOOT_TIME, build_frame, Settings, Simulator, sums
 from ssc_bridge.simulator.memory import is_image
 from ssc_bridge.simulator.menus import Terminal
 

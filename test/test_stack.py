@@ -17,8 +17,7 @@
 from collections.abc import Iterator
 import math
 from pathlib import Path
-from signal import SIGINT
-from signal import SIGTERM
+from signal import SIGINT, SIGTERM
 import time
 from typing import Any
 
@@ -26,20 +25,12 @@ import pytest
 import yaml
 
 from esi_drive_bridge.simulator import Simulator as DriveSimulator
-from rugged_teleop.stack import configured_nodes
-from rugged_teleop.stack import NODES
-from rugged_teleop.stack import wired
+from rugged_teleop.stack import configured_nodes, NODES, wired
 from test.endings import first_of
-from test.rig import NodeProcess
-from test.rig import Observer
-from test.rig import ROOT
-from test.run_delay import RunDelay
-from test.run_delay import WIRE_HELD_UP
+from test.rig import NodeProcess, Observer, ROOT
+from test.run_delay import RunDelay, WIRE_HELD_UP
 from test.spine import exit_of
-from test.stage import DRIVE
-from test.stage import MUX
-from test.stage import Stage
-from test.stage import VSC
+from test.stage import DRIVE, MUX, Stage, VSC
 
 
 @pytest.mark.parametrize(

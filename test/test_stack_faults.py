@@ -29,10 +29,7 @@ from rclpy.parameter import Parameter
 
 from test.faulty_stack import FOLDER
 from test.rig import Observer
-from test.stage import DRIVE
-from test.stage import MUX
-from test.stage import TRIP
-from test.stage import VSC
+from test.stage import DRIVE, MUX, TRIP, VSC
 from test.test_stack import Stack
 
 

@@ -32,25 +32,16 @@ from rclpy.qos import QoSProfile
 from akron_can_bridge.simulator import Simulator as Monitor
 from esi_drive_bridge.simulator import Simulator as Drive
 from fort_vsc_bridge.simulator import Simulator as Vsc
-from rugged_teleop.canbuses import CanBusDevice
-from rugged_teleop.canbuses import INTERFACE
+from rugged_teleop.canbuses import CanBusDevice, INTERFACE
 from rugged_teleop.doctor import main as doctor
-from rugged_teleop.multicasts import LOOPBACK
-from rugged_teleop.multicasts import MulticastDevice
+from rugged_teleop.multicasts import LOOPBACK, MulticastDevice
 from rugged_teleop.ptys import PtyDevice
 from ssc_bridge.simulator import Simulator as Ssc
 from test.can_rig import free_channel
-from test.docs_rig import blocks
-from test.docs_rig import Command
-from test.docs_rig import commands
-from test.docs_rig import text_of
+from test.docs_rig import blocks, Command, commands, text_of
 from test.multicast_rig import free_port
-from test.rig import NodeProcess
-from test.rig import Observer
-from test.rig import ROOT
-from test.rig import wait_for
-from test.run_delay import RunDelay
-from test.run_delay import WIRE_HELD_UP
+from test.rig import NodeProcess, Observer, ROOT, wait_for
+from test.run_delay import RunDelay, WIRE_HELD_UP
 from vm110_bridge.simulator import Simulator as BaseUnit
 
 DEVICES = ('fort_vsc', 'vm110', 'akron', 'ssc', 'esi_drive')

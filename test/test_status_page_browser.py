@@ -27,13 +27,7 @@ import pytest
 
 from status_page import server
 from test.chromium import Browser
-from test.page_rig import ACTIVE
-from test.page_rig import FORT
-from test.page_rig import Machine
-from test.page_rig import MUX
-from test.page_rig import STOPPED
-from test.page_rig import TOKEN
-from test.page_rig import UNIT
+from test.page_rig import ACTIVE, FORT, Machine, MUX, STOPPED, TOKEN, UNIT
 from test.rig import ROOT
 
 PHONE = (360, 740)

@@ -26,24 +26,9 @@ from typing import Any
 import pytest
 
 from status_page.graph import find
-from status_page.model import Diagnostic
-from status_page.model import SILENT
-from test.page_rig import ACTIVE
-from test.page_rig import DRIVE
-from test.page_rig import FORT
-from test.page_rig import model
-from test.page_rig import MONITOR
-from test.page_rig import MUX
-from test.page_rig import remedies
-from test.page_rig import STOPPED
-from test.page_rig import TOPICS
-from test.page_rig import UNIT
-from test.safety_mux_bench import Bench as MuxBench
-from test.safety_mux_bench import CONFIG
-from test.safety_mux_bench import DRIVE as DRIVING
-from test.safety_mux_bench import HELD
-from test.safety_mux_bench import OFF
-from test.safety_mux_bench import REST
+from status_page.model import Diagnostic, SILENT
+from test.page_rig import ACTIVE, DRIVE, FORT, model, MONITOR, MUX, remedies, STOPPED, TOPICS, UNIT
+from test.safety_mux_bench import Bench as MuxBench, CONFIG, DRIVE as DRIVING, HELD, OFF, REST
 
 
 def bridge(snapshot: dict[str, Any], name: str) -> Any:

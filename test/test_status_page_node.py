@@ -27,21 +27,14 @@ from types import SimpleNamespace
 from typing import Any
 
 import aiohttp
-from diagnostic_msgs.msg import DiagnosticArray
-from diagnostic_msgs.msg import DiagnosticStatus
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 import pytest
 from std_msgs.msg import Bool
 
 from status_page.node import StatusPage
-from test.mux_talkers import MuxBench
-from test.mux_talkers import sticks
+from test.mux_talkers import MuxBench, sticks
 from test.page_rig import watch
-from test.rig import latched
-from test.rig import NodeProcess
-from test.rig import Observer
-from test.rig import own_domain
-from test.rig import ROOT
-from test.rig import TIMEOUT_FACTOR
+from test.rig import latched, NodeProcess, Observer, own_domain, ROOT, TIMEOUT_FACTOR
 from test.talkers import Talker
 
 

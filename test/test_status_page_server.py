@@ -32,11 +32,7 @@ from status_page import server
 from status_page.access import Access
 from status_page.recordings import recordings
 from status_page.server import WRONG_TOKEN
-from test.page_rig import FORT
-from test.page_rig import Machine
-from test.page_rig import MUX
-from test.page_rig import TOKEN
-from test.page_rig import watch
+from test.page_rig import FORT, Machine, MUX, TOKEN, watch
 from test.rig import TIMEOUT_FACTOR
 
 WISH = {'action': 'reset', 'mux': MUX, 'confirmed': True}

@@ -30,32 +30,19 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import Twist
 import pytest
 from rclpy.node import NodeNameNonExistentError
-from rclpy.qos import DurabilityPolicy
-from rclpy.qos import QoSPresetProfiles
-from rclpy.qos import QoSProfile
-from rclpy.qos import ReliabilityPolicy
+from rclpy.qos import DurabilityPolicy, QoSPresetProfiles, QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import JointState
-from std_msgs.msg import Bool
-from std_msgs.msg import String
+from std_msgs.msg import Bool, String
 from std_srvs.srv import SetBool
 
 from esi_drive_bridge.simulator import Simulator as DriveSimulator
 from test.mux_talkers import sticks
-from test.rig import latched
-from test.rig import NodeProcess
-from test.rig import Observer
-from test.rig import Record
+from test.rig import latched, NodeProcess, Observer, Record
 from test.spine import Spine
-from test.stage import DRIVE
-from test.stage import Drive
-from test.stage import MUX
-from test.stage import VSC
-from test.talkers import namespace
-from test.talkers import reset
-from test.talkers import Talker
+from test.stage import DRIVE, Drive, MUX, VSC
+from test.talkers import namespace, reset, Talker
 from test.test_layouts import named
-from test.test_policy import allowed
-from test.test_policy import outcome
+from test.test_policy import allowed, outcome
 
 PUB_RATE = 20.0  # ros2 topic pub -r 20
 # Between two programs there is a gap, and a busy machine makes gaps of its own.

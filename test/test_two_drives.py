@@ -25,18 +25,13 @@ from typing import Any
 
 import pytest
 from sensor_msgs.msg import JointState
-from std_msgs.msg import Bool
-from std_msgs.msg import String
-from std_srvs.srv import SetBool
-from std_srvs.srv import Trigger
+from std_msgs.msg import Bool, String
+from std_srvs.srv import SetBool, Trigger
 
 from esi_drive_bridge.simulator import Simulator as DriveSimulator
-from test.rig import latched
-from test.rig import NodeProcess
-from test.rig import Observer
+from test.rig import latched, NodeProcess, Observer
 from test.stage import Drive
-from test.talkers import namespace
-from test.talkers import Talker
+from test.talkers import namespace, Talker
 
 JOINTS = {'front': ['front_left', 'front_right'], 'rear': ['rear_left', 'rear_right']}
 ALL = [joint for joints in JOINTS.values() for joint in joints]

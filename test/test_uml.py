@@ -33,8 +33,7 @@ import pytest
 
 from test import uml
 from test.can_rig import VARIABLE
-from test.rig import ROOT
-from test.rig import wait_for
+from test.rig import ROOT, wait_for
 
 pytestmark = [
     pytest.mark.skipif(VARIABLE in os.environ, reason='we are inside already'),

@@ -20,16 +20,10 @@ import math
 
 import pytest
 
-from vm110_bridge.protocol import CommandInput
-from vm110_bridge.protocol import CommandOutput
-from vm110_bridge.session.events import Command
-from vm110_bridge.session.events import CommandResult
-from vm110_bridge.session.inbox import CommandInbox
-from vm110_bridge.session.inbox import MEMORY
-from vm110_bridge.session.outbox import ACKNOWLEDGED
-from vm110_bridge.session.outbox import CommandOutbox
-from vm110_bridge.session.outbox import QUEUE_SIZE
-from vm110_bridge.session.outbox import RESEND_PERIOD
+from vm110_bridge.protocol import CommandInput, CommandOutput
+from vm110_bridge.session.events import Command, CommandResult
+from vm110_bridge.session.inbox import CommandInbox, MEMORY
+from vm110_bridge.session.outbox import ACKNOWLEDGED, CommandOutbox, QUEUE_SIZE, RESEND_PERIOD
 
 DATA, OTHER = bytes(range(16)), bytes(16)
 ASKED, PUBLISHED = CommandInput(7, DATA), Command(7, DATA)

@@ -20,8 +20,7 @@ from typing import Any
 from builtin_interfaces.msg import Time
 import pytest
 from sensor_msgs.msg import BatteryState
-from std_msgs.msg import MultiArrayLayout
-from std_msgs.msg import UInt8MultiArray
+from std_msgs.msg import MultiArrayLayout, UInt8MultiArray
 
 from vm110_bridge import convert
 

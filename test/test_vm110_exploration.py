@@ -20,22 +20,14 @@ from typing import Any
 
 import pytest
 
-from test.explorer import START
-from test.explorer import visits_of
+from test.explorer import START, visits_of
 from test.session_world import SessionWorld
-from test.vm110_rig import DEFLECTED
-from test.vm110_rig import EXTERNAL
-from test.vm110_rig import NOBODY
-from test.vm110_rig import STOPPED
-from test.vm110_rig import STOPPED_RU
+from test.vm110_rig import DEFLECTED, EXTERNAL, NOBODY, STOPPED, STOPPED_RU
 from vm110_bridge.protocol import PeriodicInput
-from vm110_bridge.session import Session
-from vm110_bridge.session import Settings
-from vm110_bridge.session import Sticks
+from vm110_bridge.session import Session, Settings, Sticks
 from vm110_bridge.session.serials import WINDOW
 from vm110_bridge.session.stops import StopJudge
-from vm110_bridge.simulator import build_packet
-from vm110_bridge.simulator import build_vrpi
+from vm110_bridge.simulator import build_packet, build_vrpi
 
 pytestmark = pytest.mark.computes
 OURS, OTHER = 7, 8

@@ -14,9 +14,7 @@
 
 """The VM-110 bridge as a process of its own, on real multicast of the loopback interface."""
 
-from collections.abc import Callable
-from collections.abc import Iterator
-from collections.abc import Mapping
+from collections.abc import Callable, Iterator, Mapping
 import contextlib
 import functools
 import math
@@ -27,38 +25,21 @@ import sys
 import time
 from typing import Any
 
-from diagnostic_msgs.msg import DiagnosticArray
-from diagnostic_msgs.msg import DiagnosticStatus
-from diagnostic_msgs.msg import KeyValue
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 import pytest
-from rclpy.qos import QoSProfile
-from rclpy.qos import ReliabilityPolicy
-from sensor_msgs.msg import BatteryState
-from sensor_msgs.msg import Joy
-from std_msgs.msg import Bool
-from std_msgs.msg import Int32
-from std_msgs.msg import UInt8MultiArray
-from std_msgs.msg import UInt16
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+from sensor_msgs.msg import BatteryState, Joy
+from std_msgs.msg import Bool, Int32, UInt8MultiArray, UInt16
 
 from bridge_core.runner import run
 from rugged_teleop.multicasts import LOOPBACK
-from test.multicast_rig import free_port
-from test.multicast_rig import Station
-from test.rig import as_yaml
-from test.rig import latched
-from test.rig import NodeProcess
-from test.rig import Observer
-from test.rig import Record
-from test.rig import ROOT
+from test.multicast_rig import free_port, Station
+from test.rig import as_yaml, latched, NodeProcess, Observer, Record, ROOT
 from test.run_delay import RunDelay
-from test.talkers import namespace
-from test.talkers import Talker
+from test.talkers import namespace, Talker
 from vm110_bridge.node import Vm110Bridge
 from vm110_bridge.protocol import BuState
-from vm110_bridge.simulator import base_unit
-from vm110_bridge.simulator import build_packet
-from vm110_bridge.simulator import build_vrpi
-from vm110_bridge.simulator import Simulator
+from vm110_bridge.simulator import base_unit, build_packet, build_vrpi, Simulator
 
 pytestmark = pytest.mark.waits(120)
 NAME = 'vm110_bridge'

@@ -22,16 +22,12 @@ import pytest
 from std_msgs.msg import UInt8MultiArray
 
 from bridge_core import clock
-from bridge_core.watchdog import FreezeWatch
-from bridge_core.watchdog import FROZEN
+from bridge_core.watchdog import FreezeWatch, FROZEN
 from test.node_alone import alone
 from test.session_rig import SessionBench
-from test.vm110_rig import CENTRED
-from test.vm110_rig import of
-from test.vm110_rig import vrci
+from test.vm110_rig import CENTRED, of, vrci
 from vm110_bridge.node import Vm110Bridge
-from vm110_bridge.session import Command
-from vm110_bridge.session import Session
+from vm110_bridge.session import Command, Session
 from vm110_bridge.session.inbox import MEMORY
 from vm110_bridge.simulator import build_packet
 from vm110_bridge.wire import make_session

@@ -19,21 +19,22 @@ import struct
 
 import pytest
 
-from bridge_core.session import INTERRUPTION_TIME
-from bridge_core.session import Level
-from test.vm110_rig import ARMED
-from test.vm110_rig import armed
-from test.vm110_rig import Bench
-from test.vm110_rig import BLOCKED
-from test.vm110_rig import CENTRED
-from test.vm110_rig import DISARMED
-from test.vm110_rig import EXTERNAL
-from test.vm110_rig import FAILED
-from test.vm110_rig import INITIAL
-from test.vm110_rig import LINK_ERROR
-from test.vm110_rig import opened
-from test.vm110_rig import STOPPED
-from test.vm110_rig import STOPPED_RU
+from bridge_core.session import INTERRUPTION_TIME, Level
+from test.vm110_rig import (
+    ARMED,
+    armed,
+    Bench,
+    BLOCKED,
+    CENTRED,
+    DISARMED,
+    EXTERNAL,
+    FAILED,
+    INITIAL,
+    LINK_ERROR,
+    opened,
+    STOPPED,
+    STOPPED_RU,
+)
 from vm110_bridge.session.report import DEAF
 from vm110_bridge.simulator import build_vrpi
 

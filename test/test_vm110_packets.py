@@ -16,33 +16,28 @@
 
 from typing import Any
 
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 import pytest
 
-from bridge_core.session import Level
-from bridge_core.session import StopChanged
-from bridge_core.session import Verdict
-from test.vm110_rig import armed
-from test.vm110_rig import Bench
-from test.vm110_rig import CENTRED
-from test.vm110_rig import DEFLECTED
-from test.vm110_rig import INITIAL
-from test.vm110_rig import LIMIT
-from test.vm110_rig import NEUTRAL
-from test.vm110_rig import NOBODY
-from test.vm110_rig import of
-from test.vm110_rig import opened
-from test.vm110_rig import STOPPED
-from test.vm110_rig import STOPPED_RU
-from test.vm110_rig import vrci
+from bridge_core.session import Level, StopChanged, Verdict
+from test.vm110_rig import (
+    armed,
+    Bench,
+    CENTRED,
+    DEFLECTED,
+    INITIAL,
+    LIMIT,
+    NEUTRAL,
+    NOBODY,
+    of,
+    opened,
+    STOPPED,
+    STOPPED_RU,
+    vrci,
+)
 from vm110_bridge.protocol import Crc
-from vm110_bridge.session import ArmedChanged
-from vm110_bridge.session import Command
-from vm110_bridge.session import SerialNumbers
-from vm110_bridge.session import Sticks
-from vm110_bridge.simulator import build_packet
-from vm110_bridge.simulator import build_vrpi
+from vm110_bridge.session import ArmedChanged, Command, SerialNumbers, Sticks
+from vm110_bridge.simulator import build_packet, build_vrpi
 
 # -- serial numbers -------------------------------------------------------------------------------
 

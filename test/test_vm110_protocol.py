@@ -19,31 +19,32 @@ from pathlib import Path
 import struct
 from typing import Any
 
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 import pytest
 
 from bridge_core.framing import FrameError
 from vm110_bridge import protocol
-from vm110_bridge.protocol import AcknowledgeInput
-from vm110_bridge.protocol import AcknowledgeOutput
-from vm110_bridge.protocol import build_frame
-from vm110_bridge.protocol import burst
-from vm110_bridge.protocol import BuState
-from vm110_bridge.protocol import CommandInput
-from vm110_bridge.protocol import CommandOutput
-from vm110_bridge.protocol import Crc
-from vm110_bridge.protocol import decode
-from vm110_bridge.protocol import Disabled
-from vm110_bridge.protocol import Frame
-from vm110_bridge.protocol import LinkStatus
-from vm110_bridge.protocol import Message
-from vm110_bridge.protocol import PacketDecoder
-from vm110_bridge.protocol import PeriodicInput
-from vm110_bridge.protocol import PeriodicOutput
-from vm110_bridge.protocol import RuState
-from vm110_bridge.protocol import state_name
-from vm110_bridge.protocol import Unknown
+from vm110_bridge.protocol import (
+    AcknowledgeInput,
+    AcknowledgeOutput,
+    build_frame,
+    burst,
+    BuState,
+    CommandInput,
+    CommandOutput,
+    Crc,
+    decode,
+    Disabled,
+    Frame,
+    LinkStatus,
+    Message,
+    PacketDecoder,
+    PeriodicInput,
+    PeriodicOutput,
+    RuState,
+    state_name,
+    Unknown,
+)
 from vm110_bridge.simulator import build_packet  # the CRC's plain definition, not our codec
 
 VECTORS = json.loads((Path(__file__).parent / 'vectors' / 'vm110.json').read_text())

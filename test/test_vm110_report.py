@@ -17,9 +17,7 @@
 import pytest
 
 from bridge_core.session import Level
-from test.vm110_rig import armed
-from test.vm110_rig import NOBODY
-from test.vm110_rig import opened
+from test.vm110_rig import armed, NOBODY, opened
 from vm110_bridge.protocol import Disabled
 from vm110_bridge.simulator import build_vrpi
 

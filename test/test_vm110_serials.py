@@ -18,11 +18,7 @@ from __future__ import annotations
 
 import pytest
 
-from vm110_bridge.session.serials import Arrival
-from vm110_bridge.session.serials import FORMER_TIME
-from vm110_bridge.session.serials import RESTART_TIME
-from vm110_bridge.session.serials import SerialNumbers
-from vm110_bridge.session.serials import WINDOW
+from vm110_bridge.session.serials import Arrival, FORMER_TIME, RESTART_TIME, SerialNumbers, WINDOW
 
 HALF = 0x8000  # of all numbers
 NEWEST = 30_000  # before the silence

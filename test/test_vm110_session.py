@@ -19,42 +19,40 @@ import math
 import random
 from typing import Any
 
-from hypothesis import given
-from hypothesis import settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 import pytest
 
-from bridge_core.session import INTERRUPTION_TIME
-from bridge_core.session import Level
-from bridge_core.session import StopChanged
-from bridge_core.session import Verdict
-from test.vm110_rig import ARMED
-from test.vm110_rig import armed
-from test.vm110_rig import Bench
-from test.vm110_rig import BLOCKED
-from test.vm110_rig import CENTRED
-from test.vm110_rig import DEFLECTED
-from test.vm110_rig import DISARMED
-from test.vm110_rig import ENABLED_RU
-from test.vm110_rig import LIMIT
-from test.vm110_rig import LINK_ERROR
-from test.vm110_rig import NEUTRAL
-from test.vm110_rig import NOBODY
-from test.vm110_rig import of
-from test.vm110_rig import opened
-from test.vm110_rig import STOPPED
-from test.vm110_rig import STOPPED_RU
-from test.vm110_rig import vrci
-from vm110_bridge.session import ArmedChanged
-from vm110_bridge.session import Command
-from vm110_bridge.session import CommandResult
-from vm110_bridge.session import EncoderTurned
-from vm110_bridge.session import Remote
-from vm110_bridge.session import RemoteState
-from vm110_bridge.session import Sticks
+from bridge_core.session import INTERRUPTION_TIME, Level, StopChanged, Verdict
+from test.vm110_rig import (
+    ARMED,
+    armed,
+    Bench,
+    BLOCKED,
+    CENTRED,
+    DEFLECTED,
+    DISARMED,
+    ENABLED_RU,
+    LIMIT,
+    LINK_ERROR,
+    NEUTRAL,
+    NOBODY,
+    of,
+    opened,
+    STOPPED,
+    STOPPED_RU,
+    vrci,
+)
+from vm110_bridge.session import (
+    ArmedChanged,
+    Command,
+    CommandResult,
+    EncoderTurned,
+    Remote,
+    RemoteState,
+    Sticks,
+)
 from vm110_bridge.session.encoder import Encoder
-from vm110_bridge.simulator import build_packet
-from vm110_bridge.simulator import build_vrpi
+from vm110_bridge.simulator import build_packet, build_vrpi
 
 # -- stop and link --------------------------------------------------------------------------------
 

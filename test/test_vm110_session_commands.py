@@ -22,23 +22,21 @@ from typing import Any
 import pytest
 
 from bridge_core.session import Level
-from test.vm110_rig import armed
-from test.vm110_rig import Bench
-from test.vm110_rig import CENTRED
-from test.vm110_rig import DEFLECTED
-from test.vm110_rig import LIMIT
-from test.vm110_rig import NEUTRAL
-from test.vm110_rig import NOBODY
-from test.vm110_rig import of
-from test.vm110_rig import opened
-from test.vm110_rig import STOPPED
-from test.vm110_rig import STOPPED_RU
-from test.vm110_rig import vrci
-from vm110_bridge.session import ACKNOWLEDGED
-from vm110_bridge.session import Command
-from vm110_bridge.session import CommandResult
-from vm110_bridge.session import QUEUE_SIZE
-from vm110_bridge.session import Settings
+from test.vm110_rig import (
+    armed,
+    Bench,
+    CENTRED,
+    DEFLECTED,
+    LIMIT,
+    NEUTRAL,
+    NOBODY,
+    of,
+    opened,
+    STOPPED,
+    STOPPED_RU,
+    vrci,
+)
+from vm110_bridge.session import ACKNOWLEDGED, Command, CommandResult, QUEUE_SIZE, Settings
 from vm110_bridge.simulator import build_vrpi
 
 

@@ -21,10 +21,7 @@ from typing import Any
 
 import pytest
 
-from vm110_bridge.simulator import build_packet
-from vm110_bridge.simulator import build_vrpi
-from vm110_bridge.simulator import crc32
-from vm110_bridge.simulator import Simulator
+from vm110_bridge.simulator import build_packet, build_vrpi, crc32, Simulator
 
 VECTORS = json.loads((Path(__file__).parent / 'vectors' / 'vm110.json').read_text())
 INITIAL, STOPPED, LINK_ERROR, BLOCKED, FAILED, DISARMED, ARMED = 0, 1, 2, 3, 4, 0x10, 0x11

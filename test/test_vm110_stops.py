@@ -21,14 +21,8 @@ from dataclasses import replace
 
 import pytest
 
-from vm110_bridge.protocol import BuState
-from vm110_bridge.protocol import LinkStatus
-from vm110_bridge.protocol import PeriodicInput
-from vm110_bridge.protocol import RuState
-from vm110_bridge.session.stops import ECHO_DELAY
-from vm110_bridge.session.stops import LEAST_SILENCE
-from vm110_bridge.session.stops import OBEY_TIME
-from vm110_bridge.session.stops import StopJudge
+from vm110_bridge.protocol import BuState, LinkStatus, PeriodicInput, RuState
+from vm110_bridge.session.stops import ECHO_DELAY, LEAST_SILENCE, OBEY_TIME, StopJudge
 
 START, STEP = 100.0, 0.0625  # s; a step is exact in binary
 ARMED = PeriodicInput(

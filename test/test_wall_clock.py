@@ -26,8 +26,7 @@ import time
 
 import pytest
 
-from benchmarks.machine import Machine
-from benchmarks.machine import Setting
+from benchmarks.machine import Machine, Setting
 from benchmarks.random_campaign import Campaign
 from benchmarks.random_devices import Fault
 from test.can_rig import VARIABLE

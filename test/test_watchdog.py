@@ -16,12 +16,10 @@
 
 import math
 
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 import pytest
 
-from bridge_core.watchdog import FreezeWatch
-from bridge_core.watchdog import Watchdog
+from bridge_core.watchdog import FreezeWatch, Watchdog
 
 MOMENTS = st.floats(0.0, 1e9)
 TIMEOUTS = st.floats(1e-3, 1e3)

@@ -16,29 +16,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from diagnostic_msgs.msg import DiagnosticStatus
-from diagnostic_msgs.msg import KeyValue
+from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 import pytest
 from rcl_interfaces.msg import Log
 from rclpy.serialization import serialize_message
-from sensor_msgs.msg import JointState
-from sensor_msgs.msg import Joy
-from std_msgs.msg import Bool
-from std_msgs.msg import String
+from sensor_msgs.msg import JointState, Joy
+from std_msgs.msg import Bool, String
 
 from bridge_core.raw import raw_message
 from bridge_core.transports.tap import Chunk
 import esi_drive_bridge.protocol as esi
 from rugged_teleop.decode.recorded import pieces_of
 from rugged_teleop.recorder.definitions import definition_of
-from rugged_teleop.recorder.ring import Channel
-from rugged_teleop.recorder.ring import Heard
+from rugged_teleop.recorder.ring import Channel, Heard
 from rugged_teleop.recorder.writer import RecordingFile
 from rugged_teleop.recordings import Said
 from rugged_teleop.why.main import main

@@ -21,16 +21,11 @@ from typing import Any
 import pytest
 
 from bridge_core.report import Report
-from bridge_core.session import Level
-from bridge_core.session import Verdict
+from bridge_core.session import Level, Verdict
 from bridge_core.transports.link import ThreadLink
-from bridge_core.transports.tap import Chunk
-from bridge_core.transports.tap import Tap
-from bridge_core.transports.tap import tap_pair
+from bridge_core.transports.tap import Chunk, Tap, tap_pair
 from bridge_core.transports.wire import Bridge
-from test.link_rig import fails
-from test.link_rig import fault
-from test.link_rig import PACE
+from test.link_rig import fails, fault, PACE
 from test.wire_rig import WireBench
 
 

@@ -23,25 +23,18 @@ from __future__ import annotations
 
 import ctypes
 from functools import partial
-from typing import Any
-from typing import ClassVar
+from typing import Any, ClassVar
 
 from rclpy.parameter import Parameter as RosParameter
-from std_msgs.msg import Bool
-from std_msgs.msg import Float32
+from std_msgs.msg import Bool, Float32
 
 from bridge_core.node import BridgeNode
-from bridge_core.parameters import BRIDGE_PARAMETERS
-from bridge_core.parameters import Parameter
-from bridge_core.parameters import ParameterError
+from bridge_core.parameters import BRIDGE_PARAMETERS, Parameter, ParameterError
 from bridge_core.runner import run
 from bridge_core.transports.link import Link
 from bridge_core.transports.process import ProcessLink
 from test.rig import NodeProcess
-from test.toy_wire import BRIDGE
-from test.toy_wire import FAULTS
-from test.toy_wire import PING
-from test.toy_wire import Session
+from test.toy_wire import BRIDGE, FAULTS, PING, Session
 
 TOY_PARAMETERS = (
     Parameter('port', '/dev/toy', 'Serial port.'),

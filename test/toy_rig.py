@@ -21,9 +21,7 @@ from pathlib import Path
 import time
 from typing import Any
 
-from test.rig import Observer
-from test.rig import Pty
-from test.rig import Record
+from test.rig import Observer, Pty, Record
 
 ESTOP = '/toy_bridge/estop'
 OUTLASTS_GAPS = 5.0  # s; a link_timeout where a device that is held up must not count as silent

@@ -27,10 +27,7 @@ import threading
 from typing import Any
 
 from bridge_core.framing import Decoder
-from bridge_core.session import Answer
-from bridge_core.session import Level
-from bridge_core.session import Session as BaseSession
-from bridge_core.session import Verdict
+from bridge_core.session import Answer, Level, Session as BaseSession, Verdict
 from bridge_core.transports.serial import SerialTransport
 from bridge_core.transports.wire import Bridge
 

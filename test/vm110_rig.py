@@ -18,12 +18,8 @@ import struct
 from typing import Any
 
 from test.session_rig import SessionBench
-from vm110_bridge.session import Command
-from vm110_bridge.session import Session
-from vm110_bridge.session import Settings
-from vm110_bridge.session import Sticks
-from vm110_bridge.simulator import build_packet
-from vm110_bridge.simulator import build_vrpi
+from vm110_bridge.session import Command, Session, Settings, Sticks
+from vm110_bridge.simulator import build_packet, build_vrpi
 
 NEUTRAL = Sticks()
 LIMIT = 0.5

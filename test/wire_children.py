@@ -22,13 +22,10 @@ import math
 import subprocess
 from typing import Any
 
-from bridge_core.session import StopChanged
-from bridge_core.session import Verdict
+from bridge_core.session import StopChanged, Verdict
 from bridge_core.transports import wire_process
-from bridge_core.transports.wire import Request
-from bridge_core.transports.wire import Wire
-from bridge_core.transports.wire_process import Node
-from bridge_core.transports.wire_process import TURN
+from bridge_core.transports.wire import Request, Wire
+from bridge_core.transports.wire_process import Node, TURN
 
 STEP = 0.125  # s
 LOADING = 2 * STEP

@@ -14,8 +14,7 @@
 
 """A wire that a test steps by hand, by a clock of its own: no thread, and nobody waits."""
 
-from collections.abc import Callable
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 import select
 from typing import Any
 
@@ -23,16 +22,11 @@ import pytest
 
 from bridge_core import clock
 from bridge_core.report import Report
-from bridge_core.session import StopChanged
-from bridge_core.session import Verdict
+from bridge_core.session import StopChanged, Verdict
 from bridge_core.transports import wire
 from bridge_core.transports.link import Mailbox
-from bridge_core.transports.wire import Bridge
-from bridge_core.transports.wire import Request
-from bridge_core.transports.wire import Wire
-from test.link_rig import FakeOwner
-from test.link_rig import FakeSession
-from test.link_rig import FakeTransport
+from bridge_core.transports.wire import Bridge, Request, Wire
+from test.link_rig import FakeOwner, FakeSession, FakeTransport
 
 _MOST_WAITS = 3000  # of one test; more of them at work than asleep is a wire that spins
 

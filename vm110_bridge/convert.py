@@ -20,20 +20,11 @@ from collections.abc import Sequence
 
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import KeyValue
-from sensor_msgs.msg import BatteryState
-from sensor_msgs.msg import Joy
-from std_msgs.msg import Int32
-from std_msgs.msg import MultiArrayDimension
-from std_msgs.msg import MultiArrayLayout
-from std_msgs.msg import UInt8MultiArray
+from sensor_msgs.msg import BatteryState, Joy
+from std_msgs.msg import Int32, MultiArrayDimension, MultiArrayLayout, UInt8MultiArray
 
-from bridge_core.convert import joy_message
-from bridge_core.convert import scaled
-from bridge_core.convert import unknown_battery
-from vm110_bridge.protocol import AXIS_NAMES
-from vm110_bridge.protocol import DATA_SIZE
-from vm110_bridge.protocol import MAX_PERCENT
-from vm110_bridge.protocol import MAX_POSITION
+from bridge_core.convert import joy_message, scaled, unknown_battery
+from vm110_bridge.protocol import AXIS_NAMES, DATA_SIZE, MAX_PERCENT, MAX_POSITION
 
 _AS_SENT = (False,) * len(AXIS_NAMES)
 

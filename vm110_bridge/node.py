@@ -15,41 +15,32 @@
 """The VM-110 bridge: a base unit with its remotes as ROS topics."""
 
 from collections import deque
-from collections.abc import Callable
-from collections.abc import Mapping
-from typing import Any
-from typing import ClassVar
+from collections.abc import Callable, Mapping
+from typing import Any, ClassVar
 
 from diagnostic_msgs.msg import KeyValue
-from sensor_msgs.msg import BatteryState
-from sensor_msgs.msg import Joy
-from std_msgs.msg import Bool
-from std_msgs.msg import Int32
-from std_msgs.msg import UInt8MultiArray
-from std_msgs.msg import UInt16
+from sensor_msgs.msg import BatteryState, Joy
+from std_msgs.msg import Bool, Int32, UInt8MultiArray, UInt16
 
 from bridge_core import clock
 from bridge_core.managed_node import latched_qos
-from bridge_core.node import BridgeNode
-from bridge_core.node import STOP_QOS
-from bridge_core.parameters import BRIDGE_PARAMETERS
-from bridge_core.parameters import Parameter
+from bridge_core.node import BridgeNode, STOP_QOS
+from bridge_core.parameters import BRIDGE_PARAMETERS, Parameter
 from bridge_core.runner import run
 from bridge_core.watchdog import FROZEN
 from vm110_bridge import convert
-from vm110_bridge.parameters import axis_signs
-from vm110_bridge.parameters import PARAMETERS
-from vm110_bridge.session import ArmedChanged
-from vm110_bridge.session import Command
-from vm110_bridge.session import CommandResult
-from vm110_bridge.session import EncoderTurned
-from vm110_bridge.session import Event
-from vm110_bridge.session import RemoteState
-from vm110_bridge.session import Session
-from vm110_bridge.session import Sticks
-from vm110_bridge.wire import BRIDGE
-from vm110_bridge.wire import DELIVERED
-from vm110_bridge.wire import HOLD_HEARD
+from vm110_bridge.parameters import axis_signs, PARAMETERS
+from vm110_bridge.session import (
+    ArmedChanged,
+    Command,
+    CommandResult,
+    EncoderTurned,
+    Event,
+    RemoteState,
+    Session,
+    Sticks,
+)
+from vm110_bridge.wire import BRIDGE, DELIVERED, HOLD_HEARD
 
 _COMMAND_DEPTH = 50  # a burst of commands must not lose its first to a slow listener
 

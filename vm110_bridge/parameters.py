@@ -16,18 +16,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 import ipaddress
 from typing import Any
 
-from bridge_core.parameters import DEADBAND
-from bridge_core.parameters import Parameter
-from bridge_core.parameters import TOLERATE_FAULTY_AXES
-from vm110_bridge.protocol import AXIS_NAMES
-from vm110_bridge.protocol import Crc
-from vm110_bridge.protocol import MAX_BURST_DATA
-from vm110_bridge.protocol import SWITCH_NAMES
+from bridge_core.parameters import DEADBAND, Parameter, TOLERATE_FAULTY_AXES
+from vm110_bridge.protocol import AXIS_NAMES, Crc, MAX_BURST_DATA, SWITCH_NAMES
 
 OUTPUT_PORT_OFFSET = 2  # the output port is always input + 2 (manual 2.2)
 MAX_OUTPUT = 32 * MAX_BURST_DATA  # bytes of periodic data: a burst is sent in one go

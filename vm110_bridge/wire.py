@@ -22,8 +22,7 @@ from typing import Any
 from bridge_core.transports.multicast import MulticastTransport
 from bridge_core.transports.wire import Bridge
 from vm110_bridge.parameters import OUTPUT_PORT_OFFSET
-from vm110_bridge.session import Session
-from vm110_bridge.session import Settings
+from vm110_bridge.session import Session, Settings
 
 # Beside the parameters:
 HOLD_HEARD = 'hold_output was heard'

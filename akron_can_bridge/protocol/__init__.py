@@ -57,78 +57,87 @@ first: 10 of magnitude, then positive, negative and neutral status. A position i
 byte first: 12 of 0.1 degree, then positive and negative status.
 """
 
-from akron_can_bridge.protocol.broadcasts import AddressAnnouncement
-from akron_can_bridge.protocol.broadcasts import AsciiPipe
-from akron_can_bridge.protocol.broadcasts import AsciiPipeAcknowledgement
-from akron_can_bridge.protocol.broadcasts import DiagnosticData
-from akron_can_bridge.protocol.broadcasts import DigitalInputs
-from akron_can_bridge.protocol.broadcasts import DigitalOutputs
-from akron_can_bridge.protocol.broadcasts import ElevationSoftLimits
-from akron_can_bridge.protocol.broadcasts import is_pin
-from akron_can_bridge.protocol.broadcasts import MiniOutputs
-from akron_can_bridge.protocol.broadcasts import PERMISSIVE_PERIOD
-from akron_can_bridge.protocol.broadcasts import PERMISSIVE_TIMEOUT
-from akron_can_bridge.protocol.broadcasts import PositionLimit
-from akron_can_bridge.protocol.broadcasts import RotationSoftLimits
-from akron_can_bridge.protocol.broadcasts import SoePermissive
-from akron_can_bridge.protocol.flags import Fault
-from akron_can_bridge.protocol.flags import FLAG_NAMES
-from akron_can_bridge.protocol.flags import flag_names
-from akron_can_bridge.protocol.flags import Input
-from akron_can_bridge.protocol.flags import MiniOutput
-from akron_can_bridge.protocol.flags import Output
-from akron_can_bridge.protocol.flags import Permission
-from akron_can_bridge.protocol.flags import Vista
-from akron_can_bridge.protocol.frames import BASIC_JOYSTICK_PGN
-from akron_can_bridge.protocol.frames import EXTENDED_JOYSTICK_PGN
-from akron_can_bridge.protocol.frames import FIELD_REQUEST_PGN
-from akron_can_bridge.protocol.frames import Message
-from akron_can_bridge.protocol.frames import MessageType
-from akron_can_bridge.protocol.frames import NAME_PGN
-from akron_can_bridge.protocol.frames import PROPRIETARY_PGN
-from akron_can_bridge.protocol.frames import Sendable
-from akron_can_bridge.protocol.frames import Writable
-from akron_can_bridge.protocol.joysticks import AUTOMATIC_SWITCHES
-from akron_can_bridge.protocol.joysticks import BasicJoystick
-from akron_can_bridge.protocol.joysticks import ExtendedJoystick
-from akron_can_bridge.protocol.joysticks import JOYSTICK_PERIOD
-from akron_can_bridge.protocol.joysticks import JOYSTICK_TIMEOUT
-from akron_can_bridge.protocol.joysticks import PAUSE_SWITCH
-from akron_can_bridge.protocol.messages import decode
-from akron_can_bridge.protocol.messages import MESSAGES
-from akron_can_bridge.protocol.messages import read
-from akron_can_bridge.protocol.messages import Received
-from akron_can_bridge.protocol.polls import AKRON_BRASS
-from akron_can_bridge.protocol.polls import ConfigPoll
-from akron_can_bridge.protocol.polls import ConfigVersion
-from akron_can_bridge.protocol.polls import EnterSetup
-from akron_can_bridge.protocol.polls import FaultPoll
-from akron_can_bridge.protocol.polls import FaultStatus
-from akron_can_bridge.protocol.polls import FieldRequest
-from akron_can_bridge.protocol.polls import FirmwarePoll
-from akron_can_bridge.protocol.polls import FirmwareVersion
-from akron_can_bridge.protocol.polls import Name
-from akron_can_bridge.protocol.polls import PcodePoll
-from akron_can_bridge.protocol.polls import PcodeVersion
-from akron_can_bridge.protocol.polls import ResetController
-from akron_can_bridge.protocol.polls import VistaData
-from akron_can_bridge.protocol.polls import VistaPoll
-from akron_can_bridge.protocol.polls import VistaPosition
-from akron_can_bridge.protocol.polls import ZeroPositions
-from akron_can_bridge.protocol.values import Axis
-from akron_can_bridge.protocol.values import AXIS_USAGE
-from akron_can_bridge.protocol.values import DEVICE_TYPES
-from akron_can_bridge.protocol.values import FULL_SCALE
-from akron_can_bridge.protocol.values import HARD_STOP_NAMES
-from akron_can_bridge.protocol.values import JOYSTICK_ADDRESSES
-from akron_can_bridge.protocol.values import MAX_MAGNITUDE
-from akron_can_bridge.protocol.values import NEUTRAL
-from akron_can_bridge.protocol.values import PCODE_ERRORS
-from akron_can_bridge.protocol.values import pcode_name
-from akron_can_bridge.protocol.values import Position
-from akron_can_bridge.protocol.values import Status
-from akron_can_bridge.protocol.values import UNAVAILABLE
-from akron_can_bridge.protocol.values import Version
+from akron_can_bridge.protocol.broadcasts import (
+    AddressAnnouncement,
+    AsciiPipe,
+    AsciiPipeAcknowledgement,
+    DiagnosticData,
+    DigitalInputs,
+    DigitalOutputs,
+    ElevationSoftLimits,
+    is_pin,
+    MiniOutputs,
+    PERMISSIVE_PERIOD,
+    PERMISSIVE_TIMEOUT,
+    PositionLimit,
+    RotationSoftLimits,
+    SoePermissive,
+)
+from akron_can_bridge.protocol.flags import (
+    Fault,
+    FLAG_NAMES,
+    flag_names,
+    Input,
+    MiniOutput,
+    Output,
+    Permission,
+    Vista,
+)
+from akron_can_bridge.protocol.frames import (
+    BASIC_JOYSTICK_PGN,
+    EXTENDED_JOYSTICK_PGN,
+    FIELD_REQUEST_PGN,
+    Message,
+    MessageType,
+    NAME_PGN,
+    PROPRIETARY_PGN,
+    Sendable,
+    Writable,
+)
+from akron_can_bridge.protocol.joysticks import (
+    AUTOMATIC_SWITCHES,
+    BasicJoystick,
+    ExtendedJoystick,
+    JOYSTICK_PERIOD,
+    JOYSTICK_TIMEOUT,
+    PAUSE_SWITCH,
+)
+from akron_can_bridge.protocol.messages import decode, MESSAGES, read, Received
+from akron_can_bridge.protocol.polls import (
+    AKRON_BRASS,
+    ConfigPoll,
+    ConfigVersion,
+    EnterSetup,
+    FaultPoll,
+    FaultStatus,
+    FieldRequest,
+    FirmwarePoll,
+    FirmwareVersion,
+    Name,
+    PcodePoll,
+    PcodeVersion,
+    ResetController,
+    VistaData,
+    VistaPoll,
+    VistaPosition,
+    ZeroPositions,
+)
+from akron_can_bridge.protocol.values import (
+    Axis,
+    AXIS_USAGE,
+    DEVICE_TYPES,
+    FULL_SCALE,
+    HARD_STOP_NAMES,
+    JOYSTICK_ADDRESSES,
+    MAX_MAGNITUDE,
+    NEUTRAL,
+    PCODE_ERRORS,
+    pcode_name,
+    Position,
+    Status,
+    UNAVAILABLE,
+    Version,
+)
 
 __all__ = [
     'AKRON_BRASS',

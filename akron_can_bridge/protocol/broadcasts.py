@@ -20,24 +20,10 @@ from dataclasses import dataclass
 import re
 from typing import Annotated
 
-from akron_can_bridge.protocol.fields import bit
-from akron_can_bridge.protocol.fields import degrees
-from akron_can_bridge.protocol.fields import Field
-from akron_can_bridge.protocol.fields import flags
-from akron_can_bridge.protocol.fields import position
-from akron_can_bridge.protocol.fields import status
-from akron_can_bridge.protocol.fields import statuses
-from akron_can_bridge.protocol.flags import Input
-from akron_can_bridge.protocol.flags import MiniOutput
-from akron_can_bridge.protocol.flags import Output
-from akron_can_bridge.protocol.flags import Permission
-from akron_can_bridge.protocol.frames import Message
-from akron_can_bridge.protocol.frames import MessageType
-from akron_can_bridge.protocol.frames import Sendable
-from akron_can_bridge.protocol.frames import Writable
-from akron_can_bridge.protocol.values import check_range
-from akron_can_bridge.protocol.values import Position
-from akron_can_bridge.protocol.values import Status
+from akron_can_bridge.protocol.fields import bit, degrees, Field, flags, position, status, statuses
+from akron_can_bridge.protocol.flags import Input, MiniOutput, Output, Permission
+from akron_can_bridge.protocol.frames import Message, MessageType, Sendable, Writable
+from akron_can_bridge.protocol.values import check_range, Position, Status
 
 PERMISSIVE_PERIOD = 0.1  # A1
 PERMISSIVE_TIMEOUT = 0.3

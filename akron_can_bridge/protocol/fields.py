@@ -22,13 +22,15 @@ from enum import IntFlag
 import math
 from typing import Any
 
-from akron_can_bridge.protocol.values import Axis
-from akron_can_bridge.protocol.values import check_range
-from akron_can_bridge.protocol.values import pack_statuses
-from akron_can_bridge.protocol.values import Position
-from akron_can_bridge.protocol.values import Status
-from akron_can_bridge.protocol.values import unpack_statuses
-from akron_can_bridge.protocol.values import Version
+from akron_can_bridge.protocol.values import (
+    Axis,
+    check_range,
+    pack_statuses,
+    Position,
+    Status,
+    unpack_statuses,
+    Version,
+)
 
 
 def _same(value: Any) -> Any:

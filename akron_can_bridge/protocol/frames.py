@@ -18,20 +18,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import IntEnum
-from typing import Annotated
-from typing import Any
-from typing import ClassVar
-from typing import get_origin
-from typing import get_type_hints
-from typing import Literal
-from typing import TypeVar
+from typing import Annotated, Any, ClassVar, get_origin, get_type_hints, Literal, TypeVar
 
 from akron_can_bridge.protocol.fields import Field
 from bridge_core.framing import FrameError
-from bridge_core.j1939 import CanFrame
-from bridge_core.j1939 import GLOBAL_ADDRESS
-from bridge_core.j1939 import J1939Id
-from bridge_core.j1939 import NULL_ADDRESS
+from bridge_core.j1939 import CanFrame, GLOBAL_ADDRESS, J1939Id, NULL_ADDRESS
 
 BASIC_JOYSTICK_PGN = 64982
 EXTENDED_JOYSTICK_PGN = 64983

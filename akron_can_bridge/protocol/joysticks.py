@@ -19,18 +19,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import lru_cache
 import struct
-from typing import Annotated
-from typing import Any
+from typing import Annotated, Any
 
-from akron_can_bridge.protocol.fields import axis
-from akron_can_bridge.protocol.fields import statuses
-from akron_can_bridge.protocol.frames import BASIC_JOYSTICK_PGN
-from akron_can_bridge.protocol.frames import EXTENDED_JOYSTICK_PGN
-from akron_can_bridge.protocol.frames import Sendable
-from akron_can_bridge.protocol.values import Axis
-from akron_can_bridge.protocol.values import Status
-from akron_can_bridge.protocol.values import STATUSES
-from akron_can_bridge.protocol.values import UNAVAILABLE
+from akron_can_bridge.protocol.fields import axis, statuses
+from akron_can_bridge.protocol.frames import BASIC_JOYSTICK_PGN, EXTENDED_JOYSTICK_PGN, Sendable
+from akron_can_bridge.protocol.values import Axis, Status, STATUSES, UNAVAILABLE
 from bridge_core.framing import draft_of
 
 JOYSTICK_PERIOD = 0.02  # Appendix B: what Akron Brass devices do; 100 ms is the most

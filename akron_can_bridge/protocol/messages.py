@@ -19,41 +19,41 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import NamedTuple
 
-from akron_can_bridge.protocol.broadcasts import AddressAnnouncement
-from akron_can_bridge.protocol.broadcasts import AsciiPipe
-from akron_can_bridge.protocol.broadcasts import AsciiPipeAcknowledgement
-from akron_can_bridge.protocol.broadcasts import DiagnosticData
-from akron_can_bridge.protocol.broadcasts import DigitalInputs
-from akron_can_bridge.protocol.broadcasts import DigitalOutputs
-from akron_can_bridge.protocol.broadcasts import ElevationSoftLimits
-from akron_can_bridge.protocol.broadcasts import MiniOutputs
-from akron_can_bridge.protocol.broadcasts import PositionLimit
-from akron_can_bridge.protocol.broadcasts import RotationSoftLimits
-from akron_can_bridge.protocol.broadcasts import SoePermissive
-from akron_can_bridge.protocol.frames import Message
-from akron_can_bridge.protocol.frames import PROPRIETARY_PGN
-from akron_can_bridge.protocol.joysticks import BasicJoystick
-from akron_can_bridge.protocol.joysticks import ExtendedJoystick
-from akron_can_bridge.protocol.polls import ConfigPoll
-from akron_can_bridge.protocol.polls import ConfigVersion
-from akron_can_bridge.protocol.polls import EnterSetup
-from akron_can_bridge.protocol.polls import FaultPoll
-from akron_can_bridge.protocol.polls import FaultStatus
-from akron_can_bridge.protocol.polls import FieldRequest
-from akron_can_bridge.protocol.polls import FirmwarePoll
-from akron_can_bridge.protocol.polls import FirmwareVersion
-from akron_can_bridge.protocol.polls import Name
-from akron_can_bridge.protocol.polls import PcodePoll
-from akron_can_bridge.protocol.polls import PcodeVersion
-from akron_can_bridge.protocol.polls import ResetController
-from akron_can_bridge.protocol.polls import VistaData
-from akron_can_bridge.protocol.polls import VistaPoll
-from akron_can_bridge.protocol.polls import VistaPosition
-from akron_can_bridge.protocol.polls import ZeroPositions
-from bridge_core.framing import FrameError
-from bridge_core.framing import Unknown
-from bridge_core.j1939 import CanFrame
-from bridge_core.j1939 import J1939Id
+from akron_can_bridge.protocol.broadcasts import (
+    AddressAnnouncement,
+    AsciiPipe,
+    AsciiPipeAcknowledgement,
+    DiagnosticData,
+    DigitalInputs,
+    DigitalOutputs,
+    ElevationSoftLimits,
+    MiniOutputs,
+    PositionLimit,
+    RotationSoftLimits,
+    SoePermissive,
+)
+from akron_can_bridge.protocol.frames import Message, PROPRIETARY_PGN
+from akron_can_bridge.protocol.joysticks import BasicJoystick, ExtendedJoystick
+from akron_can_bridge.protocol.polls import (
+    ConfigPoll,
+    ConfigVersion,
+    EnterSetup,
+    FaultPoll,
+    FaultStatus,
+    FieldRequest,
+    FirmwarePoll,
+    FirmwareVersion,
+    Name,
+    PcodePoll,
+    PcodeVersion,
+    ResetController,
+    VistaData,
+    VistaPoll,
+    VistaPosition,
+    ZeroPositions,
+)
+from bridge_core.framing import FrameError, Unknown
+from bridge_core.j1939 import CanFrame, J1939Id
 
 MESSAGES: tuple[type[Message], ...] = (
     *(BasicJoystick, ExtendedJoystick, FieldRequest, Name),

@@ -19,18 +19,16 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Annotated
 
-from akron_can_bridge.protocol.fields import bit
-from akron_can_bridge.protocol.fields import Field
-from akron_can_bridge.protocol.fields import flags
-from akron_can_bridge.protocol.fields import two_bytes
-from akron_can_bridge.protocol.flags import Fault
-from akron_can_bridge.protocol.flags import Vista
-from akron_can_bridge.protocol.frames import Bare
-from akron_can_bridge.protocol.frames import FIELD_REQUEST_PGN
-from akron_can_bridge.protocol.frames import MessageType
-from akron_can_bridge.protocol.frames import NAME_PGN
-from akron_can_bridge.protocol.frames import Sendable
-from akron_can_bridge.protocol.frames import Writable
+from akron_can_bridge.protocol.fields import bit, Field, flags, two_bytes
+from akron_can_bridge.protocol.flags import Fault, Vista
+from akron_can_bridge.protocol.frames import (
+    Bare,
+    FIELD_REQUEST_PGN,
+    MessageType,
+    NAME_PGN,
+    Sendable,
+    Writable,
+)
 from akron_can_bridge.protocol.values import Version
 
 AKRON_BRASS = 326  # manufacturer code in a NAME

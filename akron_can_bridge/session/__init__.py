@@ -20,21 +20,22 @@ enable input, a motor fault and a foreign joystick are stops where ``estop_on`` 
 """
 
 from akron_can_bridge.parameters import Cause
-from akron_can_bridge.session.events import AXIS_NAMES
-from akron_can_bridge.session.events import Event
-from akron_can_bridge.session.events import FaultsChanged
-from akron_can_bridge.session.events import Handover
-from akron_can_bridge.session.events import HandoverWanted
-from akron_can_bridge.session.events import LimitsChanged
-from akron_can_bridge.session.events import OutputsChanged
-from akron_can_bridge.session.events import Positions
-from akron_can_bridge.session.events import Request
-from akron_can_bridge.session.events import Sticks
-from akron_can_bridge.session.events import Stopped
-from akron_can_bridge.session.events import UnitChanged
+from akron_can_bridge.session.events import (
+    AXIS_NAMES,
+    Event,
+    FaultsChanged,
+    Handover,
+    HandoverWanted,
+    LimitsChanged,
+    OutputsChanged,
+    Positions,
+    Request,
+    Sticks,
+    Stopped,
+    UnitChanged,
+)
 from akron_can_bridge.session.resting import Resting
-from akron_can_bridge.session.session import FILTERS
-from akron_can_bridge.session.session import Session
+from akron_can_bridge.session.session import FILTERS, Session
 from akron_can_bridge.session.settings import Settings
 
 __all__ = [

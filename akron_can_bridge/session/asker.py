@@ -20,26 +20,27 @@ A poll is repeated while the unit does not answer. What acts on the unit is sent
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from dataclasses import field
+from dataclasses import dataclass, field
 import math
 
-from akron_can_bridge.protocol import AddressAnnouncement
-from akron_can_bridge.protocol import ConfigPoll
-from akron_can_bridge.protocol import ConfigVersion
-from akron_can_bridge.protocol import EnterSetup
-from akron_can_bridge.protocol import FaultPoll
-from akron_can_bridge.protocol import FaultStatus
-from akron_can_bridge.protocol import FirmwarePoll
-from akron_can_bridge.protocol import FirmwareVersion
-from akron_can_bridge.protocol import flag_names
-from akron_can_bridge.protocol import Message
-from akron_can_bridge.protocol import pcode_name
-from akron_can_bridge.protocol import PcodePoll
-from akron_can_bridge.protocol import PcodeVersion
-from akron_can_bridge.protocol import ResetController
-from akron_can_bridge.protocol import Sendable
-from akron_can_bridge.protocol import ZeroPositions
+from akron_can_bridge.protocol import (
+    AddressAnnouncement,
+    ConfigPoll,
+    ConfigVersion,
+    EnterSetup,
+    FaultPoll,
+    FaultStatus,
+    FirmwarePoll,
+    FirmwareVersion,
+    flag_names,
+    Message,
+    pcode_name,
+    PcodePoll,
+    PcodeVersion,
+    ResetController,
+    Sendable,
+    ZeroPositions,
+)
 from akron_can_bridge.session.events import Request
 from bridge_core.session import Answer
 

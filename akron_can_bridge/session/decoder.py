@@ -18,15 +18,9 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from akron_can_bridge.protocol import BASIC_JOYSTICK_PGN
-from akron_can_bridge.protocol import EXTENDED_JOYSTICK_PGN
-from akron_can_bridge.protocol import Message
-from akron_can_bridge.protocol import read
-from bridge_core.framing import Decoder
-from bridge_core.framing import FrameError
-from bridge_core.framing import Unknown
-from bridge_core.j1939 import CanFrame
-from bridge_core.j1939 import J1939Id
+from akron_can_bridge.protocol import BASIC_JOYSTICK_PGN, EXTENDED_JOYSTICK_PGN, Message, read
+from bridge_core.framing import Decoder, FrameError, Unknown
+from bridge_core.j1939 import CanFrame, J1939Id
 
 JOYSTICK_PGNS = (BASIC_JOYSTICK_PGN, EXTENDED_JOYSTICK_PGN)
 

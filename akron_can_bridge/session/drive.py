@@ -32,19 +32,20 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 import math
 
-from akron_can_bridge.protocol import BasicJoystick
-from akron_can_bridge.protocol import ExtendedJoystick
-from akron_can_bridge.protocol import JOYSTICK_PERIOD
-from akron_can_bridge.protocol import NEUTRAL
-from akron_can_bridge.protocol import PAUSE_SWITCH
-from akron_can_bridge.protocol import Permission
-from akron_can_bridge.protocol import PERMISSIVE_PERIOD
-from akron_can_bridge.protocol import SoePermissive
-from akron_can_bridge.protocol import Status
+from akron_can_bridge.protocol import (
+    BasicJoystick,
+    ExtendedJoystick,
+    JOYSTICK_PERIOD,
+    NEUTRAL,
+    PAUSE_SWITCH,
+    Permission,
+    PERMISSIVE_PERIOD,
+    SoePermissive,
+    Status,
+)
 from akron_can_bridge.session.settings import Settings
 from bridge_core.j1939 import CanFrame
-from bridge_core.session import Pacer
-from bridge_core.session import RETRY
+from bridge_core.session import Pacer, RETRY
 from bridge_core.watchdog import Watchdog
 
 PAUSE_TIME = 0.2  # for which the pause switch is held: twice the longest period of a joystick

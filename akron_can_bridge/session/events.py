@@ -19,12 +19,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import Enum
 
-from akron_can_bridge.protocol import DigitalInputs
-from akron_can_bridge.protocol import DigitalOutputs
-from akron_can_bridge.protocol import ElevationSoftLimits
-from akron_can_bridge.protocol import MiniOutputs
-from akron_can_bridge.protocol import PositionLimit
-from akron_can_bridge.protocol import RotationSoftLimits
+from akron_can_bridge.protocol import (
+    DigitalInputs,
+    DigitalOutputs,
+    ElevationSoftLimits,
+    MiniOutputs,
+    PositionLimit,
+    RotationSoftLimits,
+)
 
 
 class Request(Enum):

@@ -25,9 +25,7 @@ from __future__ import annotations
 import math
 
 from akron_can_bridge.parameters import CONTROLLERS
-from akron_can_bridge.protocol import AddressAnnouncement
-from akron_can_bridge.protocol import AKRON_BRASS
-from akron_can_bridge.protocol import Name
+from akron_can_bridge.protocol import AddressAnnouncement, AKRON_BRASS, Name
 from akron_can_bridge.session.settings import Settings
 from bridge_core.j1939 import NULL_ADDRESS
 

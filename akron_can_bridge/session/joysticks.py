@@ -24,18 +24,18 @@ from __future__ import annotations
 from collections.abc import Iterable
 import math
 
-from akron_can_bridge.protocol import Axis
-from akron_can_bridge.protocol import BasicJoystick
-from akron_can_bridge.protocol import ExtendedJoystick
-from akron_can_bridge.protocol import JOYSTICK_ADDRESSES
-from akron_can_bridge.protocol import JOYSTICK_TIMEOUT
-from akron_can_bridge.protocol import Status
-from akron_can_bridge.session.events import AXIS_NAMES
-from akron_can_bridge.session.events import Sticks
+from akron_can_bridge.protocol import (
+    Axis,
+    BasicJoystick,
+    ExtendedJoystick,
+    JOYSTICK_ADDRESSES,
+    JOYSTICK_TIMEOUT,
+    Status,
+)
+from akron_can_bridge.session.events import AXIS_NAMES, Sticks
 from akron_can_bridge.session.settings import Settings
 from bridge_core.j1939 import CanFrame
-from bridge_core.session import HeldButtons
-from bridge_core.session import StickStream
+from bridge_core.session import HeldButtons, StickStream
 from bridge_core.watchdog import Watchdog
 
 FOREIGN_HOLD = 1.0  # seconds after its last frame for which a foreign joystick is a stop

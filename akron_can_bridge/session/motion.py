@@ -23,8 +23,7 @@ from __future__ import annotations
 
 import math
 
-from akron_can_bridge.protocol import PositionLimit
-from akron_can_bridge.protocol import RotationSoftLimits
+from akron_can_bridge.protocol import PositionLimit, RotationSoftLimits
 from akron_can_bridge.session.unit import Unit
 
 _STEP_DEG = 0.5  # less is noise of the sensors

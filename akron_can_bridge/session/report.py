@@ -16,19 +16,20 @@
 
 from __future__ import annotations
 
-from typing import Any
-from typing import TYPE_CHECKING
+from typing import Any, TYPE_CHECKING
 
-from akron_can_bridge.protocol import AsciiPipe
-from akron_can_bridge.protocol import DEVICE_TYPES
-from akron_can_bridge.protocol import DiagnosticData
-from akron_can_bridge.protocol import DigitalOutputs
-from akron_can_bridge.protocol import flag_names
-from akron_can_bridge.protocol import Output
-from akron_can_bridge.protocol import PositionLimit
-from akron_can_bridge.protocol import Status
-from akron_can_bridge.protocol import VistaData
-from akron_can_bridge.protocol import VistaPosition
+from akron_can_bridge.protocol import (
+    AsciiPipe,
+    DEVICE_TYPES,
+    DiagnosticData,
+    DigitalOutputs,
+    flag_names,
+    Output,
+    PositionLimit,
+    Status,
+    VistaData,
+    VistaPosition,
+)
 from akron_can_bridge.session.asker import in_words
 from akron_can_bridge.session.unit import VERSIONS
 

@@ -20,62 +20,53 @@ from collections.abc import Sequence
 import math
 from typing import Any
 
-from akron_can_bridge.parameters import Cause
-from akron_can_bridge.parameters import MINI_UNIVERSAL
-from akron_can_bridge.protocol import AddressAnnouncement
-from akron_can_bridge.protocol import BASIC_JOYSTICK_PGN
-from akron_can_bridge.protocol import BasicJoystick
-from akron_can_bridge.protocol import DigitalInputs
-from akron_can_bridge.protocol import EnterSetup
-from akron_can_bridge.protocol import EXTENDED_JOYSTICK_PGN
-from akron_can_bridge.protocol import ExtendedJoystick
-from akron_can_bridge.protocol import Fault
-from akron_can_bridge.protocol import FaultStatus
-from akron_can_bridge.protocol import FIELD_REQUEST_PGN
-from akron_can_bridge.protocol import FieldRequest
-from akron_can_bridge.protocol import Message
-from akron_can_bridge.protocol import MessageType
-from akron_can_bridge.protocol import MiniOutputs
-from akron_can_bridge.protocol import Name
-from akron_can_bridge.protocol import NAME_PGN
-from akron_can_bridge.protocol import Permission
-from akron_can_bridge.protocol import PositionLimit
-from akron_can_bridge.protocol import PROPRIETARY_PGN
-from akron_can_bridge.protocol import Status
-from akron_can_bridge.protocol import VistaPoll
-from akron_can_bridge.session import report
-from akron_can_bridge.session import stops
-from akron_can_bridge.session.asker import Asker
-from akron_can_bridge.session.asker import in_words
-from akron_can_bridge.session.decoder import FrameDecoder
-from akron_can_bridge.session.decoder import JOYSTICK_PGNS
-from akron_can_bridge.session.decoder import Received
-from akron_can_bridge.session.drive import Command
-from akron_can_bridge.session.drive import Drive
-from akron_can_bridge.session.events import Event
-from akron_can_bridge.session.events import FaultsChanged
-from akron_can_bridge.session.events import Handover
-from akron_can_bridge.session.events import HandoverWanted
-from akron_can_bridge.session.events import LimitsChanged
-from akron_can_bridge.session.events import OutputsChanged
-from akron_can_bridge.session.events import Positions
-from akron_can_bridge.session.events import Request
-from akron_can_bridge.session.events import Stopped
-from akron_can_bridge.session.events import UnitChanged
+from akron_can_bridge.parameters import Cause, MINI_UNIVERSAL
+from akron_can_bridge.protocol import (
+    AddressAnnouncement,
+    BASIC_JOYSTICK_PGN,
+    BasicJoystick,
+    DigitalInputs,
+    EnterSetup,
+    EXTENDED_JOYSTICK_PGN,
+    ExtendedJoystick,
+    Fault,
+    FaultStatus,
+    FIELD_REQUEST_PGN,
+    FieldRequest,
+    Message,
+    MessageType,
+    MiniOutputs,
+    Name,
+    NAME_PGN,
+    Permission,
+    PositionLimit,
+    PROPRIETARY_PGN,
+    Status,
+    VistaPoll,
+)
+from akron_can_bridge.session import report, stops
+from akron_can_bridge.session.asker import Asker, in_words
+from akron_can_bridge.session.decoder import FrameDecoder, JOYSTICK_PGNS, Received
+from akron_can_bridge.session.drive import Command, Drive
+from akron_can_bridge.session.events import (
+    Event,
+    FaultsChanged,
+    Handover,
+    HandoverWanted,
+    LimitsChanged,
+    OutputsChanged,
+    Positions,
+    Request,
+    Stopped,
+    UnitChanged,
+)
 from akron_can_bridge.session.finder import Finder
 from akron_can_bridge.session.joysticks import Joysticks
-from akron_can_bridge.session.motion import Motion
-from akron_can_bridge.session.motion import STEP_TIME
+from akron_can_bridge.session.motion import Motion, STEP_TIME
 from akron_can_bridge.session.settings import Settings
 from akron_can_bridge.session.unit import Unit
-from bridge_core.j1939 import CanFrame
-from bridge_core.j1939 import GLOBAL_ADDRESS
-from bridge_core.j1939 import J1939Id
-from bridge_core.session import Answer
-from bridge_core.session import Level
-from bridge_core.session import Pacer
-from bridge_core.session import Session as BaseSession
-from bridge_core.session import Verdict
+from bridge_core.j1939 import CanFrame, GLOBAL_ADDRESS, J1939Id
+from bridge_core.session import Answer, Level, Pacer, Session as BaseSession, Verdict
 
 # Longer than a change of address takes (0.25 s, J1939-81) and whatever comes every 100 ms.
 _RESTART_SILENCE = 0.5

@@ -20,12 +20,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from akron_can_bridge.parameters import Cause
-from akron_can_bridge.parameters import PARAMETERS
-from akron_can_bridge.protocol import AUTOMATIC_SWITCHES
-from akron_can_bridge.protocol import JOYSTICK_ADDRESSES
-from bridge_core.settings import CheckedSettings
-from bridge_core.settings import table_of
+from akron_can_bridge.parameters import Cause, PARAMETERS
+from akron_can_bridge.protocol import AUTOMATIC_SWITCHES, JOYSTICK_ADDRESSES
+from bridge_core.settings import CheckedSettings, table_of
 
 _TABLE = table_of(PARAMETERS)
 

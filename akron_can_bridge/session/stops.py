@@ -21,17 +21,17 @@ unit still and is no cause here, so ``own_estop`` is always the same as ``estop`
 
 from __future__ import annotations
 
-from akron_can_bridge.parameters import Cause
-from akron_can_bridge.parameters import CONTROLLERS
-from akron_can_bridge.parameters import MINI_UNIVERSAL
-from akron_can_bridge.protocol import DEVICE_TYPES
-from akron_can_bridge.protocol import DigitalOutputs
-from akron_can_bridge.protocol import Fault
-from akron_can_bridge.protocol import FaultStatus
-from akron_can_bridge.protocol import flag_names
-from akron_can_bridge.protocol import MiniOutput
-from akron_can_bridge.protocol import MiniOutputs
-from akron_can_bridge.protocol import Output
+from akron_can_bridge.parameters import Cause, CONTROLLERS, MINI_UNIVERSAL
+from akron_can_bridge.protocol import (
+    DEVICE_TYPES,
+    DigitalOutputs,
+    Fault,
+    FaultStatus,
+    flag_names,
+    MiniOutput,
+    MiniOutputs,
+    Output,
+)
 from akron_can_bridge.session.finder import Finder
 from akron_can_bridge.session.settings import Settings
 from akron_can_bridge.session.unit import Unit

@@ -19,25 +19,26 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TypeVar
 
-from akron_can_bridge.protocol import AsciiPipe
-from akron_can_bridge.protocol import ConfigVersion
-from akron_can_bridge.protocol import DiagnosticData
-from akron_can_bridge.protocol import DigitalInputs
-from akron_can_bridge.protocol import DigitalOutputs
-from akron_can_bridge.protocol import ElevationSoftLimits
-from akron_can_bridge.protocol import FaultStatus
-from akron_can_bridge.protocol import FirmwareVersion
-from akron_can_bridge.protocol import Message
-from akron_can_bridge.protocol import MiniOutputs
-from akron_can_bridge.protocol import PcodeVersion
-from akron_can_bridge.protocol import Position
-from akron_can_bridge.protocol import PositionLimit
-from akron_can_bridge.protocol import RotationSoftLimits
-from akron_can_bridge.protocol import Status
-from akron_can_bridge.protocol import VistaData
-from akron_can_bridge.protocol import VistaPosition
-from akron_can_bridge.session.events import LimitsChanged
-from akron_can_bridge.session.events import OutputsChanged
+from akron_can_bridge.protocol import (
+    AsciiPipe,
+    ConfigVersion,
+    DiagnosticData,
+    DigitalInputs,
+    DigitalOutputs,
+    ElevationSoftLimits,
+    FaultStatus,
+    FirmwareVersion,
+    Message,
+    MiniOutputs,
+    PcodeVersion,
+    Position,
+    PositionLimit,
+    RotationSoftLimits,
+    Status,
+    VistaData,
+    VistaPosition,
+)
+from akron_can_bridge.session.events import LimitsChanged, OutputsChanged
 from bridge_core.watchdog import Watchdog
 
 _BROADCASTS = (

@@ -17,9 +17,7 @@
 from akron_can_bridge.simulator.controls import JOYSTICK_TIMEOUT
 from akron_can_bridge.simulator.joystick import JoystickSimulator
 from akron_can_bridge.simulator.motion import PERMISSIVE_TIMEOUT
-from akron_can_bridge.simulator.unit import BOOT_TIME
-from akron_can_bridge.simulator.unit import Simulator
-from akron_can_bridge.simulator.unit import STATUS_PERIOD
+from akron_can_bridge.simulator.unit import BOOT_TIME, Simulator, STATUS_PERIOD
 
 __all__ = [
     'BOOT_TIME',

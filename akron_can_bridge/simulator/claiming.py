@@ -18,10 +18,8 @@ from __future__ import annotations
 
 import math
 
-from akron_can_bridge.simulator.frames import build_announcement
-from akron_can_bridge.simulator.frames import build_name
-from bridge_core.j1939 import CanFrame
-from bridge_core.j1939 import NULL_ADDRESS
+from akron_can_bridge.simulator.frames import build_announcement, build_name
+from bridge_core.j1939 import CanFrame, NULL_ADDRESS
 
 CLAIM_TIME = 0.25  # for others to contend, until a claimed address is used
 _FIRST, _LAST = 0x80, 0xF7  # dynamic addresses

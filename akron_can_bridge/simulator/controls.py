@@ -16,13 +16,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from dataclasses import field
+from dataclasses import dataclass, field
 import math
 
-from akron_can_bridge.simulator.frames import read_deflection
-from akron_can_bridge.simulator.frames import read_switches
-from akron_can_bridge.simulator.frames import Stick
+from akron_can_bridge.simulator.frames import read_deflection, read_switches, Stick
 
 JOYSTICK_TIMEOUT = 0.2  # silence after which a source's input is cleared
 ADDRESSES = tuple(range(0x33, 0x39))  # the first one has the highest priority

@@ -21,19 +21,17 @@ from typing import Any
 
 from akron_can_bridge.simulator.claiming import Claim
 from akron_can_bridge.simulator.controls import ADDRESSES
-from akron_can_bridge.simulator.frames import ABSENT
-from akron_can_bridge.simulator.frames import build_deflection
-from akron_can_bridge.simulator.frames import build_extended
-from akron_can_bridge.simulator.frames import build_joystick
-from akron_can_bridge.simulator.frames import ERROR
-from akron_can_bridge.simulator.frames import OFF
-from akron_can_bridge.simulator.frames import ON
+from akron_can_bridge.simulator.frames import (
+    ABSENT,
+    build_deflection,
+    build_extended,
+    build_joystick,
+    ERROR,
+    OFF,
+    ON,
+)
 from bridge_core.j1939 import CanFrame
-from bridge_core.simulation import Commands
-from bridge_core.simulation import obey
-from bridge_core.simulation import one_of
-from bridge_core.simulation import switch
-from bridge_core.simulation import within
+from bridge_core.simulation import Commands, obey, one_of, switch, within
 
 JOYSTICK_PERIOD = 0.02  # Appendix B
 _STATES = {'ok': ON, 'error': ERROR, 'unavailable': ABSENT}

@@ -16,37 +16,33 @@
 
 from __future__ import annotations
 
-from collections import Counter
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Callable
 import math
 from typing import Any
 
 from akron_can_bridge.simulator.claiming import Claim
-from akron_can_bridge.simulator.controls import ADDRESSES
-from akron_can_bridge.simulator.controls import Controls
-from akron_can_bridge.simulator.frames import ABSENT
-from akron_can_bridge.simulator.frames import bits
-from akron_can_bridge.simulator.frames import build_angle
-from akron_can_bridge.simulator.frames import build_flags
-from akron_can_bridge.simulator.frames import build_limits
-from akron_can_bridge.simulator.frames import build_message
-from akron_can_bridge.simulator.frames import build_position
-from akron_can_bridge.simulator.frames import ERROR
-from akron_can_bridge.simulator.frames import FAULTS
-from akron_can_bridge.simulator.frames import INPUTS
-from akron_can_bridge.simulator.frames import MINI_OUTPUTS
-from akron_can_bridge.simulator.frames import number
-from akron_can_bridge.simulator.frames import OFF
-from akron_can_bridge.simulator.frames import ON
-from akron_can_bridge.simulator.frames import OUTPUTS
+from akron_can_bridge.simulator.controls import ADDRESSES, Controls
+from akron_can_bridge.simulator.frames import (
+    ABSENT,
+    bits,
+    build_angle,
+    build_flags,
+    build_limits,
+    build_message,
+    build_position,
+    ERROR,
+    FAULTS,
+    INPUTS,
+    MINI_OUTPUTS,
+    number,
+    OFF,
+    ON,
+    OUTPUTS,
+)
 from akron_can_bridge.simulator.motion import Motion
 from bridge_core.j1939 import CanFrame
-from bridge_core.simulation import Commands
-from bridge_core.simulation import obey
-from bridge_core.simulation import one_of
-from bridge_core.simulation import switch
-from bridge_core.simulation import within
+from bridge_core.simulation import Commands, obey, one_of, switch, within
 
 BOOT_TIME = 0.5
 STATUS_PERIOD = 0.1

@@ -20,8 +20,7 @@ is lost. ``close`` may be called twice.
 """
 
 from collections.abc import Sequence
-from typing import Protocol
-from typing import TypeVar
+from typing import Protocol, TypeVar
 
 # What one port carries: bytes, or bridge_core.j1939.CanFrame.
 FrameT = TypeVar('FrameT')

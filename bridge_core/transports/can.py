@@ -39,16 +39,15 @@ from bridge_core import clock
 from bridge_core.j1939 import CanFrame
 from bridge_core.transports import TransportError
 from bridge_core.transports.can_channel import check_channel
-from bridge_core.transports.can_errors import BUS_OFF
-from bridge_core.transports.can_errors import KINDS
-from bridge_core.transports.can_errors import kinds_of
-from bridge_core.transports.can_errors import RECEIVE_OVERFLOWS
-from bridge_core.transports.can_ports import BusOffError
-from bridge_core.transports.can_ports import CanPort
-from bridge_core.transports.can_ports import LostFramesError
-from bridge_core.transports.can_ports import MulticastPort
-from bridge_core.transports.can_ports import PumpedPort
-from bridge_core.transports.can_ports import SocketCanPort
+from bridge_core.transports.can_errors import BUS_OFF, KINDS, kinds_of, RECEIVE_OVERFLOWS
+from bridge_core.transports.can_ports import (
+    BusOffError,
+    CanPort,
+    LostFramesError,
+    MulticastPort,
+    PumpedPort,
+    SocketCanPort,
+)
 
 _COUNTED = (
     *('standard frames', 'remote frames', 'CAN FD frames', 'impossible frames', 'error frames'),

@@ -29,8 +29,7 @@ what is queued, so hardly anything is: see Unconfirmed.
 
 from __future__ import annotations
 
-from collections import Counter
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Sequence
 import contextlib
 import errno
@@ -41,8 +40,7 @@ from pathlib import Path
 import socket
 import struct
 import threading
-from typing import Any
-from typing import Protocol
+from typing import Any, Protocol
 import uuid
 
 import can
@@ -54,9 +52,7 @@ from bridge_core import clock
 from bridge_core.transports import TransportError
 from bridge_core.transports.can_channel import multicast_address
 from bridge_core.transports.can_errors import RECEIVE_OVERFLOWS
-from bridge_core.transports.line import Line
-from bridge_core.transports.line import STALL_TIMEOUT
-from bridge_core.transports.line import STALLED
+from bridge_core.transports.line import Line, STALL_TIMEOUT, STALLED
 from bridge_core.transports.multicast import MulticastTransport
 
 # Frames a call: bounds how long a stop waits while the bus is full.

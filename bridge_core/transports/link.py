@@ -22,24 +22,17 @@ which must be left safe by a node that dies or hangs. To the node both look alik
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 import contextlib
 import itertools
 import os
 import threading
-from typing import Any
-from typing import Protocol
+from typing import Any, Protocol
 
 from bridge_core import clock
 from bridge_core.transports import TransportError
 from bridge_core.transports.tap import Tap
-from bridge_core.transports.wire import Bridge
-from bridge_core.transports.wire import INPUT_LIMIT
-from bridge_core.transports.wire import Owner
-from bridge_core.transports.wire import Request
-from bridge_core.transports.wire import REQUEST_LIMIT
-from bridge_core.transports.wire import Wire
+from bridge_core.transports.wire import Bridge, INPUT_LIMIT, Owner, Request, REQUEST_LIMIT, Wire
 
 ACTIVATE_TIME = 60.0  # s; a machine that is starved at start-up is no reason to give up
 ANSWER_TIME = 0.4  # s; a process has to be gone within a second of its signal

@@ -42,19 +42,11 @@ import traceback
 from typing import Any
 
 from bridge_core import clock
-from bridge_core.report import Report
-from bridge_core.report import Status
-from bridge_core.session import Level
-from bridge_core.session import StopChanged
-from bridge_core.session import Verdict
-from bridge_core.transports.link import ANSWER_TIME
-from bridge_core.transports.link import Link
-from bridge_core.transports.wire import BACKOFF_START
-from bridge_core.transports.wire import Request
-from bridge_core.transports.wire import Wire
-from bridge_core.transports.wire_process import ENDING
-from bridge_core.transports.wire_process import receive
-from bridge_core.transports.wire_process import TURN
+from bridge_core.report import Report, Status
+from bridge_core.session import Level, StopChanged, Verdict
+from bridge_core.transports.link import ANSWER_TIME, Link
+from bridge_core.transports.wire import BACKOFF_START, Request, Wire
+from bridge_core.transports.wire_process import ENDING, receive, TURN
 
 _PROGRAM = 'bridge_core.start_wire'
 SILENCE_LIMIT = 0.085  # s without any, after which the node demands a stop

@@ -35,9 +35,7 @@ import serial
 
 from bridge_core import clock
 from bridge_core.transports import TransportError
-from bridge_core.transports.line import Line
-from bridge_core.transports.line import STALL_TIMEOUT
-from bridge_core.transports.line import STALLED
+from bridge_core.transports.line import Line, STALL_TIMEOUT, STALLED
 
 _HINTS = {
     errno.ENOENT: 'no such port; plug the device in, or set the parameter port',

@@ -23,9 +23,7 @@ runs it, or a process of its own: see link.py and process.py.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from collections.abc import Iterable
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
 import contextlib
 from dataclasses import dataclass
 import math
@@ -34,26 +32,13 @@ import socket
 import threading
 import time
 import traceback
-from typing import Any
-from typing import ClassVar
-from typing import Generic
-from typing import NamedTuple
-from typing import Protocol
+from typing import Any, ClassVar, Generic, NamedTuple, Protocol
 
 from bridge_core import clock
 from bridge_core.framing import Counters
-from bridge_core.report import Damage
-from bridge_core.report import levels
-from bridge_core.report import LinkStatus
-from bridge_core.report import Report
-from bridge_core.report import report
-from bridge_core.session import Level
-from bridge_core.session import Session
-from bridge_core.session import StopChanged
-from bridge_core.session import Verdict
-from bridge_core.transports import FrameT
-from bridge_core.transports import Transport
-from bridge_core.transports import TransportError
+from bridge_core.report import Damage, levels, LinkStatus, Report, report
+from bridge_core.session import Level, Session, StopChanged, Verdict
+from bridge_core.transports import FrameT, Transport, TransportError
 from bridge_core.transports.tap import Tap
 
 BACKOFF_START = 0.1

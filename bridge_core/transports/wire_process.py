@@ -34,9 +34,7 @@ from typing import Any
 from bridge_core import clock
 from bridge_core.report import Report
 from bridge_core.transports.tap import Tap
-from bridge_core.transports.wire import Bridge
-from bridge_core.transports.wire import Request
-from bridge_core.transports.wire import Wire
+from bridge_core.transports.wire import Bridge, Request, Wire
 
 ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT)  # ask a process to end
 _BEAT_PERIOD = 0.025  # s, between two signs of life

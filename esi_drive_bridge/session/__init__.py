@@ -43,16 +43,15 @@ Whether the drive latches its RS422 error bit the manual does not say. Either wa
 while it is set, and errors are cleared on request only.
 """
 
-from esi_drive_bridge.session.events import EnabledChanged
-from esi_drive_bridge.session.events import EnableRefused
-from esi_drive_bridge.session.events import Event
-from esi_drive_bridge.session.events import FaultsChanged
-from esi_drive_bridge.session.events import Feedback
-from esi_drive_bridge.session.events import Stopped
-from esi_drive_bridge.session.session import CLEAR_ERRORS
-from esi_drive_bridge.session.session import FAREWELL_PACKETS
-from esi_drive_bridge.session.session import Phase
-from esi_drive_bridge.session.session import Session
+from esi_drive_bridge.session.events import (
+    EnabledChanged,
+    EnableRefused,
+    Event,
+    FaultsChanged,
+    Feedback,
+    Stopped,
+)
+from esi_drive_bridge.session.session import CLEAR_ERRORS, FAREWELL_PACKETS, Phase, Session
 from esi_drive_bridge.session.settings import Settings
 
 __all__ = [

@@ -20,8 +20,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from esi_drive_bridge.axes import Axis
-from esi_drive_bridge.protocol import RS422_FAULT
-from esi_drive_bridge.protocol import Status
+from esi_drive_bridge.protocol import RS422_FAULT, Status
 
 
 def status_values(status: Status, axes: Sequence[Axis]) -> dict[str, Any]:

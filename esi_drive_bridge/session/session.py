@@ -21,32 +21,34 @@ from enum import Enum
 import math
 from typing import Any
 
-from bridge_core.session import Answer
-from bridge_core.session import Level
-from bridge_core.session import RETRY
-from bridge_core.session import Session as BaseSession
-from bridge_core.session import Verdict
+from bridge_core.session import Answer, Level, RETRY, Session as BaseSession, Verdict
 from bridge_core.watchdog import Watchdog
 from esi_drive_bridge.axes import to_counts
-from esi_drive_bridge.protocol import AxisCommand
-from esi_drive_bridge.protocol import Command
-from esi_drive_bridge.protocol import Mode
-from esi_drive_bridge.protocol import Status
-from esi_drive_bridge.protocol import status_parser
-from esi_drive_bridge.protocol import VALUE_MAX
-from esi_drive_bridge.protocol import VALUE_MIN
-from esi_drive_bridge.session.events import EnabledChanged
-from esi_drive_bridge.session.events import EnableRefused
-from esi_drive_bridge.session.events import Event
-from esi_drive_bridge.session.events import FaultsChanged
-from esi_drive_bridge.session.events import Feedback
-from esi_drive_bridge.session.events import Stopped
+from esi_drive_bridge.protocol import (
+    AxisCommand,
+    Command,
+    Mode,
+    Status,
+    status_parser,
+    VALUE_MAX,
+    VALUE_MIN,
+)
+from esi_drive_bridge.session.events import (
+    EnabledChanged,
+    EnableRefused,
+    Event,
+    FaultsChanged,
+    Feedback,
+    Stopped,
+)
 from esi_drive_bridge.session.ramp import Ramp
-from esi_drive_bridge.session.report import held_back
-from esi_drive_bridge.session.report import own_silence
-from esi_drive_bridge.session.report import second_axis
-from esi_drive_bridge.session.report import status_values
-from esi_drive_bridge.session.report import still_enabled
+from esi_drive_bridge.session.report import (
+    held_back,
+    own_silence,
+    second_axis,
+    status_values,
+    still_enabled,
+)
 from esi_drive_bridge.session.settings import Settings
 
 FAREWELL_PACKETS = 3  # a lost or flipped one must not leave the motor enabled

@@ -20,14 +20,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from bridge_core.settings import CheckedSettings
-from bridge_core.settings import table_of
-from esi_drive_bridge.axes import axes_of
-from esi_drive_bridge.axes import Axis
+from bridge_core.settings import CheckedSettings, table_of
+from esi_drive_bridge.axes import axes_of, Axis
 from esi_drive_bridge.parameters import PARAMETERS
-from esi_drive_bridge.protocol import BITS_PER_BYTE
-from esi_drive_bridge.protocol import Layout
-from esi_drive_bridge.protocol import layout_of
+from esi_drive_bridge.protocol import BITS_PER_BYTE, Layout, layout_of
 
 _TABLE = table_of(PARAMETERS)
 

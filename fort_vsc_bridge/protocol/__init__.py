@@ -47,58 +47,54 @@ type  N    direction  payload
 ====  ===  =========  ===========================================================
 """
 
-from fort_vsc_bridge.protocol.can import BasicJoystick
-from fort_vsc_bridge.protocol.can import CanIds
-from fort_vsc_bridge.protocol.can import decode_data
-from fort_vsc_bridge.protocol.can import encode_frame
-from fort_vsc_bridge.protocol.can import ExtendedJoystick
-from fort_vsc_bridge.protocol.can import MAX_IDENTIFIER
-from fort_vsc_bridge.protocol.can import StringSegment
-from fort_vsc_bridge.protocol.frames import BAUD
-from fort_vsc_bridge.protocol.frames import Message
-from fort_vsc_bridge.protocol.frames import MessageType
-from fort_vsc_bridge.protocol.frames import PACKETS
-from fort_vsc_bridge.protocol.frames import Received
-from fort_vsc_bridge.protocol.frames import Rejected
-from fort_vsc_bridge.protocol.hid import InputReport
-from fort_vsc_bridge.protocol.hid import REPORT_SIZE
-from fort_vsc_bridge.protocol.messages import decode
-from fort_vsc_bridge.protocol.messages import Gps
-from fort_vsc_bridge.protocol.messages import Heartbeat
-from fort_vsc_bridge.protocol.messages import HostHeartbeat
-from fort_vsc_bridge.protocol.messages import Joystick
-from fort_vsc_bridge.protocol.messages import MessageControl
-from fort_vsc_bridge.protocol.messages import NAME_SIZE
-from fort_vsc_bridge.protocol.messages import parser
-from fort_vsc_bridge.protocol.messages import RemoteStatus
-from fort_vsc_bridge.protocol.messages import UserFeedback
-from fort_vsc_bridge.protocol.messages import UserFeedbackGet
-from fort_vsc_bridge.protocol.messages import UserFeedbackName
-from fort_vsc_bridge.protocol.values import AutonomyMode
-from fort_vsc_bridge.protocol.values import Axis
-from fort_vsc_bridge.protocol.values import AXIS_NAMES
-from fort_vsc_bridge.protocol.values import Button
-from fort_vsc_bridge.protocol.values import BUTTON_NAMES
-from fort_vsc_bridge.protocol.values import check_range
-from fort_vsc_bridge.protocol.values import CONNECTED_MODES
-from fort_vsc_bridge.protocol.values import estop_sources
-from fort_vsc_bridge.protocol.values import EStopBits
-from fort_vsc_bridge.protocol.values import InputState
-from fort_vsc_bridge.protocol.values import INT32
-from fort_vsc_bridge.protocol.values import Key
-from fort_vsc_bridge.protocol.values import MAX_MAGNITUDE
-from fort_vsc_bridge.protocol.values import Mode
-from fort_vsc_bridge.protocol.values import mode_name
-from fort_vsc_bridge.protocol.values import MODES_AFTER_A_STOP
-from fort_vsc_bridge.protocol.values import PERSISTENT_KEYS
-from fort_vsc_bridge.protocol.values import TEXT_KEYS
-from fort_vsc_bridge.protocol.values import USER_KEYS
-from fort_vsc_bridge.protocol.values import VALUE_RANGES
-from fort_vsc_bridge.protocol.wires import CanWire
-from fort_vsc_bridge.protocol.wires import Frame
-from fort_vsc_bridge.protocol.wires import HidWire
-from fort_vsc_bridge.protocol.wires import SerialWire
-from fort_vsc_bridge.protocol.wires import Wire
+from fort_vsc_bridge.protocol.can import (
+    BasicJoystick,
+    CanIds,
+    decode_data,
+    encode_frame,
+    ExtendedJoystick,
+    MAX_IDENTIFIER,
+    StringSegment,
+)
+from fort_vsc_bridge.protocol.frames import BAUD, Message, MessageType, PACKETS, Received, Rejected
+from fort_vsc_bridge.protocol.hid import InputReport, REPORT_SIZE
+from fort_vsc_bridge.protocol.messages import (
+    decode,
+    Gps,
+    Heartbeat,
+    HostHeartbeat,
+    Joystick,
+    MessageControl,
+    NAME_SIZE,
+    parser,
+    RemoteStatus,
+    UserFeedback,
+    UserFeedbackGet,
+    UserFeedbackName,
+)
+from fort_vsc_bridge.protocol.values import (
+    AutonomyMode,
+    Axis,
+    AXIS_NAMES,
+    Button,
+    BUTTON_NAMES,
+    check_range,
+    CONNECTED_MODES,
+    estop_sources,
+    EStopBits,
+    InputState,
+    INT32,
+    Key,
+    MAX_MAGNITUDE,
+    Mode,
+    mode_name,
+    MODES_AFTER_A_STOP,
+    PERSISTENT_KEYS,
+    TEXT_KEYS,
+    USER_KEYS,
+    VALUE_RANGES,
+)
+from fort_vsc_bridge.protocol.wires import CanWire, Frame, HidWire, SerialWire, Wire
 
 __all__ = [
     'AXIS_NAMES',

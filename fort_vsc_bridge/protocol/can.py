@@ -39,31 +39,30 @@ its end: on J1939 many senders fill up to 8 bytes.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from dataclasses import fields
+from dataclasses import dataclass, fields
 import struct
 from typing import Any
 
-from bridge_core.framing import Decoder
-from bridge_core.framing import draft_of
-from bridge_core.framing import FrameError
+from bridge_core.framing import Decoder, draft_of, FrameError
 from bridge_core.j1939 import CanFrame
-from fort_vsc_bridge.protocol.frames import Message
-from fort_vsc_bridge.protocol.frames import Received
-from fort_vsc_bridge.protocol.frames import Rejected
-from fort_vsc_bridge.protocol.messages import Heartbeat
-from fort_vsc_bridge.protocol.messages import Joystick
-from fort_vsc_bridge.protocol.messages import RemoteStatus
-from fort_vsc_bridge.protocol.messages import UserFeedback
-from fort_vsc_bridge.protocol.messages import UserFeedbackName
-from fort_vsc_bridge.protocol.values import AXES
-from fort_vsc_bridge.protocol.values import Axis
-from fort_vsc_bridge.protocol.values import Button
-from fort_vsc_bridge.protocol.values import check_range
-from fort_vsc_bridge.protocol.values import InputState
-from fort_vsc_bridge.protocol.values import Mode
-from fort_vsc_bridge.protocol.values import pack_pad
-from fort_vsc_bridge.protocol.values import PADS
+from fort_vsc_bridge.protocol.frames import Message, Received, Rejected
+from fort_vsc_bridge.protocol.messages import (
+    Heartbeat,
+    Joystick,
+    RemoteStatus,
+    UserFeedback,
+    UserFeedbackName,
+)
+from fort_vsc_bridge.protocol.values import (
+    AXES,
+    Axis,
+    Button,
+    check_range,
+    InputState,
+    Mode,
+    pack_pad,
+    PADS,
+)
 
 SEGMENTS = 3  # of a string (8.2.8)
 SEGMENT_SIZE = 6  # characters

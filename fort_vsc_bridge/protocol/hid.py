@@ -35,19 +35,19 @@ from __future__ import annotations
 from dataclasses import dataclass
 import struct
 
-from bridge_core.framing import Decoder
-from bridge_core.framing import FrameError
+from bridge_core.framing import Decoder, FrameError
 from fort_vsc_bridge.protocol.frames import Received
-from fort_vsc_bridge.protocol.messages import Heartbeat
-from fort_vsc_bridge.protocol.messages import Joystick
-from fort_vsc_bridge.protocol.values import Axis
-from fort_vsc_bridge.protocol.values import Button
-from fort_vsc_bridge.protocol.values import check_range
-from fort_vsc_bridge.protocol.values import EStopBits
-from fort_vsc_bridge.protocol.values import InputState
-from fort_vsc_bridge.protocol.values import MAX_MAGNITUDE
-from fort_vsc_bridge.protocol.values import Mode
-from fort_vsc_bridge.protocol.values import MODES
+from fort_vsc_bridge.protocol.messages import Heartbeat, Joystick
+from fort_vsc_bridge.protocol.values import (
+    Axis,
+    Button,
+    check_range,
+    EStopBits,
+    InputState,
+    MAX_MAGNITUDE,
+    Mode,
+    MODES,
+)
 
 _REPORT = struct.Struct('<6b3B')  # axes; pad and numbered buttons, state, e-stop
 REPORT_SIZE = _REPORT.size

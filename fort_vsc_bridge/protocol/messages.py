@@ -21,26 +21,23 @@ import reprlib
 import struct
 from typing import Any
 
-from bridge_core.framing import draft_of
-from bridge_core.framing import StreamParser
-from bridge_core.framing import Unknown
-from fort_vsc_bridge.protocol.frames import MAX_LENGTH
-from fort_vsc_bridge.protocol.frames import Message
-from fort_vsc_bridge.protocol.frames import MessageType
-from fort_vsc_bridge.protocol.frames import PACKETS
-from fort_vsc_bridge.protocol.values import AUTONOMY_MODES
-from fort_vsc_bridge.protocol.values import AutonomyMode
-from fort_vsc_bridge.protocol.values import AXES
-from fort_vsc_bridge.protocol.values import Axis
-from fort_vsc_bridge.protocol.values import AXIS_NAMES
-from fort_vsc_bridge.protocol.values import Button
-from fort_vsc_bridge.protocol.values import BUTTON_NAMES
-from fort_vsc_bridge.protocol.values import check_range
-from fort_vsc_bridge.protocol.values import INT32
-from fort_vsc_bridge.protocol.values import Mode
-from fort_vsc_bridge.protocol.values import MODES
-from fort_vsc_bridge.protocol.values import pack_pad
-from fort_vsc_bridge.protocol.values import PADS
+from bridge_core.framing import draft_of, StreamParser, Unknown
+from fort_vsc_bridge.protocol.frames import MAX_LENGTH, Message, MessageType, PACKETS
+from fort_vsc_bridge.protocol.values import (
+    AUTONOMY_MODES,
+    AutonomyMode,
+    AXES,
+    Axis,
+    AXIS_NAMES,
+    Button,
+    BUTTON_NAMES,
+    check_range,
+    INT32,
+    Mode,
+    MODES,
+    pack_pad,
+    PADS,
+)
 
 _UNKNOWN_BATTERY = 0xFF  # not in the manual's 0 to 100
 NAME_SIZE = 20  # characters of a name or a line of text (7.3.9)

@@ -19,13 +19,8 @@ from __future__ import annotations
 import math
 
 from bridge_core.framing import Decoder
-from bridge_core.packets import HEAD_SIZE
-from bridge_core.packets import OVERHEAD
-from fort_vsc_bridge.protocol.frames import MAX_LENGTH
-from fort_vsc_bridge.protocol.frames import MessageType
-from fort_vsc_bridge.protocol.frames import PACKETS
-from fort_vsc_bridge.protocol.frames import Received
-from fort_vsc_bridge.protocol.frames import Rejected
+from bridge_core.packets import HEAD_SIZE, OVERHEAD
+from fort_vsc_bridge.protocol.frames import MAX_LENGTH, MessageType, PACKETS, Received, Rejected
 from fort_vsc_bridge.protocol.messages import parser
 
 _UNEXPECTED = (

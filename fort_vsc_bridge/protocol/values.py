@@ -17,9 +17,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from enum import Enum
-from enum import IntEnum
-from enum import IntFlag
+from enum import Enum, IntEnum, IntFlag
 import reprlib
 
 

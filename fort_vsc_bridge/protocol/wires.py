@@ -22,26 +22,23 @@ all three, and the session's business.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
-from dataclasses import field
-from typing import Any
-from typing import ClassVar
+from dataclasses import dataclass, field
+from typing import Any, ClassVar
 
 from bridge_core.framing import Decoder
 from bridge_core.j1939 import CanFrame
-from fort_vsc_bridge.protocol.can import CanDecoder
-from fort_vsc_bridge.protocol.can import CanIds
-from fort_vsc_bridge.protocol.can import encode_frame
-from fort_vsc_bridge.protocol.can import FROM_VSC
-from fort_vsc_bridge.protocol.can import SEGMENT_SIZE
-from fort_vsc_bridge.protocol.can import SEGMENTS
-from fort_vsc_bridge.protocol.can import segments_of
-from fort_vsc_bridge.protocol.frames import Message
-from fort_vsc_bridge.protocol.frames import MessageType
-from fort_vsc_bridge.protocol.frames import Received
+from fort_vsc_bridge.protocol.can import (
+    CanDecoder,
+    CanIds,
+    encode_frame,
+    FROM_VSC,
+    SEGMENT_SIZE,
+    SEGMENTS,
+    segments_of,
+)
+from fort_vsc_bridge.protocol.frames import Message, MessageType, Received
 from fort_vsc_bridge.protocol.hid import HidDecoder
-from fort_vsc_bridge.protocol.messages import UserFeedback
-from fort_vsc_bridge.protocol.messages import UserFeedbackName
+from fort_vsc_bridge.protocol.messages import UserFeedback, UserFeedbackName
 from fort_vsc_bridge.protocol.serial import SerialDecoder
 from fort_vsc_bridge.protocol.values import Key
 

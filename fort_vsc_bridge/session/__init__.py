@@ -19,16 +19,16 @@ Only a fresh heartbeat of the VSC vouches for anything (on HID every report is o
 there is no remote, no stick and no permission, whatever else still comes.
 """
 
-from fort_vsc_bridge.session.events import Event
-from fort_vsc_bridge.session.events import GpsSentence
-from fort_vsc_bridge.session.events import ModeChanged
-from fort_vsc_bridge.session.events import RemoteState
-from fort_vsc_bridge.session.events import Sticks
-from fort_vsc_bridge.session.events import UserValue
+from fort_vsc_bridge.session.events import (
+    Event,
+    GpsSentence,
+    ModeChanged,
+    RemoteState,
+    Sticks,
+    UserValue,
+)
 from fort_vsc_bridge.session.session import Session
-from fort_vsc_bridge.session.settings import DeviceSettings
-from fort_vsc_bridge.session.settings import Settings
-from fort_vsc_bridge.session.settings import wire_of
+from fort_vsc_bridge.session.settings import DeviceSettings, Settings, wire_of
 
 __all__ = [
     'DeviceSettings',

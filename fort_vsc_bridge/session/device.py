@@ -25,9 +25,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 import math
 
-from fort_vsc_bridge.protocol import Key
-from fort_vsc_bridge.protocol import MessageControl
-from fort_vsc_bridge.protocol import MessageType
+from fort_vsc_bridge.protocol import Key, MessageControl, MessageType
 from fort_vsc_bridge.session.send_queue import SendQueue
 
 MAX_WRITES = 3

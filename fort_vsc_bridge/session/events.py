@@ -18,11 +18,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from fort_vsc_bridge.protocol import AutonomyMode
-from fort_vsc_bridge.protocol import AXIS_NAMES
-from fort_vsc_bridge.protocol import BUTTON_NAMES
-from fort_vsc_bridge.protocol import Mode
-from fort_vsc_bridge.protocol import RemoteStatus
+from fort_vsc_bridge.protocol import AutonomyMode, AXIS_NAMES, BUTTON_NAMES, Mode, RemoteStatus
 
 
 @dataclass(frozen=True, slots=True)

@@ -16,21 +16,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from bridge_core.session import Level
-from fort_vsc_bridge.protocol import CONNECTED_MODES
-from fort_vsc_bridge.protocol import estop_sources
-from fort_vsc_bridge.protocol import EStopBits
-from fort_vsc_bridge.protocol import Heartbeat
-from fort_vsc_bridge.protocol import mode_name
-from fort_vsc_bridge.protocol import MODES_AFTER_A_STOP
-from fort_vsc_bridge.protocol import RemoteStatus
-from fort_vsc_bridge.session.device import OVERRULED
-from fort_vsc_bridge.session.device import REFUSED
-from fort_vsc_bridge.session.device import UNANSWERED
+from fort_vsc_bridge.protocol import (
+    CONNECTED_MODES,
+    estop_sources,
+    EStopBits,
+    Heartbeat,
+    mode_name,
+    MODES_AFTER_A_STOP,
+    RemoteStatus,
+)
+from fort_vsc_bridge.session.device import OVERRULED, REFUSED, UNANSWERED
 
 LOOPED_BACK = 'look for RX wired to TX, or an echo on the line: our own frames come back'
 DEAF = (

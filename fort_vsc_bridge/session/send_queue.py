@@ -23,16 +23,18 @@ from __future__ import annotations
 
 import math
 
-from fort_vsc_bridge.protocol import Frame
-from fort_vsc_bridge.protocol import Key
-from fort_vsc_bridge.protocol import Message
-from fort_vsc_bridge.protocol import MessageControl
-from fort_vsc_bridge.protocol import MessageType
-from fort_vsc_bridge.protocol import USER_KEYS
-from fort_vsc_bridge.protocol import UserFeedback
-from fort_vsc_bridge.protocol import UserFeedbackGet
-from fort_vsc_bridge.protocol import UserFeedbackName
-from fort_vsc_bridge.protocol import Wire
+from fort_vsc_bridge.protocol import (
+    Frame,
+    Key,
+    Message,
+    MessageControl,
+    MessageType,
+    USER_KEYS,
+    UserFeedback,
+    UserFeedbackGet,
+    UserFeedbackName,
+    Wire,
+)
 
 _SHOWN_KEYS = frozenset((*USER_KEYS, Key.DISPLAY_MODE))
 

@@ -19,44 +19,50 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from bridge_core.session import HeldButtons
-from bridge_core.session import Level
-from bridge_core.session import Pacer
-from bridge_core.session import RETRY
-from bridge_core.session import Session as BaseSession
-from bridge_core.session import StickStream
-from bridge_core.session import Verdict
+from bridge_core.session import (
+    HeldButtons,
+    Level,
+    Pacer,
+    RETRY,
+    Session as BaseSession,
+    StickStream,
+    Verdict,
+)
 from bridge_core.watchdog import Watchdog
-from fort_vsc_bridge.protocol import Axis
-from fort_vsc_bridge.protocol import AXIS_NAMES
-from fort_vsc_bridge.protocol import Button
-from fort_vsc_bridge.protocol import BUTTON_NAMES
-from fort_vsc_bridge.protocol import CONNECTED_MODES
-from fort_vsc_bridge.protocol import Frame
-from fort_vsc_bridge.protocol import Gps
-from fort_vsc_bridge.protocol import Heartbeat
-from fort_vsc_bridge.protocol import HostHeartbeat
-from fort_vsc_bridge.protocol import Joystick
-from fort_vsc_bridge.protocol import Key
-from fort_vsc_bridge.protocol import MessageType
-from fort_vsc_bridge.protocol import Mode
-from fort_vsc_bridge.protocol import PERSISTENT_KEYS
-from fort_vsc_bridge.protocol import Received
-from fort_vsc_bridge.protocol import Rejected
-from fort_vsc_bridge.protocol import RemoteStatus
-from fort_vsc_bridge.protocol import TEXT_KEYS
-from fort_vsc_bridge.protocol import USER_KEYS
-from fort_vsc_bridge.protocol import UserFeedback
-from fort_vsc_bridge.protocol import UserFeedbackName
-from fort_vsc_bridge.protocol import VALUE_RANGES
+from fort_vsc_bridge.protocol import (
+    Axis,
+    AXIS_NAMES,
+    Button,
+    BUTTON_NAMES,
+    CONNECTED_MODES,
+    Frame,
+    Gps,
+    Heartbeat,
+    HostHeartbeat,
+    Joystick,
+    Key,
+    MessageType,
+    Mode,
+    PERSISTENT_KEYS,
+    Received,
+    Rejected,
+    RemoteStatus,
+    TEXT_KEYS,
+    USER_KEYS,
+    UserFeedback,
+    UserFeedbackName,
+    VALUE_RANGES,
+)
 from fort_vsc_bridge.session import report
 from fort_vsc_bridge.session.device import Configurator
-from fort_vsc_bridge.session.events import Event
-from fort_vsc_bridge.session.events import GpsSentence
-from fort_vsc_bridge.session.events import ModeChanged
-from fort_vsc_bridge.session.events import RemoteState
-from fort_vsc_bridge.session.events import Sticks
-from fort_vsc_bridge.session.events import UserValue
+from fort_vsc_bridge.session.events import (
+    Event,
+    GpsSentence,
+    ModeChanged,
+    RemoteState,
+    Sticks,
+    UserValue,
+)
 from fort_vsc_bridge.session.send_queue import SendQueue
 from fort_vsc_bridge.session.settings import Settings
 from fort_vsc_bridge.session.stops import StopJudge

@@ -16,23 +16,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from collections.abc import Mapping
-from dataclasses import asdict
-from dataclasses import dataclass
-from dataclasses import field
+from collections.abc import Iterable, Mapping
+from dataclasses import asdict, dataclass, field
 from typing import Any
 
-from bridge_core.settings import CheckedSettings
-from bridge_core.settings import table_of
-from fort_vsc_bridge.parameters import LEAVE
-from fort_vsc_bridge.parameters import PARAMETERS
-from fort_vsc_bridge.protocol import CanIds
-from fort_vsc_bridge.protocol import CanWire
-from fort_vsc_bridge.protocol import HidWire
-from fort_vsc_bridge.protocol import MessageType
-from fort_vsc_bridge.protocol import SerialWire
-from fort_vsc_bridge.protocol import Wire
+from bridge_core.settings import CheckedSettings, table_of
+from fort_vsc_bridge.parameters import LEAVE, PARAMETERS
+from fort_vsc_bridge.protocol import CanIds, CanWire, HidWire, MessageType, SerialWire, Wire
 
 _TABLE = table_of(PARAMETERS)
 _DEVICE = 'device.'

@@ -22,10 +22,7 @@ another device's chain, that echo would hold both stopped for ever, so it is tol
 from __future__ import annotations
 
 from bridge_core.session import Verdict
-from fort_vsc_bridge.protocol import CONNECTED_MODES
-from fort_vsc_bridge.protocol import EStopBits
-from fort_vsc_bridge.protocol import Heartbeat
-from fort_vsc_bridge.protocol import MODES_AFTER_A_STOP
+from fort_vsc_bridge.protocol import CONNECTED_MODES, EStopBits, Heartbeat, MODES_AFTER_A_STOP
 from fort_vsc_bridge.session.report import stop_reasons
 
 # The VSC may answer our heartbeat with some delay; 500 ms is its own limit for ours (7.3.4).

@@ -19,8 +19,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from bridge_core.j1939 import CanFrame
-from fort_vsc_bridge.protocol import BUTTON_NAMES
-from fort_vsc_bridge.protocol import MessageType
+from fort_vsc_bridge.protocol import BUTTON_NAMES, MessageType
 from fort_vsc_bridge.simulator.vsc import Vsc
 
 IDENTIFIERS = {  # table 34

@@ -18,10 +18,7 @@ from __future__ import annotations
 
 import struct
 
-from fort_vsc_bridge.protocol import AXIS_NAMES
-from fort_vsc_bridge.protocol import BUTTON_NAMES
-from fort_vsc_bridge.protocol import MessageType
-from fort_vsc_bridge.protocol import PACKETS
+from fort_vsc_bridge.protocol import AXIS_NAMES, BUTTON_NAMES, MessageType, PACKETS
 from fort_vsc_bridge.simulator.vsc import Vsc
 
 

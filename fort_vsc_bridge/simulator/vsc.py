@@ -24,17 +24,10 @@ from collections import deque
 from collections.abc import Callable
 import math
 import struct
-from typing import Any
-from typing import ClassVar
+from typing import Any, ClassVar
 
-from bridge_core.simulation import obey
-from bridge_core.simulation import one_of
-from bridge_core.simulation import switch
-from bridge_core.simulation import within
-from fort_vsc_bridge.protocol import AXIS_NAMES
-from fort_vsc_bridge.protocol import BUTTON_NAMES
-from fort_vsc_bridge.protocol import Key
-from fort_vsc_bridge.protocol import Mode
+from bridge_core.simulation import obey, one_of, switch, within
+from fort_vsc_bridge.protocol import AXIS_NAMES, BUTTON_NAMES, Key, Mode
 
 HOST_TIMEOUT = 0.5  # User E-STOP Timeout (7.3.4)
 BOOT_TIME = 1.0

@@ -20,8 +20,7 @@ import math
 from types import TracebackType
 from typing import Any
 
-from diagnostic_msgs.msg import DiagnosticArray
-from diagnostic_msgs.msg import DiagnosticStatus
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rcl_interfaces.srv import GetParameters
 import rclpy
 from rclpy.context import Context
@@ -29,15 +28,13 @@ from rclpy.duration import Duration
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
-from sensor_msgs.msg import JointState
-from sensor_msgs.msg import Joy
+from sensor_msgs.msg import JointState, Joy
 from std_msgs.msg import Bool
 
 from bridge_core import clock
 from bridge_core.managed_node import latched_qos
 from bridge_core.runner import avoid_shared_memory
-from rugged_teleop.bench.course import Facts
-from rugged_teleop.bench.course import Order
+from rugged_teleop.bench.course import Facts, Order
 from rugged_teleop.bench.targets import TARGETS
 
 _KINDS = {'axes': Joy}  # by the field of the command; of all others JointState

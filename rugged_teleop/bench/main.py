@@ -34,12 +34,9 @@ import sys
 from typing import Any
 
 from bridge_core import clock
-from rugged_teleop.bench.course import Course
-from rugged_teleop.bench.course import Phase
+from rugged_teleop.bench.course import Course, Phase
 from rugged_teleop.bench.targets import TARGETS
-from rugged_teleop.command_line import full_name
-from rugged_teleop.command_line import number_within
-from rugged_teleop.command_line import Parser
+from rugged_teleop.command_line import full_name, number_within, Parser
 
 _EXAMPLES = """\
 examples:

@@ -53,8 +53,7 @@ class Target:
 
     def message(self, order: Order, joints: Sequence[str], joint: str) -> Any:
         """Return what to publish on the command's topic; None: nothing."""
-        from sensor_msgs.msg import JointState
-        from sensor_msgs.msg import Joy
+        from sensor_msgs.msg import JointState, Joy
 
         values = [order.value or 0.0 if each == joint else 0.0 for each in joints]
         if self.field == 'axes':

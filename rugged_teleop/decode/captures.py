@@ -17,30 +17,18 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from contextlib import contextmanager
-from contextlib import nullcontext
-from contextlib import suppress
-from dataclasses import dataclass
-from dataclasses import field
+from contextlib import contextmanager, nullcontext, suppress
+from dataclasses import dataclass, field
 import os
 from pathlib import Path
 import shutil
 import sys
 from tempfile import NamedTemporaryFile
-from typing import Any
-from typing import BinaryIO
+from typing import Any, BinaryIO
 
-from rugged_teleop.decode.pcap import MAGIC
-from rugged_teleop.decode.pcap import MAGIC_NG
-from rugged_teleop.decode.pcap import pcap
-from rugged_teleop.decode.pcap import pcapng
-from rugged_teleop.decode.pieces import Damage
-from rugged_teleop.decode.pieces import Piece
-from rugged_teleop.decode.pieces import Recorded
-from rugged_teleop.decode.texts import candump
-from rugged_teleop.decode.texts import hex_listing
-from rugged_teleop.decode.texts import is_candump
-from rugged_teleop.decode.texts import is_hex
+from rugged_teleop.decode.pcap import MAGIC, MAGIC_NG, pcap, pcapng
+from rugged_teleop.decode.pieces import Damage, Piece, Recorded
+from rugged_teleop.decode.texts import candump, hex_listing, is_candump, is_hex
 
 _BLOCK = 1 << 16
 _HEAD = 3840  # bytes by which a format is told; an endless line of hex is cut between two

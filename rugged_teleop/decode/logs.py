@@ -18,16 +18,12 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Iterator
-from typing import Any
-from typing import BinaryIO
+from typing import Any, BinaryIO
 
 import can
-from can.io.blf import BLFParseError
-from can.io.blf import OBJ_HEADER_BASE_STRUCT
+from can.io.blf import BLFParseError, OBJ_HEADER_BASE_STRUCT
 
-from rugged_teleop.decode.pieces import can_piece
-from rugged_teleop.decode.pieces import Damage
-from rugged_teleop.decode.pieces import Piece
+from rugged_teleop.decode.pieces import can_piece, Damage, Piece
 from rugged_teleop.decode.texts import lines_of
 
 

@@ -31,17 +31,12 @@ import sys
 from typing import TextIO
 
 from bridge_core import clock
-from rugged_teleop.command_line import is_of_output
-from rugged_teleop.command_line import Parser
-from rugged_teleop.decode.captures import Capture
-from rugged_teleop.decode.captures import FORMATS
-from rugged_teleop.decode.captures import opened
+from rugged_teleop.command_line import is_of_output, Parser
+from rugged_teleop.decode.captures import Capture, FORMATS, opened
 from rugged_teleop.decode.plot import Picture
-from rugged_teleop.decode.protocols import entries_of
-from rugged_teleop.decode.protocols import PROTOCOLS
+from rugged_teleop.decode.protocols import entries_of, PROTOCOLS
 from rugged_teleop.decode.statistics import Statistics
-from rugged_teleop.decode.writers import Writer
-from rugged_teleop.decode.writers import WRITERS
+from rugged_teleop.decode.writers import Writer, WRITERS
 
 _EXAMPLES = """\
 examples:

@@ -27,9 +27,7 @@ import ipaddress
 import struct
 from typing import BinaryIO
 
-from rugged_teleop.decode.pieces import can_piece
-from rugged_teleop.decode.pieces import Damage
-from rugged_teleop.decode.pieces import Piece
+from rugged_teleop.decode.pieces import can_piece, Damage, Piece
 
 # By the first bytes: byte order, and parts of a second.
 MAGIC = {

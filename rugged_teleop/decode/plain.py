@@ -18,8 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 import dataclasses
-from enum import Enum
-from enum import Flag
+from enum import Enum, Flag
 from functools import singledispatch
 from typing import Any
 

@@ -22,13 +22,10 @@ times each number that changes, by source and message.
 from __future__ import annotations
 
 from array import array
-from collections.abc import Callable
-from collections.abc import Iterable
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
 from itertools import islice
 import time
-from typing import Any
-from typing import Protocol
+from typing import Any, Protocol
 
 from rugged_teleop.decode.plain import flat
 from rugged_teleop.decode.protocols import Entry

@@ -17,32 +17,20 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable
-from collections.abc import Iterable
-from collections.abc import Iterator
-from dataclasses import dataclass
-from dataclasses import replace
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, replace
 import itertools
 import struct
-from typing import Any
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import akron_can_bridge.protocol as akron
-from bridge_core.framing import ChecksumError
-from bridge_core.framing import FrameError
-from bridge_core.framing import FrameFormat
-from bridge_core.framing import StreamParser
-from bridge_core.framing import Unknown
+from bridge_core.framing import ChecksumError, FrameError, FrameFormat, StreamParser, Unknown
 from bridge_core.j1939 import CanFrame
 import esi_drive_bridge.protocol as esi
 import fort_vsc_bridge.protocol as fort
 from fort_vsc_bridge.protocol.can import ForeignFrameError
-from rugged_teleop.decode.captures import Capture
-from rugged_teleop.decode.captures import RECORDING
-from rugged_teleop.decode.captures import STREAMS
-from rugged_teleop.decode.pieces import Damage
-from rugged_teleop.decode.pieces import Piece
-from rugged_teleop.decode.pieces import Recorded
+from rugged_teleop.decode.captures import Capture, RECORDING, STREAMS
+from rugged_teleop.decode.pieces import Damage, Piece, Recorded
 from rugged_teleop.decode.plain import plain
 import ssc_bridge.protocol as ssc
 import vm110_bridge.protocol as vm110

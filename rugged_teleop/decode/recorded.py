@@ -18,16 +18,10 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 import math
-from typing import Any
-from typing import BinaryIO
+from typing import Any, BinaryIO
 
-from rugged_teleop.decode.pieces import Damage
-from rugged_teleop.decode.pieces import Piece
-from rugged_teleop.decode.pieces import Recorded
-from rugged_teleop.recordings import Cut
-from rugged_teleop.recordings import Parameters
-from rugged_teleop.recordings import read
-from rugged_teleop.recordings import Said
+from rugged_teleop.decode.pieces import Damage, Piece, Recorded
+from rugged_teleop.recordings import Cut, Parameters, read, Said
 
 _RAW = ('/raw/received', '/raw/sent')  # ends of topics
 _SENT_WITHIN = 1.0  # s, from the last that a message has to the message

@@ -21,9 +21,7 @@ from datetime import datetime
 import re
 from typing import BinaryIO
 
-from rugged_teleop.decode.pieces import can_piece
-from rugged_teleop.decode.pieces import Damage
-from rugged_teleop.decode.pieces import Piece
+from rugged_teleop.decode.pieces import can_piece, Damage, Piece
 
 # A longer line is cut: between two bytes, be they of 2, 3, 5 or 6 characters (0x10 and a space).
 _LONGEST = 61440

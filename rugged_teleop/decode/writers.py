@@ -19,12 +19,9 @@ from __future__ import annotations
 from collections.abc import Callable
 import csv
 import json
-from typing import Any
-from typing import Protocol
-from typing import TextIO
+from typing import Any, Protocol, TextIO
 
-from rugged_teleop.decode.plain import flat
-from rugged_teleop.decode.plain import text
+from rugged_teleop.decode.plain import flat, text
 from rugged_teleop.decode.protocols import Entry
 
 

@@ -17,10 +17,8 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator
-from collections.abc import Mapping
-from dataclasses import dataclass
-from dataclasses import field
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
 import importlib
 import json
 import subprocess
@@ -33,9 +31,7 @@ from rugged_teleop.decode.protocols import entries_of
 from rugged_teleop.doctor.catalogue import finding
 from rugged_teleop.doctor.configuration import Configured
 from rugged_teleop.doctor.findings import Finding
-from rugged_teleop.doctor.listening import device_findings
-from rugged_teleop.doctor.listening import Heard
-from rugged_teleop.doctor.listening import listen
+from rugged_teleop.doctor.listening import device_findings, Heard, listen
 
 BITRATE = 250000  # of the units, and of the VSC as delivered
 _PASSIVE = ('socketcan', 'udp_multicast')  # to open them changes nothing

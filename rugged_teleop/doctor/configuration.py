@@ -16,24 +16,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from collections.abc import Mapping
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 import importlib
 import os
 from pathlib import Path
 from typing import Any
 
-from bridge_core.parameter_files import check_sections
-from bridge_core.parameter_files import parameters_for
-from bridge_core.parameter_files import sections_of
-from bridge_core.parameter_files import strangers
-from bridge_core.parameters import full_topic
-from bridge_core.parameters import is_ros_parameter
-from bridge_core.parameters import names_of
-from bridge_core.parameters import ParameterError
-from bridge_core.parameters import resolve
+from bridge_core.parameter_files import check_sections, parameters_for, sections_of, strangers
+from bridge_core.parameters import full_topic, is_ros_parameter, names_of, ParameterError, resolve
 from rugged_teleop.doctor.catalogue import finding
 from rugged_teleop.doctor.findings import Finding
 from rugged_teleop.recorder import parameters as recorder

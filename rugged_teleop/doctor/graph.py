@@ -21,10 +21,7 @@ may end the process that loads it.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from collections.abc import Iterable
-from collections.abc import Iterator
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 import itertools
 import json
@@ -38,8 +35,7 @@ from bridge_core import clock
 from bridge_core.session import Level as NodeLevel
 from rugged_teleop.command_line import RUN_MODULE
 from rugged_teleop.doctor.catalogue import finding
-from rugged_teleop.doctor.configuration import DRIVE
-from rugged_teleop.doctor.configuration import MUX
+from rugged_teleop.doctor.configuration import DRIVE, MUX
 from rugged_teleop.doctor.findings import Finding
 from rugged_teleop.reference import NODES
 
@@ -146,8 +142,7 @@ def look(seconds: float) -> Graph:
     from rclpy.context import Context
     from rclpy.executors import SingleThreadedExecutor
     from rclpy.node import Node
-    from rclpy.qos import QoSProfile
-    from rclpy.qos import ReliabilityPolicy
+    from rclpy.qos import QoSProfile, ReliabilityPolicy
 
     from bridge_core.runner import avoid_shared_memory
 
@@ -195,8 +190,7 @@ def _endpoints(node: Any) -> Iterator[Endpoint]:
 
 def qos_problem(publisher: Any, subscription: Any) -> str:
     """Return why two QoS profiles do not match; empty: they do, as far as is known."""
-    from rclpy.qos import qos_check_compatible
-    from rclpy.qos import QoSCompatibility
+    from rclpy.qos import qos_check_compatible, QoSCompatibility
 
     compatibility, reason = qos_check_compatible(publisher, subscription)
     if compatibility != QoSCompatibility.ERROR:

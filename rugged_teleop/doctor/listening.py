@@ -21,8 +21,7 @@ the doctor may probe: then it is sent, which is what a node sends that nobody co
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 import contextlib
 from dataclasses import dataclass
 import errno
@@ -31,18 +30,15 @@ import os
 import select
 import termios
 import tty
-from typing import Any
-from typing import Protocol
+from typing import Any, Protocol
 
 from bridge_core import clock
-from bridge_core.session import Level
-from bridge_core.session import Session
+from bridge_core.session import Level, Session
 from bridge_core.transports import TransportError
 from bridge_core.transports.serial import read_port
 from rugged_teleop.decode.captures import Capture
 from rugged_teleop.decode.pieces import Piece
-from rugged_teleop.decode.protocols import entries_of
-from rugged_teleop.decode.protocols import guess
+from rugged_teleop.decode.protocols import entries_of, guess
 from rugged_teleop.doctor.catalogue import finding
 from rugged_teleop.doctor.configuration import Configured
 from rugged_teleop.doctor.findings import Finding

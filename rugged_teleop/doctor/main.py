@@ -26,44 +26,31 @@ arguments are wrong.
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterable
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 import json
 import os
 from pathlib import Path
 import sys
 
-from rugged_teleop.command_line import number_within
-from rugged_teleop.command_line import Parser
-from rugged_teleop.doctor.buses import bus_findings
-from rugged_teleop.doctor.buses import hear_bus
-from rugged_teleop.doctor.buses import is_passive
-from rugged_teleop.doctor.buses import on_can
+from rugged_teleop.command_line import number_within, Parser
+from rugged_teleop.doctor.buses import bus_findings, hear_bus, is_passive, on_can
 from rugged_teleop.doctor.catalogue import finding
-from rugged_teleop.doctor.configuration import Configured
-from rugged_teleop.doctor.configuration import configured
-from rugged_teleop.doctor.configuration import serial_port
-from rugged_teleop.doctor.configuration import wiring
-from rugged_teleop.doctor.findings import Finding
-from rugged_teleop.doctor.findings import HEADINGS
-from rugged_teleop.doctor.findings import Level
+from rugged_teleop.doctor.configuration import Configured, configured, serial_port, wiring
+from rugged_teleop.doctor.findings import Finding, HEADINGS, Level
 from rugged_teleop.doctor.graph import look_apart
-from rugged_teleop.doctor.networks import group_findings
-from rugged_teleop.doctor.networks import hear_group
-from rugged_teleop.doctor.networks import network_filters
-from rugged_teleop.doctor.ports import port_facts
-from rugged_teleop.doctor.ports import port_findings
-from rugged_teleop.doctor.ports import this_user
-from rugged_teleop.doctor.ports import unseen_findings
-from rugged_teleop.doctor.ports import usb_findings
-from rugged_teleop.doctor.ports import usb_ports
-from rugged_teleop.doctor.ports import User
-from rugged_teleop.doctor.serial_lines import hear
-from rugged_teleop.doctor.serial_lines import line_findings
-from rugged_teleop.doctor.serial_lines import unknown_port
-from rugged_teleop.doctor.system import computer_findings
-from rugged_teleop.doctor.system import this_computer
+from rugged_teleop.doctor.networks import group_findings, hear_group, network_filters
+from rugged_teleop.doctor.ports import (
+    port_facts,
+    port_findings,
+    this_user,
+    unseen_findings,
+    usb_findings,
+    usb_ports,
+    User,
+)
+from rugged_teleop.doctor.serial_lines import hear, line_findings, unknown_port
+from rugged_teleop.doctor.system import computer_findings, this_computer
 
 _EXAMPLES = """\
 examples:

@@ -17,10 +17,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable
-from collections.abc import Iterator
-from collections.abc import Mapping
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 import contextlib
 from dataclasses import dataclass
@@ -31,11 +28,8 @@ from bridge_core.transports.multicast import addresses
 from rugged_teleop.doctor.catalogue import finding
 from rugged_teleop.doctor.configuration import Configured
 from rugged_teleop.doctor.findings import Finding
-from rugged_teleop.doctor.listening import device_findings
-from rugged_teleop.doctor.listening import Heard
-from rugged_teleop.doctor.listening import listen
-from vm110_bridge.protocol import Crc
-from vm110_bridge.protocol import PacketId
+from rugged_teleop.doctor.listening import device_findings, Heard, listen
+from vm110_bridge.protocol import Crc, PacketId
 from vm110_bridge.wire import BRIDGE
 
 _ELSEWHERE_TIME = 0.5  # s; a VRPI comes every 0.125 s

@@ -17,26 +17,25 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 import importlib
 from typing import Any
 
-from bridge_core.packets import CHECK_SIZE
-from bridge_core.packets import HEAD_SIZE
+from bridge_core.packets import CHECK_SIZE, HEAD_SIZE
 from bridge_core.transports import TransportError
 from rugged_teleop.doctor.catalogue import finding
-from rugged_teleop.doctor.configuration import Configured
-from rugged_teleop.doctor.configuration import serial_port
+from rugged_teleop.doctor.configuration import Configured, serial_port
 from rugged_teleop.doctor.findings import Finding
-from rugged_teleop.doctor.listening import BAUDS
-from rugged_teleop.doctor.listening import device_findings
-from rugged_teleop.doctor.listening import Heard
-from rugged_teleop.doctor.listening import listen
-from rugged_teleop.doctor.listening import search
-from rugged_teleop.doctor.listening import SerialEar
-from rugged_teleop.doctor.listening import told
+from rugged_teleop.doctor.listening import (
+    BAUDS,
+    device_findings,
+    Heard,
+    listen,
+    search,
+    SerialEar,
+    told,
+)
 from ssc_bridge.protocol import PACKETS
 
 # Whose device speaks which protocol of decode's. A host speaks the others.

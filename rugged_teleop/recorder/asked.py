@@ -21,8 +21,7 @@ from contextlib import suppress
 import json
 from typing import Any
 
-from rcl_interfaces.srv import GetParameters
-from rcl_interfaces.srv import ListParameters
+from rcl_interfaces.srv import GetParameters, ListParameters
 from rclpy.node import Node
 from rclpy.parameter import parameter_value_to_python
 

@@ -21,17 +21,13 @@ nodes and topics and asks for parameters, and a third one writes: a disk delays 
 
 from functools import partial
 from pathlib import Path
-from typing import Any
-from typing import ClassVar
+from typing import Any, ClassVar
 
 from diagnostic_msgs.msg import DiagnosticArray
-from rclpy.clock import Clock
-from rclpy.clock import ClockType
+from rclpy.clock import Clock, ClockType
 from rclpy.lifecycle import TransitionCallbackReturn
 from rclpy.node import NodeNameNonExistentError
-from rclpy.qos import DurabilityPolicy
-from rclpy.qos import QoSProfile
-from rclpy.qos import ReliabilityPolicy
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.serialization import deserialize_message
 from std_srvs.srv import Trigger
 
@@ -39,25 +35,16 @@ from bridge_core import clock
 from bridge_core.diagnostics import to_msg
 from bridge_core.lane import waited
 from bridge_core.managed_node import ManagedNode
-from bridge_core.parameters import MANAGED_PARAMETERS
-from bridge_core.parameters import Parameter
-from bridge_core.parameters import ParameterError
+from bridge_core.parameters import MANAGED_PARAMETERS, Parameter, ParameterError
 from bridge_core.report import Status
 from bridge_core.runner import run
 from bridge_core.session import Level
 from rugged_teleop.recorder.asked import AskedParameters
-from rugged_teleop.recorder.definitions import definition_of
-from rugged_teleop.recorder.definitions import message_class
-from rugged_teleop.recorder.folder import default_folder
-from rugged_teleop.recorder.folder import Folder
-from rugged_teleop.recorder.parameters import check
-from rugged_teleop.recorder.parameters import PARAMETERS
-from rugged_teleop.recorder.reasons import Nodes
-from rugged_teleop.recorder.reasons import Reasons
-from rugged_teleop.recorder.reasons import STOP
-from rugged_teleop.recorder.ring import Channel
-from rugged_teleop.recorder.ring import Heard
-from rugged_teleop.recorder.ring import Ring
+from rugged_teleop.recorder.definitions import definition_of, message_class
+from rugged_teleop.recorder.folder import default_folder, Folder
+from rugged_teleop.recorder.parameters import check, PARAMETERS
+from rugged_teleop.recorder.reasons import Nodes, Reasons, STOP
+from rugged_teleop.recorder.ring import Channel, Heard, Ring
 from rugged_teleop.recorder.schedule import Schedule
 
 _LOOK_PERIOD = 0.5  # s, between two looks for nodes and topics

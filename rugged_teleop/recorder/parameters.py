@@ -17,8 +17,7 @@
 from collections.abc import Mapping
 from typing import Any
 
-from bridge_core.parameters import Parameter
-from bridge_core.parameters import ParameterError
+from bridge_core.parameters import Parameter, ParameterError
 
 PARAMETERS = (
     Parameter(

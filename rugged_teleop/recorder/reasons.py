@@ -17,8 +17,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 STOP, TRIP, FAULT = 'stop', 'trip', 'fault'
 _ERROR = b'\x02'

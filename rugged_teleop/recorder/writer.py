@@ -20,25 +20,19 @@ Needs the package ``mcap``.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from collections.abc import Mapping
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 import os
 from pathlib import Path
 import queue
 import threading
 import time
-from typing import Any
-from typing import BinaryIO
+from typing import Any, BinaryIO
 
 from mcap.writer import Writer
 
 from bridge_core import clock
-from rugged_teleop.recorder.folder import file_name
-from rugged_teleop.recorder.folder import Folder
-from rugged_teleop.recorder.folder import PARAMETERS_OF
-from rugged_teleop.recorder.folder import UNFINISHED
+from rugged_teleop.recorder.folder import file_name, Folder, PARAMETERS_OF, UNFINISHED
 from rugged_teleop.recorder.ring import Heard
 
 _NICE = 10  # of the thread: whoever decides comes first

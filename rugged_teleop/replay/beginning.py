@@ -17,19 +17,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from dataclasses import field
+from dataclasses import dataclass, field
 import math
 from typing import Any
 
-from safety_mux.intake import Intake
-from safety_mux.intake import Listened
-from safety_mux.protocol import AUTONOMY
-from safety_mux.protocol import Decision
-from safety_mux.protocol import Demand
-from safety_mux.protocol import MalformedInput
-from safety_mux.protocol import OperatorSample
-from safety_mux.protocol import State
+from safety_mux.intake import Intake, Listened
+from safety_mux.protocol import AUTONOMY, Decision, Demand, MalformedInput, OperatorSample, State
 
 _RAMP = 5.0  # s, at most, until the output is what was recorded
 

@@ -31,10 +31,8 @@ from functools import partial
 from pathlib import Path
 import sys
 
-from rugged_teleop.command_line import number_within
-from rugged_teleop.command_line import Parser
-from rugged_teleop.loaded import Loaded
-from rugged_teleop.loaded import look_at
+from rugged_teleop.command_line import number_within, Parser
+from rugged_teleop.loaded import Loaded, look_at
 
 _EXAMPLES = """\
 examples:
@@ -63,8 +61,10 @@ def main(arguments: Sequence[str] | None = None, prog: str = 'rugged_teleop repl
 
 
 def _replay(tolerance: float | None, recording: Loaded) -> int:
-    from rugged_teleop.replay.outcome import lines_of  # late: it needs what load would miss first
-    from rugged_teleop.replay.outcome import replayed
+    from rugged_teleop.replay.outcome import (
+        lines_of,  # late: it needs what load would miss first
+        replayed,
+    )
 
     try:
         outcomes = replayed(recording, tolerance)

@@ -16,37 +16,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from collections.abc import Mapping
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from functools import partial
 from itertools import pairwise
 from typing import Any
 
-from bridge_core.parameters import full_topic
-from bridge_core.parameters import is_ros_parameter
-from bridge_core.parameters import MANAGED_PARAMETERS
-from bridge_core.parameters import resolve
+from bridge_core.parameters import full_topic, is_ros_parameter, MANAGED_PARAMETERS, resolve
 from rugged_teleop.recordings import Said
 from rugged_teleop.replay.beginning import Beginning
-from rugged_teleop.replay.found import Found
-from rugged_teleop.replay.found import Outcome
-from rugged_teleop.replay.track import differences
-from rugged_teleop.replay.track import Fits
-from rugged_teleop.replay.track import is_among
-from rugged_teleop.replay.track import Track
-from rugged_teleop.replay.track import within_range
-from rugged_teleop.why.events import fields_of
-from rugged_teleop.why.events import reason_of
+from rugged_teleop.replay.found import Found, Outcome
+from rugged_teleop.replay.track import differences, Fits, is_among, Track, within_range
+from rugged_teleop.why.events import fields_of, reason_of
 from safety_mux.button import ResetButton
-from safety_mux.configuration import check
-from safety_mux.configuration import joint_limits
-from safety_mux.intake import Intake
-from safety_mux.intake import Listened
+from safety_mux.configuration import check, joint_limits
+from safety_mux.intake import Intake, Listened
 from safety_mux.parameters import parameter_table
-from safety_mux.protocol import Decision
-from safety_mux.protocol import Demand
-from safety_mux.protocol import State
+from safety_mux.protocol import Decision, Demand, State
 
 _ABOUT = 0.5  # s; what was heard so near to the beginning stands for what was before
 _ANSWERED = 0.2  # s within which a service's answer is in the log

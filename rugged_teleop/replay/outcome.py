@@ -21,8 +21,7 @@ from collections.abc import Iterator
 from rugged_teleop.loaded import Loaded
 from rugged_teleop.replay.found import Outcome
 from rugged_teleop.replay.mux import MuxReplay
-from rugged_teleop.replay.sessions import nodes_with_bytes
-from rugged_teleop.replay.sessions import replay_session
+from rugged_teleop.replay.sessions import nodes_with_bytes, replay_session
 from rugged_teleop.why.events import Roles
 from rugged_teleop.why.story import utc
 

@@ -16,23 +16,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from collections.abc import Mapping
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 import importlib
 from typing import Any
 
 from bridge_core.j1939 import CanFrame
-from bridge_core.session import StopChanged
-from bridge_core.session import Verdict
+from bridge_core.session import StopChanged, Verdict
 from rugged_teleop.decode.pieces import Piece
 from rugged_teleop.decode.recorded import pieces_of
 from rugged_teleop.recordings import Said
-from rugged_teleop.replay.found import Found
-from rugged_teleop.replay.found import Outcome
-from rugged_teleop.replay.track import Difference
-from rugged_teleop.replay.track import differences
-from rugged_teleop.replay.track import Track
+from rugged_teleop.replay.found import Found, Outcome
+from rugged_teleop.replay.track import Difference, differences, Track
 from rugged_teleop.why.story import utc
 
 _BRIDGES = (

@@ -17,11 +17,9 @@
 from __future__ import annotations
 
 from bisect import bisect_right
-from collections.abc import Callable
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 import math
-from typing import Any
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 # Whether a value fits those that the other course had about the same time.
 Fits = Callable[[Any, Sequence[Any]], bool]

@@ -30,8 +30,7 @@ from pathlib import Path
 import sys
 
 from rugged_teleop.command_line import Parser
-from rugged_teleop.loaded import Loaded
-from rugged_teleop.loaded import look_at
+from rugged_teleop.loaded import Loaded, look_at
 
 _EXAMPLES = """\
 examples:

@@ -16,21 +16,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from collections.abc import Iterator
-from collections.abc import Mapping
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 import time
 from typing import Any
 
 from rugged_teleop.recordings import Said
-from rugged_teleop.why.events import Event
-from rugged_teleop.why.events import Events
-from rugged_teleop.why.events import fields_of
-from rugged_teleop.why.events import reason_of
-from rugged_teleop.why.events import Roles
-from rugged_teleop.why.events import STANDSTILL
+from rugged_teleop.why.events import Event, Events, fields_of, reason_of, Roles, STANDSTILL
 from rugged_teleop.why.wire import wire_events
 
 _BEFORE, _AFTER = 3.0, 10.0  # s of a story

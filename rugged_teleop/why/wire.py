@@ -16,8 +16,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 
 import esi_drive_bridge.protocol as esi
 from rugged_teleop.decode.protocols import recording_entries

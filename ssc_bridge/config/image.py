@@ -38,21 +38,22 @@ behind the last output (24 less the inputs) hold leftovers.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 import re
 import struct
 
 from bridge_core.checksums import fletcher16
-from ssc_bridge.protocol import AUX_CHANNELS
-from ssc_bridge.protocol import function_of
-from ssc_bridge.protocol import MAX_INPUTS
-from ssc_bridge.protocol import MAX_PULSE_US
-from ssc_bridge.protocol import PULSE_CHANNELS
-from ssc_bridge.protocol import REPEATED
-from ssc_bridge.protocol import Selection
-from ssc_bridge.protocol import Source
+from ssc_bridge.protocol import (
+    AUX_CHANNELS,
+    function_of,
+    MAX_INPUTS,
+    MAX_PULSE_US,
+    PULSE_CHANNELS,
+    REPEATED,
+    Selection,
+    Source,
+)
 
 LINE_SIZE = 36  # bytes
 KNOWN_SIZE = 220  # bytes of the image that the manual prints

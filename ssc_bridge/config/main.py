@@ -31,21 +31,15 @@ from pathlib import Path
 import select
 import signal
 import sys
-from typing import NoReturn
-from typing import TextIO
+from typing import NoReturn, TextIO
 
 from bridge_core import clock
 from bridge_core.output import escape_what_is_no_text
 from bridge_core.transports import TransportError
 from bridge_core.transports.serial import SerialTransport
-from ssc_bridge.config.image import compare
-from ssc_bridge.config.image import Field
-from ssc_bridge.config.image import Image
-from ssc_bridge.config.image import ImageError
-from ssc_bridge.config.menus import Dialogue
-from ssc_bridge.config.menus import MenuError
-from ssc_bridge.config.scripts import Maintenance
-from ssc_bridge.config.scripts import Standing
+from ssc_bridge.config.image import compare, Field, Image, ImageError
+from ssc_bridge.config.menus import Dialogue, MenuError
+from ssc_bridge.config.scripts import Maintenance, Standing
 from ssc_bridge.protocol import BAUD
 
 _WAIT = 0.1  # seconds at most until a signal is noticed

@@ -23,8 +23,7 @@ cursor movements, and what was found counts only once the unit has fallen silent
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from collections.abc import Generator
+from collections.abc import Callable, Generator
 from dataclasses import dataclass
 from enum import Enum
 import math

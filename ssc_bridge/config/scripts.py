@@ -26,22 +26,22 @@ from __future__ import annotations
 
 from enum import Enum
 
-from ssc_bridge.config.image import Image
-from ssc_bridge.config.image import ImageError
-from ssc_bridge.config.image import KNOWN_SIZE
-from ssc_bridge.config.menus import has_image
-from ssc_bridge.config.menus import has_words
-from ssc_bridge.config.menus import image_in
-from ssc_bridge.config.menus import MenuError
-from ssc_bridge.config.menus import never
-from ssc_bridge.config.menus import readable
-from ssc_bridge.config.menus import Screen
-from ssc_bridge.config.menus import screen_of
-from ssc_bridge.config.menus import Script
-from ssc_bridge.config.menus import shows_menu
-from ssc_bridge.config.menus import Step
-from ssc_bridge.config.menus import talks
-from ssc_bridge.config.menus import waits_for_image
+from ssc_bridge.config.image import Image, ImageError, KNOWN_SIZE
+from ssc_bridge.config.menus import (
+    has_image,
+    has_words,
+    image_in,
+    MenuError,
+    never,
+    readable,
+    Screen,
+    screen_of,
+    Script,
+    shows_menu,
+    Step,
+    talks,
+    waits_for_image,
+)
 
 ENTRY = b'ssconfig'  # 3: within 5 s of power-on
 ENTRY_PERIOD = 1.0  # seconds, between two tries

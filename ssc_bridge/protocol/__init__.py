@@ -48,45 +48,44 @@ ID   bytes    direction  payload
 
 from bridge_core.framing import FrameError
 from bridge_core.packets import OVERHEAD
-from ssc_bridge.protocol.frames import BAUD
-from ssc_bridge.protocol.frames import BITS_PER_BYTE
-from ssc_bridge.protocol.frames import MessageType
-from ssc_bridge.protocol.frames import PACKETS
-from ssc_bridge.protocol.frames import POLLED
-from ssc_bridge.protocol.frames import REPEATED
-from ssc_bridge.protocol.messages import AuxInputs
-from ssc_bridge.protocol.messages import AuxOutputs
-from ssc_bridge.protocol.messages import ChannelSource
-from ssc_bridge.protocol.messages import Configuration
-from ssc_bridge.protocol.messages import decode
-from ssc_bridge.protocol.messages import Lockout
-from ssc_bridge.protocol.messages import Message
-from ssc_bridge.protocol.messages import parser
-from ssc_bridge.protocol.messages import Poll
-from ssc_bridge.protocol.messages import PulseCommand
-from ssc_bridge.protocol.messages import PulseInputs
-from ssc_bridge.protocol.messages import PulseOutputs
-from ssc_bridge.protocol.messages import Status
-from ssc_bridge.protocol.values import AUX_CHANNELS
-from ssc_bridge.protocol.values import AuxFunction
-from ssc_bridge.protocol.values import CommandState
-from ssc_bridge.protocol.values import DigitalInput
-from ssc_bridge.protocol.values import DigitalOutput
-from ssc_bridge.protocol.values import function_of
-from ssc_bridge.protocol.values import INVALID_PULSE
-from ssc_bridge.protocol.values import MAX_INPUTS
-from ssc_bridge.protocol.values import MAX_PULSE_COUNTS
-from ssc_bridge.protocol.values import MAX_PULSE_US
-from ssc_bridge.protocol.values import Measurement
-from ssc_bridge.protocol.values import MEASURING
-from ssc_bridge.protocol.values import PULSE_CHANNELS
-from ssc_bridge.protocol.values import PulseAccumulator
-from ssc_bridge.protocol.values import PulseOutput
-from ssc_bridge.protocol.values import Selection
-from ssc_bridge.protocol.values import Source
-from ssc_bridge.protocol.values import TIME_BASES_US
-from ssc_bridge.protocol.values import TimerInput
-from ssc_bridge.protocol.values import UnknownFunction
+from ssc_bridge.protocol.frames import BAUD, BITS_PER_BYTE, MessageType, PACKETS, POLLED, REPEATED
+from ssc_bridge.protocol.messages import (
+    AuxInputs,
+    AuxOutputs,
+    ChannelSource,
+    Configuration,
+    decode,
+    Lockout,
+    Message,
+    parser,
+    Poll,
+    PulseCommand,
+    PulseInputs,
+    PulseOutputs,
+    Status,
+)
+from ssc_bridge.protocol.values import (
+    AUX_CHANNELS,
+    AuxFunction,
+    CommandState,
+    DigitalInput,
+    DigitalOutput,
+    function_of,
+    INVALID_PULSE,
+    MAX_INPUTS,
+    MAX_PULSE_COUNTS,
+    MAX_PULSE_US,
+    Measurement,
+    MEASURING,
+    PULSE_CHANNELS,
+    PulseAccumulator,
+    PulseOutput,
+    Selection,
+    Source,
+    TIME_BASES_US,
+    TimerInput,
+    UnknownFunction,
+)
 
 __all__ = [
     'AUX_CHANNELS',

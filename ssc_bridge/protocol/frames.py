@@ -19,9 +19,7 @@ from __future__ import annotations
 from enum import IntEnum
 
 from bridge_core.packets import PacketFormat
-from ssc_bridge.protocol.values import AUX_CHANNELS
-from ssc_bridge.protocol.values import MAX_INPUTS
-from ssc_bridge.protocol.values import PULSE_CHANNELS
+from ssc_bridge.protocol.values import AUX_CHANNELS, MAX_INPUTS, PULSE_CHANNELS
 
 BAUD = 115200  # fixed (3.4), 8N1
 BITS_PER_BYTE = 10

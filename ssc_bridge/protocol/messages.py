@@ -16,34 +16,31 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import partial
 import math
 import struct
-from typing import ClassVar
-from typing import TypeVar
+from typing import ClassVar, TypeVar
 
-from bridge_core.framing import StreamParser
-from bridge_core.framing import Unknown
+from bridge_core.framing import StreamParser, Unknown
 from bridge_core.packets import Message as PacketMessage
-from ssc_bridge.protocol.frames import MessageType
-from ssc_bridge.protocol.frames import PACKETS
-from ssc_bridge.protocol.frames import POLLED
-from ssc_bridge.protocol.values import AUX_CHANNELS
-from ssc_bridge.protocol.values import AuxFunction
-from ssc_bridge.protocol.values import check_range
-from ssc_bridge.protocol.values import CommandState
-from ssc_bridge.protocol.values import function_of
-from ssc_bridge.protocol.values import MAX_INPUTS
-from ssc_bridge.protocol.values import MAX_PULSE_COUNTS
-from ssc_bridge.protocol.values import MAX_PULSE_US
-from ssc_bridge.protocol.values import Measurement
-from ssc_bridge.protocol.values import PULSE_CHANNELS
-from ssc_bridge.protocol.values import pulse_of
-from ssc_bridge.protocol.values import pulse_word
-from ssc_bridge.protocol.values import Selection
+from ssc_bridge.protocol.frames import MessageType, PACKETS, POLLED
+from ssc_bridge.protocol.values import (
+    AUX_CHANNELS,
+    AuxFunction,
+    check_range,
+    CommandState,
+    function_of,
+    MAX_INPUTS,
+    MAX_PULSE_COUNTS,
+    MAX_PULSE_US,
+    Measurement,
+    PULSE_CHANNELS,
+    pulse_of,
+    pulse_word,
+    Selection,
+)
 
 _STATUS = struct.Struct('>H')  # 15-3 reserved, 2-1 command channel state, 0 config available
 _CONFIGURATION = struct.Struct(f'>BB{AUX_CHANNELS}H')  # config ID, inputs, auxiliary channels

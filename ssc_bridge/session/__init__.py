@@ -26,20 +26,20 @@ failsafe, and what was asked before is forgotten.
 """
 
 from ssc_bridge.session.auxiliary import counts_of
-from ssc_bridge.session.events import AuxReading
-from ssc_bridge.session.events import CommandStateChanged
-from ssc_bridge.session.events import ConfigurationRead
-from ssc_bridge.session.events import Event
-from ssc_bridge.session.events import FailsafeBegun
-from ssc_bridge.session.events import OutputsSent
-from ssc_bridge.session.events import PulsesIn
-from ssc_bridge.session.events import PulsesOut
-from ssc_bridge.session.events import SourcesChanged
-from ssc_bridge.session.events import Sticks
-from ssc_bridge.session.outputs import OutputState
-from ssc_bridge.session.outputs import RELEASE_FRAMES
-from ssc_bridge.session.session import LOCKOUT
-from ssc_bridge.session.session import Session
+from ssc_bridge.session.events import (
+    AuxReading,
+    CommandStateChanged,
+    ConfigurationRead,
+    Event,
+    FailsafeBegun,
+    OutputsSent,
+    PulsesIn,
+    PulsesOut,
+    SourcesChanged,
+    Sticks,
+)
+from ssc_bridge.session.outputs import OutputState, RELEASE_FRAMES
+from ssc_bridge.session.session import LOCKOUT, Session
 from ssc_bridge.session.settings import Settings
 from ssc_bridge.session.sticks import neutral
 

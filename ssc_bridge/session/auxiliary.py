@@ -16,25 +16,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
-from collections.abc import Mapping
-from collections.abc import Sequence
+from collections.abc import Collection, Mapping, Sequence
 import math
 from typing import TypeVar
 
-from bridge_core.session import Pacer
-from bridge_core.session import RETRY
-from ssc_bridge.channels import AuxChannel
-from ssc_bridge.channels import AuxRequest
-from ssc_bridge.protocol import AUX_CHANNELS
-from ssc_bridge.protocol import AuxFunction
-from ssc_bridge.protocol import AuxInputs
-from ssc_bridge.protocol import AuxOutputs
-from ssc_bridge.protocol import DigitalOutput
-from ssc_bridge.protocol import MAX_PULSE_COUNTS
-from ssc_bridge.protocol import Measurement
-from ssc_bridge.protocol import PulseAccumulator
-from ssc_bridge.protocol import PulseOutput
+from bridge_core.session import Pacer, RETRY
+from ssc_bridge.channels import AuxChannel, AuxRequest
+from ssc_bridge.protocol import (
+    AUX_CHANNELS,
+    AuxFunction,
+    AuxInputs,
+    AuxOutputs,
+    DigitalOutput,
+    MAX_PULSE_COUNTS,
+    Measurement,
+    PulseAccumulator,
+    PulseOutput,
+)
 from ssc_bridge.session.outputs import RELEASE_TIME
 
 _UNDO_PERIOD = 0.05  # s

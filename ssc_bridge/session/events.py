@@ -19,8 +19,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from ssc_bridge.channels import AuxChannel
-from ssc_bridge.protocol import CommandState
-from ssc_bridge.protocol import Configuration
+from ssc_bridge.protocol import CommandState, Configuration
 from ssc_bridge.session.outputs import OutputState
 
 

@@ -23,18 +23,14 @@ forgets a command.
 
 from __future__ import annotations
 
-from collections.abc import Collection
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 import math
 from typing import Any
 
-from bridge_core.session import Pacer
-from bridge_core.session import RETRY
+from bridge_core.session import Pacer, RETRY
 from bridge_core.watchdog import Watchdog
-from ssc_bridge.channels import Failsafe
-from ssc_bridge.channels import Servo
-from ssc_bridge.protocol import PULSE_CHANNELS
-from ssc_bridge.protocol import PulseCommand
+from ssc_bridge.channels import Failsafe, Servo
+from ssc_bridge.protocol import PULSE_CHANNELS, PulseCommand
 from ssc_bridge.session.settings import Settings
 
 # Of an output: what goes out, where its servo was last, and whether it was commanded; see Channel.

@@ -16,12 +16,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 import math
 
-from ssc_bridge.protocol import MessageType
-from ssc_bridge.protocol import Poll
+from ssc_bridge.protocol import MessageType, Poll
 
 # What comes by itself may be late by this part of its period before it is asked for.
 _LATE = 1.5

@@ -16,16 +16,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from bridge_core.session import Level
-from ssc_bridge.protocol import CommandState
-from ssc_bridge.protocol import Configuration
-from ssc_bridge.protocol import Selection
-from ssc_bridge.protocol import Source
-from ssc_bridge.protocol import Status
+from ssc_bridge.protocol import CommandState, Configuration, Selection, Source, Status
 from ssc_bridge.session.settings import Settings
 
 UNKNOWN = 'unknown'

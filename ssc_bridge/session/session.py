@@ -16,70 +16,67 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
-from collections.abc import Iterator
-from collections.abc import Mapping
-from collections.abc import Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
 import math
 from typing import Any
 
-from bridge_core.session import Answer
-from bridge_core.session import HeldButtons
-from bridge_core.session import Level
-from bridge_core.session import Pacer
-from bridge_core.session import Session as BaseSession
-from bridge_core.session import StickStream
-from bridge_core.session import Verdict
+from bridge_core.session import (
+    Answer,
+    HeldButtons,
+    Level,
+    Pacer,
+    Session as BaseSession,
+    StickStream,
+    Verdict,
+)
 from bridge_core.watchdog import Watchdog
 from ssc_bridge.channels import AuxRequest
-from ssc_bridge.protocol import AuxFunction
-from ssc_bridge.protocol import AuxInputs
-from ssc_bridge.protocol import CommandState
-from ssc_bridge.protocol import Configuration
-from ssc_bridge.protocol import Lockout
-from ssc_bridge.protocol import Message
-from ssc_bridge.protocol import MessageType
-from ssc_bridge.protocol import parser
-from ssc_bridge.protocol import Poll
-from ssc_bridge.protocol import PulseCommand
-from ssc_bridge.protocol import PulseInputs
-from ssc_bridge.protocol import PulseOutputs
-from ssc_bridge.protocol import REPEATED
-from ssc_bridge.protocol import Selection
-from ssc_bridge.protocol import Source
-from ssc_bridge.protocol import Status
-from ssc_bridge.session.auxiliary import AuxInputTotals
-from ssc_bridge.session.auxiliary import AuxOutputCommands
-from ssc_bridge.session.events import AuxReading
-from ssc_bridge.session.events import CommandStateChanged
-from ssc_bridge.session.events import ConfigurationRead
-from ssc_bridge.session.events import Event
-from ssc_bridge.session.events import FailsafeBegun
-from ssc_bridge.session.events import OutputsSent
-from ssc_bridge.session.events import PulsesIn
-from ssc_bridge.session.events import PulsesOut
-from ssc_bridge.session.events import SourcesChanged
-from ssc_bridge.session.outputs import Outputs
-from ssc_bridge.session.outputs import OutputState
-from ssc_bridge.session.outputs import RELEASE_FRAMES
+from ssc_bridge.protocol import (
+    AuxFunction,
+    AuxInputs,
+    CommandState,
+    Configuration,
+    Lockout,
+    Message,
+    MessageType,
+    parser,
+    Poll,
+    PulseCommand,
+    PulseInputs,
+    PulseOutputs,
+    REPEATED,
+    Selection,
+    Source,
+    Status,
+)
+from ssc_bridge.session.auxiliary import AuxInputTotals, AuxOutputCommands
+from ssc_bridge.session.events import (
+    AuxReading,
+    CommandStateChanged,
+    ConfigurationRead,
+    Event,
+    FailsafeBegun,
+    OutputsSent,
+    PulsesIn,
+    PulsesOut,
+    SourcesChanged,
+)
+from ssc_bridge.session.outputs import Outputs, OutputState, RELEASE_FRAMES
 from ssc_bridge.session.polling import Poller
-from ssc_bridge.session.report import control_problems
-from ssc_bridge.session.report import ECHO
-from ssc_bridge.session.report import no_command
-from ssc_bridge.session.report import NO_INPUTS
-from ssc_bridge.session.report import setup_values
-from ssc_bridge.session.report import setup_warnings
-from ssc_bridge.session.report import state_text
-from ssc_bridge.session.report import without_effect
+from ssc_bridge.session.report import (
+    control_problems,
+    ECHO,
+    no_command,
+    NO_INPUTS,
+    setup_values,
+    setup_warnings,
+    state_text,
+    without_effect,
+)
 from ssc_bridge.session.settings import Settings
-from ssc_bridge.session.sticks import buttons_of
-from ssc_bridge.session.sticks import neutral
-from ssc_bridge.session.sticks import sticks_of
-from ssc_bridge.session.stops import Checked
-from ssc_bridge.session.stops import command_stop
-from ssc_bridge.session.stops import contradiction
-from ssc_bridge.session.stops import doubts
+from ssc_bridge.session.sticks import buttons_of, neutral, sticks_of
+from ssc_bridge.session.stops import Checked, command_stop, contradiction, doubts
 
 LOCKOUT = 'lockout'  # the request's name in its Answer
 

@@ -16,28 +16,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from collections.abc import Mapping
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 from bridge_core.parameters import names_of
-from bridge_core.settings import CheckedSettings
-from bridge_core.settings import table_of
-from ssc_bridge.channels import axes_of
-from ssc_bridge.channels import AxisInput
-from ssc_bridge.channels import ButtonInput
-from ssc_bridge.channels import buttons_of
-from ssc_bridge.channels import Failsafe
-from ssc_bridge.channels import Servo
-from ssc_bridge.channels import servos_of
+from bridge_core.settings import CheckedSettings, table_of
+from ssc_bridge.channels import (
+    axes_of,
+    AxisInput,
+    ButtonInput,
+    buttons_of,
+    Failsafe,
+    Servo,
+    servos_of,
+)
 from ssc_bridge.parameters import GENERAL
-from ssc_bridge.protocol import BITS_PER_BYTE
-from ssc_bridge.protocol import CommandState
-from ssc_bridge.protocol import Configuration
-from ssc_bridge.protocol import MEASURING
-from ssc_bridge.protocol import OVERHEAD
+from ssc_bridge.protocol import BITS_PER_BYTE, CommandState, Configuration, MEASURING, OVERHEAD
 
 _TABLE = table_of(GENERAL)
 _STATES = {state.text: state for state in CommandState}

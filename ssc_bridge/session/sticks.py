@@ -18,8 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from ssc_bridge.channels import AxisInput
-from ssc_bridge.channels import ButtonInput
+from ssc_bridge.channels import AxisInput, ButtonInput
 from ssc_bridge.session.events import Sticks
 from ssc_bridge.session.settings import Settings
 

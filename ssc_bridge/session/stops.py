@@ -18,14 +18,16 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from ssc_bridge.protocol import AuxInputs
-from ssc_bridge.protocol import ChannelSource
-from ssc_bridge.protocol import CommandState
-from ssc_bridge.protocol import Configuration
-from ssc_bridge.protocol import MEASURING
-from ssc_bridge.protocol import MessageType
-from ssc_bridge.protocol import PulseInputs
-from ssc_bridge.protocol import PulseOutputs
+from ssc_bridge.protocol import (
+    AuxInputs,
+    ChannelSource,
+    CommandState,
+    Configuration,
+    MEASURING,
+    MessageType,
+    PulseInputs,
+    PulseOutputs,
+)
 
 Checked = ChannelSource | PulseOutputs | PulseInputs | AuxInputs  # against the configuration
 

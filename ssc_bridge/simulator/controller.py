@@ -28,21 +28,11 @@ import math
 import struct
 from typing import Any
 
-from bridge_core.framing import ChecksumError
-from bridge_core.framing import FrameFormat
-from bridge_core.framing import StreamParser
-from bridge_core.simulation import obey
-from bridge_core.simulation import one_of
-from bridge_core.simulation import switch
-from bridge_core.simulation import within
+from bridge_core.framing import ChecksumError, FrameFormat, StreamParser
+from bridge_core.simulation import obey, one_of, switch, within
 from ssc_bridge.simulator.auxiliary import Auxiliary
-from ssc_bridge.simulator.memory import build_frame
-from ssc_bridge.simulator.memory import Memory
-from ssc_bridge.simulator.memory import Settings
-from ssc_bridge.simulator.memory import sums
-from ssc_bridge.simulator.menus import Menu
-from ssc_bridge.simulator.menus import Menus
-from ssc_bridge.simulator.menus import Terminal
+from ssc_bridge.simulator.memory import build_frame, Memory, Settings, sums
+from ssc_bridge.simulator.menus import Menu, Menus, Terminal
 
 BOOT_TIME = 0.3
 CONFIG_TIME = 5.0  # seconds from power-on during which the menus can be entered (3)

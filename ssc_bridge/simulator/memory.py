@@ -22,8 +22,7 @@ byte is, this device has chosen by itself: 3 the primary port, 4 and 5 the locko
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from dataclasses import field
+from dataclasses import dataclass, field
 from functools import lru_cache
 import struct
 

@@ -22,16 +22,12 @@ whether the unit waits for a key after it has printed something.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from collections.abc import Generator
-from collections.abc import Sequence
+from collections.abc import Callable, Generator, Sequence
 import contextlib
 from dataclasses import dataclass
 from typing import TypeVar
 
-from ssc_bridge.simulator.memory import Memory
-from ssc_bridge.simulator.memory import RATES_HZ
-from ssc_bridge.simulator.memory import Settings
+from ssc_bridge.simulator.memory import Memory, RATES_HZ, Settings
 
 T = TypeVar('T')
 

@@ -27,8 +27,7 @@ Exit status: 0 nothing was found; 1 an input shows a fault, and is printed.
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import redirect_stderr
 from functools import partial
 import gzip
@@ -41,16 +40,17 @@ import sys
 import time
 from typing import Any
 
-from test.fuzz import guided
-from test.fuzz import TARGETS
-from test.fuzz.campaign import CORPUS
-from test.fuzz.campaign import corpus
-from test.fuzz.campaign import corpus_of
-from test.fuzz.campaign import Finding
-from test.fuzz.campaign import Fuzzer
-from test.fuzz.campaign import Outcome
-from test.fuzz.campaign import smallest
-from test.fuzz.campaign import watch_for_hangs
+from test.fuzz import guided, TARGETS
+from test.fuzz.campaign import (
+    CORPUS,
+    corpus,
+    corpus_of,
+    Finding,
+    Fuzzer,
+    Outcome,
+    smallest,
+    watch_for_hangs,
+)
 from test.proof import digest_of_sources
 from test.rig import ROOT
 

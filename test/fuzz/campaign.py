@@ -22,15 +22,10 @@ memory in what is reachable, so both are the same on a busy machine.
 
 from __future__ import annotations
 
-from abc import ABC
-from abc import abstractmethod
+from abc import ABC, abstractmethod
 from bisect import insort
-from collections.abc import Collection
-from collections.abc import Hashable
-from collections.abc import Iterable
-from collections.abc import Iterator
-from dataclasses import dataclass
-from dataclasses import field
+from collections.abc import Collection, Hashable, Iterable, Iterator
+from dataclasses import dataclass, field
 from enum import Enum
 import gzip
 import json
@@ -39,16 +34,10 @@ from pathlib import Path
 import random
 import signal
 import sys
-from types import CodeType
-from types import FrameType
-from types import FunctionType
-from types import ModuleType
+from types import CodeType, FrameType, FunctionType, ModuleType
 from typing import Any
 
-from test.fuzz.mutate import Input
-from test.fuzz.mutate import joined
-from test.fuzz.mutate import Kit
-from test.fuzz.mutate import Mutator
+from test.fuzz.mutate import Input, joined, Kit, Mutator
 from test.rig import ROOT
 
 _PACKAGES = (

@@ -16,24 +16,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from collections.abc import Hashable
+from collections.abc import Callable, Hashable
 from typing import Any
 
 from akron_can_bridge.session.decoder import FrameDecoder
 from bridge_core.framing import Decoder
-from fort_vsc_bridge.protocol import CanWire
-from fort_vsc_bridge.protocol import HidWire
-from fort_vsc_bridge.protocol import Rejected
-from test.fuzz import devices
-from test.fuzz import sound
+from fort_vsc_bridge.protocol import CanWire, HidWire, Rejected
+from test.fuzz import devices, sound
 from test.fuzz.campaign import Target
-from test.fuzz.mutate import Input
-from test.fuzz.mutate import Kit
+from test.fuzz.mutate import Input, Kit
 from test.fuzz.sessions import Device
-from vm110_bridge.protocol import Crc
-from vm110_bridge.protocol import Packet
-from vm110_bridge.protocol import PacketDecoder
+from vm110_bridge.protocol import Crc, Packet, PacketDecoder
 
 Rule = Callable[[bytes], bool]
 _PAUSES = (0.0, 0.01, 0.02, 0.1, 0.3)  # s

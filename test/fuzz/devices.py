@@ -21,30 +21,22 @@ import math
 from typing import Any
 
 from akron_can_bridge.node import AkronCanBridge
-from akron_can_bridge.session import Session as AkronSession
-from akron_can_bridge.session import Settings as AkronSettings
+from akron_can_bridge.session import Session as AkronSession, Settings as AkronSettings
 from bridge_core.j1939 import CanFrame
 from esi_drive_bridge.node import EsiDriveBridge
 from esi_drive_bridge.session import Session as EsiSession
-from fort_vsc_bridge.protocol import CanWire
-from fort_vsc_bridge.protocol import HidWire
-from fort_vsc_bridge.session import Session as FortSession
-from fort_vsc_bridge.session import Settings as FortSettings
+from fort_vsc_bridge.protocol import CanWire, HidWire
+from fort_vsc_bridge.session import Session as FortSession, Settings as FortSettings
 from ssc_bridge.node import SscBridge
-from ssc_bridge.session import Session as SscSession
-from ssc_bridge.session import Settings as SscSettings
+from ssc_bridge.session import Session as SscSession, Settings as SscSettings
 from test import akron_session_rig as akron
-from test.captures import CAN
-from test.captures import STREAMS
+from test.captures import CAN, STREAMS
 from test.esi_drive_rig import make_settings
 from test.fuzz import sound
 from test.fuzz.mutate import whole
-from test.fuzz.sessions import Device
-from test.fuzz.sessions import LATE
-from test.fuzz.sessions import SessionTarget
+from test.fuzz.sessions import Device, LATE, SessionTarget
 from test.session_rig import SessionBench
-from vm110_bridge.session import Session as Vm110Session
-from vm110_bridge.session import Settings as Vm110Settings
+from vm110_bridge.session import Session as Vm110Session, Settings as Vm110Settings
 
 _CONNECTED = (0x06, 0x09, 0x0A, 0x0B)  # modes of the VSC: remote, operational, menu, pause
 

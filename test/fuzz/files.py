@@ -16,11 +16,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from collections.abc import Hashable
-from collections.abc import Iterable
-from collections.abc import Iterator
-from collections.abc import Sequence
+from collections.abc import Callable, Hashable, Iterable, Iterator, Sequence
 from contextlib import suppress
 import io
 import json
@@ -28,59 +24,45 @@ import logging
 from pathlib import Path
 import struct
 import tempfile
-from typing import Any
-from typing import cast
+from typing import Any, cast
 import zlib
 
 import can
-from diagnostic_msgs.msg import DiagnosticStatus
-from diagnostic_msgs.msg import KeyValue
+from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 from sensor_msgs.msg import JointState
-from std_msgs.msg import Bool
-from std_msgs.msg import String
+from std_msgs.msg import Bool, String
 
 from bridge_core import parameter_files
 from bridge_core.parameters import ParameterError
 from bridge_core.raw import raw_message
 from bridge_core.transports.tap import Chunk
 from rugged_teleop import recordings
-from rugged_teleop.decode.captures import Capture
-from rugged_teleop.decode.captures import format_of
-from rugged_teleop.decode.captures import raw
+from rugged_teleop.decode.captures import Capture, format_of, raw
 from rugged_teleop.decode.logs import read_log
-from rugged_teleop.decode.pcap import pcap
-from rugged_teleop.decode.pcap import pcapng
-from rugged_teleop.decode.protocols import entries_of
-from rugged_teleop.decode.protocols import Entry
+from rugged_teleop.decode.pcap import pcap, pcapng
+from rugged_teleop.decode.protocols import entries_of, Entry
 from rugged_teleop.decode.recorded import mcap
 from rugged_teleop.decode.statistics import Statistics
-from rugged_teleop.decode.texts import candump
-from rugged_teleop.decode.texts import hex_listing
+from rugged_teleop.decode.texts import candump, hex_listing
 from rugged_teleop.decode.writers import WRITERS
 from rugged_teleop.why.story import story
-from ssc_bridge.config.image import Image
-from ssc_bridge.config.image import ImageError
-from ssc_bridge.config.menus import image_in
-from ssc_bridge.config.menus import readable
-from ssc_bridge.config.menus import screen_of
-from test.captures import block
-from test.captures import CAN
-from test.captures import ethernet
-from test.captures import pcap_file
-from test.captures import pcap_record
-from test.captures import pcapng_packet
-from test.captures import STREAMS
-from test.captures import udp
-from test.captures import vectors
+from ssc_bridge.config.image import Image, ImageError
+from ssc_bridge.config.menus import image_in, readable, screen_of
+from test.captures import (
+    block,
+    CAN,
+    ethernet,
+    pcap_file,
+    pcap_record,
+    pcapng_packet,
+    STREAMS,
+    udp,
+    vectors,
+)
 from test.fuzz import sound
 from test.fuzz.campaign import Target
 from test.fuzz.devices import CLEAR
-from test.fuzz.mutate import Input
-from test.fuzz.mutate import joined
-from test.fuzz.mutate import Kit
-from test.fuzz.mutate import Repair
-from test.fuzz.mutate import unrepaired
-from test.fuzz.mutate import whole
+from test.fuzz.mutate import Input, joined, Kit, Repair, unrepaired, whole
 from test.recordings_rig import recording
 
 _LENGTHS = (b'\xff\xff\xff\xff', b'\xff\xff\xff\x7f', bytes(4), b'\x80', b'\x01\0\0\0')

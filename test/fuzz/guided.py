@@ -32,11 +32,8 @@ import tempfile
 from types import FunctionType
 from typing import Any
 
-from test.fuzz.campaign import Finding
-from test.fuzz.campaign import is_ours
-from test.fuzz.campaign import Target
-from test.fuzz.mutate import Input
-from test.fuzz.mutate import Mutator
+from test.fuzz.campaign import Finding, is_ours, Target
+from test.fuzz.mutate import Input, Mutator
 
 try:
     import atheris

@@ -22,9 +22,7 @@ callback asks of its node, and the session or the arbiter behind it is the real 
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from collections.abc import Hashable
-from collections.abc import Sequence
+from collections.abc import Callable, Hashable, Sequence
 import copy
 from functools import partial
 import math
@@ -32,58 +30,47 @@ import struct
 from types import SimpleNamespace
 from typing import Any
 
-from diagnostic_msgs.msg import DiagnosticStatus
-from diagnostic_msgs.msg import KeyValue
-from geometry_msgs.msg import Twist
-from geometry_msgs.msg import TwistStamped
-from sensor_msgs.msg import JointState
-from sensor_msgs.msg import Joy
-from sensor_msgs.msg import JoyFeedback
-from std_msgs.msg import Bool
-from std_msgs.msg import Float64
-from std_msgs.msg import MultiArrayDimension
-from std_msgs.msg import String
-from std_msgs.msg import UInt8
-from std_msgs.msg import UInt8MultiArray
-from std_msgs.msg import UInt16
-from std_msgs.msg import UInt16MultiArray
+from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
+from geometry_msgs.msg import Twist, TwistStamped
+from sensor_msgs.msg import JointState, Joy, JoyFeedback
+from std_msgs.msg import (
+    Bool,
+    Float64,
+    MultiArrayDimension,
+    String,
+    UInt8,
+    UInt8MultiArray,
+    UInt16,
+    UInt16MultiArray,
+)
 
 from akron_can_bridge.node import AkronCanBridge
-from akron_can_bridge.session import Session as AkronSession
-from akron_can_bridge.session import Settings as AkronSettings
+from akron_can_bridge.session import Session as AkronSession, Settings as AkronSettings
 from esi_drive_bridge.node import EsiDriveBridge
 from esi_drive_bridge.session import Session as EsiSession
 from fort_vsc_bridge.node import FortVscBridge
-from fort_vsc_bridge.session import Session as FortSession
-from fort_vsc_bridge.session import Settings as FortSettings
+from fort_vsc_bridge.session import Session as FortSession, Settings as FortSettings
 from safety_mux.intake import Intake
-from safety_mux.mapping import forward_and_turn
-from safety_mux.mapping import JoyMapping
-from safety_mux.mapping import NamedJoints
-from safety_mux.mapping import Stick
-from safety_mux.protocol import Autonomy
-from safety_mux.protocol import EStopSource
-from safety_mux.protocol import Feedback
-from safety_mux.protocol import MuxConfig
-from safety_mux.protocol import Operator
-from safety_mux.protocol import SpeedLimit
-from safety_mux.protocol import State
+from safety_mux.mapping import forward_and_turn, JoyMapping, NamedJoints, Stick
+from safety_mux.protocol import (
+    Autonomy,
+    EStopSource,
+    Feedback,
+    MuxConfig,
+    Operator,
+    SpeedLimit,
+    State,
+)
 from safety_mux.stamps import StampWatch
 from ssc_bridge.node import SscBridge
-from ssc_bridge.session import Session as SscSession
-from ssc_bridge.session import Settings as SscSettings
+from ssc_bridge.session import Session as SscSession, Settings as SscSettings
 from test.esi_drive_rig import make_settings
 from test.fuzz.campaign import Target
-from test.fuzz.mutate import Input
-from test.fuzz.mutate import Kit
-from test.fuzz.mutate import whole
-from test.safety_mux_bench import Bench
-from test.safety_mux_bench import DRIVE
-from test.ssc_rig import PAN
-from test.ssc_rig import TILT
+from test.fuzz.mutate import Input, Kit, whole
+from test.safety_mux_bench import Bench, DRIVE
+from test.ssc_rig import PAN, TILT
 from vm110_bridge.node import Vm110Bridge
-from vm110_bridge.session import Session as Vm110Session
-from vm110_bridge.session import Settings as Vm110Settings
+from vm110_bridge.session import Session as Vm110Session, Settings as Vm110Settings
 
 _NUMBERS = (
     *(0.0, -0.0, 1.0, -1.0, 0.5, 1.05, 1.0500001, -1.06, 3.0, 1e9),

@@ -22,8 +22,7 @@ behind the damage, double, cut, splice and join frames, and split reads.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 import random
 

@@ -21,8 +21,7 @@ None of them decides, so nothing that they hear may do more than be shown.
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable
-from collections.abc import Hashable
+from collections.abc import Callable, Hashable
 from concurrent.futures import Future
 import functools
 import json
@@ -30,24 +29,17 @@ import socket
 from types import SimpleNamespace
 from typing import Any
 
-from diagnostic_msgs.msg import DiagnosticArray
-from diagnostic_msgs.msg import DiagnosticStatus
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import Twist
-from sensor_msgs.msg import JointState
-from sensor_msgs.msg import Joy
-from std_msgs.msg import Bool
-from std_msgs.msg import String
+from sensor_msgs.msg import JointState, Joy
+from std_msgs.msg import Bool, String
 
-from rugged_teleop.recorder.reasons import Nodes
-from rugged_teleop.recorder.reasons import Reasons
+from rugged_teleop.recorder.reasons import Nodes, Reasons
 from safety_mux.node import SafetyMux
 from status_page.node import StatusPage
 from test.fuzz.campaign import Target
 from test.fuzz.messages import Filler
-from test.fuzz.mutate import Input
-from test.fuzz.mutate import joined
-from test.fuzz.mutate import Kit
-from test.fuzz.mutate import whole
+from test.fuzz.mutate import Input, joined, Kit, whole
 from test.safety_mux_bench import Bench
 
 _FORT, _MUX = '/fort_vsc_bridge', '/safety_mux'

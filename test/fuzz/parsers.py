@@ -16,9 +16,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from collections.abc import Hashable
-from collections.abc import Sequence
+from collections.abc import Callable, Hashable, Sequence
 import math
 from operator import gt
 from typing import Any
@@ -30,9 +28,7 @@ import ssc_bridge.protocol as ssc
 from test.captures import STREAMS
 from test.fuzz import sound
 from test.fuzz.campaign import Target
-from test.fuzz.mutate import Input
-from test.fuzz.mutate import Kit
-from test.fuzz.mutate import whole
+from test.fuzz.mutate import Input, Kit, whole
 from test.parser_rig import frames_of
 
 _PAUSES = (0.0, 0.0, 0.0, 0.06, 0.3)  # s; a partial frame is given up after 0.05

@@ -21,11 +21,8 @@ all bytes of the time that a message counts for. The same holds for what is sent
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from collections.abc import Hashable
-from collections.abc import Sequence
-from dataclasses import dataclass
-from dataclasses import field
+from collections.abc import Callable, Hashable, Sequence
+from dataclasses import dataclass, field
 from typing import Any
 import zlib
 
@@ -33,11 +30,7 @@ from akron_can_bridge.node import AkronCanBridge
 from esi_drive_bridge.node import EsiDriveBridge
 from ssc_bridge.node import SscBridge
 from test.fuzz.campaign import Target
-from test.fuzz.mutate import Input
-from test.fuzz.mutate import joined
-from test.fuzz.mutate import Kit
-from test.fuzz.mutate import Repair
-from test.fuzz.mutate import unrepaired
+from test.fuzz.mutate import Input, joined, Kit, Repair, unrepaired
 from test.session_rig import SessionBench
 
 _PAUSES = (0.0, 0.0, 0.01, 0.02, 0.049, 0.051, 0.1, 0.24, 0.26, 0.51, 1.1)

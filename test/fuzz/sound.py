@@ -20,8 +20,7 @@ Nothing here imports what it judges. Offsets and lengths are those of the pages 
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from itertools import accumulate
 import random

@@ -48,43 +48,46 @@ VRAI  2      BU       command ID (uint16)
 ====  =====  =======  =======================================================
 """
 
-from bridge_core.framing import FrameError
-from bridge_core.framing import Unknown
-from vm110_bridge.protocol.decoder import Input
-from vm110_bridge.protocol.decoder import Packet
-from vm110_bridge.protocol.decoder import PacketDecoder
-from vm110_bridge.protocol.frames import Crc
-from vm110_bridge.protocol.frames import Frame
-from vm110_bridge.protocol.frames import HEAD_SIZE
-from vm110_bridge.protocol.frames import MAX_FRAME
-from vm110_bridge.protocol.frames import MAX_LENGTH
-from vm110_bridge.protocol.frames import Message
-from vm110_bridge.protocol.frames import MIN_FRAME
-from vm110_bridge.protocol.frames import PacketId
-from vm110_bridge.protocol.frames import REVISION
-from vm110_bridge.protocol.messages import AcknowledgeInput
-from vm110_bridge.protocol.messages import AcknowledgeOutput
-from vm110_bridge.protocol.messages import build_frame
-from vm110_bridge.protocol.messages import burst
-from vm110_bridge.protocol.messages import CommandInput
-from vm110_bridge.protocol.messages import CommandOutput
-from vm110_bridge.protocol.messages import DATA_SIZE
-from vm110_bridge.protocol.messages import decode
-from vm110_bridge.protocol.messages import MAX_BURST_DATA
-from vm110_bridge.protocol.messages import MESSAGES
-from vm110_bridge.protocol.messages import PeriodicInput
-from vm110_bridge.protocol.messages import PeriodicOutput
-from vm110_bridge.protocol.values import AXIS_NAMES
-from vm110_bridge.protocol.values import BuState
-from vm110_bridge.protocol.values import BUTTON_NAMES
-from vm110_bridge.protocol.values import Disabled
-from vm110_bridge.protocol.values import LinkStatus
-from vm110_bridge.protocol.values import MAX_PERCENT
-from vm110_bridge.protocol.values import MAX_POSITION
-from vm110_bridge.protocol.values import RELAYS_CLOSED
-from vm110_bridge.protocol.values import RuState
-from vm110_bridge.protocol.values import state_name
-from vm110_bridge.protocol.values import SWITCH_NAMES
+from bridge_core.framing import FrameError, Unknown
+from vm110_bridge.protocol.decoder import Input, Packet, PacketDecoder
+from vm110_bridge.protocol.frames import (
+    Crc,
+    Frame,
+    HEAD_SIZE,
+    MAX_FRAME,
+    MAX_LENGTH,
+    Message,
+    MIN_FRAME,
+    PacketId,
+    REVISION,
+)
+from vm110_bridge.protocol.messages import (
+    AcknowledgeInput,
+    AcknowledgeOutput,
+    build_frame,
+    burst,
+    CommandInput,
+    CommandOutput,
+    DATA_SIZE,
+    decode,
+    MAX_BURST_DATA,
+    MESSAGES,
+    PeriodicInput,
+    PeriodicOutput,
+)
+from vm110_bridge.protocol.values import (
+    AXIS_NAMES,
+    BuState,
+    BUTTON_NAMES,
+    Disabled,
+    LinkStatus,
+    MAX_PERCENT,
+    MAX_POSITION,
+    RELAYS_CLOSED,
+    RuState,
+    state_name,
+    SWITCH_NAMES,
+)
 
 __all__ = [
     'AXIS_NAMES',

@@ -19,21 +19,17 @@ from __future__ import annotations
 from dataclasses import dataclass
 import math
 
-from bridge_core.framing import ChecksumError
-from bridge_core.framing import Decoder
-from bridge_core.framing import FrameError
-from bridge_core.framing import Unknown
-from vm110_bridge.protocol.frames import Crc
-from vm110_bridge.protocol.frames import Frame
-from vm110_bridge.protocol.frames import LayoutError
-from vm110_bridge.protocol.frames import MAX_FRAME
-from vm110_bridge.protocol.frames import Message
-from vm110_bridge.protocol.frames import MIN_FRAME
-from vm110_bridge.protocol.frames import PacketId
-from vm110_bridge.protocol.messages import AcknowledgeInput
-from vm110_bridge.protocol.messages import CommandInput
-from vm110_bridge.protocol.messages import decode
-from vm110_bridge.protocol.messages import PeriodicInput
+from bridge_core.framing import ChecksumError, Decoder, FrameError, Unknown
+from vm110_bridge.protocol.frames import (
+    Crc,
+    Frame,
+    LayoutError,
+    MAX_FRAME,
+    Message,
+    MIN_FRAME,
+    PacketId,
+)
+from vm110_bridge.protocol.messages import AcknowledgeInput, CommandInput, decode, PeriodicInput
 
 Input = PeriodicInput | CommandInput | AcknowledgeInput  # what a base unit sends
 

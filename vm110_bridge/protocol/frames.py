@@ -19,13 +19,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import Enum
 import struct
-from typing import ClassVar
-from typing import TypeVar
+from typing import ClassVar, TypeVar
 
-from bridge_core.checksums import crc32_iso_hdlc
-from bridge_core.checksums import crc32_mpeg2
-from bridge_core.framing import ChecksumError
-from bridge_core.framing import FrameError
+from bridge_core.checksums import crc32_iso_hdlc, crc32_mpeg2
+from bridge_core.framing import ChecksumError, FrameError
 from vm110_bridge.protocol.values import check_range
 
 REVISION = 0  # of the payload layouts that the manual describes

@@ -21,22 +21,21 @@ import struct
 from typing import TypeVar
 
 from bridge_core.framing import Unknown
-from vm110_bridge.protocol.frames import Crc
-from vm110_bridge.protocol.frames import Frame
-from vm110_bridge.protocol.frames import Message
-from vm110_bridge.protocol.frames import PacketId
-from vm110_bridge.protocol.values import AXIS_NAMES
-from vm110_bridge.protocol.values import BU_STATES
-from vm110_bridge.protocol.values import BuState
-from vm110_bridge.protocol.values import check_range
-from vm110_bridge.protocol.values import DISABLED
-from vm110_bridge.protocol.values import Disabled
-from vm110_bridge.protocol.values import LINK_STATUSES
-from vm110_bridge.protocol.values import LinkStatus
-from vm110_bridge.protocol.values import MAX_POSITION
-from vm110_bridge.protocol.values import RU_STATES
-from vm110_bridge.protocol.values import RuState
-from vm110_bridge.protocol.values import SWITCH_NAMES
+from vm110_bridge.protocol.frames import Crc, Frame, Message, PacketId
+from vm110_bridge.protocol.values import (
+    AXIS_NAMES,
+    BU_STATES,
+    BuState,
+    check_range,
+    DISABLED,
+    Disabled,
+    LINK_STATUSES,
+    LinkStatus,
+    MAX_POSITION,
+    RU_STATES,
+    RuState,
+    SWITCH_NAMES,
+)
 
 DATA_SIZE = 16  # bytes of a command
 MAX_BURST_DATA = 488  # bytes of periodic data in one packet (4.2)

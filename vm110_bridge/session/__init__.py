@@ -20,18 +20,18 @@ stick and no permission, whatever else still comes. Which reading of the CRC and
 were locked to holds for a session's whole life.
 """
 
-from vm110_bridge.session.events import ArmedChanged
-from vm110_bridge.session.events import Command
-from vm110_bridge.session.events import CommandResult
-from vm110_bridge.session.events import EncoderTurned
-from vm110_bridge.session.events import Event
-from vm110_bridge.session.events import Remote
-from vm110_bridge.session.events import RemoteState
-from vm110_bridge.session.events import Sticks
-from vm110_bridge.session.outbox import ACKNOWLEDGED
-from vm110_bridge.session.outbox import QUEUE_SIZE
-from vm110_bridge.session.serials import Arrival
-from vm110_bridge.session.serials import SerialNumbers
+from vm110_bridge.session.events import (
+    ArmedChanged,
+    Command,
+    CommandResult,
+    EncoderTurned,
+    Event,
+    Remote,
+    RemoteState,
+    Sticks,
+)
+from vm110_bridge.session.outbox import ACKNOWLEDGED, QUEUE_SIZE
+from vm110_bridge.session.serials import Arrival, SerialNumbers
 from vm110_bridge.session.session import Session
 from vm110_bridge.session.settings import Settings
 

@@ -18,8 +18,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from vm110_bridge.protocol import AXIS_NAMES
-from vm110_bridge.protocol import BUTTON_NAMES
+from vm110_bridge.protocol import AXIS_NAMES, BUTTON_NAMES
 
 
 @dataclass(frozen=True, slots=True)

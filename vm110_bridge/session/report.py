@@ -19,11 +19,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from vm110_bridge.protocol import BuState
-from vm110_bridge.protocol import Disabled
-from vm110_bridge.protocol import LinkStatus
-from vm110_bridge.protocol import PeriodicInput
-from vm110_bridge.protocol import state_name
+from vm110_bridge.protocol import BuState, Disabled, LinkStatus, PeriodicInput, state_name
 
 _LOW_BATTERY_PERCENT = 20
 _LINKS_TO_DO: dict[int, str] = {

@@ -19,42 +19,47 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from bridge_core.session import HeldButtons
-from bridge_core.session import Level
-from bridge_core.session import Pacer
-from bridge_core.session import Session as BaseSession
-from bridge_core.session import StickStream
-from bridge_core.session import Verdict
+from bridge_core.session import (
+    HeldButtons,
+    Level,
+    Pacer,
+    Session as BaseSession,
+    StickStream,
+    Verdict,
+)
 from bridge_core.watchdog import Watchdog
 from vm110_bridge.parameters import MAX_OUTPUT
-from vm110_bridge.protocol import AcknowledgeOutput
-from vm110_bridge.protocol import build_frame
-from vm110_bridge.protocol import burst
-from vm110_bridge.protocol import BuState
-from vm110_bridge.protocol import CommandInput
-from vm110_bridge.protocol import Crc
-from vm110_bridge.protocol import Disabled
-from vm110_bridge.protocol import Input
-from vm110_bridge.protocol import MAX_POSITION
-from vm110_bridge.protocol import Message
-from vm110_bridge.protocol import Packet
-from vm110_bridge.protocol import PacketDecoder
-from vm110_bridge.protocol import PeriodicInput
-from vm110_bridge.protocol import RELAYS_CLOSED
-from vm110_bridge.protocol import RuState
+from vm110_bridge.protocol import (
+    AcknowledgeOutput,
+    build_frame,
+    burst,
+    BuState,
+    CommandInput,
+    Crc,
+    Disabled,
+    Input,
+    MAX_POSITION,
+    Message,
+    Packet,
+    PacketDecoder,
+    PeriodicInput,
+    RELAYS_CLOSED,
+    RuState,
+)
 from vm110_bridge.session import report
 from vm110_bridge.session.encoder import Encoder
-from vm110_bridge.session.events import ArmedChanged
-from vm110_bridge.session.events import Command
-from vm110_bridge.session.events import EncoderTurned
-from vm110_bridge.session.events import Event
-from vm110_bridge.session.events import Remote
-from vm110_bridge.session.events import RemoteState
-from vm110_bridge.session.events import Sticks
+from vm110_bridge.session.events import (
+    ArmedChanged,
+    Command,
+    EncoderTurned,
+    Event,
+    Remote,
+    RemoteState,
+    Sticks,
+)
 from vm110_bridge.session.inbox import CommandInbox
 from vm110_bridge.session.outbox import CommandOutbox
-from vm110_bridge.session.serials import Arrival
-from vm110_bridge.session.serials import SerialNumbers
+from vm110_bridge.session.serials import Arrival, SerialNumbers
 from vm110_bridge.session.settings import Settings
 from vm110_bridge.session.stops import StopJudge
 

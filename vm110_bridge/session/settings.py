@@ -20,8 +20,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from bridge_core.settings import CheckedSettings
-from bridge_core.settings import table_of
+from bridge_core.settings import CheckedSettings, table_of
 from vm110_bridge.parameters import PARAMETERS
 
 _TABLE = table_of(PARAMETERS)

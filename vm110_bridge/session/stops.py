@@ -25,12 +25,14 @@ from __future__ import annotations
 import math
 
 from bridge_core.session import Verdict
-from vm110_bridge.protocol import BuState
-from vm110_bridge.protocol import LinkStatus
-from vm110_bridge.protocol import PeriodicInput
-from vm110_bridge.protocol import RELAYS_CLOSED
-from vm110_bridge.protocol import RuState
-from vm110_bridge.protocol import state_name
+from vm110_bridge.protocol import (
+    BuState,
+    LinkStatus,
+    PeriodicInput,
+    RELAYS_CLOSED,
+    RuState,
+    state_name,
+)
 
 # The BU reports the missing VRPO after 2 s (5.1.2). An error that comes sooner is not our doing.
 LEAST_SILENCE = 1.5

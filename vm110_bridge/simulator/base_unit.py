@@ -23,14 +23,9 @@ import math
 import struct
 from typing import Any
 
-from bridge_core.simulation import obey
-from bridge_core.simulation import one_of
-from bridge_core.simulation import switch
-from bridge_core.simulation import within
-from vm110_bridge.protocol import BuState
-from vm110_bridge.protocol import LinkStatus
-from vm110_bridge.simulator.packets import build_packet
-from vm110_bridge.simulator.packets import crc32
+from bridge_core.simulation import obey, one_of, switch, within
+from vm110_bridge.protocol import BuState, LinkStatus
+from vm110_bridge.simulator.packets import build_packet, crc32
 from vm110_bridge.simulator.remote import Remote
 
 VRPI_PERIOD = 0.125  # 5.1.1
