@@ -46,10 +46,13 @@ from test.multicast_rig import run_ip
 from test.rig import wait_for
 from test.test_can_link import activate, CanSession
 
-if os.environ.get(VARIABLE) != 'socketcan':
-    pytest.skip('makes CAN interfaces; runs inside user-mode-linux', allow_module_level=True)
-
-pytestmark = pytest.mark.real_can
+pytestmark = [
+    pytest.mark.real_can,
+    pytest.mark.skipif(
+        os.environ.get(VARIABLE) != 'socketcan',
+        reason='makes CAN interfaces; runs inside user-mode-linux',
+    ),
+]
 FRAME = CanFrame(0x0CFDD633, bytes(8))
 
 
