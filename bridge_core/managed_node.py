@@ -87,6 +87,7 @@ class ManagedNode(Quiet, LifecycleNode):
 
     def __init__(self, name: str, *, parameter_files: Sequence[Path] = (), **options: Any) -> None:
         super().__init__(name, **options)
+        self.own_name = name  # before __node:= has changed it
         self.active = False
         self.starting = False  # configured to be activated at once
         self._failure: Exception | None = None  # of the last transition

@@ -12,10 +12,11 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Remappings: one of a private topic that no node has is refused, and no other."""
+"""Remappings: one that renames nothing is refused, and no other."""
 
 from collections.abc import Iterator
 import gc
+import re
 from typing import Any
 
 import pytest
@@ -31,10 +32,16 @@ from vm110_bridge.node import Vm110Bridge
 
 FINE = (
     *('__node:=other', '__ns:=/left', 'safety_mux:__ns:=/left', '/fort_vsc_bridge/joy:=/joy'),
-    *('~/estop:=/e', 'safety_mux:~/reset:=/r', '~/stop_demand/fort:=/d', 'nothing:=/n'),
+    *('~/estop:=/e', 'safety_mux:~/reset:=/r', '~/stop_demand/fort:=/d'),
+    *(
+        'esi_drive_bridge/estop:=/e',
+        'rostopic://~/estop:=/e',
+        'rosservice:///safety_mux/reset:=/r',
+    ),
     *('~/change_state:=/c', '~/get_state:=/g', '~/transition_event:=/t', '/rosout:=/log'),
     *('~/get_parameters:=/p', '~/set_parameters_atomically:=/p', '~/get_type_description:=/y'),
-    *('rosservice://~/nothing:=/n', '~/raw/sent:=/s', '/left/nothing:=/n'),
+    *('~/raw/sent:=/s', 'tf:=/tf', '/tf_static:=tf_static', '/clock:=/c'),
+    *('safety_mux:__node:=other', 'esi_drive_bridge:__node:=drive'),
     'esi_drive_bridge:~/estop_in:=safety_mux/estop',  # of the stack, for a node that is renamed
 )
 
@@ -54,6 +61,40 @@ def test_rules_that_ros_follows_are_left_alone(arguments: list[str]) -> None:
     mux = SafetyMux()
     try:
         check_remappings([mux], arguments, ['esi_drive_bridge'])
+    finally:
+        mux.shut_down()
+        mux.destroy_node()
+
+
+@pytest.mark.parametrize(
+    ('rule', 'hint'),
+    [
+        ('nothing:=/n', 'there is no nothing; see --help'),
+        ('/left/nothing:=/n', 'there is no /left/nothing; see --help'),
+        ('rosservice://~/nothing:=/n', 'there is no service ~/nothing; see --help'),
+        ('rosservice://~/estop:=/n', 'there is no service ~/estop; see --help'),
+        ('rostopic://~/reset:=/n', 'there is no topic ~/reset; see --help'),
+        ('command:=/n', 'there is no command; did you mean ~/command?'),
+        ('/safety_mux/comand:=/n', 'there is no /safety_mux/comand; did you mean ~/command?'),
+        ('fort_bridge/joy:=/n', 'there is no fort_bridge/joy; did you mean /fort_vsc_bridge/joy?'),
+        (
+            '{home}/command:=/n',
+            "the shell has made {home} of ~: quote it, as in -r '~/command:=/n'",
+        ),
+        ('safety_mx:__ns:=/left', 'there is no safety_mx; did you mean safety_mux?'),
+    ],
+)
+@pytest.mark.parametrize('arguments', [[]], indirect=True)
+def test_rule_that_renames_nothing_is_refused(
+    arguments: list[str], rule: str, hint: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    del arguments
+    home = '/home/robot'
+    monkeypatch.setenv('HOME', home)
+    mux = SafetyMux()
+    try:
+        with pytest.raises(ParameterError, match=re.escape(hint.format(home=home))):
+            check_remappings([mux], ['-r', rule.format(home=home)])
     finally:
         mux.shut_down()
         mux.destroy_node()
