@@ -167,6 +167,8 @@ def check_topic(words: list[str]) -> None:
     options = itertools.dropwhile(lambda word: not word.startswith('/'), words)
     topic, *rest = options
     check_name(topic)
+    if words[0] == 'echo' and topic.endswith('/estop'):
+        assert '--no-lost-messages' in words, 'docs/common.md, Topics'
     if words[0] == 'pub':
         check_message(rest[0], rest[1] if len(rest) > 1 else '{}')
 
@@ -236,6 +238,11 @@ def test_command_of_the_documents_is_as_its_program_takes_it(command: Command) -
     check(command)
 
 
+@pytest.mark.parametrize('page', PAGES)
+def test_shell_leaves_the_names_of_remappings_alone(page: str) -> None:
+    assert not re.search(r'(-r|--remap) ~', text_of(page))
+
+
 def test_every_reason_is_needed() -> None:
     typed = [param.values[0].text for param in found()]
     assert [each for each in REASONS if not any(begins(text, [each]) for text in typed)] == []
@@ -246,6 +253,7 @@ def test_every_reason_is_needed() -> None:
     'text',
     [
         'ros2 topic echo /fort_vsc_bridge/sticks',
+        'ros2 topic echo /fort_vsc_bridge/estop',
         'ros2 topic pub -r 20 /x std_msgs/msg/Bool "{value: true}"',
         'ros2 run rugged_teleop fort_vsc_bridge --ros-args -p prot:=/dev/x',
         'ros2 launch rugged_teleop bringup.launch.py parameters:=my.yaml',
