@@ -17,12 +17,14 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Sequence
+import contextlib
 import difflib
 import itertools
 import math
 from pathlib import Path
 import re
 import reprlib
+import sys
 from typing import Any
 
 import yaml
@@ -52,6 +54,31 @@ def files_of(arguments: Sequence[str]) -> list[Path]:
     """Return the parameter files that a command line names."""
     pairs = itertools.pairwise(arguments)
     return [Path(value) for option, value in pairs if option == '--params-file']
+
+
+def beside(name: str, arguments: Sequence[str]) -> list[str]:
+    """
+    Return a command line without the files that have nothing for this node, and say which.
+
+    So the file of a machine serves its recorder and its status page, too. A file with a section
+    whose name is like this one's stays, to be used or refused.
+    """
+    names = {name, *(rule.partition(':=')[2] for rule in arguments if '__node:=' in rule)}
+    words: list[str] = []
+    for word in arguments:
+        if words[-1:] == ['--params-file'] and _is_of_others(Path(word), names):
+            words.pop()
+            print(f'{name}: {word} has no section for it: its defaults count', file=sys.stderr)
+        else:
+            words.append(word)
+    return words
+
+
+def _is_of_others(file: Path, names: Collection[str]) -> bool:
+    with contextlib.suppress(ParameterError):  # whoever uses it says so
+        bases = {section.rsplit('/', 1)[-1] for section in sections_of(file)}
+        return bool(bases) and not any(nearest(name, bases) for name in names)
+    return False
 
 
 def sections_of(file: Path) -> list[str]:

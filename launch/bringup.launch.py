@@ -18,11 +18,11 @@ from pathlib import Path
 import tempfile
 from typing import Any
 
-from launch.actions import DeclareLaunchArgument, ExecuteProcess, OpaqueFunction
+from launch.actions import DeclareLaunchArgument, ExecuteProcess, LogInfo, OpaqueFunction
 from launch.substitutions import LaunchConfiguration
 
 from launch import LaunchDescription
-from rugged_teleop.bringup import PORTS, processes
+from rugged_teleop.bringup import missing_for_recorder, PORTS, processes
 
 _RESPAWN_DELAY = 1.0  # s
 _SWITCH = {'true': True, 'false': False}
@@ -36,6 +36,8 @@ def _start(context: Any) -> list[Any]:
     def value(name: str) -> str:
         return str(LaunchConfiguration(name).perform(context))
 
+    recorder = _SWITCH[value('recorder')]
+    missing = missing_for_recorder() if recorder else ''
     found = processes(
         Path(value('params_file')).expanduser().absolute(),
         Path(tempfile.mkdtemp(prefix='rugged_teleop_')),
@@ -44,16 +46,20 @@ def _start(context: Any) -> list[Any]:
         autostart=_SWITCH[value('autostart')],
         ports={name: value(name) for name in PORTS},
         cmd_joy=value('cmd_joy'),
+        recorder=recorder and not missing,
     )
     return [
-        ExecuteProcess(
-            cmd=list(process.command),
-            name=process.name.strip('/').replace('/', '.'),
-            output='screen',
-            respawn=process.respawn,
-            respawn_delay=_RESPAWN_DELAY,
-        )
-        for process in found
+        *([LogInfo(msg=missing)] if missing else []),
+        *(
+            ExecuteProcess(
+                cmd=list(process.command),
+                name=process.name.strip('/').replace('/', '.'),
+                output='screen',
+                respawn=process.respawn,
+                respawn_delay=_RESPAWN_DELAY,
+            )
+            for process in found
+        ),
     ]
 
 
@@ -78,6 +84,9 @@ def generate_launch_description() -> Any:
                 for name, (node, parameter) in PORTS.items()
             ),
             _argument('cmd_joy', 'Topic of who moves the fire monitor: safety_mux/joy/fort.', ''),
+            _argument(
+                'recorder', 'Keep what led to each stop, in files.', 'true', choices=switches
+            ),
             OpaqueFunction(function=_start),
         ]
     )

@@ -20,8 +20,9 @@ launch/bringup.launch.py starts them.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -70,9 +71,10 @@ def processes(
     autostart: bool = True,
     ports: Mapping[str, str] | None = None,
     cmd_joy: str = '',
+    recorder: bool = True,
 ) -> list[Process]:
     """
-    Return the processes that a parameter file asks for, simulated devices first.
+    Return the processes that a parameter file asks for, simulated devices first, recorder last.
 
     Nodes that do not run as the file says get a file of their own: ``-p`` gives way to a section
     with a full name.
@@ -82,6 +84,7 @@ def processes(
     :param autostart: False leaves the nodes to a lifecycle manager.
     :param ports: by the names in PORTS; what is empty is as the file says.
     :param cmd_joy: topic of who moves the fire monitor; empty: its own.
+    :param recorder: one runs, with a section in the file or without.
     :raises ValueError: the file is none, or what is asked for cannot be.
     """
     nodes = nodes_of(file, namespace)
@@ -102,7 +105,21 @@ def processes(
         own = _resolved(node, file, values, folder) if values else file
         rules = wiring(node, nodes) + ([f'~/cmd_joy:={cmd_joy}'] if node == monitor else [])
         result.append(_node_process(node, own, rules))
-    return [*devices, *result]
+    others = beside_of(file, namespace)
+    if recorder and not any(_name_of(node) == 'recorder' for node in others):
+        others.append(f'{_above(namespace)}/recorder')
+    wanted = (node for node in others if recorder or _name_of(node) != 'recorder')
+    return [*devices, *result, *(_node_process(node, file, ()) for node in wanted)]
+
+
+def missing_for_recorder() -> str:
+    """Return what to say where no recorder can run; empty: it can."""
+    if find_spec('mcap'):
+        return ''
+    return (
+        'no recorder, so nobody can tell later why the machine stopped: pip install mcap '
+        'mcap-ros2-support (docs/record.md); recorder:=false is without one on purpose'
+    )
 
 
 def nodes_of(file: Path, namespace: str = '') -> list[str]:
@@ -114,22 +131,35 @@ def nodes_of(file: Path, namespace: str = '') -> list[str]:
 
     :raises ValueError: the file is none, has sections that are for no node, or none for a node.
     """
-    check_names({**NODES, **BESIDE}, [file])
-    sections = [section for section in sections_of(file) if _name_of(section) not in BESIDE]
-    named = [section for section in sections if '*' not in section]
-    kinds = set(map(_name_of, named))
-    above = '/' + namespace.strip('/') if namespace.strip('/') else ''
-    shared = {_name_of(section) for section in sections if '*' in section} - kinds
-    here = [f'{above}/{name}' for name in NODES if name in shared]
-    if above and not here:
+    nodes = _named(file, namespace, NODES)
+    if namespace.strip('/') and nodes == _named(file, '', NODES):
         raise ValueError(f'namespace {namespace}: {file} has no section /**/<node> to put there')
-    nodes = sorted(dict.fromkeys([*named, *here]), key=lambda node: [*NODES].index(_name_of(node)))
-    for section in sections:
-        if not any(is_for(section, node) for node in nodes):
+    every = [*nodes, *beside_of(file, namespace)]
+    for section in sections_of(file):
+        if not any(is_for(section, node) for node in every):
             raise ValueError(f'parameter file {file}: its section {section} is for no node in it')
     if not nodes:
         raise ValueError(f'parameter file {file}: has no section for one of {", ".join(NODES)}')
     return nodes
+
+
+def beside_of(file: Path, namespace: str = '') -> list[str]:
+    """Return the full names of recorder and status page, where the file has sections for them."""
+    return _named(file, namespace, BESIDE)
+
+
+def _named(file: Path, namespace: str, kinds: Collection[str]) -> list[str]:
+    """:raises ValueError: the file is none, or has sections that are for no node."""
+    check_names({**NODES, **BESIDE}, [file])
+    sections = [section for section in sections_of(file) if _name_of(section) in kinds]
+    named = [section for section in sections if '*' not in section]
+    shared = {_name_of(section) for section in sections if '*' in section}
+    here = [f'{_above(namespace)}/{name}' for name in shared - set(map(_name_of, named))]
+    return sorted([*named, *here], key=lambda node: [*kinds].index(_name_of(node)))
+
+
+def _above(namespace: str) -> str:
+    return '/' + namespace.strip('/') if namespace.strip('/') else ''
 
 
 def _given_ports(nodes: Iterable[str], ports: Mapping[str, str]) -> dict[str, Values]:
@@ -191,7 +221,7 @@ def _node_process(node: str, file: Path, rules: Iterable[str]) -> Process:
     words = ['--params-file', str(file), '-r', f'__ns:={namespace or "/"}']
     for rule in rules:
         words += ['-r', rule]
-    module, _ = NODES[name]
+    module, _ = {**NODES, **BESIDE}[name]
     # A bridge says stop until its link is proved, and a mux begins STOPPED: each may come back.
     return Process(node, (*RUN_MODULE, module, '--ros-args', *words), respawn=True)
 

@@ -66,7 +66,9 @@ def main(arguments: Sequence[str] | None = None, prog: str = 'rugged_teleop page
         if value is not None
         for word in ('-p', f'{name}:={json.dumps(value, ensure_ascii=False)}')
     ]
+    from bridge_core.parameter_files import beside
     from bridge_core.runner import run  # late: the help needs no ROS
     from status_page.node import StatusPage
 
-    sys.exit(run([StatusPage], [prog, '--ros-args', *parameters, *words[end + 1 :]], last=True))
+    words = beside('status_page', ['--ros-args', *parameters, *words[end + 1 :]])
+    sys.exit(run([StatusPage], [prog, *words], last=True))

@@ -46,6 +46,7 @@ from std_srvs.srv import SetBool, Trigger
 
 from bridge_core import clock
 from bridge_core.managed_node import latched_qos, ManagedNode
+from bridge_core.parameter_files import beside
 from bridge_core.parameters import full_topic, MANAGED_PARAMETERS, names_of, Parameter
 from bridge_core.polled import Polled
 from bridge_core.runner import run
@@ -302,7 +303,7 @@ def _demand(message: Any) -> dict[str, float]:
 
 def main() -> None:
     """Run the node; the executable's entry point."""
-    raise SystemExit(run([StatusPage]))
+    raise SystemExit(run([StatusPage], beside('status_page', sys.argv), last=True))
 
 
 if __name__ == '__main__':

@@ -42,6 +42,7 @@ from test.rig import latched, Observer, ROOT
 DEMO = ROOT / 'config' / 'demo.yaml'
 LAUNCH_FILE = ROOT / 'launch' / 'bringup.launch.py'
 REAL = ('fort_vsc_bridge', 'vm110_bridge', 'akron_can_bridge', 'ssc_bridge', 'esi_drive_bridge')
+ALL = (*REAL, 'safety_mux', 'recorder')
 Sections = Mapping[str, Mapping[str, Any]]
 
 
@@ -85,7 +86,7 @@ def parameters(process: Process) -> dict[str, Any]:
 
 def test_each_section_is_a_process_that_comes_back(tmp_path: Path) -> None:
     found = processes(DEMO, tmp_path)
-    assert {process.name for process in found} == {f'/{name}' for name in (*REAL, 'safety_mux')}
+    assert {process.name for process in found} == {f'/{name}' for name in ALL}
     assert all(process.respawn for process in found)
     assert all(after(process, '--params-file') == [str(DEMO)] for process in found)
 
@@ -102,9 +103,19 @@ def test_wildcard_is_a_node_in_the_namespace_that_is_given(file: Path) -> None:
     assert nodes_of(file) == ['/ssc_bridge']
 
 
-def test_recorder_and_page_may_have_their_sections_in_the_file(file: Path) -> None:
-    write(file, {'/**/ssc_bridge': {}, '/**/recorder': {}, '/a/status_page': {}})
-    assert nodes_of(file) == ['/ssc_bridge']
+def test_sections_of_recorder_and_page_are_used(file: Path, tmp_path: Path) -> None:
+    write(file, {'/**/ssc_bridge': {}, '/**/recorder': {'quota': 5}, '/a/status_page': {}})
+    _ssc, *beside = processes(file, tmp_path)
+    assert [each.name for each in beside] == ['/recorder', '/a/status_page']
+    assert parameters(beside[0]) == {'quota': 5}
+    assert 'status_page.node' in beside[1].command
+    found = processes(file, tmp_path, recorder=False, namespace='left', autostart=False)
+    assert [each.name for each in found] == ['/left/ssc_bridge', '/a/status_page']
+
+
+def test_machine_without_a_section_for_it_has_a_recorder(file: Path, tmp_path: Path) -> None:
+    write(file, {'/**/ssc_bridge': {}})
+    assert of(processes(file, tmp_path, namespace='left'), '/left/recorder').respawn
 
 
 @pytest.mark.parametrize(
@@ -116,6 +127,8 @@ def test_recorder_and_page_may_have_their_sections_in_the_file(file: Path) -> No
         (['/a/*/ssc_bridge'], '', 'for no node'),
         (['/**'], '', 'for no node'),
         (['/**/recorder'], '', 'no section for one of fort_vsc_bridge'),
+        (['/**/ssc_bridge', '/**/recordr'], '', 'did you mean recorder'),
+        (['/**/ssc_bridge', '/a/*/recorder'], '', 'for no node'),
         (['/a/ssc_bridge', '/b/safety_mux'], '', 'no safety_mux is in its namespace or above'),
     ],
 )
@@ -168,7 +181,7 @@ def test_drive_without_a_mux_keeps_its_own_topics(file: Path, tmp_path: Path) ->
 def test_port_goes_to_its_node_before_every_section(file: Path, tmp_path: Path) -> None:
     drive = '/a/esi_drive_bridge'
     write(file, {drive: {'port': '/dev/a', 'hardware_id': '0815'}, '/**': {'estop_rate': 50.0}})
-    (process,) = processes(file, tmp_path, ports={'esi_drive_port': '/dev/b', 'ssc_port': ''})
+    process, _ = processes(file, tmp_path, ports={'esi_drive_port': '/dev/b', 'ssc_port': ''})
     assert parameters(process) == {'port': '/dev/b', 'hardware_id': '0815', 'estop_rate': 50.0}
     assert "'0815'" in Path(after(process, '--params-file')[0]).read_text()
 
@@ -191,7 +204,8 @@ def test_argument_for_none_or_for_several_is_refused(
 
 def test_lifecycle_manager_gets_nodes_that_wait(tmp_path: Path) -> None:
     found = processes(DEMO, tmp_path, autostart=False)
-    assert [parameters(process)['autostart'] for process in found] == [False] * 6
+    assert [parameters(process)['autostart'] for process in found[:-1]] == [False] * 6
+    assert not parameters(of(found, '/recorder'))
 
 
 def test_monitor_listens_to_whom_it_is_told_to(file: Path, tmp_path: Path) -> None:
@@ -336,7 +350,7 @@ def test_node_finds_its_simulated_device_and_its_mux(observer: Observer, tmp_pat
     file = write(tmp_path / 'my.yaml', {'/robot/safety_mux': source, drive: slow})
     link = observer.record(Bool, f'{drive}/link_up', latched())
     status = observer.record(DiagnosticStatus, '/robot/safety_mux/status', keep=1)
-    with running(processes(file, tmp_path, simulated=True)):
+    with running(processes(file, tmp_path, simulated=True, recorder=False)):
         observer.wait_for(lambda: True in link.data, 30.0, 'a link to the simulated drive')
         observer.wait_for(lambda: status.last is not None, 20.0, 'the status of the mux')
         topics = [f'/robot/safety_mux/{topic}' for topic in ('command', 'enable', 'estop')]
@@ -365,7 +379,7 @@ def launched(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Any:
     """Return a function of launch arguments that returns what would be started."""
     kinds = {
         'launch': ['LaunchDescription'],
-        'launch.actions': ['DeclareLaunchArgument', 'ExecuteProcess', 'OpaqueFunction'],
+        'launch.actions': ['DeclareLaunchArgument', 'ExecuteProcess', 'LogInfo', 'OpaqueFunction'],
         'launch.substitutions': ['LaunchConfiguration'],
     }
     for name, classes in kinds.items():
@@ -388,7 +402,7 @@ def launched(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Any:
 
 def test_launch_file_explains_each_argument_and_requires_the_file_alone(launched: Any) -> None:
     options = {d.positional[0]: d.options for d in launched.declared}
-    others = {'params_file', 'namespace', 'simulated', 'autostart', 'cmd_joy'}
+    others = {'params_file', 'namespace', 'simulated', 'autostart', 'cmd_joy', 'recorder'}
     assert {*others, *PORTS} == set(options)
     assert all(option['description'] for option in options.values())
     required = [name for name, option in options.items() if option['default_value'] is None]
@@ -398,7 +412,7 @@ def test_launch_file_explains_each_argument_and_requires_the_file_alone(launched
 
 def test_launch_file_starts_the_processes(launched: Any) -> None:
     commands = {made.options['name']: made.options for made in launched(params_file=str(DEMO))}
-    assert set(commands) == {*REAL, 'safety_mux'}
+    assert set(commands) == {*ALL}
     assert all(options['respawn'] for options in commands.values())
     command = commands['safety_mux']['cmd']
     assert command[command.index('-m') :][:3] == ['-m', 'safety_mux.node', '--ros-args']
@@ -406,12 +420,22 @@ def test_launch_file_starts_the_processes(launched: Any) -> None:
 
 def test_launch_file_hands_its_arguments_on(launched: Any) -> None:
     found = launched(params_file=str(DEMO), simulated='true', namespace='x', autostart='false')
-    assert len(found) == 11
+    assert len(found) == 12
     assert all('x.' in made.options['name'] for made in found)
     found = launched(params_file=str(DEMO), ssc_port='/dev/x')
     (node,) = (made.options for made in found if made.options['name'] == 'ssc_bridge')
     file = Path(node['cmd'][node['cmd'].index('--params-file') + 1])
     assert parameters_for('/ssc_bridge', [file])['port'] == '/dev/x'
+
+
+def test_launch_file_says_why_there_is_no_recorder(
+    launched: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr('rugged_teleop.bringup.find_spec', lambda _: None)
+    line, *found = launched(params_file=str(DEMO))
+    assert 'pip install mcap' in line.options['msg']
+    assert len(found) == len(ALL) - 1
+    assert len(launched(params_file=str(DEMO), recorder='false')) == len(ALL) - 1
 
 
 def test_launch_file_takes_a_path_from_where_one_stands(

@@ -15,6 +15,7 @@
 """What runs the nodes in operation: service, container, lifecycle manager, diagnostics' groups."""
 
 from configparser import ConfigParser
+from pathlib import Path
 import re
 from typing import Any
 
@@ -23,17 +24,18 @@ import yaml
 
 from bridge_core.parameter_files import parameters_for, sections_of
 from rugged_teleop.stack import NODES
-from test.rig import ROOT
+from test.rig import NodeProcess, ROOT
 
 UNIT = ROOT / 'systemd' / 'rugged_teleop@.service'
+RECORDER = ROOT / 'systemd' / 'rugged_teleop_recorder@.service'
 DOCKERFILE = ROOT / 'container' / 'Dockerfile'
 
 
-def service() -> Any:
+def service(unit: Path = UNIT, section: str = 'Service') -> Any:
     parser = ConfigParser(interpolation=None, strict=False)
     parser.optionxform = str  # type: ignore[assignment, method-assign]
-    parser.read_string(UNIT.read_text())
-    return parser['Service']
+    parser.read_string(unit.read_text())
+    return parser[section]
 
 
 def test_wires_outlive_their_nodes_under_systemd() -> None:
@@ -48,14 +50,34 @@ def test_service_comes_back_unless_its_parameters_are_bad_and_is_not_root() -> N
     assert (service()['LimitRTPRIO'], service()['LimitMEMLOCK']) == ('98', 'infinity')
 
 
-def test_service_can_write_its_logs_and_recordings_and_nothing_else() -> None:
+@pytest.mark.parametrize('unit', [UNIT, RECORDER], ids=lambda unit: unit.stem)
+def test_service_can_write_its_logs_and_recordings_and_nothing_else(unit: Path) -> None:
     places = dict(
-        line.split('=') for line in re.findall(r'^Environment=(.+)', UNIT.read_text(), re.M)
+        line.split('=') for line in re.findall(r'^Environment=(.+)', unit.read_text(), re.M)
     )
-    assert service()['ProtectSystem'] == 'strict'
-    assert places['ROS_LOG_DIR'] == f'/var/log/{service()["LogsDirectory"]}'
-    assert places['ROS_HOME'] == f'/var/lib/{service()["StateDirectory"]}'
-    assert {service()[f'{kind}DirectoryMode'] for kind in ('Logs', 'State')} == {'0750'}
+    values = service(unit)
+    assert values['ProtectSystem'] == 'strict'
+    assert places['ROS_LOG_DIR'] == f'/var/log/{values["LogsDirectory"]}'
+    assert places['ROS_HOME'] == f'/var/lib/{values["StateDirectory"]}'
+    assert {values[f'{kind}DirectoryMode'] for kind in ('Logs', 'State')} == {'0750'}
+
+
+def test_service_brings_a_recorder_that_ends_with_it_and_cannot_hinder_it() -> None:
+    name = RECORDER.name.replace('@', '@%i')
+    assert re.findall(r'^Wants=(rugged.+)', UNIT.read_text(), re.M) == [name]
+    of_it = service(RECORDER, 'Unit')
+    assert of_it['PartOf'] == of_it['After'] == UNIT.name.replace('@', '@%i')
+    assert int(service(RECORDER)['Nice']) > 0
+
+
+def test_recorder_of_the_service_runs_with_the_file_of_the_stack(tmp_path: Path) -> None:
+    """config/demo.yaml has no section for it, as most files."""
+    found = re.search(r'exec python3 -m (\S+) (.+ /etc/\S+)\'', service(RECORDER)['ExecStart'])
+    assert found is not None
+    words = found[2].replace('/etc/rugged_teleop/%i', str(ROOT / 'config' / 'demo')).split()
+    words += ['-p', f'folder:={tmp_path}']
+    with NodeProcess(found[1], arguments=words) as node:
+        node.wait_output(f'recordings go to {tmp_path}')
 
 
 def test_service_hides_no_port_and_forbids_no_real_time_priority() -> None:

@@ -231,9 +231,7 @@ def test_launch_file_passes_its_parameter_file_on(path: Path) -> None:
         (passed,) = (a.get('value', '') for a in include if a.get('name') == 'params_file')
         (name,) = re.findall(r'\$\(var (\w+)\)', passed)
         (default,) = (a.get('default') for a in root.findall('arg') if a.get('name') == name)
-        beside = name.removesuffix('_params_file')
-        own = f'{SHARE}config/{beside}.yaml' if beside in BESIDE else '$(var params_file)'
-        assert default == own
+        assert default == '$(var params_file)'
 
 
 def test_file_of_the_spine_has_a_section_for_each_of_its_nodes() -> None:

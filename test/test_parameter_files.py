@@ -27,6 +27,7 @@ from rclpy.node import Node
 import yaml
 
 from bridge_core.parameter_files import (
+    beside,
     check_files,
     check_overrides,
     check_sections,
@@ -354,3 +355,33 @@ def test_argument_that_ros_refuses_is_told_without_its_sources(capfd: Any) -> No
     line = capfd.readouterr().err.splitlines()[-1]
     assert "'-p rate'" in line
     assert '.c:' not in line
+
+
+# Nodes that run beside those of a machine's file.
+
+
+@pytest.mark.parametrize(
+    ('sections', 'stays'),
+    [
+        (['/**/safety_mux'], False),
+        (['/**'], False),
+        (['/**/safety_mux', '/**/recorder'], True),
+        (['/**/safety_mux', '/left/recorder'], True),  # to be refused, or used there
+        (['/**/safety_mux', '/**/recordr'], True),
+        ([], True),
+    ],
+)
+def test_file_without_a_section_for_the_recorder_leaves_it_its_defaults(
+    file: Path, sections: list[str], stays: bool, capsys: Any
+) -> None:
+    file.write_text('\n'.join(map(section, sections)))
+    words = ['recorder', '--ros-args', '--params-file', str(file), '-p', 'quota:=5']
+    rest = ['recorder', '--ros-args', '-p', 'quota:=5']
+    assert beside('recorder', words) == (words if stays else rest)
+    assert (str(file) in capsys.readouterr().err) is not stays
+
+
+def test_renamed_recorder_has_the_section_of_its_name(file: Path) -> None:
+    file.write_text(section('/**/box'))
+    words = ['recorder', '--ros-args', '-r', '__node:=box', '--params-file', str(file)]
+    assert beside('recorder', words) == words

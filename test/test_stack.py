@@ -71,6 +71,14 @@ def test_section_that_is_no_node_is_refused(tmp_path: Path) -> None:
     assert '/**/safety_mxu' in line
 
 
+def test_section_that_is_for_a_process_of_its_own_is_named(tmp_path: Path) -> None:
+    file = tmp_path / 'stack.yaml'
+    text = '/**/safety_mux: {ros__parameters: {rate: 5.0}}\n/**/recorder: {ros__parameters: {}}\n'
+    file.write_text(text)
+    _, error = exit_of('rugged_teleop.stack', '--ros-args', '--params-file', str(file))
+    assert f'{file}: the process recorder uses its section' in error.splitlines()[0]
+
+
 def test_section_of_a_second_node_of_a_kind_is_not_passed_over() -> None:
     file = ROOT / 'config' / 'recipes' / 'four_wheels.yaml'
     status, error = exit_of('rugged_teleop.stack', '--ros-args', '--params-file', str(file))

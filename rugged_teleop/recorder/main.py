@@ -52,10 +52,11 @@ def main(arguments: Sequence[str] | None = None, prog: str = 'rugged_teleop reco
     words = list(sys.argv[1:] if arguments is None else arguments)
     end = words.index('--ros-args') if '--ros-args' in words else len(words)
     parser(prog).parse_args(words[:end])
+    from bridge_core.parameter_files import beside
     from bridge_core.runner import run  # late: the help needs no ROS
     from rugged_teleop.recorder.node import Recorder
 
-    sys.exit(run([Recorder], [prog, *words], last=True))
+    sys.exit(run([Recorder], [prog, *beside('recorder', words)], last=True))
 
 
 if __name__ == '__main__':

@@ -21,6 +21,7 @@ nodes and topics and asks for parameters, and a third one writes: a disk delays 
 
 from functools import partial
 from pathlib import Path
+import sys
 from typing import Any, ClassVar
 
 from diagnostic_msgs.msg import DiagnosticArray
@@ -35,6 +36,7 @@ from bridge_core import clock
 from bridge_core.diagnostics import to_msg
 from bridge_core.lane import waited
 from bridge_core.managed_node import ManagedNode
+from bridge_core.parameter_files import beside
 from bridge_core.parameters import MANAGED_PARAMETERS, Parameter, ParameterError
 from bridge_core.report import Status
 from bridge_core.runner import run
@@ -277,7 +279,7 @@ class Recorder(ManagedNode):
 
 def main() -> None:
     """Run the node; the executable's entry point."""
-    raise SystemExit(run([Recorder]))
+    raise SystemExit(run([Recorder], beside('recorder', sys.argv), last=True))
 
 
 if __name__ == '__main__':
