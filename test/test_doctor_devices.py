@@ -410,7 +410,7 @@ def test_command_finds_port_in_use_and_a_device_that_is_well(
                 return [found] if 'device well' in found.kinds else []
 
             (found,) = wait_for(visit, 30.0)
-        assert found.status == Level.DO
+        assert found.status == 1
         in_use = found.of('port in use')
         assert f'{used} of /esi_drive_bridge: in use by' in in_use['text']
         assert f'(pid {holder.process.pid})' in in_use['text']

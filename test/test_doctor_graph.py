@@ -18,6 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+import os
 from pathlib import Path
 import sys
 import threading
@@ -28,8 +29,11 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import Joy
 from std_msgs.msg import Bool, String
 
+from rugged_teleop.doctor import main
+from rugged_teleop.doctor.catalogue import finding
 from rugged_teleop.doctor.findings import Finding, Level
 from rugged_teleop.doctor.graph import Endpoint, Graph, graph_findings, look, Said
+from rugged_teleop.doctor.processes import elsewhere_findings, Running, running_nodes
 from test.doctor_rig import kinds, Visit
 from test.rig import NodeProcess, Observer, wait_for
 
@@ -129,6 +133,87 @@ def test_what_nodes_say_is_repeated() -> None:
         ('inhibit', 'safety_mux: release the stop'),
         ('inhibit', 'safety_mux: call ~/reset'),
     ]
+
+
+@pytest.mark.parametrize(
+    ('endpoints', 'kind', 'text'),
+    [
+        ([published()], 'source quiet', "e-stop source 'site' is silent: never heard"),
+        ([], 'inhibit', "e-stop source 'site' is silent: never heard: start its node"),
+    ],
+)
+def test_nobody_is_told_to_start_a_node_that_runs(
+    endpoints: list[Endpoint], kind: str, text: str
+) -> None:
+    inhibit = "e-stop source 'site' is silent: never heard: start its node"
+    said = Said('safety_mux', 1, 'x', (inhibit,))
+    *_, found = graph_findings(Graph([heard_by_mux(), *endpoints], [said]))
+    assert (found.kind, found.text) == (kind, f'safety_mux: {text}')
+
+
+# On another domain
+
+
+def process(proc: Path, pid: int, *words: str, **environment: str) -> Path:
+    folder = proc / str(pid)
+    folder.mkdir()
+    (folder / 'cmdline').write_text('\0'.join((*words, '')))
+    (folder / 'environ').write_text('\0'.join(f'{k}={v}' for k, v in environment.items()))
+    return folder
+
+
+def test_nodes_among_processes_are_known_by_module_or_executable(tmp_path: Path) -> None:
+    for pid, words in enumerate(
+        [
+            ('python3', '-m', 'fort_vsc_bridge.node', '--ros-args'),
+            ('python3', '-P', '-m', 'rugged_teleop.stack', '--ros-args'),
+            ('/usr/bin/python3', '/opt/ros/jazzy/lib/rugged_teleop/safety_mux', '--ros-args'),
+            ('/venv/bin/python', '/venv/bin/rugged_teleop', 'ssc_bridge'),
+            ('esi_drive_bridge: wire /dev/ttyUSB0',),
+            ('python3', '/opt/ros/jazzy/bin/ros2', 'topic', 'echo', '/fort_vsc_bridge/estop'),
+            ('python3', '-m', 'rugged_teleop', 'doctor', '--params-file', 'fort_vsc_bridge.yaml'),
+            ('vim', 'fort_vsc_bridge.yaml'),
+        ],
+        1,
+    ):
+        process(tmp_path, pid, *words)
+    names = ['fort_vsc_bridge', 'rugged_teleop_stack', 'safety_mux', 'ssc_bridge']
+    assert [each.name for each in running_nodes(tmp_path)] == names
+    assert {each.domain for each in running_nodes(tmp_path)} == {'0'}
+
+
+@pytest.mark.parametrize(
+    ('domain', 'own', 'kinds_found'),
+    [
+        ('5', {}, ['other domain live']),
+        ('0', {'ROS_DOMAIN_ID': '5'}, ['other domain live']),
+        ('0', {'ROS_DOMAIN_ID': ''}, []),
+        (None, {}, ['domain unseen']),
+    ],
+)
+def test_node_on_another_domain_is_told_apart_from_none(
+    domain: str | None, own: dict[str, str], kinds_found: list[str]
+) -> None:
+    found = list(elsewhere_findings([Running(12, 'safety_mux', domain)], own))
+    assert kinds(found) == kinds_found
+    assert all('safety_mux (pid 12)' in each.text for each in found)
+
+
+def test_doctor_on_another_domain_than_a_node_names_it(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(NodeProcess, 'forked', False)  # as users start it
+    here = os.environ['ROS_DOMAIN_ID']
+    with NodeProcess('safety_mux.node') as mux:
+        mux.wait_output('STOPPED')
+        monkeypatch.setenv('ROS_DOMAIN_ID', '0')
+        # Who else is on that domain is not for this test.
+        monkeypatch.setattr(main, 'look_apart', lambda *_: [finding('no nodes live')])
+        found = Visit(capsys, '--seconds', '0.2')
+    assert 'no nodes live' in found.kinds
+    texts = [each['text'] for each in found.findings if each['kind'] == 'other domain live']
+    assert any(f'(pid {mux.process.pid})' in each and f'domain {here};' in each for each in texts)
+    assert found.status == 1
 
 
 # Among live nodes

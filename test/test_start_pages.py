@@ -136,14 +136,21 @@ class Walk:
             assert delay.exceeds(WIRE_HELD_UP), done.stderr
 
     def _doctor(self, arguments: list[str], expected: str) -> None:
-        """Run it until it says so: who was held up has heard the device in part."""
+        """
+        Run it until it says so, and that nothing is to be done.
+
+        Who was held up has heard the device in part.
+        """
+        said = ''
 
         def says() -> bool:
-            with pytest.raises(SystemExit):
+            nonlocal said
+            with pytest.raises(SystemExit) as caught:
                 doctor.main([*arguments, '--seconds', '0.6'])
-            return expected in self._capsys.readouterr().out
+            said = self._capsys.readouterr().out
+            return expected in said and not caught.value.code
 
-        wait_for(says, 30.0, expected)
+        wait_for(says, 30.0, lambda: f'{expected} in {said}')
 
     def _echo(self, topic: str, expected: str) -> None:
         node = self._observer.node

@@ -369,6 +369,18 @@ CATALOGUE = {
         'no node of this package is seen',
         'start them; else compare ROS_DOMAIN_ID, range and RMW_IMPLEMENTATION with theirs',
     ),
+    'other domain live': Kind(
+        _DO,
+        'graph',
+        '{nodes} on ROS domain {domain}; this shell is on {own}',
+        'export ROS_DOMAIN_ID={domain}, and look again',
+    ),
+    'domain unseen': Kind(
+        _LOOK,
+        'graph',
+        '{nodes}: started by another user, so the ROS domain is not known',
+        'run doctor as that user, or as root',
+    ),
     'node not live': Kind(
         _LOOK, 'graph', '{node}: has a section in the files, and is not seen', 'start it'
     ),
@@ -394,6 +406,12 @@ CATALOGUE = {
         'start its node, or correct the topic',
     ),
     'inhibit': Kind(_LOOK, 'graph', '{name}: {text}', 'as it says, to have the machine move'),
+    'source quiet': Kind(
+        _LOOK,
+        'graph',
+        '{name}: {text}',
+        'its node runs: see what it says of its port and its device',
+    ),
     'node says error': Kind(_DO, 'graph', '{name}: {text}', 'as it says'),
     'node warns': Kind(_LOOK, 'graph', '{name}: {text}', 'as it says'),
 }

@@ -22,7 +22,7 @@ from typing import Any
 
 
 class Level(IntEnum):
-    """How much a finding matters; the worst one is the exit status."""
+    """How much a finding matters."""
 
     FINE = 0
     LOOK = 1

@@ -39,11 +39,13 @@ from rugged_teleop.doctor.configuration import DRIVE, MUX
 from rugged_teleop.doctor.findings import Finding
 from rugged_teleop.reference import NODES
 
+UNSEEN = ('no nodes live', 'node not live')  # kinds of findings: a node may be elsewhere
 _NAMES = tuple(node.name for node in NODES)
 # Many publish on these, and none of them decides anything.
 _SHARED = ('/diagnostics', '/rosout', '/parameter_events', '/tf', '/tf_static', '/clock')
 _DIAGNOSTICS_DEPTH = 100
 _NODE = '_rugged_teleop_doctor'  # hidden from lists of nodes
+_START = ': start its node'  # of a mux, which knows topics and no nodes
 _WAIT = 0.1  # s
 _START_TIME = 30.0  # s in which the process has to have started, and ended
 
@@ -223,7 +225,7 @@ def graph_findings(
     # A closed port is told by both diagnostics of a node, in the same words.
     told = {(each.name.partition(': ')[0], each.text): each for each in graph.said}
     for said in sorted(told.values(), key=lambda each: each.name):
-        yield from _said_findings(said)
+        yield from _said_findings(said, _has_sources(graph, said.name))
 
 
 def _topic_findings(
@@ -247,9 +249,20 @@ def _topic_findings(
         yield finding('nobody publishes', topic=topic, nodes=', '.join(needed))
 
 
-def _said_findings(said: Said) -> Iterator[Finding]:
+def _has_sources(graph: Graph, mux: str) -> bool:
+    """Tell whether somebody publishes each topic that a mux needs, so that those nodes run."""
+    published = {each.topic for each in graph.endpoints if each.publishes}
+    needed = (each for each in graph.endpoints if each.node.lstrip('/') == mux and each.is_needed)
+    return all(each.topic in published for each in needed)
+
+
+def _said_findings(said: Said, has_sources: bool) -> Iterator[Finding]:
     if said.inhibits:
-        yield from (finding('inhibit', name=said.name, text=text) for text in said.inhibits)
+        for text in said.inhibits:
+            kind = 'source quiet' if has_sources and text.endswith(_START) else 'inhibit'
+            yield finding(
+                kind, name=said.name, text=text if kind == 'inhibit' else text.removesuffix(_START)
+            )
     elif said.level >= NodeLevel.ERROR:
         yield finding('node says error', name=said.name, text=said.text)
     elif said.level >= NodeLevel.WARN:

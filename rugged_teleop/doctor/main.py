@@ -19,8 +19,7 @@ With a parameter file it looks at what the nodes in it need; without one, at wha
 with a list: what is fine, where to look, what to do. Devices are only listened to: without --probe
 it never sends them a byte, and it does not open a port that another program is seen to have.
 
-Exit status: 0 all is fine; 1 there is something to look at; 2 there is something to do, or the
-arguments are wrong.
+Exit status: 0 nothing is to be done; 1 something is to be done; 2 the arguments are wrong.
 """
 
 from __future__ import annotations
@@ -38,7 +37,7 @@ from rugged_teleop.doctor.buses import bus_findings, hear_bus, is_passive, on_ca
 from rugged_teleop.doctor.catalogue import finding
 from rugged_teleop.doctor.configuration import Configured, configured, serial_port, wiring
 from rugged_teleop.doctor.findings import Finding, HEADINGS, Level
-from rugged_teleop.doctor.graph import look_apart
+from rugged_teleop.doctor.graph import look_apart, UNSEEN
 from rugged_teleop.doctor.networks import group_findings, hear_group, network_filters
 from rugged_teleop.doctor.ports import (
     port_facts,
@@ -49,6 +48,7 @@ from rugged_teleop.doctor.ports import (
     usb_ports,
     User,
 )
+from rugged_teleop.doctor.processes import elsewhere_findings, running_nodes
 from rugged_teleop.doctor.serial_lines import hear, line_findings, unknown_port
 from rugged_teleop.doctor.system import computer_findings, this_computer
 
@@ -94,7 +94,7 @@ def main(arguments: Sequence[str] | None = None, prog: str = 'rugged_teleop doct
     except KeyboardInterrupt:
         sys.exit(130)
     print(_as_json(findings) if options.json else _as_list(findings, options.probe))
-    sys.exit(max((each.level for each in findings), default=Level.FINE))
+    sys.exit(int(any(each.level is Level.DO for each in findings)))
 
 
 def examine(options: argparse.Namespace) -> list[Finding]:
@@ -130,6 +130,8 @@ def examine(options: argparse.Namespace) -> list[Finding]:
         findings += [each for group in groups for each in group_findings(group.result(), filters)]
         findings += [each for bus in buses for each in bus_findings(bus.result())]
         of_graph = graph.result()
+    if any(each.kind in UNSEEN for each in of_graph):
+        of_graph += elsewhere_findings(running_nodes(), os.environ)
     if _refuses(of_graph):
         findings = [each for each in findings if each.kind != 'parameters good']
     return [*findings, *of_graph]
