@@ -242,8 +242,8 @@ def avoid_shared_memory() -> str:
         os.environ.pop(name, None)
     os.environ |= dict.fromkeys(_PROFILES, profile)
     return (
-        f'set {_PROFILES[0]} to have another profile than {profile}, which is in '
-        f'use because {local} and shared memory can block'
+        f'messages stay on this computer, as {local}, and go by UDP, as {profile} says; '
+        f'{_PROFILES[0]} chooses another profile'
     )
 
 

@@ -68,6 +68,7 @@ class Walk:
 
     def _plug_in_fort_vsc(self) -> None:
         port = self._pty(Vsc(), '/dev/fort_vsc')
+        assert '`mode operational`' in text_of('docs/start/fort_vsc.md')
         port.apply('mode operational')
 
     def _plug_in_ssc(self) -> None:
