@@ -19,6 +19,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+import socket
+import struct
+import threading
 from typing import Any
 
 import pytest
@@ -44,7 +47,7 @@ from rugged_teleop.ports import Device
 from test.can_rig import free_channel
 from test.captures import CAN
 from test.doctor_rig import found_by, kinds, node
-from test.multicast_rig import free_port
+from test.multicast_rig import free_port, in_network_namespace
 from test.rig import wait_for
 from vm110_bridge.simulator import Simulator as BaseUnit
 
@@ -108,6 +111,37 @@ def test_silent_base_unit_brings_what_may_keep_it_away(tmp_path: Path) -> None:
     assert "check the BU's power" in silent.remedy
     assert 'conf.eth1.rp_filter=2' in path.remedy
     assert f'ufw allow {configured.values["input_port"]}/udp' in firewall.remedy
+
+
+def test_datagrams_that_are_dropped_are_told_apart_from_silence(tmp_path: Path) -> None:
+    """A wrong IP checksum is what the kernel drops here; no rule of a firewall can be made."""
+    configured = unit(tmp_path, 5825)
+    group = socket.inet_aton(configured.values['group'])
+    mac = b'\x01\x00\x5e' + bytes((group[1] & 0x7F, *group[2:]))
+    ip = struct.pack('!BxH4xBBH4s4s', 0x45, 32, 64, 17, 0xBAD, socket.inet_aton(LOOPBACK), group)
+    frame = mac + bytes(6) + b'\x08\x00' + ip + struct.pack('!HHHH4x', 9, 5825, 12, 0)
+
+    def body() -> None:
+        ended = threading.Event()
+
+        def send() -> None:
+            with socket.socket(socket.AF_PACKET, socket.SOCK_RAW) as raw:
+                raw.bind(('lo', 0))
+                while not ended.wait(0.02):
+                    raw.send(frame)
+
+        thread = threading.Thread(target=send)
+        thread.start()
+        try:
+            found = found_by(
+                lambda: group_findings(hear_group(configured, SECONDS, ()), OPEN), 'group dropped'
+            )
+        finally:
+            ended.set()
+            thread.join()
+        assert '239.255.42.20:5825 comes in at lo' in found[0].text
+
+    in_network_namespace(body)
 
 
 def test_base_unit_at_another_interface_is_found(tmp_path: Path) -> None:

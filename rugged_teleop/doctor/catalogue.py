@@ -213,6 +213,13 @@ CATALOGUE = {
         _DO, 'network', '{node}: {error}', 'ip address; cable, interface_address'
     ),
     'group silent': Kind(_DO, 'network', '{node}: nothing comes to {group}', '{stop}'),
+    'group dropped': Kind(
+        _DO,
+        'network',
+        '{node}: {group} comes in at {interface}, and is dropped before a program hears it',
+        'let UDP to port {port} in: sudo nft list ruleset; sudo iptables -S; then rp_filter of '
+        '{interface}, and the way back to the sender',
+    ),
     'group elsewhere': Kind(
         _DO,
         'network',

@@ -24,6 +24,7 @@ from dataclasses import dataclass
 from pathlib import Path
 import socket
 
+from bridge_core import clock
 from bridge_core.transports.multicast import addresses
 from rugged_teleop.doctor.catalogue import finding
 from rugged_teleop.doctor.configuration import Configured
@@ -34,6 +35,8 @@ from vm110_bridge.wire import BRIDGE
 
 _ELSEWHERE_TIME = 0.5  # s; a VRPI comes every 0.125 s
 _BEGINNINGS = tuple(kind.value for kind in PacketId)
+_ETH_P_IP = 0x0800
+_HEADERS = 64  # bytes of a packet: those of IPv4 with options, and the ports
 _STRICT = 1  # rp_filter: drop what comes on another interface than one would answer on
 
 
@@ -44,12 +47,15 @@ class Group:
 
     :param elsewhere: addresses of other interfaces where the group was heard.
     :param foreign: a sender that allowed_sources leaves out; empty: none was heard.
+    :param arrives_at: the interface where the kernel sees its datagrams; empty: at none, or who
+        runs this may not look.
     """
 
     node: Configured
     heard: Heard
     elsewhere: tuple[str, ...] = ()
     foreign: str = ''
+    arrives_at: str = ''
 
 
 @dataclass(frozen=True)
@@ -67,13 +73,45 @@ def hear_group(node: Configured, seconds: float, known: Iterable[str] | None = N
     :param known: addresses of this computer; None: as they are.
     """
     transport = BRIDGE.make_transport(dict(node.values))
-    heard = listen(BRIDGE.make_session(dict(node.values)), transport, seconds)
+    to = node.values['group'], node.values['input_port']
+    with ThreadPoolExecutor(1) as pool:  # while the group is joined
+        arrival = pool.submit(arrival_of, *to, seconds)
+        heard = listen(BRIDGE.make_session(dict(node.values)), transport, seconds)
     foreign = str(transport.counts()['last other sender'])
     if heard.chunks:
         return Group(node, heard)
     known = (socket.inet_ntoa(each) for _, each in addresses()) if known is None else known
     others = [each for each in known if each != node.values['interface_address']]
-    return Group(node, heard, elsewhere(node, others), foreign.replace('none', ''))
+    found = elsewhere(node, others)
+    return Group(node, heard, found, foreign.replace('none', ''), arrival.result())
+
+
+def arrival_of(group: str, port: int, seconds: float) -> str:
+    """
+    Return the interface at which datagrams to a group come in, before any filter drops them.
+
+    Empty: none came, or only root may look (CAP_NET_RAW).
+    """
+    end = clock.now() + seconds
+    with contextlib.suppress(OSError), _sniffer() as sniffer:  # no right, or nothing more in time
+        while (left := end - clock.now()) > 0:
+            sniffer.settimeout(left)
+            data, (interface, _, kind, *_) = sniffer.recvfrom(_HEADERS)
+            if kind != socket.PACKET_OUTGOING and _destination(data) == (group, port):
+                return str(interface)
+    return ''
+
+
+def _sniffer() -> socket.socket:
+    return socket.socket(socket.AF_PACKET, socket.SOCK_DGRAM, socket.htons(_ETH_P_IP))
+
+
+def _destination(packet: bytes) -> tuple[str, int]:
+    """Return address and port that an IPv4 packet with UDP is for (RFC 791, 768)."""
+    length = 4 * (packet[0] & 0xF) if packet else 0
+    if len(packet) < length + 4 or length < 20 or packet[9] != socket.IPPROTO_UDP:
+        return '', 0
+    return socket.inet_ntoa(packet[16:20]), int.from_bytes(packet[length + 2 : length + 4], 'big')
 
 
 def elsewhere(node: Configured, others: Sequence[str]) -> tuple[str, ...]:
@@ -99,6 +137,10 @@ def group_findings(group: Group, filters: Filters) -> Iterator[Finding]:
         yield finding('group not joined', error=heard.error, **words)
     elif group.foreign:
         yield finding('sender not allowed', sender=group.foreign, **words)
+    elif group.arrives_at and not heard.chunks:
+        yield finding(
+            'group dropped', interface=group.arrives_at, port=values['input_port'], **words
+        )
     elif not heard.chunks:
         yield finding('group silent', stop='; '.join(heard.stops), **words)
         for interface in filters.strict:
