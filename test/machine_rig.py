@@ -149,7 +149,7 @@ class Machine(Stage):
         self.drives: list[Drive] = []
         self.monitors: list[CanBusDevice] = []
         file = RECIPES / f'{recipe}.yaml'
-        found = processes(file, folder, simulated=True, cmd_joy=cmd_joy)
+        found = processes(file, folder, simulated=True, recorder=False, cmd_joy=cmd_joy)
         run = len(RUN_MODULE)
         nodes = [process.command[run:] for process in found if process.respawn]
         patience = ['--params-file', str(_patience(file, found, folder))]

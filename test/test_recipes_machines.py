@@ -74,7 +74,7 @@ def test_doctor_has_nothing_to_correct_in_a_recipe(recipe: str) -> None:
 
 @pytest.mark.parametrize('recipe', MACHINES)
 def test_bring_up_starts_the_nodes_of_a_recipe(recipe: str, tmp_path: Path) -> None:
-    found = processes(RECIPES / f'{recipe}.yaml', tmp_path, simulated=True)
+    found = processes(RECIPES / f'{recipe}.yaml', tmp_path, simulated=True, recorder=False)
     assert sorted(each.name for each in found if each.respawn) == MACHINES[recipe]
 
 
