@@ -453,6 +453,8 @@ class SafetyMux(ManagedNode):
         decision = self._intake.decide(now)
         self._estop.say(decision.estop, now)
         self._enable.say(decision.enable, now)
+        stamp = self.get_clock().now().to_msg()
+        self._command.publish(self._words.message(decision.demand, stamp))
         for name, demanded in decision.stop_demand.items():
             self._stop_demands[name].say(demanded, now)
         for name, joy in self._gated_joys.items():
@@ -461,8 +463,6 @@ class SafetyMux(ManagedNode):
 
     def _tick(self, now: float) -> None:
         decision = self._decide(now)
-        stamp = self.get_clock().now().to_msg()
-        self._command.publish(self._words.message(decision.demand, stamp))
         for joy in self._gated_joys.values():
             joy.say(now)
         self._state.say(decision.state.value, now)

@@ -37,6 +37,7 @@ from std_msgs.msg import Bool, Header
 from safety_mux.node import SafetyMux
 from safety_mux.outputs import command_of, GatedJoy, Repeated
 from safety_mux.protocol import Decision, State
+from test.fed_mux import LIMIT, SteppedMux, TICK
 from test.mux_talkers import MuxBench, sticks
 from test.rig import latched, NodeProcess, Observer
 from test.safety_mux_bench import Bench, CONFIG, DRIVE, OFF, REST
@@ -419,7 +420,9 @@ def test_axis_of_two_joints_is_let_go_of_at_the_lesser_of_their_deadbands(contex
         assert said[-1].axes[1] == 0.0, 'held as control began'
 
 
-def test_neutral_goes_out_with_the_stop_and_behind_it(own_mux: SafetyMux) -> None:
+def test_zero_and_neutral_go_out_with_the_stop_and_behind_it(
+    own_mux: SafetyMux, monkeypatch: pytest.MonkeyPatch
+) -> None:
     story: list[str] = []
 
     class Publisher:
@@ -442,10 +445,12 @@ def test_neutral_goes_out_with_the_stop_and_behind_it(own_mux: SafetyMux) -> Non
         decide(State.ACTIVE)
         for each, name in ((own_mux._estop, 'estop'), (own_mux._enable, 'enable'), (gate, 'joy')):
             each.publisher = Publisher(name)
+        monkeypatch.setattr(own_mux, '_command', Publisher('command'))
         decide(State.STOPPED)
+        monkeypatch.undo()
 
     own_mux.lane.call(play)
-    assert story == ['estop', 'enable', 'joy']
+    assert story == ['estop', 'enable', 'command', 'joy']
 
 
 def test_words_of_a_device_are_cited_in_part(own_mux: SafetyMux) -> None:
@@ -623,6 +628,29 @@ def test_autonomy_passes_x_and_yaw_through_and_keeps_the_curve_at_the_limit(
     finally:
         plan.leave()
         mux.close()
+
+
+@pytest.mark.parametrize('category', [0, 1])
+def test_stop_of_a_base_goes_out_before_the_next_decision(
+    context: Any, monkeypatch: pytest.MonkeyPatch, category: int
+) -> None:
+    parameters = {'output': 'twist', **BASE, 'estop.drive.stop_category': category}
+    stepped = SteppedMux(context, monkeypatch, **parameters)
+    mux, said = stepped.mux, []
+    assert mux._reset().ok
+    assert stepped.run(LIMIT + 0.1) is State.READY
+    stepped.joy = sticks(1.0, deadman=True)
+    assert stepped.run(1.0) is State.ACTIVE
+    command = SimpleNamespace(publish=lambda message: said.append(message.linear.x))
+    monkeypatch.setattr(mux, '_command', command)
+    stepped.now += TICK / 4
+    drive = next(t for t in mux._intake.topics() if t.parameter == 'estop.drive.topic')
+    assert drive.take(Bool(data=True), stepped.now)
+    mux._decide(stepped.now)
+    monkeypatch.undo()
+    mux.destroy_node()
+    assert len(said) == 1
+    assert said[0] == 0.0 if category == 0 else 0.9 < said[0] < 1.0
 
 
 def test_nobody_hears_the_twist_is_said(observer: Observer) -> None:
