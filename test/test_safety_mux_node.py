@@ -59,6 +59,7 @@ from test.rig import latched, NodeProcess, Observer, wait_for
 from test.talkers import namespace, Talker, values_of
 
 pytestmark = pytest.mark.waits(240)
+WHEELS: dict[str, Any] = {'autonomy__wheel_separation': 0.5, 'autonomy__wheel_radius': 0.1}
 
 
 @pytest.fixture(scope='module')
@@ -473,11 +474,12 @@ rclpy.spin(node)
 def test_autonomy_of_each_type_moves_after_it_was_selected(
     observer: Observer, kind: str, rest: Any, motion: Any
 ) -> None:
+    wheels = {} if kind == 'JointState' else WHEELS
     if kind != 'JointState':
         twist = getattr(motion, 'twist', motion)
         # 0.2 m/s on wheels of 0.1 m, and 0.4 rad/s to the left with 0.5 m between them.
         twist.linear.x, twist.angular.z = 0.2, 0.4
-    mux = MuxBench(observer, autonomy__topic='cmd', autonomy__type=kind)
+    mux = MuxBench(observer, autonomy__topic='cmd', autonomy__type=kind, **wheels)
     autonomy = Talker(observer, type(rest), f'{mux.space}/cmd', rest)
     try:
         mux.ready()
@@ -500,7 +502,7 @@ def test_autonomy_of_each_type_moves_after_it_was_selected(
 
 
 def test_autonomy_that_falls_silent_or_mad_stops(observer: Observer) -> None:
-    mux = MuxBench(observer, autonomy__topic='cmd_vel')
+    mux = MuxBench(observer, autonomy__topic='cmd_vel', **WHEELS)
     autonomy = Talker(observer, Twist, f'{mux.space}/cmd_vel', Twist())
     mad = Twist()
     mad.angular.x = math.nan  # of no use for wheels, but not of a sane planner
@@ -525,7 +527,7 @@ def test_autonomy_that_falls_silent_or_mad_stops(observer: Observer) -> None:
 
 
 def test_operator_takes_over_from_autonomy_by_the_deadman(observer: Observer) -> None:
-    mux = MuxBench(observer, autonomy__topic='cmd_vel')
+    mux = MuxBench(observer, autonomy__topic='cmd_vel', **WHEELS)
     autonomy = Talker(observer, Twist, f'{mux.space}/cmd_vel', Twist())
     try:
         mux.ready()
@@ -959,7 +961,9 @@ def reset_of(mux: SafetyMux) -> str:
 def test_what_is_asked_right_after_a_hang_of_the_services_is_not_done_but_a_stop(
     context: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    stepped = SteppedMux(context, monkeypatch, **{'autonomy.topic': 'plan'})
+    stepped = SteppedMux(
+        context, monkeypatch, **{'autonomy.topic': 'plan', 'autonomy.type': 'JointState'}
+    )
     mux = stepped.mux
     mux._look()
     stepped.run(5.0)

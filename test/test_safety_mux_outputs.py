@@ -555,6 +555,8 @@ BASE: dict[str, Any] = {
     'joint.linear.acceleration': 2.0,
     'joint.linear.deceleration': 4.0,
     'joint.angular.max': 2.0,
+    'joint.angular.acceleration': 20.0,
+    'joint.angular.deceleration': 40.0,
     'operator.fort.mixing': 'none',
     'operator.fort.axis': [1, 0],
     'operator.fort.scale': [1.0, 2.0],
