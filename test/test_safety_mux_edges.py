@@ -298,9 +298,9 @@ def test_what_a_source_demanded_by_itself_is_demanded_of_the_others_once() -> No
 def test_words_of_a_sources_diagnostics_are_passed_on_while_they_are_given(bench: Bench) -> None:
     bench.estops['fort'] = True
     bench.run(0.5)
-    bench.arbiter.explain_source('fort', 'pull the button')
+    bench.arbiter.explain('e-stop source', 'fort', 'pull the button')
     assert "e-stop source 'fort' demands a stop: pull the button" in bench.why()
-    bench.arbiter.explain_source('fort', '')
+    bench.arbiter.explain('e-stop source', 'fort', '')
     assert 'demands a stop: see /diagnostics' in bench.why()
 
 

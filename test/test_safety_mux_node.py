@@ -137,7 +137,7 @@ def test_command_waits_for_the_drive_to_be_enabled(mux: MuxBench) -> None:
     mux.joy.message = sticks(0.5, deadman=True)
     begun = time.monotonic()
     mux.wait(lambda: mux.explains('waits for the drive to be enabled: it says that it'), 'why')
-    mux.wait(lambda: mux.explains('/diagnostics of the drive says why'), 'what to do')
+    mux.wait(lambda: mux.explains('mend what the drive says'), 'what to do')
     assert values_of(mux.status.last)['drive enabled'] == 'false'
     assert mux.enable.last.data
     assert not any(any(message.velocity) for _, message in mux.command.since(begun))
@@ -840,7 +840,7 @@ def test_stop_goes_out_before_all_else(own_mux: SafetyMux) -> None:
 
     own_mux.lane.call(play)
     names = [name for name, _ in story][:5]
-    assert names == ['_estop', '_enable', 'stop_demand', '_command', '_state']
+    assert names == ['_estop', '_enable', '_command', 'stop_demand', '_state']
     assert story[:2] == [('_estop', True), ('_enable', False)]
 
 
@@ -940,7 +940,7 @@ def test_trip_is_kept_for_a_mux_that_hangs_whatever_diagnostics_say_meanwhile(
     with hanging(own_mux):
         own_mux._on_trip(Trigger.Request(), Trigger.Response())
         waits = len(own_mux.lane._calls)
-        name, source = next(iter(own_mux._source_of.items()))
+        name = f'{own_mux.get_namespace().lstrip("/")}/fort_vsc_bridge: device'
         level = DiagnosticStatus.ERROR
         status = [DiagnosticStatus(level=level, name=name, message=str(n)) for n in range(100)]
         for _ in range(100):
@@ -949,7 +949,7 @@ def test_trip_is_kept_for_a_mux_that_hangs_whatever_diagnostics_say_meanwhile(
 
     def explained() -> bool:
         tripped = own_mux._arbiter.status(clock.now()).tripped
-        return tripped and own_mux._arbiter._sources[source].why == '99'
+        return tripped and own_mux._arbiter._sources['fort'].device_words == '99'
 
     wait_for(lambda: own_mux.lane.call(explained), what='the trip, and the newest text')
 
