@@ -89,6 +89,7 @@ from safety_mux.protocol import (
     Kind,
     Limiter,
     milliseconds,
+    MOST_OF_A_JOINT,
     MuxConfig,
     OperatorSample,
     Reply,
@@ -217,7 +218,7 @@ class Arbiter:
     def autonomy_command(self, demand: Demand, now: float) -> None:
         """Record a command of autonomy."""
         autonomy = self._known_autonomy()
-        fault = demand_fault(demand, self.config.joints)
+        fault = demand_fault(demand, self.config.joints, MOST_OF_A_JOINT)
         if fault is None:
             autonomy.command(demand, now)
         else:

@@ -486,10 +486,16 @@ class AutonomyInput(OwnerInput):
         )
 
 
-def demand_fault(demand: Demand, joints: int) -> str | None:
-    """Return what is wrong with a demand; None if it has a finite number for each joint."""
+def demand_fault(demand: Demand, joints: int, most: float = math.inf) -> str | None:
+    """
+    Return what is wrong with a demand; None if it has a finite number for each joint.
+
+    :param most: what no joint could be asked for.
+    """
     if len(demand) != joints:
         return f'it has a demand for {len(demand)} joints, not {joints}'
     if not all(map(math.isfinite, demand)):
         return f'its demand is not finite: {demand}'
+    if max(map(abs, demand)) > most:
+        return f'its demand is beyond ±{most:g}: {demand}'
     return None

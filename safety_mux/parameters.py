@@ -25,6 +25,7 @@ import re
 from typing import Any
 
 from bridge_core.parameters import check_topic, Parameter, ParameterError, with_named
+from safety_mux.protocol import MOST_OF_A_JOINT
 
 
 def _seconds(name: str, default: float, description: str, **limits: Any) -> Parameter:
@@ -259,7 +260,7 @@ JOINT = (
         'for more, all joints of the group are reduced by the same factor.',
         'rad/s or N·m',
         above=0.0,
-        maximum=1e6,
+        maximum=MOST_OF_A_JOINT,
     ),
     Parameter(
         'acceleration',
