@@ -531,6 +531,16 @@ CONTRADICTIONS: dict[str, tuple[str, dict[str, Any], str]] = {
     ),
     'a joint twice': ('mux', {'joints': ['a', 'a']}, 'parameter joints'),
     'a joint without a name': ('mux', {'joints': ['', 'b']}, 'parameter joints'),
+    'joints that are one name': (
+        'mux',
+        {'joints': 'left, right'},
+        r"parameter joints = 'left, right': is one name; for a list write \[left, right\]",
+    ),
+    'one joint for two sticks': (
+        'mux',
+        {'joints': 'left'},
+        r'makes 2 joints, joints has 1: left; correct either',
+    ),
     'more joints than the operator moves': (
         'mux',
         {'joints': ['a', 'b', 'c']},

@@ -235,6 +235,15 @@ def test_stop_is_explained_by_the_diagnostics_of_its_source(mux: MuxBench) -> No
         status.level = DiagnosticStatus.OK
         diagnostics.message = DiagnosticArray(status=[status])
         mux.wait(lambda: mux.explains("'fort' demands a stop: see /diagnostics"), 'no why')
+        mux.fort_estop.message = Bool(data=False)
+        mux.ready()
+        status.message = 'ok; mode is Menu: leave the menu'
+        mux.wait(
+            lambda: mux.explains(
+                "press the deadman of 'fort' to take control; its device says: mode"
+            ),
+            'why the remote is quiet',
+        )
     finally:
         diagnostics.leave()
 
