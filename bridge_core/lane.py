@@ -398,6 +398,17 @@ class _WaitSetWaiter:
         self._guard.destroy()
 
 
+_OF = '_{}_lane'  # the name of the small node of a node
+
+
+def owner_of(name: str) -> str:
+    """Return the node that a node of this name listens for: itself, or the one with the lane."""
+    prefix, suffix = _OF.split('{}')
+    if name.startswith(prefix) and name.endswith(suffix):
+        return name.removeprefix(prefix).removesuffix(suffix)
+    return name
+
+
 class _ExecutorWaiter:
     """
     Waits by the public executor, on a small node of its own, where rclpy has no known wait set.
@@ -409,7 +420,7 @@ class _ExecutorWaiter:
         self._owner = node
         self._guarded = guarded
         self._node = Node(
-            f'_{node.get_name()}_lane',
+            _OF.format(node.get_name()),
             namespace=node.get_namespace(),
             context=node.context,
             use_global_arguments=False,

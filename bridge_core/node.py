@@ -99,6 +99,7 @@ class BridgeNode(ManagedNode, Generic[EventT]):
         self.verdict = _INACTIVE  # as published last
         self._report: Report | None = None
         self._distrusted: list[str] = []  # why, as of the last diagnostics
+        self._unpublished: list[str] = []  # inputs, as of the same
         self._stop_topics: list[str] = []
         self._unheard: dict[str, str] = {}  # by topic: who publishes there in vain
         self._was_unheard = False
@@ -461,6 +462,9 @@ class BridgeNode(ManagedNode, Generic[EventT]):
             if watch.blind:  # else it knows better than discovery
                 watch.counted(self.count_publishers(topic))
         self._distrusted = self._faults(now)
+        own = f'{self.get_fully_qualified_name()}/'  # the name of an input that nobody has wired
+        wired = (topic for topic in self._watches if not topic.startswith(own))
+        self._unpublished = [topic for topic in wired if not self.count_publishers(topic)]
         if self._report is None:
             return
         name = self.get_fully_qualified_name().lstrip('/')
@@ -502,6 +506,8 @@ class BridgeNode(ManagedNode, Generic[EventT]):
         if self._distrusted:
             level = Level.ERROR
             message = '; '.join([*self._distrusted, message])
+        if self._unpublished:
+            message += f'; nobody publishes {", ".join(self._unpublished)}'
         return Status(level, message, {**values, **self.extra_values()})
 
     def _link_status(self) -> Status:

@@ -33,6 +33,7 @@ from bridge_core.parameters import ParameterError
 
 _OVERRIDE = re.compile(r'(?P<name>(?P<node>\w+):[^:]+):=')  # of -p
 _TOKENS = {'**': '(/[^/]+)*', '*': '/[^/]+'}
+_KEY = 'ros__parameters'
 _TWICE = 'stands there twice; only one would count'
 _PLAIN = '!plain'  # tag of a value without quotes
 _STRING = 'tag:yaml.org,2002:str'
@@ -171,31 +172,44 @@ def _content(file: Path) -> dict[Any, Any]:
 def _all_sections(file: Path) -> dict[str, dict[str, Any]]:
     """Return the parameters by the full names of sections. :raises ParameterError: as above."""
     sections: dict[str, dict[str, Any]] = {}
-    for name, value in _sections(_content(file), ''):
+    for name, value in _named_sections(file):
         if name in sections:
             raise ParameterError(f'parameter file {file}: section {name} {_TWICE}')
         if name.endswith('/') or '//' in name:
             raise ParameterError(f"parameter file {file}: section {name} has a '/' too many")
         if isinstance(value, dict) and len(value) > 1:
-            beside = next(key for key in value if key != 'ros__parameters')
+            beside = next(key for key in value if key != _KEY)
             raise ParameterError(
                 f'parameter file {file}: section {name} has {beside!r} beside ros__parameters: '
                 'give it a section of its own'
             )
-        parameters = value.get('ros__parameters', {}) if isinstance(value, dict) else value
+        parameters = value.get(_KEY, {}) if isinstance(value, dict) else value
         if not isinstance(parameters, dict):
             fault = 'no values: leave it out, or write ros__parameters: {}'
             if parameters is not None:
                 fault = f'{reprlib.repr(parameters)}, not a map from names to values'
+            if above := name.rpartition('/')[0].removesuffix('/**'):
+                fault += f'; if it is a parameter of {above}, write {_KEY}: above it'
             raise ParameterError(f'parameter file {file}: section {name} has {fault}')
         sections[name] = _flat(parameters, file)
     return sections
 
 
+def _named_sections(file: Path) -> list[tuple[str, Any]]:
+    try:
+        return [*_sections(_content(file), '')]
+    except ParameterError:
+        raise
+    except ValueError as error:
+        raise ParameterError(f'parameter file {file}: {error}') from error
+
+
 def _sections(content: dict[Any, Any], above: str) -> Iterator[tuple[str, Any]]:
     for key, value in content.items():
         name = f'{above}/{str(key).removeprefix("/")}'
-        if not isinstance(value, dict) or 'ros__parameters' in value or not value:
+        if nearest(str(key), [_KEY]) and _KEY not in str({key: value}):  # else it is a namespace
+            raise ValueError(f'section {above} has {key!r}: write {_KEY}, with two underscores')
+        if not isinstance(value, dict) or _KEY in value or not value:
             yield name, value
         else:
             yield from _sections(value, name)

@@ -160,7 +160,12 @@ def with_named(
             continue
         table[parameter.name] = replace(parameter, fixed=True)
         prefix, members = named[parameter.name]
-        names = parameter.validate(given.get(parameter.name, parameter.default))
+        names = given.get(parameter.name, parameter.default)
+        if isinstance(names, str) and ',' in names:
+            raise ParameterError(
+                f'parameter {parameter.name} = {names!r}: is one name; for a list write [{names}]'
+            )
+        names = parameter.validate(names)
         for name, member in itertools.product(filter(None, names), members):
             full = f'{prefix}.{name}.{member.name}'
             table[full] = member.named(full, defaults.get(full))

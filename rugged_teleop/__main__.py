@@ -38,6 +38,10 @@ COMMANDS = {
     'record': ('keep the last minute, and write it at every stop', 'recorder.main'),
     'replay': ("where today's code would decide otherwise than recorded", 'replay.main'),
     'why': ('the story of a stop, from a recording', 'why.main'),
+    'clear': ('have a drive clear its errors, once they are mended', 'operate'),
+    'reset': ('reset a mux; nothing moves by it', 'operate'),
+    'status': ('may it move, who has control, what to do: one look at a mux', 'operate'),
+    'trip': ('stop by way of a mux, until a reset', 'operate'),
     'simulate': ("the devices' side of the wire, for trying without hardware", 'simulate'),
 }
 

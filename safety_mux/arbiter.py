@@ -89,6 +89,7 @@ from safety_mux.protocol import (
     Kind,
     Limiter,
     milliseconds,
+    MOST_OF_A_JOINT,
     MuxConfig,
     OperatorSample,
     Reply,
@@ -193,9 +194,9 @@ class Arbiter:
         """Record an e-stop source's message: true demands a stop."""
         self._sources[name].estop(value, now)
 
-    def explain_source(self, name: str, why: str) -> None:
-        """Note in words why an e-stop source demands a stop; empty: not known."""
-        self._sources[name].why = why
+    def explain(self, kind: Kind, name: str, words: str) -> None:
+        """Note what the node of an input says of its device; empty: nothing, or not known."""
+        self._named[kind, name].device_words = words
 
     def own_estop_message(self, name: str, value: bool, now: float) -> None:
         """Record what a source demands by itself, without the echo of ``stop_demand``."""
@@ -217,7 +218,7 @@ class Arbiter:
     def autonomy_command(self, demand: Demand, now: float) -> None:
         """Record a command of autonomy."""
         autonomy = self._known_autonomy()
-        fault = demand_fault(demand, self.config.joints)
+        fault = demand_fault(demand, self.config.joints, MOST_OF_A_JOINT)
         if fault is None:
             autonomy.command(demand, now)
         else:
@@ -698,7 +699,9 @@ class Arbiter:
             return [f'{self._owner.label} is losing control: {self._overruled}{self._motion(now)}']
         for drive in self._drives.values():
             if not drive.ready(now):
-                why = drive.problem(now) or drive.lapse or 'it says that it is not'
+                why = drive.problem(now)
+                if why is None:
+                    why = f'{drive.lapse or "it says that it is not"}{drive.says}'
                 return [f'{self._owner.label} waits for {drive.label} to be enabled: {why}']
         if not self._through_zero and not any(self._owner.demand):
             return [f'{self._owner.label} has control and asks for zero']
@@ -748,7 +751,9 @@ class Arbiter:
     ) -> list[str]:
         problem = each.problem(now)
         if problem is not None:
-            return [problem]
+            stops = (source.stop_reason(now) or '' for source in self._sources.values())
+            told = any(stop.endswith(each.device_words) for stop in stops)
+            return [problem.removesuffix(each.says) if told else problem]
         return [each.advice(now)] if self._state is State.READY and not blocked else []
 
     def _known_feedback(self) -> FeedbackInput:

@@ -13,6 +13,8 @@
 # limitations under the License.
 
 """
+Buttons: of a reset, and those of an operator that are pressed instead of his deadman.
+
 A reset by a button, as ISO 13849-1 has a manual reset: pressed, and released again.
 
 The topic says all the time whether the button is pressed. The release counts, after a press that
@@ -20,12 +22,14 @@ was neither too short (a bounce, a disturbance) nor too long (a button that stic
 down), and of which nothing was missed.
 """
 
+from collections.abc import Sequence
 import math
 
 from bridge_core.watchdog import in_words, Watchdog
 
 SHORTEST, LONGEST = 0.1, 2.0  # s
 TIMEOUT = 0.25  # s
+_NEW = 10.0  # s; a button that has been pressed for longer is a switch
 
 
 class ResetButton:
@@ -75,3 +79,34 @@ class ResetButton:
             return ''
         limits = f'{in_words(SHORTEST)} to {in_words(LONGEST)}'
         return f'was held for {in_words(held)}; {limits} count'
+
+
+class Presses:
+    """
+    Follows the buttons of one operator, to say which are pressed instead of the deadman.
+
+    :param deadman: indices of its buttons. :param pressed_at: least value of a pressed one.
+    """
+
+    __slots__ = ('_deadman', '_pressed_at', '_since')
+
+    def __init__(self, deadman: Sequence[int], pressed_at: int) -> None:
+        self._deadman = deadman
+        self._pressed_at = pressed_at
+        self._since: dict[int, float] = {}
+
+    def hear(self, buttons: Sequence[int], now: float) -> None:
+        """Take a message."""
+        pressed = (n for n, value in enumerate(buttons) if value >= self._pressed_at)
+        self._since = {n: self._since.get(n, now) for n in pressed}
+
+    def instead(self, now: float) -> str:
+        """Say what was pressed lately, and what would count; empty if that is pressed, too."""
+        new = [n for n, at in self._since.items() if now - at < _NEW]
+        if not new or all(n in self._since for n in self._deadman):
+            return ''
+        return f'buttons pressed: {_listed(new)}; its deadman: {_listed(self._deadman)}'
+
+
+def _listed(buttons: Sequence[int]) -> str:
+    return ' and '.join(map(str, buttons))

@@ -87,7 +87,7 @@ def joy_mapping(values: Mapping[str, Any], operator: str) -> JoyMapping:
         name = f'{prefix}.axis' if mapping.mixing == 'none' else f'{prefix}.mixing'
         raise ParameterError(
             f'parameter {name} = {values[name]!r}: makes {mapping.joints} joints, joints has '
-            f'{len(values["joints"])}'
+            f'{len(values["joints"])}: {", ".join(values["joints"])}; correct either'
         )
     return mapping
 

@@ -45,12 +45,13 @@ class Input:
     :param timeout: seconds after which it is stale.
     """
 
-    __slots__ = ('faults', 'label', 'lapse', 'watchdog')
+    __slots__ = ('device_words', 'faults', 'label', 'lapse', 'watchdog')
 
     def __init__(self, label: str, timeout: float) -> None:
         self.label = label
         self.watchdog = Watchdog(timeout)
         self.faults: dict[str, str] = {}
+        self.device_words = ''  # what its node says of its device
         self.lapse: str | None = None  # what was wrong since the last tick, even if it has ended
 
     def hear(self, now: float) -> None:
@@ -82,7 +83,12 @@ class Input:
         if self.faults:
             return f'{self.label} is invalid: {"; ".join(self.faults.values())}'
         silence = f'{self.condition(now)}: {self.watchdog.describe(now)}'
-        return f'{self.label} is {silence}: start its node'
+        return f'{self.label} is {silence}{self.says or ": start its node"}'
+
+    @property
+    def says(self) -> str:
+        """The words of its node as the end of a sentence; empty if there are none."""
+        return f'; its device says: {self.device_words}' if self.device_words else ''
 
     def condition(self, now: float) -> str:
         """Return ``invalid``, ``silent``, ``stale`` or, of one that can be relied on, its use."""
@@ -126,13 +132,12 @@ class Input:
 class SourceInput(Input):
     """An e-stop source: its stop, and the part of it that it demands by itself."""
 
-    __slots__ = ('config', 'own', 'own_lapse', 'own_watchdog', 'value', 'why')
+    __slots__ = ('config', 'own', 'own_lapse', 'own_watchdog', 'value')
 
     def __init__(self, config: EStopSource) -> None:
         super().__init__(f"e-stop source '{config.name}'", config.timeout)
         self.config = config
         self.value = True
-        self.why = ''  # what its node's diagnostics say
         self.own = True
         self.own_watchdog = Watchdog(config.timeout)
         self.own_lapse = False
@@ -161,7 +166,8 @@ class SourceInput(Input):
         """Return why it stops the machine; None if it has been clear since the last tick."""
         problem = self.problem(now)
         if problem is None and self.value:
-            return f'{self.label} demands a stop: {self.why or "see /diagnostics of its node"}'
+            why = self.device_words or 'see /diagnostics of its node'
+            return f'{self.label} demands a stop: {why}'
         return problem or self.lapse
 
     def demands_itself(self, now: float) -> bool:
@@ -403,7 +409,7 @@ class OperatorInput(OwnerInput):
         """Return what a fresh and valid operator has to do to take control."""
         del now
         if self.rested:
-            return f"press the deadman of '{self.name}' to take control"
+            return f"press the deadman of '{self.name}' to take control{self.says}"
         if self.newest is not None and self.newest.deadman:
             return f'{self.label} held its deadman before it could count: release it'
         if self.rest.since is None:
@@ -480,10 +486,16 @@ class AutonomyInput(OwnerInput):
         )
 
 
-def demand_fault(demand: Demand, joints: int) -> str | None:
-    """Return what is wrong with a demand; None if it has a finite number for each joint."""
+def demand_fault(demand: Demand, joints: int, most: float = math.inf) -> str | None:
+    """
+    Return what is wrong with a demand; None if it has a finite number for each joint.
+
+    :param most: what no joint could be asked for.
+    """
     if len(demand) != joints:
         return f'it has a demand for {len(demand)} joints, not {joints}'
     if not all(map(math.isfinite, demand)):
         return f'its demand is not finite: {demand}'
+    if max(map(abs, demand)) > most:
+        return f'its demand is beyond ±{most:g}: {demand}'
     return None

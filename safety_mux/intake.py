@@ -25,6 +25,7 @@ from functools import partial
 from typing import Any, NamedTuple
 
 from safety_mux.arbiter import Arbiter
+from safety_mux.button import Presses
 from safety_mux.configuration import joint_limits, joy_mapping, mux_config
 from safety_mux.limits import JointLimiter
 from safety_mux.mapping import DifferentialDrive, forward_and_turn, NamedJoints
@@ -67,6 +68,9 @@ class Intake:
         self.config = config = mux_config(values)
         self.arbiter = Arbiter(config, JointLimiter(joint_limits(values)), now)
         self.mappings = {each.name: joy_mapping(values, each.name) for each in config.operators}
+        self.presses = {
+            name: Presses(each.deadman, each.pressed_at) for name, each in self.mappings.items()
+        }
         self.stamps = {
             each.name: StampWatch(
                 each.timeout, required=values[f'operator.{each.name}.require_moving_stamps']
@@ -149,6 +153,7 @@ class Intake:
             self.arbiter.operator_invalid(name, str(error), now)
             return False
         self.arbiter.operator_sample(name, sample, now)
+        self.presses[name].hear(message.buttons, now)
         self._heard(name, message)
         owner = None if self._decision is None else self._decision.owner
         return name == owner and not sample.deadman  # a released deadman is a stop too

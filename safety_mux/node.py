@@ -36,6 +36,7 @@ from std_srvs.srv import SetBool, Trigger
 
 from bridge_core import clock
 from bridge_core.diagnostics import to_msg
+from bridge_core.lane import owner_of
 from bridge_core.managed_node import latched_qos, ManagedNode
 from bridge_core.parameters import MANAGED_PARAMETERS, Parameter, ParameterError
 from bridge_core.publishers import PublisherWatch
@@ -43,11 +44,12 @@ from bridge_core.runner import run
 from bridge_core.watchdog import FreezeWatch, FROZEN
 from safety_mux.button import ResetButton
 from safety_mux.configuration import check, joy_mapping
+from safety_mux.device_words import DeviceWords
 from safety_mux.intake import Intake, Listened
 from safety_mux.outputs import command_of, GatedJoy, Repeated
 from safety_mux.parameters import GENERAL, parameter_table
 from safety_mux.protocol import Decision, Kind, Reply, State
-from safety_mux.report import report_of, Surroundings
+from safety_mux.report import report_of, Surroundings, unheard
 
 # A stop must not be overwritten by what follows it before it was read, hence the depth.
 ESTOP_QOS = QoSProfile(depth=100)
@@ -65,7 +67,6 @@ _STATE_PERIOD = 0.1  # s, of ~/state, for people
 _LOOK_AROUND_PERIOD = 0.5
 _DIAGNOSTICS_PERIOD = 1.0
 _LOG_PERIOD = 1.0
-_MOST_WORDS = 1000  # characters of why a source demands a stop
 _LOOK_PERIOD = 0.1  # s; each look wakes the executor
 _FREEZE = 0.2 + _LOOK_PERIOD  # s without a look: what bridges take for a freeze, at the least
 _SETTLING_TIME = 0.25  # s, as of bridges
@@ -108,9 +109,8 @@ class SafetyMux(ManagedNode):
         self._watches: dict[str, tuple[Kind, str, PublisherWatch]] = {}
         self._stop_demands: dict[str, Repeated] = {}
         self._gated_joys: dict[str, GatedJoy] = {}
-        self._source_of: dict[str, str] = {}  # by the name of the device's diagnostic
-        self._reasons: dict[str, str] = {}  # by the same, that the lane has not taken yet
-        self._reasons_posted = False
+        self._unheard = ''  # as of the last look around
+        self._words_posted = False  # those of devices, to the lane
         self._level: bytes | None = None  # as in /diagnostics last
         self._build()
         self._button: ResetButton | None = None
@@ -189,7 +189,7 @@ class SafetyMux(ManagedNode):
         watches = {topic: watch for topic, (_, _, watch) in self._watches.items()}
         self._watches = {}
         self._unpublished: list[str] = []  # as of the last look around
-        self._source_of = {}
+        self._device_words = DeviceWords(self._arbiter.explain)
         self._words = command_of(values)
         for source in self._intake.config.sources:
             self._stop_demands[source.name] = self.create_repeated(
@@ -231,9 +231,8 @@ class SafetyMux(ManagedNode):
         subscription = self.lane.subscribe(_TYPES[message_type], topic, on_message, qos)
         self._inputs.append(subscription)
         self._watches[subscription.topic_name] = (kind, name, watch)
-        if kind == 'e-stop source' and listened.parameter.endswith('.topic'):
-            publisher = subscription.topic_name.rpartition('/')[0].lstrip('/')
-            self._source_of[f'{publisher}: device'] = name
+        if not listened.parameter.endswith('own_topic'):
+            self._device_words.listen(kind, name, subscription.topic_name)
 
     def _note_loss(self, kind: Any, name: str, what: str) -> None:
         """Stop: what never arrived may have been a stop."""
@@ -272,21 +271,15 @@ class SafetyMux(ManagedNode):
     # What arrives.
 
     def _on_diagnostics(self, message: Any) -> None:
-        """Take from a source's own diagnostic why it demands a stop."""
-        for status in message.status:
-            if status.name in self._source_of:
-                bad = status.level != DiagnosticStatus.OK
-                self._reasons[status.name] = status.message[:_MOST_WORDS] if bad else ''
-        if self._reasons and not self._reasons_posted:  # once, however long the lane hangs
-            self._reasons_posted = True
+        """Take from the diagnostic of a device why it stops, is quiet, or is not enabled."""
+        if self._device_words.hear(message.status) and not self._words_posted:
+            self._words_posted = True  # once, however long the lane hangs
             self.lane.post(self._explain)
 
     def _explain(self) -> None:
-        self._reasons_posted = False  # first: what comes from now on may be missed below
-        for name in list(self._reasons):
-            why = self._reasons.pop(name)
-            if name in self._source_of:
-                self._arbiter.explain_source(self._source_of[name], why)
+        self._unheard = ''  # as of the last look around
+        self._words_posted = False  # first: what comes from now on may be missed below
+        self._device_words.pass_on(clock.now())
 
     def _on_sound_joy(self, name: str, message: Any) -> None:
         if name in self._gated_joys:
@@ -320,6 +313,7 @@ class SafetyMux(ManagedNode):
         """Find topics with two live publishers, or with one that could never be heard."""
         if self._button is not None:
             self._button_watch.counted(self.count_publishers(self._button_topic))
+        self._device_words.forget_old(now)
         self._unpublished = []
         for topic, (kind, name, watch) in self._watches.items():
             publishers = self.count_publishers(topic)
@@ -329,7 +323,15 @@ class SafetyMux(ManagedNode):
                 self._unpublished.append(topic)
         for publisher in (self._estop.publisher, self._enable.publisher, self._command):
             self._look_at_own(publisher)
+        self._unheard = unheard(self._words.topic, self._listeners())
         self._hold(now)
+
+    def _listeners(self) -> list[str]:
+        """Return the names of other nodes that listen to the commands."""
+        infos = self.get_subscriptions_info_by_topic(self._command.topic_name)
+        nodes = ((info.node_namespace, owner_of(info.node_name)) for info in infos)
+        own = self.get_namespace(), self.get_name()
+        return [name for space, name in nodes if (space, name) != own]
 
     def _look_at_own(self, publisher: Any) -> None:
         """Listen to an output of ours for as long as somebody else may publish there, too."""
@@ -453,6 +455,8 @@ class SafetyMux(ManagedNode):
         decision = self._intake.decide(now)
         self._estop.say(decision.estop, now)
         self._enable.say(decision.enable, now)
+        stamp = self.get_clock().now().to_msg()
+        self._command.publish(self._words.message(decision.demand, stamp))
         for name, demanded in decision.stop_demand.items():
             self._stop_demands[name].say(demanded, now)
         for name, joy in self._gated_joys.items():
@@ -461,13 +465,13 @@ class SafetyMux(ManagedNode):
 
     def _tick(self, now: float) -> None:
         decision = self._decide(now)
-        stamp = self.get_clock().now().to_msg()
-        self._command.publish(self._words.message(decision.demand, stamp))
         for joy in self._gated_joys.values():
             joy.say(now)
         self._state.say(decision.state.value, now)
         if decision.state is not self._last_state:
             self._last_state = decision.state
+            if decision.state is State.ACTIVE:
+                self._device_words.forget('drive')  # it was not asked to enable when it said that
             self.get_logger().info(
                 f'{decision.state.value}: {self._arbiter.status(now).last_transition.reason}'
             )
@@ -503,12 +507,12 @@ class SafetyMux(ManagedNode):
         self._diagnostics.publish(message)
 
     def _status_message(self, now: float) -> Any:
-        unheard = self._command.get_subscription_count() == 0
         around = Surroundings(
-            unheard=self._words.topic if unheard else '',
+            unheard=self._unheard,
             unpublished=self._unpublished,
             button=None if self._button is None else self._button.problem(now),
             held={name: joy.held for name, joy in self._gated_joys.items()},
+            pressed={name: each.instead(now) for name, each in self._intake.presses.items()},
             old_stamps={
                 name: watch.warning
                 for name, watch in self._intake.stamps.items()

@@ -21,9 +21,11 @@ unless they begin with a slash.
 """
 
 from collections.abc import Mapping
+import re
 from typing import Any
 
-from bridge_core.parameters import check_topic, Parameter, with_named
+from bridge_core.parameters import check_topic, Parameter, ParameterError, with_named
+from safety_mux.protocol import MOST_OF_A_JOINT
 
 
 def _seconds(name: str, default: float, description: str, **limits: Any) -> Parameter:
@@ -32,6 +34,10 @@ def _seconds(name: str, default: float, description: str, **limits: Any) -> Para
     return Parameter(name, default, description, unit='s', **limits)
 
 
+# Their defaults are of a wheel, in rad/s: in another unit they would be other motion.
+_OF_WHEELS = re.compile(r'joint\.\w+\.(max|acceleration|deceleration)|operator\.\w+\.scale')
+_GEOMETRY = re.compile(r'autonomy\.wheel_(separation|radius)')
+_DECIDES = ('interface', 'output', 'autonomy.topic', 'autonomy.type')  # whether they count
 _EACH = 'One for all axes, or one an axis.'
 
 GENERAL = (
@@ -61,7 +67,7 @@ GENERAL = (
         'joints',
         'joints: ~/command, for drives. twist, twist_stamped: ~/cmd_vel, for a base controller; '
         'then joints is [linear, angular], in m/s forward and rad/s to the left, interface is '
-        'velocity and mixing none.',
+        'velocity and mixing none; max, acceleration, deceleration and scale have no default.',
         choices=('joints', 'twist', 'twist_stamped'),
         fixed=True,
     ),
@@ -75,8 +81,10 @@ GENERAL = (
         'interface',
         'velocity',
         'What the numbers of ~/command are: its field velocity (rad/s) or effort (N·m). Position '
-        'is not offered, for 0 would be a place and going there motion.',
+        'is not offered, as 0 would be a place and going there motion. effort has no defaults of '
+        'max, acceleration, deceleration and scale.',
         choices=('velocity', 'effort'),
+        fixed=True,
     ),
     Parameter(
         'status_rate',
@@ -214,6 +222,7 @@ GENERAL = (
         '',
         'Topic of autonomy. Empty: there is none.',
         check=check_topic,
+        fixed=True,
         section='autonomy, below every operator',
     ),
     Parameter(
@@ -222,12 +231,13 @@ GENERAL = (
         'Message type of autonomy. Twist and TwistStamped need two joints, left and right; '
         'JointState must name all joints.',
         choices=('Twist', 'TwistStamped', 'JointState'),
+        fixed=True,
     ),
     _seconds('autonomy.timeout', 0.25, 'Autonomy silent for longer while it drives: stop.'),
     Parameter(
         'autonomy.wheel_separation',
         0.5,
-        'Distance between left and right wheels, for Twist and output joints; else refused.',
+        'Distance between left and right wheels. Has to be given for Twist and output joints.',
         unit='m',
         above=0.0,
         maximum=100.0,
@@ -235,7 +245,7 @@ GENERAL = (
     Parameter(
         'autonomy.wheel_radius',
         0.1,
-        'Radius of the wheels, for Twist and output joints; else refused.',
+        'Radius of the wheels. Has to be given for Twist and output joints.',
         unit='m',
         above=0.0,
         maximum=10.0,
@@ -250,7 +260,7 @@ JOINT = (
         'for more, all joints of the group are reduced by the same factor.',
         'rad/s or N·m',
         above=0.0,
-        maximum=1e6,
+        maximum=MOST_OF_A_JOINT,
     ),
     Parameter(
         'acceleration',
@@ -441,4 +451,25 @@ def parameter_table(given: Mapping[str, Any]) -> tuple[Parameter, ...]:
     topic, own = 'estop.fort.topic', 'estop.fort.own_topic'
     if str(given.get(topic, DEFAULTS[topic])).lstrip('/') != DEFAULTS[topic]:  # of another node
         del defaults[own]
-    return with_named(GENERAL, groups, given, defaults)
+    table = with_named(GENERAL, groups, given, defaults)
+    _refuse_defaults({each.name: each for each in table}, given)
+    return table
+
+
+def _refuse_defaults(table: Mapping[str, Parameter], given: Mapping[str, Any]) -> None:
+    """:raises ParameterError: a default would move a vehicle by a number that nobody chose."""
+    decide = {name: table[name] for name in _DECIDES}
+    values = {name: each.validate(given.get(name, each.default)) for name, each in decide.items()}
+    why, needed = '', _OF_WHEELS
+    if values['interface'] == 'effort':
+        why = "with interface 'effort', in N·m"
+    elif values['output'] != 'joints':
+        if 'joint.linear.max' in table:  # else its joints are refused
+            why = f"with output '{values['output']}', in m/s and rad/s of the vehicle"
+    elif values['autonomy.topic'] and values['autonomy.type'] != 'JointState':
+        why, needed = f'for a {values["autonomy.type"]} on autonomy.topic', _GEOMETRY
+    missing = [name for name in table if needed.fullmatch(name) and name not in given]
+    if why and missing:
+        raise ParameterError(
+            f'parameter {missing[0]}: there is no default {why}; give {", ".join(missing)}'
+        )

@@ -27,6 +27,7 @@ import math
 import re
 from typing import Literal, NamedTuple, Protocol
 
+MOST_OF_A_JOINT = 1e6  # the greatest limit that a joint may have
 AUTONOMY = 'autonomy'  # the owner's name while no operator has control
 _NAME = re.compile(r'[A-Za-z][A-Za-z0-9_]*')  # names become parts of topics: ~/stop_demand/<name>
 

@@ -14,7 +14,7 @@
 
 """What ``~/status`` says: the whole answer to 'why does it not move?'."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 from bridge_core import report
@@ -22,6 +22,15 @@ from bridge_core.session import Level
 from bridge_core.watchdog import in_words
 from safety_mux.protocol import State, Status
 
+# Nodes that look at a command and move nothing by it: the package's own, and tools of ROS.
+_ONLOOKERS = (
+    'status_page',
+    'recorder',
+    'rosbag2_recorder',
+    'foxglove_bridge',
+    'rosbridge_websocket',
+)
+_LOOK = ('_', 'rqt', 'rviz')  # how further ones begin, such as those of ros2 topic echo and doctor
 _PATIENCE = 0.5  # s that a drive may take to enable before that is worth a word
 
 
@@ -29,10 +38,11 @@ class Surroundings(NamedTuple):
     """
     What the arbiter does not know.
 
-    :param unheard: the topic of the commands if nobody listens to it, else empty.
+    :param unheard: the topic of the commands if nobody obeys it, and who looks on; else empty.
     :param unpublished: topics of sources and owners that nobody publishes.
     :param button: what is wrong with the reset button; None: nothing, or there is none.
     :param held: by operator, what its gated Joy leaves out.
+    :param pressed: by operator, which buttons he presses instead of his deadman, in words.
     :param old_stamps: by operator, why it may be gone.
     :param refused_reset: when (s), and what it was answered; None if the last one counted.
     """
@@ -41,8 +51,21 @@ class Surroundings(NamedTuple):
     unpublished: Sequence[str]
     button: str | None
     held: Mapping[str, Sequence[str]]
+    pressed: Mapping[str, str]
     old_stamps: Mapping[str, str]
     refused_reset: tuple[float, str] | None
+
+
+def unheard(topic: str, listeners: Iterable[str]) -> str:
+    """
+    Return the topic, and who looks on, if nobody obeys it; empty if somebody does.
+
+    :param listeners: names of the nodes that subscribe to it.
+    """
+    names = sorted(set(listeners))
+    if any(name not in _ONLOOKERS and not name.startswith(_LOOK) for name in names):
+        return ''
+    return f'{topic}, but for {", ".join(names)}' if names else topic
 
 
 def report_of(status: Status, around: Surroundings, now: float) -> report.Status:
@@ -108,9 +131,15 @@ def _further_inhibits(status: Status, around: Surroundings, now: float) -> list[
         and now - status.last_transition.at >= _PATIENCE
     ):
         why.append(
-            '/diagnostics of the drive says why it is not enabled; then give control back and '
+            'mend what the drive says, here or in /diagnostics; then give control back and '
             'take it anew'
         )
+    if status.state is State.READY:
+        why += [
+            f"operator '{name}': {text} (operator.{name}.deadman_buttons)"
+            for name, text in around.pressed.items()
+            if text
+        ]
     why += [
         f'~/joy/{name} leaves out what was held before: let go of {", ".join(held)}'
         for name, held in around.held.items()

@@ -18,6 +18,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 import pytest
 from rclpy.parameter import Parameter
 from std_msgs.msg import Bool
@@ -99,6 +100,13 @@ class SteppedMux(FedMux):
             self.mux._tick(self.now)
         assert self.mux._last_state is not None
         return self.mux._last_state
+
+    def says(self, node: str, level: bytes, message: str) -> None:
+        """Have a node beside the mux say this of its device."""
+        name = f'{self.mux.get_namespace().lstrip("/")}/{node}: device'
+        status = DiagnosticStatus(level=level, name=name, message=message)
+        self.mux._on_diagnostics(DiagnosticArray(status=[status]))
+        self.mux._explain()  # as the lane does
 
     def values(self) -> dict[str, str]:
         """Return the values of ~/status."""

@@ -37,6 +37,7 @@ import pytest
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter
+from sensor_msgs.msg import Joy
 from std_msgs.msg import Bool
 
 from bridge_core.session import Level, StopChanged, Verdict
@@ -44,6 +45,7 @@ from bridge_core.transports import TransportError
 from test.endings import each_ending
 from test.rig import as_yaml, latched, NodeProcess, Observer, Pty, Record, wait_for
 from test.run_delay import RunDelay
+from test.talkers import Diagnostics, namespace
 from test.toy_bridge import make_toy, toy_process, ToyBridge
 from test.toy_rig import ESTOP, OUTLASTS_GAPS, ToyDevice, wait_repeats, wait_value
 from test.toy_wire import Session
@@ -709,3 +711,20 @@ def test_nothing_is_left_in_the_process_after_a_node(context: Context, link: str
         node.shut_down()
         node.destroy_node()
     wait_for(lambda: threading.active_count() <= before, 5.0, 'the threads gone')
+
+
+def test_input_that_is_wired_to_a_misspelt_topic_is_named(observer: Observer) -> None:
+    space = namespace()
+    typo, name = f'{space}/safety_mux/joy/frot', 'akron_can_bridge'
+    rules = ('-r', f'~/cmd_joy:={typo}')
+    values = {'interface': 'socketcan', 'channel': 'nowhere'}
+    diagnostics = Diagnostics(observer, f'{space}/{name}')
+
+    def said() -> str:
+        status = diagnostics.status('device')
+        return '' if status is None else str(status.message)
+
+    with NodeProcess(f'{name}.node', values, arguments=rules, namespace=space):
+        observer.wait_for(lambda: said().endswith(f'; nobody publishes {typo}'), 20.0, said)
+        observer.node.create_publisher(Joy, typo, 10)
+        observer.wait_for(lambda: said() and 'nobody' not in said(), 20.0, said)

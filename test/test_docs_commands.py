@@ -219,6 +219,11 @@ CHECKS: dict[str, Callable[[list[str]], None]] = {
 }
 
 
+# For who has no ``ros2``.
+for _name in ('clear', 'reset', 'status', 'trip'):
+    CHECKS[f'rugged_teleop {_name} '] = lambda words, name=_name: check_executable([name, *words])  # type: ignore[misc]
+
+
 def begins(text: str, prefixes: Iterable[str]) -> str:
     """Return the prefix that a command begins with; empty: none."""
     return next((each for each in prefixes if f'{text} '.startswith(f'{each.strip()} ')), '')

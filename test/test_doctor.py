@@ -237,6 +237,24 @@ def test_topic_of_a_drives_enabled_that_is_misspelt_is_found(
     assert kinds(found) == ['wired']
 
 
+@pytest.mark.parametrize(
+    ('far', 'found'), [('far', []), ('near', ['sources exchanged', 'sources exchanged'])]
+)
+def test_estop_that_counts_for_another_remotes_operator_is_found(
+    far: str, found: list[str], tmp_path: Path
+) -> None:
+    near = 'near' if far == 'far' else 'far'
+    names, estop, operator = ('near', 'far'), {}, {}
+    for priority, (name, owner) in enumerate(zip(names, (near, far), strict=True)):
+        topic = f'/{name}/fort_vsc_bridge'
+        estop[name] = {'topic': f'{topic}/estop', 'counts': 'when_owner', 'operator': owner}
+        operator[name] = {'topic': f'{topic}/joy', 'axis': [0, 1], 'priority': priority}
+    mux = {'estop_sources': names, 'operators': names, 'estop': estop, 'operator': operator}
+    path = parameter_file(tmp_path, safety_mux=mux | {'drive_enabled_topic': ''})
+    nodes, _ = configured([path])
+    assert [each for each in kinds(wiring(nodes)) if each != 'source elsewhere'] == found
+
+
 def test_mux_may_listen_to_another_mux(tmp_path: Path) -> None:
     path = tmp_path / 'my.yaml'
     path.write_text(

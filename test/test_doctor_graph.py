@@ -72,6 +72,14 @@ def test_source_that_nobody_publishes_is_found() -> None:
     assert '/safety_mux' in found.text
 
 
+def test_input_that_is_wired_to_a_misspelt_topic_is_found() -> None:
+    monitor, kind = '/akron_can_bridge', 'sensor_msgs/msg/Joy'
+    (found,) = found_in(Endpoint(monitor, '/safety_mux/joy/frot', kind, False, RELIABLE))
+    assert found.kind == 'nobody publishes'
+    assert '/safety_mux/joy/frot' in found.text
+    assert found_in(Endpoint(monitor, f'{monitor}/cmd_joy', kind, False, RELIABLE)) == []
+
+
 @pytest.mark.parametrize(
     ('node', 'topic'),
     [

@@ -201,6 +201,9 @@ def test_file_of_which_ros_takes_more_or_less_is_refused(text: str, why: str, fi
 @pytest.mark.parametrize(
     ('text', 'why'),
     [
+        ('/**/x: {ros_parameters: {rate: 5.0}}', "/x has 'ros_parameters': write ros__parameters"),
+        ('/**/x: {parameters: {rate: 5.0}}', "/x has 'parameters': write ros__parameters"),
+        ('x: {rate: 5.0}', 'if it is a parameter of /x, write ros__parameters: above it'),
         ('/**: {ros__parameters: 5}', 'section /\\*\\* has 5, not a map'),
         ('/**/x:\n  ros__parameters:\n    # rate: 5.0\n', '/\\*\\*/x has no values: leave it out'),
         ('/**/x:\n/**:\n  ros__parameters: {rate: 5.0}\n', '/\\*\\*/x has no values'),

@@ -278,6 +278,14 @@ def test_name_that_nobody_knows_is_refused_with_the_nearest(
     assert f'parameter {wrong}: there is no such parameter; did you mean {right}?' in line
 
 
+def bounded(*joints: str) -> dict[str, Any]:
+    limits = ('max', 'acceleration', 'deceleration')
+    return {f'joint.{joint}.{limit}': 1.0 for joint in joints for limit in limits}
+
+
+SCALE = {'operator.fort.scale': [1.0]}
+BASE = {'joints': ['linear', 'angular'], **SCALE, **bounded('linear', 'angular')}
+TORQUES = {'interface': 'effort', **SCALE, **bounded('left', 'right')}
 CONTRADICTIONS: dict[str, tuple[str, dict[str, Any], str]] = {
     # What is wrong: node, values, what the line must speak of.
     'no name of a port': ('fort', {'port': ''}, "parameter port = '': allowed is a device file"),
@@ -320,6 +328,8 @@ CONTRADICTIONS: dict[str, tuple[str, dict[str, Any], str]] = {
         'mux',
         {
             'autonomy.topic': 'cmd_vel',
+            'autonomy.wheel_separation': 0.5,
+            'autonomy.wheel_radius': 0.1,
             'joints': ['a', 'b', 'c'],
             'operator.fort.mixing': 'none',
             'operator.fort.axis': [0, 1, 2],
@@ -327,16 +337,32 @@ CONTRADICTIONS: dict[str, tuple[str, dict[str, Any], str]] = {
         r'parameter autonomy\.type',
     ),
     'a twist of other joints': ('mux', {'output': 'twist'}, r'parameter joints.*linear.*angular'),
+    'a twist with the speeds of a wheel': (
+        'mux',
+        {'output': 'twist', 'joints': ['linear', 'angular'], 'joint.angular.max': 1.0},
+        r'joint\.linear\.max: there is no default .*m/s.*give joint\.linear\.max, .*linear\.acc'
+        r'.*joint\.angular\.dec.*operator\.fort\.scale',
+    ),
+    'a torque with the numbers of a speed': (
+        'mux',
+        {'interface': 'effort', **SCALE, **bounded('left')},
+        r'joint\.right\.max: there is no default .*N·m; give joint\.right\.max, joint\.right\.acc',
+    ),
+    'wheels that nobody has measured': (
+        'mux',
+        {'autonomy.topic': 'plan', 'autonomy.wheel_separation': 0.5},
+        r'autonomy\.wheel_radius: there is no default for a Twist on autonomy\.topic; give',
+    ),
     'a twist mixed to wheels': (
         'mux',
-        {'output': 'twist', 'joints': ['linear', 'angular']},
+        {'output': 'twist', **BASE},
         r"parameter operator\.fort\.mixing = 'arcade'.*'none'",
     ),
     'a twist of torques': (
         'mux',
         {
             'output': 'twist_stamped',
-            'joints': ['linear', 'angular'],
+            **BASE,
             'operator.fort.mixing': 'none',
             'interface': 'effort',
         },
@@ -346,7 +372,7 @@ CONTRADICTIONS: dict[str, tuple[str, dict[str, Any], str]] = {
         'mux',
         {
             'output': 'twist',
-            'joints': ['linear', 'angular'],
+            **BASE,
             'operator.fort.mixing': 'none',
             'feedback.topic': 'joint_states',
         },
@@ -361,7 +387,7 @@ CONTRADICTIONS: dict[str, tuple[str, dict[str, Any], str]] = {
         'mux',
         {
             'output': 'twist',
-            'joints': ['linear', 'angular'],
+            **BASE,
             'operator.fort.mixing': 'none',
             'autonomy.topic': 'cmd_vel',
             'autonomy.wheel_radius': 0.2,
@@ -441,22 +467,22 @@ CONTRADICTIONS: dict[str, tuple[str, dict[str, Any], str]] = {
     ),
     'speeds for a command of torques': (
         'mux',
-        {'interface': 'effort', 'feedback.topic': 'joint_states'},
+        {**TORQUES, 'feedback.topic': 'joint_states'},
         r"interface = 'effort': feedback\.topic = 'joint_states' is about speeds",
     ),
     "a planner's speed as a torque": (
         'mux',
-        {'interface': 'effort', 'autonomy.topic': 'cmd_vel'},
+        {**TORQUES, 'autonomy.topic': 'cmd_vel'},
         r"interface = 'effort': autonomy\.type = 'Twist' is about speeds and needs 'velocity'",
     ),
     "a planner's stamped speed as a torque": (
         'mux',
-        {'interface': 'effort', 'autonomy.topic': 'cmd_vel', 'autonomy.type': 'TwistStamped'},
+        {**TORQUES, 'autonomy.topic': 'cmd_vel', 'autonomy.type': 'TwistStamped'},
         r"interface = 'effort': autonomy\.type = 'TwistStamped' is about speeds",
     ),
     'a speed limit of torques': (
         'mux',
-        {'interface': 'effort', 'speed_limits': ['zone'], 'speed_limit.zone.topic': 'zone'},
+        {**TORQUES, 'speed_limits': ['zone'], 'speed_limit.zone.topic': 'zone'},
         r"interface = 'effort': speed_limits = \['zone'\] is about speeds",
     ),
     'a speed limit that nobody gives': (
@@ -490,9 +516,8 @@ CONTRADICTIONS: dict[str, tuple[str, dict[str, Any], str]] = {
         'mux',
         {
             'output': 'twist',
-            'joints': ['linear', 'angular'],
+            **BASE,
             'operator.fort.mixing': 'none',
-            'operator.fort.scale': [1.0],
             'autonomy.topic': '~/cmd_vel',
         },
         '~/cmd_vel, which this node says',
@@ -506,6 +531,16 @@ CONTRADICTIONS: dict[str, tuple[str, dict[str, Any], str]] = {
     ),
     'a joint twice': ('mux', {'joints': ['a', 'a']}, 'parameter joints'),
     'a joint without a name': ('mux', {'joints': ['', 'b']}, 'parameter joints'),
+    'joints that are one name': (
+        'mux',
+        {'joints': 'left, right'},
+        r"parameter joints = 'left, right': is one name; for a list write \[left, right\]",
+    ),
+    'one joint for two sticks': (
+        'mux',
+        {'joints': 'left'},
+        r'makes 2 joints, joints has 1: left; correct either',
+    ),
     'more joints than the operator moves': (
         'mux',
         {'joints': ['a', 'b', 'c']},

@@ -206,9 +206,9 @@ def test_fault_is_named_by_doctor_bridge_status_and_page_alike(
 
     bench = Bench()
     bench.estops['fort'] = True
-    bench.arbiter.explain_source('fort', why)
+    bench.arbiter.explain('e-stop source', 'fort', why)
     bench.run(0.5)
-    around = Surroundings('', (), None, {}, {}, None)
+    around = Surroundings('', (), None, {}, {}, {}, None)
     status = report_of(bench.arbiter.status(bench.now), around, bench.now)
     assert f"e-stop source 'fort' demands a stop: {why}" in status.message
 

@@ -51,7 +51,8 @@ def test_policy_follows_parameters_and_namespace(tmp_path: Path) -> None:
     file = tmp_path / 'my.yaml'
     file.write_text(
         '/**/safety_mux: {ros__parameters: {estop_sources: [site], estop.site.topic: /site/estop,'
-        " operators: [''], autonomy.topic: cmd_vel, drive_enabled_topic: ''}}\n"
+        " operators: [''], autonomy.topic: cmd_vel,"
+        " autonomy.type: JointState, drive_enabled_topic: ''}}\n"
     )
     rights = allowed(outcome(str(file), '--namespace', '/front').stdout)
     (enclave,) = rights

@@ -35,6 +35,8 @@ PERIOD = 0.01
 GIVEN = {
     'autonomy.topic': 'planner/velocity',
     'autonomy.type': 'Twist',
+    'autonomy.wheel_separation': 0.5,
+    'autonomy.wheel_radius': 0.1,
     'estop_sources': ['gate'],
     'estop.gate.topic': '/gate',
     'operators': ['pad'],

@@ -230,13 +230,17 @@ def test_autonomy_collects_no_rest_while_it_is_invalid(bench: Bench, how: str) -
     assert arbiter.select_autonomy(True, bench.now).ok
 
 
-@pytest.mark.parametrize('how', ['malformed', 'not finite'])
-def test_senseless_command_of_autonomy_that_drives_stops(how: str) -> None:
+@pytest.mark.parametrize('asked', [None, math.inf, -1e300, 1.001e6], ids=str)
+def test_senseless_command_of_autonomy_that_drives_stops(asked: float | None) -> None:
     bench = Bench().active('autonomy')
-    if how == 'malformed':
+    if asked is None:
         bench.arbiter.autonomy_invalid('a test', bench.now)
     else:
-        bench.arbiter.autonomy_command((math.inf, 0.0), bench.now)
+        bench.arbiter.autonomy_command((0.0, asked), bench.now)
+        assert (
+            f'autonomy is invalid: its demand is {"not" if asked > 1e9 else "beyond"}'
+            in bench.why()
+        )
     bench.send()  # a good one follows at once
     assert_stopped(bench.tick())
 
@@ -298,9 +302,9 @@ def test_what_a_source_demanded_by_itself_is_demanded_of_the_others_once() -> No
 def test_words_of_a_sources_diagnostics_are_passed_on_while_they_are_given(bench: Bench) -> None:
     bench.estops['fort'] = True
     bench.run(0.5)
-    bench.arbiter.explain_source('fort', 'pull the button')
+    bench.arbiter.explain('e-stop source', 'fort', 'pull the button')
     assert "e-stop source 'fort' demands a stop: pull the button" in bench.why()
-    bench.arbiter.explain_source('fort', '')
+    bench.arbiter.explain('e-stop source', 'fort', '')
     assert 'demands a stop: see /diagnostics' in bench.why()
 
 

@@ -44,6 +44,13 @@ EVERYTHING = {
 }
 
 
+def numbers(*joints: str) -> dict[str, Any]:
+    """Return what has no default where no wheels are driven by speed."""
+    limits = ('max', 'acceleration', 'deceleration')
+    named = {f'joint.{joint}.{limit}': 10.0 for joint in joints for limit in limits}
+    return {**named, 'operator.fort.scale': [10.0]}
+
+
 class Arbiter:
     """Notes what it is told."""
 
@@ -216,7 +223,8 @@ def test_twist_turns_the_joints_of_a_differential_drive() -> None:
 
 
 def test_twist_as_output_stays_speed_and_turn() -> None:
-    fed = Fed(output='twist', joints=['linear', 'angular'], feedback__topic='')
+    base = {**EVERYTHING, **numbers('linear', 'angular')}
+    fed = Fed(base, output='twist', joints=['linear', 'angular'], feedback__topic='')
     _, told = fed.take('autonomy.topic', twist(1.0, 0.5))
     assert told == [('autonomy_command', (1.0, 0.5), 3.0)]
 
@@ -230,7 +238,8 @@ def test_stamped_twist_is_read_within() -> None:
 
 @pytest.mark.parametrize('interface', ['velocity', 'effort'])
 def test_joint_state_is_read_where_the_interface_says(interface: str) -> None:
-    fed = Fed(autonomy__type='JointState', interface=interface, feedback__topic='')
+    base = {**EVERYTHING, **numbers('left', 'right')}
+    fed = Fed(base, autonomy__type='JointState', interface=interface, feedback__topic='')
     values = {'velocity': [1.0, 2.0], 'effort': [3.0, 4.0]}
     message = JointState(name=['left', 'right'], **values)
     _, told = fed.take('autonomy.topic', message)
@@ -239,7 +248,7 @@ def test_joint_state_is_read_where_the_interface_says(interface: str) -> None:
 
 @pytest.mark.parametrize(('interface', 'together'), [('velocity', True), ('effort', False)])
 def test_velocities_grow_together_and_torques_do_not(interface: str, together: bool) -> None:
-    given = {'interface': interface}
+    given = {'interface': interface, **numbers('left', 'right')}
     limits = joint_limits(resolve((*MANAGED_PARAMETERS, *parameter_table(given)), given))
     assert [limit.together for limit in limits] == [together, together]
 

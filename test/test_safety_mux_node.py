@@ -59,6 +59,7 @@ from test.rig import latched, NodeProcess, Observer, wait_for
 from test.talkers import namespace, Talker, values_of
 
 pytestmark = pytest.mark.waits(240)
+WHEELS: dict[str, Any] = {'autonomy__wheel_separation': 0.5, 'autonomy__wheel_radius': 0.1}
 
 
 @pytest.fixture(scope='module')
@@ -136,7 +137,7 @@ def test_command_waits_for_the_drive_to_be_enabled(mux: MuxBench) -> None:
     mux.joy.message = sticks(0.5, deadman=True)
     begun = time.monotonic()
     mux.wait(lambda: mux.explains('waits for the drive to be enabled: it says that it'), 'why')
-    mux.wait(lambda: mux.explains('/diagnostics of the drive says why'), 'what to do')
+    mux.wait(lambda: mux.explains('mend what the drive says'), 'what to do')
     assert values_of(mux.status.last)['drive enabled'] == 'false'
     assert mux.enable.last.data
     assert not any(any(message.velocity) for _, message in mux.command.since(begun))
@@ -234,6 +235,15 @@ def test_stop_is_explained_by_the_diagnostics_of_its_source(mux: MuxBench) -> No
         status.level = DiagnosticStatus.OK
         diagnostics.message = DiagnosticArray(status=[status])
         mux.wait(lambda: mux.explains("'fort' demands a stop: see /diagnostics"), 'no why')
+        mux.fort_estop.message = Bool(data=False)
+        mux.ready()
+        status.message = 'ok; mode is Menu: leave the menu'
+        mux.wait(
+            lambda: mux.explains(
+                "press the deadman of 'fort' to take control; its device says: mode"
+            ),
+            'why the remote is quiet',
+        )
     finally:
         diagnostics.leave()
 
@@ -473,11 +483,12 @@ rclpy.spin(node)
 def test_autonomy_of_each_type_moves_after_it_was_selected(
     observer: Observer, kind: str, rest: Any, motion: Any
 ) -> None:
+    wheels = {} if kind == 'JointState' else WHEELS
     if kind != 'JointState':
         twist = getattr(motion, 'twist', motion)
         # 0.2 m/s on wheels of 0.1 m, and 0.4 rad/s to the left with 0.5 m between them.
         twist.linear.x, twist.angular.z = 0.2, 0.4
-    mux = MuxBench(observer, autonomy__topic='cmd', autonomy__type=kind)
+    mux = MuxBench(observer, autonomy__topic='cmd', autonomy__type=kind, **wheels)
     autonomy = Talker(observer, type(rest), f'{mux.space}/cmd', rest)
     try:
         mux.ready()
@@ -500,7 +511,7 @@ def test_autonomy_of_each_type_moves_after_it_was_selected(
 
 
 def test_autonomy_that_falls_silent_or_mad_stops(observer: Observer) -> None:
-    mux = MuxBench(observer, autonomy__topic='cmd_vel')
+    mux = MuxBench(observer, autonomy__topic='cmd_vel', **WHEELS)
     autonomy = Talker(observer, Twist, f'{mux.space}/cmd_vel', Twist())
     mad = Twist()
     mad.angular.x = math.nan  # of no use for wheels, but not of a sane planner
@@ -525,7 +536,7 @@ def test_autonomy_that_falls_silent_or_mad_stops(observer: Observer) -> None:
 
 
 def test_operator_takes_over_from_autonomy_by_the_deadman(observer: Observer) -> None:
-    mux = MuxBench(observer, autonomy__topic='cmd_vel')
+    mux = MuxBench(observer, autonomy__topic='cmd_vel', **WHEELS)
     autonomy = Talker(observer, Twist, f'{mux.space}/cmd_vel', Twist())
     try:
         mux.ready()
@@ -838,7 +849,7 @@ def test_stop_goes_out_before_all_else(own_mux: SafetyMux) -> None:
 
     own_mux.lane.call(play)
     names = [name for name, _ in story][:5]
-    assert names == ['_estop', '_enable', 'stop_demand', '_command', '_state']
+    assert names == ['_estop', '_enable', '_command', 'stop_demand', '_state']
     assert story[:2] == [('_estop', True), ('_enable', False)]
 
 
@@ -938,7 +949,7 @@ def test_trip_is_kept_for_a_mux_that_hangs_whatever_diagnostics_say_meanwhile(
     with hanging(own_mux):
         own_mux._on_trip(Trigger.Request(), Trigger.Response())
         waits = len(own_mux.lane._calls)
-        name, source = next(iter(own_mux._source_of.items()))
+        name = f'{own_mux.get_namespace().lstrip("/")}/fort_vsc_bridge: device'
         level = DiagnosticStatus.ERROR
         status = [DiagnosticStatus(level=level, name=name, message=str(n)) for n in range(100)]
         for _ in range(100):
@@ -947,7 +958,7 @@ def test_trip_is_kept_for_a_mux_that_hangs_whatever_diagnostics_say_meanwhile(
 
     def explained() -> bool:
         tripped = own_mux._arbiter.status(clock.now()).tripped
-        return tripped and own_mux._arbiter._sources[source].why == '99'
+        return tripped and own_mux._arbiter._sources['fort'].device_words == '99'
 
     wait_for(lambda: own_mux.lane.call(explained), what='the trip, and the newest text')
 
@@ -959,7 +970,9 @@ def reset_of(mux: SafetyMux) -> str:
 def test_what_is_asked_right_after_a_hang_of_the_services_is_not_done_but_a_stop(
     context: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    stepped = SteppedMux(context, monkeypatch, **{'autonomy.topic': 'plan'})
+    stepped = SteppedMux(
+        context, monkeypatch, **{'autonomy.topic': 'plan', 'autonomy.type': 'JointState'}
+    )
     mux = stepped.mux
     mux._look()
     stepped.run(5.0)

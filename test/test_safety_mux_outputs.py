@@ -34,9 +34,12 @@ from rclpy.time import Time as Clock
 from sensor_msgs.msg import Joy
 from std_msgs.msg import Bool, Header
 
+from bridge_core.lane import owner_of
 from safety_mux.node import SafetyMux
 from safety_mux.outputs import command_of, GatedJoy, Repeated
 from safety_mux.protocol import Decision, State
+from safety_mux.report import unheard
+from test.fed_mux import LIMIT, SteppedMux, TICK
 from test.mux_talkers import MuxBench, sticks
 from test.rig import latched, NodeProcess, Observer
 from test.safety_mux_bench import Bench, CONFIG, DRIVE, OFF, REST
@@ -419,7 +422,9 @@ def test_axis_of_two_joints_is_let_go_of_at_the_lesser_of_their_deadbands(contex
         assert said[-1].axes[1] == 0.0, 'held as control began'
 
 
-def test_neutral_goes_out_with_the_stop_and_behind_it(own_mux: SafetyMux) -> None:
+def test_zero_and_neutral_go_out_with_the_stop_and_behind_it(
+    own_mux: SafetyMux, monkeypatch: pytest.MonkeyPatch
+) -> None:
     story: list[str] = []
 
     class Publisher:
@@ -442,23 +447,135 @@ def test_neutral_goes_out_with_the_stop_and_behind_it(own_mux: SafetyMux) -> Non
         decide(State.ACTIVE)
         for each, name in ((own_mux._estop, 'estop'), (own_mux._enable, 'enable'), (gate, 'joy')):
             each.publisher = Publisher(name)
+        monkeypatch.setattr(own_mux, '_command', Publisher('command'))
         decide(State.STOPPED)
+        monkeypatch.undo()
 
     own_mux.lane.call(play)
-    assert story == ['estop', 'enable', 'joy']
+    assert story == ['estop', 'enable', 'command', 'joy']
 
 
 def test_words_of_a_device_are_cited_in_part(own_mux: SafetyMux) -> None:
-    device, source = next(iter(own_mux._source_of.items()))
+    device = f'{own_mux.get_namespace().lstrip("/")}/fort_vsc_bridge: device'
 
     def said() -> str:
         now = time.monotonic()
-        own_mux._arbiter.estop_message(source, True, now)
+        own_mux._arbiter.estop_message('fort', True, now)
         return str(own_mux._status_message(now).message)
 
     words = DiagnosticStatus(name=device, level=b'\2', message='x' * 300_000)
     own_mux._on_diagnostics(DiagnosticArray(status=[words]))
     assert own_mux.lane.call(said).count('x') == pytest.approx(1000, abs=10)
+
+
+QUIET = 'mode is Menu: leave the menu'
+
+
+@pytest.mark.parametrize(
+    ('level', 'message', 'words'),
+    [
+        (DiagnosticStatus.OK, f'ok; {QUIET}', f'; its device says: {QUIET}'),
+        (DiagnosticStatus.WARN, QUIET, f'; its device says: {QUIET}'),
+        (DiagnosticStatus.OK, 'ok', ''),
+    ],
+    ids=['in order', 'a warning', 'nothing to say'],
+)
+def test_operator_without_a_deadman_is_told_what_his_device_says(
+    context: Any, monkeypatch: pytest.MonkeyPatch, level: Any, message: str, words: str
+) -> None:
+    stepped = SteppedMux(context, monkeypatch)
+    mux = stepped.mux
+    try:
+        assert mux._reset().ok
+        assert stepped.run(LIMIT + 0.1) is State.READY
+        stepped.says('fort_vsc_bridge', level, message)
+        advice = f"press the deadman of 'fort' to take control{words}"
+        assert advice in stepped.values().values()
+        stepped.run(2.9)
+        assert advice in stepped.values().values()
+        stepped.run(0.2)
+        mux._look_around(stepped.now)  # its node says nothing any more
+        assert "press the deadman of 'fort' to take control" in stepped.values().values()
+        stepped.says('fort_vsc_bridge', level, message)
+        stepped.joy = None  # a device that sends no sticks in such a mode
+        stepped.run(LIMIT + 0.1)
+        assert f'limit 1000 ms{words or ": start its node"}' in stepped.message()
+    finally:
+        mux.destroy_node()
+
+
+@pytest.mark.parametrize(
+    ('buttons', 'given', 'said'),
+    [
+        ({3: 1}, {}, "operator 'fort': buttons pressed: 3; its deadman: 0"),
+        ({0: 1}, {'operator.fort.deadman_buttons': [0, 2]}, 'pressed: 0; its deadman: 0 and 2'),
+        ({0: 1}, {'operator.fort.pressed_at': 2}, ''),
+        ({}, {}, ''),
+    ],
+    ids=['another', 'a half', 'a switch that is not on', 'none'],
+)
+def test_buttons_that_are_pressed_instead_of_the_deadman_are_named(
+    context: Any, monkeypatch: pytest.MonkeyPatch, buttons: Any, given: Any, said: str
+) -> None:
+    stepped = SteppedMux(context, monkeypatch, **given)
+    try:
+        assert stepped.mux._reset().ok
+        assert stepped.run(LIMIT + 0.1) is State.READY
+        for button, value in buttons.items():
+            stepped.joy.buttons[button] = value
+        assert stepped.run(0.1) is State.READY
+        assert said in stepped.message()
+        assert ('buttons pressed' in stepped.message()) == bool(said)
+        stepped.run(10.0)  # a switch stays on, and nobody holds it
+        assert 'buttons pressed' not in stepped.message()
+    finally:
+        stepped.mux.destroy_node()
+
+
+@pytest.mark.parametrize(
+    ('listeners', 'said'),
+    [
+        ([], '~/command'),
+        (['status_page', 'recorder'], '~/command, but for recorder, status_page'),
+        (
+            ['_ros2cli_12', 'rosbag2_recorder', 'rqt_gui_py_node_9'],
+            '~/command, but for _ros2cli',
+        ),
+        (['status_page', 'esi_drive_bridge'], ''),
+        (['diff_drive_controller'], ''),
+        ([owner_of('_esi_drive_bridge_lane')], ''),
+        ([owner_of('_status_page_lane')], '~/command, but for status_page'),
+    ],
+)
+def test_who_only_looks_at_commands_is_nobody_who_obeys(listeners: list[str], said: str) -> None:
+    found = unheard('~/command', listeners)
+    assert found.startswith(said)
+    assert bool(found) == bool(said)
+
+
+def test_drive_that_does_not_enable_says_why_in_the_status_of_the_mux(
+    context: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    stepped = SteppedMux(context, monkeypatch)
+    mux = stepped.mux
+    enabled = next(t for t in mux._intake.topics() if t.parameter == 'drive_enabled_topic')
+    try:
+        enabled.take(Bool(data=False), stepped.now)
+        assert mux._reset().ok
+        stepped.run(LIMIT + 0.1)
+        stepped.says('esi_drive_bridge', DiagnosticStatus.OK, 'ok; disabled: enable is false')
+        stepped.joy = sticks(0.5, deadman=True)
+        assert stepped.run(0.1) is State.ACTIVE
+        enabled.take(Bool(data=False), stepped.now)
+        assert 'enable is false' not in stepped.message()  # which it said before it was asked
+        why = 'ok; disabled: the drive did not become enabled within 1000 ms; try ~/clear_errors'
+        stepped.says('esi_drive_bridge', DiagnosticStatus.OK, why)
+        expected = why.removeprefix('ok; ').replace('~', f'{mux.get_namespace()}/esi_drive_bridge')
+        said = stepped.values()['inhibit 1']
+        assert said.startswith("operator 'fort' waits for the drive to be enabled: ")
+        assert said.endswith(f'; its device says: {expected}')
+    finally:
+        mux.destroy_node()
 
 
 def test_mux_that_is_not_asked_for_it_publishes_no_joy(observer: Observer) -> None:
@@ -550,6 +667,8 @@ BASE: dict[str, Any] = {
     'joint.linear.acceleration': 2.0,
     'joint.linear.deceleration': 4.0,
     'joint.angular.max': 2.0,
+    'joint.angular.acceleration': 20.0,
+    'joint.angular.deceleration': 40.0,
     'operator.fort.mixing': 'none',
     'operator.fort.axis': [1, 0],
     'operator.fort.scale': [1.0, 2.0],
@@ -625,6 +744,29 @@ def test_autonomy_passes_x_and_yaw_through_and_keeps_the_curve_at_the_limit(
         mux.close()
 
 
+@pytest.mark.parametrize('category', [0, 1])
+def test_stop_of_a_base_goes_out_before_the_next_decision(
+    context: Any, monkeypatch: pytest.MonkeyPatch, category: int
+) -> None:
+    parameters = {'output': 'twist', **BASE, 'estop.drive.stop_category': category}
+    stepped = SteppedMux(context, monkeypatch, **parameters)
+    mux, said = stepped.mux, []
+    assert mux._reset().ok
+    assert stepped.run(LIMIT + 0.1) is State.READY
+    stepped.joy = sticks(1.0, deadman=True)
+    assert stepped.run(1.0) is State.ACTIVE
+    command = SimpleNamespace(publish=lambda message: said.append(message.linear.x))
+    monkeypatch.setattr(mux, '_command', command)
+    stepped.now += TICK / 4
+    drive = next(t for t in mux._intake.topics() if t.parameter == 'estop.drive.topic')
+    assert drive.take(Bool(data=True), stepped.now)
+    mux._decide(stepped.now)
+    monkeypatch.undo()
+    mux.destroy_node()
+    assert len(said) == 1
+    assert said[0] == 0.0 if category == 0 else 0.9 < said[0] < 1.0
+
+
 def test_nobody_hears_the_twist_is_said(observer: Observer) -> None:
     space = namespace()
     status = observer.record(DiagnosticStatus, f'{space}/safety_mux/status', latched())
@@ -634,6 +776,13 @@ def test_nobody_hears_the_twist_is_said(observer: Observer) -> None:
             15.0,
             'the hint',
         )
+        with Observer('recorder') as onlooker:
+            onlooker.record(Twist, f'{space}/safety_mux/cmd_vel')
+            observer.wait_for(
+                lambda: 'cmd_vel, but for recorder: is the' in status.last.message, 15.0, 'it'
+            )
+        observer.record(Twist, f'{space}/safety_mux/cmd_vel')
+        observer.wait_for(lambda: 'nobody listens' not in status.last.message, 15.0, 'one')
 
 
 def test_second_publisher_of_the_twist_stops(observer: Observer) -> None:

@@ -314,6 +314,8 @@ def test_pub_stands_in_for_autonomy(observer: Observer) -> None:
         **OUTLASTS_GAPS,
         'autonomy.topic': 'cmd_vel',
         'autonomy.timeout': GAP,
+        'autonomy.wheel_separation': 0.5,
+        'autonomy.wheel_radius': 0.1,
         'operators': [''],
     }
     with NodeProcess('safety_mux.node', parameters, namespace=space):

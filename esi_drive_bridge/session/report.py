@@ -22,6 +22,8 @@ from typing import Any
 from esi_drive_bridge.axes import Axis
 from esi_drive_bridge.protocol import RS422_FAULT, Status
 
+THEN_CLEAR = 'then call ~/clear_errors, as the drive keeps its errors until it is asked'
+
 
 def status_values(status: Status, axes: Sequence[Axis]) -> dict[str, Any]:
     """Return every bit and number of the status, by joint and the manual's word."""

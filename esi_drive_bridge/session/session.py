@@ -48,6 +48,7 @@ from esi_drive_bridge.session.report import (
     second_axis,
     status_values,
     still_enabled,
+    THEN_CLEAR,
 )
 from esi_drive_bridge.session.settings import Settings
 
@@ -146,7 +147,10 @@ class Session(BaseSession[bytes, Status, Event]):
     def problems(self, now: float) -> list[tuple[Level, str]]:
         """Return warnings, and stops as errors: all of them are faults."""
         warnings = [(Level.WARN, text) for text in self.warnings(now)]
-        return warnings + [(Level.ERROR, text) for text in self.stop_reasons(now)]
+        errors = self.stop_reasons(now)
+        if self._faults and not any(CLEAR_ERRORS in text for text in errors):
+            errors.append(THEN_CLEAR)
+        return warnings + [(Level.ERROR, text) for text in errors]
 
     def values(self, now: float) -> dict[str, Any]:
         """Return phase, inhibits, counters and every bit of the status."""

@@ -60,6 +60,13 @@ CATALOGUE = {
         '{topic}: no node of the files publishes it, but {parameter} names it',
         'fine if another package does; else add its node, or correct the topic',
     ),
+    'sources exchanged': Kind(
+        _DO,
+        'wiring',
+        "{mux}: estop.{source} is of {node}, the remote of operator '{other}', but counts for "
+        "'{operator}'",
+        'correct its operator or its topic: the button of one would stop the other',
+    ),
     'e-stop unheard': Kind(
         _LOOK,
         'wiring',

@@ -145,6 +145,7 @@ def wiring(nodes: Sequence[Configured]) -> list[Finding]:
         words = {'topic': topic, 'parameter': f'{name} of {mux}'}
         kind = 'source misspelt' if owners else 'source elsewhere'
         findings.append(finding(kind, node=''.join(owners[:1]), **words))
+    findings += (each for mux in muxes for each in _exchanged(mux))
     for node in bridges:
         if f'{node.full}/estop' not in wanted:
             findings.append(finding('e-stop unheard', node=node.full))
@@ -179,6 +180,24 @@ def sources(values: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
     for name in (*names, 'feedback.topic', 'autonomy.topic', 'reset_topic', 'drive_enabled_topic'):
         if values[name]:
             yield name, values[name]
+
+
+def _exchanged(mux: Configured) -> Iterator[Finding]:
+    """The e-stop of one remote counts for the sticks of another: its own stops nothing."""
+    values = mux.values
+
+    def node_of(parameter: str) -> str:
+        return mux.topic(values[parameter]).rpartition('/')[0]
+
+    sticks = {node_of(f'operator.{name}.topic'): name for name in names_of(values, 'operators')}
+    for name in names_of(values, 'estop_sources'):
+        operator, source = values[f'estop.{name}.operator'], node_of(f'estop.{name}.topic')
+        if (
+            values[f'estop.{name}.counts'] == 'when_owner'
+            and sticks.get(source, operator) != operator
+        ):
+            words = {'source': name, 'operator': operator, 'other': sticks[source]}
+            yield finding('sources exchanged', node=source, mux=mux.full, **words)
 
 
 def _joints(drive: Configured, muxes: Sequence[Configured]) -> Iterator[Finding]:

@@ -35,7 +35,7 @@ from bridge_core import clock
 from bridge_core.session import Level as NodeLevel
 from rugged_teleop.command_line import RUN_MODULE
 from rugged_teleop.doctor.catalogue import finding
-from rugged_teleop.doctor.configuration import DRIVE, MUX
+from rugged_teleop.doctor.configuration import DRIVE, MUX, TOPICS
 from rugged_teleop.doctor.findings import Finding
 from rugged_teleop.reference import NODES
 
@@ -73,7 +73,8 @@ class Endpoint:
             return False
         if name == MUX:  # what a drive says of itself counts once it was heard
             return not self.topic.endswith('/enabled')
-        return name == DRIVE
+        is_wired = name in TOPICS and not self.topic.startswith(f'{self.node}/')
+        return name == DRIVE or is_wired
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,117 @@
+# Copyright 2026 The rugged_teleop maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The ROS side of ``rugged_teleop reset`` and the like: one service, or one topic, of one node."""
+
+from __future__ import annotations
+
+import math
+from types import TracebackType
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticStatus
+import rclpy
+from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from std_srvs.srv import Trigger
+
+from bridge_core import clock
+from bridge_core.managed_node import latched_qos
+from bridge_core.runner import avoid_shared_memory
+
+_STEP = 0.05  # s
+_MEET_TIME = 0.5  # s in which a node gets to know who asks
+_ASK_PERIOD = 1.0  # s
+
+
+class Asker:
+    """
+    A node that asks another one; use it as a context manager.
+
+    :param node: its full name. :param name: of its service or topic.
+    :param wait: seconds, for all of it.
+    """
+
+    def __init__(self, node: str, name: str, wait: float) -> None:
+        avoid_shared_memory()
+        self._full, self._name = f'{node}/{name}', name
+        self._wait = wait
+        self._end = clock.now() + wait
+        self._context = Context()
+        rclpy.init(args=[], context=self._context)
+        options: dict[str, Any] = {'start_parameter_services': False, 'enable_rosout': False}
+        self._node = Node(
+            f'_rugged_teleop_{name}', context=self._context, use_global_arguments=False, **options
+        )
+        self._executor = SingleThreadedExecutor(context=self._context)
+        self._executor.add_node(self._node)
+
+    def hear(self) -> dict[str, str] | None:
+        """Return the values of the next ~/status; None if none comes."""
+        heard: list[Any] = []
+        self._node.create_subscription(DiagnosticStatus, self._full, heard.append, latched_qos())
+        while not heard and clock.now() < self._end:
+            self._executor.spin_once(timeout_sec=_STEP)
+        return {pair.key: pair.value for pair in heard[0].values} if heard else None
+
+    def ask(self, *, repeats: bool) -> tuple[bool, str]:
+        """
+        Call the service; return whether it was done, and the answer; empty: it is not there.
+
+        :param repeats: call it again while no answer comes, and at once: the answer to a call that
+            comes before the node knows us is lost.
+        """
+        client = self._node.create_client(Trigger, self._full)
+        calls: list[Any] = []
+        due: float | None = None  # none while the service is not there
+        while (now := clock.now()) < self._end:
+            if not client.service_is_ready():
+                due = None
+            elif due is None:
+                due = now if repeats else now + _MEET_TIME
+            elif now >= due:
+                calls.append(client.call_async(Trigger.Request()))
+                due = now + _ASK_PERIOD if repeats else math.inf
+            self._executor.spin_once(timeout_sec=_STEP)
+            for reply in (call.result() for call in calls if call.done()):
+                return reply.success, reply.message
+        return False, f'{self._full} was asked, and has not answered' if calls else ''
+
+    def absence(self) -> str:
+        """Say that nothing of the kind is there, and where there is."""
+        found = self._node.get_topic_names_and_types() + self._node.get_service_names_and_types()
+        kinds = ('diagnostic_msgs/msg/DiagnosticStatus', 'std_srvs/srv/Trigger')
+        nodes = sorted(
+            name.removesuffix(f'/{self._name}')
+            for name, types in found
+            if name.endswith(f'/{self._name}') and name != self._full and types[0] in kinds
+        )
+        hint = 'is its node running, in this ROS_DOMAIN_ID?'
+        if nodes:
+            hint = f'there is {", ".join(nodes)}, see --node'
+        return f'nothing answers at {self._full} within {self._wait:g} s; {hint}'
+
+    def __enter__(self) -> Asker:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self._executor.shutdown()
+        self._node.destroy_node()
+        self._context.try_shutdown()
