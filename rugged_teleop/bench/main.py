@@ -38,7 +38,7 @@ from typing import Any
 from bridge_core import clock
 from rugged_teleop.bench.course import Course, Phase
 from rugged_teleop.bench.targets import TARGETS
-from rugged_teleop.command_line import full_name, number_within, Parser
+from rugged_teleop.command_line import full_name, number_within, Parser, require
 
 _EXAMPLES = """\
 examples:
@@ -80,6 +80,7 @@ def parser(prog: str) -> Parser:
 def main(arguments: Sequence[str] | None = None, prog: str = 'rugged_teleop bench') -> None:
     """Run a trial; the command's entry point."""
     options = parser(prog).parse_args(arguments)
+    require(prog, 'rclpy')
     from rugged_teleop.bench.commander import Commander  # lazily: the help needs no ROS
 
     ended: list[int] = []

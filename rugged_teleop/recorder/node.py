@@ -70,7 +70,8 @@ class Recorder(ManagedNode):
         try:
             from rugged_teleop.recorder.writer import FileWriter  # late: mcap is an extra
         except ImportError as error:
-            raise ParameterError(f'the recorder needs mcap: pip install mcap ({error})') from error
+            text = f'the recorder needs pip install mcap mcap-ros2-support ({error})'
+            raise ParameterError(text) from error
         values = self.values
         self._ring = Ring(values['seconds'], values['memory'] * _MB)
         self._schedule = Schedule(values['after'], values['period'])
