@@ -213,7 +213,8 @@ class ManagedNode(Quiet, LifecycleNode):
                 self._raise_fault()
                 if isinstance(self._failure, TransportError):
                     raise TransportError(f'give the computer less work: {self._failure}')
-                raise ParameterError(f'{self.get_name()} cannot start with these parameters')
+                why = f': {self._failure}' if self._failure else ' with these parameters'
+                raise ParameterError(f'{self.get_name()} cannot start{why}')
         self.starting = False
 
     def _telling(self, callback: Callable[[Any], Any]) -> Callable[[Any], Any]:

@@ -127,7 +127,10 @@ def run(
     argv = list(sys.argv if args is None else args)
     unknown = [word for word in words_beside_ros(argv) if word not in names]
     if {'-h', '--help'} & set(unknown):
-        print(help_text(factories), end='')
+        try:
+            print(help_text(factories), end='')
+        except ParameterError as error:  # it needs what is not installed
+            return _refuse(str(error))
         return 0
     if unknown:
         return _refuse(

@@ -51,7 +51,7 @@ def help_text(commands: Commands, **words: Collection[str]) -> str:
 
 
 def _line(name: str, usage: str, act: Callable[..., None]) -> str:
-    text = (act.__doc__ or '').partition('\n')[0]
+    text = (act.__doc__ or '').partition('\n')[0].partition(' :raises ')[0]
     return f'{f"{name} {usage}":31} {text}'.rstrip()
 
 

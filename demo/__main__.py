@@ -55,7 +55,10 @@ def main(arguments: Sequence[str] | None = None) -> None:
             stage = _open(exits, options.patience)
             if options.once:
                 scene = Scene(stage, options.patience, timed=not options.untimed)
-                sys.exit(0 if scene.play(partial(print, flush=True)) else 1)
+                if scene.play(partial(print, flush=True)):
+                    sys.exit(0)
+                more = f'--patience {2 * options.patience:g}'
+                raise DemoError(f'is this machine busy otherwise? Give all time-outs {more}')
             stage.show_page()
             live(stage)
     except DemoError as error:

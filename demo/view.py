@@ -46,12 +46,12 @@ _BAR = 20  # characters of a full bar
 _FULL_RPM = 2000.0
 _RECENT = 0.5  # s; older bytes are not shown as the newest
 _KEYS = (
-    'FORT    arrows  stick; c centres it     d  deadman    space  e-stop    a  acknowledge',
-    '        w  wired e-stop of the VSC      u  unplug or plug the VSC',
-    'VM-110  i j k l  stick; x centres it    b  deadman    s  stop switch   m  arm   n  disarm',
-    'SSC     4 8 2 6  stick; 5 centres it    0  deadman    9  power of the RC receiver',
-    'monitor g y v h  right stick of FORT; z centres it',
-    'mux     r  reset      t  trip           drive  f  fault   e  clear errors    q  quit',
+    'FORT    arrows  stick, c centre    d  deadman   space  e-stop   a  acknowledge',
+    '        w  wired e-stop of the VSC    u  unplug or plug the VSC',
+    'VM-110  i j k l  stick, x centre  b  deadman   s  stop switch  m  arm  n  disarm',
+    'SSC     4 8 2 6  stick, 5 centre   0  deadman   9  power of the RC receiver',
+    'monitor g y v h  right stick of FORT, z centre',
+    'mux     r  reset   t  trip    drive  f  fault   e  clear errors    q  quit',
 )
 _STICKS = {  # whose, and which; the keys for more, for less and for its centre
     ('vsc', 'stick left_y'): ('up', 'down', 'c'),

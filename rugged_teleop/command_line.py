@@ -18,6 +18,7 @@ import argparse
 from collections.abc import Callable, Iterator
 import contextlib
 import errno
+import importlib.util
 import math
 import os
 import re
@@ -29,6 +30,32 @@ from bridge_core.output import escape_what_is_no_text
 
 # Begins a command that runs a module; from Python 3.11 it imports nothing from where it starts.
 RUN_MODULE = (sys.executable, *(('-P',) if sys.version_info >= (3, 11) else ()), '-m')
+
+# By module, the package that brings it, and those that are wanted beside it soon.
+_PACKAGES = {
+    'rclpy': 'ros-jazzy-rclpy ros-jazzy-common-interfaces ros-jazzy-rmw-fastrtps-cpp',
+    'mcap': 'mcap mcap-ros2-support',
+    'aiohttp': 'aiohttp',
+}
+
+
+def require(prog: str, *modules: str) -> None:
+    """Exit with status 2 where modules are missing, with one line that names all of them."""
+    missing = [module for module in modules if not _is_there(module)]
+    if missing:
+        packages = ' '.join(_PACKAGES[module] for module in missing)
+        ros = 'source ROS 2, or ' if 'rclpy' in missing else ''
+        names = ' and '.join(missing)
+        text = f'{prog}: {names} cannot be imported: {ros}pip install {packages}'
+        print(text, file=sys.stderr)
+        sys.exit(2)
+
+
+def _is_there(module: str) -> bool:
+    try:
+        return importlib.util.find_spec(module) is not None
+    except ValueError:  # it was ruled out
+        return False
 
 
 class Parser(argparse.ArgumentParser):

@@ -27,7 +27,7 @@ from collections.abc import Sequence
 import json
 import sys
 
-from rugged_teleop.command_line import Parser
+from rugged_teleop.command_line import Parser, require
 
 _EXAMPLES = """\
 examples:
@@ -66,6 +66,7 @@ def main(arguments: Sequence[str] | None = None, prog: str = 'rugged_teleop page
         if value is not None
         for word in ('-p', f'{name}:={json.dumps(value, ensure_ascii=False)}')
     ]
+    require(prog, 'rclpy', 'aiohttp')
     from bridge_core.parameter_files import beside
     from bridge_core.runner import run  # late: the help needs no ROS
     from status_page.node import StatusPage

@@ -30,7 +30,7 @@ import sys
 from typing import Any
 from xml.etree import ElementTree
 
-from rugged_teleop.command_line import full_name, Parser
+from rugged_teleop.command_line import full_name, Parser, require
 
 _EXAMPLES = """\
 examples:
@@ -60,6 +60,7 @@ def _namespace(text: str) -> str:
 def main(arguments: Sequence[str] | None = None, prog: str = 'rugged_teleop policy') -> None:
     """Print the policy; the command's entry point."""
     given = parser(prog).parse_args(arguments)
+    require(prog, 'rclpy')
     from rclpy.exceptions import ParameterException  # late: the help needs no ROS
 
     try:

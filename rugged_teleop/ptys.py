@@ -17,6 +17,7 @@
 from __future__ import annotations
 
 import contextlib
+import errno
 import os
 from pathlib import Path
 import tty
@@ -24,6 +25,15 @@ import tty
 from rugged_teleop.ports import Device, DevicePort
 
 _READ_SIZE = 4096
+
+
+def _refuse_living(path: Path) -> None:
+    """:raises OSError: this link is that of a simulated device that is alive."""
+    from rugged_teleop.doctor.ports import device_of  # late: all nodes' parameters come with it
+
+    device = device_of(os.readlink(path))
+    if device is not None:
+        raise OSError(errno.EBUSY, f'is the port of {device}; name another path', str(path))
 
 
 class PtyDevice(DevicePort):
@@ -47,6 +57,7 @@ class PtyDevice(DevicePort):
             os.set_blocking(master, False)
             name = os.ttyname(slave)
             if self.path.is_symlink() and os.readlink(self.path).startswith('/dev/pts/'):
+                _refuse_living(self.path)
                 self.path.unlink()  # left by a simulator that was killed
             self.path.symlink_to(name)
         except OSError:

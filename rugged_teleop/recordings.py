@@ -17,6 +17,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass
 import json
 from typing import Any, BinaryIO
@@ -24,10 +25,13 @@ from typing import Any, BinaryIO
 from mcap.records import Channel, Message, Metadata, Schema
 from mcap.stream_reader import StreamReader
 from mcap_ros2.decoder import DecoderFactory
+import zstandard
 
 from rugged_teleop.recorder.folder import PARAMETERS_OF
 
 _LARGEST = 1 << 28  # bytes of a record: more is damage
+_ROS2 = ('cdr', 'ros2msg')  # encodings of a message and of its definition
+_ZSTD = b'\x28\xb5\x2f\xfd'
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,6 +43,7 @@ class Said:
     :param message: its fields are attributes, which ``__slots__`` names; None where nobody can
         decode it.
     :param sent_at: when it was published, by the clock of its node's computer; None: unknown.
+    :param foreign: the encoding, where it is none of ROS 2's.
     """
 
     at: float
@@ -46,6 +51,7 @@ class Said:
     type: str
     message: Any
     sent_at: float | None = None
+    foreign: str = ''
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,11 +112,28 @@ def _said(
     record: Message, channel: Channel, schemas: dict[int, Schema], decoders: DecoderFactory
 ) -> Said:
     schema = schemas.get(channel.schema_id)
-    kind = schema.name if schema is not None else channel.message_encoding
-    try:
-        decode = decoders.decoder_for(channel.message_encoding, schema)
-        message = None if decode is None else decode(record.data)
-    except Exception:  # of mcap_ros2, struct and others: the message or its definition is damaged
-        message = None
+    encoding = channel.message_encoding
+    kind, described = (schema.name, schema.encoding) if schema else (encoding, 'no schema')
+    message, foreign = None, ''
+    if (encoding, described) != _ROS2:
+        foreign = encoding if encoding != _ROS2[0] else f'{encoding} with {described}'
+    else:
+        # What each library raises, where the message or its definition is damaged.
+        with suppress(Exception):
+            decode = decoders.decoder_for(encoding, schema)
+            message = None if decode is None else decode(_cdr(record.data))
     sent_at = record.publish_time * 1e-9
-    return Said(record.log_time * 1e-9, channel.topic, kind, message, sent_at)
+    return Said(record.log_time * 1e-9, channel.topic, kind, message, sent_at, foreign)
+
+
+def _cdr(data: bytes) -> bytes:
+    """Return a message as it was sent. :raises ValueError: it does not begin as one."""
+    if data.startswith(_ZSTD):  # rosbag2's compression of each message
+        if zstandard.get_frame_parameters(data).content_size > _LARGEST:
+            raise ValueError('too large')
+        data = zstandard.ZstdDecompressor().decompress(data, max_output_size=_LARGEST)
+    # Byte order, then options, whose last two bits count padding bytes (DDS-XTypes 7.6.3.1.2).
+    kind, options = data[:2], data[2:4]
+    if kind not in (b'\0\0', b'\0\1') or not b'\0\0' <= options <= b'\0\3':
+        raise ValueError('no head of CDR')
+    return data

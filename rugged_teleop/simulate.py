@@ -198,6 +198,8 @@ def _plug_in(options: argparse.Namespace) -> DevicePort:
             raise ValueError(
                 f'--port {options.port}: exists and is no link of ours; name another path'
             ) from error
+        except OSError as error:
+            raise ValueError(f'--port {options.port}: {error.strerror}') from error
     if simulated.port == 'can':
         return CanBusDevice(
             device, options.channel, interface=options.interface, seed=options.seed

@@ -45,7 +45,9 @@ from ssc_bridge.simulator import Simulator as Ssc
 from test.rig import latched, NodeProcess, Observer, ROOT, TIMEOUT_FACTOR, wait_for
 from test.stage import Drive
 
-READY = Facts(listens=True, estop=False, enabled=False, reason='as it says')
+READY = Facts(
+    listens=True, estop=False, enabled=False, measured=0.0, speed=0.0, reason='as it says'
+)
 ENABLED = replace(READY, enabled=True)
 STOP = Order(estop=True)
 TICK = 0.02
@@ -54,9 +56,9 @@ TICK = 0.02
 class Trial:
     """A course in simulated time."""
 
-    def __init__(self) -> None:
+    def __init__(self, *, is_measured: bool = True) -> None:
         self.now = 50.0
-        self.course = Course(2.0, 3.0, self.now)
+        self.course = Course(2.0, 3.0, self.now, is_measured=is_measured)
 
     def run(self, facts: Facts, seconds: float = TICK) -> Order | None:
         end, order = self.now + seconds - TICK / 2, None
@@ -91,11 +93,45 @@ def test_whole_course_is_neutral_enabled_moving_at_rest_disabled() -> None:
     assert trial.run(READY, course.NEUTRAL_TIME - 4 * TICK) == Order()
     assert trial.run(READY, 8 * TICK) == Order(enable=True)
     assert trial.run(replace(ENABLED, measured=1.9), 2.9) == Order(2.0, enable=True)
-    assert trial.run(replace(ENABLED, measured=1.9), 0.2) == Order(enable=True)
-    assert trial.run(replace(ENABLED, measured=0.0)) == STOP
-    assert trial.run(READY, course.DISABLE_TIME + 2 * TICK) is None
+    assert trial.run(replace(ENABLED, measured=1.9, speed=1.9), 0.2) == Order(enable=True)
+    assert trial.run(ENABLED) == STOP
+    assert trial.run(READY, course.DISABLE_TIME + 2 * TICK) == STOP
+    assert trial.course.phase is Phase.WATCHING
+    assert trial.run(replace(READY, speed=-0.1), course.WATCH_TIME + 2 * TICK) is None
     assert (trial.course.phase, trial.course.problem) == (Phase.DONE, '')
+    assert trial.course.end == 'disabled; stands: at most 0.1 rad/s in 1 s'
     assert trial.course.peak == 1.9
+
+
+@pytest.mark.parametrize(
+    ('facts', 'ends', 'problem'),
+    [
+        (replace(READY, speed=-5.03), '', 'disabled and still turns at 5.03 rad/s 5 s later'),
+        (replace(READY, measured=9.0, speed=None), 'its speed is not measured', ''),
+        (replace(READY, measured=None, speed=None), '', 'nothing is heard of the drive'),
+        (ENABLED, '', 'the drive does not say that it is disabled'),
+    ],
+    ids=['turns', 'current alone', 'silent', 'enabled'],
+)
+def test_end_says_what_was_measured_and_never_judges_by_current(
+    facts: Facts, ends: str, problem: str
+) -> None:
+    trial = Trial().moving()
+    trial.run(replace(ENABLED, speed=2.0), 3.0 + course.REST_LIMIT + 2 * TICK)
+    trial.run(facts, course.DISABLE_LIMIT + course.WATCH_LIMIT)
+    assert trial.course.phase is Phase.DONE
+    assert ends in trial.course.end
+    assert bool(ends) == bool(trial.course.end)
+    assert problem in trial.course.problem
+    assert bool(problem) == bool(trial.course.problem)
+
+
+def test_what_is_not_measured_ends_with_no_word_of_rest() -> None:
+    trial = Trial(is_measured=False)
+    silent = replace(READY, measured=None, speed=None)
+    trial.run(silent, course.ALONE_TIME + course.NEUTRAL_TIME + 0.1)
+    trial.run(replace(silent, enabled=True), 3.0 + course.DISABLE_TIME + 10 * TICK)
+    assert (trial.course.phase, trial.course.end) == (Phase.DONE, '')
 
 
 def test_other_publisher_is_refused_before_anything_is_published() -> None:
@@ -159,7 +195,7 @@ def test_what_was_decided_before_a_halt_is_not_published_after_it(
 
     time, told = Trial(), Told()
     monkeypatch.setattr(clock, 'now', lambda: time.now)
-    trial = HaltedCourse(2.0, 3.0, time.now)
+    trial = HaltedCourse(2.0, 3.0, time.now, is_measured=True)
     _run(trial, told, [])
     assert not any(order.value for order in told.orders)
     assert told.orders[-1] == STOP
@@ -198,14 +234,8 @@ def test_interruption_is_a_stop_until_the_drive_is_disabled() -> None:
     trial = Trial().moving()
     trial.course.interrupt('interrupted', trial.now)
     assert trial.run(ENABLED, 2.0) == STOP
-    trial.run(READY)
+    trial.run(READY, course.WATCH_TIME + 4 * TICK)
     assert trial.course.phase is Phase.DONE
-
-
-def test_drive_that_stays_enabled_is_told() -> None:
-    trial = Trial().moving()
-    trial.run(replace(ENABLED, measured=0.0), 3.0 + course.DISABLE_LIMIT + 0.2)
-    assert trial.course.problem == 'the drive does not say that it is disabled'
 
 
 # The command.
@@ -349,9 +379,18 @@ def test_joint_turns_for_its_time_and_ends_at_rest_and_disabled(drive: Drive, no
     with bench('--node', node, '--joint', 'left', '--speed', '1.0', '--seconds', '1') as child:
         wait_while_it_runs(child, lambda: moves(drive), 'motion')
         text, _ = child.communicate(timeout=30.0 * TIMEOUT_FACTOR)
-    assert (child.returncode, 'at rest and disabled' in text) == (0, True), text
+    assert (child.returncode, 'disabled; stands: at most 0 rad/s' in text) == (0, True), text
     assert not drive.enabled
-    wait_for(lambda: drive.rpm < 1.0, 5.0, 'rest')
+    assert drive.rpm < 1.0
+
+
+def test_joint_that_runs_on_without_its_drive_is_no_success(drive: Drive, node: str) -> None:
+    """Say a brake that does not hold on a slope: 48 rpm are 5.03 rad/s."""
+    drive.apply('slope 48')
+    with bench('--node', node, '--joint', 'left', '--speed', '1.0', '--seconds', '1') as child:
+        text, _ = child.communicate(timeout=60.0 * TIMEOUT_FACTOR)
+    assert (child.returncode, 'still turns at 5.03 rad/s' in text) == (1, True), text
+    assert not drive.enabled
 
 
 @pytest.mark.parametrize(('number', 'status'), [(SIGINT, 130), (SIGKILL, -SIGKILL)])
@@ -441,5 +480,5 @@ def test_servo_goes_where_it_is_told_and_then_to_its_failsafe(tmp_path: Path) ->
                 wait_for(partial(goes_or_ends, port, child), 60.0, 'the pulse, or its end')
                 text, _ = child.communicate(timeout=30.0 * TIMEOUT_FACTOR)
             assert 1750 in seen or 'held up' in text + node.output[before:], (seen[-5:], text)
-        assert (child.returncode, 'at rest and disabled' in text) == (0, True), text
+        assert (child.returncode, 'whether it stands is not measured' in text) == (0, True), text
         wait_for(lambda: port.describe()['serial_us'][0] != 1750, 10.0, 'its failsafe')

@@ -215,6 +215,32 @@ def test_folder_of_the_page_may_have_any_character(monkeypatch: pytest.MonkeyPat
         context.try_shutdown()
 
 
+@pytest.mark.parametrize(
+    ('words', 'missing'),
+    [
+        (['record'], ['rclpy', 'mcap']),
+        (['page'], ['aiohttp', 'rclpy']),
+        (['bench', '--joint', 'left', '--speed', '1'], ['rclpy']),
+        (['policy', str(ROOT / 'config' / 'spine.yaml')], ['rclpy']),
+    ],
+    ids=lambda each: each[0],
+)
+def test_one_line_names_all_that_is_missing(
+    words: list[str],
+    missing: list[str],
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    for module in missing:
+        monkeypatch.setitem(sys.modules, module, None)
+    with pytest.raises(SystemExit, match='2'):
+        main(words)
+    error = capsys.readouterr().err
+    assert error.count('\n') == 1
+    packages = error.rpartition('pip install ')[2].split()
+    assert all(f'ros-jazzy-{each}' in packages or each in packages for each in missing), error
+
+
 # Completion, as bash asks for it.
 
 

@@ -16,8 +16,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 import csv
 from functools import partial
+import gzip
 import io
 import json
 import os
@@ -28,6 +30,7 @@ from typing import Any
 
 import can
 import pytest
+import zstandard
 
 from rugged_teleop.decode import captures
 from rugged_teleop.decode.main import main
@@ -178,6 +181,21 @@ def test_statistics_have_rates_gaps_and_the_load_of_the_bus(
     assert load.startswith('load of can0: 0.4 to 0.5 % of 250000 bit/s')
 
 
+@pytest.mark.parametrize(
+    ('times', 'says'),
+    [
+        ((0.5, 0.5001, 0.5003), 'load of can0: 0.0003 s are too short to tell'),
+        ([number / 5000 for number in range(10000)], 'more than it can carry: see --bitrate'),
+    ],
+)
+def test_load_that_cannot_be_is_not_told_as_one(
+    times: Sequence[float], says: str, path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    lines = [f'({at:.6f}) can0 0CFDE801#090000000000\n' for at in times]
+    path.write_text(''.join(lines), encoding='ascii')
+    assert says in Outcome(capsys, path, '--as', 'statistics').out
+
+
 def test_sound_bus_of_twice_the_rate_has_half_the_load(
     path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -227,13 +245,17 @@ def test_senders_without_end_do_not_fill_memory(
         (['--format', 'nonsense', 'FILE'], "invalid choice: 'nonsense'"),
         (['--bitrate', '0', 'FILE'], 'bitrate'),
         ([], 'FILE'),
+        (['ZST'], 'is compressed: unpack it first, with zstdcat'),
+        (['GZ'], 'is compressed: unpack it first, with zcat'),
     ],
 )
 def test_what_cannot_be_is_one_line_and_status_2(
     arguments: list[str], word: str, path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    path.write_bytes(FORT[0])
-    words = [str(path) if each == 'FILE' else each for each in arguments]
+    files = {'FILE': FORT[0], 'ZST': zstandard.compress(FORT[0]), 'GZ': gzip.compress(FORT[0])}
+    for each in files.keys() & {*arguments}:
+        path.write_bytes(files[each])
+    words = [str(path) if each in files else each for each in arguments]
     done = Outcome(capsys, *words)
     assert (done.status, done.out) == (2, '')
     assert done.error.count('\n') == 1
@@ -292,6 +314,12 @@ def test_standard_input_may_be_a_binary_file(kind: str, piped: bool, tmp_path: P
     assert done.returncode == by_name.returncode == 0, done.stderr
     assert done.stdout.replace(b'standard input', bytes(path)) == by_name.stdout
     assert [*folder.iterdir()] == []
+
+
+def test_copy_is_a_file_that_asammdf_takes_for_one() -> None:
+    with captures._copy(io.BytesIO(b'MDF     ')) as file:
+        assert isinstance(file, io.BufferedReader)
+        assert Path(file.name).read_bytes() == file.read()
 
 
 def test_copy_that_finds_no_room_is_not_the_fault_of_the_output(

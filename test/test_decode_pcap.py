@@ -33,6 +33,7 @@ from test.captures import (
     STREAMS,
     udp,
 )
+from test.rig import ROOT
 
 VRPI, BLOCKED, COMMAND = STREAMS['vm110']
 PACKETS = [(1700000000.25, VRPI), (1700000000.375, BLOCKED), (1700000001.0, COMMAND)]
@@ -101,6 +102,47 @@ def test_frames_of_can(path: Path) -> None:
     path.write_bytes(pcap_file([(1.0, frame) for frame in frames], 227))
     names = [(entry.name, entry.identifier) for entry in decoded(path)]
     assert names == [('heartbeat', 0x0CFDE801), ('error frame', 4), ('standard frame', 0x123)]
+
+
+def test_rest_of_a_short_head_of_can_says_nothing() -> None:
+    """Real captures do not clear it; a stop among them was shown as CAN FD."""
+    entries = decoded(ROOT / 'test' / 'recordings' / 'can_head_not_cleared.pcap')
+    assert [entry.name for entry in entries] == ['heartbeat'] * 4
+    assert [entry.fields()['estop'] for entry in entries] == [[], [], ['SRC (remote)'], []]
+
+
+@pytest.mark.parametrize(
+    ('size', 'flags', 'data', 'name'),
+    [
+        *((8, 0xFF, 8, 'other'), (8, 0x04, 64, 'CAN FD frame'), (12, 0, 64, 'CAN FD frame')),
+        *((8, 0, 3, 'damage'), (9, 0, 8, 'damage')),
+    ],
+)
+def test_size_of_its_record_tells_can_fd(
+    size: int, flags: int, data: int, name: str, path: Path
+) -> None:
+    frame = struct.pack('>IBBBB', 0x98EFFF80, size, flags, 0xA5, 0x5A) + bytes(data)
+    path.write_bytes(pcap_file([(1.0, frame)], 227))
+    assert [entry.name for entry in decoded(path)] == [name]
+
+
+@each_order
+@pytest.mark.parametrize('ng', [False, True])
+@pytest.mark.parametrize('link', [113, 276])
+def test_frames_of_can_in_cooked_captures(link: int, ng: bool, order: str, path: Path) -> None:
+    """There an identifier has the byte order of the computer that captured."""
+    head = struct.pack('>HH10xH', 0, 280, 0x0C)  # 280: ARPHRD_CAN
+    if link == 276:
+        head = struct.pack('>HHIH10x', 0x0C, 0, 7, 280)
+    frame = struct.pack(order + 'IB3x', 0x8CFDE801, 6) + bytes.fromhex('0900000000000000')
+    packets = [(1.0, head + frame)]
+    if ng:
+        data = pcapng_file([(1000000, head + frame)], link, order)
+    else:
+        data = pcap_file(packets, link, order)
+    path.write_bytes(data)
+    (entry,) = decoded(path)
+    assert (entry.name, entry.source) == ('heartbeat', 'interface 7' if link == 276 else '')
 
 
 def test_other_traffic_is_neither_shown_nor_damage(path: Path) -> None:

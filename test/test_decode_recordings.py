@@ -17,11 +17,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+import io
 import math
 from pathlib import Path
 import re
 from typing import Any
 
+from mcap.writer import Writer
 import pytest
 from rclpy.serialization import serialize_message
 from sensor_msgs.msg import BatteryState
@@ -32,8 +34,10 @@ from bridge_core.transports.tap import Chunk
 from rugged_teleop.recorder.definitions import definition_of
 from rugged_teleop.recorder.ring import Channel, Heard
 from rugged_teleop.recorder.writer import RecordingFile
+from rugged_teleop.why.main import main as why
 from test.captures import CAN, decoded, STREAMS
 from test.recordings_rig import recording
+from test.rig import ROOT
 from test.test_decode import Outcome
 
 T0 = 1_000_000_000.0
@@ -121,6 +125,50 @@ def test_damaged_message_costs_only_itself(tmp_path: Path) -> None:
         {'data': True},
         {'data': False},
     ]
+
+
+CASES = ROOT / 'test' / 'recordings'
+
+
+def test_messages_that_are_compressed_one_by_one_are_read() -> None:
+    stops = [entry.content for entry in decoded(CASES / 'message_compressed.mcap')]
+    assert stops == [{'data': value} for value in (False, True) * 3]
+
+
+@pytest.mark.parametrize(
+    'bytes_', ['28b52ffd00', '00010000', '0101000001', '0007000001', '0001010001'], ids=str
+)
+def test_what_has_no_head_of_a_message_is_none(
+    bytes_: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / 'a.mcap'
+    kind = 'std_msgs/msg/Bool'
+    path.write_bytes(foreign('cdr', kind, definition_of(kind), bytes.fromhex(bytes_)))
+    assert [entry.name for entry in decoded(path)] == ['damage']
+    with pytest.raises(SystemExit, match='1'):
+        why([str(path)])
+    assert capsys.readouterr().err == '# left out, as they are damaged: 1 messages of /x\n'
+
+
+@pytest.mark.parametrize(('encoding', 'kind'), [('json', ''), ('protobuf', 'foxglove.Grid')])
+def test_messages_of_other_makers_are_no_damage(
+    encoding: str, kind: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / 'a.mcap'
+    path.write_bytes(foreign(encoding, kind, '', b'{}'))
+    assert [(entry.protocol, entry.damaged) for entry in decoded(path)] == [('', False)]
+    assert f'message in {encoding}' in Outcome(capsys, path, '--as', 'statistics').out
+
+
+def foreign(encoding: str, kind: str, definition: str, data: bytes) -> bytes:
+    """Return a recording of one message that no node of ours has sent."""
+    out = io.BytesIO()
+    writer = Writer(out)
+    writer.start()
+    schema = writer.register_schema(kind, 'ros2msg', definition.encode()) if kind else 0
+    writer.add_message(writer.register_channel('/x', encoding, schema), 1, data, 1)
+    writer.finish()  # type: ignore[no-untyped-call]
+    return out.getvalue()
 
 
 def test_message_of_a_channel_that_is_not_described_ends_the_reading(tmp_path: Path) -> None:

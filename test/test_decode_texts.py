@@ -178,6 +178,16 @@ def test_damaged_line_costs_only_itself(damaged: str, tmp_path: Path) -> None:
     assert (entries[1].offset, entries[1].size) == (len(good), len(damaged) + 1)
 
 
+def test_what_candump_and_people_add_is_no_damage(tmp_path: Path) -> None:
+    """Comments, and what -e says of an error frame."""
+    text = '# stop at 12:03\n  can0  20000088   [8]  00 00 80 00 00 00 00 00   ERRORFRAME\n'
+    text += '\tprotocol-violation{{}{error-on-tx}}\n\tbus-error\n; the next one is good\n'
+    entries = decoded(
+        write(tmp_path / 'a.log', text + '  can0  0CFDE801   [6]  09 00 00 00 00 00\n')
+    )
+    assert [entry.name for entry in entries] == ['error frame', 'heartbeat']
+
+
 def test_frames_of_both_devices_on_one_bus_are_told_apart(tmp_path: Path) -> None:
     # The same identifier: only the VSC sends FF in the bytes that it does not use.
     akron = '(0.5) can0 0CFDD633#107D046400100000\n'

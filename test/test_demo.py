@@ -400,6 +400,18 @@ def test_patience_is_a_factor_of_1_or_more(
     assert '--patience' in capsys.readouterr().err
 
 
+def test_scene_that_did_not_hold_names_patience(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    scene = SimpleNamespace(play=lambda _: False)
+    monkeypatch.setattr('demo.__main__.signal.signal', lambda *_: None)
+    monkeypatch.setattr('demo.__main__._open', lambda *_: None)
+    monkeypatch.setattr('demo.__main__.Scene', lambda *_, **__: scene)
+    with pytest.raises(SystemExit, match='1'):
+        demo.main(['--once', '--patience', '2'])
+    assert capsys.readouterr().err.endswith('--patience 4\n')
+
+
 def test_demo_without_msgpack_names_it_in_one_line(tmp_path: Path) -> None:
     """ROS brings python-can without it, and the monitor's bus needs it."""
     (tmp_path / 'msgpack.py').write_text("raise ImportError('there is none')\n")

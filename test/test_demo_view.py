@@ -23,7 +23,7 @@ from typing import Any
 import pytest
 from sensor_msgs.msg import JointState, Joy
 
-from demo.view import coloured, Keyboard, keys_in, picture
+from demo.view import _KEYS, coloured, Keyboard, keys_in, picture
 from rugged_teleop.ports import Chunk
 from test.demo_rig import FakeStage, turn
 from test.stage import DRIVE, VSC
@@ -258,6 +258,7 @@ def test_address_of_the_page_is_in_the_first_line() -> None:
 
 def test_low_terminal_loses_blank_lines_before_any_words() -> None:
     roomy = picture(Shown(), '', height=40)
+    assert picture(Shown(), '', 80, 24)[-len(_KEYS) :] == [*_KEYS]
     assert '' in roomy
     low = picture(Shown(), '', height=25)
     assert low == [line for line in roomy if line]

@@ -436,13 +436,17 @@ def test_stop_is_not_recorded_again_when_the_node_is_activated_again(
     assert len([*tmp_path.iterdir()]) == 1
 
 
+NO = 'import sys; sys.modules["mcap.'
+
+
 @pytest.mark.parametrize(
     ('setup', 'arguments', 'error'),
     [
-        ("import sys; sys.modules['mcap.writer'] = None", (), 'the recorder needs mcap: pip'),
+        (f'{NO}writer"] = None', (), 'the recorder needs pip install mcap mcap-ros2-support'),
+        (f'{NO}writer"] = None', ('--help',), 'the recorder needs pip install mcap'),
         ('', ('-p', 'period:=100.0'), 'period must not be above seconds'),
     ],
-    ids=['no mcap', 'period'],
+    ids=['no mcap', 'help without mcap', 'period'],
 )
 def test_recorder_that_cannot_work_is_one_line_and_status_2(
     setup: str, arguments: tuple[str, ...], error: str
@@ -450,6 +454,9 @@ def test_recorder_that_cannot_work_is_one_line_and_status_2(
     own_domain()
     source = f'{setup}\nfrom rugged_teleop.__main__ import main\n'
     source += "import sys; main(['record', *sys.argv[1:]])"
+    if '--help' in arguments:
+        source = f'{setup}\nfrom rugged_teleop.recorder.node import main\n'
+        source += 'sys.argv[1:] = ["--help"]; main()'
     with NodeProcess(source=source, arguments=arguments) as node:
         assert node.wait() == 2
         assert error in node.output

@@ -17,6 +17,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+import resource
 from signal import SIGTERM
 
 from diagnostic_msgs.msg import DiagnosticArray
@@ -64,8 +65,18 @@ def test_stop_of_a_bridge_is_recorded_with_what_was_before(
             lambda: f'a recorder that has found it; nodes: {says("nodes")!r}',
         )
         device.wait_for(lambda: int(says('messages in memory')) > 50, 'something to record')
+        # As a full disk, for this process alone.
+        no_room, room = (1000, resource.RLIM_INFINITY), (resource.RLIM_INFINITY,) * 2
+        resource.prlimit(recorder.process.pid, resource.RLIMIT_FSIZE, no_room)
+        for _ in range(2):
+            reply = observer.call(Trigger, '/recorder/save', tries=3)
+            assert (reply.success, 'File too large' in reply.message) == (False, True), reply
+        assert [*folder.iterdir()] == []
+        device.wait_for(lambda: says('recording') == 'no', 'that nothing is recorded')
+        resource.prlimit(recorder.process.pid, resource.RLIMIT_FSIZE, room)
         reply = observer.call(Trigger, '/recorder/save', tries=3)
         assert reply.success, reply.message
+        assert [*folder.glob('*_save.mcap*')]
         device.wait_for(recorded, 'what was asked for')
         wait_value(observer, observer.record(Bool, ESTOP, latched()), False)
         before = recorded()  # a busy machine is a stop, too

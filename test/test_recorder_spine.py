@@ -177,6 +177,18 @@ def test_fault_of_the_drive_is_recorded_and_explained(bench: Bench) -> None:
     assert f'/{DRIVE} was disabled ' in text
 
 
+def test_drive_that_fell_silent_is_not_said_to_be_disabled(bench: Bench) -> None:
+    bench.moving()
+    bench.spine.drive.apply('stall on')
+    bench.spine.wait(lambda: bench.spine.mux_says('STOPPED'), 'STOPPED')
+    text = bench.wait_told(f'/{DRIVE}: whether it was disabled is not known: not heard since ')
+    assert f'/{DRIVE}: the drive counts as disabled: nothing is heard' in text
+    assert f'/{DRIVE}: whether it stood is not known: not heard since ' in text
+    (stop,) = [each for each in text.split('\n\n') if 'is not known' in each]
+    assert f'/{DRIVE} was disabled ' not in stop, stop
+    bench.spine.drive.apply('clear')
+
+
 def test_every_message_of_every_recording_is_decoded_by_the_readers_of_mcap(bench: Bench) -> None:
     assert bench.files()
     for path in bench.files():

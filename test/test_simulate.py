@@ -314,6 +314,26 @@ def test_link_left_by_a_killed_simulator_is_taken_over(path: Path) -> None:
     assert not path.is_symlink()
 
 
+def test_port_of_a_simulator_that_is_alive_is_refused_and_named(path: Path) -> None:
+    with PtyDevice(Echo(), path):
+        before = os.readlink(path)
+        command = [sys.executable, '-m', 'rugged_teleop', 'simulate', 'ssc', '--port', str(path)]
+        options: dict[str, Any] = {'stdin': subprocess.DEVNULL, 'capture_output': True}
+        done = subprocess.run(command, cwd=ROOT, timeout=60.0, text=True, **options)
+        assert (done.returncode, done.stdout) == (2, ''), done
+        assert f'{path}: is the port of ' in done.stderr
+        assert f'(pid {os.getpid()})' in done.stderr
+        assert os.readlink(path) == before
+        # A terminal has its number by now: nobody there has both of its sides.
+        path.unlink()
+        master, slave = os.openpty()
+        path.symlink_to(os.ttyname(slave))
+        os.close(slave)
+        with PtyDevice(Echo(), path):
+            assert os.readlink(path) != before
+        os.close(master)
+
+
 @pytest.mark.parametrize('kind', ['file', 'link'])
 def test_what_is_no_port_of_ours_is_not_overwritten(path: Path, kind: str) -> None:
     if kind == 'file':
@@ -576,3 +596,7 @@ def test_simulated_devices_speak_as_their_manuals_say(path: Path) -> None:
         # Heartbeat (7.3.2): header 1001, type 20, 6 bytes: mode Remote, user control, no e-stop.
         wait_for(lambda: bytes.fromhex('10012006 0600 00000000') in host.read(), 2.0, 'heartbeat')
         os.close(host.fd)
+
+
+def test_help_of_a_simulator_is_for_people() -> None:
+    assert not [name for name, each in simulate.DEVICES.items() if ':raises' in each.help]

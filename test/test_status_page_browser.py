@@ -113,6 +113,8 @@ def test_page_shows_state_owner_reasons_and_remedies(browser: Browser, machine: 
     says(browser, card(FORT), 'has control')
     says(browser, '#events', "operator 'fort' takes control")
     says(browser, '#alert', 'Active. fort has control.')
+    zone = '/^\\d\\d:\\d\\d:\\d\\d \\S+$/.test(document.querySelector("#events time").innerText)'
+    browser.wait(zone, 'a time with its zone')
 
 
 def test_stick_is_shown_and_drawn(browser: Browser, machine: Machine) -> None:

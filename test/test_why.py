@@ -18,7 +18,9 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
+import math
 from pathlib import Path
+import time
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
@@ -40,8 +42,18 @@ from rugged_teleop.why.main import main
 from rugged_teleop.why.story import story
 
 T0 = 1_000_000_000.0  # 2001-09-09 01:46:40 UTC
+ZONE = 'Asia/Kathmandu'  # 5:45 h ahead
 MUX, DRIVE, VSC = '/safety_mux', '/esi_drive_bridge', '/fort_vsc_bridge'
 STOPPED_BY = "e-stop source 'fort'"
+
+
+@pytest.fixture(autouse=True)
+def zone(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    monkeypatch.setenv('TZ', ZONE)
+    time.tzset()
+    yield
+    monkeypatch.undo()
+    time.tzset()
 
 
 def said(ms: float, topic: str, message: Any) -> Said:
@@ -98,7 +110,7 @@ def obeying() -> Iterator[Said]:
 def test_story_says_who_asked_what_was_heard_last_and_that_the_drive_obeyed() -> None:
     found = story(reversed([*driving(), *stopping(), *obeying()]))
     assert found == [
-        f'2001-09-09 01:46:40.000 UTC: {MUX} is STOPPED: {STOPPED_BY} demands a stop: pressed',
+        f'2001-09-09 07:31:40.000+05:45: {MUX} is STOPPED: {STOPPED_BY} demands a stop: pressed',
         "  before it: ACTIVE, 'fort' had control",
         f'  who asked: {STOPPED_BY}',
         f'  heard last: {STOPPED_BY} 1 ms before (stop), '
@@ -117,10 +129,67 @@ def test_story_says_who_asked_what_was_heard_last_and_that_the_drive_obeyed() ->
 
 
 def test_drive_that_goes_on_did_not_obey() -> None:
-    on = [said(2000, f'{DRIVE}/joint_states', joints(4.9, -4.9))]
+    on = [
+        said(2000, f'{DRIVE}/joint_states', joints(4.9, -4.9)),
+        said(2000, f'{DRIVE}/enabled', Bool(data=True)),
+    ]
     text = '\n'.join(story([*driving(), *stopping(), *on]))
     assert f'{DRIVE} DID NOT OBEY: it is enabled 2.0 s after the stop' in text
     assert f'{DRIVE} DID NOT OBEY: it moves 2.0 s after the stop' in text
+
+
+@pytest.mark.parametrize('linked', [True, False], ids=['drive', 'node'])
+def test_drive_that_fell_silent_is_called_neither_disabled_nor_at_rest(linked: bool) -> None:
+    """A false ~/enabled is a default then; a node that died says nothing at all."""
+    silent = [said(2000, f'{MUX}/estop', Bool(data=True))]
+    if linked:
+        silent += [said(9, f'{DRIVE}/enabled', Bool(data=False))]
+        silent += [said(ms, f'{DRIVE}/enabled', Bool(data=False)) for ms in range(50, 2000, 50)]
+    text = '\n'.join(story([*driving(), *stopping(), *silent]))
+    since = 'not heard since 07:31:39.950+05:45'
+    assert f'{DRIVE}: whether it was disabled is not known: {since}' in text
+    assert f'{DRIVE}: whether it stood is not known: {since}' in text
+    claims = (f'{DRIVE} was disabled', 'the drive is disabled', 'stand', 'OBEY')
+    assert not any(each in text for each in claims)
+    assert (f'+9 ms  {DRIVE}: the drive counts as disabled: nothing is heard' in text) is linked
+
+
+def test_stick_of_a_remote_that_is_not_heard_is_not_said_to_be_released() -> None:
+    lost = [
+        said(-1, f'{VSC}/link_up', Bool(data=False)),
+        said(-1, f'{VSC}/joy', Joy(axes=[0.0, 0.0], buttons=[0])),
+    ]
+    first = said(-1000, f'{VSC}/link_up', Bool(data=True))
+    found = story([first, *driving(), *stopping(), *obeying(), *lost])
+    assert f'        -1 ms  {VSC}/joy: button 0 counts as released: nothing is heard' in found
+    assert f'        -1 ms  {VSC}/joy: axis 1 counts as in the middle: nothing is heard' in found
+
+
+def test_unmeasured_speed_is_no_rest_and_a_base_unit_no_drive() -> None:
+    odd = [
+        *(said(ms, f'{DRIVE}/joint_states', joints(math.nan, math.nan)) for ms in (5, 900)),
+        said(-100, '/vm110_bridge/estop', Bool(data=False)),
+        *(said(ms, '/vm110_bridge/enabled', Bool(data=ms < 0)) for ms in (-100, 3)),
+        said(4, f'{MUX}/command', JointState()),
+    ]
+    text = '\n'.join(story([*driving(), *stopping(), *odd]))
+    assert 'stand' not in text
+    assert '/vm110_bridge: its sticks count no more' in text
+    assert '/vm110_bridge was disabled' not in text
+
+
+@pytest.mark.parametrize('topic', ['fort_vsc_bridge/estop', '/fort_vsc_bridge/estop', None])
+def test_headline_names_the_cause_that_its_node_has_said(topic: str | None) -> None:
+    says = [
+        said(5, '/rosout', Log(name='fort_vsc_bridge', level=30, msg='stop: axis A: overcurrent')),
+        said(4, '/rosout', Log(name='esi_drive_bridge', level=30, msg='stop: of another')),
+    ]
+    stop = [each for each in stopping() if each.topic != f'{MUX}/status']
+    reason = f'{STOPPED_BY} demands a stop: see /diagnostics of its node'
+    stop += [said(2, f'{MUX}/status', status('STOPPED', 'none', reason))]
+    parameters = {MUX: {'estop.fort.topic': topic}} if topic else {}
+    found = story([*driving(), *stop, *says], parameters)
+    assert found[0].endswith(f'{STOPPED_BY} demands a stop: axis A: overcurrent')
 
 
 def test_recording_that_ends_right_behind_the_stop_says_nothing_of_obedience() -> None:

@@ -44,6 +44,10 @@ SILENCE_LIMIT = 0.5  # s; its e-stop comes at 5 Hz or more
 _ASK_PERIOD = 1.0  # s; a node that has not discovered who asks first drops its response
 
 
+def _number(value: float | None) -> float | None:
+    return None if value is None or math.isnan(value) else value
+
+
 class Commander:
     """
     A node that commands another; use it as a context manager.
@@ -65,6 +69,8 @@ class Commander:
         # Who does not say that it is enabled is taken to be what it was told.
         self._enabled: bool | None = None if self._target.is_measured else False
         self._measured: float | None = None
+        self._speed: float | None = None
+        self._measured_at = -math.inf
         self._reason = ''  # empty where nothing is wrong as far as was told
         self.summary = ''  # of the device's diagnostic
         self._due = clock.now()
@@ -101,7 +107,9 @@ class Commander:
         ours = self._topics
         counts = {topic: self._node.count_publishers(topic) for topic in (*ours, *self._beside)}
         listeners = [publisher.get_subscription_count() for publisher in self._publishers]
-        silent = self._estop is not None and clock.now() - self._estop_at > SILENCE_LIMIT
+        now = clock.now()
+        silent = self._estop is not None and now - self._estop_at > SILENCE_LIMIT
+        measures = now - self._measured_at <= SILENCE_LIMIT
         estop, self._stopped = self._stopped or silent or self._estop, False
         reason = 'its e-stop fell silent' if silent else self._reason or 'see /diagnostics'
         return Facts(
@@ -109,7 +117,8 @@ class Commander:
             others=tuple(topic for topic, count in counts.items() if count > (topic in ours)),
             estop=estop,
             enabled=self._enabled,
-            measured=self._measured,
+            measured=self._measured if measures else None,
+            speed=self._speed if measures else None,
             reason=reason,
         )
 
@@ -145,8 +154,11 @@ class Commander:
         self._enabled = message.data
 
     def _on_joints(self, message: Any) -> None:
-        measured = dict(zip(message.name, getattr(message, self._target.field), strict=False))
-        self._measured = measured.get(self._joint)
+        self._measured_at = clock.now()
+        self._measured, self._speed = (
+            _number(dict(zip(message.name, values, strict=False)).get(self._joint))
+            for values in (getattr(message, self._target.field), message.velocity)
+        )
 
     def _on_diagnostics(self, message: Any) -> None:
         for status in message.status:

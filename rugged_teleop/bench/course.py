@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The course of a trial: wait, neutral, enable, move, rest, disable. Pure; times in s."""
+"""The course of a trial: wait, neutral, enable, move, rest, disable, watch. Pure; times in s."""
 
 from __future__ import annotations
 
@@ -26,8 +26,9 @@ HEALTHY_LIMIT = 3.0  # until its e-stop is clear
 ENABLE_LIMIT = 12.0  # longer than the largest enable_timeout
 REST_LIMIT = 2.0
 DISABLE_TIME, DISABLE_LIMIT = 0.3, 3.0
+WATCH_TIME, WATCH_LIMIT = 1.0, 5.0  # how long it has to stand; until it has
 STALL_LIMIT = 0.2  # between two steps; all that was heard may have changed meanwhile
-_REST = 0.05  # of what was asked for, and counts as rest
+STANDSTILL = 0.2  # rad/s, as the mux's feedback.standstill by default
 
 
 @dataclass(frozen=True)
@@ -36,7 +37,9 @@ class Facts:
     What is known of the device's node; None: not heard yet.
 
     :param listens: to all of its inputs. :param others: topics that others publish.
-    :param measured: of the joint, in the unit of what is asked. :param reason: its own words.
+    :param measured: of the joint, in the unit of what is asked. :param speed: rad/s, where the
+        drive measures it. Neither is older than a report may be.
+    :param reason: its own words.
     """
 
     listens: bool = False
@@ -44,6 +47,7 @@ class Facts:
     estop: bool | None = None
     enabled: bool | None = None
     measured: float | None = None
+    speed: float | None = None
     reason: str = ''
 
 
@@ -65,9 +69,11 @@ class Phase(Enum):
     MOVING = 'moving'
     RESTING = 'to rest'
     DISABLING = 'disabling'
+    WATCHING = 'watching whether it stands'
     DONE = 'done'
 
 
+_STAYS_ENABLED = 'the drive does not say that it is disabled'
 _LIMITS = {Phase.NEUTRAL: HEALTHY_LIMIT, Phase.ENABLING: ENABLE_LIMIT}
 
 
@@ -76,12 +82,17 @@ class Course:
     Decides what to publish; ``problem`` says why it ended early, and is empty otherwise.
 
     :param value: of the joint while it moves. :param seconds: for which it does.
+    :param is_measured: the device reports whether it is enabled, and how the joint moves.
     """
 
-    def __init__(self, value: float, seconds: float, now: float) -> None:
+    def __init__(self, value: float, seconds: float, now: float, *, is_measured: bool) -> None:
         self.phase = Phase.WAITING
         self.problem = ''
         self.peak = 0.0  # the largest value measured
+        self.end = ''  # what was measured at the end, in words; empty: nothing was
+        self._is_measured = is_measured
+        self._rest: list[float] = []  # speeds since it stands
+        self._stands_since = now
         self._value, self._seconds = value, seconds
         self._since = self._alone_since = self._stepped_at = now
 
@@ -89,10 +100,10 @@ class Course:
         """Stop; where nothing was published yet, end."""
         if self.phase is Phase.WAITING:
             self._enter(Phase.DONE, now)
-        elif self.phase not in (Phase.DISABLING, Phase.DONE):
-            self._enter(Phase.DISABLING, now)
-        else:
+        elif self.phase in (Phase.DISABLING, Phase.WATCHING, Phase.DONE):
             return
+        else:
+            self._enter(Phase.DISABLING, now)
         self.problem = problem
 
     def is_held_up(self, now: float) -> bool:
@@ -113,7 +124,8 @@ class Course:
             return None
         moving = self.phase is Phase.MOVING
         enable = self.phase in (Phase.ENABLING, Phase.MOVING, Phase.RESTING)
-        return Order(self._value if moving else None, enable, estop=self.phase is Phase.DISABLING)
+        estop = self.phase in (Phase.DISABLING, Phase.WATCHING)
+        return Order(self._value if moving else None, enable, estop=estop)
 
     def _enter(self, phase: Phase, now: float) -> None:
         self.phase, self._since = phase, now
@@ -160,14 +172,44 @@ class Course:
             if age >= self._seconds:
                 self._enter(Phase.RESTING, now)
         elif self.phase is Phase.RESTING:
-            if measured <= _REST * abs(self._value) or age >= REST_LIMIT:
+            stands = facts.speed is not None and abs(facts.speed) <= STANDSTILL
+            if stands or not self._is_measured or age >= REST_LIMIT:
                 self._enter(Phase.DISABLING, now)
         elif self.phase is Phase.DISABLING:
             self._disable(facts, age, now)
+        elif self.phase is Phase.WATCHING:
+            self._watch(facts, age, now)
 
     def _disable(self, facts: Facts, age: float, now: float) -> None:
-        if age >= DISABLE_TIME and facts.enabled is False:
-            self._enter(Phase.DONE, now)
+        if not self._is_measured:
+            if age >= DISABLE_TIME:
+                self._enter(Phase.DONE, now)
+        elif age >= DISABLE_TIME and facts.enabled is False and facts.measured is not None:
+            self._rest, self._stands_since = [], now
+            self._enter(Phase.WATCHING, now)
         elif age >= DISABLE_LIMIT:
-            self.problem = self.problem or 'the drive does not say that it is disabled'
+            silent = facts.measured is None
+            self._fail('nothing is heard of the drive' if silent else _STAYS_ENABLED, now)
+
+    def _watch(self, facts: Facts, age: float, now: float) -> None:
+        """Look whether it stands: nobody else notices a brake that does not hold."""
+        if facts.speed is None:
+            if facts.measured is None:
+                self._fail('nothing is heard of the drive: whether it stands is not known', now)
+            else:
+                self.end = 'disabled; whether it stands is not known: its speed is not measured'
+                self._enter(Phase.DONE, now)
+            return
+        self._rest.append(abs(facts.speed))
+        if self._rest[-1] > STANDSTILL:
+            self._rest, self._stands_since = [], now
+            if age >= WATCH_LIMIT:
+                speed = f'{abs(facts.speed):.3g} rad/s'
+                self._fail(f'it is disabled and still turns at {speed} {age:.0f} s later', now)
+        elif now - self._stands_since >= WATCH_TIME:
+            self.end = f'disabled; stands: at most {max(self._rest):.2g} rad/s in {WATCH_TIME:g} s'
             self._enter(Phase.DONE, now)
+
+    def _fail(self, problem: str, now: float) -> None:
+        self.problem = '; '.join(filter(None, (self.problem, problem)))
+        self._enter(Phase.DONE, now)

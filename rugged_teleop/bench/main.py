@@ -17,11 +17,13 @@ Move one joint of one device for a bounded time, without a mux: a drive with its
 a servo with nothing in its way, a fire monitor with the water off.
 
 Neutral first, then enabled, then the joint at the value asked for, then to rest and disabled; a
-servo goes to its failsafe. Ctrl-C is a stop. Whoever else commands the device, such as a mux, has
-to be ended first.
+servo goes to its failsafe. Where the drive measures the joint's speed, it is watched until it has
+stood for a second. Ctrl-C is a stop. Whoever else commands the device, such as a mux, has to be
+ended first.
 
-Exit status: 0 it ran its time; 1 it ended early or never began, the last line says why; 2 wrong
-arguments; 130 it was interrupted.
+Exit status: 0 it ran its time, and stands as far as that is measured; 1 it ended early, never
+began, or turns though it is disabled, the last line says why; 2 wrong arguments; 130 it was
+interrupted.
 """
 
 from __future__ import annotations
@@ -36,7 +38,7 @@ from typing import Any
 from bridge_core import clock
 from rugged_teleop.bench.course import Course, Phase
 from rugged_teleop.bench.targets import TARGETS
-from rugged_teleop.command_line import full_name, number_within, Parser
+from rugged_teleop.command_line import full_name, number_within, Parser, require
 
 _EXAMPLES = """\
 examples:
@@ -78,6 +80,7 @@ def parser(prog: str) -> Parser:
 def main(arguments: Sequence[str] | None = None, prog: str = 'rugged_teleop bench') -> None:
     """Run a trial; the command's entry point."""
     options = parser(prog).parse_args(arguments)
+    require(prog, 'rclpy')
     from rugged_teleop.bench.commander import Commander  # lazily: the help needs no ROS
 
     ended: list[int] = []
@@ -85,7 +88,7 @@ def main(arguments: Sequence[str] | None = None, prog: str = 'rugged_teleop benc
         signal.signal(number, lambda number, _: ended.append(number))
     option = next(each for each in TARGETS if getattr(options, each) is not None)
     target, value = TARGETS[option], getattr(options, option)
-    course = Course(value, options.seconds, clock.now())
+    course = Course(value, options.seconds, clock.now(), is_measured=target.is_measured)
     node = options.node or target.node
     with Commander(option, node, options.joint, options.rate) as commander:
         _run(course, commander, ended)
@@ -95,7 +98,8 @@ def main(arguments: Sequence[str] | None = None, prog: str = 'rugged_teleop benc
             print(f'{prog}: {course.problem}', file=sys.stderr)
         sys.exit(_INTERRUPTED if ended else 1)
     found = f'measured up to {course.peak:.3g} of {value:g}' if target.is_measured else summary
-    print(f'at rest and disabled; {found}', flush=True)
+    end = course.end or 'told to rest; whether it stands is not measured'
+    print(f'{end}; {found}', flush=True)
 
 
 def _run(course: Course, commander: Any, ended: Sequence[int]) -> None:

@@ -29,6 +29,7 @@ from typing import Any, BinaryIO
 from rugged_teleop.decode.pcap import MAGIC, MAGIC_NG, pcap, pcapng
 from rugged_teleop.decode.pieces import Damage, Piece, Recorded
 from rugged_teleop.decode.texts import candump, hex_listing, is_candump, is_hex
+from rugged_teleop.loaded import check_unpacked
 
 _BLOCK = 1 << 16
 _HEAD = 3840  # bytes by which a format is told; an endless line of hex is cut between two
@@ -109,12 +110,13 @@ def _copy(file: BinaryIO) -> Iterator[Any]:
     with NamedTemporaryFile() as copy:
         try:
             shutil.copyfileobj(file, copy)
-            copy.seek(0)
+            copy.flush()
         except OSError as error:
             with suppress(OSError):
                 copy.close()  # it tries again what found no room
             raise ValueError(f'is not copied to {copy.name}: {error.strerror}') from error
-        yield copy
+        with Path(copy.name).open('rb') as file:  # some readers take no wrapper for a file
+            yield file
 
 
 def _capture(name: str, file: Any, kind: str) -> Capture:
@@ -143,6 +145,7 @@ def format_of(head: bytes) -> str:
             return kind
     if not head:
         raise ValueError('is empty')
+    check_unpacked(head)
     if any(byte not in b'\t\r\n' and not 0x20 <= byte < 0x7F for byte in head):
         return 'raw'
     lines = [line.decode() for line in head.splitlines()]

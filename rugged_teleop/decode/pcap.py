@@ -25,7 +25,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 import ipaddress
 import struct
-from typing import BinaryIO
+from typing import BinaryIO, NamedTuple
 
 from rugged_teleop.decode.pieces import can_piece, Damage, Piece
 
@@ -49,10 +49,29 @@ _BLOCKS = (_INTERFACE, _SIMPLE_PACKET, _PACKET, _SECTION, 2, 4, 5, 10)  # 2 is o
 _RESOLUTION = 9  # option if_tsresol
 
 _ETHERNET, _SLL, _SLL2, _LOOPBACK, _CAN = 1, 113, 276, 0, 227  # link types
+_CLASSIC_SIZE = 16  # bytes, with the head, of classic CAN; at most
+_ARPHRD_CAN, _P_CAN, _P_CANFD = 280, 0x0C, 0x0D  # Linux, if_arp.h and if_ether.h
 _RAW_IP = (12, 14, 101, 228)
 _IPV4, _VLANS = 0x0800, (0x8100, 0x88A8)
 _UDP = 17
 _NOT_UDP = 'packet without UDP over IPv4'
+
+
+class _Cooked(NamedTuple):
+    """Where a head of Linux cooked captures has the protocol and the kind of hardware."""
+
+    kind: int
+    hardware: int
+    size: int
+
+    def is_can(self, packet: bytes) -> bool:
+        """Tell whether a frame of CAN is behind it."""
+        (kind,) = struct.unpack_from('>H', packet, self.kind)
+        (hardware,) = struct.unpack_from('>H', packet, self.hardware)
+        return hardware == _ARPHRD_CAN and kind in (_P_CAN, _P_CANFD)
+
+
+_COOKED = {_SLL: _Cooked(14, 2, 16), _SLL2: _Cooked(0, 8, 20)}
 
 
 class _Window:
@@ -98,7 +117,7 @@ def pcap(file: BinaryIO) -> Iterator[Piece | Damage]:
             yield found
         else:
             offset, at, packet = found
-            yield _read_packet(link, packet, offset, at)
+            yield _read_packet(link, packet, offset, at, order)
 
 
 class _Records:
@@ -189,7 +208,7 @@ class _Section:
             return Damage(offset, len(packet), 'shorter than its length says')
         interface = self.interfaces[number]
         at = None if ticks is None else ticks / interface.parts
-        return _read_packet(interface.link, packet, offset, at)
+        return _read_packet(interface.link, packet, offset, at, self.order)
 
     def _interface(self, body: bytes) -> _Interface:
         (link,) = struct.unpack_from(self.order + 'H', body)
@@ -248,10 +267,19 @@ def _skip_to_block(window: _Window, order: str) -> Damage:
 # Packets
 
 
-def _read_packet(link: int, packet: bytes, offset: int, at: float | None) -> Piece | Damage:
+def _read_packet(
+    link: int, packet: bytes, offset: int, at: float | None, order: str
+) -> Piece | Damage:
+    """:param order: of the bytes of the computer that captured."""
     try:
         if link == _CAN:
             return _can_frame(packet, offset, at)
+        cooked = _COOKED.get(link)
+        if cooked is not None and cooked.is_can(packet):
+            # Unlike in a capture of CAN alone, the identifier is as the computer had it.
+            number = int.from_bytes(packet[4:8], 'big')
+            source = f'interface {number}' if link == _SLL2 else ''
+            return _can_frame(packet[cooked.size :], offset, at, order, source)
         start = _ip_start(link, packet)
         if start is None:
             return Piece(offset, b'', at, form=_NOT_UDP)
@@ -260,18 +288,24 @@ def _read_packet(link: int, packet: bytes, offset: int, at: float | None) -> Pie
         return Damage(offset, len(packet), 'shorter than its headers say', packet, at)
 
 
-def _can_frame(packet: bytes, offset: int, at: float | None) -> Piece | Damage:
-    word, size, flags = struct.unpack_from('>IBB', packet)
+def _can_frame(
+    packet: bytes, offset: int, at: float | None, order: str = '>', source: str = ''
+) -> Piece | Damage:
+    word, size = struct.unpack_from(order + 'IB', packet)
+    data = packet[8:][:size]
+    if len(data) < size:
+        return Damage(offset, len(packet), 'shorter than its length says', packet, at)
     return can_piece(
         offset,
         word & 0x1FFFFFFF,
-        packet[8:][:size],
+        data,
         at=at,
-        source='',
+        source=source,
         extended=bool(word & 0x80000000),
         error=bool(word & 0x20000000),
         remote=bool(word & 0x40000000),
-        fd=bool(flags & 0x04) or size > 8,
+        # Nothing else tells: of classic CAN not all that captures clears the rest of the head.
+        fd=len(packet) > _CLASSIC_SIZE,
     )
 
 
@@ -285,8 +319,8 @@ def _ip_start(link: int, packet: bytes) -> int | None:
         place, start = 12, 14
         while int.from_bytes(packet[place : place + 2], 'big') in _VLANS:
             place, start = place + 4, start + 4
-    elif link in (_SLL, _SLL2):
-        place, start = (14, 16) if link == _SLL else (0, 20)
+    elif cooked := _COOKED.get(link):
+        place, start = cooked.kind, cooked.size
     else:
         return None
     (kind,) = struct.unpack_from('>H', packet, place)

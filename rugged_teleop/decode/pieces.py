@@ -20,6 +20,8 @@ from dataclasses import dataclass
 import math
 from typing import Any
 
+ERROR_FRAME = 'error frame'  # a form of a Piece
+
 
 @dataclass(frozen=True, slots=True)
 class Piece:
@@ -56,7 +58,11 @@ class Damage:
 
 @dataclass(frozen=True, slots=True)
 class Recorded:
-    """A message of a topic, or what else a recording has. :param content: as JSON has it."""
+    """
+    A message of a topic, or what else a recording has.
+
+    :param content: as JSON has it; None: it is no message of ROS.
+    """
 
     offset: int
     source: str
@@ -81,7 +87,7 @@ def can_piece(
     if not 0 <= identifier <= 0x1FFFFFFF or (len(data) > 8 and not fd):
         return Damage(offset, len(data), 'an identifier or length that cannot be', data)
     forms = (
-        *((error, 'error frame'), (remote, 'remote frame'), (fd, 'CAN FD frame')),
+        *((error, ERROR_FRAME), (remote, 'remote frame'), (fd, 'CAN FD frame')),
         (not extended, 'standard frame'),
     )
     form = next((form for applies, form in forms if applies), '')

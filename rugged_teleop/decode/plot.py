@@ -24,11 +24,11 @@ from __future__ import annotations
 from array import array
 from collections.abc import Callable, Iterable, Iterator
 from itertools import islice
-import time
 from typing import Any, Protocol
 
 from rugged_teleop.decode.plain import flat
 from rugged_teleop.decode.protocols import Entry
+from rugged_teleop.moments import moment
 
 _STATES = ('STOPPED', 'STOPPING', 'READY', 'ACTIVE')
 _STICKS, _STATE, _STOPS = 'sticks', 'state', 'e-stop, enable'
@@ -108,8 +108,7 @@ class Picture:
         all_axes = figure.subplots(len(panels), 1, sharex=True, squeeze=False)[:, 0]
         for axes, (name, lines) in zip(all_axes, panels.items(), strict=True):
             _draw(axes, name, lines, start)
-        moment = time.strftime('%Y-%m-%d %H:%M:%S', time.gmtime(start))
-        all_axes[-1].set_xlabel(f's since {moment}.{int(start % 1 * 1e3):03} UTC')
+        all_axes[-1].set_xlabel(f's since {moment(start)}')
         figure.savefig(path, dpi=_DPI)
 
     def shown(self) -> dict[str, dict[str, Line]]:

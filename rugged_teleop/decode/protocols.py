@@ -360,7 +360,8 @@ def recording_entries(
             yield _damage(piece)
         else:
             at = piece.at, piece.source
-            yield Entry(piece.offset, 'ros', piece.name, piece.content, 0, b'', *at)
+            protocol_of = '' if piece.content is None else 'ros'
+            yield Entry(piece.offset, protocol_of, piece.name, piece.content, 0, b'', *at)
     for line in lines.values():
         if line[0].identifier is not None:
             yield from _frame_entries(line, [protocol] if protocol else CAN_PROTOCOLS)

@@ -35,6 +35,8 @@ def mcap(file: BinaryIO) -> Iterator[Piece | Damage | Recorded]:
             yield Damage(offset, 0, f'the rest is not read: {each.reason}')
         elif isinstance(each, Parameters):
             yield Recorded(offset, each.node, 'parameters', each.values)
+        elif each.foreign:
+            yield Recorded(offset, each.topic, f'message in {each.foreign}', None, each.at)
         elif each.message is None:
             yield Damage(offset, 0, f'a message of {each.type}', at=each.at, source=each.topic)
         elif each.topic.endswith(_RAW):

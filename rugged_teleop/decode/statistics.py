@@ -25,6 +25,9 @@ from rugged_teleop.decode.protocols import Entry
 
 _MOST_KINDS = 1000  # more are counted together: a capture may name any number of senders
 _OTHERS = ('', '', 'others')
+# s of a bus whose load is told: times are of packets of a USB adapter, which has some frames each.
+_LOAD_TIME = 1.0
+_FULL = 100.0  # %
 _HEADINGS: tuple[str, ...] = (
     *('source', 'id', 'message', 'count'),
     *('rate/s', 'mean ms', 'longest gap'),
@@ -164,10 +167,13 @@ class Statistics:
 
     def _bus_line(self, channel: str, bus: _Bus) -> Iterator[str]:
         duration = bus.last - bus.first
-        if duration > 0.0:
+        if 0.0 < duration < _LOAD_TIME:
+            yield f'load of {channel}: {duration:.2g} s are too short to tell'
+        elif duration > 0.0:
             least, most = (100 * bits / duration / self.bitrate for bits in (bus.least, bus.most))
             fullest = 100 * bus.fullest / self.bitrate
             yield (
                 f'load of {channel}: {least:.1f} to {most:.1f} % of {self.bitrate} bit/s by its '
                 f'stuff bits, {fullest:.1f} % and more in the fullest second'
+                f'{"; more than it can carry: see --bitrate" if least > _FULL else ""}'
             )

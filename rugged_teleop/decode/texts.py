@@ -21,7 +21,7 @@ from datetime import datetime
 import re
 from typing import BinaryIO
 
-from rugged_teleop.decode.pieces import can_piece, Damage, Piece
+from rugged_teleop.decode.pieces import can_piece, Damage, ERROR_FRAME, Piece
 
 # A longer line is cut: between two bytes, be they of 2, 3, 5 or 6 characters (0x10 and a space).
 _LONGEST = 61440
@@ -39,6 +39,7 @@ _SCREEN = re.compile(
     r'(?P<id>[0-9A-F]{3}|[0-9A-F]{8})\s+\[(?P<size>\d\d?)\]\s*(?P<data>.*)',
     re.IGNORECASE | re.DOTALL,
 )
+_COMMENTS = ('#', ';', '//')
 _ADDRESS = re.compile(r'(?:0x)?[0-9A-F]{4,}(?P<colon>:)?(?:\s+|$)', re.IGNORECASE)
 _BYTES = re.compile(r'(?:[0-9A-F]{2}\s*)+', re.IGNORECASE)
 _PUNCTUATION = re.compile(r'\b0x|\\x|[,;:{}-]', re.IGNORECASE)
@@ -62,12 +63,17 @@ def is_candump(line: str) -> bool:
 
 def candump(file: BinaryIO) -> Iterator[Piece | Damage]:
     """Read what candump wrote (-l, -L) or showed, with whatever options for its times."""
+    in_error = False
     for offset, line in lines_of(file):
-        if line.strip():
-            try:
-                yield _frame(offset, line)
-            except ValueError:
+        try:
+            frame = _frame(offset, line)
+        except ValueError:
+            # What -e says of an error frame is indented by a tab.
+            if line.strip() and not (line.startswith(_COMMENTS) or (in_error and line[0] == '\t')):
                 yield Damage(offset, len(line), 'not a line of candump', line.encode())
+        else:
+            in_error = isinstance(frame, Piece) and frame.form == ERROR_FRAME
+            yield frame
 
 
 def _frame(offset: int, line: str) -> Piece | Damage:

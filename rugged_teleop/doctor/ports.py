@@ -137,6 +137,16 @@ def holders_of(device: str, status: os.stat_result, proc: Path = PROC) -> Iterat
             yield Holder(pid, _command(proc / str(pid)))
 
 
+def device_of(pty: str, proc: Path = PROC) -> Holder | None:
+    """Return who has both sides of a pty, as a simulated device does; None: nobody."""
+    with contextlib.suppress(OSError):
+        index = os.minor(os.stat(pty).st_rdev)
+        for pid in sorted({*_open_in(pty, proc)}):
+            if _is_master(proc / str(pid), index):
+                return Holder(pid, _command(proc / str(pid)))
+    return None
+
+
 def _open_in(device: str, proc: Path) -> Iterator[int]:
     for link in proc.glob('[0-9]*/fd/*'):
         with contextlib.suppress(OSError):  # it has ended, or is another user's

@@ -25,7 +25,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 import sys
 
-from rugged_teleop.command_line import Parser
+from rugged_teleop.command_line import Parser, require
 
 _EXAMPLES = """\
 examples:
@@ -52,6 +52,7 @@ def main(arguments: Sequence[str] | None = None, prog: str = 'rugged_teleop reco
     words = list(sys.argv[1:] if arguments is None else arguments)
     end = words.index('--ros-args') if '--ros-args' in words else len(words)
     parser(prog).parse_args(words[:end])
+    require(prog, 'rclpy', 'mcap')
     from bridge_core.parameter_files import beside
     from bridge_core.runner import run  # late: the help needs no ROS
     from rugged_teleop.recorder.node import Recorder

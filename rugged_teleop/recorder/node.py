@@ -53,6 +53,8 @@ _LOOK_PERIOD = 0.5  # s, between two looks for nodes and topics
 _STEP_PERIOD = 0.1  # s, between two batches for the disk
 _DIAGNOSTICS_PERIOD = 1.0  # s
 _LEAVE_TIME = 3.0  # s that the last file has to be completed; a disk that hangs keeps it
+_SAVE_TIME = 2.0  # s that the disk has for the minute before, until the answer
+_SLOW_DISK = 'use a faster disk: it has not yet taken the minute before; /diagnostics will tell'
 _MB = 1_000_000
 # A reader that asks for no more than this costs the node that publishes no answers, and never
 # holds it up. States that are published on change alone are to be had reliably only.
@@ -70,7 +72,8 @@ class Recorder(ManagedNode):
         try:
             from rugged_teleop.recorder.writer import FileWriter  # late: mcap is an extra
         except ImportError as error:
-            raise ParameterError(f'the recorder needs mcap: pip install mcap ({error})') from error
+            text = f'the recorder needs pip install mcap mcap-ros2-support ({error})'
+            raise ParameterError(text) from error
         values = self.values
         self._ring = Ring(values['seconds'], values['memory'] * _MB)
         self._schedule = Schedule(values['after'], values['period'])
@@ -221,12 +224,19 @@ class Recorder(ManagedNode):
             response.success, response.message = self.lane.call(self._save)
         except TimeoutError as error:
             response.message = f'nothing is recorded: {error}'
+        if response.success and not self._writer.wait(_SAVE_TIME):
+            response.success, response.message = False, _SLOW_DISK
+        elif response.success and self._writer.error:
+            response.success = False
+            response.message = f'nothing is recorded: {self._writer.error}'
         return response
 
     def _save(self) -> tuple[bool, str]:
         if not self.active:
             return False, 'nothing is recorded: the recorder is not active'
         now = clock.now()
+        if self._writer.error:  # of the one that seems to be open
+            self._schedule.is_open = False
         self._schedule.ask('save', now, at_once=True)
         if self._schedule.may_begin(now):
             self._begin(now)
@@ -252,6 +262,7 @@ class Recorder(ManagedNode):
     def _status(self) -> Status:
         writer, schedule = self._writer, self._schedule
         level, message = Level.OK, 'ok'
+        is_open = schedule.is_open and not writer.error
         if writer.error:
             level = Level.ERROR
             message = f'make room or correct folder: the last recording failed: {writer.error}'
@@ -262,7 +273,7 @@ class Recorder(ManagedNode):
         elif writer.dropped:
             level, message = Level.WARN, 'use a faster disk: it was too slow for some messages'
         values = {
-            'recording': f'yes, because of {schedule.reason}' if schedule.is_open else 'no',
+            'recording': f'yes, because of {schedule.reason}' if is_open else 'no',
             'last recording': writer.last or 'none',
             'recordings': writer.count,
             'recordings (MB)': writer.size / _MB,

@@ -25,11 +25,13 @@ from contextlib import suppress
 import os
 from pathlib import Path
 import queue
+import struct
 import threading
 import time
 from typing import Any, BinaryIO
 
-from mcap.writer import Writer
+from mcap.opcode import Opcode
+from mcap.writer import MCAP0_MAGIC, Writer
 
 from bridge_core import clock
 from rugged_teleop.recorder.folder import file_name, Folder, PARAMETERS_OF, UNFINISHED
@@ -37,6 +39,7 @@ from rugged_teleop.recorder.ring import Heard
 
 _NICE = 10  # of the thread: whoever decides comes first
 _CHUNK = 1 << 16  # bytes
+_RECORD = struct.Struct('<BQ')  # opcode and length, before each record of an MCAP file
 _WAITING = 600  # batches that a slow disk may leave waiting
 Parameters = Mapping[str, Mapping[str, str]]  # by node and name, as JSON
 
@@ -112,14 +115,29 @@ class RecordingFile:
         self.path = path
 
     def close(self) -> None:
-        """Leave it unfinished. Raises nothing."""
+        """Leave it unfinished, and not at all where nothing can be read of it. Raises nothing."""
         with suppress(OSError):
             self._file.close()
+        with suppress(OSError):  # it has its name
+            if not _has_chunk(self._part):
+                self._part.unlink()
+
+
+def _has_chunk(path: Path) -> bool:
+    """Tell whether a whole chunk of messages is in an MCAP file. :raises OSError: it is gone."""
+    with path.open('rb') as file:
+        size, place = os.fstat(file.fileno()).st_size, file.seek(len(MCAP0_MAGIC))
+        while len(head := file.read(_RECORD.size)) == _RECORD.size:
+            kind, length = _RECORD.unpack(head)
+            place = file.seek(place + _RECORD.size + length)
+            if kind == Opcode.CHUNK and place <= size:
+                return True
+    return False
 
 
 class FileWriter:
     """
-    The thread. Its methods may be called in one other thread, and never wait.
+    The thread. Its methods may be called in other threads, and do not wait but where they say so.
 
     :param said: is called in this thread with a line for the log, and whether it is good.
     """
@@ -156,6 +174,12 @@ class FileWriter:
         :param parameters: as known by now, too: nodes that had just started may have answered.
         """
         self._put(0, self._end, reason, parameters)
+
+    def wait(self, timeout: float) -> bool:
+        """Wait until all that it was told is done, and return whether it is."""
+        done = threading.Event()
+        self._put(0, done.set)
+        return done.wait(timeout)
 
     def stop(self, timeout: float) -> None:
         """Have the jobs done and the thread end; wait up to ``timeout`` s."""

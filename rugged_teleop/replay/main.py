@@ -74,7 +74,7 @@ def _replay(tolerance: float | None, recording: Loaded) -> int:
         for line in lines_of(outcome):
             print(line)
     differs = any(outcome.found for outcome in outcomes)
-    return 2 if recording.cut else int(differs)
+    return int(differs) if recording.whole else 2
 
 
 if __name__ == '__main__':

@@ -19,11 +19,11 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from rugged_teleop.loaded import Loaded
+from rugged_teleop.moments import moment
 from rugged_teleop.replay.found import Outcome
 from rugged_teleop.replay.mux import MuxReplay
 from rugged_teleop.replay.sessions import nodes_with_bytes, replay_session
 from rugged_teleop.why.events import Roles
-from rugged_teleop.why.story import utc
 
 _MOST = 20  # differences that are told
 
@@ -49,10 +49,10 @@ def replayed(recording: Loaded, tolerance: float | None) -> list[Outcome]:
 
 def lines_of(outcome: Outcome) -> Iterator[str]:
     """Yield what came of a replay."""
-    yield f'{outcome.name}, {utc(outcome.since)} and {outcome.until - outcome.since:.1f} s on'
+    yield f'{outcome.name}, {moment(outcome.since)} and {outcome.until - outcome.since:.1f} s on'
     yield from (f'  {note}' for note in outcome.notes)
     for each in outcome.found[:_MOST]:
-        yield f'  differs at {utc(each.since)} for {(each.until - each.since) * 1e3:.0f} ms:'
+        yield f'  differs at {moment(each.since)} for {(each.until - each.since) * 1e3:.0f} ms:'
         yield f'    {each.what} was {each.recorded}'
         yield f'    {each.what} is now {each.replayed}'
     if len(outcome.found) > _MOST:

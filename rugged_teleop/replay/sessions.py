@@ -24,10 +24,10 @@ from bridge_core.j1939 import CanFrame
 from bridge_core.session import StopChanged, Verdict
 from rugged_teleop.decode.pieces import Piece
 from rugged_teleop.decode.recorded import pieces_of
+from rugged_teleop.moments import moment
 from rugged_teleop.recordings import Said
 from rugged_teleop.replay.found import Found, Outcome
 from rugged_teleop.replay.track import Difference, differences, Track
-from rugged_teleop.why.story import utc
 
 _BRIDGES = (
     *('akron_can_bridge', 'esi_drive_bridge', 'fort_vsc_bridge'),
@@ -86,7 +86,7 @@ def replay_session(
         due.add(at, verdict.estop and not _is_unasked(verdict))
     slack = 1.0 / values['estop_rate'] if tolerance is None else tolerance
     since = _settled(recorded, replayed, slack)
-    notes = [f'its session began anew with the first bytes; compared from {utc(since)} on']
+    notes = [f'its session began anew with the first bytes; compared from {moment(since)} on']
     missed = [each for each in differences(recorded, due, since, slack) if each.replayed]
     found = [_found(span) for span in missed]
     for span in differences(recorded, replayed, since, slack):
@@ -100,7 +100,7 @@ def replay_session(
             why = _held_up(name, said, span)
         if why:
             ms = (span.until - span.since) * 1e3
-            notes.append(f'not compared at {utc(span.since)} for {ms:.0f} ms: {why}')
+            notes.append(f'not compared at {moment(span.since)} for {ms:.0f} ms: {why}')
         else:
             found.append(_found(span))
     compared = ['e-stop, by the bytes of its port']

@@ -18,6 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
+import math
 from typing import Any, NamedTuple
 
 from rugged_teleop.recordings import Said
@@ -47,6 +48,7 @@ class Roles:
 
     nodes: set[str] = field(default_factory=set)
     muxes: set[str] = field(default_factory=set)
+    drives: set[str] = field(default_factory=set)  # of the nodes: they say how joints move
 
     @classmethod
     def of(cls, topics: Iterable[str]) -> Roles:
@@ -54,7 +56,8 @@ class Roles:
         names = set(topics)
         nodes = {name.removesuffix('/estop') for name in names if name.endswith('/estop')}
         muxes = {node for node in nodes if {f'{node}/status', f'{node}/state'} <= names}
-        return cls(nodes - muxes, muxes)
+        drives = {node for node in nodes if {f'{node}/enabled', f'{node}/joint_states'} <= names}
+        return cls(nodes - muxes, muxes, drives)
 
 
 class Events:
@@ -101,9 +104,15 @@ class Events:
             ('estop', False): f'{node} demands no stop any more',
             ('link_up', True): f'{node} hears its device',
             ('link_up', False): f'{node} hears its device no more',
-            ('enabled', True): f'{node}: the drive is enabled',
-            ('enabled', False): f'{node}: the drive is disabled',
         }
+        if node in self._roles.drives:
+            words |= {
+                ('enabled', True): f'{node}: the drive is enabled',
+                ('enabled', False): f'{node}: the drive is disabled',
+            }
+        elif name == 'enabled':  # of a VM-110: that its movements are allowed
+            text = f'{node}: its sticks count{"" if data else " no more"}'
+            yield f'sticks {node}', data, text
         if node in self._roles.muxes:
             words = {
                 ('estop', True): f'{node} tells all devices to stop',
@@ -119,8 +128,12 @@ class Events:
             message = said.message
             values = [*message.velocity, *message.effort, *message.position]
             yield from self._of_command(node, values)
-        elif name == 'joint_states' and len(said.message.velocity):
-            fastest = max(map(abs, said.message.velocity))
+        elif name == 'joint_states':
+            # What is not measured is no number, and no rest.
+            speeds = [abs(each) for each in said.message.velocity if math.isfinite(each)]
+            if not speeds:
+                return
+            fastest = max(speeds)
             moves = fastest > self._standstill
             text = f'{node}: the joints {f"move, at {fastest:.2f} rad/s" if moves else "stand"}'
             yield f'joints {node}', moves, text
@@ -131,7 +144,10 @@ class Events:
             yield from self._of_command(node, [twist.linear.x, twist.angular.z])
 
     def _of_command(self, node: str, values: Iterable[float]) -> Iterator[tuple[str, Any, str]]:
-        most = max(map(abs, values), default=0.0)
+        numbers = [abs(each) for each in values]
+        if not numbers:
+            return
+        most = max(numbers)
         text = f'{node} commands {"motion" if most else "0"}'
         yield f'command {node}', most > 0.0, text
 

@@ -57,7 +57,7 @@ def _tell(recording: Loaded) -> int:
 
     for line in story(recording.said, recording.parameters):
         print(line)
-    return 1 if recording.cut else 0
+    return 0 if recording.whole else 1
 
 
 if __name__ == '__main__':

@@ -18,11 +18,12 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-import time
 from typing import Any
 
+from rugged_teleop.moments import moment as time_in_words, time_of_day
 from rugged_teleop.recordings import Said
 from rugged_teleop.why.events import Event, Events, fields_of, reason_of, Roles, STANDSTILL
+from rugged_teleop.why.heard import FRESH, Heard
 from rugged_teleop.why.wire import wire_events
 
 _BEFORE, _AFTER = 3.0, 10.0  # s of a story
@@ -35,14 +36,24 @@ _OBEDIENCE = {
     'joints': ('moves', 'stood'),
     'wire': ('tells its drive to enable', 'told its drive to disable'),
 }
+_TOPICS = {'enabled': 'enabled', 'joints': 'joint_states', 'wire': 'raw/sent'}
+_POINTS_ELSEWHERE = 'see /diagnostics of its node'  # in the words of a mux
+_REASON = 'stop: '  # begins a line of a node's log
 
 
 @dataclass(frozen=True)
 class _Mux:
-    """What one mux said of itself. :param statuses: times and fields."""
+    """
+    What one mux said of itself.
+
+    :param statuses: times and fields.
+    :param heard: what of all nodes was heard when. :param sources: node by name of e-stop source.
+    """
 
     name: str
     statuses: Sequence[tuple[float, dict[str, str]]]
+    heard: Heard
+    sources: Mapping[str, str]
 
 
 def story(
@@ -62,7 +73,9 @@ def story(
     standstill = max(map(_standstill, known.values()))
     maker = Events(roles, standstill)
     events = [event for each in messages for event in maker.of(each)]
-    events = sorted([*events, *wire_events(messages)], key=lambda event: event.at)
+    heard = Heard(messages, events)
+    events = [*map(heard.qualified, events), *wire_events(messages)]
+    events.sort(key=lambda event: event.at)
     lines: list[str] = []
     for name in sorted(roles.muxes):
         statuses = [
@@ -70,13 +83,26 @@ def story(
             for each in messages
             if each.topic == f'{name}/status' and (fields := fields_of(each.message))
         ]
-        lines += _of_mux(_Mux(name, statuses), events, messages[-1].at)
+        mux = _Mux(name, statuses, heard, _sources(name, known[name]))
+        lines += _of_mux(mux, events, messages[-1].at)
     return lines
 
 
 def _standstill(values: Mapping[str, Any]) -> float:
     value = values.get('feedback.standstill')
     return float(value) if isinstance(value, int | float) else STANDSTILL
+
+
+def _sources(mux: str, values: Mapping[str, Any]) -> dict[str, str]:
+    """Return the nodes of the e-stop sources, by the parameters of a mux."""
+    found = {}
+    for parameter, topic in values.items():
+        kind, _, rest = parameter.partition('.')
+        name, _, last = rest.rpartition('.')
+        if kind == 'estop' and last == 'topic' and isinstance(topic, str):
+            full = topic if topic.startswith('/') else f'{mux.rpartition("/")[0]}/{topic}'
+            found[name] = full.rpartition('/')[0]
+    return found
 
 
 def _of_mux(mux: _Mux, events: Sequence[Event], end: float) -> Iterator[str]:
@@ -115,9 +141,10 @@ def _of_stop(
     told = [event for event in events if event.at >= since and event.text]
     changes = [event for event in told if event.what == f'state {mux.name}']
     caused = [event for event in changes if -_SLOW <= event.at - moment <= _TOGETHER]
-    yield f'{utc(moment)}: {caused[0].text if caused else mux.name + " stopped"}'
-    for event in caused[1:]:
-        yield f'  then {event.text}'
+    texts = [_with_cause(mux, event.text, moment, told) for event in caused]
+    yield f'{time_in_words(moment)}: {texts[0] if texts else mux.name + " stopped"}'
+    for text in texts[1:]:
+        yield f'  then {text}'
     for values in _last(mux, (caused[0].at if caused else moment) - 1e-6):
         owner = values.get('owner', 'none')
         control = 'nobody had control' if owner == 'none' else f"'{owner}' had control"
@@ -130,7 +157,22 @@ def _of_stop(
     for event in told:
         yield f'  {round((event.at - moment) * 1e3):+8} ms  {event.text}'
     for what in sorted({event.what for event in events}):
-        yield from _obeyed(what, moment, [e for e in events if e.what == what], until)
+        about = [event for event in events if event.what == what]
+        yield from _obeyed(mux.heard, what, moment, about, until)
+
+
+def _with_cause(mux: _Mux, text: str, moment: float, told: Sequence[Event]) -> str:
+    """Return a text with what the node has said of its stop, in place of where to look."""
+    if _POINTS_ELSEWHERE not in text:
+        return text
+    near = [event for event in told if abs(event.at - moment) <= _TOGETHER]
+    stopped = [e.what.partition(' ')[2] for e in near if e.what.startswith('estop ') and e.value]
+    named = [node for name, node in mux.sources.items() if f"'{name}'" in text]
+    for node in named or [each for each in stopped if each != mux.name]:
+        for event in near:
+            if event.what == f'log {node}' and event.value.startswith(_REASON):
+                return text.replace(_POINTS_ELSEWHERE, event.value.removeprefix(_REASON))
+    return text
 
 
 def _heard_last(values: Mapping[str, str]) -> str:
@@ -151,7 +193,9 @@ def _age(text: str) -> str:
         return text
 
 
-def _obeyed(what: str, moment: float, events: Sequence[Event], until: float) -> Iterator[str]:
+def _obeyed(
+    heard: Heard, what: str, moment: float, events: Sequence[Event], until: float
+) -> Iterator[str]:
     """Say of a drive whether it was disabled, and of its joints whether they stood."""
     kind, _, node = what.partition(' ')
     if kind not in _OBEDIENCE:
@@ -160,19 +204,36 @@ def _obeyed(what: str, moment: float, events: Sequence[Event], until: float) -> 
     before = [event for event in events if event.at < moment]
     after = [event for event in events if event.at >= moment]
     ended = next((event for event in after if not event.value), None)
-    if ended is not None:
+    told = ended or (before[-1] if before else None)
+    if told is None:
+        return
+    if unknown := _unknown(heard, told, moment, until):
+        yield f'  {node}: whether it {off} is not known: {unknown}'
+    elif ended is not None:
         yield f'  {node} {off} {(ended.at - moment) * 1e3:.0f} ms after the stop'
         for event in [each for each in after if each.value and each.at > ended.at][:1]:
             yield f'  {node} {on} again {(event.at - moment):.1f} s after the stop'
-    elif before and before[-1].value and until - moment < _OBEYS_WITHIN:
+    elif not told.value:
+        yield f'  {node} {off} before the stop'
+    elif until - moment < _OBEYS_WITHIN:
         ms = (until - moment) * 1e3
         yield f'  {node} {on} {ms:.0f} ms after the stop, where the recording ends'
-    elif before and before[-1].value:
+    else:
         yield f'  {node} DID NOT OBEY: it {on} {until - moment:.1f} s after the stop'
-    elif before:
-        yield f'  {node} {off} before the stop'
 
 
-def utc(at: float) -> str:
-    """Return the time in words. :param at: seconds since 1970."""
-    return f'{time.strftime("%Y-%m-%d %H:%M:%S", time.gmtime(at))}.{int(at % 1 * 1e3):03} UTC'
+def _unknown(heard: Heard, told: Event, moment: float, until: float) -> str:
+    """Say since when nobody knows whether this is so; empty: it is known."""
+    kind, _, node = told.what.partition(' ')
+    topic, at = f'{node}/{_TOPICS[kind]}', until if told.value else moment
+    if told.value:
+        known = heard.is_fresh(topic, at)
+    elif kind == 'enabled':  # which it says of a silent drive, too
+        topic, at = f'{node}/{_TOPICS["joints"]}', max(told.at, moment - FRESH)
+        known = heard.drive(node, at)
+    else:
+        known = told.at >= moment or heard.is_fresh(topic, moment)
+    last = heard.last(topic, at)
+    if known:
+        return ''
+    return 'never heard' if last is None else f'not heard since {time_of_day(last)}'

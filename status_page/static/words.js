@@ -44,5 +44,5 @@ export function size(bytes) {
 }
 
 export function time(seconds) {
-  return new Date(seconds * 1000).toLocaleTimeString([], { hour12: false });
+  return new Date(seconds * 1000).toLocaleTimeString([], { hour12: false, timeZoneName: 'short' });
 }
