@@ -15,6 +15,7 @@
 """The parameters of the FORT VSC bridge beside those that all bridges share."""
 
 from collections.abc import Callable
+import re
 
 from bridge_core.parameters import DEADBAND, Parameter, TOLERATE_FAULTY_AXES
 from fort_vsc_bridge.protocol import BAUD, CanIds, MAX_IDENTIFIER, MAX_MAGNITUDE
@@ -35,6 +36,14 @@ def _interval(value: int) -> None:
 def _interval_or_off(value: int) -> None:
     if value not in (LEAVE, 0) and value < 20:
         raise ValueError('allowed is 20 to 65535, 0 for off, or -1')
+
+
+def _hid_devices(names: list[str]) -> None:
+    for name in names:
+        if name != 'none' and not re.fullmatch('[0-9a-fA-F]{4}:[0-9a-fA-F]{4}', name):
+            raise ValueError(
+                "allowed is vendor:product in hexadecimal, such as '2a99:d002', or none"
+            )
 
 
 def _setting(
@@ -105,6 +114,14 @@ PARAMETERS = (
         unit='bit/s',
         minimum=0,
         maximum=1_000_000,
+    ),
+    Parameter(
+        'hid.devices',
+        ['2a99:d002', 'ffff:f005'],
+        'hid: USB vendor:product, in hexadecimal, of what is taken for a VSC (ffff:f005: older '
+        'ones); any other hidraw device is refused. none takes a FIFO, a pty or a file, too, such '
+        'as the simulator makes: only for tests.',
+        check=_hid_devices,
     ),
     _identifier(
         'left_basic',

@@ -44,7 +44,7 @@ def make_transport(values: Mapping[str, Any]) -> Transport[Any]:
     if isinstance(wire, CanWire):
         return _can_transport(values, wire.filters)
     if isinstance(wire, HidWire):
-        return HidrawTransport(values['port'], REPORT_SIZE)
+        return HidrawTransport(values['port'], REPORT_SIZE, values['hid.devices'])
     check_serial_port(values)
     return SerialTransport(values['port'], values['baud'])
 

@@ -171,14 +171,14 @@ class CanWire(Wire):
 
 @dataclass(frozen=True)
 class HidWire(Wire):
-    """USB HID: one report at a time, and nothing to send."""
+    """USB HID of the VSC: one report at a time, and nothing to send."""
 
     NAME = 'hid'
     PERIODS = {}
     INTERVAL = 0.0625
-    SIGN_OF_LIFE = 'report from the remote'
-    SILENCE = "check the remote's power and USB cable, and that port is its hidraw device"
-    GARBLED = 'check that port is the hidraw device of the remote, as reports of another come'
+    SIGN_OF_LIFE = 'report from the VSC'
+    SILENCE = "check the VSC's power and USB cable, and that port is its hidraw device"
+    GARBLED = 'check that port is the hidraw device of the VSC, as reports of another come'
 
     def decoder(self, timeout: float) -> Decoder[Any, Received]:
         """Return what reads a report."""

@@ -47,6 +47,7 @@ _SETTINGS_TO_DO = {
     OVERRULED: 'change the parameter, or what ~/set_user_value says',
 }
 _USER = 'VSC reports e-stop: USER (this computer)'
+_ANYBODY = 'the remote, the wired input or a computer (USB HID does not tell which)'
 
 
 def stop_reasons(heartbeat: Heartbeat, *, asked: str, echo: bool) -> list[str]:
@@ -59,8 +60,9 @@ def stop_reasons(heartbeat: Heartbeat, *, asked: str, echo: bool) -> list[str]:
     reasons = []
     others = heartbeat.estop & ~int(EStopBits.USER)
     if others:
+        sources = _ANYBODY if heartbeat.autonomy is None else ', '.join(estop_sources(others))
         reasons.append(
-            f'release the stop at {", ".join(estop_sources(others))}, then acknowledge it on the '
+            f'release the stop at {sources}, then acknowledge it on the '
             'remote: VSC reports e-stop (SRC: button, or out of reach; VSC: both wired loops)'
         )
     if heartbeat.estop & EStopBits.USER:
@@ -133,9 +135,15 @@ def heartbeat_values(heartbeat: Heartbeat | None) -> dict[str, Any]:
     """Return what the heartbeat says; without a fresh one mode 'None', all else 'unknown'."""
     return {
         'mode': mode_name(heartbeat.mode if heartbeat else None),
-        'e-stop indication': f'0x{heartbeat.estop:08X}' if heartbeat else 'unknown',
+        'e-stop indication': _indication(heartbeat) if heartbeat else 'unknown',
         'autonomy mode': mode_name(heartbeat.autonomy) if heartbeat else 'unknown',
     }
+
+
+def _indication(heartbeat: Heartbeat) -> str:
+    if heartbeat.autonomy is None:  # HID, which has one byte for all
+        return 'actuated' if heartbeat.estop else 'not actuated'
+    return f'0x{heartbeat.estop:08X}'
 
 
 def remote_values(remote: RemoteStatus | None) -> dict[str, Any]:
