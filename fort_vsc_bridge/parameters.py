@@ -151,6 +151,16 @@ PARAMETERS = (
         section='timeouts',
     ),
     Parameter(
+        'transition_time',
+        2.0,
+        'A mode outside table 12 is a stop at once (~/estop). It is the own stop of the VSC '
+        "(~/own_estop), which may be passed on to another device's chain, only when it has "
+        'lasted for this long: it may be one between two modes.',
+        's',
+        0.0,
+        10.0,
+    ),
+    Parameter(
         'heartbeat_rate',
         20.0,
         'serial: how often our heartbeat is sent. Where User E-STOP Timeout is on, the VSC stops '

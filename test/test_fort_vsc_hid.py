@@ -140,7 +140,7 @@ def test_report_gives_stop_mode_and_sticks_at_once() -> None:
 
 @pytest.mark.parametrize('mode', range(256))
 def test_only_modes_with_a_remote_are_clear_and_only_operational_moves(mode: int) -> None:
-    bench = opened()
+    bench = opened(transition_time=0.0)
     bench.hear(report('7F7F7F818181', 0x91, mode))
     assert bench.session.estop is (mode not in (6, 9, 0xA, 0xB))
     assert bench.session.own_estop is (mode not in (1, 4, 6, 9, 0xA, 0xB))

@@ -198,7 +198,7 @@ def test_any_estop_bit_is_a_stop(bit: int) -> None:
 
 @pytest.mark.parametrize('mode', range(256))
 def test_only_modes_with_a_remote_are_clear(mode: int) -> None:
-    bench = opened()
+    bench = opened(transition_time=0.0)
     bench.hear(heartbeat(mode))
     assert bench.session.estop is (mode not in (6, 9, 0xA, 0xB))
     assert bench.session.own_estop is (mode not in (1, 4, 6, 9, 0xA, 0xB))

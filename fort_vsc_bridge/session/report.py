@@ -74,7 +74,7 @@ def stop_reasons(heartbeat: Heartbeat, *, asked: str, echo: bool) -> list[str]:
         )
     elif heartbeat.mode not in CONNECTED_MODES:
         reasons.append(
-            'restart the VSC, look at its LED, check its firmware: mode is '
+            'wait; if it stays, restart the VSC, look at its LED, check its firmware: mode is '
             f'{mode_name(heartbeat.mode)}, so it does not say that it works'
         )
     return reasons

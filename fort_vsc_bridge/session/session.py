@@ -103,7 +103,7 @@ class Session(BaseSession[Frame, Received, Event]):
         self._stream = StickStream()
         # The heartbeat that says why the VSC zeroes its buttons may be the first one that is lost.
         self._held = HeldButtons(2.0 * settings.link_timeout, len(BUTTON_NAMES))
-        self._judgement = StopJudge()
+        self._judgement = StopJudge(settings.transition_time)
         self._software_estop = False
         self._software_estop_heard = Watchdog(settings.software_estop_timeout)
         self._leaving = self._sent_stop = False
@@ -289,9 +289,8 @@ class Session(BaseSession[Frame, Received, Event]):
 
     def _judge(self, now: float) -> Verdict:
         """Return what the newest heartbeat says; what this node asked comes back as an echo."""
-        del now
         assert self._newest is not None
-        return self._judgement.judge(self._newest)
+        return self._judgement.judge(self._newest, now)
 
     def _silence(self, now: float) -> str:
         wire = self.settings.wire
@@ -329,6 +328,8 @@ class Session(BaseSession[Frame, Received, Event]):
 
     def _expires_at(self) -> float:
         moments = [super()._expires_at()]
+        if not self.own_estop:
+            moments.append(self._judgement.becomes_own_at)
         if self._stream.streaming:
             moments.append(self._joystick_heard.deadline)
         if self.remote_status is not None:

@@ -68,6 +68,7 @@ class Settings(CheckedSettings):
     wire: Wire = field(default_factory=SerialWire)
     device: DeviceSettings = field(default_factory=DeviceSettings)
     link_timeout: float = _TABLE['link_timeout'].default
+    transition_time: float = _TABLE['transition_time'].default
     heartbeat_rate: float = _TABLE['heartbeat_rate'].default
     software_estop_timeout: float = _TABLE['software_estop_timeout'].default
     require_software_estop: bool = _TABLE['require_software_estop'].default
