@@ -17,6 +17,7 @@
 from __future__ import annotations
 
 import math
+import re
 from typing import Any
 
 from bridge_core.session import (
@@ -471,7 +472,9 @@ class Session(BaseSession[Frame, Received, Event]):
 
 
 def _text_lines(text: str) -> list[UserFeedbackName]:
-    lines = text.splitlines()
+    lines = re.split('\r\n|\r|\n', text)
+    if not lines[-1]:
+        del lines[-1]  # a line's end is none between two
     if len(lines) > len(TEXT_KEYS):
         raise ValueError(f'the display has {len(TEXT_KEYS)} lines, not {len(lines)}')
     lines += [''] * (len(TEXT_KEYS) - len(lines))
