@@ -14,6 +14,7 @@
 
 """The VSC's session: what stops, what counts as sticks, and what holds whatever comes."""
 
+from dataclasses import replace
 import itertools
 import math
 import random
@@ -194,6 +195,18 @@ def test_any_estop_bit_is_a_stop(bit: int) -> None:
     assert bench.session.estop
     assert bench.session.own_estop
     assert 'VSC reports e-stop' in bench.session.stop_reasons(bench.now)[0]
+
+
+def test_button_held_while_heartbeats_alone_come_counts_once_it_was_let_go_of() -> None:
+    bench = opened()
+    bench.run(0.5, heartbeat(), CENTRED)
+    (pressed,) = sticks(bench.hear(DEFLECTED))
+    assert any(pressed.buttons)
+    assert sticks(bench.run(2.0, heartbeat())) == [NEUTRAL]
+    (back,) = sticks(bench.hear(DEFLECTED))
+    assert back == replace(pressed, buttons=NEUTRAL.buttons)
+    bench.hear(CENTRED)
+    assert sticks(bench.hear(DEFLECTED)) == [pressed]
 
 
 @pytest.mark.parametrize('mode', range(256))

@@ -319,6 +319,8 @@ class Session(BaseSession[Frame, Received, Event]):
         if self._stream.owes_neutral(fresh=fresh, counts=self.operational):
             self.faulty = ()
             self._emit(_NEUTRAL)
+            if not self.estop:
+                self._held.miss(now, stopped=False)
         if self.remote_connected and not self._was_connected:
             self._queue.show_again()
         self._was_connected = self.remote_connected
