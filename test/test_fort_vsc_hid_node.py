@@ -30,7 +30,7 @@ from std_msgs.msg import Bool, String, UInt8
 from fort_vsc_bridge.simulator import HidSimulator
 from test.rig import latched, NodeProcess, Observer, Record, wait_for
 from test.stage import Device
-from test.talkers import Diagnostics, namespace
+from test.talkers import Diagnostics, namespace, values_of
 
 NAME = 'fort_vsc_bridge'
 LINK, DEVICE = 'link', 'device'  # the parts of its diagnostics
@@ -61,6 +61,7 @@ class Bench:
         self.joy = record(Joy, f'{self.name}/joy', 50)
         self.mode = record(String, f'{self.name}/mode', latched())
         self.battery = record(BatteryState, f'{self.name}/battery', latched())
+        self.device = record(DiagnosticStatus, f'{self.name}/device', latched())
         self.diagnostics = Diagnostics(observer, self.name)
 
     def wait(self, condition: Any, what: str, timeout: float = 15.0) -> Any:
@@ -131,6 +132,24 @@ def test_golden_report_becomes_joy_with_left_and_forward_positive(bench: PtyBenc
     assert list(joy.axes) == [-1.0, -1.0, -1.0, 1.0, 1.0, 1.0]
     assert list(joy.buttons) == [0, 1, 1, 0, 1, 0, 0, 1]
     assert joy.header.frame_id == 'remote'
+
+
+def test_each_change_of_the_device_is_told_at_once_and_once_a_second(bench: PtyBench) -> None:
+    def told(message: str, level: bytes) -> bool:
+        last = bench.device.last
+        return last is not None and last.message.startswith(message) and last.level == level
+
+    bench.wait(lambda: told('Operational', DiagnosticStatus.OK), 'Operational')
+    bench.remote.apply('mode pause')
+    bench.wait(lambda: told('Pause; take the remote in hand', DiagnosticStatus.OK), 'Pause')
+    assert values_of(bench.device.last)['mode'] == 'Pause'
+    count = len(bench.device.messages)
+    bench.wait(lambda: len(bench.device.messages) >= count + 2, 'the same again')
+    bench.wait(lambda: 'has paused it' in bench.told(DEVICE), 'the same in /diagnostics')
+    bench.remote.apply('estop remote on')
+    bench.wait(lambda: told('Local; e-stop: the remote, the', DiagnosticStatus.WARN), 'the stop')
+    bench.remote.apply('estop remote off', 'ack')
+    bench.node.wait_output('mode: Pause, was Operational')
 
 
 def test_state_and_estop_byte_are_obeyed(bench: PtyBench) -> None:

@@ -68,6 +68,7 @@ class Wire:
     GARBLED: ClassVar[str] = ''
     JOYSTICK_ONLY: ClassVar[str] = ''
     NO_JOYSTICK: ClassVar[str] = ''
+    NO_REMOTE_STATUS: ClassVar[str]  # what to do where no remote status message comes
 
     def carries(self, kind: MessageType) -> bool:
         """Tell whether a message of this type can be sent."""
@@ -115,6 +116,7 @@ class SerialWire(Wire):
     GARBLED = 'check baud, and that port is the VSC, as bytes come, but no frame'
     JOYSTICK_ONLY = 'enable its heartbeat message, as joystick messages do come'
     NO_JOYSTICK = 'set device.joystick_interval_ms'
+    NO_REMOTE_STATUS = 'set device.remote_status_interval_ms once, with configure_device'
 
     def decoder(self, timeout: float) -> Decoder[Any, Received]:
         """Return the parser of the stream; every message is whole there."""
@@ -140,6 +142,7 @@ class CanWire(Wire):
     SILENCE = "check the VSC's power, the CAN wiring, the bit rate and can.heartbeat"
     JOYSTICK_ONLY = 'compare can.heartbeat with the VSC, as joystick messages do come'
     NO_JOYSTICK = 'compare can.left_basic and so on with the VSC'
+    NO_REMOTE_STATUS = 'compare can.remote_status with the VSC'
 
     ids: CanIds = field(default_factory=CanIds)
 
@@ -178,6 +181,7 @@ class HidWire(Wire):
     INTERVAL = 0.0625
     SIGN_OF_LIFE = 'report from the VSC'
     SILENCE = "check the VSC's power and USB cable, and that port is its hidraw device"
+    NO_REMOTE_STATUS = 'take another transport for it'
     GARBLED = 'check that port is the hidraw device of the VSC, as reports of another come'
 
     def decoder(self, timeout: float) -> Decoder[Any, Received]:

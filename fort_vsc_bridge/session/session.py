@@ -79,6 +79,8 @@ _SHORTEST_STATUS_TIME = 5.0  # seconds
 class Session(BaseSession[Frame, Received, Event]):
     """One VSC on one wire; see bridge_core.session."""
 
+    HELD = 'sticks are 0'
+
     CLOSED = 'plug the VSC in, and check port (can: channel): it is not open'
 
     def __init__(self, settings: Settings) -> None:
@@ -94,6 +96,7 @@ class Session(BaseSession[Frame, Received, Event]):
         self._newest: Heartbeat | None = None
         self._modes = ModeChanged(None)  # as emitted
         self._was_up = self._was_connected = False
+        self._connected_at = -math.inf  # a remote, the last time
         self._rejection = ''  # why the last one was, and what to do
         self._rejected_lately = Watchdog(_LATELY)
         self._looped_back_lately = Watchdog(_LATELY)
@@ -160,9 +163,18 @@ class Session(BaseSession[Frame, Received, Event]):
             problems.append((Level.WARN, report.LOOPED_BACK))
         return problems
 
+    def summary(self) -> str:
+        """Return 'ok', and why the sticks are zeroed."""
+        return '; '.join(['ok', *report.quiet_because(self.heartbeat)])
+
+    def inhibits(self, now: float) -> list[str]:
+        """Return why the sticks are zeroed though nothing is a stop."""
+        del now
+        return report.quiet_because(self.heartbeat)
+
     def values(self, now: float) -> dict[str, Any]:
         """Return heartbeat, faulty controls, battery and settings."""
-        del now
+        connected_for = now - self._connected_at if self.remote_connected else 0.0
         return {
             **report.heartbeat_values(self.heartbeat),
             'remote connected': self.remote_connected,
@@ -172,6 +184,9 @@ class Session(BaseSession[Frame, Received, Event]):
             'own frames that came back': self.looped_back,
             **{f'setting {name}': state for name, state in self.setting_states.items()},
             **report.remote_values(self.remote_status),
+            'remote status message': report.remote_status_state(
+                self.remote_status, connected_for, self.settings.wire.NO_REMOTE_STATUS
+            ),
         }
 
     # The link's side; the base has the rest.
@@ -309,7 +324,8 @@ class Session(BaseSession[Frame, Received, Event]):
             self._was_up = self.link_up
             self._settled_at = now + self.settings.link_timeout
             self._device.link_changed(self.link_up, now)
-        modes = ModeChanged(self.mode, self.heartbeat.autonomy if self.heartbeat else None)
+        said = self.heartbeat
+        modes = ModeChanged(said.mode, said.autonomy, said.estop) if said else ModeChanged(None)
         if modes != self._modes:
             self._modes = modes
             self._emit(modes)
@@ -322,6 +338,7 @@ class Session(BaseSession[Frame, Received, Event]):
             if not self.estop:
                 self._held.miss(now, stopped=False)
         if self.remote_connected and not self._was_connected:
+            self._connected_at = now
             self._queue.show_again()
         self._was_connected = self.remote_connected
         known = self.remote_connected and now < self._remote_expires_at
