@@ -194,6 +194,14 @@ PARAMETERS = (
     DEADBAND,
     TOLERATE_FAULTY_AXES,
     Parameter(
+        'read_identity',
+        False,
+        'serial: ask for serial number and firmware, into the device diagnostic. The manual has '
+        "nothing of it. The VSC's setup is unlocked first, as a public driver does; nothing is "
+        'written.',
+        section='what the VSC is',
+    ),
+    Parameter(
         'configure_device',
         False,
         'Allow writes to the EEPROM of VSC and remote, where device.* differs from what is there. '

@@ -109,6 +109,9 @@ class SerialWire(Wire):
         MessageType.USER_FEEDBACK_NAME: 0.25,
         MessageType.USER_FEEDBACK_GET: 0.05,
         MessageType.MESSAGE_CONTROL: 0.25,
+        # No rate is known. An unlock goes before a question of the same moment.
+        MessageType.SETUP_UNLOCK: 0.25,
+        MessageType.SETUP_STRING_GET: 0.25,
     }
     INTERVAL = 0.05
     SIGN_OF_LIFE = 'heartbeat from the VSC'

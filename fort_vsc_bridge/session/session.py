@@ -48,6 +48,7 @@ from fort_vsc_bridge.protocol import (
     Received,
     Rejected,
     RemoteStatus,
+    SetupString,
     TEXT_KEYS,
     USER_KEYS,
     UserFeedback,
@@ -64,6 +65,7 @@ from fort_vsc_bridge.session.events import (
     Sticks,
     UserValue,
 )
+from fort_vsc_bridge.session.identity import IdentityReader
 from fort_vsc_bridge.session.send_queue import SendQueue
 from fort_vsc_bridge.session.settings import Settings
 from fort_vsc_bridge.session.stops import StopJudge
@@ -116,6 +118,7 @@ class Session(BaseSession[Frame, Received, Event]):
         self._pacer = Pacer(1.0 / settings.heartbeat_rate)
         self._queue = SendQueue(wire)
         self._device = Configurator(settings.to_configure, self._queue)
+        self._identity = IdentityReader(self._queue, wanted=settings.read_identity)
 
     # What is known.
 
@@ -182,6 +185,7 @@ class Session(BaseSession[Frame, Received, Event]):
             'faulty controls': ', '.join(self.faulty) or 'none',
             'rejected frames': self.rejected,
             'own frames that came back': self.looped_back,
+            **self._identity.values,
             **{f'setting {name}': state for name, state in self.setting_states.items()},
             **report.remote_values(self.remote_status),
             'remote status message': report.remote_status_state(
@@ -255,6 +259,8 @@ class Session(BaseSession[Frame, Received, Event]):
             if self.link_up and self._looped_back_lately.expired(now):
                 self._device.answered(message.key, message.value, now)
                 self._emit(UserValue(message.key, message.value))
+        elif isinstance(message, SetupString):
+            self._identity.answered(message)
         else:
             self.looped_back += 1
             self._looped_back_lately.feed(now)
@@ -324,6 +330,7 @@ class Session(BaseSession[Frame, Received, Event]):
             self._was_up = self.link_up
             self._settled_at = now + self.settings.link_timeout
             self._device.link_changed(self.link_up, now)
+            self._identity.link_changed(self.link_up, now)
         said = self.heartbeat
         modes = ModeChanged(said.mode, said.autonomy, said.estop) if said else ModeChanged(None)
         if modes != self._modes:
@@ -359,7 +366,7 @@ class Session(BaseSession[Frame, Received, Event]):
     def _sends_at(self) -> float:
         due = [self._pacer.due, self._queue.deadline]
         if self.link_up:
-            due.append(self._device.deadline)
+            due += [self._device.deadline, self._identity.due]
         if self.software_estop_in_use and not self._sent_stop:
             due.append(self._software_estop_heard.deadline)
         return min(due)
@@ -367,6 +374,7 @@ class Session(BaseSession[Frame, Received, Event]):
     def _due_frames(self, now: float) -> list[Frame]:
         if self.link_up:
             self._device.poll(now, remote_connected=self.remote_connected)
+            self._identity.poll(now)
         return self._heartbeat_frames(now) + self._queue.take(now)
 
     def _heartbeat_frames(self, now: float, *, at_once: bool = False) -> list[Frame]:
