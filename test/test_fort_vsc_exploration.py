@@ -47,7 +47,7 @@ SAID = {
 VALID = ('ok', 'src', 'user', 'both', 'unlinked', 'strange')
 APART = (  # see Memory
     '_settled_at', '_rejected_lately', '_looped_back_lately', 'rejected', '_before', '_said',
-    '_asked_at', '_heard_at',
+    '_asked_at', '_heard_at', '_connected_at', '_identity',
 )  # fmt: skip
 
 
