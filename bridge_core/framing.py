@@ -135,6 +135,9 @@ class Decoder(Generic[FrameT, MessageT]):
     def reset(self) -> None:
         """Discard what was received in part, as after a port was closed; the counters stay."""
 
+    def expect_gaps(self, seconds: float) -> None:
+        """Take a frame whose parts come so far from each other; those of other lines do not."""
+
     def feed(self, data: FrameT, now: float) -> list[MessageT]:
         """Return the messages that ``data`` completes, in order."""
         raise NotImplementedError
@@ -169,6 +172,10 @@ class StreamParser(Decoder[bytes, MessageT]):
     def deadline(self) -> float:
         """The moment at which poll should be called; infinite while nothing is pending."""
         return self._arrivals[0][1] + self._expire if self._buffer else math.inf
+
+    def expect_gaps(self, seconds: float) -> None:
+        """Wait as long for the rest of a frame; behind a corrupt length, others wait as long."""
+        self._expire = max(self._expire, seconds)
 
     def reset(self) -> None:
         """Discard a partial frame, as after a port was closed; the counters stay."""

@@ -167,6 +167,10 @@ class Session(ABC, Generic[FrameT, MessageT, EventT]):
         del now
         return {}
 
+    def expect_gaps(self, seconds: float) -> None:
+        """Take frames whose parts come so far from each other, as a network hands them on."""
+        self._decoder.expect_gaps(seconds)
+
     # -- the link's side -------------------------------------------------------------------------
 
     def opened(self, now: float) -> Output[EventT, FrameT]:

@@ -17,6 +17,8 @@
 from collections.abc import Callable, Collection, Mapping
 from typing import Any
 
+from bridge_core.numerals import decimal_number
+
 Commands = Mapping[str, tuple[str, Callable[..., None]]]
 
 
@@ -64,7 +66,7 @@ def one_of(names: Collection[str], name: str) -> str:
 
 def within(text: str, low: float, high: float) -> float:
     """Return the number. :raises ValueError: it is not a number, or out of range."""
-    value = float(text)
+    value = decimal_number(text)
     if not low <= value <= high:
         raise ValueError(f'{text} is not within {low} to {high}')
     return value

@@ -20,14 +20,16 @@ from collections.abc import Mapping
 from typing import Any
 
 from bridge_core.transports import Transport
-from bridge_core.transports.serial_name import check_serial_port
+from bridge_core.transports.serial_name import check_serial_port, gap_of
 from bridge_core.transports.wire import Bridge
 from esi_drive_bridge.session import Session, Settings
 
 
 def make_session(values: Mapping[str, Any]) -> Session:
     """Return a session for the configured layout and scales."""
-    return Session(Settings.from_parameters(values))
+    session = Session(Settings.from_parameters(values))
+    session.expect_gaps(gap_of(values))
+    return session
 
 
 def make_transport(values: Mapping[str, Any]) -> Transport[bytes]:

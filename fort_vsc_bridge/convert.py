@@ -31,6 +31,7 @@ from sensor_msgs.msg import BatteryState, Joy, JoyFeedback, NavSatFix, NavSatSta
 from std_msgs.msg import Int8, String
 
 from bridge_core.convert import joy_message, scaled, unknown_battery
+from bridge_core.numerals import whole_number
 from fort_vsc_bridge.protocol import (
     AutonomyMode,
     check_range,
@@ -130,7 +131,7 @@ def display_text(message: String) -> tuple[str]:
 
 def _whole(text: str, what: str) -> int:
     try:
-        value = int(text)
+        value = whole_number(text)
     except ValueError:
         raise ValueError(f'{what} must be a whole number, not {reprlib.repr(text)}') from None
     check_range(what, value, *INT32)
@@ -157,12 +158,12 @@ def rumble_sides(message: JoyFeedback) -> tuple[bool, bool]:
 
 # -- NMEA 0183 ------------------------------------------------------------------------------------
 
-_QUALITY = {  # GGA field 6; what is not listed (6 dead reckoning, 7 manual, 8 simulator) is no fix
-    '1': NavSatStatus.STATUS_FIX,
-    '2': NavSatStatus.STATUS_SBAS_FIX,
-    '3': NavSatStatus.STATUS_FIX,
-    '4': NavSatStatus.STATUS_GBAS_FIX,
-    '5': NavSatStatus.STATUS_GBAS_FIX,
+# By GGA's quality and RMC's mode: autonomous, differential, precise, RTK fixed, RTK float. What is
+# not listed is no fix: 6 E estimated, 7 M manual, 8 S simulated, 0 N none.
+_QUALITY = {
+    **dict.fromkeys('1A3P', NavSatStatus.STATUS_FIX),
+    **dict.fromkeys('2D', NavSatStatus.STATUS_SBAS_FIX),
+    **dict.fromkeys('4R5F', NavSatStatus.STATUS_GBAS_FIX),
 }
 _SERVICES = {
     'GL': NavSatStatus.SERVICE_GLONASS,
@@ -224,6 +225,7 @@ def nav_sat_fix(sentence: str, stamp: Time, frame_id: str) -> NavSatFix | None:
     return message
 
 
+_RMC_MODE = 12  # its field
 _NO_POSITION = (NavSatStatus.STATUS_NO_FIX, math.nan, math.nan, math.nan)
 
 
@@ -238,9 +240,11 @@ def _gga(fields: list[str]) -> tuple[int, float, float, float]:
 
 
 def _rmc(fields: list[str]) -> tuple[int, float, float, float]:
-    if fields[2] != 'A':
+    has_mode = len(fields) > _RMC_MODE  # since edition 2.3 of the standard
+    status = _QUALITY.get(fields[_RMC_MODE] if has_mode else 'A')
+    if fields[2] != 'A' or status is None:
         return _NO_POSITION
-    return (NavSatStatus.STATUS_FIX, *_position(fields[3:7]), math.nan)
+    return (status, *_position(fields[3:7]), math.nan)
 
 
 def _position(fields: list[str]) -> tuple[float, float]:

@@ -18,16 +18,20 @@ from collections.abc import Callable, Mapping
 import reprlib
 from typing import Any, ClassVar
 
-from diagnostic_msgs.msg import KeyValue
+from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 from sensor_msgs.msg import BatteryState, Joy, JoyFeedback, NavSatFix
 from std_msgs.msg import Bool, Int8, String, UInt8
 
+from bridge_core.diagnostics import to_msg
 from bridge_core.managed_node import latched_qos
 from bridge_core.node import BridgeNode, STOP_QOS
 from bridge_core.parameters import BRIDGE_PARAMETERS, Parameter
+from bridge_core.report import Report, Status
 from bridge_core.runner import run
+from bridge_core.session import Level
 from fort_vsc_bridge import convert
 from fort_vsc_bridge.parameters import PARAMETERS
+from fort_vsc_bridge.protocol import RemoteStatus
 from fort_vsc_bridge.session import (
     Event,
     GpsSentence,
@@ -37,6 +41,7 @@ from fort_vsc_bridge.session import (
     Sticks,
     UserValue,
 )
+from fort_vsc_bridge.session.report import device_state
 from fort_vsc_bridge.wire import BRIDGE, STOP_HEARD
 
 
@@ -49,6 +54,8 @@ class FortVscBridge(BridgeNode[Event]):
     def __init__(self, **options: Any) -> None:
         self._bad_sentences = 0
         self._gga_heard = False  # since the last RMC; the next remote may send none
+        self._said = ModeChanged(None)  # as told last
+        self._remote: RemoteStatus | None = None  # likewise
         self._stop_heard = False  # ever, and so it has to be repeated for as long as this node is
         super().__init__('fort_vsc_bridge', **options)
 
@@ -58,6 +65,7 @@ class FortVscBridge(BridgeNode[Event]):
         self._mode = self.create_publisher(String, '~/mode', latched_qos())
         self._autonomy_mode = self.create_publisher(String, '~/autonomy_mode', latched_qos())
         self._radio_strength = self.create_publisher(Int8, '~/radio_strength', latched_qos())
+        self._device = self.create_publisher(DiagnosticStatus, '~/device', latched_qos())
         self._battery = self.create_publisher(BatteryState, '~/battery', latched_qos())
         self._fix = self.create_publisher(NavSatFix, '~/fix', 10)
         self._nmea = self.create_publisher(String, '~/nmea', 10)
@@ -95,11 +103,12 @@ class FortVscBridge(BridgeNode[Event]):
         if isinstance(event, Sticks):
             self._publish_sticks(event)
         elif isinstance(event, ModeChanged):
-            self._mode.publish(convert.mode_string(event.mode))
-            self._autonomy_mode.publish(convert.mode_string(event.autonomy))
+            self._publish_mode(event)
         elif isinstance(event, RemoteState):
             self._battery.publish(convert.battery_state(event.status, *self.header()))
             self._radio_strength.publish(convert.radio_strength(event.status))
+            self._remote = event.status
+            self._publish_device()
         elif isinstance(event, GpsSentence):
             self._publish_gps(event)
         elif isinstance(event, UserValue):
@@ -108,6 +117,25 @@ class FortVscBridge(BridgeNode[Event]):
     def extra_values(self) -> dict[str, Any]:
         """Return how many GPS sentences could not be read."""
         return {'bad GPS sentences': self._bad_sentences}
+
+    def on_report(self, report: Report, now: float) -> None:
+        """Publish the diagnostics, and the state of the device again."""
+        super().on_report(report, now)
+        self._publish_device()
+
+    def _publish_mode(self, said: ModeChanged) -> None:
+        before, self._said = self._said, said
+        if said.mode != before.mode:
+            name, was = convert.mode_string(said.mode).data, convert.mode_string(before.mode).data
+            self.log(Level.OK, f'mode: {name}, was {was}', site='mode')
+        self._mode.publish(convert.mode_string(said.mode))
+        self._autonomy_mode.publish(convert.mode_string(said.autonomy))
+        self._publish_device()
+
+    def _publish_device(self) -> None:
+        state = Status(*device_state(self._said.heartbeat, self._remote))
+        name = self.get_fully_qualified_name().lstrip('/')
+        self._device.publish(to_msg(state, name, self.hardware_id))
 
     def _publish_sticks(self, sticks: Sticks) -> None:
         self._joy.publish(

@@ -15,6 +15,7 @@
 """The parameters of the FORT VSC bridge beside those that all bridges share."""
 
 from collections.abc import Callable
+import re
 
 from bridge_core.parameters import DEADBAND, Parameter, TOLERATE_FAULTY_AXES
 from fort_vsc_bridge.protocol import BAUD, CanIds, MAX_IDENTIFIER, MAX_MAGNITUDE
@@ -35,6 +36,14 @@ def _interval(value: int) -> None:
 def _interval_or_off(value: int) -> None:
     if value not in (LEAVE, 0) and value < 20:
         raise ValueError('allowed is 20 to 65535, 0 for off, or -1')
+
+
+def _hid_devices(names: list[str]) -> None:
+    for name in names:
+        if name != 'none' and not re.fullmatch('[0-9a-fA-F]{4}:[0-9a-fA-F]{4}', name):
+            raise ValueError(
+                "allowed is vendor:product in hexadecimal, such as '2a99:d002', or none"
+            )
 
 
 def _setting(
@@ -106,6 +115,14 @@ PARAMETERS = (
         minimum=0,
         maximum=1_000_000,
     ),
+    Parameter(
+        'hid.devices',
+        ['2a99:d002', 'ffff:f005'],
+        'hid: USB vendor:product, in hexadecimal, of what is taken for a VSC (ffff:f005: older '
+        'ones); any other hidraw device is refused. none takes a FIFO, a pty or a file, too, such '
+        'as the simulator makes: only for tests.',
+        check=_hid_devices,
+    ),
     _identifier(
         'left_basic',
         'left X, Y, pad (J1939 basic joystick 1), from the VSC. An Akron monitor on the same bus '
@@ -132,6 +149,16 @@ PARAMETERS = (
         minimum=0.06,
         maximum=5.0,
         section='timeouts',
+    ),
+    Parameter(
+        'transition_time',
+        2.0,
+        'A mode outside table 12 is a stop at once (~/estop). It is the own stop of the VSC '
+        "(~/own_estop), which may be passed on to another device's chain, only when it has "
+        'lasted for this long: it may be one between two modes.',
+        's',
+        0.0,
+        10.0,
     ),
     Parameter(
         'heartbeat_rate',
@@ -166,6 +193,14 @@ PARAMETERS = (
     ),
     DEADBAND,
     TOLERATE_FAULTY_AXES,
+    Parameter(
+        'read_identity',
+        False,
+        'serial: ask for serial number and firmware, into the device diagnostic. The manual has '
+        "nothing of it. The VSC's setup is unlocked first, as a public driver does; nothing is "
+        'written.',
+        section='what the VSC is',
+    ),
     Parameter(
         'configure_device',
         False,

@@ -22,7 +22,7 @@ from typing import Any
 from bridge_core.transports import Transport
 from bridge_core.transports.hidraw import HidrawTransport
 from bridge_core.transports.serial import SerialTransport
-from bridge_core.transports.serial_name import check_serial_port
+from bridge_core.transports.serial_name import check_serial_port, gap_of
 from bridge_core.transports.wire import Bridge
 from fort_vsc_bridge.protocol import CanWire, HidWire, REPORT_SIZE
 from fort_vsc_bridge.session import Session, Settings, wire_of
@@ -33,6 +33,7 @@ STOP_HEARD = 'software_estop was heard'  # beside the parameters
 def make_session(values: Mapping[str, Any]) -> Session:
     """Return a session for the wire that ``transport`` names, which expects what was heard."""
     session = Session(Settings.from_parameters(values))
+    session.expect_gaps(gap_of(values))
     if values.get(STOP_HEARD):
         session.expect_software_estop()
     return session
@@ -44,7 +45,7 @@ def make_transport(values: Mapping[str, Any]) -> Transport[Any]:
     if isinstance(wire, CanWire):
         return _can_transport(values, wire.filters)
     if isinstance(wire, HidWire):
-        return HidrawTransport(values['port'], REPORT_SIZE)
+        return HidrawTransport(values['port'], REPORT_SIZE, values['hid.devices'])
     check_serial_port(values)
     return SerialTransport(values['port'], values['baud'])
 

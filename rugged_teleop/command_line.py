@@ -26,6 +26,7 @@ import sys
 from typing import Any, NoReturn
 
 from bridge_core.descriptors import fill_standard_descriptors
+from bridge_core.numerals import decimal_number
 from bridge_core.output import escape_what_is_no_text
 
 # Begins a command that runs a module; from Python 3.11 it imports nothing from where it starts.
@@ -120,8 +121,8 @@ def number_within(low: float = -math.inf, high: float = math.inf) -> Callable[[s
 
     def read(text: str) -> float:
         with contextlib.suppress(ValueError):
-            value = float(text)
-            if math.isfinite(value) and low <= value <= high:
+            value = decimal_number(text)
+            if low <= value <= high:
                 return value
         raise argparse.ArgumentTypeError(f'{text} is not {allowed}')
 

@@ -23,10 +23,10 @@ when it leaves.
 
 import argparse
 from collections.abc import Callable, Iterator, Sequence
-import contextlib
 from dataclasses import dataclass
 import os
 from pathlib import Path
+import re
 import select
 import signal
 import sys
@@ -260,15 +260,13 @@ def _pin(text: str) -> str:
 
 
 def _address(text: str) -> int:
-    with contextlib.suppress(ValueError):
-        value = int(text, 16)
-        if 0 <= value <= 0xFD:
-            return value
+    if re.fullmatch('[0-9A-Fa-f]{1,2}', text) and int(text, 16) <= 0xFD:
+        return int(text, 16)
     raise argparse.ArgumentTypeError(f'{text} is not within 0 to FD hex')
 
 
 def _whole(text: str, high: int) -> int:
-    value = int(text) if text.isdecimal() else 0
+    value = int(text) if text.isascii() and text.isdecimal() else 0
     if not 1 <= value <= high:
         raise argparse.ArgumentTypeError(f'{text} is not within 1 to {high}')
     return value

@@ -26,6 +26,7 @@ from sensor_msgs.msg import JointState, Joy
 from std_msgs.msg import String, UInt16MultiArray
 
 from bridge_core.convert import joy_message, scaled
+from bridge_core.numerals import decimal_number
 from ssc_bridge.channels import AuxChannel, AuxRequest, AxisInput
 from ssc_bridge.protocol import (
     AUX_CHANNELS,
@@ -130,7 +131,7 @@ def _aux_request(key: str, value: str) -> AuxRequest:
             raise ValueError(f'{reprlib.repr(value)} is no level: high or low is needed')
         return AuxRequest(int(number), what, float(_LEVELS[value]))
     try:
-        return AuxRequest(int(number), what, float(value))
+        return AuxRequest(int(number), what, decimal_number(value))
     except ValueError as error:
         raise ValueError(f'{reprlib.repr(value)} is no time in seconds') from error
 

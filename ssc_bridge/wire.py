@@ -20,7 +20,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from bridge_core.transports import Transport
-from bridge_core.transports.serial_name import check_serial_port
+from bridge_core.transports.serial_name import check_serial_port, gap_of
 from bridge_core.transports.wire import Bridge
 from ssc_bridge.session import Session, Settings
 
@@ -32,6 +32,7 @@ AUX_SET = 'what the auxiliary channels are, and which were set'
 def make_session(values: Mapping[str, Any]) -> Session:
     """Return a session for the configured channels, which knows what was sent to them."""
     session = Session(Settings.from_parameters(values))
+    session.expect_gaps(gap_of(values))
     if values.get(OUTPUTS_SENT):
         session.follow_on(values[OUTPUTS_SENT])
     if values.get(AUX_SET):

@@ -82,9 +82,11 @@ def test_fault_of_a_joystick_is_forgotten_with_it_and_with_its_silence() -> None
     joysticks.forget()
     assert joysticks.faulty == ()
     joysticks.take(BROKEN, OTHER, NOW)
-    assert joysticks.expire(NOW + JOYSTICK_TIMEOUT) == [Sticks((0, 0, 0, 0, 0), (False,) * 16, ())]
+    assert joysticks.expire(NOW + JOYSTICK_TIMEOUT, stopped=True) == [
+        Sticks((0, 0, 0, 0, 0), (False,) * 16, ())
+    ]
     assert joysticks.faulty == ()
-    assert joysticks.expire(NOW + JOYSTICK_TIMEOUT) == []
+    assert joysticks.expire(NOW + JOYSTICK_TIMEOUT, stopped=True) == []
 
 
 @pytest.mark.parametrize('source', [0x32, 0x39])

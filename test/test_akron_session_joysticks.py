@@ -203,6 +203,18 @@ def test_switch_held_while_a_control_is_broken_counts_once_it_was_let_go_of() ->
     assert heard(bench) == [Sticks((500, -400, 0, 0, 0), held(s2=True))]
 
 
+def test_switch_held_while_the_joystick_was_silent_counts_once_it_was_let_go_of() -> None:
+    bench = Bench(joy_source=0x33, allowed_joysticks=frozenset({0x33})).find_unit()
+    assert heard(bench) == [Sticks((500, -400, 0, 0, 0), held(s2=True))]
+    for _ in range(6):
+        bench.wait(0.05)
+        bench.hear_unit()
+    assert not bench.session.estop
+    assert heard(bench) == [Sticks((500, -400, 0, 0, 0), held())]
+    heard(bench, '0100010000000000')
+    assert heard(bench) == [Sticks((500, -400, 0, 0, 0), held(s2=True))]
+
+
 def test_switch_that_could_not_be_read_counts_once_it_was_let_go_of() -> None:
     bench = Bench(joy_source=0x33, tolerate_faulty_axes=True).find_unit()
     heard(bench)

@@ -468,6 +468,29 @@ def two_vscs(*, latch_bits: bool) -> Chains:
 
 
 @pytest.mark.parametrize('latch_bits', [True, False], ids=['latched', 'unlatched'])
+@pytest.mark.parametrize('transition', [0.05, 0.2, 1.0, 1.8])
+def test_two_vscs_with_a_mode_between_their_modes_do_not_hold_each_other(
+    transition: float, latch_bits: bool
+) -> None:
+    """A mode outside table 12 comes with every stop, acknowledgement and choice of a mode."""
+    chains = two_vscs(latch_bits=latch_bits)
+    for name in chains.devices:
+        chains.apply(name, f'transition {transition}')
+    for name in chains.devices:
+        chains.apply(name, 'estop remote on')
+        chains.run(transition + 1.0)
+        assert chains.decision.state is State.STOPPED
+        assert all(party.chain_open for party in chains.parties.values()), 'it is passed on'
+        chains.apply(name, 'estop remote off')
+        chains.run(transition + 1.0)
+        for party in sorted(chains.parties, key=name.__ne__):
+            chains.apply(party, 'ack')  # once; whose stop it was comes first
+            chains.run(transition + 1.0)
+        assert chains.clear, chains._why()
+        chains.recover()
+
+
+@pytest.mark.parametrize('latch_bits', [True, False], ids=['latched', 'unlatched'])
 def test_two_vscs_whose_lines_were_busy_do_not_hold_each_other(latch_bits: bool) -> None:
     """Both say USER before their nodes ask for anything; then each asks for the other's."""
     chains = two_vscs(latch_bits=latch_bits)

@@ -150,7 +150,8 @@ def test_list_says_that_it_has_sent(tmp_path: Path, capsys: pytest.CaptureFixtur
 
 
 def test_remote_on_hid_is_heard(tmp_path: Path) -> None:
-    heard(tmp_path, HidVsc(), 'fort_vsc_bridge', 'device well', transport='hid')
+    values: dict[str, Any] = {'transport': 'hid', 'hid.devices': ['none']}
+    heard(tmp_path, HidVsc(), 'fort_vsc_bridge', 'device well', **values)
 
 
 def test_pressed_e_stop_is_found(tmp_path: Path) -> None:

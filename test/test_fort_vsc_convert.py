@@ -95,7 +95,13 @@ def test_user_values_in_text() -> None:
     assert convert.key_and_text(KeyValue(key='90', value='hi')) == (90, 'hi')
 
 
-@pytest.mark.parametrize(('key', 'value'), [('', '1'), ('x', '1'), ('1', ''), ('1', '1.5')])
+@pytest.mark.parametrize(
+    ('key', 'value'),
+    [
+        *(('', '1'), ('x', '1'), ('1', ''), ('1', '1.5'), ('1', '1_2'), ('1_0', '1'), (' 1', '1')),
+        *(('1', '\u0661'), ('\uff11', '1'), ('1', '0x1'), ('1', '+ 1')),
+    ],
+)
 def test_request_that_is_no_number_is_refused(key: str, value: str) -> None:
     with pytest.raises(ValueError, match=r'whole number'):
         convert.key_and_value(KeyValue(key=key, value=value))
@@ -180,6 +186,30 @@ def test_no_fix_is_not_the_gulf_of_guinea() -> None:
         assert message.status.status == NavSatStatus.STATUS_NO_FIX
         assert math.isnan(message.latitude)
         assert math.isnan(message.longitude)
+
+
+MODES = {  # as in GGA's quality: autonomous, differential, precise, RTK fixed and float
+    'A': NavSatStatus.STATUS_FIX,
+    'D': NavSatStatus.STATUS_SBAS_FIX,
+    'P': NavSatStatus.STATUS_FIX,
+    'R': NavSatStatus.STATUS_GBAS_FIX,
+    'F': NavSatStatus.STATUS_GBAS_FIX,
+    # Estimated, simulated, manual, not valid, and what is none.
+    **dict.fromkeys(('E', 'S', 'M', 'N', 'X', ''), NavSatStatus.STATUS_NO_FIX),
+}
+
+
+@pytest.mark.parametrize(('mode', 'status'), MODES.items())
+@pytest.mark.parametrize('position', ['4807.0380,N,01131.0000,E', '0000.0000,N,00000.0000,E'])
+def test_mode_of_an_rmc_sentence_says_whether_it_is_a_fix(
+    position: str, mode: str, status: int
+) -> None:
+    message = fix(checked(f'GPRMC,101112.00,A,{position},0.0,0.0,221126,,,{mode}'))
+    assert message.status.status == status
+    assert math.isnan(message.latitude) is (status == NavSatStatus.STATUS_NO_FIX)
+    # Later editions of the standard have a navigational status behind the mode.
+    later = fix(checked(f'GPRMC,101112.00,A,{position},0.0,0.0,221126,,,{mode},V'))
+    assert later.status == message.status
 
 
 @pytest.mark.parametrize('quality', ['', '6', '7', '8', '9', 'x'])

@@ -36,6 +36,7 @@ from fort_vsc_bridge.protocol import (
     InputState,
     Key,
     Mode,
+    mode_name,
     RemoteStatus,
     StringSegment,
     UserFeedback,
@@ -155,7 +156,7 @@ def test_modes_and_keys_have_our_names() -> None:
             for number, word in message.get_signal_by_name(signal).choices.items()
         }
 
-    assert choices('heartbeat', 'VscMode') == {int(m): m.name.capitalize() for m in Mode}
+    assert choices('heartbeat', 'VscMode') == {int(m): mode_name(m) for m in Mode}
     keys = choices('feedback_value', 'ValueKey') | choices('feedback_string', 'StringKey')
     assert set(keys) == {int(key) for key in Key} - {Key.USER_ESTOP_TIMEOUT}
 

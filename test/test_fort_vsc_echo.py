@@ -19,7 +19,7 @@ from typing import Any
 
 import pytest
 
-from bridge_core.session import Level
+from bridge_core.session import Level, StopChanged, Verdict
 from fort_vsc_bridge.protocol import Mode
 from fort_vsc_bridge.session import Session, Settings
 from fort_vsc_bridge.session.report import DEAF
@@ -69,8 +69,39 @@ def test_device_stop_during_our_own_is_no_echo() -> None:
     assert own(bench, Mode.LOCAL, USER | SRC)
     assert own(bench, Mode.LOCAL, VSC)
     assert not own(bench, Mode.LOCAL, USER)
-    assert own(bench, Mode.ERROR, USER)
-    assert own(bench, 0x33, USER)
+    assert own(bench, Mode.ERROR, SRC)
+
+
+@pytest.mark.parametrize('mode', [0, 2, 3, 5, 7, 8, 0x33])
+@pytest.mark.parametrize('bits', [0, USER])
+def test_mode_outside_table_12_is_its_own_stop_only_once_it_lasts(mode: int, bits: int) -> None:
+    """Such modes count one after the other; one of table 12 between them begins anew."""
+    bench = opened(software_estop_timeout=5.0)
+    bench.hear(heartbeat())
+    if bits:
+        ask(bench, True)
+    for _ in range(3):
+        assert not own(bench, mode, bits)
+        bench.run(1.0, heartbeat(mode, bits))
+        bench.run(0.9, heartbeat(Mode.REMOTE_TRANSITION, bits))
+        assert not own(bench, mode, bits)
+        assert not own(bench, Mode.LOCAL, bits)
+    assert not own(bench, mode, bits)
+    events = bench.run(2.1, heartbeat(mode, bits))
+    assert [e.verdict for e in events if isinstance(e, StopChanged)] == [Verdict(True, True)]
+    assert not own(bench, Mode.LOCAL, bits)
+
+
+def test_mode_that_lasts_becomes_its_own_stop_at_its_time_without_another_heartbeat() -> None:
+    bench = opened(link_timeout=5.0)
+    bench.hear(heartbeat(5))
+    assert bench.wait(1.999) == []
+    assert bench.session.deadline() <= bench.now + 0.0011
+    assert bench.wait(0.001) == [StopChanged(Verdict(True, True))]
+
+
+def test_without_a_transition_time_it_is_its_own_stop_at_once() -> None:
+    assert own(opened(transition_time=0.0), 5, 0)
 
 
 def test_user_bit_that_stood_before_we_asked_is_echo_from_then_on() -> None:

@@ -31,6 +31,7 @@ from test.test_fort_vsc_can import ALL_STICKS, frame, heartbeat as heartbeat_on_
 pytestmark = pytest.mark.computes
 LINK = ASKED = 2 * SessionWorld.STEP
 ECHO = 0.5  # s that the VSC may take to answer our heartbeat
+TRANSITION = 3 * SessionWorld.STEP  # of a mode that is none of table 12
 SAID = {
     'ok': heartbeat(),
     'src': heartbeat(estop=SRC),
@@ -46,7 +47,7 @@ SAID = {
 VALID = ('ok', 'src', 'user', 'both', 'unlinked', 'strange')
 APART = (  # see Memory
     '_settled_at', '_rejected_lately', '_looped_back_lately', 'rejected', '_before', '_said',
-    '_asked_at', '_heard_at',
+    '_asked_at', '_heard_at', '_connected_at', '_identity',
 )  # fmt: skip
 
 
@@ -67,8 +68,16 @@ class World(SessionWorld[Session]):
             link_timeout=LINK,
             heartbeat_rate=8.0,
             software_estop_timeout=ASKED,
+            transition_time=TRANSITION,
         )
-        old = {'': LINK, '_released_at': ECHO, 'released_at': ECHO, '_free_at': 0.0}
+        old = {
+            '': LINK,
+            '_strange_since': TRANSITION,
+            'strange_since': TRANSITION,
+            '_released_at': ECHO,
+            'released_at': ECHO,
+            '_free_at': 0.0,
+        }
         super().__init__(
             Session(settings),
             {**said, 'line': line},
@@ -83,6 +92,7 @@ class World(SessionWorld[Session]):
         self.released_at = -math.inf  # we sent no stop any more
         self.owed = False  # the VSC has not heard of a stop that was asked for
         self.spoke = False  # the line has carried something
+        self.strange_since = math.inf  # modes outside table 12 were said
         self.ours = False  # a stop of the USER may be our doing
         self.moving = False  # the newest sticks are not neutral
 
@@ -94,6 +104,8 @@ class World(SessionWorld[Session]):
             if each in VALID:
                 self.said, self.heard_at = each, self.now
                 self.note_user('user' in each or each == 'both')
+                strange = each in ('unlinked', 'strange')
+                self.strange_since = min(self.strange_since, self.now) if strange else math.inf
                 self.stop_said |= each != 'ok'
 
     def reads_of(self, said: Sequence[str]) -> list[Any]:
@@ -142,7 +154,10 @@ class World(SessionWorld[Session]):
             assert not self.owed, 'the VSC never hears of a stop'
         self.owed |= bool(wanted and self.sent == CLEAR)
         self.owed |= bool(self.asked) and self.spoke and not self.open
-        if verdict.estop and not verdict.own_estop:
+        lasting = self.now - self.strange_since >= TRANSITION
+        if vouched and self.said in ('unlinked', 'strange'):
+            assert verdict.own_estop is lasting, 'whose is a mode outside table 12?'
+        elif verdict.estop and not verdict.own_estop:
             assert vouched, 'an echo of nobody'
             assert self.said == 'user', f'an echo in spite of {self.said}'
             assert self.ours, 'an echo of what nobody asked'

@@ -28,6 +28,7 @@ from fort_vsc_bridge.session import (
     RemoteState,
     UserValue,
 )
+from fort_vsc_bridge.session.report import device_state
 from fort_vsc_bridge.simulator import build_frame
 from test.fort_vsc_rig import (
     ask,
@@ -151,6 +152,50 @@ def test_weakest_radio_is_a_warning() -> None:
     ((level, text),) = bench.session.problems(bench.now)
     assert level == Level.WARN
     assert text.startswith('bring the remote nearer')
+
+
+@pytest.mark.parametrize(
+    ('mode', 'words'),
+    [
+        (Mode.OPERATIONAL, ''),
+        (Mode.REMOTE, 'bring the remote into Operational mode'),
+        (Mode.MENU, 'leave the menu of the remote'),
+        (Mode.PAUSE, 'its Pause button, its orientation, a free fall or inactivity has paused it'),
+    ],
+)
+def test_remote_that_is_quiet_without_a_stop_says_why_and_what_ends_it(
+    mode: Mode, words: str
+) -> None:
+    bench = opened()
+    bench.hear(heartbeat(mode))
+    assert bench.session.problems(bench.now) == []
+    assert bench.session.summary().startswith('ok')
+    assert words in bench.session.summary()
+    assert bool(bench.session.inhibits(bench.now)) is bool(words)
+    bench.hear(heartbeat(mode, SRC))
+    assert bench.session.inhibits(bench.now) == []
+
+
+def test_remote_status_message_that_is_off_is_told() -> None:
+    bench = opened()
+    told = []
+    for _ in range(2):
+        bench.run(4.9, heartbeat(), CENTRED)
+        told.append(bench.session.values(bench.now)['remote status message'])
+    assert told[0] == 'not known yet'
+    assert told[1].startswith('set device.remote_status_interval_ms')
+    bench.hear(status())
+    assert bench.session.values(bench.now)['remote status message'] == 'comes'
+
+
+def test_bits_that_change_in_one_mode_are_an_event() -> None:
+    bench = opened()
+    bench.hear(heartbeat(Mode.LOCAL, SRC))
+    events = bench.hear(heartbeat(Mode.LOCAL, USER))
+    assert events == [ModeChanged(Mode.LOCAL, AutonomyMode.USER_CONTROL, USER)]
+    level, message, values = device_state(events[0].heartbeat, None)
+    assert (level, message) == (Level.WARN, 'Local; e-stop: USER (this computer)')
+    assert values['e-stop sources'] == 'USER (this computer)'
 
 
 def test_autonomy_mode_is_reported_with_the_mode() -> None:

@@ -140,7 +140,7 @@ def test_report_gives_stop_mode_and_sticks_at_once() -> None:
 
 @pytest.mark.parametrize('mode', range(256))
 def test_only_modes_with_a_remote_are_clear_and_only_operational_moves(mode: int) -> None:
-    bench = opened()
+    bench = opened(transition_time=0.0)
     bench.hear(report('7F7F7F818181', 0x91, mode))
     assert bench.session.estop is (mode not in (6, 9, 0xA, 0xB))
     assert bench.session.own_estop is (mode not in (1, 4, 6, 9, 0xA, 0xB))
@@ -150,13 +150,15 @@ def test_only_modes_with_a_remote_are_clear_and_only_operational_moves(mode: int
 
 
 @pytest.mark.parametrize('value', range(1, 256))
-def test_any_estop_value_above_zero_is_a_stop_of_the_remote(value: int) -> None:
+def test_any_estop_value_above_zero_is_a_stop_of_nobody_knows_whom(value: int) -> None:
     bench = opened()
     bench.hear(ALL_OUT)
     events = bench.hear(report('7F7F7F818181', 0x91, OPERATIONAL, value))
     assert events[0] == StopChanged(Verdict(True, True))
     assert set(sticks(events)) == {NEUTRAL}
-    assert 'SRC (remote)' in bench.session.stop_reasons(bench.now)[0]
+    (reason,) = bench.session.stop_reasons(bench.now)
+    assert 'the remote, the wired input or a computer (USB HID does not tell which)' in reason
+    assert bench.session.values(bench.now)['e-stop indication'] == 'actuated'
 
 
 def test_silence_is_a_stop_at_the_limit_and_one_neutral_event() -> None:
@@ -170,8 +172,8 @@ def test_silence_is_a_stop_at_the_limit_and_one_neutral_event() -> None:
     ]
     assert bench.wait(5.0) == []
     assert bench.session.stop_reasons(bench.now) == [
-        "check the remote's power and USB cable, and that port is its hidraw device: no report "
-        'from the remote, last heard 5250 ms ago, limit 250 ms'
+        "check the VSC's power and USB cable, and that port is its hidraw device: no report "
+        'from the VSC, last heard 5250 ms ago, limit 250 ms'
     ]
 
 
@@ -280,7 +282,7 @@ def test_reports_of_another_device_name_the_port() -> None:
         bench.hear(ALL_OUT + b'\0')
         bench.wait(0.0625)
     assert bench.session.stop_reasons(bench.now)[0].startswith(
-        'check that port is the hidraw device of the remote, as reports of another come'
+        'check that port is the hidraw device of the VSC, as reports of another come'
     )
 
 

@@ -30,15 +30,21 @@ from std_msgs.msg import Bool, String, UInt8
 from fort_vsc_bridge.simulator import HidSimulator
 from test.rig import latched, NodeProcess, Observer, Record, wait_for
 from test.stage import Device
-from test.talkers import Diagnostics, namespace
+from test.talkers import Diagnostics, namespace, values_of
 
 NAME = 'fort_vsc_bridge'
 LINK, DEVICE = 'link', 'device'  # the parts of its diagnostics
 LIMIT = 0.25
+STAND_IN = {'hid.devices': ['none']}
 # By hand from table 50: left stick right, near, low; right one left, far, high; pad up and right;
 # buttons 1 and 4; Operational; no e-stop.
 ALL_OUT = bytes.fromhex('7F7F7F818181910900')
 STOPPED = bytes.fromhex('7F7F7F818181910901')
+FOREIGN = {  # 9 bytes each, of HID devices that are no VSC
+    'keyboard, idle': '010000000000000000',
+    'keyboard, five keys held': '010000040506070900',
+    'joystick, slider at its end': '00000F002000200900',
+}
 
 
 class Bench:
@@ -55,6 +61,7 @@ class Bench:
         self.joy = record(Joy, f'{self.name}/joy', 50)
         self.mode = record(String, f'{self.name}/mode', latched())
         self.battery = record(BatteryState, f'{self.name}/battery', latched())
+        self.device = record(DiagnosticStatus, f'{self.name}/device', latched())
         self.diagnostics = Diagnostics(observer, self.name)
 
     def wait(self, condition: Any, what: str, timeout: float = 15.0) -> Any:
@@ -88,7 +95,7 @@ class PtyBench(Bench):
 
     def __init__(self, folder: Path, observer: Observer) -> None:
         self.remote = Device(folder / 'hidraw', HidSimulator())
-        super().__init__(str(self.remote.path), observer, frame_id='remote')
+        super().__init__(str(self.remote.path), observer, frame_id='remote', **STAND_IN)
 
     def start_anew(self) -> None:
         """Have a fresh remote, Operational, and hear that it is well."""
@@ -127,6 +134,24 @@ def test_golden_report_becomes_joy_with_left_and_forward_positive(bench: PtyBenc
     assert joy.header.frame_id == 'remote'
 
 
+def test_each_change_of_the_device_is_told_at_once_and_once_a_second(bench: PtyBench) -> None:
+    def told(message: str, level: bytes) -> bool:
+        last = bench.device.last
+        return last is not None and last.message.startswith(message) and last.level == level
+
+    bench.wait(lambda: told('Operational', DiagnosticStatus.OK), 'Operational')
+    bench.remote.apply('mode pause')
+    bench.wait(lambda: told('Pause; take the remote in hand', DiagnosticStatus.OK), 'Pause')
+    assert values_of(bench.device.last)['mode'] == 'Pause'
+    count = len(bench.device.messages)
+    bench.wait(lambda: len(bench.device.messages) >= count + 2, 'the same again')
+    bench.wait(lambda: 'has paused it' in bench.told(DEVICE), 'the same in /diagnostics')
+    bench.remote.apply('estop remote on')
+    bench.wait(lambda: told('Local; e-stop: the remote, the', DiagnosticStatus.WARN), 'the stop')
+    bench.remote.apply('estop remote off', 'ack')
+    bench.node.wait_output('mode: Pause, was Operational')
+
+
 def test_state_and_estop_byte_are_obeyed(bench: PtyBench) -> None:
     bench.remote.apply('stick left_y 1', 'mode pause')
     bench.wait(lambda: bench.says(bench.mode, 'Pause'), 'Pause')
@@ -150,7 +175,7 @@ def test_silence_stops_gives_one_neutral_joy_and_ends_by_itself(bench: PtyBench)
     count = len(bench.joy.messages)
     bench.observer.holds_for(lambda: len(bench.joy.messages) == count, 3 * LIMIT, 'silence')
     bench.wait(
-        lambda: 'no report from the remote' in bench.told(DEVICE),
+        lambda: 'no report from the VSC' in bench.told(DEVICE),
         'the reason',
     )
     bench.remote.apply('stall off')
@@ -222,7 +247,7 @@ def test_what_hid_cannot_do_is_refused_with_a_clear_message(
 def test_fifo_stands_in_for_a_device(tmp_path: Path, observer: Observer) -> None:
     path = tmp_path / 'hidraw'
     os.mkfifo(path)
-    bench = Bench(str(path), observer)
+    bench = Bench(str(path), observer, **STAND_IN)
     try:
         bench.node.wait_output('opened')
         bench.wait(lambda: bench.says(bench.estop, True), 'a stop')
@@ -240,4 +265,26 @@ def test_fifo_stands_in_for_a_device(tmp_path: Path, observer: Observer) -> None
         bench.wait(lambda: bench.says(bench.estop, True), 'a stop')
         bench.wait(lambda: not any(bench.axes()), 'a neutral Joy')
     finally:
+        bench.close()
+
+
+def test_reports_of_a_device_that_is_not_known_for_a_vsc_never_clear_the_stop(
+    tmp_path: Path, observer: Observer
+) -> None:
+    path = tmp_path / 'hidraw'
+    os.mkfifo(path)
+    writer = os.open(path, os.O_RDWR)
+    bench = Bench(str(path), observer)
+    try:
+        bench.wait(lambda: bench.says(bench.estop, True), 'a stop')
+        bench.wait(lambda: bench.told(LINK), 'a diagnostic')
+        for report in FOREIGN.values():
+            for _ in range(20):
+                os.write(writer, bytes.fromhex(report))
+                observer.spin(0.03)
+        assert False not in [message.data for message in bench.estop.messages]
+        assert 'no vendor and product' in bench.told(LINK)
+        assert 'hid.devices' in bench.told(LINK)
+    finally:
+        os.close(writer)
         bench.close()

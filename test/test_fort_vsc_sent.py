@@ -224,6 +224,9 @@ def test_display_has_four_lines_and_no_fifth() -> None:
         lambda s: s.get_feedback(90, 100.0),
         lambda s: s.set_display_text('1\n2\n3\n4\n5', 100.0),
         lambda s: s.set_display_text('x' * 21, 100.0),
+        lambda s: s.set_display_text('a\x0bb', 100.0),
+        lambda s: s.set_display_text('a\u2028b', 100.0),
+        lambda s: s.set_display_text('a\x85b', 100.0),
     ],
 )
 def test_bad_request_is_refused_and_sends_nothing(request_: Callable[[Session], None]) -> None:

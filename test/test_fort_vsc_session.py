@@ -14,6 +14,7 @@
 
 """The VSC's session: what stops, what counts as sticks, and what holds whatever comes."""
 
+from dataclasses import replace
 import itertools
 import math
 import random
@@ -196,9 +197,21 @@ def test_any_estop_bit_is_a_stop(bit: int) -> None:
     assert 'VSC reports e-stop' in bench.session.stop_reasons(bench.now)[0]
 
 
+def test_button_held_while_heartbeats_alone_come_counts_once_it_was_let_go_of() -> None:
+    bench = opened()
+    bench.run(0.5, heartbeat(), CENTRED)
+    (pressed,) = sticks(bench.hear(DEFLECTED))
+    assert any(pressed.buttons)
+    assert sticks(bench.run(2.0, heartbeat())) == [NEUTRAL]
+    (back,) = sticks(bench.hear(DEFLECTED))
+    assert back == replace(pressed, buttons=NEUTRAL.buttons)
+    bench.hear(CENTRED)
+    assert sticks(bench.hear(DEFLECTED)) == [pressed]
+
+
 @pytest.mark.parametrize('mode', range(256))
 def test_only_modes_with_a_remote_are_clear(mode: int) -> None:
-    bench = opened()
+    bench = opened(transition_time=0.0)
     bench.hear(heartbeat(mode))
     assert bench.session.estop is (mode not in (6, 9, 0xA, 0xB))
     assert bench.session.own_estop is (mode not in (1, 4, 6, 9, 0xA, 0xB))
@@ -220,7 +233,8 @@ def test_lost_port_is_a_stop_and_forgets_the_heartbeat() -> None:
 def test_stop_is_not_hidden_by_a_clear_heartbeat_in_the_same_read() -> None:
     bench = opened()
     bench.hear(heartbeat())
-    assert bench.hear(heartbeat(estop=SRC), heartbeat()) == [
+    events = bench.hear(heartbeat(estop=SRC), heartbeat())
+    assert [event for event in events if isinstance(event, StopChanged)] == [
         StopChanged(Verdict(True, True)),
         StopChanged(Verdict()),
     ]

@@ -22,25 +22,26 @@ from fort_vsc_bridge.protocol import AutonomyMode, EStopBits, Heartbeat, Mode
 from fort_vsc_bridge.session.stops import ECHO_DELAY, StopJudge
 
 SOON = ECHO_DELAY / 2
+TRANSITION = 2.0
 
 
 @pytest.fixture
 def judge() -> StopJudge:
-    return StopJudge()
+    return StopJudge(TRANSITION)
 
 
 def clear(judge: StopJudge, now: float) -> None:
     """Hear that the USER bit is clear."""
     heartbeat = Heartbeat(Mode.OPERATIONAL, AutonomyMode.USER_CONTROL, 0)
     judge.heard(heartbeat, now)
-    assert not judge.judge(heartbeat).estop
+    assert not judge.judge(heartbeat, now).estop
 
 
 def is_own(judge: StopJudge, now: float) -> bool:
     """Hear that it is set; tell whether that counts as the VSC's own stop."""
     heartbeat = Heartbeat(Mode.LOCAL, AutonomyMode.USER_CONTROL, EStopBits.USER)
     judge.heard(heartbeat, now)
-    verdict = judge.judge(heartbeat)
+    verdict = judge.judge(heartbeat, now)
     assert verdict.estop
     return verdict.own_estop
 

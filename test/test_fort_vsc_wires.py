@@ -103,6 +103,8 @@ def test_nothing_is_sent_more_often_than_tables_17_and_34_allow() -> None:
         'USER_FEEDBACK_NAME': 4,
         'USER_FEEDBACK_GET': 20,
         'MESSAGE_CONTROL': 4,  # the table gives no rate
+        'SETUP_UNLOCK': 4,  # nor are these two in it
+        'SETUP_STRING_GET': 4,
     }
     can = {kind.name: 1 / period for kind, period in CanWire.PERIODS.items()}
     assert can == {'USER_FEEDBACK': 10, 'USER_FEEDBACK_NAME': 10}

@@ -187,6 +187,15 @@ def test_truncated_frame_expires_and_the_next_one_comes_through() -> None:
         assert parser.deadline == math.inf
 
 
+def test_gap_that_the_line_makes_loses_no_frame() -> None:
+    parser = StreamParser(LONG, expire=EXPIRE)
+    parser.expect_gaps(3 * EXPIRE)
+    parser.expect_gaps(0.0)  # never shorter than the frames need
+    frame = LONG_FRAMES[0]
+    assert parser.feed(frame[:-1], 1.0) == []
+    assert parser.feed(frame[-1:], 1.0 + 2.9 * EXPIRE) == [frame]
+
+
 def test_corrupt_length_hides_later_frames_only_until_expiry() -> None:
     # The head claims 46 bytes; 18 bytes of good frames follow, and then the line is quiet.
     good = [long_frame(b'abc'), long_frame(b'def')]

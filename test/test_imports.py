@@ -48,7 +48,7 @@ IMPURE = frozenset(
 MESSAGES = re.compile(r'\w+_(msgs|srvs|interfaces)$')
 CORE = (
     *('bridge_core.checksums', 'bridge_core.framing'),
-    *('bridge_core.watchdog', 'bridge_core.j1939'),
+    *('bridge_core.watchdog', 'bridge_core.j1939', 'bridge_core.numerals'),
 )
 
 # What a part of a bridge may import besides itself and the pure standard library.
@@ -68,7 +68,10 @@ BRIDGE = {
     'mapping': LOGIC,
     'limits': LOGIC,
     'report': (*LOGIC, 'bridge_core.report'),
-    'convert': ('{bridge}.protocol', 'OTHER', 'bridge_core.convert', 'MESSAGES'),
+    'convert': (
+        *('{bridge}.protocol', 'OTHER'),
+        *('bridge_core.convert', 'bridge_core.numerals', 'MESSAGES'),
+    ),
     # The node's parameters, in a file of their own: below the node, too.
     'parameters': ('{bridge}.protocol', 'OTHER', 'bridge_core.parameters'),
     # What the mux makes of its parameters.
@@ -97,6 +100,7 @@ BRIDGE = {
 SHARED = {
     'session': ('bridge_core.framing', 'bridge_core.watchdog'),
     'settings': ('bridge_core.parameters',),
+    'simulation': ('bridge_core.numerals',),
     'services': ('bridge_core.session', 'rclpy', 'threading'),
     'raw': ('bridge_core.clock', 'bridge_core.transports.tap', 'MESSAGES', 'STDLIB'),
     'report': ('bridge_core.framing', 'bridge_core.session'),

@@ -257,15 +257,18 @@ def values(root: ElementTree.Element) -> list[str]:
 
 
 @pytest.mark.parametrize(
-    ('subsystem', 'parts'),
+    ('subsystem', 'vendor', 'parts'),
     [
-        ('tty', ['ATTRS{idVendor}=="2a99"', 'ATTRS{idProduct}=="d002"', 'SYMLINK+="fort_vsc"']),
-        ('hidraw', ['ATTRS{idVendor}=="2a99"', 'SYMLINK+="fort_vsc_hid"']),
+        ('tty', '2a99', ['ATTRS{idProduct}=="d002"', 'SYMLINK+="fort_vsc"']),
+        ('tty', 'ffff', ['ATTRS{idProduct}=="f005"', 'SYMLINK+="fort_vsc"']),
+        ('hidraw', '2a99', ['SYMLINK+="fort_vsc_hid"']),
+        ('hidraw', 'ffff', ['ATTRS{idProduct}=="f005"', 'SYMLINK+="fort_vsc_hid"']),
     ],
 )
-def test_udev_rule_gives_the_vsc_its_name(subsystem: str, parts: list[str]) -> None:
+def test_udev_rule_gives_the_vsc_its_name(subsystem: str, vendor: str, parts: list[str]) -> None:
     rules = text('udev/60-rugged-teleop.rules').splitlines()
-    (rule,) = (line for line in rules if line.startswith(f'SUBSYSTEM=="{subsystem}"'))
+    begin = f'SUBSYSTEM=="{subsystem}", ATTRS{{idVendor}}=="{vendor}"'
+    (rule,) = (line for line in rules if line.startswith(begin))
     for part in (*parts, 'MODE="0660"', 'GROUP="dialout"'):
         assert part in rule
 

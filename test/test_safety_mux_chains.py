@@ -17,7 +17,8 @@ Feeding the hardware chains, without a deadlock: mux and devices explored togeth
 
 Each device is stopped by its own button or by what the mux asks of it (``~/stop_demand``, wired
 for all of them: the worst case). It reports both as its e-stop, one step late, and the first alone
-as its own. Property: from every reachable state, once no device demands a stop by itself, a reset
+as its own. The end of each stop goes through a mode that is neither, which is an e-stop, but not
+its own. Property: from every reachable state, once no device demands a stop by itself, a reset
 can succeed.
 """
 
@@ -37,8 +38,9 @@ from test.explorer import check, explore
 STEP = 0.125
 TIMEOUT = 1.5 * STEP
 CLEAR = 2 * STEP
+PASSING = 2  # steps
 PATIENCE = 16  # steps after which a reset must have succeeded
-COUNTS = {'always': (3262, 32620), 'when_owner': (4314, 43140)}  # states, and steps between them
+COUNTS = {'always': (5011, 50110), 'when_owner': (8042, 80420)}  # states, and steps between them
 NEAR = 1000  # states
 SAMPLES = {
     'rest': OperatorSample(neutral=True, deadman=False, demand=(0.0,)),
@@ -58,11 +60,22 @@ class Device:
     alive: bool = True
     asked: bool = False
     stopped: bool = False  # what it was asked has taken effect
+    passing: int = 0  # steps left between two modes
+    passing_is_own: bool = False  # its bridge takes that for the device's own stop
+
+    def step(self, press: bool) -> None:
+        """Let what was asked take effect; a stop ends by way of another mode."""
+        before = self.pressed or self.stopped
+        self.pressed ^= press
+        self.stopped = self.asked
+        after = self.pressed or self.stopped
+        self.passing = PASSING if before and not after else max(0, self.passing - 1)
 
     def report(self, arbiter: Arbiter, name: str, now: float) -> None:
         if self.alive:
-            arbiter.own_estop_message(name, self.pressed, now)
-            arbiter.estop_message(name, self.pressed or self.stopped, now)
+            passing = self.passing > 0
+            arbiter.own_estop_message(name, self.pressed or (passing and self.passing_is_own), now)
+            arbiter.estop_message(name, self.pressed or self.stopped or passing, now)
 
 
 @dataclass
@@ -79,15 +92,13 @@ class Plant:
         """Let one step pass; tell whether a reset succeeded."""
         self.now += STEP
         verb, _, name = event.partition(' ')
-        if verb == 'press':
-            self.devices[name].pressed ^= True
-        elif verb == 'cut':
+        if verb == 'cut':
             self.devices[name].alive ^= True
         elif verb in SAMPLES:
             self.operator = verb
-        for name, device in self.devices.items():
-            device.stopped = device.asked
-            device.report(self.arbiter, name, self.now)
+        for each, device in self.devices.items():
+            device.step(verb == 'press' and name == each)
+            device.report(self.arbiter, each, self.now)
         self.arbiter.operator_sample('fort', SAMPLES[self.operator], self.now)
         if verb == 'trip':
             self.arbiter.trip(self.now)
@@ -109,7 +120,7 @@ class Plant:
         for moment in (a._tripped_at, a._reset_asked, a._clear_since):
             parts.append(None if moment is None else min(self.now - moment, CLEAR))
         for device in self.devices.values():
-            parts += [device.pressed, device.alive, device.asked, device.stopped]
+            parts += [device.pressed, device.alive, device.asked, device.stopped, device.passing]
         for source in a._sources.values():
             parts += [source.fresh(self.now), source.value, source.own]
             parts.append(source.fresh(self.now) and self.now - (source.watchdog._last or 0.0))
@@ -174,6 +185,17 @@ def test_a_device_without_an_own_estop_is_held_by_its_echo() -> None:
     """The property can fail: this is the deadlock that ``~/own_estop`` is there against."""
     with pytest.raises(AssertionError, match='no reset succeeds'):
         explore(plant(False, 'always'), "here.plant(False, 'always')")
+
+
+def test_modes_between_modes_that_count_as_own_hold_both() -> None:
+    """The property can fail: this is the deadlock that ``transition_time`` is there against."""
+    world = plant(True, 'always')
+    for device in world.devices.values():
+        device.passing_is_own = True
+    for event in ('', 'press vsc', '', '', '', 'press vsc'):
+        world.step(event)
+    with pytest.raises(AssertionError, match='no reset succeeds'):
+        world.arrived()
 
 
 def test_a_stop_is_passed_on_to_the_others_and_never_back() -> None:

@@ -80,7 +80,7 @@ def test_node_that_was_silent_blames_itself_for_the_time_out() -> None:
         (Mode.OPERATIONAL, EStopBits.USER, '', False, ['not asked by this node']),
         (Mode.SEARCHING, 0, '', False, ['switch the remote on']),
         (Mode.LOCAL, 0, '', False, ['switch the remote on']),
-        (99, 0, '', False, ['restart the VSC']),
+        (99, 0, '', False, ['restart the VSC if this lasts']),
         (
             *(Mode.LOCAL, 1 | EStopBits.USER, '', True),
             ['release the stop at', 'not asked any more', 'switch the remote on'],

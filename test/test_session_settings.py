@@ -17,6 +17,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from importlib import import_module
 import re
 from typing import Any
 
@@ -28,13 +29,15 @@ from bridge_core.parameters import Parameter
 from esi_drive_bridge.parameters import PARAMETERS as ESI_PARAMETERS
 from esi_drive_bridge.protocol import Layout
 from esi_drive_bridge.session import Settings as EsiSettings
+from fort_vsc_bridge.parameters import PARAMETERS as VSC_PARAMETERS
 from fort_vsc_bridge.session import DeviceSettings, Settings as VscSettings
 from ssc_bridge.channels import AxisInput, ButtonInput, Failsafe
 from ssc_bridge.parameters import parameter_table
 from ssc_bridge.protocol import CommandState, Configuration, DigitalInput, PulseAccumulator
 from ssc_bridge.session import Settings as SscSettings
-from test.esi_drive_rig import make_settings
-from test.ssc_rig import GRIP, TILT
+from test.esi_drive_rig import IDLE, make_settings
+from test.fort_vsc_rig import heartbeat
+from test.ssc_rig import GRIP, status as ssc_status, TILT
 from vm110_bridge.parameters import PARAMETERS as VM110_PARAMETERS
 from vm110_bridge.session import Settings as Vm110Settings
 
@@ -43,6 +46,26 @@ PAN = AxisInput('pan', 1)
 
 def defaults(parameters: Sequence[Parameter], **changes: Any) -> Mapping[str, Any]:
     return {each.name: each.default for each in parameters} | changes
+
+
+@pytest.mark.parametrize(('port', 'heard'), [('/dev/ttyS0', 0), ('socket://far:1', 1)])
+@pytest.mark.parametrize(
+    ('bridge', 'values', 'frame'),
+    [
+        ('fort_vsc', defaults(VSC_PARAMETERS), heartbeat()),
+        ('esi_drive', defaults(ESI_PARAMETERS, joint_names=['a', 'b']), IDLE),
+        ('ssc', defaults(parameter_table({})), ssc_status()),
+    ],
+)
+def test_frame_that_a_serial_server_sends_in_pieces_is_heard(
+    bridge: str, values: Mapping[str, Any], frame: bytes, port: str, heard: int
+) -> None:
+    session = import_module(f'{bridge}_bridge.wire').make_session({**values, 'port': port})
+    session.opened(1.0)
+    session.receive(frame[:4], 1.0)
+    session.poll(1.1)
+    session.receive(frame[4:], 1.14)
+    assert session.counters.frames == heard
 
 
 def refused(settings: Any, text: str, **options: Any) -> None:

@@ -42,8 +42,10 @@ def test_lines_are_obeyed() -> None:
         ('stick', 'usage: stick -1..1'),
         ('stick 1 2', 'usage: stick -1..1'),
         ('stick 2', 'not within -1 to 1'),
-        ('stick nan', 'not within -1 to 1'),
-        ('stick fast', 'could not convert'),
+        ('stick nan', "'nan' is no number"),
+        ('stick fast', "'fast' is no number"),
+        ('stick 0_1', "'0_1' is no number"),
+        ('stick \u0661', 'is no number'),
         ('radio maybe', 'none of on, 1, off, 0'),
     ],
 )

@@ -586,6 +586,20 @@ def test_button_held_while_a_pulse_is_not_believed_counts_once_it_was_let_go_of(
     assert buttons[0] == (int(before == 1900), 2)
 
 
+def test_button_held_while_no_pulses_come_counts_once_it_was_let_go_of() -> None:
+    rig = stick_rig()
+    rig.inputs = [1900] * 8
+    rig.tick(30)
+    rig.mute.add(13)
+    rig.tick(100)
+    assert not rig.session.estop
+    assert not any(rig.of(Sticks)[-1].buttons)
+    rig.mute.clear()
+    rig.tick(30)
+    assert rig.of(Sticks)[-1].operational
+    assert not any(rig.of(Sticks)[-1].buttons)
+
+
 def test_button_held_since_before_a_session_that_finds_a_broken_pulse_is_held() -> None:
     rig = stick_rig()
     rig.inputs = [1900] * 8

@@ -56,7 +56,7 @@ OUTLASTS_GAPS = {
 STOP = ('estop', 'own_estop', 'link_up')
 PUBLISHED = {
     VSC: (
-        *(*STOP, 'joy', 'mode', 'autonomy_mode', 'battery', 'radio_strength'),
+        *(*STOP, 'joy', 'mode', 'device', 'autonomy_mode', 'battery', 'radio_strength'),
         *('fix', 'nmea', 'user_values'),
     ),
     MUX: (

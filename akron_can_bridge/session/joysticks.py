@@ -121,7 +121,7 @@ class Joysticks:
         self._stream.published(counts=True)
         return [sticks]
 
-    def expire(self, now: float) -> list[Sticks]:
+    def expire(self, now: float, *, stopped: bool) -> list[Sticks]:
         """
         Forget who is not heard any more.
 
@@ -131,6 +131,8 @@ class Joysticks:
         if not self._stream.owes_neutral(fresh=not self._source.expired(now), counts=True):
             return []
         self.faulty = ()
+        if not stopped:
+            self._held.miss(now, stopped=False)
         return [Sticks()]
 
     @property

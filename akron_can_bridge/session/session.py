@@ -269,7 +269,7 @@ class Session(BaseSession[CanFrame, Received, Event]):
         reasons = self.drive.watch(now, self._holds())
         if reasons:
             self._emit(Stopped(reasons))
-        self._report(self.joysticks.expire(now))
+        self._report(self.joysticks.expire(now, stopped=self.estop))
         self.unit.expire(now)
         limits, outputs = self.unit.limits(now), self.unit.outputs(now)
         if limits != self._limits:

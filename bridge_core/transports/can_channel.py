@@ -18,6 +18,8 @@ from __future__ import annotations
 
 import ipaddress
 
+from bridge_core.numerals import whole_number
+
 DEFAULT_PORT = 43113  # as in python-can
 # Set by whoever brings the interface up, or by nobody.
 _WITHOUT_BITRATE = ('socketcan', 'udp_multicast', 'virtual')
@@ -47,7 +49,7 @@ def multicast_address(channel: str) -> tuple[str, int]:
     group, _, port = channel.partition(':')
     try:
         is_group = ipaddress.IPv4Address(group).is_multicast
-        number = int(port) if port else DEFAULT_PORT
+        number = whole_number(port) if port else DEFAULT_PORT
     except ValueError:
         is_group = False
     if not is_group or not 0 < number < 65536:

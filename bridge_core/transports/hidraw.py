@@ -15,14 +15,16 @@
 """
 Input reports of a USB HID device, from Linux's hidraw.
 
-A hidraw device returns one report per read. A FIFO, a pty or a file can replace it, so that no
-hardware is needed; these return a stream, which is split into reports. A read that is not a whole
-number of reports shows that the stream is out of step: it is passed on unsplit, and the session
-rejects it.
+A hidraw device returns one report per read. It is asked who it is, and any other device than those
+that are allowed is refused. A FIFO, a pty or a file can replace it where that is allowed, too, so
+that no hardware is needed; these return a stream, which is split into reports. A read that is not
+a whole number of reports shows that the stream is out of step: it is passed on unsplit, and the
+session rejects it.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 import contextlib
 import errno
 import os
@@ -30,7 +32,9 @@ import stat
 import tty
 
 from bridge_core.transports import TransportError
+from bridge_core.transports.hid_identity import HidIdentity, identity_of
 
+STAND_IN = 'none'  # of the devices that are allowed: what has no identity
 _HINTS = {
     errno.ENOENT: 'no such device; plug it in, or set the parameter port',
     errno.EACCES: 'no permission; install the udev rule, or add your user to the group dialout',
@@ -41,6 +45,7 @@ _HINTS = {
 _READS = 64  # a call: as many as the kernel buffers; bounds how long a flood delays a stop
 _READ_SIZE = 4096  # bytes; larger than any report, so that an over-long one is detected
 _PTY_MAJORS = range(136, 144)  # linux/major.h
+_NAME_IT = 'set the parameter port, or name it in hid.devices'
 
 
 class HidrawTransport:
@@ -48,18 +53,22 @@ class HidrawTransport:
     One hidraw device, read only.
 
     :param path: such as /dev/hidraw0.
-    :param report_size: bytes of a report, including its report number where it has one.
+    :param report_size: bytes of a report; it has no report number.
+    :param devices: those that are allowed, vendor and product in hexadecimal, such as '2a99:d002';
+        STAND_IN among them allows a FIFO, a pty or a file, too.
     """
 
-    def __init__(self, path: str, report_size: int) -> None:
+    def __init__(self, path: str, report_size: int, devices: Sequence[str]) -> None:
         self.name = path
         self._report_size = report_size
+        self._devices = [device.lower() for device in devices]
+        self._identity = 'none, a stand-in'
         self._fd = -1
         self._is_stream = False
 
     def counts(self) -> dict[str, int | str]:
-        """Return nothing: no input is dropped."""
-        return {}
+        """Return who the device is; no input is dropped."""
+        return {'HID device': self._identity}
 
     def open(self) -> None:
         """Open it and discard earlier reports. :raises TransportError: it cannot be opened."""
@@ -82,8 +91,35 @@ class HidrawTransport:
             if os.major(status.st_rdev) not in _PTY_MAJORS:
                 raise OSError(errno.ENOTTY, 'a serial port, not hidraw; set the parameter port')
             tty.setraw(self._fd)
+        if self._is_stream:
+            self._allow_stand_in()
+        else:
+            self._allow(self._ask())
         if not stat.S_ISREG(status.st_mode):
             _discard(self._fd)
+
+    def _allow_stand_in(self) -> None:
+        if STAND_IN not in self._devices:
+            raise OSError(errno.ENOTTY, f'no hidraw: it has no vendor and product; {_NAME_IT}')
+        self._identity = 'none, a stand-in'
+
+    def _ask(self) -> HidIdentity:
+        try:
+            return identity_of(self._fd)
+        except OSError as error:
+            text = f'no hidraw device: it does not tell vendor and product ({error.strerror})'
+            raise OSError(errno.ENOTTY, f'{text}; set the parameter port') from error
+
+    def _allow(self, found: HidIdentity) -> None:
+        """Let a device pass that is named, and whose reports are those that are expected."""
+        if found.device not in self._devices:
+            wanted = ', '.join(self._devices)
+            raise OSError(errno.ENOTTY, f'it is {found}, not one of {wanted}; {_NAME_IT}')
+        if found.sizes != {0: 8 * self._report_size}:
+            sizes = ', '.join(f'{bits} bits (number {n})' for n, bits in found.sizes.items())
+            text = f'it is {found}, but its reports have {sizes or "nothing"}'
+            raise OSError(errno.ENOTTY, f'{text}, not {8 * self._report_size} without a number')
+        self._identity = str(found)
 
     def close(self) -> None:
         """Close it."""

@@ -24,6 +24,10 @@ _NETWORK = ('socket', 'rfc2217')
 # What else pyserial opens (alt, cp2110, hwgrep, spy) is a local device that it does not lock: two
 # nodes would have it open.
 _NOWHERE = 'loop'
+# s between two parts of a frame: a serial server sends what has come when it likes, and TCP holds
+# a small segment back until the last one is acknowledged, or sends it again. It stays well below
+# the link timeouts, since a corrupt length delays the frames behind it by as much.
+_NETWORK_GAP = 0.15
 
 
 def check_serial_port(values: Mapping[str, Any]) -> None:
@@ -33,6 +37,11 @@ def check_serial_port(values: Mapping[str, Any]) -> None:
         raise ValueError(
             f'port = {port!r}: allowed is a device file, socket://host:port or rfc2217://host:port'
         )
+
+
+def gap_of(values: Mapping[str, Any]) -> float:
+    """Return how many seconds the parameter ``port`` may lay between two parts of a frame."""
+    return _NETWORK_GAP if values['port'].partition('://')[0] in _NETWORK else 0.0
 
 
 def _is_possible(port: str) -> bool:

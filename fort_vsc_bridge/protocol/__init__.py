@@ -44,6 +44,9 @@ type  N    direction  payload
 0x30  5    both       key 0-99, value (int32)
 0x31  21   to VSC     key 0-99, 20 characters padded with zero
 0x32  1    to VSC     key 0-99
+0xAC  1+   from VSC   setup key, characters (this and what follows: not in the manual)
+0xAD  1    to VSC     setup key
+0xAE  2    to VSC     code that unlocks the setup (uint16)
 ====  ===  =========  ===========================================================
 """
 
@@ -68,6 +71,9 @@ from fort_vsc_bridge.protocol.messages import (
     NAME_SIZE,
     parser,
     RemoteStatus,
+    SetupString,
+    SetupStringGet,
+    SetupUnlock,
     UserFeedback,
     UserFeedbackGet,
     UserFeedbackName,
@@ -137,6 +143,9 @@ __all__ = [
     'Rejected',
     'RemoteStatus',
     'SerialWire',
+    'SetupString',
+    'SetupStringGet',
+    'SetupUnlock',
     'StringSegment',
     'UserFeedback',
     'UserFeedbackGet',

@@ -26,7 +26,7 @@ BAUD = 115200  # 8N1 (section 7)
 
 
 class MessageType(IntEnum):
-    """Table 17."""
+    """Table 17; those of the setup are in a fork of the vendor's driver only."""
 
     JOYSTICK = 0x10
     GPS = 0x12
@@ -37,6 +37,9 @@ class MessageType(IntEnum):
     USER_FEEDBACK = 0x30
     USER_FEEDBACK_NAME = 0x31
     USER_FEEDBACK_GET = 0x32
+    SETUP_STRING = 0xAC
+    SETUP_STRING_GET = 0xAD
+    SETUP_UNLOCK = 0xAE
 
 
 MAX_LENGTH = 248  # largest payload in bytes, known or unknown type
@@ -53,6 +56,9 @@ PACKETS = packets.PacketFormat(
         MessageType.USER_FEEDBACK: (5,),
         MessageType.USER_FEEDBACK_NAME: (21,),
         MessageType.USER_FEEDBACK_GET: (1,),
+        MessageType.SETUP_STRING: range(1, MAX_LENGTH + 1),
+        MessageType.SETUP_STRING_GET: (1,),
+        MessageType.SETUP_UNLOCK: (2,),
     },
     summed_from=0,
 )

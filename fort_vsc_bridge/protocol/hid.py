@@ -14,6 +14,7 @@
 
 """
 USB HID protocol: manual section 9. One input report of 9 bytes, about 16 Hz, and nothing back.
+The box on the cable is the VSC; the report is about its remote.
 
 ======  ====  =================================================================
 offset  bits  content
@@ -27,7 +28,8 @@ offset  bits  content
 8       8     e-stop: 0 not actuated, 1 actuated
 ======  ====  =================================================================
 
-A report has no check of its own; USB has one.
+Table 50 prints "size (bits) 1" for state and e-stop: bytes, as their offsets and a state of 0x0B
+need. The e-stop does not say whose it is. A report has no check of its own; USB has one.
 """
 
 from __future__ import annotations
@@ -42,7 +44,6 @@ from fort_vsc_bridge.protocol.values import (
     Axis,
     Button,
     check_range,
-    EStopBits,
     InputState,
     MAX_MAGNITUDE,
     Mode,
@@ -54,6 +55,7 @@ REPORT_SIZE = _REPORT.size
 assert REPORT_SIZE == 9
 HAT_NOT_SET = 8
 _FULL_SCALE = 127
+_STOP_OF_ANYBODY = 0x8000_0000  # none of EStopBits: no echo, and of no source that is known
 # The protocol's other wires count to the right and forward, this one to the right, near and down.
 _SIGNS = (1, -1, -1, 1, -1, -1)
 _BROKEN = Button(None, InputState.ERROR)
@@ -108,8 +110,8 @@ class InputReport:
 
     @property
     def heartbeat(self) -> Heartbeat:
-        """State and e-stop, as a heartbeat would tell them; the autonomy mode is not told."""
-        return Heartbeat(self.mode, None, EStopBits.SRC if self.estop else 0)
+        """State and e-stop, as a heartbeat tells them; not the autonomy mode, nor whose stop."""
+        return Heartbeat(self.mode, None, _STOP_OF_ANYBODY if self.estop else 0)
 
     @property
     def joystick(self) -> Joystick:

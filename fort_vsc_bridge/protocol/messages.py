@@ -310,6 +310,58 @@ class UserFeedbackGet(Message):
         return bytes((self.key,))
 
 
+@dataclass(frozen=True, slots=True)
+class SetupString(Message):
+    """A text of the VSC's setup, not in the manual. :param key: 0-255. :param text: as it came."""
+
+    TYPE = MessageType.SETUP_STRING
+    key: int
+    text: bytes
+
+    @classmethod
+    def _from_payload(cls, payload: bytes) -> SetupString:
+        return cls(payload[0], payload[1:])
+
+    def _to_payload(self) -> bytes:
+        return bytes((self.key,)) + self.text
+
+
+@dataclass(frozen=True, slots=True)
+class SetupStringGet(Message):
+    """Ask for a text of the setup, not in the manual; the VSC has to be unlocked."""
+
+    TYPE = MessageType.SETUP_STRING_GET
+    key: int
+
+    def __post_init__(self) -> None:
+        check_range('a setup key', self.key, 0, 255)
+
+    @classmethod
+    def _from_payload(cls, payload: bytes) -> SetupStringGet:
+        return cls(payload[0])
+
+    def _to_payload(self) -> bytes:
+        return bytes((self.key,))
+
+
+@dataclass(frozen=True, slots=True)
+class SetupUnlock(Message):
+    """Open the setup to questions, not in the manual."""
+
+    TYPE = MessageType.SETUP_UNLOCK
+    code: int = 0xDEC0
+
+    def __post_init__(self) -> None:
+        check_range('the code', self.code, 0, 0xFFFF)
+
+    @classmethod
+    def _from_payload(cls, payload: bytes) -> SetupUnlock:
+        return cls(int.from_bytes(payload, 'little'))
+
+    def _to_payload(self) -> bytes:
+        return self.code.to_bytes(2, 'little')
+
+
 _DraftJoystick = draft_of(Joystick)
 _DraftHeartbeat = draft_of(Heartbeat)
 MESSAGES: dict[int, type[Message]] = {
@@ -324,6 +376,9 @@ MESSAGES: dict[int, type[Message]] = {
         UserFeedback,
         UserFeedbackName,
         UserFeedbackGet,
+        SetupString,
+        SetupStringGet,
+        SetupUnlock,
     )
 }
 

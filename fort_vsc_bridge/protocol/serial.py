@@ -47,6 +47,10 @@ class SerialDecoder(Decoder[bytes, Received]):
         """When a partial frame expires."""
         return self._parser.deadline
 
+    def expect_gaps(self, seconds: float) -> None:
+        """Wait as long for the rest of a frame."""
+        self._parser.expect_gaps(seconds)
+
     def reset(self) -> None:
         """Discard what was received in part."""
         self._parser.reset()

@@ -22,12 +22,17 @@ import reprlib
 
 
 class Mode(IntEnum):
-    """Table 12; ERROR and SEARCHING are not in it but are seen on devices."""
+    """Table 12; those that are not in it are seen on devices, or named by public decoders."""
 
     ERROR = 0x00
     SEARCHING = 0x01
+    WAKEUP = 0x02  # a public decoder
+    INITIALIZE = 0x03  # likewise
     LOCAL = 0x04
+    REMOTE_TRANSITION = 0x05  # likewise
     REMOTE = 0x06
+    VEHICLE_ON = 0x07  # likewise
+    STATIONARY = 0x08  # likewise
     OPERATIONAL = 0x09
     MENU = 0x0A
     PAUSE = 0x0B

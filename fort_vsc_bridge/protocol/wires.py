@@ -68,6 +68,7 @@ class Wire:
     GARBLED: ClassVar[str] = ''
     JOYSTICK_ONLY: ClassVar[str] = ''
     NO_JOYSTICK: ClassVar[str] = ''
+    NO_REMOTE_STATUS: ClassVar[str]  # what to do where no remote status message comes
 
     def carries(self, kind: MessageType) -> bool:
         """Tell whether a message of this type can be sent."""
@@ -108,6 +109,9 @@ class SerialWire(Wire):
         MessageType.USER_FEEDBACK_NAME: 0.25,
         MessageType.USER_FEEDBACK_GET: 0.05,
         MessageType.MESSAGE_CONTROL: 0.25,
+        # No rate is known. An unlock goes before a question of the same moment.
+        MessageType.SETUP_UNLOCK: 0.25,
+        MessageType.SETUP_STRING_GET: 0.25,
     }
     INTERVAL = 0.05
     SIGN_OF_LIFE = 'heartbeat from the VSC'
@@ -115,6 +119,7 @@ class SerialWire(Wire):
     GARBLED = 'check baud, and that port is the VSC, as bytes come, but no frame'
     JOYSTICK_ONLY = 'enable its heartbeat message, as joystick messages do come'
     NO_JOYSTICK = 'set device.joystick_interval_ms'
+    NO_REMOTE_STATUS = 'set device.remote_status_interval_ms once, with configure_device'
 
     def decoder(self, timeout: float) -> Decoder[Any, Received]:
         """Return the parser of the stream; every message is whole there."""
@@ -140,6 +145,7 @@ class CanWire(Wire):
     SILENCE = "check the VSC's power, the CAN wiring, the bit rate and can.heartbeat"
     JOYSTICK_ONLY = 'compare can.heartbeat with the VSC, as joystick messages do come'
     NO_JOYSTICK = 'compare can.left_basic and so on with the VSC'
+    NO_REMOTE_STATUS = 'compare can.remote_status with the VSC'
 
     ids: CanIds = field(default_factory=CanIds)
 
@@ -171,14 +177,15 @@ class CanWire(Wire):
 
 @dataclass(frozen=True)
 class HidWire(Wire):
-    """USB HID: one report at a time, and nothing to send."""
+    """USB HID of the VSC: one report at a time, and nothing to send."""
 
     NAME = 'hid'
     PERIODS = {}
     INTERVAL = 0.0625
-    SIGN_OF_LIFE = 'report from the remote'
-    SILENCE = "check the remote's power and USB cable, and that port is its hidraw device"
-    GARBLED = 'check that port is the hidraw device of the remote, as reports of another come'
+    SIGN_OF_LIFE = 'report from the VSC'
+    SILENCE = "check the VSC's power and USB cable, and that port is its hidraw device"
+    NO_REMOTE_STATUS = 'take another transport for it'
+    GARBLED = 'check that port is the hidraw device of the VSC, as reports of another come'
 
     def decoder(self, timeout: float) -> Decoder[Any, Received]:
         """Return what reads a report."""

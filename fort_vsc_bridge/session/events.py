@@ -18,15 +18,34 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from fort_vsc_bridge.protocol import AutonomyMode, AXIS_NAMES, BUTTON_NAMES, Mode, RemoteStatus
+from fort_vsc_bridge.protocol import (
+    AutonomyMode,
+    AXIS_NAMES,
+    BUTTON_NAMES,
+    Heartbeat,
+    Mode,
+    RemoteStatus,
+)
 
 
 @dataclass(frozen=True, slots=True)
 class ModeChanged:
-    """Mode and autonomy mode of the VSC; None: not known, since no heartbeat comes."""
+    """
+    Mode, autonomy mode or E-stop indication of the VSC changed.
+
+    :param mode: None: not known, since no heartbeat comes.
+    """
 
     mode: Mode | int | None
     autonomy: AutonomyMode | int | None = None
+    estop: int = 0
+
+    @property
+    def heartbeat(self) -> Heartbeat | None:
+        """The heartbeat that said so; None: none comes."""
+        if self.mode is None:
+            return None
+        return Heartbeat(self.mode, self.autonomy, self.estop)
 
 
 @dataclass(frozen=True, slots=True)

@@ -25,6 +25,7 @@ from fort_vsc_bridge.protocol import (
     estop_sources,
     EStopBits,
     Heartbeat,
+    Mode,
     mode_name,
     MODES_AFTER_A_STOP,
     RemoteStatus,
@@ -37,16 +38,27 @@ DEAF = (
     'asked to stop, and does not'
 )
 _LOW_BATTERY_PERCENT = 20
+_STATUS_TIME = 5.0  # s with a remote and without a remote status message that are no accident
 _WEAK_RADIO = (
     'bring the remote nearer, or its way to the VSC clear of metal: the radio is at its weakest '
     '(strength 0), and the next step is a stop'
 )
+_QUIET: dict[
+    Mode | int, str
+] = {  # why sticks are zeroed without a stop, and what ends it (6.2 to 6.4)
+    Mode.REMOTE: 'bring the remote into Operational mode: it is in Remote mode, where its sticks '
+    'are 0 until its operator is ready',
+    Mode.MENU: 'leave the menu of the remote: it is in Menu mode, where its sticks are 0',
+    Mode.PAUSE: 'take the remote in hand, hold it upright and leave Pause mode on it: its Pause '
+    'button, its orientation, a free fall or inactivity has paused it, so its sticks are 0',
+}
 _SETTINGS_TO_DO = {
     REFUSED: "see the VSC's firmware and the maker's tool",
     UNANSWERED: 'connect a remote, and see that the VSC hears this computer',
     OVERRULED: 'change the parameter, or what ~/set_user_value says',
 }
 _USER = 'VSC reports e-stop: USER (this computer)'
+_ANYBODY = 'the remote, the wired input or a computer (USB HID does not tell which)'
 
 
 def stop_reasons(heartbeat: Heartbeat, *, asked: str, echo: bool) -> list[str]:
@@ -59,8 +71,9 @@ def stop_reasons(heartbeat: Heartbeat, *, asked: str, echo: bool) -> list[str]:
     reasons = []
     others = heartbeat.estop & ~int(EStopBits.USER)
     if others:
+        sources = _ANYBODY if heartbeat.autonomy is None else ', '.join(estop_sources(others))
         reasons.append(
-            f'release the stop at {", ".join(estop_sources(others))}, then acknowledge it on the '
+            f'release the stop at {sources}, then acknowledge it on the '
             'remote: VSC reports e-stop (SRC: button, or out of reach; VSC: both wired loops)'
         )
     if heartbeat.estop & EStopBits.USER:
@@ -72,7 +85,7 @@ def stop_reasons(heartbeat: Heartbeat, *, asked: str, echo: bool) -> list[str]:
         )
     elif heartbeat.mode not in CONNECTED_MODES:
         reasons.append(
-            'restart the VSC, look at its LED, check its firmware: mode is '
+            'restart the VSC if this lasts, look at its LED, check its firmware: mode is '
             f'{mode_name(heartbeat.mode)}, so it does not say that it works'
         )
     return reasons
@@ -87,6 +100,52 @@ def _user_reason(asked: str, echo: bool) -> str:
         f'acknowledge on the remote: {_USER}, not asked by this node; did its heartbeats fail '
         '(User E-STOP Timeout), or an earlier one leave it set?'
     )
+
+
+def quiet_because(heartbeat: Heartbeat | None) -> list[str]:
+    """Return why the sticks are zeroed though nothing is a stop, and what ends it."""
+    text = _QUIET.get(heartbeat.mode) if heartbeat and not heartbeat.estop else None
+    return [text] if text else []
+
+
+def device_state(
+    heartbeat: Heartbeat | None, remote: RemoteStatus | None
+) -> tuple[Level, str, dict[str, Any]]:
+    """Return what the VSC says of itself and its remote: a level, words, and values."""
+    if heartbeat is None:
+        return Level.ERROR, 'None: no heartbeat from the VSC', heartbeat_values(None)
+    mode, sources = mode_name(heartbeat.mode), heartbeat_sources(heartbeat)
+    message = '; '.join([mode, *quiet_because(heartbeat)])
+    if heartbeat.estop:
+        message = f'{mode}; e-stop: {sources}'
+    clear = heartbeat.mode in CONNECTED_MODES and not heartbeat.estop
+    values = {
+        **heartbeat_values(heartbeat),
+        'e-stop sources': sources,
+        'remote connected': heartbeat.mode in CONNECTED_MODES,
+        **remote_values(remote),
+    }
+    return Level.OK if clear else Level.WARN, message, values
+
+
+def heartbeat_sources(heartbeat: Heartbeat) -> str:
+    """Name the sources of the stop in a heartbeat; 'none' if there is no stop."""
+    if heartbeat.autonomy is None and heartbeat.estop:
+        return _ANYBODY
+    return ', '.join(estop_sources(heartbeat.estop)) or 'none'
+
+
+def remote_status_state(remote: RemoteStatus | None, connected_for: float, to_do: str) -> str:
+    """
+    Say whether the remote status message comes, which is off as delivered (table 17).
+
+    :param connected_for: seconds for which a remote is connected. :param to_do: if it does not.
+    """
+    if remote is not None:
+        return 'comes'
+    if connected_for < _STATUS_TIME:
+        return 'not known yet'
+    return f'{to_do}: none comes, so ~/battery and ~/radio_strength are unknown'
 
 
 def control_problems(faulty: Sequence[str]) -> list[tuple[Level, str]]:
@@ -133,9 +192,15 @@ def heartbeat_values(heartbeat: Heartbeat | None) -> dict[str, Any]:
     """Return what the heartbeat says; without a fresh one mode 'None', all else 'unknown'."""
     return {
         'mode': mode_name(heartbeat.mode if heartbeat else None),
-        'e-stop indication': f'0x{heartbeat.estop:08X}' if heartbeat else 'unknown',
+        'e-stop indication': _indication(heartbeat) if heartbeat else 'unknown',
         'autonomy mode': mode_name(heartbeat.autonomy) if heartbeat else 'unknown',
     }
+
+
+def _indication(heartbeat: Heartbeat) -> str:
+    if heartbeat.autonomy is None:  # HID, which has one byte for all
+        return 'actuated' if heartbeat.estop else 'not actuated'
+    return f'0x{heartbeat.estop:08X}'
 
 
 def remote_values(remote: RemoteStatus | None) -> dict[str, Any]:

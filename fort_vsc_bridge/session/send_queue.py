@@ -29,6 +29,8 @@ from fort_vsc_bridge.protocol import (
     Message,
     MessageControl,
     MessageType,
+    SetupStringGet,
+    SetupUnlock,
     USER_KEYS,
     UserFeedback,
     UserFeedbackGet,
@@ -69,6 +71,11 @@ class SendQueue:
     def get_value(self, key: int) -> None:
         """Queue a question."""
         self._lines[MessageType.USER_FEEDBACK_GET][key] = UserFeedbackGet(key)
+
+    def get_setup(self, key: int) -> None:
+        """Queue an unlock of the setup, and a question for a text of it."""
+        self._lines[MessageType.SETUP_UNLOCK][0] = SetupUnlock()
+        self._lines[MessageType.SETUP_STRING_GET][key] = SetupStringGet(key)
 
     def control(self, message: MessageControl) -> None:
         """Queue a message control, which the VSC writes to EEPROM."""

@@ -17,6 +17,7 @@
 from __future__ import annotations
 
 import math
+import re
 from typing import Any
 
 from bridge_core.session import (
@@ -47,6 +48,7 @@ from fort_vsc_bridge.protocol import (
     Received,
     Rejected,
     RemoteStatus,
+    SetupString,
     TEXT_KEYS,
     USER_KEYS,
     UserFeedback,
@@ -63,6 +65,7 @@ from fort_vsc_bridge.session.events import (
     Sticks,
     UserValue,
 )
+from fort_vsc_bridge.session.identity import IdentityReader
 from fort_vsc_bridge.session.send_queue import SendQueue
 from fort_vsc_bridge.session.settings import Settings
 from fort_vsc_bridge.session.stops import StopJudge
@@ -77,6 +80,8 @@ _SHORTEST_STATUS_TIME = 5.0  # seconds
 
 class Session(BaseSession[Frame, Received, Event]):
     """One VSC on one wire; see bridge_core.session."""
+
+    HELD = 'sticks are 0'
 
     CLOSED = 'plug the VSC in, and check port (can: channel): it is not open'
 
@@ -93,6 +98,7 @@ class Session(BaseSession[Frame, Received, Event]):
         self._newest: Heartbeat | None = None
         self._modes = ModeChanged(None)  # as emitted
         self._was_up = self._was_connected = False
+        self._connected_at = -math.inf  # a remote, the last time
         self._rejection = ''  # why the last one was, and what to do
         self._rejected_lately = Watchdog(_LATELY)
         self._looped_back_lately = Watchdog(_LATELY)
@@ -103,7 +109,7 @@ class Session(BaseSession[Frame, Received, Event]):
         self._stream = StickStream()
         # The heartbeat that says why the VSC zeroes its buttons may be the first one that is lost.
         self._held = HeldButtons(2.0 * settings.link_timeout, len(BUTTON_NAMES))
-        self._judgement = StopJudge()
+        self._judgement = StopJudge(settings.transition_time)
         self._software_estop = False
         self._software_estop_heard = Watchdog(settings.software_estop_timeout)
         self._leaving = self._sent_stop = False
@@ -112,6 +118,7 @@ class Session(BaseSession[Frame, Received, Event]):
         self._pacer = Pacer(1.0 / settings.heartbeat_rate)
         self._queue = SendQueue(wire)
         self._device = Configurator(settings.to_configure, self._queue)
+        self._identity = IdentityReader(self._queue, wanted=settings.read_identity)
 
     # What is known.
 
@@ -159,9 +166,18 @@ class Session(BaseSession[Frame, Received, Event]):
             problems.append((Level.WARN, report.LOOPED_BACK))
         return problems
 
+    def summary(self) -> str:
+        """Return 'ok', and why the sticks are zeroed."""
+        return '; '.join(['ok', *report.quiet_because(self.heartbeat)])
+
+    def inhibits(self, now: float) -> list[str]:
+        """Return why the sticks are zeroed though nothing is a stop."""
+        del now
+        return report.quiet_because(self.heartbeat)
+
     def values(self, now: float) -> dict[str, Any]:
         """Return heartbeat, faulty controls, battery and settings."""
-        del now
+        connected_for = now - self._connected_at if self.remote_connected else 0.0
         return {
             **report.heartbeat_values(self.heartbeat),
             'remote connected': self.remote_connected,
@@ -169,8 +185,12 @@ class Session(BaseSession[Frame, Received, Event]):
             'faulty controls': ', '.join(self.faulty) or 'none',
             'rejected frames': self.rejected,
             'own frames that came back': self.looped_back,
+            **self._identity.values,
             **{f'setting {name}': state for name, state in self.setting_states.items()},
             **report.remote_values(self.remote_status),
+            'remote status message': report.remote_status_state(
+                self.remote_status, connected_for, self.settings.wire.NO_REMOTE_STATUS
+            ),
         }
 
     # The link's side; the base has the rest.
@@ -239,6 +259,8 @@ class Session(BaseSession[Frame, Received, Event]):
             if self.link_up and self._looped_back_lately.expired(now):
                 self._device.answered(message.key, message.value, now)
                 self._emit(UserValue(message.key, message.value))
+        elif isinstance(message, SetupString):
+            self._identity.answered(message)
         else:
             self.looped_back += 1
             self._looped_back_lately.feed(now)
@@ -289,9 +311,8 @@ class Session(BaseSession[Frame, Received, Event]):
 
     def _judge(self, now: float) -> Verdict:
         """Return what the newest heartbeat says; what this node asked comes back as an echo."""
-        del now
         assert self._newest is not None
-        return self._judgement.judge(self._newest)
+        return self._judgement.judge(self._newest, now)
 
     def _silence(self, now: float) -> str:
         wire = self.settings.wire
@@ -309,7 +330,9 @@ class Session(BaseSession[Frame, Received, Event]):
             self._was_up = self.link_up
             self._settled_at = now + self.settings.link_timeout
             self._device.link_changed(self.link_up, now)
-        modes = ModeChanged(self.mode, self.heartbeat.autonomy if self.heartbeat else None)
+            self._identity.link_changed(self.link_up, now)
+        said = self.heartbeat
+        modes = ModeChanged(said.mode, said.autonomy, said.estop) if said else ModeChanged(None)
         if modes != self._modes:
             self._modes = modes
             self._emit(modes)
@@ -319,7 +342,10 @@ class Session(BaseSession[Frame, Received, Event]):
         if self._stream.owes_neutral(fresh=fresh, counts=self.operational):
             self.faulty = ()
             self._emit(_NEUTRAL)
+            if not self.estop:
+                self._held.miss(now, stopped=False)
         if self.remote_connected and not self._was_connected:
+            self._connected_at = now
             self._queue.show_again()
         self._was_connected = self.remote_connected
         known = self.remote_connected and now < self._remote_expires_at
@@ -329,6 +355,8 @@ class Session(BaseSession[Frame, Received, Event]):
 
     def _expires_at(self) -> float:
         moments = [super()._expires_at()]
+        if not self.own_estop:
+            moments.append(self._judgement.becomes_own_at)
         if self._stream.streaming:
             moments.append(self._joystick_heard.deadline)
         if self.remote_status is not None:
@@ -338,7 +366,7 @@ class Session(BaseSession[Frame, Received, Event]):
     def _sends_at(self) -> float:
         due = [self._pacer.due, self._queue.deadline]
         if self.link_up:
-            due.append(self._device.deadline)
+            due += [self._device.deadline, self._identity.due]
         if self.software_estop_in_use and not self._sent_stop:
             due.append(self._software_estop_heard.deadline)
         return min(due)
@@ -346,6 +374,7 @@ class Session(BaseSession[Frame, Received, Event]):
     def _due_frames(self, now: float) -> list[Frame]:
         if self.link_up:
             self._device.poll(now, remote_connected=self.remote_connected)
+            self._identity.poll(now)
         return self._heartbeat_frames(now) + self._queue.take(now)
 
     def _heartbeat_frames(self, now: float, *, at_once: bool = False) -> list[Frame]:
@@ -470,7 +499,9 @@ class Session(BaseSession[Frame, Received, Event]):
 
 
 def _text_lines(text: str) -> list[UserFeedbackName]:
-    lines = text.splitlines()
+    lines = re.split('\r\n|\r|\n', text)
+    if not lines[-1]:
+        del lines[-1]  # a line's end is none between two
     if len(lines) > len(TEXT_KEYS):
         raise ValueError(f'the display has {len(TEXT_KEYS)} lines, not {len(lines)}')
     lines += [''] * (len(TEXT_KEYS) - len(lines))

@@ -68,11 +68,13 @@ class Settings(CheckedSettings):
     wire: Wire = field(default_factory=SerialWire)
     device: DeviceSettings = field(default_factory=DeviceSettings)
     link_timeout: float = _TABLE['link_timeout'].default
+    transition_time: float = _TABLE['transition_time'].default
     heartbeat_rate: float = _TABLE['heartbeat_rate'].default
     software_estop_timeout: float = _TABLE['software_estop_timeout'].default
     require_software_estop: bool = _TABLE['require_software_estop'].default
     tolerate_faulty_axes: bool = _TABLE['tolerate_faulty_axes'].default
     configure_device: bool = _TABLE['configure_device'].default
+    read_identity: bool = _TABLE['read_identity'].default
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -90,6 +92,8 @@ class Settings(CheckedSettings):
             raise ValueError(
                 f'configure_device = True: transport {self.wire.NAME} can write nothing'
             )
+        if self.read_identity and not self.wire.carries(MessageType.SETUP_UNLOCK):
+            raise ValueError(f'read_identity = True: transport {self.wire.NAME} cannot ask for it')
         self._check_intervals()
         if not self.wire.carries(MessageType.USER_FEEDBACK_GET):
             self._refuse(self.to_configure)

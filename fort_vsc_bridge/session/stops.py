@@ -21,6 +21,8 @@ another device's chain, that echo would hold both stopped for ever, so it is tol
 
 from __future__ import annotations
 
+import math
+
 from bridge_core.session import Verdict
 from fort_vsc_bridge.protocol import CONNECTED_MODES, EStopBits, Heartbeat, MODES_AFTER_A_STOP
 from fort_vsc_bridge.session.report import stop_reasons
@@ -31,9 +33,16 @@ OBEY_TIME = 2.0 * ECHO_DELAY  # a VSC that does not stop within this does not he
 
 
 class StopJudge:
-    """Judges heartbeats of the VSC, knowing what was asked of it."""
+    """
+    Judges heartbeats of the VSC, knowing what was asked of it.
 
-    def __init__(self) -> None:
+    :param transition_time: seconds of modes outside table 12 until they are the VSC's own stop:
+        one that stands between two others is no demand, and may come with every acknowledgement.
+    """
+
+    def __init__(self, transition_time: float) -> None:
+        self._transition_time = transition_time
+        self._strange_since = math.inf  # modes outside table 12 have come one after the other
         self._asked = ''  # what ends the stop that our heartbeats ask for
         self._echo = False  # USER bits are our doing
         self._echo_heard = False  # they were seen since we asked last
@@ -71,21 +80,27 @@ class StopJudge:
         """Whether the newest heartbeat came so long after we asked that it ought to say stop."""
         return bool(self._asked) and self._heard_at - self._asked_at >= OBEY_TIME
 
+    @property
+    def becomes_own_at(self) -> float:
+        """The moment from which the newest mode is the VSC's own stop; infinite: never."""
+        return self._strange_since + self._transition_time
+
     def heard(self, heartbeat: Heartbeat, now: float) -> None:
         """Keep USER bits ours until they are seen clear: the VSC may hold them for a while."""
         self._heard_at = now
+        strange = heartbeat.mode not in CONNECTED_MODES | MODES_AFTER_A_STOP
+        self._strange_since = min(self._strange_since, now) if strange else math.inf
         if heartbeat.estop & EStopBits.USER:
             self._echo_heard = self._echo
         elif not self._asked and (self._echo_heard or now - self._released_at >= ECHO_DELAY):
             self._echo = False
 
-    def judge(self, heartbeat: Heartbeat) -> Verdict:
+    def judge(self, heartbeat: Heartbeat, now: float) -> Verdict:
         """Return what the newest heartbeat means; it was heard."""
         user = bool(heartbeat.estop & EStopBits.USER)
-        strange = heartbeat.mode not in CONNECTED_MODES | MODES_AFTER_A_STOP
         others = bool(heartbeat.estop & ~int(EStopBits.USER))
         if heartbeat.estop == 0 and heartbeat.mode in CONNECTED_MODES:
             return Verdict()
-        own = others or strange or (user and not self._echo)
+        own = others or now >= self.becomes_own_at or (user and not self._echo)
         reasons = stop_reasons(heartbeat, asked=self._asked, echo=self._echo)
         return Verdict(True, own, reasons=tuple(reasons))

@@ -44,6 +44,9 @@ def _as_they_came(kind: int, payload: bytes) -> tuple[int, bytes]:
     return kind, payload
 
 
+_SETUP = {1: b'VSC-SIM-0000001', 111: b'1.2.3'}  # texts by key, as a public driver has them
+
+
 class Simulator(Vsc):
     """A VSC on its USB or RS232 port: bytes in any split."""
 
@@ -62,6 +65,7 @@ class Simulator(Vsc):
     def _boot(self, up_at: float) -> None:
         super()._boot(up_at)
         self._parser.reset()
+        self.unlocked = False  # its setup answers
 
     def _hear(self, data: bytes, now: float) -> None:
         for kind, payload in self._parser.feed(data, now):
@@ -87,6 +91,10 @@ class Simulator(Vsc):
             self._take_name(payload[0], payload[1:])
         elif kind == MessageType.USER_FEEDBACK_GET:
             self._answer(payload[0])
+        elif kind == MessageType.SETUP_UNLOCK:
+            self.unlocked = payload == b'\xc0\xde'
+        elif kind == MessageType.SETUP_STRING_GET and self.unlocked and payload[0] in _SETUP:
+            self._out.append(build_frame(0xAC, payload + _SETUP[payload[0]]))
 
     def _take_control(self, payload: bytes, now: float) -> None:
         kind, enabled, interval_ms = struct.unpack('<BBH', payload)

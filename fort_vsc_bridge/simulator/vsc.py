@@ -27,7 +27,7 @@ import struct
 from typing import Any, ClassVar
 
 from bridge_core.simulation import obey, one_of, switch, within
-from fort_vsc_bridge.protocol import AXIS_NAMES, BUTTON_NAMES, Key, Mode
+from fort_vsc_bridge.protocol import AXIS_NAMES, BUTTON_NAMES, Key, Mode, mode_name
 
 HOST_TIMEOUT = 0.5  # User E-STOP Timeout (7.3.4)
 BOOT_TIME = 1.0
@@ -69,6 +69,7 @@ class Vsc:
         self.strength = 2
         self.autonomy = 0
         self.zeros = _ZEROS[0]
+        self.transition = 0.0  # s of Remote transition between two modes; not in the manual
         self.position: tuple[float, float] | None = (60.1699, 24.9384)  # degrees
         self.radio = True
         self.remote_estop = False
@@ -87,7 +88,8 @@ class Vsc:
         self.host_heartbeats = 0
         self.host_estop = False
         self.unacknowledged = False
-        self._mode = Mode.REMOTE
+        self._mode = self._last_mode = Mode.REMOTE
+        self._settled_at = -math.inf  # when the mode is the next one
         self._latched = 0
         self._host_heard = math.inf  # the limit counts from the first poll on
         self._last_of: dict[int, float] = {}
@@ -109,6 +111,7 @@ class Vsc:
             return []
         self._hear_late(now)
         self._watch_stops(now)
+        self._watch_mode(now)
         frames, self._out = self._out, []
         for kind, (enabled, interval) in self.messages.items():
             if enabled and now >= self._due[kind]:
@@ -194,10 +197,19 @@ class Vsc:
         """The E-stop indication."""
         return self._latched if self.latch_bits else self._causes(self._now)
 
+    def _watch_mode(self, now: float) -> None:
+        if self._next_mode is not self._last_mode:
+            self._last_mode, self._settled_at = self._next_mode, now + self.transition
+
     @property
-    def mode(self) -> Mode:
+    def _next_mode(self) -> Mode:
         """Local while a stop is there or not acknowledged (6.6), else what the remote chose."""
         return Mode.LOCAL if self.unacknowledged else self._mode
+
+    @property
+    def mode(self) -> Mode:
+        """The next one, but while a transition takes its time."""
+        return Mode.REMOTE_TRANSITION if self._now < self._settled_at else self._next_mode
 
     def acknowledge(self) -> None:
         """Acknowledge a stop on the remote. :raises ValueError: its cause is still there."""
@@ -252,7 +264,7 @@ class Vsc:
     def describe(self) -> dict[str, Any]:
         """Return what can be seen, as plain values."""
         return {
-            'mode': self.mode.name.capitalize(),
+            'mode': mode_name(self.mode),
             'estop_bits': self.estop_bits,
             'master_enable': not self.unacknowledged,
             'radio': self.radio,
@@ -299,6 +311,9 @@ class Vsc:
     def _set_zeros(self, kind: str) -> None:
         self.zeros = one_of(_ZEROS, kind)
 
+    def _set_transition(self, seconds: str) -> None:
+        self.transition = within(seconds, 0.0, 60.0)
+
     def _set_radio(self, value: str) -> None:
         self.radio = switch(value)
 
@@ -331,6 +346,7 @@ class Vsc:
         'estop': ('remote|vsc on|off', _set_estop),
         'mode': ('remote|operational|menu|pause', _set_mode),
         'zeros': ('values|all|rest', _set_zeros),
+        'transition': ('SECONDS', _set_transition),
         'radio': ('on|off', _set_radio),
         'battery': ('0..100', _set_battery),
         'charging': ('on|off', _set_charging),

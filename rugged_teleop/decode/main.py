@@ -155,7 +155,7 @@ class _Progress:
 
 
 def _bitrate(text: str) -> int:
-    value = int(text) if text.isdecimal() else 0
+    value = int(text) if text.isascii() and text.isdecimal() else 0
     if not 1000 <= value <= 1_000_000:
         raise argparse.ArgumentTypeError(f'{text} is not within 1000 to 1000000 bit/s')
     return value

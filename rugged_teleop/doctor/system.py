@@ -96,7 +96,7 @@ def environment_findings(environment: Mapping[str, str]) -> Iterator[Finding]:
     reach = environment.get('ROS_AUTOMATIC_DISCOVERY_RANGE', '')
     middleware = environment.get('RMW_IMPLEMENTATION') or 'rmw_fastrtps_cpp'
     words = {'domain': domain, 'range': reach or 'SUBNET', 'middleware': middleware}
-    if not domain.isdecimal() or int(domain) > _LAST_DOMAIN:
+    if not (domain.isascii() and domain.isdecimal()) or int(domain) > _LAST_DOMAIN:
         yield finding('other domain', **words)
     if environment.get('ROS_LOCALHOST_ONLY') == '1':  # any other word is none to rcl
         yield finding('localhost only')

@@ -214,7 +214,9 @@ class Image:
 
 def _between_markers(text: str) -> list[str]:
     """Return the lines of the image. :raises ImageError: not one pair."""
-    lines = text.splitlines()
+    lines = re.split('\r\n|\r|\n', text)
+    if not lines[-1]:
+        del lines[-1]  # a line's end is none between two
     found = [(_MARKER.match(line), at) for at, line in enumerate(lines)]
     marks = [(match[1].lower(), at) for match, at in found if match]
     if not marks:

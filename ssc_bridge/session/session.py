@@ -380,6 +380,8 @@ class Session(BaseSession[bytes, Message | Poll, Event]):
         if self._stream.owes_neutral(fresh=fresh, counts=self._counts()):
             self.faulty = ()
             self._emit(neutral(self.settings))
+            if not self.estop:
+                self._held.miss(now, stopped=False)
         reasons = [*self.verdict.reasons, *self._estop_in_reasons(now)]
         if reasons:
             self._stop(reasons, now)

@@ -1,0 +1,56 @@
+# Copyright 2026 The rugged_teleop maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Numbers in text that others wrote: plain decimal ones alone."""
+
+import contextlib
+import math
+
+from hypothesis import given, strategies as st
+import pytest
+
+from bridge_core.numerals import decimal_number, whole_number
+
+# Python's int() and float() take all of these.
+ODD = ['1_2', '\u0661', '\uff11', ' 1', '1\n', '\u20031', '', '-', '+', '1 2']
+
+
+@pytest.mark.parametrize('text', [*ODD, '1.0', '0x1', '1e3'])
+def test_what_is_no_whole_number_is_refused(text: str) -> None:
+    with pytest.raises(ValueError, match=r'is no whole number'):
+        whole_number(text)
+
+
+@pytest.mark.parametrize('text', [*ODD, 'nan', 'inf', '-Infinity', '.', '1e', 'e5', '1e400'])
+def test_what_is_no_number_is_refused(text: str) -> None:
+    with pytest.raises(ValueError, match=r'is no number'):
+        decimal_number(text)
+
+
+@given(st.integers())
+def test_whole_numbers_are_read(value: int) -> None:
+    assert whole_number(str(value)) == value
+    assert whole_number(f'{value:+}') == value
+
+
+@given(st.floats(allow_nan=False, allow_infinity=False))
+def test_numbers_are_read(value: float) -> None:
+    assert decimal_number(str(value)) == value
+    assert decimal_number(f'{value:.0f}') == pytest.approx(float(f'{value:.0f}'))
+
+
+@given(st.text())
+def test_any_text_is_a_finite_number_or_refused(text: str) -> None:
+    with contextlib.suppress(ValueError):
+        assert math.isfinite(decimal_number(text))
