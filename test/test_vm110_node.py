@@ -219,6 +219,37 @@ def test_silence_is_a_stop_and_one_neutral_joy(bench: Bench) -> None:
     bench.wait_stop(False)
 
 
+def test_second_sender_with_the_base_units_id_is_a_stop_that_names_both(bench: Bench) -> None:
+    bench.arm('stick 1 1 0.5')
+    bench.wait(lambda: bench.joy.last.axes[0] == 0.5, 'the stick')
+    with Station(Simulator(), bench.station.port) as twin:
+        first = twin.apply('arm 1', 'stick 1 1 -1')
+        bench.wait_stop(True)
+        bench.wait(lambda: 'both send as base unit' in bench.status().message, 'why')
+        assert all(source in bench.status().message for source in sources(bench.station, twin))
+        bench.estop.clear()
+        bench.observer.holds_for(lambda: all(bench.estop.data), 1.5, 'one stop without a gap')
+        assert not any(message.axes[0] < 0 for at, message in bench.joy.since(first))
+    bench.wait_stop(False)
+
+
+def test_base_unit_that_moved_is_believed_after_its_time_out(bench: Bench) -> None:
+    bench.arm()
+    bench.station.apply('unplug')
+    bench.wait_stop(True)
+    bench.estop.clear()
+    with Station(Simulator(), bench.station.port) as moved:
+        bench.wait_stop(False)
+        (source,) = sources(moved)
+        bench.wait(lambda: bench.value('address of the base unit') == source, 'its address')
+
+
+def sources(*stations: Station) -> list[str]:
+    """Return from where they send, as address:port."""
+    names = (station._transport._sender.getsockname() for station in stations)  # type: ignore[attr-defined]
+    return [f'{host}:{port}' for host, port in names]
+
+
 def rearm_after_stall(bench: Bench) -> None:
     """Let the BU hear and speak, and arm its remote: what was silent for 2 s is disarmed."""
     heard = bench.station.look(lambda unit: unit.received['VRPO'])

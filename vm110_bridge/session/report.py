@@ -100,6 +100,14 @@ def hold(*, withheld: bool, silent: str) -> str:
     return 'end what ~/hold_output asks for, then rearm: VRPO are withheld'
 
 
+def two_senders(bu_id: int, address: str, second: str) -> str:
+    """Name two senders with one ID."""
+    return (
+        f'stop one of two senders, or name yours in allowed_sources: {address} and {second} both '
+        f'send as base unit {bu_id}'
+    )
+
+
 def others(origins: Sequence[int], bu_id: int) -> list[str]:
     """Name other base units on the group."""
     if not origins:
