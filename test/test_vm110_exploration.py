@@ -224,9 +224,9 @@ SCENES: dict[str, dict[str, Any]] = {
         'hold': 'go hold',
     },
     'twin': {
-        'bu': 'ok stopped twinok twinstopped silent',
+        'bu': 'ok twinok silent',
         'hold': 'silent',
-        'reads': ('ok twinok', 'twinok ok', 'twinstopped ok'),
+        'reads': ('ok twinok', 'twinstopped ok'),
     },
 }
 COUNTS: dict[str, tuple[int, int]] = {

@@ -23,6 +23,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+import math
 from typing import Any, ClassVar
 
 from bridge_core.framing import Decoder
@@ -68,6 +69,11 @@ class Wire:
     GARBLED: ClassVar[str] = ''
     JOYSTICK_ONLY: ClassVar[str] = ''
     NO_JOYSTICK: ClassVar[str] = ''
+
+    @property
+    def most_heartbeats(self) -> float:
+        """How many one VSC sends in a second; infinite where no other one can be on the line."""
+        return math.inf
 
     def carries(self, kind: MessageType) -> bool:
         """Tell whether a message of this type can be sent."""
@@ -128,7 +134,11 @@ class SerialWire(Wire):
 
 @dataclass(frozen=True)
 class CanWire(Wire):
-    """CAN-J1939: one frame at a time. :param ids: identifiers of the messages."""
+    """
+    CAN-J1939: one frame at a time.
+
+    :param ids: identifiers of the messages. :param heartbeat_rate: Hz, of one VSC.
+    """
 
     NAME = 'can'
     PERIODS = {  # table 34; of a string, between two segments
@@ -142,6 +152,12 @@ class CanWire(Wire):
     NO_JOYSTICK = 'compare can.left_basic and so on with the VSC'
 
     ids: CanIds = field(default_factory=CanIds)
+    heartbeat_rate: float = 10.0
+
+    @property
+    def most_heartbeats(self) -> float:
+        """How many one VSC sends in a second."""
+        return self.heartbeat_rate
 
     @property
     def filters(self) -> list[tuple[int, int]]:

@@ -28,7 +28,7 @@ from bridge_core.session import (
     StickStream,
     Verdict,
 )
-from bridge_core.watchdog import Watchdog
+from bridge_core.watchdog import RateWatch, Watchdog
 from fort_vsc_bridge.protocol import (
     Axis,
     AXIS_NAMES,
@@ -104,6 +104,8 @@ class Session(BaseSession[Frame, Received, Event]):
         # The heartbeat that says why the VSC zeroes its buttons may be the first one that is lost.
         self._held = HeldButtons(2.0 * settings.link_timeout, len(BUTTON_NAMES))
         self._judgement = StopJudge()
+        rate = settings.wire.most_heartbeats
+        self._rate = RateWatch(rate) if math.isfinite(rate) else None
         self._software_estop = False
         self._software_estop_heard = Watchdog(settings.software_estop_timeout)
         self._leaving = self._sent_stop = False
@@ -226,6 +228,8 @@ class Session(BaseSession[Frame, Received, Event]):
             self._newest = message
             self._heard.feed(now)
             self._judgement.heard(message, now)
+            if self._rate is not None:
+                self._rate.feed(now)
         elif isinstance(message, Joystick):
             self._take_joystick(message, now)
         elif isinstance(message, RemoteStatus):
@@ -289,9 +293,11 @@ class Session(BaseSession[Frame, Received, Event]):
 
     def _judge(self, now: float) -> Verdict:
         """Return what the newest heartbeat says; what this node asked comes back as an echo."""
-        del now
         assert self._newest is not None
-        return self._judgement.judge(self._newest)
+        verdict = self._judgement.judge(self._newest)
+        if self._rate is not None and self._rate.exceeded(now):
+            return Verdict.stop(report.TWO_VSCS, *verdict.reasons)
+        return verdict
 
     def _silence(self, now: float) -> str:
         wire = self.settings.wire
@@ -333,6 +339,8 @@ class Session(BaseSession[Frame, Received, Event]):
             moments.append(self._joystick_heard.deadline)
         if self.remote_status is not None:
             moments.append(self._remote_expires_at)
+        if self._rate is not None and self._rate.exceeded(self._stepped_at):
+            moments.append(self._rate.until)
         return min(moments)
 
     def _sends_at(self) -> float:
