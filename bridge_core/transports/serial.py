@@ -36,6 +36,7 @@ import serial
 from bridge_core import clock
 from bridge_core.transports import TransportError
 from bridge_core.transports.line import Line, STALL_TIMEOUT, STALLED
+from bridge_core.transports.serial_identity import identity_of
 
 _HINTS = {
     errno.ENOENT: 'no such port; plug the device in, or set the parameter port',
@@ -61,6 +62,7 @@ class SerialTransport:
 
     def __init__(self, port: str, baud: int, *, write_timeout: float = 0.05) -> None:
         self.name = port
+        self.device = ''  # who is there, in words
         self.low_latency = False
         self._baud = baud
         self._write_timeout = write_timeout
@@ -70,8 +72,8 @@ class SerialTransport:
         self._line = Line()  # whose backlog counts
 
     def counts(self) -> dict[str, int | str]:
-        """Return nothing: no input is dropped."""
-        return {}
+        """Return who is there: no input is dropped."""
+        return {'device': self.device} if self.device else {}
 
     def open(self) -> None:
         """Open and lock the port. :raises TransportError: with the reason and what to do."""
@@ -79,6 +81,7 @@ class SerialTransport:
         try:
             self._serial = self._open_serial()
             self._prepare(self._serial)
+            self.device = str(identity_of(self.name))
         except (OSError, ValueError, NotImplementedError, termios.error) as error:
             self.close()
             raise TransportError(_explain_open(self.name, error)) from error
