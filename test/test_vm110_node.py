@@ -536,6 +536,7 @@ def test_wrong_lengths_are_counted(bench: Bench) -> None:
     for size in (0, 19, 513, 2000):
         bench.station.write(bytes(size))
     bench.wait(lambda: bench.value('malformed', 'link') == '4', 'the count')
+    bench.wait(lambda: 'this group and port' in bench.status('link').message, 'what to do')
     bench.wait(lambda: bench.estop.last == Bool(data=False), 'estop false')
 
 

@@ -67,6 +67,7 @@ class Wire:
     # messages come; they do not, but the rest.
     SILENCE: ClassVar[str]
     GARBLED: ClassVar[str] = ''
+    DAMAGED: ClassVar[str] = 'check cable, shield, ground and bit rate'  # much of what comes is
     JOYSTICK_ONLY: ClassVar[str] = ''
     NO_JOYSTICK: ClassVar[str] = ''
 
@@ -148,6 +149,7 @@ class CanWire(Wire):
     INTERVAL = 0.1
     SIGN_OF_LIFE = 'heartbeat from the VSC'
     SILENCE = "check the VSC's power, the CAN wiring, the bit rate and can.heartbeat"
+    DAMAGED = 'look for another device with these identifiers, or another firmware'
     JOYSTICK_ONLY = 'compare can.heartbeat with the VSC, as joystick messages do come'
     NO_JOYSTICK = 'compare can.left_basic and so on with the VSC'
 
@@ -194,6 +196,7 @@ class HidWire(Wire):
     INTERVAL = 0.0625
     SIGN_OF_LIFE = 'report from the remote'
     SILENCE = "check the remote's power and USB cable, and that port is its hidraw device"
+    DAMAGED = 'check that port is the hidraw device of the VSC'
     GARBLED = 'check that port is the hidraw device of the remote, as reports of another come'
 
     def decoder(self, timeout: float) -> Decoder[Any, Received]:

@@ -118,6 +118,11 @@ class Session(BaseSession[Frame, Received, Event]):
     # What is known.
 
     @property
+    def damaged(self) -> str:
+        """Return what to do where much of what comes is damaged."""
+        return self.settings.wire.DAMAGED
+
+    @property
     def heartbeat(self) -> Heartbeat | None:
         """The newest one, while it is fresh."""
         return self._newest if self.link_up else None

@@ -78,6 +78,7 @@ class Session(BaseSession[bytes, Packet, Event]):
     """
 
     CLOSED = 'check the network interface and interface_address: the port is not open'
+    DAMAGED = 'look for what else sends to this group and port'
 
     def __init__(self, settings: Settings) -> None:
         decoder = PacketDecoder(None if settings.crc == 'auto' else Crc(settings.crc))
