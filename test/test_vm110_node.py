@@ -36,7 +36,7 @@ from rugged_teleop.multicasts import LOOPBACK
 from test.multicast_rig import free_port, Station
 from test.rig import as_yaml, latched, NodeProcess, Observer, Record, ROOT
 from test.run_delay import RunDelay
-from test.talkers import namespace, Talker
+from test.talkers import namespace, Talker, values_of
 from vm110_bridge.node import Vm110Bridge
 from vm110_bridge.protocol import BuState
 from vm110_bridge.simulator import base_unit, build_packet, build_vrpi, Simulator
@@ -66,6 +66,7 @@ class Bench:
         self.joy = self._record(Joy, 'joy')
         self.encoder = self._record(Int32, 'encoder', latched())
         self.battery = self._record(BatteryState, 'battery', latched())
+        self.device = self._record(DiagnosticStatus, 'device', latched())
         if listens:
             self.command = self._record(UInt8MultiArray, 'command')
         self.result = self._record(KeyValue, 'command_result')
@@ -242,6 +243,29 @@ def test_base_unit_that_moved_is_believed_after_its_time_out(bench: Bench) -> No
         bench.wait_stop(False)
         (source,) = sources(moved)
         bench.wait(lambda: bench.value('address of the base unit') == source, 'its address')
+
+
+def test_device_tells_a_button_from_a_lost_radio_and_from_a_lost_network(bench: Bench) -> None:
+    def says(**wanted: str) -> Callable[[], bool]:
+        wanted = {key.replace('_', ' '): value for key, value in wanted.items()}
+        return lambda: (
+            bool(bench.device.last) and wanted.items() <= values_of(bench.device.last).items()
+        )
+
+    bench.arm('dock 1 on')
+    bench.wait(says(BU_state='Armed', RU_state='Enabled', RU_docked='true'), 'armed')
+    bench.device.clear()
+    bench.wait(lambda: len(bench.device.messages) > 2, 'again and again')
+    bench.station.apply('dock 1 off', 'stop 1 on')
+    bench.wait(says(BU_state='Stopped', RU_docked='false'), 'the button')
+    assert 'release the stop switch' in bench.device.last.message
+    bench.station.apply('stop 1 off', 'arm 1')
+    bench.wait(says(BU_state='Armed'), 'armed again')
+    bench.station.apply('radio 1 off')
+    bench.wait(says(BU_state='Blocked'), 'the radio')
+    bench.station.apply('stall on')
+    bench.wait(says(BU_state='Not heard'), 'the network')
+    assert bench.device.last.level == DiagnosticStatus.ERROR
 
 
 def sources(*stations: Station) -> list[str]:

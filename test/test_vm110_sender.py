@@ -98,6 +98,18 @@ def test_base_unit_that_moved_begins_its_numbers_anew_at_once() -> None:
     assert bench.session.packets['packets lost'] == 0
 
 
+def test_state_of_the_device_is_told_when_it_changes_and_sticks_are_none() -> None:
+    bench = alone()
+    told = len(bench.states)
+    bench.wait(0.125)
+    heard(bench, HERE, DEFLECTED)
+    assert len(bench.states) == told
+    heard(bench, THERE)
+    assert 'both send' in bench.states[-1].problems[0][1]
+    bench.wait(LIMIT)
+    assert bench.states[-1].values == {'BU state': 'Not heard'}
+
+
 @pytest.mark.parametrize(('ports', 'stopped'), [('one', True), ('many', False)])
 def test_other_port_of_the_same_address(ports: str, stopped: bool) -> None:
     bench = alone(sender_ports=ports)

@@ -130,6 +130,11 @@ def other_crc(*, chosen: bool) -> str:
     return f'{remedy}, as packets with the other CRC come'
 
 
+def device_values(vrpi: PeriodicInput | None) -> dict[str, Any]:
+    """Return what base unit and remote say; the state tells silence from a state of theirs."""
+    return {'BU state': 'Not heard'} if vrpi is None else vrpi_values(vrpi)
+
+
 def vrpi_values(vrpi: PeriodicInput) -> dict[str, Any]:
     """Return states, links and the armed remote, in the manual's words."""
     values: dict[str, Any] = {

@@ -51,6 +51,7 @@ from vm110_bridge.session.encoder import Encoder
 from vm110_bridge.session.events import (
     ArmedChanged,
     Command,
+    DeviceState,
     EncoderTurned,
     Event,
     Remote,
@@ -114,6 +115,7 @@ class Session(BaseSession[bytes, Packet, Event]):
         self._has_news = False  # a VRPI was taken in that is not published yet
         self._stick_ru = 0  # whose sticks were published last
         self._remote: Remote | None = None
+        self._told: Any = None  # what the last DeviceState is of
         self._encoder = Encoder()
 
     # What is known.
@@ -337,6 +339,7 @@ class Session(BaseSession[bytes, Packet, Event]):
         if self._stream.owes_neutral(fresh=self.link_up, counts=self.enabled):
             self._emit(_NEUTRAL)
         self._follow_remote()
+        self._follow_device(now)
         if not self.link_up:
             self._encoder.rest()
             for result in self.outbox.drop(
@@ -364,6 +367,18 @@ class Session(BaseSession[bytes, Packet, Event]):
         if remote != self._remote:
             self._remote = remote
             self._emit(RemoteState(remote))
+
+    def _follow_device(self, now: float) -> None:
+        values = report.device_values(self.vrpi)
+        told = (self.verdict, self.sender.is_doubled(now), values)
+        if told == self._told:
+            return
+        self._told = told
+        level = Level.WARN if self.link_up else Level.ERROR
+        problems = [(level, reason) for reason in self.verdict.reasons]
+        if self.vrpi is not None:
+            problems += [(Level.WARN, text) for text in report.warnings(self.vrpi)]
+        self._emit(DeviceState(tuple(problems), report.summary(self.vrpi), values))
 
     def _publish_controls(self, now: float) -> None:
         """Publish encoder and sticks of a new VRPI, as far as the verdict on it allows."""
