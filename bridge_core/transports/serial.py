@@ -30,6 +30,7 @@ import socket
 import termios
 import threading
 from typing import Any
+from urllib.parse import urlsplit
 
 import serial
 
@@ -68,6 +69,7 @@ class SerialTransport:
         self._write_timeout = write_timeout
         self._serial: Any = None
         self._pump: _Pump | None = None
+        self._claim: socket.socket | None = None
         self._fd = -1
         self._line = Line()  # whose backlog counts
 
@@ -79,6 +81,7 @@ class SerialTransport:
         """Open and lock the port. :raises TransportError: with the reason and what to do."""
         self.close()
         try:
+            self._claim = _claim(self.name)
             self._serial = self._open_serial()
             self._prepare(self._serial)
             self.device = str(identity_of(self.name))
@@ -106,7 +109,10 @@ class SerialTransport:
 
     def close(self) -> None:
         """Close the port; queued output gets the time that it needs, and 50 ms more."""
-        port, pump, line = self._serial, self._pump, self._line
+        port, pump, line, claim = self._serial, self._pump, self._line, self._claim
+        self._claim = None
+        if claim is not None:
+            claim.close()
         self._serial, self._pump, self._fd, self._line = None, None, -1, Line()
         if pump is not None:
             pump.close()
@@ -154,6 +160,26 @@ class SerialTransport:
                     raise TransportError(
                         f'{self.name}: took no bytes for {self._write_timeout * 1e3:.0f} ms'
                     ) from None
+
+
+def _claim(name: str) -> socket.socket | None:
+    """
+    Claim a serial server for this process: unlike a device file it has no lock.
+
+    Others on this computer are kept out, as far as they ask; a server's clients elsewhere are not.
+
+    :raises OSError: another one has it.
+    """
+    if '://' not in name or name.startswith('loop'):
+        return None
+    url = urlsplit(name)
+    claim = socket.socket(socket.AF_UNIX)
+    try:
+        claim.bind(f'\0rugged_teleop serial server {url.hostname}:{url.port}')
+    except OSError as error:
+        claim.close()
+        raise OSError(errno.EBUSY, os.strerror(errno.EBUSY)) from error
+    return claim
 
 
 def read_port(fd: int, name: str) -> list[bytes]:
