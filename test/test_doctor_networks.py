@@ -19,6 +19,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+import socket
+import struct
+import threading
 from typing import Any
 
 import pytest
@@ -44,8 +47,9 @@ from rugged_teleop.ports import Device
 from test.can_rig import free_channel
 from test.captures import CAN
 from test.doctor_rig import found_by, kinds, node
-from test.multicast_rig import free_port
+from test.multicast_rig import free_port, in_network_namespace
 from test.rig import wait_for
+from test.test_multicast_transport import add_cable
 from vm110_bridge.simulator import Simulator as BaseUnit
 
 SECONDS = 0.6
@@ -139,6 +143,48 @@ def test_what_keeps_datagrams_away_is_read_from_the_kernel(tmp_path: Path) -> No
     ufw.write_text('# ufw\nENABLED=yes\n')
     assert network_filters(tmp_path, ufw).firewalls == ('firewalld', 'ufw')
     assert isinstance(network_filters(), Filters)
+
+
+def datagram(group: str, port: int) -> bytes:
+    """Return a frame of Ethernet whose sender no route leads to."""
+    udp = struct.pack('!4H', 5825, port, 12, 0) + b'VRPI'
+    addresses = socket.inet_aton('203.0.113.9') + socket.inet_aton(group)
+    head = struct.pack('!BBHHHBBH', 0x45, 0, 20 + len(udp), 0, 0, 1, socket.IPPROTO_UDP, 0)
+    words = sum(struct.unpack('!10H', head + addresses))
+    check = ~(words % 0xFFFF) & 0xFFFF
+    mac = bytes.fromhex('01005e') + (socket.inet_aton(group)[1] & 0x7F).to_bytes() + addresses[6:8]
+    return mac + bytes(6) + b'\x08\0' + head[:10] + check.to_bytes(2) + addresses + udp
+
+
+@pytest.mark.parametrize(('dropped', 'found'), [(False, 'no crc'), (True, 'datagrams dropped')])
+def test_datagrams_that_this_computer_drops_are_told_from_silence(
+    tmp_path: Path, dropped: bool, found: str
+) -> None:
+    configured = unit(tmp_path, free_port(), interface_address='192.0.2.1')
+    frame = datagram(configured.values['group'], configured.values['input_port'])
+
+    def body() -> None:
+        add_cable()
+        Path('/proc/sys/net/ipv4/conf/near/rp_filter').write_text(str(int(dropped)))
+        ended = threading.Event()
+        with socket.socket(socket.AF_PACKET, socket.SOCK_RAW) as wire:
+            wire.bind(('far', 0))
+
+            def send() -> None:
+                while not ended.wait(0.05):
+                    wire.send(frame)
+
+            sender = threading.Thread(target=send)
+            sender.start()
+            try:
+                findings = [*group_findings(hear_group(configured, SECONDS, ()), OPEN)]
+            finally:
+                ended.set()
+                sender.join()
+        assert kinds(findings)[0] == found
+        assert ('203.0.113.9' in findings[0].text) is dropped
+
+    in_network_namespace(body)
 
 
 # CAN

@@ -215,6 +215,12 @@ CATALOGUE = {
         _DO, 'network', '{node}: {error}', 'ip address; cable, interface_address'
     ),
     'group silent': Kind(_DO, 'network', '{node}: nothing comes to {group}', '{stop}'),
+    'datagrams dropped': Kind(
+        _DO,
+        'network',
+        '{node}: what {sender} sends to {group} comes to this computer, and is dropped there',
+        'let UDP to port {port} in: sudo nft list ruleset, iptables -nvL; or the reverse path',
+    ),
     'group elsewhere': Kind(
         _DO,
         'network',

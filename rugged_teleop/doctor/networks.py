@@ -20,10 +20,13 @@ from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 import contextlib
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 import socket
+import struct
 
+from bridge_core import clock
+from bridge_core.transports import TransportError
 from bridge_core.transports.multicast import addresses
 from rugged_teleop.doctor.catalogue import finding
 from rugged_teleop.doctor.configuration import Configured
@@ -34,6 +37,7 @@ from vm110_bridge.wire import BRIDGE
 
 _ELSEWHERE_TIME = 0.5  # s; a VRPI comes every 0.125 s
 _BEGINNINGS = tuple(kind.value for kind in PacketId)
+_IPV4 = 0x0800  # linux/if_ether.h: ETH_P_IP
 _STRICT = 1  # rp_filter: drop what comes on another interface than one would answer on
 
 
@@ -44,12 +48,15 @@ class Group:
 
     :param elsewhere: addresses of other interfaces where the group was heard.
     :param foreign: a sender that allowed_sources leaves out; empty: none was heard.
+    :param dropped: a sender whose datagrams come to this computer and go no further; empty: none,
+        or this may not be looked at.
     """
 
     node: Configured
     heard: Heard
     elsewhere: tuple[str, ...] = ()
     foreign: str = ''
+    dropped: str = ''
 
 
 @dataclass(frozen=True)
@@ -73,7 +80,10 @@ def hear_group(node: Configured, seconds: float, known: Iterable[str] | None = N
         return Group(node, heard)
     known = (socket.inet_ntoa(each) for _, each in addresses()) if known is None else known
     others = [each for each in known if each != node.values['interface_address']]
-    return Group(node, heard, elsewhere(node, others), foreign.replace('none', ''))
+    found = Group(node, heard, elsewhere(node, others), foreign.replace('none', ''))
+    if heard.error or found.elsewhere or found.foreign:
+        return found
+    return replace(found, dropped=dropped_sender(node))
 
 
 def elsewhere(node: Configured, others: Sequence[str]) -> tuple[str, ...]:
@@ -88,6 +98,38 @@ def elsewhere(node: Configured, others: Sequence[str]) -> tuple[str, ...]:
     return tuple(address for address, heard in zip(others, found, strict=True) if heard)
 
 
+def dropped_sender(node: Configured) -> str:
+    """
+    Return who sends to a group that this computer drops; empty: nobody, or no right to look.
+
+    A packet socket sees what comes in before any firewall does.
+    """
+    transport = BRIDGE.make_transport(dict(node.values))
+    wanted = socket.inet_aton(node.values['group']), int(node.values['input_port'])
+    try:
+        with socket.socket(socket.AF_PACKET, socket.SOCK_DGRAM, socket.htons(_IPV4)) as wire:
+            transport.open()  # a switch passes on what somebody has joined
+            end = clock.now() + _ELSEWHERE_TIME
+            while (left := end - clock.now()) > 0.0:
+                wire.settimeout(left)
+                data = wire.recv(2048)
+                if _destination(data) == wanted:
+                    return socket.inet_ntoa(data[12:16])
+    except (OSError, TransportError):  # no right to, or nothing in time
+        return ''
+    finally:
+        transport.close()
+    return ''
+
+
+def _destination(data: bytes) -> tuple[bytes, int] | None:
+    """Return address and port of UDP in an IPv4 packet (RFC 791, 768)."""
+    start = 4 * (data[0] & 0x0F) if data else 0
+    if len(data) < max(start, 20) + 4 or data[9] != socket.IPPROTO_UDP:
+        return None
+    return data[16:20], struct.unpack_from('!H', data, start + 2)[0]
+
+
 def group_findings(group: Group, filters: Filters) -> Iterator[Finding]:
     """Yield what is found of a base unit and of the way to it."""
     node, heard = group.node, group.heard
@@ -100,7 +142,11 @@ def group_findings(group: Group, filters: Filters) -> Iterator[Finding]:
     elif group.foreign:
         yield finding('sender not allowed', sender=group.foreign, **words)
     elif not heard.chunks:
-        yield finding('group silent', stop='; '.join(heard.stops), **words)
+        if group.dropped:
+            port = values['input_port']
+            yield finding('datagrams dropped', sender=group.dropped, port=port, **words)
+        else:
+            yield finding('group silent', stop='; '.join(heard.stops), **words)
         for interface in filters.strict:
             yield finding('reverse path', interface=interface, **words)
         for firewall in filters.firewalls:
