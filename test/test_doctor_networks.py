@@ -150,10 +150,14 @@ def datagram(group: str, port: int) -> bytes:
     udp = struct.pack('!4H', 5825, port, 12, 0) + b'VRPI'
     addresses = socket.inet_aton('203.0.113.9') + socket.inet_aton(group)
     head = struct.pack('!BBHHHBBH', 0x45, 0, 20 + len(udp), 0, 0, 1, socket.IPPROTO_UDP, 0)
-    words = sum(struct.unpack('!10H', head + addresses))
-    check = ~(words % 0xFFFF) & 0xFFFF
-    mac = bytes.fromhex('01005e') + (socket.inet_aton(group)[1] & 0x7F).to_bytes() + addresses[6:8]
-    return mac + bytes(6) + b'\x08\0' + head[:10] + check.to_bytes(2) + addresses + udp
+    words: int = sum(struct.unpack('!10H', head + addresses))
+    check = (~(words % 0xFFFF) & 0xFFFF).to_bytes(2, 'big')
+    mac = (
+        bytes.fromhex('01005e')
+        + (socket.inet_aton(group)[1] & 0x7F).to_bytes(1, 'big')
+        + addresses[6:8]
+    )
+    return mac + bytes(6) + b'\x08\0' + head[:10] + check + addresses + udp
 
 
 @pytest.mark.parametrize(('dropped', 'found'), [(False, 'no crc'), (True, 'datagrams dropped')])

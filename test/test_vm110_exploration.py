@@ -234,7 +234,7 @@ SCENES: dict[str, dict[str, Any]] = {
 }
 COUNTS: dict[str, tuple[int, int]] = {
     'device': (2430, 26606),
-    'noise': (10178, 124481),
+    'noise': (8586, 105318),
     'echo': (4216, 28906),
     'twin': (53200, 386832),
 }  # states, and steps between them

@@ -47,9 +47,7 @@ from vm110_bridge.session import (
 from vm110_bridge.wire import BRIDGE, DELIVERED, HOLD_HEARD
 
 _COMMAND_DEPTH = 50  # a burst of commands must not lose its first to a slow listener
-_UNKNOWN = DeviceState(
-    ((Level.ERROR, 'nothing was heard of the base unit yet'),), '', {'BU state': 'Not heard'}
-)
+_UNKNOWN = DeviceState(((Level.ERROR, 'the node is not active'),), '', {'BU state': 'Not heard'})
 
 
 class Vm110Bridge(BridgeNode[Event]):

@@ -175,7 +175,7 @@ def _claim(name: str) -> socket.socket | None:
     url = urlsplit(name)
     claim = socket.socket(socket.AF_UNIX)
     try:
-        claim.bind(f'\0rugged_teleop serial server {url.hostname}:{url.port}')
+        claim.bind(f'\0rugged_teleop/{url.hostname}:{url.port}')
     except OSError as error:
         claim.close()
         raise OSError(errno.EBUSY, os.strerror(errno.EBUSY)) from error

@@ -61,6 +61,8 @@ class Sender:
             self.moves += self.address is not None
             self.address = source
             return True
+        if self.address is None:
+            return False
         self.second = source
         self.doubles += 1
         if not silent:
