@@ -57,6 +57,18 @@ def draft_of(kind: type[Any]) -> type[Any]:
     return type(kind.__name__, kind.__bases__, {'__slots__': kind.__slots__})
 
 
+class Datagram(bytes):
+    """What one datagram has brought. :param source: its sender, as 'address:port'."""
+
+    source: str
+
+    def __new__(cls, data: bytes, source: str) -> Datagram:
+        """Return the bytes, which know where they come from."""
+        datagram = super().__new__(cls, data)
+        datagram.source = source
+        return datagram
+
+
 class FrameError(ValueError):
     """Bytes from the wire are not the frame that they claim to be: the peer's fault, not ours."""
 

@@ -28,7 +28,7 @@ from typing import Any, NamedTuple
 from bridge_core.framing import Counters
 from bridge_core.session import Level, Session
 
-_DAMAGED = 'check cable, shield, ground and bit rate: {:.0%} of what comes is damaged'
+_DAMAGED = '{}: {:.0%} of what comes is damaged'
 _INACTIVE = 'the node is not active'
 
 
@@ -150,7 +150,7 @@ def _link_status(
     if not session.link_up:
         return Level.ERROR, '; '.join(session.stop_reasons(now))
     if damage.share >= Damage.LIMIT:
-        return Level.WARN, _DAMAGED.format(damage.share)
+        return Level.WARN, _DAMAGED.format(session.damaged, damage.share)
     return Level.OK, 'ok'
 
 

@@ -107,6 +107,7 @@ class Session(ABC, Generic[FrameT, MessageT, EventT]):
     """
 
     CLOSED = 'the port is not open'  # why there is a stop then, and what to do
+    DAMAGED = 'check cable, shield, ground and bit rate'  # what to do where much is damaged
     HELD = 'held'  # what outputs are while inhibits returns anything: disabled, neutral, ...
 
     def __init__(self, decoder: Decoder[FrameT, MessageT], link_timeout: float) -> None:
@@ -143,6 +144,11 @@ class Session(ABC, Generic[FrameT, MessageT, EventT]):
     def frame_age(self, now: float) -> float:
         """Return the seconds since the last sign of life; infinite if there was none."""
         return self._heard.age(now)
+
+    @property
+    def damaged(self) -> str:
+        """Return what to do where much of what comes is damaged."""
+        return self.DAMAGED
 
     def stop_reasons(self, now: float) -> list[str]:
         """Return why ``estop`` is true, in words, and what to do; empty if it is false."""

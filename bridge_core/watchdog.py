@@ -14,6 +14,7 @@
 
 """Freshness of anything that must keep coming. Time is an argument, so tests need no clock."""
 
+from collections import deque
 import math
 
 # Why what is asked just after a freeze is not done.
@@ -72,6 +73,34 @@ class Watchdog:
         if self._last is None:
             return f'never heard, {limit}'
         return f'last heard {in_words(self.age(now))} ago, {limit}'
+
+
+class RateWatch:
+    """
+    Tells whether something comes more often than one sender says it, so that two do.
+
+    Two are told apart within a second, and count as two for a while after that.
+
+    :param rate: of one sender, in Hz; half as many more in a second are not of one.
+    """
+
+    HOLD = 3.0  # s
+
+    __slots__ = ('_arrivals', 'until')
+
+    def __init__(self, rate: float) -> None:
+        self._arrivals: deque[float] = deque(maxlen=math.floor(1.5 * rate) + 1)
+        self.until = -math.inf  # two senders count as such until then
+
+    def feed(self, now: float) -> None:
+        """Note that it was heard at ``now`` (seconds, monotonic)."""
+        self._arrivals.append(now)
+        if len(self._arrivals) == self._arrivals.maxlen and now - self._arrivals[0] < 1.0:
+            self.until = now + self.HOLD
+
+    def exceeded(self, now: float) -> bool:
+        """Tell whether two were heard not long ago."""
+        return now < self.until
 
 
 class FreezeWatch:

@@ -140,6 +140,15 @@ PARAMETERS = (
     _identifier('feedback_value', 'values, display mode, rumble, to the VSC.'),
     _identifier('feedback_string', 'names and text, in three parts of 6 characters, to the VSC.'),
     Parameter(
+        'vsc_heartbeat_rate',
+        10.0,
+        'can: heartbeats of one VSC (table 34). Half as many more in a second are of two VSCs on '
+        'one bus, and ~/estop is true.',
+        'Hz',
+        1.0,
+        100.0,
+    ),
+    Parameter(
         'link_timeout',
         0.25,
         'Without a heartbeat of the VSC for this long, ~/estop is true. One comes every 50 ms '

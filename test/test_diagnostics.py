@@ -14,12 +14,18 @@
 
 """What diagnostics say of a link: levels, and how much of what comes is damaged."""
 
+from typing import Any
+
 import pytest
 
+from akron_can_bridge.session import Session as Akron, Settings as AkronSettings
 from bridge_core.framing import Counters
 from bridge_core.report import Damage, levels, LinkStatus, report
 from bridge_core.session import Level
+from fort_vsc_bridge.protocol import CanWire, HidWire
+from fort_vsc_bridge.session import Session as Vsc, Settings as VscSettings
 from test.link_rig import FakeSession
+from vm110_bridge.session import Session as Vm110, Settings as Vm110Settings
 
 
 @pytest.mark.parametrize('is_open', [False, True])
@@ -69,3 +75,20 @@ def test_share_of_damage(
     assert (damage.share >= Damage.LIMIT) == (share >= Damage.LIMIT)
     damage.update(14.0)
     assert damage.share == 0.0  # of the last window only
+
+
+@pytest.mark.parametrize(
+    ('session', 'remedy'),
+    [
+        (FakeSession(), 'shield'),
+        (Vsc(VscSettings()), 'shield'),
+        (Vsc(VscSettings(wire=CanWire())), 'identifiers'),
+        (Vsc(VscSettings(wire=HidWire())), 'hidraw'),
+        (Akron(AkronSettings()), 'bus'),
+        (Vm110(Vm110Settings()), 'group and port'),
+    ],
+    ids=['serial', 'vsc', 'vsc on can', 'vsc on hid', 'akron', 'vm110'],
+)
+def test_remedy_for_damage_is_for_the_kind_of_link(session: Any, remedy: str) -> None:
+    assert remedy in session.damaged
+    assert ('shield' in session.damaged) is (remedy == 'shield')

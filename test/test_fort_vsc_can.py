@@ -256,11 +256,14 @@ def test_identifiers_that_cannot_be_are_refused(given: dict[str, int], words: st
 # -- session --------------------------------------------------------------------------------------
 
 
+UNWATCHED = CanWire(heartbeat_rate=math.inf)  # heartbeats come with all else, 16 a second
+
+
 class Bench(SessionBench[Session]):
     """A session that hears frames of a VSC on CAN."""
 
     def __init__(self, wire: CanWire | None = None, **options: Any) -> None:
-        super().__init__(Session(Settings(wire=wire or CanWire(), **options)))
+        super().__init__(Session(Settings(wire=wire or UNWATCHED, **options)))
 
     def hear(self, *frames: CanFrame) -> list[Any]:
         """Hear frames that the transport read at once."""
@@ -293,6 +296,30 @@ def test_stop_until_a_clean_heartbeat() -> None:
     assert not bench.session.estop
     assert not bench.session.own_estop
     assert bench.session.stop_reasons(bench.now) == []
+
+
+@pytest.mark.parametrize(('rate', 'stopped'), [(9.0, False), (11.0, False), (18.0, True)])
+def test_heartbeats_of_two_are_told_from_those_of_one_by_their_rate(
+    rate: float, stopped: bool
+) -> None:
+    bench = opened(CanWire())
+    for _ in range(40):
+        bench.hear(heartbeat())
+        bench.wait(1.0 / rate)
+    assert bench.session.own_estop is stopped
+
+
+def test_second_vsc_is_a_stop_until_three_seconds_after_it_was_heard() -> None:
+    bench = opened(CanWire())
+    for _ in range(16):
+        bench.hear(heartbeat())
+        bench.wait(0.05)
+    assert 'two VSCs' in bench.session.stop_reasons(bench.now)[0]
+    gone = bench.now
+    while bench.session.estop:
+        bench.hear(heartbeat())
+        bench.wait(0.1)
+    assert 3.0 <= bench.now - gone <= 4.0
 
 
 @pytest.mark.parametrize('mode', range(256))
@@ -629,7 +656,7 @@ def test_foreign_and_short_frames_are_counted_and_change_nothing() -> None:
 
 def test_other_identifiers_are_obeyed_and_the_delivered_ones_not_any_more() -> None:
     ids = CanIds(heartbeat=0x0CFDE8AA, left_basic=0x18FF1234)
-    wire = CanWire(ids)
+    wire = CanWire(ids, heartbeat_rate=math.inf)
     assert {identifier for identifier, _ in wire.filters} == {
         *(0x0CFDE8AA, 0x18FF1234, 0x0CFDD733, 0x0CFDD834, 0x0CFDD934, 0x0CFDE861),
     }

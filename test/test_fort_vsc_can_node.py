@@ -406,3 +406,15 @@ def test_vsc_with_other_identifiers_is_heard_and_one_as_delivered_is_not(
     finally:
         stranger.close()
         bench.close()
+
+
+def test_second_vsc_with_the_same_identifiers_is_a_stop(bench: Bench) -> None:
+    second = Station(bench.bus, CanSimulator())
+    try:
+        second.apply('mode operational', 'stick left_y 1')
+        bench.wait(lambda: 'one of two VSCs' in bench.told(DEVICE), 'why')
+        bench.estop.clear()
+        bench.observer.holds_for(lambda: all(bench.estop.data), 1.0, 'one stop without a gap')
+    finally:
+        second.close()
+    bench.wait(lambda: bench.says(bench.estop, False), 'clear again')

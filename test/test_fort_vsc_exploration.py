@@ -180,7 +180,7 @@ class CanWorld(World):
     """A VSC on CAN, which hears no heartbeat of ours; its sticks come in four frames."""
 
     CALM = {**World.CALM, 'estop': 'silent'}
-    WIRE = CanWire()
+    WIRE = CanWire(heartbeat_rate=math.inf)  # two of them: test_fort_vsc_can.py
     SAID = {
         'ok': heartbeat_on_can(),
         'src': heartbeat_on_can(estop=SRC),

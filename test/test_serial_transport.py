@@ -577,3 +577,16 @@ def test_local_port_is_raw_8n1(pty: Pty) -> None:
     assert not oflag & termios.OPOST
     assert not lflag & (termios.ICANON | termios.ECHO | termios.ISIG)
     transport.close()
+
+
+@pytest.mark.parametrize('kind', [TcpPeer, Rfc2217Peer])
+def test_second_node_of_this_computer_at_a_serial_server_is_refused(kind: type[TcpPeer]) -> None:
+    peer = kind()
+    first, second = (SerialTransport(peer.url, 115200) for _ in range(2))
+    with contextlib.closing(first), contextlib.closing(second):
+        first.open()
+        with pytest.raises(TransportError, match='in use by another program'):
+            second.open()
+        first.close()
+        second.open()
+    peer.unplug()

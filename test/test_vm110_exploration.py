@@ -20,17 +20,20 @@ from typing import Any
 
 import pytest
 
+from bridge_core.framing import Datagram
 from test.explorer import START, visits_of
 from test.session_world import SessionWorld
 from test.vm110_rig import DEFLECTED, EXTERNAL, NOBODY, STOPPED, STOPPED_RU
 from vm110_bridge.protocol import PeriodicInput
 from vm110_bridge.session import Session, Settings, Sticks
+from vm110_bridge.session.sender import DOUBLED_TIME
 from vm110_bridge.session.serials import WINDOW
 from vm110_bridge.session.stops import StopJudge
 from vm110_bridge.simulator import build_packet, build_vrpi
 
 pytestmark = pytest.mark.computes
 OURS, OTHER = 7, 8
+TWIN = '192.0.2.9:5825'  # sends as OURS
 SERIAL = 1000  # of the newest packet, in every state
 CLEAN = ('ok', 'nobody')
 OPEN = ('stopped', 'external')  # the base unit holds its relays open by itself
@@ -42,13 +45,14 @@ SAID = {
     'external': EXTERNAL,
     'strange': build_vrpi(bu_state=0x77),
 }
+PERIODIC = (*SAID, 'late', 'latestopped', 'copy')  # VRPI of the base unit's ID
 STOP = PeriodicInput.from_bytes(SAID['stopped'])
 LEAST_SILENCE, ECHO = 1.5, 0.5  # s without VRPO until the BU says so; until it is heard
 APART = (  # see Memory
     '_others', 'refused', 'delivered', 'repeats', 'bad_crc_at', 'other_crc_at', 'other_layout_at',
     '_looped_back_at', 'foreign', 'lost', 'repeated', 'reordered', 'restarts', '_serial',
     'dropped_commands', '_known', '_missed', '_resumed_at', 'no_origin_at',
-    '_armed_at', '_taken_at',
+    '_armed_at', '_taken_at', 'moves', 'doubles', 'second', '_told',
 )  # fmt: skip
 
 
@@ -69,6 +73,7 @@ class World(SessionWorld[Session]):
         )
         silence = ('output_at', '_output_at', '_silence', '_run_start', '_run_at')
         old = {'': self.LINK, **dict.fromkeys(silence, LEAST_SILENCE)}
+        old |= dict.fromkeys(('doubled_at', 'doubled_until'), DOUBLED_TIME)
         super().__init__(Session(settings), said, reads=reads, old=old, apart=APART)
         self.serial = SERIAL
         self.said = ''  # by the newest VRPI
@@ -79,12 +84,16 @@ class World(SessionWorld[Session]):
             -math.inf
         )  # when a hold went on for so long that the BU may have said so
         self.moving = False
+        self.believed: str | None = None  # whose VRPI count
+        self.doubled_at = -math.inf  # when both were heard last
 
     def packet(self, what: str) -> bytes:
         """Return what the base unit sends; every other number is left for one that comes late."""
         if what in SAID:
             self.serial += 2
             return build_packet('VRPI', SAID[what], self.serial, OURS)
+        if what.startswith('twin'):
+            return Datagram(self.packet(what.removeprefix('twin')), TWIN)
         if what in ('late', 'latestopped'):
             late = SAID['stopped' if what == 'latestopped' else 'ok']
             first = self.session.serials._newest is None
@@ -117,6 +126,9 @@ class World(SessionWorld[Session]):
             before = self.session.serials._newest
             overtaken = self.session.serials._recent[1:2]
             self.keep(self.session.receive(self.packet(what), self.now))
+            if not self.counts(what):
+                continue
+            what = what.removeprefix('twin')
             if before is None:  # the first of all numbers is new
                 what = {'late': 'ok', 'copy': 'ok', 'latestopped': 'stopped'}.get(what, what)
             if what in SAID:
@@ -125,6 +137,23 @@ class World(SessionWorld[Session]):
             elif what == 'latestopped' and overtaken != [STOP]:
                 self.late = self.stop_said = True
 
+    def counts(self, what: str) -> bool:
+        """Tell whether this is of the sender that is believed, as it is from now on if it may."""
+        said_by, said = ('twin' if what.startswith('twin') else ''), what.removeprefix('twin')
+        if said not in PERIODIC:
+            return said_by == self.believed
+        if self.believed is None or self.silent():
+            self.believed = said_by
+        elif said_by != self.believed:
+            self.doubled_at, self.stop_said = self.now, True
+        return said_by == self.believed
+
+    def silent(self) -> bool:
+        return self.heard_at is None or self.now - self.heard_at >= self.LINK
+
+    def doubled(self) -> bool:
+        return self.now - self.doubled_at < DOUBLED_TIME
+
     def ask(self, name: str, what: str) -> None:
         if what in ('go', 'hold'):
             self.session.set_hold_output(what == 'hold', self.now)
@@ -132,7 +161,7 @@ class World(SessionWorld[Session]):
 
     def judge(self) -> None:
         verdict, vouched = self.verdict, self.vouched(self.LINK)
-        clean = vouched and self.said in CLEAN
+        clean = vouched and self.said in CLEAN and not self.doubled()
         assert verdict.estop or (clean and not self.late), f'released by {self.said}: {verdict}'
         assert not verdict.estop or not clean or self.late, f'a stop of nobody: {verdict}'
         self.judge_output(vouched)
@@ -140,6 +169,7 @@ class World(SessionWorld[Session]):
             assert vouched, 'an echo of nobody'
             assert self.said == 'external', f'an echo in spite of {self.said}'
             assert not self.late, 'an echo in spite of a late stop'
+            assert not self.doubled(), 'an echo in spite of two'
             assert self.withheld_at > -math.inf, 'an echo of what nobody asked'
         if not verdict.estop:
             assert self.session.deadline() <= (self.heard_at or 0.0) + self.LINK, 'slept'
@@ -174,6 +204,8 @@ class World(SessionWorld[Session]):
             self.session._stops, self.output_at = StopJudge(self.now), self.now  # as opening does
 
     def revive(self) -> None:
+        while self.doubled():
+            self.step('')
         assert not self.verdict.estop, 'no way out of a stop'
         assert self.moving, 'the sticks do not come'
         assert self.output_at == self.now, 'VRPO do not go'
@@ -194,10 +226,16 @@ SCENES: dict[str, dict[str, Any]] = {
         'bu': 'ok external',
         'hold': 'go hold',
     },
+    'twin': {
+        'bu': 'ok twinok silent',
+        'hold': 'silent',
+        'reads': ('ok twinok', 'twinstopped ok'),
+    },
 }
 COUNTS: dict[str, tuple[int, int]] = {
     'device': (2430, 26606),
-    'noise': (10178, 124481),
+    'noise': (8586, 105318),
     'echo': (4216, 28906),
+    'twin': (53200, 386832),
 }  # states, and steps between them
 test_every_state_near_the_start, test_every_state = visits_of(World, SCENES, COUNTS, near=200)

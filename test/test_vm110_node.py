@@ -36,7 +36,7 @@ from rugged_teleop.multicasts import LOOPBACK
 from test.multicast_rig import free_port, Station
 from test.rig import as_yaml, latched, NodeProcess, Observer, Record, ROOT
 from test.run_delay import RunDelay
-from test.talkers import namespace, Talker
+from test.talkers import namespace, Talker, values_of
 from vm110_bridge.node import Vm110Bridge
 from vm110_bridge.protocol import BuState
 from vm110_bridge.simulator import base_unit, build_packet, build_vrpi, Simulator
@@ -66,6 +66,7 @@ class Bench:
         self.joy = self._record(Joy, 'joy')
         self.encoder = self._record(Int32, 'encoder', latched())
         self.battery = self._record(BatteryState, 'battery', latched())
+        self.device = self._record(DiagnosticStatus, 'device', latched())
         if listens:
             self.command = self._record(UInt8MultiArray, 'command')
         self.result = self._record(KeyValue, 'command_result')
@@ -217,6 +218,60 @@ def test_silence_is_a_stop_and_one_neutral_joy(bench: Bench) -> None:
     bench.wait(lambda: 'no VRPI from the BU' in bench.status('link').message, 'the reason')
     rearm_after_stall(bench)
     bench.wait_stop(False)
+
+
+def test_second_sender_with_the_base_units_id_is_a_stop_that_names_both(bench: Bench) -> None:
+    bench.arm('stick 1 1 0.5')
+    bench.wait(lambda: bench.joy.last.axes[0] == 0.5, 'the stick')
+    with Station(Simulator(), bench.station.port) as twin:
+        first = twin.apply('arm 1', 'stick 1 1 -1')
+        bench.wait_stop(True)
+        bench.wait(lambda: 'both send as base unit' in bench.status().message, 'why')
+        assert all(source in bench.status().message for source in sources(bench.station, twin))
+        bench.estop.clear()
+        bench.observer.holds_for(lambda: all(bench.estop.data), 1.5, 'one stop without a gap')
+        assert not any(message.axes[0] < 0 for at, message in bench.joy.since(first))
+    bench.wait_stop(False)
+
+
+def test_base_unit_that_moved_is_believed_after_its_time_out(bench: Bench) -> None:
+    bench.arm()
+    bench.station.apply('unplug')
+    bench.wait_stop(True)
+    bench.estop.clear()
+    with Station(Simulator(), bench.station.port) as moved:
+        bench.wait_stop(False)
+        (source,) = sources(moved)
+        bench.wait(lambda: bench.value('address of the base unit') == source, 'its address')
+
+
+def test_device_tells_a_button_from_a_lost_radio_and_from_a_lost_network(bench: Bench) -> None:
+    def says(**wanted: str) -> Callable[[], bool]:
+        wanted = {key.replace('_', ' '): value for key, value in wanted.items()}
+        return lambda: (
+            bool(bench.device.last) and wanted.items() <= values_of(bench.device.last).items()
+        )
+
+    bench.arm('dock 1 on')
+    bench.wait(says(BU_state='Armed', RU_state='Enabled', RU_docked='true'), 'armed')
+    bench.device.clear()
+    bench.wait(lambda: len(bench.device.messages) > 2, 'again and again')
+    bench.station.apply('dock 1 off', 'stop 1 on')
+    bench.wait(says(BU_state='Stopped', RU_docked='false'), 'the button')
+    assert 'release the stop switch' in bench.device.last.message
+    bench.station.apply('stop 1 off', 'arm 1')
+    bench.wait(says(BU_state='Armed'), 'armed again')
+    bench.station.apply('radio 1 off')
+    bench.wait(says(BU_state='Blocked'), 'the radio')
+    bench.station.apply('stall on')
+    bench.wait(says(BU_state='Not heard'), 'the network')
+    assert bench.device.last.level == DiagnosticStatus.ERROR
+
+
+def sources(*stations: Station) -> list[str]:
+    """Return from where they send, as address:port."""
+    names = (station._transport._sender.getsockname() for station in stations)  # type: ignore[attr-defined]
+    return [f'{host}:{port}' for host, port in names]
 
 
 def rearm_after_stall(bench: Bench) -> None:
@@ -505,6 +560,7 @@ def test_wrong_lengths_are_counted(bench: Bench) -> None:
     for size in (0, 19, 513, 2000):
         bench.station.write(bytes(size))
     bench.wait(lambda: bench.value('malformed', 'link') == '4', 'the count')
+    bench.wait(lambda: 'this group and port' in bench.status('link').message, 'what to do')
     bench.wait(lambda: bench.estop.last == Bool(data=False), 'estop false')
 
 

@@ -18,7 +18,7 @@ import struct
 from typing import Any
 
 from test.session_rig import SessionBench
-from vm110_bridge.session import Command, Session, Settings, Sticks
+from vm110_bridge.session import Command, DeviceState, Session, Settings, Sticks
 from vm110_bridge.simulator import build_packet, build_vrpi
 
 NEUTRAL = Sticks()
@@ -39,6 +39,7 @@ class Bench(SessionBench[Session]):
         self.serial = 65530  # wraps early
         self.crc = 'mpeg2'
         self.listeners: bool | None = True  # of ~/command; None: its publishing hangs
+        self.states: list[DeviceState] = []  # which stand beside all other events
 
     def take(self, *reads: bytes) -> list[Any]:
         """Receive and poll; publish commands as the node does."""
@@ -48,6 +49,11 @@ class Bench(SessionBench[Session]):
                 self.session.command_published(command, self.listeners, self.now)
                 self.poll()
         return events
+
+    def _keep(self, output: tuple[list[Any], list[Any]]) -> list[Any]:
+        events, frames = output
+        self.states += of(DeviceState, events)
+        return super()._keep(([e for e in events if not isinstance(e, DeviceState)], frames))
 
     def packet(self, kind: str, payload: bytes, origin: int = 7) -> bytes:
         self.serial = (self.serial + 1) & 0xFFFF

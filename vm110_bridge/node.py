@@ -18,15 +18,18 @@ from collections import deque
 from collections.abc import Callable, Mapping
 from typing import Any, ClassVar
 
-from diagnostic_msgs.msg import KeyValue
+from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 from sensor_msgs.msg import BatteryState, Joy
 from std_msgs.msg import Bool, Int32, UInt8MultiArray, UInt16
 
 from bridge_core import clock
+from bridge_core.diagnostics import to_msg
 from bridge_core.managed_node import latched_qos
 from bridge_core.node import BridgeNode, STOP_QOS
 from bridge_core.parameters import BRIDGE_PARAMETERS, Parameter
+from bridge_core.report import Report, Status, summarise
 from bridge_core.runner import run
+from bridge_core.session import Level
 from bridge_core.watchdog import FROZEN
 from vm110_bridge import convert
 from vm110_bridge.parameters import axis_signs, PARAMETERS
@@ -34,6 +37,7 @@ from vm110_bridge.session import (
     ArmedChanged,
     Command,
     CommandResult,
+    DeviceState,
     EncoderTurned,
     Event,
     RemoteState,
@@ -43,6 +47,7 @@ from vm110_bridge.session import (
 from vm110_bridge.wire import BRIDGE, DELIVERED, HOLD_HEARD
 
 _COMMAND_DEPTH = 50  # a burst of commands must not lose its first to a slow listener
+_UNKNOWN = DeviceState(((Level.ERROR, 'the node is not active'),), '', {'BU state': 'Not heard'})
 
 
 class Vm110Bridge(BridgeNode[Event]):
@@ -53,6 +58,7 @@ class Vm110Bridge(BridgeNode[Event]):
 
     def __init__(self, **options: Any) -> None:
         self._hold_heard = False  # ever, and so it has to be repeated for as long as this node is
+        self._device_state = _UNKNOWN
         self._delivered: deque[tuple[Command, float]] = deque(maxlen=_COMMAND_DEPTH)
         super().__init__('vm110_bridge', **options)
 
@@ -62,6 +68,7 @@ class Vm110Bridge(BridgeNode[Event]):
         self._armed = self.create_publisher(Bool, '~/armed', latched_qos())
         self._enabled = self.create_publisher(Bool, '~/enabled', latched_qos())
         self._battery = self.create_publisher(BatteryState, '~/battery', latched_qos())
+        self._device = self.create_publisher(DiagnosticStatus, '~/device', latched_qos())
         self._encoder = self.create_publisher(Int32, '~/encoder', latched_qos())
         self._command = self.create_publisher(UInt8MultiArray, '~/command', _COMMAND_DEPTH)
         self._result = self.create_publisher(KeyValue, '~/command_result', _COMMAND_DEPTH)
@@ -80,6 +87,7 @@ class Vm110Bridge(BridgeNode[Event]):
         """Publish that nothing is known of the BU."""
         self.on_event(ArmedChanged(armed=False, enabled=False))
         self.on_event(RemoteState(None))
+        self.on_event(_UNKNOWN)
 
     def take_parameters(self, values: Mapping[str, Any]) -> None:
         """Keep which axes are inverted."""
@@ -111,6 +119,9 @@ class Vm110Bridge(BridgeNode[Event]):
             self._publish_armed(event)
         elif isinstance(event, RemoteState):
             self._publish_battery(event)
+        elif isinstance(event, DeviceState):
+            self._device_state = event
+            self._publish_device()
         elif isinstance(event, EncoderTurned):
             self._encoder.publish(convert.encoder(event.position))
         elif isinstance(event, Command):
@@ -138,6 +149,17 @@ class Vm110Bridge(BridgeNode[Event]):
         percent = None if remote is None else remote.battery_percent
         docked = remote is not None and remote.docked
         self._battery.publish(convert.battery_state(percent, *self.header(), docked=docked))
+
+    def on_report(self, report: Report, now: float) -> None:
+        """Publish diagnostics, and the device's state again."""
+        super().on_report(report, now)
+        self._publish_device()
+
+    def _publish_device(self) -> None:
+        state = self._device_state
+        status = Status(*summarise(state.problems, state.good), state.values)
+        name = self.get_fully_qualified_name().lstrip('/')
+        self._device.publish(to_msg(status, name, self.hardware_id))
 
     def _publish_command(self, command: Command) -> None:
         """Publish a command, and report whether that counts."""

@@ -105,6 +105,13 @@ PARAMETERS = (
         maximum=0xFFFF,
     ),
     Parameter(
+        'sender_ports',
+        'one',
+        'UDP ports that the BU sends from; the manual does not say. one: another port is another '
+        'sender. many: another IPv4 address is.',
+        choices=('one', 'many'),
+    ),
+    Parameter(
         'crc',
         'auto',
         'Which of two readings of the CRC in the manual (3.3) holds. auto: that of the first '

@@ -106,6 +106,8 @@ class Session(BaseSession[CanFrame, Received, Event]):
     """One unit on one CAN bus; see bridge_core.session."""
 
     HELD = 'neutral'
+    # What is damaged on the line a CAN controller drops.
+    DAMAGED = 'look for another device on this bus, or another firmware'
 
     def __init__(self, settings: Settings) -> None:
         self.decoder = FrameDecoder(self._concerns_us, self._is_ours)

@@ -48,6 +48,7 @@ from bridge_core.transports.can_ports import (
     PumpedPort,
     SocketCanPort,
 )
+from bridge_core.transports.serial_identity import identity_of
 
 _COUNTED = (
     *('standard frames', 'remote frames', 'CAN FD frames', 'impossible frames', 'error frames'),
@@ -88,6 +89,7 @@ class CanTransport:
     ) -> None:
         check_channel(interface, channel, bitrate)
         self.name = channel if interface == 'socketcan' else f'{interface} {channel}'
+        self.device = ''  # which adapter, in words, where it is on a serial line
         self._interface, self._channel, self._bitrate = interface, channel, bitrate
         self._filters = tuple(filters)
         self._counts = Counter(dict.fromkeys(_COUNTED, 0))
@@ -97,7 +99,7 @@ class CanTransport:
 
     def counts(self) -> dict[str, int | str]:
         """Return what was received but not handed up, by kind, since construction."""
-        return dict(self._counts)
+        return {**self._counts, **({'device': self.device} if self.device else {})}
 
     def open(self) -> None:
         """Join the bus. :raises TransportError: with the reason and what to do."""
@@ -105,6 +107,7 @@ class CanTransport:
         self._heard_at = self._heard_since = -math.inf
         try:
             self._port = self._open_port()
+            self.device = str(identity_of(self._channel.partition('@')[0]))
         except (*_PORT_ERRORS, TransportError) as error:
             raise TransportError(f'cannot open {self.name}: {self._explain(error)}') from error
 

@@ -32,6 +32,7 @@ import select
 import socket
 import struct
 
+from bridge_core.framing import Datagram
 from bridge_core.transports import TransportError
 
 _READ_SIZE = 2048  # bytes; larger than any frame, so that an over-long one is detected
@@ -129,16 +130,16 @@ class MulticastTransport:
         return -1 if self._epoll is None else self._epoll.fileno()
 
     def receive(self) -> list[bytes]:
-        """Return the arrived datagrams. :raises TransportError: the interface is gone."""
+        """Return the arrived Datagrams. :raises TransportError: the interface is gone."""
         if self._input is None:
             raise TransportError(f'{self.name}: not open')
         self._watch_interface()
-        datagrams = []
+        datagrams: list[bytes] = []
         try:
             for _ in range(_READS):
                 data, source = self._input.recvfrom(_READ_SIZE)
                 if self._is_allowed(source[0]):
-                    datagrams.append(data)
+                    datagrams.append(Datagram(data, '{}:{}'.format(*source)))
         except BlockingIOError:
             pass
         except OSError as error:

@@ -30,12 +30,14 @@ import socket
 import termios
 import threading
 from typing import Any
+from urllib.parse import urlsplit
 
 import serial
 
 from bridge_core import clock
 from bridge_core.transports import TransportError
 from bridge_core.transports.line import Line, STALL_TIMEOUT, STALLED
+from bridge_core.transports.serial_identity import identity_of
 
 _HINTS = {
     errno.ENOENT: 'no such port; plug the device in, or set the parameter port',
@@ -61,24 +63,28 @@ class SerialTransport:
 
     def __init__(self, port: str, baud: int, *, write_timeout: float = 0.05) -> None:
         self.name = port
+        self.device = ''  # who is there, in words
         self.low_latency = False
         self._baud = baud
         self._write_timeout = write_timeout
         self._serial: Any = None
         self._pump: _Pump | None = None
+        self._claim: socket.socket | None = None
         self._fd = -1
         self._line = Line()  # whose backlog counts
 
     def counts(self) -> dict[str, int | str]:
-        """Return nothing: no input is dropped."""
-        return {}
+        """Return who is there: no input is dropped."""
+        return {'device': self.device} if self.device else {}
 
     def open(self) -> None:
         """Open and lock the port. :raises TransportError: with the reason and what to do."""
         self.close()
         try:
+            self._claim = _claim(self.name)
             self._serial = self._open_serial()
             self._prepare(self._serial)
+            self.device = str(identity_of(self.name))
         except (OSError, ValueError, NotImplementedError, termios.error) as error:
             self.close()
             raise TransportError(_explain_open(self.name, error)) from error
@@ -103,7 +109,10 @@ class SerialTransport:
 
     def close(self) -> None:
         """Close the port; queued output gets the time that it needs, and 50 ms more."""
-        port, pump, line = self._serial, self._pump, self._line
+        port, pump, line, claim = self._serial, self._pump, self._line, self._claim
+        self._claim = None
+        if claim is not None:
+            claim.close()
         self._serial, self._pump, self._fd, self._line = None, None, -1, Line()
         if pump is not None:
             pump.close()
@@ -151,6 +160,26 @@ class SerialTransport:
                     raise TransportError(
                         f'{self.name}: took no bytes for {self._write_timeout * 1e3:.0f} ms'
                     ) from None
+
+
+def _claim(name: str) -> socket.socket | None:
+    """
+    Claim a serial server for this process: unlike a device file it has no lock.
+
+    Others on this computer are kept out, as far as they ask; a server's clients elsewhere are not.
+
+    :raises OSError: another one has it.
+    """
+    if '://' not in name or name.startswith('loop'):
+        return None
+    url = urlsplit(name)
+    claim = socket.socket(socket.AF_UNIX)
+    try:
+        claim.bind(f'\0rugged_teleop/{url.hostname}:{url.port}')
+    except OSError as error:
+        claim.close()
+        raise OSError(errno.EBUSY, os.strerror(errno.EBUSY)) from error
+    return claim
 
 
 def read_port(fd: int, name: str) -> list[bytes]:

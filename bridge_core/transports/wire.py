@@ -487,7 +487,9 @@ class Wire(Generic[FrameT]):
             self.status.is_open, self.status.error = True, ''
             self.status.opens += 1
             self._polled_at = now
-            self._owner.link_changed(f'{transport.name} opened', True)
+            device = getattr(transport, 'device', '')  # serial ports tell it
+            text = f'{transport.name} opened' + f': {device}' * bool(device)
+            self._owner.link_changed(text, True)
             try:
                 self._deliver(self._session.opened(now), now)
                 self._exchange(False, now)

@@ -23,6 +23,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+import math
 from typing import Any, ClassVar
 
 from bridge_core.framing import Decoder
@@ -66,9 +67,15 @@ class Wire:
     # messages come; they do not, but the rest.
     SILENCE: ClassVar[str]
     GARBLED: ClassVar[str] = ''
+    DAMAGED: ClassVar[str] = 'check cable, shield, ground and bit rate'  # much of what comes is
     JOYSTICK_ONLY: ClassVar[str] = ''
     NO_JOYSTICK: ClassVar[str] = ''
     NO_REMOTE_STATUS: ClassVar[str]  # what to do where no remote status message comes
+
+    @property
+    def most_heartbeats(self) -> float:
+        """How many one VSC sends in a second; infinite where no other one can be on the line."""
+        return math.inf
 
     def carries(self, kind: MessageType) -> bool:
         """Tell whether a message of this type can be sent."""
@@ -133,7 +140,11 @@ class SerialWire(Wire):
 
 @dataclass(frozen=True)
 class CanWire(Wire):
-    """CAN-J1939: one frame at a time. :param ids: identifiers of the messages."""
+    """
+    CAN-J1939: one frame at a time.
+
+    :param ids: identifiers of the messages. :param heartbeat_rate: Hz, of one VSC.
+    """
 
     NAME = 'can'
     PERIODS = {  # table 34; of a string, between two segments
@@ -143,11 +154,18 @@ class CanWire(Wire):
     INTERVAL = 0.1
     SIGN_OF_LIFE = 'heartbeat from the VSC'
     SILENCE = "check the VSC's power, the CAN wiring, the bit rate and can.heartbeat"
+    DAMAGED = 'look for another device with these identifiers, or another firmware'
     JOYSTICK_ONLY = 'compare can.heartbeat with the VSC, as joystick messages do come'
     NO_JOYSTICK = 'compare can.left_basic and so on with the VSC'
     NO_REMOTE_STATUS = 'compare can.remote_status with the VSC'
 
     ids: CanIds = field(default_factory=CanIds)
+    heartbeat_rate: float = 10.0
+
+    @property
+    def most_heartbeats(self) -> float:
+        """How many one VSC sends in a second."""
+        return self.heartbeat_rate
 
     @property
     def filters(self) -> list[tuple[int, int]]:
@@ -186,6 +204,7 @@ class HidWire(Wire):
     SILENCE = "check the VSC's power and USB cable, and that port is its hidraw device"
     NO_REMOTE_STATUS = 'take another transport for it'
     GARBLED = 'check that port is the hidraw device of the VSC, as reports of another come'
+    DAMAGED = 'check that port is the hidraw device of the VSC'
 
     def decoder(self, timeout: float) -> Decoder[Any, Received]:
         """Return what reads a report."""

@@ -32,6 +32,10 @@ from fort_vsc_bridge.protocol import (
 )
 from fort_vsc_bridge.session.device import OVERRULED, REFUSED, UNANSWERED
 
+TWO_VSCS = (
+    'take one of two VSCs off this bus, or change its identifiers; else set vsc_heartbeat_rate: '
+    'heartbeats come more often than one VSC sends them'
+)
 LOOPED_BACK = 'look for RX wired to TX, or an echo on the line: our own frames come back'
 DEAF = (
     'check the line from this computer to the VSC (its serial RX), then press a wired stop: it is '

@@ -29,7 +29,7 @@ from bridge_core.session import (
     StickStream,
     Verdict,
 )
-from bridge_core.watchdog import Watchdog
+from bridge_core.watchdog import RateWatch, Watchdog
 from fort_vsc_bridge.protocol import (
     Axis,
     AXIS_NAMES,
@@ -110,6 +110,8 @@ class Session(BaseSession[Frame, Received, Event]):
         # The heartbeat that says why the VSC zeroes its buttons may be the first one that is lost.
         self._held = HeldButtons(2.0 * settings.link_timeout, len(BUTTON_NAMES))
         self._judgement = StopJudge(settings.transition_time)
+        rate = settings.wire.most_heartbeats
+        self._rate = RateWatch(rate) if math.isfinite(rate) else None
         self._software_estop = False
         self._software_estop_heard = Watchdog(settings.software_estop_timeout)
         self._leaving = self._sent_stop = False
@@ -121,6 +123,11 @@ class Session(BaseSession[Frame, Received, Event]):
         self._identity = IdentityReader(self._queue, wanted=settings.read_identity)
 
     # What is known.
+
+    @property
+    def damaged(self) -> str:
+        """Return what to do where much of what comes is damaged."""
+        return self.settings.wire.DAMAGED
 
     @property
     def heartbeat(self) -> Heartbeat | None:
@@ -246,6 +253,8 @@ class Session(BaseSession[Frame, Received, Event]):
             self._newest = message
             self._heard.feed(now)
             self._judgement.heard(message, now)
+            if self._rate is not None:
+                self._rate.feed(now)
         elif isinstance(message, Joystick):
             self._take_joystick(message, now)
         elif isinstance(message, RemoteStatus):
@@ -312,7 +321,10 @@ class Session(BaseSession[Frame, Received, Event]):
     def _judge(self, now: float) -> Verdict:
         """Return what the newest heartbeat says; what this node asked comes back as an echo."""
         assert self._newest is not None
-        return self._judgement.judge(self._newest, now)
+        verdict = self._judgement.judge(self._newest, now)
+        if self._rate is not None and self._rate.exceeded(now):
+            return Verdict.stop(report.TWO_VSCS, *verdict.reasons)
+        return verdict
 
     def _silence(self, now: float) -> str:
         wire = self.settings.wire
@@ -361,6 +373,8 @@ class Session(BaseSession[Frame, Received, Event]):
             moments.append(self._joystick_heard.deadline)
         if self.remote_status is not None:
             moments.append(self._remote_expires_at)
+        if self._rate is not None and self._rate.exceeded(self._stepped_at):
+            moments.append(self._rate.until)
         return min(moments)
 
     def _sends_at(self) -> float:

@@ -139,6 +139,7 @@ def wire_of(values: Mapping[str, Any]) -> Wire:
     if values['transport'] == 'serial':
         return SerialWire()
     try:
-        return CanWire(CanIds(**{name: values[f'can.{name}'] for name in CanIds().by_name}))
+        ids = CanIds(**{name: values[f'can.{name}'] for name in CanIds().by_name})
+        return CanWire(ids, values['vsc_heartbeat_rate'])
     except ValueError as error:
         raise ValueError(f'can.{error}') from error

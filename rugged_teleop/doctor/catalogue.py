@@ -119,6 +119,8 @@ CATALOGUE = {
         '{port} of {node}: no permission yet; {user} is in the group {group}, but not since login',
         'log in again',
     ),
+    'port identity': Kind(_FINE, 'port', '{port} of {node}: {device}'),
+    'port by number': Kind(_LOOK, 'port', '{port} of {node}: {device}', '{remedy}'),
     'port in use': Kind(
         _DO,
         'port',

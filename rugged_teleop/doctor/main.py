@@ -40,6 +40,7 @@ from rugged_teleop.doctor.findings import Finding, HEADINGS, Level
 from rugged_teleop.doctor.graph import look_apart, UNSEEN
 from rugged_teleop.doctor.networks import group_findings, hear_group, network_filters
 from rugged_teleop.doctor.ports import (
+    identity_findings,
     port_facts,
     port_findings,
     this_user,
@@ -155,12 +156,13 @@ def _openable(nodes: Iterable[Configured], user: User) -> tuple[list[Configured]
             findings.append(finding('network port', port=port, node=node.full))
         elif port:
             found = port_findings(port_facts(port), user, node.full)
-            findings += found
+            findings += [*found, *identity_findings(port, node.full)]
             if not found:
                 openable.setdefault(os.path.realpath(port), node)
         elif on_can(node) and not is_passive(node):
             words = {name: node.values[name] for name in ('interface', 'channel')}
             findings.append(finding('adapter', node=node.full, **words))
+            findings += identity_findings(words['channel'].partition('@')[0], node.full)
     return [*openable.values()], findings
 
 

@@ -28,6 +28,7 @@ import stat
 from serial.tools import list_ports
 
 from bridge_core.realtime import user_name
+from bridge_core.transports.serial_identity import identity_of
 from rugged_teleop.doctor.catalogue import finding
 from rugged_teleop.doctor.findings import Finding
 from rugged_teleop.reference import NODES
@@ -212,6 +213,17 @@ def port_findings(
     if others:
         return [finding('port in use', holder=', '.join(map(str, others)), **words)]
     return [finding('port of a node', holder=str(ours[0]), **words)] if ours else []
+
+
+def identity_findings(port: str, node: str = '') -> list[Finding]:
+    """Say which device a port's name stands for, and whether it stays so."""
+    identity = identity_of(port)
+    if not identity.text:
+        return []
+    words = {'port': port, 'node': node, 'device': identity.text}
+    if identity.is_numbered:
+        return [finding('port by number', remedy=identity.remedy, **words)]
+    return [finding('port identity', **words)]
 
 
 def unseen_findings(opened: Sequence[str], user: User) -> list[Finding]:

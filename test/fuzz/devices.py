@@ -108,7 +108,7 @@ _CAN_STICKS = [
 ]
 VSC_CAN = Device(
     'vsc session on can',
-    partial(FortSession, FortSettings(wire=CanWire())),
+    partial(FortSession, FortSettings(wire=CanWire(heartbeat_rate=math.inf))),
     0.25,
     _vsc_can_releases,
     (_CAN_CLEAR,),

@@ -19,7 +19,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 import math
 
-from bridge_core.framing import ChecksumError, Decoder, FrameError, Unknown
+from bridge_core.framing import ChecksumError, Datagram, Decoder, FrameError, Unknown
 from vm110_bridge.protocol.frames import (
     Crc,
     Frame,
@@ -36,12 +36,13 @@ Input = PeriodicInput | CommandInput | AcknowledgeInput  # what a base unit send
 
 @dataclass(frozen=True, slots=True)
 class Packet:
-    """A message, and what Frame says of it."""
+    """A message, what Frame says of it, and its sender, as 'address:port'."""
 
     message: Message
     serial: int
     origin: int
     crc: Crc
+    source: str = ''
 
 
 class PacketDecoder(Decoder[bytes, Packet]):
@@ -113,4 +114,5 @@ def _read(data: bytes, crc: Crc | None) -> Packet | Unknown:
         return message
     if isinstance(message, Input) and frame.origin == 0:
         raise FrameError('origin 0 is the machine controller (3.2), which sends no input')
-    return Packet(message, frame.serial, frame.origin, frame.crc)
+    source = data.source if isinstance(data, Datagram) else ''
+    return Packet(message, frame.serial, frame.origin, frame.crc, source)

@@ -17,7 +17,9 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
+from bridge_core.session import Level
 from vm110_bridge.protocol import AXIS_NAMES, BUTTON_NAMES
 
 
@@ -70,6 +72,20 @@ class RemoteState:
 
 
 @dataclass(frozen=True, slots=True)
+class DeviceState:
+    """
+    What base unit and remote say of themselves, controls apart.
+
+    :param problems: what is wrong, and what to do. :param good: in words, where nothing is.
+    :param values: in the manual's words.
+    """
+
+    problems: tuple[tuple[Level, str], ...]
+    good: str
+    values: dict[str, Any]
+
+
+@dataclass(frozen=True, slots=True)
 class EncoderTurned:
     """The encoder, unwrapped: counts since the first remote was enabled, any whole number."""
 
@@ -96,4 +112,4 @@ class CommandResult:
     outcome: str
 
 
-Event = ArmedChanged | Sticks | RemoteState | EncoderTurned | Command | CommandResult
+Event = ArmedChanged | Sticks | RemoteState | DeviceState | EncoderTurned | Command | CommandResult

@@ -39,7 +39,7 @@ class _State(Enum):
     WAITING = 'waiting to be done'
     DONE = 'done'
     REFUSED = 'refused'
-    BEFORE = 'delivered by the session before, whose base unit this one may not be'
+    BEFORE = 'delivered already, but this base unit may be another'
 
 
 @dataclass(slots=True)
@@ -124,6 +124,12 @@ class CommandInbox:
         for command, at in delivered:
             self._known.pop(command.command_id, None)
             self._known[command.command_id] = _Known(command.data, at, _State.BEFORE)
+
+    def doubt(self) -> None:
+        """Take what was delivered as asked by another base unit, which this one may not be."""
+        for known in self._known.values():
+            if known.state is not _State.REFUSED:
+                known.state = _State.BEFORE
 
     def restart(self) -> None:
         """Forget all: the BU counts anew."""

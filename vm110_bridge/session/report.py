@@ -100,6 +100,14 @@ def hold(*, withheld: bool, silent: str) -> str:
     return 'end what ~/hold_output asks for, then rearm: VRPO are withheld'
 
 
+def two_senders(bu_id: int, address: str, second: str) -> str:
+    """Name two senders with one ID."""
+    return (
+        f'stop one of two senders, or name yours in allowed_sources: {address} and {second} both '
+        f'send as base unit {bu_id}'
+    )
+
+
 def others(origins: Sequence[int], bu_id: int) -> list[str]:
     """Name other base units on the group."""
     if not origins:
@@ -120,6 +128,11 @@ def other_crc(*, chosen: bool) -> str:
     """Say why packets with the other CRC do not count. :param chosen: ours is a parameter."""
     remedy = 'set crc to auto' if chosen else 'deactivate and activate the node'
     return f'{remedy}, as packets with the other CRC come'
+
+
+def device_values(vrpi: PeriodicInput | None) -> dict[str, Any]:
+    """Return what base unit and remote say; the state tells silence from a state of theirs."""
+    return {'BU state': 'Not heard'} if vrpi is None else vrpi_values(vrpi)
 
 
 def vrpi_values(vrpi: PeriodicInput) -> dict[str, Any]:

@@ -90,6 +90,11 @@ class SerialNumbers:
         """Tell whether a line of numbers from the past goes on: the sender may have restarted."""
         return self._run_length > 1 and now - self._run_at < RESTART_TIME
 
+    def begin(self) -> None:
+        """Forget all numbers: those of another sender come."""
+        self._newest = None
+        self._former.clear()
+
     def forgive_gap(self) -> None:
         """Do not count what was sent while nobody listened."""
         self._count_gap = False

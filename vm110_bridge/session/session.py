@@ -51,6 +51,7 @@ from vm110_bridge.session.encoder import Encoder
 from vm110_bridge.session.events import (
     ArmedChanged,
     Command,
+    DeviceState,
     EncoderTurned,
     Event,
     Remote,
@@ -59,6 +60,7 @@ from vm110_bridge.session.events import (
 )
 from vm110_bridge.session.inbox import CommandInbox
 from vm110_bridge.session.outbox import CommandOutbox
+from vm110_bridge.session.sender import Sender
 from vm110_bridge.session.serials import Arrival, SerialNumbers
 from vm110_bridge.session.settings import Settings
 from vm110_bridge.session.stops import StopJudge
@@ -77,6 +79,7 @@ class Session(BaseSession[bytes, Packet, Event]):
     """
 
     CLOSED = 'check the network interface and interface_address: the port is not open'
+    DAMAGED = 'look for what else sends to this group and port'
 
     def __init__(self, settings: Settings) -> None:
         decoder = PacketDecoder(None if settings.crc == 'auto' else Crc(settings.crc))
@@ -91,6 +94,7 @@ class Session(BaseSession[bytes, Packet, Event]):
         self.looped_back = 0  # packets that only a machine controller sends
         self.foreign = 0  # packets of other base units
         self.dropped_commands = 0  # of the RU's application, while the link was down
+        self.sender = Sender(whole=settings.sender_ports == 'one')
         self.serials = SerialNumbers()
         self.inbox = CommandInbox(explicit=settings.acknowledge == 'explicit')
         self.outbox = CommandOutbox(settings.command_timeout)
@@ -111,6 +115,7 @@ class Session(BaseSession[bytes, Packet, Event]):
         self._has_news = False  # a VRPI was taken in that is not published yet
         self._stick_ru = 0  # whose sticks were published last
         self._remote: Remote | None = None
+        self._told: Any = None  # what the last DeviceState is of
         self._encoder = Encoder()
 
     # What is known.
@@ -168,6 +173,7 @@ class Session(BaseSession[bytes, Packet, Event]):
         del now
         return {
             'base unit (bu_id)': self.bu_id or 'not heard yet',
+            'address of the base unit': self.sender.address or 'not known',
             'CRC': self.crc.value if self.crc else 'not known yet',
             'hold output in use': self.hold_output_in_use,
             'VRPO withheld': self.output_held,
@@ -184,6 +190,8 @@ class Session(BaseSession[bytes, Packet, Event]):
             'packets reordered': self.serials.reordered,
             'restarts of the base unit': self.serials.restarts,
             'packets of other base units': self.foreign,
+            'packets of second senders': self.sender.doubles,
+            'changes of its address': self.sender.moves,
             'packets with the other CRC': self._packets.other_crc,
             'packets before the CRC was known': self._packets.before_lock,
             'packets of machine controllers': self.looped_back,
@@ -227,9 +235,19 @@ class Session(BaseSession[bytes, Packet, Event]):
             if self.bu_id:
                 self._remember(packet.origin, now)
             return False
+        if not self._is_of_sender(packet, now):
+            return False
         if self.crc is None:
             self._packets.lock(packet.crc)
         return True
+
+    def _is_of_sender(self, packet: Packet, now: float) -> bool:
+        moves, periodic = self.sender.moves, isinstance(packet.message, PeriodicInput)
+        ours = self.sender.takes(packet.source, now, silent=not self.link_up, periodic=periodic)
+        if self.sender.moves > moves:
+            self.serials.begin()
+            self.inbox.doubt()
+        return ours
 
     def _remember(self, origin: int, now: float) -> None:
         self._others = {each: self._others[each] for each in self.other_base_units(now)}
@@ -269,7 +287,7 @@ class Session(BaseSession[bytes, Packet, Event]):
         self.vrpi, self._has_news = vrpi, True
 
     def _take_command(self, command: CommandInput, now: float) -> None:
-        if not self.link_up or self._is_interrupted(now):
+        if not self.link_up or self._is_interrupted(now) or self.sender.is_doubled(now):
             # Whether it is allowed is not known, so its repeats are to be judged anew.
             self.dropped_commands += 1
             return
@@ -281,13 +299,22 @@ class Session(BaseSession[bytes, Packet, Event]):
             self._acknowledgements.append(command.command_id)
 
     def _judge(self, now: float) -> Verdict:
-        del now
-        return self._stops.verdict()
+        verdict = self._stops.verdict()
+        if self.sender.is_doubled(now):
+            return Verdict.stop(self._two_senders, *verdict.reasons)
+        return verdict
 
     def _silence(self, now: float) -> str:
         return f'{self._silence_hint(now)}; no VRPI from the BU: {self._heard.describe(now)}'
 
+    @property
+    def _two_senders(self) -> str:
+        address = self.sender.address or ''
+        return report.two_senders(self.bu_id, address, self.sender.second)
+
     def _silence_hint(self, now: float) -> str:
+        if self.sender.is_doubled(now):
+            return self._two_senders
         others = self.other_base_units(now)
         if others:
             return report.only_others(others, self.bu_id, chosen=self.settings.bu_id != 0)
@@ -312,6 +339,7 @@ class Session(BaseSession[bytes, Packet, Event]):
         if self._stream.owes_neutral(fresh=self.link_up, counts=self.enabled):
             self._emit(_NEUTRAL)
         self._follow_remote()
+        self._follow_device(now)
         if not self.link_up:
             self._encoder.rest()
             for result in self.outbox.drop(
@@ -340,6 +368,18 @@ class Session(BaseSession[bytes, Packet, Event]):
             self._remote = remote
             self._emit(RemoteState(remote))
 
+    def _follow_device(self, now: float) -> None:
+        values = report.device_values(self.vrpi)
+        told = (self.verdict, self.sender.is_doubled(now), values)
+        if told == self._told:
+            return
+        self._told = told
+        level = Level.WARN if self.link_up else Level.ERROR
+        problems = [(level, reason) for reason in self.verdict.reasons]
+        if self.vrpi is not None:
+            problems += [(Level.WARN, text) for text in report.warnings(self.vrpi)]
+        self._emit(DeviceState(tuple(problems), report.summary(self.vrpi), values))
+
     def _publish_controls(self, now: float) -> None:
         """Publish encoder and sticks of a new VRPI, as far as the verdict on it allows."""
         assert self.vrpi is not None
@@ -360,6 +400,8 @@ class Session(BaseSession[bytes, Packet, Event]):
         moments = [super()._expires_at(), self.outbox.expires_at]
         if not self.hold_asked:
             moments.append(self._hold_heard.deadline)
+        if self.sender.is_doubled(self._stepped_at):
+            moments.append(self.sender.doubled_until)
         return min(moments)
 
     def _sends_at(self) -> float:

@@ -36,6 +36,7 @@ class Settings(CheckedSettings):
 
     TABLE = _TABLE
     bu_id: int = _TABLE['bu_id'].default
+    sender_ports: str = _TABLE['sender_ports'].default
     crc: str = _TABLE['crc'].default
     link_timeout: float = _TABLE['link_timeout'].default
     output_period: float = _TABLE['output_period'].default
