@@ -274,10 +274,10 @@ SCENES: dict[str, dict[str, Any]] = {
     },
 }
 COUNTS: dict[str, tuple[int, int]] = {
-    'device': (1110, 21220),
+    'device': (2005, 37664),
     'echo': (6242, 62088),
     'busy': (13427, 102435),
-    'can': (12781, 239203),
-    'hid': (286, 4574),
+    'can': (19175, 355145),
+    'hid': (524, 8104),
 }  # states, and steps between them
 test_every_state_near_the_start, test_every_state = visits_of(world_on, SCENES, COUNTS, near=200)

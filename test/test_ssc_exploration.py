@@ -200,7 +200,7 @@ SCENES: dict[str, dict[str, Any]] = {
     },
 }
 COUNTS: dict[str, tuple[int, int]] = {
-    'device': (3893, 61522),
+    'device': (3869, 61090),
     'mux': (3512, 28730),
     'commands': (8015, 68644),
 }  # states, and steps between them
