@@ -64,8 +64,8 @@ REASONS = {
 # Paragraphs that are no commands: what a command prints, or a file that is no YAML.
 PRINTED = (
     ('docs/doctor.md', 'fine: '),
-    ('docs/record.md', '2026-11-22 19:04'),
-    ('docs/record.md', '/safety_mux, 2026-11-22 19:04'),
+    ('docs/record.md', '2026-11-22 20:04'),
+    ('docs/record.md', '/safety_mux, 2026-11-22 20:04'),
     ('docs/performance.md', '@dialout'),
 )
 

@@ -42,8 +42,8 @@ ROSDEP_KEYS = {
 }
 # Where it is not the name on PyPI.
 DISTRIBUTIONS = {'mcap_ros2': 'mcap-ros2-support'}
-# What rclpy and the message packages bring with them.
-INDIRECT = {'builtin_interfaces'}
+# What rclpy, the message packages and mcap bring with them.
+INDIRECT = {'builtin_interfaces', 'zstandard'}
 
 
 def text(name: str) -> str:
