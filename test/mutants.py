@@ -100,6 +100,7 @@ _NAMES_OF_TESTS = {
     'safety_mux/mapping.py': ('safety_mux_mapping',),
     'safety_mux/button.py': ('safety_mux_button',),
     'safety_mux/stamps.py': ('safety_mux_stamps',),
+    'safety_mux/device_words.py': ('safety_mux_device_words',),
     'esi_drive_bridge/session': (
         *(*_ESI[:-1], 'esi_drive_ramp', 'session_settings', 'session_reports', _ESI[-1]),
     ),

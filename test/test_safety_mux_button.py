@@ -20,7 +20,7 @@ import math
 from hypothesis import given, strategies as st
 import pytest
 
-from safety_mux.button import LONGEST, ResetButton, SHORTEST, TIMEOUT
+from safety_mux.button import LONGEST, Presses, ResetButton, SHORTEST, TIMEOUT
 
 EVERY = 0.05  # s between messages
 HOUR = 3600.0
@@ -165,3 +165,38 @@ def is_reset(heard: list[tuple[bool, float]]) -> bool:
     times = [at for _, at in heard[before:]]
     in_time = all(then < at + TIMEOUT for at, then in pairwise(times))
     return in_time and SHORTEST <= times[-1] - times[1] <= LONGEST
+
+
+# Buttons that are pressed instead of the deadman.
+
+
+@pytest.mark.parametrize(
+    ('deadman', 'pressed_at', 'buttons', 'said'),
+    [
+        ((0,), 1, (0, 0, 0), ''),
+        ((0,), 1, (1, 0, 1), ''),
+        ((0,), 1, (0, 0, 1), 'buttons pressed: 2; its deadman: 0'),
+        ((0, 2), 1, (0, 1, 1), 'buttons pressed: 1 and 2; its deadman: 0 and 2'),
+        ((0,), 2, (1, 1, 0), ''),
+        ((0,), 2, (1, 2, 3), 'buttons pressed: 1 and 2; its deadman: 0'),
+    ],
+)
+def test_buttons_that_are_no_deadman_are_named(
+    deadman: tuple[int, ...], pressed_at: int, buttons: tuple[int, ...], said: str
+) -> None:
+    presses = Presses(deadman, pressed_at)
+    presses.hear(buttons, 1.0)
+    assert presses.instead(1.0) == said
+
+
+def test_button_that_stays_pressed_is_a_switch_and_one_that_follows_is_named() -> None:
+    presses = Presses((0,), 1)
+    presses.hear((0, 1, 0), 1.0)
+    presses.hear((0, 1, 0), 10.9)
+    assert presses.instead(10.9) == 'buttons pressed: 1; its deadman: 0'
+    assert presses.instead(11.0) == ''
+    presses.hear((0, 1, 1), 11.0)
+    assert presses.instead(11.0) == 'buttons pressed: 2; its deadman: 0'
+    presses.hear((0, 0, 0), 12.0)
+    presses.hear((0, 1, 0), 13.0)
+    assert presses.instead(13.0) == 'buttons pressed: 1; its deadman: 0'

@@ -1,0 +1,112 @@
+# Copyright 2026 The rugged_teleop maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""What nodes say of their devices: to whom it is passed on, and for how long it is believed."""
+
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from safety_mux.device_words import DeviceWords
+
+OK, WARN = b'\0', b'\1'
+SOURCE, OPERATOR, DRIVE = ('e-stop source', 'fort'), ('operator', 'a'), ('drive', 'left')
+TOPICS = {
+    SOURCE: '/x/remote/estop',
+    OPERATOR: '/x/remote/joy',
+    DRIVE: '/x/esi/enabled',
+    ('autonomy', 'autonomy'): '/x/remote/plan',
+}
+
+
+class Bench:
+    def __init__(self) -> None:
+        self.words: dict[tuple[str, str], str] = {}
+        self.device = DeviceWords(
+            lambda kind, name, words: self.words.update({(kind, name): words})
+        )
+        for (kind, name), topic in TOPICS.items():
+            self.device.listen(kind, name, topic)  # type: ignore[arg-type]
+
+    def say(
+        self, message: str, level: bytes = OK, node: str = 'x/remote', now: float = 1.0
+    ) -> Any:
+        status = SimpleNamespace(name=f'{node}: device', level=level, message=message)
+        waits = self.device.hear([status])
+        self.device.pass_on(now)
+        return waits
+
+
+@pytest.fixture
+def bench() -> Bench:
+    return Bench()
+
+
+@pytest.mark.parametrize(
+    ('level', 'message', 'of_source', 'of_operator'),
+    [
+        (OK, 'ok', '', ''),
+        (OK, 'ok; in a menu', '', 'in a menu'),
+        (WARN, 'pull the button', 'pull the button', 'pull the button'),
+        (WARN, 'call ~/clear, ~/x', 'call /x/remote/clear, /x/remote/x', None),
+        (WARN, 'x' * 1001, 'x' * 1000, None),
+    ],
+)
+def test_words_go_to_the_inputs_of_their_node(
+    bench: Bench, level: bytes, message: str, of_source: str, of_operator: str | None
+) -> None:
+    assert bench.say(message, level)
+    operator = of_source if of_operator is None else of_operator
+    assert bench.words == {SOURCE: of_source, OPERATOR: operator}
+
+
+def test_words_of_others_are_nobodys(bench: Bench) -> None:
+    for node in ('remote', 'x/y/remote', 'x'):
+        assert not bench.say('ok; in a menu', node=node)
+    assert not bench.device.hear([SimpleNamespace(name='x/remote: link', level=OK, message='x')])
+    assert bench.words == {}
+
+
+def test_words_end_with_those_that_say_them(bench: Bench) -> None:
+    bench.say('ok; in a menu', now=1.0)
+    bench.say('ok; disabled', now=2.0, node='x/esi')
+    bench.device.forget_old(4.0)
+    assert bench.words == {SOURCE: '', OPERATOR: 'in a menu', DRIVE: 'disabled'}
+    bench.device.forget_old(4.01)
+    assert bench.words == {SOURCE: '', OPERATOR: '', DRIVE: 'disabled'}
+    bench.words.clear()
+    bench.device.forget_old(4.02)
+    assert bench.words == {}
+    bench.say('ok; in a menu', now=4.1)
+    assert bench.words[OPERATOR] == 'in a menu'
+
+
+def test_words_are_passed_on_once_and_the_newest_only(bench: Bench) -> None:
+    for message in ('first', 'second'):
+        status = SimpleNamespace(name='x/remote: device', level=WARN, message=message)
+        assert bench.device.hear([status])
+    bench.device.pass_on(1.0)
+    assert bench.words == {SOURCE: 'second', OPERATOR: 'second'}
+    assert not bench.device.hear([])
+    bench.words.clear()
+    bench.device.pass_on(1.0)
+    assert bench.words == {}
+
+
+def test_words_of_a_kind_are_taken_back(bench: Bench) -> None:
+    bench.say('pull the button', WARN)
+    bench.say('ok; disabled', node='x/esi')
+    bench.device.forget('drive')
+    assert bench.words == {SOURCE: 'pull the button', OPERATOR: 'pull the button', DRIVE: ''}
