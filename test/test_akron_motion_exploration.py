@@ -129,7 +129,7 @@ class World(AkronWorld):
                 self.foreign_at, self.stop_said = self.now, True
                 self.is_ours, self.pressed_at = False, -math.inf
             self.note_oscillation(each in OSCILLATING)
-            frames = (*self.answers('ok'), OUTPUTS, ANGLES[self.side], LIMITS[self.oscillates])
+            frames = (*self.answers('ok'), OUTPUTS, ANGLES[self.side], LIMITS[each in OSCILLATING])
             for frame in frames:
                 self.keep(self.session.receive(frame, self.now))
             self.heard_at = self.known['outputs'] = self.now

@@ -21,6 +21,7 @@ import os
 from pathlib import Path
 import signal
 import time
+from typing import Any
 
 import pytest
 from sensor_msgs.msg import Joy
@@ -114,6 +115,37 @@ def test_hand_on_the_units_own_switches_has_no_paused_oscillation_resumed(
     assert PAUSE not in own_unit.joystick_frames(0x38)
     assert own_unit.look('paused')
     assert not own_unit.look('moving')
+
+
+def test_stop_pauses_an_oscillation_of_ours_once_and_says_so(
+    observer: Observer, can_bus: CanBus, own_unit: Station
+) -> None:
+    given = {
+        'automatic_motion': True,
+        'button_switches': [4],
+        'pause_on_stop': True,
+        'coast_time': 5.0,
+    }
+    own_unit.steer('pausetold on')
+    with bench_of(observer, can_bus, given) as bench:
+        bench.connect()
+
+        def oscillates() -> Any:
+            """Press until it does: a busy machine may make two of a press, which end it."""
+            bench.drive(own_unit, PRESS)
+            bench.asked = LET_GO
+            bench.wait(lambda: own_unit.joystick_frames(0x38)[-3:] == [NEUTRAL] * 3, 'neutral')
+            return own_unit.look('oscillating')
+
+        bench.wait(oscillates, 'an oscillation')
+        bench.wait(lambda: bench.value('motion reported') == 'oscillates', 'the report')
+        bench.stop = True
+        bench.wait(lambda: own_unit.look('paused'), 'the pause')
+        bench.wait(lambda: not own_unit.look('moving'), 'rest')
+        bench.wait(lambda: 'presses switch 7 once' in bench.node.output, 'the line')
+        bench.wait(lambda: bench.value('switch 7 pressed by stops') == '1', 'the count')
+        bench.wait(lambda: own_unit.joystick_frames(0x38)[-3:] == [NEUTRAL] * 3, 'its end')
+        assert own_unit.look('paused')
 
 
 def test_reset_after_a_dead_wire_moves_nothing_that_was_under_way(
