@@ -241,7 +241,7 @@ COUNTS: dict[str, tuple[int, int]] = {
     'stops': (234, 1554),
     'sticks': (1244, 8356),
     'neighbours': (1694, 11378),
-    'together': (0, 0),
+    'together': (4934, 47768),
 }
 PAUSING_COUNTS: dict[str, tuple[int, int]] = {
     'sticks': (1260, 8468),
