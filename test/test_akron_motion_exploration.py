@@ -246,7 +246,7 @@ COUNTS: dict[str, tuple[int, int]] = {
 PAUSING_COUNTS: dict[str, tuple[int, int]] = {
     'sticks': (1260, 8468),
     'neighbours': (1694, 11378),
-    'together': (0, 0),
+    'together': (16148, 156488),
 }
 test_every_state_near_the_start, test_every_state = visits_of(World, SCENES, COUNTS, near=100)
 test_every_pause_near_the_start, test_every_pause = visits_of(
