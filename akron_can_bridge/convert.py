@@ -31,9 +31,11 @@ from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 from sensor_msgs.msg import JointState, Joy
 
 from akron_can_bridge.protocol import (
+    AKRON_BRASS,
     Axis,
     AXIS_USAGE,
     BasicJoystick,
+    DEVICE_TYPES,
     DigitalInputs,
     DigitalOutputs,
     ElevationSoftLimits,
@@ -44,6 +46,7 @@ from akron_can_bridge.protocol import (
     Input,
     MiniOutput,
     MiniOutputs,
+    Name,
     Output,
     Position,
     PositionLimit,
@@ -231,6 +234,47 @@ def outputs(
     if inputs is not None:
         values |= {f'6039: {key}': text for key, text in _bits(inputs.inputs, Input).items()}
     return _filled(status, ['device faulted'] * faulted, values, '6033: ', 'ok')
+
+
+def device(
+    pin: str,
+    device_type: int,
+    address: int | None,
+    name: Name | None,
+    namesake: Name | None,
+    own_address: int,
+    hardware_id: str,
+) -> DiagnosticStatus:
+    """
+    Return who the unit is on the bus.
+
+    The level is STALE while it has no address, and WARN where another device claims ours.
+    """
+    at = 'none' if address is None else f'{address:02X}'
+    values = {
+        'unit': pin or 'not announced',
+        'type': DEVICE_TYPES.get(device_type, 'not known'),
+        'address': at,
+        'NAME': 'not heard' if name is None else f'{name.value:016X}',
+        'own address': f'{own_address:02X}',
+        'own address claimed by': 'nobody' if namesake is None else f'NAME {namesake.value:016X}',
+    }
+    if name is not None:
+        maker = ' (Akron Brass)' if name.manufacturer == AKRON_BRASS else ''
+        values |= {
+            'manufacturer': f'{name.manufacturer}{maker}',
+            'identity': str(name.identity),
+            'function': str(name.function),
+            'claims any address': _bool(name.arbitrary_address_capable),
+        }
+    status = DiagnosticStatus(name='device', hardware_id=hardware_id)
+    status.values = [KeyValue(key=key, value=text) for key, text in values.items()]
+    status.level, status.message = DiagnosticStatus.OK, f'{pin or "a unit"} at {at}'
+    if address is None:
+        status.level, status.message = DiagnosticStatus.STALE, 'no unit has an address'
+    elif namesake is not None:
+        status.level, status.message = DiagnosticStatus.WARN, 'another device claims our address'
+    return status
 
 
 def _filled(

@@ -14,7 +14,6 @@
 
 """The Akron CAN bridge: a monitor of the 6000 series as ROS topics."""
 
-import math
 from typing import Any, ClassVar
 
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -25,12 +24,14 @@ from std_msgs.msg import Bool, UInt8
 from akron_can_bridge import convert
 from akron_can_bridge.parameters import PARAMETERS
 from akron_can_bridge.session import (
+    DeviceChanged,
     Event,
     FaultsChanged,
     Handover,
     HandoverWanted,
     LimitsChanged,
     OutputsChanged,
+    PausePressed,
     Positions,
     Request,
     Session,
@@ -39,10 +40,10 @@ from akron_can_bridge.session import (
     UnitChanged,
 )
 from akron_can_bridge.wire import BRIDGE
-from bridge_core import clock
 from bridge_core.managed_node import latched_qos
 from bridge_core.node import BridgeNode, COMMAND_QOS, STOP_QOS
 from bridge_core.parameters import ACTUATOR_PARAMETERS, Parameter
+from bridge_core.report import Report
 from bridge_core.runner import run
 from bridge_core.session import Level
 from bridge_core.transports.process import ProcessLink
@@ -58,10 +59,11 @@ class AkronCanBridge(BridgeNode[Event]):
 
     def __init__(self, **options: Any) -> None:
         self._unit = '', 0  # its PIN and type, as far as known
+        self._device = DeviceChanged()
         self._streaming = False  # sticks that ask for something were published last
         self._limited = False  # ~/soe_directions was ever heard
         self._handover: Handover | None = None  # for the next session; None: there was none yet
-        self._lost_at = -math.inf  # when a wire was lost whose unit nobody has taken over yet
+        self._lost = False  # a wire whose unit nobody has taken over yet
         self._told = False  # a session of this activation has told what the next has to know
         super().__init__('akron_can_bridge', **options)
 
@@ -71,6 +73,7 @@ class AkronCanBridge(BridgeNode[Event]):
         self._joy = self.create_publisher(Joy, '~/joy', 10)
         self._limits = self.create_publisher(DiagnosticStatus, '~/limits', latched_qos())
         self._outputs = self.create_publisher(DiagnosticStatus, '~/outputs', latched_qos())
+        self._device_publisher = self.create_publisher(DiagnosticStatus, '~/device', latched_qos())
         # What comes first here is read first.
         self.watched_subscription(
             Bool, '~/estop_in', self._on_estop_in, STOP_QOS, is_stop=lambda m: bool(m.data)
@@ -81,6 +84,7 @@ class AkronCanBridge(BridgeNode[Event]):
     def forget_device(self) -> None:
         """Publish that nothing is known of the unit, and neutral sticks after others."""
         self._unit = '', 0
+        self._publish_device(DeviceChanged())
         self._publish_limits(LimitsChanged())
         self._publish_outputs(OutputsChanged())
         if self._streaming:
@@ -95,6 +99,8 @@ class AkronCanBridge(BridgeNode[Event]):
         """Publish or log one event of the session."""
         if isinstance(event, Positions):
             self._publish_joint_states(event)
+        elif isinstance(event, DeviceChanged):
+            self._publish_device(event)
         elif isinstance(event, LimitsChanged):
             self._publish_limits(event)
         elif isinstance(event, OutputsChanged):
@@ -108,28 +114,38 @@ class AkronCanBridge(BridgeNode[Event]):
             self.log(Level.WARN, f'neutral: {"; ".join(event.reasons)}')
         elif isinstance(event, FaultsChanged):
             self._log_faults(event)
+        elif isinstance(event, PausePressed):
+            self._log_press(event)
         elif isinstance(event, Handover):
-            self._handover, self._lost_at, self._told = event, -math.inf, True
+            self._handover, self._lost, self._told = event, False, True
         elif isinstance(event, HandoverWanted):
             self._hand_over()
 
+    def on_report(self, report: Report, now: float) -> None:
+        """Publish who the unit is as often as its diagnostics."""
+        super().on_report(report, now)
+        self._publish_device(self._device)
+
     def on_lost(self) -> None:
-        """Note when: what the unit was told last may go on."""
+        """Note it: the next one follows the same unit."""
         super().on_lost()  # it may have told something
-        is_first = not math.isfinite(self._lost_at)  # that of the stop
-        if self.active and self._told and is_first:  # else it followed no unit that anybody knows
-            self._lost_at = clock.now()
+        self._lost |= self.active and self._told  # else it followed no unit that anybody knows
 
     def on_activate(self, state: Any) -> TransitionCallbackReturn:
         """Begin anew: by now there may be another unit."""
-        self._lost_at = -math.inf
-        self._told = False
+        self._lost = self._told = False
         return super().on_activate(state)
 
     def _hand_over(self) -> None:
         if self._limited:  # first: once it has taken over, it may permit directions
             self.request(Session.limit_directions, stop=True)
-        self.request(Session.take_over, self._handover, self._lost_at, stop=True)
+        self.request(Session.take_over, self._handover, self._lost, stop=True)
+
+    def _log_press(self, event: PausePressed) -> None:
+        text = 'the stop presses switch 7 once, to pause the oscillation that ~/cmd_joy began'
+        if not event.sent:
+            text = 'end the oscillation by what is wired: the line did not take switch 7'
+        self.log(Level.WARN, text, site='pause')
 
     def _log_faults(self, event: FaultsChanged) -> None:
         if event.faults:
@@ -151,6 +167,16 @@ class AkronCanBridge(BridgeNode[Event]):
     def _publish_limits(self, event: LimitsChanged) -> None:
         self._limits.publish(
             convert.limits(event.position, event.rotation, event.elevation, *self._unit_name())
+        )
+
+    def _publish_device(self, event: DeviceChanged) -> None:
+        self._device = event
+        self._device_publisher.publish(
+            convert.device(
+                *(event.pin, event.device_type, event.address, event.name, event.namesake),
+                self.values['source_address'],
+                self.values['hardware_id'] or event.pin or self.hardware_name,
+            )
         )
 
     def _publish_outputs(self, event: OutputsChanged) -> None:

@@ -24,7 +24,7 @@ from akron_can_bridge.protocol import AXIS_USAGE, is_pin, JOYSTICK_ADDRESSES
 from bridge_core.parameters import DEADBAND, Parameter, TOLERATE_FAULTY_AXES
 
 CONTROLLERS = tuple(AXIS_USAGE)  # those that obey joysticks (Appendix B) and send type 83
-MINI_UNIVERSAL = 1033
+UNIVERSAL, MINI_UNIVERSAL = 1032, 1033
 UNIT_TYPES = (*CONTROLLERS, MINI_UNIVERSAL)
 _FIRST, _LAST = JOYSTICK_ADDRESSES[0], JOYSTICK_ADDRESSES[-1]
 
@@ -201,6 +201,12 @@ PARAMETERS = (
         'automatic_motion',
         False,
         'Let ~/cmd_joy start what a neutral stick does not end: switches 4 and 7 to 9, Point Aim.',
+    ),
+    Parameter(
+        'pause_on_stop',
+        False,
+        'Have a stop press switch 7 once for an oscillation that ~/cmd_joy began. Only where type '
+        '81 of the unit says no more that it oscillates while that is paused: measure it.',
     ),
     Parameter(
         'extended',

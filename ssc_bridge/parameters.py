@@ -27,8 +27,8 @@ from ssc_bridge.protocol import (
     BAUD,
     CommandState,
     MAX_INPUTS,
+    MAX_OUTPUTS,
     MAX_PULSE_US,
-    PULSE_CHANNELS,
     REPEATED,
 )
 
@@ -105,6 +105,14 @@ GENERAL = (
         'Only for texts.',
         minimum=0,
         maximum=1,
+    ),
+    Parameter(
+        'config_id',
+        -1,
+        'User configuration ID that the SSC must have (manual 3.2.2): with another one it is a '
+        'stop, and nothing is sent to its outputs. -1: any.',
+        minimum=-1,
+        maximum=255,
     ),
     Parameter(
         'lockout_on_start',
@@ -207,7 +215,7 @@ BUTTON = (
 )
 
 SERVO = (
-    _channel('Pulse output of the servo.', PULSE_CHANNELS),
+    _channel('Pulse output of the servo.', MAX_OUTPUTS),
     _pulse('min_us', 1000, 'Pulse of position -1; no shorter one is ever sent but 0, no pulse.'),
     _pulse('centre_us', 1500, 'Pulse of position 0.'),
     _pulse('max_us', 2000, 'Pulse of position 1; no longer one is ever sent.'),

@@ -52,7 +52,7 @@ class Ours:
         if not self._opened:
             self._opened = True
             sent = self._keep(self.session.opened(now))
-            self.session.take_over(None, -math.inf, now)
+            self.session.take_over(None, False, now)
             return sent
         if now >= self._due:
             self._due = now + 0.02

@@ -101,6 +101,7 @@ class Bench:
         self.joy = self._record(Joy, 'joy')
         self.limits = self._record(DiagnosticStatus, 'limits', latched())
         self.outputs = self._record(DiagnosticStatus, 'outputs', latched())
+        self.device = self._record(DiagnosticStatus, 'device', latched())
         self.diagnostics = observer.record(DiagnosticArray, '/diagnostics')
         self._cmd_joy: Any = None
         self._estop_in: Any = None

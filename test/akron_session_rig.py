@@ -18,7 +18,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 import itertools
-import math
 from typing import Any, TypeVar
 
 from akron_can_bridge.protocol import Axis, BasicJoystick, ExtendedJoystick, Status
@@ -63,6 +62,7 @@ NAME = name('0B1AC22800420090', UNIT)
 POSITION = ef('011D940371000041')
 OUTPUTS = ef('83C051')  # enable is asserted
 OSCILLATES = ef('81FED401C280')
+STANDS = ef('81FED401C200')
 # By hand from them.
 OTHER_PIN = '1032AE100801036'
 OTHER_ANNOUNCED = ef('FF83150226021A0C', 0x81)
@@ -112,19 +112,19 @@ class Bench(SessionBench[Session]):
         taken = [frame for frame, lost in zip(frames, refused, strict=True) if not lost]
         return super()._keep((events, taken))
 
-    def open(self, before: Handover | None = None, lost: float = math.inf) -> list[Any]:
-        """Open the port as the node does. :param lost: s since the wire of ``before`` was."""
+    def open(self, before: Handover | None = None, *, lost: bool = False) -> list[Any]:
+        """Open the port as the node does. :param lost: the wire of ``before`` was."""
         found = super().open()
-        self.session.take_over(before, self.now - lost, self.now)
+        self.session.take_over(before, lost, self.now)
         return found + self.poll()
 
     def hear_unit(self) -> list[Any]:
         """Hear what a sound unit broadcasts every 100 ms."""
         return self.take(OUTPUTS, POSITION)
 
-    def find_unit(self, before: Handover | None = None, lost: float = math.inf) -> Bench:
+    def find_unit(self, before: Handover | None = None) -> Bench:
         """Open the port, find the unit, get its faults: no stop any more."""
-        self.open(before, lost)
+        self.open(before)
         self.take(ANNOUNCED, OUTPUTS, NO_FAULTS)
         return self
 
@@ -205,10 +205,13 @@ class Turning(Bench):
 
 
 def oscillating(**options: Any) -> Turning:
-    """Return one whose unit oscillates as it was asked to."""
-    bench = Turning(automatic_motion=True, **options).ready()
-    bench.turns, bench.says = True, [OSCILLATES]
+    """Return one whose unit oscillates as it was asked to, and is to be paused by a stop."""
+    given = {'automatic_motion': True, 'button_switches': (4,), 'pause_on_stop': True, **options}
+    bench = Turning(**given)
+    bench.says = [STANDS]
+    bench.ready()
     bench.run(0.1, OSCILLATE)
+    bench.turns, bench.says = True, [OSCILLATES]
     bench.run(1.0, REST)
     assert not bench.session.estop
     return bench

@@ -446,7 +446,6 @@ EXCUSED: dict[str, dict[str, str]] = {
         'Motion.__init__: -math.inf -> math.inf': (
             'without a step there is no motion, and the first step sets when that began'
         ),
-        'Motion.__init__: self._still_since = math.inf -> pass': _SET_FIRST,
     },
     'akron_can_bridge/session/joysticks.py': {
         'Joysticks.__init__: self._extended = _NO_EXTENDED -> pass': _SET_FIRST,
@@ -457,35 +456,21 @@ EXCUSED: dict[str, dict[str, str]] = {
         ),
     },
     'akron_can_bridge/session/session.py': {
-        'Session._follow_travel: begins or not self.motion.stands(now) -> '
-        'not self.motion.stands(now)': 'what begins a travel counts as steering by itself',
-        'Session._follow_travel: now >= self._travel_at + self.settings.coast_time + STEP_TIME -> '
-        'now > self._travel_at + self.settings.coast_time + STEP_TIME': _JUST_THEN,
         'Session.__init__: True -> False': 'what it is not told yet is a stop',
-        'Session.__init__: self._stopped_at = -math.inf -> pass': _SET_FIRST,
         'Session._follow: self._was_up and (not self.link_up) -> not self.link_up': (
             'of a unit that is not heard nothing is known that could be forgotten'
         ),
         'Session._follow: self._in_error = False -> pass': _SAID_ANEW,
-        'Session._follow_travel: now < self._steered_until -> now <= self._steered_until': (
-            'a moment later it is over'
-        ),
         'Session.refused: pgn == PROPRIETARY_PGN and frame.data[0] == '
         'MessageType.SOE_PERMISSIVE -> frame.data[0] == MessageType.SOE_PERMISSIVE': (
             'no joystick frame of ours begins with A1'
         ),
         'Session._follow: False -> True': _SAID_ANEW,
         'Session._follow_motion: True -> False': _EARLIEST,
-        'Session._may_pause: return False -> return None': _FALSY,
         'Session._is_back: return False -> return None': _FALSY,
         'Session._permitted: self.withheld or self.drive.forbidden(now, self._holds()) -> '
         'self.withheld': 'whatever forbids motion withholds it in the same step',
         'Session.set_directions: self._expire(now) -> pass': 'the refresh at its end does it',
-        'Session._may_pause: self.motion.runs_since < self._steered_until -> '
-        'self.motion.runs_since <= self._steered_until': 'a pause is pressed one step later',
-        'Session._hand_over: now < self._steered_until -> now <= self._steered_until': (
-            'the next session is told one step later'
-        ),
         'Session.limit_directions: self._expire(now) -> pass': 'the refresh at its end does it',
         'Session.limit_directions: self._refresh(now) -> pass': 'no verdict depends on directions',
         'Session.take_over: self._expire(now) -> pass': 'the refresh at its end does it',

@@ -57,8 +57,10 @@ def status(state: str = '2 ms', *, available: bool = False) -> bytes:
     return build_frame(10, bytes((0, STATES[state] << 1 | available)))
 
 
-def configuration(inputs: int = INPUTS, aux: Sequence[int] = (0,) * 6) -> bytes:
-    return build_frame(15, bytes((126, inputs)) + words(aux))
+def configuration(
+    inputs: int = INPUTS, aux: Sequence[int] = (0,) * 6, config_id: int = 126
+) -> bytes:
+    return build_frame(15, bytes((config_id, inputs)) + words(aux))
 
 
 class Rig:
@@ -76,6 +78,7 @@ class Rig:
         self.outputs = [0x8000] * OUTPUTS
         self.aux: Sequence[int] = (0,) * 6
         self.aux_inputs = b'\0\0'
+        self.config_id = 126
         self.mute: set[int] = set()  # IDs that are not answered
         self.busy = False  # the line takes no message 20 or 21
         self.estop: bool | None = False  # what the mux says; None: nothing
@@ -93,7 +96,7 @@ class Rig:
         if kind == 10:
             return status(self.state, available=self.available)
         if kind == 15:
-            return configuration(len(self.inputs), self.aux)
+            return configuration(len(self.inputs), self.aux, self.config_id)
         payloads = {
             11: bytes(self.sources),
             12: words(self.outputs),

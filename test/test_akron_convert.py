@@ -31,6 +31,7 @@ from akron_can_bridge.protocol import (
     ElevationSoftLimits,
     ExtendedJoystick,
     MiniOutputs,
+    Name,
     PositionLimit,
     RotationSoftLimits,
 )
@@ -271,3 +272,34 @@ def test_faulted_riser_is_a_warning() -> None:
 def test_outputs_without_a_6033_are_no_fault() -> None:
     status = convert.outputs(DigitalOutputs.from_bytes(GOLDEN['digital outputs']), None, None, '')
     assert (status.level, status.message) == (DiagnosticStatus.OK, 'ok')
+
+
+NAME = Name(1035, 326, function=66, industry_group=1)
+
+
+@pytest.mark.parametrize(
+    ('address', 'namesake', 'level', 'message'),
+    [
+        (0x80, None, DiagnosticStatus.OK, '1032AE100801035 at 80'),
+        (None, None, DiagnosticStatus.STALE, 'no unit has an address'),
+        (0x80, Name(1, 0), DiagnosticStatus.WARN, 'another device claims our address'),
+    ],
+)
+def test_device_says_who_the_unit_is_and_who_claims_our_address(
+    address: int | None, namesake: Name | None, level: bytes, message: str
+) -> None:
+    status = convert.device('1032AE100801035', 1032, address, NAME, namesake, 0x38, 'mine')
+    assert (status.level, status.message, status.hardware_id) == (level, message, 'mine')
+    values = {pair.key: pair.value for pair in status.values}
+    assert values['NAME'] == f'{NAME.value:016X}'
+    assert values['manufacturer'] == '326 (Akron Brass)'
+    assert values['own address'] == '38'
+    claimed = 'nobody' if namesake is None else 'NAME 0000000000000001'
+    assert values['own address claimed by'] == claimed
+
+
+def test_device_that_was_not_heard_has_no_name() -> None:
+    status = convert.device('', 0, 0x80, None, None, 0x38, 'mine')
+    values = {pair.key: pair.value for pair in status.values}
+    assert (status.message, values['NAME']) == ('a unit at 80', 'not heard')
+    assert 'manufacturer' not in values

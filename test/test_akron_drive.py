@@ -141,7 +141,7 @@ def test_permission_is_said_anew_to_a_unit_that_is_back() -> None:
 
 def test_farewell_leaves_nothing_commanded_and_needs_no_unit() -> None:
     drive = moving(soe_permissive=True)
-    frames = drive.farewell(None, NOW, pause=False)
+    frames = drive.farewell(None, NOW)
     assert {(frame.identifier, frame.data) for frame in frames} == {(JOYSTICK, NEUTRAL)}
     assert not drive.moving
 
@@ -172,10 +172,8 @@ def test_gate_says_nothing_while_nothing_forbids_motion_and_its_reason_once() ->
 def test_target_of_the_grip_is_motion_that_goes_on_by_itself() -> None:
     drive = moving()
     assert not drive.automatic
-    assert not drive.travels
     drive.set_command(Command(REST[0], ExtendedJoystick(grip_x=Axis.of(0))), NOW, [])
     assert drive.automatic
-    assert drive.travels
 
 
 def test_pause_is_pressed_at_once_and_no_longer_than_its_time() -> None:
@@ -204,8 +202,7 @@ def test_press_of_which_nothing_went_out_is_none() -> None:
     drive.start(NOW)
     drive.pause(NOW)
     assert said(drive, NOW) == PAUSE
-    drive.stick_refused(NOW)
-    assert drive.steered_until == -math.inf
+    assert drive.stick_refused(NOW)
     assert said(drive, NOW + 0.001) == NEUTRAL
 
 
@@ -215,8 +212,7 @@ def test_press_of_which_something_went_out_goes_on() -> None:
     drive.pause(NOW)
     assert said(drive, NOW) == PAUSE
     assert said(drive, NOW + 0.02) == PAUSE
-    drive.stick_refused(NOW + 0.02)
-    assert drive.steered_until == NOW + PAUSE_TIME
+    assert not drive.stick_refused(NOW + 0.02)
     assert said(drive, NOW + 0.021) == PAUSE
 
 
@@ -237,17 +233,8 @@ def test_press_begins_behind_a_command_before_its_first_frame() -> None:
     assert said(drive, NOW) == MOVING
     drive.set_command(AT_REST, NOW + 0.02, [])
     assert said(drive, NOW + 0.02) == PAUSE
-    drive.stick_refused(NOW + 0.02)
+    assert drive.stick_refused(NOW + 0.02)
     assert said(drive, NOW + 0.021) == NEUTRAL
-
-
-def test_stick_that_did_not_go_out_has_steered_until_it_was_let_go_of() -> None:
-    drive = moving()
-    drive.set_command(AT_REST, NOW, [])
-    assert drive.steered_until == NOW
-    assert said(drive, NOW) == NEUTRAL
-    drive.stick_refused(NOW)
-    assert drive.steered_until == NOW
 
 
 # -- until when we asked for the motion that the unit reports -------------------------------------

@@ -60,8 +60,8 @@ PERMITTED = 0.3  # s for which a permission holds at the unit
 FOREIGN = 1.0  # s for which a foreign joystick is a stop
 APART = (  # see Memory
     'refused', 'moves', 'other_frames', '_stream', '_names', 'motion', 'asked_until',
-    'steered_until', '_automatic_until', '_stopped_at', '_pause_until', '_due', '_asked_at',
-    '_handover', '_before',
+    '_automatic_until', '_due', '_asked_at', '_handover', '_before', 'oscillation', 'presses',
+    '_device', '_misfit', '_misfit_heard',
 )  # fmt: skip
 
 
@@ -106,7 +106,7 @@ class World(SessionWorld[Session]):
             unnamed=self.UNNAMED,
             never=self.NEVER,
         )
-        self.session.take_over(None, -math.inf, self.now)
+        self.session.take_over(None, False, self.now)
         self.known: dict[str, Any] = {}  # what the unit said: when, or what
         self.foreign_at = -math.inf
         self.asked, self.asked_at = '', -math.inf  # of the e-stop input

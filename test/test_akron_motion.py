@@ -19,8 +19,6 @@ from __future__ import annotations
 from dataclasses import replace
 import math
 
-import pytest
-
 from akron_can_bridge.protocol import Position, PositionLimit, Status
 from akron_can_bridge.session.motion import Motion
 from akron_can_bridge.session.unit import Unit
@@ -69,7 +67,7 @@ def test_steps_of_both_angles_in_one_message_are_one() -> None:
     for number, tenths in enumerate((100, 110, 120)):
         up = Position(tenths, positive=Status.ON)
         motion.take(replace(at(tenths), elevation=up), NOW + PERIOD * number)
-    assert motion.runs_since == NOW + PERIOD
+    assert motion.began_at == NOW + PERIOD
 
 
 def test_unit_stands_half_a_second_after_its_last_step() -> None:
@@ -80,63 +78,11 @@ def test_unit_stands_half_a_second_after_its_last_step() -> None:
     assert not motion.moving(stands)
 
 
-def standing() -> tuple[Motion, float]:
-    """Return one that was heard to stand half a second after its last step, and when."""
-    motion, last = turning(100, 110, 120), NOW + 2 * PERIOD
-    for number in range(1, 5):
-        now = last + PERIOD * number
-        motion.take(at(120), now)
-        assert motion.stands(now) == (number == 4)
-    return motion, now
-
-
-def test_unit_is_heard_to_stand_after_half_a_second_without_a_step_and_for_as_long() -> None:
-    motion, now = standing()
-    assert motion.stands(now + HOLD - 1e-6)
-    assert not motion.stands(now + HOLD)
-
-
-@pytest.mark.parametrize('silence', [HOLD, 2 * HOLD])
-def test_unit_that_was_silent_may_have_moved_meanwhile(silence: float) -> None:
-    motion, now = standing()
-    motion.take(at(120), now + silence)
-    assert not motion.stands(now + silence)
-
-
-def test_unit_has_arrived_once_it_stands_and_has_moved_since() -> None:
-    motion, now = standing()
-    last = NOW + 2 * PERIOD
-    assert motion.arrived(last - 1e-6, now)
-    assert not motion.arrived(last, now)
-    assert not motion.arrived(last - 1e-6, now + HOLD)
-
-
-def test_angle_that_is_lost_may_change_for_half_a_minute() -> None:
-    motion, now = standing()
-    alone = replace(at(120), elevation=NO_ANGLE)
-    silent, known = now + HOLD, now + 30.0 + HOLD
-    for number in range(round(30.0 / PERIOD) + 5):
-        now += PERIOD
-        motion.take(alone, now)
-        assert motion.stands(now) == (now < silent or now >= known), number
-
-
 def test_angle_that_is_back_elsewhere_is_no_step() -> None:
     motion = turning(100)
     motion.take(replace(at(100), rotation=NO_ANGLE), NOW + 0.1)
     turning(200, 210, motion=motion, since=NOW + 0.2)
     assert not motion.moving(NOW + 0.2 + PERIOD)
-
-
-def test_motion_runs_since_its_last_step_but_one() -> None:
-    motion = turning(100, 110)
-    assert motion.runs_since == -math.inf
-    turning(120, motion=motion, since=NOW + 2 * PERIOD)
-    assert motion.runs_since == NOW + PERIOD
-    motion.take(at(130), motion.ends_at)
-    assert motion.runs_since == NOW + PERIOD
-    motion.forget()
-    assert motion.runs_since == -math.inf
 
 
 def test_step_at_the_moment_at_which_it_stands_begins_anew() -> None:

@@ -14,14 +14,13 @@
 
 """Every state in which the Akron session judges motion by itself, or pauses it; see explorer."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 import math
 from typing import Any
 
 import pytest
 
 from test.akron_session_rig import (
-    DEPLOY,
     ef,
     joystick,
     MOVING,
@@ -31,24 +30,20 @@ from test.akron_session_rig import (
     OURS,
     OUTPUTS,
     PAUSE,
-    REST,
+    STANDS,
 )
-from test.explorer import check, explore, visits_of
+from test.explorer import visits_of
 from test.test_akron_exploration import FOREIGN, STICK, World as AkronWorld
 
 pytestmark = pytest.mark.computes
 STARTING = bytes.fromhex('0100010000010000')  # switch 4
-DEPLOYING = bytes.fromhex('0100010000000100')  # switch 8
 ANGLES = (ef('0100040371000041'), ef('010A040371000041'))  # a degree apart
-LIMITS = (ef('81FED401C200'), OSCILLATES)
+LIMITS = (STANDS, OSCILLATES)
+# What type 81 tells, and whether the angles change. A hand on the unit's own switches is 'turns',
+# or where a unit says "oscillating" in a pause, 'oscillates'; it comes and goes as it likes.
 TURNING = ('turns', 'oscillates', 'crowded')
 OSCILLATING = ('oscillates', 'crowded', 'paused')
 HOLD = 0.5  # s after its last step for which a unit counts as moving
-PRESS = 0.2  # s for which switch 7 is held
-
-
-# Of travels: they decide nothing where none begins.
-OF_TRAVELS = ('_heard_at', '_still_since')
 
 
 class World(AkronWorld):
@@ -60,23 +55,22 @@ class World(AkronWorld):
     CALM = {'unit': 'still', 'estop': 'clear', 'stick': 'rest'}
     APART: Sequence[str] = (
         'refused', 'moves', 'other_frames', '_stream', '_names', '_due', '_asked_at',
-        '_handover', '_before', '_measured', *OF_TRAVELS,
+        '_handover', '_before', 'presses', '_device',
     )  # fmt: skip
-    OLD = {
-        '_pause_until': 0.0,
-        **dict.fromkeys(('_stopped_at', 'stop_at', 'over_at', 'run_at', 'began_at'), COAST),
+    OLD: Mapping[str, float] = {
+        **dict.fromkeys(('_pause_until', '_asked_until'), 0.0),
+        **dict.fromkeys(('over_at', 'run_at', 'began_at', 'starting_at'), COAST),
         **dict.fromkeys(('asked_until', 'pushed_until', '_automatic_until', 'taken_at'), COAST),
-        **dict.fromkeys(('steered_until', 'steered'), COAST + 2 * HOLD),
-        'pressed_at': PRESS,
+        **dict.fromkeys(('pressed_at', '_pressed_at'), COAST),
     }
     # It tells of its faults unasked; and why one does not listen is words.
     UNNAMED = ('_faults_at', '_interruption')
     NEVER: Sequence[str] = (
-        *('pushed_until', 'run_at', 'taken_at', 'steered', 'stop_at', 'pressed_at', 'asked_until'),
-        *('_automatic_until', 'began_at', 'runs_since', 'steered_until', '_stopped_at'),
+        *('pushed_until', 'run_at', 'taken_at', 'asked_until', 'starting_at'),
+        *('_automatic_until', 'began_at', '_asked_until', '_pause_until'),
         *('interrupted_at', '_interrupted_at'),
     )
-    OPTIONS = {'coast_time': COAST, 'automatic_motion': True}
+    OPTIONS: Mapping[str, Any] = {'coast_time': COAST, 'automatic_motion': True}
     STICKS = {**AkronWorld.STICKS, 'oscillate': (OSCILLATE, STARTING)}
 
     def __init__(self, reads: Sequence[str] = (), **said: str) -> None:
@@ -84,43 +78,23 @@ class World(AkronWorld):
         self.seen = False  # an angle, since all was forgotten
         self.steps: tuple[float, ...] = ()  # the last two moments of steps, of a run
         self.run_at = -math.inf  # when it began
-        self.oscillates = False
+        self.oscillates: bool | None = None  # as it said last
         self.pushed_until = -math.inf  # until when our frames ask for motion
-        self.steered = -math.inf
+        self.starting_at = -math.inf  # when they last asked it to oscillate
         self.by_itself = False  # our frames asked for such motion since the last stop
         self.taken_at = -math.inf  # when a stop took that back
-        self.stop_at = -math.inf  # when the last stop began
-        self.over_at = -math.inf  # and ended
-        self.pressed_at = -math.inf
-        self.presses = 0  # in this stop
+        self.over_at = -math.inf  # when the last stop ended
+        self.is_ours = self.lied = False
+        self.pressed_at = -math.inf  # for the oscillation that it tells of
         super().__init__(reads, **said)
 
     def key(self) -> tuple[Any, ...]:
-        """Name the state, without what decides nothing in it."""
-        session, motion, drive = self.session, self.session.motion, self.session.drive
-        nameless: list[tuple[Any, str, float]] = []  # and what stands there for any value
-        if not motion.moving(self.now):
-            nameless += [(motion, 'runs_since', -math.inf)]
-            if self.now >= motion.ends_at:  # or the step before may have been the first
-                nameless += [(motion, 'began_at', -math.inf)]
-            if self.now >= drive.steered_until + self.COAST:
-                nameless += [(drive, 'steered_until', -math.inf)]
-        if not session._travels:
-            nameless += [(session, '_travel_at', -math.inf)]
-            if self.now >= motion.ends_at:
-                nameless += [(motion, '_stepped_at', -math.inf)]
-        if self.now >= session._pause_until:
-            nameless += [(session, '_stopped_at', -math.inf)]
-        stood = motion._heard_at - motion._still_since
-        if self.now >= motion._heard_at + HOLD or not stood < HOLD:
-            stood = HOLD * (self.now < motion._heard_at + HOLD)
-            nameless += [(motion, '_still_since', motion._heard_at - stood)]
-        values = [getattr(each, name) for each, name, _ in nameless]
-        for each, name, value in nameless:
-            setattr(each, name, value)
+        """Name the state, without a run that is over."""
+        motion, began_at = self.session.motion, self.session.motion.began_at
+        if self.now >= motion.ends_at:
+            motion.began_at = -math.inf
         key = super().key()
-        for (each, name, _), value in zip(nameless, values, strict=True):
-            setattr(each, name, value)
+        motion.began_at = began_at
         return key
 
     def sound(self) -> bool:
@@ -137,7 +111,9 @@ class World(AkronWorld):
 
     def lapse(self) -> None:
         if self.heard_at is None:
-            self.seen, self.steps, self.oscillates = False, (), False
+            self.seen, self.steps, self.oscillates = False, (), None
+        if not self.vouched(self.LINK):
+            self.is_ours, self.oscillates, self.pressed_at = False, None, -math.inf
         if self.steps and self.now - self.steps[-1] >= HOLD:
             self.steps = ()
         if not self.steps:
@@ -146,28 +122,39 @@ class World(AkronWorld):
 
     def hear(self, said: Sequence[str]) -> None:
         for each in said:
-            oscillates, turns = each in OSCILLATING, each in TURNING
+            turns = each in TURNING
             self.side ^= turns
             if each == 'crowded':
                 self.keep(self.session.receive(joystick(), self.now))
                 self.foreign_at, self.stop_said = self.now, True
-            frames = (*self.answers('ok'), OUTPUTS, LIMITS[oscillates], ANGLES[self.side])
+                self.is_ours, self.pressed_at = False, -math.inf
+            self.note_oscillation(each in OSCILLATING)
+            frames = (*self.answers('ok'), OUTPUTS, ANGLES[self.side], LIMITS[each in OSCILLATING])
             for frame in frames:
                 self.keep(self.session.receive(frame, self.now))
             self.heard_at = self.known['outputs'] = self.now
             self.known['enabled'], self.known['faults'] = True, 'none'
-            self.oscillates = oscillates
             if turns and self.seen:
                 self.note_step()
             self.seen = True
             self.watch()
+
+    def note_oscillation(self, oscillates: bool) -> None:
+        """Note what type 81 tells, and whose it is: of 'oscillating' that follows our switch."""
+        asked = self.now - self.starting_at < self.COAST and self.now - self.foreign_at >= FOREIGN
+        begins = self.oscillates is False and asked
+        self.is_ours = oscillates and (self.is_ours or begins)
+        self.pressed_at = self.pressed_at if oscillates else -math.inf
+        told_on = math.isfinite(self.pressed_at) and self.now - self.pressed_at >= self.COAST
+        self.lied |= told_on
+        self.oscillates = oscillates
 
     def watch(self) -> None:
         super().watch()
         if self.clear() and not self.verdict.estop:
             self.over_at = min(self.over_at, self.now)
         elif self.over_at < math.inf:  # or it began anew in this step
-            self.stop_at, self.over_at, self.presses = self.now, math.inf, 0
+            self.over_at = math.inf
 
     def note_step(self) -> None:
         if not self.steps:
@@ -181,13 +168,14 @@ class World(AkronWorld):
         self.frames = [still if frame.data == PAUSE else frame for frame in self.frames]
         super().judge()
         self.judge_press(PAUSE in sticks)
-        starts = STARTING in sticks or DEPLOYING in sticks
-        pushing = bool(sticks) and sticks[-1] in (MOVING, STARTING, DEPLOYING)
+        starts = STARTING in sticks
+        pushing = bool(sticks) and sticks[-1] in (MOVING, STARTING)
         if pushing or self.pushed_until == math.inf:
             self.pushed_until = math.inf if pushing else self.now
-        steering = MOVING in sticks[-1:]
-        if steering or self.steered == math.inf:
-            self.steered = math.inf if steering else self.now
+        if starts:
+            self.starting_at = self.now
+        if MOVING in sticks or self.now - self.foreign_at < FOREIGN:
+            self.is_ours, self.starting_at, self.pressed_at = False, -math.inf, -math.inf
         self.by_itself |= starts
         if self.over_at == math.inf and self.by_itself:
             self.by_itself, self.taken_at = False, self.now
@@ -195,25 +183,35 @@ class World(AkronWorld):
         assert said == self.unasked() or not self.vouched(self.LINK), 'whether it moves by itself'
 
     def judge_press(self, pressed: bool) -> None:
-        """Check that a press pauses what surely runs, and never resumes what is paused."""
-        if not pressed or self.now - self.pressed_at < PRESS:
-            return
-        self.pressed_at = self.now
-        self.presses += 1
-        assert self.now <= self.over_at, 'switch 7 without a stop'
-        assert self.presses == 1, 'switch 7 twice in a stop'
-        assert self.oscillates, 'nothing oscillates'
-        assert self.now - self.foreign_at >= FOREIGN, 'whose switch is pressed, too?'
-        assert len(self.steps) > 1, 'one step is no motion'
-        assert self.steps[0] > self.stop_at, 'it may have been paused since'
-        assert self.steps[0] >= self.steered + self.COAST, 'it may coast'
+        assert not pressed, 'a switch that nobody asked for'
 
     def revive(self) -> None:
         super().revive()
         self.play('stick rest', 'stick oscillate', 'unit oscillates', 'stick rest', *[''] * 8)
         assert not self.verdict.estop, 'no oscillation that was asked for'
         self.play('estop stop', '', '')
-        assert self.presses == 1, 'an oscillation goes on in a stop'
+
+
+class Pausing(World):
+    """One whose integrator says that type 81 tells of no oscillation while it is paused."""
+
+    OPTIONS = {**World.OPTIONS, 'button_switches': (4,), 'pause_on_stop': True}
+
+    def judge_press(self, pressed: bool) -> None:
+        """Check that a press pauses what we began, and nothing else can explain."""
+        if not pressed:
+            return
+        assert self.now <= self.over_at, 'switch 7 without a stop'
+        assert self.oscillates, 'it does not tell so'
+        assert self.heard_at == self.now, 'it does not tell so now'
+        assert self.is_ours, 'somebody else began it, or may have paused it since'
+        assert not self.lied, 'it tells of no pause'
+        assert len(self.steps) > 1, 'one step is no motion'
+        self.is_ours, self.pressed_at = False, self.now
+
+    def revive(self) -> None:
+        super().revive()
+        assert (self.pressed_at > -math.inf) is not self.lied, 'an oscillation goes on in a stop'
 
 
 SCENES: dict[str, dict[str, Any]] = {
@@ -230,7 +228,7 @@ SCENES: dict[str, dict[str, Any]] = {
     'neighbours': {
         'unit': 'still oscillates crowded',
         'estop': 'clear',
-        'stick': 'rest',
+        'stick': 'rest oscillate',
     },
     'together': {
         'unit': 'still turns oscillates paused',
@@ -238,85 +236,19 @@ SCENES: dict[str, dict[str, Any]] = {
         'stick': 'rest move oscillate',
     },
 }
+# States, and steps between them.
 COUNTS: dict[str, tuple[int, int]] = {
-    'stops': (2752, 18577),
-    'sticks': (5291, 35508),
-    'neighbours': (2936, 17075),
-    'together': (55428, 538655),
-}  # states, and steps between them
+    'stops': (234, 1554),
+    'sticks': (1244, 8356),
+    'neighbours': (1694, 11378),
+    'together': (4934, 47768),
+}
+PAUSING_COUNTS: dict[str, tuple[int, int]] = {
+    'sticks': (1260, 8468),
+    'neighbours': (1694, 11378),
+    'together': (16148, 156488),
+}
 test_every_state_near_the_start, test_every_state = visits_of(World, SCENES, COUNTS, near=100)
-
-
-class Sent(World):
-    """
-    A unit that is sent somewhere, and says all along that it oscillates, as when that is paused.
-
-    Motion is the travel where it begins within ``coast_time`` of asking, until it has stood.
-    """
-
-    CALM = {'unit': 'paused', 'estop': 'clear', 'stick': 'rest'}
-    APART = tuple(name for name in World.APART if name not in OF_TRAVELS)
-    OLD = {
-        **World.OLD,
-        'turned_at': HOLD,
-        '_heard_at': HOLD,
-        '_still_since': 2 * HOLD,
-        'sent_at': World.COAST,
-        '_travel_at': World.COAST + HOLD,
-    }
-    STICKS = {'rest': (REST, NEUTRAL), 'deploy': (DEPLOY, DEPLOYING)}
-
-    def __init__(self, reads: Sequence[str] = (), **said: str) -> None:
-        self.travels = self.crept = False
-        self.sent_at = -math.inf  # somewhere, last
-        self.turned_at = -math.inf  # heard or not
-        super().__init__(reads, **said)
-
-    def hear(self, said: Sequence[str]) -> None:
-        super().hear([each for each in said if each != 'unheard'])
-
-    def judge(self) -> None:
-        if self.crept or self.doing['unit'] in ('oscillates', 'unheard'):
-            self.turned_at = self.now
-            self.travels |= self.now - self.sent_at < self.COAST
-        elif self.now - max(self.turned_at, self.sent_at + self.COAST - HOLD) >= HOLD:
-            self.travels = False
-        super().judge()
-        if any(frame.data == DEPLOYING for frame in self.frames if frame.identifier == STICK):
-            self.sent_at = self.now
-            self.travels |= self.turned_at == self.now
-
-    def judge_press(self, pressed: bool) -> None:
-        super().judge_press(pressed)
-        assert not (pressed and self.travels), 'a travel is no oscillation'
-
-    def revive(self) -> None:
-        self.play(*[''] * 8, 'unit oscillates', '', 'estop stop', '', '')
-        assert self.presses == 1, 'an oscillation goes on in a stop'
-
-
-class Creeping(Sent):
-    """One that may begin with 'creep': it turns, and not so far yet that it could be seen."""
-
-    def possible(self) -> Iterator[str]:
-        yield from super().possible()
-        if self.open and self.doing['unit'] == 'paused' and self.now - self.turned_at >= HOLD:
-            yield 'creep'
-
-    def step(self, event: str) -> None:
-        self.crept = event == 'creep'
-        super().step('' if self.crept else event)
-
-
-SENT = {'unit': 'paused oscillates unheard', 'estop': 'clear stop', 'stick': 'rest deploy'}
-
-
-@pytest.mark.parametrize('most', [100, pytest.param(math.inf, marks=pytest.mark.proof)])
-def test_no_stop_takes_a_travel_for_an_oscillation(most: float) -> None:
-    check(Sent(**SENT), 'here.Sent(**here.SENT)', (35342, 275467), most)
-
-
-@pytest.mark.parametrize('most', [100, pytest.param(10_000, marks=pytest.mark.proof)])
-def test_nor_one_that_begins_unseen(most: int) -> None:
-    """There are more states than anybody has waited for."""
-    explore(Creeping(**SENT), 'here.Creeping(**here.SENT)', most)
+test_every_pause_near_the_start, test_every_pause = visits_of(
+    Pausing, {name: SCENES[name] for name in PAUSING_COUNTS}, PAUSING_COUNTS, near=100
+)

@@ -231,6 +231,11 @@ def test_readdressed_in_motion_it_goes_on(bench: Bench, unit: Station) -> None:
     bench.drive(unit)
     unit.steer('address 9A')
     bench.wait(lambda: bench.value('address') == '9A', 'the new address')
+    bench.wait(lambda: bench.device.last.message == '1032AE100801035 at 9A', 'who it is')
+    named = {pair.key: pair.value for pair in bench.device.last.values}
+    assert named['manufacturer'] == '326 (Akron Brass)'
+    count = len(bench.device.messages)
+    bench.wait(lambda: len(bench.device.messages) > count + 2, 'it again')
     assert int(bench.value('moves to another address')) == moves + 1
     bench.wait(lambda: unit.look('moving'), 'motion')
     bench.joint_states.clear()

@@ -96,14 +96,39 @@ def lose_wire(bench: Bench) -> None:
     bench.wait(lambda: 'SIGKILL' in bench.value('last wire', 'link'), 'its end')
 
 
-def test_oscillation_that_a_dead_wire_leaves_is_paused(
+def test_hand_on_the_units_own_switches_has_no_paused_oscillation_resumed(
     observer: Observer, can_bus: CanBus, own_unit: Station
 ) -> None:
-    coast_time = 10.0
-    given = {'automatic_motion': True, 'button_switches': [4], 'coast_time': coast_time}
-    with bench_of(observer, can_bus, given) as bench:
-        ready_to_lose(bench)
+    """By a stop, nor by the end of the node: the unit says "oscillating" in a pause, too."""
+    own_unit.steer('oscillate on', 'pause on', 'limit right 175')
+    with bench_of(observer, can_bus) as bench:
+        bench.connect()
         ready_at = time.monotonic()
+        bench.wait(lambda: time.monotonic() > ready_at + 1.5, 'nothing coasts')
+        own_unit.steer('physical 1 0.2')
+        bench.wait(lambda: own_unit.look('moving'), 'the hand')
+        bench.stop = True
+        bench.wait(lambda: 'nobody asks it to' in bench.status().message, 'the report')
+        assert bench.node.end(signal.SIGTERM) == 0
+        own_unit.steer('physical 1 0')
+        bench.wait(lambda: own_unit.joystick_frames(0x38)[-3:] == [NEUTRAL] * 3, 'neutral frames')
+    assert PAUSE not in own_unit.joystick_frames(0x38)
+    assert own_unit.look('paused')
+    assert not own_unit.look('moving')
+
+
+def test_stop_pauses_an_oscillation_of_ours_once_and_says_so(
+    observer: Observer, can_bus: CanBus, own_unit: Station
+) -> None:
+    given = {
+        'automatic_motion': True,
+        'button_switches': [4],
+        'pause_on_stop': True,
+        'coast_time': 5.0,
+    }
+    own_unit.steer('pausetold on')
+    with bench_of(observer, can_bus, given) as bench:
+        bench.connect()
 
         def oscillates() -> Any:
             """Press until it does: a busy machine may make two of a press, which end it."""
@@ -113,12 +138,14 @@ def test_oscillation_that_a_dead_wire_leaves_is_paused(
             return own_unit.look('oscillating')
 
         bench.wait(oscillates, 'an oscillation')
-        # Until then what turns may be what another process steered.
-        bench.wait(lambda: time.monotonic() > ready_at + coast_time, 'nothing coasts')
-        lose_wire(bench)
+        bench.wait(lambda: bench.value('motion reported') == 'oscillates', 'the report')
         bench.stop = True
-        bench.wait(lambda: PAUSE in own_unit.joystick_frames(0x38), 'the switch')
+        bench.wait(lambda: own_unit.look('paused'), 'the pause')
         bench.wait(lambda: not own_unit.look('moving'), 'rest')
+        bench.wait(lambda: 'presses switch 7 once' in bench.node.output, 'the line')
+        bench.wait(lambda: bench.value('switch 7 pressed by stops') == '1', 'the count')
+        bench.wait(lambda: own_unit.joystick_frames(0x38)[-3:] == [NEUTRAL] * 3, 'its end')
+        assert own_unit.look('paused')
 
 
 def test_reset_after_a_dead_wire_moves_nothing_that_was_under_way(

@@ -17,7 +17,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-import math
 from typing import Any
 
 import pytest
@@ -64,7 +63,7 @@ def test_first_session_is_told_that_there_was_none_before(
     node: AkronCanBridge, asked: Asked
 ) -> None:
     node.on_events([HandoverWanted()], 100.0)
-    assert asked == [(Session.take_over, None, -math.inf)]
+    assert asked == [(Session.take_over, None, False)]
 
 
 def test_session_is_told_what_the_one_before_said_last_behind_a_stop(
@@ -73,7 +72,7 @@ def test_session_is_told_what_the_one_before_said_last_behind_a_stop(
     node.on_events([Handover(), StopChanged(Verdict()), StopChanged(Verdict.stop()), KNOWN], 100.0)
     node.on_events([HandoverWanted()], 100.0)
     node.pace(101.0)
-    assert asked == [(Session.take_over, KNOWN, -math.inf)]
+    assert asked == [(Session.take_over, KNOWN, False)]
 
 
 def test_session_of_a_new_wire_is_told_when_the_one_before_was_lost(
@@ -83,9 +82,9 @@ def test_session_of_a_new_wire_is_told_when_the_one_before_was_lost(
     node.on_lost()
     for _ in range(2):  # the second time after lost messages
         node.on_events([HandoverWanted()], 100.0)
-    assert asked == [(Session.take_over, KNOWN, 100.0)] * 2
+    assert asked == [(Session.take_over, KNOWN, True)] * 2
     node.on_events([KNOWN, HandoverWanted()], 100.0)
-    assert asked[2:] == [(Session.take_over, KNOWN, -math.inf)]
+    assert asked[2:] == [(Session.take_over, KNOWN, False)]
 
 
 def test_wire_that_is_lost_before_it_told_anything_makes_the_stop_no_younger(
@@ -96,10 +95,10 @@ def test_wire_that_is_lost_before_it_told_anything_makes_the_stop_no_younger(
     monkeypatch.setattr(clock, 'now', lambda: 103.0)
     node.on_lost()
     node.on_events([HandoverWanted(), KNOWN], 103.0)
-    assert asked == [(Session.take_over, KNOWN, 100.0)]
+    assert asked == [(Session.take_over, KNOWN, True)]
     node.on_lost()
     node.on_events([HandoverWanted()], 103.0)
-    assert asked[1:] == [(Session.take_over, KNOWN, 103.0)]
+    assert asked[1:] == [(Session.take_over, KNOWN, True)]
 
 
 def test_session_of_a_new_activation_is_not_held_to_the_unit_of_a_wire_that_was_lost(
@@ -111,7 +110,7 @@ def test_session_of_a_new_activation_is_not_held_to_the_unit_of_a_wire_that_was_
     node.active = False
     node.on_activate(None)
     node.on_events([HandoverWanted()], 100.0)
-    assert asked == [(Session.take_over, KNOWN, -math.inf)]
+    assert asked == [(Session.take_over, KNOWN, False)]
 
 
 def test_wire_that_is_lost_before_it_told_anything_is_none_of_the_activation_before(
@@ -125,11 +124,11 @@ def test_wire_that_is_lost_before_it_told_anything_is_none_of_the_activation_bef
     assert node.active
     node.on_lost()
     node.on_events([HandoverWanted()], 100.0)
-    assert asked == [(Session.take_over, KNOWN, -math.inf)]
+    assert asked == [(Session.take_over, KNOWN, False)]
     node.on_events([KNOWN], 100.0)
     node.on_lost()
     node.on_events([HandoverWanted()], 100.0)
-    assert asked[1:] == [(Session.take_over, KNOWN, 100.0)]
+    assert asked[1:] == [(Session.take_over, KNOWN, True)]
 
 
 def test_session_is_told_of_limited_directions_before_it_may_permit_any(

@@ -364,27 +364,26 @@ def test_switches_that_start_motion_by_themselves(number: int) -> None:
     # Appendix B: oscillate, its pause / resume, deploy, stow.
     joystick = BasicJoystick(axis_of(0), axis_of(0), on(number, of=12))
     assert joystick.automatic == (number in (4, 7, 8, 9))
-    assert joystick.travels == (number in (8, 9))
-    assert joystick.steers == (number == 7)
+    assert joystick.oscillates == (number == 4)
 
 
-@pytest.mark.parametrize(('x', 'y'), [(0, 0), (500, 0), (0, -500)])
-def test_stick_steers_by_either_axis(x: int, y: int) -> None:
-    assert BasicJoystick(axis_of(x), axis_of(y)).steers == (x != y)
+@pytest.mark.parametrize(
+    ('x', 'y', 'switches'), [(1, 0, ()), (0, -1, ()), *[(0, 0, (n,)) for n in (7, 8, 9)]]
+)
+def test_oscillation_with_other_motion_is_more_than_that(
+    x: int, y: int, switches: tuple[int, ...]
+) -> None:
+    pressed = tuple(Status(n in (3, 4, *switches)) for n in range(1, 13))
+    assert not BasicJoystick(axis_of(x), axis_of(y), pressed).oscillates
+    water = tuple(Status(n in (3, 4)) for n in range(1, 13))
+    assert BasicJoystick(axis_of(0), axis_of(0), water).oscillates
 
 
 def test_target_of_either_angle_starts_motion_by_itself() -> None:
     assert not ExtendedJoystick().automatic
     assert ExtendedJoystick(grip_x=axis_of(0)).automatic
     assert ExtendedJoystick(grip_y=axis_of(0)).automatic
-
-
-def test_grip_at_rest_is_no_travel_and_a_broken_one_may_be() -> None:
-    assert not ExtendedJoystick().travels
-    assert not ExtendedJoystick(grip_x=axis_of(0), grip_y=axis_of(0)).travels
-    assert ExtendedJoystick(grip_x=axis_of(0), grip_y=axis_of(-1)).travels
-    assert ExtendedJoystick(grip_x=axis_of(1)).travels
-    assert ExtendedJoystick(grip_y=Axis(0, Status.ERROR)).travels
+    assert ExtendedJoystick(grip_y=Axis(0, Status.ERROR)).automatic  # it may be one
 
 
 def test_request_names_the_group_low_byte_first() -> None:

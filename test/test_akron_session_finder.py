@@ -162,7 +162,7 @@ def test_two_units_each_with_its_session() -> None:
 def test_readdressed_in_the_midst_of_motion_it_goes_on() -> None:
     bench = Bench(soe_permissive=True).moving()
     events = bench.take(moved(ANNOUNCED, 0x90))
-    assert events == [UnitChanged(f'unit {PIN} is at address 90', PIN, 1032)]
+    assert of(UnitChanged, events) == [UnitChanged(f'unit {PIN} is at address 90', PIN, 1032)]
     start = bench.now + 1e-9
     for _ in range(10):
         bench.wait(0.02)
@@ -201,7 +201,8 @@ def test_lost_address_is_not_believed_any_more_and_names_are_asked_for(
     bench = Bench().find_unit()
     bench.run(0.5, REST)
     start = bench.now
-    assert bench.take(frame) == [UnitChanged(f'unit {PIN} has lost address 80 {text}', PIN, 1032)]
+    (lost,) = of(UnitChanged, bench.take(frame))
+    assert lost == UnitChanged(f'unit {PIN} has lost address 80 {text}', PIN, 1032)
     assert name_requests(bench, start) == [start]
     bench.take(NOT_ENABLED)  # whoever that is now
     assert not bench.session.estop
@@ -223,6 +224,7 @@ def test_unit_that_defends_its_address_comes_back_by_its_announcement() -> None:
 
 def test_own_claim_of_the_unit_and_claims_elsewhere_change_nothing() -> None:
     bench = Bench().find_unit()
+    bench.take(NAME)
     assert bench.take(NAME, name(STRANGER, 0x81)) == []
     assert bench.session.finder.address == 0x80
 

@@ -16,8 +16,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-import math
 from typing import Any
 
 import pytest
@@ -25,18 +23,15 @@ import pytest
 from akron_can_bridge.session import Handover, HandoverWanted, Request
 from test.akron_session_rig import (
     ANNOUNCED,
-    COAST,
     ef,
     MOVE,
     MOVING,
     NO_FAULTS,
     of,
-    OSCILLATES,
     OTHER_ANNOUNCED,
     OTHER_PIN,
     OURS,
     OUTPUTS,
-    PAUSE,
     permission,
     PIN,
     REST,
@@ -48,127 +43,16 @@ from test.session_rig import SessionBench
 ALLOWED = 0x33
 
 
-def following(before: Handover | None, lost: float = math.inf, **options: Any) -> Turning:
-    """Return a new session whose unit oscillates. :param lost: s since the wire before was."""
-    bench = Turning(automatic_motion=True, **options)
-    bench.turns, bench.says = True, [OSCILLATES]
-    bench.find_unit(before, lost)
-    return bench
-
-
-@pytest.mark.parametrize(
-    ('before', 'lost', 'options', 'pressed'),
-    [
-        (Handover(free=True), COAST - 0.1, {}, True),
-        (Handover(free=True), COAST, {}, False),
-        (Handover(free=True), math.inf, {}, False),  # it said farewell
-        (Handover(free=True, steered=True), 0.1, {}, False),
-        (Handover(free=True), 0.1, {'allowed_joysticks': frozenset({ALLOWED})}, False),
-        (Handover(), 0.1, {}, False),  # it may have been paused
-    ],
-)
-def test_oscillation_is_paused_for_a_wire_that_died_where_it_surely_runs(
-    before: Handover, lost: float, options: dict[str, Any], pressed: bool
-) -> None:
-    bench = following(before, lost, **options)
-    bench.run(3 * COAST, REST, estop=True)
-    assert (PAUSE in bench.joystick_frames()) is pressed
-
-
-@pytest.mark.parametrize(
-    ('before', 'lost', 'allowed'),
-    [
-        (Handover(free=True, steered=True), SLOT, ()),
-        (Handover(free=True), SLOT, (ALLOWED,)),
-        (Handover(free=True), math.inf, ()),  # its farewell may have pressed switch 7
-        (None, math.inf, ()),  # and so may that of another process
-    ],
-)
-def test_session_after_one_that_steered_does_not_resume_by_steps_of_the_coasting(
-    before: Handover | None, lost: float, allowed: tuple[int, ...]
-) -> None:
-    bench = following(before, lost, allowed_joysticks=frozenset(allowed))
-    bench.run(0.3, REST)
-    start = bench.now + 1e-9
-    bench.run(0.6, REST, estop=True)
-    bench.turns = False
-    bench.run(COAST, REST, estop=True)
-    assert bench.all_neutral(start)
-    assert Handover(steered=True, pin=PIN) in of(Handover, bench.events)  # as for the next one
-
-
-@pytest.mark.parametrize('freezes', [False, True])
-def test_allowed_joystick_that_nobody_heard_steer_has_nothing_resumed(freezes: bool) -> None:
-    """It did while the port was closed, or messages were lost, and was switched off then."""
-    bench = Turning(automatic_motion=True, allowed_joysticks=frozenset({ALLOWED})).ready()
-    bench.says = [OSCILLATES]
-    bench.run(3 * COAST, REST)
-    if freezes:
-        bench.now += 0.3
-        bench.session.interrupted('the wire was frozen', bench.now)
-    else:
-        bench.close()
-        bench.now += 0.3
-        SessionBench.open(bench)
-    bench.take(ANNOUNCED, OUTPUTS, NO_FAULTS)
-    start = bench.now
-    bench.turns = True
-    bench.run(COAST / 2, REST, estop=True)
-    bench.turns = False
-    bench.run(COAST, REST, estop=True)
-    assert bench.all_neutral(start)
-
-
-def test_paused_oscillation_is_not_resumed_for_a_wire_that_died() -> None:
-    bench = following(Handover(free=True), 0.1)
-    bench.turns = False
-    bench.run(COAST, REST, estop=True)
-    bench.turns = True
-    bench.run(COAST, REST, estop=True)
-    assert bench.all_neutral(0.0)
-
-
-def test_session_that_is_told_twice_of_a_wire_that_died_has_no_longer_to_pause_for_it() -> None:
-    bench = following(Handover(free=True), 0.1)
-    bench.turns = False
-    bench.run(COAST / 2, REST, estop=True)
-    bench.session.take_over(Handover(free=True), bench.now - 0.6, bench.now)
-    bench.run(COAST / 2 - 8 * SLOT, REST, estop=True)
-    bench.turns = True
-    bench.run(COAST, REST, estop=True)
-    assert bench.all_neutral(0.0)
-
-
-def test_session_tells_what_the_next_one_has_to_know() -> None:
-    bench = Turning().ready()
-    found, free = Handover(pin=PIN), Handover(free=True, pin=PIN)
-    steered = [replace(each, steered=True) for each in (Handover(), found, free)]
-    assert of(Handover, bench.events) == [*steered, free]  # as a process before may have steered
-    bench.events.clear()
-    bench.run(SLOT, MOVE)
-    bench.run(COAST - SLOT, REST)
-    assert of(Handover, bench.events) == [replace(free, steered=True)]
-    bench.events.clear()
-    bench.run(2 * SLOT, REST)
-    bench.run(SLOT, REST, estop=True)
-    assert of(Handover, bench.events) == [free, found]
-
-
-def test_oscillation_is_not_paused_again_where_the_next_wire_dies_too() -> None:
-    bench = following(Handover(free=True), 0.1)
-    assert of(Handover, bench.events) == [Handover(), Handover(pin=PIN)]
-
-
 @pytest.mark.parametrize('late', [False, True])
-@pytest.mark.parametrize(('lost', 'followed'), [(0.1, PIN), (math.inf, OTHER_PIN)])
+@pytest.mark.parametrize(('lost', 'followed'), [(True, PIN), (False, OTHER_PIN)])
 def test_wire_after_one_that_died_follows_the_same_unit(
-    late: bool, lost: float, followed: str
+    late: bool, lost: bool, followed: str
 ) -> None:
     bench = Turning(soe_permissive=True)
     bench.open()
     if late:  # the request comes after the first answer
         bench.take(OTHER_ANNOUNCED)
-    bench.session.take_over(Handover(pin=PIN), bench.now - lost, bench.now)
+    bench.session.take_over(Handover(pin=PIN), lost, bench.now)
     bench.take(OTHER_ANNOUNCED, ANNOUNCED)
     assert bench.session.finder.name == followed
     assert bench.session.finder.rivals() == [OTHER_PIN if followed == PIN else PIN]
@@ -176,18 +60,18 @@ def test_wire_after_one_that_died_follows_the_same_unit(
 
 def test_wire_that_dies_before_it_found_the_unit_tells_whose_it_was() -> None:
     bench = Turning()
-    bench.open(Handover(free=True, pin=PIN), 0.0)
+    bench.open(Handover(pin=PIN), lost=True)
     assert of(Handover, bench.events) == [Handover(pin=PIN)]
 
 
-@pytest.mark.parametrize('lost', [0.1, math.inf])
-def test_unit_of_another_wire_that_was_found_is_forgotten(lost: float) -> None:
+@pytest.mark.parametrize('lost', [True, False])
+def test_unit_of_another_wire_that_was_found_is_forgotten(lost: bool) -> None:
     bench = Turning().ready()
-    bench.session.take_over(Handover(pin=OTHER_PIN), bench.now - lost, bench.now)
+    bench.session.take_over(Handover(pin=OTHER_PIN), lost, bench.now)
     bench.poll()
-    assert bench.session.estop is (lost < math.inf)
+    assert bench.session.estop is lost
     asked = [data.hex() for data in bench.frames(0x18EAFF00 | OURS, bench.now)]
-    assert asked == ['00ee00'] * (lost < math.inf)
+    assert asked == ['00ee00'] * lost
 
 
 def test_node_knows_of_setup_mode_before_the_unit_does() -> None:
@@ -231,9 +115,9 @@ def test_session_that_was_told_nothing_yet_tells_nothing_and_permits_nothing() -
     assert of(Handover, bench.events) == []
     bench.run(0.1, MOVE)
     assert bench.all_neutral(0.0)
-    bench.session.take_over(None, -math.inf, bench.now)
+    bench.session.take_over(None, False, bench.now)
     bench.run(0.1, REST)
-    assert of(Handover, bench.events) == [Handover(free=True, steered=True, pin=PIN)]
+    assert of(Handover, bench.events) == [Handover(pin=PIN)]
     bench.run(0.1, MOVE)
     assert permission(bench) == 'A1000F'
 
@@ -242,7 +126,7 @@ def test_session_that_is_told_late_or_again_tells_it_on() -> None:
     bench = Turning().ready()
     for _ in range(2):
         bench.events.clear()
-        bench.session.take_over(Handover(in_setup=True, pin=PIN), -math.inf, bench.now)
+        bench.session.take_over(Handover(in_setup=True, pin=PIN), False, bench.now)
         bench.poll()
         assert of(Handover, bench.events)[-1].in_setup
 
@@ -254,12 +138,12 @@ def test_permission_after_another_session_takes_a_push_of_the_stick_once() -> No
     bench.run(0.1, MOVE)
     assert permission(bench) == 'A1000F'
     start = bench.now
-    bench.session.take_over(Handover(), -math.inf, bench.now)
+    bench.session.take_over(Handover(), False, bench.now)
     bench.run(0.1, MOVE)
     assert set(bench.joystick_frames(start)) == {MOVING}
     assert permission(bench) == 'A1000F'
     bench.run(0.1, REST, estop=True)
-    bench.session.take_over(Handover(free=True), bench.now, bench.now)
+    bench.session.take_over(Handover(), True, bench.now)
     bench.run(0.1, REST)
     assert permission(bench) == 'A10000'
 
@@ -279,9 +163,9 @@ def test_session_asks_for_it_until_it_was_told_and_tells_nothing_before() -> Non
     assert wanted(bench, bench.run(1.0, REST)) == 0
     assert wanted(bench, bench.close()) == 0
     assert wanted(bench, SessionBench.open(bench)) == 1
-    bench.session.take_over(None, -math.inf, bench.now)
+    bench.session.take_over(None, False, bench.now)
     told = bench.poll()
-    assert of(Handover, told) == [Handover(steered=True)]
+    assert of(Handover, told) == [Handover()]
     assert wanted(bench, told) == 0
 
 
@@ -291,7 +175,7 @@ def test_session_asks_again_where_the_question_may_be_lost_and_moves_the_unit_th
     bench.events.clear()
     bench.session.interrupted('the node did not take what its wire had to tell', bench.now)
     assert wanted(bench, bench.poll()) == 1
-    bench.session.take_over(None, -math.inf, bench.now)
+    bench.session.take_over(None, False, bench.now)
     bench.take(ANNOUNCED, OUTPUTS, NO_FAULTS)
     bench.run(0.5, REST)
     bench.run(0.1, MOVE)

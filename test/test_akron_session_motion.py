@@ -23,8 +23,8 @@ import pytest
 from akron_can_bridge.protocol import Axis, BasicJoystick, ExtendedJoystick, Status
 from akron_can_bridge.session import Cause, Request, Settings
 from akron_can_bridge.simulator import JoystickSimulator, Simulator
-from test.akron_loop_rig import Bench, Ours
-from test.akron_session_rig import MOVE, NEUTRAL, OTHER_PIN, PIN, REST
+from test.akron_loop_rig import Bench
+from test.akron_session_rig import MOVE, PIN, REST
 
 COAST = 1.0
 ALLOWED = 0x33
@@ -54,140 +54,48 @@ def switch_7(bench: Bench) -> list[bool]:
     return [frame == bytes.fromhex('0100010000000400') for frame in frames if frame]
 
 
-def test_stop_pauses_an_oscillation_once_and_reports_no_motion() -> None:
-    bench = start(Bench(**AUTOMATIC), OSCILLATE)
+PAUSES: dict[str, Any] = {**AUTOMATIC, 'button_switches': (OSCILLATE,), 'pause_on_stop': True}
+UNTOLD = 'it oscillates though nobody asks it to'
+
+
+@pytest.mark.parametrize(
+    ('other', 'options', 'pressed'),
+    [
+        *((None, PAUSES, 10), (1033, PAUSES, 10), (1032, PAUSES, 0), (1052, PAUSES, 0)),
+        (None, AUTOMATIC, 0),
+    ],
+)
+def test_stop_pauses_an_oscillation_of_ours_where_no_other_unit_hears_it(
+    other: int | None, options: dict[str, Any], pressed: int
+) -> None:
+    others = [Simulator(pin=f'{other}AE100801036', device_type=other)] if other else []
+    bench = Bench(*others, device_pin=PIN, **options)
+    bench.unit.apply('pausetold on')
+    start(bench, OSCILLATE)
     bench.ours.stop = True
-    bench.run(0.5)
-    assert sum(switch_7(bench)) == 10  # 0.2 s
-    assert not bench.unit.motion.moving
+    bench.run(COAST + 0.3)
+    assert sum(switch_7(bench)) == pressed  # in 0.2 s
+    assert bench.unit.motion.moving is not bool(pressed)
+    assert [UNTOLD in text for text in bench.reasons] == [True] * (not pressed)
+    bench.ours.stop = False
+    assert (bench.moved(2.0) == 0.0) is bool(pressed)  # what is paused does not resume by itself
+
+
+@pytest.mark.parametrize('told', ['on', 'off'])
+@pytest.mark.parametrize('axis', [1, 2])
+@pytest.mark.parametrize('options', [AUTOMATIC, PAUSES])
+def test_hand_that_moves_a_unit_whose_oscillation_is_paused_has_none_resumed(
+    told: str, axis: int, options: dict[str, Any]
+) -> None:
+    bench = Bench(**options)
+    for line in (f'pausetold {told}', 'oscillate on', 'pause on', f'physical {axis} 0.3'):
+        bench.unit.apply(line)
+    bench.run(1.5)
+    bench.ours.stop = True
     bench.run(3.0)
     assert sum(switch_7(bench)) == 0
-    assert bench.moved(2.0) == 0.0
-    assert bench.reasons == []
-    bench.ours.stop = False
-    assert bench.moved(2.0) == 0.0  # it does not resume by itself
-
-
-def test_stop_that_comes_again_at_once_does_not_resume_what_the_first_one_paused() -> None:
-    bench = start(Bench(**AUTOMATIC), OSCILLATE)
-    for _ in range(3):
-        bench.ours.stop = True
-        bench.run(0.1)
-        bench.ours.stop = False
-        bench.run(0.1)
-    bench.ours.stop = True
-    bench.run(1.0)
-    assert not bench.unit.motion.moving
-
-
-def test_paused_oscillation_is_left_alone() -> None:
-    bench = start(Bench(**AUTOMATIC), OSCILLATE)
-    bench.unit.motion.paused = True
-    bench.run(1.0)
-    bench.ours.stop = True
-    bench.run(1.0)
-    assert sum(switch_7(bench)) == 0
-    assert not bench.unit.motion.moving
-
-
-def paused_by(who: str) -> Bench:
-    """Return one whose unit oscillated until somebody paused it 0.1 s ago."""
-    stick = JoystickSimulator(ALLOWED)
-    others = [stick] * (who == 'joystick')
-    bench = start(Bench(*others, allowed_joysticks=frozenset({ALLOWED}), **AUTOMATIC), OSCILLATE)
-    if who == 'command':
-        bench.ours.command = press(PAUSE)
-        bench.run(0.1)
-        bench.ours.command = REST
-    elif who == 'joystick':
-        stick.apply('switch 7 on')
-        bench.run(0.1)
-        stick.apply('switch 7 off')
-    else:
-        bench.unit.motion.paused = True
-    bench.run(0.1)
-    assert bench.unit.motion.paused
-    return bench
-
-
-@pytest.mark.parametrize('who', ['command', 'joystick', 'unit'])
-def test_stop_does_not_resume_what_somebody_has_just_paused(who: str) -> None:
-    bench = paused_by(who)
-    bench.ours.stop = True
-    bench.run(2.0)
-    assert sum(switch_7(bench)) == 0
-    assert not bench.unit.motion.moving
-    assert bench.reasons == []
-
-
-@pytest.mark.parametrize('who', ['command', 'joystick'])
-def test_node_that_leaves_does_not_resume_what_a_joystick_has_just_paused(who: str) -> None:
-    bench = paused_by(who)
-    frames = [frame.data for frame in bench.session.farewell(bench.now)]
-    assert frames == [NEUTRAL] * 3
-
-
-def test_stop_pauses_what_was_resumed_before_it_once_that_is_sure() -> None:
-    bench = paused_by('unit')
-    bench.ours.command = press(PAUSE)
-    bench.run(0.1)
-    bench.ours.command = REST
-    bench.run(0.4)
-    bench.ours.stop = True
-    bench.run(COAST)
-    assert not bench.unit.motion.moving
-
-
-def test_oscillation_that_begins_during_a_stop_is_left_alone_and_reported() -> None:
-    bench = Bench()
-    bench.ours.stop = True
-    bench.run(1.5)
-    bench.unit.apply('oscillate on')
-    bench.run(2.0)
-    assert sum(switch_7(bench)) == 0
-    assert 'it oscillates though nobody asks it to' in bench.reasons[0]
-
-
-def test_node_that_leaves_pauses_an_oscillation() -> None:
-    bench = start(Bench(**AUTOMATIC), OSCILLATE)
-    frames = [frame.data.hex() for frame in bench.session.farewell(bench.now)]
-    assert frames == ['0100010000000400'.lower()] * 3 + [NEUTRAL.hex()] * 3
-
-
-# Each joystick frame reaches every unit on the bus.
-
-
-@pytest.mark.parametrize(('kind', 'pressed'), [(1032, 0), (1052, 0), (1033, 10)])
-def test_stop_does_not_press_pause_where_another_unit_would_hear_it(
-    kind: int, pressed: int
-) -> None:
-    other = Simulator(pin=f'{kind}AE100801036', device_type=kind)
-    bench = start(Bench(other, device_pin=PIN, **AUTOMATIC), OSCILLATE)
-    other.motion.paused = True
-    bench.run(1.0)
-    bench.ours.stop = True
-    bench.run(COAST + 0.3)
-    assert sum(switch_7(bench)) == pressed
-    if not pressed:
-        assert 'it oscillates though nobody asks it to' in bench.reasons[0]
-        assert not other.motion.moving
-        assert {f.data for f in bench.session.farewell(bench.now)} == {NEUTRAL}
-
-
-def test_farewell_does_not_press_pause_where_another_unit_would_hear_it() -> None:
-    other = Simulator(pin=OTHER_PIN)
-    bench = start(Bench(other, device_pin=PIN, **AUTOMATIC), OSCILLATE)
-    assert {frame.data for frame in bench.session.farewell(bench.now)} == {NEUTRAL}
-
-
-def test_two_nodes_with_one_stop_do_not_pause_and_resume_each_other() -> None:
-    two = Ours(source_address=0x37, allowed_joysticks=frozenset({0x38}), **AUTOMATIC)
-    bench = Bench(two, allowed_joysticks=frozenset({0x37}), **AUTOMATIC)
-    start(bench, OSCILLATE)
-    bench.ours.stop = two.stop = True
-    bench.run(COAST + 0.3)
-    assert sum(switch_7(bench)) == 0
-    assert 'it oscillates though nobody asks it to' in bench.reasons[0]
+    bench.unit.apply(f'physical {axis} 0')
+    assert bench.moved(1.0) == 0.0
 
 
 @pytest.mark.parametrize('switch', [DEPLOY, STOW])

@@ -21,11 +21,10 @@ from collections.abc import Callable
 import pytest
 
 from akron_can_bridge.protocol import Axis, ExtendedJoystick
-from akron_can_bridge.session import Request
+from akron_can_bridge.session import PausePressed, Request
 from bridge_core.j1939 import CanFrame
 from bridge_core.session import Answer
 from test.akron_session_rig import (
-    ANNOUNCED,
     Bench,
     COAST,
     ef,
@@ -34,9 +33,7 @@ from test.akron_session_rig import (
     NO_FAULTS,
     NO_TARGETS,
     of,
-    OSCILLATES,
     oscillating,
-    OTHER_ANNOUNCED,
     OURS,
     OUTPUTS,
     PAUSE,
@@ -219,21 +216,6 @@ def test_bus_is_asked_for_names_although_the_unit_is_known_and_heard() -> None:
     assert name_requests(bench) == 1
 
 
-def test_stop_presses_no_switch_on_a_bus_that_was_never_asked_who_is_there() -> None:
-    bench = oscillating()
-    bench.refuses = lambda frame: frame.identifier == 0x18EAFF00 | OURS
-    start = bench.now
-    bench.session.interrupted('messages were lost', bench.now)
-    bench.take(ANNOUNCED, OSCILLATES)
-    bench.run(COAST, REST, estop=True)
-    assert bench.all_neutral(start)
-    bench.refuses = nothing
-    bench.run(SLOT, REST, estop=True)
-    bench.take(OTHER_ANNOUNCED)
-    assert name_requests(bench) == 2
-    assert not bench.session.finder.alone
-
-
 # -- the switch -----------------------------------------------------------------------------------
 
 
@@ -241,42 +223,25 @@ def pauses(frame: CanFrame) -> bool:
     return frame.data == PAUSE
 
 
-@pytest.mark.parametrize(('busy', 'pressed'), [(0.3, True), (COAST, False)])
-def test_switch_that_did_not_go_out_is_pressed_as_soon_as_the_line_takes_it_while_it_may_be(
-    busy: float, pressed: bool
-) -> None:
+def test_switch_that_did_not_go_out_is_not_pressed_later_and_told_as_such() -> None:
     bench = oscillating()
     start, bench.refuses = bench.now, pauses
-    bench.estop_in(True)
-    bench.run(busy, REST, estop=True)
-    assert bench.all_neutral(start)
-    bench.refuses = nothing
-    bench.run(COAST, REST, estop=True)
-    at = [at for at, frame in bench.sent if at >= start and pauses(frame)]
-    assert bool(at) is pressed
-    if pressed:
-        assert 0.16 <= at[-1] - at[0] < 0.2
-
-
-def test_switch_of_a_unit_that_stands_meanwhile_is_pressed_no_more() -> None:
-    bench = oscillating()
-    start, bench.refuses = bench.now, pauses
-    bench.estop_in(True)
     bench.run(0.3, REST, estop=True)
-    bench.turns = False
-    bench.run(0.6, REST, estop=True)
     bench.refuses = nothing
-    bench.run(COAST, REST, estop=True)
+    bench.run(2 * COAST, REST, estop=True)
     assert bench.all_neutral(start)
+    assert of(PausePressed, bench.events) == [PausePressed(), PausePressed(sent=False)]
+    assert bench.session.values(bench.now)['switch 7 pressed by stops'] == 0
+    assert not bench.session.oscillation.is_doubted
 
 
 def test_switch_of_which_one_frame_went_out_is_pressed_no_more() -> None:
     bench = oscillating()
     start = bench.now
     bench.refuses = lambda frame: pauses(frame) and PAUSE in bench.joystick_frames(start)
-    bench.estop_in(True)
     bench.run(3 * COAST, REST, estop=True)
     assert bench.joystick_frames(start).count(PAUSE) == 1
+    assert of(PausePressed, bench.events) == [PausePressed()]
 
 
 # -- requests -------------------------------------------------------------------------------------

@@ -17,19 +17,25 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import pytest
 
+from akron_can_bridge.protocol import Name
+from akron_can_bridge.session import DeviceChanged
 from bridge_core.j1939 import CanFrame
 from bridge_core.report import Damage, LinkStatus, report
 from bridge_core.session import Level
 from test.akron_session_rig import (
+    ANNOUNCED,
     Bench,
     ef,
     joystick,
     MOVE,
+    NAME,
     name,
+    of,
     OTHER_ANNOUNCED,
     OTHER_PIN,
     OURS,
@@ -62,6 +68,14 @@ WARNINGS: dict[str, tuple[list[CanFrame], dict[str, Any]]] = {
     ),
     'SOE mode is active': ([ef('83C851')], {}),
     'move the stick to give the SOE permission': ([ef('83C851')], {'soe_permissive': True}),
+    'the unit is in setup mode, or may be; call ~/reset_controller': (
+        [ef('46', destination=OURS)],
+        {},
+    ),
+    'a message is not as in the manual: type 83 cannot have 8 bytes': (
+        [ef('83C051FFFFFFFFFF')],
+        {},
+    ),
     'the unit is not calibrated': ([ef('011D940371000040')], {}),
     'the rotation position is in error': ([ef('011D9A0371000041')], {}),
     'the elevation position is in error': ([ef('011D94037A000041')], {}),
@@ -77,6 +91,31 @@ def test_each_cause_has_its_sentence(text: str) -> None:
     frames, options = WARNINGS[text]
     (warning,) = told(*frames, **options)
     assert warning.startswith(text)
+
+
+def test_unit_whose_messages_are_padded_is_not_said_to_be_silent() -> None:
+    bench = Bench()
+    bench.open()
+    bench.take(ANNOUNCED)
+    for _ in range(10):
+        bench.wait(0.1)
+        bench.take(ef('83C051FFFFFFFFFF'))
+    (reason,) = bench.session.stop_reasons(bench.now)
+    assert f'the firmware of unit {PIN}' in reason
+    assert 'type 83 cannot have 8 bytes' in reason
+    bench.wait(1.0)
+    assert 'it is silent' in bench.session.stop_reasons(bench.now)[0]
+
+
+def test_who_the_unit_is_and_who_claims_our_address_is_told_on_change() -> None:
+    bench = Bench()
+    bench.open()
+    bench.take(NAME, ANNOUNCED, ANNOUNCED, NAME, name('0100000000000000', OURS))
+    known = DeviceChanged(PIN, 1032, 0x80, Name.from_bytes(NAME.data))
+    assert of(DeviceChanged, bench.events) == [
+        known,
+        replace(known, namesake=Name(1, 0)),
+    ]
 
 
 def test_what_is_asked_for_is_no_warning() -> None:

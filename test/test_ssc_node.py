@@ -365,6 +365,17 @@ def test_absent_device_is_waited_for(observer: Observer, tmp_path: Path) -> None
         observer.wait_for(lambda: estop.last.data, 15.0, lambda: node.output)
 
 
+def test_another_ssc_than_the_one_of_config_id_is_not_driven(
+    observer: Observer, tmp_path: Path
+) -> None:
+    simulator = new_simulator(config_id=3)
+    with bench_of(tmp_path, observer, simulator, config_id=4, link_timeout=2.0, **SERVOS) as bench:
+        bench.wait(lambda: 'this one has 3' in bench.message(DEVICE), 'the reason')
+        assert bench.seen()['serial_us'][:2] == [0, 0]
+        assert bench.node.end(signal.SIGTERM) == 0
+        assert bench.seen()['serial_us'][:2] == [0, 0]  # not even the failsafe of pan
+
+
 def test_deactivated_leaves_the_failsafe(bench: Bench, servo: Talker) -> None:
     assert bench.observer.change_state(bench.name, 'deactivate')
     bench.wait_stop(True)
@@ -382,7 +393,7 @@ def test_ended_leaves_the_failsafe(observer: Observer, tmp_path: Path) -> None:
         bench.connect()
         bench.talker(JointState, 'servo_command', position(pan=0.5))
         bench.wait(lambda: bench.seen()['outputs_us'][0] == 1700, 'the servo')
-        assert bench.node.end() == 0
+        assert bench.node.end(signal.SIGTERM) == 0
         wait_for(lambda: bench.seen()['serial_us'][0] == 1200, 2.0, 'the failsafe')
 
 

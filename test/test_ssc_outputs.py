@@ -22,7 +22,7 @@ import math
 import pytest
 
 from ssc_bridge.channels import Failsafe
-from ssc_bridge.protocol import PULSE_CHANNELS
+from ssc_bridge.protocol import MAX_OUTPUTS
 from ssc_bridge.session import Settings
 from ssc_bridge.session.outputs import Channel, Outputs
 from test.ssc_rig import PAN, TILT
@@ -47,9 +47,9 @@ def test_only_what_is_beyond_the_limits_counts_as_limited(outputs: Outputs) -> N
 
 
 def test_every_output_may_be_commanded(outputs: Outputs) -> None:
-    for number in range(1, PULSE_CHANNELS + 1):
+    for number in range(1, MAX_OUTPUTS + 1):
         outputs.ask(number, 1500.0, NOW)
-    assert list(outputs.commanded()) == [*range(1, 25)]
+    assert list(outputs.commanded()) == [*range(1, MAX_OUTPUTS + 1)]
 
 
 def test_command_of_no_pulse_is_sent_for_as_long_as_it_is_fresh() -> None:

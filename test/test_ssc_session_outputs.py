@@ -784,7 +784,7 @@ def test_rate_is_never_exceeded(asked: list[tuple[float, float]]) -> None:
     'changes',
     [
         {'channel': 0},
-        {'channel': 25},
+        {'channel': 24},
         {'min_us': 0},
         {'min_us': 1600},
         {'max_us': 32001},
@@ -822,3 +822,43 @@ def test_pulse_that_came_before_the_configuration_puts_off_no_poll() -> None:
     rig.tick(150)
     channel = GRIP.channel - 1
     assert {pulses[channel] for pulses in rig.pulses()} == {1700}
+
+
+# -- another SSC than the one that is meant -------------------------------------------------------
+
+
+@pytest.mark.parametrize('wanted', [-1, 126])
+def test_ssc_with_the_wanted_configuration_id_is_driven(wanted: int) -> None:
+    rig = servo_rig(config_id=wanted)
+    rig.tick(200, servos(pan=0.5))
+    assert rig.pulses()[-1][0] == 1750
+
+
+def test_another_ssc_is_a_stop_and_its_outputs_are_sent_nothing() -> None:
+    rig = Rig(servos=(PAN, TILT, GRIP), config_id=7)
+    rig.tick(100, servos(pan=0.5))
+    (reason,) = rig.session.stop_reasons(rig.now)
+    assert 'SSC with configuration ID 7' in reason
+    assert 'this one has 126' in reason
+    assert rig.session.deadline() > rig.now
+    assert list(rig.session.farewell(rig.now)) == []
+    assert rig.payloads(20) == rig.payloads(21) == []
+
+
+def test_ssc_that_is_exchanged_for_another_is_sent_no_failsafe_that_was_not_its_own() -> None:
+    rig = servo_rig(config_id=126)
+    rig.tick(200, servos(pan=0.5, tilt=1.0))
+    mute, rig.mute = rig.mute, set(range(10, 16))
+    rig.tick(50)
+    rig.config_id, rig.mute = 127, mute
+    rig.tick(50)  # the failsafe goes on until it has told its configuration
+    start = rig.now
+    rig.tick(100, servos(pan=0.5))
+    assert 'this one has 127' in rig.session.stop_reasons(rig.now)[0]
+    assert list(rig.session.farewell(rig.now)) == []
+    assert rig.payloads(20, start) == []
+    assert rig.session.deadline() > rig.now
+    rig.config_id = 126
+    rig.tick(50)
+    assert not rig.session.estop
+    assert rig.pulses()[-1][1] == TILT.failsafe_us

@@ -100,6 +100,7 @@ from akron_can_bridge.protocol.joysticks import (
     ExtendedJoystick,
     JOYSTICK_PERIOD,
     JOYSTICK_TIMEOUT,
+    OSCILLATE_SWITCH,
     PAUSE_SWITCH,
 )
 from akron_can_bridge.protocol.messages import decode, MESSAGES, read, Received
@@ -157,6 +158,7 @@ __all__ = [
     'MESSAGES',
     'NAME_PGN',
     'NEUTRAL',
+    'OSCILLATE_SWITCH',
     'PAUSE_SWITCH',
     'PCODE_ERRORS',
     'PERMISSIVE_PERIOD',

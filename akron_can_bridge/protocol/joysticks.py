@@ -31,7 +31,7 @@ JOYSTICK_TIMEOUT = 0.2  # Appendix B: the unit then clears that sender's input
 
 # Oscillate on / set, its pause / resume, deploy, stow: a neutral stick does not end what they do.
 AUTOMATIC_SWITCHES = frozenset((4, 7, 8, 9))
-TRAVEL_SWITCHES = frozenset((8, 9))
+OSCILLATE_SWITCH = 4
 PAUSE_SWITCH = 7
 _OFF = Status.OFF
 # The fields below once more, by which they are read: 50 frames a second come from every joystick.
@@ -76,20 +76,15 @@ class BasicJoystick(Sendable):
         return message
 
     @property
-    def steers(self) -> bool:
-        """What the angles show may be its doing: its stick, or oscillate pause / resume."""
-        pauses = self.switches[PAUSE_SWITCH - 1] is Status.ON
-        return pauses or self.x.value != 0 or self.y.value != 0
-
-    @property
     def automatic(self) -> bool:
         """It starts motion that goes on by itself."""
         return any(self.switches[number - 1] is Status.ON for number in AUTOMATIC_SWITCHES)
 
     @property
-    def travels(self) -> bool:
-        """It sends the unit somewhere."""
-        return any(self.switches[number - 1] is Status.ON for number in TRAVEL_SWITCHES)
+    def oscillates(self) -> bool:
+        """It presses oscillate on / set, and asks for no other motion."""
+        pressed = {n for n in AUTOMATIC_SWITCHES if self.switches[n - 1] is Status.ON}
+        return pressed == {OSCILLATE_SWITCH} and self.x.value == 0 == self.y.value
 
 
 @dataclass(frozen=True, slots=True)
@@ -125,17 +120,8 @@ class ExtendedJoystick(Sendable):
     @property
     def automatic(self) -> bool:
         """It has a target to travel to; one that is broken may be one."""
-        return bool(self._targets)
-
-    @property
-    def travels(self) -> bool:
-        """It has a target that is not just a grip at rest."""
-        return any(axis.value != 0 for axis in self._targets)
-
-    @property
-    def _targets(self) -> list[Axis]:
         absent = Status.NOT_AVAILABLE
-        return [axis for axis in (self.grip_x, self.grip_y) if axis.fault is not absent]
+        return any(axis.fault is not absent for axis in (self.grip_x, self.grip_y))
 
 
 _DraftBasic = draft_of(BasicJoystick)

@@ -18,10 +18,18 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from akron_can_bridge.protocol import BASIC_JOYSTICK_PGN, EXTENDED_JOYSTICK_PGN, Message, read
+from akron_can_bridge.protocol import (
+    BASIC_JOYSTICK_PGN,
+    EXTENDED_JOYSTICK_PGN,
+    Message,
+    PROPRIETARY_PGN,
+    read,
+)
 from bridge_core.framing import Decoder, FrameError, Unknown
 from bridge_core.j1939 import CanFrame, J1939Id
+from bridge_core.watchdog import Watchdog
 
+_MISFIT_MEMORY = 1.0  # s for which a message that cannot be is told of
 JOYSTICK_PGNS = (BASIC_JOYSTICK_PGN, EXTENDED_JOYSTICK_PGN)
 
 # The frame, its identifier taken apart, and what it says. None: a joystick's, but not sound; a
@@ -45,12 +53,13 @@ class FrameDecoder(Decoder[CanFrame, Received]):
     ) -> None:
         super().__init__()
         self.other_frames = 0  # none of our business
+        self._misfit = ''  # what the unit sent last that cannot be
+        self._misfit_heard = Watchdog(_MISFIT_MEMORY)
         self._concerns = concerns
         self._believed = believed
 
     def feed(self, data: CanFrame, now: float) -> list[Received]:
         """Return the message of a frame, if there is one."""
-        del now
         self.counters.frames += 1
         self.counters.bytes += len(data.data)
         sender = J1939Id.from_identifier(data.identifier)
@@ -59,9 +68,12 @@ class FrameDecoder(Decoder[CanFrame, Received]):
             return []
         try:
             message = read(sender.pgn, data.data)
-        except FrameError:
+        except FrameError as error:
             if self._believed(sender):
                 self.counters.malformed += 1
+                if sender.pgn == PROPRIETARY_PGN:
+                    self._misfit = str(error)
+                    self._misfit_heard.feed(now)
             else:
                 self.other_frames += 1
             return [(data, sender, None)] if sender.pgn in JOYSTICK_PGNS else []
@@ -69,3 +81,7 @@ class FrameDecoder(Decoder[CanFrame, Received]):
             self.counters.unknown_types += 1
             return []
         return [(data, sender, message)]
+
+    def misfit(self, now: float) -> str:
+        """Say what is wrong with a message of the unit; empty: not lately."""
+        return '' if self._misfit_heard.expired(now) else self._misfit

@@ -88,7 +88,6 @@ class Drive:
         self._is_open = False  # what is asked goes out
         self._command = REST
         self.asked_until = -math.inf  # our command asked the unit to move
-        self.steered_until = -math.inf  # by its stick, by switch 7, or by a travel
         self._pause_until = -math.inf
         self._pressed = False  # in a frame of this press
         self._begins_press = False  # the last frame, if it went out
@@ -141,13 +140,13 @@ class Drive:
         return self._command.basic.automatic or self._command.extended.automatic
 
     @property
-    def travels(self) -> bool:
-        """The command sends the unit somewhere."""
-        return self._command.basic.travels or self._command.extended.automatic
+    def oscillates(self) -> bool:
+        """The command presses oscillate on / set, and asks for no other motion."""
+        return self._command.basic.oscillates and not self._command.extended.automatic
 
     def pause(self, now: float) -> None:
         """Press oscillate pause / resume once, with a neutral stick."""
-        self._pause_until = self.steered_until = now + PAUSE_TIME
+        self._pause_until = now + PAUSE_TIME
         self._pressed = False
         self._pacer.start(now)
 
@@ -228,8 +227,6 @@ class Drive:
     def _end_command(self, now: float) -> None:
         if self.pushes:
             self.asked_until = now
-        if self._command.basic.steers:
-            self.steered_until = now
 
     def refuse_command(self, reason: str) -> None:
         """Note a command that makes no sense: there is none that counts until the next one."""
@@ -252,11 +249,12 @@ class Drive:
         self._pressed = self._pressed or pausing
         return self._frames(_PAUSE if pausing else self._command)
 
-    def stick_refused(self, now: float) -> None:
-        """Have a frame go soon in place of the last; if that was to press a switch, nobody did."""
+    def stick_refused(self, now: float) -> bool:
+        """Have a frame go soon in place of the last; tell if it was to press, so that none did."""
         self._pacer.start(now + RETRY)
         if self._begins_press:
-            self._pause_until = self.steered_until = -math.inf
+            self._pause_until = -math.inf
+        return self._begins_press
 
     def extended_refused(self, now: float) -> None:
         """Have the second frame of a slot go soon, alone: the first one went out."""
@@ -288,16 +286,13 @@ class Drive:
         self._revoke, self._permissive = self._before
         self._permissive_pacer.start(now + RETRY)
 
-    def farewell(self, unit: int | None, now: float, *, pause: bool) -> list[CanFrame]:
-        """Return what leaves the unit at rest. :param pause: it oscillates, and is to pause."""
+    def farewell(self, unit: int | None, now: float) -> list[CanFrame]:
+        """Return neutral, and no permission. No switch: a toggle may start what it is to end."""
         self._shut(['the node leaves'], now)
-        if pause:  # and a port that is opened again after this must not resume it
-            self.steered_until = now
-        begin = self._frames(_PAUSE) * FAREWELL_FRAMES if pause else []
         frames = self._frames(REST)
         if self._settings.soe_permissive and unit is not None:
             frames += [SoePermissive(_NOTHING).to_frame(self._settings.source_address, unit)]
-        return begin + frames * FAREWELL_FRAMES
+        return frames * FAREWELL_FRAMES
 
     def _frames(self, command: Command) -> list[CanFrame]:
         source = self._settings.source_address

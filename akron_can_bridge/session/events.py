@@ -24,6 +24,7 @@ from akron_can_bridge.protocol import (
     DigitalOutputs,
     ElevationSoftLimits,
     MiniOutputs,
+    Name,
     PositionLimit,
     RotationSoftLimits,
 )
@@ -51,6 +52,22 @@ class UnitChanged:
     text: str
     pin: str
     device_type: int
+
+
+@dataclass(frozen=True, slots=True)
+class DeviceChanged:
+    """
+    Who the unit is, and who claims our own address.
+
+    :param pin: empty: not found yet. :param address: None: it has none at present.
+    :param name: its NAME; None: not heard. :param namesake: that of another device at our address.
+    """
+
+    pin: str = ''
+    device_type: int = 0
+    address: int | None = None
+    name: Name | None = None
+    namesake: Name | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,17 +123,25 @@ class Stopped:
 
 
 @dataclass(frozen=True, slots=True)
+class PausePressed:
+    """
+    A stop presses oscillate pause / resume, once.
+
+    :param sent: False: the line did not take it, and it is not pressed any more.
+    """
+
+    sent: bool = True
+
+
+@dataclass(frozen=True, slots=True)
 class Handover:
     """
     What the session after this one has to know, as the unit does not tell it.
 
-    :param free: nothing forbade motion. :param steered: a stick moved the unit, or it may have
-        coasted from that. :param in_setup: it may be in setup mode.
+    :param in_setup: it may be in setup mode.
     :param pin: of the unit that was followed; empty: none yet.
     """
 
-    free: bool = False
-    steered: bool = False
     in_setup: bool = False
     pin: str = ''
 
@@ -148,11 +173,13 @@ class Sticks:
 
 Event = (
     UnitChanged
+    | DeviceChanged
     | Positions
     | LimitsChanged
     | OutputsChanged
     | FaultsChanged
     | Stopped
+    | PausePressed
     | Sticks
     | Handover
     | HandoverWanted

@@ -26,6 +26,7 @@ import math
 
 from akron_can_bridge.parameters import CONTROLLERS
 from akron_can_bridge.protocol import AddressAnnouncement, AKRON_BRASS, Name
+from akron_can_bridge.session.events import DeviceChanged
 from akron_can_bridge.session.settings import Settings
 from bridge_core.j1939 import NULL_ADDRESS
 
@@ -78,6 +79,12 @@ class Finder:
         if self.unit is not None:
             return self.unit.device_type
         return self._settings.unit_type if self._settings.unit_address else 0
+
+    def describe(self) -> DeviceChanged:
+        """Return who it is."""
+        pin = '' if self.unit is None else self.unit.pin
+        known = (pin, self.device_type, self.address, self._name)
+        return DeviceChanged(*known, namesake=self.namesake)
 
     def start(self, now: float) -> None:
         """Begin, or begin anew: ask at once."""

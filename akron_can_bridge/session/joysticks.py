@@ -61,8 +61,6 @@ class Joysticks:
         self.faulty: tuple[str, ...] = ()  # controls of joy_source
         self.asked_until = -math.inf  # one that is allowed asks the unit to move
         self.automatic_asked = False  # so, by itself; whoever sees to it takes it back
-        self.travel_asked = False  # by any one; whoever sees to it takes it back
-        self.steered_until = -math.inf  # any one moves the unit by its stick, or presses switch 7
         self._settings = settings
         self._heard: dict[int, tuple[float, CanFrame]] = {}  # when, and the frame
         self._deflected: dict[int, float] = {}  # when it was last out of its neutral
@@ -105,10 +103,7 @@ class Joysticks:
                     self.asked_until = now + JOYSTICK_TIMEOUT
             if None in axes:
                 self._rested.discard(source)
-            if message.steers:
-                self.steered_until = now + JOYSTICK_TIMEOUT
         self.automatic_asked |= message.automatic and allowed
-        self.travel_asked |= message.travels
         if source != self._settings.joy_source:
             return []
         if isinstance(message, ExtendedJoystick):

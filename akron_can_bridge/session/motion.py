@@ -27,8 +27,7 @@ from akron_can_bridge.protocol import PositionLimit, RotationSoftLimits
 from akron_can_bridge.session.unit import Unit
 
 _STEP_DEG = 0.5  # less is noise of the sensors
-STEP_TIME = 0.5  # seconds in which a unit that moves makes such a step
-_LOST = 30.0  # seconds for which an angle that is missing may change
+_STEP_TIME = 0.5  # seconds in which a unit that moves makes such a step
 
 
 class Motion:
@@ -40,62 +39,38 @@ class Motion:
 
     def __init__(self, unit: Unit) -> None:
         self.began_at = -math.inf
-        self.runs_since = -math.inf  # when the last step but one came, if it moves
         self._unit = unit
         self._stepped_at = -math.inf
-        self._heard_at = -math.inf  # all angles that it has
-        self._still_since = math.inf  # they have been heard all along since, without a step
-        self._measured: dict[int, float] = {}  # when each place last had an angle
         self._degrees: list[float | None] = [None, None]  # at the last step of each
 
     def take(self, message: PositionLimit, now: float) -> None:
         """Take a type 01. One step is no motion yet: zeroing looks like that."""
         angles = [position.degrees for position in (message.rotation, message.elevation)]
-        self._measured |= {n: now for n, degrees in enumerate(angles) if degrees is not None}
-        if all(at == now or now >= at + _LOST for at in self._measured.values()):
-            if now >= self._heard_at + STEP_TIME:
-                self._still_since = now
-            self._heard_at = now
         for place, degrees in enumerate(angles):
             before = self._degrees[place]
             if degrees is None:
                 self._degrees[place] = None
             elif before is None:
-                self._degrees[place], self._still_since = degrees, now
+                self._degrees[place] = degrees
             elif abs(degrees - before) >= _STEP_DEG:
                 self._degrees[place] = degrees
                 if now >= self.ends_at:
                     self.began_at = now
-                elif now > self._stepped_at:
-                    self.runs_since = self._stepped_at
-                self._stepped_at = self._still_since = now
+                self._stepped_at = now
 
     @property
     def ends_at(self) -> float:
         """When the unit counts as standing if it does not move further."""
-        return self._stepped_at + STEP_TIME
+        return self._stepped_at + _STEP_TIME
 
     def moving(self, now: float) -> bool:
         """Tell whether its angles change."""
         return self.began_at < self._stepped_at and now < self.ends_at
 
-    def stands(self, now: float) -> bool:
-        """Tell whether it is heard to stand: one that is not heard may do anything."""
-        heard = now < self._heard_at + STEP_TIME
-        return heard and self._heard_at - self._still_since >= STEP_TIME
-
-    def arrived(self, since: float, now: float) -> bool:
-        """Tell whether it has moved since then, and stands."""
-        return since < self._stepped_at and self.stands(now)
-
     def oscillates(self, now: float) -> bool:
         """Tell whether it says so, be it paused or not."""
         limits = self._unit.broadcast(RotationSoftLimits, now)
         return limits is not None and limits.oscillating
-
-    def may_oscillate(self, now: float) -> bool:
-        """Tell whether it does not say that it does not."""
-        return self._unit.broadcast(RotationSoftLimits, now) is None or self.oscillates(now)
 
     def describe(self, now: float) -> str:
         """Say what it does; empty: nothing that it reports."""
@@ -105,5 +80,48 @@ class Motion:
 
     def forget(self) -> None:
         """Forget what was reported."""
-        self.began_at = self._stepped_at = self.runs_since = self._heard_at = -math.inf
+        self.began_at = self._stepped_at = -math.inf
         self._degrees = [None, None]
+
+
+class Oscillation:
+    """
+    An oscillation that our command began, as type 81 tells it.
+
+    It is ours if "oscillating" follows "not oscillating" within ``patience`` of our command. Where
+    anything else may explain it, or may have paused it since, it is to be forgotten: the switch
+    that pauses it resumes one that is paused.
+
+    :param patience: seconds that the unit may take to say that it oscillates, or is paused.
+    """
+
+    def __init__(self, patience: float) -> None:
+        self.is_ours = False
+        self.is_doubted = False  # type 81 said "oscillating" on after a press: it tells no pause
+        self._patience = patience
+        self._stood = False  # as type 81 said last
+        self._asked_until = -math.inf
+        self._pressed_at = math.inf
+
+    def ask(self, now: float) -> None:
+        """Note that our command asks for it now."""
+        self._asked_until = now + self._patience
+
+    def take(self, message: RotationSoftLimits, now: float) -> None:
+        """Take a type 81."""
+        runs = bool(message.oscillating)
+        self.is_doubted |= runs and now >= self._pressed_at + self._patience
+        if not runs:
+            self._pressed_at = math.inf
+        begins = self._stood and now < self._asked_until
+        self.is_ours = runs and (self.is_ours or begins) and not self.is_doubted
+        self._stood = not runs
+
+    def press(self, now: float) -> None:
+        """Note that it is paused now; once for each that began."""
+        self.is_ours, self._pressed_at = False, now
+
+    def forget(self) -> None:
+        """Have the present one be somebody else's."""
+        self.is_ours = self._stood = False
+        self._asked_until, self._pressed_at = -math.inf, math.inf

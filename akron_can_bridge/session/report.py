@@ -36,14 +36,21 @@ from akron_can_bridge.session.unit import VERSIONS
 if TYPE_CHECKING:
     from akron_can_bridge.session.session import Session
 
+_NO_PAUSE = (
+    'set pause_on_stop to false: type 81 told of no pause once switch 7 was pressed; no stop '
+    'presses it any more'
+)
 _SENSORS = ('rotation', 'elevation')
 
 
 def warnings(session: Session, now: float) -> list[str]:
     """Say what is not a stop but not right either, and what to do."""
+    doubted = session.settings.pause_on_stop and session.oscillation.is_doubted
     return [
         *_ignored_causes(session, now),
-        *_bus_warnings(session),
+        *[session.in_setup] * bool(session.in_setup),
+        *[_NO_PAUSE] * doubted,
+        *_bus_warnings(session, now),
         *_soe_warnings(session, now),
         *_position_warnings(session, now),
         *_fault_warnings(session),
@@ -56,8 +63,11 @@ def _ignored_causes(session: Session, now: float) -> list[str]:
     return [f'{text} (no stop: estop_on does not list it)' for text in ignored]
 
 
-def _bus_warnings(session: Session) -> list[str]:
+def _bus_warnings(session: Session, now: float) -> list[str]:
     finder, texts = session.finder, []
+    misfit = session.decoder.misfit(now)
+    if misfit and session.link_up:
+        texts.append(f'a message is not as in the manual: {misfit}; ask its maker')
     if finder.namesake is not None:
         texts.append(
             f'another device (NAME {finder.namesake.value:016X}) claims our own address '
@@ -122,6 +132,7 @@ def values(session: Session, now: float) -> dict[str, Any]:
         'joysticks heard': ', '.join(f'{at:02X} {kind}' for at, kind in heard) or 'none',
         'motion commanded': drive.moving,
         'motion reported': session.motion.describe(now) or 'none',
+        'switch 7 pressed by stops': session.presses,
         'neutral because': '; '.join(session.inhibits(now)) or 'commands go out',
         'refused commands': drive.refused,
         'frames of no concern': session.decoder.other_frames,

@@ -41,6 +41,7 @@ from akron_can_bridge.protocol import (
     Permission,
     PositionLimit,
     PROPRIETARY_PGN,
+    RotationSoftLimits,
     Status,
     VistaPoll,
 )
@@ -49,12 +50,14 @@ from akron_can_bridge.session.asker import Asker, in_words
 from akron_can_bridge.session.decoder import FrameDecoder, JOYSTICK_PGNS, Received
 from akron_can_bridge.session.drive import Command, Drive
 from akron_can_bridge.session.events import (
+    DeviceChanged,
     Event,
     FaultsChanged,
     Handover,
     HandoverWanted,
     LimitsChanged,
     OutputsChanged,
+    PausePressed,
     Positions,
     Request,
     Stopped,
@@ -62,7 +65,7 @@ from akron_can_bridge.session.events import (
 )
 from akron_can_bridge.session.finder import Finder
 from akron_can_bridge.session.joysticks import Joysticks
-from akron_can_bridge.session.motion import Motion, STEP_TIME
+from akron_can_bridge.session.motion import Motion, Oscillation
 from akron_can_bridge.session.settings import Settings
 from akron_can_bridge.session.unit import Unit
 from bridge_core.j1939 import CanFrame, GLOBAL_ADDRESS, J1939Id
@@ -118,23 +121,21 @@ class Session(BaseSession[CanFrame, Received, Event]):
         self.joysticks = Joysticks(settings)
         self.drive = Drive(settings)
         self.motion = Motion(self.unit)
+        self.oscillation = Oscillation(settings.coast_time)
+        self.presses = 0  # of oscillate pause / resume, by stops
         self.withheld = True  # no SOE permission until a stick is pushed: motion would go on
         self._is_held = True  # that of the command has not been let go since
         self._asker = Asker(settings.answer_timeout)
         self._was_up = False  # link_up as of the last refresh
         self._automatic = False  # somebody asked for motion that goes on by itself
         self._automatic_until = -math.inf  # when a stop took that back
-        self._travels = False  # somebody sent it somewhere, and it has not stood since
-        self._travel_at = -math.inf  # somebody said so last
-        self._is_stopped = False
-        self._stopped_at = -math.inf
-        self._pause_until = -math.inf  # a stop may pause an oscillation until then
         self._in_setup = False  # the unit, or it may be
         self._informed = False  # of what a session before this one knew
         self._handover: Handover | None = None  # as reported last
         self._restarted = False  # the unit, since it was asked to be reset: it was silent for long
         self._claimed = False  # its address since then, with nobody asking
         self._limits, self._outputs = LimitsChanged(), OutputsChanged()  # as reported last
+        self._device = DeviceChanged()  # as reported last
         self._in_error = False  # type 01 says operational error
         self._faults: tuple[str, ...] = ()  # as reported last
         self._faults_at = -math.inf  # when they were asked for or reported
@@ -159,6 +160,11 @@ class Session(BaseSession[CanFrame, Received, Event]):
     def inhibits(self, now: float) -> list[str]:
         """Return why nothing but neutral goes to the unit; empty while commands do."""
         return self.drive.inhibits(now, [*self.stop_reasons(now), *self._busy()])
+
+    @property
+    def in_setup(self) -> str:
+        """Say that the unit is in setup mode, or may be, and what to do; empty: it is not."""
+        return _IN_SETUP if self._in_setup else ''
 
     def warnings(self, now: float) -> list[str]:
         """Return what is not a stop but not right either, in words."""
@@ -185,7 +191,10 @@ class Session(BaseSession[CanFrame, Received, Event]):
         """Take back what a frame that did not go out counted as, and try again soon."""
         pgn = J1939Id.from_identifier(frame.identifier).pgn
         if pgn == BASIC_JOYSTICK_PGN:
-            self.drive.stick_refused(now)
+            if self.drive.stick_refused(now):
+                self.presses -= 1
+                self.oscillation.forget()
+                self._emit(PausePressed(sent=False))
         elif pgn == EXTENDED_JOYSTICK_PGN:
             self.drive.extended_refused(now)
         elif pgn == FIELD_REQUEST_PGN:
@@ -199,14 +208,11 @@ class Session(BaseSession[CanFrame, Received, Event]):
         """Return neutral frames, and none of the permission."""
         if not self._open:
             return []
-        pause = self._may_pause(now)
-        return self.drive.farewell(self.finder.address, now, pause=pause)
+        return self.drive.farewell(self.finder.address, now)
 
     def _begin(self, now: float) -> None:
         self.drive.start(now)
         self.finder.start(now)
-        if self.settings.allowed_joysticks:  # nobody heard them meanwhile
-            self.drive.steered_until = now
         if not self._informed:  # again after lost messages: the question may be among them
             self._emit(HandoverWanted())
 
@@ -217,6 +223,7 @@ class Session(BaseSession[CanFrame, Received, Event]):
         self.drive.forget()
         self.unit.forget()
         self.motion.forget()
+        self.oscillation.forget()
         self.joysticks.forget()
         if self._open:
             self._begin(now)
@@ -252,11 +259,13 @@ class Session(BaseSession[CanFrame, Received, Event]):
         return Verdict(bool(reasons), bool(reasons), not self._heard.expired(now), reasons)
 
     def _silence(self, now: float) -> str:
-        return stops.silence(self.settings, self.finder, self._heard.describe(now))
+        heard, misfit = self._heard.describe(now), self.decoder.misfit(now)
+        return stops.silence(self.settings, self.finder, heard, misfit)
 
     def _follow(self, now: float) -> None:
         if self.link_up != self._was_up:
             self._withhold()  # be it a stop or not
+            self.oscillation.forget()
             if self.link_up:
                 self._meet(now)
             else:
@@ -279,6 +288,10 @@ class Session(BaseSession[CanFrame, Received, Event]):
         if outputs != self._outputs:
             self._emit(outputs)
         self._limits, self._outputs = limits, outputs
+        device = self.finder.describe()
+        if device != self._device:
+            self._device = device
+            self._emit(device)
         self._hand_over(now)
 
     def _expires_at(self) -> float:
@@ -292,6 +305,8 @@ class Session(BaseSession[CanFrame, Received, Event]):
 
     def _due_frames(self, now: float) -> list[CanFrame]:
         frames = self.drive.joystick_frames(now)
+        if frames and self.settings.pause_on_stop and self.drive.oscillates:
+            self.oscillation.ask(now)
         frames += self.drive.permissive_frames(now, self.finder.address, self._permitted(now))
         return frames + self._questions(now)
 
@@ -334,7 +349,7 @@ class Session(BaseSession[CanFrame, Received, Event]):
         self.drive.limit_directions()
         self._refresh(now)
 
-    def take_over(self, before: Handover | None, lost_at: float, now: float) -> None:
+    def take_over(self, before: Handover | None, lost: bool, now: float) -> None:
         """
         Take what a session before this one knew.
 
@@ -342,24 +357,15 @@ class Session(BaseSession[CanFrame, Received, Event]):
         knows nothing, to the next one.
 
         :param before: None: there was none in this process.
-        :param lost_at: when its process ended without a farewell; -inf: it did not.
+        :param lost: its process ended without a farewell: the same unit is followed.
         """
         self._expire(now)
         self._informed, self._handover = True, None
-        # A farewell, that of another process too, may have pressed switch 7.
-        if before is None or before.steered or not math.isfinite(lost_at):
-            self.drive.steered_until = now
         if before is not None:
-            self._follow_on(before, lost_at, now)
+            if lost and self.finder.keep(before.pin):
+                self._forget_all(now, 'another unit answered first')
+            self._in_setup |= before.in_setup
         self._refresh(now)
-
-    def _follow_on(self, before: Handover, lost_at: float, now: float) -> None:
-        if math.isfinite(lost_at) and self.finder.keep(before.pin):
-            self._forget_all(now, 'another unit answered first')
-        self._in_setup |= before.in_setup
-        is_new = not math.isfinite(self._pause_until)
-        if before.free and is_new and now < lost_at + self.settings.coast_time:
-            self._pause_until = now + self.settings.coast_time
 
     def request(self, request: Request, now: float) -> None:
         """
@@ -400,78 +406,55 @@ class Session(BaseSession[CanFrame, Received, Event]):
         """Note who asks the unit to move by itself; a stop ends that as far as it can be ended."""
         self._automatic |= self.drive.automatic or self.joysticks.automatic_asked
         self.joysticks.automatic_asked = False
-        self._follow_travel(now)
+        self._follow_oscillation(now)
         self._is_held &= self.drive.pushes
         if not self.drive.forbidden(now, self._holds()):
-            self._is_stopped, self._pause_until = False, math.inf
             pushed = self.drive.pushes and not self._is_held
             self.withheld &= not (pushed or self.joysticks.pushes(now))
             return
         self._withhold()
-        if not self._is_stopped:
-            self._is_stopped, self._stopped_at = True, now
-            self._pause_until = min(self._pause_until, now + self.settings.coast_time)
         if self._automatic:
             self._automatic, self._automatic_until = False, now
-        if self._may_pause(now) and self.motion.runs_since > self._stopped_at:
-            self.drive.pause(now)
 
-    def _follow_travel(self, now: float) -> None:
-        """
-        Have a travel count as steering until the unit stands, or says that it does not oscillate.
+    def _follow_oscillation(self, now: float) -> None:
+        """Note what may explain an oscillation, or may have paused it, beside its own controls."""
+        if not self.settings.pause_on_stop:
+            return
+        others = self.joysticks.present(now) or not self.finder.alone
+        if others or (self.drive.pushes and not self.drive.oscillates):
+            self.oscillation.forget()
 
-        It may have begun while an oscillation was paused, and type 81 may tell of that all along.
-        It may also begin only ``coast_time`` later, when the unit has coasted and stood, and that
-        is seen by its first step.
+    def _take_oscillation(self, message: RotationSoftLimits, now: float) -> None:
         """
-        begins = self.drive.travels or self.joysticks.travel_asked
-        self.joysticks.travel_asked = False
-        self._travels = (self._travels or begins) and self.motion.may_oscillate(now)
-        if begins:
-            self._travel_at = now
-        if self._travels and (begins or not self.motion.stands(now)):
-            self.drive.steered_until = now
-        if now >= self._travel_at + self.settings.coast_time + STEP_TIME:
-            arrived = self.motion.arrived(self._travel_at, now)
-            self._travels &= now < self._steered_until and not arrived
+        Pause an oscillation of ours in a stop, by the first type 81 of the stop.
+
+        By a message that comes in the stop, and not by what was known: switch 7 resumes what is
+        paused, so the less time there is for somebody else's pause the better.
+        """
+        if not self.settings.pause_on_stop:
+            return
+        self.oscillation.take(message, now)
+        if not (self.oscillation.is_ours and self.drive.forbidden(now, self._holds())):
+            return
+        if self._busy() or not self.motion.moving(now):
+            self.oscillation.forget()
+            return
+        self.oscillation.press(now)
+        self.drive.pause(now)
+        self.presses += 1
+        self._emit(PausePressed())
 
     def _withhold(self) -> None:
         """Give no permission before a stick was let go, and is pushed."""
         self.withheld = self._is_held = True
         self.joysticks.stop()
 
-    def _may_pause(self, now: float) -> bool:
-        """
-        Tell whether a stop may press oscillate pause / resume.
-
-        It is one switch for both: only an oscillation that surely runs is paused. Angles that
-        changed while a stick steered the unit or switch 7 was pressed, or until it had coasted,
-        say nothing, however late one looks at them; so a stop presses it once. It waits until
-        they have changed in it; a farewell cannot.
-        It reaches every unit on the bus: it would resume one that is paused, or pause and resume
-        one whose own node presses it, too. A joystick that is heard may be such a node.
-        """
-        if not now < self._pause_until or self.motion.runs_since < self._steered_until:
-            return False
-        if self.joysticks.present(now) or not self.finder.alone:
-            return False
-        return self.motion.oscillates(now) and self.motion.moving(now)
-
-    @property
-    def _steered_until(self) -> float:
-        """Until when a stick or switch 7 may change the angles; infinite: our command may."""
-        if self.drive.moving:
-            return math.inf
-        steered_until = max(self.drive.steered_until, self.joysticks.steered_until)
-        return steered_until + self.settings.coast_time
-
     def _hand_over(self, now: float) -> None:
         """Report what a session after this one would have to know, once it has changed."""
         if not self._informed:
             return  # see take_over
         in_setup = self._in_setup or self._asker.is_open(Request.ENTER_SETUP)
-        steered = now < self._steered_until
-        handover = Handover(not self._is_stopped, steered, in_setup, self.finder.pin)
+        handover = Handover(in_setup, self.finder.pin)
         if handover != self._handover:
             self._handover = handover
             self._emit(handover)
@@ -498,7 +481,7 @@ class Session(BaseSession[CanFrame, Received, Event]):
         busy = [text for request, text in _AT_REST.items() if self._asker.is_open(request)]
         if not self._informed:
             busy.append(_NOT_INFORMED)
-        return [*busy, _IN_SETUP] if self._in_setup else busy
+        return [*busy, self.in_setup] if self._in_setup else busy
 
     def _questions(self, now: float) -> list[CanFrame]:
         """Return the requests and polls that are due."""
@@ -562,6 +545,8 @@ class Session(BaseSession[CanFrame, Received, Event]):
         if isinstance(message, PositionLimit):
             self.motion.take(message, now)
             self._take_position(message)
+        elif isinstance(message, RotationSoftLimits):
+            self._take_oscillation(message, now)
         elif isinstance(message, EnterSetup):
             self._in_setup = True
         elif isinstance(message, FaultStatus):

@@ -20,8 +20,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from akron_can_bridge.parameters import Cause, PARAMETERS
-from akron_can_bridge.protocol import AUTOMATIC_SWITCHES, JOYSTICK_ADDRESSES
+from akron_can_bridge.parameters import Cause, PARAMETERS, UNIVERSAL
+from akron_can_bridge.protocol import AUTOMATIC_SWITCHES, JOYSTICK_ADDRESSES, OSCILLATE_SWITCH
 from bridge_core.settings import CheckedSettings, table_of
 
 _TABLE = table_of(PARAMETERS)
@@ -45,6 +45,7 @@ class Settings(CheckedSettings):
     coast_time: float = _TABLE['coast_time'].default
     button_switches: tuple[int, ...] = ()
     automatic_motion: bool = _TABLE['automatic_motion'].default
+    pause_on_stop: bool = _TABLE['pause_on_stop'].default
     extended: bool = _TABLE['extended'].default
     soe_permissive: bool = _TABLE['soe_permissive'].default
     joy_source: int = _TABLE['joy_source'].default
@@ -76,6 +77,13 @@ class Settings(CheckedSettings):
                 f'button_switches has {automatic}, which start motion that a neutral stick does '
                 'not end; leave them out, or set automatic_motion'
             )
+        if self.pause_on_stop and OSCILLATE_SWITCH not in self.button_switches:
+            raise ValueError(
+                f'pause_on_stop needs {OSCILLATE_SWITCH} in button_switches: it pauses only what '
+                '~/cmd_joy began'
+            )
+        if self.pause_on_stop and self.unit_type not in (0, UNIVERSAL):
+            raise ValueError('pause_on_stop needs type 81, which a 6032 alone sends')
         if max(self.button_switches, default=0) > 12 and not self.extended:
             raise ValueError('button_switches beyond 12 need extended')
 

@@ -81,8 +81,12 @@ def silent(foreign: str, silence: str) -> dict[Cause, str]:
     return {**found, Cause.FOREIGN_JOYSTICK: foreign} if foreign else found
 
 
-def silence(settings: Settings, finder: Finder, heard: str) -> str:
-    """Return why the unit may not be heard, and what to do. :param heard: how long ago it was."""
+def silence(settings: Settings, finder: Finder, heard: str, misfit: str) -> str:
+    """
+    Return why the unit may not be heard, and what to do.
+
+    :param heard: how long ago it was. :param misfit: what is wrong with its messages.
+    """
     if not finder.known:
         wanted = finder.pin or DEVICE_TYPES.get(settings.device_type, 'controller')
         others = ', '.join(finder.devices)
@@ -92,6 +96,11 @@ def silence(settings: Settings, finder: Finder, heard: str) -> str:
         return f"check the unit's power, CAN wiring and termination, 250 kbit/s, channel: {text}"
     if finder.address is None:
         return f'unit {finder.name} has no address at present; it is asked to announce itself'
+    if misfit:
+        return (
+            f'ask the maker about the firmware of unit {finder.name}: its messages come, and none '
+            f'is as in the manual: {misfit}'
+        )
     return f'check power and CAN wiring of unit {finder.name}: it is silent, {heard}'
 
 

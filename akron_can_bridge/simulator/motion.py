@@ -89,6 +89,7 @@ class Motion:
         self.soft_limits = {'left': -175.0, 'right': 175.0, 'down': -45.0, 'up': 90.0}
         self.running = False  # the controller is up
         self.enabled = True  # its enable input
+        self.tells_pause = False  # type 81 says "oscillating" of what runs only, not in a pause
         self.soe = False
         self.faulty: set[int] = set()  # axes from 0
         self.owners: dict[int, str] = {}  # who moves which axis
@@ -130,6 +131,11 @@ class Motion:
         self._goal, self._stowing = (_STOW_DEG if stow else _DEPLOY_DEG), stow
         self.oscillating = False
 
+    @property
+    def says_oscillating(self) -> bool:
+        """What type 81 says of it; the manual leaves open what that is in a pause."""
+        return self.oscillating and not (self.paused and self.tells_pause)
+
     def degrees(self, axis: int) -> float:
         """Return what the sensor of an axis reads: 0 rotation, 1 elevation."""
         return self.axes[axis].position - self.zero_deg[axis]
@@ -169,7 +175,8 @@ class Motion:
             iter(self.controls.requests(number).items()), ('automatic', self._automatic(number))
         )
         if owner != 'automatic' and number < 2:
-            self._goal, self.oscillating = None, False
+            # What is paused stays so: the manual does not say that a hand ends it.
+            self._goal, self.oscillating = None, self.oscillating and self.paused
         if not demand or not self._may_move(number, demand > 0, at):
             return 0.0
         self.owners[number] = owner

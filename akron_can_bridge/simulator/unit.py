@@ -286,7 +286,7 @@ class Simulator:
             self.motion.soft_limits[n] for n in ('left', 'right', 'down', 'up')
         )
         return [
-            build_limits(0x81, self.address, left, right, self.motion.oscillating),
+            build_limits(0x81, self.address, left, right, self.motion.says_oscillating),
             build_limits(0x82, self.address, down, up, False),
         ]
 
@@ -335,6 +335,7 @@ class Simulator:
             'setup': motion.setup,
             'stowed': motion.stowed,
             'oscillating': motion.oscillating,
+            'paused': motion.paused,
             'point_aim': motion.point_aim,
             'faults': sorted(self.faults),
             'pcode': self.error_code,
@@ -403,6 +404,8 @@ class Simulator:
         'setup': ('on|off', lambda unit, value: unit._set_motion('setup', value)),
         'pointaim': ('on|off', lambda unit, value: unit._set_motion('point_aim', value)),
         'oscillate': ('on|off', lambda unit, value: unit._set_motion('oscillating', value)),
+        'pause': ('on|off', lambda unit, value: unit._set_motion('paused', value)),
+        'pausetold': ('on|off', lambda unit, value: unit._set_motion('tells_pause', value)),
         'stow': ('', lambda unit: unit.motion.go(stow=True)),
         'deploy': ('', lambda unit: unit.motion.go(stow=False)),
         'position': ('AXIS DEGREES', _set_position),

@@ -20,6 +20,7 @@ from dataclasses import dataclass
 from enum import IntEnum
 
 PULSE_CHANNELS = 24  # pulse inputs and outputs together (1.1)
+MAX_OUTPUTS = PULSE_CHANNELS - 1  # input 1 is the command channel, always (2)
 MAX_INPUTS = 16  # the first of them; input 1 is the command channel and always there (3.2.1)
 AUX_CHANNELS = 6
 MAX_PULSE_US = 32000  # of a command (4.2.2.1)

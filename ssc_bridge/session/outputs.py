@@ -30,7 +30,7 @@ from typing import Any
 from bridge_core.session import Pacer, RETRY
 from bridge_core.watchdog import Watchdog
 from ssc_bridge.channels import Failsafe, Servo
-from ssc_bridge.protocol import PULSE_CHANNELS, PulseCommand
+from ssc_bridge.protocol import MAX_OUTPUTS, PulseCommand
 from ssc_bridge.session.settings import Settings
 
 # Of an output: what goes out, where its servo was last, and whether it was commanded; see Channel.
@@ -133,7 +133,7 @@ class Outputs:
                 named.get(number) or Servo.unnamed(number, settings.failsafe),
                 settings.command_timeout,
             )
-            for number in range(1, PULSE_CHANNELS + 1)
+            for number in range(1, MAX_OUTPUTS + 1)
         ]
         self._pacer = Pacer(1.0 / settings.command_rate)
         self._stepped = -math.inf
@@ -178,7 +178,7 @@ class Outputs:
         self._urgent = False
 
     def ask(self, number: int, us: float, now: float) -> None:
-        """Command an output, 1 to 24, in µs; 0 is no pulse."""
+        """Command an output, 1 to 23, in µs; 0 is no pulse."""
         self.limited += self._channels[number - 1].ask(us, now)
         self._in_use = True
 

@@ -38,6 +38,7 @@ from ssc_bridge.protocol import (
     CommandState,
     Configuration,
     Lockout,
+    MAX_OUTPUTS,
     Message,
     MessageType,
     parser,
@@ -76,7 +77,7 @@ from ssc_bridge.session.report import (
 )
 from ssc_bridge.session.settings import Settings
 from ssc_bridge.session.sticks import buttons_of, neutral, sticks_of
-from ssc_bridge.session.stops import Checked, command_stop, contradiction, doubts
+from ssc_bridge.session.stops import another, Checked, command_stop, contradiction, doubts
 
 LOCKOUT = 'lockout'  # the request's name in its Answer
 
@@ -138,6 +139,11 @@ class Session(BaseSession[bytes, Message | Poll, Event]):
     def command_state(self) -> CommandState | None:
         """What the command channel says; None without a fresh status."""
         return None if self.status is None else self.status.command_state
+
+    @property
+    def _another(self) -> str:
+        """Say that this is another SSC than is wanted; empty: it is that one, or not known."""
+        return another(self.configuration, self.settings.config_id)
 
     def inhibits(self, now: float) -> list[str]:
         """Return why no command to an output is obeyed, in words; empty too if there is none."""
@@ -224,6 +230,8 @@ class Session(BaseSession[bytes, Message | Poll, Event]):
         is so new that the device has not told how many outputs it has.
         """
         self._stop(['the node leaves'], now)
+        if self._another:
+            return
         for _ in range(RELEASE_FRAMES):  # one may be lost; what the port refuses is tried again
             if self.outputs.sent:
                 yield from self.outputs.frames(now, self._count(), at_once=True)
@@ -286,9 +294,11 @@ class Session(BaseSession[bytes, Message | Poll, Event]):
         self._poller.heard(MessageType.CONFIGURATION, now)
         if not self.link_up or (self._confirmed and configuration == self.configuration):
             return  # nothing vouches for it; or it is the late answer to an earlier poll
+        self.configuration = configuration
+        if self._another:
+            return
         self._confirmed = True
         self._settled_at = now + self.settings.link_timeout
-        self.configuration = configuration
         self.outputs.begin(now)
         self._aux_inputs.configure(configuration.aux)
         self._aux_outputs.configure(configuration.aux)
@@ -342,7 +352,8 @@ class Session(BaseSession[bytes, Message | Poll, Event]):
     def _judge(self, now: float) -> Verdict:
         """Return a stop for doubts and by the command channel; nothing sent comes back as one."""
         del now
-        reasons = doubts(self._contradictions, confirmed=self._confirmed)
+        text = self._another
+        reasons = [text] if text else doubts(self._contradictions, confirmed=self._confirmed)
         state = self.command_state
         if state is not None and state in self.settings.stop_states:
             reasons.append(command_stop(state))
@@ -401,7 +412,7 @@ class Session(BaseSession[bytes, Message | Poll, Event]):
 
     def _sends_at(self) -> float:
         moments = [self._poller.deadline(self._wanted()), self._lockout.due]
-        if self.configuration is not None:
+        if self.configuration is not None and not self._another:
             moments += [self.outputs.sends_at(), self._aux_outputs.deadline]
         return min(moments)
 
@@ -499,8 +510,10 @@ class Session(BaseSession[bytes, Message | Poll, Event]):
         if not us:
             raise ValueError('nothing is commanded')
         self._commanded = True
-        if self.configuration is not None and max(us) > self.configuration.outputs:
-            raise ValueError(f'output {max(us)}: there are {self.configuration.outputs}')
+        known = self.configuration
+        most = MAX_OUTPUTS if known is None else known.outputs
+        if max(us) > most:
+            raise ValueError(f'output {max(us)}: there are {most}')
         if not self._stopped:
             for number, pulse in us.items():
                 self.outputs.ask(number, pulse, now)
@@ -548,7 +561,7 @@ class Session(BaseSession[bytes, Message | Poll, Event]):
         return len(self.outputs.sent) if known is None else known.outputs
 
     def _output_frames(self, now: float) -> list[bytes]:
-        if self.configuration is None:
+        if self.configuration is None or self._another:
             return []
         pulses = self.outputs.frames(now, self._count())
         self._tell_sent()

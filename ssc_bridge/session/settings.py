@@ -54,6 +54,7 @@ class Settings(CheckedSettings):
     TABLE = {name: parameter for name, parameter in _TABLE.items() if name != 'failsafe'}
     port: str = _TABLE['port'].default  # of which it tells what was sent there
     baud: int = _TABLE['baud'].default
+    config_id: int = _TABLE['config_id'].default
     link_timeout: float = _TABLE['link_timeout'].default
     poll_rates: tuple[float, ...] = tuple(_TABLE['poll_rates'].default)
     message_rates: tuple[float, ...] = tuple(_TABLE['message_rates'].default)

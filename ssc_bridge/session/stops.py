@@ -51,6 +51,16 @@ def contradiction(message: Checked, configuration: Configuration) -> str:
     return '' if count == expected_count else f'{count} channels, but {expected_count} are set up'
 
 
+def another(configuration: Configuration | None, wanted: int) -> str:
+    """Say that it is another SSC than wanted; empty: it is that one. :param wanted: -1: any."""
+    if configuration is None or wanted in (-1, configuration.config_id):
+        return ''
+    return (
+        f'connect the SSC with configuration ID {wanted}, or set config_id: this one has '
+        f'{configuration.config_id}, so nothing is sent to its outputs'
+    )
+
+
 def doubts(contradictions: Mapping[MessageType, str], *, confirmed: bool) -> list[str]:
     """
     Say why the device may not be what it seems.

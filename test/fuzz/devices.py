@@ -17,7 +17,6 @@
 from __future__ import annotations
 
 from functools import partial
-import math
 from typing import Any
 
 from akron_can_bridge.node import AkronCanBridge
@@ -328,7 +327,7 @@ def _ef(frame: CanFrame, source: int) -> bool:
 
 
 def _akron_before(session: AkronSession, number: int, now: float) -> None:
-    session.take_over(None, -math.inf, now)
+    session.take_over(None, False, now)
     session.set_estop(False, now)
     session.set_command(*(akron.REST if number % 5 == 0 else akron.MOVE), now)
 
