@@ -41,7 +41,7 @@ COMMANDS = {'rest': 0, 'run': 8, 'back': -8}
 GROWTH = 4  # counts a packet
 APART = (  # see Memory
     '_reported_at', '_sent_at', '_gap_at', '_saturated', 'clears',
-    'refused_commands', 'saturations', '_gap', '_own_gap', '_before',
+    'refused_commands', 'saturations', '_gap', '_own_gap', '_astray_since', '_before',
 )  # fmt: skip
 
 

@@ -44,6 +44,7 @@ from esi_drive_bridge.session.events import (
 from esi_drive_bridge.session.place import Places
 from esi_drive_bridge.session.ramp import Ramp
 from esi_drive_bridge.session.report import (
+    astray,
     held_back,
     own_silence,
     second_axis,
@@ -57,6 +58,7 @@ FAREWELL_PACKETS = 3  # a lost or flipped one must not leave the motor enabled
 CLEAR_ERRORS = 'clear_errors'  # the request's name in its Answer
 _LEAST_GAP = 0.05  # s without a packet of ours that a drive may take for a timeout
 _GAP_MEMORY = 1.0  # s, in which its error bit is put down to that
+_FOLLOW_TIME = 1.0  # s after which what is measured has to be near what is sent
 _PLACE_TIME = 0.05  # s until a status must have come, or answers the packets' mode
 
 
@@ -105,6 +107,7 @@ class Session(BaseSession[bytes, Status, Event]):
         self._estop_in = Watchdog(settings.command_timeout)
         self._next_send = self._reported_at = -math.inf
         self._sent_at = math.inf
+        self._astray_since = math.inf  # an axis has not measured what it is told
         self._gap, self._gap_at = 0.0, -math.inf  # the last pause of our own packets
         self._reset()
         self._before = self._sent()
@@ -149,6 +152,8 @@ class Session(BaseSession[bytes, Status, Event]):
             texts += self._saturated
         if self.link_up and self.status is not None:
             texts += self.status.warnings() + second_axis(self.status)
+            if now - self._astray_since >= _FOLLOW_TIME:
+                texts += astray(self.settings.axes, self._ramp.counts, self.status)
         return texts
 
     def problems(self, now: float) -> list[tuple[Level, str]]:
@@ -161,7 +166,7 @@ class Session(BaseSession[bytes, Status, Event]):
         values: dict[str, Any] = {
             'phase': self.phase.value,
             'enabled': self.enabled,
-            'disabled because': '; '.join(self.inhibits(now)) or 'enabled',
+            'disabled because': '; '.join(self.inhibits(now)),
             'held back by slew_limit': self._held_back(),
             'saturated commands': self.saturations,
             'refused commands': self.refused_commands,
@@ -345,6 +350,7 @@ class Session(BaseSession[bytes, Status, Event]):
         self._sent_at = now
         self._urgent = False
         self._clear_sent = self.phase is Phase.CLEARING
+        self._note_following(now)
         if self._places.known:
             self._placed_at = min(self._placed_at, now)
         if self.phase in _ON_THE_WIRE:
@@ -352,6 +358,11 @@ class Session(BaseSession[bytes, Status, Event]):
         elif self._disabled_since == math.inf:
             self._disabled_since = now
         return [self._packet(now)]
+
+    def _note_following(self, now: float) -> None:
+        status = self.status if self.phase is Phase.ENABLED else None
+        strays = status and astray(self.settings.axes, self._ramp.counts, status)
+        self._astray_since = min(self._astray_since, now) if strays else math.inf
 
     # What the node asks.
 
