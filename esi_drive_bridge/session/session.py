@@ -101,6 +101,7 @@ class Session(BaseSession[bytes, Status, Event]):
         self._zeros = (0,) * settings.layout.axes
         self._ramp = Ramp(settings.axes, self._period)
         self._places = Places(settings.axes)
+        self._told = self._zeros  # in the last packet that enables and went out
         self._placed_at = math.inf  # since when packets on this port name places
         self._command = Watchdog(settings.command_timeout)
         self._enable = Watchdog(settings.command_timeout)
@@ -188,7 +189,7 @@ class Session(BaseSession[bytes, Status, Event]):
         """Stand by what went out last, and try again soon, with what is asked for then."""
         del frame
         self._ramp.state, self._sent_at, self._clear_sent, *rest = self._before
-        self._disabled_since, self._placed_at, self._places.told = rest
+        self._disabled_since, self._placed_at, self._places.told, self._told = rest
         self._next_send = min(self._next_send, now + RETRY)
 
     def _begin(self, now: float) -> None:
@@ -516,7 +517,7 @@ class Session(BaseSession[bytes, Status, Event]):
     def _keep_places(self) -> None:
         """Take where motion ends; what did not go out has not moved anything."""
         if self._ramp.begun:
-            counts = self._measured() if self.link_up else self._ramp.counts
+            counts = self._measured() if self.link_up else self._told
             self._places.keep(counts, measured=self.link_up)
 
     def _begin_waiting(self, now: float) -> None:
@@ -568,12 +569,15 @@ class Session(BaseSession[bytes, Status, Event]):
         """Return all that counts on packets that went out; see refused."""
         return (
             *(self._ramp.state, self._sent_at, self._clear_sent, self._disabled_since),
-            *(self._placed_at, self._places.told),
+            *(self._placed_at, self._places.told, self._told),
         )
 
     def _packet(self, now: float) -> bytes:
         if self.phase in _ON_THE_WIRE:
-            axes = zip(self.settings.axes, self._ramp.step(self._counts, now), strict=True)
+            counts = self._ramp.step(self._counts, now)
+            if self._places.any:
+                self._told = counts
+            axes = zip(self.settings.axes, counts, strict=True)
             said = tuple(AxisCommand(True, False, axis.mode, value) for axis, value in axes)
         else:
             said = self._places.disable(self.phase is Phase.CLEARING)
