@@ -20,7 +20,8 @@ that shared the bridge's codec would share its errors.
 
 What the manual leaves undecided is decided like this, on the less helpful side:
 
-- Enable is a level: an axis without errors runs as long as good packets say enable.
+- Enable is a level: an axis without errors runs as long as good packets say enable, and for
+  ``disable_delay`` longer it regulates to what packets say, as while a brake falls.
 - No good packet for ``command_timeout`` disables all axes and sets the RS422 error bit. The bit
   clears with the next good packet; with ``latch on``, only with the clear bit.
 - A packet with a wrong CRC is counted and ignored; it does not set the RS422 bit by itself.
@@ -147,10 +148,17 @@ class _Axis:
     stuck: bool = False
     tripped: bool = False
     enable_since: float = math.inf
+    disable_since: float = -math.inf
 
     @property
     def errors(self) -> set[str]:
         return self.latched - {'warning'}
+
+    def release(self, now: float) -> None:
+        """Take that it is to be disabled."""
+        if self.enable:
+            self.disable_since = now
+        self.enable, self.enable_since = False, math.inf
 
     def restart(self) -> None:
         self.enable = self.enabled = self.tripped = False
@@ -165,6 +173,7 @@ class Simulator:
     :param axes: 1 or 2. :param compact: the short single-axis packets.
     :param status_rate: Hz, 1 to 1000. :param command_timeout: s, the drive's own watchdog.
     :param enable_delay: s from the first enable packet until the axis is enabled.
+    :param disable_delay: the same of disable.
     """
 
     def __init__(
@@ -175,15 +184,13 @@ class Simulator:
         status_rate: float = 100.0,
         command_timeout: float = 0.1,
         enable_delay: float = 0.02,
+        disable_delay: float = 0.0,
         scales: tuple[float, float, float] = _SCALES,
     ) -> None:
         if axes not in (1, 2) or (compact and axes == 2):
             raise ValueError('1 or 2 axes; compact packets have 1')
-        self.command_timeout, self.enable_delay, self.scales = (
-            command_timeout,
-            enable_delay,
-            scales,
-        )
+        self.command_timeout, self.scales = command_timeout, scales
+        self.enable_delay, self.disable_delay = enable_delay, disable_delay
         self._axes = [_Axis() for _ in range(axes)]
         self._slots = 1 if compact else 2
         self._command_size, self._status_size = 4 + 3 * self._slots, 4 + 4 * self._slots
@@ -229,6 +236,7 @@ class Simulator:
             return -math.inf
         moments = [self._next_status]
         moments += [self._heard + self.command_timeout, *map(self._enable_at, self._axes)]
+        moments += [axis.disable_since + self.disable_delay for axis in self._axes]
         later = (moment for moment in moments if moment > self._now)
         due = min(later, default=self._now)
         return max(due, self._stalled_until, self._off_until)
@@ -261,14 +269,15 @@ class Simulator:
             self._rs422_error = False
         for number, axis in enumerate(self._axes):
             flags, command = struct.unpack_from('<Bh', packet, 2 + 3 * number)
-            axis.enable, axis.mode, axis.command = bool(flags & 1), flags >> 2 & 3, command
+            axis.mode, axis.command = flags >> 2 & 3, command
             if flags & 2:
                 axis.latched &= axis.causes
                 self._rs422_error &= number != 0
-            if not axis.enable:
-                axis.enable_since, axis.tripped = math.inf, False
-            elif axis.enable_since == math.inf:
-                axis.enable_since = now
+            if not flags & 1:
+                axis.release(now)
+                axis.tripped = False
+            elif not axis.enable:
+                axis.enable, axis.enable_since = True, now
         self._switch(now)
 
     def _status_packet(self) -> bytes:
@@ -303,7 +312,7 @@ class Simulator:
         if now >= max(self._stalled_until, self._heard + self.command_timeout):
             self._rs422_error = True
             for axis in self._axes:
-                axis.enable, axis.enable_since = False, math.inf
+                axis.release(now)
         if now >= self._stalled_until:
             self._switch(now)
 
@@ -319,8 +328,10 @@ class Simulator:
         latched_link = self._rs422_error and self.rs422_latched
         for axis in self._axes:
             bad = axis.errors or latched_link or axis.refuse or axis.tripped or axis.mode == 3
-            due = axis.enabled or now >= self._enable_at(axis)
-            axis.enabled = bool((axis.enable and due and not bad) or axis.stuck)
+            on = axis.enable and (axis.enabled or now >= self._enable_at(axis))
+            off = axis.enabled and not axis.enable
+            lingers = off and now < axis.disable_since + self.disable_delay
+            axis.enabled = bool(((on or lingers) and not bad) or axis.stuck)
 
     def _enable_at(self, axis: _Axis) -> float:
         return axis.enable_since + self.enable_delay
@@ -393,6 +404,10 @@ class Simulator:
         """Take so long to become enabled, as a drive with a brake does."""
         self.enable_delay = within(seconds, 0.0, 10.0)
 
+    def _set_disable_delay(self, seconds: str) -> None:
+        """Regulate for so long after disable, as a drive whose brake falls does."""
+        self.disable_delay = within(seconds, 0.0, 10.0)
+
     def _set_stuck(self, axis: str, state: str) -> None:
         """Stay enabled whatever packets say."""
         for chosen in self._chosen(axis):
@@ -436,6 +451,7 @@ class Simulator:
         'latch': ('on|off', _set_latch),
         'refuse': ('a|b|* on|off', _set_refuse),
         'enabling': ('SECONDS', _set_enable_delay),
+        'disabling': ('SECONDS', _set_disable_delay),
         'stuck': ('a|b|* on|off', _set_stuck),
         'trip': ('a|b|*', _trip),
         'mute': ('on|off', _set_mute),

@@ -647,6 +647,8 @@ class Arbiter:
         elif self._state is State.ACTIVE and self._owner is not None:
             to_zero = self._through_zero or self._overruled is not None or not ready
             target = (0.0,) * self.config.joints if to_zero else self._owner.demand
+            if to_zero and self.config.torques:
+                self._limiter.reset()
             demand = self._limiter.step(target, dt, self._scale(now))
             in_motion = self._in_motion(demand, now)
             self._through_zero = not ready or (self._through_zero and in_motion)

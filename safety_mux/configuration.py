@@ -44,6 +44,7 @@ def mux_config(values: Mapping[str, Any]) -> MuxConfig:
                 for name in names_of(values, 'operators')
             ),
             autonomy=Autonomy(values['autonomy.timeout']) if values['autonomy.topic'] else None,
+            torques=values['interface'] == 'effort',
             drives=_drives(values),
             drive_timeout=values['drive_enabled_timeout'],
             feedback=_feedback(values) if values['feedback.topic'] else None,
@@ -175,6 +176,8 @@ def _check_effort(values: Mapping[str, Any]) -> None:
         'feedback.topic': bool(values['feedback.topic']),
         'speed_limits': bool(names_of(values, 'speed_limits')),
     }
+    for name in names_of(values, 'estop_sources'):
+        speeds[f'estop.{name}.stop_category'] = values[f'estop.{name}.stop_category'] == 1
     for name, given in speeds.items():
         if given:
             raise ParameterError(

@@ -188,6 +188,8 @@ class MuxConfig:
         joints stand after control. Above 0.
     :param reset_silence: seconds without a reset before one counts again, once resets were called
         with nothing to reset. 0 or more.
+    :param torques: a demand is of torques, which drive on while they fall: one that is to end is 0
+        at once, without a ramp.
     :param drives: names of those that say that they are enabled: the output waits for all.
     :param drive_timeout: seconds after which a drive's word that it is enabled is stale. Above 0.
     :param feedback: None: ``measured`` is never called, and the joints do what they are told.
@@ -205,6 +207,7 @@ class MuxConfig:
     stall_limit: float = 0.1
     stop_time: float = 0.5
     reset_silence: float = 5.0
+    torques: bool = False
     drives: tuple[str, ...] = ()
     drive_timeout: float = 0.25
     feedback: Feedback | None = None
@@ -221,6 +224,8 @@ class MuxConfig:
             value = getattr(self, name)
             if not (math.isfinite(value) and value >= 0.0):
                 raise ValueError(f'{name} must be 0 s or more and finite, not {value}')
+        if self.torques and any(source.stop_category == 1 for source in self.sources):
+            raise ValueError('a ramp of torques is no stop: stop_category 1 is for speeds')
         self._check_names()
         self._check_owners()
 

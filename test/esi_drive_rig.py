@@ -80,7 +80,12 @@ def fields(frame: bytes) -> tuple[tuple[bool, bool, int], ...]:
 
 
 def is_disable(frame: bytes) -> bool:
-    return all(axis == (False, False, 0) for axis in fields(frame))
+    """Tell whether both axes are disabled, and none is asked for a torque or a speed."""
+    places = [frame[at] >> 2 & 3 == Mode.POSITION for at in (2, 5)]
+    return all(
+        axis[:2] == (False, False) and (place or not axis[2])
+        for axis, place in zip(fields(frame), places, strict=True)
+    )
 
 
 class Rig:
@@ -97,6 +102,13 @@ class Rig:
         self.estop: bool | None = False
         self.busy = False  # the line takes no packet
         self._take(self.session.opened(self.now))
+        if self.positions:
+            self.tick(8)  # until statuses answer packets in position mode
+            self.frames.clear()
+
+    @property
+    def positions(self) -> bool:
+        return Mode.POSITION in [axis.mode for axis in self.session.settings.axes]
 
     def _take(self, output: tuple[list[Any], list[bytes]]) -> list[bytes]:
         self.events += output[0]
@@ -136,7 +148,7 @@ class Rig:
         """Give an edge of enable; a position waits for the next status."""
         self.tick(3)
         self.enable = True
-        self.tick(2 if Mode.POSITION in [axis.mode for axis in self.session.settings.axes] else 1)
+        self.tick(2 if self.positions else 1)
         assert self.phase() is Phase.ENABLING
 
     def start(self) -> None:

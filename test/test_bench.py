@@ -148,8 +148,9 @@ def test_other_publisher_is_refused_before_anything_is_published() -> None:
         (replace(ENABLED, others=('/x/enable',)), 'somebody else'),
         (replace(ENABLED, estop=True), 'demands a stop: as it says'),
         (READY, 'not enabled any more: as it says'),
+        (replace(READY, reason=''), 'not enabled any more: see /diagnostics'),
     ],
-    ids=['other', 'e-stop', 'disabled'],
+    ids=['other', 'e-stop', 'disabled', 'disabled a moment ago'],
 )
 def test_whatever_goes_wrong_amid_is_a_stop(facts: Facts, says: str) -> None:
     trial = Trial().moving()

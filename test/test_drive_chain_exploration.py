@@ -74,7 +74,7 @@ APART = (
     'memory', 'naming', 'of_arbiter', 'live', 'now', 'words', 'config', 'settings', 'counters',
     '_format', 'last_stop', '_reported_at', '_sent_at', '_gap_at', '_gap',
     '_saturated', 'refused_commands', 'saturations', '_own_gap', '_garbage_since', '_transition',
-    '_before',
+    '_before', '_astray_since',
 )  # fmt: skip
 UNNAMED = ('_quiet_until', '_stepped_at', 'status')
 OLD = {'': LINK, '_at': STEP, '_until': 0.0, '_next_send': 0.0}  # see Memory

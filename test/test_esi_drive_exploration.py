@@ -41,7 +41,7 @@ COMMANDS = {'rest': 0, 'run': 8, 'back': -8}
 GROWTH = 4  # counts a packet
 APART = (  # see Memory
     '_reported_at', '_sent_at', '_gap_at', '_saturated', 'clears',
-    'refused_commands', 'saturations', '_gap', '_own_gap', '_before',
+    'refused_commands', 'saturations', '_gap', '_own_gap', '_astray_since', '_before',
 )  # fmt: skip
 
 
@@ -50,6 +50,7 @@ class World(SessionWorld[Session]):
 
     LINK, ENABLE = 3 * SessionWorld.STEP, 4 * SessionWorld.STEP
     FRESH = 2 * SessionWorld.STEP
+    MODE = Mode.VELOCITY
     CALM = {'drive': 'idle', 'estop': 'clear', 'command': 'run', 'enable': 'false', 'line': 'free'}
 
     def __init__(
@@ -61,7 +62,7 @@ class World(SessionWorld[Session]):
         **said: str,
     ) -> None:
         settings = make_settings(
-            axes=axes(Mode.VELOCITY, slew_limit=GROWTH / self.STEP),
+            axes=axes(self.MODE, slew_limit=GROWTH / self.STEP),
             command_rate=1.0 / self.STEP,
             command_timeout=self.FRESH,
             link_timeout=self.LINK,
@@ -140,7 +141,8 @@ class World(SessionWorld[Session]):
     def hear(self, said: Sequence[str]) -> None:
         self.stop_said = self.heard_at is not None and self.now - self.heard_at >= self.LINK
         told = self.told
-        self.keep(self.session.receive(b''.join(SAID[each] for each in said), self.now))
+        data = b''.join(self.packet_of(each) for each in said)
+        self.keep(self.session.receive(data, self.now))
         for each in said:
             if each in VALID:
                 self.said, self.heard_at = each, self.now
@@ -151,6 +153,10 @@ class World(SessionWorld[Session]):
                 if self.ran:
                     self.may_since = -math.inf
         self.stop_said |= 'fault' in said
+
+    def packet_of(self, said: str) -> bytes:
+        """Return what the drive sends."""
+        return SAID[said]
 
     def keep(self, output: tuple[list[Any], list[Any]]) -> None:
         events, frames = output
@@ -212,12 +218,19 @@ class World(SessionWorld[Session]):
         assert self.session.enabled == enabled, 'enabled'
         if not verdict.estop:
             assert self.session.deadline() <= (self.heard_at or 0.0) + self.LINK, 'slept'
-        assert self.frames or self.busy or not self.open, 'no packet'
+        assert self.frames or self.quiet(), 'no packet'
         for frame in self.frames:
-            self.judge_packet(*fields(frame))
+            self.judge_frame(frame)
+            enables = fields(frame)[0][0]
+            self.disabled_at = math.inf if enables else min(self.disabled_at, self.now)
 
-    def judge_packet(self, a: tuple[bool, bool, int], b: tuple[bool, bool, int]) -> None:
+    def quiet(self) -> bool:
+        """Tell whether no packet may go out."""
+        return self.busy or not self.open
+
+    def judge_frame(self, frame: bytes) -> None:
         """See that a packet keeps to what is allowed; the newest one is of this moment."""
+        a, b = fields(frame)
         enable, clear, value = a
         assert a[:2] == b[:2], 'the axes are told different things'
         if enable:
@@ -234,7 +247,6 @@ class World(SessionWorld[Session]):
             assert abs(value) <= max(abs(asked), was), 'more than is asked'
         self.rested |= self.ran and enable
         self.packet = a
-        self.disabled_at = math.inf if enable else min(self.disabled_at, self.now)
 
     def revive(self) -> None:
         self.play('', '', 'enable true', '', 'drive running', '', '')

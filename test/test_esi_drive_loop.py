@@ -32,11 +32,20 @@ class Loop:
     """Session and simulator, joined by two wires, with a mux at 100 Hz."""
 
     def __init__(
-        self, *, compact: bool = False, enable_delay: float = 0.02, **changes: Any
+        self,
+        *,
+        compact: bool = False,
+        enable_delay: float = 0.02,
+        disable_delay: float = 0.0,
+        **changes: Any,
     ) -> None:
         layout = changes.get('layout', Layout.DUAL)
         self.drive = Simulator(
-            axes=layout.axes, compact=compact, status_rate=200.0, enable_delay=enable_delay
+            axes=layout.axes,
+            compact=compact,
+            status_rate=200.0,
+            enable_delay=enable_delay,
+            disable_delay=disable_delay,
         )
         self.line = FaultyLine(random.Random(1))  # from the drive
         self.session = Session(make_settings(**changes))

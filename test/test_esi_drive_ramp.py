@@ -499,3 +499,23 @@ def test_velocity_beside_a_position_does_not_wait_for_it() -> None:
     ramp = Ramp(pair, TICK)
     ramp.step((20, 1000), 100.0)
     assert [ramp.step((20, 1000), 100.0 + TICK * n) for n in (1, 2)] == [(10, 10), (20, 20)]
+
+
+def test_nothing_grows_while_commands_fall() -> None:
+    """A stop by a ramp of the mux that is far ahead of ours."""
+    rig = Rig(axes=axes(Mode.VELOCITY, slew_limit=LIMIT))
+    rig.press()
+    rig.status = RUNNING
+    rig.tick()
+    rig.command = (100.0 * LIMIT, 0.0)
+    sent = fields(rig.tick(20)[-1])[0][2]
+    assert 0 < sent < 100.0 * LIMIT
+    for share in (90.0, 80.0, 70.0):
+        rig.command = (share * LIMIT, 0.0)
+        assert fields(rig.tick()[-1])[0][2] <= sent + LIMIT * TICK  # the one before was earlier
+    assert fields(rig.tick()[-1])[0][2] <= sent + LIMIT * TICK
+    rig.command = (0.5 * sent, 0.0)
+    rig.tick()
+    assert fields(rig.tick()[-1])[0][2] == round(0.5 * sent)
+    rig.command = (50.0 * LIMIT, 0.0)  # it rises, and so does what is sent
+    assert fields(rig.tick(3)[-1])[0][2] > round(0.5 * sent)

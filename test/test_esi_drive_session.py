@@ -157,7 +157,8 @@ def test_position_is_held_where_it_is_while_enabling() -> None:
     rig.command = None
     rig.hear(status(1, 1, feedback=(1230, 99)))
     assert [axis[2] for axis in fields(rig.tick()[-1])] == [1230, 0]
-    assert fields(rig.do(lambda: rig.session.set_estop(True, rig.now))[-1])[0][2] == 0
+    stopped = rig.do(lambda: rig.session.set_estop(True, rig.now))[-1]
+    assert fields(stopped) == ((False, False, 1230), (False, False, 0))
 
 
 # Stopping: each of these disables at once and needs a new edge.

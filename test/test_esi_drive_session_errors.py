@@ -165,6 +165,33 @@ def test_a_port_lost_while_clearing_answers(rig: Rig) -> None:
 # Values and warnings.
 
 
+@pytest.mark.parametrize(
+    ('mode', 'told', 'measured', 'warned'),
+    [
+        (Mode.VELOCITY, 0.0, 8000, True),  # as a position would be
+        (Mode.VELOCITY, 1000.0, 400, True),
+        (Mode.VELOCITY, 1000.0, 600, False),
+        (Mode.VELOCITY, 100.0, 420, False),  # within 1 % of the range
+        (Mode.TORQUE, 100.0, 8000, True),
+    ],
+)
+def test_what_is_measured_does_not_follow_is_a_warning_after_1_s(
+    mode: Mode, told: float, measured: int, warned: bool
+) -> None:
+    rig = Rig(axes=axes(mode))
+    rig.start()
+    rig.command = (told, 0.0)
+    rig.status = status(1, 1, feedback=(measured, 0))
+    rig.tick(100)
+    assert rig.session.warnings(rig.now) == []
+    rig.tick(10)
+    texts = [text for text in rig.session.warnings(rig.now) if 'as in HiDS' in text]
+    assert ['axis A measures' in text for text in texts] == [True] * warned
+    rig.enable = False
+    rig.tick(3)
+    assert rig.session.warnings(rig.now) == []
+
+
 def test_values_saturate_and_are_counted() -> None:
     rig = Rig(
         axes=(

@@ -485,6 +485,11 @@ CONTRADICTIONS: dict[str, tuple[str, dict[str, Any], str]] = {
         {**TORQUES, 'speed_limits': ['zone'], 'speed_limit.zone.topic': 'zone'},
         r"interface = 'effort': speed_limits = \['zone'\] is about speeds",
     ),
+    'a ramp of torques as a stop': (
+        'mux',
+        {'interface': 'effort', 'estop.fort.stop_category': 1},
+        r"interface = 'effort': estop\.fort\.stop_category = 1 is about speeds",
+    ),
     'a speed limit that nobody gives': (
         'mux',
         {'speed_limits': ['zone']},

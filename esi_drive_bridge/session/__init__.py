@@ -15,7 +15,7 @@
 """
 The link to the drive over time: packets that never stop, and enabling as a sequence.
 
-Packets leave every 1 / ``command_rate`` seconds while the port is open. They say disable and 0,
+Packets leave every 1 / ``command_rate`` seconds while the port is open. They say disable and rest,
 unless all of this holds at the same time:
 
 - the status is fresh and shows no error bit;
@@ -27,15 +27,16 @@ unless all of this holds at the same time:
 =========  ==========================================  ============================================
 phase      packets                                     leaves to
 =========  ==========================================  ============================================
-DISABLED   disable, 0                                  WAITING at an edge of enable; CLEARING
-WAITING    disable, 0                                  ENABLING at a command; else DISABLED
+DISABLED   disable, at rest                            WAITING at an edge of enable; CLEARING
+WAITING    disable, at rest                            ENABLING at a command; else DISABLED
 ENABLING   enable, at rest                             ENABLED when all axes say so; else DISABLED
 ENABLED    enable, from rest to the newest command     DISABLED
-CLEARING   disable, 0, clear errors                    DISABLED
+CLEARING   disable, at rest, clear errors              DISABLED
 =========  ==========================================  ============================================
 
 Every way back to DISABLED needs a new edge, and what was asked before is forgotten. "At rest" is 0
-for torque and velocity. For position it is the measured position: a 0 there would be a journey.
+for torque and velocity. For position it is the measured position: a 0 there would be a journey,
+for a drive that is enabled as for one that takes its time to disable (see place).
 The first packet of ENABLED is at rest, too; from there ``slew_limit`` bounds what a packet adds
 (see ramp), and only commands since it began count.
 

@@ -32,24 +32,27 @@ class Ramp:
     """
     Follows commands, in counts, within the ``slew_limit`` of each axis.
 
-    Of a torque or a velocity only the growth away from 0 is limited: slowing down must not wait. A
-    position is limited both ways. Velocities that grow take the same share of their way in a
+    Of a torque or a velocity only the growth away from 0 is limited: slowing down must not wait.
+    Neither grows while commands fall: whoever stops by a ramp may be far ahead of this one.
+    A position is limited both ways. Velocities that grow take the same share of their way in a
     packet, so that a curve stays; torques do not, as one that grows may brake.
 
     :param max_dt: seconds, the longest step; what a late packet has missed is not made up for.
     """
 
-    __slots__ = ('_at', '_limits', '_max_dt', '_modes', '_values', 'begun')
+    __slots__ = ('_at', '_limits', '_max_dt', '_modes', '_values', 'begun', 'falls')
 
     def __init__(self, axes: Sequence[Axis], max_dt: float) -> None:
         self._limits = tuple(axis.slew_limit / abs(axis.si_per_count) for axis in axes)
         self._modes = tuple(axis.mode for axis in axes)
         self._max_dt = max_dt
+        self.falls: tuple[bool, ...]  # of each axis, whether the newest command is below the last
         self.begin((0,) * len(axes))
 
     def begin(self, rest: Sequence[int]) -> None:
         """Start anew, at ``rest``."""
         self.begun = False  # a packet has gone out since
+        self.falls = (False,) * len(rest)
         self.rest(rest)
 
     def rest(self, rest: Sequence[int]) -> None:
@@ -77,7 +80,10 @@ class Ramp:
         self._at, self.begun = now, True
         if self._values == goals:  # as most of the time
             return goals
-        mosts = [limit * dt if dt else 0.0 for limit in self._limits]
+        mosts = [
+            0.0 if not dt or (falls and mode is not Mode.POSITION) else limit * dt
+            for limit, falls, mode in zip(self._limits, self.falls, self._modes, strict=True)
+        ]
         starts = tuple(map(_start, self._values, goals, self._modes))
         shares = tuple(map(_share, starts, goals, mosts))
         together = zip(shares, self._modes, strict=True)

@@ -20,7 +20,9 @@ from collections.abc import Sequence
 from typing import Any
 
 from esi_drive_bridge.axes import Axis
-from esi_drive_bridge.protocol import RS422_FAULT, Status
+from esi_drive_bridge.protocol import RS422_FAULT, Status, VALUE_MAX
+
+_NEAR = VALUE_MAX // 100  # counts between sent and measured that are always near enough
 
 THEN_CLEAR = 'then call ~/clear_errors, as the drive keeps its errors until it is asked'
 
@@ -47,6 +49,17 @@ def held_back(axes: Sequence[Axis], sent: Sequence[int], wanted: Sequence[int]) 
         if now != goal
     ]
     return ', '.join(texts) or 'none'
+
+
+def astray(axes: Sequence[Axis], sent: Sequence[int], status: Status) -> list[str]:
+    """Name the axes that measure something else than they are told, as in another mode."""
+    return [
+        f'check that mode and scale of {axis.joint} are as in HiDS, and that nothing holds it: '
+        f'axis {name} measures {each.feedback * axis.si_per_count:.3g} {axis.unit}, and is told '
+        f'{count * axis.si_per_count:.3g}'
+        for axis, count, (name, each) in zip(axes, sent, status.lettered(), strict=True)
+        if abs(each.feedback - count) > max(_NEAR, abs(count) // 2)
+    ]
 
 
 def own_silence(faults: Sequence[str], gap: float) -> list[str]:

@@ -41,8 +41,10 @@ from esi_drive_bridge.session.events import (
     Feedback,
     Stopped,
 )
+from esi_drive_bridge.session.place import Places
 from esi_drive_bridge.session.ramp import Ramp
 from esi_drive_bridge.session.report import (
+    astray,
     held_back,
     own_silence,
     second_axis,
@@ -57,6 +59,8 @@ FAREWELL_PACKETS = 3  # a lost or flipped one must not leave the motor enabled
 CLEAR_ERRORS = 'clear_errors'  # the request's name in its Answer
 _LEAST_GAP = 0.05  # s without a packet of ours that a drive may take for a timeout
 _GAP_MEMORY = 1.0  # s, in which its error bit is put down to that
+_FOLLOW_TIME = 1.0  # s after which what is measured has to be near what is sent
+_PLACE_TIME = 0.05  # s until a status must have come, or answers the packets' mode
 
 
 class Phase(Enum):
@@ -72,6 +76,10 @@ class Phase(Enum):
 _HEALTHY = Verdict()
 _ACTIVE = (Phase.WAITING, Phase.ENABLING, Phase.ENABLED)
 _ON_THE_WIRE = (Phase.ENABLING, Phase.ENABLED)  # packets say enable
+
+
+def _falls(before: float, after: float) -> bool:
+    return before * after > 0.0 and abs(after) < abs(before)
 
 
 class Session(BaseSession[bytes, Status, Event]):
@@ -93,12 +101,15 @@ class Session(BaseSession[bytes, Status, Event]):
         self._report_period = 0.9 / settings.joint_state_rate
         self._zeros = (0,) * settings.layout.axes
         self._ramp = Ramp(settings.axes, self._period)
-        self._holds_place = any(axis.mode is Mode.POSITION for axis in settings.axes)
+        self._places = Places(settings.axes)
+        self._told = self._zeros  # in the last packet that enables and went out
+        self._placed_at = math.inf  # since when packets on this port name places
         self._command = Watchdog(settings.command_timeout)
         self._enable = Watchdog(settings.command_timeout)
         self._estop_in = Watchdog(settings.command_timeout)
         self._next_send = self._reported_at = -math.inf
         self._sent_at = math.inf
+        self._astray_since = math.inf  # an axis has not measured what it is told
         self._gap, self._gap_at = 0.0, -math.inf  # the last pause of our own packets
         self._reset()
         self._before = self._sent()
@@ -115,6 +126,7 @@ class Session(BaseSession[bytes, Status, Event]):
         self._enable_value, self._estop_value = False, True
         self._refusal = ''  # why the newest command was refused
         self._counts = self._zeros
+        self._asked: tuple[float, ...] = ()  # by the newest command that counts
         self._saturated: list[str] = []  # what of the newest command was cut, in words
         self._urgent = self._clear_sent = False
         self._until = -math.inf
@@ -142,6 +154,8 @@ class Session(BaseSession[bytes, Status, Event]):
             texts += self._saturated
         if self.link_up and self.status is not None:
             texts += self.status.warnings() + second_axis(self.status)
+            if now - self._astray_since >= _FOLLOW_TIME:
+                texts += astray(self.settings.axes, self._ramp.counts, self.status)
         return texts
 
     def problems(self, now: float) -> list[tuple[Level, str]]:
@@ -157,7 +171,7 @@ class Session(BaseSession[bytes, Status, Event]):
         values: dict[str, Any] = {
             'phase': self.phase.value,
             'enabled': self.enabled,
-            'disabled because': '; '.join(self.inhibits(now)) or 'enabled',
+            'disabled because': '; '.join(self.inhibits(now)),
             'held back by slew_limit': self._held_back(),
             'saturated commands': self.saturations,
             'refused commands': self.refused_commands,
@@ -178,12 +192,16 @@ class Session(BaseSession[bytes, Status, Event]):
     def refused(self, frame: bytes, now: float) -> None:
         """Stand by what went out last, and try again soon, with what is asked for then."""
         del frame
-        self._ramp.state, self._sent_at, self._clear_sent, self._disabled_since = self._before
+        self._ramp.state, self._sent_at, self._clear_sent, *rest = self._before
+        self._disabled_since, self._placed_at, self._places.told, self._told = rest
         self._next_send = min(self._next_send, now + RETRY)
 
     def _begin(self, now: float) -> None:
-        self._next_send = now
+        self._places.doubt()
+        # A status brings it forward.
+        self._next_send = now if self._places.known else now + _PLACE_TIME
         self._sent_at, self._disabled_since = math.inf, -math.inf
+        self._placed_at = math.inf
 
     def _forget(self, now: float, reason: str) -> None:
         del now
@@ -198,6 +216,7 @@ class Session(BaseSession[bytes, Status, Event]):
         before = self.status
         self.status = self._known = message
         self._heard.feed(now)
+        self._note_places(message)
         self._report(message, now)
         self._set_enabled(message.enabled)
         self._note_gap(now)
@@ -219,8 +238,16 @@ class Session(BaseSession[bytes, Status, Event]):
             return False
         self.status = message
         self._heard.feed(now)
+        self._note_places(message)
         self._report(message, now)
         return True
+
+    def _note_places(self, status: Status) -> None:
+        moves = self.phase in _ON_THE_WIRE and self._ramp.begun
+        if self._places.any and not moves:
+            unknown = not self._places.measured
+            self._places.measure(status)
+            self._urgent |= unknown and self._places.measured
 
     def _report(self, status: Status, now: float) -> None:
         """Report a status, unless one was just reported; a clock that runs back withholds none."""
@@ -243,9 +270,9 @@ class Session(BaseSession[bytes, Status, Event]):
         if self.phase is Phase.CLEARING:
             if self._clear_sent and not status.faulty:
                 self._finish_clearing(True, 'the errors are cleared')
-        elif self.phase is Phase.WAITING and not (status.faulty or self._off_scale()):
+        elif self.phase is Phase.WAITING and not (status.faulty or self._placeless(now)):
             self._end_waiting(now)
-        elif self.phase is Phase.ENABLING and not (status.faulty or self._off_scale()):
+        elif self.phase is Phase.ENABLING and not (status.faulty or self._placeless(now)):
             assert before is not None  # without one nothing is allowed
             self._rest(before)
             if status.enabled and self._ramp.begun:
@@ -328,11 +355,19 @@ class Session(BaseSession[bytes, Status, Event]):
         self._sent_at = now
         self._urgent = False
         self._clear_sent = self.phase is Phase.CLEARING
+        self._note_following(now)
+        if self._places.known:
+            self._placed_at = min(self._placed_at, now)
         if self.phase in _ON_THE_WIRE:
             self._disabled_since = math.inf
         elif self._disabled_since == math.inf:
             self._disabled_since = now
         return [self._packet(now)]
+
+    def _note_following(self, now: float) -> None:
+        status = self.status if self.phase is Phase.ENABLED else None
+        strays = status and astray(self.settings.axes, self._ramp.counts, status)
+        self._astray_since = min(self._astray_since, now) if strays else math.inf
 
     # What the node asks.
 
@@ -352,8 +387,9 @@ class Session(BaseSession[bytes, Status, Event]):
         self._command.feed(now)
         self._refusal = ''
         if self.phase is Phase.ENABLED:
-            self._counts = counts
-        elif self.phase is Phase.WAITING and not self._holds_place:
+            self._ramp.falls = tuple(map(_falls, self._asked or values, values))
+            self._counts, self._asked = counts, tuple(values)
+        elif self.phase is Phase.WAITING and not self._places.any:
             self._end_waiting(now)
 
     def refuse_command(self, reason: str, now: float) -> None:
@@ -447,10 +483,17 @@ class Session(BaseSession[bytes, Status, Event]):
             reasons.append(f'e-stop input is stale: {self._estop_in.describe(now)}')
         elif self._estop_value:
             reasons.append('e-stop input is true')
-        return reasons if self.phase is Phase.ENABLED else reasons + self._off_scale()
+        return reasons if self.phase is Phase.ENABLED else reasons + self._placeless(now)
 
-    def _off_scale(self) -> list[str]:
-        """Say which position cannot be held: measured at its limit, it may be anything beyond."""
+    def _placeless(self, now: float) -> list[str]:
+        """
+        Say which position cannot be held.
+
+        Measured at its limit it may be anything beyond. What the drive measures may follow the
+        mode of our packets (4.3), and the first statuses may answer another mode.
+        """
+        if self._places.any and not now - self._placed_at >= _PLACE_TIME:
+            return ['wait until the drive has answered packets in position mode']
         axes = (
             () if self.status is None else zip(self.settings.axes, self.status.axes, strict=True)
         )
@@ -475,11 +518,17 @@ class Session(BaseSession[bytes, Status, Event]):
 
     # Phases.
 
+    def _keep_places(self) -> None:
+        """Take where motion ends; what did not go out has not moved anything."""
+        if self._ramp.begun:
+            counts = self._measured() if self.link_up else self._told
+            self._places.keep(counts, measured=self.link_up)
+
     def _begin_waiting(self, now: float) -> None:
         self.phase = Phase.WAITING
         self._stepped_at = now
         self._until = now + self.settings.command_timeout
-        if not self._holds_place:
+        if not self._places.any:
             self._end_waiting(now)
 
     def _end_waiting(self, now: float) -> None:
@@ -493,7 +542,7 @@ class Session(BaseSession[bytes, Status, Event]):
             return
         self.phase = Phase.ENABLING
         self._until = now + self.settings.enable_timeout
-        self._counts = self._standing()
+        self._counts, self._asked = self._standing(), ()
         self._ramp.begin(self._counts)
         self._urgent = True
 
@@ -506,6 +555,7 @@ class Session(BaseSession[bytes, Status, Event]):
         self.last_stop = tuple(reasons)
         if was_on_the_wire:
             self._urgent = True
+            self._keep_places()
         self._emit((Stopped if was_on_the_wire else EnableRefused)(self.last_stop))
 
     def _finish_clearing(self, success: bool, text: str) -> None:
@@ -521,15 +571,21 @@ class Session(BaseSession[bytes, Status, Event]):
 
     def _sent(self) -> tuple[Any, ...]:
         """Return all that counts on packets that went out; see refused."""
-        return self._ramp.state, self._sent_at, self._clear_sent, self._disabled_since
+        return (
+            *(self._ramp.state, self._sent_at, self._clear_sent, self._disabled_since),
+            *(self._placed_at, self._places.told, self._told),
+        )
 
     def _packet(self, now: float) -> bytes:
-        enable, clear = self.phase in _ON_THE_WIRE, self.phase is Phase.CLEARING
-        counts = self._ramp.step(self._counts, now) if enable else self._zeros
-        axes = zip(self.settings.axes, counts, strict=True)
-        return Command(
-            tuple(AxisCommand(enable, clear, axis.mode, value) for axis, value in axes)
-        ).to_bytes(self.settings.layout)
+        if self.phase in _ON_THE_WIRE:
+            counts = self._ramp.step(self._counts, now)
+            if self._places.any:
+                self._told = counts
+            axes = zip(self.settings.axes, counts, strict=True)
+            said = tuple(AxisCommand(True, False, axis.mode, value) for axis, value in axes)
+        else:
+            said = self._places.disable(self.phase is Phase.CLEARING)
+        return Command(said).to_bytes(self.settings.layout)
 
     def _rest(self, before: Status) -> None:
         """
@@ -548,9 +604,12 @@ class Session(BaseSession[bytes, Status, Event]):
 
     def _standing(self) -> tuple[int, ...]:
         """Return what each axis is told where it is to stay."""
+        axes = zip(self.settings.axes, self._measured(), strict=True)
+        return tuple(count if axis.mode is Mode.POSITION else 0 for axis, count in axes)
+
+    def _measured(self) -> tuple[int, ...]:
         assert self.status is not None  # or nothing is allowed
-        axes = zip(self.settings.axes, self.status.axes, strict=True)
-        return tuple(each.feedback if axis.mode is Mode.POSITION else 0 for axis, each in axes)
+        return tuple(each.feedback for each in self.status.axes)
 
     def _held_back(self) -> str:
         if self.phase is not Phase.ENABLED:

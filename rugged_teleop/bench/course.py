@@ -145,7 +145,8 @@ class Course:
         if facts.estop and (in_motion or self.phase is Phase.ENABLING):
             return f'the device demands a stop: {facts.reason}'
         if in_motion and not facts.enabled:
-            return f'the drive is not enabled any more: {facts.reason}'
+            why = facts.reason or 'see /diagnostics, its report comes once a second'
+            return f'the drive is not enabled any more: {why}'
         limit = _LIMITS.get(self.phase)
         if limit is not None and age > limit:
             asked = 'its e-stop is' if facts.estop else 'it is'
