@@ -34,7 +34,7 @@ from bridge_core import clock
 from bridge_core.descriptors import fill_standard_descriptors
 from bridge_core.help import help_text
 from bridge_core.managed_node import ManagedNode
-from bridge_core.output import unblocked_output
+from bridge_core.output import log_file, NO_SHOW, unblocked_output, without_ros_log_file
 from bridge_core.parameter_files import (
     check_each_used,
     check_files,
@@ -139,7 +139,7 @@ def run(
         )
     end = _End()
     try:
-        with unblocked_output():
+        with unblocked_output(log_file(argv), shown=NO_SHOW not in argv):
             try:
                 return _run(factories, argv, names, end, configured=configured)
             finally:
@@ -183,7 +183,7 @@ def _run(
         for file in files:
             sections_of(file)
         # With ROS's own handlers the context would be gone before the last stop was published.
-        rclpy.init(args=argv, signal_handler_options=SignalHandlerOptions.NO)
+        rclpy.init(args=without_ros_log_file(argv), signal_handler_options=SignalHandlerOptions.NO)
     except Exception as error:  # RCLError and others are not exported; all mean bad arguments
         return _refuse(_SOURCE.sub('', str(error)))
     nodes: list[ManagedNode] = []

@@ -49,6 +49,13 @@ _IMPORTED = (
     *('sensor_msgs.msg', 'std_msgs.msg', 'std_srvs.srv', 'type_description_interfaces.srv'),
 )
 _BY_INTERPRETER = ('PYTHONPATH', 'PYTHONHOME', 'LD_LIBRARY_PATH', 'LD_PRELOAD')
+_ENVIRONMENT = {
+    'PYTHONUNBUFFERED': '1',
+    'OPENBLAS_NUM_THREADS': '1',
+    # lttng-ust looks at its threads as a process ends, and a fork has none of them: keep what the
+    # C library remembers of threads mapped.
+    'GLIBC_TUNABLES': 'glibc.pthread.stack_cache_size=1073741824',
+}
 _PR_SET_PDEATHSIG = 1
 _REQUEST = 1 << 17  # bytes; an environment has some thousand
 
@@ -119,7 +126,7 @@ class Server:
             self._process = subprocess.Popen(
                 [*command, sys.executable, '-m', 'test.forks', str(theirs.fileno())],
                 cwd=_ROOT,
-                env={**os.environ, 'PYTHONUNBUFFERED': '1', 'OPENBLAS_NUM_THREADS': '1'},
+                env={**os.environ, **_ENVIRONMENT},
                 pass_fds=[theirs.fileno()],
                 stdin=subprocess.DEVNULL,
                 start_new_session=True,

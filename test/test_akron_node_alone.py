@@ -62,21 +62,29 @@ def test_node_that_dies_leaves_neutral_frames(
         bench.wait(lambda: not own_unit.look('moving'), 'rest')
 
 
-def test_wire_that_is_killed_with_its_node_leaves_the_unit_to_its_own_watchdog(
-    observer: Observer, can_bus: CanBus, own_unit: Station
+@pytest.mark.parametrize('all_three', [False, True])
+def test_wire_that_is_killed_with_its_node_leaves_the_farewell_to_its_spare(
+    observer: Observer, can_bus: CanBus, own_unit: Station, all_three: bool
 ) -> None:
+    """With all three, the unit has nothing but its own watchdog."""
     with bench_of(observer, can_bus) as bench:
-        bench.connect().drive(own_unit)
-        wire = wires_of(bench.node.process.pid)[0]
+        ready_to_lose(bench)
+        bench.drive(own_unit)
+        node = bench.node.process.pid
+        processes = [*wires_of(node), *spares_of(node)][: 1 + all_three]
         before, delay = own_unit.look('cleared')['38'], RunDelay([])
-        os.kill(bench.node.process.pid, signal.SIGSTOP)  # so that it starts no other wire
-        os.kill(wire, signal.SIGKILL)
+        os.kill(node, signal.SIGSTOP)  # so that it starts no other wire
+        for pid in processes:
+            os.kill(pid, signal.SIGKILL)
         bench.node.end(signal.SIGKILL)
         killed = time.monotonic()
         bench.commanding = False
-        bench.wait(lambda: own_unit.look('cleared')['38'] > before, 'its own watchdog')
-        assert own_unit.joystick_frames(0x38)[-1] == RIGHT
-        assert time.monotonic() - killed < 5.0 + delay.seconds()
+        if all_three:
+            bench.wait(lambda: own_unit.look('cleared')['38'] > before, 'its own watchdog')
+            assert time.monotonic() - killed < 5.0 + delay.seconds()
+        else:
+            bench.wait(lambda: own_unit.joystick_frames(0x38)[-3:] == [NEUTRAL] * 3, 'neutral')
+        assert (own_unit.joystick_frames(0x38)[-1] == RIGHT) == all_three
         bench.wait(lambda: not own_unit.look('moving'), 'rest')
 
 

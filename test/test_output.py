@@ -24,6 +24,8 @@ import signal
 import subprocess
 import sys
 
+import pytest
+
 from bridge_core import drain
 from test.rig import ROOT, TIMEOUT_FACTOR, wait_for
 
@@ -118,19 +120,66 @@ def test_interrupt_of_the_terminal_is_left_to_the_node() -> None:
     assert process.wait(5.0 * TIMEOUT_FACTOR) == 0
 
 
-def test_files_are_written_to_directly(tmp_path: Path) -> None:
+def test_what_goes_to_a_file_waits_for_no_disk_and_comes_whole(tmp_path: Path) -> None:
     source = (
-        'import os\n'
+        'import os, stat\n'
         'from bridge_core.output import unblocked_output\n'
-        'before = os.fstat(1).st_ino\n'
         'with unblocked_output():\n'
-        '    assert os.fstat(1).st_ino == before\n'
+        '    assert stat.S_ISFIFO(os.fstat(1).st_mode)\n'
         '    print("done")\n'
     )
     file = tmp_path / 'log'
     with file.open('wb') as output:
         subprocess.run([sys.executable, '-c', source], stdout=output, cwd=ROOT, check=True)
-    assert file.read_text() == 'done\n'
+    wait_for(lambda: file.read_text() == 'done\n', 5.0, 'the line')
+
+
+@pytest.mark.parametrize(
+    ('words', 'files', 'shown'),
+    [
+        ([], 'node_*.log', True),
+        (['--log-file-name', 'other'], 'other_*.log', True),
+        (['--disable-stdout-logs'], 'node_*.log', False),
+        (['--disable-external-lib-logs'], 'none', True),
+    ],
+)
+def test_log_file_is_written_as_the_words_of_ros_say(
+    tmp_path: Path, words: list[str], files: str, shown: bool
+) -> None:
+    source = (
+        'import sys\n'
+        'from bridge_core.output import log_file, NO_SHOW, unblocked_output\n'
+        'log = log_file(["node", *sys.argv[1:]])\n'
+        'with unblocked_output(log, shown=NO_SHOW not in sys.argv):\n'
+        '    print("\\x1b[33mwords\\x1b[0m", file=sys.stderr)\n'
+    )
+    folder = tmp_path / 'new' / 'folder'
+    ended = subprocess.run(
+        [sys.executable, '-c', source, *words],
+        env={**os.environ, 'ROS_LOG_DIR': str(folder)},
+        cwd=ROOT,
+        capture_output=True,
+        check=True,
+    )
+    assert ended.stderr == b'\x1b[33mwords\x1b[0m\n' * shown
+    found = [*folder.glob('*')]
+    assert found == [*folder.glob(files)][:1]
+    assert [file.read_text() for file in found] == ['words\n'] * (files != 'none')
+
+
+def test_log_file_that_cannot_be_made_is_told(tmp_path: Path) -> None:
+    (tmp_path / 'file').touch()
+    source = (
+        'import sys\n'
+        'from bridge_core.output import unblocked_output\n'
+        'with unblocked_output(sys.argv[1]):\n'
+        '    print("words", file=sys.stderr)\n'
+    )
+    log = tmp_path / 'file' / 'x.log'
+    ended = subprocess.run(
+        [sys.executable, '-c', source, log], cwd=ROOT, capture_output=True, text=True, check=True
+    )
+    assert sorted(ended.stderr.splitlines()) == [f'[no log file: {log}: File exists]', 'words']
 
 
 def test_print_into_a_pipe_that_takes_nothing_raises_nothing() -> None:
@@ -174,7 +223,8 @@ def test_node_that_is_started_without_descriptors_runs() -> None:
 
     try:
         wait_for(runs, 20.0, 'a running node')
-        assert [os.readlink(own / f'fd/{number}') for number in range(3)] == ['/dev/null'] * 3
+        found = [os.readlink(own / f'fd/{number}').split(':')[0] for number in range(3)]
+        assert found == ['/dev/null', '/dev/null', 'pipe']  # the last one to the log file
         process.terminate()
         assert process.wait(10.0 * TIMEOUT_FACTOR) == 0
     finally:

@@ -23,6 +23,7 @@ from __future__ import annotations
 import ast
 from collections.abc import Callable, Iterator, Sequence
 import contextlib
+import ctypes
 import errno
 import functools
 import math
@@ -399,7 +400,7 @@ def give_up(*_):
     sys.exit()
 
 os.sched_setscheduler = give_up
-sys.argv = ['start_wire', '0', 'nothing', '1', '3', '-1']
+sys.argv = ['start_wire', '0', 'nothing', '1', '3', '-1', '-1', '-1']
 main()
 """
     said = subprocess.run(
@@ -416,7 +417,7 @@ def start_wire(
     (folder / 'lost' / 'wire.py').write_text(source)
     ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
     with ours, theirs:
-        arguments = (str(theirs.fileno()), 'lost.wire', '1', str(priority), '-1')
+        arguments = (str(theirs.fileno()), 'lost.wire', '1', str(priority), *['-1'] * 3)
         return subprocess.run(
             [*program, sys.executable, '-m', 'bridge_core.start_wire', *arguments],
             env={**os.environ, 'PYTHONPATH': f'{folder}{os.pathsep}{os.getcwd()}'},
@@ -1059,6 +1060,151 @@ def test_nothing_is_raised_by_telling_a_node_that_is_gone(
         node.take()
 
 
+# Node and wire die at once.
+
+ALONE = """
+import math
+import sys
+import threading
+from bridge_core.transports import process
+from test.toy_wire import BRIDGE
+
+class Owner:
+    def __getattr__(self, name):
+        return lambda *arguments: None
+    def carried_over(self, values):
+        return {}
+    def pace(self, now):
+        return now + 0.02
+
+process._SPARE_TIME, process._KILL_TIME = 0.0, math.inf  # a busy machine kills none
+process._PROGRAM = sys.argv[3]
+link = process.ProcessLink('alone', BRIDGE, Owner(), device=sys.argv[1])
+link.start()
+link.activate({'port': sys.argv[1], 'link_timeout': 0.25, 'fault': ''})
+sys.stdin.readline()
+exec(sys.argv[2])
+print(flush=True)
+threading.Event().wait()
+"""
+
+
+def pidfd_getfd(process: int, number: int) -> int:
+    """Return a descriptor of another process as one of ours; pidfd_getfd(2)."""
+    return int(ctypes.CDLL(None, use_errno=True).syscall(438, process, number, 0))
+
+
+class Alone:
+    """A node that is nothing but a link, with its wire, and a spare that is ready."""
+
+    def __init__(self, pty: Pty, *, then: str = '', ready: bool = True) -> None:
+        self.pty = pty
+        words = [sys.executable, '-c', ALONE, str(pty.path), then, process._PROGRAM]
+        self.node = subprocess.Popen(words, stdin=subprocess.PIPE, stdout=subprocess.PIPE)
+        self.pids = {'node': self.node.pid}
+        pty.wait_received(b'h', 20.0)
+        self.pids['wire'] = wait_for(lambda: wires_of(self.node.pid), 5.0, 'a wire')[0]
+
+        def spares() -> list[int]:
+            pids = spares_of(self.node.pid)
+            return [pid for pid in pids if name_of(pid) == 'spare wire' or not ready]
+
+        self.pids['spare'] = wait_for(spares, 20.0, 'a spare')[0]
+        assert self.node.stdin is not None
+        assert self.node.stdout is not None
+        self.node.stdin.close()  # what follows may begin
+        self.node.stdout.readline()
+
+    def kill(self, *names: str) -> None:
+        for each in names:
+            os.kill(self.pids[each], SIGKILL)
+
+    def ports_of(self, name: str) -> list[int]:
+        """Return the descriptors that it has of the port."""
+        folder, port = Path(f'/proc/{self.pids[name]}/fd'), os.path.realpath(self.pty.path)
+        return [int(each.name) for each in folder.iterdir() if os.readlink(each) == port]
+
+    def ends(self) -> int:
+        """Wait until all have ended; return how often the farewell was said."""
+        self.node.wait()
+        wait_for(lambda: not any(map(is_running, self.pids.values())), 10.0, 'their ends')
+        self.pty.read()
+        return self.pty.received.count(b'BYE')
+
+    def close(self) -> None:
+        for who in self.pids:
+            with contextlib.suppress(ProcessLookupError):
+                self.kill(who)
+        self.node.wait()
+        assert self.node.stdout is not None
+        self.node.stdout.close()
+
+
+@pytest.fixture
+def alone(pty: Pty) -> Iterator[Alone]:
+    with contextlib.closing(Alone(pty)) as result:
+        yield result
+
+
+@pytest.mark.parametrize('delay', [0.0, 0.001, 0.003, 0.01, 0.03])
+@pytest.mark.parametrize('order', [('node', 'wire'), ('wire', 'node')])
+def test_farewell_is_said_though_node_and_wire_die_at_once(
+    alone: Alone, order: tuple[str, str], delay: float
+) -> None:
+    first, second = order
+    alone.kill(first)
+    time.sleep(delay)
+    with contextlib.suppress(ProcessLookupError):  # it has ended by itself, farewell said
+        alone.kill(second)
+    assert alone.ends() in (1, 2)  # the wire may have been killed right behind it
+    assert alone.pty.received.endswith(b'BYE')
+
+
+def test_spare_that_still_loads_as_node_and_wire_die_says_the_farewell(
+    pty: Pty, gate: Path, request: pytest.FixtureRequest
+) -> None:
+    opener = threading.Thread(target=lambda: gate.open('w').close(), daemon=True)
+    opener.start()  # of the wire; the spare finds the gate shut
+    with contextlib.closing(Alone(pty, ready=False)) as alone:
+        alone.kill('node', 'wire')
+        wait_for(lambda: gated_wire.opens(gate), 5.0, 'a process that still loads')
+        assert alone.ends() == 1
+
+
+def test_farewell_waits_for_a_port_that_is_still_held(alone: Alone) -> None:
+    """The lock ends with the last descriptor, whoever has it."""
+    process = os.pidfd_open(alone.pids['wire'])
+    held = [pidfd_getfd(process, number) for number in alone.ports_of('wire')]
+    os.close(process)
+    assert held
+    alone.kill('node', 'wire')
+    wait_for(lambda: not is_running(alone.pids['wire']), 5.0, 'the end of the wire')
+    holds_for(lambda: is_running(alone.pids['spare']), 0.3)
+    alone.pty.read()
+    assert b'BYE' not in alone.pty.received
+    for number in held:
+        os.close(number)
+    assert alone.ends() == 1
+
+
+def test_wire_that_hangs_as_its_node_dies_is_killed_and_its_farewell_said(alone: Alone) -> None:
+    os.kill(alone.pids['wire'], SIGSTOP)
+    alone.kill('node')
+    assert alone.ends() == 1
+
+
+def test_node_that_dies_after_a_farewell_has_it_said_once(alone: Alone) -> None:
+    alone.kill('spare')
+    alone.kill('node')
+    assert alone.ends() == 1
+
+
+def test_nothing_is_said_where_nothing_is_in_force(pty: Pty) -> None:
+    with contextlib.closing(Alone(pty, then='link.deactivate()')) as alone:
+        alone.kill('node', 'wire')
+        assert alone.ends() == 1  # of the deactivation
+
+
 # The drive, in motion.
 
 
@@ -1088,6 +1234,16 @@ def test_drive_is_disabled_whatever_becomes_of_its_node(drive: DriveBench, numbe
         drive.wait(lambda: len(drive.drive.packets(since)) > 20, 'packets')
     else:
         drive.wait(lambda: not is_running(wire), 'the end of the wire')
+
+
+def test_drive_is_disabled_though_node_and_wire_die_at_once(drive: DriveBench) -> None:
+    node = drive.node.process.pid
+    [wire] = wires_of(node)
+    drive.wait(lambda: [p for p in spares_of(node) if name_of(p) == 'spare wire'], 'a spare')
+    cause = time.monotonic()
+    for pid in (node, wire):
+        os.kill(pid, SIGKILL)
+    disabled_for_good(drive, cause)
 
 
 @pytest.mark.parametrize('number', [SIGKILL, SIGSTOP])

@@ -56,6 +56,19 @@ COMMANDS = {'activate A': 'A', 'activate B': 'B', 'activate nonsense': None, 'de
 OUTSTANDING = 2  # commands at a time
 
 
+class InForce:
+    """Whether there is a farewell to be said, in the place of what that takes."""
+
+    def __init__(self) -> None:
+        self.kept = False
+
+    def keep(self, requests: Sequence[Request]) -> None:
+        self.kept = bool(requests)
+
+    def clear(self) -> None:
+        self.kept = False
+
+
 class Link(ProcessLink):
     """Its processes are those of the world, and its thread is the test."""
 
@@ -63,13 +76,14 @@ class Link(ProcessLink):
         self.world = world
         self.woken = False
         super().__init__('link', BRIDGE, world, reconnect_period=2 * STEP)
-        self.stop()  # closes its descriptor
+        self.stop()  # closes its descriptors
+        self._in_force: Any = InForce()
 
     def _wake(self) -> None:
         self.woken = True
 
     def _new_process(self, now: float) -> process._Process:
-        child: Any = Child(self.world)
+        child: Any = Child(self.world, self.world.child('wire'))
         self.world.children.append(child)
         return process._Process(child, child.ours, now)
 
@@ -81,7 +95,7 @@ class World(Remembered):
     A step is one of: nothing new (''), 'WHO WHAT' (of ``words``: so from now on; of ``fates``:
     this happens to the wire or its spare), a command, 'ask' (as many stops as find no room),
     'stall' (the node's thread gets no processor), 'halt' (nobody gets one), 'end' (the node
-    leaves).
+    leaves), 'crash' (it dies), 'crash both' (with its wire).
     """
 
     def __init__(
@@ -97,7 +111,7 @@ class World(Remembered):
         self.children: list[Child] = []
         self.stopped = True  # so the owner was told
         self.failed_at = -math.inf  # the owner failed
-        self.ended = self.farewell = False
+        self.ended = self.moving = False  # the device may be, once a wire has an activation
         self.wrong = ''  # an exception would be a fault of the owner
         self.stalled = 0  # steps until the node's thread gets a processor
         self.halted = False  # nobody gets one, in this step
@@ -150,7 +164,7 @@ class World(Remembered):
     def possible(self) -> Iterator[str]:
         if self.ended:
             return
-        yield from ('', 'stall', 'ask', 'end')
+        yield from ('', 'stall', 'ask', 'end', 'crash', 'crash both')
         if self.pace_steps == 1:  # else it is late for a beat as it ends, and none can have come
             yield 'halt'
         for fate in self.fates:
@@ -208,8 +222,8 @@ class World(Remembered):
         elif event == 'ask':
             for _ in range(ROOM + 1):
                 self.put('anything', ())
-        elif event == 'end':
-            self.leave()
+        elif event in ('end', 'crash', 'crash both'):
+            self.leave(event)
             return
         elif who in self.words:
             self.doing[who] = what
@@ -259,19 +273,26 @@ class World(Remembered):
             child.silent = min(child.silent + counts, 4) if child.turn else 0
             child.run()
 
-    def leave(self) -> None:
-        """Have the node leave, whatever state its processes are in."""
+    def leave(self, event: str) -> None:
+        """Have the node leave, or die, whatever state its processes are in."""
         wire = self.child('wire')
-        moves = wire is not None and wire.active
-        self.farewell = False
-        self.link._leave()
+        if event == 'end':
+            self.link._leave()
+        elif event == 'crash both' and wire is not None:
+            wire.die(-9)
+        alive = [child for child in self.children if child.alive]
         for child in self.children:
-            child.frozen = False
+            child.ours.close()
+            hangs = event == 'crash' and child is wire and len(alive) > 1
+            child.frozen &= hangs  # until its spare ends it
         for _ in range(LONG):
             self.run_children()
         assert not any(child.alive for child in self.children), 'a process stays'
-        assert self.farewell or not moves, 'the device is left moving'
+        assert not (self.moving and alive), 'the device is left moving'
         self.ended = True
+
+    def say_farewell(self) -> None:
+        self.moving = False
 
     def numbers(self) -> Iterator[int]:
         """Yield the numbers of all commands that somebody remembers."""
@@ -353,7 +374,7 @@ class World(Remembered):
 
 
 APART = (
-    *('memory', 'live', 'now', 'words', 'fates', 'commands', 'world', 'farewell', 'wrong'),
+    *('memory', 'live', 'now', 'words', 'fates', 'commands', 'world', 'wrong', 'waited'),
     *('stalled', 'halted', 'slept', 'idle', 'returncode', '_thread', '_lock', '_waiting'),
     *('_numbers', '_last_end', '_owner'),
 )

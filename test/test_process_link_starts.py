@@ -40,7 +40,7 @@ import pytest
 from bridge_core import realtime
 from bridge_core.session import StopChanged, Verdict
 from bridge_core.transports import process, wire_process
-from bridge_core.transports.wire_process import ENDING, Node, receive, TURN
+from bridge_core.transports.wire_process import ENDING, InForce, Node, receive, TURN
 from test.test_process_link_steps import Child, StepBench
 from test.toy_wire import BRIDGE
 
@@ -238,12 +238,12 @@ def test_process_is_given_its_socket_the_tap_and_nothing_of_the_terminal(
     bench = Bench(monkeypatch, device='/dev/ttyUSB0', reconnect_period=2.5, tap=tap)
     bench.step()
     (child,) = bench.children
-    theirs = child.options['pass_fds'][0]
+    theirs, kept = child.options['pass_fds'][:2]
     assert child.words == [
         *('link: wire /dev/ttyUSB0', '-S', '-m', 'bridge_core.start_wire', str(theirs)),
-        *('test.toy_wire', '2.5', '-1', str(tap)),
+        *('test.toy_wire', '2.5', '-1', str(tap), str(kept), '-1'),
     ]
-    assert child.options['pass_fds'] == [theirs, 77] if tapped else [theirs]
+    assert child.options['pass_fds'] == [theirs, kept, *([77] if tapped else [])]
     assert child.options['executable'] == sys.executable
     assert child.options['stdin'] == subprocess.DEVNULL
     assert child.options['start_new_session'] is True
@@ -533,10 +533,12 @@ class Spare:
         assert bridge is BRIDGE
         assert owner is requests is self.node
         self.wires.append(options)
-        return SimpleNamespace(run=lambda: self.heard.append('runs'))
+        return SimpleNamespace(run=lambda: self.heard.append('runs'), left_safe=True)
 
     def run(self, tap: int = -1) -> None:
-        wire_process.run(self.node, BRIDGE, ['no permission'], 2.5, tap)
+        in_force = InForce()
+        wire_process.run(self.node, BRIDGE, ['no permission'], 2.5, tap, in_force, -1)
+        in_force.close()
 
 
 @pytest.fixture

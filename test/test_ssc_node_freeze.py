@@ -266,3 +266,16 @@ def test_node_that_ends_behind_a_wire_that_died_leaves_the_failsafe(
             wait_for(lambda: gated_wire.opens(gate), 5.0, 'a process that still loads')
         bench.wait(lambda: FAILSAFE in pulses_since(bench, cause), 'the failsafe')
         assert pulses_since(bench, cause)[-1] == FAILSAFE
+
+
+def test_wire_that_is_killed_with_its_node_leaves_the_failsafe_to_its_spare(
+    observer: Observer, tmp_path: Path
+) -> None:
+    with bench_of(tmp_path, observer, **SERVOS) as bench:
+        drive(bench)
+        node = bench.node.process.pid
+        bench.wait(lambda: bench.value('spare process', LINK).isdigit(), 'a spare')
+        killed = time.monotonic()
+        for pid in (node, *wires_of(node)):
+            os.kill(pid, signal.SIGKILL)
+        bench.wait(lambda: pulses_since(bench, killed)[-1:] == [FAILSAFE], 'the failsafe')

@@ -29,6 +29,7 @@ from bridge_core.transports.wire_process import Node, TURN
 
 STEP = 0.125  # s
 LOADING = 2 * STEP
+PATIENCE = 4  # steps that a wire may take for its farewell
 ROOM = 5  # messages either way: more than there are commands at a time
 STOP, CLEAR = Verdict.stop('device'), Verdict()
 
@@ -89,8 +90,9 @@ class Child:
 
     pid = 1
 
-    def __init__(self, world: Any) -> None:
+    def __init__(self, world: Any, before: Child | None) -> None:
         self.world = world
+        self.before = before  # the wire that it is the spare of
         self.ours, self.theirs = End(), End()
         self.ours.other, self.theirs.other = self.theirs, self.ours
         self.node = Node.__new__(Node)
@@ -101,6 +103,7 @@ class Child:
         self.alive, self.frozen, self.loaded, self.turn = True, False, False, False
         self.returncode = 0
         self.started_at = self.ran_at = world.now
+        self.waited = 0  # steps, for the end of the one before
         self.silent = 0  # steps of the node's thread since it ran
         self.active: str | None = ''
         self.verdict: Verdict | None = None  # told last
@@ -149,9 +152,20 @@ class Child:
         if not self.turn and self.theirs.readable():
             self.turn = wire_process.receive(self.theirs) == TURN  # type: ignore[arg-type]
             if not self.turn:
-                self.die(0)
+                self.end_for_the_one_before()
         if self.turn:
             self.work(now)
+
+    def end_for_the_one_before(self) -> None:
+        """Say its farewell, once it has ended and has not said it."""
+        if self.before is not None and self.before.alive:
+            self.waited += 1
+            if self.waited < PATIENCE:
+                return
+            self.before.kill()
+        if self.world.link._in_force.kept:
+            self.world.say_farewell()
+        self.die(0)
 
     def work(self, now: float) -> None:
         self.interrupted = False
@@ -159,6 +173,7 @@ class Child:
             requests = self.node.take()
         except EOFError:
             self.leave()
+            self.world.link._in_force.clear()
             self.die(0)
             return
         for request in requests:
@@ -187,13 +202,14 @@ class Child:
                 self.leave()
                 self.active = wanted
                 if wanted:
+                    self.world.moving = True  # from now on it may be
                     self.tell(STOP)
             self.node.done(request.number, 'nonsense' if wanted is None else '')
 
     def leave(self) -> None:
         """Say the farewell."""
         if self.active:
-            self.world.farewell = True
+            self.world.say_farewell()
             self.tell(STOP)
         self.active, self.verdict = '', None
 

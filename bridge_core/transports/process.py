@@ -17,9 +17,10 @@ A wire in a process of its own, for actuators: it outlives its node long enough 
 
 The two talk over a socket pair of messages (SOCK_SEQPACKET), and neither ever waits for the other.
 When the node is gone, in whatever way, the wire finds the socket ended, says its farewell and
-ends. When the node hangs, its requests grow stale at the session. When the wire is gone or hangs,
-the node demands a stop and another one takes over, which begins stopped: a spare process that has
-loaded all it needs and waits to be told, since a start takes long on a busy machine.
+ends. Where it died with the node, its spare says it: the node keeps what is in force where the
+spare finds it. When the node hangs, its requests grow stale at the session. When the wire is gone
+or hangs, the node demands a stop and another one takes over, which begins stopped: a spare process
+that has loaded all it needs and waits to be told, since a start takes long on a busy machine.
 """
 
 from __future__ import annotations
@@ -46,7 +47,7 @@ from bridge_core.report import Report, Status
 from bridge_core.session import Level, StopChanged, Verdict
 from bridge_core.transports.link import ANSWER_TIME, Link
 from bridge_core.transports.wire import BACKOFF_START, Request, Wire
-from bridge_core.transports.wire_process import ENDING, receive, TURN
+from bridge_core.transports.wire_process import ENDING, InForce, receive, TURN
 
 _PROGRAM = 'bridge_core.start_wire'
 SILENCE_LIMIT = 0.085  # s without any, after which the node demands a stop
@@ -86,10 +87,12 @@ class _Process:
         return receive(self.socket)
 
     def end(self, timeout: float) -> None:
-        """Have it end; one that takes longer than ``timeout`` s is killed."""
-        self.ends(timeout)
+        """Have it end; one that takes longer than ``timeout`` s is killed, at 0 unasked."""
+        if timeout > 0.0:
+            self.ends(timeout)
         self.process.kill()
         self.process.wait()
+        self.socket.close()
 
     def ends(self, timeout: float) -> bool:
         """Have it end; tell whether it has within ``timeout`` s, farewell included."""
@@ -109,12 +112,13 @@ class ProcessLink(Link):
 
     def __init__(self, *arguments: Any, **options: Any) -> None:
         super().__init__(*arguments, **options)
-        self._lock = threading.Lock()  # of the next five
+        self._lock = threading.Lock()  # of the next six
         self._wire: _Process | None = None
         self._commands: dict[int, Request] = {}  # not ended yet
         self._activation: Request | None = None  # in force, or asked for
         self._before: Request | None = None  # in force where that one is refused
         self._unsent: list[tuple[Request, str]] = []  # to be refused, and why
+        self._in_force = InForce()  # what the wire has to be told, or ended for it
         self._spare: _Process | None = None
         self._wake_fd = os.eventfd(0, os.EFD_NONBLOCK | os.EFD_CLOEXEC)
         self._ended = False
@@ -142,6 +146,7 @@ class ProcessLink(Link):
                 self._activation = request
             if request.name in Wire.COMMANDS:
                 self._commands[request.number] = request
+                self._keep()
             why = self._send(request)
             refused = why != '' and (request.waits or why != _NOTHING_TAKEN)
             if refused:
@@ -172,6 +177,18 @@ class ProcessLink(Link):
                 self._wire.process.kill()  # it takes nothing any more, not even a stop
             return _NOTHING_TAKEN
         return ''
+
+    def _orders(self) -> list[Request]:
+        """Return what a wire has to be told that takes over: the activation, what is not done."""
+        activation = self._activation
+        if activation is not None and activation.number in self._commands:
+            activation = self._before
+        first = [] if activation is None else [activation]
+        return [self._informed(each) for each in (*first, *self._commands.values())]
+
+    def _keep(self) -> None:
+        """Keep that for the spare, which finds it there where node and wire die at once."""
+        self._in_force.keep(self._orders())
 
     def _wake(self) -> None:
         if self._wake_fd >= 0:
@@ -218,6 +235,8 @@ class ProcessLink(Link):
         if self._spare is not None:
             self._look_at(self._spare)
         knows = self._read(now)
+        with self._lock:
+            self._keep()  # what was heard may be carried over
         if knows and now >= self._sound_at:
             self._be_sound(now)
         self._judge(now)
@@ -346,6 +365,7 @@ class ProcessLink(Link):
             ended[number] = error
             for each, failure in ended.items():
                 self._end_command(self._commands.pop(each, None), failure)
+            self._keep()
         for each, failure in ended.items():
             self._done(each, failure)
 
@@ -397,8 +417,12 @@ class ProcessLink(Link):
     def _new_process(self, now: float) -> _Process:
         ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         priority = self._rt_priority or -self._begins_ordinary
-        with theirs, contextlib.ExitStack() as undo:
+        before = self._open_wire()
+        with theirs, contextlib.ExitStack() as last, contextlib.ExitStack() as undo:
+            if before >= 0:
+                last.callback(os.close, before)
             undo.callback(ours.close)
+            kept = self._in_force.fileno()
             ours.setblocking(False)
             ours.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _ROOM)
             process = subprocess.Popen(
@@ -407,15 +431,23 @@ class ProcessLink(Link):
                     *('-S', '-m', _PROGRAM),
                     *(str(theirs.fileno()), self._bridge.module),
                     *(str(self._reconnect_period), str(priority), str(self._tap)),
+                    *(str(kept), str(before)),
                 ],
                 executable=sys.executable,
-                pass_fds=[theirs.fileno(), *([self._tap] if self._tap >= 0 else [])],
+                pass_fds=[theirs.fileno(), kept, *(n for n in (self._tap, before) if n >= 0)],
                 stdin=subprocess.DEVNULL,
                 env=environment(self._bridge.module),
                 start_new_session=True,  # the terminal's signals are the node's business
             )
             undo.pop_all()
         return _Process(process, ours, now)
+
+    def _open_wire(self) -> int:
+        """Return a pidfd of the process that runs the wire; -1 where there is none."""
+        with contextlib.suppress(OSError):  # a kernel without them
+            if self._wire is not None:
+                return os.pidfd_open(self._wire.process.pid)
+        return -1
 
     def _look_at(self, spare: _Process) -> None:
         """Take its only word, that it is ready, or its end, which harms nothing."""
@@ -438,13 +470,8 @@ class ProcessLink(Link):
             self._wire = spare
             with contextlib.suppress(OSError):  # it has just ended, as the reader finds
                 spare.socket.send(TURN)
-            activation = self._activation
-            if activation is not None and activation.number in self._commands:
-                activation = self._before
-            if activation is not None:
-                self._send(self._informed(activation))
-            for command in self._commands.values():
-                self._send(self._informed(command))
+            for order in self._orders():
+                self._send(order)
 
     def _informed(self, command: Request) -> Request:
         """Return it for a wire that takes over: it has to know what the one before has done."""
@@ -510,6 +537,7 @@ class ProcessLink(Link):
             if not self._thread.is_alive() and self._wake_fd >= 0:
                 os.close(self._wake_fd)
                 self._wake_fd = -1
+                self._in_force.close()
 
 
 def _cause(returncode: int) -> str:

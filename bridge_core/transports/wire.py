@@ -182,6 +182,7 @@ class Wire(Generic[FrameT]):
         self._open_at = math.inf
         self._pace_at = self._polled_at = self._complain_at = self._stepped_at = 0.0
         self._look_at = self._report_at = 0.0
+        self.left_safe = True  # no device, or the farewell was said to it
         self._quit = False  # there will be no more requests
         self._ended = False  # and the farewell was said
 
@@ -325,6 +326,7 @@ class Wire(Generic[FrameT]):
         session, transport = make(values), self._bridge.make_transport(values)
         self._deactivate(now)
         self._transport, self._session, self._resting = transport, session, resting
+        self.left_safe = False
         self._damage = Damage(session.counters)
         self.status = LinkStatus()
         self._backoff = BACKOFF_START
@@ -383,6 +385,7 @@ class Wire(Generic[FrameT]):
             else:
                 session.refused(frame, now)
                 error = error or f'{transport.name} takes nothing'
+        self.left_safe = not error
         if error:
             self._owner.link_changed(f'no farewell: {error}', False)
 
@@ -486,6 +489,7 @@ class Wire(Generic[FrameT]):
         else:
             self.status.is_open, self.status.error = True, ''
             self.status.opens += 1
+            self.left_safe = False
             self._polled_at = now
             device = getattr(transport, 'device', '')  # serial ports tell it
             text = f'{transport.name} opened' + f': {device}' * bool(device)

@@ -29,6 +29,8 @@ import pickle
 import select
 import signal
 import socket
+import struct
+import time
 from typing import Any
 
 from bridge_core import clock
@@ -41,6 +43,9 @@ _BEAT_PERIOD = 0.025  # s, between two signs of life
 TURN = b'turn'  # the first message to a wire
 _LARGEST = 1 << 20  # bytes of a message
 _READS = 64  # requests, before the port gets its turn again
+_WIRE_TIME = 3.0  # s that a wire may take for its farewell; a port may take 2 s to open for it
+_TRY_TIME = 2.0  # s for which a port is tried that cannot be had
+_TRY_PERIOD = 0.02  # s
 _LOST = 'the node did not take what its wire had to tell, and something of it is lost'
 
 
@@ -141,6 +146,75 @@ class Node:
         return True
 
 
+class InForce:
+    """
+    What was asked of a wire and is not over, for the process that may have to end it.
+
+    It is in memory that all processes of a link share. It outlives the node, and whoever is killed
+    amid a change leaves it as it was.
+
+    :param descriptor: of that memory; -1: make it.
+    """
+
+    _PLACE = struct.Struct('=QQ')  # where the newest is, and its size; 0: nothing is in force
+    _PLACES = (_LARGEST, 2 * _LARGEST)
+
+    def __init__(self, descriptor: int = -1) -> None:
+        self._descriptor = os.memfd_create('in force') if descriptor < 0 else descriptor
+        self._kept = b''
+        self._writes = 0
+
+    def fileno(self) -> int:
+        """Return the descriptor of the memory."""
+        return self._descriptor
+
+    def keep(self, requests: Sequence[Request]) -> None:
+        """Replace what is there."""
+        data = pickle.dumps([tuple(each) for each in requests]) if requests else b''
+        if data != self._kept:
+            self._writes += 1
+            place = self._PLACES[self._writes % 2]
+            os.pwrite(self._descriptor, data, place)
+            os.pwrite(self._descriptor, self._PLACE.pack(place, len(data)), 0)
+            self._kept = data
+
+    def clear(self) -> None:
+        """Note that nothing is in force: the farewell was said."""
+        os.pwrite(self._descriptor, self._PLACE.pack(0, 0), 0)
+
+    def read(self) -> list[Request]:
+        """Return what is in force."""
+        head = os.pread(self._descriptor, self._PLACE.size, 0)
+        place, size = self._PLACE.unpack(head) if head else (0, 0)
+        data = os.pread(self._descriptor, size, place)
+        return [Request(*each) for each in pickle.loads(data)] if data else []
+
+    def close(self) -> None:
+        """Close the descriptor; may be called twice."""
+        if self._descriptor >= 0:
+            os.close(self._descriptor)
+        self._descriptor = -1
+
+
+class _Rest:
+    """Requests that a wire left behind, and then no more."""
+
+    def __init__(self, requests: list[Request]) -> None:
+        self._requests = requests
+        self._event = os.eventfd(1)
+
+    def fileno(self) -> int:
+        return self._event
+
+    def take(self) -> list[Request]:
+        requests, self._requests = self._requests, []
+        if not requests:
+            raise EOFError
+        return requests
+
+    def done(self, number: int, error: str) -> None: ...
+
+
 def _show(name: str) -> None:
     """Have ``ps -o comm`` and ``top`` show this, of 15 characters at most (proc(5), comm)."""
     with contextlib.suppress(OSError), open('/proc/self/comm', 'w', encoding='ascii') as comm:
@@ -167,11 +241,22 @@ def load(
 
 
 def run(
-    node: Node, bridge: Bridge[Any], refusals: Sequence[str], reconnect_period: float, tap: int
+    node: Node,
+    bridge: Bridge[Any],
+    refusals: Sequence[str],
+    reconnect_period: float,
+    tap: int,
+    in_force: InForce,
+    before: int,
 ) -> None:
-    """Run until the node is gone, or has said that it is the end."""
+    """
+    Run until the node is gone, or has said that it is the end.
+
+    :param before: the process of the wire that this is the spare of, as a pidfd; -1: none.
+    """
     if not node.wait_for_turn():
-        return
+        _end_for(before, in_force, node, bridge)
+        os._exit(0)
     for refusal in refusals:
         node.on_refused(0, 'rt_priority', refusal)
     node.wire = Wire(
@@ -182,4 +267,32 @@ def run(
         tap=Tap(tap) if tap >= 0 else None,
     )
     node.wire.run()
+    if node.wire.left_safe:
+        in_force.clear()
     os._exit(0)  # a thread may be at work in a driver that does not return
+
+
+def _end_for(before: int, in_force: InForce, node: Node, bridge: Bridge[Any]) -> None:
+    """
+    Say the farewell of a wire that died with its node, before it could.
+
+    Its port may be held for a moment longer. A wire that hangs is killed: nobody else can.
+    """
+    if before >= 0 and not _ends(before, _WIRE_TIME):
+        with contextlib.suppress(ProcessLookupError):
+            signal.pidfd_send_signal(before, signal.SIGKILL)
+        _ends(before, _WIRE_TIME)
+    end = clock.now() + _TRY_TIME
+    while requests := in_force.read():
+        node.wire = Wire(bridge, node, _Rest(requests))
+        node.wire.run()
+        if node.wire.left_safe or clock.now() >= end:
+            break
+        time.sleep(_TRY_PERIOD)
+
+
+def _ends(process: int, timeout: float) -> bool:
+    """Wait for the end of a process, which is a pidfd; tell whether it came."""
+    poll = select.poll()
+    poll.register(process, select.POLLIN)
+    return bool(poll.poll(timeout * 1e3))
