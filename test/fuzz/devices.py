@@ -17,6 +17,7 @@
 from __future__ import annotations
 
 from functools import partial
+import math
 from typing import Any
 
 from akron_can_bridge.node import AkronCanBridge
