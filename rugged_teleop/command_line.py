@@ -15,10 +15,9 @@
 """What the commands have in common on the command line."""
 
 import argparse
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 import contextlib
 import errno
-import math
 import os
 import re
 import sys
@@ -85,20 +84,6 @@ def _leave(stream: Any) -> None:
         stream.flush()
     except OSError:
         os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
-
-
-def number_within(low: float = -math.inf, high: float = math.inf) -> Callable[[str], float]:
-    """Return what reads a finite number within these limits, as the ``type`` of an argument."""
-    allowed = 'a finite number' if math.isinf(high) else f'within {low:g} to {high:g}'
-
-    def read(text: str) -> float:
-        with contextlib.suppress(ValueError):
-            value = float(text)
-            if math.isfinite(value) and low <= value <= high:
-                return value
-        raise argparse.ArgumentTypeError(f'{text} is not {allowed}')
-
-    return read
 
 
 def full_name(text: str) -> str:

@@ -34,9 +34,10 @@ import sys
 from typing import Any
 
 from bridge_core import clock
+from bridge_core.options import number_within
 from rugged_teleop.bench.course import Course, Phase
 from rugged_teleop.bench.targets import TARGETS
-from rugged_teleop.command_line import full_name, number_within, Parser
+from rugged_teleop.command_line import full_name, Parser
 
 _EXAMPLES = """\
 examples:
@@ -56,8 +57,9 @@ def parser(prog: str) -> Parser:
     add('--joint', required=True, help="as the node's joint_names or servos has it")
     value = result.add_mutually_exclusive_group(required=True)
     for option, target in TARGETS.items():
+        limit = target.trial.limit
         value.add_argument(
-            f'--{option}', type=number_within(-target.limit, target.limit), help=target.help
+            f'--{option}', type=number_within(-limit, limit), help=target.trial.help
         )
     add(
         '--seconds',
@@ -94,7 +96,9 @@ def main(arguments: Sequence[str] | None = None, prog: str = 'rugged_teleop benc
         with contextlib.suppress(OSError):  # its reader has left
             print(f'{prog}: {course.problem}', file=sys.stderr)
         sys.exit(_INTERRUPTED if ended else 1)
-    found = f'measured up to {course.peak:.3g} of {value:g}' if target.is_measured else summary
+    found = (
+        f'measured up to {course.peak:.3g} of {value:g}' if target.trial.is_measured else summary
+    )
     print(f'at rest and disabled; {found}', flush=True)
 
 

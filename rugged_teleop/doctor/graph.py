@@ -34,12 +34,14 @@ from typing import Any
 from bridge_core import clock
 from bridge_core.session import Level as NodeLevel
 from rugged_teleop.command_line import RUN_MODULE
+from rugged_teleop.devices import devices
 from rugged_teleop.doctor.catalogue import finding
-from rugged_teleop.doctor.configuration import DRIVE, MUX
+from rugged_teleop.doctor.configuration import MUX
 from rugged_teleop.doctor.findings import Finding
 from rugged_teleop.reference import NODES
 
 _NAMES = tuple(node.name for node in NODES)
+_DRIVES = {name for name, device in devices().items() if device.drive}
 # Many publish on these, and none of them decides anything.
 _SHARED = ('/diagnostics', '/rosout', '/parameter_events', '/tf', '/tf_static', '/clock')
 _DIAGNOSTICS_DEPTH = 100
@@ -71,7 +73,7 @@ class Endpoint:
             return False
         if name == MUX:  # what a drive says of itself counts once it was heard
             return not self.topic.endswith('/enabled')
-        return name == DRIVE
+        return name in _DRIVES
 
 
 @dataclass(frozen=True)
