@@ -63,6 +63,14 @@ setup(
         *shared_files(),
     ],
     entry_points={
+        # Each device says there what it is: bridge_core.device.
+        'rugged_teleop.devices': [
+            'akron_can_bridge = akron_can_bridge.device:DEVICE',
+            'esi_drive_bridge = esi_drive_bridge.device:DEVICE',
+            'fort_vsc_bridge = fort_vsc_bridge.device:DEVICE',
+            'ssc_bridge = ssc_bridge.device:DEVICE',
+            'vm110_bridge = vm110_bridge.device:DEVICE',
+        ],
         'console_scripts': [
             'akron_can_bridge = akron_can_bridge.node:main',
             'esi_drive_bridge = esi_drive_bridge.node:main',

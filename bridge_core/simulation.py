@@ -14,12 +14,29 @@
 
 """Text commands of simulators. Production code never imports this."""
 
+from argparse import ArgumentParser, Namespace
 from collections.abc import Callable, Collection, Mapping
-from typing import Any
+from dataclasses import dataclass
+from typing import Any, Literal
 
 from bridge_core.numerals import decimal_number
 
 Commands = Mapping[str, tuple[str, Callable[..., None]]]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Simulated:
+    """
+    A simulated device, for the command line.
+
+    :param make: makes it of the options. :param help: what it obeys. :param port: what it is on.
+    :param options: adds its own options to a parser.
+    """
+
+    make: Callable[[Namespace], Any]
+    help: str
+    port: Literal['pty', 'multicast', 'can'] = 'pty'
+    options: Callable[[ArgumentParser], object] = lambda _: None
 
 
 def obey(simulator: Any, commands: Commands, text: str) -> None:

@@ -31,11 +31,13 @@ What the manual leaves undecided is decided like this, on the less helpful side:
 
 from __future__ import annotations
 
+from argparse import ArgumentParser
 from dataclasses import dataclass, field
 import math
 import struct
 
-from bridge_core.simulation import Commands, obey, one_of, switch, within
+from bridge_core.options import number_within
+from bridge_core.simulation import Commands, help_text, obey, one_of, Simulated, switch, within
 
 _HEADER = b'\xf0\xf0'
 _RPM = 60.0 / (2.0 * math.pi)  # rpm of one rad/s
@@ -464,3 +466,21 @@ class Simulator:
 
 def _bits(names: tuple[str | None, ...], present: set[str]) -> int:
     return sum(1 << bit for bit, name in enumerate(names) if name in present)
+
+
+def _options(drive: ArgumentParser) -> None:
+    rate = number_within(1.0, 1000.0)
+    drive.add_argument('--axes', type=int, choices=(1, 2), default=2)
+    drive.add_argument('--compact', action='store_true', help='short packets, for 1 axis')
+    drive.add_argument('--status-rate', type=rate, default=100.0, help='Hz, 1 to 1000')
+
+
+SIMULATORS = {
+    'esi_drive': Simulated(
+        make=lambda options: Simulator(
+            axes=options.axes, compact=options.compact, status_rate=options.status_rate
+        ),
+        help=help_text(Simulator.commands, FAULT=FAULTS),
+        options=_options,
+    ),
+}

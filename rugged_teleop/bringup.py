@@ -31,17 +31,15 @@ import yaml
 from bridge_core.parameter_files import check_names, is_for, parameters_for, sections_of
 from rugged_teleop.canbuses import channel_of, INTERFACE
 from rugged_teleop.command_line import RUN_MODULE
+from rugged_teleop.devices import devices
 from rugged_teleop.multicasts import free_port, GROUP, LOOPBACK, PORT_OFFSET
 from rugged_teleop.stack import BESIDE, NODES, WIRING
 
 # Arguments of the launch file that say where a device is: the node and its parameter.
 PORTS = {
-    'fort_vsc_port': ('fort_vsc_bridge', 'port'),
-    'fort_vsc_channel': ('fort_vsc_bridge', 'channel'),
-    'vm110_interface_address': ('vm110_bridge', 'interface_address'),
-    'akron_channel': ('akron_can_bridge', 'channel'),
-    'esi_drive_port': ('esi_drive_bridge', 'port'),
-    'ssc_port': ('ssc_bridge', 'port'),
+    argument: (name, parameter)
+    for name, device in devices().items()
+    for argument, parameter in device.ports.items()
 }
 _MUX = 'safety_mux'
 
@@ -247,32 +245,28 @@ class _Simulation:
         """Return the arguments of ``simulate``, and the parameters by which its node finds it."""
         name = _name_of(node)
         values = parameters_for(node, [self._file])
-        if name == 'vm110_bridge':
-            return self._multicast(values)
-        if name == 'akron_can_bridge':
-            return self._can('akron', values, _unit_options(values))
-        if name == 'fort_vsc_bridge' and values.get('transport') == 'can':
-            return self._can('fort_vsc_can', values)
-        path = str(_place(self._folder, node))
-        return [*_serial_device(name, values), '--port', path], {'port': path}
+        port, words, own = devices()[name].simulation(values)
+        if port == 'multicast':
+            words, place = self._multicast(words)
+        elif port == 'can':
+            words, place = self._can(words, values)
+        else:
+            path = str(_place(self._folder, node))
+            words, place = (*words, '--port', path), {'port': path}
+        return [*words], {**place, **own}
 
-    def _can(
-        self, device: str, values: Values, options: Iterable[str] = ()
-    ) -> tuple[list[str], Values]:
+    def _can(self, device: Iterable[str], values: Values) -> tuple[tuple[str, ...], Values]:
         bus = (values.get('interface', 'socketcan'), values.get('channel', 'can0'))
         if bus not in self._channels:
             self._channels[bus] = channel_of(self._port())
         channel = self._channels[bus]
-        words = [device, *options, '--interface', INTERFACE, '--channel', channel]
+        words = (*device, '--interface', INTERFACE, '--channel', channel)
         return words, {'interface': INTERFACE, 'channel': channel, 'bitrate': 0}
 
-    def _multicast(self, values: Values) -> tuple[list[str], Values]:
+    def _multicast(self, device: Iterable[str]) -> tuple[tuple[str, ...], Values]:
         port = self._port()
-        words = ['vm110', '--port', str(port), '--group', GROUP, '--interface-address', LOOPBACK]
-        if values.get('bu_id'):
-            words += ['--bu-id', str(values['bu_id'])]
-        if values.get('crc', 'auto') != 'auto':
-            words += ['--crc', values['crc']]
+        place = ['--port', str(port), '--group', GROUP, '--interface-address', LOOPBACK]
+        words = (*device, *place)
         return words, {
             'group': GROUP,
             'input_port': port,
@@ -284,23 +278,6 @@ class _Simulation:
         port = free_port(self._ports)
         self._ports |= {port, port + PORT_OFFSET}
         return port
-
-
-def _serial_device(name: str, values: Values) -> list[str]:
-    if name == 'esi_drive_bridge':
-        joints = values.get('joint_names', ['left', 'right'])
-        compact = values.get('single_axis_layout') == 'compact'
-        return ['esi_drive', '--axes', str(len(joints)), *(['--compact'] if compact else [])]
-    if name == 'fort_vsc_bridge':
-        return ['fort_vsc_hid' if values.get('transport') == 'hid' else 'fort_vsc']
-    return [name.removesuffix('_bridge')]
-
-
-def _unit_options(values: Values) -> list[str]:
-    pin = values.get('device_pin', '')
-    kind = pin[:4] or str(values.get('device_type') or 1032)
-    address = values.get('unit_address') or 0x80
-    return ['--type', kind, '--address', f'{address:x}', *(['--pin', pin] if pin else [])]
 
 
 def _name_of(node: str) -> str:

@@ -15,18 +15,16 @@
 """What the commands have in common on the command line."""
 
 import argparse
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 import contextlib
 import errno
 import importlib.util
-import math
 import os
 import re
 import sys
 from typing import Any, NoReturn
 
 from bridge_core.descriptors import fill_standard_descriptors
-from bridge_core.numerals import decimal_number
 from bridge_core.output import escape_what_is_no_text
 
 # Begins a command that runs a module; from Python 3.11 it imports nothing from where it starts.
@@ -113,20 +111,6 @@ def _leave(stream: Any) -> None:
         stream.flush()
     except OSError:
         os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
-
-
-def number_within(low: float = -math.inf, high: float = math.inf) -> Callable[[str], float]:
-    """Return what reads a finite number within these limits, as the ``type`` of an argument."""
-    allowed = 'a finite number' if math.isinf(high) else f'within {low:g} to {high:g}'
-
-    def read(text: str) -> float:
-        with contextlib.suppress(ValueError):
-            value = decimal_number(text)
-            if low <= value <= high:
-                return value
-        raise argparse.ArgumentTypeError(f'{text} is not {allowed}')
-
-    return read
 
 
 def full_name(text: str) -> str:

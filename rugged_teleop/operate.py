@@ -24,7 +24,8 @@ from collections.abc import Mapping, Sequence
 import sys
 from typing import Any, NamedTuple
 
-from rugged_teleop.command_line import full_name, number_within, Parser
+from bridge_core.options import number_within
+from rugged_teleop.command_line import full_name, Parser
 
 _MUX, _DRIVE = '/safety_mux', '/esi_drive_bridge'
 

@@ -28,6 +28,7 @@ import textwrap
 
 import yaml
 
+from bridge_core.device import Device
 from bridge_core.parameters import (
     ACTUATOR_PARAMETERS,
     BRIDGE_PARAMETERS,
@@ -36,6 +37,7 @@ from bridge_core.parameters import (
     Value,
 )
 from rugged_teleop import messages
+from rugged_teleop.devices import devices
 from rugged_teleop.doctor import catalogue
 from rugged_teleop.schema import GENERIC, schema_text
 
@@ -95,10 +97,12 @@ class Node:
         }
 
 
-NODES = (
-    Node('akron_can_bridge', 'docs/devices/akron.md', common=ACTUATOR_PARAMETERS),
-    Node('esi_drive_bridge', 'docs/devices/esi_drive.md', common=ACTUATOR_PARAMETERS),
-    Node('fort_vsc_bridge', 'docs/devices/fort_vsc.md'),
+def _of_device(device: Device) -> Node:
+    common = ACTUATOR_PARAMETERS if device.actuator else BRIDGE_PARAMETERS
+    return Node(device.name, device.page, common=common)
+
+
+_OURS = (
     Node(
         'recorder',
         'docs/record.md',
@@ -106,10 +110,9 @@ NODES = (
         package='rugged_teleop.recorder',
     ),
     Node('safety_mux', 'docs/safety_mux.md', common=MANAGED_PARAMETERS),
-    Node('ssc_bridge', 'docs/devices/ssc.md', common=ACTUATOR_PARAMETERS),
     Node('status_page', 'docs/status_page.md', common=MANAGED_PARAMETERS),
-    Node('vm110_bridge', 'docs/devices/vm110.md'),
 )
+NODES = tuple(sorted((*map(_of_device, devices().values()), *_OURS), key=lambda node: node.name))
 
 
 def files() -> dict[Path, str]:

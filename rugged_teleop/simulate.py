@@ -22,36 +22,22 @@ when it leaves.
 """
 
 import argparse
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
 import os
 from pathlib import Path
-import re
 import select
 import signal
 import sys
-from typing import Any, Literal
+from typing import Any
 
-from akron_can_bridge.protocol import is_pin
-from akron_can_bridge.simulator import (
-    JoystickSimulator as AkronJoystick,
-    Simulator as AkronSimulator,
-)
-from bridge_core.simulation import help_text
-from esi_drive_bridge.simulator import FAULTS, Simulator as EsiSimulator
-from fort_vsc_bridge.protocol import AXIS_NAMES, BUTTON_NAMES
-from fort_vsc_bridge.simulator import (
-    CanSimulator as FortCanSimulator,
-    HidSimulator as FortHidSimulator,
-    Simulator as FortSimulator,
-)
+from bridge_core.options import whole_within
+from bridge_core.simulation import Simulated
 from rugged_teleop.canbuses import CanBusDevice, CHANNEL, INTERFACE
-from rugged_teleop.command_line import number_within, Parser, standard_streams
+from rugged_teleop.command_line import Parser, standard_streams
+from rugged_teleop.devices import devices, loaded
 from rugged_teleop.multicasts import GROUP, INPUT_PORT, LOOPBACK, MulticastDevice, PORT_OFFSET
 from rugged_teleop.ports import DevicePort, HELP as PORT_HELP
 from rugged_teleop.ptys import PtyDevice
-from ssc_bridge.simulator import Settings as SscSettings, Simulator as SscSimulator
-from vm110_bridge.simulator import Simulator as Vm110Simulator
 
 _OWN_HELP = """\
 show                            print what can be seen
@@ -64,7 +50,6 @@ examples:
   {prog} akron --type 1042
   echo 'fault a overcurrent on' | {prog} esi_drive --port /tmp/esi_drive
 """
-_STICKS = {'AXIS': AXIS_NAMES, 'BUTTON': BUTTON_NAMES}
 _VERBOSE_PERIOD = 0.1
 _ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 # They change all the time: of no use where changes are printed.
@@ -76,84 +61,23 @@ _RESTLESS = {
 }
 
 
-@dataclass(frozen=True)
-class Simulated:
-    """How a device is made from the options, what it obeys, and what its port is."""
-
-    make: Callable[[argparse.Namespace], Any]
-    help: str
-    port: Literal['pty', 'multicast', 'can'] = 'pty'
-
-
-DEVICES = {
-    'fort_vsc': Simulated(lambda _: FortSimulator(), help_text(FortSimulator.commands, **_STICKS)),
-    'fort_vsc_can': Simulated(
-        lambda _: FortCanSimulator(), help_text(FortCanSimulator.commands, **_STICKS), 'can'
-    ),
-    'fort_vsc_hid': Simulated(
-        lambda _: FortHidSimulator(), help_text(FortHidSimulator.commands, **_STICKS)
-    ),
-    'vm110': Simulated(
-        lambda options: Vm110Simulator(options.bu_id, crc=options.crc),
-        help_text(Vm110Simulator.commands),
-        'multicast',
-    ),
-    'akron': Simulated(
-        lambda options: AkronSimulator(
-            options.type,
-            pin=options.pin,
-            address=options.address,
-            feedback=not options.no_feedback,
-        ),
-        help_text(AkronSimulator.commands),
-        'can',
-    ),
-    'akron_joystick': Simulated(
-        lambda options: AkronJoystick(options.address, extended=options.extended),
-        help_text(AkronJoystick.commands),
-        'can',
-    ),
-    'esi_drive': Simulated(
-        lambda options: EsiSimulator(
-            axes=options.axes, compact=options.compact, status_rate=options.status_rate
-        ),
-        help_text(EsiSimulator.commands, FAULT=FAULTS),
-    ),
-    'ssc': Simulated(
-        lambda options: SscSimulator(SscSettings(inputs=options.inputs)),
-        help_text(SscSimulator.commands),
-    ),
+DEVICES: dict[str, Simulated] = {
+    name: simulated
+    for device in devices().values()
+    for name, simulated in loaded(device.simulators).items()
 }
 
 
 def parser(prog: str = 'simulate') -> Parser:
     """Return the parser of the command line."""
     result = Parser(prog=prog, description=__doc__, epilog=_EXAMPLES.format(prog=prog))
-    devices = result.add_subparsers(dest='device', required=True, metavar='DEVICE')
+    kinds = result.add_subparsers(dest='device', required=True, metavar='DEVICE')
     for name, simulated in DEVICES.items():
-        device = devices.add_parser(name, help=f'simulate one {name}')
+        device = kinds.add_parser(name, help=f'simulate one {name}')
         _PORT_OPTIONS[simulated.port](device)
+        simulated.options(device)
         device.add_argument('--seed', type=int, help='makes drop and corrupt repeat themselves')
         device.add_argument('--verbose', action='store_true', help='print what changes')
-    unit = devices.choices['vm110']
-    unit.add_argument('--bu-id', type=_bu_id, default=7, help='of the base unit, 1 to 65535')
-    unit.add_argument('--crc', choices=('mpeg2', 'iso_hdlc'), default='mpeg2')
-    monitor = devices.choices['akron']
-    monitor.add_argument('--type', type=int, default=1032, help='device type, 1032: a 6032')
-    monitor.add_argument('--pin', type=_pin, default='', help='empty: one of that type')
-    monitor.add_argument('--address', type=_address, default=0x80, help='first address, hex')
-    monitor.add_argument('--no-feedback', action='store_true', help='has no position feedback')
-    joystick = devices.choices['akron_joystick']
-    joystick.add_argument('--address', type=_address, default=0x33, help='33 to 38, hex')
-    joystick.add_argument('--extended', action='store_true', help='sends 64983 too')
-    drive = devices.choices['esi_drive']
-    drive.add_argument('--axes', type=int, choices=(1, 2), default=2)
-    drive.add_argument('--compact', action='store_true', help='short packets, for 1 axis')
-    drive.add_argument(
-        '--status-rate', type=number_within(1.0, 1000.0), default=100.0, help='Hz, 1 to 1000'
-    )
-    controller = devices.choices['ssc']
-    controller.add_argument('--inputs', type=int, choices=range(1, 17), default=8, help='1 to 16')
     return result
 
 
@@ -165,7 +89,10 @@ def _add_pty_options(device: argparse.ArgumentParser) -> None:
 
 def _add_multicast_options(device: argparse.ArgumentParser) -> None:
     device.add_argument(
-        '--port', type=_input_port, default=INPUT_PORT, help="UDP, the bridge's input_port"
+        '--port',
+        type=whole_within(1, 0xFFFF - PORT_OFFSET),
+        default=INPUT_PORT,
+        help="UDP, the bridge's input_port",
     )
     device.add_argument('--group', default=GROUP, help='IPv4 multicast address')
     device.add_argument(
@@ -243,33 +170,6 @@ def _leave(*_: object) -> None:
     for number in _ENDING:
         signal.signal(number, signal.SIG_IGN)
     sys.exit(0)
-
-
-def _input_port(text: str) -> int:
-    return _whole(text, 0xFFFF - PORT_OFFSET)
-
-
-def _bu_id(text: str) -> int:
-    return _whole(text, 0xFFFF)
-
-
-def _pin(text: str) -> str:
-    if not text or is_pin(text):
-        return text
-    raise argparse.ArgumentTypeError(f'{text} is no device PIN such as 1032AE100801035')
-
-
-def _address(text: str) -> int:
-    if re.fullmatch('[0-9A-Fa-f]{1,2}', text) and int(text, 16) <= 0xFD:
-        return int(text, 16)
-    raise argparse.ArgumentTypeError(f'{text} is not within 0 to FD hex')
-
-
-def _whole(text: str, high: int) -> int:
-    value = int(text) if text.isascii() and text.isdecimal() else 0
-    if not 1 <= value <= high:
-        raise argparse.ArgumentTypeError(f'{text} is not within 1 to {high}')
-    return value
 
 
 def _lines(device: DevicePort, verbose: bool) -> Iterator[str]:

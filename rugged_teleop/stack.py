@@ -28,14 +28,11 @@ import sys
 from bridge_core.managed_node import ManagedNode
 from bridge_core.parameter_files import check_names, files_of, sections_of
 from bridge_core.runner import run, words_beside_ros
+from rugged_teleop.devices import devices
 
 # Module and class of each node; a lazy import, for the nodes that run only.
 NODES = {
-    'fort_vsc_bridge': ('fort_vsc_bridge.node', 'FortVscBridge'),
-    'vm110_bridge': ('vm110_bridge.node', 'Vm110Bridge'),
-    'akron_can_bridge': ('akron_can_bridge.node', 'AkronCanBridge'),
-    'ssc_bridge': ('ssc_bridge.node', 'SscBridge'),
-    'esi_drive_bridge': ('esi_drive_bridge.node', 'EsiDriveBridge'),
+    **{name: (f'{name}.node', each.node_class) for name, each in devices().items()},
     'safety_mux': ('safety_mux.node', 'SafetyMux'),
 }
 
@@ -57,15 +54,7 @@ examples:
   rugged_teleop_stack fort_vsc_bridge safety_mux --ros-args -p safety_mux:rate:=200.0"""
 
 # Remappings of the nodes that subscribe to the mux; rules of the command line take precedence.
-WIRING = {
-    'esi_drive_bridge': {
-        '~/command': 'safety_mux/command',
-        '~/enable': 'safety_mux/enable',
-        '~/estop_in': 'safety_mux/estop',
-    },
-    'akron_can_bridge': {'~/estop_in': 'safety_mux/estop'},
-    'ssc_bridge': {'~/estop_in': 'safety_mux/estop'},
-}
+WIRING = {name: each.wiring for name, each in devices().items() if each.wiring}
 
 
 def wired(arguments: Sequence[str], names: Sequence[str]) -> list[str]:

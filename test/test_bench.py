@@ -434,7 +434,7 @@ def test_each_kind_is_commanded_in_its_own_words(
 ) -> None:
     target = TARGETS[option]
     rest = target.message(Order(), joints, joint)
-    assert (rest if rest is None else list(getattr(rest, target.field))) == at_rest
+    assert (rest if rest is None else list(getattr(rest, target.trial.field))) == at_rest
     assert target.message(Order(0.5, enable=True), joints, joint) == moving
     assert target.message(STOP, joints, joint) == rest
 

@@ -148,7 +148,7 @@ def test_every_byte_has_one_entry_and_every_message_is_the_bridges(data: st.Data
         position += entry.size
     assert position == len(stream)
 
-    parser = STREAM_PROTOCOLS[protocol]()
+    parser = STREAM_PROTOCOLS[protocol].parser()
     expected = parser.feed(bytes(stream), 0.0)
     if parser.deadline < 1.0:  # something is left
         expected += parser.poll(parser.deadline)

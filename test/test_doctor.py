@@ -23,9 +23,10 @@ from typing import Any
 import pytest
 
 from rugged_teleop import reference
+from rugged_teleop.devices import devices
 from rugged_teleop.doctor import main as command
 from rugged_teleop.doctor.catalogue import CATALOGUE, finding
-from rugged_teleop.doctor.configuration import Configured, configured, TOPICS, wiring
+from rugged_teleop.doctor.configuration import Configured, configured, wiring
 from rugged_teleop.doctor.findings import Finding, Level
 from test.doctor_rig import kinds, parameter_file, Visit
 from test.rig import ROOT
@@ -96,8 +97,8 @@ def test_each_kind_that_is_not_fine_says_what_to_do(name: str) -> None:
 
 
 def test_each_kind_is_found_by_some_code() -> None:
-    folder = ROOT / 'rugged_teleop' / 'doctor'
-    files = (path for path in folder.glob('*.py') if path.name != 'catalogue.py')
+    places = (*ROOT.glob('rugged_teleop/doctor/*.py'), *ROOT.glob('*_bridge/decoders.py'))
+    files = (path for path in places if path.name != 'catalogue.py')
     code = ''.join(path.read_text(encoding='utf-8') for path in files)
     assert [name for name in CATALOGUE if f"'{name}'" not in code] == []
 
@@ -293,7 +294,7 @@ def test_mux_in_a_namespace_hears_its_own(tmp_path: Path) -> None:
     assert mux.topic('/b') == '/b'
 
 
-@pytest.mark.parametrize('name', TOPICS)
+@pytest.mark.parametrize('name', devices())
 def test_topics_of_a_bridge_are_those_of_its_node(name: str) -> None:
     (node,) = (each for each in reference.NODES if each.name == name)
-    assert {f'~/{topic}' for topic in TOPICS[name]} <= node_interfaces(node)['topic']
+    assert {f'~/{topic}' for topic in devices()[name].publishes} <= node_interfaces(node)['topic']

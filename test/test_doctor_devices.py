@@ -35,9 +35,10 @@ from rugged_teleop.doctor.findings import Finding, Level
 from rugged_teleop.doctor.listening import Heard, listen, SerialEar
 from rugged_teleop.doctor.main import main
 from rugged_teleop.doctor.ports import User
-from rugged_teleop.doctor.serial_lines import count_offset, hear, Line, line_findings, unknown_port
+from rugged_teleop.doctor.serial_lines import hear, Line, line_findings, unknown_port
 from rugged_teleop.ports import Device
 from rugged_teleop.ptys import PtyDevice
+from ssc_bridge.decoders import count_offset
 from ssc_bridge.simulator import Simulator as Ssc
 from test import stage
 from test.captures import STREAMS

@@ -74,6 +74,12 @@ BRIDGE = {
     ),
     # The node's parameters, in a file of their own: below the node, too.
     'parameters': ('{bridge}.protocol', 'OTHER', 'bridge_core.parameters'),
+    # What tools are told of the device: plain values, and where the rest is.
+    'device': ('bridge_core.device',),
+    'decoders': (
+        '{bridge}.protocol',
+        *(f'bridge_core.{n}' for n in ('decoding', 'framing', 'j1939', 'packets')),
+    ),
     # What the mux makes of its parameters.
     'configuration': ('{bridge}', 'bridge_core.parameters'),
     # From messages to the arbiter, for the node and for a replay.
@@ -101,6 +107,7 @@ SHARED = {
     'session': ('bridge_core.framing', 'bridge_core.watchdog'),
     'settings': ('bridge_core.parameters',),
     'simulation': ('bridge_core.numerals',),
+    'decoding': ('bridge_core.framing', 'bridge_core.j1939'),
     'services': ('bridge_core.session', 'rclpy', 'threading'),
     'raw': ('bridge_core.clock', 'bridge_core.transports.tap', 'MESSAGES', 'STDLIB'),
     'report': ('bridge_core.framing', 'bridge_core.session'),

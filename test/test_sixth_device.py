@@ -49,6 +49,11 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     (tmp_path / PACKAGE / '__init__.py').touch()
     for name, text in FILES.items():
         (tmp_path / name).write_text(text)
+    info = tmp_path / f'{PACKAGE}-1.0.dist-info'
+    info.mkdir()
+    (info / 'METADATA').write_text(f'Name: {PACKAGE}\nVersion: 1.0\n')
+    entry = f'[rugged_teleop.devices]\n{PACKAGE} = {PACKAGE}.device:DEVICE\n'
+    (info / 'entry_points.txt').write_text(entry)
     monkeypatch.syspath_prepend(tmp_path)
     monkeypatch.setenv('PYTHONPATH', str(tmp_path))
     yield tmp_path
@@ -69,6 +74,29 @@ def test_tests_of_the_page_pass(folder: Path) -> None:
     assert len(names) == 3
     for name in names:
         getattr(tests, name)()
+
+
+def run(*words: str, **options: Any) -> str:
+    command = [sys.executable, '-m', 'rugged_teleop', *words]
+    done = subprocess.run(command, check=True, capture_output=True, text=True, **options)
+    return str(done.stdout)
+
+
+def test_every_tool_knows_the_device_by_its_entry_point(folder: Path) -> None:
+    simulator = importlib.import_module(f'{PACKAGE}.simulator').Simulator()
+    simulator.apply('stop on')
+    capture = folder / 'capture.bin'
+    capture.write_bytes(b''.join(frame for now in range(9) for frame in simulator.poll(now)))
+    assert run('decode', str(capture)).count('acme_pendant') == 9
+    assert 'acme_pendant' in run('simulate', '--help')
+    assert PACKAGE in run('rugged_teleop_stack', '--help')
+    with PtyDevice(simulator, folder / 'port') as device:
+        found = subprocess.run(
+            [sys.executable, '-m', 'rugged_teleop', 'doctor', '--port', str(device.name)],
+            capture_output=True,
+            text=True,
+        ).stdout
+    assert f'the node for it: {PACKAGE}' in found
 
 
 def test_mux_takes_the_parameters_of_the_page() -> None:

@@ -67,7 +67,7 @@ class Commander:
         self._estop_at = 0.0
         self._stopped = False  # since facts were asked for
         # Who does not say that it is enabled is taken to be what it was told.
-        self._enabled: bool | None = None if self._target.is_measured else False
+        self._enabled: bool | None = None if self._target.trial.is_measured else False
         self._measured: float | None = None
         self._speed: float | None = None
         self._measured_at = -math.inf
@@ -79,12 +79,12 @@ class Commander:
         self._node = Node('bench', context=self._context)
         self._executor = SingleThreadedExecutor(context=self._context)
         self._executor.add_node(self._node)
-        kind = _KINDS.get(self._target.field, JointState)
-        inputs = {f'{node}/estop_in': Bool, f'{node}/{self._target.command}': kind}
-        if self._target.is_measured:
+        kind = _KINDS.get(self._target.trial.field, JointState)
+        inputs = {f'{node}/estop_in': Bool, f'{node}/{self._target.trial.command}': kind}
+        if self._target.trial.is_measured:
             inputs[f'{node}/enable'] = Bool
         self._topics = list(inputs)
-        self._beside = [f'{node}/{topic}' for topic in self._target.beside]
+        self._beside = [f'{node}/{topic}' for topic in self._target.trial.beside]
         self._publishers = [
             self._node.create_publisher(kind, topic, 10) for topic, kind in inputs.items()
         ]
@@ -97,7 +97,7 @@ class Commander:
         qos = latched_qos()
         qos.depth = 100  # one that came and went while we were held up, too
         create(Bool, f'{name}/estop', self._on_estop, qos)
-        if self._target.is_measured:
+        if self._target.trial.is_measured:
             create(Bool, f'{name}/enabled', self._on_enabled, latched_qos())
             create(JointState, f'{name}/joint_states', self._on_joints, 10)
         create(DiagnosticArray, '/diagnostics', self._on_diagnostics, 10)
@@ -131,7 +131,7 @@ class Commander:
         message = self._target.message(order, self._joints, self._joint)
         if message is not None:
             command.publish(message)
-        if not self._target.is_measured:
+        if not self._target.trial.is_measured:
             self._enabled = order.enable
 
     def spin(self) -> None:
@@ -157,7 +157,7 @@ class Commander:
         self._measured_at = clock.now()
         self._measured, self._speed = (
             _number(dict(zip(message.name, values, strict=False)).get(self._joint))
-            for values in (getattr(message, self._target.field), message.velocity)
+            for values in (getattr(message, self._target.trial.field), message.velocity)
         )
 
     def _on_diagnostics(self, message: Any) -> None:
@@ -176,8 +176,10 @@ class Commander:
         limit = timeout.double_value
         if self._joint not in names:
             self.refusal = f'there is no joint {self._joint!r}, but {", ".join(names)}'
-        elif modes and (modes * len(names))[names.index(self._joint)] != self._target.mode:
-            self.refusal = f'--{self._option} is for the mode {self._target.mode}; mode is {modes}'
+        elif modes and (modes * len(names))[names.index(self._joint)] != self._target.trial.mode:
+            self.refusal = (
+                f'--{self._option} is for the mode {self._target.trial.mode}; mode is {modes}'
+            )
         elif self._rate * limit < _PERIODS:
             self.refusal = (
                 f'--rate has to be {_PERIODS / limit:g} Hz or more: command_timeout is {limit:g} s'

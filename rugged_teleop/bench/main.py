@@ -36,9 +36,10 @@ import sys
 from typing import Any
 
 from bridge_core import clock
+from bridge_core.options import number_within
 from rugged_teleop.bench.course import Course, Phase
 from rugged_teleop.bench.targets import TARGETS
-from rugged_teleop.command_line import full_name, number_within, Parser, require
+from rugged_teleop.command_line import full_name, Parser, require
 
 _EXAMPLES = """\
 examples:
@@ -58,8 +59,9 @@ def parser(prog: str) -> Parser:
     add('--joint', required=True, help="as the node's joint_names or servos has it")
     value = result.add_mutually_exclusive_group(required=True)
     for option, target in TARGETS.items():
+        limit = target.trial.limit
         value.add_argument(
-            f'--{option}', type=number_within(-target.limit, target.limit), help=target.help
+            f'--{option}', type=number_within(-limit, limit), help=target.trial.help
         )
     add(
         '--seconds',
@@ -88,7 +90,7 @@ def main(arguments: Sequence[str] | None = None, prog: str = 'rugged_teleop benc
         signal.signal(number, lambda number, _: ended.append(number))
     option = next(each for each in TARGETS if getattr(options, each) is not None)
     target, value = TARGETS[option], getattr(options, option)
-    course = Course(value, options.seconds, clock.now(), is_measured=target.is_measured)
+    course = Course(value, options.seconds, clock.now(), is_measured=target.trial.is_measured)
     node = options.node or target.node
     with Commander(option, node, options.joint, options.rate) as commander:
         _run(course, commander, ended)
@@ -97,7 +99,8 @@ def main(arguments: Sequence[str] | None = None, prog: str = 'rugged_teleop benc
         with contextlib.suppress(OSError):  # its reader has left
             print(f'{prog}: {course.problem}', file=sys.stderr)
         sys.exit(_INTERRUPTED if ended else 1)
-    found = f'measured up to {course.peak:.3g} of {value:g}' if target.is_measured else summary
+    peak = f'measured up to {course.peak:.3g} of {value:g}'
+    found = peak if target.trial.is_measured else summary
     end = course.end or 'told to rest; whether it stands is not measured'
     print(f'{end}; {found}', flush=True)
 

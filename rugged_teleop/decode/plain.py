@@ -19,27 +19,11 @@ from __future__ import annotations
 from collections.abc import Iterator
 import dataclasses
 from enum import Enum, Flag
-from functools import singledispatch
+from functools import partial, singledispatch
 from typing import Any
 
-import akron_can_bridge.protocol as akron
 from bridge_core.framing import Unknown
-import esi_drive_bridge.protocol as esi
-import fort_vsc_bridge.protocol as fort
-import ssc_bridge.protocol as ssc
-import vm110_bridge.protocol as vm110
-
-# What the elements of a field are called, where they have names.
-_NAMES: dict[tuple[type[Any], str], tuple[str, ...]] = {
-    (fort.Joystick, 'axes'): fort.AXIS_NAMES,
-    (fort.Joystick, 'buttons'): fort.BUTTON_NAMES,
-    (fort.BasicJoystick, 'buttons'): ('down', 'right', 'up', 'left'),
-    (vm110.PeriodicInput, 'joysticks'): vm110.AXIS_NAMES,
-    (vm110.PeriodicInput, 'switches'): vm110.SWITCH_NAMES,
-    (akron.PositionLimit, 'hard_stops'): akron.HARD_STOP_NAMES,
-    (esi.Command, 'axes'): ('a', 'b'),
-    (esi.Status, 'axes'): ('a', 'b'),
-}
+from rugged_teleop.devices import plain_values
 
 
 @singledispatch
@@ -58,7 +42,7 @@ def plain(value: Any) -> Any:
 
 def _field(message: Any, name: str) -> Any:
     value = plain(getattr(message, name))
-    names = _NAMES.get((type(message), name))
+    names = plain_values().names.get((type(message), name))
     return value if names is None else dict(zip(names, value, strict=False))
 
 
@@ -82,60 +66,13 @@ def _(value: tuple) -> list[Any]:  # type: ignore[type-arg]  # what is registere
     return [plain(item) for item in value]
 
 
-@plain.register(fort.Axis)
-@plain.register(fort.Button)
-def _(value: Any) -> Any:
-    return plain(value.state) if value.value is None else value.value
-
-
-@plain.register
-def _(value: fort.Heartbeat) -> dict[str, Any]:
-    autonomy = None if value.autonomy is None else plain(value.autonomy)
-    estop = fort.estop_sources(value.estop)
-    return {'mode': plain(value.mode), 'autonomy': autonomy, 'estop': estop}
-
-
-@plain.register
-def _(value: vm110.Packet) -> dict[str, Any]:
-    head = {'serial': value.serial, 'origin': value.origin, 'crc': plain(value.crc)}
-    return {**plain(value.message), **head}
-
-
-@plain.register
-def _(value: akron.Received) -> dict[str, Any]:
-    head = {'from': f'{value.id.source:02X}', 'to': f'{value.id.destination:02X}'}
-    return {**head, **plain(value.message)}
-
-
-@plain.register
-def _(value: akron.Axis) -> Any:
-    return plain(value.fault) if value.value is None else value.value
-
-
-@plain.register
-def _(value: akron.Position) -> Any:
-    return plain(value.fault) if value.degrees is None else value.degrees
-
-
-@plain.register
-def _(value: akron.Version) -> str:
-    return str(value)
-
-
-@plain.register(ssc.Selection)
-def _(value: Any) -> str:
-    return str(value.text())
-
-
-@plain.register
-def _(value: ssc.Configuration) -> dict[str, Any]:
-    aux = [function.text for function in value.aux]
-    return {'config_id': value.config_id, 'inputs': value.inputs, 'aux': aux}
-
-
 @plain.register
 def _(value: Unknown) -> dict[str, str]:
     return {'type': f'0x{value.kind:02X}'}
+
+
+for _kind, _make in plain_values().values.items():
+    plain.register(_kind, partial(_make, plain=plain))
 
 
 def flat(value: Any, name: str = '') -> Iterator[tuple[str, Any]]:

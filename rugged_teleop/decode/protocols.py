@@ -17,31 +17,24 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 import itertools
-import struct
 from typing import Any, TypeVar
 
-import akron_can_bridge.protocol as akron
-from bridge_core.framing import ChecksumError, FrameError, FrameFormat, StreamParser, Unknown
+from bridge_core.decoding import CanDecoder, DatagramDecoder, StreamDecoder
+from bridge_core.framing import ChecksumError, FrameError, StreamParser
 from bridge_core.j1939 import CanFrame
-import esi_drive_bridge.protocol as esi
-import fort_vsc_bridge.protocol as fort
-from fort_vsc_bridge.protocol.can import ForeignFrameError
 from rugged_teleop.decode.captures import Capture, RECORDING, STREAMS
 from rugged_teleop.decode.pieces import Damage, Piece, Recorded
 from rugged_teleop.decode.plain import plain
-import ssc_bridge.protocol as ssc
-import vm110_bridge.protocol as vm110
+from rugged_teleop.devices import protocols as installed
 
 _SAMPLE = 1 << 18  # bytes of a stream by which its protocol is told
 _SHOWN = 32  # bytes of what is damaged
 _SAMPLE_OF_GAP = 1024  # bytes by which is told what is wrong with it: more than any frame has
 _OTHER = 'other'
 _PieceT = TypeVar('_PieceT', Piece, Piece | Damage)
-_VM110_SIZE = struct.Struct('<H')
-_VM110_BEGINNINGS = tuple(kind.value for kind in vm110.PacketId)
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,49 +81,16 @@ def _entry(piece: Piece, protocol: str, name: str, content: Any = None) -> Entry
     return Entry(piece.offset, protocol, name, content, len(piece.data), piece.data, *where)
 
 
-def _named(content: Any) -> str:
-    """Return a message's name, whatever it was found with."""
-    message = content.message if isinstance(content, vm110.Packet | akron.Received) else content
-    return 'unknown' if isinstance(message, Unknown) else type(message).__name__
+STREAM_PROTOCOLS: dict[str, StreamDecoder] = {p.name: p for _, p in installed(StreamDecoder)}
+_CAN_READERS: dict[str, CanDecoder] = {p.name: p for _, p in installed(CanDecoder)}
+_DATAGRAMS: tuple[DatagramDecoder, ...] = tuple(p for _, p in installed(DatagramDecoder))
+CAN_PROTOCOLS = tuple(_CAN_READERS)
+PROTOCOLS = tuple(
+    dict.fromkeys((*STREAM_PROTOCOLS, *CAN_PROTOCOLS, *(p.name for p in _DATAGRAMS)))
+)
 
 
 # Streams
-
-
-def _vm110_parser() -> StreamParser[Any]:
-    """Return a parser of datagrams that were written one after the other."""
-    head_size, max_size = vm110.HEAD_SIZE, vm110.MAX_FRAME
-    return StreamParser(FrameFormat(b'VR', head_size, max_size, _vm110_size, _vm110_packet))
-
-
-def _vm110_size(head: bytes) -> int:
-    """:raises FrameError: no packet of EG-Link begins so."""
-    if not head.startswith(_VM110_BEGINNINGS):
-        raise FrameError(f'no such packet: {head[:4]!r}')
-    return vm110.MIN_FRAME + int(_VM110_SIZE.unpack_from(head, 10)[0])
-
-
-def _vm110_packet(datagram: bytes) -> vm110.Packet | Unknown:
-    """Read a datagram, by either reading of the CRC. :raises FrameError: it is unsound."""
-    frame = vm110.Frame.from_bytes(datagram, None)
-    message = vm110.decode(frame)
-    if isinstance(message, Unknown):
-        return message
-    return vm110.Packet(message, frame.serial, frame.origin, frame.crc)
-
-
-# Both directions of a drive look alike but for their size.
-STREAM_PROTOCOLS: dict[str, Callable[[], StreamParser[Any]]] = {
-    'fort_serial': fort.parser,
-    'ssc': ssc.parser,
-    'esi_status': lambda: esi.status_parser(esi.Layout.DUAL),
-    'esi_command': lambda: esi.command_parser(esi.Layout.DUAL),
-    'esi_status_compact': lambda: esi.status_parser(esi.Layout.COMPACT),
-    'esi_command_compact': lambda: esi.command_parser(esi.Layout.COMPACT),
-    'vm110': _vm110_parser,
-}
-CAN_PROTOCOLS = ('fort_can', 'akron')
-PROTOCOLS = (*STREAM_PROTOCOLS, *CAN_PROTOCOLS)
 
 
 @dataclass(frozen=True, slots=True)
@@ -150,7 +110,7 @@ class _Stream:
     """
 
     def __init__(self, protocol: str) -> None:
-        self._format = STREAM_PROTOCOLS[protocol]().format
+        self._format = STREAM_PROTOCOLS[protocol].parser().format
         self._parser = StreamParser(replace(self._format, decode=self._read, readers={}))
         self._window = b''  # of the stream: from the first byte on that is not accounted for
         self._position = 0  # of the window
@@ -261,7 +221,8 @@ def _stream_entry(protocol: str, piece: Piece, found: _Found | Damage) -> Entry:
     frame = replace(piece, data=found.frame)
     if isinstance(found.content, FrameError):
         return _damaged_piece(frame, str(found.content))
-    return _entry(frame, protocol, _named(found.content), found.content)
+    name = STREAM_PROTOCOLS[protocol].named(found.content)
+    return _entry(frame, protocol, name, found.content)
 
 
 def guess(pieces: Iterable[Piece | Damage]) -> str:
@@ -282,32 +243,12 @@ def guess(pieces: Iterable[Piece | Damage]) -> str:
 # CAN frames and datagrams
 
 
-def _fort_can_entry(piece: Piece, frame: CanFrame) -> Entry | None:
-    name = _FORT_NAMES.get(frame.identifier)
-    if name is None:
-        return None
+def _read_can(protocol: str, piece: Piece, frame: CanFrame) -> Entry | None:
     try:
-        return _entry(piece, 'fort_can', name, fort.decode_data(name, frame.data))
-    except ForeignFrameError:
-        return None
+        found = _CAN_READERS[protocol].read(frame)
     except FrameError as error:
         return _damaged_piece(piece, str(error))
-
-
-def _akron_entry(piece: Piece, frame: CanFrame) -> Entry | None:
-    try:
-        received = akron.decode(frame)
-    except FrameError as error:
-        # PGN EF00 is every maker's own, so this need not be an Akron device.
-        foreign = frame.identifier >> 16 & 0xFF == akron.PROPRIETARY_PGN >> 8
-        return None if foreign else _damaged_piece(piece, str(error))
-    if isinstance(received.message, Unknown):
-        return None
-    return _entry(piece, 'akron', _named(received.message), received)
-
-
-_FORT_NAMES = {identifier: name for name, identifier in fort.CanIds().by_name.items()}
-_CAN_READERS = {'fort_can': _fort_can_entry, 'akron': _akron_entry}
+    return None if found is None else _entry(piece, protocol, *found)
 
 
 def _damaged_piece(piece: Piece, reason: str) -> Entry:
@@ -319,20 +260,21 @@ def _can_entry(piece: Piece, identifier: int, protocols: Iterable[str]) -> Entry
     if piece.form:
         return _entry(piece, '', piece.form)
     frame = CanFrame(identifier, piece.data)
-    entries = (_CAN_READERS[protocol](piece, frame) for protocol in protocols)
+    entries = (_read_can(protocol, piece, frame) for protocol in protocols)
     return next((entry for entry in entries if entry is not None), _entry(piece, '', _OTHER))
 
 
 def _datagram_entry(piece: Piece) -> Entry:
-    if not piece.data.startswith(_VM110_BEGINNINGS):
+    found = [each for each in _DATAGRAMS if piece.data.startswith(each.beginnings)]
+    if not found:
         return _entry(piece, '', piece.form or 'datagram of another protocol')
     if piece.form:
         return _damaged_piece(piece, piece.form)
     try:
-        packet = _vm110_packet(piece.data)
+        content = found[0].read(piece.data)
     except FrameError as error:
         return _damaged_piece(piece, str(error))
-    return _entry(piece, 'vm110', _named(packet), packet)
+    return _entry(piece, found[0].name, found[0].named(content), content)
 
 
 def _frame_entries(pieces: Iterable[Piece | Damage], protocols: Iterable[str]) -> Iterator[Entry]:
@@ -393,7 +335,7 @@ def entries_of(capture: Capture, protocol: str = '') -> Iterator[Entry]:
         yield from recording_entries(capture.recorded, protocol)
         return
     if capture.format not in STREAMS:
-        if protocol and protocol not in (*CAN_PROTOCOLS, 'vm110'):
+        if protocol and protocol not in (*CAN_PROTOCOLS, *(each.name for each in _DATAGRAMS)):
             raise ValueError(f'{capture.format} has frames of CAN or UDP, not {protocol}')
         yield from _frame_entries(capture.pieces, [protocol] if protocol else CAN_PROTOCOLS)
         return

@@ -19,24 +19,24 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
-import importlib
 import json
 import subprocess
 from typing import Any
 
+from bridge_core.decoding import CanDecoder
 from bridge_core.j1939 import CanFrame
 from rugged_teleop.decode.captures import Capture
 from rugged_teleop.decode.pieces import Piece
 from rugged_teleop.decode.protocols import entries_of
+from rugged_teleop.devices import protocols
 from rugged_teleop.doctor.catalogue import finding
-from rugged_teleop.doctor.configuration import Configured
+from rugged_teleop.doctor.configuration import bridge_of, Configured
 from rugged_teleop.doctor.findings import Finding
 from rugged_teleop.doctor.listening import device_findings, Heard, listen
 
 BITRATE = 250000  # of the units, and of the VSC as delivered
 _PASSIVE = ('socketcan', 'udp_multicast')  # to open them changes nothing
-_PROTOCOLS = {'akron_can_bridge': 'akron', 'fort_vsc_bridge': 'fort_can'}
-_UNITS = range(0x80, 0xF8)  # addresses that a unit may claim; below are joysticks
+_PROTOCOLS: dict[str, CanDecoder] = dict(protocols(CanDecoder))
 _IP_TIME = 5.0  # s
 
 
@@ -51,7 +51,7 @@ class Bus:
 
 def on_can(node: Configured) -> bool:
     """Tell whether a node's device is on CAN."""
-    return node.name == 'akron_can_bridge' or node.values.get('transport') == 'can'
+    return node.name in _PROTOCOLS and node.values.get('transport', 'can') == 'can'
 
 
 def is_passive(node: Configured) -> bool:
@@ -69,7 +69,7 @@ def hear_bus(node: Configured, seconds: float, probe: bool = False) -> Bus:
         from bridge_core.transports.can import CanTransport  # late: only who has CAN needs it
     except ImportError as error:
         return Bus(node, Heard(error=f'{error}; pip install python-can'))
-    bridge = importlib.import_module(f'{node.name}.wire').BRIDGE
+    bridge = bridge_of(node)
     interface, channel = node.values['interface'], node.values['channel']
     link = link_facts(channel) if interface == 'socketcan' else {}
     port = CanTransport(interface, channel)
@@ -103,7 +103,7 @@ def bus_findings(bus: Bus) -> Iterator[Finding]:
     elif not own:
         identifiers = sorted({f'{frame.identifier:08X}' for frame in heard.chunks})[:8]
         yield finding('strangers', identifiers=' '.join(identifiers), **words)
-    elif heard.link_up or node.name == 'fort_vsc_bridge':
+    elif heard.link_up or not node.device.actuator:
         yield from device_findings(node, heard)
     else:  # a unit is only known once it was asked who it is
         names = ', '.join(f'{name} {count}' for name, count in own.most_common())
@@ -114,9 +114,8 @@ def own_messages(node: Configured, frames: tuple[CanFrame, ...]) -> Iterator[str
     """Yield the names of the frames that a node's device sends."""
     protocol = _PROTOCOLS[node.name]
     pieces = (Piece(0, frame.data, identifier=frame.identifier) for frame in frames)
-    for entry in entries_of(Capture('', 'candump', 0, iter(pieces)), protocol):
-        source = (entry.identifier or 0) & 0xFF
-        if entry.protocol and (protocol != 'akron' or source in _UNITS):
+    for entry in entries_of(Capture('', 'candump', 0, iter(pieces)), protocol.name):
+        if entry.protocol and protocol.is_device(entry.identifier or 0):
             yield entry.name
 
 

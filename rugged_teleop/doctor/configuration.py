@@ -18,13 +18,15 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-import importlib
 import os
 from pathlib import Path
 from typing import Any
 
+from bridge_core.device import Device
 from bridge_core.parameter_files import check_sections, parameters_for, sections_of, strangers
 from bridge_core.parameters import full_topic, is_ros_parameter, names_of, ParameterError, resolve
+from bridge_core.transports.wire import Bridge
+from rugged_teleop.devices import devices, loaded
 from rugged_teleop.doctor.catalogue import finding
 from rugged_teleop.doctor.findings import Finding
 from rugged_teleop.recorder import parameters as recorder
@@ -32,18 +34,9 @@ from rugged_teleop.reference import NODES
 from safety_mux.configuration import check
 
 MUX = 'safety_mux'
-DRIVE = 'esi_drive_bridge'
-# What the mux may listen to, of each bridge; and who has sticks.
+# What the mux may listen to, of every bridge.
 _OF_EVERY_BRIDGE = ('estop', 'own_estop', 'link_up')
-TOPICS = {
-    'akron_can_bridge': ('joint_states', 'joy'),
-    'esi_drive_bridge': ('enabled', 'joint_states'),
-    'fort_vsc_bridge': ('joy',),
-    'ssc_bridge': ('joy',),
-    'vm110_bridge': ('joy', 'armed', 'enabled'),
-}
 _OF_MUX = ('estop', 'enable', 'command', 'cmd_vel', 'state', 'status')
-_OPERATORS = ('fort_vsc_bridge', 'vm110_bridge')
 _LISTS = {'estop': 'estop_sources', 'operator': 'operators', 'speed_limit': 'speed_limits'}
 _NODES = {node.name: node for node in NODES}
 
@@ -54,11 +47,22 @@ class Configured:
 
     name: str
     full: str
-    values: Mapping[str, Any]
+    values: dict[str, Any]
+
+    @property
+    def device(self) -> Device:
+        """What it bridges to; not for a mux."""
+        return devices()[self.name]
 
     def topic(self, name: str) -> str:
         """Return a topic's full name, as this node means it."""
         return full_topic(self.full, name)
+
+
+def bridge_of(node: Configured) -> Bridge[Any]:
+    """Return what its wire is made of."""
+    bridge: Bridge[Any] = loaded(f'{node.name}.wire:BRIDGE')
+    return bridge
 
 
 def configured(files: Sequence[Path]) -> tuple[list[Configured], list[Finding]]:
@@ -75,7 +79,7 @@ def configured(files: Sequence[Path]) -> tuple[list[Configured], list[Finding]]:
         except (ParameterError, ValueError, ImportError) as error:
             findings.append(finding('parameters refused', error=f'{full}: {error}'))
         else:
-            if node.name in (MUX, *TOPICS):  # others have no device, and stop nothing
+            if node.name in (MUX, *devices()):  # others have no device, and stop nothing
                 nodes.append(node)
             findings.append(finding('parameters good', node=full))
     if files and not names and not findings:
@@ -119,8 +123,8 @@ def _configured(full: str, files: Sequence[Path]) -> Configured:
         check(values, result.topic)
     elif name == 'recorder':
         recorder.check(values)
-    elif name in TOPICS:
-        importlib.import_module(f'{name}.wire').BRIDGE.check(values)
+    elif name in devices():
+        bridge_of(result).check(values)
     return result
 
 
@@ -149,9 +153,9 @@ def wiring(nodes: Sequence[Configured]) -> list[Finding]:
     for node in bridges:
         if f'{node.full}/estop' not in wanted:
             findings.append(finding('e-stop unheard', node=node.full))
-        if node.name in _OPERATORS and f'{node.full}/joy' not in wanted:
+        if node.device.operator and f'{node.full}/joy' not in wanted:
             findings.append(finding('sticks unheard', node=node.full))
-        if node.name == DRIVE:
+        if node.device.drive:
             findings += _joints(node, muxes)
     if all(each.level == 0 for each in findings):
         findings.append(finding('wired', nodes=', '.join(node.full for node in bridges)))
@@ -161,7 +165,7 @@ def wiring(nodes: Sequence[Configured]) -> list[Finding]:
 def _topics(node: Configured) -> tuple[str, ...]:
     """Return what a node publishes that a mux may listen to."""
     if node.name != MUX:
-        return *_OF_EVERY_BRIDGE, *TOPICS[node.name]
+        return *_OF_EVERY_BRIDGE, *node.device.publishes
     demands = (f'stop_demand/{name}' for name in names_of(node.values, 'estop_sources'))
     sticks = (f'joy/{name}' for name in names_of(node.values, 'operators'))
     return *_OF_MUX, *demands, *sticks

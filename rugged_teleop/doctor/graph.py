@@ -34,13 +34,15 @@ from typing import Any
 from bridge_core import clock
 from bridge_core.session import Level as NodeLevel
 from rugged_teleop.command_line import RUN_MODULE
+from rugged_teleop.devices import devices
 from rugged_teleop.doctor.catalogue import finding
-from rugged_teleop.doctor.configuration import DRIVE, MUX, TOPICS
+from rugged_teleop.doctor.configuration import MUX
 from rugged_teleop.doctor.findings import Finding
 from rugged_teleop.reference import NODES
 
 UNSEEN = ('no nodes live', 'node not live')  # kinds of findings: a node may be elsewhere
 _NAMES = tuple(node.name for node in NODES)
+_DRIVES = {name for name, device in devices().items() if device.drive}
 # Many publish on these, and none of them decides anything.
 _SHARED = ('/diagnostics', '/rosout', '/parameter_events', '/tf', '/tf_static', '/clock')
 _DIAGNOSTICS_DEPTH = 100
@@ -73,8 +75,8 @@ class Endpoint:
             return False
         if name == MUX:  # what a drive says of itself counts once it was heard
             return not self.topic.endswith('/enabled')
-        is_wired = name in TOPICS and not self.topic.startswith(f'{self.node}/')
-        return name == DRIVE or is_wired
+        is_wired = name in devices() and not self.topic.startswith(f'{self.node}/')
+        return name in _DRIVES or is_wired
 
 
 @dataclass(frozen=True)

@@ -44,8 +44,6 @@ from rugged_teleop.doctor.configuration import Configured
 from rugged_teleop.doctor.findings import Finding
 
 BAUDS = (115200, 57600, 9600, 19200, 38400, 230400, 460800, 921600, 1000000)
-# They are silent, or complain, while nobody asks or commands them.
-_ASKED = ('akron_can_bridge', 'esi_drive_bridge', 'ssc_bridge')
 _BAUD_TIME = 0.4  # s, for each
 _LEAST_BYTES = 16  # by which a protocol can be told
 _SAMPLE = 8192  # bytes by which it is
@@ -206,7 +204,7 @@ def listen(
 def device_findings(node: Configured, heard: Heard) -> list[Finding]:
     """Return what a device says, in the words of its node's diagnostics."""
     words = {'node': node.full}
-    asked = node.name in _ASKED
+    asked = node.device.actuator  # silent, or complains, while nobody asks or commands it
     stop = 'device unasked' if asked and not heard.probed else 'device stops'
     warnings = () if asked else heard.warnings
     findings = [finding(stop, text=text, **words) for text in heard.stops]

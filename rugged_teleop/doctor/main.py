@@ -32,13 +32,14 @@ import os
 from pathlib import Path
 import sys
 
-from rugged_teleop.command_line import number_within, Parser
+from bridge_core.options import number_within
+from rugged_teleop.command_line import Parser
 from rugged_teleop.doctor.buses import bus_findings, hear_bus, is_passive, on_can
 from rugged_teleop.doctor.catalogue import finding
 from rugged_teleop.doctor.configuration import Configured, configured, serial_port, wiring
 from rugged_teleop.doctor.findings import Finding, HEADINGS, Level
 from rugged_teleop.doctor.graph import look_apart, UNSEEN
-from rugged_teleop.doctor.networks import group_findings, hear_group, network_filters
+from rugged_teleop.doctor.networks import group_findings, hear_group, network_filters, on_network
 from rugged_teleop.doctor.ports import (
     identity_findings,
     port_facts,
@@ -116,9 +117,7 @@ def examine(options: argparse.Namespace) -> list[Finding]:
         named = [pool.submit(unknown_port, port) for port in to_search]
         lines = [pool.submit(hear, node, options.seconds, options.probe) for node in to_hear]
         groups = [
-            pool.submit(hear_group, node, options.seconds)
-            for node in nodes
-            if node.name == 'vm110_bridge'
+            pool.submit(hear_group, node, options.seconds) for node in nodes if on_network(node)
         ]
         buses = [
             pool.submit(hear_bus, node, options.seconds, options.probe)

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The VM-110 on its multicast group: is it heard, by which CRC, on which interface."""
+"""A device on its multicast group: is it heard, by which CRC, on which interface."""
 
 from __future__ import annotations
 
@@ -25,16 +25,16 @@ from pathlib import Path
 import socket
 
 from bridge_core import clock
+from bridge_core.decoding import DatagramDecoder
 from bridge_core.transports.multicast import addresses
+from rugged_teleop.devices import protocols
 from rugged_teleop.doctor.catalogue import finding
-from rugged_teleop.doctor.configuration import Configured
+from rugged_teleop.doctor.configuration import bridge_of, Configured
 from rugged_teleop.doctor.findings import Finding
 from rugged_teleop.doctor.listening import device_findings, Heard, listen
-from vm110_bridge.protocol import Crc, PacketId
-from vm110_bridge.wire import BRIDGE
 
 _ELSEWHERE_TIME = 0.5  # s; a VRPI comes every 0.125 s
-_BEGINNINGS = tuple(kind.value for kind in PacketId)
+_PROTOCOLS: dict[str, DatagramDecoder] = dict(protocols(DatagramDecoder))
 _ETH_P_IP = 0x0800
 _HEADERS = 64  # bytes of a packet: those of IPv4 with options, and the ports
 _STRICT = 1  # rp_filter: drop what comes on another interface than one would answer on
@@ -66,17 +66,23 @@ class Filters:
     firewalls: tuple[str, ...] = ()
 
 
+def on_network(node: Configured) -> bool:
+    """Tell whether a node's device sends datagrams."""
+    return node.name in _PROTOCOLS
+
+
 def hear_group(node: Configured, seconds: float, known: Iterable[str] | None = None) -> Group:
     """
     Listen to a base unit; where it is not heard, on the other interfaces too.
 
     :param known: addresses of this computer; None: as they are.
     """
-    transport = BRIDGE.make_transport(dict(node.values))
+    bridge = bridge_of(node)
+    transport = bridge.make_transport(dict(node.values))
     to = node.values['group'], node.values['input_port']
     with ThreadPoolExecutor(1) as pool:  # while the group is joined
         arrival = pool.submit(arrival_of, *to, seconds)
-        heard = listen(BRIDGE.make_session(dict(node.values)), transport, seconds)
+        heard = listen(bridge.make_session(dict(node.values)), transport, seconds)
     foreign = str(transport.counts()['last other sender'])
     if heard.chunks:
         return Group(node, heard)
@@ -119,7 +125,7 @@ def elsewhere(node: Configured, others: Sequence[str]) -> tuple[str, ...]:
 
     def is_heard(address: str) -> bool:
         values = {**node.values, 'interface_address': address, 'allowed_sources': ['']}
-        return bool(listen(None, BRIDGE.make_transport(values), _ELSEWHERE_TIME).chunks)
+        return bool(listen(None, bridge_of(node).make_transport(values), _ELSEWHERE_TIME).chunks)
 
     with ThreadPoolExecutor(max(1, len(others))) as pool:
         found = list(pool.map(is_heard, others))
@@ -153,8 +159,9 @@ def group_findings(group: Group, filters: Filters) -> Iterator[Finding]:
 
 def _crc_findings(group: Group, words: Mapping[str, str]) -> list[Finding]:
     """Return what is wrong with the CRC, where it hides all else."""
-    packets = [each for each in group.heard.chunks if each.startswith(_BEGINNINGS)]
-    readings = Counter(crc.value for each in packets for crc in Crc if crc.is_good(each))
+    protocol = _PROTOCOLS[group.node.name]
+    packets = [each for each in group.heard.chunks if each.startswith(protocol.beginnings)]
+    readings = Counter(check for each in packets for check in protocol.checks(each))
     wanted = group.node.values['crc']
     if group.heard.link_up or not packets:
         return []

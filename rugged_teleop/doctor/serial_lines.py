@@ -16,16 +16,15 @@
 
 from __future__ import annotations
 
-from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-import importlib
 from typing import Any
 
-from bridge_core.packets import CHECK_SIZE, HEAD_SIZE
+from bridge_core.decoding import StreamDecoder
 from bridge_core.transports import TransportError
+from rugged_teleop.devices import protocols
 from rugged_teleop.doctor.catalogue import finding
-from rugged_teleop.doctor.configuration import Configured, serial_port
+from rugged_teleop.doctor.configuration import bridge_of, Configured, serial_port
 from rugged_teleop.doctor.findings import Finding
 from rugged_teleop.doctor.listening import (
     BAUDS,
@@ -36,17 +35,9 @@ from rugged_teleop.doctor.listening import (
     SerialEar,
     told,
 )
-from ssc_bridge.protocol import PACKETS
 
 # Whose device speaks which protocol of decode's. A host speaks the others.
-SPEAKERS = {
-    'fort_serial': 'fort_vsc_bridge',
-    'ssc': 'ssc_bridge',
-    'esi_status': 'esi_drive_bridge',
-    'esi_status_compact': 'esi_drive_bridge',
-}
-_LEAST_PACKETS = 2
-_OFFSETS = range(-8, 9)
+SPEAKERS = {each.name: node for node, each in protocols(StreamDecoder) if each.by_device}
 
 
 @dataclass(frozen=True)
@@ -78,11 +69,10 @@ def hear(node: Configured, seconds: float, probe: bool = False) -> Line:
     """
     Listen at the node's baud; where that brings bytes but no device, at others too.
 
-    :param probe: send what the node sends while nobody commands it. A VSC speaks unasked, and a
-        heartbeat could take back the stop that a node has left in it: it is sent nothing.
+    :param probe: send what the node sends while nobody commands it, where the device allows it.
     """
-    probe = probe and node.name != 'fort_vsc_bridge'
-    bridge = importlib.import_module(f'{node.name}.wire').BRIDGE
+    probe = probe and node.device.probe
+    bridge = bridge_of(node)
     hid = node.values.get('transport') == 'hid'
     port: Any = (
         bridge.make_transport(node.values)
@@ -97,7 +87,7 @@ def hear(node: Configured, seconds: float, probe: bool = False) -> Line:
     protocol = told(data)
     if protocol:
         return Line(node, heard, protocol, baud)
-    if count_offset(data):
+    if _explained(data):
         return Line(node, heard)
     others = [each for each in BAUDS if each != baud]
     try:
@@ -132,7 +122,7 @@ def _line_findings(line: Line) -> list[Finding]:
     if heard.error:
         return [finding('port not opened', error=heard.error, **words)]
     if not heard.chunks:
-        asked = line.node.name == 'ssc_bridge' and not heard.probed
+        asked = line.node.device.polled and not heard.probed
         kind = 'silent until asked' if asked else 'silent'
         return [finding(kind, stop='; '.join(heard.stops), **words)]
     if line.protocol and line.speaker != line.node.name:
@@ -140,39 +130,31 @@ def _line_findings(line: Line) -> list[Finding]:
         return [finding(kind, other=line.speaker, **words)]
     if line.baud and line.baud != values['baud']:
         return [finding('wrong baud', heard=line.baud, baud=values['baud'], **words)]
-    if line.protocol.startswith('esi_status') and not heard.link_up:
+    if line.protocol and not heard.link_up and _layouts(line.node.name) > 1:
         return [finding('other layout', **words)]
     if heard.link_up or line.protocol:
         return device_findings(line.node, heard)
     return list(_garbage(line, **words))
 
 
+def _layouts(node: str) -> int:
+    return [*SPEAKERS.values()].count(node)
+
+
 def _garbage(line: Line, **words: str) -> Iterator[Finding]:
     """Say what may be wrong with bytes that are of no protocol."""
-    offset = count_offset(b''.join(line.heard.chunks))
-    if offset:
-        yield finding('other byte count', offset=f'{offset:+d}', **words)
+    explained = _explained(b''.join(line.heard.chunks))
+    if explained is not None:
+        kind, more = explained
+        yield finding(kind, **more, **words)
     else:
         yield finding('no frames', **words)
 
 
-def count_offset(data: bytes) -> int:
-    """
-    Return what an SSC's byte count is beside its payload (manual 4.1); 0: nothing, or not known.
-
-    The sums tell where a packet really ends.
-    """
-    found: Counter[int] = Counter()
-    start = data.find(PACKETS.header)
-    while start >= 0 and start + HEAD_SIZE <= len(data):
-        for offset in _OFFSETS:
-            size = data[start + 3] - offset
-            end = start + HEAD_SIZE + size + CHECK_SIZE
-            if size >= 0 and end <= len(data) and PACKETS.is_sound(data, start, end):
-                found[offset] += 1
-        start = data.find(PACKETS.header, start + 1)
-    offset, count = max(found.items(), key=lambda each: each[1], default=(0, 0))
-    return offset if count >= _LEAST_PACKETS else 0
+def _explained(data: bytes) -> tuple[str, Mapping[str, str]] | None:
+    """Return what a protocol has to say of bytes that are no frames of it."""
+    said = (each.explain(data) for _, each in protocols(StreamDecoder))
+    return next((each for each in said if each is not None), None)
 
 
 def unknown_port(path: str) -> Finding:

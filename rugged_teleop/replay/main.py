@@ -31,7 +31,8 @@ from functools import partial
 from pathlib import Path
 import sys
 
-from rugged_teleop.command_line import number_within, Parser
+from bridge_core.options import number_within
+from rugged_teleop.command_line import Parser
 from rugged_teleop.loaded import Loaded, look_at
 
 _EXAMPLES = """\

@@ -24,15 +24,12 @@ from bridge_core.j1939 import CanFrame
 from bridge_core.session import StopChanged, Verdict
 from rugged_teleop.decode.pieces import Piece
 from rugged_teleop.decode.recorded import pieces_of
+from rugged_teleop.devices import devices
 from rugged_teleop.moments import moment
 from rugged_teleop.recordings import Said
 from rugged_teleop.replay.found import Found, Outcome
 from rugged_teleop.replay.track import Difference, differences, Track
 
-_BRIDGES = (
-    *('akron_can_bridge', 'esi_drive_bridge', 'fort_vsc_bridge'),
-    *('ssc_bridge', 'vm110_bridge'),
-)
 _RECEIVED = '/raw/received'
 # Words of a stop for motion that the session did not ask for: it was asked for nothing here.
 _UNASKED = ('though nobody asks it to', 'and was not by this node since it opened the port')
@@ -68,7 +65,7 @@ def replay_session(
     ]
     recorded, link_up = (_recorded(f'{name}/{topic}', said) for topic in ('estop', 'link_up'))
     needed = {
-        'a name that says which bridge it is': package in _BRIDGES,
+        'a name that says which bridge it is': package in devices(),
         'its bytes': pieces,
         'its e-stop': recorded.points,
         'its parameters': given,

@@ -18,13 +18,15 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 
-import esi_drive_bridge.protocol as esi
+from bridge_core.decoding import StreamDecoder
 from rugged_teleop.decode.protocols import recording_entries
 from rugged_teleop.decode.recorded import pieces_of
+from rugged_teleop.devices import protocols
 from rugged_teleop.recordings import Said
 from rugged_teleop.why.events import Event
 
 _SENT = '/raw/sent'
+_PROTOCOLS: dict[str, StreamDecoder] = {each.name: each for _, each in protocols(StreamDecoder)}
 
 
 def wire_events(said: Iterable[Said]) -> Iterator[Event]:
@@ -32,10 +34,11 @@ def wire_events(said: Iterable[Said]) -> Iterator[Event]:
     pieces = (piece for each in said if each.topic.endswith(_SENT) for piece in pieces_of(each))
     enabled: dict[str, bool] = {}
     for entry in recording_entries(pieces, ''):
-        if not isinstance(entry.content, esi.Command) or entry.at is None:
+        protocol = _PROTOCOLS.get(entry.protocol)
+        enables = protocol.enables(entry.content) if protocol else None
+        if enables is None or entry.at is None:
             continue
         node = entry.source.removesuffix(_SENT)
-        enables = any(axis.enable for axis in entry.content.axes)
         before = enabled.get(node)
         enabled[node] = enables
         if enables != before:

@@ -14,12 +14,29 @@
 
 """The device's side of the link, for demos and tests; it shares no codec with the bridge."""
 
+from argparse import ArgumentParser
+
+from bridge_core.simulation import help_text, Simulated
 from ssc_bridge.simulator.controller import BOOT_TIME, CONFIG_TIME, Simulator
 from ssc_bridge.simulator.memory import build_frame, Memory, Settings, sums
+
+
+def _options(controller: ArgumentParser) -> None:
+    controller.add_argument('--inputs', type=int, choices=range(1, 17), default=8, help='1 to 16')
+
+
+SIMULATORS = {
+    'ssc': Simulated(
+        make=lambda options: Simulator(Settings(inputs=options.inputs)),
+        help=help_text(Simulator.commands),
+        options=_options,
+    ),
+}
 
 __all__ = [
     'BOOT_TIME',
     'CONFIG_TIME',
+    'SIMULATORS',
     'Memory',
     'Settings',
     'Simulator',

@@ -1,0 +1,71 @@
+# Copyright 2026 The rugged_teleop maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""How tools read captures of an Akron unit's bus."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import akron_can_bridge.protocol as akron
+from bridge_core.decoding import CanDecoder, Decoders, message_name, Plain
+from bridge_core.framing import FrameError, Unknown
+from bridge_core.j1939 import CanFrame
+
+_UNITS = range(0x80, 0xF8)  # addresses that a unit may claim; below are joysticks
+
+
+def _read(frame: CanFrame) -> tuple[str, Any] | None:
+    try:
+        received = akron.decode(frame)
+    except FrameError:
+        # PGN EF00 is every maker's own, so this need not be an Akron device.
+        if frame.identifier >> 16 & 0xFF == akron.PROPRIETARY_PGN >> 8:
+            return None
+        raise
+    if isinstance(received.message, Unknown):
+        return None
+    return message_name(received.message), received
+
+
+def _received(value: akron.Received, plain: Callable[[Any], Any]) -> dict[str, Any]:
+    head = {'from': f'{value.id.source:02X}', 'to': f'{value.id.destination:02X}'}
+    return {**head, **plain(value.message)}
+
+
+def _axis(value: akron.Axis, plain: Callable[[Any], Any]) -> Any:
+    return plain(value.fault) if value.value is None else value.value
+
+
+def _position(value: akron.Position, plain: Callable[[Any], Any]) -> Any:
+    return plain(value.fault) if value.degrees is None else value.degrees
+
+
+DECODERS = Decoders(
+    protocols=(
+        CanDecoder(
+            name='akron', read=_read, is_device=lambda identifier: identifier & 0xFF in _UNITS
+        ),
+    ),
+    plain=Plain(
+        values={
+            akron.Received: _received,
+            akron.Axis: _axis,
+            akron.Position: _position,
+            akron.Version: lambda value, plain: str(value),
+        },
+        names={(akron.PositionLimit, 'hard_stops'): akron.HARD_STOP_NAMES},
+    ),
+)

@@ -1,0 +1,54 @@
+# Copyright 2026 The rugged_teleop maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""What an Akron unit is, to the tools."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from bridge_core.device import Device, Simulation, Trial
+
+
+def _simulation(values: Mapping[str, Any]) -> Simulation:
+    pin = values.get('device_pin', '')
+    kind = pin[:4] or str(values.get('device_type') or 1032)
+    address = values.get('unit_address') or 0x80
+    words = ['akron', '--type', kind, '--address', f'{address:x}']
+    return Simulation('can', (*words, *(('--pin', pin) if pin else ())))
+
+
+DEVICE = Device(
+    name='akron_can_bridge',
+    node_class='AkronCanBridge',
+    page='docs/devices/akron.md',
+    launch=2,
+    actuator=True,
+    publishes=('joint_states', 'joy'),
+    wiring={'~/estop_in': 'safety_mux/estop'},
+    ports={'akron_channel': 'channel'},
+    trials={
+        'stick': Trial(
+            help='-1 to 1, left or up positive, of a fire monitor',
+            names='joint_names',
+            command='cmd_joy',
+            field='axes',
+            limit=1.0,
+        ),
+    },
+    decoders='akron_can_bridge.decoders:DECODERS',
+    simulators='akron_can_bridge.simulator:SIMULATORS',
+    simulation=_simulation,
+)

@@ -1,0 +1,64 @@
+# Copyright 2026 The rugged_teleop maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""What an ESI drive is, to the tools."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from bridge_core.device import Device, Simulation, Trial
+
+
+def _simulation(values: Mapping[str, Any]) -> Simulation:
+    joints = values.get('joint_names', ['left', 'right'])
+    compact = values.get('single_axis_layout') == 'compact'
+    words = ['esi_drive', '--axes', str(len(joints))]
+    return Simulation('pty', (*words, *(('--compact',) if compact else ())))
+
+
+def _trial(mode: str, field: str, text: str) -> Trial:
+    return Trial(
+        help=f'{text}, of a drive where its mode is {mode}',
+        names='joint_names',
+        command='command',
+        field=field,
+        mode=mode,
+        is_measured=True,
+    )
+
+
+DEVICE = Device(
+    name='esi_drive_bridge',
+    node_class='EsiDriveBridge',
+    page='docs/devices/esi_drive.md',
+    launch=4,
+    actuator=True,
+    drive=True,
+    publishes=('enabled', 'joint_states'),
+    wiring={
+        '~/command': 'safety_mux/command',
+        '~/enable': 'safety_mux/enable',
+        '~/estop_in': 'safety_mux/estop',
+    },
+    ports={'esi_drive_port': 'port'},
+    trials={
+        'speed': _trial('velocity', 'velocity', 'rad/s'),
+        'effort': _trial('torque', 'effort', 'N·m, or A with torque_constant 0'),
+    },
+    decoders='esi_drive_bridge.decoders:DECODERS',
+    simulators='esi_drive_bridge.simulator:SIMULATORS',
+    simulation=_simulation,
+)

@@ -1,0 +1,45 @@
+# Copyright 2026 The rugged_teleop maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""What a VSC is, to the tools."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from bridge_core.device import Device, Simulation
+
+
+def _simulation(values: Mapping[str, Any]) -> Simulation:
+    transport = values.get('transport', 'serial')
+    if transport == 'can':
+        return Simulation('can', ('fort_vsc_can',))
+    if transport == 'hid':  # a stand-in that is no hidraw device
+        return Simulation('pty', ('fort_vsc_hid',), {'hid.devices': ['none']})
+    return Simulation('pty', ('fort_vsc',))
+
+
+DEVICE = Device(
+    name='fort_vsc_bridge',
+    node_class='FortVscBridge',
+    page='docs/devices/fort_vsc.md',
+    operator=True,
+    probe=False,  # a heartbeat could take back the stop that a node has left in it
+    publishes=('joy',),
+    ports={'fort_vsc_port': 'port', 'fort_vsc_channel': 'channel'},
+    decoders='fort_vsc_bridge.decoders:DECODERS',
+    simulators='fort_vsc_bridge.simulator:SIMULATORS',
+    simulation=_simulation,
+)

@@ -1,0 +1,85 @@
+# Copyright 2026 The rugged_teleop maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""How tools read captures of a VM-110's network."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+import struct
+from typing import Any
+
+from bridge_core.decoding import (
+    DatagramDecoder,
+    Decoders,
+    message_name,
+    Plain,
+    StreamDecoder,
+)
+from bridge_core.framing import FrameError, FrameFormat, StreamParser, Unknown
+import vm110_bridge.protocol as vm110
+
+_SIZE = struct.Struct('<H')
+_BEGINNINGS = tuple(kind.value for kind in vm110.PacketId)
+
+
+def _parser() -> StreamParser[Any]:
+    """Return a parser of datagrams that were written one after the other."""
+    return StreamParser(FrameFormat(b'VR', vm110.HEAD_SIZE, vm110.MAX_FRAME, _size, _read))
+
+
+def _size(head: bytes) -> int:
+    """:raises FrameError: no packet of EG-Link begins so."""
+    if not head.startswith(_BEGINNINGS):
+        raise FrameError(f'no such packet: {head[:4]!r}')
+    return vm110.MIN_FRAME + int(_SIZE.unpack_from(head, 10)[0])
+
+
+def _read(datagram: bytes) -> vm110.Packet | Unknown:
+    """Read a datagram, by either reading of the CRC. :raises FrameError: it is unsound."""
+    frame = vm110.Frame.from_bytes(datagram, None)
+    message = vm110.decode(frame)
+    if isinstance(message, Unknown):
+        return message
+    return vm110.Packet(message, frame.serial, frame.origin, frame.crc)
+
+
+def _named(content: vm110.Packet | Unknown) -> str:
+    return message_name(content if isinstance(content, Unknown) else content.message)
+
+
+def _checks(datagram: bytes) -> Sequence[str]:
+    return [crc.value for crc in vm110.Crc if crc.is_good(datagram)]
+
+
+def _packet(value: vm110.Packet, plain: Callable[[Any], Any]) -> dict[str, Any]:
+    head = {'serial': value.serial, 'origin': value.origin, 'crc': plain(value.crc)}
+    return {**plain(value.message), **head}
+
+
+DECODERS = Decoders(
+    protocols=(
+        StreamDecoder(name='vm110', parser=_parser, by_device=False, named=_named),
+        DatagramDecoder(
+            name='vm110', beginnings=_BEGINNINGS, read=_read, named=_named, checks=_checks
+        ),
+    ),
+    plain=Plain(
+        values={vm110.Packet: _packet},
+        names={
+            (vm110.PeriodicInput, 'joysticks'): vm110.AXIS_NAMES,
+            (vm110.PeriodicInput, 'switches'): vm110.SWITCH_NAMES,
+        },
+    ),
+)
