@@ -171,7 +171,7 @@ class InForce:
     def keep(self, requests: Sequence[Request]) -> None:
         """Replace what is there."""
         data = pickle.dumps([tuple(each) for each in requests]) if requests else b''
-        if data != self._kept:
+        if data != self._kept and self._descriptor >= 0:
             self._writes += 1
             place = self._PLACES[self._writes % 2]
             os.pwrite(self._descriptor, data, place)
@@ -256,19 +256,19 @@ def run(
     """
     if not node.wait_for_turn():
         _end_for(before, in_force, node, bridge)
-        os._exit(0)
-    for refusal in refusals:
-        node.on_refused(0, 'rt_priority', refusal)
-    node.wire = Wire(
-        bridge,
-        node,
-        node,
-        reconnect_period=reconnect_period,
-        tap=Tap(tap) if tap >= 0 else None,
-    )
-    node.wire.run()
-    if node.wire.left_safe:
-        in_force.clear()
+    else:
+        for refusal in refusals:
+            node.on_refused(0, 'rt_priority', refusal)
+        node.wire = Wire(
+            bridge,
+            node,
+            node,
+            reconnect_period=reconnect_period,
+            tap=Tap(tap) if tap >= 0 else None,
+        )
+        node.wire.run()
+        if node.wire.left_safe:
+            in_force.clear()
     os._exit(0)  # a thread may be at work in a driver that does not return
 
 
