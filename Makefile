@@ -12,7 +12,7 @@
 #   make mutants           plant faults in what decides, and name those that no test notices; hours;
 #                          ARGS='safety_mux/limits.py --sample 50' and the like
 #   make lint              ruff and mypy
-#   make bench             measure, write benchmarks/results.json and the table of docs/performance.md; ARGS=--quick
+#   make bench             measure, write assurance/benchmarks/results.json and the table of docs/performance.md; ARGS=--quick
 #   make bench-check       measure again; status 1 where a ratio got worse by a quarter; ARGS=--quick
 #   make campaign          harm the running system, 20 times in each way; ARGS='-n 5 SIGKILL' and the like,
 #                          or by faults at random, ARGS='random -n 1000'
@@ -55,13 +55,13 @@ test: $(STAMP)
 	$(BIN)/python -m pytest -n $(WORKERS) --dist loadfile --no-loadscope-reorder --durations=10 $(ARGS)
 
 proof: $(STAMP)
-	$(BIN)/python -m test.proof $(ARGS)
+	$(BIN)/python -m assurance.proof $(ARGS)
 
 fuzz: $(STAMP)
-	$(BIN)/python -m test.fuzz $(ARGS)
+	$(BIN)/python -m assurance.fuzz $(ARGS)
 
 mutants: $(STAMP)
-	$(BIN)/python -m test.mutants $(ARGS)
+	$(BIN)/python -m assurance.mutants $(ARGS)
 
 lint: $(STAMP)
 	$(BIN)/ruff check .
@@ -69,16 +69,16 @@ lint: $(STAMP)
 	$(BIN)/mypy
 
 bench: $(STAMP)
-	$(BIN)/python -m benchmarks $(ARGS)
+	$(BIN)/python -m assurance.benchmarks $(ARGS)
 
 bench-check: $(STAMP)
-	$(BIN)/python -m benchmarks --check $(ARGS)
+	$(BIN)/python -m assurance.benchmarks --check $(ARGS)
 
 campaign: $(STAMP)
-	$(BIN)/python -m benchmarks.campaign $(ARGS)
+	$(BIN)/python -m assurance.campaign $(ARGS)
 
 soak: $(STAMP)
-	$(BIN)/python -m benchmarks.soak $(HOURS) $(ARGS)
+	$(BIN)/python -m assurance.soak $(HOURS) $(ARGS)
 
 reference: $(STAMP)
 	$(BIN)/python -m rugged_teleop.reference

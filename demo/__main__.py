@@ -32,7 +32,7 @@ from demo.scene import Scene
 from demo.stage import DemoError, DemoStage
 from demo.view import live
 from rugged_teleop.command_line import Parser
-from test.rig import Observer
+from stage.rig import Observer
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

@@ -32,7 +32,7 @@ from demo.steering import DEMAND_LIMIT, FORT, RC, Steering, Step, step
 from rugged_teleop.canbuses import unpack
 from rugged_teleop.ports import Chunk
 from ssc_bridge import protocol as ssc
-from test.stage import SSC
+from stage.devices import SSC
 
 MONITOR_STICK = 'right_x'
 IDLE_US = 1500  # the throttle at rest

@@ -41,8 +41,7 @@ from demo.steering import (
     VM110,
 )
 from fort_vsc_bridge.protocol import Heartbeat
-from test.rig import wait_for
-from test.stage import (
+from stage.devices import (
     BETWEEN_RESETS,
     CLEAR_ERRORS,
     END_TRIP,
@@ -53,6 +52,7 @@ from test.stage import (
     UNIT,
     VSC,
 )
+from stage.rig import wait_for
 from vm110_bridge.protocol import BuState, PeriodicInput
 
 RETURN_LIMIT = 2.0  # s, from plugging in to a healthy link

@@ -37,8 +37,8 @@ from esi_drive_bridge.simulator import Simulator as DriveSimulator
 from rugged_teleop.canbuses import CanBusDevice, free_channel
 from rugged_teleop.multicasts import free_port, MulticastDevice
 from ssc_bridge.simulator import Settings as SscSettings, Simulator as SscSimulator
-from test.rig import Observer, ROOT
-from test.stage import Device, DRIVE, MONITOR, MUX, SSC, Stage, TIMEOUTS, UNIT, VSC
+from stage.devices import Device, DRIVE, MONITOR, MUX, SSC, Stage, TIMEOUTS, UNIT, VSC
+from stage.rig import Observer, ROOT
 from vm110_bridge.simulator import Simulator as UnitSimulator
 
 ESTOPS = {'VSC': VSC, 'VM-110': UNIT, 'drive': DRIVE, 'monitor': MONITOR, 'SSC': SSC}
@@ -176,7 +176,7 @@ class DemoStage(Stage):
     def show_page(self) -> None:
         """Serve the status page, at 8080 or the next port that is free."""
         port = next(filter(_is_free, _PAGE_PORTS))
-        self.start(PAGE, 'status_page.node', {'port': port}, ())
+        self.start(PAGE, 'rugged_teleop.status_page.node', {'port': port}, ())
         self.page_address = f'http://127.0.0.1:{port}'
 
     @property

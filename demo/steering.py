@@ -27,7 +27,7 @@ from demo.stage import DemoStage
 from esi_drive_bridge.protocol import Layout, Status
 from fort_vsc_bridge import protocol as fort
 from rugged_teleop.ports import DevicePort
-from test.rig import wait_for
+from stage.rig import wait_for
 from vm110_bridge import protocol as vm110
 
 FAST_RPM = 1000.0  # of the motors, in motion

@@ -37,7 +37,7 @@ from typing import Any
 
 from demo.actuators import turns_in
 from demo.stage import DemoStage, ESTOPS
-from test.stage import CLEAR_ERRORS, END_TRIP, Packet, RESET, TRIP
+from stage.devices import CLEAR_ERRORS, END_TRIP, Packet, RESET, TRIP
 
 PERIOD = 0.1
 _SPIN = 0.01  # s, at most, between two looks for a key

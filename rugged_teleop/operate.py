@@ -128,7 +128,7 @@ def _told(values: Mapping[str, Any]) -> str:
     if not values:
         return ''
     from bridge_core.share import shared
-    from status_page.remedies import Remedies
+    from rugged_teleop.status_page.remedies import Remedies
 
     remedies = Remedies(shared('docs/safety_mux.md').read_text(encoding='utf-8'))
     owner = values.get('owner', 'none')

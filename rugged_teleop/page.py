@@ -69,7 +69,7 @@ def main(arguments: Sequence[str] | None = None, prog: str = 'rugged_teleop page
     require(prog, 'rclpy', 'aiohttp')
     from bridge_core.parameter_files import beside
     from bridge_core.runner import run  # late: the help needs no ROS
-    from status_page.node import StatusPage
+    from rugged_teleop.status_page.node import StatusPage
 
     words = beside('status_page', ['--ros-args', *parameters, *words[end + 1 :]])
     sys.exit(run([StatusPage], [prog, *words], last=True))

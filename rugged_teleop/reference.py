@@ -110,7 +110,12 @@ _OURS = (
         package='rugged_teleop.recorder',
     ),
     Node('safety_mux', 'docs/safety_mux.md', common=MANAGED_PARAMETERS),
-    Node('status_page', 'docs/status_page.md', common=MANAGED_PARAMETERS),
+    Node(
+        'status_page',
+        'docs/status_page.md',
+        common=MANAGED_PARAMETERS,
+        package='rugged_teleop.status_page',
+    ),
 )
 NODES = tuple(sorted((*map(_of_device, devices().values()), *_OURS), key=lambda node: node.name))
 

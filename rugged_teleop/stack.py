@@ -39,7 +39,7 @@ NODES = {
 # What never shares a process with those, but may have a section in their file.
 BESIDE = {
     'recorder': ('rugged_teleop.recorder.node', 'Recorder'),
-    'status_page': ('status_page.node', 'StatusPage'),
+    'status_page': ('rugged_teleop.status_page.node', 'StatusPage'),
 }
 
 _USAGE = """\

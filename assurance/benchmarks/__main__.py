@@ -1,0 +1,142 @@
+# Copyright 2026 The rugged_teleop maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+``python -m assurance.benchmarks [--quick] [--check] [GROUP...]``: measure, write or compare.
+
+Groups that are named are measured alone, and replace their rows only; the demo is measured only
+when it is named. ``--check`` measures again and compares ratios with those of the results, writes
+nothing, and exits with status 1 if one got worse by a quarter.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable
+import datetime
+import importlib
+from importlib import metadata
+import os
+from pathlib import Path
+import platform
+import sys
+import time
+
+from assurance.benchmarks import reaction, results
+from assurance.benchmarks.rig import Figures, UnavailableError, use_own_domain
+
+Measure = Callable[[bool], dict[str, Figures]]
+
+
+def pure(module: str) -> Measure:
+    """Return a measurement without ROS or ports, with the interpreter's own beside it."""
+
+    def measure(quick: bool) -> dict[str, Figures]:
+        del quick
+        found: dict[str, float] = {}
+        for name in ('bench_python', module):
+            found |= importlib.import_module(f'benchmarks.{name}').measure()
+        return {name: {'best': seconds} for name, seconds in found.items()}
+
+    return measure
+
+
+def processes(module: str) -> Measure:
+    """Return the measurement of a module; imported when it is needed."""
+    return lambda quick: importlib.import_module(f'benchmarks.{module}').measure(quick)
+
+
+QUICK: dict[str, Measure] = {
+    'codecs': pure('bench_codecs'),
+    'mux': pure('bench_mux'),
+    'reaction': reaction.measure,
+    'esi': processes('bench_esi'),
+    'start': processes('bench_start'),
+    'memory': processes('bench_memory'),
+}
+USUAL = QUICK | {
+    'load': reaction.measure_load,
+    'garbage': processes('bench_garbage'),
+    'beside': processes('bench_beside'),
+    'can': processes('bench_can'),
+    'neighbours': processes('bench_neighbours'),
+}
+GROUPS = USUAL | {'demo': processes('bench_demo')}
+
+
+def machine() -> dict[str, str]:
+    """Return what the figures depend on."""
+    lines = Path('/proc/cpuinfo').read_text(encoding='utf-8').splitlines()
+    models = (line.partition(':')[2].strip() for line in lines if line.startswith('model name'))
+    return {
+        'processor': next(models, platform.machine()),
+        'cores': str(os.cpu_count()),
+        'kernel': platform.release(),
+        'Python': platform.python_version(),
+        'rclpy': _version('ros-jazzy-rclpy', 'rclpy'),
+        'date': datetime.date.today().isoformat(),
+    }
+
+
+def _version(*distributions: str) -> str:
+    for name in distributions:
+        try:
+            return metadata.version(name)
+        except metadata.PackageNotFoundError:
+            continue
+    return 'unknown'
+
+
+def measure(names: list[str], quick: bool) -> tuple[dict[str, Figures], list[str]]:
+    """Return what was measured, and the groups that could not be."""
+    measured: dict[str, Figures] = {}
+    failed = []
+    for name in names:
+        begin = time.monotonic()
+        try:
+            measured |= GROUPS[name](quick)
+        except UnavailableError as error:
+            print(f'{name}: skipped, {error}', file=sys.stderr)
+        except Exception as error:  # of one group: the others are worth having
+            print(f'{name}: failed, {type(error).__name__}: {error}', file=sys.stderr)
+            failed.append(name)
+        else:
+            print(f'{name}: {time.monotonic() - begin:.0f} s', file=sys.stderr, flush=True)
+    return measured, failed
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(prog='python -m assurance.benchmarks', description=__doc__)
+    parser.add_argument('groups', nargs='*', metavar='GROUP', help=', '.join(GROUPS))
+    parser.add_argument('--quick', action='store_true', help='about 3 minutes, less sure')
+    parser.add_argument('--check', action='store_true', help='compare, and write nothing')
+    given = parser.parse_intermixed_args()
+    unknown = [name for name in given.groups if name not in GROUPS]
+    if unknown:
+        parser.error(f'no group {unknown[0]!r}; there are {", ".join(GROUPS)}')
+    use_own_domain()
+    measured, failed = measure(given.groups or list(QUICK if given.quick else USUAL), given.quick)
+    now, before = results.rows(measured), results.load()
+    print(results.table(machine(), now))
+    worse = results.worse(before['rows'], now) if given.check else []
+    for text in worse:
+        print(f'worse: {text}')
+    if not given.check:
+        kept = before['rows'] if given.groups else []
+        results.write(machine(), results.merged(kept, now))
+    raise SystemExit(1 if worse or failed else 0)
+
+
+if __name__ == '__main__':
+    main()

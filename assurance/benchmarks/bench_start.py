@@ -1,0 +1,70 @@
+# Copyright 2026 The rugged_teleop maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""From the start of a process to its first message, at a subscriber that is up already."""
+
+from __future__ import annotations
+
+import time
+
+from std_msgs.msg import Bool
+
+from assurance.benchmarks.rig import Figures, figures, use_own_domain
+from stage.rig import latched, NodeProcess, Observer
+
+NODE = 'fort_vsc_bridge'
+BARE = """
+import rclpy
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from std_msgs.msg import Bool
+rclpy.init()
+node = rclpy.create_node('bare')
+qos = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+node.create_publisher(Bool, '~/estop', qos).publish(Bool(data=True))
+rclpy.spin(node)
+"""
+
+
+def first_message(observer: Observer, name: str, space: str) -> float:
+    """Return the seconds from the start of a node of this name to its first ``~/estop``."""
+    topic = f'{space}/{name}/estop'
+    heard = observer.record(Bool, topic, latched())
+    begin = time.monotonic()
+    if name == 'bare':
+        process = NodeProcess(source=BARE, namespace=space)
+    else:  # without a device: what is measured does not wait for one
+        process = NodeProcess(f'{name}.node', {'port': '/dev/null/none'}, namespace=space)
+    with process:
+        observer.wait_for(lambda: heard.times, 30.0, topic)
+    return heard.times[0] - begin
+
+
+def measure(quick: bool = False) -> dict[str, Figures]:
+    """Return the seconds of a node of ours, and of a bare rclpy publisher."""
+    times: dict[str, list[float]] = {'bare': [], NODE: []}
+    with Observer('start') as observer:
+        for number in range(5 if quick else 20):
+            for name, found in times.items():
+                found.append(first_message(observer, name, f'/start{number}'))
+    return {f'start {name}': figures(found) for name, found in times.items()}
+
+
+def main() -> None:
+    use_own_domain()
+    for name, found in measure().items():
+        print(f'{name}: median {found["p50"]:.3f} s, max {found["max"]:.3f} s, n {found["n"]}')
+
+
+if __name__ == '__main__':
+    main()

@@ -1,0 +1,227 @@
+# Copyright 2026 The rugged_teleop maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+Wire to wire: from a stop in at the VSC's port to the first disable packet out at the drive's.
+
+Or from the stick that is let go to the first packet with a lesser command.
+
+``python -m assurance.benchmarks.reaction KIND TRIALS [WHAT] [--rt PRIORITY] [--load]``.
+KIND: floor (one
+thread, no topic), bare (three rclpy processes without logic), three (our nodes, a process each),
+stack (our nodes in one process). WHAT: estop, deadman, silence; stick with three and stack.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Sequence
+import contextlib
+from functools import partial
+from pathlib import Path
+import sys
+import tempfile
+from typing import NamedTuple
+
+from assurance.benchmarks.chain import Bare, chain_of, Nodes
+from assurance.benchmarks.rig import (
+    busy_cores,
+    Cost,
+    Figures,
+    figures,
+    UnavailableError,
+    use_own_domain,
+)
+
+KINDS = ('floor', 'bare', 'three', 'stack')
+STOPS = ('estop', 'deadman', 'silence')
+STICK = 'stick'
+RT_PRIORITY = 50  # SCHED_FIFO
+_MOST_LOST = 10  # of what does not even move
+
+
+class Result(NamedTuple):
+    """The reactions (s), how many trials gave none, and what each process costs at rest."""
+
+    times: list[float]
+    lost: int
+    shares: dict[str, float]  # per cent of a core
+    memory: dict[str, float]  # MB
+
+    def figures(self) -> Figures:
+        """Return quantiles and the lost trials."""
+        return {**figures(self.times), 'lost': self.lost}
+
+
+def trials(chain: Bare | Nodes, what: str, count: int) -> tuple[list[float], int]:
+    """
+    Return the reactions (s) and how many trials gave none.
+
+    :raises UnavailableError: so many were lost that it is no measurement.
+    """
+    times: list[float] = []
+    for done in range(1, count + 1):
+        try:
+            chain.move()
+        except AssertionError as error:
+            if done - len(times) > _MOST_LOST:
+                raise UnavailableError(f'{done - len(times)} trials lost: {error}') from error
+            continue
+        took = chain.rig.fire(what)
+        if took is not None:
+            times.append(took)
+    return times, count - len(times)
+
+
+def react(
+    kind: str,
+    count: int,
+    what: str = 'estop',
+    *,
+    rt_priority: int = 0,
+    load: bool = False,
+    rest: float = 0.0,
+) -> Result:
+    """
+    Measure one kind of chain. :param rest: s for which it is watched at rest; 0: it is not.
+
+    :raises UnavailableError: it cannot be measured.
+    """
+    with (
+        tempfile.TemporaryDirectory() as folder,
+        chain_of(kind, Path(folder), rt_priority) as chain,
+        busy_cores() if load else contextlib.nullcontext(),
+    ):
+        times, lost = trials(chain, what, count)
+        shares, memory = cost_at_rest(chain, rest) if rest else ({}, {})
+    return Result(times, lost, shares, memory)
+
+
+def cost_at_rest(chain: Bare | Nodes, seconds: float) -> tuple[dict[str, float], dict[str, float]]:
+    """Return per cent of a core and MB, by process, of a chain at rest."""
+    chain.rest(0.5)
+    cost = Cost(chain.pids)
+    chain.rest(seconds)
+    return cost.shares(), cost.memory()
+
+
+def hold(seconds: float, rt_priority: int) -> Figures:
+    """Return how often our three nodes stop by themselves in motion, with all cores busy."""
+    with (
+        tempfile.TemporaryDirectory() as folder,
+        chain_of('three', Path(folder), rt_priority) as chain,
+    ):
+        chain.move()
+        assert isinstance(chain, Nodes)
+        stops = 0
+        with busy_cores():
+            left = seconds
+            while left > 0.0:
+                chain.pause(min(left, 1.0))
+                left -= 1.0
+                if not chain.rig.moves():
+                    stops += 1
+                    print(f'stopped by itself after {seconds - left:.0f} s:')
+                    for node in chain.nodes.values():
+                        print(*node.output.splitlines()[-2:], sep='\n')
+                    with contextlib.suppress(AssertionError):  # not yet: it counts once more
+                        chain.move()
+    return {'stops': stops, 'n': round(seconds)}
+
+
+def measure(quick: bool = False) -> dict[str, Figures]:
+    """Return each kind's reactions (s), the bare chain between all others, and their cost."""
+    count, fewer, rest = (20, 8, 5.0) if quick else (200, 60, 15.0)
+    found = {'floor estop': react('floor', count).figures()}
+    bare = [react('bare', count, rest=rest)]
+    for kind in ('three', 'stack'):
+        result = react(kind, count, rest=rest)
+        bare.append(react('bare', count))
+        found[f'{kind} estop'] = result.figures()
+        found[f'{kind} rest'] = {'cpu': sum(result.shares.values()), **result.shares}
+    for what in STOPS[1:]:
+        found[f'three {what}'] = react('three', fewer, what).figures()
+        bare.append(react('bare', fewer))
+    found['three stick'] = react('three', fewer, STICK).figures()
+    found['bare rest'] = {'cpu': sum(bare[0].shares.values())}
+    found['bare estop'] = together(bare).figures()
+    return found
+
+
+def measure_load(quick: bool = False) -> dict[str, Figures]:
+    """
+    Return the same with all cores busy, without and with a real-time priority.
+
+    What the rights, or the nodes, do not allow is left out.
+    """
+    count, seconds = (15, 20.0) if quick else (100, 600.0)
+    found: dict[str, Figures] = {}
+    for rt_priority, words in ((0, 'load'), (RT_PRIORITY, 'load, rt')):
+        under_load = partial(react, rt_priority=rt_priority, load=True)
+        try:
+            bare = [under_load('bare', count)]
+            found[f'three estop, {words}'] = under_load('three', count).figures()
+            bare.append(under_load('bare', count))
+            found[f'bare estop, {words}'] = together(bare).figures()
+            if rt_priority:
+                found['three in motion, load, rt'] = hold(seconds, rt_priority)
+        except (UnavailableError, PermissionError) as error:
+            print(f'{words}: skipped, {error}', file=sys.stderr)
+    return found
+
+
+def together(results: Sequence[Result]) -> Result:
+    """Return the trials of several runs as of one."""
+    times = [time for result in results for time in result.times]
+    return Result(times, sum(result.lost for result in results), {}, {})
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(
+        prog='python -m assurance.benchmarks.reaction', description=__doc__
+    )
+    parser.add_argument('kind', choices=KINDS)
+    parser.add_argument('trials', type=int)
+    parser.add_argument('what', choices=(*STOPS, STICK), nargs='?', default='estop')
+    parser.add_argument('--rt', type=int, default=0, metavar='PRIORITY', help='SCHED_FIFO, 1-97')
+    parser.add_argument('--load', action='store_true', help='with all cores busy')
+    parser.add_argument('--rest', type=float, default=10.0, help='s for which it is at rest')
+    given = parser.parse_args()
+    if given.what == STICK and given.kind not in ('three', 'stack'):
+        parser.error(f'{given.kind} knows no {STICK}')
+    use_own_domain()
+    try:
+        result = react(
+            given.kind,
+            given.trials,
+            given.what,
+            rt_priority=given.rt,
+            load=given.load,
+            rest=given.rest,
+        )
+    except UnavailableError as error:
+        raise SystemExit(f'reaction: skipped, {error}') from error
+    for name, share in result.shares.items():
+        print(f'  {name}: {share:.1f} % of a core at rest')
+    for name, size in result.memory.items():
+        print(f'  {name}: {size:.1f} MB')
+    values = result.figures()
+    counts = {name: f'{int(values.pop(name))}' for name in ('n', 'lost')}
+    texts = {**counts, **{name: f'{1e3 * value:.2f}' for name, value in values.items()}}
+    words = ' '.join(f'{name} {text}' for name, text in texts.items())
+    print(f'{given.kind} {given.what}: {words} (ms)')
+
+
+if __name__ == '__main__':
+    main()

@@ -1,0 +1,412 @@
+# Copyright 2026 The rugged_teleop maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+Every state of a node's link to the processes of its wire, whatever becomes of them; see explorer.
+
+The link is the product's; for the processes see wire_children. Time is in steps.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Hashable, Iterator, Sequence
+import math
+from types import SimpleNamespace
+from typing import Any
+from unittest.mock import patch
+
+from assurance.explorer import Memory, Remembered, START, visits_of
+from bridge_core.session import StopChanged
+from bridge_core.transports import process, wire_process
+from bridge_core.transports.process import ProcessLink
+from bridge_core.transports.wire import Request
+from bridge_core.transports.wire_process import TURN
+from stage.toy_wire import BRIDGE
+from stage.wire_children import Child, ROOM, STEP, Values
+
+SILENCE = 2 * STEP
+LIMITS: dict[str, Any] = {
+    'SILENCE_LIMIT': SILENCE,
+    '_KILL_TIME': 3 * STEP,
+    '_TAKE_OVER_TIME': 4 * STEP,
+    '_START_TIME': 6 * STEP,
+    '_CLOSE_TIME': STEP,
+    '_SPARE_TIME': STEP,
+    '_LONG_LIFE': 3 * STEP,
+    '_FAULT_TIME': 2 * STEP,
+    '_REPORT_PERIOD': math.inf,
+    'BACKOFF_START': STEP,
+}
+STALLED = 4  # steps for which the node's thread gets no processor
+HALTED = 4 * STEP  # for which nobody gets one
+SOME, LONG = 4, 16  # steps, within all of which all gets well again
+COMMANDS = {'activate A': 'A', 'activate B': 'B', 'activate nonsense': None, 'deactivate': ''}
+OUTSTANDING = 2  # commands at a time
+
+
+class InForce:
+    """Whether there is a farewell to be said, in the place of what that takes."""
+
+    def __init__(self) -> None:
+        self.kept = False
+
+    def keep(self, requests: Sequence[Request]) -> None:
+        self.kept = bool(requests)
+
+    def clear(self) -> None:
+        self.kept = False
+
+
+class Link(ProcessLink):
+    """Its processes are those of the world, and its thread is the test."""
+
+    def __init__(self, world: World) -> None:
+        self.world = world
+        self.woken = False
+        super().__init__('link', BRIDGE, world, reconnect_period=2 * STEP)
+        self.stop()  # closes its descriptors
+        self._in_force: Any = InForce()
+
+    def _wake(self) -> None:
+        self.woken = True
+
+    def _new_process(self, now: float) -> process._Process:
+        child: Any = Child(self.world, self.world.child('wire'))
+        self.world.children.append(child)
+        return process._Process(child, child.ours, now)
+
+
+class World(Remembered):
+    """
+    A link, its processes, its owner, and a device that demands a stop or not.
+
+    A step is one of: nothing new (''), 'WHO WHAT' (of ``words``: so from now on; of ``fates``:
+    this happens to the wire or its spare), a command, 'ask' (as many stops as find no room),
+    'stall' (the node's thread gets no processor), 'halt' (nobody gets one), 'end' (the node
+    leaves), 'crash' (it dies), 'crash both' (with its wire).
+    """
+
+    def __init__(
+        self, pace_steps: int, fates: str, commands: Sequence[str] = (), **words: str
+    ) -> None:
+        self.now = START
+        self.pace_steps = pace_steps  # in which the owner wants to be called again
+        self.fates = fates.split()
+        self.commands = tuple(commands)
+        self.words = {name: each.split() for name, each in words.items()}
+        self.doing = {'device': 'clear', 'owner': 'well'}
+        self.wanted: str | None = ''  # by the commands so far
+        self.children: list[Child] = []
+        self.stopped = True  # so the owner was told
+        self.failed_at = -math.inf  # the owner failed
+        self.ended = self.moving = False  # the device may be, once a wire has an activation
+        self.wrong = ''  # an exception would be a fault of the owner
+        self.stalled = 0  # steps until the node's thread gets a processor
+        self.halted = False  # nobody gets one, in this step
+        self.slept = self.idle = False  # has it, in this step; has it nothing to do any more
+        self.live: set[Hashable] = set()
+        self.link = Link(self)
+        self.memory = Memory(self, OLD, APART)
+        self.play('activate A', *[''] * LONG)
+
+    # -- as the link's owner ----------------------------------------------------------------------
+
+    def on_events(self, events: Sequence[Any], now: float) -> None:
+        if self.doing['owner'] == 'fails':
+            self.failed_at = self.now
+            raise RuntimeError
+        for event in events:
+            if isinstance(event, StopChanged):
+                self.told(event.verdict.estop)
+
+    def link_changed(self, text: str, ok: bool) -> None:
+        self.told(self.stopped or not ok)
+
+    def told(self, stop: bool) -> None:
+        self.stopped = stop
+        self.say()
+
+    def say(self) -> None:
+        """Publish that it is a stop or none."""
+        if self.stopped:
+            for child in self.children:
+                child.stop_at = math.inf
+        else:
+            self.judge_clear()
+
+    def pace(self, now: float) -> float:
+        self.say()
+        return now + self.pace_steps * STEP
+
+    def on_report(self, report: Any, now: float) -> None: ...
+
+    def on_refused(self, number: int, key: str, text: str) -> None: ...
+
+    def on_lost(self) -> None: ...
+
+    def carried_over(self, values: Any) -> dict[str, Any]:
+        return {}
+
+    # -- steps ------------------------------------------------------------------------------------
+
+    def possible(self) -> Iterator[str]:
+        if self.ended:
+            return
+        yield from ('', 'stall', 'ask', 'end', 'crash', 'crash both')
+        if self.pace_steps == 1:  # else it is late for a beat as it ends, and none can have come
+            yield 'halt'
+        for fate in self.fates:
+            who, _, what = fate.partition('-')
+            child = self.child(who)
+            if child is not None and (what == 'dies' or child.frozen == (what == 'thaws')):
+                yield f'{who} {what}'
+        waiting = [each.name for each in self.link._commands.values()]
+        if len(waiting) < OUTSTANDING:  # a node that got no answer deactivates first
+            yield from (each for each in self.commands if waiting[-1:] != [each.split()[0]])
+        for name, words in self.words.items():
+            yield from (f'{name} {what}' for what in words if what != self.doing[name])
+
+    def child(self, who: str) -> Child | None:
+        end = self.link._wire if who == 'wire' else self.link._spare
+        child: Any = end and end.process
+        return child if child and child.alive else None
+
+    def step(self, event: str) -> None:
+        self.wrong = ''
+        calm = event in ('', 'stall', 'halt') and not self.stopped and self.in_order()
+        both: dict[str, Any] = {
+            'clock': SimpleNamespace(now=lambda: self.now),
+            'pickle': SimpleNamespace(dumps=lambda it: it, loads=lambda it: it),
+        }
+        ours: dict[str, Any] = {
+            'select': SimpleNamespace(select=self.select),
+            'traceback': SimpleNamespace(print_exc=lambda: None),
+        }
+        with (
+            patch.multiple(process, **LIMITS, **both, **ours),
+            patch.multiple(wire_process, **both, _BEAT_PERIOD=STEP),
+        ):
+            self.take_step(event)
+        self.children = [each for each in self.children if each.alive]
+        self.renumber()
+        assert not self.wrong, self.wrong
+        self.judge()
+        assert not (calm and self.stopped), f'a stop for nothing: {self.link._trouble}'
+
+    def in_order(self) -> bool:
+        """Tell whether nobody gives a reason for a stop."""
+        wire = self.child('wire')
+        if wire is None or wire.frozen or wire.ran_at < self.now or wire.node._lost:
+            return False
+        return not self.link._commands and self.doing == {'device': 'clear', 'owner': 'well'}
+
+    def take_step(self, event: str) -> None:
+        who, _, what = event.partition(' ')
+        if event in COMMANDS:
+            wanted = COMMANDS[event]
+            self.wanted = self.wanted if wanted is None else wanted
+            arguments: tuple[Any, ...] = () if wanted == '' else (Values(wanted), False)
+            self.put(who, arguments)
+        elif event == 'ask':
+            for _ in range(ROOM + 1):
+                self.put('anything', ())
+        elif event in ('end', 'crash', 'crash both'):
+            self.leave(event)
+            return
+        elif who in self.words:
+            self.doing[who] = what
+        elif (child := self.child(who)) is not None:
+            if what == 'dies':
+                child.die(1)
+            else:
+                child.frozen = what == 'freezes'
+        self.stalled, self.halted = STALLED * (event == 'stall'), event == 'halt'
+        self.slept = self.idle = False
+        for _ in range(20):
+            if self.idle:
+                return
+            self.link._guarded_step()
+        raise AssertionError('it turns and turns')
+
+    def put(self, name: str, arguments: tuple[Any, ...]) -> None:
+        number = 1 + max((0, *self.numbers()))
+        self.link._put(Request(number, name, name, arguments, 0.0, stop=True), True)
+
+    def select(
+        self, readers: Sequence[int], writers: list[int], others: list[int], timeout: float
+    ) -> tuple[list[int], list[int], list[int]]:
+        """Sleep as the link's thread would, until the end of this step at most."""
+        ready = self.link.woken or self.readable(readers)
+        self.link.woken = False
+        if not ready and self.slept:
+            self.idle = True
+        elif not ready and timeout >= STEP:
+            self.slept = True
+            until = self.now + timeout
+            if self.halted:
+                self.now += HALTED
+            while not (self.now >= until or self.readable(readers)) or self.stalled:
+                self.stalled -= self.stalled > 0
+                self.run_children(counts=self.now < until)
+        return [], [], []
+
+    def readable(self, readers: Sequence[int]) -> bool:
+        ends: list[Any] = [each.socket for each in (self.link._wire, self.link._spare) if each]
+        return any(end.readable() and end.fileno() in readers for end in ends)
+
+    def run_children(self, *, counts: bool = True) -> None:
+        """Let a step of time pass, which ``counts`` as silence."""
+        self.now += STEP
+        for child in self.children:
+            child.silent = min(child.silent + counts, 4) if child.turn else 0
+            child.run()
+
+    def leave(self, event: str) -> None:
+        """Have the node leave, or die, whatever state its processes are in."""
+        wire = self.child('wire')
+        if event == 'end':
+            self.link._leave()
+        elif event == 'crash both' and wire is not None:
+            wire.die(-9)
+        alive = [child for child in self.children if child.alive]
+        for child in self.children:
+            child.ours.close()
+            hangs = event == 'crash' and child is wire and len(alive) > 1
+            child.frozen &= hangs  # until its spare ends it
+        for _ in range(LONG):
+            self.run_children()
+        assert not any(child.alive for child in self.children), 'a process stays'
+        assert not (self.moving and alive), 'the device is left moving'
+        self.ended = True
+
+    def say_farewell(self) -> None:
+        self.moving = False
+
+    def numbers(self) -> Iterator[int]:
+        """Yield the numbers of all commands that somebody remembers."""
+        link = self.link
+        yield from link._commands
+        yield from (each.number for each in (link._activation, link._before) if each)
+        for child in self.children:
+            yield from (each[0] for each in child.theirs.queue if each != TURN)
+            yield from (each[1][0] for each in child.ours.queue if each[0] == 'done')
+
+    def renumber(self) -> None:
+        """Forget what decides nothing, and count commands anew: so states end."""
+        link = self.link
+        link._trouble = link._trouble and 'trouble'
+        link._restarts = min(link._restarts, 1)
+        for each in (link._wire, link._spare):
+            if each is not None and each.ready:
+                each.started_at = START
+        ranks = {number: n for n, number in enumerate(sorted({*self.numbers()}), 1)}
+        anew: dict[int, Request] = {}  # a command is one object, wherever it is remembered
+
+        def renumbered(request: Any) -> Any:
+            if request and request.number not in anew:
+                anew[request.number] = request._replace(number=ranks[request.number])
+            return request and anew[request.number]
+
+        link._commands = {ranks[n]: renumbered(each) for n, each in link._commands.items()}
+        link._activation = renumbered(link._activation)
+        link._before = renumbered(link._before)
+        for child in self.children:
+            child.theirs.queue = deque(
+                each if each == TURN else (ranks[each[0]], *each[1:])
+                for each in child.theirs.queue
+            )
+            child.ours.queue = deque(
+                (each[0], (ranks[each[1][0]], each[1][1]), each[2]) if each[0] == 'done' else each
+                for each in child.ours.queue
+            )
+
+    # -- what is judged ---------------------------------------------------------------------------
+
+    def judge_clear(self) -> None:
+        """Check a word of the owner's that nothing demands a stop."""
+        wire: Any = self.link._wire and self.link._wire.process
+        if self.now - self.failed_at < LIMITS['_FAULT_TIME']:
+            self.wrong = 'no stop, and what was not taken may have been one'
+        if wire is None or self.now - wire.clear_at > SILENCE:
+            self.wrong = 'no stop, and nobody has said so lately'
+        elif self.now - wire.stop_at > SILENCE:
+            self.wrong = 'a stop is lost'
+
+    def judge(self) -> None:
+        if self.ended:
+            return
+        turns = [each.turn or TURN in each.theirs.queue for each in self.children]
+        assert sum(turns) <= 1, 'two wires at once'
+        wire = self.child('wire')
+        closes = any(each.name == 'deactivate' for each in self.link._commands.values())
+        if not self.stopped:
+            assert wire is not None, 'the wire is gone, and that is no stop'
+            assert wire.silent < 2 + closes, 'the wire is silent, and that is no stop'
+        if wire is not None and wire.turn:
+            assert wire.silent <= 3, 'it hangs, and nobody ends it'
+        if wire is not None and wire.ran_at == self.now and not self.link._commands and wire.turn:
+            assert wire.active == self.wanted, 'a command is lost'
+
+    def arrived(self) -> None:
+        """Once all are well again, the owner is told so."""
+        if self.ended:
+            return
+        for child in self.children:
+            child.frozen = False
+        self.doing = {'device': 'clear', 'owner': 'well'}
+        self.play('', 'activate A', *[''] * SOME)
+        if (key := self.key()) not in self.live:
+            self.play(*[''] * LONG)
+            assert not self.stopped, f'no way out: {self.link._trouble}'
+            self.live.add(key)
+
+
+APART = (
+    *('memory', 'live', 'now', 'words', 'fates', 'commands', 'world', 'wrong', 'waited'),
+    *('stalled', 'halted', 'slept', 'idle', 'returncode', '_thread', '_lock', '_waiting'),
+    *('_numbers', '_last_end', '_owner'),
+)
+OLD = {
+    '': 0.0,
+    '_took_over_at': LIMITS['_LONG_LIFE'],
+    '_said_at': SILENCE + STEP,
+    'queue': SILENCE + STEP,
+    'started_at': LIMITS['_START_TIME'],
+    '_told_at': STEP,
+    'failed_at': LIMITS['_FAULT_TIME'],
+    'clear_at': SILENCE + STEP,
+    'stop_at': SILENCE + STEP,
+    'ran_at': STEP,
+}  # see Memory
+FATES = 'wire-dies wire-freezes wire-thaws spare-dies spare-freezes spare-thaws'
+SCENES: dict[str, dict[str, Any]] = {
+    'device': {
+        'pace_steps': 1,
+        'fates': FATES,
+        'device': 'clear stop blip gone',
+        'owner': 'well fails',
+    },
+    'commands': {
+        'pace_steps': 4,
+        'fates': FATES,
+        'device': 'clear stop',
+        'commands': tuple(COMMANDS),
+    },
+}
+COUNTS: dict[str, tuple[int, int]] = {
+    'device': (18138, 226985),
+    'commands': (7426, 80728),
+}  # states, and steps between them
+test_every_state_near_the_start, test_every_state = visits_of(World, SCENES, COUNTS, near=1000)

@@ -1,0 +1,462 @@
+# Copyright 2026 The rugged_teleop maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+Mutants of what decides: ``make mutants``, ``python -m assurance.mutants [OPTION]... [FILE]...``.
+
+Each mutant is one small fault in one file: a comparison, an operator or a constant is another one,
+a condition is left out or turned round, a statement or a returned value is missing. It lives in
+the memory of a process of its own, which runs the file's tests until one fails. One that passes
+them all has survived: there is a fault that nobody would notice.
+
+Results are kept, so that an interrupted run goes on where it was: of those that were killed until
+the package changes, of survivors until its tests do. Exit status: 0 if enough are killed, 1 if
+not, 2 if the tests fail without a mutant.
+"""
+
+from __future__ import annotations
+
+import argparse
+import ast
+from collections.abc import Iterable, Iterator, Sequence
+from functools import partial
+import hashlib
+import importlib
+import json
+import multiprocessing
+import os
+from pathlib import Path
+import random
+import sys
+from types import CodeType
+from typing import Any, NamedTuple
+
+from assurance.mutant_runs import Bench, patience_of, ROOT, run_tests, SURVIVED, UnfitTestsError
+from assurance.mutants_excused import EXCUSED
+
+RESULTS = ROOT / 'build' / 'mutants.jsonl'
+ENOUGH = 0.95  # of those that are not excused
+
+_MUX = tuple(
+    f'safety_mux_{name}'
+    for name in (
+        *('arbiter', 'edges', 'moments', 'owners', 'drive', 'feedback', 'speed_limits', 'chains'),
+    )
+)
+_ESI = tuple(
+    f'esi_drive_session{name}' for name in ('', '_errors', '_edges', '_refused', '_chance')
+)
+_VSC = tuple(f'fort_vsc_{name}' for name in ('session', 'echo', 'heard', 'sent', 'held'))
+_VM110 = tuple(f'vm110_{name}' for name in ('session', 'packets', 'outputs', 'session_commands'))
+_SESSIONS = ('session_quiet', 'session_order', 'session_settings', 'session_reports')
+_AKRON = (
+    *('akron_drive', 'akron_finder', 'akron_joysticks', 'akron_motion', 'akron_session_automatic'),
+    *('akron_session_moments', 'akron_session_drive', 'akron_session_unit'),
+    *('akron_session_joysticks', 'akron_session_finder', 'akron_session_polls'),
+    *('akron_session_report', 'akron_session_resting', 'akron_session_loop'),
+    *('akron_session_motion', 'akron_session_pause', 'akron_session_handover'),
+    'akron_session_refused',
+)
+_PROCESSES = tuple(f'process_link_{name}' for name in ('steps', 'starts', 'exploration'))
+_CONVERT = ('akron', 'esi_drive', 'fort_vsc', 'ssc', 'vm110')
+# By file, or for all of a folder. What takes long comes last: most mutants are dead by then.
+_NAMES_OF_TESTS = {
+    'bridge_core/framing.py': ('framing_counts', 'framing', 'fast_framing'),
+    'bridge_core/packets.py': ('packets', 'fort_vsc_protocol', 'ssc_protocol', 'fast_framing'),
+    'bridge_core/convert.py': ('shared_convert', *(f'{name}_convert' for name in _CONVERT)),
+    'bridge_core/checksums.py': ('checksums', 'crc32'),
+    'bridge_core/j1939.py': ('j1939', 'akron_protocol'),
+    'bridge_core/watchdog.py': ('watchdog', 'safety_mux_activation'),
+    'bridge_core/publishers.py': ('publishers',),
+    'bridge_core/session.py': ('session_base', 'shared_session', *_SESSIONS, *_VSC),
+    'bridge_core/lane.py': ('lane',),
+    'bridge_core/transports/link.py': ('link', 'link_faults', 'mailbox'),
+    'bridge_core/transports/wire.py': ('wire',),
+    'bridge_core/transports/process.py': _PROCESSES,
+    'bridge_core/transports/wire_process.py': _PROCESSES,
+    'safety_mux/arbiter.py': (*_MUX, 'safety_mux_activation', 'safety_mux_properties'),
+    'safety_mux/inputs.py': (*_MUX, 'safety_mux_activation'),
+    'safety_mux/intake.py': ('safety_mux_intake',),
+    'safety_mux/protocol.py': (
+        'safety_mux_config',
+        'safety_mux_intake',
+        'safety_mux_mapping',
+        *_MUX,
+    ),
+    'safety_mux/outputs.py': ('safety_mux_outputs', 'safety_mux_gate_exploration'),
+    'safety_mux/feedback.py': ('safety_mux_feedback', 'safety_mux_activation'),
+    'safety_mux/limits.py': ('safety_mux_limits', 'safety_mux_speed_limits'),
+    'safety_mux/mapping.py': ('safety_mux_mapping',),
+    'safety_mux/button.py': ('safety_mux_button',),
+    'safety_mux/stamps.py': ('safety_mux_stamps',),
+    'safety_mux/device_words.py': ('safety_mux_device_words',),
+    'esi_drive_bridge/session': (
+        *(*_ESI[:-1], 'esi_drive_ramp', 'session_settings', 'session_reports', _ESI[-1]),
+    ),
+    'esi_drive_bridge/protocol.py': ('esi_drive_protocol', _ESI[0]),
+    'esi_drive_bridge/axes.py': ('esi_drive_convert', 'esi_drive_ramp', *_ESI[:2]),
+    **{f'{name}_bridge/convert.py': (f'{name}_convert',) for name in _CONVERT if name != 'akron'},
+    'akron_can_bridge/convert.py': ('akron_convert',),
+    'fort_vsc_bridge/session': (
+        *('fort_vsc_device', *_VSC, 'fort_vsc_stops', 'fort_vsc_wires'),
+        *('fort_vsc_hid', 'fort_vsc_can'),
+        *(*_SESSIONS, 'fort_vsc_parameters'),
+    ),
+    'fort_vsc_bridge/protocol': (
+        *('fort_vsc_protocol', 'fort_vsc_can', 'fort_vsc_hid', 'fort_vsc_wires'),
+        *_VSC,
+    ),
+    'ssc_bridge/session': (
+        *('ssc_outputs', 'ssc_session', 'ssc_session_outputs', 'ssc_session_aux', *_SESSIONS),
+    ),
+    'ssc_bridge/channels.py': (
+        *('ssc_channels', 'ssc_convert', 'ssc_outputs', 'ssc_session_outputs'),
+        *('ssc_session_aux', 'session_settings'),
+    ),
+    'ssc_bridge/protocol': ('ssc_protocol', 'ssc_session'),
+    'akron_can_bridge/session': (*_AKRON, *_SESSIONS),
+    'akron_can_bridge/protocol': (
+        *('akron_protocol', 'akron_protocol_bits', 'akron_protocol_errors'),
+        *('akron_session_joysticks', 'akron_session_unit', 'akron_session_automatic'),
+    ),
+    'vm110_bridge/session': (
+        *('vm110_serials', 'vm110_stops', 'vm110_commands', *_VM110, *_SESSIONS, 'vm110_report'),
+    ),
+    'vm110_bridge/protocol': ('vm110_protocol', 'vm110_convert', *_VM110),
+}
+
+
+def _files(place: str) -> list[str]:
+    """Return the file, or those of the folder that say anything."""
+    found = sorted((ROOT / place).glob('*.py')) or [ROOT / place]
+    return [str(path.relative_to(ROOT)) for path in found if path.name != '__init__.py']
+
+
+_PATHS = {
+    path.name: str(path.relative_to(ROOT))
+    for folder in ('test', 'assurance/explorations')
+    for path in (ROOT / folder).rglob('test_*.py')
+}
+TESTS = {
+    file: tuple(_PATHS[f'test_{name}.py'] for name in names)
+    for place, names in _NAMES_OF_TESTS.items()
+    for file in _files(place)
+}
+
+_COMPARISONS: dict[type[ast.cmpop], tuple[type[ast.cmpop], ...]] = {
+    ast.Lt: (ast.LtE, ast.GtE),
+    ast.LtE: (ast.Lt, ast.Gt),
+    ast.Gt: (ast.GtE, ast.LtE),
+    ast.GtE: (ast.Gt, ast.Lt),
+    ast.Eq: (ast.NotEq,),
+    ast.NotEq: (ast.Eq,),
+    ast.Is: (ast.IsNot,),
+    ast.IsNot: (ast.Is,),
+    ast.In: (ast.NotIn,),
+    ast.NotIn: (ast.In,),
+}
+_OPERATORS: dict[type[ast.operator], type[ast.operator]] = {
+    ast.Add: ast.Sub,
+    ast.Sub: ast.Add,
+    ast.Mult: ast.Div,
+    ast.Div: ast.Mult,
+    ast.BitOr: ast.BitAnd,
+    ast.BitAnd: ast.BitOr,
+}
+_NAMES = {'any': 'all', 'all': 'any', 'min': 'max', 'max': 'min'}
+# Neither types nor texts decide anything, and the strictness of zip is a check of its own.
+_SKIPPED_FIELDS = ('annotation', 'returns', 'decorator_list')
+_SKIPPED_NODES = (ast.JoinedStr, ast.Import, ast.ImportFrom)
+_SKIPPED_KEYWORD = 'strict'
+
+
+class Mutant(NamedTuple):
+    """One fault; ``key`` names it, and the package that it is in."""
+
+    file: str
+    lines: range
+    function: str
+    before: str
+    after: str
+    code: CodeType
+    key: str
+
+    @property
+    def change(self) -> str:
+        return f'{self.function}: {self.before} -> {self.after}'
+
+
+# What may be wrong.
+
+
+def variants(node: ast.AST) -> Iterator[ast.AST]:
+    """Yield what may stand in the place of a node."""
+    if isinstance(node, ast.Compare):
+        for n, op in enumerate(node.ops):
+            for other in _COMPARISONS[type(op)]:
+                ops = [*node.ops[:n], other(), *node.ops[n + 1 :]]
+                yield ast.Compare(node.left, ops, node.comparators)
+    elif isinstance(node, ast.BoolOp):
+        yield ast.BoolOp(ast.And() if isinstance(node.op, ast.Or) else ast.Or(), node.values)
+        for n in range(len(node.values)):
+            rest = node.values[:n] + node.values[n + 1 :]
+            yield rest[0] if len(rest) == 1 else ast.BoolOp(node.op, rest)
+    elif isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.Not | ast.USub):
+        yield node.operand
+    elif isinstance(node, ast.BinOp) and type(node.op) in _OPERATORS:
+        yield ast.BinOp(node.left, _OPERATORS[type(node.op)](), node.right)
+    elif isinstance(node, ast.AugAssign) and type(node.op) in _OPERATORS:
+        yield ast.AugAssign(node.target, _OPERATORS[type(node.op)](), node.value)
+        yield ast.Pass()
+    elif isinstance(node, ast.Constant) and isinstance(node.value, bool):
+        yield ast.Constant(not node.value)
+    elif isinstance(node, ast.Constant) and isinstance(node.value, int | float):
+        yield ast.Constant(node.value + 1)
+    elif isinstance(node, ast.Name) and node.id in _NAMES:
+        yield ast.Name(_NAMES[node.id], node.ctx)
+    elif isinstance(node, ast.If | ast.While | ast.IfExp):
+        if not isinstance(node.test, ast.Compare | ast.BoolOp | ast.UnaryOp):  # done by those
+            yield _with_test(node, ast.UnaryOp(ast.Not(), node.test))
+    elif isinstance(node, ast.Return) and not _is_none(node.value):
+        yield ast.Return(ast.Constant(None))
+    elif isinstance(node, ast.Raise | ast.Continue | ast.Break) or _does_something(node):
+        yield ast.Pass()
+
+
+def _with_test(node: ast.If | ast.While | ast.IfExp, test: ast.expr) -> ast.AST:
+    if isinstance(node, ast.IfExp):
+        return ast.IfExp(test, node.body, node.orelse)
+    return type(node)(test, node.body, node.orelse)
+
+
+def _does_something(node: ast.AST) -> bool:
+    if isinstance(node, ast.Expr):
+        return not isinstance(node.value, ast.Constant)
+    return isinstance(node, ast.Assign) and '__slots__' not in _shown(node)
+
+
+def _is_none(value: ast.expr | None) -> bool:
+    return value is None or (isinstance(value, ast.Constant) and value.value is None)
+
+
+def mutants(file: str) -> Iterator[Mutant]:
+    """Yield all mutants of a file, in the order of its lines."""
+    source = (ROOT / file).read_text(encoding='utf-8')
+    digest = _digest((ROOT / file).parent.glob('*.py'))
+    tree = ast.parse(source)
+    for parent, field, index, function in _places(tree, ''):
+        siblings = getattr(parent, field)
+        node = siblings if index is None else siblings[index]
+        for variant in variants(node):
+            ast.fix_missing_locations(ast.copy_location(variant, node))
+            _put(parent, field, index, variant)
+            before, after = _shown(node), _shown(variant)
+            name = f'{digest} {node.lineno} {node.col_offset} {before} {after}'
+            yield Mutant(
+                *(file, _lines(node), function, before, after),
+                code=compile(tree, str(ROOT / file), 'exec', dont_inherit=True),
+                key=hashlib.sha1(name.encode()).hexdigest(),
+            )
+            _put(parent, field, index, node)
+
+
+def _places(node: ast.AST, function: str) -> Iterator[tuple[ast.AST, str, int | None, str]]:
+    """Yield where nodes stand: their parent, its field, their index in a list, the function."""
+    if isinstance(node, ast.FunctionDef | ast.ClassDef):
+        function = f'{function}.{node.name}'.lstrip('.')
+    for field, value in ast.iter_fields(node):
+        if field in _SKIPPED_FIELDS:
+            continue
+        for index, child in enumerate(value) if isinstance(value, list) else [(None, value)]:
+            skipped = getattr(child, 'arg', None) == _SKIPPED_KEYWORD
+            if isinstance(child, ast.AST) and not (skipped or isinstance(child, _SKIPPED_NODES)):
+                if hasattr(child, 'lineno'):
+                    yield node, field, index, function
+                yield from _places(child, function)
+
+
+def _lines(node: ast.stmt | ast.expr) -> range:
+    return range(node.lineno, (node.end_lineno or node.lineno) + 1)
+
+
+def _put(parent: ast.AST, field: str, index: int | None, node: ast.AST) -> None:
+    if index is None:
+        setattr(parent, field, node)
+    else:
+        getattr(parent, field)[index] = node
+
+
+def _shown(node: ast.AST) -> str:
+    """Return its source in one line; of a block, its head."""
+    return ast.unparse(node).splitlines()[0]
+
+
+def _digest(paths: Iterable[Path]) -> str:
+    return hashlib.sha1(b''.join(path.read_bytes() for path in sorted(paths))).hexdigest()
+
+
+def digest_of_tests(file: str) -> str:
+    """Return what changes with a file's tests and their benches."""
+    benches = ROOT.glob('stage/*.py')
+    return _digest([*(ROOT / test for test in TESTS[file]), *benches])
+
+
+# What becomes of it.
+
+
+class Results:
+    """Outcomes by the mutants' keys, a line each, in a file that processes may share."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self._known: dict[str, dict[str, Any]] = {}
+
+    def read(self) -> Results:
+        """Learn what has been noted, by whomever; return itself."""
+        if self._path.exists():
+            lines = self._path.read_text(encoding='utf-8').splitlines()
+            self._known = dict(map(json.loads, lines))
+        return self
+
+    def outcome(self, mutant: Mutant) -> str | None:
+        """Return what became of it; None if that is not known."""
+        known = self._known.get(mutant.key)
+        if known is None:
+            return None
+        outcome, tests = str(known['outcome']), known['tests']
+        return outcome if outcome != SURVIVED or tests == digest_of_tests(mutant.file) else None
+
+    def note(self, mutant: Mutant, outcome: str, seconds: float) -> None:
+        """Keep it."""
+        known = {
+            'file': mutant.file,
+            'line': mutant.lines.start,
+            'change': mutant.change,
+            'outcome': outcome,
+            'seconds': round(seconds, 2),
+            'tests': digest_of_tests(mutant.file),
+        }
+        self._path.parent.mkdir(exist_ok=True)
+        with self._path.open('a', encoding='utf-8') as file:
+            file.write(json.dumps([mutant.key, known]) + '\n')
+
+
+class Verdict(NamedTuple):
+    """Of a file's mutants: what to show of them, how many were killed, and of how many."""
+
+    words: list[str]
+    killed: int
+    of: int
+
+
+def judge(files: Sequence[str], path: Path, sample: int | None) -> list[Verdict]:
+    """
+    Run the mutants of files that have the same tests. :param path: of the results.
+
+    :raises UnfitTestsError: the tests do not pass without them.
+    """
+    found: dict[str, list[Mutant]] = {}
+    for file in files:
+        found[file] = list(mutants(file))
+        if sample is not None:
+            some = random.Random(0).sample(found[file], min(sample, len(found[file])))
+            found[file] = sorted(some, key=_line)
+    results = Results(path)
+    tests = TESTS[files[0]]
+
+    def unknown() -> list[Mutant]:
+        results.read()
+        return [m for file in files for m in found[file] if results.outcome(m) is None]
+
+    def judge_most(bench: Bench) -> None:
+        for mutant in unknown():
+            outcome, seconds = bench.outcome(mutant.file, mutant.code, mutant.lines)
+            if outcome:
+                results.note(mutant, outcome, seconds)
+
+    if unknown():
+        Bench.run(files, tests, judge_most)
+    if left := unknown():
+        limit = patience_of(files[0], tests)
+        for mutant in left:
+            results.note(mutant, *run_tests(mutant.file, tests, mutant.code, limit))
+        results.read()
+    return [_verdict(file, found[file], results, sample is None) for file in files]
+
+
+def _verdict(file: str, found: Sequence[Mutant], results: Results, whole: bool) -> Verdict:
+    survivors = [mutant for mutant in found if results.outcome(mutant) == SURVIVED]
+    excuses = EXCUSED.get(file, {})
+    excused = [mutant for mutant in survivors if mutant.change in excuses]
+    words = [f'{file}:{m.lines.start}: {m.change}' for m in survivors if m not in excused]
+    if whole:
+        gone = excuses.keys() - {mutant.change for mutant in excused}
+        words += [f'{file}: has no such survivor any more: {change}' for change in gone]
+    count, killed = len(found) - len(excused), len(found) - len(survivors)
+    words.append(f'{file}: {killed} of {count} killed, and {len(excused)} may survive')
+    return Verdict(words, killed, count)
+
+
+def _line(mutant: Mutant) -> int:
+    return mutant.lines.start
+
+
+def _groups(files: Iterable[str]) -> list[list[str]]:
+    """Return the files that have the same tests together."""
+    groups: dict[tuple[str, ...], list[str]] = {}
+    for file in files:
+        groups.setdefault(TESTS[file], []).append(file)
+    return list(groups.values())
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run all; return the exit status."""
+    parser = argparse.ArgumentParser(prog='assurance.mutants', description=(__doc__ or '').strip())
+    parser.add_argument('files', nargs='*', metavar='FILE', choices=[*TESTS, []])
+    parser.add_argument('--sample', type=int, metavar='N', help='only N of each file')
+    parser.add_argument('--results', type=Path, default=RESULTS, help='where they are kept')
+    parser.add_argument(
+        '--workers',
+        type=int,
+        default=os.cpu_count(),
+        help='groups of files with the same tests at a time',
+    )
+    options = parser.parse_args(arguments)
+    os.chdir(ROOT)
+    # So that not each process has to import what these do.
+    importlib.import_module('hypothesis.stateful')
+    importlib.import_module('conftest')
+    work = partial(judge, path=options.results, sample=options.sample)
+    verdicts: list[Verdict] = []
+    unfit = False
+    with multiprocessing.get_context('fork').Pool(options.workers) as pool:
+        groups = _groups(options.files or TESTS)
+        coming = pool.imap_unordered(work, groups)
+        for _ in groups:
+            try:
+                for verdict in next(coming):
+                    verdicts.append(verdict)
+                    print(*verdict.words, sep='\n', flush=True)
+            except UnfitTestsError as error:
+                unfit = True
+                print(error, file=sys.stderr)
+    killed, count = (sum(v.killed for v in verdicts), sum(v.of for v in verdicts))
+    print(f'{killed} of {count} killed: {killed / max(count, 1):.1%}, {ENOUGH:.0%} is enough')
+    if unfit:
+        return 2
+    return 0 if killed >= ENOUGH * count else 1
+
+
+if __name__ == '__main__':
+    sys.exit(main())

@@ -1,0 +1,109 @@
+# Copyright 2026 The rugged_teleop maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The Akron session on one bus with a simulated unit: no clock, no port."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+import math
+from typing import Any
+
+from akron_can_bridge.session import Session, Settings
+from akron_can_bridge.simulator import Simulator
+from bridge_core.j1939 import CanFrame
+from stage.akron_bus import Bus
+from stage.akron_session_rig import MOVE, REST
+
+
+class Ours:
+    """
+    The session as a device on the bus; command and e-stop input come every 20 ms.
+
+    :param frozen: it neither hears nor says anything.
+    """
+
+    def __init__(self, **options: Any) -> None:
+        self.session = Session(Settings(**options))
+        self.events: list[Any] = []
+        self.command, self.stop = REST, False
+        self.frozen = False
+        self._opened = False
+        self._due = -math.inf
+
+    def receive(self, frame: CanFrame, now: float) -> None:
+        if not self.frozen:
+            self.events += self.session.receive(frame, now)[0]
+
+    def poll(self, now: float) -> list[CanFrame]:
+        if self.frozen:
+            return []
+        if not self._opened:
+            self._opened = True
+            sent = self._keep(self.session.opened(now))
+            self.session.take_over(None, False, now)
+            return sent
+        if now >= self._due:
+            self._due = now + 0.02
+            self.session.set_estop(self.stop, now)
+            self.session.set_command(*self.command, now)
+        return self._keep(self.session.poll(now))
+
+    def deadline(self) -> float:
+        return math.inf if self.frozen else min(self.session.deadline(), self._due)
+
+    def _keep(self, output: tuple[list[Any], list[CanFrame]]) -> list[CanFrame]:
+        events, frames = output
+        self.events += events
+        return frames
+
+
+class Bench(Bus):
+    """One unit, our session, and whoever else."""
+
+    def __init__(self, *others: Any, unit: dict[str, Any] | None = None, **options: Any) -> None:
+        self.unit, self.ours = Simulator(**(unit or {})), Ours(**options)
+        super().__init__(self.unit, self.ours, *others)
+        self.run(1.5)
+
+    @property
+    def session(self) -> Session:
+        return self.ours.session
+
+    @property
+    def reasons(self) -> list[str]:
+        return self.session.stop_reasons(self.now)
+
+    def moved(self, seconds: float) -> float:
+        """Return by how many degrees the unit turns meanwhile."""
+        before = self.unit.motion.degrees(0)
+        self.run(seconds)
+        return self.unit.motion.degrees(0) - before
+
+    def move(self) -> Bench:
+        """Have it turn to the right."""
+        self.ours.command = REST
+        self.run(0.1)
+        self.ours.command = MOVE
+        self.run(0.5)
+        assert self.unit.motion.moving
+        return self
+
+    def wait(self, condition: Callable[[], Any], limit: float = 5.0) -> float:
+        """Run until it is true; return how long that took."""
+        start = self.now
+        while not condition():
+            assert self.now - start < limit
+            self.run(0.005)
+        return self.now - start

@@ -1,0 +1,117 @@
+# Copyright 2026 The rugged_teleop maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""A mux in the test's own process, fed without topics, by its own thread or step by step."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+import pytest
+from rclpy.parameter import Parameter
+from std_msgs.msg import Bool
+
+from bridge_core import clock
+from safety_mux.node import SafetyMux
+from safety_mux.protocol import State
+from stage.mux_talkers import patient, sticks
+from stage.rig import wait_for
+from stage.talkers import namespace, values_of
+
+TICK, EVERY = 0.01, 0.05  # s
+LIMIT = 1.0  # s, of all that may be late
+
+
+class FedMux:
+    """A mux in this process that hears all it needs; its lane never hears nothing."""
+
+    def __init__(self, context: Any, **parameters: Any) -> None:
+        values = {**dict.fromkeys(patient(parameters), LIMIT), **parameters}
+        given = [Parameter(name, value=value) for name, value in values.items()]
+        self.joy: Any = sticks()  # None: silence
+        self.stop = False
+        self.mux = SafetyMux(context=context, namespace=namespace(), parameter_overrides=given)
+        self.mux.autostart()
+        self.mux.lane.every(EVERY, self._feed)
+
+    def _feed(self, now: float) -> None:
+        messages = {
+            'estop.fort.topic': Bool(data=self.stop),
+            'estop.drive.topic': Bool(data=False),
+            'operator.fort.topic': self.joy,
+        }
+        for each in self.mux._intake.topics():
+            message = messages.get(each.parameter)
+            if message is not None and each.take(message, now):
+                self.mux._decide(now)
+
+    def state(self) -> State:
+        return self.mux.lane.call(lambda: self.mux._last_state)  # type: ignore[no-any-return]
+
+    def status(self) -> Any:
+        return self.mux.lane.call(lambda: self.mux._arbiter.status(clock.now()))
+
+    def may_reset(self) -> bool:
+        status = self.status()
+        return bool(status.stops_clear and status.operators_at_rest)
+
+    def wait(self, state: State) -> None:
+        wait_for(lambda: self.state() is state, what=state.value)
+
+    def drive(self) -> None:
+        """From STOPPED to ACTIVE, as an operator has to."""
+        self.joy = sticks()
+        wait_for(self.may_reset, what='all clear')
+        assert self.mux.lane.call(self.mux._reset).ok
+        wait_for(lambda: 'rested' in self.status().conditions.values(), what='a rest')
+        assert self.state() is State.READY
+        self.joy = sticks(0.5, deadman=True)
+        self.wait(State.ACTIVE)
+
+
+class SteppedMux(FedMux):
+    """A mux whose thread has ended, and whose time is the test's."""
+
+    def __init__(self, context: Any, monkeypatch: pytest.MonkeyPatch, **parameters: Any) -> None:
+        super().__init__(context, **parameters)
+        self.mux.lane.stop()
+        self.now = clock.now()
+        monkeypatch.setattr(clock, 'now', lambda: self.now)
+        self.run(2.0)
+
+    def run(self, seconds: float) -> State:
+        """Let time pass; return the state in which it ends."""
+        for step in range(round(seconds / TICK)):
+            self.now += TICK
+            if step % round(EVERY / TICK) == 0:
+                self._feed(self.now)
+            self.mux._tick(self.now)
+        assert self.mux._last_state is not None
+        return self.mux._last_state
+
+    def says(self, node: str, level: bytes, message: str) -> None:
+        """Have a node beside the mux say this of its device."""
+        name = f'{self.mux.get_namespace().lstrip("/")}/{node}: device'
+        status = DiagnosticStatus(level=level, name=name, message=message)
+        self.mux._on_diagnostics(DiagnosticArray(status=[status]))
+        self.mux._explain()  # as the lane does
+
+    def values(self) -> dict[str, str]:
+        """Return the values of ~/status."""
+        return values_of(self.mux._status_message(self.now))
+
+    def message(self) -> str:
+        """Return what ~/status says in one line."""
+        return str(self.mux._status_message(self.now).message)

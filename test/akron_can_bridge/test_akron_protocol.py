@@ -1,0 +1,390 @@
+# Copyright 2026 The rugged_teleop maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Akron Brass messages: golden bytes, the manual's examples, every bit, and spoilt frames."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+from akron_can_bridge import protocol
+from akron_can_bridge.protocol import (
+    AddressAnnouncement,
+    AsciiPipe,
+    AsciiPipeAcknowledgement,
+    Axis,
+    BasicJoystick,
+    ConfigPoll,
+    ConfigVersion,
+    DiagnosticData,
+    DigitalInputs,
+    DigitalOutputs,
+    ElevationSoftLimits,
+    EnterSetup,
+    ExtendedJoystick,
+    Fault,
+    FaultPoll,
+    FaultStatus,
+    FieldRequest,
+    FirmwarePoll,
+    FirmwareVersion,
+    Input,
+    MiniOutput,
+    MiniOutputs,
+    Name,
+    Output,
+    PcodePoll,
+    PcodeVersion,
+    Permission,
+    Position,
+    PositionLimit,
+    ResetController,
+    RotationSoftLimits,
+    SoePermissive,
+    Status,
+    Version,
+    Vista,
+    VistaData,
+    VistaPoll,
+    VistaPosition,
+    ZeroPositions,
+)
+from stage.akron_frames import check, frame_of, VECTORS
+
+OFF, ON, ERROR, ABSENT = Status
+
+
+def on(*numbers: int, of: int, first: int = 1) -> tuple[Status, ...]:
+    """Return statuses that are on for these numbers."""
+    return tuple(Status(first + place in numbers) for place in range(of))
+
+
+# -- the vectors ----------------------------------------------------------------------------------
+
+
+def axis_of(permille: int | None) -> Axis:
+    return protocol.UNAVAILABLE if permille is None else Axis.of(permille)
+
+
+def position_of(degrees: float) -> Position:
+    return Position(round(abs(degrees) * 10), Status(degrees > 0), Status(degrees < 0))
+
+
+def flags_of(kind: Any, words: list[str]) -> Any:
+    names = {word: flag for flag, word in protocol.FLAG_NAMES[kind].items()}
+    return kind(sum(names[word] for word in words))
+
+
+def version_of(text: str) -> Version:
+    return Version(*map(int, text.split('.')))
+
+
+BUILDERS: dict[str, Any] = {
+    'basic joystick': lambda v: BasicJoystick(
+        axis_of(v['x_permille']), axis_of(v['y_permille']), on(*v['switches_on'], of=12)
+    ),
+    'extended joystick': lambda v: ExtendedJoystick(
+        axis_of(v['grip_x_permille']),
+        axis_of(v['grip_y_permille']),
+        axis_of(v['theta']),
+        on(*v['switches_on'], of=4, first=13),
+    ),
+    'address announcement': lambda v: AddressAnnouncement(v['pin'], top_bit=True),
+    'diagnostic data': lambda v: DiagnosticData(1, bytes(3)),
+    'position': lambda v: PositionLimit(
+        position_of(v['rotation_deg']),
+        position_of(v['elevation_deg']),
+        tuple(Status(name in v['hard_stops_on']) for name in protocol.HARD_STOP_NAMES),
+        OFF,
+        Status(v['calibrated']),
+    ),
+    'rotation soft limits': lambda v: RotationSoftLimits(
+        v['left_deg'], v['right_deg'], v['oscillating']
+    ),
+    'elevation soft limits': lambda v: ElevationSoftLimits(v['down_deg'], v['up_deg']),
+    'digital outputs': lambda v: DigitalOutputs(flags_of(Output, v['on'])),
+    'mini universal outputs': lambda v: MiniOutputs(flags_of(MiniOutput, v['on'])),
+    'digital inputs': lambda v: DigitalInputs(flags_of(Input, v['on'])),
+    'SOE permissive': lambda v: SoePermissive(flags_of(Permission, v['permitted'])),
+    'name request': lambda v: FieldRequest(60928),
+    'name': lambda v: Name(
+        v['identity'],
+        v['manufacturer'],
+        function=v['function'],
+        industry_group=v['industry_group'],
+        arbitrary_address_capable=v['arbitrary_address_capable'],
+    ),
+    'fault poll': lambda v: FaultPoll(),
+    'fault response': lambda v: FaultStatus(Fault(sum(v['faults'])), v['pcode']),
+    'firmware versions': lambda v: FirmwareVersion(
+        *(version_of(v[name]) for name in ('fixed_boot', 'bootloader', 'system'))
+    ),
+    'pCode version': lambda v: PcodeVersion(v['style'], v['subtype'], version_of(v['version'])),
+    'config version': lambda v: ConfigVersion(v['config_type'], version_of(v['version'])),
+    'zero positions request': lambda v: ZeroPositions(),
+    'zero positions acknowledgement': lambda v: ZeroPositions(),
+    'reset controller': lambda v: ResetController(),
+    'enter setup': lambda v: EnterSetup(),
+    'ASCII pipe': lambda v: AsciiPipe(v['text'].encode('ascii')),
+}
+
+
+@pytest.mark.parametrize('vector', VECTORS, ids=lambda vector: str(vector['is']))
+def test_golden_frames_both_ways(vector: dict[str, Any]) -> None:
+    check(vector['id'], vector['data'], BUILDERS[vector['is']](vector))
+
+
+# -- the manual's example of every message --------------------------------------------------------
+
+
+def test_pgn_64982_basic_joystick() -> None:
+    message = BasicJoystick(Axis(500, positive=ON), Axis(400, negative=ON), on(2, of=12))
+    check('0CFDD633', '107D046400100000', message)
+    assert (message.x.value, message.y.value) == (500, -400)
+
+
+def test_pgn_64983_extended_joystick() -> None:
+    grip = (Axis(500, positive=ON), Axis(400, negative=ON), protocol.UNAVAILABLE)
+    message = ExtendedJoystick(*grip, on(15, of=4, first=13))
+    check('0CFDD733', '107D0464FFFF0004', message)
+    assert (message.theta.value, message.theta.fault) == (None, ABSENT)
+
+
+def test_type_ff_address_announcement() -> None:
+    message = AddressAnnouncement('1032AE100801035', top_bit=True)
+    check('18EFFF80', 'FF83150226021A0B', message)
+    assert protocol.DEVICE_TYPES[message.device_type] == '6032 Universal II'
+    assert protocol.decode(frame_of('18EFFF80', 'FF83150226021A0B')).id.source == 0x80
+
+
+def test_type_fd_diagnostic_data() -> None:
+    check('18EFFF80', 'FD01000000', DiagnosticData(1, bytes(3)))
+
+
+def test_type_01_position_limit_status() -> None:
+    stops = on(9, of=10)
+    message = PositionLimit(Position(473, ON, OFF), Position(55, OFF, ON), stops, OFF, ON)
+    check('18EFFF80', '011D940371000041', message)
+    assert (message.rotation.degrees, message.elevation.degrees) == (47.3, -5.5)
+    assert protocol.HARD_STOP_NAMES[stops.index(ON)] == 'axis 5 +'
+
+
+def test_type_81_rotation_soft_limits() -> None:
+    check('18EFFF80', '81FED401C280', RotationSoftLimits(-30.0, 45.0, oscillating=True))
+    check('18EFFF80', '81FED401C200', RotationSoftLimits(-30.0, 45.0))
+
+
+def test_neutral_and_without_targets_is_what_a_joystick_says_by_default() -> None:
+    neutral = protocol.NEUTRAL
+    check('0CFDD638', '0100010000000000', BasicJoystick(neutral, neutral))
+    check('0CFDD738', 'FFFFFFFFFFFF0000', ExtendedJoystick())
+
+
+def test_type_82_elevation_soft_limits() -> None:
+    check('18EFFF80', '82FF38038400', ElevationSoftLimits(-20.0, 90.0))
+
+
+def test_type_83_digital_outputs() -> None:
+    lamps = Output.HANDHELD_LED | Output.PANEL_LED
+    message = DigitalOutputs(Output.ENABLE | Output.ACTIVE | Output.DISCHARGE | lamps)
+    check('18EFFF80', '83C051', message)
+
+
+def test_type_84_mini_universal_outputs() -> None:
+    message = MiniOutputs(MiniOutput.DEVICE_ACTIVE | MiniOutput.RISER_EXTENDED)
+    check('18EFFF81', '848002', message)
+
+
+def test_type_85_digital_inputs() -> None:
+    # The manual prints the header 18EFFFF0, its text says D0.
+    check('18EFFFD0', '8501', DigitalInputs(Input.ALLOWED_IN_COLLISION_ZONE))
+
+
+def test_type_a1_soe_permissive() -> None:
+    check('18EF8005', 'A10009', SoePermissive(Permission.RIGHT | Permission.DOWN))
+
+
+def test_pgn_59904_field_request() -> None:
+    check('18EAFFFF', '00EE00', FieldRequest())
+
+
+def test_pgn_60928_name() -> None:
+    message = Name(137739, 326, function=66, industry_group=1, arbitrary_address_capable=True)
+    check('18EEFF80', '0B1AC22800420090', message)
+    assert message.value == 0x9000420028C21A0B
+    assert message.manufacturer == protocol.AKRON_BRASS
+    assert message.identity == AddressAnnouncement('1032AE100801035').identity
+
+
+def test_type_02_fault_status_poll() -> None:
+    check('18EF8005', '02', FaultPoll())
+
+
+def test_type_02_fault_status_response() -> None:
+    check('18EF0580', '0200000000000B', FaultStatus(Fault(0), 11))
+    assert protocol.pcode_name(11) == 'rotation sensor error'
+    assert protocol.pcode_name(12) == 'error flash code 12'
+    assert protocol.pcode_name(0) == 'none'
+
+
+def test_type_03_firmware_version_poll() -> None:
+    check('18EF8005', '03', FirmwarePoll())
+
+
+def test_type_03_firmware_version_response() -> None:
+    message = FirmwareVersion(Version(1, 11), Version(2, 4), Version(2, 6))
+    check('18EF0580', '03010B02040206', message)
+    assert str(message.fixed_boot) == '1.11'
+
+
+def test_type_04_pcode_version_poll() -> None:
+    check('18EF8005', '04', PcodePoll())
+
+
+def test_type_04_pcode_version_response() -> None:
+    check('18EF0580', '040D1C000E0204', PcodeVersion(3356, 14, Version(2, 4)))
+
+
+def test_type_05_config_version_poll() -> None:
+    check('18EF8005', '05', ConfigPoll())
+
+
+def test_type_05_config_version_response() -> None:
+    check('18EF0580', '050398690E0204', ConfigVersion(60320014, Version(2, 4)))
+
+
+def test_type_21_data_poll_for_vista() -> None:
+    check('18EF8005', '21', VistaPoll())
+
+
+def test_type_21_data_response_for_vista() -> None:
+    # No example is printed. By hand, from the table, top bit first: voltage 1000000001; K1 reset,
+    # set 10; outputs 3-1 010; inputs 5L to 1 100000001; X 0111110100 (500); reserved 0000;
+    # switches 10, 3 01; Y 0110010000 (400); switches 2, 1 01; forward, back, left, right 0101.
+    bits = '10000000011001010000000101111101000000010110010000010101'
+    expected = VistaData(
+        0b1000000001,
+        500,
+        400,
+        Vista.K1_RELAY_RESET
+        | Vista.DIGITAL_OUTPUT_2
+        | Vista.DIGITAL_INPUT_5L
+        | Vista.DIGITAL_INPUT_1
+        | Vista.JOYSTICK_SWITCH_3
+        | Vista.JOYSTICK_SWITCH_1
+        | Vista.JOYSTICK_Y_BACK
+        | Vista.JOYSTICK_X_RIGHT,
+    )
+    check('18EF0580', '21' + int(bits, 2).to_bytes(7, 'big').hex(), expected)
+
+
+def test_type_22_data_response_for_vista() -> None:
+    # No example is printed; the table has two numbers, high byte first.
+    check('18EF0580', '22123489AB', VistaPosition(0x1234, 0x89AB))
+
+
+def test_type_41_zero_axis_positions_request() -> None:
+    check('18EF8005', '41', ZeroPositions())
+
+
+def test_type_41_zero_axis_positions_acknowledgement() -> None:
+    check('18EF0580', '41', ZeroPositions())
+
+
+def test_type_45_reset_controller() -> None:
+    check('18EF8005', '45', ResetController())
+
+
+def test_type_46_enter_setup_request() -> None:
+    check('18EF8005', '46', EnterSetup())
+
+
+def test_type_46_enter_setup_acknowledgement() -> None:
+    check('18EF0580', '46', EnterSetup())
+
+
+def test_type_fe_ascii_pipe_send() -> None:
+    check('18EF80F2', 'FE413F0D0A', AsciiPipe(b'A?\r\n'))
+    check('18EF80F2', 'FE41', AsciiPipe(b'A'))
+    assert AsciiPipe(b'A\xff').text == 'A\\xff'
+
+
+def test_type_fe_ascii_pipe_acknowledgement() -> None:
+    check('18EFF280', 'FE', AsciiPipeAcknowledgement())
+
+
+# -- who it is ------------------------------------------------------------------------------------
+
+
+def test_pin_is_found_with_and_without_the_highest_bit() -> None:
+    announced = AddressAnnouncement('1032AE100801035', top_bit=True)
+    assert announced.matches('1032AE100801035')
+    assert announced.matches('1032AE637671947')  # 26021A0B hex, all 30 bits
+    assert not announced.matches('1032AE100801036')
+    plain = AddressAnnouncement('1032AE100801035')
+    assert plain.matches('1032AE100801035')
+    assert not plain.matches('1032AE637671947')
+    assert not plain.matches('1032AE100801036')
+
+
+@pytest.mark.parametrize('pin', ['4095AE000000000', '0000AE536870911'])
+def test_least_and_greatest_pin(pin: str) -> None:
+    announced = AddressAnnouncement(pin)
+    assert AddressAnnouncement.from_bytes(announced.to_bytes()) == announced
+
+
+def test_pin_beyond_its_bits_is_refused() -> None:
+    with pytest.raises(ValueError, match='digits 7-15'):
+        AddressAnnouncement(f'0000AE{1 << 29:09}')
+
+
+def test_names_contend_by_all_their_bits() -> None:
+    low, high = Name(1, 326, industry_group=1), Name(0, 326, industry_group=1, reserved=1)
+    assert low.value < high.value
+    assert Name.from_bytes(high.to_bytes()).value == high.value
+    assert high.to_bytes() == bytes.fromhex('0000C02800000110')
+    assert Name(1, 326).to_bytes() == bytes.fromhex('0100C02800000000')
+
+
+@pytest.mark.parametrize('number', range(1, 13))
+def test_switches_that_start_motion_by_themselves(number: int) -> None:
+    # Appendix B: oscillate, its pause / resume, deploy, stow.
+    joystick = BasicJoystick(axis_of(0), axis_of(0), on(number, of=12))
+    assert joystick.automatic == (number in (4, 7, 8, 9))
+    assert joystick.oscillates == (number == 4)
+
+
+@pytest.mark.parametrize(
+    ('x', 'y', 'switches'), [(1, 0, ()), (0, -1, ()), *[(0, 0, (n,)) for n in (7, 8, 9)]]
+)
+def test_oscillation_with_other_motion_is_more_than_that(
+    x: int, y: int, switches: tuple[int, ...]
+) -> None:
+    pressed = tuple(Status(n in (3, 4, *switches)) for n in range(1, 13))
+    assert not BasicJoystick(axis_of(x), axis_of(y), pressed).oscillates
+    water = tuple(Status(n in (3, 4)) for n in range(1, 13))
+    assert BasicJoystick(axis_of(0), axis_of(0), water).oscillates
+
+
+def test_target_of_either_angle_starts_motion_by_itself() -> None:
+    assert not ExtendedJoystick().automatic
+    assert ExtendedJoystick(grip_x=axis_of(0)).automatic
+    assert ExtendedJoystick(grip_y=axis_of(0)).automatic
+    assert ExtendedJoystick(grip_y=Axis(0, Status.ERROR)).automatic  # it may be one
+
+
+def test_request_names_the_group_low_byte_first() -> None:
+    assert protocol.FieldRequest(0xFEDA).to_bytes() == bytes.fromhex('DAFE00')

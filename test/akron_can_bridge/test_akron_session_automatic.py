@@ -1,0 +1,199 @@
+# Copyright 2026 The rugged_teleop maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Motion of the unit that nobody asks for, by the moment: its stop, pause and permission."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+from akron_can_bridge.session import Cause, Request
+from stage.akron_session_rig import (
+    ANNOUNCED,
+    Bench,
+    COAST,
+    DEPLOY,
+    ef,
+    joystick,
+    MOVE,
+    MOVING,
+    OSCILLATES,
+    permission,
+    REST,
+    SLOT,
+    Turning,
+    WATER,
+)
+
+STANDS = ef('81FED401C200')
+AIMS = ef('83D051')  # Point Aim mode is active
+ALLOWED = 0x33
+
+
+# -- a stop of the unit ---------------------------------------------------------------------------
+
+
+def test_coasting_is_no_stop_until_its_time_is_over() -> None:
+    bench = Turning().ready()
+    bench.turns = True
+    bench.run(3.0, MOVE)
+    assert not bench.session.estop
+    bench.run(SLOT, REST)
+    ends = bench.now + COAST
+    bench.run(COAST - SLOT, REST)
+    assert not bench.session.estop
+    assert [event for event in bench.events if 'nobody' in str(event)] == []
+    bench.wait(ends - 1e-6 - bench.now)
+    assert not bench.session.estop
+    bench.wait(2e-6)
+    assert bench.session.estop
+
+
+def test_unit_that_begins_to_move_alone_has_as_long() -> None:
+    bench = Turning().ready()
+    bench.turns = True
+    while not bench.session.motion.moving(bench.now):
+        bench.run(SLOT, REST)
+    ends = bench.session.motion.began_at + COAST
+    bench.run(ends - SLOT - bench.now, REST)
+    assert not bench.session.estop
+    bench.run(2 * SLOT, REST)
+    assert bench.session.estop
+
+
+def test_water_asks_for_no_motion() -> None:
+    bench = Turning().ready()
+    bench.turns = True
+    bench.run(COAST + 1.0, WATER)
+    assert bench.session.estop
+
+
+def test_motion_by_a_switch_is_asked_for_until_a_stop() -> None:
+    bench = Turning(automatic_motion=True).ready()
+    bench.turns = True
+    bench.run(0.1, DEPLOY)
+    bench.run(3.0, REST)
+    assert not bench.session.estop
+    bench.run(SLOT, REST, estop=True)
+    bench.run(COAST - 2 * SLOT, REST)
+    assert not bench.session.estop
+    bench.run(3 * SLOT, REST)
+    assert bench.session.estop
+
+
+# -- the permission of SOE mode -------------------------------------------------------------------
+
+
+@pytest.mark.parametrize('what', ['switch', 'aims', 'alone', 'oscillates'])
+def test_stop_of_what_moves_by_itself_keeps_the_permission_until_the_stick_moves(
+    what: str,
+) -> None:
+    bench = Turning(soe_permissive=True, automatic_motion=True).ready()
+    bench.run(SLOT, MOVE)
+    bench.run(COAST, REST)
+    assert permission(bench) == 'A1000F'
+    if what == 'switch':
+        bench.run(0.1, DEPLOY)
+        bench.run(0.1, REST)
+    bench.turns = what == 'alone'
+    bench.says = {'aims': [AIMS], 'oscillates': [OSCILLATES]}.get(what, [])
+    bench.run(0.4, REST)
+    assert permission(bench) == 'A1000F'
+    bench.run(0.1, REST, estop=True)
+    assert permission(bench) == 'A10000'
+    bench.turns, bench.says = False, [STANDS]
+    bench.run(1.0, REST)
+    assert bench.session.inhibits(bench.now) == []
+    assert permission(bench) == 'A10000'
+    assert bench.session.withheld
+    bench.run(2 * SLOT, MOVE)
+    assert bench.joystick_frames()[-1] == MOVING
+    assert permission(bench) == 'A1000F'
+    bench.run(0.2, REST)
+    assert permission(bench) == 'A1000F'
+
+
+def permitted(**options: Any) -> Bench:
+    """Return one that has the permission, and for which a lost link is no stop."""
+    causes = frozenset({Cause.FOREIGN_JOYSTICK})
+    bench = Bench(soe_permissive=True, estop_on=causes, **options).find_unit()
+    bench.run(0.1, REST)
+    bench.run(0.1, MOVE)
+    assert permission(bench) == 'A1000F'
+    return bench
+
+
+@pytest.mark.parametrize('said', [REST, MOVE], ids=['let go', 'held'])
+def test_lost_link_takes_the_permission_until_the_stick_is_pushed_anew(said: Any) -> None:
+    bench = permitted()
+    bench.run(1.0, said, unit=False)
+    assert not bench.session.estop
+    assert permission(bench) == 'A10000'
+    bench.take(ANNOUNCED)
+    bench.run(0.2, said)
+    assert bench.session.link_up
+    assert permission(bench) == 'A10000'
+    bench.run(2 * SLOT, REST)
+    bench.run(2 * SLOT, MOVE)
+    assert permission(bench) == 'A1000F'
+
+
+def test_link_that_is_back_takes_the_permission_that_was_given_in_its_silence() -> None:
+    bench = permitted()
+    bench.run(1.0, REST, unit=False)
+    bench.run(0.1, MOVE, unit=False)
+    assert permission(bench) == 'A1000F'
+    bench.take(ANNOUNCED)
+    bench.run(0.2, MOVE)
+    assert permission(bench) == 'A10000'
+
+
+def test_joystick_held_through_a_lost_link_gives_no_permission() -> None:
+    bench = permitted(allowed_joysticks=frozenset({ALLOWED}))
+    bench.run(0.1, REST)
+    held = joystick('107D046400000000')
+    for unit in (False, True):
+        for _ in range(25):
+            bench.take(held)
+            bench.run(SLOT, REST, unit=unit)
+        assert permission(bench) == 'A10000'
+    bench.take(joystick(), held)
+    assert permission(bench) == 'A1000F'
+
+
+@pytest.mark.parametrize('later', [0.0, 0.35, 2.0])
+def test_motion_that_began_soon_after_a_push_is_not_resumed_either(later: float) -> None:
+    bench = Turning(soe_permissive=True).ready()
+    bench.run(0.1, MOVE)
+    bench.turns = True
+    bench.run(later, REST)
+    bench.run(0.5, REST, estop=True)
+    bench.run(0.5, REST)
+    assert permission(bench) == 'A10000'
+    assert bench.session.withheld
+
+
+# -- requests -------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize('request_', [Request.ZERO_POSITIONS, Request.ENTER_SETUP])
+def test_request_that_needs_a_unit_at_rest_is_refused_while_it_turns(request_: Request) -> None:
+    bench = Turning().ready()
+    bench.turns = True
+    bench.run(0.5, REST)
+    with pytest.raises(ValueError, match='the unit moves; stop it first'):
+        bench.session.request(request_, bench.now)
+    bench.session.request(Request.RESET_CONTROLLER, bench.now)

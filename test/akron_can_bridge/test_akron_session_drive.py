@@ -1,0 +1,542 @@
+# Copyright 2026 The rugged_teleop maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""What the Akron session sends as a joystick, and all that makes it neutral."""
+
+from collections.abc import Callable
+import itertools
+import random
+from typing import Any
+
+import pytest
+
+from akron_can_bridge.parameters import Cause
+from akron_can_bridge.protocol import Axis, ExtendedJoystick, Status
+from akron_can_bridge.session import Handover, Stopped
+from bridge_core.j1939 import CanFrame
+from bridge_core.session import StopChanged, Verdict
+from stage.akron_session_rig import (
+    ANNOUNCED,
+    Bench,
+    COMMAND_LIMIT,
+    ESTOP_LIMIT,
+    joystick,
+    LINK_LIMIT,
+    MOVE,
+    moved,
+    MOVING,
+    name,
+    NEUTRAL,
+    NO_FAULTS,
+    NO_TARGETS,
+    NOT_ENABLED,
+    of,
+    OUTPUTS,
+    POSITION,
+    REST,
+    SLOT,
+    UNIT,
+    WATER,
+)
+
+GRIPS = (
+    MOVE[0],
+    ExtendedJoystick(
+        Axis.of(500), Axis.of(-400), switches=(*(Status.OFF,) * 2, Status.ON, Status.OFF)
+    ),
+)
+GRIPPING = bytes.fromhex('107D0464FFFF0004')  # the manual's
+
+
+def test_neutral_every_20_ms_from_the_opening_on_with_nobody_there() -> None:
+    bench = Bench()
+    bench.open()
+    bench.wait(1.0)
+    sent = [at for at, frame in bench.sent if frame.identifier == 0x0CFDD638]
+    assert len(sent) == 51
+    assert sent[0] == 100.0
+    assert all(abs(b - a - SLOT) < 1e-9 for a, b in itertools.pairwise(sent))
+    assert set(bench.joystick_frames()) == {NEUTRAL}
+
+
+def test_closed_port_gets_no_frame() -> None:
+    bench = Bench().moving()
+    bench.close()
+    bench.sent.clear()
+    bench.run(0.1, MOVE)
+    assert bench.sent == []
+    assert bench.session.farewell(bench.now) == []
+
+
+@pytest.mark.parametrize('address', range(0x33, 0x39))
+def test_command_becomes_the_manuals_frame_from_every_address(address: int) -> None:
+    bench = Bench(source_address=address)
+    bench.open()
+    bench.take(ANNOUNCED, OUTPUTS, CanFrame(0x18EF0080 | address << 8, NO_FAULTS.data))
+    bench.run(0.1, REST)
+    bench.run(0.1, MOVE)
+    assert bench.joystick_frames(source=address)[-1] == MOVING
+
+
+def test_command_goes_with_the_slots_not_with_its_own_rate() -> None:
+    bench = Bench().moving()
+    start = bench.now
+    for _ in range(100):
+        bench.now += 0.001
+        bench.command(MOVE)
+        bench.wait(0.0)
+    assert len(bench.joystick_frames(start + 1e-9)) == 5
+
+
+def test_held_stick_does_not_start_before_it_was_neutral_once() -> None:
+    bench = Bench().find_unit()
+    bench.run(1.0, MOVE)
+    assert bench.all_neutral(0.0)
+    assert bench.session.inhibits(bench.now) == ['the command must be neutral once']
+    bench.run(SLOT, REST)
+    bench.run(0.1, MOVE)
+    assert bench.joystick_frames()[-1] == MOVING
+    assert bench.session.inhibits(bench.now) == []
+
+
+def test_neutral_heard_during_a_stop_does_not_count() -> None:
+    bench = Bench().find_unit()
+    assert of(Stopped, bench.run(0.2, REST, estop=True)) == []
+    bench.run(0.2, MOVE)
+    assert bench.all_neutral(0.0)
+
+
+def test_stale_command_is_neutral_at_its_limit_and_for_ever() -> None:
+    bench = Bench().moving()
+    start = bench.now
+    bench.run(COMMAND_LIMIT - 0.03)
+    assert set(bench.joystick_frames(start + 1e-9)) == {MOVING}
+    bench.wait(0.03 + 1e-6)
+    assert bench.now == pytest.approx(start + COMMAND_LIMIT)
+    assert bench.sent[-1][1].data == NEUTRAL
+    assert bench.sent[-1][0] == pytest.approx(bench.now)
+    bench.run(2.0)
+    assert bench.all_neutral(start + COMMAND_LIMIT - 1e-9)
+    assert len(bench.joystick_frames(start + COMMAND_LIMIT)) >= 100  # never silence
+    assert 'command is stale' in bench.session.inhibits(bench.now)[0]
+
+
+def test_command_that_comes_back_after_a_gap_needs_neutral() -> None:
+    bench = Bench().moving()
+    bench.run(0.2)
+    start = bench.now
+    bench.run(0.5, MOVE)
+    assert bench.all_neutral(start + 1e-9)
+    bench.run(SLOT, REST)
+    bench.run(SLOT * 2, MOVE)
+    assert bench.joystick_frames()[-1] == MOVING
+
+
+def test_estop_is_neutral_at_once_and_repeats() -> None:
+    bench = Bench().moving()
+    bench.now += 0.001  # within a slot
+    start = bench.now
+    events = bench.estop_in(True)
+    assert bench.sent[-1] == (start, CanFrame(0x0CFDD638, NEUTRAL))
+    assert of(Stopped, events) == [Stopped(('e-stop input is true',))]
+    bench.run(1.0, MOVE, estop=True)
+    assert bench.all_neutral(start)
+    assert len(bench.joystick_frames(start)) >= 50
+
+
+def test_stop_and_release_before_the_next_poll_is_a_stop() -> None:
+    bench = Bench().moving()
+    bench.session.set_estop(True, bench.now)
+    bench.session.set_estop(False, bench.now)
+    start = bench.now + 1e-9
+    bench.run(0.2, MOVE)
+    assert bench.all_neutral(start)
+
+
+def test_commands_held_during_a_stop_do_not_execute_at_its_release() -> None:
+    bench = Bench().moving()
+    bench.run(0.5, MOVE, estop=True)
+    start = bench.now
+    bench.run(1.0, MOVE)
+    assert bench.all_neutral(start + 1e-9)
+
+
+def test_estop_input_that_falls_silent_is_a_stop_at_its_limit() -> None:
+    bench = Bench().moving()
+    start = bench.now
+    bench.run(ESTOP_LIMIT - 0.03, MOVE, estop=None)
+    assert set(bench.joystick_frames(start + 1e-9)) == {MOVING}
+    bench.wait(0.03 + 1e-6)
+    assert bench.sent[-1][1].data == NEUTRAL
+    bench.run(0.5, MOVE, estop=None)
+    assert bench.all_neutral(start + ESTOP_LIMIT - 1e-9)
+    assert 'e-stop input is stale' in bench.session.inhibits(bench.now)[0]
+
+
+def test_estop_input_never_heard_is_a_stop() -> None:
+    bench = Bench().find_unit()
+    bench.run(0.2, REST, estop=None)
+    bench.run(0.2, MOVE, estop=None)
+    assert bench.all_neutral(0.0)
+
+
+def test_silent_unit_gets_neutral() -> None:
+    bench = Bench().moving()
+    start = bench.now
+    bench.run(LINK_LIMIT + SLOT, MOVE, unit=False)
+    assert bench.session.estop
+    bench.run(0.5, MOVE)
+    assert bench.all_neutral(start + LINK_LIMIT)
+
+
+def test_unit_that_was_silent_too_long_gets_neutral_though_nobody_looked_meanwhile() -> None:
+    bench = Bench(command_timeout=2.0, estop_in_timeout=2.0).moving()
+    bench.now += LINK_LIMIT
+    start = bench.now
+    assert StopChanged(Verdict(True, True, False)) in bench.take(OUTPUTS, NO_FAULTS)
+    assert not bench.session.estop
+    bench.run(0.5, MOVE)
+    assert bench.all_neutral(start)
+
+
+def test_lost_enable_gets_neutral_though_it_comes_back_in_the_same_read() -> None:
+    bench = Bench().moving()
+    start = bench.now
+    bench.take(NOT_ENABLED, OUTPUTS)
+    assert not bench.session.estop
+    assert bench.sent[-1] == (start, CanFrame(0x0CFDD638, NEUTRAL))
+    bench.run(0.2, MOVE)
+    assert bench.all_neutral(start + 1e-9)
+
+
+def test_refused_command_is_neutral_at_once() -> None:
+    bench = Bench().moving()
+    start = bench.now
+    bench.session.refuse_command('axis 0 is nan', bench.now)
+    bench.poll()
+    assert bench.sent[-1] == (start, CanFrame(0x0CFDD638, NEUTRAL))
+    assert bench.session.inhibits(bench.now)[0] == 'command refused: axis 0 is nan'
+    bench.run(0.2, MOVE)
+    assert bench.all_neutral(start + 1e-9)
+    assert bench.session.drive.refused == 1
+
+
+def test_frozen_process_does_not_go_on_with_what_it_wanted() -> None:
+    bench = Bench().moving()
+    bench.now += 1.0  # nobody called in between
+    start = bench.now
+    bench.session.set_command(*MOVE, bench.now)
+    bench.session.set_estop(False, bench.now)
+    bench.hear_unit()
+    bench.run(0.5, MOVE)
+    assert bench.all_neutral(start)
+
+
+def test_gap_in_the_estop_input_that_ends_before_anybody_looked_is_a_stop() -> None:
+    bench = Bench(command_timeout=2.0, link_timeout=2.0).moving()
+    bench.now += ESTOP_LIMIT
+    start = bench.now
+    bench.session.set_estop(False, bench.now)
+    bench.run(0.3, MOVE)
+    assert bench.all_neutral(start)
+
+
+def test_gap_in_the_command_that_ends_before_anybody_looked_is_a_stop() -> None:
+    bench = Bench().moving()
+    bench.now += COMMAND_LIMIT
+    start = bench.now
+    bench.session.set_command(*MOVE, bench.now)
+    bench.run(0.3, MOVE)
+    assert bench.all_neutral(start)
+
+
+def test_farewell_is_neutral_several_times() -> None:
+    bench = Bench().moving()
+    frames = bench.session.farewell(bench.now)
+    assert frames == [CanFrame(0x0CFDD638, NEUTRAL)] * 3
+
+
+# -- extended -------------------------------------------------------------------------------------
+
+
+def test_extended_is_silent_unless_asked_for() -> None:
+    bench = Bench().find_unit()
+    bench.run(0.2, REST)
+    assert bench.frames(0x0CFDD738) == []
+
+
+def test_extended_carries_targets_and_switches_as_in_the_manual() -> None:
+    bench = Bench(extended=True).find_unit()
+    bench.run(0.1, REST)
+    assert set(bench.frames(0x0CFDD738)) == {NO_TARGETS}
+    bench.run(0.1, GRIPS)
+    assert bench.frames(0x0CFDD738)[-1] == GRIPPING
+    assert bench.joystick_frames()[-1] == MOVING
+
+
+def test_stop_leaves_no_target_to_travel_to() -> None:
+    bench = Bench(extended=True).find_unit()
+    bench.run(0.1, REST)
+    bench.run(0.1, GRIPS)
+    bench.estop_in(True)
+    assert bench.frames(0x0CFDD738)[-1] == NO_TARGETS
+    # Nor does a target count as neutral afterwards, not even one of 0.
+    start = bench.now
+    bench.run(0.2, (REST[0], ExtendedJoystick(grip_x=Axis.of(0))))
+    assert set(bench.frames(0x0CFDD738, start + 1e-9)) == {NO_TARGETS}
+    assert bench.session.farewell(bench.now)[:2] == [
+        CanFrame(0x0CFDD638, NEUTRAL),
+        CanFrame(0x0CFDD738, NO_TARGETS),
+    ]
+
+
+# -- SOE permission -------------------------------------------------------------------------------
+
+A1 = 0x18EF8038
+
+
+def permissions(bench: Bench, since: float = 0.0) -> list[str]:
+    return [data.hex().upper() for data in bench.frames(A1, since) if data[0] == 0xA1]
+
+
+def test_no_permission_is_sent_unless_asked_for() -> None:
+    bench = Bench().moving()
+    assert permissions(bench) == []
+
+
+def test_permission_every_100_ms_to_the_unit_alone() -> None:
+    bench = Bench(soe_permissive=True)
+    bench.open()
+    bench.wait(0.5)
+    assert permissions(bench) == []
+    bench.take(ANNOUNCED, OUTPUTS, NO_FAULTS)
+    assert permissions(bench) == ['A10000']  # no e-stop input yet
+    bench.run(0.2, REST)
+    bench.run(0.8, MOVE)
+    times = [at for at, frame in bench.sent if frame.identifier == A1 and frame.data[0] == 0xA1]
+    assert permissions(bench)[3:] == ['A1000F'] * (len(times) - 3)
+    assert all(b - a <= 0.1 + SLOT for a, b in itertools.pairwise(times))
+    assert 10 <= len(times) <= 13
+
+
+def test_permission_ends_with_a_stop_at_once_and_comes_back_with_the_next_push() -> None:
+    bench = Bench(soe_permissive=True).moving()
+    start = bench.now
+    bench.estop_in(True)
+    assert permissions(bench, start) == ['A10000']
+    bench.run(0.5, MOVE, estop=True)
+    assert set(permissions(bench, start)) == {'A10000'}
+    assert len(permissions(bench, start)) >= 5
+    start = bench.now + 1e-9
+    bench.run(0.3, MOVE)
+    bench.run(0.3, REST)
+    assert set(permissions(bench, start)) == {'A10000'}
+    assert bench.all_neutral(start)
+    bench.command(MOVE)
+    assert permissions(bench)[-1] == 'A1000F'
+    assert bench.joystick_frames()[-1] == NEUTRAL  # its slot is later: no motion waits for it
+
+
+@pytest.mark.parametrize('again', ['start', 'link', 'wire'])
+def test_reset_gives_no_permission_to_motion_that_was_interrupted(again: str) -> None:
+    bench = Bench(soe_permissive=True, link_timeout=0.6, estop_on=frozenset({Cause.LINK}))
+    bench.find_unit(Handover() if again == 'wire' else None)
+    if again == 'link':
+        bench.run(0.1, REST)
+        bench.run(0.1, MOVE)
+        bench.run(0.1, REST)
+        assert permissions(bench)[-1] == 'A1000F'
+        bench.wait(1.0)
+    start = bench.now
+    bench.run(1.0, REST)
+    assert bench.session.inhibits(bench.now) == []
+    assert set(permissions(bench, start)) == {'A10000'}
+
+
+@pytest.mark.parametrize('command', [WATER, REST])
+def test_what_moves_nothing_gives_no_permission(command: tuple[Any, Any]) -> None:
+    bench = Bench(soe_permissive=True).find_unit()
+    bench.run(0.1, REST)
+    bench.run(0.3, command)
+    assert set(permissions(bench)) == {'A10000'}
+
+
+def test_allowed_joystick_gives_the_permission_once_it_was_let_go_and_pushed() -> None:
+    let_go, pushed, broken = (joystick(x + '010000000000') for x in ('0100', '107D', '127D'))
+    bench = Bench(soe_permissive=True, allowed_joysticks=frozenset({0x33})).find_unit()
+
+    def given(*frames: CanFrame) -> bool:
+        for frame in frames:
+            bench.run(SLOT)
+            bench.take(frame)
+        return permissions(bench)[-1] == 'A1000F'
+
+    assert not given(let_go)
+    assert given(pushed, let_go)
+    bench.run(SLOT, estop=True)
+    assert not given(pushed, pushed)  # held through the stop
+    assert not given(let_go, broken)
+    assert not given(pushed)
+    assert not given(moved(let_go, 0x34), moved(pushed, 0x34))
+    bench.run(1.1)  # that was a stop
+    assert given(let_go, pushed)
+
+
+def test_permission_ends_at_once_where_the_address_is_forgotten() -> None:
+    bench = Bench(soe_permissive=True).moving()
+    start = bench.now
+    bench.session.interrupted('frozen', bench.now)
+    bench.poll()
+    assert permissions(bench, start) == ['A10000']
+    bench.wait(1.0)
+    assert permissions(bench, start) == ['A10000']
+
+
+def test_missing_permission_is_no_stop() -> None:
+    bench = Bench().find_unit()
+    soe_active = CanFrame(OUTPUTS.identifier, bytes.fromhex('83C851'))
+    bench.take(soe_active)
+    assert not bench.session.estop
+    assert not bench.session.own_estop
+
+
+def test_permission_of_a_stale_estop_input_ends_without_spinning() -> None:
+    bench = Bench(soe_permissive=True).find_unit()
+    bench.run(0.3)
+    start = bench.now
+    bench.wait(ESTOP_LIMIT)
+    assert permissions(bench, start)[-1] == 'A10000'
+    bench.wait(5.0)  # SessionBench sees to it that this takes few steps
+
+
+def test_permission_to_a_unit_that_lost_its_address_ends_without_spinning() -> None:
+    bench = Bench(soe_permissive=True).moving()
+    assert permissions(bench)[-1] == 'A1000F'
+    bench.take(name('0100000000000000', UNIT))
+    start = bench.now
+    bench.wait(5.0)
+    assert permissions(bench, start) == []
+
+
+def test_permission_by_direction_is_the_manuals_and_goes_stale() -> None:
+    bench = Bench(soe_permissive=True).moving()
+    start = bench.now
+    bench.session.set_directions(0b1001, bench.now)  # down and right only
+    bench.poll()
+    assert permissions(bench, start) == ['A10009']
+    bench.run(ESTOP_LIMIT + 0.05)
+    assert permissions(bench)[-1] == 'A10000'
+    assert not bench.session.estop
+    bench.session.set_directions(0b0110, bench.now)
+    bench.poll()
+    assert permissions(bench)[-1] == 'A10006'
+    with pytest.raises(ValueError, match='16 is no sum of 1 right'):
+        bench.session.set_directions(16, bench.now)
+    bench.poll()
+    assert permissions(bench)[-1] == 'A10000'
+    bench.wait(5.0)  # SessionBench sees to it that this takes few steps
+
+
+def test_limit_of_a_session_before_permits_nothing_until_it_is_said_again() -> None:
+    bench = Bench(soe_permissive=True)
+    bench.session.limit_directions(bench.now)
+    bench.moving()
+    assert set(permissions(bench)) == {'A10000'}
+    bench.session.set_directions(0b0001, bench.now)
+    bench.session.limit_directions(bench.now)
+    bench.poll()
+    assert permissions(bench)[-1] == 'A10001'
+
+
+def test_direction_is_never_permitted_during_a_stop() -> None:
+    bench = Bench(soe_permissive=True).moving()
+    bench.estop_in(True)
+    start = bench.now
+    bench.session.set_directions(0b1111, bench.now)
+    bench.run(0.3, estop=True)
+    assert set(permissions(bench, start)) == {'A10000'}
+
+
+def test_farewell_takes_the_permission_away() -> None:
+    bench = Bench(soe_permissive=True).moving()
+    frames = bench.session.farewell(bench.now)
+    assert frames[:2] == [CanFrame(0x0CFDD638, NEUTRAL), CanFrame(A1, bytes.fromhex('A10000'))]
+    assert len(frames) == 6
+
+
+# -- chance ---------------------------------------------------------------------------------------
+
+
+def play(seed: int) -> int:
+    """
+    Play at random; return how many frames moved the unit.
+
+    The oracle: what was heard last, and what went wrong since the last neutral command.
+    """
+    dice = random.Random(seed)
+    bench = Bench(extended=dice.random() < 0.5, soe_permissive=dice.random() < 0.5).find_unit()
+    heard = {'estop': -9.0, 'command': -9.0, 'unit': -9.0}
+    clear = False
+    wrong_at, neutral_at, moved = 0.0, -9.0, 0
+
+    def step(*names: str) -> None:
+        for key in names:
+            heard[key] = bench.now
+
+    for _ in range(1000):
+        before = len(bench.sent)
+        action = dice.choices(range(9), (30, 30, 30, 4, 1, 1, 1, 1, 8))[0]
+        if action == 0:
+            bench.take(OUTPUTS)
+            step('unit')
+        elif action == 1:
+            bench.estop_in(False)
+            clear = True
+            step('estop')
+        elif action == 2:
+            bench.command(MOVE)
+            step('command')
+        elif action == 3:
+            bench.command(REST)
+            neutral_at = bench.now
+            step('command')
+        elif action == 8:
+            bench.take(POSITION, NO_FAULTS)
+            step('unit')
+        else:
+            wrong_at = bench.now
+            actions: dict[int, Callable[[], Any]] = {
+                4: lambda: bench.estop_in(True),
+                5: lambda: bench.session.refuse_command('nonsense', bench.now),
+                6: lambda: bench.take(NOT_ENABLED),
+                7: lambda: bench.take(joystick()),
+            }
+            actions[action]()
+            clear = clear and action != 4
+        bench.wait(dice.choice((0.0, 0.005, 0.01, 0.05, 0.2)))
+        for at, frame in bench.sent[before:]:
+            if frame.identifier != 0x0CFDD638 or frame.data == NEUTRAL:
+                continue
+            moved += 1
+            assert frame.data == MOVING
+            assert clear
+            assert at - heard['estop'] < ESTOP_LIMIT
+            assert at - heard['command'] < COMMAND_LIMIT
+            assert at - heard['unit'] < LINK_LIMIT
+            assert neutral_at >= wrong_at
+    return moved
+
+
+def test_motion_goes_out_only_while_all_conditions_hold() -> None:
+    assert sum(play(seed) for seed in range(8)) > 50  # and then it does

@@ -1,0 +1,260 @@
+# Copyright 2026 The rugged_teleop maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Other joysticks on the bus: foreign ones that are a stop, and the one that is an operator."""
+
+import pytest
+
+from akron_can_bridge.session import Sticks
+from bridge_core.session import StopChanged, Verdict
+from stage.akron_session_rig import Bench, joystick, MOVE, of, OURS, REST
+
+# The manual's examples: 50 % right, 40 % back, switch 2; grips alike, switch 15, no theta.
+BASIC, EXTENDED = '107D046400100000', '107D0464FFFF0004'
+HOLD = 1.0
+AT_REST = Sticks((0, 0, 0, 0, 0), (False,) * 16, ())  # 16 switches, as the manual's
+
+
+def heard(bench: Bench, data: str = BASIC, source: int = 0x33, pgn: int = 0xFDD6) -> list[Sticks]:
+    return of(Sticks, bench.take(joystick(data, source, pgn)))
+
+
+def held(**switches: bool) -> tuple[bool, ...]:
+    """Return 16 switches of which these are on, such as s2."""
+    return tuple(switches.get(f's{number}', False) for number in range(1, 17))
+
+
+# -- foreign --------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize('source', [*range(0x33, 0x38), OURS])
+@pytest.mark.parametrize('pgn', [0xFDD6, 0xFDD7])
+def test_any_other_sender_is_a_stop_even_at_rest(source: int, pgn: int) -> None:
+    bench = Bench().moving()
+    start = bench.now
+    events = bench.take(joystick(source=source, pgn=pgn))
+    assert StopChanged(Verdict(True, True, True)) in events
+    (reason,) = bench.session.stop_reasons(bench.now)
+    assert f'address {source:02X}, frame 0C{pgn:04X}{source:02X}' in reason
+    bench.run(0.2, MOVE)
+    assert bench.all_neutral(start + 1e-9)
+
+
+@pytest.mark.parametrize('size', range(8))
+@pytest.mark.parametrize('pgn', [0xFDD6, 0xFDD7])
+def test_sender_of_short_frames_is_a_stop_too(pgn: int, size: int) -> None:
+    bench = Bench(joy_source=0x33).find_unit()
+    assert heard(bench, BASIC[: 2 * size], pgn=pgn) == []
+    assert 'foreign joystick' in bench.session.stop_reasons(bench.now)[0]
+    assert bench.session.counters.malformed == 1
+
+
+# As a VSC sends them: bytes 5, 7 and 8, and 3 to 8, are FF.
+VSC = [(0xFDD6, '10010001FF00FFFF'), (0xFDD7, '1001FFFFFFFFFFFF')]
+
+
+@pytest.mark.parametrize(('pgn', 'data'), VSC)
+def test_the_trap_of_the_vsc_is_called_by_its_name(pgn: int, data: str) -> None:
+    bench = Bench().find_unit()
+    bench.take(joystick(data, pgn=pgn))
+    (reason,) = bench.session.stop_reasons(bench.now)
+    assert 'drives the unit past the mux' in reason
+    assert "a FORT VSC's left joystick" in reason
+    assert 'bus of its own' in reason
+
+
+@pytest.mark.parametrize(('pgn', 'data'), VSC)
+def test_what_is_no_vsc_by_its_bytes_is_told_of_allowed_joysticks(pgn: int, data: str) -> None:
+    bench = Bench().find_unit()
+    for place in range(4, 8) if pgn == 0xFDD6 else range(2, 8):
+        other = bytearray.fromhex(data)
+        other[place] ^= 1
+        bench.take(joystick(other.hex(), pgn=pgn))
+        (reason,) = bench.session.stop_reasons(bench.now)
+        is_button = pgn == 0xFDD6 and place == 5
+        assert ('FORT' in reason) == is_button
+        assert ('allowed_joysticks' in reason) != is_button
+
+
+def test_somebody_at_our_own_address_is_told_as_such() -> None:
+    bench = Bench().find_unit()
+    bench.take(joystick(source=OURS))
+    assert 'another sender uses our own source_address' in bench.session.stop_reasons(bench.now)[0]
+
+
+def test_stop_lasts_while_it_is_heard_and_ends_after() -> None:
+    bench = Bench().find_unit()
+    bench.run(0.1)
+    for _ in range(20):
+        bench.take(joystick())
+        bench.run(0.1)
+        assert bench.session.estop
+    bench.run(HOLD - 0.2)
+    assert bench.session.estop
+    bench.run(0.2)
+    assert not bench.session.estop
+
+
+def test_senders_that_no_unit_obeys_are_none_of_our_business() -> None:
+    bench = Bench().find_unit()
+    for source in (0x32, 0x39, 0x80, 0xFE):
+        bench.take(joystick(source=source))
+    # The VSC's right joystick has PGNs of its own.
+    bench.take(joystick(source=0x34, pgn=0xFDD8))
+    assert not bench.session.estop
+
+
+def test_any_priority_is_the_same_joystick() -> None:
+    bench = Bench().find_unit()
+    frame = joystick()
+    bench.take(type(frame)(frame.identifier & 0x03FFFFFF | 7 << 26, frame.data))
+    assert '1CFDD633' in bench.session.stop_reasons(bench.now)[0]
+
+
+def test_allowed_joystick_is_no_stop() -> None:
+    bench = Bench(allowed_joysticks=frozenset({0x33})).find_unit()
+    bench.take(joystick())
+    assert not bench.session.estop
+    bench.take(joystick(source=0x34))
+    assert bench.session.estop
+    assert bench.session.joysticks.present(bench.now) == {0x33: 'allowed', 0x34: 'foreign'}
+
+
+# -- the operator ---------------------------------------------------------------------------------
+
+
+def test_joy_source_is_told_and_foreign_all_the_same_unless_it_is_allowed() -> None:
+    bench = Bench(joy_source=0x33).find_unit()
+    assert heard(bench) == [Sticks((500, -400, 0, 0, 0), held(s2=True))]
+    assert bench.session.estop
+    allowed = Bench(joy_source=0x33, allowed_joysticks=frozenset({0x33})).find_unit()
+    assert heard(allowed) == [Sticks((500, -400, 0, 0, 0), held(s2=True))]
+    assert not allowed.session.estop
+
+
+def test_no_joystick_is_told_without_joy_source() -> None:
+    bench = Bench().find_unit()
+    assert heard(bench) == []
+
+
+def test_extended_goes_with_the_next_basic_while_it_is_fresh() -> None:
+    bench = Bench(joy_source=0x33).find_unit()
+    assert heard(bench, EXTENDED, pgn=0xFDD7) == []
+    (sticks,) = heard(bench)
+    assert sticks == Sticks((500, -400, 500, -400, 0), held(s2=True, s15=True))
+    bench.wait(0.2)
+    (sticks,) = heard(bench)
+    assert sticks == Sticks((500, -400, 0, 0, 0), held(s2=True))
+
+
+def test_silent_joystick_gives_one_neutral_after_the_manuals_200_ms() -> None:
+    bench = Bench(joy_source=0x33).find_unit()
+    heard(bench)
+    assert of(Sticks, bench.wait(0.199)) == []
+    assert of(Sticks, bench.wait(0.002)) == [AT_REST]
+    assert of(Sticks, bench.wait(5.0)) == []
+
+
+def test_closed_port_gives_one_neutral() -> None:
+    bench = Bench(joy_source=0x33).find_unit()
+    heard(bench)
+    assert of(Sticks, bench.close()) == [AT_REST]
+
+
+FAULTY = [
+    ('127D046400100000', 'x error'),  # a neutral status of 10
+    ('147D046400100000', 'x error'),  # right and left at once: neither is believed
+    ('FFFF046400100000', 'x not available'),
+    ('107D066400100000', 'y error'),
+    ('107D046400200000', 'switch 2 error'),
+    ('107D046400100002', 'switch 12 error'),
+]
+
+
+@pytest.mark.parametrize(('data', 'text'), FAULTY)
+def test_broken_control_makes_all_neutral_unless_tolerated(data: str, text: str) -> None:
+    bench = Bench(joy_source=0x33).find_unit()
+    assert heard(bench, data) == [Sticks(faulty=(text,))]
+    assert list(bench.session.joysticks.faulty) == [text]
+    tolerant = Bench(joy_source=0x33, tolerate_faulty_axes=True).find_unit()
+    (sticks,) = heard(tolerant, data)
+    assert sticks.faulty == (text,)
+    assert any(sticks.axes) or any(sticks.switches)
+    heard(bench, BASIC)
+    assert list(bench.session.joysticks.faulty) == []
+
+
+def test_switch_held_while_a_control_is_broken_counts_once_it_was_let_go_of() -> None:
+    bench = Bench(joy_source=0x33).find_unit()
+    assert heard(bench, '127D046400100000')[0].faulty
+    assert heard(bench) == [Sticks((500, -400, 0, 0, 0), held())]
+    heard(bench, '0100010000000000')
+    assert heard(bench) == [Sticks((500, -400, 0, 0, 0), held(s2=True))]
+
+
+def test_switch_held_while_the_joystick_was_silent_counts_once_it_was_let_go_of() -> None:
+    bench = Bench(joy_source=0x33, allowed_joysticks=frozenset({0x33})).find_unit()
+    assert heard(bench) == [Sticks((500, -400, 0, 0, 0), held(s2=True))]
+    for _ in range(6):
+        bench.wait(0.05)
+        bench.hear_unit()
+    assert not bench.session.estop
+    assert heard(bench) == [Sticks((500, -400, 0, 0, 0), held())]
+    heard(bench, '0100010000000000')
+    assert heard(bench) == [Sticks((500, -400, 0, 0, 0), held(s2=True))]
+
+
+def test_switch_that_could_not_be_read_counts_once_it_was_let_go_of() -> None:
+    bench = Bench(joy_source=0x33, tolerate_faulty_axes=True).find_unit()
+    heard(bench)
+    heard(bench, '107D046400200000')  # switch 2 error
+    assert heard(bench) == [Sticks((500, -400, 0, 0, 0), held())]
+    heard(bench, '0100010000000000')
+    assert heard(bench) == [Sticks((500, -400, 0, 0, 0), held(s2=True))]
+
+
+def test_switch_whose_frame_was_missing_counts_once_it_was_let_go_of() -> None:
+    bench = Bench(joy_source=0x33).find_unit()
+    heard(bench, EXTENDED, pgn=0xFDD7)
+    assert heard(bench)[0].switches == held(s2=True, s15=True)
+    bench.wait(0.2)
+    for data, pressed in ((EXTENDED, False), (EXTENDED[:-2] + '00', False), (EXTENDED, True)):
+        heard(bench)
+        heard(bench, data, pgn=0xFDD7)
+        assert heard(bench)[0].switches == held(s2=True, s15=pressed)
+
+
+def test_switches_and_grips_that_are_not_fitted_are_no_fault() -> None:
+    bench = Bench(joy_source=0x33).find_unit()
+    # As a VSC sends them: bytes 5, 7 and 8 are FF.
+    (sticks,) = heard(bench, '107D0464FF10FFFF')
+    assert sticks == Sticks((500, -400, 0, 0, 0), held(s2=True))
+    heard(bench, 'FFFFFFFFFFFFFFFF', pgn=0xFDD7)
+    (sticks,) = heard(bench)
+    assert sticks.faulty == ()
+
+
+def test_broken_grip_is_a_fault() -> None:
+    bench = Bench(joy_source=0x33).find_unit()
+    heard(bench, '127D0464FFFF0004', pgn=0xFDD7)
+    (sticks,) = heard(bench)
+    assert sticks.faulty == ('grip_x error',)
+
+
+def test_bus_joystick_does_not_command_by_itself() -> None:
+    bench = Bench(joy_source=0x33, allowed_joysticks=frozenset({0x33})).find_unit()
+    for _ in range(50):
+        heard(bench)
+        bench.run(0.02, REST)
+    assert bench.all_neutral(0.0)

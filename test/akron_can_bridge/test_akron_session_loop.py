@@ -1,0 +1,194 @@
+# Copyright 2026 The rugged_teleop maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The Akron session on one bus with simulated units, joysticks and a VSC: no clock, no port."""
+
+from __future__ import annotations
+
+import pytest
+
+from akron_can_bridge.session import Request
+from akron_can_bridge.simulator import JoystickSimulator, Simulator
+from fort_vsc_bridge.simulator import CanSimulator
+from stage.akron_loop_rig import Bench, Ours
+from stage.akron_session_rig import MOVE, OTHER_PIN, PIN
+
+WATCHDOG = 0.2  # the unit's own, Appendix B
+
+
+def test_unit_is_found_and_no_stop_is_left() -> None:
+    bench = Bench()
+    assert bench.reasons == []
+    assert bench.session.unit.versions_known
+    assert bench.unit.rejected == 0
+
+
+@pytest.mark.parametrize('kind', [1032, 1040, 1042, 1052])
+def test_every_controller_moves_and_stops(kind: int) -> None:
+    bench = Bench(unit={'device_type': kind}, device_type=kind).move()
+    assert bench.moved(0.5) > 0.5
+    bench.ours.stop = True
+    bench.wait(lambda: not bench.unit.motion.moving, 1.0)
+    assert abs(bench.moved(1.0)) < 0.01
+
+
+def test_mini_universal_is_watched_too() -> None:
+    bench = Bench(unit={'device_type': 1033}, device_type=1033)
+    assert bench.reasons == []
+    bench.unit.apply('output device_faulted on')
+    bench.run(0.3)
+    assert 'device faulted' in bench.reasons[0]
+
+
+def test_frozen_host_is_stopped_by_the_units_own_watchdog() -> None:
+    bench = Bench().move()
+    bench.ours.frozen = True
+    took = bench.wait(lambda: bench.unit.describe()['cleared']['38'])
+    assert took <= WATCHDOG + 0.01
+    bench.wait(lambda: not bench.unit.motion.moving, 1.0)
+    # Thawed, it does not go on with what it wanted.
+    bench.ours.frozen = False
+    assert abs(bench.moved(1.0)) < 0.01
+
+
+def test_the_trap_between_two_manuals_is_sprung_and_told() -> None:
+    vsc = CanSimulator()
+    bench = Bench(vsc)
+    vsc.apply('mode operational')
+    vsc.apply('stick left_x 1')
+    # The remote turns the unit past the mux, whatever we send ...
+    assert bench.moved(1.0) > 1.0
+    # ... and whoever asks the mux is told.
+    assert bench.session.estop
+    (reason,) = bench.reasons
+    assert '0CFDD633' in reason or '0CFDD733' in reason
+    assert "a FORT VSC's left joystick" in reason
+    bench.ours.command = MOVE
+    bench.run(0.2)
+    assert not bench.session.drive.moving
+
+
+def test_changed_identifiers_are_a_way_out() -> None:
+    changed = {'left_basic': 0x0CFDD601, 'left_extended': 0x0CFDD701}
+    vsc = CanSimulator(changed)
+    bench = Bench(vsc)
+    vsc.apply('mode operational')
+    vsc.apply('stick left_x 1')
+    assert bench.moved(1.0) == 0.0
+    assert bench.reasons == []
+
+
+def test_allowed_joystick_overrides_us_from_a_lower_address() -> None:
+    stick = JoystickSimulator(0x33)
+    bench = Bench(stick, allowed_joysticks=frozenset({0x33})).move()
+    assert bench.moved(0.5) > 0.0
+    stick.apply('stick x -1')
+    bench.run(1.0)
+    assert bench.moved(0.5) < 0.0
+
+
+def test_soe_permission_stops_an_allowed_joystick_with_us() -> None:
+    stick = JoystickSimulator(0x33)
+    bench = Bench(stick, allowed_joysticks=frozenset({0x33}), soe_permissive=True)
+    bench.unit.apply('soe on')
+    stick.apply('stick x -1')
+    bench.run(0.5)
+    assert bench.moved(0.5) < -0.5
+    bench.ours.stop = True
+    bench.wait(lambda: not bench.unit.motion.moving, 1.0)
+    assert abs(bench.moved(1.0)) < 0.01
+    assert bench.reasons == []  # a missing permission never counts
+
+
+def test_unit_in_soe_mode_without_permission_stays_and_is_no_stop() -> None:
+    bench = Bench()
+    bench.unit.apply('soe on')
+    bench.ours.command = MOVE
+    assert bench.moved(1.0) == 0.0
+    assert bench.reasons == []
+
+
+def test_neighbour_that_takes_the_units_address_moves_it_and_we_follow() -> None:
+    # 0.35 s without a frame: with a longer timeout that is no stop.
+    bench = Bench(link_timeout=0.5).move()
+    bench.say('18EEFF80', '0000000000000000')  # the NAME that wins against all
+    start = bench.now
+    for _ in range(100):
+        bench.run(0.01)
+        assert not bench.session.estop
+    assert bench.session.finder.address == bench.unit.address == 0x81
+    assert bench.moved(0.5) > 0.0
+    assert bench.now - start < 2.0
+
+
+def test_neighbour_that_loses_leaves_no_trace() -> None:
+    bench = Bench().move()
+    bench.say('18EEFF80', 'FFFFFFFFFFFFFFFF')
+    for _ in range(50):
+        bench.run(0.01)
+        assert not bench.session.estop
+    assert bench.session.finder.address == 0x80
+
+
+def test_reset_and_setup_end_to_end() -> None:
+    bench = Bench()
+    bench.session.request(Request.RESET_CONTROLLER, bench.now)
+    bench.wait(lambda: bench.session.estop)
+    bench.wait(lambda: not bench.session.estop)
+    bench.session.request(Request.ENTER_SETUP, bench.now)
+    bench.wait(lambda: bench.unit.motion.setup)
+    assert bench.unit.rejected == 0
+
+
+def test_every_fault_of_the_unit_is_told_and_goes() -> None:
+    bench = Bench()
+    for axis in range(1, 6):
+        bench.unit.apply(f'fault axis_{axis} on')
+        bench.run(0.5)
+        assert f'motor axis {axis} fault' in bench.reasons[0]
+        bench.unit.apply(f'fault axis_{axis} off')
+        bench.run(1.5)
+        assert bench.reasons == []
+
+
+def test_two_units_and_two_sessions_on_one_bus() -> None:
+    second = Simulator(pin='1032AE100801036', address=0x81)
+    theirs = Ours(
+        device_pin='1032AE100801036', source_address=0x37, allowed_joysticks=frozenset({0x38})
+    )
+    bench = Bench(
+        second,
+        theirs,
+        device_pin='1032AE100801035',
+        source_address=0x38,
+        allowed_joysticks=frozenset({0x37}),
+    )
+    assert bench.reasons == []
+    assert theirs.session.stop_reasons(bench.now) == []
+    second.apply('enable off')
+    bench.run(0.3)
+    assert bench.reasons == []
+    assert 'enable input' in theirs.session.stop_reasons(bench.now)[0]
+
+
+def test_unit_leaves_setup_mode_though_another_node_asks_for_its_own_unit_each_second() -> None:
+    other = Ours(source_address=0x37, device_pin=OTHER_PIN, allowed_joysticks=frozenset({0x38}))
+    bench = Bench(other, device_pin=PIN, allowed_joysticks=frozenset({0x37}))
+    bench.session.request(Request.ENTER_SETUP, bench.now)
+    bench.wait(lambda: bench.unit.motion.setup)
+    bench.run(0.1)
+    bench.session.request(Request.RESET_CONTROLLER, bench.now)
+    bench.run(5.0)
+    assert not bench.unit.motion.setup
+    bench.move()

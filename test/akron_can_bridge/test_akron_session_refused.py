@@ -1,0 +1,294 @@
+# Copyright 2026 The rugged_teleop maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Frames of the Akron session that a busy line does not take: it counts on none of them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import pytest
+
+from akron_can_bridge.protocol import Axis, ExtendedJoystick
+from akron_can_bridge.session import PausePressed, Request
+from bridge_core.j1939 import CanFrame
+from bridge_core.session import Answer
+from stage.akron_session_rig import (
+    Bench,
+    COAST,
+    ef,
+    MOVE,
+    NEUTRAL,
+    NO_FAULTS,
+    NO_TARGETS,
+    of,
+    oscillating,
+    OURS,
+    OUTPUTS,
+    PAUSE,
+    REST,
+    SLOT,
+    Turning,
+    UNIT,
+)
+
+RETRY = 0.001
+GRIP = 0x0CFDD700 | OURS
+ALL, NONE = '0F', '00'
+
+
+def everything(frame: CanFrame) -> bool:
+    del frame
+    return True
+
+
+def nothing(frame: CanFrame) -> bool:
+    del frame
+    return False
+
+
+def permissions(bench: Bench, since: float, unit: int = UNIT) -> list[tuple[float, str]]:
+    """Return each A1 to an address: after how many ms it went, and what it permits."""
+    identifier = 0x18EF0000 | unit << 8 | OURS
+    return [
+        (round((at - since) * 1e3, 3), frame.data.hex().upper()[4:])
+        for at, frame in bench.sent
+        if at >= since and frame.identifier == identifier and frame.data[0] == 0xA1
+    ]
+
+
+def permitted() -> Bench:
+    bench = Bench(soe_permissive=True).find_unit()
+    bench.run(0.1, REST)
+    bench.run(0.2, MOVE)
+    assert permissions(bench, 0.0)[-1][1] == ALL
+    bench.now += RETRY / 2  # within a slot
+    return bench
+
+
+# -- when it is tried again -----------------------------------------------------------------------
+
+
+@pytest.mark.parametrize('refuses', [everything, lambda frame: frame.data[0] == 0xA1])
+def test_line_that_takes_nothing_is_tried_once_a_millisecond(
+    refuses: Callable[[CanFrame], bool],
+) -> None:
+    bench = permitted()
+    bench.refuses = refuses
+    for _ in range(50):
+        bench.poll()
+        assert bench.now < bench.session.deadline() <= bench.now + SLOT
+        bench.now = bench.session.deadline()
+    bench.estop_in(True)
+    for _ in range(50):
+        bench.poll()
+        assert bench.session.deadline() == pytest.approx(bench.now + RETRY)
+        bench.now = bench.session.deadline()
+
+
+def test_stop_that_a_busy_line_did_not_take_goes_a_millisecond_later() -> None:
+    bench = permitted()
+    start, bench.refuses = bench.now, everything
+    bench.estop_in(True)
+    assert bench.joystick_frames(start) == []
+    bench.refuses = nothing
+    bench.wait(RETRY)
+    assert bench.joystick_frames(start) == [NEUTRAL]
+    assert permissions(bench, start) == [(1.0, NONE)]
+
+
+def test_what_is_tried_again_is_what_is_asked_for_then() -> None:
+    bench = permitted()
+    bench.wait(SLOT / 2)
+    bench.refuses = everything
+    bench.wait(SLOT)
+    start, bench.refuses = bench.now, nothing
+    bench.estop_in(True)
+    bench.wait(SLOT)
+    assert bench.all_neutral(start)
+
+
+def test_grip_that_a_busy_line_did_not_take_goes_a_millisecond_later_and_alone() -> None:
+    bench = Bench(extended=True, automatic_motion=True).find_unit()
+    bench.run(0.1, REST)
+    bench.run(0.1, (REST[0], ExtendedJoystick(Axis.of(500), Axis.of(0))))
+    bench.now += RETRY / 2  # within a slot
+    start, bench.refuses = bench.now, lambda frame: frame.identifier == GRIP
+    bench.estop_in(True)
+    bench.wait(5 * RETRY)
+    assert (bench.joystick_frames(start), bench.frames(GRIP, start)) == ([NEUTRAL], [])
+    bench.refuses = nothing
+    bench.wait(RETRY)
+    assert bench.frames(GRIP, start) == [NO_TARGETS]
+    bench.wait(SLOT - 6 * RETRY)
+    assert bench.joystick_frames(start) == [NEUTRAL, NEUTRAL]
+    assert bench.frames(GRIP, start) == [NO_TARGETS, NO_TARGETS]
+
+
+def test_grip_of_a_port_that_is_closed_waits_for_nothing() -> None:
+    bench = Bench(extended=True).find_unit()
+    bench.refuses = lambda frame: frame.identifier == GRIP
+    bench.wait(SLOT)
+    bench.session.closed(bench.now)
+    bench.refuses = nothing
+    bench.open()
+    start = bench.now = bench.now + RETRY
+    bench.poll()
+    assert bench.frames(GRIP, start) == []
+
+
+# -- the permission -------------------------------------------------------------------------------
+
+
+def test_permission_that_did_not_go_out_is_given_soon() -> None:
+    bench = Bench(soe_permissive=True).find_unit()
+    bench.run(0.1, REST)
+    bench.refuses = everything
+    bench.command(MOVE)
+    start, bench.refuses = bench.now, nothing
+    bench.wait(RETRY)
+    assert permissions(bench, start) == [(1.0, ALL)]
+
+
+def test_unit_whose_permission_was_not_taken_back_has_it_taken_back_where_it_is_lost() -> None:
+    bench = permitted()
+    bench.refuses = everything
+    bench.estop_in(True)
+    bench.session.interrupted('messages were lost', bench.now)
+    bench.poll()
+    start, bench.refuses = bench.now, nothing
+    bench.wait(2 * RETRY)
+    assert permissions(bench, start) == [(1.0, NONE)]
+    bench.wait(1.0)
+    assert len(permissions(bench, start)) == 1
+
+
+def test_unit_that_moved_has_its_permission_taken_back_at_its_former_address() -> None:
+    bench = permitted()
+    bench.refuses = everything
+    bench.session.interrupted('messages were lost', bench.now)
+    bench.take(ef('FF83150226021A0B', 0x90), ef('83C051', 0x90))
+    start, bench.refuses = bench.now, nothing
+    bench.wait(2 * RETRY)
+    assert permissions(bench, start) == [(1.0, NONE)]
+    bench.wait(SLOT)
+    assert [said for _, said in permissions(bench, start, 0x90)] == [NONE]
+
+
+def test_grip_that_did_not_go_out_is_no_permission_whatever_its_first_byte_is() -> None:
+    bench = permitted()
+    frame = ExtendedJoystick().to_frame(OURS)
+    start = bench.now
+    bench.session.refused(CanFrame(frame.identifier, b'\xa1' + frame.data[1:]), bench.now)
+    bench.wait(SLOT / 2)
+    assert permissions(bench, start) == []
+
+
+# -- NAMEs ----------------------------------------------------------------------------------------
+
+
+def name_requests(bench: Bench) -> int:
+    return len(bench.frames(0x18EAFF00 | OURS))
+
+
+def test_bus_is_asked_for_names_although_the_unit_is_known_and_heard() -> None:
+    bench = Turning(automatic_motion=True, unit_address=UNIT, device_type=1032)
+    bench.refuses = everything
+    bench.open()
+    bench.take(OUTPUTS, NO_FAULTS)
+    assert not bench.session.finder.alone
+    bench.refuses = nothing
+    bench.run(SLOT)
+    assert name_requests(bench) == 1
+    assert bench.session.finder.alone
+    bench.run(3.0)
+    assert name_requests(bench) == 1
+
+
+# -- the switch -----------------------------------------------------------------------------------
+
+
+def pauses(frame: CanFrame) -> bool:
+    return frame.data == PAUSE
+
+
+def test_switch_that_did_not_go_out_is_not_pressed_later_and_told_as_such() -> None:
+    bench = oscillating()
+    start, bench.refuses = bench.now, pauses
+    bench.run(0.3, REST, estop=True)
+    bench.refuses = nothing
+    bench.run(2 * COAST, REST, estop=True)
+    assert bench.all_neutral(start)
+    assert of(PausePressed, bench.events) == [PausePressed(), PausePressed(sent=False)]
+    assert bench.session.values(bench.now)['switch 7 pressed by stops'] == 0
+    assert not bench.session.oscillation.is_doubted
+
+
+def test_switch_of_which_one_frame_went_out_is_pressed_no_more() -> None:
+    bench = oscillating()
+    start = bench.now
+    bench.refuses = lambda frame: pauses(frame) and PAUSE in bench.joystick_frames(start)
+    bench.run(3 * COAST, REST, estop=True)
+    assert bench.joystick_frames(start).count(PAUSE) == 1
+    assert of(PausePressed, bench.events) == [PausePressed()]
+
+
+# -- requests -------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ('request_', 'data'),
+    [
+        (Request.ZERO_POSITIONS, '41'),
+        (Request.ENTER_SETUP, '46'),
+        (Request.RESET_CONTROLLER, '45'),
+    ],
+)
+def test_request_that_did_not_go_out_goes_soon_and_once(request_: Request, data: str) -> None:
+    bench = Bench().find_unit()
+    bench.run(1.5)
+    start, bench.refuses = bench.now, everything
+    bench.session.request(request_, bench.now)
+    bench.poll()
+    bench.run(0.1)
+    bench.refuses = nothing
+    bench.run(SLOT)
+    assert bench.asked(start) == [data]
+    bench.run(0.5)
+    assert bench.asked(start) == [data]
+
+
+def test_request_that_went_out_is_not_sent_anew_for_another_that_did_not() -> None:
+    bench = Bench(vista_rate=10.0).find_unit()
+    bench.run(1.5)
+    start = bench.now
+    bench.session.request(Request.RESET_CONTROLLER, bench.now)
+    bench.poll()
+    bench.refuses = lambda frame: frame.data.hex() == '21'  # a poll
+    bench.run(1.0)
+    assert bench.asked(start) == ['45']
+
+
+def test_poll_that_did_not_go_out_keeps_to_its_period() -> None:
+    bench = Bench().find_unit()
+    bench.run(1.5)
+    start, bench.refuses = bench.now, everything
+    bench.session.request(Request.POLL_VERSIONS, bench.now)
+    bench.poll()
+    bench.refuses = nothing
+    bench.wait(0.2)
+    assert bench.asked(start) == []
+    bench.wait(0.1)
+    assert bench.asked(start) == ['03', '04', '05']
+    assert of(Answer, bench.events) == []

@@ -1,0 +1,461 @@
+# Copyright 2026 The rugged_teleop maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The simulated unit and joystick: that they behave as the manual says."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+import json
+
+from hypothesis import given, settings, strategies as st
+import pytest
+
+from akron_can_bridge import protocol
+from akron_can_bridge.simulator import BOOT_TIME, frames, Simulator
+from bridge_core.j1939 import CanFrame
+from stage.akron_bus import Bench, Bus, RIGHT
+from stage.akron_frames import GOLDEN
+
+# -- its frames, against the vectors --------------------------------------------------------------
+
+BUILT: dict[str, Callable[[], CanFrame]] = {
+    'basic joystick': lambda: frames.build_joystick(
+        0x33, frames.build_deflection(500), frames.build_deflection(-400), [0, 1] + [0] * 10
+    ),
+    'extended joystick': lambda: frames.build_extended(
+        0x33,
+        frames.build_deflection(500),
+        frames.build_deflection(-400),
+        frames.build_deflection(1023, frames.ABSENT),
+        [0, 0, 1, 0],
+    ),
+    'address announcement': lambda: frames.build_announcement(0x80, '1032AE100801035'),
+    'position': lambda: frames.build_position(
+        0x80, frames.build_angle(47.3), frames.build_angle(-5.5), [0] * 8 + [1, 0], 0, 1
+    ),
+    'rotation soft limits': lambda: frames.build_limits(0x81, 0x80, -30.0, 45.0, True),
+    'elevation soft limits': lambda: frames.build_limits(0x82, 0x80, -20.0, 90.0, False),
+    'digital outputs': lambda: frames.build_message(
+        0x83,
+        frames.build_flags(
+            {'enable', 'active', 'discharge', 'handheld_led', 'panel_led'}, frames.OUTPUTS, 3
+        ),
+        0x80,
+    ),
+    'mini universal outputs': lambda: frames.build_message(
+        0x84,
+        frames.build_flags({'device_active', 'riser_extended'}, frames.MINI_OUTPUTS, 3),
+        0x81,
+    ),
+    'digital inputs': lambda: frames.build_message(
+        0x85, frames.build_flags({'allowed'}, frames.INPUTS, 2), 0xD0
+    ),
+    'name': lambda: frames.build_name(0x80, 137739, 66, True),
+}
+
+
+@pytest.mark.parametrize('name', BUILT)
+def test_its_frames_agree_with_the_vectors(name: str) -> None:
+    identifier, data = GOLDEN[name]
+    assert BUILT[name]() == CanFrame(int(identifier, 16), bytes.fromhex(data))
+
+
+# -- its address ----------------------------------------------------------------------------------
+
+
+def test_claims_its_address_and_announces_it_when_nobody_contends() -> None:
+    bus = Bus(Simulator()).run(1.0)
+    assert bus.of('18EEFF80') == [GOLDEN['name'][1]]
+    assert bus.of('18EFFF80', 'FF') == [GOLDEN['address announcement'][1]]
+    claimed, announced = bus.times('18EEFF80')[0], bus.times('18EFFF80', 'FF')[0]
+    assert announced - claimed == pytest.approx(0.25)
+    assert min(bus.times('18EFFF80', '01')) >= announced
+
+
+def test_keeps_its_address_against_a_higher_name() -> None:
+    bench = Bench()
+    bench.heard.clear()
+    bench.say('18EEFF80', 'FFFFFFFFFFFFFFFF').run(0.5)
+    assert bench.of('18EEFF80') == [GOLDEN['name'][1]]
+    assert bench.described['address'] == '80'
+    assert len(bench.of('18EFFF80', '01')) == 5
+
+
+def test_loses_its_address_to_a_lower_name_and_announces_the_next() -> None:
+    bench = Bench()
+    bench.say('18EEFF80', '0000000000000000').run(0.5)
+    assert bench.described['address'] == '81'
+    assert bench.of('18EEFF81') == [GOLDEN['name'][1]]
+    assert len(bench.of('18EFFF81', 'FF')) == 1
+    assert bench.of('18EFFF80') == []
+    bench.say('18EF8005', '02').say('18EF8105', '02').run(0.1)
+    assert len(bench.of('18EF0581', '02')) == 1
+
+
+def test_two_units_share_a_bus() -> None:
+    other = Simulator(1042, pin='1042AE100801099')
+    bench = Bus(Simulator(), other).run(1.0)
+    addresses = {device.address for device in bench.devices if isinstance(device, Simulator)}
+    assert addresses == {0x80, 0x81}
+    announced = bench.of('18EFFF80', 'FF') + bench.of('18EFFF81', 'FF')
+    assert len(announced) == 2
+    assert len(set(announced)) == 2
+
+
+def test_twins_do_not_chase_each_other_round_the_addresses() -> None:
+    bus = Bus(Simulator(), Simulator()).run(1.0)
+    assert len(bus.of('18EEFF80')) == 2
+    assert bus.of('18EEFF81') == []
+
+
+def test_robs_nobody_of_an_address_but_the_wanted_one() -> None:
+    unit = Simulator()
+    bus = Bus(unit).run(0.0)
+    bus.say('18EEFF81', 'FFFFFFFFFFFFFFFF').say('18EEFF80', '0000000000000000').run(0.5)
+    assert unit.describe()['address'] == '82'
+    bus.say('18EEFF80', 'FEFFFFFFFFFFFFFF')
+    unit.apply('address 80')
+    assert bus.run(0.5).of('18EFFF80', 'FF')
+
+
+def test_address_that_its_holder_left_is_free_again() -> None:
+    unit = Simulator()
+    bus = Bus(unit).run(0.0)
+    bus.say('18EEFF81', '0100000000000000').say('18EEFF90', '0100000000000000')
+    bus.say('18EEFF80', '0000000000000000').run(0.5)
+    assert unit.describe()['address'] == '81'
+
+
+def test_no_address_left_is_said_and_it_stays_silent() -> None:
+    unit = Simulator()
+    bus = Bus(unit)
+    bus.run(0.0)
+    for address in range(0x81, 0xF8):
+        bus.say(f'18EEFF{address:02X}', f'{address:02X}00000000000000')
+    bus.say('18EEFF80', '0000000000000000').run(1.0)
+    assert bus.of('18EEFFFE') == [GOLDEN['name'][1]]
+    assert [heard for heard in bus.heard if heard.sender is unit] == bus.heard[-1:]
+
+
+def test_name_request_is_answered_by_the_name_and_then_the_announcement() -> None:
+    bench = Bench()
+    bench.run(0.0).say('18EAFFFF', '00EE00').run(0.01)
+    told = [heard.frame.data.hex().upper() for heard in bench.heard]
+    expected = [GOLDEN['name'][1], GOLDEN['address announcement'][1]]
+    assert [data for data in told if data in expected] == expected
+    bench.say('18EAFFFF', '00EF00').run(0.01)
+    assert GOLDEN['name'][1] not in [heard.frame.data.hex().upper() for heard in bench.heard]
+
+
+def test_can_be_sent_to_another_address() -> None:
+    bench = Bench('address 9A')
+    bench.run(0.5)
+    assert len(bench.of('18EFFF9A', 'FF')) == 1
+
+
+# -- its broadcasts -------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ('device_type', 'kinds'),
+    [
+        (1032, {'01', '81', '82', '83'}),
+        (1033, {'84'}),
+        (1040, {'01', '83'}),
+        (1042, {'01', '83'}),
+        (1052, {'83'}),
+    ],
+)
+def test_every_device_broadcasts_its_own_kinds_every_100_ms(
+    device_type: int, kinds: set[str]
+) -> None:
+    bench = Bench(device_type=device_type)
+    bench.run(2.0)
+    assert {data[:2] for data in bench.of('18EFFF80')} == kinds
+    for kind in kinds:
+        assert len(bench.of('18EFFF80', kind)) == pytest.approx(20, abs=1)
+
+
+def test_unit_without_feedback_has_no_positions_and_no_soft_limits() -> None:
+    bench = Bench(feedback=False)
+    bench.run(0.3)
+    assert {data[:2] for data in bench.of('18EFFF80')} == {'01', '83'}
+    assert {data[:10] for data in bench.of('18EFFF80', '01')} == {'01FFFFFFFF'}
+
+
+def test_io_module_speaks_once_an_input_was_set() -> None:
+    bench = Bench()
+    bench.run(0.3)
+    assert bench.of('18EFFFD0') == []
+    bench.apply('input allowed on').run(0.3)
+    assert set(bench.of('18EFFFD0')) == {'8501'}
+
+
+@pytest.mark.parametrize(
+    ('line', 'data'),
+    [
+        ('enable off', '834005'),
+        ('soe on', '83C805'),
+        ('pointaim on', '83D005'),
+        ('output riser_high on', '83C205'),
+        ('output riser_low on', '83C105'),
+        ('output aux_agent on', '83C085'),
+        ('output handheld_led on', '83C015'),
+        ('output remote_mode on', '83C00D'),
+        ('output not_in_zone off', '83C001'),
+        ('output point_aim_led on', '83C007'),
+        ('output panel_led off', '83C004'),
+        ('position 4 1', '83C025'),
+        ('position 5 0.2', '83C045'),
+    ],
+)
+def test_digital_outputs_show_its_state(line: str, data: str) -> None:
+    bench = Bench(line)
+    bench.run(0.2)
+    assert bench.of('18EFFF80', '83')[-1] == data
+
+
+def test_mini_universal_shows_its_riser_and_faults() -> None:
+    bench = Bench('output riser_retracted on', device_type=1033)
+    bench.run(0.2)
+    assert bench.of('18EFFF80', '84')[-1] == '848001'
+    bench.apply('fault fuse on').run(0.2)
+    assert bench.of('18EFFF80', '84')[-1] == '84C001'
+
+
+@pytest.mark.parametrize(
+    ('line', 'data'),
+    [
+        # Axis 5 is at its closed end: 11 hex in the last byte.
+        ('position 1 47.3', '011D940000000011'),
+        ('position 2 -5.5', '0100000371000011'),
+        ('position 1 175', '016D640000400011'),
+        ('position 1 -175', '016D610000100011'),
+        ('position 2 90', '0100003844040011'),
+        ('position 2 -45', '0100001C21010011'),
+        ('position 3 1', '0100000000004011'),
+        ('position 3 0', '0100000000001011'),
+        ('position 4 1', '0100000000000411'),
+        ('position 4 0', '0100000000000111'),
+        ('position 5 1', '0100000000000041'),
+        ('sensor rotation error', '01FFFA0000000015'),
+        ('sensor elevation unavailable', '010000FFFF000011'),
+        ('calibrated off', '0100000000000010'),
+        ('fault fuse on', '0100000000000015'),
+        ('pcode 7', '0100000000000015'),
+    ],
+)
+def test_position_and_limits_show_its_state(line: str, data: str) -> None:
+    bench = Bench(line)
+    bench.run(0.2)
+    assert bench.of('18EFFF80', '01')[-1] == data
+
+
+# -- what it is asked -----------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ('polled', 'answer'),
+    [
+        ('02', '02000000000000'),
+        ('03', '03010B02040206'),
+        ('04', '040D1C000E0204'),
+        ('05', '050398690E0204'),
+        ('41', '41'),
+        ('46', '46'),
+    ],
+)
+def test_poll_is_answered_to_who_asked_only(polled: str, answer: str) -> None:
+    bench = Bench()
+    bench.run(0.0).say('18EF8005', polled).run(0.05)
+    assert bench.of('18EF0580') == [answer]
+    bench.run(0.0).say('18EF8105', polled).say('18EFFF05', polled).run(0.05)
+    assert bench.of('18EF0580') == []
+
+
+# Byte and bit as the manual counts them.
+@pytest.mark.parametrize(
+    ('name', 'data'),
+    [
+        ('s12', '02800000000000'),
+        ('can_output', '02400000000000'),
+        ('sci_output', '02200000000000'),
+        ('external_eeprom', '02008000000000'),
+        ('fuse', '02002000000000'),
+        ('pcode_syntax', '02000100000000'),
+        ('xgate', '02000080000000'),
+        ('can_input', '02000040000000'),
+        ('sci_input', '02000020000000'),
+        ('output_3', '02000001000000'),
+        ('output_2', '02000000800000'),
+        ('output_1', '02000000400000'),
+        ('axis_5', '02000000200000'),
+        ('axis_4', '02000000100000'),
+        ('axis_3', '02000000080000'),
+        ('axis_2', '02000000040000'),
+        ('axis_1', '02000000020000'),
+        ('internal_eeprom', '02000000010000'),
+    ],
+)
+def test_every_fault_is_told(name: str, data: str) -> None:
+    bench = Bench(f'fault {name} on')
+    bench.run(0.0).say('18EF8005', '02').run(0.01)
+    assert bench.of('18EF0580') == [data]
+    bench.apply(f'fault {name} off').run(0.0).say('18EF8005', '02').run(0.01)
+    assert bench.of('18EF0580') == ['02000000000000']
+
+
+def test_broken_rotation_sensor_has_the_manuals_error_code() -> None:
+    bench = Bench('sensor rotation error')
+    bench.run(0.0).say('18EF8005', '02').run(0.01)
+    assert bench.of('18EF0580') == [GOLDEN['fault response'][1]]
+    bench.apply('pcode 513').run(0.0).say('18EF8005', '02').run(0.01)
+    assert bench.of('18EF0580') == ['02000000000201']
+
+
+def test_vista_poll_is_answered_by_two_records() -> None:
+    bench = Bench('voltage 513', 'position 1 175', 'position 2 90').stick('107D046400100000')
+    bench.run(0.05)
+    bench.run(0.0).say('18EF8005', '21').run(0.01)
+    # 10 bits of 513, 14 of 0; 10 of 500, 4 of 0, switches 10, 3; 10 of 400, switch 2 on, 1 off;
+    # forward 0, back 1, left 0, right 1.
+    text = '10000000010000000000000001111101000000000110010000100101'
+    assert bench.of('18EF0580', '21') == ['21' + f'{int(text, 2):014X}']
+    assert bench.of('18EF0580', '22') == ['22FFFFFFFF']
+
+
+def test_zero_makes_the_present_position_zero() -> None:
+    bench = Bench('position 1 47.3', 'position 2 -5.5')
+    bench.say('18EF8005', '41').run(0.2)
+    assert bench.of('18EFFF80', '01')[-1] == '0100000000000011'
+    bench.apply('position 1 57.3').run(0.2)
+    assert bench.of('18EFFF80', '01')[-1][:6] == '010644'  # 10.0 degrees to the right
+
+
+def test_reset_silences_it_until_it_claims_and_announces_again() -> None:
+    bench = Bench('position 1 20').stick(RIGHT)
+    bench.run(0.5)
+    sent_at = bench.now
+    bench.stick().say('18EF8005', '45').run(1.0)
+    own = [heard.at for heard in bench.heard if heard.sender is bench.unit]
+    assert min(own) == pytest.approx(sent_at + BOOT_TIME)
+    assert len(bench.of('18EFFF80', 'FF')) == 1
+    assert bench.of('18EF0580') == []  # not acknowledged
+
+
+def test_only_the_devices_of_the_manual_take_a_request() -> None:
+    bench = Bench(device_type=1033)
+    for request in ('21', '41', '45', '46'):
+        bench.say('18EF8005', request)
+    bench.run(0.3)
+    assert bench.of('18EF0580') == []
+    assert bench.described['rejected'] == 4
+
+
+def test_muted_or_switched_off_says_nothing() -> None:
+    bench = Bench('mute on')
+    bench.say('18EF8005', '02').run(0.5)
+    assert bench.heard == []
+    assert bench.apply('mute off').run(0.2).of('18EFFF80', '01')
+    bench.apply('power off').run(0.5)
+    assert bench.heard == []
+    bench.apply('power on').run(1.0)
+    assert len(bench.of('18EFFF80', 'FF')) == 1
+
+
+# -- its frames and our codec ---------------------------------------------------------------------
+
+
+@given(
+    st.floats(-175, 175),
+    st.floats(-45, 90),
+    st.sets(st.sampled_from(sorted(frames.FAULTS))),
+    st.integers(0, 65535),
+)
+@settings(max_examples=50)
+def test_our_codec_reads_what_it_shows(
+    rotation: float, elevation: float, faults: set[str], pcode: int
+) -> None:
+    lines = [f'fault {name} on' for name in sorted(faults)]
+    bench = Bench(f'position 1 {rotation}', f'position 2 {elevation}', f'pcode {pcode}', *lines)
+    bench.run(0.0).say('18EF8005', '02').run(0.15)
+    read = [protocol.decode(heard.frame).message for heard in bench.heard if heard.sender]
+    position = next(m for m in read if isinstance(m, protocol.PositionLimit))
+    assert position.rotation.degrees == pytest.approx(rotation, abs=0.051)
+    assert position.elevation.degrees == pytest.approx(elevation, abs=0.051)
+    assert position.operational_error == int(bool(faults or pcode))
+    status = next(m for m in read if isinstance(m, protocol.FaultStatus))
+    assert (len(protocol.flag_names(status.faults)), status.pcode) == (len(faults), pcode)
+
+
+@given(st.lists(st.builds(CanFrame, st.integers(0, 2**29 - 1), st.binary(max_size=8))))
+def test_any_frame_is_taken_and_moves_nothing(foreign: list[CanFrame]) -> None:
+    bench = Bench()
+    for frame in foreign:
+        if frame.identifier >> 8 & 0x1FFFE != 0xFDD6:
+            bench.unit.receive(frame, bench.now)
+    bench.run(0.1)
+    assert not bench.unit.motion.moving
+
+
+@given(st.binary(max_size=8), st.sampled_from(['0CFDD633', '0CFDD733', '18EF8005', '18EEFF80']))
+def test_any_data_is_taken(data: bytes, identifier: str) -> None:
+    bench = Bench()
+    bench.say(identifier, data.hex()).run(0.5)
+    assert json.dumps(bench.described)
+
+
+# -- people at the bench --------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    'line',
+    [
+        'fly',
+        '',
+        'enable',
+        'enable maybe',
+        'fault axis_6 on',
+        'fault axis_1 maybe',
+        'pcode 65536',
+        'sensor yaw ok',
+        'sensor rotation good',
+        'position 6 0',
+        'position 1 176',
+        'position 1 nan',
+        'limit high 3',
+        'physical 1 1.5',
+        'output enable on',
+        'output riser_extended on',
+        'input up on',
+        'voltage 1024',
+        'address 7F',
+        'address XX',
+    ],
+)
+def test_bad_line_is_refused_with_help(line: str) -> None:
+    with pytest.raises(ValueError, match=r'\w'):
+        Simulator().apply(line)
+
+
+def test_describe_is_plain() -> None:
+    described = Bench('fault fuse on').stick(RIGHT).run(0.3)
+    assert isinstance(described, Bench)
+    assert json.loads(json.dumps(described.described)) == described.described
+
+
+def test_unknown_device_type_is_refused() -> None:
+    with pytest.raises(ValueError, match='1035'):
+        Simulator(1035)

@@ -1,0 +1,312 @@
+# Copyright 2026 The rugged_teleop maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""What moves the simulated unit, and what keeps it from moving: manual Appendices B and C."""
+
+from __future__ import annotations
+
+import itertools
+
+import pytest
+
+from stage.akron_bus import BACK, Bench, FORWARD, HALF_RIGHT, LEFT, REST, RIGHT
+
+UP_TO_SPEED = 0.25  # seconds from rest to 20 degrees a second
+
+
+@pytest.mark.parametrize(
+    ('data', 'right', 'up'),
+    [(RIGHT, 1, 0), (LEFT, -1, 0), (BACK, 0, 1), (FORWARD, 0, -1), (REST, 0, 0)],
+)
+def test_stick_moves_an_axis_its_way(data: str, right: int, up: int) -> None:
+    bench = Bench().stick(data)
+    before = bench.unit.motion.degrees(1)
+    assert bench.turn(1.0) == pytest.approx(right * 17.5, abs=0.5)
+    assert bench.unit.motion.degrees(1) - before == pytest.approx(up * 17.5, abs=0.5)
+
+
+def test_speed_is_proportional_and_reached_by_acceleration() -> None:
+    bench = Bench().stick(HALF_RIGHT)
+    first = bench.turn(0.1)
+    bench.run(0.5)
+    assert bench.turn(1.0) == pytest.approx(10.0, abs=0.1)
+    assert 0 < first < 0.6
+
+
+def test_reversal_begins_at_rest() -> None:
+    bench = Bench().stick(RIGHT)
+    bench.run(1.0)
+    bench.stick(LEFT).run(0.025)
+    assert -0.6 < bench.turn(0.08) < -0.2
+
+
+def test_release_stops_it_at_once() -> None:
+    bench = Bench().stick(RIGHT)
+    bench.run(1.0)
+    bench.stick(REST).run(0.03)
+    assert bench.turn(1.0) == 0
+
+
+@pytest.mark.parametrize(
+    'data',
+    [
+        '2AFA010000000000',  # error in all three statuses
+        'FFFF010000000000',  # not available
+        '00FA010000000000',  # no direction
+        '14FA010000000000',  # both
+        '11FA010000000000',  # right and neutral
+        '12FA010000000000',  # right, and neutral in error
+    ],
+)
+def test_deflection_that_is_not_vouched_for_moves_nothing(data: str) -> None:
+    assert Bench().stick(data).turn(0.5) == 0
+
+
+@pytest.mark.parametrize('period', [0.02, 0.1, 0.19])
+def test_frames_within_200_ms_keep_it_moving(period: float) -> None:
+    bench = Bench()
+    bench.host.period = period
+    bench.stick(RIGHT).run(0.5)
+    assert bench.turn(2.0) == pytest.approx(40.0, abs=0.1)
+
+
+@pytest.mark.parametrize('source', range(0x33, 0x39))
+def test_silence_of_200_ms_stops_it(source: int) -> None:
+    bench = Bench().stick(RIGHT, source=source)
+    bench.run(1.0)
+    last = max(heard.at for heard in bench.heard if heard.sender is None)
+    bench.stick().run(1.0)
+    assert bench.unit.motion.moved_at - last == pytest.approx(0.2, abs=0.006)
+    assert bench.unit.motion.moved_at - last < 0.2
+    assert bench.described['cleared'] == {f'{source:02X}': 1}
+
+
+def test_frames_of_other_addresses_are_no_joysticks() -> None:
+    for source in (0x00, 0x32, 0x39, 0xFF):
+        assert Bench().stick(RIGHT, source=source).turn(0.5) == 0
+
+
+@pytest.mark.parametrize(('high', 'low'), list(itertools.combinations(range(0x33, 0x39), 2)))
+def test_lower_address_overrides_a_higher_one(high: int, low: int) -> None:
+    bench = Bench()
+    bench.repeat((f'0CFDD6{low:02X}', LEFT), (f'0CFDD6{high:02X}', HALF_RIGHT))
+    bench.run(1.0)
+    assert bench.turn(1.0) == pytest.approx(10.0, abs=0.1)
+    assert bench.described['owners'] == {'axis 1': f'{high:02X}'}
+    bench.repeat((f'0CFDD6{low:02X}', LEFT), (f'0CFDD6{high:02X}', REST)).run(1.0)
+    assert bench.turn(1.0) == pytest.approx(-20.0, abs=0.1)  # neutral is no request
+
+
+def test_requests_that_do_not_conflict_are_all_honoured() -> None:
+    bench = Bench()
+    bench.repeat(('0CFDD633', RIGHT), ('0CFDD638', BACK)).run(0.5)
+    up = bench.unit.motion.degrees(1)
+    assert bench.turn(1.0) == pytest.approx(20.0, abs=0.1)
+    assert bench.unit.motion.degrees(1) - up == pytest.approx(20.0, abs=0.1)
+
+
+def test_switches_on_a_6032_override_the_bus_and_outlive_it() -> None:
+    bench = Bench('physical 1 -0.5').stick(RIGHT)
+    bench.run(0.5)
+    assert bench.turn(1.0) == pytest.approx(-10.0, abs=0.1)
+    bench.stick().run(0.5)
+    assert bench.turn(1.0) == pytest.approx(-10.0, abs=0.1)
+    with pytest.raises(ValueError, match='6032'):
+        Bench('physical 1 1', device_type=1042)
+
+
+@pytest.mark.parametrize(
+    ('device_type', 'switches', 'axis', 'sign'),
+    [
+        (1032, '400000', 2, 1),
+        (1032, '100000', 2, -1),
+        (1032, '040000', 4, 1),
+        (1032, '000010', 4, -1),
+        (1032, '004000', 3, 1),
+        (1032, '001000', 3, -1),
+        (1040, '040000', 3, 1),
+        (1040, '000010', 3, -1),
+        (1042, '400000', 2, 1),
+        (1052, '100000', 2, -1),
+    ],
+)
+def test_switches_move_the_axes_of_the_device(
+    device_type: int, switches: str, axis: int, sign: int
+) -> None:
+    bench = Bench(device_type=device_type)
+    bench.unit.motion.axes[axis].position = 0.5
+    others = [a.position for n, a in enumerate(bench.unit.motion.axes) if n != axis]
+    bench.stick(REST[:10] + switches).run(0.5)
+    assert (bench.unit.motion.axes[axis].position - 0.5) * sign > 0.1
+    assert others == [a.position for n, a in enumerate(bench.unit.motion.axes) if n != axis]
+
+
+# -- limits ---------------------------------------------------------------------------------------
+
+
+def test_hard_stop_ends_the_motion() -> None:
+    bench = Bench('position 1 174').stick(RIGHT)
+    bench.run(1.0)
+    assert bench.unit.motion.degrees(0) == 175.0
+    assert bench.unit.motion.axes[0].hard_stops == (True, False)
+    assert not bench.unit.motion.moving
+    assert bench.stick(LEFT).turn(1.0) < -10
+
+
+@pytest.mark.parametrize(
+    ('line', 'data', 'axis', 'end'),
+    [
+        ('limit right 10', RIGHT, 0, 10.0),
+        ('limit left -10', LEFT, 0, -10.0),
+        ('limit up 5', BACK, 1, 5.0),
+        ('limit down -5', FORWARD, 1, -5.0),
+    ],
+)
+def test_soft_limit_ends_the_motion(line: str, data: str, axis: int, end: float) -> None:
+    bench = Bench(line).stick(data)
+    bench.run(2.0)
+    assert bench.unit.motion.degrees(axis) == pytest.approx(end)
+    assert bench.unit.motion.axes[axis].hard_stops == (False, False)
+
+
+def test_beyond_a_soft_limit_it_only_comes_back() -> None:
+    bench = Bench('position 1 50', 'limit right 10')
+    assert bench.stick(RIGHT).turn(1.0) == 0
+    assert bench.stick(LEFT).turn(1.0) < -10
+
+
+@pytest.mark.parametrize(
+    ('stop', 'go'),
+    [
+        ('enable off', 'enable on'),
+        ('setup on', 'setup off'),
+        ('fault axis_1 on', 'fault axis_1 off'),
+        ('soe on', 'soe off'),
+        ('power off', 'power on'),
+    ],
+)
+def test_what_forbids_motion_stops_it(stop: str, go: str) -> None:
+    bench = Bench().stick(RIGHT)
+    bench.run(0.5)
+    assert bench.apply(stop).turn(1.0) == 0
+    bench.apply(go).run(1.0)
+    assert bench.turn(1.0) == pytest.approx(20.0, abs=0.1)
+
+
+def test_enter_setup_ends_motion_until_a_reset() -> None:
+    bench = Bench().stick(RIGHT)
+    bench.say('18EF8005', '46')
+    assert bench.turn(1.0) == 0
+    bench.say('18EF8005', '45').run(1.5)
+    assert bench.turn(1.0) > 10
+
+
+def test_fault_of_one_axis_leaves_the_others() -> None:
+    bench = Bench('fault axis_1 on').stick(BACK)
+    assert bench.lift(1.0) > 10
+
+
+# -- the SOE permissive ---------------------------------------------------------------------------
+
+DIRECTIONS = [(RIGHT, 1), (LEFT, 2), (BACK, 4), (FORWARD, 8)]
+
+
+@pytest.mark.parametrize(('data', 'bit'), DIRECTIONS)
+def test_permission_counts_by_direction(data: str, bit: int) -> None:
+    for permitted in (bit, 15 ^ bit):
+        bench = Bench('soe on')
+        bench.repeat(('0CFDD633', data), ('18EF8005', f'A100{permitted:02X}')).run(1.0)
+        assert (bench.unit.motion.moved_at > 0) == (permitted == bit)
+
+
+def test_permission_of_another_unit_does_not_count() -> None:
+    bench = Bench('soe on')
+    bench.repeat(('0CFDD633', RIGHT), ('18EF8105', 'A1000F'))
+    assert bench.turn(1.0) == 0
+
+
+def test_permission_expires_after_300_ms() -> None:
+    bench = Bench('soe on').stick(RIGHT)
+    bench.say('18EF8005', 'A1000F')
+    permitted_at = bench.now
+    bench.run(1.0)
+    assert bench.unit.motion.moved_at - permitted_at == pytest.approx(0.3, abs=0.006)
+    assert bench.unit.motion.moved_at - permitted_at < 0.3
+
+
+# -- what goes on by itself -----------------------------------------------------------------------
+
+STOW, DEPLOY = REST[:14] + '40', REST[:12] + '0100'
+OSCILLATE, PAUSE = REST[:10] + '010000', REST[:12] + '0400'
+
+
+def test_stow_and_deploy_go_on_by_themselves_until_a_stick_moves() -> None:
+    bench = Bench('position 1 40').stick(STOW)
+    bench.run(0.1)
+    bench.stick().run(6.0)
+    assert bench.described['stowed']
+    assert bench.unit.motion.degrees(1) == pytest.approx(-45, abs=0.1)
+    bench.stick(DEPLOY).run(0.1)
+    bench.stick().run(1.0)
+    assert not bench.described['stowed']
+    bench.stick(RIGHT).run(0.5)
+    bench.stick(REST).run(0.1)
+    assert bench.lift(1.0) == 0
+
+
+def test_inputs_of_the_io_module_stow_and_deploy() -> None:
+    bench = Bench('input stow on')
+    bench.run(5.0)
+    assert bench.described['stowed']
+    bench.apply('input deploy on').run(5.0)
+    assert bench.unit.motion.degrees(1) == pytest.approx(0, abs=0.1)
+
+
+def test_oscillates_between_its_soft_limits_and_pauses() -> None:
+    bench = Bench('limit left -10', 'limit right 10').stick(OSCILLATE)
+    ends = []
+    for _ in range(200):
+        bench.run(0.05)
+        ends.append(bench.unit.motion.degrees(0))
+    assert min(ends) == pytest.approx(-10, abs=0.2)
+    assert max(ends) == pytest.approx(10, abs=0.2)
+    bench.stick(REST).run(0.1)
+    bench.stick(PAUSE).run(0.1)
+    assert bench.turn(1.0) == 0
+    bench.run(0.2)
+    assert bench.of('18EFFF80', '81') == ['81FF9C006480'] * 2
+
+
+def test_grip_is_a_target_only_in_point_aim_mode() -> None:
+    grip = ('0CFDD733', '107D047DFFFF0000')  # 50 % right, 50 % back
+    bench = Bench()
+    bench.repeat(grip).run(1.0)
+    assert not bench.unit.motion.moving
+    assert bench.turn(0.1) == 0
+    bench.apply('pointaim on').run(6.0)
+    assert bench.unit.motion.degrees(0) == pytest.approx(87.5, abs=0.1)
+    assert bench.unit.motion.degrees(1) == pytest.approx(-45, abs=0.1)
+    bench.repeat(('0CFDD733', '107D107DFFFF0000')).run(6.0)
+    assert bench.unit.motion.degrees(1) == pytest.approx(45, abs=0.1)
+    bench.repeat(('0CFDD733', 'FFFFFFFFFFFF0000')).run(0.1)
+    assert bench.turn(1.0) == 0  # not available is no target
+    bench.repeat(('0CFDD733', '01000100FFFF0000')).run(6.0)
+    assert bench.unit.motion.degrees(0) == pytest.approx(0, abs=0.1)  # but neutral is
+
+
+def test_a_remote_of_another_maker_on_address_33_drives_it() -> None:
+    # 0CFDD633 is the left joystick of a FORT VSC, whose full scale is 1023: FFD0.
+    bench = Bench()
+    bench.repeat(('0CFDD634', REST), ('0CFDD633', 'D0FF010000000000')).run(0.5)
+    assert bench.turn(1.0) == pytest.approx(20.0, abs=0.1)

@@ -1,0 +1,227 @@
+# Copyright 2026 The rugged_teleop maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The benchmarks' own tools: devices in C, rows and what got worse, what a campaign accepts."""
+
+from collections.abc import Iterator
+from dataclasses import replace
+import os
+from pathlib import Path
+import shutil
+import subprocess
+import sys
+from typing import Any
+
+import pytest
+
+from assurance import campaign
+from assurance.benchmarks import results
+from assurance.benchmarks.rig import (
+    build,
+    family,
+    figures,
+    gaps,
+    Packet,
+    Rig,
+    running,
+    UnavailableError,
+    wires_of,
+)
+from assurance.campaign import Fault, Trial
+from rugged_teleop.reference import with_table
+from stage.rig import wait_for
+
+needs_compiler = pytest.mark.skipif(
+    not any(map(shutil.which, ('cc', 'gcc', 'clang'))), reason='needs a C compiler'
+)
+
+
+# The devices.
+
+
+@pytest.fixture
+def rig(tmp_path: Path) -> Iterator[Rig]:
+    with Rig(tmp_path) as rig:
+        yield rig
+
+
+@needs_compiler
+def test_stop_is_timed_and_its_packet_kept(rig: Rig) -> None:
+    with running('-m', 'assurance.benchmarks.bare', 'floor', str(rig.vsc), str(rig.drive)):
+        rig.say('estop 0')
+        wait_for(rig.enabled, 10.0, 'enable')
+        took = rig.fire('estop')
+        assert took is not None
+        packets = rig.packets(0.0)
+        assert packets[0].enables
+        assert not packets[-1].enables
+        times = [packet.at for packet in packets]
+        assert times == sorted(times)
+
+
+@needs_compiler
+def test_stop_that_nobody_carries_out_is_no_time(rig: Rig) -> None:
+    assert rig.fire('estop', timeout=0.2) is None
+    assert not rig.moves()
+
+
+def test_without_a_compiler_the_benchmark_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv('PATH', '')
+    build.cache_clear()
+    with pytest.raises(UnavailableError, match='no C compiler'):
+        build()
+
+
+# Figures.
+
+
+def test_figures_are_quantiles_of_all_values() -> None:
+    found = figures([number / 1000 for number in range(1000, 0, -1)])
+    assert found == {'p50': 0.501, 'p90': 0.901, 'p99': 0.991, 'max': 1.0, 'n': 1000}
+    assert figures([]) == {'n': 0}
+
+
+def test_gaps_are_between_packets() -> None:
+    assert gaps([Packet(at, True, 0) for at in (1.0, 1.5, 3.0)]) == [0.5, 1.5]
+
+
+def test_family_has_children_of_children() -> None:
+    source = 'import subprocess, sys; subprocess.run([sys.executable, "-S", "-c", "input()"])'
+    with subprocess.Popen([sys.executable, '-c', source], stdin=subprocess.PIPE) as process:
+        wait_for(lambda: len(family(process.pid)) == 2, 10.0, 'a grandchild')
+        assert family(os.getpid())[0] == os.getpid()
+        assert set(family(process.pid)) < set(family(os.getpid()))
+        assert campaign.lives(process.pid)
+        process.communicate(b'\n')
+    assert not campaign.lives(process.pid)
+
+
+def test_process_that_runs_a_wire_is_known_by_its_name() -> None:
+    with subprocess.Popen(
+        [sys.executable, '-S', '-c', "open('/proc/self/comm', 'w').write('wire'); input()"],
+        stdin=subprocess.PIPE,
+    ) as process:
+        wait_for(lambda: wires_of(os.getpid()) == [process.pid], 10.0, 'the name')
+        process.communicate(b'\n')
+    assert wires_of(os.getpid()) == []
+
+
+# Rows.
+
+
+def row_of(p50: float, bare: float, n: int = 200) -> results.Row:
+    measured = {
+        'three estop': {'p50': p50, 'p99': 2 * p50, 'n': n, 'lost': 1},
+        'bare estop': {'p50': bare, 'p99': bare, 'n': 200},
+    }
+    return next(row for row in results.rows(measured) if row.anchor)
+
+
+def test_row_compares_with_the_anchor_of_its_run() -> None:
+    row = row_of(0.003, 0.002)
+    assert row.figures == {'p50': 3.0, 'p99': 6.0}
+    assert row.ratio == {'p50': 1.5, 'p99': 3.0}
+    assert (row.n, row.lost, row.is_met()) == (200, 1, False)
+    assert row_of(0.001, 0.002).is_met()
+
+
+def test_row_whose_anchor_was_not_measured_is_left_out() -> None:
+    assert results.rows({'three estop': {'p50': 1.0, 'n': 1}}) == []
+
+
+def test_worse_is_a_ratio_and_no_time() -> None:
+    before = [row_of(0.003, 0.002)]
+    assert results.worse(before, [row_of(0.030, 0.020)]) == []
+    assert results.worse(before, [row_of(0.003 * 1.2, 0.002)]) == []
+    p50, p99 = results.worse(before, [row_of(0.003 * 1.3, 0.002)])
+    assert 'p50' in p50
+    assert 'p99' in p99
+
+
+def test_p99_of_few_values_is_not_compared() -> None:
+    (text,) = results.worse([row_of(0.003, 0.002)], [row_of(0.030, 0.002, n=20)])
+    assert 'p50' in text
+
+
+def test_count_that_was_reached_and_is_not_is_worse() -> None:
+    before, now = (results.rows({'demo': {'failed': failed, 'n': 10}}) for failed in (0, 1))
+    assert results.worse(before, before) == []
+    assert len(results.worse(before, now)) == 1
+
+
+def test_rows_measured_anew_replace_theirs_only() -> None:
+    old, new = row_of(0.003, 0.002), row_of(0.004, 0.002)
+    other = replace(old, name='another')
+    assert results.merged([other, old], [new]) == [new, other]
+
+
+def test_file_keeps_rows(tmp_path: Path) -> None:
+    rows = [row_of(0.003, 0.002)]
+    results.dump({'cores': '2'}, rows, tmp_path / 'results.json')
+    assert results.load(tmp_path / 'results.json') == {'machine': {'cores': '2'}, 'rows': rows}
+
+
+def test_targets_name_what_they_limit_once() -> None:
+    names = [target.name for target in results.TARGETS]
+    assert len(set(names)) == len(names)
+    assert all(target.anchor or target.absolute or not target.limits for target in results.TARGETS)
+
+
+def test_table_of_the_page_is_that_of_the_results() -> None:
+    found: dict[str, Any] = results.load()
+    page = results.PAGE.read_text(encoding='utf-8')
+    assert found['rows'], 'run make bench'
+    table = results.table(found['machine'], found['rows'])
+    assert with_table(page, table, results.BEGIN, results.END) == page, 'run make bench'
+
+
+# What a campaign accepts.
+
+GOOD = Trial(stopped=0.01, last='mmSSS', gap=0.011, told=0.05, back=True)
+FAULTS = {
+    kind: Fault(kind, kind, lambda subject: None) for kind in ('dead', 'hung', 'wire', 'quiet')
+}
+
+
+@pytest.mark.parametrize('fault', FAULTS.values(), ids=FAULTS)
+def test_trial_that_shows_what_it_should_holds(fault: Fault) -> None:
+    assert campaign.holds(GOOD, fault, 0.01)
+
+
+@pytest.mark.parametrize(
+    ('kind', 'change'),
+    [
+        ('dead', {'stopped': 0.03}),
+        ('dead', {'stopped': None}),
+        ('dead', {'last': 'mmSSm'}),
+        ('dead', {'left': 1}),
+        ('hung', {'stopped': 0.12}),
+        ('hung', {'gap': 0.05}),
+        ('quiet', {'gap': 0.05}),
+        ('wire', {'told': 0.11}),
+        ('wire', {'told': None}),
+        ('wire', {'left': 1}),
+        *((kind, {'moved': 1}) for kind in FAULTS),
+        *((kind, {'back': False}) for kind in FAULTS),
+    ],
+)
+def test_trial_that_lacks_one_thing_does_not(kind: str, change: dict[str, Any]) -> None:
+    assert not campaign.holds(replace(GOOD, **change), FAULTS[kind], 0.01)
+
+
+def test_row_tells_the_worst() -> None:
+    trials = [GOOD, replace(GOOD, stopped=0.04)]
+    cells = campaign.row('drive', FAULTS['hung'], trials).split(' | ')
+    assert cells[3] == '40'
+    assert '| never |' in campaign.row('drive', FAULTS['hung'], [replace(GOOD, stopped=None)])

@@ -1,0 +1,185 @@
+# Copyright 2026 The rugged_teleop maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Which files have mutants, and of what kind these are."""
+
+from __future__ import annotations
+
+import ast
+import itertools
+from pathlib import Path
+import subprocess
+import sys
+
+import pytest
+
+from assurance import mutants
+from assurance.mutant_runs import ROOT
+from assurance.mutants_excused import EXCUSED
+
+# Of the mux: what shows, wires, or says what may be set.
+_NOT_DECIDING = {
+    *('__init__', 'configuration', 'node', 'outputs', 'parameters', 'protocol', 'report'),
+}
+_BRIDGES = [path.parent.name for path in ROOT.glob('*_bridge/node.py')]
+
+
+def deciding(folder: str) -> list[str]:
+    """Return the files of a package that decide: its sessions and protocols, or the mux's own."""
+    root = ROOT
+    if folder == 'safety_mux':
+        found = [*(root / folder).glob('*.py')]
+        return [str(p.relative_to(root)) for p in found if p.stem not in _NOT_DECIDING]
+    found = [p for kind in ('session', 'protocol') for p in (root / folder).glob(f'{kind}*/*.py')]
+    found += (root / folder).glob('protocol.py')
+    return [str(p.relative_to(root)) for p in found if p.stem != '__init__']
+
+
+@pytest.mark.parametrize('folder', [*_BRIDGES, 'safety_mux'])
+def test_every_file_that_decides_has_mutants_and_tests(folder: str) -> None:
+    files = deciding(folder)
+    assert files
+    assert not set(files) - set(mutants.TESTS)
+
+
+def test_all_that_is_named_is_there() -> None:
+    for file, tests in mutants.TESTS.items():
+        for path in (file, *tests):
+            assert (ROOT / path).is_file(), path
+    assert not set(EXCUSED) - set(mutants.TESTS)
+
+
+def test_comparison_has_the_mutants_that_are_nearest() -> None:
+    (node,) = (n for n in ast.walk(ast.parse('a < b')) if isinstance(n, ast.Compare))
+    shown = [ast.unparse(each) for each in itertools.islice(mutants.variants(node), 9)]
+    assert shown == ['a <= b', 'a >= b']
+
+
+def in_python(code: str, *arguments: str) -> str:
+    """Run this apart from the tests that run here; return what it says."""
+    command = [sys.executable, '-c', code, *arguments]
+    return subprocess.run(command, capture_output=True, text=True, cwd=ROOT, check=True).stdout
+
+
+def test_fault_counts_in_a_module_that_is_loaded_already() -> None:
+    said = in_python(
+        'import bridge_core.watchdog; from assurance import mutant_runs; '
+        'fault = compile("raise ImportError", "watchdog.py", "exec"); '
+        'tests = ["test/bridge_core/test_watchdog.py"]; '
+        'print(mutant_runs.run_tests("bridge_core/watchdog.py", tests, fault, 60.0)[0])'
+    )
+    assert said.split() == ['killed']
+
+
+_PATIENCE = """
+import sys
+from assurance import mutant_runs
+
+FILE = 'bridge_core/watchdog.py'
+print(mutant_runs.patience_of(FILE, ['test/bridge_core/test_watchdog.py']))
+try:
+    mutant_runs.patience_of(FILE, ['test/test_nothing.py'])
+except mutant_runs.UnfitTestsError as error:
+    print('unfit')
+"""
+
+
+def test_patience_is_measured_by_tests_that_pass_without_a_fault() -> None:
+    patience, unfit = in_python(_PATIENCE).split()[-2:]
+    assert 10.0 < float(patience) < 600.0
+    assert unfit == 'unfit'
+
+
+_JUDGED = """
+import sys
+from assurance import mutant_runs
+from assurance import mutants
+
+FILE = 'bridge_core/checksums.py'
+
+def judge(bench):
+    for mutant in mutants.mutants(FILE):
+        if mutant.function in ('', 'crc16_ccitt_false'):
+            say(mutant.function or 'import', bench.outcome(FILE, mutant.code, mutant.lines))
+    say('no fault', bench.outcome(FILE, mutant_runs.compiled(FILE), range(1000)))
+
+def say(name, outcome):
+    print(name, outcome[0], file=said, flush=True)
+
+with open(sys.argv[1], 'w') as said:
+    tests = ['test/bridge_core/test_checksums.py']
+    mutant_runs.Bench.run([FILE, 'bridge_core/watchdog.py'], tests, judge)
+"""
+
+
+@pytest.mark.proof
+def test_bench_tells_of_faults_in_functions_alone(tmp_path: Path) -> None:
+    in_python(_JUDGED, str(tmp_path / 'said'))
+    said = {line.strip() for line in (tmp_path / 'said').open()}
+    assert said == {'crc16_ccitt_false killed', 'import None', 'no fault None'}
+
+
+_CLOSURE = """
+import sys
+from assurance import mutant_runs
+from assurance import mutants
+
+FILE = 'akron_can_bridge/protocol/fields.py'
+
+def judge(bench):
+    for mutant in mutants.mutants(FILE):
+        if mutant.function == 'degrees.pack' and 'value * 10' in mutant.change:
+            print(bench.outcome(FILE, mutant.code, mutant.lines)[0], file=said, flush=True)
+
+with open(sys.argv[1], 'w') as said:
+    mutant_runs.Bench.run([FILE], ['test/akron_can_bridge/test_akron_protocol.py'], judge)
+"""
+
+
+def test_fault_counts_in_a_function_that_another_one_made_at_the_import(tmp_path: Path) -> None:
+    in_python(_CLOSURE, str(tmp_path / 'said'))
+    assert set((tmp_path / 'said').read_text().split()) == {'killed'}
+
+
+def test_results_are_kept_and_taken_up_again(tmp_path: Path) -> None:
+    call = (
+        'import sys; from assurance import mutants; '
+        'mutants.main(["safety_mux/stamps.py", "--results", sys.argv[1], "--workers", "1"])'
+    )
+    results = tmp_path / 'results'
+    said = in_python(call, str(results))
+    known = results.read_text()
+    assert said.endswith('100.0%, 95% is enough\n')
+    assert len(known.splitlines()) == len([*mutants.mutants('safety_mux/stamps.py')])
+    assert in_python(call, str(results)) == said
+    assert results.read_text() == known
+
+
+_UNFIT = """
+import sys
+from assurance import mutants
+
+def judged(files, path, sample):
+    if 'stamps' in files[0]:
+        raise mutants.UnfitTestsError('unfit')
+    return [mutants.Verdict(['fit'], 1, 1)]
+
+mutants.judge = judged
+print(mutants.main(['safety_mux/stamps.py', 'safety_mux/limits.py', '--workers', '1']))
+"""
+
+
+def test_unfit_tests_of_a_file_are_told_and_the_other_files_judged() -> None:
+    said = in_python(_UNFIT).splitlines()
+    assert said == ['fit', '1 of 1 killed: 100.0%, 95% is enough', '2']

@@ -1,0 +1,730 @@
+# Copyright 2026 The rugged_teleop maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+The common node with a toy device: stop topics, lifecycle, diagnostics, clean exit.
+
+What holds on either link is tested on both: the fixture ``link``.
+"""
+
+import contextlib
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+import random
+from signal import SIGCONT, SIGINT, SIGSTOP, SIGTERM
+import socket
+import threading
+import time
+from types import SimpleNamespace
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from lifecycle_msgs.msg import Transition
+from lifecycle_msgs.srv import ChangeState
+import pytest
+from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.parameter import Parameter
+from sensor_msgs.msg import Joy
+from std_msgs.msg import Bool
+
+from bridge_core.session import Level, StopChanged, Verdict
+from bridge_core.transports import TransportError
+from stage.endings import each_ending
+from stage.rig import as_yaml, latched, NodeProcess, Observer, Pty, Record, wait_for
+from stage.run_delay import RunDelay
+from stage.talkers import Diagnostics, namespace
+from stage.toy_bridge import make_toy, toy_process, ToyBridge
+from stage.toy_rig import ESTOP, OUTLASTS_GAPS, ToyDevice, wait_repeats, wait_value
+from stage.toy_wire import Session
+
+pytestmark = pytest.mark.waits(60)
+toy = partial(toy_process, patient=True)  # unless it is about its limits
+
+
+@pytest.fixture(params=['thread', 'process'])
+def link(request: pytest.FixtureRequest) -> str:
+    """What runs the wire."""
+    return str(request.param)
+
+
+@pytest.fixture
+def device(pty: Pty, observer: Observer) -> ToyDevice:
+    return ToyDevice(pty, observer)
+
+
+# The stop topics.
+
+
+def test_late_joiner_gets_the_stop_of_a_node_without_a_port(
+    tmp_path: Path, observer: Observer, link: str
+) -> None:
+    with toy(tmp_path / 'nothing', link) as node:
+        node.wait_output('cannot open')
+        for topic in ('estop', 'own_estop'):
+            record = observer.record(Bool, f'/toy_bridge/{topic}', latched())
+            wait_value(observer, record, True)
+            wait_repeats(observer, record, True)
+        link_up = observer.record(Bool, '/toy_bridge/link_up', latched())
+        assert wait_value(observer, link_up, False)
+        # Logged once, not with every attempt.
+        assert node.output.count('cannot open') == 1
+
+
+def test_default_subscriber_gets_the_stop_too(tmp_path: Path, observer: Observer) -> None:
+    with toy(tmp_path / 'nothing'):
+        record = observer.record(Bool, ESTOP)
+        wait_value(observer, record, True)
+
+
+def test_stop_is_repeated_at_its_rate_in_every_state(
+    device: ToyDevice, observer: Observer, link: str
+) -> None:
+    options: dict[str, Any] = {'estop_rate': 50.0, 'link_timeout': OUTLASTS_GAPS}
+    with toy(device.pty.path, link, autostart=False, **options) as node:
+        record = observer.record(Bool, ESTOP, latched())
+        wait_value(observer, record, True)
+        delay = RunDelay([node.process.pid])
+        wait_repeats(observer, record, True, 20)  # unconfigured
+        assert observer.change_state('/toy_bridge', 'configure')
+        wait_repeats(observer, record, True, 20)  # inactive
+        assert observer.change_state('/toy_bridge', 'activate')
+        wait_value(observer, record, False)
+        wait_repeats(observer, record, False, 20)  # active and healthy
+        span = record.times[-1] - record.times[0]
+        # Never faster than requested, though they may come at once to who was held up; how much
+        # slower depends on the machine.
+        assert len(record.times) - 1 <= (span + delay.seconds()) * 50.0 * 1.5 + 2
+        assert observer.change_state('/toy_bridge', 'deactivate')
+        wait_repeats(observer, record, True, 20)  # inactive again
+        assert observer.change_state('/toy_bridge', 'cleanup')
+        wait_repeats(observer, record, True, 20)
+        assert node.process.poll() is None
+
+
+def test_unplugged_says_stop_and_comes_back_by_itself(
+    device: ToyDevice, observer: Observer, link: str
+) -> None:
+    with toy(device.pty.path, link, reconnect_period=0.2):
+        estop = observer.record(Bool, ESTOP, latched())
+        link_up = observer.record(Bool, '/toy_bridge/link_up', latched())
+        for _ in range(2):
+            wait_value(observer, estop, False)
+            observer.wait_for(lambda: link_up.last and link_up.last.data, 5.0, 'the link up')
+            device.pty.unplug()
+            wait_value(observer, estop, True)
+            wait_repeats(observer, estop, True)
+            observer.wait_for(lambda: not link_up.last.data, 5.0, 'the link down')
+            device.pty.replug()
+        wait_value(observer, estop, False)
+
+
+def test_unplugging_is_told_at_once_and_not_only_by_silence(
+    device: ToyDevice, observer: Observer, link: str
+) -> None:
+    # With a timeout of 10 s only the loss of the port itself can be the reason.
+    with toy(device.pty.path, link, link_timeout=10.0):
+        estop = observer.record(Bool, ESTOP, latched())
+        wait_value(observer, estop, False)
+        device.pty.unplug()
+        wait_value(observer, estop, True, 5.0)
+
+
+def test_silence_says_stop(device: ToyDevice, observer: Observer, link: str) -> None:
+    with toy(device.pty.path, link) as node:
+        estop = observer.record(Bool, ESTOP, latched())
+        wait_value(observer, estop, False)
+        device.talking = False
+        wait_value(observer, estop, True)
+        node.wait_output('limit 250 ms')
+        device.talking = True
+        wait_value(observer, estop, False)
+
+
+def test_own_stop_leaves_out_what_the_node_itself_asked(
+    device: ToyDevice, observer: Observer, link: str
+) -> None:
+    with toy(device.pty.path, link, link_timeout=OUTLASTS_GAPS):
+        estop = observer.record(Bool, ESTOP, latched())
+        own = observer.record(Bool, '/toy_bridge/own_estop', latched())
+        wait_value(observer, estop, False)
+        wait_value(observer, own, False)
+        request = observer.publisher(Bool, '/toy_bridge/request_stop')
+        request.publish(Bool(data=True))
+        wait_value(observer, estop, True)
+        wait_repeats(observer, own, False)
+        request.publish(Bool(data=False))
+        wait_value(observer, estop, False)
+
+
+def test_deactivation_says_stop_and_farewell(
+    device: ToyDevice, observer: Observer, link: str
+) -> None:
+    with toy(device.pty.path, link):
+        estop = observer.record(Bool, ESTOP, latched())
+        wait_value(observer, estop, False)
+        assert observer.change_state('/toy_bridge', 'deactivate')
+        wait_value(observer, estop, True)
+        device.pty.wait_received(b'BYE')
+        assert device.pty.received.endswith(b'BYE')
+        device.pty.clear()
+        assert observer.change_state('/toy_bridge', 'activate')
+        wait_value(observer, estop, False)
+
+
+def test_frozen_node_does_not_believe_what_piled_up(device: ToyDevice, observer: Observer) -> None:
+    first = []
+    with toy(device.pty.path) as node:
+        estop = observer.record(Bool, ESTOP, latched())
+        for _ in range(4):
+            device.talking = True
+            wait_value(observer, estop, False)
+            node.signal(SIGSTOP)
+            observer.holds_for(lambda: True, 0.6)  # which the frozen process misses
+            device.talking = False
+            observer.spin(0.1)
+            estop.clear()
+            node.signal(SIGCONT)
+            observer.wait_for(lambda: estop.data, 5.0, 'the first message after the freeze')
+            first.append(estop.data[0])
+            wait_value(observer, estop, True)
+    # A freeze during a publish, which is rare, ends with that publish.
+    assert first.count(True) >= 3
+
+
+# A node in this process.
+
+
+def test_node_demands_a_stop_from_construction(context: Context, link: str) -> None:
+    node = make_toy(context, link)
+    try:
+        assert node.verdict == Verdict.stop(link_up=False)
+    finally:
+        node.shut_down()
+        node.shut_down()  # twice is no fault
+        node.destroy_node()
+        node.destroy_node()
+
+
+def test_pace_never_asks_to_be_called_in_the_past(context: Context) -> None:
+    node = make_toy(context)
+    node.link.stop()
+    now, steps = 100.0, random.Random(1)
+    for _ in range(2000):
+        now += steps.uniform(0.001, 0.02)
+        if steps.random() < 0.1:
+            changed = Verdict.stop() if node.verdict == Verdict() else Verdict()
+            node.on_events([StopChanged(changed)], now)  # shifts the repeats
+        assert node.pace(now) > now
+    node.destroy_node()
+
+
+def test_lost_port_is_a_stop_before_the_session_is_asked(context: Context) -> None:
+    node = make_toy(context)
+    node.link.stop()
+    node.active = True
+    node.on_events([StopChanged(Verdict())], 1.0)
+    assert node.verdict == Verdict()
+    node.link_changed('unplugged', False)
+    assert node.verdict == Verdict.stop(link_up=False)
+    node.destroy_node()
+
+
+def told_by(node: ToyBridge, monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    """Return what the node publishes of events and forgets, as it comes."""
+    told: list[str] = []
+    monkeypatch.setattr(node, 'on_event', told.append)
+    monkeypatch.setattr(node, 'forget_device', lambda: told.append('forgotten'))
+    return told
+
+
+def held_behind_a_stop(context: Context) -> ToyBridge:
+    node = make_toy(context)
+    node.link.stop()
+    node.active = True
+    return node
+
+
+def test_what_a_stop_comes_with_never_overtakes(
+    context: Context, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    node = held_behind_a_stop(context)
+    told = told_by(node, monkeypatch)
+    node.on_events([StopChanged(Verdict()), StopChanged(Verdict.stop()), 'with the stop'], 1.0)
+    assert told == []
+    node.on_events(['long after it'], 2.0)  # sooner than the link asks for what is due
+    node.pace(2.0)
+    node.on_events(['at last'], 2.0)
+    assert told == ['with the stop', 'long after it', 'at last']
+    node.destroy_node()
+
+
+def test_stops_that_never_end_hold_nothing_up_for_ever(
+    context: Context, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    node = held_behind_a_stop(context)
+    told = told_by(node, monkeypatch)
+    for n in range(20):  # one each 5 ms
+        now = 1.0 + n * 0.005
+        node.on_events([StopChanged(Verdict()), StopChanged(Verdict.stop()), f'{n}'], now)
+        node.pace(now)
+    assert told[:10] == [f'{n}' for n in range(10)]
+    node.destroy_node()
+
+
+def test_lost_wire_is_forgotten_behind_what_it_has_said(
+    context: Context, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    node = held_behind_a_stop(context)
+    told = told_by(node, monkeypatch)
+    node.on_events([StopChanged(Verdict()), StopChanged(Verdict.stop()), 'enabled'], 1.0)
+    node.on_lost()
+    node.pace(2.0)
+    assert told == ['enabled', 'forgotten']
+    node.destroy_node()
+
+
+def test_stop_of_another_thread_stands_though_the_repeat_before_it_is_held_up(
+    context: Context, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr('bridge_core.node._LEAVE_TIME', 20.0)
+    node = held_behind_a_stop(context)
+    node.link._thread.join(20.0)  # a busy machine lets it repeat after all
+    node.on_events([StopChanged(Verdict())], 1.0)
+    told: list[bool] = []
+    others: list[threading.Thread] = []
+
+    def publish(message: Bool) -> None:
+        if not others:  # the repeat
+            others.append(threading.Thread(target=node.leave))
+            others[0].start()
+            others[0].join(0.2)  # or it waits for us
+        told.append(message.data)
+
+    monkeypatch.setattr(node, '_estop_publisher', SimpleNamespace(publish=publish))
+    node.pace(100.0)
+    others[0].join(20.0)
+    assert told == [False, True]
+    node.destroy_node()
+
+
+def test_wire_that_does_not_answer_is_no_fault_of_the_parameters(
+    context: Context, monkeypatch: pytest.MonkeyPatch, link: str
+) -> None:
+    node = make_toy(context, link, port='/dev/nothing')
+    monkeypatch.setattr('bridge_core.transports.link.ACTIVATE_TIME', 0.0)
+    monkeypatch.setattr(node.link, '_put', lambda *_: None)
+    with pytest.raises(TransportError, match='give the computer less work'):
+        node.autostart()
+    node.destroy_node()
+
+
+def test_node_whose_link_ends_by_a_fault_ends_its_process(
+    context: Context, monkeypatch: pytest.MonkeyPatch, link: str
+) -> None:
+    """The runner waits for this fault, too; nodes of silent ~/estop must not go on."""
+    node = make_toy(context, link, port='/dev/nothing')
+
+    def leave(now: float) -> float:
+        raise SystemExit
+
+    monkeypatch.setattr(node, 'pace', leave)
+    assert isinstance(node.lane.fault.exception(20.0), SystemExit)
+    node.destroy_node()
+
+
+def test_stop_that_comes_and_goes_in_one_read_is_published(
+    context: Context, pty: Pty, observer: Observer, link: str
+) -> None:
+    node = make_toy(context, link, port=str(pty.path))
+    try:
+        stops = observer.record(Bool, ESTOP, 10)
+        observer.wait_for(lambda: stops.messages, 10.0, 'a match')
+        node.autostart()
+
+        def is_healthy() -> bool:
+            pty.write(b'k')
+            return not stops.messages[-1].data
+
+        observer.wait_for(is_healthy, 10.0, 'no stop')
+        for _ in range(20):
+            stops.clear()
+            pty.write(b'ksk')
+            observer.wait_for(lambda: True in stops.data, 2.0, 'the stop')
+            observer.wait_for(is_healthy, 2.0, 'its end')
+    finally:
+        node.shut_down()
+        node.destroy_node()
+
+
+def test_deactivation_does_not_pull_the_session_away_under_the_link_thread(
+    context: Context, pty: Pty
+) -> None:
+    texts: list[str] = []
+
+    class SlowSession(Session):
+        def problems(self, now: float) -> list[tuple[Level, str]]:
+            threading.Event().wait(0.01)  # long enough for the other thread to go on
+            return super().problems(now)
+
+    class Slow(ToyBridge):
+        BRIDGE = replace(
+            ToyBridge.BRIDGE, make_session=lambda values: SlowSession(values['link_timeout'])
+        )
+
+        def link_changed(self, text: str, ok: bool) -> None:
+            texts.append(text)
+
+    def healthy() -> bool:
+        pty.write(b'k')
+        pty.read()
+        return node.verdict == Verdict()
+
+    overrides = [Parameter('estop_rate', value=200), Parameter('port', value=str(pty.path))]
+    node = Slow(context=context, parameter_overrides=overrides)
+    node.trigger_configure()
+    for _ in range(20):
+        node.trigger_activate()
+        wait_for(healthy, 5.0, 'no stop')
+        node.trigger_deactivate()
+        assert node.verdict.estop
+    node.shut_down()
+    node.destroy_node()
+    assert not [text for text in texts if 'internal error' in text]
+
+
+# Signals.
+
+
+@each_ending
+def test_signal_says_farewell_and_stop_and_exits_0(
+    device: ToyDevice, observer: Observer, number: int, link: str
+) -> None:
+    with toy(device.pty.path, link) as node:
+        estop = observer.record(Bool, ESTOP, latched())
+        wait_value(observer, estop, False)
+        assert node.end(number, timeout=5.0) == 0
+        device.pty.wait_received(b'BYE')
+        wait_value(observer, estop, True)
+        assert estop.data[-1] is True
+
+
+@each_ending
+@pytest.mark.parametrize('trouble', ['blocking port', 'silent server', 'absent', 'full'])
+def test_signal_ends_it_with_0_whatever_the_port_does(
+    pty: Pty, tmp_path: Path, number: int, trouble: str, link: str
+) -> None:
+    with contextlib.ExitStack() as stack:
+        port = str(pty.path)
+        parameters: dict[str, Any] = {}
+        if trouble == 'blocking port':
+            parameters['fault'] = trouble
+        elif trouble == 'silent server':  # rfc2217 waits for an answer in open
+            server = stack.enter_context(socket.create_server(('127.0.0.1', 0)))
+            port = f'rfc2217://127.0.0.1:{server.getsockname()[1]}'
+        elif trouble == 'absent':
+            port = str(tmp_path / 'nothing')
+        node = stack.enter_context(toy(port, link, **parameters))
+        node.wait_output('device opened' if trouble == 'full' else 'stop: ')
+        if trouble == 'full':  # nobody reads: the pty fills up in the other direction
+            with contextlib.suppress(BlockingIOError):
+                while True:
+                    pty.write(b'x' * 4096)
+        assert node.end(number) == 0, node.output  # within the 5 s that launch and others give
+        assert 'Traceback' not in node.output
+
+
+def test_second_signal_does_not_break_the_exit(
+    device: ToyDevice, observer: Observer, link: str
+) -> None:
+    with toy(device.pty.path, link) as node:
+        wait_value(observer, observer.record(Bool, ESTOP, latched()), False)
+        node.signal(SIGTERM)
+        node.signal(SIGINT)
+        assert node.end(SIGTERM) == 0
+        device.pty.wait_received(b'BYE')
+
+
+BAD_END = """
+from dataclasses import replace
+from functools import partial
+
+from bridge_core.runner import run
+from bridge_core.transports import TransportError
+from stage.toy_bridge import ToyBridge
+from stage.toy_wire import BRIDGE
+from stage.toy_rig import ESTOP
+from stage.toy_rig import ToyDevice
+from stage.toy_rig import wait_repeats
+from stage.toy_rig import wait_value
+from stage.toy_wire import Session
+
+
+class BadNode(ToyBridge):
+    def shut_down(self):
+        print('it shuts down')
+        raise RuntimeError('a fault of ours')
+
+
+class BadSession(Session):
+    def farewell(self, now):
+        raise RuntimeError('a fault of ours')
+
+
+class WithBadSession(ToyBridge):
+    BRIDGE = replace(BRIDGE, make_session=lambda values: BadSession(values['link_timeout']))
+
+
+left = {'node': BadNode, 'session': WithBadSession}[%r]
+raise SystemExit(run([partial(left, 'left'), partial(ToyBridge, 'right')]))
+"""
+
+
+@pytest.mark.parametrize('fault', ['node', 'session'])
+def test_shut_down_that_raises_runs_once_and_every_other_node_says_farewell(
+    tmp_path: Path, observer: Observer, fault: str
+) -> None:
+    ports = {name: Pty(tmp_path / name) for name in ('left', 'right')}
+    devices = [ToyDevice(port, observer) for port in ports.values()]
+    arguments = [word for name in ports for word in ('-p', f'{name}:port:={ports[name].path}')]
+    with NodeProcess('', source=BAD_END % fault, arguments=arguments) as node:
+        estops = [observer.record(Bool, f'/{name}/estop', latched()) for name in ports]
+        for estop in estops:
+            wait_value(observer, estop, False)
+        assert all(device.talking for device in devices)
+        assert node.end() == 0
+        ports['right'].wait_received(b'BYE')
+        if fault == 'node':
+            ports['left'].wait_received(b'BYE')  # as its link ends
+            assert node.output.count('it shuts down') == 1
+        else:
+            observer.wait_for(lambda: estops[0].data[-1], 5.0, 'a last stop')
+        assert 'a fault of ours' in node.output
+    for port in ports.values():
+        port.unplug()
+
+
+BAD_TRANSITION = """
+from functools import partial
+
+from bridge_core.runner import run
+from stage.toy_bridge import ToyBridge
+
+
+class BadNode(ToyBridge):
+    def carried_over(self, values):
+        raise KeyError('a fault of ours')
+
+
+raise SystemExit(run([partial(BadNode, 'left'), partial(ToyBridge, 'right')]))
+"""
+
+
+ACTIVATE = ChangeState.Request(transition=Transition(id=Transition.TRANSITION_ACTIVATE))
+
+
+def test_fault_in_a_transition_is_answered_and_ends_the_executor(
+    context: Context, monkeypatch: pytest.MonkeyPatch, link: str
+) -> None:
+    node = make_toy(context, link, port='/dev/nothing')
+    executor = SingleThreadedExecutor(context=context)
+    executor.add_node(node)
+    try:
+        node.trigger_configure()
+        monkeypatch.setattr(node, 'carried_over', dict[str, Any]().__getitem__)
+        answer = node._service_change_state.callback(ACTIVATE, ChangeState.Response())
+        assert not answer.success
+        assert node.verdict.estop
+        assert not node.active
+        with pytest.raises(TypeError, match='unhashable'):
+            executor.spin_once(10.0)
+    finally:
+        executor.shutdown()
+        node.shut_down()
+        node.destroy_node()
+
+
+def test_fault_at_autostart_is_not_put_down_to_the_parameters(pty: Pty) -> None:
+    with NodeProcess('', {'port': str(pty.path)}, source=BAD_TRANSITION) as node:
+        assert node.wait() == 1, node.output
+        assert "KeyError: 'a fault of ours'" in node.output
+        assert 'with these parameters' not in node.output
+
+
+def test_fault_in_a_transition_that_was_asked_for_ends_the_process_with_a_farewell(
+    device: ToyDevice, observer: Observer
+) -> None:
+    arguments = ('-p', 'left:autostart:=False', '-p', f'right:port:={device.pty.path}')
+    with NodeProcess('', source=BAD_TRANSITION, arguments=arguments) as node:
+        wait_value(observer, observer.record(Bool, '/right/estop', latched()), False)
+        left = observer.record(Bool, '/left/estop', latched())
+        wait_value(observer, left, True)
+        assert observer.change_state('/left', 'configure')
+        observer.client(ChangeState, '/left/change_state').call_async(ACTIVATE)
+        assert node.wait() == 1, node.output
+        assert "KeyError: 'a fault of ours'" in node.output
+        device.pty.wait_received(b'BYE')
+        assert set(left.data) == {True}
+
+
+# Diagnostics.
+
+
+def statuses(record: Record) -> list[dict[str, Any]]:
+    return [{status.name: status for status in message.status} for message in record.messages]
+
+
+def test_diagnostics_tell_link_and_device_and_change_at_once(
+    device: ToyDevice, observer: Observer, link: str
+) -> None:
+    diagnostics = observer.record(DiagnosticArray, '/diagnostics', 50)
+    names = ('toy_bridge: link', 'toy_bridge: device')
+
+    def levels() -> list[bytes]:
+        last = statuses(diagnostics)[-1] if diagnostics.messages else {}
+        return [last[name].level for name in names if name in last]
+
+    options: dict[str, Any] = {'hardware_id': 'the toy', 'link_timeout': OUTLASTS_GAPS}
+    with toy(device.pty.path, link, **options) as node:
+        good = [DiagnosticStatus.OK, DiagnosticStatus.OK]
+        observer.wait_for(lambda: levels() == good, 15.0, 'all well')
+        port, toy_device = (statuses(diagnostics)[-1][name] for name in names)
+        assert port.hardware_id == toy_device.hardware_id == 'the toy'
+        values = {pair.key: pair.value for pair in port.values}
+        assert {
+            'frames',
+            'bytes',
+            'checksum errors',
+            'unknown types',
+            'resynchronisations',
+            'reconnects',
+            'age of last frame (s)',
+            'sent',
+            'dropped',
+        } <= set(values)
+        assert int(values['sent']) > 0
+        # Steady: once a second.
+        count, delay = len(diagnostics.messages), RunDelay([node.process.pid])
+        observer.wait_for(lambda: len(diagnostics.messages) >= count + 4, 10.0, 'four more')
+        # At twice the rate they would take 1.5 s; the first may have been late by up to a second.
+        span = diagnostics.times[count + 3] - diagnostics.times[count]
+        assert span > 1.9 - delay.seconds()
+        # A change does not wait for the next second.
+        changed, delay = time.monotonic(), RunDelay([node.process.pid])
+        device.talking = False
+        device.pty.write(b's')
+        observer.wait_for(lambda: levels()[1] == DiagnosticStatus.ERROR, 5.0, 'the stop')
+        assert diagnostics.times[-1] - changed < 0.9 + delay.seconds()
+        device.pty.unplug()
+        observer.wait_for(lambda: levels()[0] == DiagnosticStatus.ERROR, 5.0, 'the loss')
+
+        def names_it() -> bool:  # a write may fail first, in the words of the system
+            message = statuses(diagnostics)[-1][names[0]].message
+            return 'no such port' in message or 'unplugged' in message
+
+        observer.wait_for(names_it, 5.0, 'which port')
+        device.pty.replug()
+        device.talking = True
+        observer.wait_for(lambda: levels() == good, 15.0, 'all well again')
+        values = {pair.key: pair.value for pair in statuses(diagnostics)[-1][names[0]].values}
+        assert values['reconnects'] == '1'
+
+
+def test_log_is_not_flooded_by_an_absent_port(
+    tmp_path: Path, observer: Observer, link: str
+) -> None:
+    with toy(tmp_path / 'nothing', link, reconnect_period=0.1) as node:
+        estop = observer.record(Bool, ESTOP, latched())
+        wait_value(observer, estop, True)
+        observer.wait_for(lambda: len(estop.messages) > 40, 10.0, 'two seconds of stops')
+        assert len(node.output.splitlines()) < 6, node.output
+
+
+# Several of them.
+
+
+def test_two_nodes_in_one_process_do_not_share_anything(
+    tmp_path: Path, observer: Observer, link: str
+) -> None:
+    left, right = Pty(tmp_path / 'left'), Pty(tmp_path / 'right')
+    source = f'import stage.patience; from stage.toy_bridge import main_two; main_two({link!r})'
+    arguments = [
+        part
+        for name, pty in (('left', left), ('right', right))
+        for part in ('-p', f'{name}:port:={as_yaml(str(pty.path))}')
+    ]
+    arguments += ['-p', f'right:link_timeout:={OUTLASTS_GAPS}']
+    devices = [ToyDevice(left, observer), ToyDevice(right, observer)]
+    with NodeProcess('', source=source, arguments=arguments) as node:
+        estops = [observer.record(Bool, f'/{name}/estop', latched()) for name in ('left', 'right')]
+        for estop in estops:
+            wait_value(observer, estop, False)
+        devices[0].talking = False
+        wait_value(observer, estops[0], True)
+        wait_repeats(observer, estops[1], False, 10)
+        left.unplug()
+        wait_repeats(observer, estops[1], False, 10)
+        assert node.end(SIGINT) == 0
+        right.wait_received(b'BYE')
+        for estop in estops:
+            assert estop.data[-1] is True or wait_value(observer, estop, True)
+    right.unplug()
+
+
+def test_namespace_and_name_make_all_topics(pty: Pty, observer: Observer) -> None:
+    device = ToyDevice(pty, observer)
+    diagnostics = observer.record(DiagnosticArray, '/diagnostics')
+    with NodeProcess(
+        'stage.toy_bridge', {'port': str(device.pty.path)}, name='arm', namespace='/left'
+    ) as node:
+        wait_value(observer, observer.record(Bool, '/left/arm/estop', latched()), False)
+        observer.wait_for(lambda: diagnostics.messages, 5.0, 'diagnostics')
+        assert set(statuses(diagnostics)[-1]) == {'left/arm: link', 'left/arm: device'}
+        assert node.end() == 0
+
+
+# The exit status for what is not a parameter's fault.
+
+
+def test_transport_that_cannot_be_made_is_no_silent_wait(tmp_path: Path, link: str) -> None:
+    with toy(tmp_path / 'x', link, fault='no transport') as node:
+        assert node.wait() != 0
+        assert 'there is no such transport' in node.output
+
+
+def test_nothing_is_left_in_the_process_after_a_node(context: Context, link: str) -> None:
+    before = threading.active_count()
+    for _ in range(3):
+        node = make_toy(context, link)
+        node.shut_down()
+        node.destroy_node()
+    wait_for(lambda: threading.active_count() <= before, 5.0, 'the threads gone')
+
+
+def test_input_that_is_wired_to_a_misspelt_topic_is_named(observer: Observer) -> None:
+    space = namespace()
+    typo, name = f'{space}/safety_mux/joy/frot', 'akron_can_bridge'
+    rules = ('-r', f'~/cmd_joy:={typo}')
+    values = {'interface': 'socketcan', 'channel': 'nowhere'}
+    diagnostics = Diagnostics(observer, f'{space}/{name}')
+
+    def said() -> str:
+        status = diagnostics.status('device')
+        return '' if status is None else str(status.message)
+
+    with NodeProcess(f'{name}.node', values, arguments=rules, namespace=space):
+        observer.wait_for(lambda: said().endswith(f'; nobody publishes {typo}'), 20.0, said)
+        observer.node.create_publisher(Joy, typo, 10)
+        observer.wait_for(lambda: said() and 'nobody' not in said(), 20.0, said)

@@ -1,0 +1,155 @@
+# Copyright 2026 The rugged_teleop maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""A bad parameter, however it is given, ends a node before any port is opened."""
+
+import math
+from pathlib import Path
+from typing import Any
+
+import pytest
+from rclpy.context import Context
+
+from bridge_core.parameters import ParameterError
+from stage.rig import NodeProcess, Observer, Pty
+from stage.toy_bridge import make_toy, toy_process
+
+# Parameters, in this process: each bad one before anything is opened.
+
+
+BAD: dict[str, tuple[dict[str, Any], str]] = {
+    'unknown name': ({'prot': '/dev/x'}, 'parameter prot: there is no such parameter; did you'),
+    'QoS override': ({'qos_overrides./x.publisher.depth': 7}, 'parameter qos_overrides./x.pub'),
+    'int for a string': ({'port': 3}, 'parameter port = 3: allowed is a string'),
+    'string for a float': ({'estop_rate': '20'}, "parameter estop_rate = '20': allowed is a num"),
+    'bool for an int': ({'count': True}, 'parameter count = True: allowed is a whole number'),
+    'float for an int': ({'count': 3.0}, 'parameter count = 3.0: allowed is a whole number'),
+    'int for a bool': ({'autostart': 1}, 'parameter autostart = 1: allowed is true or false'),
+    'NaN': ({'estop_rate': math.nan}, 'parameter estop_rate = nan: allowed is a number from 5'),
+    'infinite': ({'link_timeout': math.inf}, 'parameter link_timeout = inf: allowed is a number'),
+    'zero timeout': ({'link_timeout': 0.0}, 'parameter link_timeout = 0.0: allowed is a number'),
+    'too small': ({'estop_rate': 4.9}, 'parameter estop_rate = 4.9: allowed is a number from 5'),
+    'too large': ({'count': 10}, 'parameter count = 10: allowed is a whole number from 1 to 9'),
+    'no choice': ({'mode': 'c'}, "parameter mode = 'c': allowed is one of 'a', 'b'"),
+    'NaN in a list': ({'scales': [1.0, math.nan]}, 'parameter scales = [1.0, nan]: allowed'),
+    'strings in a list': ({'scales': ['1']}, "parameter scales = ['1']: allowed is a list"),
+    'contradiction': ({'low': 2.0}, 'parameters low = 2.0 and high = 1.0: low must be below'),
+}
+
+
+@pytest.mark.parametrize('case', BAD)
+def test_bad_parameter_names_itself_its_value_and_what_is_allowed(
+    context: Context, case: str
+) -> None:
+    parameters, text = BAD[case]
+    with pytest.raises(ParameterError) as caught:
+        make_toy(context, **parameters)
+    assert str(caught.value).startswith(text)
+
+
+def test_good_parameters_keep_their_types(context: Context) -> None:
+    node = make_toy(context, estop_rate=30, scales=[1, 2], names=['a', 'b'], port='5', count=9)
+    try:
+        values = node.values
+        assert (values['estop_rate'], values['scales']) == (30.0, [1.0, 2.0])
+        assert type(values['estop_rate']) is float
+        assert values['names'] == ['a', 'b']
+        description = node.describe_parameter('estop_rate')
+        assert description.description
+        assert description.floating_point_range[0].from_value == 5.0
+        assert 'Hz' in description.additional_constraints
+    finally:
+        node.destroy_node()
+
+
+# Parameters, as a process: one line and exit status 2.
+
+
+def refused(*arguments: str, **parameters: Any) -> list[str]:
+    with NodeProcess('stage.toy_bridge', parameters, arguments=arguments) as node:
+        assert node.wait() == 2, node.output
+        assert 'Traceback' not in node.output
+        return node.output.splitlines()
+
+
+@pytest.mark.parametrize(
+    ('name', 'value'), [('count', 10), ('estop_rate', math.nan), ('prot', 'x'), ('names', 5)]
+)
+def test_bad_parameter_is_one_line_and_exit_status_2(name: str, value: Any) -> None:
+    (line,) = refused(**{name: value})
+    assert line.startswith(f'rugged_teleop: parameter {name}')
+
+
+def test_empty_list_is_a_list_and_no_crash() -> None:
+    with toy_process('/dev/nothing', names=[], scales=[]) as node:
+        node.wait_output('cannot open')
+        assert node.end() == 0
+
+
+BROKEN = {
+    'not YAML': 'a: [',
+    'tabs': 'toy_bridge:\n\tros__parameters: {}\n',
+    'no node level': 'ros__parameters: {count: 3}\n',
+    'no ros__parameters': 'toy_bridge:\n  count: 3\n',
+    'binary': '\x00\x01\x02',
+}
+
+
+@pytest.mark.parametrize('case', BROKEN)
+def test_broken_parameter_file_is_told_and_exit_status_2(tmp_path: Path, case: str) -> None:
+    path = tmp_path / 'broken.yaml'
+    path.write_text(BROKEN[case])
+    lines = refused('--params-file', str(path))
+    assert lines[-1].startswith('rugged_teleop: ')
+    assert str(path) in lines[-1]
+
+
+def test_missing_parameter_file_is_told_and_exit_status_2(tmp_path: Path) -> None:
+    lines = refused('--params-file', str(tmp_path / 'nothing.yaml'))
+    assert 'nothing.yaml' in lines[-1]
+
+
+def test_bad_value_in_a_file_is_told_like_any_other(tmp_path: Path) -> None:
+    path = tmp_path / 'toy.yaml'
+    path.write_text('toy_bridge:\n  ros__parameters:\n    count: many\n')
+    (line,) = refused('--params-file', str(path))
+    assert line == "rugged_teleop: parameter count = 'many': allowed is a whole number from 1 to 9"
+
+
+def test_parameters_are_fixed_while_active_and_free_while_inactive(
+    pty: Pty, observer: Observer
+) -> None:
+    with toy_process(pty.path) as node:
+        node.wait_output('device opened')
+
+        def set_parameter(name: str, value: Any) -> tuple[bool, str]:
+            return observer.set_parameter('/toy_bridge', name, value)
+
+        good, reason = set_parameter('count', 5)
+        assert not good
+        assert reason == 'parameter count: deactivate the node to change it'
+        assert set_parameter('gain', 2.0)[0]  # one that says so
+        assert not set_parameter('gain', math.nan)[0]
+        assert observer.change_state('/toy_bridge', 'deactivate')
+        assert set_parameter('count', 5) == (True, '')
+        assert not set_parameter('count', 50)[0]
+        good, reason = set_parameter('low', 5.0)
+        assert not good
+        assert 'low must be below high' in reason
+        # The port itself can be changed, and is used from the next activation on.
+        other = Pty(pty.path.with_name('other'))
+        assert set_parameter('port', str(other.path))[0]
+        assert observer.change_state('/toy_bridge', 'activate')
+        other.wait_received(b'h')
+        other.unplug()

@@ -1,0 +1,412 @@
+# Copyright 2026 The rugged_teleop maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""One contract for every kind of CAN interface that can be had without hardware."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import fields
+import select
+import socket
+import time
+from typing import Any
+
+import can
+from can.interfaces.udp_multicast.utils import pack_message
+import pytest
+
+from bridge_core.framing import Counters
+from bridge_core.j1939 import CanFrame
+from bridge_core.transports import TransportError
+from bridge_core.transports.can import CanTransport
+from bridge_core.transports.can_errors import KINDS, kinds_of
+from bridge_core.transports.can_ports import READS
+from stage.can_rig import CanBus, error_frame, frame, message, receive, wait_frames
+from stage.multicast_rig import in_network_namespace
+from stage.rig import Pty, wait_for
+from stage.run_delay import RunDelay
+
+pytestmark = pytest.mark.usefixtures('patient_writer')  # their age: test_can_queue.py
+BUS_OFF = 0x40
+LAST = CanFrame(0x18FFFFFE, b'last')  # sent behind others: once it is there, so are they
+
+
+@pytest.fixture(params=[pytest.param('can_bus', marks=pytest.mark.real_can), 'virtual'])
+def bus(request: pytest.FixtureRequest, can_bus: CanBus) -> Iterator[CanBus]:
+    result = can_bus if request.param == 'can_bus' else CanBus('virtual', request.node.name)
+    yield result
+    result.close()
+
+
+def counted(transport: CanTransport) -> dict[str, Any]:
+    return {name: value for name, value in transport.counts().items() if value}
+
+
+def is_readable(transport: CanTransport) -> bool:
+    return bool(select.select([transport.fileno()], [], [], 0)[0])
+
+
+def arrives(transport: CanTransport) -> list[CanFrame]:
+    """Return what has arrived, up to LAST and without it."""
+    frames: list[CanFrame] = []
+
+    def is_there() -> bool:
+        frames.extend(transport.receive())
+        return LAST in frames
+
+    wait_for(is_there, 5.0, lambda: f'the last of {frames}')
+    return frames[: frames.index(LAST)]
+
+
+def send(transport: CanTransport, frame: CanFrame) -> None:
+    """Send it, again while the bus is busy: a slow kernel may confirm the one before it late."""
+    wait_for(lambda: transport.send(frame), 5.0, 'a bus that is not busy')
+
+
+def test_frames_pass_both_ways_in_order(bus: CanBus) -> None:
+    peer, transport = bus.endpoint(), bus.transport()
+    sent = [message(0x18FEF500 + number, bytes(range(number))) for number in range(9)]
+    for each in sent:
+        peer.send(each)
+    assert wait_frames(transport, 9) == [frame(each) for each in sent]
+    for each in sent:
+        send(transport, frame(each))
+    assert [receive(peer, 0, 0) for _ in sent] == [frame(each) for each in sent]
+
+
+def test_own_frames_do_not_come_back(bus: CanBus) -> None:
+    peer, transport = bus.endpoint(), bus.transport()
+    assert transport.send(CanFrame(0x18FEF533, b'own'))
+    receive(peer, 0x18FEF533)
+    peer.send(message(LAST.identifier, LAST.data))
+    assert arrives(transport) == []
+
+
+def test_identical_frame_of_another_sender_is_not_taken_for_our_own(bus: CanBus) -> None:
+    peer, transport = bus.endpoint(), bus.transport()
+    ours = CanFrame(0x0CFDD633, bytes(8))
+    assert transport.send(ours)
+    receive(peer, 0x0CFDD633)
+    peer.send(message(0x0CFDD633, bytes(8)))
+    assert wait_frames(transport, 1) == [ours]
+
+
+def test_several_transports_share_one_channel(bus: CanBus) -> None:
+    transports = [bus.transport() for _ in range(3)]
+    for number, transport in enumerate(transports):
+        assert transport.send(CanFrame(number, b''))
+    heard = [{each.identifier for each in wait_frames(each, 2)} for each in transports]
+    assert heard == [{1, 2}, {0, 2}, {0, 1}]
+
+
+def test_filters_pass_what_was_asked_for_and_nothing_else(bus: CanBus) -> None:
+    peer = bus.endpoint()
+    transport = bus.transport([(0x18EF00FF, 0x1FFF00FF), (LAST.identifier, 0x1FFFFFFF)])
+    for identifier in (0x18EF33FF, 0x18EF33FE, 0x18EE33FF, 0x18EF34FF, 0x1CEF34FF):
+        peer.send(message(identifier))
+    peer.send(can.Message(arbitration_id=0xFF, is_extended_id=False))
+    peer.send(message(LAST.identifier, LAST.data))
+    assert arrives(transport) == [CanFrame(0x18EF33FF, b''), CanFrame(0x18EF34FF, b'')]
+
+
+def test_what_is_no_extended_data_frame_is_counted_and_not_handed_up(bus: CanBus) -> None:
+    peer, transport = bus.endpoint(fd=True), bus.transport()
+    peer.send(can.Message(arbitration_id=0x123, is_extended_id=False, data=b'x'))
+    peer.send(can.Message(arbitration_id=0x18FEF533, is_remote_frame=True, dlc=3))
+    peer.send(can.Message(arbitration_id=0x18FEF533, is_fd=True, data=bytes(12)))
+    peer.send(message(LAST.identifier, LAST.data))
+    assert arrives(transport) == []
+    assert counted(transport) == {'standard frames': 1, 'remote frames': 1, 'CAN FD frames': 1}
+
+
+def test_error_frames_are_counted_by_kind_in_spite_of_filters(bus: CanBus) -> None:
+    peer, transport = bus.endpoint(), bus.transport([(LAST.identifier, 0x1FFFFFFF)])
+    peer.send(error_frame(0x20))
+    peer.send(error_frame(0x04, controller=0x20))
+    peer.send(message(LAST.identifier, LAST.data))
+    assert arrives(transport) == []
+    assert counted(transport) == {
+        'error frames': 2,
+        'frames not acknowledged': 1,
+        'error passive': 1,
+    }
+
+
+def test_bus_off_is_a_lost_port_that_can_be_opened_again(bus: CanBus) -> None:
+    peer, transport = bus.endpoint(), bus.transport()
+    peer.send(error_frame(BUS_OFF))
+    wait_for(lambda: is_readable(transport), 5.0, 'the error frame')
+    with pytest.raises(TransportError, match=r'bus off; check bit rate, wiring and termination'):
+        transport.receive()
+    transport.open()
+    peer.send(message(LAST.identifier, LAST.data))
+    assert arrives(transport) == []
+    assert counted(transport) == {'error frames': 1, 'bus off': 1}
+
+
+def test_frames_that_the_controller_has_lost_are_a_lost_port(bus: CanBus) -> None:
+    peer, transport = bus.endpoint(), bus.transport()
+    peer.send(error_frame(0x04, controller=0x01))
+    wait_for(lambda: is_readable(transport), 5.0, 'the error frame')
+    with pytest.raises(TransportError, match='frames were lost, and may have said stop'):
+        transport.receive()
+    transport.open()
+    peer.send(message(LAST.identifier, LAST.data))
+    assert arrives(transport) == []
+
+
+def test_full_bus_hands_up_a_bounded_number_at_once_and_loses_none(bus: CanBus) -> None:
+    peer, transport = bus.endpoint(), bus.transport()
+    for number in range(3 * READS):
+        peer.send(message(number))
+    frames: list[CanFrame] = []
+
+    def is_all() -> bool:
+        if is_readable(transport):
+            few = transport.receive()
+            assert len(few) <= READS
+            frames.extend(few)
+        return len(frames) == 3 * READS
+
+    wait_for(is_all, 5.0, lambda: f'{3 * READS} frames, not {len(frames)}')
+    assert [each.identifier for each in frames] == list(range(3 * READS))
+    assert not is_readable(transport)
+
+
+def test_opening_forgets_what_was_received_before(bus: CanBus) -> None:
+    peer, transport, witness = bus.endpoint(), bus.transport(), bus.transport()
+    peer.send(message(0x18FEF533, b'old'))
+    wait_frames(witness, 1)
+    transport.open()
+    peer.send(message(LAST.identifier, LAST.data))
+    assert arrives(transport) == []
+
+
+def test_frame_sent_right_before_closing_still_goes_out(bus: CanBus) -> None:
+    peer, transport = bus.endpoint(), bus.transport()
+    assert transport.send(CanFrame(0x18FEF533, b'farewell'))
+    transport.close()
+    assert receive(peer, 0x18FEF533).data == b'farewell'
+
+
+def test_closed_transport_may_be_closed_again_and_neither_sends_nor_receives(bus: CanBus) -> None:
+    transport = bus.transport()
+    transport.close()
+    transport.close()
+    assert transport.fileno() == -1
+    for use in (transport.receive, lambda: transport.send(CanFrame(0, b''))):
+        with pytest.raises(TransportError, match='not open'):
+            use()
+
+
+def test_counts_hide_none_of_the_session(bus: CanBus) -> None:
+    """Both go into one diagnostic, where of two with one name the second would win."""
+    of_sessions = {field.name.replace('_', ' ') for field in fields(Counters)}
+    assert of_sessions.isdisjoint(bus.transport().counts())
+
+
+def test_nothing_received_is_no_fault(bus: CanBus) -> None:
+    transport = bus.transport()
+    assert not is_readable(transport)
+    assert transport.receive() == []
+
+
+# What can be wrong before anything is opened.
+
+
+@pytest.mark.parametrize(
+    ('make', 'text'),
+    [
+        (lambda: CanTransport('socket_can', 'can0'), "interface 'socket_can' is unknown"),
+        (lambda: CanTransport('socketcan', ''), 'channel is empty'),
+        (lambda: CanTransport('socketcan', 'can0', bitrate=250_000), 'bitrate cannot be set for'),
+        (lambda: CanTransport('virtual', 'x', bitrate=250_000), 'bitrate cannot be set for'),
+        (lambda: CanTransport('udp_multicast', 'can0'), "'can0' is no IPv4 multicast address"),
+        (lambda: CanTransport('udp_multicast', '10.0.0.1'), 'is no IPv4 multicast address'),
+        (lambda: CanTransport('udp_multicast', '239.1.2.3:0'), 'is no IPv4 multicast address'),
+        (lambda: CanTransport('udp_multicast', '239.1.2.3:x'), 'is no IPv4 multicast address'),
+    ],
+)
+def test_what_cannot_be_is_refused_in_one_line(make: Callable[[], Any], text: str) -> None:
+    with pytest.raises(ValueError, match=text) as caught:
+        make()
+    assert '\n' not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ('interface', 'channel', 'text'),
+    [
+        ('socketcan', 'nocan7', 'there is no CAN interface nocan7; plug it in, or set channel'),
+        ('socketcan', 'lo', r'cannot open lo: (there is no CAN|this kernel has no CAN)'),
+        ('slcan', '/dev/nothing', 'cannot open slcan /dev/nothing: No such file or directory'),
+        ('pcan', 'PCAN_USBBUS1', 'cannot open pcan PCAN_USBBUS1: '),
+    ],
+)
+def test_interface_that_is_not_there_is_told(interface: str, channel: str, text: str) -> None:
+    transport = CanTransport(interface, channel)
+    with pytest.raises(TransportError, match=text):
+        transport.open()
+    assert transport.fileno() == -1
+
+
+def test_missing_interface_prints_nothing_of_python_can(capfd: pytest.CaptureFixture[str]) -> None:
+    transport = CanTransport('socketcan', 'nocan7')
+    for _ in range(2):
+        with pytest.raises(TransportError):
+            transport.open()
+    assert capfd.readouterr() == ('', '')
+
+
+# Error frames: linux/can/error.h.
+
+
+@pytest.mark.parametrize(
+    ('identifier', 'data', 'kinds'),
+    [
+        (0x001, '', ['transmit timeouts']),
+        (0x002, '', ['arbitrations lost']),
+        (0x008, '0000800800000000', ['protocol errors']),
+        (0x010, '0000000000000000', ['transceiver errors']),
+        (0x020, '0000000000000000', ['frames not acknowledged']),
+        (0x040, '0000000000000000', ['bus off']),
+        (0x080, '0000000000000000', ['bus errors']),
+        (0x100, '0000000000000000', ['controller restarts']),
+        (0x004, '0001000000000000', ['receive overflows']),
+        (0x004, '0002000000000000', ['transmit overflows']),
+        (0x004, '0004000000000000', ['error warnings']),
+        (0x004, '0008000000000000', ['error warnings']),
+        (0x004, '0010000000000000', ['error passive']),
+        (0x004, '0020000000000000', ['error passive']),
+        (0x004, '0040000000000000', []),  # active again
+        (0x004, '00', []),
+        (0x001, '0020000000000000', ['transmit timeouts']),  # byte 1 is not the controller's
+        (0x0A8, '0000000000000000', ['protocol errors', 'frames not acknowledged', 'bus errors']),
+        (0x200, '0000000000001122', []),  # counters alone
+    ],
+)
+def test_error_frame_is_taken_apart(identifier: int, data: str, kinds: list[str]) -> None:
+    assert kinds_of(identifier, bytes.fromhex(data)) == kinds
+    assert set(kinds) <= set(KINDS)
+
+
+# Each simulated bus has troubles of its own.
+
+
+def test_datagram_that_is_no_frame_is_counted(can_bus: CanBus) -> None:
+    if can_bus.interface != 'udp_multicast':
+        pytest.skip('datagrams are on udp_multicast only')
+    group, port = can_bus.channel.split(':')
+    peer, transport = can_bus.endpoint(), can_bus.transport()
+    too_long = pack_message(can.Message(arbitration_id=1 << 29, is_extended_id=True, check=False))
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
+        sender.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_TTL, 0)
+        for datagram in (b'', b'\xff\x00 no msgpack', b'\x81\xa1x\x01', too_long):
+            sender.sendto(datagram, (group, int(port)))
+    peer.send(message(LAST.identifier, LAST.data))
+    assert arrives(transport) == []
+    assert counted(transport) == {'impossible frames': 4}
+
+
+def test_without_any_network_the_simulated_bus_is_on_loopback() -> None:
+    heard: list[CanFrame] = []
+
+    def talk() -> None:
+        one, other = (CanTransport('udp_multicast', '239.255.42.21') for _ in range(2))
+        one.open()
+        other.open()
+        one.send(LAST)
+        heard.extend(wait_frames(other, 1))
+        one.close()
+        other.close()
+
+    in_network_namespace(talk)
+    assert heard == [LAST]
+
+
+def test_serial_adapter_gets_the_bit_rate_carries_frames_and_may_be_unplugged(pty: Pty) -> None:
+    transport = CanTransport('slcan', str(pty.path), bitrate=250_000)
+    transport.open()
+    pty.wait_received(b'S5\r')  # 250 kbit/s
+    pty.wait_received(b'O\r')  # on the bus
+    pty.write(b'T18FEF53320102\r')
+    assert wait_frames(transport, 1) == [CanFrame(0x18FEF533, b'\x01\x02')]
+    assert transport.send(CanFrame(0x0CFDD633, b'\xfe\xdc'))
+    pty.wait_received(b'T0CFDD6332FEDC\r')
+    pty.unplug()
+    with pytest.raises(TransportError, match=r'slcan .*device'):
+        wait_frames(transport, 1)
+    transport.close()
+
+
+def test_serial_adapter_is_for_one_program(pty: Pty) -> None:
+    first = CanTransport('slcan', str(pty.path))
+    second = CanTransport('slcan', f'{pty.path}@115200')
+    first.open()
+    for _ in range(2):
+        with pytest.raises(TransportError, match=r'cannot open slcan .*: in use by another'):
+            second.open()
+    pty.write(b'T18FEF53320102\r')
+    assert wait_frames(first, 1) == [CanFrame(0x18FEF533, b'\x01\x02')]
+    first.close()
+    second.open()
+    second.close()
+
+
+def test_line_that_a_serial_adapter_cuts_short_is_a_lost_port(pty: Pty) -> None:
+    transport = CanTransport('slcan', str(pty.path))
+    transport.open()
+    pty.write(b'T0CFD\r')
+    with pytest.raises(TransportError, match=r'slcan .*index out of range'):
+        wait_frames(transport, 1)
+    with pytest.raises(TransportError, match='cannot send'):
+        transport.send(LAST)
+    transport.close()
+
+
+def test_serial_adapter_that_takes_nothing_never_blocks_us(pty: Pty) -> None:
+    transport = CanTransport('slcan', str(pty.path))
+    transport.open()
+    sent = sum(transport.send(LAST) for _ in range(5000))
+    assert 0 < sent < 5000
+    before, delay = time.monotonic(), RunDelay([])
+    transport.close()
+    assert time.monotonic() - before < 2.0 + delay.seconds()
+
+
+def test_frame_that_cannot_be_is_counted() -> None:
+    bus = CanBus('virtual', 'impossible')
+    peer, transport = bus.endpoint(), bus.transport()
+    peer.send(can.Message(arbitration_id=1 << 29, is_extended_id=True, check=False))
+    peer.send(message(LAST.identifier, LAST.data))
+    assert arrives(transport) == []
+    assert counted(transport) == {'impossible frames': 1}
+    bus.close()
+
+
+def test_flood_that_nobody_reads_is_counted_and_loses_the_bus() -> None:
+    """What was thrown away may have said stop."""
+    bus = CanBus('virtual', 'flood')
+    peer, transport = bus.endpoint(), bus.transport()
+    for number in range(1500):
+        peer.send(message(number))
+    peer.send(message(LAST.identifier, LAST.data))
+    lost = 1501 - 1024
+    wait_for(lambda: counted(transport) == {'receive overflows': lost}, 5.0, 'the flood')
+    with pytest.raises(TransportError, match='frames were lost, and may have said stop'):
+        transport.receive()
+    transport.open()
+    peer.send(message(LAST.identifier, LAST.data))
+    assert arrives(transport) == []
+    bus.close()

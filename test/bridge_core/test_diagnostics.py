@@ -1,0 +1,94 @@
+# Copyright 2026 The rugged_teleop maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""What diagnostics say of a link: levels, and how much of what comes is damaged."""
+
+from typing import Any
+
+import pytest
+
+from akron_can_bridge.session import Session as Akron, Settings as AkronSettings
+from bridge_core.framing import Counters
+from bridge_core.report import Damage, levels, LinkStatus, report
+from bridge_core.session import Level
+from fort_vsc_bridge.protocol import CanWire, HidWire
+from fort_vsc_bridge.session import Session as Vsc, Settings as VscSettings
+from stage.link_rig import FakeSession
+from vm110_bridge.session import Session as Vm110, Settings as Vm110Settings
+
+
+@pytest.mark.parametrize('is_open', [False, True])
+@pytest.mark.parametrize('data', [b'', b'x'])
+@pytest.mark.parametrize('share', [0.0, 1.0])
+def test_levels_are_those_of_the_report(is_open: bool, data: bytes, share: float) -> None:
+    session, port = FakeSession(), LinkStatus(is_open)
+    damage = Damage(session.counters)
+    damage.share = share
+    if is_open:
+        session.opened(1.0)
+        session.receive(data, 1.0)
+    said = report(port, session, damage, {}, 1.1)
+    assert levels(port, session, damage, 1.1) == (said.link.level, said.device.level)
+
+
+def test_levels_without_a_session_are_those_of_the_report() -> None:
+    said = report(LinkStatus(), None, Damage(Counters()), {}, 1.0)
+    found = levels(LinkStatus(), None, Damage(Counters()), 1.0)
+    assert found == (said.link.level, said.device.level) == (Level.WARN, Level.WARN)
+
+
+@pytest.mark.parametrize(
+    ('frames', 'checksum_errors', 'discarded_bytes', 'share'),
+    [
+        (80, 20, 240, 0.2),
+        (100, 0, 0, 0.0),
+        (100, 1, 2, 0.0),  # an accident
+        (40, 0, 2_000_000, 0.9998),
+        (0, 0, 0, 0.0),
+    ],
+    ids=['a fifth of the frames', 'sound', 'a single error', 'garbage between', 'silence'],
+)
+def test_share_of_damage(
+    frames: int, checksum_errors: int, discarded_bytes: int, share: float
+) -> None:
+    counters = Counters()
+    damage = Damage(counters)
+    damage.update(10.0)
+    counters.frames, counters.checksum_errors = frames, checksum_errors
+    counters.discarded_bytes = discarded_bytes
+    counters.bytes = 12 * frames + discarded_bytes
+    damage.update(11.0)
+    assert damage.share == 0.0  # the window is not over
+    damage.update(12.0)
+    assert damage.share == pytest.approx(share, abs=1e-3)
+    assert (damage.share >= Damage.LIMIT) == (share >= Damage.LIMIT)
+    damage.update(14.0)
+    assert damage.share == 0.0  # of the last window only
+
+
+@pytest.mark.parametrize(
+    ('session', 'remedy'),
+    [
+        (FakeSession(), 'shield'),
+        (Vsc(VscSettings()), 'shield'),
+        (Vsc(VscSettings(wire=CanWire())), 'identifiers'),
+        (Vsc(VscSettings(wire=HidWire())), 'hidraw'),
+        (Akron(AkronSettings()), 'bus'),
+        (Vm110(Vm110Settings()), 'group and port'),
+    ],
+    ids=['serial', 'vsc', 'vsc on can', 'vsc on hid', 'akron', 'vm110'],
+)
+def test_remedy_for_damage_is_for_the_kind_of_link(session: Any, remedy: str) -> None:
+    assert remedy in session.damaged
+    assert ('shield' in session.damaged) is (remedy == 'shield')

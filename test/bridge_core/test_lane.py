@@ -1,0 +1,675 @@
+# Copyright 2026 The rugged_teleop maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The way of a stop through a node, on rclpy's wait set and on its public executor."""
+
+from collections.abc import Callable, Iterator
+from concurrent.futures import wait
+import threading
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+import rclpy
+from rclpy.context import Context
+from rclpy.exceptions import InvalidHandle
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.guard_condition import GuardCondition
+from rclpy.impl.implementation_singleton import rclpy_implementation as _rclpy
+from rclpy.node import Node
+from rclpy.qos import QoSProfile
+from std_msgs.msg import Bool, Int32
+
+from bridge_core import clock, lane as lane_module
+from bridge_core.lane import Lane
+from stage.rig import wait_for
+
+PERIOD = 0.02
+
+
+class Rig:
+    """A node with a lane, and another node that publishes to it."""
+
+    def __init__(self, context: Context) -> None:
+        self.node = Node('listener', namespace='/lane', context=context)
+        self.talker = Node('talker', namespace='/lane', context=context)
+        self.lane = Lane(self.node, 'listener lane')
+        self.heard: list[Any] = []
+
+    def listen(self, topic: str = 'number', depth: int = 10) -> Callable[[int], None]:
+        """Subscribe into ``heard``; return what publishes there, once both have met."""
+        self.lane.subscribe(Int32, topic, self.hear, QoSProfile(depth=depth))
+        return self.publisher(topic, depth)
+
+    def hear(self, message: Any, info: dict[str, Any]) -> None:
+        del info
+        self.heard.append(message.data)
+
+    def publisher(self, topic: str, depth: int = 10) -> Callable[[int], None]:
+        publisher = self.talker.create_publisher(Int32, topic, depth)
+        wait_for(lambda: publisher.get_subscription_count(), what=topic)
+        return lambda number: publisher.publish(Int32(data=number))
+
+    def wait_heard(self, *numbers: int) -> None:
+        wait_for(lambda: self.heard == list(numbers), what=lambda: f'{numbers}: {self.heard[-9:]}')
+
+    def close(self) -> None:
+        self.lane.stop()
+        self.node.destroy_node()
+        self.talker.destroy_node()
+
+
+@pytest.fixture(params=['wait set', 'executor'], autouse=True)
+def way(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> str:
+    """Run each test both ways."""
+    if request.param == 'executor':
+        monkeypatch.setattr(lane_module, 'wait_set_works', lambda context: False)
+    return str(request.param)
+
+
+@pytest.fixture
+def rig(context: Context) -> Iterator[Rig]:
+    result = Rig(context)
+    yield result
+    result.close()
+
+
+def test_this_rclpy_has_the_wait_set_that_lanes_use(context: Context, way: str) -> None:
+    del way
+    assert lane_module._wait_set(context, 0) is not None
+
+
+def test_other_rclpy_is_noticed(context: Context, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.undo()
+    assert lane_module.wait_set_works(context)
+    with monkeypatch.context() as changed:
+        changed.setattr('bridge_core.lane._rclpy.WaitSet', lambda context: None)
+        assert not lane_module.wait_set_works(context)
+    with monkeypatch.context() as changed:
+        changed.setattr(lane_module, '_rclpy', object())
+        assert not lane_module.wait_set_works(context)
+
+
+class OtherWaitSet:
+    """As rclpy's, but for one method that it has not, or that finds nothing."""
+
+    def __init__(self, lacks: str, *arguments: Any) -> None:
+        self._lacks = lacks
+        self._real = _rclpy.WaitSet(*arguments)
+
+    def __getattr__(self, name: str) -> Any:
+        if name == self._lacks:
+            raise AttributeError(name)
+        return (lambda *_: False) if f'{name} finds' == self._lacks else getattr(self._real, name)
+
+
+@pytest.mark.parametrize(
+    'lacks',
+    ['clear_entities', 'add_guard_condition', 'wait', 'is_ready', 'is_ready finds'],
+)
+def test_other_wait_set_is_noticed(
+    context: Context, monkeypatch: pytest.MonkeyPatch, lacks: str
+) -> None:
+    monkeypatch.undo()
+    other = SimpleNamespace(
+        WaitSet=lambda *arguments: OtherWaitSet(lacks, *arguments),
+        Subscription=_rclpy.Subscription,
+    )
+    monkeypatch.setattr(lane_module, '_rclpy', other)
+    assert not lane_module.wait_set_works(context)
+
+
+@pytest.mark.parametrize('has', ['take_message', '__enter__'])
+def test_other_subscription_is_noticed(
+    context: Context, monkeypatch: pytest.MonkeyPatch, has: str
+) -> None:
+    monkeypatch.undo()
+    other = SimpleNamespace(WaitSet=_rclpy.WaitSet, Subscription=SimpleNamespace(**{has: None}))
+    monkeypatch.setattr(lane_module, '_rclpy', other)
+    assert not lane_module.wait_set_works(context)
+
+
+def test_lane_waits_by_the_wait_set_where_there_is_one(rig: Rig, way: str) -> None:
+    assert isinstance(rig.lane._waiter, lane_module._WaitSetWaiter) == (way == 'wait set')
+
+
+def test_messages_come_in_order_with_their_numbers(rig: Rig) -> None:
+    numbers: list[int] = []
+
+    def on_message(message: Any, info: dict[str, Any]) -> None:
+        rig.hear(message, info)
+        numbers.append(info['publication_sequence_number'])
+        assert threading.current_thread().name == 'listener lane'
+
+    rig.lane.subscribe(Int32, 'number', on_message, 100)
+    rig.lane.start()
+    say = rig.publisher('number', 100)
+    for n in range(50):
+        say(n)
+    rig.wait_heard(*range(50))
+    assert numbers == list(range(numbers[0], numbers[0] + 50))
+
+
+def test_topic_has_the_namespace_of_the_node(rig: Rig) -> None:
+    subscription = rig.lane.subscribe(Int32, '~/number', rig.hear, 10)
+    assert subscription.topic_name == '/lane/listener/number'
+    assert not list(subscription.event_handlers)  # nobody would ever serve them
+
+
+def test_group_of_a_lane_lets_no_executor_begin() -> None:
+    group = lane_module.NotForExecutors()
+    assert not group.can_execute(object())
+    assert not group.beginning_execution(object())
+
+
+def test_no_stop_among_a_thousand_messages_is_lost(rig: Rig) -> None:
+    """All depth's worth that waits at once is read, with other topics and calls going on."""
+    stops: list[bool] = []
+    qos = QoSProfile(depth=1000)
+    rig.lane.subscribe(Bool, 'estop', lambda message, info: stops.append(message.data), qos)
+    other = rig.listen()
+    publisher = rig.talker.create_publisher(Bool, 'estop', qos)
+    wait_for(lambda: publisher.get_subscription_count(), what='estop')
+    sent = [n % 97 == 0 for n in range(1000)]
+    for n, stop in enumerate(sent):
+        publisher.publish(Bool(data=stop))
+        if n % 50 == 0:
+            other(n)
+    rig.lane.start()
+    wait_for(lambda: len(stops) == 1000, what=lambda: f'{len(stops)} came')
+    assert stops == sent
+
+
+def test_flood_of_one_topic_leaves_others_their_turn(rig: Rig, way: str) -> None:
+    order: list[str] = []
+    first = rig.lane.subscribe(Int32, 'first', lambda *_: order.append('first'), 500)
+    rig.lane.subscribe(Int32, 'second', lambda *_: order.append('second'), 10)
+    flood, single = rig.publisher('first', 500), rig.publisher('second')
+    for n in range(500):
+        flood(n)
+    single(0)
+    assert first is not None
+    rig.lane.start()
+    wait_for(lambda: len(order) == 501, what=lambda: f'{len(order)} came')
+    assert order[0] == 'first'  # subscribed first
+    assert order.index('second') <= 2 * lane_module._BATCH
+
+
+def test_subscription_is_added_while_it_waits(rig: Rig) -> None:
+    rig.lane.start()
+    say = rig.listen()
+    say(1)
+    rig.wait_heard(1)
+
+
+@pytest.mark.parametrize(
+    ('received', 'waited'),
+    [(0, 0.0), (1, 9.999999999), (7_500_000_000, 2.5), (10_000_000_009, 0.0)],
+)
+def test_message_waited_since_the_middleware_took_it_in(
+    monkeypatch: pytest.MonkeyPatch, received: int, waited: float
+) -> None:
+    monkeypatch.setattr('bridge_core.lane.time.time_ns', lambda: 10_000_000_000)
+    assert lane_module.waited({'received_timestamp': received}) == pytest.approx(waited)
+
+
+def test_lane_tells_its_subscriptions(rig: Rig) -> None:
+    first, second = (
+        rig.lane.subscribe(Int32, topic, rig.hear, QoSProfile(depth=1)) for topic in 'ab'
+    )
+    assert rig.lane.subscriptions == [first, second]
+    rig.lane.unsubscribe(first)
+    assert rig.lane.subscriptions == [second]
+
+
+def test_lane_that_has_nothing_to_do_sleeps(rig: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
+    publish = rig.listen()
+    waiter = rig.lane._waiter
+    real, waits = waiter.wait, []
+
+    def wait_counted(*arguments: Any) -> None:
+        waits.append(arguments)
+        real(*arguments)
+
+    monkeypatch.setattr(waiter, 'wait', wait_counted)
+    rig.lane.start()
+    for number in range(20):
+        publish(number)
+        wait_for(lambda: rig.heard[-1:] == [number])  # noqa: B023 - waited for here
+    assert len(waits) < 100
+    waits.clear()
+    called = threading.Event()
+    rig.lane.every(0.5, lambda now: called.set())
+    for _ in range(2):
+        assert called.wait(30.0)
+        called.clear()
+    assert len(waits) < 50
+
+
+def test_set_is_made_anew_for_other_topics_alone(
+    rig: Rig, way: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    if way != 'wait set':
+        return
+    real, made = lane_module._wait_set, []
+
+    def make_counted(*arguments: Any) -> Any:
+        made.append(arguments)
+        return real(*arguments)
+
+    monkeypatch.setattr(lane_module, '_wait_set', make_counted)
+    publish = rig.listen()
+    rig.lane.start()
+    for number in range(20):
+        publish(number)
+        wait_for(lambda: rig.heard[-1:] == [number])  # noqa: B023 - waited for here
+    assert len(made) == 1
+
+
+def test_subscription_that_others_destroy_takes_nothing_else_along(rig: Rig) -> None:
+    lost = rig.lane.subscribe(Int32, 'lost', rig.hear, QoSProfile(depth=1))
+    publish = rig.listen()
+    lost.destroy()
+    rig.lane.start()
+    publish(1)
+    rig.wait_heard(1)
+    assert not rig.lane.fault.done()
+
+
+def test_lane_that_has_ended_holds_no_subscription(rig: Rig) -> None:
+    publish = rig.listen()
+    rig.lane.start()
+    publish(1)
+    rig.wait_heard(1)
+    [subscription] = rig.lane.subscriptions
+    rig.lane.stop()
+    subscription.destroy()
+    with pytest.raises(InvalidHandle):
+        subscription.handle.__enter__()
+    wait_for(lambda: rig.talker.count_subscribers('number') == 0)
+
+
+def test_subscription_is_removed_while_it_waits(rig: Rig) -> None:
+    say_first = rig.listen('first')
+    second = rig.lane.subscribe(Int32, 'second', lambda *_: rig.heard.append('removed'), 10)
+    publisher = rig.talker.create_publisher(Int32, 'second', 10)
+    wait_for(lambda: publisher.get_subscription_count(), what='second')
+    rig.lane.start()
+    say_first(1)
+    rig.wait_heard(1)
+    rig.lane.unsubscribe(second)
+    wait_for(lambda: not publisher.get_subscription_count(), what='it is gone')
+    publisher.publish(Int32())
+    say_first(2)
+    rig.wait_heard(1, 2)
+
+
+def test_nothing_comes_after_a_callback_has_unsubscribed(rig: Rig) -> None:
+    def on_message(message: Any, info: dict[str, Any]) -> None:
+        rig.hear(message, info)
+        rig.lane.unsubscribe(subscription)
+
+    subscription = rig.lane.subscribe(Int32, 'number', on_message, 10)
+    say, last = rig.publisher('number'), rig.listen('last')
+    for n in range(5):
+        say(n)
+    last(99)
+    rig.lane.start()
+    rig.wait_heard(0, 99)
+
+
+def test_callback_that_raises_is_reported_and_loses_nothing_else(
+    rig: Rig, capfd: pytest.CaptureFixture[str]
+) -> None:
+    def on_message(message: Any, info: dict[str, Any]) -> None:
+        rig.hear(message, info)
+        raise ZeroDivisionError
+
+    rig.lane.subscribe(Int32, 'number', on_message, 10)
+    rig.lane.start()
+    say = rig.publisher('number')
+    for n in range(5):
+        say(n)
+    rig.wait_heard(*range(5))
+    output = ''
+
+    def reported() -> bool:
+        nonlocal output
+        output += capfd.readouterr().err
+        return 'ZeroDivisionError' in output
+
+    wait_for(reported, what='the report')
+    assert output.count('Traceback') == 1
+
+
+def test_executor_of_the_node_leaves_the_lane_its_messages(rig: Rig, context: Context) -> None:
+    """Its own subscriptions it serves; so does the lane, in its thread."""
+    threads: list[threading.Thread] = []
+    rig.lane.subscribe(Int32, 'number', lambda *_: threads.append(threading.current_thread()), 10)
+    ordinary: list[Any] = []
+    rig.node.create_subscription(Int32, 'number', ordinary.append, 10)
+    executor = SingleThreadedExecutor(context=context)
+    executor.add_node(rig.node)
+    rig.lane.start()
+    say = rig.publisher('number')
+    wait_for(lambda: rig.node.count_subscribers('number') == 2, what='both')
+    for n in range(10):
+        say(n)
+    wait_for(
+        lambda: len(threads) == len(ordinary) == 10,
+        what=lambda: f'{len(threads)}, {len(ordinary)}',
+        idle=lambda duration: executor.spin_once(timeout_sec=duration),
+    )
+    executor.shutdown()
+    assert {thread.name for thread in threads} == {'listener lane'}
+
+
+# Calls.
+
+
+def test_posted_calls_come_in_order_also_those_of_before_the_start(rig: Rig) -> None:
+    rig.lane.post(rig.heard.append, 0)
+    rig.lane.start()
+    for n in range(1, 100):
+        rig.lane.post(rig.heard.append, n)
+    rig.wait_heard(*range(100))
+
+
+def test_call_returns_what_the_lane_returns_or_raises(rig: Rig) -> None:
+    rig.lane.start()
+    assert rig.lane.call(lambda n: (n, threading.current_thread().name), 3) == (3, 'listener lane')
+    with pytest.raises(ZeroDivisionError):
+        rig.lane.call(lambda: 1 / 0)
+    assert rig.lane.call(rig.lane.call, max, 1, 2) == 2  # directly on the lane's own thread
+
+
+def test_call_without_a_thread_is_direct(rig: Rig) -> None:
+    assert rig.lane.call(threading.current_thread) is threading.current_thread()
+    rig.lane.start()
+    rig.lane.stop()
+    assert rig.lane.call(threading.current_thread) is threading.current_thread()
+
+
+def test_call_that_was_given_up_is_never_made(rig: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
+    gate = threading.Event()
+    rig.lane.start()
+    rig.lane.post(gate.wait)
+    with monkeypatch.context() as patch:
+        patch.setattr(lane_module, '_CALL_LIMIT', 0.1)
+        with pytest.raises(TimeoutError, match='nothing was done: listener lane'):
+            rig.lane.call(rig.heard.append, 'late')
+    gate.set()
+    rig.lane.call(rig.heard.append, 'next')
+    assert rig.heard == ['next']
+
+
+@pytest.mark.parametrize('waits', [1, 2])
+def test_call_that_has_begun_is_never_said_not_to_be_made(
+    rig: Rig, monkeypatch: pytest.MonkeyPatch, waits: int
+) -> None:
+    """It is given up after the second wait; an answer during that is worth it."""
+    gate, begun = threading.Event(), threading.Event()
+    over: list[bool] = []  # waits that were
+
+    def answer() -> bool:
+        begun.set()
+        return gate.wait(20.0)
+
+    def wait_in_vain(futures: Any, timeout: float) -> Any:
+        assert begun.wait(20.0)
+        over.append(True)
+        if len(over) > waits:
+            gate.set()
+        return wait(futures, 20.0 if gate.is_set() else 0.0)
+
+    monkeypatch.setattr(lane_module, 'wait', wait_in_vain)
+    rig.lane.start()
+    if waits == 1:
+        assert rig.lane.call(answer) is True
+    else:
+        with pytest.raises(TimeoutError, match='may still be done'):
+            rig.lane.call(answer)
+        gate.set()
+
+
+def test_nothing_that_was_posted_is_lost_behind_calls_that_were_given_up(
+    rig: Rig, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(lane_module, '_CALL_LIMIT', 0.0)
+    monkeypatch.setattr(lane_module, '_CAPACITY', 19)
+    rig.lane.stop()
+    rig.lane = Lane(rig.node, 'listener lane')
+    gate = threading.Event()
+    rig.lane.start()
+    rig.lane.post(gate.wait)
+    wait_for(lambda: not rig.lane._calls, 20.0, 'hanging')
+    for number in range(30):
+        rig.lane.post(rig.heard.append, number)
+        with pytest.raises(TimeoutError, match='nothing was done: listener lane'):
+            rig.lane.call(rig.heard.append, 'late')
+    assert len(rig.lane._calls) == 39, 'calls that are given up pile up'
+    gate.set()
+    rig.wait_heard(*range(30))
+
+
+def test_call_that_the_lane_posts_itself_needs_no_wake(rig: Rig) -> None:
+    assert rig.lane._timeout() is None
+    rig.lane.post(int)
+    assert rig.lane._timeout() == 0.0
+    rig.lane.post(rig.lane.post, rig.heard.append, 1)
+    rig.lane.start()
+    rig.wait_heard(1)
+
+
+# Timers.
+
+
+@pytest.fixture
+def time(monkeypatch: pytest.MonkeyPatch) -> Any:
+    """Have a lane that was not started take its time from here: ``time.now()``, ``time.at``."""
+    result = SimpleNamespace(at=0.0)
+    result.now = lambda: result.at
+    monkeypatch.setattr(lane_module, 'clock', result)
+    return result
+
+
+def test_timer_is_called_when_it_is_due_and_once(rig: Rig, time: Any) -> None:
+    rig.lane.every(1.0, rig.heard.append)
+    for at in (0.9, 1.0, 1.0, 1.9, 2.2, 2.9, 3.0, 5.0, 5.0, 5.9, 6.0):
+        time.at = at
+        rig.lane._call_timers()
+    assert rig.heard == [1.0, 2.2, 3.0, 5.0, 6.0]
+
+
+def test_wait_is_as_long_as_to_the_next_timer(rig: Rig, time: Any) -> None:
+    rig.lane.every(9.0, rig.heard.append)
+    rig.lane.every(1.0, rig.heard.append)
+    assert rig.lane._timeout() == 1.0
+    time.at = 1.5
+    assert rig.lane._timeout() == 0.0
+
+
+def test_faults_are_reported_once_a_second(
+    rig: Rig, time: Any, capfd: pytest.CaptureFixture[str]
+) -> None:
+    for at in (0.0, 0.9, 1.0, 1.9, 2.0):
+        time.at = at
+        rig.lane._guarded(lambda: 1 / 0)
+    assert capfd.readouterr().err.count('ZeroDivisionError') == 3
+
+
+def test_timer_keeps_its_rate(rig: Rig) -> None:
+    """No drift: a call that is late does not make the later ones late."""
+    started = clock.now()
+    rig.lane.every(PERIOD, rig.heard.append)
+    rig.lane.start()
+    wait_for(lambda: len(rig.heard) >= 50, what='50 calls')
+    for n, now in enumerate(rig.heard):
+        assert now - started >= (n + 1) * PERIOD - 0.001  # never early, however busy the machine
+
+
+def test_calls_that_are_late_are_left_out(rig: Rig) -> None:
+    rig.lane.every(PERIOD, rig.heard.append)
+    rig.lane.start()
+    wait_for(lambda: rig.heard, what='a call')
+    held = threading.Event()
+    rig.lane.post(held.wait)
+    before, count = clock.now(), len(rig.heard)
+    wait_for(lambda: clock.now() > before + 10 * PERIOD, what='the time')
+    released = clock.now()
+    held.set()
+    wait_for(lambda: len(rig.heard) > count + 5, what='the next calls')
+    after = [now for now in rig.heard[count:] if now >= released]
+    assert len(after) < (after[-1] - released) / PERIOD + 2  # made up for, there would be ten more
+
+
+def test_timer_added_while_it_waits_for_ever_comes(rig: Rig) -> None:
+    rig.lane.start()
+    rig.lane.call(int)  # it has begun to wait
+    rig.lane.every(PERIOD, rig.heard.append)
+    wait_for(lambda: rig.heard, what='a call')
+
+
+# Ends.
+
+
+def thread_of(lane: Lane) -> threading.Thread:
+    assert lane.thread is not None
+    return lane.thread
+
+
+def assert_gives_back(lane: Lane) -> None:
+    """What wakes it is rclpy's no more."""
+    waiter: Any = lane._waiter
+    guard: GuardCondition = waiter._guard
+    with pytest.raises(InvalidHandle):
+        guard.trigger()
+
+
+def test_stop_ends_the_wait_and_may_be_repeated(rig: Rig) -> None:
+    rig.listen()
+    rig.lane.start()
+    rig.lane.call(int)
+    rig.lane.stop()
+    assert not thread_of(rig.lane).is_alive()
+    assert_gives_back(rig.lane)
+    rig.lane.stop()
+
+
+def test_stop_without_a_start(rig: Rig) -> None:
+    rig.listen()
+    rig.lane.stop()
+    assert_gives_back(rig.lane)
+    rig.lane.post(int)
+
+
+def test_lane_that_hangs_holds_no_process(rig: Rig) -> None:
+    rig.lane.start()
+    assert thread_of(rig.lane).daemon
+
+
+def test_what_was_posted_before_the_stop_is_called(rig: Rig) -> None:
+    rig.lane.start()
+    rig.lane.post(rig.heard.append, 1)
+    rig.lane.stop()
+    assert rig.heard == [1]
+
+
+def test_what_the_last_call_posts_is_called(rig: Rig) -> None:
+    def end() -> None:
+        rig.lane.stop()
+        rig.lane.post(rig.heard.append, 1)
+
+    rig.lane.start()
+    rig.lane.post(end)
+    rig.wait_heard(1)
+
+
+def test_stop_from_its_own_thread(rig: Rig) -> None:
+    rig.lane.start()
+    rig.lane.post(rig.lane.stop)
+    thread = thread_of(rig.lane)
+    wait_for(lambda: not thread.is_alive(), what='its end')
+
+
+@pytest.mark.parametrize('fault', [ZeroDivisionError, SystemExit])
+def test_timer_that_raises_ends_the_thread_which_is_told(
+    rig: Rig, fault: type[BaseException], capfd: pytest.CaptureFixture[str]
+) -> None:
+    def act(now: float) -> None:
+        raise fault
+
+    told: list[Any] = []
+    rig.lane.fault.add_done_callback(told.append)
+    rig.lane.every(PERIOD, act)
+    rig.lane.start()
+    wait_for(lambda: told, what='the fault')
+    assert isinstance(rig.lane.fault.exception(0.0), fault)
+    assert 'listener lane ends: Traceback' in capfd.readouterr().err
+    assert rig.lane.call(threading.current_thread) is threading.current_thread()
+
+
+def test_end_by_stop_is_no_fault(rig: Rig) -> None:
+    rig.lane.start()
+    rig.lane.stop()
+    assert not rig.lane.fault.done()
+
+
+def test_shut_down_context_ends_the_thread(context: Context) -> None:
+    own = Context()
+    rclpy.init(context=own)
+    rig = Rig(own)
+    rig.listen()
+    rig.lane.start()
+    rig.lane.call(int)
+    own.shutdown()
+    thread = thread_of(rig.lane)
+    wait_for(lambda: not thread.is_alive(), what='its end')
+    rig.close()
+    assert context.ok()
+
+
+def test_destroyed_node_ends_the_thread_at_its_next_wake(rig: Rig) -> None:
+    rig.listen()
+    rig.lane.start()
+    rig.lane.call(int)
+    rig.node.destroy_node()
+    rig.lane.post(int)
+    thread = thread_of(rig.lane)
+    wait_for(lambda: not thread.is_alive(), what='its end')
+
+
+def test_lane_that_hangs_is_silent_alone(
+    rig: Rig, context: Context, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(lane_module, '_CALL_LIMIT', 0.1)
+    other = Rig(context)
+    gate = threading.Event()
+    try:
+        for each in (rig, other):
+            each.lane.every(PERIOD, each.heard.append)
+            each.lane.start()
+        wait_for(lambda: rig.heard and other.heard, what='both')
+        rig.lane.post(gate.wait)
+        wait_for(lambda: rig.lane._calls or not gate.is_set(), what='it hangs')
+        with pytest.raises(TimeoutError):
+            rig.lane.call(int)
+        silent, count = len(rig.heard), len(other.heard)
+        wait_for(lambda: len(other.heard) > count + 10, what='the other goes on')
+        assert len(rig.heard) == silent
+        rig.lane.stop()  # gives up
+        assert thread_of(rig.lane).is_alive()
+    finally:
+        gate.set()
+        other.close()

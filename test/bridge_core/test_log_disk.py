@@ -1,0 +1,91 @@
+# Copyright 2026 The rugged_teleop maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The disk of the log files hangs: no node waits for it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+import contextlib
+import os
+from pathlib import Path
+import subprocess
+import time
+
+import pytest
+from std_msgs.msg import Bool
+
+from stage.mux_talkers import MuxBench
+from stage.rig import NodeProcess, Observer, wait_for
+from stage.toy_rig import children_of, command_of
+
+
+def run(*words: str | Path) -> None:
+    subprocess.run(words, check=True, capture_output=True)
+
+
+@pytest.fixture
+def disk(tmp_path: Path) -> Iterator[Path]:
+    """Give a disk of its own, which ``fsfreeze`` has hang."""
+    image, folder = tmp_path / 'image', tmp_path / 'disk'
+    folder.mkdir()
+    image.write_bytes(b'')
+    os.truncate(image, 1 << 24)
+    try:
+        run('mkfs.ext4', '-q', image)
+        run('mount', '-o', 'loop', image, folder)
+    except (OSError, subprocess.CalledProcessError):
+        pytest.skip('this user may not mount a disk')
+    yield folder
+    with contextlib.suppress(subprocess.CalledProcessError):  # it does not hang
+        run('fsfreeze', '-u', folder)
+    wait_for(lambda: subprocess.run(['umount', folder], check=False).returncode == 0, 10.0, 'rest')
+
+
+@pytest.fixture
+def mux(observer: Observer, disk: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[MuxBench]:
+    monkeypatch.setattr(NodeProcess, 'forked', False)  # with this environment
+    monkeypatch.setenv('ROS_LOG_DIR', str(disk / 'log'))
+    with contextlib.closing(MuxBench(observer)) as mux:
+        mux.wait(lambda: mux.says('STOPPED'), 'STOPPED')
+        wait_for(lambda: [*disk.glob('log/*.log')], 5.0, 'a log file')
+        yield mux
+
+
+def test_mux_whose_log_disk_hangs_decides_and_publishes_on(mux: MuxBench, disk: Path) -> None:
+    mux.ready()
+    run('fsfreeze', '-f', disk)
+    frozen = time.monotonic()
+    mux.fort_estop.message = Bool(data=True)  # which it logs
+    mux.wait(lambda: mux.says('STOPPED'), 'the stop')
+    for _ in range(80):  # more than a buffer of the file takes
+        assert mux.trip().success  # which it logs, too
+    before = len(mux.estop.times)
+    mux.wait(lambda: len(mux.estop.times) > before + 20, '~/estop')
+    gaps = [b - a for a, b in zip(mux.estop.times, mux.estop.times[1:], strict=False)]
+    assert time.monotonic() - frozen > 0.1
+    assert max(gaps[-20:]) < 1.0
+    run('fsfreeze', '-u', disk)
+    [log] = disk.glob('log/*.log')
+    wait_for(lambda: 'trip' in log.read_text(), 10.0, 'what was logged meanwhile')
+
+
+def test_process_of_a_node_does_not_have_its_log_file(mux: MuxBench, disk: Path) -> None:
+    def opened(pid: int) -> list[str]:
+        return [os.readlink(each) for each in Path(f'/proc/{pid}/fd').iterdir()]
+
+    [drain] = [pid for pid in children_of(mux.node.process.pid) if 'drain.py' in command_of(pid)]
+    [log] = disk.glob('log/*.log')
+    assert str(log) in opened(drain)
+    assert str(log) not in opened(mux.node.process.pid)

@@ -1,0 +1,199 @@
+# Copyright 2026 The rugged_teleop maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Requests that wait for a wire, and who waits for the end of a command."""
+
+import os
+import select
+import threading
+from typing import Any
+
+import pytest
+
+from bridge_core.transports import link, TransportError
+from bridge_core.transports.link import Link, Mailbox
+from bridge_core.transports.wire import Request
+from stage.rig import wait_for
+
+
+def request(number: int, key: str, name: str = 'set', *, stop: bool = False) -> Request:
+    return Request(number, key, name, (), 0.0, stop=stop)
+
+
+def is_readable(mailbox: Mailbox) -> bool:
+    return bool(select.select([mailbox], [], [], 0)[0])
+
+
+def take_all(*puts: tuple[str, str, bool], each: bool = False) -> list[str]:
+    """Put requests of (key, name, whether it is a stop); return the names that come out."""
+    mailbox = Mailbox(lambda number, error: None)
+    for number, (key, name, stop) in enumerate(puts):
+        mailbox.put(request(number, key, name, stop=stop), each)
+    names = [taken.name for taken in mailbox.take()]
+    assert mailbox.take() == []
+    mailbox.close()
+    return names
+
+
+def test_latest_of_a_key_wins() -> None:
+    assert take_all(*(('a', name, False) for name in 'xyz')) == ['z']
+    assert take_all(*(('a', name, False) for name in 'xyz'), each=True) == ['x', 'y', 'z']
+
+
+def test_stop_is_not_replaced_by_a_release_and_comes_first() -> None:
+    assert take_all(('e', 'stop', True), ('e', 'release', False)) == ['stop', 'release']
+    assert take_all(('e', 'release', False), ('e', 'stop', True)) == ['stop']
+    assert take_all(('e', 'stop', True), ('e', 'release', False), ('e', 'stop again', True)) == [
+        'stop again'
+    ]
+    assert take_all(('c', 'command', False), ('e', 'stop', True)) == ['stop', 'command']
+
+
+def test_stop_that_replaces_one_comes_behind_the_activation_that_it_was_asked_after() -> None:
+    mailbox = Mailbox(lambda number, error: None)
+    mailbox.put(request(1, 'e', 'stop', stop=True), False)
+    for number, name in ((2, 'deactivate'), (3, 'activate')):
+        mailbox.put(request(number, name, name, stop=True), True)
+    mailbox.put(request(4, 'e', 'stop', stop=True), False)
+    assert [each.number for each in mailbox.take()] == [2, 3, 4]
+    mailbox.close()
+
+
+def test_request_that_nothing_replaces_has_no_number_in_common_with_the_newest() -> None:
+    mailbox = Mailbox(lambda number, error: None)
+    mailbox.put(request(0, 'a'), False)
+    for number in (1, 2):
+        mailbox.put(request(number, 'a'), True)
+    assert [each.number for each in mailbox.take()] == [0, 1, 2]
+    mailbox.close()
+
+
+def test_it_is_readable_while_there_are_requests_and_from_the_end_on() -> None:
+    mailbox = Mailbox(lambda number, error: None)
+    assert not is_readable(mailbox)
+    for number in range(2):
+        mailbox.put(request(number, 'a'), True)
+    assert is_readable(mailbox)
+    assert len(mailbox.take()) == 2
+    assert not is_readable(mailbox)
+    mailbox.end()
+    for _ in range(2):
+        assert is_readable(mailbox)
+        with pytest.raises(EOFError):
+            mailbox.take()
+    mailbox.close()
+
+
+def test_its_descriptor_blocks_nobody_and_no_child_has_it() -> None:
+    mailbox = Mailbox(lambda number, error: None)
+    assert not os.get_blocking(mailbox.fileno())
+    assert not os.get_inheritable(mailbox.fileno())
+    mailbox.close()
+
+
+def test_closing_it_again_closes_nobody_elses_descriptor() -> None:
+    mailbox = Mailbox(lambda number, error: None)
+    mailbox.close()
+    others = [os.open(os.devnull, os.O_RDONLY) for _ in range(3)]
+    before = sorted(os.listdir('/proc/self/fd'))
+    mailbox.close()
+    assert sorted(os.listdir('/proc/self/fd')) == before
+    for other in others:
+        os.close(other)
+
+
+# Commands, for whose end somebody waits.
+
+
+class SilentLink(Link):
+    """A link whose wire answers when the test says so."""
+
+    def __init__(self) -> None:
+        owner: Any = None
+        bridge: Any = None
+        super().__init__('silent', bridge, owner)
+        self.put: list[tuple[Request, bool]] = []
+        self.takes = True
+        self.has_put = threading.Event()
+        self.ended = threading.Event()
+        self.start()
+
+    def _put(self, request: Request, each: bool) -> bool:
+        self.put.append((request, each))
+        self.has_put.set()
+        return self.takes
+
+    def _run(self) -> None:
+        self.ended.wait()
+
+    def _end(self) -> None:
+        self.ended.set()
+
+    def answer(self, error: str) -> None:
+        self._done(self.put[0][0].number, error)
+
+
+def test_command_is_no_request_that_another_replaces_or_age_refuses() -> None:
+    silent = SilentLink()
+    caller = threading.Thread(target=silent.activate, args=({'rate': 1},))
+    caller.start()
+    assert silent.has_put.wait(20.0)
+    [(command, each)] = silent.put
+    assert (command.name, command.arguments) == ('activate', ({'rate': 1}, False))
+    assert command.stop
+    assert each
+    silent.answer('')
+    caller.join(20.0)
+    assert not caller.is_alive()
+    silent.stop()
+
+
+@pytest.mark.parametrize('takes', [True, False])
+def test_request_that_no_wire_takes_has_no_number(takes: bool) -> None:
+    silent = SilentLink()
+    silent.takes = takes
+    number = silent.request('ping')
+    assert number == (silent.put[0][0].number if takes else 0)
+    silent.stop()
+
+
+def test_error_of_a_command_is_raised_where_it_was_given() -> None:
+    silent = SilentLink()
+    errors: list[str] = []
+
+    def activate() -> None:
+        try:
+            silent.activate({}, resting=True)
+        except ValueError as error:
+            errors.append(str(error))
+
+    caller = threading.Thread(target=activate)
+    caller.start()
+    assert silent.has_put.wait(20.0)
+    assert silent.put[0][0].arguments == ({}, True)
+    silent.answer('rate is 0')
+    wait_for(lambda: errors == ['rate is 0'], 20.0, 'the error')
+    silent.stop()
+
+
+def test_command_that_nobody_answers_is_told_and_forgotten(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    silent = SilentLink()
+    monkeypatch.setattr(link, 'ANSWER_TIME', 0.01)
+    with pytest.raises(TransportError, match='of silent does not answer'):
+        silent.deactivate()
+    assert not silent._waiting
+    silent.answer('late')
+    silent.stop()

@@ -1,0 +1,419 @@
+# Copyright 2026 The rugged_teleop maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The multicast port: who hears whom, and interfaces that vanish and come back."""
+
+from collections.abc import Iterator
+import contextlib
+import errno
+import select
+import socket
+from typing import Any
+
+import pytest
+
+from bridge_core.transports import multicast, TransportError
+from bridge_core.transports.multicast import MulticastTransport
+from rugged_teleop.multicasts import GROUP, LOOPBACK
+from stage.link_rig import Bench
+from stage.multicast_rig import free_port, in_network_namespace, run_ip
+from stage.rig import wait_for
+
+Ports = tuple[MulticastTransport, MulticastTransport]
+
+
+def pair(port: int, address: str = LOOPBACK, **options: Any) -> Ports:
+    """Return both ends, not yet open: ours, and the device's."""
+    ours = MulticastTransport(GROUP, port, port + 2, interface_address=address, **options)
+    return ours, MulticastTransport(GROUP, port + 2, port, interface_address=address)
+
+
+@pytest.fixture
+def ends() -> Iterator[Ports]:
+    ours, theirs = pair(free_port())
+    ours.open()
+    theirs.open()
+    yield ours, theirs
+    ours.close()
+    theirs.close()
+
+
+def readable(transport: MulticastTransport, timeout: float = 2.0) -> bool:
+    return bool(select.select([transport.fileno()], [], [], timeout)[0])
+
+
+def heard(transport: MulticastTransport) -> list[bytes]:
+    """Return the next datagrams. :raises AssertionError: none comes."""
+    return wait_for(lambda: transport.receive() if readable(transport, 0.1) else [], 2.0)
+
+
+def test_datagrams_keep_their_bounds_both_ways(ends: Ports) -> None:
+    ours, theirs = ends
+    for size in (0, 1, 66, 512, 513, 1400):
+        assert theirs.send(bytes(size))
+        assert heard(ours) == [bytes(size)]
+    assert ours.send(b'out')
+    assert heard(theirs) == [b'out']
+
+
+def test_own_datagrams_do_not_come_back(ends: Ports) -> None:
+    ours, theirs = ends
+    ours.send(b'ours')
+    assert heard(theirs) == [b'ours']  # so it has been delivered to whoever gets it
+    assert ours.receive() == []
+
+
+def test_datagram_longer_than_the_buffer_is_told_by_its_length(ends: Ports) -> None:
+    ours, theirs = ends
+    theirs.send(bytes(9000))
+    assert [len(data) for data in heard(ours)] == [2048]
+
+
+def test_two_receivers_on_one_host_both_hear_all(ends: Ports) -> None:
+    ours, theirs = ends
+    port = int(ours.name.split(':')[1].split()[0])
+    second = pair(port)[0]
+    second.open()
+    with contextlib.closing(second):
+        theirs.send(b'both')
+        assert heard(ours) == [b'both']
+        assert heard(second) == [b'both']
+
+
+@pytest.mark.parametrize('option', [socket.SO_REUSEADDR, socket.SO_REUSEPORT])
+def test_port_is_shared_with_a_program_that_knows_one_way_to_share(option: int) -> None:
+    port = free_port()
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other:
+        other.setsockopt(socket.SOL_SOCKET, option, 1)
+        other.bind(('', port))
+        ours = pair(port)[0]
+        ours.open()
+        ours.close()
+
+
+def test_other_group_and_unicast_on_the_same_port_are_not_heard(ends: Ports) -> None:
+    ours, theirs = ends
+    port = int(ours.name.split(':')[1].split()[0])
+    other = MulticastTransport('239.255.42.21', port, port, interface_address=LOOPBACK)
+    other.open()
+    with contextlib.closing(other), socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as unicast:
+        other.send(b'another group')
+        unicast.sendto(b'unicast', (LOOPBACK, port))
+        assert heard(other) == [b'another group']
+        theirs.send(b'ours')
+        assert heard(ours) == [b'ours']
+
+
+def test_sources_that_are_not_allowed_are_counted_and_dropped() -> None:
+    port = free_port()
+    ours, theirs = pair(port, allowed_sources=['127.0.0.2', '127.0.0.3'])
+    ours.open()
+    theirs.open()
+    with (
+        contextlib.closing(ours),
+        contextlib.closing(theirs),
+        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as allowed,
+    ):
+        allowed.bind(('127.0.0.2', 0))
+        allowed.setsockopt(
+            socket.IPPROTO_IP, socket.IP_MULTICAST_IF, socket.inet_aton('127.0.0.1')
+        )
+        theirs.send(b'foreign')
+        allowed.sendto(b'allowed', (GROUP, port))
+        assert heard(ours) == [b'allowed']
+        assert (ours.foreign, ours.foreign_source) == (1, LOOPBACK)
+
+
+def test_flood_is_taken_in_portions() -> None:
+    port = free_port()
+    ours, theirs = pair(port)
+    beside = pair(port)[0]  # who has them all shows that they have arrived
+    taken: list[bytes] = []
+
+    def arrived() -> bool:
+        if readable(beside, 0.1):
+            taken.extend(beside.receive())
+        return len(taken) == 100
+
+    for each in (ours, theirs, beside):
+        each.open()
+    try:
+        for number in range(100):
+            theirs.send(bytes((number,)))
+        wait_for(arrived, 2.0, lambda: f'100 datagrams: {len(taken)}')
+        assert len(ours.receive()) == 64
+        assert len(ours.receive()) == 36
+    finally:
+        for each in (ours, theirs, beside):
+            each.close()
+
+
+def test_close_twice_and_open_again(ends: Ports) -> None:
+    ours, theirs = ends
+    ours.close()
+    ours.close()
+    assert ours.fileno() == -1
+    for action in (ours.receive, lambda: ours.send(b'')):
+        with pytest.raises(TransportError, match='not open'):
+            action()
+    theirs.send(b'meanwhile')
+    ours.open()
+    assert ours.receive() == []
+    theirs.send(b'again')
+    assert heard(ours) == [b'again']
+
+
+def test_interface_that_does_not_exist_is_named_with_what_to_do() -> None:
+    ours = pair(free_port(), '192.0.2.99')[0]
+    with pytest.raises(TransportError, match='interface_address'):
+        ours.open()
+    assert ours.fileno() == -1
+
+
+@pytest.mark.parametrize(
+    ('group', 'options'),
+    [
+        ('127.0.0.1', {}),
+        ('nonsense', {}),
+        (GROUP, {'interface_address': 'eth0'}),
+        (GROUP, {'allowed_sources': ['somebody']}),
+    ],
+)
+def test_bad_address_is_refused(group: str, options: dict[str, Any]) -> None:
+    with pytest.raises(ValueError, match=r'\w'):
+        MulticastTransport(group, 5825, 5827, **options)
+
+
+def test_time_to_live_is_set(ends: Ports) -> None:
+    sender = pair(free_port(), ttl=3)[0]
+    sender.open()
+    with contextlib.closing(sender):
+        assert sender._sender is not None
+        ttl = sender._sender.getsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_TTL)
+    assert ttl == 3
+
+
+class Broken:
+    """A socket whose kernel says no."""
+
+    def __init__(self, number: int) -> None:
+        self._number = number
+
+    def sendto(self, *_: Any) -> None:
+        raise OSError(self._number, errno.errorcode[self._number])
+
+    recvfrom = sendto
+
+    def close(self) -> None:
+        pass
+
+
+@pytest.mark.parametrize('number', [errno.ENODEV, errno.ENETDOWN, errno.ENETUNREACH, errno.EPERM])
+def test_refused_by_the_kernel_is_a_lost_port(ends: Ports, number: int) -> None:
+    ours = ends[0]
+    ours._sender = Broken(number)  # type: ignore[assignment]
+    with pytest.raises(TransportError, match='cannot send'):
+        ours.send(b'')
+    ours._input = Broken(number)  # type: ignore[assignment]
+    with pytest.raises(TransportError):
+        ours.receive()
+
+
+@pytest.mark.parametrize('number', [errno.EAGAIN, errno.ENOBUFS])
+def test_busy_line_drops(ends: Ports, number: int) -> None:
+    ours = ends[0]
+    ours._sender = Broken(number)  # type: ignore[assignment]
+    assert not ours.send(b'')
+
+
+def test_every_address_of_an_interface_is_found() -> None:
+    def body() -> None:
+        add_cable()
+        run_ip('address', 'add', '192.0.2.3/24', 'dev', 'near')
+        for address in ('192.0.2.1', '192.0.2.3', LOOPBACK):
+            ours = pair(free_port(), address)[0]
+            ours.open()
+            ours.close()
+
+    in_network_namespace(body)
+
+
+# -- interfaces that go and come ------------------------------------------------------------------
+
+
+def add_cable() -> None:
+    """Add a network interface with address 192.0.2.1, and plug it in."""
+    run_ip('link', 'add', 'near', 'type', 'veth', 'peer', 'name', 'far')
+    run_ip('address', 'add', '192.0.2.1/24', 'dev', 'near')
+    run_ip('link', 'set', 'near', 'up')
+    run_ip('link', 'set', 'far', 'up')
+    wait_for(is_plugged, 5.0, 'the cable')
+
+
+def is_plugged() -> bool:
+    """Tell whether the kernel has seen so: that may take a second."""
+    return multicast._has(socket.if_nametoindex('near'), 0x41)
+
+
+@pytest.mark.parametrize(
+    ('leave', 'come_back'),
+    [
+        (('link', 'delete', 'near'), None),
+        (('link', 'set', 'near', 'down'), ('link', 'set', 'near', 'up')),
+        (('link', 'set', 'far', 'down'), ('link', 'set', 'far', 'up')),
+        (
+            ('address', 'del', '192.0.2.1/24', 'dev', 'near'),
+            ('address', 'add', '192.0.2.1/24', 'dev', 'near'),
+        ),
+    ],
+    ids=['deleted', 'down', 'unplugged', 'without address'],
+)
+def test_vanished_interface_is_noticed_without_sending_and_joined_again(
+    leave: tuple[str, ...], come_back: tuple[str, ...] | None
+) -> None:
+    def body() -> None:
+        add_cable()
+        ours, theirs = pair(free_port(), '192.0.2.1')
+        ours.open()
+        theirs.open()
+        theirs.send(b'before')
+        assert heard(ours) == [b'before']
+        run_ip(*leave)
+
+        def lost() -> bool:
+            readable(ours, 0.1)
+            try:
+                ours.receive()
+            except TransportError as error:
+                return 'interface' in str(error)
+            return False
+
+        wait_for(lost, 5.0, 'the loss of the interface')
+        ours.close()
+        with pytest.raises(TransportError, match='interface'):
+            ours.open()
+        if come_back is None:
+            add_cable()
+        else:
+            run_ip(*come_back)
+        wait_for(is_plugged, 5.0, 'the cable')
+        ours.open()
+        theirs.close()
+        theirs.open()
+        theirs.send(b'after')
+        assert heard(ours) == [b'after']
+        ours.close()
+        theirs.close()
+
+    in_network_namespace(body)
+
+
+def test_cable_is_of_no_matter_where_nothing_leaves_the_machine() -> None:
+    def body() -> None:
+        add_cable()
+        ours, theirs = pair(free_port(), '192.0.2.1', needs_cable=False)
+        ours.open()
+        theirs.open()
+        run_ip('link', 'set', 'far', 'down')
+        wait_for(lambda: not is_plugged(), 5.0, 'the loss of the cable')
+        assert ours.receive() == []
+        theirs.send(b'beside us')
+        assert heard(ours) == [b'beside us']
+        ours.close()
+        ours.open()
+        ours.close()
+        theirs.close()
+
+    in_network_namespace(body)
+
+
+def test_change_of_another_interface_is_no_loss() -> None:
+    def body() -> None:
+        add_cable()
+        ours = pair(free_port())[0]
+        ours.open()
+        run_ip('link', 'delete', 'near')
+        assert readable(ours)
+        assert ours.receive() == []
+        ours.close()
+
+    in_network_namespace(body)
+
+
+def test_without_an_address_the_routing_table_decides() -> None:
+    def body() -> None:
+        port = free_port()
+        ours = MulticastTransport(GROUP, port, port + 2)
+        with pytest.raises(TransportError, match='set interface_address'):
+            ours.open()
+        add_cable()
+        run_ip('route', 'add', '239.0.0.0/8', 'dev', 'near')
+        ours.open()
+        theirs = pair(port, '192.0.2.1')[1]
+        theirs.open()
+        theirs.send(b'routed')
+        assert heard(ours) == [b'routed']
+        ours.close()
+        theirs.close()
+
+    in_network_namespace(body)
+
+
+@pytest.mark.usefixtures('patient_link')
+def test_link_comes_back_by_itself_when_the_interface_does() -> None:
+    def body() -> None:
+        add_cable()
+        ours, theirs = pair(free_port(), '192.0.2.1')
+        bench = Bench()
+        bench.transport, session = ours, bench.session
+        bench.link.start()
+        bench.activate()
+        wait_for(lambda: bench.status.is_open, 2.0, 'the port to open')
+        run_ip('link', 'delete', 'near')
+        wait_for(lambda: 'closed' in session.calls, 2.0, 'the loss')
+        assert not bench.status.is_open
+        add_cable()
+        wait_for(lambda: bench.status.is_open, 2.0, 'the port to open again')
+        theirs.open()
+        theirs.send(b'back')
+        wait_for(lambda: session.received == b'back', 2.0, 'a datagram')
+        bench.link.stop()
+        theirs.close()
+
+    in_network_namespace(body)
+
+
+def test_lost_announcements_are_taken_for_a_change(
+    ends: Ports, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    ours = ends[0]
+    looked: list[str] = []
+
+    def look(address: str, flags: int) -> int:
+        looked.append(address)
+        return 1
+
+    ours._netlink = Deaf()  # type: ignore[assignment]
+    monkeypatch.setattr(multicast, '_interface_of', look)
+    with contextlib.suppress(TransportError):
+        ours.receive()
+    assert looked == [LOOPBACK]
+
+
+class Deaf:
+    def recv(self, size: int) -> bytes:
+        raise OSError(errno.ENOBUFS, 'there were too many')
+
+    def close(self) -> None:
+        pass

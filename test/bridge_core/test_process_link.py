@@ -1,0 +1,1260 @@
+# Copyright 2026 The rugged_teleop maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+A wire in a process of its own: whatever becomes of it or of its node, the device is left safe.
+
+Real processes with a toy device; the drive in motion is at the end.
+"""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Callable, Iterator, Sequence
+import contextlib
+import ctypes
+import errno
+import functools
+import math
+import os
+from pathlib import Path
+import pickle
+from signal import SIGCONT, SIGHUP, SIGINT, SIGKILL, SIGQUIT, SIGRTMIN, SIGSEGV, SIGSTOP, SIGTERM
+import socket
+import subprocess
+import sys
+import threading
+import time
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+from rclpy.context import Context
+from std_msgs.msg import Bool, Float32
+from std_srvs.srv import Trigger
+
+from bridge_core import clock
+from bridge_core.report import Report, Status
+from bridge_core.session import Answer, Level, StopChanged, Verdict
+from bridge_core.transports import process, TransportError, wire_process
+from bridge_core.transports.process import ProcessLink
+from bridge_core.transports.wire import Request
+from bridge_core.transports.wire_process import Node
+from stage import gated_wire
+from stage.endings import each_ending, first_of
+from stage.link_rig import FakeOwner
+from stage.rig import as_yaml, holds_for, latched, NodeProcess, Observer, Pty, Record, wait_for
+from stage.run_delay import HELD_UP, RunDelay, WIRE_HELD_UP
+from stage.talkers import Diagnostics
+from stage.toy_bridge import make_toy, toy_process
+from stage.toy_rig import (
+    command_of,
+    ESTOP,
+    is_running,
+    OUTLASTS_GAPS,
+    spares_of,
+    ToyDevice,
+    wait_repeats,
+    wait_value,
+    wires_of,
+)
+from stage.toy_wire import BRIDGE
+from test.esi_drive_bridge.test_esi_drive_node import Bench as DriveBench
+
+LINK, DEVICE = 'link', 'device'  # the parts of the diagnostics
+
+pytestmark = pytest.mark.waits(80)
+
+
+def wait_stop_since(observer: Observer, estop: Record, cause: float) -> None:
+    observer.wait_for(lambda: any(m.data for _, m in estop.since(cause)), 10.0, 'a stop')
+
+
+class Toy:
+    """The toy with its wire in a process, and a healthy device."""
+
+    def __init__(self, pty: Pty, observer: Observer, **parameters: Any) -> None:
+        self.observer = observer
+        self.device = ToyDevice(pty, observer)
+        self.node = toy_process(pty.path, 'process', **parameters)
+        self.pid = self.node.process.pid
+        self.estop = observer.record(Bool, ESTOP, latched())
+        self.diagnostics = Diagnostics(observer, 'toy_bridge')
+        self.delay = RunDelay([self.pid])  # since it was healthy
+
+    @property
+    def pty(self) -> Pty:
+        return self.device.pty
+
+    def wire(self) -> int:
+        """Return the process of its wire, once there is one and only one."""
+        return int(self.wait(lambda: wires_of(self.pid), 'a wire')[0])
+
+    def held_up(self) -> bool:
+        """Tell whether the machine may have made a wire count as hung, which then is replaced."""
+        return self.delay.exceeds(HELD_UP)
+
+    def spare(self) -> int:
+        """Return the process that waits to take over, once it is ready."""
+
+        def ready() -> int:
+            told = self.diagnostics.value(LINK, 'spare process')
+            return int(told) if told.isdigit() and name_of(int(told)) == 'spare wire' else 0
+
+        return int(self.wait(ready, 'a spare that is ready'))
+
+    def wait(self, condition: Callable[[], Any], what: str, timeout: float = 10.0) -> Any:
+        return self.observer.wait_for(condition, timeout, what)
+
+    def wait_stop(self, value: bool) -> float:
+        return wait_value(self.observer, self.estop, value)
+
+    def wait_stop_since(self, cause: float) -> None:
+        """Wait for a stop, even one that is over."""
+        wait_stop_since(self.observer, self.estop, cause)
+
+    def wait_reason(self, text: str, part: str = LINK) -> None:
+        self.wait(
+            lambda: text in getattr(self.diagnostics.status(part), 'message', ''),
+            f'{text!r} in the diagnostics, not {self.diagnostics.status(part)}',
+        )
+
+    def names(self, wire: int) -> bool:
+        return self.diagnostics.value(LINK, 'wire process') == str(wire)
+
+    def wait_gone(self, *pids: int) -> None:
+        def gone() -> bool:
+            self.delay.seconds()  # what has ended cannot be asked any more
+            return not any(map(is_running, pids))
+
+        self.wait(gone, f'the end of {pids}')
+
+    def wait_new_wire(self, *old: int) -> int:
+        found = self.wait(lambda: [w for w in wires_of(self.pid) if w not in old], 'a new wire')
+        return int(found[0])
+
+    def hears(self, data: bytes) -> bool:
+        """Tell whether the device has heard this since its ``clear``, whoever read it."""
+        self.pty.read()
+        return data in self.pty.received
+
+    def says_more_than(self, keep_alives: int) -> bool:
+        return self.keep_alives() > keep_alives
+
+    def keep_alives(self) -> int:
+        """Return how many the device has heard."""
+        self.pty.read()
+        return self.pty.received.count(b'h')
+
+
+@pytest.fixture
+def toy(pty: Pty, observer: Observer) -> Iterator[Toy]:
+    with running(pty, observer) as result:
+        result.wait_stop(False)
+        result.delay = RunDelay([result.pid])
+        yield result
+
+
+@contextlib.contextmanager
+def running(pty: Pty, observer: Observer, **parameters: Any) -> Iterator[Toy]:
+    toy = Toy(pty, observer, **parameters)
+    with toy.node:
+        yield toy
+
+
+# The node dies.
+
+
+@pytest.mark.parametrize('number', first_of(SIGKILL, SIGSEGV))
+def test_node_that_dies_leaves_a_farewell_and_no_process(toy: Toy, number: int) -> None:
+    wire = toy.wire()
+    toy.pty.clear()
+    toy.node.end(number)
+    toy.pty.wait_received(b'BYE')
+    toy.wait_gone(wire)
+    toy.pty.read()
+    assert toy.pty.received.endswith(b'BYE')
+    assert toy.pty.received.count(b'BYE') == 1
+
+
+@each_ending
+def test_node_that_is_ended_says_farewell_once(toy: Toy, number: int) -> None:
+    wire = toy.wire()
+    toy.node.signal(number)
+    toy.wait_gone(toy.pid, wire)
+    assert toy.node.wait() == 0
+    toy.pty.wait_received(b'BYE')
+    assert toy.pty.received.endswith(b'BYE')
+    assert toy.pty.received.count(b'BYE') == 1 or toy.held_up()  # then its spare says it, too
+
+
+@pytest.mark.parametrize('number', first_of(SIGINT, SIGQUIT, SIGHUP))
+def test_signal_of_the_terminal_reaches_the_node_only(toy: Toy, number: int) -> None:
+    wire = toy.wire()
+    assert os.getsid(wire) == wire != os.getsid(toy.pid)
+    os.killpg(os.getpgid(toy.pid), number)
+    toy.wait_gone(toy.pid, wire)
+    assert toy.node.wait() == 0
+    toy.pty.wait_received(b'BYE')
+    assert toy.pty.received.count(b'BYE') == 1 or toy.held_up()
+
+
+@each_ending
+def test_signal_to_the_wire_ends_nothing(toy: Toy, number: int) -> None:
+    wire, count = toy.wire(), toy.keep_alives()
+    os.kill(wire, number)
+    toy.wait(lambda: toy.keep_alives() > count + 5, 'keep-alives')
+    assert toy.wire() == wire or toy.held_up()
+
+
+def test_ps_tells_what_a_wire_is(toy: Toy) -> None:
+    assert command_of(toy.wire()).startswith(f'toy_bridge: wire {toy.pty.path} ')
+
+
+@pytest.mark.parametrize('number', [SIGKILL, SIGTERM])
+def test_spare_ends_with_its_node(toy: Toy, number: int) -> None:
+    spare, wire = toy.spare(), toy.wire()
+    toy.node.end(number)
+    toy.wait_gone(wire, spare)
+
+
+# The node hangs.
+
+
+def test_wire_of_a_stopped_node_goes_on_and_so_does_the_node_later(toy: Toy) -> None:
+    wire, count = toy.wire(), toy.keep_alives()
+    toy.node.signal(SIGSTOP)
+    toy.wait(lambda: toy.keep_alives() > count + 20, 'keep-alives')
+    toy.node.signal(SIGCONT)
+    toy.wait_stop(False)
+    assert toy.wire() == wire or toy.held_up()
+
+
+def test_wire_of_a_node_whose_interpreter_is_held_goes_on(toy: Toy) -> None:
+    hang = toy.observer.publisher(Float32, '/toy_bridge/hang')
+    wire = toy.wire()
+    hang.publish(Float32(data=3.0))
+    toy.wait(lambda: time.monotonic() - toy.estop.times[-1] > 0.3, 'a node that is silent')
+    silent, quiet = toy.keep_alives(), len(toy.estop.times)
+    toy.wait(lambda: toy.keep_alives() > silent + 10, 'keep-alives meanwhile')
+    assert len(toy.estop.times) == quiet or toy.held_up()
+    toy.wait_stop(False)
+    assert toy.wire() == wire or toy.held_up()
+
+
+def test_stop_of_a_node_that_was_stopped_comes_before_anything_else(toy: Toy) -> None:
+    first = []
+    for _ in range(3):
+        toy.device.talking = True
+        toy.wait_stop(False)
+        toy.node.signal(SIGSTOP)
+        toy.observer.holds_for(lambda: True, 1.6)  # more than it takes in at once
+        toy.device.talking = False
+        toy.pty.write(b's')
+        heard = toy.keep_alives()
+        toy.wait(functools.partial(toy.says_more_than, heard + 5), 'a wire that has read it')
+        toy.observer.holds_for(lambda: True, 0.1)
+        toy.estop.clear()
+        toy.node.signal(SIGCONT)
+        toy.wait(lambda: len(toy.estop.data) >= 5, 'messages')
+        first.append(toy.estop.data[0])
+        assert all(toy.estop.data[1:])
+    # Stopped during a publish, which is rare, it goes on with that one.
+    assert first.count(True) >= 2
+
+
+def test_stop_that_came_and_went_while_the_node_was_stopped_is_told(toy: Toy) -> None:
+    for _ in range(3):
+        toy.node.signal(SIGSTOP)
+        toy.observer.holds_for(lambda: True, 0.2)  # of a device that is heard
+        toy.pty.write(b's')
+        toy.observer.holds_for(lambda: True, 0.3)
+        toy.estop.clear()
+        toy.node.signal(SIGCONT)
+        toy.wait(lambda: True in toy.estop.data, 'the stop')
+        toy.wait_stop(False)
+
+
+# The wire dies or hangs.
+
+
+def test_wire_that_dies_is_a_stop_with_the_reason_and_is_replaced(toy: Toy) -> None:
+    wires: list[int] = []
+    for number in (1, 2, 3):
+        killed = time.monotonic()
+        wires.append(toy.wire())
+        os.kill(wires[-1], SIGKILL)
+        toy.wait_stop_since(killed)
+        toy.wait_new_wire(*wires)
+        assert not is_running(wires[-1])
+        toy.wait_stop(False)
+        toy.wait(lambda: toy.names(toy.wire()), 'its pid in the diagnostics')
+        assert restarts(toy) == number or toy.held_up()
+        assert toy.diagnostics.value(LINK, 'node process') == str(toy.pid)
+    assert toy.node.output.count('was killed by SIGKILL') >= 3
+
+
+def test_spare_takes_over_from_a_wire_that_dies_or_hangs_each_time(toy: Toy) -> None:
+    for number in (SIGKILL, SIGKILL, SIGSTOP, SIGKILL):
+        toy.wait(lambda: toy.names(toy.wire()), 'it in the diagnostics')
+        toy.delay = RunDelay([toy.pid])
+        spare, wire = toy.spare(), toy.wire()
+        os.kill(wire, number)
+        new = toy.wait_new_wire(wire)
+        assert new == spare or toy.held_up()
+        assert not is_running(wire)
+        toy.wait_stop(False)
+    toy.wait(lambda: toy.names(toy.wire()), 'it in the diagnostics')
+
+
+@pytest.mark.parametrize('number', first_of(SIGKILL, SIGSEGV))
+def test_spare_that_dies_is_replaced_and_stops_nothing(toy: Toy, number: int) -> None:
+    wire, spares = toy.wire(), [toy.spare()]
+    for _ in range(3):
+        os.kill(spares[-1], number)
+        toy.wait(lambda: spares_of(toy.pid) not in ([], spares[-1:]), 'another spare')
+        toy.wait_gone(spares[-1])
+        toy.wait(lambda: toy.diagnostics.value(LINK, 'spare process') != str(spares[-1]), 'it')
+        spares.append(toy.spare())
+    assert len(set(spares)) == 4
+    if toy.wire() == wire and restarts(toy) == 0:
+        assert 'was killed' not in toy.node.output
+    else:
+        assert toy.held_up()
+
+
+def test_spare_that_hangs_is_killed_once_it_has_to_take_over(toy: Toy) -> None:
+    spare, wire = toy.spare(), toy.wire()
+    os.kill(spare, SIGSTOP)
+    killed = time.monotonic()
+    os.kill(wire, SIGKILL)
+    toy.wait_gone(wire, spare)
+    toy.wait_stop_since(killed)
+    toy.wait_new_wire(wire, spare)
+    toy.wait_stop(False)
+
+
+def test_wire_and_spare_that_die_at_once_are_replaced(toy: Toy) -> None:
+    spare, wire = toy.spare(), toy.wire()
+    killed = time.monotonic()
+    for pid in (spare, wire):
+        os.kill(pid, SIGKILL)
+    toy.wait_stop_since(killed)
+    toy.wait_new_wire(wire, spare)
+    toy.wait_stop(False)
+    assert toy.spare() not in (wire, spare)
+
+
+@pytest.mark.parametrize(
+    ('source', 'reason'),
+    [
+        ('', "AttributeError: module 'lost.wire' has no attribute 'BRIDGE'"),
+        ('raise MemoryError', 'lost.wire: MemoryError()'),
+        ('import no_such_driver', 'No module named'),
+        ("open('/none')", 'No such file'),
+    ],
+)
+def test_process_that_cannot_load_its_wire_says_why(
+    tmp_path: Path, source: str, reason: str
+) -> None:
+    """In one line, but for what is a fault of the code."""
+    ended = start_wire(tmp_path, source)
+    assert ended.returncode == 1
+    assert reason in ended.stderr
+    assert ended.stdout == ''
+    assert bool(source) == (ended.stderr.count('\n') == 1)
+
+
+@pytest.mark.parametrize('priority', [3, -1, 0])
+def test_wire_loads_without_the_real_time_priority_of_its_node(
+    tmp_path: Path, priority: int
+) -> None:
+    """What loads for a quarter of a second, and never yields, would delay the stops of others."""
+    program = ['chrt', '--fifo', '3']
+    if subprocess.run([*program, 'true'], capture_output=True, check=False).returncode:
+        pytest.skip('this user may not use real-time priority')
+    source = 'import os\nprint(os.sched_getscheduler(0))\nraise MemoryError'
+    ended = start_wire(tmp_path, source, *program, priority=priority)
+    assert ended.stdout.split() == [str(os.SCHED_OTHER if priority else os.SCHED_FIFO)]
+
+
+def test_wire_gives_the_priority_of_its_node_up_before_it_loads_anything() -> None:
+    source = """
+import os
+import sys
+from bridge_core.start_wire import main
+
+def give_up(*_):
+    print([name for name in sys.modules if name.startswith('bridge_core.')])
+    sys.exit()
+
+os.sched_setscheduler = give_up
+sys.argv = ['start_wire', '0', 'nothing', '1', '3', '-1', '-1', '-1']
+main()
+"""
+    said = subprocess.run(
+        [sys.executable, '-c', source], capture_output=True, text=True, check=True
+    ).stdout
+    assert ast.literal_eval(said) == ['bridge_core.descriptors', 'bridge_core.start_wire']
+
+
+def start_wire(
+    folder: Path, source: str, *program: str, priority: int = 0
+) -> subprocess.CompletedProcess[str]:
+    """Run the process of a wire whose module has this source until it ends."""
+    (folder / 'lost').mkdir()
+    (folder / 'lost' / 'wire.py').write_text(source)
+    ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+    with ours, theirs:
+        arguments = (str(theirs.fileno()), 'lost.wire', '1', str(priority), *['-1'] * 3)
+        return subprocess.run(
+            [*program, sys.executable, '-m', 'bridge_core.start_wire', *arguments],
+            env={**os.environ, 'PYTHONPATH': f'{folder}{os.pathsep}{os.getcwd()}'},
+            pass_fds=[theirs.fileno()],
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+
+
+def test_wire_that_dies_is_told_in_the_diagnostics(toy: Toy) -> None:
+    os.kill(toy.wire(), SIGKILL)
+    toy.wait_reason('was killed by SIGKILL')
+
+
+def test_request_that_waits_for_a_dead_wire_is_answered(toy: Toy) -> None:
+    client = toy.observer.node.create_client(Trigger, '/toy_bridge/ping')
+    toy.wait(client.service_is_ready, 'the service')
+    delay = RunDelay([toy.pid])
+
+    def counts(answer: Any, word: str) -> bool:
+        """Tell whether it is this one, and none of a node or a wire that the machine held up."""
+        as_meant = word in answer.message
+        assert as_meant or delay.exceeds(WIRE_HELD_UP), answer
+        return as_meant
+
+    def answered() -> bool:  # a first call may come before the node knows this client
+        pong = client.call_async(Trigger.Request())
+        for _ in range(20):
+            toy.pty.write(b'a')
+            toy.observer.spin(0.01)
+        return bool(pong.done()) and counts(pong.result(), 'pong')
+
+    def killed() -> bool:
+        toy.wait(answered, 'a pong')
+        toy.pty.clear()
+        toy.wait(lambda: toy.keep_alives() > 1, 'a wire that has read each answer')
+        wire, asked = toy.wire(), client.call_async(Trigger.Request())
+        toy.wait(lambda: asked.done() or toy.hears(b'p'), 'that it is asked')
+        if not asked.done():
+            os.kill(wire, SIGKILL)
+            toy.wait(asked.done, 'an answer')
+        if not counts(asked.result(), 'SIGKILL'):
+            return False
+        assert not asked.result().success
+        return True
+
+    toy.wait(killed, 'the answer of a wire that was killed', 20.0)
+
+
+def test_requests_are_answered_while_wires_come_and_go(pty: Pty, observer: Observer) -> None:
+    """They come before a wire, during its short life, and after it."""
+    with running(pty, observer, fault='deadly port') as toy:
+        toy.wait_reason('ended with 7')
+        for _ in range(20):
+            answer = observer.call(Trigger, '/toy_bridge/ping', tries=3)
+            assert not answer.success
+            assert answer.message
+
+
+def test_stopped_wire_is_a_stop_and_is_gone_before_another_one_comes(toy: Toy) -> None:
+    wire = toy.wire()
+    stopped = time.monotonic()
+    os.kill(wire, SIGSTOP)
+    owners: list[list[int]] = []
+
+    def replaced() -> bool:
+        owners.append(wires_of(toy.pid))
+        return owners[-1] not in ([], [wire])
+
+    toy.wait(replaced, 'a new wire')
+    assert max(map(len, owners)) == 1
+    toy.wait_stop_since(stopped)
+    toy.node.wait_output(f'its process {wire} hangs')
+    toy.wait_stop(False)
+
+
+def test_wire_that_is_stopped_for_a_moment_comes_back_by_itself(toy: Toy) -> None:
+    wire = toy.wire()
+    for _ in range(5):
+        toy.delay = RunDelay([toy.pid])
+        stopped = time.monotonic()
+        os.kill(wire, SIGSTOP)
+        toy.wait_stop_since(stopped)
+        with contextlib.suppress(ProcessLookupError):
+            os.kill(wire, SIGCONT)
+        toy.wait_stop(False)
+        if toy.wire() != wire:  # that took longer than the node waits
+            assert toy.held_up()
+            return
+    assert restarts(toy) == 0
+
+
+def test_wire_that_dies_at_once_each_time_is_tried_ever_more_seldom(
+    pty: Pty, observer: Observer
+) -> None:
+    with running(pty, observer, fault='deadly port', reconnect_period=0.5) as toy:
+        toy.wait_reason('ended with 7')
+        toy.wait(lambda: restarts(toy) >= 5, 'the longest pauses', 20.0)
+        before = restarts(toy)
+        begun, used = time.monotonic(), processor_time(toy.pid)
+        toy.estop.clear()
+        toy.wait(lambda: restarts(toy) >= before + 3, 'three more', 20.0)
+        assert time.monotonic() - begun >= 2 * 0.5
+        assert all(toy.estop.data)
+        assert len(toy.estop.data) > 10
+        # A loop that is busy would take all of it.
+        assert processor_time(toy.pid) - used < 0.7 * (time.monotonic() - begun)
+
+
+def name_of(pid: int) -> str:
+    """Return what ``ps -o comm`` shows."""
+    try:
+        return Path(f'/proc/{pid}/comm').read_text().strip()
+    except (FileNotFoundError, ProcessLookupError):  # it has ended
+        return ''
+
+
+def restarts(toy: Toy) -> int:
+    return int(toy.diagnostics.value(LINK, 'wire restarts') or 0)
+
+
+def processor_time(pid: int) -> float:
+    """Return the seconds that a process has computed, without its children."""
+    ticks = Path(f'/proc/{pid}/stat').read_text().rpartition(')')[2].split()[11:13]
+    return sum(map(int, ticks)) / os.sysconf('SC_CLK_TCK')
+
+
+def test_wire_that_is_killed_disturbs_no_other_node_of_the_process(
+    tmp_path: Path, observer: Observer
+) -> None:
+    ports = {name: Pty(tmp_path / name) for name in ('left', 'right')}
+    devices = [ToyDevice(port, observer) for port in ports.values()]
+    arguments = [
+        word
+        for name, port in ports.items()
+        for word in ('-p', f'{name}:port:={as_yaml(str(port.path))}')
+    ]
+    arguments += ['-p', f'right:link_timeout:={OUTLASTS_GAPS}']
+    source = "import stage.patience; from stage.toy_bridge import main_two; main_two('process')"
+    with NodeProcess('', source=source, arguments=arguments) as node:
+        left, right = (observer.record(Bool, f'/{name}/estop', latched()) for name in ports)
+        for estop in (left, right):
+            wait_value(observer, estop, False)
+        wires = {command_of(pid).split()[2]: pid for pid in wires_of(node.process.pid)}
+        right.clear()
+        for _ in range(3):
+            killed = time.monotonic()
+            os.kill(wires[str(ports['left'].path)], SIGKILL)
+            wait_stop_since(observer, left, killed)
+            wait_value(observer, left, False)
+            wires |= {command_of(pid).split()[2]: pid for pid in wires_of(node.process.pid)}
+        assert set(right.data) == {False}
+        assert node.end() == 0
+        for device in devices:
+            device.pty.wait_received(b'BYE')
+    for port in ports.values():
+        port.unplug()
+
+
+# Lifecycle, and what is left.
+
+
+def test_lifecycle_over_a_process(toy: Toy) -> None:
+    wire = toy.wire()
+    for _ in range(3):
+        toy.pty.clear()
+        assert toy.observer.change_state('/toy_bridge', 'deactivate')
+        toy.pty.wait_received(b'BYE')
+        toy.wait_stop(True)  # and what was said before it has been read
+        wait_repeats(toy.observer, toy.estop, True)
+        assert toy.observer.change_state('/toy_bridge', 'cleanup')
+        assert toy.observer.change_state('/toy_bridge', 'configure')
+        wait_repeats(toy.observer, toy.estop, True)
+        assert toy.pty.received.count(b'BYE') == 1
+        assert toy.observer.change_state('/toy_bridge', 'activate')
+        toy.wait_stop(False)
+    assert toy.wire() == wire or toy.held_up()
+
+
+def test_wire_that_is_replaced_while_inactive_opens_no_port(toy: Toy) -> None:
+    assert toy.observer.change_state('/toy_bridge', 'deactivate')
+    toy.pty.wait_received(b'BYE')
+    toy.pty.clear()
+    old = toy.wire()
+    os.kill(old, SIGKILL)
+    toy.wait_new_wire(old)
+    wait_repeats(toy.observer, toy.estop, True, 10)
+    toy.pty.read()
+    assert toy.pty.received == b''
+    assert toy.observer.change_state('/toy_bridge', 'activate')
+    toy.wait_stop(False)
+
+
+def test_deactivation_while_the_wire_hangs_leaves_the_node_stopped(toy: Toy) -> None:
+    wire = toy.wire()
+    os.kill(wire, SIGSTOP)
+    toy.observer.change_state('/toy_bridge', 'deactivate')
+    toy.wait_stop(True)
+    wait_repeats(toy.observer, toy.estop, True, 10)
+    toy.wait_gone(wire)
+    toy.wait_new_wire(wire)
+    toy.wait(
+        lambda: toy.hears(b'BYE') or 'was still being opened' in toy.node.output,
+        'the farewell of the new one',
+    )
+    toy.pty.clear()
+    wait_repeats(toy.observer, toy.estop, True, 10)
+    toy.pty.read()
+    assert toy.pty.received == b''  # which is inactive, too
+
+
+def test_many_wires_and_ports_leave_no_descriptors(toy: Toy) -> None:
+    def count() -> int:
+        return len(os.listdir(f'/proc/{toy.pid}/fd'))
+
+    toy.spare()
+    before = count()
+    for _ in range(4):
+        wire = toy.wire()
+        os.kill(wire, SIGKILL)
+        toy.wait_new_wire(wire)
+        toy.wait_stop(False)
+        toy.pty.unplug()
+        toy.wait_stop(True)
+        toy.pty.replug()
+        toy.wait_stop(False)
+    toy.wait(lambda: count() <= before, f'as few as {before} descriptors again')
+
+
+# Neither end waits for the other.
+
+
+def descriptors() -> set[tuple[int, str]]:
+    """Return this process's descriptors, with what they are of."""
+    found = set()
+    for name in os.listdir('/proc/self/fd'):
+        with contextlib.suppress(FileNotFoundError):  # of the list itself
+            found.add((int(name), os.readlink(f'/proc/self/fd/{name}')))
+    return found
+
+
+class Direct:
+    """A link without a node, on a toy device."""
+
+    def __init__(self, pty: Pty) -> None:
+        self.pty = pty
+        self.owner = FakeOwner()
+        self.link = ProcessLink('direct', BRIDGE, self.owner, device=str(pty.path))
+        self.link.start()
+
+    def activate(self) -> None:
+        values = {'port': str(self.pty.path), 'link_timeout': 0.25, 'fault': ''}
+        self.link.activate(values)
+        wait_for(self.is_healthy, 5.0, 'no stop')
+
+    def is_healthy(self) -> bool:
+        self.pty.write(b'k')
+        self.pty.read()
+        return self.owner.told[-1] is False
+
+    def wire(self) -> int:
+        return wait_for(lambda: wires_of(os.getpid()), 5.0, 'a wire')[0]
+
+    def close(self) -> None:
+        self.link.stop()
+        wait_for(
+            lambda: not (wires_of(os.getpid()) or spares_of(os.getpid())),
+            5.0,
+            'the end of its processes',
+        )
+
+
+@pytest.fixture
+def direct(pty: Pty) -> Iterator[Direct]:
+    with contextlib.closing(Direct(pty)) as result:
+        result.activate()
+        yield result
+
+
+def test_flood_to_a_stopped_wire_blocks_nobody_and_loses_no_stop(direct: Direct) -> None:
+    wire = direct.wire()
+    os.kill(wire, SIGSTOP)
+    for _ in range(20000):
+        direct.link.request('request_stop', False)
+    direct.link.request('request_stop', True, stop=True)
+    # Either it is taken in, or there is no wire any more that could go on without it.
+    wait_for(lambda: not is_running(wire), 5.0, 'the end of the wire')
+    direct.pty.wait_received(b'h')
+    wait_for(direct.is_healthy, 5.0, 'a new one')
+    assert direct.wire() != wire
+
+
+@pytest.fixture
+def gate(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Have wires load only when this pipe is opened to write."""
+    path = tmp_path / 'gate'
+    os.mkfifo(path)
+    monkeypatch.setenv('WIRE_GATE', str(path))
+    monkeypatch.setattr(process, '_PROGRAM', gated_wire.__name__)
+    return path
+
+
+def test_stops_kill_no_wire_that_loads(
+    pty: Pty, gate: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(process, '_KILL_TIME', math.inf)  # a busy machine kills none, either
+    with contextlib.closing(Direct(pty)) as direct:
+        [loads] = wait_for(lambda: spares_of(os.getpid()), 5.0, 'a process')
+        # None is said to be taken, so whoever asks once only knows that it was in vain.
+        assert not any(direct.link.request('request_stop', True, stop=True) for _ in range(5000))
+        pinged = direct.link.request('ping', waits=True)
+        refused = (pinged, 'ping', 'its wire takes nothing')
+        wait_for(lambda: direct.owner.refused == [refused], 5.0, 'a refusal at once')
+        gate.open('w').close()
+        direct.activate()
+        assert direct.wire() == loads
+        assert direct.link.request('request_stop', True, stop=True)
+
+
+@each_ending
+def test_wire_that_loads_when_the_node_ends_says_farewell_for_the_one_before(
+    direct: Direct, number: int, request: pytest.FixtureRequest
+) -> None:
+    """Whoever ends the node may signal to the process that loads, too."""
+    wire = direct.wire()
+    [spare] = wait_for(lambda: spares_of(os.getpid()), 5.0, 'a spare')
+    gate = request.getfixturevalue('gate')
+    for pid in (spare, wire):
+        os.kill(pid, SIGKILL)
+    [loads] = wait_for(lambda: set(spares_of(os.getpid())) - {spare}, 5.0, 'a process')
+    direct.pty.clear()
+    direct.link.stop()
+    os.kill(loads, number)
+    assert direct.pty.read() == b''
+    wait_for(lambda: gated_wire.opens(gate), 5.0, 'a process that still loads')
+    direct.pty.wait_received(b'BYE')
+    wait_for(lambda: not is_running(loads), 5.0, 'its end')
+    assert direct.pty.received.count(b'BYE') == 1
+
+
+def test_activation_that_was_given_up_is_undone_once_the_wire_is_there(
+    context: Context, pty: Pty, gate: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr('bridge_core.transports.link.ACTIVATE_TIME', 0.1)
+    node = make_toy(context, 'process', port=str(pty.path))
+    with pytest.raises(TransportError, match='does not answer'):
+        node.autostart()
+    gate.open('w').close()
+    pty.wait_received(b'BYE')
+    pty.clear()
+
+    def is_silent() -> bool:
+        pty.read()
+        return not pty.received
+
+    holds_for(is_silent, 0.3)
+    node.destroy_node()
+
+
+def test_device_of_a_wire_that_hangs_is_told_the_farewell_of_a_deactivation(
+    direct: Direct,
+) -> None:
+    direct.pty.clear()
+    os.kill(direct.wire(), SIGSTOP)
+    with contextlib.suppress(TransportError):  # a busy machine takes longer than it waits
+        direct.link.deactivate()
+    direct.pty.wait_received(b'BYE')
+    direct.activate()  # and it was done once: this one stays
+    assert direct.pty.received.count(b'BYE') == 1
+
+
+def test_spare_says_the_farewell_for_a_wire_that_hangs_as_the_node_ends(direct: Direct) -> None:
+    wait_for(lambda: spares_of(os.getpid()), 5.0, 'a spare')
+    wire = direct.wire()
+    direct.pty.clear()
+    os.kill(wire, SIGSTOP)
+    direct.link.stop()
+    wait_for(lambda: not is_running(wire), 5.0, 'its end')
+    direct.pty.wait_received(b'BYE')
+    assert direct.pty.received.count(b'BYE') == 1
+
+
+def test_wire_that_gets_no_processor_as_the_node_ends_says_farewell_once_it_does(
+    pty: Pty, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(process, '_SPARE_TIME', math.inf)  # as soon after the last take-over
+    direct = Direct(pty)
+    direct.activate()
+    wire = direct.wire()
+    pty.clear()
+    os.kill(wire, SIGSTOP)
+    direct.link.stop()
+    os.kill(wire, SIGCONT)
+    pty.wait_received(b'BYE')
+    wait_for(lambda: not is_running(wire), 5.0, 'its end')
+
+
+def test_session_behind_a_refused_activation_goes_on_and_can_be_ended(direct: Direct) -> None:
+    values = {'port': str(direct.pty.path), 'link_timeout': 0.25, 'fault': 'no transport'}
+    with pytest.raises(ValueError, match='no such transport'):
+        direct.link.activate(values)
+    os.kill(direct.wire(), SIGKILL)
+    wait_for(lambda: 'lost' in direct.owner.log, 5.0, 'the end of the wire')
+    direct.pty.clear()
+    direct.pty.wait_received(b'h', 5.0)  # of a new one with the activation in force
+    direct.pty.clear()
+    with contextlib.suppress(TransportError):  # a busy machine takes longer than it waits
+        direct.link.deactivate()
+    direct.pty.wait_received(b'BYE', 5.0)
+    with pytest.raises(ValueError, match='no such transport'):
+        direct.link.activate(values)
+    direct.pty.clear()
+    direct.link.deactivate()
+    assert direct.pty.read() == b''
+
+
+@pytest.mark.parametrize(
+    ('number', 'cause'),
+    [(SIGKILL, 'was killed by SIGKILL'), (SIGRTMIN + 1, f'was killed by signal {SIGRTMIN + 1}')],
+)
+def test_owner_is_told_the_end_of_its_session_whatever_signal_kills_the_wire(
+    direct: Direct, number: int, cause: str
+) -> None:
+    os.kill(direct.wire(), number)
+    wait_for(lambda: 'lost' in direct.owner.log, 5.0, 'the end of the session')
+    assert any(cause in line for line in direct.owner.log)
+
+
+def test_stop_behind_a_flood_reaches_a_wire_that_runs(direct: Direct) -> None:
+    log = direct.owner.log
+    log.clear()
+    for _ in range(2000):
+        direct.link.request('request_stop', False)
+    direct.link.request('request_stop', True, stop=True)
+    # A wire that did not run, and had no more room, was ended: its owner stops at that.
+    wait_for(lambda: 'stop True' in log or 'lost' in log, 5.0, 'the stop')
+
+
+def test_stop_behind_an_event_that_the_owner_fails_at_is_not_lost(direct: Direct) -> None:
+    told = direct.owner.on_events
+
+    def on_events(events: Sequence[Any], now: float) -> None:
+        if any(isinstance(event, Answer) for event in events):
+            raise ZeroDivisionError
+        told(events, now)
+
+    def stopped() -> bool:
+        direct.pty.write(b's')  # it goes on: there is no other event
+        direct.pty.read()
+        return direct.owner.told[-1]
+
+    direct.owner.on_events = on_events  # type: ignore[method-assign]
+    direct.pty.write(b'as')
+    wait_for(stopped, 5.0, 'the stop')
+
+
+def test_thread_that_ends_by_a_fault_says_so_and_takes_its_wire_along(direct: Direct) -> None:
+    wire = direct.wire()
+
+    def leave(now: float) -> float:
+        raise SystemExit
+
+    direct.owner.pace = leave  # type: ignore[method-assign]
+    wait_for(lambda: direct.owner.log[-1:] == ['ended SystemExit()'], 5.0, 'the end')
+    direct.pty.wait_received(b'BYE')
+    wait_for(lambda: not is_running(wire), 5.0, 'its end')
+
+
+def test_end_of_a_stop_is_not_told_where_another_stop_waits_behind_it(direct: Direct) -> None:
+    pace, gate, held = direct.owner.pace, threading.Event(), threading.Event()
+
+    def held_up(now: float) -> float:
+        if direct.owner.told[-1:] == [True]:  # it has the first stop, and nothing else yet
+            held.set()
+            gate.wait(30.0)
+        return pace(now)
+
+    direct.owner.pace = held_up  # type: ignore[method-assign]
+    for words in (b's', b'k', b's'):
+        direct.pty.clear()
+        direct.pty.write(words)
+        direct.pty.wait_received(b'hhh')  # the wire has read it
+        assert held.wait(5.0)
+    direct.owner.told.clear()
+    gate.set()
+    wait_for(lambda: len(direct.owner.told) >= 3, 5.0, 'what waited')
+    assert all(direct.owner.told)
+
+
+def test_wire_works_without_a_spare_where_no_more_processes_are_allowed(
+    direct: Direct, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    tries: list[Any] = []
+
+    def refuse(*arguments: Any, **options: Any) -> None:
+        tries.append(arguments)
+        raise OSError('no more processes')
+
+    monkeypatch.setattr(process, '_KILL_TIME', math.inf)  # there is none for one that hangs
+    [spare] = wait_for(lambda: spares_of(os.getpid()), 5.0, 'a spare')
+    monkeypatch.setattr(subprocess, 'Popen', refuse)
+    wire = direct.wire()  # not before: the spare may have taken over while it was waited for
+    os.kill(spare, SIGKILL)
+    wait_for(lambda: direct.is_healthy() and len(tries) >= 3, 10.0, 'tries')
+    assert direct.wire() == wire
+    assert 'lost' not in direct.owner.log
+    assert 'no more processes' not in str(direct.owner.log)
+    os.kill(wire, SIGKILL)
+    wait_for(lambda: 'no more processes' in str(direct.owner.log), 10.0, 'the reason')
+    monkeypatch.undo()
+    wait_for(direct.is_healthy, 10.0, 'no stop')
+
+
+def test_link_that_is_stopped_without_a_start_or_twice(pty: Pty) -> None:
+    link = ProcessLink('direct', BRIDGE, FakeOwner(), device=str(pty.path))
+    link.stop()
+    link.stop()
+
+
+def test_link_leaves_no_descriptors_and_processes(pty: Pty) -> None:
+    directs: list[Direct] = []
+
+    def opened() -> set[tuple[int, str]]:
+        """Not those of a test before this one: they may be closed meanwhile."""
+        for each in directs:
+            each.link.stop()  # closes what is left where its thread took longer to end
+        return descriptors() - before
+
+    before = descriptors()
+    for _ in range(3):
+        direct = Direct(pty)
+        directs.append(direct)
+        direct.activate()
+        wire = direct.wire()
+        [spare] = wait_for(lambda: spares_of(os.getpid()), 5.0, 'a spare')
+        direct.link.stop()
+        direct.close()
+        assert not is_running(wire)
+        assert not is_running(spare)
+    wait_for(lambda: not opened(), 5.0, lambda: f'all closed again: {opened()}')
+
+
+@pytest.fixture
+def ends() -> Iterator[tuple[Node, socket.socket]]:
+    """Give the wire's side of the socket as it sees it, and the node's."""
+    ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+    theirs.setblocking(False)
+    node = Node(ours.detach())
+    yield node, theirs
+    theirs.close()
+    node._socket.close()
+
+
+def read_all(theirs: socket.socket) -> list[str]:
+    names = []
+    with contextlib.suppress(BlockingIOError):
+        while data := theirs.recv(1 << 20):
+            names.append(pickle.loads(data)[0])
+    return names
+
+
+def test_node_that_takes_nothing_for_long_interrupts_the_session_once(
+    ends: tuple[Node, socket.socket],
+) -> None:
+    node, theirs = ends
+    interrupted: list[float] = []
+    node.wire = SimpleNamespace(  # type: ignore[assignment]
+        interrupt=lambda reason, now: interrupted.append(now)
+    )
+    for _ in range(50000):
+        node.on_events([StopChanged(Verdict())], 1.0)
+    node.pace(clock.now() + 1.0)
+    assert interrupted == []  # there is no room yet, so nobody could be told
+    assert read_all(theirs)
+    node.pace(clock.now())  # although something was told just before
+    node.pace(clock.now())
+    assert len(interrupted) == 1
+    node.on_events([StopChanged(Verdict.stop())], 2.0)
+    assert 'on_events' in read_all(theirs)
+
+
+def test_what_the_kernel_had_no_memory_for_is_lost_too(
+    ends: tuple[Node, socket.socket], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    node, _ = ends
+    interrupted: list[float] = []
+    node.wire = SimpleNamespace(  # type: ignore[assignment]
+        interrupt=lambda reason, now: interrupted.append(now)
+    )
+
+    def send(data: bytes) -> None:
+        raise OSError(errno.ENOBUFS, 'no buffer space')
+
+    with monkeypatch.context() as patch:
+        patch.setattr(node, '_socket', SimpleNamespace(send=send))
+        node.on_events([StopChanged(Verdict.stop())], 1.0)
+        node.pace(clock.now())
+    assert interrupted == []
+    node.pace(clock.now())
+    assert len(interrupted) == 1
+
+
+@pytest.mark.parametrize('unread', [False, True])
+def test_wire_takes_in_what_was_asked_before_the_node_went(
+    ends: tuple[Node, socket.socket], unread: bool
+) -> None:
+    node, theirs = ends
+    if unread:
+        node.done(1, '')
+    asked = Request(1, 'estop', 'set_estop', (True,), 1.0, stop=True)
+    theirs.send(pickle.dumps(tuple(asked)))
+    theirs.close()
+    assert node.take() == [asked]
+    with pytest.raises(EOFError):
+        node.take()
+
+
+def test_turn_of_a_spare_counts_though_the_node_went_before_it_heard_that_it_is_ready(
+    ends: tuple[Node, socket.socket], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    node, theirs = ends
+    monkeypatch.setattr(wire_process, '_show', lambda name: theirs.close())  # right behind it
+    theirs.send(wire_process.TURN)
+    assert node.wait_for_turn()
+
+
+def test_nothing_is_raised_by_telling_a_node_that_is_gone(
+    ends: tuple[Node, socket.socket],
+) -> None:
+    node, theirs = ends
+    theirs.close()
+    node.on_events([StopChanged(Verdict.stop())], 1.0)
+    node.on_report(Report(Status(Level.OK, 'ok', {}), Status(Level.OK, 'ok', {})), 1.0)
+    node.link_changed('text', False)
+    node.on_refused(1, 'key', 'text')
+    node.done(1, '')
+    assert node.pace(1.0) > 1.0
+    with pytest.raises(EOFError):
+        node.take()
+
+
+# Node and wire die at once.
+
+ALONE = """
+import math
+import sys
+import threading
+from bridge_core.transports import process
+from stage.toy_wire import BRIDGE
+
+class Owner:
+    def __getattr__(self, name):
+        return lambda *arguments: None
+    def carried_over(self, values):
+        return {}
+    def pace(self, now):
+        return now + 0.02
+
+process._SPARE_TIME, process._KILL_TIME = 0.0, math.inf  # a busy machine kills none
+process._PROGRAM = sys.argv[3]
+link = process.ProcessLink('alone', BRIDGE, Owner(), device=sys.argv[1])
+link.start()
+link.activate({'port': sys.argv[1], 'link_timeout': 0.25, 'fault': ''})
+sys.stdin.readline()
+exec(sys.argv[2])
+print(flush=True)
+threading.Event().wait()
+"""
+
+
+def pidfd_getfd(process: int, number: int) -> int:
+    """Return a descriptor of another process as one of ours; pidfd_getfd(2)."""
+    return int(ctypes.CDLL(None, use_errno=True).syscall(438, process, number, 0))
+
+
+class Alone:
+    """A node that is nothing but a link, with its wire, and a spare that is ready."""
+
+    def __init__(self, pty: Pty, *, then: str = '', ready: bool = True) -> None:
+        self.pty = pty
+        words = [sys.executable, '-c', ALONE, str(pty.path), then, process._PROGRAM]
+        self.node = subprocess.Popen(words, stdin=subprocess.PIPE, stdout=subprocess.PIPE)
+        self.pids = {'node': self.node.pid}
+        pty.wait_received(b'h', 20.0)
+        self.pids['wire'] = wait_for(lambda: wires_of(self.node.pid), 5.0, 'a wire')[0]
+
+        def spares() -> list[int]:
+            pids = spares_of(self.node.pid)
+            return [pid for pid in pids if name_of(pid) == 'spare wire' or not ready]
+
+        self.pids['spare'] = wait_for(spares, 20.0, 'a spare')[0]
+        assert self.node.stdin is not None
+        assert self.node.stdout is not None
+        self.node.stdin.close()  # what follows may begin
+        self.node.stdout.readline()
+
+    def kill(self, *names: str) -> None:
+        for each in names:
+            os.kill(self.pids[each], SIGKILL)
+
+    def ports_of(self, name: str) -> list[int]:
+        """Return the descriptors that it has of the port."""
+        folder, port = Path(f'/proc/{self.pids[name]}/fd'), os.path.realpath(self.pty.path)
+        return [int(each.name) for each in folder.iterdir() if os.readlink(each) == port]
+
+    def ends(self) -> int:
+        """Wait until all have ended; return how often the farewell was said."""
+        self.node.wait()
+        wait_for(lambda: not any(map(is_running, self.pids.values())), 10.0, 'their ends')
+        self.pty.read()
+        return self.pty.received.count(b'BYE')
+
+    def close(self) -> None:
+        for who in self.pids:
+            with contextlib.suppress(ProcessLookupError):
+                self.kill(who)
+        self.node.wait()
+        assert self.node.stdout is not None
+        self.node.stdout.close()
+
+
+@pytest.fixture
+def alone(pty: Pty) -> Iterator[Alone]:
+    with contextlib.closing(Alone(pty)) as result:
+        yield result
+
+
+@pytest.mark.parametrize('delay', [0.0, 0.001, 0.003, 0.01, 0.03])
+@pytest.mark.parametrize('order', [('node', 'wire'), ('wire', 'node')])
+def test_farewell_is_said_though_node_and_wire_die_at_once(
+    alone: Alone, order: tuple[str, str], delay: float
+) -> None:
+    first, second = order
+    alone.kill(first)
+    time.sleep(delay)
+    with contextlib.suppress(ProcessLookupError):  # it has ended by itself, farewell said
+        alone.kill(second)
+    assert alone.ends() in (1, 2)  # the wire may have been killed right behind it
+    assert alone.pty.received.endswith(b'BYE')
+
+
+def test_spare_that_still_loads_as_node_and_wire_die_says_the_farewell(
+    pty: Pty, gate: Path, request: pytest.FixtureRequest
+) -> None:
+    opener = threading.Thread(target=lambda: gate.open('w').close(), daemon=True)
+    opener.start()  # of the wire; the spare finds the gate shut
+    with contextlib.closing(Alone(pty, ready=False)) as alone:
+        alone.kill('node', 'wire')
+        wait_for(lambda: gated_wire.opens(gate), 5.0, 'a process that still loads')
+        assert alone.ends() == 1
+
+
+def test_farewell_waits_for_a_port_that_is_still_held(alone: Alone) -> None:
+    """The lock ends with the last descriptor, whoever has it."""
+    process = os.pidfd_open(alone.pids['wire'])
+    held = [pidfd_getfd(process, number) for number in alone.ports_of('wire')]
+    os.close(process)
+    assert held
+    alone.kill('node', 'wire')
+    wait_for(lambda: not is_running(alone.pids['wire']), 5.0, 'the end of the wire')
+    holds_for(lambda: is_running(alone.pids['spare']), 0.3)
+    alone.pty.read()
+    assert b'BYE' not in alone.pty.received
+    for number in held:
+        os.close(number)
+    assert alone.ends() == 1
+
+
+def test_wire_that_hangs_as_its_node_dies_is_killed_and_its_farewell_said(alone: Alone) -> None:
+    os.kill(alone.pids['wire'], SIGSTOP)
+    alone.kill('node')
+    assert alone.ends() == 1
+
+
+def test_node_that_dies_after_a_farewell_has_it_said_once(alone: Alone) -> None:
+    alone.kill('spare')
+    alone.kill('node')
+    assert alone.ends() == 1
+
+
+def test_nothing_is_said_where_nothing_is_in_force(pty: Pty) -> None:
+    with contextlib.closing(Alone(pty, then='link.deactivate()')) as alone:
+        alone.kill('node', 'wire')
+        assert alone.ends() == 1  # of the deactivation
+
+
+# The drive, in motion.
+
+
+@pytest.fixture
+def drive(tmp_path: Path, observer: Observer) -> Iterator[DriveBench]:
+    bench = DriveBench(tmp_path, observer, patient=False)
+    bench.quiet()
+    bench.enabling()
+    yield bench
+    bench.close()
+
+
+def disabled_for_good(drive: DriveBench, cause: float) -> None:
+    drive.wait(lambda: drive.drive.first_disable(cause), 'a disable packet')
+    first = drive.drive.first_disable(cause)
+    assert first is not None
+    drive.holds(lambda: not any(p.enables for p in drive.drive.packets(first.time)), 0.3)
+
+
+@pytest.mark.parametrize('number', [SIGKILL, SIGSEGV, SIGHUP, SIGSTOP])
+def test_drive_is_disabled_whatever_becomes_of_its_node(drive: DriveBench, number: int) -> None:
+    wire, cause = wires_of(drive.node.process.pid)[0], time.monotonic()
+    drive.node.signal(number)
+    disabled_for_good(drive, cause)
+    if number == SIGSTOP:  # disabled, not silent
+        since = time.monotonic()
+        drive.wait(lambda: len(drive.drive.packets(since)) > 20, 'packets')
+    else:
+        drive.wait(lambda: not is_running(wire), 'the end of the wire')
+
+
+def test_drive_is_disabled_though_node_and_wire_die_at_once(drive: DriveBench) -> None:
+    node = drive.node.process.pid
+    [wire] = wires_of(node)
+    drive.wait(lambda: [p for p in spares_of(node) if name_of(p) == 'spare wire'], 'a spare')
+    cause = time.monotonic()
+    for pid in (node, wire):
+        os.kill(pid, SIGKILL)
+    disabled_for_good(drive, cause)
+
+
+@pytest.mark.parametrize('number', [SIGKILL, SIGSTOP])
+def test_drive_whose_wire_dies_or_hangs_is_disabled_by_a_new_one(
+    drive: DriveBench, number: int
+) -> None:
+    wire, cause = wires_of(drive.node.process.pid)[0], time.monotonic()
+    os.kill(wire, number)
+    drive.wait(lambda: any(m.data for _, m in drive.estop.since(cause)), 'a stop')
+    drive.wait(lambda: not drive.enabled.last.data, '~/enabled to be false')
+    disabled_for_good(drive, cause)
+    drive.wait(lambda: not drive.estop.last.data, 'a healthy drive')
+    drive.quiet()
+    drive.enabling()

@@ -1,0 +1,614 @@
+# Copyright 2026 The rugged_teleop maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+How a link starts, replaces and ends the processes of its wire, and how one of them begins.
+
+The clock is the test's, and so are the processes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+import errno
+import importlib
+import itertools
+import os
+from pathlib import Path
+import pickle
+import select
+import signal
+import socket
+import subprocess
+import sys
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from bridge_core import realtime
+from bridge_core.session import StopChanged, Verdict
+from bridge_core.transports import process, wire_process
+from bridge_core.transports.wire_process import ENDING, InForce, Node, receive, TURN
+from stage.rig import ROOT
+from stage.toy_wire import BRIDGE
+from test.bridge_core.test_process_link_steps import Child, StepBench
+
+
+class Started(Child):
+    """A process that a link has started, with ``node``, its end; a test has it say things."""
+
+    def __init__(self, bench: Bench, words: list[str], options: dict[str, Any]) -> None:
+        super().__init__(len(bench.children) + 1)
+        self.bench, self.words, self.options = bench, words, options
+        self.node = Node(os.dup(options['pass_fds'][0]))
+
+    def beat(self) -> None:
+        """Say that it lives, as it does first once it has loaded."""
+        self.node._tell('beat')
+
+    def clear(self) -> None:
+        """Say that nothing demands a stop."""
+        self.node.on_events([StopChanged(Verdict())], self.bench.now)
+
+    def done(self, number: int) -> None:
+        self.node.done(number, '')
+        self.bench.step()
+
+    def die(self, returncode: int = -signal.SIGKILL) -> None:
+        self.returncode = returncode
+        self.node._socket.close()
+
+    def told(self) -> list[str]:
+        """Return the words that it was told, up to the end if that is there."""
+        words = []
+        while data := receive(self.node._socket):
+            words.append('turn' if data == TURN else pickle.loads(data)[2])
+        return words if data is None else [*words, 'end']
+
+
+class Bench(StepBench):
+    """A link without a process yet."""
+
+    def __init__(self, patch: pytest.MonkeyPatch, **options: Any) -> None:
+        super().__init__(patch, **options)
+        self.children: list[Started] = []
+        self.tries: list[float] = []  # to start one
+        self.refuses = False  # the system, to start one
+        patch.setattr(subprocess, 'Popen', self._popen)
+        start = self.link._new_process
+
+        def checked(now: float) -> process._Process:
+            made = start(now)
+            assert not made.socket.getblocking()  # else a test would wait for ever
+            return made
+
+        patch.setattr(self.link, '_new_process', checked)
+
+    def _popen(self, words: list[str], **options: Any) -> Started:
+        self.tries.append(self.now)
+        if self.refuses:
+            raise OSError(errno.EAGAIN, 'too many')
+        self.children.append(Started(self, words, options))
+        return self.children[-1]
+
+    def close(self) -> None:
+        super().close()
+        for each in (self.link._wire, self.link._spare):
+            if each is not None:
+                each.socket.close()
+        for child in self.children:
+            child.node._socket.close()
+
+    def live(self, until: float) -> None:
+        """Go on, with a wire that is heard."""
+        while self.now < until:
+            self.children[0].node.pace(self.now)
+            self.step()
+
+    def start_both(self) -> tuple[Started, Started]:
+        """Have a wire that runs, and a spare that is ready."""
+        self.step()
+        self.children[0].clear()
+        self.live(self.now + 1.1)
+        wire, spare = self.children
+        spare.beat()
+        self.live(self.now + 0.1)
+        return wire, spare
+
+    def start_moving(self) -> tuple[Started, Started]:
+        """Have a wire with an activation in force, and a spare that is ready."""
+        wire, spare = self.start_both()
+        self.command(1, 'activate', [])
+        wire.done(1)
+        return wire, spare
+
+
+@pytest.fixture
+def bench(monkeypatch: pytest.MonkeyPatch) -> Iterator[Bench]:
+    bench = Bench(monkeypatch)
+    yield bench
+    bench.close()
+
+
+# -- what is started, and when --------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(('ready', 'spare'), [(0.0, 1.0), (3.0, 3.0)])
+def test_spare_is_started_a_while_after_its_wire_has_loaded(
+    bench: Bench, ready: float, spare: float
+) -> None:
+    began = bench.now
+    bench.step()
+    bench.step_until(began + ready)
+    assert bench.tries == [began]
+    assert bench.children[0].told() == ['turn']
+    bench.children[0].beat()
+    bench.live(began + 4.0)
+    assert bench.tries == [began, pytest.approx(began + spare, abs=0.03)]
+    assert bench.children[1].told() == []
+    assert not bench.troubles()
+    assert len(bench.owner.told) > 40  # the stop, again and again
+    assert all(bench.owner.told)
+
+
+def test_wire_that_does_not_load_is_killed_in_the_end(bench: Bench) -> None:
+    began = bench.now
+    bench.step()
+    bench.step_until(began + 24.9)
+    assert not bench.troubles()
+    bench.step_until(began + 25.1)
+    assert 'hangs' in str(bench.troubles())
+    assert bench.children[0].kills == 1
+
+
+def test_processes_that_end_at_once_are_started_ever_more_seldom(bench: Bench) -> None:
+    while len(bench.tries) < 7:
+        bench.step()
+        bench.children[-1].die(1)
+    gaps = [after - before for before, after in itertools.pairwise(bench.tries)]
+    assert gaps == pytest.approx([0.1, 0.2, 0.4, 0.8, 1.0, 1.0], abs=0.001)
+
+
+@pytest.mark.parametrize(('lived', 'waits'), [(4.5, True), (5.6, False)])
+def test_wire_that_lived_long_is_replaced_at_once(bench: Bench, lived: float, waits: bool) -> None:
+    began = bench.now
+    bench.step()
+    bench.refuses = True
+    bench.children[0].beat()
+    bench.live(began + lived)
+    bench.refuses = False
+    bench.children[0].die()
+    died = bench.now
+    bench.step_until(died + 0.05)
+    assert (len(bench.children) == 1) == waits
+
+
+def test_start_that_the_system_refuses_is_told_and_tried_again(
+    bench: Bench, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    ends: list[socket.socket] = []
+
+    def pair(*arguments: Any) -> tuple[socket.socket, socket.socket]:
+        ends.extend(made := pair_of_system(*arguments))
+        return made[0], made[1]
+
+    pair_of_system = socket.socketpair
+    monkeypatch.setattr(socket, 'socketpair', pair)
+    bench.refuses = True
+    bench.late = 0.5  # the node was held up, too
+    bench.step_until(bench.now + 10.0)
+    told = 'bad the wire of link does not work, no process can be started: [Errno 11] too many'
+    assert {*bench.troubles()} == {told}
+    assert len(bench.owner.told) > 100
+    assert all(bench.owner.told)
+    assert 'Traceback' not in capsys.readouterr().err
+    assert {end.fileno() for end in ends} == {-1}
+    bench.refuses = False
+    bench.step_until(bench.now + 1.1)
+    bench.children[0].clear()
+    bench.step()
+    assert bench.owner.told[-1] is False
+
+
+def test_spare_that_cannot_be_started_harms_nothing(bench: Bench) -> None:
+    bench.step()
+    bench.refuses = True
+    bench.children[0].clear()
+    bench.live(bench.now + 5.0)
+    assert len(bench.tries) > 3
+    assert not bench.troubles()
+
+
+@pytest.mark.parametrize('tapped', [False, True])
+def test_process_is_given_its_socket_the_tap_and_nothing_of_the_terminal(
+    monkeypatch: pytest.MonkeyPatch, tapped: bool
+) -> None:
+    tap = 77 if tapped else -1
+    bench = Bench(monkeypatch, device='/dev/ttyUSB0', reconnect_period=2.5, tap=tap)
+    bench.step()
+    (child,) = bench.children
+    theirs, kept = child.options['pass_fds'][:2]
+    assert child.words == [
+        *('link: wire /dev/ttyUSB0', '-S', '-m', 'bridge_core.start_wire', str(theirs)),
+        *('stage.toy_wire', '2.5', '-1', str(tap), str(kept), '-1'),
+    ]
+    assert child.options['pass_fds'] == [theirs, kept, *([77] if tapped else [])]
+    assert child.options['executable'] == sys.executable
+    assert child.options['stdin'] == subprocess.DEVNULL
+    assert child.options['start_new_session'] is True
+    assert child.options['env']['PYTHONSAFEPATH'] == '1'
+    bench.close()
+
+
+def test_sockets_take_more_than_the_system_gives_unasked(bench: Bench) -> None:
+    """A stop behind much else needs room."""
+
+    def room(end: socket.socket) -> int:
+        return end.getsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF)
+
+    bench.step()
+    assert bench.link._wire is not None
+    plain = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+    with plain[0], plain[1]:
+        assert room(bench.link._wire.socket) > room(plain[0])
+        assert room(bench.children[0].node._socket) > room(plain[0])
+
+
+def test_programs_of_the_node_inherit_no_descriptor(bench: Bench) -> None:
+    bench.step()
+    assert bench.link._wire is not None
+    assert not os.get_inheritable(bench.link._wake_fd)
+    assert not bench.link._wire.socket.get_inheritable()
+
+
+def test_environment_leads_to_what_the_node_has_imported(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setattr(sys, 'path', ['', '/somewhere', ''])
+    monkeypatch.setenv('ROS_DOMAIN_ID', '42')
+    monkeypatch.chdir(tmp_path)
+    found = process.environment('stage.toy_wire')
+    roots = dict.fromkeys((Path(process.__file__).parents[2], ROOT))
+    assert found['PYTHONPATH'].split(':') == [*map(str, roots), str(tmp_path), '/somewhere']
+    assert found['PYTHONHOME'] == f'{sys.base_prefix}:{sys.base_exec_prefix}'
+    assert found['PYTHONSAFEPATH'] == '1'
+    assert found['ROS_DOMAIN_ID'] == '42'
+
+
+# -- a wire that is replaced ----------------------------------------------------------------------
+
+
+def test_spare_takes_over_from_a_wire_that_dies_and_tells_what_it_knows(bench: Bench) -> None:
+    wire, spare = bench.start_both()
+    wire.die()
+    bench.step()
+    assert bench.owner.told[-1]
+    spare.beat()
+    bench.step()
+    assert bench.owner.told[-1]
+    spare.clear()
+    bench.step()
+    assert bench.owner.told[-1] is False
+    assert bench.troubles() == [
+        'bad the wire of link does not work, its process 1 was killed by SIGKILL'
+    ]
+    assert bench.owner.reports[-1].link.values == {
+        'wire process': 2,
+        'spare process': 'none',
+        'wire restarts': 1,
+        'last wire': 'was killed by SIGKILL',
+    }
+
+
+def test_spare_has_its_turn_before_the_loss_is_told(
+    bench: Bench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    wire, spare = bench.start_both()
+    told: list[list[str]] = []
+    monkeypatch.setattr(bench.owner, 'link_changed', lambda text, ok: told.append(spare.told()))
+    wire.die()
+    bench.step()
+    assert told == [['turn']]
+
+
+def test_wire_that_takes_over_and_says_nothing_does_not_end_the_trouble(bench: Bench) -> None:
+    wire, _ = bench.start_both()
+    wire.beat()
+    wire.die()
+    bench.step()
+    bench.step()
+    assert bench.link.request('say', 'x' * 70000)
+    bench.step()
+    assert bench.owner.refused[0][2] == bench.troubles()[0].removeprefix('bad ')
+
+
+def test_spare_that_takes_over_and_hangs_is_killed(bench: Bench) -> None:
+    wire, spare = bench.start_both()
+    wire.die()
+    began = bench.now
+    while not spare.kills:
+        bench.step()
+    assert bench.now - began == pytest.approx(1.0, abs=0.01)
+
+
+def test_each_loss_is_reported_at_once(bench: Bench) -> None:
+    wire, spare = bench.start_both()
+    wire.die()
+    bench.step()
+    spare.die(-35)
+    bench.step()
+    assert [report.link.values['last wire'] for report in bench.owner.reports] == [
+        'was killed by SIGKILL',
+        'was killed by signal 35',
+    ]
+
+
+def test_spare_that_dies_is_replaced_and_is_no_trouble(bench: Bench) -> None:
+    _, spare = bench.start_both()
+    began = bench.now
+    spare.die()
+    bench.step()
+    assert bench.now == began
+    assert spare.waited == [None]
+    bench.live(bench.now + 0.5)
+    assert len(bench.children) == 3
+    assert not bench.troubles()
+
+
+@pytest.mark.parametrize(
+    ('returncode', 'words'),
+    [
+        (0, 'ended with 0'),
+        (1, 'ended with 1'),
+        (-1, 'was killed by SIGHUP'),
+        (-9, 'was killed by SIGKILL'),
+        (-35, 'was killed by signal 35'),
+    ],
+)
+def test_end_of_a_process_is_told_in_words(returncode: int, words: str) -> None:
+    assert process._cause(returncode) == words
+
+
+# -- the node leaves ------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize('moving', ['activation in force', 'only a command waits'])
+@pytest.mark.parametrize('end', ['in time', 'with a fault', 'never'])
+def test_spare_says_the_farewell_for_a_moving_wire_that_does_not(
+    bench: Bench, end: str, moving: str
+) -> None:
+    wire, spare = bench.start_moving()
+    if moving == 'only a command waits':
+        bench.command(2, 'deactivate', [])
+        wire.done(2)
+        bench.command(3, 'deactivate', [])
+    wire.returncode, wire.hangs = int(end == 'with a fault'), end == 'never'
+    bench.link._leave()
+    assert wire.told()[-1] == 'end'
+    if end == 'in time':
+        assert (wire.waited, wire.kills) == ([0.2], 0)
+        assert spare.told() == ['end']
+        assert spare.waited == [None]
+    else:
+        assert (wire.waited, wire.kills) == ([0.2, None], 1)
+        asked = 'activate' if moving == 'activation in force' else 'deactivate'
+        assert spare.told() == ['turn', asked, 'end']
+        assert bench.link.request('request_stop', True, stop=True) == 0
+        assert (spare.waited, spare.kills) == ([], 0)
+
+
+def test_link_that_was_left_has_no_farewell_to_wait_for(bench: Bench) -> None:
+    wire, _ = bench.start_moving()
+    bench.command(2, 'activate', [])
+    wire.done(2)
+    bench.command(3, 'deactivate', [])
+    bench.link._leave()
+    assert bench.deactivate() == []
+
+
+def test_wire_that_moves_nothing_is_ended_with_its_spare(bench: Bench) -> None:
+    wire, spare = bench.start_both()
+    wire.hangs = spare.hangs = True
+    bench.link._leave()
+    assert (wire.waited, wire.kills) == ([0.2, None], 1)
+    assert (spare.waited, spare.kills) == ([None], 1)
+    assert 'turn' not in spare.told()
+
+
+@pytest.mark.parametrize('replaces', [False, True])
+def test_wire_that_loads_as_the_node_leaves_says_a_farewell_for_the_one_before(
+    bench: Bench, replaces: bool
+) -> None:
+    """The first one has none to say."""
+    bench.step()
+    bench.command(1, 'activate', [])
+    if replaces:
+        bench.children[0].die()
+        bench.step_until(bench.now + 0.2)
+    bench.children[-1].hangs = True
+    bench.link._leave()
+    child = bench.children[replaces]
+    assert child.told() == ['turn', 'activate', 'end']
+    assert (child.waited, child.kills) == (([], 0) if replaces else ([0.2, None], 1))
+
+
+def test_node_leaves_without_a_wire(bench: Bench) -> None:
+    bench.refuses = True
+    bench.command(1, 'activate', [])
+    bench.step()
+    bench.link._leave()
+    assert not bench.children
+
+
+def test_thread_blocks_the_signals_that_end_a_node_and_leaves_at_the_end(
+    bench: Bench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its processes inherit that, until they ignore them."""
+    masks: list[tuple[int, Sequence[int]]] = []
+    monkeypatch.setattr(signal, 'pthread_sigmask', lambda *mask: masks.append(mask))
+    paced: list[float] = []
+
+    def pace(now: float) -> float:
+        paced.append(now)
+        bench.link._end()
+        return now
+
+    monkeypatch.setattr(bench.owner, 'pace', pace)
+    bench.link._run()
+    assert len(paced) == 1
+    assert masks == [(signal.SIG_BLOCK, ENDING)]
+    assert bench.children[0].waited == [0.2, None]
+    assert select.select([bench.link._wake_fd], [], [], 0.0)[0]  # wherever it waits
+
+
+def test_stop_ends_the_thread_and_closes_its_descriptors_once(
+    bench: Bench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    closed: list[int] = []
+    close_it = os.close
+
+    def close(descriptor: int) -> None:
+        closed.append(descriptor)
+        close_it(descriptor)
+
+    monkeypatch.setattr(os, 'close', close)
+    opened = [bench.link._wake_fd, bench.link._in_force.fileno()]
+    bench.link.start()
+    bench.link.stop()
+    bench.link._thread.join(60.0)
+    assert not bench.link._thread.is_alive()
+    bench.link.stop()
+    bench.link.stop()
+    assert closed == opened
+    assert bench.link.request('ping') == 0
+
+
+def test_stop_from_the_thread_itself_leaves_it_its_descriptor(
+    bench: Bench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with monkeypatch.context() as patch:
+        thread = SimpleNamespace(is_alive=lambda: True, join=lambda timeout: None)
+        patch.setattr(bench.link, '_thread', thread)
+        bench.link.stop()
+    os.eventfd_write(bench.link._wake_fd, 1)
+
+
+# -- how a process begins -------------------------------------------------------------------------
+
+
+class Spare:
+    """The end of a process that waits for its turn; ``ours`` is the node's."""
+
+    def __init__(self, patch: pytest.MonkeyPatch) -> None:
+        self.ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+        self.ours.setblocking(False)
+        self.node = Node(theirs.detach())
+        self.word = TURN  # which ends the wait
+        self.names: list[str] = []
+        self.heard: list[Any] = []
+        self.wires: list[dict[str, Any]] = []
+        self.ends: list[int] = []
+        patch.setattr(wire_process, 'select', SimpleNamespace(select=self._select))
+        patch.setattr(wire_process, '_show', self.names.append)
+        patch.setattr(wire_process, 'Wire', self._wire)
+        patch.setattr(os, '_exit', self.ends.append)
+
+    def _select(self, readers: list[Any], *_: Any) -> None:
+        self.heard += [pickle.loads(self.ours.recv(1000))[0]]
+        self.ours.send(self.word)
+        assert select.select(readers, [], [], 0.0)[0] == [self.node]
+
+    def _wire(self, bridge: Any, owner: Any, requests: Any, **options: Any) -> Any:
+        assert bridge is BRIDGE
+        assert owner is requests is self.node
+        self.wires.append(options)
+        return SimpleNamespace(run=lambda: self.heard.append('runs'), left_safe=True)
+
+    def run(self, tap: int = -1) -> None:
+        in_force = InForce()
+        wire_process.run(self.node, BRIDGE, ['no permission'], 2.5, tap, in_force, -1)
+        in_force.close()
+
+
+@pytest.fixture
+def spare(monkeypatch: pytest.MonkeyPatch) -> Iterator[Spare]:
+    spare = Spare(monkeypatch)
+    yield spare
+    spare.ours.close()
+    spare.node._socket.close()
+
+
+def test_spare_says_that_it_is_ready_and_is_the_wire_once_told(spare: Spare) -> None:
+    assert spare.node.wait_for_turn()
+    assert spare.heard == ['beat']
+    assert spare.names == ['spare wire', 'wire']
+
+
+def test_process_runs_its_wire_and_takes_its_threads_along(spare: Spare) -> None:
+    spare.run()
+    assert spare.wires == [{'reconnect_period': 2.5, 'tap': None}]
+    assert spare.heard == ['beat', 'runs']
+    assert spare.ends == [0]
+    told = pickle.loads(spare.ours.recv(1000))
+    assert told[:2] == ('on_refused', (0, 'rt_priority', 'no permission'))
+
+
+def test_spare_that_is_told_anything_but_its_turn_runs_nothing(spare: Spare) -> None:
+    spare.word = b'other'
+    spare.run()
+    assert spare.names == ['spare wire']
+    assert not spare.wires
+
+
+def test_wire_has_the_tap_of_its_node(spare: Spare) -> None:
+    ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+    with ours, theirs:
+        spare.run(theirs.fileno())
+        tap = spare.wires[0]['tap']
+        tap.note(True, b'frame', 1.0)
+        tap.close()
+        assert ours.recv(100, socket.MSG_DONTWAIT).endswith(b'frame')
+
+
+@pytest.mark.parametrize(('priority', 'used'), [(-1, []), (0, []), (1, [1])])
+def test_process_ignores_what_ends_its_node_and_loads_all_it_needs(
+    monkeypatch: pytest.MonkeyPatch, priority: int, used: list[int]
+) -> None:
+    ignored: list[Any] = []
+    loaded: list[str] = []
+    priorities: list[int] = []
+
+    def use_realtime(priority: int) -> list[str]:
+        priorities.append(priority)
+        return ['no permission']
+
+    def load(name: str, of: Callable[[str], Any] = importlib.import_module) -> Any:
+        loaded.append(name)
+        return of(name)
+
+    monkeypatch.setattr(signal, 'signal', lambda *what: ignored.append(what))
+    monkeypatch.setattr(importlib, 'import_module', load)
+    monkeypatch.setattr(realtime, 'use_realtime', use_realtime)
+    ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+    with ours:
+        node, bridge, refusals = wire_process.load(theirs.detach(), 'stage.toy_wire', priority)
+        node._tell('beat')
+        assert ours.recv(1000, socket.MSG_DONTWAIT)
+        node._socket.close()
+    assert ignored == [(number, signal.SIG_IGN) for number in ENDING]
+    assert bridge is BRIDGE
+    assert loaded == ['stage.toy_wire', 'bridge_core.transports.serial']
+    assert priorities == used
+    assert list(refusals) == ['no permission'] * len(used)

@@ -1,0 +1,660 @@
+# Copyright 2026 The rugged_teleop maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""A link to a wire's process step by step, by a clock of the test's; the process is the test."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+import errno
+import math
+import os
+import pickle
+import select
+import socket
+import subprocess
+import traceback
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from bridge_core import clock
+from bridge_core.report import Report, Status
+from bridge_core.session import Level, StopChanged, Verdict
+from bridge_core.transports import process
+from bridge_core.transports.process import ProcessLink
+from bridge_core.transports.wire import Request
+from bridge_core.transports.wire_process import Node, receive, TURN
+from stage.link_rig import FakeOwner
+from stage.toy_wire import BRIDGE
+
+
+class StoppedOwner(FakeOwner):
+    """To whom a link that is lost is a stop, as to the node."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.verdicts: list[Verdict] = []
+
+    def on_events(self, events: Sequence[Any], now: float) -> None:
+        self.verdicts += [each.verdict for each in events if isinstance(each, StopChanged)]
+        super().on_events(events, now)
+
+    def link_changed(self, text: str, ok: bool) -> None:
+        super().link_changed(text, ok)
+        if not ok:
+            self._publish(True)
+
+
+class Child:
+    """A process, in the place of its Popen."""
+
+    def __init__(self, pid: int = 1) -> None:
+        self.pid, self.returncode = pid, 0
+        self.hangs = False
+        self.kills = 0
+        self.waited: list[float | None] = []  # for its end
+
+    def kill(self) -> None:
+        self.kills += 1
+
+    def wait(self, timeout: float | None = None) -> int:
+        self.waited.append(timeout)
+        if self.hangs and timeout is not None:
+            raise subprocess.TimeoutExpired('wire', timeout)
+        return self.returncode
+
+
+class StepBench:
+    """A link whose thread is the test's."""
+
+    def __init__(self, patch: pytest.MonkeyPatch, **options: Any) -> None:
+        self.now = 100.0
+        self.late = 0.0  # s that the next sleep takes longer
+        self.owner = StoppedOwner()
+        self.link = ProcessLink('link', BRIDGE, self.owner, **options)
+        patch.setattr(clock, 'now', lambda: self.now)
+        patch.setattr(process, 'select', SimpleNamespace(select=self._select))
+
+    def _select(
+        self, readers: Sequence[int], writers: list[int], others: list[int], timeout: float
+    ) -> tuple[list[Any], list[Any], list[Any]]:
+        found = select.select(readers, writers, others, 0.0)
+        if not found[0]:
+            self.now += timeout + self.late
+            self.late = 0.0
+        return found
+
+    def close(self) -> None:
+        self.link.stop()
+
+    def step(self) -> None:
+        self.link._guarded_step()
+
+    def step_until(self, when: float) -> None:
+        while self.now < when:
+            self.step()
+
+    def troubles(self) -> list[str]:
+        """Return what was told of the link that is bad."""
+        return [line for line in self.owner.log if line.startswith('bad')]
+
+    def command(self, number: int, name: str, told: list[int]) -> None:
+        """Give the wire a command, whose number is in ``told`` once its end is."""
+        self.link._waiting[number] = lambda error: told.append(number)
+        arguments: tuple[Any, ...] = ({'number': number}, False) if name == 'activate' else ()
+        self.link._put(Request(number, name, name, arguments, self.now, stop=True), True)
+
+    def deactivate(self) -> list[str]:
+        """Deactivate, as if the link had its thread; return what the node waits for."""
+        sent: list[str] = []
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(self.link, '_thread', SimpleNamespace(is_alive=lambda: True))
+            patch.setattr(self.link, '_command', lambda timeout, name: sent.append(name))
+            self.link.deactivate()
+        return sent
+
+
+class LinkBench(StepBench):
+    """A link, and ``wire``, the end of its process."""
+
+    def __init__(self, patch: pytest.MonkeyPatch) -> None:
+        super().__init__(patch)
+        self.on_interrupt: Callable[[], None] = lambda: None
+        self.told: list[Request] = []  # what took over
+        ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+        ours.setblocking(False)
+        self.ours = ours
+        self.wire = Node(theirs.detach())
+        assert not os.get_blocking(self.wire.fileno())  # else a test would wait for ever
+        self.wire.wire = SimpleNamespace(interrupt=self._interrupt)  # type: ignore[assignment]
+        self.child = Child()
+        child: Any = self.child
+        self.link._wire = process._Process(child, ours, self.now, ready=True)
+        self.link._start_at = math.inf  # no spare
+        self.link._took_over_at = self.now
+        self.link._limit = self.link._kill_at = self.now + process.SILENCE_LIMIT
+
+    def _interrupt(self, reason: str, now: float) -> None:
+        self.on_interrupt()
+        self.wire.on_events([StopChanged(Verdict.stop(reason))], now)
+
+    def close(self) -> None:
+        self.ours.close()
+        self.wire._socket.close()
+        super().close()
+
+    def say(self, *events: Any) -> None:
+        """Have the wire tell events."""
+        self.wire.on_events(events, self.now)
+
+    def beat(self) -> None:
+        """Let the wire be heard, 25 ms later."""
+        self.now += 0.025
+        self.wire.pace(self.now)
+
+    def run(self) -> None:
+        """Have a wire that demands no stop."""
+        self.say(StopChanged(Verdict()))
+        self.step()
+        assert self.owner.told[-1] is False
+        self.owner.told.clear()
+
+    def fill(self) -> None:
+        """Send requests until none fits any more."""
+        self.ours.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, 1)
+        while self.link.request('ping'):
+            pass
+
+    def take_over(self) -> list[str]:
+        """Have another wire take over; return what it is told, and keep it all."""
+        self.ours.close()
+        self.ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+        child: Any = Child(2)
+        with theirs:
+            self.link._take_over(process._Process(child, self.ours, self.now, ready=True))
+            assert theirs.recv(1 << 16) == TURN
+            self.ours.close()
+            told = iter(lambda: theirs.recv(1 << 16), b'')
+            self.told = [Request(*pickle.loads(data)) for data in told]
+        return [f'{request.number} {request.name}' for request in self.told]
+
+
+@pytest.fixture
+def bench(monkeypatch: pytest.MonkeyPatch) -> Iterator[LinkBench]:
+    bench = LinkBench(monkeypatch)
+    yield bench
+    bench.close()
+
+
+def test_wire_that_was_silent_and_is_heard_again_goes_on(bench: LinkBench) -> None:
+    bench.run()
+    while bench.owner.told[-1:] != [True]:
+        bench.step()
+    bench.beat()
+    bench.step()
+    assert bench.owner.told[-1] is False
+
+
+def test_wire_that_closes_its_port_has_time_for_what_the_line_has_to_send(
+    bench: LinkBench,
+) -> None:
+    """Up to 0.12 s at 9600 baud; one that hangs amid it is no healthy one all the same."""
+    bench.run()
+    began = bench.now
+    bench.command(1, 'deactivate', [])
+    while bench.now < began + 0.18:
+        bench.step()
+    assert 'hangs' not in str(bench.owner.log)
+    while bench.now < began + 0.19:
+        bench.step()
+    assert 'hangs' in str(bench.owner.log)
+
+
+def test_wire_that_has_lost_its_port_is_no_healthy_one_after_a_silence(bench: LinkBench) -> None:
+    bench.run()
+    bench.owner.verdicts.clear()
+    bench.wire.link_changed('unplugged', False)
+    bench.step()
+    while 'hangs' not in bench.owner.log[-1]:
+        bench.step()
+    bench.beat()
+    bench.step()
+    assert bench.owner.told
+    assert all(bench.owner.told)
+    assert bench.owner.verdicts == [Verdict.stop('unplugged', link_up=False)]
+
+
+def test_node_that_was_held_up_says_nothing_before_it_has_taken_in_all(
+    bench: LinkBench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(process, '_READS', 4)
+    bench.run()
+    for _ in range(10):
+        bench.say('event')
+    bench.say(StopChanged(Verdict.stop()))
+    bench.now += 1.0
+    for _ in range(5):
+        bench.step()
+    assert bench.owner.told
+    assert all(bench.owner.told)
+
+
+def test_stop_that_did_not_fit_comes_before_anything_else(bench: LinkBench) -> None:
+    bench.run()
+    bench.wire._socket.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, 1)
+    bench.say(StopChanged(Verdict.stop()))
+    bench.say(StopChanged(Verdict()))
+    while not bench.wire._lost:
+        bench.say('event')
+    bench.say(StopChanged(Verdict.stop()))
+    bench.now += 1.0
+    bench.on_interrupt = bench.step  # which reads that there is room again, and nothing else yet
+    bench.step()
+    bench.say('event')
+    bench.step()
+    bench.beat()
+    bench.step()
+    assert 'event event' in bench.owner.log
+    assert bench.owner.told
+    assert all(bench.owner.told)
+
+
+def test_node_that_was_held_up_goes_on_once_its_wire_says_something_new(bench: LinkBench) -> None:
+    bench.run()
+    bench.beat()
+    bench.now += 1.0
+    bench.step()
+    assert bench.owner.told == []
+    bench.beat()
+    bench.step()
+    assert bench.owner.told == [False]
+    assert 'hangs' not in str(bench.owner.log)
+
+
+def test_stop_is_repeated_however_old_it_is(bench: LinkBench) -> None:
+    bench.say(StopChanged(Verdict.stop()))
+    bench.now += 1.0
+    bench.step()
+    bench.owner.told.clear()
+    bench.step()
+    assert bench.owner.told == [True]
+
+
+@pytest.mark.parametrize('disk_is_full', [False, True])
+def test_owner_that_fails_at_each_event_goes_on_to_be_paced(
+    bench: LinkBench,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    disk_is_full: bool,
+) -> None:
+    """The stop is repeated, and the fault is not."""
+
+    def refuse() -> None:
+        raise OSError(errno.ENOSPC, 'no space left')
+
+    if disk_is_full:
+        monkeypatch.setattr(traceback, 'print_exc', refuse)
+    bench.run()
+    bench.owner.faults = {'on_events'}
+    for _ in range(100):
+        bench.now += 0.025
+        bench.say('event')
+        bench.step()
+    assert bench.owner.told.count(True) > 95
+    assert not bench.owner.told.count(False)
+    assert bench.troubles() == ['bad the wire of link does not work, internal error, see the log']
+    assert capsys.readouterr().err.count('Traceback') == (not disk_is_full)
+    bench.owner.faults.clear()
+    fault_at = bench.now
+    while bench.owner.told[-1]:
+        bench.beat()
+        bench.step()
+    assert 0.9 < bench.now - fault_at < 1.1
+
+
+def test_stop_that_the_owner_fails_at_is_told_again(bench: LinkBench) -> None:
+    bench.run()
+    bench.owner.faults = {'on_events', 'link_changed'}
+    bench.say('event')
+    bench.step()
+    bench.owner.faults.clear()
+    bench.owner.told.clear()
+    bench.beat()
+    bench.step()
+    assert bench.owner.told
+    assert all(bench.owner.told)
+
+
+def test_wire_that_ends_with_requests_unread_is_heard_out(bench: LinkBench) -> None:
+    bench.run()
+    bench.say('first')
+    bench.say('last')
+    assert bench.link.request('anything')
+    bench.wire._socket.close()
+    bench.step()
+    heard = [line for line in bench.owner.log if line in ('event first', 'event last', 'lost')]
+    assert heard == ['event first', 'event last', 'lost']
+
+
+@pytest.mark.parametrize(('error', 'in_force'), [('', ['3 activate']), ('bad values', [])])
+def test_command_whose_end_found_no_room_has_ended_with_one_behind_it(
+    bench: LinkBench, error: str, in_force: list[str]
+) -> None:
+    told: list[int] = []
+    bench.command(1, 'activate', told)
+    bench.wire.done(1, '')
+    bench.step()
+    for number, name in ((2, 'deactivate'), (3, 'activate'), (4, 'activate')):
+        bench.command(number, name, told)
+    bench.wire.done(3, error)
+    bench.step()
+    assert told == [1, 2, 3]
+    assert bench.take_over() == [*in_force, '4 activate']
+
+
+def test_end_of_a_command_is_none_of_those_behind_it_whatever_their_numbers(
+    bench: LinkBench,
+) -> None:
+    told: list[int] = []
+    bench.command(2, 'activate', told)
+    bench.command(1, 'deactivate', told)  # of another thread, which was later
+    bench.wire.done(2, '')
+    bench.step()
+    assert told == [2]
+    assert bench.take_over() == ['2 activate', '1 deactivate']
+
+
+def test_wire_that_takes_over_is_told_what_is_carried_over_to_each_activation_by_then(
+    bench: LinkBench,
+) -> None:
+    told: list[int] = []
+    bench.owner.carried = {'sent': 1}
+    bench.command(1, 'activate', told)
+    bench.wire.done(1, '')
+    bench.step()
+    bench.command(2, 'deactivate', told)
+    bench.command(3, 'activate', told)
+    bench.owner.carried = {'sent': 2}
+    assert bench.take_over() == ['1 activate', '2 deactivate', '3 activate']
+    arguments = [request.arguments for request in bench.told]
+    first, last = ({'number': number, 'sent': 2, 'to': number} for number in (1, 3))
+    assert arguments == [(first, False), (), (last, False)]
+
+
+@pytest.mark.parametrize('ready', [True, False])
+def test_process_that_cannot_start_has_time_for_its_last_words(
+    bench: LinkBench, ready: bool
+) -> None:
+    """One that was at work has none: the device may still be moving."""
+    assert bench.link._wire is not None
+    bench.link._wire.ready = ready
+    bench.wire._socket.close()
+    bench.step()
+    assert bench.child.waited == ([] if ready else [0.2]) + [None]
+
+
+@pytest.mark.parametrize(('own', 'told'), [(0, ['-1', '0']), (7, ['7', '7'])])
+def test_wire_has_the_priority_of_its_own_node(
+    monkeypatch: pytest.MonkeyPatch, own: int, told: list[str]
+) -> None:
+    """Its process takes the highest of all nodes in it, once they are made: not its own."""
+    started: list[list[str]] = []
+    monkeypatch.setattr(subprocess, 'Popen', lambda words, **_: started.append(words))
+    for policy in (os.SCHED_OTHER, os.SCHED_FIFO):
+        monkeypatch.setattr(os, 'sched_getscheduler', {0: policy}.__getitem__)
+        link = ProcessLink('link', BRIDGE, FakeOwner(), rt_priority=own)
+        monkeypatch.setattr(os, 'sched_getscheduler', lambda pid: os.SCHED_FIFO)
+        link._new_process(100.0).socket.close()
+        link.stop()
+    assert [words[-4] for words in started] == told
+
+
+# -- silence, and what is told of it --------------------------------------------------------------
+
+
+def test_word_of_the_wire_is_told_at_once(bench: LinkBench) -> None:
+    began = bench.now
+    bench.run()
+    assert bench.now == began
+
+
+def test_wire_that_hangs_is_a_stop_and_is_killed_soon_and_again_where_it_stays(
+    bench: LinkBench,
+) -> None:
+    bench.owner.next = math.inf  # it does not wake the thread
+    bench.run()
+    began = bench.now
+    bench.step()
+    assert bench.owner.told[-1]
+    assert bench.now - began == pytest.approx(0.085)
+    while not bench.child.kills:
+        bench.step()
+    assert bench.now - began == pytest.approx(0.25)
+    bench.step_until(began + 0.9)
+    assert bench.child.kills == 4
+    assert len(bench.troubles()) == 1
+
+
+def test_silence_while_the_node_was_held_up_is_no_hang(bench: LinkBench) -> None:
+    bench.run()
+    bench.late = 0.5
+    bench.step()
+    assert not bench.troubles()
+    bench.step_until(bench.now + 0.1)
+    assert 'hangs' in str(bench.troubles())
+
+
+def test_stop_is_repeated_while_there_is_no_wire(bench: LinkBench) -> None:
+    bench.run()
+    bench.wire._socket.close()
+    for _ in range(10):
+        bench.step()
+    assert len(bench.owner.told) > 9
+    assert all(bench.owner.told)
+
+
+def test_owner_that_cannot_be_paced_is_tried_again_a_while_later(bench: LinkBench) -> None:
+    bench.run()
+    bench.owner.faults = {'pace'}
+    bench.owner.paced.clear()
+    bench.step_until(bench.now + 1.0)
+    assert 10 < len(bench.owner.paced) < 50
+
+
+def test_trouble_is_reported_at_once_and_each_second(bench: LinkBench) -> None:
+    bench.owner.next = math.inf  # it does not wake the thread
+    bench.run()
+    assert bench.owner.reports == []
+    bench.wire._socket.close()
+    bench.step()
+    (report,) = bench.owner.reports
+    text = 'the wire of link does not work, its process 1 ended with 0'
+    processes = {
+        'wire process': 'none',
+        'spare process': 'none',
+        'wire restarts': 0,
+        'last wire': 'ended with 0',
+    }
+    assert report.link == Status(Level.ERROR, text, processes)
+    assert report.device == Status(Level.ERROR, text, {})
+    bench.step_until(bench.now + 2.5)
+    assert bench.owner.reports == [report] * 4
+
+
+def test_report_of_the_wire_has_the_processes_added(bench: LinkBench) -> None:
+    device = Status(Level.WARN, 'cold', {'temperature': -40})
+    bench.wire.on_report(Report(Status(Level.OK, 'open', {'sent': 7}), device), bench.now)
+    bench.step()
+    (report,) = bench.owner.reports
+    assert report.device == device
+    assert report.link[:2] == (Level.OK, 'open')
+    assert report.link.values == {
+        'sent': 7,
+        'wire process': 1,
+        'spare process': 'none',
+        'wire restarts': 0,
+        'last wire': 'none',
+    }
+
+
+# -- requests -------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize('stop', [False, True])
+@pytest.mark.parametrize('size', [1 << 16, (1 << 16) + 1])
+def test_request_that_is_too_long_is_refused_with_words_unless_it_is_a_stop(
+    bench: LinkBench, size: int, stop: bool
+) -> None:
+    text = 'x' * 65000
+    request = Request(1, 'say', 'say', (text,), bench.now, stop=stop)
+    text += 'x' * (size - len(pickle.dumps(tuple(request))))
+    refused = size > 1 << 16 and not stop
+    assert bench.link.request('say', text, stop=stop) == 1
+    bench.step()
+    assert [each.arguments for each in bench.wire.take()] == [(text,)] * (not refused)
+    words = [(1, 'say', 'it takes 65537 bytes; 65536 are allowed')]
+    assert bench.owner.refused == words * refused
+
+
+@pytest.mark.parametrize('wire', ['none', 'loads', 'is full'])
+def test_request_that_no_wire_takes_is_refused_where_somebody_waits(
+    bench: LinkBench, wire: str
+) -> None:
+    bench.run()
+    if wire == 'is full':
+        bench.fill()
+    elif wire == 'loads':
+        bench.link._wire.ready = False  # type: ignore[union-attr]
+    else:
+        bench.link._wire = None
+    assert bench.link.request('ping') == 0
+    number = bench.link.request('ping', key='press', waits=True)
+    assert number
+    began = bench.now
+    bench.step()
+    assert bench.owner.refused == [(number, 'press', 'its wire takes nothing')]
+    assert bench.now == began
+    bench.step()
+    assert bench.now > began
+
+
+def test_refusal_says_what_is_wrong_with_the_wire(bench: LinkBench) -> None:
+    bench.run()
+    bench.wire._socket.close()
+    bench.step()
+    assert bench.link.request('ping', waits=True)
+    bench.step()
+    assert bench.owner.refused[0][2] == bench.troubles()[0].removeprefix('bad ')
+
+
+@pytest.mark.parametrize('stop', [False, True])
+def test_wire_that_does_not_take_a_stop_is_killed(bench: LinkBench, stop: bool) -> None:
+    bench.fill()
+    assert bench.link.request('request_stop', True, stop=stop) == 0
+    assert bench.child.kills == stop
+
+
+def test_what_the_session_refuses_is_told(bench: LinkBench) -> None:
+    bench.wire.on_refused(3, 'press', 'not now')
+    bench.step()
+    assert bench.owner.refused == [(3, 'press', 'not now')]
+
+
+# -- commands -------------------------------------------------------------------------------------
+
+
+def test_activation_that_is_waited_for_is_none_to_go_back_to(bench: LinkBench) -> None:
+    bench.command(1, 'activate', [])
+    bench.command(2, 'activate', [])
+    assert bench.take_over() == ['1 activate', '2 activate']
+
+
+def test_deactivation_of_what_is_not_active_ends(bench: LinkBench) -> None:
+    told: list[int] = []
+    bench.command(1, 'deactivate', told)
+    bench.wire.done(1, '')
+    bench.step()
+    assert told == [1]
+    assert not bench.troubles()
+
+
+@pytest.mark.parametrize(
+    ('asked', 'ended', 'waits'),
+    [
+        ([], [], []),
+        (['activate'], [], ['deactivate']),
+        (['activate'], [1], ['deactivate']),
+        (['deactivate'], [], ['deactivate']),
+        (['activate', 'deactivate'], [2], []),
+    ],
+)
+def test_farewell_is_waited_for_where_there_may_be_one(
+    bench: LinkBench, asked: list[str], ended: list[int], waits: list[str]
+) -> None:
+    for number, name in enumerate(asked, 1):
+        bench.command(number, name, [])
+    for number in ended:
+        bench.wire.done(number, '')
+    bench.step()
+    assert bench.deactivate() == waits
+
+
+# -- the wire's side ------------------------------------------------------------------------------
+
+
+def test_sign_of_life_comes_where_nothing_else_was_said(bench: LinkBench) -> None:
+    bench.say('event')
+    due = bench.wire.pace(bench.now)
+    assert due == bench.now + 0.025
+    bench.say()
+    bench.now = due
+    assert bench.wire.pace(due) == bench.wire.pace(due) == due + 0.025
+    said = iter(lambda: receive(bench.ours), None)
+    assert [pickle.loads(each or b'')[0] for each in said] == ['on_events', 'beat']
+
+
+def test_wire_that_could_not_tell_something_interrupts_its_session_once_it_can(
+    bench: LinkBench,
+) -> None:
+    interrupted: list[float] = []
+    bench.on_interrupt = lambda: interrupted.append(bench.now)
+    bench.wire._socket.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, 1)
+    while not bench.wire._lost:
+        bench.say('event')
+    bench.wire.pace(bench.now)
+    assert not interrupted
+    while receive(bench.ours):
+        pass
+    bench.wire.pace(bench.now)
+    bench.wire.pace(bench.now)
+    assert interrupted == [bench.now]
+
+
+def test_requests_are_taken_to_the_last_one_and_then_the_end(bench: LinkBench) -> None:
+    assert bench.wire.take() == []
+    for _ in range(100):
+        assert bench.link.request('ping')
+    bench.ours.close()
+    first = bench.wire.take()
+    assert len(first) < 100  # the port has its turn between
+    assert len(first + bench.wire.take()) == 100
+    with pytest.raises(EOFError):
+        bench.wire.take()
+
+
+def test_end_whose_descriptor_is_gone_has_ended(bench: LinkBench) -> None:
+    bench.ours.close()
+    assert receive(bench.ours) == b''

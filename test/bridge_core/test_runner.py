@@ -1,0 +1,357 @@
+# Copyright 2026 The rugged_teleop maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""How nodes run: middleware and priority; how they end: the last stop arrives first."""
+
+from collections.abc import Mapping
+import functools
+import getpass
+import os
+from pathlib import Path
+import resource
+import signal
+from signal import SIGTERM
+import threading
+from typing import Any
+from unittest import mock
+import weakref
+
+import pytest
+
+from bridge_core import realtime, runner
+from safety_mux.node import SafetyMux
+from stage.rig import ENDING, NodeProcess, wait_for
+from stage.talkers import namespace
+
+NAMES = ('remote', 'drive', 'mux', 'servos')
+
+
+class Publisher:
+    def __init__(self, story: list[str], *, acknowledged: bool) -> None:
+        self._story, self._acknowledged = story, acknowledged
+
+    def wait_for_all_acked(self, timeout: Any) -> bool:
+        assert timeout.nanoseconds >= 0  # below zero it would wait for ever
+        assert timeout.nanoseconds <= 200_000_000
+        self._story.append('wait')
+        return self._acknowledged
+
+
+class Node:
+    def __init__(self, *, acknowledged: bool = True, actuates: bool = False) -> None:
+        self.actuates = actuates
+        self.story: list[str] = []
+        self.publishers = [Publisher(self.story, acknowledged=acknowledged)]
+
+    def shut_down(self) -> None:
+        self.story.append('last stop')
+
+    def destroy_node(self) -> None:
+        self.story.append('gone')
+
+
+@pytest.mark.parametrize('acknowledged', [True, False])
+def test_publisher_leaves_after_its_last_stop_is_acknowledged_or_given_up(
+    acknowledged: bool,
+) -> None:
+    """A reader drops what it has not yet taken in of a writer that it sees leave."""
+    nodes = [Node(acknowledged=acknowledged), Node()]
+    runner._leave(list(nodes))  # type: ignore[arg-type]
+    for node in nodes:
+        assert node.story == ['last stop', 'wait', 'gone']
+
+
+@pytest.mark.parametrize('fault', [ZeroDivisionError, SystemExit])
+def test_actuators_leave_first_and_all_do_whatever_one_raises(
+    monkeypatch: pytest.MonkeyPatch, fault: type[BaseException]
+) -> None:
+    story: list[str] = []
+
+    def leave(name: str) -> None:
+        story.append(name)
+        raise fault
+
+    nodes = {name: Node(actuates=name in ('drive', 'servos')) for name in NAMES}
+    for name, node in nodes.items():
+        monkeypatch.setattr(node, 'shut_down', functools.partial(leave, name))
+    runner._leave(list(nodes.values()))  # type: ignore[arg-type]
+    assert story == ['drive', 'servos', 'remote', 'mux']
+    assert all(node.story[-1] == 'gone' for node in nodes.values())
+
+
+_LATE = """
+import time
+from bridge_core import runner
+from rclpy.executors import SingleThreadedExecutor
+from stage.toy_bridge import main
+
+once = SingleThreadedExecutor.spin_once
+
+def spin_once(executor):
+    try:
+        while executor.context.ok():  # it hears of the end last
+            once(executor)
+    finally:
+        time.sleep(0.5)
+        print('the last')
+
+runner._THREADS_LIMIT = 20.0  # a busy machine is late, too
+SingleThreadedExecutor.create_task = lambda *_: None  # what wakes it is late
+SingleThreadedExecutor.spin_once = spin_once
+main()
+"""
+
+
+def test_process_ends_after_its_threads() -> None:
+    """One that is amid the middleware when the interpreter ends aborts the process."""
+    with NodeProcess(source=_LATE, namespace=namespace()) as node:
+        node.wait_output('cannot open')
+        assert node.end(timeout=30.0) == 0
+        assert node.output.endswith('the last\n'), node.output
+
+
+@pytest.mark.parametrize(
+    ('module', 'arguments'),
+    [('safety_mux.node', ()), ('rugged_teleop.stack', ('--', 'safety_mux'))],
+)
+def test_signals_until_the_very_end_leave_the_status_at_0(
+    module: str, arguments: tuple[str, ...]
+) -> None:
+    with NodeProcess(module, namespace=namespace(), arguments=arguments) as node:
+        node.wait_output('[INFO]')
+
+        def has_ended() -> bool:
+            node.signal(SIGTERM)
+            return node.process.poll() is not None
+
+        wait_for(has_ended, what=lambda: node.output)
+        assert node.wait() == 0, node.output
+
+
+def test_process_that_goes_on_has_its_signals_back() -> None:
+    before = {number: signal.getsignal(number) for number in ENDING}
+    assert runner.run([SafetyMux], ['node', '--ros-args', '-p', 'rate:=0.0']) == 2
+    assert {number: signal.getsignal(number) for number in ENDING} == before
+
+
+def test_node_that_is_refused_leaves_the_graph_where_its_process_goes_on() -> None:
+    nodes: list[weakref.ref[SafetyMux]] = []
+
+    def make(**options: Any) -> SafetyMux:
+        node = SafetyMux(**options)
+        nodes.append(weakref.ref(node))
+        return node
+
+    assert runner.run([make], ['node', '--ros-args', '-p', 'safty_mux:rate:=50.0']) == 2
+    assert [node() for node in nodes] == [None]
+
+
+# The middleware.
+
+CHOICES = sorted(runner._CHOICES)
+RANGE = 'ROS_AUTOMATIC_DISCOVERY_RANGE'
+ONLY = 'ROS_LOCALHOST_ONLY'
+PEERS = 'ROS_STATIC_PEERS'
+ONE_MACHINE = (
+    {RANGE: 'LOCALHOST'},
+    {RANGE: 'localhost'},  # what rcl does not know is LOCALHOST to it
+    {RANGE: 'LOCALHOST', 'FASTDDS_BUILTIN_TRANSPORTS': ''},  # which chooses nothing
+    {ONLY: '1'},
+    {ONLY: '1', RANGE: 'SUBNET', PEERS: '192.0.2.1'},  # which rcl passes over
+)
+
+
+@pytest.fixture
+def environment(monkeypatch: pytest.MonkeyPatch) -> pytest.MonkeyPatch:
+    """Give an environment of somebody who has chosen nothing."""
+    for name in (*CHOICES, RANGE, 'RMW_IMPLEMENTATION', PEERS, ONLY):
+        monkeypatch.setenv(name, '')  # so that it is restored whatever the runner sets
+        monkeypatch.delenv(name)
+    return monkeypatch
+
+
+def set_all(environment: pytest.MonkeyPatch, given: Mapping[str, str]) -> None:
+    for name, value in given.items():
+        environment.setenv(name, value)
+
+
+@pytest.mark.parametrize('only', ['', '0', 'true'])  # rcl takes 1 alone for a yes
+@pytest.mark.parametrize('range_', ['', 'SUBNET', 'SYSTEM_DEFAULT', 'OFF'])
+def test_network_is_used_by_udp(environment: pytest.MonkeyPatch, range_: str, only: str) -> None:
+    set_all(environment, {RANGE: range_, ONLY: only, PEERS: '192.0.2.1'})
+    assert runner.avoid_shared_memory() == ''
+    assert os.environ['FASTDDS_BUILTIN_TRANSPORTS'] == 'UDPv4'
+    assert os.environ[RANGE] == range_
+
+
+@pytest.mark.parametrize('given', ONE_MACHINE)
+def test_one_machine_has_the_loopback_profile_and_says_so(
+    environment: pytest.MonkeyPatch, given: dict[str, str]
+) -> None:
+    set_all(environment, given)
+    text = runner.avoid_shared_memory()
+    profile = os.environ['FASTRTPS_DEFAULT_PROFILES_FILE']
+    assert profile == os.environ['FASTDDS_DEFAULT_PROFILES_FILE']
+    assert Path(profile).name == 'fastdds_loopback.xml'
+    assert profile in text
+    assert text.startswith('messages stay')  # a fact, and no task
+    name, value = next(iter(given.items()))
+    assert f'{name} is {value}' in text
+    assert '127.0.0.1' in Path(profile).read_text(encoding='utf-8')
+    assert os.environ[RANGE] == 'SYSTEM_DEFAULT'
+    assert ONLY not in os.environ  # or rcl makes it LOCALHOST again
+
+
+def test_static_peers_of_one_machine_are_kept_and_shared_memory_is_told(
+    environment: pytest.MonkeyPatch,
+) -> None:
+    set_all(environment, {RANGE: 'LOCALHOST', PEERS: '192.0.2.1'})
+    before = dict(os.environ)
+    assert 'shared memory' in runner.avoid_shared_memory()
+    assert dict(os.environ) == before
+
+
+@pytest.mark.parametrize('choice', CHOICES)
+def test_choice_of_the_user_stands(environment: pytest.MonkeyPatch, choice: str) -> None:
+    environment.setenv(RANGE, 'LOCALHOST')
+    environment.setenv(choice, 'mine')
+    before = dict(os.environ)
+    assert runner.avoid_shared_memory() == ''
+    assert dict(os.environ) == before
+
+
+def test_other_middleware_is_left_alone(environment: pytest.MonkeyPatch) -> None:
+    environment.setenv(RANGE, 'LOCALHOST')
+    environment.setenv('RMW_IMPLEMENTATION', 'rmw_cyclonedds_cpp')
+    before = dict(os.environ)
+    assert runner.avoid_shared_memory() == ''
+    assert dict(os.environ) == before
+
+
+_PLAIN = """
+import rclpy
+from diagnostic_msgs.msg import DiagnosticStatus
+from rclpy.node import Node
+from std_msgs.msg import Bool
+def on_status(message):
+    words = {pair.key: pair.value for pair in message.values}
+    if words["condition of e-stop source 'fort'"] != 'silent':
+        print('both ways', flush=True)
+rclpy.init()
+node = Node('plain')
+publisher = node.create_publisher(Bool, 'fort_vsc_bridge/estop', 10)
+node.create_timer(0.05, lambda: publisher.publish(Bool()))
+node.create_subscription(DiagnosticStatus, 'safety_mux/status', on_status, 10)
+print('ready', flush=True)
+rclpy.spin(node)
+"""
+
+
+def threads(process: NodeProcess) -> list[str]:
+    tasks = Path(f'/proc/{process.process.pid}/task')
+    return [(task / 'comm').read_text(encoding='utf-8') for task in tasks.iterdir()]
+
+
+@pytest.mark.parametrize('given', [*ONE_MACHINE, {RANGE: 'SUBNET'}])
+def test_nodes_use_no_shared_memory(
+    environment: pytest.MonkeyPatch, given: dict[str, str]
+) -> None:
+    set_all(environment, given)
+    with NodeProcess('safety_mux.node', namespace=namespace()) as mux:
+        mux.wait_output('STOPPED')
+        names = threads(mux)
+        assert any(name.startswith('dds.udp') for name in names)  # as Fast DDS names them
+        assert not any(name.startswith('dds.shm') for name in names)
+
+
+@pytest.mark.parametrize('given', [{RANGE: 'LOCALHOST'}, {ONLY: '1'}])
+@pytest.mark.parametrize('first', ['plain', 'ours'])
+def test_nodes_on_one_machine_meet_plain_ones(
+    environment: pytest.MonkeyPatch, first: str, given: dict[str, str]
+) -> None:
+    """A plain node without a profile and ours with one find each other, whoever comes late."""
+    set_all(environment, given)
+    space = namespace()
+    if first == 'plain':
+        with NodeProcess(source=_PLAIN, namespace=space) as plain:
+            plain.wait_output('ready')
+            with NodeProcess('safety_mux.node', namespace=space) as mux:
+                mux.wait_output('fastdds_loopback.xml')
+                plain.wait_output('both ways')
+    else:
+        with NodeProcess('safety_mux.node', namespace=space) as mux:
+            mux.wait_output('fastdds_loopback.xml')
+            with NodeProcess(source=_PLAIN, namespace=space) as plain:
+                plain.wait_output('both ways')
+
+
+# Real-time priority.
+
+
+def test_every_thread_has_the_priority(monkeypatch: pytest.MonkeyPatch) -> None:
+    given: dict[int, tuple[int, int]] = {}
+
+    def schedule(thread: int, policy: int, parameter: os.sched_param) -> None:
+        given[thread] = policy, parameter.sched_priority
+        if len(given) == 1:
+            raise ProcessLookupError  # it has ended meanwhile: the others are served
+
+    monkeypatch.setattr(os, 'sched_setscheduler', schedule)
+    monkeypatch.setattr(realtime, '_lock_memory', lambda: None)
+    gate = threading.Event()
+    thread = threading.Thread(target=gate.wait)
+    thread.start()
+    try:
+        assert realtime.use_realtime(40) == []
+        assert {threading.get_native_id(), thread.native_id} <= given.keys()
+        assert set(given.values()) == {(os.SCHED_FIFO, 40)}
+    finally:
+        gate.set()
+        thread.join()
+
+
+def test_refused_rights_are_a_line_each_with_what_to_do(monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(*_: Any) -> None:
+        raise PermissionError(1, 'Operation not permitted')
+
+    monkeypatch.setattr(os, 'sched_setscheduler', refuse)
+    monkeypatch.setattr(os, 'geteuid', lambda: 1000)
+    monkeypatch.setattr(resource, 'getrlimit', lambda which: (1 << 23, 1 << 23))
+    texts = realtime.use_realtime(40)
+    assert [text.count('\n') for text in texts] == [0, 0]
+    assert 'rtprio 40' in texts[0]
+    assert 'Operation not permitted' in texts[0]
+    assert 'memlock unlimited' in texts[1]
+
+
+def test_user_without_a_name_is_a_number(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As in a container: KeyError, from Python 3.13 on OSError."""
+    for fault in (KeyError, OSError):
+        monkeypatch.setattr(getpass, 'getuser', mock.Mock(side_effect=fault))
+        assert realtime.user_name() == str(os.getuid())
+
+
+def test_node_without_the_rights_runs(environment: pytest.MonkeyPatch) -> None:
+    """With the rights, where they are, all of its threads have the priority; else it says so."""
+    del environment
+    with NodeProcess('safety_mux.node', {'rt_priority': 3}, namespace=namespace()) as mux:
+        mux.wait_output('STOPPED')
+        tasks = Path(f'/proc/{mux.process.pid}/task')
+
+        def is_served() -> bool:
+            policies = {os.sched_getscheduler(int(task.name)) for task in tasks.iterdir()}
+            return policies == {os.SCHED_FIFO} or 'rtprio 3' in mux.output
+
+        wait_for(is_served, what=lambda: mux.output)
+        assert mux.end() == 0

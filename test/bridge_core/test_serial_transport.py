@@ -1,0 +1,592 @@
+# Copyright 2026 The rugged_teleop maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""One contract for every kind of serial port: a local one, socket:// and rfc2217://."""
+
+from collections.abc import Callable, Iterator
+import contextlib
+import errno
+import os
+from pathlib import Path
+import re
+import select
+import socket
+import termios
+import threading
+import time
+from typing import Any, Protocol
+
+import pytest
+import serial
+from serial.rfc2217 import PortManager
+
+from bridge_core import clock
+from bridge_core.transports import serial as serial_transport, TransportError
+from bridge_core.transports.line import Line
+from bridge_core.transports.serial import SerialTransport
+from bridge_core.transports.serial_name import check_serial_port
+from stage.rig import Pty, TIMEOUT_FACTOR, wait_for
+
+
+class Peer(Protocol):
+    """The other end of a port."""
+
+    url: str
+
+    def write(self, data: bytes) -> None: ...
+    def wait_received(self, data: bytes) -> None: ...
+    def unplug(self) -> None: ...
+    def replug(self) -> None: ...
+
+
+class PtyPeer(Pty):
+    def __init__(self, path: Path) -> None:
+        super().__init__(path)
+        self.url = str(path)
+
+
+class TcpPeer:
+    """A server for one client at a time; a thread, as rfc2217 negotiates during open."""
+
+    scheme = 'socket'
+
+    def __init__(self) -> None:
+        self.received = b''
+        self._address = ('127.0.0.1', 0)
+        self._client: socket.socket | None = None
+        self.replug()
+        self.url = f'{self.scheme}://127.0.0.1:{self._address[1]}'
+
+    def replug(self) -> None:
+        self._server = socket.create_server(self._address)
+        self._address = self._server.getsockname()
+        self._gone = threading.Event()
+        self._thread = threading.Thread(target=self._serve, args=(self._server,), daemon=True)
+        self._thread.start()
+
+    def unplug(self) -> None:
+        self._gone.set()
+        self._thread.join(2.0)
+        self._server.close()
+
+    def write(self, data: bytes) -> None:
+        wait_for(lambda: self._client is not None, 2.0, 'a client')
+        assert self._client is not None
+        self._client.sendall(self.outward(data))
+
+    def wait_received(self, data: bytes) -> None:
+        wait_for(lambda: data in self.received, 2.0, lambda: f'{data!r} in {self.received!r}')
+
+    def _serve(self, server: socket.socket) -> None:
+        while not self._gone.is_set():
+            if select.select([server], [], [], 0.01)[0]:
+                client = server.accept()[0]
+                self.greet(client)
+                self._client = client
+                with client, contextlib.suppress(OSError):
+                    self._talk(client)
+                self._client = None
+
+    def _talk(self, client: socket.socket) -> None:
+        while not self._gone.is_set():
+            if not self.stalled and select.select([client], [], [], 0.01)[0]:
+                data = client.recv(4096)
+                if not data:
+                    return
+                self.received += self.inward(data)
+            elif self.stalled:
+                self._gone.wait(0.01)
+
+    stalled = False
+
+    def greet(self, client: socket.socket) -> None: ...
+    def inward(self, data: bytes) -> bytes:
+        return data
+
+    def outward(self, data: bytes) -> bytes:
+        return data
+
+
+class Rfc2217Peer(TcpPeer):
+    scheme = 'rfc2217'
+
+    def greet(self, client: socket.socket) -> None:
+        class Connection:
+            write = staticmethod(client.sendall)
+
+        port: Any = serial.serial_for_url('loop://')
+        connection: Any = Connection()
+        self._manager = PortManager(port, connection)
+
+    def inward(self, data: bytes) -> bytes:
+        return b''.join(self._manager.filter(data))
+
+    def outward(self, data: bytes) -> bytes:
+        return b''.join(self._manager.escape(data))
+
+
+PEERS: dict[str, Callable[[Path], Any]] = {
+    'pty': lambda tmp_path: PtyPeer(tmp_path / 'device'),
+    'socket': lambda tmp_path: TcpPeer(),
+    'rfc2217': lambda tmp_path: Rfc2217Peer(),
+}
+
+
+@pytest.fixture(params=PEERS)
+def peer(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Any]:
+    result = PEERS[request.param](tmp_path)
+    yield result
+    result.unplug()
+
+
+@pytest.fixture
+def transport(peer: Peer) -> Iterator[SerialTransport]:
+    result = SerialTransport(peer.url, 115200)
+    yield result
+    result.close()
+
+
+def open_soon(transport: SerialTransport) -> None:
+    """Open, again and again: a server may need a moment to let go of the last client."""
+
+    def opened() -> bool:
+        try:
+            transport.open()
+        except TransportError:
+            return False
+        return True
+
+    wait_for(opened, 10.0, f'{transport.name} opens')
+
+
+def take(transport: SerialTransport, size: int) -> bytes:
+    data = b''
+    end = time.monotonic() + 2.0 * TIMEOUT_FACTOR
+    while len(data) < size and time.monotonic() < end:
+        if select.select([transport.fileno()], [], [], 0.1)[0]:
+            data += b''.join(transport.receive())
+    return data
+
+
+def wait_lost(transport: SerialTransport) -> str:
+    """Wait for the descriptor to become readable, and for the error behind it."""
+    end = time.monotonic() + 2.0 * TIMEOUT_FACTOR
+    while time.monotonic() < end:
+        if select.select([transport.fileno()], [], [], 0.1)[0]:
+            try:
+                transport.receive()
+            except TransportError as error:
+                return str(error)
+    raise AssertionError('the loss of the port was never noticed')
+
+
+ALL_BYTES = bytes(range(256))  # no byte means anything to the port: XON, 0xFF, CR, ^C
+
+
+def test_bytes_of_all_values_pass_both_ways(peer: Peer, transport: SerialTransport) -> None:
+    transport.open()
+    peer.write(ALL_BYTES)
+    assert take(transport, 256) == ALL_BYTES
+    assert transport.send(ALL_BYTES)
+    peer.wait_received(ALL_BYTES)
+
+
+def test_nothing_there_is_no_error_and_no_wait(peer: Peer, transport: SerialTransport) -> None:
+    transport.open()
+    assert select.select([transport.fileno()], [], [], 0)[0] == []
+    assert transport.receive() == []
+
+
+def test_close_twice_and_before_open(transport: SerialTransport) -> None:
+    transport.close()
+    transport.open()
+    transport.close()
+    transport.close()
+    assert transport.fileno() == -1
+
+
+def test_open_twice_starts_anew(peer: Peer, transport: SerialTransport) -> None:
+    transport.open()
+    open_soon(transport)
+    assert transport.send(b'here')  # a server may still talk to the first connection
+    peer.wait_received(b'here')
+    peer.write(b'hello')
+    assert take(transport, 5) == b'hello'
+
+
+def test_closed_port_gives_an_error_and_not_somebody_elses_bytes(
+    transport: SerialTransport,
+) -> None:
+    transport.open()
+    transport.close()
+    with pytest.raises(TransportError):
+        transport.receive()
+    with pytest.raises(TransportError):
+        transport.send(b'x')
+
+
+def test_peer_gone_is_an_error_and_not_silence(peer: Peer, transport: SerialTransport) -> None:
+    transport.open()
+    peer.write(b'x')
+    assert take(transport, 1) == b'x'
+    peer.unplug()
+    assert wait_lost(transport).startswith(f'{peer.url}: unplugged')
+    with pytest.raises(TransportError):
+        transport.open()
+    peer.replug()
+    open_soon(transport)
+    peer.write(b'again')
+    assert take(transport, 5) == b'again'
+
+
+def test_writing_to_a_gone_peer_is_an_error(peer: Peer, transport: SerialTransport) -> None:
+    transport.open()
+    peer.write(b'x')
+    take(transport, 1)
+    peer.unplug()
+    wait_lost(transport)
+
+    def refused() -> bool:
+        try:
+            transport.send(b'x' * 10)
+        except TransportError:
+            return True
+        return False
+
+    wait_for(refused, 2.0, 'an error')
+
+
+def test_stalled_peer_ends_in_an_error_and_close_does_not_wait(
+    peer: Any, transport: SerialTransport
+) -> None:
+    transport.open()
+    peer.stalled = True
+    longest = 0.0
+    error = ''
+    dropped = 0
+
+    def stalled() -> bool:
+        nonlocal longest, error, dropped
+        start = time.monotonic()
+        try:
+            dropped += not transport.send(b'\x55' * 64)
+        except TransportError as failure:
+            error = str(failure)
+        longest = max(longest, time.monotonic() - start)
+        return bool(error)
+
+    wait_for(stalled, 20.0, 'an error from a port that takes nothing', idle=lambda _: None)
+    assert 'took no bytes for' in error
+    if '://' in transport.name:  # a pty has no queue
+        assert dropped  # rather than kept for as long as the network is away, to come out then
+    closing = time.monotonic()
+    transport.close()
+    # Not a matter of speed: a close that waits for the line waits for ever, or for 30 s.
+    assert time.monotonic() - closing < 3.0 * TIMEOUT_FACTOR
+    assert longest < 3.0 * TIMEOUT_FACTOR
+
+
+def test_input_from_before_opening_is_discarded(tmp_path: Path) -> None:
+    peer = PtyPeer(tmp_path / 'device')
+    transport = SerialTransport(peer.url, 115200)
+    peer.write(b'stale')
+    transport.open()
+    peer.write(b'fresh')
+    assert take(transport, 5) == b'fresh'
+    transport.close()
+    peer.write(b'stale again')
+    transport.open()
+    peer.write(b'fresh')
+    assert take(transport, 5) == b'fresh'
+    transport.close()
+    peer.unplug()
+
+
+def test_last_frame_has_left_once_a_url_port_is_closed(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The process may end right behind that, and its threads with it."""
+    monkeypatch.setattr(serial_transport, '_FINISH_TIMEOUT', 10.0)
+
+    class Port:
+        in_waiting = 0
+
+        def __init__(self) -> None:
+            self.written = b''
+            self.closed = threading.Event()
+
+        def read(self, size: int) -> bytes:
+            self.closed.wait(10.0)
+            return b''
+
+        def write(self, data: bytes) -> None:
+            self.closed.wait(0.05)  # it is slow
+            self.written += data
+
+        def close(self) -> None:
+            self.closed.set()
+
+    port = Port()
+    pump = serial_transport._Pump(port)
+    pump._ours.send(b'farewell')
+    pump.close()
+    assert port.written == b'farewell'
+
+
+def test_last_frame_leaves_although_the_port_is_closed_behind_it(
+    peer: Peer, transport: SerialTransport
+) -> None:
+    for number in range(5):
+        open_soon(transport)
+        farewell = b'farewell %d' % number
+        assert transport.send(farewell)
+        transport.close()
+        peer.wait_received(farewell)
+
+
+def test_frame_is_dropped_while_the_line_is_busy_and_the_stall_told(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    peer = PtyPeer(tmp_path / 'device')
+    transport = SerialTransport(peer.url, 115200)
+    transport.open()
+    backlog, now = 0, 100.0
+    monkeypatch.setattr(Line, 'backlog', lambda line: backlog)
+    monkeypatch.setattr(clock, 'now', lambda: now)
+    assert transport.send(bytes(65)) is True
+    backlog = 65
+    assert transport.send(b'first') is False
+    now += 0.4
+    assert transport.send(b'second') is False
+    backlog = 64
+    assert transport.send(b'third') is True
+    peer.wait_received(b'third')
+    assert peer.received == bytes(65) + b'third'
+    # Busy again: the time counts from here.
+    backlog = 65
+    now += 0.4
+    assert transport.send(b'fourth') is False
+    now += 0.6
+    with pytest.raises(TransportError, match='took no bytes for 500 ms'):
+        transport.send(b'fifth')
+    monkeypatch.undo()
+    transport.close()
+    peer.unplug()
+
+
+def test_backlog_in_whole_buffers_of_the_driver_counts_as_what_was_written(
+    pty: Pty, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """So cdc_acm counts."""
+    transport = SerialTransport(str(pty.path), 115200)
+    transport.open()
+    backlog = 0
+    monkeypatch.setattr(Line, 'backlog', lambda line: backlog)
+    for _ in range(3):
+        backlog = 0
+        assert transport.send(bytes(32))
+        backlog = 1280
+        assert transport.send(bytes(32))
+        assert transport.send(bytes(1))
+        assert not transport.send(bytes(1))
+    monkeypatch.undo()
+    transport.close()
+
+
+@pytest.mark.parametrize(
+    ('size', 'moves', 'seconds', 'left'),
+    [(94, True, 0.098, 0), (94, False, 0.148, 94), (1280, True, 0.148, 1138)],
+    ids=['slow', 'stuck', 'buffers of the driver'],
+)
+def test_last_frames_have_the_time_that_they_take(
+    monkeypatch: pytest.MonkeyPatch, size: int, moves: bool, seconds: float, left: int
+) -> None:
+    """94 bytes at 9600 bit/s; of what the driver calls its backlog no more count."""
+    line, now = Line(), 100.0
+    discarded: list[int] = []
+
+    def backlog(line: Line) -> int:
+        return max(0, size - int((now - 100.0) * 960.0)) if moves else size
+
+    def sleep(time: float) -> None:
+        nonlocal now
+        now += time
+
+    monkeypatch.setattr(clock, 'now', lambda: now)
+    monkeypatch.setattr(time, 'sleep', sleep)
+    monkeypatch.setattr(Line, 'backlog', backlog)
+    monkeypatch.setattr(Line, 'discard', lambda line: discarded.append(backlog(line)))
+    line.wrote(94)
+    line.drain(9600)
+    assert now - 100.0 == pytest.approx(seconds, abs=2e-3)
+    assert sum(discarded) == pytest.approx(left, abs=2)
+
+
+# What keeps a port from being opened, in words.
+
+
+def open_error(name: str, baud: int = 115200) -> str:
+    transport = SerialTransport(name, baud)
+    with pytest.raises(TransportError) as caught:
+        transport.open()
+    assert transport.fileno() == -1
+    assert caught.value.__cause__ is not None
+    text = str(caught.value)
+    assert text.startswith(f'cannot open {name}: ')
+    assert '\n' not in text
+    return text
+
+
+def test_missing_port_is_told(tmp_path: Path) -> None:
+    assert 'no such port' in open_error(str(tmp_path / 'nothing'))
+
+
+def test_link_to_an_unplugged_port_is_told(tmp_path: Path) -> None:
+    (tmp_path / 'link').symlink_to(tmp_path / 'gone')
+    assert 'no such port' in open_error(str(tmp_path / 'link'))
+
+
+def test_file_that_is_no_port_is_told(tmp_path: Path) -> None:
+    (tmp_path / 'file').write_text('')
+    for name in (str(tmp_path / 'file'), '/dev/null'):
+        assert open_error(name).endswith(': no serial port; set the parameter port')
+
+
+def test_folder_is_told(tmp_path: Path) -> None:
+    assert open_error(str(tmp_path)).endswith(': a folder; set the parameter port')
+
+
+@pytest.mark.parametrize(
+    ('number', 'hint'),
+    [
+        (errno.EACCES, 'group dialout'),
+        (errno.EBUSY, 'in use by another program'),
+        (errno.EIO, 'is it plugged in?'),
+        (errno.ENXIO, 'is it plugged in?'),
+    ],
+)
+def test_refusals_of_the_system_are_told(
+    number: int, hint: str, pty: Pty, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(*_: object, **__: object) -> None:
+        raise OSError(number, os.strerror(number))
+
+    monkeypatch.setattr(os, 'open', refuse)
+    assert hint in open_error(str(pty.path))
+
+
+def test_port_in_use_by_another_program_is_told(pty: Pty) -> None:
+    first = SerialTransport(str(pty.path), 115200)
+    first.open()
+    assert 'in use by another program' in open_error(str(pty.path))
+    pty.write(b'mine')
+    assert take(first, 4) == b'mine'  # and the failed attempt stole or flushed nothing since
+    first.close()
+    second = SerialTransport(str(pty.path), 115200)
+    second.open()
+    second.close()
+
+
+IMPOSSIBLE = [
+    '',
+    'nonsense://x',
+    'socket://',
+    'socket://127.0.0.1',
+    'rfc2217://a:b',
+    'socket://a:0',
+]
+
+
+@pytest.mark.parametrize('name', IMPOSSIBLE)
+def test_impossible_name_is_an_error_and_no_crash(name: str) -> None:
+    open_error(name)
+
+
+@pytest.mark.parametrize('name', [*IMPOSSIBLE, 'spy:///dev/a', 'alt:///dev/a', 'hwgrep://a'])
+def test_impossible_name_and_one_that_is_not_locked_is_refused_as_a_parameter(name: str) -> None:
+    with pytest.raises(ValueError, match=re.escape(f'port = {name!r}: allowed is a device file')):
+        check_serial_port({'port': name})
+
+
+@pytest.mark.parametrize('name', ['/dev/a', 'a', 'socket://a:1', 'RFC2217://[::1]:1', 'loop://'])
+def test_possible_name_is_not_refused(name: str) -> None:
+    check_serial_port({'port': name})
+
+
+def test_impossible_baud_is_an_error_and_no_crash(pty: Pty) -> None:
+    open_error(str(pty.path), baud=-1)
+
+
+@pytest.mark.parametrize('scheme', ['socket', 'rfc2217'])
+def test_refused_connection_is_told(scheme: str) -> None:
+    with socket.create_server(('127.0.0.1', 0)) as server:
+        port = server.getsockname()[1]
+    assert 'refused' in open_error(f'{scheme}://127.0.0.1:{port}')
+
+
+def test_failed_attempts_leak_no_descriptors(tmp_path: Path, pty: Pty) -> None:
+    lock = SerialTransport(str(pty.path), 115200)
+    lock.open()
+    before = len(os.listdir('/proc/self/fd'))
+    for _ in range(20):
+        open_error(str(pty.path))
+        open_error(str(tmp_path / 'nothing'))
+    # Not more; what a test before this one left may be collected meanwhile.
+    assert len(os.listdir('/proc/self/fd')) <= before
+    lock.close()
+
+
+def test_reopening_leaks_no_descriptors_and_threads(
+    peer: Peer, transport: SerialTransport
+) -> None:
+    def count() -> tuple[int, int]:
+        return len(os.listdir('/proc/self/fd')), threading.active_count()
+
+    before = count()
+    for _ in range(3):
+        open_soon(transport)
+        transport.close()
+    wait_for(lambda: count() <= before, 5.0, lambda: f'{before} descriptors, threads; {count()}')
+
+
+def test_loop_url_works_too() -> None:
+    transport = SerialTransport('loop://', 115200)
+    transport.open()
+    assert transport.send(b'echo')
+    assert take(transport, 4) == b'echo'
+    transport.close()
+
+
+def test_local_port_is_raw_8n1(pty: Pty) -> None:
+    transport = SerialTransport(str(pty.path), 115200)
+    transport.open()
+    iflag, oflag, cflag, lflag, ispeed, ospeed, _ = termios.tcgetattr(transport.fileno())
+    assert ispeed == ospeed == termios.B115200
+    assert cflag & termios.CSIZE == termios.CS8
+    assert not cflag & (termios.PARENB | termios.CSTOPB | termios.CRTSCTS)
+    assert not iflag & (termios.IXON | termios.IXOFF | termios.ICRNL | termios.ISTRIP)
+    assert not oflag & termios.OPOST
+    assert not lflag & (termios.ICANON | termios.ECHO | termios.ISIG)
+    transport.close()
+
+
+@pytest.mark.parametrize('kind', [TcpPeer, Rfc2217Peer])
+def test_second_node_of_this_computer_at_a_serial_server_is_refused(kind: type[TcpPeer]) -> None:
+    peer = kind()
+    first, second = (SerialTransport(peer.url, 115200) for _ in range(2))
+    with contextlib.closing(first), contextlib.closing(second):
+        first.open()
+        with pytest.raises(TransportError, match='in use by another program'):
+            second.open()
+        first.close()
+        second.open()
+    peer.unplug()

@@ -1,0 +1,1286 @@
+# Copyright 2026 The rugged_teleop maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""A wire step by step, by a clock of the test's: its port, its session, its pace and its words."""
+
+from collections.abc import Iterator
+import itertools
+from typing import Any
+
+import pytest
+
+from bridge_core.report import Report
+from bridge_core.session import Level, Verdict
+from bridge_core.transports.link import ThreadLink
+from bridge_core.transports.tap import Chunk, Tap, tap_pair
+from bridge_core.transports.wire import Bridge
+from stage.link_rig import fails, fault, PACE
+from stage.wire_rig import WireBench
+
+
+@pytest.fixture
+def bench(monkeypatch: pytest.MonkeyPatch) -> Iterator[WireBench]:
+    bench = WireBench(monkeypatch)
+    yield bench
+    bench.close()
+
+
+def pauses(bench: WireBench) -> list[float]:
+    """Return the time between two tries to open the port, each."""
+    return [round(b - a, 6) for a, b in itertools.pairwise(bench.tried_at)]
+
+
+# Opening, losing, opening again.
+
+
+def test_port_is_tried_in_the_step_that_activates_and_used_in_the_next(bench: WireBench) -> None:
+    bench.step()
+    bench.log()
+    bench.activate()
+    bench.step()
+    assert bench.tried_at == [bench.now]
+    bench.step()
+    assert bench.log() == ['ok port opened', 'sent hello', 'event opened']
+    assert bench.session.calls == ['opened', 'poll']
+    status = bench.wire.status
+    assert (status.is_open, status.error, status.opens) == (True, '', 1)
+    assert bench.ends == [(1, '')]
+
+
+def test_port_that_blocks_at_its_open_keeps_no_process_alive(bench: WireBench) -> None:
+    bench.open()
+    assert bench.daemons == {True}
+
+
+def test_absent_port_is_tried_after_growing_pauses_and_told_once(bench: WireBench) -> None:
+    fails(bench.port, 'open', 'no such port')
+    bench.activate()
+    bench.go_on(2.0)
+    assert pauses(bench)[:5] == [0.1, 0.2, 0.4, 0.4, 0.4]
+    assert [line for line in bench.log() if 'such' in line] == ['bad no such port']
+    assert bench.wire.status.error == 'no such port'
+    assert not bench.port.calls['send']
+
+
+def test_absent_port_that_gives_another_reason_is_told_again(bench: WireBench) -> None:
+    fails(bench.port, 'open', 'no such port')
+    bench.activate()
+    bench.go_on(1.0)
+    fails(bench.port, 'open', 'busy')
+    bench.go_on(1.0)
+    assert [line for line in bench.log() if 'bad' in line] == ['bad no such port', 'bad busy']
+
+
+def test_pause_is_a_second_at_most_unless_told_otherwise(bench: WireBench) -> None:
+    bench.use()
+    fails(bench.port, 'open', 'no such port')
+    bench.activate()
+    bench.go_on(5.0)
+    assert pauses(bench)[3:6] == [0.8, 1.0, 1.0]
+
+
+def test_new_activation_does_not_inherit_the_long_pause(bench: WireBench) -> None:
+    fails(bench.port, 'open', 'no such port')
+    bench.activate()
+    bench.go_on(2.0)
+    bench.tried_at.clear()
+    bench.activate()
+    bench.go_on(0.25)
+    assert pauses(bench) == [0.1]
+
+
+def test_driver_that_throws_anything_is_a_port_that_did_not_open(bench: WireBench) -> None:
+    bench.port.faults['open'] = RuntimeError('driver fault')
+    bench.activate()
+    bench.go_on(0.15)
+    assert len(bench.tried_at) == 2
+    error = bench.wire.status.error
+    assert error.startswith('cannot open port: Traceback')
+    assert 'driver fault' in error
+
+
+def test_lost_port_is_a_stop_at_once_and_is_opened_again(bench: WireBench) -> None:
+    bench.run()
+    bench.log()
+    bench.lose()
+    assert bench.log() == ['bad port: unplugged', 'stop True', 'event closed']
+    assert bench.port.calls['close'] == 1
+    lost = bench.now
+    bench.go_on(0.15)
+    assert bench.tried_at[1:] == [pytest.approx(lost + 0.1)]
+    assert bench.log()[:2] == ['ok port opened', 'sent hello']
+    assert bench.wire.status.opens == 2
+
+
+def test_port_that_is_lost_before_it_was_healthy_backs_off(bench: WireBench) -> None:
+    bench.open()
+    for _ in range(3):
+        bench.lose()
+        while not bench.wire.status.is_open:
+            bench.step()
+    assert pauses(bench) == [0.1, 0.2, 0.4]
+
+
+def test_healthy_link_ends_the_back_off(bench: WireBench) -> None:
+    bench.open()
+    for _ in range(3):
+        bench.hear(b'x')
+        bench.lose()
+        while not bench.wire.status.is_open:
+            bench.step()
+    assert pauses(bench) == [0.1, 0.1, 0.1]
+
+
+def test_port_that_takes_no_first_frame_is_lost(bench: WireBench) -> None:
+    fails(bench.port, 'send', 'cannot write')
+    bench.activate()
+    bench.step()
+    bench.step()
+    assert not bench.wire.status.is_open
+    assert bench.wire.status.error == 'cannot write'
+    assert not bench.port.is_open
+    assert bench.session.calls[-1] == 'closed'
+
+
+def test_port_that_was_never_open_closes_no_session(bench: WireBench) -> None:
+    fails(bench.port, 'open', 'no such port')
+    bench.activate()
+    bench.go_on(0.5)
+    assert bench.session.calls == []
+
+
+def test_loss_of_a_port_with_the_reason_of_its_last_one_is_told_again(bench: WireBench) -> None:
+    bench.open()
+    for _ in range(2):
+        bench.log()
+        bench.lose()
+        assert bench.log()[0] == 'bad port: unplugged'
+        bench.go_on(0.25)
+
+
+def test_loss_without_words_is_told_and_reported_too(bench: WireBench) -> None:
+    bench.run()
+    bench.go_on(0.5)
+    before = len(bench.owner.reports)
+    bench.log()
+    fails(bench.port, 'receive', '')
+    bench.hear(b'x')
+    assert bench.log()[0] == 'bad '
+    assert len(bench.owner.reports) == before + 1
+
+
+def test_thread_that_the_system_refuses_is_tried_again(bench: WireBench) -> None:
+    bench.expects_fault = bench.no_threads = True
+    bench.activate()
+    bench.go_on(2.0)
+    assert pauses(bench)[:4] == [0.1, 0.2, 0.4, 0.4]
+    bench.no_threads = False
+    bench.go_on(0.5)
+    assert bench.wire.status.is_open
+
+
+def test_thread_that_the_system_refuses_does_not_silence_the_stop(bench: WireBench) -> None:
+    bench.expects_fault = bench.no_threads = True
+    bench.use(reconnect_period=0.05)
+    bench.activate()
+    bench.go_on(2.0)
+    gaps = [b - a for a, b in itertools.pairwise(bench.owner.paced)]
+    assert max(gaps) < 2 * PACE
+
+
+def test_fault_while_a_port_opens_neither_closes_it_nor_opens_it_twice(bench: WireBench) -> None:
+    bench.blocks = bench.expects_fault = True
+    bench.activate()
+    bench.step()
+    bench.do(fault)
+    bench.go_on(1.0)
+    assert len(bench.tried_at) == 1
+    assert not bench.port.calls['close']
+    bench.open_ports()
+    bench.step()
+    assert bench.wire.status.is_open
+    bench.blocks = False
+    bench.lose()
+    assert not bench.port.is_open
+    bench.go_on(0.5)
+    assert bench.wire.status.is_open
+
+
+def test_port_whose_open_ends_is_used_at_once(bench: WireBench) -> None:
+    bench.begin_opening()
+    bench.step()
+    opened_at = bench.now
+    bench.during_wait = bench.open_ports
+    bench.step()
+    assert bench.now == opened_at
+    assert bench.wire.status.is_open
+
+
+def opening_two(bench: WireBench) -> tuple[Any, Any]:
+    """Activate it twice; return the old port and the new one, both still being opened."""
+    old, new = bench.port, bench.make_port('new port')
+    bench.begin_opening()
+    bench.port = new
+    bench.activate()
+    bench.step()
+    return old, new
+
+
+def test_port_of_an_earlier_activation_is_closed_when_it_opens_at_last(bench: WireBench) -> None:
+    old, new = opening_two(bench)
+    assert len(bench.opening) == 2
+    bench.opening.pop(0)()
+    bench.step()
+    assert not old.is_open
+    assert not bench.wire.status.is_open
+    assert old.sent == []
+    bench.open_ports()
+    bench.step()
+    assert new.is_open
+    assert bench.wire.status.is_open
+
+
+def test_ports_that_open_in_one_step_are_all_taken(bench: WireBench) -> None:
+    old, _ = opening_two(bench)
+    bench.open_ports()
+    bench.step()
+    assert not old.is_open
+    assert bench.wire.status.is_open
+
+
+# Freezes.
+
+
+def test_input_of_a_freeze_is_discarded_and_is_a_stop(bench: WireBench) -> None:
+    bench.run()
+    bench.log()
+    bench.port.say(b'old')
+    bench.late = 1.0
+    bench.step()
+    assert bench.log() == ['stop True']
+    assert b'old' not in bench.session.received
+    assert bench.session.calls[-2:] == ['interrupted', 'poll']
+    assert 'held up for 1.0 s' in bench.session.verdict.reasons[0]
+    bench.hear(b'new')
+    assert bench.session.received == b'xnew'
+    assert bench.owner.told[-1] is False
+
+
+def test_discarding_waits_for_nothing(bench: WireBench) -> None:
+    bench.run()
+    bench.late = 1.0
+    bench.step()
+    then = bench.now
+    assert bench.waits[-1] == 0.0
+    bench.step()
+    assert bench.now - then <= PACE + 0.001
+
+
+@pytest.mark.parametrize(('late', 'stops'), [(0.2, False), (0.2001, True), (0.15, False)])
+def test_freeze_counts_from_a_fifth_of_a_second_on(
+    bench: WireBench, late: float, stops: bool
+) -> None:
+    bench.owner.next = 0.0625  # so that the sum with the time of the freeze has no rounding
+    bench.run()
+    bench.step()
+    assert bench.now < 0.0625
+    bench.late = late
+    bench.step()
+    assert bench.owner.told[-1] is stops
+
+
+def test_freeze_amid_a_step_counts_too(bench: WireBench) -> None:
+    bench.run()
+
+    def freeze(now: float) -> None:
+        bench.now += 1.0
+        bench.port.say(b'old')
+
+    bench.do(freeze)
+    bench.step()
+    bench.step()
+    assert b'old' not in bench.session.received
+    assert bench.owner.told[-1] is True
+
+
+@pytest.mark.parametrize(('late', 'sent'), [(0.1875, True), (0.25, False)])
+def test_frame_that_was_made_before_a_freeze_is_not_sent_after_it(
+    bench: WireBench, late: float, sent: bool
+) -> None:
+    bench.run()
+    bench.session.wanted = [b'move']
+
+    def freeze(now: float) -> None:
+        bench.now += late
+
+    dropped = bench.wire.status.dropped
+    bench.do(freeze)
+    bench.step()
+    assert (b'move' in bench.port.sent) is sent
+    assert (bench.wire.status.dropped == dropped) is sent
+    bench.step()
+    assert bench.owner.told[-1] is not sent
+
+
+def test_step_in_time_discards_nothing(bench: WireBench) -> None:
+    bench.run()
+    for number in range(5):
+        bench.go_on(0.5)
+        bench.hear(b'%d' % number)
+    assert bench.session.received == b'x01234'
+    assert 'interrupted' not in bench.session.calls
+
+
+def test_freeze_without_a_port_is_none(bench: WireBench) -> None:
+    fails(bench.port, 'open', 'no such port')
+    bench.activate()
+    bench.step()
+    bench.late = 1.0
+    bench.step()
+    bench.go_on(0.5)
+    assert bench.session.calls == []
+
+
+def test_freeze_while_the_port_opens_makes_what_came_old_news(bench: WireBench) -> None:
+    bench.begin_opening()
+    bench.open_ports()
+    bench.port.say(b'old')
+    bench.late = 1.0
+    bench.step()
+    bench.step()
+    assert bench.session.received == b''
+    assert 'interrupted' in bench.session.calls
+    bench.hear(b'new')
+    assert bench.session.received == b'new'
+
+
+def test_port_that_is_lost_in_a_freeze_is_lost_in_the_step_after_it(bench: WireBench) -> None:
+    bench.run()
+    bench.log()
+    bench.port.unplug()
+    bench.late = 1.0
+    bench.step()
+    assert bench.log() == ['bad port: unplugged', 'stop True', 'event closed']
+    assert not bench.port.is_open
+
+
+def test_flood_without_an_end_cannot_keep_the_stop_of_a_freeze_waiting(bench: WireBench) -> None:
+    bench.run()
+    before = bench.port.calls['receive']
+
+    def flood() -> None:
+        if bench.wire.status.is_open and bench.late == 0.0:
+            bench.port.say(b'more')
+
+    bench.during_wait = flood
+    bench.late = 1.0
+    bench.waits.clear()
+    bench.port.say(b'more')
+    bench.step()
+    assert bench.port.calls['receive'] - before == 1000
+    assert bench.owner.told[-1] is True
+
+
+# Requests.
+
+
+def test_fault_of_a_request_closes_the_port_and_keeps_the_others(bench: WireBench) -> None:
+    bench.expects_fault = True
+    bench.run()
+    bench.log()
+    done: list[float] = []
+    bench.do(fault)
+    bench.do(done.append)
+    bench.step()
+    log = bench.log()
+    assert 'ZeroDivisionError' in log[2]
+    assert log[3:] == ['stop True', 'event closed']
+    assert done
+    assert not bench.port.is_open
+
+
+def test_what_a_request_has_to_send_is_sent_at_once(bench: WireBench) -> None:
+    bench.run()
+    asked_at = bench.now
+    bench.do(lambda now: bench.session.wanted.append(b'now'))
+    bench.step()
+    assert bench.now == asked_at
+    assert bench.port.sent[-1] == b'now'
+
+
+def test_stop_and_release_of_one_step_still_put_the_stop_on_the_wire(bench: WireBench) -> None:
+    bench.run()
+    bench.do(lambda now: setattr(bench.session, 'stop', True), stop=True)
+    bench.do(lambda now: setattr(bench.session, 'stop', False))
+    bench.step()
+    assert b'stop' in bench.port.sent
+
+
+@pytest.mark.parametrize(
+    ('age', 'stop', 'refused'),
+    [(0.25, False, False), (0.2501, False, True), (9.0, False, True), (9.0, True, False)],
+)
+def test_request_that_waited_for_longer_than_its_limit_counts_only_as_a_stop(
+    bench: WireBench, age: float, stop: bool, refused: bool
+) -> None:
+    bench.open()
+    bench.now = 10.0
+    bench.wire._stepped_at = 10.0
+    done: list[float] = []
+    number = bench.do(done.append, at=10.0 - age, limit=0.25, stop=stop, key='drive')
+    bench.step()
+    assert bool(done) is not refused
+    if refused:
+        text = f'it waited for {age * 1e3:.0f} ms, as this node was held up'
+        assert bench.owner.refused == [(number, 'drive', text)]
+    else:
+        assert bench.owner.refused == []
+
+
+@pytest.mark.parametrize(('age', 'refused'), [(0.19, False), (0.21, True)])
+def test_request_may_wait_for_a_fifth_of_a_second_and_is_no_stop_unless_it_says_so(
+    bench: WireBench, age: float, refused: bool
+) -> None:
+    bench.open()
+    bench.do(lambda now: None, at=bench.now - age)
+    bench.step()
+    assert bool(bench.owner.refused) is refused
+
+
+def test_input_counts_for_less_time_than_other_requests() -> None:
+    bridge: Bridge[Any] = Bridge('none', fault, fault)  # type: ignore[arg-type]
+    link = ThreadLink('link', bridge, None)
+    link.request('drive', received_at=7.0)
+    (request,) = link._mailbox.take()
+    link.stop()
+    assert (request.at, request.limit) == (7.0, 0.03)
+
+
+def test_refused_request_still_has_the_session_say_what_it_wants(bench: WireBench) -> None:
+    bench.run()
+
+    def refuse(now: float) -> None:
+        bench.session.wanted.append(b'stop')
+        raise ValueError('too many')
+
+    number = bench.do(refuse, key='count')
+    bench.step()
+    assert bench.port.sent[-1] == b'stop'
+    assert bench.owner.refused == [(number, 'count', 'too many')]
+
+
+def test_request_that_waits_for_the_device_is_refused_while_the_port_is_closed(
+    bench: WireBench,
+) -> None:
+    fails(bench.port, 'open', 'no such port')
+    bench.activate()
+    bench.step()
+    bench.step()
+    done: list[float] = []
+    number = bench.do(done.append, waits=True, key='reset')
+    bench.step()
+    assert bench.owner.refused == [(number, 'reset', 'no such port')]
+    bench.do(done.append)
+    bench.step()
+    assert len(done) == 1
+    del bench.port.faults['open']
+    bench.go_on(0.5)
+    bench.do(done.append, waits=True)
+    bench.step()
+    assert len(done) == 2
+    assert len(bench.owner.refused) == 1
+
+
+def test_request_to_a_wire_that_is_not_active_is_refused(bench: WireBench) -> None:
+    number = bench.do(fault, key='drive')
+    bench.step()
+    assert bench.owner.refused == [(number, 'drive', 'the node is not active')]
+
+
+def test_request_to_a_wire_that_rests_is_refused(bench: WireBench) -> None:
+    bench.open(resting=True)
+    assert bench.resting.calls == ['opened', 'poll']
+    number = bench.do(fault, key='drive')
+    bench.step()
+    assert bench.owner.refused == [(number, 'drive', 'the node is not active')]
+    assert bench.session.calls == []
+    bench.open()
+    done: list[float] = []
+    bench.do(done.append)
+    bench.step()
+    assert done
+
+
+def test_parameters_that_contradict_leave_what_runs(bench: WireBench) -> None:
+    bench.run()
+
+    def refuse() -> None:
+        raise ValueError('contradiction')
+
+    bench.on_make = refuse
+    bench.activate()
+    bench.step()
+    assert bench.ends[-1] == (2, 'contradiction')
+    assert bench.wire.status.is_open
+    assert not bench.port.calls['close']
+
+
+def test_activation_with_a_fault_ends_and_leaves_what_asks_for_it_no_wait(
+    bench: WireBench,
+) -> None:
+    bench.expects_fault = True
+
+    def fail() -> None:
+        raise ZeroDivisionError
+
+    bench.on_make = fail
+    bench.activate()
+    bench.step()
+    assert bench.ends == [(1, 'it failed')]
+
+
+def test_check_of_a_bridge_tries_session_and_port() -> None:
+    checked: list[str] = []
+
+    def make(values: dict[str, Any]) -> Any:
+        checked.append('session')
+
+    def check(values: dict[str, Any]) -> None:
+        checked.append('port')
+
+    Bridge[Any]('none', make, make).check({})
+    assert checked == ['session']
+    Bridge[Any]('none', make, make, check_port=check).check({})
+    assert checked == ['session', 'session', 'port']
+
+
+# What was lost on the way to the owner.
+
+
+def test_owner_that_lost_something_gets_a_stop(bench: WireBench) -> None:
+    bench.run()
+    bench.log()
+    bench.owner.verdicts.clear()
+    bench.wire.interrupt('something was lost', bench.now)
+    assert bench.log() == ['stop True']
+    assert bench.owner.verdicts == [Verdict.stop(link_up=False)]  # once
+    assert bench.session.verdict == Verdict.stop(link_up=False)
+    assert bench.session.verdict.reasons == ('something was lost',)
+
+
+def test_owner_that_lost_the_loss_of_the_port_gets_its_stop(bench: WireBench) -> None:
+    bench.run()
+    bench.lose()
+    bench.owner.stop = False  # as if it had not taken the stop
+    bench.owner.told.append(False)
+    bench.log()
+    bench.wire.interrupt('something was lost', bench.now)
+    assert bench.log() == ['stop True', 'event closed']  # and what came with it
+    assert bench.owner.verdicts[-1] == Verdict.stop(link_up=False)
+    assert bench.owner.verdicts[-1].reasons == ('port: unplugged',)
+    assert 'interrupted' not in bench.session.calls
+
+
+def test_owner_that_lost_the_stop_of_a_silent_device_gets_it(bench: WireBench) -> None:
+    bench.run()
+    bench.session.verdict = Verdict.stop('silent', link_up=False)  # it was told, but lost
+    bench.wire.interrupt('something was lost', bench.now)
+    assert bench.owner.told[-1] is True
+    assert bench.owner.verdicts[-1] == Verdict.stop(link_up=False)
+    assert bench.owner.verdicts[-1].reasons == ('something was lost',)
+
+
+def test_owner_that_lost_the_end_of_a_session_gets_its_stop(bench: WireBench) -> None:
+    bench.run()
+    bench.deactivate()
+    bench.step()
+    bench.owner.stop = False  # as if it had not taken the stop
+    bench.owner.told.append(False)
+    bench.log()
+    bench.wire.interrupt('something was lost', bench.now)
+    assert bench.log() == ['stop True', 'event closed']  # and what came with it
+    assert bench.owner.verdicts[-1].reasons == ('the node is not active',)
+    assert 'interrupted' not in bench.session.calls
+    bench.deactivate()  # again, with nothing to leave
+    bench.step()
+    bench.wire.interrupt('something was lost', bench.now)
+    assert bench.log()[-1] == 'event closed'
+
+
+# Both directions.
+
+
+def test_frame_of_a_stop_goes_out_before_the_owner_is_told(bench: WireBench) -> None:
+    bench.run()
+    bench.log()
+    bench.do(lambda now: setattr(bench.session, 'stop', True), stop=True)
+    bench.do(lambda now: bench.session.interrupted('why', now), stop=True)
+    bench.step()
+    assert bench.log() == ['sent stop', 'sent stop', 'stop True']
+
+
+def test_frames_are_counted_as_sent_or_as_dropped(bench: WireBench) -> None:
+    bench.open()
+    bench.port.busy = 2
+    bench.do(lambda now: bench.session.wanted.extend([b'a', b'b', b'c']))
+    bench.step()
+    assert bench.port.sent == [b'hello', b'c']
+    assert (bench.wire.status.sent, bench.wire.status.dropped) == (2, 2)
+
+
+def test_session_is_told_of_each_frame_that_does_not_go_out(bench: WireBench) -> None:
+    bench.open()
+    told = bench.session.told_refused
+    bench.port.busy = 2
+    bench.do(lambda now: bench.session.wanted.extend([b'a', b'b', b'c']))
+    bench.step()
+    assert told == [(b'a', bench.now), (b'b', bench.now)]
+    then = bench.now
+
+    def freeze(now: float) -> None:
+        bench.session.wanted.append(b'd')
+        bench.now += 1.0
+
+    bench.do(freeze)
+    bench.step()
+    assert told[2:] == [(b'd', then)]
+    assert bench.port.sent == [b'hello', b'c']
+
+
+def test_port_that_is_lost_at_a_write_is_a_stop(bench: WireBench) -> None:
+    bench.run()
+    bench.log()
+    fails(bench.port, 'send', 'cannot write')
+    bench.do(lambda now: bench.session.wanted.append(b'a'))
+    bench.step()
+    assert bench.log() == ['bad cannot write', 'stop True', 'event closed']
+
+
+def test_stop_that_its_session_has_told_is_not_lost_with_a_port_that_fails_at_it(
+    bench: WireBench,
+) -> None:
+    bench.run()
+    bench.log()
+    fails(bench.port, 'send', 'cannot write')
+    bench.session.stop = True
+    bench.do(lambda now: bench.session.interrupted('why', now), stop=True)
+    bench.step()
+    assert bench.log() == ['stop True', 'bad cannot write', 'event closed']
+
+
+def test_session_is_polled_when_it_is_due(bench: WireBench) -> None:
+    bench.owner.next = 100.0
+    bench.open()
+    bench.session.due = due = bench.now + 0.03
+    bench.session.calls.clear()
+    bench.step()
+    assert bench.session.calls == ['poll']
+    assert bench.now == pytest.approx(due)
+
+
+def test_session_is_not_polled_before_it_is_due(bench: WireBench) -> None:
+    bench.open()
+    bench.session.calls.clear()
+    bench.go_on(1.0)
+    assert bench.session.calls == []
+
+
+def test_deadline_that_is_always_past_cannot_take_the_processor(bench: WireBench) -> None:
+    bench.open()
+    bench.session.due = 0.0
+    bench.session.calls.clear()
+    bench.go_on(0.1)
+    assert 150 <= bench.session.calls.count('poll') <= 201
+
+
+def test_pace_that_is_always_due_cannot_take_the_processor(bench: WireBench) -> None:
+    bench.owner.next = 0.0
+    bench.step()
+    bench.owner.paced.clear()
+    bench.go_on(0.1)
+    assert 150 <= len(bench.owner.paced) <= 202
+
+
+def test_stop_is_paced_as_its_owner_wants_it(bench: WireBench) -> None:
+    bench.run()
+    bench.go_on(0.2)
+    gaps = [b - a for a, b in itertools.pairwise(bench.owner.paced[-10:])]
+    assert max(gaps) <= PACE + 1e-9
+    bench.owner.next = 1e9
+    bench.step()
+    bench.waits.clear()
+    bench.go_on(1.0)
+    assert len(bench.waits) <= 12  # for the levels of the report
+
+
+def test_tap_sees_both_directions_and_what_was_dropped_not(bench: WireBench) -> None:
+    ours, theirs = tap_pair()
+    tap = Tap(theirs.fileno())
+    theirs.close()
+    ours.setblocking(False)
+    bench.use(tap=tap)
+    bench.open()
+    bench.now = 3.0
+    bench.wire._stepped_at = 3.0
+    bench.port.busy = 1
+    bench.do(lambda now: bench.session.wanted.extend([b'dropped', b'sent']))
+    bench.step()
+    bench.hear(b'heard')
+    bench.deactivate()
+    bench.step()
+    bench.requests.end()
+    bench.wire.run()
+    chunks: list[Chunk] = []
+    while data := ours.recv(4096):
+        chunks.append(Chunk.from_bytes(data))
+    ours.close()
+    assert [(chunk.sent, chunk.data) for chunk in chunks] == [
+        *((True, b'hello'), (True, b'sent'), (False, b'heard')),
+        *((True, b'bye 1'), (True, b'bye 2')),
+    ]
+    assert [chunk.at for chunk in chunks[1:]] == [3.0] * 4
+
+
+# The report.
+
+
+def level(report: Report) -> Level:
+    return report.link.level
+
+
+def test_report_comes_each_second(bench: WireBench) -> None:
+    bench.run()
+    bench.go_on(1.0)
+    before = len(bench.owner.reported)
+    bench.go_on(5.0)
+    gaps = [b - a for a, b in itertools.pairwise(bench.owner.reported[before:])]
+    assert len(gaps) in (3, 4)
+    assert 0.999 <= min(gaps) <= max(gaps) <= 1.11
+    assert bench.port.calls['counts'] <= len(bench.owner.reports)
+
+
+def test_report_is_due_a_second_after_the_last_one(bench: WireBench) -> None:
+    bench.step()
+    assert bench.owner.reported == [0.0]
+    bench.now = 1.0
+    bench.wire._stepped_at = 1.0
+    bench.step()
+    assert bench.owner.reported == [0.0, 1.0]
+
+
+def test_report_of_a_wire_that_is_not_active_says_so(bench: WireBench) -> None:
+    bench.step()
+    (report,) = bench.owner.reports
+    assert report.link == (Level.WARN, 'the node is not active', {})
+    assert bench.port.calls['counts'] == 0
+
+
+def test_report_of_a_wire_that_rests_is_that_of_one_that_is_not_active(bench: WireBench) -> None:
+    bench.open(resting=True)
+    bench.hear(b'x')
+    bench.go_on(2.0)
+    assert bench.owner.reports[-1].link == (Level.WARN, 'the node is not active', {})
+    bench.run()
+    bench.go_on(0.2)
+    assert level(bench.owner.reports[-1]) is Level.OK
+
+
+def test_report_follows_an_activation_in_its_step(bench: WireBench) -> None:
+    bench.step()
+    bench.activate()
+    bench.step()
+    assert len(bench.owner.reports) == 2
+    link = bench.owner.reports[-1].link
+    assert link[:2] == (Level.ERROR, 'not opened yet')
+
+
+def test_report_follows_a_stop_shortly_but_leaves_the_stop_its_time(bench: WireBench) -> None:
+    bench.owner.next = 100.0
+    bench.run()
+    heard_at = bench.now
+    before = len(bench.owner.reported)
+    bench.step()
+    assert bench.owner.reported[before:] == [pytest.approx(heard_at + 0.01)]
+    assert level(bench.owner.reports[-1]) is Level.OK
+
+
+def test_report_does_not_hurry_for_an_event_that_is_no_stop(bench: WireBench) -> None:
+    bench.run()
+    bench.go_on(0.05)
+    look_at = bench.wire._look_at
+    bench.hear(b'y')
+    assert bench.wire._look_at == look_at
+
+
+def test_level_that_changes_by_itself_is_reported_within_a_tenth_of_a_second(
+    bench: WireBench,
+) -> None:
+    bench.run()
+    bench.go_on(0.5)
+    bench.session.verdict = Verdict.stop('silent', link_up=False)
+    before, changed_at = len(bench.owner.reports), bench.now
+    bench.go_on(0.13)
+    assert len(bench.owner.reports) == before + 1
+    assert bench.owner.reported[-1] <= changed_at + 0.12
+    assert bench.owner.reports[-1].link[:2] == (Level.ERROR, '')
+
+
+def test_level_that_stays_is_not_reported_again(bench: WireBench) -> None:
+    bench.run()
+    bench.go_on(0.3)
+    before = len(bench.owner.reports)
+    bench.go_on(0.5)
+    assert len(bench.owner.reports) == before
+
+
+def test_lost_port_is_reported_in_its_step(bench: WireBench) -> None:
+    bench.run()
+    bench.go_on(0.5)
+    before = len(bench.owner.reports)
+    bench.lose()
+    assert len(bench.owner.reports) == before + 1
+    assert bench.owner.reports[-1].link[:2] == (Level.ERROR, 'port: unplugged')
+
+
+def test_damage_of_this_session_is_reported(bench: WireBench) -> None:
+    bench.run()
+    bench.go_on(2.5)
+    counters = bench.session.counters
+    counters.frames, counters.checksum_errors = 10, 10
+    bench.go_on(2.5)
+    link = bench.owner.reports[-1].link
+    assert link.level is Level.WARN
+    assert '50%' in link.message
+
+
+# Leaving.
+
+
+def test_deactivation_says_farewell_then_stops_then_closes(bench: WireBench) -> None:
+    bench.run()
+    bench.log()
+    then = bench.now
+    bench.deactivate()
+    bench.step()
+    assert bench.now == then
+    assert bench.log() == ['sent bye 1', 'sent bye 2', 'stop True', 'event closed']
+    assert not bench.port.is_open
+    assert bench.ends[-1] == (2, '')
+    status = bench.wire.status
+    assert (status.is_open, status.error) == (False, 'the node is not active')
+    bench.go_on(1.0)
+    assert len(bench.tried_at) == 1
+    assert bench.session.calls.count('closed') == 1
+
+
+def test_deactivation_of_a_wire_that_is_not_active_takes_no_time(bench: WireBench) -> None:
+    bench.step()
+    then = bench.now
+    bench.deactivate()
+    bench.step()
+    assert bench.now == then
+    assert bench.ends == [(1, '')]
+
+
+def test_deactivation_without_a_port_says_no_farewell(bench: WireBench) -> None:
+    fails(bench.port, 'open', 'no such port')
+    bench.activate()
+    bench.step()
+    bench.step()
+    bench.deactivate()
+    bench.step()
+    assert bench.session.calls == []
+    assert bench.port.sent == []
+    bench.go_on(1.0)
+    assert len(bench.tried_at) == 1
+
+
+def test_deactivation_does_not_wait_for_the_port_of_an_earlier_activation(
+    bench: WireBench,
+) -> None:
+    bench.begin_opening()
+    bench.step()
+    bench.go_on(0.1)
+    bench.port = bench.make_port('new port')
+    then = bench.now
+    bench.activate()
+    bench.deactivate()
+    bench.step()
+    assert bench.now == pytest.approx(then + 0.25)  # for the first of them, and once
+    assert bench.ends[1:] == [(2, ''), (3, '')]
+
+
+def test_deactivation_waits_shortly_for_a_port_that_is_being_opened(bench: WireBench) -> None:
+    bench.begin_opening()
+    bench.step()
+    then = bench.now
+    bench.log()
+    bench.deactivate()
+    bench.step()
+    assert bench.now == pytest.approx(then + 0.25)
+    assert bench.ends[-1] == (2, '')
+    assert bench.log() == ['bad no farewell: port was still being opened']
+    bench.open_ports()
+    bench.step()
+    assert not bench.port.is_open
+    assert bench.session.calls == []
+
+
+def test_wire_that_waits_for_its_port_shows_that_it_does_not_hang(bench: WireBench) -> None:
+    bench.begin_opening()
+    bench.step()
+    bench.deactivate()
+    bench.owner.paced.clear()
+    bench.step()
+    *waiting, _ = bench.owner.paced
+    gaps = [after - before for before, after in itertools.pairwise(waiting)]
+    assert sum(gaps) >= 0.2
+    assert max(gaps) == pytest.approx(PACE)
+
+
+def test_owner_who_is_due_each_time_is_called_no_more_often_while_a_port_opens(
+    bench: WireBench,
+) -> None:
+    bench.begin_opening()
+    bench.step()
+    bench.owner.next = 0.0
+    bench.deactivate()
+    bench.owner.paced.clear()
+    bench.step()
+    *waiting, _ = bench.owner.paced
+    gaps = [after - before for before, after in itertools.pairwise(waiting)]
+    assert sum(gaps) >= 0.2
+    assert min(gaps) == pytest.approx(0.0005)
+
+
+def test_deactivation_is_one_whoever_fails_while_it_waits(bench: WireBench) -> None:
+    def fail(now: float) -> None:
+        if bench.now < then + 0.2:  # not in the step itself
+            raise RuntimeError('fault in pace')
+
+    bench.begin_opening()
+    bench.step()
+    then = bench.now
+    bench.owner.on_pace = fail
+    bench.deactivate()
+    bench.step()
+    assert bench.ends[-1] == (2, '')
+    assert 'no farewell: port was still being opened' in bench.log()[-1]
+
+
+def test_port_that_opens_in_the_last_moment_gets_its_farewell(bench: WireBench) -> None:
+    bench.begin_opening()
+    bench.deactivate()
+    bench.during_wait = lambda: bench.open_ports() if len(bench.waits) > waits + 1 else None
+    waits = len(bench.waits)
+    bench.step()
+    assert bench.port.sent == [b'hello', b'bye 1', b'bye 2']
+    assert not bench.port.is_open
+
+
+def test_port_that_opens_in_two_seconds_at_the_end_gets_its_farewell(bench: WireBench) -> None:
+    """Nobody waits for it, and a spare may be there for nothing else."""
+    bench.begin_opening()
+    bench.requests.end()
+
+    then = bench.now
+
+    def opens() -> None:
+        if bench.now > then + 1.5:
+            bench.open_ports()
+
+    bench.during_wait = opens
+    bench.wire.run()
+    assert bench.port.sent == [b'hello', b'bye 1', b'bye 2']
+    assert not bench.port.is_open
+
+
+def test_port_that_opens_after_two_seconds_at_the_end_gets_none(bench: WireBench) -> None:
+    bench.begin_opening()
+    bench.requests.end()
+    then = bench.now
+    bench.wire.run()
+    assert 2.0 <= bench.now - then <= 2.5
+    assert 'bad no farewell: port was still being opened' in bench.log()
+
+
+def test_deactivation_behind_an_activation_opens_the_port_for_the_farewell(
+    bench: WireBench,
+) -> None:
+    """The device may be moving: so it is where a wire died that nobody had deactivated."""
+    bench.activate()
+    bench.deactivate()
+    bench.step()
+    assert bench.port.sent == [b'hello', b'bye 1', b'bye 2']
+    assert not bench.port.is_open
+    assert bench.ends == [(1, ''), (2, '')]
+    bench.go_on(1.0)
+    assert len(bench.tried_at) == 1
+
+
+def test_farewell_waits_for_a_busy_line_for_a_tenth_of_a_second(bench: WireBench) -> None:
+    bench.run()
+    bench.port.busy = 5
+    then = bench.now
+    bench.deactivate()
+    bench.step()
+    assert bench.port.sent[-2:] == [b'bye 1', b'bye 2']
+    assert 0.004 <= bench.now - then <= 0.006
+    bench.run()
+    bench.log()
+    bench.port.busy = 10**9
+    then = bench.now
+    bench.deactivate()
+    bench.step()
+    assert 0.099 <= bench.now - then <= 0.102
+    said = 'bad no farewell: port takes nothing'
+    assert bench.log() == [said, 'stop True', 'event closed']
+    assert not bench.port.is_open
+
+
+def test_first_part_of_a_farewell_that_is_refused_is_told(bench: WireBench) -> None:
+    bench.run()
+    bench.log()
+    bench.port.busy = 101
+    bench.deactivate()
+    bench.step()
+    assert bench.log()[:2] == ['sent bye 2', 'bad no farewell: port takes nothing']
+    assert [frame for frame, _ in bench.session.told_refused] == [b'bye 1']
+
+
+def test_farewell_to_a_lost_port_is_told_and_still_stops_and_closes(bench: WireBench) -> None:
+    bench.run()
+    bench.log()
+    fails(bench.port, 'send', 'unplugged')
+    bench.deactivate()
+    bench.step()
+    assert bench.log() == ['bad no farewell: unplugged', 'stop True', 'event closed']
+    assert [frame for frame, _ in bench.session.told_refused] == [b'bye 1', b'bye 2']
+    assert not bench.port.is_open
+    assert bench.ends[-1] == (2, '')
+
+
+def test_fault_of_the_farewell_still_stops_and_closes(bench: WireBench) -> None:
+    bench.expects_fault = True
+    bench.run()
+    bench.session.faults.add('farewell')
+    bench.deactivate()
+    bench.step()
+    assert bench.owner.told[-1] is True
+    assert not bench.port.is_open
+    assert bench.ends[-1] == (2, 'it failed')
+    bench.go_on(1.0)
+    assert len(bench.tried_at) == 1
+
+
+def test_new_activation_leaves_the_port_of_the_last_one_with_a_farewell(bench: WireBench) -> None:
+    bench.run()
+    old, bench.port = bench.port, bench.make_port('new port')
+    bench.log()
+    bench.activate()
+    bench.step()
+    assert not old.is_open
+    assert bench.log() == ['sent bye 1', 'sent bye 2', 'stop True', 'event closed']
+    bench.step()
+    assert bench.wire.status.is_open
+    assert (bench.wire.status.opens, bench.wire.status.sent) == (1, 1)
+
+
+def test_end_of_the_requests_is_the_end_of_the_wire_farewell_included(bench: WireBench) -> None:
+    bench.activate()
+    bench.owner.on_pace = lambda now: bench.requests.end() if now > 0.3 else None
+    bench.wire.run()
+    assert 0.3 < bench.now < 0.3 + 2 * PACE
+    assert bench.port.sent == [b'hello', b'bye 1', b'bye 2']
+    assert bench.session.calls[-2:] == ['farewell', 'closed']
+    assert not bench.port.is_open
+    assert bench.wire._wake.fileno() == bench.wire._woken.fileno() == -1
+    assert 'interrupted' not in bench.session.calls
+    assert not any('internal error' in line for line in bench.owner.log)
+
+
+def test_wire_that_is_run_by_a_computer_that_was_up_for_long_is_not_held_up(
+    bench: WireBench,
+) -> None:
+    bench.now = 1e6
+    bench.blocks = True
+    bench.activate()
+    bench.owner.on_pace = lambda now: bench.requests.end() if bench.wire.status.is_open else None
+    bench.during_wait = bench.open_ports
+    bench.wire.run()
+    assert 'interrupted' not in bench.session.calls
+
+
+def test_port_that_opens_after_the_end_is_closed(bench: WireBench) -> None:
+    bench.blocks = True
+    bench.activate()
+    bench.owner.on_pace = lambda now: bench.requests.end() if now > 0.3 else None
+    bench.wire.run()
+    bench.open_ports()
+    assert not bench.port.is_open
+    assert bench.port.calls['close'] == 1
+
+
+def test_end_of_the_requests_while_the_port_opens_leaves_a_farewell(bench: WireBench) -> None:
+    """So a node dies whose device is back, and may go on with what it heard before."""
+    bench.begin_opening()
+    bench.during_wait = lambda: bench.open_ports() if bench.wire._quit else None
+    bench.requests.end()
+    bench.wire.run()
+    assert bench.port.sent == [b'hello', b'bye 1', b'bye 2']
+    assert bench.session.calls[-2:] == ['farewell', 'closed']
+    assert not bench.port.is_open
+    assert bench.port.calls['close'] == 1
+
+
+def test_port_that_opens_just_behind_the_wait_for_it_is_closed(
+    bench: WireBench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    bench.begin_opening()
+    deactivate = bench.wire._deactivate
+
+    def deactivate_then_open(now: float, patience: float) -> None:
+        deactivate(now, patience)
+        bench.open_ports()
+
+    monkeypatch.setattr(bench.wire, '_deactivate', deactivate_then_open)
+    bench.requests.end()
+    bench.wire.run()
+    assert not bench.port.is_open
+    assert bench.port.calls['close'] == 1
+
+
+def test_port_that_opens_in_time_is_left_open(bench: WireBench) -> None:
+    bench.open()
+    assert bench.port.is_open
+    assert not bench.port.calls['close']
+
+
+# Faults of ours.
+
+
+def test_fault_says_farewell_is_a_stop_backs_off_and_ends(bench: WireBench) -> None:
+    bench.expects_fault = True
+    bench.run()
+    bench.log()
+    bench.owner.faults.add('pace')
+    bench.step()
+    log = bench.log()
+    assert log[:2] == ['sent bye 1', 'sent bye 2']
+    assert log[2].startswith('bad internal error: Traceback')
+    assert log[3:] == ['stop True', 'event closed']
+    bench.owner.paced.clear()
+    bench.waits.clear()
+    bench.go_on(1.0)
+    assert 8 <= len(bench.owner.paced) <= 25
+    assert len(bench.waits) <= 60
+    bench.owner.faults.clear()
+    bench.go_on(1.0)
+    bench.hear(b'x')
+    assert bench.owner.told[-1] is False
+
+
+def test_fault_of_the_farewell_at_a_fault_still_stops_and_closes(bench: WireBench) -> None:
+    bench.expects_fault = True
+    bench.run()
+    bench.log()
+    bench.owner.faults.add('pace')
+    bench.session.faults.add('farewell')
+    bench.step()
+    log = bench.log()
+    assert log[0].startswith('bad internal error: Traceback')
+    assert log[1:] == ['stop True', 'event closed']
+    assert not bench.port.is_open
+
+
+def test_fault_while_the_port_opens_says_no_farewell(bench: WireBench) -> None:
+    bench.expects_fault = True
+    bench.begin_opening()
+    bench.owner.faults.add('pace')
+    bench.step()
+    assert bench.owner.log
+    assert 'farewell' not in bench.session.calls
+
+
+def test_fault_without_a_port_is_told_once_a_second(bench: WireBench) -> None:
+    bench.expects_fault = True
+    bench.owner.faults.add('pace')
+    told_at = []
+    for _ in range(50):
+        bench.step()
+        told_at += [bench.now] * len([line for line in bench.log() if 'internal' in line])
+    gaps = [b - a for a, b in itertools.pairwise(told_at)]
+    assert told_at[0] == 0.0
+    assert gaps
+    assert 1.0 - 1e-9 <= min(gaps) <= max(gaps) <= 1.11
+
+
+def test_fault_that_comes_again_after_just_a_second_is_told_again(bench: WireBench) -> None:
+    bench.expects_fault = True
+    bench.owner.faults.add('pace')
+    bench.step()
+    bench.now = 1.0
+    bench.step()
+    log = bench.log()
+    assert len(log) == 2
+    assert all(line.startswith('bad internal error') for line in log)
+
+
+def test_owner_that_cannot_be_told_of_a_fault_has_it_printed(
+    bench: WireBench, capsys: pytest.CaptureFixture[str]
+) -> None:
+    bench.expects_fault = True
+    bench.run()
+    bench.owner.faults |= {'pace', 'on_events', 'link_changed'}
+    bench.go_on(0.5)
+    assert capsys.readouterr().err.count('RuntimeError: fault in on_events') == 1
+
+
+def test_owner_that_cannot_log_the_loss_of_a_port_gets_its_stop(bench: WireBench) -> None:
+    bench.expects_fault = True
+    bench.run()
+    bench.owner.faults.add('link_changed')
+    bench.lose()
+    assert bench.owner.told[-1] is True
+    assert not bench.port.is_open
+    assert bench.session.calls.count('closed') == 1
+
+
+def test_report_that_fails_each_time_does_not_silence_the_stop(bench: WireBench) -> None:
+    bench.expects_fault = True
+    bench.run()
+    bench.wire._levels = ()
+    bench.session.problems = fault  # type: ignore[method-assign,assignment]
+    bench.owner.paced.clear()
+    bench.waits.clear()
+    bench.go_on(2.0)
+    gaps = [b - a for a, b in itertools.pairwise(bench.owner.paced)]
+    assert max(gaps) <= PACE + 1e-9
+    assert len(bench.waits) <= 150
+    assert bench.owner.told[-1] is True
+
+
+@pytest.mark.parametrize('name', ['opened', 'poll'])
+def test_session_that_fails_at_the_open_port_is_closed_and_tried_again(
+    bench: WireBench, name: str
+) -> None:
+    bench.expects_fault = True
+    bench.session.faults.add(name)
+    bench.activate()
+    bench.go_on(0.05)
+    assert not bench.port.is_open
+    assert bench.session.calls[-1] == 'closed'
+    bench.session.faults.clear()
+    bench.go_on(0.5)
+    assert bench.wire.status.is_open

@@ -1,0 +1,595 @@
+# Copyright 2026 The rugged_teleop maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The demo: its scene can fail, its command line is checked, and it leaves nothing behind."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+import contextlib
+import fcntl
+import itertools
+import os
+from pathlib import Path
+import re
+import signal
+import struct
+import subprocess
+import sys
+import termios
+import time
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from demo import __main__ as demo
+from demo.scene import from_rest, Scene
+from demo.stage import _timeouts
+from demo.steering import Late, shortened, Steering, Step
+from rugged_teleop.domains import claim_domain
+from rugged_teleop.ports import Chunk
+from stage.devices import Packet, packets_in
+from stage.rig import ROOT, wait_for
+from stage.run_delay import RunDelay, WIRE_HELD_UP
+from stage.toy_rig import children_of, is_running
+from test.demo.demo_rig import FakeStage, still, turn
+
+pytestmark = pytest.mark.waits(90)
+# By hand from the ESI manual, 4.2; CRC-16/CCITT-FALSE over the six bytes of the body.
+DISABLE = bytes.fromhex('f0f0 040000 040000 71d4')
+LOST = "operator 'fort' held its deadman before it could count: release it"
+# Of the mux, in the view: pressed again and again, no reset would ever count.
+TOO_EARLY = '\n         resets have been called since before'
+
+
+# Packets on the drive's wire.
+
+
+def test_packet_split_over_reads_counts_from_its_last_byte() -> None:
+    chunks = [Chunk(1.0, DISABLE + DISABLE[:4]), Chunk(1.01, DISABLE[4:])]
+    packets = list(packets_in(chunks))
+    assert packets == [still(1.0), still(1.01)]
+    assert not any(packet.enables for packet in packets)
+
+
+def test_corrupt_packet_is_no_disable_packet() -> None:
+    assert list(packets_in([Chunk(1.0, DISABLE[:-1] + b'\0')])) == []
+
+
+def test_enabled_axis_at_zero_enables_and_does_not_move() -> None:
+    packet = Packet(0.0, (4, 5), (500, 0))
+    assert packet.enables
+    assert not packet.moves
+    assert turn(0.0).moves
+
+
+def test_patience_multiplies_what_the_demos_file_has_or_else_the_default() -> None:
+    given = set(_timeouts(2.0))
+    assert 'safety_mux:neutral_time:=1.0' in given  # 0.5 in config/demo.yaml
+    assert 'esi_drive_bridge:command_timeout:=0.2' in given
+
+
+def test_two_demos_get_different_domains(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv('RMW_IMPLEMENTATION', raising=False)
+    names = ('ROS_DOMAIN_ID', 'ROS_AUTOMATIC_DISCOVERY_RANGE', 'ROS_STATIC_PEERS')
+    profiles = ('FASTDDS_DEFAULT_PROFILES_FILE', 'FASTRTPS_DEFAULT_PROFILES_FILE')
+    for name in (*names, *profiles, 'ROS_LOCALHOST_ONLY'):
+        monkeypatch.setenv(name, 'x')
+    with claim_domain():
+        first = os.environ['ROS_DOMAIN_ID']
+        with claim_domain():
+            assert os.environ['ROS_DOMAIN_ID'] != first
+    assert os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] == 'SYSTEM_DEFAULT'
+    profile = Path(os.environ['FASTDDS_DEFAULT_PROFILES_FILE'])
+    assert '<address>127.0.0.1</address>' in profile.read_text(encoding='utf-8')
+    assert 'ROS_STATIC_PEERS' not in os.environ
+    assert 'ROS_LOCALHOST_ONLY' not in os.environ  # with it rcl adds shared memory to any profile
+
+
+# A scene that can fail: what it must notice.
+
+
+def stop_with(
+    delay: float, *, again: bool = False, patience: float = 1.0, timed: bool = True
+) -> str:
+    """Let the scene measure a stop whose first disable packet comes ``delay`` s after it."""
+    now = time.monotonic()
+    stage = FakeStage(turn(now - 0.01))
+
+    def act() -> float:
+        stage.drive.all_packets += (still(now + delay),)
+        if again:
+            stage.drive.all_packets += (turn(now + delay + 0.01),)
+        return now
+
+    steering: Any = Steering(stage, patience, timed=timed)
+    steering._spin = lambda seconds: None  # nobody was late
+    return str(steering.stopped('a stop', act, 0.15))
+
+
+def test_stop_in_time_is_measured() -> None:
+    assert 'disabled 20.0 ms after' in stop_with(0.02)
+
+
+def test_stop_that_comes_too_late_is_missed() -> None:
+    with pytest.raises(AssertionError, match=r'disabled 200.0 ms .* allowed are 150 ms'):
+        stop_with(0.2)
+    with pytest.raises(AssertionError, match=r'disabled 310.0 ms .* allowed are 300 ms'):
+        stop_with(0.31, patience=2.0)
+    assert 'disabled 290.0 ms' in stop_with(0.29, patience=2.0)
+
+
+def test_untimed_stop_may_take_long_but_not_be_undone() -> None:
+    assert 'disabled 200.0 ms' in stop_with(0.2, timed=False)
+    with pytest.raises(AssertionError, match='enable again'):
+        stop_with(0.2, again=True, timed=False)
+
+
+def test_late_stop_is_tried_again_and_reported_but_not_for_ever() -> None:
+    steering = Steering(
+        FakeStage(stopped_by="e-stop source 'fort'")
+    )  # that it was a timeout is not why
+    undone: list[str] = []
+    tries: Iterator[Late | str] = iter([Late('320 ms'), '280 ms'])
+
+    def stop() -> str:
+        happened = next(tries)
+        if isinstance(happened, Late):
+            raise happened
+        return happened
+
+    assert steering.retry(stop, lambda: undone.append('undone')) == '280 ms; at first: 320 ms'
+    assert undone == ['undone']
+    tries = itertools.repeat(Late('320 ms'))
+    with pytest.raises(Late):
+        steering.retry(stop, lambda: None)
+
+
+def test_stop_that_was_undone_is_not_tried_again_as_a_late_one() -> None:
+    steering = Steering(FakeStage(stopped_by="e-stop source 'fort'"))
+
+    def stop() -> str:
+        raise AssertionError('packets enable again')
+
+    with pytest.raises(AssertionError, match='enable again'):
+        steering.retry(stop, lambda: None)
+
+
+@pytest.mark.parametrize(
+    ('fields', 'again'),
+    [
+        ({'stopped_by': "e-stop source 'fort'"}, True),
+        ({'stopped_by': 'stall'}, True),
+        ({'stopped_by': 'none'}, False),
+        ({'stopped_by': 'trip'}, False),
+        ({'stopped_by': 'motion'}, False),
+        (
+            {
+                'stopped_by': "e-stop source 'fort'",
+                "condition_of_e-stop_source_'fort'": 'invalid',
+            },
+            False,
+        ),
+        ({'state': 'ACTIVE', 'drive_enabled': 'false'}, True),
+        ({'state': 'ACTIVE', 'drive_enabled': 'true'}, False),
+        ({'state': 'READY', 'message': LOST}, True),
+        ({'state': 'READY', 'message': "press the deadman of 'fort' to take control"}, False),
+    ],
+)
+def test_only_what_a_timeout_has_stopped_is_tried_again(
+    fields: dict[str, str], again: bool
+) -> None:
+    well = {
+        "condition_of_operator_'fort'": 'rested',
+        "condition_of_e-stop_source_'fort'": 'clear',
+    }
+    steering: Any = Steering(FakeStage(**(well | fields)))
+    recovered: list[str] = []
+    steering._recover = lambda: recovered.append('recovered')
+    tries = iter([AssertionError('it stopped')])
+
+    def act() -> str:
+        for error in tries:
+            raise error
+        return 'it moves'
+
+    if again:
+        assert steering.retry(act).startswith('it moves; at first: ')
+    else:
+        with pytest.raises(AssertionError, match='it stopped'):
+            steering.retry(act)
+    assert bool(recovered) is again
+
+
+@pytest.mark.parametrize('fields', [{'state': 'STOPPED'}, {'state': 'READY', 'message': LOST}])
+def test_motion_that_cannot_come_any_more_is_not_waited_for(fields: dict[str, str]) -> None:
+    steering = Steering(FakeStage(**fields), patience=1000.0)
+    with pytest.raises(AssertionError, match='the mux says'):
+        steering.wait_in_motion(lambda: False)
+
+
+def test_motion_is_waited_for_although_it_was_taken_back_before() -> None:
+    stage = FakeStage(state='READY', message=LOST)
+    seen: list[float] = []
+
+    def moves() -> bool:
+        seen.append(time.monotonic())
+        stage.say(state='ACTIVE')
+        return seen[-1] > seen[0] + 1.1
+
+    assert Steering(stage).wait_in_motion(moves)
+
+
+def test_enable_packet_after_the_stop_is_missed() -> None:
+    with pytest.raises(
+        AssertionError, match='1 packets after the first disable packet enable again'
+    ):
+        stop_with(0.02, again=True)
+
+
+def test_enable_packet_while_nothing_may_move_is_missed() -> None:
+    steering = Steering(FakeStage(still(2.0), turn(3.0)))
+    with pytest.raises(AssertionError, match='disable packets only'):
+        steering.still(1.0)
+
+
+def test_end_of_all_packets_is_missed() -> None:
+    with pytest.raises(AssertionError, match='packets, which never end'):
+        Steering(FakeStage()).still(1.0)
+
+
+def climb(*values: int) -> list[Packet]:
+    """Return what a drive gets that is asked for motion 0.6 s after enable."""
+    return [turn(0.0, 0), turn(0.6, 0), *(turn(0.6, value) for value in values)]
+
+
+def test_start_from_rest_is_reported() -> None:
+    assert from_rest(climb(38, 77)) == 'first motion 0.60 s after enable, no step above 39 rpm'
+
+
+def test_start_by_a_step_is_missed() -> None:
+    with pytest.raises(AssertionError, match='a step of 955 rpm'):
+        from_rest(climb(955))
+
+
+def test_motion_asked_of_a_drive_that_is_not_enabled_is_missed() -> None:
+    with pytest.raises(AssertionError, match=r'0\.30 s after enable'):
+        from_rest([turn(0.0, 0), turn(0.3, 38)])
+
+
+def refused(reply: tuple[bool, str], afterwards: bool = True) -> str:
+    """Let the scene call for a reset that must be refused, with this answer."""
+    stage: Any = FakeStage()
+    stage.reset = lambda: SimpleNamespace(success=reply[0], message=reply[1])
+    return Steering(stage).refused_reset(lambda: True, lambda: afterwards)
+
+
+def test_wrong_restart_that_is_accepted_is_missed() -> None:
+    with pytest.raises(AssertionError, match='it was accepted'):
+        refused((True, 'reset: READY'))
+
+
+def test_wrong_restart_that_is_refused_for_something_else_is_missed() -> None:
+    with pytest.raises(AssertionError, match='for something else'):
+        refused((False, 'not reset: a held or repeated reset does nothing'), afterwards=False)
+
+
+def test_wrong_restart_that_a_timeout_refuses_first_is_tried_again() -> None:
+    held = iter([True, False, True, True])  # before and after each of two resets
+    stage: Any = FakeStage()
+    stage.reset = lambda: SimpleNamespace(success=False, message='not reset: not at neutral')
+    assert Steering(stage).refused_reset(lambda: next(held)) == 'not reset: not at neutral'
+    assert next(held, None) is None
+
+
+@pytest.mark.parametrize(
+    ('clear', 'at_rest', 'held'), [('true', 'false', True), ('false', 'false', False)]
+)
+def test_only_what_is_held_hinders_a_reset_once_all_stops_are_clear(
+    clear: str, at_rest: str, held: bool
+) -> None:
+    steering: Any = Steering(FakeStage(stops_clear=clear, operators_at_rest=at_rest))
+    steering.acknowledge_and_rearm = lambda: None
+    assert steering.held() is held
+
+
+def keep_fort(owner: str, *speeds: int) -> str:
+    """Let the scene watch that FORT keeps control, as the mux names this owner."""
+    now = time.monotonic()
+    later = (turn(now + 60.0, speed) for speed in speeds)
+    stage = FakeStage(turn(now), *later, state='ACTIVE', owner=owner)
+    return Scene(stage).keep_fort(lambda: None)
+
+
+def test_fort_that_keeps_control_is_reported() -> None:
+    assert keep_fort('fort', 500, 500) == 'FORT keeps control, 2 packets'
+
+
+def test_lower_operator_that_takes_control_is_missed() -> None:
+    with pytest.raises(AssertionError, match='VM-110 has control'):
+        keep_fort('vm110', 500)
+
+
+def test_packet_as_the_lower_operator_asks_is_missed() -> None:
+    with pytest.raises(AssertionError, match='as VM-110 asks'):
+        keep_fort('fort', 500, -500)
+
+
+def rearm(*, closed: bool) -> str:
+    """Let the scene rearm a base unit whose relays are open, or ``closed``, before that."""
+    stage: Any = FakeStage(still(time.monotonic() + 60.0))
+    stage.is_clear = lambda name: True
+    seen: dict[str, Any] = {'eg_link': 'Operational', 'relays_closed': closed}
+
+    def apply(*commands: str) -> float:
+        seen['relays_closed'] |= 'arm 1' in commands
+        return 1.0
+
+    stage.vsc = stage.unit = SimpleNamespace(apply=apply, describe=lambda: seen)
+    scene: Any = Scene(stage)
+    scene.unit_says = lambda since, wanted: 1.0
+    return str(scene.close_relays())
+
+
+def test_relays_that_close_without_being_rearmed_are_missed() -> None:
+    assert rearm(closed=False) == 'closed by rearming; 1 packets, all disable'
+    with pytest.raises(AssertionError, match='without being rearmed'):
+        rearm(closed=True)
+
+
+def test_failed_step_ends_the_scene_and_says_so() -> None:
+    lines: list[str] = []
+
+    def fail() -> str:
+        raise AssertionError('it did not')
+
+    def never() -> str:
+        lines.append('what follows a failed step shows nothing')
+        return ''
+
+    class Short(Scene):
+        @property
+        def steps(self) -> list[Step]:
+            return [('one', lambda: 'fine'), ('two', fail), ('three', never)]
+
+    assert not Short(FakeStage()).play(lines.append)
+    assert lines[:2] == ['ok      one: fine', 'FAILED  two: it did not']
+    assert '1 of 3 expectations held, one did not, 1 were not tried' in lines[2]
+    assert lines[-1] == 'its last words'
+
+
+def test_long_reason_fits_a_line() -> None:
+    assert shortened(200 * 'x', 10) == 'xxxxxxxxx…'
+    assert shortened('short') == 'short'
+
+
+# The command.
+
+
+def test_live_view_without_a_terminal_is_one_line_and_status_2(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(sys.stdin, 'isatty', lambda: False, raising=False)
+    with pytest.raises(SystemExit) as caught:
+        demo.main([])
+    error = capsys.readouterr().err
+    assert caught.value.code == 2
+    assert error.count('\n') == 1
+    assert '--once' in error
+
+
+@pytest.mark.parametrize('patience', ['0.5', 'nan', 'much'])
+def test_patience_is_a_factor_of_1_or_more(
+    patience: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit) as caught:
+        demo.main(['--once', '--patience', patience])
+    assert caught.value.code == 2
+    assert '--patience' in capsys.readouterr().err
+
+
+def test_scene_that_did_not_hold_names_patience(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    scene = SimpleNamespace(play=lambda _: False)
+    monkeypatch.setattr('demo.__main__.signal.signal', lambda *_: None)
+    monkeypatch.setattr('demo.__main__._open', lambda *_: None)
+    monkeypatch.setattr('demo.__main__.Scene', lambda *_, **__: scene)
+    with pytest.raises(SystemExit, match='1'):
+        demo.main(['--once', '--patience', '2'])
+    assert capsys.readouterr().err.endswith('--patience 4\n')
+
+
+def test_demo_without_msgpack_names_it_in_one_line(tmp_path: Path) -> None:
+    """ROS brings python-can without it, and the monitor's bus needs it."""
+    (tmp_path / 'msgpack.py').write_text("raise ImportError('there is none')\n")
+    result = subprocess.run(
+        [sys.executable, '-m', 'demo', '--once'],
+        cwd=ROOT,
+        env={**os.environ, 'PYTHONPATH': str(tmp_path), 'PYTHONDONTWRITEBYTECODE': '1'},
+        capture_output=True,
+        text=True,
+        timeout=60.0,
+    )
+    assert result.returncode == 1
+    assert result.stderr.count('\n') == 1
+    assert 'msgpack not installed' in result.stderr
+
+
+def scratch_environment(tmp_path: Path) -> dict[str, str]:
+    # Sizes of a terminal, where one is given, count before its own.
+    kept = {name: text for name, text in os.environ.items() if name not in ('COLUMNS', 'LINES')}
+    return {**kept, 'TMPDIR': str(tmp_path), 'TERM': 'xterm'}
+
+
+def scene(tmp_path: Path) -> subprocess.CompletedProcess[str]:
+    try:
+        return subprocess.run(
+            [sys.executable, '-m', 'demo', '--once', '--patience', '3', '--untimed'],
+            cwd=ROOT,
+            env=scratch_environment(tmp_path),
+            capture_output=True,
+            text=True,
+            timeout=280.0,
+            start_new_session=True,  # with a share of the processors of its own
+        )
+    except subprocess.TimeoutExpired as late:
+        raise AssertionError((late.stdout or b'').decode()) from late
+
+
+def test_scene_holds_and_leaves_nothing_behind(tmp_path: Path) -> None:
+    result = scene(tmp_path)
+    waited = re.search(r'This machine kept us waiting (\d+) ms', result.stdout)
+    if waited is not None and int(waited[1]) > 300:  # more than that patience: a stop
+        result = scene(tmp_path)
+    assert result.returncode == 0, result.stdout + result.stderr
+    assert 'FAILED' not in result.stdout
+    stops = re.findall(r'^ +[\d.]+ ms  ', result.stdout, re.MULTILINE)
+    assert len(stops) == 20
+    process = re.search(r'in process (\d+)', result.stdout)
+    assert process is not None
+    assert not is_running(int(process[1]))
+    assert list(tmp_path.iterdir()) == []
+
+
+class Terminal:
+    """The demo on a terminal of its own."""
+
+    def __init__(self, tmp_path: Path) -> None:
+        self.master, slave = os.openpty()
+        fcntl.ioctl(slave, termios.TIOCSWINSZ, struct.pack('HHHH', 40, 120, 0, 0))
+        os.set_blocking(self.master, False)
+        self.process = subprocess.Popen(
+            [sys.executable, '-m', 'demo'],
+            cwd=ROOT,
+            env=scratch_environment(tmp_path),
+            stdin=slave,
+            stdout=slave,
+            stderr=slave,
+        )
+        os.close(slave)
+        self.shown = ''
+
+    def read(self) -> str:
+        """Return all that was shown since the last text that was waited for."""
+        with contextlib.suppress(BlockingIOError):
+            self.shown += os.read(self.master, 65536).decode(errors='replace')
+        return self.shown
+
+    def wait(self, text: str) -> None:
+        """Wait until it is shown, after the last that was waited for."""
+
+        wait_for(lambda: text in self.read(), 30.0, lambda: f'{text!r} in {self.shown[-2000:]!r}')
+        self.shown = self.shown.partition(text)[2]
+
+    def press(self, keys: str) -> None:
+        os.write(self.master, keys.encode())
+
+    def press_until(self, keys: str, text: str) -> None:
+        """Press keys that may be refused for a while, once a second; no r that is too early."""
+        pressed_at = 0.0
+
+        def found() -> bool:
+            nonlocal pressed_at
+            if time.monotonic() - pressed_at > 1.0:
+                pressed_at = time.monotonic()
+                newest = self.read().rpartition('mux      ')[2]
+                self.press(keys.replace('r', '') if TOO_EARLY in newest else keys)
+            return text in self.read()
+
+        wait_for(found, 30.0, lambda: f'{text!r} in {self.shown[-2000:]!r}')
+
+    def sees(self, text: str) -> bool:
+        """Tell whether it is shown within 5 s."""
+        end = time.monotonic() + 5.0
+        while text not in self.read() and time.monotonic() < end:
+            time.sleep(0.01)
+        return text in self.shown
+
+    def drive(self) -> None:
+        """Press the deadman, push, turn the monitor; anew where the machine held the nodes up."""
+        delay = RunDelay([self.process.pid])
+        up = '\x1bOA'
+        steps = {'d': 'ACTIVE', up: 'enable velocity', 'h': 'command turn'}
+
+        def seen(key: str, text: str) -> bool:
+            self.press(key)
+            return self.sees(text)
+
+        def moves() -> bool:
+            self.shown = ''
+            if all(itertools.starmap(seen, steps.items())):
+                return True
+            assert delay.exceeds(WIRE_HELD_UP), self.shown[-2000:]
+            self.press('dcz')  # let go
+            self.press_until('ar', "press the deadman of 'fort'")
+            return False
+
+        wait_for(moves, 30.0, lambda: f'motion in {self.shown[-2000:]!r}')
+
+    def end(self) -> int:
+        """Read on, or it could not write its last words; return its exit status."""
+
+        def ended() -> bool:
+            with contextlib.suppress(OSError):
+                os.read(self.master, 65536)
+            return self.process.poll() is not None
+
+        wait_for(ended, 15.0, 'its end')
+        return self.process.returncode
+
+    def __enter__(self) -> Terminal:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        if self.process.poll() is None:
+            self.process.terminate()
+            self.end()
+        os.close(self.master)
+
+
+def test_keyboard_resets_drives_and_stops(tmp_path: Path) -> None:
+    with Terminal(tmp_path) as terminal:
+        terminal.wait('space  e-stop')
+        terminal.press('?')
+        terminal.wait("'?' is no key of the demo")
+        terminal.press_until('ar', "press the deadman of 'fort'")
+        terminal.press_until('m', 'remote 1 armed')
+        terminal.drive()
+        terminal.press(' ')
+        terminal.wait('disable velocity')
+        terminal.wait('relays OPEN')
+        terminal.press(' ')
+        terminal.press_until('am', 'relays closed')
+        terminal.press('q')
+        assert terminal.end() == 0
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_terminated_demo_leaves_nothing_behind(tmp_path: Path) -> None:
+    with Terminal(tmp_path) as terminal:
+        terminal.wait('mux')
+        terminal.process.send_signal(signal.SIGTERM)
+        assert terminal.end() == 128 + signal.SIGTERM
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_killed_demo_leaves_no_node_behind(tmp_path: Path) -> None:
+    with Terminal(tmp_path) as terminal:
+        terminal.wait('mux')
+        nodes = children_of(terminal.process.pid)
+        assert nodes
+        terminal.process.kill()
+        wait_for(lambda: not any(map(is_running, nodes)), 5.0, 'the end of the nodes')

@@ -1,0 +1,265 @@
+# Copyright 2026 The rugged_teleop maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The session with the simulated drive, in simulated time."""
+
+from itertools import pairwise
+import random
+from typing import Any
+
+import pytest
+
+from bridge_core.session import Answer
+from esi_drive_bridge.protocol import Layout, Mode
+from esi_drive_bridge.session import Feedback, Phase, Session
+from esi_drive_bridge.simulator import Simulator
+from rugged_teleop.faults import FaultyLine
+from stage.esi_drive_rig import axes as both, make_settings, TICK
+
+
+class Loop:
+    """Session and simulator, joined by two wires, with a mux at 100 Hz."""
+
+    def __init__(
+        self,
+        *,
+        compact: bool = False,
+        enable_delay: float = 0.02,
+        disable_delay: float = 0.0,
+        **changes: Any,
+    ) -> None:
+        layout = changes.get('layout', Layout.DUAL)
+        self.drive = Simulator(
+            axes=layout.axes,
+            compact=compact,
+            status_rate=200.0,
+            enable_delay=enable_delay,
+            disable_delay=disable_delay,
+        )
+        self.line = FaultyLine(random.Random(1))  # from the drive
+        self.session = Session(make_settings(**changes))
+        self.axes = layout.axes
+        self.now = 50.0
+        self.events: list[Any] = []
+        self.enable = self.estop = False
+        self.mux_alive = True
+        self.command = 0.0
+        self.heard: list[int] = []  # by motor A while it is enabled, in counts
+        self._mux_at = self.now
+        self._send(self.session.opened(self.now))
+
+    def _send(self, output: tuple[list[Any], list[bytes]]) -> None:
+        self.events += output[0]
+        for frame in output[1]:
+            enabled = self.motor_enabled
+            self.drive.receive(frame, self.now)
+            if enabled and self.motor_enabled:
+                self.heard.append(self.drive.describe()['command'][0])  # type: ignore[index]
+
+    def run(self, seconds: float) -> None:
+        end = self.now + seconds
+        while True:
+            due = min(self.session.deadline(), self.drive.deadline(), self._mux_at)
+            if due > end:
+                self.now = end
+                return
+            self.now = max(due, self.now)
+            for packet in self.drive.poll(self.now):
+                self.line.put(packet, self.now)
+            for packet in self.line.take(self.now):
+                self._send(self.session.receive(packet, self.now))
+            if self.now >= self._mux_at:
+                self._mux_at += TICK
+                self._mux()
+            self._send(self.session.poll(self.now))
+
+    def _mux(self) -> None:
+        if self.mux_alive:
+            self.session.set_estop(self.estop, self.now)
+            self.session.set_command((self.command,) * self.axes, self.now)
+            self.session.set_enable(self.enable, self.now)
+
+    def drive_at(self, value: float) -> None:
+        self.enable = False
+        self.run(0.1)
+        self.enable, self.command = True, value
+        self.run(1.0)
+
+    @property
+    def rpm(self) -> float:
+        rpm: Any = self.drive.describe()['rpm']
+        return float(rpm[0])
+
+    @property
+    def motor_enabled(self) -> bool:
+        return bool(self.drive.describe()['enabled'][0])  # type: ignore[index]
+
+
+@pytest.mark.parametrize(
+    ('layout', 'compact'),
+    [(Layout.DUAL, False), (Layout.PADDED, False), (Layout.COMPACT, True)],
+)
+def test_motor_turns_and_stops(layout: Layout, compact: bool) -> None:
+    axes = layout.axes
+    loop = Loop(compact=compact, layout=layout, axes=both(Mode.VELOCITY)[:axes])
+    loop.drive_at(800.0)
+    assert loop.rpm == pytest.approx(800.0, rel=0.01)
+    assert loop.session.enabled
+    assert loop.session.status is not None
+    assert loop.session.status.axes[0].feedback == pytest.approx(800, abs=8)
+    loop.session.set_estop(True, loop.now)
+    loop.estop = True
+    loop.run(0.02)
+    assert not loop.motor_enabled
+    loop.run(1.0)
+    assert abs(loop.rpm) < 1.0
+    loop.estop = False
+    loop.run(1.0)
+    assert abs(loop.rpm) < 1.0
+    assert loop.drive.describe()['crc_errors'] == 0
+
+
+def test_a_dead_mux_stops_the_motor_within_120_ms() -> None:
+    loop = Loop()
+    loop.drive_at(800.0)
+    loop.mux_alive = False
+    loop.run(0.12)
+    assert not loop.motor_enabled
+    loop.mux_alive = True
+    loop.run(1.0)
+    assert abs(loop.rpm) < 1.0
+
+
+def test_a_fault_of_the_drive_needs_clear_then_a_new_edge() -> None:
+    loop = Loop()
+    loop.drive_at(800.0)
+    loop.drive.apply('fault a overspeed pulse')
+    loop.run(0.05)
+    assert loop.session.estop
+    assert not loop.motor_enabled
+    loop.drive_at(800.0)
+    assert not loop.motor_enabled
+    loop.session.clear_errors(loop.now)
+    loop.run(0.1)
+    assert Answer('clear_errors', True, 'the errors are cleared') in loop.events
+    assert not loop.motor_enabled
+    loop.drive_at(800.0)
+    assert loop.rpm == pytest.approx(800.0, rel=0.01)
+
+
+def test_a_lasting_cause_cannot_be_cleared() -> None:
+    loop = Loop()
+    loop.drive.apply('fault b motor_temp on')
+    loop.run(0.1)
+    loop.session.clear_errors(loop.now)
+    loop.run(1.5)
+    (result,) = [event for event in loop.events if isinstance(event, Answer)]
+    assert not result.success
+    assert 'axis B: motor temperature' in result.text
+
+
+@pytest.mark.parametrize(
+    'line',
+    ['mute on', 'reboot', 'hang 0.3', 'trip a', 'refuse b on', 'deaf on', 'fault b brake on'],
+)
+def test_whatever_happens_to_the_drive_needs_a_new_edge(line: str) -> None:
+    loop = Loop()
+    loop.drive_at(800.0)
+    loop.drive.apply(line)
+    loop.run(0.6)
+    assert loop.session.phase is Phase.DISABLED
+    for undo in ('mute off', 'deaf off', 'refuse * off', 'fault * brake off'):
+        loop.drive.apply(undo)
+    loop.run(0.5)
+    loop.session.clear_errors(loop.now)
+    loop.run(1.0)
+    assert not loop.motor_enabled
+    assert abs(loop.rpm) < 1.0
+    loop.drive_at(300.0)
+    assert loop.rpm == pytest.approx(300.0, rel=0.01)
+
+
+@pytest.mark.parametrize('latched', [False, True])
+def test_rs422_bit_latched_or_not(latched: bool) -> None:
+    loop = Loop()
+    loop.drive.apply(f'latch {"on" if latched else "off"}')
+    loop.run(0.1)
+    loop.drive.apply('deaf on')
+    loop.run(0.3)
+    assert 'RS422' in loop.session.stop_reasons(loop.now)[0]
+    loop.drive.apply('deaf off')
+    loop.run(0.3)
+    assert loop.session.estop == latched
+    loop.session.clear_errors(loop.now)
+    loop.run(0.3)
+    assert not loop.session.estop
+
+
+def test_a_few_lost_or_corrupt_packets_do_not_stop_anything() -> None:
+    loop = Loop()
+    loop.drive_at(500.0)
+    loop.line.corrupt_next = 5
+    loop.run(0.2)
+    loop.line.drop_next = 5
+    loop.run(0.2)
+    assert loop.rpm == pytest.approx(500.0, rel=0.01)
+    assert loop.session.counters.discarded_bytes >= 5 * Layout.DUAL.status_size
+
+
+def test_position_does_not_jump_at_enabling() -> None:
+    loop = Loop(axes=both(Mode.POSITION, 0.000191753))
+    loop.drive_at(1.0)
+    assert loop.drive.describe()['position_rad'] == pytest.approx([1.0, 1.0], abs=0.01)
+    loop.enable = False
+    loop.run(0.2)
+    loop.enable, loop.command = True, 1.0
+    before = len(loop.events)
+    loop.run(0.5)
+    told = [event for event in loop.events[before:] if isinstance(event, Feedback)]
+    assert min(event.status.axes[0].feedback for event in told) > 0.98 / 0.000191753
+
+
+@pytest.mark.parametrize('mode', [Mode.VELOCITY, Mode.TORQUE])
+@pytest.mark.parametrize('delay', [0.02, 0.1, 0.5, 0.99])
+def test_a_slow_drive_is_told_to_start_from_rest_and_never_to_step(
+    delay: float, mode: Mode
+) -> None:
+    loop = Loop(enable_delay=delay, axes=both(mode, slew_limit=2000.0))
+    for goal in (800.0, -800.0):  # the second enabling begins like the first
+        loop.enable = False
+        loop.run(0.1)
+        loop.heard.clear()
+        loop.drive_at(goal)
+        loop.run(1.0)
+        assert loop.heard[0] == 0
+        steps = [abs(after - before) for before, after in pairwise(loop.heard)]
+        assert max(steps) <= 2000.0 * TICK + 1
+        assert loop.heard[-1] == goal
+        assert loop.session.enabled
+
+
+def test_a_cable_cut_for_longer_than_the_drives_time_out_needs_a_new_edge() -> None:
+    """Short enough for us: the drive is back, and hears enable, before silence is a stop."""
+    loop = Loop()
+    loop.drive_at(800.0)
+    for line in ('deaf on', 'mute on'):
+        loop.drive.apply(line)
+    loop.run(0.15)
+    for line in ('deaf off', 'mute off'):
+        loop.drive.apply(line)
+    loop.heard.clear()
+    loop.run(1.0)
+    assert loop.heard == []
+    assert loop.session.phase is Phase.DISABLED
+    assert not loop.motor_enabled

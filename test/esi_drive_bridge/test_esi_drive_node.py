@@ -1,0 +1,723 @@
+# Copyright 2026 The rugged_teleop maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The ESI drive bridge as a process on a port: every topic and service, on real bytes."""
+
+from collections.abc import Callable, Iterator
+import contextlib
+import itertools
+import json
+import math
+import os
+from pathlib import Path
+import re
+from signal import SIGCONT, SIGSTOP
+import time
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticStatus
+import pytest
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Bool
+from std_srvs.srv import Trigger
+
+from esi_drive_bridge.simulator import Simulator
+from stage.devices import Drive
+from stage.endings import each_ending
+from stage.esi_drive_rig import status
+from stage.rig import latched, NodeProcess, Observer, ROOT
+from stage.run_delay import HELD_UP, RunDelay
+from stage.talkers import Diagnostics, namespace, Talker
+
+pytestmark = pytest.mark.waits(100)
+NAME = 'esi_drive_bridge'
+LINK, DEVICE = 'link', 'device'  # the parts of its diagnostics
+COMMAND_TIMEOUT = 0.1
+STALE = 0.3  # a stale input is acted on well within this
+GAP = 1.0  # s; longer than a busy machine holds a drive's status up
+DOUBLED = 'stop one of the two publishers'
+RPM = 2.0 * math.pi / 60.0  # rad/s
+_FILE = ROOT / 'test/vectors/esi.json'
+VECTORS = json.loads(_FILE.read_text())
+
+
+def command(*values: float, names: tuple[str, ...] = ('left', 'right')) -> JointState:
+    return JointState(name=list(names), velocity=[float(value) for value in values])
+
+
+class Bench:
+    """One bridge on one simulated drive, with the three inputs that a mux would give."""
+
+    def __init__(
+        self,
+        folder: Path,
+        observer: Observer,
+        simulator: Simulator | None = None,
+        terminal: int | None = None,
+        patient: bool = True,
+        **parameters: Any,
+    ) -> None:
+        self.observer = observer
+        self.drive = Drive(folder / 'drive', simulator)
+        space = namespace()
+        self.name = f'{space}/{NAME}'
+        self.node = NodeProcess(
+            f'{NAME}.node',
+            {'port': self.drive.path, 'slew_limit': [1e6], 'link_timeout': GAP, **parameters},
+            namespace=space,
+            terminal=terminal,
+            patient=patient,
+        )
+        self.estop = observer.record(Bool, f'{self.name}/estop', latched())
+        self.enabled = observer.record(Bool, f'{self.name}/enabled', latched())
+        self.joints = observer.record(JointState, f'{self.name}/joint_states')
+        self.diagnostics = Diagnostics(observer, self.name)
+        self.command = Talker(observer, JointState, f'{self.name}/command', command(0, 0))
+        self.enable = Talker(observer, Bool, f'{self.name}/enable')
+        self.estop_in = Talker(observer, Bool, f'{self.name}/estop_in')
+        self.delay = RunDelay([self.node.process.pid])  # since the drive was enabled
+
+    @property
+    def inputs(self) -> tuple[Talker, Talker, Talker]:
+        return self.command, self.enable, self.estop_in
+
+    def start_anew(self) -> None:
+        """Have a fresh drive, disabled, all inputs fresh and clear, and enable false."""
+        self.drive.exchange(Simulator(command_timeout=1.0))  # a busy machine is no wiring fault
+        self.command.message = command(0, 0)
+        self.quiet()
+
+    def quiet(self) -> None:
+        """Have all inputs fresh and clear, enable false, and the drive hear of it."""
+        self.enable.message = self.estop_in.message = Bool(data=False)
+        for talker in self.inputs:
+            talker.resume()
+        self.wait(lambda: self.estop.last is not None and not self.estop.last.data, 'no stop')
+        self.wait(lambda: not self.drive.enabled, 'a disabled drive')
+        # What comes next has to be a new edge of enable, so let this false be heard.
+        self.wait(
+            lambda: all(t.publisher.get_subscription_count() for t in self.inputs), 'a listener'
+        )
+        self.holds(lambda: True, 0.2)
+
+    def wait(self, condition: Any, what: str, timeout: float = 15.0) -> Any:
+        return self.observer.wait_for(condition, timeout, what)
+
+    def holds(self, condition: Any, duration: float) -> None:
+        self.observer.holds_for(condition, duration)
+
+    def problems(self) -> str:
+        """Return what the newest diagnostic of the device says is wrong now, and not last time."""
+        status = self.diagnostics.status(DEVICE)
+        return '' if status is None else str(status.message.partition('last stop: ')[0])
+
+    def enabling(self, until: Callable[[], bool] = lambda: True) -> None:
+        """
+        Give edges of enable until the drive follows: an input that stalls undoes an edge.
+
+        :param until: what then holds of the drive, unless an input stalls once more.
+        """
+        pressed_at = time.monotonic()
+
+        def is_enabled() -> bool:
+            nonlocal pressed_at
+            follows = self.drive.enabled and self.enabled.last.data is True
+            age = time.monotonic() - pressed_at
+            if follows or age > 2.2:
+                pressed_at = time.monotonic()
+            self.enable.message = Bool(data=follows or age < 2.0)
+            return follows and until()
+
+        self.enable.message = Bool(data=True)
+        self.wait(is_enabled, 'an enabled drive')
+        self.delay = RunDelay([self.node.process.pid])
+
+    def commands(self, *counts: int) -> bool:
+        """Tell whether the newest packet enables and has these values."""
+        packet = self.drive.packets(time.monotonic() - 0.1)[-1:]
+        return bool(packet) and packet[0].enables and packet[0].values == counts
+
+    def stopped_since(self, cause: float, within: float = STALE) -> None:
+        """See the first disable packet come in time, with 0, and none that enables after it."""
+        self.wait(lambda: self.drive.first_disable(cause), 'a disable packet')
+        packet = self.drive.first_disable(cause)
+        assert packet is not None
+        assert packet.time - cause <= self.delay.allowed(within)
+        assert packet.values == (0, 0)
+        self.holds(lambda: not any(p.enables for p in self.drive.packets(packet.time)), 0.3)
+
+    def inhibits(self) -> str:
+        """Return why the newest diagnostic says disabled, without what was so at the last stop."""
+        return self.value('disabled because').partition('last stop: ')[0]
+
+    def value(self, key: str) -> str:
+        return self.diagnostics.value(DEVICE, key)
+
+    def close(self) -> None:
+        self.node.__exit__(None, None, None)
+        self.drive.close()
+
+
+@pytest.fixture(scope='module')
+def shared(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Bench]:
+    with Observer() as observer:
+        result = Bench(tmp_path_factory.mktemp('esi'), observer)
+        yield result
+        result.close()
+
+
+@pytest.fixture
+def bench(shared: Bench) -> Bench:
+    shared.start_anew()
+    return shared
+
+
+# Commands.
+
+
+def test_command_becomes_the_manuals_packet(bench: Bench) -> None:
+    (entry,) = [entry for entry in VECTORS['command'] if entry['unit'] == 'rpm']
+    bench.command.message = command(*(value * RPM for value in entry['value']))
+    frame = bytes.fromhex(entry['hex'])
+    since = time.monotonic()
+    bench.enabling(lambda: frame in b''.join(c.data for c in bench.drive.received(since)))
+
+
+def test_joints_are_found_by_name_in_any_order_and_without_names_in_ours(bench: Bench) -> None:
+    bench.command.message = command(10 * RPM, 20 * RPM, names=('right', 'left'))
+    bench.enabling(until=lambda: bench.commands(20, 10))
+    bench.command.message = command(30 * RPM, 40 * RPM, names=())
+    bench.enabling(until=lambda: bench.commands(30, 40))
+
+
+def test_enable_held_from_the_start_enables_nothing(bench: Bench) -> None:
+    bench.wait(lambda: 'enable is false' in bench.inhibits(), 'a diagnostic of now')
+    for talker in bench.inputs:
+        talker.pause()
+    for name in ('command', 'enable', 'e-stop input'):
+        bench.wait(lambda name=name: f'{name} is stale' in bench.inhibits(), f'a stale {name}')
+    since = time.monotonic()
+    bench.enable.message = Bool(data=True)
+    for talker in bench.inputs:
+        talker.resume()
+    bench.holds(lambda: not any(p.enables for p in bench.drive.packets(since)), 0.4)
+    bench.wait(lambda: 'enable must go false' in bench.value('disabled because'), 'why', 5.0)
+
+
+@pytest.mark.parametrize('name', ['command', 'enable', 'estop_in'])
+def test_input_that_falls_silent_disables_and_its_return_does_not_enable(
+    bench: Bench, name: str
+) -> None:
+    bench.enabling()
+    talker: Talker = getattr(bench, name)
+    talker.pause()
+    bench.stopped_since(time.monotonic(), COMMAND_TIMEOUT + STALE)
+    moment = time.monotonic()
+    talker.resume()
+    bench.holds(lambda: not any(p.enables for p in bench.drive.packets(moment)), 0.3)
+    bench.quiet()
+    bench.enabling()
+
+
+def test_estop_in_disables_at_once_and_its_end_does_not_enable(bench: Bench) -> None:
+    bench.enabling()
+    bench.estop_in.message = Bool(data=True)
+    bench.estop_in.say()
+    bench.stopped_since(time.monotonic())
+    moment = time.monotonic()
+    bench.estop_in.message = Bool(data=False)
+    bench.holds(lambda: not any(p.enables for p in bench.drive.packets(moment)), 0.3)
+
+
+def test_estop_in_and_its_release_in_one_breath_still_stop(bench: Bench) -> None:
+    bench.enabling()
+    cause = time.monotonic()
+    bench.estop_in.publisher.publish(Bool(data=True))
+    bench.estop_in.publisher.publish(Bool(data=False))
+    bench.stopped_since(cause)
+
+
+def test_enable_false_and_true_in_one_breath_passes_through_disable(bench: Bench) -> None:
+    bench.command.message = command(10 * RPM, 10 * RPM)
+    bench.enabling()
+    cause = time.monotonic()
+    bench.enable.publisher.publish(Bool(data=False))
+    bench.enable.publisher.publish(Bool(data=True))
+    bench.wait(lambda: bench.drive.first_disable(cause), 'a disable packet')
+    bench.enabling()
+
+
+@pytest.mark.parametrize(
+    ('message', 'text'),
+    [
+        (command(1.0, names=('left',)), 'name each of'),
+        (command(1.0, 1.0, names=('left', 'middle')), 'middle'),
+        (command(1.0, 1.0, names=('left', 'left')), 'name each of'),
+        (command(1.0), 'entries in velocity'),
+        (command(1.0, math.nan), 'nan'),
+        (command(math.inf, 1.0), 'inf'),
+        (JointState(name=['left', 'right'], position=[1.0, 1.0]), 'velocity'),
+        (JointState(), 'velocity'),
+        (command(1.0, names=tuple(f'{n:0300}' for n in range(150))), 'name each of'),
+    ],
+    ids=[
+        *('missing', 'unknown', 'doubled', 'short', 'NaN', 'infinite', 'other field', 'empty'),
+        'large',
+    ],
+)
+def test_command_that_makes_no_sense_stops_and_is_counted_and_explained(
+    bench: Bench, message: JointState, text: str
+) -> None:
+    bench.enabling()
+    before = int(bench.value('refused commands') or 0)
+    bench.command.message = message
+    bench.stopped_since(time.monotonic())
+    bench.wait(lambda: int(bench.value('refused commands') or 0) > before, 'the count', 5.0)
+    bench.wait(lambda: text in bench.value('disabled because'), f'{text} in the reason', 5.0)
+    assert bench.diagnostics.value(LINK, 'wire restarts') == '0'
+    bench.command.message = command(0, 0)
+    bench.quiet()
+    bench.enabling()
+
+
+def test_command_beyond_16_bits_is_held_there_and_counted(bench: Bench) -> None:
+    before = int(bench.value('saturated commands') or 0)
+    bench.command.message = command(1e9, -1e9)
+    bench.enabling(until=lambda: bench.commands(32767, -32767))
+    bench.wait(lambda: int(bench.value('saturated commands') or 0) > before, 'the count', 5.0)
+
+
+def test_packets_never_stop_while_the_port_is_open(bench: Bench) -> None:
+    for talker in bench.inputs:
+        talker.pause()
+    for _ in range(5):
+        moment = time.monotonic()
+        bench.wait(lambda moment=moment: len(bench.drive.packets(moment)) > 5, 'packets', 2.0)
+        assert not any(packet.enables for packet in bench.drive.packets(moment))
+
+
+def test_second_mux_disables_and_its_stops_are_no_edges(bench: Bench) -> None:
+    bench.command.message = command(10 * RPM, 10 * RPM)
+    bench.enabling()
+    cause = time.monotonic()
+    topics = {'command': 'command', 'enable': 'enable', 'estop': 'estop_in'}
+    wires = [f'~/{its}:={bench.name}/{ours}' for its, ours in topics.items()]
+    arguments = [word for wire in wires for word in ('-r', wire)]
+    with NodeProcess('safety_mux.node', namespace=namespace(), arguments=arguments):
+        bench.stopped_since(cause, 10.0)
+        told = time.monotonic()
+        bench.wait(lambda: DOUBLED in bench.problems(), 'the reason')
+        bench.holds(lambda: not any(p.enables for p in bench.drive.packets(told)), 1.0)
+        bench.wait(lambda: not bench.estop.last.data, 'no stop: nothing is wrong with the drive')
+    bench.wait(lambda: DOUBLED not in bench.problems(), 'only one again')
+    bench.quiet()
+    bench.enabling()
+
+
+def test_second_commander_disables_by_one_word_that_others_follow_before_it_is_read(
+    bench: Bench,
+) -> None:
+    bench.enabling()
+    topic = f'{bench.name}/command'
+    second = bench.observer.publisher(JointState, topic)
+
+    looks = itertools.count(1)
+
+    def known() -> bool:  # to a node that was not held up meanwhile, or had ten seconds for it
+        delay = RunDelay([bench.node.process.pid])
+        bench.holds(lambda: True, 0.3)
+        return next(looks) > 30 or delay.seconds() < 0.1
+
+    bench.wait(known, 'a node that knows it, too')
+    bench.command.pause()  # nothing more, or a node that waits for its turn keeps the newest ten
+    bench.node.signal(SIGSTOP)
+    second.publish(command(0, 0))
+    bench.command.publisher.publish(command(0, 0))
+    bench.node.signal(SIGCONT)
+    bench.wait(lambda: DOUBLED in bench.problems(), 'the reason')
+    bench.command.resume()
+    bench.observer.node.destroy_publisher(second)
+    bench.wait(lambda: DOUBLED not in bench.problems(), 'only one again')
+    bench.quiet()
+    bench.enabling()
+
+
+def test_what_waited_while_the_node_was_frozen_enables_nothing(bench: Bench) -> None:
+    """The kernel keeps it, and the middleware calls it new: here of a mux that has died since."""
+    bench.quiet()
+    bench.node.signal(SIGSTOP)
+    try:
+        bench.command.message, bench.enable.message = command(10, 10), Bool(data=True)
+        bench.observer.holds_for(lambda: True, 1.0)  # stale, so that enable is a new one
+        for talker in bench.inputs:
+            talker.pause()
+        bench.observer.holds_for(lambda: True, 1.0)
+    finally:
+        bench.node.signal(SIGCONT)
+    woken = time.monotonic()
+    bench.wait(lambda: 'frozen' in bench.diagnostics.value(LINK, 'last refusal'), 'refusals')
+    bench.observer.holds_for(
+        lambda: not any(packet.enables for packet in bench.drive.packets(woken)), 1.0
+    )
+    for talker in bench.inputs:
+        talker.resume()
+    bench.quiet()
+    bench.enabling()
+
+
+# Feedback.
+
+
+def test_status_packet_becomes_joint_states_in_rad_per_second(bench: Bench) -> None:
+    (entry,) = [e for e in VECTORS['status_derived'] if e.get('feedback') == [1000, -1000]]
+    bench.drive.apply('mute on')
+    frame = bytes.fromhex(entry['hex'])
+
+    def turning() -> list[JointState]:  # one so soon after another is not published
+        bench.drive.write(frame)
+        return [joints for joints in bench.joints.messages[-1:] if any(joints.velocity)]
+
+    joints = bench.wait(turning, 'joint states')[0]
+    assert list(joints.name) == ['left', 'right']
+    assert list(joints.velocity) == pytest.approx([104.7197551, -104.7197551])
+    assert not joints.position
+    assert not joints.effort
+    bench.wait(lambda: bench.enabled.last.data, 'enabled, as the packet says')
+    bench.wait(lambda: not bench.enabled.last.data, 'not enabled, as nothing is heard any more')
+
+
+def test_enabled_is_repeated_without_a_change(bench: Bench) -> None:
+    bench.enabling()
+    bench.enabled.clear()
+    bench.wait(lambda: len(bench.enabled.data) > 5 or False in bench.enabled.data, 'repeats')
+    assert all(bench.enabled.data) or bench.delay.exceeds(0.1)
+
+
+def test_every_error_bit_is_named_and_a_stop(bench: Bench) -> None:
+    for name, words in (
+        ('overvoltage', 'overvoltage'),
+        ('undervoltage', 'undervoltage'),
+        ('overcurrent', 'overcurrent'),
+        ('loss_of_feedback', 'feedback'),
+        ('overspeed', 'overspeed'),
+        ('motor_temp', 'motor'),
+        ('internal_temp', 'internal'),
+        ('brake', 'brake'),
+        ('current_cal', 'current'),
+        ('logic_fault', 'logic'),
+        ('ipc_can', 'CAN'),
+    ):
+        bench.drive.apply(f'fault b {name} on')
+        bench.wait(lambda: bench.estop.last.data, f'a stop for {name}')
+
+        def is_told(words: str = words) -> bool:
+            """Tell whether it is; that the wire was held up is told before it."""
+            status = bench.diagnostics.status(DEVICE)
+            is_error = status.level == DiagnosticStatus.ERROR and 'axis B' in status.message
+            return is_error and words.lower() in bench.value('axis B (right) errors').lower()
+
+        bench.wait(is_told, f'{name} in diagnostics: {bench.value("axis B (right) errors")}', 5.0)
+        bench.drive.exchange(Simulator(command_timeout=1.0))
+        bench.wait(lambda: not bench.estop.last.data, 'no stop')
+
+
+def test_fault_and_its_end_in_one_read_are_both_published(bench: Bench) -> None:
+    every = bench.observer.record(Bool, f'{bench.name}/estop', 100)
+    bench.wait(lambda: every.data[-1:] == [False], 'no stop')
+    for _ in range(5):
+        cause = bench.drive.write(status(errors=1) + status())
+
+        def changes(cause: float = cause) -> list[bool]:
+            data = [message.data for _, message in every.since(cause)]
+            return [value for value, _ in itertools.groupby(data)]
+
+        bench.wait(lambda: changes()[-2:] == [True, False], 'a stop, and its end')
+
+
+def test_flickering_fault_is_logged_once_a_second_and_the_last_word_stands(bench: Bench) -> None:
+    said = len(bench.node.output)
+    start = time.monotonic()
+    while time.monotonic() < start + 2.5:
+        bench.drive.write(status(errors=1) + status())
+        bench.observer.spin(0.01)
+    lasted = time.monotonic() - start
+
+    def said_of(pattern: str) -> list[str]:
+        lines = bench.node.output[said:].splitlines()
+        return [line for line in lines if re.search(pattern, line)]
+
+    for pattern in (r']: the drive reports', r']: (no )?stop'):
+        bench.wait(lambda p=pattern: 'any more' in ''.join(said_of(p)[-1:]), 'what was put off')
+    bench.holds(lambda: True, 1.2)  # longer than a second: nothing follows
+    for pattern in (r']: the drive reports', r']: (no )?stop'):
+        about = said_of(pattern)
+        assert 1 <= len(about) <= lasted + 2.5, about
+        # A node that was held up meanwhile has said so, and says the end of that.
+        bench.wait(lambda p=pattern: 'any more' in said_of(p)[-1], 'the last word')
+
+
+def test_warning_bit_is_a_warning_and_no_stop(bench: Bench) -> None:
+    bench.enabling()
+    bench.drive.apply('fault a warning on')
+    bench.wait(lambda: bench.value('axis A (left) warning') == 'true', 'the warning', 5.0)
+    assert bench.diagnostics.status(DEVICE).level == DiagnosticStatus.WARN
+    assert bench.drive.enabled or bench.delay.exceeds(0.1)  # an input that stalls disables
+    bench.wait(lambda: not bench.estop.last.data, 'no stop')
+
+
+# Clearing errors.
+
+
+def test_clear_errors_without_an_error_says_so(bench: Bench) -> None:
+    def answer() -> Any:
+        delay = RunDelay([bench.node.process.pid])
+        reply = bench.observer.call(Trigger, f'{bench.name}/clear_errors', tries=5)
+        if not reply.success:  # only where the machine held the drive's status up
+            assert 'no status' in reply.message
+            assert delay.exceeds(HELD_UP)
+        return reply if reply.success else None
+
+    assert 'no error' in bench.wait(answer, 'the answer').message
+
+
+def test_clear_errors_answers_when_the_drive_has(bench: Bench) -> None:
+    bench.drive.apply('fault a overspeed on')
+    bench.wait(lambda: bench.estop.last.data, 'a stop')
+    refused = bench.observer.call(Trigger, f'{bench.name}/clear_errors')
+    assert not refused.success
+    assert 'overspeed' in refused.message.lower()
+    bench.drive.apply('fault a overspeed off')
+    assert bench.observer.call(Trigger, f'{bench.name}/clear_errors').success
+    bench.wait(lambda: not bench.estop.last.data, 'no stop')
+    assert not bench.drive.enabled
+
+
+def test_clear_errors_never_happens_by_itself(bench: Bench) -> None:
+    bench.drive.apply('fault a overspeed pulse')  # latched, without a cause any more
+    bench.wait(lambda: bench.estop.last.data, 'a stop')
+    bench.enable.message = Bool(data=True)
+    bench.holds(lambda: bench.estop.last.data and not bench.drive.enabled, 0.5)
+    assert not any(packet.flags[0] & 2 for packet in bench.drive.packets())
+
+
+def test_clear_errors_of_a_silent_drive_fails_with_the_reason(bench: Bench) -> None:
+    bench.drive.apply('mute on')
+    bench.wait(lambda: bench.estop.last.data, 'a stop')
+    reply = bench.observer.call(Trigger, f'{bench.name}/clear_errors', tries=3)
+    assert not reply.success
+    assert 'no status from the drive' in reply.message
+
+
+def test_drive_that_stays_enabled_is_a_stop_and_called_out(bench: Bench) -> None:
+    bench.enabling()
+    bench.drive.apply('stuck a on')
+    bench.enable.message = Bool(data=False)
+    bench.wait(lambda: bench.estop.last.data, 'a stop')
+    bench.wait(lambda: 'still enabled' in bench.diagnostics.status(DEVICE).message, 'the reason')
+    bench.drive.apply('stuck a off')
+    bench.wait(lambda: not bench.estop.last.data, 'no stop any more')
+
+
+# Layouts, modes, lifecycle: a node each.
+
+
+@pytest.mark.parametrize('layout', ['padded', 'compact'])
+def test_single_axis_drive_moves_in_both_layouts(
+    tmp_path: Path, observer: Observer, layout: str
+) -> None:
+    simulator = Simulator(axes=1, compact=layout == 'compact')
+    bench = Bench(tmp_path, observer, simulator, joint_names=['winch'], single_axis_layout=layout)
+    bench.command.message = command(100 * RPM, names=('winch',))
+    try:
+        bench.quiet()
+        bench.enabling(until=lambda: bench.joints.last.velocity[0] > 50.0 * RPM)
+        assert list(bench.joints.last.name) == ['winch']
+    finally:
+        bench.close()
+
+
+def test_wrong_single_axis_layout_is_a_stop_that_names_the_parameter(
+    tmp_path: Path, observer: Observer
+) -> None:
+    simulator = Simulator(axes=1, compact=True)
+    bench = Bench(tmp_path, observer, simulator, joint_names=['winch'])
+    try:
+        bench.wait(lambda: bench.diagnostics.status(LINK) is not None, 'diagnostics')
+        bench.wait(
+            lambda: 'single_axis_layout' in bench.diagnostics.status(LINK).message, 'the hint', 5.0
+        )
+        bench.wait(lambda: bench.estop.last and bench.estop.last.data, 'a stop')
+    finally:
+        bench.close()
+
+
+def test_torque_and_position_joints_have_their_fields_and_units(
+    tmp_path: Path, observer: Observer
+) -> None:
+    bench = Bench(
+        tmp_path,
+        observer,
+        mode=['torque', 'position'],
+        torque_constant=[0.1, 0.0],  # N·m/A
+        gear_ratio=[10.0, 2.0],
+        inverted=[False, True],
+    )
+    message = JointState(name=['left', 'right'])
+    # 2 N·m at the joint: 0.2 at the motor, 2 A, 2000 counts of 1 mA.
+    message.effort = [2.0, math.nan]
+    # 0.5 rad at the joint, turned round: -1 rad at the motor, -5215 counts of 0.000191753 rad.
+    message.position = [math.nan, 0.5]
+    bench.command.message = message
+    try:
+        bench.quiet()
+        bench.enabling(until=lambda: bench.commands(2000, -5215))
+        there = pytest.approx(2.0, abs=0.01)
+
+        def is_there() -> bool:
+            last = bench.joints.last
+            return bool(last.effort[0] == there and last.position[1] > 0.4)
+
+        bench.enabling(until=is_there)
+        last = bench.joints.last
+        assert math.isnan(last.effort[1])
+        assert math.isnan(last.position[0])
+        assert not last.velocity
+    finally:
+        bench.close()
+
+
+def test_deactivation_disables_and_closes_and_activation_needs_a_new_edge(
+    tmp_path: Path, observer: Observer
+) -> None:
+    bench = Bench(tmp_path, observer)
+    try:
+        bench.quiet()
+        bench.enabling()
+        assert observer.state(bench.name) == 'active'
+        moment = time.monotonic()
+        assert observer.change_state(bench.name, 'deactivate')
+        bench.wait(lambda: bench.estop.last.data, 'a stop')
+        closed = moment
+
+        def silent() -> bool:
+            nonlocal closed
+            if bench.drive.packets(closed):
+                closed = time.monotonic()  # what was on its way
+            return time.monotonic() > closed + 0.3
+
+        bench.wait(silent, 'silence')
+        assert not any(packet.enables for packet in bench.drive.packets(moment)[-3:])
+        reply = observer.call(Trigger, f'{bench.name}/clear_errors', tries=3)
+        assert (reply.success, reply.message) == (False, 'the node is not active')
+        assert observer.change_state(bench.name, 'activate')  # enable is still held
+        bench.wait(lambda: bench.drive.packets(closed), 'packets')
+        bench.holds(lambda: not any(p.enables for p in bench.drive.packets(closed)), 0.4)
+        bench.quiet()
+        bench.enabling()
+    finally:
+        bench.close()
+
+
+@each_ending
+def test_signal_mid_motion_leaves_the_drive_disabled(
+    tmp_path: Path, observer: Observer, number: int
+) -> None:
+    bench = Bench(tmp_path, observer)
+    bench.command.message = command(100 * RPM, 0)
+    try:
+        bench.quiet()
+        bench.enabling(until=lambda: bench.drive.rpm >= 50)
+        assert bench.node.end(number) == 0
+        bench.wait(bench.drive.heard_farewell, 'the farewell')
+        bench.wait(lambda: bench.estop.last.data, 'a last stop')
+    finally:
+        bench.close()
+
+
+def full_pipe() -> tuple[int, int]:
+    """Return a pipe that takes no more, and blocks who tries."""
+    read, write = os.pipe()
+    os.set_blocking(write, False)
+    with contextlib.suppress(BlockingIOError):
+        while True:
+            os.write(write, b'x' * 4096)
+    os.set_blocking(write, True)
+    return read, write
+
+
+def stopped_terminal() -> tuple[int, int]:
+    """Return a terminal in which somebody has pressed Ctrl-S."""
+    master, slave = os.openpty()
+    os.write(master, b'\x13')
+    return master, slave
+
+
+@pytest.mark.parametrize('terminal', [stopped_terminal, full_pipe])
+def test_output_that_blocks_holds_up_neither_packets_nor_stops(
+    tmp_path: Path, observer: Observer, terminal: Any
+) -> None:
+    ours, its = terminal()
+    bench = Bench(tmp_path, observer, terminal=its)
+    os.close(its)
+    try:
+        bench.quiet()
+        for _ in range(3):  # each is a line of the log, written by C code of ROS
+            bench.enabling()
+            cause = time.monotonic()
+            bench.estop_in.message = Bool(data=True)
+            bench.stopped_since(cause)
+            bench.quiet()
+        times = [packet.time for packet in bench.drive.packets(cause)]
+        gap = max(after - before for before, after in itertools.pairwise(times))
+        assert gap < 0.25 + bench.delay.seconds()
+        assert bench.node.end() == 0
+        bench.wait(lambda: bench.estop.last.data, 'a last stop')
+    finally:
+        bench.close()
+        os.close(ours)
+
+
+def test_terminal_that_goes_on_shows_what_was_said_meanwhile(
+    tmp_path: Path, observer: Observer
+) -> None:
+    ours, its = stopped_terminal()
+    os.set_blocking(ours, False)
+    bench = Bench(tmp_path, observer, terminal=its)
+    os.close(its)
+    try:
+        bench.quiet()
+        os.write(ours, b'\x11')  # Ctrl-Q
+        shown = b''
+
+        def complete() -> bool:
+            nonlocal shown
+            with contextlib.suppress(BlockingIOError):
+                shown += os.read(ours, 65536)
+            return b'no stop demanded any more' in shown
+
+        bench.wait(complete, 'its log')
+        assert b'\x1b[' in shown  # in colours, as on any terminal
+    finally:
+        bench.close()
+        os.close(ours)
+
+
+def test_line_too_slow_for_its_rates_is_warned_of(tmp_path: Path, observer: Observer) -> None:
+    bench = Bench(tmp_path, observer, status_rate=1000.0, baud=115200)
+    try:
+        bench.wait(lambda: bench.diagnostics.status(DEVICE) is not None, 'diagnostics')
+        # 12 bytes of 10 bits a thousand times a second are 120000 bit/s.
+        bench.wait(lambda: '120000 bit/s' in bench.diagnostics.status(DEVICE).message, 'it', 5.0)
+    finally:
+        bench.close()

@@ -1,0 +1,471 @@
+# Copyright 2026 The rugged_teleop maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Golden bytes are the manual's examples (4.2.3 to 4.2.5) or done by hand from its tables."""
+
+from collections.abc import Callable
+import json
+import math
+import random
+from typing import Any
+
+from hypothesis import given, settings, strategies as st
+import pytest
+
+from bridge_core.checksums import crc16_ccitt_false
+from bridge_core.framing import FrameError, StreamParser
+from esi_drive_bridge import protocol
+from esi_drive_bridge.protocol import (
+    AxisCommand,
+    AxisState,
+    AxisStatus,
+    Command,
+    command_parser,
+    Layout,
+    layout_of,
+    Mode,
+    MotorError,
+    Status,
+    status_parser,
+)
+from stage.parser_rig import frames_of
+from stage.rig import ROOT
+
+VECTORS = json.loads((ROOT / 'test' / 'vectors' / 'esi.json').read_text())
+MODES = {'current': Mode.TORQUE, 'velocity': Mode.VELOCITY, 'position': Mode.POSITION}
+
+INT16 = st.integers(-32768, 32767)
+AXIS_COMMANDS = st.builds(AxisCommand, st.booleans(), st.booleans(), st.sampled_from(Mode), INT16)
+STATES_A = st.integers(0, 0x7F).map(AxisState)
+STATES_B = st.integers(0, 0x3F).map(AxisState)
+ERRORS = st.integers(0, 0xFF).map(MotorError)
+
+
+def plain_crc(data: bytes) -> int:
+    crc = 0xFFFF
+    for byte in data:
+        crc ^= byte << 8
+        for _ in range(8):
+            crc = (crc << 1 ^ 0x1021) & 0xFFFF if crc & 0x8000 else crc << 1
+    return crc
+
+
+def packet(body: str) -> bytes:
+    """Wrap a body written by hand."""
+    data = bytes.fromhex(body)
+    return b'\xf0\xf0' + data + plain_crc(data).to_bytes(2, 'little')
+
+
+def axes_strategy(layout: Layout, a: Any, b: Any) -> Any:
+    return st.tuples(a, b) if layout is Layout.DUAL else st.tuples(a)
+
+
+def status_of(entry: dict[str, Any]) -> Status:
+    axes = []
+    for number, name in enumerate('AB'):
+        state = AxisState(0)
+        if entry['enabled'][number]:
+            state |= AxisState.ENABLED
+        if entry.get('error_condition', [False, False])[number]:
+            state |= AxisState.ERROR_CONDITION
+        if entry.get('command_rs422_error') and name == 'A':
+            state |= AxisState.RS422_ERROR
+        errors = MotorError(0)
+        for error in entry['errors'][number]:
+            errors |= MotorError[error.upper()]
+        axes.append(AxisStatus(state, entry['feedback'][number], errors))
+    return Status(tuple(axes))
+
+
+@pytest.mark.parametrize('entry', VECTORS['command'], ids=lambda entry: entry['hex'])
+def test_command_examples_of_the_manual_both_ways(entry: dict[str, Any]) -> None:
+    wire = bytes.fromhex(entry['hex'])
+    fields = zip(
+        entry['enable'], entry['clear_errors'], entry['mode'], entry['command'], strict=True
+    )
+    command = Command(tuple(AxisCommand(e, c, MODES[m], v) for e, c, m, v in fields))
+    assert command.to_bytes(Layout.DUAL) == wire
+    assert Command.from_bytes(wire, Layout.DUAL) == command
+    assert command_parser(Layout.DUAL).feed(wire, 0.0) == [command]
+
+
+@pytest.mark.parametrize('entry', VECTORS['status_derived'], ids=lambda entry: entry['hex'])
+def test_status_vectors_both_ways(entry: dict[str, Any]) -> None:
+    wire = bytes.fromhex(entry['hex'])
+    status = status_of(entry)
+    assert Status.from_bytes(wire, Layout.DUAL) == status
+    assert status.to_bytes(Layout.DUAL) == wire
+    assert status_parser(Layout.DUAL).feed(wire, 0.0) == [status]
+
+
+@pytest.mark.parametrize(
+    ('layout', 'body'),
+    [(Layout.PADDED, '07 FE FF 00 00 00'), (Layout.COMPACT, '07 FE FF')],
+)
+def test_single_axis_command_by_hand(layout: Layout, body: str) -> None:
+    # bit 0 enable, bit 1 clear, bits 2-3 = 1 velocity: 0b0111; -2 is FE FF
+    command = Command((AxisCommand(True, True, Mode.VELOCITY, -2),))
+    assert command.to_bytes(layout) == packet(body)
+    assert Command.from_bytes(packet(body), layout) == command
+    assert len(packet(body)) == layout.command_size
+
+
+@pytest.mark.parametrize(
+    ('layout', 'body'),
+    [(Layout.PADDED, '41 34 12 80 00 00 00 00'), (Layout.COMPACT, '41 34 12 80')],
+)
+def test_single_axis_status_by_hand(layout: Layout, body: str) -> None:
+    # bit 0 enabled, bit 6 RS422; 0x1234; bit 7 logic fault
+    state = AxisState.ENABLED | AxisState.RS422_ERROR
+    status = Status((AxisStatus(state, 0x1234, MotorError.LOGIC_FAULT),))
+    assert Status.from_bytes(packet(body), layout) == status
+    assert status.to_bytes(layout) == packet(body)
+    assert len(packet(body)) == layout.status_size
+
+
+def test_sizes_of_the_manual() -> None:
+    assert [(layout.command_size, layout.status_size) for layout in Layout] == [
+        (10, 12),
+        (10, 12),
+        (7, 8),
+    ]
+
+
+@pytest.mark.parametrize('size', [3, 4, 6, 8])
+def test_crc_equals_the_plain_definition(size: int) -> None:
+    assert plain_crc(b'123456789') == 0x29B1
+    for seed in range(50):
+        data = random.Random(seed).randbytes(size)
+        assert crc16_ccitt_false(data) == plain_crc(data)
+
+
+@pytest.mark.parametrize('layout', Layout)
+@given(data=st.data())
+def test_command_round_trip(layout: Layout, data: st.DataObject) -> None:
+    command = Command(data.draw(axes_strategy(layout, AXIS_COMMANDS, AXIS_COMMANDS)))
+    wire = command.to_bytes(layout)
+    assert len(wire) == layout.command_size
+    assert Command.from_bytes(wire, layout) == command
+
+
+@pytest.mark.parametrize('layout', Layout)
+@given(data=st.data())
+def test_status_round_trip(layout: Layout, data: st.DataObject) -> None:
+    a, b = (st.builds(AxisStatus, states, INT16, ERRORS) for states in (STATES_A, STATES_B))
+    status = Status(data.draw(axes_strategy(layout, a, b)))
+    wire = status.to_bytes(layout)
+    assert len(wire) == layout.status_size
+    assert Status.from_bytes(wire, layout) == status
+
+
+@pytest.mark.parametrize('value', [-32769, 32768])
+def test_values_beyond_16_bits_are_our_fault(value: int) -> None:
+    with pytest.raises(ValueError, match='counts'):
+        AxisCommand(value=value)
+    with pytest.raises(ValueError, match='counts'):
+        AxisStatus(feedback=value)
+
+
+def test_wrong_number_of_axes_is_our_fault() -> None:
+    for make in (Command, Status):
+        with pytest.raises(ValueError, match='1 or 2 axes'):
+            make(())
+    with pytest.raises(ValueError, match='layout dual has 2 axes, not 1'):
+        Command((AxisCommand(),)).to_bytes(Layout.DUAL)
+    with pytest.raises(ValueError, match='layout padded has 1 axes, not 2'):
+        Status((AxisStatus(), AxisStatus())).to_bytes(Layout.PADDED)
+
+
+def test_axis_b_has_no_rs422_bit() -> None:
+    with pytest.raises(ValueError, match='only axis A'):
+        Status((AxisStatus(), AxisStatus(AxisState.RS422_ERROR)))
+
+
+def test_layout_of_parameters() -> None:
+    assert layout_of(2) is layout_of(2, 'padded') is Layout.DUAL
+    assert layout_of(1) is Layout.PADDED
+    assert layout_of(1, 'compact') is Layout.COMPACT
+    with pytest.raises(ValueError, match='1 or 2 axes, not 3'):
+        layout_of(3)
+    with pytest.raises(ValueError, match="'dual'"):
+        layout_of(1, 'dual')
+
+
+def test_compact_layout_of_two_axes_is_refused_and_not_passed_over() -> None:
+    with pytest.raises(ValueError, match=r'layout = compact: .*joint_names'):
+        layout_of(2, 'compact')
+
+
+def test_mode_3_is_refused() -> None:
+    with pytest.raises(FrameError, match='mode 3'):
+        Command.from_bytes(packet('0D 00 00 01 00 00'), Layout.DUAL)
+
+
+@pytest.mark.parametrize(
+    'wire',
+    [
+        b'',
+        b'\xf0\xf0',
+        packet('01 88 13'),
+        packet('00' * 6)[:-1],
+        b'\xf0\xf1' + packet('00' * 6)[2:],
+        packet('00' * 6)[:-1] + b'\0',
+    ],
+)
+def test_not_a_packet_is_the_peers_fault(wire: bytes) -> None:
+    with pytest.raises(FrameError):
+        Command.from_bytes(wire, Layout.DUAL)
+
+
+def test_reserved_bits_are_ignored() -> None:
+    wire = packet('81 00 00 00 C1 00 00 00')
+    enabled = AxisStatus(AxisState.ENABLED)
+    assert Status.from_bytes(wire, Layout.DUAL) == Status((enabled, enabled))
+    assert Command.from_bytes(packet('F1 00 00 00 00 00'), Layout.PADDED).axes[0].enable
+
+
+@pytest.mark.parametrize(
+    ('states', 'every', 'one'),
+    [('00', False, False), ('01', False, True), ('10', False, True), ('11', True, True)],
+)
+def test_drive_is_enabled_if_all_are_and_moves_if_one_is(
+    states: str, every: bool, one: bool
+) -> None:
+    off, on = AxisStatus(), AxisStatus(AxisState.ENABLED)
+    status = Status(tuple(on if state == '1' else off for state in states))
+    assert (status.enabled, status.any_enabled) == (every, one)
+
+
+def test_what_pads_a_single_axis_is_no_axis_and_kept() -> None:
+    axes = (AxisStatus(AxisState.ENABLED, 1),)
+    wire = packet('01 01 00 00 FF FF FF FF')
+    assert Status.from_bytes(wire, Layout.PADDED) == Status(axes, b'\xff' * 4)
+    assert Status.from_bytes(packet('01 01 00 00 00 00 00 00'), Layout.PADDED) == Status(axes)
+    wire = packet('01 01 00 00 00 00 00 01')
+    assert Status.from_bytes(wire, Layout.PADDED) == Status(axes, b'\0\0\0\1')
+
+
+@pytest.mark.parametrize('bit', [0x01, 0x02, 0x04, 0x08, 0x10, 0x20, 0x40])
+def test_every_state_bit_has_its_property(bit: int) -> None:
+    names = (
+        'enabled',
+        'error_condition',
+        'overvoltage',
+        'undervoltage',
+        'warning',
+        'ipc_can_error',
+        'rs422_error',
+    )
+    axis = AxisStatus(AxisState(bit))
+    assert [getattr(axis, name) for name in names] == [1 << i == bit for i in range(7)]
+
+
+ERROR_WORDS = {
+    '02 00 00 00': 'error condition',
+    '04 00 00 00': 'overvoltage',
+    '08 00 00 00': 'undervoltage',
+    '20 00 00 00': 'CAN between the processors',
+    '40 00 00 00': 'RS422',
+    '00 00 00 01': 'overcurrent',
+    '00 00 00 02': 'loss of feedback',
+    '00 00 00 04': 'overspeed',
+    '00 00 00 08': 'motor temperature',
+    '00 00 00 10': 'internal temperature',
+    '00 00 00 20': 'brake',
+    '00 00 00 40': 'calibrate',
+    '00 00 00 80': 'logic voltage',
+}
+
+
+@pytest.mark.parametrize(('body', 'word'), ERROR_WORDS.items())
+def test_every_error_bit_is_named_with_a_remedy(body: str, word: str) -> None:
+    status = Status.from_bytes(packet(body), Layout.COMPACT)
+    (text,) = status.faults()
+    assert text.startswith('axis A: ')
+    assert word in text
+    assert ':' in text.removeprefix('axis A: ')
+    assert status.faulty
+    assert len(status.axes[0].fault_names()) == 1
+
+
+def test_error_bit_of_axis_b_counts_without_the_summary_bit() -> None:
+    status = Status.from_bytes(packet('01 00 00 00 01 00 00 80'), Layout.DUAL)
+    assert status.faulty
+    assert status.faults()[0].startswith('axis B: logic voltage')
+
+
+@given(STATES_A, ERRORS)
+def test_faulty_exactly_when_a_fault_is_named(state: AxisState, errors: MotorError) -> None:
+    axis = AxisStatus(state, 0, errors)
+    assert axis.faulty == bool(axis.faults()) == bool(axis.fault_names())
+
+
+@pytest.mark.parametrize(
+    ('state', 'errors', 'words'),
+    [
+        (AxisState.ERROR_CONDITION, 0, ['error condition without']),
+        (AxisState.ERROR_CONDITION, MotorError.OVERCURRENT, ['overcurrent']),
+        (AxisState.ERROR_CONDITION | AxisState.RS422_ERROR, 0, ['RS422']),
+    ],
+)
+def test_summary_bit_is_named_if_nothing_else_is(
+    state: AxisState, errors: int, words: list[str]
+) -> None:
+    faults = AxisStatus(state, 0, MotorError(errors)).faults()
+    assert [word in fault for word, fault in zip(words, faults, strict=True)] == [True]
+
+
+def test_status_repeats_another_with_the_same_bits_whatever_was_measured() -> None:
+    status = Status((AxisStatus(feedback=1), AxisStatus(AxisState.ENABLED)))
+    assert status.repeats(Status((AxisStatus(), AxisStatus(AxisState.ENABLED)))) is True
+    state = Status((AxisStatus(), AxisStatus()))
+    error = Status((AxisStatus(), AxisStatus(AxisState.ENABLED, 0, MotorError.OVERCURRENT)))
+    assert status.repeats(state) is status.repeats(error) is False
+
+
+def test_nothing_is_asked_or_said_unless_it_is_given() -> None:
+    assert AxisCommand() == AxisCommand(False, False, Mode.TORQUE, 0)
+    assert not AxisStatus().state
+    assert not AxisStatus().errors
+
+
+def test_line_and_poll_of_the_drive_are_those_of_the_manual() -> None:
+    assert protocol.BAUDS == (115200, 230400, 1000000)  # 4.5.2
+    assert protocol.BITS_PER_BYTE == 1 + 8 + 1  # 8N1 (4.5.2)
+    assert protocol.MAX_COMMAND_RATE == 1000.0  # Hz (4.5.1)
+
+
+def test_a_warning_is_not_an_error() -> None:
+    status = Status((AxisStatus(AxisState.WARNING),))
+    assert not status.faulty
+    assert 'axis A' in status.warnings()[0]
+
+
+# The stream.
+
+STATUS_WIRE = [bytes.fromhex(entry['hex']) for entry in VECTORS['status_derived']]
+COMMAND_WIRE = [bytes.fromhex(entry['hex']) for entry in VECTORS['command']]
+HEADER_INSIDE = packet('F0 F0 F0 00 F0 F0 F0 F0')  # every field full of headers
+STREAMS: dict[str, tuple[Callable[[Layout], StreamParser[Any]], Layout, list[bytes]]] = {
+    'dual command': (command_parser, Layout.DUAL, COMMAND_WIRE),
+    'dual status': (status_parser, Layout.DUAL, [*STATUS_WIRE, HEADER_INSIDE]),
+    'compact command': (
+        command_parser,
+        Layout.COMPACT,
+        [packet('05 E8 03'), packet('F0 F0 F0'), packet('00 00 00')],
+    ),
+    'compact status': (
+        status_parser,
+        Layout.COMPACT,
+        [packet('01 E8 03 00'), packet('F0 F0 F0 F0'), packet('40 00 00 00')],
+    ),
+}
+
+
+@pytest.fixture(params=STREAMS)
+def stream(request: pytest.FixtureRequest) -> tuple[StreamParser[bytes], list[bytes]]:
+    make, layout, frames = STREAMS[request.param]
+    return frames_of(make(layout)), frames * 3
+
+
+def flush(parser: StreamParser[bytes], now: float) -> list[bytes]:
+    """Let partial frames expire until nothing is pending."""
+    frames = []
+    while parser.deadline < math.inf:
+        now = parser.deadline
+        frames += parser.poll(now)
+    return frames
+
+
+def test_whole(stream: tuple[StreamParser[bytes], list[bytes]]) -> None:
+    parser, frames = stream
+    assert parser.feed(b''.join(frames), 0.0) == frames
+    assert parser.counters.frames == len(frames)
+    assert parser.counters.discarded_bytes == 0
+
+
+def test_byte_by_byte(stream: tuple[StreamParser[bytes], list[bytes]]) -> None:
+    parser, frames = stream
+    found = [f for byte in b''.join(frames) for f in parser.feed(bytes((byte,)), 0.0)]
+    assert found == frames
+
+
+@pytest.mark.parametrize('seed', range(10))
+def test_random_splits(stream: tuple[StreamParser[bytes], list[bytes]], seed: int) -> None:
+    parser, frames = stream
+    data, rng, found = b''.join(frames), random.Random(seed), []
+    while data:
+        size = rng.randint(1, 17)
+        found += parser.feed(data[:size], 0.0)
+        data = data[size:]
+    assert found == frames
+
+
+@pytest.mark.parametrize('garbage', [b'\0', b'\xf0', b'\xf0\xf0', b'\xf0\xf0\x01\x02', b'no' * 9])
+def test_garbage_before_and_between(
+    stream: tuple[StreamParser[bytes], list[bytes]], garbage: bytes
+) -> None:
+    parser, frames = stream
+    found = parser.feed(garbage + garbage.join(frames), 0.0) + flush(parser, 0.0)
+    assert found == frames
+    assert parser.counters.discarded_bytes == len(garbage) * len(frames)
+
+
+def test_truncated_frame_costs_only_itself(
+    stream: tuple[StreamParser[bytes], list[bytes]],
+) -> None:
+    parser, frames = stream
+    for cut in range(1, len(frames[0])):
+        found = parser.feed(frames[0][:cut] + b''.join(frames[1:]), 0.0)
+        assert found + flush(parser, 0.0) == frames[1:]
+
+
+def test_truncated_frame_then_silence_expires(
+    stream: tuple[StreamParser[bytes], list[bytes]],
+) -> None:
+    parser, frames = stream
+    assert parser.feed(frames[0][:-1], 0.0) == []
+    assert parser.poll(parser.deadline) == []
+    assert parser.counters.expired == 1
+    assert parser.feed(frames[1], 10.0) == [frames[1]]
+
+
+def test_flood_of_headers_is_bounded(stream: tuple[StreamParser[bytes], list[bytes]]) -> None:
+    parser, frames = stream
+    assert parser.feed(b'\xf0' * 50_000, 0.0) == []
+    assert len(parser._buffer) <= len(frames[0])
+    assert (parser.feed(frames[0] + frames[1], 0.0) + flush(parser, 0.0))[-1] == frames[1]
+
+
+def test_one_flipped_bit_anywhere_loses_at_most_its_frame(
+    stream: tuple[StreamParser[bytes], list[bytes]],
+) -> None:
+    parser, frames = stream
+    data = b''.join(frames)
+    size = len(frames[0])
+    for bit in range(8 * len(data)):
+        broken = bytearray(data)
+        broken[bit // 8] ^= 1 << bit % 8
+        hit = bit // 8 // size
+        found = parser.feed(bytes(broken), 0.0) + flush(parser, 0.0)
+        assert found == frames[:hit] + frames[hit + 1 :]
+
+
+@settings(max_examples=200)
+@given(st.lists(st.binary(max_size=40), max_size=20))
+def test_nothing_on_the_wire_makes_the_parser_raise(chunks: list[bytes]) -> None:
+    parser = status_parser(Layout.DUAL)
+    for number, chunk in enumerate(chunks):
+        parser.feed(chunk, number * 0.01)
+    assert parser.counters.bytes == sum(map(len, chunks))

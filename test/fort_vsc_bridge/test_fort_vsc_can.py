@@ -1,0 +1,867 @@
+# Copyright 2026 The rugged_teleop maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The VSC on CAN: golden frames, what stops, what counts, what is sent and when."""
+
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+import itertools
+import json
+import math
+import random
+import struct
+from typing import Any
+
+from hypothesis import given, settings, strategies as st
+import pytest
+
+from bridge_core.framing import FrameError
+from bridge_core.j1939 import CanFrame, J1939Id
+from bridge_core.session import Level, StopChanged, Verdict
+from fort_vsc_bridge.protocol import (
+    AutonomyMode,
+    Axis,
+    BasicJoystick,
+    Button,
+    CanIds,
+    CanWire,
+    decode_data,
+    encode_frame,
+    ExtendedJoystick,
+    Heartbeat,
+    Joystick,
+    Mode,
+    RemoteStatus,
+    StringSegment,
+    UserFeedback,
+)
+from fort_vsc_bridge.protocol.can import CanDecoder
+from fort_vsc_bridge.session import (
+    DeviceSettings,
+    ModeChanged,
+    RemoteState,
+    Session,
+    Settings,
+    Sticks,
+)
+from fort_vsc_bridge.simulator import build_frame, CanSimulator
+from stage.fort_vsc_rig import sticks
+from stage.rig import ROOT
+from stage.session_rig import SessionBench
+from stage.vsc_on_can import ALL_STICKS, frame, heartbeat, IDS, LEFT, LEFT_Z, RIGHT, RIGHT_Z
+
+LIMIT = 0.25
+LOST = StopChanged(Verdict(True, True, False))
+SRC = 0x01
+NEUTRAL = Sticks()
+# Table 34, typed off.
+
+
+DEFLECTED = Sticks(
+    axes=(1023, -296, 0, 0, 0, -1),
+    buttons=(False, False, False, True, True, False, True, False),
+    operational=True,
+)
+
+
+def pad(*pressed: str) -> tuple[Button, ...]:
+    return tuple(Button(name in pressed) for name in ('down', 'right', 'up', 'left'))
+
+
+# -- frames ---------------------------------------------------------------------------------------
+
+GOLDEN = [  # worked out by hand from tables 35 to 43
+    ('left_basic', LEFT, BasicJoystick(Axis(1023), Axis(-296), pad('left'))),
+    ('left_extended', LEFT_Z, ExtendedJoystick(Axis(0))),
+    ('right_basic', RIGHT, BasicJoystick(Axis(0), Axis(0), pad('up', 'down'))),
+    ('right_extended', RIGHT_Z, ExtendedJoystick(Axis(-1))),
+    (
+        'heartbeat',
+        frame('heartbeat', '09 00 00000000'),
+        Heartbeat(Mode.OPERATIONAL, AutonomyMode.USER_CONTROL, 0),
+    ),
+    (
+        'heartbeat',
+        frame('heartbeat', '04 02 04000000'),
+        Heartbeat(Mode.LOCAL, AutonomyMode.AUTONOMOUS_CONTROL, 4),
+    ),
+    ('heartbeat', frame('heartbeat', '33 07 00000080'), Heartbeat(0x33, 7, 0x80000000)),
+    (
+        'remote_status',
+        frame('remote_status', '46 01 01 01 0000 0000'),
+        RemoteStatus(70, True, 1, 1),
+    ),
+    ('feedback_value', frame('feedback_value', '03 C01DFEFF'), UserFeedback(3, -123456)),
+    ('feedback_value', frame('feedback_value', '0C 01000000'), UserFeedback(12, 1)),
+    (
+        'feedback_string',
+        frame('feedback_string', '5A 00 48454C4C4F20'),
+        StringSegment(90, 0, 'HELLO '),
+    ),
+    ('feedback_string', frame('feedback_string', '01 02 6B6D00000000'), StringSegment(1, 2, 'km')),
+]
+
+
+@pytest.mark.parametrize(('name', 'wire', 'message'), GOLDEN)
+def test_frames_of_section_8_both_ways(name: str, wire: CanFrame, message: Any) -> None:
+    assert decode_data(name, wire.data) == message
+    assert encode_frame(name, message, CanIds()) == wire
+
+
+def test_identifiers_are_those_of_table_34() -> None:
+    assert CanIds().by_name == IDS
+
+
+def test_the_joystick_that_an_akron_monitor_obeys_is_our_left_one() -> None:
+    vectors = json.loads((ROOT / 'test' / 'vectors' / 'akron.json').read_text())
+    vector = next(v for v in vectors['frames'] if v['is'] == 'basic joystick')
+    identifier = int(vector['id'], 16)
+    assert identifier == CanIds().left_basic
+    assert J1939Id.from_identifier(identifier) == J1939Id(3, 64982, 0x33)
+    data = bytes.fromhex(vector['data'])
+    with pytest.raises(FrameError, match='unused bytes'):  # but its frames are not taken for ours
+        decode_data('left_basic', data)
+    ours = data[:4] + b'\xff' + data[5:6] + b'\xff\xff'
+    assert decode_data('left_basic', ours) == BasicJoystick(
+        Axis(vector['x_permille']), Axis(vector['y_permille']), pad('up')
+    )
+
+
+@pytest.mark.parametrize(('name', 'wire', 'message'), GOLDEN)
+def test_short_data_is_an_error_whatever_is_missing(
+    name: str, wire: CanFrame, message: Any
+) -> None:
+    for size in range(len(wire.data)):
+        with pytest.raises(FrameError, match=f'{name} has {len(wire.data)} bytes, not {size}'):
+            decode_data(name, wire.data[:size])
+
+
+def test_heartbeat_filled_up_to_eight_bytes_is_taken() -> None:
+    message = decode_data('heartbeat', bytes.fromhex('06 01 00000000 FFFF'))
+    assert message == Heartbeat(Mode.REMOTE, AutonomyMode.SHARED_CONTROL, 0)
+
+
+def test_value_filled_up_to_eight_bytes_is_taken() -> None:
+    assert decode_data('feedback_value', bytes.fromhex('0301000000FFFFFF')) == UserFeedback(3, 1)
+
+
+@pytest.mark.parametrize(
+    ('name', 'place'),
+    [
+        *(('left_basic', place) for place in (0, 1, 2, 3, 5)),
+        ('left_extended', 0),
+        ('left_extended', 1),
+    ],
+)
+def test_one_bit_beside_zeros_is_no_zeroed_message(name: str, place: int) -> None:
+    basic, extended = bytes.fromhex('00000000FF00FFFF'), bytes.fromhex('0000FFFFFFFFFFFF')
+    four = {
+        'left_basic': basic,
+        'left_extended': extended,
+        'right_basic': basic,
+        'right_extended': extended,
+    }
+    decoder = CanDecoder(CanIds(), LIMIT)
+    assert [decoder.feed(frame(*each), 0.0) for each in four.items()][-1] == [
+        Joystick(zeroed=True)
+    ]
+    changed = bytearray(four[name])
+    changed[place] = 1
+    assert decoder.feed(frame(name, bytes(changed)), 0.0) != [Joystick(zeroed=True)]
+
+
+@pytest.mark.parametrize(
+    ('make', 'words'),
+    [
+        (lambda: BasicJoystick(Axis(0), Axis(0), pad()[:3]), 'a pad has 4 buttons, not 3'),
+        (lambda: StringSegment(-1, 0, ''), 'a feedback key'),
+        (lambda: StringSegment(100, 0, ''), 'a feedback key'),
+        (lambda: StringSegment(90, 3, ''), 'a segment'),
+        (lambda: StringSegment(90, 0, '7 chars'), 'not up to 6 printable characters'),
+        (lambda: StringSegment(90, 0, '\t'), 'not up to 6 printable characters'),
+        (lambda: StringSegment(90, 0, '°'), 'not up to 6 printable characters'),
+    ],
+)
+def test_what_no_frame_can_carry_is_refused(make: Callable[[], object], words: str) -> None:
+    with pytest.raises(ValueError, match=words):
+        make()
+
+
+def test_key_zero_is_one() -> None:
+    assert StringSegment(0, 0, '').key == 0
+
+
+@pytest.mark.parametrize(
+    ('name', 'data'),
+    [
+        ('remote_status', '65 00 00 00 0000 0000'),  # 101 %
+        ('feedback_value', '64 00000000'),  # key 100
+        ('feedback_string', '5A 03 000000000000'),  # a fourth segment
+        ('feedback_string', '5A 00 80000000000A'),
+    ],
+)
+def test_value_that_cannot_be_is_the_peers_fault(name: str, data: str) -> None:
+    with pytest.raises(FrameError, match=name):
+        decode_data(name, bytes.fromhex(data))
+
+
+@pytest.mark.parametrize(
+    ('given', 'words'),
+    [
+        ({'heartbeat': 0x0CFDD633}, 'heartbeat must not be that of left_basic: 0x0CFDD633'),
+        ({'left_basic': 0x20000000}, 'left_basic must be a whole number from 0 to 536870911'),
+        ({'left_basic': -1}, 'left_basic must be'),
+    ],
+)
+def test_identifiers_that_cannot_be_are_refused(given: dict[str, int], words: str) -> None:
+    with pytest.raises(ValueError, match=words):
+        CanIds(**given)
+
+
+# -- session --------------------------------------------------------------------------------------
+
+
+UNWATCHED = CanWire(heartbeat_rate=math.inf)  # heartbeats come with all else, 16 a second
+
+
+class Bench(SessionBench[Session]):
+    """A session that hears frames of a VSC on CAN."""
+
+    def __init__(self, wire: CanWire | None = None, **options: Any) -> None:
+        super().__init__(Session(Settings(wire=wire or UNWATCHED, **options)))
+
+    def hear(self, *frames: CanFrame) -> list[Any]:
+        """Hear frames that the transport read at once."""
+        return self.take(*frames)
+
+    def run(self, seconds: float, *frames: CanFrame) -> list[Any]:
+        """Hear the frames every 62.5 ms, about as the VSC sends them."""
+        before = len(self.events)
+        for _ in range(round(seconds * 16)):
+            self.hear(*frames)
+            self.wait(0.0625)
+        return self.events[before:]
+
+    def sent_as(self, name: str) -> list[tuple[float, bytes]]:
+        return [(at, sent.data) for at, sent in self.sent if sent.identifier == IDS[name]]
+
+
+def opened(wire: CanWire | None = None, **options: Any) -> Bench:
+    bench = Bench(wire, **options)
+    bench.open()
+    return bench
+
+
+def test_stop_until_a_clean_heartbeat() -> None:
+    bench = opened()
+    bench.hear(*ALL_STICKS)
+    assert bench.session.estop
+    assert not bench.session.link_up
+    bench.hear(heartbeat())
+    assert not bench.session.estop
+    assert not bench.session.own_estop
+    assert bench.session.stop_reasons(bench.now) == []
+
+
+@pytest.mark.parametrize(('rate', 'stopped'), [(9.0, False), (11.0, False), (18.0, True)])
+def test_heartbeats_of_two_are_told_from_those_of_one_by_their_rate(
+    rate: float, stopped: bool
+) -> None:
+    bench = opened(CanWire())
+    for _ in range(40):
+        bench.hear(heartbeat())
+        bench.wait(1.0 / rate)
+    assert bench.session.own_estop is stopped
+
+
+def test_second_vsc_is_a_stop_until_three_seconds_after_it_was_heard() -> None:
+    bench = opened(CanWire())
+    for _ in range(16):
+        bench.hear(heartbeat())
+        bench.wait(0.05)
+    assert 'two VSCs' in bench.session.stop_reasons(bench.now)[0]
+    gone = bench.now
+    while bench.session.estop:
+        bench.hear(heartbeat())
+        bench.wait(0.1)
+    assert 3.0 <= bench.now - gone <= 4.0
+
+
+@pytest.mark.parametrize('mode', range(256))
+def test_every_mode_means_what_it_means_over_serial(mode: int) -> None:
+    bench, serial = opened(), SessionBench(Session(Settings()))
+    serial.open()
+    bench.hear(heartbeat(mode))
+    serial.take(build_frame(0x20, struct.pack('<BBI', mode, 0, 0)))
+    assert bench.session.estop is (mode not in (6, 9, 0xA, 0xB))
+    for name in ('estop', 'own_estop', 'mode', 'remote_connected', 'operational'):
+        assert getattr(bench.session, name) == getattr(serial.session, name)
+    assert bench.session.stop_reasons(bench.now) == serial.session.stop_reasons(serial.now)
+
+
+@pytest.mark.parametrize('bit', range(32))
+def test_any_estop_bit_is_a_stop(bit: int) -> None:
+    bench = opened()
+    bench.hear(heartbeat())
+    bench.hear(heartbeat(estop=1 << bit), *ALL_STICKS)
+    assert bench.session.estop
+    assert bench.session.own_estop  # nobody of us can have asked for it
+    assert not any(any(event.axes) for event in sticks(bench.events))
+
+
+def test_silence_is_a_stop_at_the_limit_and_one_neutral_event() -> None:
+    bench = opened()
+    bench.run(1.0, heartbeat(), *ALL_STICKS)
+    bench.hear(heartbeat(), *ALL_STICKS)
+    bench.wait(LIMIT - 1e-3)
+    assert not bench.session.estop
+    assert bench.wait(1e-3) == [
+        LOST,
+        ModeChanged(None),
+        NEUTRAL,
+    ]
+    assert bench.wait(5.0) == []
+    assert bench.session.stop_reasons(bench.now) == [
+        "check the VSC's power, the CAN wiring, the bit rate and can.heartbeat: no heartbeat from "
+        'the VSC, last heard 5250 ms ago, limit 250 ms'
+    ]
+
+
+def test_joystick_frames_alone_are_no_link() -> None:
+    bench = opened()
+    bench.hear(heartbeat())
+    events = bench.run(1.0, *ALL_STICKS)
+    assert bench.session.estop
+    assert 'compare can.heartbeat with the VSC' in bench.session.stop_reasons(bench.now)[0]
+    assert sticks(events)[-1] == NEUTRAL
+
+
+def test_stop_is_not_hidden_by_a_clear_heartbeat_in_the_same_read() -> None:
+    bench = opened()
+    bench.hear(heartbeat())
+    events = bench.hear(heartbeat(estop=SRC), heartbeat())
+    assert [event for event in events if isinstance(event, StopChanged)] == [
+        StopChanged(Verdict(True, True)),
+        StopChanged(Verdict()),
+    ]
+    assert not bench.session.estop
+
+
+def test_lost_bus_is_a_stop_and_forgets_heartbeat_and_sticks() -> None:
+    bench = opened()
+    bench.run(0.5, heartbeat(), *ALL_STICKS)
+    bench.close()
+    assert bench.session.estop
+    bench.open()
+    assert bench.session.estop
+    assert sticks(bench.hear(heartbeat(), LEFT)) == []  # the others' positions are not known
+
+
+# Sticks.
+
+
+def test_four_frames_are_one_joystick_and_then_each_counts_at_once() -> None:
+    bench = opened()
+    assert sticks(bench.hear(heartbeat(), *ALL_STICKS)) == [DEFLECTED]
+    bench.wait(0.0625)
+    released = frame('left_basic', '0100 0100 FF 00 FFFF')
+    (event,) = sticks(bench.hear(heartbeat(), released))
+    assert event.axes == (0, 0, 0, 0, 0, -1)
+    assert event.buttons == (False, False, False, False, True, False, True, False)
+
+
+@pytest.mark.parametrize('order', list(itertools.permutations(ALL_STICKS)))
+def test_joystick_frames_come_in_any_order(order: tuple[CanFrame, ...]) -> None:
+    bench = opened()
+    assert sticks(bench.hear(heartbeat(), *order)) == [DEFLECTED]
+
+
+@pytest.mark.parametrize('mode', [Mode.LOCAL, Mode.REMOTE, Mode.MENU, Mode.PAUSE, 0x33])
+def test_sticks_count_in_operational_only(mode: int) -> None:
+    bench = opened()
+    assert set(sticks(bench.run(0.5, heartbeat(mode), *ALL_STICKS))) == {NEUTRAL}
+
+
+def test_joystick_frame_of_before_a_stop_does_not_count_after_it() -> None:
+    bench = opened()
+    bench.run(0.5, heartbeat(), *ALL_STICKS)
+    bench.hear(heartbeat(Mode.LOCAL))
+    bench.wait(0.01)
+    assert sticks(bench.hear(heartbeat(), LEFT_Z)) == []
+    bench.wait(0.01)
+    assert sticks(bench.hear(*ALL_STICKS)) == [DEFLECTED]
+
+
+@pytest.mark.parametrize('begins', ['opened', 'opened again', 'in another mode'])
+def test_joystick_frames_of_before_operational_do_not_count_in_it(begins: str) -> None:
+    decoder = CanDecoder(CanIds(), LIMIT)
+    if begins == 'opened again':
+        decoder.feed(heartbeat(), 0.0)
+        decoder.reset()
+    elif begins == 'in another mode':
+        decoder.feed(heartbeat(Mode.PAUSE), 0.0)
+    for each in (LEFT, LEFT_Z, RIGHT):
+        assert decoder.feed(each, 0.0) == []
+    assert len(decoder.feed(heartbeat(), 0.0)) == 1
+    assert decoder.feed(RIGHT_Z, 0.0) == []
+    for each in (LEFT, LEFT_Z):
+        assert decoder.feed(each, 0.125) == []
+    assert len(decoder.feed(heartbeat(), 0.125)) == 1
+    assert len(decoder.feed(RIGHT, 0.125)) == 1
+
+
+def test_joystick_frames_of_before_a_lost_port_do_not_count_with_those_after_it() -> None:
+    decoder = CanDecoder(CanIds(), LIMIT)
+    for each in (LEFT, LEFT_Z, RIGHT):
+        assert decoder.feed(each, 0.0) == []
+    decoder.reset()
+    assert decoder.feed(RIGHT_Z, 0.01) == []
+
+
+def test_heartbeats_of_another_mode_do_not_divide_the_four_frames() -> None:
+    decoder = CanDecoder(CanIds(), LIMIT)
+    for each in (LEFT, LEFT_Z, RIGHT):
+        assert decoder.feed(each, 0.0) == []
+        assert len(decoder.feed(heartbeat(Mode.PAUSE), 0.0)) == 1
+    assert len(decoder.feed(RIGHT_Z, 0.0)) == 1
+
+
+def test_missing_frame_is_waited_for_up_to_the_limit() -> None:
+    decoder = CanDecoder(CanIds(), LIMIT)
+    assert decoder.feed(LEFT, 0.0) == []
+    assert decoder.feed(LEFT_Z, 0.125) == []
+    assert decoder.feed(LEFT, math.nextafter(LIMIT, 0.0)) == []
+    (joystick,) = decoder.feed(LEFT, LIMIT)
+    assert isinstance(joystick, Joystick)
+    assert [axis.value for axis in joystick.axes] == [1023, -296, 0, None, None, None]
+
+
+def test_zeroed_frames_of_one_side_are_not_neutral_on_both() -> None:
+    decoder = CanDecoder(CanIds(), LIMIT)
+    zeroed = frame('left_basic', bytes(8))
+    for now in (0.0, 0.125):
+        assert decoder.feed(zeroed, now) == []
+        assert decoder.feed(frame('left_extended', bytes(8)), now) == []
+    (joystick,) = decoder.feed(zeroed, LIMIT)
+    assert joystick != Joystick(zeroed=True)
+
+
+def test_bytes_that_are_not_the_vscs_are_named() -> None:
+    with pytest.raises(FrameError, match=r'^unused bytes are 01 03 04, the VSC sends FF$'):
+        BasicJoystick.from_payload(bytes.fromhex('D0FF 044A 01 40 0304'))
+
+
+CONTROLS = {
+    LEFT: ('left_x', 'left_y', 'left_down', 'left_right', 'left_up', 'left_left'),
+    LEFT_Z: ('left_z',),
+    RIGHT: ('right_x', 'right_y', 'right_down', 'right_right', 'right_up', 'right_left'),
+    RIGHT_Z: ('right_z',),
+}
+
+
+@pytest.mark.parametrize('missing', ALL_STICKS, ids=lambda frame: f'{frame.identifier:08X}')
+def test_joystick_frame_that_never_comes_is_a_broken_control(missing: CanFrame) -> None:
+    others = [frame for frame in ALL_STICKS if frame is not missing]
+    bench = opened()
+    assert sticks(bench.run(0.2, heartbeat(), *others)) == []  # it may yet come
+    last = sticks(bench.run(0.5, heartbeat(), *others))[-1]
+    assert not any(last.axes)
+    assert not any(last.buttons)
+    assert set(last.faulty) == {f'{name} unavailable' for name in CONTROLS[missing]}
+
+
+@pytest.mark.parametrize('missing', ALL_STICKS, ids=lambda frame: f'{frame.identifier:08X}')
+def test_joystick_frame_that_is_lost_does_not_stay_at_its_last_position(
+    missing: CanFrame,
+) -> None:
+    others = [frame for frame in ALL_STICKS if frame is not missing]
+    bench = opened()
+    bench.run(0.5, heartbeat(), *ALL_STICKS)
+    lost_at = bench.now - 0.0625
+    bench.run(0.1875, heartbeat(), *others)
+    assert bench.now - lost_at == pytest.approx(LIMIT)
+    assert set(sticks(bench.run(0.5, heartbeat(), *others))[1:]) == {
+        Sticks(operational=True, faulty=bench.session.faulty)
+    }
+    assert set(bench.session.faulty) == {f'{name} unavailable' for name in CONTROLS[missing]}
+    assert not bench.session.estop
+    (back,) = sticks(bench.hear(heartbeat(), missing))
+    assert back == replace(DEFLECTED, buttons=(False,) * 8)  # they were held meanwhile
+
+
+def test_tolerated_missing_frame_lets_the_others_count() -> None:
+    bench = opened(tolerate_faulty_axes=True)
+    last = sticks(bench.run(1.0, heartbeat(), LEFT, LEFT_Z, RIGHT_Z))[-1]
+    assert last.axes == (1023, -296, 0, 0, 0, -1)
+    assert last.buttons == (False, False, False, True, False, False, False, False)
+
+
+@pytest.mark.parametrize('before', [ALL_STICKS, (LEFT_Z, RIGHT, RIGHT_Z)])
+def test_button_whose_frame_is_missing_counts_once_it_was_seen_let_go_of(
+    before: tuple[CanFrame, ...],
+) -> None:
+    """Or a loose frame would be a deadman that is pressed anew each time it comes."""
+    bench = opened(tolerate_faulty_axes=True)
+    bench.run(0.5, heartbeat(), *before)
+    bench.run(1.0, heartbeat(), LEFT_Z, RIGHT, RIGHT_Z)
+    back = sticks(bench.run(0.5, heartbeat(), *ALL_STICKS))[-1]
+    assert back == replace(DEFLECTED, buttons=(False,) * 4 + DEFLECTED.buttons[4:])
+    bench.hear(frame('left_basic', '0100 0100 FF 00 FFFF'))
+    assert sticks(bench.hear(heartbeat(), LEFT))[-1] == DEFLECTED
+
+
+def test_broken_stick_makes_all_neutral_and_is_named() -> None:
+    bench = opened()
+    broken = frame('right_extended', '2A00 FFFFFFFFFFFF')
+    (event,) = sticks(bench.hear(heartbeat(), LEFT, LEFT_Z, RIGHT, broken))
+    assert event == Sticks(operational=True, faulty=('right_z error',))
+
+
+FOREIGN = [  # an Akron joystick at address 33, or our own Akron node; zero but for one byte
+    frame('left_basic', '107D 0464 0010 0000'),
+    frame('left_basic', '107D 0100 FF10 0000'),
+    frame('left_basic', 'D0FF 044A 0F40 FFFF'),
+    frame('left_extended', '107D 0464 FFFF 0004'),
+    frame('right_extended', '4400 FFFFFFFFFF00'),
+]
+
+
+@pytest.mark.parametrize('foreign', FOREIGN, ids=lambda frame: frame.data.hex())
+def test_joystick_frame_of_another_device_is_refused_and_named(foreign: CanFrame) -> None:
+    bench = opened()
+    assert sticks(bench.run(0.5, heartbeat(), foreign)) == []
+    bench.run(0.5, heartbeat(), *ALL_STICKS)
+    assert set(sticks(bench.run(0.5, heartbeat(), foreign, *ALL_STICKS))) == {DEFLECTED}
+    session = bench.session
+    assert session.rejected == session.counters.malformed == 16
+    ((level, text),) = session.problems(bench.now)
+    assert level == Level.ERROR
+    assert f'(0x{foreign.identifier:08X}) off this bus' in text
+    bench.run(4.0, heartbeat(), *ALL_STICKS)
+    assert session.problems(bench.now) == []
+
+
+ZEROED = {
+    'zero throughout': [CanFrame(frame.identifier, bytes(8)) for frame in ALL_STICKS],
+    'zero where there are values': [
+        frame('left_basic', '0000 0000 FF 00 FFFF'),
+        frame('left_extended', '0000 FFFFFFFFFFFF'),
+        frame('right_basic', '0000 0000 FF 00 FFFF'),
+        frame('right_extended', '0000 FFFFFFFFFFFF'),
+    ],
+}
+
+
+@pytest.mark.parametrize('zeroed', ZEROED.values(), ids=ZEROED)
+def test_zeroed_joystick_frames_are_neutral_and_no_fault(zeroed: list[CanFrame]) -> None:
+    bench = opened()
+    assert set(sticks(bench.run(0.5, heartbeat(Mode.LOCAL), *zeroed))) == {NEUTRAL}
+    bench.run(0.5, heartbeat(), *ALL_STICKS)
+    assert sticks(bench.run(0.5, heartbeat(), *zeroed))[-1] == Sticks(operational=True)
+    assert bench.session.rejected == 0
+    assert bench.session.problems(bench.now) == []
+
+
+@pytest.mark.parametrize('zeroed', ZEROED.values(), ids=ZEROED)
+@pytest.mark.parametrize('first', range(4))
+@pytest.mark.parametrize('tolerate', [False, True])
+def test_pause_whose_four_frames_are_zeroed_one_after_another_is_no_fault(
+    zeroed: list[CanFrame], first: int, tolerate: bool
+) -> None:
+    bench = opened(tolerate_faulty_axes=tolerate)
+    bench.run(0.5, heartbeat(), *ALL_STICKS)
+    told: list[Sticks] = []
+    for place in range(12):
+        mode = Mode.PAUSE if place in range(1, 4) else Mode.OPERATIONAL
+        frames = zeroed if place < 8 else ALL_STICKS
+        told += sticks(bench.hear(heartbeat(mode), frames[(first + place) % 4]))
+        assert bench.session.problems(bench.now) == []
+        bench.wait(0.015625)
+    assert not any(each.faulty for each in told)
+    assert tolerate or set(told[:-1]) == {Sticks(operational=True), NEUTRAL}
+    assert told[-1].axes == DEFLECTED.axes
+
+
+def test_one_zeroed_joystick_frame_among_others_is_neutral_and_later_a_fault() -> None:
+    bench = opened()
+    bench.run(0.5, heartbeat(), *ALL_STICKS)
+    others = (LEFT, LEFT_Z, RIGHT, ZEROED['zero throughout'][3])
+    assert set(sticks(bench.run(0.25, heartbeat(), *others))[3:]) == {Sticks(operational=True)}
+    assert bench.session.problems(bench.now) == []
+    bench.run(0.0625, heartbeat(), *others)
+    assert bench.session.faulty == ('right_z error',)
+    ((level, text),) = bench.session.problems(bench.now)
+    assert (level, 'have the remote repaired' in text) == (Level.ERROR, True)
+
+
+# What else comes.
+
+
+def test_remote_status_counts_only_while_a_remote_is_connected() -> None:
+    status = frame('remote_status', '46 01 01 02 C4B0 0000')
+    bench = opened()
+    assert RemoteState(RemoteStatus(70, True, 1, 2, b'\xc4\xb0')) in bench.hear(
+        heartbeat(), status
+    )
+    assert RemoteState(None) in bench.hear(heartbeat(Mode.LOCAL))
+    assert bench.hear(heartbeat(Mode.LOCAL), status) == []
+
+
+def test_foreign_and_short_frames_are_counted_and_change_nothing() -> None:
+    bench = opened()
+    bench.hear(heartbeat(Mode.LOCAL, SRC))
+    short = heartbeat().data[:5]
+    events = bench.hear(CanFrame(0x18FEF100, bytes(8)), frame('heartbeat', short))
+    assert events == []
+    assert bench.session.estop
+    counters = bench.session.counters
+    assert (counters.frames, counters.unknown_types, counters.malformed) == (3, 1, 1)
+    assert counters.bytes == 6 + 8 + 5
+
+
+def test_other_identifiers_are_obeyed_and_the_delivered_ones_not_any_more() -> None:
+    ids = CanIds(heartbeat=0x0CFDE8AA, left_basic=0x18FF1234)
+    wire = CanWire(ids, heartbeat_rate=math.inf)
+    assert {identifier for identifier, _ in wire.filters} == {
+        *(0x0CFDE8AA, 0x18FF1234, 0x0CFDD733, 0x0CFDD834, 0x0CFDD934, 0x0CFDE861),
+    }
+    assert {mask for _, mask in wire.filters} == {0x1FFFFFFF}
+    bench = opened(wire)
+    bench.hear(heartbeat())
+    assert bench.session.estop
+    bench.hear(CanFrame(0x0CFDE8AA, heartbeat().data))
+    assert not bench.session.estop
+    assert sticks(bench.hear(*ALL_STICKS)) == []
+    assert sticks(bench.hear(CanFrame(0x18FF1234, LEFT.data))) == [DEFLECTED]
+
+
+def mutants(chance: random.Random, count: int) -> Iterator[CanFrame]:
+    """Give frames of a stopped VSC whose sticks are deflected, damaged; no flip clears a stop."""
+    sound = [heartbeat(Mode.LOCAL, 0xFFFFFFFF), heartbeat(estop=0xFFFFFFFF), *ALL_STICKS]
+    sound.append(frame('remote_status', '46 01 01 01 0000 0000'))
+    for _ in range(count):
+        chosen = chance.choice(sound)
+        identifier, data = chosen.identifier, bytearray(chosen.data)
+        if chance.random() < 0.2:
+            identifier = chance.choice([chance.getrandbits(29), *IDS.values()])
+        for _ in range(chance.randrange(4)):
+            data[chance.randrange(len(data))] ^= 1 << chance.randrange(8)
+        if chance.random() < 0.3:
+            data = data[: chance.randrange(9)]
+        if chance.random() < 0.1:
+            data = (data + chance.randbytes(8))[:8]
+        yield CanFrame(identifier, bytes(data))
+
+
+def test_10_000_damaged_frames_release_and_move_nothing() -> None:
+    bench = opened()
+    for mutant in mutants(random.Random(8), 10_000):
+        bench.hear(mutant)
+        assert bench.session.estop, mutant
+        bench.wait(0.001)
+    assert not any(any(event.axes) or any(event.buttons) for event in sticks(bench.events))
+    counters = bench.session.counters
+    assert counters.frames == 10_000
+    assert counters.malformed > 500
+    assert counters.unknown_types > 500
+    bench.hear(heartbeat())
+    assert not bench.session.estop  # and nothing of it stays
+
+
+# -- what is sent ---------------------------------------------------------------------------------
+
+
+def test_nothing_is_sent_that_nobody_asked_for() -> None:
+    bench = opened()
+    bench.run(5.0, heartbeat(), *ALL_STICKS)
+    assert bench.sent == []
+    assert bench.session.farewell(bench.now) == []
+
+
+def test_value_goes_out_as_the_manual_says_and_no_faster_than_10_hz() -> None:
+    bench = opened()
+    bench.session.set_feedback(3, -123456, bench.now)
+    bench.session.rumble(True, True, bench.now)
+    bench.session.set_feedback(99, 3, bench.now)
+    bench.wait(1.0)
+    assert [data.hex() for _, data in bench.sent_as('feedback_value')] == [
+        '03c01dfeff',
+        '0c01000000',
+        '6303000000',
+    ]
+    times = [at for at, _ in bench.sent]
+    assert min(b - a for a, b in itertools.pairwise(times)) >= 0.1 - 1e-9
+
+
+def test_string_goes_out_in_three_segments_in_order_paced_to_10_hz() -> None:
+    bench = opened()
+    bench.session.set_name(1, 'HELLO WORLD, 18 CH', bench.now)
+    bench.session.set_name(2, 'km', bench.now)
+    bench.wait(1.0)
+    assert [data for _, data in bench.sent_as('feedback_string')] == [
+        b'\x01\x00HELLO ',
+        b'\x01\x01WORLD,',
+        b'\x01\x02 18 CH',
+        b'\x02\x00km\0\0\0\0',
+        b'\x02\x01\0\0\0\0\0\0',
+        b'\x02\x02\0\0\0\0\0\0',
+    ]
+    times = [at for at, _ in bench.sent]
+    assert all(b - a == pytest.approx(0.1) for a, b in itertools.pairwise(times))
+
+
+def test_string_set_anew_while_under_way_is_finished_and_then_replaced() -> None:
+    bench = opened()
+    vsc = CanSimulator()
+    bench.session.set_name(1, 'first', bench.now)
+    bench.wait(0.15)
+    bench.session.set_name(1, 'second', bench.now)
+    bench.wait(0.1)
+    bench.session.set_name(1, 'third', bench.now)
+    bench.wait(2.0)
+    for at, sent in bench.sent:
+        vsc.receive(sent, at)
+    assert vsc.broken_strings == 0
+    assert vsc.names == {1: 'third'}
+    assert len(bench.sent) == 6
+
+
+@pytest.mark.parametrize('busy', [0.09, 0.35], ids=['once', 'often'])
+@pytest.mark.parametrize('third', [0, 1, 2])
+def test_third_of_a_string_that_a_busy_line_refuses_goes_again_in_its_place(
+    third: int, busy: float
+) -> None:
+    bench, vsc = opened(), CanSimulator()
+    bench.session.set_name(90, 'BOOM LOW  ARM LOCK', bench.now)
+    bench.session.set_name(91, 'second line', bench.now)
+    if third:
+        bench.wait(0.1 * third - 0.05)
+    bench.busy = True
+    bench.wait(busy)
+    bench.busy = False
+    bench.wait(1.0)
+    for at, sent in bench.sent:
+        vsc.receive(sent, at)
+    assert vsc.names == {90: 'BOOM LOW  ARM LOCK', 91: 'second line'}
+    assert [data[1] for _, data in bench.sent_as('feedback_string')] == [0, 1, 2] * 2
+    assert vsc.broken_strings == 0
+    assert set(vsc.too_fast.values()) == {0}
+
+
+def test_string_cut_by_a_lost_bus_is_sent_whole_when_the_remote_is_back() -> None:
+    bench = opened()
+    bench.hear(heartbeat())
+    bench.session.set_name(1, 'HELLO WORLD', bench.now)
+    bench.wait(0.15)
+    assert len(bench.sent) == 2
+    bench.close()
+    bench.open()
+    bench.wait(0.5)
+    assert len(bench.sent) == 2
+    bench.hear(heartbeat())
+    bench.wait(1.0)
+    assert [data[1] for _, data in bench.sent_as('feedback_string')] == [0, 1, 0, 1, 2]
+
+
+REQUESTS = st.one_of(
+    st.tuples(st.just('value'), st.integers(1, 9), st.integers(-32768, 32767)),
+    st.tuples(st.just('name'), st.integers(1, 9), st.text('AZ az09', max_size=18)),
+    st.tuples(st.just('text'), st.just(0), st.text('AZ09', max_size=18)),
+)
+
+
+@settings(max_examples=50)
+@given(st.lists(st.tuples(REQUESTS, st.floats(0.0, 0.4)), max_size=30))
+def test_vsc_gets_the_newest_of_all_whole_and_not_too_fast(
+    requests: list[tuple[Any, float]],
+) -> None:
+    bench, vsc = opened(), CanSimulator()
+    values: dict[int, int] = {}
+    names: dict[int, str] = {}
+    for (kind, key, content), pause in requests:
+        if kind == 'value':
+            bench.session.set_feedback(key, content, bench.now)
+            values[key] = content
+        elif kind == 'name':
+            bench.session.set_name(key, content, bench.now)
+            names[key] = content
+        else:
+            bench.session.set_display_text(content, bench.now)
+            names |= {90: content, 91: '', 92: '', 93: ''}
+            values[99] = 1
+        bench.wait(pause)
+    bench.wait(0.3 * 13 + 1.0)
+    for at, sent in bench.sent:
+        vsc.receive(sent, at)
+    assert vsc.values == values
+    assert vsc.names == {key: name.rstrip('\0') for key, name in names.items()}
+    assert vsc.broken_strings == 0
+    assert set(vsc.too_fast.values()) == {0}
+
+
+@pytest.mark.parametrize(
+    ('ask', 'words'),
+    [
+        (
+            lambda s: s.set_software_estop(True, 100.0),
+            'transport can cannot carry a software e-st',
+        ),
+        (lambda s: s.get_feedback(3, 100.0), 'transport can cannot carry a question'),
+        (lambda s: s.set_name(1, 'x' * 19, 100.0), 'transport can carries 18 characters at most'),
+        (
+            lambda s: s.set_display_text('one\n' + 'x' * 19, 100.0),
+            'transport can carries 18 characters',
+        ),
+        (lambda s: s.set_feedback(85, 1, 100.0), 'transport can has no key 85'),
+        (lambda s: s.set_feedback(13, 1, 100.0), 'key 13 takes no value'),
+        (lambda s: s.set_feedback(3, 1 << 31, 100.0), 'key 3 takes'),
+        (lambda s: s.set_name(10, 'x', 100.0), 'key 10 has no name'),
+        (lambda s: s.set_name(1, 'grün', 100.0), 'printable ASCII'),
+    ],
+)
+def test_what_can_cannot_do_is_refused_and_sends_nothing(ask: Any, words: str) -> None:
+    bench = opened(configure_device=True)
+    bench.hear(heartbeat())
+    with pytest.raises(ValueError, match=words):
+        ask(bench.session)
+    assert not bench.session.estop
+    assert not bench.session.software_estop_in_use
+    bench.wait(1.0)
+    assert bench.sent == []
+
+
+def test_refused_software_estop_is_remembered_for_whoever_looks() -> None:
+    bench = opened()
+    assert not bench.session.software_estop_refused
+    with pytest.raises(ValueError, match=r'transport can'):
+        bench.session.set_software_estop(False, bench.now)
+    assert bench.session.software_estop_refused
+    bench.session.forget_software_estop(bench.now)
+    assert not bench.session.software_estop_refused
+
+
+def test_key_in_eeprom_needs_leave_to_configure() -> None:
+    with pytest.raises(ValueError, match=r'configure_device'):
+        opened().session.set_feedback(81, 0, 0.0)
+    bench = opened(configure_device=True)
+    bench.session.set_feedback(81, 0, bench.now)
+    bench.wait(1.0)
+    assert [data for _, data in bench.sent_as('feedback_value')] == [b'\x51\0\0\0\0']
+
+
+def test_setting_that_cannot_be_read_is_refused_at_the_start() -> None:
+    wanted = DeviceSettings(auto_off_enable=1)
+    with pytest.raises(ValueError, match=r'^device.auto_off_enable: transport can cannot'):
+        Settings(wire=CanWire(), configure_device=True, device=wanted)
+    Settings(wire=CanWire(), device=wanted)  # nothing is asked for

@@ -1,0 +1,332 @@
+# Copyright 2026 The rugged_teleop maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""What the VSC's session hears beside sticks and stops."""
+
+import struct
+
+from hypothesis import given, settings, strategies as st
+import pytest
+
+from bridge_core.session import Level
+from fort_vsc_bridge.protocol import AutonomyMode, Mode, RemoteStatus
+from fort_vsc_bridge.session import (
+    DeviceSettings,
+    GpsSentence,
+    ModeChanged,
+    RemoteState,
+    UserValue,
+)
+from fort_vsc_bridge.session.report import device_state
+from fort_vsc_bridge.simulator import build_frame
+from stage.fort_vsc_rig import (
+    ask,
+    CENTRED,
+    CLEAR,
+    DEFLECTED,
+    heartbeat,
+    LIMIT,
+    opened,
+    SRC,
+    sticks,
+    USER,
+)
+
+STATUS = build_frame(0x22, bytes((70, 1, 1, 1, 0xC4, 0)))
+POSITION = build_frame(0x12, b'\x01$GPGGA,*56\r\n')
+VALUE = build_frame(0x30, b'\x03\xff\xff\xff\xff')
+
+
+def test_remote_status_is_shown_only_while_a_remote_is_connected() -> None:
+    bench = opened()
+    assert bench.hear(STATUS) == []
+    bench.hear(heartbeat(Mode.LOCAL, SRC))
+    assert bench.hear(STATUS) == []
+    bench.hear(heartbeat(Mode.PAUSE))
+    status = RemoteStatus(70, True, 1, 1, b'\xc4\0')
+    assert bench.hear(STATUS) == [RemoteState(status)]
+    assert bench.session.remote_status == status
+    assert RemoteState(None) in bench.hear(heartbeat(Mode.LOCAL, SRC))
+    bench.hear(heartbeat())
+    assert bench.session.remote_status is None
+
+
+def status(battery: int = 70, strength: int = 2) -> bytes:
+    return build_frame(0x22, bytes((battery, 0, strength, strength, 0, 0)))
+
+
+def test_remote_status_that_comes_no_more_grows_stale() -> None:
+    bench = opened()
+    bench.hear(heartbeat())
+    for _ in range(3):
+        bench.run(1.0, heartbeat())
+        bench.hear(status())
+    before = bench.now
+    bench.run(4.9, heartbeat())
+    assert bench.session.remote_status is not None
+    events = bench.run(0.2, heartbeat())
+    assert RemoteState(None) in events
+    assert bench.session.remote_status is None
+    assert bench.now - before == pytest.approx(5.1)
+    assert not bench.session.estop
+    assert RemoteState(RemoteStatus(70, False, 2, 2)) in bench.hear(status())
+
+
+def test_remote_status_grows_stale_at_its_moment() -> None:
+    bench = opened(heartbeat_rate=4.0)
+    for _ in range(3):
+        bench.run(1.0, heartbeat())
+        bench.hear(status())
+    bench.run(4.98, heartbeat())
+    bench.wait(0.019)
+    assert bench.session.remote_status is not None
+    assert RemoteState(None) in bench.wait(0.002)
+
+
+@pytest.mark.parametrize(('gap', 'lasts'), [(None, 3 * 65.535), (10.0, 30.0), (100.0, 3 * 65.535)])
+def test_remote_status_lasts_for_three_of_its_intervals(gap: float | None, lasts: float) -> None:
+    bench = opened()
+    bench.hear(heartbeat())
+    if gap is not None:
+        bench.hear(status())
+        bench.run(gap, heartbeat())
+    bench.hear(status())
+    bench.run(lasts - 0.1, heartbeat())
+    assert bench.session.remote_status is not None
+    bench.run(0.2, heartbeat())
+    assert bench.session.remote_status is None
+
+
+def test_frame_that_is_looped_back_is_told_for_three_seconds() -> None:
+    bench = opened()
+    bench.hear(heartbeat(), CLEAR)
+    for age, told in ((2.9, True), (3.0, False)):
+        words = [text for _, text in bench.session.problems(100.0 + age)]
+        assert any('our own frames come back' in text for text in words) == told
+
+
+def test_device_is_asked_when_that_is_due() -> None:
+    device = DeviceSettings(heartbeat_interval_ms=50, auto_off_enable=0)
+    bench = opened(configure_device=True, heartbeat_rate=4.0, device=device)
+    bench.wait(0.1)  # not when our heartbeat is due, too
+    bench.hear(heartbeat(Mode.LOCAL))  # for these it needs no remote
+    assert build_frame(0x32, b'\x51') in [frame for _, frame in bench.sent]
+    for _ in range(100):
+        assert bench.session.deadline() <= bench.session._device.deadline
+        bench.hear(heartbeat(Mode.LOCAL))
+        bench.wait(0.03)
+
+
+def test_remote_status_of_a_long_interval_is_not_stale_between_two() -> None:
+    bench = opened()
+    for _ in range(3):
+        bench.hear(heartbeat(), status())
+        assert RemoteState(None) not in bench.run(60.0, heartbeat())
+
+
+def test_unknown_battery_level_is_no_lost_message() -> None:
+    bench = opened()
+    bench.hear(heartbeat(), CENTRED)
+    assert RemoteState(RemoteStatus(None, False, 2, 2)) in bench.hear(status(battery=255))
+    assert bench.session.counters.malformed == 0
+    assert bench.session.values(bench.now)['battery (%)'] == 'unknown'
+    assert bench.session.problems(bench.now) == []
+
+
+def test_weakest_radio_is_a_warning() -> None:
+    bench = opened()
+    bench.hear(heartbeat(), CENTRED, status(strength=1))
+    assert bench.session.problems(bench.now) == []
+    bench.hear(status(strength=0))
+    ((level, text),) = bench.session.problems(bench.now)
+    assert level == Level.WARN
+    assert text.startswith('bring the remote nearer')
+
+
+@pytest.mark.parametrize(
+    ('mode', 'words'),
+    [
+        (Mode.OPERATIONAL, ''),
+        (Mode.REMOTE, 'bring the remote into Operational mode'),
+        (Mode.MENU, 'leave the menu of the remote'),
+        (Mode.PAUSE, 'its Pause button, its orientation, a free fall or inactivity has paused it'),
+    ],
+)
+def test_remote_that_is_quiet_without_a_stop_says_why_and_what_ends_it(
+    mode: Mode, words: str
+) -> None:
+    bench = opened()
+    bench.hear(heartbeat(mode))
+    assert bench.session.problems(bench.now) == []
+    assert bench.session.summary().startswith('ok')
+    assert words in bench.session.summary()
+    assert bool(bench.session.inhibits(bench.now)) is bool(words)
+    bench.hear(heartbeat(mode, SRC))
+    assert bench.session.inhibits(bench.now) == []
+
+
+def test_remote_status_message_that_is_off_is_told() -> None:
+    bench = opened()
+    told = []
+    for _ in range(2):
+        bench.run(4.9, heartbeat(), CENTRED)
+        told.append(bench.session.values(bench.now)['remote status message'])
+    assert told[0] == 'not known yet'
+    assert told[1].startswith('set device.remote_status_interval_ms')
+    bench.hear(status())
+    assert bench.session.values(bench.now)['remote status message'] == 'comes'
+
+
+def test_bits_that_change_in_one_mode_are_an_event() -> None:
+    bench = opened()
+    bench.hear(heartbeat(Mode.LOCAL, SRC))
+    events = bench.hear(heartbeat(Mode.LOCAL, USER))
+    assert events == [ModeChanged(Mode.LOCAL, AutonomyMode.USER_CONTROL, USER)]
+    level, message, values = device_state(events[0].heartbeat, None)
+    assert (level, message) == (Level.WARN, 'Local; e-stop: USER (this computer)')
+    assert values['e-stop sources'] == 'USER (this computer)'
+
+
+def test_autonomy_mode_is_reported_with_the_mode() -> None:
+    bench = opened()
+    bench.hear(heartbeat())
+    (event,) = bench.hear(build_frame(0x20, b'\x09\x02\0\0\0\0'))
+    assert event == ModeChanged(Mode.OPERATIONAL, AutonomyMode.AUTONOMOUS_CONTROL)
+    (_, lost) = bench.wait(1.0)
+    assert lost == ModeChanged(None, None)
+
+
+def test_every_problem_says_first_what_to_do_within_what_ros2_topic_echo_shows() -> None:
+    bench = opened(software_estop_timeout=5.0)
+    texts = bench.session.stop_reasons(bench.now)
+    for mode, bits in ((4, 0), (1, 0), (0x33, 0), (9, 1), (9, 0xFFFFFFFF), (4, USER)):
+        bench.hear(heartbeat(mode, bits), status(battery=5, strength=0), CLEAR)
+        texts += [text for _, text in bench.session.problems(bench.now)]
+    ask(bench, True)
+    bench.hear(heartbeat(Mode.LOCAL, USER))
+    texts += bench.session.stop_reasons(bench.now)
+    assert len(set(texts)) > 10
+    for text in texts:
+        to_do = text.partition(': ')[0]
+        assert len(to_do) < 128, text
+        assert to_do.split()[0] in (
+            *('check', 'switch', 'restart', 'release', 'acknowledge', 'charge', 'bring', 'look'),
+            *('end', 'set'),
+        ), text
+
+
+def test_gps_and_user_values_are_handed_on() -> None:
+    bench = opened()
+    bench.hear(heartbeat())
+    assert bench.hear(POSITION) == [GpsSentence(1, '$GPGGA,*56')]
+    assert bench.hear(VALUE) == [UserValue(3, -1)]
+
+
+def test_gps_and_user_values_count_for_nothing_without_a_heartbeat() -> None:
+    bench = opened()
+    assert bench.hear(POSITION, VALUE) == []
+    bench.hear(heartbeat())
+    bench.wait(LIMIT)
+    assert bench.hear(POSITION, VALUE) == []
+
+
+@pytest.mark.parametrize('alive', [(), (heartbeat(),)])
+def test_own_value_on_a_line_that_loops_is_none_of_the_remotes(alive: tuple[bytes, ...]) -> None:
+    bench = opened()
+    came_back = 0
+    for _ in range(100):
+        bench.session.set_feedback(1, 42, bench.now)
+        bench.wait(0.02)
+        frames = [frame for _, frame in bench.sent[came_back:]]
+        came_back += len(frames)
+        bench.hear(*alive, *frames)
+    assert bench.frames(0x30)
+    assert bench.session.link_up is bool(alive)
+    assert not [event for event in bench.events if isinstance(event, UserValue)]
+
+
+def test_values_count_again_three_seconds_after_a_line_looped() -> None:
+    bench = opened()
+    bench.hear(CLEAR)
+    bench.run(2.98, heartbeat())
+    assert bench.hear(heartbeat(), VALUE) == []
+    bench.wait(0.03)
+    assert bench.hear(heartbeat(), VALUE) == [UserValue(3, -1)]
+
+
+def test_answer_on_a_line_that_loops_leads_to_no_write() -> None:
+    device = DeviceSettings(auto_off_enable=0)
+    bench = opened(configure_device=True, device=device)
+    bench.hear(heartbeat())
+    bench.wait(0.1)
+    bench.hear(heartbeat(), CLEAR, build_frame(0x30, b'\x51\1\0\0\0'))
+    bench.wait(0.1)
+    assert not bench.frames(0x30)
+    assert bench.session.setting_states == {'auto_off_enable': 'not known yet'}
+
+
+def test_unknown_malformed_and_looped_back_are_counted_and_nothing_is_lost() -> None:
+    bench = opened()
+    bench.hear(
+        build_frame(0x40, b'abc'), build_frame(0x30, b'\x64\0\0\0\0'), CLEAR, b'xx', heartbeat()
+    )
+    counters = bench.session.counters
+    assert (counters.unknown_types, counters.malformed) == (1, 1)
+    assert bench.session.looped_back == 1
+    assert counters.frames == 4
+    assert not bench.session.estop
+
+
+@pytest.mark.parametrize('size', [1, 7, 12, 1000])
+def test_heartbeat_of_another_length_names_the_firmware(size: int) -> None:
+    other = build_frame(0x20, struct.pack('<BBIH', Mode.OPERATIONAL, 0, 0, 0))
+    stream = (b'xx' + other + DEFLECTED + b'\x10') * 30
+    bench = opened()
+    for start in range(0, len(stream), size):
+        bench.hear(stream[start : start + size])
+        bench.wait(0.0001 * size)
+    assert bench.session.estop
+    assert bench.session.rejected == 30
+    (reason,) = bench.session.stop_reasons(bench.now)
+    assert 'its heartbeat message has 8 bytes, not 6' in reason
+    assert sticks(bench.events) == []
+    bench.wait(5.0)
+    assert 'firmware' not in bench.session.stop_reasons(bench.now)[0]
+
+
+def test_joystick_message_of_another_length_is_an_error_while_the_link_is_up() -> None:
+    bench = opened()
+    bench.run(0.5, heartbeat(), build_frame(0x10, bytes(16)))
+    assert not bench.session.estop
+    assert (Level.ERROR, 'joystick message has 16 bytes, not 14') in [
+        (level, text[-37:]) for level, text in bench.session.problems(bench.now)
+    ]
+
+
+def test_corrupt_length_names_no_firmware() -> None:
+    bench = opened()
+    for length in range(256):
+        bench.hear(heartbeat()[:3] + bytes((length,)) + heartbeat()[4:])
+        bench.run(0.1, heartbeat())
+    assert bench.session.rejected == 0
+
+
+@given(st.lists(st.binary(max_size=40) | st.sampled_from([heartbeat(), DEFLECTED, STATUS])))
+@settings(max_examples=50)
+def test_any_bytes_raise_nothing(pieces: list[bytes]) -> None:
+    bench = opened()
+    for piece in pieces:
+        bench.hear(piece)
+    bench.wait(1.0)
+    assert bench.session.estop

@@ -1,0 +1,379 @@
+# Copyright 2026 The rugged_teleop maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The remote as a HID device: golden reports, stops, sticks, and that it takes nothing."""
+
+import itertools
+import random
+from typing import Any
+
+from hypothesis import given, strategies as st
+import pytest
+
+from bridge_core.framing import FrameError
+from bridge_core.session import StopChanged, Verdict
+from fort_vsc_bridge.protocol import AXIS_NAMES, BUTTON_NAMES, HidWire, InputReport, Mode
+from fort_vsc_bridge.session import DeviceSettings, ModeChanged, Session, Settings, Sticks
+from fort_vsc_bridge.simulator import HidSimulator
+from stage.fort_vsc_rig import sticks
+from stage.session_rig import SessionBench
+
+LIMIT = 0.25
+LOST = StopChanged(Verdict(True, True, False))
+NEUTRAL = Sticks()
+OPERATIONAL = 9
+
+
+def report(
+    axes: str = '000000000000', pads: int = 0x08, mode: int = OPERATIONAL, estop: int = 0
+) -> bytes:
+    return bytes.fromhex(axes) + bytes((pads, mode, estop))
+
+
+# Worked out by hand from table 50. Left stick at its right, near and low stops; right stick at
+# its left, far and high ones; pad up and right; buttons 1 (down) and 4 (left).
+GOLDEN = '7F7F7F818181910900'
+ALL_OUT = report('7F7F7F818181', 0x91)
+
+
+# -- report ---------------------------------------------------------------------------------------
+
+
+def test_golden_report_both_ways() -> None:
+    assert bytes.fromhex(GOLDEN) == ALL_OUT
+    message = InputReport(
+        axes=(127, 127, 127, -127, -127, -127),
+        hat=1,
+        numbered=(True, False, False, True),
+        mode=Mode.OPERATIONAL,
+        estop=0,
+    )
+    assert InputReport.from_bytes(ALL_OUT) == message
+    assert message.to_bytes() == ALL_OUT
+
+
+@given(st.binary(min_size=9, max_size=9))
+def test_any_nine_bytes_are_a_report_both_ways(data: bytes) -> None:
+    assert InputReport.from_bytes(data).to_bytes() == data
+
+
+@pytest.mark.parametrize('size', [0, 1, 8, 10, 18, 64])
+def test_other_length_is_an_error(size: int) -> None:
+    with pytest.raises(FrameError, match=f'9 bytes, not {size}'):
+        InputReport.from_bytes(bytes(size))
+
+
+@pytest.mark.parametrize(
+    'changed',
+    [
+        {'axes': (0,) * 5},
+        {'axes': (128, 0, 0, 0, 0, 0)},
+        {'axes': (0, 0, 0, 0, 0, -129)},
+        {'hat': 16},
+        {'numbered': (True,) * 5},
+        {'mode': 256},
+        {'estop': 256},
+        {'estop': -1},
+    ],
+)
+def test_report_of_our_own_that_cannot_be_is_refused(changed: dict[str, Any]) -> None:
+    fields = {'axes': (0,) * 6, 'hat': 8, 'numbered': (False,) * 4, 'mode': 9, 'estop': 0}
+    InputReport(**fields)  # type: ignore[arg-type]
+    with pytest.raises(ValueError, match=r'.'):
+        InputReport(**{**fields, **changed})
+
+
+# -- session --------------------------------------------------------------------------------------
+
+
+class Bench(SessionBench[Session]):
+    """A session that hears reports."""
+
+    def __init__(self, **options: Any) -> None:
+        super().__init__(Session(Settings(wire=HidWire(), **options)))
+
+    def hear(self, *reports: bytes) -> list[Any]:
+        """Hear reports that the transport read at once."""
+        return self.take(*reports)
+
+    def sticks_of(self, data: bytes) -> Sticks:
+        """Hear one report; return what it says of the sticks."""
+        return sticks(self.hear(data))[-1]
+
+
+def opened(**options: Any) -> Bench:
+    bench = Bench(**options)
+    bench.open()
+    return bench
+
+
+def pressed(event: Sticks) -> list[str]:
+    return [name for name, on in zip(BUTTON_NAMES, event.buttons, strict=True) if on]
+
+
+def test_report_gives_stop_mode_and_sticks_at_once() -> None:
+    bench = opened()
+    assert bench.session.estop
+    event = Sticks(
+        # Right and forward positive, as on the other wires; up for the finger sticks.
+        axes=(1023, -1023, -1023, -1023, 1023, 1023),
+        buttons=(False, True, True, False, True, False, False, True),
+        operational=True,
+    )
+    assert bench.hear(ALL_OUT) == [
+        StopChanged(Verdict()),
+        ModeChanged(Mode.OPERATIONAL),
+        event,
+    ]
+
+
+@pytest.mark.parametrize('mode', range(256))
+def test_only_modes_with_a_remote_are_clear_and_only_operational_moves(mode: int) -> None:
+    bench = opened(transition_time=0.0)
+    bench.hear(report('7F7F7F818181', 0x91, mode))
+    assert bench.session.estop is (mode not in (6, 9, 0xA, 0xB))
+    assert bench.session.own_estop is (mode not in (1, 4, 6, 9, 0xA, 0xB))
+    assert bool(bench.session.stop_reasons(bench.now)) is bench.session.estop
+    (event,) = sticks(bench.events)
+    assert (event == NEUTRAL) is (mode != OPERATIONAL)
+
+
+@pytest.mark.parametrize('value', range(1, 256))
+def test_any_estop_value_above_zero_is_a_stop_of_nobody_knows_whom(value: int) -> None:
+    bench = opened()
+    bench.hear(ALL_OUT)
+    events = bench.hear(report('7F7F7F818181', 0x91, OPERATIONAL, value))
+    assert events[0] == StopChanged(Verdict(True, True))
+    assert set(sticks(events)) == {NEUTRAL}
+    (reason,) = bench.session.stop_reasons(bench.now)
+    assert 'the remote, the wired input or a computer (USB HID does not tell which)' in reason
+    assert bench.session.values(bench.now)['e-stop indication'] == 'actuated'
+
+
+def test_silence_is_a_stop_at_the_limit_and_one_neutral_event() -> None:
+    bench = opened()
+    bench.hear(ALL_OUT)
+    assert bench.wait(LIMIT - 1e-3) == []
+    assert bench.wait(1e-3) == [
+        LOST,
+        ModeChanged(None),
+        NEUTRAL,
+    ]
+    assert bench.wait(5.0) == []
+    assert bench.session.stop_reasons(bench.now) == [
+        "check the VSC's power and USB cable, and that port is its hidraw device: no report "
+        'from the VSC, last heard 5250 ms ago, limit 250 ms'
+    ]
+
+
+def test_stop_is_not_hidden_by_a_clear_report_in_the_same_read() -> None:
+    bench = opened()
+    bench.hear(ALL_OUT)
+    events = bench.hear(report(estop=1), ALL_OUT)
+    assert [event for event in events if isinstance(event, StopChanged)] == [
+        StopChanged(Verdict(True, True)),
+        StopChanged(Verdict()),
+    ]
+    assert sticks(events)[0] == NEUTRAL
+    assert not bench.session.estop
+
+
+def test_unplugged_remote_is_a_stop_and_is_forgotten() -> None:
+    bench = opened()
+    bench.hear(ALL_OUT)
+    bench.close()
+    assert bench.session.estop
+    assert bench.events[-1] == NEUTRAL
+    bench.open()
+    assert bench.session.estop
+
+
+@pytest.mark.parametrize(('index', 'name'), list(enumerate(AXIS_NAMES)))
+def test_axes_are_signed_and_scaled_like_those_of_the_other_wires(index: int, name: str) -> None:
+    bench = opened()
+    sign = 1 if name.endswith('x') else -1  # X to the right; Y from far to near, Z high to low
+    told = []
+    for value in range(-127, 128):
+        axes = bytearray(6)
+        axes[index] = value & 0xFF
+        event = bench.sticks_of(report(axes.hex()))
+        assert [axis for place, axis in enumerate(event.axes) if place != index] == [0] * 5
+        assert event.axes[index] * sign == pytest.approx(value * 1023 / 127, abs=0.5)
+        told.append(event.axes[index] * sign)
+    assert told == sorted(set(told))
+    assert (told[0], told[127], told[254]) == (-1023, 0, 1023)
+
+
+@pytest.mark.parametrize(('index', 'name'), list(enumerate(AXIS_NAMES)))
+def test_axis_without_a_position_makes_all_neutral_and_is_named(index: int, name: str) -> None:
+    axes = bytearray(b'\x7f' * 6)
+    axes[index] = 0x80  # -128
+    bench = opened()
+    assert bench.sticks_of(report(axes.hex())) == Sticks(
+        operational=True, faulty=(f'{name} error',)
+    )
+    tolerant = opened(tolerate_faulty_axes=True)
+    event = tolerant.sticks_of(report(axes.hex()))
+    assert [place for place, axis in enumerate(event.axes) if axis == 0] == [index]
+    assert event.faulty == (f'{name} error',)
+
+
+@pytest.mark.parametrize(
+    ('hat', 'names'),
+    [  # clockwise from up; the manual names 0, 2, 4, 6 and 8
+        (0, {'left_up'}),
+        (1, {'left_up', 'left_right'}),
+        (2, {'left_right'}),
+        (3, {'left_right', 'left_down'}),
+        (4, {'left_down'}),
+        (5, {'left_down', 'left_left'}),
+        (6, {'left_left'}),
+        (7, {'left_left', 'left_up'}),
+        (8, set()),
+    ],
+)
+def test_pad_goes_clockwise_from_up(hat: int, names: set[str]) -> None:
+    assert set(pressed(opened().sticks_of(report(pads=hat)))) == names
+
+
+@pytest.mark.parametrize('hat', range(9, 16))
+def test_pad_without_a_direction_makes_all_neutral_and_is_named(hat: int) -> None:
+    event = opened().sticks_of(report('7F7F7F818181', 0x90 | hat))
+    assert event == Sticks(
+        operational=True,
+        faulty=('left_down error', 'left_right error', 'left_up error', 'left_left error'),
+    )
+
+
+@pytest.mark.parametrize(
+    ('bit', 'name'),
+    [(0x10, 'right_down'), (0x20, 'right_right'), (0x40, 'right_up'), (0x80, 'right_left')],
+)
+def test_numbered_buttons_are_the_right_pad(bit: int, name: str) -> None:
+    assert pressed(opened().sticks_of(report(pads=bit | 8))) == [name]
+
+
+def test_partial_and_over_long_reports_are_counted_and_no_sign_of_life() -> None:
+    bench = opened()
+    bench.hear(ALL_OUT)
+    for _ in range(10):
+        bench.hear(ALL_OUT[:8], ALL_OUT + b'\0', b'', ALL_OUT * 2)
+        bench.wait(LIMIT / 10)
+    assert bench.session.estop
+    counters = bench.session.counters
+    assert (counters.frames, counters.malformed) == (1, 40)
+    assert counters.bytes == 9 + 10 * (8 + 10 + 18)
+
+
+def test_reports_of_another_device_name_the_port() -> None:
+    bench = opened()
+    for _ in range(20):
+        bench.hear(ALL_OUT + b'\0')
+        bench.wait(0.0625)
+    assert bench.session.stop_reasons(bench.now)[0].startswith(
+        'check that port is the hidraw device of the VSC, as reports of another come'
+    )
+
+
+def test_10_000_damaged_reports_release_and_move_nothing() -> None:
+    """Of a stopped remote, all sticks out; up to 4 flipped bits leave some of its e-stop byte."""
+    chance = random.Random(9)
+    sound = report('7F7F7F818181', 0x91, OPERATIONAL, 0xFF)
+    bench = opened()
+    for _ in range(10_000):
+        data = bytearray(sound)
+        for _ in range(chance.randrange(5)):
+            data[chance.randrange(len(data))] ^= 1 << chance.randrange(8)
+        if chance.random() < 0.3:
+            data = (data + chance.randbytes(9))[: chance.choice([*range(9), *range(10, 18)])]
+        bench.hear(bytes(data))
+        assert bench.session.estop, data.hex()
+        bench.wait(0.001)
+    assert set(sticks(bench.events)) == {NEUTRAL}
+    assert bench.session.counters.malformed > 2000
+    bench.hear(ALL_OUT)
+    assert not bench.session.estop
+
+
+# -- what it cannot do ----------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ('ask', 'words'),
+    [
+        (
+            lambda s: s.set_software_estop(True, 100.0),
+            'transport hid cannot carry a software e-sto',
+        ),
+        (lambda s: s.rumble(True, False, 100.0), 'transport hid cannot carry values, setting'),
+        (lambda s: s.set_feedback(3, 1, 100.0), 'transport hid cannot carry values'),
+        (lambda s: s.set_feedback(81, 1, 100.0), 'transport hid cannot carry values, settings'),
+        (lambda s: s.set_name(3, 'x', 100.0), 'transport hid cannot carry names or text'),
+        (lambda s: s.set_display_text('x', 100.0), 'transport hid cannot carry names or text'),
+        (lambda s: s.get_feedback(3, 100.0), 'transport hid cannot carry a question'),
+    ],
+)
+def test_what_hid_cannot_do_is_refused_and_sends_nothing(ask: Any, words: str) -> None:
+    bench = opened()
+    bench.hear(ALL_OUT)
+    with pytest.raises(ValueError, match=words):
+        ask(bench.session)
+    assert not bench.session.estop
+    assert not bench.session.software_estop_in_use
+    for _ in range(20):
+        bench.wait(0.0625)
+        bench.hear(ALL_OUT)
+    assert bench.sent == []
+    assert bench.session.farewell(bench.now) == []
+
+
+def test_settings_are_refused_at_the_start() -> None:
+    with pytest.raises(ValueError, match=r'^configure_device = True: transport hid can write'):
+        Settings(wire=HidWire(), configure_device=True, device=DeviceSettings(gps_interval_ms=0))
+
+
+# -- the simulated remote -------------------------------------------------------------------------
+
+
+def test_simulated_remote_gives_the_golden_report() -> None:
+    remote = HidSimulator()
+    remote.apply('mode operational')
+    for name, way in zip(AXIS_NAMES, (1, -1, -1, -1, 1, 1), strict=True):
+        remote.apply(f'stick {name} {way}')
+    for name in ('left_up', 'left_right', 'right_down', 'right_left'):
+        remote.apply(f'button {name} 1')
+    assert remote.poll(1.0) == [ALL_OUT]
+
+
+def test_simulated_remote_reports_16_times_a_second_and_its_stop() -> None:
+    remote, now = HidSimulator(), 50.0
+    remote.poll(now)
+    times = []
+    while now < 60.0:
+        now = remote.deadline()
+        times += [now] * len(remote.poll(now))
+    assert len(times) == pytest.approx(160, abs=1)
+    assert all(b - a == pytest.approx(1 / 16) for a, b in itertools.pairwise(times))
+    remote.apply('estop remote on')
+    assert remote.poll(now + 1) == [report(mode=Mode.LOCAL, estop=1)]
+    remote.apply('estop remote off')
+    remote.apply('ack')
+    assert remote.poll(now + 2) == [report(mode=Mode.REMOTE)]
+
+
+def test_simulated_faults_are_no_positions() -> None:
+    remote = HidSimulator()
+    for line in ('mode operational', 'fault left_z error', 'fault left_up error'):
+        remote.apply(line)
+    assert remote.poll(1.0) == [report('000080000000', 0x0F)]

@@ -1,0 +1,432 @@
+# Copyright 2026 The rugged_teleop maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""What the VSC's session sends, and what it keeps in the device's EEPROM."""
+
+from collections.abc import Callable
+import math
+import struct
+from typing import Any
+
+import pytest
+
+from bridge_core.session import Level
+from fort_vsc_bridge.protocol import CanWire
+from fort_vsc_bridge.session import DeviceSettings, Session, Settings
+from fort_vsc_bridge.simulator import build_frame, Simulator
+from stage.fort_vsc_rig import Bench, CENTRED, CLEAR, converse, gaps, heartbeat, opened
+
+# -- what is sent ---------------------------------------------------------------------------------
+
+
+def test_rates_hold_and_every_key_gets_its_turn_with_its_latest_value() -> None:
+    bench = opened()
+    for step in range(300):
+        for key in range(1, 10):
+            bench.session.set_feedback(key, step, bench.now)
+            bench.session.set_name(key, f'value {step}', bench.now)
+            bench.session.get_feedback(key, bench.now)
+        bench.session.rumble(True, False, bench.now)
+        bench.wait(0.01)
+    for kind, least in (0x30, 0.05), (0x31, 0.25), (0x32, 0.05):
+        assert min(gaps(bench.frames(kind))) >= least - 1e-9, hex(kind)
+    keys = [frame[4] for _, frame in bench.frames(0x30)]
+    assert keys[:20] == [*range(1, 11)] * 2
+    assert len(bench.frames(0x31)) in (12, 13)
+    at, frame = bench.frames(0x30)[-1]
+    assert struct.unpack('<i', frame[5:9])[0] == pytest.approx((at - 100.0) / 0.01, abs=2)
+
+
+def test_texts_and_values_are_shown_again_to_a_new_remote_a_rumble_is_not() -> None:
+    bench = opened()
+    bench.session.set_feedback(1, 7, bench.now)
+    bench.session.set_name(1, 'speed', bench.now)
+    bench.wait(1.0)
+    bench.session.rumble(True, True, bench.now)
+    bench.close()
+    bench.sent.clear()
+    bench.open()
+    bench.wait(1.0)
+    assert not bench.frames(0x30)
+    bench.run(1.0, heartbeat())
+    assert [f for _, f in bench.frames(0x30)] == [build_frame(0x30, b'\1\7\0\0\0')]
+    assert [f[5:10] for _, f in bench.frames(0x31)] == [b'speed']
+
+
+def test_what_the_remote_shows_goes_again_where_a_busy_line_refuses_it_a_rumble_does_not() -> None:
+    bench = opened()
+    bench.busy = True
+    bench.session.set_name(1, 'speed', bench.now)
+    bench.session.set_feedback(1, 7, bench.now)
+    bench.session.rumble(True, True, bench.now)
+    bench.session.get_feedback(2, bench.now)
+    bench.wait(0.1)
+    bench.session.set_feedback(1, 8, bench.now)
+    bench.wait(0.4)
+    bench.busy = False
+    bench.wait(1.0)
+    assert [f for _, f in bench.frames(0x30)] == [build_frame(0x30, b'\1\x08\0\0\0')]
+    assert [f[5:10] for _, f in bench.frames(0x31)] == [b'speed']
+    assert not bench.frames(0x32)
+
+
+@pytest.mark.parametrize('required', [False, True])
+def test_software_estop_that_is_forgotten_is_in_use_only_where_it_is_required(
+    required: bool,
+) -> None:
+    bench = opened(require_software_estop=required)
+    bench.session.set_software_estop(True, bench.now)
+    bench.wait(0.2)
+    assert bench.frames(0x21)[-1][1] == build_frame(0x21, b'\1')
+    bench.session.forget_software_estop(bench.now)
+    bench.wait(1.0)
+    assert bench.session.software_estop_in_use is required
+    assert bench.frames(0x21)[-1][1] == build_frame(0x21, bytes([required]))
+
+
+def test_software_estop_that_is_forgotten_leaves_no_stop_behind() -> None:
+    bench = opened(software_estop_timeout=5.0)
+    for asked in (False, True, False):
+        bench.session.set_software_estop(asked, bench.now)
+    bench.session.forget_software_estop(bench.now)
+    bench.session.set_software_estop(False, bench.now)  # somebody else
+    bench.wait(0.2)
+    assert {frame for _, frame in bench.frames(0x21)} == {build_frame(0x21, b'\0')}
+
+
+def test_required_software_estop_that_is_forgotten_is_not_clear_by_what_was_heard() -> None:
+    bench = opened(require_software_estop=True, software_estop_timeout=5.0)
+    bench.session.set_software_estop(False, bench.now)
+    bench.wait(0.2)
+    bench.session.forget_software_estop(bench.now)
+    bench.wait(0.1)
+    assert bench.frames(0x21)[-1][1] == build_frame(0x21, b'\1')
+
+
+def test_what_waits_while_input_is_discarded_is_not_done_later() -> None:
+    bench = opened()
+    bench.session.rumble(True, False, bench.now)
+    bench.session.interrupted('this node was held up', bench.now)
+    bench.wait(1.0)
+    assert not bench.frames(0x30)
+
+
+def test_settings_are_not_known_any_more_once_the_port_is_closed() -> None:
+    bench = opened(configure_device=True, device=DeviceSettings(auto_off_enable=1))
+    bench.hear(heartbeat())
+    bench.wait(0.1)
+    bench.hear(heartbeat(), build_frame(0x30, b'\x51\1\0\0\0'))
+    assert bench.session.setting_states == {'auto_off_enable': 'as wanted'}
+    bench.close()
+    assert bench.session.setting_states == {'auto_off_enable': 'not known yet'}
+
+
+@pytest.mark.parametrize('lost', ['heartbeats', 'input', 'port'])
+def test_what_the_user_wrote_stays_whatever_is_lost(lost: str) -> None:
+    bench = opened(configure_device=True, device=DeviceSettings(user_estop_timeout=0))
+    device = Simulator()
+    converse(bench, device, 4.0)
+    bench.session.set_feedback(85, 1, bench.now)
+    converse(bench, device, 4.0)
+    assert device.eeprom[85] == 1
+    if lost == 'heartbeats':
+        bench.wait(1.0)
+    elif lost == 'input':
+        bench.session.interrupted('this node was held up', bench.now)
+    else:
+        bench.close()
+        bench.session.set_feedback(85, 0, bench.now)  # which is dropped
+        bench.open()
+    converse(bench, device, 6.0)
+    assert device.eeprom[85] == 1
+    assert bench.session.setting_states == {'user_estop_timeout': 'overruled by ~/set_user_value'}
+
+
+def test_what_was_asked_while_the_port_was_closed_is_not_done_later() -> None:
+    """But the remote shows what was set meanwhile."""
+    bench = opened(configure_device=True, device=DeviceSettings(auto_off_enable=1))
+    bench.close()
+    bench.session.rumble(True, False, bench.now)
+    bench.session.set_feedback(81, 0, bench.now)
+    bench.session.get_feedback(1, bench.now)
+    bench.session.set_feedback(1, 7, bench.now)
+    assert bench.session.setting_states == {'auto_off_enable': 'not known yet'}
+    bench.wait(3600.0)
+    bench.open()
+    bench.wait(1.0)
+    assert [f for _, f in bench.frames(0x30)] == [build_frame(0x30, b'\1\7\0\0\0')]
+    assert not bench.frames(0x32)
+    assert bench.session.setting_states == {'auto_off_enable': 'not known yet'}
+
+
+@pytest.mark.parametrize(
+    ('sides', 'key'), [((True, False), 10), ((False, True), 11), ((True, True), 12)]
+)
+def test_rumble_drives_the_motors_of_its_sides(sides: tuple[bool, bool], key: int) -> None:
+    bench = opened()
+    bench.session.rumble(*sides, bench.now)
+    bench.wait(1.0)
+    assert [f for _, f in bench.frames(0x30)] == [build_frame(0x30, bytes((key, 1, 0, 0, 0)))]
+
+
+def test_display_text_fills_four_lines_and_switches_to_them_once() -> None:
+    bench = opened()
+    bench.session.set_display_text('one\ntwo', bench.now)
+    bench.wait(2.0)
+    names = [f for _, f in bench.frames(0x31)]
+    assert names == [
+        build_frame(0x31, bytes((90 + line,)) + text.ljust(20, b'\0'))
+        for line, text in enumerate((b'one', b'two', b'', b''))
+    ]
+    assert [f for _, f in bench.frames(0x30)] == [build_frame(0x30, b'\x63\1\0\0\0')]
+    bench.session.set_feedback(99, 3, bench.now)
+    bench.session.set_display_text('three', bench.now)
+    bench.wait(2.0)
+    assert [f[5] for _, f in bench.frames(0x30)] == [1, 3]
+
+
+def test_display_has_four_lines_and_no_fifth() -> None:
+    bench = opened()
+    with pytest.raises(ValueError, match='the display has 4 lines, not 5'):
+        bench.session.set_display_text('1\n2\n3\n4\n5', bench.now)
+    bench.session.set_display_text('1\n2\n3\n4', bench.now)
+    bench.wait(2.0)
+    bench.session.set_name(93, 'four', bench.now)
+    bench.wait(2.0)
+    texts = [f[5:25].rstrip(b'\0') for _, f in bench.frames(0x31)]
+    assert texts == [b'1', b'2', b'3', b'4', b'four']
+
+
+@pytest.mark.parametrize(
+    'request_',
+    [
+        lambda s: s.set_feedback(0, 1, 100.0),
+        lambda s: s.set_feedback(13, 1, 100.0),
+        lambda s: s.set_feedback(90, 1, 100.0),
+        lambda s: s.set_feedback(99, 4, 100.0),
+        lambda s: s.set_feedback(10, 2, 100.0),
+        lambda s: s.set_feedback(1, 2**31, 100.0),
+        lambda s: s.set_feedback(85, 1, 100.0),
+        lambda s: s.set_feedback(80, 1, 100.0),
+        lambda s: s.set_name(10, 'x', 100.0),
+        lambda s: s.set_name(1, 'x' * 21, 100.0),
+        lambda s: s.get_feedback(90, 100.0),
+        lambda s: s.set_display_text('1\n2\n3\n4\n5', 100.0),
+        lambda s: s.set_display_text('x' * 21, 100.0),
+        lambda s: s.set_display_text('a\x0bb', 100.0),
+        lambda s: s.set_display_text('a\u2028b', 100.0),
+        lambda s: s.set_display_text('a\x85b', 100.0),
+    ],
+)
+def test_bad_request_is_refused_and_sends_nothing(request_: Callable[[Session], None]) -> None:
+    bench = opened()
+    with pytest.raises(ValueError, match=r'\d'):
+        request_(bench.session)
+    bench.wait(1.0)
+    assert {frame for _, frame in bench.sent} == {CLEAR}
+
+
+@pytest.mark.parametrize(
+    'options',
+    [
+        {'heartbeat_rate': 3.9},
+        {'heartbeat_rate': 21.0},
+        {'heartbeat_rate': math.nan},
+        {'link_timeout': 0.0},
+        {'software_estop_timeout': math.inf},
+        {'device': DeviceSettings(heartbeat_interval_ms=200)},
+        {'device': DeviceSettings(joystick_interval_ms=126)},
+    ],
+)
+def test_bad_option_is_refused(options: dict[str, Any]) -> None:
+    with pytest.raises(ValueError, match=next(iter(options))):
+        Settings(**options)
+
+
+@pytest.mark.parametrize(
+    'options',
+    [
+        {'inactivity_pause_minutes': 0},
+        {'inactivity_pause_minutes': 12},
+        {'joystick_interval_ms': 0},
+        {'heartbeat_interval_ms': 19},
+        {'gps_interval_ms': 65536},
+        {'remote_status_interval_ms': 1},
+    ],
+)
+def test_bad_setting_is_refused(options: dict[str, int]) -> None:
+    with pytest.raises(ValueError, match=next(iter(options))):
+        DeviceSettings(**options)
+
+
+# -- the device's EEPROM --------------------------------------------------------------------------
+
+
+WANTED = DeviceSettings(
+    inactivity_pause_minutes=5,
+    auto_off_enable=0,
+    orientation_pause_enable=1,
+    user_estop_timeout=1,
+    gps_interval_ms=1000,
+    remote_status_interval_ms=1000,
+)
+
+
+def warnings(bench: Bench) -> str:
+    problems = bench.session.problems(bench.now)
+    return '; '.join(text for level, text in problems if level is Level.WARN)
+
+
+def test_eeprom_is_never_written_without_configure_device() -> None:
+    bench, device = opened(device=WANTED), Simulator()
+    bench.session.set_feedback(1, 1, bench.now)
+    converse(bench, device, 20.0)
+    assert device.eeprom_writes == 0
+    assert bench.session.setting_states == {}
+    assert not bench.frames(0x23)
+
+
+def test_setting_that_is_given_and_not_written_is_a_warning() -> None:
+    device = DeviceSettings(user_estop_timeout=1, auto_off_enable=0)
+    words = 'set configure_device, or leave device.auto_off_enable, device.user_estop_timeout out'
+    said = [(Level.WARN, f'{words}: nothing is written while it is false')]
+    bench = opened(device=device)
+    bench.hear(heartbeat(), CENTRED)
+    assert bench.session.problems(bench.now) == said
+    assert Settings(device=device, configure_device=True).passed_over == []
+    assert Settings(wire=CanWire(), device=device).passed_over == []  # it has none of them
+
+
+def test_only_settings_that_differ_are_written_and_once() -> None:
+    bench, device = opened(device=WANTED, configure_device=True), Simulator()
+    converse(bench, device, 20.0)
+    assert device.eeprom_writes == 4
+    assert device.eeprom == {80: 4, 81: 0, 82: 1, 83: 1, 84: 1, 85: 1}
+    assert device.messages[0x22] == (True, 1.0)
+    assert set(bench.session.setting_states.values()) == {'as wanted'}
+    assert len(bench.session.setting_states) == 6
+    bench.close()
+    bench.open()
+    converse(bench, device, 20.0)
+    assert device.eeprom_writes == 4
+    assert device.too_fast == {0x30: 0, 0x31: 0, 0x32: 0}
+
+
+def test_message_is_switched_off() -> None:
+    wanted = DeviceSettings(gps_interval_ms=0, joystick_interval_ms=40)
+    bench, device = opened(device=wanted, configure_device=True), Simulator()
+    converse(bench, device, 15.0)
+    assert device.messages[0x12][0] is False
+    assert device.messages[0x10] == (True, 0.04)
+    assert device.eeprom_writes == 2
+
+
+@pytest.mark.parametrize(
+    ('wanted', 'interval', 'writes'), [(20, 0.02, 0), (40, 0.02, 1), (20, 0.04, 1)]
+)
+@pytest.mark.parametrize('each', [1, 2, 5])
+def test_interval_is_judged_alike_where_several_frames_come_in_one_read(
+    each: int, wanted: int, interval: float, writes: int
+) -> None:
+    device = DeviceSettings(joystick_interval_ms=wanted)
+    bench = opened(configure_device=True, device=device)
+    while bench.now < 104.0:
+        bench.hear(heartbeat(), *[CENTRED] * each)
+        bench.wait(each * interval)
+    assert len(bench.frames(0x23)) == writes
+    state = 'written, not confirmed yet' if writes else 'as wanted'
+    assert bench.session.setting_states == {'joystick_interval_ms': state}
+
+
+def test_interval_is_as_wanted_after_a_stall_of_the_line() -> None:
+    device = DeviceSettings(joystick_interval_ms=20)
+    bench = opened(configure_device=True, device=device)
+    for _ in range(3):
+        bench.run(2.0, heartbeat(), CENTRED)
+        bench.wait(1.0)
+        bench.hear(heartbeat(), *[CENTRED] * 30)  # in two reads
+        bench.wait(0.001)
+        bench.hear(*[CENTRED] * 20)
+        bench.wait(0.019)
+    bench.run(3.1, heartbeat(), CENTRED)
+    assert not bench.frames(0x23)
+    assert bench.session.setting_states == {'joystick_interval_ms': 'as wanted'}
+
+
+def test_gps_is_not_judged_without_a_remote() -> None:
+    wanted = DeviceSettings(gps_interval_ms=1000)
+    bench, device = opened(device=wanted, configure_device=True), Simulator()
+    device.apply('radio off')
+    converse(bench, device, 20.0)
+    assert device.eeprom_writes == 0
+    assert bench.session.setting_states == {'gps_interval_ms': 'not known yet'}
+
+
+def test_device_that_does_not_take_a_setting_is_not_worn_out() -> None:
+    wanted = DeviceSettings(auto_off_enable=0, remote_status_interval_ms=500)
+    bench = Bench(device=wanted, configure_device=True)
+    for connection in range(1, 7):
+        bench.open()
+        for _ in range(200):
+            bench.hear(heartbeat(), build_frame(0x30, b'\x51\1\0\0\0'))
+            bench.wait(0.1)
+        assert set(bench.session.setting_states.values()) == {
+            'differs, and the device does not take it'
+        }
+        for name in ('auto_off_enable', 'remote_status_interval_ms'):
+            assert f'device.{name}: differs, and the device does not take it' in warnings(bench)
+        assert len(bench.frames(0x30)) == min(connection, 3)
+        assert len(bench.frames(0x23)) == min(connection, 3)
+        bench.close()
+
+
+def test_answer_from_before_a_write_does_not_speak_against_it() -> None:
+    wanted = DeviceSettings(auto_off_enable=0)
+    bench = opened(device=wanted, configure_device=True)
+    old, new = build_frame(0x30, b'\x51\1\0\0\0'), build_frame(0x30, b'\x51\0\0\0\0')
+    bench.hear(heartbeat(), old)
+    assert bench.session.setting_states == {'auto_off_enable': 'not known yet'}
+    bench.hear(old)
+    bench.hear(old)
+    assert bench.session.setting_states == {'auto_off_enable': 'written, not confirmed yet'}
+    bench.run(2.1, heartbeat())
+    bench.hear(new)
+    assert bench.session.setting_states == {'auto_off_enable': 'as wanted'}
+    assert len(bench.frames(0x30)) == 1
+
+
+def test_device_that_does_not_answer_is_not_written_to() -> None:
+    wanted = DeviceSettings(auto_off_enable=0)
+    bench = opened(device=wanted, configure_device=True)
+    bench.run(7.9, heartbeat(), CENTRED)
+    assert bench.session.problems(bench.now) == []
+    bench.run(2.1, heartbeat(), CENTRED)
+    assert 'device.auto_off_enable: not known, as the device does not' in warnings(bench)
+    assert not bench.frames(0x30)
+    assert 4 <= len(bench.frames(0x32)) <= 6
+    bench.session.set_feedback(81, 0, bench.now)  # asked for in so many words
+    bench.wait(0.1)
+    assert len(bench.frames(0x30)) == 1
+
+
+def test_setting_that_a_request_overrules_is_a_warning_until_it_is_as_wanted() -> None:
+    bench, device = opened(device=WANTED, configure_device=True), Simulator()
+    converse(bench, device, 20.0)
+    for value, overruled in ((3, True), (4, False)):  # minutes - 1
+        bench.session.set_feedback(80, value, bench.now)
+        converse(bench, device, 5.0)
+        assert device.eeprom[80] == value
+        said = 'device.inactivity_pause_minutes: overruled by ~/set_user_value' in warnings(bench)
+        assert said is overruled
+    assert set(bench.session.setting_states.values()) == {'as wanted'}

@@ -1,0 +1,576 @@
+# Copyright 2026 The rugged_teleop maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The VSC's session: what stops, what counts as sticks, and what holds whatever comes."""
+
+from dataclasses import replace
+import itertools
+import math
+import random
+
+from hypothesis import given, settings, strategies as st
+import pytest
+
+from bridge_core.session import Level, StopChanged, Verdict
+from fort_vsc_bridge.protocol import Mode
+from fort_vsc_bridge.session import ModeChanged, Sticks
+from fort_vsc_bridge.simulator import build_frame, Simulator
+from stage.fort_vsc_rig import (
+    Bench,
+    CENTRED,
+    converse,
+    DEFLECTED,
+    gaps,
+    heartbeat,
+    LIMIT,
+    LOST,
+    NEUTRAL,
+    opened,
+    SRC,
+    sticks,
+)
+
+# -- stop and link --------------------------------------------------------------------------------
+
+
+def test_stop_until_a_clean_heartbeat() -> None:
+    bench = Bench()
+    assert bench.session.estop
+    assert bench.session.stop_reasons(bench.now) == [
+        'plug the VSC in, and check port (can: channel): it is not open'
+    ]
+    bench.open()
+    assert bench.session.estop
+    assert bench.session.own_estop
+    bench.hear(DEFLECTED)
+    assert bench.session.estop
+    assert not bench.session.link_up
+    bench.hear(heartbeat())
+    assert not bench.session.estop
+    assert not bench.session.own_estop
+    assert bench.session.stop_reasons(bench.now) == []
+
+
+def test_silence_is_a_stop_at_the_limit() -> None:
+    bench = opened()
+    bench.hear(heartbeat())
+    bench.wait(LIMIT - 1e-3)
+    assert not bench.session.estop
+    assert bench.wait(1e-3) == [LOST, ModeChanged(None)]
+    assert bench.session.stop_reasons(bench.now + 0.062) == [
+        'check power and serial cable of the VSC: no heartbeat from the VSC, last heard 312 ms '
+        'ago, limit 250 ms'
+    ]
+
+
+def test_joystick_messages_alone_are_no_link() -> None:
+    bench = opened()
+    bench.hear(heartbeat())
+    bench.run(1.0, DEFLECTED)
+    assert bench.session.estop
+    assert 'enable its heartbeat message' in bench.session.stop_reasons(bench.now)[0]
+    bench.wait(LIMIT)
+    assert 'check power' in bench.session.stop_reasons(bench.now)[0]
+
+
+@pytest.mark.parametrize('last', [0.0, 0.001, 0.02, 0.04, 0.2])
+def test_silent_vsc_is_not_taken_for_one_that_sends_joystick_messages(last: float) -> None:
+    """Its last joystick message comes up to an interval after its last heartbeat."""
+    bench = opened()
+    bench.run(1.0, heartbeat(), DEFLECTED)
+    bench.hear(heartbeat())
+    bench.wait(last)
+    bench.hear(DEFLECTED)
+    for _ in range(20):
+        bench.wait(0.05)
+        assert not any('joystick' in text for text in bench.session.stop_reasons(bench.now))
+
+
+def test_found_vsc_is_not_taken_for_one_without_a_heartbeat_or_without_joystick_messages() -> None:
+    bench = opened()
+    bench.hear(DEFLECTED)
+    assert 'joystick' not in bench.session.stop_reasons(bench.now)[0]
+    bench.wait(0.04)
+    bench.hear(heartbeat())
+    assert bench.session.problems(bench.now) == []
+    bench.wait(0.2)
+    bench.hear(heartbeat())
+    bench.wait(0.06)
+    ((level, text),) = bench.session.problems(bench.now)
+    assert level == Level.WARN
+    assert text == 'set device.joystick_interval_ms: no joystick messages come'
+
+
+@pytest.mark.parametrize('heard', [False, True])
+def test_joystick_messages_alone_name_the_heartbeat_from_the_limit_on(heard: bool) -> None:
+    bench = opened()
+    if heard:  # and lost, which is what time counts from then
+        bench.hear(heartbeat())
+        bench.wait(LIMIT)
+    start = bench.now
+    for bench.now, named in (
+        (start + 0.125, False),
+        (math.nextafter(start + LIMIT, 0.0), False),
+        (start + LIMIT, True),
+    ):
+        bench.hear(DEFLECTED)
+        (reason,) = bench.session.stop_reasons(bench.now)
+        assert ('enable its heartbeat message' in reason) is named
+
+
+def test_joystick_messages_are_missed_from_the_limit_on_and_while_the_link_is_up() -> None:
+    bench = opened()
+    start = bench.now
+    for bench.now, missed in (
+        (start, False),
+        (start + 0.125, False),
+        (math.nextafter(start + LIMIT, 0.0), False),
+        (start + LIMIT, True),
+    ):
+        bench.hear(heartbeat())
+        assert bool(bench.session.problems(bench.now)) is missed
+    bench.wait(1.0)
+    assert [level for level, _ in bench.session.problems(bench.now)] == [Level.ERROR]
+
+
+def test_refused_message_is_named_once_by_a_link_that_is_down() -> None:
+    bench = opened()
+    bench.hear(build_frame(0x20, bytes(7)))
+    ((level, text),) = bench.session.problems(bench.now)
+    assert level == Level.ERROR
+    assert 'firmware' in text
+
+
+def test_broken_controls_are_a_value() -> None:
+    bench = opened()
+    bench.hear(heartbeat(), CENTRED)
+    assert bench.session.values(bench.now)['faulty controls'] == 'none'
+    bench.hear(heartbeat(), build_frame(0x10, bytes(2) + b'\1\0' * 5 + b'\0\0'))
+    named = bench.session.values(bench.now)['faulty controls']
+    assert named == ', '.join(bench.session.faulty)
+    assert named.startswith('left')
+
+
+def test_bytes_without_a_frame_name_the_baud_rate() -> None:
+    bench = opened()
+    bench.run(0.2, b'\x8e\x03\xfe\x10')
+    assert 'baud' not in bench.session.stop_reasons(bench.now)[0]
+    bench.run(0.2, b'\x8e\x03\xfe\x10')
+    assert bench.session.stop_reasons(bench.now)[0].startswith(
+        'check baud, and that port is the VSC, as bytes come, but no frame'
+    )
+    bench.wait(1.0)
+    assert 'baud' not in bench.session.stop_reasons(bench.now)[0]
+    bench.run(1.0, build_frame(0x40, b'x'))  # of a device that is understood
+    assert 'baud' not in bench.session.stop_reasons(bench.now)[0]
+
+
+def test_bytes_lost_now_and_then_do_not_name_the_baud_rate() -> None:
+    bench = opened()
+    for _ in range(20):
+        bench.hear(build_frame(0x40, b'x')[1:])
+        bench.wait(0.1)
+        bench.hear(build_frame(0x40, b'x')[:-1])
+        bench.wait(0.1)
+        bench.hear(build_frame(0x40, b'x'))
+        bench.wait(0.04)
+        assert 'baud' not in bench.session.stop_reasons(bench.now)[0]
+
+
+@pytest.mark.parametrize('bit', range(32))
+def test_any_estop_bit_is_a_stop(bit: int) -> None:
+    bench = opened()
+    bench.hear(heartbeat(estop=1 << bit))
+    assert bench.session.estop
+    assert bench.session.own_estop
+    assert 'VSC reports e-stop' in bench.session.stop_reasons(bench.now)[0]
+
+
+def test_button_held_while_heartbeats_alone_come_counts_once_it_was_let_go_of() -> None:
+    bench = opened()
+    bench.run(0.5, heartbeat(), CENTRED)
+    (pressed,) = sticks(bench.hear(DEFLECTED))
+    assert any(pressed.buttons)
+    assert sticks(bench.run(2.0, heartbeat())) == [NEUTRAL]
+    (back,) = sticks(bench.hear(DEFLECTED))
+    assert back == replace(pressed, buttons=NEUTRAL.buttons)
+    bench.hear(CENTRED)
+    assert sticks(bench.hear(DEFLECTED)) == [pressed]
+
+
+@pytest.mark.parametrize('mode', range(256))
+def test_only_modes_with_a_remote_are_clear(mode: int) -> None:
+    bench = opened(transition_time=0.0)
+    bench.hear(heartbeat(mode))
+    assert bench.session.estop is (mode not in (6, 9, 0xA, 0xB))
+    assert bench.session.own_estop is (mode not in (1, 4, 6, 9, 0xA, 0xB))
+    assert bool(bench.session.stop_reasons(bench.now)) is bench.session.estop
+
+
+def test_lost_port_is_a_stop_and_forgets_the_heartbeat() -> None:
+    bench = opened()
+    bench.hear(heartbeat())
+    bench.close()
+    assert bench.session.estop
+    assert bench.session.deadline() == math.inf
+    bench.open()
+    assert bench.session.estop
+    bench.hear(heartbeat())
+    assert not bench.session.estop
+
+
+def test_stop_is_not_hidden_by_a_clear_heartbeat_in_the_same_read() -> None:
+    bench = opened()
+    bench.hear(heartbeat())
+    events = bench.hear(heartbeat(estop=SRC), heartbeat())
+    assert [event for event in events if isinstance(event, StopChanged)] == [
+        StopChanged(Verdict(True, True)),
+        StopChanged(Verdict()),
+    ]
+    assert not bench.session.estop
+
+
+def test_frame_cut_short_by_a_lost_port_is_forgotten() -> None:
+    bench = opened()
+    bench.session.receive(heartbeat()[:8], bench.now)
+    bench.close()
+    bench.open()
+    bench.hear(heartbeat()[8:])
+    assert bench.session.estop
+
+
+# -- sticks ---------------------------------------------------------------------------------------
+
+
+def test_sticks_count_in_operational() -> None:
+    bench = opened()
+    bench.hear(heartbeat())
+    (event,) = sticks(bench.hear(DEFLECTED))
+    assert event.axes == (1023, -296, 0, 0, 0, -1)
+    assert event.buttons == (False, False, False, True, True, False, True, False)
+    assert event.operational
+    assert event.faulty == ()
+
+
+@pytest.mark.parametrize('mode', sorted(set(range(256)) - {Mode.OPERATIONAL}))
+def test_sticks_are_neutral_in_any_other_mode(mode: int) -> None:
+    bench = opened()
+    bench.hear(heartbeat(mode))
+    assert sticks(bench.hear(DEFLECTED)) == [NEUTRAL]
+
+
+@pytest.mark.parametrize('zeroed_before', [False, True])
+@pytest.mark.parametrize('mode', [Mode.REMOTE, Mode.MENU, Mode.PAUSE])
+def test_button_held_through_another_mode_counts_once_it_was_let_go_of(
+    mode: int, zeroed_before: bool
+) -> None:
+    bench = opened()
+    bench.hear(heartbeat(), DEFLECTED)
+    if zeroed_before:  # the sticks come more often than the mode
+        bench.hear(build_frame(0x10, bytes(14)))
+    bench.run(1.0, heartbeat(mode), build_frame(0x10, bytes(14)))
+    (held,) = sticks(bench.hear(heartbeat(), DEFLECTED))
+    assert held.axes == (1023, -296, 0, 0, 0, -1)
+    assert not any(held.buttons)
+    assert not any(sticks(bench.hear(CENTRED))[0].buttons)
+    assert any(sticks(bench.hear(DEFLECTED))[0].buttons)
+
+
+@pytest.mark.parametrize('mode', [Mode.REMOTE, Mode.MENU, Mode.PAUSE])
+def test_button_held_since_before_a_session_that_begins_in_another_mode_counts_once_let_go_of(
+    mode: int,
+) -> None:
+    bench = opened()
+    bench.run(1.0, heartbeat(mode), build_frame(0x10, bytes(14)))
+    assert not any(sticks(bench.hear(heartbeat(), DEFLECTED))[0].buttons)
+    bench.hear(CENTRED)
+    assert any(sticks(bench.hear(DEFLECTED))[0].buttons)
+
+
+@pytest.mark.parametrize(
+    ('modes', 'held'), [([Mode.LOCAL], True), ([Mode.LOCAL, Mode.REMOTE], False)]
+)
+def test_button_held_through_a_stop_is_hidden_only_where_another_mode_follows(
+    modes: list[int], held: bool
+) -> None:
+    bench = opened()
+    bench.hear(heartbeat(), DEFLECTED)
+    for mode in modes:
+        bench.run(1.0, heartbeat(mode), build_frame(0x10, bytes(14)))
+    assert any(sticks(bench.hear(heartbeat(), DEFLECTED))[0].buttons) == held
+
+
+def test_stop_without_a_joystick_message_shows_what_is_held_all_the_same() -> None:
+    """The pause before it hid the button; who holds it through the stop prevents the reset."""
+    bench = opened()
+    bench.hear(heartbeat(), DEFLECTED)
+    bench.hear(heartbeat(Mode.PAUSE), CENTRED)
+    bench.hear(heartbeat(estop=SRC))
+    (event,) = sticks(bench.hear(heartbeat(), DEFLECTED))
+    assert any(event.buttons)
+
+
+@pytest.mark.parametrize('zeroed_before', [False, True])
+@pytest.mark.parametrize('mode', [Mode.REMOTE, Mode.MENU, Mode.PAUSE])
+def test_button_held_through_silence_and_another_mode_counts_once_it_was_let_go_of(
+    mode: int, zeroed_before: bool
+) -> None:
+    """The silence is told late, and in the mode after it the mux may be reset."""
+    bench, zeros = opened(), build_frame(0x10, bytes(14))
+    bench.hear(heartbeat(), DEFLECTED)
+    bench.wait(0.01)
+    if zeroed_before:
+        bench.hear(zeros)
+    bench.wait(0.04)
+    bench.hear(heartbeat())
+    bench.wait(LIMIT)
+    assert bench.session.estop
+    bench.run(1.0, heartbeat(mode), zeros)
+    (held,) = sticks(bench.hear(heartbeat(), DEFLECTED))
+    assert not any(held.buttons)
+    bench.hear(CENTRED)
+    assert any(sticks(bench.hear(DEFLECTED))[0].buttons)
+
+
+@pytest.mark.parametrize(('seconds', 'held'), [(1.9 * LIMIT, True), (2.1 * LIMIT, False)])
+def test_button_let_go_of_twice_the_link_timeout_before_a_pause_is_not_held(
+    seconds: float, held: bool
+) -> None:
+    bench = opened()
+    bench.hear(heartbeat(), DEFLECTED)
+    for _ in range(3):
+        bench.hear(heartbeat(), CENTRED)
+        bench.wait(seconds / 3)
+    bench.hear(heartbeat(Mode.PAUSE), build_frame(0x10, bytes(14)))
+    (back,) = sticks(bench.hear(heartbeat(), DEFLECTED))
+    assert any(back.buttons) is not held
+
+
+@pytest.mark.parametrize('seconds', [0.02, 0.4])
+@pytest.mark.parametrize('mode', [Mode.OPERATIONAL, Mode.PAUSE])
+def test_button_held_through_zeros_in_operational_counts_once_it_was_let_go_of(
+    mode: int, seconds: float
+) -> None:
+    """Zeros are the VSC's: a stick at rest says Neutral (table 31), and lets go of the button."""
+    bench, zeros = opened(), build_frame(0x10, bytes(14))
+    bench.hear(heartbeat(), DEFLECTED)
+    if mode != Mode.OPERATIONAL:
+        bench.run(1.0, heartbeat(mode), zeros)
+    bench.run(seconds, heartbeat(), zeros)
+    (held,) = sticks(bench.hear(DEFLECTED))
+    assert not any(held.buttons)
+    bench.hear(CENTRED)
+    assert any(sticks(bench.hear(DEFLECTED))[0].buttons)
+
+
+def test_sticks_are_neutral_with_a_stop_in_operational() -> None:
+    bench = opened()
+    assert sticks(bench.hear(heartbeat(estop=1 << 31), DEFLECTED)) == [NEUTRAL]
+
+
+def test_stop_neutralises_at_once() -> None:
+    bench = opened()
+    bench.hear(heartbeat(), DEFLECTED)
+    assert sticks(bench.hear(heartbeat(estop=SRC))) == [NEUTRAL]
+    assert sticks(bench.hear(heartbeat(estop=SRC))) == []
+
+
+def test_sticks_before_any_heartbeat_are_not_passed_on() -> None:
+    bench = opened()
+    assert bench.hear(DEFLECTED) == []
+
+
+def test_silent_joystick_gives_one_neutral_then_none() -> None:
+    bench = opened()
+    bench.hear(heartbeat(), DEFLECTED)
+    assert sticks(bench.run(2.0, heartbeat())) == [NEUTRAL]
+    assert not bench.session.estop  # the e-stop chain itself is sound
+    assert sticks(bench.hear(DEFLECTED))[0].operational
+
+
+def test_neutral_comes_when_the_sticks_expire_not_with_our_next_heartbeat() -> None:
+    bench = opened(heartbeat_rate=4.0)
+    bench.wait(0.1)
+    bench.hear(heartbeat(), DEFLECTED)
+    bench.wait(0.2)
+    bench.hear(heartbeat())
+    assert sticks(bench.wait(0.049)) == []
+    assert sticks(bench.wait(0.002)) == [NEUTRAL]
+
+
+def test_lost_heartbeat_gives_one_neutral_then_none_until_both_are_fresh() -> None:
+    bench = opened()
+    bench.hear(heartbeat(), DEFLECTED)
+    events = sticks(bench.run(2.0, DEFLECTED))
+    assert events[-1] == NEUTRAL
+    assert NEUTRAL not in events[:-1]
+    assert len(events) <= 14
+    assert sticks(bench.hear(heartbeat())) == []
+    assert sticks(bench.hear(DEFLECTED))[0].operational
+
+
+def test_unplugged_gives_one_neutral() -> None:
+    bench = opened()
+    bench.hear(heartbeat(), DEFLECTED)
+    bench.close()
+    assert bench.events[-1] == NEUTRAL
+    bench.events.clear()
+    bench.open()
+    bench.wait(1.0)
+    assert bench.events == []
+
+
+def test_late_poll_does_not_pass_old_sticks_on() -> None:
+    bench = opened()
+    bench.hear(heartbeat(), DEFLECTED)
+    bench.now += 1.0  # no poll in between
+    assert sticks(bench.hear(DEFLECTED)) == [NEUTRAL]
+
+
+FAULTY = build_frame(0x10, bytes.fromhex('D0FF02000300010001004400 4031'.replace(' ', '')))
+
+
+def test_faulty_stick_makes_all_neutral_and_is_named() -> None:
+    bench = opened()
+    (event,) = sticks(bench.hear(heartbeat(), FAULTY))
+    assert event.axes == NEUTRAL.axes
+    assert event.buttons == NEUTRAL.buttons
+    assert event.faulty == ('left_y error', 'left_z unavailable', 'right_up unavailable')
+    assert bench.session.faulty == event.faulty
+    words = f'have the remote repaired: it reports {", ".join(event.faulty)}'
+    assert (Level.ERROR, words) in bench.session.problems(bench.now)
+
+
+@pytest.mark.parametrize('pressed_before', [True, False])
+def test_button_held_while_a_stick_is_broken_counts_once_it_was_let_go_of(
+    pressed_before: bool,
+) -> None:
+    """Or a loose wire of a stick would be a deadman that is pressed anew each time it holds."""
+    bench = opened()
+    if pressed_before:
+        bench.hear(heartbeat(), DEFLECTED)
+    bench.run(1.0, heartbeat(), FAULTY)
+    (held,) = sticks(bench.hear(heartbeat(), DEFLECTED))
+    assert held.axes == (1023, -296, 0, 0, 0, -1)
+    assert not any(held.buttons)  # nor the one that FAULTY does not show
+    bench.hear(CENTRED)
+    assert any(sticks(bench.hear(DEFLECTED))[0].buttons)
+
+
+def test_silent_stick_is_not_called_broken_any_more() -> None:
+    bench = opened()
+    bench.hear(heartbeat(), FAULTY)
+    bench.run(2 * LIMIT, heartbeat())
+    assert bench.session.faulty == ()
+
+
+def test_joystick_message_of_zeros_is_neutral_and_no_fault() -> None:
+    bench = opened()
+    bench.hear(heartbeat(), DEFLECTED)
+    assert sticks(bench.hear(build_frame(0x10, bytes(14)))) == [Sticks(operational=True)]
+    assert bench.session.problems(bench.now) == []
+    (event,) = sticks(bench.hear(build_frame(0x10, bytes(13) + b'\1')))
+    assert len(event.faulty) == 6
+
+
+def test_faulty_stick_alone_is_zero_if_tolerated() -> None:
+    bench = opened(tolerate_faulty_axes=True)
+    (event,) = sticks(bench.hear(heartbeat(), FAULTY))
+    assert event.axes == (1023, 0, 0, 0, 0, -1)
+    assert event.buttons == (False, False, False, True, True, False, False, False)
+    assert len(event.faulty) == 3
+
+
+# -- properties over random lives -----------------------------------------------------------------
+
+
+def a_life(seed: int) -> None:
+    """Live 300 random steps beside a plain model of what must hold."""
+    rng = random.Random(seed)
+    bench = Bench(software_estop_timeout=0.3)
+    session = bench.session
+    is_open = False
+    last_heartbeat: tuple[float, int, int] | None = None  # time, mode, e-stop
+    last_joystick = -math.inf
+    neutral_owed = False
+    for _ in range(300):
+        bench.events.clear()
+        action = rng.random()
+        frames: list[bytes] = []
+        if action < 0.02 and is_open:
+            bench.close()
+            is_open, last_heartbeat, last_joystick = False, None, -math.inf
+        elif action < 0.1 and not is_open:
+            bench.open()
+            is_open = True
+        elif action < 0.2:
+            session.set_software_estop(rng.random() < 0.3, bench.now)
+        elif action < 0.3:
+            session.set_feedback(rng.randint(1, 12), 1, bench.now)
+        elif action < 0.55:
+            mode = rng.choice([*Mode, Mode.OPERATIONAL, Mode.OPERATIONAL, Mode.OPERATIONAL, 0x77])
+            estop = rng.choice([0, 0, 0, 0, 1, 4, 0x40, 1 << 20])
+            frames.append(heartbeat(mode, estop))
+        elif action < 0.85:
+            frames.append(rng.choice([DEFLECTED, DEFLECTED, CENTRED]))
+        elif action < 0.9:
+            frames.append(rng.randbytes(5))
+        bench.hear(*frames)
+        if is_open and frames and frames[0][2] == 0x20 and len(frames[0]) == 12:
+            last_heartbeat = (bench.now, frames[0][4], int.from_bytes(frames[0][6:10], 'little'))
+        if is_open and frames and frames[0][2] == 0x10:
+            last_joystick = bench.now
+        if rng.random() < 0.8:
+            bench.wait(rng.choice([0.0, 0.01, 0.02, 0.05, 0.3]))
+        fresh = last_heartbeat is not None and bench.now < last_heartbeat[0] + LIMIT
+        if not session.estop:
+            assert fresh
+            assert last_heartbeat is not None
+            assert last_heartbeat[1] in (6, 9, 10, 11)
+            assert last_heartbeat[2] == 0
+        assert session.estop or not session.own_estop
+        assert bool(session.stop_reasons(bench.now)) is session.estop
+        for event in sticks(bench.events):
+            if event != NEUTRAL:
+                assert last_heartbeat is not None
+                assert last_heartbeat[1:] == (Mode.OPERATIONAL, 0)
+                neutral_owed = True
+            else:
+                neutral_owed = False
+        joystick_fresh = bench.now < last_joystick + LIMIT
+        if not (fresh and joystick_fresh and not session.estop):
+            assert not neutral_owed
+    assert all(gap >= 0.05 - 1e-9 for gap in gaps(bench.frames(0x30)))
+    assert not bench.frames(0x23)
+    assert not any(80 <= frame[4] <= 85 for _, frame in bench.frames(0x30))
+
+
+@given(st.integers(0, 2**32))
+@settings(max_examples=40)
+def test_what_must_hold_in_any_life(seed: int) -> None:
+    a_life(seed)
+
+
+def test_echo_alone_never_makes_an_own_demand() -> None:
+    """Ask and release at random, acknowledge at random: the device itself demands nothing."""
+    for latch_bits, seed in itertools.product((False, True), range(10)):
+        rng = random.Random(seed)
+        bench, device = opened(software_estop_timeout=5.0), Simulator(latch_bits=latch_bits)
+        converse(bench, device, 0.2)
+        for _ in range(40):
+            bench.session.set_software_estop(rng.random() < 0.4, bench.now)
+            converse(bench, device, rng.choice([0.01, 0.05, 0.1, 0.3]))
+            assert not bench.session.own_estop, (latch_bits, seed)
+            if rng.random() < 0.5 and not device.host_estop:
+                device.acknowledge()

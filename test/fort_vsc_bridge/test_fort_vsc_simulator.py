@@ -1,0 +1,289 @@
+# Copyright 2026 The rugged_teleop maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The simulated VSC: that it behaves as manual sections 6 and 7 say."""
+
+import json
+import struct
+
+import pytest
+
+from fort_vsc_bridge.simulator import build_frame, build_sentence, Simulator
+from stage.rig import ROOT
+
+VECTORS = json.loads((ROOT / 'test' / 'vectors' / 'fort_vsc.json').read_text())['serial']
+GOLDEN = {vector['is']: bytes.fromhex(vector['hex']) for vector in VECTORS}
+LOCAL, REMOTE, OPERATIONAL, MENU = 4, 6, 9, 10
+
+
+class Device:
+    """A simulator and its time."""
+
+    def __init__(self, *, latch_bits: bool = True) -> None:
+        self.simulator = Simulator(latch_bits=latch_bits)
+        self.now = 50.0
+        self.frames: list[bytes] = []
+        self.run(0.1)
+
+    def run(self, seconds: float) -> 'Device':
+        """Poll at every deadline."""
+        end = self.now + seconds
+        self.frames = []
+        for _ in range(10_000):
+            due = max(self.simulator.deadline(), self.now)
+            if due > end:
+                break
+            self.now = due
+            self.frames += self.simulator.poll(self.now)
+        else:
+            raise AssertionError('the simulator spins')
+        self.now = end
+        return self
+
+    def hear(self, kind: int, payload: bytes) -> None:
+        self.simulator.receive(build_frame(kind, payload), self.now)
+
+    def apply(self, text: str) -> 'Device':
+        self.simulator.apply(text)
+        return self.run(0.1)
+
+    def of(self, kind: int) -> list[bytes]:
+        return [frame[4:-2] for frame in self.frames if frame[2] == kind]
+
+    @property
+    def state(self) -> tuple[int, int]:
+        """Mode and E-stop indication of the last heartbeat."""
+        mode, _, estop = struct.unpack('<BBI', self.of(0x20)[-1])
+        return mode, estop
+
+
+@pytest.mark.parametrize('vector', VECTORS, ids=lambda vector: str(vector['is']))
+def test_checksum_loop_agrees_with_the_vectors(vector: dict[str, str]) -> None:
+    frame = bytes.fromhex(vector['hex'])
+    assert build_frame(frame[2], frame[4:-2]) == frame
+
+
+def test_golden_joystick_frame() -> None:
+    device = Device().apply('mode operational')
+    for command in (
+        'stick left_x 1',
+        f'stick left_y {-296 / 1023}',
+        f'stick right_z {-1 / 1023}',
+        'button left_left 1',
+        'button right_up 1',
+        'button right_down 1',
+    ):
+        device.apply(command)
+    vector = next(v for v in VECTORS if 'left pad left' in v.get('buttons_on', ()))
+    assert bytes.fromhex(vector['hex']) in device.frames
+
+
+def test_messages_come_at_their_default_rates() -> None:
+    device = Device().run(10.0)
+    assert len(device.of(0x10)) == pytest.approx(500, abs=2)
+    assert len(device.of(0x20)) == pytest.approx(200, abs=2)
+    assert len(device.of(0x12)) == pytest.approx(10, abs=1)
+    assert device.of(0x22) == []
+
+
+@pytest.mark.parametrize(('zeros', 'word'), [('', 0), ('all', 0), ('values', 0), ('rest', 1)])
+def test_sticks_are_zeroed_unless_operational(zeros: str, word: int) -> None:
+    device = Device().apply('stick left_y 0.8').apply('button left_up 1')
+    if zeros:
+        device.apply(f'zeros {zeros}')
+    zeroed = struct.pack('<6H', *[word] * 6) + b'\0\0'
+    for mode in ('remote', 'menu', 'pause'):
+        device.apply(f'mode {mode}')
+        assert set(device.of(0x10)) == {zeroed}
+    device.apply('mode operational')
+    assert device.of(0x10)[-1] == struct.pack('<6H', 1, 818 << 6 | 0x10, 1, 1, 1, 1) + b'\x10\0'
+    device.apply('estop remote on')
+    assert device.of(0x10)[-1] == zeroed
+
+
+@pytest.mark.parametrize(
+    ('on', 'off', 'bit'),
+    [
+        ('estop remote on', 'estop remote off', 0x01),
+        ('estop vsc on', 'estop vsc off', 0x04),
+        ('radio off', 'radio on', 0x01),
+    ],
+)
+@pytest.mark.parametrize('latch_bits', [False, True])
+def test_stop_goes_to_local_until_acknowledged(
+    on: str, off: str, bit: int, latch_bits: bool
+) -> None:
+    device = Device(latch_bits=latch_bits).apply('mode operational')
+    assert device.state == (OPERATIONAL, 0)
+    assert device.apply(on).state == (LOCAL, bit)
+    with pytest.raises(ValueError, match=r'still there'):
+        device.apply('ack')
+    with pytest.raises(ValueError, match=r'ack first'):
+        device.apply('mode operational')
+    assert device.apply(off).state == (LOCAL, bit if latch_bits else 0)
+    assert device.apply('ack').state == (REMOTE, 0)
+    assert device.apply('mode operational').state == (OPERATIONAL, 0)
+
+
+def test_host_heartbeat_stops() -> None:
+    device = Device()
+    device.hear(0x21, b'\1')
+    assert device.run(0.1).state == (LOCAL, 0x40)
+    device.hear(0x21, b'\0')
+    assert device.run(0.1).state == (LOCAL, 0x40)
+    assert device.apply('ack').state == (REMOTE, 0)
+
+
+def test_short_host_stop_between_two_polls_is_not_missed() -> None:
+    device = Device()
+    device.hear(0x21, b'\1')
+    device.hear(0x21, b'\0')
+    assert device.run(0.1).state[0] == LOCAL
+
+
+def test_silent_host_stops_only_with_user_estop_timeout() -> None:
+    device = Device().run(2.0)
+    assert device.state == (REMOTE, 0)
+    device.hear(0x30, struct.pack('<Bi', 85, 1))
+    assert device.run(0.45).state == (REMOTE, 0)
+    assert device.run(0.2).state == (LOCAL, 0x40)
+    device.hear(0x21, b'\0')
+    assert device.apply('ack').state == (REMOTE, 0)
+
+
+def test_remote_status_needs_message_control_and_outlives_the_remote() -> None:
+    device = Device().apply('battery 70').apply('charging on').apply('strength 1')
+    device.hear(0x23, b'\x22\1\xf4\1')
+    device.run(1.1)
+    assert device.of(0x22) == [GOLDEN['remote status'][4:-2]] * 2
+    assert device.simulator.eeprom_writes == 1
+    device.apply('radio off')
+    assert device.run(1.0).of(0x22)
+
+
+def test_too_short_interval_is_not_taken() -> None:
+    device = Device()
+    device.hear(0x23, b'\x22\1\x13\0')
+    assert device.simulator.eeprom_writes == 0
+    assert device.simulator.deadline() <= device.now + 0.02
+
+
+def test_values_names_rumble_and_answers() -> None:
+    device = Device()
+    device.hear(0x30, struct.pack('<Bi', 3, -7))
+    device.hear(0x31, b'\3speed' + bytes(15))
+    device.hear(0x30, struct.pack('<Bi', 12, 1))
+    device.hear(0x32, b'\3')
+    device.hear(0x32, b'\x51')
+    device.hear(0x32, b'\x32')  # no such key: no answer
+    device.run(0.1)
+    assert device.simulator.values == {3: -7}
+    assert device.simulator.names == {3: 'speed'}
+    assert [side for _, side in device.simulator.rumbles] == ['both']
+    assert device.of(0x30) == [struct.pack('<Bi', 3, -7), struct.pack('<Bi', 0x51, 1)]
+
+
+def test_too_fast_host_is_found_out() -> None:
+    device = Device()
+    device.hear(0x31, b'\3speed' + bytes(15))
+    device.run(0.1)
+    device.hear(0x31, b'\4speed' + bytes(15))
+    assert device.simulator.too_fast[0x31] == 1
+
+
+def test_operator_sets_a_value_in_the_menu() -> None:
+    device = Device()
+    with pytest.raises(ValueError, match=r'mode menu'):
+        device.apply('value 3 42')
+    device.apply('mode menu')
+    device.apply('value 3 42')
+    assert device.of(0x30) == [struct.pack('<Bi', 3, 42)]
+
+
+def test_faulty_controls_carry_their_status() -> None:
+    device = Device().apply('mode operational')
+    device.apply('fault left_x error').apply('fault left_y unavailable').apply(
+        'fault left_up error'
+    )
+    words = struct.unpack('<6H2B', device.of(0x10)[-1])
+    assert words[0] & 0x3F == 0b101010
+    assert words[1] & 0x3F == 0b111111
+    assert words[6] == 0b10 << 4
+    device.apply('fault left_x ok')
+    assert struct.unpack('<6H2B', device.of(0x10)[-1])[0] == 1
+
+
+def test_gps_sentence() -> None:
+    device = Device().apply('gps 53.361336 -6.50562').run(1.1)
+    payload = device.of(0x12)[-1]
+    assert payload[0] == 0
+    assert b',5321.68016,N,00630.33720,W,1,' in payload
+    device.apply('gps off off').run(1.1)
+    assert b',,,,,0,' in device.of(0x12)[-1]
+    device.apply('radio off')
+    assert device.run(2.0).of(0x12) == []
+
+
+def test_sentence_checksum() -> None:
+    body = 'GPGGA,092750.000,5321.6802,N,00630.3372,W,1,8,1.03,61.7,M,55.2,M,,'
+    assert build_sentence(body) == f'${body}*76\r\n'
+
+
+def test_reboot_is_silent_and_keeps_only_eeprom() -> None:
+    device = Device()
+    device.hear(0x30, struct.pack('<Bi', 81, 0))
+    device.hear(0x30, struct.pack('<Bi', 3, 7))
+    device.apply('mode operational').simulator.apply('reboot')
+    assert device.run(0.99).frames == []
+    assert device.run(0.2).state == (REMOTE, 0)
+    assert device.simulator.eeprom[81] == 0
+    assert device.simulator.values == {}
+
+
+@pytest.mark.parametrize(
+    'text',
+    [
+        '',
+        'jump',
+        'stick',
+        'stick left_y',
+        'stick left_q 1',
+        'stick left_y 1.1',
+        'stick left_y nan',
+        'button left_up 2',
+        'estop north on',
+        'mode local',
+        'radio maybe',
+        'battery 101',
+        'fault left_x bent',
+        'ack now',
+        'gps 91 0',
+        'value 1 x',
+    ],
+)
+def test_unknown_command_is_one_line_of_help(text: str) -> None:
+    with pytest.raises(ValueError, match=r'.') as caught:
+        Simulator().apply(text)
+    assert '\n' not in str(caught.value)
+
+
+def test_describe_shows_what_can_be_seen() -> None:
+    device = Device().apply('mode operational').apply('stick left_y 0.5').apply('battery 20')
+    seen = device.simulator.describe()
+    assert seen['mode'] == 'Operational'
+    assert seen['estop_bits'] == 0
+    assert seen['master_enable'] is True
+    assert seen['sticks']['left_y'] == pytest.approx(0.5, abs=1e-3)
+    assert seen['battery_percent'] == 20
+    json.dumps(seen)

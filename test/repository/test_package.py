@@ -1,0 +1,311 @@
+# Copyright 2026 The rugged_teleop maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Metadata, entry points, launch files, udev rules, CI and README agree."""
+
+import ast
+from collections.abc import Iterator
+import importlib
+from pathlib import Path
+import re
+import stat
+import sys
+from xml.etree import ElementTree
+
+import pytest
+from setuptools import find_packages
+
+from bridge_core.parameter_files import sections_of
+from rugged_teleop.stack import BESIDE, NODES
+from stage.rig import NOT_INSTALLED, ROOT
+
+PACKAGE = 'rugged_teleop'
+LAUNCH_FILES = sorted((ROOT / 'launch').glob('*.launch.xml'))
+SHARE = f'$(find-pkg-share {PACKAGE})/'
+# Where the name in an import is not the rosdep key.
+ROSDEP_KEYS = {
+    'argcomplete': 'python3-argcomplete',
+    'can': 'python3-can',
+    'serial': 'python3-serial',
+    'yaml': 'python3-yaml',
+}
+# Where it is not the name on PyPI.
+DISTRIBUTIONS = {'mcap_ros2': 'mcap-ros2-support'}
+# What rclpy, the message packages and mcap bring with them.
+INDIRECT = {'builtin_interfaces', 'zstandard'}
+
+
+def text(name: str) -> str:
+    return (ROOT / name).read_text(encoding='utf-8')
+
+
+def manifest() -> ElementTree.Element:
+    return ElementTree.fromstring(text('package.xml'))
+
+
+def field(name: str) -> str:
+    found = manifest().findtext(name)
+    assert found, f'package.xml has no {name}'
+    return found
+
+
+def setup_arguments() -> dict[str, ast.expr]:
+    """Return the keyword arguments of setup(), unevaluated."""
+    calls = (node for node in ast.walk(ast.parse(text('setup.py'))) if isinstance(node, ast.Call))
+    (setup,) = (c for c in calls if isinstance(c.func, ast.Name) and c.func.id == 'setup')
+    return {word.arg: word.value for word in setup.keywords if word.arg}
+
+
+def entry_points() -> dict[str, str]:
+    points = ast.literal_eval(setup_arguments()['entry_points'])
+    return dict(point.split(' = ') for point in points['console_scripts'])
+
+
+def production_imports() -> Iterator[str]:
+    """Yield the top-level names that the installed packages import."""
+    for package in (path.parent for path in ROOT.glob('*/__init__.py')):
+        if package.name in NOT_INSTALLED:
+            continue
+        for path in package.rglob('*.py'):
+            for node in ast.walk(ast.parse(path.read_text(encoding='utf-8'))):
+                if isinstance(node, ast.Import):
+                    yield from (alias.name.split('.')[0] for alias in node.names)
+                elif isinstance(node, ast.ImportFrom) and node.module and not node.level:
+                    yield node.module.split('.')[0]
+
+
+# Metadata.
+
+
+def test_manifest_is_of_format_3_for_ament_python() -> None:
+    assert manifest().get('format') == '3'
+    assert field('name') == PACKAGE
+    assert field('license') == 'Apache-2.0'
+    assert field('export/build_type') == 'ament_python'
+    assert 'Apache License' in text('LICENSE')
+
+
+def test_malformed_maintainer_address_would_hide_the_package_from_ros() -> None:
+    maintainer = manifest().find('maintainer')
+    assert maintainer is not None
+    address = maintainer.get('email', '')
+    assert re.fullmatch(r'[\w.+-]+@[\w-]+(\.[\w-]+)+', address)
+    assert ast.literal_eval(setup_arguments()['maintainer_email']) == address
+
+
+def test_versions_agree() -> None:
+    version = field('version')
+    assert ast.literal_eval(setup_arguments()['version']) == version
+    newest = re.search(r'^(\d+\.\d+\.\d+) \(\d{4}-\d\d-\d\d\)\n-+$', text('CHANGELOG.rst'), re.M)
+    assert newest is not None
+    assert newest[1] == version
+
+
+def test_every_import_has_its_dependency() -> None:
+    dependencies = {tag.text for tag in manifest() if tag.tag in ('depend', 'exec_depend')}
+    own = {path.parent.name for path in ROOT.glob('*/__init__.py')}
+    extras = ast.literal_eval(setup_arguments()['extras_require'])
+    optional = {re.split('[<>=]', each)[0] for extra in extras.values() for each in extra}
+    foreign = set(production_imports()) - own - set(sys.stdlib_module_names) - INDIRECT
+    foreign = {name for name in foreign if DISTRIBUTIONS.get(name, name) not in optional}
+    assert {ROSDEP_KEYS.get(name, name) for name in foreign} <= dependencies
+
+
+def test_resource_marker_and_type_markers_are_there() -> None:
+    assert (ROOT / 'resource' / PACKAGE).is_file()
+    for init in ROOT.glob('*/__init__.py'):
+        if init.parent.name not in NOT_INSTALLED:
+            assert (init.parent / 'py.typed').is_file(), init.parent.name
+
+
+def test_what_shows_and_proves_is_not_installed() -> None:
+    found = ast.unparse(setup_arguments()['packages'])
+    exclude = ast.literal_eval(found.removeprefix('find_packages(exclude=').removesuffix(')'))
+    installed = {name.split('.')[0] for name in find_packages(str(ROOT), exclude=exclude)}
+    assert {'rugged_teleop', 'bridge_core', 'safety_mux'} <= installed
+    assert not installed & {*NOT_INSTALLED}
+
+
+def test_every_source_file_has_the_notice_of_the_licence() -> None:
+    """The words of the licence's appendix, where ament_copyright looks for them."""
+    appendix = text('LICENSE').partition('   Licensed under the Apache')[2].split()
+    roots = ['launch', *(name for name in find_packages(str(ROOT)) if '.' not in name)]
+    for path in [file for root in roots for file in (ROOT / root).rglob('*.*')]:
+        if path.suffix in ('.py', '.c', '.h') and path.stat().st_size:
+            notice = re.match(r'((?:#|//).*\n)+\n', path.read_text(encoding='utf-8'))
+            assert notice, path
+            words = re.sub(r'^(#|//)', '', notice[0], flags=re.MULTILINE).split()
+            assert ' '.join(words[:5]) == 'Copyright 2026 The rugged_teleop maintainers', path
+            assert words[5:] == ['Licensed', 'under', 'the', 'Apache', *appendix], path
+
+
+def test_requirements_are_pinned() -> None:
+    for name in ('requirements.txt', 'requirements-dev.txt', 'requirements-docs.txt'):
+        for line in text(name).splitlines():
+            assert line.startswith('#') or re.fullmatch(r'[\w-]+==[\w.]+(; .+)?', line), line
+
+
+def test_locked_files_have_every_requirement_by_hash() -> None:
+    line = r'([\w-]+==[\w.+]+)( ; python_version [^-]+)?( --hash=sha256:[0-9a-f]{64})+'
+    locked = {}
+    for name in ('requirements-locked.txt', 'requirements-ros-locked.txt'):
+        lines = [each for each in text(name).splitlines() if not each.startswith('#')]
+        assert all(re.fullmatch(line, each) for each in lines), name
+        locked[name] = {each.split()[0] for each in lines}
+    wanted = {
+        each.split(';')[0].lower().replace('_', '-')
+        for name in ('requirements.txt', 'requirements-dev.txt')
+        for each in text(name).splitlines()
+        if not each.startswith('#')
+    }
+    assert wanted <= set.union(*locked.values()), 'make lock'
+    # Where a ROS is sourced, none of it is installed.
+    assert not any(each.startswith('ros-') for each in locked['requirements-locked.txt'])
+
+
+# Entry points.
+
+
+@pytest.mark.parametrize('name', sorted(entry_points()))
+def test_entry_point_is_a_function(name: str) -> None:
+    module, function = entry_points()[name].split(':')
+    assert callable(getattr(importlib.import_module(module), function))
+
+
+def test_every_node_has_an_executable() -> None:
+    nodes = {path.parent.name for path in ROOT.glob('*/node.py')} - {'bridge_core'}
+    assert nodes <= set(entry_points())
+
+
+# Launch files. They are checked as text, for ROS's launch is not on every machine.
+
+
+def test_there_is_a_launch_file_for_each_node_for_the_three_and_for_all() -> None:
+    names = {path.name.removesuffix('.launch.xml') for path in LAUNCH_FILES}
+    assert names == {*NODES, *BESIDE, 'spine', 'stack'}
+
+
+@pytest.mark.parametrize('path', LAUNCH_FILES, ids=lambda path: path.name)
+def test_launch_file_names_what_exists(path: Path) -> None:
+    root = ElementTree.parse(path).getroot()
+    assert root.tag == 'launch'
+    for node in root.iter('node'):
+        assert node.get('pkg') == PACKAGE
+        assert node.get('exec') in entry_points()
+        if path.name != 'stack.launch.xml':  # several nodes, each with a name of its own
+            assert node.get('name') == node.get('exec')
+    for value in values(root):
+        if value.startswith(SHARE):
+            assert (ROOT / value.removeprefix(SHARE)).is_file(), value
+
+
+@pytest.mark.parametrize('path', LAUNCH_FILES, ids=lambda path: path.name)
+def test_launch_file_declares_what_it_uses(path: Path) -> None:
+    root = ElementTree.parse(path).getroot()
+    declared = {arg.get('name') for arg in root.findall('arg')}
+    used = {name for value in values(root) for name in re.findall(r'\$\(var (\w+)\)', value)}
+    assert used == declared
+    assert all(arg.get('description') for arg in root.findall('arg'))
+
+
+@pytest.mark.parametrize('path', LAUNCH_FILES, ids=lambda path: path.name)
+def test_launch_file_passes_its_parameter_file_on(path: Path) -> None:
+    root = ElementTree.parse(path).getroot()
+    assert 'params_file' in {arg.get('name') for arg in root.findall('arg')}
+    # Given as <param from=...>, a file that does not exist is left out, and the node starts.
+    assert not list(root.iter('param'))
+    for node in root.iter('node'):
+        assert node.get('ros_args') == '--params-file $(var params_file)'
+    for include in root.iter('include'):
+        (passed,) = (a.get('value', '') for a in include if a.get('name') == 'params_file')
+        (name,) = re.findall(r'\$\(var (\w+)\)', passed)
+        (default,) = (a.get('default') for a in root.findall('arg') if a.get('name') == name)
+        assert default == '$(var params_file)'
+
+
+def test_file_of_the_spine_has_a_section_for_each_of_its_nodes() -> None:
+    sections = sections_of(ROOT / 'config/spine.yaml')
+    assert sections == [
+        f'/**/{name}' for name in ('fort_vsc_bridge', 'safety_mux', 'esi_drive_bridge')
+    ]
+
+
+@pytest.mark.parametrize('path', LAUNCH_FILES, ids=lambda path: path.name)
+def test_included_launch_file_knows_its_arguments(path: Path) -> None:
+    for include in ElementTree.parse(path).getroot().iter('include'):
+        file = include.get('file', '').removeprefix(SHARE)
+        known = {arg.get('name') for arg in ElementTree.parse(ROOT / file).getroot().iter('arg')}
+        assert {arg.get('name') for arg in include.iter('arg')} <= known
+
+
+def values(root: ElementTree.Element) -> list[str]:
+    return [value for element in root.iter() for value in element.attrib.values()]
+
+
+# udev, CI, README.
+
+
+@pytest.mark.parametrize(
+    ('subsystem', 'vendor', 'parts'),
+    [
+        ('tty', '2a99', ['ATTRS{idProduct}=="d002"', 'SYMLINK+="fort_vsc"']),
+        ('tty', 'ffff', ['ATTRS{idProduct}=="f005"', 'SYMLINK+="fort_vsc"']),
+        ('hidraw', '2a99', ['SYMLINK+="fort_vsc_hid"']),
+        ('hidraw', 'ffff', ['ATTRS{idProduct}=="f005"', 'SYMLINK+="fort_vsc_hid"']),
+    ],
+)
+def test_udev_rule_gives_the_vsc_its_name(subsystem: str, vendor: str, parts: list[str]) -> None:
+    rules = text('udev/60-rugged-teleop.rules').splitlines()
+    begin = f'SUBSYSTEM=="{subsystem}", ATTRS{{idVendor}}=="{vendor}"'
+    (rule,) = (line for line in rules if line.startswith(begin))
+    for part in (*parts, 'MODE="0660"', 'GROUP="dialout"'):
+        assert part in rule
+
+
+def targets() -> set[str]:
+    (line,) = re.findall(r'^\.PHONY: (.+)$', text('Makefile'), re.M)
+    return set(line.split())
+
+
+def first_commands(markdown: str) -> list[str]:
+    """Return the commands of a page's first code block, fenced or indented."""
+    block = re.search(r'^```.*\n((?:(?!```).*\n)+)|^((?: {4}.+\n)+)', markdown, re.M)
+    assert block is not None
+    return [line.split('#')[0].strip() for line in (block[1] or block[2]).splitlines()]
+
+
+def test_readme_opens_with_its_two_commands() -> None:
+    readme = text('README.md')
+    commands = first_commands(readme)
+    assert commands == ['make demo ARGS=--once', 'make test']
+    assert readme.index(commands[0]) < readme.index('\n## ')
+    assert {command.split()[1] for command in commands} <= targets()
+
+
+def test_ci_runs_lint_and_the_test_command_of_the_readme() -> None:
+    script = ROOT / '.ci' / 'run'
+    assert script.stat().st_mode & stat.S_IXUSR
+    lines = script.read_text(encoding='utf-8').splitlines()
+    assert 'set -euo pipefail' in lines
+    assert [line for line in lines if 'make lint test' in line] == [
+        'if ! make lint test 2>&1 | tee "$log"; then'
+    ]
+    assert '    exit 1' in lines  # and says so
+    assert 'make test' in first_commands(text('README.md'))
+
+
+def test_make_has_the_targets_that_the_documents_name() -> None:
+    assert {'demo', 'test', 'lint', 'bench', 'clean'} <= targets()
+    for page in ('README.md', 'CONTRIBUTING.md'):
+        assert set(re.findall(r'`make ([\w-]+)', text(page))) <= targets(), page

@@ -1,0 +1,101 @@
+# Copyright 2026 The rugged_teleop maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The SROS 2 policy of a parameter file. That it fits what runs: test_topics_of_nodes.py."""
+
+from pathlib import Path
+import subprocess
+import sys
+from xml.etree import ElementTree
+
+import pytest
+
+from stage.rig import ROOT
+
+
+def outcome(*arguments: str) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, '-m', 'rugged_teleop', 'policy', *arguments]
+    return subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
+
+
+def allowed(policy: str) -> dict[str, dict[str, set[str]]]:
+    """Return names by right (publish, subscribe, reply, request) by enclave."""
+    return {
+        enclave.attrib['path']: {
+            right: {str(name.text) for name in group}
+            for group in enclave.iterfind('profiles/profile/*')
+            for right in group.attrib
+        }
+        for enclave in ElementTree.fromstring(policy).iter('enclave')
+    }
+
+
+def test_policy_of_the_spine_is_up_to_date() -> None:
+    done = outcome('config/spine.yaml')
+    assert done.returncode == 0, done.stderr
+    assert done.stdout == (ROOT / 'config/sros2/spine.policy.xml').read_text(), 'make reference'
+
+
+def test_policy_follows_parameters_and_namespace(tmp_path: Path) -> None:
+    file = tmp_path / 'my.yaml'
+    file.write_text(
+        '/**/safety_mux: {ros__parameters: {estop_sources: [site], estop.site.topic: /site/estop,'
+        " operators: [''], autonomy.topic: cmd_vel,"
+        " autonomy.type: JointState, drive_enabled_topic: ''}}\n"
+    )
+    rights = allowed(outcome(str(file), '--namespace', '/front').stdout)
+    (enclave,) = rights
+    assert enclave == '/front/safety_mux'
+    own = {f'{enclave}/{topic}' for topic in ('command', 'enable', 'estop')}
+    assert rights[enclave]['subscribe'] == {'/site/estop', '/front/cmd_vel', '/diagnostics', *own}
+
+
+def test_every_node_of_a_file_has_an_enclave_and_hears_the_mux() -> None:
+    rights = allowed(outcome('config/recipes/four_wheels.yaml').stdout)
+    drives = [f'/{end}/esi_drive_bridge' for end in ('front', 'rear')]
+    assert set(rights) == {'/fort_vsc_bridge', '/safety_mux', *drives}
+    for drive in drives:
+        topics = {f'/safety_mux/{topic}' for topic in ('command', 'enable', 'estop')}
+        assert rights[drive]['subscribe'] == topics
+        assert f'{drive}/estop' in rights[drive]['publish']
+
+
+def test_remotes_of_several_namespaces_have_an_enclave_each(tmp_path: Path) -> None:
+    file = tmp_path / 'my.yaml'
+    file.write_text(
+        '/left/fort_vsc_bridge: {ros__parameters: {port: /dev/left}}\n'
+        '/right/fort_vsc_bridge: {ros__parameters: {port: /dev/right}}\n'
+        '/**/recorder: {ros__parameters: {seconds: 30.0}}\n'
+    )
+    rights = allowed(outcome(str(file)).stdout)
+    assert set(rights) == {'/left/fort_vsc_bridge', '/right/fort_vsc_bridge'}
+
+
+@pytest.mark.parametrize(
+    ('text', 'words'),
+    [
+        ('/*/fort_vsc_bridge: {ros__parameters: {baud: 5}}\n', 'is for no node in it'),
+        ('/**/fort_vsc_bridge: {ros__parameters: {use_sim_time: 1}}\n', 'use_sim_time'),
+        ('/**/recorder: {ros__parameters: {}}\n', 'no section'),
+        ('/**/safety_mxu: {ros__parameters: {}}\n', 'did you mean safety_mux?'),
+        ('/**/safety_mux: {ros__parameters: {rate: -1.0}}\n', 'rate'),
+    ],
+)
+def test_file_that_no_node_would_take_is_one_line(tmp_path: Path, text: str, words: str) -> None:
+    file = tmp_path / 'my.yaml'
+    file.write_text(text)
+    done = outcome(str(file))
+    assert (done.returncode, done.stdout) == (2, '')
+    (line,) = done.stderr.splitlines()
+    assert words in line

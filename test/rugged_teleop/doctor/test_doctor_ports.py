@@ -1,0 +1,158 @@
+# Copyright 2026 The rugged_teleop maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Ports before anybody opens them: there, held, allowed."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from dataclasses import replace
+import os
+from pathlib import Path
+
+import pytest
+
+from rugged_teleop.doctor.findings import Level
+from rugged_teleop.doctor.ports import (
+    Holder,
+    holders_of,
+    port_facts,
+    port_findings,
+    PortFacts,
+    this_user,
+    usb_findings,
+    UsbPort,
+    User,
+)
+from test.rugged_teleop.doctor.doctor_rig import kinds
+
+DIALOUT = 20
+PORT = PortFacts('/dev/ttyUSB0', '/dev/ttyUSB0', 0o660, 0, DIALOUT, 'dialout')
+ROBOT = User('robot', 1000, {1000, DIALOUT})
+NODE = '/fort_vsc_bridge'
+
+
+@pytest.mark.parametrize(
+    ('groups', 'entered', 'kind'),
+    [
+        ((1000,), (), 'no permission'),
+        ((1000,), (DIALOUT,), 'not logged in again'),
+        ((1000, DIALOUT), (DIALOUT,), ''),
+    ],
+)
+def test_no_permission(groups: Collection[int], entered: Collection[int], kind: str) -> None:
+    found = port_findings(PORT, User('robot', 1000, groups, entered), NODE)
+    assert kinds(found) == [kind][: bool(kind)]
+    if kind == 'no permission':
+        assert found[0].level is Level.DO
+        assert found[0].remedy == 'sudo usermod -aG dialout robot, then log in again'
+
+
+@pytest.mark.parametrize(('mode', 'uid'), [(0o666, 0), (0o600, 1000), (0o000, 0)])
+def test_owner_everybody_and_root_may_open(mode: int, uid: int) -> None:
+    facts = replace(PORT, mode=mode, uid=uid, gid=0)
+    user = User('robot', 0 if mode == 0 else 1000, {1000})
+    assert port_findings(facts, user, NODE) == []
+
+
+def test_port_that_an_access_list_allows_is_allowed() -> None:
+    facts = replace(PORT, allowed=True)  # as setfacl -m u:robot:rw does
+    assert port_findings(facts, User('robot', 1000, {1000}), NODE) == []
+    assert port_facts('/dev/null').allowed
+
+
+def test_port_in_use_names_who_has_it() -> None:
+    facts = replace(PORT, holders=(Holder(7, '/usr/sbin/ModemManager'),))
+    (found,) = port_findings(facts, ROBOT, NODE)
+    assert (found.kind, found.level) == ('port in use', Level.DO)
+    assert '/usr/sbin/ModemManager (pid 7)' in found.text
+
+
+@pytest.mark.parametrize(
+    'command',
+    [
+        'fort_vsc_bridge: wire /dev/fort_vsc',
+        'python3 -m esi_drive_bridge.node --ros-args',
+        '/ws/install/lib/rugged_teleop/rugged_teleop_stack',
+    ],
+)
+def test_port_of_our_node_is_fine(command: str) -> None:
+    facts = replace(PORT, holders=(Holder(7, command),))
+    assert kinds(port_findings(facts, ROBOT, NODE)) == ['port of a node']
+
+
+def test_port_that_is_not_there(tmp_path: Path) -> None:
+    path = str(tmp_path / 'none')
+    assert kinds(port_findings(port_facts(path), ROBOT, NODE)) == ['port missing']
+    rule = tmp_path / 'rule'
+    missing = PortFacts('/dev/fort_vsc')
+    assert kinds(port_findings(missing, ROBOT, NODE, rules=[rule])) == ['rules missing']
+    rule.touch()
+    assert kinds(port_findings(missing, ROBOT, NODE, rules=[rule])) == ['port missing']
+
+
+@pytest.mark.parametrize('path', ['/tmp', '/dev/null'])
+def test_file_is_no_port(path: str) -> None:
+    """Nearly every process has /dev/null open."""
+    (found,) = port_findings(port_facts(path), ROBOT, NODE)
+    assert found.text == f'{path} of {NODE}: is no port'
+
+
+def test_port_of_no_node_is_told_without_one() -> None:
+    (found,) = port_findings(PortFacts('/dev/none'), ROBOT)
+    assert found.text == '/dev/none: there is no such port'
+
+
+def process(proc: Path, pid: int, command: str) -> Path:
+    folder = proc / str(pid)
+    for name in ('fd', 'fdinfo'):
+        (folder / name).mkdir(parents=True)
+    (folder / 'cmdline').write_bytes(command.replace(' ', '\0').encode())
+    return folder
+
+
+def test_holders_are_found_by_descriptor_and_by_lock(tmp_path: Path) -> None:
+    proc, (master, slave) = tmp_path, os.openpty()
+    try:
+        name, status = os.ttyname(slave), os.fstat(slave)
+        (process(proc, 5, 'screen port') / 'fd' / '3').symlink_to(name)
+        (process(proc, 6, 'other') / 'fd' / '3').symlink_to('/dev/null')
+        process(proc, 8, 'of another user')  # whose descriptors nobody may read
+        device = process(proc, 9, 'simulate')
+        (device / 'fd' / '4').symlink_to(name)
+        (device / 'fdinfo' / '3').write_text(f'pos: 0\ntty-index:\t{os.minor(status.st_rdev)}\n')
+        where = f'{os.major(status.st_dev):02x}:{os.minor(status.st_dev):02x}:{status.st_ino}'
+        (proc / 'locks').write_text(
+            f'1: FLOCK  ADVISORY  WRITE 8 {where} 0 EOF\n'
+            '2: POSIX  ADVISORY  WRITE 6 00:01:1 0 EOF\n'
+        )
+        found = list(holders_of(name, status, proc))
+    finally:
+        os.close(master)
+        os.close(slave)
+    assert found == [Holder(5, 'screen port'), Holder(8, 'of another user')]
+
+
+def test_this_machine_can_be_looked_at() -> None:
+    user = this_user()
+    assert user.uid == os.geteuid()
+    assert port_facts('/dev/null').group
+
+
+def test_vsc_without_its_udev_rules_is_found(tmp_path: Path) -> None:
+    vsc = UsbPort('/dev/ttyACM0', 'VSC (2a99:d002)', 0x2A99, 0xD002)
+    adapter = UsbPort('/dev/ttyUSB0', 'FT232R (0403:6001 A1)', 0x0403, 0x6001)
+    found = list(usb_findings([vsc, adapter], rules=[tmp_path / 'none']))
+    assert kinds(found) == ['usb port', 'rules not installed', 'usb port']
+    assert kinds(usb_findings([vsc], rules=[tmp_path])) == ['usb port']

@@ -1,0 +1,470 @@
+# Copyright 2026 The rugged_teleop maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The recorder's parts, without a node: ring, schedule, reasons, files and their folder."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+import errno
+from pathlib import Path
+import threading
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from mcap.reader import make_reader
+from mcap_ros2.decoder import DecoderFactory
+import pytest
+from rcl_interfaces.msg import ListParametersResult, ParameterValue
+from rcl_interfaces.srv import GetParameters, ListParameters
+from rclpy.parameter import Parameter
+from rclpy.serialization import deserialize_message, serialize_message
+from rclpy.task import Future
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Bool
+
+from bridge_core import clock
+from bridge_core.parameter_files import check_names
+from rugged_teleop.recorder.asked import AskedParameters
+from rugged_teleop.recorder.definitions import definition_of, message_class
+from rugged_teleop.recorder.folder import file_name, Folder
+from rugged_teleop.recorder.node import Recorder
+from rugged_teleop.recorder.reasons import Nodes, Reasons
+from rugged_teleop.recorder.ring import Channel, Heard, Ring
+from rugged_teleop.recorder.schedule import Schedule
+from rugged_teleop.recorder.writer import FileWriter, RecordingFile
+from rugged_teleop.recordings import read, Said
+from rugged_teleop.stack import BESIDE, configured_nodes, NODES
+from stage.rig import NodeProcess, own_domain, wait_for
+
+BOOL = Channel('/mux/estop', 'std_msgs/msg/Bool', definition_of('std_msgs/msg/Bool'))
+JOINTS = Channel(
+    '/drive/joint_states',
+    'sensor_msgs/msg/JointState',
+    definition_of('sensor_msgs/msg/JointState'),
+)
+MUX, VSC = '/safety_mux', '/left/fort_vsc_bridge'
+
+
+def heard(at: float, size: int = 8) -> Heard:
+    return Heard(at, at, BOOL, bytes(size))
+
+
+# The ring.
+
+
+def test_ring_forgets_what_is_too_old() -> None:
+    ring = Ring(60.0, 1_000_000)
+    for second in range(100):
+        ring.add(heard(float(second)))
+    assert [message.at for message in ring.messages()] == [float(s) for s in range(39, 100)]
+
+
+def test_newest_of_a_latched_topic_is_kept_however_old() -> None:
+    ring, channel = Ring(60.0, 1_000_000), BOOL._replace(topic='/drive/link_up', latched=True)
+    for second in (0.0, 1.0):
+        ring.add(Heard(second, second, channel, b'up'))
+    for second in range(2, 100):
+        ring.add(heard(float(second)))
+    assert ring.messages()[:2] == [Heard(39.0, 1.0, channel, b'up'), heard(39.0)]
+
+
+def test_flood_takes_no_more_memory_than_allowed() -> None:
+    ring = Ring(60.0, 100_000)
+    for number in range(1000):
+        ring.add(heard(number * 1e-4, 1000))
+        assert ring.size <= 100_000
+    assert len(ring) == 83
+    ring.clear()
+    assert (len(ring), ring.size) == (0, 0)
+
+
+# The schedule.
+
+
+def run_schedule(asked: dict[float, str], until: float) -> list[tuple[float, float]]:
+    """Return when recordings begin and end, in whole seconds, with what is asked when."""
+    schedule, found, begun = Schedule(after=10.0, period=60.0), [], 0.0
+    for second in range(int(until)):
+        now = float(second)
+        if now in asked:
+            schedule.ask(asked[now], now, at_once=asked[now] == 'save')
+        if schedule.may_end(now):
+            schedule.end(now)
+            found.append((begun, now))
+        if schedule.may_begin(now):
+            schedule.begin(now)
+            begun = now
+    return found
+
+
+def test_storm_of_stops_gives_one_recording_a_minute_without_a_gap() -> None:
+    storm = {float(second): 'stop' for second in range(5, 200)}
+    assert run_schedule(storm, 300.0) == [(5, 65), (65, 125), (125, 185), (185, 209)]
+
+
+def test_stop_soon_after_a_recording_waits_for_the_next() -> None:
+    assert run_schedule({5.0: 'stop', 30.0: 'stop'}, 200.0) == [(5, 15), (65, 66)]
+
+
+def test_stop_during_a_recording_prolongs_it() -> None:
+    assert run_schedule({5.0: 'stop', 14.0: 'fault'}, 200.0) == [(5, 24)]
+
+
+def test_stop_names_the_recording_whatever_was_heard_before_it() -> None:
+    schedule = Schedule(after=10.0, period=60.0)
+    for reason in ('save', 'fault_drive: link', 'stop', 'trip'):
+        schedule.ask(reason, 0.0)
+    assert schedule.reason == 'stop'
+
+
+def test_save_waits_for_nothing() -> None:
+    assert run_schedule({5.0: 'stop', 30.0: 'save'}, 200.0) == [(5, 15), (30, 40)]
+
+
+# The reasons.
+
+
+def reasons(nodes: Nodes) -> Reasons:
+    found = Reasons(lambda kind, data: deserialize_message(data, message_class(kind)))
+    found.know(nodes)
+    return found
+
+
+def estop(data: bool) -> bytes:
+    return bytes(serialize_message(Bool(data=data)))
+
+
+def test_stop_of_the_mux_is_a_reason_but_no_stop_that_was_there_before() -> None:
+    found = reasons(Nodes((VSC, MUX), (MUX,)))
+    told = [found.of(f'{MUX}/estop', estop(stop)) for stop in (True, True, False, True, True)]
+    assert told == ['', '', '', 'stop', '']
+    # Of a bridge it is none: the mux says which of them stop the machine.
+    assert [found.of(f'{VSC}/estop', estop(stop)) for stop in (False, True)] == ['', '']
+
+
+def test_stop_of_a_bridge_is_a_reason_where_there_is_no_mux() -> None:
+    found = reasons(Nodes((VSC,)))
+    told = [found.of(f'{VSC}/estop', estop(stop)) for stop in (False, True)]
+    assert told == ['', 'stop_left/fort_vsc_bridge']
+
+
+def test_fault_is_a_reason_once_and_those_of_strangers_are_none() -> None:
+    found = reasons(Nodes((VSC,)))
+
+    def told(name: str, level: bytes) -> str:
+        status = DiagnosticStatus(name=name, level=level)
+        return found.of('/diagnostics', serialize_message(DiagnosticArray(status=[status])))
+
+    levels = (DiagnosticStatus.ERROR, DiagnosticStatus.OK, DiagnosticStatus.ERROR)
+    name = 'left/fort_vsc_bridge: device'
+    assert [told(name, level) for level in levels] == ['', '', f'fault_{name}']
+    assert [told('camera: image', level) for level in levels] == ['', '', '']
+
+
+def status_of(by: str, tripped: str = 'false') -> bytes:
+    values = [KeyValue(key='trip active', value=tripped), KeyValue(key='stopped by', value=by)]
+    return bytes(serialize_message(DiagnosticStatus(values=values)))
+
+
+def test_trip_is_a_reason_though_the_machine_is_stopped_already() -> None:
+    found = reasons(Nodes((MUX,), (MUX,)))
+    assert not found.of(f'{MUX}/status', status_of("operator 'fort'"))
+    assert found.of(f'{MUX}/status', status_of('trip', 'true')) == 'trip'
+
+
+def test_stop_is_named_by_the_mux_that_stopped_and_by_that_stop() -> None:
+    other = '/right/safety_mux'
+    found = reasons(Nodes((MUX, other), (MUX, other)))
+
+    def stop(mux: str) -> None:
+        assert not found.of(f'{mux}/estop', estop(False))
+        assert found.of(f'{mux}/estop', estop(True)) == 'stop'
+
+    stop(MUX)
+    found.of(f'{MUX}/status', status_of('trip'))
+    found.of(f'{MUX}/status', status_of('none'))  # it was reset
+    assert found.stopped_by == 'trip'
+    stop(other)
+    found.of(f'{MUX}/status', status_of('trip'))
+    assert found.stopped_by == '', 'not what the other one was stopped by'
+    found.of(f'{other}/status', status_of("operator 'fort'"))
+    assert found.stopped_by == "operator 'fort'"
+    stop(MUX)  # as its process ended; the next one knows of no cause
+    found.of(f'{MUX}/status', status_of('none'))
+    assert found.stopped_by == ''
+
+
+# The parameters.
+
+
+class Foreign:
+    """Creates clients of a node with parameters a and b, which answer at once: ``values``."""
+
+    def __init__(self, *values: ParameterValue) -> None:
+        names = ListParametersResult(names=['a', 'b'])
+        self._answers = {
+            ListParameters: ListParameters.Response(result=names),
+            GetParameters: GetParameters.Response(values=values),
+        }
+
+    def create_client(self, kind: type, name: str) -> Any:
+        return Client(self._answers[kind])
+
+    def destroy_client(self, client: Client) -> None:
+        pass
+
+
+class Client:
+    def __init__(self, answer: Any) -> None:
+        self._answer = answer
+
+    def service_is_ready(self) -> bool:
+        return True
+
+    def call_async(self, request: Any) -> Future:
+        future = Future()
+        future.set_result(self._answer)
+        return future
+
+
+ONE = ParameterValue(type=Parameter.Type.INTEGER.value, integer_value=1)
+
+
+@pytest.mark.parametrize(
+    ('values', 'known'),
+    [
+        ((ONE, ParameterValue()), {'a': '1', 'b': 'null'}),
+        ((), {}),
+        ((ONE,), {}),
+        ((ONE, ParameterValue(type=99)), {}),
+    ],
+    ids=['all', 'none', 'too few', 'of an unknown type'],
+)
+def test_node_that_answers_wrongly_has_no_parameters(
+    values: tuple[ParameterValue, ...], known: dict[str, str]
+) -> None:
+    asked = AskedParameters(Foreign(*values))
+    for now in (0.0, 0.5):
+        asked.look(['/plc'], now)
+    assert asked.known == {'/plc': known}
+
+
+# The files.
+
+
+def test_definition_has_every_type_within_once() -> None:
+    text = definition_of('sensor_msgs/msg/Joy')
+    assert [line for line in text.splitlines() if line.startswith('MSG: ')] == [
+        'MSG: std_msgs/Header',
+        'MSG: builtin_interfaces/Time',
+    ]
+    with pytest.raises(LookupError, match='no_msgs/msg/Nothing is not installed'):
+        definition_of('no_msgs/msg/Nothing')
+
+
+def test_names_sort_by_time_and_say_why() -> None:
+    names = [file_name(0.25, "stop_e-stop source 'fort'"), file_name(1e9, 'save')]
+    assert names == [
+        '19700101T000000.250Z_stop_e-stop-source-fort.mcap',
+        '20010909T014640.000Z_save.mcap',
+    ]
+
+
+def test_oldest_go_first_and_nothing_that_is_not_ours(tmp_path: Path) -> None:
+    (tmp_path / 'notes.txt').write_bytes(bytes(1000))
+    names = [file_name(float(second), 'stop') for second in range(5)]
+    for name in names:
+        (tmp_path / name).write_bytes(bytes(100))
+    assert Folder(tmp_path, 1000, 4).make_room() == [tmp_path / names[0]]
+    assert Folder(tmp_path, 250, 4).make_room() == [tmp_path / name for name in names[1:3]]
+    assert Folder(tmp_path, 50, 4).make_room() == [tmp_path / names[3]]  # never the newest
+    assert sorted(path.name for path in tmp_path.iterdir()) == [names[4], 'notes.txt']
+
+
+def test_recording_that_was_never_finished_counts_too(tmp_path: Path) -> None:
+    for second in range(3):
+        name = file_name(float(second), 'stop') + ('.part' if second == 0 else '')
+        (tmp_path / name).write_bytes(bytes(100))
+    (removed,) = Folder(tmp_path, 1000, 2).make_room()
+    assert removed.name.endswith('.part')
+
+
+class Bench:
+    """A writer, and what it has said."""
+
+    def __init__(self, path: Path) -> None:
+        self.said: list[str] = []
+        self.writer = FileWriter(Folder(path, 1_000_000, 10), lambda text, _: self.say(text))
+
+    def say(self, text: str) -> None:
+        self.said.append(text)
+
+    def record(self) -> None:
+        now = clock.now()
+        joints = JointState(name=['left'], velocity=[1.5])
+        joints.header.frame_id = 'base'
+        before = [Heard(now - 2.0, now - 2.1, BOOL, estop(True))]
+        parameters = {'/safety_mux': {'rate': '100.0'}}
+        self.writer.begin('stop', parameters, before)
+        self.writer.add([Heard(now, now, JOINTS, serialize_message(joints))])
+        late = {'/safety_mux': {'rate': '50.0'}, '/drive': {'axes': '1'}}  # known by the end
+        self.writer.end('stop_trip', parameters | late)
+
+    def wait(self, *beginnings: str) -> None:
+        wait_for(lambda: len(self.said) >= len(beginnings), what=lambda: str(self.said))
+        assert all(map(str.startswith, self.said, beginnings)), self.said
+
+
+@pytest.fixture
+def make_bench(tmp_path: Path) -> Any:
+    benches: list[Bench] = []
+
+    def make(path: Path) -> Bench:
+        benches.append(Bench(path))
+        return benches[-1]
+
+    yield make
+    for bench in benches:
+        bench.writer.stop(5.0)
+
+
+def test_file_is_read_back_by_the_readers_of_mcap(
+    tmp_path: Path, make_bench: Callable[[Path], Bench]
+) -> None:
+    bench = make_bench(tmp_path / 'new')
+    bench.record()
+    bench.wait('recorded ')
+    (path,) = (tmp_path / 'new').iterdir()
+    assert path.name.endswith('Z_stop_trip.mcap')
+    assert not (path.stat().st_mode | path.parent.stat().st_mode) & 0o027  # for owner and group
+    with path.open('rb') as file:
+        reader = make_reader(file, decoder_factories=[DecoderFactory()])
+        assert reader.get_header().profile == 'ros2'
+        (_, _, first, stop), (_, channel, second, joints) = reader.iter_decoded_messages()
+        metadata = {each.name: each.metadata for each in reader.iter_metadata()}
+    assert stop.data is True
+    assert (channel.topic, joints.header.frame_id) == ('/drive/joint_states', 'base')
+    assert (list(joints.name), list(joints.velocity)) == (['left'], [1.5])
+    assert second.log_time - first.log_time == pytest.approx(2e9, abs=1e4)
+    assert first.log_time - first.publish_time == pytest.approx(1e8, abs=1e4)
+    assert metadata == {
+        'parameters of /safety_mux': {'rate': '100.0'},
+        'parameters of /drive': {'axes': '1'},
+        'recording': {'reason': 'stop_trip'},
+    }
+
+
+def test_what_was_heard_is_on_the_disk_before_the_recording_ends(
+    tmp_path: Path, make_bench: Callable[[Path], Bench]
+) -> None:
+    def count() -> int:
+        paths = [*tmp_path.iterdir()]
+        if not paths:
+            return 0
+        with paths[0].open('rb') as file:
+            return sum(isinstance(each, Said) for each in read(file))
+
+    writer, now = make_bench(tmp_path).writer, clock.now()
+    stop = [Heard(now, now, BOOL, estop(True))]
+    writer.begin('stop', {}, stop)
+    wait_for(lambda: count() == 1, what='the stop')
+    writer.add(stop)
+    wait_for(lambda: count() == 2, what='what came after it')
+
+
+def test_full_disk_is_said_and_the_next_recording_tried(
+    tmp_path: Path, make_bench: Callable[[Path], Bench], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail(_: RecordingFile) -> None:
+        raise OSError(errno.ENOSPC, 'No space left on device')
+
+    bench = make_bench(tmp_path)
+    with monkeypatch.context() as full:
+        full.setattr(RecordingFile, 'flush', fail)
+        bench.record()
+        bench.wait('no recording: No space left on device')
+    assert bench.writer.error.startswith('No space left on device')
+    bench.record()
+    bench.wait('no recording', 'recorded ')
+    assert bench.writer.error == ''
+
+
+def test_disk_that_hangs_costs_messages_and_no_memory(
+    tmp_path: Path, make_bench: Callable[[Path], Bench], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    bench = make_bench(tmp_path)
+    hang = threading.Event()
+    monkeypatch.setattr(RecordingFile, 'flush', lambda _: hang.wait(20.0))
+    bench.writer.begin('stop', {}, [])
+    for _ in range(1000):
+        bench.writer.add([heard(0.0), heard(0.0)])
+    hang.set()
+    assert 0 < bench.writer.dropped < 2000
+
+
+# The node.
+
+
+def test_stop_is_not_recorded_again_when_the_node_is_activated_again(
+    context: Any, tmp_path: Path
+) -> None:
+    values = {'folder': str(tmp_path), 'autostart': False}
+    overrides = [Parameter(name, value=value) for name, value in values.items()]
+    node = Recorder(context=context, parameter_overrides=overrides)
+    node.trigger_configure()
+    node.trigger_activate()
+    now = clock.now()
+    node.lane.call(node._schedule.ask, 'stop', now)
+    node.lane.call(node._step, now)
+    node.trigger_deactivate()
+    node.trigger_activate()
+    node.lane.call(node._step, now + 100.0)
+    node.shut_down()
+    node.destroy_node()
+    assert len([*tmp_path.iterdir()]) == 1
+
+
+NO = 'import sys; sys.modules["mcap.'
+
+
+@pytest.mark.parametrize(
+    ('setup', 'arguments', 'error'),
+    [
+        (f'{NO}writer"] = None', (), 'the recorder needs pip install mcap mcap-ros2-support'),
+        (f'{NO}writer"] = None', ('--help',), 'the recorder needs pip install mcap'),
+        ('', ('-p', 'period:=100.0'), 'period must not be above seconds'),
+    ],
+    ids=['no mcap', 'help without mcap', 'period'],
+)
+def test_recorder_that_cannot_work_is_one_line_and_status_2(
+    setup: str, arguments: tuple[str, ...], error: str
+) -> None:
+    own_domain()
+    source = f'{setup}\nfrom rugged_teleop.__main__ import main\n'
+    source += "import sys; main(['record', *sys.argv[1:]])"
+    if '--help' in arguments:
+        source = f'{setup}\nfrom rugged_teleop.recorder.node import main\n'
+        source += 'sys.argv[1:] = ["--help"]; main()'
+    with NodeProcess(source=source, arguments=arguments) as node:
+        assert node.wait() == 2
+        assert error in node.output
+        assert node.output.count('\n') == 1
+
+
+def test_section_of_the_recorder_is_no_fault_of_the_stack(tmp_path: Path) -> None:
+    file = tmp_path / 'all.yaml'
+    file.write_text('/**/safety_mux: {ros__parameters: {}}\n/**/recorder: {ros__parameters: {}}\n')
+    check_names((*NODES, *BESIDE), [file])
+    assert configured_nodes(['stack', '--params-file', str(file)]) == ['safety_mux']

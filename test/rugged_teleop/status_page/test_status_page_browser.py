@@ -1,0 +1,273 @@
+# Copyright 2026 The rugged_teleop maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+The page in a headless Chromium.
+
+RUGGED_TELEOP_IMAGES=1 writes the pictures of docs/images besides.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+import os
+
+import pytest
+
+from rugged_teleop.status_page import server
+from stage.page_rig import ACTIVE, FORT, Machine, MUX, STOPPED, TOKEN, UNIT
+from stage.rig import ROOT
+from test.rugged_teleop.status_page.chromium import Browser
+
+PHONE = (360, 740)
+DESK = (1280, 800)
+LONG = 'an_operator_with_a_name_that_is_longer_than_any_screen_of_a_phone_is_wide_' * 2
+IS_LIVE = 'document.querySelector("#connection").innerText.includes("live")'
+# Elements with text of their own whose contrast is below what WCAG 2 AA asks for.
+PALE = """
+(() => {
+  const numbers = (colour) => colour.match(/[\\d.]+/g).map(Number);
+  const light = ([r, g, b]) => [r, g, b].map((v) => v / 255)
+    .map((v) => (v <= 0.04045 ? v / 12.92 : ((v + 0.055) / 1.055) ** 2.4))
+    .reduce((sum, v, i) => sum + v * [0.2126, 0.7152, 0.0722][i], 0);
+  const ground = (element) => {
+    for (let each = element; each; each = each.parentElement) {
+      const [r, g, b, a = 1] = numbers(getComputedStyle(each).backgroundColor);
+      if (a === 1) return [r, g, b];
+    }
+    return [255, 255, 255];
+  };
+  return [...document.querySelectorAll('body *')].filter((element) => {
+    const own = [...element.childNodes].some((node) => node.nodeType === 3 && node.data.trim());
+    if (!own || !element.checkVisibility() || element.closest('.unseen')) return false;
+    const style = getComputedStyle(element);
+    const [a, b] = [light(numbers(style.color)), light(ground(element))];
+    const ratio = (Math.max(a, b) + 0.05) / (Math.min(a, b) + 0.05);
+    const size = parseFloat(style.fontSize);
+    const large = size >= 24 || (size >= 18.66 && Number(style.fontWeight) >= 700);
+    return ratio < (large ? 3 : 4.5);
+  }).map((element) => `${element.className || element.tagName}: ${element.innerText}`);
+})()
+"""
+
+
+@pytest.fixture(scope='module')
+def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
+    result = Browser(tmp_path_factory.mktemp('chromium'))
+    yield result
+    result.close()
+
+
+@pytest.fixture
+def machine(browser: Browser) -> Iterator[Machine]:
+    """Give a machine whose page is shown, and which has shown no error in the end."""
+    with Machine() as result:
+        browser.show(*DESK)
+        browser.load('about:blank')  # the page before it would go on trying to connect
+        browser.problems.clear()
+        browser.load(result.address)
+        shows(browser, 'Stopped')
+        yield result
+        assert browser.problems == []
+
+
+def shows(browser: Browser, title: str) -> None:
+    script = f'document.querySelector("#banners .title")?.innerText === {title!r}'
+    browser.wait(script, f'the state {title}')
+
+
+def is_seen(browser: Browser, selector: str) -> bool:
+    return bool(browser.evaluate(f'document.querySelector({selector!r}).checkVisibility()'))
+
+
+def card(name: str) -> str:
+    return f'[data-key="{name}"]'
+
+
+def says(browser: Browser, selector: str, text: str) -> None:
+    browser.wait(
+        f'((each) => each?.checkVisibility() && each.innerText.includes({text!r}))'
+        f'(document.querySelector({selector!r}))',
+        f'{text!r} in {selector}',
+    )
+
+
+def test_page_shows_state_owner_reasons_and_remedies(browser: Browser, machine: Machine) -> None:
+    says(browser, '#banners', 'No motion is let through.')
+    says(browser, '#inhibits', 'waiting for reset: call ~/reset')
+    says(browser, '#inhibits', 'call it, when nothing else is listed')
+    machine.status = ACTIVE
+    shows(browser, 'Active')
+    says(browser, '#banners', 'fort has control. The machine may move.')
+    says(browser, card(FORT), 'has control')
+    says(browser, '#events', "operator 'fort' takes control")
+    says(browser, '#alert', 'Active. fort has control.')
+    zone = '/^\\d\\d:\\d\\d:\\d\\d \\S+$/.test(document.querySelector("#events time").innerText)'
+    browser.wait(zone, 'a time with its zone')
+
+
+def test_stick_is_shown_and_drawn(browser: Browser, machine: Machine) -> None:
+    machine.axes = [0.0, 0.62, 0.0, 0.0]
+    says(browser, f'#charts {card(f"axis|{FORT}")}', 'axis 1 0.62')
+    browser.wait(
+        """[...document.querySelectorAll('canvas')].every((canvas) => canvas.getContext('2d')
+          .getImageData(0, 0, canvas.width, canvas.height).data.some((value) => value))""",
+        'lines on every chart',
+    )
+
+
+def test_recordings_are_listed_with_their_sizes(browser: Browser, machine: Machine) -> None:
+    assert not is_seen(browser, '#recordings')
+    machine.recordings = [{'name': 'trip.mcap', 'size': 1_234_567}]
+    says(browser, '#recordings', 'trip.mcap 1.2 MB')
+
+
+def test_stop_is_shown_in_words_and_told(browser: Browser, machine: Machine) -> None:
+    machine.estops[UNIT] = True
+    says(browser, card(UNIT), 'e-stop demands a stop')
+    says(browser, card(UNIT), 'release the stop button of the remote')
+    says(browser, '#events', 'VM-110 demands a stop')
+    says(browser, '#alert', 'VM-110: e-stop demands a stop.')
+
+
+def test_node_that_restarts_is_silent_meanwhile(browser: Browser, machine: Machine) -> None:
+    says(browser, card(FORT), 'e-stop clear')
+    machine.silent = {FORT, MUX}
+    says(browser, card(FORT), 'e-stop silent')
+    says(browser, card(FORT), 'link not heard')
+    shows(browser, 'Not heard')
+    says(browser, '#inhibits', 'The safety mux is not heard.')
+    machine.silent = set()
+    says(browser, card(FORT), 'e-stop clear')
+    shows(browser, 'Stopped')
+
+
+def test_lost_connection_says_so_and_comes_back(browser: Browser, machine: Machine) -> None:
+    machine.server.close()
+    says(browser, '#lost', 'Connection lost')
+    assert not is_seen(browser, '#banners')
+    says(browser, '#alert', 'Take the machine for one that may move.')
+    machine.restart()
+    browser.wait(IS_LIVE, 'a connection')
+    shows(browser, 'Stopped')
+    browser.wait('!document.querySelector("#lost").checkVisibility()', 'nothing lost')
+    browser.problems.clear()  # the browser itself complains of a refused connection
+
+
+def test_page_that_hangs_is_as_good_as_lost(browser: Browser, machine: Machine) -> None:
+    machine.hangs = True
+    says(browser, '#lost', 'Connection lost')
+    machine.hangs = False
+    browser.wait(IS_LIVE, 'a connection')
+
+
+def test_words_from_outside_are_no_html(browser: Browser, machine: Machine) -> None:
+    machine.status = STOPPED | {'inhibit 1': '<img src=x onerror="document.title=1">'}
+    says(browser, '#inhibits', '<img src=x')
+    assert browser.evaluate('document.title') == 'Stopped · rugged_teleop'
+
+
+@pytest.mark.parametrize('dark', [False, True], ids=['light', 'dark'])
+def test_phone_has_no_sideways_scroll_and_every_text_its_contrast(
+    browser: Browser, machine: Machine, dark: bool
+) -> None:
+    browser.show(*PHONE, dark=dark)
+    machine.estops[UNIT] = True
+    for status in (
+        STOPPED | {'inhibit 1': LONG, 'warning 1': LONG, 'slowed': LONG},
+        ACTIVE | {'owner': LONG},
+        {'state': 'READY'},
+        {'state': 'STOPPING'},
+    ):
+        machine.status = {'owner': 'none', **status}
+        title = status['state'].capitalize()
+        shows(browser, title)
+        assert browser.evaluate('document.documentElement.scrollWidth') <= PHONE[0], title
+        assert browser.evaluate(PALE) == [], title
+    machine.silent = {MUX, FORT}
+    shows(browser, 'Not heard')
+    assert browser.evaluate(PALE) == []
+
+
+def test_nothing_is_animated(browser: Browser, machine: Machine) -> None:
+    machine.status = ACTIVE
+    shows(browser, 'Active')
+    assert browser.evaluate(
+        """[...document.querySelectorAll('*')].map((each) => getComputedStyle(each))
+          .every((style) => style.transitionDuration === '0s' && style.animationName === 'none')"""
+    )
+
+
+def test_keyboard_resets_after_a_confirmation(
+    browser: Browser, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(server, '_SEEN_LIMIT', 60.0)  # of a busy machine
+    browser.show(*DESK)
+    with Machine(control=True, answer=(False, 'not reset: release the stop')) as machine:
+        browser.load(f'{machine.address}#{TOKEN}')
+        focused = 'document.activeElement.innerText'
+        says(browser, '#banners', 'Reset')
+        assert TOKEN not in browser.evaluate('location.href')
+        for _ in range(2):  # the link that skips, then the first button
+            browser.press('Tab')
+        assert browser.evaluate(focused) == 'Reset'
+        browser.press('Enter')
+        browser.wait('document.querySelector("#confirm").open', 'a question')
+        says(browser, '#confirm', 'Is nobody in its danger zone?')
+        assert browser.evaluate(focused) == 'Cancel'
+        browser.press('Escape')
+        browser.wait('!document.querySelector("#confirm").open', 'no question')
+        assert machine.wishes == []
+        browser.press('Enter')
+        browser.wait('document.querySelector("#confirm").open', 'a question')
+        browser.press('Tab')
+        browser.press('Enter')
+        says(browser, '#answer', 'not reset: release the stop')
+        assert machine.wishes == [('reset', MUX)]
+
+
+def test_page_beyond_loopback_asks_for_the_token(browser: Browser) -> None:
+    browser.show(*PHONE)
+    with Machine(host='0.0.0.0') as machine:
+        browser.load(machine.address)
+        browser.evaluate('sessionStorage.clear()')
+        browser.load(machine.address)
+        says(browser, '#token', 'Token')
+        assert browser.text('#banners') == ''
+        browser.evaluate(
+            f'document.querySelector("#token-text").value = {TOKEN!r};'
+            'document.querySelector("#token").requestSubmit()'
+        )
+        shows(browser, 'Stopped')
+        browser.evaluate('sessionStorage.clear()')
+
+
+@pytest.mark.skipif('RUGGED_TELEOP_IMAGES' not in os.environ, reason='writes files')
+def test_pictures_of_the_documents(browser: Browser) -> None:
+    images = ROOT / 'docs' / 'images'
+    images.mkdir(exist_ok=True)
+    with Machine(has_moved=True) as machine:
+        machine.status = ACTIVE
+        browser.show(1100, 1000)
+        browser.load(machine.address)
+        shows(browser, 'Active')
+        browser.picture(images / 'rugged_teleop.status_page.png')
+        machine.status, machine.estops[FORT] = STOPPED, True
+        machine.axes, machine.speed = [0.0] * 4, 0.0
+        browser.show(390, 800, dark=True)
+        shows(browser, 'Stopped')
+        says(browser, card(FORT), 'e-stop demands a stop')
+        browser.picture(images / 'status_page_phone.png')
+    sizes = {path.name: path.stat().st_size for path in images.glob('status_page*.png')}
+    assert all(size < 150_000 for size in sizes.values()), sizes

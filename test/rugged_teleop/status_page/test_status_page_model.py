@@ -1,0 +1,263 @@
+# Copyright 2026 The rugged_teleop maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""What the page shows of what was heard; and what to do about each inhibit."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+import json
+import math
+import re
+from typing import Any
+
+import pytest
+
+from rugged_teleop.status_page.graph import find
+from rugged_teleop.status_page.model import Diagnostic, SILENT
+from stage.page_rig import (
+    ACTIVE,
+    DRIVE,
+    FORT,
+    model,
+    MONITOR,
+    MUX,
+    remedies,
+    STOPPED,
+    TOPICS,
+    UNIT,
+)
+from stage.safety_mux_bench import Bench as MuxBench, CONFIG, DRIVE as DRIVING, HELD, OFF, REST
+
+
+def bridge(snapshot: dict[str, Any], name: str) -> Any:
+    return next(each for each in snapshot['bridges'] if each['name'] == name)
+
+
+def texts(snapshot: dict[str, Any]) -> list[str]:
+    return [event['text'] for event in snapshot['events']]
+
+
+# What there is.
+
+
+def test_bridges_are_known_by_names_and_types_of_their_topics() -> None:
+    found = find(TOPICS)
+    titles = {name: each.title for name, each in found.bridges.items()}
+    assert titles == {
+        FORT: 'FORT VSC',
+        UNIT: 'VM-110',
+        DRIVE: 'ESI drive',
+        MONITOR: 'Fire monitor',
+    }
+    assert list(found.muxes) == [MUX]
+    assert {name for name, each in found.bridges.items() if each.actuates} == {DRIVE, MONITOR}
+
+
+def test_topic_of_another_type_is_no_bridge() -> None:
+    assert not find({'/a/estop': ['std_msgs/msg/String'], '/a/link_up': ['x']}).bridges
+
+
+def test_namespace_shows_nothing_of_its_neighbour() -> None:
+    both = {f'{side}{topic}': kinds for topic, kinds in TOPICS.items() for side in ('/l', '/le')}
+    assert set(find(both, '/l').muxes) == {'/l/safety_mux'}
+    assert set(find(both, '/').muxes) == {'/l/safety_mux', '/le/safety_mux'}
+
+
+def test_sixth_device_is_shown_by_its_name() -> None:
+    topics = {'/winch/estop': ['std_msgs/msg/Bool'], '/winch/link_up': ['std_msgs/msg/Bool']}
+    assert find(topics).bridges['/winch'].title == 'winch'
+
+
+def test_node_whose_topics_go_one_by_one_keeps_its_title() -> None:
+    page = model()
+    rest = {name: kinds for name, kinds in TOPICS.items() if not name.endswith('radio_strength')}
+    page.found(find(rest))
+    shown = bridge(page.snapshot(1.0, 1.0), FORT)
+    assert (shown['title'], shown['remote']) == ('FORT VSC', True)
+
+
+# Old is not shown as new.
+
+
+def test_what_was_never_heard_is_silent_and_not_clear() -> None:
+    snapshot = model().snapshot(1.0, 1.0)
+    assert {each['estop'] for each in snapshot['bridges']} == {'silent'}
+    assert snapshot['muxes'][0]['state'] == 'silent'
+
+
+def test_clear_that_is_old_becomes_silent_with_an_event() -> None:
+    page = model()
+    page.link_up(FORT, True, 1.0)
+    page.estop(FORT, False, 1.0)
+    assert bridge(page.snapshot(1.0 + SILENT, 1.0), FORT)['estop'] == 'clear'
+    snapshot = page.snapshot(1.01 + SILENT, 1.0)
+    assert bridge(snapshot, FORT)['estop'] == 'silent'
+    assert bridge(snapshot, FORT)['link_up'] is None
+    assert texts(snapshot) == ['FORT VSC has fallen silent', 'FORT VSC is clear']
+
+
+def test_mux_that_falls_silent_shows_neither_state_nor_owner_nor_reasons() -> None:
+    page = model()
+    page.state(MUX, 'ACTIVE', 1.0)
+    page.status(MUX, ACTIVE | {'inhibit 1': 'x'}, 1.0)
+    page.joy(FORT, [0.5], [1], 1.0)
+    snapshot = page.snapshot(1.1, 1.0)
+    assert snapshot['muxes'][0]['owner'] == 'fort'
+    assert bridge(snapshot, FORT)['owner']
+    snapshot = page.snapshot(3.0, 1.0)
+    (mux,) = snapshot['muxes']
+    assert (mux['state'], mux['owner'], mux['inhibits']) == ('silent', 'none', [])
+    assert not bridge(snapshot, FORT)['owner']
+    assert bridge(snapshot, FORT)['axes'] == []
+    assert texts(snapshot)[0] == 'safety mux has fallen silent'
+
+
+# Events.
+
+
+def test_stop_that_comes_and_goes_between_two_looks_is_an_event() -> None:
+    page = model()
+    for value in (False, True, False):
+        page.estop(FORT, value, 1.0)
+    assert texts(page.snapshot(1.0, 1.0)) == [
+        'FORT VSC is clear',
+        'FORT VSC demands a stop',
+        'FORT VSC is clear',
+    ]
+
+
+def test_stop_has_the_reason_that_its_diagnostic_gives_afterwards() -> None:
+    page = model()
+    page.estop(FORT, True, 1.0)
+    page.diagnostic('fort_vsc_bridge: device', Diagnostic(2, 'release it', {}), 1.1)
+    page.diagnostic('fort_vsc_bridge: device', Diagnostic(2, 'later', {}), 1.2)
+    (event,) = page.snapshot(1.3, 100.0)['events']
+    assert event['reason'] == 'release it'
+    assert event['at'] == pytest.approx(99.7)
+
+
+def test_change_of_owner_is_an_event_with_its_reason() -> None:
+    page = model()
+    page.status(MUX, STOPPED, 1.0)
+    page.status(MUX, ACTIVE, 1.1)
+    page.status(MUX, ACTIVE, 1.2)
+    page.state(MUX, 'ACTIVE', 1.2)
+    newest, before = page.snapshot(1.3, 1.0)['events']
+    assert newest['text'] == 'ACTIVE, fort has control'
+    assert newest['reason'] == "operator 'fort' takes control"
+    assert before['reason'] == 'e-stop source demands a stop'
+
+
+def test_two_of_a_kind_are_told_apart_in_events() -> None:
+    page = model()
+    page.found(find({f'/second{name}': kinds for name, kinds in TOPICS.items()}))
+    page.estop(FORT, False, 1.0)
+    page.status(MUX, ACTIVE, 1.0)
+    page.state(MUX, 'ACTIVE', 1.0)
+    assert texts(page.snapshot(1.0, 1.0)) == [
+        '/safety_mux: ACTIVE, fort has control',
+        f'FORT VSC ({FORT}) is clear',
+    ]
+
+
+# Numbers.
+
+
+def test_numbers_that_are_none_do_not_break_the_page() -> None:
+    page = model()
+    page.joy(FORT, [math.nan, 0.25], [], 1.0)
+    page.command(MUX, {'left': math.inf, 'right': 2.0}, 1.0)
+    page.speeds(DRIVE, {'left': -math.inf}, 1.0)
+    snapshot = json.loads(json.dumps(page.snapshot(1.0, 1.0), allow_nan=False))
+    assert bridge(snapshot, FORT)['axes'] == [None, 0.25]
+    assert snapshot['sample'] == {f'axis|{FORT}|1': 0.25, f'command|right|{MUX}': 2.0}
+
+
+def test_diagnostic_of_another_node_is_left_out() -> None:
+    page = model()
+    page.diagnostic('battery: device', Diagnostic(2, 'empty', {}), 1.0)
+    page.diagnostic('safety_mux', Diagnostic(1, 'STOPPED', {}), 1.0)
+    assert page.snapshot(1.0, 1.0)['events'] == []
+
+
+# What to do. The texts are as the mux publishes them.
+
+
+def silence(bench: MuxBench) -> None:
+    bench.estops = dict.fromkeys(bench.estops)
+    bench.samples = dict.fromkeys(bench.samples)
+    bench.autonomy = bench.drive = None
+
+
+CHANGES: tuple[Callable[[MuxBench], object], ...] = (
+    silence,
+    lambda bench: bench.samples.update(fort=OFF),
+    lambda bench: bench.samples.update(fort=None),
+    lambda bench: bench.samples.update(senior=OFF),
+    lambda bench: bench.estops.update(fort=True),
+    lambda bench: bench.estops.update(gate=True),
+    lambda bench: bench.estops.update(spare=True),
+    lambda bench: setattr(bench, 'drive', False),
+    lambda bench: bench.arbiter.trip(bench.now),
+)
+
+
+@pytest.mark.parametrize(
+    ('inhibit', 'remedy'),
+    [
+        ('waiting for reset: call ~/reset', 'call it, when nothing else is listed'),
+        ("e-stop source 'fort' demands a stop: VSC reports e-stop", 'as it says'),
+        ("operator 'fort' is invalid: it has 2 axes, 6 are needed", 'operator.<name>.axis'),
+        ("operator 'fort' is invalid: two live publishers on /joy: stop one of them", 'a bridge'),
+        ("autonomy is invalid: its joints are ['a'], not ['b']", "the planner's fault"),
+        ('nobody listens to ~/command: is the drive node running and wired?', 'the drive node'),
+        ('stopping on a ramp: x; ramping, left at 3.0 rad/s', 'stop category 1'),
+        ('something that nobody has thought of', ''),
+    ],
+)
+def test_inhibit_has_the_remedy_of_the_table(inhibit: str, remedy: str) -> None:
+    assert remedies().of(inhibit).startswith(remedy)
+    assert bool(remedies().of(inhibit)) is bool(remedy)
+
+
+def test_mux_says_nothing_that_has_no_remedy() -> None:
+    """What an arbiter says on its way through silence, stops, reset, control and loss."""
+    said: set[str] = set()
+    for change in CHANGES:
+        bench = MuxBench(replace(CONFIG, drives=('',)))
+
+        def note(_: object, bench: MuxBench = bench) -> None:
+            said.update(bench.arbiter.status(bench.now).inhibits)
+
+        bench.run(0.3, note)
+        bench.samples['fort'] = HELD  # before it could count
+        bench.run(0.2, note)
+        bench.samples['fort'] = REST
+        bench.run(0.6, note)
+        assert bench.reset().ok
+        bench.run(0.4, note)
+        bench.samples['fort'] = DRIVING
+        bench.run(0.3, note)
+        change(bench)
+        bench.run(1.0, note)
+    assert len(said) > 50
+    table = remedies()
+    assert {re.sub('[0-9.]+', '#', text) for text in said if not table.of(text)} == set()
+
+
+def test_table_of_remedies_is_found_in_the_page() -> None:
+    assert len(remedies()) > 60
+    assert not any(mark in remedies().of('the mux is not active') for mark in '`[]')

@@ -1,0 +1,272 @@
+# Copyright 2026 The rugged_teleop maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The node of the status page beside a real mux: what it hears, shows, does, and refuses."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Iterator
+import re
+import socket
+import subprocess
+import sys
+import threading
+from types import SimpleNamespace
+from typing import Any
+
+import aiohttp
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+import pytest
+from std_msgs.msg import Bool
+
+from rugged_teleop.status_page.node import StatusPage
+from stage.mux_talkers import MuxBench, sticks
+from stage.page_rig import watch
+from stage.rig import latched, NodeProcess, Observer, own_domain, ROOT, TIMEOUT_FACTOR
+from stage.talkers import Talker
+
+
+class Viewer(threading.Thread):
+    """Somebody who looks at a page: the newest snapshot is ``snapshot``."""
+
+    def __init__(self, address: str) -> None:
+        super().__init__(daemon=True)
+        self.snapshot: dict[str, Any] = {}
+        self._address = address
+        self._leaving = False
+        self.start()
+
+    def run(self) -> None:
+        asyncio.run(self._look())
+
+    async def _look(self) -> None:
+        def keep(snapshot: dict[str, Any]) -> bool:
+            self.snapshot = snapshot
+            return self._leaving
+
+        async with aiohttp.ClientSession() as session:
+            await watch(session, self._address, keep, timeout=300.0)
+
+    def leave(self) -> None:
+        self._leaving = True
+        self.join(10.0)
+
+    @property
+    def mux(self) -> dict[str, Any]:
+        return next(iter(self.snapshot.get('muxes', ())), {'state': 'none'})
+
+    def bridge(self, name: str) -> dict[str, Any]:
+        found = [each for each in self.snapshot.get('bridges', ()) if each['name'] == name]
+        return found[0] if found else {'estop': 'none'}
+
+
+class Bench:
+    """A mux, a bridge that is only topics, and the page of their namespace."""
+
+    def __init__(self, observer: Observer) -> None:
+        self.observer = observer
+        self.mux = MuxBench(observer, operator__fort__gated_joy=False)
+        self.bridge = f'{self.mux.space}/fort_vsc_bridge'
+        self._link_up = observer.node.create_publisher(Bool, f'{self.bridge}/link_up', latched())
+        self._link_up.publish(Bool(data=True))
+        self._diagnostics = Talker(
+            observer,
+            DiagnosticArray,
+            '/diagnostics',
+            DiagnosticArray(
+                status=[
+                    DiagnosticStatus(
+                        level=DiagnosticStatus.WARN,
+                        name=f'{self.bridge[1:]}: device',
+                        message='release the button',
+                    )
+                ]
+            ),
+            rate=5.0,
+        )
+        self.page = NodeProcess(
+            'rugged_teleop.status_page.node',
+            {'port': 0, 'allow_control': True},
+            namespace=self.mux.space,
+        )
+        found: Any = observer.wait_for(
+            lambda: re.search(r'status page: (http://127\.0\.0\.1:\d+/)#(\S+)', self.page.output),
+            30.0,
+            lambda: f'an address in {self.page.output!r}',
+        )
+        self.address, self.token = found.groups()
+        self.viewer = Viewer(self.address)
+
+    def wait(self, condition: Any, what: str) -> Any:
+        """Spin until it is true; the page may take long to find what is new."""
+        return self.observer.wait_for(
+            condition, 20.0, lambda: f'{what}; {self.viewer.snapshot}; {self.page.output}'
+        )
+
+    def ask(self, action: str) -> dict[str, Any]:
+        """Do what the page's button does."""
+
+        async def post() -> dict[str, Any]:
+            wish = {'action': action, 'mux': self.mux.name, 'confirmed': True}
+            headers = {
+                'Origin': self.address.rstrip('/'),
+                'Authorization': f'Bearer {self.token}',
+            }
+            seen = {'seen': self.viewer.snapshot['now']}
+            url = f'{self.address}control'
+            async with (
+                aiohttp.ClientSession() as session,
+                session.post(url, json=wish | seen, headers=headers) as answer,
+            ):
+                assert answer.status == 200, await answer.text()
+                return dict(await answer.json())
+
+        return asyncio.run(post())
+
+    def close(self) -> None:
+        self.viewer.leave()
+        self.page.__exit__(None, None, None)
+        self.mux.close()
+
+
+@pytest.fixture(scope='module')
+def bench() -> Iterator[Bench]:
+    with Observer('page_observer') as observer:
+        result = Bench(observer)
+        yield result
+        result.close()
+
+
+def test_stop_stick_and_owner_are_shown(bench: Bench) -> None:
+    viewer, mux = bench.viewer, bench.mux
+    bench.wait(lambda: viewer.bridge(bench.bridge)['estop'] == 'clear', 'a clear e-stop')
+    mux.joy.message = sticks(0.75)
+    bench.wait(lambda: viewer.bridge(bench.bridge)['axes'][1:2] == [0.75], 'a stick')
+    mux.fort_estop.message = Bool(data=True)
+    bench.wait(lambda: viewer.bridge(bench.bridge)['estop'] == 'stop', 'a stop')
+    bench.wait(
+        lambda: 'release the button' in [each['reason'] for each in viewer.snapshot['events']],
+        'its reason',
+    )
+    mux.fort_estop.message = Bool(data=False)
+    mux.joy.message = sticks()
+    bench.wait(lambda: viewer.bridge(bench.bridge).get('operators') == ['fort'], 'an operator')
+    mux.ready()
+    mux.joy.message = sticks(deadman=True)
+    bench.wait(lambda: viewer.bridge(bench.bridge)['owner'], 'an owner')
+    assert viewer.mux['owner'] == 'fort'
+    mux.joy.message = sticks()
+
+
+def test_mux_that_restarts_is_not_heard_and_comes_back(bench: Bench) -> None:
+    bench.wait(lambda: bench.viewer.mux['state'] not in ('none', 'silent'), 'a mux')
+    bench.mux.node.__exit__(None, None, None)
+    bench.wait(lambda: bench.viewer.mux['state'] == 'silent', 'no mux')
+    assert bench.viewer.mux['inhibits'] == []
+    bench.mux.start()
+    bench.wait(lambda: bench.viewer.mux['state'] == 'STOPPED', 'the mux again')
+    bench.wait(lambda: bench.viewer.mux['inhibits'], 'its reasons')
+
+
+def test_reset_and_trip_by_the_page_reach_the_mux(bench: Bench) -> None:
+    bench.wait(bench.mux.may_reset, 'nothing missing but a reset')
+    answers = []
+
+    def is_reset() -> bool:  # an answer of a mux that does not know us yet may be lost
+        if bench.mux.may_reset():
+            answers.append(bench.ask('reset')['answer'])
+        return bool(bench.viewer.mux['state'] == 'READY')
+
+    bench.wait(is_reset, 'READY')
+    if not any('does not answer' in answer for answer in answers):  # the page tells what it knows
+        bench.wait(
+            lambda: any(
+                event['text'] == f'{bench.mux.name}: reset, by this page'
+                for event in bench.viewer.snapshot['events']
+            ),
+            f'an event; {answers}',
+        )
+    assert bench.ask('trip')['done']
+    bench.wait(lambda: bench.viewer.mux['state'] == 'STOPPED', 'STOPPED')
+    assert bench.mux.end_trip() is not None
+
+
+def test_page_publishes_nothing_and_waits_for_nobody(bench: Bench) -> None:
+    node = bench.observer.node
+    own = {
+        name
+        for name, _ in node.get_publisher_names_and_types_by_node('status_page', bench.mux.space)
+    }
+    lifecycle = f'{bench.mux.space}/status_page/transition_event'
+    assert own == {'/rosout', '/parameter_events', lifecycle}
+    for topic in (f'{bench.mux.name}/command', f'{bench.bridge}/estop', f'{bench.bridge}/joy'):
+        infos = node.get_subscriptions_info_by_topic(topic)
+        (mine,) = [info for info in infos if info.node_name == 'status_page']
+        assert mine.qos_profile.reliability.name == 'BEST_EFFORT'
+
+
+def test_answer_that_comes_too_late_is_an_event_and_no_fault() -> None:
+    answered: list[Any] = []
+    notes: list[Any] = []
+    reply = SimpleNamespace(success=True, message='reset: READY')
+    asked = SimpleNamespace(add_done_callback=answered.append, result=lambda: reply)
+    client = SimpleNamespace(service_is_ready=lambda: True, call_async=lambda _: asked)
+    page: Any = SimpleNamespace(
+        _callers={'/mux/reset': client},
+        _note=None,
+        lane=SimpleNamespace(post=lambda _, *what: notes.append(what)),
+    )
+    wish = StatusPage._control(page, 'reset', '/mux')
+    wish.cancel()  # whoever waited has given up
+    answered[0](asked)
+    assert notes == [('/mux: reset, by this page', 'reset: READY')]
+
+
+# What keeps it from starting.
+
+
+def outcome(*arguments: str, source: str = '') -> tuple[int, str]:
+    own_domain()
+    start = ['-c', source] if source else ['-m', 'rugged_teleop', 'page']
+    done = subprocess.run(
+        [sys.executable, *start, *arguments],
+        capture_output=True,
+        text=True,
+        cwd=ROOT,
+        timeout=60.0 * TIMEOUT_FACTOR,
+    )
+    return done.returncode, done.stderr
+
+
+def test_taken_port_ends_it_with_status_2_and_names_port_and_parameter() -> None:
+    with socket.create_server(('127.0.0.1', 0)) as taken:
+        port = taken.getsockname()[1]
+        status, error = outcome('--port', str(port))
+    assert status == 2
+    assert f'127.0.0.1 port {port}: address already in use' in error.lower()
+    assert 'set host or port' in error.splitlines()[-1]
+
+
+def test_missing_aiohttp_ends_it_with_the_line_to_type() -> None:
+    source = """
+import sys
+sys.modules['aiohttp'] = None
+from rugged_teleop.page import main
+main(['--port', '0'])
+"""
+    status, error = outcome(source=source)
+    assert status == 2
+    assert 'pip install aiohttp' in error
+    assert 'Traceback' not in error

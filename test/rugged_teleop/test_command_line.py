@@ -1,0 +1,114 @@
+# Copyright 2026 The rugged_teleop maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""What executables do with what they do not know, and --help."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+
+import pytest
+
+from rugged_teleop.__main__ import main
+from rugged_teleop.stack import NODES
+from stage.rig import ROOT, TIMEOUT_FACTOR
+
+
+def outcome(module: str, *arguments: str) -> tuple[int, str, str]:
+    done = subprocess.run(
+        [sys.executable, '-m', module, *arguments],
+        capture_output=True,
+        text=True,
+        cwd=ROOT,
+        timeout=30.0 * TIMEOUT_FACTOR,
+    )
+    return done.returncode, done.stdout, done.stderr
+
+
+@pytest.mark.parametrize('node', NODES)
+def test_help_has_topics_and_parameters_and_opens_nothing(node: str) -> None:
+    status, text, error = outcome(NODES[node][0], '--help')
+    assert (status, error) == (0, '')
+    assert text.startswith(f'usage: {node} ')
+    assert f'\nexamples:\n  {node} --ros-args ' in text
+    for line in ('~/estop ', 'autostart = True', 'std_msgs/Bool'):
+        assert line in text
+    if node != 'safety_mux':
+        assert '/diagnostics ' in text
+        assert 'link_timeout = ' in text
+
+
+@pytest.mark.parametrize(
+    'arguments',
+    [
+        ('--port', '/dev/x'),
+        ('port:=/dev/x',),
+        ('nonsense',),
+        ('--ros-args', '-p', 'baud:=230400', '--', 'port:=/dev/x'),
+        ('--ros-args', '--nonsense'),
+    ],
+    ids=' '.join,
+)
+def test_unknown_argument_starts_nothing(arguments: tuple[str, ...]) -> None:
+    status, text, error = outcome('esi_drive_bridge.node', *arguments)
+    assert (status, text) == (2, '')
+    assert error.count('\n') == 1
+    assert error.startswith('rugged_teleop: ')
+
+
+@pytest.mark.parametrize(
+    ('arguments', 'words'),
+    [
+        ('bench --joint left --speed abc', '--speed: abc is not a finite number'),
+        ('bench --joint left --speed inf', '--speed: inf is not a finite number'),
+        ('bench --joint left --stick x', '--stick: x is not within -1 to 1'),
+        ('bench --joint left --speed 1 --seconds x', '--seconds: x is not within 0.1 to 60'),
+        ('bench --joint left --speed 1 --rate nan', '--rate: nan is not within 20 to 500'),
+        ('bench --joint left --speed 1 --node a//b', '--node: a//b is no name such as /front/a'),
+        ('bench --joint left --speed 1 --node /', '--node: / is no name such as /front/a'),
+        ('policy my.yaml --namespace 1st', '--namespace: 1st is no name such as /front/a'),
+        ('doctor --seconds x', '--seconds: x is not within 0.2 to 60'),
+        ('doctor --seconds 61', '--seconds: 61 is not within 0.2 to 60'),
+        ('replay --tolerance x F', '--tolerance: x is not within 0 to 1'),
+        (
+            'simulate esi_drive --port F --status-rate x',
+            '--status-rate: x is not within 1 to 1000',
+        ),
+        ('simulate akron --address x', '--address: x is not within 0 to FD hex'),
+    ],
+)
+def test_argument_that_is_wrong_is_told_what_is_allowed(
+    arguments: str, words: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit) as caught:
+        main(arguments.split())
+    error = capsys.readouterr().err
+    assert caught.value.code == 2
+    assert error.count('\n') == 1
+    assert f'argument {words}; see ' in error
+
+
+def test_help_of_the_stack_names_the_nodes() -> None:
+    status, text, error = outcome('rugged_teleop.stack', '--help')
+    assert (status, error) == (0, '')
+    assert text.startswith('usage: rugged_teleop_stack ')
+    assert all(node in text for node in NODES)
+    assert '\nexamples:\n  rugged_teleop_stack ' in text
+
+
+def test_help_of_ssc_config_has_examples() -> None:
+    status, text, error = outcome('ssc_bridge.config.main', '--help')
+    assert (status, error) == (0, '')
+    assert '\nexamples:\n  ssc_config dump ' in text

@@ -1,0 +1,76 @@
+# Copyright 2026 The rugged_teleop maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""reset, trip, clear and status of the command line, with a mux and a drive that has a fault."""
+
+from __future__ import annotations
+
+from pathlib import Path
+import subprocess
+import sys
+
+import pytest
+
+from stage.devices import DRIVE, MUX, VSC
+from stage.mux_talkers import patient
+from stage.rig import Observer, ROOT, TIMEOUT_FACTOR
+from stage.spine import Spine
+
+pytestmark = pytest.mark.waits(60)
+
+
+def run(*words: str) -> tuple[int, str]:
+    """Return the exit status of a command, and what it says."""
+    done = subprocess.run(
+        [sys.executable, '-m', 'rugged_teleop', *words],
+        capture_output=True,
+        text=True,
+        cwd=ROOT,
+        timeout=60.0 * TIMEOUT_FACTOR,
+    )
+    assert not (done.stdout and done.stderr), done.stderr
+    return done.returncode, done.stdout + done.stderr
+
+
+def test_machine_is_reset_tripped_and_cleared_without_the_command_line_of_ros(
+    tmp_path: Path, observer: Observer
+) -> None:
+    parameters = {MUX: patient({}), **{name: {'link_timeout': 1.0} for name in (VSC, DRIVE)}}
+    with Spine(tmp_path, observer, parameters) as spine:
+        spine.ready()
+        assert run('reset') == (1, 'rugged_teleop reset: nothing to reset: the mux is READY\n')
+        status, text = run('status')
+        assert (status, text.splitlines()[0]) == (0, 'READY')
+        assert "- press the deadman of 'fort' to take control\n    -> do so" in text
+        assert run('trip') == (0, 'tripped: STOPPED until ~/reset\n')
+        spine.wait(lambda: spine.mux_says('STOPPED'), 'STOPPED')
+
+        spine.drive.apply('fault a overcurrent on')
+        spine.wait(lambda: not spine.is_clear(DRIVE), 'the stop of the drive')
+        status, text = run('clear')
+        assert status == 1
+        assert 'overcurrent' in text
+        clear = 'then call /esi_drive_bridge/clear_errors, as the drive keeps its errors'
+        spine.wait(lambda: clear in run('status')[1], 'the words of the drive', 30.0)
+        assert clear in run('reset')[1]
+        spine.drive.apply('fault a overcurrent off')
+        assert run('clear') == (0, 'the errors are cleared\n')
+
+        spine.wait(lambda: run('reset')[0] == 0, 'a reset', 60.0)
+        spine.wait(lambda: spine.mux_says('READY'), 'READY')
+
+        status, text = run('trip', '--node', '/left/safety_mux', '--wait', '5')
+        assert status == 1
+        assert 'nothing answers at /left/safety_mux/trip within 5 s' in text
+        assert 'there is /safety_mux, see --node' in text

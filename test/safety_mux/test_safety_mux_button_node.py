@@ -1,0 +1,295 @@
+# Copyright 2026 The rugged_teleop maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The reset button at the mux: what it may reset, by which rules, and what ~/status says of it."""
+
+from collections.abc import Iterator
+import math
+from typing import Any
+
+import pytest
+from rclpy.parameter import Parameter
+from std_msgs.msg import Bool
+
+from bridge_core import clock
+from bridge_core.parameters import ParameterError
+from safety_mux.node import SafetyMux
+from safety_mux.protocol import State
+from stage.fed_mux import EVERY, FedMux, SteppedMux
+from stage.mux_talkers import MuxBench, sticks
+from stage.rig import Observer
+from stage.talkers import Talker
+
+
+class ButtonMux(SteppedMux):
+    """A mux with a button. :ivar button: None: silent."""
+
+    def __init__(self, context: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+        self.button: bool | None = False
+        self._numbers = [0]
+        super().__init__(context, monkeypatch, reset_topic='button')
+
+    def _feed(self, now: float) -> None:
+        super()._feed(now)
+        if self.button is not None:
+            self.say(self.button)
+
+    def say(self, pressed: bool, publisher: int = 0) -> None:
+        """Say it by one of several publishers, each of which numbers its own messages."""
+        self._numbers += [0] * (publisher + 1 - len(self._numbers))
+        self._numbers[publisher] += 1
+        info = {'publication_sequence_number': self._numbers[publisher]}
+        self.mux._on_button(Bool(data=pressed), info)
+
+    def press(self, seconds: float = 0.5) -> State:
+        """Press it for a while, release it; return the state after that."""
+        self.button = True
+        self.run(seconds)
+        self.button = False
+        return self.run(EVERY)
+
+    def said(self) -> str:
+        """Return what ~/status says of the last reset."""
+        return self.values().get('last reset', '').partition(' ago: ')[2]
+
+
+@pytest.fixture
+def mux(context: Any, monkeypatch: pytest.MonkeyPatch) -> Iterator[ButtonMux]:
+    result = ButtonMux(context, monkeypatch)
+    yield result
+    result.mux.destroy_node()
+
+
+def test_release_resets_and_moves_nothing(mux: ButtonMux) -> None:
+    mux.button = True
+    assert mux.run(1.9) is State.STOPPED  # not while it is pressed
+    mux.button = False
+    assert mux.run(EVERY) is State.READY
+    assert mux.run(5.0) is State.READY
+    mux.joy = sticks(0.5, deadman=True)
+    assert mux.run(0.5) is State.ACTIVE
+
+
+@pytest.mark.parametrize(('seconds', 'words'), [(0.05, '50 ms'), (2.5, '2500 ms')])
+def test_press_of_another_length_is_refused_with_the_reason(
+    mux: ButtonMux, seconds: float, words: str
+) -> None:
+    assert mux.press(seconds) is State.STOPPED
+    assert mux.said() == (
+        f'not reset: the reset button was held for {words}; 100 ms to 2000 ms count'
+    )
+    assert mux.press() is State.READY
+    assert mux.said() == ''
+
+
+def test_stop_and_stick_refuse_a_button_as_they_do_the_service(mux: ButtonMux) -> None:
+    mux.stop = True
+    assert mux.press() is State.STOPPED
+    assert "e-stop source 'fort' demands a stop" in mux.said()
+    mux.run(1.0)
+    mux.stop = False
+    mux.run(0.1)
+    assert mux.press(0.2) is State.STOPPED
+    assert 'all stops have been clear for' in mux.said()
+    mux.run(1.0)
+    mux.joy = sticks(0.5)
+    assert mux.press() is State.STOPPED
+    assert 'is not at neutral' in mux.said()
+    mux.joy = sticks()
+    mux.run(1.0)
+    assert mux.press() is State.READY
+
+
+def test_button_and_service_are_one_reset(mux: ButtonMux) -> None:
+    """Two within clear_time are one that is held, whichever way they come."""
+    mux.stop = True
+    mux.run(0.1)
+    assert not mux.mux._reset().ok
+    mux.stop = False
+    mux.run(0.1)
+    assert mux.press(0.2) is State.STOPPED
+    assert 'a held or repeated reset does nothing' in mux.said()
+
+
+def test_press_that_began_before_the_stop_is_not_meant_for_it(mux: ButtonMux) -> None:
+    assert mux.press() is State.READY
+    mux.run(10.0)
+    mux.button = True
+    mux.run(0.2)
+    mux.stop = True
+    assert mux.run(0.1) is State.STOPPED
+    mux.stop = False
+    mux.run(1.0)
+    mux.button = False
+    assert mux.run(1.0) is State.STOPPED
+    assert mux.said() == 'not reset: the reset button was pressed before the stop was over'
+    assert mux.press() is State.READY
+
+
+@pytest.mark.parametrize('before', [0.0, 0.2])  # s of the press before it
+def test_press_that_a_stop_comes_into_while_stopped_is_none(mux: ButtonMux, before: float) -> None:
+    assert mux.mux._last_state is State.STOPPED
+    mux.stop = not before
+    mux.run(1.0)
+    mux.button = True
+    mux.run(before)
+    mux.stop = True
+    mux.run(0.2)
+    mux.stop = False
+    mux.run(1.0)
+    mux.button = False
+    assert mux.run(EVERY) is State.STOPPED
+    assert mux.said() == 'not reset: the reset button was pressed before the stop was over'
+    assert mux.press() is State.READY
+
+
+@pytest.mark.parametrize('late', [0.0, 0.02])  # s from the stop to the first word of the press
+def test_press_that_began_before_a_stop_between_two_of_its_messages_is_not_meant_for_it(
+    mux: ButtonMux, late: float
+) -> None:
+    drive = next(t for t in mux.mux._intake.topics() if t.parameter == 'estop.drive.topic')
+
+    def stop() -> None:
+        drive.take(Bool(data=True), mux.now)
+        mux.mux._tick(mux.now)
+        drive.take(Bool(data=False), mux.now)
+
+    mux.run(1.0)
+    if late:  # in READY, and nothing was heard of it yet
+        assert mux.mux._reset().ok
+        mux.run(10.0 + EVERY / 2)
+        stop()
+    mux.button = True
+    mux.run(0.2)
+    if not late:  # a reset by the service, and the next stop, before its next message
+        assert mux.mux._reset().ok
+        mux.run(0.02)
+        stop()
+    assert mux.run(1.0) is State.STOPPED
+    mux.button = False
+    assert mux.run(1.0) is State.STOPPED
+    assert mux.said() == 'not reset: the reset button was pressed before the stop was over'
+    assert mux.press() is State.READY
+
+
+def test_button_that_is_pulsed_for_ever_does_not_rearm_after_a_stop(mux: ButtonMux) -> None:
+    for _ in range(5):
+        mux.run(1.0)
+        mux.press()
+    assert mux.run(EVERY) is State.READY
+    mux.stop = True
+    assert mux.run(0.1) is State.STOPPED
+    mux.stop = False
+    for _ in range(20):
+        mux.run(1.0)
+        assert mux.press() is State.STOPPED
+    assert 'resets have been called since before the stop' in mux.said()
+    mux.run(5.0)
+    assert mux.press() is State.READY
+
+
+def test_button_that_sticks_or_is_silent_is_an_inhibit(mux: ButtonMux) -> None:
+    assert 'reset button' not in mux.message()
+    mux.button = True
+    assert mux.run(60.0) is State.STOPPED
+    assert 'the reset button has been held for 60 s: release it' in mux.message()
+    mux.button = None
+    mux.run(1.0)
+    assert 'the reset button is stale: last heard' in mux.message()
+    mux.button = False
+    assert mux.run(1.0) is State.STOPPED
+    assert mux.press() is State.READY
+    mux.button = None
+    mux.run(1.0)
+    assert 'reset button' not in mux.message()  # nothing to reset
+
+
+def test_second_publisher_keeps_the_button_from_resetting(mux: ButtonMux) -> None:
+    """Neither by its own pulses, nor by what the two say together."""
+    for pressed in (True, True, True, True, False):
+        mux.run(EVERY)
+        mux.say(pressed, publisher=1)
+    assert mux.run(EVERY) is State.STOPPED
+    assert mux.press() is State.STOPPED
+    assert 'the reset button has two live publishers: stop one of them' in mux.said()
+    mux.run(4.0)
+    assert mux.press() is State.READY
+
+
+def test_publisher_that_was_started_anew_counts_after_a_while(mux: ButtonMux) -> None:
+    mux.run(10 * EVERY)
+    mux._numbers = [0]
+    assert mux.press(0.2) is State.STOPPED
+    assert 'the reset button has lost messages, or a new publisher' in mux.said()
+    mux.run(1.0)
+    assert mux.press() is State.READY
+
+
+def test_press_of_which_a_message_was_lost_does_not_count(mux: ButtonMux) -> None:
+    mux.button = True
+    mux.run(0.2)
+    mux._numbers[0] += 1
+    mux.run(0.2)
+    mux.button = False
+    assert mux.run(EVERY) is State.STOPPED
+    assert 'has lost messages' in mux.said()
+
+
+def test_button_on_the_topic_of_another_input_is_refused(context: Any) -> None:
+    with pytest.raises(ParameterError, match='reset_topic'):
+        FedMux(context, reset_topic='esi_drive_bridge/estop')
+
+
+def test_button_on_a_topic_resets_the_node(observer: Observer) -> None:
+    bench = MuxBench(observer, reset_topic='button')
+    button = Talker(observer, Bool, f'{bench.space}/button', Bool(data=False))
+    pressed_at = -math.inf
+
+    def press() -> bool:
+        """Press it now and then, as somebody does until it works."""
+        nonlocal pressed_at
+        since = clock.now() - pressed_at
+        if since > 3.0 and bench.may_reset():
+            pressed_at = clock.now()
+        button.message = Bool(data=clock.now() < pressed_at + 0.4)
+        return bench.says('READY')
+
+    try:
+        bench.wait(press, 'READY', 20.0)
+        bench.observer.holds_for(lambda: not bench.enable.last.data, 0.3)
+    finally:
+        button.leave()
+        bench.close()
+
+
+def test_publishers_of_a_remapped_button_are_counted(
+    context: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    given = {'reset_topic': 'button', 'autostart': False}
+    mux = SafetyMux(
+        context=context,
+        parameter_overrides=[Parameter(name, value=value) for name, value in given.items()],
+        cli_args=['--ros-args', '-r', 'button:=/panel/button'],
+    )
+    counted: list[str] = []
+
+    def count(topic: str) -> int:
+        counted.append(topic)
+        return 1
+
+    monkeypatch.setattr(mux, 'count_publishers', count)
+    mux.lane.call(lambda: mux._look_around(clock.now()))
+    mux.destroy_node()
+    assert '/panel/button' in counted
+    assert 'button' not in counted

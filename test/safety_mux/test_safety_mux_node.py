@@ -1,0 +1,1096 @@
+# Copyright 2026 The rugged_teleop maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The safety mux as a process: topics, services, lifecycle, clocks, and what it refuses."""
+
+from collections.abc import Callable, Iterator
+import contextlib
+from functools import partial
+from itertools import pairwise
+import math
+from signal import SIGCONT, SIGSTOP, SIGTERM
+from threading import Event, Thread
+import time
+from typing import Any
+
+from builtin_interfaces.msg import Time
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from geometry_msgs.msg import Twist, TwistStamped
+from lifecycle_msgs.srv import ChangeState
+import pytest
+from rcl_interfaces.msg import Parameter, ParameterValue
+from rcl_interfaces.srv import SetParameters, SetParametersAtomically
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import JointState, Joy
+from std_msgs.msg import Bool, Float64, String
+from std_srvs.srv import SetBool, Trigger
+
+from bridge_core import clock, lane, node as bridge_node
+from bridge_core.lane import _settle
+from bridge_core.watchdog import FreezeWatch
+from safety_mux import node
+from safety_mux.node import ESTOP_QOS, SafetyMux
+from safety_mux.outputs import Repeated
+from safety_mux.protocol import Decision, State
+from stage.endings import each_ending
+from stage.fed_mux import FedMux, LIMIT, SteppedMux, TICK
+from stage.mux_talkers import (
+    CLEAR_TIME,
+    MuxBench,
+    SILENCE_STOPS_WITHIN,
+    sticks,
+    STOPPED_WITHIN,
+    TIMEOUT,
+)
+from stage.rig import latched, NodeProcess, Observer, wait_for
+from stage.talkers import namespace, Talker, values_of
+
+pytestmark = pytest.mark.waits(240)
+WHEELS: dict[str, Any] = {'autonomy__wheel_separation': 0.5, 'autonomy__wheel_radius': 0.1}
+
+
+@pytest.fixture(scope='module')
+def shared() -> Iterator[MuxBench]:
+    with Observer() as observer:
+        result = MuxBench(observer)
+        yield result
+        result.close()
+
+
+@pytest.fixture
+def mux(shared: MuxBench) -> MuxBench:
+    """Give a mux that is STOPPED by a stop that is over, with all inputs fresh and clear."""
+    shared.joy.message = sticks()
+    for talker in (shared.fort_estop, shared.fort_own_estop, shared.drive_estop):
+        talker.message = Bool(data=False)
+        talker.resume()
+    shared.drive_enabled.message = Bool(data=True)
+    shared.joy.resume()
+    states = ('STOPPED', 'READY', 'ACTIVE')
+    shared.wait(lambda: any(shared.says(state) for state in states), 'a state')
+    if not shared.says('STOPPED'):
+        shared.fort_estop.publisher.publish(Bool(data=True))
+        shared.wait(lambda: shared.says('STOPPED'), 'STOPPED')
+    return shared
+
+
+def test_status_from_the_start_says_what_is_missing(observer: Observer) -> None:
+    mux = MuxBench(observer)
+    try:
+        for talker in (mux.fort_estop, mux.drive_estop, mux.drive_enabled, mux.joy):
+            talker.pause()
+        mux.wait(
+            lambda: mux.explains("e-stop source 'fort'", "e-stop source 'drive'", 'call ~/reset'),
+            'the reasons',
+        )
+        assert mux.status.last.level == DiagnosticStatus.WARN
+        mux.wait(lambda: mux.estop.data and mux.enable.data, 'stop and enable')
+        assert mux.estop.data[0] is True
+        assert not any(mux.enable.data)
+        values = values_of(mux.status.last)
+        assert values['state'] == 'STOPPED'
+        assert values['owner'] == 'none'
+        assert values['stopped by'] == 'none'
+        assert values['stops clear'] == values['trip active'] == 'false'
+        assert values['operators at rest'] == 'true'  # none is heard
+        assert values['drive enabled'] == 'false'
+        assert values["condition of e-stop source 'fort'"] == 'silent'
+        assert values["condition of operator 'fort'"] == 'silent'
+        assert "age of e-stop source 'fort' (s)" in values
+        assert 'the mux has started' in values['last transition']
+    finally:
+        mux.close()
+
+
+def test_stick_becomes_a_command_with_the_joints_names(mux: MuxBench) -> None:
+    mux.active(0.5)
+    # Dead band 0.05, 10 rad/s at full deflection.
+    expected = (0.5 - 0.05) / 0.95 * 10.0
+    mux.wait(lambda: mux.command.last.velocity[0] == pytest.approx(expected), 'the demand')
+    assert list(mux.command.last.name) == ['left', 'right']
+    assert mux.command.last.velocity[1] == pytest.approx(expected)
+    assert not mux.command.last.position
+    mux.wait(lambda: mux.enable.last.data, 'enable')
+    mux.joy.message = sticks()
+    mux.wait(lambda: mux.says('READY'), 'READY')
+    mux.wait(lambda: not any(mux.command.last.velocity) and not mux.enable.last.data, 'nothing')
+
+
+def test_command_waits_for_the_drive_to_be_enabled(mux: MuxBench) -> None:
+    mux.drive_enabled.message = Bool(data=False)
+    mux.ready()
+    mux.joy.message = sticks(deadman=True)
+    mux.wait(lambda: mux.says('ACTIVE'), 'ACTIVE')
+    mux.joy.message = sticks(0.5, deadman=True)
+    begun = time.monotonic()
+    mux.wait(lambda: mux.explains('waits for the drive to be enabled: it says that it'), 'why')
+    mux.wait(lambda: mux.explains('mend what the drive says'), 'what to do')
+    assert values_of(mux.status.last)['drive enabled'] == 'false'
+    assert mux.enable.last.data
+    assert not any(any(message.velocity) for _, message in mux.command.since(begun))
+    mux.drive_enabled.message = Bool(data=True)
+    mux.wait(lambda: any(mux.command.last.velocity), 'motion')
+    first = next(m for _, m in mux.command.since(begun) if any(m.velocity))
+    assert 0.0 < first.velocity[0] < 4.5, 'a ramp, not the whole demand at once'
+
+
+def test_machine_that_does_not_stop_when_told_is_a_stop_of_all_devices(observer: Observer) -> None:
+    mux = MuxBench(
+        observer,
+        feedback__topic='joint_states',
+        feedback__timeout=TIMEOUT,
+        feedback__overspeed_tolerance=5.0,  # or that stops it, if the sticks come late
+    )
+    still = JointState(name=['mast', 'right', 'left'], velocity=[9.0, 0.0, 0.0])
+    joints = Talker(observer, JointState, f'{mux.space}/joint_states', still)
+    moves = JointState(name=['right', 'left'], velocity=[3.1, 3.0])
+
+    def stopped() -> dict[str, str] | None:
+        """Let go once the machine moves; from the start where it held the mux up."""
+        values = values_of(mux.status.last)
+        if values['state'] == 'ACTIVE' and values['condition of the feedback'] == 'moving':
+            mux.joy.message = sticks()
+        if values['state'] != 'STOPPED' or not mux.explains('waiting for reset'):
+            return None
+        if values['stopped by'] != 'motion' and mux.held_up():
+            joints.message = still
+            mux.active()
+            joints.message = moves
+            return None
+        return values
+
+    try:
+        mux.active()
+        joints.message = moves
+        values = mux.wait(stopped, 'STOPPED', 20.0)
+        assert mux.explains('the joints do not stand 500 ms after control')
+        assert values['stopped by'] == 'motion'
+        assert 'left at 3.1 rad/s' in values['last transition']
+        assert values['condition of the feedback'] == 'moving'
+        mux.wait(lambda: all(each.last.data for each in mux.stop_demand.values()), 'stop demands')
+        joints.message = still
+        mux.active()
+        joints.message = JointState(name=['right'], velocity=[1.0])
+        mux.stopped_since(time.monotonic())
+        mux.wait(lambda: mux.explains("the feedback is invalid: joint 'left' is not there"), 'why')
+        assert values_of(mux.status.last)['stopped by'] == 'the feedback'
+    finally:
+        joints.leave()
+        mux.close()
+
+
+def test_slow_zone_slows_the_machine_and_status_says_so(observer: Observer) -> None:
+    mux = MuxBench(
+        observer,
+        speed_limits=['zone'],
+        speed_limit__zone__topic='zone',
+        speed_limit__zone__timeout=TIMEOUT,
+    )
+    zone = Talker(observer, Float64, f'{mux.space}/zone', Float64(data=1.0))
+    try:
+        mux.active(1.0)
+        mux.wait(lambda: mux.command.last.velocity[0] == 10.0, 'full speed')
+        zone.message = Float64(data=0.3)
+        mux.wait(lambda: mux.command.last.velocity[0] == pytest.approx(3.0), 'a third')
+        mux.wait(lambda: "fort has control; speed limit 'zone' allows 30 %" in mux.why(), 'why')
+        assert values_of(mux.status.last)['slowed'] == "speed limit 'zone' allows 30 %"
+        assert values_of(mux.status.last)["condition of speed limit 'zone'"] == '30 %'
+        zone.pause()
+        mux.wait(lambda: not any(mux.command.last.velocity), 'the lowest, which is 0')
+        mux.wait(lambda: mux.explains("'zone' allows 0 %: speed limit 'zone' is stale"), 'why')
+        mux.wait(lambda: mux.says('ACTIVE'), 'ACTIVE')
+    finally:
+        zone.leave()
+        mux.close()
+
+
+def test_command_topics_are_never_transient_local(mux: MuxBench) -> None:
+    for topic in ('command', 'enable'):
+        (endpoint,) = mux.observer.node.get_publishers_info_by_topic(f'{mux.name}/{topic}')
+        assert endpoint.qos_profile.durability == DurabilityPolicy.VOLATILE
+
+
+def test_stop_is_explained_by_the_diagnostics_of_its_source(mux: MuxBench) -> None:
+    name = f'{mux.space.lstrip("/")}/fort_vsc_bridge: device'
+    status = DiagnosticStatus(level=DiagnosticStatus.ERROR, name=name, message='pull the button')
+    diagnostics = Talker(
+        mux.observer, DiagnosticArray, '/diagnostics', DiagnosticArray(status=[status])
+    )
+    try:
+        mux.fort_estop.message = Bool(data=True)
+        mux.wait(lambda: mux.explains("'fort' demands a stop: pull the button"), 'why')
+        status.level = DiagnosticStatus.OK
+        diagnostics.message = DiagnosticArray(status=[status])
+        mux.wait(lambda: mux.explains("'fort' demands a stop: see /diagnostics"), 'no why')
+        mux.fort_estop.message = Bool(data=False)
+        mux.ready()
+        status.message = 'ok; mode is Menu: leave the menu'
+        mux.wait(
+            lambda: mux.explains(
+                "press the deadman of 'fort' to take control; its device says: mode"
+            ),
+            'why the remote is quiet',
+        )
+    finally:
+        diagnostics.leave()
+
+
+def test_stop_that_was_lost_in_a_flood_of_messages_stops(mux: MuxBench) -> None:
+    """
+    More messages than the subscription keeps arrive while the mux is held up for an instant.
+
+    Whether the stop is dropped, or taken before the rest pushes it out, is up to the middleware.
+    """
+    mux.active()
+    mux.node.signal(SIGSTOP)
+    mux.fort_estop.publisher.publish(Bool(data=True))
+    for _ in range(3 * ESTOP_QOS.depth):
+        mux.fort_estop.publisher.publish(Bool(data=False))
+    mux.node.signal(SIGCONT)
+    mux.wait(lambda: mux.says('STOPPED'), 'STOPPED')
+
+
+@pytest.mark.parametrize('source', ['fort', 'drive'])
+def test_stop_of_any_source_stops_and_latches(mux: MuxBench, source: str) -> None:
+    mux.active()
+    talker: Talker = getattr(mux, f'{source}_estop')
+    cause = time.monotonic()
+    talker.publisher.publish(Bool(data=True))  # once, between messages that say false
+    mux.stopped_since(cause)
+    said = f"e-stop source '{source}'"
+    mux.wait(lambda: values_of(mux.status.last)['stopped by'] == said, 'by whom')
+    assert f'{said} demands a stop' in values_of(mux.status.last)['inhibit 1']
+
+
+@pytest.mark.parametrize('source', ['fort', 'drive'])
+def test_silence_of_any_source_stops_with_age_and_limit_in_words(
+    mux: MuxBench, source: str
+) -> None:
+    mux.active()
+    getattr(mux, f'{source}_estop').pause()
+    mux.stopped_since(time.monotonic(), SILENCE_STOPS_WITHIN)
+    limit = f'limit {TIMEOUT * 1e3:.0f} ms'
+    mux.wait(lambda: mux.explains(f"e-stop source '{source}' is stale", limit), 'why')
+
+
+def test_silence_of_the_operator_stops(mux: MuxBench) -> None:
+    mux.active()
+    mux.joy.pause()
+    mux.stopped_since(time.monotonic(), SILENCE_STOPS_WITHIN)
+    said = 'the owner was lost'
+    mux.wait(lambda: said in values_of(mux.status.last)['last transition'], 'why')
+
+
+@pytest.mark.parametrize(
+    ('message', 'text'),
+    [
+        (Joy(axes=[0.0], buttons=[1]), 'it has 1 axes, 2 are needed'),
+        (Joy(axes=[0.0, 0.5], buttons=[]), 'deadman button 0 does not exist'),
+        (Joy(axes=[0.0, math.nan], buttons=[1]), 'axis 1 is nan'),
+        (Joy(axes=[0.0, 0.5, 1.06], buttons=[1]), 'beyond -1.05...1.05'),
+        (Joy(axes=[0.0, -math.inf], buttons=[1]), 'axis 1 is -inf'),
+    ],
+    ids=['few axes', 'no deadman', 'NaN', 'too far', 'infinite'],
+)
+def test_malformed_sticks_stop_with_the_reason(mux: MuxBench, message: Joy, text: str) -> None:
+    mux.active()
+    mux.joy.message = message
+    mux.stopped_since(time.monotonic())
+    mux.wait(lambda: mux.explains(text), text)
+    assert not mux.reset().success
+    mux.joy.message = sticks()
+    mux.ready()
+
+
+def test_trip_stops_and_asks_all_devices_to_stop_until_a_reset(mux: MuxBench) -> None:
+    mux.active()
+    cause = time.monotonic()
+    assert mux.trip().success
+    mux.stopped_since(cause)
+    mux.wait(lambda: all(r.last.data for r in mux.stop_demand.values()), 'their stop demands')
+    mux.joy.message = sticks()
+    mux.wait(lambda: mux.explains('a trip is active'), 'the trip')
+    mux.observer.holds_for(lambda: all(r.last.data for r in mux.stop_demand.values()), 0.5)
+    reply = mux.reset()
+    assert reply.success, reply.message
+    mux.wait(lambda: not any(r.last.data for r in mux.stop_demand.values()), 'no stop demand')
+
+
+def test_trip_that_is_ended_asks_nobody_to_stop_and_needs_a_reset(mux: MuxBench) -> None:
+    mux.active()
+    assert mux.trip().success
+    mux.wait(mux.is_stopped, 'stop, disable and 0')
+    mux.joy.message = sticks()
+    mux.wait(lambda: mux.end_trip().success, 'the end of the trip')
+    mux.wait(lambda: not any(r.last.data for r in mux.stop_demand.values()), 'no stop demand')
+    mux.observer.holds_for(mux.is_stopped, 0.5)
+    mux.ready()
+
+
+def test_stop_demand_leaves_out_whose_own_stop_it_is(mux: MuxBench) -> None:
+    mux.wait(lambda: not any(r.last.data for r in mux.stop_demand.values()), 'no stop demand')
+    mux.fort_estop.message = mux.fort_own_estop.message = Bool(data=True)
+    asked = {'drive': True, 'fort': False}
+    mux.wait(
+        lambda: {name: mux.stop_demand[name].last.data for name in asked} == asked,
+        'the drive alone is asked',
+    )
+    mux.fort_own_estop.message = Bool(data=False)  # its stop is but the echo of another's
+    mux.wait(lambda: not mux.stop_demand['drive'].last.data, 'the drive is not asked')
+    mux.wait(lambda: mux.says('STOPPED'), 'STOPPED')
+    mux.fort_own_estop.pause()
+    mux.wait(lambda: mux.stop_demand['drive'].last.data, 'silence is a demand')
+
+
+def test_reset_answers_with_everything_that_is_missing(mux: MuxBench) -> None:
+    mux.drive_estop.message = Bool(data=True)
+    mux.joy.message = sticks(0.4)
+    mux.wait(lambda: mux.explains('not at neutral', "source 'drive' demands a stop"), 'why')
+    mux.wait(lambda: time.monotonic() > mux.reset_at + CLEAR_TIME, 'not a repeated reset')
+    reply = mux.reset()
+    assert not reply.success
+    assert "e-stop source 'drive' demands a stop" in reply.message
+    assert 'not at neutral' in reply.message
+
+
+def test_diagnostics_carry_the_status_too(mux: MuxBench) -> None:
+    arrays = mux.observer.record(DiagnosticArray, '/diagnostics')
+    name = mux.name.lstrip('/')
+
+    def mine() -> list[Any]:
+        return [s for array in arrays.messages for s in array.status if s.name == name]
+
+    status = mux.wait(mine, 'a status')[0]
+    assert values_of(status)['state'] == 'STOPPED'
+
+
+def test_diagnostics_carry_another_level_at_once(
+    context: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    stepped = SteppedMux(context, monkeypatch)
+    mux = stepped.mux
+    mux._publish_diagnostics(stepped.now)
+    levels: list[Any] = []
+    monkeypatch.setattr(mux, '_diagnostics', Publisher(levels, read=lambda m: m.status[0].level))
+    assert mux._reset().ok
+    assert stepped.run(0.3) is State.READY
+    stepped.stop = True
+    assert stepped.run(0.3) is State.STOPPED
+    mux._publish_diagnostics(stepped.now)
+    mux._publish_status(stepped.now)
+    good, bad = DiagnosticStatus.OK, DiagnosticStatus.WARN
+    assert [level for _, level in levels] == [good, bad, bad]
+    mux.destroy_node()
+
+
+def test_nobody_hears_the_command_is_said(mux: MuxBench) -> None:
+    # The bench listens to ~/command, so this needs a mux that nobody listens to.
+    space = namespace()
+    status = mux.observer.record(DiagnosticStatus, f'{space}/safety_mux/status', latched())
+    with NodeProcess('safety_mux.node', namespace=space):
+        mux.wait(
+            lambda: (
+                status.last is not None and 'nobody listens to ~/command' in status.last.message
+            ),
+            'the hint',
+        )
+
+
+# Publishers that cannot be heard, or that say something else.
+
+
+def test_best_effort_estop_publisher_is_named(mux: MuxBench) -> None:
+    qos = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
+    topic = f'{mux.space}/esi_drive_bridge/estop'
+    mux.active()
+    cause = time.monotonic()
+    weak = Talker(mux.observer, Bool, topic, Bool(data=False), qos=qos)
+    try:
+        mux.stopped_since(cause, 3.0)
+        mux.wait(lambda: mux.explains('observer publishes', 'best effort'), 'its name')
+    finally:
+        weak.leave()
+    mux.joy.message = sticks()
+    mux.wait(lambda: mux.is_past('best effort'), 'it is gone')
+    mux.ready()
+
+
+def test_best_effort_publisher_of_a_drives_word_is_named(observer: Observer) -> None:
+    """Unheard, it could never say that the drive is not enabled."""
+    mux = MuxBench(observer)
+    qos = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
+    topic = f'{mux.space}/esi_drive_bridge/enabled'
+    try:
+        mux.drive_enabled.leave()
+        weak = Talker(observer, Bool, topic, Bool(data=False), qos=qos)
+        mux.ready()
+        mux.joy.message = sticks(deadman=True)
+        waits = 'waits for the drive to be enabled: the drive is invalid'
+        mux.wait(lambda: mux.explains(waits, 'observer publishes', 'best effort'), 'its name')
+        mux.joy.message = sticks(0.5, deadman=True)
+        observer.holds_for(lambda: not any(mux.demand), 0.5, 'no demand')
+        weak.leave()
+    finally:
+        mux.close()
+
+
+def test_publisher_of_another_type_on_an_estop_topic_is_named(mux: MuxBench) -> None:
+    with NodeProcess(source=_STRINGS.format(topic=f'{mux.space}/fort_vsc_bridge/estop')):
+        mux.wait(lambda: mux.explains('publishes std_msgs/msg/String', 'not Bool'), 'it')
+    mux.wait(lambda: mux.is_past('std_msgs/msg/String'), 'it is gone', 30.0)
+
+
+_STRINGS = """
+import rclpy
+from rclpy.node import Node
+from std_msgs.msg import String
+rclpy.init()
+node = Node('stranger')
+node.create_publisher(String, '{topic}', 10)
+rclpy.spin(node)
+"""
+
+
+# Autonomy.
+
+
+@pytest.mark.parametrize(
+    ('kind', 'rest', 'motion'),
+    [
+        ('Twist', Twist(), Twist()),
+        ('TwistStamped', TwistStamped(), TwistStamped()),
+        (
+            'JointState',
+            JointState(name=['right', 'left'], velocity=[0.0, 0.0]),
+            JointState(name=['right', 'left'], velocity=[3.0, 1.0]),
+        ),
+    ],
+    ids=['Twist', 'TwistStamped', 'JointState'],
+)
+def test_autonomy_of_each_type_moves_after_it_was_selected(
+    observer: Observer, kind: str, rest: Any, motion: Any
+) -> None:
+    wheels = {} if kind == 'JointState' else WHEELS
+    if kind != 'JointState':
+        twist = getattr(motion, 'twist', motion)
+        # 0.2 m/s on wheels of 0.1 m, and 0.4 rad/s to the left with 0.5 m between them.
+        twist.linear.x, twist.angular.z = 0.2, 0.4
+    mux = MuxBench(observer, autonomy__topic='cmd', autonomy__type=kind, **wheels)
+    autonomy = Talker(observer, type(rest), f'{mux.space}/cmd', rest)
+    try:
+        mux.ready()
+        autonomy.message = motion
+        observer.holds_for(lambda: not any(mux.command.last.velocity), 0.3)
+        refused = mux.select_autonomy()
+        assert not refused.success  # it has to have asked for zero
+        autonomy.message = rest
+        mux.wait(lambda: mux.explains('~/select_autonomy'), 'rested autonomy')
+        assert mux.select_autonomy().success
+        mux.wait(lambda: mux.says('ACTIVE'), 'ACTIVE')
+        autonomy.message = motion
+        expected = [1.0, 3.0]  # left, right
+        mux.wait(lambda: list(mux.command.last.velocity) == pytest.approx(expected), f'{expected}')
+        assert mux.select_autonomy(False).success
+        mux.wait(lambda: mux.says('READY') and not any(mux.command.last.velocity), 'READY')
+    finally:
+        autonomy.leave()
+        mux.close()
+
+
+def test_autonomy_that_falls_silent_or_mad_stops(observer: Observer) -> None:
+    mux = MuxBench(observer, autonomy__topic='cmd_vel', **WHEELS)
+    autonomy = Talker(observer, Twist, f'{mux.space}/cmd_vel', Twist())
+    mad = Twist()
+    mad.angular.x = math.nan  # of no use for wheels, but not of a sane planner
+    try:
+        for spoil, within in (
+            (autonomy.pause, SILENCE_STOPS_WITHIN),
+            (lambda: setattr(autonomy, 'message', mad), STOPPED_WITHIN),
+        ):
+            mux.ready()
+            mux.wait(lambda: mux.explains('~/select_autonomy'), 'rested autonomy')
+            assert mux.select_autonomy().success
+            autonomy.message = Twist()
+            autonomy.message.linear.x = 0.2
+            mux.wait(lambda: any(mux.command.last.velocity), 'motion')
+            spoil()
+            mux.stopped_since(time.monotonic(), within)
+            autonomy.message = Twist()
+            autonomy.resume()
+    finally:
+        autonomy.leave()
+        mux.close()
+
+
+def test_operator_takes_over_from_autonomy_by_the_deadman(observer: Observer) -> None:
+    mux = MuxBench(observer, autonomy__topic='cmd_vel', **WHEELS)
+    autonomy = Talker(observer, Twist, f'{mux.space}/cmd_vel', Twist())
+    try:
+        mux.ready()
+        mux.wait(lambda: mux.explains('~/select_autonomy'), 'rested autonomy')
+        assert mux.select_autonomy().success
+        autonomy.message = Twist()
+        autonomy.message.linear.x = 0.5
+        mux.wait(lambda: mux.command.last.velocity[0] > 4.0, 'motion')
+        mux.joy.message = sticks(-1.0, deadman=True)
+        mux.wait(lambda: mux.command.last.velocity[0] < -1.0, 'backwards')
+        speeds = [command.velocity[0] for command in mux.command.messages]
+        turned = next(i for i, speed in enumerate(speeds) if speed < 0)
+        assert speeds[turned - 1] < 1.5  # no jump, though some samples may not have come here
+        assert values_of(mux.status.last)['owner'] == 'fort'
+        mux.joy.message = sticks()
+        mux.wait(lambda: mux.says('READY'), 'never back to autonomy')
+        mux.wait(lambda: not any(mux.command.last.velocity), 'nothing')
+        mux.observer.holds_for(lambda: not any(mux.command.last.velocity), 0.5)
+    finally:
+        autonomy.leave()
+        mux.close()
+
+
+# Lifecycle, signals, names.
+
+
+def test_inactive_mux_says_stop_all_the_time_and_activation_is_stopped(
+    observer: Observer,
+) -> None:
+    mux = MuxBench(observer, autostart=False)
+    try:
+        mux.wait(lambda: len(mux.estop.messages) > 20 and mux.command.messages, 'outputs')
+        assert mux.is_stopped()
+        mux.wait(lambda: mux.explains('the mux is not active'), 'why')
+        assert observer.state(mux.name) == 'unconfigured'
+        assert observer.change_state(mux.name, 'configure')
+        assert observer.change_state(mux.name, 'activate')
+        mux.active()
+        moment = time.monotonic()
+        assert observer.change_state(mux.name, 'deactivate')
+        mux.stopped_since(moment)
+        assert not mux.reset().success
+        since = time.monotonic()
+
+        def repeated() -> bool:
+            assert mux.is_stopped()
+            return all(
+                len(list(record.since(since))) > 10
+                for record in (mux.estop, mux.enable, mux.command)
+            )
+
+        mux.wait(repeated, 'outputs')
+        assert observer.change_state(mux.name, 'activate')  # deadman and stick are still held
+        observer.holds_for(mux.is_stopped, 0.5)
+        mux.joy.message = sticks()
+        mux.active()
+    finally:
+        mux.close()
+
+
+def test_requests_that_cannot_be_are_refused_and_end_nothing(observer: Observer) -> None:
+    """Of whatever lifecycle manager or tool: rclpy would end the process by them."""
+    mux = MuxBench(observer)
+    try:
+        mux.active()
+        moment = time.monotonic()
+        for number in (1, 3, 99):  # configure, activate, none
+            change = ChangeState.Request()
+            change.transition.id = number
+            reply = observer.call(ChangeState, f'{mux.name}/change_state', change, tries=5)
+            assert not reply.success
+        strange = [Parameter(name='rate', value=ParameterValue(type=77))]
+        for kind, service in (
+            (SetParameters, 'set_parameters'),
+            (SetParametersAtomically, 'set_parameters_atomically'),
+        ):
+            request = kind.Request(parameters=strange)
+            observer.call(kind, f'{mux.name}/{service}', request, tries=5)
+        assert observer.state(mux.name) == 'active'
+        mux.wait(lambda: mux.says('ACTIVE'), 'the same as before')
+        assert not any(message.data for _, message in mux.estop.since(moment))
+    finally:
+        mux.close()
+
+
+def test_trip_outlasts_an_activation_with_other_parameters(observer: Observer) -> None:
+    mux = MuxBench(observer)
+    try:
+        mux.active()
+        assert mux.trip().success
+        assert observer.change_state(mux.name, 'deactivate')
+        assert observer.set_parameter(mux.name, 'operator.fort.scale', [2.0]) == (True, '')
+        assert observer.change_state(mux.name, 'activate')
+        mux.status.clear()
+        mux.wait(lambda: mux.is_past('is silent'), 'sources that are heard')
+        assert values_of(mux.status.last)['trip active'] == 'true'
+    finally:
+        mux.close()
+
+
+def test_parameters_that_are_set_while_inactive_count_from_the_activation_on(
+    observer: Observer,
+) -> None:
+    mux = MuxBench(observer)
+    try:
+        mux.active(1.0)
+        mux.wait(lambda: min(mux.command.last.velocity) > 2.5, 'a speed beyond the limit to come')
+        assert not observer.set_parameter(mux.name, 'joint.left.max', 2.0)[0]
+        assert observer.change_state(mux.name, 'deactivate')
+        button = Talker(observer, Bool, f'{mux.space}/button', Bool(data=False))
+        for name, value in (
+            ('operator.fort.scale', [2.0]),
+            ('joint.left.max', 2.0),
+            ('joint.right.max', 2.0),
+            ('estop.fort.own_topic', ''),  # not that of another node
+            ('estop.fort.topic', f'{mux.space}/button'),
+        ):
+            assert observer.set_parameter(mux.name, name, value) == (True, '')
+        mux.joy.message = sticks()
+        mux.command.clear()
+        assert observer.change_state(mux.name, 'activate')
+        mux.active(1.0)
+        mux.wait(lambda: max(mux.command.last.velocity) == 2.0, 'the new limit')
+        mux.observer.holds_for(lambda: max(mux.command.last.velocity) <= 2.0, 0.5)
+        assert max(max(message.velocity) for message in mux.command.messages) == 2.0
+        button.message = Bool(data=True)  # the topic of before still says clear
+        mux.wait(lambda: mux.says('STOPPED'), 'the stop of the new topic')
+    finally:
+        mux.close()
+
+
+def test_stop_that_follows_a_stop_is_logged_and_no_reason_is_told_twice(
+    observer: Observer,
+) -> None:
+    mux = MuxBench(observer)
+    try:
+        mux.active()
+        for talker, name in ((mux.fort_estop, 'fort'), (mux.drive_estop, 'drive')):
+            talker.message = Bool(data=True)
+            line = f"STOPPED: e-stop source '{name}' demands a stop"
+            mux.wait(lambda line=line: line in mux.node.output, f'{line!r} in the log')
+        mux.wait(lambda: mux.explains("'fort' demands a stop", "'drive' demands a stop"), 'both')
+        values = values_of(mux.status.last)
+        texts = [text for key, text in values.items() if key.startswith('inhibit')]
+        assert len(set(texts)) == len(texts)
+        assert '; '.join(texts).count("source 'fort' demands a stop") == 1
+        for talker in (mux.fort_estop, mux.drive_estop):
+            talker.message = Bool(data=False)
+        mux.wait(lambda: "'fort' demands a stop" in mux.why().split(';')[0], 'the former reason')
+    finally:
+        mux.close()
+
+
+def test_refused_reset_is_in_the_status_until_one_counts(mux: MuxBench) -> None:
+    mux.fort_estop.message = Bool(data=True)
+    mux.wait(lambda: mux.explains("'fort' demands a stop"), 'a stop')
+    assert not mux.reset().success
+    mux.wait(lambda: 'the last reset was refused' in mux.why(), 'the refusal')
+    assert "'fort' demands a stop" in values_of(mux.status.last)['last reset']
+    mux.fort_estop.message = Bool(data=False)
+    mux.active()
+    mux.wait(lambda: 'last reset' not in values_of(mux.status.last), 'no refusal')
+
+
+@each_ending
+def test_signal_mid_motion_puts_out_a_last_stop(observer: Observer, number: int) -> None:
+    mux = MuxBench(observer)
+    try:
+        mux.active()
+        cause = time.monotonic()
+        mux.node.signal(number)
+        mux.wait(lambda: mux.node.process.poll() is not None, 'its end')
+        assert mux.node.process.returncode == 0
+        mux.wait(mux.is_stopped, 'a last stop')
+        assert [e for _, e in mux.estop.since(cause)][-1].data
+    finally:
+        mux.close()
+
+
+def test_restarted_mux_is_stopped_whatever_is_held(observer: Observer) -> None:
+    mux = MuxBench(observer)
+    try:
+        mux.active()
+        assert mux.node.end(SIGTERM) == 0
+        mux.wait(mux.is_stopped, 'the last words of the first')  # later than all that it said
+        moment = time.monotonic()
+        mux.start()
+        mux.wait(
+            lambda: list(mux.enable.since(moment + 0.1)) and list(mux.command.since(moment + 0.1)),
+            'its outputs',
+        )
+        observer.holds_for(lambda: mux.is_stopped() and mux.state.last.data == 'STOPPED', 0.5)
+        mux.joy.message = sticks()
+        mux.active()
+    finally:
+        mux.close()
+
+
+# ROS time decides nothing.
+
+
+def test_simulated_time_that_stands_or_jumps_changes_no_stop(observer: Observer) -> None:
+    mux = MuxBench(observer, use_sim_time=True)
+    clock = observer.publisher(Clock, '/clock')
+    try:
+        mux.active()  # before there is any clock
+        for seconds in (10_000, 10_000, 6_400, 13_600, 0, -1):  # on, stands, by an hour, no time
+            clock.publish(Clock(clock=Time(sec=seconds)))
+            observer.holds_for(lambda: mux.state.last.data == 'ACTIVE' or mux.held_up(), 0.1)
+        assert any(mux.command.last.velocity) or mux.held_up()
+        mux.node.wait_output('/clock: Traceback')  # rclpy's own callback knows no such time
+        mux.joy.pause()
+        clock.publish(Clock(clock=Time(sec=1)))
+        mux.stopped_since(time.monotonic(), SILENCE_STOPS_WITHIN)
+    finally:
+        mux.close()
+
+
+def test_stamps_from_past_and_future_make_no_difference(mux: MuxBench) -> None:
+    mux.active()
+    for seconds in (0, 2_000_000_000):
+        message = sticks(0.5, deadman=True)
+        message.header.stamp = Time(sec=seconds)
+        mux.joy.message = message
+        mux.observer.holds_for(lambda: mux.enable.last.data or mux.held_up(), 0.4)
+    assert mux.state.last.data == 'ACTIVE' or mux.held_up()
+
+
+def test_status_and_state_reach_who_comes_late(mux: MuxBench) -> None:
+    state = mux.observer.record(String, f'{mux.name}/state', latched())
+    status = mux.observer.record(DiagnosticStatus, f'{mux.name}/status', latched())
+    mux.wait(lambda: state.messages and status.messages, 'both')
+    assert state.last.data == 'STOPPED'
+
+
+# What goes out, and who decides: in this process.
+
+
+class Publisher:
+    """Records what is published, in a story that several share."""
+
+    def __init__(
+        self,
+        story: list[Any],
+        name: str = '',
+        read: Callable[[Any], Any] = lambda message: getattr(message, 'data', None),
+    ) -> None:
+        self._story, self._name, self._read = story, name, read
+
+    def publish(self, message: Any) -> None:
+        self._story.append((self._name, self._read(message)))
+
+    def get_subscription_count(self) -> int:
+        return 1
+
+
+def test_repeated_value_goes_out_at_once_on_change_and_at_its_rate_else() -> None:
+    story: list[Any] = []
+    topic = Repeated(Publisher(story), Bool, period=0.025)
+    sent = []
+    for n in range(101):  # 1 s of ticks, with a change of one tick amid them
+        before = len(story)
+        topic.say(n == 52, n * 0.01)
+        sent.append(len(story) > before)
+    assert [data for _, data in story].count(True) == 1
+    assert sent[0]
+    assert sent[52]
+    assert sent[53]
+    assert 39 <= sum(sent) <= 44
+    gaps = [b - a for a, b in pairwise(n for n, was_sent in enumerate(sent) if was_sent)]
+    assert max(gaps) <= 3  # a period and a tick
+
+
+def test_repeated_value_makes_up_for_nothing_after_a_pause() -> None:
+    story: list[Any] = []
+    topic = Repeated(Publisher(story), Bool, period=0.025)
+    for n in (0, 500, 501, 502):
+        topic.say(False, n * 0.01)
+    assert len(story) == 2
+
+
+@pytest.fixture
+def own_mux(context: Any) -> Iterator[SafetyMux]:
+    mux = SafetyMux(context=context, namespace=namespace())
+    mux._freeze = FreezeWatch(math.inf, 0.0)  # no executor looks
+    mux.autostart()
+    yield mux
+    mux.destroy_node()
+
+
+def test_stop_goes_out_before_all_else(own_mux: SafetyMux) -> None:
+    story: list[Any] = []
+
+    def decide(state: State) -> None:
+        moves = state is State.ACTIVE
+        decision = Decision(
+            state, 'fort' if moves else None, moves, (0.0, 0.0), not moves, {'fort': not moves}
+        )
+        own_mux._arbiter.tick = lambda now: decision  # type: ignore[method-assign]
+        own_mux._tick(clock.now())
+
+    def play() -> None:
+        decide(State.ACTIVE)
+        for name in ('_estop', '_enable', '_state'):
+            getattr(own_mux, name).publisher = Publisher(story, name)
+        own_mux._stop_demands['fort'].publisher = Publisher(story, 'stop_demand')
+        for name in ('_command', '_status'):
+            setattr(own_mux, name, Publisher(story, name))
+        decide(State.STOPPED)
+
+    own_mux.lane.call(play)
+    names = [name for name, _ in story][:5]
+    assert names == ['_estop', '_enable', '_command', 'stop_demand', '_state']
+    assert story[:2] == [('_estop', True), ('_enable', False)]
+
+
+@pytest.mark.parametrize('moments', [(0.003, 0.005), (0.008, 0.012)])  # s; a tick is at 0.01
+def test_stop_that_is_gone_before_the_next_tick_is_demanded_of_the_other_devices(
+    context: Any, monkeypatch: pytest.MonkeyPatch, moments: tuple[float, float]
+) -> None:
+    stepped = SteppedMux(context, monkeypatch)
+    mux = stepped.mux
+    assert mux._reset().ok
+    assert stepped.run(0.1) is State.READY
+    began = stepped.now
+    story: list[Any] = []
+    mux._stop_demands['fort'].publisher = Publisher(story, 'fort')
+    drive = next(t for t in mux._intake.topics() if t.parameter == 'estop.drive.topic')
+    for at, value in sorted([(moments[0], True), (moments[1], False), (0.01, None), (0.02, None)]):
+        stepped.now = began + at
+        if value is None:
+            mux._tick(stepped.now)
+        elif drive.take(Bool(data=value), stepped.now):
+            mux._decide(stepped.now)
+    assert mux._last_state is State.STOPPED
+    assert ('fort', True) in story
+    assert story[-1] == ('fort', False)
+    mux.destroy_node()
+
+
+@pytest.mark.parametrize('silence', [LIMIT - 0.1, LIMIT + 0.1])
+def test_lost_sticks_stop_once_they_are_missing_for_the_timeout(
+    context: Any, monkeypatch: pytest.MonkeyPatch, silence: float
+) -> None:
+    stepped = SteppedMux(context, monkeypatch)
+    assert stepped.mux._reset().ok
+    assert stepped.run(LIMIT + 0.1) is State.READY
+    hear = next(
+        each.callback
+        for each in stepped.mux.lane._topics
+        if each.subscription.topic_name.endswith('/joy')
+    )
+    stepped.joy = sticks(0.5, deadman=True)
+    assert stepped.run(0.1) is State.ACTIVE
+    hear(stepped.joy, {'publication_sequence_number': 1})
+    stepped.joy = None
+    stepped.run(silence)
+    hear(sticks(0.5, deadman=True), {'publication_sequence_number': 12})
+    state = stepped.run(0.02)
+    assert state is (State.ACTIVE if silence < LIMIT else State.STOPPED)
+    stepped.mux.destroy_node()
+
+
+@contextlib.contextmanager
+def hanging(mux: SafetyMux) -> Iterator[None]:
+    """Have its lane hang meanwhile; who asks it for something is answered soon."""
+    gate = Event()
+    mux.lane.post(gate.wait)
+    try:
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(lane, '_CALL_LIMIT', 0.1)
+            yield
+    finally:
+        gate.set()
+
+
+def test_mux_that_hangs_answers_that_nothing_was_done(own_mux: SafetyMux) -> None:
+    with hanging(own_mux):
+        for service in (own_mux._on_reset, own_mux._on_end_trip):
+            response = service(Trigger.Request(), Trigger.Response())
+            assert not response.success
+            assert 'nothing was done' in response.message
+        own_mux.shut_down()
+        assert own_mux.lane._calls  # the stop, for when it goes on
+    wait_for(lambda: own_mux.lane.call(lambda: own_mux._last_state) is State.STOPPED, what='it')
+    assert not own_mux.lane.call(lambda: own_mux._arbiter.status(clock.now()).tripped)
+
+
+def test_stop_that_is_asked_of_a_mux_that_hangs_comes_when_it_goes_on(own_mux: SafetyMux) -> None:
+    with hanging(own_mux):
+        trip = own_mux._on_trip(Trigger.Request(), Trigger.Response())
+        deselection = own_mux._on_select_autonomy(SetBool.Request(), SetBool.Response())
+        own_mux._on_select_autonomy(SetBool.Request(data=True), SetBool.Response())
+        for response in (trip, deselection):
+            assert not response.success
+            assert 'it stops as soon as it goes on: nothing was done' in response.message
+        trip_, select = [function for function, _ in own_mux.lane._calls if function != _settle]
+        assert trip_ == own_mux._trip
+        assert isinstance(select, partial)
+        assert select.args == (False,)
+    wait_for(
+        lambda: own_mux.lane.call(lambda: own_mux._arbiter.status(clock.now()).tripped),
+        what='the trip',
+    )
+
+
+def test_trip_is_kept_for_a_mux_that_hangs_whatever_diagnostics_say_meanwhile(
+    own_mux: SafetyMux,
+) -> None:
+    with hanging(own_mux):
+        own_mux._on_trip(Trigger.Request(), Trigger.Response())
+        waits = len(own_mux.lane._calls)
+        name = f'{own_mux.get_namespace().lstrip("/")}/fort_vsc_bridge: device'
+        level = DiagnosticStatus.ERROR
+        status = [DiagnosticStatus(level=level, name=name, message=str(n)) for n in range(100)]
+        for _ in range(100):
+            own_mux._on_diagnostics(DiagnosticArray(status=status))
+        assert len(own_mux.lane._calls) == waits + 1
+
+    def explained() -> bool:
+        tripped = own_mux._arbiter.status(clock.now()).tripped
+        return tripped and own_mux._arbiter._sources['fort'].device_words == '99'
+
+    wait_for(lambda: own_mux.lane.call(explained), what='the trip, and the newest text')
+
+
+def reset_of(mux: SafetyMux) -> str:
+    return str(mux._on_reset(Trigger.Request(), Trigger.Response()).message)
+
+
+def test_what_is_asked_right_after_a_hang_of_the_services_is_not_done_but_a_stop(
+    context: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    stepped = SteppedMux(
+        context, monkeypatch, **{'autonomy.topic': 'plan', 'autonomy.type': 'JointState'}
+    )
+    mux = stepped.mux
+    mux._look()
+    stepped.run(5.0)
+    assert 'frozen' in reset_of(mux)
+    stepped.run(0.24)
+    assert 'frozen' in reset_of(mux)
+    assert 'frozen' in mux._on_end_trip(Trigger.Request(), Trigger.Response()).message
+    selection = mux._on_select_autonomy(SetBool.Request(data=True), SetBool.Response())
+    assert 'frozen' in selection.message
+    stepped.run(0.02)
+    assert reset_of(mux).startswith('reset: READY')
+    mux._look()
+    stepped.run(5.0)
+    assert mux._on_select_autonomy(SetBool.Request(), SetBool.Response()).success
+    assert mux._on_trip(Trigger.Request(), Trigger.Response()).success
+    assert stepped.run(0.02) is State.STOPPED
+    mux.destroy_node()
+
+
+@pytest.mark.parametrize('hang', [4.5, 6.5])
+def test_script_that_resets_for_ever_does_not_rearm_after_a_hang_of_the_services(
+    context: Any, monkeypatch: pytest.MonkeyPatch, hang: float
+) -> None:
+    stepped = SteppedMux(context, monkeypatch)
+    mux = stepped.mux
+
+    def go_on(seconds: float) -> None:
+        for _ in range(round(seconds / 0.1)):
+            mux._look()
+            stepped.run(0.1)
+
+    go_on(1.0)
+    assert reset_of(mux).startswith('reset')
+    for _ in range(3):  # a script, from here on
+        go_on(1.0)
+        assert 'nothing to reset' in reset_of(mux)
+    stepped.run(1.5)
+    stepped.stop = True
+    stepped.run(0.2)
+    stepped.stop = False
+    assert stepped.run(hang - 1.7) is State.STOPPED
+    for _ in range(4):  # those that have waited
+        assert not reset_of(mux).startswith('reset')
+    for _ in range(8):
+        go_on(0.5)
+        assert 'resets have been called since before the stop' in reset_of(mux)
+    mux.destroy_node()
+
+
+def test_hang_of_the_services_that_no_bridge_would_notice_refuses_nothing(
+    context: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    stepped = SteppedMux(context, monkeypatch)
+    stepped.mux._look()
+    stepped.run(node._LOOK_PERIOD + bridge_node._FREEZE - TICK)
+    assert reset_of(stepped.mux).startswith('reset: READY')
+    stepped.mux.destroy_node()
+
+
+def test_reset_that_waits_for_services_that_hang_is_not_done(
+    context: Any, observer: Observer
+) -> None:
+    """Whoever asked may have given up by then, and be where the machine moves."""
+    fed = FedMux(context, use_sim_time=True)  # which stands
+    hangs, gate, ending = Event(), Event(), Event()
+    executor = SingleThreadedExecutor(context=context)
+    executor.add_node(fed.mux)
+
+    def spin() -> None:
+        while not ending.is_set():
+            executor.spin_once(timeout_sec=0.1)
+
+    def hang() -> None:
+        hangs.set()
+        gate.wait()
+
+    thread = Thread(target=spin)
+    thread.start()
+    try:
+        name = fed.mux.get_fully_qualified_name()
+        observer.wait_for(fed.may_reset, what='all clear')
+        assert observer.call(Trigger, f'{name}/end_trip', tries=5).message  # it knows us
+        executor.create_task(hang)
+        observer.wait_for(hangs.is_set, what='services that hang')
+        reply = observer.client(Trigger, f'{name}/reset').call_async(Trigger.Request())
+        observer.holds_for(lambda: not reply.done(), 1.0, 'no answer')
+        gate.set()
+        observer.wait_for(reply.done, what='the answer')
+        assert 'this node was frozen' in reply.result().message
+        assert fed.state() is State.STOPPED
+        reset = partial(observer.call, Trigger, f'{name}/reset')
+        observer.wait_for(lambda: fed.may_reset() and reset().success, what='one in time')
+    finally:
+        gate.set()
+        ending.set()
+        thread.join()
+        executor.shutdown()
+        fed.mux.destroy_node()
+
+
+def test_mux_that_hangs_says_nothing(own_mux: SafetyMux, observer: Observer) -> None:
+    """Not even that all is well: a drive stops for silence. Afterwards it is stopped."""
+    name = own_mux.get_fully_qualified_name()
+    records = [
+        observer.record(Bool, f'{name}/estop', latched()),
+        observer.record(JointState, f'{name}/command'),
+    ]
+    observer.wait_for(lambda: all(len(each.times) > 3 for each in records), 15.0, 'both')
+    gate, hangs = Event(), Event()
+    own_mux.lane.post(hangs.set)
+    own_mux.lane.post(gate.wait)
+    try:
+        observer.wait_for(hangs.is_set, what='it hangs')
+        observer.holds_for(lambda: True, 0.1)  # what was on its way
+        for each in records:
+            each.clear()
+        observer.holds_for(lambda: not any(each.times for each in records), 0.3)
+    finally:
+        gate.set()
+    observer.wait_for(lambda: all(each.times for each in records), what='both again')
+    assert all(records[0].data)

@@ -1,0 +1,804 @@
+# Copyright 2026 The rugged_teleop maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""What goes out besides e-stop and enable: who may move what, and what is said when he may not."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from itertools import pairwise
+import math
+import time
+from types import SimpleNamespace
+from typing import Any
+
+from builtin_interfaces.msg import Time
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from geometry_msgs.msg import Twist, TwistStamped, Vector3
+from hypothesis import given, strategies as st
+import pytest
+from rclpy.qos import DurabilityPolicy
+from rclpy.time import Time as Clock
+from sensor_msgs.msg import Joy
+from std_msgs.msg import Bool, Header
+
+from bridge_core.lane import owner_of
+from safety_mux.node import SafetyMux
+from safety_mux.outputs import command_of, GatedJoy, Repeated
+from safety_mux.protocol import Decision, State
+from safety_mux.report import unheard
+from stage.fed_mux import LIMIT, SteppedMux, TICK
+from stage.mux_talkers import MuxBench, sticks
+from stage.rig import latched, NodeProcess, Observer
+from stage.safety_mux_bench import Bench, CONFIG, DRIVE, OFF, REST
+from stage.talkers import namespace, Talker
+
+DEADBAND = 0.05
+DEADMAN = 0
+
+
+def joy(*axes: float, buttons: tuple[int, ...] = (1, 0)) -> Joy:
+    """Return what an operator sends who holds his deadman."""
+    return Joy(header=Header(frame_id='remote'), axes=axes, buttons=buttons)
+
+
+class Gate:
+    """A gate and what it has published, as (axes, buttons)."""
+
+    def __init__(self) -> None:
+        self.messages: list[Any] = []
+        self.gate = GatedJoy(self, lambda: Time(sec=7), deadband=DEADBAND, deadman=[DEADMAN])
+        self.now = 0.0
+
+    def publish(self, message: Any) -> None:
+        self.messages.append(message)
+
+    def hear(self, *axes: float, buttons: tuple[int, ...] = (1, 0)) -> None:
+        self.gate.hear(joy(*axes, buttons=buttons))
+
+    def tick(self, has_control: bool, dt: float = 0.0) -> list[tuple[list[float], list[int]]]:
+        """Return what goes out in a tick ``dt`` s after the last."""
+        before = len(self.messages)
+        self.now += dt
+        self.gate.decide(has_control, self.now)
+        self.gate.say(self.now)
+        return [(list(m.axes), list(m.buttons)) for m in self.messages[before:]]
+
+    def in_control(self) -> Gate:
+        self.hear(0.0, 0.0)
+        assert self.tick(True) == [([0.0, 0.0], [1, 0])]
+        return self
+
+
+# A topic that is repeated.
+
+
+class Said:
+    """A repeated topic, once a second, and what it has published, with the time."""
+
+    def __init__(self) -> None:
+        self.messages: list[tuple[float, bool]] = []
+        self.topic = Repeated(self, Bool, 1.0)
+        self.now = 0.0
+
+    def publish(self, message: Bool) -> None:
+        self.messages.append((self.now, message.data))
+
+    def say(self, *story: tuple[float, bool]) -> list[tuple[float, bool]]:
+        for self.now, value in story:
+            self.topic.say(value, self.now)
+        return self.messages
+
+
+def test_value_is_said_at_once_and_then_once_in_a_period() -> None:
+    story = ((5.0, False), (5.5, False), (6.0, False), (6.9, False), (7.2, False), (8.0, False))
+    assert Said().say(*story) == [(5.0, False), (6.0, False), (7.2, False), (8.0, False)]
+
+
+def test_change_is_said_at_once_and_the_period_begins_with_it() -> None:
+    story = ((0.0, False), (0.4, True), (1.0, True), (1.4, True), (1.5, False), (2.4, False))
+    assert Said().say(*story) == [(0.0, False), (0.4, True), (1.4, True), (1.5, False)]
+
+
+def test_what_was_due_while_nobody_asked_is_said_once() -> None:
+    story = ((0.0, True), (9.0, True), (9.0, True), (9.9, True), (10.0, True), (12.0, True))
+    told = [(0.0, True), (9.0, True), (10.0, True), (12.0, True)]
+    assert Said().say(*story, (12.0, True), (12.9, True), (13.0, True)) == [*told, (13.0, True)]
+
+
+# One operator's gate.
+
+
+def test_nothing_goes_out_before_the_first_message() -> None:
+    gate = Gate()
+    assert [gate.tick(control, 0.1) for control in (False, True, False)] == [[], [], []]
+
+
+@pytest.mark.parametrize('tick', [0.007, 0.01, 0.011])
+def test_neutral_is_repeated_at_20_hz_with_the_lengths_and_the_frame_of_the_last(
+    tick: float,
+) -> None:
+    gate = Gate()
+    gate.hear(0.5, -1.0, 0.2, buttons=(1,))
+    sent = [gate.tick(False, tick) for _ in range(round(10.0 / tick))]
+    assert 199 <= sum(map(len, sent)) <= 201
+    assert [each for each in sent if each][-1] == [([0.0, 0.0, 0.0], [0])]
+    assert gate.messages[-1].header == Header(frame_id='remote', stamp=Time(sec=7))
+
+
+def test_each_message_of_the_owner_is_repeated_once_and_unchanged() -> None:
+    gate = Gate().in_control()
+    for axes in ((0.5, -1.0), (0.25, 0.0)):
+        gate.hear(*axes, buttons=(1, 1))
+        assert gate.tick(True, 0.01) == [(list(axes), [1, 1])]
+        assert gate.messages[-1].header.frame_id == 'remote'
+        assert gate.tick(True, 0.01) == []  # nothing is made up while he is silent
+
+
+def test_end_of_control_is_neutral_at_once_whatever_was_heard_in_that_tick() -> None:
+    gate = Gate().in_control()
+    gate.hear(0.5, 0.5)
+    assert gate.tick(False) == [([0.0, 0.0], [0, 0])]
+    gate.hear(0.5, 0.5)
+    assert gate.tick(False) == []
+    assert gate.tick(False, 0.05) == [([0.0, 0.0], [0, 0])]
+
+
+def test_end_of_control_is_neutral_before_the_tick_goes_on() -> None:
+    gate = Gate().in_control()
+    gate.gate.decide(False, gate.now)
+    assert list(gate.messages[-1].buttons) == [0, 0]
+
+
+def test_axis_and_button_that_were_held_before_control_are_zero_until_let_go_of() -> None:
+    gate = Gate()
+    gate.hear(0.0, 0.6, buttons=(1, 1))
+    assert gate.tick(True) == [([0.0, 0.0], [1, 0])]
+    assert gate.gate.held == ['axis 1', 'button 1']
+    gate.hear(0.3, 0.7, buttons=(1, 1))
+    assert gate.tick(True, 0.01) == [([pytest.approx(0.3), 0.0], [1, 0])]
+    gate.hear(0.3, -DEADBAND / 2, buttons=(1, 0))
+    gate.tick(True, 0.01)
+    assert gate.gate.held == []
+    gate.hear(0.3, 0.5, buttons=(1, 1))
+    assert gate.tick(True, 0.01) == [([pytest.approx(0.3), 0.5], [1, 1])]
+
+
+def test_nothing_is_held_back_before_the_first_message_nor_while_the_gate_is_closed() -> None:
+    gate = Gate()
+    gate.tick(True)
+    assert gate.gate.held == []
+    gate.tick(False)
+    gate.hear(0.0, 0.6)
+    gate.tick(False)
+    assert gate.gate.held == []
+
+
+def test_axis_is_let_go_of_at_the_deadband_which_is_zero_if_none_is_given() -> None:
+    wide, none = GatedJoy(Said(), Time, deadband=0.5), GatedJoy(Said(), Time)
+    for gate, held in ((wide, []), (none, ['axis 0'])):
+        gate.hear(joy(0.5, 0.0, buttons=()))
+        gate.decide(True, 0.0)
+        assert gate.held == held
+
+
+def test_wide_deadband_of_one_stick_is_that_of_no_other() -> None:
+    gate = GatedJoy(Said(), Time, deadbands={0: 0.5}, deadband=0.05)
+    gate.hear(joy(0.45, 0.45, buttons=()))
+    gate.decide(True, 0.0)
+    assert gate.held == ['axis 1']
+
+
+def test_stop_and_new_control_forget_what_was_let_go_of() -> None:
+    gate = Gate().in_control()
+    gate.hear(0.0, 0.5)
+    gate.tick(True)
+    gate.tick(False)
+    assert gate.tick(True) == []  # nothing new, all at the same time
+    gate.hear(0.0, 0.5)
+    assert gate.tick(True) == [([0.0, 0.0], [1, 0])]
+    assert gate.gate.held == ['axis 1']
+
+
+def test_what_is_left_out_is_named_in_part() -> None:
+    gate = Gate()
+    gate.hear(*[0.5] * 4, buttons=(1,) * 1000)
+    gate.tick(True)
+    assert gate.gate.held[::3] == ['axis 0', 'axis 3', 'button 3', 'button 6']
+    assert len(gate.gate.held) == 10
+
+
+def test_gate_that_replaces_another_is_neutral_from_its_first_tick_on() -> None:
+    before, after = Gate().in_control(), Gate()
+    after.gate.go_on(before.gate)
+    assert after.tick(False) == [([0.0, 0.0], [0, 0])]
+
+
+def test_message_that_becomes_longer_or_shorter_is_passed_on() -> None:
+    gate = Gate().in_control()
+    gate.hear(0.5, 0.5, 0.5)
+    assert gate.tick(True) == [([0.5, 0.5, 0.0], [1, 0])]
+    gate.hear(0.5, buttons=())
+    assert gate.tick(True) == [([0.5], [])]
+    assert gate.tick(False) == [([0.0], [])]
+
+
+axes = st.lists(st.sampled_from([0.0, 0.04, -0.04, 0.5, -1.0]), max_size=3)
+buttons = st.lists(st.integers(0, 2), max_size=3)
+steps = st.one_of(
+    st.tuples(st.just('hear'), axes, buttons),
+    st.tuples(st.just('tick'), st.booleans(), st.sampled_from([0.0, 0.01, 0.1])),
+    st.tuples(st.just('stop')),
+)
+
+
+@given(st.lists(steps, max_size=40))
+def test_nothing_moves_without_control_nor_what_was_held_when_it_began(
+    story: list[tuple[Any, ...]],
+) -> None:
+    gate, control, newest = Gate(), False, joy()
+    rested: set[tuple[str, int]] = set()
+
+    def note() -> None:
+        rested.update(('axis', i) for i, v in enumerate(newest.axes) if abs(v) <= DEADBAND)
+        rested.update(('button', i) for i, v in enumerate(newest.buttons) if v == 0)
+
+    for kind, *rest in story:
+        before, was = len(gate.messages), control
+        if kind == 'hear':
+            newest = joy(*rest[0], buttons=tuple(rest[1]))
+            gate.gate.hear(newest)
+            note()
+        else:
+            control = kind == 'tick' and rest[0]
+            if control and not was:
+                rested.clear()
+                note()
+            if kind == 'tick':
+                gate.tick(*rest)
+            else:
+                gate.gate.decide(False, gate.now)
+        sent = gate.messages[before:]
+        heard = gate.gate._heard is not None
+        assert len(sent) <= 1
+        assert not (was and not control and heard) or sent, 'the end of control is neutral at once'
+        for message in sent:
+            moving = {('axis', i) for i, v in enumerate(message.axes) if v}
+            moving |= {('button', i) for i, v in enumerate(message.buttons) if v}
+            assert control or not moving
+            assert moving <= rested | {('button', DEADMAN)}
+            assert (len(message.axes), len(message.buttons)) == (
+                len(newest.axes),
+                len(newest.buttons),
+            )
+
+
+# Whose demand counts, by the arbiter.
+
+
+def followed(bench: Bench, seconds: float) -> set[str | None]:
+    """Return who was followed while this time passed."""
+    found: set[str | None] = set()
+    bench.run(seconds, lambda decision: found.add(decision.follows))
+    return found
+
+
+def test_owner_is_followed_from_the_tick_in_which_he_gets_control_to_the_one_of_the_stop() -> None:
+    bench = Bench().ready()
+    assert bench.decision.follows is None
+    bench.samples['fort'] = DRIVE
+    bench.send()
+    assert bench.tick().follows == 'fort'
+    bench.arbiter.estop_message('fort', True, bench.now)
+    assert bench.tick().follows is None
+    bench.samples['fort'] = REST
+    bench.ready()
+    assert bench.decision.follows is None
+
+
+def test_released_deadman_and_lost_owner_are_followed_no_more() -> None:
+    bench = Bench().active()
+    bench.samples['fort'] = OFF
+    bench.send()
+    assert bench.tick().follows is None
+    bench = Bench().active()
+    bench.samples['fort'] = None
+    assert bench.run(0.4).follows is None
+
+
+def test_ramp_of_category_1_follows_nobody() -> None:
+    bench = Bench().active()
+    bench.arbiter.estop_message('gate', True, bench.now)
+    bench.now += 0.001
+    assert (bench.tick().state, bench.decision.owner) == (State.STOPPING, 'fort')
+    assert bench.decision.follows is None
+
+
+def test_takeover_follows_the_new_owner_at_once_and_the_former_no_more() -> None:
+    bench = Bench().active()
+    bench.samples['senior'] = DRIVE
+    bench.send()
+    assert (bench.tick().owner, bench.decision.follows) == ('senior', 'senior')
+    assert any(bench.decision.demand), 'the joints pass through zero first'
+    assert followed(bench, 0.5) == {'senior'}
+
+
+def test_owner_is_followed_while_the_joints_wait_for_the_drive() -> None:
+    """A monitor turns although the motors do not, and a stick pushed meanwhile is not held."""
+    bench = Bench(replace(CONFIG, drives=('',))).ready()
+    bench.samples['fort'], bench.drive = DRIVE, False
+    assert bench.run(0.3).follows == 'fort'
+    assert not any(bench.decision.demand)
+
+
+def test_owner_who_is_overruled_is_followed_no_more_while_the_output_ramps() -> None:
+    bench = Bench().active()
+    bench.samples['senior'] = OFF
+    bench.send()
+    assert (bench.tick().owner, bench.decision.follows) == ('fort', None)
+    assert any(bench.decision.demand)
+    assert followed(bench, 0.5) == {None}
+
+
+# Commands.
+
+
+STAMP = Time(sec=3, nanosec=4)
+
+
+def values(output: str) -> dict[str, Any]:
+    joints = ['left', 'right', 'mast'] if output == 'joints' else ['linear', 'angular']
+    return {'output': output, 'joints': joints, 'interface': 'effort', 'frame_id': 'base'}
+
+
+def test_command_of_joints_has_their_names_the_field_of_the_interface_and_the_stamp() -> None:
+    command = command_of(values('joints'))
+    assert command.topic == '~/command'
+    command.message((9.0, 9.0, 9.0), Time())
+    message = command.message((1.0, -2.0, 0.5), STAMP)
+    assert list(message.name) == ['left', 'right', 'mast']
+    assert list(message.effort) == [1.0, -2.0, 0.5]
+    assert not message.velocity
+    assert not message.position
+    assert message.header.stamp == STAMP
+
+
+@pytest.mark.parametrize('output', ['twist', 'twist_stamped'])
+def test_twist_is_forward_and_turn_and_nothing_else(output: str) -> None:
+    command = command_of(values(output))
+    assert command.topic == '~/cmd_vel'
+    command.message((9.0, 9.0), Time())
+    message = command.message((0.5, -0.25), STAMP)
+    if output == 'twist_stamped':
+        assert message.header == Header(frame_id='base', stamp=STAMP)
+        message = message.twist
+    assert message == Twist(linear=Vector3(x=0.5), angular=Vector3(z=-0.25))
+
+
+# The node.
+
+
+@pytest.fixture
+def own_mux(context: Any) -> Iterator[SafetyMux]:
+    mux = SafetyMux(
+        context=context,
+        namespace=namespace(),
+        parameter_overrides=parameters({'operator.fort.gated_joy': True}),
+    )
+    yield mux
+    mux.destroy_node()
+
+
+def parameters(values: dict[str, Any]) -> list[Any]:
+    from rclpy.parameter import Parameter
+
+    return [Parameter(name, value=value) for name, value in values.items()]
+
+
+def test_axis_of_two_joints_is_let_go_of_at_the_lesser_of_their_deadbands(context: Any) -> None:
+    for deadbands in ([0.05, 0.6], [0.6, 0.05]):
+        values = {'gated_joy': True, 'mixing': 'none', 'axis': [1, 1], 'deadband': deadbands}
+        overrides = parameters({f'operator.fort.{name}': value for name, value in values.items()})
+        mux = SafetyMux(context=context, namespace=namespace(), parameter_overrides=overrides)
+        gate = mux._gated_joys['fort']
+        said: list[Any] = []
+        gate.publisher = SimpleNamespace(publish=said.append)
+        gate.hear(sticks(0.5, deadman=True))
+        gate.decide(True, 1.0)
+        gate.say(1.0)
+        mux.destroy_node()
+        assert said[-1].axes[1] == 0.0, 'held as control began'
+
+
+def test_zero_and_neutral_go_out_with_the_stop_and_behind_it(
+    own_mux: SafetyMux, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    story: list[str] = []
+
+    class Publisher:
+        def __init__(self, name: str) -> None:
+            self.name = name
+
+        def publish(self, message: Any) -> None:
+            story.append(self.name)
+
+    def decide(state: State) -> None:
+        moves = state is State.ACTIVE
+        owner = 'fort' if moves else None
+        decision = Decision(state, owner, moves, (0.0, 0.0), not moves, {}, owner)
+        own_mux._arbiter.tick = lambda now: decision  # type: ignore[method-assign]
+        own_mux._decide(time.monotonic())
+
+    def play() -> None:
+        gate = own_mux._gated_joys['fort']
+        gate.hear(sticks(deadman=True))
+        decide(State.ACTIVE)
+        for each, name in ((own_mux._estop, 'estop'), (own_mux._enable, 'enable'), (gate, 'joy')):
+            each.publisher = Publisher(name)
+        monkeypatch.setattr(own_mux, '_command', Publisher('command'))
+        decide(State.STOPPED)
+        monkeypatch.undo()
+
+    own_mux.lane.call(play)
+    assert story == ['estop', 'enable', 'command', 'joy']
+
+
+def test_words_of_a_device_are_cited_in_part(own_mux: SafetyMux) -> None:
+    device = f'{own_mux.get_namespace().lstrip("/")}/fort_vsc_bridge: device'
+
+    def said() -> str:
+        now = time.monotonic()
+        own_mux._arbiter.estop_message('fort', True, now)
+        return str(own_mux._status_message(now).message)
+
+    words = DiagnosticStatus(name=device, level=b'\2', message='x' * 300_000)
+    own_mux._on_diagnostics(DiagnosticArray(status=[words]))
+    assert own_mux.lane.call(said).count('x') == pytest.approx(1000, abs=10)
+
+
+QUIET = 'mode is Menu: leave the menu'
+
+
+@pytest.mark.parametrize(
+    ('level', 'message', 'words'),
+    [
+        (DiagnosticStatus.OK, f'ok; {QUIET}', f'; its device says: {QUIET}'),
+        (DiagnosticStatus.WARN, QUIET, f'; its device says: {QUIET}'),
+        (DiagnosticStatus.OK, 'ok', ''),
+    ],
+    ids=['in order', 'a warning', 'nothing to say'],
+)
+def test_operator_without_a_deadman_is_told_what_his_device_says(
+    context: Any, monkeypatch: pytest.MonkeyPatch, level: Any, message: str, words: str
+) -> None:
+    stepped = SteppedMux(context, monkeypatch)
+    mux = stepped.mux
+    try:
+        assert mux._reset().ok
+        assert stepped.run(LIMIT + 0.1) is State.READY
+        stepped.says('fort_vsc_bridge', level, message)
+        advice = f"press the deadman of 'fort' to take control{words}"
+        assert advice in stepped.values().values()
+        stepped.run(2.9)
+        assert advice in stepped.values().values()
+        stepped.run(0.2)
+        mux._look_around(stepped.now)  # its node says nothing any more
+        assert "press the deadman of 'fort' to take control" in stepped.values().values()
+        stepped.says('fort_vsc_bridge', level, message)
+        stepped.joy = None  # a device that sends no sticks in such a mode
+        stepped.run(LIMIT + 0.1)
+        assert f'limit 1000 ms{words or ": start its node"}' in stepped.message()
+    finally:
+        mux.destroy_node()
+
+
+@pytest.mark.parametrize(
+    ('buttons', 'given', 'said'),
+    [
+        ({3: 1}, {}, "operator 'fort': buttons pressed: 3; its deadman: 0"),
+        ({0: 1}, {'operator.fort.deadman_buttons': [0, 2]}, 'pressed: 0; its deadman: 0 and 2'),
+        ({0: 1}, {'operator.fort.pressed_at': 2}, ''),
+        ({}, {}, ''),
+    ],
+    ids=['another', 'a half', 'a switch that is not on', 'none'],
+)
+def test_buttons_that_are_pressed_instead_of_the_deadman_are_named(
+    context: Any, monkeypatch: pytest.MonkeyPatch, buttons: Any, given: Any, said: str
+) -> None:
+    stepped = SteppedMux(context, monkeypatch, **given)
+    try:
+        assert stepped.mux._reset().ok
+        assert stepped.run(LIMIT + 0.1) is State.READY
+        for button, value in buttons.items():
+            stepped.joy.buttons[button] = value
+        assert stepped.run(0.1) is State.READY
+        assert said in stepped.message()
+        assert ('buttons pressed' in stepped.message()) == bool(said)
+        stepped.run(10.0)  # a switch stays on, and nobody holds it
+        assert 'buttons pressed' not in stepped.message()
+    finally:
+        stepped.mux.destroy_node()
+
+
+@pytest.mark.parametrize(
+    ('listeners', 'said'),
+    [
+        ([], '~/command'),
+        (['status_page', 'recorder'], '~/command, but for recorder, status_page'),
+        (
+            ['_ros2cli_12', 'rosbag2_recorder', 'rqt_gui_py_node_9'],
+            '~/command, but for _ros2cli',
+        ),
+        (['status_page', 'esi_drive_bridge'], ''),
+        (['diff_drive_controller'], ''),
+        ([owner_of('_esi_drive_bridge_lane')], ''),
+        ([owner_of('_status_page_lane')], '~/command, but for status_page'),
+    ],
+)
+def test_who_only_looks_at_commands_is_nobody_who_obeys(listeners: list[str], said: str) -> None:
+    found = unheard('~/command', listeners)
+    assert found.startswith(said)
+    assert bool(found) == bool(said)
+
+
+def test_drive_that_does_not_enable_says_why_in_the_status_of_the_mux(
+    context: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    stepped = SteppedMux(context, monkeypatch)
+    mux = stepped.mux
+    enabled = next(t for t in mux._intake.topics() if t.parameter == 'drive_enabled_topic')
+    try:
+        enabled.take(Bool(data=False), stepped.now)
+        assert mux._reset().ok
+        stepped.run(LIMIT + 0.1)
+        stepped.says('esi_drive_bridge', DiagnosticStatus.OK, 'ok; disabled: enable is false')
+        stepped.joy = sticks(0.5, deadman=True)
+        assert stepped.run(0.1) is State.ACTIVE
+        enabled.take(Bool(data=False), stepped.now)
+        assert 'enable is false' not in stepped.message()  # which it said before it was asked
+        why = 'ok; disabled: the drive did not become enabled within 1000 ms; try ~/clear_errors'
+        stepped.says('esi_drive_bridge', DiagnosticStatus.OK, why)
+        expected = why.removeprefix('ok; ').replace('~', f'{mux.get_namespace()}/esi_drive_bridge')
+        said = stepped.values()['inhibit 1']
+        assert said.startswith("operator 'fort' waits for the drive to be enabled: ")
+        assert said.endswith(f'; its device says: {expected}')
+    finally:
+        mux.destroy_node()
+
+
+def test_mux_that_is_not_asked_for_it_publishes_no_joy(observer: Observer) -> None:
+    mux = MuxBench(observer)
+    try:
+        mux.ready()
+        names = [name for name, _ in observer.node.get_topic_names_and_types()]
+        assert f'{mux.name}/status' in names
+        assert f'{mux.name}/joy/fort' not in names
+    finally:
+        mux.close()
+
+
+def test_joy_of_the_owner_goes_through_and_is_neutral_from_release_and_stop_on(
+    observer: Observer,
+) -> None:
+    mux = MuxBench(observer, operator__fort__gated_joy=True)
+    record = observer.record(Joy, f'{mux.name}/joy/fort')
+
+    def pushed() -> Joy:
+        """Return the sticks of one who drives, and has another stick and button besides."""
+        message = sticks(0.5, deadman=True)
+        message.axes[3], message.buttons[2] = -0.75, 1
+        return message
+
+    def is_neutral() -> bool:
+        message = record.last
+        return not (any(message.axes) or any(message.buttons))
+
+    def is_passed_on() -> None:
+        mux.joy.message = pushed()
+        mux.wait(lambda: list(record.last.axes) == list(pushed().axes), 'all his axes')
+        assert list(record.last.buttons) == list(pushed().buttons)
+
+    def stays_neutral() -> None:
+        mux.wait(is_neutral, 'neutral')
+        record.clear()
+        mux.wait(lambda: len(record.messages) > 5, 'its repeats')
+        assert not any(any(m.axes) or any(m.buttons) for m in record.messages)
+
+    try:
+        mux.wait(lambda: record.messages and is_neutral(), 'neutral from the first message on')
+        assert (len(record.last.axes), len(record.last.buttons)) == (6, 8)
+        mux.active()
+        is_passed_on()
+        mux.joy.message = pushed()
+        mux.joy.message.buttons[0] = 0  # the deadman alone
+        mux.wait(lambda: mux.says('READY'), 'READY')
+        stays_neutral()
+        mux.joy.message = sticks()
+        mux.wait(lambda: mux.explains('press the deadman'), 'a rested operator')
+        mux.joy.message = sticks(deadman=True)
+        mux.wait(lambda: mux.says('ACTIVE'), 'ACTIVE')
+        is_passed_on()
+        mux.fort_estop.publisher.publish(Bool(data=True))
+        mux.wait(lambda: mux.says('STOPPED'), 'STOPPED')
+        stays_neutral()
+    finally:
+        mux.close()
+
+
+def test_stick_that_was_held_before_control_is_named_and_moves_nothing(
+    observer: Observer,
+) -> None:
+    mux = MuxBench(observer, operator__fort__gated_joy=True)
+    record = observer.record(Joy, f'{mux.name}/joy/fort')
+    message = sticks(deadman=True)
+    message.axes[4] = 0.5
+    try:
+        mux.ready()
+        mux.joy.message = message
+        mux.wait(lambda: mux.says('ACTIVE'), 'ACTIVE')
+        mux.wait(lambda: mux.explains('leaves out what was held before', 'axis 4'), 'its name')
+        mux.wait(lambda: record.last.buttons[0] == 1, 'the rest of his Joy')
+        assert not any(any(each.axes) for each in record.messages)
+        mux.joy.message = sticks(deadman=True)
+        mux.wait(lambda: mux.is_past('leaves out') or not mux.inhibits(), 'let go of')
+        mux.joy.message = message
+        mux.wait(lambda: record.last.axes[4] == pytest.approx(0.5), 'the stick')
+    finally:
+        mux.close()
+
+
+# A base controller instead of drives.
+
+BASE: dict[str, Any] = {
+    'joints': ['linear', 'angular'],
+    'joint.linear.max': 1.0,
+    'joint.linear.acceleration': 2.0,
+    'joint.linear.deceleration': 4.0,
+    'joint.angular.max': 2.0,
+    'joint.angular.acceleration': 20.0,
+    'joint.angular.deceleration': 40.0,
+    'operator.fort.mixing': 'none',
+    'operator.fort.axis': [1, 0],
+    'operator.fort.scale': [1.0, 2.0],
+    'drive_enabled_topic': '',
+}
+
+
+def forward_and_turn(message: Any) -> tuple[float, float]:
+    twist = message.twist if isinstance(message, TwistStamped) else message
+    return twist.linear.x, twist.angular.z
+
+
+@pytest.mark.parametrize('output', ['twist', 'twist_stamped'])
+def test_operator_drives_a_base_by_forward_and_turn(observer: Observer, output: str) -> None:
+    mux = MuxBench(observer, output=output, **BASE)
+    try:
+        mux.wait(lambda: len(mux.command.messages) > 10 and mux.is_stopped(), 'zero at the start')
+        assert not any(any(forward_and_turn(m)) for m in mux.command.messages)
+        mux.active()
+        mux.joy.message = sticks(1.0, deadman=True)
+        mux.joy.message.axes[0] = 0.525  # half of the way behind the dead band
+        mux.wait(lambda: mux.demand == pytest.approx((1.0, 1.0), abs=1e-3), 'forward and turn')
+        if output == 'twist_stamped':  # no step, whatever of it has come here
+            ramp = [
+                (Clock.from_msg(m.header.stamp), m.twist.linear.x) for m in mux.command.messages
+            ]
+            assert all(
+                x - y <= 2.0 * (t - u).nanoseconds / 1e9 + 0.5 for (u, y), (t, x) in pairwise(ramp)
+            )
+        topics = dict(observer.node.get_topic_names_and_types())
+        assert f'{mux.name}/command' not in topics
+        (endpoint,) = observer.node.get_publishers_info_by_topic(f'{mux.name}/cmd_vel')
+        assert endpoint.qos_profile.durability == DurabilityPolicy.VOLATILE
+        cause = time.monotonic()
+        mux.fort_estop.publisher.publish(Bool(data=True))
+        mux.stopped_since(cause)
+        mux.command.clear()
+        mux.wait(lambda: len(mux.command.messages) > 10, 'zero, again and again')
+        assert not any(any(forward_and_turn(m)) for m in mux.command.messages)
+        if output == 'twist_stamped':
+            stamps = [Clock.from_msg(m.header.stamp) for m in mux.command.messages]
+            assert all(a < b for a, b in pairwise(stamps))
+            assert mux.command.last.header.frame_id == 'base_link'
+    finally:
+        mux.close()
+
+
+def test_autonomy_passes_x_and_yaw_through_and_keeps_the_curve_at_the_limit(
+    observer: Observer,
+) -> None:
+    mux = MuxBench(
+        observer,
+        output='twist_stamped',
+        autonomy__topic='plan',
+        autonomy__type='TwistStamped',
+        **BASE,
+    )
+    plan = Talker(observer, TwistStamped, f'{mux.space}/plan', TwistStamped())
+    try:
+        mux.ready()
+        mux.wait(lambda: mux.explains('~/select_autonomy'), 'rested autonomy')
+        assert mux.select_autonomy().success
+        for asked, expected in (((0.5, -0.25), (0.5, -0.25)), ((2.0, 1.0), (1.0, 0.5))):
+            plan.message = TwistStamped(
+                twist=Twist(linear=Vector3(x=asked[0]), angular=Vector3(z=asked[1]))
+            )
+            mux.wait(lambda e=expected: mux.demand == pytest.approx(e), f'{expected}')
+            assert mux.command.last.header.stamp != Time()  # not the planner's
+        plan.message = TwistStamped(twist=Twist(linear=Vector3(x=0.5, y=math.nan)))
+        mux.stopped_since(time.monotonic())
+    finally:
+        plan.leave()
+        mux.close()
+
+
+@pytest.mark.parametrize('category', [0, 1])
+def test_stop_of_a_base_goes_out_before_the_next_decision(
+    context: Any, monkeypatch: pytest.MonkeyPatch, category: int
+) -> None:
+    parameters = {'output': 'twist', **BASE, 'estop.drive.stop_category': category}
+    stepped = SteppedMux(context, monkeypatch, **parameters)
+    mux, said = stepped.mux, []
+    assert mux._reset().ok
+    assert stepped.run(LIMIT + 0.1) is State.READY
+    stepped.joy = sticks(1.0, deadman=True)
+    assert stepped.run(1.0) is State.ACTIVE
+    command = SimpleNamespace(publish=lambda message: said.append(message.linear.x))
+    monkeypatch.setattr(mux, '_command', command)
+    stepped.now += TICK / 4
+    drive = next(t for t in mux._intake.topics() if t.parameter == 'estop.drive.topic')
+    assert drive.take(Bool(data=True), stepped.now)
+    mux._decide(stepped.now)
+    monkeypatch.undo()
+    mux.destroy_node()
+    assert len(said) == 1
+    assert said[0] == 0.0 if category == 0 else 0.9 < said[0] < 1.0
+
+
+def test_nobody_hears_the_twist_is_said(observer: Observer) -> None:
+    space = namespace()
+    status = observer.record(DiagnosticStatus, f'{space}/safety_mux/status', latched())
+    with NodeProcess('safety_mux.node', {'output': 'twist', **BASE}, namespace=space):
+        observer.wait_for(
+            lambda: status.last and 'nobody listens to ~/cmd_vel' in status.last.message,
+            15.0,
+            'the hint',
+        )
+        with Observer('recorder') as onlooker:
+            onlooker.record(Twist, f'{space}/safety_mux/cmd_vel')
+            observer.wait_for(
+                lambda: 'cmd_vel, but for recorder: is the' in status.last.message, 15.0, 'it'
+            )
+        observer.record(Twist, f'{space}/safety_mux/cmd_vel')
+        observer.wait_for(lambda: 'nobody listens' not in status.last.message, 15.0, 'one')
+
+
+def test_second_publisher_of_the_twist_stops(observer: Observer) -> None:
+    mux = MuxBench(observer, output='twist', **BASE)
+    try:
+        mux.active()
+        cause = time.monotonic()
+        other = Talker(observer, Twist, f'{mux.name}/cmd_vel', Twist())
+        try:
+            mux.wait(lambda: mux.explains('stop the other publisher', 'cmd_vel'), 'why')
+            other.pause()  # what it says is heard as the mux's, up to its last
+            other.message.linear.y = 1.0
+            other.say()
+            mux.wait(lambda: any(each.linear.y for each in mux.command.messages), 'its last')
+            mux.stopped_since(cause, 5.0)
+        finally:
+            other.leave()
+    finally:
+        mux.close()

@@ -1,0 +1,361 @@
+# Copyright 2026 The rugged_teleop maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Between pulses, counts and ROS messages."""
+
+import math
+from typing import Any
+
+from builtin_interfaces.msg import Time
+from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
+from hypothesis import given, strategies as st
+import pytest
+from sensor_msgs.msg import JointState
+from std_msgs.msg import MultiArrayLayout, UInt16MultiArray
+
+from ssc_bridge import convert
+from ssc_bridge.channels import AuxChannel, AxisInput
+from ssc_bridge.protocol import (
+    CommandState,
+    DigitalInput,
+    Measurement,
+    PulseAccumulator,
+    PulseOutput,
+    TIME_BASES_US,
+    TimerInput,
+    UnknownFunction,
+)
+from stage.talkers import values_of
+
+
+def axis(**changes: Any) -> AxisInput:
+    return AxisInput(**{'name': 'turn', 'channel': 2, 'deadband': 0.0, **changes})
+
+
+LOPSIDED = axis(min_us=1100, centre_us=1400, max_us=2000)
+
+
+# -- sticks ---------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ('us', 'value'),
+    [
+        (1100, -1.0),
+        (1250, -0.5),
+        (1399, -1 / 300),
+        (1400, 0.0),
+        (1401, 1 / 600),
+        (1700, 0.5),
+        (2000, 1.0),
+        (2300, 1.0),
+        (700, -1.0),
+        (None, 0.0),
+    ],
+)
+def test_each_side_of_an_axis_has_its_own_scale(us: int | None, value: float) -> None:
+    assert convert.position(LOPSIDED, us) == pytest.approx(value)
+
+
+def test_reversed_axis_turns_round() -> None:
+    turned = axis(min_us=1100, centre_us=1400, max_us=2000, reversed=True)
+    assert convert.position(turned, 1100) == 1.0
+    assert convert.position(turned, 1700) == pytest.approx(-0.5)
+
+
+def test_deadband_begins_without_a_step() -> None:
+    wide = axis(deadband=0.1)
+    assert convert.position(wide, 1550) == 0.0
+    assert convert.position(wide, 1450) == 0.0
+    assert 0.0 < convert.position(wide, 1551) < 0.01
+    assert convert.position(wide, 2000) == 1.0
+
+
+@given(st.none() | st.integers(0, 32767), st.booleans(), st.floats(0, 0.9))
+def test_axis_never_leaves_minus_1_to_1(us: int | None, turned: bool, deadband: float) -> None:
+    any_axis = axis(min_us=1100, centre_us=1400, max_us=2000, reversed=turned, deadband=deadband)
+    assert -1.0 <= convert.position(any_axis, us) <= 1.0
+
+
+def test_joy_has_axes_buttons_and_header() -> None:
+    stamp = Time(sec=3)
+    axes = (LOPSIDED, axis(reversed=True))
+    message = convert.joy((2000, None), (1, 2), axes, stamp, 'remote')
+    assert list(message.axes) == [1.0, 0.0]
+    assert math.copysign(1.0, message.axes[1]) == 1.0
+    assert list(message.buttons) == [1, 2]
+    assert (message.header.stamp, message.header.frame_id) == (stamp, 'remote')
+
+
+@pytest.mark.parametrize(
+    'changes',
+    [
+        {'min_us': 1500},
+        {'max_us': 1500},
+        {'min_us': 0},
+        {'deadband': 1.0},
+        {'deadband': math.nan},
+    ],
+)
+def test_calibration_that_cannot_be_is_refused(changes: dict[str, Any]) -> None:
+    with pytest.raises(ValueError, match=r'min_us|deadband'):
+        axis(**changes)
+
+
+# -- pulses and servos ----------------------------------------------------------------------------
+
+
+def test_invalid_pulse_is_told_from_no_pulse() -> None:
+    assert list(convert.pulses((1500, None, 0)).data) == [1500, 32768, 0]
+
+
+def test_command_states_in_words() -> None:
+    texts = [convert.command_state(state).data for state in (*CommandState, None)]
+    assert texts == ['no signal', '1 ms', '1.5 ms', '2 ms', 'unknown']
+
+
+def test_pulse_command_begins_at_its_offset() -> None:
+    message = UInt16MultiArray(layout=MultiArrayLayout(data_offset=1), data=[9, 1500, 1600])
+    assert convert.pulse_command(message) == [1500, 1600]
+    message.layout.data_offset = 4
+    with pytest.raises(ValueError, match='data_offset'):
+        convert.pulse_command(message)
+
+
+@pytest.mark.parametrize('data', [[], [1500]])
+def test_pulse_command_of_no_pulses_is_refused_as_such(data: list[int]) -> None:
+    layout = MultiArrayLayout(data_offset=len(data))  # not beyond them, and none are left
+    with pytest.raises(ValueError, match='1 to 24 are needed, not 0'):
+        convert.pulse_command(UInt16MultiArray(layout=layout, data=data))
+
+
+def test_refusal_of_megabytes_is_short() -> None:
+    with pytest.raises(ValueError, match='no servo') as refusal:
+        convert.servo_command(JointState(name=[f'{n:01000}' for n in range(3000)]), ['pan'])
+    assert len(str(refusal.value)) < 500
+    with pytest.raises(ValueError, match='a key such as') as refusal:
+        convert.aux_requests(KeyValue(key='x' * 3_000_000))
+    assert len(str(refusal.value)) < 500
+
+
+def test_servos_by_name_some_of_them_or_all_in_order() -> None:
+    names = ['pan', 'tilt']
+    assert convert.servo_command(JointState(name=['tilt'], position=[0.5]), names) == {'tilt': 0.5}
+    assert convert.servo_command(JointState(position=[0.1, 0.2]), names) == {
+        'pan': 0.1,
+        'tilt': 0.2,
+    }
+
+
+@pytest.mark.parametrize('field', ['position', 'velocity', 'effort'])
+def test_any_one_field_is_a_servo_command(field: str) -> None:
+    message = JointState(name=['pan'], **{field: [0.5]})
+    assert convert.servo_command(message, ['pan', 'tilt']) == {'pan': 0.5}
+
+
+@pytest.mark.parametrize(
+    'message',
+    [
+        JointState(name=['pan', 'pan'], position=[0.0, 0.0]),
+        JointState(name=['pan'], position=[0.0, 0.0]),
+        JointState(name=['pan'], position=[0.0], velocity=[0.0]),
+        JointState(name=['pan']),
+        JointState(position=[0.0]),
+    ],
+)
+def test_servo_command_that_does_not_add_up_is_refused(message: Any) -> None:
+    with pytest.raises(ValueError, match=r'twice|values|one of'):
+        convert.servo_command(message, ['pan', 'tilt'])
+
+
+# -- auxiliary channels ---------------------------------------------------------------------------
+
+# The manual's table of measurement ranges (3.2.3.2): time base, least Hz and rpm, greatest Hz.
+RANGES = [
+    (1, 61.04, 3662.11, 10000.00),
+    (2, 30.52, 1831.05, 5000.00),
+    (4, 15.26, 915.53, 2500.00),
+    (8, 7.63, 457.76, 1250.00),
+    (16, 3.81, 228.88, 625.00),
+    (32, 1.91, 114.44, 312.50),
+    (64, 0.95, 57.22, 156.25),
+    (128, 0.48, 28.61, 78.13),
+]
+
+
+def timer_values(timer: TimerInput, measurement: Measurement) -> dict[str, str]:
+    return convert.aux_values(AuxChannel(timer, True, measurement))
+
+
+@pytest.mark.parametrize(('time_base', 'least_hz', 'least_rpm', 'greatest_hz'), RANGES)
+@pytest.mark.parametrize('rising', [False, True])
+def test_frequencies_at_the_limits_of_the_manuals_table(
+    time_base: int, least_hz: float, least_rpm: float, greatest_hz: float, rising: bool
+) -> None:
+    timer = TimerInput(rising, rising, time_base)
+    slowest = timer_values(timer, Measurement(0x3FFF))
+    assert float(slowest['frequency (Hz)']) == pytest.approx(least_hz, abs=0.006)
+    assert float(slowest['speed (rpm)']) == pytest.approx(least_rpm, rel=1e-4)
+    assert float(slowest['period (s)']) == pytest.approx(16383 * time_base * 1e-6)
+    fastest = timer_values(timer, Measurement(100))  # 1 % accuracy
+    assert float(fastest['frequency (Hz)']) == pytest.approx(greatest_hz, abs=0.006)
+
+
+def test_the_manuals_example_of_a_time() -> None:
+    # 3.2.3.2: 1000 counts of 16 us are 16000 us.
+    values = timer_values(TimerInput(True, False, 16), Measurement(1000))
+    assert values == {
+        'function': 'Timer In (16us,+,-)',
+        'level': 'high',
+        'state': 'running',
+        'high (s)': '0.016000',
+    }
+
+
+@pytest.mark.parametrize('time_base', TIME_BASES_US)
+@pytest.mark.parametrize(
+    ('start', 'stop', 'name'),
+    [
+        (True, True, 'period'),
+        (False, False, 'period'),
+        (True, False, 'high'),
+        (False, True, 'low'),
+    ],
+)
+def test_edges_say_what_is_measured(start: bool, stop: bool, name: str, time_base: int) -> None:
+    values = timer_values(TimerInput(start, stop, time_base), Measurement(2))
+    assert float(values[f'{name} (s)']) == pytest.approx(2e-6 * time_base)
+    assert ('frequency (Hz)' in values) == (name == 'period')
+
+
+@pytest.mark.parametrize(
+    ('measurement', 'state'),
+    [
+        (Measurement(500, running=True, over_range=True), 'over-range'),
+        (Measurement(500, running=False, over_range=True), 'over-range'),
+        (Measurement(500, running=False), 'stopped'),
+    ],
+)
+def test_over_range_and_stopped_are_told_apart_and_give_no_number(
+    measurement: Measurement, state: str
+) -> None:
+    values = timer_values(TimerInput(True, True, 1), measurement)
+    assert values['state'] == state
+    for key in ('period (s)', 'frequency (Hz)', 'speed (rpm)'):
+        assert values[key] == 'unknown'
+
+
+def test_no_counts_are_no_frequency() -> None:
+    values = timer_values(TimerInput(True, True, 1), Measurement(0))
+    assert (values['period (s)'], values['frequency (Hz)']) == ('0.000000', 'unknown')
+
+
+def test_accumulator_tells_pulses_since_the_last_message_and_in_total() -> None:
+    values = convert.aux_values(AuxChannel(PulseAccumulator(True), False, Measurement(7), 19))
+    assert values == {
+        'function': 'PulAcc In (+)',
+        'level': 'low',
+        'state': 'counting',
+        'pulses since the last message': '7',
+        'pulses in total': '19',
+    }
+
+
+def test_lost_pulses_are_a_warning() -> None:
+    measured = Measurement(0x3FFF, over_range=True)
+    full = AuxChannel(PulseAccumulator(True), False, measured, 16383, overflowed=True)
+    others = [AuxChannel(DigitalInput(), True)] * 5
+    message = convert.aux_inputs([*others, full], 'ssc_bridge: aux', 'port')
+    assert message.level == DiagnosticStatus.WARN
+    assert 'aux 6 lost pulses' in message.message
+    assert values_of(message)['aux 6 pulses in total'] == 'at least 16383'
+    assert values_of(message)['aux 6 state'] == 'over-range'
+
+
+def test_every_function_has_its_line() -> None:
+    functions = (DigitalInput(), PulseOutput(), UnknownFunction(0x1F))
+    channels = [AuxChannel(function, False) for function in functions]
+    message = convert.aux_inputs(channels, 'name', 'hardware')
+    assert (message.level, message.message) == (DiagnosticStatus.OK, 'ok')
+    assert values_of(message) == {
+        'aux 1 function': 'Dig In',
+        'aux 1 level': 'low',
+        'aux 2 function': 'Pulse Out (1us,f,+)',
+        'aux 2 level': 'low',
+        'aux 3 function': 'unknown (0x001F)',
+        'aux 3 level': 'low',
+    }
+
+
+@pytest.mark.parametrize(
+    ('key', 'value', 'expected'),
+    [
+        ('4.level', 'high', (4, 'level', 1.0)),
+        ('4.level', 'low', (4, 'level', 0.0)),
+        ('1.level', '1', (1, 'level', 1.0)),
+        ('2.level', '0', (2, 'level', 0.0)),
+        ('3.level', 'true', (3, 'level', 1.0)),
+        ('6.level', 'false', (6, 'level', 0.0)),
+        ('5.pulse', '0.0015', (5, 'pulse', 0.0015)),
+        ('5.period', '2e-2', (5, 'period', 0.02)),
+    ],
+)
+def test_request_for_an_auxiliary_output(key: str, value: str, expected: Any) -> None:
+    assert convert.aux_requests(KeyValue(key=key, value=value)) == [expected]
+
+
+@pytest.mark.parametrize(
+    ('key', 'value'),
+    [
+        ('', ''),
+        ('4', 'high'),
+        ('.level', 'high'),
+        ('x.level', 'high'),
+        ('-1.level', 'high'),
+        ('4.volume', '1'),
+        ('4.level', 'up'),
+        ('4.level', ''),
+        ('5.pulse', 'long'),
+        ('5.pulse', '1_0'),
+        ('5.pulse', '\u0661'),
+        ('5.pulse', 'inf'),
+        ('5.pulse', 'nan'),
+        ('4.level,3.level', 'high'),
+        ('4.level', 'high,low'),
+        ('4.level,', 'high,'),
+    ],
+)
+def test_request_that_makes_no_sense_is_refused(key: str, value: str) -> None:
+    with pytest.raises(ValueError, match=r'key|level|time|values'):
+        convert.aux_requests(KeyValue(key=key, value=value))
+
+
+@pytest.mark.parametrize('number', ['0', '7', '7' * 4000, '7' * 5000])
+def test_auxiliary_channel_that_is_not_there_is_refused_in_few_words(number: str) -> None:
+    with pytest.raises(ValueError, match=r'no aux .* only 1 to 6') as refusal:
+        convert.aux_requests(KeyValue(key=f'{number}.level', value='high'))
+    assert len(str(refusal.value)) < 100
+
+
+def test_several_requests_in_one_message() -> None:
+    message = KeyValue(key='4.level, 5.pulse', value='high, 0.0015')
+    assert convert.aux_requests(message) == [(4, 'level', 1.0), (5, 'pulse', 0.0015)]
+
+
+def test_sources_of_the_outputs_by_number() -> None:
+    message = convert.channel_sources(('SERIAL', 'PIN 2 (nibble 1)'), 'name', 'hardware')
+    assert values_of(message) == {'output 1': 'SERIAL', 'output 2': 'PIN 2 (nibble 1)'}
+    assert (message.level, message.message) == (DiagnosticStatus.OK, 'ok')
+    none = convert.channel_sources((), 'name', 'hardware')
+    assert (none.level, none.message) == (DiagnosticStatus.STALE, 'unknown')

@@ -1,0 +1,561 @@
+# Copyright 2026 The rugged_teleop maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+Dialogues with the menus, on a simulated clock, with the simulated SSC and with worse.
+
+The property that counts: whatever happens, what is said of the unit afterwards is true.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+import itertools
+import json
+
+from hypothesis import given, settings, strategies as st
+import pytest
+
+from ssc_bridge.config.image import Image
+from ssc_bridge.config.menus import Dialogue, readable, Screen, screen_of, Script
+from ssc_bridge.config.scripts import (
+    DIGIT_PERIOD,
+    ENTRY,
+    ENTRY_TRIES,
+    Maintenance,
+    POWER_CYCLE,
+    Standing,
+)
+from ssc_bridge.simulator import Settings, Simulator, sums
+from ssc_bridge.simulator.menus import Terminal
+from stage.rig import ROOT
+
+pytestmark = pytest.mark.computes
+VECTOR = json.loads((ROOT / 'test' / 'vectors' / 'ssc.json').read_text())['config_image']
+GOLDEN = Image.parse('\n'.join(VECTOR['lines']))
+OTHERS = Settings(config_id=42)  # a unit without a valid configuration has other ones
+STEP = 0.005  # seconds; an answer takes as long
+LONGEST = 200.0
+
+EVERY_TERMINAL = pytest.mark.parametrize(
+    'terminal', [Terminal(echoes, asks) for echoes in (False, True) for asks in (False, True)]
+)
+
+
+@dataclass
+class Bench:
+    """
+    A unit that somebody switches off and on when told to, and a dialogue with it.
+
+    :ivar to_unit, from_unit: change the bytes of one moment on their way.
+    :ivar chunk: the dialogue gets so many bytes at a time.
+    """
+
+    simulator: Simulator = field(default_factory=lambda: Simulator(OTHERS))
+    unit: Maintenance = field(default_factory=Maintenance)
+    to_unit: Callable[[bytes], bytes] = lambda data: data
+    from_unit: Callable[[bytes], bytes] = lambda data: data
+    chunk: int = 4096
+    latency: float = 0.0  # seconds, of what the unit says
+    cancel_at: float = LONGEST
+    unplug_at: float = LONGEST
+    obeys: bool = True  # the user does what is asked
+    now: float = 0.0
+    lines: list[str] = field(default_factory=list)
+    sent: list[tuple[float, bytes]] = field(default_factory=list)
+    under_way: list[tuple[float, bytes]] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        self.before = self.simulator.memory.stored
+        self.simulator.poll(0.0)
+        self.now = 1000.0  # it has run for long
+        self.started = self.now
+        self.simulator.poll(self.now)
+
+    def dump(self) -> Dialogue:
+        return self.converse(self.unit.dump())
+
+    def restore(self, image: Image = GOLDEN) -> Dialogue:
+        return self.converse(self.unit.restore(image))
+
+    def converse(self, script: Script[Image]) -> Dialogue:
+        dialogue = Dialogue(script)
+        cancelled = False
+        while not dialogue.done and self.elapsed < self.unplug_at:
+            assert self.elapsed < LONGEST, 'it never ends'
+            if self.elapsed >= self.cancel_at and not cancelled:
+                dialogue.cancel()
+                cancelled = True
+            self._host(dialogue)
+            self._device(dialogue)
+            self.now += STEP
+        return dialogue
+
+    @property
+    def elapsed(self) -> float:
+        return self.now - self.started
+
+    def _host(self, dialogue: Dialogue) -> None:
+        lines, keys = dialogue.poll(self.now)
+        self.lines += lines
+        if POWER_CYCLE in lines and self.obeys:
+            self.simulator.apply('reboot')
+        if keys:
+            self.sent.append((self.now, keys))
+            self.simulator.receive(self.to_unit(keys), self.now)
+
+    def _device(self, dialogue: Dialogue) -> None:
+        data = b''.join(self.simulator.poll(self.now))
+        if data:
+            self.under_way.append((self.now + self.latency, self.from_unit(data)))
+        while self.under_way and self.under_way[0][0] <= self.now:
+            _, data = self.under_way.pop(0)
+            for start in range(0, len(data), self.chunk):
+                dialogue.receive(data[start : start + self.chunk], self.now)
+                lines, keys = dialogue.poll(self.now)
+                assert not keys, 'it pressed a key before the unit had finished'
+                self.lines += lines
+
+    @property
+    def keys(self) -> bytes:
+        return b''.join(keys for _, keys in self.sent)
+
+    @property
+    def sending(self) -> bool:
+        """The image is being sent: I was pressed last, but for digits."""
+        return b'I' in self.keys.replace(ENTRY, b'') and self.sent[-1][1] != b'I'
+
+    @property
+    def drives(self) -> bool:
+        self.simulator.poll(self.now + 1.0)
+        return self.simulator.operates
+
+    def assert_truth(self) -> None:
+        """What is said of the unit holds."""
+        stored = self.simulator.memory.stored
+        if self.unit.standing in (Standing.UNSEEN, Standing.UNCHANGED):
+            assert stored == self.before
+        if self.unit.standing is Standing.STORED:
+            assert stored == GOLDEN.data
+        if self.unit.standing is Standing.SPOILT:
+            assert stored not in (self.before, GOLDEN.data)
+        if not self.unit.in_menus:
+            assert self.simulator._menu is None
+            if self.unit.standing in (Standing.UNCHANGED, Standing.STORED):
+                assert self.drives
+
+
+def flip(at: int, bit: int) -> Callable[[bytes], bytes]:
+    """Flip one bit of one byte of all that passes."""
+    passed = 0
+
+    def change(data: bytes) -> bytes:
+        nonlocal passed
+        place, passed = at - passed, passed + len(data)
+        if not 0 <= place < len(data):
+            return data
+        return data[:place] + bytes([data[place] ^ 1 << bit]) + data[place + 1 :]
+
+    return change
+
+
+def lose(at: int) -> Callable[[bytes], bytes]:
+    """Lose one byte of all that passes."""
+    passed = 0
+
+    def change(data: bytes) -> bytes:
+        nonlocal passed
+        place, passed = at - passed, passed + len(data)
+        return data[:place] + data[place + 1 :] if 0 <= place < len(data) else data
+
+    return change
+
+
+# Reading.
+
+
+@EVERY_TERMINAL
+def test_dump_reads_what_is_stored_and_leaves_the_unit_running(terminal: Terminal) -> None:
+    bench = Bench(Simulator(image=GOLDEN.data, terminal=terminal))
+    dialogue = bench.dump()
+    assert dialogue.result == GOLDEN == bench.unit.image
+    assert bench.lines == [POWER_CYCLE]
+    assert bench.unit.how_it_stands == Standing.UNCHANGED.value
+    assert bench.drives
+    assert bench.simulator.memory.saves == bench.simulator.memory.erasures == 0
+
+
+@pytest.mark.parametrize('chunk', [1, 2, 3, 7, 64])
+def test_dump_reads_any_split(chunk: int) -> None:
+    assert Bench(Simulator(image=GOLDEN.data), chunk=chunk).dump().result == GOLDEN
+
+
+@pytest.mark.parametrize('latency', [0.02, 0.1, 0.3, 0.6])
+def test_dump_waits_for_a_slow_unit(latency: float) -> None:
+    bench = Bench(Simulator(image=GOLDEN.data), latency=latency)
+    assert bench.dump().result == GOLDEN
+    assert bench.drives
+
+
+def test_entry_string_is_repeated_only_while_nothing_answers() -> None:
+    bench = Bench(Simulator(image=GOLDEN.data))
+    bench.dump()
+    times = [at for at, keys in bench.sent if keys == ENTRY]
+    assert len(times) == 2  # the first came while it was starting
+    assert times[1] - times[0] >= 1.0
+
+
+@pytest.mark.parametrize('keys', [b'', b'1', b'c', b'2', b'13', b'ci', b'ci01', b'cd'])
+def test_menus_left_open_are_restarted_and_nothing_unsaved_is_read(keys: bytes) -> None:
+    bench = Bench(Simulator(image=GOLDEN.data))
+    bench.simulator.apply('reboot')
+    bench.simulator.poll(bench.now + 1.0)
+    bench.simulator.receive(b'ssconfig' + b'1b99\r0' + keys, bench.now + 1.0)
+    bench.now += 1.0
+    bench.simulator.poll(bench.now)
+    assert bench.dump().result == GOLDEN
+    assert POWER_CYCLE not in bench.lines
+    assert bench.drives
+
+
+def test_silent_unit_is_given_up_in_the_end() -> None:
+    bench = Bench(obeys=False)
+    bench.simulator.apply('mute on')
+    dialogue = bench.dump()
+    assert 'no menu within 60 s' in str(dialogue.error)
+    assert bench.keys.count(ENTRY) == ENTRY_TRIES
+    assert bench.unit.how_it_stands == Standing.UNSEEN.value
+
+
+def test_unit_that_nobody_switches_off_hears_nothing_dangerous() -> None:
+    bench = Bench(obeys=False)
+    assert 'no menu' in str(bench.dump().error)
+    assert bench.drives
+
+
+def test_image_damaged_on_the_way_is_read_again() -> None:
+    passed = 0
+
+    def spoil(data: bytes) -> bytes:
+        nonlocal passed
+        place = data.find(b'4E204E20')
+        passed += place >= 0
+        return data.replace(b'4E204E20', b'4E204E21', 1) if passed == 1 else data
+
+    bench = Bench(Simulator(image=GOLDEN.data), from_unit=spoil)
+    assert bench.dump().result == GOLDEN
+    assert passed == 2
+
+
+def test_image_that_is_always_damaged_is_refused_and_the_unit_runs_on() -> None:
+    bench = Bench(
+        Simulator(image=GOLDEN.data), from_unit=lambda data: data.replace(b'C87C', b'C87D')
+    )
+    dialogue = bench.dump()
+    assert dialogue.result is None
+    assert 'no sound image in two tries: its check is C87D' in str(dialogue.error)
+    assert bench.unit.how_it_stands == Standing.UNCHANGED.value
+    assert bench.drives
+
+
+def with_a_line_of_zeros() -> bytes:
+    """Return an image whose sums stay right where the fourth line is lost."""
+    body = bytearray(GOLDEN.data[:-2])
+    body[104:152] = bytes(48)  # no constants
+    body[6] = next(n for n in range(256) if (sum(body[:108]) - body[6] + n) % 64 == 0)
+    return bytes(body) + sums(bytes(body))
+
+
+def losing_zeros(times: int) -> Callable[[bytes], bytes]:
+    """Lose a line of zeros of so many images."""
+    left = times
+
+    def change(data: bytes) -> bytes:
+        nonlocal left
+        place = data.find(b'0' * 72 + b'\r\n')
+        if place < 0 or not left:
+            return data
+        left -= 1
+        return data[:place] + data[place + 74 :]
+
+    return change
+
+
+@pytest.mark.parametrize('times', [0, 1])
+def test_lost_line_of_zeros_that_the_sums_do_not_see_is_read_again(times: int) -> None:
+    image = Image(with_a_line_of_zeros())
+    bench = Bench(Simulator(image=image.data), from_unit=losing_zeros(times))
+    assert bench.dump().result == bench.unit.image == image
+    assert bench.drives
+
+
+def test_image_of_another_size_counts_once_it_came_twice_alike() -> None:
+    image = with_a_line_of_zeros()
+    bench = Bench(Simulator(image=image), from_unit=losing_zeros(2))
+    assert bench.dump().result == bench.unit.image == Image(image[:108] + image[144:])
+    assert bench.keys.replace(ENTRY, b'').count(b'D') == 2
+
+
+def test_image_of_another_size_that_came_only_once_is_refused() -> None:
+    readings = 0
+
+    def change(data: bytes) -> bytes:
+        nonlocal readings
+        readings += b'0' * 72 in data
+        return short(data) if readings == 1 else data.replace(b'4E20', b'4E21')
+
+    short = losing_zeros(1)
+    bench = Bench(Simulator(image=with_a_line_of_zeros()), from_unit=change)
+    dialogue = bench.dump()
+    assert dialogue.result is bench.unit.image is None
+    assert 'printed no sound image in two tries' in str(dialogue.error)
+    assert bench.unit.how_it_stands == Standing.UNCHANGED.value
+    assert bench.drives
+
+
+# Writing.
+
+
+@EVERY_TERMINAL
+def test_restore_loads_checks_saves_restarts_and_reads_back(terminal: Terminal) -> None:
+    bench = Bench(Simulator(OTHERS, terminal=terminal))
+    assert bench.restore().result == GOLDEN
+    assert bench.unit.how_it_stands == Standing.STORED.value
+    assert bench.simulator.memory.stored == GOLDEN.data
+    assert (bench.simulator.memory.saves, bench.simulator.memory.erasures) == (1, 0)
+    assert bench.drives
+    progress = [line for line in bench.lines if line.endswith('bytes sent')]
+    assert progress == [f'{n} of 220 bytes sent' for n in (36, 72, 108, 144, 180, 216, 220)]
+
+
+def test_restore_mends_a_unit_that_was_erased() -> None:
+    bench = Bench()
+    bench.simulator.apply('memory erased')
+    assert bench.restore().result == GOLDEN
+    assert bench.drives
+
+
+def test_digits_go_one_at_a_time() -> None:
+    bench = Bench()
+    bench.restore()
+    start = next(n for n, (_, keys) in enumerate(bench.sent) if keys == b'I') + 1
+    text = GOLDEN.text.strip().replace('\n', '\r').encode()
+    digits = bench.sent[start : start + len(text)]
+    assert b''.join(keys for _, keys in digits) == text
+    gaps = [b - a for (a, _), (b, _) in itertools.pairwise(digits)]
+    assert min(gaps) >= DIGIT_PERIOD - 1e-6
+
+
+@EVERY_TERMINAL
+@pytest.mark.parametrize('taken', [0, 1, 17, 18, 72, 300, 400])
+def test_refused_digits_end_the_image_before_one_of_them_becomes_a_key(
+    terminal: Terminal, taken: int
+) -> None:
+    terminal = Terminal(terminal.echoes, terminal.asks_for_key, takes_digits=taken)
+    bench = Bench(Simulator(OTHERS, terminal=terminal))
+    dialogue = bench.restore()
+    assert 'FAILED' in str(dialogue.error)
+    assert (bench.simulator.memory.saves, bench.simulator.memory.erasures) == (0, 0)
+    assert bench.unit.how_it_stands == Standing.UNCHANGED.value
+    bench.assert_truth()
+
+
+@pytest.mark.parametrize('place', [0, 77, 434])
+def test_digit_changed_on_the_way_is_found_before_anything_is_saved(place: int) -> None:
+    digits = 0
+
+    def change(data: bytes) -> bytes:
+        nonlocal digits
+        digits += bench.sending and data.isalnum()
+        return b'B' if digits == place + 1 and data.isalnum() else data
+
+    bench = Bench(to_unit=change)
+    dialogue = bench.restore()
+    assert digits >= place + 1
+    assert 'did not take the image' in str(dialogue.error)
+    assert (bench.simulator.memory.saves, bench.simulator.memory.erasures) == (0, 0)
+    assert bench.unit.how_it_stands == Standing.UNCHANGED.value
+    bench.assert_truth()
+
+
+def test_image_of_another_size_is_not_sent() -> None:
+    body = GOLDEN.data[:-2] + b'\0'
+    bench = Bench()
+    dialogue = bench.restore(Image(body + sums(body)))
+    assert 'has 221 bytes' in str(dialogue.error)
+    assert b'I' not in bench.keys.replace(ENTRY, b'')
+    assert bench.unit.how_it_stands == Standing.UNCHANGED.value
+    assert bench.drives
+
+
+def test_memory_that_does_not_keep_is_found_out_by_the_restart() -> None:
+    bench = Bench()
+    bench.simulator.apply('memory worn')
+    dialogue = bench.restore()
+    assert 'does not hold what was saved' in str(dialogue.error)
+    assert bench.unit.standing is Standing.UNCHANGED
+    bench.assert_truth()
+
+
+def test_unit_that_erases_itself_is_told() -> None:
+    bench = Bench(
+        Simulator(OTHERS, terminal=Terminal(asks_for_key=False, takes_digits=304)), latency=0.5
+    )
+    dialogue = bench.restore()  # digits go on for 0.5 s: 4, which is refused, then E, then 2 ...
+    assert bench.simulator.memory.erasures > 0
+    assert 'stopped listening' in str(dialogue.error)
+    assert bench.unit.standing is Standing.SPOILT
+
+
+def test_unit_locked_out_after_the_restart_leaves_it_uncertain() -> None:
+    bench = Bench()
+
+    def lock_out(data: bytes) -> bytes:
+        if data == ENTRY and bench.simulator.memory.saves:
+            bench.simulator._locked = True
+        return data
+
+    bench.to_unit = lock_out
+    dialogue = bench.restore()
+    assert 'lock it out' in str(dialogue.error)
+    assert bench.unit.how_it_stands == Standing.SAVING.value
+
+
+# Truth, whatever happens.
+
+
+@settings(max_examples=60)
+@given(at=st.integers(0, 520), bit=st.integers(0, 7))
+def test_flipped_bit_to_the_unit_is_never_hidden(at: int, bit: int) -> None:
+    bench = Bench(to_unit=flip(at, bit))
+    bench.restore()
+    bench.assert_truth()
+
+
+@settings(max_examples=60)
+@given(at=st.integers(0, 8000), bit=st.integers(0, 7))
+def test_flipped_bit_from_the_unit_is_never_hidden(at: int, bit: int) -> None:
+    bench = Bench(Simulator(Settings(config_id=42, rates=[0] * 5)), from_unit=flip(at, bit))
+    bench.restore()
+    bench.assert_truth()
+
+
+@settings(max_examples=40)
+@given(at=st.integers(0, 520))
+def test_lost_byte_to_the_unit_is_never_hidden(at: int) -> None:
+    bench = Bench(to_unit=lose(at))
+    bench.restore()
+    bench.assert_truth()
+
+
+def test_d_that_becomes_e_is_told() -> None:
+    bench = Bench(to_unit=lambda data: b'E' if data == b'D' else data)
+    dialogue = bench.dump()
+    assert bench.simulator.memory.erasures == 1
+    assert dialogue.error is not None
+    assert bench.unit.standing is Standing.GARBLED
+
+
+@settings(max_examples=40)
+@given(at=st.floats(0.0, 19.0))
+def test_unplugged_at_any_moment_is_told_truthfully(at: float) -> None:
+    bench = Bench(unplug_at=at)
+    bench.restore()
+    bench.assert_truth()
+
+
+def test_unplugged_in_the_middle_of_an_image_may_leave_part_of_it() -> None:
+    bench = Bench(unplug_at=8.0)
+    dialogue = bench.restore()
+    assert not dialogue.done
+    assert 'may hold a partial image' in bench.unit.how_it_stands
+    assert 'configuration mode' in bench.unit.how_it_stands
+    assert bench.simulator.memory.stored == bench.before
+
+
+@settings(max_examples=40)
+@given(at=st.floats(0.0, 19.0))
+def test_interrupted_at_any_moment_ends_outside_the_menus_and_truthfully(at: float) -> None:
+    bench = Bench(cancel_at=at)
+    dialogue = bench.restore()
+    assert dialogue.done
+    assert bench.unit.standing in (Standing.UNSEEN, Standing.UNCHANGED, Standing.STORED)
+    assert not bench.unit.in_menus
+    bench.assert_truth()
+    assert bench.drives
+
+
+@settings(max_examples=20)
+@given(data=st.lists(st.binary(max_size=200), max_size=20))
+def test_garbage_for_an_answer_raises_nothing_and_changes_nothing(data: list[bytes]) -> None:
+    dialogue = Dialogue(Maintenance().restore(GOLDEN))
+    now = 0.0
+    pieces = iter(data)
+    while not dialogue.done:
+        dialogue.poll(now)
+        dialogue.receive(next(pieces, b''), now)
+        now = max(dialogue.deadline, now + 0.2)
+        assert now < LONGEST
+    assert dialogue.error is not None
+
+
+@pytest.mark.parametrize(
+    'answer',
+    [b'login: ', b'SERVICE MENU\r\n1) Burn\r\nSelect : ', b'MAIN MENU', b'\xff' * 500],
+)
+def test_wrong_menus_end_in_an_error_and_meet_no_dangerous_key(answer: bytes) -> None:
+    unit = Maintenance()
+    dialogue = Dialogue(unit.dump())
+    now, keys = 0.0, b''
+    while not dialogue.done:
+        _, pressed = dialogue.poll(now)
+        keys += pressed
+        if pressed:
+            dialogue.receive(answer, now)
+        now += 0.05
+        assert now < LONGEST
+    assert isinstance(dialogue.error, Exception)
+    assert unit.standing is Standing.UNSEEN  # it was none
+    assert 'the SSC answers' not in str(dialogue.error)
+    assert set(keys.replace(ENTRY, b'')) <= set(b'R0\r')
+    assert unit.in_menus == (b'Select' in answer)
+
+
+# Screens.
+
+
+@pytest.mark.parametrize(
+    ('text', 'screen'),
+    [
+        ('', None),
+        ('MAIN MENU\r\n1) I/O Setup', None),
+        ('MAI N MENU\n1) 1/0 Setup\nSel ect :', Screen.MAIN),  # as it was scanned
+        ('\x1b[2J\x1b[1;1HMAIN MENU\r\nSelect : ', Screen.MAIN),
+        ("'[2J'[1;1Hmain menu select:", Screen.MAIN),  # ESC as the manual prints it
+        ('MAIN MENU Select : S) Save to NV Memory Select : ', Screen.CONFIG),
+        ('S) Save to NV Memory Select : MAIN MENU Select :', Screen.MAIN),
+        ('S) Save to NV Memory Select : ---- Waiting For Image ----', Screen.WAITING),
+        ('---- Waiting For Image ---- bad. S) Save to NV Memory Select : ', Screen.CONFIG),
+        ('I/O SETUP\r\nSelect : ', Screen.OTHER),
+        ('MAIN MENU Select : I/O SETUP Select : ', Screen.OTHER),
+    ],
+)
+def test_screen_is_told_by_what_was_shown_last(text: str, screen: Screen | None) -> None:
+    assert screen_of(text) is screen
+
+
+def test_verdict_is_shown_without_the_menu_behind_it() -> None:
+    text = '\r\nLoad OK.\x07\r\n\x1b[2J\x1b[1;1HS) Save to NV Memory\r\nL) Reload'
+    assert readable(text) == 'Load OK.'

@@ -1,0 +1,477 @@
+# Copyright 2026 The rugged_teleop maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The SSC bridge as a process of its own, on a pty with a simulated SSC."""
+
+from collections.abc import Iterator
+from pathlib import Path
+import signal
+import time
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
+import pytest
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Bool, String, UInt16MultiArray
+from std_srvs.srv import Trigger
+import yaml
+
+from bridge_core.runner import run
+from rugged_teleop.ptys import PtyDevice
+from ssc_bridge.node import SscBridge
+from stage.rig import as_yaml, latched, NodeProcess, Observer, Pty, ROOT, wait_for
+from stage.ssc_bench import Bench, bench_of, DEVICE, LINK, NAME, new_simulator, position, SERVOS
+from stage.ssc_rig import build_frame, status
+from stage.talkers import Diagnostics, Talker, values_of
+
+pytestmark = pytest.mark.waits(60)
+
+
+@pytest.fixture(scope='module')
+def shared(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Bench]:
+    patient = {'link_timeout': 1.0, 'command_timeout': 2.0, **SERVOS}
+    with (
+        Observer() as observer,
+        bench_of(tmp_path_factory.mktemp('ssc'), observer, **patient) as bench,
+    ):
+        yield bench
+
+
+@pytest.fixture
+def bench(shared: Bench) -> Bench:
+    """Return the shared bench with device and mux as at the beginning."""
+    for line in ('clear', 'mute off', 'receiver on', 'link on', 'channel 1 1000'):
+        shared.port.apply(line)
+    for channel in range(2, 9):
+        shared.port.apply(f'channel {channel} 1500')
+    shared.estop_in.message = Bool(data=False)
+    shared.estop_in.resume()
+    shared.connect()
+    shared.wait(lambda: shared.inputs.last.data[3] == 1500, 'the deadman let go of')
+    return shared
+
+
+@pytest.fixture
+def servo(bench: Bench) -> Iterator[Talker]:
+    """Command both servos, and see them obey."""
+    talker = bench.talker(JointState, 'servo_command', position(pan=0.5, tilt=-1.0))
+    bench.wait(lambda: bench.seen()['outputs_us'][:2] == [1700, 1000], 'the servos')
+    yield talker
+    talker.leave()
+
+
+def silence(bench: Bench, talker: Talker) -> None:
+    """Pause a talker, and see that the node has read the last that it said."""
+    talker.pause()
+    mark = f'mark {time.monotonic_ns()}'
+    # Of all that it listens to, the node reads this last; such a refusal ends no command.
+    bench.observer.publisher(KeyValue, f'{bench.name}/aux_outputs').publish(KeyValue(key=mark))
+    bench.wait(lambda: mark in bench.value('last refusal', LINK), 'the mark')
+
+
+# -- what comes -----------------------------------------------------------------------------------
+
+
+def test_receiver_becomes_joy_and_raw_pulses(bench: Bench) -> None:
+    for line in ('channel 2 2000', 'channel 3 1750', 'channel 4 1900', 'channel 5 off'):
+        bench.port.apply(line)
+    bench.wait(lambda: list(bench.joy.last.buttons) == [1], 'the deadman')
+    turn, forward = bench.joy.last.axes
+    assert turn == -1.0  # right is negative
+    assert forward == pytest.approx((0.5 - 0.05) / 0.95)
+    bench.wait(lambda: bench.inputs.last.data[4] >= 32768, 'the invalid pulse')
+    assert list(bench.inputs.last.data[:4]) == [1000, 2000, 1750, 1900]
+
+
+def test_invalid_pulse_of_an_axis_makes_the_whole_joy_neutral(bench: Bench) -> None:
+    bench.port.apply('channel 4 1900')
+    bench.wait(lambda: list(bench.joy.last.buttons) == [1], 'the deadman')
+    bench.port.apply('channel 3 off')
+    bench.wait(lambda: list(bench.joy.last.buttons) == [0], 'neutral')
+    assert not any(bench.joy.last.axes)
+    bench.wait(lambda: 'forward invalid' in bench.message(), 'the diagnostic')
+    assert bench.diagnostics.status(DEVICE).level == DiagnosticStatus.ERROR
+
+
+def test_receiver_lost_stops_and_neutralises(bench: Bench) -> None:
+    bench.port.apply('channel 4 1900')
+    bench.wait(lambda: list(bench.joy.last.buttons) == [1], 'the deadman')
+    bench.port.apply('receiver off')
+    bench.wait_stop(True)
+    bench.wait(lambda: bench.own_estop.last == Bool(data=True), 'own_estop')
+    bench.wait(lambda: bench.state.last == String(data='no signal'), 'the state')
+    bench.wait(lambda: list(bench.joy.last.buttons) == [0], 'neutral')
+    bench.wait(lambda: 'no signal' in bench.message(), 'the diagnostic')
+    bench.port.apply('receiver on')
+    bench.wait_stop(False)
+
+
+def test_lost_transmitter_stops_and_its_last_sticks_end(bench: Bench) -> None:
+    for line in ('channel 3 2000', 'channel 4 1900'):
+        bench.port.apply(line)
+    bench.wait(lambda: list(bench.joy.last.buttons) == [1], 'the deadman')
+    bench.port.apply('link off')  # the receiver holds all other channels
+    bench.wait_stop(True)
+    bench.wait(lambda: bench.state.last == String(data='1.5 ms'), 'the state')
+    bench.wait(lambda: list(bench.joy.last.buttons) == [0], 'neutral')
+    assert not any(bench.joy.last.axes)
+
+
+def test_1_5_ms_is_a_state_of_its_own_where_configured(observer: Observer, tmp_path: Path) -> None:
+    with bench_of(tmp_path, observer, lost_link_is_stop=False, link_timeout=2.0) as bench:
+        bench.connect()
+        bench.port.apply('channel 1 1500')
+        bench.wait(lambda: bench.state.last == String(data='1.5 ms'), 'the state')
+        bench.observer.holds_for(lambda: not bench.estop.last.data, 0.3, 'no stop')
+
+
+def test_configuration_and_sources_are_shown(bench: Bench) -> None:
+    bench.wait(lambda: bench.value('source of output 1') == 'SERIAL', 'the sources')
+    assert bench.value('configuration ID') == '1'
+    assert bench.value('pulse inputs') == '8'
+    assert bench.value('aux 2') == 'Timer In (8us,+,+)'
+    bench.port.apply('channel 1 2000')
+    bench.wait(lambda: bench.value('source of output 2') == 'PIN 2 (nibble 1)', 'the sources')
+    bench.wait(lambda: values_of(bench.sources.last)['output 2'] == 'PIN 2 (nibble 1)', 'them')
+    bench.wait(lambda: bench.state.last == String(data='2 ms'), 'the state')
+
+
+def test_auxiliary_inputs_in_si_units(bench: Bench) -> None:
+    bench.wait(lambda: bench.aux.messages, 'any auxiliary inputs')
+    bench.port.apply('signal 2 12000 4000')
+    bench.port.apply('pulses 3 42')
+    bench.wait(
+        lambda: values_of(bench.aux.last).get('aux 3 pulses in total') == '42', 'the pulses'
+    )
+    bench.wait(lambda: values_of(bench.aux.last)['aux 2 frequency (Hz)'] == '62.500', 'the timer')
+    values = values_of(bench.aux.last)
+    assert values['aux 2 period (s)'] == '0.016000'
+    assert values['aux 2 speed (rpm)'] == '3750.000'
+    assert values['aux 1 level'] == 'high'
+
+
+# -- what goes ------------------------------------------------------------------------------------
+
+
+def test_servos_obey_within_their_limits(bench: Bench, servo: Talker) -> None:
+    servo.message = position(pan=1.0)
+    bench.wait(lambda: bench.seen()['outputs_us'][0] == 1900, 'the limit')
+    bench.wait(lambda: bench.seen()['outputs_us'][1] == 0, 'tilt is released')
+    bench.wait(lambda: bench.outputs.last.data[0] == 1900, 'message 12')
+
+
+def test_pulse_command_is_limited_by_the_servos(bench: Bench) -> None:
+    talker = bench.talker(
+        UInt16MultiArray, 'pulse_command', UInt16MultiArray(data=[32000, 1300, 700])
+    )
+    bench.wait(lambda: bench.seen()['outputs_us'][:4] == [1900, 1300, 700, 0], 'the pulses')
+    talker.leave()
+    bench.wait(lambda: bench.seen()['outputs_us'][:4] == [1200, 0, 0, 0], 'the failsafe')
+
+
+def test_estop_in_brings_the_failsafe_and_what_was_asked_is_forgotten(
+    bench: Bench, servo: Talker
+) -> None:
+    bench.estop_in.message = Bool(data=True)
+    bench.estop_in.say()
+    bench.wait(lambda: bench.seen()['outputs_us'][:2] == [1200, 0], 'the failsafe')
+    bench.wait(
+        lambda: bench.estop.last == Bool(data=False), 'estop false'
+    )  # it is the mux's stop, not ours
+    silence(bench, servo)
+    bench.estop_in.message = Bool(data=False)
+    bench.observer.holds_for(lambda: bench.seen()['outputs_us'][:2] == [1200, 0], 0.4, 'failsafe')
+    servo.resume()
+    bench.wait(lambda: bench.seen()['outputs_us'][0] == 1700, 'a new command')
+
+
+def test_estop_in_that_falls_silent_brings_the_failsafe(bench: Bench, servo: Talker) -> None:
+    bench.estop_in.pause()
+    bench.wait(lambda: bench.seen()['outputs_us'][:2] == [1200, 0], 'the failsafe')
+    bench.wait(lambda: 'e-stop input is stale' in bench.message(), 'why')
+
+
+def test_command_that_falls_silent_brings_the_failsafe(bench: Bench, servo: Talker) -> None:
+    servo.pause()
+    bench.wait(lambda: bench.seen()['outputs_us'][:2] == [1200, 0], 'the failsafe')
+
+
+def test_receiver_lost_brings_the_failsafe(bench: Bench, servo: Talker) -> None:
+    bench.port.apply('receiver off')
+    # The switch table of the simulator has CONST without a signal: look at what SERIAL would be.
+    bench.wait(lambda: bench.seen()['serial_us'][:2] == [1200, 0], 'the failsafe')
+
+
+def test_output_that_is_not_on_serial_is_a_diagnostic(bench: Bench, servo: Talker) -> None:
+    bench.port.apply('channel 1 2000')
+    text = 'pan: output 1 is on PIN 1 (nibble 0), not on SERIAL'
+    bench.wait(lambda: text in bench.message(), 'the diagnostic')
+    assert bench.diagnostics.status(DEVICE).level == DiagnosticStatus.WARN
+
+
+def test_nonsense_is_refused_told_and_ends_the_command_before(bench: Bench, servo: Talker) -> None:
+    servo.pause()
+    before = int(bench.value('refused requests', LINK) or 0)
+    servo.message = position(nobody=1.0)
+    servo.resume()
+    bench.wait(lambda: bench.seen()['outputs_us'][:2] == [1200, 0], 'the failsafe')
+    bench.wait(lambda: int(bench.value('refused requests', LINK)) > before, 'the count')
+    assert 'nobody' in bench.value('last refusal', LINK)
+
+
+def test_request_of_any_size_is_refused_and_keeps_its_wire(bench: Bench, servo: Talker) -> None:
+    def refused(text: str) -> None:
+        bench.wait(lambda: text in bench.value('last refusal', LINK), f'{text}: the refusal')
+
+    out = bench.observer.publisher(KeyValue, f'{bench.name}/aux_outputs')
+    out.publish(KeyValue(key=','.join(['4.level'] * 9000), value=','.join(['high'] * 9000)))
+    refused('bytes; 65536 are allowed')
+    out.publish(KeyValue(key='x' * 50_000))
+    refused('a key such as')
+    assert bench.value('last refusal', LINK).count('x') < 100
+    servo.message = position(**{f'{n:01000}': 1.0 for n in range(50)})
+    refused('no servo')
+    bench.wait(lambda: bench.seen()['outputs_us'][:2] == [1200, 0], 'the failsafe')
+    assert bench.value('wire restarts', LINK) == '0'
+
+
+def test_auxiliary_outputs_are_set_in_si_units_and_triggered(bench: Bench) -> None:
+    out = bench.observer.publisher(KeyValue, f'{bench.name}/aux_outputs')
+    for key, value in (('4.level', 'high'), ('5.pulse', '0.0015'), ('5.period', '0.02')):
+        out.publish(KeyValue(key=key, value=value))
+    shots = bench.seen()['aux'][5]['shots']
+    out.publish(KeyValue(key='6.pulse', value='0.001'))
+    out.publish(KeyValue(key='6.pulse,4.level', value='0.001,high'))
+
+    def done() -> bool:
+        aux = bench.seen()['aux']
+        pulses = aux[4]['pulse_us'], aux[4]['period_us'], aux[5]['shots'] - shots
+        return bool(aux[3]['pin']) and pulses == (1500, 20000, 2)
+
+    bench.wait(done, 'the outputs')
+    bench.estop_in.message = Bool(data=True)
+    bench.wait(lambda: not bench.seen()['aux'][3]['pin'], 'undone by a stop')
+    assert bench.seen()['aux'][4]['pulse_us'] == 0
+    out.publish(KeyValue(key='4.level', value='high'))
+    bench.wait(lambda: 'stopped' in bench.value('last refusal', LINK), 'the refusal')
+    assert bench.seen()['aux'][5]['shots'] - shots == 2
+
+
+# -- the lockout ----------------------------------------------------------------------------------
+
+
+def test_lockout_on_start_and_by_service(observer: Observer, tmp_path: Path) -> None:
+    simulator = new_simulator(lockouts=[True, False])
+    with bench_of(tmp_path, observer, simulator, lockout_on_start=True, link_timeout=2.0) as bench:
+        bench.connect()
+        bench.wait(lambda: not bench.seen()['config_available'], 'the lockout')
+        response = observer.call(Trigger, f'{bench.name}/lockout', tries=3)
+        assert response.success
+        assert 'locked out' in response.message
+
+
+def test_lockout_that_the_ssc_does_not_obey_says_so(observer: Observer, tmp_path: Path) -> None:
+    with bench_of(tmp_path, observer, link_timeout=2.0) as bench:  # longer than it boots
+        bench.connect()
+        bench.port.apply('reboot')  # 5 s of configuration begin anew
+        bench.wait(lambda: bench.value('configuration menus') == 'available', 'a new start')
+        response = observer.call(Trigger, f'{bench.name}/lockout', tries=3)
+        assert not response.success
+        assert 'On Rcv Msg 98' in response.message
+
+
+# -- the link -------------------------------------------------------------------------------------
+
+
+def test_silence_is_a_stop_and_its_end_heals(bench: Bench, servo: Talker) -> None:
+    bench.port.apply('mute on')
+    bench.wait_stop(True)
+    bench.wait(lambda: bench.state.last == String(data='unknown'), 'the state')
+    bench.wait(lambda: bench.seen()['serial_us'][:2] == [1200, 0], 'the failsafe all the same')
+    bench.wait(lambda: 'no status from the SSC' in bench.message(LINK), 'why')
+    silence(bench, servo)
+    bench.port.apply('mute off')
+    bench.wait_stop(False)
+    bench.observer.holds_for(lambda: bench.seen()['serial_us'][:2] == [1200, 0], 0.4, 'failsafe')
+
+
+def test_unplugged_is_a_stop_and_plugged_in_heals(bench: Bench, servo: Talker) -> None:
+    bench.port.apply('unplug')
+    bench.wait_stop(True)
+    servo.pause()
+    bench.wait(lambda: bench.diagnostics.status(LINK).level == DiagnosticStatus.ERROR, 'told')
+    bench.port.apply('plug')
+    bench.wait_stop(False)
+    # The SSC itself has kept the last command; it must not stay in force.
+    bench.wait(lambda: bench.seen()['serial_us'][:2] == [1200, 0], 'the failsafe')
+
+
+def test_restarted_device_is_a_stop_until_it_was_read_anew(bench: Bench) -> None:
+    moment = time.monotonic()
+    bench.port.apply('device reboot')
+    bench.wait(lambda: any(m.data for _, m in bench.estop.since(moment)), 'a stop')
+    bench.wait_stop(False)
+
+
+def test_garbage_is_a_stop_and_counted(observer: Observer, pty: Pty) -> None:
+    given = {'port': str(pty.path)}
+    with NodeProcess(f'{NAME}.node', given) as node:
+        estop = observer.record(Bool, f'/{NAME}/estop', latched())
+        diagnostics = Diagnostics(observer, f'/{NAME}')
+        observer.wait_for(lambda: estop.last is not None, 15.0, lambda: node.output)
+
+        def counted() -> bool:
+            if b'\x81\xa1\x0a\x00' in pty.read():  # it asks for the status
+                pty.write(b'\x81\xa1\x0a' * 300 + status()[:-1] + b'\0')
+            return int(diagnostics.value(LINK, 'malformed') or 0) > 100
+
+        observer.wait_for(counted, 15.0, lambda: node.output)
+        pty.write(status())  # healthy, but what it is set up to be is not known
+        observer.holds_for(lambda: bool(estop.last.data), 0.4, 'the stop')
+        assert node.process.poll() is None
+
+
+def test_message_against_the_configuration_is_a_stop(bench: Bench) -> None:
+    moment = time.monotonic()
+
+    def say(device: Any, now: float) -> None:
+        device._out.append(build_frame(11, bytes(5)))
+
+    bench.port.call(say)
+    bench.wait(lambda: any(m.data for _, m in bench.estop.since(moment)), 'a stop')
+    bench.wait_stop(False)
+    bench.wait(lambda: bench.value('messages against the configuration') != '0', 'the count')
+
+
+def test_absent_device_is_waited_for(observer: Observer, tmp_path: Path) -> None:
+    given = {'port': str(tmp_path / 'ssc')}
+    with NodeProcess(f'{NAME}.node', given) as node:
+        estop = observer.record(Bool, f'/{NAME}/estop', latched())
+        observer.wait_for(lambda: estop.last is not None, 15.0, lambda: node.output)
+        assert estop.last.data
+        with PtyDevice(new_simulator(), tmp_path / 'ssc'):
+            observer.wait_for(lambda: not estop.last.data, 15.0, lambda: node.output)
+        observer.wait_for(lambda: estop.last.data, 15.0, lambda: node.output)
+
+
+def test_another_ssc_than_the_one_of_config_id_is_not_driven(
+    observer: Observer, tmp_path: Path
+) -> None:
+    simulator = new_simulator(config_id=3)
+    with bench_of(tmp_path, observer, simulator, config_id=4, link_timeout=2.0, **SERVOS) as bench:
+        bench.wait(lambda: 'this one has 3' in bench.message(DEVICE), 'the reason')
+        assert bench.seen()['serial_us'][:2] == [0, 0]
+        assert bench.node.end(signal.SIGTERM) == 0
+        assert bench.seen()['serial_us'][:2] == [0, 0]  # not even the failsafe of pan
+
+
+def test_deactivated_leaves_the_failsafe(bench: Bench, servo: Talker) -> None:
+    assert bench.observer.change_state(bench.name, 'deactivate')
+    bench.wait_stop(True)
+    bench.wait(lambda: bench.seen()['serial_us'][:2] == [1200, 0], 'the failsafe')
+    # Names of which a running node has no parameters.
+    for names in ('servos', 'axes', 'buttons'):
+        done, why = bench.observer.set_parameter(bench.name, names, ['other'])
+        assert (done, 'restart the node' in why) == (False, True), why
+    assert bench.observer.change_state(bench.name, 'activate')
+    bench.wait_stop(False)
+
+
+def test_ended_leaves_the_failsafe(observer: Observer, tmp_path: Path) -> None:
+    with bench_of(tmp_path, observer, **SERVOS) as bench:
+        bench.connect()
+        bench.talker(JointState, 'servo_command', position(pan=0.5))
+        bench.wait(lambda: bench.seen()['outputs_us'][0] == 1700, 'the servo')
+        assert bench.node.end(signal.SIGTERM) == 0
+        wait_for(lambda: bench.seen()['serial_us'][0] == 1200, 2.0, 'the failsafe')
+
+
+# -- parameters -----------------------------------------------------------------------------------
+
+BAD: list[tuple[str, Any]] = [
+    ('baud', 100),
+    ('link_timeout', 0.01),
+    ('link_timeout', float('nan')),
+    ('poll_rates', [20.0]),
+    ('poll_rates', [5.0, 5.0, 5.0, 5.0, 5.0]),
+    ('poll_rates', [20.0, 5.0, 5.0, 5.0, 101.0]),
+    ('message_rates', [51.0, 0.0, 0.0, 0.0, 0.0]),
+    ('estop_states', ['3 ms']),
+    ('lost_link_is_stop', 'no'),
+    ('first_input_nibble', 2),
+    ('plausible_us', [2300, 700]),
+    ('plausible_us', [1200, 2300]),
+    ('tolerate_faulty_axes', 1),
+    ('axes', ['turn', 'turn']),
+    ('axes', ['deadman']),
+    ('calibration.turn.channel', 17),
+    ('calibration.turn.min_us', 1500),
+    ('calibration.turn.deadband', 1.0),
+    ('calibration.roll.channel', 2),
+    ('button.deadman.thresholds_us', [1700, 1300]),
+    ('failsafe', 'pulse'),
+    ('command_rate', 0.0),
+    ('command_timeout', float('inf')),
+    ('lockout_on_start', 'yes'),
+    ('servo.pan.channel', 1),
+    ('poll_rate', [20.0]),
+]
+BAD_SERVOS: list[tuple[str, Any]] = [
+    ('servo.pan.channel', 0),
+    ('servo.tilt.channel', 1),
+    ('servo.pan.min_us', 1600),
+    ('servo.pan.max_us', 32001),
+    ('servo.pan.rate_us_per_s', 0.0),
+    ('servo.pan.failsafe', 'stay'),
+    ('servo.pan.failsafe_us', 1901),
+]
+
+
+@pytest.fixture
+def _handlers() -> Iterator[None]:
+    """Keep the runner's own signal handlers, which a node replaces."""
+    kept = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+    yield
+    for number, handler in kept.items():
+        signal.signal(number, handler)
+
+
+@pytest.mark.usefixtures('_handlers')
+@pytest.mark.parametrize(
+    ('name', 'value', 'others'),
+    [*((n, v, {}) for n, v in BAD), *((n, v, SERVOS) for n, v in BAD_SERVOS)],
+    ids=str,
+)
+def test_bad_parameter_ends_it_with_one_line(
+    name: str, value: Any, others: dict[str, Any], capfd: pytest.CaptureFixture[str]
+) -> None:
+    arguments = ['--ros-args']
+    for key, given in {**others, name: value}.items():
+        arguments += ['-p', f'{key}:={as_yaml(given)}']
+    assert run([SscBridge], arguments) == 2
+    printed = capfd.readouterr().err.splitlines()
+    (line,) = [text for text in printed if text.startswith('rugged_teleop: ')]
+    assert name in line or f'{name.rpartition(".")[0]}: ' in line
+
+
+def test_annotated_configuration_is_read_by_ros(observer: Observer, tmp_path: Path) -> None:
+    file = ROOT / 'config' / f'{NAME}.yaml'
+    assert yaml.safe_load(file.read_text())
+    with PtyDevice(new_simulator(), tmp_path / 'ssc'):
+        arguments = ('--params-file', str(file), '-p', f'port:={tmp_path / "ssc"}')
+        with NodeProcess(f'{NAME}.node', arguments=arguments) as node:
+            estop = observer.record(Bool, f'/{NAME}/estop', latched())
+            observer.wait_for(
+                lambda: estop.last is not None and not estop.last.data, 15.0, lambda: node.output
+            )

@@ -1,0 +1,512 @@
+# Copyright 2026 The rugged_teleop maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The SSC's frames: golden bytes, and every way in which a line can spoil them."""
+
+import itertools
+import json
+from typing import Any
+
+from hypothesis import example, given, settings, strategies as st
+import pytest
+
+from bridge_core.framing import FrameError, StreamParser, Unknown
+from ssc_bridge import protocol
+from ssc_bridge.protocol import (
+    AuxFunction,
+    AuxInputs,
+    AuxOutputs,
+    ChannelSource,
+    CommandState,
+    Configuration,
+    DigitalInput,
+    DigitalOutput,
+    Lockout,
+    Measurement,
+    MessageType,
+    Poll,
+    PulseAccumulator,
+    PulseCommand,
+    PulseInputs,
+    PulseOutput,
+    PulseOutputs,
+    Selection,
+    Source,
+    Status,
+    TIME_BASES_US,
+    TimerInput,
+    UnknownFunction,
+)
+from stage.parser_rig import frames_of
+from stage.rig import ROOT
+from stage.ssc_rig import build_frame  # the manual's own loop, not our codec
+
+VECTORS = json.loads((ROOT / 'test' / 'vectors' / 'ssc.json').read_text())['frames']
+GOLDEN = {vector['is']: bytes.fromhex(vector['hex']) for vector in VECTORS}
+MESSAGES: dict[str, Any] = {
+    'status': Status(CommandState.MS_1_5, config_available=True),
+    'pulse inputs': PulseInputs((1500, 1000, 2000, None)),
+    'channel source': ChannelSource(
+        (
+            Selection(Source.PIN, 3),
+            Selection(Source.PIN_INVERTED, 4),
+            Selection(Source.CONST),
+            Selection(Source.SERIAL),
+            Selection(Source.LAST),
+        )
+    ),
+    'lockout now': Lockout(),
+    'poll of system configuration': Poll(MessageType.CONFIGURATION),
+}
+# Payloads written out from the tables of 4.2.
+FUNCTIONS = (
+    DigitalInput(),
+    TimerInput(True, False, 16),
+    PulseAccumulator(False),
+    DigitalOutput(True),
+    PulseOutput(True, True, 2),
+    UnknownFunction(0x001F),
+)
+LAYOUTS: list[tuple[Any, bytes]] = [
+    (Status(CommandState.NO_SIGNAL), build_frame(10, b'\0\0')),
+    (Status(CommandState.MS_2), build_frame(10, b'\0\x06')),
+    (PulseOutputs((0, 32767, None)), build_frame(12, b'\0\0\x7f\xff\x80\0')),
+    (AuxInputs((True, *(False,) * 4, True)), build_frame(14, b'\x21\0')),
+    (
+        AuxInputs(
+            (False,) * 6,
+            (None, Measurement(1000), None, None, None, Measurement(0x3FFF, False, True)),
+        ),
+        build_frame(14, b'\0\x22\x43\xe8\xbf\xff'),
+    ),
+    (
+        Configuration(126, 12, FUNCTIONS),
+        build_frame(15, bytes.fromhex('7E0C 0000 0141 0002 0013 0194 001F')),
+    ),
+    (PulseCommand((0, 1500, 32000)), build_frame(20, b'\0\0\x05\xdc\x7d\0')),
+    (
+        AuxOutputs((True, False, False, True, False, False)),
+        build_frame(21, b'\x89\0'),
+    ),
+    (
+        AuxOutputs(None, (None, None, None, None, 1000, 0x7FFF), period=True),
+        build_frame(21, b'\0\xb0\x03\xe8\x7f\xff'),
+    ),
+]
+STREAM = [*GOLDEN.values(), *(frame for _, frame in LAYOUTS), GOLDEN['status']]
+GOOD = GOLDEN['pulse inputs']
+
+
+@pytest.mark.parametrize('name', GOLDEN)
+def test_golden_frames_both_ways(name: str) -> None:
+    assert protocol.decode(GOLDEN[name]) == MESSAGES[name]
+    assert MESSAGES[name].to_bytes() == GOLDEN[name]
+
+
+TABLES = {  # of 4.2: which payloads may follow which message ID
+    10: [0, 2],
+    11: range(25),  # up to 24 channels
+    12: range(0, 49, 2),  # two bytes each
+    13: range(0, 33, 2),  # the first 16 of them are inputs
+    14: range(0, 15, 2),  # two bytes, and two for each of 6 auxiliary channels
+    15: [0, 14],
+    20: range(2, 49, 2),
+    21: range(2, 15, 2),
+    98: [0],
+}
+
+
+def test_every_length_of_every_message_is_as_in_4_2() -> None:
+    size_of = protocol.PACKETS.size_of
+    sizes = {
+        kind: [size_of(bytes((0, 0, kind, length))) for length in range(256)] for kind in TABLES
+    }
+    assert {kind: [size - 6 for size in found if size] for kind, found in sizes.items()} == {
+        kind: [*lengths] for kind, lengths in TABLES.items()
+    }
+    assert protocol.PACKETS.max_size == 6 + 255
+    assert protocol.BAUD == 115_200
+
+
+@pytest.mark.parametrize('frame', GOLDEN.values(), ids=bytes.hex)
+def test_the_manuals_checksum_loop_agrees(frame: bytes) -> None:
+    assert build_frame(frame[2], frame[4:-2]) == frame
+
+
+def test_golden_sources_in_words_with_the_nibble_raw() -> None:
+    message = protocol.decode(GOLDEN['channel source'])
+    assert isinstance(message, ChannelSource)
+    texts = [selection.text() for selection in message.selections]
+    assert texts == ['PIN 4 (nibble 3)', 'PINv 5 (nibble 4)', 'CONST', 'SERIAL', 'LAST']
+    assert message.selections[0].text(first_nibble=1) == 'PIN 3 (nibble 3)'
+
+
+@pytest.mark.parametrize(('message', 'frame'), LAYOUTS, ids=lambda value: type(value).__name__)
+def test_layouts_of_4_2_both_ways(message: Any, frame: bytes) -> None:
+    assert message.to_bytes() == frame
+    assert protocol.decode(frame) == message
+
+
+# -- every function, edge and time base (4.2.1.6) -------------------------------------------------
+
+
+@pytest.mark.parametrize(('code', 'time_base'), [*enumerate((1, 2, 4, 8, 16, 32, 64, 128))])
+@pytest.mark.parametrize('bit_8', [False, True])
+@pytest.mark.parametrize('bit_7', [False, True])
+def test_every_edge_and_time_base(code: int, time_base: int, bit_8: bool, bit_7: bool) -> None:
+    bits = 0x100 * bit_8 | 0x80 * bit_7 | 0x10 * code
+    expected: dict[int, AuxFunction] = {
+        1: TimerInput(start_rising=bit_8, stop_rising=bit_7, time_base_us=time_base),
+        2: PulseAccumulator(rising=bit_7, time_base_us=time_base),
+        4: PulseOutput(one_shot=bit_8, low_pulses=bit_7, time_base_us=time_base),
+    }
+    for number, function in expected.items():
+        assert protocol.function_of(bits | number) == function
+    for number in (1, 4):
+        assert expected[number].to_word() == bits | number
+    assert expected[2].to_word() == bits & ~0x100 | 2
+
+
+def test_digital_functions() -> None:
+    assert protocol.function_of(0) == DigitalInput()
+    assert protocol.function_of(0x03) == DigitalOutput(initially_high=False)
+    assert protocol.function_of(0x13) == DigitalOutput(initially_high=True)
+
+
+@pytest.mark.parametrize(
+    ('function', 'text'),
+    [  # as the menu of 3.2 prints them
+        (DigitalInput(), 'Dig In'),
+        (TimerInput(True, True, 1), 'Timer In (1us,+,+)'),
+        (PulseAccumulator(False), 'PulAcc In (-)'),
+        (DigitalOutput(False), 'Dig Out (-)'),
+        (PulseOutput(False, False, 2), 'Pulse Out (2us,f,+)'),
+        (UnknownFunction(0x105), 'unknown (0x0105)'),  # nowhere in the menu
+    ],
+)
+def test_functions_read_as_in_the_menu(function: AuxFunction, text: str) -> None:
+    assert function.text == text
+
+
+@pytest.mark.parametrize(
+    ('function', 'word'),
+    [
+        (TimerInput(True, True), 0x181),
+        (PulseAccumulator(True), 0x082),
+        (DigitalOutput(), 0x003),
+        (PulseOutput(), 0x004),
+    ],
+)
+def test_function_of_which_no_more_is_said_has_no_bits_set(
+    function: AuxFunction, word: int
+) -> None:
+    assert function.to_word() == word
+
+
+@pytest.mark.parametrize('start_rising', [False, True])
+def test_timer_between_like_edges_measures_a_period(start_rising: bool) -> None:
+    assert TimerInput(start_rising, start_rising).measures_period
+    assert not TimerInput(start_rising, not start_rising).measures_period
+
+
+@given(st.integers(0, 0xFFFF))
+def test_only_functions_0_to_4_are_known(word: int) -> None:
+    function = protocol.function_of(word)
+    assert isinstance(function, UnknownFunction) == (word & 0xF > 4)
+    assert function.to_word() & 0xF == word & 0xF
+
+
+@given(st.integers(0, 255))
+def test_unknown_source_is_never_serial(byte: int) -> None:
+    selection = Selection.from_byte(byte)
+    assert (selection.source == Source.SERIAL) == (byte & 0xF == 3)
+    assert selection.nibble == byte >> 4
+    assert isinstance(selection.source, Source) == (byte & 0xF <= 4)
+    assert selection.to_byte() == byte
+
+
+@given(st.integers(0, 0xFFFF))
+def test_measurement_bits(word: int) -> None:
+    expected = Measurement(word & 0x3FFF, bool(word & 0x4000), bool(word & 0x8000))
+    assert Measurement.from_word(word) == expected
+    assert expected.to_word() == word
+
+
+@given(st.integers(0, 0xFFFF))
+def test_top_bit_is_an_invalid_pulse_and_nothing_else_is(word: int) -> None:
+    message = protocol.decode(build_frame(13, word.to_bytes(2, 'big')))
+    assert message == PulseInputs((None if word >= 0x8000 else word,))
+
+
+@given(st.integers(0, 0xFFFF))
+def test_reserved_status_bits_change_nothing(word: int) -> None:
+    message = protocol.decode(build_frame(10, word.to_bytes(2, 'big')))
+    assert message == Status(CommandState(word >> 1 & 3), bool(word & 1))
+
+
+# -- bad values of ours and of the peer -----------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    'make',
+    [
+        lambda: PulseCommand((32001,)),
+        lambda: PulseCommand((-1,)),
+        lambda: PulseCommand((1500.0,)),  # type: ignore[arg-type]
+        lambda: PulseCommand(()),
+        lambda: PulseCommand((0,) * 25),
+        lambda: PulseInputs((0,) * 17),
+        lambda: PulseOutputs((0x8000,)),
+        lambda: ChannelSource(()),
+        lambda: Selection(Source.PIN, 16),
+        lambda: Selection(16),
+        lambda: Measurement(0x4000),
+        lambda: AuxInputs((True,) * 5),
+        lambda: AuxInputs((True,) * 6, (None,) * 7),
+        lambda: AuxOutputs((True,) * 7),
+        lambda: AuxOutputs(counts=(0,) * 5),
+        lambda: AuxOutputs(counts=(0x8000, *(None,) * 5)),
+        lambda: Configuration(256, 1, (DigitalInput(),) * 6),
+        lambda: Configuration(0, 0, (DigitalInput(),) * 6),
+        lambda: Configuration(0, 17, (DigitalInput(),) * 6),
+        lambda: Configuration(0, 1, (DigitalInput(),) * 5),
+        lambda: TimerInput(True, True, 3),
+        lambda: PulseAccumulator(True, 0),
+        lambda: PulseOutput(time_base_us=256),
+        lambda: UnknownFunction(0x10000),
+        lambda: Poll(MessageType.PULSE_COMMAND),
+    ],
+)
+def test_own_bad_value_is_refused_when_made(make: Any) -> None:
+    with pytest.raises(ValueError, match=r'.') as caught:
+        make()
+    assert not isinstance(caught.value, FrameError)
+
+
+def test_pulse_time_of_0_is_sent_as_it_ends_the_pulses() -> None:
+    counts = (0, *(None,) * 4, 0x7FFF)
+    assert AuxOutputs(counts=counts).to_bytes() == build_frame(21, b'\0\x21\0\0\x7f\xff')
+
+
+def test_refused_count_is_answered_with_those_that_do() -> None:
+    with pytest.raises(ValueError, match='commanded pulses: 1 to 24 are needed, not 0'):
+        PulseCommand(())
+    with pytest.raises(ValueError, match='levels: 6 are needed, not 5'):
+        AuxInputs((True,) * 5)
+
+
+@pytest.mark.parametrize(
+    'frame',
+    [
+        b'',
+        b'\x81',
+        b'\x81\xa1\x0a',
+        b'\x82' + GOOD[1:],
+        GOOD[:-1],
+        GOOD + b'\0',
+        GOOD[:-1] + b'\0',
+        build_frame(10, b'\0'),
+        build_frame(12, b'\0'),
+        build_frame(12, bytes(50)),
+        build_frame(13, bytes(34)),
+        build_frame(14, b'\0\x01'),
+        build_frame(14, b'\0\x01\0\0\0\0'),
+        build_frame(14, b'\0\0\0\0'),
+        build_frame(15, bytes(14)),  # no pulse input
+        build_frame(15, b'\0\x11' + bytes(12)),
+        build_frame(20, b''),
+        build_frame(20, b'\x7d\x01'),
+        build_frame(21, b'\0\x20'),
+        build_frame(98, b'\0'),
+    ],
+    ids=bytes.hex,
+)
+def test_unsound_frame_is_the_peers_fault(frame: bytes) -> None:
+    with pytest.raises(FrameError):
+        protocol.decode(frame)
+
+
+def test_from_bytes_refuses_another_type() -> None:
+    with pytest.raises(FrameError):
+        PulseOutputs.from_bytes(GOOD)
+
+
+@given(st.sampled_from([0, 9, 16, 19, 22, 97, 99, 255]), st.binary(max_size=255))
+@example(99, b'\x81\xa1\x0a')
+def test_unknown_message_is_counted_and_keeps_the_next(kind: int, payload: bytes) -> None:
+    frame = build_frame(kind, payload)
+    assert protocol.decode(frame) == Unknown(kind)
+    parser = frames_of(protocol.parser())
+    assert parser.feed(GOOD + frame + GOOD, 0.0) == [GOOD, GOOD]
+    assert parser.counters.unknown_types == 1
+
+
+pulses = st.none() | st.integers(0, 0x7FFF)
+time_bases = st.sampled_from(TIME_BASES_US)
+functions: st.SearchStrategy[AuxFunction] = st.one_of(
+    st.just(DigitalInput()),
+    st.builds(TimerInput, st.booleans(), st.booleans(), time_bases),
+    st.builds(PulseAccumulator, st.booleans(), time_bases),
+    st.builds(DigitalOutput, st.booleans()),
+    st.builds(PulseOutput, st.booleans(), st.booleans(), time_bases),
+    st.builds(UnknownFunction, st.integers(0, 0xFFFF).filter(lambda word: word & 0xF > 4)),
+)
+measurements = st.builds(Measurement, st.integers(0, 0x3FFF), st.booleans(), st.booleans())
+messages: st.SearchStrategy[Any] = st.one_of(
+    st.builds(Status, st.sampled_from(CommandState), st.booleans()),
+    st.builds(
+        ChannelSource,
+        st.lists(st.integers(0, 255).map(Selection.from_byte), min_size=1, max_size=24).map(tuple),
+    ),
+    st.builds(PulseOutputs, st.lists(pulses, min_size=1, max_size=24).map(tuple)),
+    st.builds(PulseInputs, st.lists(pulses, min_size=1, max_size=16).map(tuple)),
+    st.builds(
+        AuxInputs,
+        st.tuples(*[st.booleans()] * 6),
+        st.tuples(*[st.none() | measurements] * 6),
+    ),
+    st.builds(Configuration, st.integers(0, 255), st.integers(1, 16), st.tuples(*[functions] * 6)),
+    st.builds(PulseCommand, st.lists(st.integers(0, 32000), min_size=1, max_size=24).map(tuple)),
+    st.builds(
+        AuxOutputs,
+        st.none() | st.tuples(*[st.booleans()] * 6),
+        st.tuples(*[st.none() | st.integers(0, 0x7FFF)] * 6),
+        st.booleans(),
+    ),
+    st.just(Lockout()),
+    st.builds(Poll, st.sampled_from(protocol.POLLED)),
+)
+
+
+@given(messages)
+def test_round_trip(message: Any) -> None:
+    assert protocol.decode(message.to_bytes()) == message
+
+
+@given(messages)
+def test_every_frame_has_the_manuals_checksum(message: Any) -> None:
+    frame = message.to_bytes()
+    assert build_frame(frame[2], frame[4:-2]) == frame
+
+
+@given(st.binary(max_size=60) | st.binary(max_size=40).map(lambda data: b'\x81\xa1' + data))
+def test_any_bytes_decode_or_raise_frame_error(data: bytes) -> None:
+    try:
+        protocol.decode(data)
+    except FrameError:
+        return
+    assert build_frame(data[2], data[4:-2]) == data
+
+
+# -- the parser -----------------------------------------------------------------------------------
+
+
+def drain(parser: StreamParser[bytes], now: float) -> list[bytes]:
+    """Let time pass until nothing is pending."""
+    frames = []
+    while parser.deadline <= (now := now + 0.1):
+        frames += parser.poll(now)
+    return frames
+
+
+def parse(data: bytes) -> list[bytes]:
+    parser = frames_of(protocol.parser())
+    return parser.feed(data, 0.0) + drain(parser, 0.0)
+
+
+def test_whole() -> None:
+    assert parse(b''.join(STREAM)) == STREAM
+
+
+def test_byte_by_byte() -> None:
+    parser = frames_of(protocol.parser())
+    frames = [f for byte in b''.join(STREAM) for f in parser.feed(bytes((byte,)), 0.0)]
+    assert frames == STREAM
+    assert parser.counters.discarded_bytes == 0
+
+
+@given(st.lists(st.integers(0, len(b''.join(STREAM))), max_size=20))
+def test_random_splits(cuts: list[int]) -> None:
+    data = b''.join(STREAM)
+    parser = frames_of(protocol.parser())
+    edges = [0, *sorted(cuts), len(data)]
+    frames = [f for a, b in itertools.pairwise(edges) for f in parser.feed(data[a:b], 0.0)]
+    assert frames == STREAM
+
+
+@given(st.lists(st.binary(max_size=30), min_size=len(STREAM), max_size=len(STREAM)))
+@example([b'\x81'] * len(STREAM))
+@example([b'\x81\xa1'] * len(STREAM))
+@example([b'\x81\xa1\x63\xff'] * len(STREAM))
+@settings(max_examples=50)
+def test_garbage_before_and_between(garbage: list[bytes]) -> None:
+    data = b''.join(noise + frame for noise, frame in zip(garbage, STREAM, strict=True))
+    assert [f for f in parse(data) if f in STREAM] == STREAM
+
+
+@pytest.mark.parametrize('frame', STREAM[:-1], ids=bytes.hex)
+def test_truncated_frame_keeps_the_next(frame: bytes) -> None:
+    for size in range(1, len(frame)):
+        assert parse(frame[:size] + GOOD)[-1:] == [GOOD], size
+
+
+def test_corrupt_length_keeps_next_frame() -> None:
+    for frame in STREAM:
+        for length in set(range(256)) - {frame[3]}:
+            corrupt = frame[:3] + bytes((length,)) + frame[4:]
+            assert parse(corrupt + GOOD)[-1:] == [GOOD], (frame.hex(), length)
+
+
+def test_corrupt_check_keeps_next_frame() -> None:
+    for frame in STREAM:
+        for check in (frame[-2] ^ 1, frame[-1]), (frame[-2], frame[-1] ^ 1), frame[:-3:-1]:
+            parsed = parse(frame[:-2] + bytes(check) + GOLDEN['status'])
+            assert frame not in parsed[:-1]
+            assert parsed[-1] == GOLDEN['status']
+
+
+def test_impossible_length_is_not_waited_for() -> None:
+    parser = frames_of(protocol.parser())
+    for number, head in enumerate((b'\x0a\x03', b'\x0d\x22', b'\x62\x01', b'\x14\x00'), 1):
+        assert parser.feed(b'\x81\xa1' + head, 0.0) == []
+        assert parser.counters.malformed == number
+    assert parser.feed(GOOD, 0.0) == [GOOD]
+
+
+def test_frame_that_never_ends_expires() -> None:
+    parser = frames_of(protocol.parser())
+    assert parser.feed(b'\x81\xa1\x63\xff' + GOOD, 0.0) == []
+    assert parser.poll(parser.deadline) == [GOOD]
+    assert parser.counters.expired == 1
+
+
+def test_flood_is_bounded_and_harmless() -> None:
+    parser = frames_of(protocol.parser())
+    for data in (b'\x81\xa1' * 50_000, b'\x81\xa1\x63\xff' * 25_000, bytes(100_000)):
+        parser.feed(data, 0.0)
+        assert len(parser._buffer) <= protocol.PACKETS.max_size
+    assert drain(parser, 0.0) == []
+    assert parser.feed(GOOD, 10.0) == [GOOD]
+
+
+def test_one_flipped_bit_loses_at_most_its_own_frame() -> None:
+    data = b''.join(STREAM)
+    start = 0
+    for number, frame in enumerate(STREAM):
+        others = STREAM[:number] + STREAM[number + 1 :]
+        for bit in range(8 * len(frame)):
+            corrupt = bytearray(data)
+            corrupt[start + bit // 8] ^= 1 << bit % 8
+            assert parse(bytes(corrupt)) == others, (frame.hex(), bit)
+        start += len(frame)

@@ -1,0 +1,438 @@
+# Copyright 2026 The rugged_teleop maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The simulated SSC against the manual; nothing here uses the bridge's codec."""
+
+from __future__ import annotations
+
+import json
+import struct
+
+import pytest
+
+from ssc_bridge.simulator import BOOT_TIME, build_frame, Settings, Simulator, sums
+from ssc_bridge.simulator.memory import is_image
+from ssc_bridge.simulator.menus import Terminal
+from stage.rig import ROOT
+
+VECTORS = json.loads((ROOT / 'test' / 'vectors' / 'ssc.json').read_text())
+GOLDEN = bytes.fromhex(''.join(VECTORS['config_image']['lines']))
+STATUS, SOURCE, OUTPUTS, INPUTS, AUX, CONFIG, COMMAND, SET_AUX, LOCKOUT = (
+    *range(10, 16),
+    20,
+    21,
+    98,
+)
+QUIET = [0, 0, 0, 0, 0]
+STEP = 0.005
+
+
+class Device:
+    """A simulator and the clock that drives it; messages by ID, oldest first."""
+
+    def __init__(self, settings: Settings | None = None, **options: object) -> None:
+        self.simulator = Simulator(settings, **options)  # type: ignore[arg-type]
+        self.now = 0.0
+        self.data = b''
+        self.run()
+
+    def run(self, seconds: float = 0.05) -> Device:
+        end = self.now + seconds
+        while self.now < end:
+            self.data += b''.join(self.simulator.poll(self.now))
+            self.now += STEP
+        return self
+
+    def apply(self, *lines: str, seconds: float = 0.05) -> Device:
+        for line in lines:
+            self.simulator.apply(line)
+        return self.run(seconds)
+
+    def hear(self, data: bytes) -> Device:
+        self.simulator.receive(data, self.now)
+        return self.run()
+
+    def poll(self, kind: int) -> bytes:
+        """Ask for a message; return its payload."""
+        self.data = b''
+        self.hear(b'\x81\xa1' + bytes((kind, 0, kind, 2 * kind)))  # the sums of two bytes: by hand
+        assert self.data[:3] == bytes((0x81, 0xA1, kind)), self.data
+        return self.data[4 : 4 + self.data[3]]
+
+    def words(self, kind: int) -> tuple[int, ...]:
+        payload = self.poll(kind)
+        return struct.unpack(f'>{len(payload) // 2}H', payload)
+
+    def press(self, keys: str) -> str:
+        """Type; return what is printed to it."""
+        self.data = b''
+        self.hear(keys.encode())
+        return self.data.decode()
+
+    def enter_menus(self) -> Device:
+        self.apply('reboot', seconds=BOOT_TIME + 0.1)
+        assert 'MAIN MENU' in self.press('ssconfig')
+        return self
+
+
+def command(pulses: list[int]) -> bytes:
+    return build_frame(COMMAND, struct.pack(f'>{len(pulses)}H', *pulses))
+
+
+def quiet(**options: object) -> Settings:
+    return Settings(rates=list(QUIET), **options)  # type: ignore[arg-type]
+
+
+# Frames.
+
+
+@pytest.mark.parametrize('frame', VECTORS['frames'], ids=lambda frame: frame['is'])
+def test_frames_are_built_as_the_vectors_say(frame: dict[str, str]) -> None:
+    data = bytes.fromhex(frame['hex'])
+    assert build_frame(data[2], data[4:-2]) == data
+
+
+def test_image_is_checked_as_the_printed_one() -> None:
+    assert sums(GOLDEN[:-2]) == GOLDEN[-2:]
+    assert Settings.from_image(GOLDEN).inputs == 12
+    assert Settings.from_image(GOLDEN).constants[:10] == list(range(1100, 2001, 100))
+
+
+def test_configured_rates_are_kept() -> None:
+    device = Device(Settings(rates=[1, 2, 10, 50, 0])).run(9.95)
+    counts = [device.data.count(bytes((0x81, 0xA1, kind))) for kind in range(10, 15)]
+    assert counts == pytest.approx([10, 20, 100, 500, 0], abs=1)
+
+
+def test_every_message_can_be_polled_and_has_its_length() -> None:
+    device = Device(quiet(inputs=5, aux=[0x181, 0, 0x82, 0, 0, 0]))
+    sizes = {kind: len(device.poll(kind)) for kind in range(10, 16)}
+    assert sizes == {10: 2, 11: 19, 12: 38, 13: 10, 14: 6, 15: 14}
+
+
+def test_system_configuration_tells_what_is_set() -> None:
+    device = Device(quiet(inputs=5, config_id=200, aux=[0, 0x181, 0x02, 0x13, 0x114, 0]))
+    assert device.poll(CONFIG) == bytes.fromhex('C805 0000 0181 0002 0013 0114 0000')
+
+
+def test_bad_frame_is_ignored_and_the_next_is_heard() -> None:
+    device = Device(quiet())
+    good = command([1500] * 16)
+    device.hear(good[:-1] + b'\0' + good)
+    assert device.simulator.received == {COMMAND: 1}
+
+
+@pytest.mark.parametrize(
+    'frame',
+    [
+        command([1500] * 15),
+        command([1500] * 17),
+        command([*([1500] * 15), 32001]),
+        build_frame(SET_AUX, b'\x80\x01'),
+        build_frame(SET_AUX, b'\x80'),
+        build_frame(LOCKOUT, b'\0'),
+        build_frame(99),
+    ],
+)
+def test_frame_that_makes_no_sense_changes_nothing_and_is_counted(frame: bytes) -> None:
+    device = Device(quiet(lockouts=[True, True]))
+    device.hear(frame)
+    assert device.simulator.rejected == 1
+    assert device.simulator.serial == [0] * 16
+
+
+def test_secondary_port_is_silent() -> None:
+    device = Device(Settings(primary=2)).run(2.0)
+    device.hear(command([1500] * 16))
+    assert device.data == b''
+    assert device.simulator.received == {}
+
+
+def test_mute_says_nothing() -> None:
+    device = Device().apply('mute on')
+    device.data = b''
+    assert device.run(1.0).data == b''
+    assert device.apply('mute off').data != b''
+
+
+# The switch.
+
+
+@pytest.mark.parametrize(
+    ('lines', 'state'),
+    [
+        (['channel 1 1000'], 1),
+        (['channel 1 1500'], 2),
+        (['channel 1 2000'], 3),
+        (['channel 1 off'], 0),
+        (['receiver off'], 0),
+        (['channel 1 2000', 'link off'], 2),  # the receiver's failsafe
+    ],
+)
+def test_command_channel_decides_the_state(lines: list[str], state: int) -> None:
+    device = Device(quiet()).apply(*lines, seconds=0.2)
+    assert struct.unpack('>H', device.poll(STATUS))[0] >> 1 == state
+
+
+def test_sources_follow_the_table() -> None:
+    row = bytearray((2, 3, 4, 0x10))
+    device = Device(quiet(table=[row] * 24))
+    for line, byte in (('channel 1 1000', 3), ('channel 1 1500', 4), ('channel 1 2000', 0x10)):
+        assert device.apply(line).poll(SOURCE) == bytes([byte]) * 16
+    assert device.apply('receiver off', seconds=0.2).poll(SOURCE) == bytes([2]) * 16
+
+
+def test_each_source_drives_its_pulse() -> None:
+    rows = [bytearray([byte] * 4) for byte in (0x10, 0x11, 2, 3, 4, 0xF0)]
+    table = rows + [bytearray(4)] * 18
+    device = Device(quiet(table=table, constants=[1234] * 24)).apply('channel 2 1800')
+    device.hear(command([900 + n for n in range(16)]))
+    # PIN 2, its mirror image, the constant, the fourth command, nothing before, no such input.
+    assert device.words(OUTPUTS)[:6] == (1800, 1200, 1234, 903, 0x8000, 0x8000)
+
+
+def test_last_holds_what_was_there_and_serial_outlives_its_host() -> None:
+    device = Device(quiet()).apply('channel 1 1000')
+    device.hear(command([1100] * 16)).run(10.0)
+    assert device.words(OUTPUTS) == (1100,) * 16
+    device.apply('channel 1 1500')
+    device.hear(command([1900] * 16))
+    assert device.words(OUTPUTS) == (1100,) * 16
+
+
+def test_lost_receiver_gives_invalid_pulses_and_constants() -> None:
+    device = Device(quiet(constants=[1111] * 24)).apply('receiver off', seconds=0.2)
+    assert device.words(INPUTS) == (0x8000,) * 8
+    assert device.words(OUTPUTS) == (1111,) * 16
+
+
+def test_lost_transmitter_holds_all_but_the_command_channel() -> None:
+    device = Device(quiet()).apply('channel 1 2000', 'channel 2 1700', 'link off')
+    assert device.words(INPUTS)[:2] == (1500, 1700)
+
+
+# Auxiliary channels.
+
+
+@pytest.mark.parametrize(
+    ('edges', 'microseconds'), [(0x100, 600), (0x080, 1000), (0x180, 1600), (0x000, 1600)]
+)
+@pytest.mark.parametrize('code', range(8))
+def test_timer_measures_between_its_edges(edges: int, microseconds: int, code: int) -> None:
+    device = Device(quiet(aux=[edges | code << 4 | 1, 0, 0, 0, 0, 0]))
+    device.apply('signal 1 600 1000')
+    levels, assigned, word = struct.unpack('>BBH', device.poll(AUX))
+    assert (levels, assigned) == (0x3F, 1)
+    assert word == 0x4000 | microseconds >> code
+
+
+@pytest.mark.parametrize('code', range(8))
+def test_timer_is_over_range_above_14_bits(code: int) -> None:
+    device = Device(quiet(aux=[0x181 | code << 4, 0, 0, 0, 0, 0]))
+    longest = 0x3FFF << code
+    device.apply(f'signal 1 {longest - 1} 1')
+    assert device.poll(AUX)[2:] == b'\x7f\xff'
+    device.apply(f'signal 1 {longest - 1} {1 + (1 << code)}')
+    assert device.poll(AUX)[2:] == b'\xff\xff'
+    device.apply('signal 1 0 0')
+    assert device.poll(AUX)[2:] == b'\x00\x00'  # stopped: neither runs nor overflows
+
+
+def test_accumulator_counts_since_the_last_message() -> None:
+    device = Device(quiet(aux=[0, 0x82, 0, 0, 0, 0]))
+    device.poll(AUX)
+    device.apply('pulses 2 7')
+    assert device.poll(AUX)[2:] == b'\x40\x07'
+    assert device.poll(AUX)[2:] == b'\x00\x00'
+    device.apply('pulses 2 20000')
+    assert device.poll(AUX)[2:] == b'\xff\xff'
+
+
+def test_accumulator_follows_a_signal() -> None:
+    device = Device(quiet(aux=[0, 0x82, 0, 0, 0, 0])).apply('signal 2 500 500')
+    device.poll(AUX)
+    started = device.now
+    device.run(2.0)
+    pulses = struct.unpack('>H', device.poll(AUX)[2:])[0] & 0x3FFF
+    assert pulses == pytest.approx(1000 * (device.now - started), abs=100)
+
+
+def test_digital_outputs_obey_only_when_told_to_set() -> None:
+    device = Device(quiet(aux=[0x03, 0x13, 0, 0, 0, 0])).apply('pin 3 off')
+    assert device.poll(AUX)[0] == 0b111010
+    device.hear(build_frame(SET_AUX, b'\x01\x00'))
+    assert device.poll(AUX)[0] == 0b111010
+    device.hear(build_frame(SET_AUX, b'\xbd\x00'))  # bits of inputs change nothing
+    assert device.poll(AUX)[0] == 0b111001
+
+
+def test_pulse_output_takes_time_and_period_and_one_shot_fires_on_time_only() -> None:
+    device = Device(quiet(aux=[0x114, 0x024, 0, 0, 0, 0]))  # one shot at 2 us, free at 4 us
+    device.hear(build_frame(SET_AUX, bytes.fromhex('0003 00FA 81F4')))  # bit 15 is ignored
+    device.hear(build_frame(SET_AUX, bytes.fromhex('0083 03E8 03E8')))
+    first, second = device.simulator.describe()['aux'][:2]
+    assert (first['pulse_us'], first['period_us'], first['shots']) == (500, 2000, 1)
+    assert (second['pulse_us'], second['period_us'], second['shots']) == (2000, 4000, 0)
+
+
+# Power, menus, memory.
+
+
+def test_menus_open_within_five_seconds_of_power_on_only() -> None:
+    device = Device(quiet()).apply('reboot', seconds=BOOT_TIME + 4.8)
+    assert 'MAIN MENU' in device.press('ssconfig')
+    device = Device(quiet()).apply('reboot', seconds=BOOT_TIME + 5.1)
+    assert device.press('ssconfig') == ''
+
+
+@pytest.mark.parametrize('split', range(1, 8))
+def test_entry_string_is_found_in_any_split_and_after_noise(split: int) -> None:
+    device = Device(quiet()).apply('reboot', seconds=BOOT_TIME + 0.1)
+    device.hear(b'\x81\xa1sscon' + b'ssconfig'[:split])
+    assert 'MAIN MENU' in device.press('ssconfig'[split:])
+
+
+@pytest.mark.parametrize(('kind', 'flag'), [(LOCKOUT, 0), (COMMAND, 1)])
+def test_message_locks_the_menus_out_where_configured(kind: int, flag: int) -> None:
+    frame = build_frame(LOCKOUT) if kind == LOCKOUT else command([1500] * 16)
+    for locks in (False, True):
+        lockouts = [False, False]
+        lockouts[flag] = locks
+        device = Device(quiet(lockouts=lockouts)).apply('reboot', seconds=BOOT_TIME + 0.1)
+        assert device.poll(STATUS)[1] & 1
+        device.hear(frame)
+        assert device.poll(STATUS)[1] & 1 == (not locks)
+        assert bool(device.press('ssconfig')) == (not locks)
+
+
+def test_nothing_is_driven_and_nothing_said_in_the_menus_until_x() -> None:
+    device = Device(Settings()).enter_menus()
+    device.data = b''
+    device.run(2.0)
+    assert device.data == b''
+    device.hear(command([1500] * 16))
+    assert device.simulator.received == {}
+    assert device.simulator.outputs == [None] * 16
+    device.press('x')
+    device.run(1.0)
+    assert b'\x81\xa1' in device.data
+
+
+def test_unsaved_settings_are_lost_and_saved_ones_survive() -> None:
+    device = Device(quiet()).enter_menus()
+    device.press('1B77\r0x')
+    device.run(BOOT_TIME + 0.1)
+    assert device.poll(CONFIG)[0] == 1
+    device.enter_menus()
+    assert '[77]' in device.press('1B77\r')
+    device.press('0csL0x')
+    device.run(BOOT_TIME + 0.1)
+    assert device.poll(CONFIG)[0] == 77
+
+
+@pytest.mark.parametrize(
+    ('keys', 'shown'),
+    [
+        ('1a4\r', 'A) Pulse Input Channels [4]'),
+        ('1A17\r4\r', 'A) Pulse Input Channels [4]'),  # out of range: asked again
+        ('12' + '2' '2' '2' '1', 'Aux 2 Assign [Timer In (1us,+,+)]'),
+        ('13' + '3' '1', 'Aux 3 Assign [PulAcc In (-)]'),
+        ('14' + '4' '1', 'Aux 4 Assign [Dig Out (-)]'),
+        ('15' + '5' '1' '1' '2', 'Aux 5 Assign [Pulse Out (2us,f,+)]'),
+        ('21' + '4', '1) 1  SERIAL  '),
+        ('22' + '2' '6\r', '2) 2  PINv 6  '),
+        ('2nnnn3' + '1750\r', '1750      20000'),
+        ('2nnnnny' + '9000\r', '1500      9000'),
+        ('2X5\r' + '5', '5) 5  LAST      LAST      LAST      LAST'),
+        ('34' + '8', '4) Pulse In Message (msg 13) [50Hz]'),
+        ('42', '2) Comm 2 [X]'),
+        ('52', '2) On Rcv Msg 20 [X]'),
+    ],
+)  # fmt: skip
+def test_menus_set_what_they_show(keys: str, shown: str) -> None:
+    device = Device(quiet()).enter_menus()
+    screen = device.press(keys).rpartition('\x1b[1;1H')[2]
+    assert ' '.join(shown.split()) in ' '.join(screen.split())
+
+
+def test_more_than_sixteen_outputs_need_the_key_m() -> None:
+    device = Device(quiet(inputs=4)).enter_menus()
+    assert 'G) 16' in ' '.join(device.press('2').split())
+    screen = ' '.join(device.press('m').split())
+    assert '4) 20' in screen
+    assert 'G)' not in screen
+
+
+def test_erased_unit_drives_nothing_until_configured() -> None:
+    device = Device(Settings()).apply('memory erased', 'reboot', seconds=20.0)
+    assert device.simulator.outputs == [None] * 16
+    assert 'MAIN MENU' in device.press('ssconfig')
+    device.press('cs0x')
+    device.data = b''
+    assert b'\x81\xa1' in device.run(2.0).data
+
+
+def test_dump_is_the_printed_image() -> None:
+    printed = Device(image=GOLDEN).enter_menus().press('cd')
+    block = printed.partition('Start Of Image ----------\r\n')[2].partition('\r\n-')[0]
+    assert block.split('\r\n') == VECTORS['config_image']['lines']
+
+
+@pytest.mark.parametrize('echoes', [False, True])
+def test_image_is_received_in_any_case_and_with_any_line_ends(echoes: bool) -> None:
+    terminal = Terminal(echoes=echoes)
+    device = Device(quiet(), terminal=terminal).enter_menus()
+    assert 'Waiting For Image' in device.press('ci')
+    text = '\r\n'.join(VECTORS['config_image']['lines']).lower()
+    assert 'successful' in device.press(text + '\r')
+    assert device.simulator.memory.working == GOLDEN
+    assert device.simulator.memory.stored != GOLDEN
+
+
+def test_digit_behind_a_refused_image_is_a_key() -> None:
+    terminal = Terminal(asks_for_key=False, takes_digits=0)
+    device = Device(quiet(), terminal=terminal).enter_menus()
+    assert 'Erased.' in device.press('ci0E')
+    assert device.simulator.describe()['stored'] == 'invalid'
+
+
+# Steering.
+
+
+@pytest.mark.parametrize(
+    'line',
+    ['', 'fly', 'channel 0 1500', 'channel 1', 'channel 1 40000', 'link maybe', 'signal 7 1 1',
+     'pulses 1 -1', 'memory full', 'pin 1 x'],
+)  # fmt: skip
+def test_bad_command_is_one_line(line: str) -> None:
+    with pytest.raises(ValueError, match=r'\w') as caught:
+        Simulator().apply(line)
+    assert '\n' not in str(caught.value)
+
+
+def test_deadline_never_lies_in_the_past_for_long() -> None:
+    simulator = Simulator()
+    for _ in range(1000):
+        now = max(simulator.deadline(), 0.0)
+        simulator.poll(now)
+        assert simulator.deadline() > now
+
+
+def test_image_is_summed_once_not_at_each_step() -> None:
+    simulator = Simulator()
+    simulator.poll(1.0)
+    before = is_image.cache_info().misses
+    for step in range(100):
+        simulator.poll(1.0 + 0.01 * step)
+    assert is_image.cache_info().misses == before

@@ -1,0 +1,824 @@
+# Copyright 2026 The rugged_teleop maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+Every bad parameter of each node: exit status 2, one line that names it, no port opened.
+
+Most run in this process through the function that the executables call; a few as processes.
+"""
+
+from collections.abc import Callable, Iterator, Sequence
+import gc
+import math
+import os
+from pathlib import Path
+import re
+import signal
+import threading
+import time
+from typing import Any, Protocol
+
+import can
+import pytest
+
+from akron_can_bridge.node import AkronCanBridge
+from bridge_core.parameters import Parameter, ParameterError, resolve
+from bridge_core.runner import run
+from esi_drive_bridge.node import EsiDriveBridge
+from fort_vsc_bridge.node import FortVscBridge
+from rugged_teleop.multicasts import LOOPBACK
+from rugged_teleop.status_page.node import StatusPage
+from safety_mux.node import SafetyMux
+from safety_mux.parameters import parameter_table
+from ssc_bridge.node import SscBridge
+from stage.multicast_rig import free_port
+from stage.rig import as_yaml, TIMEOUT_FACTOR, wait_for
+from stage.spine import exit_of, UntouchedPort
+from vm110_bridge.node import Vm110Bridge
+
+
+class Untouched(Protocol):
+    """A port that disturbs nobody and knows whether it was ever opened."""
+
+    values: dict[str, Any]  # the parameters that lead a node there
+
+    @property
+    def was_opened(self) -> bool: ...
+
+    def close(self) -> None: ...
+
+
+class UntouchedSerial(UntouchedPort):
+    """A pseudo-terminal."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.values = {'port': self.path}
+
+
+class UntouchedGroup:
+    """
+    A multicast group at a port that no socket binds to, of this process or another one.
+
+    :param values: the parameters that lead there, by the port.
+    """
+
+    def __init__(self, values: Callable[[int], dict[str, Any]]) -> None:
+        port = free_port()
+        self.values = values(port)
+        self.was_opened = False
+        self._closed = threading.Event()
+        threading.Thread(target=self._watch, args=(f':{port:04X} ',), daemon=True).start()
+
+    def _watch(self, address: str) -> None:
+        before = False  # who looks for a free port binds to it for an instant, too
+        while not self._closed.wait(0.01):
+            bound = address in Path('/proc/net/udp').read_text()
+            self.was_opened |= bound and before
+            before = bound
+
+    def close(self) -> None:
+        """End the watch."""
+        self._closed.set()
+
+
+def untouched_network() -> Untouched:
+    return UntouchedGroup(lambda port: {'interface_address': LOOPBACK, 'input_port': port})
+
+
+class UntouchedBus:
+    """A CAN bus, a multicast group of python-can, on which whoever joins it says something."""
+
+    def __init__(self) -> None:
+        group, port = '239.74.163.2', free_port()
+        self.values = {'interface': 'udp_multicast', 'channel': f'{group}:{port}'}
+        self._bus = can.Bus(group, 'udp_multicast', port=port)
+
+    @property
+    def was_opened(self) -> bool:
+        return self._bus.recv(0.0) is not None
+
+    def close(self) -> None:
+        self._bus.shutdown()
+
+
+class NoPort:
+    """Of a node without a device."""
+
+    def __init__(self) -> None:
+        self.values: dict[str, Any] = {}
+        self.was_opened = False
+
+    def close(self) -> None:
+        """There is nothing."""
+
+
+# Each node with a transport that opens nothing. Another node is a line here.
+NODES: dict[str, tuple[Any, Callable[[], Untouched]]] = {
+    'fort': (FortVscBridge, UntouchedSerial),
+    'vm110': (Vm110Bridge, untouched_network),
+    'akron': (AkronCanBridge, UntouchedBus),
+    'ssc': (SscBridge, UntouchedSerial),
+    'esi': (EsiDriveBridge, UntouchedSerial),
+    'mux': (SafetyMux, NoPort),
+    'page': (StatusPage, NoPort),
+}
+PARAMETERS: dict[str, dict[str, Parameter]] = {
+    name: {parameter.name: parameter for parameter in node.PARAMETERS}
+    for name, (node, _) in NODES.items()
+}
+PARAMETERS['mux'] |= {parameter.name: parameter for parameter in parameter_table({})}
+ALL = [(node, name) for node, table in PARAMETERS.items() for name in table]
+Ports = dict[str, Untouched]
+
+
+def kind_of(parameter: Parameter) -> tuple[type, type]:
+    default = parameter.default
+    return type(default), type((default or [''])[0]) if isinstance(default, list) else type(
+        default
+    )
+
+
+FIRST_OF_KIND = {
+    node: {kind_of(each): name for name, each in reversed(table.items())}.values()
+    for node, table in PARAMETERS.items()
+}
+
+
+@pytest.fixture(scope='module')
+def ports() -> Iterator[Ports]:
+    result = {name: untouched() for name, (_, untouched) in NODES.items()}
+    yield result
+    for port in result.values():
+        port.close()
+
+
+def started(node: str, arguments: Sequence[str], port: Untouched | None = None) -> int:
+    """
+    Run a node in this process; one that takes what it was given is ended after a while.
+
+    :param port: it is ended as soon as it has opened this.
+    """
+    over = threading.Event()
+
+    def rescue() -> None:
+        end = time.monotonic() + 10.0 * TIMEOUT_FACTOR
+        while not over.wait(0.02):
+            if time.monotonic() > end or (port is not None and port.was_opened):
+                os.kill(os.getpid(), signal.SIGTERM)
+                return
+
+    thread = threading.Thread(target=rescue)
+    thread.start()
+    try:
+        return run([NODES[node][0]], ['node', '--ros-args', *arguments])
+    finally:
+        over.set()
+        thread.join()
+
+
+def overrides(values: dict[str, Any], port: Untouched) -> list[str]:
+    given = {**port.values, **values}
+    return [word for name, value in given.items() for word in ('-p', f'{name}:={as_yaml(value)}')]
+
+
+def refusal(node: str, values: dict[str, Any], ports: Ports, capfd: Any, *more: str) -> str:
+    """Show that the node refuses the values, and more arguments, as it should; return its line."""
+    capfd.readouterr()
+    port = ports[node]
+    status = started(node, [*overrides(values, port), *more])
+    error = capfd.readouterr().err
+    assert status == 2, f'{values}: {error}'
+    lines = error.splitlines()
+    assert len(lines) == 1, f'{values}: {error}'
+    assert not port.was_opened, f'{values}: opened its port'
+    return str(lines[0])
+
+
+def bad_values(parameter: Parameter) -> Iterator[Any]:
+    """Give one value for each way to be wrong: type, range, not a number, no choice."""
+    many = isinstance(parameter.default, list)
+    kind = type((parameter.default or [''])[0] if many else parameter.default)
+    yield from ([each] if many else each for each in _bad_items(parameter, kind))
+    if not many:
+        good = parameter.default
+        yield [good, good]
+
+
+def _bad_items(parameter: Parameter, kind: type[Any]) -> Iterator[Any]:
+    wrong_types: dict[type[Any], tuple[Any, ...]] = {
+        bool: (1, 'yes please', 0.5),
+        int: (1.5, True, 'seven', math.nan),
+        float: ('fast', True, math.nan, math.inf, -math.inf),
+        str: (5, 2.5, True),
+    }
+    yield from wrong_types[kind]
+    step = 1 if kind is int else 1e-3
+    if parameter.minimum is not None:
+        yield kind(parameter.minimum - step)
+    if parameter.above is not None:
+        yield kind(parameter.above)
+        yield kind(parameter.above - step)
+    if parameter.maximum is not None:
+        yield kind(parameter.maximum + max(step, abs(parameter.maximum) * 1e-6))
+    if parameter.choices:
+        yield 'nonsense'
+        if '' not in parameter.choices:  # what a list that is empty has to hold for ROS
+            yield ''
+
+
+@pytest.mark.parametrize(('node', 'name'), ALL, ids=[f'{node}-{name}' for node, name in ALL])
+def test_bad_value_of_each_parameter_is_one_line_and_status_2(
+    node: str, name: str, ports: Ports, capfd: Any
+) -> None:
+    """A start tries one value of the first parameter of each kind, and of the mux's all values."""
+    parameter = PARAMETERS[node][name]
+    is_first = name in FIRST_OF_KIND[node]
+    for number, value in enumerate(bad_values(parameter)):
+        if is_first and (number == 0 or node == 'mux'):
+            line = refusal(node, {name: value}, ports, capfd)
+        else:
+            with pytest.raises(ParameterError) as caught:
+                resolve([parameter], {name: value})
+            line = str(caught.value)
+        assert f'parameter {name} = ' in line, f'{value}: {line}'
+        assert f'allowed is {parameter.allowed}' in line, f'{value}: {line}'
+
+
+@pytest.mark.parametrize(
+    ('node', 'wrong', 'right'),
+    [
+        ('fort', 'prot', 'port'),
+        ('fort', 'device.auto_of_enable', 'device.auto_off_enable'),
+        ('vm110', 'inputport', 'input_port'),
+        ('akron', 'chanel', 'channel'),
+        ('ssc', 'prot', 'port'),
+        ('esi', 'comand_rate', 'command_rate'),
+        ('mux', 'rates', 'rate'),
+        ('mux', 'estop.frot.topic', 'estop.fort.topic'),
+        ('mux', 'operator.fort.topc', 'operator.fort.topic'),
+        ('mux', 'joint.left.maximum', 'joint.left.max'),
+    ],
+)
+def test_name_that_nobody_knows_is_refused_with_the_nearest(
+    node: str, wrong: str, right: str, ports: Ports, capfd: Any
+) -> None:
+    line = refusal(node, {wrong: 'x'}, ports, capfd)
+    assert f'parameter {wrong}: there is no such parameter; did you mean {right}?' in line
+
+
+def bounded(*joints: str) -> dict[str, Any]:
+    limits = ('max', 'acceleration', 'deceleration')
+    return {f'joint.{joint}.{limit}': 1.0 for joint in joints for limit in limits}
+
+
+SCALE = {'operator.fort.scale': [1.0]}
+BASE = {'joints': ['linear', 'angular'], **SCALE, **bounded('linear', 'angular')}
+TORQUES = {'interface': 'effort', **SCALE, **bounded('left', 'right')}
+CONTRADICTIONS: dict[str, tuple[str, dict[str, Any], str]] = {
+    # What is wrong: node, values, what the line must speak of.
+    'no name of a port': ('fort', {'port': ''}, "parameter port = '': allowed is a device file"),
+    'a network port without its number': (
+        'esi',
+        {'port': 'socket://host'},
+        "parameter port = 'socket://host': allowed is a device file",
+    ),
+    'a URL of nothing': (
+        'ssc',
+        {'port': 'sockt://host:1'},
+        "parameter port = 'sockt://host:1': a",
+    ),
+    'two operators of equal priority': (
+        'mux',
+        {'operators': ['fort', 'b'], 'operator.b.topic': 'joy', 'operator.b.mixing': 'arcade'},
+        'priorit',
+    ),
+    'an operator twice': ('mux', {'operators': ['fort', 'fort']}, 'operators'),
+    'an e-stop source twice': ('mux', {'estop_sources': ['fort', 'fort']}, 'e-?stop.sources'),
+    'no e-stop source': ('mux', {'estop_sources': ['']}, 'e-?stop.source'),
+    'nobody to drive': ('mux', {'operators': ['']}, 'operator'),
+    'a source without a topic': (
+        'mux',
+        {'estop_sources': ['fort', 'gate']},
+        r'parameter estop\.gate\.topic',
+    ),
+    'an operator without a topic': (
+        'mux',
+        {'operators': ['fort', 'b']},
+        r'parameter operator\.b\.topic',
+    ),
+    'when_owner without an operator': ('mux', {'estop.fort.counts': 'when_owner'}, 'when_owner'),
+    'a source of an operator that is not there': (
+        'mux',
+        {'estop.fort.counts': 'when_owner', 'estop.fort.operator': 'nobody'},
+        "operator 'nobody'",
+    ),
+    'a twist for three joints': (
+        'mux',
+        {
+            'autonomy.topic': 'cmd_vel',
+            'autonomy.wheel_separation': 0.5,
+            'autonomy.wheel_radius': 0.1,
+            'joints': ['a', 'b', 'c'],
+            'operator.fort.mixing': 'none',
+            'operator.fort.axis': [0, 1, 2],
+        },
+        r'parameter autonomy\.type',
+    ),
+    'a twist of other joints': ('mux', {'output': 'twist'}, r'parameter joints.*linear.*angular'),
+    'a twist with the speeds of a wheel': (
+        'mux',
+        {'output': 'twist', 'joints': ['linear', 'angular'], 'joint.angular.max': 1.0},
+        r'joint\.linear\.max: there is no default .*m/s.*give joint\.linear\.max, .*linear\.acc'
+        r'.*joint\.angular\.dec.*operator\.fort\.scale',
+    ),
+    'a torque with the numbers of a speed': (
+        'mux',
+        {'interface': 'effort', **SCALE, **bounded('left')},
+        r'joint\.right\.max: there is no default .*N·m; give joint\.right\.max, joint\.right\.acc',
+    ),
+    'wheels that nobody has measured': (
+        'mux',
+        {'autonomy.topic': 'plan', 'autonomy.wheel_separation': 0.5},
+        r'autonomy\.wheel_radius: there is no default for a Twist on autonomy\.topic; give',
+    ),
+    'a twist mixed to wheels': (
+        'mux',
+        {'output': 'twist', **BASE},
+        r"parameter operator\.fort\.mixing = 'arcade'.*'none'",
+    ),
+    'a twist of torques': (
+        'mux',
+        {
+            'output': 'twist_stamped',
+            **BASE,
+            'operator.fort.mixing': 'none',
+            'interface': 'effort',
+        },
+        r"parameter interface = 'effort'.*'velocity'",
+    ),
+    'a twist of joints that are measured': (
+        'mux',
+        {
+            'output': 'twist',
+            **BASE,
+            'operator.fort.mixing': 'none',
+            'feedback.topic': 'joint_states',
+        },
+        r"parameter feedback\.topic = 'joint_states': output twist needs ''",
+    ),
+    'a frame for joints': (
+        'mux',
+        {'frame_id': 'base'},
+        "parameter frame_id = 'base': is not used",
+    ),
+    'wheels for a twist that passes through': (
+        'mux',
+        {
+            'output': 'twist',
+            **BASE,
+            'operator.fort.mixing': 'none',
+            'autonomy.topic': 'cmd_vel',
+            'autonomy.wheel_radius': 0.2,
+        },
+        r'parameter autonomy\.wheel_radius = 0\.2: is not used',
+    ),
+    'wheels for joints that are named': (
+        'mux',
+        {
+            'autonomy.topic': 'plan',
+            'autonomy.type': 'JointState',
+            'autonomy.wheel_separation': 0.6,
+        },
+        r'parameter autonomy\.wheel_separation = 0\.6: is not used',
+    ),
+    'the operator of a stop that counts always': (
+        'mux',
+        {'estop.fort.operator': 'fort'},
+        r'parameter estop\.fort\.operator = .*: is not used',
+    ),
+    'a type of no autonomy': (
+        'mux',
+        {'autonomy.type': 'JointState'},
+        r'parameter autonomy\.type = .*: is not used',
+    ),
+    'wheels of no autonomy': (
+        'mux',
+        {'autonomy.wheel_radius': 0.2},
+        r'parameter autonomy\.wheel_radius = .*: is not used',
+    ),
+    'a timeout of no autonomy': (
+        'mux',
+        {'autonomy.timeout': 1.0},
+        r'parameter autonomy\.timeout = .*: is not used; only autonomy\.topic needs it',
+    ),
+    'a timeout of no drive': (
+        'mux',
+        {'drive_enabled_topic': '', 'drive_enabled_timeout': 1.0},
+        r'parameter drive_enabled_timeout = .*: is not used',
+    ),
+    'a timeout of no feedback': (
+        'mux',
+        {'feedback.timeout': 1.0},
+        r'parameter feedback\.timeout = .*: is not used',
+    ),
+    'a standstill that nobody measures': (
+        'mux',
+        {'feedback.standstill': 0.1},
+        r'parameter feedback\.standstill = .*: is not used',
+    ),
+    'an overspeed that nobody measures': (
+        'mux',
+        {'feedback.overspeed_tolerance': 1.0},
+        r'parameter feedback\.overspeed_tolerance = .*: is not used',
+    ),
+    'three axes to mix': ('mux', {'operator.fort.axis': [0, 1, 2]}, r'operator\.fort.*arcade'),
+    'one axis to mix': ('mux', {'operator.fort.axis': [0]}, r'operator\.fort.*arcade'),
+    'more scales than axes': (
+        'mux',
+        {'operator.fort.scale': [1.0, 1.0, 1.0]},
+        r'operator\.fort.*scale',
+    ),
+    'more inversions than axes': (
+        'mux',
+        {'operator.fort.inverted': [True, False, True]},
+        r'operator\.fort.*inverted',
+    ),
+    'a scale above the maximum': (
+        'mux',
+        {'operator.fort.scale': [10.1, 5.0]},
+        r'operator\.fort\.scale: 10\.1 is above joint\.left\.max',
+    ),
+    'a maximum below the scale': (
+        'mux',
+        {'joint.right.max': 9.9},
+        r'operator\.fort\.scale: 10\.0 is above joint\.right\.max',
+    ),
+    'speeds for a command of torques': (
+        'mux',
+        {**TORQUES, 'feedback.topic': 'joint_states'},
+        r"interface = 'effort': feedback\.topic = 'joint_states' is about speeds",
+    ),
+    "a planner's speed as a torque": (
+        'mux',
+        {**TORQUES, 'autonomy.topic': 'cmd_vel'},
+        r"interface = 'effort': autonomy\.type = 'Twist' is about speeds and needs 'velocity'",
+    ),
+    "a planner's stamped speed as a torque": (
+        'mux',
+        {**TORQUES, 'autonomy.topic': 'cmd_vel', 'autonomy.type': 'TwistStamped'},
+        r"interface = 'effort': autonomy\.type = 'TwistStamped' is about speeds",
+    ),
+    'a speed limit of torques': (
+        'mux',
+        {**TORQUES, 'speed_limits': ['zone'], 'speed_limit.zone.topic': 'zone'},
+        r"interface = 'effort': speed_limits = \['zone'\] is about speeds",
+    ),
+    'a ramp of torques as a stop': (
+        'mux',
+        {'interface': 'effort', 'estop.fort.stop_category': 1},
+        r"interface = 'effort': estop\.fort\.stop_category = 1 is about speeds",
+    ),
+    'a speed limit that nobody gives': (
+        'mux',
+        {'speed_limits': ['zone']},
+        r'speed_limit\.zone\.topic is empty',
+    ),
+    'what the drive says for its stop': (
+        'mux',
+        {'drive_enabled_topic': 'esi_drive_bridge/estop'},
+        'is also that of drive_enabled_topic',
+    ),
+    'own_estop of another node': (
+        'mux',
+        {'estop.fort.topic': '/near/estop', 'estop.fort.own_topic': 'fort_vsc_bridge/own_estop'},
+        r'own_topic = .*estop\.fort\.topic is of another node',
+    ),
+    'its own e-stop': ('mux', {'estop.drive.topic': '~/estop'}, '~/estop, which this node says'),
+    'its own command as feedback': (
+        'mux',
+        {'feedback.topic': 'safety_mux/command'},
+        r'feedback\.topic = .*~/command, which this node says',
+    ),
+    'its own enable': ('mux', {'drive_enabled_topic': '~/enable'}, '~/enable, which'),
+    'its own stop demand': (
+        'mux',
+        {'reset_topic': '/safety_mux/stop_demand/fort'},
+        '~/stop_demand/fort, which',
+    ),
+    'its own twist': (
+        'mux',
+        {
+            'output': 'twist',
+            **BASE,
+            'operator.fort.mixing': 'none',
+            'autonomy.topic': '~/cmd_vel',
+        },
+        '~/cmd_vel, which this node says',
+    ),
+    'its own Joy': ('mux', {'operator.fort.topic': '~/joy/fort'}, '~/joy/fort, which'),
+    'a scale of 0': ('mux', {'operator.fort.scale': [0.0]}, r'operator\.fort.*scale'),
+    'a deadman button twice': (
+        'mux',
+        {'operator.fort.deadman_buttons': [0, 0]},
+        r'operator\.fort.*deadman',
+    ),
+    'a joint twice': ('mux', {'joints': ['a', 'a']}, 'parameter joints'),
+    'a joint without a name': ('mux', {'joints': ['', 'b']}, 'parameter joints'),
+    'joints that are one name': (
+        'mux',
+        {'joints': 'left, right'},
+        r"parameter joints = 'left, right': is one name; for a list write \[left, right\]",
+    ),
+    'one joint for two sticks': (
+        'mux',
+        {'joints': 'left'},
+        r'makes 2 joints, joints has 1: left; correct either',
+    ),
+    'more joints than the operator moves': (
+        'mux',
+        {'joints': ['a', 'b', 'c']},
+        r"parameter operator\.fort\.mixing = 'arcade': makes 2 joints, joints has 3",
+    ),
+    'fewer joints than axes': (
+        'mux',
+        {'joints': ['a'], 'operator.fort.mixing': 'none'},
+        r'parameter operator\.fort\.axis = \[1, 0\]: makes 2 joints, joints has 1',
+    ),
+    'no deadman button': (
+        'mux',
+        {'operator.fort.deadman_buttons': []},
+        r'parameter operator\.fort\.deadman_buttons = \[\]: one or more are needed',
+    ),
+    'a joystick that is this node': (
+        'akron',
+        {'allowed_joysticks': [0x38]},
+        r'parameter allowed_joysticks = \[56\]: 0x38 is our own source_address',
+    ),
+    'a commander that is this node': (
+        'akron',
+        {'joy_source': 0x38},
+        'parameter joy_source = 56: 0x38 is our own source_address',
+    ),
+    'two samples for a rest': (
+        'mux',
+        {'operator.fort.timeout': 0.31, 'neutral_time': 0.3},
+        r'parameters.*fort.*neutral_time',
+    ),
+    'clear for less than three decisions': (
+        'mux',
+        {'rate': 20.0, 'clear_time': 0.149},
+        'parameter clear_time',
+    ),
+    'neutral for less than three decisions': (
+        'mux',
+        {'rate': 20.0, 'neutral_time': 0.149},
+        'parameter neutral_time',
+    ),
+    'stalled at every tick': ('mux', {'rate': 20.0, 'stall_limit': 0.02}, 'stall_limit'),
+    'three joints for a drive of two axes': (
+        'esi',
+        {'joint_names': ['a', 'b', 'c']},
+        'parameter joint_names',
+    ),
+    'the drive has a joint twice': ('esi', {'joint_names': ['a', 'a']}, 'parameter joint_names'),
+    "a drive's joint without a name": ('esi', {'joint_names': ['', 'a']}, 'joint'),
+    'more modes than axes': ('esi', {'mode': ['torque'] * 3}, 'parameter mode'),
+    'two ratios for one axis': (
+        'esi',
+        {'joint_names': ['a'], 'gear_ratio': [1.0, 2.0]},
+        'parameter gear_ratio',
+    ),
+    'three inversions for two axes': (
+        'esi',
+        {'inverted': [True, False, True]},
+        'parameter inverted',
+    ),
+    'a limit that lets nothing grow': ('esi', {'slew_limit': [0.0]}, 'parameter slew_limit'),
+    'a group that is none': ('vm110', {'group': '192.168.1.10'}, 'parameter group.* multicast'),
+    'the name of an interface for its address': (
+        'vm110',
+        {'interface_address': 'eth0'},
+        'parameter interface_address.* IPv4',
+    ),
+    'a source that is no address': (
+        'vm110',
+        {'allowed_sources': ['192.168.1.10', 'bu']},
+        'parameter allowed_sources.* IPv4',
+    ),
+    'inversions for two of four joysticks': (
+        'vm110',
+        {'axis_inverted': [True, False]},
+        'parameter axis_inverted.* 4 axes',
+    ),
+    'an interval that makes the link seem lost': (
+        'fort',
+        {'device.heartbeat_interval_ms': 200},
+        r'parameter device\.heartbeat_interval_ms',
+    ),
+    'sticks slower than their timeout': (
+        'fort',
+        {'device.joystick_interval_ms': 126},
+        r'parameter device\.joystick_interval_ms',
+    ),
+    'faster than the VSC sends': (
+        'fort',
+        {'device.joystick_interval_ms': 5},
+        r'parameter device\.joystick_interval_ms',
+    ),
+    'a heartbeat switched off': (
+        'fort',
+        {'device.heartbeat_interval_ms': 0},
+        r'parameter device\.heartbeat_interval_ms',
+    ),
+    'no minutes at all': (
+        'fort',
+        {'device.inactivity_pause_minutes': 0},
+        r'parameter device\.inactivity_pause_minutes',
+    ),
+}
+
+
+@pytest.mark.parametrize('case', CONTRADICTIONS)
+def test_contradiction_is_one_line_and_status_2(case: str, ports: Ports, capfd: Any) -> None:
+    node, values, words = CONTRADICTIONS[case]
+    line = refusal(node, values, ports, capfd)
+    assert line.startswith('rugged_teleop: ')
+    assert re.search(words, line), line
+
+
+TOPICS = [name for name, each in PARAMETERS['mux'].items() if name.endswith('topic')]
+
+
+@pytest.mark.parametrize('name', TOPICS)
+def test_topic_name_that_ros_forbids_is_one_line_and_status_2(
+    name: str, ports: Ports, capfd: Any
+) -> None:
+    for topic in ('two words', 'a//b', '1st', 'ends/', '~x', 'a' * 247):
+        assert name in refusal('mux', {name: topic}, ports, capfd), topic
+
+
+def test_one_topic_for_a_stop_and_for_sticks_is_one_line_and_status_2(
+    ports: Ports, capfd: Any
+) -> None:
+    values = {'estop.fort.topic': 'both', 'operator.fort.topic': 'both'}
+    assert 'topic' in refusal('mux', values, ports, capfd)
+
+
+def test_one_topic_for_two_estop_sources_is_one_line_and_status_2(
+    ports: Ports, capfd: Any
+) -> None:
+    line = refusal('mux', {'estop.drive.topic': 'fort_vsc_bridge/estop'}, ports, capfd)
+    assert 'topic' in line
+
+
+@pytest.mark.parametrize('alias', ['/site/fort_vsc_bridge/estop', 'drive_stop', '/estop'])
+def test_one_topic_under_two_names_is_one_line_and_status_2(
+    alias: str, ports: Ports, capfd: Any
+) -> None:
+    remapped = ('-r', 'drive_stop:=fort_vsc_bridge/estop', '-r', '/estop:=fort_vsc_bridge/estop')
+    more = ('-r', '__ns:=/site', *remapped)
+    line = refusal('mux', {'estop.drive.topic': alias}, ports, capfd, *more)
+    assert 'is also that of estop' in line
+
+
+@pytest.mark.parametrize('name', ['main gate', 'gr\u00fcn', 'g' * 230])
+def test_source_name_that_cannot_be_a_topic_is_one_line_and_status_2(
+    name: str, tmp_path: Path, capfd: Any
+) -> None:
+    file = tmp_path / 'mux.yaml'
+    file.write_text(
+        f'safety_mux:\n  ros__parameters:\n    estop_sources: ["{name}"]\n'
+        f'    estop: {{"{name}": {{topic: gate/estop}}}}\n'
+    )
+    capfd.readouterr()
+    assert started('mux', ['--params-file', str(file)]) == 2
+    (line,) = capfd.readouterr().err.splitlines()
+    assert name in line
+
+
+# As processes.
+
+
+@pytest.mark.parametrize(
+    ('module', 'name', 'value'),
+    [
+        ('fort_vsc_bridge.node', 'link_timeout', '.nan'),
+        ('vm110_bridge.node', 'output_period', '0.5'),
+        ('esi_drive_bridge.node', 'command_rate', '"fast"'),
+        ('safety_mux.node', 'estop.fort.timeout', '0.0'),
+    ],
+)
+def test_process_with_a_bad_parameter_ends_with_status_2_and_one_line(
+    module: str, name: str, value: str
+) -> None:
+    status, error = exit_of(module, '--ros-args', '-p', f'{name}:={value}')
+    assert status == 2
+    (line,) = error.splitlines()
+    assert f'parameter {name} = ' in line
+
+
+def test_process_never_opens_its_port_with_a_bad_parameter() -> None:
+    port = UntouchedPort()
+    try:
+        for module in ('fort_vsc_bridge.node', 'esi_drive_bridge.node'):
+            status, _ = exit_of(
+                module, '--ros-args', '-p', f'port:={port.path}', '-p', 'estop_rate:=0.0'
+            )
+            assert status == 2
+            assert not port.was_opened
+    finally:
+        port.close()
+
+
+def test_bad_value_in_a_parameter_file_is_refused_like_any_other(
+    tmp_path: Path, ports: Ports, capfd: Any
+) -> None:
+    file = tmp_path / 'mux.yaml'
+    file.write_text('safety_mux:\n  ros__parameters:\n    rate: 5.0\n')
+    capfd.readouterr()
+    assert started('mux', ['--params-file', str(file)]) == 2
+    (line,) = capfd.readouterr().err.splitlines()
+    assert 'parameter rate = 5.0: allowed is a number from 20 to 500 Hz' in line
+
+
+@pytest.mark.parametrize(
+    'text',
+    [
+        'safety_mux:\n  ros__parameters:\n    rate: [1.0,\n',
+        'safety_mux:\n  rate: 100.0\n',
+        '\tsafety_mux: {}\n',
+        '- rate\n',
+    ],
+    ids=['no end', 'no ros__parameters', 'a tabulator', 'a list'],
+)
+def test_broken_parameter_file_ends_with_status_2_and_its_name(tmp_path: Path, text: str) -> None:
+    file = tmp_path / 'broken.yaml'
+    file.write_text(text)
+    status, error = exit_of('safety_mux.node', '--ros-args', '--params-file', str(file))
+    assert status == 2
+    assert 'Traceback' not in error
+    last = error.splitlines()[-1]
+    assert last.startswith('rugged_teleop: ')
+    assert 'broken.yaml' in last
+
+
+@pytest.mark.parametrize('node', [node for node in NODES if node not in ('mux', 'page')])
+def test_good_parameters_open_the_port(node: str) -> None:
+    """So that a port which stays closed tells something."""
+    port = NODES[node][1]()
+    try:
+        assert started(node, overrides({}, port), port) == 0
+        assert port.was_opened
+    finally:
+        port.close()
+
+
+def test_good_value_at_each_end_of_a_range_is_taken() -> None:
+    """Of lists the least goes first and the greatest last: some have to rise."""
+    for table in PARAMETERS.values():
+        for parameter in table.values():
+            ends = [end for end in (parameter.minimum, parameter.maximum) if end is not None]
+            for place, end in zip((0, -1), ends, strict=False):
+                value: Any = parameter.default
+                if isinstance(value, list):
+                    value = list(value)
+                    value[place] = type(value[0])(end)
+                else:
+                    value = type(value)(end)
+                assert parameter.validate(value) == value, parameter.name
+
+
+def test_refused_start_gives_back_every_descriptor_and_signal(ports: Ports, capfd: Any) -> None:
+    """Refused 500 times over, a start that kept a pipe came past 1,024 descriptors, and hung."""
+
+    def kept() -> list[int]:
+        return [len(os.listdir(f'/proc/self/{what}')) for what in ('fd', 'task')]
+
+    handlers = [signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)]
+    refusal('esi', {'command_rate': -1.0}, ports, capfd)
+    before = kept()
+    gc.disable()  # a start leaves it to nobody when the middleware ends
+    try:
+        for _ in range(10):
+            refusal('esi', {'command_rate': -1.0}, ports, capfd)
+        # Threads that have ended are gone a moment later; a leak would stay.
+        wait_for(
+            lambda: all(now <= was for now, was in zip(kept(), before, strict=True)),
+            5.0,
+            lambda: f'descriptors and threads as before: {before}, now {kept()}',
+        )
+    finally:
+        gc.enable()
+    assert [signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)] == handlers

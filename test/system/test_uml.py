@@ -1,0 +1,93 @@
+# Copyright 2026 The rugged_teleop maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+What a real CAN interface changes, and a wall clock that steps, inside user-mode-linux.
+
+That is a Linux kernel which runs as an ordinary process; it needs no privileges. Where it cannot
+run, the reason is told and the tests are skipped, or fail if RUGGED_TELEOP_REQUIRE_UML is 1, as CI
+sets it.
+"""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from signal import SIGTERM
+import subprocess
+import sys
+from typing import NoReturn
+
+import pytest
+
+from stage import uml
+from stage.can_rig import VARIABLE
+from stage.rig import ROOT, wait_for
+
+pytestmark = [
+    pytest.mark.skipif(VARIABLE in os.environ, reason='we are inside already'),
+    pytest.mark.computes(60),
+]
+
+
+def cannot_run(reason: str) -> NoReturn:
+    text = f'nothing was tested in a kernel of its own: {reason}'
+    if os.environ.get('RUGGED_TELEOP_REQUIRE_UML') == '1':
+        pytest.fail(text)
+    pytest.skip(text)
+
+
+def test_what_a_real_interface_changes(tmp_path: Path) -> None:
+    """One kernel runs all that has the mark real_can."""
+    run_marked(tmp_path, 'real_can')
+
+
+@pytest.mark.proof
+def test_what_steps_the_wall_clock(tmp_path: Path) -> None:
+    run_marked(tmp_path, 'own_clock')
+
+
+def run_marked(directory: Path, mark: str) -> None:
+    if reason := uml.missing():
+        cannot_run(reason)
+    result = uml.run_in_kernel(directory, mark)
+    if not result.booted:
+        cannot_run(f'{uml.KERNEL} does not start: {result.console[-500:]}')
+    assert not result.fault, f'{result.fault}\n{result.console}\n{result.output}'
+
+
+def test_pytest_that_is_ended_leaves_no_kernel_behind(tmp_path: Path) -> None:
+    if reason := uml.missing():
+        cannot_run(reason)
+    test = f'{__file__}::{test_what_a_real_interface_changes.__name__}'
+    with subprocess.Popen(
+        [sys.executable, '-m', 'pytest', f'--basetemp={tmp_path}/t', test],
+        cwd=ROOT,
+        stdout=subprocess.DEVNULL,
+    ) as run:
+        wait_for(lambda: list(tmp_path.glob('t/*/booted')), 60.0, 'a kernel')
+        run.send_signal(SIGTERM)
+        assert run.wait(30.0) != 0
+    wait_for(lambda: not processes_of(tmp_path), 10.0, lambda: str(processes_of(tmp_path)))
+
+
+def processes_of(directory: Path) -> list[str]:
+    """Return the command lines that name a directory."""
+    lines = []
+    for file in Path('/proc').glob('[0-9]*/cmdline'):
+        try:
+            lines.append(file.read_text(errors='replace').replace('\0', ' '))
+        except OSError:  # it has ended meanwhile
+            continue
+    return [line for line in lines if str(directory) in line]

@@ -1,0 +1,682 @@
+# Copyright 2026 The rugged_teleop maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The VM-110 bridge as a process of its own, on real multicast of the loopback interface."""
+
+from collections.abc import Callable, Iterator, Mapping
+import contextlib
+import functools
+import math
+import signal
+import struct
+import subprocess
+import sys
+import time
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+import pytest
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+from sensor_msgs.msg import BatteryState, Joy
+from std_msgs.msg import Bool, Int32, UInt8MultiArray, UInt16
+
+from bridge_core.runner import run
+from rugged_teleop.multicasts import LOOPBACK
+from stage.multicast_rig import free_port, Station
+from stage.rig import as_yaml, latched, NodeProcess, Observer, Record, ROOT
+from stage.run_delay import RunDelay
+from stage.talkers import namespace, Talker, values_of
+from vm110_bridge.node import Vm110Bridge
+from vm110_bridge.protocol import BuState
+from vm110_bridge.simulator import base_unit, build_packet, build_vrpi, Simulator
+
+pytestmark = pytest.mark.waits(120)
+NAME = 'vm110_bridge'
+
+
+class Bench:
+    """A node, its base unit, and what it publishes."""
+
+    def __init__(
+        self,
+        observer: Observer,
+        node: NodeProcess,
+        station: Station,
+        namespace: str = '',
+        listens: bool = True,
+    ) -> None:
+        self.observer, self.node, self.station = observer, node, station
+        self.prefix = f'{namespace}/{NAME}'
+        self.estop = self._record(Bool, 'estop', latched())
+        self.own_estop = self._record(Bool, 'own_estop', latched())
+        self.link_up = self._record(Bool, 'link_up', latched())
+        self.armed = self._record(Bool, 'armed', latched())
+        self.enabled = self._record(Bool, 'enabled', latched())
+        self.joy = self._record(Joy, 'joy')
+        self.encoder = self._record(Int32, 'encoder', latched())
+        self.battery = self._record(BatteryState, 'battery', latched())
+        self.device = self._record(DiagnosticStatus, 'device', latched())
+        if listens:
+            self.command = self._record(UInt8MultiArray, 'command')
+        self.result = self._record(KeyValue, 'command_result')
+        self.diagnostics = observer.record(DiagnosticArray, '/diagnostics')
+
+    def _record(self, kind: Any, name: str, qos: Any = 10) -> Record:
+        return self.observer.record(kind, f'{self.prefix}/{name}', qos)
+
+    def wait(self, condition: Callable[[], Any], what: str = 'it', timeout: float = 10.0) -> None:
+        self.observer.wait_for(condition, timeout, lambda: f'{what}\n{self.node.output}')
+
+    def wait_stop(self, stop: bool) -> None:
+        self.wait(lambda: self.estop.last == Bool(data=stop), f'estop {stop}')
+
+    def connect(self) -> 'Bench':
+        """Wait until topics are matched and the link is healthy."""
+        self.wait_stop(False)
+        self.wait(lambda: self.joy.last is not None, 'joy')
+        return self
+
+    def arm(self, *lines: str) -> 'Bench':
+        self.connect()
+        self.wait(lambda: self.station.look(lambda unit: unit.received.get('VRPO')), 'VRPO')
+        self.station.apply('arm 1', *lines)
+        self.wait(lambda: self.enabled.last == Bool(data=True), 'enabled')
+        return self
+
+    def status(self, part: str = 'device') -> Any:
+        """Return the newest diagnostic of ours."""
+        name = f'{self.prefix.lstrip("/")}: {part}'
+        for array in reversed(self.diagnostics.messages):
+            for status in array.status:
+                if status.name == name:
+                    return status
+        return DiagnosticStatus()
+
+    def value(self, key: str, part: str = 'device') -> str:
+        return next((pair.value for pair in self.status(part).values if pair.key == key), '')
+
+
+@contextlib.contextmanager
+def bench_of(
+    observer: Observer,
+    parameters: Mapping[str, Any] | None = None,
+    *,
+    namespace: str = '',
+    station: Station | None = None,
+    port: int | None = None,
+    listens: bool = True,
+    patient: bool = True,
+    **unit: Any,
+) -> Iterator[Bench]:
+    """Start a node, and a base unit for it unless there is one."""
+    port = port or free_port()
+    given = {'input_port': port, 'interface_address': LOOPBACK, **(parameters or {})}
+    with contextlib.ExitStack() as stack:
+        if station is None:
+            station = stack.enter_context(Station(Simulator(**unit), port))
+        node = stack.enter_context(
+            NodeProcess('vm110_bridge.node', given, namespace=namespace, patient=patient)
+        )
+        yield Bench(observer, node, station, namespace, listens)
+
+
+@pytest.fixture
+def bench(observer: Observer) -> Iterator[Bench]:
+    with bench_of(observer) as bench:
+        yield bench
+
+
+@pytest.fixture
+def delivered(observer: Observer) -> Iterator[Bench]:
+    """Give one whose node takes a freeze for what it is."""
+    with bench_of(observer, patient=False) as bench:
+        yield bench
+
+
+def test_nothing_is_known_of_a_remote_before_a_base_unit_is_heard(observer: Observer) -> None:
+    given, space = {'input_port': free_port(), 'interface_address': LOOPBACK}, namespace()
+    armed = observer.record(Bool, f'{space}/{NAME}/armed', latched())
+    battery = observer.record(BatteryState, f'{space}/{NAME}/battery', latched())
+    with NodeProcess(f'{NAME}.node', given, namespace=space, patient=True):
+        observer.wait_for(lambda: armed.last and battery.last, 15.0, 'both')
+        assert not armed.last.data
+        assert not battery.last.present
+
+
+def test_sticks_switches_encoder_and_battery_come_out(bench: Bench) -> None:
+    bench.arm('stick 1 1 1', 'stick 1 2 -0.5', 'battery 1 42')
+    bench.wait(lambda: list(bench.joy.last.axes) == [1.0, -0.5, 0.0, 0.0], 'the sticks')
+    bench.station.apply('switch 1 1 -1', 'switch 1 8 1000', 'push 1 on')
+    pressed = [-1, 0, 0, 0, 0, 0, 0, 1000, 1]
+    bench.wait(lambda: list(bench.joy.last.buttons) == pressed, 'the switches')
+    bench.wait(lambda: bench.encoder.last is not None, 'the encoder')
+    bench.station.apply('encoder 1 -3')
+    bench.wait(lambda: bench.encoder.last == Int32(data=-3), 'the encoder turned')
+    bench.wait(lambda: bench.battery.last.percentage == pytest.approx(0.42), 'the battery')
+    bench.wait(lambda: bench.armed.last == Bool(data=True), 'armed true')
+    bench.wait(lambda: bench.own_estop.last == Bool(data=False), 'own_estop false')
+    bench.wait(lambda: bench.value('BU state') == 'Armed', 'the diagnostic')
+    assert bench.status().level == DiagnosticStatus.OK
+    assert bench.value('CRC') == 'mpeg2'
+    assert bench.joy.last.header.frame_id == bench.battery.last.header.frame_id == NAME
+    assert bench.status().hardware_id.startswith('239.255.42.20:')
+
+
+def test_disarmed_is_no_stop_but_neutral(bench: Bench) -> None:
+    bench.connect()
+    bench.station.apply('stick 1 1 1')
+    bench.wait(lambda: len(bench.joy.messages) > 3, 'more joy')
+    assert not any(any(message.axes) for message in bench.joy.messages)
+    bench.wait(lambda: bench.armed.last == Bool(data=False), 'armed false')
+    bench.wait(lambda: bench.estop.last == Bool(data=False), 'estop false')
+
+
+def test_stop_switch_stops_and_says_what_to_do(bench: Bench) -> None:
+    bench.arm('stick 1 1 1')
+    bench.wait(lambda: bench.joy.last.axes[0] == 1.0, 'the stick')
+    bench.station.apply('stop 1 on')
+    bench.wait_stop(True)
+    bench.wait(lambda: not any(bench.joy.last.axes), 'neutral')
+    bench.wait(lambda: 'release the stop switch' in bench.status().message, 'the hint')
+    bench.station.apply('stop 1 off', 'arm 1')
+    bench.wait_stop(False)
+
+
+def test_blocked_and_tilted_say_what_to_do(bench: Bench) -> None:
+    bench.arm()
+    bench.station.apply('tilt 1 on')
+    bench.wait(lambda: 'disabled due to tilting' in bench.status().message, 'the tilt')
+    bench.wait(lambda: bench.enabled.last == Bool(data=False), 'the relays open')
+    bench.wait(lambda: bench.estop.last == Bool(data=False), 'estop false')
+    bench.station.apply('radio 1 off')
+    bench.wait_stop(True)
+    bench.wait(lambda: 'turn on the remote and rearm' in bench.status().message, 'the hint')
+
+
+def test_silence_is_a_stop_and_one_neutral_joy(bench: Bench) -> None:
+    bench.arm('stick 1 1 1')
+    bench.wait(lambda: bench.joy.last.axes[0] == 1.0, 'the stick')
+    bench.station.apply('stall on')
+    last = bench.station.sent()[-1].at
+    bench.wait_stop(True)
+    stopped = next(at for at, m in bench.estop.since(last) if m.data)
+    assert stopped - last > 0.4  # not before link_timeout; how soon after is the machine's noise
+    bench.wait(lambda: not any(bench.joy.last.axes), 'neutral')
+    bench.joy.clear()
+    bench.observer.holds_for(lambda: bench.joy.messages == [], 1.0, 'no further joy')
+    bench.wait(lambda: 'no VRPI from the BU' in bench.status('link').message, 'the reason')
+    rearm_after_stall(bench)
+    bench.wait_stop(False)
+
+
+def test_second_sender_with_the_base_units_id_is_a_stop_that_names_both(bench: Bench) -> None:
+    bench.arm('stick 1 1 0.5')
+    bench.wait(lambda: bench.joy.last.axes[0] == 0.5, 'the stick')
+    with Station(Simulator(), bench.station.port) as twin:
+        first = twin.apply('arm 1', 'stick 1 1 -1')
+        bench.wait_stop(True)
+        bench.wait(lambda: 'both send as base unit' in bench.status().message, 'why')
+        assert all(source in bench.status().message for source in sources(bench.station, twin))
+        bench.estop.clear()
+        bench.observer.holds_for(lambda: all(bench.estop.data), 1.5, 'one stop without a gap')
+        assert not any(message.axes[0] < 0 for at, message in bench.joy.since(first))
+    bench.wait_stop(False)
+
+
+def test_base_unit_that_moved_is_believed_after_its_time_out(bench: Bench) -> None:
+    bench.arm()
+    bench.station.apply('unplug')
+    bench.wait_stop(True)
+    bench.estop.clear()
+    with Station(Simulator(), bench.station.port) as moved:
+        bench.wait_stop(False)
+        (source,) = sources(moved)
+        bench.wait(lambda: bench.value('address of the base unit') == source, 'its address')
+
+
+def test_device_tells_a_button_from_a_lost_radio_and_from_a_lost_network(bench: Bench) -> None:
+    def says(**wanted: str) -> Callable[[], bool]:
+        wanted = {key.replace('_', ' '): value for key, value in wanted.items()}
+        return lambda: (
+            bool(bench.device.last) and wanted.items() <= values_of(bench.device.last).items()
+        )
+
+    bench.arm('dock 1 on')
+    bench.wait(says(BU_state='Armed', RU_state='Enabled', RU_docked='true'), 'armed')
+    bench.device.clear()
+    bench.wait(lambda: len(bench.device.messages) > 2, 'again and again')
+    bench.station.apply('dock 1 off', 'stop 1 on')
+    bench.wait(says(BU_state='Stopped', RU_docked='false'), 'the button')
+    assert 'release the stop switch' in bench.device.last.message
+    bench.station.apply('stop 1 off', 'arm 1')
+    bench.wait(says(BU_state='Armed'), 'armed again')
+    bench.station.apply('radio 1 off')
+    bench.wait(says(BU_state='Blocked'), 'the radio')
+    bench.station.apply('stall on')
+    bench.wait(says(BU_state='Not heard'), 'the network')
+    assert bench.device.last.level == DiagnosticStatus.ERROR
+
+
+def sources(*stations: Station) -> list[str]:
+    """Return from where they send, as address:port."""
+    names = (station._transport._sender.getsockname() for station in stations)  # type: ignore[attr-defined]
+    return [f'{host}:{port}' for host, port in names]
+
+
+def rearm_after_stall(bench: Bench) -> None:
+    """Let the BU hear and speak, and arm its remote: what was silent for 2 s is disarmed."""
+    heard = bench.station.look(lambda unit: unit.received['VRPO'])
+    bench.station.apply('stall off')
+    bench.wait(lambda: bench.station.look(lambda unit: unit.received['VRPO']) > heard, 'VRPO')
+    bench.station.apply('arm 1')
+
+
+def frozen_after_a_vrpi(bench: Bench) -> float:
+    """Freeze the node, not in the midst of publishing; return the moment."""
+    bench.joy.clear()
+    bench.wait(lambda: bench.joy.messages, 'joy')
+    bench.node.signal(signal.SIGSTOP)
+    return time.monotonic()
+
+
+def said(bench: Bench, state: BuState, since: float) -> bool:
+    return any(data[:4] == b'VRPI' and data[16] == state for _, data in bench.station.sent(since))
+
+
+def test_stop_that_came_and_went_while_the_process_was_frozen_is_a_stop(
+    delivered: Bench,
+) -> None:
+    bench = delivered.arm('stick 1 1 1')
+    for _ in range(5):
+        bench.wait(lambda: bench.joy.last.axes[0] == 1.0, 'the stick')
+        frozen = frozen_after_a_vrpi(bench)
+        bench.station.apply('stop 1 on')
+        bench.wait(functools.partial(said, bench, BuState.STOPPED, frozen), 'STOPPED')
+        moment = bench.station.apply('stop 1 off', 'arm 1')
+        bench.wait(functools.partial(said, bench, BuState.ARMED, moment), 'ARMED')
+        bench.estop.clear()  # of before the freeze
+        bench.node.signal(signal.SIGCONT)
+        bench.wait(lambda: any(bench.estop.data), 'the stop')
+        bench.wait_stop(False)
+
+
+def test_sticks_that_waited_while_the_process_was_frozen_are_not_published(
+    delivered: Bench,
+) -> None:
+    bench = delivered.arm('stick 1 1 1')
+    bench.wait(lambda: bench.joy.last.axes[0] == 1.0, 'the stick')
+    frozen = frozen_after_a_vrpi(bench)
+    bench.observer.holds_for(lambda: True, 1.0)  # it is what a frozen process misses
+    bench.wait(lambda: len(bench.station.sent(frozen)) > 4, 'VRPI')
+    bench.station.apply('stall on')
+    bench.joy.clear()
+    bench.estop.clear()
+    bench.node.signal(signal.SIGCONT)
+    bench.wait(lambda: bench.joy.messages, 'the neutral joy')
+    bench.wait(lambda: any(bench.estop.data), 'the stop')
+    bench.observer.holds_for(lambda: bench.estop.data[-1], 0.5, 'no release')
+    assert not any(any(message.axes) for message in bench.joy.messages)
+
+
+def test_hold_output_opens_the_relays_which_close_only_after_rearming(bench: Bench) -> None:
+    bench.arm()
+    hold = bench.observer.publisher(Bool, f'{bench.prefix}/hold_output')
+
+    def repeat(value: bool) -> Callable[[Callable[[Any], Any]], Callable[[], Any]]:
+        def with_condition(condition: Callable[[Any], Any]) -> Callable[[], Any]:
+            def check() -> Any:
+                hold.publish(Bool(data=value))
+                return bench.station.look(condition)
+
+            return check
+
+        return with_condition
+
+    bench.wait(repeat(True)(lambda unit: not unit.relays_closed), 'open relays')
+    bench.wait_stop(True)
+    bench.wait(lambda: bench.own_estop.last == Bool(data=False), 'own_estop false')
+    bench.wait(lambda: 'as hold_output asks' in bench.status().message, 'the reason')
+    before = bench.station.look(lambda unit: unit.received['VRPO'])
+    bench.wait(repeat(False)(lambda unit: unit.received['VRPO'] > before + 3), 'VRPO again')
+    assert not bench.station.look(lambda unit: unit.relays_closed)
+    bench.wait(lambda: bench.own_estop.last == Bool(data=False), 'own_estop false')
+    bench.station.apply('arm 1')
+    bench.wait(
+        repeat(False)(lambda unit: unit.relays_closed and not bench.estop.last.data),
+        'closed relays, and no stop',
+    )
+    # A hold_output that falls silent is a hold.
+    bench.wait(lambda: bench.station.look(lambda unit: not unit.relays_closed), 'open relays')
+
+
+def outputs(bench: Bench) -> int:
+    """Return how many VRPO were sent to the base unit until now."""
+    since = time.monotonic()
+
+    def has_read_all() -> bool:  # it does so before each VRPI, of what has come by the one before
+        return sum(data[:4] == b'VRPI' for _, data in bench.station.sent(since)) > 1
+
+    bench.wait(has_read_all, 'two VRPI')
+    return int(bench.station.look(lambda unit: unit.received['VRPO']))
+
+
+def outputs_since(bench: Bench, before: int) -> int:
+    """Return how many VRPO were sent to the base unit after ``before`` of them."""
+    return outputs(bench) - before
+
+
+@pytest.mark.parametrize('heard', [True, False])
+def test_activation_undoes_no_hold_of_a_publisher_that_is_gone(
+    observer: Observer, monkeypatch: pytest.MonkeyPatch, heard: bool
+) -> None:
+    # A base unit that has opened its relays by itself is sent VRPO all the same.
+    monkeypatch.setattr(base_unit, 'OUTPUT_TIMEOUT', math.inf)
+    with bench_of(observer, {'crc': 'mpeg2'}) as bench:  # known, so that the first goes at once
+        bench.arm()
+        if heard:
+            hold = Talker(observer, Bool, f'{bench.prefix}/hold_output', Bool(data=False))
+            bench.wait(lambda: bench.value('hold output in use') == 'true', 'a hold in use')
+            hold.leave()
+        assert observer.change_state(bench.prefix, 'deactivate')
+        before = outputs(bench)
+        bench.diagnostics.clear()
+        assert observer.change_state(bench.prefix, 'activate')
+        if not heard:
+            bench.wait(lambda: outputs(bench) > before + 3, 'VRPO')
+            return
+        bench.wait(lambda: 'what publishes ~/hold_output' in bench.status().message, 'why')
+        assert outputs(bench) == before
+        monkeypatch.undo()
+        bench.wait(lambda: bench.station.look(lambda unit: not unit.relays_closed), 'open relays')
+
+
+def test_second_publisher_of_hold_output_lets_nothing_go(bench: Bench) -> None:
+    bench.arm()
+    topic = f'{bench.prefix}/hold_output'
+    first = Talker(bench.observer, Bool, topic, Bool(data=True), rate=20.0)
+    second = Talker(bench.observer, Bool, topic, Bool(data=False), rate=20.0)
+    doubled = f'stop one of the two publishers of {topic}'
+    bench.wait(lambda: doubled in bench.status().message, 'why')
+    bench.wait(lambda: outputs_since(bench, outputs(bench)) == 0, 'the wire to hear of it')
+    before = outputs(bench)
+    bench.observer.holds_for(lambda: outputs(bench) <= before + 1, 0.5, 'no VRPO')
+    first.leave()
+    bench.wait(lambda: doubled not in bench.status().message, 'only one again')
+    bench.wait(lambda: outputs(bench) > before + 3, 'VRPO again')
+    second.leave()
+
+
+def test_hold_output_that_can_never_be_heard_lets_nothing_go(bench: Bench) -> None:
+    bench.arm()
+    topic = f'{bench.prefix}/hold_output'
+    qos = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
+    panel = Talker(bench.observer, Bool, topic, Bool(data=False), qos=qos)
+    bench.wait(lambda: 'best effort: make it reliable' in bench.status().message, 'why')
+    bench.wait(lambda: outputs_since(bench, outputs(bench)) == 0, 'no VRPO')
+    panel.leave()
+    before = outputs(bench)
+    bench.wait(lambda: outputs(bench) > before + 3, 'VRPO again')
+
+
+def test_periodic_output_reaches_the_display_in_a_burst(observer: Observer) -> None:
+    with bench_of(observer, output_size=1000) as bench:
+        bench.connect()
+        output = observer.publisher(UInt8MultiArray, f'{bench.prefix}/periodic_output')
+        data = bytes(n % 251 for n in range(1000))
+        output.publish(UInt8MultiArray(data=list(data)))
+        bench.wait(lambda: bench.station.look(lambda unit: unit.display == data), 'the display')
+        assert bench.station.look(lambda unit: unit.machine_lost) == 0
+
+
+def test_commands_both_ways_each_once_though_acknowledgements_are_lost(bench: Bench) -> None:
+    bench.arm()
+    send = bench.observer.publisher(UInt8MultiArray, f'{bench.prefix}/send_command')
+    bench.station.apply('command 0102')
+    bench.wait(lambda: bench.command.messages, 'the command')
+    bench.wait(lambda: bench.station.look(lambda unit: unit.acknowledged == [1]), 'its VRAO')
+    assert bytes(bench.command.last.data) == b'\1\2' + bytes(14)
+    assert bench.command.last.layout.dim[0].label == '1'
+    # The VRAO was lost, so the BU repeats.
+    repeat = struct.pack('<H4x', 1) + b'\1\2' + bytes(14)
+    transport = bench.station._transport
+    for _ in range(3):
+        bench.station.look(lambda unit: transport.send(unit._packet('VRCI', repeat)))
+    bench.wait(lambda: int(bench.value('commands repeated') or 0) >= 3, 'the repeats')
+    assert len(bench.command.messages) == 1
+    send.publish(UInt8MultiArray(data=list(range(16))))
+    bench.wait(lambda: bench.result.messages, 'the result')
+    assert bench.result.last.value == 'acknowledged'
+    sent = bench.station.look(lambda unit: list(unit.machine_commands))
+    assert [data for _, _, data in sent] == [bytes(range(16))]
+    assert bench.result.last.key == str(sent[0][1])
+    bench.station.apply('answers off')
+    send.publish(UInt8MultiArray(data=[1] * 16))
+    bench.wait(lambda: len(bench.result.messages) == 2, 'the second result')
+    assert bench.result.last.value == 'not acknowledged within 2 s'
+    send.publish(UInt8MultiArray(data=[1] * 15))
+    bench.wait(lambda: len(bench.result.messages) == 3, 'the refusal')
+    assert bench.result.last.key == 'refused'
+    bench.wait(lambda: bench.value('refused requests', 'link') == '1', 'the count')
+
+
+def test_command_that_nobody_subscribes_to_fails_on_the_remote_as_well(observer: Observer) -> None:
+    with bench_of(observer, namespace='/unheard', listens=False) as bench:
+        bench.arm().station.apply('command 0102')
+        bench.wait(lambda: bench.station.look(lambda unit: unit.failed_commands == [1]), 'failure')
+        assert bench.station.look(lambda unit: unit.acknowledged) == []
+        bench.wait(lambda: 'start what subscribes to ~/command' in bench.status().message)
+        bench.station.apply('command 0304')
+        command = observer.record(UInt8MultiArray, f'{bench.prefix}/command')
+
+        def is_acknowledged(unit: Any) -> bool:
+            if not (unit.acknowledged or unit._under_way):  # it was discovered too late for it
+                unit.apply('command 0304')
+            return bool(unit.acknowledged)
+
+        bench.wait(lambda: bench.station.look(is_acknowledged), 'its VRAO')
+        bench.wait(lambda: command.messages, 'the command, by its repeats')
+        assert {bytes(each.data[:2]) for each in command.messages} == {b'\3\4'}
+
+
+def test_command_that_nobody_subscribes_to_is_acknowledged_if_so_configured(
+    observer: Observer,
+) -> None:
+    given = {'acknowledge': 'always'}
+    with bench_of(observer, given, namespace='/always', listens=False) as bench:
+        bench.arm().station.apply('command 0102')
+        bench.wait(lambda: bench.station.look(lambda unit: unit.acknowledged == [1]), 'its VRAO')
+
+
+def test_explicit_acknowledgement(observer: Observer) -> None:
+    with bench_of(observer, {'acknowledge': 'explicit'}) as bench:
+        bench.arm()
+        done = observer.publisher(UInt16, f'{bench.prefix}/command_done')
+        bench.station.apply('command aa')
+        bench.wait(lambda: bench.command.messages, 'the command')
+        bench.wait(lambda: bench.value('commands not acknowledged yet') == '1', 'it waits')
+        assert bench.station.look(lambda unit: unit.acknowledged) == []
+        done.publish(UInt16(data=1))
+        bench.wait(lambda: bench.station.look(lambda unit: unit.acknowledged == [1]), 'its VRAO')
+        assert len(bench.command.messages) == 1
+
+
+def test_iso_hdlc_base_unit_is_understood_and_answered(observer: Observer) -> None:
+    with bench_of(observer, crc='iso_hdlc') as bench:
+        bench.arm()
+        assert bench.station.look(lambda unit: unit.rejected) == 0
+        bench.wait(lambda: bench.value('CRC') == 'iso_hdlc', 'the diagnostic')
+
+
+def test_second_base_unit_on_the_group_is_told_but_never_an_input(observer: Observer) -> None:
+    with bench_of(observer) as bench:
+        bench.arm()
+        for number in range(5):
+            vrpi = build_vrpi(bu_state=1, joysticks=(1000, 0, 0, 0))
+            bench.station.write(build_packet('VRPI', vrpi, 7000 + number, 99))
+        bench.wait(lambda: 'own: 99 is on this group beside ours, 7' in bench.status().message)
+        assert not any(any(message.axes) for message in bench.joy.messages)
+        bench.observer.holds_for(lambda: not bench.estop.last.data, 0.3, 'no stop')
+
+
+def test_two_bridges_and_two_units_on_one_host_without_cross_talk(observer: Observer) -> None:
+    port = free_port()
+    with (
+        Station(Simulator(7), port) as one,
+        Station(Simulator(8, crc='iso_hdlc'), port) as two,
+        bench_of(observer, {'bu_id': 7}, namespace='/a', station=one, port=port) as left,
+        bench_of(observer, {'bu_id': 8}, namespace='/b', station=two, port=port) as right,
+    ):
+        left.arm('stick 1 1 1')
+        right.arm('stick 1 2 -1')
+        left.wait(lambda: list(left.joy.last.axes) == [1.0, 0.0, 0.0, 0.0], 'the left sticks')
+        right.wait(lambda: list(right.joy.last.axes) == [0.0, -1.0, 0.0, 0.0], 'the right sticks')
+        assert all(message.axes[1] == 0.0 for message in left.joy.messages)
+        assert all(message.axes[0] == 0.0 for message in right.joy.messages)
+        one.apply('stop 1 on')
+        left.wait_stop(True)
+        right.wait(lambda: right.estop.last == Bool(data=False), 'estop false')
+
+
+def test_sources_that_are_not_allowed_are_counted(observer: Observer) -> None:
+    with bench_of(observer, {'allowed_sources': ['127.0.0.9']}) as bench:
+        counted = 'datagrams of other senders'
+        bench.wait(lambda: int(bench.value(counted, 'link') or 0) > 3, 'the count')
+        bench.wait(lambda: bench.estop.last == Bool(data=True), 'estop true')
+
+
+def test_wrong_lengths_are_counted(bench: Bench) -> None:
+    bench.connect()
+    for size in (0, 19, 513, 2000):
+        bench.station.write(bytes(size))
+    bench.wait(lambda: bench.value('malformed', 'link') == '4', 'the count')
+    bench.wait(lambda: 'this group and port' in bench.status('link').message, 'what to do')
+    bench.wait(lambda: bench.estop.last == Bool(data=False), 'estop false')
+
+
+def test_deactivated_is_a_stop_and_comes_back(bench: Bench) -> None:
+    bench.arm('stick 1 1 1')
+    assert bench.observer.change_state(bench.prefix, 'deactivate')
+    bench.wait_stop(True)
+    bench.wait(lambda: not any(bench.joy.last.axes), 'neutral')
+    bench.wait(lambda: bench.armed.last == Bool(data=False), 'not armed')
+    assert bench.observer.change_state(bench.prefix, 'activate')
+    bench.wait_stop(False)
+
+
+def test_ends_with_status_0(bench: Bench) -> None:
+    bench.connect()
+    assert bench.node.end() == 0
+
+
+def test_missing_interface_is_told_and_waited_for(observer: Observer) -> None:
+    with bench_of(observer, {'interface_address': '192.0.2.99'}) as bench:
+        bench.wait(lambda: 'interface_address' in bench.status('link').message, 'the reason')
+        bench.wait(lambda: bench.estop.last == Bool(data=True), 'estop true')
+        assert bench.node.process.poll() is None
+
+
+BAD = [
+    ('group', '10.0.0.1'),
+    ('group', 'nonsense'),
+    ('input_port', 0),
+    ('input_port', 65534),
+    ('input_port', 'x'),
+    ('ttl', 256),
+    ('interface_address', 'eth0'),
+    ('allowed_sources', ['somebody']),
+    ('bu_id', 65536),
+    ('crc', 'crc32'),
+    ('link_timeout', 0.1),
+    ('link_timeout', float('nan')),
+    ('output_period', 0.01),
+    ('output_period', 0.5),
+    ('periodic_output_size', 100000),
+    ('first_packet_number', 2),
+    ('hold_output_timeout', 0.0),
+    ('acknowledge', 'never'),
+    ('accept_unarmed_commands', 1),
+    ('command_timeout', 0.0),
+    ('axis_inverted', [True, False]),
+    ('led_switches', [9]),
+    ('led_switches', [2, -1]),
+    ('led_switches', [2, 3, 2]),
+    ('deadband', 0.6),
+    ('tolerate_faulty_axes', 'yes'),
+    ('output_priod', 0.1),
+]
+
+
+@pytest.fixture
+def _handlers() -> Iterator[None]:
+    """Keep the runner's own signal handlers, which a node replaces."""
+    kept = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+    yield
+    for number, handler in kept.items():
+        signal.signal(number, handler)
+
+
+@pytest.mark.usefixtures('_handlers')
+@pytest.mark.parametrize(('name', 'value'), BAD, ids=lambda value: str(value))
+def test_bad_parameter_ends_it_with_one_line(
+    name: str, value: Any, capfd: pytest.CaptureFixture[str]
+) -> None:
+    arguments = ['--ros-args', '-p', f'{name}:={as_yaml(value)}']
+    assert run([Vm110Bridge], arguments) == 2
+    (line,) = capfd.readouterr().err.strip().splitlines()
+    assert name in line
+
+
+def test_bad_parameter_of_a_process_is_status_2() -> None:
+    command = [sys.executable, '-m', 'vm110_bridge.node', '--ros-args', '-p', 'crc:=none']
+    result = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=30.0)
+    assert result.returncode == 2
+    assert 'crc' in result.stderr
+
+
+def test_process_with_the_annotated_configuration_stays_up(observer: Observer) -> None:
+    file = ROOT / 'config' / f'{NAME}.yaml'
+    given = {'input_port': free_port(), 'interface_address': LOOPBACK}
+    with NodeProcess('vm110_bridge.node', given, arguments=('--params-file', str(file))) as node:
+        estop = observer.record(Bool, f'/{NAME}/estop', latched())
+        observer.wait_for(lambda: estop.last is not None, 15.0, lambda: node.output)
+        assert node.process.poll() is None
+
+
+def stopped_since(bench: Bench, since: float) -> float:
+    """Return when the base unit first said that it is stopped; 0: not yet."""
+    sent = bench.station.sent(since)
+    return next((at for at, data in sent if data[16] == BuState.STOPPED), 0.0)
+
+
+def test_stop_on_the_wire_is_told_long_before_any_time_out(
+    bench: Bench, record_property: Callable[[str, object], None]
+) -> None:
+    bench.arm()
+    times: list[float] = []
+    bounds: list[float] = []
+    for _ in range(5):
+        delay = RunDelay([bench.node.process.pid])
+        pressed = time.monotonic()
+        bench.station.apply('stop 1 on')
+        bench.wait_stop(True)
+        told = next(at for at, message in bench.estop.since(pressed) if message.data)
+        bench.wait(functools.partial(stopped_since, bench, pressed), 'STOPPED')
+        times.append(told - stopped_since(bench, pressed))
+        bounds.append(0.25 + delay.seconds())
+        bench.station.apply('stop 1 off', 'arm 1')
+        bench.wait_stop(False)
+        bench.wait(lambda: bench.enabled.last.data, 'enabled again')
+    record_property('wire_to_estop_ms', [round(1e3 * value, 2) for value in times])
+    # No timeout is on its way; the machine may hold up one of five.
+    assert any(took < bound for took, bound in zip(times, bounds, strict=True))

@@ -1,0 +1,151 @@
+# Copyright 2026 The rugged_teleop maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""What the VM-110's node says and knows by itself, of commands both ways."""
+
+from collections.abc import Iterator
+from typing import Any
+
+from diagnostic_msgs.msg import KeyValue
+import pytest
+from std_msgs.msg import UInt8MultiArray
+
+from bridge_core import clock
+from bridge_core.watchdog import FreezeWatch, FROZEN
+from stage.node_alone import alone
+from stage.session_rig import SessionBench
+from stage.vm110_rig import CENTRED, of, vrci
+from vm110_bridge.node import Vm110Bridge
+from vm110_bridge.session import Command, Session
+from vm110_bridge.session.inbox import MEMORY
+from vm110_bridge.simulator import build_packet
+from vm110_bridge.wire import make_session
+
+COMMAND = Command(5, bytes(16))
+VRAO = b'VRAO'
+
+
+@pytest.fixture
+def node(context: Any) -> Iterator[Vm110Bridge]:
+    with alone(Vm110Bridge, context) as node:
+        yield node
+
+
+# -- to the robot ---------------------------------------------------------------------------------
+
+
+def next_session(node: Vm110Bridge, heard: bytes, after: float = 0.0) -> SessionBench[Session]:
+    """Return the session of the next activation, which has heard a VRPI and these commands."""
+    given = {'acknowledge': 'explicit'}
+    values = {**node.values, **given}
+    bench = SessionBench(make_session({**values, **node.carried_over(values)}))
+    bench.now = clock.now() + after
+    bench.open()
+    bench.take(build_packet('VRPI', CENTRED, 9, 7))
+    bench.take(build_packet('VRCI', heard, 10, 7))
+    return bench
+
+
+def acknowledged(bench: SessionBench[Session]) -> list[bytes]:
+    return [frame[16:-4] for _, frame in bench.sent if frame.startswith(VRAO)]
+
+
+@pytest.fixture
+def delivered(node: Vm110Bridge) -> Vm110Bridge:
+    """Give a node that has delivered a command."""
+    node.values = {**node.values, 'acknowledge': 'always'}  # nobody subscribes
+    node.on_events([COMMAND], clock.now())
+    return node
+
+
+def test_command_that_was_delivered_is_not_delivered_again_after_activation(
+    delivered: Vm110Bridge,
+) -> None:
+    bench = next_session(delivered, vrci(5))
+    assert of(Command, bench.events) == []
+    assert acknowledged(bench) == []  # it may be another base unit's
+    assert bench.session.packets['commands not acknowledged yet'] == 0
+    bench.session.command_done(5, bench.now)
+    bench.poll()
+    assert acknowledged(bench) == [b'\5\0']
+    bench.take(build_packet('VRCI', vrci(5), 11, 7))
+    assert of(Command, bench.events) == []
+    assert len(acknowledged(bench)) == 2
+
+
+def test_command_with_other_data_or_after_five_seconds_is_delivered_after_activation(
+    delivered: Vm110Bridge,
+) -> None:
+    other = next_session(delivered, vrci(5, b'x' * 16))
+    assert of(Command, other.events) == [Command(5, b'x' * 16)]
+    later = next_session(delivered, vrci(5), after=MEMORY)
+    assert of(Command, later.events) == [COMMAND]
+
+
+def test_command_that_nobody_heard_is_delivered_after_activation(node: Vm110Bridge) -> None:
+    node.on_events([COMMAND], clock.now())
+    assert of(Command, next_session(node, vrci(5)).events) == [COMMAND]
+
+
+def test_command_that_is_done_before_a_base_unit_is_heard_is_acknowledged_by_a_repeat(
+    delivered: Vm110Bridge,
+) -> None:
+    bench = SessionBench(make_session({**delivered.values, **delivered.carried_over({})}))
+    bench.now = clock.now()
+    bench.open()
+    bench.session.command_done(5, bench.now)
+    bench.take(build_packet('VRPI', CENTRED, 9, 7))
+    assert acknowledged(bench) == []
+    bench.take(build_packet('VRCI', vrci(5), 10, 7))
+    assert acknowledged(bench) == [b'\5\0']
+
+
+# -- to the remote --------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def results(node: Vm110Bridge, monkeypatch: pytest.MonkeyPatch) -> list[KeyValue]:
+    """Give what comes out on ~/command_result."""
+    results: list[KeyValue] = []
+    monkeypatch.setattr(node, '_result', type('Publisher', (), {'publish': results.append}))
+    return results
+
+
+SENT = UInt8MultiArray(data=[1] * 16)
+
+
+def test_command_to_an_inactive_node_is_told_refused(
+    node: Vm110Bridge, results: list[KeyValue]
+) -> None:
+    node.active = False
+    node._on_send_command(SENT)
+    assert results == [KeyValue(key='refused', value='the node is not active')]
+
+
+def test_command_to_a_node_that_was_frozen_is_told_refused(
+    node: Vm110Bridge, results: list[KeyValue], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(FreezeWatch, 'settling', lambda self, now: True)
+    node._on_send_command(SENT)
+    assert results == [KeyValue(key='refused', value=FROZEN)]
+    assert node.refused == 1
+
+
+def test_command_that_is_taken_and_periodic_output_that_is_not_are_told_nothing(
+    node: Vm110Bridge, results: list[KeyValue]
+) -> None:
+    node._on_send_command(SENT)
+    node.active = False
+    node._on_periodic_output(SENT)
+    assert results == []

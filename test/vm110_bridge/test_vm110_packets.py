@@ -1,0 +1,571 @@
+# Copyright 2026 The rugged_teleop maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Which packets the VM-110's session takes: by serial number, CRC and base unit."""
+
+from typing import Any
+
+from hypothesis import given, strategies as st
+import pytest
+
+from bridge_core.session import Level, StopChanged, Verdict
+from stage.vm110_rig import (
+    armed,
+    Bench,
+    CENTRED,
+    DEFLECTED,
+    INITIAL,
+    LIMIT,
+    NEUTRAL,
+    NOBODY,
+    of,
+    opened,
+    STOPPED,
+    STOPPED_RU,
+    vrci,
+)
+from vm110_bridge.protocol import Crc
+from vm110_bridge.session import ArmedChanged, Command, SerialNumbers, Sticks
+from vm110_bridge.simulator import build_packet, build_vrpi
+
+# -- serial numbers -------------------------------------------------------------------------------
+
+
+def numbered(serial: int, payload: bytes = CENTRED) -> bytes:
+    return build_packet('VRPI', payload, serial & 0xFFFF, 7)
+
+
+def hear_line(bench: Bench, serials: range) -> None:
+    """Hear a VRPI every 125 ms."""
+    for serial in serials:
+        bench.take(numbered(serial))
+        bench.wait(0.125)
+
+
+def test_numbers_wrap() -> None:
+    bench = opened()
+    for serial in (65534, 65535, 0, 1):
+        bench.take(numbered(serial))
+    packets = bench.session.packets
+    assert (packets['packets lost'], packets['packets repeated']) == (0, 0)
+
+
+def test_lost_repeated_and_reordered_are_told_apart() -> None:
+    bench = opened()
+    for serial in (10, 11, 11, 13, 12, 12, 16, 11):
+        bench.take(numbered(serial))
+    packets = bench.session.packets
+    assert packets['packets lost'] == 2  # 14 and 15; 12 was only late
+    assert packets['packets repeated'] == 3
+    assert packets['packets reordered'] == 1
+
+
+@pytest.mark.parametrize('serial', [65535, 99, 50, 100])
+def test_old_packet_neither_refreshes_nor_moves(serial: int) -> None:
+    bench = opened()
+    bench.take(numbered(101 if serial != 100 else 100, CENTRED))
+    bench.wait(LIMIT - 0.01)
+    events = bench.take(numbered(serial, DEFLECTED))
+    assert of(Sticks, events) == []
+    assert bench.wait(0.01)[0] == StopChanged(Verdict(True, True, False))
+
+
+def test_old_packets_do_not_release_a_stop() -> None:
+    bench = opened()
+    bench.take(numbered(100))
+    bench.take(numbered(101, build_vrpi(bu_state=STOPPED, ru_state=STOPPED_RU)))
+    for serial in (100, 99, 98, 101):
+        bench.take(numbered(serial))
+        assert bench.session.estop
+
+
+def test_stop_in_an_overtaken_packet_is_not_missed() -> None:
+    bench = opened()
+    bench.take(numbered(100))
+    bench.take(numbered(102))
+    bench.take(numbered(101, build_vrpi(bu_state=STOPPED, ru_state=STOPPED_RU)))
+    assert bench.session.estop
+    bench.take(numbered(103))
+    assert not bench.session.estop
+
+
+def test_stop_in_an_overtaken_packet_disarms_until_the_next() -> None:
+    bench = opened()
+    for serial in (100, 101, 103):
+        bench.take(numbered(serial, DEFLECTED))
+    assert bench.session.enabled
+    events = bench.take(numbered(102, STOP))
+    assert events[1:] == [ArmedChanged(False, False), NEUTRAL]
+    bench.take(numbered(104, DEFLECTED))
+    assert bench.session.enabled
+
+
+def test_stop_and_its_end_in_one_read_are_both_reported_in_order() -> None:
+    bench = opened()
+    bench.take(numbered(100))
+    events = bench.take(
+        numbered(101, build_vrpi(bu_state=STOPPED, ru_state=STOPPED_RU)), numbered(102)
+    )
+    verdicts = [event.verdict for event in of(StopChanged, events)]
+    assert verdicts == [Verdict(True, True), Verdict()]
+
+
+def test_stop_in_an_overtaken_packet_stays_until_the_next_in_order() -> None:
+    bench = opened()
+    bench.take(numbered(100))
+    bench.take(numbered(103))
+    bench.take(numbered(101, build_vrpi(bu_state=STOPPED, ru_state=STOPPED_RU)))
+    bench.take(numbered(102))
+    bench.wait(0.125)
+    assert bench.session.estop
+    assert 'Stopped' in bench.session.stop_reasons(bench.now)[0]
+    bench.take(numbered(104))
+    assert not bench.session.estop
+
+
+STOP = build_vrpi(bu_state=STOPPED, ru_state=STOPPED_RU)
+
+
+@pytest.mark.parametrize('behind', [64, 65, 1000, 0x7FFC])
+def test_stop_in_a_packet_overtaken_long_ago_counts_each_time(behind: int) -> None:
+    bench = opened()
+    bench.take(numbered(0))
+    bench.take(numbered(behind + 1))
+    bench.take(numbered(1))
+    assert not bench.session.estop
+    for after in (2, 3):
+        bench.take(numbered(1, STOP))
+        assert bench.session.estop
+        bench.take(numbered(behind + after))
+        assert not bench.session.estop
+
+
+@pytest.mark.parametrize('behind', [0, 1, 63, 64, 1000, 0x7FFF])
+def test_stop_under_a_number_that_was_used_before_counts(behind: int) -> None:
+    bench = opened()
+    for serial in (0, behind):
+        bench.take(numbered(serial))
+    bench.take(numbered(0, STOP))
+    assert bench.session.estop
+    bench.take(numbered(0))
+    assert bench.session.estop
+    bench.take(numbered(behind + 1))
+    assert not bench.session.estop
+
+
+@pytest.mark.parametrize('behind', [1, 2, 62])
+def test_copy_of_a_stop_is_no_stop_after_its_end(behind: int) -> None:
+    bench = opened()
+    for serial in (65535, 1):
+        bench.take(numbered(serial))
+    bench.take(numbered(0, STOP), numbered(0, STOP))
+    assert bench.session.estop
+    bench.take(numbered(1 + behind))
+    bench.take(numbered(0, STOP))
+    assert not bench.session.estop
+    assert bench.session.packets['packets repeated'] == 2
+
+
+def test_stop_from_before_the_first_packet_counts() -> None:
+    bench = opened()
+    bench.take(numbered(100))
+    bench.take(numbered(99, STOP))
+    assert bench.session.estop
+    assert bench.session.packets['packets lost'] == 0
+
+
+def test_base_unit_that_restarts_stopped_is_a_stop_before_the_link_is_silent() -> None:
+    bench = opened()
+    bench.take(numbered(1000))
+    bench.take(numbered(0, build_vrpi(bu_state=INITIAL, ru=0, ru_state=0)))
+    assert bench.session.estop
+
+
+@pytest.mark.parametrize('began', [build_vrpi(bu_state=INITIAL, ru=0, ru_state=0), CENTRED])
+def test_base_unit_that_was_heard_from_its_start_and_restarts_is_a_stop_at_once(
+    began: bytes,
+) -> None:
+    bench = opened()
+    for serial in range(80):
+        bench.take(numbered(serial, began if serial < 8 else CENTRED))
+    assert not bench.session.estop
+    bench.take(numbered(0, build_vrpi(bu_state=INITIAL, ru=0, ru_state=0)))
+    assert bench.session.estop
+
+
+def test_command_under_a_number_that_was_used_before_is_not_executed() -> None:
+    bench = opened()
+    for serial in (0, 1):
+        bench.take(numbered(serial))
+    bench.take(build_packet('VRCI', vrci(1), 0, 7))
+    assert of(Command, bench.events) == []
+
+
+@pytest.mark.parametrize('behind', [1, 63, 64, 1000])
+def test_command_that_was_overtaken_is_executed_by_its_repeat_alone(behind: int) -> None:
+    bench = opened()
+    bench.take(numbered(0))
+    bench.take(numbered(behind + 1))
+    bench.take(build_packet('VRCI', vrci(1), 1, 7))
+    assert of(Command, bench.events) == []
+    bench.take(build_packet('VRCI', vrci(1), behind + 2, 7))
+    assert of(Command, bench.events) == [Command(1, bytes(16))]
+
+
+def test_burst_of_stored_packets_after_a_silence_is_not_believed() -> None:
+    bench = opened()
+    bench.take(numbered(100))
+    bench.wait(3.0)
+    for serial in range(40, 101):
+        bench.take(numbered(serial))
+    bench.wait(0.3)
+    for serial in range(40, 101):
+        bench.take(numbered(serial))
+    assert bench.session.estop
+
+
+def test_restarted_base_unit_is_believed_after_a_second() -> None:
+    bench = opened()
+    hear_line(bench, range(100))
+    bench.wait(1.0)
+    start = bench.now
+    for serial in range(20):
+        bench.take(numbered(serial))
+        if not bench.session.estop:
+            break
+        assert bench.session.estop
+        bench.wait(0.125)
+    assert 1.0 <= bench.now - start <= 1.2
+    assert bench.session.packets['restarts of the base unit'] == 1
+    assert bench.session.packets['packets lost'] == 0
+
+
+def test_what_was_heard_before_and_comes_again_by_a_slower_way_is_no_restart() -> None:
+    bench = opened()
+    hear_line(bench, range(100, 124))
+    before = len(bench.events)
+    bench.wait(0.6)
+    for serial in range(108, 124):
+        assert bench.session.estop
+        bench.take(numbered(serial))
+        bench.wait(0.125)
+    assert bench.session.packets['restarts of the base unit'] == 0
+    assert not of(Sticks, bench.events[before:])[1:]  # the neutral one of the silence
+
+
+def test_unit_that_restarts_soon_and_says_the_same_is_believed_past_its_old_numbers() -> None:
+    bench = opened()
+    hear_line(bench, range(30))
+    bench.wait(1.0)
+    for serial in range(30):
+        bench.take(numbered(serial))
+        assert bench.session.estop
+        bench.wait(0.125)
+    bench.take(numbered(30))
+    assert not bench.session.estop
+
+
+def test_restarted_unit_may_use_a_command_id_again_at_once() -> None:
+    bench = opened()
+    bench.take(numbered(30000))
+    bench.take(build_packet('VRCI', vrci(1), 30001, 7))
+    bench.wait(0.6)
+    hear_line(bench, range(10))
+    bench.take(numbered(10))
+    bench.take(build_packet('VRCI', vrci(1), 11, 7))
+    assert of(Command, bench.events) == [Command(1, bytes(16))] * 2
+
+
+@pytest.mark.parametrize('newest', [200, 20000, 32800, 40000])
+def test_restarted_unit_may_use_a_command_id_again_whatever_its_number_was(newest: int) -> None:
+    bench = opened()
+    hear_line(bench, range(newest - 20, newest))
+    bench.take(build_packet('VRCI', vrci(1), newest, 7))
+    bench.wait(1.0)
+    hear_line(bench, range(12))
+    bench.take(build_packet('VRCI', vrci(1), 12, 7))
+    assert of(Command, bench.events) == [Command(1, bytes(16))] * 2
+
+
+START = build_vrpi(bu_state=INITIAL, ru=0, ru_state=0)
+
+
+def restarted(newest: int, said: bytes, slow: float) -> list[Any]:
+    """Restart a BU on a network with two ways; return the events after that."""
+    bench = opened()
+    cut = bench.now + 5.0
+    line = [(cut - 0.125 * age, numbered(newest - age, DEFLECTED)) for age in range(40)]
+    line[1] = (line[1][0], build_packet('VRCI', vrci(5), newest - 1 & 0xFFFF, 7))
+    anew = [(cut + 1.0 + 0.125 * n, numbered(n, START if n < 4 else said)) for n in range(24)]
+    ways = [(at + late, datagram) for late in (0.0, slow) for at, datagram in line + anew]
+    events: list[Any] = []  # since the newest packet of before
+    for at, datagram in sorted(way for way in ways if way[0] <= cut + 4.0):
+        events += bench.wait(at - bench.now)
+        events += bench.take(datagram)
+        if datagram == line[0][1] and at < cut + 1.0:
+            events.clear()
+    assert len(of(Sticks, bench.events)) > 39
+    return events
+
+
+RESTARTS = pytest.mark.parametrize('newest', [60, 100, 20000, 32790, 40000])
+
+
+@RESTARTS
+@pytest.mark.parametrize('slow', [2.25, 3.0])
+def test_copies_of_what_was_said_before_a_restart_say_nothing_new(
+    newest: int, slow: float
+) -> None:
+    events = restarted(newest, STOP, slow)
+    assert [event for event in of(StopChanged, events) if not event.verdict.estop] == []
+    assert not any(any(sticks.axes) or any(sticks.buttons) for sticks in of(Sticks, events))
+
+
+@RESTARTS
+def test_copy_of_a_command_of_before_a_restart_is_not_executed_again(newest: int) -> None:
+    assert of(Command, restarted(newest, NOBODY, 3.0)) == []
+
+
+def test_old_line_of_numbers_is_no_restart_while_the_link_is_not_silent() -> None:
+    numbers = SerialNumbers()
+    numbers.hear(30000, 0.0, silent=False, content=b'')
+    for serial in range(50):
+        numbers.hear(serial, 0.125 * serial, silent=False, content=b'')
+    assert numbers.restarts == 0
+
+
+def test_restart_is_named_while_it_is_not_believed() -> None:
+    bench = opened()
+    bench.take(numbered(30000))
+    bench.wait(1.0)
+    for serial in (0, 1, 2):
+        bench.take(numbered(serial))
+    assert 'serial numbers begin anew' in bench.session.stop_reasons(bench.now)[0]
+    bench.wait(1.0)
+    assert 'serial numbers' not in bench.session.stop_reasons(bench.now)[0]
+
+
+def test_gap_of_a_closed_port_is_not_counted_as_lost() -> None:
+    bench = opened()
+    bench.take(numbered(100))
+    bench.close()
+    bench.open()
+    bench.take(numbered(500))
+    assert bench.session.packets['packets lost'] == 0
+    assert not bench.session.estop
+
+
+@given(st.integers(0, 0xFFFF), st.lists(st.integers(-40, 3), max_size=60))
+def test_lost_is_what_never_came(start: int, steps: list[int]) -> None:
+    numbers = SerialNumbers()
+    newest, came, copies = start, {start}, 0
+    numbers.hear(start & 0xFFFF, 0.0, silent=False, content=b'')
+    for step in steps:
+        serial = newest + step
+        if serial < start:
+            continue  # from before the first: not to be told from a copy
+        copies += serial in came
+        came.add(serial)
+        newest = max(newest, serial)
+        numbers.hear(serial & 0xFFFF, 0.0, silent=False, content=b'')
+    assert numbers.lost == newest - start + 1 - len(came)
+    assert numbers.repeated == copies
+
+
+# -- which CRC, which base unit -------------------------------------------------------------------
+
+
+@pytest.mark.parametrize('crc', ['mpeg2', 'iso_hdlc'])
+def test_auto_locks_within_the_first_packet_and_answers_in_kind(crc: str) -> None:
+    bench = opened()
+    bench.crc = crc
+    bench.wait(1.0)
+    assert bench.sent == []
+    bench.hear()
+    assert bench.session.crc is Crc(crc)
+    assert not bench.session.estop
+    bench.wait(0.2)
+    (_, frame) = bench.sent[0]
+    assert frame == build_packet('VRPO', bytes(2), 0, 0, crc)
+
+
+def test_mixture_is_refused_after_the_lock() -> None:
+    bench = armed()
+    bench.crc = 'iso_hdlc'
+    bench.wait(0.4)
+    bench.hear(DEFLECTED)
+    assert of(Sticks, bench.events) == [NEUTRAL]
+    bench.wait(0.1)
+    assert bench.session.estop
+    assert bench.session.packets['packets with the other CRC'] == 1
+    bench.crc = 'mpeg2'
+    bench.hear()
+    assert not bench.session.estop
+
+
+@pytest.mark.parametrize('crc', list(Crc))
+def test_chosen_crc_sends_before_anybody_is_heard_and_refuses_the_other(crc: Crc) -> None:
+    bench = opened(crc=crc.value)
+    assert bench.sent[0][1] == build_packet('VRPO', bytes(2), 0, 0, crc.value)
+    bench.crc = next(other for other in Crc if other is not crc).value
+    bench.hear()
+    assert bench.session.estop
+    assert 'set crc to auto' in bench.session.stop_reasons(bench.now)[0]
+
+
+def test_first_base_unit_is_locked_to_and_another_is_told_but_not_heard() -> None:
+    bench = armed()
+    assert bench.session.bu_id == 7
+    bench.wait(0.4)
+    bench.take(build_packet('VRPI', DEFLECTED, 9000, 8))
+    bench.take(build_packet('VRCI', bytes(22), 9001, 8))
+    assert of(Command, bench.events) == []
+    assert not any(any(sticks.axes) for sticks in of(Sticks, bench.events))
+    assert bench.session.other_base_units(bench.now) == [8]
+    assert bench.session.packets['packets lost'] == 0
+    bench.wait(0.1)
+    assert bench.session.estop
+    (reason,) = bench.session.stop_reasons(bench.now)
+    assert reason.startswith(
+        "check base unit 7's power, or deactivate and activate the node, as 8"
+    )
+    assert [text for _, text in bench.session.problems(bench.now)] == [reason]
+    bench.close()
+    bench.open()
+    bench.take(build_packet('VRPI', CENTRED, 9002, 8))
+    assert bench.session.estop
+
+
+def test_base_unit_is_chosen_by_its_periodic_input_and_by_nothing_else() -> None:
+    bench = opened(crc='mpeg2')
+    bench.take(build_packet('VRCI', bytes(22), 5, 8))
+    assert (bench.session.bu_id, bench.session.foreign) == (0, 1)
+    bench.hear()
+    assert bench.session.bu_id == 7
+    assert not bench.session.estop
+
+
+def test_command_before_the_first_periodic_input_is_of_no_other_base_unit() -> None:
+    bench = opened(crc='mpeg2')
+    bench.hear(vrci(1), 'VRCI')
+    assert "check the BU's power" in bench.session.stop_reasons(bench.now)[0]
+    bench.hear()
+    assert bench.session.problems(bench.now) == []
+
+
+def test_packets_of_other_base_units_are_counted_and_told_of_for_five_seconds() -> None:
+    bench = armed()
+    for count in (1, 2):
+        bench.take(build_packet('VRPI', CENTRED, count, 9))
+        assert bench.session.packets['packets of other base units'] == count
+    start = bench.now
+    warning = (
+        Level.WARN,
+        'give each base unit a port of its own: 9 is on this group beside ours, 7, and is not '
+        'listened to',
+    )
+    bench.run(4.875)
+    assert bench.session.problems(bench.now) == [warning]
+    bench.run(0.125)
+    assert bench.now == start + 5.0
+    assert bench.session.problems(bench.now) == []
+
+
+def test_eight_other_base_units_are_remembered_and_heard_again() -> None:
+    bench = armed()
+    for origin in range(10, 19):
+        bench.take(build_packet('VRPI', CENTRED, 0, origin))
+    assert bench.session.other_base_units(bench.now) == list(range(10, 18))
+    bench.run(3.0)
+    bench.take(build_packet('VRPI', CENTRED, 1, 12), build_packet('VRPI', CENTRED, 1, 18))
+    bench.run(3.0)
+    assert bench.session.other_base_units(bench.now) == [12]
+
+
+def test_other_base_unit_is_named_after_eight_others_that_are_gone() -> None:
+    bench = armed()
+    for origin in range(10, 18):
+        bench.take(build_packet('VRPI', CENTRED, 0, origin))
+    bench.run(5.0)
+    bench.take(build_packet('VRPI', CENTRED, 0, 18))
+    assert bench.session.other_base_units(bench.now) == [18]
+
+
+def test_what_another_port_heard_is_forgotten() -> None:
+    bench = armed()
+    bench.take(build_packet('VRPI', CENTRED, 0, 9))
+    bench.close()
+    bench.open()
+    assert bench.session.other_base_units(bench.now) == []
+    assert "check the BU's power" in bench.session.stop_reasons(bench.now)[0]
+
+
+@pytest.mark.parametrize(
+    ('datagram', 'hint'),
+    [
+        (build_packet('VRPI', CENTRED, 0, 7, 'iso_hdlc'), 'set crc to auto'),
+        (build_packet('VRPI', CENTRED, 0, 7)[:-1] + b'?', 'packets with a wrong CRC come'),
+        (build_packet('VRPI', CENTRED, 0, 7, revision=1), 'of another revision or size come'),
+        (build_packet('VRPI', bytes(48), 0, 7), 'of another revision or size come'),
+        (build_packet('VRPI', CENTRED, 0, 0), 'give the base unit an ID'),
+    ],
+)
+def test_what_cannot_be_read_is_named_for_five_seconds(datagram: bytes, hint: str) -> None:
+    bench = opened(crc='mpeg2')
+    bench.take(datagram)
+    assert hint in bench.session.stop_reasons(bench.now + 4.9375)[0]
+    assert "check the BU's power" in bench.session.stop_reasons(bench.now + 5.0)[0]
+
+
+def test_packets_of_another_layout_that_are_no_periodic_input_explain_no_silence() -> None:
+    bench = opened(crc='mpeg2')
+    bench.take(build_packet('VRPO', b'', 0, 0))
+    assert "check the BU's power" in bench.session.stop_reasons(bench.now)[0]
+
+
+def test_packets_of_machine_controllers_are_told_of_for_five_seconds() -> None:
+    bench = armed()
+    bench.take(build_packet('VRPO', bytes(2), 5))
+    bench.run(4.875)
+    ((level, text),) = bench.session.problems(bench.now)
+    assert level is Level.WARN
+    assert 'sends to the wrong port' in text
+    bench.run(0.125)
+    assert bench.session.problems(bench.now) == []
+
+
+def test_chosen_base_unit_is_waited_for() -> None:
+    bench = opened(bu_id=9)
+    bench.hear()
+    assert bench.session.estop
+    assert bench.session.crc is None
+    bench.take(build_packet('VRPI', CENTRED, 5, 9, 'iso_hdlc'))
+    assert not bench.session.estop
+
+
+def test_origin_zero_is_nobody() -> None:
+    bench = opened()
+    bench.take(build_packet('VRPI', CENTRED, 5, 0))
+    assert bench.session.estop
+    assert bench.session.bu_id == 0
+    assert bench.session.counters.malformed == 1
+
+
+def test_machine_controllers_packets_on_our_port_are_counted() -> None:
+    bench = armed()
+    bench.take(build_packet('VRPO', bytes(2), 5))
+    assert bench.session.looped_back == 1
+    assert 'sends to the wrong port' in bench.session.problems(bench.now)[0][1]
+    bench.run(6.0)
+    assert bench.session.problems(bench.now) == []
