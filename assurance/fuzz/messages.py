@@ -52,6 +52,7 @@ from esi_drive_bridge.node import EsiDriveBridge
 from esi_drive_bridge.session import Session as EsiSession
 from fort_vsc_bridge.node import FortVscBridge
 from fort_vsc_bridge.session import Session as FortSession, Settings as FortSettings
+from safety_mux.button import Presses
 from safety_mux.intake import Intake
 from safety_mux.mapping import forward_and_turn, JoyMapping, NamedJoints, Stick
 from safety_mux.protocol import (
@@ -339,6 +340,7 @@ def _intake(bench: Bench) -> Any:
     vars(intake).update(
         arbiter=bench.arbiter,
         mappings=dict.fromkeys(('fort', 'senior'), _MAPPING),
+        presses={n: Presses((0,), _MAPPING.pressed_at) for n in ('fort', 'senior')},
         stamps={n: StampWatch(0.25, required=False) for n in ('fort', 'senior')},
         _heard=lambda name, joy: None,
         _decision=bench.decision,

@@ -39,6 +39,7 @@ from assurance.fuzz.messages import Filler
 from assurance.fuzz.mutate import Input, joined, Kit, whole
 from rugged_teleop.recorder.reasons import Nodes, Reasons
 from rugged_teleop.status_page.node import StatusPage
+from safety_mux.device_words import DeviceWords
 from safety_mux.node import SafetyMux
 from stage.safety_mux_bench import Bench
 
@@ -144,11 +145,14 @@ def _recorder() -> Any:
 
 def _explained() -> Any:
     bench = Bench()
+    words = DeviceWords(bench.arbiter.explain)
+    words.listen('e-stop source', 'fort', '/fort_vsc_bridge/estop')
+    words.listen('operator', 'fort', '/fort_vsc_bridge/joy')
     node: Any = SimpleNamespace(
         lane=SimpleNamespace(post=lambda function, *arguments: function(*arguments)),
-        _source_of=dict.fromkeys(_NAMES[:2], 'fort'),
-        _reasons={},
-        _reasons_posted=False,
+        _device_words=words,
+        _words_posted=False,
+        _unheard='',
         _arbiter=bench.arbiter,
     )
     node._explain = functools.partial(SafetyMux._explain, node)

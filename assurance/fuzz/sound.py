@@ -123,6 +123,7 @@ class Line:
 # FORT VSC, docs/devices/fort_vsc.md: by type, how long a payload may be.
 _VSC = {0x10: (14,), 0x12: range(1, 249), 0x20: (6,), 0x21: (1,), 0x22: (6,)}
 _VSC |= {0x23: (4,), 0x30: (5,), 0x31: (21,), 0x32: (1,)}
+_VSC |= {0xAC: range(1, 249), 0xAD: (1,), 0xAE: (2,)}
 _SSC = {10: (0, 2), 11: range(25), 12: range(0, 49, 2), 13: range(0, 33, 2)}
 _SSC |= {14: (0, *range(2, 15, 2)), 15: (0, 14), 20: range(2, 49, 2), 21: range(2, 15, 2)}
 _SSC |= {98: (0,)}

@@ -30,6 +30,10 @@ from stage.spine import Spine
 pytestmark = pytest.mark.waits(60)
 
 
+class PatientSpine(Spine):
+    is_patient = True
+
+
 def run(*words: str) -> tuple[int, str]:
     """Return the exit status of a command, and what it says."""
     done = subprocess.run(
@@ -47,7 +51,7 @@ def test_machine_is_reset_tripped_and_cleared_without_the_command_line_of_ros(
     tmp_path: Path, observer: Observer
 ) -> None:
     parameters = {MUX: patient({}), **{name: {'link_timeout': 1.0} for name in (VSC, DRIVE)}}
-    with Spine(tmp_path, observer, parameters) as spine:
+    with PatientSpine(tmp_path, observer, parameters) as spine:
         spine.ready()
         assert run('reset') == (1, 'rugged_teleop reset: nothing to reset: the mux is READY\n')
         status, text = run('status')

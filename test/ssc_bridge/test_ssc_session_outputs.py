@@ -861,4 +861,4 @@ def test_ssc_that_is_exchanged_for_another_is_sent_no_failsafe_that_was_not_its_
     rig.config_id = 126
     rig.tick(50)
     assert not rig.session.estop
-    assert rig.pulses()[-1][1] == TILT.failsafe_us
+    assert rig.pulses()[-1][TILT.channel - 1] == TILT.failsafe_us

@@ -49,7 +49,12 @@ def test_clock_goes_on_while_the_computer_sleeps(monkeypatch: pytest.MonkeyPatch
 
 
 # The time of day is told, and decides nothing.
-TELL = {'bridge_core.raw', 'rugged_teleop.recorder.writer', 'rugged_teleop.status_page.node'}
+TELL = {
+    'bridge_core.output',
+    'bridge_core.raw',
+    'rugged_teleop.recorder.writer',
+    'status_page.node',
+}
 
 
 def test_nothing_asks_another_clock_but_the_simulated_devices() -> None:

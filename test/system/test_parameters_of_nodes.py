@@ -487,7 +487,7 @@ CONTRADICTIONS: dict[str, tuple[str, dict[str, Any], str]] = {
     ),
     'a ramp of torques as a stop': (
         'mux',
-        {'interface': 'effort', 'estop.fort.stop_category': 1},
+        {**TORQUES, 'estop.fort.stop_category': 1},
         r"interface = 'effort': estop\.fort\.stop_category = 1 is about speeds",
     ),
     'a speed limit that nobody gives': (
