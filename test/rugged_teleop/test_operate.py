@@ -56,7 +56,8 @@ def test_machine_is_reset_tripped_and_cleared_without_the_command_line_of_ros(
         assert run('reset') == (1, 'rugged_teleop reset: nothing to reset: the mux is READY\n')
         status, text = run('status')
         assert (status, text.splitlines()[0]) == (0, 'READY')
-        assert "- press the deadman of 'fort' to take control\n    -> do so" in text
+        wanted = "- press the deadman of 'fort' to take control; its device says: bring the remote"
+        assert wanted in text
         assert run('trip') == (0, 'tripped: STOPPED until ~/reset\n')
         spine.wait(lambda: spine.mux_says('STOPPED'), 'STOPPED')
 
