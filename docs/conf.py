@@ -34,7 +34,7 @@ NAVIGATION = {
         'docs/ssc_config.md',
     ),
     'Recipes': ('docs/recipes.md', 'docs/recipes/*.md'),
-    'Safety and security': ('docs/safety.md', 'docs/security.md'),
+    'Safety and security': ('docs/safety.md', 'docs/security.md', 'docs/assurance.md'),
     'Performance': ('docs/performance.md',),
     'Decisions': ('docs/decisions/*.md',),
     'Contributing': ('CONTRIBUTING.md', 'QUALITY_DECLARATION.md', 'CHANGELOG.rst'),
