@@ -65,7 +65,7 @@ class Places:
             count if mode is not Mode.POSITION or self._stays(each, count, told) else each.feedback
             for mode, each, count, told in states
         )
-        self._measured = self.known
+        self._measured = self.known and self.any
 
     def _stays(self, status: AxisStatus, count: int | None, told: int | None) -> bool:
         """Tell whether an axis keeps its place, or may not measure a place at all."""
@@ -76,7 +76,7 @@ class Places:
         """Take where motion ends. :param measured: it is, and not what was sent last."""
         pairs = zip(self._modes, counts, strict=True)
         self._counts = tuple(count if mode is Mode.POSITION else 0 for mode, count in pairs)
-        self._measured, self.told = measured, self._none
+        self._measured, self.told = measured and self.any, self._none
 
     def doubt(self) -> None:
         """Note that nothing was heard for a while."""

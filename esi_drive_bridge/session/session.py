@@ -356,7 +356,7 @@ class Session(BaseSession[bytes, Status, Event]):
         self._urgent = False
         self._clear_sent = self.phase is Phase.CLEARING
         self._note_following(now)
-        if self._places.known:
+        if self._places.any and self._places.known:
             self._placed_at = min(self._placed_at, now)
         if self.phase in _ON_THE_WIRE:
             self._disabled_since = math.inf
@@ -542,7 +542,7 @@ class Session(BaseSession[bytes, Status, Event]):
             return
         self.phase = Phase.ENABLING
         self._until = now + self.settings.enable_timeout
-        self._counts, self._asked = self._standing(), ()
+        self._counts = self._standing()
         self._ramp.begin(self._counts)
         self._urgent = True
 
@@ -551,7 +551,7 @@ class Session(BaseSession[bytes, Status, Event]):
         was_on_the_wire = self.phase in _ON_THE_WIRE
         self.phase = Phase.DISABLED
         self._armed = False
-        self._counts = self._zeros
+        self._counts, self._asked = self._zeros, ()
         self.last_stop = tuple(reasons)
         if was_on_the_wire:
             self._urgent = True
